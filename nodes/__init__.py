@@ -1,0 +1,1 @@
+"""The ROS 2 nodes, one per file: read the parameters, convert in, call the library, convert out."""

@@ -1,0 +1,46 @@
+"""``emv_controller``: SUMO's state and advice in, throttle, brake and steering of the emergency vehicles out."""
+
+import sys
+from typing import Any
+
+from siren_ros.behaviour.emv import EmvState, step_emv
+from siren_ros.generation.behaviour_setup import behaviour_world
+from siren_ros.interfaces import topics
+from siren_ros.interfaces.conversions import from_traffic_state, to_vehicle_commands
+from siren_ros.interfaces.tick_join import Input
+from siren_ros.ros import wire
+from siren_ros.ros.node_configs import EmvControllerConfig
+from siren_ros.ros.participant import Participant
+from siren_ros.ros.program import run_participant
+from siren_ros.world.episode import EpisodeDescription
+
+
+class EmvController(Participant[EmvControllerConfig]):
+    """Drives the emergency vehicles by the paper's Algorithm 1."""
+
+    config_type = EmvControllerConfig
+    inputs = (Input(topics.TRAFFIC),)
+    outputs = (topics.EMV_COMMANDS,)
+
+    def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:
+        """Read the map and the level."""
+        self._world = behaviour_world(episode, map_xml)
+        self._state = EmvState.initial()
+
+    def on_step(self, step: int, inputs: dict[str, Any]) -> None:  # noqa: ARG002 - the interface of all nodes
+        """Decide for this step."""
+        traffic = from_traffic_state(inputs[topics.TRAFFIC.name])
+        self._state, commands = step_emv(self._state, traffic, self._world)
+        self.send(topics.EMV_COMMANDS, to_vehicle_commands(wire.factory(), commands))
+
+
+NODE = EmvController
+
+
+def main() -> int:
+    """Run the node as a program of its own."""
+    return run_participant(NODE, "emv_controller")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

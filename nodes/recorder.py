@@ -1,0 +1,77 @@
+"""``recorder``: every message of the episode in, a rosbag2 MCAP bag and the outcome out."""
+
+import sys
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from siren_ros.interfaces import topics
+from siren_ros.interfaces.lockstep_reports import EpisodeClosing
+from siren_ros.interfaces.topics import Topic
+from siren_ros.recording.recorder import EpisodeRecorder
+from siren_ros.ros import wire
+from siren_ros.ros.node_configs import RecorderConfig
+from siren_ros.ros.participant import Participant
+from siren_ros.ros.program import run_participant
+from siren_ros.sensors.sensor_topics import CARRIER_TOPICS, recorded_topics
+from siren_ros.sensors.suite import load_suite
+from siren_ros.world.episode import EpisodeDescription
+
+
+class Recorder(Participant[RecorderConfig]):
+    """Writes the bag; a step is done for it when all messages of the step are there."""
+
+    config_type = RecorderConfig
+    outputs = (topics.OUTCOME,)
+
+    def __init__(self, name: str, **node_options: Any) -> None:
+        super().__init__(name, **node_options)
+        self._busy_s = 0.0
+        latched = frozenset(topic.name for topic in (*topics.CORE_TOPICS, *CARRIER_TOPICS) if topic.latched)
+        self._recorder = EpisodeRecorder(Path(self.config.bag), wire.factory().store, latched)
+        self._recorder.on_step_recorded = self._on_step_recorded
+        self._listening: set[str] = set()
+        self._listen(topics.CORE_TOPICS)
+
+    def _listen(self, wanted: tuple[Topic, ...]) -> None:
+        for topic in wanted:
+            if topic.name not in self._listening and topic != topics.OUTCOME:
+                self._listening.add(topic.name)
+                self.add_raw_input(topic, partial(self._on_message, topic))
+
+    def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:  # noqa: ARG002 - the interface of all nodes
+        """Subscribe to what this episode's sensors bring."""
+        expected = recorded_topics(load_suite(episode.sensor_suite))
+        self._listen(expected)
+        self._recorder.expect(expected)
+
+    def is_connected(self) -> bool:
+        """Whether every topic that is recorded has its publisher."""
+        return super().is_connected() and all(self.count_publishers(name) for name in self._listening)
+
+    def _on_message(self, topic: Topic, cdr: bytes) -> None:
+        began = time.perf_counter()
+        self._recorder.take(topic, cdr)
+        self._busy_s += time.perf_counter() - began
+
+    def _on_step_recorded(self, step: int) -> None:
+        busy_s, self._busy_s = self._busy_s, 0.0
+        self.step_finished(step, busy_s)
+
+    def close(self, closing: EpisodeClosing) -> None:
+        """Judge the episode, complete the bag, tell the outcome."""
+        _, _, message = self._recorder.close(closing)
+        self.send(topics.OUTCOME, message)
+
+
+NODE = Recorder
+
+
+def main() -> int:
+    """Run the node as a program of its own."""
+    return run_participant(NODE, "recorder")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

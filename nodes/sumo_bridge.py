@@ -1,0 +1,62 @@
+"""``sumo_bridge``: makes the episode, runs SUMO, mirrors into it what is driven outside of it."""
+
+import sys
+from dataclasses import fields
+from typing import Any
+
+from siren_ros.generation.episode_setup import EpisodeRequest, set_up_episode
+from siren_ros.interfaces import topics
+from siren_ros.interfaces.conversions import from_actor_states, to_episode_description, to_traffic_state
+from siren_ros.interfaces.lockstep_reports import EpisodeClosing
+from siren_ros.interfaces.tick_join import Input
+from siren_ros.ros import wire
+from siren_ros.ros.node_configs import SumoBridgeConfig
+from siren_ros.ros.participant import Participant
+from siren_ros.ros.program import run_participant
+from siren_ros.traffic.residual import check_residual
+from siren_ros.traffic.simulation import SumoSimulation
+
+
+class SumoBridge(Participant[SumoBridgeConfig]):
+    """Owns SUMO. Says once what the episode is, then at every step what SUMO does."""
+
+    config_type = SumoBridgeConfig
+    inputs = (Input(topics.CLOCK), Input(topics.ACTORS, lag_steps=1))
+    outputs = (topics.EPISODE, topics.MAP, topics.TRAFFIC)
+    needs_episode = False
+
+    def __init__(self, name: str, **node_options: Any) -> None:
+        super().__init__(name, **node_options)
+        request = EpisodeRequest(**{field.name: getattr(self.config, field.name) for field in fields(EpisodeRequest)})
+        setup = set_up_episode(request)
+        self._simulation = SumoSimulation(
+            setup.compiled_map, setup.network, setup.plan, setup.level, seed=setup.description.seed
+        )
+        map_xml = setup.compiled_map.read_bytes().decode()
+        self.send(topics.EPISODE, to_episode_description(wire.factory(), setup.description))
+        self.send(topics.MAP, wire.factory().make(topics.MAP.type_name, data=map_xml))
+
+    def on_step(self, step: int, inputs: dict[str, Any]) -> None:
+        """Mirror the simulated poses into SUMO, let it step, and say where it is now."""
+        message = inputs.get(topics.ACTORS.name)
+        states = None if message is None else from_actor_states(message)
+        if states is not None:
+            check_residual(states, self.config.residual_limit_m)
+        traffic = self._simulation.step(step, states)
+        self.send(topics.TRAFFIC, to_traffic_state(wire.factory(), traffic))
+
+    def close(self, closing: EpisodeClosing) -> None:  # noqa: ARG002 - the interface of all nodes
+        """End SUMO."""
+        self._simulation.close()
+
+
+NODE = SumoBridge
+
+
+def main() -> int:
+    """Run the node as a program of its own."""
+    return run_participant(NODE, "sumo_bridge")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,51 @@
+"""``vehicle_dynamics``: commands and SUMO's poses in, simulated vehicle states and events out."""
+
+import sys
+from typing import Any
+
+from siren_ros.dynamics.fleet import FleetState, step_fleet
+from siren_ros.interfaces import topics
+from siren_ros.interfaces.conversions import (
+    from_traffic_state,
+    from_vehicle_commands,
+    to_actor_states,
+    to_events,
+)
+from siren_ros.interfaces.tick_join import Input
+from siren_ros.ros import wire
+from siren_ros.ros.node_configs import VehicleDynamicsConfig
+from siren_ros.ros.participant import Participant
+from siren_ros.ros.program import run_participant
+from siren_ros.world.episode import EpisodeDescription
+
+
+class VehicleDynamics(Participant[VehicleDynamicsConfig]):
+    """Moves every vehicle: ROS-owned ones by their commands, SUMO-owned ones after SUMO's pose."""
+
+    config_type = VehicleDynamicsConfig
+    inputs = (Input(topics.TRAFFIC), Input(topics.EMV_COMMANDS), Input(topics.YIELD_COMMANDS))
+    outputs = (topics.ACTORS, topics.EVENTS)
+
+    def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:  # noqa: ARG002 - the interface of all nodes
+        """Start with no vehicles."""
+        self._fleet = FleetState.initial()
+
+    def on_step(self, step: int, inputs: dict[str, Any]) -> None:
+        """Advance all vehicles by one step."""
+        traffic = from_traffic_state(inputs[topics.TRAFFIC.name])
+        commands = [from_vehicle_commands(inputs[topic.name]) for topic in (topics.EMV_COMMANDS, topics.YIELD_COMMANDS)]
+        self._fleet, states, events = step_fleet(self._fleet, traffic, commands)
+        self.send(topics.ACTORS, to_actor_states(wire.factory(), states))
+        self.send(topics.EVENTS, to_events(wire.factory(), step, events))
+
+
+NODE = VehicleDynamics
+
+
+def main() -> int:
+    """Run the node as a program of its own."""
+    return run_participant(NODE, "vehicle_dynamics")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,46 @@
+"""``yield_manager``: SUMO's state in, the civilians' yield responses out."""
+
+import sys
+from typing import Any
+
+from siren_ros.behaviour.yielding import YieldState, step_yield
+from siren_ros.generation.behaviour_setup import behaviour_world
+from siren_ros.interfaces import topics
+from siren_ros.interfaces.conversions import from_traffic_state, to_vehicle_commands
+from siren_ros.interfaces.tick_join import Input
+from siren_ros.ros import wire
+from siren_ros.ros.node_configs import YieldManagerConfig
+from siren_ros.ros.participant import Participant
+from siren_ros.ros.program import run_participant
+from siren_ros.world.episode import EpisodeDescription
+
+
+class YieldManager(Participant[YieldManagerConfig]):
+    """Drives the civilians that yield, by the paper's Algorithm 2."""
+
+    config_type = YieldManagerConfig
+    inputs = (Input(topics.TRAFFIC),)
+    outputs = (topics.YIELD_COMMANDS,)
+
+    def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:
+        """Read the map, the level and the drivers' preset."""
+        self._world = behaviour_world(episode, map_xml)
+        self._state = YieldState.initial()
+
+    def on_step(self, step: int, inputs: dict[str, Any]) -> None:  # noqa: ARG002 - the interface of all nodes
+        """Decide for this step."""
+        traffic = from_traffic_state(inputs[topics.TRAFFIC.name])
+        self._state, commands = step_yield(self._state, traffic, self._world)
+        self.send(topics.YIELD_COMMANDS, to_vehicle_commands(wire.factory(), commands))
+
+
+NODE = YieldManager
+
+
+def main() -> int:
+    """Run the node as a program of its own."""
+    return run_participant(NODE, "yield_manager")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

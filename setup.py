@@ -1,0 +1,99 @@
+"""How the package installs: under colcon as the ROS 2 package ``siren_ros``, under pip the same, editable or not."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = "siren_ros"
+
+# ROS itself is not named here: a ROS installation has it; elsewhere `./env` brings it from PyPI (ros_wheels.txt).
+DEPENDENCIES = [
+    "numpy>=1.26,<2",  # arrays everywhere; below 2 because Jazzy's Ubuntu carries 1.26 and nuscenes-devkit demands it
+    "scipy>=1.11",  # interpolation, assignment and spatial trees
+    "pyyaml>=6",  # reads params/
+    "defusedxml>=0.7.1",  # reads SUMO's and OpenDRIVE's XML without expanding hostile entities
+    "eclipse-sumo>=1.28,<2",  # the traffic simulator's programs: netconvert compiles maps
+    "libsumo>=1.28,<2",  # the traffic simulator inside the process
+    "sumolib>=1.28,<2",  # reads SUMO's networks
+    "shapely>=2",  # polygons of roads, buildings and footprints
+    "mapbox-earcut>=1",  # triangulates polygons for the scene
+    "open3d>=0.19",  # casts the LiDAR's rays (Embree)
+    "moderngl>=5.10",  # draws the cameras' images, on a GPU where there is one
+    "pillow>=10",  # compresses the cameras' images
+    "rosbags>=0.11,<0.12",  # writes and reads rosbag2 without a ROS installation
+    "mcap>=1.2",  # reads the bag's storage, to verify it
+    "zstandard>=0.22",  # the bag's compression
+    "matplotlib>=3.8",  # plots
+    "tqdm>=4.66",  # progress bars
+]
+
+DEVELOPMENT = [
+    "pytest>=8",  # runs the tests
+    "pytest-timeout>=2.3",  # a test that hangs fails instead
+    "hypothesis>=6.100",  # properties over generated cases
+    "mypy>=1.11",  # checks the types
+    "types-PyYAML",  # type information for the type check
+    "types-defusedxml",  # the same
+    "ruff>=0.6",  # lints and formats
+    "colcon-core>=0.16",  # builds the workspace, as ROS users do
+    "colcon-ros>=0.5",  # knows package.xml
+    "colcon-cmake>=0.2.28",  # builds siren_msgs
+    "colcon-python-setup-py>=0.2.8",  # builds siren_ros
+    "colcon-bash>=0.4",  # writes the workspace's setup.bash
+    "colcon-defaults>=0.2.8",  # reads colcon_defaults.yaml
+    "colcon-package-selection>=0.2.10",  # --packages-select
+    "colcon-output>=0.2.12",  # --event-handlers of every ROS tutorial
+    "colcon-recursive-crawl>=0.2.1",  # finds packages below the base paths
+    "setuptools>=68,<80",  # colcon's --symlink-install uses `setup.py develop`, which later releases changed
+]
+
+NODES = [
+    "cosim",
+    "sumo_bridge",
+    "emv_controller",
+    "yield_manager",
+    "vehicle_dynamics",
+    "sensor_sim",
+    "recorder",
+    "kitti_exporter",
+]
+
+
+def data_files_below(folder: str) -> list[tuple[str, list[str]]]:
+    """One entry per subfolder: (where it is installed, the files in it)."""
+    folders: dict[str, list[str]] = {}
+    for path in sorted(Path(folder).rglob("*")):
+        if path.is_file():
+            folders.setdefault(path.parent.as_posix(), []).append(path.as_posix())
+    return [(f"share/{NAME}/{parent}", files) for parent, files in folders.items()]
+
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Emergency-vehicle interactions: generated from behaviour, sensed, recorded and scored",
+    license="Apache-2.0",
+    maintainer="SIREN maintainers",
+    maintainer_email="siren@users.noreply.github.com",
+    python_requires=">=3.11,<3.13",
+    # The nodes are files of the top-level folder nodes/; they are imported as siren_nodes. A mapping to siren_ros.nodes
+    # would fail under `colcon build --symlink-install`.
+    packages=[*find_packages(include=[NAME, f"{NAME}.*"]), "siren_nodes"],
+    package_dir={"siren_nodes": "nodes"},
+    package_data={NAME: ["py.typed", "**/*.glsl"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/launch", sorted(str(path) for path in Path("launch").glob("*.launch.py"))),
+        *data_files_below("params"),
+    ],
+    install_requires=DEPENDENCIES,
+    extras_require={"dev": DEVELOPMENT},
+    zip_safe=False,
+    entry_points={
+        "console_scripts": [
+            "siren = siren_ros.cli.main:main",
+            *(f"{node} = siren_nodes.{node}:main" for node in NODES),
+        ],
+    },
+)

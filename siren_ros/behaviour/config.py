@@ -1,0 +1,176 @@
+"""Parameters of the behaviour beyond the paper's tables, each with its default once."""
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+
+@dataclass(frozen=True)
+class NavigatorConfig:
+    """How the waypoint navigator tracks a path, keeps a speed and watches for others."""
+
+    preview_time_s: float = 0.6
+    """Time scale of the lateral feedback: its length is this times the speed."""
+    preview_min_m: float = 3.0
+    damping: float = 1.0
+    """Damping ratio of the lateral feedback."""
+    lateral_error_max_m: float = 1.0
+    """Errors beyond it are corrected no more steeply."""
+    lateral_accel_mps2: float = 3.0
+    """Limit in curves; comfort limit of urban driving."""
+    comfort_brake_mps2: float = 3.0
+    """Braking before curves and stops."""
+    comfort_accel_mps2: float = 2.5
+    speed_gain_1ps: float = 2.0
+    speed_integral_1ps2: float = 0.3
+    standstill_gap_m: float = 2.0
+    headway_s: float = 0.8
+    reaction_s: float = 0.5
+    """Lead by which the speed limit of the path is looked up: delay of the speed loop."""
+    side_margin_m: float = 0.25
+    """Free space wanted beside the swept path."""
+    watch_time_s: float = 3.5
+    """Horizon of the prediction at constant velocity."""
+    watch_min_m: float = 20.0
+    watch_max_m: float = 70.0
+    crossing_margin_m: float = 1.5
+    """Longitudinal margin to vehicles that cross the path."""
+
+
+@dataclass(frozen=True)
+class LaneChangeConfig:
+    """Geometry and gap acceptance of forced lane changes."""
+
+    duration_s: float = 2.5
+    """Length of the change over the speed at its start."""
+    length_min_m: float = 14.0
+    front_gap_m: float = 2.0
+    front_time_s: float = 0.4
+    rear_gap_m: float = 2.0
+    rear_time_s: float = 0.6
+    brake_mps2: float = 4.0
+    """Deceleration that the rear vehicle is expected to accept, and that one can brake with oneself."""
+    settle_s: float = 1.5
+    """Time over which one's own speed moves towards its target before the gap is judged."""
+    return_room_m: float = 60.0
+    """Lane left after the change, where the target lane does not lead on along the route."""
+    entered_tolerance_m: float = 0.15
+    """How far the footprint may reach over the lane's edge when it counts as inside."""
+
+
+class YieldTrigger(StrEnum):
+    """What makes a civilian notice an EMV."""
+
+    RESCUE_LANE = "rescue_lane"
+    """SUMO's bluelight device, within the driver's response distance."""
+    DISTANCE = "distance"
+    """The driver's response distance along the road alone."""
+
+
+@dataclass(frozen=True)
+class YieldConfig:
+    """Civilian response."""
+
+    trigger: YieldTrigger = YieldTrigger.RESCUE_LANE
+    off_path_grace_s: float = 1.0
+    """Time off the EMV's path before a yield that has not started is dropped."""
+    path_ahead_m: float = 120.0
+    """How far the EMV's path is followed."""
+    path_behind_m: float = 5.0
+    rejoin_speed_mps: float = 5.0
+    rejoin_offset_m: float = 0.3
+    """Distance from the lane's centre line at which a vehicle counts as back in its lane."""
+    rejoin_blocked_s: float = 2.0
+    """Standstill while rejoining after which SUMO takes over at the present pose."""
+
+
+@dataclass(frozen=True)
+class PullOverConfig:
+    """Geometry of the pull-over to the lane's edge."""
+
+    edge_margin_m: float = 0.1
+    """Between the vehicle's side and the lane's edge."""
+    shoulder_overhang_m: float = 0.4
+    """How far a vehicle reaches beyond its lane's edge where a shoulder lies there."""
+    duration_s: float = 2.0
+    length_min_m: float = 6.0
+    curvature_max_1pm: float = 0.15
+    reached_m: float = 0.2
+    """Distance from the wanted offset at which the target counts as reached."""
+    extension_m: float = 6.0
+    """Length by which the path is extended to finish the alignment."""
+    blocked_hold_s: float = 1.0
+    """Standstill behind another vehicle after which a partly finished pull-over is held."""
+    resume_gap_m: float = 4.0
+    """Free space ahead with which a partly finished pull-over goes on."""
+    settle_length_m: float = 4.0
+    """Straight piece after the lateral move."""
+
+
+@dataclass(frozen=True)
+class CorridorConfig:
+    """The copied rescue corridor."""
+
+    length_m: float = 80.0
+    replan_s: float = 0.4
+    side_clearance_m: float = 0.2
+    """Kept to the vehicles beside the corridor."""
+    influence_m: float = 6.0
+    """Distance along the road over which a vehicle shapes the corridor before and behind itself."""
+    leave_after_s: float = 1.0
+    """Time without a reacting or braking vehicle before ``copy_sumo`` ends."""
+    braking_accel_mps2: float = -1.0
+    """A vehicle that decelerates more than this is braking."""
+    side_margin_m: float = 0.05
+    """The navigator's side margin in the corridor."""
+
+
+@dataclass(frozen=True)
+class GapEscapeConfig:
+    """Search of the gap escape."""
+
+    replan_s: float = 0.5
+    horizon_m: float = 35.0
+    progress_min_m: float = 8.0
+    """Shortest free path worth driving."""
+    clearance_m: float = 0.25
+    """Margin around the footprint."""
+    offset_step_m: float = 0.4
+    merge_lengths_m: tuple[float, ...] = (6.0, 9.0, 14.0)
+    opposite_cost_m: float = 30.0
+    """Free length that a path in the opposite lane must gain to be preferred."""
+    shoulder_cost_m: float = 4.0
+
+
+@dataclass(frozen=True)
+class EmvConfig:
+    """Route following of the emergency vehicle."""
+
+    path_ahead_m: float = 120.0
+    rebuild_below_m: float = 80.0
+    """The path is extended when less than this is left of it."""
+    path_behind_m: float = 10.0
+    off_path_m: float = 1.5
+    """Distance from the path at which it is planned anew from the present pose."""
+    rejoin_offset_m: float = 0.5
+    """Offsets below it are left to the path tracking."""
+    strategic_distance_m: float = 200.0
+    """Distance before the end of a lane that leads astray at which the EMV wants to leave it."""
+    gain_min_m: float = 8.0
+    """Free road that a lane change for speed must gain."""
+    stop_before_route_end_m: float = 3.0
+    navigator: NavigatorConfig = field(
+        default_factory=lambda: NavigatorConfig(standstill_gap_m=4.0, comfort_brake_mps2=3.5)
+    )
+
+
+@dataclass(frozen=True)
+class BehaviourConfig:
+    """All parameters of the behaviour."""
+
+    emv: EmvConfig = field(default_factory=EmvConfig)
+    lane_change: LaneChangeConfig = field(default_factory=LaneChangeConfig)
+    yielding: YieldConfig = field(default_factory=YieldConfig)
+    pull_over: PullOverConfig = field(default_factory=PullOverConfig)
+    corridor: CorridorConfig = field(default_factory=CorridorConfig)
+    gap_escape: GapEscapeConfig = field(default_factory=GapEscapeConfig)
+    civilian_navigator: NavigatorConfig = field(default_factory=NavigatorConfig)

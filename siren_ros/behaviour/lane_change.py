@@ -1,0 +1,173 @@
+"""Forced lane changes of any controlled vehicle: is one feasible, its path, and whether it is finished."""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+import numpy as np
+
+from siren_ros.behaviour.config import LaneChangeConfig, NavigatorConfig
+from siren_ros.behaviour.lane_path import LaneEnd, LanePath, lanes_along, neighbour_lane, path_on_lanes
+from siren_ros.behaviour.path_blend import path_onto
+from siren_ros.behaviour.tracked_path import TrackedPath
+from siren_ros.behaviour.world import StepView
+from siren_ros.world.road_network import NO_LANE, LaneKind
+from siren_ros.world.traffic_state import Indices
+
+_GAP_RANGE_M: Final = 60.0
+
+
+class Refusal(StrEnum):
+    """Why a lateral request is not feasible at a step."""
+
+    NO_LANE = "no_lane"
+    JUNCTION = "junction"
+    NO_ROOM = "no_room"
+    ASTRAY = "leads_astray"
+    BESIDE = "vehicle_beside"
+    GAP_FRONT = "gap_front"
+    GAP_REAR = "gap_rear"
+    NO_GAIN = "no_gain"
+
+
+@dataclass(frozen=True)
+class LaneChangeQuery:
+    """Who wants to go where."""
+
+    row: int
+    lane: int
+    """Present lane."""
+    side: int
+    """+1 left, −1 right."""
+    target_mps: float
+    """Speed that the vehicle will have during the change."""
+    route: Indices
+    civilian: bool
+
+
+@dataclass(frozen=True)
+class LaneGaps:
+    """Free way to the vehicles in a lane, from bumper to bumper; infinite where there is none."""
+
+    front_m: float
+    front_mps: float
+    rear_m: float
+    rear_mps: float
+
+
+def gaps_in_lane(view: StepView, row: int, lane: int) -> LaneGaps:
+    """Gaps that a vehicle has ahead and behind itself in a lane, its own or another; negative beside a vehicle."""
+    seen = view.seen
+    found = view.world.network.lanes[lane]
+    x, y, _ = view.pose(row)
+    rows = seen.near(x, y, _GAP_RANGE_M, but=row)
+    points = np.column_stack((np.append(seen.x_m[rows], x), np.append(seen.y_m[rows], y)))
+    s, left = found.centre.project(points)
+    own_s, s, left = float(s[-1]), s[:-1], left[:-1]
+    turned = seen.yaw_rad[rows] - float(found.centre.heading_rad(own_s))
+    cos, sin = np.abs(np.cos(turned)), np.abs(np.sin(turned))
+    side = cos * seen.half_width_m[rows] + sin * seen.half_length_m[rows]
+    inside = (np.abs(left) - side < float(seen.half_width_m[row]) + 0.1) & (cos > 0.5)
+    rows, s = rows[inside], s[inside]
+    if len(rows) == 0:
+        return LaneGaps(math.inf, 0.0, math.inf, 0.0)
+    gap = np.abs(s - own_s) - seen.half_length_m[rows] - float(seen.half_length_m[row])
+    front = np.where(s >= own_s, gap, np.inf)
+    rear = np.where(s < own_s, gap, np.inf)
+    f, r = int(np.argmin(front)), int(np.argmin(rear))
+    return LaneGaps(float(front[f]), float(seen.speed_mps[rows[f]]), float(rear[r]), float(seen.speed_mps[rows[r]]))
+
+
+def refusal_of_gaps(gaps: LaneGaps, speed_mps: float, config: LaneChangeConfig) -> Refusal | None:
+    """Why a gap cannot be entered at a speed, None where it can.
+
+    Either follower must be able to keep its distance with the deceleration ``brake_mps2``.
+    """
+    if min(gaps.front_m, gaps.rear_m) <= 0.0:
+        return Refusal.BESIDE
+    brake = 2.0 * config.brake_mps2
+    closing = max(speed_mps**2 - gaps.front_mps**2, 0.0) / brake
+    if gaps.front_m < config.front_gap_m + config.front_time_s * speed_mps + closing:
+        return Refusal.GAP_FRONT
+    closing = max(gaps.rear_mps**2 - speed_mps**2, 0.0) / brake
+    if gaps.rear_m < config.rear_gap_m + config.rear_time_s * gaps.rear_mps + closing:
+        return Refusal.GAP_REAR
+    return None
+
+
+def change_length_m(view: StepView, query: LaneChangeQuery) -> float:
+    """Length of a lane change that starts now."""
+    config = view.world.config.lane_change
+    return max(config.length_min_m, config.duration_s * float(view.seen.speed_mps[query.row]))
+
+
+def assess(view: StepView, query: LaneChangeQuery) -> Refusal | LanePath:
+    """The reference line in the target lane of a lane change, or why it is not feasible now.
+
+    Lane changes take place on one road: neither on a junction nor so close to the next one that they would not be
+    finished before it, and for civilians only onto lanes that are theirs. A lane that does not lead on along the
+    route is accepted where enough of it is left after the change to come back.
+    """
+    network, config = view.world.network, view.world.config.lane_change
+    if query.lane == NO_LANE or network.lanes[query.lane].kind is LaneKind.INTERNAL:
+        return Refusal.JUNCTION
+    target = neighbour_lane(network, query.lane, query.side)
+    if target == NO_LANE or not _open_to(view, target, query.civilian):
+        return Refusal.NO_LANE
+    speed = float(view.seen.speed_mps[query.row])
+    refusal = refusal_of_gaps(gaps_in_lane(view, query.row, target), _settled_speed(speed, query, config), config)
+    if refusal is not None:
+        return refusal
+    length = change_length_m(view, query)
+    x, y, _ = view.pose(query.row)
+    position = float(network.lanes[target].centre.project((x, y))[0])
+    ahead = length + config.return_room_m + 30.0
+    lanes, end = lanes_along(network, target, position, query.route, ahead, query.civilian, through_junctions=False)
+    reference = path_on_lanes(network, lanes, end, position, ahead)
+    room = reference.curve.length_m - float(view.seen.half_length_m[query.row])
+    if room < length:
+        return Refusal.NO_ROOM
+    if reference.end is LaneEnd.ASTRAY and room < length + config.return_room_m:
+        return Refusal.ASTRAY
+    return reference
+
+
+def _open_to(view: StepView, lane: int, civilian: bool) -> bool:
+    found = view.world.network.lanes[lane]
+    if civilian:
+        return found.civilian_allowed and found.kind is LaneKind.DRIVING
+    return found.emergency_allowed
+
+
+def _settled_speed(speed_mps: float, query: LaneChangeQuery, config: LaneChangeConfig) -> float:
+    change = 2.0 * config.settle_s
+    return max(min(query.target_mps, speed_mps + change), speed_mps - change, 0.0)
+
+
+def lane_change_path(
+    view: StepView, query: LaneChangeQuery, reference: LanePath, navigator: NavigatorConfig, stop_at_end: bool
+) -> TrackedPath:
+    """``BuildLaneChangeWaypoints``: from the present pose into the target lane and along it."""
+    shorten = float(view.seen.half_length_m[query.row]) + 1.0 if stop_at_end else 0.0
+    length = change_length_m(view, query)
+    return path_onto(reference, view.pose(query.row), length, navigator, stop_at_end=stop_at_end, shorten_m=shorten)
+
+
+def entered_lane(view: StepView, row: int, lane: int) -> bool:
+    """Whether a vehicle's whole footprint lies in a lane and its heading is the lane's (``HeadingAligned``)."""
+    offset, turned = offset_in_lane(view, row, lane)
+    if abs(turned) > view.world.constants.heading_aligned_rad:
+        return False
+    seen, found = view.seen, view.world.network.lanes[lane]
+    side = seen.half_width_m[row] * math.cos(turned) + seen.half_length_m[row] * abs(math.sin(turned))
+    room = max(0.5 * found.width_m - float(side), 0.1) + view.world.config.lane_change.entered_tolerance_m
+    return abs(offset) <= room
+
+
+def offset_in_lane(view: StepView, row: int, lane: int) -> tuple[float, float]:
+    """Offset of a vehicle's centre from a lane's centre line (left positive) and its heading relative to the lane."""
+    x, y, yaw = view.pose(row)
+    centre = view.world.network.lanes[lane].centre
+    s, left = centre.project((x, y))
+    return float(left), math.remainder(yaw - float(centre.heading_rad(s)), 2.0 * math.pi)

@@ -1,0 +1,100 @@
+"""What every controller sees of the actors at one step, and what is known about each actor."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.world.actors import ActorClass, ActorDescription, Floats, Ids, rows_of_ids
+from siren_ros.world.traffic_state import TrafficState
+
+
+@dataclass(frozen=True)
+class ActorTable:
+    """Descriptions of the actors in the simulation; arrays sorted by id."""
+
+    by_id: Mapping[int, ActorDescription]
+    actor_id: Ids
+    length_m: Floats
+    width_m: Floats
+    is_emv: npt.NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, descriptions: Mapping[int, ActorDescription]) -> "ActorTable":
+        """The table of some descriptions."""
+        rows = [descriptions[actor_id] for actor_id in sorted(descriptions)]
+        return cls(
+            by_id=dict(descriptions),
+            actor_id=np.array([row.actor_id for row in rows], dtype=np.uint32),
+            length_m=np.array([row.length_m for row in rows], dtype=np.float64),
+            width_m=np.array([row.width_m for row in rows], dtype=np.float64),
+            is_emv=np.array([row.is_emv for row in rows], dtype=np.bool_),
+        )
+
+    @classmethod
+    def empty(cls) -> "ActorTable":
+        """No actors yet."""
+        return cls.of({})
+
+    def updated(self, traffic: TrafficState) -> "ActorTable":
+        """The table after the spawns and removals of a step."""
+        if not traffic.spawned and len(traffic.removed) == 0:
+            return self
+        gone = {int(actor_id) for actor_id in traffic.removed}
+        left = {key: value for key, value in self.by_id.items() if key not in gone}
+        return self.of(left | {actor.actor_id: actor for actor in traffic.spawned})
+
+    def class_of(self, actor_id: int) -> ActorClass:
+        """Body type of an actor."""
+        return self.by_id[actor_id].actor_class
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """Poses and sizes of all actors at one step, row by row those of the ``TrafficState``; frame ``map``."""
+
+    actor_id: Ids
+    x_m: Floats
+    y_m: Floats
+    yaw_rad: Floats
+    cos: Floats
+    sin: Floats
+    speed_mps: Floats
+    half_length_m: Floats
+    half_width_m: Floats
+    is_emv: npt.NDArray[np.bool_]
+
+    @classmethod
+    def seen(cls, traffic: TrafficState, table: ActorTable) -> "Surroundings":
+        """The actors of a step.
+
+        Raises:
+            KeyError: an actor of the step was never described.
+        """
+        if len(table.actor_id) == len(traffic) and np.array_equal(table.actor_id, traffic.actor_id):
+            rows: npt.NDArray[np.intp] | slice = slice(None)
+        else:
+            rows = rows_of_ids(table.actor_id, traffic.actor_id)
+            if np.any(rows < 0):
+                raise KeyError(int(traffic.actor_id[np.argmax(rows < 0)]))
+        return cls(
+            actor_id=traffic.actor_id,
+            x_m=traffic.x_m,
+            y_m=traffic.y_m,
+            yaw_rad=traffic.yaw_rad,
+            cos=np.cos(traffic.yaw_rad),
+            sin=np.sin(traffic.yaw_rad),
+            speed_mps=traffic.speed_mps,
+            half_length_m=0.5 * table.length_m[rows],
+            half_width_m=0.5 * table.width_m[rows],
+            is_emv=table.is_emv[rows],
+        )
+
+    def near(self, x_m: float, y_m: float, radius_m: float, but: int = -1) -> npt.NDArray[np.intp]:
+        """Rows of the actors within a radius, without row ``but``."""
+        dx, dy = self.x_m - x_m, self.y_m - y_m
+        inside = dx * dx + dy * dy < radius_m * radius_m
+        if but >= 0:
+            inside[but] = False
+        return np.flatnonzero(inside)

@@ -1,0 +1,58 @@
+"""What the controllers are given for a whole episode, and what they share at one step."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from siren_ros.behaviour.config import BehaviourConfig
+from siren_ros.behaviour.constants import PAPER_CONSTANTS, PAPER_SPEEDS, ControlConstants, TargetSpeeds
+from siren_ros.behaviour.surroundings import ActorTable, Surroundings
+from siren_ros.dynamics.parameters import VehicleParameters
+from siren_ros.world.actors import ActorClass
+from siren_ros.world.levels import LevelPolicy
+from siren_ros.world.presets import DriverPreset
+from siren_ros.world.road_network import RoadNetwork
+from siren_ros.world.traffic_state import TrafficState
+from siren_ros.world.units import steps_from_s
+
+
+@dataclass(frozen=True)
+class BehaviourWorld:
+    """Everything that does not change during an episode."""
+
+    network: RoadNetwork
+    policy: LevelPolicy
+    vehicles: Mapping[ActorClass, VehicleParameters]
+    preset: DriverPreset
+    seed: int
+    constants: ControlConstants = PAPER_CONSTANTS
+    speeds: TargetSpeeds = PAPER_SPEEDS
+    config: BehaviourConfig = field(default_factory=BehaviourConfig)
+
+    @property
+    def cooldown_steps(self) -> int:
+        """Steps between two forced lane changes of one vehicle."""
+        return steps_from_s(self.constants.lane_change_cooldown_s)
+
+
+@dataclass(frozen=True, eq=False)
+class StepView:
+    """One step as every guard sees it."""
+
+    world: BehaviourWorld
+    traffic: TrafficState
+    seen: Surroundings
+    actors: ActorTable
+
+    @property
+    def step(self) -> int:
+        """Number of the step."""
+        return self.traffic.step
+
+    def pose(self, row: int) -> tuple[float, float, float]:
+        """x, y and yaw of an actor."""
+        seen = self.seen
+        return float(seen.x_m[row]), float(seen.y_m[row]), float(seen.yaw_rad[row])
+
+    def vehicle(self, row: int) -> VehicleParameters:
+        """Vehicle parameters of an actor."""
+        return self.world.vehicles[self.actors.class_of(int(self.seen.actor_id[row]))]

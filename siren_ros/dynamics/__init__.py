@@ -1,0 +1,1 @@
+"""How a vehicle moves: vehicle models, tracking, collisions."""

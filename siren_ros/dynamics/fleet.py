@@ -1,0 +1,203 @@
+"""All vehicles of an episode: from SUMO's state and the controllers' commands to simulated states and events."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from siren_ros.dynamics.collisions import Footprints, Pairs, find_contacts
+from siren_ros.dynamics.fleet_state import FleetState, Rows, with_spawned, without_actors
+from siren_ros.dynamics.orders import Orders, merge_commands
+from siren_ros.dynamics.tracker import Reference, TrackerState, track
+from siren_ros.dynamics.vehicle_model import BodyState, Controls, step_bodies
+from siren_ros.world.actors import ActorStates, Ids, Lights, Owner, rows_of_ids
+from siren_ros.world.commands import VehicleCommands
+from siren_ros.world.errors import EpisodeError
+from siren_ros.world.events import Event, EventKind
+from siren_ros.world.traffic_state import TrafficState
+from siren_ros.world.units import STEP_S
+
+__all__ = ["FleetState", "step_fleet"]
+
+BRAKE_LIGHT_PEDAL: Final = 0.02
+"""Brake pedal from which the brake light is on."""
+BRAKE_LIGHT_DECEL_MPS2: Final = 1.3
+"""Deceleration from which the brake light is on whatever causes it (UN R13-H, 5.2.22.4)."""
+
+
+def step_fleet(
+    state: FleetState, traffic: TrafficState, commands: Sequence[VehicleCommands]
+) -> tuple[FleetState, ActorStates, tuple[Event, ...]]:
+    """The fleet at SUMO's step.
+
+    Actors with a command of owner ROS are driven by it from the step before to this one; all others track SUMO's
+    pose at this step. Actors spawned at this step stand at SUMO's pose with its speed. An actor that ROS hands
+    back at this step rolls on with its speed, since SUMO's pose is the mirror of its own once more; tracking begins
+    at the next step.
+
+    Args:
+        state: The fleet at the step before (any earlier one while it is empty).
+        traffic: SUMO's state at this step.
+        commands: All controllers' commands at this step.
+
+    Returns:
+        The fleet, the simulated states and the events at this step. ``residual_m`` is zero for actors that ROS
+        drives or hands back at this step. Events come in the order spawned, removed, owner changed, collision
+        (each sorted by actor), then the commands' events by source, then those of traffic.
+
+    Raises:
+        EpisodeError: steps do not match, actors are not those of ``traffic``, or commands contradict each other,
+            name unknown actors or are not finite.
+    """
+    _check_steps(state, traffic, commands)
+    fleet, fresh = with_spawned(without_actors(state, traffic.removed), traffic)
+    orders = merge_commands(traffic, commands)
+    driven = orders.owner == Owner.ROS
+    released = (fleet.owner == Owner.ROS) & ~driven
+    bodies, tracker = _move(fleet, traffic, orders, driven, released)
+    if traffic.spawned:
+        bodies = BodyState.where(fresh, fleet.bodies, bodies)
+        tracker = TrackerState.where(fresh, fleet.tracker, tracker)
+    states = _states(fleet, traffic, orders, bodies, driven | released)
+    collisions, touching = _collisions(fleet, states)
+    own = _spawned(states, traffic) + _removed(state, traffic) + _owner_changes(fleet, states) + collisions
+    reported = tuple(event for command in sorted(commands, key=lambda c: c.source) for event in command.events)
+    after = replace(fleet, step=traffic.step, bodies=bodies, tracker=tracker, owner=orders.owner, touching=touching)
+    return after, states, own + reported + traffic.events
+
+
+def _check_steps(state: FleetState, traffic: TrafficState, commands: Sequence[VehicleCommands]) -> None:
+    if traffic.step <= state.step or (len(state.descriptions) and traffic.step != state.step + 1):
+        raise EpisodeError(f"traffic of step {traffic.step} cannot follow the fleet's step {state.step}")
+    for command in commands:
+        if command.step != traffic.step:
+            raise EpisodeError(f"commands of {command.source} are of step {command.step}, traffic of {traffic.step}")
+
+
+def _move(
+    fleet: FleetState, traffic: TrafficState, orders: Orders, driven: Rows, released: Rows
+) -> tuple[BodyState, TrackerState]:
+    """Bodies and tracker at this step."""
+    before = fleet.bodies
+    held = driven | released
+    ahead = STEP_S * before.forward_mps
+    reference = Reference(
+        x_m=np.where(released, before.x_m + ahead * np.cos(before.yaw_rad), traffic.sumo_x_m),
+        y_m=np.where(released, before.y_m + ahead * np.sin(before.yaw_rad), traffic.sumo_y_m),
+        yaw_rad=np.where(released, before.yaw_rad, traffic.sumo_yaw_rad),
+        speed_mps=np.where(released, before.forward_mps, traffic.sumo_speed_mps),
+    )
+    wanted, tracker = track(before, fleet.tracker, reference, fleet.table, STEP_S)
+    controls = Controls(
+        throttle=np.where(driven, orders.throttle, wanted.throttle),
+        brake=np.where(driven, orders.brake, wanted.brake),
+        steer_rad=np.where(driven, orders.steer_rad, wanted.steer_rad),
+        hand_brake=driven & orders.hand_brake,
+        quickness=np.where(driven, 1.0, wanted.quickness),
+        drive_factor=np.where(driven, 1.0, wanted.drive_factor),
+    )
+    bodies = step_bodies(before, controls, fleet.table, STEP_S)
+    if held.any():
+        own = TrackerState.at(bodies.x_m, bodies.y_m, bodies.yaw_rad)
+        tracker = TrackerState.where(held, own, tracker)
+    return bodies, tracker
+
+
+def _states(fleet: FleetState, traffic: TrafficState, orders: Orders, bodies: BodyState, own_pose: Rows) -> ActorStates:
+    vx, vy = bodies.velocity_mps(fleet.table)
+    residual = np.hypot(traffic.sumo_x_m - bodies.x_m, traffic.sumo_y_m - bodies.y_m)
+    braking = (bodies.brake > BRAKE_LIGHT_PEDAL) | (bodies.accel_mps2 < -BRAKE_LIGHT_DECEL_MPS2)
+    return ActorStates(
+        step=traffic.step,
+        actor_id=fleet.actor_id,
+        x_m=bodies.x_m,
+        y_m=bodies.y_m,
+        z_m=np.zeros(len(bodies)),
+        yaw_rad=bodies.yaw_rad,
+        vx_mps=vx,
+        vy_mps=vy,
+        yaw_rate_radps=bodies.yaw_rate_radps,
+        accel_mps2=bodies.accel_mps2,
+        lateral_accel_mps2=bodies.lateral_accel_mps2,
+        steer_rad=bodies.steer_rad,
+        throttle=bodies.throttle,
+        brake=bodies.brake,
+        owner=orders.owner,
+        mode=orders.mode,
+        lights=np.where(braking, orders.lights | np.uint8(Lights.BRAKE), orders.lights),
+        residual_m=np.where(own_pose, 0.0, residual),
+    )
+
+
+def _collisions(fleet: FleetState, states: ActorStates) -> tuple[tuple[Event, ...], Pairs]:
+    boxes = Footprints(
+        actor_id=states.actor_id,
+        x_m=states.x_m,
+        y_m=states.y_m,
+        yaw_rad=states.yaw_rad,
+        vx_mps=states.vx_mps,
+        vy_mps=states.vy_mps,
+        yaw_rate_radps=states.yaw_rate_radps,
+        length_m=fleet.length_m,
+        width_m=fleet.width_m,
+    )
+    contacts, touching = find_contacts(boxes, fleet.touching)
+    events = tuple(
+        Event(
+            step=states.step,
+            kind=EventKind.COLLISION,
+            actor_id=contact.actor_id,
+            other_id=contact.other_id,
+            x_m=contact.x_m,
+            y_m=contact.y_m,
+            detail={"impact_speed_mps": contact.impact_speed_mps},
+        )
+        for contact in contacts
+    )
+    return events, touching
+
+
+def _spawned(states: ActorStates, traffic: TrafficState) -> tuple[Event, ...]:
+    ids = np.array(sorted(item.actor_id for item in traffic.spawned), dtype=np.uint32)
+    rows = rows_of_ids(states.actor_id, ids)
+    return tuple(_event(traffic.step, EventKind.SPAWNED, states.actor_id, states, row) for row in rows)
+
+
+def _removed(before: FleetState, traffic: TrafficState) -> tuple[Event, ...]:
+    """Removals, each at the actor's last simulated place."""
+    rows = rows_of_ids(before.actor_id, np.sort(traffic.removed))
+    present = rows[rows >= 0]
+    return tuple(_event(traffic.step, EventKind.REMOVED, before.actor_id, before.bodies, row) for row in present)
+
+
+def _owner_changes(fleet: FleetState, states: ActorStates) -> tuple[Event, ...]:
+    return tuple(
+        _event(
+            states.step,
+            EventKind.OWNER_CHANGED,
+            states.actor_id,
+            states,
+            row,
+            {"owner": Owner(int(states.owner[row])).name},
+        )
+        for row in np.flatnonzero(states.owner != fleet.owner)
+    )
+
+
+def _event(
+    step: int,
+    kind: EventKind,
+    actor_id: Ids,
+    places: ActorStates | BodyState,
+    row: np.intp,
+    detail: Mapping[str, float | int | str] | None = None,
+) -> Event:
+    return Event(
+        step=step,
+        kind=kind,
+        actor_id=int(actor_id[row]),
+        x_m=float(places.x_m[row]),
+        y_m=float(places.y_m[row]),
+        detail=detail or {},
+    )

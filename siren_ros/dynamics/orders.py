@@ -1,0 +1,87 @@
+"""The controllers' commands merged into one row per actor: one owner per actor, contradictions refused."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.world.actors import NO_ACTOR, Codes, Floats, Mode, Owner, rows_of_ids
+from siren_ros.world.commands import VehicleCommands
+from siren_ros.world.errors import EpisodeError
+from siren_ros.world.traffic_state import TrafficState
+
+
+@dataclass(frozen=True)
+class Orders:
+    """What is asked of every actor at one step; rows as in ``TrafficState``."""
+
+    owner: Codes
+    throttle: Floats
+    brake: Floats
+    steer_rad: Floats
+    hand_brake: npt.NDArray[np.bool_]
+    mode: Codes
+    lights: Codes
+
+
+def merge_commands(traffic: TrafficState, commands: Sequence[VehicleCommands]) -> Orders:
+    """All controllers' commands on the rows of ``traffic``.
+
+    Actors without a command belong to SUMO, are in mode NOMINAL and show SUMO's lights. Commands for actors
+    that were removed at this step are void.
+
+    Raises:
+        EpisodeError: two commands for one actor, a command for an unknown actor, or one that is not finite.
+    """
+    n = len(traffic)
+    orders = Orders(
+        owner=np.full(n, Owner.SUMO, np.uint8),
+        throttle=np.zeros(n),
+        brake=np.zeros(n),
+        steer_rad=np.zeros(n),
+        hand_brake=np.zeros(n, dtype=bool),
+        mode=np.full(n, Mode.NOMINAL, np.uint8),
+        lights=traffic.lights.copy(),
+    )
+    source_of = np.full(n, NO_ACTOR, np.intp)
+    for number, command in enumerate(commands, start=1):
+        if not len(command):
+            continue
+        rows = rows_of_ids(traffic.actor_id, command.actor_id)
+        _check(traffic, commands, command, rows, source_of)
+        known = rows >= 0
+        if not known.all():
+            rows = rows[known]
+        source_of[rows] = number
+        orders.owner[rows] = command.owner[known]
+        orders.throttle[rows] = command.throttle[known]
+        orders.brake[rows] = command.brake[known]
+        orders.steer_rad[rows] = command.steer_rad[known]
+        orders.hand_brake[rows] = command.hand_brake[known] != 0
+        orders.mode[rows] = command.mode[known]
+        orders.lights[rows] = command.lights[known]
+    return orders
+
+
+def _check(
+    traffic: TrafficState,
+    commands: Sequence[VehicleCommands],
+    command: VehicleCommands,
+    rows: npt.NDArray[np.intp],
+    source_of: npt.NDArray[np.intp],
+) -> None:
+    unknown = command.actor_id[rows < 0]
+    if not np.isin(unknown, traffic.removed).all():
+        raise EpisodeError(f"{command.source} commands actors {unknown.tolist()}, unknown at step {traffic.step}")
+    if len(np.unique(command.actor_id)) < len(command):
+        raise EpisodeError(f"{command.source} commands an actor twice at step {traffic.step}")
+    taken = source_of[rows[rows >= 0]]
+    if taken.any():
+        other = commands[int(taken.max()) - 1].source
+        actor = int(command.actor_id[rows >= 0][np.argmax(taken > 0)])
+        raise EpisodeError(f"{command.source} and {other} both command actor {actor} at step {traffic.step}")
+    finite = np.isfinite(command.throttle + command.brake + command.steer_rad)
+    if not finite.all():
+        actor = int(command.actor_id[np.argmin(finite)])
+        raise EpisodeError(f"{command.source} commands actor {actor} by values that are not finite")

@@ -1,0 +1,192 @@
+"""Vehicle parameters of each actor class: read from ``params/vehicles/``, one YAML file per class."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from siren_ros.world.actors import ActorClass, Floats
+from siren_ros.world.errors import InputError
+from siren_ros.world.params_files import params_dir
+from siren_ros.world.strict_yaml import StrictMapping, read_strict_yaml
+from siren_ros.world.units import GRAVITY_MPS2
+
+
+@dataclass(frozen=True)
+class VehicleParameters:
+    """Parameters of the vehicle model for one actor class. Sources stand beside the numbers in the YAML files."""
+
+    length_m: float
+    width_m: float
+    height_m: float
+    wheelbase_m: float
+    front_overhang_m: float
+    """From the front bumper back to the front axle."""
+    cg_to_front_axle_m: float
+    cg_height_m: float
+    mass_kg: float
+    yaw_inertia_kgm2: float
+    cornering_stiffness_front_npr: float
+    """Of the whole axle, in newtons per radian of slip angle."""
+    cornering_stiffness_rear_npr: float
+    friction_coefficient: float
+    max_steer_rad: float
+    """Largest road-wheel angle of the single-track model, to either side."""
+    max_steer_rate_radps: float
+    steer_lag_s: float
+    drive_power_w: float
+    """Peak power at the wheels."""
+    max_drive_accel_mps2: float
+    """Full-throttle tractive force over mass, where power does not limit it."""
+    drive_front_share: float
+    """Part of the tractive force at the front axle."""
+    max_brake_decel_mps2: float
+    hand_brake_decel_mps2: float
+    """What the hand brake asks for; it acts on the rear axle."""
+    brake_front_share: float
+    throttle_lag_s: float
+    brake_lag_s: float
+    drag_area_m2: float
+    """Drag coefficient times frontal area."""
+    rolling_resistance: float
+
+    @property
+    def centre_ahead_of_cg_m(self) -> float:
+        """How far the footprint's centre lies ahead of the centre of gravity (negative: behind)."""
+        return self.front_overhang_m + self.cg_to_front_axle_m - self.length_m / 2.0
+
+    @property
+    def centre_ahead_of_rear_axle_m(self) -> float:
+        """How far the footprint's centre lies ahead of the rear axle."""
+        return self.front_overhang_m + self.wheelbase_m - self.length_m / 2.0
+
+    @property
+    def understeer_gradient_s2pm(self) -> float:
+        """K in δ = L/R + K·a_y, in rad per m/s² (Gillespie 1992, eq. 6-15): load over stiffness, front minus rear."""
+        rear_share = self.cg_to_front_axle_m / self.wheelbase_m
+        front = self.mass_kg * (1.0 - rear_share) / self.cornering_stiffness_front_npr
+        return front - self.mass_kg * rear_share / self.cornering_stiffness_rear_npr
+
+    def attainable_accel_mps2(self, speed_mps: float) -> float:
+        """Largest acceleration on a level road at a speed, by traction, power, drag and rolling resistance."""
+        drive = min(self.max_drive_accel_mps2, self.drive_power_w / (self.mass_kg * max(speed_mps, 1e-3)))
+        drag = 0.5 * AIR_DENSITY_KGPM3 * self.drag_area_m2 * speed_mps**2 / self.mass_kg
+        return drive - drag - self.rolling_resistance * GRAVITY_MPS2
+
+
+AIR_DENSITY_KGPM3: Final = 1.225
+"""International standard atmosphere at sea level (ISO 2533)."""
+
+_RANGES: Final[dict[str, tuple[float, float]]] = {
+    "length_m": (2.0, 20.0),
+    "width_m": (1.0, 3.0),
+    "height_m": (1.0, 4.5),
+    "wheelbase_m": (1.2, 12.0),
+    "front_overhang_m": (0.2, 4.0),
+    "cg_to_front_axle_m": (0.4, 8.0),
+    "cg_height_m": (0.2, 2.5),
+    "mass_kg": (400.0, 45_000.0),
+    "yaw_inertia_kgm2": (300.0, 1_000_000.0),
+    "cornering_stiffness_front_npr": (10_000.0, 2_000_000.0),
+    "cornering_stiffness_rear_npr": (10_000.0, 2_000_000.0),
+    "friction_coefficient": (0.05, 1.5),
+    "max_steer_rad": (0.2, 1.2),
+    "max_steer_rate_radps": (0.1, 2.0),
+    "steer_lag_s": (0.01, 0.5),
+    "drive_power_w": (10_000.0, 1_000_000.0),
+    "max_drive_accel_mps2": (0.5, 12.0),
+    "drive_front_share": (0.0, 1.0),
+    "max_brake_decel_mps2": (2.0, 12.0),
+    "hand_brake_decel_mps2": (0.5, 6.0),
+    "brake_front_share": (0.2, 0.9),
+    "throttle_lag_s": (0.01, 2.0),
+    "brake_lag_s": (0.01, 1.0),
+    "drag_area_m2": (0.1, 15.0),
+    "rolling_resistance": (0.001, 0.05),
+}
+
+
+def load_vehicle_parameters(directory: Path | None = None) -> Mapping[ActorClass, VehicleParameters]:
+    """Parameters of every actor class from ``<class>.yaml`` files (``sedan.yaml``, ``fire_truck.yaml``, …).
+
+    Args:
+        directory: Folder of the files; the project's ``params/vehicles`` by default.
+
+    Raises:
+        InputError: a file, key or value is missing, unknown, of the wrong type or out of range; names file,
+            line, key, value and what is allowed.
+    """
+    folder = params_dir() / "vehicles" if directory is None else directory
+    return {kind: _read(folder / f"{kind.name.lower()}.yaml") for kind in ActorClass}
+
+
+def _read(file: Path) -> VehicleParameters:
+    mapping = read_strict_yaml(file)
+    values = {name: mapping.number(name, *limits) for name, limits in _RANGES.items()}
+    mapping.finish()
+    parameters = VehicleParameters(**values)
+    _check_axles(mapping, parameters)
+    return parameters
+
+
+def _check_axles(mapping: StrictMapping, parameters: VehicleParameters) -> None:
+    space = parameters.length_m - parameters.front_overhang_m
+    if parameters.wheelbase_m >= space:
+        raise InputError(
+            mapping.where("wheelbase_m"),
+            parameters.wheelbase_m,
+            f"less than length_m minus front_overhang_m ({space:g})",
+        )
+    if parameters.cg_to_front_axle_m >= parameters.wheelbase_m:
+        raise InputError(
+            mapping.where("cg_to_front_axle_m"),
+            parameters.cg_to_front_axle_m,
+            f"less than wheelbase_m ({parameters.wheelbase_m:g})",
+        )
+
+
+@dataclass(frozen=True)
+class ParameterTable:
+    """Parameters of a list of actors as a structure of arrays, each of shape ``(N,)``."""
+
+    length_m: Floats
+    width_m: Floats
+    wheelbase_m: Floats
+    cg_to_front_axle_m: Floats
+    cg_to_rear_axle_m: Floats
+    centre_ahead_of_cg_m: Floats
+    centre_ahead_of_rear_axle_m: Floats
+    cg_height_m: Floats
+    mass_kg: Floats
+    yaw_inertia_kgm2: Floats
+    cornering_stiffness_front_npr: Floats
+    cornering_stiffness_rear_npr: Floats
+    understeer_gradient_s2pm: Floats
+    friction_coefficient: Floats
+    max_steer_rad: Floats
+    max_steer_rate_radps: Floats
+    steer_lag_s: Floats
+    drive_power_w: Floats
+    max_drive_accel_mps2: Floats
+    drive_front_share: Floats
+    max_brake_decel_mps2: Floats
+    hand_brake_decel_mps2: Floats
+    brake_front_share: Floats
+    throttle_lag_s: Floats
+    brake_lag_s: Floats
+    drag_area_m2: Floats
+    rolling_resistance: Floats
+
+    @classmethod
+    def of(cls, classes: Sequence[ActorClass], parameters: Mapping[ActorClass, VehicleParameters]) -> "ParameterTable":
+        """The table whose row i holds the parameters of ``classes[i]``."""
+        rows = [parameters[kind] for kind in classes]
+        names = [field.name for field in fields(cls) if field.name != "cg_to_rear_axle_m"]
+        columns = {name: np.array([getattr(row, name) for row in rows], dtype=np.float64) for name in names}
+        rear = columns["wheelbase_m"] - columns["cg_to_front_axle_m"]
+        return cls(cg_to_rear_axle_m=rear, **columns)
+
+    def __len__(self) -> int:
+        return len(self.mass_kg)

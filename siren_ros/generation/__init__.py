@@ -1,0 +1,1 @@
+"""Episodes: set up one by one, or many."""

@@ -1,0 +1,40 @@
+"""What the controllers need, from an episode's description."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import cast
+
+from siren_ros.behaviour.constants import PAPER_SPEEDS
+from siren_ros.behaviour.world import BehaviourWorld
+from siren_ros.dynamics.parameters import load_vehicle_parameters
+from siren_ros.world.episode import EpisodeDescription
+from siren_ros.world.levels import LEVEL_POLICIES
+from siren_ros.world.net_parser import parse_road_network
+from siren_ros.world.presets import load_preset
+
+
+def behaviour_world(episode: EpisodeDescription, map_xml: bytes) -> BehaviourWorld:
+    """The controllers' view of an episode that does not change.
+
+    Args:
+        episode: The description, with the template's values under ``parameters["template"]``.
+        map_xml: The compiled SUMO net.
+
+    Raises:
+        InputError: The preset or the map cannot be used.
+    """
+    values = cast("Mapping[str, float]", episode.parameters["template"])
+    preset = load_preset(episode.preset).for_scenario(
+        values["response.response_distance_m"],
+        values["response.extra_delay_s"],
+        values["response.compliance"],
+    )
+    speed_mps = values["emv.speed_mps"]
+    return BehaviourWorld(
+        network=parse_road_network(map_xml),
+        policy=LEVEL_POLICIES[episode.level],
+        vehicles=load_vehicle_parameters(),
+        preset=preset,
+        seed=episode.seed,
+        speeds=replace(PAPER_SPEEDS, emv_route_follow_mps=speed_mps, emv_lane_change_mps=speed_mps),
+    )

@@ -1,0 +1,124 @@
+"""Everything that is decided before the first step of an episode, from what the user asked for."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+from siren_ros import __version__
+from siren_ros.dynamics.parameters import load_vehicle_parameters
+from siren_ros.sensors.suite import load_suite
+from siren_ros.traffic.demand import EmvStart, plan_traffic
+from siren_ros.traffic.driver_models import load_drivers
+from siren_ros.traffic.map_compiler import CompiledMap, compile_map
+from siren_ros.traffic.plan import TrafficPlan
+from siren_ros.world.episode import EpisodeDescription
+from siren_ros.world.levels import EmergencyLevel
+from siren_ros.world.net_parser import parse_road_network
+from siren_ros.world.presets import DriverPreset, load_preset
+from siren_ros.world.road_network import RoadNetwork
+from siren_ros.world.scenario import Template
+from siren_ros.world.sites import Site, SiteKind, require_site
+from siren_ros.world.templates import load_template
+from siren_ros.world.units import steps_from_s
+
+PACKAGES = ("eclipse-sumo", "numpy", "open3d")
+
+
+@dataclass(frozen=True)
+class EpisodeRequest:
+    """What a user asks for; empty text and 0 s mean the template's own."""
+
+    template: str
+    level: str = ""
+    seed: int = 0
+    map: str = ""
+    duration_s: float = 0.0
+    preset: str = "paper"
+    sensors: str = "front"
+
+
+@dataclass(frozen=True)
+class EpisodeSetup:
+    """A request with everything looked up, drawn and compiled."""
+
+    description: EpisodeDescription
+    template: Template
+    level: EmergencyLevel
+    compiled_map: CompiledMap
+    network: RoadNetwork
+    site: Site
+    plan: TrafficPlan
+    preset: DriverPreset
+
+
+def level_of(request: EpisodeRequest, template: Template) -> EmergencyLevel:
+    """The level asked for, or the template's own."""
+    return EmergencyLevel[request.level] if request.level else template.level
+
+
+def plan_length(request: EpisodeRequest) -> int:
+    """Number of steps of the episode.
+
+    Raises:
+        InputError: The template cannot be used.
+    """
+    return max(1, steps_from_s(request.duration_s or load_template(request.template).duration_s))
+
+
+def default_bag_path(request: EpisodeRequest) -> Path:
+    """Where the bag goes unless the user says otherwise: ``bags/S2_L2_seed0``, and the map's name if one is given."""
+    template = load_template(request.template)
+    parts = [template.template_id, level_of(request, template).name, f"seed{request.seed}"]
+    if request.map:
+        parts.append(Path(request.map).name.split(".")[0])
+    return Path("bags") / "_".join(parts)
+
+
+def set_up_episode(request: EpisodeRequest) -> EpisodeSetup:
+    """Look up, draw and compile what an episode needs. The same request gives the same setup.
+
+    Raises:
+        InputError: Any part of the request cannot be used; the error names it.
+    """
+    template = load_template(request.template)
+    level = level_of(request, template)
+    preset = load_preset(request.preset)
+    load_suite(request.sensors)
+    compiled = compile_map(Path(request.map) if request.map else None)
+    network = parse_road_network(compiled.read_bytes())
+    site = require_site(network, SiteKind(template.site_kind), request.map or compiled.name)
+    dimensions = {
+        actor_class: (vehicle.length_m, vehicle.width_m, vehicle.height_m)
+        for actor_class, vehicle in load_vehicle_parameters().items()
+    }
+    start = emv_start(network, site)
+    plan = plan_traffic(network, start, template, request.seed, load_drivers(), dimensions)
+    description = EpisodeDescription(
+        template=template.template_id,
+        level=level,
+        seed=request.seed,
+        map_name=compiled.name,
+        map_sha256=compiled.sha256,
+        duration_s=request.duration_s or template.duration_s,
+        sensor_suite=request.sensors,
+        preset=request.preset,
+        emv_ids=tuple(range(1, 1 + len(plan.emvs))),
+        parameters={"request": asdict(request), "template": template.values()},
+        versions=_versions(),
+        site=_site_summary(network, site),
+    )
+    return EpisodeSetup(description, template, level, compiled, network, site, plan, preset)
+
+
+def _versions() -> Mapping[str, str]:
+    return {"siren_ros": __version__, **{package: version(package) for package in PACKAGES}}
+
+
+def _site_summary(network: RoadNetwork, site: Site) -> Mapping[str, object]:
+    return {
+        "kind": site.kind.value,
+        "name": site.name,
+        "junction": site.junction or "",
+        "route": [network.edges[edge].edge_id for edge in site.route],
+    }

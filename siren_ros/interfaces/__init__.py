@@ -1,0 +1,1 @@
+"""Topics and the paired conversions between our structures and ROS messages, written without ROS."""

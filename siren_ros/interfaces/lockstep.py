@@ -1,0 +1,160 @@
+"""The lockstep's decisions: who has reported, when the next step may begin, who is late.
+
+Step k + 1 does not begin before every registered participant has reported step k. The state machine is
+pure: reports and the wall time go in, actions come out.
+"""
+
+from dataclasses import dataclass, field, replace
+from enum import Enum
+
+from siren_ros.interfaces.lockstep_reports import Phase, StepReport
+from siren_ros.interfaces.topics import upstream_of
+from siren_ros.world.episode import EpisodeEnd
+
+
+class Stage(Enum):
+    """Where an episode stands."""
+
+    GATHERING = "gathering"
+    STEPPING = "stepping"
+    CLOSING = "closing"
+    CLOSED = "closed"
+
+
+@dataclass(frozen=True)
+class LockstepConfig:
+    """Who takes part, for how long, and how patient the lockstep is with them (wall time)."""
+
+    participants: tuple[str, ...]
+    steps: int
+    step_timeout_s: float = 20.0
+    start_timeout_s: float = 120.0
+    close_timeout_s: float = 60.0
+
+
+@dataclass(frozen=True)
+class LockstepState:
+    """Progress of one episode."""
+
+    stage: Stage = Stage.GATHERING
+    step: int = -1
+    """The step under way; −1 before the first."""
+    waiting: frozenset[str] = frozenset()
+    since_s: float = 0.0
+    """Wall time at which the present wait began."""
+    end: EpisodeEnd = EpisodeEnd.COMPLETE
+    reason: str = ""
+    busy_s: dict[str, float] = field(default_factory=dict)
+    """Wall time by participant, summed over the steps."""
+
+    @property
+    def steps_done(self) -> int:
+        """Number of steps that every participant has finished."""
+        if self.stage is Stage.GATHERING:
+            return 0
+        return self.step if self.waiting and self.stage is Stage.STEPPING else self.step + 1
+
+
+@dataclass(frozen=True)
+class BeginStep:
+    """Publish the clock of this step."""
+
+    step: int
+
+
+@dataclass(frozen=True)
+class EndEpisode:
+    """Tell all participants to close."""
+
+    steps: int
+    end: EpisodeEnd
+    reason: str
+
+
+Action = BeginStep | EndEpisode | None
+
+
+def start_lockstep(config: LockstepConfig, now_s: float) -> LockstepState:
+    """The state before anybody has reported."""
+    return LockstepState(waiting=frozenset(config.participants), since_s=now_s)
+
+
+def on_report(
+    state: LockstepState, report: StepReport, config: LockstepConfig, now_s: float
+) -> tuple[LockstepState, Action]:
+    """Take in one StepDone. Reports of strangers and of earlier steps change nothing."""
+    if report.participant not in config.participants or state.stage is Stage.CLOSED:
+        return state, None
+    if report.error and state.stage in {Stage.GATHERING, Stage.STEPPING}:
+        return _close(state, EpisodeEnd.FAILED, f"{report.participant}: {report.error}", config, now_s)
+    expected = {Stage.GATHERING: Phase.READY, Stage.STEPPING: Phase.STEP, Stage.CLOSING: Phase.FINAL}[state.stage]
+    if report.phase is not expected or (report.phase is Phase.STEP and report.step != state.step):
+        return state, None
+    busy = {**state.busy_s, report.participant: state.busy_s.get(report.participant, 0.0) + report.busy_s}
+    state = replace(state, waiting=state.waiting - {report.participant}, busy_s=busy)
+    if state.waiting:
+        return state, None
+    if state.stage is Stage.CLOSING:
+        return replace(state, stage=Stage.CLOSED), None
+    if state.step + 1 >= config.steps:
+        return _close(state, EpisodeEnd.COMPLETE, "", config, now_s)
+    return _begin_next(state, config, now_s)
+
+
+def on_time(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple[LockstepState, Action]:
+    """Notice a participant that does not answer; the error names it."""
+    limit_s = {
+        Stage.GATHERING: config.start_timeout_s,
+        Stage.STEPPING: config.step_timeout_s,
+        Stage.CLOSING: config.close_timeout_s,
+    }.get(state.stage)
+    if limit_s is None or now_s - state.since_s < limit_s:
+        return state, None
+    names = ", ".join(sorted(_first_late(state.waiting) if state.stage is Stage.STEPPING else state.waiting))
+    if state.stage is Stage.CLOSING:
+        reason = state.reason or f"{names}: did not close within {limit_s:g} s"
+        return replace(state, stage=Stage.CLOSED, end=EpisodeEnd.FAILED, reason=reason), None
+    what = "was not ready" if state.stage is Stage.GATHERING else f"did not finish step {state.step}"
+    return _close(state, EpisodeEnd.FAILED, f"{names}: {what} within {limit_s:g} s", config, now_s)
+
+
+def _first_late(waiting: frozenset[str]) -> frozenset[str]:
+    """Those that do not merely wait for somebody else's messages."""
+    return frozenset(name for name in waiting if not upstream_of(name) & waiting) or waiting
+
+
+def on_interrupt(
+    state: LockstepState, config: LockstepConfig, now_s: float, reason: str
+) -> tuple[LockstepState, Action]:
+    """The user asked to stop."""
+    if state.stage in {Stage.CLOSING, Stage.CLOSED}:
+        return state, None
+    return _close(state, EpisodeEnd.INTERRUPTED, reason, config, now_s)
+
+
+def on_failure(state: LockstepState, config: LockstepConfig, now_s: float, reason: str) -> tuple[LockstepState, Action]:
+    """Something outside the reports failed, such as a participant's process that exited."""
+    if state.stage in {Stage.CLOSING, Stage.CLOSED}:
+        return state, None
+    return _close(state, EpisodeEnd.FAILED, reason, config, now_s)
+
+
+def _begin_next(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple[LockstepState, Action]:
+    step = state.step + 1
+    state = replace(state, stage=Stage.STEPPING, step=step, waiting=frozenset(config.participants), since_s=now_s)
+    return state, BeginStep(step)
+
+
+def _close(
+    state: LockstepState, end: EpisodeEnd, reason: str, config: LockstepConfig, now_s: float
+) -> tuple[LockstepState, Action]:
+    steps = state.steps_done
+    closing = replace(
+        state,
+        stage=Stage.CLOSING,
+        waiting=frozenset(config.participants),
+        since_s=now_s,
+        end=end,
+        reason=reason,
+    )
+    return closing, EndEpisode(steps, end, reason)

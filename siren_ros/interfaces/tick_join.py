@@ -1,0 +1,56 @@
+"""Joins a node's inputs by step, so that the order of arrival cannot change what it computes."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from siren_ros.interfaces.topics import Topic
+
+
+@dataclass(frozen=True)
+class Input:
+    """A topic a node needs before it acts on a step."""
+
+    topic: Topic
+    lag_steps: int = 0
+    """1: the message of step k − 1 is an input of step k (and step 0 goes without)."""
+
+    def needed_at(self, step: int) -> bool:
+        """Whether this topic brings a message for a step."""
+        source = step - self.lag_steps
+        return source >= 0 and source % self.topic.period_steps == 0
+
+
+class TickJoin:
+    """Collects messages by step and hands out steps whose inputs are complete, in order."""
+
+    def __init__(self, inputs: tuple[Input, ...]) -> None:
+        self._inputs = {item.topic.name: item for item in inputs}
+        self._waiting: dict[int, dict[str, Any]] = {}
+        self.next_step = 0
+
+    def offer(self, topic_name: str, message_step: int, message: Any) -> Iterator[tuple[int, dict[str, Any]]]:
+        """Take in a message; yield every step that is now complete with its messages by topic name.
+
+        Raises:
+            ValueError: The message belongs to a step that was handed out already or came twice.
+        """
+        step = message_step + self._inputs[topic_name].lag_steps
+        slot = self._waiting.setdefault(step, {})
+        if step < self.next_step or topic_name in slot:
+            raise ValueError(f"{topic_name}: a second message for step {message_step}")
+        slot[topic_name] = message
+        yield from self._complete()
+
+    def _complete(self) -> Iterator[tuple[int, dict[str, Any]]]:
+        while self._waiting and not self.missing():
+            messages = self._waiting.pop(self.next_step, {})
+            self.next_step += 1
+            yield self.next_step - 1, messages
+
+    def missing(self) -> tuple[str, ...]:
+        """Topics that the next step still waits for, sorted."""
+        have = self._waiting.get(self.next_step, {})
+        return tuple(
+            sorted(name for name, item in self._inputs.items() if item.needed_at(self.next_step) and name not in have)
+        )

@@ -1,0 +1,109 @@
+"""Every topic of the node graph: name, type, publisher, subscribers, rate. One table; all nodes read it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+EVERY_STEP: Final = 1
+ONCE: Final = 0
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic and the promise its publisher makes."""
+
+    name: str
+    type_name: str
+    publisher: str
+    """Node that publishes it; an empty string where every participant does."""
+    subscribers: tuple[str, ...] = ()
+    """Nodes of the lockstep that must be connected before the first step."""
+    period_steps: int = EVERY_STEP
+    """Published at every step that is a multiple of this; ONCE for latched topics."""
+
+    @property
+    def latched(self) -> bool:
+        """Whether late subscribers get the last message (transient local)."""
+        return self.period_steps == ONCE
+
+    @property
+    def recorded(self) -> bool:
+        """Whether the episode's bag holds it."""
+        return "recorder" in self.subscribers
+
+    def subscriber_count(self, participants: Sequence[str]) -> int:
+        """Number of an episode's participants that subscribe to this topic."""
+        return sum(name in participants for name in self.subscribers)
+
+    def of_sensor(self, sensor: str, period_steps: int) -> "Topic":
+        """This topic for one sensor of a suite, whose name stands for ``{sensor}``."""
+        return replace(self, name=self.name.format(sensor=sensor), period_steps=period_steps)
+
+
+_CONTROLLERS: Final = ("emv_controller", "yield_manager", "vehicle_dynamics")
+_EVERYBODY: Final = (*_CONTROLLERS, "sensor_sim", "recorder", "kitti_exporter")
+
+CLOCK: Final = Topic("/clock", "rosgraph_msgs/msg/Clock", "cosim", ("sumo_bridge", "recorder"))
+EPISODE: Final = Topic("/siren/episode", "siren_msgs/msg/EpisodeDescription", "sumo_bridge", _EVERYBODY, ONCE)
+MAP: Final = Topic("/siren/map", "std_msgs/msg/String", "sumo_bridge", _EVERYBODY, ONCE)
+"""The compiled SUMO net, as XML text."""
+TRAFFIC: Final = Topic(
+    "/siren/traffic_state", "siren_msgs/msg/TrafficState", "sumo_bridge", (*_CONTROLLERS, "sensor_sim", "recorder")
+)
+EMV_COMMANDS: Final = Topic(
+    "/siren/emv_commands", "siren_msgs/msg/VehicleCommands", "emv_controller", ("vehicle_dynamics", "recorder")
+)
+YIELD_COMMANDS: Final = Topic(
+    "/siren/yield_commands", "siren_msgs/msg/VehicleCommands", "yield_manager", ("vehicle_dynamics", "recorder")
+)
+ACTORS: Final = Topic(
+    "/siren/actor_states",
+    "siren_msgs/msg/ActorStates",
+    "vehicle_dynamics",
+    ("sumo_bridge", "sensor_sim", "recorder"),
+)
+EVENTS: Final = Topic("/siren/events", "siren_msgs/msg/Events", "vehicle_dynamics", ("recorder",))
+STEP_DONE: Final = Topic("/siren/step_done", "siren_msgs/msg/StepDone", "")
+EPISODE_END: Final = Topic("/siren/episode_end", "siren_msgs/msg/EpisodeEnd", "cosim", period_steps=ONCE)
+OUTCOME: Final = Topic("/siren/outcome", "siren_msgs/msg/EpisodeOutcome", "recorder", ("recorder",), ONCE)
+"""The recorder writes the outcome itself, as the last message of the bag."""
+TF: Final = Topic("/tf", "tf2_msgs/msg/TFMessage", "sensor_sim", ("recorder",))
+TF_STATIC: Final = Topic("/tf_static", "tf2_msgs/msg/TFMessage", "sensor_sim", ("recorder",), ONCE)
+ODOMETRY: Final = Topic("/emv/odom", "nav_msgs/msg/Odometry", "sensor_sim", ("recorder",))
+GROUND_TRUTH: Final = Topic(
+    "/emv/ground_truth", "siren_msgs/msg/GroundTruth", "sensor_sim", ("recorder", "kitti_exporter"), 2
+)
+BOXES: Final = Topic("/emv/ground_truth/boxes", "vision_msgs/msg/Detection3DArray", "sensor_sim", ("recorder",), 2)
+MARKERS: Final = Topic("/siren/markers", "visualization_msgs/msg/MarkerArray", "sensor_sim", ("recorder",), 4)
+LIDAR: Final = Topic(
+    "/emv/{sensor}/points", "sensor_msgs/msg/PointCloud2", "sensor_sim", ("recorder", "kitti_exporter")
+)
+IMAGE: Final = Topic("/emv/{sensor}/image_raw", "sensor_msgs/msg/Image", "sensor_sim", (), 2)
+"""Published while somebody listens; the bag holds the compressed image."""
+IMAGE_COMPRESSED: Final = Topic(
+    "/emv/{sensor}/image_raw/compressed",
+    "sensor_msgs/msg/CompressedImage",
+    "sensor_sim",
+    ("recorder", "kitti_exporter"),
+    2,
+)
+CAMERA_INFO: Final = Topic(
+    "/emv/{sensor}/camera_info", "sensor_msgs/msg/CameraInfo", "sensor_sim", ("recorder", "kitti_exporter"), 2
+)
+
+LAGGED_INPUTS: Final = frozenset({(ACTORS.name, "sumo_bridge")})
+"""Topic and subscriber of the arrows that carry the step before."""
+
+
+def upstream_of(participant: str) -> frozenset[str]:
+    """Participants that must have acted on a step before this one can."""
+    every = (CLOCK, TRAFFIC, EMV_COMMANDS, YIELD_COMMANDS, ACTORS, EVENTS, TF, ODOMETRY, GROUND_TRUTH, LIDAR)
+    return frozenset(
+        topic.publisher
+        for topic in every
+        if participant in topic.subscribers and (topic.name, participant) not in LAGGED_INPUTS
+    )
+
+
+CORE_TOPICS: Final = (CLOCK, EPISODE, MAP, TRAFFIC, EMV_COMMANDS, YIELD_COMMANDS, ACTORS, EVENTS, OUTCOME)
+"""What every episode's record holds, whatever its sensors."""

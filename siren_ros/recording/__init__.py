@@ -1,0 +1,1 @@
+"""Episode bags: written, read, verified."""

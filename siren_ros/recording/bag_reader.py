@@ -1,0 +1,131 @@
+"""Reading an episode's bag with the message definitions that are in the bag itself."""
+
+import struct
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import Nodetype
+from rosbags.typesys.store import Typestore
+
+from siren_ros.recording.bag_metadata import METADATA_FILE
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.recording.record_builder import RECORD_TOPICS, RecordBuilder
+from siren_ros.world.errors import BagError, SirenError
+
+_STAMPED_FIRST: Final = frozenset({"std_msgs/msg/Header", "builtin_interfaces/msg/Time"})
+_STAMP: Final = struct.Struct("<iI")
+_ENCAPSULATION_BYTES: Final = 4
+_LITTLE_ENDIAN_CDR: Final = b"\x00\x01"
+
+
+@contextmanager
+def damage_refused(path: Path) -> Iterator[None]:
+    """Turns whatever a parser raises on damaged or foreign content into a BagError that names the bag."""
+    try:
+        yield
+    except SirenError:
+        raise
+    except Exception as error:  # rosbags and zstd raise a dozen kinds, asserts among them, on damaged content
+        raise BagError(str(path), f"an undamaged episode ({type(error).__name__}: {error})") from error
+
+
+@dataclass(frozen=True)
+class BagMessage:
+    """One message of a bag, read from CDR only where it is asked for."""
+
+    topic: str
+    type_name: str
+    time_ns: int
+    cdr: bytes
+    bag: "OpenBag"
+
+    def read(self) -> Any:
+        """The message with the definition that is in the bag; BagError where it does not fit."""
+        with damage_refused(self.bag.path):
+            return self.bag.reader.deserialize(self.cdr, self.type_name)
+
+
+class OpenBag:
+    """A bag that is open for reading."""
+
+    def __init__(self, path: Path, reader: AnyReader) -> None:
+        self.path = path
+        self.reader = reader
+        self.type_names = {connection.topic: connection.msgtype for connection in reader.connections}
+        self._stamped = {name for name in set(self.type_names.values()) if _starts_with_stamp(reader.typestore, name)}
+
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
+        """Messages in the order of simulated time, of the given topics only where these are named.
+
+        Raises:
+            BagError: The bag is damaged at the place that has been reached.
+        """
+        wanted = [item for item in self.reader.connections if topics is None or item.topic in topics]
+        if not wanted:
+            return
+        with damage_refused(self.path):
+            for connection, time_ns, cdr in self.reader.messages(wanted):
+                yield BagMessage(connection.topic, connection.msgtype, time_ns, cdr, self)
+
+    def stamp_ns(self, message: BagMessage) -> int | None:
+        """The stamp inside a message whose type begins with one, without reading the whole message."""
+        enough = len(message.cdr) >= _ENCAPSULATION_BYTES + _STAMP.size
+        if message.type_name not in self._stamped or not enough or message.cdr[:2] != _LITTLE_ENDIAN_CDR:
+            return None
+        sec, nanosec = _STAMP.unpack_from(message.cdr, _ENCAPSULATION_BYTES)
+        return int(sec) * 1_000_000_000 + int(nanosec)
+
+
+def _starts_with_stamp(store: Typestore, type_name: str) -> bool:
+    _, fields = store.fielddefs[type_name]
+    if not fields:
+        return False
+    kind, detail = fields[0][1]
+    return kind == Nodetype.NAME and detail in _STAMPED_FIRST
+
+
+@contextmanager
+def open_bag(path: Path) -> Iterator[OpenBag]:
+    """Opens a bag for reading.
+
+    Raises:
+        BagError: The folder is missing, is not a rosbag2 bag, or is damaged.
+    """
+    if not path.is_dir():
+        raise BagError(str(path), "a folder that exists, of a recorded episode")
+    if not (path / METADATA_FILE).is_file():
+        allowed = f"a rosbag2 folder with {METADATA_FILE}"
+        cut_off = "; this one was cut off while it was written" if any(path.glob("*.mcap")) else ""
+        raise BagError(str(path), allowed + cut_off)
+    with damage_refused(path):
+        reader = AnyReader([path])
+        reader.open()
+    try:
+        yield OpenBag(path, reader)
+    finally:
+        reader.close()
+
+
+def read_episode(path: Path) -> EpisodeRecord:
+    """The record of an episode.
+
+    Raises:
+        BagError: As ``open_bag``; or the bag holds no episode of this program's, or lacks its map.
+    """
+    builder = RecordBuilder()
+    record_topics = {topic.name: topic.type_name for topic in RECORD_TOPICS}
+    with open_bag(path) as bag:
+        for topic, type_name in record_topics.items():
+            if bag.type_names.get(topic, type_name) != type_name:
+                raise BagError(str(path), f"{topic} of type {type_name}, not {bag.type_names[topic]}")
+        for message in bag.messages():
+            builder.count(message.topic, message.type_name, message.time_ns, len(message.cdr), bag.stamp_ns(message))
+            if message.topic in record_topics:
+                decoded = message.read()
+                with damage_refused(path):
+                    builder.add(message.topic, decoded)
+        return builder.build(str(path))

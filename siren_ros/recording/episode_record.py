@@ -1,0 +1,149 @@
+"""An episode as its bag tells it: what evaluators, predicates, pictures and exporters work on."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorDescription, ActorStates, Codes, Floats, Ids
+from siren_ros.world.commands import VehicleCommands
+from siren_ros.world.episode import EpisodeDescription, EpisodeOutcome
+from siren_ros.world.events import Event, EventKind
+from siren_ros.world.road_network import RoadNetwork
+from siren_ros.world.traffic_state import TrafficState
+from siren_ros.world.units import STEP_S
+
+Steps = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class TopicRecord:
+    """What a bag holds of one topic."""
+
+    name: str
+    type_name: str
+    count: int
+    size_bytes: int
+    """Serialised, before compression."""
+    times_ns: Steps
+    """Log time of every message, in order."""
+    stamp_mismatches: int
+    """Messages whose own stamp is not their log time; types without a leading stamp have none."""
+
+
+@dataclass(frozen=True)
+class StateRows:
+    """States of one or many actors over time: the columns of ``ActorStates`` with a step for each row.
+
+    All arrays have shape ``(M,)``, in the frame and units of ``ActorStates``.
+    """
+
+    step: Steps
+    actor_id: Ids
+    x_m: Floats
+    y_m: Floats
+    z_m: Floats
+    yaw_rad: Floats
+    vx_mps: Floats
+    vy_mps: Floats
+    yaw_rate_radps: Floats
+    accel_mps2: Floats
+    lateral_accel_mps2: Floats
+    steer_rad: Floats
+    throttle: Floats
+    brake: Floats
+    owner: Codes
+    mode: Codes
+    lights: Codes
+    residual_m: Floats
+
+    def __len__(self) -> int:
+        return len(self.step)
+
+    @property
+    def time_s(self) -> Floats:
+        """Simulated time of each row."""
+        return self.step * STEP_S
+
+    @property
+    def speed_mps(self) -> Floats:
+        """Speed over ground of each row."""
+        return np.hypot(self.vx_mps, self.vy_mps)
+
+    @property
+    def xy_m(self) -> Floats:
+        """Positions, shape ``(M, 2)``."""
+        return np.stack((self.x_m, self.y_m), axis=-1)
+
+    def select(self, rows: npt.NDArray[np.bool_] | npt.NDArray[np.intp]) -> "StateRows":
+        """The given rows (a mask or indices)."""
+        arrays: dict[str, Any] = {name: getattr(self, name)[rows] for name in ACTOR_STATE_DTYPES}
+        return StateRows(step=self.step[rows], **arrays)
+
+
+@dataclass(frozen=True)
+class EpisodeRecord:
+    """A whole episode. Tuples over steps are in the order of time."""
+
+    description: EpisodeDescription
+    network: RoadNetwork
+    actors: Mapping[int, ActorDescription]
+    states: tuple[ActorStates, ...]
+    traffic: tuple[TrafficState, ...]
+    commands: Mapping[str, tuple[VehicleCommands, ...]]
+    """By the name of the controlling node."""
+    events: tuple[Event, ...]
+    outcome: EpisodeOutcome | None
+    complete: bool
+    """Whether the episode ended as planned and every step has its actor states."""
+    topics: Mapping[str, TopicRecord]
+    """By topic name; empty where a live episode's messages were not counted."""
+
+    @property
+    def steps(self) -> int:
+        """Number of recorded steps."""
+        return len(self.states)
+
+    @property
+    def duration_s(self) -> float:
+        """Simulated time of the recorded steps."""
+        return self.steps * STEP_S
+
+    @property
+    def emv_ids(self) -> tuple[int, ...]:
+        """Emergency vehicles of the episode."""
+        return self.description.emv_ids or tuple(sorted(key for key, actor in self.actors.items() if actor.is_emv))
+
+    @cached_property
+    def rows(self) -> StateRows:
+        """All states, sorted by actor and then by step."""
+        columns = {
+            name: np.concatenate([getattr(state, name) for state in self.states]) if self.states else np.empty(0, dtype)
+            for name, dtype in ACTOR_STATE_DTYPES.items()
+        }
+        numbers = np.array([state.step for state in self.states], dtype=np.int64)
+        step = np.repeat(numbers, [len(state) for state in self.states])
+        order = np.lexsort((step, columns["actor_id"]))
+        arrays: dict[str, Any] = {name: values[order] for name, values in columns.items()}
+        return StateRows(step=step[order], **arrays)
+
+    def track(self, actor_id: int) -> StateRows:
+        """One actor's states in the order of time; empty for an unknown actor."""
+        first, last = np.searchsorted(self.rows.actor_id, [actor_id, actor_id + 1])
+        return self.rows.select(np.arange(first, last))
+
+    def events_of(self, kind: EventKind) -> tuple[Event, ...]:
+        """The events of one kind, in the order of time."""
+        return tuple(event for event in self.events if event.kind is kind)
+
+    def signal_states(self, signal_id: str) -> Mapping[int, str]:
+        """State string of a traffic light by step; empty for an unknown signal."""
+        return {
+            traffic.step: signal.state
+            for traffic in self.traffic
+            for signal in traffic.signals
+            if signal.signal_id == signal_id
+        }

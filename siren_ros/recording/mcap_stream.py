@@ -1,0 +1,181 @@
+"""MCAP files written chunk by chunk, with the compression level that the recorder needs.
+
+The record types are those of the ``mcap`` package. Its own ``Writer`` compresses with a fixed level in
+the caller's thread, and so does rosbags' writer; here whole chunks are handed over, so that another
+thread can serialise, compress and write them. Format: https://mcap.dev/spec
+"""
+
+import struct
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from io import RawIOBase
+from typing import Final
+
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    Channel,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    MessageIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+
+MAGIC: Final = b"\x89MCAP0\r\n"
+PROFILE: Final = "ros2"
+LIBRARY: Final = "siren_ros"
+_COMPRESSION: Final = "zstd"
+_MESSAGE_HEADER: Final = struct.Struct("<BQHIQQ")
+
+
+@dataclass(frozen=True)
+class ChannelMessage:
+    """One message on its way into a chunk."""
+
+    channel_id: int
+    sequence: int
+    time_ns: int
+    data: bytes
+
+
+@dataclass(frozen=True)
+class ChunkContent:
+    """What one chunk holds: schemas and channels that are new with it, then messages."""
+
+    schemas: tuple[Schema, ...]
+    channels: tuple[Channel, ...]
+    messages: tuple[ChannelMessage, ...]
+
+
+class McapStream:
+    """Writes an MCAP file to a binary stream; the same chunks give the same bytes.
+
+    The stream is unbuffered (``buffering=0``): every chunk is with the operating system when it is
+    written, so that a file whose writer was killed can be read up to its last whole chunk.
+    """
+
+    def __init__(self, stream: RawIOBase, compression_level: int) -> None:
+        self._stream = stream
+        self._position = 0
+        self._whole = 0
+        # One thread and no dictionary: the compressed bytes depend on the content alone.
+        self._compressor = zstandard.ZstdCompressor(level=compression_level, threads=0)
+        self._schemas: list[Schema] = []
+        self._channels: list[Channel] = []
+        self._chunks: list[ChunkIndex] = []
+        self._counts: dict[int, int] = {}
+        self._write(MAGIC + _bytes_of([Header(PROFILE, LIBRARY)]))
+        self._whole = self._position
+
+    @property
+    def size_bytes(self) -> int:
+        """Bytes of whole chunks written so far, each with its index."""
+        return self._whole
+
+    def _write(self, data: bytes) -> None:
+        left = memoryview(data)
+        while left:
+            left = left[self._stream.write(left) :]
+        self._position += len(data)
+
+    def write_chunk(self, content: ChunkContent) -> None:
+        """Writes one chunk and the index of its messages; OSError where the disk refuses it."""
+        if not content.messages and not content.channels and not content.schemas:
+            return
+        head = _bytes_of([*content.schemas, *content.channels])
+        parts, offset = [head], len(head)
+        index: dict[int, list[tuple[int, int]]] = {}
+        for message in content.messages:
+            size = 22 + len(message.data)
+            parts.append(
+                _MESSAGE_HEADER.pack(
+                    Opcode.MESSAGE, size, message.channel_id, message.sequence, message.time_ns, message.time_ns
+                )
+            )
+            parts.append(message.data)
+            index.setdefault(message.channel_id, []).append((message.time_ns, offset))
+            offset += 9 + size
+        times = [message.time_ns for message in content.messages]
+        self._write_packed(b"".join(parts), index, min(times, default=0), max(times, default=0))
+        self._schemas += content.schemas
+        self._channels += content.channels
+        for channel_id, records in index.items():
+            self._counts[channel_id] = self._counts.get(channel_id, 0) + len(records)
+
+    def _write_packed(self, plain: bytes, index: dict[int, list[tuple[int, int]]], first_ns: int, last_ns: int) -> None:
+        packed = self._compressor.compress(plain)
+        name = _COMPRESSION.encode()
+        # The head of a Chunk record by hand, so that the packed bytes are not copied into it.
+        fields = struct.pack("<QQQII", first_ns, last_ns, len(plain), zlib.crc32(plain), len(name)) + name
+        fields += struct.pack("<Q", len(packed))
+        head = struct.pack("<BQ", Opcode.CHUNK, len(fields) + len(packed)) + fields
+        start, length = self._position, len(head) + len(packed)
+        offsets, indices = {}, b""
+        for channel_id, records in index.items():
+            offsets[channel_id] = start + length + len(indices)
+            indices += _bytes_of([MessageIndex(channel_id, records)])
+        for data in (head, packed, indices):
+            self._write(data)
+        self._whole = self._position
+        self._chunks.append(
+            ChunkIndex(
+                chunk_length=length,
+                chunk_start_offset=start,
+                compression=_COMPRESSION,
+                compressed_size=len(packed),
+                message_end_time=last_ns,
+                message_index_length=len(indices),
+                message_index_offsets=offsets,
+                message_start_time=first_ns,
+                uncompressed_size=len(plain),
+            )
+        )
+
+    def finish(self) -> None:
+        """Writes the summary and the end of the file; the stream stays open."""
+        self._write(_bytes_of([DataEnd(0)]))
+        summary_start = self._position
+        groups: tuple[tuple[Opcode, Sequence[McapRecord]], ...] = (
+            (Opcode.SCHEMA, self._schemas),
+            (Opcode.CHANNEL, self._channels),
+            (Opcode.STATISTICS, [self._statistics()]),
+            (Opcode.CHUNK_INDEX, self._chunks),
+        )
+        summary, offsets = b"", []
+        for opcode, records in groups:
+            data = _bytes_of(records)
+            offsets.append(SummaryOffset(opcode, summary_start + len(summary), len(data)))
+            summary += data
+        offset_start = summary_start + len(summary)
+        summary += _bytes_of(offsets)
+        footer_head = struct.pack("<BQQQ", Opcode.FOOTER, 20, summary_start, offset_start)
+        crc = zlib.crc32(footer_head, zlib.crc32(summary))
+        self._write(summary + _bytes_of([Footer(summary_start, offset_start, crc)]) + MAGIC)
+
+    def _statistics(self) -> Statistics:
+        return Statistics(
+            attachment_count=0,
+            channel_count=len(self._channels),
+            channel_message_counts=dict(sorted(self._counts.items())),
+            chunk_count=len(self._chunks),
+            message_count=sum(self._counts.values()),
+            metadata_count=0,
+            message_start_time=min((chunk.message_start_time for chunk in self._chunks), default=0),
+            message_end_time=max((chunk.message_end_time for chunk in self._chunks), default=0),
+            schema_count=len(self._schemas),
+        )
+
+
+def _bytes_of(records: Sequence[McapRecord]) -> bytes:
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    data: bytes = builder.end()  # type: ignore[no-untyped-call] # mcap leaves this one without annotations
+    return data

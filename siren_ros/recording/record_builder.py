@@ -1,0 +1,156 @@
+"""Builds an ``EpisodeRecord`` message by message: offline from a bag, or live beside the recorder."""
+
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+
+from siren_ros.interfaces import conversions
+from siren_ros.interfaces.topics import (
+    ACTORS,
+    EMV_COMMANDS,
+    EPISODE,
+    EVENTS,
+    MAP,
+    OUTCOME,
+    TRAFFIC,
+    YIELD_COMMANDS,
+)
+from siren_ros.recording.episode_record import EpisodeRecord, TopicRecord
+from siren_ros.world.actors import ActorDescription, ActorStates
+from siren_ros.world.commands import VehicleCommands
+from siren_ros.world.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
+from siren_ros.world.errors import BagError
+from siren_ros.world.events import Event
+from siren_ros.world.net_parser import parse_road_network
+from siren_ros.world.road_network import RoadNetwork
+from siren_ros.world.traffic_state import TrafficState
+
+RECORD_TOPICS: Final = (EPISODE, MAP, TRAFFIC, EMV_COMMANDS, YIELD_COMMANDS, ACTORS, EVENTS, OUTCOME)
+"""The topics that make up a record; all others are only counted."""
+
+
+class _TopicCounter:
+    def __init__(self, type_name: str) -> None:
+        self.type_name = type_name
+        self.times_ns: list[int] = []
+        self.size_bytes = 0
+        self.stamp_mismatches = 0
+
+
+class RecordBuilder:
+    """Collects an episode's messages; ``build`` gives the record of what has been added so far."""
+
+    def __init__(self) -> None:
+        self._description: EpisodeDescription | None = None
+        self._network: RoadNetwork | None = None
+        self._actors: dict[int, ActorDescription] = {}
+        self._states: list[ActorStates] = []
+        self._traffic: list[TrafficState] = []
+        self._commands: dict[str, list[VehicleCommands]] = {}
+        self._events: list[Event] = []
+        self._outcome: EpisodeOutcome | None = None
+        self._counters: dict[str, _TopicCounter] = {}
+        self._takers: dict[str, Callable[[Any], None]] = {
+            EPISODE.name: self._take_description,
+            MAP.name: self._take_map,
+            TRAFFIC.name: self._take_traffic,
+            EMV_COMMANDS.name: self._take_commands,
+            YIELD_COMMANDS.name: self._take_commands,
+            ACTORS.name: self._take_states,
+            EVENTS.name: self._take_events,
+            OUTCOME.name: self._take_outcome,
+        }
+
+    def add(self, topic: str, message: Any) -> None:
+        """Takes a message of any middleware's kind; topics outside ``RECORD_TOPICS`` are ignored."""
+        take = self._takers.get(topic)
+        if take is not None:
+            take(message)
+
+    def count(self, topic: str, type_name: str, time_ns: int, size_bytes: int, stamp_ns: int | None) -> None:
+        """Counts a message of any topic.
+
+        Args:
+            topic: Topic name.
+            type_name: Message type.
+            time_ns: Log time.
+            size_bytes: Serialised size.
+            stamp_ns: The message's own stamp, None where its type has none.
+        """
+        counter = self._counters.get(topic)
+        if counter is None:
+            counter = self._counters[topic] = _TopicCounter(type_name)
+        counter.times_ns.append(time_ns)
+        counter.size_bytes += size_bytes
+        counter.stamp_mismatches += stamp_ns is not None and stamp_ns != time_ns
+
+    def _take_description(self, message: Any) -> None:
+        self._description = conversions.from_episode_description(message)
+
+    def _take_map(self, message: Any) -> None:
+        self._network = parse_road_network(str(message.data).encode())
+
+    def _take_traffic(self, message: Any) -> None:
+        traffic = conversions.from_traffic_state(message)
+        self._traffic.append(traffic)
+        for actor in traffic.spawned:
+            self._actors[actor.actor_id] = actor
+
+    def _take_commands(self, message: Any) -> None:
+        commands = conversions.from_vehicle_commands(message)
+        self._commands.setdefault(commands.source, []).append(commands)
+
+    def _take_states(self, message: Any) -> None:
+        self._states.append(conversions.from_actor_states(message))
+
+    def _take_events(self, message: Any) -> None:
+        _, events = conversions.from_events(message)
+        self._events.extend(events)
+
+    def _take_outcome(self, message: Any) -> None:
+        self.set_outcome(conversions.from_episode_outcome(message))
+
+    def set_outcome(self, outcome: EpisodeOutcome) -> None:
+        """Takes the outcome as the recorder made it."""
+        self._outcome = outcome
+
+    def build(self, name: str = "episode") -> EpisodeRecord:
+        """The record of everything added so far.
+
+        Args:
+            name: What the messages came from, for the error.
+
+        Raises:
+            BagError: The episode's description or its map is missing.
+        """
+        if self._description is None:
+            raise BagError(name, f"a bag with an episode's description on {EPISODE.name}")
+        if self._network is None:
+            raise BagError(name, f"a bag with the episode's map on {MAP.name}")
+        steps = [state.step for state in self._states]
+        ended = self._outcome is not None and self._outcome.end is EpisodeEnd.COMPLETE
+        whole = steps == list(range(len(steps))) and self._outcome is not None and self._outcome.steps == len(steps)
+        return EpisodeRecord(
+            description=self._description,
+            network=self._network,
+            actors=dict(sorted(self._actors.items())),
+            states=tuple(self._states),
+            traffic=tuple(self._traffic),
+            commands={source: tuple(rows) for source, rows in sorted(self._commands.items())},
+            events=tuple(self._events),
+            outcome=self._outcome,
+            complete=ended and whole,
+            topics={topic: _topic_record(topic, counter) for topic, counter in sorted(self._counters.items())},
+        )
+
+
+def _topic_record(topic: str, counter: _TopicCounter) -> TopicRecord:
+    return TopicRecord(
+        name=topic,
+        type_name=counter.type_name,
+        count=len(counter.times_ns),
+        size_bytes=counter.size_bytes,
+        times_ns=np.array(counter.times_ns, dtype=np.int64),
+        stamp_mismatches=counter.stamp_mismatches,
+    )

@@ -1,0 +1,103 @@
+"""Records one episode: messages in any order in, a complete bag with its outcome out."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from rosbags.typesys.store import Typestore
+
+from siren_ros.interfaces.cdr import step_of_cdr
+from siren_ros.interfaces.conversions import to_episode_outcome
+from siren_ros.interfaces.lockstep_reports import EpisodeClosing
+from siren_ros.interfaces.rosbags_factory import RosbagsFactory
+from siren_ros.interfaces.topics import OUTCOME, Topic
+from siren_ros.recording.bag_writer import BagSummary, EpisodeBagWriter
+from siren_ros.recording.collector import CollectedMessage, StepCollector
+from siren_ros.recording.outcome import judge
+from siren_ros.recording.record_builder import RECORD_TOPICS, RecordBuilder
+from siren_ros.world.episode import EpisodeEnd, EpisodeOutcome
+from siren_ros.world.errors import EpisodeError
+from siren_ros.world.units import time_ns_of_step
+
+_DECODED = frozenset(topic.name for topic in RECORD_TOPICS)
+
+
+class EpisodeRecorder:
+    """Writes the bag of an episode step by step and judges the episode at its end."""
+
+    def __init__(self, path: Path, store: Typestore, latched: frozenset[str]) -> None:
+        """Open the bag under its temporary name.
+
+        Args:
+            path: Final folder of the bag.
+            store: Definitions of all recorded types.
+            latched: Names of the latched topics.
+
+        Raises:
+            BagError: The folder exists already or cannot be written.
+        """
+        self._store = store
+        self._writer = EpisodeBagWriter(path, store, latched)
+        self._builder = RecordBuilder()
+        self._collector: StepCollector | None = None
+        self._early: list[tuple[Topic, bytes]] = []
+        self.on_step_recorded: Callable[[int], None] = lambda _step: None
+
+    def expect(self, topics: tuple[Topic, ...]) -> None:
+        """Say which topics the episode has, in the order in which a step's messages are stored."""
+        self._collector = StepCollector(topics)
+        early, self._early = self._early, []
+        for topic, cdr in early:
+            self.take(topic, cdr)
+
+    def take(self, topic: Topic, cdr: bytes) -> None:
+        """Take a serialised message; everything that is complete by now is written.
+
+        Raises:
+            EpisodeError: A message that the episode does not expect, or a bag that cannot be written.
+        """
+        if self._collector is None:
+            self._early.append((topic, cdr))
+            return
+        self._collector.add(topic.name, 0 if topic.latched else step_of_cdr(topic, cdr), cdr)
+        done = self._collector.next_step
+        for message in self._collector.ready():
+            self._write(message)
+        for step in range(done, self._collector.next_step):
+            self.on_step_recorded(step)
+
+    def _write(self, message: CollectedMessage) -> None:
+        name, type_name = message.topic.name, message.topic.type_name
+        self._writer.write(name, type_name, message.cdr, time_ns_of_step(message.step))
+        if name in _DECODED:
+            self._builder.add(name, self._store.deserialize_cdr(message.cdr, type_name))
+
+    def missing(self, step: int) -> str:
+        """Which messages of a step have not arrived, with their publishers; for the error that names them."""
+        if self._collector is None:
+            return "the episode's description"
+        return ", ".join(str(item) for item in self._collector.missing(step))
+
+    def close(self, closing: EpisodeClosing) -> tuple[EpisodeOutcome, BagSummary, Any]:
+        """Judge the episode and close its bag.
+
+        Returns:
+            The outcome, the closed bag, and the outcome as a message.
+
+        Raises:
+            EpisodeError: The bag cannot be completed. What was recorded stays readable under a partial name.
+        """
+        if closing.end is not EpisodeEnd.COMPLETE and self._collector is not None:
+            for message in self._collector.drain():
+                self._write(message)
+        outcome = judge(self._builder, closing)
+        message = to_episode_outcome(RosbagsFactory(self._store), outcome)
+        cdr = bytes(self._store.serialize_cdr(message, OUTCOME.type_name))
+        try:
+            self._writer.write(OUTCOME.name, OUTCOME.type_name, cdr, time_ns_of_step(max(closing.steps - 1, 0)))
+            if closing.end is EpisodeEnd.COMPLETE:
+                return outcome, self._writer.finish(), message
+        except EpisodeError as error:
+            self._writer.abandon(str(error))
+            raise
+        return outcome, self._writer.abandon(closing.reason), message

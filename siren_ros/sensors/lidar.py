@@ -1,0 +1,243 @@
+"""A rotating LiDAR: one sweep of the scene at one instant."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.interfaces.point_cloud import LIDAR_POINT_DTYPE
+from siren_ros.sensors import lidar_loops as loops
+from siren_ros.sensors.mount import Matrix, inverse
+from siren_ros.sensors.noise import sensor_generator
+from siren_ros.sensors.placement import Placement
+from siren_ros.sensors.raycast_world import RaycastWorld
+from siren_ros.sensors.reflectivity import REFLECTIVITY
+from siren_ros.sensors.suite import LidarSpec
+
+_ATTENUATION_STEPS_PER_M: Final = 16.0
+_GRID_OF_UNIT: Final = 1.5 * 2.0**23
+"""Adding this to a float32 leaves no bits below 1 (float32 has a 24-bit significand)."""
+_MIN_AXIS_DISTANCE_M: Final = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class LidarSweep:
+    """The returns of one rotation."""
+
+    sensor: str
+    step: int
+    points: npt.NDArray[np.void]
+    """Records of dtype ``LIDAR_POINT_DTYPE`` in firing order, shape ``(P,)``: metres in the sensor's frame, intensity
+    0–1, seconds relative to the stamp (≤ 0), ring (0 lowest), actor hit (0: static scene)."""
+    actor_id: npt.NDArray[np.uint32]
+    """Vehicles within range, sorted, shape ``(N,)``."""
+    points_on_actor: npt.NDArray[np.int64]
+    """Returns on each of them, shape ``(N,)``."""
+
+    @property
+    def payload(self) -> memoryview:
+        """The points as bytes, not copied."""
+        return self.points.view(np.uint8).data
+
+
+@dataclass(frozen=True)
+class CarrierMotion:
+    """How the carrier moves while the beams turn; used where the suite asks for motion distortion."""
+
+    vx_mps: float = 0.0
+    vy_mps: float = 0.0
+    yaw_rate_radps: float = 0.0
+
+
+def beam_pattern(spec: LidarSpec) -> loops.Pattern:
+    """Directions, times and rings of one rotation.
+
+    The beams are equally spaced in elevation from the lower to the upper limit, both included. Columns turn
+    clockwise seen from above, as rotating LiDARs do, from straight back over the left side and the front; the last
+    one fires at the sweep's stamp.
+    """
+    columns = spec.columns
+    elevation = np.linspace(spec.lower_fov_rad, spec.upper_fov_rad, spec.channels)
+    azimuth = np.pi - 2.0 * np.pi * np.arange(columns) / columns
+    az, el = np.meshgrid(azimuth, elevation, indexing="ij")
+    directions = np.stack((np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)), axis=-1)
+    time_s = (np.arange(columns) - (columns - 1)) / (columns * spec.rate_hz)
+    return loops.Pattern(
+        directions=np.ascontiguousarray(directions.reshape(-1, 3), dtype=np.float32),
+        column_time_s=time_s.astype(np.float32),
+        ring=np.arange(spec.channels, dtype=np.uint16),
+    )
+
+
+class Lidar:
+    """One sensor on one carrier. Holds scratch memory, so one sweep at a time."""
+
+    def __init__(self, spec: LidarSpec, world: RaycastWorld, seed: int) -> None:
+        """Prepare the beam pattern; ``seed`` is the episode's."""
+        self.spec = spec
+        self._world = world
+        self._seed = seed
+        self.pattern = beam_pattern(spec)
+        rays = len(self.pattern.directions)
+        self._rays = np.empty((rays, 6), np.float32)
+        self._vehicle = np.empty(rays, np.int32)
+        self._shape_triangle = np.empty(rays, np.uint32)
+        self._cosine = np.empty(rays, np.float32)
+        self._candidates = _room_for(rays // 4)
+        self._surfaces = loops.Surfaces(world.static_material, world.shape_material, REFLECTIVITY)
+        distances = np.arange(int(spec.range_m * _ATTENUATION_STEPS_PER_M) + 2) / _ATTENUATION_STEPS_PER_M
+        self._attenuation = np.exp(-spec.atmosphere_attenuation_per_m * distances).astype(np.float32)
+        self._frozen_time = np.zeros_like(self.pattern.column_time_s)
+
+    def rays(self, map_from_lidar: Matrix, motion: CarrierMotion | None = None) -> npt.NDArray[np.float32]:
+        """Origin and direction of every beam in the ``map`` frame, shape ``(R, 6)``; overwritten by the next call."""
+        loops.aim(self.pattern.directions, self._column_poses(map_from_lidar, motion), self._rays)
+        return self._rays
+
+    def scan(
+        self, step: int, map_from_lidar: Matrix, placement: Placement, motion: CarrierMotion | None = None
+    ) -> LidarSweep:
+        """One rotation that ends at ``step``, from a pose of the sensor (``(4, 4)``), with the vehicles placed.
+
+        Without motion distortion everything stands still at the stamp, as in CARLA's synchronous mode, and the points'
+        times say when the beam would have fired.
+        """
+        spec, pattern = self.spec, self.pattern
+        rays = self.rays(map_from_lidar, motion)
+        static = self._world.cast_static(rays)
+        hits = loops.Hits(
+            static.distance, static.normal, static.triangle, self._vehicle, self._shape_triangle, self._cosine
+        )
+        hits.vehicle.fill(0)
+        near = np.flatnonzero(self._in_range(map_from_lidar, placement))
+        vehicles = self._vehicles(map_from_lidar, placement, near)
+        if len(near):
+            candidates = self._find_candidates(rays, static.distance, vehicles)
+            found = self._world.cast_shapes(candidates.rays)
+            loops.merge_vehicles(candidates, found.distance, found.normal, found.triangle, vehicles, hits)
+        buffer = np.empty(len(rays), LIDAR_POINT_DTYPE)
+        count_on = np.zeros(len(near), np.int64)
+        written = loops.pack_points(
+            rays, pattern, hits, vehicles, self._surfaces, self._receiver(step), _records(buffer), count_on
+        )
+        return LidarSweep(spec.name, step, buffer[:written], placement.actor_id[near], count_on)
+
+    def _column_poses(self, map_from_lidar: Matrix, motion: CarrierMotion | None) -> npt.NDArray[np.float32]:
+        """Pose of the sensor at each column, shape ``(C, 3, 4)``."""
+        columns = len(self.pattern.column_time_s)
+        if not self.spec.motion_distortion or motion is None:
+            return np.ascontiguousarray(np.broadcast_to(map_from_lidar[:3].astype(np.float32), (columns, 3, 4)))
+        time_s = self.pattern.column_time_s.astype(np.float64)
+        turn = motion.yaw_rate_radps * time_s
+        base = map_from_lidar @ inverse(self.spec.mount.base_from_sensor)
+        cos, sin, zero, one = np.cos(turn), np.sin(turn), np.zeros(columns), np.ones(columns)
+        rotation = np.stack((cos, -sin, zero, sin, cos, zero, zero, zero, one), axis=-1).reshape(-1, 3, 3)
+        arm = map_from_lidar[:3, 3] - base[:3, 3]
+        poses = np.empty((columns, 3, 4), np.float32)
+        poses[:, :, :3] = rotation @ map_from_lidar[:3, :3]
+        shift = np.stack((motion.vx_mps * time_s, motion.vy_mps * time_s, zero), axis=-1)
+        poses[:, :, 3] = base[:3, 3] + shift + rotation @ arm
+        return poses
+
+    def _in_range(self, map_from_lidar: Matrix, placement: Placement) -> npt.NDArray[np.bool_]:
+        reach = self.spec.range_m + np.linalg.norm(placement.size_m, axis=1) / 2.0
+        return placement.distance_m(map_from_lidar[0, 3], map_from_lidar[1, 3]) < reach
+
+    def _vehicles(self, map_from_lidar: Matrix, placement: Placement, near: npt.NDArray[np.intp]) -> loops.Vehicles:
+        world = self._world
+        rows = world.shape_rows(placement.actor_class[near])
+        pose = np.stack((placement.x_m, placement.y_m, placement.z_m, placement.yaw_rad), axis=1)[near]
+        motion = np.stack((placement.vx_mps, placement.vy_mps, placement.yaw_rate_radps), axis=1)[near]
+        return loops.Vehicles(
+            window=self._windows(map_from_lidar, pose, placement.size_m[near], motion),
+            pose=pose,
+            motion=motion,
+            scale=placement.scale[near].astype(np.float32),
+            bounds=world.shape_bounds_m[rows],
+            offset=world.shape_offset_m[rows],
+            first_triangle=world.shape_start[rows].astype(np.int64),
+            actor_id=placement.actor_id[near],
+        )
+
+    def _windows(
+        self,
+        map_from_lidar: Matrix,
+        pose: npt.NDArray[np.float64],
+        size_m: npt.NDArray[np.float64],
+        motion: npt.NDArray[np.float64],
+    ) -> npt.NDArray[np.int64]:
+        """Columns and rings that can meet each vehicle's bounding cylinder, shape ``(N, 4)``, never too few.
+
+        Bounding spheres about the box's centre, seen in the sensor's frame: the azimuth of a sphere of radius r at
+        horizontal distance d spans ± asin(r / d), its elevation ± asin(r / distance).
+        """
+        spec, columns, rings = self.spec, len(self.pattern.column_time_s), self.spec.channels
+        centre = pose[:, :3] + np.stack((np.zeros(len(pose)), np.zeros(len(pose)), size_m[:, 2] / 2.0), axis=1)
+        seen = (centre - map_from_lidar[:3, 3]) @ map_from_lidar[:3, :3]
+        radius = np.linalg.norm(size_m, axis=1) / 2.0
+        if spec.motion_distortion:
+            radius = radius + (np.hypot(motion[:, 0], motion[:, 1]) + radius * np.abs(motion[:, 2])) / spec.rate_hz
+        flat = np.hypot(seen[:, 0], seen[:, 1])
+        half_azimuth = np.where(flat > radius, np.arcsin(np.minimum(1.0, radius / np.maximum(flat, 1e-9))), np.pi)
+        step = 2.0 * np.pi / columns
+        middle = (np.pi - np.arctan2(seen[:, 1], seen[:, 0])) / step
+        first = np.floor(middle - half_azimuth / step).astype(np.int64)
+        count = np.minimum(columns, np.ceil(2.0 * half_azimuth / step).astype(np.int64) + 2)
+        distance = np.maximum(np.linalg.norm(seen, axis=1), _MIN_AXIS_DISTANCE_M)
+        half_elevation = np.where(distance > radius, np.arcsin(np.minimum(1.0, radius / distance)), np.pi)
+        elevation = np.arctan2(seen[:, 2], flat)
+        beams = np.linspace(spec.lower_fov_rad, spec.upper_fov_rad, rings)
+        low = np.searchsorted(beams, elevation - half_elevation)
+        high = np.searchsorted(beams, elevation + half_elevation, side="right")
+        return np.stack((first % columns, count, low, high), axis=1).astype(np.int64)
+
+    def _find_candidates(
+        self, rays: npt.NDArray[np.float32], distance: npt.NDArray[np.float32], vehicles: loops.Vehicles
+    ) -> loops.Candidates:
+        times = self.pattern.column_time_s if self.spec.motion_distortion else self._frozen_time
+        found = loops.select_candidates(rays, distance, times, vehicles, self._candidates)
+        if found > len(self._candidates.ray):
+            self._candidates = _room_for(2 * found)
+            loops.select_candidates(rays, distance, times, vehicles, self._candidates)
+        room = self._candidates
+        return loops.Candidates(room.rays[:found], room.ray[:found], room.vehicle[:found])
+
+    def _receiver(self, step: int) -> loops.Receiver:
+        """Noise of one step: drawn afresh from (seed, sensor, step), so it does not depend on what came before."""
+        spec = self.spec
+        none = np.empty(0, np.float32)
+        noise = draw = none
+        dropping = spec.dropoff_general_rate > 0.0 or spec.dropoff_zero_intensity > 0.0
+        if spec.noise_stddev_m > 0.0 or dropping:
+            rng = sensor_generator(self._seed, spec.name, step)
+            count = len(self.pattern.directions)
+            noise = rng.standard_normal(count, np.float32) * np.float32(spec.noise_stddev_m)
+            draw = rng.random(count, np.float32) if dropping else none
+        limits = (spec.dropoff_general_rate, spec.dropoff_intensity_limit, spec.dropoff_zero_intensity)
+        resolution = 2.0 ** round(np.log2(spec.resolution_m)) if spec.resolution_m > 0.0 else 0.0
+        return loops.Receiver(
+            range_m=spec.range_m,
+            attenuation=self._attenuation,
+            steps_per_m=_ATTENUATION_STEPS_PER_M,
+            grid=_GRID_OF_UNIT * resolution,
+            range_noise_m=noise,
+            draw=draw,
+            dropoff=np.array(limits, np.float32),
+        )
+
+
+def _room_for(count: int) -> loops.Candidates:
+    return loops.Candidates(
+        rays=np.empty((count, 6), np.float32), ray=np.empty(count, np.int32), vehicle=np.empty(count, np.int32)
+    )
+
+
+def _records(buffer: npt.NDArray[np.void]) -> loops.Records:
+    """The buffer of points as two-dimensional arrays of each element type."""
+    flat = buffer.view(np.uint8)
+    rows = len(buffer)
+    return loops.Records(
+        f4=flat.view(np.float32).reshape(rows, -1),
+        u2=flat.view(np.uint16).reshape(rows, -1),
+    )

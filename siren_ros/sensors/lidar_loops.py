@@ -1,0 +1,257 @@
+"""The LiDAR's loops over rays, over named tuples of C-contiguous arrays.
+
+R rays run column by column and, within a column, ring by ring. A sweep has C columns; N vehicles may be hit.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from siren_ros.sensors.compiled import compiled
+
+Array = Any
+"""A numpy array; numba compiles for the element types that it is given."""
+
+
+class Pattern(NamedTuple):
+    """Where the beams point and when: fixed for a sensor."""
+
+    directions: Array
+    """Unit vectors in the sensor's frame, float32 (R, 3)."""
+    column_time_s: Array
+    """Time of each column relative to the sweep's stamp, float32 (C,)."""
+    ring: Array
+    """Ring number of each ray of a column, uint16 (R / C,)."""
+
+
+class Vehicles(NamedTuple):
+    """The vehicles near enough to be hit."""
+
+    window: Array
+    """First column, number of columns (cyclic), first and end position within a column, int64 (N, 4)."""
+    pose: Array
+    """x, y, z, yaw at the sweep's stamp, float64 (N, 4)."""
+    motion: Array
+    """vx, vy, yaw rate while the beams turn, float64 (N, 3)."""
+    scale: Array
+    """Of the shape, per axis, float32 (N, 3)."""
+    bounds: Array
+    """Lowest and highest corner of the shape in its own frame, float32 (N, 2, 3)."""
+    offset: Array
+    """Place of the shape in the shapes' common tree, float32 (N, 3)."""
+    first_triangle: Array
+    """Of the shape, in ``Surfaces.shape_material``, int64 (N,)."""
+    actor_id: Array
+    """uint32 (N,)."""
+
+
+class Candidates(NamedTuple):
+    """Rays that may hit a vehicle."""
+
+    rays: Array
+    """In the coordinates of the shapes' tree, float32 (M, 6)."""
+    ray: Array
+    """Index of the ray in the sweep, int32 (M,)."""
+    vehicle: Array
+    """Row of the vehicle, int32 (M,)."""
+
+
+class Hits(NamedTuple):
+    """The nearest hit of each ray of the sweep."""
+
+    distance: Array
+    """float32 (R,)."""
+    normal: Array
+    """Of static hits, float32 (R, 3)."""
+    static_triangle: Array
+    """uint32 (R,)."""
+    vehicle: Array
+    """Row of the vehicle hit + 1, 0 on the static scene, int32 (R,)."""
+    shape_triangle: Array
+    """Of vehicle hits, uint32 (R,)."""
+    cosine: Array
+    """Of the angle of incidence of vehicle hits, float32 (R,)."""
+
+
+class Surfaces(NamedTuple):
+    """What the triangles are made of and how that reflects."""
+
+    static_material: Array
+    shape_material: Array
+    reflectivity: Array
+    """By material, float32."""
+
+
+class Receiver(NamedTuple):
+    """How returns become points."""
+
+    range_m: float
+    attenuation: Array
+    """Transmittance tabulated over distance, float32."""
+    steps_per_m: float
+    grid: float
+    """1.5 · 2²³ times the coordinates' resolution, so that adding and subtracting it rounds to that; or 0."""
+    range_noise_m: Array
+    """float32 (R,) or empty."""
+    draw: Array
+    """Uniform numbers that decide the drop-off, float32 (R,) or empty."""
+    dropoff: Array
+    """General rate, intensity limit, rate at zero intensity, float32 (3,)."""
+
+
+class Records(NamedTuple):
+    """One buffer of ``LIDAR_POINT_DTYPE``, seen as each element type."""
+
+    f4: Array
+    """float32 (R, 6): x, y, z, intensity, time; the last is not used."""
+    u2: Array
+    """uint16 (R, 12): ring at 10, actor at 11."""
+
+
+@compiled
+def aim(directions: Array, map_from_lidar: Array, rays: Array) -> None:
+    """Fill ``rays`` (R, 6) with origin and direction in the ``map`` frame; the poses have shape (C, 3, 4)."""
+    rings = directions.shape[0] // map_from_lidar.shape[0]
+    for column in range(map_from_lidar.shape[0]):
+        m = map_from_lidar[column]
+        for i in range(column * rings, (column + 1) * rings):
+            x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
+            rays[i, 0] = m[0, 3]
+            rays[i, 1] = m[1, 3]
+            rays[i, 2] = m[2, 3]
+            rays[i, 3] = m[0, 0] * x + m[0, 1] * y + m[0, 2] * z
+            rays[i, 4] = m[1, 0] * x + m[1, 1] * y + m[1, 2] * z
+            rays[i, 5] = m[2, 0] * x + m[2, 1] * y + m[2, 2] * z
+
+
+@compiled
+def _entry(bounds: Array, origin: Array, direction: Array) -> np.float32:
+    """Parameter at which a ray enters an axis-aligned box, infinite where it misses (slab method)."""
+    near = np.float32(0.0)
+    far = np.float32(np.inf)
+    for axis in range(3):
+        o, d = origin[axis], direction[axis]
+        if d == np.float32(0.0):
+            if o < bounds[0, axis] or o > bounds[1, axis]:
+                return np.float32(np.inf)
+        else:
+            inverse = np.float32(1.0) / d
+            a = (bounds[0, axis] - o) * inverse
+            b = (bounds[1, axis] - o) * inverse
+            near = max(near, min(a, b))
+            far = min(far, max(a, b))
+    return np.float32(near) if near <= far else np.float32(np.inf)
+
+
+@compiled
+def select_candidates(rays: Array, distance: Array, column_time_s: Array, vehicles: Vehicles, out: Candidates) -> int:
+    """Find the rays that enter a vehicle's bounding box before ``distance`` (R,); returns how many there are.
+
+    As many as ``out`` has room for are written; where there are more the caller comes again with more room.
+    """
+    rings = rays.shape[0] // column_time_s.shape[0]
+    found = 0
+    for v in range(vehicles.pose.shape[0]):
+        one = np.float32(1.0)
+        sx, sy, sz = one / vehicles.scale[v, 0], one / vehicles.scale[v, 1], one / vehicles.scale[v, 2]
+        first_column, columns = vehicles.window[v, 0], vehicles.window[v, 1]
+        low, high = vehicles.window[v, 2], vehicles.window[v, 3]
+        for k in range(columns):
+            column = (first_column + k) % column_time_s.shape[0]
+            t = column_time_s[column]
+            yaw = vehicles.pose[v, 3] + vehicles.motion[v, 2] * t
+            cos, sin = np.float32(np.cos(yaw)), np.float32(np.sin(yaw))
+            first = column * rings
+            rx = np.float32(rays[first, 0] - vehicles.pose[v, 0] - vehicles.motion[v, 0] * t)
+            ry = np.float32(rays[first, 1] - vehicles.pose[v, 1] - vehicles.motion[v, 1] * t)
+            rz = np.float32(rays[first, 2] - vehicles.pose[v, 2])
+            o = ((cos * rx + sin * ry) * sx, (cos * ry - sin * rx) * sy, rz * sz)
+            for i in range(first + low, first + high):
+                x, y = rays[i, 3], rays[i, 4]
+                d = ((cos * x + sin * y) * sx, (cos * y - sin * x) * sy, rays[i, 5] * sz)
+                if _entry(vehicles.bounds[v], o, d) < distance[i]:
+                    if found < out.ray.shape[0]:
+                        for axis in range(3):
+                            out.rays[found, axis] = o[axis] + vehicles.offset[v, axis]
+                            out.rays[found, 3 + axis] = d[axis]
+                        out.ray[found] = i
+                        out.vehicle[found] = v
+                    found += 1
+    return found
+
+
+@compiled
+def merge_vehicles(  # compiled code is called with positions
+    candidates: Candidates, distance: Array, normal: Array, triangle: Array, vehicles: Vehicles, hits: Hits
+) -> None:
+    """Where a candidate's vehicle lies nearer than the ray's nearest hit so far, it becomes the nearest hit."""
+    for j in range(distance.shape[0]):
+        i = candidates.ray[j]
+        if distance[j] < hits.distance[i]:
+            v = candidates.vehicle[j]
+            hits.distance[i] = distance[j]
+            hits.vehicle[i] = v + 1
+            hits.shape_triangle[i] = triangle[j]
+            along = np.float32(0.0)
+            square = np.float32(0.0)
+            for axis in range(3):
+                n = normal[j, axis]
+                along += n * candidates.rays[j, 3 + axis]
+                square += (n / vehicles.scale[v, axis]) ** 2
+            hits.cosine[i] = abs(along) / np.sqrt(square)
+
+
+@compiled
+def _is_dropped(intensity: float, draw: float, dropoff: Array) -> bool:
+    """Whether a return is lost: at random, or because it is weak (CARLA's documentation of its LiDAR)."""
+    rate = dropoff[0]
+    if intensity < dropoff[1]:
+        rate = 1.0 - (1.0 - rate) * (1.0 - dropoff[2] * (1.0 - intensity / dropoff[1]))
+    return draw < rate
+
+
+@compiled
+def pack_points(  # compiled code is called with positions
+    rays: Array,
+    pattern: Pattern,
+    hits: Hits,
+    vehicles: Vehicles,
+    surfaces: Surfaces,
+    receiver: Receiver,
+    out: Records,
+    count_on: Array,
+) -> int:
+    """Write one record per return and count the returns on each vehicle; returns how many were written."""
+    rings = pattern.ring.shape[0]
+    levels = np.float32(255.0)
+    grid = np.float32(receiver.grid)
+    written = 0
+    for i in range(rays.shape[0]):
+        t = hits.distance[i]
+        if not t <= receiver.range_m:
+            continue
+        row = hits.vehicle[i] - 1
+        if row >= 0:
+            material = surfaces.shape_material[vehicles.first_triangle[row] + hits.shape_triangle[i]]
+            cosine = hits.cosine[i]
+        else:
+            material = surfaces.static_material[hits.static_triangle[i]]
+            n = hits.normal[i]
+            cosine = abs(n[0] * rays[i, 3] + n[1] * rays[i, 4] + n[2] * rays[i, 5])
+        intensity = surfaces.reflectivity[material] * cosine * receiver.attenuation[int(t * receiver.steps_per_m)]
+        if receiver.draw.shape[0] > 0 and _is_dropped(intensity, receiver.draw[i], receiver.dropoff):
+            continue
+        if receiver.range_noise_m.shape[0] > 0:
+            t = max(np.float32(0.0), t + receiver.range_noise_m[i])
+        for axis in range(3):
+            out.f4[written, axis] = (pattern.directions[i, axis] * t + grid) - grid
+        out.f4[written, 3] = np.float32(int(intensity * levels + np.float32(0.5))) / levels
+        out.f4[written, 4] = pattern.column_time_s[i // rings]
+        out.u2[written, 10] = pattern.ring[i % rings]
+        if row >= 0:
+            out.u2[written, 11] = vehicles.actor_id[row]
+            count_on[row] += 1
+        else:
+            out.u2[written, 11] = 0
+        written += 1
+    return written

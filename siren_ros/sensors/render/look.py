@@ -1,0 +1,31 @@
+"""What the world looks like apart from its geometry: sun, sky, haze."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+
+@dataclass(frozen=True)
+class Look:
+    """Light and air. Colours are linear RGB; the defaults are a clear late morning."""
+
+    sun_azimuth_rad: float = 2.2
+    """Counter-clockwise from east, where the sun stands."""
+    sun_elevation_rad: float = 0.80
+    sun_colour: tuple[float, float, float] = (3.1, 2.8, 2.35)
+    zenith_colour: tuple[float, float, float] = (0.13, 0.29, 0.66)
+    horizon_colour: tuple[float, float, float] = (0.62, 0.72, 0.84)
+    ambient: float = 0.95
+    """Strength of the light from sky and ground."""
+    haze_per_m: float = 0.0016
+    cloud_cover: float = 0.45
+    """0 clear, 1 overcast."""
+
+    @property
+    def towards_sun(self) -> npt.NDArray[np.float64]:
+        """Unit vector from the ground to the sun, ``map`` frame, shape ``(3,)``."""
+        cos = np.cos(self.sun_elevation_rad)
+        return np.array(
+            [cos * np.cos(self.sun_azimuth_rad), cos * np.sin(self.sun_azimuth_rad), np.sin(self.sun_elevation_rad)]
+        )

@@ -1,0 +1,118 @@
+"""Vehicles on the graphics card: one mesh per class, drawn once per vehicle with its own pose, paint and lights."""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import moderngl
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import ConvexHull
+
+from siren_ros.sensors.placement import Placement
+from siren_ros.sensors.render import shaders
+from siren_ros.sensors.render.vertices import VERTEX, vertices_of
+from siren_ros.sensors.scene.material import SEMANTIC_CLASS_OF_MATERIAL, semantic_class_of_actor
+from siren_ros.sensors.scene.mesh import VehicleShape
+from siren_ros.world.actors import ActorClass
+
+_VERTEX: Final = np.dtype([("base", VERTEX), ("hub", "<f2", 4)])
+_VERTEX_FORMAT: Final = "3f 4f2 4f1 4f2"
+INSTANCE: Final = np.dtype([("rows", "<f4", (3, 4)), ("paint", "<f4", 4), ("motion", "<f4", 2), ("actor", "<u4", 2)])
+_INSTANCE_FORMAT: Final = "4f 4f 4f 4f 2f 2u4/i"
+_INSTANCE_NAMES: Final = ("in_row_x", "in_row_y", "in_row_z", "in_paint", "in_motion", "in_actor")
+_ROOM: Final = 64
+"""Vehicles of one class that the buffers first have room for."""
+
+
+def model_rows(placement: Placement) -> npt.NDArray[np.float32]:
+    """Rows of ``map_from_base`` with each shape's scale, shape ``(N, 3, 4)``."""
+    cos, sin = np.cos(placement.yaw_rad), np.sin(placement.yaw_rad)
+    zero = np.zeros(len(placement))
+    sx, sy, sz = placement.scale.T if len(placement) else (zero, zero, zero)
+    rows = (
+        (cos * sx, -sin * sy, zero, placement.x_m),
+        (sin * sx, cos * sy, zero, placement.y_m),
+        (zero, zero, sz, placement.z_m),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=1).astype(np.float32)
+
+
+def _vertices(shape: VehicleShape) -> npt.NDArray[np.void]:
+    """Body and wheels at rest; the wheels' vertices know their hub."""
+    wheels = [(w.mesh.translated(*w.hub_m), (*w.hub_m, 2.0 if w.steered else 1.0)) for w in shape.wheels]
+    parts = [(shape.body, (0.0, 0.0, 0.0, 0.0)), *wheels]
+    blocks = []
+    for mesh, hub in parts:
+        block = np.zeros(3 * len(mesh), _VERTEX)
+        block["base"] = vertices_of(mesh, SEMANTIC_CLASS_OF_MATERIAL)
+        block["hub"] = hub
+        blocks.append(block)
+    return np.concatenate(blocks)
+
+
+def _hull(shape: VehicleShape) -> npt.NDArray[np.float32]:
+    """Corners of the convex hull's triangles, the simple body that throws the shadow, shape ``(K, 3)``."""
+    points = shape.at_rest.vertices_m
+    return points[ConvexHull(points).simplices].reshape(-1, 3).astype(np.float32)
+
+
+class _Class:
+    """Buffers of one vehicle class."""
+
+    def __init__(self, context: moderngl.Context, shape: VehicleShape, program: Any, shadow_program: Any) -> None:
+        self._instances = context.buffer(reserve=_ROOM * INSTANCE.itemsize)
+        body = context.buffer(_vertices(shape).tobytes())
+        hull = context.buffer(_hull(shape).tobytes())
+        names = ("in_position", "in_normal", "in_colour", "in_hub")
+        self.array = context.vertex_array(
+            program, ((body, _VERTEX_FORMAT, *names), (self._instances, _INSTANCE_FORMAT, *_INSTANCE_NAMES))
+        )
+        self.shadow_array = context.vertex_array(
+            shadow_program,
+            ((hull, "3f", "in_position"), (self._instances, "4f 4f 4f 32x/i", *_INSTANCE_NAMES[:3])),
+        )
+        self.count = 0
+
+    def write(self, instances: npt.NDArray[np.void]) -> None:
+        self.count = min(len(instances), _ROOM)
+        if self.count:
+            self._instances.write(np.ascontiguousarray(instances[: self.count]).tobytes())
+
+
+class VehicleGeometry:
+    """All classes' meshes; ``place`` once per picture, then draw."""
+
+    def __init__(self, context: moderngl.Context, shapes: Mapping[ActorClass, VehicleShape]) -> None:
+        """Upload the shapes once."""
+        self.program = context.program(vertex_shader=shaders.VEHICLE_VERTEX, fragment_shader=shaders.PLAIN_FRAGMENT)
+        self.shadow_program = context.program(
+            vertex_shader=shaders.VEHICLE_SHADOW_VERTEX, fragment_shader=shaders.SHADOW_FRAGMENT
+        )
+        self._classes = {
+            actor_class: _Class(context, shapes[actor_class], self.program, self.shadow_program)
+            for actor_class in sorted(shapes)
+        }
+
+    def place(self, placement: Placement, rolled_m: npt.NDArray[np.float64], shown: npt.NDArray[np.bool_]) -> None:
+        """Set the vehicles of a picture; ``shown`` (N,) says which may be in view or throw a shadow into it."""
+        instances = np.zeros(len(placement), INSTANCE)
+        instances["rows"] = model_rows(placement)
+        instances["paint"][:, :3] = placement.colour_rgb / 255.0
+        semantic = np.array([int(semantic_class_of_actor(c)) for c in ActorClass], np.float32)
+        instances["paint"][:, 3] = semantic[placement.actor_class] / 255.0
+        instances["motion"] = np.stack((placement.steer_rad, rolled_m), axis=1)
+        instances["actor"] = np.stack((placement.actor_id, placement.lights), axis=1)
+        for actor_class, entry in self._classes.items():
+            entry.write(instances[(placement.actor_class == actor_class) & shown])
+
+    def draw(self) -> None:
+        """Draw the placed vehicles."""
+        for entry in self._classes.values():
+            if entry.count:
+                entry.array.render(moderngl.TRIANGLES, instances=entry.count)
+
+    def draw_shadows(self) -> None:
+        """Draw the placed vehicles' hulls with the shadow program."""
+        for entry in self._classes.values():
+            if entry.count:
+                entry.shadow_array.render(moderngl.TRIANGLES, instances=entry.count)

@@ -1,0 +1,183 @@
+"""Signal heads and stop signs at the approaches that they control."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from siren_ros.sensors.scene.config import SceneConfig
+from siren_ros.sensors.scene.free_space import FreeSpace
+from siren_ros.sensors.scene.mesh import Mesh, SignalLamp
+from siren_ros.sensors.scene.poles import HEAD_HEIGHT_M, clear_pole, mast_arm, pole, signal_head, stop_sign, turned
+from siren_ros.world.road_network import Connection, Edge, Lane, LaneKind, RoadNetwork
+
+_POST_HEAD_M: Final = 2.6
+"""Lower edge of a head on a post beside the road."""
+_PREFERENCE: Final = "slrt"
+"""A head that serves several movements shows the state of the first of these that it has."""
+
+
+@dataclass(frozen=True, eq=False)
+class Controls:
+    """All signals and signs; the lamps' triangle ranges count from the mesh's first triangle."""
+
+    mesh: Mesh
+    lamps: tuple[SignalLamp, ...]
+
+
+def junction_controls(network: RoadNetwork, space: FreeSpace, config: SceneConfig) -> Controls:
+    """Signals and stop signs of a map: a post at the right of each approach, and heads on a mast arm beyond the junction."""
+    collector = _Collector()
+    for edge in network.edges:
+        if edge.internal:
+            continue
+        lanes = [network.lanes[i] for i in edge.lanes if network.lanes[i].kind is LaneKind.DRIVING]
+        signalled = [(lane, link) for lane in lanes if (link := _representative(network, lane)) is not None]
+        if signalled:
+            _near_post(collector, network, edge, signalled, space)
+            _far_heads(collector, network, signalled, space, config)
+        elif any(c.must_stop for lane in lanes for c in network.connections_from.get(lane.index, ())):
+            _stop_post(collector, network, edge, lanes, space)
+    return Controls(Mesh.concatenate(collector.parts), tuple(collector.lamps))
+
+
+class _Collector:
+    """Meshes in order, with the lamps' triangle ranges in their concatenation."""
+
+    def __init__(self) -> None:
+        self.parts: list[Mesh] = []
+        self.lamps: list[SignalLamp] = []
+        self._triangles = 0
+
+    def add(self, mesh: Mesh) -> None:
+        """Appends a mesh without lamps."""
+        self.parts.append(mesh)
+        self._triangles += len(mesh)
+
+    def add_head(self, link: Connection, x_m: float, y_m: float, z_m: float, heading_rad: float) -> None:
+        """Appends a signal head that shines along a heading."""
+        head = signal_head()
+        for colour, start, stop in head.lamps:
+            self.lamps.append(
+                SignalLamp(
+                    signal_id=str(link.signal_id),
+                    link=link.signal_link,
+                    colour=colour,
+                    start=self._triangles + start,
+                    stop=self._triangles + stop,
+                )
+            )
+        self.add(turned(head.mesh, x_m, y_m, z_m, heading_rad))
+
+
+def _representative(network: RoadNetwork, lane: Lane) -> Connection | None:
+    """The signalled movement whose state a lane's head shows."""
+    links = [c for c in network.connections_from.get(lane.index, ()) if c.signal_id is not None and c.signal_link >= 0]
+    return min(links, key=lambda c: _rank(c.direction), default=None)
+
+
+def _rank(direction: str) -> int:
+    place = _PREFERENCE.find(direction.lower())
+    return place if place >= 0 else len(_PREFERENCE)
+
+
+def _right_post(network: RoadNetwork, edge: Edge, lane: Lane, space: FreeSpace) -> tuple[float, float] | None:
+    """A place for a post at the right of the end of an edge."""
+    outer = network.lanes[edge.lanes[0]]
+    _, reach = outer.centre.project(lane.centre.at(lane.length_m))
+    for back in (0.5, 2.0, 4.0, 7.0, 11.0):
+        s = max(0.0, lane.length_m - back)
+        x, y = lane.centre.at(s)
+        heading = float(lane.centre.heading_rad(s))
+        right = (float(np.sin(heading)), -float(np.cos(heading)))
+        place = clear_pole(space, float(x), float(y), right, lane.width_m + abs(float(reach)) + outer.width_m + 3.0)
+        if place is not None:
+            return place
+    return None
+
+
+def _near_post(
+    collector: _Collector,
+    network: RoadNetwork,
+    edge: Edge,
+    signalled: Sequence[tuple[Lane, Connection]],
+    space: FreeSpace,
+) -> None:
+    lane, link = signalled[0]
+    place = _right_post(network, edge, lane, space)
+    if place is None:
+        return
+    heading = float(lane.centre.heading_rad(lane.length_m)) + np.pi
+    collector.add(pole(*place, _POST_HEAD_M + HEAD_HEIGHT_M))
+    # The head hangs in front of its post.
+    x, y = place[0] + 0.26 * np.cos(heading), place[1] + 0.26 * np.sin(heading)
+    collector.add_head(link, float(x), float(y), _POST_HEAD_M, heading)
+
+
+def _far_heads(
+    collector: _Collector,
+    network: RoadNetwork,
+    signalled: Sequence[tuple[Lane, Connection]],
+    space: FreeSpace,
+    config: SceneConfig,
+) -> None:
+    """Heads over the lanes beyond the junction for straight movements, else on a post opposite the approach."""
+    straight = [(network.lanes[link.to_lane], link) for _, link in signalled if link.direction == "s"]
+    if not straight:
+        _opposite_post(collector, signalled[-1], space)
+        return
+    first, last = straight[0][0], straight[-1][0]
+    heading = float(first.centre.heading_rad(0.0))
+    right = (float(np.sin(heading)), -float(np.cos(heading)))
+    for ahead in (1.0, 3.0, 6.0):
+        s = min(ahead, first.length_m)
+        x, y = first.centre.at(s)
+        place = clear_pole(space, float(x), float(y), right, 14.0)
+        if place is None:
+            continue
+        arm_z = config.clearance_m + HEAD_HEIGHT_M + 0.4
+        end = last.centre.offset_points(min(ahead, last.length_m), 0.3)
+        collector.add(pole(*place, arm_z + 0.2, 0.12))
+        collector.add(mast_arm(place, (float(end[0]), float(end[1])), arm_z))
+        for lane, link in straight:
+            hx, hy = _on_line(place, (float(end[0]), float(end[1])), lane.centre.at(min(ahead, lane.length_m)))
+            facing = heading + np.pi
+            collector.add_head(
+                link, hx + 0.27 * np.cos(facing), hy + 0.27 * np.sin(facing), config.clearance_m + 0.2, facing
+            )
+        return
+
+
+def _on_line(start: tuple[float, float], end: tuple[float, float], point: np.ndarray) -> tuple[float, float]:
+    a, b = np.array(start), np.array(end)
+    along = float(np.dot(point - a, b - a) / np.dot(b - a, b - a))
+    x, y = a + np.clip(along, 0.0, 1.0) * (b - a)
+    return float(x), float(y)
+
+
+def _opposite_post(collector: _Collector, approach: tuple[Lane, Connection], space: FreeSpace) -> None:
+    lane, link = approach
+    x, y = lane.centre.at(lane.length_m)
+    heading = float(lane.centre.heading_rad(lane.length_m))
+    forward = (float(np.cos(heading)), float(np.sin(heading)))
+    place = clear_pole(space, float(x), float(y), forward, 60.0)
+    if place is None:
+        return
+    collector.add(pole(*place, _POST_HEAD_M + 0.6 + HEAD_HEIGHT_M))
+    facing = heading + np.pi
+    collector.add_head(
+        link, place[0] + 0.26 * np.cos(facing), place[1] + 0.26 * np.sin(facing), _POST_HEAD_M + 0.6, facing
+    )
+
+
+def _stop_post(
+    collector: _Collector, network: RoadNetwork, edge: Edge, lanes: Sequence[Lane], space: FreeSpace
+) -> None:
+    place = _right_post(network, edge, lanes[0], space)
+    if place is None:
+        return
+    facing = float(lanes[0].centre.heading_rad(lanes[0].length_m)) + np.pi
+    collector.add(pole(*place, 2.75, 0.04))
+    x, y = place[0] + 0.06 * np.cos(facing), place[1] + 0.06 * np.sin(facing)
+    collector.add(turned(stop_sign(), float(x), float(y), 2.3, facing))

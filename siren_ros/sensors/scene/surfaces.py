@@ -1,0 +1,194 @@
+"""Where the ground is what: carriageway, shoulder, sidewalk, median, verge and grass as disjoint plane regions."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import shapely
+from shapely.geometry import LineString, MultiPolygon, Polygon
+from shapely.geometry.base import BaseGeometry
+
+from siren_ros.sensors.scene.config import SceneConfig
+from siren_ros.world.polyline import Polyline
+from siren_ros.world.road_network import JunctionKind, Lane, LaneKind, RoadNetwork
+
+GRID_M: Final = 0.001
+"""Regions' corners lie on this grid, so that neighbours share them exactly."""
+_MOUTH_M: Final = 3.0
+"""Length of the lane ends that count as part of a junction's carriageway."""
+_CORNER_M: Final = 4.0
+"""Gaps between the paths across a junction up to twice this wide are paved."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surfaces:
+    """Regions of the plane. ``keep_clear`` is the space of traffic; the others are disjoint."""
+
+    carriageway: BaseGeometry
+    """Driving lanes and the paved part of junctions."""
+    shoulder: BaseGeometry
+    sidewalk: BaseGeometry
+    median: BaseGeometry
+    verge: BaseGeometry
+    """Gravel beside the carriageway, on maps without sidewalks."""
+    keep_clear: BaseGeometry
+    """Driving lanes, shoulders, junctions' outlines and crossings: nothing may stand here."""
+    junctions: BaseGeometry
+    bounds_m: tuple[float, float, float, float]
+
+    @property
+    def paved(self) -> BaseGeometry:
+        """Carriageway and shoulders."""
+        return union((self.carriageway, self.shoulder))
+
+    @property
+    def raised(self) -> BaseGeometry:
+        """What stands a kerb's height above the carriageway."""
+        return union((self.sidewalk, self.median))
+
+
+def drawn_centres(network: RoadNetwork, extension_m: float) -> dict[int, Polyline]:
+    """Centre lines by lane index, those at the map's dead ends prolonged straight on where no other road is near."""
+    centres = {lane.index: lane.centre for lane in network.lanes}
+    if extension_m <= 0:
+        return centres
+    roads = shapely.STRtree([LineString(lane.centre.points) for lane in network.lanes])
+    for edge in network.edges:
+        if edge.internal:
+            continue
+        for junction_id, at_end in ((edge.from_junction, False), (edge.to_junction, True)):
+            junction = network.junctions.get(junction_id)
+            if junction is None or junction.kind is not JunctionKind.DEAD_END:
+                continue
+            lanes = [network.lanes[i] for i in edge.lanes]
+            if _room_beyond(lanes[-1], roads, extension_m, at_end=at_end):
+                for lane in lanes:
+                    centre = centres[lane.index]
+                    ends = (0.0, centre.length_m + extension_m) if at_end else (-extension_m, centre.length_m)
+                    centres[lane.index] = centre.cut(*ends)
+    return centres
+
+
+def _room_beyond(lane: Lane, roads: shapely.STRtree, extension_m: float, *, at_end: bool) -> bool:
+    ends = (lane.length_m + 1.0, lane.length_m + extension_m) if at_end else (-extension_m, -1.0)
+    corridor = LineString(lane.centre.at(ends)).buffer(8.0, cap_style="flat")
+    return len(roads.query(corridor, predicate="intersects")) == 0
+
+
+def strip(centre: Polyline, width_m: float) -> Polygon:
+    """The area of a lane: its centre line widened, with square ends."""
+    area = LineString(centre.points).buffer(width_m / 2, cap_style="flat", join_style="mitre", mitre_limit=2.0)
+    return shapely.set_precision(area, GRID_M)
+
+
+def union(parts: Iterable[BaseGeometry]) -> BaseGeometry:
+    """Union of areas on the grid, self-crossing ones mended; empty for nothing."""
+    shapes = [part if part.is_valid else part.buffer(0) for part in parts if not part.is_empty]
+    return areal(shapely.union_all(shapes, grid_size=GRID_M)) if shapes else MultiPolygon()
+
+
+def difference(area: BaseGeometry, *others: BaseGeometry) -> BaseGeometry:
+    """What of an area lies in none of the others, on the grid."""
+    for other in others:
+        if not other.is_empty:
+            area = areal(shapely.difference(area, other, grid_size=GRID_M))
+    return area
+
+
+def intersection(area: BaseGeometry, other: BaseGeometry) -> BaseGeometry:
+    """What two areas share, on the grid."""
+    return areal(shapely.intersection(area, other, grid_size=GRID_M))
+
+
+def areal(shape: BaseGeometry) -> BaseGeometry:
+    """A geometry without lines and points that overlays leave behind."""
+    return shape if isinstance(shape, Polygon | MultiPolygon) else MultiPolygon(polygons(shape, 0.0))
+
+
+def closed(area: BaseGeometry, radius_m: float) -> BaseGeometry:
+    """Area with gaps and notches narrower than twice the radius filled; outer corners stay as they are."""
+    return area.buffer(radius_m, join_style="mitre", mitre_limit=2.0).buffer(-radius_m, join_style="mitre")
+
+
+def polygons(area: BaseGeometry, smallest_m2: float = 1e-4) -> list[Polygon]:
+    """The polygons of a geometry, lines and points dropped."""
+    parts: Sequence[BaseGeometry] = shapely.get_parts(area).tolist() if hasattr(area, "geoms") else [area]
+    found: list[Polygon] = []
+    for part in parts:
+        if isinstance(part, Polygon):
+            found.extend([part] if part.area > smallest_m2 else [])
+        elif hasattr(part, "geoms"):
+            found.extend(polygons(part, smallest_m2))
+    return found
+
+
+def road_surfaces(network: RoadNetwork, centres: dict[int, Polyline], config: SceneConfig) -> Surfaces:
+    """Regions of a map, from its lanes' areas and its junctions' outlines.
+
+    Args:
+        network: The map.
+        centres: Centre lines by lane index, see ``drawn_centres``.
+        config: Widths.
+    """
+    area = {lane.index: strip(centres[lane.index], lane.width_m) for lane in network.lanes}
+    by_kind = {kind: union(area[x.index] for x in network.lanes if x.kind is kind) for kind in LaneKind}
+    outlines = union(Polygon(j.outline).buffer(0) for j in network.junctions.values() if len(j.outline) > 2)
+    crossings = union(Polygon(outline).buffer(0) for outline in network.crossings if len(outline) > 2)
+    driving = by_kind[LaneKind.DRIVING]
+    across = union(
+        area[lane.index]
+        for lane in network.lanes
+        if lane.kind is LaneKind.INTERNAL and (lane.civilian_allowed or lane.emergency_allowed)
+    )
+    heart = _junction_carriageway(network, across, outlines)
+    crossed = intersection(crossings, outlines)
+    seams = closed(union((driving, by_kind[LaneKind.SHOULDER])), 0.9)
+    bare = difference(by_kind[LaneKind.SHOULDER], driving, heart)
+    carriageway = difference(union((driving, heart, across, crossed, seams)), bare)
+    paved = union((carriageway, bare))
+    left_kerbs = union(area[lane.index] for lane in network.lanes if _is_left_of_traffic(network, lane))
+    gaps = difference(closed(driving, 4.0), paved, outlines)
+    median = difference(union((left_kerbs, gaps.buffer(-0.1).buffer(0.1))), paved)
+    walks = union((by_kind[LaneKind.SIDEWALK], by_kind[LaneKind.KERB]))
+    has_walks = not by_kind[LaneKind.SIDEWALK].is_empty
+    corners = closed(union((walks, paved, outlines)), 0.5) if has_walks else walks
+    sidewalk = difference(corners, paved, median) if has_walks else difference(walks, paved, median)
+    verge = MultiPolygon() if has_walks else difference(paved.buffer(config.verge_width_m), paved, median, sidewalk)
+    west, south, east, north = _bounds(network)
+    return Surfaces(
+        carriageway=carriageway,
+        shoulder=bare,
+        sidewalk=sidewalk,
+        median=median,
+        verge=verge,
+        keep_clear=union((paved, outlines, crossings)),
+        junctions=outlines,
+        bounds_m=(west, south, east, north),
+    )
+
+
+def _junction_carriageway(network: RoadNetwork, across: BaseGeometry, outlines: BaseGeometry) -> BaseGeometry:
+    """The paved part of the junctions: paths across them and the ends of their lanes, gaps between these filled."""
+    mouths = []
+    for lane in network.lanes:
+        if lane.kind in {LaneKind.DRIVING, LaneKind.SHOULDER}:
+            reach = min(_MOUTH_M, lane.length_m / 2)
+            ends = (lane.centre.cut(0.0, reach), lane.centre.cut(lane.length_m - reach, lane.length_m))
+            mouths.extend(strip(end, lane.width_m) for end in ends)
+    filled = closed(union((across, *mouths)), _CORNER_M)
+    return intersection(union((filled, across)), outlines)
+
+
+def _is_left_of_traffic(network: RoadNetwork, lane: Lane) -> bool:
+    """Whether a strip that nobody uses lies left of a driving lane of its own edge."""
+    if lane.kind is not LaneKind.KERB:
+        return False
+    kinds = [network.lanes[i].kind for i in network.edges[lane.edge].lanes[: lane.position]]
+    return LaneKind.DRIVING in kinds
+
+
+def _bounds(network: RoadNetwork) -> tuple[float, float, float, float]:
+    points = np.concatenate([lane.centre.points for lane in network.lanes])
+    (west, south), (east, north) = points.min(axis=0), points.max(axis=0)
+    return float(west), float(south), float(east), float(north)

@@ -1,0 +1,242 @@
+"""Sensor suites: what a carrier carries, read from YAML."""
+
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field, fields
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import yaml
+
+from siren_ros.resources import params_dir
+from siren_ros.sensors.mount import Mount
+from siren_ros.world.errors import InputError
+from siren_ros.world.units import STEPS_PER_S
+
+
+_RADIANS: Final = float(np.pi / 180.0)
+
+
+def _number(low: float, high: float, default: Any = MISSING, key: str = "", scale: float = 1.0) -> Any:
+    """A dataclass field that YAML gives as ``key`` within ``low … high``, multiplied by ``scale`` when read."""
+    metadata = {"key": key, "low": low, "high": high, "scale": scale}
+    return field(metadata=metadata) if default is MISSING else field(default=default, metadata=metadata)
+
+
+def _rate(default: float) -> Any:
+    return field(default=default, metadata={"key": "", "low": 0.0, "high": STEPS_PER_S, "scale": 1.0, "rate": True})
+
+
+@dataclass(frozen=True)
+class LidarSpec:
+    """A rotating LiDAR. Defaults other than the drop-off and the resolution: paper, table of the sensor suite.
+
+    The drop-off and noise parameters mean what CARLA's documentation of ``sensor.lidar.ray_cast`` says. CARLA's
+    default drops 45 % of the rays at random; here nothing is dropped unless a suite asks for it, so that
+    every ray of the paper's 1.3 M points/s is cast.
+    """
+
+    name: str
+    mount: Mount
+    channels: int = _number(1, 256, 64)
+    range_m: float = _number(1.0, 300.0, 120.0)
+    points_per_second: int = _number(1_000, 10_000_000, 1_300_000)
+    rate_hz: float = _rate(20.0)
+    """Rotations per second."""
+    upper_fov_rad: float = _number(-89.0, 89.0, 5.0 * _RADIANS, "upper_fov_deg", _RADIANS)
+    lower_fov_rad: float = _number(-89.0, 89.0, -25.0 * _RADIANS, "lower_fov_deg", _RADIANS)
+    atmosphere_attenuation_per_m: float = _number(0.0, 1.0, 0.004)
+    """CARLA's documented default."""
+    noise_stddev_m: float = _number(0.0, 1.0, 0.0)
+    """Standard deviation of the range noise along the ray."""
+    dropoff_general_rate: float = _number(0.0, 1.0, 0.0)
+    """Share of points dropped at random."""
+    dropoff_intensity_limit: float = _number(0.0, 1.0, 0.8)
+    """At this intensity and above nothing is dropped for weakness."""
+    dropoff_zero_intensity: float = _number(0.0, 1.0, 0.0)
+    """Probability of dropping a point of zero intensity."""
+    resolution_m: float = _number(0.0, 0.1, 1.0 / 512.0)
+    """Grid of the coordinates, rounded to a power of two; 0 leaves them as they are. Real sensors resolve 2–4 mm."""
+    motion_distortion: bool = False
+    """Whether the carrier and the vehicles move while the beams turn."""
+
+    @property
+    def columns(self) -> int:
+        """Firings per rotation: 1016 for the paper's sensor (1.3 M points/s / 20 Hz / 64 beams = 1015.6)."""
+        return max(1, round(self.points_per_second / self.rate_hz / self.channels))
+
+
+@dataclass(frozen=True)
+class CameraSpec:
+    """A pinhole camera. Defaults: paper, table of the sensor suite; episodes are logged at 10 Hz."""
+
+    name: str
+    mount: Mount
+    width: int = _number(16, 4096, 800)
+    height: int = _number(16, 4096, 600)
+    horizontal_fov_rad: float = _number(5.0, 160.0, 100.0 * _RADIANS, "horizontal_fov_deg", _RADIANS)
+    rate_hz: float = _rate(10.0)
+    jpeg_quality: int = _number(1, 100, 90)
+    exposure: float = _number(0.05, 20.0, 1.0)
+    noise_stddev: float = _number(0.0, 50.0, 0.0)
+    """Standard deviation of the noise added to each colour value, in steps of 1/255."""
+    depth: bool = False
+    semantic: bool = False
+    instance: bool = False
+
+
+@dataclass(frozen=True)
+class GnssSpec:
+    """A GNSS receiver: white noise and a bias that walks, per axis."""
+
+    name: str
+    mount: Mount
+    rate_hz: float = _rate(10.0)
+    horizontal_noise_stddev_m: float = _number(0.0, 50.0, 0.0)
+    vertical_noise_stddev_m: float = _number(0.0, 50.0, 0.0)
+    bias_walk_m_per_sqrt_s: float = _number(0.0, 10.0, 0.0)
+
+
+@dataclass(frozen=True)
+class ImuSpec:
+    """An IMU: white noise and a bias that walks, per axis."""
+
+    name: str
+    mount: Mount
+    rate_hz: float = _rate(20.0)
+    accel_noise_stddev_mps2: float = _number(0.0, 10.0, 0.0)
+    gyro_noise_stddev_radps: float = _number(0.0, 10.0, 0.0)
+    accel_bias_walk_mps2_per_sqrt_s: float = _number(0.0, 1.0, 0.0)
+    gyro_bias_walk_radps_per_sqrt_s: float = _number(0.0, 1.0, 0.0)
+
+
+@dataclass(frozen=True)
+class SensorSuite:
+    """All sensors of one carrier; names are unique and become topic and frame names."""
+
+    name: str
+    lidars: tuple[LidarSpec, ...] = ()
+    cameras: tuple[CameraSpec, ...] = ()
+    gnss: tuple[GnssSpec, ...] = ()
+    imus: tuple[ImuSpec, ...] = ()
+
+
+_KINDS: Final[dict[str, type[Any]]] = {"lidars": LidarSpec, "cameras": CameraSpec, "gnss": GnssSpec, "imus": ImuSpec}
+_MOUNT_KEYS: Final = {
+    "x_m": ("x_m", 1.0, 20.0),
+    "y_m": ("y_m", 1.0, 20.0),
+    "z_m": ("z_m", 1.0, 20.0),
+    "yaw_deg": ("yaw_rad", _RADIANS, 360.0),
+    "pitch_deg": ("pitch_rad", _RADIANS, 90.0),
+    "roll_deg": ("roll_rad", _RADIANS, 180.0),
+}
+
+
+def period_steps(rate_hz: float) -> int:
+    """Steps between two measurements of a sensor; the rate divides the 20 Hz of the steps."""
+    return round(STEPS_PER_S / rate_hz)
+
+
+def suite_names() -> tuple[str, ...]:
+    """Names of the suites that come with the project, sorted."""
+    return tuple(sorted(path.stem for path in (params_dir() / "suites").glob("*.yaml")))
+
+
+def load_suite(name_or_path: str) -> SensorSuite:
+    """A suite by name (``params/suites/NAME.yaml``) or from a YAML file of the user's own.
+
+    Raises:
+        InputError: No such suite, unreadable YAML, an unknown key, a value of the wrong type or out of range;
+            the message names file, key, value and what is allowed.
+    """
+    path = (
+        Path(name_or_path)
+        if name_or_path.endswith((".yaml", ".yml"))
+        else params_dir() / "suites" / f"{name_or_path}.yaml"
+    )
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError):
+        allowed = f"one of {', '.join(suite_names())}, or the path of a readable YAML file"
+        raise InputError("sensors", name_or_path, allowed) from None
+    except yaml.YAMLError as error:
+        raise InputError("sensors", name_or_path, f"a file of valid YAML ({' '.join(str(error).split())})") from None
+    table = _mapping(data if data is not None else {}, str(path))
+    _known_keys(table, list(_KINDS), str(path))
+    sensors = {
+        kind: tuple(
+            _spec(_KINDS[kind], name, _mapping(entry, f"{path}: {kind}.{name}"), f"{path}: {kind}.{name}")
+            for name, entry in _mapping(table.get(kind) or {}, f"{path}: {kind}").items()
+        )
+        for kind in _KINDS
+    }
+    names = [spec.name for specs in sensors.values() for spec in specs]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"{path}: name", name, "each sensor name once")
+    return SensorSuite(name=path.stem, **sensors)
+
+
+def _mapping(value: object, where: str) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
+        raise InputError(where, value, "a mapping of names to values")
+    return value
+
+
+def _known_keys(table: Mapping[str, Any], known: list[str], where: str) -> None:
+    for key in table:
+        if key not in known:
+            raise InputError(where, key, f"the keys {', '.join(known)}")
+
+
+def _mount(table: Mapping[str, Any], where: str) -> Mount:
+    _known_keys(table, list(_MOUNT_KEYS), where)
+    for key in ("x_m", "y_m", "z_m"):
+        if key not in table:
+            raise InputError(where, dict(table), f"a mapping that gives {key}")
+    values = {}
+    for key, value in table.items():
+        name, scale, limit = _MOUNT_KEYS[key]
+        values[name] = scale * _bounded(value, -limit, limit, f"{where}.{key}")
+    return Mount(**values)
+
+
+def _bounded(value: object, low: float, high: float, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        raise InputError(where, value, f"a number from {low:g} to {high:g}")
+    return value
+
+
+def _spec(kind: type[Any], name: str, table: Mapping[str, Any], where: str) -> Any:
+    """One sensor from its YAML mapping."""
+    if not name.isidentifier():
+        raise InputError(where, name, "a name of letters, digits and underscores")
+    options = {
+        item.metadata.get("key") or item.name: item for item in fields(kind) if item.name not in {"name", "mount"}
+    }
+    _known_keys(table, ["mount", *options], where)
+    if "mount" not in table:
+        raise InputError(where, dict(table), "a mapping that gives mount")
+    values: dict[str, Any] = {"mount": _mount(_mapping(table["mount"], f"{where}.mount"), f"{where}.mount")}
+    for key, item in options.items():
+        if key in table:
+            values[item.name] = _value(item.type, table[key], item.metadata, f"{where}.{key}")
+    spec = kind(name=name, **values)
+    if isinstance(spec, LidarSpec) and spec.channels > 1 and spec.upper_fov_rad <= spec.lower_fov_rad:
+        raise InputError(f"{where}.upper_fov_deg", spec.upper_fov_rad / _RADIANS, "more than lower_fov_deg")
+    return spec
+
+
+def _value(kind: Any, value: object, metadata: Mapping[str, Any], where: str) -> float | bool:
+    """A value checked against its field's type and bounds."""
+    if kind is bool:
+        if not isinstance(value, bool):
+            raise InputError(where, value, "true or false")
+        return value
+    if kind is int and not isinstance(value, int):
+        raise InputError(where, value, "a whole number")
+    number = _bounded(value, metadata["low"], metadata["high"], where)
+    if metadata.get("rate") and (number <= 0 or abs(STEPS_PER_S / number - round(STEPS_PER_S / number)) > 1e-9):
+        rates = ", ".join(f"{STEPS_PER_S / steps:g}" for steps in (1, 2, 4, 5, 10, 20))
+        raise InputError(where, value, f"a rate that divides {STEPS_PER_S} Hz: {rates} …")
+    return number * metadata["scale"] if kind is float else number

@@ -1,0 +1,1 @@
+"""SUMO: maps, demand, the running simulation. The only folder that imports libsumo."""

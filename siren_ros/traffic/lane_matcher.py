@@ -1,0 +1,123 @@
+"""Which lane of its route a vehicle is on, from its pose alone.
+
+SUMO's own matching may choose a wrong path across a junction where paths overlap. A vehicle that is
+moved from outside therefore gets its lane from here.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.world.geometry import wrap_angle
+from siren_ros.world.road_network import NO_LANE, LaneKind, RoadNetwork
+
+_DRIVABLE = frozenset({LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL})
+
+
+@dataclass(frozen=True)
+class LaneMatch:
+    """Where a point is on the road."""
+
+    lane: int
+    """Index into ``RoadNetwork.lanes``; −1 off the route's lanes."""
+    position_m: float
+    lateral_m: float
+    """From the centre line, left positive."""
+
+
+OFF_ROUTE = LaneMatch(NO_LANE, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class _Corridor:
+    """All centre-line segments of some lanes."""
+
+    start: npt.NDArray[np.float64]
+    delta: npt.NDArray[np.float64]
+    length_m: npt.NDArray[np.float64]
+    heading_rad: npt.NDArray[np.float64]
+    arc_m: npt.NDArray[np.float64]
+    lane: npt.NDArray[np.int32]
+    edge: npt.NDArray[np.int32]
+    half_width_m: npt.NDArray[np.float64]
+
+
+class LaneMatcher:
+    """Matches poses to the lanes of the next edges of a route."""
+
+    def __init__(
+        self,
+        network: RoadNetwork,
+        sideways_m: float = 1.2,
+        heading_limit_rad: float = 1.2,
+        stay_m: float = 0.1,
+    ) -> None:
+        """Prepare matching.
+
+        Args:
+            network: The map.
+            sideways_m: A point this far beside a lane's edge still belongs to it.
+            heading_limit_rad: Lanes that run further off the vehicle's heading are left out.
+            stay_m: A lane beside the present one has to be nearer by this much to take over.
+        """
+        self._network = network
+        self._sideways_m = sideways_m
+        self._heading_limit_rad = heading_limit_rad
+        self._stay_m = stay_m
+        self._corridors: dict[tuple[int, ...], _Corridor] = {}
+
+    def match(self, edges: Sequence[int], front_m: tuple[float, float], yaw_rad: float, present_lane: int) -> LaneMatch:
+        """The lane under a front bumper.
+
+        Args:
+            edges: The route's next edges, the present one (or the one before the junction) first.
+            front_m: The middle of the front bumper in the ``map`` frame.
+            yaw_rad: Heading of the vehicle.
+            present_lane: Lane at the step before, −1 where unknown.
+        """
+        key = tuple(edges)
+        if key not in self._corridors:
+            self._corridors[key] = self._corridor(key)
+        corridor = self._corridors[key]
+        relative = np.asarray(front_m) - corridor.start
+        along = np.einsum("kj,kj->k", relative, corridor.delta) / corridor.length_m
+        clipped = np.clip(along, 0.0, corridor.length_m)
+        unit = corridor.delta / corridor.length_m[:, None]
+        miss = relative - clipped[:, None] * unit
+        distance = np.hypot(miss[:, 0], miss[:, 1])
+        turned = np.abs(wrap_angle(corridor.heading_rad - yaw_rad)) > self._heading_limit_rad
+        distance = np.where(turned | (distance > corridor.half_width_m + self._sideways_m), np.inf, distance)
+        if present_lane != NO_LANE:
+            beside = (corridor.edge == self._network.lanes[present_lane].edge) & (corridor.lane != present_lane)
+            distance = distance + np.where(beside, self._stay_m, 0.0)
+        best = int(np.argmin(distance))
+        if not np.isfinite(distance[best]):
+            return OFF_ROUTE
+        lateral = float(unit[best, 0] * relative[best, 1] - unit[best, 1] * relative[best, 0])
+        return LaneMatch(int(corridor.lane[best]), float(corridor.arc_m[best] + clipped[best]), lateral)
+
+    def _corridor(self, edges: tuple[int, ...]) -> _Corridor:
+        indices: list[int] = []
+        for number, edge in enumerate(edges):
+            indices += self._network.edges[edge].lanes
+            following = edges[number + 1] if number + 1 < len(edges) else None
+            for lane in self._network.edges[edge].lanes:
+                for connection in self._network.connections_from.get(lane, ()):
+                    if self._network.lanes[connection.to_lane].edge == following:
+                        indices += connection.via
+        lanes = [self._network.lanes[index] for index in dict.fromkeys(indices)]
+        lanes = [lane for lane in lanes if lane.kind in _DRIVABLE]
+        counts = [len(lane.centre.points) - 1 for lane in lanes]
+        delta = np.concatenate([np.diff(lane.centre.points, axis=0) for lane in lanes])
+        return _Corridor(
+            start=np.concatenate([lane.centre.points[:-1] for lane in lanes]),
+            delta=delta,
+            length_m=np.hypot(delta[:, 0], delta[:, 1]),
+            heading_rad=np.arctan2(delta[:, 1], delta[:, 0]),
+            arc_m=np.concatenate([lane.centre.arc_m[:-1] for lane in lanes]),
+            lane=np.repeat(np.array([lane.index for lane in lanes], dtype=np.int32), counts),
+            edge=np.repeat(np.array([lane.edge for lane in lanes], dtype=np.int32), counts),
+            half_width_m=np.repeat([lane.width_m / 2.0 for lane in lanes], counts),
+        )

@@ -1,0 +1,152 @@
+"""Moves SUMO's vehicles to where the simulated world has them, and hands them back without a jump."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import libsumo
+import numpy as np
+
+from siren_ros.traffic.config import TrafficConfig
+from siren_ros.traffic.lane_matcher import LaneMatch, LaneMatcher
+from siren_ros.traffic.plan import PlannedVehicle
+from siren_ros.traffic.sumo_frames import map_from_sumo, sumo_from_map
+from siren_ros.world.actors import ActorStates, Mode, Owner
+from siren_ros.world.errors import EpisodeError
+from siren_ros.world.road_network import NO_LANE, RoadNetwork
+from siren_ros.world.units import STEP_S
+
+DEFAULT_LANE_CHANGE_MODE: Final = 1621
+"""SUMO's default; its bluelight device leaves 1605 behind for good."""
+KEEP_LANE_CHANGE_MODE: Final = 1536
+"""All reasons for a lane change off; respecting others and alignment within the lane stay on."""
+DEFAULT_SPEED_MODE: Final = 31
+_MATCH_ON_ROAD: Final = 2
+"""``keepRoute`` of moveToXY: exact place, matched to the road; together with the lane's name the route stays."""
+_KEEP_ROUTE_OFF_ROAD: Final = 3
+"""``keepRoute`` of moveToXY: exact place even off the road, the route stays whatever the place."""
+_EDGES_TO_MATCH: Final = 3
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a mirrored vehicle was put in SUMO at this step."""
+
+    x_m: float
+    y_m: float
+    """SUMO's frame, front bumper."""
+    angle_deg: float
+    match: LaneMatch
+
+
+class Mirror:
+    """Keeps track of who is moved from outside, and of what has to be restored."""
+
+    def __init__(self, network: RoadNetwork, config: TrafficConfig) -> None:
+        self._network = network
+        self._config = config
+        self._matcher = LaneMatcher(network)
+        self.places: dict[str, Place] = {}
+        """Vehicles that were put somewhere at this step."""
+        self._bound: dict[str, float] = {}
+        """Vehicles bound to their lane, with their own speed factor."""
+
+    def apply(
+        self,
+        states: ActorStates,
+        vehicles: Mapping[int, PlannedVehicle],
+        routes: Mapping[str, Sequence[int]],
+    ) -> None:
+        """Give SUMO the simulated states of the step before, extrapolated by one step.
+
+        Args:
+            states: All actors' simulated states at the step before.
+            vehicles: SUMO's vehicles by actor id; states of others (left meanwhile) are passed over.
+            routes: Edges ahead of each vehicle, the present one first.
+        """
+        before, self.places = self.places, {}
+        outside = np.flatnonzero(states.owner == Owner.ROS)
+        known = [row for row in outside.tolist() if int(states.actor_id[row]) in vehicles]
+        present = {vehicles[int(states.actor_id[row])].name for row in known}
+        for row in known:
+            vehicle = vehicles[int(states.actor_id[row])]
+            self._put(states, row, vehicle, routes[vehicle.name], before.get(vehicle.name))
+        for row in range(len(states)):
+            actor_id = int(states.actor_id[row])
+            if actor_id in vehicles and states.owner[row] == Owner.SUMO:
+                name = vehicles[actor_id].name
+                if name in before and name not in present:
+                    self._release(name, float(states.speed_mps[row]))
+                self._bind(name, int(states.mode[row]) == Mode.YIELD_KEEP_LANE)
+
+    def forget(self, name: str) -> None:
+        """Drop a vehicle that has left SUMO."""
+        self.places.pop(name, None)
+        self._bound.pop(name, None)
+
+    def check_placed(self) -> None:
+        """Verify, after SUMO's step, that every mirrored vehicle stands where it was put.
+
+        Raises:
+            EpisodeError: SUMO moved one elsewhere; names it and the distance.
+        """
+        for name, place in self.places.items():
+            x, y = libsumo.vehicle.getPosition(name)
+            miss = float(np.hypot(x - place.x_m, y - place.y_m))
+            if miss > self._config.placed_m:
+                lane = libsumo.vehicle.getLaneID(name)
+                raise EpisodeError(f"SUMO put {name} {miss:.2f} m off the pose that it was given (lane {lane!r})")
+
+    def _put(
+        self, states: ActorStates, row: int, vehicle: PlannedVehicle, route: Sequence[int], before: Place | None
+    ) -> None:
+        offset = self._network.sumo_offset_m
+        x, y, angle = sumo_from_map(
+            states.x_m[row] + states.vx_mps[row] * STEP_S,
+            states.y_m[row] + states.vy_mps[row] * STEP_S,
+            states.yaw_rad[row] + states.yaw_rate_radps[row] * STEP_S,
+            vehicle.length_m,
+            offset,
+        )
+        if before is not None and np.hypot(x - before.x_m, y - before.y_m) < self._config.still_m:
+            place = before
+        else:
+            front = (float(x) - offset[0], float(y) - offset[1])
+            lane = before.match.lane if before is not None else NO_LANE
+            match = self._matcher.match(route[:_EDGES_TO_MATCH], front, float(states.yaw_rad[row]), lane)
+            place = Place(float(x), float(y), float(angle), match)
+        # SUMO derives a moved vehicle's speed from lane positions, which differ from lane to lane.
+        libsumo.vehicle.setPreviousSpeed(vehicle.name, float(states.speed_mps[row]))
+        self._move(vehicle.name, place)
+        self.places[vehicle.name] = place
+
+    def _move(self, name: str, place: Place) -> None:
+        if place.match.lane == NO_LANE:
+            libsumo.vehicle.moveToXY(name, "", -1, place.x_m, place.y_m, place.angle_deg, _KEEP_ROUTE_OFF_ROAD)
+            return
+        lane = self._network.lanes[place.match.lane]
+        edge_id = self._network.edges[lane.edge].edge_id
+        libsumo.vehicle.moveToXY(name, edge_id, lane.position, place.x_m, place.y_m, place.angle_deg, _MATCH_ON_ROAD)
+
+    def _release(self, name: str, speed_mps: float) -> None:
+        libsumo.vehicle.setPreviousSpeed(name, speed_mps)
+        libsumo.vehicle.setSpeed(name, -1.0)
+        libsumo.vehicle.setSpeedMode(name, DEFAULT_SPEED_MODE)
+        libsumo.vehicle.setLateralAlignment(name, "center")
+        libsumo.vehicle.setLaneChangeMode(name, DEFAULT_LANE_CHANGE_MODE)
+
+    def _bind(self, name: str, keep_lane: bool) -> None:
+        if keep_lane and name not in self._bound:
+            own = libsumo.vehicle.getSpeedFactor(name)
+            self._bound[name] = own
+            libsumo.vehicle.setLaneChangeMode(name, KEEP_LANE_CHANGE_MODE)
+            libsumo.vehicle.setSpeedFactor(name, min(own, self._config.keep_lane_speed_factor))
+        elif not keep_lane and name in self._bound:
+            libsumo.vehicle.setSpeedFactor(name, self._bound.pop(name))
+            libsumo.vehicle.setLaneChangeMode(name, DEFAULT_LANE_CHANGE_MODE)
+
+
+def map_pose(place: Place, length_m: float, offset_m: tuple[float, float]) -> tuple[float, float, float]:
+    """Centre pose in the ``map`` frame of a place."""
+    x, y, yaw = map_from_sumo(place.x_m, place.y_m, place.angle_deg, length_m, offset_m)
+    return float(x), float(y), float(yaw)

@@ -1,0 +1,166 @@
+"""Actors: what they are, and their states at one step as a structure of arrays."""
+
+from dataclasses import dataclass, fields
+from enum import IntEnum, IntFlag
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+Ids = npt.NDArray[np.uint32]
+Codes = npt.NDArray[np.uint8]
+
+NO_ACTOR: Final = 0
+"""Actor ids start at 1, so that 0 can say "none" (a LiDAR return on the static scene, no leader)."""
+
+
+class ActorClass(IntEnum):
+    """Body type; sets shape, mass and the vehicle model's parameters."""
+
+    HATCHBACK = 0
+    SEDAN = 1
+    ESTATE = 2
+    SUV = 3
+    VAN = 4
+    PICKUP = 5
+    BUS = 6
+    TRUCK = 7
+    AMBULANCE = 8
+    FIRE_TRUCK = 9
+    POLICE = 10
+
+    @property
+    def is_emergency(self) -> bool:
+        """Whether vehicles of this class are emergency vehicles."""
+        return self in EMERGENCY_CLASSES
+
+
+EMERGENCY_CLASSES: Final = frozenset({ActorClass.AMBULANCE, ActorClass.FIRE_TRUCK, ActorClass.POLICE})
+
+
+class Owner(IntEnum):
+    """Who decides an actor's motion at a step (paper, table of control ownership)."""
+
+    SUMO = 0
+    ROS = 1
+
+
+class Lights(IntFlag):
+    """What an actor shows and sounds."""
+
+    NONE = 0
+    BRAKE = 1
+    INDICATOR_LEFT = 2
+    INDICATOR_RIGHT = 4
+    BEACON = 8
+    SIREN = 16
+
+
+class Mode(IntEnum):
+    """The active behaviour of an actor (paper, Algorithms 1 and 2)."""
+
+    NOMINAL = 0
+    ROUTE_FOLLOW = 1
+    FORCED_LANE_CHANGE = 2
+    COPY_SUMO = 3
+    GAP_ESCAPE = 4
+    YIELD_REACTING = 5
+    """The siren was noticed and the driver has not yet reacted."""
+    YIELD_DEFERRED = 6
+    """A yield is wanted and not feasible at this step."""
+    YIELD_LANE_CHANGE = 7
+    YIELD_KEEP_LANE = 8
+    """Lane cleared; SUMO drives again, bound to its new lane and slowed until the EMV has passed."""
+    YIELD_PULL_OVER = 9
+    YIELD_HOLD = 10
+    REJOIN = 11
+    """Yield over; the navigator leads the vehicle back to its lane before SUMO takes over."""
+
+    @property
+    def is_yielding(self) -> bool:
+        """Whether the actor is in any phase of a yield response."""
+        return Mode.YIELD_REACTING <= self <= Mode.YIELD_HOLD
+
+
+@dataclass(frozen=True)
+class ActorDescription:
+    """What an actor is: everything that does not change during an episode."""
+
+    actor_id: int
+    name: str
+    """The vehicle's id in SUMO."""
+    actor_class: ActorClass
+    length_m: float
+    width_m: float
+    height_m: float
+    colour_rgb: tuple[int, int, int]
+    """Paint, 0–255 each."""
+    is_emv: bool = False
+
+
+@dataclass(frozen=True)
+class ActorStates:
+    """Simulated state of all actors at one step, in the ``map`` frame.
+
+    Every array has shape ``(N,)``; rows are sorted by ``actor_id``. Positions are footprint centres.
+    """
+
+    step: int
+    actor_id: Ids
+    x_m: Floats
+    y_m: Floats
+    z_m: Floats
+    yaw_rad: Floats
+    vx_mps: Floats
+    vy_mps: Floats
+    yaw_rate_radps: Floats
+    accel_mps2: Floats
+    """Longitudinal acceleration."""
+    lateral_accel_mps2: Floats
+    steer_rad: Floats
+    """Road-wheel angle, left positive."""
+    throttle: Floats
+    brake: Floats
+    owner: Codes
+    mode: Codes
+    lights: Codes
+    residual_m: Floats
+    """Distance between the simulated pose and SUMO's pose of the same actor."""
+
+    @property
+    def speed_mps(self) -> Floats:
+        """Speed over ground, shape ``(N,)``."""
+        return np.hypot(self.vx_mps, self.vy_mps)
+
+    def __len__(self) -> int:
+        return len(self.actor_id)
+
+    @classmethod
+    def empty(cls, step: int = 0) -> "ActorStates":
+        """No actors."""
+        arrays: dict[str, Any] = {name: np.empty(0, dtype) for name, dtype in ACTOR_STATE_DTYPES.items()}
+        return cls(step=step, **arrays)
+
+    def select(self, rows: npt.NDArray[np.bool_] | npt.NDArray[np.intp]) -> "ActorStates":
+        """The same step with only the given rows (a mask or increasing indices)."""
+        arrays: dict[str, Any] = {name: getattr(self, name)[rows] for name in ACTOR_STATE_DTYPES}
+        return type(self)(step=self.step, **arrays)
+
+
+_CODE_FIELDS: Final = frozenset({"owner", "mode", "lights"})
+ACTOR_STATE_DTYPES: Final[dict[str, type[np.generic]]] = {
+    field.name: np.uint32 if field.name == "actor_id" else np.uint8 if field.name in _CODE_FIELDS else np.float64
+    for field in fields(ActorStates)
+    if field.name != "step"
+}
+"""Array fields of ActorStates and their element types, in declaration order."""
+
+
+def rows_of_ids(actor_id: Ids, wanted: Ids) -> npt.NDArray[np.intp]:
+    """Row of each wanted id in a sorted id array, −1 where it is absent; shape of ``wanted``."""
+    if len(actor_id) == 0:
+        return np.full(len(wanted), -1, dtype=np.intp)
+    rows = np.searchsorted(actor_id, wanted)
+    rows[rows == len(actor_id)] = 0
+    return np.where(actor_id[rows] == wanted, rows, -1).astype(np.intp)

@@ -1,0 +1,47 @@
+"""Typed errors. Library code raises them; only programs turn them into a line and an exit code."""
+
+from typing import Final
+
+EXIT_OK: Final = 0
+EXIT_FAILED: Final = 1
+EXIT_BAD_INPUT: Final = 2
+
+
+class SirenError(Exception):
+    """Anything that goes wrong in the project's own domain. Programs exit with ``exit_code``."""
+
+    exit_code = EXIT_FAILED
+
+
+class InputError(SirenError):
+    """Input that cannot be used; the message names the parameter, its value and what is allowed.
+
+    >>> str(InputError("template", "S9", "one of S1, S2"))
+    "template: 'S9' cannot be used; allowed: one of S1, S2"
+    """
+
+    exit_code = EXIT_BAD_INPUT
+
+    def __init__(self, parameter: str, value: object, allowed: str) -> None:
+        self.parameter = parameter
+        self.value = value
+        self.allowed = allowed
+        super().__init__(f"{parameter}: {value!r} cannot be used; allowed: {allowed}")
+
+
+class MapError(InputError):
+    """A map that cannot be read, or that has no site of the kind a template needs."""
+
+    def __init__(self, value: object, allowed: str) -> None:
+        super().__init__("map", value, allowed)
+
+
+class BagError(InputError):
+    """A bag that is missing, unreadable or not an episode."""
+
+    def __init__(self, value: object, allowed: str) -> None:
+        super().__init__("bag", value, allowed)
+
+
+class EpisodeError(SirenError):
+    """An episode that had to end early: a participant failed, SUMO teleported, the residual grew."""

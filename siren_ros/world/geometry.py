@@ -1,0 +1,47 @@
+"""Plane geometry of poses and vehicle footprints."""
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+def wrap_angle(angle_rad: npt.ArrayLike) -> Array:
+    """The same direction within (−π, π]."""
+    wrapped = np.mod(np.asarray(angle_rad, dtype=np.float64) + np.pi, 2.0 * np.pi) - np.pi
+    return np.where(wrapped == -np.pi, np.pi, wrapped)
+
+
+def footprint_corners(x_m: Array, y_m: Array, yaw_rad: Array, length_m: Array, width_m: Array) -> Array:
+    """Corners of oriented boxes, shape ``(N, 4, 2)``: front left, rear left, rear right, front right."""
+    along = np.stack((np.cos(yaw_rad), np.sin(yaw_rad)), axis=-1)
+    left = np.stack((-along[..., 1], along[..., 0]), axis=-1)
+    half_along = along * (np.asarray(length_m) / 2.0)[..., None]
+    half_left = left * (np.asarray(width_m) / 2.0)[..., None]
+    centre = np.stack((x_m, y_m), axis=-1)
+    corners = (half_along + half_left, half_left - half_along, -half_along - half_left, half_along - half_left)
+    return np.stack([centre + corner for corner in corners], axis=-2)
+
+
+def separation_m(corners_a: Array, corners_b: Array) -> Array:
+    """Largest gap along a separating axis between pairs of boxes, shape ``(N,)``; ≤ 0 where they overlap.
+
+    Both inputs have shape ``(N, 4, 2)`` as ``footprint_corners`` gives them. For overlapping boxes the
+    value is minus the penetration depth (separating axis theorem); for separate boxes it is a lower
+    bound of their distance.
+    """
+    gaps = []
+    for corners in (corners_a, corners_b):
+        for first, second in ((0, 1), (0, 3)):
+            axis = corners[:, second] - corners[:, first]
+            axis = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
+            a = np.einsum("nkj,nj->nk", corners_a, axis)
+            b = np.einsum("nkj,nj->nk", corners_b, axis)
+            gaps.append(np.maximum(b.min(axis=1) - a.max(axis=1), a.min(axis=1) - b.max(axis=1)))
+    return np.max(gaps, axis=0)
+
+
+def rotate(points: Array, yaw_rad: float) -> Array:
+    """Points (shape ``(..., 2)``) turned counter-clockwise about the origin."""
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    return points @ np.array([[cos, sin], [-sin, cos]])

@@ -1,0 +1,85 @@
+"""From a map's geo-reference to latitude and longitude: transverse Mercator maps, UTM among them."""
+
+import math
+from collections.abc import Mapping
+from typing import Final
+
+WGS84_A_M: Final = 6_378_137.0
+WGS84_FLATTENING: Final = 1.0 / 298.257223563
+UTM_SCALE: Final = 0.9996
+UTM_FALSE_EASTING_M: Final = 500_000.0
+UTM_FALSE_NORTHING_SOUTH_M: Final = 10_000_000.0
+
+
+def geodetic_from_projected(projection: str, x_m: float, y_m: float) -> tuple[float, float] | None:
+    """Latitude and longitude in degrees of a projected point; None for a projection other than tmerc and UTM.
+
+    Args:
+        projection: PROJ string as SUMO and OpenDRIVE write it (``+proj=tmerc …`` or ``+proj=utm …``).
+        x_m: Easting in the projection.
+        y_m: Northing in the projection.
+
+    Source: Karney, "Transverse Mercator with an accuracy of a few nanometers", J. Geodesy 85 (2011),
+    Krüger's series in the third flattening to third order (error far below a millimetre inside a zone).
+    """
+    terms = _terms(projection)
+    kind = terms.get("proj")
+    try:
+        if kind == "utm":
+            zone = int(terms["zone"])
+            north = UTM_FALSE_NORTHING_SOUTH_M if "south" in terms else 0.0
+            x, y = (x_m - UTM_FALSE_EASTING_M) / UTM_SCALE, (y_m - north) / UTM_SCALE
+            lat0, lon0 = 0.0, 6.0 * zone - 183.0
+        elif kind == "tmerc":
+            scale = float(terms.get("k", terms.get("k_0", "1")))
+            x = (x_m - float(terms.get("x_0", "0"))) / scale
+            y = (y_m - float(terms.get("y_0", "0"))) / scale
+            lat0, lon0 = float(terms.get("lat_0", "0")), float(terms.get("lon_0", "0"))
+        else:
+            return None
+    except (KeyError, ValueError, ZeroDivisionError):
+        return None
+    return _inverse(x, y, lat0, lon0)
+
+
+def _terms(projection: str) -> Mapping[str, str]:
+    pairs = (term[1:].partition("=") for term in projection.split() if term.startswith("+"))
+    return {name: value for name, _, value in pairs}
+
+
+_N: Final = WGS84_FLATTENING / (2.0 - WGS84_FLATTENING)
+_RECTIFYING_RADIUS_M: Final = WGS84_A_M / (1.0 + _N) * (1.0 + _N**2 / 4.0 + _N**4 / 64.0)
+_ALPHA: Final = (
+    _N / 2.0 - 2.0 * _N**2 / 3.0 + 5.0 * _N**3 / 16.0,
+    13.0 * _N**2 / 48.0 - 3.0 * _N**3 / 5.0,
+    61.0 * _N**3 / 240.0,
+)
+_BETA: Final = (
+    _N / 2.0 - 2.0 * _N**2 / 3.0 + 37.0 * _N**3 / 96.0,
+    _N**2 / 48.0 + _N**3 / 15.0,
+    17.0 * _N**3 / 480.0,
+)
+_DELTA: Final = (
+    2.0 * _N - 2.0 * _N**2 / 3.0 - 2.0 * _N**3,
+    7.0 * _N**2 / 3.0 - 8.0 * _N**3 / 5.0,
+    56.0 * _N**3 / 15.0,
+)
+
+
+def _meridian_arc_m(lat_rad: float) -> float:
+    eccentricity = 2.0 * math.sqrt(_N) / (1.0 + _N)
+    sine = math.sin(lat_rad)
+    conformal = math.sinh(math.atanh(sine) - eccentricity * math.atanh(eccentricity * sine))
+    xi = math.atan(conformal)
+    return _RECTIFYING_RADIUS_M * (xi + sum(a * math.sin(2 * j * xi) for j, a in enumerate(_ALPHA, start=1)))
+
+
+def _inverse(x_m: float, y_m: float, lat0_deg: float, lon0_deg: float) -> tuple[float, float]:
+    xi = (y_m + _meridian_arc_m(math.radians(lat0_deg))) / _RECTIFYING_RADIUS_M
+    eta = x_m / _RECTIFYING_RADIUS_M
+    xi_prime = xi - sum(b * math.sin(2 * j * xi) * math.cosh(2 * j * eta) for j, b in enumerate(_BETA, start=1))
+    eta_prime = eta - sum(b * math.cos(2 * j * xi) * math.sinh(2 * j * eta) for j, b in enumerate(_BETA, start=1))
+    chi = math.asin(math.sin(xi_prime) / math.cosh(eta_prime))
+    lat = chi + sum(d * math.sin(2 * j * chi) for j, d in enumerate(_DELTA, start=1))
+    lon = math.atan2(math.sinh(eta_prime), math.cos(xi_prime))
+    return math.degrees(lat), lon0_deg + math.degrees(lon)

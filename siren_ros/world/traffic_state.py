@@ -1,0 +1,115 @@
+"""What SUMO says at one step: poses, lanes, routes, signals and advice, as structures of arrays."""
+
+from dataclasses import dataclass, fields
+from enum import IntFlag
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.world.actors import ActorDescription, Codes, Floats, Ids
+from siren_ros.world.events import Event
+
+Indices = npt.NDArray[np.int32]
+
+
+class TrafficFlags(IntFlag):
+    """SUMO's view of one vehicle at one step."""
+
+    NONE = 0
+    RESCUE_LANE = 1
+    """SUMO's bluelight device lists an EMV for this vehicle (generic parameter ``rescueLane``)."""
+    WANTS_LEFT = 2
+    WANTS_RIGHT = 4
+    ON_JUNCTION = 8
+
+
+@dataclass(frozen=True)
+class SignalState:
+    """State of one traffic light: one character of SUMO's ``rygGsuoO`` alphabet per controlled link."""
+
+    signal_id: str
+    state: str
+
+
+@dataclass(frozen=True)
+class EmvAdvice:
+    """What SUMO advises one emergency vehicle, whoever drives it."""
+
+    actor_id: int
+    lane_change_intent: int
+    """+1 left, −1 right, 0 none."""
+    leader_id: int
+    """Nearest vehicle ahead on the route within the query range, or NO_ACTOR."""
+    leader_gap_m: float
+    speed_without_control_mps: float
+    """The speed that SUMO itself would choose at this step."""
+    rescue_count: int
+    """Number of vehicles that currently react to this EMV."""
+
+
+@dataclass(frozen=True)
+class TrafficState:
+    """SUMO's state at one step beside the simulated poses that SUMO was given before it.
+
+    Arrays have shape ``(N,)``, rows sorted by ``actor_id``; poses in the ``map`` frame at the
+    footprint's centre. ``sumo_*`` is SUMO's pose at this step; ``x_m … speed_mps`` is the pose that
+    ``vehicle_dynamics`` simulated at the step before (for an actor just spawned: SUMO's).
+    """
+
+    step: int
+    spawned: tuple[ActorDescription, ...]
+    removed: Ids
+    actor_id: Ids
+    owner: Codes
+    sumo_x_m: Floats
+    sumo_y_m: Floats
+    sumo_yaw_rad: Floats
+    sumo_speed_mps: Floats
+    sumo_accel_mps2: Floats
+    x_m: Floats
+    y_m: Floats
+    yaw_rad: Floats
+    speed_mps: Floats
+    lane: Indices
+    """Index into ``RoadNetwork.lanes`` of the lane that the front bumper is on; −1 off the road."""
+    lane_position_m: Floats
+    """Of the front bumper, along the lane."""
+    lateral_offset_m: Floats
+    """Of the vehicle from its lane's centre line, left positive."""
+    lights: Codes
+    flags: Codes
+    route_offset: Indices
+    """Shape ``(N + 1,)``: the edges ahead of row i are ``route_edges[route_offset[i]:route_offset[i + 1]]``."""
+    route_edges: Indices
+    """Indices into ``RoadNetwork.edges``: the present edge (or the one before the junction) and those ahead."""
+    emvs: tuple[EmvAdvice, ...]
+    signals: tuple[SignalState, ...]
+    events: tuple[Event, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.actor_id)
+
+    def route_of_row(self, row: int) -> Indices:
+        """Edge indices from the present edge onward of the actor in a row."""
+        return self.route_edges[self.route_offset[row] : self.route_offset[row + 1]]
+
+
+_IDS: Final = frozenset({"removed", "actor_id"})
+_CODES: Final = frozenset({"owner", "lights", "flags"})
+_INDICES: Final = frozenset({"lane", "route_offset", "route_edges"})
+_OTHER: Final = frozenset({"step", "spawned", "emvs", "signals", "events"})
+
+
+def _dtype_of(name: str) -> type[np.generic]:
+    if name in _IDS:
+        return np.uint32
+    if name in _CODES:
+        return np.uint8
+    return np.int32 if name in _INDICES else np.float64
+
+
+TRAFFIC_STATE_DTYPES: Final[dict[str, type[np.generic]]] = {
+    field.name: _dtype_of(field.name) for field in fields(TrafficState) if field.name not in _OTHER
+}
+"""Array fields of TrafficState and their element types, in declaration order."""

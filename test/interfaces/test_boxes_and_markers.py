@@ -1,0 +1,79 @@
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from siren_ros.interfaces.boxes import boxes_of, from_boxes, to_boxes
+from siren_ros.interfaces.markers import (
+    EMV_COLOUR,
+    MODE_COLOURS,
+    MarkerShape,
+    from_markers,
+    to_markers,
+    vehicle_markers,
+)
+from siren_ros.interfaces.rosbags_factory import RosbagsFactory
+from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates, Mode
+from siren_ros.world.ground_truth import GROUND_TRUTH_DTYPES, GroundTruth
+
+
+def _truth(count: int) -> GroundTruth:
+    rng = np.random.default_rng(1)
+    arrays = {name: rng.uniform(0, 1, count).astype(dtype) for name, dtype in GROUND_TRUTH_DTYPES.items()}
+    arrays["actor_id"] = np.arange(1, count + 1, dtype=np.uint32)
+    arrays["actor_class"] = np.full(count, ActorClass.VAN, dtype=np.uint8)
+    return GroundTruth(step=4, carrier_id=9, **arrays)
+
+
+@pytest.mark.parametrize("count", [0, 3])
+def test_boxes_come_back(factory: RosbagsFactory, round_trip: Callable[[object], Any], count: int) -> None:
+    boxes = boxes_of(_truth(count), "lidar")
+    back = from_boxes(round_trip(to_boxes(factory, boxes)))
+    assert (back.step, back.frame_id, back.class_names) == (4, "lidar", ("van",) * count)
+    assert back.actor_id.tolist() == boxes.actor_id.tolist()
+    for name in ("x_m", "y_m", "z_m", "yaw_rad", "length_m", "width_m", "height_m"):
+        assert np.allclose(getattr(back, name), getattr(boxes, name))
+
+
+def _states(modes: list[Mode]) -> ActorStates:
+    arrays = {name: np.zeros(len(modes), dtype) for name, dtype in ACTOR_STATE_DTYPES.items()}
+    arrays["actor_id"] = np.arange(1, len(modes) + 1, dtype=np.uint32)
+    arrays["mode"] = np.array(modes, dtype=np.uint8)
+    arrays["vx_mps"] = np.full(len(modes), 10.0)
+    return ActorStates(step=8, **arrays)
+
+
+def _actor(actor_id: int, is_emv: bool = False) -> ActorDescription:
+    return ActorDescription(actor_id, f"v{actor_id}", ActorClass.SEDAN, 4.6, 1.8, 1.4, (51, 102, 204), is_emv)
+
+
+def test_markers_show_the_emv_the_yielding_and_the_rest() -> None:
+    states = _states([Mode.ROUTE_FOLLOW, Mode.YIELD_LANE_CHANGE, Mode.NOMINAL])
+    actors = {1: _actor(1, is_emv=True), 2: _actor(2), 3: _actor(3)}
+    markers = vehicle_markers(states, actors)
+    cubes = [marker for marker in markers if marker.shape is MarkerShape.CUBE]
+    assert [marker.colour for marker in cubes] == [
+        EMV_COLOUR,
+        MODE_COLOURS[Mode.YIELD_LANE_CHANGE],
+        (0.2, 0.4, 0.8, 0.85),
+    ]
+    assert cubes[0].size_m == (4.6, 1.8, 1.4)
+    assert cubes[0].centre_m[2] == pytest.approx(0.7)
+    (label,) = [marker for marker in markers if marker.shape is MarkerShape.TEXT]
+    assert label.text == "route follow  36 km/h"
+
+
+def test_markers_come_back(factory: RosbagsFactory, round_trip: Callable[[object], Any]) -> None:
+    markers = vehicle_markers(_states([Mode.NOMINAL, Mode.YIELD_HOLD]), {1: _actor(1, is_emv=True), 2: _actor(2)})
+    back = from_markers(round_trip(to_markers(factory, 8, markers)))
+    assert [marker.text for marker in back] == [marker.text for marker in markers]
+    for read, made in zip(back, markers, strict=True):
+        assert (read.namespace, read.marker_id, read.shape) == (made.namespace, made.marker_id, made.shape)
+        assert read.centre_m == pytest.approx(made.centre_m)
+        assert read.colour == pytest.approx(made.colour, abs=1e-6)
+
+
+def test_every_yielding_mode_has_a_colour_of_its_own() -> None:
+    yielding = [mode for mode in Mode if mode.is_yielding]
+    assert len({MODE_COLOURS[mode] for mode in yielding}) == len(yielding)

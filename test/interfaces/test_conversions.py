@@ -1,0 +1,158 @@
+"""Every pair of conversions is an exact round trip, for live messages and for messages in bags."""
+
+import dataclasses
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rclpy.serialization import deserialize_message
+
+from siren_ros.interfaces import conversions
+from siren_ros.interfaces.lockstep_reports import EpisodeClosing, Phase, StepReport
+from siren_ros.interfaces.rosbags_factory import RosbagsFactory, load_typestore
+from siren_ros.ros.endpoints import message_class
+from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
+from siren_ros.world.commands import COMMAND_DTYPES, VehicleCommands
+from siren_ros.world.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
+from siren_ros.world.events import Event, EventKind
+from siren_ros.world.ground_truth import GROUND_TRUTH_DTYPES, GroundTruth
+from siren_ros.world.levels import EmergencyLevel
+from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, EmvAdvice, SignalState, TrafficState
+
+STORE = load_typestore({"siren_msgs": Path(__file__).parents[2] / "msg_defs" / "msg"})
+OFFLINE = RosbagsFactory(STORE)
+
+numbers = st.floats(allow_nan=False, allow_infinity=False)
+ids = st.integers(0, 2**32 - 1)
+names = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=12)
+details = st.dictionaries(names, st.one_of(st.integers(-(2**40), 2**40), numbers, names), max_size=3)
+events = st.builds(Event, st.integers(0, 10**6), st.sampled_from(EventKind), ids, ids, numbers, numbers, details)
+actors = st.builds(
+    ActorDescription,
+    ids,
+    names,
+    st.sampled_from(ActorClass),
+    numbers,
+    numbers,
+    numbers,
+    st.tuples(*[st.integers(0, 255)] * 3),
+    st.booleans(),
+)
+
+
+def arrays(dtypes: dict[str, type[np.generic]], seed: int, count: int) -> dict[str, Any]:
+    rng = np.random.default_rng(seed)
+    return {
+        name: rng.standard_normal(count) * 100
+        if dtype is np.float64
+        else rng.integers(0, 2 if dtype is np.bool_ else 200, count).astype(dtype)
+        for name, dtype in dtypes.items()
+    }
+
+
+@st.composite
+def tables(draw: st.DrawFn) -> Any:
+    seed, count, step = draw(st.integers(0, 2**32)), draw(st.integers(0, 5)), draw(st.integers(0, 2000))
+    some_events = tuple(draw(st.lists(events, max_size=2)))
+    kind = draw(st.integers(0, 3))
+    if kind == 0:
+        return ActorStates(step=step, **arrays(ACTOR_STATE_DTYPES, seed, count))
+    if kind == 1:
+        return VehicleCommands(step=step, source="x", events=some_events, **arrays(COMMAND_DTYPES, seed, count))
+    if kind == 2:
+        return GroundTruth(step=step, carrier_id=1, **arrays(GROUND_TRUTH_DTYPES, seed, count))
+    return TrafficState(
+        step=step,
+        spawned=tuple(draw(st.lists(actors, max_size=2))),
+        emvs=(EmvAdvice(1, -1, 7, 12.5, 3.25, 4),) * count,
+        signals=(SignalState("J1", "GGrr"),) * count,
+        events=some_events,
+        **arrays(TRAFFIC_STATE_DTYPES, seed, count),
+    )
+
+
+values = st.one_of(
+    tables(),
+    events,
+    actors,
+    st.builds(SignalState, names, names),
+    st.builds(StepReport, st.integers(0, 10**6), names, st.sampled_from(Phase), names, numbers),
+    st.builds(EpisodeClosing, st.integers(0, 10**6), st.sampled_from(EpisodeEnd), names),
+    st.builds(
+        EpisodeDescription,
+        template=names,
+        level=st.sampled_from(EmergencyLevel),
+        seed=st.integers(0, 2**31 - 1),
+        map_name=names,
+        map_sha256=names,
+        duration_s=numbers,
+        sensor_suite=names,
+        preset=names,
+        emv_ids=st.lists(ids, max_size=3).map(tuple),
+        parameters=details,
+        versions=st.dictionaries(names, names, max_size=2),
+        site=details,
+    ),
+    st.builds(
+        EpisodeOutcome,
+        st.sampled_from(EpisodeEnd),
+        names,
+        st.integers(0, 10**6),
+        st.sampled_from([True, False, None]),
+        details,
+    ),
+)
+
+PAIRS: dict[type, tuple[str, Any]] = {
+    cls: (f"siren_msgs/msg/{message}", getattr(conversions, f"to_{snake}"))
+    for cls, message, snake in (
+        (ActorStates, "ActorStates", "actor_states"),
+        (VehicleCommands, "VehicleCommands", "vehicle_commands"),
+        (GroundTruth, "GroundTruth", "ground_truth"),
+        (TrafficState, "TrafficState", "traffic_state"),
+        (Event, "Event", "event"),
+        (ActorDescription, "ActorDescription", "actor_description"),
+        (SignalState, "SignalState", "signal_state"),
+        (StepReport, "StepDone", "step_done"),
+        (EpisodeClosing, "EpisodeEnd", "episode_end"),
+        (EpisodeDescription, "EpisodeDescription", "episode_description"),
+        (EpisodeOutcome, "EpisodeOutcome", "episode_outcome"),
+    )
+}
+
+
+def same(left: Any, right: Any) -> bool:
+    for field in dataclasses.fields(left):
+        a, b = getattr(left, field.name), getattr(right, field.name)
+        equal = a.dtype == b.dtype and np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b
+        if not equal:
+            return False
+    return True
+
+
+@settings(deadline=None)
+@given(values)
+def test_round_trip(value: Any) -> None:
+    type_name, convert = PAIRS[type(value)]
+    read = conversions.READERS[type_name]
+    message = convert(OFFLINE, value)
+    assert same(read(message), value)
+    cdr = bytes(STORE.serialize_cdr(message, type_name))
+    assert same(read(STORE.deserialize_cdr(cdr, type_name)), value)
+    as_any_ros_program_reads_it = deserialize_message(cdr, message_class(type_name))
+    assert same(read(as_any_ros_program_reads_it), value)
+
+
+def test_every_own_message_has_a_reader() -> None:
+    folder = Path(__file__).parents[2] / "msg_defs" / "msg"
+    assert {f"siren_msgs/msg/{path.stem}" for path in folder.glob("*.msg")} == set(conversions.READERS)
+
+
+@pytest.mark.parametrize("step", [0, 1, 19, 20, 12345])
+def test_stamps_are_simulated_time(step: int) -> None:
+    message = conversions.to_actor_states(OFFLINE, ActorStates.empty(step))
+    assert math.isclose(message.stamp.sec + message.stamp.nanosec * 1e-9, step * 0.05)

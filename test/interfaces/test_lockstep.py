@@ -1,0 +1,113 @@
+from hypothesis import given
+from hypothesis import strategies as st
+
+from siren_ros.interfaces.lockstep import (
+    BeginStep,
+    EndEpisode,
+    LockstepConfig,
+    LockstepState,
+    Stage,
+    on_failure,
+    on_interrupt,
+    on_report,
+    on_time,
+    start_lockstep,
+)
+from siren_ros.interfaces.lockstep_reports import Phase, StepReport
+from siren_ros.world.episode import EpisodeEnd
+
+CONFIG = LockstepConfig(participants=("a", "b"), steps=2, step_timeout_s=5.0, start_timeout_s=60.0)
+
+
+def report(state: LockstepState, name: str, phase: Phase, step: int = 0, error: str = "", now_s: float = 0.0):
+    return on_report(state, StepReport(step, name, phase, error, busy_s=0.5), CONFIG, now_s)
+
+
+def stepping() -> LockstepState:
+    state, _ = report(start_lockstep(CONFIG, 0.0), "a", Phase.READY)
+    state, action = report(state, "b", Phase.READY)
+    assert action == BeginStep(0)
+    return state
+
+
+def test_a_whole_episode() -> None:
+    state = stepping()
+    for step in range(2):
+        state, action = report(state, "b", Phase.STEP, step)
+        assert action is None
+        state, action = report(state, "a", Phase.STEP, step)
+        assert action == (BeginStep(1) if step == 0 else EndEpisode(2, EpisodeEnd.COMPLETE, ""))
+    for name in ("a", "b"):
+        assert state.stage is Stage.CLOSING
+        state, action = report(state, name, Phase.FINAL, 1)
+        assert action is None
+    assert state.stage is Stage.CLOSED
+    assert state.end is EpisodeEnd.COMPLETE
+    assert state.busy_s == {"a": 2.0, "b": 2.0}
+
+
+@given(st.lists(st.sampled_from(["a", "stranger"]), max_size=8), st.integers(0, 5))
+def test_no_step_begins_while_a_participant_is_missing(names: list[str], step: int) -> None:
+    state = stepping()
+    for name in names:
+        state, action = report(state, name, Phase.STEP, step)
+        assert action is None
+    assert state.step == 0
+
+
+def test_reports_of_another_step_or_phase_do_not_count() -> None:
+    state = stepping()
+    for phase, step in ((Phase.STEP, 1), (Phase.READY, 0), (Phase.FINAL, 0)):
+        state, action = report(state, "a", phase, step)
+        assert action is None
+        assert state.waiting == {"a", "b"}
+
+
+def test_an_error_ends_the_episode_under_the_participants_name() -> None:
+    state, action = report(stepping(), "b", Phase.STEP, 0, error="out of road")
+    assert action == EndEpisode(0, EpisodeEnd.FAILED, "b: out of road")
+    assert state.stage is Stage.CLOSING
+
+
+def test_a_participant_that_does_not_answer_is_named() -> None:
+    state, _ = report(stepping(), "a", Phase.STEP, 0)
+    assert on_time(state, CONFIG, 4.9) == (state, None)
+    state, action = on_time(state, CONFIG, 5.0)
+    assert action == EndEpisode(0, EpisodeEnd.FAILED, "b: did not finish step 0 within 5 s")
+    state, action = report(state, "a", Phase.FINAL, 0, now_s=6.0)
+    assert action is None
+    state, action = on_time(state, CONFIG, 1000.0)
+    assert (state.stage, action) == (Stage.CLOSED, None)
+    assert state.reason == "b: did not finish step 0 within 5 s"
+
+
+def test_a_participant_that_never_becomes_ready_is_named() -> None:
+    state, action = on_time(start_lockstep(CONFIG, 10.0), CONFIG, 70.0)
+    assert action == EndEpisode(0, EpisodeEnd.FAILED, "a, b: was not ready within 60 s")
+    assert state.steps_done == 0
+
+
+def test_interruption_counts_finished_steps_only() -> None:
+    state = stepping()
+    state, _ = report(state, "a", Phase.STEP, 0)
+    assert on_interrupt(state, CONFIG, 1.0, "Ctrl-C")[1] == EndEpisode(0, EpisodeEnd.INTERRUPTED, "Ctrl-C")
+    state, _ = report(state, "b", Phase.STEP, 0)
+    closing, action = on_interrupt(state, CONFIG, 1.0, "Ctrl-C")
+    assert action == EndEpisode(1, EpisodeEnd.INTERRUPTED, "Ctrl-C")
+    assert on_interrupt(closing, CONFIG, 2.0, "again") == (closing, None)
+    assert on_failure(closing, CONFIG, 2.0, "again") == (closing, None)
+
+
+def test_a_failure_outside_the_reports_ends_the_episode() -> None:
+    action = on_failure(stepping(), CONFIG, 1.0, "a: killed")[1]
+    assert action == EndEpisode(0, EpisodeEnd.FAILED, "a: killed")
+
+
+def test_only_the_first_in_the_chain_is_blamed() -> None:
+    config = LockstepConfig(("sumo_bridge", "emv_controller", "vehicle_dynamics", "recorder"), 5, step_timeout_s=5.0)
+    state = start_lockstep(config, 0.0)
+    for name in config.participants:
+        state, _ = on_report(state, StepReport(0, name, Phase.READY), config, 0.0)
+    state, _ = on_report(state, StepReport(0, "sumo_bridge", Phase.STEP), config, 0.0)
+    _, action = on_time(state, config, 6.0)
+    assert action == EndEpisode(0, EpisodeEnd.FAILED, "emv_controller: did not finish step 0 within 5 s")

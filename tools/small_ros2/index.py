@@ -1,0 +1,59 @@
+"""Looks packages and their executables up where ROS does: in the prefixes that ``AMENT_PREFIX_PATH`` names."""
+
+import os
+from pathlib import Path
+
+from small_ros2.errors import CommandError
+
+MARKERS = Path("share/ament_index/resource_index/packages")
+
+
+def prefixes() -> list[Path]:
+    """The prefixes, earlier ones win."""
+    return [Path(prefix) for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix]
+
+
+def packages() -> dict[str, Path]:
+    """Every known package and the prefix that it is taken from, sorted by name."""
+    found: dict[str, Path] = {}
+    for prefix in prefixes():
+        if (prefix / MARKERS).is_dir():
+            for marker in (prefix / MARKERS).iterdir():
+                found.setdefault(marker.name, prefix)
+    return dict(sorted(found.items()))
+
+
+def prefix_of(package: str) -> Path:
+    """The prefix that holds a package.
+
+    Raises:
+        CommandError: No prefix holds it.
+    """
+    for prefix in prefixes():
+        if (prefix / MARKERS / package).is_file():
+            return prefix
+    raise CommandError(f"package '{package}' not found in AMENT_PREFIX_PATH")
+
+
+def executables(package: str) -> list[Path]:
+    """The executables of a package, sorted: the executable files below ``lib/PACKAGE`` of its prefix.
+
+    Raises:
+        CommandError: The package is not known.
+    """
+    folder = prefix_of(package) / "lib" / package
+    return sorted(path for path in folder.rglob("*") if path.is_file() and os.access(path, os.X_OK))
+
+
+def executable(package: str, name: str) -> Path:
+    """One executable of a package.
+
+    Raises:
+        CommandError: The package or the executable is not known; the message lists what there is.
+    """
+    known = executables(package)
+    for path in known:
+        if path.name == name:
+            return path
+    names = ", ".join(path.name for path in known) or "none"
+    raise CommandError(f"package '{package}' has no executable '{name}'; it has: {names}")

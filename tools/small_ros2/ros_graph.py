@@ -1,0 +1,97 @@
+"""What is going on in the ROS graph: a node that looks, the topics it sees, the quality of service that fits them."""
+
+import importlib
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, Final
+
+import rclpy
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+
+from small_ros2.errors import CommandError
+
+DISCOVERY_S: Final = 1.0
+"""How long a new node listens before it takes what it has heard for the whole graph."""
+POLL_S: Final = 0.05
+DEPTH: Final = 100
+
+
+@contextmanager
+def observer(name: str) -> Iterator[Node]:
+    """A node without topics of its own, so that it does not show up in what it lists.
+
+    Ctrl-C stays Python's KeyboardInterrupt, which waits of POLL_S let through.
+    """
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    node = Node(name, enable_rosout=False, start_parameter_services=False)
+    try:
+        yield node
+    finally:
+        node.destroy_node()
+        rclpy.shutdown()
+
+
+def topics_after(node: Node, discovery_s: float) -> dict[str, list[str]]:
+    """Topic names and types that the node has discovered after a while of listening."""
+    time.sleep(discovery_s)
+    return {
+        name: types
+        for name, types in node.get_topic_names_and_types()
+        if name != "/parameter_events" or node.count_publishers(name) > 1
+    }
+
+
+def type_of_topic(node: Node, topic: str, discovery_s: float) -> str:
+    """The type of a topic, as soon as somebody is found to publish or read it.
+
+    Raises:
+        CommandError: Nobody does within the time, or they disagree about its type.
+    """
+    deadline = time.monotonic() + discovery_s
+    while True:
+        types = dict(node.get_topic_names_and_types()).get(topic, [])
+        if len(types) == 1:
+            return str(types[0])
+        if types:
+            raise CommandError(f"topic '{topic}' has several types: {', '.join(sorted(types))}; name one")
+        if time.monotonic() >= deadline:
+            raise CommandError(
+                f"topic '{topic}' is not published, so its type is unknown; name the type to wait for it"
+            )
+        time.sleep(POLL_S)
+
+
+def message_class(type_name: str) -> Any:
+    """The class of a message type such as ``std_msgs/msg/String``; ``std_msgs/String`` is understood too.
+
+    Raises:
+        CommandError: The name is no message type's, or its package is not installed.
+    """
+    package, *middle, name = type_name.split("/")
+    if middle not in ([], ["msg"]) or not (package.isidentifier() and name.isidentifier()):
+        raise CommandError(f"'{type_name}' is not a message type such as std_msgs/msg/String")
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError):
+        raise CommandError(f"message type '{type_name}' is not installed") from None
+
+
+def matching_qos(node: Node, topic: str) -> QoSProfile:
+    """The strictest quality of service that every publisher of a topic offers."""
+    offered = [info.qos_profile for info in node.get_publishers_info_by_topic(topic)]
+    reliable = all(qos.reliability == ReliabilityPolicy.RELIABLE for qos in offered)
+    latched = bool(offered) and all(qos.durability == DurabilityPolicy.TRANSIENT_LOCAL for qos in offered)
+    return QoSProfile(
+        depth=DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def spin_until(node: Node, is_done: Callable[[], bool]) -> None:
+    """Handles messages until the condition holds; Ctrl-C gets through."""
+    while not is_done():
+        rclpy.spin_once(node, timeout_sec=POLL_S)

@@ -1,0 +1,26 @@
+"""``ros2 run PACKAGE EXECUTABLE [ARGUMENT...]``."""
+
+import argparse
+import os
+import sys
+
+from small_ros2.index import executable
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declares the arguments; everything behind the executable's name is passed on to it untouched."""
+    parser.add_argument("package", help="name of the package")
+    parser.add_argument("executable", help="name of the executable")
+    parser.add_argument("arguments", nargs=argparse.REMAINDER, help="passed on, for example --ros-args -p NAME:=VALUE")
+    parser.set_defaults(main=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Becomes the executable.
+
+    Replacing this process hands the executable the terminal, every signal exactly once, and the way to its exit code.
+    """
+    path = executable(arguments.package, arguments.executable)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os.execv(path, [str(path), *arguments.arguments])  # noqa: S606  starting what the user names is the purpose

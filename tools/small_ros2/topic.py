@@ -1,0 +1,123 @@
+"""``ros2 topic list``, ``ros2 topic echo`` and ``ros2 topic hz``."""
+
+import argparse
+import sys
+import time
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from small_ros2.errors import CommandError
+from small_ros2.rendering import TRUNCATE_LENGTH, to_yaml
+from small_ros2.ros_graph import (
+    DISCOVERY_S,
+    matching_qos,
+    message_class,
+    observer,
+    spin_until,
+    topics_after,
+    type_of_topic,
+)
+
+REPORT_PERIOD_S = 1.0
+WINDOW = 10_000
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declares the verbs."""
+    verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
+    listing = verbs.add_parser("list", help="list the topics")
+    listing.add_argument("-t", "--show-types", action="store_true", help="also print the types")
+    listing.set_defaults(main=list_topics)
+
+    echo = verbs.add_parser("echo", help="print the messages of a topic")
+    echo.add_argument("topic", help="name of the topic")
+    echo.add_argument("type", nargs="?", help="its type, where nobody publishes it yet")
+    echo.add_argument("--once", action="store_true", help="end after the first message")
+    echo.add_argument("--raw", action="store_true", help="print the serialised bytes")
+    echo.add_argument("--full-length", "-f", action="store_true", help="do not cut long arrays and strings")
+    echo.set_defaults(main=echo_topic)
+
+    rate = verbs.add_parser("hz", help="print how often messages arrive")
+    rate.add_argument("topic", help="name of the topic")
+    rate.add_argument("--window", "-w", type=int, default=WINDOW, help=f"number of intervals averaged ({WINDOW})")
+    rate.set_defaults(main=measure_rate)
+
+    for verb in (listing, echo, rate):
+        verb.add_argument(
+            "--spin-time", type=float, default=DISCOVERY_S, metavar="S", help=f"s of discovery ({DISCOVERY_S})"
+        )
+
+
+def full_name(topic: str) -> str:
+    """The topic's name from the root."""
+    return topic if topic.startswith("/") else f"/{topic}"
+
+
+def list_topics(arguments: argparse.Namespace) -> int:
+    """Prints the topics, sorted."""
+    with observer("small_ros2_topic_list") as node:
+        for name, types in sorted(topics_after(node, arguments.spin_time).items()):
+            print(f"{name} [{', '.join(types)}]" if arguments.show_types else name)
+    return 0
+
+
+def echo_topic(arguments: argparse.Namespace) -> int:
+    """Prints each message as a YAML document until Ctrl-C, or the first one only."""
+    topic = full_name(arguments.topic)
+    printed = 0
+
+    def show(message: Any) -> None:
+        nonlocal printed
+        if printed and arguments.once:
+            return
+        printed += 1
+        text = (
+            f"{message!r}\n" if arguments.raw else to_yaml(message, None if arguments.full_length else TRUNCATE_LENGTH)
+        )
+        sys.stdout.write(f"{text}---\n")
+        sys.stdout.flush()
+
+    with observer("small_ros2_topic_echo") as node:
+        type_name = arguments.type or type_of_topic(node, topic, arguments.spin_time)
+        node.create_subscription(message_class(type_name), topic, show, matching_qos(node, topic), raw=arguments.raw)
+        spin_until(node, lambda: arguments.once and printed > 0)
+    return 0
+
+
+def rate_report(arrivals_s: deque[float]) -> str:
+    """The mean rate of arrivals and the spread of their intervals, in the real ros2's words."""
+    intervals_s = np.diff(np.array(arrivals_s))
+    return (
+        f"average rate: {1.0 / intervals_s.mean():.3f}\n"
+        f"\tmin: {intervals_s.min():.3f}s max: {intervals_s.max():.3f}s "
+        f"std dev: {intervals_s.std():.5f}s window: {len(intervals_s)}"
+    )
+
+
+def measure_rate(arguments: argparse.Namespace) -> int:
+    """Prints once a second how often messages have arrived, by the wall clock, until Ctrl-C."""
+    if arguments.window < 1:
+        raise CommandError(f"--window: {arguments.window} cannot be used; allowed: 1 and more", exit_code=2)
+    topic = full_name(arguments.topic)
+    arrivals_s: deque[float] = deque(maxlen=arguments.window + 1)
+    next_report_s = time.monotonic() + REPORT_PERIOD_S
+
+    def report_when_due() -> bool:
+        nonlocal next_report_s
+        if time.monotonic() >= next_report_s and len(arrivals_s) > 1:
+            print(rate_report(arrivals_s), flush=True)
+            next_report_s = time.monotonic() + REPORT_PERIOD_S
+        return False
+
+    with observer("small_ros2_topic_hz") as node:
+        node.create_subscription(
+            message_class(type_of_topic(node, topic, arguments.spin_time)),
+            topic,
+            lambda _: arrivals_s.append(time.monotonic()),
+            matching_qos(node, topic),
+            raw=True,
+        )
+        spin_until(node, report_when_due)
+    return 0

@@ -43,13 +43,13 @@ class Cosim(Node):
         check_names(self._parameter_overrides, [field.name for field in fields(CosimConfig)])
         self.config = declare_config(self, CosimConfig)
         request = EpisodeRequest(**{name: getattr(self.config, name) for name in SCENARIO_FIELDS})
-        self.suite = load_suite(self.config.sensors)
+        suite = load_suite(self.config.sensors)
         self.bag = Path(self.config.bag) if self.config.bag else default_bag_path(request)
         self.steps = plan_length(request)
-        self.kitti = self.config.kitti and bool(self.suite.lidars)
+        self.kitti_folder = Path(f"{self.bag}_kitti") if self.config.kitti and suite.lidars else None
         self.outcome: EpisodeOutcome | None = None
         self.progress = Progress(self.steps)
-        names = (*DEFAULT_PARTICIPANTS, *(("kitti_exporter",) if self.kitti else ()))
+        names = (*DEFAULT_PARTICIPANTS, *(("kitti_exporter",) if self.kitti_folder else ()))
         lockstep = LockstepConfig(names, self.steps, step_timeout_s=self.config.step_timeout_s)
         self.master = LockstepMaster(self, lockstep, self.config.realtime_factor)
         self.master.on_step_begun = self.progress.begin_step
@@ -63,8 +63,8 @@ class Cosim(Node):
         values = asdict(self.config)
         told["sumo_bridge"] = {**told["sumo_bridge"], **{name: values[name] for name in SCENARIO_FIELDS}}
         told["recorder"] = {**told["recorder"], "bag": str(self.bag)}
-        if self.kitti:
-            told["kitti_exporter"] = {**told["kitti_exporter"], "out": f"{self.bag}_kitti"}
+        if self.kitti_folder:
+            told["kitti_exporter"] = {**told["kitti_exporter"], "out": str(self.kitti_folder)}
         return told
 
     def _on_actors(self, cdr: bytes) -> None:
@@ -96,7 +96,7 @@ def run_episode(cosim: Cosim, interrupt: Interrupt) -> int:
         composition.stop(STOP_S)
         executor.shutdown()
     state = cosim.master.state
-    print("\n".join(closing_summary(cosim.bag, state, cosim.outcome, cosim.progress.wall_s, cosim.steps)))
+    print("\n".join(closing_summary(cosim.bag, cosim.kitti_folder, state, cosim.outcome, cosim.progress.wall_s)))
     refused = composition.exit_code()
     if state.end is EpisodeEnd.COMPLETE:
         return EXIT_OK

@@ -3,7 +3,9 @@
 import sys
 from typing import Any
 
-from siren_ros.dynamics.fleet import FleetState, step_fleet
+from siren_ros.dynamics.fleet import step_fleet
+from siren_ros.dynamics.fleet_state import FleetState
+from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import (
     from_traffic_state,
@@ -28,7 +30,7 @@ class VehicleDynamics(Participant[VehicleDynamicsConfig]):
 
     def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:  # noqa: ARG002 - the interface of all nodes
         """Start with no vehicles."""
-        self._fleet = FleetState.initial()
+        self._fleet = FleetState.empty(load_vehicle_parameters())
 
     def on_step(self, step: int, inputs: dict[str, Any]) -> None:
         """Advance all vehicles by one step."""

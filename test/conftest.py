@@ -5,8 +5,13 @@ from pathlib import Path
 
 import pytest
 from rosbags.typesys.store import Typestore
+from synthetic_episode import Scene, SyntheticEpisode
 
 from siren_ros.interfaces.rosbags_factory import RosbagsFactory, load_typestore
+from siren_ros.recording.bag_writer import EpisodeBagWriter
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.recording.record_builder import RecordBuilder
+from siren_ros.world.units import time_ns_of_step
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
@@ -36,3 +41,32 @@ def round_trip(typestore: Typestore) -> Callable[[object], object]:
         return typestore.deserialize_cdr(typestore.serialize_cdr(message, name), name)
 
     return through_cdr
+
+
+@pytest.fixture(scope="session")
+def record_of(factory: RosbagsFactory) -> Callable[..., EpisodeRecord]:
+    """The record of a synthetic episode, straight from its messages; arguments are those of ``Scene``."""
+
+    def build(**scene: object) -> EpisodeRecord:
+        builder = RecordBuilder()
+        for topic, _, message in SyntheticEpisode(Scene(**scene)).messages(factory):  # type: ignore[arg-type] # forwarded
+            builder.add(topic.name, message)
+        return builder.build()
+
+    return build
+
+
+@pytest.fixture(scope="session")
+def write_bag(factory: RosbagsFactory, typestore: Typestore) -> Callable[..., Path]:
+    """Writes the bag of a synthetic episode; further arguments are those of ``Scene``."""
+
+    def write(path: Path, **scene: object) -> Path:
+        episode = SyntheticEpisode(Scene(**scene))  # type: ignore[arg-type] # forwarded
+        latched = [topic.name for topic in episode.recorded_topics() if topic.latched]
+        writer = EpisodeBagWriter(path, typestore, latched)
+        for topic, step, message in episode.messages(factory):
+            cdr = bytes(typestore.serialize_cdr(message, topic.type_name))
+            writer.write(topic.name, topic.type_name, cdr, time_ns_of_step(step))
+        return writer.finish().path
+
+    return write

@@ -19,7 +19,6 @@ LAYERS = [
     "dynamics",
     "traffic",
     "interfaces",
-    "resources",
     "world",
 ]
 """From the top of the house to its foundation; each imports only what stands below it."""

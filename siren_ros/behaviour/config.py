@@ -87,14 +87,16 @@ class YieldConfig:
 class PullOverConfig:
     """Geometry of the pull-over to the lane's edge."""
 
-    edge_margin_m: float = 0.1
-    """Between the vehicle's side and the lane's edge."""
-    shoulder_overhang_m: float = 0.4
-    """How far a vehicle reaches beyond its lane's edge where a shoulder lies there."""
+    corridor_half_m: float = 1.4
+    """Free width that a vehicle tries to leave on its inner side, where standing at the lane's edge leaves less."""
+    overhang_max_m: float = 0.5
+    """How far a vehicle may reach beyond its lane's edge for it."""
+    shoulder_overhang_max_m: float = 1.0
+    """The same where a shoulder lies there."""
     duration_s: float = 2.0
     length_min_m: float = 6.0
     curvature_max_1pm: float = 0.15
-    reached_m: float = 0.2
+    reached_m: float = 0.15
     """Distance from the wanted offset at which the target counts as reached."""
     extension_m: float = 6.0
     """Length by which the path is extended to finish the alignment."""
@@ -132,10 +134,12 @@ class GapEscapeConfig:
     horizon_m: float = 35.0
     progress_min_m: float = 8.0
     """Shortest free path worth driving."""
-    clearance_m: float = 0.25
+    clearance_m: float = 0.15
     """Margin around the footprint."""
-    offset_step_m: float = 0.4
+    offset_step_m: float = 0.2
     merge_lengths_m: tuple[float, ...] = (6.0, 9.0, 14.0)
+    blocker_range_m: float = 15.0
+    """While the escape is active: free way in the EMV's lane below which the vehicle ahead still blocks it."""
     opposite_cost_m: float = 30.0
     """Free length that a path in the opposite lane must gain to be preferred."""
     shoulder_cost_m: float = 4.0
@@ -169,6 +173,10 @@ class BehaviourConfig:
 
     emv: EmvConfig = field(default_factory=EmvConfig)
     lane_change: LaneChangeConfig = field(default_factory=LaneChangeConfig)
+    """Of the EMV."""
+    civilian_lane_change: LaneChangeConfig = field(
+        default_factory=lambda: LaneChangeConfig(duration_s=2.0, length_min_m=12.0)
+    )
     yielding: YieldConfig = field(default_factory=YieldConfig)
     pull_over: PullOverConfig = field(default_factory=PullOverConfig)
     corridor: CorridorConfig = field(default_factory=CorridorConfig)

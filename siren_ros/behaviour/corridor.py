@@ -6,12 +6,13 @@ from typing import Final
 
 import numpy as np
 
+from siren_ros.behaviour.curve import Curve
 from siren_ros.behaviour.emv_lane_change import Outcome, cancel_lane_change
 from siren_ros.behaviour.emv_route import best_lane, present_lane
-from siren_ros.behaviour.emv_unit import EmvUnit, advice_of, event_of
-from siren_ros.behaviour.lane_path import LaneEnd, LanePath, lanes_along, path_on_lanes
+from siren_ros.behaviour.emv_unit import NEVER, EmvUnit, advice_of, event_of
+from siren_ros.behaviour.lane_foot import lane_foot
+from siren_ros.behaviour.lane_path import LaneEnd, LanePath, lanes_along, path_on_lanes, road_limits
 from siren_ros.behaviour.path_blend import along_reference, quintic_offsets
-from siren_ros.behaviour.curve import Curve
 from siren_ros.behaviour.world import StepView
 from siren_ros.world.actors import Floats, Lights
 from siren_ros.world.events import EventKind
@@ -41,7 +42,7 @@ def corridor_mode(unit: EmvUnit, row: int, view: StepView) -> Outcome:
         return replace(unit, corridor=True), (*cancelled, event_of(view, row, EventKind.CORRIDOR_ENTERED))
     patience = steps_from_s(view.world.config.corridor.leave_after_s)
     if unit.corridor and view.step - unit.corridor_seen_step >= patience:
-        left = replace(unit, corridor=False, plan=None, corridor_planned_step=unit.change_step)
+        left = replace(unit, corridor=False, plan=None, corridor_planned_step=NEVER)
         return left, (event_of(view, row, EventKind.CORRIDOR_LEFT),)
     return unit, ()
 
@@ -81,7 +82,7 @@ def corridor_path(unit: EmvUnit, row: int, view: StepView) -> EmvUnit:
         return unit
     lane = best_lane(network, lane, route)
     x, y, yaw = view.pose(row)
-    position = float(network.lanes[lane].centre.project((x, y))[0])
+    position = lane_foot(network.lanes[lane].centre, x, y)[0]
     lanes, end = lanes_along(network, lane, position, route, config.length_m)
     reference = path_on_lanes(network, lanes, end, position - 2.0, config.length_m + 2.0)
     s0, d0 = reference.curve.project_one(x, y)
@@ -138,6 +139,8 @@ def corridor_offsets(reference: LanePath, s_m: Floats, row: int, view: StepView)
     both = np.isfinite(high) & np.isfinite(low)
     middle = np.where(both, 0.5 * (np.where(both, high, 0.0) + np.where(both, low, 0.0)), 0.0)
     target = np.where(both, middle, np.maximum(np.minimum(base, high), low))
+    road, half_width = road_limits(view.world.network, reference.lanes[0]), float(seen.half_width_m[row])
+    target = np.clip(target, road.right_m + half_width, road.left_m + max(road.opposite_m, half_width) - half_width)
     return _smooth(target, int(config.influence_m))
 
 

@@ -1,12 +1,12 @@
 """The EMV's per-step control (paper, Algorithm 1): guarded overrides, evaluated top to bottom over latched flags."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 
-from siren_ros.behaviour.corridor import corridor_path, corridor_mode
+from siren_ros.behaviour.corridor import corridor_mode, corridor_path
 from siren_ros.behaviour.emv_lane_change import Outcome, complete_lane_change, forced_lane_change
 from siren_ros.behaviour.emv_route import plan_route, present_lane
 from siren_ros.behaviour.emv_unit import EmvUnit, event_of
@@ -23,6 +23,7 @@ from siren_ros.world.traffic_state import TrafficState
 from siren_ros.world.units import steps_from_s
 
 SOURCE: Final = "emv_controller"
+Guard = Callable[[EmvUnit, int, StepView], Outcome]
 _REPLAN_STEPS: Final = steps_from_s(1.0)
 """Least time between two plans where SUMO's route and the path disagree."""
 
@@ -95,7 +96,7 @@ def target_speed_mps(unit: EmvUnit, world: BehaviourWorld) -> float:
 
 
 def _step_unit(unit: EmvUnit, row: int, view: StepView) -> tuple[EmvUnit, DriveCommand, tuple[Event, ...]]:
-    guards = (forced_lane_change, waypoints, complete_lane_change)
+    guards: tuple[Guard, ...] = (forced_lane_change, waypoints, complete_lane_change)
     if view.world.policy.corridor:
         guards = (gap_escape_mode, corridor_mode, *guards)
     events: tuple[Event, ...] = ()

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+from siren_ros.behaviour.lane_foot import lane_foot
 from siren_ros.behaviour.lane_path import (
     LaneEnd,
     changes_needed,
@@ -53,7 +54,7 @@ def plan_route(
     """
     network, config = view.world.network, view.world.config.emv
     x, y, yaw = view.pose(row)
-    position = float(network.lanes[lane].centre.project((x, y))[0])
+    position = lane_foot(network.lanes[lane].centre, x, y)[0]
     route = view.traffic.route_of_row(row)
     lanes, end = lanes_along(network, lane, position, route, config.path_ahead_m)
     reference = path_on_lanes(

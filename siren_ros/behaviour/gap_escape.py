@@ -10,13 +10,15 @@ from siren_ros.behaviour.config import GapEscapeConfig
 from siren_ros.behaviour.curve import Curve
 from siren_ros.behaviour.emv_lane_change import Outcome, cancel_lane_change
 from siren_ros.behaviour.emv_route import best_lane, present_lane
-from siren_ros.behaviour.emv_unit import EmvUnit, advice_of, event_of
-from siren_ros.behaviour.lane_path import LanePath, lanes_along, path_on_lanes
+from siren_ros.behaviour.emv_unit import NEVER, EmvUnit, advice_of, event_of
+from siren_ros.behaviour.lane_change import gaps_in_lane
+from siren_ros.behaviour.lane_foot import lane_foot
+from siren_ros.behaviour.lane_path import LanePath, lanes_along, path_on_lanes, road_limits
 from siren_ros.behaviour.path_blend import PEAK_CURVATURE, along_reference, quintic_offsets
 from siren_ros.behaviour.world import StepView
 from siren_ros.world.actors import NO_ACTOR, Floats
 from siren_ros.world.events import EventKind
-from siren_ros.world.road_network import NO_LANE, LaneKind, RoadNetwork
+from siren_ros.world.road_network import NO_LANE, RoadNetwork
 from siren_ros.world.units import STEP_S, steps_from_s
 
 _SWEEP_S: Final = 1.5
@@ -32,27 +34,28 @@ def gap_escape_mode(unit: EmvUnit, row: int, view: StepView) -> Outcome:
     """Latches the gap escape: entered after a sustained stop behind a blocker, left when none is there for a while."""
     constants = view.world.constants.gap_escape
     stopped = float(view.seen.speed_mps[row]) <= constants.blocked_speed_mps
-    blocker = blocker_of(unit, view)
+    blocker = blocker_of(unit, row, view)
     unit = replace(
         unit,
         stopped_s=unit.stopped_s + STEP_S if stopped else 0.0,
         blocker_free_s=0.0 if blocker != NO_ACTOR else unit.blocker_free_s + STEP_S,
     )
     if unit.gap_escape_active and unit.blocker_free_s >= constants.blocker_grace_s - 0.5 * STEP_S:
-        unit = replace(unit, gap_escape_active=False, escape_offset_m=None, plan=None)
+        unit = replace(unit, gap_escape_active=False, escape_offset_m=None, plan=None, corridor_planned_step=NEVER)
         return unit, (event_of(view, row, EventKind.GAP_ESCAPE_LEFT),)
     long_enough = unit.stopped_s >= constants.stop_before_entry_s - 0.5 * STEP_S
     if blocker == NO_ACTOR or not long_enough or unit.gap_escape_active:
         return unit, ()
     unit, cancelled = cancel_lane_change(unit, row, view, "gap_escape")
-    unit = replace(unit, gap_escape_active=True, escape_offset_m=None, escape_planned_step=-steps_from_s(1e6))
+    unit = replace(unit, gap_escape_active=True, escape_offset_m=None, escape_planned_step=NEVER)
     return unit, (*cancelled, event_of(view, row, EventKind.GAP_ESCAPE_ENTERED, blocker))
 
 
-def blocker_of(unit: EmvUnit, view: StepView) -> int:
+def blocker_of(unit: EmvUnit, row: int, view: StepView) -> int:
     """The actor that blocks the EMV: SUMO's leader within the query range, else the navigator's snapshot.
 
-    A leader that drives faster than the escape's own target speed blocks nobody.
+    A leader that drives faster than the escape's own target speed blocks nobody. While the escape is active the
+    navigator does not watch; the vehicle ahead or beside in the EMV's lane takes the snapshot's place.
     """
     advice = advice_of(view, unit.actor_id)
     if advice is not None and advice.leader_id != NO_ACTOR:
@@ -60,6 +63,11 @@ def blocker_of(unit: EmvUnit, view: StepView) -> int:
         slow = len(rows) == 0 or view.seen.speed_mps[rows[0]] < view.world.speeds.emv_gap_escape_mps
         if slow and advice.leader_gap_m <= view.world.constants.leader_query_m:
             return advice.leader_id
+    if unit.gap_escape_active:
+        lane = present_lane(view, row, unit.navigator)
+        gaps = gaps_in_lane(view, row, lane) if lane != NO_LANE else None
+        near = gaps is not None and gaps.front_m < view.world.config.gap_escape.blocker_range_m
+        return gaps.front_id if gaps is not None and near else NO_ACTOR
     return unit.snapshot.actor_id if unit.snapshot is not None else NO_ACTOR
 
 
@@ -73,8 +81,8 @@ def escape_path(unit: EmvUnit, row: int, view: StepView) -> Outcome:
         return unit, ()
     network, route = view.world.network, view.traffic.route_of_row(row)
     lane = best_lane(network, lane, route)
-    x, y, yaw = view.pose(row)
-    position = float(network.lanes[lane].centre.project((x, y))[0])
+    x, y, _ = view.pose(row)
+    position = lane_foot(network.lanes[lane].centre, x, y)[0]
     length = config.horizon_m + 10.0
     lanes, end = lanes_along(network, lane, position, route, length)
     reference = path_on_lanes(network, lanes, end, position - 2.0, length)
@@ -189,26 +197,11 @@ def _candidate_offsets(
     network: RoadNetwork, lane: int, half_width_m: float, config: GapEscapeConfig
 ) -> tuple[Floats, Floats]:
     """Offsets across the road from the shoulder to the opposite lane, and what each costs in metres of free way."""
-    found = network.lanes[lane]
-    edge = network.edges[found.edge]
-    lanes = [network.lanes[item] for item in edge.lanes if network.lanes[item].emergency_allowed]
-    right = -0.5 * found.width_m - sum(item.width_m for item in lanes if item.position < found.position)
-    left = 0.5 * found.width_m + sum(item.width_m for item in lanes if item.position > found.position)
-    shoulder = right + sum(item.width_m for item in lanes if item.kind is LaneKind.SHOULDER)
-    opposite = next(
-        (
-            network.lanes[other.lanes[-1]].width_m
-            for other in network.edges
-            if other.from_junction == edge.to_junction
-            and other.to_junction == edge.from_junction
-            and not other.internal
-        ),
-        0.0,
-    )
-    low, high = right + half_width_m, left + opposite - half_width_m
-    offsets = np.arange(math.ceil(low / config.offset_step_m), math.floor(high / config.offset_step_m) + 1)
-    offsets = offsets * config.offset_step_m
-    beyond = np.clip(offsets + half_width_m - left, 0.0, None)
-    costs = np.where(offsets - half_width_m < shoulder - 1e-6, config.shoulder_cost_m, 0.0)
+    road = road_limits(network, lane)
+    low, high = road.right_m + half_width_m, road.left_m + road.opposite_m - half_width_m
+    steps = np.arange(math.ceil(low / config.offset_step_m), math.floor(high / config.offset_step_m) + 1)
+    offsets = steps.astype(np.float64) * config.offset_step_m
+    beyond = np.clip(offsets + half_width_m - road.left_m, 0.0, None)
+    costs = np.where(offsets - half_width_m < road.driving_right_m - 1e-6, config.shoulder_cost_m, 0.0)
     costs = costs + np.where(beyond > 0.0, config.opposite_cost_m * np.clip(beyond / 1.0, 0.2, 1.0), 0.0)
     return offsets, costs

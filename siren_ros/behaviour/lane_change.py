@@ -8,14 +8,18 @@ from typing import Final
 import numpy as np
 
 from siren_ros.behaviour.config import LaneChangeConfig, NavigatorConfig
+from siren_ros.behaviour.lane_foot import lane_foot
 from siren_ros.behaviour.lane_path import LaneEnd, LanePath, lanes_along, neighbour_lane, path_on_lanes
-from siren_ros.behaviour.path_blend import path_onto
+from siren_ros.behaviour.path_blend import PEAK_CURVATURE, path_onto
 from siren_ros.behaviour.tracked_path import TrackedPath
 from siren_ros.behaviour.world import StepView
+from siren_ros.world.actors import NO_ACTOR
 from siren_ros.world.road_network import NO_LANE, LaneKind
 from siren_ros.world.traffic_state import Indices
 
 _GAP_RANGE_M: Final = 60.0
+_STEER_SHARE: Final = 0.7
+"""Part of the steering range that a lane change may use."""
 
 
 class Refusal(StrEnum):
@@ -54,6 +58,8 @@ class LaneGaps:
     front_mps: float
     rear_m: float
     rear_mps: float
+    front_id: int = NO_ACTOR
+    """Vehicle ahead."""
 
 
 def gaps_in_lane(view: StepView, row: int, lane: int) -> LaneGaps:
@@ -62,10 +68,9 @@ def gaps_in_lane(view: StepView, row: int, lane: int) -> LaneGaps:
     found = view.world.network.lanes[lane]
     x, y, _ = view.pose(row)
     rows = seen.near(x, y, _GAP_RANGE_M, but=row)
-    points = np.column_stack((np.append(seen.x_m[rows], x), np.append(seen.y_m[rows], y)))
-    s, left = found.centre.project(points)
-    own_s, s, left = float(s[-1]), s[:-1], left[:-1]
-    turned = seen.yaw_rad[rows] - float(found.centre.heading_rad(own_s))
+    own_s, _, heading = lane_foot(found.centre, x, y)
+    s, left = found.centre.project(np.column_stack((seen.x_m[rows], seen.y_m[rows])))
+    turned = seen.yaw_rad[rows] - heading
     cos, sin = np.abs(np.cos(turned)), np.abs(np.sin(turned))
     side = cos * seen.half_width_m[rows] + sin * seen.half_length_m[rows]
     inside = (np.abs(left) - side < float(seen.half_width_m[row]) + 0.1) & (cos > 0.5)
@@ -76,7 +81,13 @@ def gaps_in_lane(view: StepView, row: int, lane: int) -> LaneGaps:
     front = np.where(s >= own_s, gap, np.inf)
     rear = np.where(s < own_s, gap, np.inf)
     f, r = int(np.argmin(front)), int(np.argmin(rear))
-    return LaneGaps(float(front[f]), float(seen.speed_mps[rows[f]]), float(rear[r]), float(seen.speed_mps[rows[r]]))
+    return LaneGaps(
+        front_m=float(front[f]),
+        front_mps=float(seen.speed_mps[rows[f]]),
+        rear_m=float(rear[r]),
+        rear_mps=float(seen.speed_mps[rows[r]]),
+        front_id=int(seen.actor_id[rows[f]]) if math.isfinite(front[f]) else NO_ACTOR,
+    )
 
 
 def refusal_of_gaps(gaps: LaneGaps, speed_mps: float, config: LaneChangeConfig) -> Refusal | None:
@@ -97,9 +108,18 @@ def refusal_of_gaps(gaps: LaneGaps, speed_mps: float, config: LaneChangeConfig) 
 
 
 def change_length_m(view: StepView, query: LaneChangeQuery) -> float:
-    """Length of a lane change that starts now."""
-    config = view.world.config.lane_change
-    return max(config.length_min_m, config.duration_s * float(view.seen.speed_mps[query.row]))
+    """Length of a lane change that starts now: a duration at the present speed, and what the vehicle can steer."""
+    config, vehicle = config_of(view, query), view.vehicle(query.row)
+    sharpest = math.tan(_STEER_SHARE * vehicle.max_steer_rad) / vehicle.wheelbase_m
+    width = view.world.network.lanes[query.lane].width_m
+    least = math.sqrt(PEAK_CURVATURE * width / sharpest)
+    return max(config.length_min_m, least, config.duration_s * float(view.seen.speed_mps[query.row]))
+
+
+def config_of(view: StepView, query: LaneChangeQuery) -> LaneChangeConfig:
+    """Parameters of the EMV's or of the civilians' lane changes."""
+    config = view.world.config
+    return config.civilian_lane_change if query.civilian else config.lane_change
 
 
 def assess(view: StepView, query: LaneChangeQuery) -> Refusal | LanePath:
@@ -109,7 +129,7 @@ def assess(view: StepView, query: LaneChangeQuery) -> Refusal | LanePath:
     finished before it, and for civilians only onto lanes that are theirs. A lane that does not lead on along the
     route is accepted where enough of it is left after the change to come back.
     """
-    network, config = view.world.network, view.world.config.lane_change
+    network, config = view.world.network, config_of(view, query)
     if query.lane == NO_LANE or network.lanes[query.lane].kind is LaneKind.INTERNAL:
         return Refusal.JUNCTION
     target = neighbour_lane(network, query.lane, query.side)
@@ -121,7 +141,7 @@ def assess(view: StepView, query: LaneChangeQuery) -> Refusal | LanePath:
         return refusal
     length = change_length_m(view, query)
     x, y, _ = view.pose(query.row)
-    position = float(network.lanes[target].centre.project((x, y))[0])
+    position = lane_foot(network.lanes[target].centre, x, y)[0]
     ahead = length + config.return_room_m + 30.0
     lanes, end = lanes_along(network, target, position, query.route, ahead, query.civilian, through_junctions=False)
     reference = path_on_lanes(network, lanes, end, position, ahead)
@@ -169,5 +189,5 @@ def offset_in_lane(view: StepView, row: int, lane: int) -> tuple[float, float]:
     """Offset of a vehicle's centre from a lane's centre line (left positive) and its heading relative to the lane."""
     x, y, yaw = view.pose(row)
     centre = view.world.network.lanes[lane].centre
-    s, left = centre.project((x, y))
-    return float(left), math.remainder(yaw - float(centre.heading_rad(s)), 2.0 * math.pi)
+    _, left, heading = lane_foot(centre, x, y)
+    return left, math.remainder(yaw - heading, 2.0 * math.pi)

@@ -9,7 +9,7 @@ import numpy as np
 from siren_ros.behaviour.curve import SMOOTHING_M, Curve
 from siren_ros.world.actors import Floats
 from siren_ros.world.polyline import Polyline
-from siren_ros.world.road_network import NO_LANE, Connection, RoadNetwork
+from siren_ros.world.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
 from siren_ros.world.traffic_state import Indices
 
 _EDGES_AHEAD: Final = 8
@@ -203,3 +203,36 @@ def neighbour_lane(network: RoadNetwork, lane: int, side: int) -> int:
     """Index of the lane beside a lane (+1 left, −1 right), ``NO_LANE`` where there is none."""
     found = network.neighbour(network.lanes[lane], side)
     return NO_LANE if found is None else found.index
+
+
+@dataclass(frozen=True)
+class RoadLimits:
+    """Sides of the road beside a lane's centre line, left positive."""
+
+    right_m: float
+    """Right edge of all lanes that an EMV may use."""
+    driving_right_m: float
+    """Right edge without a shoulder."""
+    left_m: float
+    opposite_m: float
+    """Width of the nearest opposite lane, 0 without one."""
+
+
+def road_limits(network: RoadNetwork, lane: int) -> RoadLimits:
+    """How far the road reaches to both sides of a lane."""
+    found = network.lanes[lane]
+    edge = network.edges[found.edge]
+    lanes = [network.lanes[item] for item in edge.lanes if network.lanes[item].emergency_allowed]
+    right = -0.5 * found.width_m - sum(item.width_m for item in lanes if item.position < found.position)
+    left = 0.5 * found.width_m + sum(item.width_m for item in lanes if item.position > found.position)
+    ends = (edge.to_junction, edge.from_junction)
+    opposite = next(
+        (
+            network.lanes[other.lanes[-1]].width_m
+            for other in network.edges
+            if (other.from_junction, other.to_junction) == ends and not other.internal and not edge.internal
+        ),
+        0.0,
+    )
+    shoulders = sum(item.width_m for item in lanes if item.kind is LaneKind.SHOULDER)
+    return RoadLimits(right, right + shoulders, left, opposite)

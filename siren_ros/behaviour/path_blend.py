@@ -69,7 +69,7 @@ def path_onto(
     turned = math.remainder(pose[2] - heading, 2.0 * math.pi)
     slope = max(-_STEEPEST, min(_STEEPEST, math.tan(max(-1.0, min(1.0, turned)))))
     end_m = max(curve.length_m - shorten_m, s0 + 2.0)
-    s = np.linspace(s0, end_m, max(3, int(math.ceil((end_m - s0) / SPACING_M)) + 1))
+    s = np.linspace(s0, end_m, max(3, math.ceil((end_m - s0) / SPACING_M) + 1))
     offsets = quintic_offsets((s - s0) / merge_m, d0, slope * merge_m, offset_m)
     path = Curve.through(curve.offset_at(s, offsets))
     return along_reference(path, reference, s, config, merge_m, stop_at_end)
@@ -79,7 +79,7 @@ def on_reference(reference: LanePath, config: NavigatorConfig, stop_at_end: bool
     """The reference line itself as a path, ``shorten_m`` left out at its end."""
     curve = reference.curve
     end_m = max(curve.length_m - shorten_m, 2.0)
-    s = np.linspace(0.0, end_m, max(3, int(math.ceil(end_m / SPACING_M)) + 1))
+    s = np.linspace(0.0, end_m, max(3, math.ceil(end_m / SPACING_M) + 1))
     return along_reference(Curve.through(curve.at(s)), reference, s, config, 0.0, stop_at_end)
 
 

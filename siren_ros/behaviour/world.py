@@ -2,6 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
 
 from siren_ros.behaviour.config import BehaviourConfig
 from siren_ros.behaviour.constants import PAPER_CONSTANTS, PAPER_SPEEDS, ControlConstants, TargetSpeeds
@@ -11,7 +14,7 @@ from siren_ros.world.actors import ActorClass
 from siren_ros.world.levels import LevelPolicy
 from siren_ros.world.presets import DriverPreset
 from siren_ros.world.road_network import RoadNetwork
-from siren_ros.world.traffic_state import TrafficState
+from siren_ros.world.traffic_state import Indices, TrafficState
 from siren_ros.world.units import steps_from_s
 
 
@@ -27,6 +30,11 @@ class BehaviourWorld:
     constants: ControlConstants = PAPER_CONSTANTS
     speeds: TargetSpeeds = PAPER_SPEEDS
     config: BehaviourConfig = field(default_factory=BehaviourConfig)
+
+    @cached_property
+    def edge_of_lane(self) -> Indices:
+        """Edge of each lane of the network."""
+        return np.array([lane.edge for lane in self.network.lanes], dtype=np.int32)
 
     @property
     def cooldown_steps(self) -> int:

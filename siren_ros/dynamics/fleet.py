@@ -87,6 +87,7 @@ def _move(
         y_m=np.where(released, before.y_m + ahead * np.sin(before.yaw_rad), traffic.sumo_y_m),
         yaw_rad=np.where(released, before.yaw_rad, traffic.sumo_yaw_rad),
         speed_mps=np.where(released, before.forward_mps, traffic.sumo_speed_mps),
+        accel_mps2=np.where(released, 0.0, traffic.sumo_accel_mps2),
     )
     wanted, tracker = track(before, fleet.tracker, reference, fleet.table, STEP_S)
     controls = Controls(

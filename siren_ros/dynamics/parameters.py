@@ -45,7 +45,6 @@ class VehicleParameters:
     max_brake_decel_mps2: float
     hand_brake_decel_mps2: float
     """What the hand brake asks for; it acts on the rear axle."""
-    brake_front_share: float
     throttle_lag_s: float
     brake_lag_s: float
     drag_area_m2: float
@@ -100,7 +99,6 @@ _RANGES: Final[dict[str, tuple[float, float]]] = {
     "drive_front_share": (0.0, 1.0),
     "max_brake_decel_mps2": (2.0, 12.0),
     "hand_brake_decel_mps2": (0.5, 6.0),
-    "brake_front_share": (0.2, 0.9),
     "throttle_lag_s": (0.01, 2.0),
     "brake_lag_s": (0.01, 1.0),
     "drag_area_m2": (0.1, 15.0),
@@ -173,7 +171,6 @@ class ParameterTable:
     drive_front_share: Floats
     max_brake_decel_mps2: Floats
     hand_brake_decel_mps2: Floats
-    brake_front_share: Floats
     throttle_lag_s: Floats
     brake_lag_s: Floats
     drag_area_m2: Floats

@@ -34,14 +34,16 @@ class TrackerGains:
     """Speed correction per metre of distance along the path."""
     along_most_mps: float = 3.0
     """Largest speed correction."""
-    speed_time_s: float = 0.12
+    speed_time_s: float = 0.2
     """Time in which a difference of speeds is to be closed."""
-    quickness: float = 4.0
+    quickness: float = 3.0
     """How much quicker than a driver's the pedals and the steering are: SUMO's path is not known ahead."""
     drive_factor: float = 1.5
     """How much more than full throttle the drive may give: SUMO's acceleration knows no engine power."""
     pace_time_s: float = 0.2
     """Time constant of the ratio between the centre's speed and SUMO's speed of the front bumper."""
+    accel_time_s: float = 0.2
+    """Time constant by which SUMO's acceleration is smoothed before it is fed forward."""
     grip_share: float = 0.8
     """Part of the tyres' grip that steering and speed may ask for in a turn."""
     standing_mps: float = 0.05
@@ -57,6 +59,7 @@ class Reference:
     y_m: Floats
     yaw_rad: Floats
     speed_mps: Floats
+    accel_mps2: Floats
 
 
 @dataclass(frozen=True)
@@ -68,11 +71,13 @@ class TrackerState:
     yaw_rad: Floats
     pace: Floats
     """Speed of the centre over SUMO's speed, which is the front bumper's: below 1 in turns."""
+    accel_mps2: Floats
+    """SUMO's acceleration, smoothed."""
 
     @classmethod
     def at(cls, x_m: Floats, y_m: Floats, yaw_rad: Floats) -> "TrackerState":
         """Actors whose tracking begins, or begins anew, at these poses."""
-        return cls(x_m, y_m, yaw_rad, np.ones(len(x_m)))
+        return cls(x_m, y_m, yaw_rad, np.ones(len(x_m)), np.zeros(len(x_m)))
 
     def select(self, rows: npt.NDArray[np.bool_] | npt.NDArray[np.intp]) -> "TrackerState":
         """The actors of the given rows."""
@@ -129,7 +134,7 @@ def track(
     swerve = np.minimum(np.maximum(wrap_angle(course - tracker.yaw_rad), -most), most)
     curvature = np.tan(swerve) / pull
     steer, steered_curvature = _steer(state, tracker, table, curvature, gains)
-    ratio = np.clip(moved / (dt_s * np.maximum(reference.speed_mps, _SLOWEST_STEP_M / dt_s)), 0.5, 1.1)
+    ratio = np.clip(moved / (dt_s * np.maximum(reference.speed_mps, _SLOWEST_STEP_M / dt_s)), 0.85, 1.1)
     pace = tracker.pace + (ratio - tracker.pace) * -np.expm1(-dt_s / gains.pace_time_s)
     course = tracker.yaw_rad + swerve
     gap = (tracker.x_m - state.x_m) * np.cos(course) + (tracker.y_m - state.y_m) * np.sin(course)
@@ -137,9 +142,10 @@ def track(
     grip = gains.grip_share * GRAVITY_MPS2 * table.friction_coefficient
     fastest = np.sqrt(grip / np.maximum(np.abs(steered_curvature), _STRAIGHT_PM))
     wanted = np.minimum(np.maximum(pace * reference.speed_mps + correction, 0.0), fastest)
-    throttle, brake = _pedals(state, wanted, table, dt_s, gains)
+    accel = tracker.accel_mps2 + (reference.accel_mps2 - tracker.accel_mps2) * -np.expm1(-dt_s / gains.accel_time_s)
+    throttle, brake = _pedals(state, wanted, accel, table, dt_s, gains)
     n = len(state)
-    following = TrackerState(reference.x_m, reference.y_m, tracker.yaw_rad + moved * np.sin(swerve) / pull, pace)
+    following = TrackerState(reference.x_m, reference.y_m, tracker.yaw_rad + moved * np.sin(swerve) / pull, pace, accel)
     controls = Controls(
         throttle=throttle,
         brake=brake,
@@ -174,12 +180,14 @@ def _steer(
 
 
 def _pedals(
-    state: BodyState, wanted: Floats, table: ParameterTable, dt_s: float, gains: TrackerGains
+    state: BodyState, wanted: Floats, accel: Floats, table: ParameterTable, dt_s: float, gains: TrackerGains
 ) -> tuple[Floats, Floats]:
-    """Throttle and brake that bring the wanted speed within ``speed_time_s``; the brake holds a vehicle that waits."""
+    """Pedals that reach the wanted speed within ``speed_time_s`` while it changes; the brake holds who waits."""
     speed = state.forward_mps
     drag = 0.5 * AIR_DENSITY_KGPM3 * table.drag_area_m2 / table.mass_kg * speed * speed
-    force = (wanted - speed) / gains.speed_time_s + drag + table.rolling_resistance * GRAVITY_MPS2
+    force = (
+        accel + (wanted - accel * dt_s - speed) / gains.speed_time_s + drag + table.rolling_resistance * GRAVITY_MPS2
+    )
     drive = np.minimum(table.max_drive_accel_mps2, table.drive_power_w / (table.mass_kg * np.maximum(speed, 0.1)))
     throttle = _before_lag(
         force / (gains.drive_factor * drive), state.throttle, table.throttle_lag_s / gains.quickness, dt_s

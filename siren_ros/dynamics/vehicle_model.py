@@ -22,6 +22,12 @@ from siren_ros.world.units import GRAVITY_MPS2
 SUBSTEP_S: Final = 0.01
 _LONGITUDINAL_SHARE: Final = 0.95
 """Anti-lock and traction control keep the longitudinal force below this part of an axle's grip."""
+_REAR_BRAKE_SHARE: Final = 0.8
+"""Brake force distribution follows the axle loads and keeps the rear axle this far below its share."""
+_FULL_PULL_MPS: Final = 0.1
+"""Below this speed the sideways pull of a steered and braked wheel fades: static friction balances it at rest."""
+_STILL: Final = 0.01
+"""A vehicle that stopped rolling and drifts or turns slower than this (m/s, rad/s) stands still."""
 _POWER_FROM_MPS: Final = 0.1
 _SLOWEST_MPS: Final = 1e-9
 """Keeps slip defined at standstill; far below any speed that matters."""
@@ -181,13 +187,6 @@ def _forces(
     drive = throttle * controls.drive_factor * full
     braking = brake * (mass * table.max_brake_decel_mps2)
     hand = np.where(controls.hand_brake, mass * table.hand_brake_decel_mps2, 0.0)
-    wanted = np.stack(
-        (
-            drive * table.drive_front_share - braking * table.brake_front_share,
-            drive * (1.0 - table.drive_front_share) - braking * (1.0 - table.brake_front_share) - hand,
-        ),
-        axis=1,
-    )
     shift = mass * state.accel_mps2 * table.cg_height_m
     load = np.stack(
         (
@@ -195,7 +194,16 @@ def _forces(
             mass * GRAVITY_MPS2 * table.cg_to_front_axle_m + shift,
         )
     )
-    grip = table.friction_coefficient * np.maximum(load / table.wheelbase_m, 0.1 * mass)
+    load = np.maximum(load / table.wheelbase_m, 0.1 * mass)
+    rear_braking = braking * (_REAR_BRAKE_SHARE * load[1] / (load[0] + load[1]))
+    wanted = np.stack(
+        (
+            drive * table.drive_front_share - (braking - rear_braking),
+            drive * (1.0 - table.drive_front_share) - rear_braking - hand,
+        ),
+        axis=1,
+    )
+    grip = table.friction_coefficient * load
     most = _LONGITUDINAL_SHARE * grip
     tyre = np.minimum(np.maximum(wanted, -most), most)
     cos, sin = np.cos(steer), np.sin(steer)
@@ -239,12 +247,12 @@ def _integrate(
     limit = forces.lateral_limit_n.copy()
     limit[:, 0] *= forces.cos_steer
     gain, loss = h * forces.push_n / mass, h * forces.resist_n / mass
-    moment = forces.left_n * arm[0]
     forward, lateral, rate = (np.empty((count, n)) for _ in range(3))
     u, v, w = state.forward_mps, state.lateral_mps, state.yaw_rate_radps
     for i in range(count):
         speed = np.sqrt(u * u + v * v + (arm[0] * w) ** 2) + _SLOWEST_MPS
         rolling = u * tangent[i]
+        left = forces.left_n[i] * np.minimum(np.maximum(u / _FULL_PULL_MPS, -1.0), 1.0)
         z = saturation[i] * np.abs(rolling - v - arm * w) / speed
         inner = np.minimum(z, 1.0)
         k = projected[i] * (1.0 - inner + inner * inner / 3.0) / np.maximum(z, 1.0)
@@ -253,14 +261,17 @@ def _integrate(
         push = rolling[0] * k[0]
         a11, a12 = speed * mass_rate + k_sum, speed * (mass * u) + kl_sum
         a22 = speed * inertia_rate + kll_sum
-        r1 = speed * (mass_rate * v + forces.left_n[i]) + push
-        r2 = speed * (inertia_rate * w + moment[i]) + push * arm[0]
+        r1 = speed * (mass_rate * v + left) + push
+        r2 = speed * (inertia_rate * w + arm[0] * left) + push * arm[0]
         determinant = a11 * a22 - a12 * kl_sum
         v_free, w_free = (r1 * a22 - a12 * r2) / determinant, (a11 * r2 - kl_sum * r1) / determinant
         side = np.minimum(np.maximum(k * (rolling - v_free - arm * w_free) / speed, -limit[i]), limit[i])
-        w = w + (side[0] * arm[0] + side[1] * arm[1] + moment[i]) / inertia_rate
-        v = v + (side[0] + side[1] + forces.left_n[i]) / mass_rate - h * u * w
+        w = w + ((side[0] + left) * arm[0] + side[1] * arm[1]) / inertia_rate
+        v = v + (side[0] + side[1] + left) / mass_rate - h * u * w
         u = u + gain[i] - side[0] * forces.tan_steer[i] / mass_rate + h * v * w
         u = np.copysign(np.maximum(np.abs(u) - loss[i], 0.0), u)
         forward[i], lateral[i], rate[i] = u, v, w
+    still = (u == 0.0) & (np.abs(v) < _STILL) & (np.abs(w) < _STILL)
+    lateral[-1, still] = 0.0
+    rate[-1, still] = 0.0
     return forward, lateral, rate

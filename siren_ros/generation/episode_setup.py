@@ -8,7 +8,7 @@ from pathlib import Path
 from siren_ros import __version__
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.sensors.suite import load_suite
-from siren_ros.traffic.demand import EmvStart, plan_traffic
+from siren_ros.traffic.demand import plan_traffic
 from siren_ros.traffic.driver_models import load_drivers
 from siren_ros.traffic.map_compiler import CompiledMap, compile_map
 from siren_ros.traffic.plan import TrafficPlan
@@ -92,8 +92,7 @@ def set_up_episode(request: EpisodeRequest) -> EpisodeSetup:
         actor_class: (vehicle.length_m, vehicle.width_m, vehicle.height_m)
         for actor_class, vehicle in load_vehicle_parameters().items()
     }
-    start = emv_start(network, site)
-    plan = plan_traffic(network, start, template, request.seed, load_drivers(), dimensions)
+    plan = plan_traffic(network, site, template, request.seed, load_drivers(), dimensions)
     description = EpisodeDescription(
         template=template.template_id,
         level=level,
@@ -104,7 +103,11 @@ def set_up_episode(request: EpisodeRequest) -> EpisodeSetup:
         sensor_suite=request.sensors,
         preset=request.preset,
         emv_ids=tuple(range(1, 1 + len(plan.emvs))),
-        parameters={"request": asdict(request), "template": template.values()},
+        parameters={
+            "request": asdict(request),
+            "template": template.values(),
+            "predicate": {"name": template.predicate.name, "thresholds": dict(template.predicate.thresholds)},
+        },
         versions=_versions(),
         site=_site_summary(network, site),
     )

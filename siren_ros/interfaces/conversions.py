@@ -21,8 +21,6 @@ from siren_ros.world.levels import EmergencyLevel
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, EmvAdvice, SignalState, TrafficState
 from siren_ros.world.units import time_ns_of_step
 
-LIDAR_FRAME = "lidar"
-
 
 def _json(value: object) -> str:
     return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
@@ -210,7 +208,7 @@ def to_ground_truth(factory: MessageFactory, truth: GroundTruth) -> Any:
     """``siren_msgs/GroundTruth``."""
     return factory.make(
         "siren_msgs/msg/GroundTruth",
-        header=header(factory, time_ns_of_step(truth.step), LIDAR_FRAME),
+        header=header(factory, time_ns_of_step(truth.step), truth.frame_id),
         step=truth.step,
         carrier_id=truth.carrier_id,
         **as_sequences(factory, truth, list(GROUND_TRUTH_DTYPES)),
@@ -220,7 +218,10 @@ def to_ground_truth(factory: MessageFactory, truth: GroundTruth) -> Any:
 def from_ground_truth(message: Any) -> GroundTruth:
     """Inverse of ``to_ground_truth``."""
     return GroundTruth(
-        step=int(message.step), carrier_id=int(message.carrier_id), **as_arrays(message, GROUND_TRUTH_DTYPES)
+        step=int(message.step),
+        carrier_id=int(message.carrier_id),
+        frame_id=str(message.header.frame_id),
+        **as_arrays(message, GROUND_TRUTH_DTYPES),
     )
 
 

@@ -44,6 +44,8 @@ class LockstepState:
     """Wall time at which the present wait began."""
     end: EpisodeEnd = EpisodeEnd.COMPLETE
     reason: str = ""
+    steps_closed: int = 0
+    """Number of steps that the episode has, known when it ends."""
     busy_s: dict[str, float] = field(default_factory=dict)
     """Wall time by participant, summed over the steps."""
 
@@ -156,5 +158,6 @@ def _close(
         since_s=now_s,
         end=end,
         reason=reason,
+        steps_closed=steps,
     )
     return closing, EndEpisode(steps, end, reason)

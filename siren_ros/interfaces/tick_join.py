@@ -29,6 +29,10 @@ class TickJoin:
         self._waiting: dict[int, dict[str, Any]] = {}
         self.next_step = 0
 
+    def add(self, inputs: tuple[Input, ...]) -> None:
+        """Wait for further topics too; only before the first message."""
+        self._inputs.update({item.topic.name: item for item in inputs})
+
     def offer(self, topic_name: str, message_step: int, message: Any) -> Iterator[tuple[int, dict[str, Any]]]:
         """Take in a message; yield every step that is now complete with its messages by topic name.
 

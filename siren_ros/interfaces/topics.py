@@ -43,7 +43,7 @@ class Topic:
 _CONTROLLERS: Final = ("emv_controller", "yield_manager", "vehicle_dynamics")
 _EVERYBODY: Final = (*_CONTROLLERS, "sensor_sim", "recorder", "kitti_exporter")
 
-CLOCK: Final = Topic("/clock", "rosgraph_msgs/msg/Clock", "cosim", ("sumo_bridge", "recorder"))
+CLOCK: Final = Topic("/clock", "rosgraph_msgs/msg/Clock", "cosim", ("sumo_bridge", "recorder", "kitti_exporter"))
 EPISODE: Final = Topic("/siren/episode", "siren_msgs/msg/EpisodeDescription", "sumo_bridge", _EVERYBODY, ONCE)
 MAP: Final = Topic("/siren/map", "std_msgs/msg/String", "sumo_bridge", _EVERYBODY, ONCE)
 """The compiled SUMO net, as XML text."""

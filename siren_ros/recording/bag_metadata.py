@@ -5,9 +5,12 @@ Layout: https://github.com/ros2/rosbag2 (``rosbag2_storage``, ``yaml.hpp``), rel
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 import yaml
+
+from siren_ros.world.errors import BagError
 
 METADATA_FILE: Final = "metadata.yaml"
 VERSION: Final = 9
@@ -81,6 +84,20 @@ def metadata_text(
     }
     information["files"][0]["message_count"] = count
     return _yaml({"rosbag2_bagfile_information": information})
+
+
+def read_message_counts(bag: Path) -> dict[str, int]:
+    """Messages per topic of a closed bag, from its ``metadata.yaml``.
+
+    Raises:
+        BagError: There is no readable metadata.
+    """
+    try:
+        data = yaml.safe_load((bag / METADATA_FILE).read_text(encoding="utf-8"))
+        topics = data["rosbag2_bagfile_information"]["topics_with_message_count"]
+        return {topic["topic_metadata"]["name"]: int(topic["message_count"]) for topic in topics}
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
+        raise BagError(str(bag), f"a bag with a readable {METADATA_FILE}") from error
 
 
 def _topic_entry(topic: BagTopic) -> dict[str, Any]:

@@ -44,7 +44,7 @@ def allowed_text(field: "dataclasses.Field[Any]", kind: type) -> str:
         kind
     ]
     if low is not None and high is not None:
-        return f"{name} from {low:g} to {high:g}"
+        return f"{name} from {low:.12g} to {high:.12g}"
     if low is not None:
         return f"{name} of at least {low:g}"
     return name

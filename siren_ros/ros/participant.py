@@ -2,7 +2,7 @@
 
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, Generic, TypeVar
 
@@ -91,6 +91,14 @@ class Participant(Node, Generic[Config]):
             self._guarded(self._join.next_step, phase, lambda: callback(cdr))
 
         create_input(self, topic, receive)
+
+    def join_more(self, wanted: Sequence[Topic]) -> None:
+        """Join further topics into the steps, once the episode is known."""
+        added = tuple(Input(topic) for topic in wanted)
+        self.inputs = (*self.inputs, *added)
+        self._join.add(added)
+        for topic in wanted:
+            self.add_input(topic, partial(self._on_input, topic))
 
     def send(self, topic: Topic, message: Any) -> None:
         """Publish on a topic that was declared as output."""

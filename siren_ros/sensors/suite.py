@@ -13,7 +13,6 @@ from siren_ros.sensors.mount import Mount
 from siren_ros.world.errors import InputError
 from siren_ros.world.units import STEPS_PER_S
 
-
 _RADIANS: Final = float(np.pi / 180.0)
 
 

@@ -72,9 +72,9 @@ def ahead_on_route(
     Args:
         emv: Centre of the EMV, shape ``(2,)``.
         emv_yaw_rad: Its heading.
-        route: Edges ahead of the EMV, the present one first, junction paths included.
+        route: Edges ahead of the EMV, the present one (or the one before the junction) first.
         points: Centres of all vehicles, shape ``(N, 2)``.
-        edges: Edge of each vehicle, shape ``(N,)``.
+        edges: Present edge of each vehicle, or the one before the junction, shape ``(N,)``.
         reach_m: Greatest distance between the two vehicles' centres.
     """
     relative = points - emv

@@ -21,6 +21,7 @@ from siren_ros.world.units import steps_from_s
 
 _SEARCH_STEP_M: Final = 1.0
 _PLACEMENT_TRIES: Final = 400
+_ROUTE_TRIES: Final = 12
 
 
 @dataclass(frozen=True)
@@ -82,6 +83,26 @@ def emv_start(network: RoadNetwork, site: Site, start_m: float) -> EmvStart:
     return EmvStart(lane.index, start_m, site.route[position:])
 
 
+def long_enough_route(
+    factory: VehicleFactory, route: tuple[int, ...], site: Site, needed_m: float, rng: np.random.Generator
+) -> tuple[int, ...]:
+    """The route, with another way on after the site where it would leave the map too early.
+
+    Of the ways on, those that keep most of the route come first; where none is long enough, the
+    longest way found is taken.
+    """
+    kept_at_least = max(route.index(edge) for edge in (site.site_edge, *site.stretch) if edge in route) + 1
+    best, best_m = route, factory.length_m(route)
+    for kept in range(len(route), kept_at_least - 1, -1):
+        for _ in range(_ROUTE_TRIES):
+            if best_m >= needed_m:
+                return best
+            way = factory.draw_way(route[:kept], needed_m, rng)
+            if factory.length_m(way) > best_m:
+                best, best_m = way, factory.length_m(way)
+    return best
+
+
 def plan_traffic(
     network: RoadNetwork,
     site: Site,
@@ -110,8 +131,11 @@ def plan_traffic(
         InputError: dimensions of a vehicle class are missing.
     """
     factory = VehicleFactory(network, drivers, dimensions)
+    config = config or DemandConfig()
     start = emv_start(network, site, template.emv.start_m)
-    return _Planner(network, start, template, seed, factory, config or DemandConfig()).plan()
+    needed_m = template.emv.speed_mps * (template.duration_s + config.route_slack_s)
+    route = long_enough_route(factory, start.route, site, needed_m, random_stream(seed, "demand/route"))
+    return _Planner(network, replace(start, route=route), template, seed, factory, config).plan()
 
 
 class _Planner:
@@ -155,7 +179,7 @@ class _Planner:
         rng = random_stream(self._seed, "demand/emv")
         demand = self._template.emv
         lane = self._network.lanes[self._start.lane]
-        route = self._factory.draw_route(self._start.route, self._route_m, rng)
+        route = tuple(self._network.edges[edge].edge_id for edge in self._start.route)
         length = self._factory.size(demand.actor_class)[0]
         found = []
         for number in range(demand.count):

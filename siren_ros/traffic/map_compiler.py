@@ -16,7 +16,7 @@ from siren_ros.world.net_parser import parse_road_network
 
 TOWN_NAME: Final = "town"
 
-_RECIPE: Final = "1"
+_RECIPE: Final = "3"
 """Part of the cache key: raised whenever the way in which maps are compiled changes."""
 _COMMON: Final = (
     "--no-turnarounds",

@@ -16,7 +16,7 @@ from siren_ros.world.errors import MapError, SirenError
 TIMEOUT_S: Final = 900.0
 """Longest that one import may take; a city of OpenStreetMap takes about a minute."""
 
-_HEADER: Final = re.compile(rb"<!--.*?-->\s*", re.DOTALL)
+_PROLOGUE: Final = re.compile(rb"\s*(<\?xml[^>]*\?>)?(?:\s*<!--.*?-->)*\s*", re.DOTALL)
 _ERROR_LINE: Final = re.compile(r"^Error: *(.+)$", re.MULTILINE)
 
 
@@ -93,7 +93,8 @@ def run_netconvert(options: Sequence[str], output: Path, shown_source: str) -> b
 
 def without_header(net_xml: bytes) -> bytes:
     """The net without comments before its root element: netconvert's carry the date and the paths."""
-    root = net_xml.find(b"<net")
-    if root < 0:
+    prologue = _PROLOGUE.match(net_xml)
+    if prologue is None:
         return net_xml
-    return _HEADER.sub(b"", net_xml[:root]) + net_xml[root:]
+    declaration = prologue.group(1)
+    return (declaration + b"\n" if declaration else b"") + net_xml[prologue.end() :]

@@ -16,7 +16,7 @@ from defusedxml.ElementTree import fromstring
 from siren_ros.world.errors import MapError
 
 OPEN_SHOULDER_WIDTH_M: Final = 1.8
-"""A shoulder lane at least this wide is opened to emergency vehicles; kerb strips are narrower."""
+"""A shoulder this wide, right of the driving lanes, is opened to emergency vehicles; kerb strips are narrower."""
 WALKING_SPEED_MPS: Final = 1.39
 PLAIN_SIGN_REACH_M: Final = 15.0
 """A sign on a road binds the junction at the road's end when it stands at most this far from it."""
@@ -155,8 +155,17 @@ def _signed_edges(edges: list[Element], approaches: tuple[_Approach, ...], junct
     return [edge for edge in edges if _road_of_edge(edge.attrib["id"]) in roads]
 
 
-def _is_open_shoulder(lane: Element) -> bool:
-    return lane.get("type") == "shoulder" and float(lane.get("width", "0")) >= OPEN_SHOULDER_WIDTH_M
+def _open_shoulders(edge: Element) -> frozenset[int]:
+    """Lane numbers of an edge's shoulders that the EMV may use."""
+    lanes = edge.findall("lane")
+    driving = [int(lane.attrib["index"]) for lane in lanes if lane.get("type", "") in _MOTOR_TYPES]
+    return frozenset(
+        int(lane.attrib["index"])
+        for lane in lanes
+        if lane.get("type") == "shoulder"
+        and int(lane.attrib["index"]) < min(driving, default=0)
+        and float(lane.get("width", "0")) >= OPEN_SHOULDER_WIDTH_M
+    )
 
 
 def _edge_patches(net: Element, priorities: Mapping[str, int]) -> Iterator[Element]:
@@ -167,6 +176,7 @@ def _edge_patches(net: Element, priorities: Mapping[str, int]) -> Iterator[Eleme
         lanes = edge.findall("lane")
         limits = [float(lane.get("speed", "0")) for lane in lanes if lane.get("type", "") in _MOTOR_TYPES]
         limit_mps = max(limits, default=WALKING_SPEED_MPS)
+        shoulders = _open_shoulders(edge)
         for lane in lanes:
             lane_type = lane.get("type", "")
             if lane_type in _MOTOR_TYPES or lane_type in _OPEN_TO_ALL_IN_NAME:
@@ -175,7 +185,7 @@ def _edge_patches(net: Element, priorities: Mapping[str, int]) -> Iterator[Eleme
             if lane_type == "sidewalk":
                 change.set("allow", "pedestrian")
                 change.set("speed", str(WALKING_SPEED_MPS))
-            elif _is_open_shoulder(lane):
+            elif int(lane.attrib["index"]) in shoulders:
                 change.set("allow", "emergency")
                 change.set("speed", str(limit_mps))
             else:
@@ -185,23 +195,17 @@ def _edge_patches(net: Element, priorities: Mapping[str, int]) -> Iterator[Eleme
 
 def _shoulder_connections(net: Element) -> Iterator[Element]:
     """Movements from shoulder to shoulder beside every straight or right movement of the lane on their left."""
-    lanes = {
-        (edge.attrib["id"], int(lane.attrib["index"])): lane
-        for edge in _normal_edges(net)
-        for lane in edge.iterfind("lane")
-    }
+    shoulders = {(edge.attrib["id"], index) for edge in _normal_edges(net) for index in _open_shoulders(edge)}
     movements = [
         (c.attrib["from"], int(c.attrib["fromLane"]), c.attrib["to"], int(c.attrib["toLane"]), c.get("dir", ""))
         for c in net.iterfind("connection")
-        if (c.attrib["from"], int(c.attrib["fromLane"])) in lanes
+        if not c.attrib["from"].startswith(":")
     ]
     present = {movement[:4] for movement in movements}
     for source, from_lane, target, to_lane, direction in movements:
-        beside = (source, from_lane - 1, target, to_lane - 1)
-        ends = (lanes.get((source, from_lane - 1)), lanes.get((target, to_lane - 1)))
-        if direction not in {"s", "r", "R"} or beside in present:
+        if direction not in {"s", "r", "R"} or (source, from_lane - 1, target, to_lane - 1) in present:
             continue
-        if all(lane is not None and _is_open_shoulder(lane) for lane in ends):
+        if (source, from_lane - 1) in shoulders and (target, to_lane - 1) in shoulders:
             yield Element(
                 "connection",
                 {"from": source, "to": target, "fromLane": str(from_lane - 1), "toLane": str(to_lane - 1)},

@@ -10,7 +10,8 @@ import numpy as np
 from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.lane_matcher import LaneMatch, LaneMatcher
 from siren_ros.traffic.plan import PlannedVehicle
-from siren_ros.traffic.sumo_frames import map_from_sumo, sumo_from_map
+from siren_ros.traffic.population import Population
+from siren_ros.traffic.sumo_frames import sumo_from_map
 from siren_ros.world.actors import ActorStates, Mode, Owner
 from siren_ros.world.errors import EpisodeError
 from siren_ros.world.road_network import NO_LANE, RoadNetwork
@@ -42,8 +43,9 @@ class Place:
 class Mirror:
     """Keeps track of who is moved from outside, and of what has to be restored."""
 
-    def __init__(self, network: RoadNetwork, config: TrafficConfig) -> None:
+    def __init__(self, network: RoadNetwork, config: TrafficConfig, population: Population) -> None:
         self._network = network
+        self._population = population
         self._config = config
         self._matcher = LaneMatcher(network)
         self.places: dict[str, Place] = {}
@@ -76,7 +78,7 @@ class Mirror:
             if actor_id in vehicles and states.owner[row] == Owner.SUMO:
                 name = vehicles[actor_id].name
                 if name in before and name not in present:
-                    self._release(name, float(states.speed_mps[row]))
+                    self._release(name, before[name].match.lane, float(states.speed_mps[row]))
                 self._bind(name, int(states.mode[row]) == Mode.YIELD_KEEP_LANE)
 
     def forget(self, name: str) -> None:
@@ -116,7 +118,7 @@ class Mirror:
             match = self._matcher.match(route[:_EDGES_TO_MATCH], front, float(states.yaw_rad[row]), lane)
             place = Place(float(x), float(y), float(angle), match)
         # SUMO derives a moved vehicle's speed from lane positions, which differ from lane to lane.
-        libsumo.vehicle.setPreviousSpeed(vehicle.name, float(states.speed_mps[row]))
+        self._set_speed(vehicle.name, place.match.lane, float(states.speed_mps[row]))
         self._move(vehicle.name, place)
         self.places[vehicle.name] = place
 
@@ -128,8 +130,13 @@ class Mirror:
         edge_id = self._network.edges[lane.edge].edge_id
         libsumo.vehicle.moveToXY(name, edge_id, lane.position, place.x_m, place.y_m, place.angle_deg, _MATCH_ON_ROAD)
 
-    def _release(self, name: str, speed_mps: float) -> None:
-        libsumo.vehicle.setPreviousSpeed(name, speed_mps)
+    def _set_speed(self, name: str, lane: int, speed_mps: float) -> None:
+        """Tell SUMO the vehicle's speed, along the nominal length of its lane."""
+        scale = 1.0 if lane == NO_LANE else self._population.length_scale[self._network.lanes[lane].lane_id]
+        libsumo.vehicle.setPreviousSpeed(name, speed_mps * scale)
+
+    def _release(self, name: str, lane: int, speed_mps: float) -> None:
+        self._set_speed(name, lane, speed_mps)
         libsumo.vehicle.setSpeed(name, -1.0)
         libsumo.vehicle.setSpeedMode(name, DEFAULT_SPEED_MODE)
         libsumo.vehicle.setLateralAlignment(name, "center")
@@ -144,9 +151,3 @@ class Mirror:
         elif not keep_lane and name in self._bound:
             libsumo.vehicle.setSpeedFactor(name, self._bound.pop(name))
             libsumo.vehicle.setLaneChangeMode(name, DEFAULT_LANE_CHANGE_MODE)
-
-
-def map_pose(place: Place, length_m: float, offset_m: tuple[float, float]) -> tuple[float, float, float]:
-    """Centre pose in the ``map`` frame of a place."""
-    x, y, yaw = map_from_sumo(place.x_m, place.y_m, place.angle_deg, length_m, offset_m)
-    return float(x), float(y), float(yaw)

@@ -8,21 +8,10 @@ import libsumo
 
 from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.plan import LaneInterval, PlannedVehicle, Spot, TrafficPlan
+from siren_ros.traffic.readings import SUBSCRIBED
 from siren_ros.traffic.vehicle_types import type_id
 from siren_ros.world.polyline import Polyline
 from siren_ros.world.road_network import RoadNetwork
-
-_SUBSCRIBED = (
-    libsumo.VAR_POSITION,
-    libsumo.VAR_ANGLE,
-    libsumo.VAR_SPEED,
-    libsumo.VAR_ACCELERATION,
-    libsumo.VAR_LANE_ID,
-    libsumo.VAR_LANEPOSITION,
-    libsumo.VAR_LANEPOSITION_LAT,
-    libsumo.VAR_SIGNALS,
-    libsumo.VAR_ROUTE_INDEX,
-)
 
 
 class Population:
@@ -50,19 +39,22 @@ class Population:
         """Clear the stage, enter groups and EMVs on it, and fill up the background elsewhere."""
         for name, vehicle in list(self.vehicles.items()):
             if not vehicle.is_emv and self._on_stage(name, self._plan.stage):
+                libsumo.vehicle.unsubscribe(name)
                 libsumo.vehicle.remove(name)
                 del self.vehicles[name]
         self._enter_all(self._plan.emvs)
         self._enter_all(self._plan.groups)
-        self.refill({vehicle.name: self._point_of(vehicle.spot) for vehicle in self._plan.emvs})
+        emv_points = {vehicle.name: self._point_of(vehicle.spot) for vehicle in self._plan.emvs}
+        self.refill(emv_points, self._plan.civilians)
 
-    def refill(self, emv_points: Mapping[str, tuple[float, float]]) -> None:
-        """Enter replacements from the reserve until there are as many civilians as planned.
+    def refill(self, emv_points: Mapping[str, tuple[float, float]], wanted: int) -> None:
+        """Enter replacements from the reserve until there are as many civilians as wanted.
 
         Args:
             emv_points: Points of the EMVs in the ``map`` frame; replacements keep their distance.
+            wanted: Number of civilians.
         """
-        missing = self._plan.civilians - sum(not vehicle.is_emv for vehicle in self.vehicles.values())
+        missing = wanted - sum(not vehicle.is_emv for vehicle in self.vehicles.values())
         for _ in range(len(self._reserve) if missing > 0 else 0):
             vehicle = self._reserve.popleft()
             if self._spot_is_free(vehicle, emv_points.values()):
@@ -94,7 +86,7 @@ class Population:
                 departPos=repr(vehicle.spot.front_m * self.length_scale[lane.lane_id]),
                 departSpeed=repr(vehicle.spot.speed_mps),
             )
-            libsumo.vehicle.subscribe(vehicle.name, _SUBSCRIBED)
+            libsumo.vehicle.subscribe(vehicle.name, SUBSCRIBED)
             self.vehicles[vehicle.name] = vehicle
 
     def _on_stage(self, name: str, stage: Iterable[LaneInterval]) -> bool:

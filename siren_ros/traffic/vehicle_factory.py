@@ -62,11 +62,18 @@ class VehicleFactory:
         """A driver for a vehicle of the class."""
         return self._drivers.draw(actor_class, rng, speed_scale)
 
-    def draw_route(self, start: Sequence[int], length_m: float, rng: np.random.Generator) -> tuple[str, ...]:
-        """Edge ids of a random way of at least ``length_m`` (or to a dead end) that begins with the given edges."""
+    def length_m(self, way: Sequence[int]) -> float:
+        """Length of a way along its edges."""
+        return self._graph.route_length_m(way)
+
+    def draw_way(self, start: Sequence[int], length_m: float, rng: np.random.Generator) -> tuple[int, ...]:
+        """A random way of at least ``length_m`` (or to a dead end) that begins with the given edges."""
         begun_m = self._graph.route_length_m(start[:-1])
-        way = (*start[:-1], *random_route(self._graph, rng, start[-1], max(length_m - begun_m, 0.0)))
-        return tuple(self._network.edges[edge].edge_id for edge in way)
+        return (*start[:-1], *random_route(self._graph, rng, start[-1], max(length_m - begun_m, 0.0)))
+
+    def draw_route(self, start: Sequence[int], length_m: float, rng: np.random.Generator) -> tuple[str, ...]:
+        """Edge ids of such a way."""
+        return tuple(self._network.edges[edge].edge_id for edge in self.draw_way(start, length_m, rng))
 
     def civilian(
         self,

@@ -13,8 +13,8 @@ from siren_ros.world.actors import Codes, Floats, Ids
 class GroundTruth:
     """Boxes of all actors but the carrier within sensor range; rows sorted by ``actor_id``.
 
-    Poses and velocities are in the carrier's ``lidar`` frame (x forward, y left, z up); centres are
-    volume centres. Velocities are over ground, expressed in the axes of the ``lidar`` frame.
+    Poses and velocities are in the frame ``frame_id`` of the carrier (x forward, y left, z up); centres are
+    volume centres. Velocities are over ground, expressed in the axes of that frame.
     """
 
     step: int
@@ -34,6 +34,8 @@ class GroundTruth:
     accel_mps2: Floats
     lidar_points: Ids
     """Number of LiDAR returns on the actor in the sweep of this step."""
+    frame_id: str = "lidar"
+    """The carrier's first LiDAR, or ``base_link`` for a suite without one."""
 
     def __len__(self) -> int:
         return len(self.actor_id)
@@ -48,6 +50,6 @@ _DTYPES: Final[dict[str, type[np.generic]]] = {
 GROUND_TRUTH_DTYPES: Final[dict[str, type[np.generic]]] = {
     field.name: _DTYPES.get(field.name, np.float64)
     for field in fields(GroundTruth)
-    if field.name not in {"step", "carrier_id"}
+    if field.name not in {"step", "carrier_id", "frame_id"}
 }
 """Array fields of GroundTruth and their element types, in declaration order."""

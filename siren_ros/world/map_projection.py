@@ -20,7 +20,7 @@ def geodetic_from_projected(projection: str, x_m: float, y_m: float) -> tuple[fl
         y_m: Northing in the projection.
 
     Source: Karney, "Transverse Mercator with an accuracy of a few nanometers", J. Geodesy 85 (2011),
-    Krüger's series in the third flattening to third order (error far below a millimetre inside a zone).
+    Krüger's series in the third flattening to third order (error below a millimetre inside a zone).
     """
     terms = _terms(projection)
     kind = terms.get("proj")

@@ -13,19 +13,26 @@ has_software_gl() {
     return 1
 }
 
+# Debian's names of what is missing. Open3D needs libusb, GL, EGL and OpenMP, SUMO needs X11's libraries, the cameras need a GL
+# driver (Mesa's, beside that of a GPU), the message packages a C++ compiler.
 missing_packages() {
     has_library libusb-1.0.so.0 || echo libusb-1.0-0
     has_library libGL.so.1 || echo libgl1
     has_library libEGL.so.1 || echo libegl1
     has_library libgomp.so.1 || echo libgomp1
+    has_library libX11.so.6 || echo libx11-6
+    has_library libXext.so.6 || echo libxext6
+    has_library libXrender.so.1 || echo libxrender1
     has_software_gl || echo libgl1-mesa-dri
     command -v g++ >/dev/null || echo g++
-    if ! usable_python >/dev/null; then
-        # A Python of the right version that lacks its headers or venv, or none at all.
-        local version=3.11
-        command -v python3.12 >/dev/null && [[ -x /usr/bin/python3.12 ]] && version=3.12
-        printf '%s\n' "python$version" "python$version-dev" "python$version-venv"
-    fi
+    if [[ -z ${SIREN_PYTHON-} ]] && ! usable_python >/dev/null; then missing_python; fi
+}
+
+# The system's own Python where it has a version that fits: python3.12 on Ubuntu 24.04, python3.11 on Debian 12.
+missing_python() {
+    local version=3.11
+    if command -v apt-cache >/dev/null && apt-cache show python3.12 >/dev/null 2>&1; then version=3.12; fi
+    printf '%s\n' "python$version" "python$version-dev" "python$version-venv"
 }
 
 # Debian has the packages: root installs them, anyone else is told the line. Other systems are told what is missing.
@@ -43,6 +50,7 @@ ensure_system_packages() {
         exit 1
     fi
     run_step "apt-get update" "$venv.apt.log" apt-get update
+    mapfile -t packages < <(missing_packages) # which Python there is shows only now
     run_step "Debian packages ${packages[*]}" "$venv.apt.log" \
         env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends "${packages[@]}"
     rm -f "$venv.apt.log"

@@ -70,8 +70,9 @@ def message_class(type_name: str) -> Any:
     Raises:
         CommandError: The name is no message type's, or its package is not installed.
     """
-    package, *middle, name = type_name.split("/")
-    if middle not in ([], ["msg"]) or not (package.isidentifier() and name.isidentifier()):
+    parts = type_name.split("/")
+    package, name = parts[0], parts[-1]
+    if len(parts) not in (2, 3) or parts[1:-1] not in ([], ["msg"]) or not all(part.isidentifier() for part in parts):
         raise CommandError(f"'{type_name}' is not a message type such as std_msgs/msg/String")
     try:
         return getattr(importlib.import_module(f"{package}.msg"), name)

@@ -1,5 +1,7 @@
 """An OpenGL context without a window."""
 
+from typing import Any
+
 import moderngl
 
 from siren_ros.world.errors import SirenError
@@ -16,7 +18,8 @@ def open_context() -> moderngl.Context:
         RendererUnavailableError: EGL or OpenGL is missing; the message says what to install.
     """
     try:
-        return moderngl.create_standalone_context(require=330, backend="egl")
+        options: dict[str, Any] = {"require": 330, "backend": "egl"}
+        return moderngl.create_standalone_context(**options)
     except Exception as error:  # moderngl and glcontext raise bare Exception where libEGL is absent
         message = f"cameras need OpenGL 3.3 through EGL (Debian: libegl1 and libgl1-mesa-dri): {error}"
         raise RendererUnavailableError(message) from error

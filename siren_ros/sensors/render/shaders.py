@@ -244,9 +244,6 @@ FACADE_FRAGMENT: Final = (
     _HEAD
     + _LIGHTING
     + """
-float band(float x, float half_width, float soft) {
-    return smoothstep(half_width + soft, half_width - soft, abs(x));
-}
 void main() {
     vec3 toward = v_position - eye.xyz;
     float distance = length(toward);
@@ -254,40 +251,20 @@ void main() {
     vec3 n = dot(v_normal, view) > 0.0 ? -v_normal : v_normal;
     vec2 along = normalize(vec2(-n.y, n.x) + 1e-6);
     float u = dot(v_position.xy, along);
-    float key = fract(dot(v_colour.rgb, vec3(37.1, 61.7, 91.3)) * 7.0);
-    float bay = 2.4 + 1.2 * key;
-    float storey = 3.0 + 0.6 * fract(key * 13.0);
-    float cu = u / bay, cv = v_position.z / storey;
-    float iu = floor(cu), iv = floor(cv);
     float soft = distance * forward.w;
-    float x = (fract(cu) - 0.5) * bay, y = (fract(cv) - 0.52) * storey;
-    float wide = bay * mix(0.24, 0.36, fract(key * 5.0)), high = storey * mix(0.26, 0.34, fract(key * 3.0));
-    float steep = step(abs(n.z), 0.4);
-    float pane = band(x, wide, soft) * band(y, high, soft) * steep;
-    float frame = band(x, wide + 0.09, soft) * band(y, high + 0.09, soft) * steep - pane;
-    float cross = max(band(x, 0.03, soft), band(y + high * 0.3, 0.03, soft)) * clamp(0.05 / soft, 0.0, 1.0);
     float grain = texture(noise, vec2(u, v_position.z) * 0.35).r - 0.5;
     float stain = texture(noise, vec2(u * 0.03, v_position.z * 0.012)).r - 0.5;
     vec2 brick = vec2(u / 0.24, v_position.z / 0.075);
     brick.x += 0.5 * mod(floor(brick.y), 2.0);
     vec2 mortar = abs(fract(brick) - 0.5);
     float course = max(step(0.46, mortar.x), step(0.38, mortar.y)) * clamp(0.03 / soft - 0.4, 0.0, 1.0);
-    vec3 wall = v_colour.rgb * (1.0 + 0.28 * grain + 0.5 * stain - 0.16 * course * step(0.5, key));
-    float ledge = band(y - 0.48 * storey, 0.08, soft) * steep;
-    wall = mix(wall, wall * 1.25 + 0.02, max(ledge, frame));
+    float bricks = step(v_colour.b * 1.3, v_colour.r);
+    vec3 wall = v_colour.rgb * (1.0 + 0.28 * grain + 0.5 * stain - 0.16 * course * bricks);
     wall *= mix(0.78, 1.0, smoothstep(0.0, 1.6, v_position.z));
     float lit = shadow_of(static_shadow, static_shadow_from_map, v_position + n * 0.15);
     lit *= shadow_of(vehicle_shadow, vehicle_shadow_from_map, v_position + n * 0.1);
     float sun = max(dot(n, towards_sun.xyz), 0.0) * lit;
-    vec3 light = wall * (sun * sun_colour.rgb + ambient_of(n));
-    vec3 mirrored = reflect(view, n);
-    float random = fract(sin(dot(vec2(iu, iv), vec2(12.9898, 78.233)) + key) * 43758.55);
-    vec3 inside = mix(vec3(0.015, 0.018, 0.022), vec3(0.16, 0.14, 0.11), step(0.72, random) * 0.6);
-    vec3 seen = mix(vec3(0.10, 0.10, 0.10), sky_of(mirrored), smoothstep(-0.05, 0.12, mirrored.z));
-    float facing = 1.0 - max(-dot(view, n), 0.0);
-    vec3 glass = mix(inside, seen, 0.22 + 0.6 * facing * facing * facing);
-    light = mix(light, mix(glass, light * 0.8, cross), pane);
-    finish(light, dot(toward, forward.xyz), distance);
+    finish(wall * (sun * sun_colour.rgb + ambient_of(n)), dot(toward, forward.xyz), distance);
 }
 """
 )

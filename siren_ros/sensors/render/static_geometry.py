@@ -86,7 +86,7 @@ class StaticGeometry:
         }
         names = ((self._buffer, VERTEX_FORMAT, *VERTEX_NAMES),)
         self._arrays = {shading: context.vertex_array(program, names) for shading, program in self.programs.items()}
-        self._indirect = context.buffer(reserve=16 * max(1, len(self._first)))
+        self._indirect = context.buffer(reserve=20 * max(1, len(self._first)))
         self._lamps = _Lamps(context, scene.signal_lamps, vertices)
 
     @property
@@ -123,10 +123,12 @@ class StaticGeometry:
         return np.flatnonzero(np.all((self._high[:, :2] >= low_m) & (self._low[:, :2] <= high_m), axis=1))
 
     def commands(self, chunks: npt.NDArray[np.intp]) -> npt.NDArray[np.uint32]:
-        """Indirect draw commands of chunks, shape ``(K, 4)``."""
-        count = len(chunks)
-        columns = (self._count[chunks], np.ones(count), self._first[chunks], np.zeros(count))
-        return np.stack(columns, axis=1).astype(np.uint32)
+        """Indirect draw commands of chunks, shape ``(K, 5)``; the last column pads to moderngl's stride of 20 bytes."""
+        commands = np.zeros((len(chunks), 5), np.uint32)
+        commands[:, 0] = self._count[chunks]
+        commands[:, 1] = 1
+        commands[:, 2] = self._first[chunks]
+        return commands
 
     def draw(self, chunks: npt.NDArray[np.intp], only: Shading) -> None:
         """Draw the chunks of one program."""

@@ -49,7 +49,8 @@ def building(lot: Lot, rng: np.random.Generator, *, detailed: bool) -> Mesh:
     for number, (start, end) in enumerate(faces):
         parts.append(_facade(start, end, storeys, height, ribbons=ribbons, shop=shop and number == 0))
     c, s = float(np.cos(lot.heading_rad)), float(np.sin(lot.heading_rad))
-    return Mesh.concatenate(parts).transformed([[c, -s, 0], [s, c, 0], [0, 0, 1]], (lot.x_m, lot.y_m, 0.0))
+    turn = np.array([(c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)])
+    return Mesh.concatenate(parts).transformed(turn, (lot.x_m, lot.y_m, 0.0))
 
 
 def _facade(
@@ -85,15 +86,19 @@ def _panes(origin: npt.NDArray[np.float64], along: npt.NDArray[np.float64], span
         corners[:, k, :2] = origin + s[:, None] * along
         corners[:, k, 2] = z
     base = np.arange(len(span))[:, None] * 4
-    triangles = np.concatenate((base + (0, 1, 2), base + (0, 2, 3)))
+    triangles = np.concatenate((base + np.array((0, 1, 2)), base + np.array((0, 2, 3))))
     return Mesh.uniform(corners.reshape(-1, 3), triangles, Material.BUILDING_GLASS, _GLASS_RGB)
 
 
 def _flat_roof(half_m: float, depth_m: float, height_m: float, wall: Rgb, rng: np.random.Generator) -> list[Mesh]:
     grey = int(rng.integers(92, 132))
     roof: Rgb = (grey, grey, grey + 4)
-    parts = [box((-0.15, -half_m - 0.15, height_m - 0.45), (depth_m + 0.15, half_m + 0.15, height_m), Material.BUILDING_WALL, _darker(wall)),
-             box((0.1, -half_m + 0.1, height_m - 0.2), (depth_m - 0.1, half_m - 0.1, height_m + 0.04), Material.BUILDING_ROOF, roof)]  # fmt: skip
+    low, high = (-0.15, -half_m - 0.15, height_m - 0.45), (depth_m + 0.15, half_m + 0.15, height_m)
+    inner_low, inner_high = (0.1, -half_m + 0.1, height_m - 0.2), (depth_m - 0.1, half_m - 0.1, height_m + 0.04)
+    parts = [
+        box(low, high, Material.BUILDING_WALL, _darker(wall)),
+        box(inner_low, inner_high, Material.BUILDING_ROOF, roof),
+    ]
     if height_m > 11 and half_m > 4:
         y = float(rng.uniform(-half_m + 2.5, half_m - 2.5))
         x = float(rng.uniform(0.4, 0.7)) * depth_m

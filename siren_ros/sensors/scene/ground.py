@@ -1,5 +1,6 @@
 """The ground's triangles: every region at its height, kerbs between them, no gaps and no overlaps."""
 
+import itertools
 from typing import Final
 
 import numpy as np
@@ -70,7 +71,7 @@ def _cut(area: BaseGeometry, tile_m: float) -> list[shapely.Polygon]:
             if len(lines) <= 2:
                 pieces.append(piece)
                 continue
-            for start, end in zip(lines[:-1], lines[1:], strict=True):
+            for start, end in itertools.pairwise(lines):
                 limits = (start, -1e6, end, 1e6) if axis == 0 else (-1e6, start, 1e6, end)
                 pieces.extend(polygons(shapely.clip_by_rect(piece, *limits)))
         columns = pieces

@@ -1,44 +1,38 @@
-"""Shapes of bus, box truck, ambulance and fire truck, drawn in metres and scaled to their classes' exact sizes afterwards.
+"""Shapes of bus and box truck, and what they share with other large vehicles.
 
-Proportions follow published side views of a 12 m city bus (Mercedes-Benz Citaro), a 12 t box truck (MAN TGL), a box-bodied
-ambulance on a van chassis (EN 1789 type C) and a two-axle municipal fire engine (HLF 20).
+Drawn in metres after published side views of a 12 m city bus (Mercedes-Benz Citaro) and a 12 t box truck (MAN TGL);
+scaled to their classes' exact sizes afterwards.
 """
+
+import itertools
 
 from siren_ros.sensors.scene.loft import Axle, Band, BodyProfile, EndFinish, Finish, Knots, ShellFinish, loft
 from siren_ros.sensors.scene.material import Material
 from siren_ros.sensors.scene.mesh import Mesh, Wheel
 from siren_ros.sensors.scene.primitives import box
 from siren_ros.sensors.scene.vehicle_parts import (
-    BLUE_LIVERY,
     BRAKE_LAMP,
     GLASS,
     GRILLE,
     HEAD_LAMP,
     PAINT,
     PLASTIC,
-    RED_LIVERY,
-    RED_PAINT,
     STEEL,
-    WHITE_LIVERY,
-    WHITE_PAINT,
-    YELLOW_LIVERY,
-    beacon,
     indicator,
-    light_bar,
     mirrors,
     plates,
-    side_panels,
 )
 from siren_ros.sensors.scene.wheels import axle_wheels
 
 Drawn = tuple[Mesh, tuple[Wheel, ...]]
 
 
-def _knots(*values: float) -> Knots:
+def knots(*values: float) -> Knots:
+    """An outline from alternating distances behind the front bumper and values."""
     return tuple(zip(values[::2], values[1::2], strict=True))
 
 
-def _flat_shell(
+def flat_shell(
     paint: Finish, window: tuple[tuple[float, float], ...], screen: tuple[float, float] | None = None
 ) -> ShellFinish:
     """Paint with glass in the window band between given stations, and in the roof band over a raked windscreen."""
@@ -57,7 +51,9 @@ def _flat_shell(
     return finish
 
 
-def _cab_front(paint: Finish, *, glazed: bool) -> EndFinish:
+def cab_front(paint: Finish, *, glazed: bool) -> EndFinish:
+    """The front of a cab: lamps below, grille, and a windscreen where ``glazed``."""
+
     def finish(band: Band, zone: int) -> Finish:
         if band is Band.LOWER_SIDE:
             return PLASTIC if zone == 0 else HEAD_LAMP if abs(zone) == 1 else indicator(zone)
@@ -70,7 +66,9 @@ def _cab_front(paint: Finish, *, glazed: bool) -> EndFinish:
     return finish
 
 
-def _plain_end(paint: Finish) -> EndFinish:
+def plain_end(paint: Finish) -> EndFinish:
+    """An end of one finish."""
+
     def finish(_band: Band, _zone: int) -> Finish:
         return paint
 
@@ -87,7 +85,8 @@ def rear_lamps(x_m: float, half_width_m: float, z_m: float, height_m: float = 0.
     return Mesh.concatenate(parts)
 
 
-def _wheels(axles: tuple[Axle, ...], length_m: float, half_width_m: float) -> tuple[Wheel, ...]:
+def vehicle_wheels(axles: tuple[Axle, ...], length_m: float, half_width_m: float) -> tuple[Wheel, ...]:
+    """Wheels of all axles, the first one steered, their outer faces at ``±half_width_m``."""
     return tuple(
         wheel
         for number, axle in enumerate(axles)
@@ -100,14 +99,14 @@ def bus() -> Drawn:
     length, half = 12.0, 1.275
     axles = (Axle(2.75, 0.48, 0.3), Axle(8.65, 0.48, 0.34))
     pillars = tuple(0.5 + 1.42 * k for k in range(9))
-    windows = tuple((low + 0.09, high) for low, high in zip(pillars[:-1], pillars[1:], strict=True))
+    windows = tuple((low + 0.09, high) for low, high in itertools.pairwise(pillars))
     profile = BodyProfile(
         length_m=length,
-        top_m=_knots(0, 2.72, 0.06, 2.85, 0.3, 3.0, 1.0, 3.05, 11.6, 3.05, 11.9, 2.98, 12, 2.8),
-        belt_m=_knots(0, 1.18, 12, 1.25),
-        bottom_m=_knots(0, 0.34, 0.2, 0.3, 11.7, 0.32, 12, 0.4),
-        half_width_m=_knots(0, 1.12, 0.06, 1.19, 0.25, 1.255, 0.5, half, 11.7, half, 12, 1.22),
-        roof_half_width_m=_knots(0, 1.06, 0.06, 1.13, 0.3, 1.19, 11.7, 1.19, 12, 1.13),
+        top_m=knots(0, 2.72, 0.06, 2.85, 0.3, 3.0, 1.0, 3.05, 11.6, 3.05, 11.9, 2.98, 12, 2.8),
+        belt_m=knots(0, 1.18, 12, 1.25),
+        bottom_m=knots(0, 0.34, 0.2, 0.3, 11.7, 0.32, 12, 0.4),
+        half_width_m=knots(0, 1.12, 0.06, 1.19, 0.25, 1.255, 0.5, half, 11.7, half, 12, 1.22),
+        roof_half_width_m=knots(0, 1.06, 0.06, 1.13, 0.3, 1.19, 11.7, 1.19, 12, 1.13),
         axles=axles,
         roof_drop_m=0.42,
         tuck=0.995,
@@ -119,7 +118,7 @@ def bus() -> Drawn:
     def rear(band: Band, zone: int) -> Finish:
         return GLASS if band is Band.WINDOW and abs(zone) < 2 else PAINT
 
-    shell = loft(profile, _flat_shell(PAINT, (*windows, (0.0, 0.5))), _cab_front(PAINT, glazed=True), rear)
+    shell = loft(profile, flat_shell(PAINT, (*windows, (0.0, 0.5))), cab_front(PAINT, glazed=True), rear)
     doors = [box((6 - s - 1.25, -half - 0.004, 0.36), (6 - s, -half + 0.02, 2.5), *GLASS) for s in (0.62, 5.0)]
     leaf = [box((6 - s - 0.66, -half - 0.008, 0.36), (6 - s - 0.6, -half + 0.02, 2.5), *PLASTIC) for s in (0.62, 5.0)]
     sign = box((5.9, -0.8, 2.66), (5.975, 0.8, 2.84), *GRILLE)
@@ -128,19 +127,19 @@ def bus() -> Drawn:
         [shell, *doors, *leaf, sign, roof, rear_lamps(-6, 1.2, 0.95, 0.3), plates(6, -6, 0.5, 0.62),
          mirrors(5.8, 1.17, half, 2.0, PLASTIC, 0.32)]
     )  # fmt: skip
-    return body, _wheels(axles, length, 0.985 * half)
+    return body, vehicle_wheels(axles, length, 0.985 * half)
 
 
-def _forward_cab(length_m: float, depth_m: float, height_m: float, half_m: float, axle: Axle) -> BodyProfile:
+def forward_cab(length_m: float, depth_m: float, height_m: float, half_m: float, axle: Axle) -> BodyProfile:
     """The outline of an upright cab over the engine."""
     h = height_m
     return BodyProfile(
         length_m=length_m,
-        top_m=_knots(0, h - 0.62, 0.12, h - 0.28, 0.3, h - 0.1, 0.7, h, depth_m - 0.1, h, depth_m, h - 0.08),
-        belt_m=_knots(0, 1.42, 0.12, 1.5, depth_m, 1.55),
-        bottom_m=_knots(0, 0.46, depth_m, 0.42),
-        half_width_m=_knots(0, 0.87 * half_m, 0.07, 0.94 * half_m, 0.3, half_m, depth_m, half_m),
-        roof_half_width_m=_knots(0, 0.82 * half_m, 0.3, 0.9 * half_m, depth_m, 0.9 * half_m),
+        top_m=knots(0, h - 0.62, 0.12, h - 0.28, 0.3, h - 0.1, 0.7, h, depth_m - 0.1, h, depth_m, h - 0.08),
+        belt_m=knots(0, 1.42, 0.12, 1.5, depth_m, 1.55),
+        bottom_m=knots(0, 0.46, depth_m, 0.42),
+        half_width_m=knots(0, 0.87 * half_m, 0.07, 0.94 * half_m, 0.3, half_m, depth_m, half_m),
+        roof_half_width_m=knots(0, 0.82 * half_m, 0.3, 0.9 * half_m, depth_m, 0.9 * half_m),
         axles=(axle,),
         roof_drop_m=0.22,
         tuck=0.985,
@@ -155,10 +154,10 @@ def truck() -> Drawn:
     length, half = 8.4, 1.25
     axles = (Axle(1.4, 0.46, 0.3), Axle(6.1, 0.46, 0.5))
     cab = loft(
-        _forward_cab(length, 2.05, 2.75, 1.2, axles[0]),
-        _flat_shell(PAINT, ((0.45, 1.35),)),
-        _cab_front(PAINT, glazed=True),
-        _plain_end(PAINT),
+        forward_cab(length, 2.05, 2.75, 1.2, axles[0]),
+        flat_shell(PAINT, ((0.45, 1.35),)),
+        cab_front(PAINT, glazed=True),
+        plain_end(PAINT),
     )
     x = length / 2
     cargo: Finish = (Material.FLEET_PAINT, (226, 228, 230))
@@ -182,170 +181,4 @@ def truck() -> Drawn:
             mirrors(x - 0.25, 1.1, half, 1.75, PLASTIC, 0.42),
         ]
     )
-    return body, _wheels(axles, length, 0.97 * half)
-
-
-def _battenburg(
-    x_m: tuple[float, float], z_m: tuple[float, float], half_width_m: float, finishes: tuple[Finish, Finish], count: int
-) -> Mesh:
-    """Two rows of alternating squares along both sides."""
-    step = (x_m[1] - x_m[0]) / count
-    middle = (z_m[0] + z_m[1]) / 2
-    rows = ((z_m[0], middle), (middle, z_m[1]))
-    return Mesh.concatenate(
-        [
-            side_panels((x_m[0] + k * step, x_m[0] + (k + 1) * step), rows[row], half_width_m, finishes[(k + row) % 2])
-            for row in (0, 1)
-            for k in range(count)
-        ]
-    )
-
-
-def _ambulance_cab(length_m: float, axles: tuple[Axle, ...]) -> BodyProfile:
-    return BodyProfile(
-        length_m=length_m,
-        top_m=_knots(
-            0, 0.88, 0.06, 0.98, 0.25, 1.1, 0.85, 1.27, 0.97, 1.3, 1.72, 2.05, 1.95, 2.2, 2.3, 2.25, 2.6, 2.25
-        ),
-        belt_m=_knots(0, 0.76, 0.06, 0.84, 0.25, 0.96, 0.85, 1.1, 0.97, 1.14, 1.72, 1.22, 2.6, 1.24),
-        bottom_m=_knots(0, 0.38, 0.1, 0.3, 0.4, 0.27, 2.6, 0.28),
-        half_width_m=_knots(0, 0.76, 0.07, 0.86, 0.25, 0.94, 0.7, 0.975, 1.2, 0.985, 2.6, 0.985),
-        roof_half_width_m=_knots(0, 0.64, 0.1, 0.74, 0.85, 0.85, 0.97, 0.86, 1.72, 0.82, 2.6, 0.82),
-        axles=axles[:1],
-        roof_drop_m=0.12,
-        extra_stations_m=(1.3, 2.1),
-        zone_splits=(0.52, 0.86),
-    )
-
-
-def ambulance() -> Drawn:
-    """An ambulance with a box body, chequered flanks and light bars at both ends of the roof."""
-    length, half = 6.5, 1.05
-    x = length / 2
-    axles = (Axle(1.0, 0.35, 0.225), Axle(4.9, 0.35, 0.3))
-
-    def side(band: Band, s_m: float, hand: int) -> Finish:
-        if band is Band.UPPER_SIDE and s_m < 0.22:
-            return indicator(hand) if s_m < 0.07 else HEAD_LAMP
-        if band is Band.UPPER_SIDE and s_m > 1.3:
-            return YELLOW_LIVERY
-        return _flat_shell(WHITE_PAINT, ((1.3, 2.1),), (0.97, 1.72))(band, s_m, hand)
-
-    def front(band: Band, zone: int) -> Finish:
-        if band is Band.UPPER_SIDE:
-            return GRILLE if zone == 0 else HEAD_LAMP if abs(zone) == 1 else indicator(zone)
-        return GRILLE if band is Band.LOWER_SIDE and abs(zone) < 2 else WHITE_PAINT
-
-    cab = loft(_ambulance_cab(length, axles), side, front, _plain_end(WHITE_PAINT))
-    wall, back = half - 0.006, -x + 0.02
-    green: Finish = (Material.LIVERY, (16, 124, 62))
-    body = Mesh.concatenate(
-        [
-            cab,
-            box((back, -wall, 0.78), (x - 2.3, wall, 2.6), *WHITE_PAINT),
-            _bevelled_nose(x - 2.3, wall),
-            box((back + 0.2, -0.6, 0.42), (x - 2.2, 0.6, 0.82), *PLASTIC),
-            *[box((x0, y0, 0.34), (x1, y0 + 0.05, 0.8), *WHITE_PAINT) for x0, x1 in _skirts(x, axles[1], 2.35)
-              for y0 in (-wall, wall - 0.05)],
-            _battenburg((back + 0.1, x - 2.4), (1.0, 1.5), wall, (YELLOW_LIVERY, green), 7),
-            side_panels((back + 0.1, x - 2.4), (2.28, 2.38), wall, RED_LIVERY),
-            side_panels((back + 1.0, back + 2.3), (1.65, 2.15), wall, GLASS),
-            *_ambulance_rear(back, wall),
-            light_bar(x - 2.2, 2.24, 0.72, 0.34, 0.17),
-            box((x - 2.62, -0.95, 2.6), (x - 2.32, 0.95, 2.72), *WHITE_PAINT),
-            light_bar(x - 2.62, 2.6, 0.9, 0.3, 0.2),
-            light_bar(back + 0.3, 2.6, 0.9, 0.3, 0.2),
-            *[beacon(x - 0.02, y, 0.98, 0.07, Material.BEACON_BLUE) for y in (-0.25, 0.25)],
-            *[beacon(x0, y, 2.5, 0.09, Material.BEACON_RED) for x0 in (back + 0.6, x - 2.9) for y in (-1.0, 1.0)],
-            plates(x, back, 0.56, 0.62),
-            mirrors(x - 1.45, 0.85, half, 1.24, WHITE_PAINT, 0.26),
-        ]
-    )  # fmt: skip
-    return body, _wheels(axles, length, 0.985 * half)
-
-
-def _bevelled_nose(x_m: float, half_m: float) -> Mesh:
-    """The part of the box body that reaches over the cab's roof."""
-    from_x, to_x = x_m - 0.01, x_m + 0.32
-    return box((from_x, -0.8 * half_m, 2.2), (to_x, 0.8 * half_m, 2.42), *WHITE_PAINT)
-
-
-def _skirts(x_m: float, rear: Axle, front_s_m: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Sills between the cab and the rear wheel, and behind it."""
-    hub, reach = x_m - rear.s_m, rear.wheel_radius_m + 0.06
-    return (-x_m + 0.04, hub - reach), (hub + reach, x_m - front_s_m)
-
-
-def _ambulance_rear(back_m: float, half_m: float) -> list[Mesh]:
-    stripes = [
-        box((back_m - 0.008, y0, 0.95), (back_m + 0.02, y0 + 0.24, 1.5), *(RED_LIVERY if k % 2 else YELLOW_LIVERY))
-        for k, y0 in enumerate(-0.84 + 0.24 * k for k in range(7))
-    ]
-    windows = [box((back_m - 0.008, y0, 1.6), (back_m + 0.02, y0 + 0.55, 2.2), *GLASS) for y0 in (-0.62, 0.07)]
-    seam = box((back_m - 0.01, -0.015, 0.85), (back_m + 0.02, 0.015, 2.45), *PLASTIC)
-    bumper = box((back_m - 0.02, -half_m, 0.4), (back_m + 0.2, half_m, 0.56), *PLASTIC)
-    return [*stripes, *windows, seam, bumper, rear_lamps(back_m, half_m, 0.62, 0.16)]
-
-
-def fire_truck() -> Drawn:
-    """A fire engine: crew cab, lockers behind roller shutters, ladder and light bars."""
-    length, half = 8.3, 1.25
-    x = length / 2
-    axles = (Axle(1.45, 0.5, 0.32), Axle(5.95, 0.5, 0.5))
-    cab = loft(
-        _forward_cab(length, 3.2, 2.85, 1.22, axles[0]),
-        _flat_shell(RED_PAINT, ((0.45, 1.35), (1.5, 2.7))),
-        _cab_front(RED_PAINT, glazed=True),
-        _plain_end(RED_PAINT),
-    )
-    wall, back, nose = half - 0.006, -x + 0.02, x - 3.25
-    hub = x - axles[1].s_m
-    shutter: Finish = (Material.RIM, (176, 180, 184))
-    lockers = ((back + 0.12, hub - 0.62), (hub - 0.5, hub + 0.5), (hub + 0.62, nose - 0.08))
-    body = Mesh.concatenate(
-        [
-            cab,
-            box((back, -wall, 1.12), (nose, wall, 2.95), *RED_PAINT),
-            *[box((x0, -wall, 0.5), (x1, wall, 1.14), *RED_PAINT) for x0, x1 in _skirts(x, axles[1], 3.25)],
-            box((back + 0.2, -0.7, 0.55), (x - 2.0, 0.7, 1.14), *PLASTIC),
-            *[side_panels(span, (1.25 if k == 1 else 0.85, 2.5), wall, shutter) for k, span in enumerate(lockers)],
-            side_panels((back + 0.05, nose), (2.6, 2.74), wall, WHITE_LIVERY),
-            side_panels((back + 0.05, hub - 0.62), (0.6, 0.76), wall, YELLOW_LIVERY),
-            side_panels((hub + 0.62, nose), (0.6, 0.76), wall, YELLOW_LIVERY),
-            side_panels((x - 3.1, x - 2.0), (0.86, 1.02), 1.215, WHITE_LIVERY),
-            box((x - 0.02, -1.02, 0.98), (x + 0.008, 1.02, 1.1), *WHITE_LIVERY),
-            *_fire_rear(back),
-            *_ladder(back, nose),
-            light_bar(x - 0.75, 2.84, 0.95, 0.36, 0.24),
-            *[beacon(back + 0.15, y, 3.02, 0.16, Material.BEACON_BLUE) for y in (-1.05, 1.05)],
-            *[beacon(x, y, 1.28, 0.08, Material.BEACON_BLUE) for y in (-0.4, 0.4)],
-            box((-0.4, -0.5, 2.9), (0.2, 0.5, 3.2), *RED_PAINT),
-            plates(x, back, 0.66, 0.7),
-            mirrors(x - 0.25, 1.08, half, 1.8, PLASTIC, 0.45),
-        ]
-    )
-    return body, _wheels(axles, length, 0.975 * half)
-
-
-def _fire_rear(back_m: float) -> list[Mesh]:
-    stripes = [
-        box((back_m - 0.008, y0, 0.8), (back_m + 0.02, y0 + 0.29, 1.25), *(YELLOW_LIVERY if k % 2 else RED_LIVERY))
-        for k, y0 in enumerate(-1.02 + 0.29 * k for k in range(7))
-    ]
-    shutter = box((back_m - 0.008, -0.8, 1.35), (back_m + 0.02, 0.8, 2.65), *STEEL)
-    bumper = box((back_m - 0.02, -1.2, 0.5), (back_m + 0.2, 1.2, 0.62), *PLASTIC)
-    blue = box((back_m - 0.008, -0.8, 2.72), (back_m + 0.02, 0.8, 2.82), *BLUE_LIVERY)
-    return [*stripes, shutter, bumper, blue, rear_lamps(back_m, 1.24, 0.64, 0.14)]
-
-
-def _ladder(back_m: float, nose_m: float) -> list[Mesh]:
-    low, high = 3.0, 3.08
-    rails = [box((back_m + 0.3, y0, low), (nose_m - 0.1, y0 + 0.06, high), *STEEL) for y0 in (-0.95, -0.55)]
-    count = 9
-    step = (nose_m - back_m - 0.6) / count
-    rungs = [
-        box((back_m + 0.4 + k * step, -0.93, low + 0.02), (back_m + 0.45 + k * step, -0.5, high - 0.02), *STEEL)
-        for k in range(count)
-    ]
-    feet = [box((x0, -0.9, 2.94), (x0 + 0.1, -0.55, low), *STEEL) for x0 in (back_m + 0.5, nose_m - 0.5)]
-    return [*rails, *rungs, *feet]
+    return body, vehicle_wheels(axles, length, 0.97 * half)

@@ -119,7 +119,7 @@ class BodyProfile:
 
 def _at(knots: Knots, s_m: npt.ArrayLike) -> npt.NDArray[np.float64]:
     s, value = np.array(knots).T
-    return np.asarray(np.interp(s_m, s, value))
+    return np.asarray(np.interp(np.asarray(s_m, dtype=np.float64), s, value))
 
 
 ShellFinish = Callable[[Band, float, int], Finish]

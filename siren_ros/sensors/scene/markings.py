@@ -1,9 +1,10 @@
 """Painted road markings as plane polygons: lines, stop lines, crossings, arrows.
 
-Dimensions follow the German guideline for road markings (RMS): lines 0.12 m, dashes 3 m with 6 m gaps, stop lines 0.5 m,
-crossing stripes 0.5 m. Arrows are drawn 4 m long, 8 m before the stop line.
+Dimensions follow the German guideline for road markings (RMS): lines 0.12 m, dashes 3 m with 6 m gaps, stop lines
+0.5 m, crossing stripes 0.5 m. Arrows are drawn 4 m long, 8 m before the stop line.
 """
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -91,7 +92,7 @@ class _Painter:
     def dividers(self, edge: Edge) -> Iterator[Polygon]:
         """Dashed lines between driving lanes of the same direction, solid ahead of signals and stop signs."""
         lanes = self.driving(edge)
-        for right, left in zip(lanes[:-1], lanes[1:], strict=True):
+        for right, left in itertools.pairwise(lanes):
             if left.position != right.position + 1:
                 continue
             centre = self.centres[right.index]

@@ -7,13 +7,11 @@ from shapely.geometry.base import BaseGeometry
 
 from siren_ros.sensors.scene.buildings import Lot, building
 from siren_ros.sensors.scene.config import SceneConfig
-from siren_ros.sensors.scene.free_space import FreeSpace, ring_samples
+from siren_ros.sensors.scene.free_space import FreeSpace, Points, ring_samples
 from siren_ros.sensors.scene.mesh import Mesh
 from siren_ros.sensors.scene.poles import street_lamp, turned
 from siren_ros.sensors.scene.surfaces import Surfaces, union
 from siren_ros.sensors.scene.vegetation import broadleaf, conifer
-
-_SLENDER = 0.12
 
 
 def street_lamps(surfaces: Surfaces, space: FreeSpace, config: SceneConfig) -> Mesh:
@@ -31,7 +29,7 @@ def street_lamps(surfaces: Surfaces, space: FreeSpace, config: SceneConfig) -> M
 
 def street_trees(surfaces: Surfaces, space: FreeSpace, config: SceneConfig, rng: np.random.Generator) -> Mesh:
     """A row of trees along every road, with gaps, each crown wholly off the space of traffic."""
-    parts = []
+    parts: list[Mesh] = []
     row = surfaces.keep_clear.buffer(2.4, quad_segs=4)
     places, _ = ring_samples(row, config.tree_spacing_m)
     for x, y in places:
@@ -49,7 +47,7 @@ def parkland(surfaces: Surfaces, space: FreeSpace, config: SceneConfig, rng: np.
     points = rng.uniform((west - margin, south - margin), (east + margin, north + margin), (min(count, 900), 2))
     radii = rng.uniform(1.6, 3.2, len(points))
     clear = space.clear_of_traffic(points, 9.0)
-    parts = []
+    parts: list[Mesh] = []
     for (x, y), radius in zip(points[clear], radii[clear], strict=True):
         if len(parts) < 260 and space.place_disc(float(x), float(y), float(radius) + 0.3):
             make = conifer if rng.random() < 0.3 else broadleaf
@@ -63,7 +61,7 @@ def street_buildings(surfaces: Surfaces, space: FreeSpace, config: SceneConfig, 
     parts = []
     rows = ((config.building_setback_m, True), (config.building_setback_m + 26.0, False))
     for setback, detailed in rows:
-        front = streets.buffer(setback, join_style="mitre", mitre_limit=1.5)
+        front = streets.buffer(setback, quad_segs=4)
         shapely.prepare(front)
         places, tangents = ring_samples(front.simplify(0.2), 2.0)
         parts.extend(_row(front, places, tangents, space, config, rng, surfaces, detailed=detailed))
@@ -72,8 +70,8 @@ def street_buildings(surfaces: Surfaces, space: FreeSpace, config: SceneConfig, 
 
 def _row(
     front: BaseGeometry,
-    places: np.ndarray,
-    tangents: np.ndarray,
+    places: Points,
+    tangents: Points,
     space: FreeSpace,
     config: SceneConfig,
     rng: np.random.Generator,

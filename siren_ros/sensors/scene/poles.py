@@ -18,9 +18,9 @@ _LENS_RGB: Final[dict[LampColour, Rgb]] = {
     LampColour.YELLOW: (96, 74, 14),
     LampColour.GREEN: (14, 80, 46),
 }
-_LENS_RADIUS_M: Final = 0.1
-"""Lenses of 200 mm, the size of town signals (EN 12368)."""
-HEAD_HEIGHT_M: Final = 0.98
+_LENS_RADIUS_M: Final = 0.15
+"""Lenses of 300 mm, the larger of the two standard sizes (EN 12368)."""
+HEAD_HEIGHT_M: Final = 1.28
 _LETTERS: Final = {
     "S": ("111", "100", "111", "001", "111"),
     "T": ("111", "010", "010", "010", "010"),
@@ -40,22 +40,22 @@ class SignalHead:
 def turned(mesh: Mesh, x_m: float, y_m: float, z_m: float, heading_rad: float) -> Mesh:
     """A mesh turned so that its x axis points along a heading, and moved."""
     c, s = float(np.cos(heading_rad)), float(np.sin(heading_rad))
-    return mesh.transformed([[c, -s, 0], [s, c, 0], [0, 0, 1]], (x_m, y_m, z_m))
+    return mesh.transformed(np.array([(c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)]), (x_m, y_m, z_m))
 
 
 def signal_head() -> SignalHead:
     """A three-lamp head that shines along +x, its lower edge at z 0, red above yellow above green."""
     parts = [
-        box((-0.2, -0.17, 0.0), (0.0, 0.17, HEAD_HEIGHT_M), Material.SIGNAL_HOUSING, HOUSING_RGB),
-        box((-0.08, -0.3, -0.12), (-0.06, 0.3, HEAD_HEIGHT_M + 0.12), Material.SIGNAL_HOUSING, HOUSING_RGB),
+        box((-0.2, -0.21, 0.0), (0.0, 0.21, HEAD_HEIGHT_M), Material.SIGNAL_HOUSING, HOUSING_RGB),
+        box((-0.08, -0.36, -0.12), (-0.06, 0.36, HEAD_HEIGHT_M + 0.12), Material.SIGNAL_HOUSING, HOUSING_RGB),
     ]
     lamps = []
     angle = np.arange(10) * (2 * np.pi / 10)
     for row, colour in enumerate((LampColour.GREEN, LampColour.YELLOW, LampColour.RED)):
-        z = 0.17 + 0.32 * row
+        z = 0.23 + 0.41 * row
         ring = np.column_stack((np.full(10, 0.012), _LENS_RADIUS_M * np.cos(angle), z + _LENS_RADIUS_M * np.sin(angle)))
         fan = [(0, k, k + 1) for k in range(1, 9)]
-        parts.append(box((0.0, -0.13, z + 0.105), (0.16, 0.13, z + 0.125), Material.SIGNAL_HOUSING, HOUSING_RGB))
+        parts.append(box((0.0, -0.17, z + 0.16), (0.2, 0.17, z + 0.18), Material.SIGNAL_HOUSING, HOUSING_RGB))
         start = sum(len(part) for part in parts)
         parts.append(Mesh.uniform(ring, fan, colour.material, _LENS_RGB[colour]))
         lamps.append((colour, start, start + len(fan)))
@@ -80,13 +80,13 @@ def stop_sign() -> Mesh:
     ]
     cell = 0.045
     for place, letter in enumerate("STOP"):
-        left = 0.33 - place * 0.175
+        left = -0.33 + place * 0.175
         for row, bits in enumerate(_LETTERS[letter]):
             for column, bit in enumerate(bits):
                 if bit == "1":
-                    y, z = left - column * cell, 0.11 - row * cell
+                    y, z = left + column * cell, 0.11 - row * cell
                     quad = np.array(
-                        [(0.012, y, z - cell), (0.012, y, z), (0.012, y - cell, z), (0.012, y - cell, z - cell)]
+                        [(0.012, y, z - cell), (0.012, y + cell, z - cell), (0.012, y + cell, z), (0.012, y, z)]
                     )
                     parts.append(from_quads([(quad, (Material.STOP_SIGN, (240, 240, 240)))]))
     return Mesh.concatenate(parts)
@@ -115,8 +115,8 @@ def mast_arm(from_m: tuple[float, float], to_m: tuple[float, float], z_m: float)
 
 
 def clear_pole(
-    space: FreeSpace, x_m: float, y_m: float, direction: tuple[float, float], reach_m: float
+    space: FreeSpace, x_m: float, y_m: float, direction: tuple[float, float], reach_m: float, radius_m: float
 ) -> tuple[float, float] | None:
-    """The nearest clear place for a pole from a point along a direction, within a reach; None without one."""
+    """The nearest place from a point along a direction, within a reach, with a clear radius; None without one."""
     steps = np.arange(0.0, reach_m, 0.25)[:, None]
-    return space.first_clear(np.array((x_m, y_m)) + steps * np.array(direction), 0.25)
+    return space.first_clear(np.array((x_m, y_m)) + steps * np.array(direction), radius_m)

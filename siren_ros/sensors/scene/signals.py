@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from siren_ros.sensors.scene.config import SceneConfig
 from siren_ros.sensors.scene.free_space import FreeSpace
@@ -14,6 +15,9 @@ from siren_ros.world.road_network import Connection, Edge, Lane, LaneKind, RoadN
 
 _POST_HEAD_M: Final = 2.6
 """Lower edge of a head on a post beside the road."""
+_POST_RADIUS_M: Final = 0.5
+"""Room around a post that carries a head or a sign at eye height."""
+_MAST_RADIUS_M: Final = 0.25
 _PREFERENCE: Final = "slrt"
 """A head that serves several movements shows the state of the first of these that it has."""
 
@@ -27,7 +31,7 @@ class Controls:
 
 
 def junction_controls(network: RoadNetwork, space: FreeSpace, config: SceneConfig) -> Controls:
-    """Signals and stop signs of a map: a post at the right of each approach, and heads on a mast arm beyond the junction."""
+    """Signals and stop signs of a map: a post at the right of each approach, heads on a mast beyond the junction."""
     collector = _Collector()
     for edge in network.edges:
         if edge.internal:
@@ -83,18 +87,14 @@ def _rank(direction: str) -> int:
 
 
 def _right_post(network: RoadNetwork, edge: Edge, lane: Lane, space: FreeSpace) -> tuple[float, float] | None:
-    """A place for a post at the right of the end of an edge."""
+    """A place for a post at the right of the end of an edge: as near as possible to the lane and to its end."""
     outer = network.lanes[edge.lanes[0]]
-    _, reach = outer.centre.project(lane.centre.at(lane.length_m))
-    for back in (0.5, 2.0, 4.0, 7.0, 11.0):
-        s = max(0.0, lane.length_m - back)
-        x, y = lane.centre.at(s)
-        heading = float(lane.centre.heading_rad(s))
-        right = (float(np.sin(heading)), -float(np.cos(heading)))
-        place = clear_pole(space, float(x), float(y), right, lane.width_m + abs(float(reach)) + outer.width_m + 3.0)
-        if place is not None:
-            return place
-    return None
+    _, to_outer = outer.centre.project(lane.centre.at(lane.length_m))
+    reach = lane.width_m + abs(float(to_outer)) + outer.width_m + 3.0
+    back, aside = (grid.ravel() for grid in np.meshgrid((0.5, 2.0, 4.0, 7.0, 11.0), np.arange(0.0, reach, 0.25)))
+    nearest = np.argsort(aside + 0.5 * back, kind="stable")
+    s = np.maximum(lane.length_m - back[nearest], 0.0)
+    return space.first_clear(lane.centre.offset_points(s, -aside[nearest]), _POST_RADIUS_M)
 
 
 def _near_post(
@@ -133,7 +133,7 @@ def _far_heads(
     for ahead in (1.0, 3.0, 6.0):
         s = min(ahead, first.length_m)
         x, y = first.centre.at(s)
-        place = clear_pole(space, float(x), float(y), right, 14.0)
+        place = clear_pole(space, float(x), float(y), right, 14.0, _MAST_RADIUS_M)
         if place is None:
             continue
         arm_z = config.clearance_m + HEAD_HEIGHT_M + 0.4
@@ -149,7 +149,9 @@ def _far_heads(
         return
 
 
-def _on_line(start: tuple[float, float], end: tuple[float, float], point: np.ndarray) -> tuple[float, float]:
+def _on_line(
+    start: tuple[float, float], end: tuple[float, float], point: npt.NDArray[np.float64]
+) -> tuple[float, float]:
     a, b = np.array(start), np.array(end)
     along = float(np.dot(point - a, b - a) / np.dot(b - a, b - a))
     x, y = a + np.clip(along, 0.0, 1.0) * (b - a)
@@ -161,7 +163,7 @@ def _opposite_post(collector: _Collector, approach: tuple[Lane, Connection], spa
     x, y = lane.centre.at(lane.length_m)
     heading = float(lane.centre.heading_rad(lane.length_m))
     forward = (float(np.cos(heading)), float(np.sin(heading)))
-    place = clear_pole(space, float(x), float(y), forward, 60.0)
+    place = clear_pole(space, float(x), float(y), forward, 60.0, _POST_RADIUS_M)
     if place is None:
         return
     collector.add(pole(*place, _POST_HEAD_M + 0.6 + HEAD_HEIGHT_M))

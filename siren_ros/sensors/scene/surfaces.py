@@ -19,6 +19,8 @@ _MOUTH_M: Final = 3.0
 """Length of the lane ends that count as part of a junction's carriageway."""
 _CORNER_M: Final = 4.0
 """Gaps between the paths across a junction up to twice this wide are paved."""
+_SMALLEST_MEDIAN_M2: Final = 6.0
+_SMALLEST_HOLE_M2: Final = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,11 +147,14 @@ def road_surfaces(network: RoadNetwork, centres: dict[int, Polyline], config: Sc
     crossed = intersection(crossings, outlines)
     seams = closed(union((driving, by_kind[LaneKind.SHOULDER])), 0.9)
     bare = difference(by_kind[LaneKind.SHOULDER], driving, heart)
-    carriageway = difference(union((driving, heart, across, crossed, seams)), bare)
-    paved = union((carriageway, bare))
+    paved = _without_small_holes(union((driving, heart, across, crossed, seams, bare)))
+    carriageway = difference(paved, bare)
     left_kerbs = union(area[lane.index] for lane in network.lanes if _is_left_of_traffic(network, lane))
     gaps = difference(closed(driving, 4.0), paved, outlines)
-    median = difference(union((left_kerbs, gaps.buffer(-0.1).buffer(0.1))), paved)
+    median = MultiPolygon(
+        polygons(difference(union((left_kerbs, gaps)), paved).buffer(-0.1).buffer(0.1), _SMALLEST_MEDIAN_M2)
+    )
+    median = difference(median, paved)
     walks = union((by_kind[LaneKind.SIDEWALK], by_kind[LaneKind.KERB]))
     has_walks = not by_kind[LaneKind.SIDEWALK].is_empty
     corners = closed(union((walks, paved, outlines)), 0.5) if has_walks else walks
@@ -170,7 +175,7 @@ def road_surfaces(network: RoadNetwork, centres: dict[int, Polyline], config: Sc
 
 def _junction_carriageway(network: RoadNetwork, across: BaseGeometry, outlines: BaseGeometry) -> BaseGeometry:
     """The paved part of the junctions: paths across them and the ends of their lanes, gaps between these filled."""
-    mouths = []
+    mouths: list[Polygon] = []
     for lane in network.lanes:
         if lane.kind in {LaneKind.DRIVING, LaneKind.SHOULDER}:
             reach = min(_MOUTH_M, lane.length_m / 2)
@@ -178,6 +183,15 @@ def _junction_carriageway(network: RoadNetwork, across: BaseGeometry, outlines: 
             mouths.extend(strip(end, lane.width_m) for end in ends)
     filled = closed(union((across, *mouths)), _CORNER_M)
     return intersection(union((filled, across)), outlines)
+
+
+def _without_small_holes(area: BaseGeometry) -> BaseGeometry:
+    """The area with the slivers filled that lanes and paths leave between them."""
+    parts = [
+        Polygon(part.exterior, [ring for ring in part.interiors if Polygon(ring).area > _SMALLEST_HOLE_M2])
+        for part in polygons(area)
+    ]
+    return union(parts)
 
 
 def _is_left_of_traffic(network: RoadNetwork, lane: Lane) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.dynamics.parameters import VehicleParameters, load_vehicle_parameters
-from siren_ros.sensors.scene import cars, large_vehicles
+from siren_ros.sensors.scene import cars, emergency_vehicles, large_vehicles
 from siren_ros.sensors.scene.mesh import Mesh, VehicleShape, Wheel
 from siren_ros.world.actors import ActorClass
 
@@ -24,8 +24,8 @@ _DRAWINGS: Final[Mapping[ActorClass, Callable[[], Drawn]]] = {
     ActorClass.PICKUP: cars.pickup,
     ActorClass.BUS: large_vehicles.bus,
     ActorClass.TRUCK: large_vehicles.truck,
-    ActorClass.AMBULANCE: large_vehicles.ambulance,
-    ActorClass.FIRE_TRUCK: large_vehicles.fire_truck,
+    ActorClass.AMBULANCE: emergency_vehicles.ambulance,
+    ActorClass.FIRE_TRUCK: emergency_vehicles.fire_truck,
     ActorClass.POLICE: cars.police,
 }
 
@@ -43,7 +43,7 @@ def vehicle_shape(actor_class: ActorClass) -> VehicleShape:
 def fitted(actor_class: ActorClass, drawn: Drawn, size: VehicleParameters) -> VehicleShape:
     """A drawn body stretched so that it fills the given size exactly and its axles lie where the parameters say.
 
-    Around the axles the body is moved and not stretched, and below the wheel arches' height it keeps its height, so that
+    Around the axles the body is moved and not stretched, and below the arches' height it keeps its height, so that
     the arches stay round. Wheels keep their drawn size.
     """
     body, wheels = drawn

@@ -1,5 +1,7 @@
 """Wheels: a tyre and a spoked rim about the hub."""
 
+import itertools
+
 import numpy as np
 
 from siren_ros.sensors.scene.loft import Axle, Finish, from_quads
@@ -25,7 +27,7 @@ def wheel_mesh(radius_m: float, width_m: float, side: int) -> Mesh:
     ]
     faces = []
     for i in range(_SIDES):
-        for inner, outer in zip(rings[:-1], rings[1:], strict=True):
+        for inner, outer in itertools.pairwise(rings):
             faces.append((np.stack((inner[i], inner[i + 1], outer[i + 1], outer[i])), _TYRE))
         # Every fourth sector is dark, so that a turning wheel shows that it turns.
         spoke = _RIM_GAP if i % 4 in {0, 1} else _RIM

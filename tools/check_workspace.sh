@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # Builds the workspace with colcon in a scratch folder, twice: as an installation and with --symlink-install, over the
-# environment it runs in (./env tools/environment/check_workspace.sh), and checks what came out. Takes a minute or two.
+# environment it runs in (./env tools/check_workspace.sh), and checks what came out. Takes a minute or two.
 set -euo pipefail
 
-root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
 cd "$root"

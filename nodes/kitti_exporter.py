@@ -1,0 +1,71 @@
+"""``kitti_exporter``: LiDAR, ground truth and front camera in, KITTI files out while the episode runs."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+from siren_ros.datasets.kitti import KittiCamera, KittiFrame, KittiWriter, camera_from_lidar
+from siren_ros.datasets.kitti_export import FRONT_CAMERA
+from siren_ros.interfaces import topics
+from siren_ros.interfaces.conversions import from_ground_truth
+from siren_ros.interfaces.images import from_compressed_image
+from siren_ros.interfaces.point_cloud import from_point_cloud
+from siren_ros.interfaces.tick_join import Input
+from siren_ros.ros.node_configs import KittiExporterConfig
+from siren_ros.ros.participant import Participant
+from siren_ros.ros.program import run_participant
+from siren_ros.sensors.carrier import optical_frame, static_transforms
+from siren_ros.sensors.observation_messages import intrinsics
+from siren_ros.sensors.suite import SensorSuite, load_suite, period_steps
+from siren_ros.world.episode import EpisodeDescription
+from siren_ros.world.errors import InputError
+
+
+class KittiExporter(Participant[KittiExporterConfig]):
+    """Writes a frame at every step that brings both a sweep and ground truth."""
+
+    config_type = KittiExporterConfig
+    inputs = (Input(topics.CLOCK), Input(topics.GROUND_TRUTH))
+
+    def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:  # noqa: ARG002 - the interface of all nodes
+        """Subscribe to the first LiDAR and, where the suite has one, the front camera."""
+        suite = load_suite(episode.sensor_suite)
+        if not suite.lidars:
+            raise InputError("sensors", episode.sensor_suite, "a suite with a LiDAR, for the KITTI export")
+        lidar = min(suite.lidars, key=lambda spec: spec.name)
+        self._lidar = topics.LIDAR.of_sensor(lidar.name, period_steps(lidar.rate_hz))
+        self._image = None
+        camera = next((spec for spec in suite.cameras if spec.name == FRONT_CAMERA), None)
+        if camera is not None:
+            self._image = topics.IMAGE_COMPRESSED.of_sensor(camera.name, period_steps(camera.rate_hz))
+        self._writer = KittiWriter(Path(self.config.out), _calibrated_camera(suite, lidar.name))
+        self.join_more([topic for topic in (self._lidar, self._image) if topic is not None])
+
+    def on_step(self, step: int, inputs: dict[str, Any]) -> None:
+        """Write the frame of this step, if it is one."""
+        sweep, truth = inputs.get(self._lidar.name), inputs.get(topics.GROUND_TRUTH.name)
+        if sweep is None or truth is None:
+            return
+        image = inputs.get(self._image.name) if self._image is not None else None
+        jpeg = None if image is None else from_compressed_image(image)
+        self._writer.write(KittiFrame(step, from_point_cloud(sweep), from_ground_truth(truth), jpeg))
+
+
+def _calibrated_camera(suite: SensorSuite, lidar: str) -> KittiCamera | None:
+    spec = next((camera for camera in suite.cameras if camera.name == FRONT_CAMERA), None)
+    if spec is None:
+        return None
+    transforms = static_transforms(suite)
+    return KittiCamera(intrinsics(spec), camera_from_lidar(transforms, lidar, optical_frame(spec.name)))
+
+
+NODE = KittiExporter
+
+
+def main() -> int:
+    """Run the node as a program of its own."""
+    return run_participant(NODE, "kitti_exporter")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

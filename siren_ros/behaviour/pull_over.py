@@ -1,0 +1,170 @@
+"""L3: pull-over to the lane's edge, then braking hold (paper, Algorithm 2, ``npc_behavior_lvl = 2``)."""
+
+import math
+from dataclasses import replace
+from typing import Final
+
+from siren_ros.behaviour.lane_change import Refusal, gaps_in_lane, offset_in_lane
+from siren_ros.behaviour.lane_foot import lane_foot
+from siren_ros.behaviour.lane_path import lanes_along, neighbour_lane, path_on_lanes
+from siren_ros.behaviour.navigator import FULL_BRAKE, DriveCommand, NavigatorState, Situation, navigate
+from siren_ros.behaviour.path_blend import PEAK_CURVATURE, path_onto
+from siren_ros.behaviour.rejoin import start_rejoin
+from siren_ros.behaviour.tracked_path import TrackedPath
+from siren_ros.behaviour.world import StepView
+from siren_ros.behaviour.yield_lane_change import defer
+from siren_ros.behaviour.yield_unit import EmvView, Outcome, YieldUnit, lane_of, standing, yield_event
+from siren_ros.world.actors import Mode
+from siren_ros.world.events import Event, EventKind
+from siren_ros.world.road_network import NO_LANE, LaneKind
+from siren_ros.world.units import steps_from_s
+
+_LOOK_AGAIN_STEPS: Final = steps_from_s(0.5)
+
+
+def start_pull_over(unit: YieldUnit, row: int, view: StepView) -> Outcome:
+    """Starts the pull-over, except on a junction or where the vehicle cannot stop before the next one."""
+    network, config = view.world.network, view.world.config.pull_over
+    lane = int(view.traffic.lane[row])
+    if lane == NO_LANE or network.lanes[lane].kind is LaneKind.INTERNAL:
+        return defer(unit, row, view, Refusal.JUNCTION.value)
+    side = unit.side or alignment_of(view, lane)
+    unit = replace(unit, side=side)
+    path = pull_over_path(unit, row, lane, view)
+    speed = float(view.seen.speed_mps[row])
+    brake = view.world.config.civilian_navigator.comfort_brake_mps2
+    if path is None or speed * speed / (2.0 * brake) > path.length_m + config.length_min_m:
+        return defer(unit, row, view, Refusal.NO_ROOM.value)
+    x, y, _ = view.pose(row)
+    unit = replace(
+        unit,
+        phase=Mode.YIELD_PULL_OVER,
+        deferred="",
+        stopped_steps=0,
+        navigator=NavigatorState().following(path, x, y),
+    )
+    started = yield_event(unit, row, view, EventKind.YIELD_STARTED, side=side, lane=lane)
+    moved = _drive(unit, row, view)
+    return replace(moved, events=(started, *moved.events))
+
+
+def alignment_of(view: StepView, lane: int) -> int:
+    """Side to which a lane's vehicles pull over: the leftmost of several lanes left, all others right."""
+    network = view.world.network
+    left = neighbour_lane(network, lane, 1)
+    right = neighbour_lane(network, lane, -1)
+    driving_left = left != NO_LANE and network.lanes[left].kind is LaneKind.DRIVING
+    driving_right = right != NO_LANE and network.lanes[right].kind is LaneKind.DRIVING
+    return 1 if not driving_left and driving_right else -1
+
+
+def edge_offset_m(view: StepView, row: int, lane: int, side: int) -> float:
+    """Offset from the lane's centre line at which a vehicle stands at the lane's edge, left positive.
+
+    Where that leaves too little room for an EMV on the inner side, the vehicle reaches over the edge.
+    """
+    network, config = view.world.network, view.world.config.pull_over
+    beside = neighbour_lane(network, lane, side)
+    shoulder = beside != NO_LANE and network.lanes[beside].kind is LaneKind.SHOULDER
+    most = config.shoulder_overhang_max_m if shoulder else config.overhang_max_m
+    half_lane, half_width = 0.5 * network.lanes[lane].width_m, float(view.seen.half_width_m[row])
+    at_edge = half_lane - half_width
+    wanted = config.corridor_half_m - half_lane + half_width
+    return side * max(min(max(at_edge, wanted), at_edge + most), 0.0)
+
+
+def pull_over_path(unit: YieldUnit, row: int, lane: int, view: StepView) -> TrackedPath | None:
+    """``BuildPullOverWaypoints``: to the lane's edge and to a stop there, before the next junction.
+
+    Returns:
+        The path, or None where the lane ends before the vehicle can move sideways.
+    """
+    network, config = view.world.network, view.world.config.pull_over
+    x, y, yaw = view.pose(row)
+    speed = float(view.seen.speed_mps[row])
+    position, left, _ = lane_foot(network.lanes[lane].centre, x, y)
+    offset = edge_offset_m(view, row, lane, unit.side)
+    sharpest = math.sqrt(PEAK_CURVATURE * abs(offset - left) / config.curvature_max_1pm)
+    wanted = max(config.length_min_m, sharpest, config.duration_s * speed)
+    route = view.traffic.route_of_row(row)
+    length = wanted + config.settle_length_m
+    half_length = float(view.seen.half_length_m[row])
+    lanes, end = lanes_along(
+        network, lane, position, route, length + half_length, civilian=True, through_junctions=False
+    )
+    reference = path_on_lanes(network, lanes, end, position - 2.0, 2.0 + length + half_length)
+    room = reference.curve.length_m - 2.0 - half_length
+    if room < 2.0:
+        return None
+    merge = max(min(wanted, room), min(sharpest, wanted))
+    navigator = view.world.config.civilian_navigator
+    return path_onto(reference, (x, y, yaw), merge, navigator, offset_m=offset, shorten_m=half_length)
+
+
+def pull_over(unit: YieldUnit, row: int, view: StepView, emv: EmvView) -> Outcome:
+    """Drives to the lane's edge; holds once there and aligned, or when standing behind another vehicle."""
+    if emv.passed or not emv.in_region:
+        return _given_up(unit, row, view, emv)
+    config = view.world.config.pull_over
+    lane = lane_of(unit, row, view)
+    offset, turned = offset_in_lane(view, row, lane)
+    wanted = edge_offset_m(view, row, lane, unit.side)
+    aligned = abs(turned) <= view.world.constants.heading_aligned_rad
+    reached = abs(offset - wanted) <= config.reached_m
+    stopped = unit.stopped_steps + 1 if standing(view, row) else 0
+    unit = replace(unit, stopped_steps=stopped)
+    if reached and aligned:
+        return _hold_now(unit, row, view, offset, partial=False)
+    if stopped >= steps_from_s(config.blocked_hold_s):
+        return _hold_now(unit, row, view, offset, partial=True)
+    if unit.navigator.done or (reached and unit.navigator.remaining_m < 1.0):
+        path = pull_over_path(unit, row, lane, view)
+        if path is not None and not unit.navigator.done:
+            x, y, _ = view.pose(row)
+            unit = replace(unit, navigator=unit.navigator.following(path, x, y))
+    return _drive(unit, row, view)
+
+
+def hold(unit: YieldUnit, row: int, view: StepView, emv: EmvView) -> Outcome:
+    """Stands with full brake and hand brake; goes on where a pull-over was cut short and the way is free again."""
+    if emv.passed or not emv.in_region:
+        return _given_up(unit, row, view, emv)
+    if unit.partial and view.step % _LOOK_AGAIN_STEPS == unit.actor_id % _LOOK_AGAIN_STEPS:
+        lane = lane_of(unit, row, view)
+        free = gaps_in_lane(view, row, lane).front_m
+        path = pull_over_path(unit, row, lane, view) if free > view.world.config.pull_over.resume_gap_m else None
+        if path is not None and path.length_m > view.world.config.pull_over.length_min_m:
+            x, y, _ = view.pose(row)
+            navigator = unit.navigator.following(path, x, y)
+            unit = replace(unit, phase=Mode.YIELD_PULL_OVER, navigator=navigator, partial=False, stopped_steps=0)
+            return _drive(unit, row, view)
+    return Outcome(unit, _braked(unit, row, view))
+
+
+def _hold_now(unit: YieldUnit, row: int, view: StepView, offset_m: float, partial: bool) -> Outcome:
+    unit = replace(unit, phase=Mode.YIELD_HOLD, partial=partial)
+    held = yield_event(unit, row, view, EventKind.YIELD_HELD, side=unit.side, offset_m=offset_m, partial=int(partial))
+    return Outcome(unit, _braked(unit, row, view), (held,))
+
+
+def _braked(unit: YieldUnit, row: int, view: StepView) -> DriveCommand:
+    if standing(view, row):
+        return FULL_BRAKE
+    situation = Situation(view.seen, row, view.vehicle(row), 0.0, watch=False)
+    _, command, _ = navigate(unit.navigator, situation, view.world.config.civilian_navigator)
+    return replace(FULL_BRAKE, steer_rad=command.steer_rad)
+
+
+def _given_up(unit: YieldUnit, row: int, view: StepView, emv: EmvView) -> Outcome:
+    events: tuple[Event, ...] = ()
+    if unit.phase is Mode.YIELD_PULL_OVER or not emv.passed:
+        reason = "emv_passed" if emv.passed else "emv_gone"
+        events = (yield_event(unit, row, view, EventKind.YIELD_CANCELLED, reason=reason),)
+    back = start_rejoin(unit, row, view)
+    return replace(back, events=(*events, *back.events))
+
+
+def _drive(unit: YieldUnit, row: int, view: StepView) -> Outcome:
+    situation = Situation(view.seen, row, view.vehicle(row), view.world.speeds.civilian_pull_over_mps)
+    navigator, command, _ = navigate(unit.navigator, situation, view.world.config.civilian_navigator)
+    return Outcome(replace(unit, navigator=navigator), command)

@@ -1,0 +1,77 @@
+"""The closed loop of an episode without ROS: the same library calls in the same order as the node graph.
+
+For studies of behaviour that need neither topics nor sensors, and for tests. What the nodes exchange over
+DDS is handed over directly; the states are the same.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from siren_ros.behaviour.emv import EmvState, step_emv
+from siren_ros.behaviour.yielding import YieldState, step_yield
+from siren_ros.dynamics.fleet import step_fleet
+from siren_ros.dynamics.fleet_state import FleetState
+from siren_ros.dynamics.parameters import load_vehicle_parameters
+from siren_ros.generation.behaviour_setup import behaviour_world
+from siren_ros.generation.episode_setup import EpisodeSetup
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.traffic.residual import check_residual
+from siren_ros.traffic.simulation import SumoSimulation
+from siren_ros.world.actors import ActorDescription, ActorStates
+from siren_ros.world.commands import VehicleCommands
+from siren_ros.world.events import Event
+from siren_ros.world.traffic_state import TrafficState
+
+
+@dataclass(frozen=True)
+class LoopStep:
+    """Everything that the nodes of the loop say at one step."""
+
+    traffic: TrafficState
+    commands: tuple[VehicleCommands, VehicleCommands]
+    """Of the EMV controller and of the yield manager."""
+    states: ActorStates
+    events: tuple[Event, ...]
+
+
+def closed_loop(setup: EpisodeSetup, steps: int, residual_limit_m: float = 5.0) -> Iterator[LoopStep]:
+    """Run an episode's behaviour, dynamics and traffic step by step.
+
+    Raises:
+        EpisodeError: As in the node graph: SUMO teleported a vehicle, or the residual passed its limit.
+    """
+    world = behaviour_world(setup.description, setup.compiled_map.read_bytes())
+    emv, civilians, fleet = EmvState.initial(), YieldState.initial(), FleetState.empty(load_vehicle_parameters())
+    states: ActorStates | None = None
+    with SumoSimulation(
+        setup.compiled_map, setup.network, setup.plan, setup.level, seed=setup.description.seed
+    ) as simulation:
+        for step in range(steps):
+            traffic = simulation.step(step, states)
+            emv, emv_commands = step_emv(emv, traffic, world)
+            civilians, yield_commands = step_yield(civilians, traffic, world)
+            commands = (emv_commands, yield_commands)
+            fleet, states, events = step_fleet(fleet, traffic, commands)
+            check_residual(states, residual_limit_m)
+            yield LoopStep(traffic, commands, states, events)
+
+
+def record_of(setup: EpisodeSetup, steps: list[LoopStep]) -> EpisodeRecord:
+    """The record that the bag of these steps would give, for predicates and pictures."""
+    actors: dict[int, ActorDescription] = {actor.actor_id: actor for step in steps for actor in step.traffic.spawned}
+    commands: dict[str, tuple[VehicleCommands, ...]] = {
+        source: tuple(step.commands[position] for step in steps)
+        for position, source in enumerate(("emv_controller", "yield_manager"))
+    }
+    return EpisodeRecord(
+        description=setup.description,
+        network=setup.network,
+        actors=dict(sorted(actors.items())),
+        states=tuple(step.states for step in steps),
+        traffic=tuple(step.traffic for step in steps),
+        commands=commands,
+        events=tuple(event for step in steps for event in step.events),
+        outcome=None,
+        complete=False,
+        topics={},
+    )

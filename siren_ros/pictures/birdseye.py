@@ -1,0 +1,304 @@
+"""One picture that tells an episode: the map with all paths, snapshots of the interaction, states over time."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from siren_ros.interfaces.markers import EMV_COLOUR, MODE_COLOURS
+from siren_ros.pictures.annotations import LabelPlacer, draw_scale_bar
+from siren_ros.pictures.palette import CIVILIAN, EVENT_STYLES, FAINT_TEXT, STATE_NAMES, TEXT
+from siren_ros.pictures.roads import draw_roads
+from siren_ros.pictures.timeline import draw_speeds, draw_states, yielding_actors
+from siren_ros.pictures.vehicles import KMH, draw_path, draw_vehicles
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.recording.predicates import evaluate_predicate
+from siren_ros.recording.verdict import Verdict
+from siren_ros.world.actors import Mode
+from siren_ros.world.errors import InputError, SirenError
+from siren_ros.world.units import STEP_S
+
+SNAPSHOTS = 3
+WIDTH_IN = 13.0
+DPI = 150
+_MARGIN_M = 12.0
+_MIN_SIZE_M = (70.0, 40.0)
+_PADDING_STEPS = 40
+_TRAIL_STEPS = 40
+
+Box = tuple[float, float, float, float]
+"""x from, x to, y from, y to, in metres."""
+
+
+def interaction_steps(record: EpisodeRecord) -> tuple[int, int]:
+    """First and last step of the interaction: while anyone yields, with 2 s around; the whole episode otherwise."""
+    rows = record.rows
+    yielding = rows.step[(rows.mode >= Mode.YIELD_REACTING) & (rows.mode <= Mode.YIELD_HOLD)]
+    if len(yielding) == 0:
+        return 0, max(record.steps - 1, 0)
+    return max(int(yielding.min()) - _PADDING_STEPS, 0), min(int(yielding.max()) + _PADDING_STEPS, record.steps - 1)
+
+
+def interaction_box(record: EpisodeRecord) -> Box:
+    """The part of the map that the EMVs and the yielding civilians cover during the interaction."""
+    first, last = interaction_steps(record)
+    rows = record.rows
+    within = (rows.step >= first) & (rows.step <= last)
+    wanted = np.isin(rows.actor_id, [*record.emv_ids, *yielding_actors(record)])
+    chosen = within & wanted
+    if not chosen.any():
+        chosen = np.ones(len(rows), dtype=bool)
+    x, y = rows.x_m[chosen], rows.y_m[chosen]
+    return _at_least(x.min() - _MARGIN_M, x.max() + _MARGIN_M, y.min() - _MARGIN_M, y.max() + _MARGIN_M)
+
+
+def _at_least(x0: float, x1: float, y0: float, y1: float) -> Box:
+    """The box, grown about its centre to the smallest size that still looks like a map."""
+    more_x, more_y = max(_MIN_SIZE_M[0] - (x1 - x0), 0.0) / 2.0, max(_MIN_SIZE_M[1] - (y1 - y0), 0.0) / 2.0
+    return float(x0 - more_x), float(x1 + more_x), float(y0 - more_y), float(y1 + more_y)
+
+
+def draw_episode(record: EpisodeRecord) -> Figure:
+    """The whole picture.
+
+    Raises:
+        InputError: The record has no states to draw.
+    """
+    if not record.states or len(record.rows) == 0:
+        raise InputError("bag", record.description.template, "an episode with at least one recorded actor state")
+    box = interaction_box(record)
+    yielding = yielding_actors(record)
+    actors = (*[key for key in record.emv_ids if key in record.actors], *yielding)
+    map_in = float(np.clip(WIDTH_IN * (box[3] - box[2]) / (box[1] - box[0]), 3.2, 8.5))
+    states_in = 0.5 + 0.19 * max(len(actors), 3)
+    heights = (map_in, 2.9, states_in, 1.1)
+    figure = Figure(figsize=(WIDTH_IN, sum(heights) + 2.0), dpi=DPI, facecolor="white")
+    FigureCanvasAgg(figure)
+    grid = figure.add_gridspec(
+        4,
+        SNAPSHOTS,
+        height_ratios=heights,
+        left=0.075,
+        right=0.985,
+        top=1.0 - 0.85 / (sum(heights) + 2.0),
+        bottom=0.045,
+        hspace=0.2,
+        wspace=0.03,
+    )
+    moments = _moments(record)
+    speeds = Normalize(0.0, max(float(np.percentile(record.rows.speed_mps, 99.5)) * KMH, 10.0))
+    _draw_map(figure.add_subplot(grid[0, :]), record, box, speeds, moments)
+    for column, step in enumerate(moments):
+        _draw_snapshot(figure.add_subplot(grid[1, column]), record, step, column + 1)
+    timeline = figure.add_subplot(grid[2, :])
+    draw_states(timeline, record, actors, moments)
+    lower = figure.add_subplot(grid[3, :], sharex=timeline)
+    draw_speeds(lower, record, actors)
+    lower.set_xlim(0.0, record.duration_s)
+    timeline.tick_params(labelbottom=False)
+    _draw_title(figure, record)
+    return figure
+
+
+def _moments(record: EpisodeRecord) -> list[int]:
+    first, last = interaction_steps(record)
+    return [round(first + (last - first) * share) for share in (0.2, 0.5, 0.8)][:SNAPSHOTS]
+
+
+def _frame(axes: Axes, box: Box) -> None:
+    axes.set_xlim(box[0], box[1])
+    axes.set_ylim(box[2], box[3])
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xticks([])
+    axes.set_yticks([])
+    for spine in axes.spines.values():
+        spine.set_color("#c4c8cd")
+    # With the aspect fixed, the limits change when the axes get their place: settle that before anything is placed by them.
+    axes.apply_aspect()
+
+
+def _draw_map(axes: Axes, record: EpisodeRecord, box: Box, speeds: Normalize, moments: list[int]) -> None:
+    _frame(axes, box)
+    draw_roads(axes, record.network, line_width=0.9)
+    yielding = yielding_actors(record)
+    for actor_id in record.actors:
+        if actor_id not in record.emv_ids:
+            responds = actor_id in yielding
+            draw_path(axes, record.track(actor_id), speeds, 1.5 if responds else 0.8, level=3.4 if responds else 3.0)
+    labels = LabelPlacer(axes, 6.2)
+    emv_lines = None
+    for emv_id in record.emv_ids:
+        emv_lines = draw_path(axes, record.track(emv_id), speeds, 3.6, casing="#1b1d21", level=4.0) or emv_lines
+    for number, step in enumerate(moments, start=1):
+        state = record.states[step]
+        draw_vehicles(axes, state.select(np.isin(state.actor_id, record.emv_ids)), record.actors, 0.5)
+        for row in np.flatnonzero(np.isin(state.actor_id, record.emv_ids)):
+            labels.block(float(state.x_m[row]), float(state.y_m[row]), 5.0)
+            labels.place(float(state.x_m[row]), float(state.y_m[row]), f"{number}", "#b3121a")
+    kinds = _draw_events(axes, record, labels)
+    draw_scale_bar(axes)
+    _draw_legends(axes, record, kinds)
+    if emv_lines is not None:
+        bar = axes.figure.colorbar(emv_lines, cax=axes.inset_axes((0.78, 0.055, 0.2, 0.022)), orientation="horizontal")
+        bar.ax.set_title("speed, km/h", fontsize=7, color=TEXT, pad=3)
+        bar.ax.tick_params(labelsize=6.5, length=2)
+
+
+def _draw_events(axes: Axes, record: EpisodeRecord, labels: LabelPlacer) -> list[Any]:
+    """Marks the events, first all markers and then the labels around them; gives the kinds that occur."""
+    shown = [event for event in record.events if event.kind in EVENT_STYLES]
+    visible = [event for event in shown if axes.viewLim.contains(event.x_m, event.y_m)]
+    for event in visible:
+        marker, colour, _ = EVENT_STYLES[event.kind]
+        axes.plot(
+            event.x_m,
+            event.y_m,
+            marker=marker,
+            color=colour,
+            markersize=6.5,
+            markeredgecolor="white",
+            markeredgewidth=0.6,
+            linestyle="none",
+            zorder=8,
+        )
+        labels.block(event.x_m, event.y_m, 4.0)
+    for event in visible:
+        who = "EMV" if event.actor_id in record.emv_ids else f"#{event.actor_id}"
+        labels.place(event.x_m, event.y_m, f"{who} {event.step * STEP_S:.1f} s", EVENT_STYLES[event.kind][1])
+    return sorted({event.kind for event in visible}, key=list(EVENT_STYLES).index)
+
+
+def _draw_legends(axes: Axes, record: EpisodeRecord, kinds: list[Any]) -> None:
+    present = {Mode(int(mode)) for mode in np.unique(record.rows.mode)}
+    handles: list[Any] = [Patch(facecolor=EMV_COLOUR, edgecolor=TEXT, linewidth=0.4, label="EMV")]
+    handles += [
+        Patch(facecolor=MODE_COLOURS[mode], edgecolor=TEXT, linewidth=0.4, label=name)
+        for mode, name in STATE_NAMES.items()
+        if mode in present
+    ]
+    handles.append(Patch(facecolor=CIVILIAN, edgecolor=TEXT, linewidth=0.4, label="other civilian"))
+    handles += [
+        Line2D(
+            [],
+            [],
+            marker=EVENT_STYLES[kind][0],
+            color=EVENT_STYLES[kind][1],
+            linestyle="none",
+            markersize=6,
+            markeredgecolor="white",
+            label=EVENT_STYLES[kind][2],
+        )
+        for kind in kinds
+    ]
+    axes.legend(
+        handles=handles,
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.012),
+        ncols=len(handles),
+        fontsize=7,
+        frameon=False,
+        handlelength=1.2,
+        handletextpad=0.5,
+        columnspacing=1.4,
+        borderaxespad=0.2,
+    )
+
+
+def _draw_snapshot(axes: Axes, record: EpisodeRecord, step: int, number: int) -> None:
+    """The vehicles at one moment, around the EMV and those that yield to it."""
+    state = record.states[step]
+    _frame(axes, _snapshot_box(record, step))
+    draw_roads(axes, record.network, line_width=1.1)
+    for emv_id in record.emv_ids:
+        trail = record.track(emv_id)
+        recent = trail.select((trail.step <= step) & (trail.step >= step - _TRAIL_STEPS))
+        if len(recent) > 1:
+            axes.plot(recent.x_m, recent.y_m, color="#d41a1f", linewidth=2.2, alpha=0.35, zorder=5)
+    draw_vehicles(axes, state, record.actors, 0.5)
+    for row in np.flatnonzero((state.mode >= Mode.YIELD_REACTING) & (state.mode <= Mode.REJOIN)):
+        if axes.viewLim.contains(float(state.x_m[row]), float(state.y_m[row])):
+            axes.annotate(
+                f"#{state.actor_id[row]}",
+                (float(state.x_m[row]), float(state.y_m[row])),
+                xytext=(0, 7),
+                textcoords="offset points",
+                ha="center",
+                fontsize=6.5,
+                color=TEXT,
+                zorder=9,
+            )
+    axes.text(
+        0.015,
+        0.965,
+        f"{number}   {step * STEP_S:.1f} s",
+        transform=axes.transAxes,
+        fontsize=8,
+        fontweight="bold",
+        color=TEXT,
+        va="top",
+        zorder=10,
+        bbox={"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": "none"},
+    )
+
+
+def _snapshot_box(record: EpisodeRecord, step: int) -> Box:
+    state = record.states[step]
+    centre: npt.NDArray[np.float64]
+    emv = np.isin(state.actor_id, record.emv_ids)
+    active = (state.mode >= Mode.YIELD_REACTING) & (state.mode <= Mode.YIELD_HOLD)
+    xy = np.stack((state.x_m, state.y_m), axis=-1)
+    if not emv.any():
+        centre, spread = xy.mean(axis=0), np.array(_MIN_SIZE_M)
+    else:
+        near = np.linalg.norm(xy - xy[emv][0], axis=1) < 60.0
+        chosen = xy[emv | (active & near)]
+        centre, spread = (chosen.min(axis=0) + chosen.max(axis=0)) / 2.0, np.ptp(chosen, axis=0) + 2.0 * _MARGIN_M
+    half_y = max(spread[1], spread[0] * 0.62, 26.0) / 2.0
+    half_x = half_y / 0.62
+    return centre[0] - half_x, centre[0] + half_x, centre[1] - half_y, centre[1] + half_y
+
+
+def _draw_title(figure: Figure, record: EpisodeRecord) -> None:
+    description = record.description
+    height_in = figure.get_size_inches()[1]
+    title = f"{description.template} · {description.level.name} · seed {description.seed} · {description.map_name}"
+    figure.text(0.075, 1.0 - 0.3 / height_in, title, fontsize=14, fontweight="bold", color=TEXT, va="center")
+    verdict = _verdict(record)
+    if verdict is None:
+        return
+    word, colour = ("interaction verified", "#12855f") if verdict.holds else ("interaction not found", "#b3121a")
+    figure.text(
+        0.985, 1.0 - 0.3 / height_in, word, fontsize=11, fontweight="bold", color=colour, ha="right", va="center"
+    )
+    figure.text(0.075, 1.0 - 0.6 / height_in, verdict.text, fontsize=9, color=FAINT_TEXT, va="center")
+
+
+def _verdict(record: EpisodeRecord) -> Verdict | None:
+    try:
+        return evaluate_predicate(record)
+    except SirenError:
+        return None
+
+
+def save_episode_picture(record: EpisodeRecord, path: Path) -> Path:
+    """Draws an episode into a PNG file; the same record gives the same bytes.
+
+    Raises:
+        InputError: The file name does not end in .png, or the place cannot be written.
+    """
+    if path.suffix.lower() != ".png":
+        raise InputError("out", str(path), "a file name that ends in .png")
+    figure = draw_episode(record)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, format="png", metadata={"Software": None})
+    except OSError as error:
+        raise InputError("out", str(path), f"a place that can be written ({error.strerror or error})") from error
+    return path

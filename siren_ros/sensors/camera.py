@@ -1,0 +1,78 @@
+"""A camera of a suite: pictures with noise, as JPEG, and the labels that go with them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import simplejpeg
+
+from siren_ros.sensors.camera_model import Pinhole
+from siren_ros.sensors.mount import Matrix
+from siren_ros.sensors.noise import sensor_generator
+from siren_ros.sensors.placement import Placement
+from siren_ros.sensors.render.renderer import RenderedImage, Renderer
+from siren_ros.sensors.suite import CameraSpec
+
+
+@dataclass(frozen=True, eq=False)
+class CameraFrame:
+    """One exposure; all images are of the same instant and the same draw."""
+
+    sensor: str
+    step: int
+    camera: Pinhole
+    image: RenderedImage
+    jpeg: bytes
+
+    @property
+    def rgb(self) -> npt.NDArray[np.uint8]:
+        """Colour image as ``rgb8``, contiguous, shape ``(height, width, 3)``."""
+        return np.ascontiguousarray(self.image.rgba[..., :3])
+
+
+class Camera:
+    """One camera on one carrier; the renderer may serve several."""
+
+    def __init__(self, spec: CameraSpec, renderer: Renderer, seed: int) -> None:
+        """Prepare the intrinsics; ``seed`` is the episode's."""
+        self.spec = spec
+        self.pinhole = Pinhole.of(spec)
+        self._renderer = renderer
+        self._seed = seed
+
+    @property
+    def needs_labels(self) -> bool:
+        """Whether instances and depth are drawn with each picture."""
+        return self.spec.depth or self.spec.instance
+
+    def expose(
+        self,
+        step: int,
+        map_from_camera: Matrix,
+        placement: Placement,
+        rolled_m: npt.NDArray[np.float64],
+        signals: Mapping[str, str],
+    ) -> CameraFrame:
+        """A picture from a pose of the camera's body frame (x forward), shape ``(4, 4)``."""
+        spec = self.spec
+        image = self._renderer.render(
+            self.pinhole,
+            map_from_camera,
+            placement,
+            rolled_m,
+            signals,
+            step,
+            exposure=spec.exposure,
+            labels=self.needs_labels,
+        )
+        if spec.noise_stddev > 0.0:
+            self._add_noise(image.rgba, step)
+        jpeg = simplejpeg.encode_jpeg(image.rgba, spec.jpeg_quality, "RGBX", "420", fastdct=True)
+        return CameraFrame(spec.name, step, self.pinhole, image, jpeg)
+
+    def _add_noise(self, rgba: npt.NDArray[np.uint8], step: int) -> None:
+        """Add white noise to the colours in place."""
+        rng = sensor_generator(self._seed, self.spec.name, step)
+        noise = rng.standard_normal((*rgba.shape[:2], 3), np.float32) * np.float32(self.spec.noise_stddev)
+        rgba[..., :3] = np.clip(np.rint(rgba[..., :3] + noise), 0, 255).astype(np.uint8)

@@ -1,0 +1,384 @@
+"""SUMO in lockstep with the simulated world: poses in, the traffic's state out."""
+
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import ClassVar, Final, Self
+
+import libsumo
+import numpy as np
+
+from siren_ros.traffic.advice import ahead_on_route, emv_advice, intent_flags, rescued_names
+from siren_ros.traffic.config import TrafficConfig
+from siren_ros.traffic.crossings import CrossingWatch, Mover
+from siren_ros.traffic.lane_continuity import LaneContinuity
+from siren_ros.traffic.map_compiler import CompiledMap
+from siren_ros.traffic.mirror import Mirror
+from siren_ros.traffic.plan import PlannedVehicle, TrafficPlan
+from siren_ros.traffic.population import Population
+from siren_ros.traffic.readings import Readings, joined_rows, read_vehicles
+from siren_ros.traffic.vehicle_types import vehicle_types_xml
+from siren_ros.world.actors import ActorDescription, ActorStates, Codes, Floats, Lights, Owner, rows_of_ids
+from siren_ros.world.errors import EpisodeError, MapError
+from siren_ros.world.events import Event, EventKind
+from siren_ros.world.levels import LEVEL_POLICIES, EmergencyLevel
+from siren_ros.world.road_network import NO_LANE, LaneKind, RoadNetwork
+from siren_ros.world.traffic_state import SignalState, TrafficFlags, TrafficState
+from siren_ros.world.units import STEP_S
+
+_LARGEST_SEED: Final = 2**31 - 1
+
+
+class SumoSimulation:
+    """One running SUMO simulation; a process holds one at a time (libsumo is global).
+
+    Construction runs the warm-up. Then ``step(0)``, ``step(1)``, … advance by 0.05 s each. Use it as a
+    context manager, or call ``close``.
+    """
+
+    _running: ClassVar[bool] = False
+
+    def __init__(
+        self,
+        compiled: CompiledMap,
+        network: RoadNetwork,
+        plan: TrafficPlan,
+        level: EmergencyLevel,
+        config: TrafficConfig | None = None,
+        seed: int = 0,
+    ) -> None:
+        """Start SUMO, run the warm-up and place the EMVs and their groups.
+
+        Args:
+            compiled: The map's net.
+            network: The same map, parsed.
+            plan: All vehicles.
+            level: Emergency level; sets the EMVs' privileges and SUMO's bluelight device.
+            config: Constants.
+            seed: SUMO's own seed.
+
+        Raises:
+            EpisodeError: a simulation is already running in this process.
+            MapError: SUMO refuses the net.
+        """
+        if SumoSimulation._running:
+            raise EpisodeError("a SUMO simulation is already running in this process; close it first")
+        self._network = network
+        self._plan = plan
+        self._level = level
+        self._config = config or TrafficConfig()
+        self._population = Population(network, plan, self._config)
+        self._mirror = Mirror(network, self._config, self._population)
+        self._crossings = CrossingWatch(network)
+        self._ids: dict[str, int] = {vehicle.name: i + 1 for i, vehicle in enumerate(plan.emvs)}
+        self._next_id = len(plan.emvs) + 1
+        self._reported: dict[int, PlannedVehicle] = {}
+        self._routes: dict[str, tuple[int, ...]] = {}
+        self._route_ahead: dict[str, tuple[int, tuple[int, ...]]] = {}
+        self._last: TrafficState | None = None
+        self._start(compiled, seed)
+        self._continuity = LaneContinuity(network, self._population.length_scale)
+        self._signal_ids = tuple(sorted(libsumo.trafficlight.getIDList()))
+        self._warm_up()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End SUMO; may be called twice."""
+        if SumoSimulation._running:
+            SumoSimulation._running = False
+            libsumo.close()
+
+    def step(self, step: int, mirrored: ActorStates | None) -> TrafficState:
+        """Advance SUMO by one step.
+
+        Args:
+            step: The step to compute; one more than at the call before, starting at 0.
+            mirrored: The simulated world at ``step − 1``; None at step 0.
+
+        Raises:
+            EpisodeError: steps out of order, or SUMO moved a mirrored vehicle elsewhere.
+        """
+        expected = 0 if self._last is None else self._last.step + 1
+        if step != expected:
+            raise EpisodeError(f"SUMO is asked for step {step}, but the next one is {expected}")
+        states = ActorStates.empty(step - 1) if mirrored is None else mirrored
+        ahead = {name: edges for name, (_, edges) in self._route_ahead.items()}
+        self._mirror.apply(states, self._reported, ahead)
+        if self._last is not None:
+            self._population.refill(self._emv_points(states), self._plan.civilians)
+        libsumo.simulationStep()
+        removed = self._drop_departed()
+        self._mirror.check_placed()
+        state = self._state(step, states, removed)
+        self._last = state
+        return state
+
+    def _start(self, compiled: CompiledMap, seed: int) -> None:
+        vehicles = (*self._plan.emvs, *self._plan.groups, *self._plan.background, *self._plan.reserve)
+        types = vehicle_types_xml(vehicles, self._level, self._plan.response_distance_m, self._config)
+        with tempfile.TemporaryDirectory(prefix="siren-") as folder:
+            types_file = Path(folder) / "types.add.xml"
+            types_file.write_bytes(types)
+            options = {
+                "--net-file": str(compiled.net_path),
+                "--additional-files": str(types_file),
+                "--step-length": f"{STEP_S:g}",
+                "--lateral-resolution": f"{self._config.lateral_resolution_m:g}",
+                "--seed": str(seed % _LARGEST_SEED),
+                "--collision.action": "none",
+                "--time-to-teleport": "-1",
+                "--insertion-checks": "none",
+                "--no-step-log": "true",
+                "--no-warnings": "true",
+            }
+            try:
+                libsumo.start(["sumo", *(part for pair in options.items() for part in pair)])
+            except (libsumo.TraCIException, RuntimeError) as error:
+                raise MapError(str(compiled.net_path), f"a net that SUMO can load ({error})") from error
+        SumoSimulation._running = True
+
+    def _warm_up(self) -> None:
+        self._population.enter_background()
+        for _ in range(self._plan.warm_up_steps):
+            libsumo.simulationStep()
+            self._population.drop_departed()
+            self._population.refill({}, len(self._plan.background))
+        self._population.enter_stage()
+
+    def _drop_departed(self) -> list[int]:
+        removed = []
+        for name in self._population.drop_departed():
+            self._mirror.forget(name)
+            self._route_ahead.pop(name, None)
+            actor_id = self._ids.get(name)
+            if actor_id in self._reported:
+                del self._reported[actor_id]
+                self._crossings.forget(actor_id)
+                removed.append(actor_id)
+        return sorted(removed)
+
+    def _emv_points(self, states: ActorStates) -> Mapping[str, tuple[float, float]]:
+        points = {}
+        for row in range(len(states)):
+            vehicle = self._reported.get(int(states.actor_id[row]))
+            if vehicle is not None and vehicle.is_emv:
+                points[vehicle.name] = (float(states.x_m[row]), float(states.y_m[row]))
+        return points
+
+    def _spawn(self) -> tuple[ActorDescription, ...]:
+        """Describe the vehicles that are new in SUMO; ids in order of entry, the EMVs' first."""
+        spawned = []
+        in_sumo = frozenset(libsumo.vehicle.getIDList())
+        for name, vehicle in self._population.vehicles.items():
+            if name not in in_sumo or self._ids.get(name) in self._reported:
+                continue
+            if name not in self._ids:
+                self._ids[name] = self._next_id
+                self._next_id += 1
+            actor_id = self._ids[name]
+            self._reported[actor_id] = vehicle
+            self._routes[name] = tuple(self._network.edge_by_id[edge].index for edge in vehicle.route)
+            spawned.append(
+                ActorDescription(
+                    actor_id=actor_id,
+                    name=name,
+                    actor_class=vehicle.actor_class,
+                    length_m=vehicle.length_m,
+                    width_m=vehicle.width_m,
+                    height_m=vehicle.height_m,
+                    colour_rgb=vehicle.colour_rgb,
+                    is_emv=vehicle.is_emv,
+                )
+            )
+        return tuple(sorted(spawned, key=lambda description: description.actor_id))
+
+    def _state(self, step: int, mirrored: ActorStates, removed: list[int]) -> TrafficState:
+        spawned = self._spawn()
+        actor_ids = sorted(self._reported)
+        names = [self._reported[actor_id].name for actor_id in actor_ids]
+        lengths = np.array([self._reported[actor_id].length_m for actor_id in actor_ids])
+        results = libsumo.vehicle.getAllSubscriptionResults()
+        self._continuity.correct(results, self._mirror.places)
+        readings = read_vehicles(results, names, lengths, self._network, self._population.length_scale)
+        self._place_mirrored(names, readings)
+        ids = np.array(actor_ids, dtype=np.uint32)
+        source = rows_of_ids(mirrored.actor_id, ids)
+        known = source >= 0
+        routes = [self._route_of(name, int(index)) for name, index in zip(names, readings.route_index, strict=True)]
+        offsets, edges = joined_rows(routes)
+
+        def simulated(field: Floats, fallback: Floats) -> Floats:
+            return np.where(known, field[source], fallback) if len(field) else fallback.copy()
+
+        owner = np.where(known, mirrored.owner[source], Owner.SUMO) if len(mirrored) else np.zeros(len(ids))
+        x, y = simulated(mirrored.x_m, readings.x_m), simulated(mirrored.y_m, readings.y_m)
+        rescued = self._rescued(names, readings, routes)
+        signals = self._signals()
+        events = self._events(step, spawned, ids, readings, owner.astype(np.uint8), signals)
+        return TrafficState(
+            step=step,
+            spawned=spawned,
+            removed=np.array(removed, dtype=np.uint32),
+            actor_id=ids,
+            owner=owner.astype(np.uint8),
+            sumo_x_m=readings.x_m,
+            sumo_y_m=readings.y_m,
+            sumo_yaw_rad=readings.yaw_rad,
+            sumo_speed_mps=readings.speed_mps,
+            sumo_accel_mps2=readings.accel_mps2,
+            x_m=x,
+            y_m=y,
+            yaw_rad=simulated(mirrored.yaw_rad, readings.yaw_rad),
+            speed_mps=simulated(mirrored.speed_mps, readings.speed_mps),
+            lane=readings.lane,
+            lane_position_m=readings.lane_position_m,
+            lateral_offset_m=readings.lateral_m,
+            lights=self._lights(actor_ids, readings.lights),
+            flags=self._flags(names, readings, rescued),
+            route_offset=offsets,
+            route_edges=edges,
+            emvs=tuple(
+                emv_advice(
+                    vehicle.name,
+                    self._ids[vehicle.name],
+                    self._ids,
+                    self._config.leader_range_m,
+                    vehicle.driver.driving.min_gap_m,
+                    len(rescued[vehicle.name]),
+                )
+                for vehicle in self._plan.emvs
+                if self._ids[vehicle.name] in self._reported
+            ),
+            signals=tuple(SignalState(signal, state) for signal, state in signals.items()),
+            events=events,
+        )
+
+    def _place_mirrored(self, names: list[str], readings: Readings) -> None:
+        """Replace SUMO's lane of vehicles that were put somewhere by the lane that they were put on."""
+        for row, name in enumerate(names):
+            place = self._mirror.places.get(name)
+            if place is not None:
+                readings.lane[row] = place.match.lane
+                readings.lane_position_m[row] = place.match.position_m
+                readings.lateral_m[row] = place.match.lateral_m
+
+    def _route_of(self, name: str, index: int) -> tuple[int, ...]:
+        cached = self._route_ahead.get(name)
+        if cached is None or cached[0] != index:
+            cached = (index, self._routes[name][max(index, 0) :][: self._config.route_edges_ahead])
+            self._route_ahead[name] = cached
+        return cached[1]
+
+    def _rescued(self, names: list[str], readings: Readings, routes: list[tuple[int, ...]]) -> dict[str, list[str]]:
+        """Vehicles that react to each EMV's siren, from SUMO's device or by the same criterion without it."""
+        emvs = [vehicle.name for vehicle in self._plan.emvs]
+        if not LEVEL_POLICIES[self._level].siren:
+            return {emv: [] for emv in emvs}
+        if self._level in self._config.bluelight_levels:
+            return rescued_names(names, emvs)
+        points = np.stack((readings.x_m, readings.y_m), axis=-1)
+        present = np.array([route[0] if route else -1 for route in routes], dtype=np.int32)
+        civilian = np.array([name not in emvs for name in names])
+        found: dict[str, list[str]] = {emv: [] for emv in emvs}
+        for emv in emvs:
+            if emv in names:
+                row = names.index(emv)
+                hears = ahead_on_route(
+                    points[row],
+                    float(readings.yaw_rad[row]),
+                    routes[row],
+                    points,
+                    present,
+                    self._plan.response_distance_m,
+                )
+                found[emv] = [names[other] for other in np.flatnonzero(hears & civilian)]
+        return found
+
+    def _flags(self, names: list[str], readings: Readings, rescued: Mapping[str, list[str]]) -> Codes:
+        flags = np.zeros(len(names), dtype=np.uint8)
+        internal = {LaneKind.INTERNAL}
+        on_junction = [lane != NO_LANE and self._network.lanes[lane].kind in internal for lane in readings.lane]
+        flags[on_junction] |= np.uint8(TrafficFlags.ON_JUNCTION)
+        reacting = {name for listed in rescued.values() for name in listed}
+        emvs = [row for row, name in enumerate(names) if name in rescued]
+        for row, name in enumerate(names):
+            if name in reacting:
+                flags[row] |= np.uint8(TrafficFlags.RESCUE_LANE)
+            distance = [
+                np.hypot(readings.x_m[row] - readings.x_m[e], readings.y_m[row] - readings.y_m[e]) for e in emvs
+            ]
+            if distance and min(distance) <= self._config.advice_range_m:
+                flags[row] |= np.uint8(intent_flags(name))
+        return flags
+
+    def _lights(self, actor_ids: list[int], lights: Codes) -> Codes:
+        if LEVEL_POLICIES[self._level].siren:
+            emvs = [self._reported[actor_id].is_emv for actor_id in actor_ids]
+            lights[emvs] |= np.uint8(Lights.BEACON | Lights.SIREN)
+        return lights
+
+    def _signals(self) -> dict[str, str]:
+        state_of = libsumo.trafficlight.getRedYellowGreenState
+        return {signal: state_of(signal) for signal in self._signal_ids}
+
+    def _events(
+        self,
+        step: int,
+        spawned: tuple[ActorDescription, ...],
+        ids: np.ndarray[tuple[int], np.dtype[np.uint32]],
+        readings: Readings,
+        owner: Codes,
+        signals: Mapping[str, str],
+    ) -> tuple[Event, ...]:
+        events = []
+        row_of = {int(actor_id): row for row, actor_id in enumerate(ids)}
+        siren = LEVEL_POLICIES[self._level].siren
+        for actor in spawned:
+            row = row_of[actor.actor_id]
+            x, y = float(readings.x_m[row]), float(readings.y_m[row])
+            events.append(Event(step, EventKind.SPAWNED, actor.actor_id, x_m=x, y_m=y))
+            if actor.is_emv and siren:
+                events.append(Event(step, EventKind.SIREN_ON, actor.actor_id, x_m=x, y_m=y))
+        events += self._teleports(step, ids, readings, owner)
+        for row, actor_id in enumerate(ids.tolist()):
+            if readings.lane[row] != NO_LANE:
+                mover = Mover(
+                    actor_id,
+                    int(readings.lane[row]),
+                    float(readings.x_m[row]),
+                    float(readings.y_m[row]),
+                    float(readings.speed_mps[row]),
+                )
+                events += self._crossings.watch(step, mover, signals)
+        return tuple(events)
+
+    def _teleports(
+        self, step: int, ids: np.ndarray[tuple[int], np.dtype[np.uint32]], readings: Readings, owner: Codes
+    ) -> list[Event]:
+        """SUMO's own teleports, and jumps of SUMO-owned vehicles that it does not call so."""
+        found = {
+            self._ids[name]: "sumo" for name in libsumo.simulation.getStartingTeleportIDList() if name in self._ids
+        }
+        last = self._last
+        if last is not None:
+            rows = rows_of_ids(last.actor_id, ids)
+            moved = np.hypot(readings.x_m - last.sumo_x_m[rows], readings.y_m - last.sumo_y_m[rows])
+            allowed = np.maximum(readings.speed_mps, last.sumo_speed_mps[rows]) * STEP_S + self._config.jump_m
+            stayed = (owner == Owner.SUMO) & (last.owner[rows] == Owner.SUMO)
+            for row in np.flatnonzero((rows >= 0) & stayed & (moved > allowed)):
+                found.setdefault(int(ids[row]), "jump")
+        row_of = {int(actor_id): row for row, actor_id in enumerate(ids)}
+        events = []
+        for actor_id, reason in sorted(found.items()):
+            row = row_of.get(actor_id)
+            x, y = (0.0, 0.0) if row is None else (float(readings.x_m[row]), float(readings.y_m[row]))
+            events.append(Event(step, EventKind.TELEPORT, actor_id, x_m=x, y_m=y, detail={"reason": reason}))
+        return events

@@ -1,0 +1,257 @@
+from collections.abc import Mapping
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from siren_ros.dynamics.parameters import (
+    AIR_DENSITY_KGPM3,
+    ParameterTable,
+    VehicleParameters,
+    load_vehicle_parameters,
+)
+from siren_ros.dynamics.vehicle_model import BodyState, Controls, step_bodies
+from siren_ros.world.actors import ActorClass, Floats
+from siren_ros.world.units import GRAVITY_MPS2, STEP_S
+
+TABLE = ParameterTable.of(list(ActorClass), load_vehicle_parameters())
+COUNT = len(TABLE)
+
+
+def _rolling(speed_mps: float, yaw_rad: float = 0.0) -> BodyState:
+    zero = np.zeros(COUNT)
+    return BodyState.moving(zero, zero, np.full(COUNT, yaw_rad), np.full(COUNT, speed_mps))
+
+
+def _controls(
+    throttle: Floats | float = 0.0,
+    brake: Floats | float = 0.0,
+    steer_rad: Floats | float = 0.0,
+    hand_brake: bool = False,
+) -> Controls:
+    def wide(value: Floats | float) -> Floats:
+        return np.broadcast_to(np.asarray(value, dtype=np.float64), (COUNT,)).copy()
+
+    return Controls(
+        wide(throttle), wide(brake), wide(steer_rad), np.full(COUNT, hand_brake), np.ones(COUNT), np.ones(COUNT)
+    )
+
+
+def _cruise(speed_mps: float, steer_rad: float, duration_s: float, table: ParameterTable = TABLE) -> BodyState:
+    """Steers at a held speed: the throttle is set by feedback, as a speed controller would."""
+    state = _rolling(speed_mps)
+    integral = np.zeros(COUNT)
+    for _ in range(round(duration_s / STEP_S)):
+        gap = speed_mps - state.forward_mps
+        integral += 0.02 * gap
+        state = step_bodies(state, _controls(throttle=0.5 * gap + integral, steer_rad=steer_rad), table, STEP_S)
+    return state
+
+
+@pytest.mark.parametrize(("speed_mps", "steer_rad"), [(2.0, 0.5), (5.0, 0.1), (10.0, 0.05), (20.0, 0.01)])
+def test_steady_cornering_radius(speed_mps: float, steer_rad: float) -> None:
+    state = _cruise(speed_mps, steer_rad, 12.0)
+    rear_axle_radius_m = state.forward_mps / state.yaw_rate_radps
+    lateral = state.forward_mps * state.yaw_rate_radps
+    # Rajamani 2012, eq. 2.59 with the tangent in place of the small angle
+    expected = TABLE.wheelbase_m / np.tan(steer_rad - TABLE.understeer_gradient_s2pm * lateral)
+    np.testing.assert_allclose(rear_axle_radius_m, expected, rtol=0.05)
+
+
+def test_walking_pace_is_kinematic() -> None:
+    state = _cruise(0.5, 0.4, 6.0)
+    np.testing.assert_allclose(
+        state.yaw_rate_radps, state.forward_mps * np.tan(state.steer_rad) / TABLE.wheelbase_m, rtol=5e-3
+    )
+    np.testing.assert_allclose(state.lateral_mps, TABLE.cg_to_rear_axle_m * state.yaw_rate_radps, rtol=0.02)
+
+
+@pytest.mark.parametrize("speed_mps", [5.0, 14.0, 30.0])
+def test_braking_distance(speed_mps: float) -> None:
+    state = _rolling(speed_mps)
+    for _ in range(400):
+        state = step_bodies(state, _controls(brake=1.0), TABLE, STEP_S)
+    assert np.all(state.forward_mps == 0.0)
+    shortest = speed_mps**2 / (2.0 * TABLE.friction_coefficient * GRAVITY_MPS2)
+    longest = speed_mps**2 / (2.0 * 0.9 * TABLE.max_brake_decel_mps2) + speed_mps * TABLE.brake_lag_s
+    assert np.all(state.x_m > shortest)
+    assert np.all(state.x_m < longest)
+
+
+def test_half_brake_pedal_gives_half_the_deceleration() -> None:
+    state = _rolling(25.0)
+    for _ in range(30):
+        state = step_bodies(state, _controls(brake=0.5), TABLE, STEP_S)
+    drag = 0.5 * AIR_DENSITY_KGPM3 * TABLE.drag_area_m2 * state.forward_mps**2 / TABLE.mass_kg
+    expected = 0.5 * TABLE.max_brake_decel_mps2 + TABLE.rolling_resistance * GRAVITY_MPS2 + drag
+    np.testing.assert_allclose(-state.accel_mps2, expected, rtol=0.02)
+
+
+def test_top_speed_is_where_power_meets_resistance() -> None:
+    state = _rolling(30.0)
+    for _ in range(6000):
+        state = step_bodies(state, _controls(throttle=1.0), TABLE, STEP_S)
+    speed = state.forward_mps
+    resistance = (
+        0.5 * AIR_DENSITY_KGPM3 * TABLE.drag_area_m2 * speed**2
+        + TABLE.rolling_resistance * TABLE.mass_kg * GRAVITY_MPS2
+    )
+    np.testing.assert_allclose(resistance * speed, TABLE.drive_power_w, rtol=0.02)
+    assert np.all((speed > 100.0 / 3.6) & (speed < 270.0 / 3.6))
+
+
+@pytest.mark.parametrize(("throttle", "brake", "steer"), [(0.0, 0.0, 0.0), (0.0, 1.0, 0.4), (0.0, 0.0, -0.5)])
+def test_rest_is_rest_to_the_last_bit(throttle: float, brake: float, steer: float) -> None:
+    place = np.linspace(-1234.5678, 4321.1234, COUNT)
+    yaw = np.linspace(-np.pi, np.pi, COUNT)
+    state = start = BodyState.moving(place, place[::-1].copy(), yaw, np.zeros(COUNT))
+    for _ in range(200):
+        state = step_bodies(state, _controls(throttle, brake, steer), TABLE, STEP_S)
+    for name in ("x_m", "y_m", "yaw_rad", "forward_mps", "lateral_mps", "yaw_rate_radps"):
+        np.testing.assert_array_equal(getattr(state, name), getattr(start, name), err_msg=name)
+
+
+@pytest.mark.parametrize("steer_rad", [0.1, 0.3, 0.6])
+@pytest.mark.parametrize("speed_mps", [12.0, 25.0, 40.0])
+def test_friction_caps_acceleration(speed_mps: float, steer_rad: float) -> None:
+    state = _rolling(speed_mps)
+    for _ in range(80):
+        state = step_bodies(state, _controls(throttle=0.2, steer_rad=steer_rad), TABLE, STEP_S)
+        limit = TABLE.friction_coefficient * GRAVITY_MPS2
+        assert np.all(np.abs(state.lateral_accel_mps2) <= 1.01 * limit)
+        assert np.all(np.abs(state.accel_mps2) <= 1.05 * limit)
+
+
+def test_hard_steering_reaches_the_limit_of_grip() -> None:
+    state = _rolling(20.0)
+    for _ in range(40):
+        state = step_bodies(state, _controls(steer_rad=0.25), TABLE, STEP_S)
+    limit = TABLE.friction_coefficient * GRAVITY_MPS2
+    assert np.all(np.hypot(state.lateral_accel_mps2, state.accel_mps2) > 0.7 * limit)
+
+
+def test_braking_in_a_turn_takes_from_the_lateral_force() -> None:
+    free = braked = _cruise(20.0, 0.05, 3.0)
+    for _ in range(6):
+        free = step_bodies(free, _controls(steer_rad=0.3), TABLE, STEP_S)
+        braked = step_bodies(braked, _controls(brake=1.0, steer_rad=0.3), TABLE, STEP_S)
+    assert np.all(np.abs(braked.lateral_accel_mps2) < np.abs(free.lateral_accel_mps2))
+
+
+def test_hand_brake_stops_and_holds() -> None:
+    state = _rolling(8.0)
+    for _ in range(200):
+        state = step_bodies(state, _controls(hand_brake=True), TABLE, STEP_S)
+    assert np.all(state.forward_mps == 0.0)
+    held = step_bodies(state, _controls(throttle=0.05, hand_brake=True), TABLE, STEP_S)
+    np.testing.assert_array_equal(held.x_m, state.x_m)
+
+
+def test_steering_keeps_rate_and_range() -> None:
+    state = _rolling(3.0)
+    previous = state.steer_rad
+    for _ in range(100):
+        state = step_bodies(state, _controls(steer_rad=9.0), TABLE, STEP_S)
+        assert np.all(state.steer_rad - previous <= TABLE.max_steer_rate_radps * STEP_S * (1.0 + 1e-9))
+        previous = state.steer_rad
+    np.testing.assert_allclose(state.steer_rad, TABLE.max_steer_rad, rtol=1e-6)
+
+
+def test_pedals_lag_by_first_order() -> None:
+    state = step_bodies(_rolling(10.0), _controls(throttle=1.0), TABLE, STEP_S)
+    np.testing.assert_allclose(state.throttle, 1.0 - np.exp(-STEP_S / TABLE.throttle_lag_s))
+    state = step_bodies(_rolling(10.0), _controls(brake=7.0), TABLE, STEP_S)
+    np.testing.assert_allclose(state.brake, 1.0 - np.exp(-STEP_S / TABLE.brake_lag_s))
+
+
+def test_motion_does_not_depend_on_place_or_direction() -> None:
+    turned = 2.0
+    here, there = _rolling(10.0), _rolling(10.0, turned)
+    for _ in range(60):
+        here = step_bodies(here, _controls(0.3, 0.0, 0.05), TABLE, STEP_S)
+        there = step_bodies(there, _controls(0.3, 0.0, 0.05), TABLE, STEP_S)
+    np.testing.assert_allclose(there.x_m, here.x_m * np.cos(turned) - here.y_m * np.sin(turned), atol=1e-9)
+    np.testing.assert_allclose(there.y_m, here.x_m * np.sin(turned) + here.y_m * np.cos(turned), atol=1e-9)
+    assert np.all(np.abs(there.yaw_rad) <= np.pi)
+
+
+def test_left_and_right_mirror_each_other() -> None:
+    left, right = _rolling(12.0), _rolling(12.0)
+    for _ in range(40):
+        left = step_bodies(left, _controls(0.2, 0.0, 0.1), TABLE, STEP_S)
+        right = step_bodies(right, _controls(0.2, 0.0, -0.1), TABLE, STEP_S)
+    np.testing.assert_allclose(left.x_m, right.x_m, atol=1e-12)
+    np.testing.assert_allclose(left.y_m, -right.y_m, atol=1e-12)
+
+
+def test_finer_substeps_change_little() -> None:
+    coarse = fine = _rolling(15.0)
+    for _ in range(60):
+        coarse = step_bodies(coarse, _controls(0.3, 0.0, 0.06), TABLE, STEP_S)
+        for _ in range(10):
+            fine = step_bodies(fine, _controls(0.3, 0.0, 0.06), TABLE, STEP_S / 10.0)
+    np.testing.assert_allclose(coarse.x_m, fine.x_m, atol=0.15)
+    np.testing.assert_allclose(coarse.y_m, fine.y_m, atol=0.15)
+
+
+def test_rows_do_not_influence_each_other(parameters: Mapping[ActorClass, VehicleParameters]) -> None:
+    alone = ParameterTable.of([ActorClass.BUS], parameters)
+    row = list(ActorClass).index(ActorClass.BUS)
+    many = _rolling(8.0)
+    one = many.select(np.array([row]))
+    command = _controls(0.4, 0.0, 0.2)
+    single = Controls(*(getattr(command, field.name)[[row]] for field in fields(Controls)))
+    for _ in range(30):
+        many, one = step_bodies(many, command, TABLE, STEP_S), step_bodies(one, single, alone, STEP_S)
+    for field in fields(BodyState):
+        np.testing.assert_allclose(getattr(one, field.name)[0], getattr(many, field.name)[row], rtol=1e-12, atol=1e-12)
+
+
+COMMANDS = st.lists(
+    st.tuples(st.floats(-0.5, 1.5), st.floats(-0.5, 1.5), st.floats(-1.5, 1.5), st.booleans(), st.integers(1, 12)),
+    min_size=1,
+    max_size=6,
+)
+
+
+@settings(max_examples=30, deadline=None)
+@given(speed_mps=st.floats(0.0, 40.0), yaw_rad=st.floats(-3.1, 3.1), commands=COMMANDS)
+def test_motion_is_continuous_and_finite(
+    speed_mps: float, yaw_rad: float, commands: list[tuple[float, float, float, bool, int]]
+) -> None:
+    state = _rolling(speed_mps, yaw_rad)
+    for throttle, brake, steer, hand, repeats in commands:
+        for _ in range(repeats):
+            vx, vy = state.velocity_mps(TABLE)
+            following = step_bodies(state, _controls(throttle, brake, steer, hand), TABLE, STEP_S)
+            for field in fields(BodyState):
+                assert np.all(np.isfinite(getattr(following, field.name))), field.name
+            wx, wy = following.velocity_mps(TABLE)
+            moved_x, moved_y = following.x_m - state.x_m, following.y_m - state.y_m
+            assert np.all(np.hypot(moved_x, moved_y) <= np.hypot(vx, vy) * STEP_S + 0.05)
+            # the speed is the derivative of the position: displacement against the mean of both velocities
+            error = np.hypot(moved_x - 0.5 * STEP_S * (vx + wx), moved_y - 0.5 * STEP_S * (vy + wy))
+            assert np.all(error < 0.03)
+            state = following
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    speed_mps=st.floats(0.0, 40.0),
+    brake=st.floats(0.05, 1.0),
+    steer_rad=st.floats(-0.05, 0.05),
+    hand=st.booleans(),
+)
+def test_braking_never_moves_backwards(speed_mps: float, brake: float, steer_rad: float, hand: bool) -> None:
+    state = _rolling(speed_mps)
+    steer_rad = 0.0 if hand else steer_rad  # a locked rear axle spins a steered vehicle, and it ends up backwards
+    for _ in range(160):
+        following = step_bodies(state, _controls(0.0, brake, steer_rad, hand), TABLE, STEP_S)
+        assert np.all(following.forward_mps >= 0.0)
+        assert np.all(following.forward_mps <= state.forward_mps)
+        ahead = (following.x_m - state.x_m) * np.cos(state.yaw_rad)
+        ahead += (following.y_m - state.y_m) * np.sin(state.yaw_rad)
+        assert np.all(ahead >= -1e-9)
+        state = following

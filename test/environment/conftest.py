@@ -1,0 +1,76 @@
+"""Checkouts, DDS domains and programs for the tests of the environment."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+import pytest
+from environment_support import TALKER, TIMEOUT_S, Checkout, ros_variables
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Checkout:
+    root = tmp_path / "check out"
+    root.mkdir()
+    return Checkout(root)
+
+
+@pytest.fixture(scope="session")
+def domain_id() -> str:
+    """A DDS domain of this test run's own; above 101 its ports would lie in the range the system hands out."""
+    return str(1 + os.getpid() % 101)
+
+
+@pytest.fixture
+def start_ros2(domain_id: str) -> Iterator[Callable[..., "subprocess.Popen[str]"]]:
+    """Starts the small ros2; what still runs at the end is killed."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(*arguments: str, variables: Mapping[str, str] | None = None) -> "subprocess.Popen[str]":
+        process = subprocess.Popen(
+            [sys.executable, "-m", "small_ros2", *arguments],
+            env={**os.environ, **ros_variables(domain_id), **(variables or {})},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+@pytest.fixture
+def ros2(start_ros2: Callable[..., "subprocess.Popen[str]"]) -> Callable[..., "subprocess.CompletedProcess[str]"]:
+    """Runs the small ros2 to its end."""
+
+    def run(*arguments: str, variables: Mapping[str, str] | None = None) -> "subprocess.CompletedProcess[str]":
+        process = start_ros2(*arguments, variables=variables)
+        stdout, stderr = process.communicate(timeout=TIMEOUT_S)
+        return subprocess.CompletedProcess(arguments, process.returncode, stdout, stderr)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def talker(domain_id: str) -> Iterator[None]:
+    """A node in a process of its own that publishes on three topics."""
+    pytest.importorskip("rclpy", reason="needs ROS")
+    process = subprocess.Popen(
+        [sys.executable, "-c", TALKER],
+        env={**os.environ, **ros_variables(domain_id)},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    yield
+    process.kill()
+    process.communicate()

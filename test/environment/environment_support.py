@@ -1,0 +1,92 @@
+"""Checkouts, variables and programs that the tests of the environment share."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+TOOLS = REPOSITORY / "tools"
+TIMEOUT_S = 60.0
+
+# Stands for tools/environment/make.sh: makes in a moment what ./env compares, and writes down how it was called.
+MAKE_STANDIN = """#!/usr/bin/env bash
+set -eu
+printf '%s %s\\n' "$(basename "$2")" "$3" >>"$1/calls"
+sleep "${MAKE_TAKES_S-0}"
+if [ -n "${MAKE_FAILS-}" ]; then exit 5; fi
+mkdir -p "$2/bin" "$2/.siren"
+ln -sf /bin/true "$2/bin/python"
+echo 'export MADE=yes' >"$2/.siren/environment.sh"
+echo "${SIREN_PYTHON-}" >"$2/.siren/asked_python"
+echo "$4" >"$2/.siren/complete"
+"""
+
+
+def clean_environment(**changes: str) -> dict[str, str]:
+    """The variables of this process without those that a ROS, or ./env itself, would have set."""
+    own = ("ROS_", "AMENT_", "CMAKE_PREFIX", "COLCON_", "SIREN_", "VIRTUAL_ENV")
+    return {name: value for name, value in os.environ.items() if not name.startswith(own)} | changes
+
+
+class Checkout:
+    """A copy of the files that define the environment, with a stand-in for what makes it."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        for name in ("env", "setup.py", "setup.cfg"):
+            shutil.copy(REPOSITORY / name, root / name)
+        for name in ("tools/environment", "msg_defs"):
+            shutil.copytree(REPOSITORY / name, root / name)
+        (root / "tools/environment/make.sh").write_text(MAKE_STANDIN)
+
+    def env(self, *arguments: str, **variables: str) -> "subprocess.CompletedProcess[str]":
+        """Runs ./env from another folder."""
+        return subprocess.run(
+            [self.root / "env", *arguments],
+            env=clean_environment(**variables),
+            capture_output=True,
+            text=True,
+            timeout=TIMEOUT_S,
+            check=False,
+            cwd="/",
+        )
+
+    def calls(self) -> list[str]:
+        """How often, and with what, the environment was made: one ``FOLDER wheels|sourced`` per call."""
+        path = self.root / "calls"
+        return path.read_text().splitlines() if path.exists() else []
+
+
+def ros_variables(domain_id: str) -> dict[str, str]:
+    """What separates the tests' ROS graph from every other one."""
+    return {
+        "ROS_DOMAIN_ID": domain_id,
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "PYTHONPATH": os.pathsep.join(filter(None, [str(TOOLS), os.environ.get("PYTHONPATH", "")])),
+    }
+
+
+TALKER = """
+import sys, time
+import rclpy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from std_msgs.msg import String
+from std_msgs.msg import UInt8MultiArray
+
+rclpy.init()
+node = rclpy.create_node("talker")
+chatter = node.create_publisher(String, "/test/chatter", 10)
+latched = node.create_publisher(
+    String, "/test/latched", QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+)
+latched.publish(String(data="said once"))
+unreliable = node.create_publisher(
+    UInt8MultiArray, "/test/unreliable", QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+)
+print("ready", flush=True)
+while True:
+    chatter.publish(String(data="grüezi"))
+    unreliable.publish(UInt8MultiArray(data=list(range(200))))
+    time.sleep(0.02)
+"""

@@ -1,0 +1,134 @@
+"""./env: when the environment is made, when it is not, and what becomes of the command."""
+
+import shutil
+import signal
+import subprocess
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+from environment_support import Checkout
+
+
+def test_makes_the_environment_once(checkout: Checkout) -> None:
+    for _ in range(3):
+        assert checkout.env("true").returncode == 0
+    assert checkout.calls() == [".venv wheels"]
+
+
+def test_without_a_command_only_makes_the_environment(checkout: Checkout) -> None:
+    assert checkout.env().returncode == 0
+    assert checkout.calls() == [".venv wheels"]
+
+
+def test_sources_what_the_environment_sets(checkout: Checkout) -> None:
+    assert checkout.env("bash", "-c", "echo $MADE").stdout == "yes\n"
+
+
+@pytest.mark.parametrize(
+    "name", ["env", "setup.py", "setup.cfg", "tools/environment/ros_wheels.txt", "msg_defs/package.xml"]
+)
+def test_a_changed_definition_makes_it_again(checkout: Checkout, name: str) -> None:
+    checkout.env("true")
+    with (checkout.root / name).open("a") as file:
+        file.write("# changed\n")
+    checkout.env("true")
+    checkout.env("true")
+    assert len(checkout.calls()) == 2
+
+
+def test_an_added_and_a_removed_message_make_it_again(checkout: Checkout) -> None:
+    checkout.env("true")
+    added = checkout.root / "msg_defs/msg/Added.msg"
+    added.write_text("uint8 value\n")
+    checkout.env("true")
+    assert len(checkout.calls()) == 2
+    added.unlink()
+    checkout.env("true")
+    assert len(checkout.calls()) == 3
+
+
+def test_a_checkout_that_moved_makes_it_again(checkout: Checkout, tmp_path: Path) -> None:
+    checkout.env("true")
+    moved = tmp_path / "moved"
+    shutil.copytree(checkout.root, moved, symlinks=True)
+    assert subprocess.run([moved / "env", "true"], check=False).returncode == 0
+    assert (moved / "calls").read_text().count("\n") == 2
+
+
+def test_a_making_that_fails_runs_nothing_and_is_done_again(checkout: Checkout) -> None:
+    failed = checkout.env("echo", "ran", MAKE_FAILS="yes")
+    assert failed.returncode == 5
+    assert failed.stdout == ""
+    assert checkout.env("echo", "ran").stdout == "ran\n"
+    assert len(checkout.calls()) == 2
+
+
+def test_two_at_once_make_it_once(checkout: Checkout) -> None:
+    with ThreadPoolExecutor() as pool:
+        results = list(pool.map(lambda _: checkout.env("echo", "ran", MAKE_TAKES_S="0.4"), range(3)))
+    assert [result.stdout for result in results] == ["ran\n"] * 3
+    assert len(checkout.calls()) == 1
+    assert any("waiting" in result.stderr for result in results)
+
+
+def test_another_interpreter_makes_it_again(checkout: Checkout) -> None:
+    checkout.env("true")
+    checkout.env("true", SIREN_PYTHON="/opt/python3.12")
+    checkout.env("true", SIREN_PYTHON="/opt/python3.12")
+    checkout.env("true")
+    assert len(checkout.calls()) == 2
+
+
+def test_exit_code_output_and_arguments_pass_through(checkout: Checkout) -> None:
+    result = checkout.env("bash", "-c", 'printf "<%s>" "$@"; exit 7', "bash", "a b", "*", "")
+    assert result.returncode == 7
+    assert result.stdout == "<a b><*><>"
+
+
+def test_the_command_replaces_env_and_gets_its_signals(checkout: Checkout) -> None:
+    checkout.env("true")
+    assert checkout.env("bash", "-c", "kill -TERM $$").returncode == -signal.SIGTERM
+
+
+def test_an_unknown_command_is_127_and_an_unknown_option_2(checkout: Checkout) -> None:
+    assert checkout.env("no-such-command").returncode == 127
+    result = checkout.env("--no-such-option")
+    assert result.returncode == 2
+    assert result.stderr.count("\n") == 1
+    assert "--no-such-option" in result.stderr
+
+
+def test_help_makes_nothing(checkout: Checkout) -> None:
+    assert "./env pytest" in checkout.env("--help").stdout
+    assert checkout.calls() == []
+
+
+def sourced_ros(tmp_path: Path, distro: str) -> dict[str, str]:
+    prefix = tmp_path / "ros"
+    (prefix / "share/rclpy").mkdir(parents=True)
+    (prefix / "share/rclpy/package.xml").touch()
+    return {"ROS_DISTRO": distro, "AMENT_PREFIX_PATH": f"{tmp_path / 'overlay'}:{prefix}"}
+
+
+def test_a_sourced_ros_gets_an_environment_of_its_own(checkout: Checkout, tmp_path: Path) -> None:
+    variables = sourced_ros(tmp_path, "jazzy")
+    checkout.env("true", **variables)
+    checkout.env("true")
+    checkout.env("true", **variables)
+    assert checkout.calls() == [".venv.jazzy sourced", ".venv wheels"]
+
+
+def test_another_ros_is_refused_in_one_line(checkout: Checkout, tmp_path: Path) -> None:
+    result = checkout.env("true", **sourced_ros(tmp_path, "humble"))
+    assert result.returncode == 2
+    assert result.stderr == (
+        "env: ROS_DISTRO: 'humble' cannot be used; allowed: jazzy, or a shell in which no ROS is sourced\n"
+    )
+
+
+def test_the_environment_itself_is_no_sourced_ros(checkout: Checkout) -> None:
+    (checkout.root / ".venv/share/rclpy").mkdir(parents=True)
+    (checkout.root / ".venv/share/rclpy/package.xml").touch()
+    checkout.env("true", ROS_DISTRO="jazzy", AMENT_PREFIX_PATH=str(checkout.root / ".venv"))
+    assert checkout.calls() == [".venv wheels"]

@@ -1,0 +1,174 @@
+"""The steps behind ./env: which Python is taken, what is missing, what an interrupted installation leaves."""
+
+import os
+import runpy
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from environment_support import REPOSITORY, TIMEOUT_S, clean_environment
+
+STEPS = REPOSITORY / "tools/environment"
+USABLE = "import sysconfig, os, ensurepip; assert os.path.exists(sysconfig.get_path('include') + '/Python.h')"
+
+
+def run_shell(
+    script: str, tmp_path: Path, *, user: str | None = None, **variables: str
+) -> "subprocess.CompletedProcess[str]":
+    """Runs shell lines after the environment's functions were read."""
+    venv = tmp_path / "venv"
+    prelude = f"""
+        set -euo pipefail
+        root={REPOSITORY} venv={venv} ros=wheels state={venv}/.siren here={STEPS}
+        for name in progress system steps runnables; do source "$here/$name.sh"; done
+    """
+    return subprocess.run(
+        ["bash", "-c", prelude + script],
+        env=clean_environment(**variables),
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+        check=False,
+        user=user,
+        cwd="/",
+    )
+
+
+def fake_python(folder: Path, name: str, script: str) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / name
+    path.write_text(f"#!/bin/sh\n{script}\n")
+    path.chmod(0o755)
+    return path
+
+
+def base_python() -> str:
+    """The interpreter below the tests' own environment, where it can make environments."""
+    path = os.path.realpath(sys._base_executable)  # type: ignore[attr-defined]  # CPython has it
+    if subprocess.run([path, "-c", USABLE], capture_output=True, check=False).returncode:
+        pytest.skip("the tests' Python has no headers or no ensurepip")
+    return path
+
+
+def test_an_interpreter_that_does_not_run_is_passed_over(tmp_path: Path) -> None:
+    real = base_python()
+    fake_python(tmp_path / "bin", "python3.12", "echo 'pyenv: python3.12: command not found' >&2; exit 127")
+    fake_python(tmp_path / "bin", "python3.11", f'exec {real} "$@"')
+    result = run_shell("find_python; echo $python", tmp_path, PATH=f"{tmp_path}/bin:{os.environ['PATH']}")
+    assert result.stdout.strip() == real
+
+
+def test_pythons_that_pyenv_holds_are_found(tmp_path: Path) -> None:
+    real = base_python()
+    version = f"{sys.version_info[0]}.{sys.version_info[1]}"
+    fake_python(tmp_path / f"pyenv/versions/{version}.99/bin", f"python{version}", f'exec {real} "$@"')
+    result = run_shell("type() { return 1; }; find_python; echo $python", tmp_path, PYENV_ROOT=str(tmp_path / "pyenv"))
+    assert result.stdout.strip() == real
+
+
+def test_an_environments_interpreter_stands_for_the_one_below_it(tmp_path: Path) -> None:
+    real = base_python()
+    result = run_shell("find_python; echo $python", tmp_path, SIREN_PYTHON=sys.executable)
+    assert result.stdout.strip() == real
+
+
+@pytest.mark.parametrize("script", ["exit 1", "echo /usr/bin/python3.11; exit 3"])
+def test_a_named_interpreter_that_cannot_be_used_is_named(tmp_path: Path, script: str) -> None:
+    path = fake_python(tmp_path / "bin", "python", script)
+    result = run_shell("find_python", tmp_path, SIREN_PYTHON=str(path))
+    assert result.returncode == 2
+    assert result.stderr.count("\n") == 1
+    assert f"SIREN_PYTHON: '{path}' cannot be used; allowed: " in result.stderr
+
+
+def test_without_root_the_line_to_run_is_printed(tmp_path: Path) -> None:
+    tmp_path.chmod(0o755)
+    result = run_shell(
+        "missing_packages() { echo libone; echo libtwo; }; apt-get() { :; }; ensure_system_packages; echo went on",
+        tmp_path,
+        user="nobody" if os.geteuid() == 0 else None,
+    )
+    assert result.returncode == 1
+    assert result.stdout == ""
+    assert result.stderr.splitlines()[-1] == (
+        "sudo apt-get update && sudo apt-get install -y --no-install-recommends libone libtwo"
+    )
+
+
+def test_nothing_missing_calls_nobody(tmp_path: Path) -> None:
+    script = "missing_packages() { :; }; apt-get() { echo called; }; ensure_system_packages; echo went on"
+    assert run_shell(script, tmp_path).stdout == "went on\n"
+
+
+def test_a_half_installed_package_is_forgotten(tmp_path: Path) -> None:
+    site = tmp_path / "venv/lib/python3.11/site-packages"
+    for name, files in (("whole", ["METADATA", "RECORD"]), ("half", ["METADATA"])):
+        (site / f"{name}-1.0.dist-info").mkdir(parents=True)
+        for file in files:
+            (site / f"{name}-1.0.dist-info" / file).touch()
+    assert run_shell("forget_half_installed", tmp_path).returncode == 0
+    assert [path.name for path in site.iterdir()] == ["whole-1.0.dist-info"]
+
+
+def test_a_copied_environment_is_not_sound(tmp_path: Path) -> None:
+    original = tmp_path / "original"
+    subprocess.run([base_python(), "-m", "venv", original], check=True)
+    verdict = "venv={}; venv_is_sound && echo sound || echo not sound"
+    assert run_shell(verdict.format(original), tmp_path).stdout == "sound\n"
+    shutil.copytree(original, tmp_path / "copy", symlinks=True)
+    assert run_shell(verdict.format(tmp_path / "copy"), tmp_path).stdout == "not sound\n"
+    shutil.rmtree(next(original.glob("lib/python3.*/site-packages/pip")))
+    assert run_shell(verdict.format(original), tmp_path).stdout == "not sound\n"
+
+
+def test_a_failing_step_shows_its_end_and_passes_its_status_on(tmp_path: Path) -> None:
+    result = run_shell(f"run_step 'the step' {tmp_path}/log bash -c 'seq 100; exit 9' || echo status $?", tmp_path)
+    assert result.stdout == "status 9\n"
+    assert "100" in result.stderr
+    assert "\n50\n" not in result.stderr
+    assert (tmp_path / "log").read_text().split() == [str(number) for number in range(1, 101)]
+
+
+def source_variables(tmp_path: Path, shell: str = "bash", **variables: str) -> dict[str, str]:
+    """What a shell has set after it read the file that ./env sources, twice."""
+    (tmp_path / "venv/lib/python3.11/site-packages/ros_one.libs").mkdir(parents=True, exist_ok=True)
+    (tmp_path / "venv/.siren").mkdir(exist_ok=True)
+    assert run_shell("write_variables", tmp_path).returncode == 0
+    file = tmp_path / "venv/.siren/environment.sh"
+    result = subprocess.run(
+        [shell, "-c", f". {file}; . {file}; env -0"],
+        env=clean_environment(**variables),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return dict(entry.split("=", 1) for entry in result.stdout.split("\0") if entry)
+
+
+@pytest.mark.parametrize("shell", ["bash", "sh"])
+def test_variables_are_set_once_and_keep_what_there_was(tmp_path: Path, shell: str) -> None:
+    venv = tmp_path / "venv"
+    found = source_variables(tmp_path, shell, AMENT_PREFIX_PATH="/overlay", LD_LIBRARY_PATH="/other")
+    assert found["AMENT_PREFIX_PATH"] == f"/overlay:{venv}"
+    assert found["LD_LIBRARY_PATH"] == f"{venv}/lib:{venv}/lib/python3.11/site-packages/ros_one.libs:/other"
+    assert found["PATH"].startswith(f"{venv}/bin:")
+    assert found["PATH"].count(f"{venv}/bin") == 1
+
+
+def test_discovery_stays_on_this_machine_unless_the_user_says_otherwise(tmp_path: Path) -> None:
+    assert source_variables(tmp_path)["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    found = source_variables(tmp_path, ROS_AUTOMATIC_DISCOVERY_RANGE="SUBNET")
+    assert found["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SUBNET"
+
+
+def test_cmake_exports_lose_only_missing_include_folders(tmp_path: Path) -> None:
+    mend = runpy.run_path(str(STEPS / "mend_cmake_exports.py"))["mend"]
+    export = tmp_path / "share/some_msgs/cmake/some_msgsExport.cmake"
+    export.parent.mkdir(parents=True)
+    line = '  INTERFACE_INCLUDE_DIRECTORIES "{}"\n  INTERFACE_LINK_LIBRARIES "/no/such/library"\n'
+    export.write_text(line.format(f"${{_IMPORT_PREFIX}}/include;/no/such/folder;{tmp_path};$<BUILD_INTERFACE:/x>"))
+    assert mend(tmp_path) == [export]
+    assert export.read_text() == line.format(f"${{_IMPORT_PREFIX}}/include;{tmp_path};$<BUILD_INTERFACE:/x>")
+    assert mend(tmp_path) == []

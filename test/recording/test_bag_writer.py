@@ -1,0 +1,196 @@
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import yaml
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader
+from rosbags.highlevel import AnyReader
+from rosbags.typesys.store import Typestore
+
+from siren_ros.interfaces.factory import stamp
+from siren_ros.interfaces.rosbags_factory import RosbagsFactory
+from siren_ros.recording.bag_writer import BagOptions, EpisodeBagWriter
+from siren_ros.world.errors import BagError, EpisodeError
+
+CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
+TEXT = ("/siren/map", "std_msgs/msg/String")
+
+
+@pytest.fixture
+def clock_cdr(factory: RosbagsFactory, typestore: Typestore) -> bytes:
+    message = factory.make(CLOCK[1], clock=stamp(factory, 50_000_000))
+    return bytes(typestore.serialize_cdr(message, CLOCK[1]))
+
+
+@pytest.fixture
+def text_cdr(factory: RosbagsFactory, typestore: Typestore) -> bytes:
+    return bytes(typestore.serialize_cdr(factory.make(TEXT[1], data="<net/>"), TEXT[1]))
+
+
+def test_same_messages_give_the_same_bytes(tmp_path: Path, write_bag: Callable[..., Path]) -> None:
+    first, second = (write_bag(tmp_path / folder / "S2_L2_seed0", lidar=True) for folder in ("a", "b"))
+    names = sorted(path.name for path in first.iterdir())
+    assert names == ["S2_L2_seed0_0.mcap", "metadata.yaml"]
+    for name in names:
+        assert (first / name).read_bytes() == (second / name).read_bytes()
+
+
+def test_both_readers_see_every_message_in_simulated_time(tmp_path: Path, write_bag: Callable[..., Path]) -> None:
+    path = write_bag(tmp_path / "bag", duration_s=2.0, lidar=True)
+    with AnyReader([path]) as reader:
+        counts = {connection.topic: connection.msgcount for connection in reader.connections}
+        clocks = [item for item in reader.connections if item.topic == "/clock"]
+        for connection, time_ns, cdr in reader.messages(clocks):
+            message = reader.deserialize(cdr, connection.msgtype)
+            assert message.clock.sec * 10**9 + message.clock.nanosec == time_ns
+    assert counts["/clock"] == 40
+    assert counts["/emv/lidar/points"] == 20
+    assert counts["/siren/episode"] == counts["/siren/outcome"] == 1
+    with (path / "bag_0.mcap").open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        assert summary.statistics.message_count == sum(counts.values())
+        times = [(message.log_time, message.publish_time) for _, _, message in reader.iter_messages()]
+    assert times == sorted(times)
+    assert all(log == publish for log, publish in times)
+
+
+def test_metadata_says_what_rosbag2_needs(tmp_path: Path, typestore: Typestore, text_cdr: bytes) -> None:
+    writer = EpisodeBagWriter(tmp_path / "bag", typestore, latched=[TEXT[0]])
+    writer.write(*TEXT, text_cdr, 0)
+    summary = writer.finish()
+    information = yaml.safe_load((summary.path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert (information["version"], information["storage_identifier"]) == (9, "mcap")
+    (topic,) = information["topics_with_message_count"]
+    assert topic["message_count"] == 1
+    assert topic["topic_metadata"]["type_description_hash"].startswith("RIHS01_")
+    assert topic["topic_metadata"]["offered_qos_profiles"][0]["durability"] == "transient_local"
+    assert summary.message_counts == {TEXT[0]: 1}
+    assert summary.size_bytes == sum(file.stat().st_size for file in summary.path.iterdir())
+
+
+def test_nothing_stands_under_the_final_name_before_the_end(
+    tmp_path: Path, typestore: Typestore, clock_cdr: bytes
+) -> None:
+    writer = EpisodeBagWriter(tmp_path / "bag", typestore)
+    writer.write(*CLOCK, clock_cdr, 0)
+    assert [path.name for path in tmp_path.iterdir()] == [".bag.partial"]
+    writer.finish()
+    assert [path.name for path in tmp_path.iterdir()] == ["bag"]
+
+
+def test_an_existing_folder_is_refused_and_left_alone(tmp_path: Path, typestore: Typestore) -> None:
+    (tmp_path / "bag").mkdir()
+    with pytest.raises(BagError, match="exists already"):
+        EpisodeBagWriter(tmp_path / "bag", typestore)
+    assert [path.name for path in tmp_path.iterdir()] == ["bag"]
+
+
+def test_a_place_below_a_file_is_refused(tmp_path: Path, typestore: Typestore) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BagError, match="place that can be written"):
+        EpisodeBagWriter(tmp_path / "file" / "bag", typestore)
+
+
+def test_two_episodes_do_not_write_one_bag(tmp_path: Path, typestore: Typestore) -> None:
+    first = EpisodeBagWriter(tmp_path / "bag", typestore)
+    with pytest.raises(BagError, match="no other episode"):
+        EpisodeBagWriter(tmp_path / "bag", typestore)
+    first.abandon("over")
+
+
+def test_an_abandoned_bag_is_readable_and_says_why(tmp_path: Path, typestore: Typestore, clock_cdr: bytes) -> None:
+    for number in (1, 2):
+        writer = EpisodeBagWriter(tmp_path / "bag", typestore)
+        writer.write(*CLOCK, clock_cdr, 0)
+        summary = writer.abandon("sensor_sim did not answer")
+        assert summary.path.name == ("bag.partial" if number == 1 else "bag.partial-2")
+        with AnyReader([summary.path]) as reader:
+            assert reader.message_count == 1
+        custom = yaml.safe_load((summary.path / "metadata.yaml").read_text())
+        custom = custom["rosbag2_bagfile_information"]["custom_data"]
+        assert custom == {"siren_end": "partial", "siren_reason": "sensor_sim did not answer"}
+    assert not (tmp_path / "bag").exists()
+
+
+def test_abandoning_a_finished_bag_changes_nothing(tmp_path: Path, typestore: Typestore, clock_cdr: bytes) -> None:
+    writer = EpisodeBagWriter(tmp_path / "bag", typestore)
+    writer.write(*CLOCK, clock_cdr, 0)
+    writer.finish()
+    assert writer.abandon("late").path == tmp_path / "bag"
+    assert [path.name for path in tmp_path.iterdir()] == ["bag"]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device /dev/full, which is Linux's")
+def test_a_full_disk_ends_the_episode_with_its_cause(
+    tmp_path: Path, typestore: Typestore, clock_cdr: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    writer = EpisodeBagWriter(tmp_path / "bag", typestore, options=BagOptions(chunk_bytes=64))
+    for step in range(10):
+        writer.write(*CLOCK, clock_cdr, step * 50_000_000)
+    full = Path("/dev/full").open("wb", buffering=0)
+    monkeypatch.setattr(writer._stream, "_stream", full)
+
+    def write_on() -> None:
+        for step in range(10, 2000):
+            writer.write(*CLOCK, clock_cdr, step * 50_000_000)
+        writer.finish()
+
+    with pytest.raises(EpisodeError, match="disk is full"):
+        write_on()
+    summary = writer.abandon("the disk is full")
+    full.close()
+    assert summary.path.name == "bag.partial"
+    assert not (tmp_path / "bag").exists()
+
+
+def test_a_folder_that_disappears_is_an_error(tmp_path: Path, typestore: Typestore, clock_cdr: bytes) -> None:
+    writer = EpisodeBagWriter(tmp_path / "bag", typestore)
+    writer.write(*CLOCK, clock_cdr, 0)
+    (tmp_path / ".bag.partial" / "bag_0.mcap").unlink()
+    (tmp_path / ".bag.partial").rmdir()
+    with pytest.raises(EpisodeError, match="bag"):
+        writer.finish()
+    writer.abandon("the folder is gone")
+
+
+KILLED_WRITER = """
+    import sys
+    from pathlib import Path
+    from rosbags.typesys import Stores, get_typestore
+    from siren_ros.recording.bag_writer import BagOptions, EpisodeBagWriter
+    store = get_typestore(Stores.ROS2_JAZZY)
+    writer = EpisodeBagWriter(Path(sys.argv[1]), store, options=BagOptions(chunk_bytes=1000))
+    for step in range(1_000_000_000):
+        writer.write("/data", "std_msgs/msg/String", bytes(500), step * 50_000_000)
+        if step == 200:
+            print("written", flush=True)
+"""
+
+
+def test_a_killed_writer_leaves_whole_chunks_and_no_lock(
+    tmp_path: Path, typestore: Typestore, clock_cdr: bytes
+) -> None:
+    command = [sys.executable, "-c", textwrap.dedent(KILLED_WRITER), str(tmp_path / "bag")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, env=os.environ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"written\n"
+        process.send_signal(signal.SIGKILL)
+    data = (tmp_path / ".bag.partial" / "bag_0.mcap").open("rb")
+    kinds = []
+    with data, pytest.raises(Exception, match=r".*"):  # the file ends within a record
+        for record in StreamReader(data).records:
+            kinds.append(type(record).__name__)  # noqa: PERF401 # what was read before the end counts
+    assert kinds.count("Message") >= 190
+    writer = EpisodeBagWriter(tmp_path / "bag", typestore)
+    writer.write(*CLOCK, clock_cdr, 0)
+    writer.finish()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bag", "bag.partial"]

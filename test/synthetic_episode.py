@@ -1,0 +1,256 @@
+"""A small episode made of formulas: an EMV overtakes a platoon that changes out of its lane. No SUMO, no ROS."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.interfaces import topics
+from siren_ros.interfaces.conversions import (
+    to_actor_states,
+    to_episode_description,
+    to_episode_outcome,
+    to_events,
+    to_ground_truth,
+    to_traffic_state,
+    to_vehicle_commands,
+)
+from siren_ros.interfaces.factory import MessageFactory, stamp
+from siren_ros.interfaces.point_cloud import LIDAR_POINT_DTYPE, to_point_cloud
+from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates, Lights, Mode, Owner
+from siren_ros.world.commands import COMMAND_DTYPES, VehicleCommands
+from siren_ros.world.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
+from siren_ros.world.events import Event, EventKind
+from siren_ros.world.geometry import rotate
+from siren_ros.world.ground_truth import GroundTruth
+from siren_ros.world.levels import EmergencyLevel
+from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficState
+from siren_ros.world.units import STEP_S, time_ns_of_step
+
+EMV = 1
+LIDAR_TOPIC = topics.LIDAR.of_sensor("lidar", 2)
+LANE_WIDTH_M = 3.5
+RIGHT_Y_M, LEFT_Y_M = -5.25, -1.75
+LANE_CHANGE_S = 3.0
+
+NET_XML = """<net version="1.20">
+<location netOffset="0.00,0.00" convBoundary="0.00,-7.00,320.00,7.00" origBoundary="0,0,1,1" projParameter="!"/>
+<edge id="east" from="A" to="B" priority="1" shape="0.00,0.00 300.00,0.00">
+<lane id="east_0" index="0" speed="13.89" length="300.00" width="3.50" shape="0.00,-5.25 300.00,-5.25"/>
+<lane id="east_1" index="1" speed="13.89" length="300.00" width="3.50" shape="0.00,-1.75 300.00,-1.75"/>
+</edge>
+<edge id="west" from="B" to="A" priority="1" shape="300.00,0.00 0.00,0.00">
+<lane id="west_0" index="0" speed="13.89" length="300.00" width="3.50" shape="300.00,5.25 0.00,5.25"/>
+<lane id="west_1" index="1" speed="13.89" length="300.00" width="3.50" shape="300.00,1.75 0.00,1.75"/>
+</edge>
+<junction id="A" type="dead_end" x="0.00" y="0.00" incLanes="west_0 west_1" intLanes="" shape="0,-7 0,7"/>
+<junction id="B" type="dead_end" x="300.00" y="0.00" incLanes="east_0 east_1" intLanes="" shape="300,7 300,-7"/>
+</net>
+"""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What may be varied."""
+
+    duration_s: float = 16.0
+    civilians: int = 4
+    changing: int = 4
+    """Of the civilians ahead, how many leave the lane; the EMV drives through the others."""
+    siren: bool = True
+    lidar: bool = False
+    jump_at: int | None = None
+    """Step at which the first civilian jumps by half a metre."""
+
+
+class SyntheticEpisode:
+    """The messages of one episode, in the order in which the recorder stores them."""
+
+    def __init__(self, scene: Scene | None = None) -> None:
+        self.scene = scene or Scene()
+        self.steps = round(self.scene.duration_s / STEP_S)
+        self.time_s = np.arange(self.steps) * STEP_S
+
+    @cached_property
+    def description(self) -> EpisodeDescription:
+        return EpisodeDescription(
+            template="S2",
+            level=EmergencyLevel.L2,
+            seed=0,
+            map_name="straight",
+            map_sha256="0" * 64,
+            duration_s=self.scene.duration_s,
+            sensor_suite="lidar" if self.scene.lidar else "none",
+            preset="paper",
+            emv_ids=(EMV,),
+            parameters={"predicate": {"name": "lane_cleared", "thresholds": {"lane_changes_min": 3, "passed_min": 3}}},
+            versions={"siren_ros": "0.1.0"},
+            site={"kind": "multi_lane_road", "edge": "east"},
+        )
+
+    @cached_property
+    def actors(self) -> dict[int, ActorDescription]:
+        emv = ActorDescription(EMV, "emv0", ActorClass.AMBULANCE, 6.2, 2.1, 2.6, (240, 240, 240), is_emv=True)
+        actors = {EMV: emv}
+        for number in range(self.scene.civilians):
+            key = number + 2
+            paint = (40 + 30 * number, 90, 160)
+            actors[key] = ActorDescription(key, f"civ{number}", ActorClass.SEDAN, 4.6, 1.8, 1.45, paint)
+        return actors
+
+    def _start_of_change_s(self, number: int) -> float:
+        """When the EMV has come within 40 m."""
+        return (30.0 + 15.0 * number - 40.0) / 8.0 + 1.5
+
+    @cached_property
+    def paths(self) -> dict[int, npt.NDArray[np.float64]]:
+        """x, y, vx, vy, yaw of each actor over the steps, shape ``(steps, 5)``."""
+        paths = {EMV: self._path(10.0 + 14.0 * self.time_s, 14.0, None)}
+        for number in range(self.scene.civilians):
+            change = self._start_of_change_s(number) if number < self.scene.changing else None
+            path = self._path(40.0 + 15.0 * number + 6.0 * self.time_s, 6.0, change)
+            if number == 0 and self.scene.jump_at is not None:
+                path[self.scene.jump_at :, 0] += 0.5
+            paths[number + 2] = path
+        return paths
+
+    def _path(self, x: npt.NDArray[np.float64], vx: float, change_s: float | None) -> npt.NDArray[np.float64]:
+        share = np.zeros(self.steps)
+        rate = np.zeros(self.steps)
+        if change_s is not None:
+            u = np.clip((self.time_s - change_s) / LANE_CHANGE_S, 0.0, 1.0)
+            share, rate = u**3 * (10 - 15 * u + 6 * u**2), 30 * u**2 * (1 - u) ** 2 / LANE_CHANGE_S
+        vy = rate * (LEFT_Y_M - RIGHT_Y_M)
+        y = RIGHT_Y_M + share * (LEFT_Y_M - RIGHT_Y_M)
+        return np.stack((x, y, np.full(self.steps, vx), vy, np.arctan2(vy, vx)), axis=1)
+
+    def mode_of(self, actor_id: int, step: int) -> Mode:
+        if actor_id == EMV:
+            return Mode.ROUTE_FOLLOW
+        number = actor_id - 2
+        since = step * STEP_S - self._start_of_change_s(number)
+        if number >= self.scene.changing or since < -0.75:
+            return Mode.NOMINAL
+        if since < 0.0:
+            return Mode.YIELD_REACTING
+        if since < LANE_CHANGE_S:
+            return Mode.YIELD_LANE_CHANGE
+        behind = self.paths[actor_id][step, 0] + 8.0 < self.paths[EMV][step, 0]
+        return Mode.NOMINAL if behind else Mode.YIELD_KEEP_LANE
+
+    def states(self, step: int) -> ActorStates:
+        ids = list(self.actors)
+        rows = np.array([self.paths[key][step] for key in ids])
+        columns: dict[str, Any] = {name: np.zeros(len(ids), dtype) for name, dtype in ACTOR_STATE_DTYPES.items()}
+        columns["actor_id"] = np.array(ids, dtype=np.uint32)
+        columns.update(zip(("x_m", "y_m", "vx_mps", "vy_mps", "yaw_rad"), rows.T, strict=True))
+        modes = [self.mode_of(key, step) for key in ids]
+        columns["mode"] = np.array(modes, dtype=np.uint8)
+        driven = [key == EMV or mode is Mode.YIELD_LANE_CHANGE for key, mode in zip(ids, modes, strict=True)]
+        columns["owner"] = np.array([Owner.ROS if flag else Owner.SUMO for flag in driven], dtype=np.uint8)
+        columns["lights"][0] = Lights.BEACON | (Lights.SIREN if self.scene.siren else Lights.NONE)
+        columns["residual_m"] = np.where(columns["owner"] == Owner.SUMO, 0.05, 0.0)
+        return ActorStates(step=step, **columns)
+
+    def events(self, step: int) -> tuple[Event, ...]:
+        events = []
+        if step == 0 and self.scene.siren:
+            events.append(self._event(step, EventKind.SIREN_ON, EMV))
+        changes = {
+            Mode.YIELD_REACTING: EventKind.YIELD_REQUESTED,
+            Mode.YIELD_LANE_CHANGE: EventKind.YIELD_STARTED,
+            Mode.YIELD_KEEP_LANE: EventKind.YIELD_COMPLETED,
+            Mode.NOMINAL: EventKind.YIELD_RELEASED,
+        }
+        for key in self.actors:
+            if key != EMV and step > 0 and self.mode_of(key, step) is not self.mode_of(key, step - 1):
+                events.append(replace(self._event(step, changes[self.mode_of(key, step)], key), other_id=EMV))
+        return tuple(events)
+
+    def _event(self, step: int, kind: EventKind, actor_id: int) -> Event:
+        x, y = self.paths[actor_id][step, :2]
+        return Event(step, kind, actor_id, x_m=float(x), y_m=float(y))
+
+    def traffic(self, step: int) -> TrafficState:
+        states = self.states(step)
+        columns: dict[str, Any] = {name: np.zeros(len(states), dtype) for name, dtype in TRAFFIC_STATE_DTYPES.items()}
+        for name in ("x_m", "y_m", "yaw_rad"):
+            columns[name] = getattr(states, name)
+            columns[f"sumo_{name}"] = getattr(states, name)
+        columns["speed_mps"] = columns["sumo_speed_mps"] = states.speed_mps
+        columns["actor_id"], columns["owner"], columns["lights"] = states.actor_id, states.owner, states.lights
+        columns["lane"] = (states.y_m > (RIGHT_Y_M + LEFT_Y_M) / 2.0).astype(np.int32)
+        columns["removed"] = np.empty(0, np.uint32)
+        columns["route_offset"] = np.zeros(len(states) + 1, np.int32)
+        columns["route_edges"] = np.empty(0, np.int32)
+        spawned = tuple(self.actors.values()) if step == 0 else ()
+        return TrafficState(step=step, spawned=spawned, emvs=(), signals=(), events=self.events(step), **columns)
+
+    def commands(self, step: int, source: str) -> VehicleCommands:
+        states = self.states(step)
+        mine = (states.actor_id == EMV) == (source == "emv_controller")
+        rows = states.select(mine & (states.owner == Owner.ROS))
+        columns: dict[str, Any] = {name: np.zeros(len(rows), dtype) for name, dtype in COMMAND_DTYPES.items()}
+        columns.update(actor_id=rows.actor_id, owner=rows.owner, mode=rows.mode, lights=rows.lights)
+        return VehicleCommands(step=step, source=source, **columns)
+
+    def ground_truth(self, step: int) -> GroundTruth:
+        states = self.states(step)
+        others = states.select(np.arange(1, len(states)))
+        actors = [self.actors[int(key)] for key in others.actor_id]
+        delta = np.stack((others.x_m - states.x_m[0], others.y_m - states.y_m[0]), axis=-1)
+        ahead, left = rotate(delta, -float(states.yaw_rad[0])).T
+        return GroundTruth(
+            step=step,
+            carrier_id=EMV,
+            actor_id=others.actor_id,
+            actor_class=np.array([actor.actor_class for actor in actors], dtype=np.uint8),
+            is_emv=np.array([actor.is_emv for actor in actors]),
+            x_m=ahead,
+            y_m=left,
+            z_m=np.array([actor.height_m / 2.0 - 1.93 for actor in actors]),
+            yaw_rad=others.yaw_rad - states.yaw_rad[0],
+            length_m=np.array([actor.length_m for actor in actors]),
+            width_m=np.array([actor.width_m for actor in actors]),
+            height_m=np.array([actor.height_m for actor in actors]),
+            vx_mps=others.vx_mps,
+            vy_mps=others.vy_mps,
+            accel_mps2=others.accel_mps2,
+            lidar_points=np.full(len(actors), 12, dtype=np.uint32),
+        )
+
+    def sweep(self, step: int) -> npt.NDArray[np.void]:
+        points = np.zeros(300, LIDAR_POINT_DTYPE)
+        rng = np.random.default_rng(step)
+        for axis in ("x", "y", "z"):
+            points[axis] = rng.normal(scale=10.0, size=len(points))
+        points["intensity"] = rng.random(len(points))
+        return points
+
+    def outcome(self, predicate_holds: bool | None = True) -> EpisodeOutcome:
+        return EpisodeOutcome(EpisodeEnd.COMPLETE, "", self.steps, predicate_holds, {"passed": 4})
+
+    def recorded_topics(self) -> tuple[topics.Topic, ...]:
+        core = [topic for topic in topics.CORE_TOPICS if topic != topics.OUTCOME]
+        sensors = [topics.GROUND_TRUTH, LIDAR_TOPIC] if self.scene.lidar else []
+        return (*core, *sensors, topics.OUTCOME)
+
+    def messages(self, factory: MessageFactory) -> Iterator[tuple[topics.Topic, int, Any]]:
+        """Topic, step and message, in the recorder's order."""
+        yield topics.EPISODE, 0, to_episode_description(factory, self.description)
+        yield topics.MAP, 0, factory.make("std_msgs/msg/String", data=NET_XML)
+        for step in range(self.steps):
+            clock = factory.make("rosgraph_msgs/msg/Clock", clock=stamp(factory, time_ns_of_step(step)))
+            yield topics.CLOCK, step, clock
+            yield topics.TRAFFIC, step, to_traffic_state(factory, self.traffic(step))
+            for topic, source in ((topics.EMV_COMMANDS, "emv_controller"), (topics.YIELD_COMMANDS, "yield_manager")):
+                yield topic, step, to_vehicle_commands(factory, self.commands(step, source))
+            yield topics.ACTORS, step, to_actor_states(factory, self.states(step))
+            yield topics.EVENTS, step, to_events(factory, step, self.events(step))
+            if self.scene.lidar and step % 2 == 0:
+                yield topics.GROUND_TRUTH, step, to_ground_truth(factory, self.ground_truth(step))
+                yield LIDAR_TOPIC, step, to_point_cloud(factory, step, "lidar", self.sweep(step))
+        yield topics.OUTCOME, self.steps - 1, to_episode_outcome(factory, self.outcome())

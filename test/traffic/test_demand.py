@@ -1,0 +1,149 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from traffic_helpers import DIMENSIONS, TOWN10, load_map, plan_s2
+
+from siren_ros.traffic.demand import emv_start, plan_traffic
+from siren_ros.traffic.driver_models import load_drivers
+from siren_ros.traffic.plan import PlannedVehicle, TrafficPlan
+from siren_ros.world.actors import ActorClass
+from siren_ros.world.errors import InputError, MapError
+from siren_ros.world.levels import EmergencyLevel
+from siren_ros.world.road_network import LaneKind, RoadNetwork
+from siren_ros.world.sites import require_site
+from siren_ros.world.templates import load_template
+
+
+@pytest.fixture(scope="module", params=["town", "Town10HD_Opt"])
+def network(request: pytest.FixtureRequest) -> RoadNetwork:
+    if request.param == "Town10HD_Opt" and not TOWN10.is_file():
+        pytest.skip("shared/maps is not there")
+    return load_map(TOWN10 if request.param == "Town10HD_Opt" else None)[1]
+
+
+def plan(network: RoadNetwork, seed: int = 0) -> TrafficPlan:
+    return plan_s2(network, seed)[0]
+
+
+def everyone(traffic: TrafficPlan) -> tuple[PlannedVehicle, ...]:
+    return (*traffic.emvs, *traffic.groups, *traffic.background, *traffic.reserve)
+
+
+def test_same_seed_same_plan_other_seed_other_plan(network: RoadNetwork) -> None:
+    assert plan(network, 3) == plan(network, 3)
+    assert plan(network, 3).background != plan(network, 4).background
+
+
+def test_level_changes_nothing(network: RoadNetwork) -> None:
+    template = load_template("S2")
+    site = require_site(network, template.site_kind)
+    plans = [
+        plan_traffic(network, site, replace(template, level=level), 1, load_drivers(), DIMENSIONS)
+        for level in EmergencyLevel
+    ]
+    assert all(other == plans[0] for other in plans)
+
+
+def test_volume_and_platoon_are_the_templates(network: RoadNetwork) -> None:
+    traffic, template = plan_s2(network)
+    assert traffic.civilians == template.demand.background_vehicles
+    assert len(traffic.groups) + len(traffic.background) == traffic.civilians
+    platoon = [vehicle for vehicle in traffic.groups if vehicle.name.startswith("platoon")]
+    assert len(platoon) == template.demand.groups[0].vehicles
+    assert len({vehicle.name for vehicle in everyone(traffic)}) == len(everyone(traffic))
+
+
+def test_platoon_stands_ahead_of_the_emv_in_its_lane_at_the_gaps_asked_for(network: RoadNetwork) -> None:
+    traffic, template = plan_s2(network)
+    emv = traffic.emvs[0]
+    platoon = [vehicle for vehicle in traffic.groups if vehicle.name.startswith("platoon")]
+    group = template.demand.groups[0]
+    points = [np.array(network.lanes[v.spot.lane].centre.at(v.spot.front_m)) for v in (emv, *platoon)]
+    first_gap = np.linalg.norm(points[1] - points[0]) - platoon[0].length_m
+    assert first_gap == pytest.approx(group.first_gap_m, abs=3.0)
+    gaps = [
+        np.linalg.norm(ahead - behind) - vehicle.length_m
+        for behind, ahead, vehicle in zip(points[1:], points[2:], platoon[1:], strict=False)
+    ]
+    assert np.mean(gaps) == pytest.approx(group.spacing_m, abs=4.0)
+    assert min(gaps) > 0.5 * group.spacing_m
+    assert all(vehicle.driver.speed_factor * 14.0 < emv.driver.speed_factor * 13.0 for vehicle in platoon)
+    assert all(emv.route[: len(vehicle.route)][-1] in emv.route for vehicle in platoon)
+
+
+def test_routes_follow_the_roads_and_begin_at_the_spot(network: RoadNetwork) -> None:
+    onward = {
+        (network.lanes[connection.from_lane].edge, network.lanes[connection.to_lane].edge)
+        for connection in network.connections
+    }
+    for vehicle in everyone(plan(network)):
+        edges = [network.edge_by_id[edge].index for edge in vehicle.route]
+        lane = network.lanes[vehicle.spot.lane]
+        assert edges[0] == lane.edge
+        assert all(pair in onward for pair in zip(edges, edges[1:], strict=False))
+        assert lane.kind is LaneKind.DRIVING
+        assert lane.civilian_allowed
+        assert 0.0 < vehicle.spot.front_m <= lane.length_m
+
+
+def test_emvs_route_is_long_enough_for_the_episode(network: RoadNetwork) -> None:
+    traffic, template = plan_s2(network, seed=2)
+    length = sum(network.lanes[network.edge_by_id[edge].lanes[-1]].length_m for edge in traffic.emvs[0].route)
+    assert length > template.emv.speed_mps * template.duration_s
+
+
+def test_background_vehicles_do_not_overlap(network: RoadNetwork) -> None:
+    by_lane: dict[int, list[PlannedVehicle]] = {}
+    for vehicle in plan(network).background:
+        by_lane.setdefault(vehicle.spot.lane, []).append(vehicle)
+    for vehicles in by_lane.values():
+        ordered = sorted(vehicles, key=lambda vehicle: vehicle.spot.front_m)
+        for behind, ahead in zip(ordered, ordered[1:], strict=False):
+            assert ahead.spot.front_m - ahead.length_m - behind.spot.front_m > 5.0
+
+
+def test_reserve_stays_off_the_stage(network: RoadNetwork) -> None:
+    traffic = plan(network)
+    for vehicle in traffic.reserve:
+        for area in traffic.stage:
+            assert area.lane != vehicle.spot.lane or not area.from_m <= vehicle.spot.front_m <= area.to_m
+
+
+def test_drivers_and_classes_vary_as_the_population_says(network: RoadNetwork) -> None:
+    template = load_template("S2")
+    vehicles = [vehicle for seed in range(4) for vehicle in plan(network, seed).reserve]
+    factors = np.array([vehicle.driver.speed_factor for vehicle in vehicles])
+    assert factors.mean() == pytest.approx(1.0, abs=0.03)
+    assert factors.std() == pytest.approx(0.1, abs=0.03)
+    for actor_class, share in template.demand.classes:
+        found = np.mean([vehicle.actor_class is actor_class for vehicle in vehicles])
+        assert found == pytest.approx(share, abs=0.08)
+
+
+def test_two_emvs_start_one_behind_the_other(network: RoadNetwork) -> None:
+    template = load_template("S2")
+    site = require_site(network, template.site_kind)
+    pair = replace(template, emv=replace(template.emv, count=2, headway_s=2.0, start_m=60.0))
+    first, second = plan_traffic(network, site, pair, 0, load_drivers(), DIMENSIONS).emvs
+    assert first.spot.lane == second.spot.lane or first.route[0] == second.route[0]
+    assert first.spot.front_m - second.spot.front_m == pytest.approx(first.length_m + 22.0)
+
+
+def test_start_before_the_site_lies_on_the_approach_at_the_distance(network: RoadNetwork) -> None:
+    site = require_site(network, load_template("S2").site_kind)
+    start = emv_start(network, site, -30.0)
+    assert start.route[-1] == site.route[-1]
+    assert site.site_edge in start.route[1:]
+    with pytest.raises(MapError, match="more of road"):
+        emv_start(network, site, -5000.0)
+
+
+def test_missing_dimensions_and_too_many_vehicles_are_refused(network: RoadNetwork) -> None:
+    template = load_template("S2")
+    site = require_site(network, template.site_kind)
+    with pytest.raises(InputError, match="AMBULANCE"):
+        plan_traffic(network, site, template, 0, load_drivers(), {ActorClass.SEDAN: (4.5, 1.8, 1.5)})
+    crowded = replace(template, demand=replace(template.demand, background_vehicles=5000))
+    with pytest.raises(MapError, match="room"):
+        plan_traffic(network, site, crowded, 0, load_drivers(), DIMENSIONS)

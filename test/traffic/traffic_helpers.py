@@ -1,0 +1,46 @@
+"""A small network, plans on it and states of mirrored vehicles, for the traffic tests."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from siren_ros.traffic.demand import plan_traffic
+from siren_ros.traffic.driver_models import load_drivers
+from siren_ros.traffic.map_compiler import CompiledMap, compile_map
+from siren_ros.traffic.plan import TrafficPlan
+from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorStates
+from siren_ros.world.net_parser import parse_road_network
+from siren_ros.world.road_network import RoadNetwork
+from siren_ros.world.scenario import Template
+from siren_ros.world.sites import require_site
+from siren_ros.world.templates import load_template
+
+TOWN10 = Path(__file__).resolve().parents[3] / "shared" / "maps" / "Town10HD_Opt.xodr"
+
+DIMENSIONS: Mapping[ActorClass, tuple[float, float, float]] = {member: (4.6, 1.8, 1.5) for member in ActorClass} | {
+    ActorClass.BUS: (12.0, 2.55, 3.1),
+    ActorClass.TRUCK: (8.5, 2.5, 3.4),
+    ActorClass.AMBULANCE: (6.2, 2.1, 2.7),
+}
+
+
+def load_map(source: Path | None) -> tuple[CompiledMap, RoadNetwork]:
+    compiled = compile_map(source)
+    return compiled, parse_road_network(compiled.read_bytes())
+
+
+def plan_s2(network: RoadNetwork, seed: int = 0, warm_up_s: float = 5.0) -> tuple[TrafficPlan, Template]:
+    template = replace(load_template("S2"), warm_up_s=warm_up_s)
+    site = require_site(network, template.site_kind)
+    return plan_traffic(network, site, template, seed, load_drivers(), DIMENSIONS), template
+
+
+def states_of(step: int, rows: list[dict[str, float]]) -> ActorStates:
+    """ActorStates with the given fields, all others 0."""
+    ordered = sorted(rows, key=lambda row: row["actor_id"])
+    arrays = {
+        name: np.array([row.get(name, 0) for row in ordered], dtype=dtype) for name, dtype in ACTOR_STATE_DTYPES.items()
+    }
+    return ActorStates(step=step, **arrays)

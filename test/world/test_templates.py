@@ -1,0 +1,116 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from siren_ros.world.actors import ActorClass
+from siren_ros.world.errors import InputError
+from siren_ros.world.levels import EmergencyLevel
+from siren_ros.world.params_files import params_dir
+from siren_ros.world.sites import SiteKind
+from siren_ros.world.templates import available_templates, draw_values, load_template, read_template
+
+S2_TEXT = (params_dir() / "templates" / "S2.yaml").read_text(encoding="utf-8")
+
+
+def refused(tmp_path: Path, old: str, new: str) -> tuple[InputError, int]:
+    """The error for S2 with a part replaced, and the line where the replacement begins."""
+    assert S2_TEXT.count(old) == 1
+    file = tmp_path / "changed.yaml"
+    file.write_text(S2_TEXT.replace(old, new), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read_template(file)
+    return caught.value, S2_TEXT[: S2_TEXT.index(old)].count("\n") + 1
+
+
+def test_s2_is_the_papers() -> None:
+    template = load_template("S2")
+    assert "S2" in available_templates()
+    assert template.level is EmergencyLevel.L2
+    assert template.site_kind is SiteKind.MULTI_LANE_ROAD
+    assert template.demand.background_vehicles == 20
+    assert template.emv.speed_mps == pytest.approx(50.0 / 3.6, abs=0.01)
+    assert template.emv.actor_class is ActorClass.AMBULANCE
+    assert 25.0 <= template.duration_s <= 45.0
+    assert template.ranges["duration_s"].minimum == 25.0
+    assert template.ranges["duration_s"].maximum == 45.0
+    assert template.predicate.name == "lane_cleared"
+    assert template.predicate.thresholds["lane_changes_min"] == 3
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "allowed"),
+    [
+        ("warm_up_s: 20.0", "warm_up: 20.0", "warm_up_s", "missing"),
+        ("level: L2", "level: L7", "level", "L0, L1, L2, L3"),
+        ("level: L2", "level: L2\nspeed: 3", "speed", "keys"),
+        ("site: multi_lane_road", "site: motorway", "site", "multi_lane_road"),
+        ("default: 30.0, range: [25.0, 45.0]", "default: 50.0, range: [25.0, 45.0]", "duration_s.default", "25 to 45"),
+        ("default: 30.0, range: [25.0, 45.0]", "default: 30.0, range: [45.0, 25.0]", "duration_s.range", "order"),
+        ("default: 30.0, range: [25.0, 45.0]", "default: 30.0", "duration_s.range", "missing"),
+        ("default: 30.0, range: [25.0, 45.0]", "default: -1, range: [-1, 45]", "duration_s.range", "1 to 3600"),
+        ("warm_up_s: 20.0", "warm_up_s: soon", "warm_up_s", "a number"),
+        ("warm_up_s: 20.0", "warm_up_s: .nan", "warm_up_s", "a number"),
+        ("default: 20, range: [15, 28]", "default: 20.5, range: [15, 28]", "background_vehicles.default", "whole"),
+        ("default: 20, range: [15, 28]", "default: 20, range: [6, 28]", "background_vehicles", "10 vehicles"),
+        ("class: ambulance", "class: sedan", "emv.class", "ambulance"),
+        ("hatchback: 0.26", "hatchback: 0.36", "demand.classes", "add up to 1"),
+        ("placement: emv_lane", "placement: roof", "platoon.placement", "emv_lane"),
+        ("name: lane_cleared", "name: all_well", "predicate.name", "lane_cleared"),
+        ("lane_changes_min: 3", "lane_changes_min: 0", "predicate.lane_changes_min", "1 to 50"),
+        ("passed_min: 3", "overtaken_min: 3", "predicate.passed_min", "missing"),
+    ],
+)
+def test_mistakes_are_refused_with_line_key_and_what_is_allowed(
+    tmp_path: Path, old: str, new: str, key: str, allowed: str
+) -> None:
+    error, line = refused(tmp_path, old, new)
+    assert key in error.parameter
+    assert "changed.yaml" in error.parameter
+    assert allowed in error.allowed
+    at_line = int(error.parameter.split("changed.yaml:")[1].split(":")[0])
+    if "missing" not in allowed and key not in {"demand.classes"}:
+        assert at_line == line + new.count("\n")
+
+
+def test_missing_predicate_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "none.yaml"
+    file.write_text(S2_TEXT[: S2_TEXT.index("predicate:")], encoding="utf-8")
+    with pytest.raises(InputError, match=r"predicate: None cannot be used; allowed: a mapping"):
+        read_template(file)
+
+
+@pytest.mark.parametrize("text", ["", "- 1", "a: [", "a: 1\na: 2"])
+def test_files_that_are_no_template_are_refused(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "bad.yaml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"bad\.yaml"):
+        read_template(file)
+
+
+def test_unknown_name_lists_the_templates() -> None:
+    with pytest.raises(InputError, match="S2"):
+        load_template("S99")
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_draws_lie_within_their_ranges_and_can_be_applied(seed: int) -> None:
+    template = load_template("S2")
+    values = draw_values(template, np.random.default_rng(seed))
+    drawn = template.with_values(values)
+    assert drawn.values() == values
+    assert draw_values(template, np.random.default_rng(seed)) == values
+    assert drawn.demand.groups[0].vehicles == values["demand.platoon.vehicles"]
+    assert drawn.predicate == template.predicate
+
+
+def test_values_outside_their_range_and_unknown_ones_are_refused() -> None:
+    template = load_template("S2")
+    with pytest.raises(InputError, match=r"emv\.speed_mps.*11 to 16\.7"):
+        template.with_values({"emv.speed_mps": 40.0})
+    with pytest.raises(InputError, match="whole number"):
+        template.with_values({"demand.platoon.vehicles": 4.5})
+    with pytest.raises(InputError, match=r"emv\.colour"):
+        template.with_values({"emv.colour": 1.0})

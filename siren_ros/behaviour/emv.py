@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from siren_ros.behaviour.corridor import corridor_mode, corridor_path
-from siren_ros.behaviour.emv_lane_change import Outcome, complete_lane_change, forced_lane_change
+from siren_ros.behaviour.emv_lane_change import Outcome, cancel_lane_change, complete_lane_change, forced_lane_change
 from siren_ros.behaviour.emv_route import plan_route, present_lane
 from siren_ros.behaviour.emv_unit import EmvUnit, event_of
 from siren_ros.behaviour.gap_escape import escape_path, gap_escape_mode
@@ -123,20 +123,21 @@ def waypoints(unit: EmvUnit, row: int, view: StepView) -> Outcome:
         return escape_path(unit, row, view)
     if unit.corridor:
         return corridor_path(unit, row, view), ()
-    return follow_route(unit, row, view), ()
+    return follow_route(unit, row, view)
 
 
-def follow_route(unit: EmvUnit, row: int, view: StepView) -> EmvUnit:
+def follow_route(unit: EmvUnit, row: int, view: StepView) -> Outcome:
     """The EMV with a path along its route: the present one while it serves, else a new one from the present pose."""
     config, navigator = view.world.config.emv, unit.navigator
     plan, path = unit.plan, navigator.path
+    events: tuple[Event, ...] = ()
     if plan is None or path is None:
         lane = present_lane(view, row, navigator)
     elif abs(navigator.left_m) > config.off_path_m or not plan.agrees_with(view.traffic.route_of_row(row)):
         if view.step - plan.planned_step < _REPLAN_STEPS:
-            return unit
+            return unit, ()
         lane = int(view.traffic.lane[row])
-        unit = replace(unit, change_side=0)
+        unit, events = cancel_lane_change(unit, row, view, "off_path")
     elif (
         plan.end is LaneEnd.HORIZON
         and navigator.remaining_m < config.rebuild_below_m
@@ -144,11 +145,11 @@ def follow_route(unit: EmvUnit, row: int, view: StepView) -> EmvUnit:
     ):
         lane = present_lane(view, row, navigator)
     else:
-        return unit
+        return unit, ()
     if lane == NO_LANE:
-        return unit
+        return unit, events
     plan, navigator = plan_route(view, row, lane, navigator)
-    return replace(unit, plan=plan, navigator=navigator)
+    return replace(unit, plan=plan, navigator=navigator), events
 
 
 def _commands(drives: list[tuple[EmvUnit, DriveCommand]], view: StepView, events: tuple[Event, ...]) -> VehicleCommands:

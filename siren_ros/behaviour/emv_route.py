@@ -33,6 +33,8 @@ class RoutePlan:
     def agrees_with(self, route: Indices) -> bool:
         """Whether the path still follows the route."""
         ahead = tuple(route.tolist())
+        if ahead and ahead[0] not in self.edges:  # on the junction after the first edge
+            ahead = ahead[1:]
         if not ahead or ahead[0] not in self.edges:
             return False
         rest = self.edges[self.edges.index(ahead[0]) :]

@@ -13,7 +13,7 @@ from siren_ros.behaviour.lane_path import LaneEnd, LanePath, neighbour_lane
 from siren_ros.behaviour.navigator import NavigatorState, Situation, navigate
 from siren_ros.behaviour.rejoin import rejoin
 from siren_ros.behaviour.world import StepView
-from siren_ros.behaviour.yield_unit import EmvView, Outcome, YieldUnit, lane_of, yield_event
+from siren_ros.behaviour.yield_unit import EmvView, Outcome, YieldUnit, lane_of, standing, yield_event
 from siren_ros.world.actors import Mode
 from siren_ros.world.events import Event, EventKind
 from siren_ros.world.units import steps_from_s
@@ -80,16 +80,17 @@ def drive(unit: YieldUnit, row: int, view: StepView, target_mps: float) -> Outco
 
 def change_lane(unit: YieldUnit, row: int, view: StepView, emv: EmvView) -> Outcome:
     """Drives the lane change until the vehicle is wholly in its new lane, or the EMV is past or gone."""
-    if emv.passed or not emv.in_region:
-        reason = "emv_passed" if emv.passed else "emv_gone"
-        cancelled = yield_event(unit, row, view, EventKind.YIELD_CANCELLED, reason=reason)
-        moved = rejoin(replace(unit, phase=Mode.REJOIN, stopped_steps=0), row, view)
-        return replace(moved, events=(cancelled, *moved.events))
     lane = lane_of(unit, row, view)
     if entered_lane(view, row, lane):
         done = yield_event(unit, row, view, EventKind.YIELD_COMPLETED, lane=lane)
         kept = replace(unit, phase=Mode.YIELD_KEEP_LANE, navigator=NavigatorState(), off_path_steps=0)
         return Outcome(kept, None, (done,))
+    ended = unit.navigator.done and standing(view, row)
+    if emv.passed or not emv.in_region or ended:
+        reason = "emv_passed" if emv.passed else "lane_ended" if ended else "emv_gone"
+        cancelled = yield_event(unit, row, view, EventKind.YIELD_CANCELLED, reason=reason)
+        moved = rejoin(replace(unit, phase=Mode.REJOIN, stopped_steps=0), row, view)
+        return replace(moved, events=(cancelled, *moved.events))
     return drive(unit, row, view, view.world.speeds.civilian_yield_lane_change_mps)
 
 

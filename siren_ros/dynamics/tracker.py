@@ -98,6 +98,8 @@ class TrackerState:
 _SLOWEST_STEP_M: Final = 0.01
 """A centre that moved less than this in one step has no course of its own."""
 _SLOWEST_MPS: Final = 0.1
+_PACES: Final = (0.85, 1.1)
+"""Ratios of the centre's and the front bumper's speed that a vehicle can drive; beyond, SUMO's rod swings or jumps."""
 _STRAIGHT_PM: Final = 1e-3
 """Curvatures below this, in 1/m, limit no speed."""
 _FULL_LOCK_RAD: Final = 1.4
@@ -134,7 +136,7 @@ def track(
     swerve = np.minimum(np.maximum(wrap_angle(course - tracker.yaw_rad), -most), most)
     curvature = np.tan(swerve) / pull
     steer, steered_curvature = _steer(state, tracker, table, curvature, gains)
-    ratio = np.clip(moved / (dt_s * np.maximum(reference.speed_mps, _SLOWEST_STEP_M / dt_s)), 0.85, 1.1)
+    ratio = np.clip(moved / (dt_s * np.maximum(reference.speed_mps, _SLOWEST_STEP_M / dt_s)), *_PACES)
     pace = tracker.pace + (ratio - tracker.pace) * -np.expm1(-dt_s / gains.pace_time_s)
     course = tracker.yaw_rad + swerve
     gap = (tracker.x_m - state.x_m) * np.cos(course) + (tracker.y_m - state.y_m) * np.sin(course)

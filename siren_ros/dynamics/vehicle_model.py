@@ -22,8 +22,8 @@ from siren_ros.world.units import GRAVITY_MPS2
 SUBSTEP_S: Final = 0.01
 _LONGITUDINAL_SHARE: Final = 0.95
 """Anti-lock and traction control keep the longitudinal force below this part of an axle's grip."""
-_REAR_BRAKE_SHARE: Final = 0.8
-"""Brake force distribution follows the axle loads and keeps the rear axle this far below its share."""
+_REAR_BRAKE_SHARE: Final = 0.7
+"""Brake force distribution follows the axle loads and keeps the rear axle to this part of its share."""
 _FULL_PULL_MPS: Final = 0.1
 """Below this speed the sideways pull of a steered and braked wheel fades: static friction balances it at rest."""
 _STILL: Final = 0.01

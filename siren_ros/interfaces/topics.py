@@ -87,9 +87,7 @@ IMAGE_COMPRESSED: Final = Topic(
     ("recorder", "kitti_exporter"),
     2,
 )
-CAMERA_INFO: Final = Topic(
-    "/emv/{sensor}/camera_info", "sensor_msgs/msg/CameraInfo", "sensor_sim", ("recorder", "kitti_exporter"), 2
-)
+CAMERA_INFO: Final = Topic("/emv/{sensor}/camera_info", "sensor_msgs/msg/CameraInfo", "sensor_sim", ("recorder",), 2)
 
 LAGGED_INPUTS: Final = frozenset({(ACTORS.name, "sumo_bridge")})
 """Topic and subscriber of the arrows that carry the step before."""

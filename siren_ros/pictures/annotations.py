@@ -66,7 +66,7 @@ class LabelPlacer:
 
 def draw_scale_bar(axes: Axes) -> None:
     """A bar of 1, 2 or 5 × 10ⁿ m, about a sixth of the picture wide, in the lower left corner."""
-    (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
+    (x0, x1), (y0, _) = axes.get_xlim(), axes.get_ylim()
     wanted = (x1 - x0) / 6.0
     power = 10.0 ** math.floor(math.log10(wanted))
     length = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= wanted)

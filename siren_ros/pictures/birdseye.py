@@ -93,7 +93,7 @@ def draw_episode(record: EpisodeRecord) -> Figure:
         wspace=0.03,
     )
     moments = _moments(record)
-    speeds = Normalize(0.0, max(float(np.percentile(record.rows.speed_mps, 99.5)) * KMH, 10.0))
+    speeds = Normalize(0.0, max(float(np.percentile(record.rows.speed_mps, 99.5)) * KMH * 1.12, 10.0))
     _draw_map(figure.add_subplot(grid[0, :]), record, box, speeds, moments)
     for column, step in enumerate(moments):
         _draw_snapshot(figure.add_subplot(grid[1, column]), record, step, column + 1)
@@ -113,15 +113,18 @@ def _moments(record: EpisodeRecord) -> list[int]:
 
 
 def _frame(axes: Axes, box: Box) -> None:
-    axes.set_xlim(box[0], box[1])
-    axes.set_ylim(box[2], box[3])
-    axes.set_aspect("equal", adjustable="datalim")
+    """Shows a box, grown about its centre to the shape of the axes, with equal scales."""
+    x0, x1, y0, y1 = box
+    shape = axes.bbox.width / axes.bbox.height
+    width = max(x1 - x0, (y1 - y0) * shape)
+    height = width / shape
+    axes.set_xlim((x0 + x1 - width) / 2.0, (x0 + x1 + width) / 2.0)
+    axes.set_ylim((y0 + y1 - height) / 2.0, (y0 + y1 + height) / 2.0)
+    axes.set_aspect("equal", adjustable="box")
     axes.set_xticks([])
     axes.set_yticks([])
     for spine in axes.spines.values():
         spine.set_color("#c4c8cd")
-    # With the aspect fixed, the limits change when the axes get their place: settle that before anything is placed by them.
-    axes.apply_aspect()
 
 
 def _draw_map(axes: Axes, record: EpisodeRecord, box: Box, speeds: Normalize, moments: list[int]) -> None:
@@ -141,7 +144,7 @@ def _draw_map(axes: Axes, record: EpisodeRecord, box: Box, speeds: Normalize, mo
         draw_vehicles(axes, state.select(np.isin(state.actor_id, record.emv_ids)), record.actors, 0.5)
         for row in np.flatnonzero(np.isin(state.actor_id, record.emv_ids)):
             labels.block(float(state.x_m[row]), float(state.y_m[row]), 5.0)
-            labels.place(float(state.x_m[row]), float(state.y_m[row]), f"{number}", "#b3121a")
+            labels.place(float(state.x_m[row]), float(state.y_m[row]), str(number), "#b3121a")
     kinds = _draw_events(axes, record, labels)
     draw_scale_bar(axes)
     _draw_legends(axes, record, kinds)

@@ -1,5 +1,7 @@
 """The road network drawn from above."""
 
+from itertools import pairwise
+
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
@@ -53,12 +55,13 @@ def _border(lane: Lane, side: int) -> Points:
 
 
 def _draw_markings(axes: Axes, network: RoadNetwork, line_width: float) -> None:
-    dashed, solid = [], []
+    dashed: list[Points] = []
+    solid: list[Points] = []
     for edge in network.edges:
         lanes = [network.lanes[index] for index in edge.lanes if network.lanes[index].kind in _PAVED]
         if edge.internal:
             continue
-        for right, left in zip(lanes, lanes[1:], strict=False):
+        for right, left in pairwise(lanes):
             both_driven = right.kind is left.kind is LaneKind.DRIVING
             (dashed if both_driven else solid).append(_border(right, 1))
         if lanes:

@@ -26,6 +26,7 @@ _REFLECTIVITY: Final[dict[Material, float]] = {
     Material.SIGNAL_HOUSING: 0.15,
     Material.STOP_SIGN: 1.0,
     Material.CAR_PAINT: 0.6,
+    Material.FLEET_PAINT: 0.6,
     Material.CAR_GLASS: 0.08,
     Material.TYRE: 0.07,
     Material.RIM: 0.6,

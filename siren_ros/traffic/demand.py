@@ -132,24 +132,29 @@ def plan_traffic(
     """
     factory = VehicleFactory(network, drivers, dimensions)
     config = config or DemandConfig()
-    start = emv_start(network, site, template.emv.start_m)
-    needed_m = template.emv.speed_mps * (template.duration_s + config.route_slack_s)
-    route = long_enough_route(factory, start.route, site, needed_m, random_stream(seed, "demand/route"))
-    return _Planner(network, replace(start, route=route), template, seed, factory, config).plan()
+    emv = template.emv
+    headway_m = factory.size(emv.actor_class)[0] + emv.headway_s * emv.depart_speed_mps
+    starts = [emv_start(network, site, emv.start_m - number * headway_m) for number in range(emv.count)]
+    needed_m = emv.speed_mps * (template.duration_s + config.route_slack_s)
+    way = starts[0].route
+    route = long_enough_route(factory, way, site, needed_m, random_stream(seed, "demand/route"))
+    starts = [replace(start, route=start.route[: len(start.route) - len(way)] + route) for start in starts]
+    return _Planner(network, starts, template, seed, factory, config).plan()
 
 
 class _Planner:
     def __init__(
         self,
         network: RoadNetwork,
-        start: EmvStart,
+        starts: Sequence[EmvStart],
         template: Template,
         seed: int,
         factory: VehicleFactory,
         config: DemandConfig,
     ) -> None:
         self._network = network
-        self._start = start
+        self._starts = starts
+        self._start = starts[0]
         self._template = template
         self._seed = seed
         self._factory = factory
@@ -161,7 +166,7 @@ class _Planner:
     def plan(self) -> TrafficPlan:
         emvs = self._emvs()
         groups = self._groups()
-        stage = self._stage(emvs)
+        stage = self._stage()
         civilians = self._template.demand.background_vehicles
         spares = round(self._config.reserve_factor * civilians)
         return TrafficPlan(
@@ -178,17 +183,13 @@ class _Planner:
     def _emvs(self) -> tuple[PlannedVehicle, ...]:
         rng = random_stream(self._seed, "demand/emv")
         demand = self._template.emv
-        lane = self._network.lanes[self._start.lane]
-        route = tuple(self._network.edges[edge].edge_id for edge in self._start.route)
-        length = self._factory.size(demand.actor_class)[0]
         found = []
-        for number in range(demand.count):
-            front = self._start.front_m - number * (length + demand.headway_s * demand.depart_speed_mps)
-            if front < length:
-                raise MapError(lane.lane_id, f"an approach at least {length - front:.0f} m longer for the EMVs' start")
+        for number, start in enumerate(self._starts):
+            route = tuple(self._network.edges[edge].edge_id for edge in start.route)
             driver = self._factory.draw_driver(demand.actor_class, rng)
-            driver = replace(driver, speed_factor=demand.speed_mps / lane.speed_limit_mps)
-            spot = Spot(lane.index, front, demand.depart_speed_mps)
+            limit = self._network.lanes[start.lane].speed_limit_mps
+            driver = replace(driver, speed_factor=demand.speed_mps / limit)
+            spot = Spot(start.lane, start.front_m, demand.depart_speed_mps)
             found.append(self._factory.emv(f"emv{number}", demand.actor_class, driver, route, spot))
         return tuple(found)
 
@@ -247,12 +248,16 @@ class _Planner:
             distance_m += _SEARCH_STEP_M
         return None
 
-    def _stage(self, emvs: Sequence[PlannedVehicle]) -> tuple[LaneInterval, ...]:
-        rear = min(emv.spot.front_m - emv.length_m for emv in emvs) - self._config.stage_behind_m
-        reach = max([self._start.front_m, *self._group_front_m.values()]) + self._config.stage_ahead_m
+    def _stage(self) -> tuple[LaneInterval, ...]:
+        """All lanes of the way from behind the rearmost EMV to ahead of the foremost vehicle of the groups."""
+        rearmost = self._starts[-1]
+        between_m = self._factory.length_m(rearmost.route[: len(rearmost.route) - len(self._start.route)])
+        rear = rearmost.front_m - self._factory.size(self._template.emv.actor_class)[0] - self._config.stage_behind_m
+        foremost = max([self._start.front_m, *self._group_front_m.values()])
+        reach = between_m + foremost + self._config.stage_ahead_m
         found: list[LaneInterval] = []
-        for lane in driving_lanes(self._network, self._start.route[0]):
-            found += chain_along(self._network, lane, self._start.route).intervals(self._network, rear, reach)
+        for lane in driving_lanes(self._network, rearmost.route[0]):
+            found += chain_along(self._network, lane, rearmost.route).intervals(self._network, rear, reach)
         return tuple(dict.fromkeys(found))
 
     def _scattered(

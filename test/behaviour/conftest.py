@@ -151,9 +151,7 @@ def traffic_of(
         front = poses[i, :2] + half * np.array([np.cos(poses[i, 2]), np.sin(poses[i, 2])])
         lane[i], position[i], offset[i] = locate(network, front, poses[i, 2], car.route)
     routes = [route_from(network, car.route, lane[i]) for i, car in enumerate(cars)]
-    advised = tuple(
-        EmvAdvice(car.actor_id, **{**NO_ADVICE, **(advice or {})}) for car in cars if car.kind.is_emergency
-    )
+    advised = tuple(EmvAdvice(car.actor_id, **{**NO_ADVICE, **(advice or {})}) for car in cars if car.kind.is_emergency)
     zero = np.zeros(n)
     return TrafficState(
         step=step,
@@ -294,9 +292,7 @@ class Loop:
                     throttle[i], brake[i], steer[i] = group.throttle[k], group.brake[k], group.steer_rad[k]
                     hand[i] = bool(group.hand_brake[k])
         moved = step_bodies(self.body, Controls(throttle, brake, steer, hand, np.ones(n), np.ones(n)), self.table, 0.05)
-        x, y, yaw, v = (
-            a.copy() for a in (self.body.x_m, self.body.y_m, self.body.yaw_rad, self.body.forward_mps)
-        )
+        x, y, yaw, v = (a.copy() for a in (self.body.x_m, self.body.y_m, self.body.yaw_rad, self.body.forward_mps))
         for i in np.flatnonzero(~driven):
             x[i], y[i], yaw[i], v[i] = self.sumo(i)
         fields_ = {

@@ -1,4 +1,5 @@
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -212,7 +213,7 @@ def test_traffic_keeps_its_volume_and_moves_without_jumps_for_60_seconds(
     states = run(town, EmergencyLevel.L2, 1200)
     kinds = {event.kind for state in states for event in state.events}
     assert EventKind.TELEPORT not in kinds
-    for last, state in zip(states, states[1:], strict=False):
+    for last, state in pairwise(states):
         assert state.actor_id.tolist() == sorted(state.actor_id.tolist())
         assert plan.civilians - 3 <= np.count_nonzero(state.actor_id != EMV) <= plan.civilians
         rows = rows_of_ids(last.actor_id, state.actor_id)

@@ -19,7 +19,7 @@ from siren_ros.world.templates import load_template
 
 TOWN10 = Path(__file__).resolve().parents[3] / "shared" / "maps" / "Town10HD_Opt.xodr"
 
-DIMENSIONS: Mapping[ActorClass, tuple[float, float, float]] = {member: (4.6, 1.8, 1.5) for member in ActorClass} | {
+DIMENSIONS: Mapping[ActorClass, tuple[float, float, float]] = dict.fromkeys(ActorClass, (4.6, 1.8, 1.5)) | {
     ActorClass.BUS: (12.0, 2.55, 3.1),
     ActorClass.TRUCK: (8.5, 2.5, 3.4),
     ActorClass.AMBULANCE: (6.2, 2.1, 2.7),

@@ -13,8 +13,10 @@ from rclpy.signals import SignalHandlerOptions
 
 from small_ros2.errors import CommandError
 
-DISCOVERY_S: Final = 1.0
-"""How long a new node listens before it takes what it has heard for the whole graph."""
+DISCOVERY_S: Final = 4.0
+"""How long a new node looks for others. They announce themselves every 3 s, at worst that long passes unheard."""
+QUIET_S: Final = 0.7
+"""A graph with topics in it that has not changed for so long is taken for the whole one."""
 POLL_S: Final = 0.05
 DEPTH: Final = 100
 
@@ -34,14 +36,26 @@ def observer(name: str) -> Iterator[Node]:
         rclpy.shutdown()
 
 
-def topics_after(node: Node, discovery_s: float) -> dict[str, list[str]]:
-    """Topic names and types that the node has discovered after a while of listening."""
-    time.sleep(discovery_s)
+def _topics(node: Node) -> dict[str, list[str]]:
+    """What the node has heard of by now, without what every node itself brings."""
     return {
         name: types
         for name, types in node.get_topic_names_and_types()
         if name != "/parameter_events" or node.count_publishers(name) > 1
     }
+
+
+def discovered_topics(node: Node, discovery_s: float) -> dict[str, list[str]]:
+    """Topic names and types of the graph, once it has become quiet or the time is over."""
+    deadline_s = time.monotonic() + discovery_s
+    topics: dict[str, list[str]] = {}
+    changed_s = time.monotonic()
+    while (now_s := time.monotonic()) < deadline_s and not (topics and now_s - changed_s > QUIET_S):
+        time.sleep(POLL_S)
+        found = _topics(node)
+        if found != topics:
+            topics, changed_s = found, time.monotonic()
+    return topics
 
 
 def type_of_topic(node: Node, topic: str, discovery_s: float) -> str:

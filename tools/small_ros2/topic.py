@@ -16,7 +16,7 @@ from small_ros2.ros_graph import (
     message_class,
     observer,
     spin_until,
-    topics_after,
+    discovered_topics,
     type_of_topic,
 )
 
@@ -46,7 +46,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     for verb in (listing, echo, rate):
         verb.add_argument(
-            "--spin-time", type=float, default=DISCOVERY_S, metavar="S", help=f"s of discovery ({DISCOVERY_S})"
+            "--spin-time",
+            type=float,
+            default=DISCOVERY_S,
+            metavar="S",
+            help=f"at most so many s of discovery ({DISCOVERY_S})",
         )
 
 
@@ -58,7 +62,7 @@ def full_name(topic: str) -> str:
 def list_topics(arguments: argparse.Namespace) -> int:
     """Prints the topics, sorted."""
     with observer("small_ros2_topic_list") as node:
-        for name, types in sorted(topics_after(node, arguments.spin_time).items()):
+        for name, types in sorted(discovered_topics(node, arguments.spin_time).items()):
             print(f"{name} [{', '.join(types)}]" if arguments.show_types else name)
     return 0
 

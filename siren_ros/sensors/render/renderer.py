@@ -34,6 +34,7 @@ _VEHICLE_SHADOW_HALF_M: Final = 50.0
 _VEHICLE_SHADOW_AHEAD_M: Final = 25.0
 _TALLEST_VEHICLE_M: Final = 5.0
 _NOISE_TEXELS: Final = 256
+_SKY_TEXELS: Final = 1024
 _FRAME_FLOATS: Final = 4 * 16 + 6 * 4
 
 
@@ -97,6 +98,7 @@ class Renderer:
         self._sky_program = context.program(vertex_shader=shaders.SKY_VERTEX, fragment_shader=shaders.SKY_FRAGMENT)
         _set(self._sky_program, "semantic", int(SemanticClass.SKY) / 255.0)
         self._sky = context.vertex_array(self._sky_program, ())
+        self._sky_texture: moderngl.Texture | None = None
         self._shadow_program = context.program(
             vertex_shader=shaders.STATIC_SHADOW_VERTEX, fragment_shader=shaders.SHADOW_FRAGMENT
         )
@@ -143,15 +145,33 @@ class Renderer:
         eye = map_from_camera[:3, 3]
         forward = map_from_camera[:3, 0]
         clip = camera.clip_from_optical(NEAR_M, FAR_M) @ optical_from_map(map_from_camera)
-        radius = np.linalg.norm(placement.size_m, axis=1)
-        self._vehicles.place(placement, rolled_m, placement.distance_m(eye[0], eye[1]) - radius < _REACH_M)
+        distance = placement.distance_m(eye[0], eye[1])
+        seen = (distance < _REACH_M) & _in_view(clip, placement)
+        shading = distance < _VEHICLE_SHADOW_AHEAD_M + 1.5 * _VEHICLE_SHADOW_HALF_M
+        self._vehicles.place(placement, rolled_m, seen, shading)
         self._update_static_shadow(eye)
         vehicle_view = self._draw_vehicle_shadow(eye, forward)
         self._write_frame(clip, eye, forward, camera, vehicle_view, step, exposure)
         target = self._target(camera)
+        sky = self._sky_texture or self._paint_sky()
+        sky.use(3)
         (target.labelled if labels else target.plain).use()
         self._draw(self._static.visible(clip, eye, _REACH_M), signals, step)
         return target.read(labels)
+
+    def _paint_sky(self) -> moderngl.Texture:
+        """Paint the sky once; pictures look it up by direction."""
+        context = self._context
+        program = context.program(vertex_shader=shaders.SKY_VERTEX, fragment_shader=shaders.SKY_PAINT_FRAGMENT)
+        _bind(program)
+        self._sky_texture = context.texture((_SKY_TEXELS, _SKY_TEXELS), 4, dtype="f2")
+        self._sky_texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        context.framebuffer([self._sky_texture]).use()
+        context.enable_only(moderngl.NOTHING)
+        self._frame.bind_to_uniform_block(0)
+        self._noise.use(2)
+        context.vertex_array(program, ()).render(moderngl.TRIANGLES, vertices=3)
+        return self._sky_texture
 
     def _target(self, camera: Pinhole) -> _Target:
         size = (camera.width, camera.height)
@@ -162,7 +182,7 @@ class Renderer:
     def _draw(self, chunks: npt.NDArray[np.intp], signals: Mapping[str, str], step: int) -> None:
         context = self._context
         context.fbo.clear(depth=1.0)
-        context.enable_only(moderngl.DEPTH_TEST)
+        context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
         context.depth_func = "<="
         self._frame.bind_to_uniform_block(0)
         self._static_shadow.texture.use(0)
@@ -172,6 +192,7 @@ class Renderer:
         for shading in Shading:
             self._static.draw(chunks, shading)
         self._static.draw_lamps(signals, step)
+        context.enable_only(moderngl.DEPTH_TEST)
         self._sky.render(moderngl.TRIANGLES, vertices=3)
 
     def _update_static_shadow(self, eye: npt.NDArray[np.float64]) -> None:
@@ -225,10 +246,22 @@ class Renderer:
         self._frame.write(np.concatenate([*columns, np.ravel(vectors)]).astype(np.float32).tobytes())
 
 
+def _in_view(clip_from_map: Matrix, placement: Placement) -> npt.NDArray[np.bool_]:
+    """Whether each vehicle's bounding sphere reaches into the view frustum, shape ``(N,)``."""
+    middle = placement.z_m + placement.size_m[:, 2] / 2.0
+    centre = np.stack((placement.x_m, placement.y_m, middle, np.ones(len(placement))), axis=1)
+    radius = np.linalg.norm(placement.size_m, axis=1) / 2.0
+    inside = np.ones(len(placement), dtype=np.bool_)
+    for row, sign in ((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0), (2, 1.0)):
+        plane = clip_from_map[3] + sign * clip_from_map[row]
+        inside &= centre @ plane > -radius * np.linalg.norm(plane[:3])
+    return inside
+
+
 def _bind(program: Any) -> None:
     """Connect a program's blocks and samplers to the slots that every picture uses."""
     program["Frame"].binding = 0
-    for name, slot in (("static_shadow", 0), ("vehicle_shadow", 1), ("noise", 2)):
+    for name, slot in (("static_shadow", 0), ("vehicle_shadow", 1), ("noise", 2), ("sky", 3)):
         if name in program:
             _set(program, name, slot)
 
@@ -249,6 +282,6 @@ def _noise_texture(context: moderngl.Context) -> moderngl.Texture:
     values = np.clip(0.5 + 0.18 * values / values.std(), 0.0, 1.0)
     texture = context.texture((_NOISE_TEXELS, _NOISE_TEXELS), 1, (255 * values).astype(np.uint8).tobytes())
     texture.build_mipmaps()
-    texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+    texture.filter = (moderngl.LINEAR_MIPMAP_NEAREST, moderngl.LINEAR)
     texture.repeat_x = texture.repeat_y = True
     return texture

@@ -41,10 +41,14 @@ flat out vec4 v_colour;
 flat out vec4 v_surface;   // material, gloss, 0, 0
 flat out vec3 v_emission;
 flat out uint v_actor;
+out vec3 v_static_shadow;
+out vec3 v_vehicle_shadow;
 void main() {
     gl_Position = clip_from_map * vec4(in_position, 1.0);
     v_position = in_position;
     v_normal = in_normal.xyz;
+    v_static_shadow = (static_shadow_from_map * vec4(in_position, 1.0)).xyz;
+    v_vehicle_shadow = (vehicle_shadow_from_map * vec4(in_position, 1.0)).xyz;
     v_colour = vec4(in_colour.rgb * in_colour.rgb, in_colour.a);
     float m = in_normal.w;
     float gloss = m == BUILDING_GLASS ? 0.55 : m == METAL_POLE ? 0.12 : 0.0;
@@ -80,6 +84,7 @@ flat out vec4 v_colour;
 flat out vec4 v_surface;
 flat out vec3 v_emission;
 flat out uint v_actor;
+out vec3 v_static_shadow;
 vec3 lamp(float m, uint lights, float t) {
     bool blink = fract(t * 1.5) < 0.5;
     float strobe = fract(t * 2.0);
@@ -114,11 +119,13 @@ void main() {
     v_position = vec3(dot(in_row_x, h), dot(in_row_y, h), dot(in_row_z, h));
     gl_Position = clip_from_map * vec4(v_position, 1.0);
     v_normal = normalize(vec3(dot(in_row_x.xyz, n), dot(in_row_y.xyz, n), dot(in_row_z.xyz, n)));
+    v_static_shadow = (static_shadow_from_map * vec4(v_position, 1.0)).xyz;
     float m = in_normal.w;
     vec3 colour = in_colour.rgb * in_colour.rgb;
     if (m == CAR_PAINT) colour *= in_paint.rgb * in_paint.rgb;
     v_colour = vec4(colour, in_paint.a);
-    float gloss = m == CAR_PAINT ? 0.20 : m == CAR_GLASS ? 0.55 : m == RIM ? 0.25 : m == LIVERY ? 0.15
+    bool paint = m == CAR_PAINT || m == FLEET_PAINT;
+    float gloss = paint ? 0.20 : m == CAR_GLASS ? 0.55 : m == RIM ? 0.25 : m == LIVERY ? 0.15
         : m == HEAD_LAMP ? 0.4 : 0.03;
     v_surface = vec4(m, gloss, 0.0, 0.0);
     v_emission = lamp(m, in_actor.y, eye.w);
@@ -137,14 +144,10 @@ flat in vec4 v_colour;
 flat in vec4 v_surface;
 flat in vec3 v_emission;
 flat in uint v_actor;
+in vec3 v_static_shadow;
 layout(location = 0) out vec4 out_colour;
 layout(location = 1) out uint out_actor;
 layout(location = 2) out float out_depth;
-float shadow_of(sampler2DShadow map, mat4 shadow_from_map, vec3 p) {
-    vec3 s = (shadow_from_map * vec4(p, 1.0)).xyz;
-    vec2 edge = abs(s.xy - 0.5);
-    return max(edge.x, edge.y) < 0.499 ? texture(map, s) : 1.0;
-}
 vec3 sky_of(vec3 d) {
     float up = max(d.z, 0.0);
     float h = 1.0 - up;
@@ -175,7 +178,7 @@ void main() {
     vec3 view = toward / distance;
     vec3 n = dot(v_normal, view) > 0.0 ? -v_normal : v_normal;
     float sun = max(dot(n, towards_sun.xyz), 0.0);
-    sun *= shadow_of(static_shadow, static_shadow_from_map, v_position + n * 0.12);
+    sun *= texture(static_shadow, v_static_shadow);
     vec3 light = v_colour.rgb * (sun * sun_colour.rgb + ambient_of(n)) + v_emission;
     vec3 mirrored = reflect(view, n);
     float facing = 1.0 - max(-dot(view, n), 0.0);
@@ -202,7 +205,7 @@ void main() {
     float grain = texture(noise, q.xy + q.z * vec2(0.37, 0.61)).r + texture(noise, q.yz * 2.3 + q.x).r - 1.0;
     vec3 n = normalize(v_normal + 0.9 * grain);
     float sun = max(dot(n, towards_sun.xyz) * 0.75 + 0.25, 0.0);
-    sun *= mix(0.35, 1.0, shadow_of(static_shadow, static_shadow_from_map, v_position + v_normal * 0.5));
+    sun *= mix(0.35, 1.0, texture(static_shadow, v_static_shadow));
     vec3 colour = v_colour.rgb * clamp(1.0 + 1.3 * grain, 0.25, 1.9);
     finish(colour * (sun * sun_colour.rgb + ambient_of(n)), dot(toward, forward.xyz), distance);
 }
@@ -213,26 +216,26 @@ GROUND_FRAGMENT: Final = (
     _HEAD
     + _LIGHTING
     + """
+in vec3 v_vehicle_shadow;
 void main() {
     vec3 toward = v_position - eye.xyz;
     float distance = length(toward);
     vec3 n = v_normal.z < 0.0 ? -v_normal : v_normal;
     float m = v_surface.x;
-    float coarse = texture(noise, v_position.xy * 0.021).r - 0.5;
-    float fine = texture(noise, v_position.xy * 0.47).r - 0.5;
+    float fine = texture(noise, v_position.xy * 0.31).r - 0.5;
     bool road = m == ASPHALT || m == SHOULDER_ASPHALT;
     bool green = m == GRASS || m == MEDIAN || m == GROUND;
     bool slab = m == SIDEWALK;
     bool marking = m == MARKING_WHITE || m == MARKING_YELLOW;
-    float strength = road ? 0.55 : green ? 1.1 : marking ? 0.35 : 0.3;
-    vec3 colour = v_colour.rgb * (1.0 + strength * fine + (green ? 0.8 : 0.35) * coarse);
+    float strength = road ? 0.42 : green ? 1.1 : marking ? 0.35 : 0.3;
+    vec3 colour = v_colour.rgb * (1.0 + strength * fine);
     vec2 joint = abs(fract(v_position.xy / 1.5) - 0.5) * 1.5;
     float width = 0.012 + distance * forward.w;
     float line = 1.0 - smoothstep(0.0, width, 0.75 - max(joint.x, joint.y));
     colour *= slab ? 1.0 - 0.35 * line * clamp(0.03 / width, 0.0, 1.0) : 1.0;
-    colour *= marking ? 1.0 - 0.5 * smoothstep(0.12, 0.30, fine + 0.5 * coarse) : 1.0;
-    float lit = shadow_of(static_shadow, static_shadow_from_map, v_position + n * 0.06);
-    lit *= shadow_of(vehicle_shadow, vehicle_shadow_from_map, v_position + n * 0.04);
+    colour *= marking ? 1.0 - 0.5 * smoothstep(0.12, 0.30, fine) : 1.0;
+    float lit = texture(static_shadow, v_static_shadow);
+    lit *= texture(vehicle_shadow, v_vehicle_shadow);
     float sun = max(dot(n, towards_sun.xyz), 0.0) * lit;
     vec3 light = colour * (sun * sun_colour.rgb + ambient_of(n) * (0.72 + 0.28 * lit));
     finish(light, dot(toward, forward.xyz), distance);
@@ -253,16 +256,14 @@ void main() {
     float u = dot(v_position.xy, along);
     float soft = distance * forward.w;
     float grain = texture(noise, vec2(u, v_position.z) * 0.35).r - 0.5;
-    float stain = texture(noise, vec2(u * 0.03, v_position.z * 0.012)).r - 0.5;
     vec2 brick = vec2(u / 0.24, v_position.z / 0.075);
     brick.x += 0.5 * mod(floor(brick.y), 2.0);
     vec2 mortar = abs(fract(brick) - 0.5);
     float course = max(step(0.46, mortar.x), step(0.38, mortar.y)) * clamp(0.03 / soft - 0.4, 0.0, 1.0);
     float bricks = step(v_colour.b * 1.3, v_colour.r);
-    vec3 wall = v_colour.rgb * (1.0 + 0.28 * grain + 0.5 * stain - 0.16 * course * bricks);
+    vec3 wall = v_colour.rgb * (1.0 + 0.36 * grain - 0.16 * course * bricks);
     wall *= mix(0.78, 1.0, smoothstep(0.0, 1.6, v_position.z));
-    float lit = shadow_of(static_shadow, static_shadow_from_map, v_position + n * 0.15);
-    lit *= shadow_of(vehicle_shadow, vehicle_shadow_from_map, v_position + n * 0.1);
+    float lit = texture(static_shadow, v_static_shadow);
     float sun = max(dot(n, towards_sun.xyz), 0.0) * lit;
     finish(wall * (sun * sun_colour.rgb + ambient_of(n)), dot(toward, forward.xyz), distance);
 }
@@ -273,32 +274,35 @@ SKY_VERTEX: Final = (
     _HEAD
     + """
 out vec3 v_direction;
+out vec2 v_clip;
 void main() {
-    vec2 p = vec2((gl_VertexID & 1) * 4 - 1, (gl_VertexID >> 1) * 4 - 1);
-    gl_Position = vec4(p, 1.0, 1.0);
-    vec4 far = map_from_clip * vec4(p, 1.0, 1.0);
+    v_clip = vec2((gl_VertexID & 1) * 4 - 1, (gl_VertexID >> 1) * 4 - 1);
+    gl_Position = vec4(v_clip, 1.0, 1.0);
+    vec4 far = map_from_clip * vec4(v_clip, 1.0, 1.0);
     v_direction = far.xyz / far.w - eye.xyz;
 }
 """
 )
 
-SKY_FRAGMENT: Final = (
+_SKY_SPREAD: Final = "const float SKY_SPREAD = 1.25;  // parabolic map down to 12 degrees below the horizon\n"
+
+SKY_PAINT_FRAGMENT: Final = (
     _HEAD
+    + _SKY_SPREAD
     + """
 uniform sampler2D noise;
-uniform float semantic;
-in vec3 v_direction;
+in vec2 v_clip;
 layout(location = 0) out vec4 out_colour;
-layout(location = 1) out uint out_actor;
-layout(location = 2) out float out_depth;
 void main() {
-    vec3 d = normalize(v_direction);
+    vec2 p = v_clip * SKY_SPREAD;
+    vec3 d = vec3(2.0 * p, 1.0 - dot(p, p)) / (1.0 + dot(p, p));
     float up = max(d.z, 0.0);
     float h = 1.0 - up;
     h = h * h; h = h * h;
     vec3 c = mix(zenith_colour.rgb, horizon_colour.rgb, h);
-    vec2 q = d.xy / (up + 0.12) * 0.045 + eye.w * 0.0002;
-    float cloud = texture(noise, q).r * 0.55 + texture(noise, q * 2.7 + 0.3).r * 0.3 + texture(noise, q * 7.1).r * 0.15;
+    vec2 q = d.xy / (up + 0.12) * 0.045;
+    float cloud = textureLod(noise, q, 0.0).r * 0.55 + textureLod(noise, q * 2.7 + 0.3, 0.0).r * 0.3
+        + textureLod(noise, q * 7.1, 0.0).r * 0.15;
     float cover = 0.66 - 0.32 * horizon_colour.w;
     cloud = smoothstep(cover, cover + 0.16, cloud) * smoothstep(0.02, 0.22, up);
     c = mix(c, vec3(0.93, 0.94, 0.96), cloud * 0.85);
@@ -307,7 +311,25 @@ void main() {
     float s64 = s8 * s8; s64 = s64 * s64; s64 = s64 * s64;
     float disc = smoothstep(0.99985, 0.99995, s);
     c += sun_colour.rgb * (0.03 * s8 + 0.12 * s64 + 4.0 * disc * (1.0 - 0.8 * cloud));
-    c *= towards_sun.w;
+    out_colour = vec4(c, 1.0);
+}
+"""
+)
+
+SKY_FRAGMENT: Final = (
+    _HEAD
+    + _SKY_SPREAD
+    + """
+uniform sampler2D sky;
+uniform float semantic;
+in vec3 v_direction;
+layout(location = 0) out vec4 out_colour;
+layout(location = 1) out uint out_actor;
+layout(location = 2) out float out_depth;
+void main() {
+    vec3 d = v_direction * inversesqrt(dot(v_direction, v_direction));
+    vec2 p = d.xy / (1.0 + max(d.z, -0.2));
+    vec3 c = texture(sky, p * (0.5 / SKY_SPREAD) + 0.5).rgb * towards_sun.w;
     c = (c * (2.51 * c + 0.03)) / (c * (2.43 * c + 0.59) + 0.14);
     out_colour = vec4(sqrt(clamp(c, 0.0, 1.0)), semantic);
     out_actor = 0u;

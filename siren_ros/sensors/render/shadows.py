@@ -72,5 +72,8 @@ class ShadowMap:
         program["clip_from_map"].write(np.ascontiguousarray(view.clip_from_map.T, dtype=np.float32).tobytes())
 
     def end(self) -> None:
-        """Leave the shadow pass."""
+        """Leave the shadow pass. The outermost texels say "lit", and stand for everything beyond the map."""
+        size = self.texture.width
+        for border in ((0, 0, size, 1), (0, size - 1, size, 1), (0, 0, 1, size), (size - 1, 0, 1, size)):
+            self._framebuffer.clear(depth=1.0, viewport=border)
         self._context.polygon_offset = 0.0, 0.0

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.sensors.render import shaders
-from siren_ros.sensors.render.vertices import VERTEX_FORMAT, VERTEX_NAMES, vertices_of
+from siren_ros.sensors.render.vertices import VERTEX, VERTEX_FORMAT, VERTEX_NAMES, IndexedMesh, index_mesh
 from siren_ros.sensors.scene.material import SEMANTIC_CLASS_OF_MATERIAL
 from siren_ros.sensors.scene.mesh import Material, SignalLamp, StaticScene
 from siren_ros.world.units import NS_PER_S, time_ns_of_step
@@ -77,17 +77,19 @@ class StaticGeometry:
         self._first = (3 * starts).astype(np.uint32)
         self._count = (3 * np.diff(np.append(starts, len(key)))).astype(np.uint32)
         self._shading = key[starts, 0]
-        vertices = vertices_of(mesh, SEMANTIC_CLASS_OF_MATERIAL)
-        sorted_vertices = np.ascontiguousarray(vertices.reshape(-1, 3)[order].reshape(-1))
-        self._buffer = context.buffer(sorted_vertices.tobytes() or bytes(24))
+        indexed = index_mesh(mesh, SEMANTIC_CLASS_OF_MATERIAL)
+        self._vertices = context.buffer(indexed.vertices.tobytes() or bytes(VERTEX.itemsize))
+        self._indices = context.buffer(np.ascontiguousarray(indexed.triangles[order]).tobytes() or bytes(12))
         self.programs = {
             shading: context.program(vertex_shader=shaders.STATIC_VERTEX, fragment_shader=fragment)
             for shading, fragment in _FRAGMENT.items()
         }
-        names = ((self._buffer, VERTEX_FORMAT, *VERTEX_NAMES),)
-        self._arrays = {shading: context.vertex_array(program, names) for shading, program in self.programs.items()}
+        names = ((self._vertices, VERTEX_FORMAT, *VERTEX_NAMES),)
+        self._arrays = {
+            shading: context.vertex_array(program, names, self._indices) for shading, program in self.programs.items()
+        }
         self._indirect = context.buffer(reserve=20 * max(1, len(self._first)))
-        self._lamps = _Lamps(context, scene.signal_lamps, vertices)
+        self._lamps = _Lamps(context, scene.signal_lamps, indexed, self._vertices)
 
     @property
     def all_programs(self) -> list[Any]:
@@ -103,7 +105,7 @@ class StaticGeometry:
 
     def shadow_array(self, program: Any) -> Any:
         """All static triangles, positions alone, for a shadow program."""
-        return self._context.vertex_array(program, ((self._buffer, "3f 12x", "in_position"),))
+        return self._context.vertex_array(program, ((self._vertices, "3f 12x", "in_position"),), self._indices)
 
     def visible(self, clip_from_map: Floats, eye_m: Floats, reach_m: float) -> npt.NDArray[np.intp]:
         """Chunks within the view frustum and ``reach_m``, nearest first."""
@@ -123,7 +125,7 @@ class StaticGeometry:
         return np.flatnonzero(np.all((self._high[:, :2] >= low_m) & (self._low[:, :2] <= high_m), axis=1))
 
     def commands(self, chunks: npt.NDArray[np.intp]) -> npt.NDArray[np.uint32]:
-        """Indirect draw commands of chunks, shape ``(K, 5)``; the last column pads to moderngl's stride of 20 bytes."""
+        """Indirect draw commands (``DrawElementsIndirectCommand``) of chunks, shape ``(K, 5)``."""
         commands = np.zeros((len(chunks), 5), np.uint32)
         commands[:, 0] = self._count[chunks]
         commands[:, 1] = 1
@@ -156,16 +158,14 @@ class _Lamps:
     """The lit lenses of signals; their buffer changes only when a signal does."""
 
     def __init__(
-        self, context: moderngl.Context, lamps: tuple[SignalLamp, ...], vertices: npt.NDArray[np.void]
+        self, context: moderngl.Context, lamps: tuple[SignalLamp, ...], scene: IndexedMesh, vertices: Any
     ) -> None:
         self._lamps = lamps
-        parts = [vertices[3 * lamp.start : 3 * lamp.stop] for lamp in lamps]
-        self._parts = parts
-        size = sum(part.nbytes for part in parts)
-        self._buffer = context.buffer(reserve=max(24, size))
+        self._parts = [scene.triangles[lamp.start : lamp.stop] for lamp in lamps]
+        self._indices = context.buffer(reserve=max(12, sum(part.nbytes for part in self._parts)))
         lit = shaders.STATIC_VERTEX.replace("#version 330 core\n", "#version 330 core\n#define LIT\n")
         self.program = context.program(vertex_shader=lit, fragment_shader=shaders.PLAIN_FRAGMENT)
-        self._array = context.vertex_array(self.program, ((self._buffer, VERTEX_FORMAT, *VERTEX_NAMES),))
+        self._array = context.vertex_array(self.program, ((vertices, VERTEX_FORMAT, *VERTEX_NAMES),), self._indices)
         self._shown: tuple[bool, ...] = ()
         self._count = 0
 
@@ -174,10 +174,9 @@ class _Lamps:
         shown = tuple(_shines(lamp, signals.get(lamp.signal_id), dark) for lamp in self._lamps)
         if shown != self._shown:
             lit = [part for part, shines in zip(self._parts, shown, strict=True) if shines]
-            data = np.concatenate(lit) if lit else np.empty(0, np.uint8)
-            if len(data):
-                self._buffer.write(data.tobytes())
-            self._shown, self._count = shown, len(data)
+            if lit:
+                self._indices.write(np.concatenate(lit).tobytes())
+            self._shown, self._count = shown, 3 * sum(len(part) for part in lit)
         if self._count:
             self._array.render(moderngl.TRIANGLES, vertices=self._count)
 

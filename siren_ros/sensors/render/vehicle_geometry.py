@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 
 from siren_ros.sensors.placement import Placement
 from siren_ros.sensors.render import shaders
-from siren_ros.sensors.render.vertices import VERTEX, vertices_of
+from siren_ros.sensors.render.vertices import VERTEX, IndexedMesh, index_mesh
 from siren_ros.sensors.scene.material import SEMANTIC_CLASS_OF_MATERIAL, semantic_class_of_actor
 from siren_ros.sensors.scene.mesh import VehicleShape
 from siren_ros.world.actors import ActorClass
@@ -22,6 +22,7 @@ _INSTANCE_FORMAT: Final = "4f 4f 4f 4f 2f 2u4/i"
 _INSTANCE_NAMES: Final = ("in_row_x", "in_row_y", "in_row_z", "in_paint", "in_motion", "in_actor")
 _ROOM: Final = 64
 """Vehicles of one class that the buffers first have room for."""
+_SEMANTIC: Final = np.array([int(semantic_class_of_actor(kind)) for kind in ActorClass], np.float32)
 
 
 def model_rows(placement: Placement) -> npt.NDArray[np.float32]:
@@ -37,17 +38,20 @@ def model_rows(placement: Placement) -> npt.NDArray[np.float32]:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=1).astype(np.float32)
 
 
-def _vertices(shape: VehicleShape) -> npt.NDArray[np.void]:
-    """Body and wheels at rest; the wheels' vertices know their hub."""
+def _indexed(shape: VehicleShape) -> IndexedMesh:
+    """Body and wheels at rest as one indexed mesh; its vertices, dtype ``_VERTEX``, know their wheel's hub."""
     wheels = [(w.mesh.translated(*w.hub_m), (*w.hub_m, 2.0 if w.steered else 1.0)) for w in shape.wheels]
     parts = [(shape.body, (0.0, 0.0, 0.0, 0.0)), *wheels]
-    blocks = []
+    blocks, triangles, first = [], [], 0
     for mesh, hub in parts:
-        block = np.zeros(3 * len(mesh), _VERTEX)
-        block["base"] = vertices_of(mesh, SEMANTIC_CLASS_OF_MATERIAL)
+        indexed = index_mesh(mesh, SEMANTIC_CLASS_OF_MATERIAL)
+        block = np.zeros(len(indexed.vertices), _VERTEX)
+        block["base"] = indexed.vertices
         block["hub"] = hub
         blocks.append(block)
-    return np.concatenate(blocks)
+        triangles.append(indexed.triangles + np.uint32(first))
+        first += len(block)
+    return IndexedMesh(np.concatenate(blocks), np.concatenate(triangles))
 
 
 def _hull(shape: VehicleShape) -> npt.NDArray[np.float32]:
@@ -61,22 +65,33 @@ class _Class:
 
     def __init__(self, context: moderngl.Context, shape: VehicleShape, program: Any, shadow_program: Any) -> None:
         self._instances = context.buffer(reserve=_ROOM * INSTANCE.itemsize)
-        body = context.buffer(_vertices(shape).tobytes())
+        indexed = _indexed(shape)
+        body = context.buffer(indexed.vertices.tobytes())
+        indices = context.buffer(indexed.triangles.tobytes())
         hull = context.buffer(_hull(shape).tobytes())
         names = ("in_position", "in_normal", "in_colour", "in_hub")
         self.array = context.vertex_array(
-            program, ((body, _VERTEX_FORMAT, *names), (self._instances, _INSTANCE_FORMAT, *_INSTANCE_NAMES))
+            program,
+            ((body, _VERTEX_FORMAT, *names), (self._instances, _INSTANCE_FORMAT, *_INSTANCE_NAMES)),
+            indices,
         )
         self.shadow_array = context.vertex_array(
             shadow_program,
             ((hull, "3f", "in_position"), (self._instances, "4f 4f 4f 32x/i", *_INSTANCE_NAMES[:3])),
         )
-        self.count = 0
+        self._room = _ROOM
+        self.seen = 0
+        self.shading = 0
 
-    def write(self, instances: npt.NDArray[np.void]) -> None:
-        self.count = min(len(instances), _ROOM)
-        if self.count:
-            self._instances.write(np.ascontiguousarray(instances[: self.count]).tobytes())
+    def write(self, seen: npt.NDArray[np.void], shading: npt.NDArray[np.void]) -> None:
+        """Set the vehicles in view, and those out of view that throw shadows into it."""
+        instances = np.concatenate((seen, shading))
+        if len(instances) > self._room:
+            self._room = 2 * len(instances)
+            self._instances.orphan(self._room * INSTANCE.itemsize)
+        if len(instances):
+            self._instances.write(instances.tobytes())
+        self.seen, self.shading = len(seen), len(instances)
 
 
 class VehicleGeometry:
@@ -93,26 +108,32 @@ class VehicleGeometry:
             for actor_class in sorted(shapes)
         }
 
-    def place(self, placement: Placement, rolled_m: npt.NDArray[np.float64], shown: npt.NDArray[np.bool_]) -> None:
-        """Set the vehicles of a picture; ``shown`` (N,) says which may be in view or throw a shadow into it."""
+    def place(
+        self,
+        placement: Placement,
+        rolled_m: npt.NDArray[np.float64],
+        seen: npt.NDArray[np.bool_],
+        shading: npt.NDArray[np.bool_],
+    ) -> None:
+        """Set the vehicles of a picture; ``seen`` and ``shading`` (N,): may be in view, may throw a shadow into it."""
         instances = np.zeros(len(placement), INSTANCE)
         instances["rows"] = model_rows(placement)
         instances["paint"][:, :3] = placement.colour_rgb / 255.0
-        semantic = np.array([int(semantic_class_of_actor(c)) for c in ActorClass], np.float32)
-        instances["paint"][:, 3] = semantic[placement.actor_class] / 255.0
+        instances["paint"][:, 3] = _SEMANTIC[placement.actor_class] / 255.0
         instances["motion"] = np.stack((placement.steer_rad, rolled_m), axis=1)
         instances["actor"] = np.stack((placement.actor_id, placement.lights), axis=1)
         for actor_class, entry in self._classes.items():
-            entry.write(instances[(placement.actor_class == actor_class) & shown])
+            mine = placement.actor_class == actor_class
+            entry.write(instances[mine & seen], instances[mine & shading & ~seen])
 
     def draw(self) -> None:
-        """Draw the placed vehicles."""
+        """Draw the vehicles in view."""
         for entry in self._classes.values():
-            if entry.count:
-                entry.array.render(moderngl.TRIANGLES, instances=entry.count)
+            if entry.seen:
+                entry.array.render(moderngl.TRIANGLES, instances=entry.seen)
 
     def draw_shadows(self) -> None:
-        """Draw the placed vehicles' hulls with the shadow program."""
+        """Draw the hulls of all placed vehicles with the shadow program."""
         for entry in self._classes.values():
-            if entry.count:
-                entry.shadow_array.render(moderngl.TRIANGLES, instances=entry.count)
+            if entry.shading:
+                entry.shadow_array.render(moderngl.TRIANGLES, instances=entry.shading)

@@ -1,5 +1,7 @@
 """Where things may stand: off the space of traffic, and not inside one another."""
 
+from typing import Final
+
 import numpy as np
 import numpy.typing as npt
 import shapely
@@ -10,6 +12,8 @@ from siren_ros.sensors.scene.surfaces import Surfaces
 
 Points = npt.NDArray[np.float64]
 
+_CELL_M: Final = 20.0
+
 
 class FreeSpace:
     """The plane without traffic's space and without what was placed so far."""
@@ -17,11 +21,12 @@ class FreeSpace:
     def __init__(self, surfaces: Surfaces) -> None:
         self.keep_clear = surfaces.keep_clear
         shapely.prepare(self.keep_clear)
-        self._placed: list[BaseGeometry] = []
+        self._placed: dict[tuple[int, int], list[BaseGeometry]] = {}
 
     def is_clear(self, area: BaseGeometry) -> bool:
         """Whether an area touches neither traffic's space nor anything placed."""
-        return not self.keep_clear.intersects(area) and not any(other.intersects(area) for other in self._placed)
+        near = (other for cell in _cells(area) for other in self._placed.get(cell, ()))
+        return not any(other.intersects(area) for other in near) and not self.keep_clear.intersects(area)
 
     def clear_of_traffic(self, points: Points, radius_m: float) -> npt.NDArray[np.bool_]:
         """For each point ``(N, 2)`` whether a disc around it lies outside traffic's space."""
@@ -29,7 +34,8 @@ class FreeSpace:
 
     def occupy(self, area: BaseGeometry) -> None:
         """Marks an area as taken."""
-        self._placed.append(area)
+        for cell in _cells(area):
+            self._placed.setdefault(cell, []).append(area)
 
     def place_disc(self, x_m: float, y_m: float, radius_m: float) -> bool:
         """Takes a disc where it is clear; says whether it was."""
@@ -45,6 +51,12 @@ class FreeSpace:
             if self.place_disc(float(x), float(y), radius_m):
                 return float(x), float(y)
         return None
+
+
+def _cells(area: BaseGeometry) -> list[tuple[int, int]]:
+    """Cells of a square grid that an area's bounds touch."""
+    west, south, east, north = (int(value // _CELL_M) for value in area.bounds)
+    return [(i, j) for i in range(west, east + 1) for j in range(south, north + 1)]
 
 
 def ring_samples(area: BaseGeometry, spacing_m: float) -> tuple[Points, Points]:

@@ -1,0 +1,1 @@
+"""The console command ``siren``: everything that is done with recorded episodes, without ROS."""

@@ -1,0 +1,93 @@
+"""``siren info BAG``: what an episode is and what its bag holds."""
+
+import argparse
+from collections import Counter
+from pathlib import Path
+
+from siren_ros.recording.bag_reader import read_episode
+from siren_ros.recording.episode_record import EpisodeRecord, TopicRecord
+from siren_ros.world.actors import ActorClass
+from siren_ros.world.errors import EXIT_OK
+
+
+def add_to(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Adds the verb to the command line."""
+    verb = verbs.add_parser(
+        "info",
+        help="show what an episode is and what its bag holds",
+        description="Shows an episode's description, its outcome, its topics with counts and rates, and its events.",
+    )
+    verb.add_argument("bag", type=Path, metavar="BAG", help="folder of a recorded episode")
+    verb.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Prints the report."""
+    bag: Path = arguments.bag
+    record = read_episode(bag)
+    size = sum(file.stat().st_size for file in bag.iterdir() if file.is_file())
+    print("\n".join([*_head(record, bag, size), "", *_topics(record), "", *_events(record)]))
+    return EXIT_OK
+
+
+def _head(record: EpisodeRecord, bag: Path, size_bytes: int) -> list[str]:
+    episode = record.description
+    classes = Counter(ActorClass(actor.actor_class).name.lower() for actor in record.actors.values())
+    lines = [
+        ("bag", f"{bag} ({_size(size_bytes)})"),
+        ("episode", f"template {episode.template}, level {episode.level.name}, seed {episode.seed}"),
+        ("map", f"{episode.map_name} (SHA-256 {episode.map_sha256[:12]}…)"),
+        ("sensors", f"{episode.sensor_suite}, preset {episode.preset}"),
+        ("duration", f"{record.duration_s:.2f} s of {episode.duration_s:.2f} s, {record.steps} steps"),
+        ("actors", f"{len(record.actors)}: " + ", ".join(f"{count} {name}" for name, count in sorted(classes.items()))),
+        ("EMV", ", ".join(str(emv_id) for emv_id in record.emv_ids) or "none"),
+        ("versions", ", ".join(f"{name} {version}" for name, version in sorted(episode.versions.items())) or "unknown"),
+        ("site", ", ".join(f"{key} {value}" for key, value in sorted(episode.site.items())) or "unknown"),
+    ]
+    outcome = record.outcome
+    if outcome is None:
+        lines.append(("outcome", "none: the episode did not reach its end"))
+    else:
+        held = {True: "interaction verified", False: "interaction not found", None: "not judged"}
+        reason = f" ({outcome.reason})" if outcome.reason else ""
+        lines.append(("outcome", f"{outcome.end}{reason}, {held[outcome.predicate_holds]}"))
+        lines += [("", f"{name} = {value}") for name, value in sorted(outcome.measures.items())]
+    return [f"{name:<10}{text}" for name, text in lines]
+
+
+def _topics(record: EpisodeRecord) -> list[str]:
+    rows = [
+        (topic.name, topic.type_name, str(topic.count), _rate(topic), _size(topic.size_bytes))
+        for topic in record.topics.values()
+    ]
+    head = ("topic", "type", "count", "rate", "size")
+    widths = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head))]
+    return [
+        "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in (head, *rows)
+    ]
+
+
+def _rate(topic: TopicRecord) -> str:
+    if topic.count < 2:
+        return "once"
+    span_s = float(topic.times_ns[-1] - topic.times_ns[0]) / 1e9
+    return f"{(topic.count - 1) / span_s:.4g} Hz" if span_s > 0.0 else "once"
+
+
+def _events(record: EpisodeRecord) -> list[str]:
+    counts = Counter(event.kind.value for event in record.events)
+    if not counts:
+        return ["events    none"]
+    return [
+        f"{'events' if not row else '':<10}{name} × {count}" for row, (name, count) in enumerate(sorted(counts.items()))
+    ]
+
+
+def _size(size_bytes: int) -> str:
+    """The size with a decimal unit, as disks are sold."""
+    size = float(size_bytes)
+    for unit in ("B", "kB", "MB"):
+        if size < 1000.0:
+            return f"{size:.0f} {unit}" if unit == "B" else f"{size:.1f} {unit}"
+        size /= 1000.0
+    return f"{size:.2f} GB"

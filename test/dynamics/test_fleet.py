@@ -1,0 +1,353 @@
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from siren_ros.dynamics.fleet import FleetState, step_fleet
+from siren_ros.dynamics.parameters import VehicleParameters, load_vehicle_parameters
+from siren_ros.world.actors import ActorClass, ActorDescription, ActorStates, Lights, Mode, Owner, rows_of_ids
+from siren_ros.world.commands import VehicleCommands
+from siren_ros.world.errors import EpisodeError
+from siren_ros.world.events import Event, EventKind
+from siren_ros.world.traffic_state import TrafficState
+from siren_ros.world.units import STEP_S
+
+PARAMETERS = load_vehicle_parameters()
+
+
+def _description(actor_id: int, kind: ActorClass = ActorClass.SEDAN) -> ActorDescription:
+    vehicle = PARAMETERS[kind]
+    return ActorDescription(
+        actor_id, f"v{actor_id}", kind, vehicle.length_m, vehicle.width_m, vehicle.height_m, (200, 30, 30)
+    )
+
+
+def _traffic(
+    step: int,
+    rows: Mapping[int, tuple[float, float, float, float]],
+    spawned: Sequence[ActorDescription] = (),
+    removed: Sequence[int] = (),
+    lights: Mapping[int, Lights] | None = None,
+    events: tuple[Event, ...] = (),
+) -> TrafficState:
+    """SUMO's rows by actor id: x, y, yaw, speed."""
+    ids = sorted(rows)
+    n = len(ids)
+    x, y, yaw, speed = np.array([rows[i] for i in ids], dtype=np.float64).reshape(n, 4).T
+    zero, codes, indices = np.zeros(n), np.zeros(n, np.uint8), np.zeros(n, np.int32)
+    return TrafficState(
+        step=step,
+        spawned=tuple(spawned),
+        removed=np.array(removed, dtype=np.uint32),
+        actor_id=np.array(ids, dtype=np.uint32),
+        owner=codes,
+        sumo_x_m=x,
+        sumo_y_m=y,
+        sumo_yaw_rad=yaw,
+        sumo_speed_mps=speed,
+        sumo_accel_mps2=zero,
+        x_m=x,
+        y_m=y,
+        yaw_rad=yaw,
+        speed_mps=speed,
+        lane=indices,
+        lane_position_m=zero,
+        lateral_offset_m=zero,
+        lights=np.array([int((lights or {}).get(i, 0)) for i in ids], dtype=np.uint8),
+        flags=codes,
+        route_offset=np.zeros(n + 1, np.int32),
+        route_edges=np.empty(0, np.int32),
+        emvs=(),
+        signals=(),
+        events=events,
+    )
+
+
+def _command(
+    step: int,
+    actor_id: int,
+    owner: Owner = Owner.ROS,
+    throttle: float = 0.0,
+    brake: float = 0.0,
+    steer: float = 0.0,
+    mode: Mode = Mode.ROUTE_FOLLOW,
+    lights: Lights = Lights.NONE,
+    source: str = "emv_controller",
+    events: tuple[Event, ...] = (),
+) -> VehicleCommands:
+    return VehicleCommands(
+        step=step,
+        source=source,
+        actor_id=np.array([actor_id], np.uint32),
+        owner=np.array([owner], np.uint8),
+        throttle=np.array([throttle]),
+        brake=np.array([brake]),
+        steer_rad=np.array([steer]),
+        hand_brake=np.zeros(1, np.uint8),
+        mode=np.array([mode], np.uint8),
+        lights=np.array([lights], np.uint8),
+        events=events,
+    )
+
+
+def _kinds(events: Sequence[Event]) -> list[EventKind]:
+    return [event.kind for event in events]
+
+
+def _started(count: int = 1, speed_mps: float = 10.0) -> tuple[FleetState, ActorStates]:
+    rows = {i: (0.0, 50.0 * i, 0.0, speed_mps) for i in range(1, count + 1)}
+    spawned = [_description(i) for i in range(1, count + 1)]
+    state, states, _ = step_fleet(FleetState.empty(PARAMETERS), _traffic(0, rows, spawned), ())
+    return state, states
+
+
+def test_spawned_actors_stand_at_sumos_pose() -> None:
+    rows = {3: (5.0, -2.0, 0.7, 9.0), 8: (50.0, 60.0, -2.0, 0.0)}
+    traffic = _traffic(4, rows, [_description(8, ActorClass.BUS), _description(3)], lights={3: Lights.INDICATOR_LEFT})
+    state, states, events = step_fleet(FleetState.empty(PARAMETERS), traffic, ())
+    assert states.actor_id.tolist() == [3, 8]
+    assert states.step == 4
+    assert (states.x_m[0], states.y_m[0], states.yaw_rad[0]) == (5.0, -2.0, 0.7)
+    assert states.speed_mps[0] == pytest.approx(9.0)
+    assert states.vx_mps[0] == pytest.approx(9.0 * np.cos(0.7))
+    assert states.residual_m.tolist() == [0.0, 0.0]
+    assert states.lights.tolist() == [Lights.INDICATOR_LEFT, Lights.NONE]
+    assert [(event.kind, event.actor_id, event.x_m) for event in events] == [
+        (EventKind.SPAWNED, 3, 5.0),
+        (EventKind.SPAWNED, 8, 50.0),
+    ]
+    assert [item.actor_class for item in state.descriptions] == [ActorClass.SEDAN, ActorClass.BUS]
+
+
+def test_sumo_actors_follow_sumo() -> None:
+    state, states = _started()
+    for step in range(1, 100):
+        x = 10.0 * STEP_S * step
+        state, states, events = step_fleet(state, _traffic(step, {1: (x, 50.0, 0.0, 10.0)}), ())
+        assert events == ()
+    assert states.residual_m[0] < 0.05
+    assert states.owner[0] == Owner.SUMO
+    assert states.mode[0] == Mode.NOMINAL
+
+
+def test_actors_come_and_go_in_the_middle_of_the_rows() -> None:
+    state, _ = _started(3)
+    rows = {1: (0.5, 50.0, 0.0, 10.0), 2: (99.0, 99.0, 1.0, 3.0), 3: (0.5, 150.0, 0.0, 10.0)}
+    del rows[2]
+    state, states, events = step_fleet(state, _traffic(1, rows, removed=[2]), ())
+    assert states.actor_id.tolist() == [1, 3]
+    assert _kinds(events) == [EventKind.REMOVED]
+    assert (events[0].actor_id, events[0].y_m) == (2, 100.0)
+    rows = {1: (1.0, 50.0, 0.0, 10.0), 2: (7.0, 99.0, 1.0, 3.0), 3: (1.0, 150.0, 0.0, 10.0)}
+    state, states, events = step_fleet(state, _traffic(2, rows, [_description(2, ActorClass.VAN)]), ())
+    assert states.actor_id.tolist() == [1, 2, 3]
+    assert (states.x_m[1], states.y_m[1], states.yaw_rad[1]) == (7.0, 99.0, 1.0)
+    np.testing.assert_allclose(states.x_m[[0, 2]], 1.0, atol=0.02)
+    assert _kinds(events) == [EventKind.SPAWNED]
+    assert state.table.mass_kg[1] == PARAMETERS[ActorClass.VAN].mass_kg
+
+
+def test_an_actor_may_belong_to_ros_from_its_first_step() -> None:
+    traffic = _traffic(0, {1: (0.0, 0.0, 0.0, 5.0)}, [_description(1)])
+    _, states, events = step_fleet(FleetState.empty(PARAMETERS), traffic, [_command(0, 1, throttle=1.0)])
+    assert states.owner[0] == Owner.ROS
+    assert states.x_m[0] == 0.0
+    assert _kinds(events) == [EventKind.SPAWNED, EventKind.OWNER_CHANGED]
+
+
+def test_commands_drive_and_are_shown() -> None:
+    state, states = _started(2, 5.0)
+    for step in range(1, 41):
+        rows = {1: (float(states.x_m[0]), 50.0, 0.0, float(states.speed_mps[0])), 2: (0.25 * step, 100.0, 0.0, 5.0)}
+        command = _command(step, 1, throttle=0.6, mode=Mode.COPY_SUMO, lights=Lights.SIREN | Lights.BEACON)
+        state, states, events = step_fleet(state, _traffic(step, rows, lights={1: Lights.INDICATOR_LEFT}), [command])
+        assert _kinds(events) == ([EventKind.OWNER_CHANGED] if step == 1 else [])
+    assert events == ()
+    assert states.speed_mps[0] > 7.0
+    assert states.owner.tolist() == [Owner.ROS, Owner.SUMO]
+    assert states.mode.tolist() == [Mode.COPY_SUMO, Mode.NOMINAL]
+    assert states.lights[0] == Lights.SIREN | Lights.BEACON
+    assert states.residual_m[0] == 0.0
+    assert states.residual_m[1] < 0.05
+
+
+def test_the_brake_light_is_the_vehicles_own() -> None:
+    state, states = _started(1, 10.0)
+    traffic = _traffic(1, {1: (0.5, 50.0, 0.0, 10.0)})
+    _, braked, _ = step_fleet(state, traffic, [_command(1, 1, brake=0.5, lights=Lights.SIREN)])
+    assert braked.lights[0] == Lights.SIREN | Lights.BRAKE
+    assert braked.brake[0] > 0.02
+    assert states.lights[0] == Lights.NONE
+
+
+def test_a_command_of_owner_sumo_only_shows() -> None:
+    state, _ = _started()
+    command = _command(1, 1, Owner.SUMO, throttle=1.0, steer=0.5, mode=Mode.YIELD_REACTING, lights=Lights.BEACON)
+    _, told, events = step_fleet(state, _traffic(1, {1: (0.5, 50.0, 0.0, 10.0)}), [command])
+    _, left, _ = step_fleet(state, _traffic(1, {1: (0.5, 50.0, 0.0, 10.0)}), ())
+    assert events == ()
+    assert told.mode[0] == Mode.YIELD_REACTING
+    assert told.lights[0] == Lights.BEACON
+    assert told.x_m[0] == left.x_m[0]
+    assert told.owner[0] == Owner.SUMO
+
+
+@pytest.mark.parametrize("mirror_delay", [0, 1])
+def test_taking_over_and_handing_back_makes_no_jump(mirror_delay: int) -> None:
+    """SUMO's pose of a ROS-owned actor is the mirror of the step before; from the release on SUMO drives on."""
+    state, states = _started(1, 10.0)
+    history = [states]
+    sumo_x = 0.0
+    changes = []
+    for step in range(1, 200):
+        ours = 40 <= step < 100
+        previous = history[-1]
+        mirrored = 40 < step <= 100 + mirror_delay
+        speed = float(previous.speed_mps[0]) if mirrored else 10.0
+        sumo_x = float(previous.x_m[0]) if mirrored else sumo_x + speed * STEP_S
+        sumo_y = float(previous.y_m[0]) if step > 40 else 50.0
+        commands = [_command(step, 1, throttle=0.35, steer=0.004)] if ours else []
+        yaw = float(previous.yaw_rad[0]) if mirrored else 0.0
+        state, states, events = step_fleet(state, _traffic(step, {1: (sumo_x, sumo_y, yaw, speed)}), commands)
+        changes += [(step, event.detail["owner"]) for event in events if event.kind is EventKind.OWNER_CHANGED]
+        history.append(states)
+    assert changes == [(40, "ROS"), (100, "SUMO")]
+    x = np.array([item.x_m[0] for item in history])
+    y = np.array([item.y_m[0] for item in history])
+    yaw_rad = np.array([item.yaw_rad[0] for item in history])
+    speeds = np.array([item.speed_mps[0] for item in history])
+    np.testing.assert_allclose(np.hypot(np.diff(x), np.diff(y)), speeds[1:] * STEP_S, atol=0.02)
+    assert np.abs(np.diff(speeds)).max() < 10.0 * STEP_S
+    assert np.abs(np.diff(yaw_rad)).max() < 0.05
+    assert max(item.residual_m[0] for item in history) < 1.0
+    assert history[-1].residual_m[0] < 0.1
+
+
+def test_a_released_actor_rolls_on_at_the_step_of_release() -> None:
+    state, states = _started(1, 10.0)
+    state, states, _ = step_fleet(state, _traffic(1, {1: (0.5, 50.0, 0.0, 10.0)}), [_command(1, 1, throttle=0.1)])
+    before = states
+    mirror = (float(states.x_m[0]), 50.0, 0.0, float(states.speed_mps[0]))
+    _, states, _ = step_fleet(state, _traffic(2, {1: mirror}), [_command(2, 1, Owner.SUMO, mode=Mode.REJOIN)])
+    assert states.owner[0] == Owner.SUMO
+    assert states.mode[0] == Mode.REJOIN
+    assert states.x_m[0] - before.x_m[0] == pytest.approx(before.speed_mps[0] * STEP_S, abs=0.01)
+    assert states.residual_m[0] == 0.0
+
+
+def test_collisions_become_events_once() -> None:
+    spawned = [_description(1), _description(2)]
+    state, states, _ = step_fleet(
+        FleetState.empty(PARAMETERS), _traffic(0, {1: (0.0, 0.0, 0.0, 10.0), 2: (12.0, 0.0, 0.0, 0.0)}, spawned), ()
+    )
+    found: list[Event] = []
+    for step in range(1, 60):
+        rows = {i + 1: (float(states.x_m[i]), 0.0, 0.0, float(states.speed_mps[i])) for i in range(2)}
+        rows[2] = (12.0, 0.0, 0.0, 0.0)
+        state, states, events = step_fleet(state, _traffic(step, rows), [_command(step, 1, throttle=0.05)])
+        found += [event for event in events if event.kind is EventKind.COLLISION]
+        if states.x_m[0] > 11.0:
+            break
+    (event,) = found
+    assert (event.actor_id, event.other_id) == (1, 2)
+    gap = 12.0 - PARAMETERS[ActorClass.SEDAN].length_m
+    assert event.step == pytest.approx(gap / 10.0 / STEP_S, abs=1.5)
+    assert event.detail["impact_speed_mps"] == pytest.approx(10.0, abs=0.3)
+    assert event.x_m == pytest.approx(12.0 - PARAMETERS[ActorClass.SEDAN].length_m / 2.0, abs=0.4)
+
+
+def test_reported_events_follow_by_source() -> None:
+    state, _ = _started(2)
+
+    def event(kind: EventKind, actor_id: int) -> Event:
+        return Event(1, kind, actor_id)
+
+    rows = {1: (0.5, 50.0, 0.0, 10.0), 2: (0.5, 100.0, 0.0, 10.0)}
+    traffic = _traffic(1, rows, events=(event(EventKind.TELEPORT, 2),))
+    commands = [
+        _command(1, 2, source="yield_manager", events=(event(EventKind.YIELD_STARTED, 2),)),
+        _command(1, 1, source="emv_controller", events=(event(EventKind.SIREN_ON, 1),)),
+    ]
+    _, forward, events = step_fleet(state, traffic, commands)
+    _, backward, same = step_fleet(state, traffic, commands[::-1])
+    assert _kinds(events) == [
+        EventKind.OWNER_CHANGED,
+        EventKind.OWNER_CHANGED,
+        EventKind.SIREN_ON,
+        EventKind.YIELD_STARTED,
+        EventKind.TELEPORT,
+    ]
+    assert events == same
+    np.testing.assert_array_equal(forward.x_m, backward.x_m)
+
+
+def test_same_inputs_give_the_same_bytes() -> None:
+    def run() -> bytes:
+        state, states = _started(3)
+        for step in range(1, 50):
+            rows = {i: (0.5 * step, 50.0 * i, 0.01 * step, 10.0) for i in (1, 2, 3)}
+            state, states, _ = step_fleet(state, _traffic(step, rows), [_command(step, 2, throttle=0.3, steer=0.02)])
+        return b"".join(getattr(states, name).tobytes() for name in ("x_m", "y_m", "yaw_rad", "vx_mps", "brake"))
+
+    assert run() == run()
+
+
+def test_an_empty_fleet_steps() -> None:
+    state = FleetState.empty(PARAMETERS)
+    for step in range(3):
+        state, states, events = step_fleet(state, _traffic(step, {}), [VehicleCommands.empty(step, "emv_controller")])
+        assert len(states) == 0
+        assert events == ()
+
+
+def test_contradictions_are_refused() -> None:
+    state, _ = _started(1)
+    rows = {1: (0.5, 50.0, 0.0, 10.0)}
+    with pytest.raises(EpisodeError, match="cannot follow"):
+        step_fleet(state, _traffic(5, rows), ())
+    with pytest.raises(EpisodeError, match="emv_controller are of step 7"):
+        step_fleet(state, _traffic(1, rows), [_command(7, 1)])
+    with pytest.raises(EpisodeError, match=r"\[9\]"):
+        step_fleet(state, _traffic(1, rows | {9: (0.0, 0.0, 0.0, 0.0)}), ())
+    with pytest.raises(EpisodeError, match="both command actor 1"):
+        step_fleet(state, _traffic(1, rows), [_command(1, 1), _command(1, 1, source="yield_manager")])
+    with pytest.raises(EpisodeError, match=r"commands actors \[4\], unknown"):
+        step_fleet(state, _traffic(1, rows), [_command(1, 4)])
+    with pytest.raises(EpisodeError, match="not finite"):
+        step_fleet(state, _traffic(1, rows), [_command(1, 1, steer=float("nan"))])
+    twice = _command(1, 1)
+    doubled = replace(
+        twice, **{name: np.repeat(getattr(twice, name), 2) for name in ("actor_id", "owner", "throttle", "brake")}
+    )
+    doubled = replace(
+        doubled, **{name: np.repeat(getattr(twice, name), 2) for name in ("steer_rad", "hand_brake", "mode", "lights")}
+    )
+    with pytest.raises(EpisodeError, match="twice"):
+        step_fleet(state, _traffic(1, rows), [doubled])
+
+
+def test_commands_for_actors_that_just_left_are_void() -> None:
+    state, _ = _started(2)
+    traffic = _traffic(1, {1: (0.5, 50.0, 0.0, 10.0)}, removed=[2])
+    _, states, events = step_fleet(state, traffic, [_command(1, 2)])
+    assert states.actor_id.tolist() == [1]
+    assert _kinds(events) == [EventKind.REMOVED]
+    assert rows_of_ids(states.actor_id, np.array([2], np.uint32)).tolist() == [-1]
+
+
+def test_classes_have_their_own_motion(parameters: Mapping[ActorClass, VehicleParameters]) -> None:
+    rows = {1: (0.0, 0.0, 0.0, 5.0), 2: (0.0, 50.0, 0.0, 5.0)}
+    spawned = [_description(1), _description(2, ActorClass.BUS)]
+    state, states, _ = step_fleet(FleetState.empty(parameters), _traffic(0, rows, spawned), ())
+    both = replace(
+        _command(1, 1),
+        **{
+            name: np.repeat(getattr(_command(1, 1, throttle=1.0), name), 2)
+            for name in ("owner", "throttle", "brake", "steer_rad", "hand_brake", "mode", "lights")
+        },
+        actor_id=np.array([1, 2], np.uint32),
+    )
+    for step in range(1, 40):
+        state, states, _ = step_fleet(state, _traffic(step, rows), [replace(both, step=step)])
+    assert states.speed_mps[0] > states.speed_mps[1] + 1.0

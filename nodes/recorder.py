@@ -59,6 +59,10 @@ class Recorder(Participant[RecorderConfig]):
         busy_s, self._busy_s = self._busy_s, 0.0
         self.step_finished(step, busy_s)
 
+    def discard(self) -> None:
+        """Leave nothing behind of an episode that could not be set up."""
+        self._recorder.discard()
+
     def close(self, closing: EpisodeClosing) -> None:
         """Judge the episode, complete the bag, tell the outcome."""
         _, _, message = self._recorder.close(closing)

@@ -52,6 +52,40 @@ NET_XML = """<net version="1.20">
 """
 
 
+def split_net(seam_m: float) -> str:
+    """The same road towards the east as two edges, joined by a junction of 3 m with a lane for each."""
+    end_m = seam_m + 3.0
+
+    def lane(name: str, index: int, x0: float, x1: float) -> str:
+        y = (RIGHT_Y_M, LEFT_Y_M)[index]
+        shape = f"{x0:.2f},{y:.2f} {x1:.2f},{y:.2f}"
+        return (
+            f'<lane id="{name}_{index}" index="{index}" speed="13.89" length="{x1 - x0}" width="3.5" shape="{shape}"/>'
+        )
+
+    def edge(name: str, attributes: str, x0: float, x1: float) -> str:
+        return f'<edge id="{name}" {attributes}>{lane(name, 0, x0, x1)}{lane(name, 1, x0, x1)}</edge>'
+
+    connections = "".join(
+        f'<connection from="east" to="east2" fromLane="{index}" toLane="{index}" via=":S_0_{index}" dir="s" state="M"/>'
+        f'<connection from=":S_0" to="east2" fromLane="{index}" toLane="{index}" dir="s" state="M"/>'
+        for index in (0, 1)
+    )
+    return (
+        '<net version="1.20"><location netOffset="0.00,0.00" convBoundary="0,-7,320,7" origBoundary="0,0,1,1" '
+        'projParameter="!"/>'
+        + edge(":S_0", 'function="internal"', seam_m, end_m)
+        + edge("east", 'from="A" to="S" priority="1"', 0.0, seam_m)
+        + edge("east2", 'from="S" to="B" priority="1"', end_m, 300.0)
+        + '<junction id="A" type="dead_end" x="0" y="0" incLanes="" intLanes="" shape="0,-7 0,7"/>'
+        + f'<junction id="S" type="priority" x="{seam_m}" y="0" incLanes="east_0 east_1" intLanes=":S_0_0 :S_0_1" '
+        + f'shape="{seam_m},-7 {seam_m},0 {end_m},0 {end_m},-7"/>'
+        + '<junction id="B" type="dead_end" x="300" y="0" incLanes="east2_0 east2_1" intLanes="" shape="300,7 300,-7"/>'
+        + connections
+        + "</net>"
+    )
+
+
 @dataclass(frozen=True)
 class Scene:
     """What may be varied."""
@@ -165,9 +199,11 @@ class SyntheticEpisode:
             Mode.YIELD_KEEP_LANE: EventKind.YIELD_COMPLETED,
             Mode.NOMINAL: EventKind.YIELD_RELEASED,
         }
-        for key in self.actors:
-            if key != EMV and step > 0 and self.mode_of(key, step) is not self.mode_of(key, step - 1):
-                events.append(replace(self._event(step, changes[self.mode_of(key, step)], key), other_id=EMV))
+        events += [
+            replace(self._event(step, changes[self.mode_of(key, step)], key), other_id=EMV)
+            for key in self.actors
+            if key != EMV and step > 0 and self.mode_of(key, step) is not self.mode_of(key, step - 1)
+        ]
         return tuple(events)
 
     def _event(self, step: int, kind: EventKind, actor_id: int) -> Event:

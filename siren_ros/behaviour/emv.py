@@ -9,7 +9,7 @@ import numpy as np
 from siren_ros.behaviour.corridor import corridor_mode, corridor_path
 from siren_ros.behaviour.emv_lane_change import Outcome, cancel_lane_change, complete_lane_change, forced_lane_change
 from siren_ros.behaviour.emv_route import plan_route, present_lane
-from siren_ros.behaviour.emv_unit import EmvUnit, event_of
+from siren_ros.behaviour.emv_unit import EmvUnit
 from siren_ros.behaviour.gap_escape import escape_path, gap_escape_mode
 from siren_ros.behaviour.lane_path import LaneEnd
 from siren_ros.behaviour.navigator import DriveCommand, Situation, navigate
@@ -17,7 +17,7 @@ from siren_ros.behaviour.surroundings import ActorTable, Surroundings
 from siren_ros.behaviour.world import BehaviourWorld, StepView
 from siren_ros.world.actors import Lights, Mode, Owner
 from siren_ros.world.commands import VehicleCommands
-from siren_ros.world.events import Event, EventKind
+from siren_ros.world.events import Event
 from siren_ros.world.road_network import NO_LANE
 from siren_ros.world.traffic_state import TrafficState
 from siren_ros.world.units import steps_from_s
@@ -62,12 +62,7 @@ def step_emv(state: EmvState, traffic: TrafficState, world: BehaviourWorld) -> t
     events: list[Event] = []
     for row in np.flatnonzero(view.seen.is_emv).tolist():
         actor_id = int(traffic.actor_id[row])
-        unit = state.units.get(actor_id)
-        if unit is None:
-            unit = EmvUnit(actor_id)
-            if world.policy.siren:
-                events.append(event_of(view, row, EventKind.SIREN_ON))
-        unit, command, happened = _step_unit(unit, row, view)
+        unit, command, happened = _step_unit(state.units.get(actor_id, EmvUnit(actor_id)), row, view)
         units[actor_id] = unit
         drives.append((unit, command))
         events.extend(happened)

@@ -30,10 +30,15 @@ SUMO: Final = "sumo"
 
 
 def lateral_intent(unit: EmvUnit, row: int, view: StepView) -> tuple[int, str]:
-    """Side that the EMV wants to go to (+1 left, −1 right, 0 none) and who wants it: the route comes first."""
+    """Side that the EMV wants to go to (+1 left, −1 right, 0 none) and who wants it: the route comes first.
+
+    Before the first plan nobody wants anything.
+    """
     plan = unit.plan
+    if plan is None:
+        return 0, SUMO
     near = unit.navigator.remaining_m < view.world.config.emv.strategic_distance_m
-    if plan is not None and plan.end is LaneEnd.ASTRAY and near:
+    if plan.end is LaneEnd.ASTRAY and near:
         lane = present_lane(view, row, unit.navigator)
         return strategic_side(view.world.network, lane, view.traffic.route_of_row(row)), ROUTE
     advice = advice_of(view, unit.actor_id)

@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 
 from siren_ros.interfaces.markers import EMV_COLOUR, MODE_COLOURS
 from siren_ros.pictures.annotations import LabelPlacer, draw_scale_bar
-from siren_ros.pictures.palette import CIVILIAN, EVENT_STYLES, FAINT_TEXT, STATE_NAMES, TEXT
+from siren_ros.pictures.palette import CIVILIAN, EMV_EVENTS, EVENT_STYLES, FAINT_TEXT, STATE_NAMES, TEXT
 from siren_ros.pictures.roads import draw_roads
 from siren_ros.pictures.timeline import draw_speeds, draw_states, yielding_actors
 from siren_ros.pictures.vehicles import KMH, draw_path, draw_vehicles
@@ -156,7 +156,11 @@ def _draw_map(axes: Axes, record: EpisodeRecord, box: Box, speeds: Normalize, mo
 
 def _draw_events(axes: Axes, record: EpisodeRecord, labels: LabelPlacer) -> list[Any]:
     """Marks the events, first all markers and then the labels around them; gives the kinds that occur."""
-    shown = [event for event in record.events if event.kind in EVENT_STYLES]
+    shown = [
+        event
+        for event in record.events
+        if event.kind in EVENT_STYLES and (event.kind not in EMV_EVENTS or event.actor_id in record.emv_ids)
+    ]
     visible = [event for event in shown if axes.viewLim.contains(event.x_m, event.y_m)]
     for event in visible:
         marker, colour, _ = EVENT_STYLES[event.kind]

@@ -49,10 +49,19 @@ EVENT_STYLES: Final[dict[EventKind, tuple[str, str, str]]] = {
     EventKind.LANE_CHANGE_STARTED: ("^", "#b3121a", "EMV changes lane"),
     EventKind.CORRIDOR_ENTERED: ("P", "#8f3fa8", "EMV enters corridor"),
     EventKind.GAP_ESCAPE_ENTERED: ("D", "#1f1f24", "EMV escapes through a gap"),
-    EventKind.STOP_LINE_CROSSED: ("|", "#b3121a", "EMV crosses stop line"),
+    EventKind.STOP_LINE_CROSSED: ("d", "#b3121a", "EMV crosses stop line"),
     EventKind.COLLISION: ("X", "#d40000", "collision"),
 }
 """Marker, colour and legend text of the events that a picture shows."""
+EMV_EVENTS: Final = frozenset(
+    {
+        EventKind.LANE_CHANGE_STARTED,
+        EventKind.CORRIDOR_ENTERED,
+        EventKind.GAP_ESCAPE_ENTERED,
+        EventKind.STOP_LINE_CROSSED,
+    }
+)
+"""Kinds that are shown of emergency vehicles only; civilians cross stop lines all the time."""
 
 
 def colour_of(mode: int, is_emv: bool) -> Rgba:

@@ -233,6 +233,19 @@ class EpisodeBagWriter:
             return self._summary(target)
         return self._summary(self._working)
 
+    def discard(self) -> None:
+        """Takes the bag away again, as if it had never been opened: for an episode that did not begin."""
+        if self._closed:
+            return
+        self._closed = True
+        with suppress(OSError):
+            self._worker.close()
+        self._file.close()
+        with suppress(OSError):
+            (self._working / self._file_name).unlink()
+            self._working.rmdir()
+            self._path.parent.rmdir()
+
     def _close_file(self, custom: dict[str, str]) -> None:
         if not self._file.closed:
             os.fsync(self._file.fileno())

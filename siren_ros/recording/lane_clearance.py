@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -12,7 +13,7 @@ from siren_ros.recording.lane_location import LanePlaces, lanes_ahead, places_of
 from siren_ros.recording.verdict import Verdict, at_least, verdict_of
 from siren_ros.world.actors import ActorDescription, Lights
 from siren_ros.world.geometry import wrap_angle
-from siren_ros.world.road_network import NO_LANE, LaneKind, RoadNetwork
+from siren_ros.world.road_network import NO_LANE, RoadNetwork
 from siren_ros.world.units import STEP_S
 
 REACH_M: Final = 200.0
@@ -21,6 +22,8 @@ BODY_MARGIN_M: Final = 0.3
 """How far a body may still stand over the line when its lane change counts as complete."""
 BESIDE_M: Final = 12.0
 """Lateral distance within which a vehicle counts as passed: a few lanes, not the next street."""
+SEAM_M: Final = 30.0
+"""How far beyond its end a lane is followed to recognise the lane beside its continuation."""
 ALIGNED_RAD: Final = np.pi / 3.0
 
 
@@ -112,18 +115,30 @@ def _clearing(network: RoadNetwork, emv: _Mover, civilian: _Mover) -> LaneCleari
 
 
 def _lane_changes(network: RoadNetwork, mover: _Mover) -> list[tuple[int, int]]:
-    """Rows (last in the old lane, first clear of it) of each completed lane change of one actor."""
+    """Rows (last in the old lane, first clear of it) of each completed lane change of one actor.
+
+    A change across the seam of two edges, or within a junction, counts as well: the new lane is then
+    beside one that follows the old lane.
+    """
     changes = []
-    lane = mover.lane
-    for before in np.flatnonzero((lane[:-1] != lane[1:]) & (lane[:-1] != NO_LANE) & (lane[1:] != NO_LANE)):
-        old, new = network.lanes[lane[before]], network.lanes[lane[before + 1]]
-        beside = old.edge == new.edge and old.index != new.index and new.kind is not LaneKind.INTERNAL
-        if not beside:
+    inside = np.flatnonzero(mover.lane != NO_LANE)
+    for before, after in pairwise(inside[_ends_of_runs(mover.lane[inside])].tolist()):
+        old, new = int(mover.lane[before]), network.lanes[mover.lane[after]]
+        follows = lanes_ahead(network, old, SEAM_M)
+        beside = {side: network.neighbour(new, side) for side in (1, -1)}
+        old_sides = [side for side, lane in beside.items() if lane is not None and lane.index in follows]
+        if new.index in follows or not old_sides:
             continue
-        clear = _first_clear_row(network, mover, int(before) + 1, -1.0 if new.position > old.position else 1.0)
+        first_new = int(inside[np.searchsorted(inside, before) + 1])
+        clear = _first_clear_row(network, mover, first_new, float(old_sides[0]))
         if clear is not None:
-            changes.append((int(before), clear))
+            changes.append((before, clear))
     return changes
+
+
+def _ends_of_runs(values: npt.NDArray[np.int32]) -> npt.NDArray[np.intp]:
+    """Index of the last entry of every stretch of equal values."""
+    return np.append(np.flatnonzero(np.diff(values)), len(values) - 1)[: len(values)]
 
 
 def _first_clear_row(network: RoadNetwork, mover: _Mover, row: int, old_side: float) -> int | None:

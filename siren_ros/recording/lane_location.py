@@ -89,21 +89,29 @@ def lanes_ahead(network: RoadNetwork, lane: int, reach_m: float) -> frozenset[in
 
     Args:
         network: The map.
-        lane: Index of the lane to start from.
+        lane: Index of the lane to start from; may be a path across a junction.
         reach_m: How far to follow, measured from the end of the first lane.
     """
-    best = {lane: 0.0}
+    nearest = {lane: 0.0}
     queue = [lane]
     while queue:
         current = queue.pop()
-        if best[current] > reach_m:
+        if nearest[current] > reach_m:
             continue
-        for connection in network.connections_from.get(current, ()):
-            along = best[current]
-            for following in (*connection.via, connection.to_lane):
-                if along < best.get(following, np.inf):
-                    best[following] = along + network.lanes[following].length_m
-                    if following == connection.to_lane:
-                        queue.append(following)
-                along += network.lanes[following].length_m
-    return frozenset(best)
+        for following in _followings(network, current):
+            along = nearest[current]
+            for step in following:
+                along += network.lanes[step].length_m
+                if along < nearest.get(step, np.inf):
+                    nearest[step] = along
+                    if step == following[-1]:
+                        queue.append(step)
+    return frozenset(nearest)
+
+
+def _followings(network: RoadNetwork, lane: int) -> list[tuple[int, ...]]:
+    """For each movement out of a lane (or on from a path across a junction): the lanes that it leads through."""
+    if network.lanes[lane].kind is LaneKind.INTERNAL:
+        on_path = [connection for connection in network.connections if lane in connection.via]
+        return [(*item.via[item.via.index(lane) + 1 :], item.to_lane) for item in on_path]
+    return [(*connection.via, connection.to_lane) for connection in network.connections_from.get(lane, ())]

@@ -72,21 +72,30 @@ class EpisodeRecorder:
         if name in _DECODED:
             self._builder.add(name, self._store.deserialize_cdr(message.cdr, type_name))
 
+    def discard(self) -> None:
+        """Leave no bag behind, for an episode that did not begin."""
+        self._writer.discard()
+
     def missing(self, step: int) -> str:
         """Which messages of a step have not arrived, with their publishers; for the error that names them."""
         if self._collector is None:
             return "the episode's description"
         return ", ".join(str(item) for item in self._collector.missing(step))
 
-    def close(self, closing: EpisodeClosing) -> tuple[EpisodeOutcome, BagSummary, Any]:
+    def close(self, closing: EpisodeClosing) -> tuple[EpisodeOutcome, BagSummary | None, Any]:
         """Judge the episode and close its bag.
 
         Returns:
-            The outcome, the closed bag, and the outcome as a message.
+            The outcome, the closed bag (None where no step was finished, and no bag remains), and the outcome
+            as a message.
 
         Raises:
             EpisodeError: The bag cannot be completed. What was recorded stays readable under a partial name.
         """
+        if closing.steps == 0 and closing.end is not EpisodeEnd.COMPLETE:
+            self.discard()
+            outcome = EpisodeOutcome(closing.end, closing.reason, 0, None)
+            return outcome, None, to_episode_outcome(RosbagsFactory(self._store), outcome)
         if closing.end is not EpisodeEnd.COMPLETE and self._collector is not None:
             for message in self._collector.drain():
                 self._write(message)

@@ -13,6 +13,7 @@ from rclpy.parameter import Parameter
 
 from siren_ros.ros.parameters import Value
 from siren_ros.ros.program import PARENT_VARIABLE
+from siren_ros.world.errors import SirenError
 
 TERMINATE_S = 3.0
 Overrides = Mapping[str, Value]
@@ -37,12 +38,20 @@ class InProcess:
     def __init__(self, executor: Any, overrides: Mapping[str, Overrides]) -> None:
         self.nodes: list[Any] = []
         self._executor = executor
-        for name, values in overrides.items():
-            module = import_module(f"siren_nodes.{name}")
-            parameters = [Parameter(key, value=value) for key, value in values.items()]
-            node = module.NODE(name, parameter_overrides=parameters)
-            self.nodes.append(node)
-            executor.add_node(node)
+        try:
+            for name, values in overrides.items():
+                self._add(name, values)
+        except SirenError:
+            for node in self.nodes:
+                node.discard()
+            raise
+
+    def _add(self, name: str, values: Overrides) -> None:
+        module = import_module(f"siren_nodes.{name}")
+        parameters = [Parameter(key, value=value) for key, value in values.items()]
+        node = module.NODE(name, parameter_overrides=parameters)
+        self.nodes.append(node)
+        self._executor.add_node(node)
 
     def failure(self) -> str:
         """Nothing can fail unseen within one process."""

@@ -73,6 +73,9 @@ class Participant(Node, Generic[Config]):
     def close(self, closing: EpisodeClosing) -> None:
         """Close what the episode opened."""
 
+    def discard(self) -> None:
+        """Undo what the constructor did outside of this process, since another node could not be set up."""
+
     # What they use.
 
     def add_output(self, topic: Topic) -> None:

@@ -18,6 +18,7 @@ from siren_ros.world.errors import InputError
 from siren_ros.world.units import step_of_time_ns
 
 OWN_PACKAGE: Final = "siren_msgs"
+WORD_BYTES: Final = 4
 DEFINED_PACKAGES: Final = (OWN_PACKAGE, "vision_msgs")
 """Packages whose types rosbags' Jazzy store does not hold."""
 
@@ -43,8 +44,13 @@ def factory() -> RosbagsFactory:
 
 
 def encode(topic: Topic, message: Any) -> bytes:
-    """CDR of a message."""
-    return bytes(factory().store.serialize_cdr(message, topic.type_name))
+    """CDR of a message, filled up to whole words.
+
+    DDS fills up a payload that travels between processes and not one that stays within its process; a
+    payload that needs no filling is the same bytes everywhere.
+    """
+    cdr = factory().store.serialize_cdr(message, topic.type_name)
+    return b"".join((cdr, bytes(-len(cdr) % WORD_BYTES)))
 
 
 def decode(topic: Topic, cdr: bytes) -> Any:

@@ -10,6 +10,7 @@ from siren_ros.interfaces.point_cloud import LIDAR_POINT_DTYPE
 from siren_ros.sensors import lidar_loops as loops
 from siren_ros.sensors.mount import Matrix, inverse
 from siren_ros.sensors.noise import sensor_generator
+from siren_ros.sensors.parts import Parts
 from siren_ros.sensors.placement import Placement
 from siren_ros.sensors.raycast_world import RaycastWorld
 from siren_ros.sensors.reflectivity import REFLECTIVITY
@@ -18,7 +19,6 @@ from siren_ros.sensors.suite import LidarSpec
 _ATTENUATION_STEPS_PER_M: Final = 16.0
 _GRID_OF_UNIT: Final = 1.5 * 2.0**23
 """Adding this to a float32 leaves no bits below 1 (float32 has a 24-bit significand)."""
-_MIN_AXIS_DISTANCE_M: Final = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,8 @@ def beam_pattern(spec: LidarSpec) -> loops.Pattern:
     return loops.Pattern(
         directions=np.ascontiguousarray(directions.reshape(-1, 3), dtype=np.float32),
         column_time_s=time_s.astype(np.float32),
-        ring=np.arange(spec.channels, dtype=np.uint16),
+        elevation=elevation,
+        world_time_s=time_s.astype(np.float32) if spec.motion_distortion else np.zeros(columns, np.float32),
     )
 
 
@@ -79,20 +80,21 @@ class Lidar:
         self._world = world
         self._seed = seed
         self.pattern = beam_pattern(spec)
+        self._parts = Parts(spec.columns)
         rays = len(self.pattern.directions)
         self._rays = np.empty((rays, 6), np.float32)
         self._vehicle = np.empty(rays, np.int32)
         self._shape_triangle = np.empty(rays, np.uint32)
         self._cosine = np.empty(rays, np.float32)
-        self._candidates = _room_for(rays // 4)
+        self._room = [_room_for(rays // 8) for _ in range(len(self._parts))]
         self._surfaces = loops.Surfaces(world.static_material, world.shape_material, REFLECTIVITY)
         distances = np.arange(int(spec.range_m * _ATTENUATION_STEPS_PER_M) + 2) / _ATTENUATION_STEPS_PER_M
         self._attenuation = np.exp(-spec.atmosphere_attenuation_per_m * distances).astype(np.float32)
-        self._frozen_time = np.zeros_like(self.pattern.column_time_s)
 
     def rays(self, map_from_lidar: Matrix, motion: CarrierMotion | None = None) -> npt.NDArray[np.float32]:
         """Origin and direction of every beam in the ``map`` frame, shape ``(R, 6)``; overwritten by the next call."""
-        loops.aim(self.pattern.directions, self._column_poses(map_from_lidar, motion), self._rays)
+        poses = self._column_poses(map_from_lidar, motion)
+        self._parts.run(lambda _, start, stop: loops.aim(self.pattern.directions, poses, self._rays, start, stop))
         return self._rays
 
     def scan(
@@ -103,25 +105,43 @@ class Lidar:
         Without motion distortion everything stands still at the stamp, as in CARLA's synchronous mode, and the points'
         times say when the beam would have fired.
         """
-        spec, pattern = self.spec, self.pattern
         rays = self.rays(map_from_lidar, motion)
         static = self._world.cast_static(rays)
         hits = loops.Hits(
             static.distance, static.normal, static.triangle, self._vehicle, self._shape_triangle, self._cosine
         )
         hits.vehicle.fill(0)
-        near = np.flatnonzero(self._in_range(map_from_lidar, placement))
-        vehicles = self._vehicles(map_from_lidar, placement, near)
+        near = self._in_range(map_from_lidar, placement)
+        vehicles = self._vehicles(placement, near)
         if len(near):
-            candidates = self._find_candidates(rays, static.distance, vehicles)
+            candidates = self._find_candidates(rays, static.distance, inverse(map_from_lidar), vehicles)
             found = self._world.cast_shapes(candidates.rays)
             loops.merge_vehicles(candidates, found.distance, found.normal, found.triangle, vehicles, hits)
+        points, count_on = self._pack(step, rays, hits, vehicles)
+        return LidarSweep(self.spec.name, step, points, placement.actor_id[near], count_on)
+
+    def _pack(
+        self, step: int, rays: npt.NDArray[np.float32], hits: loops.Hits, vehicles: loops.Vehicles
+    ) -> tuple[npt.NDArray[np.void], npt.NDArray[np.int64]]:
+        """Points of a sweep, and how many lie on each vehicle."""
+        receiver = self._receiver(step)
         buffer = np.empty(len(rays), LIDAR_POINT_DTYPE)
-        count_on = np.zeros(len(near), np.int64)
-        written = loops.pack_points(
-            rays, pattern, hits, vehicles, self._surfaces, self._receiver(step), _records(buffer), count_on
-        )
-        return LidarSweep(spec.name, step, buffer[:written], placement.actor_id[near], count_on)
+        records = _records(buffer)
+        counts = np.zeros((len(self._parts), len(vehicles.actor_id)), np.int64)
+        columns, rings = self.spec.columns, self.spec.channels
+        if receiver.draw.size:
+            end = loops.pack_points(
+                rays, self.pattern, hits, vehicles, self._surfaces, receiver, records, counts[0], 0, 0, columns
+            )
+            return buffer[:end], counts[0]
+
+        def pack(part: int, start: int, stop: int) -> int:
+            before = int(np.count_nonzero(hits.distance[: start * rings] <= receiver.range_m))
+            return loops.pack_points(
+                rays, self.pattern, hits, vehicles, self._surfaces, receiver, records, counts[part], before, start, stop
+            )
+
+        return buffer[: self._parts.run(pack)[-1]], counts.sum(axis=0)
 
     def _column_poses(self, map_from_lidar: Matrix, motion: CarrierMotion | None) -> npt.NDArray[np.float32]:
         """Pose of the sensor at each column, shape ``(C, 3, 4)``."""
@@ -140,68 +160,47 @@ class Lidar:
         poses[:, :, 3] = base[:3, 3] + shift + rotation @ arm
         return poses
 
-    def _in_range(self, map_from_lidar: Matrix, placement: Placement) -> npt.NDArray[np.bool_]:
-        reach = self.spec.range_m + np.linalg.norm(placement.size_m, axis=1) / 2.0
-        return placement.distance_m(map_from_lidar[0, 3], map_from_lidar[1, 3]) < reach
+    def _in_range(self, map_from_lidar: Matrix, placement: Placement) -> npt.NDArray[np.intp]:
+        """Rows of the vehicles that may be within range."""
+        reach = self.spec.range_m + placement.size_m.sum(axis=1) / 2.0
+        return np.flatnonzero(placement.distance_m(map_from_lidar[0, 3], map_from_lidar[1, 3]) < reach)
 
-    def _vehicles(self, map_from_lidar: Matrix, placement: Placement, near: npt.NDArray[np.intp]) -> loops.Vehicles:
+    def _vehicles(self, placement: Placement, near: npt.NDArray[np.intp]) -> loops.Vehicles:
         world = self._world
-        rows = world.shape_rows(placement.actor_class[near])
-        pose = np.stack((placement.x_m, placement.y_m, placement.z_m, placement.yaw_rad), axis=1)[near]
-        motion = np.stack((placement.vx_mps, placement.vy_mps, placement.yaw_rate_radps), axis=1)[near]
+        shape = world.shape_rows(placement.actor_class[near])
+        pose = np.stack((placement.x_m, placement.y_m, placement.z_m, placement.yaw_rad), axis=1)
+        motion = np.stack((placement.vx_mps, placement.vy_mps, placement.yaw_rate_radps), axis=1)
         return loops.Vehicles(
-            window=self._windows(map_from_lidar, pose, placement.size_m[near], motion),
-            pose=pose,
-            motion=motion,
+            pose=pose[near],
+            motion=motion[near],
+            size=placement.size_m[near],
             scale=placement.scale[near].astype(np.float32),
-            bounds=world.shape_bounds_m[rows],
-            offset=world.shape_offset_m[rows],
-            first_triangle=world.shape_start[rows].astype(np.int64),
+            bounds=world.shape_bounds_m[shape],
+            offset=world.shape_offset_m[shape],
+            first_triangle=world.shape_start[shape],
             actor_id=placement.actor_id[near],
         )
 
-    def _windows(
-        self,
-        map_from_lidar: Matrix,
-        pose: npt.NDArray[np.float64],
-        size_m: npt.NDArray[np.float64],
-        motion: npt.NDArray[np.float64],
-    ) -> npt.NDArray[np.int64]:
-        """Columns and rings that can meet each vehicle's bounding cylinder, shape ``(N, 4)``, never too few.
-
-        Bounding spheres about the box's centre, seen in the sensor's frame: the azimuth of a sphere of radius r at
-        horizontal distance d spans ± asin(r / d), its elevation ± asin(r / distance).
-        """
-        spec, columns, rings = self.spec, len(self.pattern.column_time_s), self.spec.channels
-        centre = pose[:, :3] + np.stack((np.zeros(len(pose)), np.zeros(len(pose)), size_m[:, 2] / 2.0), axis=1)
-        seen = (centre - map_from_lidar[:3, 3]) @ map_from_lidar[:3, :3]
-        radius = np.linalg.norm(size_m, axis=1) / 2.0
-        if spec.motion_distortion:
-            radius = radius + (np.hypot(motion[:, 0], motion[:, 1]) + radius * np.abs(motion[:, 2])) / spec.rate_hz
-        flat = np.hypot(seen[:, 0], seen[:, 1])
-        half_azimuth = np.where(flat > radius, np.arcsin(np.minimum(1.0, radius / np.maximum(flat, 1e-9))), np.pi)
-        step = 2.0 * np.pi / columns
-        middle = (np.pi - np.arctan2(seen[:, 1], seen[:, 0])) / step
-        first = np.floor(middle - half_azimuth / step).astype(np.int64)
-        count = np.minimum(columns, np.ceil(2.0 * half_azimuth / step).astype(np.int64) + 2)
-        distance = np.maximum(np.linalg.norm(seen, axis=1), _MIN_AXIS_DISTANCE_M)
-        half_elevation = np.where(distance > radius, np.arcsin(np.minimum(1.0, radius / distance)), np.pi)
-        elevation = np.arctan2(seen[:, 2], flat)
-        beams = np.linspace(spec.lower_fov_rad, spec.upper_fov_rad, rings)
-        low = np.searchsorted(beams, elevation - half_elevation)
-        high = np.searchsorted(beams, elevation + half_elevation, side="right")
-        return np.stack((first % columns, count, low, high), axis=1).astype(np.int64)
-
     def _find_candidates(
-        self, rays: npt.NDArray[np.float32], distance: npt.NDArray[np.float32], vehicles: loops.Vehicles
+        self,
+        rays: npt.NDArray[np.float32],
+        distance: npt.NDArray[np.float32],
+        lidar_from_map: Matrix,
+        vehicles: loops.Vehicles,
     ) -> loops.Candidates:
-        times = self.pattern.column_time_s if self.spec.motion_distortion else self._frozen_time
-        found = loops.select_candidates(rays, distance, times, vehicles, self._candidates)
-        if found > len(self._candidates.ray):
-            self._candidates = _room_for(2 * found)
-            loops.select_candidates(rays, distance, times, vehicles, self._candidates)
-        room = self._candidates
-        return loops.Candidates(room.rays[:found], room.ray[:found], room.vehicle[:found])
+        """Rays that may hit a vehicle, of all parts."""
+
+        def select(part: int, start: int, stop: int) -> int:
+            return loops.select_candidates(
+                rays, self.pattern, distance, lidar_from_map, vehicles, self._room[part], start, stop
+            )
+
+        found = self._parts.run(select)
+        if any(count > len(room.ray) for count, room in zip(found, self._room, strict=True)):
+            self._room = [_room_for(2 * max(found)) for _ in found]
+            found = self._parts.run(select)
+        columns = zip(*((a[:n] for a in room) for room, n in zip(self._room, found, strict=True)), strict=True)
+        return loops.Candidates(*(np.concatenate(parts) for parts in columns))
 
     def _receiver(self, step: int) -> loops.Receiver:
         """Noise of one step: drawn afresh from (seed, sensor, step), so it does not depend on what came before."""
@@ -217,9 +216,9 @@ class Lidar:
         limits = (spec.dropoff_general_rate, spec.dropoff_intensity_limit, spec.dropoff_zero_intensity)
         resolution = 2.0 ** round(np.log2(spec.resolution_m)) if spec.resolution_m > 0.0 else 0.0
         return loops.Receiver(
-            range_m=spec.range_m,
+            range_m=np.float32(spec.range_m),
             attenuation=self._attenuation,
-            steps_per_m=_ATTENUATION_STEPS_PER_M,
+            steps_per_m=np.float32(_ATTENUATION_STEPS_PER_M),
             grid=_GRID_OF_UNIT * resolution,
             range_noise_m=noise,
             draw=draw,

@@ -1,6 +1,7 @@
 """The LiDAR's loops over rays, over named tuples of C-contiguous arrays.
 
-R rays run column by column and, within a column, ring by ring. A sweep has C columns; N vehicles may be hit.
+R rays run column by column and, within a column, ring by ring. A sweep has C columns; N vehicles may be hit. Loops work
+on columns ``start`` to ``stop`` (exclusive), so that a sweep can be shared out among threads.
 """
 
 from typing import Any, NamedTuple
@@ -18,21 +19,23 @@ class Pattern(NamedTuple):
 
     directions: Array
     """Unit vectors in the sensor's frame, float32 (R, 3)."""
+    elevation: Array
+    """Of each ray of a column, increasing, float64 (R / C,)."""
     column_time_s: Array
     """Time of each column relative to the sweep's stamp, float32 (C,)."""
-    ring: Array
-    """Ring number of each ray of a column, uint16 (R / C,)."""
+    world_time_s: Array
+    """The same where the world moves while the beams turn, otherwise zero, float32 (C,)."""
 
 
 class Vehicles(NamedTuple):
     """The vehicles near enough to be hit."""
 
-    window: Array
-    """First column, number of columns (cyclic), first and end position within a column, int64 (N, 4)."""
     pose: Array
     """x, y, z, yaw at the sweep's stamp, float64 (N, 4)."""
     motion: Array
     """vx, vy, yaw rate while the beams turn, float64 (N, 3)."""
+    size: Array
+    """Length, width, height, float64 (N, 3)."""
     scale: Array
     """Of the shape, per axis, float32 (N, 3)."""
     bounds: Array
@@ -85,10 +88,10 @@ class Surfaces(NamedTuple):
 class Receiver(NamedTuple):
     """How returns become points."""
 
-    range_m: float
+    range_m: np.float32
     attenuation: Array
     """Transmittance tabulated over distance, float32."""
-    steps_per_m: float
+    steps_per_m: np.float32
     grid: float
     """1.5 · 2²³ times the coordinates' resolution, so that adding and subtracting it rounds to that; or 0."""
     range_noise_m: Array
@@ -109,10 +112,10 @@ class Records(NamedTuple):
 
 
 @compiled
-def aim(directions: Array, map_from_lidar: Array, rays: Array) -> None:
+def aim(directions: Array, map_from_lidar: Array, rays: Array, start: int, stop: int) -> None:
     """Fill ``rays`` (R, 6) with origin and direction in the ``map`` frame; the poses have shape (C, 3, 4)."""
     rings = directions.shape[0] // map_from_lidar.shape[0]
-    for column in range(map_from_lidar.shape[0]):
+    for column in range(start, stop):
         m = map_from_lidar[column]
         for i in range(column * rings, (column + 1) * rings):
             x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
@@ -144,27 +147,68 @@ def _entry(bounds: Array, origin: Array, direction: Array) -> np.float32:
 
 
 @compiled
-def select_candidates(rays: Array, distance: Array, column_time_s: Array, vehicles: Vehicles, out: Candidates) -> int:
+def _window(
+    pattern: Pattern, pose: Array, size: Array, reach: float, lidar_from_map: Array
+) -> tuple[int, int, int, int]:
+    """First column, number of columns (cyclic) and first and end ray of a column that can meet a vehicle's sphere.
+
+    A sphere of radius r at horizontal distance d spans ± asin(r / d) in azimuth, and ± asin(r / distance) in elevation.
+    ``reach`` is how far the vehicle moves while the beams turn.
+    """
+    columns, rings = pattern.column_time_s.shape[0], pattern.elevation.shape[0]
+    radius = 0.5 * np.sqrt(size[0] ** 2 + size[1] ** 2 + size[2] ** 2) + reach
+    m, z = lidar_from_map, pose[2] + 0.5 * size[2]
+    sx = m[0, 0] * pose[0] + m[0, 1] * pose[1] + m[0, 2] * z + m[0, 3]
+    sy = m[1, 0] * pose[0] + m[1, 1] * pose[1] + m[1, 2] * z + m[1, 3]
+    sz = m[2, 0] * pose[0] + m[2, 1] * pose[1] + m[2, 2] * z + m[2, 3]
+    flat = np.hypot(sx, sy)
+    if flat <= radius:
+        return 0, columns, 0, rings
+    step = 2.0 * np.pi / columns
+    half = np.arcsin(radius / flat) / step
+    first = int(np.floor((np.pi - np.arctan2(sy, sx)) / step - half))
+    count = min(columns, int(np.ceil(2.0 * half)) + 2)
+    elevation, spread = np.arctan2(sz, flat), np.arcsin(radius / np.hypot(flat, sz))
+    low = np.searchsorted(pattern.elevation, elevation - spread)
+    high = np.searchsorted(pattern.elevation, elevation + spread, side="right")
+    return first % columns, count, low, high
+
+
+@compiled
+def select_candidates(  # compiled code is called with positions
+    rays: Array,
+    pattern: Pattern,
+    distance: Array,
+    lidar_from_map: Array,
+    vehicles: Vehicles,
+    out: Candidates,
+    start: int,
+    stop: int,
+) -> int:
     """Find the rays that enter a vehicle's bounding box before ``distance`` (R,); returns how many there are.
 
     As many as ``out`` has room for are written; where there are more the caller comes again with more room.
     """
-    rings = rays.shape[0] // column_time_s.shape[0]
+    columns, rings = pattern.column_time_s.shape[0], pattern.elevation.shape[0]
+    turn_s = np.abs(pattern.world_time_s[0])
     found = 0
     for v in range(vehicles.pose.shape[0]):
         one = np.float32(1.0)
         sx, sy, sz = one / vehicles.scale[v, 0], one / vehicles.scale[v, 1], one / vehicles.scale[v, 2]
-        first_column, columns = vehicles.window[v, 0], vehicles.window[v, 1]
-        low, high = vehicles.window[v, 2], vehicles.window[v, 3]
-        for k in range(columns):
-            column = (first_column + k) % column_time_s.shape[0]
-            t = column_time_s[column]
-            yaw = vehicles.pose[v, 3] + vehicles.motion[v, 2] * t
+        pose, motion = vehicles.pose[v], vehicles.motion[v]
+        reach = turn_s * (np.hypot(motion[0], motion[1]) + vehicles.size[v, 0] * np.abs(motion[2]))
+        first_column, count, low, high = _window(pattern, pose, vehicles.size[v], reach, lidar_from_map)
+        for k in range(count):
+            column = (first_column + k) % columns
+            if column < start or column >= stop:
+                continue
+            t = pattern.world_time_s[column]
+            yaw = pose[3] + motion[2] * t
             cos, sin = np.float32(np.cos(yaw)), np.float32(np.sin(yaw))
             first = column * rings
-            rx = np.float32(rays[first, 0] - vehicles.pose[v, 0] - vehicles.motion[v, 0] * t)
-            ry = np.float32(rays[first, 1] - vehicles.pose[v, 1] - vehicles.motion[v, 1] * t)
-            rz = np.float32(rays[first, 2] - vehicles.pose[v, 2])
+            rx = np.float32(rays[first, 0] - pose[0] - motion[0] * t)
+            ry = np.float32(rays[first, 1] - pose[1] - motion[1] * t)
+            rz = np.float32(rays[first, 2] - pose[2])
             o = ((cos * rx + sin * ry) * sx, (cos * ry - sin * rx) * sy, rz * sz)
             for i in range(first + low, first + high):
                 x, y = rays[i, 3], rays[i, 4]
@@ -220,38 +264,43 @@ def pack_points(  # compiled code is called with positions
     receiver: Receiver,
     out: Records,
     count_on: Array,
+    written: int,
+    start: int,
+    stop: int,
 ) -> int:
-    """Write one record per return and count the returns on each vehicle; returns how many were written."""
-    rings = pattern.ring.shape[0]
-    levels = np.float32(255.0)
-    grid = np.float32(receiver.grid)
-    written = 0
-    for i in range(rays.shape[0]):
-        t = hits.distance[i]
-        if not t <= receiver.range_m:
-            continue
-        row = hits.vehicle[i] - 1
-        if row >= 0:
-            material = surfaces.shape_material[vehicles.first_triangle[row] + hits.shape_triangle[i]]
-            cosine = hits.cosine[i]
-        else:
-            material = surfaces.static_material[hits.static_triangle[i]]
-            n = hits.normal[i]
-            cosine = abs(n[0] * rays[i, 3] + n[1] * rays[i, 4] + n[2] * rays[i, 5])
-        intensity = surfaces.reflectivity[material] * cosine * receiver.attenuation[int(t * receiver.steps_per_m)]
-        if receiver.draw.shape[0] > 0 and _is_dropped(intensity, receiver.draw[i], receiver.dropoff):
-            continue
-        if receiver.range_noise_m.shape[0] > 0:
-            t = max(np.float32(0.0), t + receiver.range_noise_m[i])
-        for axis in range(3):
-            out.f4[written, axis] = (pattern.directions[i, axis] * t + grid) - grid
-        out.f4[written, 3] = np.float32(int(intensity * levels + np.float32(0.5))) / levels
-        out.f4[written, 4] = pattern.column_time_s[i // rings]
-        out.u2[written, 10] = pattern.ring[i % rings]
-        if row >= 0:
-            out.u2[written, 11] = vehicles.actor_id[row]
-            count_on[row] += 1
-        else:
+    """Write one record per return from row ``written`` on, count the returns on each vehicle; returns the end row."""
+    rings = pattern.elevation.shape[0]
+    levels, per_level = np.float32(255.0), np.float32(1.0 / 255.0)
+    grid, noisy, lossy = np.float32(receiver.grid), receiver.range_noise_m.shape[0] > 0, receiver.draw.shape[0] > 0
+    for column in range(start, stop):
+        time_s = pattern.column_time_s[column]
+        for ring in range(rings):
+            i = column * rings + ring
+            t = hits.distance[i]
+            if not t <= receiver.range_m:
+                continue
+            row = hits.vehicle[i] - 1
+            if row >= 0:
+                material = surfaces.shape_material[vehicles.first_triangle[row] + hits.shape_triangle[i]]
+                cosine = hits.cosine[i]
+            else:
+                material = surfaces.static_material[hits.static_triangle[i]]
+                n = hits.normal[i]
+                cosine = abs(n[0] * rays[i, 3] + n[1] * rays[i, 4] + n[2] * rays[i, 5])
+            intensity = surfaces.reflectivity[material] * cosine * receiver.attenuation[int(t * receiver.steps_per_m)]
+            if lossy and _is_dropped(intensity, receiver.draw[i], receiver.dropoff):
+                continue
+            if noisy:
+                t = max(np.float32(0.0), t + receiver.range_noise_m[i])
+            out.f4[written, 0] = (pattern.directions[i, 0] * t + grid) - grid
+            out.f4[written, 1] = (pattern.directions[i, 1] * t + grid) - grid
+            out.f4[written, 2] = (pattern.directions[i, 2] * t + grid) - grid
+            out.f4[written, 3] = np.float32(int(intensity * levels + np.float32(0.5))) * per_level
+            out.f4[written, 4] = time_s
+            out.u2[written, 10] = ring
             out.u2[written, 11] = 0
-        written += 1
+            if row >= 0:
+                out.u2[written, 11] = vehicles.actor_id[row]
+                count_on[row] += 1
+            written += 1
     return written

@@ -67,28 +67,3 @@ class Mount:
 OPTICAL_FROM_BODY = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 """Rotation from a camera's body frame (x forward, y left, z up) to its optical frame (z forward, x right, y down)."""
 OPTICAL_FROM_BODY.setflags(write=False)
-
-
-def quaternion_xyzw(rotation: Matrix) -> tuple[float, float, float, float]:
-    """Unit quaternion of a rotation matrix, w ≥ 0 (Shepperd's method)."""
-    m = rotation
-    squares = 1.0 + np.array(
-        [
-            m[0, 0] - m[1, 1] - m[2, 2],
-            m[1, 1] - m[0, 0] - m[2, 2],
-            m[2, 2] - m[0, 0] - m[1, 1],
-            m[0, 0] + m[1, 1] + m[2, 2],
-        ]
-    )
-    largest = int(np.argmax(squares))
-    rows = np.array(
-        [
-            [squares[0], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], m[2, 1] - m[1, 2]],
-            [m[0, 1] + m[1, 0], squares[1], m[1, 2] + m[2, 1], m[0, 2] - m[2, 0]],
-            [m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], squares[2], m[1, 0] - m[0, 1]],
-            [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], squares[3]],
-        ]
-    )
-    x, y, z, w = rows[largest] / np.linalg.norm(rows[largest])
-    sign = -1.0 if w < 0.0 else 1.0
-    return (float(sign * x), float(sign * y), float(sign * z), float(sign * w))

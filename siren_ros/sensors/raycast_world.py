@@ -54,7 +54,7 @@ class RaycastWorld:
             _add(self._shapes, mesh.translated(*(float(value) for value in offset)))
         self.shape_bounds_m = np.array([mesh.bounds_m for mesh in meshes], dtype=np.float32).reshape(-1, 2, 3)
         """Lowest and highest corner of each shape in its own frame, shape ``(classes, 2, 3)``."""
-        self.shape_start = np.concatenate(([0], np.cumsum([len(mesh) for mesh in meshes]))).astype(np.uint32)
+        self.shape_start = np.concatenate(([0], np.cumsum([len(mesh) for mesh in meshes]))).astype(np.int64)
         """First triangle of each shape in ``shape_material``, shape ``(classes + 1,)``."""
         self.shape_material = np.concatenate([np.empty(0, np.uint8), *(mesh.material for mesh in meshes)])
         self.static_semantic = SEMANTIC_CLASS_OF_MATERIAL

@@ -103,14 +103,6 @@ class SensorRig:
         """Pose of the labels' frame on the carrier, shape ``(4, 4)``."""
         return self.suite.lidars[0].mount.base_from_sensor if self.suite.lidars else np.eye(4)
 
-    @property
-    def static_transforms(self) -> dict[str, Matrix]:
-        """``base_from_sensor`` by sensor name, shape ``(4, 4)`` each; cameras as body frames (x forward)."""
-        suite = self.suite
-        every = [(spec.name, spec.mount) for spec in (*suite.lidars, *suite.cameras)]
-        every += [(spec.name, spec.mount) for spec in (*suite.gnss, *suite.imus)]
-        return {name: mount.base_from_sensor for name, mount in every}
-
     def prepare(self) -> None:
         """Compile the shaders now, in the thread that will observe.
 

@@ -27,7 +27,16 @@ def _rate(default: float) -> Any:
 
 
 @dataclass(frozen=True)
-class LidarSpec:
+class SensorSpec:
+    """What every sensor has."""
+
+    name: str
+    """Unique in its suite; becomes topic and frame name."""
+    mount: Mount
+
+
+@dataclass(frozen=True)
+class LidarSpec(SensorSpec):
     """A rotating LiDAR. Defaults other than the drop-off and the resolution: paper, table of the sensor suite.
 
     The drop-off and noise parameters mean what CARLA's documentation of ``sensor.lidar.ray_cast`` says. CARLA's
@@ -35,8 +44,6 @@ class LidarSpec:
     every ray of the paper's 1.3 M points/s is cast.
     """
 
-    name: str
-    mount: Mount
     channels: int = _number(1, 256, 64)
     range_m: float = _number(1.0, 300.0, 120.0)
     points_per_second: int = _number(1_000, 10_000_000, 1_300_000)
@@ -66,11 +73,9 @@ class LidarSpec:
 
 
 @dataclass(frozen=True)
-class CameraSpec:
+class CameraSpec(SensorSpec):
     """A pinhole camera. Defaults: paper, table of the sensor suite; episodes are logged at 10 Hz."""
 
-    name: str
-    mount: Mount
     width: int = _number(16, 4096, 800)
     height: int = _number(16, 4096, 600)
     horizontal_fov_rad: float = _number(5.0, 160.0, 100.0 * _RADIANS, "horizontal_fov_deg", _RADIANS)
@@ -85,11 +90,9 @@ class CameraSpec:
 
 
 @dataclass(frozen=True)
-class GnssSpec:
+class GnssSpec(SensorSpec):
     """A GNSS receiver: white noise and a bias that walks, per axis."""
 
-    name: str
-    mount: Mount
     rate_hz: float = _rate(10.0)
     horizontal_noise_stddev_m: float = _number(0.0, 50.0, 0.0)
     vertical_noise_stddev_m: float = _number(0.0, 50.0, 0.0)
@@ -97,11 +100,9 @@ class GnssSpec:
 
 
 @dataclass(frozen=True)
-class ImuSpec:
+class ImuSpec(SensorSpec):
     """An IMU: white noise and a bias that walks, per axis."""
 
-    name: str
-    mount: Mount
     rate_hz: float = _rate(20.0)
     accel_noise_stddev_mps2: float = _number(0.0, 10.0, 0.0)
     gyro_noise_stddev_radps: float = _number(0.0, 10.0, 0.0)

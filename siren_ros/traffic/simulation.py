@@ -9,7 +9,7 @@ from typing import ClassVar, Final, Self
 import libsumo
 import numpy as np
 
-from siren_ros.traffic.advice import ahead_on_route, emv_advice, intent_flags, rescued_names
+from siren_ros.traffic.advice import emv_advice
 from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.crossings import CrossingWatch, Mover
 from siren_ros.traffic.lane_continuity import LaneContinuity
@@ -17,14 +17,16 @@ from siren_ros.traffic.map_compiler import CompiledMap
 from siren_ros.traffic.mirror import Mirror
 from siren_ros.traffic.plan import PlannedVehicle, TrafficPlan
 from siren_ros.traffic.population import Population
+from siren_ros.traffic.reactions import Reactions
 from siren_ros.traffic.readings import Readings, joined_rows, read_vehicles
+from siren_ros.traffic.teleports import find_teleports
 from siren_ros.traffic.vehicle_types import vehicle_types_xml
 from siren_ros.world.actors import ActorDescription, ActorStates, Codes, Floats, Lights, Owner, rows_of_ids
 from siren_ros.world.errors import EpisodeError, MapError
 from siren_ros.world.events import Event, EventKind
 from siren_ros.world.levels import LEVEL_POLICIES, EmergencyLevel
-from siren_ros.world.road_network import NO_LANE, LaneKind, RoadNetwork
-from siren_ros.world.traffic_state import SignalState, TrafficFlags, TrafficState
+from siren_ros.world.road_network import NO_LANE, RoadNetwork
+from siren_ros.world.traffic_state import SignalState, TrafficState
 from siren_ros.world.units import STEP_S
 
 _LARGEST_SEED: Final = 2**31 - 1
@@ -71,6 +73,7 @@ class SumoSimulation:
         self._population = Population(network, plan, self._config)
         self._mirror = Mirror(network, self._config, self._population)
         self._crossings = CrossingWatch(network)
+        self._reactions = Reactions(network, plan, level, self._config)
         self._ids: dict[str, int] = {vehicle.name: i + 1 for i, vehicle in enumerate(plan.emvs)}
         self._next_id = len(plan.emvs) + 1
         self._reported: dict[int, PlannedVehicle] = {}
@@ -110,6 +113,13 @@ class SumoSimulation:
         if step != expected:
             raise EpisodeError(f"SUMO is asked for step {step}, but the next one is {expected}")
         states = ActorStates.empty(step - 1) if mirrored is None else mirrored
+        try:
+            self._last = self._advance(step, states)
+        except libsumo.TraCIException as error:
+            raise EpisodeError(f"SUMO failed at step {step}: {error}") from error
+        return self._last
+
+    def _advance(self, step: int, states: ActorStates) -> TrafficState:
         ahead = {name: edges for name, (_, edges) in self._route_ahead.items()}
         self._mirror.apply(states, self._reported, ahead)
         if self._last is not None:
@@ -117,9 +127,7 @@ class SumoSimulation:
         libsumo.simulationStep()
         removed = self._drop_departed()
         self._mirror.check_placed()
-        state = self._state(step, states, removed)
-        self._last = state
-        return state
+        return self._state(step, states, removed)
 
     def _start(self, compiled: CompiledMap, seed: int) -> None:
         vehicles = (*self._plan.emvs, *self._plan.groups, *self._plan.background, *self._plan.reserve)
@@ -220,7 +228,7 @@ class SumoSimulation:
 
         owner = np.where(known, mirrored.owner[source], Owner.SUMO) if len(mirrored) else np.zeros(len(ids))
         x, y = simulated(mirrored.x_m, readings.x_m), simulated(mirrored.y_m, readings.y_m)
-        rescued = self._rescued(names, readings, routes)
+        rescued = self._reactions.rescued(names, readings, routes)
         signals = self._signals()
         events = self._events(step, spawned, ids, readings, owner.astype(np.uint8), signals)
         return TrafficState(
@@ -242,7 +250,7 @@ class SumoSimulation:
             lane_position_m=readings.lane_position_m,
             lateral_offset_m=readings.lateral_m,
             lights=self._lights(actor_ids, readings.lights),
-            flags=self._flags(names, readings, rescued),
+            flags=self._reactions.flags(names, readings, rescued),
             route_offset=offsets,
             route_edges=edges,
             emvs=tuple(
@@ -277,48 +285,6 @@ class SumoSimulation:
             self._route_ahead[name] = cached
         return cached[1]
 
-    def _rescued(self, names: list[str], readings: Readings, routes: list[tuple[int, ...]]) -> dict[str, list[str]]:
-        """Vehicles that react to each EMV's siren, from SUMO's device or by the same criterion without it."""
-        emvs = [vehicle.name for vehicle in self._plan.emvs]
-        if not LEVEL_POLICIES[self._level].siren:
-            return {emv: [] for emv in emvs}
-        if self._level in self._config.bluelight_levels:
-            return rescued_names(names, emvs)
-        points = np.stack((readings.x_m, readings.y_m), axis=-1)
-        present = np.array([route[0] if route else -1 for route in routes], dtype=np.int32)
-        civilian = np.array([name not in emvs for name in names])
-        found: dict[str, list[str]] = {emv: [] for emv in emvs}
-        for emv in emvs:
-            if emv in names:
-                row = names.index(emv)
-                hears = ahead_on_route(
-                    points[row],
-                    float(readings.yaw_rad[row]),
-                    routes[row],
-                    points,
-                    present,
-                    self._plan.response_distance_m,
-                )
-                found[emv] = [names[other] for other in np.flatnonzero(hears & civilian)]
-        return found
-
-    def _flags(self, names: list[str], readings: Readings, rescued: Mapping[str, list[str]]) -> Codes:
-        flags = np.zeros(len(names), dtype=np.uint8)
-        internal = {LaneKind.INTERNAL}
-        on_junction = [lane != NO_LANE and self._network.lanes[lane].kind in internal for lane in readings.lane]
-        flags[on_junction] |= np.uint8(TrafficFlags.ON_JUNCTION)
-        reacting = {name for listed in rescued.values() for name in listed}
-        emvs = [row for row, name in enumerate(names) if name in rescued]
-        for row, name in enumerate(names):
-            if name in reacting:
-                flags[row] |= np.uint8(TrafficFlags.RESCUE_LANE)
-            distance = [
-                np.hypot(readings.x_m[row] - readings.x_m[e], readings.y_m[row] - readings.y_m[e]) for e in emvs
-            ]
-            if distance and min(distance) <= self._config.advice_range_m:
-                flags[row] |= np.uint8(intent_flags(name))
-        return flags
-
     def _lights(self, actor_ids: list[int], lights: Codes) -> Codes:
         if LEVEL_POLICIES[self._level].siren:
             emvs = [self._reported[actor_id].is_emv for actor_id in actor_ids]
@@ -347,7 +313,8 @@ class SumoSimulation:
             events.append(Event(step, EventKind.SPAWNED, actor.actor_id, x_m=x, y_m=y))
             if actor.is_emv and siren:
                 events.append(Event(step, EventKind.SIREN_ON, actor.actor_id, x_m=x, y_m=y))
-        events += self._teleports(step, ids, readings, owner)
+        started = [self._ids[name] for name in libsumo.simulation.getStartingTeleportIDList() if name in self._ids]
+        events += find_teleports(step, ids, readings, owner, started, self._last, self._config.jump_m)
         for row, actor_id in enumerate(ids.tolist()):
             if readings.lane[row] != NO_LANE:
                 mover = Mover(
@@ -359,26 +326,3 @@ class SumoSimulation:
                 )
                 events += self._crossings.watch(step, mover, signals)
         return tuple(events)
-
-    def _teleports(
-        self, step: int, ids: np.ndarray[tuple[int], np.dtype[np.uint32]], readings: Readings, owner: Codes
-    ) -> list[Event]:
-        """SUMO's own teleports, and jumps of SUMO-owned vehicles that it does not call so."""
-        found = {
-            self._ids[name]: "sumo" for name in libsumo.simulation.getStartingTeleportIDList() if name in self._ids
-        }
-        last = self._last
-        if last is not None:
-            rows = rows_of_ids(last.actor_id, ids)
-            moved = np.hypot(readings.x_m - last.sumo_x_m[rows], readings.y_m - last.sumo_y_m[rows])
-            allowed = np.maximum(readings.speed_mps, last.sumo_speed_mps[rows]) * STEP_S + self._config.jump_m
-            stayed = (owner == Owner.SUMO) & (last.owner[rows] == Owner.SUMO)
-            for row in np.flatnonzero((rows >= 0) & stayed & (moved > allowed)):
-                found.setdefault(int(ids[row]), "jump")
-        row_of = {int(actor_id): row for row, actor_id in enumerate(ids)}
-        events = []
-        for actor_id, reason in sorted(found.items()):
-            row = row_of.get(actor_id)
-            x, y = (0.0, 0.0) if row is None else (float(readings.x_m[row]), float(readings.y_m[row]))
-            events.append(Event(step, EventKind.TELEPORT, actor_id, x_m=x, y_m=y, detail={"reason": reason}))
-        return events

@@ -17,6 +17,7 @@ from siren_ros.dynamics.parameters import ParameterTable, load_vehicle_parameter
 from siren_ros.dynamics.vehicle_model import BodyState, Controls, step_bodies
 from siren_ros.world.actors import ActorClass, ActorDescription, Lights, Mode, Owner
 from siren_ros.world.commands import VehicleCommands
+from siren_ros.world.geometry import footprint_corners, separation_m
 from siren_ros.world.levels import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.world.polyline import Polyline
 from siren_ros.world.presets import load_preset
@@ -320,6 +321,18 @@ class Loop:
         left *= 0.98 if v > 0.1 else 1.0
         point = lane.centre.offset_points(s, left)
         return float(point[0]), float(point[1]), float(lane.centre.heading_rad(s)), v
+
+    def touching(self) -> list[tuple[int, int, int]]:
+        """Steps and pairs of actors whose footprints overlap."""
+        ids = [car.actor_id for car in self.cars]
+        first, second = np.triu_indices(len(ids), 1)
+        hits = []
+        for step, row in enumerate(self.log):
+            pose = np.array([row[actor][:3] for actor in ids])
+            corners = footprint_corners(*pose.T, self.table.length_m, self.table.width_m)
+            for pair in np.flatnonzero(separation_m(corners[first], corners[second]) <= 0.0):
+                hits.append((step, ids[first[pair]], ids[second[pair]]))
+        return hits
 
     def of(self, kind: str) -> list[Any]:
         return [event for event in self.events if event.kind.value == kind]

@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from siren_ros.dynamics.collisions import RELEASE_GAP_M, Footprints, find_contacts
+from siren_ros.world.geometry import footprint_corners, separation_m
 
 LENGTH_M, WIDTH_M = 4.0, 2.0
 
@@ -116,8 +117,6 @@ def test_contacts_do_not_depend_on_the_frame(
         assert 0.0 <= here[0].impact_speed_mps <= np.hypot(vx, vy) + 1e-9
         assert np.hypot(here[0].x_m, here[0].y_m) < np.hypot(LENGTH_M, WIDTH_M) / 2.0 + 1e-6
     elif here or there:
-        from siren_ros.world.geometry import footprint_corners, separation_m
-
         boxes = _boxes((0.0, 0.0, 0.0, 0.0, 0.0), (x, y, yaw, vx, vy))
         corners = footprint_corners(boxes.x_m, boxes.y_m, boxes.yaw_rad, boxes.length_m, boxes.width_m)
         assert abs(separation_m(corners[:1], corners[1:])[0]) < 1e-9

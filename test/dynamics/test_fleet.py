@@ -1,5 +1,4 @@
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,7 +6,7 @@ import pytest
 from siren_ros.dynamics.fleet import FleetState, step_fleet
 from siren_ros.dynamics.parameters import VehicleParameters, load_vehicle_parameters
 from siren_ros.world.actors import ActorClass, ActorDescription, ActorStates, Lights, Mode, Owner, rows_of_ids
-from siren_ros.world.commands import VehicleCommands
+from siren_ros.world.commands import COMMAND_DTYPES, VehicleCommands
 from siren_ros.world.errors import EpisodeError
 from siren_ros.world.events import Event, EventKind
 from siren_ros.world.traffic_state import TrafficState
@@ -89,6 +88,11 @@ def _command(
         lights=np.array([lights], np.uint8),
         events=events,
     )
+
+
+def _stacked(*commands: VehicleCommands) -> VehicleCommands:
+    arrays = {name: np.concatenate([getattr(command, name) for command in commands]) for name in COMMAND_DTYPES}
+    return VehicleCommands(step=commands[0].step, source=commands[0].source, events=(), **arrays)
 
 
 def _kinds(events: Sequence[Event]) -> list[EventKind]:
@@ -198,26 +202,28 @@ def test_taking_over_and_handing_back_makes_no_jump(mirror_delay: int) -> None:
     """SUMO's pose of a ROS-owned actor is the mirror of the step before; from the release on SUMO drives on."""
     state, states = _started(1, 10.0)
     history = [states]
-    sumo_x = 0.0
+    sumo = np.array([0.0, 50.0, 0.0, 10.0])
     changes = []
     for step in range(1, 200):
         ours = 40 <= step < 100
-        previous = history[-1]
-        mirrored = 40 < step <= 100 + mirror_delay
-        speed = float(previous.speed_mps[0]) if mirrored else 10.0
-        sumo_x = float(previous.x_m[0]) if mirrored else sumo_x + speed * STEP_S
-        sumo_y = float(previous.y_m[0]) if step > 40 else 50.0
+        last = history[-1]
+        if 40 < step <= 100 + mirror_delay:
+            sumo = np.array([last.x_m[0], last.y_m[0], last.yaw_rad[0], last.speed_mps[0]])
+        else:
+            sumo[3] = max(sumo[3] - 2.0 * STEP_S, 10.0)
+            sumo[:2] += sumo[3] * STEP_S * np.array([np.cos(sumo[2]), np.sin(sumo[2])])
+            sumo[2] *= 0.95
+        x, y, yaw, speed = sumo.tolist()
         commands = [_command(step, 1, throttle=0.35, steer=0.004)] if ours else []
-        yaw = float(previous.yaw_rad[0]) if mirrored else 0.0
-        state, states, events = step_fleet(state, _traffic(step, {1: (sumo_x, sumo_y, yaw, speed)}), commands)
+        state, states, events = step_fleet(state, _traffic(step, {1: (x, y, yaw, speed)}), commands)
         changes += [(step, event.detail["owner"]) for event in events if event.kind is EventKind.OWNER_CHANGED]
         history.append(states)
     assert changes == [(40, "ROS"), (100, "SUMO")]
-    x = np.array([item.x_m[0] for item in history])
-    y = np.array([item.y_m[0] for item in history])
+    way_x = np.array([item.x_m[0] for item in history])
+    way_y = np.array([item.y_m[0] for item in history])
     yaw_rad = np.array([item.yaw_rad[0] for item in history])
     speeds = np.array([item.speed_mps[0] for item in history])
-    np.testing.assert_allclose(np.hypot(np.diff(x), np.diff(y)), speeds[1:] * STEP_S, atol=0.02)
+    np.testing.assert_allclose(np.hypot(np.diff(way_x), np.diff(way_y)), speeds[1:] * STEP_S, atol=0.02)
     assert np.abs(np.diff(speeds)).max() < 10.0 * STEP_S
     assert np.abs(np.diff(yaw_rad)).max() < 0.05
     assert max(item.residual_m[0] for item in history) < 1.0
@@ -316,15 +322,8 @@ def test_contradictions_are_refused() -> None:
         step_fleet(state, _traffic(1, rows), [_command(1, 4)])
     with pytest.raises(EpisodeError, match="not finite"):
         step_fleet(state, _traffic(1, rows), [_command(1, 1, steer=float("nan"))])
-    twice = _command(1, 1)
-    doubled = replace(
-        twice, **{name: np.repeat(getattr(twice, name), 2) for name in ("actor_id", "owner", "throttle", "brake")}
-    )
-    doubled = replace(
-        doubled, **{name: np.repeat(getattr(twice, name), 2) for name in ("steer_rad", "hand_brake", "mode", "lights")}
-    )
     with pytest.raises(EpisodeError, match="twice"):
-        step_fleet(state, _traffic(1, rows), [doubled])
+        step_fleet(state, _traffic(1, rows), [_stacked(_command(1, 1), _command(1, 1))])
 
 
 def test_commands_for_actors_that_just_left_are_void() -> None:
@@ -340,14 +339,8 @@ def test_classes_have_their_own_motion(parameters: Mapping[ActorClass, VehiclePa
     rows = {1: (0.0, 0.0, 0.0, 5.0), 2: (0.0, 50.0, 0.0, 5.0)}
     spawned = [_description(1), _description(2, ActorClass.BUS)]
     state, states, _ = step_fleet(FleetState.empty(parameters), _traffic(0, rows, spawned), ())
-    both = replace(
-        _command(1, 1),
-        **{
-            name: np.repeat(getattr(_command(1, 1, throttle=1.0), name), 2)
-            for name in ("owner", "throttle", "brake", "steer_rad", "hand_brake", "mode", "lights")
-        },
-        actor_id=np.array([1, 2], np.uint32),
-    )
     for step in range(1, 40):
-        state, states, _ = step_fleet(state, _traffic(step, rows), [replace(both, step=step)])
+        state, states, _ = step_fleet(
+            state, _traffic(step, rows), [_stacked(*(_command(step, i, throttle=1.0) for i in (1, 2)))]
+        )
     assert states.speed_mps[0] > states.speed_mps[1] + 1.0

@@ -68,7 +68,7 @@ def _copy(bag: Path, tmp_path: Path) -> tuple[Path, Path]:
 
 
 def test_a_missing_bag_is_named(tmp_path: Path) -> None:
-    with pytest.raises(BagError, match="nowhere.*exists"):
+    with pytest.raises(BagError, match=r"nowhere.*exists"):
         read_episode(tmp_path / "nowhere")
 
 

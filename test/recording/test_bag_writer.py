@@ -1,13 +1,16 @@
 import os
 import signal
+import struct
 import subprocess
 import sys
 import textwrap
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 import yaml
+from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
@@ -136,18 +139,17 @@ def test_a_full_disk_ends_the_episode_with_its_cause(
     writer = EpisodeBagWriter(tmp_path / "bag", typestore, options=BagOptions(chunk_bytes=64))
     for step in range(10):
         writer.write(*CLOCK, clock_cdr, step * 50_000_000)
-    full = Path("/dev/full").open("wb", buffering=0)
-    monkeypatch.setattr(writer._stream, "_stream", full)
 
     def write_on() -> None:
         for step in range(10, 2000):
             writer.write(*CLOCK, clock_cdr, step * 50_000_000)
         writer.finish()
 
-    with pytest.raises(EpisodeError, match="disk is full"):
-        write_on()
-    summary = writer.abandon("the disk is full")
-    full.close()
+    with Path("/dev/full").open("wb", buffering=0) as full:
+        monkeypatch.setattr(writer._stream, "_stream", full)
+        with pytest.raises(EpisodeError, match="disk is full"):
+            write_on()
+        summary = writer.abandon("the disk is full")
     assert summary.path.name == "bag.partial"
     assert not (tmp_path / "bag").exists()
 
@@ -184,11 +186,11 @@ def test_a_killed_writer_leaves_whole_chunks_and_no_lock(
         assert process.stdout is not None
         assert process.stdout.readline() == b"written\n"
         process.send_signal(signal.SIGKILL)
-    data = (tmp_path / ".bag.partial" / "bag_0.mcap").open("rb")
     kinds = []
-    with data, pytest.raises(Exception, match=r".*"):  # the file ends within a record
-        for record in StreamReader(data).records:
-            kinds.append(type(record).__name__)  # noqa: PERF401 # what was read before the end counts
+    with (tmp_path / ".bag.partial" / "bag_0.mcap").open("rb") as data:
+        records = StreamReader(data).records
+        with suppress(McapError, struct.error):  # the file ends within a record
+            kinds.extend(type(record).__name__ for record in records)
     assert kinds.count("Message") >= 190
     writer = EpisodeBagWriter(tmp_path / "bag", typestore)
     writer.write(*CLOCK, clock_cdr, 0)

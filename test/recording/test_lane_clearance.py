@@ -3,13 +3,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic_episode import LEFT_Y_M, RIGHT_Y_M
+from synthetic_episode import LEFT_Y_M, RIGHT_Y_M, split_net
 
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.recording.lane_clearance import find_clearings, lane_cleared
 from siren_ros.recording.lane_location import lanes_ahead, locate
 from siren_ros.recording.predicates import evaluate_predicate
 from siren_ros.world.errors import BagError
+from siren_ros.world.net_parser import parse_road_network
 
 THRESHOLDS = {"lane_changes_min": 3, "passed_min": 3}
 
@@ -31,6 +32,22 @@ def test_completion_and_pass_lie_where_the_poses_put_them(record_of: Callable[..
     gap = emv.x_m - track.x_m
     reach = (6.2 + 4.6) / 2.0
     assert gap[first.passed_step - 1] < reach <= gap[first.passed_step]
+
+
+def test_a_seam_between_two_edges_hides_no_lane_change(record_of: Callable[..., EpisodeRecord]) -> None:
+    record = record_of()
+    whole = find_clearings(record)
+    for seam_m in range(50, 100, 7):
+        network = parse_road_network(split_net(float(seam_m)).encode())
+        seamed = find_clearings(replace(record, network=network))
+        assert [(item.actor_id, item.passed_step) for item in seamed] == [
+            (item.actor_id, item.passed_step) for item in whole
+        ]
+
+
+def test_following_a_lane_across_a_seam_is_no_lane_change(record_of: Callable[..., EpisodeRecord]) -> None:
+    network = parse_road_network(split_net(100.0).encode())
+    assert find_clearings(replace(record_of(changing=0), network=network)) == ()
 
 
 def test_two_are_not_enough_and_the_numbers_say_so(record_of: Callable[..., EpisodeRecord]) -> None:

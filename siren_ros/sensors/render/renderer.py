@@ -25,7 +25,7 @@ from siren_ros.world.units import STEP_S
 NEAR_M: Final = 0.1
 FAR_M: Final = 700.0
 _REACH_M: Final = 450.0
-"""Chunks of the static scene further away than this are left to the haze."""
+"""Vehicles further away than this are left to the haze."""
 _STATIC_SHADOW_TEXELS: Final = 2048
 _STATIC_SHADOW_HALF_M: Final = 120.0
 _STATIC_SHADOW_GRID_M: Final = 40.0
@@ -156,7 +156,7 @@ class Renderer:
         sky = self._sky_texture or self._paint_sky()
         sky.use(3)
         (target.labelled if labels else target.plain).use()
-        self._draw(self._static.visible(clip, eye, _REACH_M), signals, step)
+        self._draw(self._static.visible(clip, eye), signals, step)
         return target.read(labels)
 
     def _paint_sky(self) -> moderngl.Texture:

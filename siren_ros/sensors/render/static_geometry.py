@@ -24,18 +24,35 @@ Floats = npt.NDArray[np.float64]
 class Shading(IntEnum):
     """Programs of the static scene, in drawing order: what hides most comes first, what is widest last."""
 
-    PLAIN = 0
-    FACADE = 1
-    FOLIAGE = 2
-    GROUND = 3
+    DETAIL = 0
+    """Windows, poles, lamps: not drawn where they are smaller than a pixel or two."""
+    PLAIN = 1
+    FACADE = 2
+    FOLIAGE = 3
+    GROUND = 4
 
 
 _FRAGMENT: Final = {
+    Shading.DETAIL: shaders.PLAIN_FRAGMENT,
     Shading.PLAIN: shaders.PLAIN_FRAGMENT,
     Shading.FACADE: shaders.FACADE_FRAGMENT,
     Shading.FOLIAGE: shaders.FOLIAGE_FRAGMENT,
     Shading.GROUND: shaders.GROUND_FRAGMENT,
 }
+_REACH_M: Final = np.array([220.0, 450.0, 450.0, 300.0, 450.0])
+"""Distance up to which each program's triangles are drawn; beyond lies haze."""
+_DETAIL: Final = (
+    Material.BUILDING_GLASS,
+    Material.METAL_POLE,
+    Material.SIGNAL_HOUSING,
+    Material.SIGNAL_RED,
+    Material.SIGNAL_YELLOW,
+    Material.SIGNAL_GREEN,
+    Material.STOP_SIGN,
+    Material.STREET_LAMP,
+    Material.TREE_TRUNK,
+    Material.FENCE,
+)
 _GROUND: Final = (
     Material.GROUND,
     Material.GRASS,
@@ -51,6 +68,7 @@ _GROUND: Final = (
 
 def _shading_of_material() -> npt.NDArray[np.uint8]:
     table = np.full(len(Material), int(Shading.PLAIN), np.uint8)
+    table[[int(material) for material in _DETAIL]] = int(Shading.DETAIL)
     table[[int(material) for material in _GROUND]] = int(Shading.GROUND)
     table[int(Material.BUILDING_WALL)] = int(Shading.FACADE)
     table[int(Material.FOLIAGE)] = int(Shading.FOLIAGE)
@@ -107,11 +125,11 @@ class StaticGeometry:
         """All static triangles, positions alone, for a shadow program."""
         return self._context.vertex_array(program, ((self._vertices, "3f 12x", "in_position"),), self._indices)
 
-    def visible(self, clip_from_map: Floats, eye_m: Floats, reach_m: float) -> npt.NDArray[np.intp]:
-        """Chunks within the view frustum and ``reach_m``, nearest first."""
+    def visible(self, clip_from_map: Floats, eye_m: Floats) -> npt.NDArray[np.intp]:
+        """Chunks within the view frustum and their program's reach, nearest first."""
         nearest = np.clip(eye_m, self._low, self._high)
         distance = np.linalg.norm(nearest - eye_m, axis=1)
-        inside = distance < reach_m
+        inside = distance < _REACH_M[self._shading]
         for sign in (1.0, -1.0):
             for row in range(2):
                 plane = clip_from_map[3] + sign * clip_from_map[row]

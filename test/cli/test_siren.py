@@ -1,0 +1,114 @@
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import siren_ros
+from siren_ros.cli.main import main
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Path]) -> Path:
+    return write_bag(tmp_path_factory.mktemp("bags") / "S2_L2_seed0", lidar=True)
+
+
+@pytest.fixture(scope="module")
+def failing_bag(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Path]) -> Path:
+    return write_bag(tmp_path_factory.mktemp("bags") / "S2_L2_seed1", changing=1)
+
+
+def test_info_tells_the_episode(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", str(bag)]) == 0
+    out = capsys.readouterr().out
+    assert "template S2, level L2, seed 0" in out
+    assert "16.00 s of 16.00 s, 320 steps" in out
+    assert "interaction verified" in out
+    (lidar,) = [line.split() for line in out.splitlines() if line.startswith("/emv/lidar/points")]
+    assert lidar[1:5] == ["sensor_msgs/msg/PointCloud2", "160", "10", "Hz"]
+    assert "yield_completed × 4" in out
+
+
+def test_verify_passes_a_sound_episode(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["verify", str(bag)]) == 0
+    out = capsys.readouterr().out
+    assert f"{bag}: holds" in out
+    assert "FAIL" not in out
+
+
+def test_verify_names_what_fails(failing_bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["verify", "--quiet", str(failing_bag)]) == 1
+    out = capsys.readouterr().out
+    assert f"{failing_bag}: FAILS" in out
+    assert "FAIL  lane_changes: 1 (needs >= 3)" in out
+    assert "ok" not in out.split()
+
+
+def test_verify_goes_on_after_a_bag_that_cannot_be_read(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["verify", str(tmp_path / "none"), str(bag)]) == 2
+    captured = capsys.readouterr()
+    assert "holds" in captured.out
+    assert captured.err.count("\n") == 1
+    assert "none" in captured.err
+
+
+def test_export_writes_both_formats(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["export", "csv", str(bag), "--out", str(tmp_path / "csv")]) == 0
+    assert main(["export", "kitti", str(bag), "--out", str(tmp_path / "kitti")]) == 0
+    assert (tmp_path / "csv" / "trajectory.csv").read_text().startswith("step,timestamp")
+    assert len(list((tmp_path / "kitti" / "label_2").iterdir())) == 160
+    assert "160 frames" in capsys.readouterr().out
+
+
+def test_plot_writes_a_picture(bag: Path, tmp_path: Path) -> None:
+    assert main(["plot", str(bag), "--out", str(tmp_path / "a.png")]) == 0
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["info", "BAG"], ["verify", "BAG"], ["plot", "BAG", "--out", "x.png"], ["export", "kitti", "BAG", "--out", "x"]],
+)
+def test_a_bag_that_is_not_there_is_one_line_and_exit_code_2(
+    arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    absent = str(tmp_path / "absent")
+    assert main([absent if word == "BAG" else word for word in arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert absent in captured.err
+
+
+@pytest.mark.parametrize(
+    "arguments", [[], ["info"], ["verify"], ["plot"], ["export"], ["export", "csv"], ["export", "kitti"]]
+)
+def test_every_verb_has_help(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main([*arguments, "--help"])
+    assert end.value.code == 0
+    assert "usage: siren" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("arguments", [[], ["fly"], ["info"], ["export", "zip", "bag"], ["plot", "bag"]])
+def test_a_wrong_command_line_is_exit_code_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(arguments)
+    assert end.value.code == 2
+    assert "siren" in capsys.readouterr().err
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--version"])
+    assert capsys.readouterr().out == f"siren {siren_ros.__version__}\n"
+
+
+def test_a_reader_that_goes_away_is_not_an_error_message(bag: Path) -> None:
+    command = f"{sys.executable} -m siren_ros.cli.main info {bag} | head -n 1"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, check=True, text=True)
+    assert done.stdout.startswith("bag")
+    assert done.stderr == ""

@@ -1,0 +1,82 @@
+import csv
+import io
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from siren_ros.datasets.trajectory_csv import COLUMNS, export_csv, trajectory_csv, type_id_of
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.world.actors import ActorClass
+from siren_ros.world.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def record(record_of: Callable[..., EpisodeRecord]) -> EpisodeRecord:
+    return record_of(duration_s=4.0)
+
+
+def _rows(record: EpisodeRecord) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(trajectory_csv(record))))
+
+
+def test_the_columns_are_the_papers() -> None:
+    expected = "step,timestamp,actor_id,type_id,x,y,z,yaw,vx,vy,speed_mps,is_emv"
+    assert ",".join(COLUMNS) == expected
+
+
+def test_one_row_per_actor_at_10_hz(record: EpisodeRecord) -> None:
+    rows = _rows(record)
+    assert len(rows) == 40 * 5
+    assert sorted({float(row["timestamp"]) for row in rows})[:3] == [0.0, 0.1, 0.2]
+    assert [row["actor_id"] for row in rows[:5]] == ["1", "2", "3", "4", "5"]
+    assert [row["is_emv"] for row in rows[:2]] == ["1", "0"]
+    assert rows[0]["type_id"] == "vehicle.siren.ambulance"
+
+
+def test_the_frame_is_carlas(record: EpisodeRecord) -> None:
+    track = record.track(2)
+    rows = [row for row in _rows(record) if row["actor_id"] == "2"]
+    for row in rows:
+        step = int(row["step"])
+        assert float(row["x"]) == pytest.approx(track.x_m[step], abs=1e-4)
+        assert float(row["y"]) == pytest.approx(-track.y_m[step], abs=1e-4)
+        assert float(row["vy"]) == pytest.approx(-track.vy_mps[step], abs=1e-4)
+        assert float(row["yaw"]) == pytest.approx(-np.degrees(track.yaw_rad[step]), abs=1e-3)
+        assert float(row["speed_mps"]) == pytest.approx(np.hypot(float(row["vx"]), float(row["vy"])), abs=2e-4)
+
+
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(yaw_rad=st.floats(-20.0, 20.0))
+def test_yaw_stays_within_half_a_turn(record: EpisodeRecord, yaw_rad: float) -> None:
+    state = replace(record.states[0], yaw_rad=np.full(5, yaw_rad))
+    yaw = float(_rows(replace(record, states=(state,)))[0]["yaw"])
+    assert -180.0 <= yaw <= 180.0
+    assert np.cos(np.radians(yaw)) == pytest.approx(np.cos(yaw_rad), abs=1e-5)
+    assert np.sin(np.radians(yaw)) == pytest.approx(-np.sin(yaw_rad), abs=1e-5)
+
+
+def test_no_negative_zeros(record: EpisodeRecord) -> None:
+    assert "-0.0000" not in trajectory_csv(record)
+
+
+def test_every_class_has_a_type_id() -> None:
+    assert len({type_id_of(member) for member in ActorClass}) == len(ActorClass)
+
+
+def test_an_existing_file_is_not_overwritten(record: EpisodeRecord, tmp_path: Path) -> None:
+    path = export_csv(record, tmp_path / "out")
+    before = path.read_bytes()
+    with pytest.raises(InputError, match="out"):
+        export_csv(record, tmp_path / "out")
+    assert path.read_bytes() == before
+
+
+def test_a_folder_that_cannot_be_made_is_named(record: EpisodeRecord, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="file"):
+        export_csv(record, tmp_path / "file" / "out")

@@ -1,0 +1,191 @@
+"""One recorded episode, end to end, on the real parts."""
+
+import hashlib
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+
+from siren_ros.datasets.kitti_export import export_kitti
+from siren_ros.interfaces import topics
+from siren_ros.interfaces.point_cloud import from_point_cloud
+from siren_ros.recording.bag_reader import read_episode
+from siren_ros.sensors.sensor_topics import recorded_topics
+from siren_ros.sensors.suite import load_suite
+from siren_ros.world.actors import Owner
+from siren_ros.world.episode import EpisodeEnd
+from siren_ros.world.units import STEP_NS
+
+SHORT = ("template:=S2", "duration_s:=2.0")
+STEPS = 40
+
+
+def digest(folder: Path) -> dict[str, str]:
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+def message_counts(bag: Path) -> dict[str, int]:
+    with AnyReader([bag]) as reader:
+        return {connection.topic: connection.msgcount for connection in reader.connections}
+
+
+@pytest.fixture(scope="module")
+def episode(cosim: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """A short episode with everything that the default run has."""
+    folder = tmp_path_factory.mktemp("default")
+    run = cosim(*SHORT, cwd=folder)
+    assert run.code == 0, run.err
+    return run, folder
+
+
+def test_the_summary_tells_what_was_made(episode: Any) -> None:
+    run, _ = episode
+    for part in (
+        "episode complete after 2.00 s (40 steps)",
+        "bag: bags/S2_L2_seed0",
+        "real-time factor",
+        "interaction:",
+    ):
+        assert part in run.out
+    for node in ("sumo_bridge", "emv_controller", "yield_manager", "vehicle_dynamics", "sensor_sim", "recorder"):
+        assert node in run.out
+    assert run.err == ""
+
+
+def test_the_bag_holds_every_message_of_every_topic(episode: Any) -> None:
+    bag = episode[1] / "bags" / "S2_L2_seed0"
+    expected = {
+        topic.name: 1 if topic.latched else -(-STEPS // topic.period_steps)
+        for topic in recorded_topics(load_suite("front"))
+    }
+    assert message_counts(bag) == expected
+
+
+def test_plain_mcap_tools_read_the_bag(episode: Any) -> None:
+    (file,) = (episode[1] / "bags" / "S2_L2_seed0").glob("*.mcap")
+    with file.open("rb") as stream:
+        reader = make_reader(stream)
+        summary = reader.get_summary()
+        assert summary is not None
+        assert {channel.topic for channel in summary.channels.values()} == set(
+            message_counts(episode[1] / "bags" / "S2_L2_seed0")
+        )
+        times_ns = [message.log_time for _, _, message in reader.iter_messages()]
+    assert all(time_ns % STEP_NS == 0 for time_ns in times_ns)
+    assert max(times_ns) == (STEPS - 1) * STEP_NS
+
+
+def test_the_record_says_how_it_was_made(episode: Any) -> None:
+    record = read_episode(episode[1] / "bags" / "S2_L2_seed0")
+    assert record.complete
+    assert record.outcome is not None
+    assert record.outcome.end is EpisodeEnd.COMPLETE
+    description = record.description
+    assert (description.template, description.seed, description.sensor_suite) == ("S2", 0, "front")
+    assert len(description.map_sha256) == 64
+    assert description.versions["siren_ros"]
+    assert [state.step for state in record.states] == list(range(STEPS))
+    emv = record.track(record.emv_ids[0])
+    assert np.all(emv.owner == Owner.ROS)
+
+
+def test_the_sweeps_see_the_labelled_vehicles(episode: Any) -> None:
+    bag = episode[1] / "bags" / "S2_L2_seed0"
+    with AnyReader([bag]) as reader:
+        wanted = {topics.GROUND_TRUTH.name, "/emv/lidar/points"}
+        found: dict[str, dict[int, Any]] = {name: {} for name in wanted}
+        connections = [connection for connection in reader.connections if connection.topic in wanted]
+        for connection, time_ns, raw in reader.messages(connections=connections):
+            found[connection.topic][time_ns] = reader.deserialize(raw, connection.msgtype)
+    hits = 0
+    for time_ns, truth in found[topics.GROUND_TRUTH.name].items():
+        points = from_point_cloud(found["/emv/lidar/points"][time_ns])
+        counted = np.bincount(points["instance"].astype(int), minlength=int(max(truth.actor_id, default=0)) + 1)
+        assert np.array_equal(counted[truth.actor_id], truth.lidar_points)
+        hits += int(np.sum(truth.lidar_points))
+    assert hits > 1000
+
+
+def test_live_and_offline_kitti_are_the_same(episode: Any, tmp_path: Path) -> None:
+    bags = episode[1] / "bags"
+    assert export_kitti(bags / "S2_L2_seed0", tmp_path / "kitti") == STEPS // 2
+    assert digest(tmp_path / "kitti") == digest(bags / "S2_L2_seed0_kitti")
+
+
+def test_the_same_command_gives_the_same_bytes(episode: Any, cosim: Callable[..., Any], tmp_path: Path) -> None:
+    assert cosim(*SHORT, cwd=tmp_path).code == 0
+    assert digest(tmp_path / "bags") == digest(episode[1] / "bags")
+
+
+def test_one_process_per_node_gives_the_same_bytes(episode: Any, cosim: Callable[..., Any], tmp_path: Path) -> None:
+    run = cosim(*SHORT, "processes:=true", cwd=tmp_path)
+    assert run.code == 0, run.err
+    assert digest(tmp_path / "bags") == digest(episode[1] / "bags")
+
+
+def test_a_bag_that_exists_is_not_touched(episode: Any, cosim: Callable[..., Any]) -> None:
+    before = digest(episode[1])
+    run = cosim(*SHORT, cwd=episode[1])
+    assert run.code == 2
+    assert run.error_lines == [
+        "bag: 'bags/S2_L2_seed0' cannot be used; allowed: the path of a new folder; this one exists already"
+    ]
+    assert digest(episode[1]) == before
+
+
+@pytest.mark.parametrize(
+    ("parameter", "named", "allowed"),
+    [
+        ("template:=S99", "template: 'S99'", "S2"),
+        ("level:=L9", "level: 'L9'", "'L0', 'L1', 'L2', 'L3'"),
+        ("sensors:=sonar", "sensors: 'sonar'", "front"),
+        ("preset:=wild", "preset: 'wild'", "paper"),
+        ("duration_s:=-3.0", "duration_s: -3.0", "a number from 0 to 3600"),
+        ("seed:=many", "seed: 'many'", "an integer from 0"),
+        ("processes:=maybe", "processes: 'maybe'", "true or false"),
+        ("map:=nowhere.xodr", "map: 'nowhere.xodr'", ""),
+        ("map:={file}", "map: ", ""),
+        ("bag:=/proc/nowhere/bag", "bag: '/proc/nowhere/bag'", "a place that can be written"),
+        ("tempalte:=S2", "tempalte: 'S2'", "one of the parameters"),
+    ],
+)
+def test_bad_input_gets_one_line_that_names_it(
+    cosim: Callable[..., Any], tmp_path: Path, parameter: str, named: str, allowed: str
+) -> None:
+    file = tmp_path / "notes.xodr"
+    file.write_text("no map", encoding="utf-8")
+    run = cosim(parameter.format(file=file), cwd=tmp_path)
+    assert run.code == 2
+    assert len(run.error_lines) == 1
+    assert run.error_lines[0].startswith(named)
+    assert allowed in run.error_lines[0]
+    assert list(tmp_path.iterdir()) == [file]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_episode_leaves_a_readable_partial_bag(
+    stopped_cosim: Callable[..., Any], tmp_path: Path, number: signal.Signals
+) -> None:
+    bags = tmp_path / "bags"
+
+    def recording() -> bool:
+        return any(file.stat().st_size > 1_000_000 for file in bags.rglob("*.mcap"))
+
+    run = stopped_cosim("sensors:=lidar", "kitti:=false", cwd=tmp_path, number=number, when=recording)
+    assert run.code == 1
+    assert f"stopped by {number.name}" in run.out
+    assert sorted(path.name for path in bags.iterdir()) == ["S2_L2_seed0.partial"]
+    record = read_episode(bags / "S2_L2_seed0.partial")
+    assert not record.complete
+    assert record.outcome is not None
+    assert record.outcome.end is EpisodeEnd.INTERRUPTED
+    assert record.steps > 1

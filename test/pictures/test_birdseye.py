@@ -1,0 +1,114 @@
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from PIL import Image
+
+from siren_ros.interfaces.markers import EMV_COLOUR
+from siren_ros.pictures.annotations import LabelPlacer
+from siren_ros.pictures.birdseye import draw_episode, interaction_box, interaction_steps, save_episode_picture
+from siren_ros.pictures.roads import lane_outline
+from siren_ros.pictures.timeline import mode_runs, yielding_actors
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.world.actors import Mode
+from siren_ros.world.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def record(record_of: Callable[..., EpisodeRecord]) -> EpisodeRecord:
+    return record_of()
+
+
+@pytest.fixture(scope="module")
+def picture(record: EpisodeRecord, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return save_episode_picture(record, tmp_path_factory.mktemp("pictures") / "new" / "episode.png")
+
+
+def _share_of(path: Path, colour: tuple[float, ...]) -> float:
+    pixels = np.asarray(Image.open(path).convert("RGB"), dtype=np.int64)
+    distance = np.abs(pixels - np.round(np.array(colour[:3]) * 255).astype(np.int64)).max(axis=-1)
+    return float((distance <= 3).mean())
+
+
+def test_the_picture_shows_the_emv_and_the_road(picture: Path) -> None:
+    assert _share_of(picture, EMV_COLOUR) > 0.001
+    assert _share_of(picture, (0xC9 / 255, 0xCD / 255, 0xD2 / 255)) > 0.05
+
+
+def test_the_same_record_gives_the_same_bytes(record: EpisodeRecord, picture: Path, tmp_path: Path) -> None:
+    assert save_episode_picture(record, tmp_path / "again.png").read_bytes() == picture.read_bytes()
+
+
+def _texts(figure: Figure) -> list[str]:
+    return [text.get_text() for text in figure.texts] + [
+        text.get_text() for axes in figure.axes for text in axes.texts if text.get_text()
+    ]
+
+
+def test_title_verdict_and_labels_are_there(record: EpisodeRecord) -> None:
+    texts = _texts(draw_episode(record))
+    assert "S2 · L2 · seed 0 · straight" in texts
+    assert "interaction verified" in texts
+    assert sum(text.startswith("#") and text.endswith(" s") for text in texts) == 8
+
+
+def test_an_episode_without_the_interaction_says_so(record_of: Callable[..., EpisodeRecord]) -> None:
+    assert "interaction not found" in _texts(draw_episode(record_of(changing=0)))
+
+
+def test_the_box_holds_the_interaction_and_not_the_whole_map(record: EpisodeRecord) -> None:
+    first, last = interaction_steps(record)
+    assert (first, last) == (0, 247)
+    x0, x1, y0, y1 = interaction_box(record)
+    assert x0 < 10.0
+    assert 183.0 < x1 < 220.0
+    assert y1 - y0 >= 40.0
+
+
+def test_states_are_cut_into_runs(record: EpisodeRecord) -> None:
+    runs = mode_runs(record.track(3))
+    assert [mode for _, _, mode in runs] == [
+        Mode.NOMINAL,
+        Mode.YIELD_REACTING,
+        Mode.YIELD_LANE_CHANGE,
+        Mode.YIELD_KEEP_LANE,
+        Mode.NOMINAL,
+    ]
+    assert runs[0][0] == 0
+    assert runs[-1][1] == record.steps - 1
+    assert all(before[1] + 1 == after[0] for before, after in pairwise(runs))
+    assert yielding_actors(record) == (2, 3, 4, 5)
+
+
+def test_a_lane_outline_has_the_lanes_area(record: EpisodeRecord) -> None:
+    lane = record.network.lanes[0]
+    x, y = lane_outline(lane).T
+    area = abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1))) / 2.0
+    assert area == pytest.approx(lane.length_m * lane.width_m)
+
+
+def test_labels_never_cover_each_other() -> None:
+    axes = Figure(figsize=(4, 3), dpi=100).add_axes((0, 0, 1, 1))
+    axes.set_xlim(0, 40)
+    axes.set_ylim(0, 30)
+    placer = LabelPlacer(axes, 6.0)
+    placed = [placer.place(20.0, 15.0, f"#{number} 1.0 s", "black") for number in range(60)]
+    assert placed[0]
+    assert not placed[-1]
+    boxes = placer.taken
+    assert not any(a.overlaps(b) for row, a in enumerate(boxes) for b in boxes[:row])
+
+
+def test_nothing_to_draw_is_said(record: EpisodeRecord) -> None:
+    with pytest.raises(InputError, match="actor state"):
+        draw_episode(replace(record, states=()))
+
+
+def test_only_png_is_written(record: EpisodeRecord, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"\.png"):
+        save_episode_picture(record, tmp_path / "episode.txt")
+    assert list(tmp_path.iterdir()) == []

@@ -13,7 +13,7 @@ from siren_ros.ros import wire
 from siren_ros.ros.node_configs import SumoBridgeConfig
 from siren_ros.ros.participant import Participant
 from siren_ros.ros.program import run_participant
-from siren_ros.traffic.residual import check_residual
+from siren_ros.traffic.checks import check_no_teleport, check_residual
 from siren_ros.traffic.simulation import SumoSimulation
 
 
@@ -43,6 +43,7 @@ class SumoBridge(Participant[SumoBridgeConfig]):
         if states is not None:
             check_residual(states, self.config.residual_limit_m)
         traffic = self._simulation.step(step, states)
+        check_no_teleport(traffic)
         self.send(topics.TRAFFIC, to_traffic_state(wire.factory(), traffic))
 
     def close(self, closing: EpisodeClosing) -> None:  # noqa: ARG002 - the interface of all nodes

@@ -15,7 +15,7 @@ from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.generation.behaviour_setup import behaviour_world
 from siren_ros.generation.episode_setup import EpisodeSetup
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.traffic.residual import check_residual
+from siren_ros.traffic.checks import check_no_teleport, check_residual
 from siren_ros.traffic.simulation import SumoSimulation
 from siren_ros.world.actors import ActorDescription, ActorStates
 from siren_ros.world.commands import VehicleCommands
@@ -48,6 +48,7 @@ def closed_loop(setup: EpisodeSetup, steps: int, residual_limit_m: float = 5.0) 
     ) as simulation:
         for step in range(steps):
             traffic = simulation.step(step, states)
+            check_no_teleport(traffic)
             emv, emv_commands = step_emv(emv, traffic, world)
             civilians, yield_commands = step_yield(civilians, traffic, world)
             commands = (emv_commands, yield_commands)

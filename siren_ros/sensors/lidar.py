@@ -199,8 +199,12 @@ class Lidar:
         if any(count > len(room.ray) for count, room in zip(found, self._room, strict=True)):
             self._room = [_room_for(2 * max(found)) for _ in found]
             found = self._parts.run(select)
-        columns = zip(*((a[:n] for a in room) for room, n in zip(self._room, found, strict=True)), strict=True)
-        return loops.Candidates(*(np.concatenate(parts) for parts in columns))
+        parts = list(zip(self._room, found, strict=True))
+        return loops.Candidates(
+            rays=np.concatenate([room.rays[:count] for room, count in parts]),
+            ray=np.concatenate([room.ray[:count] for room, count in parts]),
+            vehicle=np.concatenate([room.vehicle[:count] for room, count in parts]),
+        )
 
     def _receiver(self, step: int) -> loops.Receiver:
         """Noise of one step: drawn afresh from (seed, sensor, step), so it does not depend on what came before."""

@@ -1,5 +1,6 @@
 """Sharing a loop out among threads."""
 
+import itertools
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Final, TypeVar
@@ -16,7 +17,7 @@ class Parts:
     def __init__(self, count: int) -> None:
         """Cut ``range(count)``."""
         cuts = [count * part // _THREADS for part in range(_THREADS + 1)]
-        self._spans = list(zip(cuts[:-1], cuts[1:], strict=True))
+        self._spans = list(itertools.pairwise(cuts))
         self._helpers = ThreadPoolExecutor(_THREADS - 1, thread_name_prefix="sensor")
 
     def __len__(self) -> int:

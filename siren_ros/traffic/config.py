@@ -32,6 +32,9 @@ class TrafficConfig:
     """Free space ahead of and behind a vehicle that replaces another one."""
     replacement_distance_m: float = 90.0
     """A replacement enters at least this far from every EMV, beyond the interaction region and the camera's care."""
+    deferred_speed_factor: float = 1.0
+    """Of the speed limit, at least, for a driver who waits for a gap to leave the EMV's lane: those who have left it
+    drive slower, so that gaps come up beside it."""
     red_light_speed_mps: float = 5.56
     """SUMO's ``jmDriveRedSpeed`` of a privileged EMV (SUMO's default): SUMO's own advice on speed over red."""
 

@@ -27,6 +27,8 @@ _MATCH_ON_ROAD: Final = 2
 _KEEP_ROUTE_OFF_ROAD: Final = 3
 """``keepRoute`` of moveToXY: exact place even off the road, the route stays whatever the place."""
 _EDGES_TO_MATCH: Final = 3
+_BINDING_MODES: Final = frozenset({Mode.YIELD_DEFERRED, Mode.YIELD_KEEP_LANE})
+"""Phases of a yield in which SUMO drives, but not as the driver would."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,12 @@ class Place:
     match: LaneMatch
 
 
+@dataclass(frozen=True)
+class _Binding:
+    mode: Mode
+    own_speed_factor: float
+
+
 class Mirror:
     """Keeps track of who is moved from outside, and of what has to be restored."""
 
@@ -50,8 +58,8 @@ class Mirror:
         self._matcher = LaneMatcher(network)
         self.places: dict[str, Place] = {}
         """Vehicles that were put somewhere at this step."""
-        self._bound: dict[str, float] = {}
-        """Vehicles bound to their lane, with their own speed factor."""
+        self._bound: dict[str, _Binding] = {}
+        """Vehicles that drive otherwise than they would, for a yield."""
 
     def apply(
         self,
@@ -79,7 +87,7 @@ class Mirror:
                 name = vehicles[actor_id].name
                 if name in before and name not in present:
                     self._release(name, before[name].match.lane, float(states.speed_mps[row]))
-                self._bind(name, int(states.mode[row]) == Mode.YIELD_KEEP_LANE)
+                self._bind(name, Mode(int(states.mode[row])))
 
     def forget(self, name: str) -> None:
         """Drop a vehicle that has left SUMO."""
@@ -142,12 +150,20 @@ class Mirror:
         libsumo.vehicle.setLateralAlignment(name, "center")
         libsumo.vehicle.setLaneChangeMode(name, DEFAULT_LANE_CHANGE_MODE)
 
-    def _bind(self, name: str, keep_lane: bool) -> None:
-        if keep_lane and name not in self._bound:
-            own = libsumo.vehicle.getSpeedFactor(name)
-            self._bound[name] = own
-            libsumo.vehicle.setLaneChangeMode(name, KEEP_LANE_CHANGE_MODE)
-            libsumo.vehicle.setSpeedFactor(name, min(own, self._config.keep_lane_speed_factor))
-        elif not keep_lane and name in self._bound:
-            libsumo.vehicle.setSpeedFactor(name, self._bound.pop(name))
+    def _bind(self, name: str, mode: Mode) -> None:
+        """Let a vehicle that SUMO drives keep to its phase of a yield; give it back to itself afterwards."""
+        bound = self._bound.get(name)
+        if bound is not None and bound.mode == mode:
+            return
+        if mode in _BINDING_MODES:
+            own = bound.own_speed_factor if bound is not None else float(libsumo.vehicle.getSpeedFactor(name))
+            self._bound[name] = _Binding(mode, own)
+            if mode is Mode.YIELD_KEEP_LANE:
+                factor, change_mode = min(own, self._config.keep_lane_speed_factor), KEEP_LANE_CHANGE_MODE
+            else:
+                factor, change_mode = max(own, self._config.deferred_speed_factor), DEFAULT_LANE_CHANGE_MODE
+            libsumo.vehicle.setLaneChangeMode(name, change_mode)
+            libsumo.vehicle.setSpeedFactor(name, factor)
+        elif bound is not None:
+            libsumo.vehicle.setSpeedFactor(name, self._bound.pop(name).own_speed_factor)
             libsumo.vehicle.setLaneChangeMode(name, DEFAULT_LANE_CHANGE_MODE)

@@ -23,7 +23,7 @@ from siren_ros.traffic.teleports import find_teleports
 from siren_ros.traffic.vehicle_types import vehicle_types_xml
 from siren_ros.world.actors import ActorDescription, ActorStates, Codes, Floats, Lights, Owner, rows_of_ids
 from siren_ros.world.errors import EpisodeError, MapError
-from siren_ros.world.events import Event, EventKind
+from siren_ros.world.events import Event
 from siren_ros.world.levels import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.world.road_network import NO_LANE, RoadNetwork
 from siren_ros.world.traffic_state import SignalState, TrafficState
@@ -230,7 +230,7 @@ class SumoSimulation:
         x, y = simulated(mirrored.x_m, readings.x_m), simulated(mirrored.y_m, readings.y_m)
         rescued = self._reactions.rescued(names, readings, routes)
         signals = self._signals()
-        events = self._events(step, spawned, ids, readings, owner.astype(np.uint8), signals)
+        events = self._events(step, ids, readings, owner.astype(np.uint8), signals)
         return TrafficState(
             step=step,
             spawned=spawned,
@@ -298,23 +298,13 @@ class SumoSimulation:
     def _events(
         self,
         step: int,
-        spawned: tuple[ActorDescription, ...],
         ids: np.ndarray[tuple[int], np.dtype[np.uint32]],
         readings: Readings,
         owner: Codes,
         signals: Mapping[str, str],
     ) -> tuple[Event, ...]:
-        events = []
-        row_of = {int(actor_id): row for row, actor_id in enumerate(ids)}
-        siren = LEVEL_POLICIES[self._level].siren
-        for actor in spawned:
-            row = row_of[actor.actor_id]
-            x, y = float(readings.x_m[row]), float(readings.y_m[row])
-            events.append(Event(step, EventKind.SPAWNED, actor.actor_id, x_m=x, y_m=y))
-            if actor.is_emv and siren:
-                events.append(Event(step, EventKind.SIREN_ON, actor.actor_id, x_m=x, y_m=y))
         started = [self._ids[name] for name in libsumo.simulation.getStartingTeleportIDList() if name in self._ids]
-        events += find_teleports(step, ids, readings, owner, started, self._last, self._config.jump_m)
+        events = [*find_teleports(step, ids, readings, owner, started, self._last, self._config.jump_m)]
         for row, actor_id in enumerate(ids.tolist()):
             if readings.lane[row] != NO_LANE:
                 mover = Mover(

@@ -25,7 +25,7 @@ echo "$4" >"$2/.siren/complete"
 
 def clean_environment(**changes: str) -> dict[str, str]:
     """The variables of this process without those that a ROS, or ./env itself, would have set."""
-    own = ("ROS_", "AMENT_", "CMAKE_PREFIX", "COLCON_", "SIREN_", "VIRTUAL_ENV")
+    own = ("ROS_", "FASTDDS_", "FASTRTPS_", "AMENT_", "CMAKE_PREFIX", "COLCON_", "SIREN_", "VIRTUAL_ENV")
     return {name: value for name, value in os.environ.items() if not name.startswith(own)} | changes
 
 
@@ -63,6 +63,7 @@ def ros_variables(domain_id: str) -> dict[str, str]:
     return {
         "ROS_DOMAIN_ID": domain_id,
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "FASTDDS_DEFAULT_PROFILES_FILE": str(TOOLS / "environment/fastdds.xml"),
         "PYTHONPATH": os.pathsep.join(filter(None, [str(TOOLS), os.environ.get("PYTHONPATH", "")])),
     }
 

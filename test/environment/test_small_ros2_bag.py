@@ -1,8 +1,11 @@
 """`ros2 bag`: a bag written by rosbags, described and played to a real subscriber."""
 
+import os
+import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -13,6 +16,8 @@ from rosbags.typesys import Stores, get_typestore
 
 Run = Callable[..., "subprocess.CompletedProcess[str]"]
 Start = Callable[..., "subprocess.Popen[str]"]
+
+pytestmark = pytest.mark.timeout(60)
 
 NS_PER_S = 1_000_000_000
 STEPS = 20
@@ -68,24 +73,31 @@ rclpy.spin(node)
 """
 
 
-def heard(start_ros2: Start, domain_id: str, *words: str, lines: int) -> tuple[list[list[str]], int]:
-    """What a subscriber hears of `ros2 bag play`, as words, sorted by topic only; and play's exit code."""
+@contextmanager
+def listening(domain_id: str) -> Iterator[Callable[[int], list[list[str]]]]:
+    """A subscriber in another process; hands over the next lines of what it hears, as words."""
     listener = subprocess.Popen(
         [sys.executable, "-c", LISTENER],
-        env={**__import__("os").environ, **ros_variables(domain_id)},
+        env={**os.environ, **ros_variables(domain_id)},
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
     )
     try:
-        assert listener.stdout is not None
-        assert listener.stdout.readline() == "ready\n"
-        player = start_ros2("bag", "play", *words, "--delay", "1")
-        received = [listener.stdout.readline().split(maxsplit=2) for _ in range(lines)]
-        return received, player.wait(timeout=TIMEOUT_S)
+        stdout = listener.stdout
+        assert stdout is not None
+        assert stdout.readline() == "ready\n"
+        yield lambda count: [stdout.readline().split(maxsplit=2) for _ in range(count)]
     finally:
         listener.kill()
         listener.communicate()
+
+
+def heard(start_ros2: Start, domain_id: str, *words: str, lines: int) -> tuple[list[list[str]], int]:
+    """What a subscriber hears of `ros2 bag play`, and play's exit code."""
+    with listening(domain_id) as hear:
+        player = start_ros2("bag", "play", *words, "--delay", "1")
+        return hear(lines), player.wait(timeout=TIMEOUT_S)
 
 
 def values(received: list[list[str]], kind: str, column: int = 1) -> list[int]:
@@ -142,22 +154,12 @@ def test_play_with_a_clock_of_its_own(start_ros2: Start, domain_id: str, bag: Pa
 
 def test_play_again_and_again(start_ros2: Start, domain_id: str, bag: Path) -> None:
     pytest.importorskip("rclpy", reason="needs ROS")
-    listener_lines = 2 * STEPS + 1
-    process_words = [str(bag), "-l", "-r", "10", "--topics", "/bag/count"]
-    env = {**__import__("os").environ, **ros_variables(domain_id)}
-    listener = subprocess.Popen([sys.executable, "-c", LISTENER], env=env, stdout=subprocess.PIPE, text=True)
-    try:
-        assert listener.stdout is not None
-        assert listener.stdout.readline() == "ready\n"
-        player = start_ros2("bag", "play", *process_words)
-        received = [listener.stdout.readline().split(maxsplit=2) for _ in range(listener_lines)]
-        assert values(received, "count", 2) == [*range(STEPS), *range(STEPS), 0]
-        player.send_signal(2)
+    with listening(domain_id) as hear:
+        player = start_ros2("bag", "play", str(bag), "-l", "-r", "10", "--topics", "/bag/count")
+        assert values(hear(2 * STEPS + 1), "count", 2) == [*range(STEPS), *range(STEPS), 0]
+        player.send_signal(signal.SIGINT)
         player.communicate(timeout=TIMEOUT_S)
         assert player.returncode == 130
-    finally:
-        listener.kill()
-        listener.communicate()
 
 
 def test_an_unknown_topic_is_named(ros2: Run, bag: Path) -> None:

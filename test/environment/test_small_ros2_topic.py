@@ -16,7 +16,7 @@ rclpy = pytest.importorskip("rclpy", reason="needs ROS")
 Run = Callable[..., "subprocess.CompletedProcess[str]"]
 Start = Callable[..., "subprocess.Popen[str]"]
 
-pytestmark = pytest.mark.usefixtures("talker")
+pytestmark = [pytest.mark.usefixtures("talker"), pytest.mark.timeout(60)]
 
 
 def test_list_shows_topics_and_types_and_not_itself(ros2: Run) -> None:

@@ -66,6 +66,9 @@ POSIX
             printf '_siren_append PYTHONPATH %q\n' "$site"
         fi
         echo 'export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE-LOCALHOST}"'
+        echo 'if [ -z "${FASTRTPS_DEFAULT_PROFILES_FILE-}${FASTDDS_DEFAULT_PROFILES_FILE-}" ]; then'
+        printf '    export FASTDDS_DEFAULT_PROFILES_FILE=%q\n' "$root/tools/environment/fastdds.xml"
+        echo 'fi'
         printf 'export COLCON_DEFAULTS_FILE="${COLCON_DEFAULTS_FILE-%s}"\n' "$root/colcon_defaults.yaml"
         echo 'unset -f _siren_prepend _siren_append'
     } >"$state/environment.sh.new"

@@ -12,11 +12,11 @@ from small_ros2.errors import CommandError
 from small_ros2.rendering import TRUNCATE_LENGTH, to_yaml
 from small_ros2.ros_graph import (
     DISCOVERY_S,
+    discovered_topics,
     matching_qos,
     message_class,
     observer,
     spin_until,
-    discovered_topics,
     type_of_topic,
 )
 

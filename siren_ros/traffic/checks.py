@@ -1,9 +1,11 @@
-"""The distance between SUMO's and the simulated pose of an actor: measured always, bounded loudly."""
+"""What must hold at every step between SUMO and the simulated world; where it does not, the episode fails loudly."""
 
 import numpy as np
 
 from siren_ros.world.actors import ActorStates
 from siren_ros.world.errors import EpisodeError
+from siren_ros.world.events import EventKind
+from siren_ros.world.traffic_state import TrafficState
 
 
 def check_residual(states: ActorStates, limit_m: float) -> None:
@@ -21,3 +23,15 @@ def check_residual(states: ActorStates, limit_m: float) -> None:
             f"actor {states.actor_id[row]} is {residual_m:.2f} m from its pose in SUMO at step {states.step}; "
             f"the limit is {limit_m:g} m"
         )
+
+
+def check_no_teleport(traffic: TrafficState) -> None:
+    """Fail where SUMO has moved a vehicle in a way that no vehicle moves.
+
+    Raises:
+        EpisodeError: Names the actor, the step and what SUMO said.
+    """
+    for event in traffic.events:
+        if event.kind is EventKind.TELEPORT:
+            reason = event.detail.get("reason", "")
+            raise EpisodeError(f"SUMO teleported actor {event.actor_id} at step {event.step} ({reason})")

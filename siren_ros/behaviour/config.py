@@ -44,13 +44,16 @@ class LaneChangeConfig:
     """Length of the change over the speed at its start."""
     length_min_m: float = 14.0
     front_gap_m: float = 2.0
-    front_time_s: float = 0.4
+    """Free way at equal speeds, as ``rear_gap_m``."""
+    front_time_s: float = 0.3
+    """Time before one brakes for the vehicle ahead."""
     rear_gap_m: float = 2.0
-    rear_time_s: float = 0.6
+    rear_time_s: float = 0.5
+    """Time before the vehicle behind brakes."""
     brake_mps2: float = 4.0
-    """Deceleration that the rear vehicle is expected to accept, and that one can brake with oneself."""
-    settle_s: float = 1.5
-    """Time over which one's own speed moves towards its target before the gap is judged."""
+    """Deceleration that both are expected to accept."""
+    own_brake_mps2: float = 3.0
+    """Deceleration towards one's own target speed."""
     return_room_m: float = 60.0
     """Lane left after the change, where the target lane does not lead on along the route."""
     entered_tolerance_m: float = 0.15
@@ -76,6 +79,14 @@ class YieldConfig:
     path_ahead_m: float = 120.0
     """How far the EMV's path is followed."""
     path_behind_m: float = 5.0
+    seek_after_s: float = 0.5
+    """Time without an open gap after which the driver begins to make one."""
+    seek_speed_mps: float = 2.5
+    """Difference of speed to the vehicle that is in the way while a gap is sought."""
+    seek_room_m: float = 20.0
+    """Road left before the next junction below which no gap is sought."""
+    seek_free_m: float = 15.0
+    """Free way in the own lane with which a driver draws ahead of a vehicle behind."""
     rejoin_speed_mps: float = 5.0
     rejoin_offset_m: float = 0.3
     """Distance from the lane's centre line at which a vehicle counts as back in its lane."""
@@ -159,6 +170,8 @@ class EmvConfig:
     """Offsets below it are left to the path tracking."""
     strategic_distance_m: float = 200.0
     """Distance before the end of a lane that leads astray at which the EMV wants to leave it."""
+    patience_s: float = 8.0
+    """Time below half of the target speed after which the EMV no longer waits for its lane to clear."""
     gain_min_m: float = 8.0
     """Free road that a lane change for speed must gain."""
     stop_before_route_end_m: float = 3.0

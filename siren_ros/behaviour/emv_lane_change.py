@@ -3,10 +3,13 @@
 from dataclasses import replace
 from typing import Final
 
+import numpy as np
+
 from siren_ros.behaviour.emv_route import plan_route, present_lane, strategic_side
 from siren_ros.behaviour.emv_unit import EmvUnit, LateralRequest, advice_of, event_of
 from siren_ros.behaviour.lane_change import (
     LaneChangeQuery,
+    LaneGaps,
     Refusal,
     assess,
     change_length_m,
@@ -15,9 +18,12 @@ from siren_ros.behaviour.lane_change import (
 )
 from siren_ros.behaviour.lane_path import LaneEnd, LanePath, neighbour_lane
 from siren_ros.behaviour.world import StepView
+from siren_ros.world.actors import NO_ACTOR
 from siren_ros.world.events import Event, EventKind
+from siren_ros.world.levels import CivilianResponse
 from siren_ros.world.road_network import NO_LANE
-from siren_ros.world.units import steps_from_s
+from siren_ros.world.traffic_state import TrafficFlags
+from siren_ros.world.units import STEP_S, steps_from_s
 
 Outcome = tuple[EmvUnit, tuple[Event, ...]]
 
@@ -53,6 +59,8 @@ def forced_lane_change(unit: EmvUnit, row: int, view: StepView) -> Outcome:
     """
     if unit.corridor or unit.gap_escape_active:
         return _drop_request(unit, row, view, "corridor" if unit.corridor else "gap_escape")
+    slow = float(view.seen.speed_mps[row]) < 0.5 * view.world.speeds.emv_route_follow_mps
+    unit = replace(unit, slow_s=unit.slow_s + STEP_S if slow else 0.0)
     if unit.lane_change_forced:
         return unit, ()
     unit, events = _note_intent(unit, row, view)
@@ -116,9 +124,20 @@ def _verdict(unit: EmvUnit, row: int, view: StepView) -> Refusal | LanePath:
     if isinstance(verdict, Refusal) or unit.request.reason == ROUTE:
         return verdict
     own = gaps_in_lane(view, row, query.lane)
+    if _is_clearing(unit, own, view):
+        return Refusal.CLEARING
     target = gaps_in_lane(view, row, neighbour_lane(view.world.network, query.lane, query.side))
     gain = target.front_m + _GAIN_TIME_S * target.front_mps - own.front_m - _GAIN_TIME_S * own.front_mps
     return verdict if gain >= view.world.config.emv.gain_min_m else Refusal.NO_GAIN
+
+
+def _is_clearing(unit: EmvUnit, own: LaneGaps, view: StepView) -> bool:
+    """Whether the vehicle ahead responds to the siren by leaving the lane, and the EMV has not waited for too long."""
+    if view.world.policy.response is not CivilianResponse.FEASIBLE_YIELD or own.front_id == NO_ACTOR:
+        return False
+    leader = np.flatnonzero(view.seen.actor_id == own.front_id)
+    reacts = bool(np.any(view.traffic.flags[leader] & TrafficFlags.RESCUE_LANE))
+    return reacts and unit.slow_s < view.world.config.emv.patience_s
 
 
 def _note_intent(unit: EmvUnit, row: int, view: StepView) -> Outcome:

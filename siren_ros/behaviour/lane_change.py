@@ -33,6 +33,8 @@ class Refusal(StrEnum):
     GAP_FRONT = "gap_front"
     GAP_REAR = "gap_rear"
     NO_GAIN = "no_gain"
+    CLEARING = "lane_is_clearing"
+    """The vehicle ahead is about to leave the EMV's lane."""
 
 
 @dataclass(frozen=True)
@@ -90,21 +92,28 @@ def gaps_in_lane(view: StepView, row: int, lane: int) -> LaneGaps:
     )
 
 
-def refusal_of_gaps(gaps: LaneGaps, speed_mps: float, config: LaneChangeConfig) -> Refusal | None:
-    """Why a gap cannot be entered at a speed, None where it can.
+def refusal_of_gaps(gaps: LaneGaps, speed_mps: float, target_mps: float, config: LaneChangeConfig) -> Refusal | None:
+    """Why a gap cannot be entered, None where it can.
 
-    Either follower must be able to keep its distance with the deceleration ``brake_mps2``.
+    The gaps have to outlast the manoeuvre: one's own vehicle goes to its target speed, if that is lower, with its own
+    deceleration; the vehicle behind follows suit after a reaction time, as one does oneself towards the vehicle ahead.
+
+    Args:
+        gaps: In the target lane.
+        speed_mps: One's own speed.
+        target_mps: Speed of the manoeuvre.
+        config: Gaps, times and decelerations.
     """
     if min(gaps.front_m, gaps.rear_m) <= 0.0:
         return Refusal.BESIDE
-    brake = 2.0 * config.brake_mps2
-    closing = max(speed_mps**2 - gaps.front_mps**2, 0.0) / brake
-    if gaps.front_m < config.front_gap_m + config.front_time_s * speed_mps + closing:
+    closing = max(speed_mps - gaps.front_mps, 0.0)
+    if gaps.front_m < config.front_gap_m + closing * config.front_time_s + closing**2 / (2.0 * config.brake_mps2):
         return Refusal.GAP_FRONT
-    closing = max(gaps.rear_mps**2 - speed_mps**2, 0.0) / brake
-    if gaps.rear_m < config.rear_gap_m + config.rear_time_s * gaps.rear_mps + closing:
-        return Refusal.GAP_REAR
-    return None
+    slowest = min(speed_mps, target_mps)
+    closing = max(gaps.rear_mps - slowest, 0.0)
+    way = closing * config.rear_time_s + closing**2 / (2.0 * config.brake_mps2)
+    way -= (speed_mps - slowest) ** 2 / (2.0 * config.own_brake_mps2)
+    return Refusal.GAP_REAR if gaps.rear_m < config.rear_gap_m + max(way, 0.0) else None
 
 
 def change_length_m(view: StepView, query: LaneChangeQuery) -> float:
@@ -136,7 +145,7 @@ def assess(view: StepView, query: LaneChangeQuery) -> Refusal | LanePath:
     if target == NO_LANE or not _open_to(view, target, query.civilian):
         return Refusal.NO_LANE
     speed = float(view.seen.speed_mps[query.row])
-    refusal = refusal_of_gaps(gaps_in_lane(view, query.row, target), _settled_speed(speed, query, config), config)
+    refusal = refusal_of_gaps(gaps_in_lane(view, query.row, target), speed, query.target_mps, config)
     if refusal is not None:
         return refusal
     length = change_length_m(view, query)
@@ -158,11 +167,6 @@ def _open_to(view: StepView, lane: int, civilian: bool) -> bool:
     if civilian:
         return found.civilian_allowed and found.kind is LaneKind.DRIVING
     return found.emergency_allowed
-
-
-def _settled_speed(speed_mps: float, query: LaneChangeQuery, config: LaneChangeConfig) -> float:
-    change = 2.0 * config.settle_s
-    return max(min(query.target_mps, speed_mps + change), speed_mps - change, 0.0)
 
 
 def lane_change_path(

@@ -12,6 +12,8 @@ _STOP_TARGET_MPS: Final = 0.05
 _HOLD_BRAKE: Final = 0.6
 _INTEGRAL_LIMIT_MPS2: Final = 0.8
 _INTEGRAL_BAND_MPS: Final = 1.0
+_FIRM_BRAKING: Final = 1.3
+"""Braking towards a lower speed, relative to the comfortable deceleration of the path's speed profile."""
 _COAST_MPS2: Final = 0.05
 """Decelerations below it come from rolling alone."""
 
@@ -48,7 +50,7 @@ def press_pedals(
         return Pedals(0.0, _HOLD_BRAKE, 0.0)
     error = wanted_mps - speed_mps
     asked = config.speed_gain_1ps * error + integral_mps2
-    accel = max(-vehicle.max_brake_decel_mps2, min(config.comfort_accel_mps2, asked))
+    accel = max(-_FIRM_BRAKING * config.comfort_brake_mps2, min(config.comfort_accel_mps2, asked))
     free = accel == asked
     if must_brake_mps2 > 0.0:
         accel, free = min(accel, -must_brake_mps2), False

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from siren_ros.behaviour.gap_seeking import GAP_REFUSALS, seek_gap
 from siren_ros.behaviour.lane_change import (
     LaneChangeQuery,
     Refusal,
@@ -31,21 +32,20 @@ def start_lane_change(unit: YieldUnit, row: int, view: StepView) -> Outcome:
     if view.step - unit.change_step < view.world.cooldown_steps:
         return defer(unit, row, view, "cooldown")
     config = view.world.config
-    lane = int(view.traffic.lane[row])
+    lane = lane_of(unit, row, view)
     route = view.traffic.route_of_row(row)
     speed = view.world.speeds.civilian_yield_lane_change_mps
-    refusals: list[Refusal] = []
+    refusals: list[tuple[int, Refusal]] = []
     choices: list[tuple[bool, LaneChangeQuery, LanePath]] = []
     for side in _RIGHT_FIRST:
         query = LaneChangeQuery(row, lane, side, speed, route, civilian=True)
         verdict = assess(view, query)
         if isinstance(verdict, Refusal):
-            refusals.append(verdict)
+            refusals.append((side, verdict))
         else:
             choices.append((verdict.end is LaneEnd.ASTRAY, query, verdict))
     if not choices:
-        telling = [refusal for refusal in refusals if refusal is not Refusal.NO_LANE]
-        return defer(unit, row, view, (telling or refusals)[0].value)
+        return _wait_for_gap(unit, row, view, refusals)
     _, query, reference = min(choices, key=lambda choice: choice[0])
     path = lane_change_path(view, query, reference, config.civilian_navigator, stop_at_end=True)
     x, y, _ = view.pose(row)
@@ -56,6 +56,7 @@ def start_lane_change(unit: YieldUnit, row: int, view: StepView) -> Outcome:
         side=query.side,
         change_step=view.step,
         deferred="",
+        seek=0,
         navigator=NavigatorState().following(path, x, y),
     )
     started = yield_event(unit, row, view, EventKind.YIELD_STARTED, side=query.side, from_lane=lane, to_lane=target)
@@ -68,7 +69,25 @@ def defer(unit: YieldUnit, row: int, view: StepView, reason: str) -> Outcome:
     events: tuple[Event, ...] = ()
     if unit.phase is not Mode.YIELD_DEFERRED:
         events = (yield_event(unit, row, view, EventKind.YIELD_DEFERRED, reason=reason),)
-    return Outcome(replace(unit, phase=Mode.YIELD_DEFERRED, deferred=reason), None, events)
+        unit = replace(unit, deferred_step=view.step)
+    waiting = replace(
+        unit, phase=Mode.YIELD_DEFERRED, deferred=reason, navigator=NavigatorState(), seek=0, side=unit.side
+    )
+    return Outcome(waiting, None, events)
+
+
+def _wait_for_gap(unit: YieldUnit, row: int, view: StepView, refusals: list[tuple[int, Refusal]]) -> Outcome:
+    """Defers, and after a while makes a gap where only the other vehicles are in the way."""
+    in_the_way = [(side, refusal) for side, refusal in refusals if refusal in GAP_REFUSALS]
+    if not in_the_way:
+        telling = (refusal for _, refusal in refusals if refusal is not Refusal.NO_LANE)
+        return defer(unit, row, view, next(telling, Refusal.NO_LANE).value)
+    side, refusal = next(((s, r) for s, r in in_the_way if s == unit.side), in_the_way[0])
+    if unit.phase is not Mode.YIELD_DEFERRED:
+        return defer(replace(unit, side=side), row, view, refusal.value)
+    if view.step - unit.deferred_step < steps_from_s(view.world.config.yielding.seek_after_s):
+        return Outcome(replace(unit, side=side, deferred=refusal.value))
+    return seek_gap(replace(unit, side=side), row, view, refusal)
 
 
 def drive(unit: YieldUnit, row: int, view: StepView, target_mps: float) -> Outcome:

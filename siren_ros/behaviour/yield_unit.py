@@ -35,6 +35,10 @@ class YieldUnit:
     stopped_steps: int = 0
     in_lane_steps: int = 0
     """Steps in the EMV's lane after the lane was cleared: the EMV has followed."""
+    deferred_step: int = NEVER
+    """Start of the present deferral."""
+    seek: int = 0
+    """How a gap is sought while deferred: +1 drawing ahead, −1 falling back, 0 not."""
     partial: bool = False
     """Whether the hold ended a pull-over early, behind a standing vehicle."""
 

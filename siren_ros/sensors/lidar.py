@@ -67,6 +67,7 @@ def beam_pattern(spec: LidarSpec) -> loops.Pattern:
         directions=np.ascontiguousarray(directions.reshape(-1, 3), dtype=np.float32),
         column_time_s=time_s.astype(np.float32),
         elevation=elevation,
+        slope=np.tan(elevation),
         world_time_s=time_s.astype(np.float32) if spec.motion_distortion else np.zeros(columns, np.float32),
     )
 
@@ -86,15 +87,16 @@ class Lidar:
         self._vehicle = np.empty(rays, np.int32)
         self._shape_triangle = np.empty(rays, np.uint32)
         self._cosine = np.empty(rays, np.float32)
-        self._room = [_room_for(rays // 8) for _ in range(len(self._parts))]
+        self._poses = np.empty((spec.columns, 3, 4), np.float32)
+        self._room = _room_for(rays // 4)
         self._surfaces = loops.Surfaces(world.static_material, world.shape_material, REFLECTIVITY)
         distances = np.arange(int(spec.range_m * _ATTENUATION_STEPS_PER_M) + 2) / _ATTENUATION_STEPS_PER_M
         self._attenuation = np.exp(-spec.atmosphere_attenuation_per_m * distances).astype(np.float32)
 
     def rays(self, map_from_lidar: Matrix, motion: CarrierMotion | None = None) -> npt.NDArray[np.float32]:
         """Origin and direction of every beam in the ``map`` frame, shape ``(R, 6)``; overwritten by the next call."""
-        poses = self._column_poses(map_from_lidar, motion)
-        self._parts.run(lambda _, start, stop: loops.aim(self.pattern.directions, poses, self._rays, start, stop))
+        self._poses[:] = self._column_poses(map_from_lidar, motion)
+        loops.aim(self.pattern.directions, self._poses, self._rays)
         return self._rays
 
     def scan(
@@ -117,37 +119,34 @@ class Lidar:
             candidates = self._find_candidates(rays, static.distance, inverse(map_from_lidar), vehicles)
             found = self._world.cast_shapes(candidates.rays)
             loops.merge_vehicles(candidates, found.distance, found.normal, found.triangle, vehicles, hits)
-        points, count_on = self._pack(step, rays, hits, vehicles)
+        points, count_on = self._pack(step, hits, vehicles)
         return LidarSweep(self.spec.name, step, points, placement.actor_id[near], count_on)
 
     def _pack(
-        self, step: int, rays: npt.NDArray[np.float32], hits: loops.Hits, vehicles: loops.Vehicles
+        self, step: int, hits: loops.Hits, vehicles: loops.Vehicles
     ) -> tuple[npt.NDArray[np.void], npt.NDArray[np.int64]]:
         """Points of a sweep, and how many lie on each vehicle."""
         receiver = self._receiver(step)
-        buffer = np.empty(len(rays), LIDAR_POINT_DTYPE)
+        buffer = np.empty(len(self._rays), LIDAR_POINT_DTYPE)
         records = _records(buffer)
         counts = np.zeros((len(self._parts), len(vehicles.actor_id)), np.int64)
         columns, rings = self.spec.columns, self.spec.channels
+        fixed = (self._poses, self.pattern, hits, vehicles, self._surfaces, receiver, records)
         if receiver.draw.size:
-            end = loops.pack_points(
-                rays, self.pattern, hits, vehicles, self._surfaces, receiver, records, counts[0], 0, 0, columns
-            )
+            end = loops.pack_points(*fixed, counts[0], 0, 0, columns)
             return buffer[:end], counts[0]
 
         def pack(part: int, start: int, stop: int) -> int:
             before = int(np.count_nonzero(hits.distance[: start * rings] <= receiver.range_m))
-            return loops.pack_points(
-                rays, self.pattern, hits, vehicles, self._surfaces, receiver, records, counts[part], before, start, stop
-            )
+            return loops.pack_points(*fixed, counts[part], before, start, stop)
 
         return buffer[: self._parts.run(pack)[-1]], counts.sum(axis=0)
 
     def _column_poses(self, map_from_lidar: Matrix, motion: CarrierMotion | None) -> npt.NDArray[np.float32]:
-        """Pose of the sensor at each column, shape ``(C, 3, 4)``."""
-        columns = len(self.pattern.column_time_s)
+        """Pose of the sensor at each column, shape ``(C, 3, 4)``, or ``(3, 4)`` where it stands still."""
+        columns = self.spec.columns
         if not self.spec.motion_distortion or motion is None:
-            return np.ascontiguousarray(np.broadcast_to(map_from_lidar[:3].astype(np.float32), (columns, 3, 4)))
+            return map_from_lidar[:3].astype(np.float32)
         time_s = self.pattern.column_time_s.astype(np.float64)
         turn = motion.yaw_rate_radps * time_s
         base = map_from_lidar @ inverse(self.spec.mount.base_from_sensor)
@@ -188,23 +187,13 @@ class Lidar:
         lidar_from_map: Matrix,
         vehicles: loops.Vehicles,
     ) -> loops.Candidates:
-        """Rays that may hit a vehicle, of all parts."""
-
-        def select(part: int, start: int, stop: int) -> int:
-            return loops.select_candidates(
-                rays, self.pattern, distance, lidar_from_map, vehicles, self._room[part], start, stop
-            )
-
-        found = self._parts.run(select)
-        if any(count > len(room.ray) for count, room in zip(found, self._room, strict=True)):
-            self._room = [_room_for(2 * max(found)) for _ in found]
-            found = self._parts.run(select)
-        parts = list(zip(self._room, found, strict=True))
-        return loops.Candidates(
-            rays=np.concatenate([room.rays[:count] for room, count in parts]),
-            ray=np.concatenate([room.ray[:count] for room, count in parts]),
-            vehicle=np.concatenate([room.vehicle[:count] for room, count in parts]),
-        )
+        """Rays that may hit a vehicle; overwritten by the next call."""
+        found = loops.select_candidates(rays, self.pattern, distance, lidar_from_map, vehicles, self._room)
+        if found > len(self._room.ray):
+            self._room = _room_for(2 * found)
+            loops.select_candidates(rays, self.pattern, distance, lidar_from_map, vehicles, self._room)
+        room = self._room
+        return loops.Candidates(room.rays[:found], room.ray[:found], room.vehicle[:found])
 
     def _receiver(self, step: int) -> loops.Receiver:
         """Noise of one step: drawn afresh from (seed, sensor, step), so it does not depend on what came before."""

@@ -1,7 +1,6 @@
 """The LiDAR's loops over rays, over named tuples of C-contiguous arrays.
 
-R rays run column by column and, within a column, ring by ring. A sweep has C columns; N vehicles may be hit. Loops work
-on columns ``start`` to ``stop`` (exclusive), so that a sweep can be shared out among threads.
+R rays run column by column and, within a column, ring by ring. A sweep has C columns; N vehicles may be hit.
 """
 
 from typing import Any, NamedTuple
@@ -21,6 +20,8 @@ class Pattern(NamedTuple):
     """Unit vectors in the sensor's frame, float32 (R, 3)."""
     elevation: Array
     """Of each ray of a column, increasing, float64 (R / C,)."""
+    slope: Array
+    """Tangent of the elevation, float64 (R / C,)."""
     column_time_s: Array
     """Time of each column relative to the sweep's stamp, float32 (C,)."""
     world_time_s: Array
@@ -112,10 +113,10 @@ class Records(NamedTuple):
 
 
 @compiled
-def aim(directions: Array, map_from_lidar: Array, rays: Array, start: int, stop: int) -> None:
+def aim(directions: Array, map_from_lidar: Array, rays: Array) -> None:
     """Fill ``rays`` (R, 6) with origin and direction in the ``map`` frame; the poses have shape (C, 3, 4)."""
     rings = directions.shape[0] // map_from_lidar.shape[0]
-    for column in range(start, stop):
+    for column in range(map_from_lidar.shape[0]):
         m = map_from_lidar[column]
         for i in range(column * rings, (column + 1) * rings):
             x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
@@ -175,6 +176,32 @@ def _window(
 
 
 @compiled
+def _rings(pattern: Pattern, bounds: Array, origin: Array, ahead: Array, rise: float) -> tuple[int, int]:
+    """First and end ray of an upright column that meet a box; none where it passes beside.
+
+    ``ahead`` is the horizontal unit direction and ``rise`` the height of slope 1, both in the box's coordinates.
+    """
+    near, far = -np.inf, np.inf
+    for axis in range(2):
+        if abs(ahead[axis]) < 1e-9:
+            if origin[axis] < bounds[0, axis] or origin[axis] > bounds[1, axis]:
+                return 0, 0
+        else:
+            a = (bounds[0, axis] - origin[axis]) / ahead[axis]
+            b = (bounds[1, axis] - origin[axis]) / ahead[axis]
+            near, far = max(near, min(a, b)), min(far, max(a, b))
+    if near > far or far <= 0.0:
+        return 0, 0
+    rings = pattern.slope.shape[0]
+    if near <= 0.0:
+        return 0, rings
+    bottom, top = (bounds[0, 2] - origin[2]) / rise, (bounds[1, 2] - origin[2]) / rise
+    low = np.searchsorted(pattern.slope, min(bottom / near, bottom / far)) - 1
+    high = np.searchsorted(pattern.slope, max(top / near, top / far)) + 1
+    return max(low, 0), min(high, rings)
+
+
+@compiled
 def select_candidates(  # compiled code is called with positions
     rays: Array,
     pattern: Pattern,
@@ -182,8 +209,6 @@ def select_candidates(  # compiled code is called with positions
     lidar_from_map: Array,
     vehicles: Vehicles,
     out: Candidates,
-    start: int,
-    stop: int,
 ) -> int:
     """Find the rays that enter a vehicle's bounding box before ``distance`` (R,); returns how many there are.
 
@@ -191,6 +216,7 @@ def select_candidates(  # compiled code is called with positions
     """
     columns, rings = pattern.column_time_s.shape[0], pattern.elevation.shape[0]
     turn_s = np.abs(pattern.world_time_s[0])
+    upright = abs(lidar_from_map[2, 0]) + abs(lidar_from_map[2, 1]) < 1e-9
     found = 0
     for v in range(vehicles.pose.shape[0]):
         one = np.float32(1.0)
@@ -200,8 +226,6 @@ def select_candidates(  # compiled code is called with positions
         first_column, count, low, high = _window(pattern, pose, vehicles.size[v], reach, lidar_from_map)
         for k in range(count):
             column = (first_column + k) % columns
-            if column < start or column >= stop:
-                continue
             t = pattern.world_time_s[column]
             yaw = pose[3] + motion[2] * t
             cos, sin = np.float32(np.cos(yaw)), np.float32(np.sin(yaw))
@@ -210,6 +234,11 @@ def select_candidates(  # compiled code is called with positions
             ry = np.float32(rays[first, 1] - pose[1] - motion[1] * t)
             rz = np.float32(rays[first, 2] - pose[2])
             o = ((cos * rx + sin * ry) * sx, (cos * ry - sin * rx) * sy, rz * sz)
+            if upright:
+                x, y = rays[first, 3], rays[first, 4]
+                per_m = one / np.sqrt(x * x + y * y)
+                ahead = ((cos * x + sin * y) * sx * per_m, (cos * y - sin * x) * sy * per_m)
+                low, high = _rings(pattern, vehicles.bounds[v], o, ahead, sz)
             for i in range(first + low, first + high):
                 x, y = rays[i, 3], rays[i, 4]
                 d = ((cos * x + sin * y) * sx, (cos * y - sin * x) * sy, rays[i, 5] * sz)
@@ -256,7 +285,7 @@ def _is_dropped(intensity: float, draw: float, dropoff: Array) -> bool:
 
 @compiled
 def pack_points(  # compiled code is called with positions
-    rays: Array,
+    map_from_lidar: Array,
     pattern: Pattern,
     hits: Hits,
     vehicles: Vehicles,
@@ -268,33 +297,41 @@ def pack_points(  # compiled code is called with positions
     start: int,
     stop: int,
 ) -> int:
-    """Write one record per return from row ``written`` on, count the returns on each vehicle; returns the end row."""
+    """Write the returns of columns ``start`` to ``stop`` from row ``written`` on, and count those on each vehicle.
+
+    ``map_from_lidar`` (C, 3, 4) holds the pose at each column. Returns the row after the last one written.
+    """
     rings = pattern.elevation.shape[0]
     levels, per_level = np.float32(255.0), np.float32(1.0 / 255.0)
     grid, noisy, lossy = np.float32(receiver.grid), receiver.range_noise_m.shape[0] > 0, receiver.draw.shape[0] > 0
     for column in range(start, stop):
         time_s = pattern.column_time_s[column]
+        m = map_from_lidar[column]
         for ring in range(rings):
             i = column * rings + ring
             t = hits.distance[i]
             if not t <= receiver.range_m:
                 continue
             row = hits.vehicle[i] - 1
+            x, y, z = pattern.directions[i, 0], pattern.directions[i, 1], pattern.directions[i, 2]
             if row >= 0:
                 material = surfaces.shape_material[vehicles.first_triangle[row] + hits.shape_triangle[i]]
                 cosine = hits.cosine[i]
             else:
                 material = surfaces.static_material[hits.static_triangle[i]]
                 n = hits.normal[i]
-                cosine = abs(n[0] * rays[i, 3] + n[1] * rays[i, 4] + n[2] * rays[i, 5])
+                nx = n[0] * m[0, 0] + n[1] * m[1, 0] + n[2] * m[2, 0]
+                ny = n[0] * m[0, 1] + n[1] * m[1, 1] + n[2] * m[2, 1]
+                nz = n[0] * m[0, 2] + n[1] * m[1, 2] + n[2] * m[2, 2]
+                cosine = abs(nx * x + ny * y + nz * z)
             intensity = surfaces.reflectivity[material] * cosine * receiver.attenuation[int(t * receiver.steps_per_m)]
             if lossy and _is_dropped(intensity, receiver.draw[i], receiver.dropoff):
                 continue
             if noisy:
                 t = max(np.float32(0.0), t + receiver.range_noise_m[i])
-            out.f4[written, 0] = (pattern.directions[i, 0] * t + grid) - grid
-            out.f4[written, 1] = (pattern.directions[i, 1] * t + grid) - grid
-            out.f4[written, 2] = (pattern.directions[i, 2] * t + grid) - grid
+            out.f4[written, 0] = (x * t + grid) - grid
+            out.f4[written, 1] = (y * t + grid) - grid
+            out.f4[written, 2] = (z * t + grid) - grid
             out.f4[written, 3] = np.float32(int(intensity * levels + np.float32(0.5))) * per_level
             out.f4[written, 4] = time_s
             out.u2[written, 10] = ring

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.sensors.scene.mesh import VehicleShape
-from siren_ros.world.actors import NO_ACTOR, ActorClass, ActorDescription, ActorStates
+from siren_ros.world.actors import NO_ACTOR, ActorClass, ActorDescription, ActorStates, rows_of_ids
 
 Floats = npt.NDArray[np.float64]
 
@@ -45,35 +45,52 @@ class Placement:
         return np.hypot(self.x_m - x_m, self.y_m - y_m)
 
 
-def place_vehicles(
-    states: ActorStates,
-    descriptions: Mapping[int, ActorDescription],
-    shapes: Mapping[ActorClass, VehicleShape],
-    hidden_id: int = NO_ACTOR,
-) -> Placement:
-    """Shapes of all actors of a step except ``hidden_id``, the sensors' own carrier.
+class Catalogue:
+    """What is known of every actor as arrays, so that a step gathers rows instead of asking actor by actor."""
 
-    The carrier is left out because the paper's mounts lie inside the bodywork of an ambulance or a fire truck.
-    """
-    visible = states.select(states.actor_id != hidden_id)
-    actors = [descriptions[int(actor_id)] for actor_id in visible.actor_id]
-    size = np.array([(a.length_m, a.width_m, a.height_m) for a in actors], dtype=np.float64).reshape(-1, 3)
-    shape = np.array(
-        [(s.length_m, s.width_m, s.height_m) for s in (shapes[a.actor_class] for a in actors)], dtype=np.float64
-    ).reshape(-1, 3)
-    return Placement(
-        actor_id=visible.actor_id,
-        actor_class=np.array([int(a.actor_class) for a in actors], dtype=np.uint8),
-        x_m=visible.x_m,
-        y_m=visible.y_m,
-        z_m=visible.z_m,
-        yaw_rad=visible.yaw_rad,
-        vx_mps=visible.vx_mps,
-        vy_mps=visible.vy_mps,
-        yaw_rate_radps=visible.yaw_rate_radps,
-        steer_rad=visible.steer_rad,
-        lights=visible.lights,
-        scale=size / shape,
-        size_m=size,
-        colour_rgb=np.array([a.colour_rgb for a in actors], dtype=np.uint8).reshape(-1, 3),
-    )
+    def __init__(self, shapes: Mapping[ActorClass, VehicleShape]) -> None:
+        """Remember the shapes; actors are added when they are first placed."""
+        self._shapes = shapes
+        self._actor_id = np.empty(0, np.uint32)
+        self._add({}, np.empty(0, np.uint32))
+
+    def place(
+        self, states: ActorStates, descriptions: Mapping[int, ActorDescription], hidden_id: int = NO_ACTOR
+    ) -> Placement:
+        """Shapes of all actors of a step except ``hidden_id``, the sensors' own carrier.
+
+        The carrier is left out because the paper's mounts lie inside the bodywork of an ambulance or a fire truck.
+        """
+        visible = np.flatnonzero(states.actor_id != hidden_id)
+        actor_id = states.actor_id[visible]
+        rows = rows_of_ids(self._actor_id, actor_id)
+        if np.any(rows < 0):
+            self._add(descriptions, actor_id)
+            rows = rows_of_ids(self._actor_id, actor_id)
+        return Placement(
+            actor_id=actor_id,
+            actor_class=self._class[rows],
+            x_m=states.x_m[visible],
+            y_m=states.y_m[visible],
+            z_m=states.z_m[visible],
+            yaw_rad=states.yaw_rad[visible],
+            vx_mps=states.vx_mps[visible],
+            vy_mps=states.vy_mps[visible],
+            yaw_rate_radps=states.yaw_rate_radps[visible],
+            steer_rad=states.steer_rad[visible],
+            lights=states.lights[visible],
+            scale=self._scale[rows],
+            size_m=self._size[rows],
+            colour_rgb=self._colour[rows],
+        )
+
+    def _add(self, descriptions: Mapping[int, ActorDescription], actor_id: npt.NDArray[np.uint32]) -> None:
+        """Know these actors; ids that are no longer seen are forgotten."""
+        self._actor_id = actor_id
+        actors = [descriptions[int(one)] for one in actor_id]
+        shapes = [self._shapes[actor.actor_class] for actor in actors]
+        self._class = np.array([int(a.actor_class) for a in actors], dtype=np.uint8)
+        self._size = np.array([(a.length_m, a.width_m, a.height_m) for a in actors], dtype=np.float64).reshape(-1, 3)
+        shape_size = np.array([(s.length_m, s.width_m, s.height_m) for s in shapes], dtype=np.float64).reshape(-1, 3)
+        self._scale = self._size / shape_size
+        self._colour = np.array([a.colour_rgb for a in actors], dtype=np.uint8).reshape(-1, 3)

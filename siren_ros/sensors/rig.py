@@ -10,7 +10,7 @@ from siren_ros.sensors.camera import Camera, CameraFrame
 from siren_ros.sensors.ground_truth import ground_truth
 from siren_ros.sensors.lidar import CarrierMotion, Lidar, LidarSweep
 from siren_ros.sensors.mount import Matrix, map_from_base
-from siren_ros.sensors.placement import Placement, place_vehicles
+from siren_ros.sensors.placement import Catalogue, Placement
 from siren_ros.sensors.raycast_world import RaycastWorld
 from siren_ros.sensors.render.look import Look
 from siren_ros.sensors.render.renderer import Renderer
@@ -91,6 +91,7 @@ class SensorRig:
             world = RaycastWorld(self._static, self._shapes)
             self._lidars = tuple(Lidar(spec, world, seed) for spec in suite.lidars)
         self._cameras: tuple[Camera, ...] | None = None
+        self._catalogue = Catalogue(self._shapes)
         self._odometers = Odometers()
 
     @property
@@ -146,7 +147,7 @@ class SensorRig:
         base = map_from_base(
             float(states.x_m[row]), float(states.y_m[row]), float(states.z_m[row]), float(states.yaw_rad[row])
         )
-        placement = place_vehicles(states, descriptions, self._shapes, hidden_id=carrier_id)
+        placement = self._catalogue.place(states, descriptions, hidden_id=carrier_id)
         motion = CarrierMotion(float(states.vx_mps[row]), float(states.vy_mps[row]), float(states.yaw_rate_radps[row]))
         sweeps = tuple(self._sweeps(step, base, placement, motion))
         others = states.actor_id != carrier_id

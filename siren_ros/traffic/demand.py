@@ -41,6 +41,8 @@ class DemandConfig:
     """Replacement vehicles in reserve, per civilian of the volume."""
     depart_speed_share: float = 0.7
     """Speed at the first placement, as a share of the wished speed."""
+    comfortable_decel_mps2: float = 2.5
+    """With which a vehicle that has just been placed must be able to stop."""
     spacing_spread: float = 0.15
     """Gaps within a group vary by up to this fraction."""
     speed_spread: float = 0.05
@@ -280,9 +282,15 @@ class _Planner:
             driver = self._factory.draw_driver(actor_class, rng, self._template.demand.speed_factor)
             route = self._factory.draw_route((lane.edge,), self._route_m, rng)
             wished = min(driver.speed_factor * lane.speed_limit_mps, driver.driving.max_speed_mps)
-            spot = Spot(lane.index, front, self._config.depart_speed_share * wished)
+            spot = Spot(lane.index, front, min(self._config.depart_speed_share * wished, self._stoppable(lane, front)))
             found.append(self._factory.civilian(f"{purpose}{number}", actor_class, driver, route, spot, rng))
         return tuple(found)
+
+    def _stoppable(self, lane: Lane, front_m: float) -> float:
+        """Speed from which a vehicle can still stop before the lane's end, or behind one at the least gap."""
+        config = self._config
+        free_m = min(lane.length_m - front_m, config.placement_gap_m)
+        return float(np.sqrt(2.0 * config.comfortable_decel_mps2 * free_m))
 
     def _free_spot(
         self,

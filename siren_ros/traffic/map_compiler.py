@@ -20,6 +20,8 @@ _RECIPE: Final = "3"
 """Part of the cache key: raised whenever the way in which maps are compiled changes."""
 _COMMON: Final = (
     "--no-turnarounds",
+    # Lateral acceleration in turns, m/s²: what passengers bear, and what every vehicle class can follow.
+    *("--junctions.limit-turn-speed", "3.5"),
     "--junctions.internal-link-detail",
     "16",
     "--xml-validation",

@@ -61,6 +61,9 @@ def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
         "speedFactor": driver.speed_factor,
         "speedDev": 0.0,
         "maxSpeedLat": driver.max_lateral_speed_mps,
+        # A vehicle moves sideways by driving: not at all when standing, by at most this share of its speed.
+        "lcMaxSpeedLatStanding": 0.0,
+        "lcMaxSpeedLatFactor": 0.3,
         "lcSpeedGain": driver.speed_gain_eagerness,
         "lcCooperative": driver.cooperation,
     }

@@ -330,8 +330,8 @@ class Loop:
         for step, row in enumerate(self.log):
             pose = np.array([row[actor][:3] for actor in ids])
             corners = footprint_corners(*pose.T, self.table.length_m, self.table.width_m)
-            for pair in np.flatnonzero(separation_m(corners[first], corners[second]) <= 0.0):
-                hits.append((step, ids[first[pair]], ids[second[pair]]))
+            overlap = np.flatnonzero(separation_m(corners[first], corners[second]) <= 0.0)
+            hits.extend((step, ids[first[pair]], ids[second[pair]]) for pair in overlap)
         return hits
 
     def of(self, kind: str) -> list[Any]:

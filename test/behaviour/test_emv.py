@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from siren_ros.behaviour.emv import EmvState, mode_of, step_emv, target_speed_mps
+from siren_ros.behaviour.emv_route import RoutePlan
 from siren_ros.behaviour.emv_unit import EmvUnit
+from siren_ros.behaviour.lane_path import LaneEnd
 from siren_ros.world.actors import ActorClass, Lights, Mode, Owner
 
 AMBULANCE = ActorClass.AMBULANCE
@@ -152,3 +154,36 @@ def test_same_inputs_give_the_same_commands(lab, emv):
         return [tuple(row[1]) for row in loop.log], loop.events
 
     assert run() == run()
+
+
+def test_waits_for_a_lane_that_is_clearing_but_not_for_ever(lab, emv):
+    cars = [emv, lab.Car(2, 0, 80, 2, (0,))]
+    world = lab.world_of(lab.straight_road(), lab.L2)
+    advised = {"advice": {"lane_change_intent": 1}, "flags": lab.RESCUE}
+    state, _, events = steps(lab, world, cars, 5, **advised)
+    assert kinds(events) == ["lane_change_requested", "lane_change_deferred"]
+    assert events[1].detail["reason"] == "lane_is_clearing"
+    slow = [lab.Car(1, 0, 50, 3, (0,), AMBULANCE), cars[1]]
+    state, _, events = steps(lab, world, slow, 159, state, 5, **advised)
+    assert not events
+    _, _, events = steps(lab, world, slow, 3, state, 164, **advised)
+    assert kinds(events) == ["lane_change_started"]
+
+
+def test_plan_agrees_with_the_route_also_on_the_junction_behind_its_first_edge():
+    plan = RoutePlan((4, 5), LaneEnd.HORIZON, 0)
+    assert plan.agrees_with(np.array([4, 5, 6], dtype=np.int32))
+    assert plan.agrees_with(np.array([3, 4, 5], dtype=np.int32))
+    assert plan.agrees_with(np.array([5, 9], dtype=np.int32))
+    assert not plan.agrees_with(np.array([4, 7], dtype=np.int32))
+    assert not plan.agrees_with(np.array([8, 9], dtype=np.int32))
+
+
+def test_plans_anew_when_the_route_changes(lab):
+    world = lab.world_of(lab.junction_road(), lab.L1)
+    state, _, _ = steps(lab, world, [lab.Car(1, 0, 60, 10, (0, 2), AMBULANCE)], 30)
+    before = state.units[1].navigator.path
+    state, _, _ = steps(lab, world, [lab.Car(1, 0, 60, 10, (0, 4), AMBULANCE)], 1, state, 30)
+    after = state.units[1].navigator.path
+    assert after is not before
+    assert after.curve.points[-1, 1] < -10.0

@@ -44,11 +44,30 @@ def test_empty_lane_has_infinite_gaps(lab):
 
 def test_refusals_by_gap():
     free = LaneGaps(math.inf, 0.0, math.inf, 0.0)
-    assert refusal_of_gaps(free, 8.0, CONFIG) is None
-    assert refusal_of_gaps(LaneGaps(-1.0, 5.0, math.inf, 0.0), 8.0, CONFIG) is Refusal.BESIDE
-    assert refusal_of_gaps(LaneGaps(6.0, 5.0, math.inf, 0.0), 8.0, CONFIG) is Refusal.GAP_FRONT
-    assert refusal_of_gaps(LaneGaps(math.inf, 0.0, 10.0, 12.0), 5.0, CONFIG) is Refusal.GAP_REAR
-    assert refusal_of_gaps(LaneGaps(math.inf, 0.0, 10.0, 5.0), 5.0, CONFIG) is None
+    assert refusal_of_gaps(free, 8.0, 2.8, CONFIG) is None
+    assert refusal_of_gaps(LaneGaps(-1.0, 5.0, math.inf, 0.0), 8.0, 2.8, CONFIG) is Refusal.BESIDE
+    assert refusal_of_gaps(LaneGaps(3.9, 5.0, math.inf, 0.0), 8.0, 2.8, CONFIG) is Refusal.GAP_FRONT
+    assert refusal_of_gaps(LaneGaps(4.1, 5.0, math.inf, 0.0), 8.0, 2.8, CONFIG) is None
+    assert refusal_of_gaps(LaneGaps(math.inf, 0.0, 2.1, 5.0), 5.0, 5.0, CONFIG) is None
+    assert refusal_of_gaps(LaneGaps(math.inf, 0.0, 11.0, 12.0), 5.0, 5.0, CONFIG) is Refusal.GAP_REAR
+    assert refusal_of_gaps(LaneGaps(math.inf, 0.0, 12.0, 12.0), 5.0, 5.0, CONFIG) is None
+
+
+def test_rear_gap_outlasts_both_vehicles_braking():
+    """The vehicles' motion, integrated, against the closed form."""
+    for own, rear, target in ((7.0, 8.0, 2.8), (9.0, 6.0, 2.8), (5.0, 12.0, 13.9)):
+        gap = next(
+            g
+            for g in np.arange(0.1, 40.0, 0.02)
+            if refusal_of_gaps(LaneGaps(math.inf, 0.0, float(g), rear), own, target, CONFIG) is None
+        )
+        distance, v, w, dt = gap, own, rear, 0.001
+        for k in range(12000):
+            distance += (v - w) * dt
+            v = max(min(own, target), v - CONFIG.own_brake_mps2 * dt)
+            if k * dt >= CONFIG.rear_time_s:
+                w = max(min(own, target), w - CONFIG.brake_mps2 * dt) if w > min(own, target) else w
+        assert distance >= CONFIG.rear_gap_m - 0.05
 
 
 def test_vehicle_beside_refuses(lab):

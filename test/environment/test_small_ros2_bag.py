@@ -87,7 +87,7 @@ def listening(domain_id: str) -> Iterator[Callable[[int], list[list[str]]]]:
         stdout = listener.stdout
         assert stdout is not None
         assert stdout.readline() == "ready\n"
-        yield lambda count: [stdout.readline().split(maxsplit=2) for _ in range(count)]
+        yield lambda count: [stdout.readline().rstrip().split(maxsplit=2) for _ in range(count)]
     finally:
         listener.kill()
         listener.communicate()
@@ -96,7 +96,7 @@ def listening(domain_id: str) -> Iterator[Callable[[int], list[list[str]]]]:
 def heard(start_ros2: Start, domain_id: str, *words: str, lines: int) -> tuple[list[list[str]], int]:
     """What a subscriber hears of `ros2 bag play`, and play's exit code."""
     with listening(domain_id) as hear:
-        player = start_ros2("bag", "play", *words, "--delay", "1")
+        player = start_ros2("bag", "play", *words, "--delay", "0.7")
         return hear(lines), player.wait(timeout=TIMEOUT_S)
 
 

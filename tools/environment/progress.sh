@@ -14,7 +14,7 @@ follow() { # TITLE LOG
         if ((status == 0)); then
             printf '%s\n' "$line" >>"$log"
             line=${line#"${line%%[![:space:]]*}"}
-            [[ $line == "Requirement already satisfied"* || $line == "Using cached"* || -z $line ]] || last=$line
+            [[ $line == @("Requirement already satisfied"*|"Using cached"*|WARNING*|"") ]] || last=$line
         elif ((status <= 128)); then
             break
         fi
@@ -37,7 +37,10 @@ run_step() { # TITLE LOG COMMAND...
     if [[ ! -t 2 ]]; then say "  $title ..."; fi
     "$@" 2>&1 </dev/null | follow "$title" "$log" || status=$?
     if [[ -t 2 ]]; then printf '\r\033[K' >&2; fi
-    if ((status)); then
+    if ((status > 128)); then
+        say "  $title: interrupted; the same command takes it up again"
+        return "$status"
+    elif ((status)); then
         tail -n 25 "$log" >&2
         say "  $title: failed; the whole output is in $log"
         return "$status"

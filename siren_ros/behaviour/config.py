@@ -17,6 +17,10 @@ class NavigatorConfig:
     """Errors beyond it are corrected no more steeply."""
     lateral_accel_mps2: float = 3.0
     """Limit in curves; comfort limit of urban driving."""
+    steer_rate_share: float = 0.8
+    """Part of the vehicle's steering rate that a path may ask for."""
+    curvature_rate_1pms: float = 0.1
+    """Limit of the change of curvature per time; ``StepView.navigator_config`` sets it from the vehicle's steering."""
     comfort_brake_mps2: float = 3.0
     """Braking before curves and stops."""
     comfort_accel_mps2: float = 2.5

@@ -12,7 +12,7 @@ from siren_ros.behaviour.emv_route import best_lane, present_lane
 from siren_ros.behaviour.emv_unit import NEVER, EmvUnit, advice_of, event_of
 from siren_ros.behaviour.lane_foot import lane_foot
 from siren_ros.behaviour.lane_path import LaneEnd, LanePath, lanes_along, path_on_lanes, road_limits
-from siren_ros.behaviour.path_blend import along_reference, quintic_offsets
+from siren_ros.behaviour.path_blend import along_reference, blend_length_m, quintic_offsets
 from siren_ros.behaviour.world import StepView
 from siren_ros.world.actors import Floats, Lights
 from siren_ros.world.events import EventKind
@@ -94,11 +94,13 @@ def corridor_path(unit: EmvUnit, row: int, view: StepView) -> EmvUnit:
     heading = float(reference.curve.heading_at(np.array([s0]))[0])
     slope = math.tan(max(-0.5, min(0.5, math.remainder(yaw - heading, 2.0 * math.pi))))
     slope -= float(target[1] - target[0]) / float(s[1] - s[0])
-    merge = max(_MERGE_MIN_M, _MERGE_S * float(view.seen.speed_mps[row]))
+    navigator_config = view.navigator_config(row)
+    speed = float(view.seen.speed_mps[row])
+    merge = blend_length_m(d0 - float(target[0]), speed, _MERGE_S, _MERGE_MIN_M, navigator_config)
     offsets = target + quintic_offsets((s - s0) / merge, d0 - float(target[0]), slope * merge, 0.0)
     curve = Curve.through(reference.curve.offset_at(s, offsets))
     stop = reference.end in {LaneEnd.ROUTE, LaneEnd.ASTRAY}
-    path = along_reference(curve, reference, s, view.world.config.emv.navigator, merge, stop)
+    path = along_reference(curve, reference, s, navigator_config, merge, stop)
     navigator = unit.navigator.following(path, x, y)
     return replace(unit, navigator=navigator, plan=None, corridor_planned_step=view.step)
 

@@ -68,15 +68,18 @@ def plan_route(
         LaneEnd.ASTRAY: half_length + 1.0,
     }.get(reference.end, 0.0)
     stop = reference.end is not LaneEnd.HORIZON
+    navigator_config = view.navigator_config(row)
     s, left = reference.curve.project_one(x, y)
     aligned = abs(math.remainder(yaw - reference.curve.place(s)[2], 2.0 * math.pi)) < _ALIGNED_RAD
     if merge_m is None and abs(left) < config.rejoin_offset_m and aligned:
-        path = on_reference(reference, config.navigator, stop, shorten)
+        path = on_reference(reference, navigator_config, stop, shorten)
     else:
         speed = float(view.seen.speed_mps[row])
         change = view.world.config.lane_change
-        length = blend_length_m(left, speed, change.duration_s, change.length_min_m) if merge_m is None else merge_m
-        path = path_onto(reference, (x, y, yaw), length, config.navigator, stop_at_end=stop, shorten_m=shorten)
+        length = merge_m
+        if length is None:
+            length = blend_length_m(left, speed, change.duration_s, change.length_min_m, navigator_config)
+        path = path_onto(reference, (x, y, yaw), length, navigator_config, stop_at_end=stop, shorten_m=shorten)
     edges = tuple(network.lanes[item].edge for item in lanes if not network.edges[network.lanes[item].edge].internal)
     return RoutePlan(_without_repeats(edges), reference.end, view.step), navigator.following(path, x, y)
 

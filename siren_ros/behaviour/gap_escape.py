@@ -98,7 +98,7 @@ def escape_path(unit: EmvUnit, row: int, view: StepView) -> Outcome:
         (s - found.start_m) / found.merge_m, found.from_left_m, found.slope * found.merge_m, found.left_m
     )
     curve = Curve.through(reference.curve.offset_at(s, offsets))
-    path = along_reference(curve, reference, s, view.world.config.emv.navigator, found.merge_m, stop_at_end=True)
+    path = along_reference(curve, reference, s, view.navigator_config(row), found.merge_m, stop_at_end=True)
     unit = replace(unit, navigator=unit.navigator.following(path, x, y), escape_offset_m=found.left_m)
     if before is not None and abs(found.left_m - before) < _SAME_OFFSET_M:
         return unit, ()

@@ -93,5 +93,5 @@ def _with_path(unit: YieldUnit, row: int, view: StepView) -> YieldUnit:
     lanes, end = lanes_along(world.network, lane, position, route, _AHEAD_M, civilian=True, through_junctions=False)
     reference = path_on_lanes(world.network, lanes, end, position - 2.0, _AHEAD_M)
     shorten = float(view.seen.half_length_m[row]) + 1.0
-    path = on_reference(reference, world.config.civilian_navigator, stop_at_end=True, shorten_m=shorten)
+    path = on_reference(reference, view.navigator_config(row), stop_at_end=True, shorten_m=shorten)
     return replace(unit, navigator=NavigatorState().following(path, x, y))

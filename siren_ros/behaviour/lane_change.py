@@ -7,10 +7,10 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.behaviour.config import LaneChangeConfig, NavigatorConfig
+from siren_ros.behaviour.config import LaneChangeConfig
 from siren_ros.behaviour.lane_foot import lane_foot
 from siren_ros.behaviour.lane_path import LaneEnd, LanePath, lanes_along, neighbour_lane, path_on_lanes
-from siren_ros.behaviour.path_blend import PEAK_CURVATURE, path_onto
+from siren_ros.behaviour.path_blend import PEAK_CURVATURE, blend_length_m, path_onto
 from siren_ros.behaviour.tracked_path import TrackedPath
 from siren_ros.behaviour.world import StepView
 from siren_ros.world.actors import NO_ACTOR
@@ -18,6 +18,8 @@ from siren_ros.world.road_network import NO_LANE, LaneKind
 from siren_ros.world.traffic_state import Indices
 
 _GAP_RANGE_M: Final = 60.0
+_SPEED_UP_MPS: Final = 5.0
+"""Gain of speed that a lane change is laid out for."""
 _STEER_SHARE: Final = 0.7
 """Part of the steering range that a lane change may use."""
 
@@ -121,8 +123,12 @@ def change_length_m(view: StepView, query: LaneChangeQuery) -> float:
     config, vehicle = config_of(view, query), view.vehicle(query.row)
     sharpest = math.tan(_STEER_SHARE * vehicle.max_steer_rad) / vehicle.wheelbase_m
     width = view.world.network.lanes[query.lane].width_m
-    least = math.sqrt(PEAK_CURVATURE * width / sharpest)
-    return max(config.length_min_m, least, config.duration_s * float(view.seen.speed_mps[query.row]))
+    speed = float(view.seen.speed_mps[query.row])
+    on_the_way = 0.5 * (speed + min(query.target_mps, speed + _SPEED_UP_MPS))
+    steerable = blend_length_m(
+        width, on_the_way, config.duration_s, config.length_min_m, view.navigator_config(query.row)
+    )
+    return max(config.length_min_m, math.sqrt(PEAK_CURVATURE * width / sharpest), config.duration_s * speed, steerable)
 
 
 def config_of(view: StepView, query: LaneChangeQuery) -> LaneChangeConfig:
@@ -169,13 +175,18 @@ def _open_to(view: StepView, lane: int, civilian: bool) -> bool:
     return found.emergency_allowed
 
 
-def lane_change_path(
-    view: StepView, query: LaneChangeQuery, reference: LanePath, navigator: NavigatorConfig, stop_at_end: bool
-) -> TrackedPath:
+def lane_change_path(view: StepView, query: LaneChangeQuery, reference: LanePath, stop_at_end: bool) -> TrackedPath:
     """``BuildLaneChangeWaypoints``: from the present pose into the target lane and along it."""
     shorten = float(view.seen.half_length_m[query.row]) + 1.0 if stop_at_end else 0.0
     length = change_length_m(view, query)
-    return path_onto(reference, view.pose(query.row), length, navigator, stop_at_end=stop_at_end, shorten_m=shorten)
+    return path_onto(
+        reference,
+        view.pose(query.row),
+        length,
+        view.navigator_config(query.row),
+        stop_at_end=stop_at_end,
+        shorten_m=shorten,
+    )
 
 
 def entered_lane(view: StepView, row: int, lane: int) -> bool:

@@ -37,10 +37,22 @@ def quintic_offsets(u: Floats, start: float, slope: float, end: float) -> Floats
     return start + change * rise + slope * lead
 
 
-def blend_length_m(offset_change_m: float, speed_mps: float, duration_s: float, least_m: float) -> float:
-    """Length of a lateral move: a duration at the present speed, at least ``least_m`` for a lane's width (3.5 m)."""
-    share = math.sqrt(min(abs(offset_change_m) / 3.5, 1.0))
-    return max(least_m * share, duration_s * speed_mps * share, 3.0)
+def blend_length_m(
+    offset_change_m: float, speed_mps: float, duration_s: float, least_m: float, config: NavigatorConfig
+) -> float:
+    """Length of a lateral move.
+
+    Args:
+        offset_change_m: Lateral distance.
+        speed_mps: Speed during the move.
+        duration_s: Time that a move over a lane's width (3.5 m) takes.
+        least_m: Least length of such a move.
+        config: For what the steering can follow: the curvature of a quintic changes by up to 60·d/l³ per metre.
+    """
+    offset = abs(offset_change_m)
+    share = math.sqrt(min(offset / 3.5, 1.0))
+    steerable = (60.0 * offset * speed_mps / config.curvature_rate_1pms) ** (1.0 / 3.0)
+    return max(least_m * share, duration_s * speed_mps * share, steerable, 3.0)
 
 
 def path_onto(

@@ -19,6 +19,8 @@ from siren_ros.world.events import Event, EventKind
 from siren_ros.world.road_network import NO_LANE, LaneKind
 from siren_ros.world.units import steps_from_s
 
+_PULL_OVER_MPS: Final = 1.5
+"""Speed that a vehicle at rest gets up to on its way to the edge."""
 _LOOK_AGAIN_STEPS: Final = steps_from_s(0.5)
 
 
@@ -85,7 +87,10 @@ def pull_over_path(unit: YieldUnit, row: int, lane: int, view: StepView) -> Trac
     position, left, _ = lane_foot(network.lanes[lane].centre, x, y)
     offset = edge_offset_m(view, row, lane, unit.side)
     sharpest = math.sqrt(PEAK_CURVATURE * abs(offset - left) / config.curvature_max_1pm)
-    wanted = max(config.length_min_m, sharpest, config.duration_s * speed)
+    navigator = view.navigator_config(row)
+    moving = min(max(speed, _PULL_OVER_MPS), view.world.speeds.civilian_pull_over_mps)
+    steerable = (60.0 * abs(offset - left) * moving / navigator.curvature_rate_1pms) ** (1.0 / 3.0)
+    wanted = max(config.length_min_m, sharpest, steerable)
     route = view.traffic.route_of_row(row)
     length = wanted + config.settle_length_m
     half_length = float(view.seen.half_length_m[row])
@@ -97,7 +102,6 @@ def pull_over_path(unit: YieldUnit, row: int, lane: int, view: StepView) -> Trac
     if room < 2.0:
         return None
     merge = max(min(wanted, room), min(sharpest, wanted))
-    navigator = view.world.config.civilian_navigator
     return path_onto(reference, (x, y, yaw), merge, navigator, offset_m=offset, shorten_m=half_length)
 
 

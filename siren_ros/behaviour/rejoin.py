@@ -30,9 +30,11 @@ def start_rejoin(unit: YieldUnit, row: int, view: StepView) -> Outcome:
     reference = path_on_lanes(world.network, lanes, end, position - 2.0, _AHEAD_M)
     _, left = reference.curve.project_one(x, y)
     config = world.config.pull_over
-    merge = blend_length_m(left, float(view.seen.speed_mps[row]), config.duration_s, config.length_min_m * 2.0)
+    navigator_config = view.navigator_config(row)
+    speed = 0.5 * (float(view.seen.speed_mps[row]) + world.config.yielding.rejoin_speed_mps)
+    merge = blend_length_m(left, speed, config.duration_s, config.length_min_m, navigator_config)
     shorten = float(view.seen.half_length_m[row]) + 1.0
-    path = path_onto(reference, (x, y, yaw), merge, world.config.civilian_navigator, shorten_m=shorten)
+    path = path_onto(reference, (x, y, yaw), merge, navigator_config, shorten_m=shorten)
     navigator = NavigatorState().following(path, x, y)
     side = 1 if left < 0.0 else -1
     return rejoin(replace(unit, phase=Mode.REJOIN, navigator=navigator, stopped_steps=0, side=side), row, view)

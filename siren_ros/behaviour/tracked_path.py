@@ -1,6 +1,7 @@
 """A path that the navigator can follow: a smooth curve with the lanes below it and its speed limit."""
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -9,6 +10,10 @@ from siren_ros.behaviour.curve import Curve
 from siren_ros.world.actors import Floats
 from siren_ros.world.road_network import NO_LANE
 from siren_ros.world.traffic_state import Indices
+
+_THREE: Final = np.full(3, 1.0 / 3.0)
+_CREEP_MPS: Final = 1.5
+"""The steering keeps up with any path at this speed well enough."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,10 +56,14 @@ class TrackedPath:
     ) -> "TrackedPath":
         """The path along a curve, slow enough for its bends and, where wanted, to stop at its end.
 
-        The speed limit solves v² ≤ a_lat/κ and v²(s) ≤ v²(s') + 2·b·(s' − s) for all s' ≥ s.
+        The speed limit solves v² ≤ a_lat/κ, v ≤ κ̇/κ' (what the steering can follow) and
+        v²(s) ≤ v²(s') + 2·b·(s' − s) for all s' ≥ s.
         """
         bend = np.abs(curve.curvature_1pm)
         local = config.lateral_accel_mps2 / np.maximum(bend, 1e-4)
+        winding = np.convolve(np.abs(np.gradient(curve.curvature_1pm, curve.spacing_m)), _THREE, mode="same")
+        steered = config.curvature_rate_1pms / np.maximum(winding, 1e-5)
+        local = np.minimum(local, np.maximum(steered, _CREEP_MPS) ** 2)
         if stop_at_end:
             local = np.concatenate((local[:-1], [0.0]))
         braking = 2.0 * config.comfort_brake_mps2 * curve.spacing_m * np.arange(len(local))

@@ -1,12 +1,12 @@
 """What the controllers are given for a whole episode, and what they share at one step."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from siren_ros.behaviour.config import BehaviourConfig
+from siren_ros.behaviour.config import BehaviourConfig, NavigatorConfig
 from siren_ros.behaviour.constants import PAPER_CONSTANTS, PAPER_SPEEDS, ControlConstants, TargetSpeeds
 from siren_ros.behaviour.surroundings import ActorTable, Surroundings
 from siren_ros.dynamics.parameters import VehicleParameters
@@ -60,6 +60,13 @@ class StepView:
         """x, y and yaw of an actor."""
         seen = self.seen
         return float(seen.x_m[row]), float(seen.y_m[row]), float(seen.yaw_rad[row])
+
+    def navigator_config(self, row: int) -> NavigatorConfig:
+        """The navigator's parameters for an actor, with the limit of its own steering."""
+        config, vehicle = self.world.config, self.vehicle(row)
+        base = config.emv.navigator if self.seen.is_emv[row] else config.civilian_navigator
+        rate = base.steer_rate_share * vehicle.max_steer_rate_radps / vehicle.wheelbase_m
+        return replace(base, curvature_rate_1pms=rate)
 
     def vehicle(self, row: int) -> VehicleParameters:
         """Vehicle parameters of an actor."""

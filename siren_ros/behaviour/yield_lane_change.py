@@ -31,7 +31,6 @@ def start_lane_change(unit: YieldUnit, row: int, view: StepView) -> Outcome:
     """
     if view.step - unit.change_step < view.world.cooldown_steps:
         return defer(unit, row, view, "cooldown")
-    config = view.world.config
     lane = lane_of(unit, row, view)
     route = view.traffic.route_of_row(row)
     speed = view.world.speeds.civilian_yield_lane_change_mps
@@ -47,7 +46,7 @@ def start_lane_change(unit: YieldUnit, row: int, view: StepView) -> Outcome:
     if not choices:
         return _wait_for_gap(unit, row, view, refusals)
     _, query, reference = min(choices, key=lambda choice: choice[0])
-    path = lane_change_path(view, query, reference, config.civilian_navigator, stop_at_end=True)
+    path = lane_change_path(view, query, reference, stop_at_end=True)
     x, y, _ = view.pose(row)
     target = neighbour_lane(view.world.network, lane, query.side)
     unit = replace(

@@ -102,7 +102,7 @@ def test_path_starts_here_and_ends_in_the_target_lane(lab):
     network = lab.straight_road()
     view = view_with(lab, network, [lab.Car(1, 0, 100, 8, (0,))])
     asked = query(view)
-    path = lane_change_path(view, asked, assess(view, asked), view.world.config.civilian_navigator, stop_at_end=True)
+    path = lane_change_path(view, asked, assess(view, asked), stop_at_end=True)
     np.testing.assert_allclose(path.curve.points[0], [100.0, 0.0], atol=1e-6)
     assert path.curve.points[-1, 1] == pytest.approx(3.3, abs=1e-6)
     assert path.lane_at(0.0) == 1

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
+from made_records import moving, record_with
 
-from evaluation.conftest import moving, record_with
 from siren_ros.evaluation.constant_velocity import ConstantVelocity
 from siren_ros.evaluation.displacement_metrics import ade, fde
 from siren_ros.evaluation.prediction_samples import samples_of

@@ -6,14 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_records import moving, record_with
 
-from evaluation.conftest import moving, record_with
 from siren_ros.evaluation.displacement_metrics import METRICS
 from siren_ros.evaluation.prediction import score_episode
 from siren_ros.evaluation.prediction_samples import samples_of
 from siren_ros.evaluation.prediction_window import HistoryWindow
 from siren_ros.evaluation.predictors import PREDICTORS, predictors_named
-from siren_ros.generation.closed_loop import closed_loop, record_of as record_of_loop
+from siren_ros.generation.closed_loop import closed_loop
+from siren_ros.generation.closed_loop import record_of as record_of_loop
 from siren_ros.generation.episode_setup import EpisodeRequest, set_up_episode
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.recording.episode_record import EpisodeRecord

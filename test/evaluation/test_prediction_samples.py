@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from made_records import moving, record_with
 
-from evaluation.conftest import moving, record_with
 from siren_ros.evaluation.prediction_samples import samples_of
 from siren_ros.evaluation.prediction_window import HistoryWindow, future_times_s
 from siren_ros.world.errors import BagError

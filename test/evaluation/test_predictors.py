@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
+from made_records import moving, record_with
 
-from evaluation.conftest import moving, record_with
 from siren_ros.evaluation.prediction_samples import SampleBatch, samples_of
 from siren_ros.evaluation.prediction_window import HistoryWindow
 from siren_ros.evaluation.predictors import PREDICTORS, hypotheses_of, predictors_named

@@ -12,6 +12,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from siren_ros.datasets.kitti_export import export_kitti
+from siren_ros.generation.replay_check import repeat_episode
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.point_cloud import from_point_cloud
 from siren_ros.recording.bag_reader import read_episode
@@ -130,6 +131,10 @@ def test_one_process_per_node_gives_the_same_bytes(episode: Any, cosim: Callable
     run = cosim(*SHORT, "processes:=true", cwd=tmp_path)
     assert run.code == 0, run.err
     assert digest(tmp_path / "bags") == digest(episode[1] / "bags")
+
+
+def test_the_graph_computes_what_the_library_computes(episode: Any) -> None:
+    assert repeat_episode(read_episode(episode[1] / "bags" / "S2_L2_seed0")) is None
 
 
 def test_a_bag_that_exists_is_not_touched(episode: Any, cosim: Callable[..., Any]) -> None:

@@ -81,7 +81,7 @@ setup(
     # would fail under `colcon build --symlink-install`.
     packages=[*find_packages(include=[NAME, f"{NAME}.*"]), "siren_nodes"],
     package_dir={"siren_nodes": "nodes"},
-    package_data={NAME: ["py.typed", "**/*.glsl"]},
+    package_data={NAME: ["py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

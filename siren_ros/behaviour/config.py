@@ -53,7 +53,7 @@ class LaneChangeConfig:
     """Time before one brakes for the vehicle ahead."""
     rear_gap_m: float = 2.0
     rear_time_s: float = 0.5
-    """Time before the vehicle behind brakes."""
+    """Time before the vehicle behind brakes; longer for slow changes, as others react once the lane line is crossed."""
     brake_mps2: float = 4.0
     """Deceleration that both are expected to accept."""
     own_brake_mps2: float = 3.0
@@ -85,8 +85,10 @@ class YieldConfig:
     path_behind_m: float = 5.0
     seek_after_s: float = 0.5
     """Time without an open gap after which the driver begins to make one."""
-    seek_speed_mps: float = 2.5
-    """Difference of speed to the vehicle that is in the way while a gap is sought."""
+    seek_speed_mps: float = 2.0
+    """Difference of speed to the vehicle that is in the way while a gap is sought; also the least speed then."""
+    seek_again_s: float = 1.5
+    """Time after which the driver thinks again whether to draw ahead or to fall back."""
     seek_room_m: float = 20.0
     """Road left before the next junction below which no gap is sought."""
     seek_free_m: float = 15.0
@@ -174,7 +176,7 @@ class EmvConfig:
     """Offsets below it are left to the path tracking."""
     strategic_distance_m: float = 200.0
     """Distance before the end of a lane that leads astray at which the EMV wants to leave it."""
-    patience_s: float = 8.0
+    patience_s: float = 15.0
     """Time below half of the target speed after which the EMV no longer waits for its lane to clear."""
     gain_min_m: float = 8.0
     """Free road that a lane change for speed must gain."""
@@ -192,7 +194,7 @@ class BehaviourConfig:
     lane_change: LaneChangeConfig = field(default_factory=LaneChangeConfig)
     """Of the EMV."""
     civilian_lane_change: LaneChangeConfig = field(
-        default_factory=lambda: LaneChangeConfig(duration_s=2.0, length_min_m=12.0)
+        default_factory=lambda: LaneChangeConfig(duration_s=2.0, length_min_m=12.0, rear_time_s=1.5)
     )
     yielding: YieldConfig = field(default_factory=YieldConfig)
     pull_over: PullOverConfig = field(default_factory=PullOverConfig)

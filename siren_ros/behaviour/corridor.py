@@ -96,7 +96,7 @@ def corridor_path(unit: EmvUnit, row: int, view: StepView) -> EmvUnit:
     slope -= float(target[1] - target[0]) / float(s[1] - s[0])
     navigator_config = view.navigator_config(row)
     speed = float(view.seen.speed_mps[row])
-    merge = blend_length_m(d0 - float(target[0]), speed, _MERGE_S, _MERGE_MIN_M, navigator_config)
+    merge = max(_MERGE_MIN_M, blend_length_m(d0 - float(target[0]), speed, _MERGE_S, 0.0, navigator_config))
     offsets = target + quintic_offsets((s - s0) / merge, d0 - float(target[0]), slope * merge, 0.0)
     curve = Curve.through(reference.curve.offset_at(s, offsets))
     stop = reference.end in {LaneEnd.ROUTE, LaneEnd.ASTRAY}

@@ -12,6 +12,7 @@ from siren_ros.behaviour.path_blend import on_reference
 from siren_ros.behaviour.world import StepView
 from siren_ros.behaviour.yield_unit import Outcome, YieldUnit, lane_of
 from siren_ros.world.road_network import NO_LANE, LaneKind
+from siren_ros.world.units import steps_from_s
 
 GAP_REFUSALS: Final = frozenset({Refusal.BESIDE, Refusal.GAP_FRONT, Refusal.GAP_REAR})
 _AHEAD_M: Final = 80.0
@@ -47,7 +48,8 @@ def seek_gap(unit: YieldUnit, row: int, view: StepView, refusal: Refusal) -> Out
     if target == NO_LANE:
         return Outcome(replace(unit, navigator=NavigatorState(), seek=Seek.NOT))
     gaps = gaps_in_lane(view, row, target)
-    if unit.seek == Seek.NOT or unit.deferred != refusal.value:
+    again = (view.step - unit.deferred_step) % steps_from_s(config.yielding.seek_again_s) == 0
+    if unit.seek == Seek.NOT or again:
         own = gaps_in_lane(view, row, lane)
         unit = replace(unit, seek=choose_seek(gaps, own, refusal, config.yielding.seek_free_m), deferred=refusal.value)
     limit = view.world.network.lanes[lane].speed_limit_mps
@@ -78,7 +80,7 @@ def seek_speed_mps(seek: Seek, gaps: LaneGaps, difference_mps: float, limit_mps:
     if seek is Seek.DRAW_AHEAD:
         return min(gaps.rear_mps + difference_mps, limit_mps)
     other = gaps.front_mps if gaps.front_m < gaps.rear_m else gaps.rear_mps
-    return min(max(other - difference_mps, 0.5 * difference_mps), limit_mps)
+    return min(max(other - difference_mps, difference_mps), limit_mps)
 
 
 def _with_path(unit: YieldUnit, row: int, view: StepView) -> YieldUnit:

@@ -18,7 +18,7 @@ from siren_ros.world.road_network import NO_LANE, LaneKind
 from siren_ros.world.traffic_state import Indices
 
 _GAP_RANGE_M: Final = 60.0
-_SPEED_UP_MPS: Final = 5.0
+_SPEED_UP_MPS: Final = 2.5
 """Gain of speed that a lane change is laid out for."""
 _STEER_SHARE: Final = 0.7
 """Part of the steering range that a lane change may use."""
@@ -124,7 +124,7 @@ def change_length_m(view: StepView, query: LaneChangeQuery) -> float:
     sharpest = math.tan(_STEER_SHARE * vehicle.max_steer_rad) / vehicle.wheelbase_m
     width = view.world.network.lanes[query.lane].width_m
     speed = float(view.seen.speed_mps[query.row])
-    on_the_way = 0.5 * (speed + min(query.target_mps, speed + _SPEED_UP_MPS))
+    on_the_way = min(query.target_mps, speed + _SPEED_UP_MPS)
     steerable = blend_length_m(
         width, on_the_way, config.duration_s, config.length_min_m, view.navigator_config(query.row)
     )

@@ -11,6 +11,8 @@ from siren_ros.behaviour.lane_path import LanePath
 from siren_ros.behaviour.tracked_path import TrackedPath
 from siren_ros.world.actors import Floats
 
+_WINDING: Final = 40.0
+"""Change of curvature that a blend's length is laid out for, times length³ over lateral distance."""
 _STEEPEST: Final = 0.6
 """Largest tangent of the angle between the pose and the reference that a blend starts with."""
 PEAK_CURVATURE: Final = 10.0 / math.sqrt(3.0)
@@ -47,11 +49,12 @@ def blend_length_m(
         speed_mps: Speed during the move.
         duration_s: Time that a move over a lane's width (3.5 m) takes.
         least_m: Least length of such a move.
-        config: For what the steering can follow: the curvature of a quintic changes by up to 60·d/l³ per metre.
+        config: For what the steering can follow: the curvature of a quintic changes by up to 60·d/l³ per metre at its
+            ends, where the path's speed limit takes care of it, and by a third less on the way.
     """
     offset = abs(offset_change_m)
     share = math.sqrt(min(offset / 3.5, 1.0))
-    steerable = (60.0 * offset * speed_mps / config.curvature_rate_1pms) ** (1.0 / 3.0)
+    steerable = (_WINDING * offset * speed_mps / config.curvature_rate_1pms) ** (1.0 / 3.0)
     return max(least_m * share, duration_s * speed_mps * share, steerable, 3.0)
 
 

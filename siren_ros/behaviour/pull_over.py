@@ -8,7 +8,7 @@ from siren_ros.behaviour.lane_change import Refusal, gaps_in_lane, offset_in_lan
 from siren_ros.behaviour.lane_foot import lane_foot
 from siren_ros.behaviour.lane_path import lanes_along, neighbour_lane, path_on_lanes
 from siren_ros.behaviour.navigator import FULL_BRAKE, DriveCommand, NavigatorState, Situation, navigate
-from siren_ros.behaviour.path_blend import PEAK_CURVATURE, path_onto
+from siren_ros.behaviour.path_blend import PEAK_CURVATURE, blend_length_m, path_onto
 from siren_ros.behaviour.rejoin import start_rejoin
 from siren_ros.behaviour.tracked_path import TrackedPath
 from siren_ros.behaviour.world import StepView
@@ -21,6 +21,9 @@ from siren_ros.world.units import steps_from_s
 
 _PULL_OVER_MPS: Final = 1.5
 """Speed that a vehicle at rest gets up to on its way to the edge."""
+_SETTLED_M: Final = 0.5
+_AT_EDGE_M: Final = 0.05
+"""Distance from the wanted offset at which the target counts as reached before the lateral move has ended."""
 _LOOK_AGAIN_STEPS: Final = steps_from_s(0.5)
 
 
@@ -89,7 +92,7 @@ def pull_over_path(unit: YieldUnit, row: int, lane: int, view: StepView) -> Trac
     sharpest = math.sqrt(PEAK_CURVATURE * abs(offset - left) / config.curvature_max_1pm)
     navigator = view.navigator_config(row)
     moving = min(max(speed, _PULL_OVER_MPS), view.world.speeds.civilian_pull_over_mps)
-    steerable = (60.0 * abs(offset - left) * moving / navigator.curvature_rate_1pms) ** (1.0 / 3.0)
+    steerable = blend_length_m(offset - left, moving, 0.0, 0.0, navigator)
     wanted = max(config.length_min_m, sharpest, steerable)
     route = view.traffic.route_of_row(row)
     length = wanted + config.settle_length_m
@@ -114,7 +117,9 @@ def pull_over(unit: YieldUnit, row: int, view: StepView, emv: EmvView) -> Outcom
     offset, turned = offset_in_lane(view, row, lane)
     wanted = edge_offset_m(view, row, lane, unit.side)
     aligned = abs(turned) <= view.world.constants.heading_aligned_rad
-    reached = abs(offset - wanted) <= config.reached_m
+    path = unit.navigator.path
+    settled = path is None or unit.navigator.progress_m >= path.settled_m - _SETTLED_M
+    reached = abs(offset - wanted) <= (config.reached_m if settled else _AT_EDGE_M)
     stopped = unit.stopped_steps + 1 if standing(view, row) else 0
     unit = replace(unit, stopped_steps=stopped)
     if reached and aligned:
@@ -122,10 +127,10 @@ def pull_over(unit: YieldUnit, row: int, view: StepView, emv: EmvView) -> Outcom
     if stopped >= steps_from_s(config.blocked_hold_s):
         return _hold_now(unit, row, view, offset, partial=True)
     if unit.navigator.done or (reached and unit.navigator.remaining_m < 1.0):
-        path = pull_over_path(unit, row, lane, view)
-        if path is not None and not unit.navigator.done:
+        extended = pull_over_path(unit, row, lane, view)
+        if extended is not None:
             x, y, _ = view.pose(row)
-            unit = replace(unit, navigator=unit.navigator.following(path, x, y))
+            unit = replace(unit, navigator=unit.navigator.following(extended, x, y))
     return _drive(unit, row, view)
 
 

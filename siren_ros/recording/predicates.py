@@ -5,14 +5,30 @@ from dataclasses import dataclass
 from typing import Final
 
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.recording.junction_entry import (
+    red_crossing,
+    red_same_direction,
+    stop_crossing,
+    stop_same_direction,
+)
 from siren_ros.recording.lane_clearance import lane_cleared
+from siren_ros.recording.queue_splitting import queues_split
+from siren_ros.recording.shoulder_turn import shoulder_turn
 from siren_ros.recording.verdict import Verdict
 from siren_ros.world.errors import BagError
 from siren_ros.world.templates import load_template
 
 Predicate = Callable[[EpisodeRecord, Mapping[str, float]], Verdict]
 
-PREDICATES: Final[dict[str, Predicate]] = {"lane_cleared": lane_cleared}
+PREDICATES: Final[dict[str, Predicate]] = {
+    "queues_split": queues_split,
+    "lane_cleared": lane_cleared,
+    "red_same_direction": red_same_direction,
+    "red_crossing": red_crossing,
+    "stop_same_direction": stop_same_direction,
+    "stop_crossing": stop_crossing,
+    "shoulder_turn": shoulder_turn,
+}
 """By the name that a template's file gives."""
 
 PARAMETER: Final = "predicate"

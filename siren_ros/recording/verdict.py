@@ -1,5 +1,6 @@
 """Results of checks on a record: a number, its threshold, and whether it holds."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 
@@ -12,7 +13,7 @@ class Part:
     threshold: float
     holds: bool
     relation: str
-    """``>=``, ``<=`` or ``=``: how the value has to stand to the threshold."""
+    """``>=``, ``>``, ``<=`` or ``=``: how the value has to stand to the threshold."""
     detail: str = ""
     """Where the value was found: step and actor of the worst case, names of what is missing."""
 
@@ -24,6 +25,11 @@ class Part:
 def at_least(name: str, value: float, threshold: float, detail: str = "") -> Part:
     """The condition ``value >= threshold``."""
     return Part(name, float(value), float(threshold), bool(value >= threshold), ">=", detail)
+
+
+def more_than(name: str, value: float, threshold: float, detail: str = "") -> Part:
+    """The condition ``value > threshold``."""
+    return Part(name, float(value), float(threshold), bool(value > threshold), ">", detail)
 
 
 def at_most(name: str, value: float, threshold: float, detail: str = "") -> Part:
@@ -58,3 +64,17 @@ class Verdict:
 def verdict_of(parts: tuple[Part, ...], text: str) -> Verdict:
     """The verdict that holds where all parts hold."""
     return Verdict(all(part.holds for part in parts), parts, text)
+
+
+def closest_of(verdicts: Iterable[Verdict]) -> Verdict | None:
+    """Of several places or moments where an interaction may have happened, the one that came closest.
+
+    That is the one with the most parts that hold, then the one with the largest values in the order of its parts,
+    then the first; None of none.
+    """
+
+    def closeness(verdict: Verdict) -> tuple[bool, int, tuple[float, ...]]:
+        holding = sum(part.holds for part in verdict.parts)
+        return verdict.holds, holding, tuple(part.value for part in verdict.parts)
+
+    return max(verdicts, key=closeness, default=None)

@@ -10,7 +10,6 @@ from siren_ros.interfaces.point_cloud import LIDAR_POINT_DTYPE
 from siren_ros.sensors import lidar_loops as loops
 from siren_ros.sensors.mount import Matrix, inverse
 from siren_ros.sensors.noise import sensor_generator
-from siren_ros.sensors.parts import Parts
 from siren_ros.sensors.placement import Placement
 from siren_ros.sensors.raycast_world import RaycastWorld
 from siren_ros.sensors.reflectivity import REFLECTIVITY
@@ -81,7 +80,6 @@ class Lidar:
         self._world = world
         self._seed = seed
         self.pattern = beam_pattern(spec)
-        self._parts = Parts(spec.columns)
         rays = len(self.pattern.directions)
         self._rays = np.empty((rays, 6), np.float32)
         self._vehicle = np.empty(rays, np.int32)
@@ -126,21 +124,19 @@ class Lidar:
         self, step: int, hits: loops.Hits, vehicles: loops.Vehicles
     ) -> tuple[npt.NDArray[np.void], npt.NDArray[np.int64]]:
         """Points of a sweep, and how many lie on each vehicle."""
-        receiver = self._receiver(step)
         buffer = np.empty(len(self._rays), LIDAR_POINT_DTYPE)
-        records = _records(buffer)
-        counts = np.zeros((len(self._parts), len(vehicles.actor_id)), np.int64)
-        columns, rings = self.spec.columns, self.spec.channels
-        fixed = (self._poses, self.pattern, hits, vehicles, self._surfaces, receiver, records)
-        if receiver.draw.size:
-            end = loops.pack_points(*fixed, counts[0], 0, 0, columns)
-            return buffer[:end], counts[0]
-
-        def pack(part: int, start: int, stop: int) -> int:
-            before = int(np.count_nonzero(hits.distance[: start * rings] <= receiver.range_m))
-            return loops.pack_points(*fixed, counts[part], before, start, stop)
-
-        return buffer[: self._parts.run(pack)[-1]], counts.sum(axis=0)
+        count_on = np.zeros(len(vehicles.actor_id), np.int64)
+        written = loops.pack_points(
+            self._poses,
+            self.pattern,
+            hits,
+            vehicles,
+            self._surfaces,
+            self._receiver(step),
+            _records(buffer),
+            count_on,
+        )
+        return buffer[:written], count_on
 
     def _column_poses(self, map_from_lidar: Matrix, motion: CarrierMotion | None) -> npt.NDArray[np.float32]:
         """Pose of the sensor at each column, shape ``(C, 3, 4)``, or ``(3, 4)`` where it stands still."""

@@ -170,9 +170,21 @@ def _window(
     first = int(np.floor((np.pi - np.arctan2(sy, sx)) / step - half))
     count = min(columns, int(np.ceil(2.0 * half)) + 2)
     elevation, spread = np.arctan2(sz, flat), np.arcsin(radius / np.hypot(flat, sz))
-    low = np.searchsorted(pattern.elevation, elevation - spread)
-    high = np.searchsorted(pattern.elevation, elevation + spread, side="right")
-    return first % columns, count, low, high
+    low, high = _rank(pattern.elevation, elevation - spread), _rank(pattern.elevation, elevation + spread)
+    return first % columns, count, low, min(high + 1, rings)
+
+
+@compiled
+def _rank(ascending: Array, value: float) -> int:
+    """How many numbers lie below a value (bisection)."""
+    low, high = 0, ascending.shape[0]
+    while low < high:
+        middle = (low + high) // 2
+        if ascending[middle] < value:
+            low = middle + 1
+        else:
+            high = middle
+    return low
 
 
 @compiled
@@ -196,8 +208,8 @@ def _rings(pattern: Pattern, bounds: Array, origin: Array, ahead: Array, rise: f
     if near <= 0.0:
         return 0, rings
     bottom, top = (bounds[0, 2] - origin[2]) / rise, (bounds[1, 2] - origin[2]) / rise
-    low = np.searchsorted(pattern.slope, min(bottom / near, bottom / far)) - 1
-    high = np.searchsorted(pattern.slope, max(top / near, top / far)) + 1
+    low = _rank(pattern.slope, min(bottom / near, bottom / far)) - 1
+    high = _rank(pattern.slope, max(top / near, top / far)) + 1
     return max(low, 0), min(high, rings)
 
 
@@ -224,11 +236,13 @@ def select_candidates(  # compiled code is called with positions
         pose, motion = vehicles.pose[v], vehicles.motion[v]
         reach = turn_s * (np.hypot(motion[0], motion[1]) + vehicles.size[v, 0] * np.abs(motion[2]))
         first_column, count, low, high = _window(pattern, pose, vehicles.size[v], reach, lidar_from_map)
+        cos, sin = np.float32(np.cos(pose[3])), np.float32(np.sin(pose[3]))
         for k in range(count):
             column = (first_column + k) % columns
             t = pattern.world_time_s[column]
-            yaw = pose[3] + motion[2] * t
-            cos, sin = np.float32(np.cos(yaw)), np.float32(np.sin(yaw))
+            if t != 0.0:
+                yaw = pose[3] + motion[2] * t
+                cos, sin = np.float32(np.cos(yaw)), np.float32(np.sin(yaw))
             first = column * rings
             rx = np.float32(rays[first, 0] - pose[0] - motion[0] * t)
             ry = np.float32(rays[first, 1] - pose[1] - motion[1] * t)
@@ -293,46 +307,47 @@ def pack_points(  # compiled code is called with positions
     receiver: Receiver,
     out: Records,
     count_on: Array,
-    written: int,
-    start: int,
-    stop: int,
 ) -> int:
-    """Write the returns of columns ``start`` to ``stop`` from row ``written`` on, and count those on each vehicle.
+    """Write one record per return and count those on each vehicle; returns how many were written.
 
-    ``map_from_lidar`` (C, 3, 4) holds the pose at each column. Returns the row after the last one written.
+    ``map_from_lidar`` (C, 3, 4) holds the pose at each column.
     """
     rings = pattern.elevation.shape[0]
     levels, per_level = np.float32(255.0), np.float32(1.0 / 255.0)
     grid, noisy, lossy = np.float32(receiver.grid), receiver.range_noise_m.shape[0] > 0, receiver.draw.shape[0] > 0
-    for column in range(start, stop):
-        time_s = pattern.column_time_s[column]
-        m = map_from_lidar[column]
+    written = 0
+    for column in range(map_from_lidar.shape[0]):
+        time_s, m = pattern.column_time_s[column], map_from_lidar[column]
+        rays = slice(column * rings, (column + 1) * rings)
+        distance, normal, directions = hits.distance[rays], hits.normal[rays], pattern.directions[rays]
+        static_triangle, vehicle = hits.static_triangle[rays], hits.vehicle[rays]
         for ring in range(rings):
-            i = column * rings + ring
-            t = hits.distance[i]
+            t = distance[ring]
             if not t <= receiver.range_m:
                 continue
-            row = hits.vehicle[i] - 1
-            x, y, z = pattern.directions[i, 0], pattern.directions[i, 1], pattern.directions[i, 2]
+            x, y, z = directions[ring, 0], directions[ring, 1], directions[ring, 2]
+            row = vehicle[ring] - 1
             if row >= 0:
+                i = column * rings + ring
                 material = surfaces.shape_material[vehicles.first_triangle[row] + hits.shape_triangle[i]]
                 cosine = hits.cosine[i]
             else:
-                material = surfaces.static_material[hits.static_triangle[i]]
-                n = hits.normal[i]
+                material = surfaces.static_material[static_triangle[ring]]
+                n = normal[ring]
                 nx = n[0] * m[0, 0] + n[1] * m[1, 0] + n[2] * m[2, 0]
                 ny = n[0] * m[0, 1] + n[1] * m[1, 1] + n[2] * m[2, 1]
                 nz = n[0] * m[0, 2] + n[1] * m[1, 2] + n[2] * m[2, 2]
                 cosine = abs(nx * x + ny * y + nz * z)
-            intensity = surfaces.reflectivity[material] * cosine * receiver.attenuation[int(t * receiver.steps_per_m)]
-            if lossy and _is_dropped(intensity, receiver.draw[i], receiver.dropoff):
+            transmitted = receiver.attenuation[np.uint32(t * receiver.steps_per_m)]
+            intensity = surfaces.reflectivity[material] * cosine * transmitted
+            if lossy and _is_dropped(intensity, receiver.draw[column * rings + ring], receiver.dropoff):
                 continue
             if noisy:
-                t = max(np.float32(0.0), t + receiver.range_noise_m[i])
+                t = max(np.float32(0.0), t + receiver.range_noise_m[column * rings + ring])
             out.f4[written, 0] = (x * t + grid) - grid
             out.f4[written, 1] = (y * t + grid) - grid
             out.f4[written, 2] = (z * t + grid) - grid
-            out.f4[written, 3] = np.float32(int(intensity * levels + np.float32(0.5))) * per_level
+            out.f4[written, 3] = np.float32(np.int32(intensity * levels + np.float32(0.5))) * per_level
             out.f4[written, 4] = time_s
             out.u2[written, 10] = ring
             out.u2[written, 11] = 0

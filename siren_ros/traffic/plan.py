@@ -44,6 +44,17 @@ class LaneInterval:
 
 
 @dataclass(frozen=True)
+class SignalTiming:
+    """Where in its programme a signal is at the episode's start."""
+
+    signal_id: str
+    link: int
+    """Index into the signal's state string."""
+    red_from_s: float
+    """Time from step 0 on at which the link's red begins; negative where it is red already."""
+
+
+@dataclass(frozen=True)
 class TrafficPlan:
     """All vehicles of an episode, in the order in which they enter."""
 
@@ -61,3 +72,5 @@ class TrafficPlan:
     warm_up_steps: int
     response_distance_m: float
     """Reach of the siren in SUMO's bluelight device."""
+    signal: SignalTiming | None = None
+    """None where all signals run as the map says."""

@@ -19,6 +19,7 @@ from siren_ros.traffic.plan import PlannedVehicle, TrafficPlan
 from siren_ros.traffic.population import Population
 from siren_ros.traffic.reactions import Reactions
 from siren_ros.traffic.readings import Readings, joined_rows, read_vehicles
+from siren_ros.traffic.signal_timing import time_signal
 from siren_ros.traffic.teleports import find_teleports
 from siren_ros.traffic.vehicle_types import vehicle_types_xml
 from siren_ros.world.actors import ActorDescription, ActorStates, Codes, Floats, Lights, Owner, rows_of_ids
@@ -154,6 +155,8 @@ class SumoSimulation:
         SumoSimulation._running = True
 
     def _warm_up(self) -> None:
+        if self._plan.signal is not None:
+            time_signal(self._plan.signal, self._plan.warm_up_steps * STEP_S)
         self._population.enter_background()
         for _ in range(self._plan.warm_up_steps):
             libsumo.simulationStep()

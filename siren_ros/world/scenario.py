@@ -26,6 +26,24 @@ class BehaviourFamily(StrEnum):
     ROAD_SPACE = "road_space"
 
 
+class StartReference(StrEnum):
+    """From where the EMV's start is counted in driving direction; before it the distance is negative."""
+
+    SITE_START = "site_start"
+    """The beginning of the site's edge."""
+    STOP_LINE = "stop_line"
+    """The end of the site's edge; for sites at a junction."""
+
+
+class GroupAnchor(StrEnum):
+    """From where a group's first gap is counted."""
+
+    EMV = "emv"
+    """From the EMV's front, forwards."""
+    STOP_LINE = "stop_line"
+    """From the stop line of the group's lane, backwards."""
+
+
 class Placement(StrEnum):
     """Where a group of civilians starts, relative to the EMV's approach."""
 
@@ -35,8 +53,10 @@ class Placement(StrEnum):
     """In the lane beside the EMV's (the left one where there are two)."""
     OTHER_LANES = "other_lanes"
     """In all other driving lanes of the EMV's approach, in turn."""
+    SAME_DIRECTION = "same_direction"
+    """In the other lanes with the EMV's movement at the site's junction, in turn; in its own where there are none."""
     CROSSING = "crossing"
-    """On the approaches whose paths cross the EMV's at the site's junction."""
+    """In the lanes whose paths cross the EMV's at the site's junction, in turn."""
 
 
 @dataclass(frozen=True)
@@ -55,12 +75,21 @@ class EmvDemand:
     actor_class: ActorClass
     count: int
     start_m: float
-    """Of the foremost one's front bumper, from the beginning of the site's edge on; negative before it."""
+    """Of the foremost one's front bumper, counted from ``start_from``; negative before it."""
     speed_mps: float
     """Target speed in route following (paper, table of target speeds: 50 km/h)."""
     depart_speed_mps: float
     headway_s: float
     """Time between two EMVs on the same route; of no effect with one."""
+    start_from: StartReference = StartReference.SITE_START
+
+
+@dataclass(frozen=True)
+class SignalDemand:
+    """How the EMV's arrival lies in the programme of the site's signal."""
+
+    red_before_arrival_s: float
+    """Time from the beginning of the red of the EMV's movement to the EMV's unhindered arrival at the stop line."""
 
 
 @dataclass(frozen=True)
@@ -71,11 +100,14 @@ class DemandGroup:
     placement: Placement
     vehicles: int
     first_gap_m: float
-    """From the EMV's front (for crossing groups: from the stop line backwards) to the first vehicle's nearer bumper."""
+    """From the anchor to the first vehicle's nearer bumper."""
     spacing_m: float
     """Mean gap between one vehicle's front and the next one's rear."""
     speed_mps: float
-    """Speed at the start, and the speed that these drivers wish for on the approach's speed limit."""
+    """Speed that these drivers wish for, and that they have at the start unless they are standing."""
+    anchor: GroupAnchor = GroupAnchor.EMV
+    standing: bool = False
+    """Whether the vehicles stand at the start: a queue."""
 
 
 @dataclass(frozen=True)
@@ -126,6 +158,8 @@ class Template:
     demand: Demand
     response: CivilianResponseDemand
     predicate: PredicateDemand
+    signal: SignalDemand | None = None
+    """None where the signals run as they are."""
     ranges: Mapping[str, ValueRange] = field(default_factory=dict)
     """Range of each scenario parameter by its dotted path: ``emv.speed_mps``, ``demand.platoon.vehicles``."""
 

@@ -13,8 +13,11 @@ from siren_ros.world.scenario import (
     Demand,
     DemandGroup,
     EmvDemand,
+    GroupAnchor,
     Placement,
     PredicateDemand,
+    SignalDemand,
+    StartReference,
     Template,
     ValueRange,
     draw_values,
@@ -25,13 +28,20 @@ from siren_ros.world.strict_yaml import StrictMapping, read_strict_yaml
 __all__ = ["PREDICATES", "Template", "available_templates", "draw_values", "load_template", "read_template"]
 
 PREDICATES: Final[dict[str, dict[str, tuple[float, float]]]] = {
+    "queues_split": {"holding_min": (1, 50), "overtaken_min": (1, 50), "lateral_max_m": (0.1, 5.0)},
     "lane_cleared": {"lane_changes_min": (1, 50), "passed_min": (1, 50)},
+    "red_same_direction": {},
+    "red_crossing": {},
+    "stop_same_direction": {"speed_min_mps": (0.1, 20.0)},
+    "stop_crossing": {"speed_min_mps": (0.1, 20.0)},
+    "shoulder_turn": {"shoulder_min_s": (0.1, 60.0)},
 }
 """Known predicates, and the limits of each one's thresholds."""
 
 _SHARE_TOLERANCE: Final = 1e-6
 _MAX_SPEED_MPS: Final = 60.0
 _MAX_VEHICLES: Final = 500
+_MAX_RED_S: Final = 120.0
 
 
 def available_templates() -> tuple[str, ...]:
@@ -66,6 +76,7 @@ def read_template(file: Path) -> Template:
         demand=_demand(top.mapping("demand"), parameters),
         response=_response(top.mapping("response"), parameters),
         predicate=_predicate(top.mapping("predicate")),
+        signal=_signal(top.mapping("signal"), parameters) if top.has("signal") else None,
         ranges=ranges,
     )
     top.finish()
@@ -120,9 +131,25 @@ def _emv(section: StrictMapping, parameters: _Parameters) -> EmvDemand:
         speed_mps=parameters.number(section, "speed_mps", 1.0, _MAX_SPEED_MPS),
         depart_speed_mps=parameters.number(section, "depart_speed_mps", 0.0, _MAX_SPEED_MPS),
         headway_s=parameters.number(section, "headway_s", 0.5, 60.0),
+        start_from=StartReference(_option(section, "start_from", StartReference.SITE_START)),
     )
     section.finish()
     return emv
+
+
+def _option(section: StrictMapping, key: str, default: StartReference | GroupAnchor) -> str:
+    """One of an enumeration's texts; the default where the key is missing."""
+    if not section.has(key):
+        return default.value
+    return section.text(key, [member.value for member in type(default)])
+
+
+def _signal(section: StrictMapping, parameters: _Parameters) -> SignalDemand:
+    signal = SignalDemand(
+        red_before_arrival_s=parameters.number(section, "red_before_arrival_s", 0.0, _MAX_RED_S),
+    )
+    section.finish()
+    return signal
 
 
 def _demand(section: StrictMapping, parameters: _Parameters) -> Demand:
@@ -139,13 +166,20 @@ def _demand(section: StrictMapping, parameters: _Parameters) -> Demand:
 
 def _group(section: StrictMapping, name: str, parameters: _Parameters) -> DemandGroup:
     section.path = f"demand.{name}"
+    placement = Placement(section.text("placement", [member.value for member in Placement]))
+    crossing = placement is Placement.CROSSING
+    anchor = GroupAnchor(_option(section, "from", GroupAnchor.STOP_LINE if crossing else GroupAnchor.EMV))
+    if crossing and anchor is not GroupAnchor.STOP_LINE:
+        raise InputError(section.where("from"), anchor.value, "stop_line for a crossing group")
     group = DemandGroup(
         name=name,
-        placement=Placement(section.text("placement", [member.value for member in Placement])),
+        placement=placement,
         vehicles=parameters.integer(section, "vehicles", 0, 100),
         first_gap_m=parameters.number(section, "first_gap_m", 0.0, 500.0),
         spacing_m=parameters.number(section, "spacing_m", 1.0, 200.0),
-        speed_mps=parameters.number(section, "speed_mps", 0.0, _MAX_SPEED_MPS),
+        speed_mps=parameters.number(section, "speed_mps", 1.0, _MAX_SPEED_MPS),
+        anchor=anchor,
+        standing=section.flag("standing") if section.has("standing") else False,
     )
     section.finish()
     return group

@@ -31,7 +31,7 @@ def test_speed_differs_from_the_vehicle_in_the_way_within_limits():
     assert seek_speed_mps(Seek.DRAW_AHEAD, BEHIND, 2.5, 13.9) == pytest.approx(10.5)
     assert seek_speed_mps(Seek.DRAW_AHEAD, BEHIND, 2.5, 9.0) == pytest.approx(9.0)
     assert seek_speed_mps(Seek.FALL_BACK, AHEAD, 2.5, 13.9) == pytest.approx(3.5)
-    assert seek_speed_mps(Seek.FALL_BACK, replace(AHEAD, front_mps=1.0), 2.5, 13.9) == pytest.approx(1.25)
+    assert seek_speed_mps(Seek.FALL_BACK, replace(AHEAD, front_mps=1.0), 2.5, 13.9) == pytest.approx(2.5)
 
 
 def test_a_deferred_driver_falls_back_and_then_changes_lanes(lab):

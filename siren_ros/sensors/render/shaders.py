@@ -94,8 +94,8 @@ vec3 lamp(float m, uint lights, float t) {
     bool right = m == INDICATOR_RIGHT_LAMP && (lights & LIGHT_INDICATOR_RIGHT) != 0u;
     if (blink && (left || right)) return vec3(3.2, 1.1, 0.0);
     bool beacon = (lights & LIGHT_BEACON) != 0u;
-    if (m == BEACON_BLUE) return beacon && strobe < 0.5 && flash ? vec3(0.5, 1.3, 6.0) : vec3(0.0, 0.01, 0.06);
-    if (m == BEACON_RED) return beacon && strobe >= 0.5 && flash ? vec3(6.0, 0.35, 0.25) : vec3(0.06, 0.0, 0.0);
+    if (m == BEACON_BLUE) return beacon && strobe < 0.5 && flash ? vec3(0.05, 0.35, 3.2) : vec3(0.0, 0.01, 0.06);
+    if (m == BEACON_RED) return beacon && strobe >= 0.5 && flash ? vec3(3.2, 0.10, 0.06) : vec3(0.06, 0.0, 0.0);
     if (m == HEAD_LAMP) return vec3(0.55, 0.55, 0.5);
     return vec3(0.0);
 }
@@ -228,7 +228,7 @@ void main() {
     bool slab = m == SIDEWALK;
     bool marking = m == MARKING_WHITE || m == MARKING_YELLOW;
     float strength = road ? 0.42 : green ? 1.1 : marking ? 0.35 : 0.3;
-    vec3 colour = v_colour.rgb * (1.0 + strength * fine);
+    vec3 colour = v_colour.rgb * ((green ? 0.72 : 1.0) + strength * fine);
     vec2 joint = abs(fract(v_position.xy / 1.5) - 0.5) * 1.5;
     float width = 0.012 + distance * forward.w;
     float line = 1.0 - smoothstep(0.0, width, 0.75 - max(joint.x, joint.y));

@@ -1,0 +1,166 @@
+"""Speed of LiDAR and cameras on this machine: ``python -m siren_ros.benchmarks.sensors [--map FILE]``."""
+
+import argparse
+import resource
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import open3d as o3d
+import simplejpeg
+
+from siren_ros.sensors.camera_model import Pinhole
+from siren_ros.sensors.lidar import Lidar
+from siren_ros.sensors.mount import Matrix, map_from_base
+from siren_ros.sensors.placement import Catalogue, Placement
+from siren_ros.sensors.raycast_world import RaycastWorld
+from siren_ros.sensors.render.renderer import Renderer
+from siren_ros.sensors.scene.mesh import Mesh, StaticScene, VehicleShape
+from siren_ros.sensors.scene.static_scene import static_scene
+from siren_ros.sensors.scene.vehicle_shapes import vehicle_shape
+from siren_ros.sensors.suite import load_suite
+from siren_ros.traffic.map_compiler import compile_map
+from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
+from siren_ros.world.net_parser import parse_road_network
+from siren_ros.world.road_network import LaneKind, RoadNetwork
+
+_ROUNDS = 60
+_CARRIER_ID = 1
+_NEIGHBOURHOOD_LANES = 14
+_SPACING_M = 9.0
+
+
+def traffic(
+    network: RoadNetwork, shapes: dict[ActorClass, VehicleShape], vehicles: int
+) -> tuple[ActorStates, dict[int, ActorDescription]]:
+    """An ambulance, and vehicles on the lanes around it."""
+    rng = np.random.default_rng(0)
+    lanes = [lane for lane in network.lanes if lane.kind == LaneKind.DRIVING and lane.length_m > 40.0]
+    middle = np.array([lane.centre.at(lane.length_m / 2.0) for lane in lanes])
+    busiest = int(np.argmin(np.linalg.norm(middle - middle.mean(axis=0), axis=1)))
+    near = np.argsort(np.linalg.norm(middle - middle[busiest], axis=1), kind="stable")[:_NEIGHBOURHOOD_LANES]
+    places = [
+        (*lanes[row].centre.at(s), float(lanes[row].centre.heading_rad(s)))
+        for row in near
+        for s in np.arange(5.0, lanes[row].length_m - 5.0, _SPACING_M)
+    ]
+    chosen = [0, *(1 + rng.permutation(len(places) - 1)[:vehicles])]
+    classes = [ActorClass.AMBULANCE, *(ActorClass(int(code)) for code in rng.integers(0, 8, len(chosen) - 1))]
+    x_m, y_m, yaw_rad = np.array([places[i] for i in chosen]).T
+    known = {
+        "actor_id": np.arange(1, len(chosen) + 1, dtype=np.uint32),
+        "x_m": x_m.copy(),
+        "y_m": y_m.copy(),
+        "yaw_rad": yaw_rad.copy(),
+    }
+    arrays: dict[str, Any] = {
+        name: known.get(name, np.zeros(len(chosen), dtype)) for name, dtype in ACTOR_STATE_DTYPES.items()
+    }
+    descriptions = {}
+    for actor_id, kind in enumerate(classes, start=1):
+        s = shapes[kind]
+        size = (s.length_m, s.width_m, s.height_m)
+        descriptions[actor_id] = ActorDescription(actor_id, f"v{actor_id}", kind, *size, (120, 130, 150))
+    return ActorStates(step=0, **arrays), descriptions
+
+
+def milliseconds(*works: Callable[[], object]) -> list[float]:
+    """Median time of each piece of work, taken turn about so that all meet the same machine."""
+    times: list[list[float]] = [[] for _ in works]
+    for _ in range(_ROUNDS):
+        for work, taken in zip(works, times, strict=True):
+            start = time.perf_counter()
+            work()
+            taken.append(time.perf_counter() - start)
+    return [1e3 * float(np.median(taken)) for taken in times]
+
+
+def whole_scene(static: StaticScene, shapes: dict[ActorClass, VehicleShape], placement: Placement) -> Mesh:
+    """Static scene and vehicles as one mesh."""
+    parts = [static.mesh]
+    for row in range(len(placement)):
+        pose = map_from_base(placement.x_m[row], placement.y_m[row], placement.z_m[row], float(placement.yaw_rad[row]))
+        shape = shapes[ActorClass(int(placement.actor_class[row]))].at_rest
+        parts.append(shape.transformed(pose[:3, :3], pose[:3, 3]))
+    return Mesh.concatenate(parts)
+
+
+def lidar_figures(
+    static: StaticScene,
+    shapes: dict[ActorClass, VehicleShape],
+    states: ActorStates,
+    descriptions: dict[int, ActorDescription],
+    base: Matrix,
+) -> None:
+    """Rays per second of a sweep, from states to payload, beside a bare cast of the same rays."""
+    spec = load_suite("lidar").lidars[0]
+    lidar = Lidar(spec, RaycastWorld(static, shapes), 0)
+    catalogue = Catalogue(shapes)
+    pose = base @ spec.mount.base_from_sensor
+    mesh = whole_scene(static, shapes, catalogue.place(states, descriptions, _CARRIER_ID))
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(o3d.core.Tensor.from_numpy(mesh.vertices_m), o3d.core.Tensor.from_numpy(mesh.triangles))
+    rays = o3d.core.Tensor.from_numpy(lidar.rays(pose).copy())
+
+    def sweep() -> object:
+        return lidar.scan(0, pose, catalogue.place(states, descriptions, _CARRIER_ID)).payload
+
+    sweep()
+    bare_ms, ours_ms = milliseconds(lambda: scene.cast_rays(rays), sweep)
+    count = spec.columns * spec.channels
+    print(f"LiDAR, {count} rays, {len(mesh)} triangles, {len(states)} vehicles")
+    print(f"  bare cast of one scene   {bare_ms:6.2f} ms  {count / bare_ms / 1e3:6.2f} M rays/s")
+    print(f"  sweep to payload         {ours_ms:6.2f} ms  {count / ours_ms / 1e3:6.2f} M rays/s")
+    print(f"  ratio                    {bare_ms / ours_ms:6.2f}")
+
+
+def camera_figures(
+    static: StaticScene,
+    shapes: dict[ActorClass, VehicleShape],
+    states: ActorStates,
+    descriptions: dict[int, ActorDescription],
+    base: Matrix,
+) -> None:
+    """Time of each camera's picture, with labels, and of its JPEG."""
+    start = time.perf_counter()
+    renderer = Renderer(static, shapes)
+    placement = Catalogue(shapes).place(states, descriptions, _CARRIER_ID)
+    rolled = np.zeros(len(placement))
+    print(f"cameras on {renderer.device}, ready after {time.perf_counter() - start:.1f} s")
+    for spec in load_suite("full").cameras:
+        camera, pose = Pinhole.of(spec), base @ spec.mount.base_from_sensor
+
+        def draw(labels: bool, camera: Pinhole = camera, pose: Matrix = pose) -> object:
+            return renderer.render(camera, pose, placement, rolled, {}, 0, labels=labels)
+
+        image = renderer.render(camera, pose, placement, rolled, {}, 0)
+        colour_ms, labels_ms, jpeg_ms = milliseconds(
+            lambda draw=draw: draw(False),  # type: ignore[misc]  # a default binds this camera's function
+            lambda draw=draw: draw(True),  # type: ignore[misc]  # a default binds this camera's function
+            lambda image=image, spec=spec: simplejpeg.encode_jpeg(image.rgba, spec.jpeg_quality, "RGBX", "420"),  # type: ignore[misc]  # likewise
+        )
+        print(f"  {spec.name:18} {colour_ms:6.1f} ms  with labels {labels_ms:6.1f} ms  JPEG {jpeg_ms:4.1f} ms")
+
+
+def main() -> None:
+    """Print the figures."""
+    parser = argparse.ArgumentParser(description="Speed of LiDAR and cameras on this machine.")
+    parser.add_argument("--map", type=Path, help="SUMO net, OpenDRIVE or OpenStreetMap file; the town without it")
+    parser.add_argument("--vehicles", type=int, default=40)
+    options = parser.parse_args()
+    network = parse_road_network(compile_map(options.map).read_bytes())
+    shapes = {kind: vehicle_shape(kind) for kind in ActorClass}
+    start = time.perf_counter()
+    static = static_scene(network, 0)
+    print(f"scene of {len(static.mesh)} triangles in {time.perf_counter() - start:.1f} s")
+    states, descriptions = traffic(network, shapes, options.vehicles)
+    base = map_from_base(float(states.x_m[0]), float(states.y_m[0]), 0.0, float(states.yaw_rad[0]))
+    lidar_figures(static, shapes, states, descriptions, base)
+    camera_figures(static, shapes, states, descriptions, base)
+    print(f"memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
+
+
+if __name__ == "__main__":
+    main()

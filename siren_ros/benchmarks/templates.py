@@ -1,0 +1,144 @@
+"""How well the templates work over seeds, printed as one row per template.
+
+``python -m siren_ros.benchmarks.templates --templates S1 S3 --seeds 0:20`` runs the episodes without ROS and
+prints in how many the template's predicate holds, what failed in the others, collisions, teleports, violations
+of continuity, the residual, the EMV's longest standstill and mean speed, the error of constant-velocity
+prediction, and the time of behaviour and dynamics per step. ``--compare L1 L3`` compares the EMV's travel time
+at two levels over the same seeds instead.
+"""
+
+import argparse
+import sys
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+from siren_ros.benchmarks.template_episode import EpisodeFigures, EpisodeTask, measure_episode, travel_times_s
+from siren_ros.generation.episode_setup import EpisodeRequest
+from siren_ros.world.levels import EmergencyLevel
+from siren_ros.world.templates import available_templates
+
+_HEAD = (
+    f"{'':<4}{'holds':>7}{'failed':>7}{'hits':>6}{'telep':>6}{'contin':>7}  {'residual p50/p99/max m':<23}"
+    f"{'still s':>8}{'EMV m/s':>8}{'CV ADE m':>9}{'ms/step':>8}"
+)
+
+
+def seeds_of(text: str) -> range:
+    """Seeds from ``first:last`` (the last one not included) or a single number.
+
+    Raises:
+        argparse.ArgumentTypeError: neither of these.
+    """
+    try:
+        first, colon, last = text.partition(":")
+        found = range(int(first), int(last) if colon else int(first) + 1)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r} is neither a seed nor first:last") from error
+    if not found:
+        raise argparse.ArgumentTypeError(f"{text!r} holds no seed")
+    return found
+
+
+def measure_all(tasks: Sequence[EpisodeTask], jobs: int) -> Iterator[EpisodeFigures]:
+    """The figures of all episodes in order, run in processes of their own."""
+    if jobs == 1:
+        yield from map(measure_episode, tasks)
+        return
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        yield from pool.map(measure_episode, tasks)
+
+
+def row_of(name: str, episodes: Sequence[EpisodeFigures]) -> str:
+    """One template's row: sums of counts, medians and maxima over the seeds."""
+    ran = [episode for episode in episodes if not episode.error]
+    holding = f"{sum(episode.holds for episode in ran)}/{len(episodes)}"
+    if not ran:
+        return f"{name:<4}{holding:>7}{len(episodes):>7}"
+    residual = (
+        float(np.median([episode.residual_p50_m for episode in ran])),
+        max(episode.residual_p99_m for episode in ran),
+        max(episode.residual_max_m for episode in ran),
+    )
+    timed = [episode.step_ms for episode in ran if not np.isnan(episode.step_ms)]
+    return (
+        f"{name:<4}{holding:>7}{len(episodes) - len(ran):>7}{sum(one.collisions for one in ran):>6}"
+        f"{sum(one.teleports for one in ran):>6}{sum(bool(one.violations) for one in ran):>7}"
+        f"  {'/'.join(f'{value:.2f}' for value in residual):<23}"
+        f"{max(one.standstill_s for one in ran):>8.1f}{np.mean([one.emv_speed_mps for one in ran]):>8.1f}"
+        f"{np.nanmean([one.cv_ade_m for one in ran]):>9.2f}{max(timed, default=float('nan')):>8.2f}"
+    )
+
+
+def details_of(episodes: Iterable[EpisodeFigures]) -> Iterator[str]:
+    """One line per seed that failed, with the failing part, and the violated checks with their seeds."""
+    violated: Counter[str] = Counter()
+    for episode in episodes:
+        if episode.error:
+            yield f"     seed {episode.seed}: failed, {episode.error}"
+        elif not episode.holds:
+            yield f"     seed {episode.seed}: {'; '.join(episode.failing)[:220]}"
+        violated.update(f"{text} (seed {episode.seed})" for text in episode.violations)
+    for text in violated:
+        yield f"     {text}"
+
+
+def comparison_of(name: str, first: Sequence[EpisodeFigures], second: Sequence[EpisodeFigures]) -> str:
+    """One template's row of ``--compare``: in how many seeds the second level is faster, and by how much."""
+    pairs = [(a, b) for a, b in zip(first, second, strict=True) if not a.error and not b.error]
+    times = np.array([travel_times_s(a, b) for a, b in pairs]).reshape(-1, 2)
+    faster = int((times[:, 1] < times[:, 0]).sum())
+    change = float(np.median(1.0 - times[:, 1] / times[:, 0])) if len(times) else float("nan")
+    slower = [a.seed for (a, _), (before, after) in zip(pairs, times, strict=True) if after >= before]
+    return f"{name:<4}{faster:>4}/{len(first)}  median {100.0 * change:+.0f} %  not faster: {slower}"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print the table."""
+    options = _parser().parse_args(argv)
+    for number, name in enumerate(options.templates):
+        if options.compare:
+            first, second = (list(measure_all(_tasks(options, name, level), options.jobs)) for level in options.compare)
+            if number == 0:
+                print(f"{'':<4}seeds in which the EMV is faster at {options.compare[1]} than at {options.compare[0]}")
+            print(comparison_of(name, first, second), flush=True)
+            continue
+        if number == 0:
+            print(_HEAD)
+        episodes = list(measure_all(_tasks(options, name, options.level), options.jobs))
+        print(row_of(name, episodes))
+        print(*details_of(episodes), sep="\n", flush=True)
+    return 0
+
+
+def _tasks(options: argparse.Namespace, name: str, level: str) -> list[EpisodeTask]:
+    return [
+        EpisodeTask(
+            EpisodeRequest(name, level, seed, options.map, preset=options.preset, sensors="none"),
+            timed=number == 0 and not options.compare,
+            picture=options.pictures / f"{name}_{level or 'own'}_{seed}.png" if options.pictures else None,
+        )
+        for number, seed in enumerate(options.seeds)
+    ]
+
+
+def _parser() -> argparse.ArgumentParser:
+    levels = [level.name for level in EmergencyLevel]
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--templates", nargs="+", default=list(available_templates()), metavar="ID")
+    parser.add_argument("--seeds", type=seeds_of, default=range(20), help="first:last, the last not included")
+    parser.add_argument("--map", default="", help="map file; the built-in town by default")
+    parser.add_argument("--level", default="", choices=["", *levels], help="the template's own by default")
+    parser.add_argument("--preset", default="paper", help="how drivers respond")
+    parser.add_argument("--compare", nargs=2, choices=levels, metavar="LEVEL", help="compare travel times")
+    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--pictures", type=Path, help="folder for a picture of each episode")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,32 @@
+"""Constants of the traffic demand."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class DemandConfig:
+    """How vehicles are spread over the network."""
+
+    placement_gap_m: float = 9.0
+    """Least gap between a vehicle's front and the rear of the next one at its first placement."""
+    stage_behind_m: float = 25.0
+    """Background traffic is kept off this stretch behind the rearmost EMV at the start…"""
+    stage_ahead_m: float = 35.0
+    """…and off this stretch ahead of the foremost vehicle of the groups."""
+    route_slack_s: float = 20.0
+    """Routes are this much longer than warm-up and episode take at ``route_speed_mps``."""
+    route_speed_mps: float = 16.0
+    reserve_factor: float = 4.0
+    """Replacement vehicles in reserve, per civilian of the volume."""
+    depart_speed_share: float = 0.7
+    """Speed at the first placement, as a share of the wished speed."""
+    comfortable_decel_mps2: float = 2.5
+    """With which a vehicle that has just been placed must be able to stop."""
+    spacing_spread: float = 0.15
+    """Gaps within a group vary by up to this fraction."""
+    speed_spread: float = 0.05
+    """Wished speeds within a group vary by up to this fraction."""
+    emv_accel_mps2: float = 2.0
+    """With which an EMV comes to its target speed, for the time of its unhindered arrival."""
+    emv_clearance_m: float = 10.0
+    """Least gap between the EMV's front and the rear of a vehicle in its lane at the start."""

@@ -1,0 +1,115 @@
+"""Where an EMV starts, the way it drives, and when it comes to the site."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from siren_ros.traffic.lane_chains import chain_along
+from siren_ros.traffic.vehicle_factory import VehicleFactory
+from siren_ros.world.errors import MapError
+from siren_ros.world.road_network import Lane, RoadNetwork
+from siren_ros.world.routing import driving_lanes
+from siren_ros.world.scenario import EmvDemand, StartReference
+from siren_ros.world.sites import Site
+
+_ROUTE_TRIES: Final = 12
+
+
+@dataclass(frozen=True)
+class EmvStart:
+    """Where the foremost EMV's front bumper starts, and the edges of its route from there on."""
+
+    lane: int
+    front_m: float
+    route: tuple[int, ...]
+    lanes_to_site: tuple[int, ...]
+    """Lanes from the start to the end of the site's edge, junction paths included; starts beyond it have their own."""
+
+
+def start_m_of(network: RoadNetwork, site: Site, emv: EmvDemand) -> float:
+    """A template's start of the EMV, counted from the beginning of the site's edge."""
+    if emv.start_from is StartReference.SITE_START:
+        return emv.start_m
+    return network.lanes[site.approach_lane].length_m + emv.start_m
+
+
+def emv_start(network: RoadNetwork, site: Site, start_m: float) -> EmvStart:
+    """The start at a distance from the beginning of the site's edge, negative before it; junctions are left out.
+
+    Before the site the lane is one that leads to the site's approach lane without a lane change, where
+    there is such a lane, and otherwise the leftmost driving lane.
+
+    Raises:
+        MapError: the site's approach or the site itself is too short.
+    """
+    position = site.site_position
+    lane = network.lanes[site.approach_lane]
+    to_site: tuple[int, ...] = (lane.index,)
+    while start_m < 0.0 and position > 0:
+        position -= 1
+        lane, via = _lane_before(network, lane, site.route[position])
+        to_site = (lane.index, *via, *to_site)
+        start_m += lane.length_m
+    while start_m > lane.length_m and position + 1 < len(site.route):
+        chain = chain_along(network, lane, site.route[position : position + 2])
+        position, start_m = position + 1, start_m - (chain.start_m[-1] if len(chain.lanes) > 1 else lane.length_m)
+        lane = network.lanes[chain.lanes[-1]]
+        to_site = (lane.index,)
+    if not 0.0 <= start_m <= lane.length_m:
+        raise MapError(site.name, f"a site with {abs(start_m):.0f} m more of road for the EMV's start")
+    return EmvStart(lane.index, start_m, site.route[position:], to_site)
+
+
+def _lane_before(network: RoadNetwork, lane: Lane, edge: int) -> tuple[Lane, tuple[int, ...]]:
+    """The leftmost lane of an edge that leads to a lane of the same kind, and the junction path between them."""
+    leading = [
+        (network.lanes[connection.from_lane], connection.via)
+        for connection in network.connections_to.get(lane.index, ())
+        if network.lanes[connection.from_lane].edge == edge and network.lanes[connection.from_lane].kind is lane.kind
+    ]
+    if leading:
+        return max(leading, key=lambda found: found[0].position)
+    return driving_lanes(network, edge)[-1], ()
+
+
+def way_to_stop_line_m(network: RoadNetwork, start: EmvStart) -> float:
+    """Length of the way from the start to the end of the site's edge."""
+    return sum(network.lanes[lane].length_m for lane in start.lanes_to_site) - start.front_m
+
+
+def unhindered_time_s(way_m: float, from_mps: float, to_mps: float, accel_mps2: float) -> float:
+    """Time for a way on a free road, the speed changing steadily from one to the other and then staying."""
+    rate = math.copysign(accel_mps2, to_mps - from_mps)
+    changing_m = (to_mps**2 - from_mps**2) / (2.0 * rate)
+    if way_m <= changing_m:
+        return (math.sqrt(from_mps**2 + 2.0 * rate * way_m) - from_mps) / rate
+    return (to_mps - from_mps) / rate + (way_m - changing_m) / to_mps
+
+
+def long_enough_route(
+    factory: VehicleFactory, route: tuple[int, ...], site: Site, needed_m: float, rng: np.random.Generator
+) -> tuple[int, ...]:
+    """The route, with another way on after the site where it would leave the map too early.
+
+    Of the ways on, those that keep most of the route come first; where none is long enough, the
+    longest way found is taken.
+    """
+    kept_at_least = max(route.index(edge) for edge in _site_edges(site) if edge in route) + 1
+    best, best_m = route, factory.length_m(route)
+    for kept in range(len(route), kept_at_least - 1, -1):
+        for _ in range(_ROUTE_TRIES):
+            if best_m >= needed_m:
+                return best
+            way = factory.draw_way(route[:kept], needed_m, rng)
+            if factory.length_m(way) > best_m:
+                best, best_m = way, factory.length_m(way)
+    return best
+
+
+def _site_edges(site: Site) -> Sequence[int]:
+    """Edges that make the interaction: the stretch, and beyond a junction the edge that the EMV's movement leads to."""
+    beyond = () if site.junction is None else site.route[site.site_position + 1 : site.site_position + 2]
+    return (site.site_edge, *site.stretch, *beyond)

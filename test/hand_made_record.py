@@ -24,22 +24,20 @@ STOP_LINE_Y_M = -20.0
 """Of the approach from the south, whose lanes end 100 m after they begin."""
 SHOULDER_X_M, RIGHT_X_M, LEFT_X_M = 8.25, 5.25, 1.75
 """Lanes of that approach; the line between the two driving lanes lies at 3.5 m."""
-LENGTH_M = 100.0
-_CORNER = ((8.25, -20.0), (20.0, -8.25))
 
 
-def quarter_right(radius_m: float) -> Points:
-    """A quarter circle from heading north to heading east, from the origin."""
+def quarter_right(x_m: float, radius_m: float) -> Points:
+    """A quarter circle from heading north at the stop line to heading east."""
     angle = np.linspace(0.0, np.pi / 2.0, 19)
-    return radius_m * np.stack((1.0 - np.cos(angle), np.sin(angle)), axis=-1)
+    return np.stack((x_m + radius_m * (1.0 - np.cos(angle)), STOP_LINE_Y_M + radius_m * np.sin(angle)), axis=-1)
 
 
 def line(*points: tuple[float, float]) -> Points:
     return np.array(points, dtype=np.float64)
 
 
-SHOULDER_TURN = quarter_right(11.75) + (SHOULDER_X_M, STOP_LINE_Y_M)
-LANE_TURN = quarter_right(14.75) + (RIGHT_X_M, STOP_LINE_Y_M)
+SHOULDER_TURN = quarter_right(SHOULDER_X_M, 11.75)
+LANE_TURN = quarter_right(RIGHT_X_M, 14.75)
 NORTHBOUND = line((RIGHT_X_M, -120.0), (RIGHT_X_M, 110.0))
 """In the right lane straight across; the stop line is at 100 m, the exit lane begins at 130 m."""
 SOUTHBOUND = line((-1.75, 110.0), (-1.75, -120.0))

@@ -24,6 +24,8 @@ class NavigatorConfig:
     comfort_brake_mps2: float = 3.0
     """Braking before curves and stops."""
     comfort_accel_mps2: float = 2.5
+    ease_off_mps2: float = 1.5
+    """Deceleration towards a lower target speed, where nothing else asks for more."""
     speed_gain_1ps: float = 2.0
     speed_integral_1ps2: float = 0.3
     standstill_gap_m: float = 2.0
@@ -56,8 +58,8 @@ class LaneChangeConfig:
     """Time before the vehicle behind brakes; longer for slow changes, as others react once the lane line is crossed."""
     brake_mps2: float = 4.0
     """Deceleration that both are expected to accept."""
-    own_brake_mps2: float = 3.0
-    """Deceleration towards one's own target speed."""
+    own_brake_mps2: float = 1.5
+    """Deceleration towards one's own target speed, the navigator's ``ease_off_mps2``."""
     return_room_m: float = 60.0
     """Lane left after the change, where the target lane does not lead on along the route."""
     entered_tolerance_m: float = 0.15
@@ -89,6 +91,8 @@ class YieldConfig:
     """Difference of speed to the vehicle that is in the way while a gap is sought; also the least speed then."""
     seek_again_s: float = 1.5
     """Time after which the driver thinks again whether to draw ahead or to fall back."""
+    seek_turn_s: float = 4.0
+    """Time without success after which the driver tries the other way, and back again."""
     seek_room_m: float = 20.0
     """Road left before the next junction below which no gap is sought."""
     seek_free_m: float = 15.0
@@ -194,7 +198,7 @@ class BehaviourConfig:
     lane_change: LaneChangeConfig = field(default_factory=LaneChangeConfig)
     """Of the EMV."""
     civilian_lane_change: LaneChangeConfig = field(
-        default_factory=lambda: LaneChangeConfig(duration_s=2.0, length_min_m=12.0, rear_time_s=1.5)
+        default_factory=lambda: LaneChangeConfig(duration_s=2.0, length_min_m=12.0, rear_time_s=1.2)
     )
     yielding: YieldConfig = field(default_factory=YieldConfig)
     pull_over: PullOverConfig = field(default_factory=PullOverConfig)

@@ -18,6 +18,8 @@ from siren_ros.world.road_network import NO_LANE, LaneKind
 from siren_ros.world.traffic_state import Indices
 
 _GAP_RANGE_M: Final = 60.0
+_EASED_OFF: Final = 0.75
+"""Part of the present speed that is left on average, where the target speed is lower."""
 _SPEED_UP_MPS: Final = 2.5
 """Gain of speed that a lane change is laid out for."""
 _STEER_SHARE: Final = 0.7
@@ -124,7 +126,7 @@ def change_length_m(view: StepView, query: LaneChangeQuery) -> float:
     sharpest = math.tan(_STEER_SHARE * vehicle.max_steer_rad) / vehicle.wheelbase_m
     width = view.world.network.lanes[query.lane].width_m
     speed = float(view.seen.speed_mps[query.row])
-    on_the_way = min(query.target_mps, speed + _SPEED_UP_MPS)
+    on_the_way = max(min(query.target_mps, speed + _SPEED_UP_MPS), _EASED_OFF * speed)
     steerable = blend_length_m(
         width, on_the_way, config.duration_s, config.length_min_m, view.navigator_config(query.row)
     )

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 
 from siren_ros.interfaces.lockstep_reports import Phase, StepReport
-from siren_ros.interfaces.topics import upstream_of
+from siren_ros.interfaces.topics import EPISODE_END, upstream_of
 from siren_ros.world.episode import EpisodeEnd
 
 
@@ -30,6 +30,8 @@ class LockstepConfig:
     step_timeout_s: float = 20.0
     start_timeout_s: float = 120.0
     close_timeout_s: float = 60.0
+    late_close_timeout_s: float = 2.0
+    """For participants that were late already when the episode was ended because of them."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,8 @@ class LockstepState:
     reason: str = ""
     steps_closed: int = 0
     """Number of steps that the episode has, known when it ends."""
+    late: frozenset[str] = frozenset()
+    """Participants whose silence ended the episode; they may hang for ever."""
     busy_s: dict[str, float] = field(default_factory=dict)
     """Wall time by participant, summed over the steps."""
 
@@ -89,6 +93,9 @@ def on_report(
         return state, None
     if report.error and state.stage in {Stage.GATHERING, Stage.STEPPING}:
         return _close(state, EpisodeEnd.FAILED, f"{report.participant}: {report.error}", config, now_s)
+    if report.phase is Phase.FINAL and state.stage is not Stage.CLOSING:
+        reason = f"{report.participant}: left the episode, which was not over; {EPISODE_END.name} came from a stranger"
+        return _close(state, EpisodeEnd.FAILED, reason, config, now_s)
     expected = {Stage.GATHERING: Phase.READY, Stage.STEPPING: Phase.STEP, Stage.CLOSING: Phase.FINAL}[state.stage]
     if report.phase is not expected or (report.phase is Phase.STEP and report.step != state.step):
         return state, None
@@ -108,16 +115,17 @@ def on_time(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple
     limit_s = {
         Stage.GATHERING: config.start_timeout_s,
         Stage.STEPPING: config.step_timeout_s,
-        Stage.CLOSING: config.close_timeout_s,
+        Stage.CLOSING: config.late_close_timeout_s if state.waiting <= state.late else config.close_timeout_s,
     }.get(state.stage)
     if limit_s is None or now_s - state.since_s < limit_s:
         return state, None
-    names = ", ".join(sorted(_first_late(state.waiting) if state.stage is Stage.STEPPING else state.waiting))
+    late = _first_late(state.waiting) if state.stage is Stage.STEPPING else state.waiting
+    names = ", ".join(sorted(late))
     if state.stage is Stage.CLOSING:
         reason = state.reason or f"{names}: did not close within {limit_s:g} s"
         return replace(state, stage=Stage.CLOSED, end=EpisodeEnd.FAILED, reason=reason), None
     what = "was not ready" if state.stage is Stage.GATHERING else f"did not finish step {state.step}"
-    return _close(state, EpisodeEnd.FAILED, f"{names}: {what} within {limit_s:g} s", config, now_s)
+    return _close(replace(state, late=late), EpisodeEnd.FAILED, f"{names}: {what} within {limit_s:g} s", config, now_s)
 
 
 def _first_late(waiting: frozenset[str]) -> frozenset[str]:
@@ -134,11 +142,30 @@ def on_interrupt(
     return _close(state, EpisodeEnd.INTERRUPTED, reason, config, now_s)
 
 
-def on_failure(state: LockstepState, config: LockstepConfig, now_s: float, reason: str) -> tuple[LockstepState, Action]:
-    """Something outside the reports failed, such as a participant's process that exited."""
-    if state.stage in {Stage.CLOSING, Stage.CLOSED}:
+def on_failure(
+    state: LockstepState, config: LockstepConfig, now_s: float, reason: str, gone: frozenset[str] = frozenset()
+) -> tuple[LockstepState, Action]:
+    """Something outside the reports failed, such as a participant's process that exited.
+
+    Args:
+        state: The lockstep now.
+        config: Participants and time limits.
+        now_s: Wall time.
+        reason: What failed, naming the participant.
+        gone: Participants that will not answer any more, so that nobody waits for them.
+    """
+    if state.stage is Stage.CLOSED:
         return state, None
-    return _close(state, EpisodeEnd.FAILED, reason, config, now_s)
+    if state.stage is not Stage.CLOSING:
+        closing, action = _close(state, EpisodeEnd.FAILED, reason, config, now_s)
+        return replace(closing, waiting=closing.waiting - gone), action
+    if not state.waiting & gone:
+        return state, None
+    waiting = state.waiting - gone
+    stage = state.stage if waiting else Stage.CLOSED
+    return replace(
+        state, stage=stage, waiting=waiting, end=EpisodeEnd.FAILED, reason=state.reason or reason
+    ), None
 
 
 def _begin_next(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple[LockstepState, Action]:

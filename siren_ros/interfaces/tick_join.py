@@ -2,9 +2,13 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from siren_ros.interfaces.topics import Topic
+from siren_ros.world.errors import EpisodeError
+
+MAX_STEPS_AHEAD: Final = 64
+"""The lockstep keeps two steps in flight at most: a message beyond this is a stranger's, and is not kept."""
 
 
 @dataclass(frozen=True)
@@ -37,12 +41,15 @@ class TickJoin:
         """Take in a message; yield every step that is now complete with its messages by topic name.
 
         Raises:
-            ValueError: The message belongs to a step that was handed out already or came twice.
+            EpisodeError: The message belongs to a step that was handed out already or cannot have begun, or came
+                twice: the lockstep is broken, or a stranger publishes on the topic.
         """
         step = message_step + self._inputs[topic_name].lag_steps
+        if step > self.next_step + MAX_STEPS_AHEAD:
+            raise EpisodeError(f"{topic_name}: a message for step {message_step}, which has not begun")
         slot = self._waiting.setdefault(step, {})
         if step < self.next_step or topic_name in slot:
-            raise ValueError(f"{topic_name}: a second message for step {message_step}")
+            raise EpisodeError(f"{topic_name}: a second message for step {message_step}")
         slot[topic_name] = message
         yield from self._complete()
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from siren_ros.interfaces.tick_join import MAX_STEPS_AHEAD
 from siren_ros.interfaces.topics import OUTCOME, Topic
 from siren_ros.world.errors import EpisodeError
 
@@ -63,7 +64,7 @@ class StepCollector:
 
         Raises:
             EpisodeError: A topic that is not expected, a second message for the same step, or one for a
-                step that is over or at which the topic is not due.
+                step that is over, that cannot have begun or at which the topic is not due.
         """
         topic = self._topics.get(topic_name)
         if topic is None:
@@ -75,6 +76,8 @@ class StepCollector:
             return
         if step < self._next_step or step % topic.period_steps:
             raise EpisodeError(f"a message on {topic_name} for step {step}, where none is due")
+        if step > self._next_step + MAX_STEPS_AHEAD:
+            raise EpisodeError(f"a message on {topic_name} for step {step}, which has not begun")
         held = self._held.setdefault(step, {})
         if topic_name in held:
             raise EpisodeError(f"two messages on {topic_name} for step {step}")

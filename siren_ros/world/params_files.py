@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from siren_ros.resources import params_dir
+from siren_ros.world.resources import params_dir
 from siren_ros.world.errors import InputError
 
 __all__ = ["named_params_file", "names_in_params", "params_dir"]

@@ -25,6 +25,8 @@ AHEAD = LaneGaps(1.0, 6.0, math.inf, 0.0)
 def test_draws_ahead_of_what_is_behind_and_lets_the_rest_past(gaps, own_free, refusal, expected):
     own = LaneGaps(own_free, 6.0, math.inf, 0.0)
     assert choose_seek(gaps, own, refusal, 15.0) is expected
+    tried = choose_seek(gaps, own, refusal, 15.0, other_way=True)
+    assert tried is (Seek.FALL_BACK if expected is Seek.DRAW_AHEAD or own_free < 15.0 else Seek.DRAW_AHEAD)
 
 
 def test_speed_differs_from_the_vehicle_in_the_way_within_limits():

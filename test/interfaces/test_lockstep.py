@@ -57,7 +57,7 @@ def test_no_step_begins_while_a_participant_is_missing(names: list[str], step: i
 
 def test_reports_of_another_step_or_phase_do_not_count() -> None:
     state = stepping()
-    for phase, step in ((Phase.STEP, 1), (Phase.READY, 0), (Phase.FINAL, 0)):
+    for phase, step in ((Phase.STEP, 1), (Phase.READY, 0)):
         state, action = report(state, "a", phase, step)
         assert action is None
         assert state.waiting == {"a", "b"}
@@ -111,3 +111,42 @@ def test_only_the_first_in_the_chain_is_blamed() -> None:
     state, _ = on_report(state, StepReport(0, "sumo_bridge", Phase.STEP), config, 0.0)
     _, action = on_time(state, config, 6.0)
     assert action == EndEpisode(0, EpisodeEnd.FAILED, "emv_controller: did not finish step 0 within 5 s")
+
+
+def test_a_participant_that_closes_before_the_end_fails_the_episode() -> None:
+    state, action = report(stepping(), "a", Phase.FINAL, 0)
+    assert isinstance(action, EndEpisode)
+    assert action.end is EpisodeEnd.FAILED
+    assert action.reason.startswith("a: left the episode")
+    assert "/siren/episode_end" in action.reason
+
+
+def test_nobody_waits_long_for_a_participant_that_was_late_already() -> None:
+    state, _ = report(stepping(), "a", Phase.STEP, 0)
+    state, _ = on_time(state, CONFIG, 5.0)
+    assert on_time(state, CONFIG, 5.0 + CONFIG.late_close_timeout_s) == (state, None), "a is not late and may close"
+    state, _ = report(state, "a", Phase.FINAL, 0, now_s=6.0)
+    state, _ = on_time(state, CONFIG, 5.0 + CONFIG.late_close_timeout_s)
+    assert state.stage is Stage.CLOSED
+    assert state.reason == "b: did not finish step 0 within 5 s"
+
+
+def test_nobody_waits_for_a_participant_that_is_gone() -> None:
+    state, action = on_failure(stepping(), CONFIG, 1.0, "b: killed", frozenset({"b"}))
+    assert action == EndEpisode(0, EpisodeEnd.FAILED, "b: killed")
+    assert state.waiting == {"a"}
+    state, _ = report(state, "a", Phase.FINAL, 0, now_s=1.1)
+    assert (state.stage, state.end, state.reason) == (Stage.CLOSED, EpisodeEnd.FAILED, "b: killed")
+
+
+def test_a_participant_that_dies_while_it_closes_fails_the_episode() -> None:
+    state = stepping()
+    for step in range(2):
+        for name in ("a", "b"):
+            state, _ = report(state, name, Phase.STEP, step)
+    state, _ = report(state, "a", Phase.FINAL, 1)
+    unmoved, _ = on_failure(state, CONFIG, 1.0, "a: killed", frozenset({"a"}))
+    assert unmoved == state, "a has closed already"
+    state, action = on_failure(state, CONFIG, 1.0, "b: killed", frozenset({"b"}))
+    assert action is None
+    assert (state.stage, state.end, state.reason) == (Stage.CLOSED, EpisodeEnd.FAILED, "b: killed")

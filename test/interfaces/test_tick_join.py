@@ -39,8 +39,8 @@ def test_a_step_waits_for_its_last_input() -> None:
 def test_a_second_message_for_a_step_is_refused() -> None:
     join = TickJoin(INPUTS)
     list(join.offer("/fast", 0, "x"))
-    with pytest.raises(ValueError, match="/fast: a second message for step 0"):
+    with pytest.raises(EpisodeError, match="/fast: a second message for step 0"):
         list(join.offer("/fast", 0, "x"))
     list(join.offer("/slow", 0, "x"))
-    with pytest.raises(ValueError, match="/slow: a second message for step 0"):
+    with pytest.raises(EpisodeError, match="/slow: a second message for step 0"):
         list(join.offer("/slow", 0, "x"))

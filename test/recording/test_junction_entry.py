@@ -38,7 +38,7 @@ INSIDE = at_speed(92.0, 5.0, 200)
 """Centre in the junction from 1.6 s to 7.6 s."""
 BEFORE = at_speed(114.0, 10.0, 200)
 """Centre out of the junction at 1.6 s."""
-LEFT_OUT = np.full(200, 97.0)
+AT_THE_LINE = np.full(200, 97.0)
 """Stands at the line."""
 
 
@@ -82,7 +82,7 @@ def test_same_direction_and_crossing_are_told_apart(points: np.ndarray, same: bo
     assert red_crossing(record, {}).holds == across
 
 
-@pytest.mark.parametrize("arc_m", [BEFORE, LEFT_OUT], ids=["before", "at the line"])
+@pytest.mark.parametrize("arc_m", [BEFORE, AT_THE_LINE], ids=["before", "at the line"])
 def test_a_vehicle_that_is_not_inside_meanwhile_does_not_count(arc_m: np.ndarray) -> None:
     for points, predicate in ((LEFT_LANE, red_same_direction), (EASTBOUND, red_crossing)):
         verdict = predicate(_with(Driven(points, arc_m)), {})
@@ -134,7 +134,6 @@ def test_the_speed_is_that_at_the_line(speed_mps: float, holds: bool) -> None:
     speed = np.where(np.abs(np.arange(300) - 100) < 40, speed_mps, 8.0)
     arc = np.concatenate(([0.0], np.cumsum(speed[:-1] * 0.05)))
     arc += 97.0 - arc[100]
-    record = hand_made(STOP, {EMV: Driven(NORTHBOUND, arc), 2: Driven(EASTBOUND, np.full(300, 110.0) + 0.0)})
     stepping_in = np.concatenate((np.linspace(90.0, 110.0, 60), np.full(240, 110.0)))
     record = hand_made(STOP, {EMV: Driven(NORTHBOUND, arc), 2: Driven(EASTBOUND, stepping_in)})
     verdict = stop_crossing(record, STOP_THRESHOLDS)

@@ -17,6 +17,7 @@ from hand_made_record import (
     SOUTH,
     SOUTHBOUND,
     STRAIGHT,
+    STRAIGHT_LEFT,
     Driven,
     at_speed,
     crossing,
@@ -36,8 +37,8 @@ def _step_at(arc_m: float, start_m: float = START_M, speed_mps: float = SPEED_MP
     return int(np.ceil(round((arc_m - start_m) / (speed_mps * STEP_S), 6)))
 
 
-def _traversal_of(points: np.ndarray, steps: int = 220) -> Traversal:
-    (traversal,) = find_traversals(hand_made(NETWORK, {EMV: Driven(points, at_speed(START_M, SPEED_MPS, steps))}))
+def _traversal_of(points: np.ndarray, steps: int = 220, start_m: float = START_M) -> Traversal:
+    (traversal,) = find_traversals(hand_made(NETWORK, {EMV: Driven(points, at_speed(start_m, SPEED_MPS, steps))}))
     return traversal
 
 
@@ -64,11 +65,11 @@ def test_on_the_wrong_side_of_the_road_the_lines_are_the_same() -> None:
     weaving = line(
         (RIGHT_X_M, -120.0), (RIGHT_X_M, -60.0), (-1.75, -50.0), (-1.75, 20.0), (RIGHT_X_M, 30.0), (5.25, 110)
     )
-    traversal = _traversal_of(weaving)
+    traversal = _traversal_of(weaving, start_m=40.0, steps=300)
     detour_m = 2.0 * (np.hypot(10.0, 7.0) - 10.0)
-    assert traversal.connection == STRAIGHT
-    assert traversal.enter_step == _step_at(100.0 - EMV_LENGTH_M / 2.0 + detour_m / 2.0)
-    assert traversal.leave_step == _step_at(130.0 + EMV_LENGTH_M / 2.0 + detour_m / 2.0)
+    assert traversal.connection == STRAIGHT_LEFT
+    assert traversal.enter_step == _step_at(100.0 - EMV_LENGTH_M / 2.0 + detour_m / 2.0, 40.0)
+    assert traversal.leave_step == _step_at(130.0 + EMV_LENGTH_M / 2.0 + detour_m / 2.0, 40.0)
 
 
 def test_a_traversal_lasts_to_the_end_of_a_record_that_ends_inside() -> None:

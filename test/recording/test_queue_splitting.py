@@ -34,7 +34,7 @@ def _queues(
     mode: Mode | np.ndarray | None = None,
 ) -> EpisodeRecord:
     """Vehicles in two lanes every 8 m from 30 m on; the EMV passes them at 7 m/s."""
-    vehicles = {EMV: Driven(_northbound(emv_x_m), at_speed(5.0, 7.0, STEPS))}
+    vehicles = {EMV: Driven(_northbound(emv_x_m), at_speed(5.12, 7.0, STEPS))}
     for count, x_m, first_id in ((left, LEFT_X_M - pulled_m, 10), (right, RIGHT_X_M + pulled_m, 20)):
         for number in range(count):
             places = at_speed(30.0 + 8.0 * number, speed_mps, STEPS)
@@ -55,7 +55,7 @@ def test_overtakings_lie_where_the_centres_are_abreast() -> None:
     found = find_overtakings(record, places_of(record, record.rows), EMV)
     assert [item.actor_id for item in found] == [10, 20, 11, 21, 12, 22, 13, 23]
     for item in found:
-        assert item.step == int(np.ceil((30.0 + 8.0 * (item.actor_id % 10) - 5.0) / 0.35))
+        assert item.step == int(np.ceil((30.0 + 8.0 * (item.actor_id % 10) - 5.12) / 0.35))
         assert item.lateral_m == pytest.approx(0.4)
         assert item.side == (1 if item.actor_id < 20 else -1)
 

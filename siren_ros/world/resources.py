@@ -1,6 +1,6 @@
 """Where the package's data files are: in the repository, or where colcon or pip installed them.
 
-Stands beside ``world/`` at the bottom of the import order and knows nothing of ROS.
+Knows nothing of ROS; the ament index is only read as folders.
 """
 
 import os
@@ -47,4 +47,4 @@ def params_dir() -> Path:
     Raises:
         InputError: The installation is incomplete and holds no such folder.
     """
-    return find_params_dir(Path(__file__), os.environ.get("AMENT_PREFIX_PATH", ""))
+    return find_params_dir(Path(__file__).parents[1] / "__init__.py", os.environ.get("AMENT_PREFIX_PATH", ""))

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from siren_ros.resources import find_params_dir, params_dir
+from siren_ros.world.resources import find_params_dir, params_dir
 from siren_ros.world.errors import InputError
 
 

@@ -1,0 +1,34 @@
+"""``siren video BAG --view birdseye|front --out FILE.mp4``: an episode as a film."""
+
+import argparse
+from pathlib import Path
+
+from siren_ros.pictures.video import FRAME_RATE_HZ, View, save_video
+from siren_ros.world.errors import EXIT_OK
+
+
+def add_to(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Adds the verb to the command line."""
+    verb = verbs.add_parser(
+        "video",
+        help="make a video of an episode, from above or through the front camera",
+        description=(
+            f"Writes an H.264 MP4 file at {FRAME_RATE_HZ} Hz of simulated time: either the episode from above, with "
+            "vehicles coloured by what they do, signals and the EMV's mode, or the recorded front camera."
+        ),
+    )
+    verb.add_argument("bag", type=Path, metavar="BAG", help="folder of a recorded episode")
+    verb.add_argument(
+        "--view", choices=[view.value for view in View], default=View.BIRDSEYE.value, help="what it shows"
+    )
+    verb.add_argument("--out", type=Path, metavar="FILE.mp4", required=True, help="video to write")
+    verb.add_argument("--frames", type=int, metavar="N", help="number of frames (paper: 190); all without it")
+    verb.add_argument("--start-s", type=float, metavar="S", default=0.0, help="simulated time of the first frame")
+    verb.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Makes the video."""
+    frames = save_video(arguments.bag, View(arguments.view), arguments.out, arguments.frames, arguments.start_s)
+    print(f"{arguments.out}: {frames} frames, {frames / FRAME_RATE_HZ:.1f} s")
+    return EXIT_OK

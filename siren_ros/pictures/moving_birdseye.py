@@ -1,0 +1,209 @@
+"""An episode from above, frame by frame: the camera follows the EMV over the roads."""
+
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image, ImageDraw
+
+from siren_ros.interfaces.markers import MODE_COLOURS
+from siren_ros.pictures.map_image import MapImage, draw_map_image, stop_bar
+from siren_ros.pictures.painter import Colour, font, paint_polygons, rgb_of, ribbon
+from siren_ros.pictures.palette import CIVILIAN, EMV_MODE_COLOURS, STATE_NAMES, TEXT, colour_of
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.world.actors import Lights, Mode
+from siren_ros.world.errors import InputError
+from siren_ros.world.geometry import footprint_corners
+from siren_ros.world.units import STEP_S
+
+SIZE_PX: Final = (1280, 720)
+PX_PER_M: Final = 9.0
+"""Shows 142 m by 80 m."""
+_TRAIL_STEPS: Final = 60
+_CAMERA_STEPS: Final = 40
+"""Over this many steps the camera's way is smoothed."""
+_BEACON_STEPS: Final = 4
+_SIGNAL_COLOURS: Final[dict[str, Colour]] = {
+    **dict.fromkeys("r", rgb_of("#d8232a")),
+    **dict.fromkeys("u", rgb_of("#ef7d1a")),
+    **dict.fromkeys("y", rgb_of("#f4c20d")),
+    **dict.fromkeys("gG", rgb_of("#2f9e44")),
+    **dict.fromkeys("s", rgb_of("#7ab87f")),
+}
+_SIGNAL_OFF: Final = rgb_of("#777b80")
+_LEFT_TO_RIGHT: Final = "tlLsRr"
+_BEACONS: Final = (rgb_of("#2f6bff"), rgb_of("#ffffff"))
+_BRAKE: Final = rgb_of("#ff2a1f")
+_GLASS: Final = (255, 255, 255, 190)
+_OUTLINE: Final = rgb_of(TEXT)
+_TRAIL: Final = (212, 26, 31, 80)
+_PANEL: Final = (255, 255, 255, 225)
+
+
+class BirdseyeFilm:
+    """Makes the frames of one episode."""
+
+    def __init__(self, record: EpisodeRecord, steps: Sequence[int]) -> None:
+        """Draws the roads that the frames need.
+
+        Args:
+            record: The episode.
+            steps: Positions in ``record.states`` of the frames.
+
+        Raises:
+            InputError: The record has no states to draw.
+        """
+        if not record.states or len(record.rows) == 0:
+            raise InputError("bag", record.description.template, "an episode with at least one recorded actor state")
+        self._record = record
+        self._steps = steps
+        self._camera_m = _camera_way(record)
+        way = self._camera_m[list(steps)] if len(steps) else self._camera_m[:1]
+        half = np.array(SIZE_PX) / PX_PER_M / 2.0 + 2.0
+        self._map = draw_map_image(record.network, way.min(axis=0) - half, way.max(axis=0) + half, PX_PER_M)
+        self._bars = _signal_bars(record, self._map)
+        self._tracks = {emv_id: record.track(emv_id) for emv_id in record.emv_ids}
+        self._legend = _legend(record)
+
+    def frames(self) -> Iterator[npt.NDArray[np.uint8]]:
+        """The frames, RGB, shape ``(720, 1280, 3)``."""
+        for step in self._steps:
+            yield np.asarray(self.frame(step))
+
+    def frame(self, step: int) -> Image.Image:
+        """The picture of one step (position in ``record.states``)."""
+        corner = np.round(self._map.to_px(self._camera_m[step]) - np.array(SIZE_PX) / 2.0).astype(int)
+        limit = np.maximum(np.array(self._map.pixels.size) - SIZE_PX, 0)
+        left, top = (int(value) for value in np.clip(corner, 0, limit))
+        picture = self._map.pixels.crop((left, top, left + SIZE_PX[0], top + SIZE_PX[1]))
+        origin = np.array([left, top], dtype=np.float64)
+        self._paint_signals(picture, origin, step)
+        self._paint_trails(picture, origin, step)
+        self._paint_vehicles(picture, origin, step)
+        self._write(picture, step)
+        return picture
+
+    def _paint_signals(self, picture: Image.Image, origin: npt.NDArray[np.float64], step: int) -> None:
+        if step >= len(self._record.traffic):
+            return
+        states = {signal.signal_id: signal.state for signal in self._record.traffic[step].signals}
+        for signal_id, link, corners in self._bars:
+            state = states.get(signal_id, "")
+            letter = state[link] if 0 <= link < len(state) else ""
+            paint_polygons(picture, [(corners - origin, _SIGNAL_COLOURS.get(letter, _SIGNAL_OFF))])
+
+    def _paint_trails(self, picture: Image.Image, origin: npt.NDArray[np.float64], step: int) -> None:
+        last = self._record.states[step].step
+        for track in self._tracks.values():
+            recent = track.select((track.step <= last) & (track.step >= last - _TRAIL_STEPS))
+            moved = np.hypot(np.diff(recent.x_m, prepend=np.inf), np.diff(recent.y_m, prepend=np.inf)) > 0.02
+            points = self._map.to_px(recent.xy_m[moved]) - origin
+            if len(points) > 2:
+                paint_polygons(picture, [(ribbon(points, 0.7 * self._map.px_per_m), _TRAIL)])
+
+    def _paint_vehicles(self, picture: Image.Image, origin: npt.NDArray[np.float64], step: int) -> None:
+        state = self._record.states[step]
+        actors = [self._record.actors[int(key)] for key in state.actor_id]
+        length, width = (np.array([getattr(actor, name) for actor in actors]) for name in ("length_m", "width_m"))
+
+        def boxes(ahead: float, size: float, across: float = 1.0) -> npt.NDArray[np.float64]:
+            """Boxes on the vehicles: centre ahead of theirs and length as shares of their length, width likewise."""
+            x = state.x_m + ahead * length * np.cos(state.yaw_rad)
+            y = state.y_m + ahead * length * np.sin(state.yaw_rad)
+            return self._map.to_px(footprint_corners(x, y, state.yaw_rad, size * length, across * width)) - origin
+
+        rim = 1.2 / self._map.px_per_m
+        outline = footprint_corners(state.x_m, state.y_m, state.yaw_rad, length + 2 * rim, width + 2 * rim)
+        outer, body = self._map.to_px(outline) - origin, boxes(0.0, 1.0)
+        glass, tail, beacon = boxes(0.18, 0.14, 0.78), boxes(-0.46, 0.08), boxes(-0.05, 0.12, 0.6)
+        draw = ImageDraw.Draw(picture)
+        for row in np.argsort([actor.is_emv for actor in actors], kind="stable"):
+            if not _visible(outer[row]):
+                continue
+            lights = int(state.lights[row])
+            fill = rgb_of(colour_of(int(state.mode[row]), actors[row].is_emv))
+            shapes = [(outer[row], _OUTLINE), (body[row], fill), (glass[row], _GLASS)]
+            if lights & Lights.BRAKE:
+                shapes.append((tail[row], _BRAKE))
+            if lights & (Lights.BEACON | Lights.SIREN):
+                shapes.append((beacon[row], _BEACONS[state.step // _BEACON_STEPS % 2]))
+            paint_polygons(picture, shapes)
+            if Mode(int(state.mode[row])).is_yielding:
+                place = (float(body[row][:, 0].mean()), float(body[row][:, 1].min()) - 3.0)
+                draw.text(place, str(state.actor_id[row]), _OUTLINE, font(12), anchor="mb")
+
+    def _write(self, picture: Image.Image, step: int) -> None:
+        """Title and time at the top, each EMV's state below them, the colours at the bottom."""
+        record, state = self._record, self._record.states[step]
+        draw = ImageDraw.Draw(picture, "RGBA")
+        draw.rectangle((0, 0, SIZE_PX[0], 40), fill=_PANEL)
+        described = record.description
+        title = f"{described.template} · {described.level.name} · seed {described.seed} · {described.map_name}"
+        draw.text((16, 20), title, _OUTLINE, font(18, bold=True), anchor="lm")
+        draw.text((SIZE_PX[0] - 16, 20), f"{state.step * STEP_S:5.1f} s", _OUTLINE, font(18, bold=True), anchor="rm")
+        right = SIZE_PX[0] - 130.0
+        for row in np.flatnonzero(np.isin(state.actor_id, record.emv_ids))[::-1]:
+            mode = Mode(int(state.mode[row]))
+            siren = "siren" if int(state.lights[row]) & Lights.SIREN else "no siren"
+            name = mode.name.lower().replace("_", " ")
+            text = f"EMV {state.actor_id[row]}: {state.speed_mps[row] * 3.6:3.0f} km/h, {name}, {siren}"
+            draw.text((right, 20), text, _OUTLINE, font(16), anchor="rm")
+            right -= draw.textlength(text, font(16))
+            draw.rectangle((right - 20, 13, right - 7, 27), fill=rgb_of(EMV_MODE_COLOURS.get(mode, TEXT)))
+            right -= 40.0
+        picture.paste(self._legend, (0, SIZE_PX[1] - self._legend.height))
+        _scale_bar(draw, self._map.px_per_m)
+
+
+def _camera_way(record: EpisodeRecord) -> npt.NDArray[np.float64]:
+    """Where the camera is centred at each position in ``record.states``, shape ``(steps, 2)``: the first EMV's way."""
+    track = record.track(record.emv_ids[0]) if record.emv_ids else record.track(0)
+    steps = np.array([state.step for state in record.states], dtype=np.int64)
+    if len(track) == 0:
+        return np.tile(record.rows.xy_m.mean(axis=0), (len(steps), 1))
+    way = np.stack([np.interp(steps, track.step, track.xy_m[:, axis]) for axis in (0, 1)], axis=-1)
+    weights = np.hanning(2 * _CAMERA_STEPS + 3)[1:-1]
+    padded = np.pad(way, ((_CAMERA_STEPS, _CAMERA_STEPS), (0, 0)), mode="edge")
+    smooth = [np.convolve(padded[:, axis], weights / weights.sum(), mode="valid") for axis in (0, 1)]
+    return np.stack(smooth, axis=-1)
+
+
+def _signal_bars(record: EpisodeRecord, image: MapImage) -> list[tuple[str, int, npt.NDArray[np.float64]]]:
+    """Signal, link and corners in the map image of each movement's part of its lane's stop line."""
+    bars = []
+    for lane, connections in record.network.connections_from.items():
+        signalled = sorted(
+            (item for item in connections if item.signal_id is not None),
+            key=lambda item: (_LEFT_TO_RIGHT.find(item.direction), item.signal_link),
+        )
+        for number, item in enumerate(signalled):
+            part = (number / len(signalled), (number + 1) / len(signalled))
+            corners = image.to_px(stop_bar(record.network.lanes[lane], *part))
+            bars.append((str(item.signal_id), item.signal_link, corners))
+    return bars
+
+
+def _legend(record: EpisodeRecord) -> Image.Image:
+    present = {Mode(int(mode)) for mode in np.unique(record.rows.mode)}
+    entries = [("EMV", rgb_of(colour_of(Mode.NOMINAL, is_emv=True))), ("other civilian", rgb_of(CIVILIAN))]
+    entries += [(name, rgb_of(MODE_COLOURS[mode])) for mode, name in STATE_NAMES.items() if mode in present]
+    picture = Image.new("RGB", (SIZE_PX[0], 32), (255, 255, 255))
+    draw = ImageDraw.Draw(picture)
+    left = 200.0
+    for name, colour in entries:
+        draw.rectangle((left, 10, left + 20, 22), fill=colour, outline=_OUTLINE)
+        draw.text((left + 27, 16), name, _OUTLINE, font(14), anchor="lm")
+        left += 50.0 + draw.textlength(name, font(14))
+    return picture
+
+
+def _scale_bar(draw: ImageDraw.ImageDraw, px_per_m: float) -> None:
+    length_m = 10.0
+    left, bottom = 16.0, SIZE_PX[1] - 13.0
+    draw.rectangle((left, bottom - 5, left + length_m * px_per_m, bottom), fill=_OUTLINE)
+    draw.text((left + length_m * px_per_m + 8, bottom - 2), f"{length_m:g} m", _OUTLINE, font(13), anchor="lm")
+
+
+def _visible(corners: npt.NDArray[np.float64]) -> bool:
+    return bool((corners.max(axis=0) > 0.0).all() and (corners.min(axis=0) < SIZE_PX).all())

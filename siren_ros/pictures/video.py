@@ -1,0 +1,147 @@
+"""Videos of recorded episodes: H.264 in MP4, ten frames a second of simulated time."""
+
+from collections.abc import Iterable, Iterator
+from enum import StrEnum
+from fractions import Fraction
+from io import BytesIO
+from pathlib import Path
+from typing import Final
+
+import av
+import numpy as np
+import numpy.typing as npt
+from PIL import Image, UnidentifiedImageError
+
+from siren_ros.datasets.kitti_export import FRONT_CAMERA
+from siren_ros.interfaces.images import from_compressed_image
+from siren_ros.interfaces.topics import IMAGE_COMPRESSED
+from siren_ros.pictures.moving_birdseye import BirdseyeFilm
+from siren_ros.recording.bag_reader import BagMessage, damage_refused, open_bag, read_episode
+from siren_ros.world.errors import BagError, InputError
+from siren_ros.world.units import STEP_NS, STEP_S, step_of_time_ns, steps_from_s
+
+FRAME_RATE_HZ: Final = 10
+"""The paper's rate of videos and of logged states."""
+FRAME_STEPS: Final = round(1.0 / (FRAME_RATE_HZ * STEP_S))
+_ENCODER: Final = "libx264"
+_OPTIONS: Final = {
+    "crf": "20",  # hardly any visible loss
+    "preset": "veryfast",
+    "threads": "1",  # their number is written into the stream, and the same episode gives the same bytes
+}
+
+Frame = npt.NDArray[np.uint8]
+
+
+class View(StrEnum):
+    """What a video shows."""
+
+    BIRDSEYE = "birdseye"
+    FRONT = "front"
+
+
+def save_video(bag: Path, view: View, path: Path, frames: int | None = None, start_s: float = 0.0) -> int:
+    """Makes a video of an episode; the same bag gives the same bytes.
+
+    Args:
+        bag: Folder of a recorded episode.
+        view: From above, or the recorded front camera.
+        path: MP4 file; one that exists is replaced.
+        frames: Number of frames; None for all from the start on.
+        start_s: Simulated time of the first frame.
+
+    Returns:
+        Number of frames.
+
+    Raises:
+        BagError: Not an episode, or one without a front camera at the video's rate where that is asked for.
+        InputError: The episode has fewer frames than asked for, or the file cannot be written.
+    """
+    if path.suffix.lower() != ".mp4":
+        raise InputError("out", str(path), "a file name that ends in .mp4")
+    if frames is not None and frames < 1:
+        raise InputError("frames", frames, "a number from 1 on")
+    if not start_s >= 0.0:
+        raise InputError("start_s", start_s, "a time from 0 on")
+    if view is View.FRONT:
+        return write_video(path, _front_frames(bag, frames, steps_from_s(start_s)))
+    record = read_episode(bag)
+    first = -(-steps_from_s(start_s) // FRAME_STEPS) * FRAME_STEPS
+    wanted = _checked(range(first, record.steps, FRAME_STEPS), frames, bag)
+    return write_video(path, BirdseyeFilm(record, wanted).frames())
+
+
+def _checked(available: range, frames: int | None, bag: Path) -> range:
+    """The first so many of the available frames."""
+    if len(available) == 0:
+        raise InputError("start_s", "past the end", f"a time within the episode {bag}")
+    if frames is not None and frames > len(available):
+        raise InputError("frames", frames, f"at most {len(available)}, which {bag} has from there on")
+    return available if frames is None else available[:frames]
+
+
+def _front_frames(bag_path: Path, frames: int | None, first_step: int) -> Iterator[Frame]:
+    """The front camera's images at the video's rate."""
+    topic = IMAGE_COMPRESSED.of_sensor(FRONT_CAMERA, 1).name
+    with open_bag(bag_path) as bag:
+        if topic not in bag.type_names:
+            raise BagError(str(bag_path), f"an episode recorded with the camera {FRONT_CAMERA}, such as sensors:=front")
+        times = [message.time_ns for message in bag.messages({topic})]
+        on_grid = [time for time in times if time % (FRAME_STEPS * STEP_NS) == 0]
+        if not np.array_equal(np.diff(on_grid), np.full(len(on_grid) - 1, FRAME_STEPS * STEP_NS)):
+            raise BagError(
+                str(bag_path), f"an episode whose front camera made an image at every {FRAME_RATE_HZ} Hz tick"
+            )
+        later = [time for time in on_grid if step_of_time_ns(time) >= first_step]
+        wanted = frozenset(later[: len(_checked(range(len(later)), frames, bag_path))])
+        for message in bag.messages({topic}):
+            if message.time_ns in wanted:
+                yield _decoded(message)
+
+
+def _decoded(message: BagMessage) -> Frame:
+    with damage_refused(message.bag.path):
+        jpeg = from_compressed_image(message.read())
+        try:
+            return np.asarray(Image.open(BytesIO(jpeg)).convert("RGB"))
+        except (UnidentifiedImageError, OSError) as error:
+            raise BagError(str(message.bag.path), f"JPEG images ({error})") from error
+
+
+def write_video(path: Path, frames: Iterable[Frame]) -> int:
+    """Encodes frames of equal size (RGB, shape ``(H, W, 3)``); an odd last row or column is left out.
+
+    Returns:
+        Number of frames.
+
+    Raises:
+        InputError: There is no frame, or the file cannot be written.
+    """
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        count = _encode(partial, frames)
+        if count == 0:
+            raise InputError("frames", 0, "at least one frame")
+        partial.replace(path)
+    except (OSError, av.FFmpegError) as error:
+        raise InputError("out", str(path), f"a place that can be written ({error.strerror or error})") from error
+    finally:
+        partial.unlink(missing_ok=True)
+    return count
+
+
+def _encode(path: Path, frames: Iterable[Frame]) -> int:
+    count = 0
+    container_options = {"movflags": "+faststart", "fflags": "+bitexact"}
+    with av.open(str(path), "w", format="mp4", options=container_options) as container:
+        stream = container.add_stream(_ENCODER, rate=Fraction(FRAME_RATE_HZ), options=dict(_OPTIONS))
+        stream.pix_fmt = "yuv420p"
+        for count, pixels in enumerate(frames, start=1):
+            even = np.ascontiguousarray(pixels[: pixels.shape[0] // 2 * 2, : pixels.shape[1] // 2 * 2])
+            if count == 1:
+                stream.height, stream.width = even.shape[:2]
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(even, format="rgb24")))
+        if count:
+            container.mux(stream.encode())
+    return count

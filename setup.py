@@ -24,6 +24,7 @@ DEPENDENCIES = [
     "rosbags>=0.11,<0.12",  # writes and reads rosbag2 without a ROS installation
     "mcap>=1.2",  # reads the bag's storage, to verify it
     "zstandard>=0.22",  # the bag's compression
+    "av>=18,<19",  # encodes videos: FFmpeg with H.264 inside the wheel, so that no program has to be installed
     "matplotlib>=3.8",  # plots
     "tqdm>=4.66",  # progress bars
 ]
@@ -35,6 +36,7 @@ DEVELOPMENT = [
     "mypy>=1.11",  # checks the types
     "types-PyYAML",  # type information for the type check
     "types-defusedxml",  # the same
+    "types-tqdm",  # the same
     "ruff>=0.6",  # lints and formats
     "colcon-core>=0.16",  # builds the workspace, as ROS users do
     "colcon-ros>=0.5",  # knows package.xml

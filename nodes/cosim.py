@@ -2,28 +2,26 @@
 
 import sys
 import time
-from dataclasses import asdict, fields
-from pathlib import Path
+from dataclasses import fields
 
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 
-from siren_ros.generation.episode_setup import EpisodeRequest, default_bag_path, plan_length
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import from_actor_states, from_episode_outcome
-from siren_ros.interfaces.lockstep import LockstepConfig
 from siren_ros.ros import wire
-from siren_ros.ros.composition import Composition, InProcess, OutOfProcess, Overrides
+from siren_ros.ros.composition import Composition, InProcess, OutOfProcess, import_nodes
+from siren_ros.ros.domain import check_alone
 from siren_ros.ros.endpoints import create_input
+from siren_ros.ros.episode_plan import plan_episode
 from siren_ros.ros.master import LockstepMaster
-from siren_ros.ros.node_configs import DEFAULT_PARTICIPANTS, CosimConfig
+from siren_ros.ros.node_configs import CosimConfig
 from siren_ros.ros.parameter_overrides import check_names
 from siren_ros.ros.parameters import declare_config
 from siren_ros.ros.program import Interrupt, start_ros
 from siren_ros.ros.progress import Progress
 from siren_ros.ros.summary import closing_summary
-from siren_ros.sensors.suite import load_suite
 from siren_ros.world.episode import EpisodeEnd, EpisodeOutcome
 from siren_ros.world.errors import EXIT_FAILED, EXIT_OK, SirenError
 
@@ -31,7 +29,6 @@ SPIN_S = 0.05
 STOP_S = 10.0
 FIRST_EMV = 1
 """Emergency vehicles have the first actor ids."""
-SCENARIO_FIELDS = ("template", "level", "seed", "map", "duration_s", "preset", "sensors")
 
 
 class Cosim(Node):
@@ -42,30 +39,15 @@ class Cosim(Node):
         self.began_s = time.monotonic()
         check_names(self._parameter_overrides, [field.name for field in fields(CosimConfig)])
         self.config = declare_config(self, CosimConfig)
-        request = EpisodeRequest(**{name: getattr(self.config, name) for name in SCENARIO_FIELDS})
-        suite = load_suite(self.config.sensors)
-        self.bag = Path(self.config.bag) if self.config.bag else default_bag_path(request)
-        self.steps = plan_length(request)
-        self.kitti_folder = Path(f"{self.bag}_kitti") if self.config.kitti and suite.lidars else None
+        self.plan = plan_episode(self.config)
         self.outcome: EpisodeOutcome | None = None
-        self.progress = Progress(self.steps)
-        names = (*DEFAULT_PARTICIPANTS, *(("kitti_exporter",) if self.kitti_folder else ()))
-        lockstep = LockstepConfig(names, self.steps, step_timeout_s=self.config.step_timeout_s)
-        self.master = LockstepMaster(self, lockstep, self.config.realtime_factor)
+        self.progress = Progress(self.plan.steps)
+        self.master = LockstepMaster(
+            self, self.plan.lockstep(self.config), self.config.realtime_factor, self.plan.settle_s
+        )
         self.master.on_step_begun = self.progress.begin_step
         create_input(self, topics.OUTCOME, self._on_outcome)
         create_input(self, topics.ACTORS, self._on_actors)
-
-    def overrides(self) -> dict[str, Overrides]:
-        """What each participant is told; the recorder first, since a bag that exists ends everything early."""
-        participants = list(self.master.config.participants)
-        told: dict[str, Overrides] = {name: {"participants": participants} for name in ["recorder", *participants]}
-        values = asdict(self.config)
-        told["sumo_bridge"] = {**told["sumo_bridge"], **{name: values[name] for name in SCENARIO_FIELDS}}
-        told["recorder"] = {**told["recorder"], "bag": str(self.bag)}
-        if self.kitti_folder:
-            told["kitti_exporter"] = {**told["kitti_exporter"], "out": str(self.kitti_folder)}
-        return told
 
     def _on_actors(self, cdr: bytes) -> None:
         if self.progress.wants_states(self.master.state.step):
@@ -79,8 +61,11 @@ def run_episode(cosim: Cosim, interrupt: Interrupt) -> int:
     """Run the episode of a master to its end; returns the program's exit code."""
     executor = EventsExecutor()
     executor.add_node(cosim)
-    overrides = cosim.overrides()
+    overrides = cosim.plan.overrides
     ros_args = sys.argv[sys.argv.index("--ros-args") + 1 :] if "--ros-args" in sys.argv else []
+    if not cosim.config.processes:
+        import_nodes(overrides)
+    check_alone(cosim, cosim.began_s)
     composition: Composition = (
         OutOfProcess(overrides, ros_args) if cosim.config.processes else InProcess(executor, overrides)
     )
@@ -90,13 +75,13 @@ def run_episode(cosim: Cosim, interrupt: Interrupt) -> int:
             if interrupt:
                 cosim.master.interrupt(f"stopped by {interrupt.signal_name}")
             if failure := composition.failure():
-                cosim.master.fail(failure)
+                cosim.master.fail(failure, composition.gone())
     finally:
         cosim.progress.close()
-        composition.stop(STOP_S)
+        composition.stop(STOP_S, cosim.master.state.late)
         executor.shutdown()
     state = cosim.master.state
-    print("\n".join(closing_summary(cosim.bag, cosim.kitti_folder, state, cosim.outcome, cosim.progress.wall_s)))
+    print("\n".join(closing_summary(cosim.plan.bag, cosim.plan.kitti, state, cosim.outcome, cosim.progress.wall_s)))
     refused = composition.exit_code()
     if state.end is EpisodeEnd.COMPLETE:
         return EXIT_OK

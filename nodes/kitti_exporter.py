@@ -39,7 +39,7 @@ class KittiExporter(Participant[KittiExporterConfig]):
         if camera is not None:
             self._image = topics.IMAGE_COMPRESSED.of_sensor(camera.name, period_steps(camera.rate_hz))
         self._writer = KittiWriter(Path(self.config.out), _calibrated_camera(suite, lidar.name))
-        self.join_more([topic for topic in (self._lidar, self._image) if topic is not None])
+        self.join_more([Input(topic) for topic in (self._lidar, self._image) if topic is not None])
 
     def on_step(self, step: int, inputs: dict[str, Any]) -> None:
         """Write the frame of this step, if it is one."""

@@ -14,8 +14,7 @@ from siren_ros.ros import wire
 from siren_ros.ros.node_configs import RecorderConfig
 from siren_ros.ros.participant import Participant
 from siren_ros.ros.program import run_participant
-from siren_ros.sensors.sensor_topics import CARRIER_TOPICS, recorded_topics
-from siren_ros.sensors.suite import load_suite
+from siren_ros.sensors.sensor_topics import CARRIER_TOPICS, topics_of
 from siren_ros.world.episode import EpisodeDescription
 
 
@@ -28,7 +27,8 @@ class Recorder(Participant[RecorderConfig]):
     def __init__(self, name: str, **node_options: Any) -> None:
         super().__init__(name, **node_options)
         self._busy_s = 0.0
-        latched = frozenset(topic.name for topic in (*topics.CORE_TOPICS, *CARRIER_TOPICS) if topic.latched)
+        known = (*topics.CORE_TOPICS, *CARRIER_TOPICS, *topics.AV_TOPICS)
+        latched = frozenset(topic.name for topic in known if topic.latched)
         self._recorder = EpisodeRecorder(Path(self.config.bag), wire.factory().store, latched)
         self._recorder.on_step_recorded = self._on_step_recorded
         self._listening: set[str] = set()
@@ -41,8 +41,8 @@ class Recorder(Participant[RecorderConfig]):
                 self.add_raw_input(topic, partial(self._on_message, topic))
 
     def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:  # noqa: ARG002 - the interface of all nodes
-        """Subscribe to what this episode's sensors bring."""
-        expected = recorded_topics(load_suite(episode.sensor_suite))
+        """Subscribe to what this episode's sensors and its AV bring."""
+        expected = topics_of(episode)
         self._listen(expected)
         self._recorder.expect(expected)
 
@@ -62,6 +62,11 @@ class Recorder(Participant[RecorderConfig]):
     def discard(self) -> None:
         """Leave nothing behind of an episode that could not be set up."""
         self._recorder.discard()
+
+    @property
+    def steps_done(self) -> int:
+        """Number of steps of which every message is recorded."""
+        return self._recorder.steps_recorded
 
     def close(self, closing: EpisodeClosing) -> None:
         """Judge the episode, complete the bag, tell the outcome."""

@@ -6,23 +6,22 @@ from typing import Any
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import from_actor_states, from_traffic_state
 from siren_ros.interfaces.tick_join import Input
-from siren_ros.interfaces.transforms import to_tf
+from siren_ros.interfaces.transforms import Transform, to_tf
 from siren_ros.ros import wire
 from siren_ros.ros.node_configs import SensorSimConfig
 from siren_ros.ros.participant import Participant
 from siren_ros.ros.program import run_participant
-from siren_ros.sensors.carrier import static_transforms
-from siren_ros.sensors.observation_messages import ObservationMessages
+from siren_ros.sensors.carrier import AV, noise_seed, static_transforms
+from siren_ros.sensors.observation_messages import ObservationMessages, shared_messages
 from siren_ros.sensors.rig import SensorRig
-from siren_ros.sensors.sensor_topics import CARRIER_TOPICS, suite_topics
-from siren_ros.sensors.suite import load_suite
+from siren_ros.sensors.sensor_topics import AV_CARRIER_TOPICS, CARRIER_TOPICS, carriers_of, suite_topics
 from siren_ros.world.actors import ActorDescription
 from siren_ros.world.episode import EpisodeDescription
 from siren_ros.world.net_parser import parse_road_network
 
 
 class SensorSim(Participant[SensorSimConfig]):
-    """Senses the world from the first emergency vehicle."""
+    """Senses the world from the first emergency vehicle, and from the AV under test where there is one."""
 
     config_type = SensorSimConfig
     inputs = (Input(topics.TRAFFIC), Input(topics.ACTORS))
@@ -30,24 +29,32 @@ class SensorSim(Participant[SensorSimConfig]):
 
     def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:
         """Build the scene and say where the sensors sit."""
-        suite = load_suite(episode.sensor_suite)
-        self._carrier_id = episode.emv_ids[0]
+        network, factory, scene = parse_road_network(map_xml), wire.factory(), None
         self._actors: dict[int, ActorDescription] = {}
-        self._rig = SensorRig(suite, parse_road_network(map_xml), episode.seed)
-        self._rig.prepare()
-        self._messages = ObservationMessages(wire.factory(), suite, self._carrier_id, self.has_listeners)
-        for topic in suite_topics(suite):
-            self.add_output(topic)
-        self.send(topics.TF_STATIC, to_tf(wire.factory(), 0, static_transforms(suite)))
+        self._carriers: list[tuple[SensorRig, ObservationMessages]] = []
+        transforms: list[Transform] = []
+        for carrier, actor_id, suite in carriers_of(episode):
+            rig = SensorRig(suite, network, episode.seed, scene=scene, noise_seed=noise_seed(episode.seed, carrier))
+            rig.prepare()
+            scene = rig.scene
+            self._carriers.append((rig, ObservationMessages(factory, suite, actor_id, self.has_listeners, carrier)))
+            for topic in (*(AV_CARRIER_TOPICS if carrier == AV else ()), *suite_topics(suite, carrier)):
+                self.add_output(topic)
+            transforms.extend(static_transforms(suite, carrier))
+        self.send(topics.TF_STATIC, to_tf(factory, 0, transforms))
 
     def on_step(self, step: int, inputs: dict[str, Any]) -> None:  # noqa: ARG002 - the interface of all nodes
         """Publish what is due at this step."""
         traffic = from_traffic_state(inputs[topics.TRAFFIC.name])
         states = from_actor_states(inputs[topics.ACTORS.name])
         self._actors.update({actor.actor_id: actor for actor in traffic.spawned})
-        seen = self._rig.observe(states, self._actors, traffic.signals, self._carrier_id)
-        for topic, message in self._messages.of_step(states, self._actors, seen):
+        carriers = [(messages.carrier, messages.carrier_id) for _, messages in self._carriers]
+        for topic, message in shared_messages(wire.factory(), states, self._actors, carriers):
             self.send(topic, message)
+        for rig, messages in self._carriers:
+            seen = rig.observe(states, self._actors, traffic.signals, messages.carrier_id)
+            for topic, message in messages.of_step(states, seen):
+                self.send(topic, message)
 
 
 NODE = SensorSim

@@ -6,6 +6,7 @@ from typing import Any
 
 from siren_ros.generation.episode_setup import EpisodeRequest, set_up_episode
 from siren_ros.interfaces import topics
+from siren_ros.interfaces.av_control import to_path
 from siren_ros.interfaces.conversions import from_actor_states, to_episode_description, to_traffic_state
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing
 from siren_ros.interfaces.tick_join import Input
@@ -13,6 +14,7 @@ from siren_ros.ros import wire
 from siren_ros.ros.node_configs import SumoBridgeConfig
 from siren_ros.ros.participant import Participant
 from siren_ros.ros.program import run_participant
+from siren_ros.traffic.av_choice import av_way
 from siren_ros.traffic.checks import check_no_teleport, check_residual
 from siren_ros.traffic.simulation import SumoSimulation
 
@@ -35,6 +37,9 @@ class SumoBridge(Participant[SumoBridgeConfig]):
         map_xml = setup.compiled_map.read_bytes().decode()
         self.send(topics.EPISODE, to_episode_description(wire.factory(), setup.description))
         self.send(topics.MAP, wire.factory().make(topics.MAP.type_name, data=map_xml))
+        if setup.plan.av:
+            self.add_output(topics.AV_ROUTE)
+            self.send(topics.AV_ROUTE, to_path(wire.factory(), av_way(setup.network, setup.plan)))
 
     def on_step(self, step: int, inputs: dict[str, Any]) -> None:
         """Mirror the simulated poses into SUMO, let it step, and say where it is now."""

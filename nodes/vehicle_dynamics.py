@@ -7,6 +7,7 @@ from siren_ros.dynamics.fleet import step_fleet
 from siren_ros.dynamics.fleet_state import FleetState
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.interfaces import topics
+from siren_ros.interfaces.av_control import from_av_control
 from siren_ros.interfaces.conversions import (
     from_traffic_state,
     from_vehicle_commands,
@@ -18,6 +19,8 @@ from siren_ros.ros import wire
 from siren_ros.ros.node_configs import VehicleDynamicsConfig
 from siren_ros.ros.participant import Participant
 from siren_ros.ros.program import run_participant
+from siren_ros.world.actors import NO_ACTOR
+from siren_ros.world.commands import AvControl, av_commands
 from siren_ros.world.episode import EpisodeDescription
 
 
@@ -29,13 +32,20 @@ class VehicleDynamics(Participant[VehicleDynamicsConfig]):
     outputs = (topics.ACTORS, topics.EVENTS)
 
     def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:  # noqa: ARG002 - the interface of all nodes
-        """Start with no vehicles."""
+        """Start with no vehicles; where there is an AV under test, its controller's answers are commands too."""
         self._fleet = FleetState.empty(load_vehicle_parameters())
+        self._av_id = episode.av_id
+        if self._av_id != NO_ACTOR:
+            self.join_more([Input(topics.AV_CONTROL, lag_steps=1)])
 
     def on_step(self, step: int, inputs: dict[str, Any]) -> None:
         """Advance all vehicles by one step."""
         traffic = from_traffic_state(inputs[topics.TRAFFIC.name])
         commands = [from_vehicle_commands(inputs[topic.name]) for topic in (topics.EMV_COMMANDS, topics.YIELD_COMMANDS)]
+        if self._av_id in traffic.actor_id:
+            answer = inputs.get(topics.AV_CONTROL.name)
+            control = AvControl(step - 1) if answer is None else from_av_control(answer)
+            commands.append(av_commands(control, step, self._av_id))
         self._fleet, states, events = step_fleet(self._fleet, traffic, commands)
         self.send(topics.ACTORS, to_actor_states(wire.factory(), states))
         self.send(topics.EVENTS, to_events(wire.factory(), step, events))

@@ -87,12 +87,12 @@ class YieldConfig:
     path_behind_m: float = 5.0
     seek_after_s: float = 0.5
     """Time without an open gap after which the driver begins to make one."""
-    seek_speed_mps: float = 2.0
-    """Difference of speed to the vehicle that is in the way while a gap is sought; also the least speed then."""
+    seek_speed_mps: float = 3.0
+    """Difference of speed to the vehicle that is in the way while a gap is sought."""
+    seek_least_mps: float = 2.0
+    """Least speed while a gap is sought."""
     seek_again_s: float = 1.5
     """Time after which the driver thinks again whether to draw ahead or to fall back."""
-    seek_turn_s: float = 4.0
-    """Time without success after which the driver tries the other way, and back again."""
     seek_room_m: float = 20.0
     """Road left before the next junction below which no gap is sought."""
     seek_free_m: float = 15.0
@@ -155,10 +155,10 @@ class GapEscapeConfig:
     horizon_m: float = 35.0
     progress_min_m: float = 8.0
     """Shortest free path worth driving."""
-    clearance_m: float = 0.15
+    clearance_m: float = 0.25
     """Margin around the footprint."""
     offset_step_m: float = 0.2
-    merge_lengths_m: tuple[float, ...] = (6.0, 9.0, 14.0)
+    merge_lengths_m: tuple[float, ...] = (6.0, 7.5, 9.0, 11.0, 14.0)
     blocker_range_m: float = 15.0
     """While the escape is active: free way in the EMV's lane below which the vehicle ahead still blocks it."""
     opposite_cost_m: float = 30.0
@@ -184,6 +184,8 @@ class EmvConfig:
     """Time below half of the target speed after which the EMV no longer waits for its lane to clear."""
     gain_min_m: float = 8.0
     """Free road that a lane change for speed must gain."""
+    escape_gap_m: float = 6.0
+    """Standstill gap at levels with gap escape: room to pull out past the vehicle ahead without reversing."""
     stop_before_route_end_m: float = 3.0
     navigator: NavigatorConfig = field(
         default_factory=lambda: NavigatorConfig(standstill_gap_m=4.0, comfort_brake_mps2=3.5)
@@ -198,10 +200,10 @@ class BehaviourConfig:
     lane_change: LaneChangeConfig = field(default_factory=LaneChangeConfig)
     """Of the EMV."""
     civilian_lane_change: LaneChangeConfig = field(
-        default_factory=lambda: LaneChangeConfig(duration_s=2.0, length_min_m=12.0, rear_time_s=1.2)
+        default_factory=lambda: LaneChangeConfig(duration_s=2.0, length_min_m=12.0, rear_time_s=1.0, own_brake_mps2=1.0)
     )
     yielding: YieldConfig = field(default_factory=YieldConfig)
     pull_over: PullOverConfig = field(default_factory=PullOverConfig)
     corridor: CorridorConfig = field(default_factory=CorridorConfig)
     gap_escape: GapEscapeConfig = field(default_factory=GapEscapeConfig)
-    civilian_navigator: NavigatorConfig = field(default_factory=NavigatorConfig)
+    civilian_navigator: NavigatorConfig = field(default_factory=lambda: NavigatorConfig(ease_off_mps2=1.0))

@@ -99,6 +99,8 @@ def _step_unit(unit: EmvUnit, row: int, view: StepView) -> tuple[EmvUnit, DriveC
         unit, happened = guard(unit, row, view)
         events += happened
     config = view.world.config.emv.navigator
+    if view.world.policy.corridor:
+        config = replace(config, standstill_gap_m=view.world.config.emv.escape_gap_m)
     if unit.corridor:
         config = replace(config, side_margin_m=view.world.config.corridor.side_margin_m)
     situation = Situation(

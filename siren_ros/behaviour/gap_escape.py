@@ -24,7 +24,7 @@ from siren_ros.world.units import STEP_S, steps_from_s
 _SWEEP_S: Final = 1.5
 """Time over which moving vehicles are swept ahead in the search."""
 _SAME_OFFSET_M: Final = 0.5
-_STEER_SHARE: Final = 0.9
+_STEER_SHARE: Final = 0.75
 """Part of the steering range that an escape path may use."""
 _BODY_PIECES: Final = np.array([-2.0 / 3.0, 0.0, 2.0 / 3.0])
 """Centres of the three pieces that the body is cut into, as shares of half its length."""

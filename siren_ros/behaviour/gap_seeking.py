@@ -4,6 +4,7 @@ from dataclasses import replace
 from enum import IntEnum
 from typing import Final
 
+from siren_ros.behaviour.config import YieldConfig
 from siren_ros.behaviour.lane_change import LaneGaps, Refusal, gaps_in_lane
 from siren_ros.behaviour.lane_foot import lane_foot
 from siren_ros.behaviour.lane_path import lanes_along, neighbour_lane, path_on_lanes
@@ -51,17 +52,16 @@ def seek_gap(unit: YieldUnit, row: int, view: StepView, refusal: Refusal) -> Out
     again = (view.step - unit.deferred_step) % steps_from_s(config.yielding.seek_again_s) == 0
     if unit.seek == Seek.NOT or again:
         own = gaps_in_lane(view, row, lane)
-        tried = int((view.step - unit.deferred_step) / steps_from_s(config.yielding.seek_turn_s))
-        seek = choose_seek(gaps, own, refusal, config.yielding.seek_free_m, other_way=tried % 2 == 1)
+        seek = choose_seek(gaps, own, refusal, config.yielding.seek_free_m)
         unit = replace(unit, seek=seek, deferred=refusal.value)
     limit = view.world.network.lanes[lane].speed_limit_mps
-    wanted = seek_speed_mps(Seek(unit.seek), gaps, config.yielding.seek_speed_mps, limit)
+    wanted = seek_speed_mps(Seek(unit.seek), gaps, config.yielding, limit)
     situation = Situation(view.seen, row, view.vehicle(row), wanted)
     navigator, command, _ = navigate(unit.navigator, situation, config.civilian_navigator)
     return Outcome(replace(unit, navigator=navigator), command)
 
 
-def choose_seek(gaps: LaneGaps, own: LaneGaps, refusal: Refusal, free_m: float, other_way: bool = False) -> Seek:
+def choose_seek(gaps: LaneGaps, own: LaneGaps, refusal: Refusal, free_m: float) -> Seek:
     """Whether to fall back or to draw ahead.
 
     A vehicle behind, or beside and further back, is drawn away from where the own lane is free; in all other cases
@@ -72,18 +72,17 @@ def choose_seek(gaps: LaneGaps, own: LaneGaps, refusal: Refusal, free_m: float, 
         own: In the own lane.
         refusal: Why the gap cannot be entered.
         free_m: Free way in the own lane that drawing ahead needs.
-        other_way: Whether that has been tried for long enough.
     """
     behind = refusal is Refusal.GAP_REAR or (refusal is Refusal.BESIDE and gaps.front_m > 0.0)
-    return Seek.DRAW_AHEAD if behind is not other_way and own.front_m > free_m else Seek.FALL_BACK
+    return Seek.DRAW_AHEAD if behind and own.front_m > free_m else Seek.FALL_BACK
 
 
-def seek_speed_mps(seek: Seek, gaps: LaneGaps, difference_mps: float, limit_mps: float) -> float:
-    """Speed while seeking: a difference to the vehicle that is in the way, within walking speed and the limit."""
+def seek_speed_mps(seek: Seek, gaps: LaneGaps, config: YieldConfig, limit_mps: float) -> float:
+    """Speed while seeking: a difference to the vehicle that is in the way, within a least speed and the limit."""
     other = gaps.front_mps if gaps.front_m < gaps.rear_m else gaps.rear_mps
     if seek is Seek.DRAW_AHEAD:
-        return min(other + difference_mps, limit_mps)
-    return min(max(other - difference_mps, difference_mps), limit_mps)
+        return min(other + config.seek_speed_mps, limit_mps)
+    return min(max(other - config.seek_speed_mps, config.seek_least_mps), limit_mps)
 
 
 def _with_path(unit: YieldUnit, row: int, view: StepView) -> YieldUnit:

@@ -10,7 +10,7 @@ from siren_ros.behaviour.config import BehaviourConfig, NavigatorConfig
 from siren_ros.behaviour.constants import PAPER_CONSTANTS, PAPER_SPEEDS, ControlConstants, TargetSpeeds
 from siren_ros.behaviour.surroundings import ActorTable, Surroundings
 from siren_ros.dynamics.parameters import VehicleParameters
-from siren_ros.world.actors import ActorClass
+from siren_ros.world.actors import NO_ACTOR, ActorClass
 from siren_ros.world.levels import LevelPolicy
 from siren_ros.world.presets import DriverPreset
 from siren_ros.world.road_network import RoadNetwork
@@ -27,6 +27,8 @@ class BehaviourWorld:
     vehicles: Mapping[ActorClass, VehicleParameters]
     preset: DriverPreset
     seed: int
+    av_id: int = NO_ACTOR
+    """A civilian that an external controller drives: it does not yield by itself."""
     constants: ControlConstants = PAPER_CONSTANTS
     speeds: TargetSpeeds = PAPER_SPEEDS
     config: BehaviourConfig = field(default_factory=BehaviourConfig)

@@ -130,7 +130,7 @@ def _notice(
     flagged = (view.traffic.flags & TrafficFlags.RESCUE_LANE) != 0
     for emv_id, scene in scenes.items():
         candidates = np.isfinite(scene.way_m) & ~seen.is_emv
-        candidates &= scene.way_m > -2.0 * seen.half_length_m
+        candidates &= (scene.way_m > -2.0 * seen.half_length_m) & (seen.actor_id != world.av_id)
         if world.config.yielding.trigger is YieldTrigger.RESCUE_LANE:
             candidates &= flagged
         for row in np.flatnonzero(candidates).tolist():

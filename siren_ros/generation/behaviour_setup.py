@@ -36,5 +36,6 @@ def behaviour_world(episode: EpisodeDescription, map_xml: bytes) -> BehaviourWor
         vehicles=load_vehicle_parameters(),
         preset=preset,
         seed=episode.seed,
+        av_id=episode.av_id,
         speeds=replace(PAPER_SPEEDS, emv_route_follow_mps=speed_mps, emv_lane_change_mps=speed_mps),
     )

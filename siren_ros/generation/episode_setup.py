@@ -1,13 +1,14 @@
 """Everything that is decided before the first step of an episode, from what the user asked for."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 
 from siren_ros import __version__
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.sensors.suite import load_suite
+from siren_ros.traffic.av_choice import choose_av
 from siren_ros.traffic.demand import plan_traffic
 from siren_ros.traffic.driver_models import load_drivers
 from siren_ros.traffic.map_compiler import CompiledMap, compile_map
@@ -36,6 +37,10 @@ class EpisodeRequest:
     duration_s: float = 0.0
     preset: str = "paper"
     sensors: str = "front"
+    av: str = ""
+    """``civilian``: an external controller drives the civilian that the EMV has to pass."""
+    av_sensors: str = "none"
+    """Sensor suite of that vehicle."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +77,8 @@ def default_bag_path(request: EpisodeRequest) -> Path:
     parts = [template.template_id, level_of(request, template).name, f"seed{request.seed}"]
     if request.map:
         parts.append(Path(request.map).name.split(".")[0])
+    if request.av:
+        parts.append("av")
     return Path("bags") / "_".join(parts)
 
 
@@ -84,7 +91,8 @@ def set_up_episode(request: EpisodeRequest) -> EpisodeSetup:
     template = load_template(request.template)
     level = level_of(request, template)
     preset = load_preset(request.preset)
-    load_suite(request.sensors)
+    for suite in (request.sensors, request.av_sensors):
+        load_suite(suite)
     compiled = compile_map(Path(request.map) if request.map else None)
     network = parse_road_network(compiled.read_bytes())
     site = require_site(network, SiteKind(template.site_kind), request.map or compiled.name)
@@ -93,6 +101,8 @@ def set_up_episode(request: EpisodeRequest) -> EpisodeSetup:
         for actor_class, vehicle in load_vehicle_parameters().items()
     }
     plan = plan_traffic(network, site, template, request.seed, load_drivers(), dimensions)
+    if request.av:
+        plan = replace(plan, av=choose_av(network, plan))
     description = EpisodeDescription(
         template=template.template_id,
         level=level,
@@ -107,11 +117,19 @@ def set_up_episode(request: EpisodeRequest) -> EpisodeSetup:
             "request": asdict(request),
             "template": template.values(),
             "predicate": {"name": template.predicate.name, "thresholds": dict(template.predicate.thresholds)},
+            **_av_parameters(request, plan),
         },
         versions=_versions(),
         site=_site_summary(network, site),
     )
     return EpisodeSetup(description, template, level, compiled, network, site, plan, preset)
+
+
+def _av_parameters(request: EpisodeRequest, plan: TrafficPlan) -> Mapping[str, object]:
+    if not plan.av:
+        return {}
+    av = {"actor_id": len(plan.emvs) + 1, "name": plan.av, "sensors": request.av_sensors}
+    return {"av": av}
 
 
 def _versions() -> Mapping[str, str]:

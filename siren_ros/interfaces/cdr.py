@@ -1,7 +1,9 @@
-"""The stamp of a message, read from its serialised form without decoding it."""
+"""Serialised messages from the outside: decoded with errors that name the topic, or only their stamp read."""
 
 import struct
-from typing import Final
+from typing import Any, Final
+
+from rosbags.typesys.store import Typestore
 
 from siren_ros.interfaces.topics import Topic
 from siren_ros.world.errors import EpisodeError
@@ -10,6 +12,20 @@ from siren_ros.world.units import STEP_NS
 _ENCAPSULATION_BYTES: Final = 4
 _SEQUENCE_OF_STAMPED: Final = frozenset({"tf2_msgs/msg/TFMessage", "visualization_msgs/msg/MarkerArray"})
 """Types that begin with a sequence whose elements begin with a header; the others begin with their stamp."""
+
+
+def decode_cdr(store: Typestore, topic: Topic, cdr: bytes) -> Any:
+    """The message in a CDR; its arrays are views of the bytes.
+
+    Raises:
+        EpisodeError: The bytes are no message of the topic's type; names the topic.
+    """
+    try:
+        return store.deserialize_cdr(cdr, topic.type_name)
+    except Exception as error:  # rosbags' reader raises a dozen kinds, asserts among them, on foreign bytes
+        what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+        text = f"{topic.name}: a message of {len(cdr)} bytes that is no {topic.type_name} ({what})"
+        raise EpisodeError(text) from error
 
 
 def step_of_cdr(topic: Topic, cdr: bytes) -> int:

@@ -4,14 +4,15 @@
 messages and for messages read offline. Only the wall time in StepDone is not simulated data.
 """
 
-import json
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from siren_ros.interfaces.av_control import from_av_control
 from siren_ros.interfaces.factory import MessageFactory, as_arrays, as_sequences, header, stamp
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing, Phase, StepReport
+from siren_ros.interfaces.message_content import json_object, json_text, refuses_nonsense
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
 from siren_ros.world.commands import COMMAND_DTYPES, VehicleCommands
 from siren_ros.world.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
@@ -20,10 +21,6 @@ from siren_ros.world.ground_truth import GROUND_TRUTH_DTYPES, GroundTruth
 from siren_ros.world.levels import EmergencyLevel
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, EmvAdvice, SignalState, TrafficState
 from siren_ros.world.units import time_ns_of_step
-
-
-def _json(value: object) -> str:
-    return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
 
 
 def to_event(factory: MessageFactory, event: Event) -> Any:
@@ -36,10 +33,11 @@ def to_event(factory: MessageFactory, event: Event) -> Any:
         other_id=event.other_id,
         x_m=float(event.x_m),
         y_m=float(event.y_m),
-        detail=_json(dict(event.detail)),
+        detail=json_text(dict(event.detail)),
     )
 
 
+@refuses_nonsense
 def from_event(message: Any) -> Event:
     """Inverse of ``to_event``."""
     return Event(
@@ -49,7 +47,7 @@ def from_event(message: Any) -> Event:
         other_id=int(message.other_id),
         x_m=float(message.x_m),
         y_m=float(message.y_m),
-        detail=json.loads(message.detail),
+        detail=json_object(message.detail),
     )
 
 
@@ -71,6 +69,7 @@ def to_events(factory: MessageFactory, step: int, events: tuple[Event, ...]) -> 
     )
 
 
+@refuses_nonsense
 def from_events(message: Any) -> tuple[int, tuple[Event, ...]]:
     """Inverse of ``to_events``: the step and its events."""
     return int(message.step), _from_events(message.events)
@@ -91,6 +90,7 @@ def to_actor_description(factory: MessageFactory, actor: ActorDescription) -> An
     )
 
 
+@refuses_nonsense
 def from_actor_description(message: Any) -> ActorDescription:
     """Inverse of ``to_actor_description``."""
     red, green, blue = (int(value) for value in message.colour_rgb)
@@ -111,6 +111,7 @@ def to_signal_state(factory: MessageFactory, signal: SignalState) -> Any:
     return factory.make("siren_msgs/msg/SignalState", signal_id=signal.signal_id, state=signal.state)
 
 
+@refuses_nonsense
 def from_signal_state(message: Any) -> SignalState:
     """Inverse of ``to_signal_state``."""
     return SignalState(signal_id=str(message.signal_id), state=str(message.state))
@@ -129,6 +130,7 @@ def to_emv_advice(factory: MessageFactory, advice: EmvAdvice) -> Any:
     )
 
 
+@refuses_nonsense
 def from_emv_advice(message: Any) -> EmvAdvice:
     """Inverse of ``to_emv_advice``."""
     return EmvAdvice(
@@ -155,6 +157,7 @@ def to_traffic_state(factory: MessageFactory, traffic: TrafficState) -> Any:
     )
 
 
+@refuses_nonsense
 def from_traffic_state(message: Any) -> TrafficState:
     """Inverse of ``to_traffic_state``."""
     return TrafficState(
@@ -179,6 +182,7 @@ def to_vehicle_commands(factory: MessageFactory, commands: VehicleCommands) -> A
     )
 
 
+@refuses_nonsense
 def from_vehicle_commands(message: Any) -> VehicleCommands:
     """Inverse of ``to_vehicle_commands``."""
     return VehicleCommands(
@@ -199,6 +203,7 @@ def to_actor_states(factory: MessageFactory, states: ActorStates) -> Any:
     )
 
 
+@refuses_nonsense
 def from_actor_states(message: Any) -> ActorStates:
     """Inverse of ``to_actor_states``."""
     return ActorStates(step=int(message.step), **as_arrays(message, ACTOR_STATE_DTYPES))
@@ -215,6 +220,7 @@ def to_ground_truth(factory: MessageFactory, truth: GroundTruth) -> Any:
     )
 
 
+@refuses_nonsense
 def from_ground_truth(message: Any) -> GroundTruth:
     """Inverse of ``to_ground_truth``."""
     return GroundTruth(
@@ -237,6 +243,7 @@ def to_step_done(factory: MessageFactory, report: StepReport) -> Any:
     )
 
 
+@refuses_nonsense
 def from_step_done(message: Any) -> StepReport:
     """Inverse of ``to_step_done``."""
     return StepReport(
@@ -262,12 +269,13 @@ def to_episode_description(factory: MessageFactory, episode: EpisodeDescription)
         sensor_suite=episode.sensor_suite,
         preset=episode.preset,
         emv_ids=factory.sequence(np.array(episode.emv_ids, dtype=np.uint32)),
-        parameters=_json(dict(episode.parameters)),
-        versions=_json(dict(episode.versions)),
-        site=_json(dict(episode.site)),
+        parameters=json_text(dict(episode.parameters)),
+        versions=json_text(dict(episode.versions)),
+        site=json_text(dict(episode.site)),
     )
 
 
+@refuses_nonsense
 def from_episode_description(message: Any) -> EpisodeDescription:
     """Inverse of ``to_episode_description``."""
     return EpisodeDescription(
@@ -280,9 +288,9 @@ def from_episode_description(message: Any) -> EpisodeDescription:
         sensor_suite=str(message.sensor_suite),
         preset=str(message.preset),
         emv_ids=tuple(int(value) for value in message.emv_ids),
-        parameters=json.loads(message.parameters),
-        versions=json.loads(message.versions),
-        site=json.loads(message.site),
+        parameters=json_object(message.parameters),
+        versions=json_object(message.versions),
+        site=json_object(message.site),
     )
 
 
@@ -297,6 +305,7 @@ def to_episode_end(factory: MessageFactory, closing: EpisodeClosing) -> Any:
     )
 
 
+@refuses_nonsense
 def from_episode_end(message: Any) -> EpisodeClosing:
     """Inverse of ``to_episode_end``."""
     return EpisodeClosing(steps=int(message.steps), end=EpisodeEnd(message.end), reason=str(message.reason))
@@ -311,10 +320,11 @@ def to_episode_outcome(factory: MessageFactory, outcome: EpisodeOutcome) -> Any:
         reason=outcome.reason,
         steps=outcome.steps,
         predicate=-1 if outcome.predicate_holds is None else int(outcome.predicate_holds),
-        measures=_json(dict(outcome.measures)),
+        measures=json_text(dict(outcome.measures)),
     )
 
 
+@refuses_nonsense
 def from_episode_outcome(message: Any) -> EpisodeOutcome:
     """Inverse of ``to_episode_outcome``."""
     return EpisodeOutcome(
@@ -322,7 +332,7 @@ def from_episode_outcome(message: Any) -> EpisodeOutcome:
         reason=str(message.reason),
         steps=int(message.steps),
         predicate_holds=None if int(message.predicate) < 0 else bool(message.predicate),
-        measures=json.loads(message.measures),
+        measures=json_object(message.measures),
     )
 
 
@@ -334,6 +344,7 @@ READERS: dict[str, Callable[[Any], Any]] = {
     "siren_msgs/msg/EmvAdvice": from_emv_advice,
     "siren_msgs/msg/TrafficState": from_traffic_state,
     "siren_msgs/msg/VehicleCommands": from_vehicle_commands,
+    "siren_msgs/msg/AvControl": from_av_control,
     "siren_msgs/msg/ActorStates": from_actor_states,
     "siren_msgs/msg/GroundTruth": from_ground_truth,
     "siren_msgs/msg/StepDone": from_step_done,

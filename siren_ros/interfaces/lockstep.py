@@ -4,6 +4,7 @@ Step k + 1 does not begin before every registered participant has reported step 
 pure: reports and the wall time go in, actions come out.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
@@ -32,6 +33,8 @@ class LockstepConfig:
     close_timeout_s: float = 60.0
     late_close_timeout_s: float = 2.0
     """For participants that were late already when the episode was ended because of them."""
+    called: Mapping[str, str] = field(default_factory=dict)
+    """What an error calls a participant, where its name alone does not say which program it is."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,7 @@ class LockstepState:
     steps_closed: int = 0
     """Number of steps that the episode has, known when it ends."""
     late: frozenset[str] = frozenset()
-    """Participants whose silence ended the episode; they may hang for ever."""
+    """Participants that were silent when the episode was ended; they may hang for ever."""
     busy_s: dict[str, float] = field(default_factory=dict)
     """Wall time by participant, summed over the steps."""
 
@@ -91,18 +94,21 @@ def on_report(
     """Take in one StepDone. Reports of strangers and of earlier steps change nothing."""
     if report.participant not in config.participants or state.stage is Stage.CLOSED:
         return state, None
-    if report.error and state.stage in {Stage.GATHERING, Stage.STEPPING}:
-        return _close(state, EpisodeEnd.FAILED, f"{report.participant}: {report.error}", config, now_s)
-    if report.phase is Phase.FINAL and state.stage is not Stage.CLOSING:
-        reason = f"{report.participant}: left the episode, which was not over; {EPISODE_END.name} came from a stranger"
-        return _close(state, EpisodeEnd.FAILED, reason, config, now_s)
+    if state.stage is not Stage.CLOSING and (report.error or report.phase is Phase.FINAL):
+        error = report.error or f"left the episode, which was not over; {EPISODE_END.name} came from a stranger"
+        who = config.called.get(report.participant, report.participant)
+        return _close(state, EpisodeEnd.FAILED, f"{who}: {error}", config, now_s)
     expected = {Stage.GATHERING: Phase.READY, Stage.STEPPING: Phase.STEP, Stage.CLOSING: Phase.FINAL}[state.stage]
     if report.phase is not expected or (report.phase is Phase.STEP and report.step != state.step):
         return state, None
     busy = {**state.busy_s, report.participant: state.busy_s.get(report.participant, 0.0) + report.busy_s}
     state = replace(state, waiting=state.waiting - {report.participant}, busy_s=busy)
-    if state.waiting:
-        return state, None
+    if report.error and not state.reason:
+        state = replace(state, end=EpisodeEnd.FAILED, reason=f"{report.participant}: {report.error}")
+    return (state, None) if state.waiting else _all_reported(state, config, now_s)
+
+
+def _all_reported(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple[LockstepState, Action]:
     if state.stage is Stage.CLOSING:
         return replace(state, stage=Stage.CLOSED), None
     if state.step + 1 >= config.steps:
@@ -119,8 +125,8 @@ def on_time(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple
     }.get(state.stage)
     if limit_s is None or now_s - state.since_s < limit_s:
         return state, None
-    late = _first_late(state.waiting) if state.stage is Stage.STEPPING else state.waiting
-    names = ", ".join(sorted(late))
+    late = state.waiting if state.stage is Stage.CLOSING else _first_late(state.waiting)
+    names = ", ".join(config.called.get(name, name) for name in sorted(late))
     if state.stage is Stage.CLOSING:
         reason = state.reason or f"{names}: did not close within {limit_s:g} s"
         return replace(state, stage=Stage.CLOSED, end=EpisodeEnd.FAILED, reason=reason), None
@@ -163,9 +169,7 @@ def on_failure(
         return state, None
     waiting = state.waiting - gone
     stage = state.stage if waiting else Stage.CLOSED
-    return replace(
-        state, stage=stage, waiting=waiting, end=EpisodeEnd.FAILED, reason=state.reason or reason
-    ), None
+    return replace(state, stage=stage, waiting=waiting, end=EpisodeEnd.FAILED, reason=state.reason or reason), None
 
 
 def _begin_next(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple[LockstepState, Action]:
@@ -178,6 +182,7 @@ def _close(
     state: LockstepState, end: EpisodeEnd, reason: str, config: LockstepConfig, now_s: float
 ) -> tuple[LockstepState, Action]:
     steps = state.steps_done
+    unready = state.waiting if state.stage is Stage.GATHERING else frozenset()
     closing = replace(
         state,
         stage=Stage.CLOSING,
@@ -186,5 +191,6 @@ def _close(
         end=end,
         reason=reason,
         steps_closed=steps,
+        late=state.late | unready,
     )
     return closing, EndEpisode(steps, end, reason)

@@ -4,6 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+from siren_ros.world.commands import AV_SOURCE
+
+EMV_CARRIER: Final = "emv"
+AV_CARRIER: Final = "av"
+"""Carriers of sensors; their topics begin with these names."""
 EVERY_STEP: Final = 1
 ONCE: Final = 0
 
@@ -38,6 +43,16 @@ class Topic:
     def of_sensor(self, sensor: str, period_steps: int) -> "Topic":
         """This topic for one sensor of a suite, whose name stands for ``{sensor}``."""
         return replace(self, name=self.name.format(sensor=sensor), period_steps=period_steps)
+
+    def of_carrier(self, carrier: str) -> "Topic":
+        """This topic of the first emergency vehicle's for another carrier of sensors: ``/av/odom`` for ``/emv/odom``.
+
+        The nodes of the graph do not wait for messages of other carriers; the recorder does.
+        """
+        name = self.name.removeprefix(f"/{EMV_CARRIER}/")
+        if carrier == EMV_CARRIER or name == self.name:
+            return self
+        return replace(self, name=f"/{carrier}/{name}", subscribers=("recorder",) if self.recorded else ())
 
 
 _CONTROLLERS: Final = ("emv_controller", "yield_manager", "vehicle_dynamics")
@@ -89,13 +104,30 @@ IMAGE_COMPRESSED: Final = Topic(
 )
 CAMERA_INFO: Final = Topic("/emv/{sensor}/camera_info", "sensor_msgs/msg/CameraInfo", "sensor_sim", ("recorder",), 2)
 
-LAGGED_INPUTS: Final = frozenset({(ACTORS.name, "sumo_bridge")})
+AV_CONTROL: Final = Topic("/av/control_cmd", "siren_msgs/msg/AvControl", AV_SOURCE, ("vehicle_dynamics", "recorder"))
+"""The answer of the AV's controller to a step; it drives the AV from this step to the next."""
+AV_ROUTE: Final = Topic("/av/route", "nav_msgs/msg/Path", "sumo_bridge", ("recorder",), ONCE)
+"""The lane centres along which the AV would get to where it wants to go."""
+
+LAGGED_INPUTS: Final = frozenset({(ACTORS.name, "sumo_bridge"), (AV_CONTROL.name, "vehicle_dynamics")})
 """Topic and subscriber of the arrows that carry the step before."""
 
 
 def upstream_of(participant: str) -> frozenset[str]:
     """Participants that must have acted on a step before this one can."""
-    every = (CLOCK, TRAFFIC, EMV_COMMANDS, YIELD_COMMANDS, ACTORS, EVENTS, TF, ODOMETRY, GROUND_TRUTH, LIDAR)
+    every = (
+        CLOCK,
+        TRAFFIC,
+        EMV_COMMANDS,
+        YIELD_COMMANDS,
+        ACTORS,
+        EVENTS,
+        TF,
+        ODOMETRY,
+        GROUND_TRUTH,
+        LIDAR,
+        AV_CONTROL,
+    )
     return frozenset(
         topic.publisher
         for topic in every
@@ -105,3 +137,5 @@ def upstream_of(participant: str) -> frozenset[str]:
 
 CORE_TOPICS: Final = (CLOCK, EPISODE, MAP, TRAFFIC, EMV_COMMANDS, YIELD_COMMANDS, ACTORS, EVENTS, OUTCOME)
 """What every episode's record holds, whatever its sensors."""
+AV_TOPICS: Final = (AV_ROUTE, AV_CONTROL)
+"""What the record of an episode with an AV under test holds besides, whatever the AV's sensors."""

@@ -131,7 +131,15 @@ class BirdseyeFilm:
             paint_polygons(picture, shapes)
             if Mode(int(state.mode[row])).is_yielding:
                 place = (float(body[row][:, 0].mean()), float(body[row][:, 1].min()) - 3.0)
-                draw.text(place, str(state.actor_id[row]), _OUTLINE, font(12), anchor="mb")
+                draw.text(
+                    place,
+                    str(state.actor_id[row]),
+                    _OUTLINE,
+                    font(12),
+                    anchor="mb",
+                    stroke_width=2,
+                    stroke_fill="white",
+                )
 
     def _write(self, picture: Image.Image, step: int) -> None:
         """Title and time at the top, each EMV's state below them, the colours at the bottom."""

@@ -1,6 +1,7 @@
 """Videos of recorded episodes: H.264 in MP4, ten frames a second of simulated time."""
 
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from enum import StrEnum
 from fractions import Fraction
 from io import BytesIO
@@ -29,6 +30,8 @@ _OPTIONS: Final = {
     "preset": "veryfast",
     "threads": "1",  # their number is written into the stream, and the same episode gives the same bytes
 }
+
+_WITHIN: Final = "a time before the end of {}"
 
 Frame = npt.NDArray[np.uint8]
 
@@ -67,14 +70,14 @@ def save_video(bag: Path, view: View, path: Path, frames: int | None = None, sta
         return write_video(path, _front_frames(bag, frames, steps_from_s(start_s)))
     record = read_episode(bag)
     first = -(-steps_from_s(start_s) // FRAME_STEPS) * FRAME_STEPS
-    wanted = _checked(range(first, record.steps, FRAME_STEPS), frames, bag)
+    if first >= record.steps:
+        raise InputError("start_s", start_s, _WITHIN.format(bag))
+    wanted = _first_of(range(first, record.steps, FRAME_STEPS), frames, bag)
     return write_video(path, BirdseyeFilm(record, wanted).frames())
 
 
-def _checked(available: range, frames: int | None, bag: Path) -> range:
-    """The first so many of the available frames."""
-    if len(available) == 0:
-        raise InputError("start_s", "past the end", f"a time within the episode {bag}")
+def _first_of(available: range, frames: int | None, bag: Path) -> range:
+    """The first so many of the available frames, or all."""
     if frames is not None and frames > len(available):
         raise InputError("frames", frames, f"at most {len(available)}, which {bag} has from there on")
     return available if frames is None else available[:frames]
@@ -93,7 +96,9 @@ def _front_frames(bag_path: Path, frames: int | None, first_step: int) -> Iterat
                 str(bag_path), f"an episode whose front camera made an image at every {FRAME_RATE_HZ} Hz tick"
             )
         later = [time for time in on_grid if step_of_time_ns(time) >= first_step]
-        wanted = frozenset(later[: len(_checked(range(len(later)), frames, bag_path))])
+        if not later:
+            raise InputError("start_s", first_step * STEP_S, _WITHIN.format(bag_path))
+        wanted = frozenset(later[: len(_first_of(range(len(later)), frames, bag_path))])
         for message in bag.messages({topic}):
             if message.time_ns in wanted:
                 yield _decoded(message)
@@ -127,7 +132,8 @@ def write_video(path: Path, frames: Iterable[Frame]) -> int:
     except (OSError, av.FFmpegError) as error:
         raise InputError("out", str(path), f"a place that can be written ({error.strerror or error})") from error
     finally:
-        partial.unlink(missing_ok=True)
+        with suppress(OSError):
+            partial.unlink()
     return count
 
 

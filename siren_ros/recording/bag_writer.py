@@ -1,12 +1,9 @@
 """Writing an episode's bag: rosbag2 version 9, MCAP with zstd chunks, complete or plainly partial."""
 
 import errno
-import fcntl
-import os
 from collections.abc import Collection
 from contextlib import suppress
 from dataclasses import dataclass, field
-from io import FileIO
 from pathlib import Path
 from typing import Final
 
@@ -14,13 +11,18 @@ from mcap.records import Channel, Schema
 from rosbags.typesys.store import Typestore
 
 from siren_ros.recording.background import BackgroundWorker
-from siren_ros.recording.bag_metadata import METADATA_FILE, BagTopic, metadata_text, qos_text
+from siren_ros.recording.bag_metadata import BagTopic, metadata_text, qos_text
 from siren_ros.recording.mcap_stream import ChannelMessage, ChunkContent, McapStream
-from siren_ros.world.errors import BagError, EpisodeError
+from siren_ros.recording.working_folder import WorkingFolder, free_partial_path
+from siren_ros.world.errors import EpisodeError
 
-PARTIAL_SUFFIX: Final = ".partial"
 END_KEY: Final = "siren_end"
 REASON_KEY: Final = "siren_reason"
+_CAUSES: Final = {
+    errno.ENOSPC: "the disk is full",
+    errno.EDQUOT: "the disk's quota is used up",
+    errno.EFBIG: "the limit on the size of files is reached",
+}
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,8 @@ class BagOptions:
 
     chunk_bytes: int = 1_000_000
     """Plain size after which a chunk is closed, compressed and flushed: what a killed writer loses at most, twice."""
+    chunk_ns: int = 1_000_000_000
+    """Simulated time after which a chunk is closed, however small it is."""
     compression_level: int = 1
     """zstd's level. On LiDAR sweeps level 1 packs 350 MB/s on one core, level 3 half of that for 12 % less size."""
     queued_chunks: int = 4
@@ -59,6 +63,7 @@ class _PendingChunk:
     channels: list[Channel] = field(default_factory=list)
     messages: list[ChannelMessage] = field(default_factory=list)
     size_bytes: int = 0
+    first_ns: int = 0
 
 
 class EpisodeBagWriter:
@@ -87,51 +92,15 @@ class EpisodeBagWriter:
         self._store = store
         self._latched = frozenset(latched)
         self._options = options or BagOptions()
-        self._working = path.parent / f".{path.name}{PARTIAL_SUFFIX}"
         self._file_name = f"{path.name}_0.mcap"
-        if path.exists():
-            raise BagError(str(path), "the path of a new folder; this one exists already")
-        self._file = self._open_working_file()
+        self._folder = WorkingFolder(path, self._file_name)
         self._channels: dict[str, _OpenChannel] = {}
         self._schemas: dict[str, tuple[Schema, str]] = {}
         self._pending = _PendingChunk()
         self._times_ns: tuple[int, int] | None = None
-        self._stream = McapStream(self._file, self._options.compression_level)
+        self._stream = McapStream(self._folder.file, self._options.compression_level)
         self._worker = BackgroundWorker(self._stream.write_chunk, self._options.queued_chunks, "bag writer")
         self._closed = False
-
-    def _open_working_file(self) -> FileIO:
-        try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            self._set_aside_orphan()
-            self._working.mkdir()
-            file = (self._working / self._file_name).open("wb", buffering=0)
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            allowed = f"a place that can be written ({error.strerror or error})"
-            raise BagError(str(self._path), allowed) from error
-        return file
-
-    def _set_aside_orphan(self) -> None:
-        """Moves the bag of a killed writer to its partial name; refuses one that is being written."""
-        if not self._working.exists():
-            return
-        file = self._working / self._file_name
-        if file.exists():
-            with file.open("rb") as held:
-                try:
-                    fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                except BlockingIOError as error:
-                    raise BagError(str(self._path), "a bag that no other episode is writing now") from error
-        self._working.rename(self._free_partial_path())
-
-    def _free_partial_path(self) -> Path:
-        candidate = self._path.with_name(self._path.name + PARTIAL_SUFFIX)
-        number = 2
-        while candidate.exists():
-            candidate = self._path.with_name(f"{self._path.name}{PARTIAL_SUFFIX}-{number}")
-            number += 1
-        return candidate
 
     def write(self, topic: str, type_name: str, cdr: bytes | memoryview, time_ns: int) -> None:
         """Adds a message; log time and publish time are the simulated time.
@@ -147,13 +116,24 @@ class EpisodeBagWriter:
         """
         channel = self._channels.get(topic) or self._add_channel(topic, type_name)
         data = cdr if isinstance(cdr, bytes) else bytes(cdr)
+        if self._times_ns is None or time_ns > self._times_ns[1]:
+            self._check_folder()
+        if not self._pending.messages:
+            self._pending.first_ns = time_ns
         self._pending.messages.append(ChannelMessage(channel.record.id, channel.count, time_ns, data))
         self._pending.size_bytes += len(data)
         channel.count += 1
         first_ns, last_ns = self._times_ns or (time_ns, time_ns)
         self._times_ns = (min(first_ns, time_ns), max(last_ns, time_ns))
-        if self._pending.size_bytes >= self._options.chunk_bytes:
+        old = time_ns - self._pending.first_ns >= self._options.chunk_ns
+        if old or self._pending.size_bytes >= self._options.chunk_bytes:
             self._hand_over()
+
+    def _check_folder(self) -> None:
+        try:
+            self._folder.check()
+        except OSError as error:
+            raise self._lost(error) from error
 
     def _add_channel(self, topic: str, type_name: str) -> _OpenChannel:
         if type_name not in self._schemas:
@@ -183,7 +163,7 @@ class EpisodeBagWriter:
             raise self._lost(error) from error
 
     def _lost(self, error: OSError) -> EpisodeError:
-        cause = "the disk is full" if error.errno in {errno.ENOSPC, errno.EDQUOT} else str(error)
+        cause = _CAUSES.get(error.errno or 0) or error.strerror or str(error)
         return EpisodeError(f"the bag {self._path} cannot be written: {cause}")
 
     def finish(self) -> BagSummary:
@@ -196,10 +176,9 @@ class EpisodeBagWriter:
             self._hand_over()
             self._worker.close()
             self._stream.finish()
-            self._close_file({END_KEY: "complete"})
-            if self._path.exists():
-                raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(self._path))
-            self._working.rename(self._path)
+            self._folder.check()
+            self._folder.close(self._metadata({END_KEY: "complete"}))
+            self._folder.move_to(self._path)
         except OSError as error:
             raise self._lost(error) from error
         self._closed = True
@@ -220,18 +199,17 @@ class EpisodeBagWriter:
             self._hand_over()
         with suppress(OSError):
             self._worker.close()
+        self._folder.free_reserve()
         with suppress(OSError, ValueError):
-            # A chunk that the disk took only in part would hide the summary behind it.
-            self._file.truncate(self._stream.size_bytes)
-            self._file.seek(self._stream.size_bytes)
+            self._stream.rewind()
             self._stream.finish()
         with suppress(OSError, ValueError):
-            self._close_file({END_KEY: "partial", REASON_KEY: reason})
-        target = self._free_partial_path()
+            self._folder.restore()
+        with suppress(OSError, ValueError):
+            self._folder.close(self._metadata({END_KEY: "partial", REASON_KEY: reason}))
         with suppress(OSError):
-            self._working.rename(target)
-            return self._summary(target)
-        return self._summary(self._working)
+            return self._summary(self._folder.move_to(free_partial_path(self._path)))
+        return self._summary(self._folder.path)
 
     def discard(self) -> None:
         """Takes the bag away again, as if it had never been opened: for an episode that did not begin."""
@@ -240,19 +218,11 @@ class EpisodeBagWriter:
         self._closed = True
         with suppress(OSError):
             self._worker.close()
-        self._file.close()
-        with suppress(OSError):
-            (self._working / self._file_name).unlink()
-            self._working.rmdir()
-            self._path.parent.rmdir()
+        self._folder.remove()
 
-    def _close_file(self, custom: dict[str, str]) -> None:
-        if not self._file.closed:
-            os.fsync(self._file.fileno())
-            self._file.close()
+    def _metadata(self, custom: dict[str, str]) -> str:
         first_ns, last_ns = self._times_ns or (0, 0)
-        text = metadata_text(self._file_name, self._topics(), first_ns, last_ns, custom)
-        (self._working / METADATA_FILE).write_text(text, encoding="utf-8")
+        return metadata_text(self._file_name, self._topics(), first_ns, last_ns, custom)
 
     def _topics(self) -> list[BagTopic]:
         return [

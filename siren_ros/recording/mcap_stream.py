@@ -74,10 +74,11 @@ class McapStream:
         self._write(MAGIC + _bytes_of([Header(PROFILE, LIBRARY)]))
         self._whole = self._position
 
-    @property
-    def size_bytes(self) -> int:
-        """Bytes of whole chunks written so far, each with its index."""
-        return self._whole
+    def rewind(self) -> None:
+        """Takes back what follows the last whole chunk: one that the disk took only in part would hide the summary."""
+        self._stream.truncate(self._whole)
+        self._stream.seek(self._whole)
+        self._position = self._whole
 
     def _write(self, data: bytes) -> None:
         left = memoryview(data)

@@ -47,13 +47,18 @@ class Overtaking:
 
 @dataclass(frozen=True)
 class Holding:
-    """A civilian that has pulled over and stands."""
+    """A civilian that stands in the hold of its yield."""
 
     actor_id: int
     step: int
     """First step of standing."""
     offset_m: float
     """From its lane's centre line, left positive."""
+
+    @property
+    def pulled_over(self) -> bool:
+        """Whether it stands to one side of its lane."""
+        return abs(self.offset_m) >= OFF_CENTRE_M
 
 
 def queues_split(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verdict:
@@ -66,16 +71,17 @@ def queues_split(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verd
     """
     rows = record.rows
     places = places_of(record, rows)
-    holding = find_holding(record, places)
-    held = ", ".join(f"{item.actor_id} at {item.step * STEP_S:.1f} s" for item in holding)
+    standing = find_holding(record, places)
+    holding = [item for item in standing if item.pulled_over]
+    in_lane = [item for item in standing if not item.pulled_over]
+    held = _joined(_held(holding), "not pulled over", _held(in_lane))
     verdicts = []
     for emv_id in record.emv_ids:
         passed = find_overtakings(record, places, emv_id)
         between = [item for item in passed if item.lateral_m <= thresholds["lateral_max_m"]]
         aside = [item for item in passed if item.lateral_m > thresholds["lateral_max_m"]]
         left, right = (sum(item.side == side for item in between) for side in (1, -1))
-        lists = (_listed(between), f"off the line: {_listed(aside)}" if aside else "")
-        detail = "; ".join(text for text in lists if text)
+        detail = _joined(_listed(between), "off the line", _listed(aside))
         parts = (
             at_least("holding", len(holding), thresholds["holding_min"], held),
             at_least("overtaken", len(between), thresholds["overtaken_min"], detail),
@@ -90,28 +96,43 @@ def queues_split(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verd
     return closest_of(verdicts) or verdict_of(nowhere, "there is no EMV")
 
 
+def _joined(found: str, name: str, others: str) -> str:
+    """What counts, and behind a name what does not."""
+    return "; ".join(text for text in (found, f"{name}: {others}" if others else "") if text)
+
+
+def _held(holding: list[Holding]) -> str:
+    return ", ".join(f"{item.actor_id} at {item.step * STEP_S:.1f} s ({item.offset_m:+.2f} m)" for item in holding)
+
+
 def _listed(overtakings: list[Overtaking]) -> str:
     return ", ".join(f"{item.actor_id} at {item.step * STEP_S:.1f} s ({item.lateral_m:.2f} m)" for item in overtakings)
 
 
 def find_holding(record: EpisodeRecord, places: LanePlaces) -> tuple[Holding, ...]:
-    """Civilians that stand for a second, away from their lane's centre line, in the yield's hold; by time.
+    """Civilians that stand for a second in the yield's hold, each once, by time.
+
+    Those that stand away from their lane's centre line have pulled over; for a civilian that holds several times,
+    the first time of that kind counts, or else the first of all.
 
     Args:
         record: The episode.
         places: Lanes of ``record.rows``.
     """
     rows = record.rows
-    still = (rows.mode == Mode.YIELD_HOLD) & (rows.speed_mps <= STANDING_MPS)
-    still &= (places.lane != NO_LANE) & (np.abs(places.offset_m) >= OFF_CENTRE_M)
+    still = (rows.mode == Mode.YIELD_HOLD) & (rows.speed_mps <= STANDING_MPS) & (places.lane != NO_LANE)
+    aside = np.abs(places.offset_m) >= OFF_CENTRE_M
+    state = still.astype(np.int8) + (still & aside)
     connected = (rows.actor_id[1:] == rows.actor_id[:-1]) & (rows.step[1:] == rows.step[:-1] + 1)
-    breaks = np.concatenate(([True], ~connected | (still[1:] != still[:-1]), [True]))
-    starts = np.flatnonzero(breaks)
+    starts = np.flatnonzero(np.concatenate(([True], ~connected | (state[1:] != state[:-1]), [True])))
     found: dict[int, Holding] = {}
     for first, end in pairwise(starts):
-        actor_id = int(rows.actor_id[first])
-        if still[first] and end - first >= steps_from_s(HOLD_S) and actor_id not in found:
-            found[actor_id] = Holding(actor_id, int(rows.step[first]), float(places.offset_m[first]))
+        if not still[first] or end - first < steps_from_s(HOLD_S):
+            continue
+        holding = Holding(int(rows.actor_id[first]), int(rows.step[first]), float(places.offset_m[first]))
+        before = found.get(holding.actor_id)
+        if before is None or (holding.pulled_over and not before.pulled_over):
+            found[holding.actor_id] = holding
     return tuple(sorted(found.values(), key=lambda item: (item.step, item.actor_id)))
 
 

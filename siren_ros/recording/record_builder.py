@@ -6,8 +6,10 @@ from typing import Any, Final
 import numpy as np
 
 from siren_ros.interfaces import conversions
+from siren_ros.interfaces.av_control import from_av_control
 from siren_ros.interfaces.topics import (
     ACTORS,
+    AV_CONTROL,
     EMV_COMMANDS,
     EPISODE,
     EVENTS,
@@ -17,8 +19,8 @@ from siren_ros.interfaces.topics import (
     YIELD_COMMANDS,
 )
 from siren_ros.recording.episode_record import EpisodeRecord, TopicRecord
-from siren_ros.world.actors import ActorDescription, ActorStates
-from siren_ros.world.commands import VehicleCommands
+from siren_ros.world.actors import NO_ACTOR, ActorDescription, ActorStates
+from siren_ros.world.commands import AV_SOURCE, VehicleCommands, av_commands
 from siren_ros.world.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
 from siren_ros.world.errors import BagError
 from siren_ros.world.events import Event
@@ -26,7 +28,7 @@ from siren_ros.world.net_parser import parse_road_network
 from siren_ros.world.road_network import RoadNetwork
 from siren_ros.world.traffic_state import TrafficState
 
-RECORD_TOPICS: Final = (EPISODE, MAP, TRAFFIC, EMV_COMMANDS, YIELD_COMMANDS, ACTORS, EVENTS, OUTCOME)
+RECORD_TOPICS: Final = (EPISODE, MAP, TRAFFIC, EMV_COMMANDS, YIELD_COMMANDS, AV_CONTROL, ACTORS, EVENTS, OUTCOME)
 """The topics that make up a record; all others are only counted."""
 
 
@@ -57,6 +59,7 @@ class RecordBuilder:
             TRAFFIC.name: self._take_traffic,
             EMV_COMMANDS.name: self._take_commands,
             YIELD_COMMANDS.name: self._take_commands,
+            AV_CONTROL.name: self._take_av_control,
             ACTORS.name: self._take_states,
             EVENTS.name: self._take_events,
             OUTCOME.name: self._take_outcome,
@@ -100,6 +103,11 @@ class RecordBuilder:
     def _take_commands(self, message: Any) -> None:
         commands = conversions.from_vehicle_commands(message)
         self._commands.setdefault(commands.source, []).append(commands)
+
+    def _take_av_control(self, message: Any) -> None:
+        control = from_av_control(message)
+        av_id = NO_ACTOR if self._description is None else self._description.av_id
+        self._commands.setdefault(AV_SOURCE, []).append(av_commands(control, control.step, av_id))
 
     def _take_states(self, message: Any) -> None:
         self._states.append(conversions.from_actor_states(message))

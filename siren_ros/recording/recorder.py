@@ -1,12 +1,13 @@
 """Records one episode: messages in any order in, a complete bag with its outcome out."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from rosbags.typesys.store import Typestore
 
-from siren_ros.interfaces.cdr import step_of_cdr
+from siren_ros.interfaces.cdr import decode_cdr, step_of_cdr
 from siren_ros.interfaces.conversions import to_episode_outcome
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing
 from siren_ros.interfaces.rosbags_factory import RosbagsFactory
@@ -16,9 +17,11 @@ from siren_ros.recording.collector import CollectedMessage, StepCollector
 from siren_ros.recording.outcome import judge
 from siren_ros.recording.record_builder import RECORD_TOPICS, RecordBuilder
 from siren_ros.world.episode import EpisodeEnd, EpisodeOutcome
-from siren_ros.world.errors import EpisodeError
+from siren_ros.world.errors import EpisodeError, SirenError
 from siren_ros.world.units import time_ns_of_step
 
+MAX_EARLY_MESSAGES: Final = 1000
+"""Before the first step only latched topics speak, once each; more is a stranger's, and memory is bounded."""
 _DECODED = frozenset(topic.name for topic in RECORD_TOPICS)
 
 
@@ -43,6 +46,11 @@ class EpisodeRecorder:
         self._early: list[tuple[Topic, bytes]] = []
         self.on_step_recorded: Callable[[int], None] = lambda _step: None
 
+    @property
+    def steps_recorded(self) -> int:
+        """Number of steps of which every message is recorded."""
+        return 0 if self._collector is None else self._collector.next_step
+
     def expect(self, topics: tuple[Topic, ...]) -> None:
         """Say which topics the episode has, in the order in which a step's messages are stored."""
         self._collector = StepCollector(topics)
@@ -57,6 +65,8 @@ class EpisodeRecorder:
             EpisodeError: A message that the episode does not expect, or a bag that cannot be written.
         """
         if self._collector is None:
+            if len(self._early) == MAX_EARLY_MESSAGES:
+                raise EpisodeError(f"{topic.name}: messages before the episode has begun")
             self._early.append((topic, cdr))
             return
         self._collector.add(topic.name, 0 if topic.latched else step_of_cdr(topic, cdr), cdr)
@@ -68,9 +78,9 @@ class EpisodeRecorder:
 
     def _write(self, message: CollectedMessage) -> None:
         name, type_name = message.topic.name, message.topic.type_name
-        self._writer.write(name, type_name, message.cdr, time_ns_of_step(message.step))
         if name in _DECODED:
-            self._builder.add(name, self._store.deserialize_cdr(message.cdr, type_name))
+            self._builder.add(name, decode_cdr(self._store, message.topic, message.cdr))
+        self._writer.write(name, type_name, message.cdr, time_ns_of_step(message.step))
 
     def discard(self) -> None:
         """Leave no bag behind, for an episode that did not begin."""
@@ -98,7 +108,8 @@ class EpisodeRecorder:
             return outcome, None, to_episode_outcome(RosbagsFactory(self._store), outcome)
         if closing.end is not EpisodeEnd.COMPLETE and self._collector is not None:
             for message in self._collector.drain():
-                self._write(message)
+                with suppress(SirenError):  # malformed, or the bag cannot be written: `abandon` saves what there is
+                    self._write(message)
         outcome = judge(self._builder, closing)
         message = to_episode_outcome(RosbagsFactory(self._store), outcome)
         cdr = bytes(self._store.serialize_cdr(message, OUTCOME.type_name))

@@ -11,6 +11,7 @@ from siren_ros.interfaces import topics
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows, TopicRecord
 from siren_ros.recording.predicates import evaluate_predicate
 from siren_ros.recording.verdict import Part, Verdict, at_least, at_most, equals
+from siren_ros.sensors.sensor_topics import AV_CARRIER_TOPICS, CARRIER_TOPICS
 from siren_ros.world.actors import Owner
 from siren_ros.world.errors import EpisodeError
 from siren_ros.world.events import EventKind
@@ -18,8 +19,7 @@ from siren_ros.world.geometry import wrap_angle
 from siren_ros.world.units import STEP_NS, STEP_S
 
 _KNOWN_TOPICS: Final = {
-    topic.name: topic
-    for topic in (*topics.CORE_TOPICS, topics.TF, topics.TF_STATIC, topics.ODOMETRY, topics.GROUND_TRUTH)
+    topic.name: topic for topic in (*topics.CORE_TOPICS, *CARRIER_TOPICS, *topics.AV_TOPICS, *AV_CARRIER_TOPICS)
 }
 
 

@@ -5,7 +5,9 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Mapping
+import time
+from collections.abc import Collection, Iterable, Mapping
+from contextlib import suppress
 from importlib import import_module
 from typing import Any, Protocol
 
@@ -15,7 +17,9 @@ from siren_ros.ros.parameters import Value
 from siren_ros.ros.program import PARENT_VARIABLE
 from siren_ros.world.errors import SirenError
 
-TERMINATE_S = 3.0
+TERMINATE_S = 1.0
+FLUSH_S = 1.0
+"""A listener that hangs delays the end of an episode by no more than this."""
 Overrides = Mapping[str, Value]
 
 
@@ -25,11 +29,25 @@ class Composition(Protocol):
     def failure(self) -> str:
         """What went wrong outside the lockstep's reports, naming the participant; empty: nothing."""
 
+    def gone(self) -> tuple[str, ...]:
+        """Participants that will not answer any more."""
+
     def exit_code(self) -> int:
         """Exit code of a participant that refused its input, 0 otherwise."""
 
-    def stop(self, timeout_s: float) -> None:
-        """Wait for the participants to finish, and end those that do not."""
+    def stop(self, timeout_s: float, late: Collection[str] = ()) -> None:
+        """Wait for the participants to finish, and end those that do not.
+
+        Args:
+            timeout_s: For all of them together.
+            late: Participants that have been waited for long enough.
+        """
+
+
+def import_nodes(names: Iterable[str]) -> None:
+    """Load the nodes' modules (and with them SUMO, Open3D and numba) before the nodes are made."""
+    for name in names:
+        import_module(f"siren_nodes.{name}")
 
 
 class InProcess:
@@ -57,14 +75,19 @@ class InProcess:
         """Nothing can fail unseen within one process."""
         return ""
 
+    def gone(self) -> tuple[str, ...]:
+        """None can be gone while this process runs."""
+        return ()
+
     def exit_code(self) -> int:
         """Bad input raised already when the nodes were made."""
         return 0
 
-    def stop(self, timeout_s: float) -> None:
+    def stop(self, timeout_s: float, late: Collection[str] = ()) -> None:  # noqa: ARG002 - the protocol
         """Let what was published reach outside subscribers, then destroy the nodes."""
+        deadline_s = time.monotonic() + min(timeout_s, FLUSH_S)
         for node in self.nodes:
-            node.flush(timeout_s)
+            node.flush(max(0.0, deadline_s - time.monotonic()))
             self._executor.remove_node(node)
             node.destroy_node()
         self.nodes.clear()
@@ -86,33 +109,33 @@ class OutOfProcess:
 
     def failure(self) -> str:
         """Which process has ended before its time, and how."""
-        for name, process in self._processes.items():
-            code = process.poll()
-            if code is None or code == 0:
-                continue
+        for name in self.gone():
+            code = int(self._processes[name].returncode)
             how = f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
             return f"{name}: its process ended early ({how})"
         return ""
+
+    def gone(self) -> tuple[str, ...]:
+        """Participants whose processes have ended with an error."""
+        return tuple(name for name, process in self._processes.items() if process.poll())
 
     def exit_code(self) -> int:
         """The first exit code other than 0 of a process that ended by itself."""
         codes = (process.poll() for process in self._processes.values())
         return next((code for code in codes if code is not None and code > 0), 0)
 
-    def stop(self, timeout_s: float) -> None:
+    def stop(self, timeout_s: float, late: Collection[str] = ()) -> None:
         """Wait for the processes, then terminate, then kill; none is left behind."""
-        for process in self._processes.values():
-            _wait(process, timeout_s)
+        _wait([process for name, process in self._processes.items() if name not in late], timeout_s)
         for send in (subprocess.Popen.terminate, subprocess.Popen.kill):
             running = [process for process in self._processes.values() if process.poll() is None]
             for process in running:
                 send(process)
-            for process in running:
-                _wait(process, TERMINATE_S)
+            _wait(running, TERMINATE_S)
 
 
-def _wait(process: "subprocess.Popen[bytes]", timeout_s: float) -> None:
-    try:
-        process.wait(timeout_s)
-    except subprocess.TimeoutExpired:
-        return
+def _wait(processes: "list[subprocess.Popen[bytes]]", timeout_s: float) -> None:
+    deadline_s = time.monotonic() + timeout_s
+    for process in processes:
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(max(0.0, deadline_s - time.monotonic()))

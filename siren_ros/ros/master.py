@@ -1,7 +1,8 @@
 """The lockstep's master: publishes the clock, gathers StepDone, ends the episode."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -10,9 +11,12 @@ from siren_ros.interfaces import lockstep, topics
 from siren_ros.interfaces.conversions import from_step_done, to_episode_end
 from siren_ros.interfaces.factory import stamp
 from siren_ros.interfaces.lockstep import BeginStep, EndEpisode, LockstepConfig, LockstepState, Stage
-from siren_ros.interfaces.lockstep_reports import EpisodeClosing
+from siren_ros.interfaces.lockstep_reports import EpisodeClosing, StepReport
 from siren_ros.ros import wire
+from siren_ros.ros.av_seat import AvSeat
 from siren_ros.ros.endpoints import create_input, create_output
+from siren_ros.world.commands import AV_SOURCE
+from siren_ros.world.errors import SirenError
 from siren_ros.world.units import STEP_S, time_ns_of_step
 
 WATCH_S = 0.1
@@ -21,26 +25,30 @@ WATCH_S = 0.1
 class LockstepMaster:
     """Drives one episode on the publishers and subscriptions of a node."""
 
-    def __init__(self, node: Node, config: LockstepConfig, realtime_factor: float = 0.0) -> None:
+    def __init__(self, node: Node, config: LockstepConfig, realtime_factor: float = 0.0, settle_s: float = 0.0) -> None:
         """Get ready to hear the participants.
 
         Args:
             node: The node that speaks for the master.
             config: Participants, steps and time limits.
             realtime_factor: Simulated seconds per wall second at most; 0 for no limit.
+            settle_s: Wall time between the last participant's readiness and the first step, for participants
+                that are not ours: ours make sure that everybody whom they have to reach is connected.
         """
         self.config = config
         self.state: LockstepState = lockstep.start_lockstep(config, time.monotonic())
         self.on_step_begun: Callable[[int], None] = lambda _step: None
         self._pace_s = STEP_S / realtime_factor if realtime_factor > 0 else 0.0
+        self._settle_s = settle_s
         self._next_wall_s = 0.0
         self._clock = create_output(node, topics.CLOCK)
         self._end = create_output(node, topics.EPISODE_END)
         create_input(node, topics.STEP_DONE, self._on_report)
         wall = Clock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(WATCH_S, self._on_watch, clock=wall)
-        self._pacer = node.create_timer(0.001, self._on_pace, clock=wall) if self._pace_s else None
+        self._pacer = node.create_timer(0.001, self._on_pace, clock=wall) if self._pace_s or settle_s else None
         self._held: BeginStep | None = None
+        self._seat = AvSeat(node, self._take) if AV_SOURCE in config.participants else None
 
     @property
     def closed(self) -> bool:
@@ -51,26 +59,41 @@ class LockstepMaster:
         """End the episode at the user's wish."""
         self._advance(lockstep.on_interrupt(self.state, self.config, time.monotonic(), reason))
 
-    def fail(self, reason: str) -> None:
-        """End the episode because of something that no report says."""
-        self._advance(lockstep.on_failure(self.state, self.config, time.monotonic(), reason))
+    def fail(self, reason: str, gone: Iterable[str] = ()) -> None:
+        """End the episode because of something that no report says; participants that are gone are not waited for."""
+        self._advance(lockstep.on_failure(self.state, self.config, time.monotonic(), reason, frozenset(gone)))
 
     def _on_report(self, cdr: bytes) -> None:
-        report = from_step_done(wire.decode(topics.STEP_DONE, cdr))
+        try:
+            report = from_step_done(wire.decode(topics.STEP_DONE, cdr))
+        except SirenError as error:
+            self.fail(str(error))
+            return
+        self._take(report)
+
+    def _take(self, report: StepReport) -> None:
         self._advance(lockstep.on_report(self.state, report, self.config, time.monotonic()))
 
     def _on_watch(self) -> None:
+        if self._seat is not None:
+            if self.state.stage is Stage.GATHERING:
+                self.config = replace(self.config, called={AV_SOURCE: self._seat.called})
+            self._seat.watch(self.state)
         self._advance(lockstep.on_time(self.state, self.config, time.monotonic()))
 
     def _on_pace(self) -> None:
         if self._held is not None and time.monotonic() >= self._next_wall_s:
             action, self._held = self._held, None
             self._begin(action)
+            if self._pacer is not None and not self._pace_s:
+                self._pacer.cancel()
 
     def _advance(self, result: tuple[LockstepState, lockstep.Action]) -> None:
         self.state, action = result
         if isinstance(action, BeginStep):
-            if self._pace_s and time.monotonic() < self._next_wall_s:
+            if action.step == 0:
+                self._next_wall_s = time.monotonic() + self._settle_s
+            if time.monotonic() < self._next_wall_s:
                 self._held = action
             else:
                 self._begin(action)
@@ -78,6 +101,8 @@ class LockstepMaster:
             self._held = None
             closing = EpisodeClosing(action.steps, action.end, action.reason)
             self._end.publish(wire.encode(topics.EPISODE_END, to_episode_end(wire.factory(), closing)))
+            if self._seat is not None:
+                self._seat.close(action.steps)
 
     def _begin(self, action: BeginStep) -> None:
         self._next_wall_s = max(self._next_wall_s + self._pace_s, time.monotonic() - self._pace_s)

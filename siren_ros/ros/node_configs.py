@@ -16,6 +16,7 @@ DEFAULT_PARTICIPANTS: Final = (
 
 
 LEVELS: Final = ("", "L0", "L1", "L2", "L3")
+AV_KINDS: Final = ("", "civilian")
 MAX_SEED: Final = 2**31 - 1
 
 
@@ -40,6 +41,10 @@ class SumoBridgeConfig(ParticipantConfig):
     duration_s: float = parameter(0.0, "Simulated duration; 0: the template's own.", minimum=0.0, maximum=3600.0)
     preset: str = parameter("paper", "How civilians react: a name in params/presets or the path of a preset file.")
     sensors: str = parameter("front", "Sensor suite: a name in params/suites or the path of a suite file.")
+    av: str = parameter(
+        "", "Who an external controller drives: the civilian that the EMV has to pass; empty: nobody.", choices=AV_KINDS
+    )
+    av_sensors: str = parameter("none", "Sensor suite of that vehicle: as for sensors; its topics begin with /av.")
     residual_limit_m: float = parameter(
         5.0, "Distance between SUMO's and the simulated pose above which the episode fails.", minimum=0.1, maximum=100.0
     )
@@ -90,7 +95,14 @@ class CosimConfig:
     duration_s: float = parameter(0.0, "Simulated duration; 0: the template's own.", minimum=0.0, maximum=3600.0)
     preset: str = parameter("paper", "How civilians react: a name in params/presets or the path of a preset file.")
     sensors: str = parameter("front", "Sensor suite: a name in params/suites or the path of a suite file.")
+    av: str = parameter(
+        "", "Who an external controller drives: the civilian that the EMV has to pass; empty: nobody.", choices=AV_KINDS
+    )
+    av_sensors: str = parameter("none", "Sensor suite of that vehicle: as for sensors; its topics begin with /av.")
     bag: str = parameter("", "Folder of the bag to write; empty: bags/TEMPLATE_LEVEL_seedN.")
+    external: list[str] = parameter(
+        [], "Programs that report every step on /siren/step_done under these names and are waited for."
+    )
     kitti: bool = parameter(True, "Also write a KITTI export beside the bag (where the suite has a LiDAR).")
     processes: bool = parameter(False, "Run each node as a process of its own.")
     realtime_factor: float = parameter(
@@ -99,6 +111,12 @@ class CosimConfig:
     step_timeout_s: float = parameter(
         20.0,
         "Wall time after which a participant that has not finished its step ends the episode.",
+        minimum=0.1,
+        maximum=3600.0,
+    )
+    start_timeout_s: float = parameter(
+        120.0,
+        "Wall time after which a participant that is not ready for the first step ends the episode.",
         minimum=0.1,
         maximum=3600.0,
     )

@@ -19,7 +19,7 @@ from siren_ros.ros import wire
 from siren_ros.ros.endpoints import create_input, create_output
 from siren_ros.ros.node_configs import ParticipantConfig
 from siren_ros.ros.parameters import declare_config
-from siren_ros.world.episode import EpisodeDescription
+from siren_ros.world.episode import EpisodeDescription, EpisodeEnd
 from siren_ros.world.errors import SirenError
 
 Config = TypeVar("Config", bound=ParticipantConfig)
@@ -76,7 +76,22 @@ class Participant(Node, Generic[Config]):
     def discard(self) -> None:
         """Undo what the constructor did outside of this process, since another node could not be set up."""
 
+    def close_early(self, reason: str) -> None:
+        """Close although nobody says that the episode is over: whoever would say it is gone.
+
+        Raises:
+            SirenError: As ``close``.
+        """
+        if not self.finished:
+            self.finished = True
+            self.close(EpisodeClosing(self.steps_done, EpisodeEnd.FAILED, reason))
+
     # What they use.
+
+    @property
+    def steps_done(self) -> int:
+        """Number of steps that this node has acted on."""
+        return self._join.next_step
 
     def add_output(self, topic: Topic) -> None:
         """Create the publisher of a topic."""
@@ -95,13 +110,13 @@ class Participant(Node, Generic[Config]):
 
         create_input(self, topic, receive)
 
-    def join_more(self, wanted: Sequence[Topic]) -> None:
+    def join_more(self, wanted: Sequence[Input]) -> None:
         """Join further topics into the steps, once the episode is known."""
-        added = tuple(Input(topic) for topic in wanted)
+        added = tuple(wanted)
         self.inputs = (*self.inputs, *added)
         self._join.add(added)
-        for topic in wanted:
-            self.add_input(topic, partial(self._on_input, topic))
+        for item in added:
+            self.add_input(item.topic, partial(self._on_input, item.topic))
 
     def send(self, topic: Topic, message: Any) -> None:
         """Publish on a topic that was declared as output."""
@@ -122,10 +137,13 @@ class Participant(Node, Generic[Config]):
         return reached and heard and bool(self._report.get_subscription_count())
 
     def flush(self, timeout_s: float) -> None:
-        """Wait until what was published has reached its subscribers, at most for a while."""
-        for _, publisher in self._outputs.values():
-            publisher.wait_for_all_acked(Duration(seconds=timeout_s))
-        self._report.wait_for_all_acked(Duration(seconds=timeout_s))
+        """Wait until what was published has reached its subscribers, at most for a while in all.
+
+        A subscriber that hangs or was killed acknowledges nothing.
+        """
+        deadline_s = time.monotonic() + timeout_s
+        for publisher in (self._report, *(publisher for _, publisher in self._outputs.values())):
+            publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline_s - time.monotonic())))
 
     # The protocol.
 
@@ -172,7 +190,7 @@ class Participant(Node, Generic[Config]):
             return
         try:
             action()
-        except SirenError as error:
+        except (SirenError, OSError) as error:
             self._fail(phase, step, str(error))
         except Exception as error:  # noqa: BLE001 - any failure must end the episode under this node's name
             self.get_logger().error(traceback.format_exc())

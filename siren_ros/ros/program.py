@@ -61,15 +61,18 @@ def run_participant(make_node: Callable[[str], Participant[Any]], name: str) -> 
             if parent and os.getppid() != parent:
                 stopped = "the end of the program that started it"
             stopped = stopped or interrupt.signal_name
-        if node.finished:
+        if stopped:
+            print(f"{name}: stopped by {stopped}", file=sys.stderr)
+            node.close_early(f"{name}: stopped by {stopped}")
+        else:
             node.flush(FLUSH_S)
     except KeyboardInterrupt:
         stopped = "repeated interruption"
+        print(f"{name}: stopped by {stopped}", file=sys.stderr)
+    except SirenError as error:
+        print(f"{name}: {error}", file=sys.stderr)
     finally:
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
-    if not node.finished:
-        print(f"{name}: stopped by {stopped}", file=sys.stderr)
-        return EXIT_FAILED
-    return EXIT_OK
+    return EXIT_FAILED if stopped else EXIT_OK

@@ -12,9 +12,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
+from siren_ros.interfaces.cdr import decode_cdr
 from siren_ros.interfaces.rosbags_factory import RosbagsFactory, load_typestore
 from siren_ros.interfaces.topics import Topic
-from siren_ros.world.errors import EpisodeError, InputError
+from siren_ros.world.errors import InputError
 from siren_ros.world.units import step_of_time_ns
 
 OWN_PACKAGE: Final = "siren_msgs"
@@ -59,16 +60,7 @@ def decode(topic: Topic, cdr: bytes) -> Any:
     Raises:
         EpisodeError: The bytes are no message of the topic's type; a stranger may have published them.
     """
-    try:
-        return factory().store.deserialize_cdr(cdr, topic.type_name)
-    except Exception as error:  # rosbags' reader raises a dozen kinds, asserts among them, on foreign bytes
-        raise malformed(topic, cdr, error) from error
-
-
-def malformed(topic: Topic, cdr: bytes, error: Exception) -> EpisodeError:
-    """The error that names the topic of a message that cannot be read."""
-    what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-    return EpisodeError(f"{topic.name}: a message of {len(cdr)} bytes that is no {topic.type_name} ({what})")
+    return decode_cdr(factory().store, topic, cdr)
 
 
 def step_of_message(message: Any) -> int:

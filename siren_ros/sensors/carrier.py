@@ -1,7 +1,11 @@
-"""The carrier's own frames and motion, from its state."""
+"""Who carries sensors; a carrier's own frames and motion, from its state."""
+
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
+from siren_ros.interfaces.topics import AV_CARRIER, EMV_CARRIER
 from siren_ros.interfaces.transforms import (
     BASE_FRAME,
     MAP_FRAME,
@@ -14,6 +18,34 @@ from siren_ros.sensors.mount import OPTICAL_FROM_BODY, Matrix
 from siren_ros.sensors.suite import SensorSuite
 from siren_ros.world.actors import ActorStates
 from siren_ros.world.errors import EpisodeError
+from siren_ros.world.random_streams import random_stream
+
+
+@dataclass(frozen=True)
+class Carrier:
+    """A vehicle with sensors, as topics and frames name it."""
+
+    name: str
+    """First part of its topics."""
+    frame_prefix: str
+    """First part of its frames, so that two carriers share one tree of frames."""
+
+    def frame(self, name: str) -> str:
+        """A frame of this carrier."""
+        return f"{self.frame_prefix}{name}"
+
+
+EMV: Final = Carrier(EMV_CARRIER, "")
+"""The first emergency vehicle; its frames have the plain names of REP 105."""
+AV: Final = Carrier(AV_CARRIER, f"{AV_CARRIER}/")
+"""The AV under test."""
+
+
+def noise_seed(seed: int, carrier: Carrier) -> int:
+    """Seed of the noise of a carrier's sensors: the episode's own for the emergency vehicle, another for the AV."""
+    if carrier == EMV:
+        return seed
+    return int(random_stream(seed, f"sensors of {carrier.name}").integers(2**31))
 
 
 def row_of_carrier(states: ActorStates, carrier_id: int) -> int:
@@ -28,10 +60,10 @@ def row_of_carrier(states: ActorStates, carrier_id: int) -> int:
     return row
 
 
-def map_from_base_transform(states: ActorStates, row: int) -> Transform:
-    """``/tf`` of the carrier: ``map`` to ``base_link``."""
+def map_from_base_transform(states: ActorStates, row: int, carrier: Carrier = EMV) -> Transform:
+    """``/tf`` of a carrier: ``map`` to ``base_link``."""
     position = (float(states.x_m[row]), float(states.y_m[row]), float(states.z_m[row]))
-    return Transform(MAP_FRAME, BASE_FRAME, position, quaternion_of_yaw(float(states.yaw_rad[row])))
+    return Transform(MAP_FRAME, carrier.frame(BASE_FRAME), position, quaternion_of_yaw(float(states.yaw_rad[row])))
 
 
 def odometry_of(states: ActorStates, row: int) -> Odometry:
@@ -55,20 +87,21 @@ def optical_frame(camera: str) -> str:
     return f"{camera}_optical_frame"
 
 
-def static_transforms(suite: SensorSuite) -> tuple[Transform, ...]:
+def static_transforms(suite: SensorSuite, carrier: Carrier = EMV) -> tuple[Transform, ...]:
     """``/tf_static`` of a suite: ``base_link`` to each sensor, and to each camera's optical frame."""
     mounts = [(spec.name, spec.mount) for spec in (*suite.lidars, *suite.cameras)]
     mounts += [(spec.name, spec.mount) for spec in (*suite.gnss, *suite.imus)]
-    bodies = [_transform(name, mount.base_from_sensor) for name, mount in mounts]
+    bodies = [_transform(carrier, name, mount.base_from_sensor) for name, mount in mounts]
     body_from_optical = np.eye(4)
     body_from_optical[:3, :3] = OPTICAL_FROM_BODY.T
     optical = [
-        _transform(optical_frame(camera.name), camera.mount.base_from_sensor @ body_from_optical)
+        _transform(carrier, optical_frame(camera.name), camera.mount.base_from_sensor @ body_from_optical)
         for camera in suite.cameras
     ]
     return (*bodies, *optical)
 
 
-def _transform(child: str, base_from_child: Matrix) -> Transform:
+def _transform(carrier: Carrier, child: str, base_from_child: Matrix) -> Transform:
     x_m, y_m, z_m = (float(value) for value in base_from_child[:3, 3])
-    return Transform(BASE_FRAME, child, (x_m, y_m, z_m), quaternion_of_matrix(base_from_child[:3, :3]))
+    rotation = quaternion_of_matrix(base_from_child[:3, :3])
+    return Transform(carrier.frame(BASE_FRAME), carrier.frame(child), (x_m, y_m, z_m), rotation)

@@ -1,7 +1,7 @@
 """Observations as messages: what ``sensor_sim`` publishes at a step."""
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from siren_ros.interfaces import topics
@@ -12,10 +12,17 @@ from siren_ros.interfaces.images import PinholeCamera, to_camera_info, to_compre
 from siren_ros.interfaces.markers import to_markers, vehicle_markers
 from siren_ros.interfaces.point_cloud import to_point_cloud
 from siren_ros.interfaces.topics import Topic
-from siren_ros.interfaces.transforms import to_odometry, to_tf
+from siren_ros.interfaces.transforms import BASE_FRAME, to_odometry, to_tf
 from siren_ros.sensors.camera import CameraFrame
 from siren_ros.sensors.camera_model import Pinhole
-from siren_ros.sensors.carrier import map_from_base_transform, odometry_of, optical_frame, row_of_carrier
+from siren_ros.sensors.carrier import (
+    EMV,
+    Carrier,
+    map_from_base_transform,
+    odometry_of,
+    optical_frame,
+    row_of_carrier,
+)
 from siren_ros.sensors.rig import Observations
 from siren_ros.sensors.suite import CameraSpec, SensorSuite, period_steps
 from siren_ros.world.actors import ActorDescription, ActorStates
@@ -23,51 +30,75 @@ from siren_ros.world.actors import ActorDescription, ActorStates
 Published = tuple[Topic, Any]
 
 
+def shared_messages(
+    factory: MessageFactory,
+    states: ActorStates,
+    actors: Mapping[int, ActorDescription],
+    carriers: Sequence[tuple[Carrier, int]],
+) -> Iterator[Published]:
+    """Messages of a step that are not one carrier's own: the tree of frames, and the markers.
+
+    Args:
+        factory: Makes the messages.
+        states: All actors at the step.
+        actors: What they are, by id.
+        carriers: The carriers with their actor ids.
+
+    Raises:
+        EpisodeError: A carrier has left the map.
+    """
+    rows = [(carrier, row_of_carrier(states, actor_id)) for carrier, actor_id in carriers]
+    transforms = [map_from_base_transform(states, row, carrier) for carrier, row in rows]
+    yield topics.TF, to_tf(factory, states.step, transforms)
+    if states.step % topics.MARKERS.period_steps == 0:
+        yield topics.MARKERS, to_markers(factory, states.step, vehicle_markers(states, actors))
+
+
 @dataclass(frozen=True)
 class ObservationMessages:
-    """Makes the messages of one suite."""
+    """Makes the messages of one carrier's suite."""
 
     factory: MessageFactory
     suite: SensorSuite
     carrier_id: int
     wants_raw: Callable[[Topic], bool]
     """Whether somebody listens to a topic that is not recorded."""
+    carrier: Carrier = EMV
 
-    def of_step(
-        self, states: ActorStates, actors: Mapping[int, ActorDescription], seen: Observations
-    ) -> Iterator[Published]:
+    def of_step(self, states: ActorStates, seen: Observations) -> Iterator[Published]:
         """Messages that are due at the step, each with its topic.
 
         Raises:
             EpisodeError: The carrier has left the map.
         """
-        step, factory = states.step, self.factory
-        row = row_of_carrier(states, self.carrier_id)
-        yield topics.TF, to_tf(factory, step, [map_from_base_transform(states, row)])
-        yield topics.ODOMETRY, to_odometry(factory, step, odometry_of(states, row))
+        step, factory, frame = states.step, self.factory, self.carrier.frame
+        odometry = odometry_of(states, row_of_carrier(states, self.carrier_id))
+        yield self._own(topics.ODOMETRY), to_odometry(factory, step, odometry, frame(BASE_FRAME))
+        truth = replace(seen.truth, frame_id=frame(seen.truth.frame_id))
         if step % topics.GROUND_TRUTH.period_steps == 0:
-            yield topics.GROUND_TRUTH, to_ground_truth(factory, seen.truth)
+            yield self._own(topics.GROUND_TRUTH), to_ground_truth(factory, truth)
         if step % topics.BOXES.period_steps == 0:
-            yield topics.BOXES, to_boxes(factory, boxes_of(seen.truth, seen.truth.frame_id))
-        if step % topics.MARKERS.period_steps == 0:
-            yield topics.MARKERS, to_markers(factory, step, vehicle_markers(states, actors))
+            yield self._own(topics.BOXES), to_boxes(factory, boxes_of(truth, truth.frame_id))
         for sweep in seen.sweeps:
             period = period_steps(next(spec.rate_hz for spec in self.suite.lidars if spec.name == sweep.sensor))
-            cloud = to_point_cloud(factory, step, sweep.sensor, sweep.points)
-            yield topics.LIDAR.of_sensor(sweep.sensor, period), cloud
-        for frame in seen.frames:
-            yield from self._images(frame)
+            cloud = to_point_cloud(factory, step, frame(sweep.sensor), sweep.points)
+            yield self._own(topics.LIDAR.of_sensor(sweep.sensor, period)), cloud
+        for exposure in seen.frames:
+            yield from self._images(exposure)
 
     def _images(self, frame: CameraFrame) -> Iterator[Published]:
         spec = next(camera for camera in self.suite.cameras if camera.name == frame.sensor)
-        period, frame_id = period_steps(spec.rate_hz), optical_frame(spec.name)
+        period, frame_id = period_steps(spec.rate_hz), self.carrier.frame(optical_frame(spec.name))
         compressed = topics.IMAGE_COMPRESSED.of_sensor(spec.name, period)
-        yield compressed, to_compressed_image(self.factory, frame.step, frame_id, frame.jpeg)
+        yield self._own(compressed), to_compressed_image(self.factory, frame.step, frame_id, frame.jpeg)
         info = topics.CAMERA_INFO.of_sensor(spec.name, period)
-        yield info, to_camera_info(self.factory, frame.step, frame_id, intrinsics(spec))
-        raw = topics.IMAGE.of_sensor(spec.name, period)
+        yield self._own(info), to_camera_info(self.factory, frame.step, frame_id, intrinsics(spec))
+        raw = self._own(topics.IMAGE.of_sensor(spec.name, period))
         if self.wants_raw(raw):
             yield raw, to_image(self.factory, frame.step, frame_id, frame.rgb)
+
+    def _own(self, topic: Topic) -> Topic:
+        return topic.of_carrier(self.carrier.name)
 
 
 def intrinsics(spec: CameraSpec) -> PinholeCamera:

@@ -1,7 +1,7 @@
 """All sensors of one carrier over one world: the facade that ``sensor_sim`` drives."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -68,19 +68,21 @@ class SensorRig:
         config: SceneConfig | None = None,
         look: Look | None = None,
         scene: StaticScene | None = None,
+        noise_seed: int | None = None,
     ) -> None:
         """Build the scene that the sensors see.
 
         Args:
             suite: The sensors.
             network: The map.
-            seed: Of the episode: buildings, trees and all sensor noise.
+            seed: Of the episode: buildings and trees.
             config: Numbers of the generated world; defaults where None.
             look: Sun, sky and haze; a clear morning where None.
             scene: A ready static scene in place of the generated one.
+            noise_seed: Of all sensor noise; ``seed`` where None.
         """
         self.suite = suite
-        self._seed = seed
+        self._seed = seed if noise_seed is None else noise_seed
         self._look = look
         self._shapes: Mapping[ActorClass, VehicleShape] = {kind: vehicle_shape(kind) for kind in ActorClass}
         self._static = scene
@@ -89,10 +91,15 @@ class SensorRig:
         self._lidars: tuple[Lidar, ...] = ()
         if self._static is not None and suite.lidars:
             world = RaycastWorld(self._static, self._shapes)
-            self._lidars = tuple(Lidar(spec, world, seed) for spec in suite.lidars)
+            self._lidars = tuple(Lidar(spec, world, self._seed) for spec in suite.lidars)
         self._cameras: tuple[Camera, ...] | None = None
         self._catalogue = Catalogue(self._shapes)
         self._odometers = Odometers()
+
+    @property
+    def scene(self) -> StaticScene | None:
+        """What stands still around the sensors, for a second rig in the same world; None where nothing is sensed."""
+        return self._static
 
     @property
     def truth_frame(self) -> str:
@@ -142,7 +149,7 @@ class SensorRig:
         row = int(rows_of_ids(states.actor_id, np.array([carrier_id], np.uint32))[0])
         if row < 0:
             return Observations(
-                step, (), (), ground_truth(ActorStates.empty(step), descriptions, carrier_id, np.eye(4))
+                step, (), (), self._truth(ActorStates.empty(step), descriptions, carrier_id, np.eye(4), None)
             )
         base = map_from_base(
             float(states.x_m[row]), float(states.y_m[row]), float(states.z_m[row]), float(states.yaw_rad[row])
@@ -153,8 +160,19 @@ class SensorRig:
         others = states.actor_id != carrier_id
         frames = tuple(self._frames(step, base, placement, rolled_m[others], signals))
         first = next((sweep for sweep in sweeps if sweep.sensor == self.truth_frame), None)
-        truth = ground_truth(states, descriptions, carrier_id, base @ self.base_from_truth, first)
+        truth = self._truth(states, descriptions, carrier_id, base, first)
         return Observations(step, sweeps, frames, truth)
+
+    def _truth(
+        self,
+        states: ActorStates,
+        descriptions: Mapping[int, ActorDescription],
+        carrier_id: int,
+        base: Matrix,
+        sweep: LidarSweep | None,
+    ) -> GroundTruth:
+        truth = ground_truth(states, descriptions, carrier_id, base @ self.base_from_truth, sweep)
+        return replace(truth, frame_id=self.truth_frame)
 
     def _sweeps(self, step: int, base: Matrix, placement: Placement, motion: CarrierMotion) -> Iterable[LidarSweep]:
         for lidar in self._lidars:

@@ -1,26 +1,64 @@
 """The topics that a suite brings, and all topics of an episode in the order in which a step is recorded."""
 
+from typing import Final
+
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.topics import Topic
-from siren_ros.sensors.suite import SensorSuite, period_steps
+from siren_ros.sensors.carrier import AV, EMV, Carrier
+from siren_ros.sensors.suite import SensorSuite, load_suite, period_steps
+from siren_ros.world.actors import NO_ACTOR
+from siren_ros.world.episode import EpisodeDescription
 
-CARRIER_TOPICS = (topics.TF_STATIC, topics.TF, topics.ODOMETRY, topics.GROUND_TRUTH, topics.BOXES, topics.MARKERS)
+CARRIER_TOPICS: Final = (
+    topics.TF_STATIC,
+    topics.TF,
+    topics.ODOMETRY,
+    topics.GROUND_TRUTH,
+    topics.BOXES,
+    topics.MARKERS,
+)
 """What ``sensor_sim`` publishes with any suite, also an empty one."""
+AV_CARRIER_TOPICS: Final = tuple(
+    topic.of_carrier(AV.name) for topic in (topics.ODOMETRY, topics.GROUND_TRUTH, topics.BOXES)
+)
+"""What it publishes besides where there is an AV under test."""
 
 
-def suite_topics(suite: SensorSuite) -> tuple[Topic, ...]:
-    """Topics of the sensors of a suite, images that nobody records included."""
-    found: list[Topic] = []
-    for lidar in suite.lidars:
-        found.append(topics.LIDAR.of_sensor(lidar.name, period_steps(lidar.rate_hz)))
+def suite_topics(suite: SensorSuite, carrier: Carrier = EMV) -> tuple[Topic, ...]:
+    """Topics of the sensors of a carrier's suite, images that nobody records included."""
+    found = [topics.LIDAR.of_sensor(lidar.name, period_steps(lidar.rate_hz)) for lidar in suite.lidars]
     for camera in suite.cameras:
         period = period_steps(camera.rate_hz)
         images = (topics.IMAGE_COMPRESSED, topics.CAMERA_INFO, topics.IMAGE)
         found.extend(topic.of_sensor(camera.name, period) for topic in images)
-    return tuple(found)
+    return tuple(topic.of_carrier(carrier.name) for topic in found)
 
 
-def recorded_topics(suite: SensorSuite) -> tuple[Topic, ...]:
-    """All topics of an episode's bag; within a step they are stored in this order."""
+def recorded_topics(suite: SensorSuite, av_suite: SensorSuite | None = None) -> tuple[Topic, ...]:
+    """All topics of an episode's bag; within a step they are stored in this order.
+
+    Args:
+        suite: Sensors of the first emergency vehicle.
+        av_suite: Sensors of the AV under test; None in episodes without one.
+    """
     every = (*topics.CORE_TOPICS, *CARRIER_TOPICS, *suite_topics(suite))
+    if av_suite is not None:
+        every = (*every, *topics.AV_TOPICS, *AV_CARRIER_TOPICS, *suite_topics(av_suite, AV))
     return tuple(topic for topic in every if topic.recorded)
+
+
+def carriers_of(episode: EpisodeDescription) -> tuple[tuple[Carrier, int, SensorSuite], ...]:
+    """Who carries sensors in an episode: the carrier, its actor id and its suite.
+
+    Raises:
+        InputError: A suite that is not to be had here.
+    """
+    emv = (EMV, episode.emv_ids[0], load_suite(episode.sensor_suite))
+    if episode.av_id == NO_ACTOR:
+        return (emv,)
+    return emv, (AV, episode.av_id, load_suite(episode.av_sensor_suite))
+
+
+def topics_of(episode: EpisodeDescription) -> tuple[Topic, ...]:
+    """All recorded topics of an episode; raises InputError as ``carriers_of``."""
+    return recorded_topics(*(suite for _, _, suite in carriers_of(episode)))

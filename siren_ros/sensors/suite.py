@@ -8,9 +8,9 @@ from typing import Any, Final
 import numpy as np
 import yaml
 
-from siren_ros.world.resources import params_dir
 from siren_ros.sensors.mount import Mount
 from siren_ros.world.errors import InputError
+from siren_ros.world.resources import params_dir
 from siren_ros.world.units import STEPS_PER_S
 
 _RADIANS: Final = float(np.pi / 180.0)

@@ -13,8 +13,7 @@ from siren_ros.traffic.emv_start import (
     emv_start,
     long_enough_route,
     start_m_of,
-    unhindered_time_s,
-    way_to_stop_line_m,
+    unhindered_arrival_s,
 )
 from siren_ros.traffic.group_demand import GroupPlan, plan_groups
 from siren_ros.traffic.lane_chains import chain_along
@@ -119,9 +118,7 @@ class _Planner:
         movement = next((self._network.connections[index] for index in reversed(site.connections)), None)
         if demand is None or movement is None or movement.signal_id is None:
             return None
-        emv = self._template.emv
-        way_m = way_to_stop_line_m(self._network, self._start)
-        arrival_s = unhindered_time_s(way_m, emv.depart_speed_mps, emv.speed_mps, self._config.emv_accel_mps2)
+        arrival_s = unhindered_arrival_s(self._network, self._start, self._template.emv, self._config)
         return SignalTiming(movement.signal_id, movement.signal_link, arrival_s - demand.red_before_arrival_s)
 
     def _emvs(self) -> tuple[PlannedVehicle, ...]:

@@ -28,5 +28,9 @@ class DemandConfig:
     """Wished speeds within a group vary by up to this fraction."""
     emv_accel_mps2: float = 2.0
     """With which an EMV comes to its target speed, for the time of its unhindered arrival."""
+    emv_brake_mps2: float = 3.5
+    """With which it brakes before bends, for the same."""
+    emv_lateral_accel_mps2: float = 3.0
+    """With which it drives through bends, for the same."""
     emv_clearance_m: float = 10.0
     """Least gap between the EMV's front and the rear of a vehicle in its lane at the start."""

@@ -7,15 +7,24 @@ from typing import Final
 
 import numpy as np
 
+from siren_ros.traffic.demand_config import DemandConfig
 from siren_ros.traffic.lane_chains import chain_along
 from siren_ros.traffic.vehicle_factory import VehicleFactory
 from siren_ros.world.errors import MapError
+from siren_ros.world.geometry import wrap_angle
+from siren_ros.world.polyline import Polyline
 from siren_ros.world.road_network import Lane, RoadNetwork
 from siren_ros.world.routing import driving_lanes
 from siren_ros.world.scenario import EmvDemand, StartReference
 from siren_ros.world.sites import Site
 
 _ROUTE_TRIES: Final = 12
+_SAMPLE_M: Final = 1.0
+_BEND_M: Final = 4.0
+"""Half of the length over which the bend of a lane is measured."""
+_CREEP_MPS: Final = 1.0
+_ENTRY_M: Final = 8.0
+"""Road behind an EMV's front at the very beginning of its approach: its own length."""
 
 
 @dataclass(frozen=True)
@@ -30,10 +39,20 @@ class EmvStart:
 
 
 def start_m_of(network: RoadNetwork, site: Site, emv: EmvDemand) -> float:
-    """A template's start of the EMV, counted from the beginning of the site's edge."""
+    """A template's start of the EMV, counted from the beginning of the site's edge.
+
+    Before a stop line it is as far back as the template wants and the approach reaches.
+    """
     if emv.start_from is StartReference.SITE_START:
         return emv.start_m
-    return network.lanes[site.approach_lane].length_m + emv.start_m
+    lane, reach_m = network.lanes[site.approach_lane], 0.0
+    wanted_m = lane.length_m + emv.start_m
+    for edge in reversed(site.route[: site.site_position]):
+        if reach_m >= -wanted_m:
+            break
+        lane, _ = _lane_before(network, lane, edge)
+        reach_m += lane.length_m
+    return max(wanted_m, _ENTRY_M - reach_m)
 
 
 def emv_start(network: RoadNetwork, site: Site, start_m: float) -> EmvStart:
@@ -80,13 +99,26 @@ def way_to_stop_line_m(network: RoadNetwork, start: EmvStart) -> float:
     return sum(network.lanes[lane].length_m for lane in start.lanes_to_site) - start.front_m
 
 
-def unhindered_time_s(way_m: float, from_mps: float, to_mps: float, accel_mps2: float) -> float:
-    """Time for a way on a free road, the speed changing steadily from one to the other and then staying."""
-    rate = math.copysign(accel_mps2, to_mps - from_mps)
-    changing_m = (to_mps**2 - from_mps**2) / (2.0 * rate)
-    if way_m <= changing_m:
-        return (math.sqrt(from_mps**2 + 2.0 * rate * way_m) - from_mps) / rate
-    return (to_mps - from_mps) / rate + (way_m - changing_m) / to_mps
+def unhindered_arrival_s(network: RoadNetwork, start: EmvStart, emv: EmvDemand, config: DemandConfig) -> float:
+    """Time from step 0 to the stop line on a free road: speeding up, and slowing down for bends.
+
+    The speed is the largest one with the EMV's target speed, a limit on lateral acceleration and limits on
+    speeding up and braking (two passes over samples of the way).
+    """
+    way = Polyline.joined([network.lanes[lane].centre for lane in start.lanes_to_site])
+    s_m = np.arange(start.front_m, way.length_m, _SAMPLE_M)
+    if len(s_m) == 0:
+        return 0.0
+    around = np.clip(s_m[:, None] + (-_BEND_M, _BEND_M), 0.0, way.length_m)
+    turned = np.abs(wrap_angle(way.heading_rad(around[:, 1]) - way.heading_rad(around[:, 0])))
+    bend_1pm = turned / np.maximum(around[:, 1] - around[:, 0], _SAMPLE_M)
+    speed = np.minimum(emv.speed_mps, np.sqrt(config.emv_lateral_accel_mps2 / np.maximum(bend_1pm, 1e-6)))
+    for at in range(len(speed) - 2, -1, -1):
+        speed[at] = min(speed[at], math.sqrt(speed[at + 1] ** 2 + 2.0 * config.emv_brake_mps2 * _SAMPLE_M))
+    speed[0] = min(speed[0], emv.depart_speed_mps)
+    for at in range(1, len(speed)):
+        speed[at] = min(speed[at], math.sqrt(speed[at - 1] ** 2 + 2.0 * config.emv_accel_mps2 * _SAMPLE_M))
+    return float(np.sum(_SAMPLE_M / np.maximum(speed, _CREEP_MPS)))
 
 
 def long_enough_route(

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from siren_ros.traffic.demand_config import DemandConfig
-from siren_ros.traffic.emv_start import EmvStart
+from siren_ros.traffic.emv_start import EmvStart, unhindered_arrival_s
 from siren_ros.traffic.group_rows import GroupRow, group_rows
 from siren_ros.traffic.plan import LaneInterval, PlannedVehicle, Spot
 from siren_ros.traffic.vehicle_factory import VehicleFactory
@@ -45,9 +45,10 @@ def plan_groups(
     """
     planner = _GroupPlanner(network, start, template, factory, config)
     vehicles: list[PlannedVehicle] = []
+    arrival_s = unhindered_arrival_s(network, start, template.emv, config)
     for group in template.demand.groups:
         rng = random_stream(seed, f"demand/group/{group.name}")
-        rows = group_rows(network, site, start, group, rng)
+        rows = group_rows(network, site, start, group, arrival_s, rng)
         for number in range(group.vehicles if rows else 0):
             vehicle = planner.vehicle(group, number, rows[number % len(rows)], rng)
             if vehicle is not None:

@@ -33,7 +33,12 @@ class GroupRow:
 
 
 def group_rows(
-    network: RoadNetwork, site: Site, start: EmvStart, group: DemandGroup, rng: np.random.Generator
+    network: RoadNetwork,
+    site: Site,
+    start: EmvStart,
+    group: DemandGroup,
+    arrival_s: float,
+    rng: np.random.Generator,
 ) -> list[GroupRow]:
     """The rows of a group, in the order in which they are filled.
 
@@ -42,6 +47,7 @@ def group_rows(
         site: The place of the interaction.
         start: The foremost EMV's start.
         group: Which lanes, and counted from where.
+        arrival_s: Time from step 0 to the EMV's unhindered arrival at the stop line.
         rng: Draws the way on of crossing rows, where a lane has several.
     """
     if group.placement is Placement.CROSSING:
@@ -58,6 +64,8 @@ def group_rows(
     if group.anchor is GroupAnchor.STOP_LINE:
         return rows
     way_m = way_to_stop_line_m(network, start)
+    if group.anchor is GroupAnchor.ARRIVAL:
+        way_m = group.speed_mps * arrival_s
     return [replace(row, anchor_m=row.anchor_m - way_m, forwards=True) for row in rows]
 
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from siren_ros.world.resources import params_dir
 from siren_ros.traffic.map_netconvert import netconvert_version, run_netconvert, without_header
 from siren_ros.traffic.map_opendrive import opendrive_patches
 from siren_ros.traffic.map_source import MapSource, SourceKind, read_map_source
 from siren_ros.world.errors import InputError, MapError
 from siren_ros.world.net_parser import parse_road_network
+from siren_ros.world.resources import params_dir
 
 TOWN_NAME: Final = "town"
 

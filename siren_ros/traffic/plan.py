@@ -74,3 +74,5 @@ class TrafficPlan:
     """Reach of the siren in SUMO's bluelight device."""
     signal: SignalTiming | None = None
     """None where all signals run as the map says."""
+    av: str = ""
+    """Name of the civilian that an external controller drives; empty for none. It has the first id after the EMVs'."""

@@ -75,8 +75,9 @@ class SumoSimulation:
         self._mirror = Mirror(network, self._config, self._population)
         self._crossings = CrossingWatch(network)
         self._reactions = Reactions(network, plan, level, self._config)
-        self._ids: dict[str, int] = {vehicle.name: i + 1 for i, vehicle in enumerate(plan.emvs)}
-        self._next_id = len(plan.emvs) + 1
+        first = (*(vehicle.name for vehicle in plan.emvs), *((plan.av,) if plan.av else ()))
+        self._ids: dict[str, int] = {name: number for number, name in enumerate(first, start=1)}
+        self._next_id = len(first) + 1
         self._reported: dict[int, PlannedVehicle] = {}
         self._routes: dict[str, tuple[int, ...]] = {}
         self._route_ahead: dict[str, tuple[int, tuple[int, ...]]] = {}

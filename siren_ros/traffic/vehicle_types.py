@@ -90,3 +90,6 @@ def _add_emv_parameters(
     if policy.siren and level in config.bluelight_levels:
         SubElement(element, "param", {"key": "has.bluelight.device", "value": "true"})
         SubElement(element, "param", {"key": "device.bluelight.reactiondist", "value": f"{response_distance_m:g}"})
+        # Who reacts, and after which delay, is drawn per driver; SUMO's own chance per second would come on top.
+        for reach in ("near", "far"):
+            SubElement(element, "param", {"key": f"device.bluelight.reaction-prob-{reach}", "value": "1"})

@@ -76,6 +76,8 @@ class Mode(IntEnum):
     YIELD_HOLD = 10
     REJOIN = 11
     """Yield over; the navigator leads the vehicle back to its lane before SUMO takes over."""
+    EXTERNAL = 12
+    """Driven by a program outside the platform: the AV under test."""
 
     @property
     def is_yielding(self) -> bool:

@@ -1,11 +1,13 @@
 """What the controllers ask of the vehicles at one step, as a structure of arrays."""
 
+import math
 from dataclasses import dataclass, fields
 from typing import Any, Final
 
 import numpy as np
 
-from siren_ros.world.actors import Codes, Floats, Ids
+from siren_ros.world.actors import Codes, Floats, Ids, Lights, Mode, Owner
+from siren_ros.world.errors import EpisodeError
 from siren_ros.world.events import Event
 
 
@@ -52,3 +54,56 @@ COMMAND_DTYPES: Final[dict[str, type[np.generic]]] = {
     if field.name not in {"step", "source", "events"}
 }
 """Array fields of VehicleCommands and their element types, in declaration order."""
+
+
+AV_SOURCE: Final = "av_controller"
+"""Name of the external controller of the AV under test, in the lockstep and in the record."""
+_AV_LIGHTS: Final = int(Lights.INDICATOR_LEFT | Lights.INDICATOR_RIGHT)
+
+
+@dataclass(frozen=True)
+class AvControl:
+    """What an external controller asks of the AV under test: its answer to a step, in force until the next."""
+
+    step: int
+    throttle: float = 0.0
+    """0–1."""
+    brake: float = 0.0
+    """0–1."""
+    steer_rad: float = 0.0
+    """Wanted road-wheel angle, left positive; the vehicle's steering limits it."""
+    lights: int = int(Lights.NONE)
+    """Indicators; the brake light is added by the vehicle itself."""
+
+    def check(self) -> None:
+        """Refuse what no vehicle can be asked for.
+
+        Raises:
+            EpisodeError: Names the field, its value and what is allowed.
+        """
+        for name in ("throttle", "brake"):
+            value = getattr(self, name)
+            if not 0.0 <= value <= 1.0:
+                raise EpisodeError(
+                    f"{name} {value!r} of step {self.step} cannot be used; allowed: a number from 0 to 1"
+                )
+        if not math.isfinite(self.steer_rad):
+            raise EpisodeError(f"steer_rad {self.steer_rad!r} of step {self.step} cannot be used; allowed: an angle")
+        if self.lights & ~_AV_LIGHTS:
+            raise EpisodeError(f"lights {self.lights} of step {self.step} cannot be used; allowed: 0, 2, 4 or 6")
+
+
+def av_commands(control: AvControl, step: int, actor_id: int) -> VehicleCommands:
+    """The command that drives the AV to a step: its controller's answer to the step before."""
+    return VehicleCommands(
+        step=step,
+        source=AV_SOURCE,
+        actor_id=np.array([actor_id], dtype=np.uint32),
+        owner=np.array([Owner.ROS], dtype=np.uint8),
+        throttle=np.array([control.throttle]),
+        brake=np.array([control.brake]),
+        steer_rad=np.array([control.steer_rad]),
+        hand_brake=np.zeros(1, dtype=np.uint8),
+        mode=np.array([Mode.EXTERNAL], dtype=np.uint8),
+        lights=np.array([control.lights], dtype=np.uint8),
+    )

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+from siren_ros.world.actors import NO_ACTOR
 from siren_ros.world.levels import EmergencyLevel
 
 
@@ -34,6 +35,18 @@ class EpisodeDescription:
     versions: Mapping[str, str] = field(default_factory=dict)
     site: Mapping[str, object] = field(default_factory=dict)
     """The place that the site finder chose: kind, junction, approach lanes, route edges."""
+
+    @property
+    def av_id(self) -> int:
+        """The civilian that an external controller drives; NO_ACTOR in episodes without one."""
+        av = self.parameters.get("av")
+        return int(av["actor_id"]) if isinstance(av, Mapping) else NO_ACTOR
+
+    @property
+    def av_sensor_suite(self) -> str:
+        """Sensor suite of the AV under test; empty in episodes without one."""
+        av = self.parameters.get("av")
+        return str(av["sensors"]) if isinstance(av, Mapping) else ""
 
 
 @dataclass(frozen=True)

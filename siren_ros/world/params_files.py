@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from siren_ros.world.resources import params_dir
 from siren_ros.world.errors import InputError
+from siren_ros.world.resources import params_dir
 
 __all__ = ["named_params_file", "names_in_params", "params_dir"]
 

@@ -42,6 +42,8 @@ class GroupAnchor(StrEnum):
     """From the EMV's front, forwards."""
     STOP_LINE = "stop_line"
     """From the stop line of the group's lane, backwards."""
+    ARRIVAL = "arrival"
+    """Forwards from where a vehicle at the group's speed comes to the stop line together with the EMV."""
 
 
 class Placement(StrEnum):

@@ -77,21 +77,20 @@ def _junction_site(graph: EdgeGraph, kind: SiteKind, movements: Sequence[Connect
     """A place at the junction after a stretch; its score is that of the route alone."""
     network = graph.network
     edge, next_edge = stretch[-1], network.lanes[movements[0].to_lane].edge
-    route = route_through(graph, (edge, next_edge))
-    whole = replace(
-        route, approach_m=route.approach_m + graph.length_m[edge], exit_m=route.exit_m + graph.length_m[next_edge]
-    )
+    route = route_through(graph, (*stretch, next_edge))
+    length_m = graph.route_length_m(stretch)
+    whole = replace(route, approach_m=route.approach_m + length_m, exit_m=route.exit_m + graph.length_m[next_edge])
     junction = movements[0].junction
     return Site(
         kind=kind,
         name=f"{network.edges[edge].edge_id} to {network.edges[next_edge].edge_id} at {junction}",
         junction=junction,
         route=route.edges,
-        site_position=route.start,
+        site_position=route.start + len(stretch) - 1,
         site_edge=edge,
         stretch=stretch,
         approach_lane=movements[-1].from_lane,
-        length_m=graph.route_length_m(stretch),
+        length_m=length_m,
         connections=connection_indices(network, movements),
         crossing=(),
         score=route_score(whole, graph.route_length_m(route.edges)),
@@ -100,6 +99,7 @@ def _junction_site(graph: EdgeGraph, kind: SiteKind, movements: Sequence[Connect
 
 def _crossed(graph: EdgeGraph, kind: SiteKind, binding: Callable[[Sequence[Connection]], bool]) -> Iterator[Site]:
     network = graph.network
+    lasting = graph.endless_edges()
     for edge, way, movements in _directions(graph):
         if not binding(movements):
             continue
@@ -114,6 +114,7 @@ def _crossed(graph: EdgeGraph, kind: SiteKind, binding: Callable[[Sequence[Conne
             + min(len(approaches), 3) / 3.0
             + min(len(same_direction_connections(network, movements[-1])), 2) / 2.0
             + 2.0 * share(site.length_m, _APPROACH_EDGE_ENOUGH_M)
+            + 1.0 * (site.route[-1] in lasting)
         )
         yield replace(site, crossing=crossing, score=site.score + quality)
 

@@ -64,12 +64,13 @@ def read_template(file: Path) -> Template:
     top = read_strict_yaml(file)
     ranges: dict[str, ValueRange] = {}
     parameters = _Parameters(ranges)
+    site_kind = SiteKind(top.text("site", [member.value for member in SiteKind]))
     template = Template(
         template_id=top.text("id"),
         title=top.text("title"),
         family=BehaviourFamily(top.text("family", [member.value for member in BehaviourFamily])),
         level=EmergencyLevel[top.text("level", [member.name for member in EmergencyLevel])],
-        site_kind=SiteKind(top.text("site", [member.value for member in SiteKind])),
+        site_kind=site_kind,
         duration_s=parameters.number(top, "duration_s", 1.0, 3600.0),
         warm_up_s=top.number("warm_up_s", 0.0, 600.0),
         emv=_emv(top.mapping("emv"), parameters),
@@ -80,12 +81,35 @@ def read_template(file: Path) -> Template:
         ranges=ranges,
     )
     top.finish()
+    if site_kind is SiteKind.MULTI_LANE_ROAD:
+        _refuse_stop_line(top, template)
     most = sum(int(ranges[f"demand.{group.name}.vehicles"].maximum) for group in template.demand.groups)
     least = ranges["demand.background_vehicles"].minimum
     if most > least:
         where = top.mapping("demand").where("background_vehicles")
         raise InputError(where, f"{least:g} at least", f"no fewer than the {most} vehicles that the groups may have")
     return template
+
+
+def _refuse_stop_line(top: StrictMapping, template: Template) -> None:
+    """A road has no junction to which starts, groups and signals could refer.
+
+    Raises:
+        InputError: the template has one of these.
+    """
+    junction_only = {Placement.SAME_DIRECTION, Placement.CROSSING}
+    wrong = [
+        group.name
+        for group in template.demand.groups
+        if group.anchor is not GroupAnchor.EMV or group.placement in junction_only
+    ]
+    if template.emv.start_from is StartReference.STOP_LINE:
+        wrong.append("emv.start_from")
+    if template.signal is not None:
+        wrong.append("signal")
+    if wrong:
+        allowed = "a site at a junction; start, groups or signal refer to a stop line: " + ", ".join(wrong)
+        raise InputError(top.where("site"), template.site_kind.value, allowed)
 
 
 class _Parameters:

@@ -164,9 +164,9 @@ def test_waits_for_a_lane_that_is_clearing_but_not_for_ever(lab, emv):
     assert kinds(events) == ["lane_change_requested", "lane_change_deferred"]
     assert events[1].detail["reason"] == "lane_is_clearing"
     slow = [lab.Car(1, 0, 50, 3, (0,), AMBULANCE), cars[1]]
-    state, _, events = steps(lab, world, slow, 159, state, 5, **advised)
+    state, _, events = steps(lab, world, slow, 299, state, 5, **advised)
     assert not events
-    _, _, events = steps(lab, world, slow, 3, state, 164, **advised)
+    _, _, events = steps(lab, world, slow, 3, state, 304, **advised)
     assert kinds(events) == ["lane_change_started"]
 
 

@@ -123,7 +123,7 @@ def test_waits_says_so_once_and_escapes_when_a_gap_opens(lab):
     assert len(loop.of("gap_escape_waiting")) == 1
     assert loop.body.forward_mps[0] < 0.05
     loop.cars[2].desired = 4.0
-    loop.run(400)
+    loop.run(300)
     assert len(loop.of("gap_escape_left")) == 1
     assert loop.body.x_m[0] > 95.0
     fast = max(row[1][3] for row in loop.log if row[1][5] == 4)

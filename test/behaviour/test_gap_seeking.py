@@ -3,11 +3,12 @@ from dataclasses import replace
 
 import pytest
 
+from siren_ros.behaviour.config import YieldConfig
 from siren_ros.behaviour.gap_seeking import Seek, choose_seek, seek_speed_mps
 from siren_ros.behaviour.lane_change import LaneGaps, Refusal
 from siren_ros.world.actors import ActorClass, Mode, Owner
 
-FREE = LaneGaps(math.inf, 0.0, math.inf, 0.0)
+CONFIG = YieldConfig(seek_speed_mps=2.5)
 BEHIND = LaneGaps(math.inf, 0.0, 3.0, 8.0)
 AHEAD = LaneGaps(1.0, 6.0, math.inf, 0.0)
 
@@ -25,15 +26,15 @@ AHEAD = LaneGaps(1.0, 6.0, math.inf, 0.0)
 def test_draws_ahead_of_what_is_behind_and_lets_the_rest_past(gaps, own_free, refusal, expected):
     own = LaneGaps(own_free, 6.0, math.inf, 0.0)
     assert choose_seek(gaps, own, refusal, 15.0) is expected
-    tried = choose_seek(gaps, own, refusal, 15.0, other_way=True)
-    assert tried is (Seek.FALL_BACK if expected is Seek.DRAW_AHEAD or own_free < 15.0 else Seek.DRAW_AHEAD)
 
 
 def test_speed_differs_from_the_vehicle_in_the_way_within_limits():
-    assert seek_speed_mps(Seek.DRAW_AHEAD, BEHIND, 2.5, 13.9) == pytest.approx(10.5)
-    assert seek_speed_mps(Seek.DRAW_AHEAD, BEHIND, 2.5, 9.0) == pytest.approx(9.0)
-    assert seek_speed_mps(Seek.FALL_BACK, AHEAD, 2.5, 13.9) == pytest.approx(3.5)
-    assert seek_speed_mps(Seek.FALL_BACK, replace(AHEAD, front_mps=1.0), 2.5, 13.9) == pytest.approx(2.5)
+    assert seek_speed_mps(Seek.DRAW_AHEAD, BEHIND, CONFIG, 13.9) == pytest.approx(10.5)
+    assert seek_speed_mps(Seek.DRAW_AHEAD, BEHIND, CONFIG, 9.0) == pytest.approx(9.0)
+    assert seek_speed_mps(Seek.FALL_BACK, AHEAD, CONFIG, 13.9) == pytest.approx(3.5)
+    assert seek_speed_mps(Seek.FALL_BACK, replace(AHEAD, front_mps=1.0), CONFIG, 13.9) == pytest.approx(
+        CONFIG.seek_least_mps
+    )
 
 
 def test_a_deferred_driver_falls_back_and_then_changes_lanes(lab):

@@ -150,3 +150,13 @@ def test_a_participant_that_dies_while_it_closes_fails_the_episode() -> None:
     state, action = on_failure(state, CONFIG, 1.0, "b: killed", frozenset({"b"}))
     assert action is None
     assert (state.stage, state.end, state.reason) == (Stage.CLOSED, EpisodeEnd.FAILED, "b: killed")
+
+
+def test_a_participant_that_cannot_close_fails_the_episode() -> None:
+    state = stepping()
+    for step in range(2):
+        for name in ("a", "b"):
+            state, _ = report(state, name, Phase.STEP, step)
+    state, _ = report(state, "a", Phase.FINAL, 1, error="the disk is full")
+    state, _ = report(state, "b", Phase.FINAL, 1)
+    assert (state.stage, state.end, state.reason) == (Stage.CLOSED, EpisodeEnd.FAILED, "a: the disk is full")

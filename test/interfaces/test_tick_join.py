@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from siren_ros.interfaces.tick_join import Input, TickJoin
 from siren_ros.interfaces.topics import Topic
+from siren_ros.world.errors import EpisodeError
 
 FAST = Topic("/fast", "std_msgs/msg/String", "a")
 LAGGED = Topic("/lagged", "std_msgs/msg/String", "b")
@@ -34,6 +35,12 @@ def test_a_step_waits_for_its_last_input() -> None:
         assert join.missing() == (second[0],)
         assert [step for step, _ in join.offer(*second, "y")] == [0]
         assert join.missing() == ("/fast", "/lagged")
+
+
+def test_a_message_for_a_step_far_ahead_is_refused() -> None:
+    join = TickJoin(INPUTS)
+    with pytest.raises(EpisodeError, match="/fast: a message for step 900, which has not begun"):
+        list(join.offer("/fast", 900, "x"))
 
 
 def test_a_second_message_for_a_step_is_refused() -> None:

@@ -1,4 +1,5 @@
 import os
+import shutil
 import signal
 import struct
 import subprocess
@@ -154,14 +155,30 @@ def test_a_full_disk_ends_the_episode_with_its_cause(
     assert not (tmp_path / "bag").exists()
 
 
-def test_a_folder_that_disappears_is_an_error(tmp_path: Path, typestore: Typestore, clock_cdr: bytes) -> None:
-    writer = EpisodeBagWriter(tmp_path / "bag", typestore)
-    writer.write(*CLOCK, clock_cdr, 0)
-    (tmp_path / ".bag.partial" / "bag_0.mcap").unlink()
-    (tmp_path / ".bag.partial").rmdir()
-    with pytest.raises(EpisodeError, match="bag"):
+def test_a_folder_that_disappears_is_noticed_and_its_bag_is_saved(
+    tmp_path: Path, typestore: Typestore, clock_cdr: bytes
+) -> None:
+    writer = EpisodeBagWriter(tmp_path / "bag", typestore, options=BagOptions(chunk_bytes=64))
+    for step in range(10):
+        writer.write(*CLOCK, clock_cdr, step * 50_000_000)
+    shutil.rmtree(tmp_path / ".bag.partial")
+    with pytest.raises(EpisodeError, match="folder has disappeared"):
+        writer.write(*CLOCK, clock_cdr, 500_000_000)
+    with pytest.raises(EpisodeError, match="folder has disappeared"):
         writer.finish()
-    writer.abandon("the folder is gone")
+    summary = writer.abandon("the folder is gone")
+    with AnyReader([summary.path]) as reader:
+        assert reader.message_count == 10
+
+
+def test_a_chunk_is_closed_after_a_second(tmp_path: Path, typestore: Typestore, clock_cdr: bytes) -> None:
+    writer = EpisodeBagWriter(tmp_path / "bag", typestore)
+    for step in range(41):
+        writer.write(*CLOCK, clock_cdr, step * 50_000_000)
+    with (writer.finish().path / "bag_0.mcap").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    assert len(summary.chunk_indexes) == 2
 
 
 KILLED_WRITER = """

@@ -79,6 +79,7 @@ def test_a_dying_episode_keeps_incomplete_steps_in_order() -> None:
         (topics.CLOCK.name, 0),
         (topics.CLOCK.name, 1),
         (SLOW.name, 1),
+        (topics.CLOCK.name, 900),
         (topics.MAP.name, 0),
         (topics.OUTCOME.name, 4),
     ],

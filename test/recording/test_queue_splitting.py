@@ -46,7 +46,7 @@ def test_passing_between_two_queues_that_hold() -> None:
     verdict = queues_split(_queues(), THRESHOLDS)
     assert verdict.holds
     assert verdict.measures() == {"holding": 8.0, "overtaken": 8.0, "shorter_queue": 4.0}
-    assert verdict.parts[0].detail.startswith("10 at 2.0 s")
+    assert verdict.parts[0].detail.startswith("10 at 2.0 s (+0.70 m)")
     assert verdict.parts[2].detail == "4 on the left, 4 on the right"
 
 
@@ -72,6 +72,7 @@ def test_the_emv_has_to_be_within_a_metre_of_the_line(off_m: float, holds: bool)
 def test_who_stands_in_the_middle_of_the_lane_has_not_pulled_over() -> None:
     verdict = queues_split(_queues(pulled_m=0.2), THRESHOLDS)
     assert [(part.name, part.value) for part in verdict.failing] == [("holding", 0.0)]
+    assert verdict.failing[0].detail.startswith("not pulled over: 10 at 2.0 s (+0.20 m)")
 
 
 def test_the_mode_alone_is_no_hold() -> None:

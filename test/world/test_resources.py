@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from siren_ros.world.resources import find_params_dir, params_dir
 from siren_ros.world.errors import InputError
+from siren_ros.world.resources import find_params_dir, params_dir
 
 
 def make_package(folder: Path) -> Path:

@@ -1,4 +1,4 @@
-"""What the world looks like apart from its geometry: sun, sky, haze."""
+"""What the world looks like apart from its geometry: sun, sky, haze, wet roads."""
 
 from dataclasses import dataclass
 
@@ -21,6 +21,9 @@ class Look:
     haze_per_m: float = 0.0016
     cloud_cover: float = 0.45
     """0 clear, 1 overcast."""
+    wetness: float = 0.0
+    """0 dry, 1 soaked: dark asphalt that mirrors the sky."""
+    rain_mm_per_h: float = 0.0
 
     @property
     def towards_sun(self) -> npt.NDArray[np.float64]:

@@ -1,0 +1,67 @@
+"""What the platform and the controller of the AV under test tell each other: its control, and the way to drive."""
+
+from typing import Any
+
+from siren_ros.interfaces.factory import MessageFactory, header, stamp, time_ns_of
+from siren_ros.interfaces.message_content import refuses_nonsense
+from siren_ros.interfaces.transforms import MAP_FRAME, quaternion_of_yaw, to_pose
+from siren_ros.world.commands import AvControl
+from siren_ros.world.errors import EpisodeError
+from siren_ros.world.polyline import Polyline
+from siren_ros.world.units import NS_PER_S, time_ns_of_step
+
+
+def to_av_control(factory: MessageFactory, control: AvControl) -> Any:
+    """``siren_msgs/AvControl``."""
+    return factory.make(
+        "siren_msgs/msg/AvControl",
+        stamp=stamp(factory, time_ns_of_step(control.step)),
+        step=control.step,
+        throttle=float(control.throttle),
+        brake=float(control.brake),
+        steer_rad=float(control.steer_rad),
+        lights=control.lights,
+    )
+
+
+@refuses_nonsense
+def from_av_control(message: Any) -> AvControl:
+    """Inverse of ``to_av_control``.
+
+    Raises:
+        EpisodeError: The stamp is not the time of the step, which happens where somebody else made the message.
+    """
+    control = AvControl(
+        step=int(message.step),
+        throttle=float(message.throttle),
+        brake=float(message.brake),
+        steer_rad=float(message.steer_rad),
+        lights=int(message.lights),
+    )
+    if time_ns_of(message.stamp) != time_ns_of_step(control.step):
+        stated_s = time_ns_of(message.stamp) / NS_PER_S
+        raise EpisodeError(f"the stamp {stated_s:.9g} s is not the time of step {control.step}")
+    return control
+
+
+def to_path(factory: MessageFactory, way: Polyline) -> Any:
+    """``nav_msgs/Path`` of a way that is known before the first step; each pose looks along it."""
+    at_start = header(factory, 0, MAP_FRAME)
+    headings = way.heading_rad(way.arc_m)
+    return factory.make(
+        "nav_msgs/msg/Path",
+        header=at_start,
+        poses=[
+            factory.make(
+                "geometry_msgs/msg/PoseStamped",
+                header=at_start,
+                pose=to_pose(factory, (x_m, y_m, 0.0), quaternion_of_yaw(float(heading))),
+            )
+            for (x_m, y_m), heading in zip(way.points.tolist(), headings, strict=True)
+        ],
+    )
+
+
+def from_path(message: Any) -> Polyline:
+    """Inverse of ``to_path``."""
+    return Polyline.through([(pose.pose.position.x, pose.pose.position.y) for pose in message.poses])

@@ -1,0 +1,41 @@
+"""Content of messages that may come from strangers: JSON in text fields, and one error for all that does not fit."""
+
+import json
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, TypeVar
+
+from siren_ros.world.errors import InputError
+
+Read = TypeVar("Read")
+
+
+def refuses_nonsense(read: Callable[[Any], Read]) -> Callable[[Any], Read]:
+    """Turns what a message's content can raise (an unknown code, JSON that is none) into an InputError."""
+
+    @wraps(read)
+    def checked(message: Any) -> Read:
+        try:
+            return read(message)
+        except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
+            name = str(getattr(message, "__msgtype__", type(message).__name__))
+            raise InputError(name, str(error), "a message with the content that its definition names") from error
+
+    return checked
+
+
+def json_object(text: str) -> dict[str, Any]:
+    """The JSON object in a text field.
+
+    Raises:
+        ValueError, TypeError: The text is no JSON, or no object.
+    """
+    value = json.loads(text)
+    if not isinstance(value, dict):
+        raise TypeError(f"a JSON object is wanted, not {type(value).__name__}")
+    return value
+
+
+def json_text(value: object) -> str:
+    """The JSON of a value, the same bytes for the same value."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False)

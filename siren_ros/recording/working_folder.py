@@ -1,0 +1,140 @@
+"""The folder in which a bag grows: locked against other writers, moved to its final or partial name at the end."""
+
+import errno
+import fcntl
+import os
+import shutil
+from contextlib import suppress
+from io import FileIO
+from pathlib import Path
+from typing import Final
+
+from siren_ros.recording.bag_metadata import METADATA_FILE
+from siren_ros.world.errors import BagError
+
+PARTIAL_SUFFIX: Final = ".partial"
+RESERVE_FILE: Final = ".reserve"
+RESERVE_BYTES: Final = 1_000_000
+"""Space that is kept free for the end of a bag on a disk that has become full."""
+_COPY_BYTES: Final = 1 << 20
+
+
+def working_path(bag: Path) -> Path:
+    """Where a bag grows before it has its final name."""
+    return bag.parent / f".{bag.name}{PARTIAL_SUFFIX}"
+
+
+def free_partial_path(bag: Path) -> Path:
+    """The first of ``NAME.partial``, ``NAME.partial-2``, … that does not exist."""
+    candidate = bag.with_name(bag.name + PARTIAL_SUFFIX)
+    number = 2
+    while candidate.exists():
+        candidate = bag.with_name(f"{bag.name}{PARTIAL_SUFFIX}-{number}")
+        number += 1
+    return candidate
+
+
+def lock(file: FileIO) -> bool:
+    """Takes the writer's lock on a storage file; False where somebody else writes it now.
+
+    The lock ends with the process that holds it, however that ends.
+    """
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+class WorkingFolder:
+    """``.NAME.partial`` beside a bag's final place, with the storage file in it."""
+
+    def __init__(self, bag: Path, file_name: str) -> None:
+        """Creates the folder; what a killed writer left in its place is moved to the partial name.
+
+        Raises:
+            BagError: The bag exists, another episode writes it now, or the place cannot be written.
+        """
+        self.path = working_path(bag)
+        self._bag = bag
+        self._file_path = self.path / file_name
+        if bag.exists():
+            raise BagError(str(bag), "the path of a new folder; this one exists already")
+        try:
+            bag.parent.mkdir(parents=True, exist_ok=True)
+            self._set_aside_orphan()
+            self.path.mkdir()
+            # Also readable: `restore` copies from it.
+            self.file = self._file_path.open("w+b", buffering=0)
+            lock(self.file)
+            self._reserve()
+        except OSError as error:
+            raise BagError(str(bag), f"a place that can be written ({error.strerror or error})") from error
+
+    def _set_aside_orphan(self) -> None:
+        if not self.path.exists():
+            return
+        if self._file_path.exists():
+            with self._file_path.open("rb", buffering=0) as held:
+                if not lock(held):
+                    raise BagError(str(self._bag), "a bag that no other episode is writing now")
+        self.path.rename(free_partial_path(self._bag))
+
+    def _reserve(self) -> None:
+        try:
+            with (self.path / RESERVE_FILE).open("wb", buffering=0) as reserve:
+                os.posix_fallocate(reserve.fileno(), 0, RESERVE_BYTES)
+        except OSError:
+            self.remove()
+            raise
+
+    def free_reserve(self) -> None:
+        """Gives the reserved space back to the disk."""
+        with suppress(OSError):
+            (self.path / RESERVE_FILE).unlink()
+
+    def is_there(self) -> bool:
+        """Whether the storage file still is where it was opened; a disk that is asked may say otherwise."""
+        try:
+            found, opened = self._file_path.stat(), os.fstat(self.file.fileno())
+        except OSError:
+            return False
+        return (found.st_dev, found.st_ino) == (opened.st_dev, opened.st_ino)
+
+    def check(self) -> None:
+        """Raises OSError where the folder has been taken away under the writer."""
+        if not self.is_there():
+            raise FileNotFoundError(errno.ENOENT, "its folder has disappeared while it was written", str(self.path))
+
+    def restore(self) -> None:
+        """Writes the storage file again from its open handle, where the folder has been taken away."""
+        if self.is_there():
+            return
+        self.path.mkdir(parents=True, exist_ok=True)
+        self.file.seek(0)
+        with self._file_path.open("wb") as copy:
+            shutil.copyfileobj(self.file, copy, _COPY_BYTES)
+
+    def close(self, metadata: str) -> None:
+        """Ends the storage file and writes the metadata beside it."""
+        if not self.file.closed:
+            os.fsync(self.file.fileno())
+            self.file.close()
+        self.free_reserve()
+        (self.path / METADATA_FILE).write_text(metadata, encoding="utf-8")
+
+    def move_to(self, target: Path) -> Path:
+        """Moves the folder to its name; OSError where that exists or cannot be made."""
+        if target.exists():
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target))
+        self.path.rename(target)
+        return target
+
+    def remove(self) -> None:
+        """Takes the folder away, and the one above it if nothing else is in it."""
+        self.file.close()
+        self.free_reserve()
+        with suppress(OSError):
+            self._file_path.unlink()
+            self.path.rmdir()
+            self._bag.parent.rmdir()

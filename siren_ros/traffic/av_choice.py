@@ -1,0 +1,65 @@
+"""Which civilian of an episode becomes the AV under test, and the way that it would drive."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from siren_ros.traffic.lane_chains import chain_along
+from siren_ros.traffic.plan import PlannedVehicle, TrafficPlan
+from siren_ros.world.errors import InputError
+from siren_ros.world.polyline import Polyline
+from siren_ros.world.road_network import RoadNetwork
+from siren_ros.world.routing import path_centre, route_path
+
+
+@dataclass(frozen=True, order=True)
+class _Nearness:
+    """Sorts vehicles: in the EMV's lane first, then on its route, then elsewhere; the nearest first in each."""
+
+    rank: int
+    distance_m: float
+    name: str
+
+
+def choose_av(network: RoadNetwork, plan: TrafficPlan) -> str:
+    """The civilian that the EMV has to pass: the first one ahead in its lane.
+
+    Where a template puts nobody into the EMV's lane it is the nearest vehicle ahead on the EMV's route, and where
+    nobody is there either (cross traffic) the group vehicle nearest to the EMV. Background vehicles have moved
+    on by the time that the EMV starts, and are not taken.
+
+    Returns:
+        The vehicle's name.
+
+    Raises:
+        InputError: the template has no vehicles around its EMV.
+    """
+    if not plan.groups:
+        raise InputError("av", "civilian", "a template with civilians around its emergency vehicle")
+    return min(_nearness(network, plan.emvs[0], vehicle) for vehicle in plan.groups).name
+
+
+def _nearness(network: RoadNetwork, emv: PlannedVehicle, vehicle: PlannedVehicle) -> _Nearness:
+    route = [network.edge_by_id[edge].index for edge in emv.route]
+    chain = chain_along(network, network.lanes[emv.spot.lane], route)
+    start = dict(zip(chain.lanes, chain.start_m, strict=True))
+    edge_start: dict[int, float] = {}
+    for index, start_m in zip(chain.lanes, chain.start_m, strict=True):
+        edge_start.setdefault(network.lanes[index].edge, start_m)
+    lane = network.lanes[vehicle.spot.lane]
+    ahead_m = edge_start.get(lane.edge, -np.inf) + vehicle.spot.front_m - emv.spot.front_m
+    if ahead_m > 0.0:
+        return _Nearness(0 if lane.index in start else 1, float(ahead_m), vehicle.name)
+    points = [network.lanes[one.spot.lane].centre.at(one.spot.front_m) for one in (emv, vehicle)]
+    return _Nearness(2, float(np.linalg.norm(points[1] - points[0])), vehicle.name)
+
+
+def av_way(network: RoadNetwork, plan: TrafficPlan) -> Polyline:
+    """The way of a plan's AV along its route: lane centres, with as few lane changes as the route needs.
+
+    Raises:
+        InputError: the route cannot be driven from the lane that the AV starts in.
+    """
+    av = next(vehicle for vehicle in plan.groups if vehicle.name == plan.av)
+    route = [network.edge_by_id[edge].index for edge in av.route]
+    return path_centre(network, route_path(network, route, av.spot.lane))

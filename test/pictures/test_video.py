@@ -1,0 +1,180 @@
+from collections.abc import Callable
+from io import BytesIO
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+from hand_made_record import EASTBOUND, EMV, NORTHBOUND, Driven, at_speed, crossing, hand_made
+from PIL import Image
+from rosbags.typesys.store import Typestore
+
+from siren_ros.cli.main import main
+from siren_ros.interfaces.images import to_compressed_image
+from siren_ros.interfaces.markers import EMV_COLOUR
+from siren_ros.interfaces.rosbags_factory import RosbagsFactory
+from siren_ros.interfaces.topics import IMAGE_COMPRESSED
+from siren_ros.pictures.moving_birdseye import SIZE_PX, BirdseyeFilm
+from siren_ros.pictures.painter import paint_polygons, rgb_of
+from siren_ros.pictures.video import View, save_video, write_video
+from siren_ros.recording.bag_writer import EpisodeBagWriter
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.world.errors import BagError, InputError
+from siren_ros.world.units import time_ns_of_step
+
+FRONT = IMAGE_COMPRESSED.of_sensor("camera_front", 2)
+OFF_CENTRE_PX = 90.0
+"""How far the camera's smoothing may take the EMV out of the middle: 10 m."""
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Path]) -> Path:
+    return write_bag(tmp_path_factory.mktemp("bags") / "S2_L2_seed0", duration_s=4.0)
+
+
+@pytest.fixture(scope="module")
+def front_bag(tmp_path_factory: pytest.TempPathFactory, factory: RosbagsFactory, typestore: Typestore) -> Path:
+    """A bag with a front camera at 10 Hz whose images grow brighter by 10 from step to step."""
+    return _camera_bag(tmp_path_factory.mktemp("bags") / "front", factory, typestore, range(0, 40, 2))
+
+
+def _camera_bag(path: Path, factory: RosbagsFactory, typestore: Typestore, steps: range) -> Path:
+    writer = EpisodeBagWriter(path, typestore, [])
+    for step in steps:
+        jpeg = BytesIO()
+        Image.new("RGB", (81, 60), (step * 5, step * 5, step * 5)).save(jpeg, "JPEG", quality=95)
+        message = to_compressed_image(factory, step, "camera_front_optical_frame", jpeg.getvalue())
+        cdr = bytes(typestore.serialize_cdr(message, FRONT.type_name))
+        writer.write(FRONT.name, FRONT.type_name, cdr, time_ns_of_step(step))
+    return writer.finish().path
+
+
+def _decoded(path: Path) -> tuple[dict[str, object], list[np.ndarray]]:
+    with av.open(str(path)) as container:
+        (stream,) = container.streams
+        facts = {"codec": stream.codec_context.name, "rate": float(stream.average_rate), "format": stream.format.name}
+        return facts, [frame.to_ndarray(format="rgb24") for frame in container.decode(stream)]
+
+
+def test_the_birdseye_video_has_the_episodes_frames_at_10_hz(bag: Path, tmp_path: Path) -> None:
+    path = tmp_path / "new" / "a.mp4"
+    assert save_video(bag, View.BIRDSEYE, path) == 40
+    facts, frames = _decoded(path)
+    assert facts == {"codec": "h264", "rate": 10.0, "format": "yuv420p"}
+    assert len(frames) == 40
+    assert frames[0].shape == (SIZE_PX[1], SIZE_PX[0], 3)
+    assert [item.name for item in path.parent.iterdir()] == ["a.mp4"]
+
+
+def test_the_same_bag_gives_the_same_bytes(bag: Path, tmp_path: Path) -> None:
+    for name in ("a.mp4", "b.mp4"):
+        save_video(bag, View.BIRDSEYE, tmp_path / name, frames=8)
+    assert (tmp_path / "a.mp4").read_bytes() == (tmp_path / "b.mp4").read_bytes()
+
+
+def test_the_front_video_shows_the_recorded_images(front_bag: Path, tmp_path: Path) -> None:
+    path = tmp_path / "front.mp4"
+    assert save_video(front_bag, View.FRONT, path, frames=5, start_s=0.45) == 5
+    _, frames = _decoded(path)
+    assert frames[0].shape == (60, 80, 3)
+    assert [float(frame.mean()) for frame in frames] == pytest.approx([50, 60, 70, 80, 90], abs=3.0)
+
+
+def test_a_camera_twice_as_fast_gives_every_second_image(
+    tmp_path: Path, factory: RosbagsFactory, typestore: Typestore
+) -> None:
+    fast = _camera_bag(tmp_path / "fast", factory, typestore, range(20))
+    assert save_video(fast, View.FRONT, tmp_path / "a.mp4") == 10
+    slow = _camera_bag(tmp_path / "slow", factory, typestore, range(0, 40, 4))
+    with pytest.raises(BagError, match="10 Hz"):
+        save_video(slow, View.FRONT, tmp_path / "b.mp4")
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"frames": 41}, "frames: 41 .*at most 40"),
+        ({"frames": 11, "start_s": 3.0}, "frames: 11 .*at most 10"),
+        ({"frames": 0}, "frames: 0"),
+        ({"start_s": 4.0}, "start_s: 4"),
+        ({"start_s": -1.0}, "start_s: -1"),
+        ({"start_s": float("nan")}, "start_s: nan"),
+    ],
+)
+def test_frames_that_are_not_there_are_refused(
+    bag: Path, tmp_path: Path, options: dict[str, float], named: str
+) -> None:
+    with pytest.raises(InputError, match=named):
+        save_video(bag, View.BIRDSEYE, tmp_path / "a.mp4", **options)  # type: ignore[arg-type] # by name
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_episode_without_a_front_camera_says_so(bag: Path, tmp_path: Path) -> None:
+    with pytest.raises(BagError, match="camera_front"):
+        save_video(bag, View.FRONT, tmp_path / "a.mp4")
+
+
+def test_only_mp4_and_only_where_it_can_be_written(bag: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"\.mp4"):
+        save_video(bag, View.BIRDSEYE, tmp_path / "a.avi")
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(InputError, match="can be written"):
+        save_video(bag, View.BIRDSEYE, tmp_path / "file" / "a.mp4", frames=1)
+
+
+def test_a_failure_leaves_the_old_video(tmp_path: Path) -> None:
+    path = tmp_path / "a.mp4"
+    path.write_bytes(b"old")
+    with pytest.raises(InputError, match="frames: 0"):
+        write_video(path, [])
+    assert [item.name for item in tmp_path.iterdir()] == ["a.mp4"]
+    assert path.read_bytes() == b"old"
+
+
+def test_the_command_makes_a_video(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "a.mp4"
+    assert main(["video", str(bag), "--view", "birdseye", "--out", str(out), "--frames", "3", "--start-s", "1"]) == 0
+    assert "3 frames, 0.3 s" in capsys.readouterr().out
+    assert main(["video", str(tmp_path / "none"), "--out", str(out)]) == 2
+
+
+def _crossing_record(letter: str) -> EpisodeRecord:
+    vehicles = {EMV: Driven(NORTHBOUND, at_speed(70.0, 10.0, 100)), 2: Driven(EASTBOUND, at_speed(80.0, 5.0, 100))}
+    return hand_made(crossing(), vehicles, lambda _: letter * 7)
+
+
+def _share(frame: np.ndarray, colour: tuple[int, ...]) -> float:
+    return float((np.abs(frame.astype(int) - np.array(colour)).max(axis=-1) <= 4).mean())
+
+
+def test_the_emv_stays_in_the_middle_of_the_picture() -> None:
+    record = _crossing_record("r")
+    for frame in BirdseyeFilm(record, range(0, 100, 20)).frames():
+        red = np.abs(frame[60:-60].astype(int) - np.array(rgb_of(EMV_COLOUR)[:3])).max(axis=-1) <= 4
+        rows, columns = np.nonzero(red)
+        assert len(rows) > 500
+        assert abs(np.median(rows) + 60 - SIZE_PX[1] / 2.0) < OFF_CENTRE_PX
+        assert abs(np.median(columns) - SIZE_PX[0] / 2.0) < OFF_CENTRE_PX
+
+
+def test_signals_show_their_state() -> None:
+    red, green = ((216, 35, 42), (47, 158, 68))
+    at_red, at_green = (np.asarray(BirdseyeFilm(_crossing_record(letter), range(1)).frame(40)) for letter in "rG")
+    assert _share(at_red, red) > 10.0 * max(_share(at_green, red), 1e-6)
+    assert _share(at_green, green) > 0.0003
+    assert _share(at_red, green) == 0.0
+
+
+def test_polygons_cover_their_area_with_smooth_edges() -> None:
+    picture = Image.new("RGB", (40, 40), (0, 0, 0))
+    paint_polygons(picture, [(np.array([[10.25, 10.5], [20.25, 10.5], [20.25, 30.5], [10.25, 30.5]]), (200, 200, 200))])
+    pixels = np.asarray(picture)[..., 0].astype(float)
+    assert pixels.sum() / 200.0 == pytest.approx(200.0, rel=0.12)
+    assert pixels[20, 15] == 200.0
+    assert 0.0 < pixels[10, 15] < 200.0
+
+
+def test_polygons_beside_the_picture_leave_it_alone() -> None:
+    picture = Image.new("RGB", (10, 10), (1, 2, 3))
+    paint_polygons(picture, [(np.array([[50.0, 50.0], [60.0, 50.0], [60.0, 60.0]]), (255, 0, 0))])
+    assert np.unique(np.asarray(picture).reshape(-1, 3), axis=0).tolist() == [[1, 2, 3]]

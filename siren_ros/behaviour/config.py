@@ -152,12 +152,12 @@ class GapEscapeConfig:
     """Search of the gap escape."""
 
     replan_s: float = 0.5
-    horizon_m: float = 35.0
+    horizon_m: float = 30.0
     progress_min_m: float = 8.0
     """Shortest free path worth driving."""
     clearance_m: float = 0.25
     """Margin around the footprint."""
-    offset_step_m: float = 0.2
+    offset_step_m: float = 0.3
     merge_lengths_m: tuple[float, ...] = (6.0, 7.5, 9.0, 11.0, 14.0)
     blocker_range_m: float = 15.0
     """While the escape is active: free way in the EMV's lane below which the vehicle ahead still blocks it."""

@@ -23,6 +23,8 @@ from siren_ros.world.units import STEP_S, steps_from_s
 
 _SWEEP_S: Final = 1.5
 """Time over which moving vehicles are swept ahead in the search."""
+_ROAD_SIDE_M: Final = 15.0
+"""Vehicles further beside the road are out of the way."""
 _SAME_OFFSET_M: Final = 0.5
 _STEER_SHARE: Final = 0.75
 """Part of the steering range that an escape path may use."""
@@ -170,6 +172,8 @@ def _free_length(
     config, seen = view.world.config.gap_escape, view.seen
     x, y, _ = view.pose(row)
     rows = seen.near(x, y, config.horizon_m + 15.0, but=row)
+    place, left, _ = reference.curve.project(seen.x_m[rows], seen.y_m[rows])
+    rows = rows[(place > s_m[0] - 10.0) & (np.abs(left) < _ROAD_SIDE_M)]
     place, left, nearest = reference.curve.project(seen.x_m[rows], seen.y_m[rows])
     turned = seen.yaw_rad[rows] - reference.curve.heading_rad[nearest]
     cos, sin = np.cos(turned), np.sin(turned)

@@ -43,8 +43,8 @@ def step_fleet(
 
     Returns:
         The fleet, the simulated states and the events at this step. ``residual_m`` is zero for actors that ROS
-        drives or hands back at this step. Events come in the order spawned, removed, owner changed, collision
-        (each sorted by actor), then the commands' events by source, then those of traffic.
+        drives or hands back at this step. Events come in the order spawned, removed, owner changed, siren on or off,
+        collision (each sorted by actor), then the commands' events by source, then those of traffic.
 
     Raises:
         EpisodeError: steps do not match, actors are not those of ``traffic``, or commands contradict each other,
@@ -61,9 +61,18 @@ def step_fleet(
         tracker = TrackerState.where(fresh, fleet.tracker, tracker)
     states = _states(fleet, traffic, orders, bodies, driven | released)
     collisions, touching = _collisions(fleet, states)
-    own = _spawned(states, traffic) + _removed(state, traffic) + _owner_changes(fleet, states) + collisions
+    sirens, sounding = _siren_changes(state, states)
+    own = _spawned(states, traffic) + _removed(state, traffic) + _owner_changes(fleet, states) + sirens + collisions
     reported = tuple(event for command in sorted(commands, key=lambda c: c.source) for event in command.events)
-    after = replace(fleet, step=traffic.step, bodies=bodies, tracker=tracker, owner=orders.owner, touching=touching)
+    after = replace(
+        fleet,
+        step=traffic.step,
+        bodies=bodies,
+        tracker=tracker,
+        owner=orders.owner,
+        touching=touching,
+        sounding=sounding,
+    )
     return after, states, own + reported + traffic.events
 
 
@@ -184,6 +193,22 @@ def _owner_changes(fleet: FleetState, states: ActorStates) -> tuple[Event, ...]:
         )
         for row in np.flatnonzero(states.owner != fleet.owner)
     )
+
+
+def _siren_changes(before: FleetState, states: ActorStates) -> tuple[tuple[Event, ...], tuple[int, ...]]:
+    """Sirens that begin or end to sound, also those of actors that have left, and the actors that sound now."""
+    sounding = tuple(states.actor_id[(states.lights & Lights.SIREN) != 0].tolist())
+    changed = sorted(set(sounding) ^ set(before.sounding))
+    events = []
+    for actor_id in changed:
+        kind = EventKind.SIREN_ON if actor_id in sounding else EventKind.SIREN_OFF
+        row = rows_of_ids(states.actor_id, np.array([actor_id], dtype=np.uint32))[0]
+        if row >= 0:
+            events.append(_event(states.step, kind, states.actor_id, states, row))
+        else:
+            last = rows_of_ids(before.actor_id, np.array([actor_id], dtype=np.uint32))[0]
+            events.append(_event(states.step, kind, before.actor_id, before.bodies, last))
+    return tuple(events), sounding
 
 
 def _event(

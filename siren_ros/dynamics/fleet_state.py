@@ -32,6 +32,8 @@ class FleetState:
     tracker: TrackerState
     owner: Codes
     touching: Pairs
+    sounding: tuple[int, ...] = ()
+    """Actors whose siren sounds, sorted."""
 
     @classmethod
     def empty(cls, parameters: Mapping[ActorClass, VehicleParameters]) -> "FleetState":

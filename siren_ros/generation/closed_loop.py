@@ -4,8 +4,8 @@ For studies of behaviour that need neither topics nor sensors, and for tests. Wh
 DDS is handed over directly; the states are the same.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 from siren_ros.behaviour.emv import EmvState, step_emv
 from siren_ros.behaviour.yielding import YieldState, step_yield
@@ -18,7 +18,7 @@ from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.traffic.checks import check_no_teleport, check_residual
 from siren_ros.traffic.simulation import SumoSimulation
 from siren_ros.world.actors import ActorDescription, ActorStates
-from siren_ros.world.commands import VehicleCommands
+from siren_ros.world.commands import AvControl, VehicleCommands, av_commands
 from siren_ros.world.events import Event
 from siren_ros.world.traffic_state import TrafficState
 
@@ -28,14 +28,22 @@ class LoopStep:
     """Everything that the nodes of the loop say at one step."""
 
     traffic: TrafficState
-    commands: tuple[VehicleCommands, VehicleCommands]
-    """Of the EMV controller and of the yield manager."""
+    commands: tuple[VehicleCommands, ...]
+    """Of the EMV controller and of the yield manager, and of the AV's controller where there is one."""
     states: ActorStates
     events: tuple[Event, ...]
 
 
-def closed_loop(setup: EpisodeSetup, steps: int, residual_limit_m: float = 5.0) -> Iterator[LoopStep]:
+def closed_loop(
+    setup: EpisodeSetup, steps: int, residual_limit_m: float = 5.0, answers: Sequence[VehicleCommands] = ()
+) -> Iterator[LoopStep]:
     """Run an episode's behaviour, dynamics and traffic step by step.
+
+    Args:
+        setup: The episode.
+        steps: How far to run.
+        residual_limit_m: Distance between SUMO's and the simulated pose above which the episode fails.
+        answers: What the controller of the AV under test answered to each step; without an answer the AV rolls.
 
     Raises:
         EpisodeError: As in the node graph: SUMO teleported a vehicle, or the residual passed its limit.
@@ -51,10 +59,22 @@ def closed_loop(setup: EpisodeSetup, steps: int, residual_limit_m: float = 5.0) 
             check_no_teleport(traffic)
             emv, emv_commands = step_emv(emv, traffic, world)
             civilians, yield_commands = step_yield(civilians, traffic, world)
-            commands = (emv_commands, yield_commands)
+            commands = (emv_commands, yield_commands, *_av_commands(setup, traffic, answers))
             fleet, states, events = step_fleet(fleet, traffic, commands)
             check_residual(states, residual_limit_m)
             yield LoopStep(traffic, commands, states, events)
+
+
+def _av_commands(
+    setup: EpisodeSetup, traffic: TrafficState, answers: Sequence[VehicleCommands]
+) -> tuple[VehicleCommands, ...]:
+    """The AV's command to a step: the answer to the step before."""
+    av_id, before = setup.description.av_id, traffic.step - 1
+    if av_id not in traffic.actor_id:
+        return ()
+    if 0 <= before < len(answers):
+        return (replace(answers[before], step=traffic.step),)
+    return (av_commands(AvControl(before), traffic.step, av_id),)
 
 
 def record_of(setup: EpisodeSetup, steps: list[LoopStep]) -> EpisodeRecord:

@@ -9,6 +9,7 @@ from siren_ros.generation.closed_loop import LoopStep, closed_loop
 from siren_ros.generation.episode_setup import EpisodeRequest, set_up_episode
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorStates
+from siren_ros.world.commands import AV_SOURCE
 from siren_ros.world.errors import BagError
 
 
@@ -44,6 +45,8 @@ def request_of(record: EpisodeRecord) -> EpisodeRequest:
 def repeat_episode(record: EpisodeRecord) -> Difference | None:
     """Simulate the episode again, without its sensors, and compare every field of every actor at every step.
 
+    An AV under test drives by its controller's recorded answers.
+
     Raises:
         BagError: The description does not hold what is needed, or the map is another one now.
         InputError: The template, map or preset that the episode used is not to be had here.
@@ -54,7 +57,8 @@ def repeat_episode(record: EpisodeRecord) -> Difference | None:
             record.description.map_name,
             f"the map that the episode was made on (SHA-256 {record.description.map_sha256})",
         )
-    return first_difference(record.states, closed_loop(setup, record.steps))
+    answers = record.commands.get(AV_SOURCE, ())
+    return first_difference(record.states, closed_loop(setup, record.steps, answers=answers))
 
 
 def first_difference(recorded: Iterable[ActorStates], repeated: Iterable[LoopStep]) -> Difference | None:

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing
+from siren_ros.recording.av_response import av_response
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.recording.predicates import evaluate_predicate
 from siren_ros.recording.record_builder import RecordBuilder
@@ -24,6 +25,9 @@ def judge(builder: RecordBuilder, closing: EpisodeClosing) -> EpisodeOutcome:
     measures: dict[str, float | int | str] = {"predicate": verdict.text}
     measures.update({f"predicate.{part.name}": part.value for part in verdict.parts})
     measures.update(_interaction_measures(record))
+    response = av_response(record)
+    if response is not None:
+        measures.update(response.measures())
     return EpisodeOutcome(closing.end, closing.reason, closing.steps, verdict.holds, measures)
 
 

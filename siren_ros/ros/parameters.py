@@ -62,8 +62,8 @@ def checked_value(field: "dataclasses.Field[Any]", default: Value, value: Any) -
         value = float(value)
     if kind is str and not isinstance(value, str) and isinstance(value, (int, float, bool)):
         raise InputError(field.name, value, allowed)
-    if kind is list and isinstance(value, (list, tuple)):
-        value = [str(item) for item in value]
+    if kind is list and (value is None or isinstance(value, (list, tuple))):
+        value = [str(item) for item in value or ()]  # ROS reads an empty list in a parameter file as nothing at all
     if type(value) is not kind:
         raise InputError(field.name, value, allowed)
     low, high, choices = (field.metadata.get(key) for key in ("minimum", "maximum", "choices"))

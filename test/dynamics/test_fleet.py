@@ -166,7 +166,7 @@ def test_commands_drive_and_are_shown() -> None:
         rows = {1: (float(states.x_m[0]), 50.0, 0.0, float(states.speed_mps[0])), 2: (0.25 * step, 100.0, 0.0, 5.0)}
         command = _command(step, 1, throttle=0.6, mode=Mode.COPY_SUMO, lights=Lights.SIREN | Lights.BEACON)
         state, states, events = step_fleet(state, _traffic(step, rows, lights={1: Lights.INDICATOR_LEFT}), [command])
-        assert _kinds(events) == ([EventKind.OWNER_CHANGED] if step == 1 else [])
+        assert _kinds(events) == ([EventKind.OWNER_CHANGED, EventKind.SIREN_ON] if step == 1 else [])
     assert events == ()
     assert states.speed_mps[0] > 7.0
     assert states.owner.tolist() == [Owner.ROS, Owner.SUMO]
@@ -174,6 +174,19 @@ def test_commands_drive_and_are_shown() -> None:
     assert states.lights[0] == Lights.SIREN | Lights.BEACON
     assert states.residual_m[0] == 0.0
     assert states.residual_m[1] < 0.05
+
+
+def test_a_siren_is_said_once_when_it_begins_and_ends() -> None:
+    state, _ = _started(2)
+    rows = {1: (0.5, 50.0, 0.0, 10.0), 2: (0.5, 100.0, 0.0, 10.0)}
+    sounding, silent = {1: Lights.SIREN, 2: Lights.SIREN}, {2: Lights.SIREN}
+    said = []
+    for step, lights in enumerate((sounding, sounding, silent), start=1):
+        state, _, events = step_fleet(state, _traffic(step, rows, lights=lights), ())
+        said += [(event.step, event.kind, event.actor_id) for event in events]
+    state, _, events = step_fleet(state, _traffic(4, {1: rows[1]}, removed=[2]), ())
+    assert said == [(1, EventKind.SIREN_ON, 1), (1, EventKind.SIREN_ON, 2), (3, EventKind.SIREN_OFF, 1)]
+    assert [(event.kind, event.actor_id) for event in events] == [(EventKind.REMOVED, 2), (EventKind.SIREN_OFF, 2)]
 
 
 def test_the_brake_light_is_the_vehicles_own() -> None:

@@ -11,11 +11,11 @@ import numpy.typing as npt
 from siren_ros.sensors.camera_model import Pinhole, optical_from_map
 from siren_ros.sensors.mount import Matrix
 from siren_ros.sensors.placement import Placement
-from siren_ros.sensors.render import shaders
+from siren_ros.sensors.render import sky_shaders
 from siren_ros.sensors.render.context import open_context
+from siren_ros.sensors.render.ground_light import GroundLight
 from siren_ros.sensors.render.look import Look
-from siren_ros.sensors.render.shadows import ShadowMap, ShadowView, sun_view
-from siren_ros.sensors.render.static_geometry import Shading, StaticGeometry
+from siren_ros.sensors.render.static_geometry import StaticGeometry
 from siren_ros.sensors.render.vehicle_geometry import VehicleGeometry
 from siren_ros.sensors.scene.material import SemanticClass
 from siren_ros.sensors.scene.mesh import StaticScene, VehicleShape
@@ -26,16 +26,11 @@ NEAR_M: Final = 0.1
 FAR_M: Final = 700.0
 _REACH_M: Final = 450.0
 """Vehicles further away than this are left to the haze."""
-_STATIC_SHADOW_TEXELS: Final = 2048
-_STATIC_SHADOW_HALF_M: Final = 120.0
-_STATIC_SHADOW_GRID_M: Final = 40.0
-_VEHICLE_SHADOW_TEXELS: Final = 1024
-_VEHICLE_SHADOW_HALF_M: Final = 50.0
-_VEHICLE_SHADOW_AHEAD_M: Final = 25.0
-_TALLEST_VEHICLE_M: Final = 5.0
 _NOISE_TEXELS: Final = 256
 _SKY_TEXELS: Final = 1024
-_FRAME_FLOATS: Final = 4 * 16 + 6 * 4
+_FRAME_FLOATS: Final = 3 * 16 + 8 * 4
+_FOG_HAZE_PER_M: Final = 0.004
+"""From here on haze differs too much within a triangle to be interpolated, and is worked out per pixel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,20 +88,20 @@ class Renderer:
         """
         self._context = context = open_context()
         self.look = look or Look()
-        self._static = StaticGeometry(context, static)
-        self._vehicles = VehicleGeometry(context, shapes)
-        self._sky_program = context.program(vertex_shader=shaders.SKY_VERTEX, fragment_shader=shaders.SKY_FRAGMENT)
+        defines = (
+            *(("FOG",) if self.look.haze_per_m > _FOG_HAZE_PER_M else ()),
+            *(("WET",) if self.look.wetness > 0.0 else ()),
+        )
+        self._static = StaticGeometry(context, static, self.look, defines)
+        self._ground = GroundLight(context, self._static, self.look.towards_sun)
+        self._vehicles = VehicleGeometry(context, shapes, self._ground.vehicle_program, defines)
+        self._placed: tuple[Placement, npt.NDArray[np.float64]] | None = None
+        self._sky_program = context.program(
+            vertex_shader=sky_shaders.SKY_VERTEX, fragment_shader=sky_shaders.SKY_FRAGMENT
+        )
         _set(self._sky_program, "semantic", int(SemanticClass.SKY) / 255.0)
         self._sky = context.vertex_array(self._sky_program, ())
-        self._sky_texture: moderngl.Texture | None = None
-        self._shadow_program = context.program(
-            vertex_shader=shaders.STATIC_SHADOW_VERTEX, fragment_shader=shaders.SHADOW_FRAGMENT
-        )
-        self._shadow_array = self._static.shadow_array(self._shadow_program)
-        self._static_shadow = ShadowMap(context, _STATIC_SHADOW_TEXELS)
-        self._vehicle_shadow = ShadowMap(context, _VEHICLE_SHADOW_TEXELS)
-        self._static_view: ShadowView | None = None
-        self._static_cell: tuple[int, int] | None = None
+        self._skies: dict[float, moderngl.Texture] = {}
         self._noise = _noise_texture(context)
         self._frame = context.buffer(reserve=4 * _FRAME_FLOATS)
         self._targets: dict[tuple[int, int], _Target] = {}
@@ -143,35 +138,46 @@ class Renderer:
             labels: Whether to hand back instances and depth too.
         """
         eye = map_from_camera[:3, 3]
-        forward = map_from_camera[:3, 0]
         clip = camera.clip_from_optical(NEAR_M, FAR_M) @ optical_from_map(map_from_camera)
-        distance = placement.distance_m(eye[0], eye[1])
-        seen = (distance < _REACH_M) & _in_view(clip, placement)
-        shading = distance < _VEHICLE_SHADOW_AHEAD_M + 1.5 * _VEHICLE_SHADOW_HALF_M
-        self._vehicles.place(placement, rolled_m, seen, shading)
-        self._update_static_shadow(eye)
-        vehicle_view = self._draw_vehicle_shadow(eye, forward)
-        self._write_frame(clip, eye, forward, camera, vehicle_view, step, exposure)
+        if self._placed is None or self._placed[0] is not placement or self._placed[1] is not rolled_m:
+            self._vehicles.place(placement, rolled_m)
+            self._placed = (placement, rolled_m)
+        square = self._ground.update(eye, placement, self._vehicles)
+        light = (*self._ground.light_from_map(square), self.look.wetness)
+        self._write_frame(clip, map_from_camera, camera, square.view.unit_from_map, light, step, exposure)
+        sky = self._skies.get(exposure) or self._paint_sky(exposure)
         target = self._target(camera)
-        sky = self._sky_texture or self._paint_sky()
-        sky.use(3)
+        self._static.select(clip, eye, camera.focal_px)
         (target.labelled if labels else target.plain).use()
-        self._draw(self._static.visible(clip, eye), signals, step)
+        self._context.fbo.clear(depth=1.0)
+        self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
+        self._context.depth_func = "<="
+        self._frame.bind_to_uniform_block(0)
+        for slot, texture in enumerate((square.shadow.texture, self._ground.texture, self._noise, sky)):
+            texture.use(slot)
+        self._vehicles.draw(_nearest_in_view(clip, eye, placement))
+        self._static.draw()
+        self._static.draw_lamps(signals, step)
+        self._context.enable_only(moderngl.DEPTH_TEST)
+        self._sky.render(moderngl.TRIANGLES, vertices=3)
         return target.read(labels)
 
-    def _paint_sky(self) -> moderngl.Texture:
-        """Paint the sky once; pictures look it up by direction."""
+    def _paint_sky(self, exposure: float) -> moderngl.Texture:
+        """Paint the sky once for each exposure; pictures look it up by direction. The frame's uniforms are set."""
         context = self._context
-        program = context.program(vertex_shader=shaders.SKY_VERTEX, fragment_shader=shaders.SKY_PAINT_FRAGMENT)
+        program = context.program(
+            vertex_shader=sky_shaders.SKY_VERTEX, fragment_shader=sky_shaders.SKY_PAINT_FRAGMENT
+        )
         _bind(program)
-        self._sky_texture = context.texture((_SKY_TEXELS, _SKY_TEXELS), 4, dtype="f2")
-        self._sky_texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-        context.framebuffer([self._sky_texture]).use()
+        sky = context.texture((_SKY_TEXELS, _SKY_TEXELS), 4)
+        sky.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        context.framebuffer([sky]).use()
         context.enable_only(moderngl.NOTHING)
         self._frame.bind_to_uniform_block(0)
         self._noise.use(2)
         context.vertex_array(program, ()).render(moderngl.TRIANGLES, vertices=3)
-        return self._sky_texture
+        self._skies[exposure] = sky
+        return sky
 
     def _target(self, camera: Pinhole) -> _Target:
         size = (camera.width, camera.height)
@@ -179,89 +185,53 @@ class Renderer:
             self._targets[size] = _Target(self._context, *size)
         return self._targets[size]
 
-    def _draw(self, chunks: npt.NDArray[np.intp], signals: Mapping[str, str], step: int) -> None:
-        context = self._context
-        context.fbo.clear(depth=1.0)
-        context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        context.depth_func = "<="
-        self._frame.bind_to_uniform_block(0)
-        self._static_shadow.texture.use(0)
-        self._vehicle_shadow.texture.use(1)
-        self._noise.use(2)
-        self._vehicles.draw()
-        for shading in Shading:
-            self._static.draw(chunks, shading)
-        self._static.draw_lamps(signals, step)
-        context.enable_only(moderngl.DEPTH_TEST)
-        self._sky.render(moderngl.TRIANGLES, vertices=3)
-
-    def _update_static_shadow(self, eye: npt.NDArray[np.float64]) -> None:
-        """Redraw the static shadow map when the camera enters another cell: a pure function of its position."""
-        cell = (round(eye[0] / _STATIC_SHADOW_GRID_M), round(eye[1] / _STATIC_SHADOW_GRID_M))
-        if cell == self._static_cell:
-            return
-        centre = (cell[0] * _STATIC_SHADOW_GRID_M, cell[1] * _STATIC_SHADOW_GRID_M)
-        heights = self._static.heights_m
-        view = sun_view(self.look.towards_sun, centre, _STATIC_SHADOW_HALF_M, heights)
-        reach = _STATIC_SHADOW_HALF_M + (heights[1] - heights[0]) / max(float(self.look.towards_sun[2]), 0.1)
-        chunks = self._static.chunks_near(np.array(centre) - reach, np.array(centre) + reach)
-        self._static_shadow.begin(self._shadow_program, view)
-        self._static.draw_array(self._shadow_array, chunks)
-        self._static_shadow.end()
-        self._static_view, self._static_cell = view, cell
-
-    def _draw_vehicle_shadow(self, eye: npt.NDArray[np.float64], forward: npt.NDArray[np.float64]) -> ShadowView:
-        centre = (
-            float(eye[0] + _VEHICLE_SHADOW_AHEAD_M * forward[0]),
-            float(eye[1] + _VEHICLE_SHADOW_AHEAD_M * forward[1]),
-        )
-        view = sun_view(self.look.towards_sun, centre, _VEHICLE_SHADOW_HALF_M, (-1.0, _TALLEST_VEHICLE_M))
-        self._vehicle_shadow.begin(self._vehicles.shadow_program, view)
-        self._vehicles.draw_shadows()
-        self._vehicle_shadow.end()
-        return view
-
     def _write_frame(
         self,
         clip: Matrix,
-        eye: npt.NDArray[np.float64],
-        forward: npt.NDArray[np.float64],
+        map_from_camera: Matrix,
         camera: Pinhole,
-        vehicle_view: ShadowView,
+        shadow_from_map: Matrix,
+        ground_light_from_map: tuple[float, float, float, float],
         step: int,
         exposure: float,
     ) -> None:
         look = self.look
-        static_view = self._static_view or vehicle_view
-        matrices = (clip, np.linalg.inv(clip), static_view.unit_from_map, vehicle_view.unit_from_map)
+        matrices = (clip, np.linalg.inv(clip), shadow_from_map)
         vectors = (
-            (*eye, step * STEP_S),
-            (*forward, 1.0 / camera.focal_px),
+            (*map_from_camera[:3, 3], step * STEP_S),
+            (*map_from_camera[:3, 0], camera.focal_px),
             (*look.towards_sun, exposure),
             (*look.sun_colour, look.ambient),
             (*look.zenith_colour, look.haze_per_m),
             (*look.horizon_colour, look.cloud_cover),
+            ground_light_from_map,
+            (camera.width / 2.0, camera.height / 2.0, 0.0, 0.0),
         )
         columns = [matrix.T.ravel() for matrix in matrices]
         self._frame.write(np.concatenate([*columns, np.ravel(vectors)]).astype(np.float32).tobytes())
 
 
-def _in_view(clip_from_map: Matrix, placement: Placement) -> npt.NDArray[np.bool_]:
-    """Whether each vehicle's bounding sphere reaches into the view frustum, shape ``(N,)``."""
+def _nearest_in_view(
+    clip_from_map: Matrix, eye_m: npt.NDArray[np.float64], placement: Placement
+) -> npt.NDArray[np.intp]:
+    """Rows of the vehicles whose bounding sphere reaches into the view frustum, nearest first."""
     middle = placement.z_m + placement.size_m[:, 2] / 2.0
     centre = np.stack((placement.x_m, placement.y_m, middle, np.ones(len(placement))), axis=1)
     radius = np.linalg.norm(placement.size_m, axis=1) / 2.0
-    inside = np.ones(len(placement), dtype=np.bool_)
+    distance = placement.distance_m(eye_m[0], eye_m[1])
+    inside = distance < _REACH_M
     for row, sign in ((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0), (2, 1.0)):
         plane = clip_from_map[3] + sign * clip_from_map[row]
-        inside &= centre @ plane > -radius * np.linalg.norm(plane[:3])
-    return inside
+        inside &= np.einsum("ij,j->i", centre, plane) > -radius * np.linalg.norm(plane[:3])
+    rows = np.flatnonzero(inside)
+    return rows[np.argsort(distance[rows], kind="stable")]
 
 
 def _bind(program: Any) -> None:
     """Connect a program's blocks and samplers to the slots that every picture uses."""
-    program["Frame"].binding = 0
-    for name, slot in (("static_shadow", 0), ("vehicle_shadow", 1), ("noise", 2), ("sky", 3)):
+    if "Frame" in program:
+        program["Frame"].binding = 0
+    for name, slot in (("static_shadow", 0), ("ground_light", 1), ("noise", 2), ("sky", 3)):
         if name in program:
             _set(program, name, slot)
 

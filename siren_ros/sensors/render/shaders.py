@@ -157,7 +157,7 @@ FOLIAGE_FRAGMENT: Final = (
     + """
 void main() {
     vec3 q = v_place.xyz * 0.21;
-    float grain = texture(noise, q.xy * 1.6 + q.z * vec2(0.87, 1.31)).r * 2.0 - 1.0;
+    float grain = texture(noise, q.xy + q.z * vec2(0.37, 0.61)).r + texture(noise, q.yz * 2.3 + q.x).r - 1.0;
     float sun = clamp(v_sun.w + 0.8 * grain, 0.0, 1.0) * (0.35 + 0.65 * texture(static_shadow, v_shadow));
     finish((v_shade.rgb + v_sun.rgb * sun) * clamp(1.0 + 1.3 * grain, 0.25, 1.9), v_place.w, v_shade.w, 0u);
 }
@@ -183,7 +183,7 @@ void main() {
     vec3 view = normalize(v_place.xyz - eye.xyz);
     float facing = 1.0 + view.z;
     float fresnel = facing * facing; fresnel = fresnel * fresnel * facing;
-    float film_of_water = ground_light_from_map.w * clamp(0.65 - 2.6 * fine, 0.12, 1.0);
+    float film_of_water = ground_light_from_map.w * clamp(0.65 - 2.6 * fine, 0.12, 1.0) * step(v_sun.w, 1.0);
     float h = facing * facing; h = h * h;
     light = mix(light, mix(zenith_colour.rgb, horizon_colour.rgb, h), (0.04 + 0.7 * fresnel) * film_of_water);
 #endif

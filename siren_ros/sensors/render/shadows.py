@@ -1,4 +1,4 @@
-"""Shadow maps of the sun: one of the static scene, kept while the camera stays near, one of the vehicles."""
+"""Shadow maps of the sun."""
 
 from dataclasses import dataclass
 from typing import Any, Final

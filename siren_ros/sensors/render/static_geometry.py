@@ -1,7 +1,7 @@
 """The static scene on the graphics card, in square chunks so that only what is in view is drawn."""
 
 from collections.abc import Mapping
-from enum import IntEnum
+from dataclasses import dataclass
 from typing import Any, Final
 
 import moderngl
@@ -9,9 +9,19 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.sensors.render import shaders
-from siren_ros.sensors.render.vertices import VERTEX, VERTEX_FORMAT, VERTEX_NAMES, IndexedMesh, index_mesh
+from siren_ros.sensors.render.look import Look
+from siren_ros.sensors.render.surface_light import (
+    STATIC_FORMAT,
+    STATIC_NAMES,
+    STATIC_VERTEX,
+    Shading,
+    shading_of,
+    static_vertices,
+)
+from siren_ros.sensors.render.vertices import IndexedMesh, index_mesh
+from siren_ros.sensors.render.visibility import chunks_in_view, facing_triangles
 from siren_ros.sensors.scene.material import SEMANTIC_CLASS_OF_MATERIAL
-from siren_ros.sensors.scene.mesh import Material, SignalLamp, StaticScene
+from siren_ros.sensors.scene.mesh import SignalLamp, StaticScene
 from siren_ros.world.units import NS_PER_S, time_ns_of_step
 
 CHUNK_M: Final = 24.0
@@ -21,98 +31,87 @@ _BLINK_PERIOD_NS: Final = NS_PER_S
 Floats = npt.NDArray[np.float64]
 
 
-class Shading(IntEnum):
-    """Programs of the static scene, in drawing order: what hides most comes first, what is widest last."""
+@dataclass(frozen=True)
+class _Style:
+    """How the triangles of one shading are drawn."""
 
-    DETAIL = 0
-    """Windows, poles, lamps: not drawn where they are smaller than a pixel or two."""
-    PLAIN = 1
-    FACADE = 2
-    FOLIAGE = 3
-    GROUND = 4
+    fragment: str
+    defines: tuple[str, ...] = ()
+    reach_m: float = 450.0
+    """Distance up to which they are drawn; beyond lies haze."""
+    near_focals: float = 0.0
+    """Details show up to this many metres per pixel of focal length; 0: there are none."""
 
 
-_FRAGMENT: Final = {
-    Shading.DETAIL: shaders.PLAIN_FRAGMENT,
-    Shading.PLAIN: shaders.PLAIN_FRAGMENT,
-    Shading.FACADE: shaders.FACADE_FRAGMENT,
-    Shading.FOLIAGE: shaders.FOLIAGE_FRAGMENT,
-    Shading.GROUND: shaders.GROUND_FRAGMENT,
+_STYLE: Final = {
+    Shading.GLASS: _Style(shaders.GLASS_FRAGMENT, ("NORMAL", "SHADOW"), 220.0),
+    Shading.DETAIL: _Style(shaders.MATTE_FRAGMENT, ("SHADOW",), 220.0),
+    Shading.PLAIN: _Style(shaders.MATTE_FRAGMENT, ("SHADOW",)),
+    Shading.WALL_SUNNY: _Style(shaders.WALL_FRAGMENT, ("NORMAL", "SHADOW"), near_focals=0.075),
+    Shading.WALL_SHADY: _Style(shaders.WALL_FRAGMENT, ("NORMAL",), near_focals=0.075),
+    Shading.FOLIAGE: _Style(shaders.FOLIAGE_FRAGMENT, ("SHADOW",), 300.0),
+    Shading.PAVING: _Style(shaders.GROUND_FRAGMENT, ("NORMAL",), near_focals=0.25),
+    Shading.GROUND: _Style(shaders.GROUND_FRAGMENT, ("NORMAL",)),
 }
-_REACH_M: Final = np.array([220.0, 450.0, 450.0, 300.0, 450.0])
-"""Distance up to which each program's triangles are drawn; beyond lies haze."""
-_DETAIL: Final = (
-    Material.BUILDING_GLASS,
-    Material.METAL_POLE,
-    Material.SIGNAL_HOUSING,
-    Material.SIGNAL_RED,
-    Material.SIGNAL_YELLOW,
-    Material.SIGNAL_GREEN,
-    Material.STOP_SIGN,
-    Material.STREET_LAMP,
-    Material.TREE_TRUNK,
-    Material.FENCE,
-)
-_GROUND: Final = (
-    Material.GROUND,
-    Material.GRASS,
-    Material.ASPHALT,
-    Material.SHOULDER_ASPHALT,
-    Material.MARKING_WHITE,
-    Material.MARKING_YELLOW,
-    Material.KERB,
-    Material.SIDEWALK,
-    Material.MEDIAN,
-)
 
 
-def _shading_of_material() -> npt.NDArray[np.uint8]:
-    table = np.full(len(Material), int(Shading.PLAIN), np.uint8)
-    table[[int(material) for material in _DETAIL]] = int(Shading.DETAIL)
-    table[[int(material) for material in _GROUND]] = int(Shading.GROUND)
-    table[int(Material.BUILDING_WALL)] = int(Shading.FACADE)
-    table[int(Material.FOLIAGE)] = int(Shading.FOLIAGE)
-    return table
+@dataclass(frozen=True, eq=False)
+class _Draw:
+    """A program, and which chunks it draws."""
+
+    shading: Shading
+    near: bool
+    program: Any
+    array: Any
 
 
 class StaticGeometry:
     """Static triangles sorted by program and chunk, and the signals' lamps that shine."""
 
-    def __init__(self, context: moderngl.Context, scene: StaticScene) -> None:
-        """Upload the scene once."""
+    def __init__(self, context: moderngl.Context, scene: StaticScene, look: Look, defines: tuple[str, ...]) -> None:
+        """Upload the scene once; ``defines`` hold for all programs."""
         self._context = context
         mesh = scene.mesh
-        centre = mesh.vertices_m[mesh.triangles].mean(axis=1)
-        cell = np.floor(centre[:, :2] / CHUNK_M).astype(np.int64)
-        shading = _shading_of_material()[mesh.material].astype(np.int64)
-        key = np.stack((shading, cell[:, 0], cell[:, 1]), axis=1)
-        order = np.lexsort((cell[:, 1], cell[:, 0], shading))
-        key = key[order]
-        starts = np.flatnonzero(np.concatenate(([len(key) > 0], np.any(key[1:] != key[:-1], axis=1))))
-        corners = mesh.vertices_m[mesh.triangles[order]]
-        self._low = np.minimum.reduceat(corners.min(axis=1), starts, axis=0) if len(starts) else np.empty((0, 3))
-        self._high = np.maximum.reduceat(corners.max(axis=1), starts, axis=0) if len(starts) else np.empty((0, 3))
-        self._first = (3 * starts).astype(np.uint32)
-        self._count = (3 * np.diff(np.append(starts, len(key)))).astype(np.uint32)
-        self._shading = key[starts, 0]
+        shading = shading_of(mesh.material, mesh.normals, look)
+        order, self._first, self._shading = _chunked(mesh.vertices_m[mesh.triangles].mean(axis=1), shading)
+        corners = mesh.vertices_m[mesh.triangles[order]].astype(np.float64)
+        starts = self._first[:-1]
+        empty = np.empty((0, 3))
+        self._low = np.minimum.reduceat(corners.min(axis=1), starts, axis=0) if len(starts) else empty
+        self._high = np.maximum.reduceat(corners.max(axis=1), starts, axis=0) if len(starts) else empty
+        self._reach = np.array([_STYLE[Shading(one)].reach_m for one in self._shading])
+        self._distance = np.empty(len(starts))
+        normals = mesh.normals[order]
+        offset = np.einsum("ij,ij->i", normals.astype(np.float64), corners[:, 0])
+        self._planes = np.column_stack((normals, offset)).astype(np.float32)
         indexed = index_mesh(mesh, SEMANTIC_CLASS_OF_MATERIAL)
-        self._vertices = context.buffer(indexed.vertices.tobytes() or bytes(VERTEX.itemsize))
-        self._indices = context.buffer(np.ascontiguousarray(indexed.triangles[order]).tobytes() or bytes(12))
-        self.programs = {
-            shading: context.program(vertex_shader=shaders.STATIC_VERTEX, fragment_shader=fragment)
-            for shading, fragment in _FRAGMENT.items()
-        }
-        names = ((self._vertices, VERTEX_FORMAT, *VERTEX_NAMES),)
-        self._arrays = {
-            shading: context.vertex_array(program, names, self._indices) for shading, program in self.programs.items()
-        }
-        self._indirect = context.buffer(reserve=20 * max(1, len(self._first)))
-        self._lamps = _Lamps(context, scene.signal_lamps, indexed, self._vertices)
+        self._triangles = np.ascontiguousarray(indexed.triangles[order])
+        self._chosen = np.empty_like(self._triangles)
+        vertices = static_vertices(indexed.vertices, look)
+        self._vertices = context.buffer(vertices.tobytes() or bytes(STATIC_VERTEX.itemsize))
+        self._all = context.buffer(self._triangles.tobytes() or bytes(12))
+        self._indices = context.buffer(reserve=max(12, self._triangles.nbytes), dynamic=True)
+        self.shadow_program = context.program(
+            vertex_shader=shaders.STATIC_SHADOW_VERTEX, fragment_shader=shaders.SHADOW_FRAGMENT
+        )
+        self._draws = [
+            self._draw_of(shading, near, defines)
+            for shading in Shading
+            for near in ((True, False) if _STYLE[shading].near_focals else (False,))
+        ]
+        self._lamps = _Lamps(context, scene.signal_lamps, indexed, look, defines)
+        self._ranges: list[tuple[_Draw, int, int]] = []
+
+    def _draw_of(self, shading: Shading, near: bool, defines: tuple[str, ...]) -> _Draw:
+        style = _STYLE[shading]
+        names = (*style.defines, *defines, *(("NEAR",) if near else ()))
+        program = _program(self._context, style.fragment, names)
+        return _Draw(shading, near, program, _vertex_array(self._context, program, self._vertices, self._indices))
 
     @property
     def all_programs(self) -> list[Any]:
         """Every program that needs the frame's uniforms."""
-        return [*self.programs.values(), self._lamps.program]
+        return [*(draw.program for draw in self._draws), self._lamps.program]
 
     @property
     def heights_m(self) -> tuple[float, float]:
@@ -121,69 +120,106 @@ class StaticGeometry:
             return 0.0, 1.0
         return float(self._low[:, 2].min()), float(self._high[:, 2].max())
 
-    def shadow_array(self, program: Any) -> Any:
-        """All static triangles, positions alone, for a shadow program."""
-        return self._context.vertex_array(program, ((self._vertices, "3f 12x", "in_position"),), self._indices)
+    def shadow_array(self) -> Any:
+        """All static triangles, positions alone, for the shadow program."""
+        return self._context.vertex_array(self.shadow_program, ((self._vertices, "3f 24x", "in_position"),), self._all)
 
-    def visible(self, clip_from_map: Floats, eye_m: Floats) -> npt.NDArray[np.intp]:
-        """Chunks within the view frustum and their program's reach, nearest first."""
-        nearest = np.clip(eye_m, self._low, self._high)
-        distance = np.linalg.norm(nearest - eye_m, axis=1)
-        inside = distance < _REACH_M[self._shading]
-        for sign in (1.0, -1.0):
-            for row in range(2):
-                plane = clip_from_map[3] + sign * clip_from_map[row]
-                inside &= _reaches(plane, self._low, self._high)
-        inside &= _reaches(clip_from_map[3] + clip_from_map[2], self._low, self._high)
-        chosen = np.flatnonzero(inside)
-        return chosen[np.argsort(distance[chosen], kind="stable")]
-
-    def chunks_near(self, low_m: Floats, high_m: Floats) -> npt.NDArray[np.intp]:
-        """Chunks that meet a rectangle of the ground, corners of shape ``(2,)``."""
-        return np.flatnonzero(np.all((self._high[:, :2] >= low_m) & (self._low[:, :2] <= high_m), axis=1))
-
-    def commands(self, chunks: npt.NDArray[np.intp]) -> npt.NDArray[np.uint32]:
-        """Indirect draw commands (``DrawElementsIndirectCommand``) of chunks, shape ``(K, 5)``."""
-        commands = np.zeros((len(chunks), 5), np.uint32)
-        commands[:, 0] = self._count[chunks]
-        commands[:, 1] = 1
-        commands[:, 2] = self._first[chunks]
-        return commands
-
-    def draw(self, chunks: npt.NDArray[np.intp], only: Shading) -> None:
-        """Draw the chunks of one program."""
-        self.draw_array(self._arrays[only], chunks[self._shading[chunks] == only])
-
-    def draw_array(self, array: Any, chunks: npt.NDArray[np.intp]) -> None:
-        """Draw chunks with a vertex array over this scene's buffer."""
+    def draw_shadow(self, array: Any, low_m: Floats, high_m: Floats) -> None:
+        """Draw the chunks that meet a rectangle of the ground, corners of shape ``(2,)``."""
+        meets = np.all((self._high[:, :2] >= low_m) & (self._low[:, :2] <= high_m), axis=1)
+        chunks = np.flatnonzero(meets)
         if len(chunks) == 0:
             return
-        self._indirect.write(self.commands(chunks).tobytes())
-        array.render_indirect(self._indirect, moderngl.TRIANGLES, count=len(chunks))
+        commands = np.zeros((len(chunks), 5), np.uint32)
+        commands[:, 0] = 3 * (self._first[chunks + 1] - self._first[chunks])
+        commands[:, 1] = 1
+        commands[:, 2] = 3 * self._first[chunks]
+        array.render_indirect(self._context.buffer(commands.tobytes()), moderngl.TRIANGLES, count=len(chunks))
+
+    def select(self, clip_from_map: Floats, eye_m: Floats, focal_px: float) -> None:
+        """Choose what the next ``draw`` draws: chunks in view nearest first, triangles that face the camera."""
+        w, x, y, z = clip_from_map[3], clip_from_map[0], clip_from_map[1], clip_from_map[2]
+        planes = np.stack((w + x, w - x, w + y, w - y, w + z))
+        eye = np.ascontiguousarray(eye_m)
+        chunks_in_view(self._low, self._high, self._reach, planes, eye, self._distance)
+        seen = np.flatnonzero(np.isfinite(self._distance))
+        seen = seen[np.argsort(self._distance[seen], kind="stable")]
+        shading, distance = self._shading[seen], self._distance[seen]
+        self._ranges, filled = [], 0
+        for draw in self._draws:
+            mine = shading == draw.shading
+            limit = _STYLE[draw.shading].near_focals * focal_px
+            if limit:
+                mine &= (distance < limit) == draw.near
+            room = self._chosen[filled:]
+            count = facing_triangles(seen[mine], self._first, self._planes, self._triangles, eye, room)
+            if count:
+                self._ranges.append((draw, filled, count))
+                filled += count
+        self._indices.orphan()
+        if filled:
+            self._indices.write(self._chosen[:filled].data)
+
+    def draw(self) -> None:
+        """Draw what was selected."""
+        for draw, first, count in self._ranges:
+            draw.array.render(moderngl.TRIANGLES, vertices=3 * count, first=3 * first)
 
     def draw_lamps(self, signals: Mapping[str, str], step: int) -> None:
         """Draw the lamps that shine, over their dark lenses."""
         self._lamps.draw(signals, step)
 
 
-def _reaches(plane: Floats, low: npt.NDArray[Any], high: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
-    """Whether boxes reach the positive side of a plane ``(a, b, c, d)``."""
-    far = np.where(plane[:3] > 0.0, high, low)
-    return far @ plane[:3] + plane[3] > 0.0
+def _chunked(
+    centre: npt.NDArray[np.floating], shading: npt.NDArray[np.int64]
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Order of triangles by shading and cell, first triangle of each chunk with the end, shading of each chunk."""
+    cell = np.floor(centre[:, :2] / CHUNK_M).astype(np.int64)
+    order = np.lexsort((cell[:, 1], cell[:, 0], shading))
+    key = np.stack((shading, cell[:, 0], cell[:, 1]), axis=1)[order]
+    starts = np.flatnonzero(np.concatenate(([len(key) > 0], np.any(key[1:] != key[:-1], axis=1))))
+    return order, np.append(starts, len(key)).astype(np.int64), key[starts, 0]
+
+
+def _program(context: moderngl.Context, fragment: str, defines: tuple[str, ...]) -> Any:
+    return context.program(
+        vertex_shader=shaders.defined(shaders.STATIC_VERTEX, *defines),
+        fragment_shader=shaders.defined(fragment, *defines),
+    )
+
+
+def _vertex_array(context: moderngl.Context, program: Any, vertices: Any, indices: Any) -> Any:
+    """Vertex array of the attributes that a program has; a compiler drops those that it does not need."""
+    formats = [
+        part if name in program else f"{int(part[0]) * int(part[-1] if part[-1].isdigit() else 4)}x"
+        for part, name in zip(STATIC_FORMAT.split(), STATIC_NAMES, strict=True)
+    ]
+    names = [name for name in STATIC_NAMES if name in program]
+    return context.vertex_array(program, ((vertices, " ".join(formats), *names),), indices)
 
 
 class _Lamps:
     """The lit lenses of signals; their buffer changes only when a signal does."""
 
     def __init__(
-        self, context: moderngl.Context, lamps: tuple[SignalLamp, ...], scene: IndexedMesh, vertices: Any
+        self,
+        context: moderngl.Context,
+        lamps: tuple[SignalLamp, ...],
+        scene: IndexedMesh,
+        look: Look,
+        defines: tuple[str, ...],
     ) -> None:
         self._lamps = lamps
-        self._parts = [scene.triangles[lamp.start : lamp.stop] for lamp in lamps]
-        self._indices = context.buffer(reserve=max(12, sum(part.nbytes for part in self._parts)))
-        lit = shaders.STATIC_VERTEX.replace("#version 330 core\n", "#version 330 core\n#define LIT\n")
-        self.program = context.program(vertex_shader=lit, fragment_shader=shaders.PLAIN_FRAGMENT)
-        self._array = context.vertex_array(self.program, ((vertices, VERTEX_FORMAT, *VERTEX_NAMES),), self._indices)
+        parts = [scene.triangles[lamp.start : lamp.stop] for lamp in lamps]
+        used, local = np.unique(np.concatenate([np.empty((0, 3), np.uint32), *parts]), return_inverse=True)
+        local = local.reshape(-1, 3).astype(np.uint32)
+        ends = np.cumsum([0, *(len(part) for part in parts)])
+        self._parts = [local[start:end] for start, end in zip(ends[:-1], ends[1:], strict=True)]
+        vertices = static_vertices(scene.vertices[used], look, lit=True)
+        buffer = context.buffer(vertices.tobytes() or bytes(STATIC_VERTEX.itemsize))
+        self._indices = context.buffer(reserve=max(12, local.nbytes))
+        self.program = _program(context, shaders.LAMP_FRAGMENT, defines)
+        self._array = _vertex_array(context, self.program, buffer, self._indices)
         self._shown: tuple[bool, ...] = ()
         self._count = 0
 

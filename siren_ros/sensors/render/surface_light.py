@@ -33,7 +33,8 @@ STATIC_VERTEX: Final = np.dtype(
 )
 """What a static triangle's last vertex says of it, 36 bytes.
 
-``sun``: reflected sunlight; w: grain (ground), 1 for bricks (walls), light on the crown (foliage).
+``sun``: reflected sunlight; w: grain (ground; above 1 where water soaks away), 1 for bricks (walls), sun on the crown
+(foliage).
 ``shade``: reflected light of sky and ground, and what shines by itself; w: semantic class / 255.
 ``normal``; w: gloss, or how worn a road marking is.
 """
@@ -139,5 +140,5 @@ def static_vertices(vertices: npt.NDArray[np.void], look: Look, *, lit: bool = F
     out["normal"][:, :3] = normals
     worn = np.isin(material, [int(kind) for kind in _MARKING])
     gloss = np.where(material == Material.BUILDING_GLASS, 0.55, np.where(worn, 0.5, 0.0))
-    out["normal"][:, 3] = np.where(ground[:, 0] & ~worn, _WETTED[material] * 0.0, gloss)
+    out["normal"][:, 3] = gloss
     return out

@@ -9,7 +9,8 @@ import numpy.typing as npt
 from scipy.spatial import ConvexHull
 
 from siren_ros.sensors.placement import Placement
-from siren_ros.sensors.render import shaders
+from siren_ros.sensors.render import vehicle_shaders
+from siren_ros.sensors.render.shaders import defined
 from siren_ros.sensors.render.vertices import VERTEX, IndexedMesh, index_mesh
 from siren_ros.sensors.scene.material import SEMANTIC_CLASS_OF_MATERIAL, semantic_class_of_actor
 from siren_ros.sensors.scene.mesh import VehicleShape
@@ -61,79 +62,84 @@ def _hull(shape: VehicleShape) -> npt.NDArray[np.float32]:
 
 
 class _Class:
-    """Buffers of one vehicle class."""
+    """Buffers of one vehicle class: those in view, and all of the picture's, whose shadows may be in view."""
 
     def __init__(self, context: moderngl.Context, shape: VehicleShape, program: Any, shadow_program: Any) -> None:
-        self._instances = context.buffer(reserve=_ROOM * INSTANCE.itemsize)
+        self._instances = context.buffer(reserve=_ROOM * INSTANCE.itemsize, dynamic=True)
+        self._casters = context.buffer(reserve=_ROOM * INSTANCE.itemsize, dynamic=True)
         indexed = _indexed(shape)
         body = context.buffer(indexed.vertices.tobytes())
         indices = context.buffer(indexed.triangles.tobytes())
         hull = context.buffer(_hull(shape).tobytes())
         names = ("in_position", "in_normal", "in_colour", "in_hub")
-        self.array = context.vertex_array(
+        self._array = context.vertex_array(
             program,
             ((body, _VERTEX_FORMAT, *names), (self._instances, _INSTANCE_FORMAT, *_INSTANCE_NAMES)),
             indices,
         )
-        self.shadow_array = context.vertex_array(
-            shadow_program,
-            ((hull, "3f", "in_position"), (self._instances, "4f 4f 4f 32x/i", *_INSTANCE_NAMES[:3])),
+        self._shadow_array = context.vertex_array(
+            shadow_program, ((hull, "3f", "in_position"), (self._casters, "4f 4f 4f 32x/i", *_INSTANCE_NAMES[:3]))
         )
-        self._room = _ROOM
-        self.seen = 0
-        self.shading = 0
+        self._room = {id(self._instances): _ROOM, id(self._casters): _ROOM}
 
-    def write(self, seen: npt.NDArray[np.void], shading: npt.NDArray[np.void]) -> None:
-        """Set the vehicles in view, and those out of view that throw shadows into it."""
-        instances = np.concatenate((seen, shading))
-        if len(instances) > self._room:
-            self._room = 2 * len(instances)
-            self._instances.orphan(self._room * INSTANCE.itemsize)
+    def _write(self, buffer: Any, instances: npt.NDArray[np.void]) -> None:
+        if len(instances) > self._room[id(buffer)]:
+            self._room[id(buffer)] = 2 * len(instances)
+        buffer.orphan(self._room[id(buffer)] * INSTANCE.itemsize)
+        buffer.write(instances.tobytes())
+
+    def draw(self, instances: npt.NDArray[np.void]) -> None:
+        """Draw these vehicles."""
         if len(instances):
-            self._instances.write(instances.tobytes())
-        self.seen, self.shading = len(seen), len(instances)
+            self._write(self._instances, instances)
+            self._array.render(moderngl.TRIANGLES, instances=len(instances))
+
+    def draw_shadows(self, instances: npt.NDArray[np.void]) -> None:
+        """Draw the hulls of these vehicles with the shadow program."""
+        if len(instances):
+            self._write(self._casters, instances)
+            self._shadow_array.render(moderngl.TRIANGLES, instances=len(instances))
 
 
 class VehicleGeometry:
-    """All classes' meshes; ``place`` once per picture, then draw."""
+    """All classes' meshes; ``place`` once per set of vehicles, then draw."""
 
-    def __init__(self, context: moderngl.Context, shapes: Mapping[ActorClass, VehicleShape]) -> None:
-        """Upload the shapes once."""
-        self.program = context.program(vertex_shader=shaders.VEHICLE_VERTEX, fragment_shader=shaders.PLAIN_FRAGMENT)
-        self.shadow_program = context.program(
-            vertex_shader=shaders.VEHICLE_SHADOW_VERTEX, fragment_shader=shaders.SHADOW_FRAGMENT
+    def __init__(
+        self,
+        context: moderngl.Context,
+        shapes: Mapping[ActorClass, VehicleShape],
+        shadow_program: Any,
+        defines: tuple[str, ...],
+    ) -> None:
+        """Upload the shapes once; ``defines`` hold for the program."""
+        self.program = context.program(
+            vertex_shader=defined(vehicle_shaders.VEHICLE_VERTEX, *defines),
+            fragment_shader=defined(vehicle_shaders.VEHICLE_FRAGMENT, *defines),
         )
         self._classes = {
-            actor_class: _Class(context, shapes[actor_class], self.program, self.shadow_program)
+            int(actor_class): _Class(context, shapes[actor_class], self.program, shadow_program)
             for actor_class in sorted(shapes)
         }
+        self._actor_class = np.empty(0, np.uint8)
+        self._instances = np.empty(0, INSTANCE)
 
-    def place(
-        self,
-        placement: Placement,
-        rolled_m: npt.NDArray[np.float64],
-        seen: npt.NDArray[np.bool_],
-        shading: npt.NDArray[np.bool_],
-    ) -> None:
-        """Set the vehicles of a picture; ``seen`` and ``shading`` (N,): may be in view, may throw a shadow into it."""
+    def place(self, placement: Placement, rolled_m: npt.NDArray[np.float64]) -> None:
+        """Set the vehicles of the pictures to come."""
         instances = np.zeros(len(placement), INSTANCE)
         instances["rows"] = model_rows(placement)
         instances["paint"][:, :3] = placement.colour_rgb / 255.0
         instances["paint"][:, 3] = _SEMANTIC[placement.actor_class] / 255.0
         instances["motion"] = np.stack((placement.steer_rad, rolled_m), axis=1)
         instances["actor"] = np.stack((placement.actor_id, placement.lights), axis=1)
-        for actor_class, entry in self._classes.items():
-            mine = placement.actor_class == actor_class
-            entry.write(instances[mine & seen], instances[mine & shading & ~seen])
+        self._instances, self._actor_class = instances, placement.actor_class
 
-    def draw(self) -> None:
-        """Draw the vehicles in view."""
-        for entry in self._classes.values():
-            if entry.seen:
-                entry.array.render(moderngl.TRIANGLES, instances=entry.seen)
+    def draw(self, nearest_first: npt.NDArray[np.intp]) -> None:
+        """Draw vehicles, given as rows of what was placed."""
+        kinds = self._actor_class[nearest_first]
+        for kind in dict.fromkeys(kinds.tolist()):
+            self._classes[kind].draw(self._instances[nearest_first[kinds == kind]])
 
-    def draw_shadows(self) -> None:
-        """Draw the hulls of all placed vehicles with the shadow program."""
-        for entry in self._classes.values():
-            if entry.shading:
-                entry.shadow_array.render(moderngl.TRIANGLES, instances=entry.shading)
+    def draw_shadows(self, near: npt.NDArray[np.bool_]) -> None:
+        """Draw the hulls of some of the placed vehicles with the shadow program."""
+        for kind, entry in self._classes.items():
+            entry.draw_shadows(self._instances[near & (self._actor_class == kind)])

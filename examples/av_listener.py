@@ -25,13 +25,12 @@ class AvListener(Node):
 
     def on_message(self, message: PointCloud2 | GroundTruth) -> None:
         step = (message.header.stamp.sec * 20) + message.header.stamp.nanosec // 50_000_000
-        parts = self.waiting.setdefault(step, {})
-        parts[type(message)] = message
-        if len(parts) == (2 if step % 2 == 0 else 1):  # the ground truth comes at every second step
+        self.waiting.setdefault(step, {})[type(message)] = message
+        if len(self.waiting[step]) == (2 if step % 2 == 0 else 1):  # the ground truth comes at every second step
+            parts = self.waiting.pop(step)
             if step % 20 == 0:  # here a real stack would perceive and plan
                 seen = f"{parts[PointCloud2].width} points, {len(parts[GroundTruth].actor_id)} vehicles"
                 print(f"{step // 20} s: {seen}", flush=True)
-            del self.waiting[step]
             self.say(StepDone.STEP, step)
 
     def on_end(self, message: EpisodeEnd) -> None:

@@ -1,5 +1,6 @@
 """``cosim``: one whole episode. Starts the nodes, drives the lockstep, tells the user how it goes."""
 
+import os
 import sys
 import time
 from dataclasses import fields
@@ -15,6 +16,7 @@ from siren_ros.ros.composition import Composition, InProcess, OutOfProcess, impo
 from siren_ros.ros.domain import check_alone
 from siren_ros.ros.endpoints import create_input
 from siren_ros.ros.episode_plan import plan_episode
+from siren_ros.ros.hang_watch import HangWatch, limits_s
 from siren_ros.ros.master import LockstepMaster
 from siren_ros.ros.node_configs import CosimConfig
 from siren_ros.ros.parameter_overrides import check_names
@@ -69,6 +71,8 @@ def run_episode(cosim: Cosim, interrupt: Interrupt) -> int:
     composition: Composition = (
         OutOfProcess(overrides, ros_args) if cosim.config.processes else InProcess(executor, overrides)
     )
+    limits = limits_s(cosim.master.config)
+    watch = HangWatch(lambda: composition.hanging(limits), give_up)
     try:
         while not cosim.master.closed:
             executor.spin_once(timeout_sec=SPIN_S)
@@ -77,6 +81,7 @@ def run_episode(cosim: Cosim, interrupt: Interrupt) -> int:
             if failure := composition.failure():
                 cosim.master.fail(failure, composition.gone())
     finally:
+        watch.stop()
         cosim.progress.close()
         composition.stop(STOP_S, cosim.master.state.late)
         executor.shutdown()
@@ -85,7 +90,14 @@ def run_episode(cosim: Cosim, interrupt: Interrupt) -> int:
     refused = composition.exit_code()
     if state.end is EpisodeEnd.COMPLETE:
         return EXIT_OK
+    print(f"cosim: {state.reason}", file=sys.stderr)
     return refused or EXIT_FAILED
+
+
+def give_up(reason: str) -> None:
+    """End this process: a node hangs in it, and the executor with the node."""
+    print(f"cosim: {reason}; `siren recover` completes the bag", file=sys.stderr, flush=True)
+    os._exit(EXIT_FAILED)
 
 
 def main() -> int:

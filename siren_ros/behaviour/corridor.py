@@ -112,11 +112,12 @@ def corridor_lane(network: RoadNetwork, lane: int, route: Indices) -> int:
     driving lanes. Elsewhere it is the lane that serves the route best.
     """
     edge = network.edges[network.lanes[lane].edge]
-    first = network.lanes[edge.lanes[0]]
-    if first.kind is LaneKind.SHOULDER and first.emergency_allowed and len(route) > 1 and edge.index == int(route[0]):
-        turns = network.connections_from.get(first.index, ())
-        if any(c.direction in _RIGHT_TURNS and network.lanes[c.to_lane].edge == int(route[1]) for c in turns):
-            return first.index
+    if len(route) > 1 and edge.index == int(route[0]):
+        for shoulder in (network.lanes[item] for item in edge.lanes):
+            if shoulder.kind is LaneKind.SHOULDER and shoulder.emergency_allowed:
+                turns = network.connections_from.get(shoulder.index, ())
+                if any(c.direction in _RIGHT_TURNS and network.lanes[c.to_lane].edge == int(route[1]) for c in turns):
+                    return shoulder.index
     return best_lane(network, lane, route)
 
 

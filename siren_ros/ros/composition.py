@@ -13,6 +13,8 @@ from typing import Any, Protocol
 
 from rclpy.parameter import Parameter
 
+from siren_ros.interfaces.lockstep_reports import Phase
+from siren_ros.ros.hang_watch import overdue
 from siren_ros.ros.parameters import Value
 from siren_ros.ros.program import PARENT_VARIABLE
 from siren_ros.world.errors import SirenError
@@ -31,6 +33,9 @@ class Composition(Protocol):
 
     def gone(self) -> tuple[str, ...]:
         """Participants that will not answer any more."""
+
+    def hanging(self, limits: Mapping[Phase, float]) -> str:
+        """Which participant keeps the lockstep itself from going on, and where; empty: none."""
 
     def exit_code(self) -> int:
         """Exit code of a participant that refused its input, 0 otherwise."""
@@ -79,6 +84,10 @@ class InProcess:
         """None can be gone while this process runs."""
         return ()
 
+    def hanging(self, limits: Mapping[Phase, float]) -> str:
+        """The node whose callback has not returned in time."""
+        return overdue((node.work for node in tuple(self.nodes)), limits, time.monotonic())
+
     def exit_code(self) -> int:
         """Bad input raised already when the nodes were made."""
         return 0
@@ -118,6 +127,10 @@ class OutOfProcess:
     def gone(self) -> tuple[str, ...]:
         """Participants whose processes have ended with an error."""
         return tuple(name for name, process in self._processes.items() if process.poll())
+
+    def hanging(self, limits: Mapping[Phase, float]) -> str:  # noqa: ARG002 - the protocol
+        """None can: the lockstep has a process of its own."""
+        return ""
 
     def exit_code(self) -> int:
         """The first exit code other than 0 of a process that ended by itself."""

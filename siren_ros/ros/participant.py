@@ -17,6 +17,7 @@ from siren_ros.interfaces.tick_join import Input, TickJoin
 from siren_ros.interfaces.topics import Topic
 from siren_ros.ros import wire
 from siren_ros.ros.endpoints import create_input, create_output
+from siren_ros.ros.hang_watch import Work, begin_work
 from siren_ros.ros.node_configs import ParticipantConfig
 from siren_ros.ros.parameters import declare_config
 from siren_ros.world.episode import EpisodeDescription, EpisodeEnd
@@ -44,6 +45,7 @@ class Participant(Node, Generic[Config]):
         super().__init__(name, **node_options)
         self.config = declare_config(self, self.config_type)
         self.finished = False
+        self.work: Work | None = None
         self._failed = False
         self._prepared = False
         self._join = TickJoin(self.inputs)
@@ -188,6 +190,7 @@ class Participant(Node, Generic[Config]):
     def _guarded(self, step: int, phase: Phase, action: Callable[[], None]) -> None:
         if self._failed and phase is not Phase.FINAL:
             return
+        outer, self.work = self.work, begin_work(self.get_name(), phase, step)
         try:
             action()
         except (SirenError, OSError) as error:
@@ -195,6 +198,8 @@ class Participant(Node, Generic[Config]):
         except Exception as error:  # noqa: BLE001 - any failure must end the episode under this node's name
             self.get_logger().error(traceback.format_exc())
             self._fail(phase, step, f"{type(error).__name__}: {error}")
+        finally:
+            self.work = outer
 
     def _fail(self, phase: Phase, step: int, error: str) -> None:
         self._failed = True

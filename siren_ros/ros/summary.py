@@ -4,6 +4,7 @@ from pathlib import Path
 
 from siren_ros.interfaces.lockstep import LockstepState
 from siren_ros.recording.bag_metadata import read_message_counts
+from siren_ros.recording.working_folder import working_path
 from siren_ros.ros.progress import time_table
 from siren_ros.world.episode import EpisodeEnd, EpisodeOutcome
 from siren_ros.world.units import STEP_S
@@ -42,6 +43,8 @@ def _because(reason: str) -> str:
 def _bag_lines(bag: Path, end: EpisodeEnd) -> list[str]:
     if end is not EpisodeEnd.COMPLETE:
         partial = sorted(bag.parent.glob(f"{bag.name}.partial*"), key=lambda path: path.stat().st_mtime)
+        if working_path(bag).is_dir():
+            return [f"cut-off bag: {working_path(bag)} (`siren recover {working_path(bag)}` completes it)"]
         return [f"partial bag: {partial[-1]}"] if partial else []
     if not bag.is_dir():
         return []

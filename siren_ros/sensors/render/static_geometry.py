@@ -19,12 +19,14 @@ from siren_ros.sensors.render.surface_light import (
     static_vertices,
 )
 from siren_ros.sensors.render.vertices import IndexedMesh, index_mesh
-from siren_ros.sensors.render.visibility import chunks_in_view, facing_triangles
+from siren_ros.sensors.render.visibility import chunks_in_view, visible_triangles
 from siren_ros.sensors.scene.material import SEMANTIC_CLASS_OF_MATERIAL
 from siren_ros.sensors.scene.mesh import SignalLamp, StaticScene
 from siren_ros.world.units import NS_PER_S, time_ns_of_step
 
 CHUNK_M: Final = 24.0
+import os
+_SMALLEST_PX=float(os.environ.get('SPX','0.1'))
 _BLINK_PERIOD_NS: Final = NS_PER_S
 """Yellow blinking signals: 60 flashes a minute, half on and half off (MUTCD 4L.01 demands 50–60 a minute)."""
 
@@ -84,6 +86,8 @@ class StaticGeometry:
         normals = mesh.normals[order]
         offset = np.einsum("ij,ij->i", normals.astype(np.float64), corners[:, 0])
         self._planes = np.column_stack((normals, offset)).astype(np.float32)
+        sides = corners[:, 1:] - corners[:, :1]
+        self._area = (0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)).astype(np.float32)
         indexed = index_mesh(mesh, SEMANTIC_CLASS_OF_MATERIAL)
         self._triangles = np.ascontiguousarray(indexed.triangles[order])
         self._chosen = np.empty_like(self._triangles)
@@ -152,7 +156,17 @@ class StaticGeometry:
             if limit:
                 mine &= (distance < limit) == draw.near
             room = self._chosen[filled:]
-            count = facing_triangles(seen[mine], self._first, self._planes, self._triangles, eye, room)
+            count = visible_triangles(
+                seen[mine],
+                self._first,
+                self._distance,
+                self._planes,
+                self._area,
+                self._triangles,
+                eye,
+                _SMALLEST_PX / focal_px**2,
+                room,
+            )
             if count:
                 self._ranges.append((draw, filled, count))
                 filled += count

@@ -1,0 +1,109 @@
+"""Programs that run beside each other in one DDS domain: episodes, listeners, controllers."""
+
+import hashlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+EXAMPLES = REPOSITORY / "examples"
+SMALL_SUITE = """
+lidars:
+  lidar: {mount: {x_m: 0.0, y_m: 0.0, z_m: 1.93}, channels: 8, points_per_second: 40000, rate_hz: 20}
+"""
+
+
+@dataclass(frozen=True)
+class Run:
+    code: int
+    out: str
+    err: str
+
+
+@dataclass(frozen=True)
+class Domain:
+    """Where programs hear each other."""
+
+    number: int
+
+    @property
+    def environment(self) -> dict[str, str]:
+        profile = str(REPOSITORY / "tools" / "environment" / "fastdds.xml")
+        return {
+            "FASTDDS_DEFAULT_PROFILES_FILE": profile,
+            **os.environ,
+            "ROS_DOMAIN_ID": str(self.number),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        }
+
+    def start(self, *arguments: str, cwd: Path) -> "subprocess.Popen[str]":
+        """A Python program with pipes for its output."""
+        return subprocess.Popen(
+            [sys.executable, *arguments],
+            env=self.environment,
+            cwd=cwd,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    @contextmanager
+    def running(self, *arguments: str, cwd: Path) -> Iterator["subprocess.Popen[str]"]:
+        """A program that is gone afterwards, however the test ends."""
+        process = self.start(*arguments, cwd=cwd)
+        try:
+            yield process
+        finally:
+            if process.poll() is None:
+                process.send_signal(signal.SIGCONT)
+                process.kill()
+            process.communicate()
+
+    @contextmanager
+    def episode(self, *parameters: str, cwd: Path) -> Iterator["subprocess.Popen[str]"]:
+        """An episode under way."""
+        with self.running(*cosim(parameters), cwd=cwd) as process:
+            yield process
+
+    def run(self, *parameters: str, cwd: Path) -> Run:
+        """An episode from its start to its end."""
+        with self.episode(*parameters, cwd=cwd) as process:
+            return finish(process)
+
+
+def cosim(parameters: Sequence[str]) -> list[str]:
+    flags = [part for parameter in parameters for part in ("-p", parameter)]
+    return ["-m", "siren_nodes.cosim", "--ros-args", *flags]
+
+
+def finish(process: "subprocess.Popen[str]", timeout_s: float = 120.0) -> Run:
+    out, err = process.communicate(timeout=timeout_s)
+    return Run(process.returncode, out, err)
+
+
+def wait_until(condition: Callable[[], bool], timeout_s: float = 60.0) -> None:
+    """Poll until something holds."""
+    deadline_s = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline_s, "it never happened"
+        time.sleep(0.02)
+
+
+def recording(folder: Path, size: int = 0) -> Callable[[], bool]:
+    """Whether a bag below a folder has grown beyond a size."""
+    return lambda: any(file.stat().st_size > size for file in folder.rglob("*.mcap"))
+
+
+def digest(folder: Path) -> dict[str, str]:
+    """Hash of every file below a folder."""
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }

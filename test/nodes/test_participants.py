@@ -1,0 +1,98 @@
+"""Programs of others: those that take part in the lockstep are waited for, those that listen change nothing."""
+
+import signal
+from pathlib import Path
+
+import pytest
+from live_episodes import EXAMPLES, SMALL_SUITE, Domain, digest, finish, recording, wait_until
+
+DOMAIN = Domain(61)
+LISTENER = str(EXAMPLES / "av_listener.py")
+STEPS = 30
+
+
+@pytest.fixture(scope="module", name="suite")
+def _suite(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("suite") / "small.yaml"
+    path.write_text(SMALL_SUITE, encoding="utf-8")
+    return str(path)
+
+
+def short(suite: str, *more: str) -> tuple[str, ...]:
+    return (f"sensors:={suite}", "kitti:=false", f"duration_s:={STEPS / 20}", "bag:=bag", *more)
+
+
+@pytest.fixture(scope="module", name="alone")
+def _alone(suite: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """The bytes of an episode that nobody listens to."""
+    folder = tmp_path_factory.mktemp("alone")
+    run = DOMAIN.run(*short(suite), cwd=folder)
+    assert run.code == 0, run.err
+    return digest(folder)
+
+
+def test_the_example_is_short() -> None:
+    assert len(Path(LISTENER).read_text(encoding="utf-8").splitlines()) < 60
+
+
+def test_listeners_change_nothing_also_when_they_hang(alone: dict[str, str], suite: str, tmp_path: Path) -> None:
+    with (
+        DOMAIN.running(LISTENER, cwd=tmp_path) as awake,
+        DOMAIN.running(LISTENER, cwd=tmp_path) as asleep,
+        DOMAIN.episode(*short(suite), cwd=tmp_path) as episode,
+    ):
+        wait_until(recording(tmp_path))
+        asleep.send_signal(signal.SIGSTOP)
+        run = finish(episode)
+        assert run.code == 0, run.err
+        heard = finish(awake)
+        assert asleep.poll() is None
+    assert digest(tmp_path) == alone
+    assert heard.code == 0, heard.err
+
+
+def test_a_participant_hears_every_step(alone: dict[str, str], suite: str, tmp_path: Path) -> None:
+    with (
+        DOMAIN.episode(*short(suite, "external:=[my_stack]"), cwd=tmp_path) as episode,
+        DOMAIN.running(LISTENER, "--participant", "my_stack", cwd=tmp_path) as stack,
+    ):
+        run, heard = finish(episode), finish(stack)
+    assert run.code == 0, run.err
+    assert "my_stack" in run.out
+    assert digest(tmp_path) == alone
+    assert heard.code == 0, heard.err
+    lines = heard.out.splitlines()
+    assert [line.split(":")[0] for line in lines] == ["0 s", "1 s"]
+    assert all(int(line.split()[2]) > 100 for line in lines)
+
+
+def test_a_participant_that_hangs_ends_the_episode_under_its_name(suite: str, tmp_path: Path) -> None:
+    parameters = short(suite, "external:=[my_stack]", "step_timeout_s:=1.0", "duration_s:=40.0")
+    with (
+        DOMAIN.episode(*parameters, cwd=tmp_path) as episode,
+        DOMAIN.running(LISTENER, "--participant", "my_stack", cwd=tmp_path) as stack,
+    ):
+        wait_until(recording(tmp_path, 100_000))
+        stack.send_signal(signal.SIGSTOP)
+        run = finish(episode)
+    assert run.code == 1
+    assert "episode failed" in run.out
+    assert ": my_stack: did not finish step" in run.out
+    assert "within 1 s" in run.out
+
+
+def test_a_participant_that_never_comes_is_named(tmp_path: Path) -> None:
+    run = DOMAIN.run("sensors:=none", "bag:=bag", "external:=[my_stack]", "start_timeout_s:=8.0", cwd=tmp_path)
+    assert run.code == 1
+    assert "my_stack: was not ready within 8 s" in run.out
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("names", "named"), [("[recorder]", "'recorder'"), ("[a, a]", "'a'"), ("['no name']", "'no name'")]
+)
+def test_names_that_cannot_be_used_are_refused(tmp_path: Path, names: str, named: str) -> None:
+    run = DOMAIN.run(f"external:={names}", cwd=tmp_path)
+    assert run.code == 2
+    assert run.err.startswith(f"external: {named} cannot be used")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,37 @@
+"""Two episodes at once on one machine do not hear each other."""
+
+from pathlib import Path
+
+import pytest
+from live_episodes import Domain, digest, finish, recording, wait_until
+
+HERE, ELSEWHERE = Domain(64), Domain(65)
+SHORT = ("sensors:=none", "duration_s:=1.0", "bag:=bag")
+
+
+@pytest.mark.parametrize("processes", ["false", "true"])
+def test_a_second_episode_in_one_domain_is_refused_and_harms_nothing(tmp_path: Path, processes: str) -> None:
+    first, second = tmp_path / "first", tmp_path / "second"
+    first.mkdir()
+    second.mkdir()
+    with HERE.episode("sensors:=none", "duration_s:=6.0", "bag:=bag", "realtime_factor:=1.0", cwd=first) as episode:
+        wait_until(recording(first))
+        refused = HERE.run(*SHORT, f"processes:={processes}", cwd=second)
+        run = finish(episode)
+    assert refused.code == 2
+    (line,) = [line for line in refused.err.splitlines() if line.startswith("ROS_DOMAIN_ID")]
+    assert line.startswith("ROS_DOMAIN_ID: 64 cannot be used")
+    assert "for example ROS_DOMAIN_ID=65" in line
+    assert list(second.iterdir()) == []
+    assert run.code == 0, run.err
+    assert "episode complete after 6.00 s" in run.out
+
+
+def test_episodes_in_two_domains_run_side_by_side(tmp_path: Path) -> None:
+    first, second = tmp_path / "first", tmp_path / "second"
+    first.mkdir()
+    second.mkdir()
+    with HERE.episode(*SHORT, cwd=first) as one, ELSEWHERE.episode(*SHORT, cwd=second) as two:
+        runs = [finish(one), finish(two)]
+    assert [run.code for run in runs] == [0, 0], [run.err for run in runs]
+    assert digest(first) == digest(second)

@@ -125,18 +125,19 @@ def on_time(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple
     }.get(state.stage)
     if limit_s is None or now_s - state.since_s < limit_s:
         return state, None
-    late = state.waiting if state.stage is Stage.CLOSING else _first_late(state.waiting)
+    gathering = state.stage is Stage.GATHERING
+    late = state.waiting if state.stage is Stage.CLOSING else _first_late(state.waiting, gathering)
     names = ", ".join(config.called.get(name, name) for name in sorted(late))
     if state.stage is Stage.CLOSING:
         reason = state.reason or f"{names}: did not close within {limit_s:g} s"
         return replace(state, stage=Stage.CLOSED, end=EpisodeEnd.FAILED, reason=reason), None
-    what = "was not ready" if state.stage is Stage.GATHERING else f"did not finish step {state.step}"
+    what = "was not ready" if gathering else f"did not finish step {state.step}"
     return _close(replace(state, late=late), EpisodeEnd.FAILED, f"{names}: {what} within {limit_s:g} s", config, now_s)
 
 
-def _first_late(waiting: frozenset[str]) -> frozenset[str]:
-    """Those that do not merely wait for somebody else's messages."""
-    return frozenset(name for name in waiting if not upstream_of(name) & waiting) or waiting
+def _first_late(waiting: frozenset[str], gathering: bool) -> frozenset[str]:
+    """Those that do not merely wait for somebody else: for messages of the step, or before it for a publisher."""
+    return frozenset(name for name in waiting if not upstream_of(name, lagged=gathering) & waiting) or waiting
 
 
 def on_interrupt(

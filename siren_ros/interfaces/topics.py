@@ -113,8 +113,8 @@ LAGGED_INPUTS: Final = frozenset({(ACTORS.name, "sumo_bridge"), (AV_CONTROL.name
 """Topic and subscriber of the arrows that carry the step before."""
 
 
-def upstream_of(participant: str) -> frozenset[str]:
-    """Participants that must have acted on a step before this one can."""
+def upstream_of(participant: str, *, lagged: bool = False) -> frozenset[str]:
+    """Participants that must have acted on a step before this one can; ``lagged``: or that it hears at all."""
     every = (
         CLOCK,
         TRAFFIC,
@@ -131,7 +131,7 @@ def upstream_of(participant: str) -> frozenset[str]:
     return frozenset(
         topic.publisher
         for topic in every
-        if participant in topic.subscribers and (topic.name, participant) not in LAGGED_INPUTS
+        if participant in topic.subscribers and (lagged or (topic.name, participant) not in LAGGED_INPUTS)
     )
 
 

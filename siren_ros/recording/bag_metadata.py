@@ -14,6 +14,8 @@ from siren_ros.world.errors import BagError
 
 METADATA_FILE: Final = "metadata.yaml"
 VERSION: Final = 9
+MAX_METADATA_BYTES: Final = 1_000_000
+MAX_DEPTH: Final = 32
 _FOREVER: Final = {"sec": 9223372036, "nsec": 854775807}
 """How rosbag2 writes an unlimited duration."""
 
@@ -93,11 +95,43 @@ def read_message_counts(bag: Path) -> dict[str, int]:
         BagError: There is no readable metadata.
     """
     try:
-        data = yaml.safe_load((bag / METADATA_FILE).read_text(encoding="utf-8"))
-        topics = data["rosbag2_bagfile_information"]["topics_with_message_count"]
+        topics = read_metadata(bag)["topics_with_message_count"]
         return {topic["topic_metadata"]["name"]: int(topic["message_count"]) for topic in topics}
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise BagError(str(bag), f"a bag with a readable {METADATA_FILE}") from error
+
+
+def read_metadata(bag: Path) -> dict[str, Any]:
+    """What ``metadata.yaml`` says about a bag.
+
+    Raises:
+        BagError: There is none, it is too large, is no YAML, repeats itself by aliases, or says something else.
+    """
+    file = bag / METADATA_FILE
+    try:
+        if file.stat().st_size > MAX_METADATA_BYTES:
+            raise BagError(str(bag), f"a bag with a {METADATA_FILE} of at most {MAX_METADATA_BYTES} bytes")
+        text = file.read_text(encoding="utf-8")
+        loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+        if not _is_plain(text, loader):
+            raise BagError(str(bag), f"a bag whose {METADATA_FILE} has no aliases and is not nested deeply")
+        data = yaml.load(text, Loader=loader)  # noqa: S506 - a safe loader, in C where there is one
+        information = data["rosbag2_bagfile_information"]
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError) as error:
+        raise BagError(str(bag), f"a bag with a readable {METADATA_FILE}") from error
+    if not isinstance(information, dict):
+        raise BagError(str(bag), f"a bag with a readable {METADATA_FILE}")
+    return information
+
+
+def _is_plain(text: str, loader: Any) -> bool:
+    """Whether YAML has no aliases, which may unfold without end, and few levels, which exhaust the stack."""
+    depth = 0
+    for event in yaml.parse(text, Loader=loader):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if isinstance(event, yaml.AliasEvent) or depth > MAX_DEPTH:
+            return False
+    return True
 
 
 def _topic_entry(topic: BagTopic) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
+from siren_ros.recording.bag_guard import check_bag_files
 from siren_ros.recording.bag_metadata import METADATA_FILE
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.recording.record_builder import RECORD_TOPICS, RecordBuilder
@@ -99,8 +100,9 @@ def open_bag(path: Path) -> Iterator[OpenBag]:
         raise BagError(str(path), "a folder that exists, of a recorded episode")
     if not (path / METADATA_FILE).is_file():
         allowed = f"a rosbag2 folder with {METADATA_FILE}"
-        cut_off = "; this one was cut off while it was written" if any(path.glob("*.mcap")) else ""
+        cut_off = "; this one was cut off, `siren recover` completes it" if any(path.glob("*.mcap")) else ""
         raise BagError(str(path), allowed + cut_off)
+    check_bag_files(path)
     with damage_refused(path):
         reader = AnyReader([path])
         reader.open()

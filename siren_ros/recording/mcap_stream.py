@@ -33,6 +33,8 @@ PROFILE: Final = "ros2"
 LIBRARY: Final = "siren_ros"
 _COMPRESSION: Final = "zstd"
 _MESSAGE_HEADER: Final = struct.Struct("<BQHIQQ")
+_MESSAGE_FIELDS_BYTES: Final = 22
+"""Channel, sequence and both times, which count as part of the message."""
 
 
 @dataclass(frozen=True)
@@ -88,30 +90,31 @@ class McapStream:
 
     def write_chunk(self, content: ChunkContent) -> None:
         """Writes one chunk and the index of its messages; OSError where the disk refuses it."""
+        self.adopt_chunk(content, None)
+
+    def adopt_chunk(self, content: ChunkContent, packed: bytes | None) -> None:
+        """Writes one chunk with bytes that were compressed before; None to compress it here."""
         if not content.messages and not content.channels and not content.schemas:
             return
-        head = _bytes_of([*content.schemas, *content.channels])
-        parts, offset = [head], len(head)
+        offset = len(_bytes_of([*content.schemas, *content.channels]))
         index: dict[int, list[tuple[int, int]]] = {}
         for message in content.messages:
-            size = 22 + len(message.data)
-            parts.append(
-                _MESSAGE_HEADER.pack(
-                    Opcode.MESSAGE, size, message.channel_id, message.sequence, message.time_ns, message.time_ns
-                )
-            )
-            parts.append(message.data)
             index.setdefault(message.channel_id, []).append((message.time_ns, offset))
-            offset += 9 + size
+            offset += _MESSAGE_HEADER.size + len(message.data)
         times = [message.time_ns for message in content.messages]
-        self._write_packed(b"".join(parts), index, min(times, default=0), max(times, default=0))
+        plain = plain_bytes(content)
+        if packed is None:
+            packed = self._compressor.compress(plain)
+        self._write_packed(plain, packed, index, (min(times, default=0), max(times, default=0)))
         self._schemas += content.schemas
         self._channels += content.channels
         for channel_id, records in index.items():
             self._counts[channel_id] = self._counts.get(channel_id, 0) + len(records)
 
-    def _write_packed(self, plain: bytes, index: dict[int, list[tuple[int, int]]], first_ns: int, last_ns: int) -> None:
-        packed = self._compressor.compress(plain)
+    def _write_packed(
+        self, plain: bytes, packed: bytes, index: dict[int, list[tuple[int, int]]], span_ns: tuple[int, int]
+    ) -> None:
+        first_ns, last_ns = span_ns
         name = _COMPRESSION.encode()
         # The head of a Chunk record by hand, so that the packed bytes are not copied into it.
         fields = struct.pack("<QQQII", first_ns, last_ns, len(plain), zlib.crc32(plain), len(name)) + name
@@ -172,6 +175,20 @@ class McapStream:
             message_end_time=max((chunk.message_end_time for chunk in self._chunks), default=0),
             schema_count=len(self._schemas),
         )
+
+
+def plain_bytes(content: ChunkContent) -> bytes:
+    """What a chunk holds before it is compressed."""
+    parts = [_bytes_of([*content.schemas, *content.channels])]
+    for message in content.messages:
+        parts += [_message_head(message), message.data]
+    return b"".join(parts)
+
+
+def _message_head(message: ChannelMessage) -> bytes:
+    size = _MESSAGE_FIELDS_BYTES + len(message.data)
+    time_ns = message.time_ns
+    return _MESSAGE_HEADER.pack(Opcode.MESSAGE, size, message.channel_id, message.sequence, time_ns, time_ns)
 
 
 def _bytes_of(records: Sequence[McapRecord]) -> bytes:

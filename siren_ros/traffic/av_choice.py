@@ -1,6 +1,8 @@
 """Which civilian of an episode becomes the AV under test, and the way that it would drive."""
 
 from dataclasses import dataclass
+from itertools import takewhile
+from typing import Final
 
 import numpy as np
 
@@ -8,8 +10,10 @@ from siren_ros.traffic.lane_chains import chain_along
 from siren_ros.traffic.plan import PlannedVehicle, TrafficPlan
 from siren_ros.world.errors import InputError
 from siren_ros.world.polyline import Polyline
-from siren_ros.world.road_network import RoadNetwork
+from siren_ros.world.road_network import Lane, RoadNetwork
 from siren_ros.world.routing import path_centre, route_path
+
+_SPACING_M: Final = 1.0
 
 
 @dataclass(frozen=True, order=True)
@@ -55,11 +59,23 @@ def _nearness(network: RoadNetwork, emv: PlannedVehicle, vehicle: PlannedVehicle
 
 
 def av_way(network: RoadNetwork, plan: TrafficPlan) -> Polyline:
-    """The way of a plan's AV along its route: lane centres, with as few lane changes as the route needs.
+    """The way of a plan's AV along its route from its start: lane centres, and the lane changes that the route needs.
 
     Raises:
         InputError: the route cannot be driven from the lane that the AV starts in.
     """
     av = next(vehicle for vehicle in plan.groups if vehicle.name == plan.av)
-    route = [network.edge_by_id[edge].index for edge in av.route]
-    return path_centre(network, route_path(network, route, av.spot.lane))
+    lanes = route_path(network, [network.edge_by_id[edge].index for edge in av.route], av.spot.lane)
+    first_edge = network.lanes[lanes[0]].edge
+    own = [network.lanes[lane] for lane in takewhile(lambda lane: network.lanes[lane].edge == first_edge, lanes)]
+    begun = _to_lane(own[0], own[-1], max(av.spot.front_m - av.length_m, 0.0))
+    onward = lanes[len(own) :]
+    return Polyline.joined([begun, path_centre(network, onward)]) if onward else begun
+
+
+def _to_lane(origin: Lane, target: Lane, from_m: float) -> Polyline:
+    """The way from a place on a lane to the end of another lane of the edge, the change along a half cosine."""
+    rest = origin.centre.cut(from_m, origin.length_m).resampled(_SPACING_M)
+    share = 0.5 - 0.5 * np.cos(np.pi * rest.arc_m / rest.length_m)
+    along, _ = target.centre.project(rest.points)
+    return Polyline.through(rest.points + share[:, None] * (target.centre.at(along) - rest.points))

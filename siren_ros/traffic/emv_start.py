@@ -41,7 +41,8 @@ class EmvStart:
 def start_m_of(network: RoadNetwork, site: Site, emv: EmvDemand) -> float:
     """A template's start of the EMV, counted from the beginning of the site's edge.
 
-    Before a stop line it is as far back as the template wants and the approach reaches.
+    Before a stop line it is as far back as the template wants and the approach reaches, with the EMV's body on the
+    lane where its front is.
     """
     if emv.start_from is StartReference.SITE_START:
         return emv.start_m
@@ -50,16 +51,17 @@ def start_m_of(network: RoadNetwork, site: Site, emv: EmvDemand) -> float:
     for edge in reversed(site.route[: site.site_position]):
         if reach_m >= -wanted_m:
             break
-        lane, _ = _lane_before(network, lane, edge)
-        reach_m += lane.length_m
+        lane, via = _lane_before(network, lane, edge)
+        reach_m += lane.length_m + _length_m(network, via)
     return max(wanted_m, _ENTRY_M - reach_m)
 
 
 def emv_start(network: RoadNetwork, site: Site, start_m: float) -> EmvStart:
-    """The start at a distance from the beginning of the site's edge, negative before it; junctions are left out.
+    """The start at a distance from the beginning of the site's edge, negative before it.
 
-    Before the site the lane is one that leads to the site's approach lane without a lane change, where
-    there is such a lane, and otherwise the leftmost driving lane.
+    A start that would lie inside a junction is put before it. Before the site the lane is one that leads to
+    the site's approach lane without a lane change, where there is such a lane, and otherwise the leftmost
+    driving lane.
 
     Raises:
         MapError: the site's approach or the site itself is too short.
@@ -71,7 +73,7 @@ def emv_start(network: RoadNetwork, site: Site, start_m: float) -> EmvStart:
         position -= 1
         lane, via = _lane_before(network, lane, site.route[position])
         to_site = (lane.index, *via, *to_site)
-        start_m += lane.length_m
+        start_m = min(start_m + _length_m(network, via), 0.0) + lane.length_m
     while start_m > lane.length_m and position + 1 < len(site.route):
         chain = chain_along(network, lane, site.route[position : position + 2])
         position, start_m = position + 1, start_m - (chain.start_m[-1] if len(chain.lanes) > 1 else lane.length_m)
@@ -96,7 +98,11 @@ def _lane_before(network: RoadNetwork, lane: Lane, edge: int) -> tuple[Lane, tup
 
 def way_to_stop_line_m(network: RoadNetwork, start: EmvStart) -> float:
     """Length of the way from the start to the end of the site's edge."""
-    return sum(network.lanes[lane].length_m for lane in start.lanes_to_site) - start.front_m
+    return _length_m(network, start.lanes_to_site) - start.front_m
+
+
+def _length_m(network: RoadNetwork, lanes: Sequence[int]) -> float:
+    return sum(network.lanes[lane].length_m for lane in lanes)
 
 
 def unhindered_arrival_s(network: RoadNetwork, start: EmvStart, emv: EmvDemand, config: DemandConfig) -> float:

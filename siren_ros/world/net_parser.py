@@ -47,6 +47,7 @@ class _Location:
     offset_m: tuple[float, float]
     projection: str
     origin_lat_lon_deg: tuple[float, float] | None
+    projected_origin_m: tuple[float, float] = (0.0, 0.0)
 
 
 def parse_road_network(net_xml: bytes) -> RoadNetwork:
@@ -86,6 +87,7 @@ def _network(root: Element) -> RoadNetwork:
         sumo_offset_m=location.offset_m,
         projection=location.projection,
         origin_lat_lon_deg=location.origin_lat_lon_deg,
+        projected_origin_m=location.projected_origin_m,
         crossings=tuple(_crossings(root, location.offset_m)),
     )
 
@@ -100,8 +102,8 @@ def _location(root: Element) -> _Location:
     if max(abs(net_x), abs(net_y)) > FAR_OFFSET_M:
         west, south, east, north = (float(value) for value in element.get("convBoundary", "0,0,0,0").split(","))
         offset = (round((west + east) / 2.0), round((south + north) / 2.0))
-    origin = geodetic_from_projected(projection, offset[0] - net_x, offset[1] - net_y)
-    return _Location(offset, projection, origin)
+    projected = (offset[0] - net_x, offset[1] - net_y)
+    return _Location(offset, projection, geodetic_from_projected(projection, *projected), projected)
 
 
 def _points(shape: str, offset_m: tuple[float, float]) -> _Points:

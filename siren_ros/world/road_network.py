@@ -117,6 +117,8 @@ class RoadNetwork:
     projection: str
     """PROJ string of the map's geo-reference; ``!`` without one, as SUMO writes it."""
     origin_lat_lon_deg: tuple[float, float] | None = None
+    projected_origin_m: tuple[float, float] = (0.0, 0.0)
+    """Coordinates of the map frame's origin in the projection."""
     crossings: tuple[npt.NDArray[np.float64], ...] = field(default=())
     """Outlines of pedestrian crossings, each ``(K, 2)``."""
 

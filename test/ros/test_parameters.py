@@ -87,3 +87,7 @@ def test_misspelt_names_are_refused() -> None:
     check_names({"count": 1, "use_sim_time": True, "qos_overrides./clock.depth": 3}, FIELDS)
     with pytest.raises(InputError, match="cuont: 1 cannot be used; allowed: one of the parameters count, length_m"):
         check_names({"cuont": 1}, FIELDS)
+
+
+def test_an_empty_list_in_a_parameter_file_is_an_empty_list() -> None:
+    assert checked_value(FIELDS["names"], ["a"], None) == []

@@ -5,14 +5,17 @@ import numpy as np
 import pytest
 from traffic_helpers import DIMENSIONS, TOWN10, load_map, plan_s2
 
-from siren_ros.traffic.demand import emv_start, plan_traffic
+from siren_ros.traffic.demand import plan_traffic
+from siren_ros.traffic.demand_config import DemandConfig
 from siren_ros.traffic.driver_models import load_drivers
+from siren_ros.traffic.emv_start import emv_start, start_m_of, unhindered_arrival_s
 from siren_ros.traffic.plan import PlannedVehicle, TrafficPlan
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.errors import InputError, MapError
 from siren_ros.world.levels import EmergencyLevel
 from siren_ros.world.road_network import LaneKind, RoadNetwork
-from siren_ros.world.sites import require_site
+from siren_ros.world.scenario import Template
+from siren_ros.world.sites import Site, require_site
 from siren_ros.world.templates import load_template
 
 
@@ -139,6 +142,76 @@ def test_start_before_the_site_lies_on_the_approach_at_the_distance(network: Roa
     assert site.site_edge in start.route[1:]
     with pytest.raises(MapError, match="more of road"):
         emv_start(network, site, -5000.0)
+
+
+def planned(network: RoadNetwork, name: str, seed: int = 0) -> tuple[TrafficPlan, Template, Site]:
+    template = load_template(name)
+    site = require_site(network, template.site_kind)
+    return plan_traffic(network, site, template, seed, load_drivers(), DIMENSIONS), template, site
+
+
+@pytest.mark.parametrize("name", ["S1", "S3", "S4", "S5", "S6", "S7"])
+def test_every_template_has_its_volume_and_distinct_places(network: RoadNetwork, name: str) -> None:
+    traffic, template, _ = planned(network, name)
+    assert len(traffic.groups) + len(traffic.background) == template.demand.background_vehicles
+    by_lane: dict[int, list[PlannedVehicle]] = {}
+    for vehicle in (*traffic.emvs, *traffic.groups):
+        by_lane.setdefault(vehicle.spot.lane, []).append(vehicle)
+    for vehicles in by_lane.values():
+        ordered = sorted(vehicles, key=lambda vehicle: vehicle.spot.front_m)
+        for behind, ahead in pairwise(ordered):
+            assert ahead.spot.front_m - ahead.length_m - behind.spot.front_m > 0.4
+    assert planned(network, name)[0] == traffic
+
+
+@pytest.mark.parametrize("name", ["S4", "S6"])
+def test_crossing_queues_stand_at_their_stop_lines_and_cross_the_emvs_way(network: RoadNetwork, name: str) -> None:
+    traffic, template, site = planned(network, name)
+    crossing = [vehicle for vehicle in traffic.groups if vehicle.name.startswith("crossing")]
+    assert len(crossing) >= template.demand.groups[0].vehicles // 2
+    ways = {
+        (
+            network.lanes[network.connections[index].from_lane].edge,
+            network.lanes[network.connections[index].to_lane].edge,
+        )
+        for index in site.crossing
+    }
+    heads = []
+    for vehicle in crossing:
+        assert vehicle.spot.speed_mps == 0.0
+        edges = [network.edge_by_id[edge].index for edge in vehicle.route]
+        assert any(pair in ways for pair in pairwise(edges))
+        lane = network.lanes[vehicle.spot.lane]
+        if any(lane.index == network.connections[index].from_lane for index in site.crossing):
+            heads.append(lane.length_m - vehicle.spot.front_m)
+        assert any(area.lane == lane.index for area in traffic.stage)
+    assert min(heads) == pytest.approx(template.demand.groups[0].first_gap_m, abs=0.1)
+
+
+def test_neighbours_of_s3_come_to_the_stop_line_ahead_of_the_emv(network: RoadNetwork) -> None:
+    traffic, template, site = planned(network, "S3")
+    start = emv_start(network, site, start_m_of(network, site, template.emv))
+    arrival_s = unhindered_arrival_s(network, start, template.emv, DemandConfig())
+    last = traffic.groups[0]
+    lane = network.lanes[last.spot.lane]
+    assert lane.index in {network.connections[index].from_lane for index in site.connections}
+    assert lane.index != site.approach_lane
+    group = template.demand.groups[0]
+    lead_s = arrival_s - (lane.length_m - last.spot.front_m) / group.speed_mps
+    assert lead_s == pytest.approx((group.first_gap_m + last.length_m) / group.speed_mps, abs=0.3)
+    assert traffic.signal is not None
+    assert template.signal is not None
+    assert traffic.signal.red_from_s == pytest.approx(arrival_s - template.signal.red_before_arrival_s)
+
+
+def test_queues_of_s7_stand_in_the_driving_lanes_beside_the_emvs_shoulder(network: RoadNetwork) -> None:
+    traffic, _, site = planned(network, "S7")
+    assert network.lanes[traffic.emvs[0].spot.lane].kind is LaneKind.SHOULDER
+    assert traffic.groups
+    for vehicle in traffic.groups:
+        assert network.lanes[vehicle.spot.lane].kind is LaneKind.DRIVING
+        assert vehicle.spot.speed_mps == 0.0
+        assert network.edges[site.site_edge].edge_id in vehicle.route
 
 
 def test_missing_dimensions_and_too_many_vehicles_are_refused(network: RoadNetwork) -> None:

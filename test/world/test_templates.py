@@ -9,6 +9,7 @@ from siren_ros.world.actors import ActorClass
 from siren_ros.world.errors import InputError
 from siren_ros.world.levels import EmergencyLevel
 from siren_ros.world.params_files import params_dir
+from siren_ros.world.scenario import GroupAnchor, StartReference
 from siren_ros.world.sites import SiteKind
 from siren_ros.world.templates import available_templates, draw_values, load_template, read_template
 
@@ -49,7 +50,7 @@ def test_s2_is_the_papers() -> None:
         ("site: multi_lane_road", "site: motorway", "site", "multi_lane_road"),
         ("default: 40.0, range: [25.0, 45.0]", "default: 50.0, range: [25.0, 45.0]", "duration_s.default", "25 to 45"),
         ("default: 40.0, range: [25.0, 45.0]", "default: 30.0, range: [45.0, 25.0]", "duration_s.range", "order"),
-        ("default: 40.0, range: [25.0, 45.0]", "default: 30.0", "duration_s.range", "missing"),
+        ("default: 40.0, range: [25.0, 45.0]", "default: 40.0", "duration_s.range", "missing"),
         ("default: 40.0, range: [25.0, 45.0]", "default: -1, range: [-1, 45]", "duration_s.range", "1 to 3600"),
         ("warm_up_s: 20.0", "warm_up_s: soon", "warm_up_s", "a number"),
         ("warm_up_s: 20.0", "warm_up_s: .nan", "warm_up_s", "a number"),
@@ -75,6 +76,65 @@ def test_mistakes_are_refused_with_line_key_and_what_is_allowed(
         assert at_line == line + new.count("\n")
 
 
+@pytest.mark.parametrize(
+    ("name", "level", "background", "site", "predicate"),
+    [
+        ("S1", "L3", 30, "queued_approach", "queues_split"),
+        ("S2", "L2", 20, "multi_lane_road", "lane_cleared"),
+        ("S3", "L1", 20, "signal_junction", "red_same_direction"),
+        ("S4", "L1", 20, "signal_junction", "red_crossing"),
+        ("S5", "L1", 20, "stop_junction", "stop_same_direction"),
+        ("S6", "L1", 30, "stop_junction", "stop_crossing"),
+        ("S7", "L3", 20, "shoulder_right_turn", "shoulder_turn"),
+    ],
+)
+def test_the_seven_templates_are_the_papers(name: str, level: str, background: int, site: str, predicate: str) -> None:
+    template = load_template(name)
+    assert template.template_id == name
+    assert template.level.name == level
+    assert template.demand.background_vehicles == background
+    assert template.site_kind.value == site
+    assert template.predicate.name == predicate
+    assert 25.0 <= template.duration_s <= 45.0
+    assert template.emv.speed_mps == pytest.approx(50.0 / 3.6, abs=0.01)
+    assert (template.signal is None) == (site in {"multi_lane_road", "stop_junction"})
+
+
+def test_signal_and_group_anchors_are_read() -> None:
+    template = load_template("S4")
+    assert template.signal is not None
+    assert template.value("signal.red_before_arrival_s") == template.signal.red_before_arrival_s
+    drawn = template.with_values({"signal.red_before_arrival_s": 8.0})
+    assert drawn.signal is not None
+    assert drawn.signal.red_before_arrival_s == 8.0
+    crossing = template.demand.groups[0]
+    assert (crossing.anchor, crossing.standing) == (GroupAnchor.STOP_LINE, True)
+    assert load_template("S3").demand.groups[0].anchor is GroupAnchor.ARRIVAL
+    assert load_template("S2").demand.groups[0].anchor is GroupAnchor.EMV
+    assert load_template("S2").emv.start_from is StartReference.SITE_START
+    assert template.emv.start_from is StartReference.STOP_LINE
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "allowed"),
+    [
+        ("placement: crossing", "placement: crossing\n      from: emv", "crossing.from", "stop_line"),
+        ("site: signal_junction", "site: multi_lane_road", "site", "emv.start_from, signal"),
+        ("red_before_arrival_s: {", "red_after_s: {", "signal.red_before_arrival_s", "missing"),
+        ("start_from: stop_line", "start_from: kerb", "emv.start_from", "site_start, stop_line"),
+    ],
+)
+def test_mistakes_about_the_stop_line_are_refused(tmp_path: Path, old: str, new: str, key: str, allowed: str) -> None:
+    file = tmp_path / "changed.yaml"
+    text = (params_dir() / "templates" / "S4.yaml").read_text(encoding="utf-8")
+    assert text.count(old) == 1
+    file.write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read_template(file)
+    assert key in caught.value.parameter
+    assert allowed in caught.value.allowed
+
+
 def test_missing_predicate_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "none.yaml"
     file.write_text(S2_TEXT[: S2_TEXT.index("predicate:")], encoding="utf-8")
@@ -95,14 +155,15 @@ def test_unknown_name_lists_the_templates() -> None:
         load_template("S99")
 
 
-@given(st.integers(0, 2**32 - 1))
-def test_draws_lie_within_their_ranges_and_can_be_applied(seed: int) -> None:
-    template = load_template("S2")
+@given(st.integers(0, 2**32 - 1), st.sampled_from(["S1", "S2", "S3", "S4", "S5", "S6", "S7"]))
+def test_draws_lie_within_their_ranges_and_can_be_applied(seed: int, name: str) -> None:
+    template = load_template(name)
     values = draw_values(template, np.random.default_rng(seed))
     drawn = template.with_values(values)
     assert drawn.values() == values
     assert draw_values(template, np.random.default_rng(seed)) == values
-    assert drawn.demand.groups[0].vehicles == values["demand.platoon.vehicles"]
+    group = drawn.demand.groups[0]
+    assert group.vehicles == values[f"demand.{group.name}.vehicles"]
     assert drawn.predicate == template.predicate
 
 

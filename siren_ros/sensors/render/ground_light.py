@@ -1,4 +1,4 @@
-"""Where the ground lies in the sun, as one texture: baked shade of the static scene, and the vehicles' shadows in it."""
+"""Where the ground lies in the sun, as one texture: baked shade of the static scene, with the vehicles' shadows."""
 
 from dataclasses import dataclass
 from typing import Any, Final
@@ -61,10 +61,10 @@ class GroundLight:
         self._static = static
         self._sun = towards_sun
         self._caster = static.shadow_array()
-        self._bake = context.program(vertex_shader=_BAKE_VERTEX, fragment_shader=_BAKE_FRAGMENT)
+        self._bake: Any = context.program(vertex_shader=_BAKE_VERTEX, fragment_shader=_BAKE_FRAGMENT)
         self._bake["static_shadow"].value = 0
         self._triangle = context.vertex_array(self._bake, ())
-        self._program = context.program(
+        self._program: Any = context.program(
             vertex_shader=vehicle_shaders.GROUND_SHADOW_VERTEX, fragment_shader=vehicle_shaders.GROUND_SHADOW_FRAGMENT
         )
         self._squares: dict[tuple[int, int], _Square] = {}
@@ -129,7 +129,7 @@ class GroundLight:
 
     def _throw_shadows(self, square: _Square, placement: Placement, vehicles: VehicleGeometry) -> None:
         """Draw the vehicles' hulls onto the ground along the sun's rays."""
-        near = placement.distance_m(*square.centre_m) < 2.0 * HALF_M
+        near = placement.distance_m(*square.centre_m) < 1.5 * HALF_M
         if not np.any(near):
             return
         self._framebuffer.use()

@@ -165,9 +165,7 @@ class Renderer:
     def _paint_sky(self, exposure: float) -> moderngl.Texture:
         """Paint the sky once for each exposure; pictures look it up by direction. The frame's uniforms are set."""
         context = self._context
-        program = context.program(
-            vertex_shader=sky_shaders.SKY_VERTEX, fragment_shader=sky_shaders.SKY_PAINT_FRAGMENT
-        )
+        program = context.program(vertex_shader=sky_shaders.SKY_VERTEX, fragment_shader=sky_shaders.SKY_PAINT_FRAGMENT)
         _bind(program)
         sky = context.texture((_SKY_TEXELS, _SKY_TEXELS), 4)
         sky.filter = (moderngl.LINEAR, moderngl.LINEAR)
@@ -250,7 +248,8 @@ def _noise_texture(context: moderngl.Context) -> moderngl.Texture:
     spectrum[0, 0] = 0.0
     values = np.fft.ifft2(spectrum).real
     values = np.clip(0.5 + 0.18 * values / values.std(), 0.0, 1.0)
-    texture = context.texture((_NOISE_TEXELS, _NOISE_TEXELS), 1, (255 * values).astype(np.uint8).tobytes())
+    texels = np.repeat((255 * values).astype(np.uint8)[..., None], 4, axis=2)  # software samples RGBA8 fastest
+    texture = context.texture((_NOISE_TEXELS, _NOISE_TEXELS), 4, texels.tobytes())
     texture.build_mipmaps()
     texture.filter = (moderngl.LINEAR_MIPMAP_NEAREST, moderngl.LINEAR)
     texture.repeat_x = texture.repeat_y = True

@@ -1,5 +1,6 @@
 """The static scene on the graphics card, in square chunks so that only what is in view is drawn."""
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -25,8 +26,8 @@ from siren_ros.sensors.scene.mesh import SignalLamp, StaticScene
 from siren_ros.world.units import NS_PER_S, time_ns_of_step
 
 CHUNK_M: Final = 24.0
-import os
-_SMALLEST_PX=float(os.environ.get('SPX','0.1'))
+_SMALLEST_PX: Final = 0.1
+"""Triangles that cover less of a picture are left out: most would meet no pixel's centre."""
 _BLINK_PERIOD_NS: Final = NS_PER_S
 """Yellow blinking signals: 60 flashes a minute, half on and half off (MUTCD 4L.01 demands 50–60 a minute)."""
 
@@ -228,7 +229,7 @@ class _Lamps:
         used, local = np.unique(np.concatenate([np.empty((0, 3), np.uint32), *parts]), return_inverse=True)
         local = local.reshape(-1, 3).astype(np.uint32)
         ends = np.cumsum([0, *(len(part) for part in parts)])
-        self._parts = [local[start:end] for start, end in zip(ends[:-1], ends[1:], strict=True)]
+        self._parts = [local[start:end] for start, end in itertools.pairwise(ends)]
         vertices = static_vertices(scene.vertices[used], look, lit=True)
         buffer = context.buffer(vertices.tobytes() or bytes(STATIC_VERTEX.itemsize))
         self._indices = context.buffer(reserve=max(12, local.nbytes))

@@ -28,9 +28,7 @@ class Shading(IntEnum):
     GROUND = 7
 
 
-STATIC_VERTEX: Final = np.dtype(
-    [("position", "<f4", 3), ("sun", "<f2", 4), ("shade", "<f2", 4), ("normal", "<f2", 4)]
-)
+STATIC_VERTEX: Final = np.dtype([("position", "<f4", 3), ("sun", "<f2", 4), ("shade", "<f2", 4), ("normal", "<f2", 4)])
 """What a static triangle's last vertex says of it, 36 bytes.
 
 ``sun``: reflected sunlight; w: grain (ground; above 1 where water soaks away), 1 for bricks (walls), sun on the crown

@@ -1,5 +1,6 @@
 """Vehicles on the graphics card: one mesh per class, drawn once per vehicle with its own pose, paint and lights."""
 
+import itertools
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -56,9 +57,14 @@ def _indexed(shape: VehicleShape) -> IndexedMesh:
 
 
 def _hull(shape: VehicleShape) -> npt.NDArray[np.float32]:
-    """Corners of the convex hull's triangles, the simple body that throws the shadow, shape ``(K, 3)``."""
-    points = shape.at_rest.vertices_m
-    return points[ConvexHull(points).simplices].reshape(-1, 3).astype(np.float32)
+    """Corners of a simple convex body's triangles that throws the shadow, shape ``(K, 3)``.
+
+    It spans the shape's extreme points in the 26 directions to a cube's corners, edges and faces.
+    """
+    points = shape.at_rest.vertices_m.astype(np.float64)
+    directions = np.array([d for d in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
+    extreme = points[np.unique(np.argmax(directions @ points.T, axis=1))]
+    return extreme[ConvexHull(extreme).simplices].reshape(-1, 3).astype(np.float32)
 
 
 class _Class:

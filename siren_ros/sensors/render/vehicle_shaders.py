@@ -12,7 +12,7 @@ _LIGHTS: Final = "\n".join(f"const uint LIGHT_{light.name} = {int(light)}u;" for
 _GROUND_AMBIENT: Final = f"const vec3 GROUND_AMBIENT = vec3({', '.join(map(str, GROUND_AMBIENT))});"
 
 VEHICLE_VERTEX: Final = (
-    "\n".join((HEAD, _MATERIALS, _LIGHTS, _GROUND_AMBIENT))
+    f"{HEAD}\n{_MATERIALS}\n{_LIGHTS}\n{_GROUND_AMBIENT}"
     + CLEAR
     + """
 in vec3 in_position;

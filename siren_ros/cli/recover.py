@@ -1,0 +1,39 @@
+"""``siren recover BAG``: completes a bag whose writer was killed."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from siren_ros.recording.recover import recover_bag
+from siren_ros.world.errors import EXIT_OK
+
+
+def add_to(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Adds the verb to the command line."""
+    verb = verbs.add_parser(
+        "recover",
+        help="complete a bag whose writer was killed",
+        description="Writes a complete bag from all whole chunks of one that was cut off or damaged. A bag that is "
+        "complete is left alone.",
+    )
+    verb.add_argument(
+        "bag",
+        type=Path,
+        metavar="BAG",
+        help="folder of the bag, or the name that it was to have",
+    )
+    verb.add_argument("--out", type=Path, metavar="FOLDER", help="new folder (BAG.partial beside the bag)")
+    verb.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Completes the bag and says what was saved."""
+    recovery = recover_bag(arguments.bag, arguments.out)
+    count = f"{recovery.messages} messages, {recovery.steps} steps"
+    if recovery.healthy:
+        print(f"{recovery.path}: complete as it is: {count}")
+        return EXIT_OK
+    print(f"{recovery.path}: saved {count}")
+    if recovery.lost:
+        print(f"siren recover: not saved: {recovery.lost}", file=sys.stderr)
+    return EXIT_OK

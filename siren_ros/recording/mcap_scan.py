@@ -1,0 +1,172 @@
+"""The chunks of an MCAP file, one by one and checked, as far as the file is whole.
+
+Reads only what the recorder writes: messages in chunks, zstd or plain. Nothing is believed that has not been
+compared with the bytes that are there, so that a damaged or hostile file costs no more memory than one chunk may have.
+Format: https://mcap.dev/spec
+"""
+
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from io import BytesIO
+from typing import BinaryIO, Final, TypeVar, cast
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import EndOfFile
+from mcap.opcode import Opcode
+from mcap.records import Channel, Schema
+
+from siren_ros.recording.mcap_stream import MAGIC, ChannelMessage, ChunkContent
+
+MAX_CHUNK_BYTES: Final = 256_000_000
+"""Plain size of a chunk that is still read; the recorder's have 1 MB and at most one message more."""
+_BLOCK_BYTES: Final = 1 << 17
+"""Largest plain size of a zstd block (RFC 8878, section 3.1.1.2.4)."""
+_REPEATED_BYTE: Final = 1
+_COMPRESSED_BLOCK: Final = 2
+_RECORD: Final = struct.Struct("<BQ")
+_CHUNK: Final = struct.Struct("<QQQII")
+_MESSAGE: Final = struct.Struct("<HIQQ")
+_LENGTH: Final = struct.Struct("<Q")
+_DATA: Final = frozenset({Opcode.HEADER, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.METADATA, Opcode.ATTACHMENT})
+Record = TypeVar("Record", Schema, Channel)
+
+
+class DamageError(ValueError):
+    """A place in the file that is not what the format says."""
+
+
+@dataclass(frozen=True)
+class PackedChunk:
+    """One whole chunk record."""
+
+    offset: int
+    """Of the record in the file."""
+    compression: str
+    packed: bytes
+    plain_bytes: int
+    """As the record claims; at most ``MAX_CHUNK_BYTES``."""
+    crc: int
+
+
+def read_chunks(file: BinaryIO) -> Iterator[PackedChunk]:
+    """The chunks from the start of a file on, until its data end.
+
+    Raises:
+        DamageError: The file ends or breaks off before its data do; everything before has been handed out.
+    """
+    size = os.fstat(file.fileno()).st_size
+    if file.read(len(MAGIC)) != MAGIC:
+        raise DamageError("no MCAP file")
+    offset = len(MAGIC)
+    while True:
+        file.seek(offset)
+        head = file.read(_RECORD.size)
+        if len(head) < _RECORD.size:
+            raise DamageError(f"the file ends at byte {size} within its data")
+        opcode, length = _RECORD.unpack(head)
+        end = offset + _RECORD.size + length
+        if opcode == Opcode.DATA_END:
+            return
+        if opcode not in _DATA or end > size:
+            raise DamageError(f"no whole record of a bag with chunks at byte {offset} of {size}")
+        if opcode == Opcode.CHUNK:
+            yield _chunk(file.read(length), offset)
+        offset = end
+
+
+def _chunk(data: bytes, offset: int) -> PackedChunk:
+    if len(data) < _CHUNK.size:
+        raise DamageError(f"a chunk of {len(data)} bytes at byte {offset}")
+    _, _, plain_bytes, crc, name_bytes = _CHUNK.unpack_from(data)
+    at = _CHUNK.size + name_bytes
+    if at + _LENGTH.size > len(data) or at + _LENGTH.size + _LENGTH.unpack_from(data, at)[0] != len(data):
+        raise DamageError(f"a chunk at byte {offset} whose lengths contradict each other")
+    if plain_bytes > MAX_CHUNK_BYTES:
+        raise DamageError(f"a chunk at byte {offset} that claims {plain_bytes} bytes; {MAX_CHUNK_BYTES} are allowed")
+    compression = data[_CHUNK.size : at].decode("ascii", "replace")
+    packed = data[at + _LENGTH.size :]
+    if compression == "zstd":
+        claimed = _frame_size(packed, offset)
+    elif compression == "":
+        claimed = len(packed)
+    else:
+        raise DamageError(f"a chunk at byte {offset} with the compression {compression!r}; zstd and none are read")
+    if claimed != plain_bytes:
+        raise DamageError(f"a chunk at byte {offset} that claims {plain_bytes} bytes and holds {claimed}")
+    return PackedChunk(offset, compression, packed, plain_bytes, crc)
+
+
+def _frame_size(packed: bytes, offset: int) -> int:
+    """Plain size of the one zstd frame in a chunk; refused where its blocks can unpack to much more (RFC 8878)."""
+    try:
+        frame = zstandard.get_frame_parameters(packed)
+        at = zstandard.frame_header_size(packed)
+    except zstandard.ZstdError as error:
+        raise DamageError(f"a chunk at byte {offset} that is not zstd's: {error}") from error
+    largest, last = 0, False
+    while not last:
+        if at + 3 > len(packed):
+            raise DamageError(f"a chunk at byte {offset} that ends within its compressed data")
+        block = int.from_bytes(packed[at : at + 3], "little")
+        last, kind, size = bool(block & 1), block >> 1 & 3, block >> 3
+        largest += _BLOCK_BYTES if kind == _COMPRESSED_BLOCK else size
+        at += 3 + (1 if kind == _REPEATED_BYTE else size)
+    if at + (4 if frame.has_checksum else 0) != len(packed) or largest > 2 * MAX_CHUNK_BYTES:
+        raise DamageError(f"a chunk at byte {offset} that is more than one frame of at most {MAX_CHUNK_BYTES} bytes")
+    return int(frame.content_size)
+
+
+def unpack(chunk: PackedChunk) -> bytes:
+    """The plain content of a chunk.
+
+    Raises:
+        DamageError: It cannot be unpacked, or its checksum is another one.
+    """
+    plain = chunk.packed
+    if chunk.compression:
+        try:
+            plain = zstandard.ZstdDecompressor().decompress(chunk.packed, max_output_size=chunk.plain_bytes)
+        except zstandard.ZstdError as error:
+            raise DamageError(f"the chunk at byte {chunk.offset}: {error}") from error
+    if len(plain) != chunk.plain_bytes or (chunk.crc and zlib.crc32(plain) != chunk.crc):
+        raise DamageError(f"the chunk at byte {chunk.offset} does not have its checksum")
+    return plain
+
+
+def parse_content(plain: bytes) -> ChunkContent:
+    """Schemas, channels and messages of a chunk.
+
+    Raises:
+        DamageError: The records contradict the chunk's size, or are of another kind.
+    """
+    schemas, channels, messages = [], [], []
+    offset = 0
+    while offset < len(plain):
+        if offset + _RECORD.size > len(plain):
+            raise DamageError("a chunk that ends within a record")
+        opcode, length = _RECORD.unpack_from(plain, offset)
+        start, offset = offset + _RECORD.size, offset + _RECORD.size + length
+        if offset > len(plain):
+            raise DamageError("a record that is longer than its chunk")
+        data = plain[start:offset]
+        if opcode == Opcode.MESSAGE and length >= _MESSAGE.size:
+            channel_id, sequence, time_ns, _ = _MESSAGE.unpack_from(data)
+            messages.append(ChannelMessage(channel_id, sequence, time_ns, data[_MESSAGE.size :]))
+        elif opcode == Opcode.SCHEMA:
+            schemas.append(_parsed(Schema, data))
+        elif opcode == Opcode.CHANNEL:
+            channels.append(_parsed(Channel, data))
+        else:
+            raise DamageError(f"a record with the code {opcode} in a chunk")
+    return ChunkContent(tuple(schemas), tuple(channels), tuple(messages))
+
+
+def _parsed(kind: type[Record], data: bytes) -> Record:
+    try:
+        return cast("Record", kind.read(ReadDataStream(BytesIO(data))))
+    except (EndOfFile, UnicodeDecodeError, struct.error) as error:
+        raise DamageError(f"a broken {kind.__name__.lower()} record") from error

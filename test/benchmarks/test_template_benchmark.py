@@ -1,0 +1,44 @@
+import argparse
+
+import numpy as np
+import pytest
+
+from siren_ros.benchmarks.template_episode import EpisodeFigures, longest_standstill_s, travel_times_s
+from siren_ros.benchmarks.templates import comparison_of, details_of, row_of, seeds_of
+
+
+def figures(seed: int, way_m: list[float], *, holds: bool = False, failing: tuple[str, ...] = ()) -> EpisodeFigures:
+    return EpisodeFigures("S1", seed, holds=holds, failing=failing, way_m=np.array(way_m), cv_ade_m=1.0)
+
+
+def test_longest_standstill_counts_one_unbroken_stop() -> None:
+    speed = np.array([0.0] * 10 + [5.0] + [0.05] * 30 + [1.0] + [0.0] * 20)
+    assert longest_standstill_s(speed) == pytest.approx(1.5)
+    assert longest_standstill_s(np.array([1.0, 2.0])) == 0.0
+
+
+def test_travel_times_compare_the_way_that_both_cover() -> None:
+    slow, fast = figures(0, [1.0, 2.0, 3.0, 4.0]), figures(0, [2.0, 4.0, 6.0, 8.0])
+    assert travel_times_s(slow, fast) == pytest.approx((0.15, 0.05))
+    assert "1/1" in comparison_of("S1", [slow], [fast])
+    assert "not faster: [0]" in comparison_of("S1", [fast], [slow])
+
+
+def test_rows_count_what_holds_and_failures_are_named() -> None:
+    episodes = [
+        figures(0, [1.0], holds=True),
+        figures(1, [1.0], failing=("holding: 2 (needs >= 6)",)),
+        EpisodeFigures("S1", 2, error="SUMO teleported"),
+    ]
+    assert row_of("S1", episodes).split()[:3] == ["S1", "1/3", "1"]
+    lines = list(details_of(episodes))
+    assert any("seed 1" in line and "holding" in line for line in lines)
+    assert any("seed 2: failed, SUMO teleported" in line for line in lines)
+
+
+def test_seeds_are_a_range_or_a_number() -> None:
+    assert seeds_of("3:5") == range(3, 5)
+    assert seeds_of("7") == range(7, 8)
+    for text in ("a", "5:5", "1:b"):
+        with pytest.raises(argparse.ArgumentTypeError):
+            seeds_of(text)

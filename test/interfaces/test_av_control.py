@@ -1,0 +1,67 @@
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from siren_ros.interfaces.av_control import from_av_control, from_path, to_av_control, to_path
+from siren_ros.interfaces.rosbags_factory import RosbagsFactory, load_typestore
+from siren_ros.world.commands import AvControl, av_commands
+from siren_ros.world.errors import EpisodeError
+from siren_ros.world.polyline import Polyline
+
+STORE = load_typestore({"siren_msgs": Path(__file__).parents[2] / "msg_defs" / "msg"})
+FACTORY = RosbagsFactory(STORE)
+pedals = st.floats(0.0, 1.0)
+controls = st.builds(AvControl, st.integers(0, 10**6), pedals, pedals, st.floats(-1.0, 1.0), st.sampled_from([0, 2, 4]))
+
+
+def through_cdr(message: Any) -> Any:
+    name = message.__msgtype__
+    return STORE.deserialize_cdr(STORE.serialize_cdr(message, name), name)
+
+
+@given(controls)
+def test_controls_come_back_and_are_allowed(control: AvControl) -> None:
+    control.check()
+    assert from_av_control(through_cdr(to_av_control(FACTORY, control))) == control
+
+
+def test_a_stamp_of_another_step_is_refused() -> None:
+    message = to_av_control(FACTORY, AvControl(3))
+    message.step = 4
+    with pytest.raises(EpisodeError, match=r"the stamp 0.15 s is not the time of step 4"):
+        from_av_control(message)
+
+
+@pytest.mark.parametrize(
+    ("control", "named"),
+    [
+        (AvControl(7, throttle=math.nan), "throttle nan of step 7"),
+        (AvControl(7, throttle=1.5), "throttle 1.5 of step 7"),
+        (AvControl(7, brake=-0.1), "brake -0.1 of step 7"),
+        (AvControl(7, steer_rad=math.inf), "steer_rad inf of step 7"),
+        (AvControl(7, lights=16), "lights 16 of step 7"),
+    ],
+)
+def test_what_no_vehicle_can_be_asked_for_is_refused(control: AvControl, named: str) -> None:
+    with pytest.raises(EpisodeError, match=named):
+        control.check()
+
+
+def test_an_answer_drives_the_vehicle_to_the_next_step() -> None:
+    command = av_commands(AvControl(3, 0.5, 0.0, 0.1, 4), 4, 2)
+    assert (command.step, command.actor_id.tolist(), command.throttle.tolist()) == (4, [2], [0.5])
+    assert (command.steer_rad.tolist(), command.lights.tolist(), command.owner.tolist()) == ([0.1], [4], [1])
+
+
+def test_a_way_comes_back_and_its_poses_look_along_it() -> None:
+    way = Polyline.through([(0.0, 0.0), (10.0, 0.0), (10.0, 5.0)])
+    message = through_cdr(to_path(FACTORY, way))
+    assert np.array_equal(from_path(message).points, way.points)
+    turned = [2.0 * math.atan2(pose.pose.orientation.z, pose.pose.orientation.w) for pose in message.poses]
+    assert turned == pytest.approx([0.0, math.pi / 2, math.pi / 2])
+    assert {pose.header.frame_id for pose in message.poses} == {"map"}

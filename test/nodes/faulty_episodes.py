@@ -1,0 +1,125 @@
+"""Episodes to which something happens: marked, so that whatever they leave behind is found."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import uuid
+from collections.abc import Callable
+from pathlib import Path
+
+from live_episodes import Domain
+
+TAG = "SIREN_TEST_TAG"
+ANSWER_S = 5.0
+"""Within this time after a fault the episode has said what happened and is gone."""
+PATIENCE_S = 90.0
+FOREVER = ("template:=S2", "duration_s:=600.0", "realtime_factor:=2.0", "kitti:=false", "bag:=bags/bag")
+
+
+class Episode:
+    """A running episode with its processes and its bag."""
+
+    def __init__(
+        self, domain: Domain, folder: Path, *parameters: str, sensors: str = "none", prelude: str = "", **popen: object
+    ) -> None:
+        self.folder = folder
+        self.domain = domain
+        self.tag = uuid.uuid4().hex
+        flags = [part for item in (*FOREVER, f"sensors:={sensors}", *parameters) for part in ("-p", item)]
+        program = ["-c", f"{prelude}\nimport sys\nfrom siren_nodes.cosim import main\nsys.exit(main())"]
+        self._out = folder / "out.txt"
+        self._err = folder / "err.txt"
+        with self._out.open("w") as out, self._err.open("w") as err:
+            self.process = subprocess.Popen(  # type: ignore[call-overload] # further arguments of the test's
+                [sys.executable, *program, "--ros-args", *flags],
+                env={**domain.environment, TAG: self.tag},
+                cwd=folder,
+                stdout=out,
+                stderr=err,
+                **popen,
+            )
+        self.began_s = 0.0
+
+    @property
+    def out(self) -> str:
+        return self._out.read_text()
+
+    @property
+    def err(self) -> str:
+        return self._err.read_text()
+
+    @property
+    def bag(self) -> Path:
+        return self.folder / "bags" / "bag"
+
+    @property
+    def working(self) -> Path:
+        return self.folder / "bags" / ".bag.partial"
+
+    def processes(self) -> dict[int, list[str]]:
+        """Command lines of all processes that this episode started and that still live, by process id."""
+        found = {}
+        for entry in Path("/proc").iterdir():
+            if entry.name.isdigit():
+                try:
+                    marked = f"{TAG}={self.tag}".encode() in (entry / "environ").read_bytes()
+                    if marked and "\nState:\tZ" not in (entry / "status").read_text():
+                        found[int(entry.name)] = (entry / "cmdline").read_text().split("\0")
+                except OSError:
+                    continue
+        return found
+
+    def process_of(self, node: str) -> int:
+        return next(number for number, command in self.processes().items() if f"siren_nodes.{node}" in command)
+
+    def wait_until_recorded(self, size_bytes: int = 1000) -> None:
+        """Until the first chunks of the bag are on the disk."""
+        file = self.working / "bag_0.mcap"
+        self._wait(lambda: file.exists() and file.stat().st_size > size_bytes, PATIENCE_S)
+
+    def wait_until_gone(self, limit_s: float = ANSWER_S) -> float:
+        """Until no process is left; returns the seconds since ``fault``."""
+        self._wait(lambda: self.process.poll() is not None and not self.processes(), limit_s + PATIENCE_S)
+        took_s = time.monotonic() - self.began_s
+        assert took_s < limit_s, f"the end took {took_s:.1f} s: {self.err}"
+        return took_s
+
+    def _wait(self, condition: Callable[[], bool], limit_s: float) -> None:
+        deadline_s = time.monotonic() + limit_s
+        while not condition():
+            assert time.monotonic() < deadline_s, f"waited too long: {self.out}\n{self.err}\n{self.processes()}"
+            time.sleep(0.02)
+
+    def fault(self, cause: Callable[[], object]) -> None:
+        """Do it, and take the time."""
+        cause()
+        self.began_s = time.monotonic()
+
+    def kill_all(self) -> None:
+        for number in self.processes():
+            try:
+                os.kill(number, signal.SIGKILL)
+            except ProcessLookupError:
+                continue
+        self.process.wait()
+
+
+def next_episode_starts(episode: Episode) -> None:
+    """An episode with the same bag name runs from start to end where the last one was interrupted."""
+    done = episode.domain.run(
+        "template:=S2", "duration_s:=0.1", "sensors:=none", "kitti:=false", "bag:=bags/bag", cwd=episode.folder
+    )
+    assert done.code == 0, done.err
+    assert episode.bag.is_dir()
+
+
+def mounted(folder: Path, size: str) -> bool:
+    """Whether a small disk of its own could be mounted there."""
+    program = shutil.which("mount")
+    if program is None:
+        return False
+    command = [program, "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)]
+    return subprocess.run(command, check=False, capture_output=True).returncode == 0

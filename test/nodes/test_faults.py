@@ -1,0 +1,193 @@
+"""What happens to an episode when something breaks: named within seconds, nothing lost, nothing left behind."""
+
+import os
+import resource
+import shutil
+import signal
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from faulty_episodes import ANSWER_S, Episode, mounted, next_episode_starts
+from live_episodes import Domain
+
+from siren_ros.recording.bag_reader import read_episode
+from siren_ros.recording.recover import recover_bag
+
+DOMAIN = Domain(50)
+NODES = ("sumo_bridge", "emv_controller", "yield_manager", "vehicle_dynamics", "sensor_sim", "recorder")
+"""SUMO runs within ``sumo_bridge``: to kill that process is to kill SUMO."""
+
+
+@pytest.fixture
+def episodes(tmp_path: Path) -> Iterator[list[Episode]]:
+    """Episodes of the test; all their processes are gone afterwards."""
+    started: list[Episode] = []
+    yield started
+    for episode in started:
+        episode.kill_all()
+
+
+def start(episodes: list[Episode], folder: Path, *parameters: str, **options: object) -> Episode:
+    episodes.append(Episode(DOMAIN, folder, *parameters, **options))  # type: ignore[arg-type] # forwarded
+    return episodes[-1]
+
+
+def error_of(episode: Episode) -> str:
+    """The line on stderr that ``cosim`` ends with; nothing of Python's is beside it."""
+    assert episode.process.returncode not in {0, None}
+    assert "Traceback" not in episode.err
+    lines = [line for line in episode.err.splitlines() if line.startswith("cosim: ")]
+    assert len(lines) == 1, episode.err
+    return lines[0]
+
+
+@pytest.mark.parametrize("node", NODES)
+def test_a_killed_node_ends_the_episode_by_name(node: str, episodes: list[Episode], tmp_path: Path) -> None:
+    episode = start(episodes, tmp_path, "processes:=true")
+    episode.wait_until_recorded()
+    episode.fault(lambda: os.kill(episode.process_of(node), signal.SIGKILL))
+    episode.wait_until_gone()
+    assert error_of(episode) == f"cosim: {node}: its process ended early (killed by SIGKILL)"
+    if node == "recorder":
+        assert "siren recover" in episode.out
+        assert recover_bag(episode.working).steps >= 20
+        next_episode_starts(episode)
+    assert read_episode(tmp_path / "bags" / "bag.partial").steps >= 20
+
+
+@pytest.mark.parametrize("processes", ["false", "true"])
+def test_a_killed_episode_leaves_its_record_and_nothing_else(
+    processes: str, episodes: list[Episode], tmp_path: Path
+) -> None:
+    episode = start(episodes, tmp_path, f"processes:={processes}")
+    episode.wait_until_recorded()
+    episode.fault(episode.process.kill)
+    episode.wait_until_gone()
+    if processes == "false":
+        assert recover_bag(episode.bag).steps >= 20
+    else:
+        assert "recorder: stopped by the end of the program that started it" in episode.err
+    assert not episode.working.exists()
+    assert read_episode(tmp_path / "bags" / "bag.partial").steps >= 20
+    next_episode_starts(episode)
+
+
+@pytest.mark.parametrize("node", ["vehicle_dynamics", "recorder"])
+def test_a_node_that_hangs_is_named(node: str, episodes: list[Episode], tmp_path: Path) -> None:
+    episode = start(episodes, tmp_path, "processes:=true", "step_timeout_s:=3.0")
+    episode.wait_until_recorded()
+    episode.fault(lambda: os.kill(episode.process_of(node), signal.SIGSTOP))
+    episode.wait_until_gone(3.0 + ANSWER_S)
+    assert error_of(episode).startswith(f"cosim: {node}: did not finish step ")
+    assert error_of(episode).endswith(" within 3 s")
+    if node == "recorder":
+        recover_bag(episode.working)
+    assert read_episode(tmp_path / "bags" / "bag.partial").steps >= 20
+
+
+HANGING_CONTROLLER = """
+import time
+from siren_nodes.emv_controller import EmvController
+act = EmvController.on_step
+EmvController.on_step = lambda node, step, inputs: time.sleep(1000) if step == 50 else act(node, step, inputs)
+"""
+
+
+def test_a_node_that_hangs_in_the_one_process_is_named(episodes: list[Episode], tmp_path: Path) -> None:
+    episode = start(episodes, tmp_path, "step_timeout_s:=3.0", prelude=HANGING_CONTROLLER)
+    episode.wait_until_recorded()
+    episode.fault(lambda: None)
+    episode.wait_until_gone(50 * 0.025 + 3.0 + ANSWER_S)
+    assert error_of(episode).startswith("cosim: emv_controller: did not finish step 50 within 3 s; ")
+    assert recover_bag(episode.bag).steps >= 20
+
+
+def test_a_full_disk_is_named_and_the_bag_on_it_is_readable(episodes: list[Episode], tmp_path: Path) -> None:
+    disk = tmp_path / "bags"
+    disk.mkdir()
+    if not mounted(disk, "4m"):
+        pytest.skip("a small disk needs the right to mount one; the limit on the size of files stands in for it")
+    try:
+        episode = start(episodes, tmp_path, "realtime_factor:=0.0", sensors="lidar")
+        episode.wait_until_recorded()
+        episode.fault(lambda: None)
+        episode.wait_until_gone(20.0)
+        assert "the disk is full" in error_of(episode)
+        assert read_episode(disk / "bag.partial").steps >= 2
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
+
+
+def test_a_file_that_may_not_grow_is_named(episodes: list[Episode], tmp_path: Path) -> None:
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4_000_000, 4_000_000))
+
+    episode = start(episodes, tmp_path, "realtime_factor:=0.0", sensors="lidar", preexec_fn=limit)
+    episode.wait_until_recorded()
+    episode.fault(lambda: None)
+    episode.wait_until_gone(20.0)
+    assert "recorder: the bag bags/bag cannot be written: the limit on the size of files" in error_of(episode)
+    recover_bag(tmp_path / "bags" / "bag.partial", tmp_path / "saved")
+    assert read_episode(tmp_path / "saved").steps >= 2
+
+
+def test_a_bag_that_is_taken_away_is_named_and_saved(episodes: list[Episode], tmp_path: Path) -> None:
+    episode = start(episodes, tmp_path)
+    episode.wait_until_recorded()
+    episode.fault(lambda: shutil.rmtree(tmp_path / "bags"))
+    episode.wait_until_gone()
+    assert "its folder has disappeared" in error_of(episode)
+    assert read_episode(tmp_path / "bags" / "bag.partial").steps >= 20
+
+
+STRANGER = """
+import sys, time
+import rclpy
+from siren_ros.interfaces import topics
+from siren_ros.interfaces.conversions import to_actor_states
+from siren_ros.interfaces.factory import stamp
+from siren_ros.ros import wire
+from siren_ros.ros.endpoints import create_output
+from siren_ros.world.actors import ActorStates
+factory = wire.factory()
+def clock(seconds):
+    return wire.encode(topics.CLOCK, factory.make(topics.CLOCK.type_name, clock=stamp(factory, seconds * 10**9)))
+topic, payload = eval(sys.argv[1])
+rclpy.init()
+node = rclpy.create_node("stranger")
+publisher = create_output(node, topic)
+while not publisher.get_subscription_count():
+    time.sleep(0.01)
+time.sleep(0.3)
+publisher.publish(payload)
+time.sleep(1.0)
+"""
+"""A program that nobody asked for; what it publishes is the test's own text."""
+
+
+@pytest.mark.parametrize(
+    ("topic", "payload", "named"),
+    [
+        ("topics.TRAFFIC", "b'\\0\\1\\0\\0' + b'\\xff' * 100", "/siren/traffic_state"),
+        ("topics.ACTORS", "b''", "/siren/actor_states"),
+        ("topics.CLOCK", "clock(500)", "/clock: a message for step 10000, which has not begun"),
+        ("topics.CLOCK", "clock(0)", "/clock: a second message for step 0"),
+        ("topics.STEP_DONE", "b'\\0\\1\\0\\0' + b'\\x07' * 64", "/siren/step_done"),
+        ("topics.EPISODE_END", "b'garbage'", "/siren/episode_end"),
+        ("topics.GROUND_TRUTH", "b'\\0\\1\\0\\0' + b'\\xff' * 9", "/emv/ground_truth"),
+        ("topics.EPISODE", "b'\\0\\1\\0\\0' + bytes(8)", "/siren/episode"),
+    ],
+)
+def test_a_strangers_message_ends_the_episode_and_names_the_topic(
+    topic: str, payload: str, named: str, episodes: list[Episode], tmp_path: Path
+) -> None:
+    episode = start(episodes, tmp_path)
+    episode.wait_until_recorded()
+    with DOMAIN.running("-c", STRANGER, f"{topic}, {payload}", cwd=tmp_path) as stranger:
+        stranger.wait(60.0)
+        episode.fault(lambda: None)
+        episode.wait_until_gone()
+    assert named in error_of(episode)
+    assert read_episode(tmp_path / "bags" / "bag.partial").steps >= 20

@@ -1,0 +1,229 @@
+import shutil
+import struct
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import zstandard
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from rosbags.typesys.store import Typestore
+
+from siren_ros.cli.main import main
+from siren_ros.interfaces.factory import stamp
+from siren_ros.interfaces.rosbags_factory import RosbagsFactory
+from siren_ros.recording.bag_reader import open_bag, read_episode
+from siren_ros.recording.bag_writer import BagOptions, EpisodeBagWriter
+from siren_ros.recording.mcap_scan import PackedChunk, read_chunks
+from siren_ros.recording.recover import recover_bag
+from siren_ros.world.errors import BagError
+
+CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
+
+
+@pytest.fixture(scope="module")
+def episode(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Path]) -> Path:
+    """A complete bag of three seconds, and so of several chunks."""
+    return write_bag(tmp_path_factory.mktemp("episode") / "bag", duration_s=3.0)
+
+
+def chunks_of(file: Path) -> list[PackedChunk]:
+    with file.open("rb") as stream:
+        return list(read_chunks(stream))
+
+
+def within_last_chunk(episode: Path) -> float:
+    file = episode / "bag_0.mcap"
+    return (chunks_of(file)[-1].offset + 50) / file.stat().st_size
+
+
+def cut_off(episode: Path, folder: Path, share: float) -> Path:
+    """What a writer that was killed leaves: the hidden folder with a part of the file, and the reserve."""
+    working = folder / ".bag.partial"
+    working.mkdir()
+    data = (episode / "bag_0.mcap").read_bytes()
+    (working / "bag_0.mcap").write_bytes(data[: int(len(data) * share)])
+    (working / ".reserve").write_bytes(bytes(1000))
+    return working
+
+
+def messages_of(bag: Path) -> list[tuple[str, int, bytes]]:
+    with open_bag(bag) as opened:
+        return [(message.topic, message.time_ns, message.cdr) for message in opened.messages()]
+
+
+@pytest.mark.parametrize("named", [".bag.partial", "bag"])
+def test_a_cut_off_bag_is_completed_with_all_its_whole_chunks(episode: Path, tmp_path: Path, named: str) -> None:
+    working = cut_off(episode, tmp_path, within_last_chunk(episode))
+    whole = chunks_of(episode / "bag_0.mcap")
+    recovery = recover_bag(tmp_path / named)
+    assert recovery.path == tmp_path / "bag.partial"
+    assert not working.exists()
+    assert not recovery.healthy
+    saved = chunks_of(recovery.path / "bag_0.mcap")
+    assert 1 < len(saved) < len(whole)
+    assert [chunk.packed for chunk in saved] == [chunk.packed for chunk in whole[: len(saved)]]
+    messages = messages_of(recovery.path)
+    assert recovery.messages == len(messages)
+    assert messages == messages_of(episode)[: len(messages)]
+    record = read_episode(recovery.path)
+    assert not record.complete
+    assert record.steps == recovery.steps > 20
+    with (recovery.path / "bag_0.mcap").open("rb") as stream:
+        summary = make_reader(stream, validate_crcs=True).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.statistics.message_count == recovery.messages
+
+
+def test_recovering_again_changes_nothing(episode: Path, tmp_path: Path) -> None:
+    cut_off(episode, tmp_path, within_last_chunk(episode))
+    first = recover_bag(tmp_path / "bag")
+    before = {file.name: file.read_bytes() for file in first.path.iterdir()}
+    again = recover_bag(first.path)
+    assert (again.healthy, again.path, again.messages, again.steps) == (True, first.path, first.messages, first.steps)
+    assert {file.name: file.read_bytes() for file in first.path.iterdir()} == before
+    assert [path.name for path in tmp_path.iterdir()] == ["bag.partial"]
+
+
+def test_a_complete_bag_is_left_alone(episode: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["recover", str(episode)]) == 0
+    assert "complete as it is" in capsys.readouterr().out
+    assert [path.name for path in episode.parent.iterdir()] == ["bag"]
+
+
+@settings(max_examples=40, deadline=None)
+@given(share=st.floats(0.0, 1.0))
+def test_a_bag_cut_off_anywhere_gives_its_beginning_or_one_error(
+    episode: Path, tmp_path_factory: pytest.TempPathFactory, share: float
+) -> None:
+    folder = tmp_path_factory.mktemp("cut")
+    cut_off(episode, folder, share)
+    try:
+        recovery = recover_bag(folder / "bag")
+    except BagError:
+        assert share < 0.5, "the first chunk, which holds the map, is not there"
+        return
+    messages = messages_of(recovery.path)
+    assert messages == messages_of(episode)[: len(messages)]
+    shutil.rmtree(folder)
+
+
+def test_a_damaged_chunk_costs_its_own_messages_only(episode: Path, tmp_path: Path) -> None:
+    damaged = tmp_path / "damaged"
+    shutil.copytree(episode, damaged)
+    file = damaged / "bag_0.mcap"
+    second = chunks_of(file)[1]
+    data = bytearray(file.read_bytes())
+    data[data.index(second.packed) + len(second.packed) // 2] ^= 0x10
+    file.write_bytes(data)
+    with pytest.raises(BagError, match="damaged"), open_bag(damaged) as opened:
+        list(opened.messages())
+    recovery = recover_bag(damaged)
+    assert damaged.exists()
+    assert recovery.path == tmp_path / "damaged.partial"
+    assert "chunk" in recovery.lost
+    lost = set(messages_of(episode)) - set(messages_of(recovery.path))
+    assert 0 < len(lost) < len(messages_of(episode)) / 2
+
+
+def test_the_bag_of_a_running_writer_is_refused(tmp_path: Path, typestore: Typestore, factory: RosbagsFactory) -> None:
+    writer = EpisodeBagWriter(tmp_path / "bag", typestore, options=BagOptions(chunk_bytes=64))
+    cdr = bytes(typestore.serialize_cdr(factory.make(CLOCK[1], clock=stamp(factory, 0)), CLOCK[1]))
+    for step in range(20):
+        writer.write(*CLOCK, cdr, step * 50_000_000)
+    with pytest.raises(BagError, match="no episode is writing"):
+        recover_bag(tmp_path / "bag")
+    writer.abandon("over")
+
+
+def test_the_folder_for_the_result_must_be_new(episode: Path, tmp_path: Path) -> None:
+    working = cut_off(episode, tmp_path, within_last_chunk(episode))
+    with pytest.raises(BagError, match="exists already"):
+        recover_bag(working, tmp_path)
+    recovery = recover_bag(working, tmp_path / "sub" / "saved")
+    assert recovery.path == tmp_path / "sub" / "saved"
+    assert read_episode(recovery.path).steps == recovery.steps
+    assert working.exists(), "what is recovered to another place stays"
+
+
+@pytest.mark.parametrize("name", ["nothing", "empty"])
+def test_what_is_no_bag_gets_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
+    (tmp_path / "empty").mkdir()
+    assert main(["recover", str(tmp_path / name)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert str(tmp_path / name) in line
+
+
+def with_claim(episode: Path, folder: Path, **changed: int) -> Path:
+    """The bag with other lengths in its first chunk."""
+    hostile = folder / "hostile"
+    shutil.copytree(episode, hostile)
+    file = hostile / "bag_0.mcap"
+    chunk = chunks_of(file)[0]
+    data = bytearray(file.read_bytes())
+    at = {"record": chunk.offset + 1, "plain": chunk.offset + 9 + 16, "packed": chunk.offset + 9 + 36}
+    for name, value in changed.items():
+        struct.pack_into("<Q", data, at[name], value)
+    file.write_bytes(data)
+    return hostile
+
+
+@pytest.mark.parametrize("claim", [{"record": 2**60}, {"plain": 2**60}, {"packed": 2**60}, {"plain": 10**9}])
+def test_a_chunk_that_claims_too_much_is_refused(episode: Path, tmp_path: Path, claim: dict[str, int]) -> None:
+    hostile = with_claim(episode, tmp_path, **claim)
+    with pytest.raises(BagError, match="hostile"), open_bag(hostile):
+        pass
+    with pytest.raises(BagError):
+        recover_bag(hostile, tmp_path / "saved")
+    assert not (tmp_path / "saved").exists()
+
+
+def test_a_chunk_that_unpacks_to_more_than_it_claims_is_refused(episode: Path, tmp_path: Path) -> None:
+    bomb = zstandard.ZstdCompressor(level=1).compress(bytes(600_000_000))
+    head = struct.pack("<QQQII", 0, 0, 600_000_000, zlib.crc32(b""), 4) + b"zstd" + struct.pack("<Q", len(bomb))
+    hostile = tmp_path / "bomb"
+    shutil.copytree(episode, hostile)
+    file = hostile / "bag_0.mcap"
+    data = file.read_bytes()
+    first = chunks_of(file)[0].offset
+    file.write_bytes(data[:first] + struct.pack("<BQ", 6, len(head) + len(bomb)) + head + bomb + data[first:])
+    with pytest.raises(BagError, match="600000000"), open_bag(hostile):
+        pass
+
+
+def test_a_second_frame_behind_the_first_is_refused(episode: Path, tmp_path: Path) -> None:
+    plain = b""
+    frame = zstandard.ZstdCompressor().compress(plain) + zstandard.ZstdCompressor().compress(bytes(1000))
+    head = struct.pack("<QQQII", 0, 0, len(plain), 0, 4) + b"zstd" + struct.pack("<Q", len(frame))
+    hostile = tmp_path / "frames"
+    shutil.copytree(episode, hostile)
+    file = hostile / "bag_0.mcap"
+    data = file.read_bytes()
+    first = chunks_of(file)[0].offset
+    file.write_bytes(data[:first] + struct.pack("<BQ", 6, len(head) + len(frame)) + head + frame + data[first:])
+    with pytest.raises(BagError, match="more than one frame"), open_bag(hostile):
+        pass
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a: &a [1]\nb: *a\n",
+        "[" * 5000,
+        "rosbag2_bagfile_information: [1]\n",
+        "rosbag2_bagfile_information: {storage_identifier: sqlite3, relative_file_paths: [bag_0.db3]}\n",
+        "rosbag2_bagfile_information: {storage_identifier: mcap, relative_file_paths: [../bag/bag_0.mcap]}\n",
+        "rosbag2_bagfile_information: {storage_identifier: mcap, relative_file_paths: []}\n",
+        "rosbag2_bagfile_information: !!python/object/apply:os.system ['true']\n",
+        "x" * 1_000_001,
+    ],
+)
+def test_hostile_metadata_is_refused(episode: Path, tmp_path: Path, text: str) -> None:
+    hostile = tmp_path / "bag"
+    shutil.copytree(episode, hostile)
+    (hostile / "metadata.yaml").write_text(text)
+    with pytest.raises(BagError), open_bag(hostile):
+        pass

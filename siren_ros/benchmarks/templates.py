@@ -12,6 +12,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -45,12 +46,26 @@ def seeds_of(text: str) -> range:
 
 
 def measure_all(tasks: Sequence[EpisodeTask], jobs: int) -> Iterator[EpisodeFigures]:
-    """The figures of all episodes in order, run in processes of their own."""
-    if jobs == 1:
-        yield from map(measure_episode, tasks)
-        return
+    """The figures of all episodes in order, run in processes of their own.
+
+    Where a process dies, its episodes run again, one process each, so that only the one that kills it is lost.
+    """
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        yield from pool.map(measure_episode, tasks)
+        waiting = [pool.submit(measure_episode, task) for task in tasks]
+        for task, future in zip(tasks, waiting, strict=True):
+            try:
+                figures = future.result()
+            except BrokenProcessPool:
+                figures = _measure_alone(task)
+            yield figures
+
+
+def _measure_alone(task: EpisodeTask) -> EpisodeFigures:
+    try:
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+            return pool.submit(measure_episode, task).result()
+    except BrokenProcessPool:
+        return EpisodeFigures(task.request.template, task.request.seed, error="its process died")
 
 
 def row_of(name: str, episodes: Sequence[EpisodeFigures]) -> str:

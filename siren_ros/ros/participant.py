@@ -60,7 +60,7 @@ class Participant(Node, Generic[Config]):
         if self.needs_episode:
             self.add_input(topics.EPISODE, self._on_episode)
             self.add_input(topics.MAP, self._on_map)
-        self.add_input(topics.EPISODE_END, self._on_end)
+        create_input(self, topics.EPISODE_END, self._on_end)
         self._ready_sent = False
         self.create_timer(HOUSEKEEPING_S, self._housekeeping, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -205,13 +205,14 @@ class Participant(Node, Generic[Config]):
         self._failed = True
         self.report(phase, step, error=error)
 
-    def _on_end(self, message: Any) -> None:
-        if self.finished:
-            return
-        closing = from_episode_end(message)
-        last_step = max(closing.steps - 1, 0)
-        self._failed = False
-        self._guarded(last_step, Phase.FINAL, lambda: self.close(closing))
+    def _on_end(self, cdr: bytes) -> None:
+        # Also a participant that has failed must close.
+        if not self.finished:
+            self._failed = False
+            self._guarded(self._join.next_step, Phase.FINAL, lambda: self._end(cdr))
+
+    def _end(self, cdr: bytes) -> None:
+        closing = from_episode_end(wire.decode(topics.EPISODE_END, cdr))
         self.finished = True
-        if not self._failed:
-            self.report(Phase.FINAL, last_step)
+        self.close(closing)
+        self.report(Phase.FINAL, max(closing.steps - 1, 0))

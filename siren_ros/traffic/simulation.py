@@ -234,7 +234,9 @@ class SumoSimulation:
         x, y = simulated(mirrored.x_m, readings.x_m), simulated(mirrored.y_m, readings.y_m)
         rescued = self._reactions.rescued(names, readings, routes)
         signals = self._signals()
-        events = self._events(step, ids, readings, owner.astype(np.uint8), signals)
+        speed = simulated(mirrored.speed_mps, readings.speed_mps)
+        passing_mps = np.where(owner == Owner.ROS, speed, readings.speed_mps)
+        events = self._events(step, ids, readings, passing_mps, owner.astype(np.uint8), signals)
         return TrafficState(
             step=step,
             spawned=spawned,
@@ -249,7 +251,7 @@ class SumoSimulation:
             x_m=x,
             y_m=y,
             yaw_rad=simulated(mirrored.yaw_rad, readings.yaw_rad),
-            speed_mps=simulated(mirrored.speed_mps, readings.speed_mps),
+            speed_mps=speed,
             lane=readings.lane,
             lane_position_m=readings.lane_position_m,
             lateral_offset_m=readings.lateral_m,
@@ -283,8 +285,11 @@ class SumoSimulation:
                 readings.lateral_m[row] = place.match.lateral_m
 
     def _route_of(self, name: str, index: int) -> tuple[int, ...]:
+        """Edges ahead. Off the road SUMO may take the vehicle for one on a later part of its route; it stays where it was."""
         cached = self._route_ahead.get(name)
-        if cached is None or cached[0] != index:
+        place = self._mirror.places.get(name)
+        lost = place is not None and place.match.lane == NO_LANE
+        if cached is None or (cached[0] != index and not lost):
             cached = (index, self._routes[name][max(index, 0) :][: self._config.route_edges_ahead])
             self._route_ahead[name] = cached
         return cached[1]
@@ -304,9 +309,11 @@ class SumoSimulation:
         step: int,
         ids: np.ndarray[tuple[int], np.dtype[np.uint32]],
         readings: Readings,
+        speed_mps: Floats,
         owner: Codes,
         signals: Mapping[str, str],
     ) -> tuple[Event, ...]:
+        """Happenings of the step; ``speed_mps`` is each vehicle's own, SUMO's or the simulated one of whoever ROS drives."""
         started = [self._ids[name] for name in libsumo.simulation.getStartingTeleportIDList() if name in self._ids]
         events = [*find_teleports(step, ids, readings, owner, started, self._last, self._config.jump_m)]
         for row, actor_id in enumerate(ids.tolist()):
@@ -316,7 +323,7 @@ class SumoSimulation:
                     int(readings.lane[row]),
                     float(readings.x_m[row]),
                     float(readings.y_m[row]),
-                    float(readings.speed_mps[row]),
+                    float(speed_mps[row]),
                 )
                 events += self._crossings.watch(step, mover, signals)
         return tuple(events)

@@ -21,7 +21,7 @@ NODES = ("sumo_bridge", "emv_controller", "yield_manager", "vehicle_dynamics", "
 
 
 @pytest.fixture
-def episodes(tmp_path: Path) -> Iterator[list[Episode]]:
+def episodes() -> Iterator[list[Episode]]:
     """Episodes of the test; all their processes are gone afterwards."""
     started: list[Episode] = []
     yield started

@@ -71,7 +71,8 @@ def test_start_before_the_stop_line_is_as_far_back_as_wanted_or_as_the_approach_
     for wanted_m in range(10, 100, 10):
         start = emv_start(network, site, start_m_of(network, site, demand(-wanted_m)))
         ways.append(way_to_stop_line_m(network, start))
-        junction_m = network.lanes[start.lanes_to_site[1]].length_m if len(start.lanes_to_site) > 1 else 0.0
+        across = (network.lanes[lane] for lane in start.lanes_to_site)
+        junction_m = sum(lane.length_m for lane in across if lane.kind is LaneKind.INTERNAL)
         assert wanted_m - 8.0 <= ways[-1] <= wanted_m + junction_m + 0.01
         assert start.front_m >= 7.99
     assert ways == sorted(ways)

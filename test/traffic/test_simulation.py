@@ -1,12 +1,14 @@
 from collections.abc import Iterator
 from itertools import pairwise
 
+import libsumo
 import numpy as np
 import pytest
 from traffic_helpers import TOWN10, load_map, plan_s2, states_of
 
 from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.map_compiler import CompiledMap
+from siren_ros.traffic.mirror import DEFAULT_LANE_CHANGE_MODE, KEEP_LANE_CHANGE_MODE
 from siren_ros.traffic.plan import TrafficPlan
 from siren_ros.traffic.simulation import SumoSimulation
 from siren_ros.world.actors import ActorStates, Lights, Mode, Owner, rows_of_ids
@@ -20,6 +22,8 @@ from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficFlags, Tr
 from siren_ros.world.units import STEP_S
 
 EMV = 1
+SUMO_JUMP_M = 0.3
+"""SUMO's own motion is not continuous where lanes bend; the simulated vehicle smooths it."""
 
 
 @pytest.fixture(scope="module", params=["town", "Town10HD_Opt"])
@@ -172,6 +176,8 @@ def test_vehicle_that_cleared_the_lane_keeps_its_lane_slowly_and_is_freed(
     fastest = int(rows[np.argmax(state.sumo_speed_mps[rows])])
     actor_id = int(state.actor_id[fastest])
     limit = town[1].lanes[state.lane[fastest]].speed_limit_mps
+    name = next(actor.name for actor in state.spawned if actor.actor_id == actor_id)
+    own_factor = libsumo.vehicle.getSpeedFactor(name)
     lanes = []
     for step in range(1, 200):
         row = {"actor_id": actor_id, "owner": int(Owner.SUMO), "mode": int(Mode.YIELD_KEEP_LANE)}
@@ -180,13 +186,12 @@ def test_vehicle_that_cleared_the_lane_keeps_its_lane_slowly_and_is_freed(
         lanes.append((town[1].lanes[state.lane[here]].edge, int(state.lane[here])))
     assert state.sumo_speed_mps[here] <= 0.5 * limit * 1.15
     assert len({lane for _, lane in lanes}) == len({edge for edge, _ in lanes})
-    for step in range(200, 420):
-        row["mode"] = int(Mode.NOMINAL)
-        state = sumo.step(step, states_of(step - 1, [row]))
-        here = rows_of_ids(state.actor_id, np.array([actor_id], dtype=np.uint32))[0]
-        if state.sumo_speed_mps[here] > 0.5 * limit * 1.2:
-            return
-    assert state.sumo_speed_mps[here] < 0.5, "the vehicle neither sped up nor met a reason to stop"
+    assert libsumo.vehicle.getSpeedFactor(name) <= 0.5
+    assert libsumo.vehicle.getLaneChangeMode(name) == KEEP_LANE_CHANGE_MODE
+    row["mode"] = int(Mode.NOMINAL)
+    sumo.step(200, states_of(199, [row]))
+    assert libsumo.vehicle.getSpeedFactor(name) == own_factor
+    assert libsumo.vehicle.getLaneChangeMode(name) == DEFAULT_LANE_CHANGE_MODE
 
 
 def run(town: tuple[CompiledMap, RoadNetwork, TrafficPlan], level: EmergencyLevel, steps: int) -> list[TrafficState]:
@@ -219,7 +224,7 @@ def test_traffic_keeps_its_volume_and_moves_without_jumps_for_60_seconds(
         rows = rows_of_ids(last.actor_id, state.actor_id)
         stayed = rows >= 0
         moved = np.hypot(state.sumo_x_m - last.sumo_x_m[rows], state.sumo_y_m - last.sumo_y_m[rows])[stayed]
-        assert np.all(moved <= state.sumo_speed_mps[stayed] * STEP_S + 0.25)
+        assert np.all(moved <= state.sumo_speed_mps[stayed] * STEP_S + SUMO_JUMP_M)
     means = [float(state.sumo_speed_mps.mean()) for state in states]
     assert np.mean(means) > 2.0
 

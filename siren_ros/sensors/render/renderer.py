@@ -1,7 +1,6 @@
 """Draws the scene from a camera and hands the pixels back."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, Final
 
 import moderngl
@@ -15,6 +14,7 @@ from siren_ros.sensors.render import sky_shaders
 from siren_ros.sensors.render.context import open_context
 from siren_ros.sensors.render.ground_light import GroundLight
 from siren_ros.sensors.render.look import Look
+from siren_ros.sensors.render.rendered_image import RenderedImage
 from siren_ros.sensors.render.static_geometry import StaticGeometry
 from siren_ros.sensors.render.vehicle_geometry import VehicleGeometry
 from siren_ros.sensors.scene.material import SemanticClass
@@ -33,23 +33,6 @@ _FOG_HAZE_PER_M: Final = 0.004
 """From here on haze differs too much within a triangle to be interpolated, and is worked out per pixel."""
 
 
-@dataclass(frozen=True, eq=False)
-class RenderedImage:
-    """One picture and, where asked for, its labels, all from one draw; row 0 is the top."""
-
-    rgba: npt.NDArray[np.uint8]
-    """Colour, and the semantic class (CARLA's numbers) in the fourth channel, shape ``(height, width, 4)``."""
-    instance: npt.NDArray[np.uint32] | None
-    """Actor id, 0 off vehicles, shape ``(height, width)``."""
-    depth_m: npt.NDArray[np.float32] | None
-    """Along the optical axis, 0 where there is sky, shape ``(height, width)``."""
-
-    @property
-    def semantic(self) -> npt.NDArray[np.uint8]:
-        """Semantic classes, shape ``(height, width)``."""
-        return self.rgba[..., 3]
-
-
 class _Target:
     """Framebuffers of one picture size; labels are attached only where they are asked for."""
 
@@ -60,19 +43,21 @@ class _Target:
         self._depth = context.texture(size, 1, dtype="f4")
         buffer = context.depth_renderbuffer(size)
         self.plain = context.framebuffer([self._colour], buffer)
+        self.instances = context.framebuffer([self._colour, self._actor], buffer)
         self.labelled = context.framebuffer([self._colour, self._actor, self._depth], buffer)
         self._shape = (height, width)
 
-    def read(self, labels: bool) -> RenderedImage:
+    def read(self, *, instances: bool, depth: bool) -> RenderedImage:
         rgba = np.empty((*self._shape, 4), np.uint8)
         self.plain.read_into(rgba, components=4, alignment=1)
-        if not labels:
-            return RenderedImage(rgba, None, None)
-        actor = np.empty(self._shape, np.uint32)
-        depth = np.empty(self._shape, np.float32)
-        self.labelled.read_into(actor, components=1, attachment=1, dtype="u4", alignment=1)
-        self.labelled.read_into(depth, components=1, attachment=2, dtype="f4", alignment=1)
-        return RenderedImage(rgba, actor, depth)
+        actor = depth_m = None
+        if instances:
+            actor = np.empty(self._shape, np.uint32)
+            self.instances.read_into(actor, components=1, attachment=1, dtype="u4", alignment=1)
+        if depth:
+            depth_m = np.empty(self._shape, np.float32)
+            self.labelled.read_into(depth_m, components=1, attachment=2, dtype="f4", alignment=1)
+        return RenderedImage(rgba, actor, depth_m)
 
 
 class Renderer:
@@ -124,6 +109,7 @@ class Renderer:
         step: int,
         exposure: float = 1.0,
         labels: bool = False,
+        instances: bool = False,
     ) -> RenderedImage:
         """One picture from a pose of the camera's body frame (x forward), shape ``(4, 4)``.
 
@@ -136,9 +122,28 @@ class Renderer:
             step: Step whose simulated time drives blinking lights.
             exposure: Factor on all light.
             labels: Whether to hand back instances and depth too.
+            instances: Whether to hand back instances.
         """
+        with self._context:  # other renderers of this thread have contexts of their own
+            textures = self._prepare(camera, map_from_camera, placement, rolled_m, step, exposure)
+            rows = _nearest_in_view(_clip_from_map(camera, map_from_camera), map_from_camera[:3, 3], placement)
+            target = self._target(camera)
+            (target.labelled if labels else target.instances if instances else target.plain).use()
+            self._draw(rows, textures, signals, step)
+            return target.read(instances=labels or instances, depth=labels)
+
+    def _prepare(
+        self,
+        camera: Pinhole,
+        map_from_camera: Matrix,
+        placement: Placement,
+        rolled_m: npt.NDArray[np.float64],
+        step: int,
+        exposure: float,
+    ) -> tuple[Any, ...]:
+        """Set the vehicles, the light and the frame's uniforms; returns the textures by slot."""
         eye = map_from_camera[:3, 3]
-        clip = camera.clip_from_optical(NEAR_M, FAR_M) @ optical_from_map(map_from_camera)
+        clip = _clip_from_map(camera, map_from_camera)
         if self._placed is None or self._placed[0] is not placement or self._placed[1] is not rolled_m:
             self._vehicles.place(placement, rolled_m)
             self._placed = (placement, rolled_m)
@@ -146,21 +151,25 @@ class Renderer:
         light = (*self._ground.light_from_map(square), self.look.wetness)
         self._write_frame(clip, map_from_camera, camera, square.view.unit_from_map, light, step, exposure)
         sky = self._skies.get(exposure) or self._paint_sky(exposure)
-        target = self._target(camera)
         self._static.select(clip, eye, camera.focal_px)
-        (target.labelled if labels else target.plain).use()
-        self._context.fbo.clear(depth=1.0)
-        self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        self._context.depth_func = "<="
+        return square.shadow.texture, self._ground.texture, self._noise, sky
+
+    def _draw(
+        self, rows: npt.NDArray[np.intp], textures: tuple[Any, ...], signals: Mapping[str, str], step: int
+    ) -> None:
+        """Draw what was selected and the vehicles of these rows into the framebuffer in use."""
+        context = self._context
+        context.fbo.clear(depth=1.0)
+        context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
+        context.depth_func = "<="
         self._frame.bind_to_uniform_block(0)
-        for slot, texture in enumerate((square.shadow.texture, self._ground.texture, self._noise, sky)):
+        for slot, texture in enumerate(textures):
             texture.use(slot)
-        self._vehicles.draw(_nearest_in_view(clip, eye, placement))
+        self._vehicles.draw(rows)
         self._static.draw()
         self._static.draw_lamps(signals, step)
-        self._context.enable_only(moderngl.DEPTH_TEST)
+        context.enable_only(moderngl.DEPTH_TEST)
         self._sky.render(moderngl.TRIANGLES, vertices=3)
-        return target.read(labels)
 
     def _paint_sky(self, exposure: float) -> moderngl.Texture:
         """Paint the sky once for each exposure; pictures look it up by direction. The frame's uniforms are set."""
@@ -207,6 +216,10 @@ class Renderer:
         )
         columns = [matrix.T.ravel() for matrix in matrices]
         self._frame.write(np.concatenate([*columns, np.ravel(vectors)]).astype(np.float32).tobytes())
+
+
+def _clip_from_map(camera: Pinhole, map_from_camera: Matrix) -> Matrix:
+    return camera.clip_from_optical(NEAR_M, FAR_M) @ optical_from_map(map_from_camera)
 
 
 def _nearest_in_view(

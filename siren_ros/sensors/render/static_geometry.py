@@ -186,7 +186,7 @@ class StaticGeometry:
 
 
 def _chunked(
-    centre: npt.NDArray[np.floating], shading: npt.NDArray[np.int64]
+    centre: npt.NDArray[np.floating[Any]], shading: npt.NDArray[np.int64]
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Order of triangles by shading and cell, first triangle of each chunk with the end, shading of each chunk."""
     cell = np.floor(centre[:, :2] / CHUNK_M).astype(np.int64)

@@ -1,7 +1,7 @@
 """Light that static surfaces reflect, worked out once: the sun does not move, so shaders only add it up."""
 
 from enum import IntEnum
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -93,13 +93,13 @@ def shading_of(material: npt.NDArray[np.uint8], normals: npt.NDArray[np.float32]
     return shading
 
 
-def _towards_sun(normals: npt.NDArray[np.floating], look: Look) -> Array:
+def _towards_sun(normals: npt.NDArray[np.floating[Any]], look: Look) -> Array:
     x, y, z = (float(value) for value in look.towards_sun)
     n = normals.astype(np.float64)
     return n[:, 0] * x + n[:, 1] * y + n[:, 2] * z
 
 
-def ambient_light(normals: npt.NDArray[np.floating], look: Look) -> Array:
+def ambient_light(normals: npt.NDArray[np.floating[Any]], look: Look) -> Array:
     """Light of sky and ground on surfaces of these normals, linear RGB, shape ``(N, 3)``."""
     sky = 0.525 * (np.array(look.zenith_colour) + np.array(look.horizon_colour))
     up = normals[:, 2:3].astype(np.float64) * 0.5 + 0.5

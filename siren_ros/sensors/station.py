@@ -1,0 +1,58 @@
+"""Where a roadside unit stands: a given place, or the corner of the junction where the episode happens."""
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+import shapely
+
+from siren_ros.sensors.mount import Mount
+from siren_ros.sensors.suite import Station
+from siren_ros.world.errors import InputError
+from siren_ros.world.road_network import LaneKind, RoadNetwork
+
+_BESIDE_M: Final = 0.8
+"""Between the pole and the nearest lane."""
+_SPACING_M: Final = 1.0
+_REACH_M: Final = 80.0
+_TRAFFIC: Final = (LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL)
+
+
+def station_mount(station: Station, network: RoadNetwork, site: Mapping[str, object] | None = None) -> Mount:
+    """The pose of a station in the ``map`` frame, on the ground.
+
+    At a junction it is the free place nearest to the junction's middle that is off all lanes, facing that middle; of
+    several the one nearest to the east.
+
+    Args:
+        station: Of a suite.
+        network: The map.
+        site: The episode's site as its description gives it; not needed for a given place.
+
+    Raises:
+        InputError: The station waits for a junction and the episode's site is none.
+    """
+    if station.place is not None:
+        return station.place
+    name = (site or {}).get("junction")
+    junction = network.junctions.get(str(name)) if name else None
+    if junction is None:
+        raise InputError("sensors", "station: site", "an episode at a junction, or a station with x_m and y_m")
+    middle = np.array([junction.x_m, junction.y_m])
+    if len(junction.outline) > 2:
+        middle = np.asarray(shapely.Polygon(junction.outline).buffer(0).centroid.coords[0])
+    lanes = shapely.union_all(
+        [
+            shapely.LineString(lane.centre.points).buffer(lane.width_m / 2.0 + _BESIDE_M)
+            for lane in network.lanes
+            if lane.kind in _TRAFFIC and np.min(np.hypot(*(lane.centre.points - middle).T)) < _REACH_M
+        ]
+    )
+    blocks = [block for block in shapely.get_parts(lanes) if block.distance(shapely.Point(*middle)) < _REACH_M]
+    edge = max(blocks, key=lambda block: float(block.area)).exterior
+    count = max(2, int(edge.length / _SPACING_M))
+    places = shapely.get_coordinates(shapely.line_interpolate_point(edge, np.arange(count) * edge.length / count))
+    away = places - middle
+    chosen = int(np.lexsort((np.abs(np.arctan2(away[:, 1], away[:, 0])).round(6), np.hypot(*away.T).round(3)))[0])
+    x_m, y_m = (float(value) for value in places[chosen])
+    return Mount(x_m, y_m, 0.0, float(np.arctan2(middle[1] - y_m, middle[0] - x_m)))

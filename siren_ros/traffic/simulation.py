@@ -285,7 +285,7 @@ class SumoSimulation:
                 readings.lateral_m[row] = place.match.lateral_m
 
     def _route_of(self, name: str, index: int) -> tuple[int, ...]:
-        """Edges ahead. Off the road SUMO may take the vehicle for one on a later part of its route; it stays where it was."""
+        """Edges ahead; off the road, where SUMO may find a later part of the route, those of the step before."""
         cached = self._route_ahead.get(name)
         place = self._mirror.places.get(name)
         lost = place is not None and place.match.lane == NO_LANE
@@ -313,7 +313,7 @@ class SumoSimulation:
         owner: Codes,
         signals: Mapping[str, str],
     ) -> tuple[Event, ...]:
-        """Happenings of the step; ``speed_mps`` is each vehicle's own, SUMO's or the simulated one of whoever ROS drives."""
+        """Happenings of the step; ``speed_mps`` is SUMO's, and the simulated one of whoever ROS drives."""
         started = [self._ids[name] for name in libsumo.simulation.getStartingTeleportIDList() if name in self._ids]
         events = [*find_teleports(step, ids, readings, owner, started, self._last, self._config.jump_m)]
         for row, actor_id in enumerate(ids.tolist()):

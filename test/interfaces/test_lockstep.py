@@ -114,7 +114,7 @@ def test_only_the_first_in_the_chain_is_blamed() -> None:
 
 
 def test_a_participant_that_closes_before_the_end_fails_the_episode() -> None:
-    state, action = report(stepping(), "a", Phase.FINAL, 0)
+    _, action = report(stepping(), "a", Phase.FINAL, 0)
     assert isinstance(action, EndEpisode)
     assert action.end is EpisodeEnd.FAILED
     assert action.reason.startswith("a: left the episode")

@@ -53,10 +53,12 @@ class Cosim(Node):
 
     def _on_actors(self, cdr: bytes) -> None:
         if self.progress.wants_states(self.master.state.step):
-            self.progress.show_states(from_actor_states(wire.decode(topics.ACTORS, cdr)), FIRST_EMV)
+            with self.master.failing_on_error():
+                self.progress.show_states(from_actor_states(wire.decode(topics.ACTORS, cdr)), FIRST_EMV)
 
     def _on_outcome(self, cdr: bytes) -> None:
-        self.outcome = from_episode_outcome(wire.decode(topics.OUTCOME, cdr))
+        with self.master.failing_on_error():
+            self.outcome = from_episode_outcome(wire.decode(topics.OUTCOME, cdr))
 
 
 def run_episode(cosim: Cosim, interrupt: Interrupt) -> int:

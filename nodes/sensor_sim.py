@@ -12,6 +12,7 @@ from siren_ros.ros.node_configs import SensorSimConfig
 from siren_ros.ros.participant import Participant
 from siren_ros.ros.program import run_participant
 from siren_ros.sensors.carrier import AV, noise_seed, static_transforms
+from siren_ros.sensors.look_file import load_look, look_of
 from siren_ros.sensors.observation_messages import ObservationMessages, shared_messages
 from siren_ros.sensors.rig import SensorRig
 from siren_ros.sensors.sensor_topics import AV_CARRIER_TOPICS, CARRIER_TOPICS, carriers_of, suite_topics
@@ -30,17 +31,30 @@ class SensorSim(Participant[SensorSimConfig]):
     def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:
         """Build the scene and say where the sensors sit."""
         network, factory, scene = parse_road_network(map_xml), wire.factory(), None
+        look = load_look(look_of(episode))
         self._actors: dict[int, ActorDescription] = {}
         self._carriers: list[tuple[SensorRig, ObservationMessages]] = []
         transforms: list[Transform] = []
         for carrier, actor_id, suite in carriers_of(episode):
-            rig = SensorRig(suite, network, episode.seed, scene=scene, noise_seed=noise_seed(episode.seed, carrier))
+            messages = ObservationMessages(factory, suite, actor_id, self.has_listeners, carrier)
+            rig = SensorRig(
+                suite,
+                network,
+                episode.seed,
+                look=look,
+                scene=scene,
+                noise_seed=noise_seed(episode.seed, carrier),
+                site=episode.site,
+                wanted=messages.wanted_labels,
+            )
             rig.prepare()
+            for note in rig.notes:
+                self.get_logger().warning(note)
             scene = rig.scene
-            self._carriers.append((rig, ObservationMessages(factory, suite, actor_id, self.has_listeners, carrier)))
+            self._carriers.append((rig, messages))
             for topic in (*(AV_CARRIER_TOPICS if carrier == AV else ()), *suite_topics(suite, carrier)):
                 self.add_output(topic)
-            transforms.extend(static_transforms(suite, carrier))
+            transforms.extend(static_transforms(suite, carrier, rig.station))
         self.send(topics.TF_STATIC, to_tf(factory, 0, transforms))
 
     def on_step(self, step: int, inputs: dict[str, Any]) -> None:  # noqa: ARG002 - the interface of all nodes

@@ -22,6 +22,7 @@ from siren_ros.ros.program import run_participant
 from siren_ros.world.actors import NO_ACTOR
 from siren_ros.world.commands import AvControl, av_commands
 from siren_ros.world.episode import EpisodeDescription
+from siren_ros.world.state_hash import hash_state
 
 
 class VehicleDynamics(Participant[VehicleDynamicsConfig]):
@@ -48,7 +49,7 @@ class VehicleDynamics(Participant[VehicleDynamicsConfig]):
             commands.append(av_commands(control, step, self._av_id))
         self._fleet, states, events = step_fleet(self._fleet, traffic, commands)
         self.send(topics.ACTORS, to_actor_states(wire.factory(), states))
-        self.send(topics.EVENTS, to_events(wire.factory(), step, events))
+        self.send(topics.EVENTS, to_events(wire.factory(), step, hash_state(states, traffic.signals), events))
 
 
 NODE = VehicleDynamics

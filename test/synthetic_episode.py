@@ -27,6 +27,7 @@ from siren_ros.world.events import Event, EventKind
 from siren_ros.world.geometry import rotate
 from siren_ros.world.ground_truth import GroundTruth
 from siren_ros.world.levels import EmergencyLevel
+from siren_ros.world.state_hash import hash_state
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficState
 from siren_ros.world.units import STEP_S, time_ns_of_step
 
@@ -210,6 +211,9 @@ class SyntheticEpisode:
         x, y = self.paths[actor_id][step, :2]
         return Event(step, kind, actor_id, x_m=float(x), y_m=float(y))
 
+    def state_hash(self, step: int) -> int:
+        return hash_state(self.states(step), self.traffic(step).signals)
+
     def traffic(self, step: int) -> TrafficState:
         states = self.states(step)
         columns: dict[str, Any] = {name: np.zeros(len(states), dtype) for name, dtype in TRAFFIC_STATE_DTYPES.items()}
@@ -285,7 +289,7 @@ class SyntheticEpisode:
             for topic, source in ((topics.EMV_COMMANDS, "emv_controller"), (topics.YIELD_COMMANDS, "yield_manager")):
                 yield topic, step, to_vehicle_commands(factory, self.commands(step, source))
             yield topics.ACTORS, step, to_actor_states(factory, self.states(step))
-            yield topics.EVENTS, step, to_events(factory, step, self.events(step))
+            yield topics.EVENTS, step, to_events(factory, step, self.state_hash(step), self.events(step))
             if self.scene.lidar and step % 2 == 0:
                 yield topics.GROUND_TRUTH, step, to_ground_truth(factory, self.ground_truth(step))
                 yield LIDAR_TOPIC, step, to_point_cloud(factory, step, "lidar", self.sweep(step))

@@ -14,7 +14,7 @@ from siren_ros.behaviour.lane_path import (
 from siren_ros.behaviour.navigator import NavigatorState
 from siren_ros.behaviour.path_blend import blend_length_m, on_reference, path_onto
 from siren_ros.behaviour.world import StepView
-from siren_ros.world.road_network import NO_LANE, RoadNetwork
+from siren_ros.world.road_network import NO_LANE, LaneKind, RoadNetwork
 from siren_ros.world.traffic_state import Indices
 
 _ALIGNED_RAD: Final = 0.3
@@ -104,11 +104,13 @@ def strategic_side(network: RoadNetwork, lane: int, route: Indices) -> int:
 
 
 def present_lane(view: StepView, row: int, navigator: NavigatorState) -> int:
-    """The lane that the EMV is on: by its path, and by SUMO where it has none."""
+    """The lane that the EMV is on: by its path while that keeps to the route, and by SUMO otherwise."""
     if navigator.path is not None:
         lane = navigator.path.lane_at(navigator.progress_m)
         if lane != NO_LANE:
-            return lane
+            found = view.world.network.lanes[lane]
+            if found.kind is LaneKind.INTERNAL or found.edge in view.traffic.route_of_row(row):
+                return lane
     return int(view.traffic.lane[row])
 
 

@@ -27,7 +27,8 @@ def run(arguments: argparse.Namespace) -> int:
     record = read_episode(arguments.bag)
     difference = repeat_episode(record)
     if difference is None:
-        print(f"{arguments.bag}: the same, to the last bit, over {record.steps} steps")
+        last = record.state_hashes.get(record.steps - 1, 0)
+        print(f"{arguments.bag}: the same, to the last bit, over {record.steps} steps (last state hash {last:016x})")
         return EXIT_OK
     print(f"{arguments.bag}: differs first at {difference}")
     return EXIT_FAILED

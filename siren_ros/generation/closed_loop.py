@@ -20,6 +20,7 @@ from siren_ros.traffic.simulation import SumoSimulation
 from siren_ros.world.actors import ActorDescription, ActorStates
 from siren_ros.world.commands import AvControl, VehicleCommands, av_commands
 from siren_ros.world.events import Event
+from siren_ros.world.state_hash import hash_state
 from siren_ros.world.traffic_state import TrafficState
 
 
@@ -95,4 +96,5 @@ def record_of(setup: EpisodeSetup, steps: list[LoopStep]) -> EpisodeRecord:
         outcome=None,
         complete=False,
         topics={},
+        state_hashes={step.states.step: hash_state(step.states, step.traffic.signals) for step in steps},
     )

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from siren_ros import __version__
 from siren_ros.dynamics.parameters import load_vehicle_parameters
+from siren_ros.sensors.look_file import DEFAULT_LOOK, load_look
 from siren_ros.sensors.suite import load_suite
 from siren_ros.traffic.av_choice import choose_av
 from siren_ros.traffic.demand import plan_traffic
@@ -37,6 +38,8 @@ class EpisodeRequest:
     duration_s: float = 0.0
     preset: str = "paper"
     sensors: str = "front"
+    look: str = DEFAULT_LOOK
+    """Weather and time of day."""
     av: str = ""
     """``civilian``: an external controller drives the civilian that the EMV has to pass."""
     av_sensors: str = "none"
@@ -93,6 +96,7 @@ def set_up_episode(request: EpisodeRequest) -> EpisodeSetup:
     preset = load_preset(request.preset)
     for suite in (request.sensors, request.av_sensors):
         load_suite(suite)
+    load_look(request.look)
     compiled = compile_map(Path(request.map) if request.map else None)
     network = parse_road_network(compiled.read_bytes())
     site = require_site(network, SiteKind(template.site_kind), request.map or compiled.name)

@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from siren_ros.interfaces.audio import from_audio
 from siren_ros.interfaces.av_control import from_av_control
 from siren_ros.interfaces.factory import MessageFactory, as_arrays, as_sequences, header, stamp
+from siren_ros.interfaces.image_boxes import from_camera_truth
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing, Phase, StepReport
 from siren_ros.interfaces.message_content import json_object, json_text, refuses_nonsense
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
@@ -59,20 +61,21 @@ def _from_events(messages: Any) -> tuple[Event, ...]:
     return tuple(from_event(message) for message in messages)
 
 
-def to_events(factory: MessageFactory, step: int, events: tuple[Event, ...]) -> Any:
-    """``siren_msgs/Events`` of one step."""
+def to_events(factory: MessageFactory, step: int, state_hash: int, events: tuple[Event, ...]) -> Any:
+    """``siren_msgs/Events`` of one step, with the hash of the world's state at it."""
     return factory.make(
         "siren_msgs/msg/Events",
         stamp=stamp(factory, time_ns_of_step(step)),
         step=step,
+        state_hash=state_hash,
         events=_to_events(factory, events),
     )
 
 
 @refuses_nonsense
-def from_events(message: Any) -> tuple[int, tuple[Event, ...]]:
-    """Inverse of ``to_events``: the step and its events."""
-    return int(message.step), _from_events(message.events)
+def from_events(message: Any) -> tuple[int, int, tuple[Event, ...]]:
+    """Inverse of ``to_events``: the step, the hash of its state and its events."""
+    return int(message.step), int(message.state_hash), _from_events(message.events)
 
 
 def to_actor_description(factory: MessageFactory, actor: ActorDescription) -> Any:
@@ -347,6 +350,8 @@ READERS: dict[str, Callable[[Any], Any]] = {
     "siren_msgs/msg/AvControl": from_av_control,
     "siren_msgs/msg/ActorStates": from_actor_states,
     "siren_msgs/msg/GroundTruth": from_ground_truth,
+    "siren_msgs/msg/CameraTruth": from_camera_truth,
+    "siren_msgs/msg/AudioChunk": from_audio,
     "siren_msgs/msg/StepDone": from_step_done,
     "siren_msgs/msg/EpisodeDescription": from_episode_description,
     "siren_msgs/msg/EpisodeEnd": from_episode_end,

@@ -44,6 +44,10 @@ class Topic:
         """This topic for one sensor of a suite, whose name stands for ``{sensor}``."""
         return replace(self, name=self.name.format(sensor=sensor), period_steps=period_steps)
 
+    def if_recorded(self, recorded: bool) -> "Topic":
+        """This topic, recorded or not."""
+        return replace(self, subscribers=("recorder",) if recorded else ())
+
     def of_carrier(self, carrier: str) -> "Topic":
         """This topic of the first emergency vehicle's for another carrier of sensors: ``/av/odom`` for ``/emv/odom``.
 
@@ -102,6 +106,19 @@ IMAGE_COMPRESSED: Final = Topic(
     ("recorder", "kitti_exporter"),
     2,
 )
+IMAGE_DEPTH: Final = Topic("/emv/{sensor}/depth/image_raw", "sensor_msgs/msg/Image", "sensor_sim", (), 2)
+"""Metres along the optical axis, ``32FC1``; like the next two recorded where the suite says so."""
+IMAGE_SEMANTIC: Final = Topic("/emv/{sensor}/semantic/image_raw", "sensor_msgs/msg/Image", "sensor_sim", (), 2)
+"""CARLA's semantic classes, ``mono8``."""
+IMAGE_INSTANCE: Final = Topic("/emv/{sensor}/instance/image_raw", "sensor_msgs/msg/Image", "sensor_sim", (), 2)
+"""Actor ids, ``mono16``."""
+IMAGE_TRUTH: Final = Topic("/emv/{sensor}/ground_truth", "siren_msgs/msg/CameraTruth", "sensor_sim", ("recorder",), 2)
+IMAGE_BOXES: Final = Topic(
+    "/emv/{sensor}/ground_truth/boxes", "vision_msgs/msg/Detection2DArray", "sensor_sim", ("recorder",), 2
+)
+GNSS: Final = Topic("/emv/{sensor}/fix", "sensor_msgs/msg/NavSatFix", "sensor_sim", ("recorder",), 2)
+IMU: Final = Topic("/emv/{sensor}/data", "sensor_msgs/msg/Imu", "sensor_sim", ("recorder",))
+AUDIO: Final = Topic("/emv/{sensor}/audio", "siren_msgs/msg/AudioChunk", "sensor_sim", ("recorder",))
 CAMERA_INFO: Final = Topic("/emv/{sensor}/camera_info", "sensor_msgs/msg/CameraInfo", "sensor_sim", ("recorder",), 2)
 
 AV_CONTROL: Final = Topic("/av/control_cmd", "siren_msgs/msg/AvControl", AV_SOURCE, ("vehicle_dynamics", "recorder"))

@@ -97,7 +97,7 @@ class EpisodeBagWriter:
         self._channels: dict[str, _OpenChannel] = {}
         self._schemas: dict[str, tuple[Schema, str]] = {}
         self._pending = _PendingChunk()
-        self._times_ns: tuple[int, int] | None = None
+        self._latest_ns = -1
         self._stream = McapStream(self._folder.file, self._options.compression_level)
         self._worker = BackgroundWorker(self._stream.write_chunk, self._options.queued_chunks, "bag writer")
         self._closed = False
@@ -116,15 +116,14 @@ class EpisodeBagWriter:
         """
         channel = self._channels.get(topic) or self._add_channel(topic, type_name)
         data = cdr if isinstance(cdr, bytes) else bytes(cdr)
-        if self._times_ns is None or time_ns > self._times_ns[1]:
+        if time_ns > self._latest_ns:
             self._check_folder()
         if not self._pending.messages:
             self._pending.first_ns = time_ns
         self._pending.messages.append(ChannelMessage(channel.record.id, channel.count, time_ns, data))
         self._pending.size_bytes += len(data)
         channel.count += 1
-        first_ns, last_ns = self._times_ns or (time_ns, time_ns)
-        self._times_ns = (min(first_ns, time_ns), max(last_ns, time_ns))
+        self._latest_ns = max(self._latest_ns, time_ns)
         old = time_ns - self._pending.first_ns >= self._options.chunk_ns
         if old or self._pending.size_bytes >= self._options.chunk_bytes:
             self._hand_over()
@@ -221,17 +220,19 @@ class EpisodeBagWriter:
         self._folder.remove()
 
     def _metadata(self, custom: dict[str, str]) -> str:
-        first_ns, last_ns = self._times_ns or (0, 0)
-        return metadata_text(self._file_name, self._topics(), first_ns, last_ns, custom)
+        return metadata_text(self._file_name, self._topics(), *self._stream.span_ns, custom)
 
     def _topics(self) -> list[BagTopic]:
+        """What the file holds, which is less than was handed over where the disk refused something."""
+        written = self._stream.counts
         return [
-            BagTopic(topic, channel.schema.name, channel.type_hash, channel.latched, channel.count)
+            BagTopic(topic, channel.schema.name, channel.type_hash, channel.latched, written[channel.record.id])
             for topic, channel in self._channels.items()
+            if channel.record.id in written
         ]
 
     def _summary(self, path: Path) -> BagSummary:
         size = 0
         with suppress(OSError):
             size = sum(file.stat().st_size for file in path.iterdir())
-        return BagSummary(path, size, {topic: channel.count for topic, channel in self._channels.items()})
+        return BagSummary(path, size, {topic.name: topic.message_count for topic in self._topics()})

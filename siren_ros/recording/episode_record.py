@@ -1,7 +1,7 @@
 """An episode as its bag tells it: what evaluators, predicates, pictures and exporters work on."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -101,6 +101,8 @@ class EpisodeRecord:
     """Whether the episode ended as planned and every step has its actor states."""
     topics: Mapping[str, TopicRecord]
     """By topic name; empty where a live episode's messages were not counted."""
+    state_hashes: Mapping[int, int] = field(default_factory=dict)
+    """What the simulation said of its own state, by step: ``siren_ros.world.state_hash``."""
 
     @property
     def steps(self) -> int:

@@ -76,6 +76,18 @@ class McapStream:
         self._write(MAGIC + _bytes_of([Header(PROFILE, LIBRARY)]))
         self._whole = self._position
 
+    @property
+    def counts(self) -> dict[int, int]:
+        """Messages written by channel id, of every channel whose definition is written."""
+        return {channel.id: self._counts.get(channel.id, 0) for channel in self._channels}
+
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """Times of the first and the last message written; zeros without one."""
+        filled = [chunk for chunk in self._chunks if chunk.message_index_offsets]
+        first_ns = min((chunk.message_start_time for chunk in filled), default=0)
+        return first_ns, max((chunk.message_end_time for chunk in filled), default=0)
+
     def rewind(self) -> None:
         """Takes back what follows the last whole chunk: one that the disk took only in part would hide the summary."""
         self._stream.truncate(self._whole)

@@ -51,6 +51,7 @@ class RecordBuilder:
         self._traffic: list[TrafficState] = []
         self._commands: dict[str, list[VehicleCommands]] = {}
         self._events: list[Event] = []
+        self._state_hashes: dict[int, int] = {}
         self._outcome: EpisodeOutcome | None = None
         self._counters: dict[str, _TopicCounter] = {}
         self._takers: dict[str, Callable[[Any], None]] = {
@@ -113,7 +114,8 @@ class RecordBuilder:
         self._states.append(conversions.from_actor_states(message))
 
     def _take_events(self, message: Any) -> None:
-        _, events = conversions.from_events(message)
+        step, state_hash, events = conversions.from_events(message)
+        self._state_hashes[step] = state_hash
         self._events.extend(events)
 
     def _take_outcome(self, message: Any) -> None:
@@ -150,6 +152,7 @@ class RecordBuilder:
             outcome=self._outcome,
             complete=ended and whole,
             topics={topic: _topic_record(topic, counter) for topic, counter in sorted(self._counters.items())},
+            state_hashes=dict(self._state_hashes),
         )
 
 

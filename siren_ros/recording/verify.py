@@ -16,6 +16,7 @@ from siren_ros.world.actors import Owner
 from siren_ros.world.errors import EpisodeError
 from siren_ros.world.events import EventKind
 from siren_ros.world.geometry import wrap_angle
+from siren_ros.world.state_hash import hash_state
 from siren_ros.world.units import STEP_NS, STEP_S
 
 _KNOWN_TOPICS: Final = {
@@ -215,6 +216,17 @@ def check_stamps(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
     return equals("topics_with_wrong_stamps", len(wrong), 0, ", ".join(wrong))
 
 
+def check_state_hashes(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
+    """The recorded states and signals are the ones whose hash the simulation put in the record at every step."""
+    signals = {traffic.step: traffic.signals for traffic in record.traffic}
+    wrong = [
+        state.step
+        for state in record.states
+        if record.state_hashes.get(state.step) != hash_state(state, signals.get(state.step, ()))
+    ]
+    return equals("wrong_state_hashes", len(wrong), 0, f"first at step {wrong[0]}" if wrong else "")
+
+
 _CHECKS: Final[tuple[Callable[[EpisodeRecord, VerifyLimits], Part], ...]] = (
     check_complete,
     check_position_jumps,
@@ -226,6 +238,7 @@ _CHECKS: Final[tuple[Callable[[EpisodeRecord, VerifyLimits], Part], ...]] = (
     check_residual_max,
     check_message_counts,
     check_stamps,
+    check_state_hashes,
 )
 
 

@@ -15,7 +15,10 @@ from siren_ros.sensors.suite import load_suite
 from siren_ros.world.commands import AV_SOURCE
 from siren_ros.world.errors import InputError
 
-SCENARIO_FIELDS: Final = ("template", "level", "seed", "map", "duration_s", "preset", "sensors", "av", "av_sensors")
+SCENARIO_FIELDS: Final = (
+    *("template", "level", "seed", "map", "duration_s", "preset"),
+    *("sensors", "look", "av", "av_sensors"),
+)
 SETTLE_S: Final = 0.25
 """For participants that are not ours; discovery on one machine takes 0.05 s."""
 _NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}")

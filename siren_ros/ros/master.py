@@ -1,7 +1,8 @@
 """The lockstep's master: publishes the clock, gathers StepDone, ends the episode."""
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 
 from rclpy.clock import Clock, ClockType
@@ -63,13 +64,17 @@ class LockstepMaster:
         """End the episode because of something that no report says; participants that are gone are not waited for."""
         self._advance(lockstep.on_failure(self.state, self.config, time.monotonic(), reason, frozenset(gone)))
 
-    def _on_report(self, cdr: bytes) -> None:
+    @contextmanager
+    def failing_on_error(self) -> Iterator[None]:
+        """A message that cannot be read ends the episode, as it does in the participants."""
         try:
-            report = from_step_done(wire.decode(topics.STEP_DONE, cdr))
+            yield
         except SirenError as error:
             self.fail(str(error))
-            return
-        self._take(report)
+
+    def _on_report(self, cdr: bytes) -> None:
+        with self.failing_on_error():
+            self._take(from_step_done(wire.decode(topics.STEP_DONE, cdr)))
 
     def _take(self, report: StepReport) -> None:
         self._advance(lockstep.on_report(self.state, report, self.config, time.monotonic()))

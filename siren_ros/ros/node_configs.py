@@ -41,6 +41,7 @@ class SumoBridgeConfig(ParticipantConfig):
     duration_s: float = parameter(0.0, "Simulated duration; 0: the template's own.", minimum=0.0, maximum=3600.0)
     preset: str = parameter("paper", "How civilians react: a name in params/presets or the path of a preset file.")
     sensors: str = parameter("front", "Sensor suite: a name in params/suites or the path of a suite file.")
+    look: str = parameter("clear", "Weather and time of day: a name in params/looks or the path of a look file.")
     av: str = parameter(
         "", "Who an external controller drives: the civilian that the EMV has to pass; empty: nobody.", choices=AV_KINDS
     )
@@ -95,6 +96,7 @@ class CosimConfig:
     duration_s: float = parameter(0.0, "Simulated duration; 0: the template's own.", minimum=0.0, maximum=3600.0)
     preset: str = parameter("paper", "How civilians react: a name in params/presets or the path of a preset file.")
     sensors: str = parameter("front", "Sensor suite: a name in params/suites or the path of a suite file.")
+    look: str = parameter("clear", "Weather and time of day: a name in params/looks or the path of a look file.")
     av: str = parameter(
         "", "Who an external controller drives: the civilian that the EMV has to pass; empty: nobody.", choices=AV_KINDS
     )

@@ -6,13 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 import simplejpeg
+from scipy.ndimage import gaussian_filter
 
 from siren_ros.sensors.camera_model import Pinhole
 from siren_ros.sensors.mount import Matrix
 from siren_ros.sensors.noise import sensor_generator
 from siren_ros.sensors.placement import Placement
-from siren_ros.sensors.render.renderer import RenderedImage, Renderer
+from siren_ros.sensors.render.raycast_renderer import RaycastRenderer
+from siren_ros.sensors.render.rendered_image import RenderedImage
+from siren_ros.sensors.render.renderer import Renderer
 from siren_ros.sensors.suite import CameraSpec
+from siren_ros.sensors.wanted_labels import WantedLabels
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,17 +38,12 @@ class CameraFrame:
 class Camera:
     """One camera on one carrier; the renderer may serve several."""
 
-    def __init__(self, spec: CameraSpec, renderer: Renderer, seed: int) -> None:
+    def __init__(self, spec: CameraSpec, renderer: Renderer | RaycastRenderer, seed: int) -> None:
         """Prepare the intrinsics; ``seed`` is the episode's."""
         self.spec = spec
         self.pinhole = Pinhole.of(spec)
         self._renderer = renderer
         self._seed = seed
-
-    @property
-    def needs_labels(self) -> bool:
-        """Whether instances and depth are drawn with each picture."""
-        return self.spec.depth or self.spec.instance
 
     def expose(
         self,
@@ -53,8 +52,9 @@ class Camera:
         placement: Placement,
         rolled_m: npt.NDArray[np.float64],
         signals: Mapping[str, str],
+        wanted: WantedLabels,
     ) -> CameraFrame:
-        """A picture from a pose of the camera's body frame (x forward), shape ``(4, 4)``."""
+        """A picture from a pose of the camera's body frame (x forward), shape ``(4, 4)``, with the wanted labels."""
         spec = self.spec
         image = self._renderer.render(
             self.pinhole,
@@ -64,12 +64,21 @@ class Camera:
             signals,
             step,
             exposure=spec.exposure,
-            labels=self.needs_labels,
+            labels=wanted.depth,
+            instances=wanted.instance or wanted.boxes,
         )
+        if spec.blur_px > 0.0:
+            self._blur(image.rgba)
         if spec.noise_stddev > 0.0:
             self._add_noise(image.rgba, step)
         jpeg = simplejpeg.encode_jpeg(image.rgba, spec.jpeg_quality, "RGBX", "420", fastdct=True)
         return CameraFrame(spec.name, step, self.pinhole, image, jpeg)
+
+    def _blur(self, rgba: npt.NDArray[np.uint8]) -> None:
+        """Blur the colours in place, as a lens out of focus does; labels stay sharp."""
+        for channel in range(3):
+            blurred = gaussian_filter(rgba[..., channel].astype(np.float32), self.spec.blur_px, truncate=3.0)
+            rgba[..., channel] = np.rint(blurred).astype(np.uint8)
 
     def _add_noise(self, rgba: npt.NDArray[np.uint8], step: int) -> None:
         """Add white noise to the colours in place."""

@@ -14,7 +14,7 @@ from siren_ros.interfaces.transforms import (
     quaternion_of_matrix,
     quaternion_of_yaw,
 )
-from siren_ros.sensors.mount import OPTICAL_FROM_BODY, Matrix
+from siren_ros.sensors.mount import OPTICAL_FROM_BODY, Matrix, Mount
 from siren_ros.sensors.suite import SensorSuite
 from siren_ros.world.actors import ActorStates
 from siren_ros.world.errors import EpisodeError
@@ -35,6 +35,8 @@ class Carrier:
         return f"{self.frame_prefix}{name}"
 
 
+STATION_FRAME: Final = "station"
+"""Where a suite's roadside unit stands, on the ground."""
 EMV: Final = Carrier(EMV_CARRIER, "")
 """The first emergency vehicle; its frames have the plain names of REP 105."""
 AV: Final = Carrier(AV_CARRIER, f"{AV_CARRIER}/")
@@ -87,21 +89,26 @@ def optical_frame(camera: str) -> str:
     return f"{camera}_optical_frame"
 
 
-def static_transforms(suite: SensorSuite, carrier: Carrier = EMV) -> tuple[Transform, ...]:
-    """``/tf_static`` of a suite: ``base_link`` to each sensor, and to each camera's optical frame."""
-    mounts = [(spec.name, spec.mount) for spec in (*suite.lidars, *suite.cameras)]
-    mounts += [(spec.name, spec.mount) for spec in (*suite.gnss, *suite.imus)]
-    bodies = [_transform(carrier, name, mount.base_from_sensor) for name, mount in mounts]
+def static_transforms(
+    suite: SensorSuite, carrier: Carrier = EMV, station: Mount | None = None
+) -> tuple[Transform, ...]:
+    """``/tf_static`` of a suite: ``base_link`` to each sensor, and to each camera's optical frame.
+
+    Where the suite stands at a station, given in the ``map`` frame, that is their parent in ``base_link``'s place.
+    """
+    parent = carrier.frame(BASE_FRAME if station is None else STATION_FRAME)
+    bodies = [_transform(parent, carrier.frame(name), mount.base_from_sensor) for name, mount in suite.mounts]
+    if station is not None:
+        bodies.insert(0, _transform(MAP_FRAME, parent, station.base_from_sensor))
     body_from_optical = np.eye(4)
     body_from_optical[:3, :3] = OPTICAL_FROM_BODY.T
     optical = [
-        _transform(carrier, optical_frame(camera.name), camera.mount.base_from_sensor @ body_from_optical)
+        _transform(parent, carrier.frame(optical_frame(camera.name)), camera.mount.base_from_sensor @ body_from_optical)
         for camera in suite.cameras
     ]
     return (*bodies, *optical)
 
 
-def _transform(carrier: Carrier, child: str, base_from_child: Matrix) -> Transform:
-    x_m, y_m, z_m = (float(value) for value in base_from_child[:3, 3])
-    rotation = quaternion_of_matrix(base_from_child[:3, :3])
-    return Transform(carrier.frame(BASE_FRAME), carrier.frame(child), (x_m, y_m, z_m), rotation)
+def _transform(parent: str, child: str, parent_from_child: Matrix) -> Transform:
+    x_m, y_m, z_m = (float(value) for value in parent_from_child[:3, 3])
+    return Transform(parent, child, (x_m, y_m, z_m), quaternion_of_matrix(parent_from_child[:3, :3]))

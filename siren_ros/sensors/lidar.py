@@ -13,6 +13,7 @@ from siren_ros.sensors.noise import sensor_generator
 from siren_ros.sensors.placement import Placement
 from siren_ros.sensors.raycast_world import RaycastWorld
 from siren_ros.sensors.reflectivity import REFLECTIVITY
+from siren_ros.sensors.render.look import Look
 from siren_ros.sensors.suite import LidarSpec
 
 _ATTENUATION_STEPS_PER_M: Final = 16.0
@@ -74,8 +75,8 @@ def beam_pattern(spec: LidarSpec) -> loops.Pattern:
 class Lidar:
     """One sensor on one carrier. Holds scratch memory, so one sweep at a time."""
 
-    def __init__(self, spec: LidarSpec, world: RaycastWorld, seed: int) -> None:
-        """Prepare the beam pattern; ``seed`` is the episode's."""
+    def __init__(self, spec: LidarSpec, world: RaycastWorld, seed: int, look: Look | None = None) -> None:
+        """Prepare the beam pattern; ``seed`` is the episode's. Rain and fog of the look weaken the returns."""
         self.spec = spec
         self._world = world
         self._seed = seed
@@ -89,7 +90,8 @@ class Lidar:
         self._room = _room_for(rays // 4)
         self._surfaces = loops.Surfaces(world.static_material, world.shape_material, REFLECTIVITY)
         distances = np.arange(int(spec.range_m * _ATTENUATION_STEPS_PER_M) + 2) / _ATTENUATION_STEPS_PER_M
-        self._attenuation = np.exp(-spec.atmosphere_attenuation_per_m * distances).astype(np.float32)
+        per_m = spec.atmosphere_attenuation_per_m + 2.0 * (look.lidar_extinction_per_m if look is not None else 0.0)
+        self._attenuation = np.exp(-per_m * distances).astype(np.float32)
 
     def rays(self, map_from_lidar: Matrix, motion: CarrierMotion | None = None) -> npt.NDArray[np.float32]:
         """Origin and direction of every beam in the ``map`` frame, shape ``(R, 6)``; overwritten by the next call."""

@@ -4,12 +4,17 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from siren_ros.interfaces import topics
+from siren_ros.interfaces.audio import to_audio
 from siren_ros.interfaces.boxes import boxes_of, to_boxes
 from siren_ros.interfaces.conversions import to_ground_truth
 from siren_ros.interfaces.factory import MessageFactory
+from siren_ros.interfaces.image_boxes import to_camera_truth, to_image_boxes
 from siren_ros.interfaces.images import PinholeCamera, to_camera_info, to_compressed_image, to_image
 from siren_ros.interfaces.markers import to_markers, vehicle_markers
+from siren_ros.interfaces.navigation import ImuReading, SatelliteFix, to_imu, to_nav_sat_fix
 from siren_ros.interfaces.point_cloud import to_point_cloud
 from siren_ros.interfaces.topics import Topic
 from siren_ros.interfaces.transforms import BASE_FRAME, to_odometry, to_tf
@@ -25,7 +30,9 @@ from siren_ros.sensors.carrier import (
 )
 from siren_ros.sensors.rig import Observations
 from siren_ros.sensors.suite import CameraSpec, SensorSuite, period_steps
+from siren_ros.sensors.wanted_labels import WantedLabels
 from siren_ros.world.actors import ActorDescription, ActorStates
+from siren_ros.world.camera_truth import CameraTruth
 
 Published = tuple[Topic, Any]
 
@@ -84,9 +91,19 @@ class ObservationMessages:
             cloud = to_point_cloud(factory, step, frame(sweep.sensor), sweep.points)
             yield self._own(topics.LIDAR.of_sensor(sweep.sensor, period)), cloud
         for exposure in seen.frames:
-            yield from self._images(exposure)
+            yield from self._images(exposure, seen.labels.get(exposure.sensor))
+        yield from self._others(seen)
 
-    def _images(self, frame: CameraFrame) -> Iterator[Published]:
+    def wanted_labels(self, camera: CameraSpec) -> WantedLabels:
+        """What the suite records of a camera, and what somebody listens to."""
+        period, recorded = period_steps(camera.rate_hz), WantedLabels.of(self.suite, camera)
+        depth = self._own(topics.IMAGE_DEPTH.of_sensor(camera.name, period))
+        instance = self._own(topics.IMAGE_INSTANCE.of_sensor(camera.name, period))
+        return WantedLabels(
+            recorded.depth or self.wants_raw(depth), recorded.instance or self.wants_raw(instance), recorded.boxes
+        )
+
+    def _images(self, frame: CameraFrame, labels: CameraTruth | None) -> Iterator[Published]:
         spec = next(camera for camera in self.suite.cameras if camera.name == frame.sensor)
         period, frame_id = period_steps(spec.rate_hz), self.carrier.frame(optical_frame(spec.name))
         compressed = topics.IMAGE_COMPRESSED.of_sensor(spec.name, period)
@@ -96,6 +113,47 @@ class ObservationMessages:
         raw = self._own(topics.IMAGE.of_sensor(spec.name, period))
         if self.wants_raw(raw):
             yield raw, to_image(self.factory, frame.step, frame_id, frame.rgb)
+        image = frame.image
+        semantic = self._own(topics.IMAGE_SEMANTIC.of_sensor(spec.name, period).if_recorded(spec.semantic))
+        if semantic.recorded or self.wants_raw(semantic):
+            yield semantic, to_image(self.factory, frame.step, frame_id, image.semantic)
+        if image.depth_m is not None:
+            depth = self._own(topics.IMAGE_DEPTH.of_sensor(spec.name, period).if_recorded(spec.depth))
+            if depth.recorded or self.wants_raw(depth):
+                yield depth, to_image(self.factory, frame.step, frame_id, image.depth_m)
+        if image.instance is not None:
+            instance = self._own(topics.IMAGE_INSTANCE.of_sensor(spec.name, period).if_recorded(spec.instance))
+            if instance.recorded or self.wants_raw(instance):
+                yield instance, to_image(self.factory, frame.step, frame_id, image.instance.astype(np.uint16))
+        if labels is not None:
+            truth = self._own(topics.IMAGE_TRUTH.of_sensor(spec.name, period))
+            yield truth, to_camera_truth(self.factory, labels, frame_id)
+            boxes = self._own(topics.IMAGE_BOXES.of_sensor(spec.name, period))
+            yield boxes, to_image_boxes(self.factory, labels, frame_id)
+
+    def _others(self, seen: Observations) -> Iterator[Published]:
+        """Satellite fixes, inertial readings and sound."""
+        factory, frame = self.factory, self.carrier.frame
+        rates = {spec.name: period_steps(spec.rate_hz) for spec in self.suite.gnss}
+        rates |= {spec.name: period_steps(spec.rate_hz) for spec in self.suite.imus}
+        for fix in seen.fixes:
+            found = SatelliteFix(
+                fix.step, frame(fix.sensor), fix.latitude_deg, fix.longitude_deg, fix.altitude_m, fix.variance_m2
+            )
+            yield self._own(topics.GNSS.of_sensor(fix.sensor, rates[fix.sensor])), to_nav_sat_fix(factory, found)
+        for sample in seen.inertial:
+            reading = ImuReading(
+                step=sample.step,
+                frame_id=frame(sample.sensor),
+                specific_force_mps2=sample.specific_force_mps2,
+                angular_rate_radps=sample.angular_rate_radps,
+                force_variance=sample.force_stddev_mps2**2,
+                rate_variance=sample.rate_stddev_radps**2,
+            )
+            yield self._own(topics.IMU.of_sensor(sample.sensor, rates[sample.sensor])), to_imu(factory, reading)
+        for chunk in seen.sounds:
+            sound = to_audio(factory, chunk.step, frame(chunk.sensor), chunk.sample_rate_hz, chunk.samples)
+            yield self._own(topics.AUDIO.of_sensor(chunk.sensor, topics.EVERY_STEP)), sound
 
     def _own(self, topic: Topic) -> Topic:
         return topic.of_carrier(self.carrier.name)

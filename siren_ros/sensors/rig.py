@@ -1,25 +1,36 @@
 """All sensors of one carrier over one world: the facade that ``sensor_sim`` drives."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 
 from siren_ros.sensors.camera import Camera, CameraFrame
+from siren_ros.sensors.camera_truth import CameraLabeller
+from siren_ros.sensors.carrier import STATION_FRAME
+from siren_ros.sensors.gnss import GeoReference, Gnss, GnssFix
 from siren_ros.sensors.ground_truth import ground_truth
+from siren_ros.sensors.imu import Imu, ImuSample, PlanarMotion
 from siren_ros.sensors.lidar import CarrierMotion, Lidar, LidarSweep
-from siren_ros.sensors.mount import Matrix, map_from_base
+from siren_ros.sensors.microphone import AudioChunk, Microphone
+from siren_ros.sensors.mount import Matrix, Mount, map_from_base
 from siren_ros.sensors.placement import Catalogue, Placement
 from siren_ros.sensors.raycast_world import RaycastWorld
+from siren_ros.sensors.render.context import RendererUnavailableError
 from siren_ros.sensors.render.look import Look
+from siren_ros.sensors.render.raycast_renderer import RaycastRenderer
 from siren_ros.sensors.render.renderer import Renderer
 from siren_ros.sensors.scene.config import SceneConfig
 from siren_ros.sensors.scene.mesh import StaticScene, VehicleShape
 from siren_ros.sensors.scene.static_scene import static_scene
 from siren_ros.sensors.scene.vehicle_shapes import vehicle_shape
-from siren_ros.sensors.suite import SensorSuite, period_steps
-from siren_ros.world.actors import ActorClass, ActorDescription, ActorStates, rows_of_ids
+from siren_ros.sensors.station import check_outdoors, station_mount
+from siren_ros.sensors.suite import CameraSpec, SensorSuite, period_steps
+from siren_ros.sensors.wanted_labels import WantedLabels
+from siren_ros.world.actors import NO_ACTOR, ActorClass, ActorDescription, ActorStates, rows_of_ids
+from siren_ros.world.camera_truth import CameraTruth
 from siren_ros.world.ground_truth import GroundTruth
 from siren_ros.world.road_network import RoadNetwork
 from siren_ros.world.traffic_state import SignalState
@@ -36,6 +47,11 @@ class Observations:
     sweeps: tuple[LidarSweep, ...]
     frames: tuple[CameraFrame, ...]
     truth: GroundTruth
+    labels: Mapping[str, CameraTruth] = field(default_factory=dict)
+    """Of the pictures, by camera, where they are wanted."""
+    fixes: tuple[GnssFix, ...] = ()
+    inertial: tuple[ImuSample, ...] = ()
+    sounds: tuple[AudioChunk, ...] = ()
 
 
 class Odometers:
@@ -69,6 +85,8 @@ class SensorRig:
         look: Look | None = None,
         scene: StaticScene | None = None,
         noise_seed: int | None = None,
+        site: Mapping[str, object] | None = None,
+        wanted: Callable[[CameraSpec], WantedLabels] | None = None,
     ) -> None:
         """Build the scene that the sensors see.
 
@@ -80,10 +98,15 @@ class SensorRig:
             look: Sun, sky and haze; a clear morning where None.
             scene: A ready static scene in place of the generated one.
             noise_seed: Of all sensor noise; ``seed`` where None.
+            site: Where the episode happens, as its description gives it; for suites that stand there.
+            wanted: Labels that go with a camera's pictures; what the suite records where None.
+
+        Raises:
+            InputError: A suite that stands at a junction, and a site that is none; or sensors inside a building.
         """
         self.suite = suite
         self._seed = seed if noise_seed is None else noise_seed
-        self._look = look
+        self._look = look or Look()
         self._shapes: Mapping[ActorClass, VehicleShape] = {kind: vehicle_shape(kind) for kind in ActorClass}
         self._static = scene
         if self._static is None and (suite.lidars or suite.cameras):
@@ -91,10 +114,24 @@ class SensorRig:
         self._lidars: tuple[Lidar, ...] = ()
         if self._static is not None and suite.lidars:
             world = RaycastWorld(self._static, self._shapes)
-            self._lidars = tuple(Lidar(spec, world, self._seed) for spec in suite.lidars)
+            self._lidars = tuple(Lidar(spec, world, self._seed, self._look) for spec in suite.lidars)
         self._cameras: tuple[Camera, ...] | None = None
         self._catalogue = Catalogue(self._shapes)
         self._odometers = Odometers()
+        self._wanted = wanted or partial(WantedLabels.of, suite)
+        self._labeller = CameraLabeller(self._shapes)
+        reference = GeoReference.of(network)
+        self._receivers = tuple(Gnss(spec, reference, self._seed) for spec in suite.gnss)
+        self._units = tuple(Imu(spec, self._seed) for spec in suite.imus)
+        self._microphones = tuple(Microphone(spec, self._seed) for spec in suite.microphones)
+        self.notes: tuple[str, ...] = ()
+        """What the user should know of how this machine senses; known after ``prepare``."""
+        self.station: Mount | None = None
+        """Where the suite stands in the ``map`` frame; None on a vehicle."""
+        if suite.station is not None:
+            self.station = station_mount(suite.station, network, site)
+            if self._static is not None:
+                check_outdoors(self._static, suite, self.station)
 
     @property
     def scene(self) -> StaticScene | None:
@@ -104,7 +141,8 @@ class SensorRig:
     @property
     def truth_frame(self) -> str:
         """Frame of the labels: the first LiDAR, or the carrier's ``base_link`` where there is none."""
-        return self.suite.lidars[0].name if self.suite.lidars else BASE_FRAME
+        bare = BASE_FRAME if self.suite.station is None else STATION_FRAME
+        return self.suite.lidars[0].name if self.suite.lidars else bare
 
     @property
     def base_from_truth(self) -> Matrix:
@@ -114,14 +152,20 @@ class SensorRig:
     def prepare(self) -> None:
         """Compile the shaders now, in the thread that will observe.
 
-        Raises:
-            RendererUnavailableError: the suite has cameras and this machine cannot draw.
+        Where this machine cannot draw, the cameras cast rays instead, and ``notes`` says so.
         """
         if self._cameras is None:
             self._cameras = ()
             if self._static is not None and self.suite.cameras:
-                renderer = Renderer(self._static, self._shapes, self._look)
+                renderer = self._renderer(self._static)
                 self._cameras = tuple(Camera(spec, renderer, self._seed) for spec in self.suite.cameras)
+
+    def _renderer(self, static: StaticScene) -> Renderer | RaycastRenderer:
+        try:
+            return Renderer(static, self._shapes, self._look)
+        except RendererUnavailableError as error:
+            self.notes = (f"{error}; the cameras cast rays instead: slower, without shadows and textures",)
+            return RaycastRenderer(static, self._shapes, self._look)
 
     def observe(
         self,
@@ -132,36 +176,93 @@ class SensorRig:
     ) -> Observations:
         """Measure with the sensors that are due at the states' step.
 
-        Where the carrier is not among the actors nothing is measured.
+        Where the carrier is not among the actors nothing is measured, unless the suite stands at a station.
 
         Args:
             states: All actors at this step.
             descriptions: What they are, by id.
             signals: The traffic lights.
             carrier_id: Who carries the sensors.
-
-        Raises:
-            RendererUnavailableError: at the first call, where the suite has cameras and this machine cannot draw.
         """
         self.prepare()
         step = states.step
         rolled_m = self._odometers.advance(states)
-        row = int(rows_of_ids(states.actor_id, np.array([carrier_id], np.uint32))[0])
-        if row < 0:
-            return Observations(
-                step, (), (), self._truth(ActorStates.empty(step), descriptions, carrier_id, np.eye(4), None)
-            )
-        base = map_from_base(
-            float(states.x_m[row]), float(states.y_m[row]), float(states.z_m[row]), float(states.yaw_rad[row])
-        )
-        placement = self._catalogue.place(states, descriptions, hidden_id=carrier_id)
-        motion = CarrierMotion(float(states.vx_mps[row]), float(states.vy_mps[row]), float(states.yaw_rate_radps[row]))
-        sweeps = tuple(self._sweeps(step, base, placement, motion))
-        others = states.actor_id != carrier_id
+        hidden = NO_ACTOR if self.station is not None else carrier_id
+        motion = self._motion(states, carrier_id)
+        if motion is None:
+            nobody = ActorStates.empty(step)
+            return Observations(step, (), (), self._truth(nobody, descriptions, hidden, np.eye(4), None))
+        base, carried = motion
+        placement = self._catalogue.place(states, descriptions, hidden_id=hidden)
+        sweeps = tuple(self._sweeps(step, base, placement, carried))
+        others = states.actor_id != hidden
         frames = tuple(self._frames(step, base, placement, rolled_m[others], signals))
         first = next((sweep for sweep in sweeps if sweep.sensor == self.truth_frame), None)
-        truth = self._truth(states, descriptions, carrier_id, base, first)
-        return Observations(step, sweeps, frames, truth)
+        return Observations(
+            step=step,
+            sweeps=sweeps,
+            frames=frames,
+            truth=self._truth(states, descriptions, hidden, base, first),
+            labels=self._labels(frames, base, placement, descriptions),
+            fixes=tuple(
+                receiver.measure(step, base, step * STEP_S)
+                for receiver in self._receivers
+                if step % period_steps(receiver.spec.rate_hz) == 0
+            ),
+            inertial=self._inertial(states, carrier_id),
+            sounds=tuple(microphone.hear(states, base) for microphone in self._microphones),
+        )
+
+    def _motion(self, states: ActorStates, carrier_id: int) -> tuple[Matrix, CarrierMotion] | None:
+        """Pose and motion of what carries the sensors; None where that has left the map."""
+        if self.station is not None:
+            return self.station.base_from_sensor, CarrierMotion()
+        row = int(rows_of_ids(states.actor_id, np.array([carrier_id], np.uint32))[0])
+        if row < 0:
+            return None
+        x_m, y_m, z_m, yaw_rad = (float(values[row]) for values in (states.x_m, states.y_m, states.z_m, states.yaw_rad))
+        vx_mps, vy_mps, turn = (float(values[row]) for values in (states.vx_mps, states.vy_mps, states.yaw_rate_radps))
+        return map_from_base(x_m, y_m, z_m, yaw_rad), CarrierMotion(vx_mps, vy_mps, turn)
+
+    def _inertial(self, states: ActorStates, carrier_id: int) -> tuple[ImuSample, ...]:
+        """What the inertial units measure; they look at every step and report at theirs."""
+        if not self._units:
+            return ()
+        row = int(rows_of_ids(states.actor_id, np.array([carrier_id], np.uint32))[0])
+        now = PlanarMotion(
+            states.step,
+            float(states.yaw_rad[row]),
+            float(states.vx_mps[row]),
+            float(states.vy_mps[row]),
+            float(states.yaw_rate_radps[row]),
+        )
+        samples = ((unit.spec, unit.measure(now)) for unit in self._units)
+        return tuple(sample for spec, sample in samples if states.step % period_steps(spec.rate_hz) == 0)
+
+    def _labels(
+        self,
+        frames: tuple[CameraFrame, ...],
+        base: Matrix,
+        placement: Placement,
+        descriptions: Mapping[int, ActorDescription],
+    ) -> dict[str, CameraTruth]:
+        cameras = {spec.name: spec for spec in self.suite.cameras}
+        wanted = [frame for frame in frames if self._wanted(cameras[frame.sensor]).boxes]
+        if not wanted:
+            return {}
+        is_emv = np.array([descriptions[int(actor_id)].is_emv for actor_id in placement.actor_id], dtype=np.bool_)
+        return {
+            frame.sensor: self._labeller.label(
+                frame.step,
+                frame.camera,
+                base @ cameras[frame.sensor].mount.base_from_sensor,
+                placement,
+                frame.image.instance,
+                is_emv,
+            )
+            for frame in wanted
+            if frame.image.instance is not None
+        }
 
     def _truth(
         self,
@@ -191,4 +292,4 @@ class SensorRig:
         for camera in self._cameras or ():
             if step % period_steps(camera.spec.rate_hz) == 0:
                 pose = base @ camera.spec.mount.base_from_sensor
-                yield camera.expose(step, pose, placement, rolled_m, states)
+                yield camera.expose(step, pose, placement, rolled_m, states, self._wanted(camera.spec))

@@ -5,7 +5,7 @@ from typing import Final
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.topics import Topic
 from siren_ros.sensors.carrier import AV, EMV, Carrier
-from siren_ros.sensors.suite import SensorSuite, load_suite, period_steps
+from siren_ros.sensors.suite import CameraSpec, SensorSuite, load_suite, period_steps
 from siren_ros.world.actors import NO_ACTOR
 from siren_ros.world.episode import EpisodeDescription
 
@@ -29,9 +29,24 @@ def suite_topics(suite: SensorSuite, carrier: Carrier = EMV) -> tuple[Topic, ...
     found = [topics.LIDAR.of_sensor(lidar.name, period_steps(lidar.rate_hz)) for lidar in suite.lidars]
     for camera in suite.cameras:
         period = period_steps(camera.rate_hz)
-        images = (topics.IMAGE_COMPRESSED, topics.CAMERA_INFO, topics.IMAGE)
-        found.extend(topic.of_sensor(camera.name, period) for topic in images)
+        found.extend(topic.of_sensor(camera.name, period) for topic in camera_topics(camera, suite))
+    found.extend(topics.GNSS.of_sensor(one.name, period_steps(one.rate_hz)) for one in suite.gnss)
+    found.extend(topics.IMU.of_sensor(one.name, period_steps(one.rate_hz)) for one in suite.imus)
+    found.extend(topics.AUDIO.of_sensor(microphone.name, topics.EVERY_STEP) for microphone in suite.microphones)
     return tuple(topic.of_carrier(carrier.name) for topic in found)
+
+
+def camera_topics(camera: CameraSpec, suite: SensorSuite) -> tuple[Topic, ...]:
+    """Topics of a camera, its name still to be put in."""
+    return (
+        topics.IMAGE_COMPRESSED,
+        topics.CAMERA_INFO,
+        topics.IMAGE,
+        topics.IMAGE_DEPTH.if_recorded(camera.depth),
+        topics.IMAGE_SEMANTIC.if_recorded(camera.semantic),
+        topics.IMAGE_INSTANCE.if_recorded(camera.instance),
+        *((topics.IMAGE_TRUTH, topics.IMAGE_BOXES) if suite.labels else ()),
+    )
 
 
 def recorded_topics(suite: SensorSuite, av_suite: SensorSuite | None = None) -> tuple[Topic, ...]:

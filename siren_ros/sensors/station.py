@@ -4,10 +4,13 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 
 from siren_ros.sensors.mount import Mount
-from siren_ros.sensors.suite import Station
+from siren_ros.sensors.scene.material import Material
+from siren_ros.sensors.scene.mesh import StaticScene
+from siren_ros.sensors.suite import SensorSuite, Station
 from siren_ros.world.errors import InputError
 from siren_ros.world.road_network import LaneKind, RoadNetwork
 
@@ -15,6 +18,7 @@ _BESIDE_M: Final = 0.8
 """Between the pole and the nearest lane."""
 _SPACING_M: Final = 1.0
 _REACH_M: Final = 80.0
+_SOLID: Final = (Material.BUILDING_WALL, Material.BUILDING_ROOF, Material.FOLIAGE, Material.TREE_TRUNK)
 _TRAFFIC: Final = (LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL)
 
 
@@ -56,3 +60,31 @@ def station_mount(station: Station, network: RoadNetwork, site: Mapping[str, obj
     chosen = int(np.lexsort((np.abs(np.arctan2(away[:, 1], away[:, 0])).round(6), np.hypot(*away.T).round(3)))[0])
     x_m, y_m = (float(value) for value in places[chosen])
     return Mount(x_m, y_m, 0.0, float(np.arctan2(middle[1] - y_m, middle[0] - x_m)))
+
+
+def check_outdoors(scene: StaticScene, suite: SensorSuite, station: Mount) -> None:
+    """Raise InputError where a sensor of a station would be inside a building or a tree.
+
+    A ray straight up leaves a closed body through an odd number of surfaces.
+    """
+    solid = np.isin(scene.mesh.material, [int(kind) for kind in _SOLID])
+    corners = scene.mesh.vertices_m[scene.mesh.triangles[solid]].astype(np.float64)
+    for name, mount in suite.mounts:
+        x, y, z = (station.base_from_sensor @ mount.base_from_sensor)[:3, 3]
+        if _crossings_above(corners, float(x), float(y), float(z)) % 2:
+            place = f"({x:.1f}, {y:.1f}, {z:.1f}) m in the map frame"
+            raise InputError(f"{suite.name}: {name}.mount", place, "a place outside of buildings and trees")
+
+
+def _crossings_above(corners: npt.NDArray[np.float64], x_m: float, y_m: float, z_m: float) -> int:
+    """How many triangles of shape ``(T, 3, 3)`` a ray straight up from a point crosses."""
+    a, b, c = (corners[:, k, :2] - (x_m, y_m) for k in range(3))
+    ab, bc, ca = _cross(a, b), _cross(b, c), _cross(c, a)
+    around = ((ab > 0) & (bc > 0) & (ca > 0)) | ((ab < 0) & (bc < 0) & (ca < 0))
+    weight = np.stack((bc, ca, ab), axis=1)[around]
+    height = np.einsum("ij,ij->i", weight, corners[around, :, 2]) / weight.sum(axis=1)
+    return int(np.count_nonzero(height > z_m))
+
+
+def _cross(a: npt.NDArray[np.float64], b: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]

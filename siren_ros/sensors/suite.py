@@ -84,7 +84,10 @@ class CameraSpec(SensorSpec):
     exposure: float = _number(0.05, 20.0, 1.0)
     noise_stddev: float = _number(0.0, 50.0, 0.0)
     """Standard deviation of the noise added to each colour value, in steps of 1/255."""
+    blur_px: float = _number(0.0, 20.0, 0.0)
+    """Standard deviation of a Gaussian blur."""
     depth: bool = False
+    """Whether depth images are recorded; without, they are sent while somebody listens. Likewise the next two."""
     semantic: bool = False
     instance: bool = False
 
@@ -169,6 +172,9 @@ _KINDS: Final[dict[str, type[Any]]] = {
     "microphones": MicrophoneSpec,
 }
 _AT_SITE: Final = "site"
+_NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
+MAX_SENSORS: Final = 32
+"""Bounds the memory that a suite can ask for."""
 _MOUNT_KEYS: Final = {
     "x_m": ("x_m", 1.0, 20.0),
     "y_m": ("y_m", 1.0, 20.0),
@@ -202,8 +208,8 @@ def load_suite(name_or_path: str) -> SensorSuite:
         else params_dir() / "suites" / f"{name_or_path}.yaml"
     )
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError):
+        data = plain_yaml.load(plain_yaml.read_text(path))
+    except (OSError, ValueError):
         allowed = f"one of {', '.join(suite_names())}, or the path of a readable YAML file"
         raise InputError("sensors", name_or_path, allowed) from None
     except yaml.YAMLError as error:
@@ -218,6 +224,8 @@ def load_suite(name_or_path: str) -> SensorSuite:
         for kind in _KINDS
     }
     names = [spec.name for specs in sensors.values() for spec in specs]
+    if len(names) > MAX_SENSORS:
+        raise InputError(str(path), f"{len(names)} sensors", f"at most {MAX_SENSORS}")
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"{path}: name", name, "each sensor name once")
@@ -277,8 +285,8 @@ def _bounded(value: object, low: float, high: float, where: str) -> float:
 
 def _spec(kind: type[Any], name: str, table: Mapping[str, Any], where: str) -> Any:
     """One sensor from its YAML mapping."""
-    if not name.isidentifier():
-        raise InputError(where, name, "a name of letters, digits and underscores")
+    if not _NAME.fullmatch(name) or "__" in name:
+        raise InputError(where, name, "a name of letters, digits and single underscores, at most 64, not a digit first")
     options = {
         item.metadata.get("key") or item.name: item for item in fields(kind) if item.name not in {"name", "mount"}
     }

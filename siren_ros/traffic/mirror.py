@@ -22,8 +22,9 @@ DEFAULT_LANE_CHANGE_MODE: Final = 1621
 KEEP_LANE_CHANGE_MODE: Final = 1536
 """All reasons for a lane change off; respecting others and alignment within the lane stay on."""
 DEFAULT_SPEED_MODE: Final = 31
-_MATCH_ON_ROAD: Final = 2
-"""``keepRoute`` of moveToXY: exact place, matched to the road; together with the lane's name the route stays."""
+_MATCH_ON_ROAD: Final = 6
+"""``keepRoute`` of moveToXY: exact place (2) on any lane of the road whoever it is for (4); with the lane named the
+route stays. Without the 4, libsumo 1.28 was seen to crash with a civilian mirrored onto a shoulder."""
 _KEEP_ROUTE_OFF_ROAD: Final = 3
 """``keepRoute`` of moveToXY: exact place even off the road, the route stays whatever the place."""
 _EDGES_TO_MATCH: Final = 3

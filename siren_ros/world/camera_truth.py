@@ -13,8 +13,8 @@ from siren_ros.world.actors import Codes, Floats, Ids
 class CameraTruth:
     """Vehicles that a camera could see at one step; rows sorted by ``actor_id``.
 
-    Image coordinates are those of ``sensor_msgs/CameraInfo``: (0, 0) is the centre of the top left pixel. Boxes bound the
-    pixels that show the vehicle, outer edges; all zero for one that is wholly hidden.
+    Image coordinates are those of ``sensor_msgs/CameraInfo``: (0, 0) is the centre of the top left pixel. Boxes
+    bound the pixels that show the vehicle, outer edges; all zero for one that is wholly hidden.
     """
 
     step: int

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import yaml
 
+from siren_ros.world import plain_yaml
 from siren_ros.world.errors import InputError
 
 _TAG = "tag:yaml.org,2002:"
@@ -27,6 +28,8 @@ class StrictMapping:
     def __post_init__(self) -> None:
         self.values = {}
         for key, value in self.node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                raise InputError(self.where("", key), _shown(key), "keys that are texts")
             name = str(key.value)
             if name in self.values:
                 raise InputError(self.where(name, key), name, "each key once")
@@ -66,7 +69,11 @@ class StrictMapping:
     def integer(self, key: str, low: int, high: int) -> int:
         """A whole number within ``[low, high]``."""
         wanted = f"a whole number from {low} to {high}"
-        value = int(self._scalar(key, ("int",), wanted).replace("_", ""), 0)
+        text = self._scalar(key, ("int",), wanted)
+        try:
+            value = int(text.replace("_", ""), 0)
+        except ValueError as error:  # YAML's other notations: 017, 1:30
+            raise InputError(self.where(key), text, wanted) from error
         if not low <= value <= high:
             raise InputError(self.where(key), value, wanted)
         return value
@@ -128,7 +135,10 @@ def _float(text: str) -> float:
     try:
         return float(text.replace("_", ""))
     except ValueError:  # YAML's other notations of whole numbers: 0x1F, 0o17
-        return float(int(text, 0)) if text.lower().startswith(("0x", "0o", "0b")) else float("nan")
+        try:
+            return float(int(text.replace("_", ""), 0))
+        except (ValueError, OverflowError):
+            return float("nan")
 
 
 def _shown(node: yaml.Node) -> str:
@@ -144,13 +154,14 @@ def read_strict_yaml(file: Path) -> StrictMapping:
         InputError: the file cannot be read, is not YAML, or does not hold a mapping; names file and line.
     """
     try:
-        root = yaml.compose(file.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(str(file), type(error).__name__, "a readable YAML file in UTF-8") from error
+        root = plain_yaml.compose(plain_yaml.read_text(file))
+    except (OSError, ValueError) as error:
+        allowed = f"a readable YAML file in UTF-8 of at most {plain_yaml.MAX_BYTES} bytes"
+        raise InputError(str(file), type(error).__name__, allowed) from error
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = "" if mark is None else f":{mark.line + 1}"
-        raise InputError(f"{file}{line}", getattr(error, "problem", None) or "text", "valid YAML") from error
+        raise InputError(f"{file}{line}", getattr(error, "problem", None) or str(error) or "text", "valid YAML") from error
     if not isinstance(root, yaml.MappingNode):
         raise InputError(str(file), "no mapping" if root is None else _shown(root), "a YAML mapping at the top")
     return StrictMapping(str(file), "", root)

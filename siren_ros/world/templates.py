@@ -59,6 +59,14 @@ def load_template(name_or_path: str) -> Template:
     return read_template(named_params_file("template", "templates", name_or_path))
 
 
+def _identifier(top: StrictMapping) -> str:
+    """The template's id, which becomes part of file names."""
+    name = top.text("id")
+    if not _ID.fullmatch(name):
+        raise InputError(top.where("id"), name, "letters, digits, - and _, at most 64")
+    return name
+
+
 def read_template(file: Path) -> Template:
     """A template from a YAML file; raises InputError as ``load_template`` does."""
     top = read_strict_yaml(file)
@@ -66,7 +74,7 @@ def read_template(file: Path) -> Template:
     parameters = _Parameters(ranges)
     site_kind = SiteKind(top.text("site", [member.value for member in SiteKind]))
     template = Template(
-        template_id=top.text("id"),
+        template_id=_identifier(top),
         title=top.text("title"),
         family=BehaviourFamily(top.text("family", [member.value for member in BehaviourFamily])),
         level=EmergencyLevel[top.text("level", [member.name for member in EmergencyLevel])],

@@ -37,6 +37,14 @@ def test_the_first_difference_is_named(episode: tuple[EpisodeRecord, list[LoopSt
     assert str(difference).startswith(f"step 17, actor {state.actor_id[4]}, x_m: recorded ")
 
 
+def test_another_signal_alone_is_found_by_the_hash(episode: tuple[EpisodeRecord, list[LoopStep]]) -> None:
+    record, steps = episode
+    hashes = {**record.state_hashes, 11: 1}
+    difference = first_difference(record.states, steps, hashes)
+    assert difference is not None
+    assert str(difference).startswith("step 11, state_hash: recorded 0000000000000001, repeated ")
+
+
 def test_another_seed_is_another_episode(episode: tuple[EpisodeRecord, list[LoopStep]]) -> None:
     record, _ = episode
     parameters = {**record.description.parameters, "request": dataclasses.asdict(REQUEST) | {"seed": 4}}
@@ -46,13 +54,13 @@ def test_another_seed_is_another_episode(episode: tuple[EpisodeRecord, list[Loop
     assert difference.step == 0
 
 
-@pytest.mark.parametrize("stored", [None, {}, {"template": "S2", "shoe_size": 44}])
+@pytest.mark.parametrize("stored", [None, {}, {"template": "S2", "shoe_size": 44}, {"template": 7}])
 def test_a_description_without_its_request_is_refused(
     episode: tuple[EpisodeRecord, list[LoopStep]], stored: object
 ) -> None:
     record, _ = episode
     description = dataclasses.replace(record.description, parameters={"request": stored})
-    with pytest.raises(BagError, match="the request of the episode"):
+    with pytest.raises(BagError, match="request"):
         repeat_episode(dataclasses.replace(record, description=description))
 
 

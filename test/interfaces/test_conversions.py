@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from siren_ros.ros.endpoints import message_class
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
 from siren_ros.world.commands import COMMAND_DTYPES, VehicleCommands
 from siren_ros.world.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
+from siren_ros.world.errors import InputError
 from siren_ros.world.events import Event, EventKind
 from siren_ros.world.ground_truth import GROUND_TRUTH_DTYPES, GroundTruth
 from siren_ros.world.levels import EmergencyLevel
@@ -156,3 +158,26 @@ def test_every_own_message_has_a_reader() -> None:
 def test_stamps_are_simulated_time(step: int) -> None:
     message = conversions.to_actor_states(OFFLINE, ActorStates.empty(step))
     assert math.isclose(message.stamp.sec + message.stamp.nanosec * 1e-9, step * 0.05)
+
+
+@given(st.integers(0, 10**6), st.integers(0, 2**64 - 1), st.lists(events, max_size=3).map(tuple))
+def test_the_events_of_a_step_keep_its_state_hash(
+    factory: RosbagsFactory, round_trip: Callable[[object], object], step: int, state_hash: int, some: tuple[Event, ...]
+) -> None:
+    message = round_trip(conversions.to_events(factory, step, state_hash, some))
+    assert conversions.from_events(message) == (step, state_hash, some)
+
+
+@pytest.mark.parametrize("detail", ["", "{", "[1]", "null", "[" * 100_000, "1" * 10_000])
+def test_text_that_is_no_json_object_is_an_input_error(factory: RosbagsFactory, detail: str) -> None:
+    message = conversions.to_event(factory, Event(0, EventKind.COLLISION, 1))
+    message.detail = detail
+    with pytest.raises(InputError):
+        conversions.from_event(message)
+
+
+def test_an_unknown_code_is_an_input_error(factory: RosbagsFactory) -> None:
+    message = conversions.to_event(factory, Event(0, EventKind.COLLISION, 1))
+    message.kind = "resurrection"
+    with pytest.raises(InputError, match="resurrection"):
+        conversions.from_event(message)

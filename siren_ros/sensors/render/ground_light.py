@@ -62,7 +62,7 @@ class GroundLight:
         self._sun = towards_sun
         self._caster = static.shadow_array()
         self._bake: Any = context.program(vertex_shader=_BAKE_VERTEX, fragment_shader=_BAKE_FRAGMENT)
-        self._bake["static_shadow"].value = 0
+        _set(self._bake, "static_shadow", 0)
         self._triangle = context.vertex_array(self._bake, ())
         self._program: Any = context.program(
             vertex_shader=vehicle_shaders.GROUND_SHADOW_VERTEX, fragment_shader=vehicle_shaders.GROUND_SHADOW_FRAGMENT
@@ -120,8 +120,8 @@ class GroundLight:
         baked.scissor = (1, 1, TEXELS - 2, TEXELS - 2)
         self._context.enable_only(moderngl.NOTHING)
         self._bake["unit_from_map"].write(np.ascontiguousarray(view.unit_from_map.T, dtype=np.float32).tobytes())
-        self._bake["centre"].value = (*centre, _RECEIVER_M)
-        self._bake["half_m"].value = HALF_M
+        _set(self._bake, "centre", (*centre, _RECEIVER_M))
+        _set(self._bake, "half_m", HALF_M)
         shadow.texture.use(0)
         self._triangle.render(moderngl.TRIANGLES, vertices=3)
         baked.scissor = None
@@ -135,7 +135,11 @@ class GroundLight:
         self._framebuffer.use()
         self._context.enable_only(moderngl.NOTHING)
         x, y = square.centre_m
-        self._program["light_from_map"].value = (1.0 / HALF_M, -x / HALF_M, -y / HALF_M, 0.0)
+        _set(self._program, "light_from_map", (1.0 / HALF_M, -x / HALF_M, -y / HALF_M, 0.0))
         sx, sy, sz = (float(value) for value in self._sun)
-        self._program["per_metre_up"].value = (sx / max(sz, 0.05), sy / max(sz, 0.05))
+        _set(self._program, "per_metre_up", (sx / max(sz, 0.05), sy / max(sz, 0.05)))
         vehicles.draw_shadows(near)
+
+
+def _set(program: Any, name: str, value: float | tuple[float, ...]) -> None:
+    program[name].value = value

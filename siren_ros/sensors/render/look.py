@@ -24,6 +24,18 @@ class Look:
     wetness: float = 0.0
     """0 dry, 1 soaked: dark asphalt that mirrors the sky."""
     rain_mm_per_h: float = 0.0
+    visibility_m: float = 0.0
+    """Meteorological optical range of fog; 0 where there is none."""
+
+    @property
+    def lidar_extinction_per_m(self) -> float:
+        """Share of a laser's light lost per metre in rain and fog, one way.
+
+        Rain: 1.076 R^0.67 dB/km (ITU-R P.1814, section 4.2). Fog: Koschmieder's law, 5 % left at the visibility.
+        """
+        rain = 1.076e-3 * self.rain_mm_per_h**0.67 * np.log(10.0) / 10.0
+        fog = 3.0 / self.visibility_m if self.visibility_m > 0.0 else 0.0
+        return float(rain + fog)
 
     @property
     def towards_sun(self) -> npt.NDArray[np.float64]:

@@ -59,6 +59,7 @@ NODES = [
     "sensor_sim",
     "recorder",
     "kitti_exporter",
+    "player",
 ]
 
 

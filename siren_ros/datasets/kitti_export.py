@@ -10,10 +10,11 @@ from siren_ros.interfaces.point_cloud import from_point_cloud
 from siren_ros.interfaces.topics import CAMERA_INFO, GROUND_TRUTH, IMAGE_COMPRESSED, LIDAR, TF_STATIC, Topic
 from siren_ros.interfaces.transforms import from_tf
 from siren_ros.recording.bag_reader import BagMessage, OpenBag, damage_refused, open_bag
+from siren_ros.sensors.suite import EXPORTED_CAMERA
 from siren_ros.world.errors import BagError
 from siren_ros.world.units import step_of_time_ns
 
-FRONT_CAMERA: Final = "camera_front"
+FRONT_CAMERA: Final = EXPORTED_CAMERA
 _NEEDED: Final = "an episode recorded with a LiDAR and its ground truth"
 
 

@@ -10,8 +10,19 @@ from siren_ros.world.errors import EpisodeError
 from siren_ros.world.units import STEP_NS
 
 _ENCAPSULATION_BYTES: Final = 4
+_WORD_BYTES: Final = 4
 _SEQUENCE_OF_STAMPED: Final = frozenset({"tf2_msgs/msg/TFMessage", "visualization_msgs/msg/MarkerArray"})
 """Types that begin with a sequence whose elements begin with a header; the others begin with their stamp."""
+
+
+def encode_cdr(store: Typestore, topic: Topic, message: Any) -> bytes:
+    """CDR of a message, filled up to whole words.
+
+    DDS fills up a payload that travels between processes and not one that stays within its process; a
+    payload that needs no filling is the same bytes everywhere.
+    """
+    cdr = store.serialize_cdr(message, topic.type_name)
+    return b"".join((cdr, bytes(-len(cdr) % _WORD_BYTES)))
 
 
 def decode_cdr(store: Typestore, topic: Topic, cdr: bytes) -> Any:

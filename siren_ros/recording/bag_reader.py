@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from rosbags.highlevel import AnyReader
-from rosbags.interfaces import Nodetype
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, Nodetype
 from rosbags.typesys.store import Typestore
 
 from siren_ros.recording.bag_guard import check_bag_files
@@ -57,6 +57,8 @@ class OpenBag:
         self.path = path
         self.reader = reader
         self.type_names = {connection.topic: connection.msgtype for connection in reader.connections}
+        self.latched = frozenset(item.topic for item in reader.connections if _is_latched(item))
+        """Topics that were offered as transient local."""
         self._stamped = {name for name in set(self.type_names.values()) if _starts_with_stamp(reader.typestore, name)}
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
@@ -79,6 +81,11 @@ class OpenBag:
             return None
         sec, nanosec = _STAMP.unpack_from(message.cdr, _ENCAPSULATION_BYTES)
         return int(sec) * 1_000_000_000 + int(nanosec)
+
+
+def _is_latched(connection: Connection) -> bool:
+    offers = connection.ext.offered_qos_profiles if isinstance(connection.ext, ConnectionExtRosbag2) else []
+    return any(offer.durability.name == "TRANSIENT_LOCAL" for offer in offers)
 
 
 def _starts_with_stamp(store: Typestore, type_name: str) -> bool:
@@ -107,7 +114,9 @@ def open_bag(path: Path) -> Iterator[OpenBag]:
         reader = AnyReader([path])
         reader.open()
     try:
-        yield OpenBag(path, reader)
+        with damage_refused(path):
+            bag = OpenBag(path, reader)
+        yield bag
     finally:
         reader.close()
 

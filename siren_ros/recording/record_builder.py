@@ -19,6 +19,7 @@ from siren_ros.interfaces.topics import (
     YIELD_COMMANDS,
 )
 from siren_ros.recording.episode_record import EpisodeRecord, TopicRecord
+from siren_ros.recording.record_checks import check_commands, check_description, check_states, check_traffic
 from siren_ros.world.actors import NO_ACTOR, ActorDescription, ActorStates
 from siren_ros.world.commands import AV_SOURCE, VehicleCommands, av_commands
 from siren_ros.world.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
@@ -90,19 +91,23 @@ class RecordBuilder:
         counter.stamp_mismatches += stamp_ns is not None and stamp_ns != time_ns
 
     def _take_description(self, message: Any) -> None:
-        self._description = conversions.from_episode_description(message)
+        description = conversions.from_episode_description(message)
+        check_description(description)
+        self._description = description
 
     def _take_map(self, message: Any) -> None:
         self._network = parse_road_network(str(message.data).encode())
 
     def _take_traffic(self, message: Any) -> None:
         traffic = conversions.from_traffic_state(message)
+        check_traffic(traffic)
         self._traffic.append(traffic)
         for actor in traffic.spawned:
             self._actors[actor.actor_id] = actor
 
     def _take_commands(self, message: Any) -> None:
         commands = conversions.from_vehicle_commands(message)
+        check_commands(commands)
         self._commands.setdefault(commands.source, []).append(commands)
 
     def _take_av_control(self, message: Any) -> None:
@@ -111,7 +116,9 @@ class RecordBuilder:
         self._commands.setdefault(AV_SOURCE, []).append(av_commands(control, control.step, av_id))
 
     def _take_states(self, message: Any) -> None:
-        self._states.append(conversions.from_actor_states(message))
+        states = conversions.from_actor_states(message)
+        check_states(states)
+        self._states.append(states)
 
     def _take_events(self, message: Any) -> None:
         step, state_hash, events = conversions.from_events(message)

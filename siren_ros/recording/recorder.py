@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from rosbags.typesys.store import Typestore
 
-from siren_ros.interfaces.cdr import decode_cdr, step_of_cdr
+from siren_ros.interfaces.cdr import decode_cdr, encode_cdr, step_of_cdr
 from siren_ros.interfaces.conversions import to_episode_outcome
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing
 from siren_ros.interfaces.rosbags_factory import RosbagsFactory
@@ -112,7 +112,7 @@ class EpisodeRecorder:
                     self._write(message)
         outcome = judge(self._builder, closing)
         message = to_episode_outcome(RosbagsFactory(self._store), outcome)
-        cdr = bytes(self._store.serialize_cdr(message, OUTCOME.type_name))
+        cdr = encode_cdr(self._store, OUTCOME, message)
         try:
             self._writer.write(OUTCOME.name, OUTCOME.type_name, cdr, time_ns_of_step(max(closing.steps - 1, 0)))
             if closing.end is EpisodeEnd.COMPLETE:

@@ -4,7 +4,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
@@ -41,8 +41,28 @@ def start_ros(args: list[str] | None = None) -> None:
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
 
 
+class Program(Protocol):
+    """A node that knows when it is done."""
+
+    finished: bool
+
+    def flush(self, timeout_s: float) -> None:
+        """Wait until what was published has reached its subscribers."""
+
+    def close_early(self, reason: str) -> None:
+        """Save what there is to save; raises SirenError where that fails."""
+
+    def destroy_node(self) -> None:
+        """Take the node out of the graph."""
+
+
 def run_participant(make_node: Callable[[str], Participant[Any]], name: str) -> int:
     """Run one participant as a program of its own until its episode is over; returns the exit code."""
+    return run_program(make_node, name)
+
+
+def run_program(make_node: Callable[[str], Program], name: str) -> int:
+    """Run one node as a program of its own until it is done or interrupted; returns the exit code."""
     start_ros()
     interrupt = Interrupt()
     try:
@@ -55,6 +75,7 @@ def run_participant(make_node: Callable[[str], Participant[Any]], name: str) -> 
     executor.add_node(node)
     parent = int(os.environ.get(PARENT_VARIABLE, "0"))
     stopped = ""
+    code = EXIT_OK
     try:
         while not node.finished and not stopped:
             executor.spin_once(timeout_sec=SPIN_S)
@@ -71,8 +92,9 @@ def run_participant(make_node: Callable[[str], Participant[Any]], name: str) -> 
         print(f"{name}: stopped by {stopped}", file=sys.stderr)
     except SirenError as error:
         print(f"{name}: {error}", file=sys.stderr)
+        code = error.exit_code
     finally:
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
-    return EXIT_FAILED if stopped else EXIT_OK
+    return EXIT_FAILED if stopped else code

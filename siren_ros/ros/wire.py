@@ -12,14 +12,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
-from siren_ros.interfaces.cdr import decode_cdr
+from siren_ros.interfaces.cdr import decode_cdr, encode_cdr
 from siren_ros.interfaces.rosbags_factory import RosbagsFactory, load_typestore
 from siren_ros.interfaces.topics import Topic
 from siren_ros.world.errors import InputError
 from siren_ros.world.units import step_of_time_ns
 
 OWN_PACKAGE: Final = "siren_msgs"
-WORD_BYTES: Final = 4
 DEFINED_PACKAGES: Final = (OWN_PACKAGE, "vision_msgs")
 """Packages whose types rosbags' Jazzy store does not hold."""
 
@@ -45,13 +44,8 @@ def factory() -> RosbagsFactory:
 
 
 def encode(topic: Topic, message: Any) -> bytes:
-    """CDR of a message, filled up to whole words.
-
-    DDS fills up a payload that travels between processes and not one that stays within its process; a
-    payload that needs no filling is the same bytes everywhere.
-    """
-    cdr = factory().store.serialize_cdr(message, topic.type_name)
-    return b"".join((cdr, bytes(-len(cdr) % WORD_BYTES)))
+    """CDR of a message, filled up to whole words, so that the same bytes travel everywhere."""
+    return encode_cdr(factory().store, topic, message)
 
 
 def decode(topic: Topic, cdr: bytes) -> Any:

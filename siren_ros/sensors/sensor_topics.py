@@ -5,7 +5,7 @@ from typing import Final
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.topics import Topic
 from siren_ros.sensors.carrier import AV, EMV, Carrier
-from siren_ros.sensors.suite import CameraSpec, SensorSuite, load_suite, period_steps
+from siren_ros.sensors.suite import EXPORTED_CAMERA, CameraSpec, SensorSuite, load_suite, period_steps
 from siren_ros.world.actors import NO_ACTOR
 from siren_ros.world.episode import EpisodeDescription
 
@@ -26,7 +26,11 @@ AV_CARRIER_TOPICS: Final = tuple(
 
 def suite_topics(suite: SensorSuite, carrier: Carrier = EMV) -> tuple[Topic, ...]:
     """Topics of the sensors of a carrier's suite, images that nobody records included."""
-    found = [topics.LIDAR.of_sensor(lidar.name, period_steps(lidar.rate_hz)) for lidar in suite.lidars]
+    first = min((lidar.name for lidar in suite.lidars), default="")
+    found = []
+    for lidar in suite.lidars:
+        topic = topics.LIDAR.of_sensor(lidar.name, period_steps(lidar.rate_hz))
+        found.append(topic if lidar.name == first else topic.if_recorded(True))
     for camera in suite.cameras:
         period = period_steps(camera.rate_hz)
         found.extend(topic.of_sensor(camera.name, period) for topic in camera_topics(camera, suite))
@@ -38,8 +42,9 @@ def suite_topics(suite: SensorSuite, carrier: Carrier = EMV) -> tuple[Topic, ...
 
 def camera_topics(camera: CameraSpec, suite: SensorSuite) -> tuple[Topic, ...]:
     """Topics of a camera, its name still to be put in."""
+    exported = camera.name == EXPORTED_CAMERA
     return (
-        topics.IMAGE_COMPRESSED,
+        topics.IMAGE_COMPRESSED if exported else topics.IMAGE_COMPRESSED.if_recorded(True),
         topics.CAMERA_INFO,
         topics.IMAGE,
         topics.IMAGE_DEPTH.if_recorded(camera.depth),

@@ -19,6 +19,8 @@ _BESIDE_M: Final = 0.8
 _SPACING_M: Final = 1.0
 _REACH_M: Final = 80.0
 _SOLID: Final = (Material.BUILDING_WALL, Material.BUILDING_ROOF, Material.FOLIAGE, Material.TREE_TRUNK)
+_ASIDE_M: Final = (1.7e-5, 2.3e-5)
+"""The ray up starts this much beside the sensor, so that it passes no edge between two triangles exactly."""
 _TRAFFIC: Final = (LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL)
 
 
@@ -78,7 +80,7 @@ def check_outdoors(scene: StaticScene, suite: SensorSuite, station: Mount) -> No
 
 def _crossings_above(corners: npt.NDArray[np.float64], x_m: float, y_m: float, z_m: float) -> int:
     """How many triangles of shape ``(T, 3, 3)`` a ray straight up from a point crosses."""
-    a, b, c = (corners[:, k, :2] - (x_m, y_m) for k in range(3))
+    a, b, c = (corners[:, k, :2] - (x_m + _ASIDE_M[0], y_m + _ASIDE_M[1]) for k in range(3))
     ab, bc, ca = _cross(a, b), _cross(b, c), _cross(c, a)
     around = ((ab > 0) & (bc > 0) & (ca > 0)) | ((ab < 0) & (bc < 0) & (ca < 0))
     weight = np.stack((bc, ca, ab), axis=1)[around]

@@ -1,5 +1,6 @@
 """Sensor suites: what a carrier carries, read from YAML."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
@@ -9,11 +10,14 @@ import numpy as np
 import yaml
 
 from siren_ros.sensors.mount import Mount
+from siren_ros.world import plain_yaml
 from siren_ros.world.errors import InputError
 from siren_ros.world.resources import params_dir
 from siren_ros.world.units import STEPS_PER_S
 
 _RADIANS: Final = float(np.pi / 180.0)
+EXPORTED_CAMERA: Final = "camera_front"
+"""The camera whose pictures go into exports and videos, where a suite has it."""
 
 
 def _number(low: float, high: float, default: Any = MISSING, key: str = "", scale: float = 1.0) -> Any:

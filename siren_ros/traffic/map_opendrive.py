@@ -57,12 +57,15 @@ def opendrive_patches(first_net: bytes, xodr: bytes, shown_source: str) -> OpenD
         MapError: The OpenDRIVE document cannot be read.
     """
     try:
-        drive = fromstring(xodr)
-    except (ParseError, DefusedXmlException, ValueError) as error:
+        drive = fromstring(xodr, forbid_dtd=True)
+    except (ParseError, DefusedXmlException, ValueError, LookupError) as error:
         raise MapError(shown_source, f"an OpenDRIVE map that is well-formed XML ({error})") from error
     net = fromstring(first_net)
-    stop = _signed_approaches(drive, _STOP_SIGN)
-    yields = _signed_approaches(drive, _YIELD_SIGN)
+    try:
+        stop = _signed_approaches(drive, _STOP_SIGN)
+        yields = _signed_approaches(drive, _YIELD_SIGN)
+    except (KeyError, ValueError) as error:
+        raise MapError(shown_source, f"an OpenDRIVE map whose signs are complete ({error!r})") from error
     nodes, minor_edges = _sign_patches(net, stop, yields)
     return OpenDrivePatches(
         nodes=_document("nodes", nodes),

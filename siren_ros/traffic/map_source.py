@@ -6,13 +6,14 @@ import zlib
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Final
+from typing import BinaryIO, Final
 from xml.etree.ElementTree import ParseError
 
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import iterparse
 
 from siren_ros.world.errors import MapError
+from siren_ros.world.net_parser import MAX_MAP_BYTES, MAX_TAGS
 
 ALLOWED: Final = (
     "a SUMO net (.net.xml, .net.xml.gz), an OpenDRIVE map (.xodr) or an OpenStreetMap extract (.osm, .osm.xml, "
@@ -55,22 +56,34 @@ def read_map_source(path: Path) -> MapSource:
         MapError: The file is missing, unreadable, or no map of a known kind.
     """
     try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise MapError(str(path), f"{ALLOWED}; {error.strerror or error}") from error
+        with _open(path) as file:
+            content = file.read(MAX_MAP_BYTES + 1)
+    except (OSError, ValueError) as error:
+        raise MapError(str(path), f"{ALLOWED}; {getattr(error, 'strerror', None) or error}") from error
     if content.startswith(_GZIP_MAGIC):
         try:
-            content = gzip.decompress(content)
+            with gzip.GzipFile(fileobj=io.BytesIO(content)) as packed:
+                content = packed.read(MAX_MAP_BYTES + 1)
         except (OSError, EOFError, zlib.error) as error:
             raise MapError(str(path), f"{ALLOWED}; this gzip file is damaged") from error
+    if len(content) > MAX_MAP_BYTES or content.count(b"<") > MAX_TAGS:
+        raise MapError(str(path), f"a map of at most {MAX_MAP_BYTES // 1_000_000} MB and {MAX_TAGS} XML tags")
     try:
-        root = next((element.tag for _, element in iterparse(io.BytesIO(content), events=("start",))), "")
-    except (ParseError, DefusedXmlException, ValueError) as error:
+        elements = iterparse(io.BytesIO(content), events=("start",), forbid_dtd=True)
+        root = next((element.tag for _, element in elements), "")
+    except (ParseError, DefusedXmlException, ValueError, LookupError) as error:
         raise MapError(str(path), f"{ALLOWED}; this file is not readable XML: {error}") from error
     kind = _KIND_OF_ROOT.get(root)
     if kind is None:
         raise MapError(str(path), f"{ALLOWED}; this file is an XML document <{root}>")
     return MapSource(name=_stem(path), kind=kind, content=content)
+
+
+def _open(path: Path) -> BinaryIO:
+    """The file; what would block for ever (a pipe) or never end (a device) is refused."""
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise OSError("this is no file")
+    return path.open("rb")
 
 
 def _stem(path: Path) -> str:

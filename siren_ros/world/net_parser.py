@@ -21,6 +21,13 @@ DEFAULT_LANE_WIDTH_M: Final = 3.2
 """SUMO's width of a lane that states none (SUMO user documentation, "Road networks")."""
 FAR_OFFSET_M: Final = 10_000.0
 """Beyond this net offset the map's own origin is far outside it (UTM), and the map's centre becomes the origin."""
+FARTHEST_M: Final = 1e8
+"""No projection of the Earth has larger coordinates."""
+MAX_MAP_BYTES: Final = 200_000_000
+MAX_TAGS: Final = 3_000_000
+"""An XML element takes some 200 bytes of memory. The net of a city of 100,000 lanes has half a million tags."""
+LONGEST_VIA: Final = 100
+"""netconvert cuts a movement into two or three junction lanes."""
 SHORTEST_LANE_M: Final = 0.01
 """Length given to the internal lanes that netconvert rounds down to a point."""
 
@@ -61,15 +68,17 @@ def parse_road_network(net_xml: bytes) -> RoadNetwork:
     Raises:
         MapError: The bytes are not a SUMO net, or it has no lane that vehicles may drive on.
     """
+    if len(net_xml) > MAX_MAP_BYTES or net_xml.count(b"<") > MAX_TAGS:
+        raise MapError(f"a net of {len(net_xml)} bytes", f"at most {MAX_MAP_BYTES} bytes and {MAX_TAGS} XML tags")
     try:
-        root = fromstring(net_xml)
-    except (ParseError, DefusedXmlException, ValueError) as error:
+        root = fromstring(net_xml, forbid_dtd=True)
+    except (ParseError, DefusedXmlException, ValueError, LookupError) as error:
         raise MapError(f"unreadable XML ({error})", ALLOWED) from error
     if root.tag != "net":
         raise MapError(f"an XML document <{root.tag}>", ALLOWED)
     try:
         network = _network(root)
-    except (KeyError, ValueError, AttributeError) as error:
+    except (LookupError, ValueError, AttributeError, OverflowError) as error:
         raise MapError(f"a damaged net ({type(error).__name__}: {error})", ALLOWED) from error
     if not any(lane.kind is LaneKind.DRIVING for lane in network.lanes):
         raise MapError("a net without driving lanes", "a map with at least one lane that cars may use")
@@ -98,6 +107,8 @@ def _location(root: Element) -> _Location:
         return _Location((0.0, 0.0), "!", None)
     net_x, net_y = (float(value) for value in element.get("netOffset", "0,0").split(","))
     projection = element.get("projParameter", "!").strip()
+    if not max(abs(net_x), abs(net_y)) <= FARTHEST_M:
+        raise ValueError("an offset that is not on Earth")
     offset = (net_x, net_y)
     if max(abs(net_x), abs(net_y)) > FAR_OFFSET_M:
         west, south, east, north = (float(value) for value in element.get("convBoundary", "0,0,0,0").split(","))
@@ -108,7 +119,10 @@ def _location(root: Element) -> _Location:
 
 def _points(shape: str, offset_m: tuple[float, float]) -> _Points:
     values = [[float(number) for number in point.split(",")[:2]] for point in shape.split()]
-    return np.array(values, dtype=np.float64).reshape(-1, 2) - offset_m
+    points = np.array(values, dtype=np.float64).reshape(-1, 2)
+    if not (np.abs(points) <= FARTHEST_M).all():
+        raise ValueError("a point that is not on Earth")
+    return points - offset_m
 
 
 def _centre(points: _Points) -> Polyline:
@@ -189,6 +203,8 @@ def _connections(root: Element, lanes: tuple[Lane, ...], edges: tuple[Edge, ...]
         step = element.get("via")
         while step is not None:
             via.append(index_of[step])
+            if len(via) > LONGEST_VIA:
+                raise ValueError(f"a way through junction lanes from {source.lane_id} that does not end")
             internal = lanes[via[-1]]
             step = onward.get((edges[internal.edge].edge_id, internal.position, element.attrib["to"]))
         yield Connection(

@@ -161,7 +161,9 @@ def read_strict_yaml(file: Path) -> StrictMapping:
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = "" if mark is None else f":{mark.line + 1}"
-        raise InputError(f"{file}{line}", getattr(error, "problem", None) or str(error) or "text", "valid YAML") from error
+        raise InputError(
+            f"{file}{line}", getattr(error, "problem", None) or str(error) or "text", "valid YAML"
+        ) from error
     if not isinstance(root, yaml.MappingNode):
         raise InputError(str(file), "no mapping" if root is None else _shown(root), "a YAML mapping at the top")
     return StrictMapping(str(file), "", root)

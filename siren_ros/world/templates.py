@@ -1,5 +1,6 @@
 """Reading templates from YAML, strictly: every mistake is refused with file, line and what is allowed."""
 
+import re
 from pathlib import Path
 from typing import Final
 
@@ -38,6 +39,7 @@ PREDICATES: Final[dict[str, dict[str, tuple[float, float]]]] = {
 }
 """Known predicates, and the limits of each one's thresholds."""
 
+_ID: Final = re.compile(r"[A-Za-z0-9_-]{1,64}")
 _SHARE_TOLERANCE: Final = 1e-6
 _MAX_SPEED_MPS: Final = 60.0
 _MAX_VEHICLES: Final = 500

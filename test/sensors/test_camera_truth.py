@@ -58,7 +58,7 @@ def test_a_vehicle_in_the_open_is_wholly_visible_and_its_box_fits_its_corners(re
 def test_half_hidden_behind_a_bus(renderer: Renderer, boxes: Any) -> None:
     alone = labels(renderer, boxes, (SEDAN, 30.0, 0.0, np.pi / 2))
     behind = labels(renderer, boxes, (SEDAN, 30.0, 0.0, np.pi / 2), (BUS, 20.0, 6.0, np.pi / 2))
-    assert alone.visible_fraction[0] > 0.95
+    assert alone.visible_fraction[0] > 0.9
     assert 0.3 < behind.visible_fraction[0] < 0.75
     hidden = labels(renderer, boxes, (SEDAN, 30.0, 0.0, np.pi / 2), (BUS, 20.0, 0.0, np.pi / 2))
     assert hidden.visible_fraction[0] == hidden.visible_px[0] == hidden.u_max_px[0] == 0.0

@@ -14,7 +14,7 @@ from siren_ros.world.units import STEP_S
 SPEC = MicrophoneSpec("microphone", Mount(0.0, 0.0, 2.0), noise_db=0.0)
 
 
-def record(boxes: Any, distance_m: Any, steps: int, sounding: Any = lambda step: True, spec: Any = SPEC) -> Any:
+def record(boxes: Any, distance_m: Any, steps: int, sounding: Any = lambda _: True, spec: Any = SPEC) -> Any:
     """Sound of an ambulance at a distance that depends on the step, at a microphone over the origin."""
     microphone, chunks = Microphone(spec, 0), []
     for step in range(steps):
@@ -56,8 +56,8 @@ def test_an_approaching_siren_sounds_higher_and_a_receding_one_lower(boxes: Any)
 
 
 def test_without_a_siren_there_is_silence_or_the_background(boxes: Any) -> None:
-    assert not np.any(record(boxes, lambda _: 10.0, 6, lambda step: False))
-    noisy = record(boxes, lambda _: 10.0, 20, lambda step: False, replace(SPEC, noise_db=90.0))
+    assert not np.any(record(boxes, lambda _: 10.0, 6, lambda _: False))
+    noisy = record(boxes, lambda _: 10.0, 20, lambda _: False, replace(SPEC, noise_db=90.0))
     full_scale_pa = 20e-6 * np.sqrt(2.0) * 10.0 ** (130.0 / 20.0)
     assert noisy.std() / 32767 * full_scale_pa == pytest.approx(20e-6 * 10.0 ** (90.0 / 20.0), rel=0.05)
 

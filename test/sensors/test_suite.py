@@ -95,3 +95,48 @@ def test_what_cannot_be_used_is_named(tmp_path: Path, text: str, said: str) -> N
 def test_an_unknown_suite_is_answered_with_the_known_ones() -> None:
     with pytest.raises(InputError, match=r"lidar.*none"):
         load_suite("everything")
+
+
+def test_nuscenes_has_its_six_cameras_all_around() -> None:
+    suite = load_suite("nuscenes")
+    assert suite.lidars[0].channels == 32
+    fields = sorted(round(float(np.degrees(camera.horizontal_fov_rad))) for camera in suite.cameras)
+    assert fields == [70] * 5 + [110]
+    covered = np.zeros(360, np.bool_)
+    for camera in suite.cameras:
+        middle, half = np.degrees(camera.mount.yaw_rad), np.degrees(camera.horizontal_fov_rad) / 2.0
+        covered[np.arange(int(middle - half), int(middle + half)) % 360] = True
+    assert covered.all()
+
+
+def test_a_roadside_suite_stands_at_the_site_and_labels_its_pictures() -> None:
+    suite = load_suite("roadside")
+    assert suite.station is not None
+    assert suite.station.place is None
+    assert suite.labels
+    assert load_suite("full").station is None
+
+
+def test_a_station_at_a_place(tmp_path: Path) -> None:
+    path = write(tmp_path, "station: {x_m: 10, y_m: -4, yaw_deg: 90}\n")
+    station = load_suite(path).station
+    assert station is not None
+    assert station.place is not None
+    assert (station.place.x_m, station.place.y_m) == (10.0, -4.0)
+    assert station.place.yaw_rad == pytest.approx(np.pi / 2)
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("station: corner", "station"),
+        ("station: {x_m: 1}", "y_m"),
+        ("station: {x_m: 1, y_m: 2, z_m: 3}", "z_m"),
+        ("station: site\nimus:\n  imu:\n    mount: {x_m: 0, y_m: 0, z_m: 1}", "imus"),
+        ("labels: 3", "labels"),
+        ("microphones:\n  ear:\n    mount: {x_m: 0, y_m: 0, z_m: 1}\n    sample_rate_hz: 1", "sample_rate_hz"),
+    ],
+)
+def test_a_wrong_station_label_or_microphone_is_refused(tmp_path: Path, text: str, match: str) -> None:
+    with pytest.raises(InputError, match=match):
+        load_suite(write(tmp_path, text + "\n"))

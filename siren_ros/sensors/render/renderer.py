@@ -1,6 +1,7 @@
 """Draws the scene from a camera and hands the pixels back."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, Final
 
 import moderngl
@@ -80,6 +81,7 @@ class Renderer:
         self._static = StaticGeometry(context, static, self.look, defines)
         self._ground = GroundLight(context, self._static, self.look.towards_sun)
         self._vehicles = VehicleGeometry(context, shapes, self._ground.vehicle_program, defines)
+        self._last: Callable[[], None] = lambda: None
         self._placed: tuple[Placement, npt.NDArray[np.float64]] | None = None
         self._sky_program = context.program(
             vertex_shader=sky_shaders.SKY_VERTEX, fragment_shader=sky_shaders.SKY_FRAGMENT
@@ -129,8 +131,21 @@ class Renderer:
             rows = _nearest_in_view(_clip_from_map(camera, map_from_camera), map_from_camera[:3, 3], placement)
             target = self._target(camera)
             (target.labelled if labels else target.instances if instances else target.plain).use()
-            self._draw(rows, textures, signals, step)
+            self._last = partial(self._draw, rows, textures, signals, step)
+            self._last()
             return target.read(instances=labels or instances, depth=labels)
+
+    def draw_again(self, camera: Pinhole) -> RenderedImage:
+        """The last picture once more, nothing but its draw and read-back: what ``render``'s time is measured by.
+
+        Args:
+            camera: The camera of the last picture.
+        """
+        with self._context:
+            target = self._target(camera)
+            target.plain.use()
+            self._last()
+            return target.read(instances=False, depth=False)
 
     def _prepare(
         self,

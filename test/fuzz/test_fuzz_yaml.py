@@ -1,0 +1,140 @@
+"""Parameter files from strangers: any bytes give a result or an InputError, and soon."""
+
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from siren_ros.generation.episode_setup import EpisodeRequest, default_bag_path
+from siren_ros.sensors.suite import load_suite
+from siren_ros.world.errors import InputError
+from siren_ros.world.plain_yaml import MAX_BYTES
+from siren_ros.world.presets import load_preset
+from siren_ros.world.resources import params_dir
+from siren_ros.world.strict_yaml import read_strict_yaml
+from siren_ros.world.templates import load_template
+
+READERS: dict[str, tuple[Callable[[str], Any], str]] = {
+    "templates": (load_template, "S2"),
+    "presets": (load_preset, "paper"),
+    "suites": (load_suite, "front"),
+    "strict": (lambda path: read_strict_yaml(Path(path)), "front"),
+}
+NASTY = [
+    "!!python/object/apply:os.system ['touch hacked']",
+    "a: &a [1, 2]\nb: *a",
+    "a: &a\n  <<: *a",
+    "? [1, 2]\n: 3",
+    "a: 2001-99-99",
+    "a: 1:99:99",
+    "a: 0o17\nb: 017\nc: 0x_\nd: !!int ''",
+    "a: !!float x",
+    "a: !!binary ä",
+    "a: !!timestamp x",
+    "a: .nan\nb: .inf",
+    "lidars: {../x: {mount: {x_m: 0, y_m: 0, z_m: 1}}}",
+    "lidars: {a: {mount: {x_m: .nan, y_m: 0, z_m: 1}}}",
+    "cameras: {a: {mount: {x_m: 0, y_m: 0, z_m: 1}, width: 1000000000}}",
+    "id: ../../etc/passwd",
+    "[" * 2000,
+    "{a: " * 2000,
+    "- " * 2000,
+    "\0",
+    "\ufeff",
+    "a: 1\na: 2",
+    "---\na: 1\n---\nb: 2",
+    "%YAML 9.9\n---\na: 1",
+    "x" * (MAX_BYTES + 1),
+    "a: " + "9" * 5000,
+    "a: 1e999",
+]
+texts = st.one_of(
+    st.sampled_from(NASTY),
+    st.text(max_size=200),
+    st.text("abc:- \n[]{}&*!?|>'\"#%@`,.0123456789", max_size=200),
+)
+fuzzed = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+def survives(reader: Callable[[str], Any], file: Path) -> None:
+    with suppress(InputError):
+        reader(str(file))
+
+
+@pytest.mark.parametrize("kind", sorted(READERS))
+@pytest.mark.parametrize("text", NASTY)
+def test_known_attacks_are_refused(kind: str, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file.yaml").write_text(text, encoding="utf-8")
+    survives(READERS[kind][0], tmp_path / "file.yaml")
+    assert [path.name for path in tmp_path.iterdir()] == ["file.yaml"], "nothing is executed"
+
+
+@fuzzed
+@given(kind=st.sampled_from(sorted(READERS)), text=texts)
+def test_any_text(kind: str, text: str, tmp_path: Path) -> None:
+    file = tmp_path / "file.yaml"
+    file.write_text(text, encoding="utf-8", errors="surrogatepass")
+    survives(READERS[kind][0], file)
+
+
+def replaced(data: Any, path: list[int], value: Any) -> Any:
+    """The data with the value at a place inside, chosen by numbers."""
+    if not path or not isinstance(data, dict | list) or not data:
+        return value
+    if isinstance(data, dict):
+        key = list(data)[path[0] % len(data)]
+        return {**data, key: replaced(data[key], path[1:], value)}
+    place = path[0] % len(data)
+    return [*data[:place], replaced(data[place], path[1:], value), *data[place + 1 :]]
+
+
+leaves = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(),
+    st.floats(),
+    st.text(max_size=8),
+    st.dates(),
+    st.binary(max_size=4),
+    st.lists(st.integers(), max_size=2),
+    st.dictionaries(st.text(max_size=4), st.integers(), max_size=2),
+)
+
+
+@fuzzed
+@given(
+    kind=st.sampled_from(["templates", "presets", "suites"]),
+    path=st.lists(st.integers(0, 50), max_size=6),
+    value=leaves,
+)
+def test_one_wrong_value_in_a_good_file(kind: str, path: list[int], value: Any, tmp_path: Path) -> None:
+    reader, name = READERS[kind]
+    data = yaml.safe_load((params_dir() / kind / f"{name}.yaml").read_text(encoding="utf-8"))
+    file = tmp_path / "file.yaml"
+    file.write_text(yaml.safe_dump(replaced(data, path, value), allow_unicode=True), encoding="utf-8")
+    survives(reader, file)
+
+
+def test_a_template_cannot_choose_where_files_go(tmp_path: Path) -> None:
+    text = (params_dir() / "templates" / "S2.yaml").read_text(encoding="utf-8")
+    file = tmp_path / "mine.yaml"
+    for name in ("../../evil", "/etc/evil", "a/b", "..", "x\\ty"):
+        file.write_text(text.replace("id: S2", f'id: "{name}"', 1), encoding="utf-8")
+        with pytest.raises(InputError, match="id"):
+            default_bag_path(EpisodeRequest(str(file)))
+
+
+def test_what_is_no_file_is_refused_at_once(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe.yaml"
+    os.mkfifo(pipe)
+    for kind in ("suites", "strict"):
+        for path in (str(pipe), str(tmp_path), "\0.yaml", "x" * 5000 + ".yaml"):
+            with pytest.raises(InputError):
+                READERS[kind][0](path)

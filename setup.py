@@ -59,7 +59,6 @@ NODES = [
     "sensor_sim",
     "recorder",
     "kitti_exporter",
-    "player",
 ]
 
 

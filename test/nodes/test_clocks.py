@@ -40,6 +40,9 @@ FRAMES = {
 CAMERA_FRAMES = {
     "/tf_static": FRAMES["/tf_static"] | {("base_link", "camera_front"), ("base_link", "camera_front_optical_frame")},
     "/emv/camera_front/image_raw": {("camera_front_optical_frame",)},
+    "/emv/camera_front/depth/image_raw": {("camera_front_optical_frame",)},
+    "/emv/camera_front/semantic/image_raw": {("camera_front_optical_frame",)},
+    "/emv/camera_front/instance/image_raw": {("camera_front_optical_frame",)},
     "/emv/camera_front/image_raw/compressed": {("camera_front_optical_frame",)},
     "/emv/camera_front/camera_info": {("camera_front_optical_frame",)},
 }

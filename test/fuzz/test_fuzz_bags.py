@@ -71,7 +71,7 @@ def test_a_damaged_bag_is_read_or_refused(
     shutil.copytree(bag, copy)
     file = copy / ("metadata.yaml" if in_metadata else "bag_0.mcap")
     file.write_bytes(damaged(file.read_bytes(), changes, cut))
-    with suppress(BagError):
+    with suppress(BagError, EpisodeError):  # the latter: a record that contradicts itself
         verify_episode(read_episode(copy))
     with suppress(BagError):
         recovered = recover_bag(copy).path

@@ -13,7 +13,7 @@ from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import from_actor_states, from_episode_outcome
 from siren_ros.ros import wire
 from siren_ros.ros.composition import Composition, InProcess, OutOfProcess, import_nodes
-from siren_ros.ros.domain import check_alone
+from siren_ros.ros.domain import check_alone, claimed_domain
 from siren_ros.ros.endpoints import create_input
 from siren_ros.ros.episode_plan import plan_episode
 from siren_ros.ros.hang_watch import HangWatch, limits_s
@@ -107,7 +107,8 @@ def main() -> int:
     start_ros()
     interrupt = Interrupt()
     try:
-        return run_episode(Cosim(), interrupt)
+        with claimed_domain():
+            return run_episode(Cosim(), interrupt)
     except SirenError as error:
         print(error, file=sys.stderr)
         return error.exit_code

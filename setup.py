@@ -16,8 +16,9 @@ DEPENDENCIES = [
     "libsumo>=1.28,<2",  # the traffic simulator inside the process
     "shapely>=2",  # polygons of roads, buildings and footprints
     "mapbox-earcut>=1",  # triangulates polygons for the scene
-    "open3d>=0.19",  # casts the LiDAR's rays (Embree)
+    "embreex>=4.4,<5",  # Embree, which casts the LiDAR's rays
     "numba>=0.60",  # compiles the loops over the LiDAR's rays
+    "llvmlite>=0.43",  # numba's; tells compiled code where Embree is
     "moderngl>=5.10",  # draws the cameras' images, on a GPU where there is one
     "simplejpeg>=1.7",  # compresses the cameras' images (libjpeg-turbo, straight from numpy arrays)
     "pillow>=10",  # reads and writes pictures
@@ -33,6 +34,7 @@ DEVELOPMENT = [
     "pytest>=8",  # runs the tests
     "pytest-timeout>=2.3",  # a test that hangs fails instead
     "hypothesis>=6.100",  # properties over generated cases
+    "open3d>=0.19",  # casts the same rays, to compare ours with in tests and in the benchmark of the sensors
     "mypy>=1.11",  # checks the types
     "types-PyYAML",  # type information for the type check
     "types-defusedxml",  # the same
@@ -59,6 +61,7 @@ NODES = [
     "sensor_sim",
     "recorder",
     "kitti_exporter",
+    "player",
 ]
 
 

@@ -24,7 +24,7 @@ from siren_ros.world.sites import Site, SiteKind, require_site
 from siren_ros.world.templates import load_template
 from siren_ros.world.units import steps_from_s
 
-PACKAGES = ("eclipse-sumo", "numpy", "open3d")
+PACKAGES = ("eclipse-sumo", "numpy", "embreex")
 
 
 @dataclass(frozen=True)

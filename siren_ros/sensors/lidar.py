@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from siren_ros.interfaces.point_cloud import LIDAR_POINT_DTYPE
 from siren_ros.sensors import lidar_loops as loops
+from siren_ros.sensors.embree import RayHits, tiles
 from siren_ros.sensors.mount import Matrix, inverse
 from siren_ros.sensors.noise import sensor_generator
 from siren_ros.sensors.placement import Placement
@@ -83,6 +84,8 @@ class Lidar:
         self.pattern = beam_pattern(spec)
         rays = len(self.pattern.directions)
         self._rays = np.empty((rays, 6), np.float32)
+        self._static_hits = RayHits.for_rays(rays)
+        self._order = tiles(spec.columns, spec.channels)
         self._vehicle = np.empty(rays, np.int32)
         self._shape_triangle = np.empty(rays, np.uint32)
         self._cosine = np.empty(rays, np.float32)
@@ -108,7 +111,7 @@ class Lidar:
         times say when the beam would have fired.
         """
         rays = self.rays(map_from_lidar, motion)
-        static = self._world.cast_static(rays)
+        static = self._world.cast_static(rays, self._static_hits, self._order)
         hits = loops.Hits(
             static.distance, static.normal, static.triangle, self._vehicle, self._shape_triangle, self._cosine
         )

@@ -66,7 +66,7 @@ class Hits(NamedTuple):
     distance: Array
     """float32 (R,)."""
     normal: Array
-    """Of static hits, float32 (R, 3)."""
+    """Of static hits, of any length, float32 (R, 3)."""
     static_triangle: Array
     """uint32 (R,)."""
     vehicle: Array
@@ -337,7 +337,7 @@ def pack_points(  # compiled code is called with positions
                 nx = n[0] * m[0, 0] + n[1] * m[1, 0] + n[2] * m[2, 0]
                 ny = n[0] * m[0, 1] + n[1] * m[1, 1] + n[2] * m[2, 1]
                 nz = n[0] * m[0, 2] + n[1] * m[1, 2] + n[2] * m[2, 2]
-                cosine = abs(nx * x + ny * y + nz * z)
+                cosine = abs(nx * x + ny * y + nz * z) / np.sqrt(nx * nx + ny * ny + nz * nz)
             transmitted = receiver.attenuation[np.uint32(t * receiver.steps_per_m)]
             intensity = surfaces.reflectivity[material] * cosine * transmitted
             if lossy and _is_dropped(intensity, receiver.draw[column * rings + ring], receiver.dropoff):

@@ -4,15 +4,14 @@ A vehicle moves by casting rays in its own frame, so nothing is rebuilt between 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-import open3d as o3d
 
+from siren_ros.sensors.embree import RayHits, TriangleTree
 from siren_ros.sensors.scene.material import SEMANTIC_CLASS_OF_MATERIAL, semantic_class_of_actor
-from siren_ros.sensors.scene.mesh import Mesh, StaticScene, VehicleShape
+from siren_ros.sensors.scene.mesh import StaticScene, VehicleShape
 from siren_ros.world.actors import ActorClass
 
 SHAPE_SPACING_M: Final = 1024.0
@@ -23,35 +22,19 @@ _SHAPES_PER_ROW: Final = 4
 Floats = npt.NDArray[np.float32]
 
 
-@dataclass(frozen=True, eq=False)
-class RayHits:
-    """What a bundle of N rays hit first."""
-
-    distance: Floats
-    """In units of the ray's direction; infinite where nothing was hit; shape ``(N,)``."""
-    triangle: npt.NDArray[np.uint32]
-    """Index of the triangle within its geometry, shape ``(N,)``."""
-    geometry: npt.NDArray[np.uint32]
-    normal: Floats
-    """Unit normal of the triangle, shape ``(N, 3)``."""
-
-
 class RaycastWorld:
     """Static scene and vehicle shapes, ready for rays."""
 
-    def __init__(self, static: StaticScene, shapes: Mapping[ActorClass, VehicleShape], threads: int = 0) -> None:
-        """Build both trees; ``threads`` 0 lets the ray caster use all cores."""
-        self._threads = threads
-        self._static = o3d.t.geometry.RaycastingScene(nthreads=threads)
-        _add(self._static, static.mesh)
+    def __init__(self, static: StaticScene, shapes: Mapping[ActorClass, VehicleShape]) -> None:
+        """Build both trees."""
+        self._static = TriangleTree([(static.mesh.vertices_m, static.mesh.triangles)])
         self.static_material = static.mesh.material
         self.classes = tuple(sorted(shapes))
-        self._shapes = o3d.t.geometry.RaycastingScene(nthreads=threads)
         meshes = [shapes[actor_class].at_rest for actor_class in self.classes]
         columns = np.array([[i % _SHAPES_PER_ROW, i // _SHAPES_PER_ROW, 0] for i in range(len(self.classes))])
         self.shape_offset_m = (columns.reshape(-1, 3) * SHAPE_SPACING_M).astype(np.float32)
-        for mesh, offset in zip(meshes, self.shape_offset_m, strict=True):
-            _add(self._shapes, mesh.translated(*(float(value) for value in offset)))
+        placed = zip(meshes, self.shape_offset_m, strict=True)
+        self._shapes = TriangleTree([(mesh.vertices_m + offset, mesh.triangles) for mesh, offset in placed])
         self.shape_bounds_m = np.array([mesh.bounds_m for mesh in meshes], dtype=np.float32).reshape(-1, 2, 3)
         """Lowest and highest corner of each shape in its own frame, shape ``(classes, 2, 3)``."""
         self.shape_start = np.concatenate(([0], np.cumsum([len(mesh) for mesh in meshes]))).astype(np.int64)
@@ -68,27 +51,15 @@ class RaycastWorld:
         """Row of each actor's shape in the ``shape_*`` arrays, shape of ``actor_class``."""
         return self._row_of_class[actor_class]
 
-    def cast_static(self, rays: Floats) -> RayHits:
-        """Cast rays (origin and direction, shape ``(N, 6)``, ``map`` frame) at what does not move."""
-        return _cast(self._static, rays, self._threads)
+    def cast_static(
+        self, rays: Floats, hits: RayHits | None = None, order: npt.NDArray[np.int32] | None = None
+    ) -> RayHits:
+        """Cast rays (origin and direction, shape ``(N, 6)``, ``map`` frame) at what does not move.
+
+        ``hits`` and ``order`` as ``TriangleTree.cast`` takes them.
+        """
+        return self._static.cast(rays, hits, order)
 
     def cast_shapes(self, rays: Floats) -> RayHits:
         """Cast rays at the shapes, given in a shape's own frame plus its ``shape_offset_m``, shape ``(N, 6)``."""
-        return _cast(self._shapes, rays, self._threads)
-
-
-def _add(scene: Any, mesh: Mesh) -> None:
-    scene.add_triangles(
-        o3d.core.Tensor.from_numpy(np.ascontiguousarray(mesh.vertices_m)),
-        o3d.core.Tensor.from_numpy(np.ascontiguousarray(mesh.triangles)),
-    )
-
-
-def _cast(scene: Any, rays: Floats, threads: int) -> RayHits:
-    hits = scene.cast_rays(o3d.core.Tensor.from_numpy(rays), nthreads=threads)
-    return RayHits(
-        distance=hits["t_hit"].numpy(),
-        triangle=hits["primitive_ids"].numpy(),
-        geometry=hits["geometry_ids"].numpy(),
-        normal=hits["primitive_normals"].numpy(),
-    )
+        return self._shapes.cast(rays)

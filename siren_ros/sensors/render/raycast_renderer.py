@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.sensors.camera_model import Pinhole, optical_from_map
+from siren_ros.sensors.embree import tiles
 from siren_ros.sensors.mount import Matrix, inverse, map_from_base
 from siren_ros.sensors.placement import Placement
 from siren_ros.sensors.raycast_world import RaycastWorld
@@ -61,7 +62,7 @@ class RaycastRenderer:
         rays = np.empty((camera.height * camera.width, 6), np.float32)
         rays[:, :3] = map_from_optical[:3, 3]
         rays[:, 3:] = camera.pixel_rays().reshape(-1, 3) @ map_from_optical[:3, :3].T.astype(np.float32)
-        hits = self._world.cast_static(rays)
+        hits = self._world.cast_static(rays, order=tiles(camera.height, camera.width))
         depth = np.array(hits.distance)
         hit = np.isfinite(depth)
         triangle = np.where(hit, hits.triangle, 0)
@@ -73,6 +74,7 @@ class RaycastRenderer:
                 lens = hit & (triangle >= lamp.start) & (triangle < lamp.stop)
                 glow[lens] = albedo[lens] / _LENS_ALBEDO * 2.6 + 0.1
         normal = np.array(hits.normal, dtype=np.float64)
+        normal[hit] /= np.linalg.norm(normal[hit], axis=1, keepdims=True)
         semantic = np.where(hit, self._world.static_semantic[self._static.mesh.material[triangle]], 0).astype(np.uint8)
         semantic[~hit] = int(SemanticClass.SKY)
         actor = np.zeros(len(rays), np.uint32)

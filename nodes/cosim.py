@@ -77,7 +77,7 @@ def run_episode(cosim: Cosim, interrupt: Interrupt) -> int:
     watch = HangWatch(lambda: composition.hanging(limits), give_up)
     try:
         while not cosim.master.closed:
-            executor.spin_once(timeout_sec=SPIN_S)
+            executor.spin_until_future_complete(cosim.master.over, timeout_sec=SPIN_S)
             if interrupt:
                 cosim.master.interrupt(f"stopped by {interrupt.signal_name}")
             if failure := composition.failure():

@@ -9,10 +9,11 @@ import numpy.typing as npt
 from siren_ros.dynamics.collisions import Pairs
 from siren_ros.dynamics.parameters import ParameterTable, VehicleParameters
 from siren_ros.dynamics.tracker import TrackerState
-from siren_ros.dynamics.vehicle_model import BodyState
+from siren_ros.dynamics.vehicle_model import BodyState, Controls, step_bodies
 from siren_ros.world.actors import ActorClass, ActorDescription, Codes, Floats, Ids, Owner
 from siren_ros.world.errors import EpisodeError
 from siren_ros.world.traffic_state import TrafficState
+from siren_ros.world.units import STEP_S
 
 Rows = npt.NDArray[np.bool_]
 
@@ -37,9 +38,9 @@ class FleetState:
 
     @classmethod
     def empty(cls, parameters: Mapping[ActorClass, VehicleParameters]) -> "FleetState":
-        """The fleet before the first step."""
+        """The fleet before the first step; loads the compiled equations, which takes a while at first."""
         none = np.empty(0)
-        return cls(
+        fleet = cls(
             step=-1,
             parameters=parameters,
             descriptions=(),
@@ -52,6 +53,8 @@ class FleetState:
             owner=np.empty(0, np.uint8),
             touching=(),
         )
+        step_bodies(fleet.bodies, Controls(none, none, none, none > 0.0, none, none), fleet.table, STEP_S)
+        return fleet
 
 
 def without_actors(fleet: FleetState, removed: Ids) -> FleetState:

@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.dynamics.body_loops import Axles, Forces, integrate
 from siren_ros.dynamics.parameters import AIR_DENSITY_KGPM3, ParameterTable
 from siren_ros.world.actors import Floats
 from siren_ros.world.units import GRAVITY_MPS2
@@ -24,13 +25,7 @@ _LONGITUDINAL_SHARE: Final = 0.95
 """Anti-lock and traction control keep the longitudinal force below this part of an axle's grip."""
 _REAR_BRAKE_SHARE: Final = 0.7
 """Brake force distribution follows the axle loads and keeps the rear axle to this part of its share."""
-_FULL_PULL_MPS: Final = 0.1
-"""Below this speed the sideways pull of a steered and braked wheel fades: static friction balances it at rest."""
-_STILL: Final = 0.01
-"""A vehicle that stopped rolling and drifts or turns slower than this (m/s, rad/s) stands still."""
 _POWER_FROM_MPS: Final = 0.1
-_SLOWEST_MPS: Final = 1e-9
-"""Keeps slip defined at standstill; far below any speed that matters."""
 
 
 @dataclass(frozen=True)
@@ -100,23 +95,6 @@ class Controls:
     """1 for a driver; more raises what full throttle gives, within the tyres' grip."""
 
 
-@dataclass(frozen=True)
-class _Forces:
-    """What acts during the n substeps; ``[substep, axle (front, rear), vehicle]`` or ``[substep, vehicle]``."""
-
-    tan_steer: Floats
-    cos_steer: Floats
-    sin_steer: Floats
-    lateral_limit_n: Floats
-    """What the friction circle leaves for each axle's lateral force."""
-    push_n: Floats
-    """Longitudinal forces of the driven axles, along the vehicle."""
-    resist_n: Floats
-    """Brakes, drag and rolling resistance: they oppose the motion and never reverse it."""
-    left_n: Floats
-    """Part of the front axle's longitudinal force that points to the vehicle's left."""
-
-
 def step_bodies(state: BodyState, controls: Controls, table: ParameterTable, dt_s: float) -> BodyState:
     """Vehicles one step later under constant controls.
 
@@ -180,7 +158,7 @@ def _actuate(
 
 def _forces(
     state: BodyState, controls: Controls, table: ParameterTable, actuators: tuple[Floats, Floats, Floats]
-) -> _Forces:
+) -> Forces:
     throttle, brake, steer = actuators
     speed, mass = state.forward_mps, table.mass_kg
     full = np.minimum(mass * table.max_drive_accel_mps2, table.drive_power_w / np.maximum(speed, _POWER_FROM_MPS))
@@ -211,7 +189,7 @@ def _forces(
         0.5 * AIR_DENSITY_KGPM3 * table.drag_area_m2 * speed * speed + table.rolling_resistance * GRAVITY_MPS2 * mass
     )
     along = tyre[:, 0] * cos + tyre[:, 1]
-    return _Forces(
+    return Forces(
         tan_steer=sin / cos,
         cos_steer=cos,
         sin_steer=sin,
@@ -223,55 +201,18 @@ def _forces(
 
 
 def _integrate(
-    state: BodyState, table: ParameterTable, forces: _Forces, count: int, h: float
+    state: BodyState, table: ParameterTable, forces: Forces, count: int, h: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Forward and lateral velocity and yaw rate at the end of each substep, shapes ``(count, N)``.
-
-    Backward Euler of Newton's equations in v and ω, with U the speed that slip is measured by:
-    ``m U (v⁺ − v)/h + m U u ω⁺ = Σ K (u tan δ − v⁺ − l ω⁺) + U F_left`` and
-    ``I U (ω⁺ − ω)/h = Σ l K (u tan δ − v⁺ − l ω⁺) + U a F_left``, K the axles' secant stiffnesses, l = (a, −b).
-    The tyre forces of that solution are cut to their limits before they act.
-    """
-    n = len(state)
-    mass, inertia = table.mass_kg, table.yaw_inertia_kgm2
-    mass_rate, inertia_rate = mass / h, inertia / h
-    arm = np.stack((table.cg_to_front_axle_m, -table.cg_to_rear_axle_m))
-    stiffness = np.stack((table.cornering_stiffness_front_npr, table.cornering_stiffness_rear_npr))
-    tangent, projection = np.zeros((count, 2, n)), np.ones((count, 2, n))
-    tangent[:, 0] = forces.tan_steer
-    cos_squared = forces.cos_steer * forces.cos_steer
-    projection[:, 0] = cos_squared
-    saturation = stiffness * projection / (3.0 * forces.lateral_limit_n)
-    projected = stiffness * projection
-    projected[:, 0] *= forces.cos_steer
-    limit = forces.lateral_limit_n.copy()
-    limit[:, 0] *= forces.cos_steer
-    gain, loss = h * forces.push_n / mass, h * forces.resist_n / mass
-    forward, lateral, rate = (np.empty((count, n)) for _ in range(3))
-    u, v, w = state.forward_mps, state.lateral_mps, state.yaw_rate_radps
-    for i in range(count):
-        speed = np.sqrt(u * u + v * v + (arm[0] * w) ** 2) + _SLOWEST_MPS
-        rolling = u * tangent[i]
-        left = forces.left_n[i] * np.minimum(np.maximum(u / _FULL_PULL_MPS, -1.0), 1.0)
-        z = saturation[i] * np.abs(rolling - v - arm * w) / speed
-        inner = np.minimum(z, 1.0)
-        k = projected[i] * (1.0 - inner + inner * inner / 3.0) / np.maximum(z, 1.0)
-        kl = k * arm
-        k_sum, kl_sum, kll_sum = k[0] + k[1], kl[0] + kl[1], (kl * arm).sum(axis=0)
-        push = rolling[0] * k[0]
-        a11, a12 = speed * mass_rate + k_sum, speed * (mass * u) + kl_sum
-        a22 = speed * inertia_rate + kll_sum
-        r1 = speed * (mass_rate * v + left) + push
-        r2 = speed * (inertia_rate * w + arm[0] * left) + push * arm[0]
-        determinant = a11 * a22 - a12 * kl_sum
-        v_free, w_free = (r1 * a22 - a12 * r2) / determinant, (a11 * r2 - kl_sum * r1) / determinant
-        side = np.minimum(np.maximum(k * (rolling - v_free - arm * w_free) / speed, -limit[i]), limit[i])
-        w = w + ((side[0] + left) * arm[0] + side[1] * arm[1]) / inertia_rate
-        v = v + (side[0] + side[1] + left) / mass_rate - h * u * w
-        u = u + gain[i] - side[0] * forces.tan_steer[i] / mass_rate + h * v * w
-        u = np.copysign(np.maximum(np.abs(u) - loss[i], 0.0), u)
-        forward[i], lateral[i], rate[i] = u, v, w
-    still = (u == 0.0) & (np.abs(v) < _STILL) & (np.abs(w) < _STILL)
-    lateral[-1, still] = 0.0
-    rate[-1, still] = 0.0
-    return forward, lateral, rate
+    """Forward and lateral velocity and yaw rate at the end of each substep, shapes ``(count, N)``."""
+    motion = np.stack((state.forward_mps, state.lateral_mps, state.yaw_rate_radps))
+    axles = Axles(
+        mass_rate=table.mass_kg / h,
+        inertia_rate=table.yaw_inertia_kgm2 / h,
+        front_arm_m=table.cg_to_front_axle_m,
+        rear_arm_m=-table.cg_to_rear_axle_m,
+        front_stiffness=table.cornering_stiffness_front_npr,
+        rear_stiffness=table.cornering_stiffness_rear_npr,
+    )
+    course = np.empty((3, count, len(state)))
+    integrate(motion, axles, forces, h, course)
+    return course[0], course[1], course[2]

@@ -18,7 +18,7 @@ VARIABLE: Final = "ROS_DOMAIN_ID"
 LARGEST_DOMAIN: Final = 101
 """Up to it every platform has the ports (ROS 2 documentation, "The ROS_DOMAIN_ID")."""
 DISCOVERY_S: Final = 0.3
-"""Two processes of one machine have found each other by then (tools/environment/fastdds.xml)."""
+"""Two processes of one machine have found each other by then (params/fastdds.xml)."""
 _POLL_S: Final = 0.01
 
 

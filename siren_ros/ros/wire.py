@@ -22,6 +22,9 @@ OWN_PACKAGE: Final = "siren_msgs"
 DEFINED_PACKAGES: Final = (OWN_PACKAGE, "vision_msgs")
 """Packages whose types rosbags' Jazzy store does not hold."""
 
+_decoded: Final[dict[str, tuple[bytes, Any]]] = {}
+"""The last message of each topic that was decoded, with its bytes."""
+
 
 def message_folder(package: str) -> Path:
     """Folder of an installed package's ``.msg`` files.
@@ -49,12 +52,19 @@ def encode(topic: Topic, message: Any) -> bytes:
 
 
 def decode(topic: Topic, cdr: bytes) -> Any:
-    """The message in a CDR; its arrays are views of the bytes.
+    """The message in a CDR; its arrays are views of the bytes, which nobody writes.
+
+    Where several nodes of one process hear a topic, the first decodes for all.
 
     Raises:
         EpisodeError: The bytes are no message of the topic's type; a stranger may have published them.
     """
-    return decode_cdr(factory().store, topic, cdr)
+    last = _decoded.get(topic.name)
+    if last is not None and last[0] == cdr:
+        return last[1]
+    message = decode_cdr(factory().store, topic, cdr)
+    _decoded[topic.name] = cdr, message
+    return message
 
 
 def step_of_message(message: Any) -> int:

@@ -10,12 +10,12 @@ import numpy.typing as npt
 import shapely
 
 from siren_ros.sensors.camera_model import Pinhole, optical_from_map
-from siren_ros.sensors.compiled import compiled
 from siren_ros.sensors.mount import Matrix
 from siren_ros.sensors.placement import Placement
 from siren_ros.sensors.scene.mesh import VehicleShape
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.camera_truth import CameraTruth
+from siren_ros.world.compiled import compiled
 
 LABEL_RANGE_M: Final = 120.0
 """As far as the boxes in space are labelled."""

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import types
 
-from siren_ros.sensors.compiled import compiled
+from siren_ros.world.compiled import compiled
 from siren_ros.world.errors import SirenError
 
 Floats = npt.NDArray[np.float32]

@@ -118,10 +118,9 @@ class Lidar:
         hits.vehicle.fill(0)
         near = self._in_range(map_from_lidar, placement)
         vehicles = self._vehicles(placement, near)
-        if len(near):
-            candidates = self._find_candidates(rays, static.distance, inverse(map_from_lidar), vehicles)
-            found = self._world.cast_shapes(candidates.rays)
-            loops.merge_vehicles(candidates, found.distance, found.normal, found.triangle, vehicles, hits)
+        candidates = self._find_candidates(rays, static.distance, inverse(map_from_lidar), vehicles)
+        found = self._world.cast_shapes(candidates.rays)
+        loops.merge_vehicles(candidates, found.distance, found.normal, found.triangle, vehicles, hits)
         points, count_on = self._pack(step, hits, vehicles)
         return LidarSweep(self.spec.name, step, points, placement.actor_id[near], count_on)
 

@@ -33,6 +33,7 @@ from siren_ros.sensors.suite import CameraSpec, SensorSuite, period_steps
 from siren_ros.sensors.wanted_labels import WantedLabels
 from siren_ros.world.actors import ActorDescription, ActorStates
 from siren_ros.world.camera_truth import CameraTruth
+from siren_ros.world.ground_truth import GroundTruth
 
 Published = tuple[Topic, Any]
 
@@ -81,11 +82,8 @@ class ObservationMessages:
         step, factory, frame = states.step, self.factory, self.carrier.frame
         odometry = odometry_of(states, row_of_carrier(states, self.carrier_id))
         yield self._own(topics.ODOMETRY), to_odometry(factory, step, odometry, frame(BASE_FRAME))
-        truth = replace(seen.truth, frame_id=frame(seen.truth.frame_id))
-        if step % topics.GROUND_TRUTH.period_steps == 0:
-            yield self._own(topics.GROUND_TRUTH), to_ground_truth(factory, truth)
-        if step % topics.BOXES.period_steps == 0:
-            yield self._own(topics.BOXES), to_boxes(factory, boxes_of(truth, truth.frame_id))
+        if seen.truth is not None:
+            yield from self._labels(replace(seen.truth, frame_id=frame(seen.truth.frame_id)))
         for sweep in seen.sweeps:
             period = period_steps(next(spec.rate_hz for spec in self.suite.lidars if spec.name == sweep.sensor))
             cloud = to_point_cloud(factory, step, frame(sweep.sensor), sweep.points)
@@ -93,6 +91,12 @@ class ObservationMessages:
         for exposure in seen.frames:
             yield from self._images(exposure, seen.labels.get(exposure.sensor))
         yield from self._others(seen)
+
+    def _labels(self, truth: GroundTruth) -> Iterator[Published]:
+        if truth.step % topics.GROUND_TRUTH.period_steps == 0:
+            yield self._own(topics.GROUND_TRUTH), to_ground_truth(self.factory, truth)
+        if truth.step % topics.BOXES.period_steps == 0:
+            yield self._own(topics.BOXES), to_boxes(self.factory, boxes_of(truth, truth.frame_id))
 
     def wanted_labels(self, camera: CameraSpec) -> WantedLabels:
         """What the suite records of a camera, and what somebody listens to."""

@@ -1,12 +1,13 @@
 """All sensors of one carrier over one world: the facade that ``sensor_sim`` drives."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.interfaces import topics
 from siren_ros.sensors.camera import Camera, CameraFrame
 from siren_ros.sensors.camera_truth import CameraLabeller
 from siren_ros.sensors.carrier import STATION_FRAME
@@ -46,7 +47,8 @@ class Observations:
     step: int
     sweeps: tuple[LidarSweep, ...]
     frames: tuple[CameraFrame, ...]
-    truth: GroundTruth
+    truth: GroundTruth | None
+    """At the steps at which labels are published."""
     labels: Mapping[str, CameraTruth] = field(default_factory=dict)
     """Of the pictures, by camera, where they are wanted."""
     fixes: tuple[GnssFix, ...] = ()
@@ -150,7 +152,7 @@ class SensorRig:
         return self.suite.lidars[0].mount.base_from_sensor if self.suite.lidars else np.eye(4)
 
     def prepare(self) -> None:
-        """Compile the shaders now, in the thread that will observe.
+        """Compile the shaders and load the loops over rays now, in the thread that will observe.
 
         Where this machine cannot draw, the cameras cast rays instead, and ``notes`` says so.
         """
@@ -159,6 +161,9 @@ class SensorRig:
             if self._static is not None and self.suite.cameras:
                 renderer = self._renderer(self._static)
                 self._cameras = tuple(Camera(spec, renderer, self._seed) for spec in self.suite.cameras)
+            nobody = self._catalogue.place(ActorStates.empty(0), {})
+            for lidar in self._lidars:
+                lidar.scan(0, np.eye(4), nobody)
 
     def _renderer(self, static: StaticScene) -> Renderer | RaycastRenderer:
         try:
@@ -191,18 +196,17 @@ class SensorRig:
         motion = self._motion(states, carrier_id)
         if motion is None:
             nobody = ActorStates.empty(step)
-            return Observations(step, (), (), self._truth(nobody, descriptions, hidden, np.eye(4), None))
+            return Observations(step, (), (), self._truth(nobody, descriptions, hidden, np.eye(4), ()))
         base, carried = motion
         placement = self._catalogue.place(states, descriptions, hidden_id=hidden)
         sweeps = tuple(self._sweeps(step, base, placement, carried))
         others = states.actor_id != hidden
         frames = tuple(self._frames(step, base, placement, rolled_m[others], signals))
-        first = next((sweep for sweep in sweeps if sweep.sensor == self.truth_frame), None)
         return Observations(
             step=step,
             sweeps=sweeps,
             frames=frames,
-            truth=self._truth(states, descriptions, hidden, base, first),
+            truth=self._truth(states, descriptions, hidden, base, sweeps),
             labels=self._labels(frames, base, placement, descriptions),
             fixes=tuple(
                 receiver.measure(step, base, step * STEP_S)
@@ -270,8 +274,11 @@ class SensorRig:
         descriptions: Mapping[int, ActorDescription],
         carrier_id: int,
         base: Matrix,
-        sweep: LidarSweep | None,
-    ) -> GroundTruth:
+        sweeps: Sequence[LidarSweep],
+    ) -> GroundTruth | None:
+        if all(states.step % topic.period_steps for topic in (topics.GROUND_TRUTH, topics.BOXES)):
+            return None
+        sweep = next((sweep for sweep in sweeps if sweep.sensor == self.truth_frame), None)
         truth = ground_truth(states, descriptions, carrier_id, base @ self.base_from_truth, sweep)
         return replace(truth, frame_id=self.truth_frame)
 

@@ -63,7 +63,7 @@ def ros_variables(domain_id: str) -> dict[str, str]:
     return {
         "ROS_DOMAIN_ID": domain_id,
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "FASTDDS_DEFAULT_PROFILES_FILE": str(TOOLS / "environment/fastdds.xml"),
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(TOOLS.parent / "params/fastdds.xml"),
         "PYTHONPATH": os.pathsep.join(filter(None, [str(TOOLS), os.environ.get("PYTHONPATH", "")])),
     }
 

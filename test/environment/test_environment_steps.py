@@ -163,10 +163,10 @@ def test_discovery_stays_on_this_machine_unless_the_user_says_otherwise(tmp_path
     assert found["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SUBNET"
 
 
-def test_quick_discovery_is_set_up_unless_the_user_has_a_profile(tmp_path: Path) -> None:
-    assert source_variables(tmp_path)["FASTDDS_DEFAULT_PROFILES_FILE"] == str(STEPS / "fastdds.xml")
-    found = source_variables(tmp_path, FASTRTPS_DEFAULT_PROFILES_FILE="/own.xml")
-    assert "FASTDDS_DEFAULT_PROFILES_FILE" not in found
+def test_the_profile_of_fast_dds_is_set_up_unless_the_user_has_a_profile(tmp_path: Path) -> None:
+    assert source_variables(tmp_path)["FASTRTPS_DEFAULT_PROFILES_FILE"] == str(STEPS.parents[1] / "params/fastdds.xml")
+    found = source_variables(tmp_path, FASTDDS_DEFAULT_PROFILES_FILE="/own.xml")
+    assert "FASTRTPS_DEFAULT_PROFILES_FILE" not in found
 
 
 def test_cmake_exports_lose_only_missing_include_folders(tmp_path: Path) -> None:

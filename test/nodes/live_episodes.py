@@ -34,9 +34,9 @@ class Domain:
 
     @property
     def environment(self) -> dict[str, str]:
-        profile = str(REPOSITORY / "tools" / "environment" / "fastdds.xml")
+        profile = str(REPOSITORY / "params" / "fastdds.xml")
         return {
-            "FASTDDS_DEFAULT_PROFILES_FILE": profile,
+            "FASTRTPS_DEFAULT_PROFILES_FILE": profile,
             **os.environ,
             "ROS_DOMAIN_ID": str(self.number),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",

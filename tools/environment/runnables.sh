@@ -67,7 +67,7 @@ POSIX
         fi
         echo 'export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE-LOCALHOST}"'
         echo 'if [ -z "${FASTRTPS_DEFAULT_PROFILES_FILE-}${FASTDDS_DEFAULT_PROFILES_FILE-}" ]; then'
-        printf '    export FASTDDS_DEFAULT_PROFILES_FILE=%q\n' "$root/tools/environment/fastdds.xml"
+        printf '    export FASTRTPS_DEFAULT_PROFILES_FILE=%q\n' "$root/params/fastdds.xml"
         echo 'fi'
         printf 'export COLCON_DEFAULTS_FILE="${COLCON_DEFAULTS_FILE-%s}"\n' "$root/colcon_defaults.yaml"
         echo 'unset -f _siren_prepend _siren_append'

@@ -11,8 +11,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.sensors.compiled import compiled
 from siren_ros.sensors.scene.mesh import Mesh
+from siren_ros.world.compiled import compiled
 
 VERTEX: Final = np.dtype([("position", "<f4", 3), ("normal_material", "<f2", 4), ("colour", "u1", 4)])
 """24 bytes; the fourth byte of the colour is the semantic class. Half floats hold material codes exactly."""

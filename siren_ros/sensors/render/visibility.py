@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from siren_ros.sensors.compiled import compiled
+from siren_ros.world.compiled import compiled
 
 Array = Any
 """A numpy array; numba compiles for the element types that it is given."""

@@ -1,4 +1,4 @@
-"""Loops over rays, compiled to machine code by numba and kept in its cache beside the source."""
+"""Loops over arrays, compiled to machine code by numba and kept in its cache beside the source."""
 
 from collections.abc import Callable
 from typing import Any, TypeVar, cast

@@ -1,30 +1,42 @@
-"""``siren replay --check``: is the recorded episode what its description gives again?"""
+"""``siren replay``: plays a recorded episode on its topics, or checks that its description gives it again."""
 
 import argparse
+import json
+import os
+import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from siren_ros.generation.replay_check import repeat_episode
+from siren_ros.recording.bag_guard import check_bag_files
 from siren_ros.recording.bag_reader import read_episode
-from siren_ros.world.errors import EXIT_FAILED, EXIT_OK
+from siren_ros.world.errors import EXIT_FAILED, EXIT_OK, InputError
 
 
 def add_to(verbs: Any) -> None:
     """Register the verb."""
     parser = verbs.add_parser(
         "replay",
-        help="simulate an episode again and compare it step by step",
-        description="Simulates an episode again from its own description, compares every field of every actor at every "
-        "step and names the first that differs. To publish a bag on its topics: ros2 bag play.",
+        help="play an episode on its topics, or simulate it again and compare",
+        description="Publishes an episode on the topics of the live run, with its clock. With --check: simulates the "
+        "episode again from its own description, compares every field of every actor at every step and names the first "
+        "that differs.",
     )
     parser.add_argument("bag", type=Path, metavar="BAG", help="folder of the bag")
-    parser.add_argument("--check", action="store_true", required=True, help="compare with the record")
+    parser.add_argument("--check", action="store_true", help="simulate again and compare instead of playing")
+    parser.add_argument("--rate", type=float, default=1.0, metavar="R", help="simulated seconds per wall second (1)")
+    parser.add_argument(
+        "--start", dest="start_s", type=float, default=0.0, metavar="S", help="simulated time to begin at (0)"
+    )
+    parser.add_argument("--loop", action="store_true", help="begin again at the end")
+    parser.add_argument("--paused", action="store_true", help="wait for the service /player/resume first")
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Compare and say what was found."""
-    return _check(arguments.bag)
+    """Compare and say what was found, or become the player."""
+    return _check(arguments.bag) if arguments.check else _play(arguments)
 
 
 def _check(bag: Path) -> int:
@@ -36,3 +48,19 @@ def _check(bag: Path) -> int:
         return EXIT_OK
     print(f"{bag}: differs first at {difference}")
     return EXIT_FAILED
+
+
+def _play(arguments: argparse.Namespace) -> int:
+    check_bag_files(arguments.bag)
+    if find_spec("rclpy") is None:
+        raise InputError("replay", str(arguments.bag), "a ROS 2 environment; --check needs none")
+    values = {
+        "bag": str(arguments.bag.absolute()),
+        "rate": arguments.rate,
+        "start_s": arguments.start_s,
+        "loop": arguments.loop,
+        "paused": arguments.paused,
+    }
+    flags = [part for name, value in values.items() for part in ("-p", f"{name}:={json.dumps(value)}")]
+    sys.stdout.flush()
+    os.execv(sys.executable, [sys.executable, "-m", "siren_nodes.player", "--ros-args", *flags])  # noqa: S606 - our own

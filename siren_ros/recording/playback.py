@@ -31,6 +31,10 @@ class Playhead:
         moved_ns = round((now_s - self.since_s) * self.rate * NS_PER_S)
         return replace(self, position_ns=self.position_ns + min(moved_ns, MAX_BURST_NS), since_s=now_s)
 
+    def held_at(self, time_ns: int) -> "Playhead":
+        """No further than a message that cannot go out yet: time stands still until it can."""
+        return replace(self, position_ns=min(self.position_ns, time_ns))
+
     def pause(self, now_s: float, paused: bool) -> "Playhead":
         """Stopped where it is now, or going on from there."""
         return replace(self.advance(now_s), paused=paused)

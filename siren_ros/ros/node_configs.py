@@ -86,6 +86,20 @@ class KittiExporterConfig(ParticipantConfig):
 
 
 @dataclass(frozen=True)
+class PlayerConfig:
+    """``player``."""
+
+    bag: str = parameter("", "Folder of the bag to play.")
+    rate: float = parameter(1.0, "Simulated seconds per wall second.", minimum=0.01, maximum=100.0)
+    start_s: float = parameter(0.0, "Simulated time at which it begins.", minimum=0.0, maximum=1e6)
+    loop: bool = parameter(False, "Begin again at the end.")
+    paused: bool = parameter(False, "Wait for the service ~/resume before the first message.")
+    delay_s: float = parameter(
+        3.0, "Wall time that subscribers are given to connect before the first message.", minimum=0.0, maximum=3600.0
+    )
+
+
+@dataclass(frozen=True)
 class CosimConfig:
     """``cosim``: one episode, all nodes."""
 

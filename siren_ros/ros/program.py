@@ -10,11 +10,16 @@ import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 
+from siren_ros.interfaces.shared_memory import remove_abandoned_segments
+from siren_ros.ros.parent import Parent
 from siren_ros.ros.participant import Participant
 from siren_ros.world.errors import EXIT_FAILED, EXIT_OK, SirenError
+from siren_ros.world.params_files import params_dir
 
 FLUSH_S = 2.0
 SPIN_S = 0.2
+PROFILE_VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
+"""Environment variables that name Fast DDS's profile: of the release in Jazzy, and of later ones."""
 PARENT_VARIABLE = "SIREN_PARENT_PID"
 """Environment variable that tells a participant's process who started it; it ends when that one is gone."""
 
@@ -37,7 +42,14 @@ class Interrupt:
 
 
 def start_ros(args: list[str] | None = None) -> None:
-    """Initialise rclpy without its own signal handlers: an episode must be closed before ROS shuts down."""
+    """Initialise rclpy without its own signal handlers: an episode must be closed before ROS shuts down.
+
+    What killed programs have left in the shared memory goes first. Fast DDS gets our profile where the user has none.
+    """
+    if PARENT_VARIABLE not in os.environ:
+        remove_abandoned_segments()
+    if not any(os.environ.get(variable) for variable in PROFILE_VARIABLES):
+        os.environ[PROFILE_VARIABLES[0]] = str(params_dir() / "fastdds.xml")
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
 
 
@@ -65,6 +77,7 @@ def run_program(make_node: Callable[[str], Program], name: str) -> int:
     """Run one node as a program of its own until it is done or interrupted; returns the exit code."""
     start_ros()
     interrupt = Interrupt()
+    parent = Parent(int(os.environ.get(PARENT_VARIABLE) or 0))
     try:
         node = make_node(name)
     except SirenError as error:
@@ -73,13 +86,12 @@ def run_program(make_node: Callable[[str], Program], name: str) -> int:
         return error.exit_code
     executor = EventsExecutor()
     executor.add_node(node)
-    parent = int(os.environ.get(PARENT_VARIABLE, "0"))
     stopped = ""
     code = EXIT_OK
     try:
         while not node.finished and not stopped:
             executor.spin_once(timeout_sec=SPIN_S)
-            if parent and os.getppid() != parent:
+            if parent.is_gone:
                 stopped = "the end of the program that started it"
             stopped = stopped or interrupt.signal_name
         if stopped:

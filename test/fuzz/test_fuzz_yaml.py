@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
@@ -11,8 +12,12 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.generation.episode_setup import EpisodeRequest, default_bag_path
+from siren_ros.sensors.look_file import load_look
 from siren_ros.sensors.suite import load_suite
+from siren_ros.traffic.driver_models import load_drivers
+from siren_ros.world.actors import ActorClass
 from siren_ros.world.errors import InputError
 from siren_ros.world.plain_yaml import MAX_BYTES
 from siren_ros.world.presets import load_preset
@@ -20,10 +25,23 @@ from siren_ros.world.resources import params_dir
 from siren_ros.world.strict_yaml import read_strict_yaml
 from siren_ros.world.templates import load_template
 
+
+def load_sedan(path: str) -> Any:
+    """The vehicles' parameters where one file is a stranger's."""
+    with TemporaryDirectory() as folder:
+        for kind in ActorClass:
+            name = f"{kind.name.lower()}.yaml"
+            (Path(folder) / name).symlink_to(path if name == "sedan.yaml" else params_dir() / "vehicles" / name)
+        return load_vehicle_parameters(Path(folder))
+
+
 READERS: dict[str, tuple[Callable[[str], Any], str]] = {
     "templates": (load_template, "S2"),
     "presets": (load_preset, "paper"),
     "suites": (load_suite, "front"),
+    "drivers": (load_drivers, "urban"),
+    "looks": (load_look, "clear"),
+    "vehicles": (load_sedan, "sedan"),
     "strict": (lambda path: read_strict_yaml(Path(path)), "front"),
 }
 NASTY = [
@@ -59,7 +77,7 @@ texts = st.one_of(
     st.text(max_size=200),
     st.text("abc:- \n[]{}&*!?|>'\"#%@`,.0123456789", max_size=200),
 )
-fuzzed = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+fuzzed = settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 def survives(reader: Callable[[str], Any], file: Path) -> None:
@@ -110,7 +128,7 @@ leaves = st.one_of(
 
 @fuzzed
 @given(
-    kind=st.sampled_from(["templates", "presets", "suites"]),
+    kind=st.sampled_from([kind for kind in READERS if kind != "strict"]),
     path=st.lists(st.integers(0, 50), max_size=6),
     value=leaves,
 )

@@ -14,9 +14,19 @@ from live_episodes import Domain
 
 TAG = "SIREN_TEST_TAG"
 ANSWER_S = 5.0
-"""Within this time after a fault the episode has said what happened and is gone."""
+"""Within this time after a fault the episode has said what happened and is gone, on a machine that is its own."""
+LOOK_S = 0.04
+SAMPLE_S = 0.01
 PATIENCE_S = 90.0
 FOREVER = ("template:=S2", "duration_s:=600.0", "realtime_factor:=2.0", "kitti:=false", "bag:=bags/bag")
+
+
+def slowness() -> float:
+    """Wall time in which a busy program gets a second of processor time: 1 where nobody else computes."""
+    wall_s, busy_s = time.monotonic(), time.process_time()
+    while time.process_time() - busy_s < SAMPLE_S:
+        pass
+    return max(1.0, (time.monotonic() - wall_s) / SAMPLE_S)
 
 
 class Episode:
@@ -81,17 +91,30 @@ class Episode:
         self._wait(lambda: file.exists() and file.stat().st_size > size_bytes, PATIENCE_S)
 
     def wait_until_gone(self, limit_s: float = ANSWER_S) -> float:
-        """Until no process is left; returns the seconds since ``fault``."""
-        self._wait(lambda: self.process.poll() is not None and not self.processes(), limit_s + PATIENCE_S)
+        """Until no process is left; returns the seconds since ``fault``.
+
+        The limit holds for a machine that is the episode's own. Where others compute too, the wall time passes faster
+        than the episode's; how much faster is sampled while waiting.
+        """
+        shares = [slowness()]
+
+        def gone() -> bool:
+            over = self.process.poll() is not None and not self.processes()
+            if not over:
+                shares.append(slowness())
+            return over
+
+        self._wait(gone, limit_s + PATIENCE_S)
         took_s = time.monotonic() - self.began_s
-        assert took_s < limit_s, f"the end took {took_s:.1f} s: {self.err}"
+        allowed_s = limit_s * sum(shares) / len(shares)
+        assert took_s < allowed_s, f"the end took {took_s:.1f} s, of {allowed_s:.1f} s: {self.err}"
         return took_s
 
     def _wait(self, condition: Callable[[], bool], limit_s: float) -> None:
         deadline_s = time.monotonic() + limit_s
         while not condition():
             assert time.monotonic() < deadline_s, f"waited too long: {self.out}\n{self.err}\n{self.processes()}"
-            time.sleep(0.02)
+            time.sleep(LOOK_S)
 
     def fault(self, cause: Callable[[], object]) -> None:
         """Do it, and take the time."""

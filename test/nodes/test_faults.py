@@ -87,6 +87,16 @@ def test_a_node_that_hangs_is_named(node: str, episodes: list[Episode], tmp_path
     assert read_episode(tmp_path / "bags" / "bag.partial").steps >= 20
 
 
+def test_a_node_that_is_stopped_does_not_outlive_a_killed_episode(episodes: list[Episode], tmp_path: Path) -> None:
+    episode = start(episodes, tmp_path, "processes:=true")
+    episode.wait_until_recorded()
+    os.kill(episode.process_of("vehicle_dynamics"), signal.SIGSTOP)
+    episode.fault(episode.process.kill)
+    episode.wait_until_gone()
+    assert "vehicle_dynamics: stopped by the end of the program that started it" in episode.err
+    assert read_episode(tmp_path / "bags" / "bag.partial").steps >= 20
+
+
 HANGING_CONTROLLER = """
 import time
 from siren_nodes.emv_controller import EmvController

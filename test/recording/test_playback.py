@@ -41,6 +41,13 @@ def test_a_paused_playhead_stands_still_and_goes_on_from_there() -> None:
     assert head.pause(60.0, paused=False).advance(60.05).position_ns == 150_000_000
 
 
+def test_held_at_a_message_that_cannot_go_out_it_goes_on_from_there() -> None:
+    head = Playhead(0, 0.0, 1.0).advance(0.1).held_at(50_000_000)
+    assert head.position_ns == 50_000_000
+    assert head.advance(0.15).position_ns == pytest.approx(100_000_000, abs=1)
+    assert head.held_at(90_000_000) == head
+
+
 def test_from_the_start_every_message_comes_in_the_order_of_the_bag(bag: Path) -> None:
     with open_bag(bag) as opened:
         assert [item.cdr for item in messages_from(opened, 0)] == [item.cdr for item in opened.messages()]

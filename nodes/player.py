@@ -1,0 +1,17 @@
+"""``player``: a recorded episode in, the topics of the live run out."""
+
+import sys
+
+from siren_ros.ros.bag_player import BagPlayer
+from siren_ros.ros.program import run_program
+
+NODE = BagPlayer
+
+
+def main() -> int:
+    """Play a bag as the parameters say."""
+    return run_program(NODE, "player")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

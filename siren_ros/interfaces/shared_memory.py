@@ -1,0 +1,53 @@
+"""What Fast DDS leaves behind of processes that were killed: their segments of shared memory.
+
+A participant owns one segment, ``fastrtps_`` and 16 hexadecimal digits in ``/dev/shm``, and holds a lock on the
+file of the same name with ``_el`` as long as it lives (Fast DDS 2, ``RobustExclusiveLock``; the kernel ends the lock
+with the process). Nobody opens the segment of a dead participant again, and who has it open keeps it. So they can be
+removed, unlike ports, which the next participant with the same number takes over. ``fastdds shm clean`` does the same.
+"""
+
+import fcntl
+import re
+import time
+from contextlib import suppress
+from os import geteuid
+from pathlib import Path
+from typing import Final
+
+FOLDER: Final = Path("/dev/shm")  # noqa: S108 - where Linux has its shared memory
+OLD_S: Final = 60.0
+"""A segment's lock file is made an instant before it is locked; one that is older has been locked or never will be."""
+_LOCK_FILE: Final = re.compile(r"fastrtps_[0-9a-f]{16}_el")
+
+
+def abandoned_segments(older_than_s: float = OLD_S, folder: Path = FOLDER) -> list[Path]:
+    """Lock files of this user's segments whose owners are dead, sorted; empty where there is no such folder."""
+    found = []
+    with suppress(OSError):
+        for lock_file in sorted(folder.iterdir()):
+            with suppress(OSError):
+                if _LOCK_FILE.fullmatch(lock_file.name) and _is_abandoned(lock_file, older_than_s):
+                    found.append(lock_file)
+    return found
+
+
+def remove_abandoned_segments(older_than_s: float = OLD_S, folder: Path = FOLDER) -> int:
+    """Remove the segments whose owners are dead; returns their number."""
+    abandoned = abandoned_segments(older_than_s, folder)
+    for lock_file in abandoned:
+        with suppress(OSError):
+            lock_file.with_name(lock_file.name.removesuffix("_el")).unlink(missing_ok=True)
+            lock_file.unlink(missing_ok=True)
+    return len(abandoned)
+
+
+def _is_abandoned(lock_file: Path, older_than_s: float) -> bool:
+    state = lock_file.lstat()
+    if state.st_uid != geteuid() or time.time() - state.st_mtime < older_than_s:
+        return False
+    with lock_file.open("rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+    return True

@@ -1,0 +1,46 @@
+"""The program that started a participant's process: without it nobody ends this one."""
+
+import ctypes
+import os
+import signal
+import sys
+import threading
+import time
+from typing import Final
+
+LOOK_S: Final = 0.5
+CLOSE_S: Final = 10.0
+"""A participant that runs has closed what it has open by then; one that hangs never will."""
+_PR_SET_PDEATHSIG: Final = 1
+"""``prctl(2)``: the signal that the kernel sends to this process when its parent ends."""
+
+
+class Parent:
+    """Who started this process."""
+
+    def __init__(self, number: int) -> None:
+        """Prepare for the parent's end, however it comes.
+
+        A process that was stopped (SIGSTOP) would never see it: the kernel lets it go on then. One whose node does
+        not return from a callback is ended by a thread, when there has been time to close.
+
+        Args:
+            number: Process id of the parent; 0 for one that does not matter.
+        """
+        self._number = number
+        if not self._number:
+            return
+        if sys.platform == "linux":
+            ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGCONT))
+        threading.Thread(target=self._watch, name="parent watch", daemon=True).start()
+
+    @property
+    def is_gone(self) -> bool:
+        """Whether there was one, and it has ended."""
+        return bool(self._number) and os.getppid() != self._number
+
+    def _watch(self) -> None:
+        while not self.is_gone:
+            time.sleep(LOOK_S)
+        time.sleep(CLOSE_S)
+        os.kill(os.getpid(), signal.SIGKILL)

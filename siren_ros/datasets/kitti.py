@@ -13,6 +13,7 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+from numpy.lib.recfunctions import structured_to_unstructured
 
 from siren_ros.datasets.output_folder import new_folder
 from siren_ros.interfaces.images import PinholeCamera
@@ -102,8 +103,7 @@ def velodyne_bytes(points: npt.NDArray[np.void]) -> bytes:
     lacking = [name for name in POINT_FIELDS if name not in names]
     if lacking:
         raise InputError("points", ", ".join(names), f"points with the fields {', '.join(POINT_FIELDS)}")
-    columns = [points[name].astype("<f4") for name in POINT_FIELDS]
-    return np.stack(columns, axis=-1).tobytes()
+    return structured_to_unstructured(points[list(POINT_FIELDS)], dtype=np.dtype("<f4")).tobytes()
 
 
 def label_text(truth: GroundTruth) -> str:

@@ -29,7 +29,7 @@ class EmvController(Participant[EmvControllerConfig]):
 
     def on_step(self, step: int, inputs: dict[str, Any]) -> None:  # noqa: ARG002 - the interface of all nodes
         """Decide for this step."""
-        traffic = from_traffic_state(inputs[topics.TRAFFIC.name])
+        traffic = wire.content(from_traffic_state, inputs[topics.TRAFFIC.name])
         self._state, commands = step_emv(self._state, traffic, self._world)
         self.send(topics.EMV_COMMANDS, to_vehicle_commands(wire.factory(), commands))
 

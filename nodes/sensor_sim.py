@@ -59,8 +59,8 @@ class SensorSim(Participant[SensorSimConfig]):
 
     def on_step(self, step: int, inputs: dict[str, Any]) -> None:  # noqa: ARG002 - the interface of all nodes
         """Publish what is due at this step."""
-        traffic = from_traffic_state(inputs[topics.TRAFFIC.name])
-        states = from_actor_states(inputs[topics.ACTORS.name])
+        traffic = wire.content(from_traffic_state, inputs[topics.TRAFFIC.name])
+        states = wire.content(from_actor_states, inputs[topics.ACTORS.name])
         self._actors.update({actor.actor_id: actor for actor in traffic.spawned})
         carriers = [(messages.carrier, messages.carrier_id) for _, messages in self._carriers]
         for topic, message in shared_messages(wire.factory(), states, self._actors, carriers):

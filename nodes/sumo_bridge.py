@@ -44,7 +44,7 @@ class SumoBridge(Participant[SumoBridgeConfig]):
     def on_step(self, step: int, inputs: dict[str, Any]) -> None:
         """Mirror the simulated poses into SUMO, let it step, and say where it is now."""
         message = inputs.get(topics.ACTORS.name)
-        states = None if message is None else from_actor_states(message)
+        states = None if message is None else wire.content(from_actor_states, message)
         if states is not None:
             check_residual(states, self.config.residual_limit_m)
         traffic = self._simulation.step(step, states)

@@ -41,7 +41,7 @@ class VehicleDynamics(Participant[VehicleDynamicsConfig]):
 
     def on_step(self, step: int, inputs: dict[str, Any]) -> None:
         """Advance all vehicles by one step."""
-        traffic = from_traffic_state(inputs[topics.TRAFFIC.name])
+        traffic = wire.content(from_traffic_state, inputs[topics.TRAFFIC.name])
         commands = [from_vehicle_commands(inputs[topic.name]) for topic in (topics.EMV_COMMANDS, topics.YIELD_COMMANDS)]
         if self._av_id in traffic.actor_id:
             answer = inputs.get(topics.AV_CONTROL.name)

@@ -29,7 +29,7 @@ class YieldManager(Participant[YieldManagerConfig]):
 
     def on_step(self, step: int, inputs: dict[str, Any]) -> None:  # noqa: ARG002 - the interface of all nodes
         """Decide for this step."""
-        traffic = from_traffic_state(inputs[topics.TRAFFIC.name])
+        traffic = wire.content(from_traffic_state, inputs[topics.TRAFFIC.name])
         self._state, commands = step_yield(self._state, traffic, self._world)
         self.send(topics.YIELD_COMMANDS, to_vehicle_commands(wire.factory(), commands))
 

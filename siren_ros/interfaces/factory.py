@@ -38,8 +38,11 @@ def header(factory: MessageFactory, time_ns: int, frame_id: str) -> Any:
 
 
 def as_arrays(message: Any, dtypes: dict[str, type[np.generic]]) -> dict[str, Any]:
-    """Fields of a message as arrays of the given element types, copied out of the message's memory."""
-    return {name: np.array(getattr(message, name), dtype=dtype) for name, dtype in dtypes.items()}
+    """Fields of a message as read-only arrays of the given element types, copied out of the message's memory."""
+    arrays = {name: np.array(getattr(message, name), dtype=dtype) for name, dtype in dtypes.items()}
+    for array in arrays.values():
+        array.setflags(write=False)
+    return arrays
 
 
 def as_sequences(factory: MessageFactory, source: object, names: Sequence[str]) -> dict[str, Any]:

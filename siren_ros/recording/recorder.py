@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -28,18 +29,26 @@ _DECODED = frozenset(topic.name for topic in RECORD_TOPICS)
 class EpisodeRecorder:
     """Writes the bag of an episode step by step and judges the episode at its end."""
 
-    def __init__(self, path: Path, store: Typestore, latched: frozenset[str]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        store: Typestore,
+        latched: frozenset[str],
+        decode: Callable[[Topic, bytes], Any] | None = None,
+    ) -> None:
         """Open the bag under its temporary name.
 
         Args:
             path: Final folder of the bag.
             store: Definitions of all recorded types.
             latched: Names of the latched topics.
+            decode: Gives the message in a CDR; by default it is decoded by the store.
 
         Raises:
             BagError: The folder exists already or cannot be written.
         """
         self._store = store
+        self._decode = decode or partial(decode_cdr, store)
         self._writer = EpisodeBagWriter(path, store, latched)
         self._builder = RecordBuilder()
         self._collector: StepCollector | None = None
@@ -79,7 +88,7 @@ class EpisodeRecorder:
     def _write(self, message: CollectedMessage) -> None:
         name, type_name = message.topic.name, message.topic.type_name
         if name in _DECODED:
-            self._builder.add(name, decode_cdr(self._store, message.topic, message.cdr))
+            self._builder.add(name, self._decode(message.topic, message.cdr))
         self._writer.write(name, type_name, message.cdr, time_ns_of_step(message.step))
 
     def discard(self) -> None:

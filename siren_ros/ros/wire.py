@@ -8,9 +8,10 @@ without a copy per element (a sweep of 55,000 points takes 0.1 ms instead of 2 m
 
 import os
 import sys
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar, cast
 
 from siren_ros.interfaces.cdr import decode_cdr, encode_cdr
 from siren_ros.interfaces.rosbags_factory import RosbagsFactory, load_typestore
@@ -24,6 +25,9 @@ DEFINED_PACKAGES: Final = (OWN_PACKAGE, "vision_msgs")
 
 _decoded: Final[dict[str, tuple[bytes, Any]]] = {}
 """The last message of each topic that was decoded, with its bytes."""
+_read: Final[dict[Callable[[Any], Any], tuple[Any, Any]]] = {}
+"""The last message that each reading function read, with what it said."""
+Content = TypeVar("Content")
 
 
 def message_folder(package: str) -> Path:
@@ -65,6 +69,24 @@ def decode(topic: Topic, cdr: bytes) -> Any:
     message = decode_cdr(factory().store, topic, cdr)
     _decoded[topic.name] = cdr, message
     return message
+
+
+def content(read: Callable[[Any], Content], message: Any) -> Content:
+    """What a message says, in the library's types; where several nodes of one process ask, the first reads for all.
+
+    Args:
+        read: A reading function of ``siren_ros.interfaces``; its arrays are read-only.
+        message: As ``decode`` gives it.
+
+    Raises:
+        InputError: As ``read``.
+    """
+    last = _read.get(read)
+    if last is not None and last[0] is message:
+        return cast("Content", last[1])
+    value = read(message)
+    _read[read] = message, value
+    return value
 
 
 def step_of_message(message: Any) -> int:

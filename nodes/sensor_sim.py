@@ -1,5 +1,6 @@
 """``sensor_sim``: vehicle states in, what the carrier's sensors see out, with ground truth and frames."""
 
+import json
 import sys
 from typing import Any
 
@@ -35,6 +36,7 @@ class SensorSim(Participant[SensorSimConfig]):
         self._actors: dict[int, ActorDescription] = {}
         self._carriers: list[tuple[SensorRig, ObservationMessages]] = []
         transforms: list[Transform] = []
+        accounts: dict[str, object] = {}
         for carrier, actor_id, suite in carriers_of(episode):
             messages = ObservationMessages(factory, suite, actor_id, self.has_listeners, carrier)
             rig = SensorRig(
@@ -50,12 +52,13 @@ class SensorSim(Participant[SensorSimConfig]):
             rig.prepare()
             for note in rig.notes:
                 self.get_logger().warning(note)
-            scene = rig.scene
+            scene, accounts[carrier.name] = rig.scene, rig.account
             self._carriers.append((rig, messages))
             for topic in (*(AV_CARRIER_TOPICS if carrier == AV else ()), *suite_topics(suite, carrier)):
                 self.add_output(topic)
             transforms.extend(static_transforms(suite, carrier, rig.station))
         self.send(topics.TF_STATIC, to_tf(factory, 0, transforms))
+        self.send(topics.SENSING, factory.make(topics.SENSING.type_name, data=json.dumps(accounts, sort_keys=True)))
 
     def on_step(self, step: int, inputs: dict[str, Any]) -> None:  # noqa: ARG002 - the interface of all nodes
         """Publish what is due at this step."""

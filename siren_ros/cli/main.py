@@ -6,10 +6,10 @@ import sys
 from collections.abc import Sequence
 
 import siren_ros
-from siren_ros.cli import evaluate, export, info, plot, recover, replay, verify, video
+from siren_ros.cli import evaluate, export, info, plot, recover, replay, sense, verify, video
 from siren_ros.world.errors import EXIT_FAILED, SirenError
 
-_VERBS = (info, verify, recover, export, plot, video, replay, evaluate)
+_VERBS = (info, verify, recover, export, plot, sense, video, replay, evaluate)
 
 
 def parser() -> argparse.ArgumentParser:

@@ -146,4 +146,5 @@ def _site_summary(network: RoadNetwork, site: Site) -> Mapping[str, object]:
         "name": site.name,
         "junction": site.junction or "",
         "route": [network.edges[edge].edge_id for edge in site.route],
+        "stretch": [network.edges[edge].edge_id for edge in site.stretch],
     }

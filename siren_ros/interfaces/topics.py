@@ -88,6 +88,8 @@ OUTCOME: Final = Topic("/siren/outcome", "siren_msgs/msg/EpisodeOutcome", "recor
 """The recorder writes the outcome itself, as the last message of the bag."""
 TF: Final = Topic("/tf", "tf2_msgs/msg/TFMessage", "sensor_sim", ("recorder",))
 TF_STATIC: Final = Topic("/tf_static", "tf2_msgs/msg/TFMessage", "sensor_sim", ("recorder",), ONCE)
+SENSING: Final = Topic("/siren/sensing", "std_msgs/msg/String", "sensor_sim", ("recorder",), ONCE)
+"""How the sensors of each carrier were simulated on this machine, as a JSON object."""
 ODOMETRY: Final = Topic("/emv/odom", "nav_msgs/msg/Odometry", "sensor_sim", ("recorder",))
 GROUND_TRUTH: Final = Topic(
     "/emv/ground_truth", "siren_msgs/msg/GroundTruth", "sensor_sim", ("recorder", "kitti_exporter"), 2

@@ -1,6 +1,7 @@
 """A camera of a suite: pictures with noise, as JPEG, and the labels that go with them."""
 
 from collections.abc import Mapping
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,7 +28,13 @@ class CameraFrame:
     step: int
     camera: Pinhole
     image: RenderedImage
-    jpeg: bytes
+    encoded: Future[bytes]
+    """The JPEG, which may still be under way."""
+
+    @property
+    def jpeg(self) -> bytes:
+        """Colour image as JPEG."""
+        return self.encoded.result()
 
     @property
     def rgb(self) -> npt.NDArray[np.uint8]:
@@ -38,8 +45,9 @@ class CameraFrame:
 class Camera:
     """One camera on one carrier; the renderer may serve several."""
 
-    def __init__(self, spec: CameraSpec, renderer: Renderer | RaycastRenderer, seed: int) -> None:
-        """Prepare the intrinsics; ``seed`` is the episode's."""
+    def __init__(self, spec: CameraSpec, renderer: Renderer | RaycastRenderer, seed: int, encoder: Executor) -> None:
+        """Prepare the intrinsics; ``seed`` is the episode's. The encoder works while the next picture is drawn."""
+        self._encoder = encoder
         self.spec = spec
         self.pinhole = Pinhole.of(spec)
         self._renderer = renderer
@@ -71,8 +79,10 @@ class Camera:
             self._blur(image.rgba)
         if spec.noise_stddev > 0.0:
             self._add_noise(image.rgba, step)
-        jpeg = simplejpeg.encode_jpeg(image.rgba, spec.jpeg_quality, "RGBX", "420", fastdct=True)
-        return CameraFrame(spec.name, step, self.pinhole, image, jpeg)
+        encoded = self._encoder.submit(
+            simplejpeg.encode_jpeg, image.rgba, spec.jpeg_quality, "RGBX", "420", fastdct=True
+        )
+        return CameraFrame(spec.name, step, self.pinhole, image, encoded)
 
     def _blur(self, rgba: npt.NDArray[np.uint8]) -> None:
         """Blur the colours in place, as a lens out of focus does; labels stay sharp."""

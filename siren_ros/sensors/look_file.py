@@ -5,9 +5,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from siren_ros.sensors.render.look import Look
+from siren_ros.sensors.render.look import LOWEST_SUN_RAD, Look
 from siren_ros.world.episode import EpisodeDescription
-from siren_ros.world.errors import InputError
 from siren_ros.world.params_files import named_params_file, names_in_params
 from siren_ros.world.strict_yaml import StrictMapping, read_strict_yaml
 
@@ -22,9 +21,15 @@ _NUMBERS: Final = {
     "rain_mm_per_h": (0.0, 150.0),
     "visibility_m": (10.0, 100_000.0),
 }
+_NIGHT_HAZE_PER_M: Final = 0.0012
 _SOLAR_NOON_H: Final = 12.0
-_LOWEST_SUN_DEG: Final = 3.0
-"""Lower, shadows would reach farther than the map; nights are not drawn."""
+_DUSK: Final = {
+    -90.0: ((0.0, 0.0, 0.0), (0.006, 0.009, 0.020), (0.030, 0.030, 0.036), 0.55),
+    -12.0: ((0.0, 0.0, 0.0), (0.006, 0.009, 0.020), (0.030, 0.030, 0.036), 0.55),
+    -4.0: ((0.0, 0.0, 0.0), (0.020, 0.040, 0.110), (0.160, 0.120, 0.110), 0.50),
+    3.0: ((0.0, 0.0, 0.0), (0.080, 0.140, 0.320), (0.520, 0.380, 0.300), 0.60),
+}
+"""Colours of the sun, zenith and horizon and the ambient strength by the sun's elevation, where lamps are lit."""
 _OBLIQUITY_RAD: Final = float(np.radians(23.44))
 
 
@@ -43,13 +48,15 @@ def load_look(name_or_path: str) -> Look:
     """A look by name or from a YAML file; what it leaves out is as on a clear morning.
 
     The sun stands where ``sun_azimuth_deg`` (counter-clockwise from east) and ``sun_elevation_deg`` say, or where it
-    is at an ``hour`` of local solar time on a ``day_of_year`` at ``latitude_deg``.
+    is at an ``hour`` of local solar time on a ``day_of_year`` at ``latitude_deg``. Where that is lower than 3 degrees
+    the lamps are lit, and colours that are left out follow from how low it is.
 
     Raises:
-        InputError: No such look, an unknown key, a value of the wrong type or out of range, or a sun below 3 degrees.
+        InputError: No such look, an unknown key, a value of the wrong type or out of range.
     """
     top = read_strict_yaml(named_params_file("look", "looks", name_or_path))
     values: dict[str, Any] = _sun(top)
+    values |= _dusk(values.get("sun_elevation_rad", Look.sun_elevation_rad))
     for key in _COLOURS:
         if top.has(key):
             values[key] = top.numbers(key, 3, 0.0, _BRIGHTEST)
@@ -68,15 +75,24 @@ def _sun(top: StrictMapping) -> dict[str, Any]:
         day = top.integer("day_of_year", 1, 366) if top.has("day_of_year") else 172
         latitude = top.number("latitude_deg", -66.0, 66.0) if top.has("latitude_deg") else 49.0
         azimuth_rad, elevation_rad = sun_position(hour, day, float(np.radians(latitude)))
-        if np.degrees(elevation_rad) < _LOWEST_SUN_DEG:
-            raise InputError(top.where("hour"), hour, f"a time when the sun is {_LOWEST_SUN_DEG:g} degrees high")
         return {"sun_azimuth_rad": azimuth_rad, "sun_elevation_rad": elevation_rad}
     found = {}
     if top.has("sun_azimuth_deg"):
         found["sun_azimuth_rad"] = float(np.radians(top.number("sun_azimuth_deg", -360.0, 360.0)))
     if top.has("sun_elevation_deg"):
-        found["sun_elevation_rad"] = float(np.radians(top.number("sun_elevation_deg", _LOWEST_SUN_DEG, 90.0)))
+        found["sun_elevation_rad"] = float(np.radians(top.number("sun_elevation_deg", -90.0, 90.0)))
     return found
+
+
+def _dusk(elevation_rad: float) -> dict[str, Any]:
+    """Colours and ambient strength of a sky whose sun is down; nothing where it is up."""
+    if elevation_rad >= LOWEST_SUN_RAD:
+        return {}
+    degrees = list(_DUSK)
+    rows = np.array([[*sun, *zenith, *horizon, ambient] for sun, zenith, horizon, ambient in _DUSK.values()])
+    mixed = [float(np.interp(np.degrees(elevation_rad), degrees, column)) for column in rows.T]
+    colours = {name: tuple(mixed[3 * k : 3 * k + 3]) for k, name in enumerate(_COLOURS)}
+    return {**colours, "ambient": mixed[9], "haze_per_m": _NIGHT_HAZE_PER_M}
 
 
 def sun_position(hour: float, day_of_year: int, latitude_rad: float) -> tuple[float, float]:

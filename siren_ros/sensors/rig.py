@@ -1,6 +1,8 @@
 """All sensors of one carrier over one world: the facade that ``sensor_sim`` drives."""
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -104,7 +106,7 @@ class SensorRig:
             wanted: Labels that go with a camera's pictures; what the suite records where None.
 
         Raises:
-            InputError: A suite that stands at a junction, and a site that is none; or sensors inside a building.
+            InputError: A suite that stands at a site, and there is none; or sensors inside a building.
         """
         self.suite = suite
         self._seed = seed if noise_seed is None else noise_seed
@@ -128,6 +130,7 @@ class SensorRig:
         self._microphones = tuple(Microphone(spec, self._seed) for spec in suite.microphones)
         self.notes: tuple[str, ...] = ()
         """What the user should know of how this machine senses; known after ``prepare``."""
+        self._device = ""
         self.station: Mount | None = None
         """Where the suite stands in the ``map`` frame; None on a vehicle."""
         if suite.station is not None:
@@ -151,6 +154,17 @@ class SensorRig:
         """Pose of the labels' frame on the carrier, shape ``(4, 4)``."""
         return self.suite.lidars[0].mount.base_from_sensor if self.suite.lidars else np.eye(4)
 
+    @property
+    def common_period_steps(self) -> int:
+        """Steps between the instants at which all LiDARs and cameras are due."""
+        rates_hz = [*(one.rate_hz for one in self.suite.lidars), *(one.rate_hz for one in self.suite.cameras)]
+        return math.lcm(*map(period_steps, rates_hz))
+
+    @property
+    def account(self) -> dict[str, object]:
+        """How this machine senses, for the record; complete after ``prepare``."""
+        return {"suite": self.suite.name, "pictures_by": self._device, "notes": list(self.notes)}
+
     def prepare(self) -> None:
         """Compile the shaders and load the loops over rays now, in the thread that will observe.
 
@@ -160,7 +174,9 @@ class SensorRig:
             self._cameras = ()
             if self._static is not None and self.suite.cameras:
                 renderer = self._renderer(self._static)
-                self._cameras = tuple(Camera(spec, renderer, self._seed) for spec in self.suite.cameras)
+                self._device = renderer.device
+                encoder = ThreadPoolExecutor(1, "jpeg")
+                self._cameras = tuple(Camera(spec, renderer, self._seed, encoder) for spec in self.suite.cameras)
             nobody = self._catalogue.place(ActorStates.empty(0), {})
             for lidar in self._lidars:
                 lidar.scan(0, np.eye(4), nobody)

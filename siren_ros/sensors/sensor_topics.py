@@ -11,6 +11,7 @@ from siren_ros.world.episode import EpisodeDescription
 
 CARRIER_TOPICS: Final = (
     topics.TF_STATIC,
+    topics.SENSING,
     topics.TF,
     topics.ODOMETRY,
     topics.GROUND_TRUTH,

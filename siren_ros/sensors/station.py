@@ -1,4 +1,4 @@
-"""Where a roadside unit stands: a given place, or the corner of the junction where the episode happens."""
+"""Where a roadside unit stands: a given place, the corner of the episode's junction, or the side of its road."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -27,8 +27,8 @@ _TRAFFIC: Final = (LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL)
 def station_mount(station: Station, network: RoadNetwork, site: Mapping[str, object] | None = None) -> Mount:
     """The pose of a station in the ``map`` frame, on the ground.
 
-    At a junction it is the free place nearest to the junction's middle that is off all lanes, facing that middle; of
-    several the one nearest to the east.
+    At a site it is the free place nearest to the site's middle that is off all lanes, facing that middle; of several
+    the one nearest to the east. The middle of a road is half way along it.
 
     Args:
         station: Of a suite.
@@ -36,17 +36,13 @@ def station_mount(station: Station, network: RoadNetwork, site: Mapping[str, obj
         site: The episode's site as its description gives it; not needed for a given place.
 
     Raises:
-        InputError: The station waits for a junction and the episode's site is none.
+        InputError: The station waits for a site, and there is none.
     """
     if station.place is not None:
         return station.place
-    name = (site or {}).get("junction")
-    junction = network.junctions.get(str(name)) if name else None
-    if junction is None:
-        raise InputError("sensors", "station: site", "an episode at a junction, or a station with x_m and y_m")
-    middle = np.array([junction.x_m, junction.y_m])
-    if len(junction.outline) > 2:
-        middle = np.asarray(shapely.Polygon(junction.outline).buffer(0).centroid.coords[0])
+    middle = _middle(network, site or {})
+    if middle is None:
+        raise InputError("sensors", "station: site", "an episode with a site, or a station with x_m and y_m")
     lanes = shapely.union_all(
         [
             shapely.LineString(lane.centre.points).buffer(lane.width_m / 2.0 + _BESIDE_M)
@@ -62,6 +58,31 @@ def station_mount(station: Station, network: RoadNetwork, site: Mapping[str, obj
     chosen = int(np.lexsort((np.abs(np.arctan2(away[:, 1], away[:, 0])).round(6), np.hypot(*away.T).round(3)))[0])
     x_m, y_m = (float(value) for value in places[chosen])
     return Mount(x_m, y_m, 0.0, float(np.arctan2(middle[1] - y_m, middle[0] - x_m)))
+
+
+def _middle(network: RoadNetwork, site: Mapping[str, object]) -> npt.NDArray[np.float64] | None:
+    """Middle of a site's junction, or of its road where it has none, shape ``(2,)``; None where it has neither."""
+    name = site.get("junction")
+    junction = network.junctions.get(str(name)) if name else None
+    if junction is not None:
+        if len(junction.outline) > 2:
+            return np.asarray(shapely.Polygon(junction.outline).buffer(0).centroid.coords[0])
+        return np.array([junction.x_m, junction.y_m])
+    names = site.get("stretch")
+    road = (
+        [network.edge_by_id[one] for one in names if one in network.edge_by_id]
+        if isinstance(names, list | tuple)
+        else []
+    )
+    lanes = [[lane for lane in map(network.lanes.__getitem__, edge.lanes) if lane.kind in _TRAFFIC] for edge in road]
+    lengths = [max((lane.length_m for lane in of_edge), default=0.0) for of_edge in lanes]
+    if not sum(lengths) > 0.0:
+        return None
+    ends = np.cumsum(lengths)
+    half = float(ends[-1]) / 2.0
+    place = int(np.searchsorted(ends, half))
+    share = 1.0 - (ends[place] - half) / lengths[place]
+    return np.mean([lane.centre.at(share * lane.length_m) for lane in lanes[place]], axis=0)
 
 
 def check_outdoors(scene: StaticScene, suite: SensorSuite, station: Mount) -> None:

@@ -9,7 +9,7 @@ from siren_ros.world.errors import InputError
 
 
 def test_every_look_loads_and_the_default_is_the_clear_morning() -> None:
-    assert {"clear", "evening", "overcast", "rain", "fog"} <= set(look_names())
+    assert {"clear", "evening", "overcast", "rain", "fog", "dusk", "night", "night_rain"} <= set(look_names())
     for name in look_names():
         load_look(name)
     clear, plain = load_look("clear"), Look()
@@ -37,14 +37,28 @@ def test_fog_and_rain_weaken_laser_light() -> None:
     assert 10.0 * np.log10(np.exp(one_mm_per_h.lidar_extinction_per_m * 1000.0)) == pytest.approx(1.076)
 
 
+def test_at_night_the_lamps_are_lit_and_the_sky_darkens_with_the_sun(tmp_path: Path) -> None:
+    path, looks = tmp_path / "mine.yaml", []
+    for elevation_deg in (10, 2, -3, -8, -40):
+        path.write_text(f"sun_elevation_deg: {elevation_deg}\n", encoding="utf-8")
+        looks.append(load_look(str(path)))
+    assert [look.lamps_lit for look in looks] == [False, True, True, True, True]
+    zenith = [sum(look.zenith_colour) for look in looks]
+    assert zenith == sorted(zenith, reverse=True)
+    assert looks[1].direct_colour == (0.0, 0.0, 0.0)
+    path.write_text("hour: 2.0\nzenith_colour: [0.5, 0.1, 0.1]\n", encoding="utf-8")
+    assert load_look(str(path)).lamps_lit
+    assert load_look(str(path)).zenith_colour == (0.5, 0.1, 0.1)
+
+
 @pytest.mark.parametrize(
     ("text", "match"),
     [
         ("cloud_cover: 2.0", "cloud_cover"),
         ("cluod_cover: 0.2", "cluod_cover"),
         ("sun_colour: [1.0, 2.0]", "sun_colour"),
-        ("hour: 2.0", "degrees high"),
-        ("sun_elevation_deg: -5", "sun_elevation_deg"),
+        ("hour: 24.5", "hour"),
+        ("sun_elevation_deg: -91", "sun_elevation_deg"),
         ("visibility_m: 0", "visibility_m"),
     ],
 )

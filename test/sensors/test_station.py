@@ -39,11 +39,34 @@ def test_at_a_junction_the_pole_is_off_the_lanes_and_faces_the_middle(town: Road
         assert np.cos(mount.yaw_rad) == pytest.approx(away[0] / np.linalg.norm(away))
 
 
-def test_without_a_junction_it_says_what_it_needs(town: RoadNetwork) -> None:
-    with pytest.raises(InputError, match="junction"):
-        station_mount(Station(None), town, {"junction": None})
+def test_without_a_site_it_says_what_it_needs(town: RoadNetwork) -> None:
+    sites: list[dict[str, object] | None] = [
+        None,
+        {"junction": ""},
+        {"stretch": []},
+        {"stretch": ["nowhere"]},
+        {"stretch": 3},
+    ]
+    for site in sites:
+        with pytest.raises(InputError, match="with a site"):
+            station_mount(Station(None), town, site)
     place = Mount(3.0, 4.0, 0.0, 1.0)
     assert station_mount(Station(place), town) == place
+
+
+def test_at_a_road_the_pole_stands_beside_it_half_way_along(town: RoadNetwork) -> None:
+    edge = max(town.edges, key=lambda one: town.lanes[one.lanes[0]].length_m)
+    mount = station_mount(Station(None), town, {"junction": "", "stretch": [edge.edge_id]})
+    pole = shapely.Point(mount.x_m, mount.y_m)
+    for lane in town.lanes:
+        if lane.kind in {LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL}:
+            assert shapely.LineString(lane.centre.points).distance(pole) > lane.width_m / 2.0 + 0.7
+    lane = town.lanes[edge.lanes[0]]
+    half_way = np.asarray(lane.centre.at(lane.length_m / 2.0))
+    away = half_way - (mount.x_m, mount.y_m)
+    assert np.linalg.norm(away) < 15.0
+    across = np.cos(mount.yaw_rad - float(lane.centre.heading_rad(lane.length_m / 2.0)))
+    assert abs(across) < 0.2
 
 
 def test_a_sensor_inside_a_building_is_refused(boxes: Any) -> None:

@@ -1,9 +1,13 @@
 """What the world looks like apart from its geometry: sun, sky, haze, wet roads."""
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+
+LOWEST_SUN_RAD: Final = float(np.radians(3.0))
+"""Where the sun stands lower, it throws no shadows and the lamps are lit: shadows would reach farther than the map."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,16 @@ class Look:
     rain_mm_per_h: float = 0.0
     visibility_m: float = 0.0
     """Meteorological optical range of fog; 0 where there is none."""
+
+    @property
+    def lamps_lit(self) -> bool:
+        """Whether street lamps, head lamps and windows shine in place of the sun."""
+        return self.sun_elevation_rad < LOWEST_SUN_RAD
+
+    @property
+    def direct_colour(self) -> tuple[float, float, float]:
+        """Colour of the sunlight, black where the sun is down."""
+        return (0.0, 0.0, 0.0) if self.lamps_lit else self.sun_colour
 
     @property
     def lidar_extinction_per_m(self) -> float:

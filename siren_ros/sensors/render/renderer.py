@@ -13,8 +13,11 @@ from siren_ros.sensors.mount import Matrix
 from siren_ros.sensors.placement import Placement
 from siren_ros.sensors.render import sky_shaders
 from siren_ros.sensors.render.context import open_context
-from siren_ros.sensors.render.ground_light import GroundLight
+from siren_ros.sensors.render.ground_light import GroundLight, LightMap
+from siren_ros.sensors.render.lamp_light import LampLight
 from siren_ros.sensors.render.look import Look
+from siren_ros.sensors.render.preamble import defined, preamble
+from siren_ros.sensors.render.rain import Rain
 from siren_ros.sensors.render.rendered_image import RenderedImage
 from siren_ros.sensors.render.static_geometry import StaticGeometry
 from siren_ros.sensors.render.vehicle_geometry import VehicleGeometry
@@ -27,11 +30,12 @@ NEAR_M: Final = 0.1
 FAR_M: Final = 700.0
 _REACH_M: Final = 450.0
 """Vehicles further away than this are left to the haze."""
-_NOISE_TEXELS: Final = 256
+_NOISE_TEXELS: Final = 512
+_SMOOTH: Final = (moderngl.LINEAR_MIPMAP_NEAREST, moderngl.LINEAR)
+_COARSE: Final = (moderngl.NEAREST_MIPMAP_NEAREST, moderngl.NEAREST)
+"""Filters of the noise: of grain one texel is as good as a mean of four."""
 _SKY_TEXELS: Final = 1024
-_FRAME_FLOATS: Final = 3 * 16 + 8 * 4
-_FOG_HAZE_PER_M: Final = 0.004
-"""From here on haze differs too much within a triangle to be interpolated, and is worked out per pixel."""
+_FRAME_FLOATS: Final = 3 * 16 + 4 * 4
 
 
 class _Target:
@@ -74,17 +78,19 @@ class Renderer:
         """
         self._context = context = open_context()
         self.look = look or Look()
-        defines = (
-            *(("FOG",) if self.look.haze_per_m > _FOG_HAZE_PER_M else ()),
-            *(("WET",) if self.look.wetness > 0.0 else ()),
-        )
-        self._static = StaticGeometry(context, static, self.look, defines)
-        self._ground = GroundLight(context, self._static, self.look.towards_sun)
-        self._vehicles = VehicleGeometry(context, shapes, self._ground.vehicle_program, defines)
+        constants = preamble(self.look)
+        self._static = StaticGeometry(context, static, self.look, constants)
+        self._ground: GroundLight | LampLight
+        if self.look.lamps_lit:
+            self._ground = LampLight(context, static.mesh)
+        else:
+            self._ground = GroundLight(context, self._static, self.look.towards_sun)
+        self._vehicles = VehicleGeometry(context, shapes, constants)
         self._last: Callable[[], None] = lambda: None
         self._placed: tuple[Placement, npt.NDArray[np.float64]] | None = None
         self._sky_program = context.program(
-            vertex_shader=sky_shaders.SKY_VERTEX, fragment_shader=sky_shaders.SKY_FRAGMENT
+            vertex_shader=defined(sky_shaders.SKY_VERTEX, constants),
+            fragment_shader=defined(sky_shaders.SKY_FRAGMENT, constants),
         )
         _set(self._sky_program, "semantic", int(SemanticClass.SKY) / 255.0)
         self._sky = context.vertex_array(self._sky_program, ())
@@ -92,7 +98,9 @@ class Renderer:
         self._noise = _noise_texture(context)
         self._frame = context.buffer(reserve=4 * _FRAME_FLOATS)
         self._targets: dict[tuple[int, int], _Target] = {}
-        for program in [*self._static.all_programs, self._vehicles.program, self._sky_program]:
+        self._rain = Rain(context, self.look) if self.look.rain_mm_per_h > 0.0 else None
+        rain = (self._rain.program,) if self._rain is not None else ()
+        for program in [*rain, *self._static.all_programs, self._vehicles.program, self._sky_program]:
             _bind(program)
         context.front_face = "cw"
 
@@ -131,7 +139,7 @@ class Renderer:
             rows = _nearest_in_view(_clip_from_map(camera, map_from_camera), map_from_camera[:3, 3], placement)
             target = self._target(camera)
             (target.labelled if labels else target.instances if instances else target.plain).use()
-            self._last = partial(self._draw, rows, textures, signals, step)
+            self._last = partial(self._draw, target.plain, rows, textures, signals, step)
             self._last()
             return target.read(instances=labels or instances, depth=labels)
 
@@ -162,15 +170,19 @@ class Renderer:
         if self._placed is None or self._placed[0] is not placement or self._placed[1] is not rolled_m:
             self._vehicles.place(placement, rolled_m)
             self._placed = (placement, rolled_m)
-        square = self._ground.update(eye, placement, self._vehicles)
-        light = (*self._ground.light_from_map(square), self.look.wetness)
-        self._write_frame(clip, map_from_camera, camera, square.view.unit_from_map, light, step, exposure)
+        light = self._ground.update(eye, placement, self._vehicles, step)
+        self._write_frame(clip, map_from_camera, camera, light, step, exposure)
         sky = self._skies.get(exposure) or self._paint_sky(exposure)
         self._static.select(clip, eye, camera.focal_px)
-        return square.shadow.texture, self._ground.texture, self._noise, sky
+        return light.shadow, light.ground, self._noise, sky
 
     def _draw(
-        self, rows: npt.NDArray[np.intp], textures: tuple[Any, ...], signals: Mapping[str, str], step: int
+        self,
+        plain: Any,
+        rows: npt.NDArray[np.intp],
+        textures: tuple[Any, ...],
+        signals: Mapping[str, str],
+        step: int,
     ) -> None:
         """Draw what was selected and the vehicles of these rows into the framebuffer in use."""
         context = self._context
@@ -179,17 +191,24 @@ class Renderer:
         context.depth_func = "<="
         self._frame.bind_to_uniform_block(0)
         for slot, texture in enumerate(textures):
-            texture.use(slot)
+            if texture is not None:
+                texture.use(slot)
         self._vehicles.draw(rows)
         self._static.draw()
         self._static.draw_lamps(signals, step)
         context.enable_only(moderngl.DEPTH_TEST)
         self._sky.render(moderngl.TRIANGLES, vertices=3)
+        if self._rain is not None:
+            self._rain.draw(plain, step)
 
     def _paint_sky(self, exposure: float) -> moderngl.Texture:
         """Paint the sky once for each exposure; pictures look it up by direction. The frame's uniforms are set."""
         context = self._context
-        program = context.program(vertex_shader=sky_shaders.SKY_VERTEX, fragment_shader=sky_shaders.SKY_PAINT_FRAGMENT)
+        constants = preamble(self.look)
+        program = context.program(
+            vertex_shader=defined(sky_shaders.SKY_VERTEX, constants),
+            fragment_shader=defined(sky_shaders.SKY_PAINT_FRAGMENT, constants),
+        )
         _bind(program)
         sky = context.texture((_SKY_TEXELS, _SKY_TEXELS), 4)
         sky.filter = (moderngl.LINEAR, moderngl.LINEAR)
@@ -197,7 +216,9 @@ class Renderer:
         context.enable_only(moderngl.NOTHING)
         self._frame.bind_to_uniform_block(0)
         self._noise.use(2)
+        self._noise.filter = _SMOOTH
         context.vertex_array(program, ()).render(moderngl.TRIANGLES, vertices=3)
+        self._noise.filter = _COARSE
         self._skies[exposure] = sky
         return sky
 
@@ -212,22 +233,16 @@ class Renderer:
         clip: Matrix,
         map_from_camera: Matrix,
         camera: Pinhole,
-        shadow_from_map: Matrix,
-        ground_light_from_map: tuple[float, float, float, float],
+        light: LightMap,
         step: int,
         exposure: float,
     ) -> None:
-        look = self.look
-        matrices = (clip, np.linalg.inv(clip), shadow_from_map)
+        matrices = (clip, np.linalg.inv(clip), light.unit_from_map)
         vectors = (
             (*map_from_camera[:3, 3], step * STEP_S),
             (*map_from_camera[:3, 0], camera.focal_px),
-            (*look.towards_sun, exposure),
-            (*look.sun_colour, look.ambient),
-            (*look.zenith_colour, look.haze_per_m),
-            (*look.horizon_colour, look.cloud_cover),
-            ground_light_from_map,
-            (camera.width / 2.0, camera.height / 2.0, 0.0, 0.0),
+            (*light.light_from_map, 0.0),
+            (camera.width / 2.0, camera.height / 2.0, exposure, 0.0),
         )
         columns = [matrix.T.ravel() for matrix in matrices]
         self._frame.write(np.concatenate([*columns, np.ravel(vectors)]).astype(np.float32).tobytes())
@@ -279,6 +294,6 @@ def _noise_texture(context: moderngl.Context) -> moderngl.Texture:
     texels = np.repeat((255 * values).astype(np.uint8)[..., None], 4, axis=2)  # software samples RGBA8 fastest
     texture = context.texture((_NOISE_TEXELS, _NOISE_TEXELS), 4, texels.tobytes())
     texture.build_mipmaps()
-    texture.filter = (moderngl.LINEAR_MIPMAP_NEAREST, moderngl.LINEAR)
+    texture.filter = _COARSE
     texture.repeat_x = texture.repeat_y = True
     return texture

@@ -18,47 +18,102 @@ layout(std140) uniform Frame {
     mat4 static_shadow_from_map;
     vec4 eye;            // w: seconds of simulated time
     vec4 forward;        // w: focal length in pixels
-    vec4 towards_sun;    // w: exposure
-    vec4 sun_colour;     // w: ambient strength
-    vec4 zenith_colour;  // w: haze per metre
-    vec4 horizon_colour; // w: cloud cover
-    vec4 ground_light_from_map; // scale, offset x, offset y; w: wetness
-    vec4 picture;        // centre in pixels
+    vec4 ground_light_from_map; // scale, offset x, offset y
+    vec4 picture;        // centre in pixels, z: exposure
 };
 """
 HEAD: Final = "#version 330 core\n" + FRAME_BLOCK
 
 CLEAR: Final = """
-float clearness(vec3 position) { return exp2(-1.442695 * zenith_colour.w * distance(position, eye.xyz)); }
+float clearness(vec3 position) { return exp2(-1.442695 * HAZE_PER_M * distance(position, eye.xyz)); }
+"""
+
+LIGHT_PLACE: Final = """
+vec2 light_place(vec2 position) { return position * ground_light_from_map.x + ground_light_from_map.yz; }
+vec3 lit_place(vec3 position, vec2 away) {
+#ifdef NIGHT
+    return vec3(light_place(position.xy + away), position.z);
+#else
+    return (static_shadow_from_map * vec4(position, 1.0)).xyz;
+#endif
+}
+"""
+"""Where a vertex looks up how much light falls on it: the sun's shadow map, or at night the ground's light below."""
+
+LIT: Final = """
+uniform sampler2D ground_light;
+#ifdef NIGHT
+vec3 lit_at(vec3 place) { return texture(ground_light, place.xy).rgb * (8.0 / (8.0 + place.z * place.z)); }
+#else
+uniform sampler2DShadow static_shadow;
+vec3 lit_at(vec3 place) { return vec3(texture(static_shadow, place)); }
+#endif
+"""
+
+MIRROR: Final = """
+vec3 sky_of(float up) {
+    float h = 1.0 - max(up, 0.0);
+    h = h * h; h = h * h;
+    return mix(zenith_colour, horizon_colour, h);
+}
+vec3 mirrored_light(vec3 light, vec3 place, vec3 n, float gloss, vec3 lit) {
+    vec3 view = normalize(place - eye.xyz);
+    float along = dot(view, n);
+    vec3 mirrored = view - 2.0 * along * n;
+    float facing = 1.0 - max(-along, 0.0);
+    float fresnel = facing * facing; fresnel = fresnel * fresnel * facing;
+    vec3 seen = mix(MIRRORED_GROUND, sky_of(mirrored.z), clamp(mirrored.z * 4.5 + 0.54, 0.0, 1.0));
+    float glint = max(dot(mirrored, towards_sun), 0.0);
+    glint *= glint; glint *= glint; glint *= glint; glint *= glint; glint *= glint; glint *= glint;
+    return mix(light, seen, min(gloss * (0.35 + 1.65 * fresnel), 1.0)) + sun_colour * lit * (glint * gloss * 1.5);
+}
 """
 
 STATIC_VERTEX: Final = (
     HEAD
     + CLEAR
+    + LIGHT_PLACE
+    + LIT
+    + MIRROR
     + """
 in vec3 in_position;
 in vec4 in_sun;
 in vec4 in_shade;
 flat out vec4 v_sun;
 flat out vec4 v_shade;
-#ifdef NORMAL
 in vec4 in_normal;
+#ifdef NORMAL
 flat out vec4 v_normal;
 #endif
 #ifdef SHADOW
 out vec3 v_shadow;
 #endif
+#ifdef LIGHT
+out vec2 v_light;
+#endif
 out vec4 v_place;    // w: share of the light that the haze lets through
+#ifdef NORMAL
+#define AWAY in_normal.xy  // what stands on the ground is lit by the light before it
+#else
+#define AWAY vec2(0.0)
+#endif
 void main() {
     gl_Position = clip_from_map * vec4(in_position, 1.0);
     v_place = vec4(in_position, clearness(in_position));
     v_sun = in_sun;
     v_shade = in_shade;
+#ifdef FLAT_MIRROR
+    vec3 lit = lit_at(lit_place(in_position, in_normal.xy));
+    v_shade.rgb = mirrored_light(in_shade.rgb + in_sun.rgb * lit, in_position, in_normal.xyz, in_normal.w, lit);
+#endif
 #ifdef NORMAL
     v_normal = in_normal;
 #endif
 #ifdef SHADOW
-    v_shadow = (static_shadow_from_map * vec4(in_position, 1.0)).xyz;
+    v_shadow = lit_place(in_position, AWAY);
+#endif
+#ifdef LIGHT
+    v_light = light_place(in_position.xy);
 #endif
 }
 """
@@ -72,14 +127,14 @@ vec3 film(vec3 c) { return sqrt(clamp((c * (2.51 * c + 0.03)) / (c * (2.43 * c +
 float haze_between(float interpolated) {
 #ifdef FOG
     vec3 ray = vec3((gl_FragCoord.xy - picture.xy) / forward.w, 1.0);
-    return exp2(-1.442695 * zenith_colour.w * length(ray) / gl_FragCoord.w);
+    return exp2(-1.442695 * HAZE_PER_M * length(ray) / gl_FragCoord.w);
 #else
     return interpolated;
 #endif
 }
 void finish(vec3 light, float clear, float semantic, uint actor) {
-    vec3 c = mix(horizon_colour.rgb * 0.96, light, haze_between(clear));
-    out_colour = vec4(film(c * towards_sun.w), semantic);
+    vec3 c = mix(horizon_colour * 0.96, light, haze_between(clear));
+    out_colour = vec4(film(c * picture.z), semantic);
     out_actor = actor;
     out_depth = 1.0 / gl_FragCoord.w;
 }
@@ -88,10 +143,9 @@ void finish(vec3 light, float clear, float semantic, uint actor) {
 _STATIC_FRAGMENT: Final = (
     HEAD
     + OUTPUT
+    + LIT
     + """
-uniform sampler2DShadow static_shadow;
 uniform sampler2D noise;
-uniform sampler2D ground_light;
 in vec4 v_place;
 flat in vec4 v_sun;
 flat in vec4 v_shade;
@@ -101,39 +155,23 @@ flat in vec4 v_normal;
 #ifdef SHADOW
 in vec3 v_shadow;
 #endif
+#ifdef LIGHT
+in vec2 v_light;
+#endif
 """
 )
-
-MIRROR: Final = """
-vec3 sky_of(float up) {
-    float h = 1.0 - max(up, 0.0);
-    h = h * h; h = h * h;
-    return mix(zenith_colour.rgb, horizon_colour.rgb, h);
-}
-vec3 mirrored_light(vec3 light, vec3 place, vec3 n, float gloss, float lit) {
-    vec3 view = normalize(place - eye.xyz);
-    float along = dot(view, n);
-    vec3 mirrored = view - 2.0 * along * n;
-    float facing = 1.0 - max(-along, 0.0);
-    float fresnel = facing * facing; fresnel = fresnel * fresnel * facing;
-    vec3 seen = mix(vec3(0.16, 0.155, 0.15), sky_of(mirrored.z), clamp(mirrored.z * 4.5 + 0.54, 0.0, 1.0));
-    float glint = max(dot(mirrored, towards_sun.xyz), 0.0);
-    glint *= glint; glint *= glint; glint *= glint; glint *= glint; glint *= glint; glint *= glint;
-    return mix(light, seen, min(gloss * (0.35 + 1.65 * fresnel), 1.0)) + sun_colour.rgb * (glint * gloss * 1.5 * lit);
-}
-"""
 
 MATTE_FRAGMENT: Final = (
     _STATIC_FRAGMENT
     + """
 void main() {
-    float lit = texture(static_shadow, v_shadow);
+    vec3 lit = lit_at(v_shadow);
     finish(v_shade.rgb + v_sun.rgb * lit, v_place.w, v_shade.w, 0u);
 }
 """
 )
 
-LAMP_FRAGMENT: Final = (
+FLAT_FRAGMENT: Final = (
     _STATIC_FRAGMENT
     + """
 void main() { finish(v_shade.rgb, v_place.w, v_shade.w, 0u); }
@@ -145,7 +183,7 @@ GLASS_FRAGMENT: Final = (
     + MIRROR
     + """
 void main() {
-    float lit = texture(static_shadow, v_shadow);
+    vec3 lit = lit_at(v_shadow);
     vec3 light = mirrored_light(v_shade.rgb + v_sun.rgb * lit, v_place.xyz, v_normal.xyz, v_normal.w, lit);
     finish(light, v_place.w, v_shade.w, 0u);
 }
@@ -155,10 +193,15 @@ void main() {
 FOLIAGE_FRAGMENT: Final = (
     _STATIC_FRAGMENT
     + """
+#ifdef NIGHT
+const float LEAVES = 0.0;
+#else
+const float LEAVES = 0.35;  // share of the sunlight that comes through
+#endif
 void main() {
     vec3 q = v_place.xyz * 0.21;
     float grain = texture(noise, q.xy + q.z * vec2(0.37, 0.61)).r + texture(noise, q.yz * 2.3 + q.x).r - 1.0;
-    float sun = clamp(v_sun.w + 0.8 * grain, 0.0, 1.0) * (0.35 + 0.65 * texture(static_shadow, v_shadow));
+    vec3 sun = clamp(v_sun.w + 0.8 * grain, 0.0, 1.0) * (LEAVES + (1.0 - LEAVES) * lit_at(v_shadow));
     finish((v_shade.rgb + v_sun.rgb * sun) * clamp(1.0 + 1.3 * grain, 0.25, 1.9), v_place.w, v_shade.w, 0u);
 }
 """
@@ -168,8 +211,12 @@ GROUND_FRAGMENT: Final = (
     _STATIC_FRAGMENT
     + """
 void main() {
-    float fine = texture(noise, v_place.xy * 0.31).r - 0.5;
-    float lit = texture(ground_light, v_place.xy * ground_light_from_map.x + ground_light_from_map.yz).r;
+    float fine = texture(noise, v_light * NOISE_PER_LIGHT).r - 0.5;
+#ifdef NIGHT
+    vec3 lit = texture(ground_light, v_light).rgb;
+#else
+    float lit = texture(ground_light, v_light).r;
+#endif
     vec3 light = (v_shade.rgb + v_sun.rgb * lit) * (1.0 + v_sun.w * fine);
 #ifdef NEAR
     vec2 joint = abs(fract(v_place.xy / 1.5) - 0.5) * 1.5;
@@ -183,9 +230,9 @@ void main() {
     vec3 view = normalize(v_place.xyz - eye.xyz);
     float facing = 1.0 + view.z;
     float fresnel = facing * facing; fresnel = fresnel * fresnel * facing;
-    float film_of_water = ground_light_from_map.w * clamp(0.65 - 2.6 * fine, 0.12, 1.0) * step(v_sun.w, 1.0);
+    float film_of_water = WETNESS * clamp(0.65 - 2.6 * fine, 0.12, 1.0) * step(v_sun.w, 1.0);
     float h = facing * facing; h = h * h;
-    light = mix(light, mix(zenith_colour.rgb, horizon_colour.rgb, h), (0.04 + 0.7 * fresnel) * film_of_water);
+    light = mix(light, mix(zenith_colour, horizon_colour, h), (0.04 + 0.7 * fresnel) * film_of_water);
 #endif
     finish(light, v_place.w, v_shade.w, 0u);
 }
@@ -207,7 +254,7 @@ void main() {
 #endif
     tone *= clamp(0.78 + 0.14 * v_place.z, 0.0, 1.0);
 #ifdef SHADOW
-    vec3 light = v_shade.rgb + v_sun.rgb * texture(static_shadow, v_shadow);
+    vec3 light = v_shade.rgb + v_sun.rgb * lit_at(v_shadow);
 #else
     vec3 light = v_shade.rgb;
 #endif
@@ -222,9 +269,3 @@ in vec3 in_position;
 void main() { gl_Position = clip_from_map * vec4(in_position, 1.0); }
 """
 SHADOW_FRAGMENT: Final = "#version 330 core\nvoid main() {}\n"
-
-
-def defined(source: str, *names: str) -> str:
-    """A shader with preprocessor names defined."""
-    lines = "".join(f"#define {name}\n" for name in names)
-    return source.replace("#version 330 core\n", "#version 330 core\n" + lines, 1)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from siren_ros.sensors.render import shaders
 from siren_ros.sensors.render.look import Look
+from siren_ros.sensors.render.preamble import defined
 from siren_ros.sensors.render.surface_light import (
     STATIC_FORMAT,
     STATIC_NAMES,
@@ -26,7 +27,7 @@ from siren_ros.sensors.scene.mesh import SignalLamp, StaticScene
 from siren_ros.world.units import NS_PER_S, time_ns_of_step
 
 CHUNK_M: Final = 24.0
-_SMALLEST_PX: Final = 0.1
+_SMALLEST_PX: Final = 0.4
 """Triangles that cover less of a picture are left out: most would meet no pixel's centre."""
 _BLINK_PERIOD_NS: Final = NS_PER_S
 """Yellow blinking signals: 60 flashes a minute, half on and half off (MUTCD 4L.01 demands 50–60 a minute)."""
@@ -44,17 +45,22 @@ class _Style:
     """Distance up to which they are drawn; beyond lies haze."""
     near_focals: float = 0.0
     """Details show up to this many metres per pixel of focal length; 0: there are none."""
+    far_fragment: str | None = None
+    """Farther away, where it is not the same without details."""
+    far_defines: tuple[str, ...] = ()
 
 
 _STYLE: Final = {
-    Shading.GLASS: _Style(shaders.GLASS_FRAGMENT, ("NORMAL", "SHADOW"), 220.0),
+    Shading.GLASS: _Style(
+        shaders.GLASS_FRAGMENT, ("NORMAL", "SHADOW"), 220.0, 0.06, shaders.FLAT_FRAGMENT, ("FLAT_MIRROR",)
+    ),
     Shading.DETAIL: _Style(shaders.MATTE_FRAGMENT, ("SHADOW",), 220.0),
     Shading.PLAIN: _Style(shaders.MATTE_FRAGMENT, ("SHADOW",)),
     Shading.WALL_SUNNY: _Style(shaders.WALL_FRAGMENT, ("NORMAL", "SHADOW"), near_focals=0.075),
     Shading.WALL_SHADY: _Style(shaders.WALL_FRAGMENT, ("NORMAL",), near_focals=0.075),
     Shading.FOLIAGE: _Style(shaders.FOLIAGE_FRAGMENT, ("SHADOW",), 300.0),
-    Shading.PAVING: _Style(shaders.GROUND_FRAGMENT, ("NORMAL",), near_focals=0.25),
-    Shading.GROUND: _Style(shaders.GROUND_FRAGMENT, ("NORMAL",)),
+    Shading.PAVING: _Style(shaders.GROUND_FRAGMENT, ("NORMAL", "LIGHT"), near_focals=0.25),
+    Shading.GROUND: _Style(shaders.GROUND_FRAGMENT, ("NORMAL", "LIGHT")),
 }
 
 
@@ -71,8 +77,8 @@ class _Draw:
 class StaticGeometry:
     """Static triangles sorted by program and chunk, and the signals' lamps that shine."""
 
-    def __init__(self, context: moderngl.Context, scene: StaticScene, look: Look, defines: tuple[str, ...]) -> None:
-        """Upload the scene once; ``defines`` hold for all programs."""
+    def __init__(self, context: moderngl.Context, scene: StaticScene, look: Look, constants: str) -> None:
+        """Upload the scene once; ``constants`` are a look's preamble of all shaders."""
         self._context = context
         mesh = scene.mesh
         shading = shading_of(mesh.material, mesh.normals, look)
@@ -100,17 +106,20 @@ class StaticGeometry:
             vertex_shader=shaders.STATIC_SHADOW_VERTEX, fragment_shader=shaders.SHADOW_FRAGMENT
         )
         self._draws = [
-            self._draw_of(shading, near, defines)
+            self._draw_of(shading, near, constants)
             for shading in Shading
             for near in ((True, False) if _STYLE[shading].near_focals else (False,))
         ]
-        self._lamps = _Lamps(context, scene.signal_lamps, indexed, look, defines)
+        self._lamps = _Lamps(context, scene.signal_lamps, indexed, look, constants)
         self._ranges: list[tuple[_Draw, int, int]] = []
 
-    def _draw_of(self, shading: Shading, near: bool, defines: tuple[str, ...]) -> _Draw:
+    def _draw_of(self, shading: Shading, near: bool, constants: str) -> _Draw:
         style = _STYLE[shading]
-        names = (*style.defines, *defines, *(("NEAR",) if near else ()))
-        program = _program(self._context, style.fragment, names)
+        if style.far_fragment is not None and not near:
+            fragment, names = style.far_fragment, style.far_defines
+        else:
+            fragment, names = style.fragment, (*style.defines, *(("NEAR",) if near else ()))
+        program = _program(self._context, fragment, constants, names)
         return _Draw(shading, near, program, _vertex_array(self._context, program, self._vertices, self._indices))
 
     @property
@@ -196,10 +205,10 @@ def _chunked(
     return order, np.append(starts, len(key)).astype(np.int64), key[starts, 0]
 
 
-def _program(context: moderngl.Context, fragment: str, defines: tuple[str, ...]) -> Any:
+def _program(context: moderngl.Context, fragment: str, constants: str, names: tuple[str, ...] = ()) -> Any:
     return context.program(
-        vertex_shader=shaders.defined(shaders.STATIC_VERTEX, *defines),
-        fragment_shader=shaders.defined(fragment, *defines),
+        vertex_shader=defined(shaders.STATIC_VERTEX, constants, *names),
+        fragment_shader=defined(fragment, constants, *names),
     )
 
 
@@ -222,7 +231,7 @@ class _Lamps:
         lamps: tuple[SignalLamp, ...],
         scene: IndexedMesh,
         look: Look,
-        defines: tuple[str, ...],
+        constants: str,
     ) -> None:
         self._lamps = lamps
         parts = [scene.triangles[lamp.start : lamp.stop] for lamp in lamps]
@@ -233,7 +242,7 @@ class _Lamps:
         vertices = static_vertices(scene.vertices[used], look, lit=True)
         buffer = context.buffer(vertices.tobytes() or bytes(STATIC_VERTEX.itemsize))
         self._indices = context.buffer(reserve=max(12, local.nbytes))
-        self.program = _program(context, shaders.LAMP_FRAGMENT, defines)
+        self.program = _program(context, shaders.FLAT_FRAGMENT, constants)
         self._array = _vertex_array(context, self.program, buffer, self._indices)
         self._shown: tuple[bool, ...] = ()
         self._count = 0

@@ -62,6 +62,13 @@ _OPEN_SKY: Final = 0.72
 """Share of the ambient light that reaches the ground also in the shade, where something hides part of the sky."""
 _WET_ROAD: Final = 0.55
 """Albedo of soaked asphalt relative to dry (0.05 against 0.09: Oke, Boundary Layer Climates, table 1.1, rounded)."""
+_LAMPS_ASIDE: Final = 0.55
+"""Share of the lamps' light on the ground that falls on walls beside it."""
+_CROWN_AT_NIGHT: Final = 0.45
+_LUMINAIRE: Final = (6.0, 4.8, 3.0)
+_ROOM_COLOUR: Final = (1.0, 0.72, 0.40)
+_ROOM_GLOW: Final = 2.2
+"""Rooms are lit behind curtains, which are warmer in colour than bare glass."""
 
 
 def _table(default: float, *entries: tuple[tuple[Material, ...], float]) -> Array:
@@ -88,7 +95,7 @@ _WETTED: Final = _table(0.0, ((*_ROAD, *_MARKING, Material.KERB, Material.SIDEWA
 def shading_of(material: npt.NDArray[np.uint8], normals: npt.NDArray[np.float32], look: Look) -> npt.NDArray[np.int64]:
     """Program of each triangle, shape ``(T,)``; normals have shape ``(T, 3)``."""
     shading = _SHADING[material].astype(np.int64)
-    shady = (shading == Shading.WALL_SUNNY) & (_towards_sun(normals, look) <= 0.0)
+    shady = (shading == Shading.WALL_SUNNY) & (_towards_sun(normals, look) <= 0.0) & (not look.lamps_lit)
     shading[shady] = Shading.WALL_SHADY
     return shading
 
@@ -106,6 +113,30 @@ def ambient_light(normals: npt.NDArray[np.floating[Any]], look: Look) -> Array:
     return look.ambient * (np.array(GROUND_AMBIENT) * (1.0 - up) + sky * up)
 
 
+def _full_light(look: Look) -> Array:
+    """Light that falls on what faces its source: the sun's, or at night all of what the lamps' texture says."""
+    return np.ones(3) if look.lamps_lit else np.array(look.sun_colour)
+
+
+def _direct(normals: npt.NDArray[np.float32], look: Look) -> Array:
+    """Light of the sun, or of lamps from above and all around, on surfaces of these normals, shape ``(N, 3)``."""
+    if look.lamps_lit:
+        facing = _LAMPS_ASIDE + (1.0 - _LAMPS_ASIDE) * normals[:, 2].astype(np.float64)
+    else:
+        facing = np.maximum(_towards_sun(normals, look), 0.0)
+    return np.asarray(facing[:, None] * _full_light(look))
+
+
+def _night_glow(material: npt.NDArray[np.uint8], colour: Array, look: Look) -> Array:
+    """What street lamps and the windows of lit rooms shine by themselves, shape ``(N, 3)``."""
+    glow = np.zeros_like(colour)
+    if look.lamps_lit:
+        glow[material == Material.STREET_LAMP] = _LUMINAIRE
+        rooms = (material == Material.BUILDING_GLASS) & (colour[:, 0] > colour[:, 2])
+        glow[rooms] = _ROOM_GLOW * colour[rooms] * np.array(_ROOM_COLOUR)
+    return glow
+
+
 def static_vertices(vertices: npt.NDArray[np.void], look: Look, *, lit: bool = False) -> npt.NDArray[np.void]:
     """Vertices (dtype ``vertices.VERTEX``) with their light, dtype ``STATIC_VERTEX``.
 
@@ -117,20 +148,20 @@ def static_vertices(vertices: npt.NDArray[np.void], look: Look, *, lit: bool = F
     material = vertices["normal_material"][:, 3].astype(np.uint8)
     normals = vertices["normal_material"][:, :3].astype(np.float32)
     colour = (vertices["colour"][:, :3].astype(np.float64) / 255.0) ** 2
-    emission = colour * 2.6 + 0.10 if lit else np.zeros_like(colour)
+    emission = colour * 2.6 + 0.10 if lit else _night_glow(material, colour, look)
     albedo = colour * (1.0 if lit else _BASE[material][:, None])
     albedo *= 1.0 - (1.0 - _WET_ROAD) * look.wetness * _WETTED[material][:, None]
     shading = _SHADING[material]
-    sun = np.maximum(_towards_sun(normals, look), 0.0)[:, None] * np.array(look.sun_colour)
+    sun = _direct(normals, look)
     sky = ambient_light(normals, look)
     ground = ((shading == Shading.GROUND) | (shading == Shading.PAVING))[:, None]
     foliage = shading == Shading.FOLIAGE
     out = np.zeros(len(vertices), STATIC_VERTEX)
     out["position"] = vertices["position"]
     out["shade"][:, :3] = albedo * sky * np.where(ground, _OPEN_SKY, 1.0) + emission
-    direct = np.where(foliage[:, None], np.array(look.sun_colour), sun)
+    direct = np.where(foliage[:, None], _full_light(look), sun)
     out["sun"][:, :3] = albedo * (direct + np.where(ground, 1.0 - _OPEN_SKY, 0.0) * sky)
-    crown = 0.75 * _towards_sun(normals, look) + 0.25
+    crown = np.full(len(normals), _CROWN_AT_NIGHT) if look.lamps_lit else 0.75 * _towards_sun(normals, look) + 0.25
     bricks = colour[:, 0] > 1.3 * colour[:, 2]
     wall = shading == Shading.WALL_SUNNY
     out["sun"][:, 3] = np.where(ground[:, 0], _GRAIN[material], np.where(foliage, crown, wall & bricks))

@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull
 
 from siren_ros.sensors.placement import Placement
 from siren_ros.sensors.render import vehicle_shaders
-from siren_ros.sensors.render.shaders import defined
+from siren_ros.sensors.render.preamble import defined
 from siren_ros.sensors.render.vertices import VERTEX, IndexedMesh, index_mesh
 from siren_ros.sensors.scene.material import SEMANTIC_CLASS_OF_MATERIAL, semantic_class_of_actor
 from siren_ros.sensors.scene.mesh import VehicleShape
@@ -24,6 +24,8 @@ _INSTANCE_FORMAT: Final = "4f 4f 4f 4f 2f 2u4/i"
 _INSTANCE_NAMES: Final = ("in_row_x", "in_row_y", "in_row_z", "in_paint", "in_motion", "in_actor")
 _ROOM: Final = 64
 """Vehicles of one class that the buffers first have room for."""
+Casters = tuple[tuple[int, npt.NDArray[np.void]], ...]
+"""Vehicles that throw shadows: their class and, dtype ``INSTANCE``, where they stand."""
 _SEMANTIC: Final = np.array([int(semantic_class_of_actor(kind)) for kind in ActorClass], np.float32)
 
 
@@ -59,12 +61,18 @@ def _indexed(shape: VehicleShape) -> IndexedMesh:
 def _hull(shape: VehicleShape) -> npt.NDArray[np.float32]:
     """Corners of a simple convex body's triangles that throws the shadow, shape ``(K, 3)``.
 
-    It spans the shape's extreme points in the 26 directions to a cube's corners, edges and faces.
+    It spans the shape's extreme points in the 26 directions to a cube's corners, edges and faces. Its triangles turn
+    counter-clockwise seen from outside: of both sides that cover the shadow one is drawn.
     """
     points = shape.at_rest.vertices_m.astype(np.float64)
     directions = np.array([d for d in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
     extreme = points[np.unique(np.argmax(directions @ points.T, axis=1))]
-    return extreme[ConvexHull(extreme).simplices].reshape(-1, 3).astype(np.float32)
+    hull = ConvexHull(extreme)
+    corners = extreme[hull.simplices]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = np.einsum("ij,ij->i", normals, hull.equations[:, :3]) < 0.0
+    corners[inward] = corners[inward][:, ::-1]
+    return corners.reshape(-1, 3).astype(np.float32)
 
 
 class _Class:
@@ -114,16 +122,18 @@ class VehicleGeometry:
         self,
         context: moderngl.Context,
         shapes: Mapping[ActorClass, VehicleShape],
-        shadow_program: Any,
-        defines: tuple[str, ...],
+        constants: str,
     ) -> None:
-        """Upload the shapes once; ``defines`` hold for the program."""
+        """Upload the shapes once; ``constants`` are a look's preamble of the program."""
         self.program = context.program(
-            vertex_shader=defined(vehicle_shaders.VEHICLE_VERTEX, *defines),
-            fragment_shader=defined(vehicle_shaders.VEHICLE_FRAGMENT, *defines),
+            vertex_shader=defined(vehicle_shaders.VEHICLE_VERTEX, constants),
+            fragment_shader=defined(vehicle_shaders.VEHICLE_FRAGMENT, constants),
+        )
+        self.shadow_program: Any = context.program(
+            vertex_shader=vehicle_shaders.GROUND_SHADOW_VERTEX, fragment_shader=vehicle_shaders.GROUND_SHADOW_FRAGMENT
         )
         self._classes = {
-            int(actor_class): _Class(context, shapes[actor_class], self.program, shadow_program)
+            int(actor_class): _Class(context, shapes[actor_class], self.program, self.shadow_program)
             for actor_class in sorted(shapes)
         }
         self._actor_class = np.empty(0, np.uint8)
@@ -145,7 +155,12 @@ class VehicleGeometry:
         for kind in dict.fromkeys(kinds.tolist()):
             self._classes[kind].draw(self._instances[nearest_first[kinds == kind]])
 
-    def draw_shadows(self, near: npt.NDArray[np.bool_]) -> None:
-        """Draw the hulls of some of the placed vehicles with the shadow program."""
-        for kind, entry in self._classes.items():
-            entry.draw_shadows(self._instances[near & (self._actor_class == kind)])
+    def casters(self, near: npt.NDArray[np.bool_]) -> Casters:
+        """Some of the placed vehicles by class."""
+        by_class = ((kind, self._instances[near & (self._actor_class == kind)]) for kind in self._classes)
+        return tuple((kind, instances) for kind, instances in by_class if len(instances))
+
+    def draw_shadows(self, casters: Casters) -> None:
+        """Draw the hulls of vehicles with the shadow program."""
+        for kind, instances in casters:
+            self._classes[kind].draw_shadows(instances)

@@ -1,6 +1,6 @@
 """Buildings: rectangular houses with windows, shop fronts and flat or gabled roofs."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -15,6 +15,9 @@ _WALL_RGB: Final = np.array(
      (132, 96, 80), (176, 184, 186), (222, 214, 200), (156, 134, 116)]
 )  # fmt: skip
 _GLASS_RGB: Final[Rgb] = (66, 84, 98)
+_CURTAIN_RGB: Final = np.array([(138, 134, 122), (148, 138, 116), (126, 122, 114), (142, 128, 110)])
+"""Panes with curtains behind them; at night, rooms with a light on."""
+_CURTAINED: Final = 0.4
 _DOOR_RGB: Final[Rgb] = (70, 54, 44)
 _STOREY_M: Final = 3.2
 _PROUD_M: Final = 0.03
@@ -46,15 +49,23 @@ def building(lot: Lot, rng: np.random.Generator, *, detailed: bool) -> Mesh:
     faces = [((0.0, half), (0.0, -half))]
     if detailed:
         faces += [((0.0, -half), (depth, -half)), ((depth, half), (0.0, half)), ((depth, -half), (depth, half))]
+    rooms = np.random.Generator(np.random.PCG64([abs(int(8.0 * lot.x_m)), abs(int(8.0 * lot.y_m))]))
     for number, (start, end) in enumerate(faces):
-        parts.append(_facade(start, end, storeys, height, ribbons=ribbons, shop=shop and number == 0))
+        parts.append(_facade(start, end, storeys, height, rooms, ribbons=ribbons, shop=shop and number == 0))
     c, s = float(np.cos(lot.heading_rad)), float(np.sin(lot.heading_rad))
     turn = np.array([(c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)])
     return Mesh.concatenate(parts).transformed(turn, (lot.x_m, lot.y_m, 0.0))
 
 
 def _facade(
-    start: tuple[float, float], end: tuple[float, float], storeys: int, height_m: float, *, ribbons: bool, shop: bool
+    start: tuple[float, float],
+    end: tuple[float, float],
+    storeys: int,
+    height_m: float,
+    rooms: np.random.Generator,
+    *,
+    ribbons: bool,
+    shop: bool,
 ) -> Mesh:
     """Window panes along a wall from ``start`` to ``end`` as seen from outside, left to right."""
     a, b = np.array(start), np.array(end)
@@ -76,10 +87,15 @@ def _facade(
     span = np.array(spans)
     along = (b - a) / length
     outward = np.array((along[1], -along[0])) * _PROUD_M
-    return _panes(a + outward, along, span)
+    return _panes(a + outward, along, span, rooms)
 
 
-def _panes(origin: npt.NDArray[np.float64], along: npt.NDArray[np.float64], span: npt.NDArray[np.float64]) -> Mesh:
+def _panes(
+    origin: npt.NDArray[np.float64],
+    along: npt.NDArray[np.float64],
+    span: npt.NDArray[np.float64],
+    rooms: np.random.Generator,
+) -> Mesh:
     left, right, low, high = span.T
     corners = np.empty((len(span), 4, 3))
     for k, (s, z) in enumerate(((left, low), (right, low), (right, high), (left, high))):
@@ -87,7 +103,10 @@ def _panes(origin: npt.NDArray[np.float64], along: npt.NDArray[np.float64], span
         corners[:, k, 2] = z
     base = np.arange(len(span))[:, None] * 4
     triangles = np.concatenate((base + np.array((0, 1, 2)), base + np.array((0, 2, 3))))
-    return Mesh.uniform(corners.reshape(-1, 3), triangles, Material.BUILDING_GLASS, _GLASS_RGB)
+    panes = Mesh.uniform(corners.reshape(-1, 3), triangles, Material.BUILDING_GLASS, _GLASS_RGB)
+    curtained = rooms.random(len(span))[:, None] < _CURTAINED
+    curtains = np.where(curtained, _CURTAIN_RGB[rooms.integers(len(_CURTAIN_RGB), size=len(span))], _GLASS_RGB)
+    return replace(panes, colour_rgb=np.concatenate((curtains, curtains)).astype(np.uint8))
 
 
 def _flat_roof(half_m: float, depth_m: float, height_m: float, wall: Rgb, rng: np.random.Generator) -> list[Mesh]:

@@ -61,6 +61,8 @@ def test_a_machine_without_egl_casts_rays_and_says_so(boxes: Any, monkeypatch: p
     assert len(rig.notes) == 1
     assert "no EGL here" in rig.notes[0]
     assert "cast rays" in rig.notes[0]
+    assert rig.account["notes"] == list(rig.notes)
+    assert "no OpenGL" in str(rig.account["pictures_by"])
     states, descriptions = boxes.actors((ActorClass.SEDAN, 0.0, 0.0, 0.0), (ActorClass.SEDAN, 12.0, 0.5, 0.1))
     seen = rig.observe(states, descriptions, (), 1)
     assert seen.frames[0].rgb.shape == (60, 80, 3)

@@ -1,0 +1,141 @@
+"""What sensors see at one instant of a recorded episode: every camera, and the LiDARs by height and by instance.
+
+The suite and the look may be others than those of the recording: a bag without sensors can be looked at too.
+"""
+
+from pathlib import Path
+from typing import Final
+
+import matplotlib as mpl
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.sensors.camera_model import Pinhole, optical_from_map
+from siren_ros.sensors.lidar import LidarSweep
+from siren_ros.sensors.mount import Mount
+from siren_ros.sensors.render.look import Look
+from siren_ros.sensors.rig import Observations, SensorRig
+from siren_ros.sensors.suite import SensorSuite
+from siren_ros.world.errors import InputError
+from siren_ros.world.units import steps_from_s
+
+_PANEL: Final = (800, 600)
+_COLUMNS: Final = 2
+_GAP_PX: Final = 8
+_BACKGROUND: Final = (16, 18, 26)
+_STATIC: Final = (84, 90, 100)
+_EYE: Final = Mount(-26.0, 0.0, 20.0, pitch_rad=float(np.radians(32.0)))
+"""Where the point cloud is looked at from, in the sensor's frame: behind and above."""
+_FOCAL_PX: Final = 560.0
+_HEIGHTS_M: Final = (-2.5, 9.0)
+_NEAREST_M: Final = 1.0
+
+Picture = npt.NDArray[np.uint8]
+
+
+def observe_at(
+    record: EpisodeRecord, time_s: float, suite: SensorSuite, look: Look, carrier_id: int | None = None
+) -> Observations:
+    """What a suite senses at a simulated time of an episode.
+
+    Args:
+        record: The episode.
+        time_s: Simulated time; the sensors measure at the last step before it at which all of them are due.
+        suite: Sensors.
+        look: Weather and time of day.
+        carrier_id: Who carries them; the first emergency vehicle where None.
+
+    Raises:
+        InputError: A time outside the episode, or a carrier that is not there at that time.
+    """
+    if not 0.0 <= time_s < record.duration_s:
+        raise InputError("time", time_s, f"a time from 0 to {record.duration_s:g} s")
+    rig = SensorRig(suite, record.network, record.description.seed, look=look, site=record.description.site)
+    row = min(steps_from_s(time_s), record.steps - 1) // rig.common_period_steps * rig.common_period_steps
+    states, traffic = record.states[row], record.traffic[row]
+    carrier = record.emv_ids[0] if carrier_id is None else carrier_id
+    if rig.station is None and carrier not in states.actor_id:
+        raise InputError("carrier", carrier, f"an actor that is on the map at {time_s:g} s")
+    return rig.observe(states, record.actors, traffic.signals, carrier)
+
+
+def sheet(seen: Observations) -> Picture:
+    """All pictures and point clouds side by side, shape ``(height, width, 3)``.
+
+    Raises:
+        InputError: A suite without cameras and LiDARs.
+    """
+    panels = [_fitted(frame.rgb) for frame in seen.frames]
+    for sweep in seen.sweeps:
+        panels.extend((cloud_by_height(sweep), cloud_by_instance(sweep)))
+    if not panels:
+        raise InputError("suite", "no cameras and no LiDARs", "a suite with a camera or a LiDAR")
+    width, height = _PANEL
+    rows = -(-len(panels) // _COLUMNS)
+    columns = min(_COLUMNS, len(panels))
+    whole = np.empty((rows * (height + _GAP_PX) - _GAP_PX, columns * (width + _GAP_PX) - _GAP_PX, 3), np.uint8)
+    whole[:] = _BACKGROUND
+    for number, panel in enumerate(panels):
+        top = number // _COLUMNS * (height + _GAP_PX)
+        left = number % _COLUMNS * (width + _GAP_PX)
+        whole[top : top + height, left : left + width] = panel
+    return whole
+
+
+def save_sheet(seen: Observations, path: Path) -> Path:
+    """Write a sheet as PNG or JPEG, as the path's name ends.
+
+    Raises:
+        InputError: A name with another ending, or a folder that is not there.
+    """
+    if path.suffix.lower() not in {".png", ".jpg", ".jpeg"}:
+        raise InputError("out", path, "a name that ends in .png or .jpg")
+    try:
+        Image.fromarray(sheet(seen)).save(path, optimize=True, quality=88)
+    except OSError as error:
+        raise InputError("out", path, f"a file that can be written ({error.strerror})") from None
+    return path
+
+
+def cloud_by_height(sweep: LidarSweep) -> Picture:
+    """A point cloud seen from behind and above, coloured by height."""
+    low, high = _HEIGHTS_M
+    share = np.clip((sweep.points["z"].astype(np.float64) - low) / (high - low), 0.0, 1.0)
+    return _cloud(sweep, _coloured("turbo", share))
+
+
+def cloud_by_instance(sweep: LidarSweep) -> Picture:
+    """The same, each vehicle in a colour of its own."""
+    instance = sweep.points["instance"].astype(np.int64)
+    colours = _coloured("hsv", instance * 0.618034 % 1.0)
+    colours[instance == 0] = _STATIC
+    return _cloud(sweep, colours)
+
+
+def _cloud(sweep: LidarSweep, colours: Picture) -> Picture:
+    camera = Pinhole(*_PANEL, _FOCAL_PX)
+    ones = np.ones(len(sweep.points))
+    points = np.stack([*(sweep.points[axis].astype(np.float64) for axis in "xyz"), ones], axis=1)
+    uv, depth = camera.project((points @ optical_from_map(_EYE.base_from_sensor).T)[:, :3])
+    picture = np.empty((camera.height, camera.width, 3), np.uint8)
+    picture[:] = _BACKGROUND
+    pixel = np.rint(uv).astype(np.int64)
+    shown = (depth > _NEAREST_M) & np.all((pixel >= 0) & (pixel < (camera.width, camera.height)), axis=1)
+    order = np.flatnonzero(shown)[np.argsort(-depth[shown], kind="stable")]
+    picture[pixel[order, 1], pixel[order, 0]] = colours[order]
+    return picture
+
+
+def _coloured(name: str, share: npt.NDArray[np.float64]) -> Picture:
+    return np.asarray(mpl.colormaps[name](share, bytes=True))[:, :3].copy()
+
+
+def _fitted(rgb: Picture) -> Picture:
+    """A picture of any size, shrunk to a panel's size and centred on it."""
+    image = Image.fromarray(rgb)
+    image.thumbnail(_PANEL)
+    panel = Image.new("RGB", _PANEL, _BACKGROUND)
+    panel.paste(image, ((_PANEL[0] - image.width) // 2, (_PANEL[1] - image.height) // 2))
+    return np.asarray(panel)

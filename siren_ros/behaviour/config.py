@@ -125,6 +125,16 @@ class PullOverConfig:
     """Standstill behind another vehicle after which a partly finished pull-over is held."""
     resume_gap_m: float = 4.0
     """Free space ahead with which a partly finished pull-over goes on."""
+    room_after_s: float = 1.5
+    """Standstill of the EMV behind a vehicle after which its driver goes on along the edge to make room."""
+    room_range_m: float = 25.0
+    """Distance to the standing EMV within which room is made."""
+    room_gap_m: float = 2.5
+    """Free space ahead with which a driver goes on to make room."""
+    room_standstill_gap_m: float = 1.0
+    """Gap to the vehicle ahead at which the driver then stops."""
+    room_over_line_m: float = 4.0
+    """How far the front then reaches over the stop line."""
     settle_length_m: float = 4.0
     """Straight piece after the lateral move."""
 
@@ -145,6 +155,12 @@ class CorridorConfig:
     """A vehicle that decelerates more than this is braking."""
     side_margin_m: float = 0.05
     """The navigator's side margin in the corridor."""
+    squeezes: tuple[tuple[float, float], ...] = ((0.25, 8.4), (0.15, 6.0), (0.1, 3.0))
+    """Distances to the vehicles beside, in metres, and the speed from each on in m/s."""
+    clearance_m: float = 0.1
+    """Places with less than this on a side are left to the gap escape."""
+    stop_short_m: float = 5.0
+    """Distance kept from the place where the corridor becomes too narrow for the EMV's footprint."""
 
 
 @dataclass(frozen=True)
@@ -152,13 +168,48 @@ class GapEscapeConfig:
     """Search of the gap escape."""
 
     replan_s: float = 0.5
+    replan_below_m: float = 15.0
+    """A free path is kept while more than this is left of it."""
     horizon_m: float = 30.0
     progress_min_m: float = 8.0
     """Shortest free path worth driving."""
-    clearance_m: float = 0.25
-    """Margin around the footprint."""
-    offset_step_m: float = 0.3
-    merge_lengths_m: tuple[float, ...] = (6.0, 7.5, 9.0, 11.0, 14.0)
+    usable_m: float = 1.0
+    """Free way with which the present path is driven on where no other one is found."""
+    squeezes: tuple[tuple[float, float], ...] = ((0.3, 5.6), (0.15, 3.0), (0.08, 1.5))
+    """Margins around the footprint in metres, the wider first, and the speed with each in m/s."""
+    squeeze_cost_m: float = 6.0
+    """Way that a tighter margin must gain."""
+    station_m: float = 1.5
+    """Distance between the stations of the search."""
+    slope_step: float = 0.1
+    """Steps in the direction of a path, relative to the road."""
+    way_worth: float = 2.0
+    """What a metre of way is worth against the prices below."""
+    slope_cost: float = 0.5
+    turn_cost: float = 0.15
+    offset_cost: float = 0.02
+    sweep_s: float = 1.5
+    """Time over which moving vehicles are swept ahead in the search."""
+    watch_s: float = 0.8
+    """The same for the watch on the path that is driven."""
+    oncoming_factor: float = 2.5
+    """By how much longer vehicles are swept that do not go in the EMV's direction."""
+    brake_mps2: float = 2.5
+    """Deceleration laid out for tight places and stops on the path."""
+    bend_accel_mps2: float = 1.2
+    """Lateral acceleration in the bends of an escape path: slow enough to keep the margins."""
+    steer_share: float = 0.5
+    """Part of the steering's rate that an escape path may ask for, relative to other paths."""
+    off_path_m: float = 0.3
+    """Distance from the path at which another one is looked for."""
+    edge_overhang_m: float = 0.3
+    """How far the outline above the wheels may reach over the edge of the road."""
+    touch_m: float = 0.03
+    """Margin below which the path counts as blocked."""
+    stop_short_m: float = 0.4
+    """Distance kept from the place on its path at which the EMV would touch somebody."""
+    leader_brake_mps2: float = 4.0
+    """Deceleration expected of vehicles ahead that move in the EMV's direction."""
     blocker_range_m: float = 15.0
     """While the escape is active: free way in the EMV's lane below which the vehicle ahead still blocks it."""
     opposite_cost_m: float = 30.0

@@ -79,6 +79,10 @@ class Curve:
         """Headings at arc lengths, unwrapped."""
         return np.interp(s_m, self.spacing_m * np.arange(len(self.points)), self.heading_rad)
 
+    def curvature_at(self, s_m: Floats) -> Floats:
+        """Curvatures at arc lengths."""
+        return np.interp(s_m, self.spacing_m * np.arange(len(self.points)), self.curvature_1pm)
+
     def offset_at(self, s_m: Floats, left_m: Floats) -> npt.NDArray[np.float64]:
         """Points at arc lengths moved sideways, left positive; shape ``(..., 2)``."""
         heading = self.heading_at(s_m)

@@ -10,9 +10,10 @@ from siren_ros.behaviour.corridor import corridor_mode, corridor_path
 from siren_ros.behaviour.emv_lane_change import Outcome, cancel_lane_change, complete_lane_change, forced_lane_change
 from siren_ros.behaviour.emv_route import plan_route, present_lane
 from siren_ros.behaviour.emv_unit import EmvUnit
-from siren_ros.behaviour.gap_escape import escape_path, gap_escape_mode
+from siren_ros.behaviour.gap_escape import escape_path, escape_speed_mps, gap_escape_mode
 from siren_ros.behaviour.lane_path import LaneEnd
 from siren_ros.behaviour.navigator import DriveCommand, Situation, navigate
+from siren_ros.behaviour.passage import passage_blocker, passage_limit
 from siren_ros.behaviour.surroundings import ActorTable, Surroundings
 from siren_ros.behaviour.world import BehaviourWorld, StepView
 from siren_ros.world.actors import Lights, Mode, Owner
@@ -78,13 +79,12 @@ def mode_of(unit: EmvUnit) -> Mode:
     return Mode.FORCED_LANE_CHANGE if unit.lane_change_forced else Mode.ROUTE_FOLLOW
 
 
-def target_speed_mps(unit: EmvUnit, world: BehaviourWorld) -> float:
-    """Guard 5: target speed by priority (paper, table of target speeds); 0 while a gap escape finds no way."""
-    speeds = world.speeds
-    if unit.gap_escape_active and unit.escape_offset_m is None:
-        return 0.0
+def target_speed_mps(unit: EmvUnit, view: StepView) -> float:
+    """Guard 5: target speed by priority (paper, table of target speeds)."""
+    if unit.gap_escape_active:
+        return escape_speed_mps(unit, view)
+    speeds = view.world.speeds
     return {
-        Mode.GAP_ESCAPE: speeds.emv_gap_escape_mps,
         Mode.COPY_SUMO: speeds.emv_copy_sumo_mps,
         Mode.FORCED_LANE_CHANGE: speeds.emv_lane_change_mps,
     }.get(mode_of(unit), speeds.emv_route_follow_mps)
@@ -103,15 +103,17 @@ def _step_unit(unit: EmvUnit, row: int, view: StepView) -> tuple[EmvUnit, DriveC
         config = replace(config, standstill_gap_m=view.world.config.emv.escape_gap_m)
     if unit.corridor:
         config = replace(config, side_margin_m=view.world.config.corridor.side_margin_m)
+    limit = passage_limit(unit, row, view)
     situation = Situation(
         seen=view.seen,
         row=row,
         vehicle=view.vehicle(row),
-        target_mps=target_speed_mps(unit, view.world),
+        target_mps=target_speed_mps(unit, view),
         watch=not unit.gap_escape_active,
+        limit=limit,
     )
     navigator, command, snapshot = navigate(unit.navigator, situation, config)
-    return replace(unit, navigator=navigator, snapshot=snapshot), command, events
+    return replace(unit, navigator=navigator, snapshot=passage_blocker(snapshot, limit)), command, events
 
 
 def waypoints(unit: EmvUnit, row: int, view: StepView) -> Outcome:

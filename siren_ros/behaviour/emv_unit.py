@@ -43,6 +43,8 @@ class EmvUnit:
     escape_planned_step: int = NEVER
     escape_offset_m: float | None = None
     """Where the escape path leads beside the route; None while no free path exists."""
+    escape_clearance_m: float = 0.0
+    """Margin that the escape path keeps."""
     corridor: bool = False
     corridor_seen_step: int = NEVER
     corridor_planned_step: int = NEVER

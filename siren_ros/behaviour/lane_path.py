@@ -216,6 +216,8 @@ class RoadLimits:
     left_m: float
     opposite_m: float
     """Width of the nearest opposite lane, 0 without one."""
+    opposite_road_m: float
+    """Width of all opposite driving lanes."""
 
 
 def road_limits(network: RoadNetwork, lane: int) -> RoadLimits:
@@ -228,11 +230,11 @@ def road_limits(network: RoadNetwork, lane: int) -> RoadLimits:
     ends = (edge.to_junction, edge.from_junction)
     opposite = next(
         (
-            network.lanes[other.lanes[-1]].width_m
+            [network.lanes[item].width_m for item in other.lanes if network.lanes[item].kind is LaneKind.DRIVING]
             for other in network.edges
             if (other.from_junction, other.to_junction) == ends and not other.internal and not edge.internal
         ),
-        0.0,
+        [],
     )
     shoulders = sum(item.width_m for item in lanes if item.kind is LaneKind.SHOULDER)
-    return RoadLimits(right, right + shoulders, left, opposite)
+    return RoadLimits(right, right + shoulders, left, opposite[-1] if opposite else 0.0, sum(opposite))

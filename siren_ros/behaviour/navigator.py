@@ -1,16 +1,19 @@
 """The waypoint navigator: the one controller that drives every vehicle that SUMO does not drive."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from siren_ros.behaviour.collision_watch import CollisionSnapshot, watch_path
 from siren_ros.behaviour.config import NavigatorConfig
+from siren_ros.behaviour.free_space import SpeedLimit
 from siren_ros.behaviour.path_tracking import steer_along
 from siren_ros.behaviour.speed_control import press_pedals
 from siren_ros.behaviour.surroundings import Surroundings
 from siren_ros.behaviour.tracked_path import TrackedPath
 from siren_ros.dynamics.parameters import VehicleParameters
 
+_ROLLING_MPS: Final = 0.3
+"""Slower vehicles come to a stand without more braking."""
 DONE_M: Final = 0.5
 """Distance from the path's end at which the path counts as driven."""
 
@@ -66,6 +69,8 @@ class Situation:
     target_mps: float
     watch: bool = True
     """Whether the collision handling is on."""
+    limit: SpeedLimit = field(default_factory=SpeedLimit)
+    """Besides the target and the path's own limits."""
 
 
 def navigate(
@@ -87,6 +92,9 @@ def navigate(
     must_brake = 0.0
     if threat is not None:
         wanted, must_brake = min(wanted, threat.safe_speed_mps), threat.must_brake_mps2
+    wanted = min(wanted, situation.limit.speed_mps)
+    if speed > _ROLLING_MPS:
+        must_brake = max(must_brake, situation.limit.brake_mps2)
     pedals = press_pedals(speed, wanted, must_brake, state.integral_mps2, situation.vehicle, config)
     steer = steer_along(path, progress, left, float(seen.yaw_rad[row]), speed, situation.vehicle, config)
     return (

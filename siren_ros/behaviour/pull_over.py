@@ -4,9 +4,10 @@ import math
 from dataclasses import replace
 from typing import Final
 
-from siren_ros.behaviour.lane_change import Refusal, gaps_in_lane, offset_in_lane
+from siren_ros.behaviour.lane_change import Refusal, offset_in_lane
 from siren_ros.behaviour.lane_foot import lane_foot
-from siren_ros.behaviour.lane_path import lanes_along, neighbour_lane, path_on_lanes
+from siren_ros.behaviour.lane_path import LaneEnd, LanePath, lanes_along, neighbour_lane, path_on_lanes
+from siren_ros.behaviour.making_room import makes_room, may_go_on
 from siren_ros.behaviour.navigator import FULL_BRAKE, DriveCommand, NavigatorState, Situation, navigate
 from siren_ros.behaviour.path_blend import PEAK_CURVATURE, blend_length_m, path_onto
 from siren_ros.behaviour.rejoin import start_rejoin
@@ -24,14 +25,20 @@ _PULL_OVER_MPS: Final = 1.5
 _SETTLED_M: Final = 0.5
 _AT_EDGE_M: Final = 0.05
 """Distance from the wanted offset at which the target counts as reached before the lateral move has ended."""
+_LEAST_WAY_M: Final = 2.0
+"""Way that is worth starting for to make room."""
 _LOOK_AGAIN_STEPS: Final = steps_from_s(0.5)
 
 
 def start_pull_over(unit: YieldUnit, row: int, view: StepView) -> Outcome:
-    """Starts the pull-over, except on a junction or where the vehicle cannot stop before the next one."""
+    """Starts the pull-over, except where the vehicle cannot stop before the next junction or drives on one.
+
+    A vehicle that stands on a junction in the way of a standing EMV starts too.
+    """
     network, config = view.world.network, view.world.config.pull_over
     lane = int(view.traffic.lane[row])
-    if lane == NO_LANE or network.lanes[lane].kind is LaneKind.INTERNAL:
+    stuck = makes_room(unit, view) and standing(view, row)
+    if lane == NO_LANE or (network.lanes[lane].kind is LaneKind.INTERNAL and not stuck):
         return defer(unit, row, view, Refusal.JUNCTION.value)
     side = unit.side or alignment_of(view, lane)
     unit = replace(unit, side=side)
@@ -94,18 +101,31 @@ def pull_over_path(unit: YieldUnit, row: int, lane: int, view: StepView) -> Trac
     moving = min(max(speed, _PULL_OVER_MPS), view.world.speeds.civilian_pull_over_mps)
     steerable = blend_length_m(offset - left, moving, 0.0, 0.0, navigator)
     wanted = max(config.length_min_m, sharpest, steerable)
-    route = view.traffic.route_of_row(row)
     length = wanted + config.settle_length_m
     half_length = float(view.seen.half_length_m[row])
-    lanes, end = lanes_along(
-        network, lane, position, route, length + half_length, civilian=True, through_junctions=False
-    )
-    reference = path_on_lanes(network, lanes, end, position - 2.0, 2.0 + length + half_length)
+    reference = _line_ahead(unit, row, lane, position, length + half_length, view)
     room = reference.curve.length_m - 2.0 - half_length
     if room < 2.0:
         return None
     merge = max(min(wanted, room), min(sharpest, wanted))
     return path_onto(reference, (x, y, yaw), merge, navigator, offset_m=offset, shorten_m=half_length)
+
+
+def _line_ahead(unit: YieldUnit, row: int, lane: int, position_m: float, ahead_m: float, view: StepView) -> LanePath:
+    """The lane's line to the next junction, and a little way over the stop line where the EMV needs the room.
+
+    Vehicles that stand partly on a shoulder stay before the line: the shoulder does not lead across the junction.
+    """
+    network, route = view.world.network, view.traffic.route_of_row(row)
+    lanes, end = lanes_along(network, lane, position_m, route, ahead_m, civilian=True, through_junctions=False)
+    ahead = ahead_m
+    beside = neighbour_lane(network, lane, unit.side)
+    on_road = beside == NO_LANE or network.lanes[beside].civilian_allowed
+    if end is LaneEnd.JUNCTION and on_road and makes_room(unit, view):
+        to_line = sum(network.lanes[item].length_m for item in lanes) - position_m
+        ahead = min(ahead_m, max(to_line, 0.0) + view.world.config.pull_over.room_over_line_m)
+        lanes, end = lanes_along(network, lane, position_m, route, ahead, civilian=True)
+    return path_on_lanes(network, lanes, end, position_m - 2.0, 2.0 + ahead)
 
 
 def pull_over(unit: YieldUnit, row: int, view: StepView, emv: EmvView) -> Outcome:
@@ -122,7 +142,8 @@ def pull_over(unit: YieldUnit, row: int, view: StepView, emv: EmvView) -> Outcom
     reached = abs(offset - wanted) <= (config.reached_m if settled else _AT_EDGE_M)
     stopped = unit.stopped_steps + 1 if standing(view, row) else 0
     unit = replace(unit, stopped_steps=stopped)
-    if reached and aligned:
+    going_on = makes_room(unit, view) and not unit.navigator.done
+    if reached and aligned and not going_on:
         return _hold_now(unit, row, view, offset, partial=False)
     if stopped >= steps_from_s(config.blocked_hold_s):
         return _hold_now(unit, row, view, offset, partial=True)
@@ -138,11 +159,12 @@ def hold(unit: YieldUnit, row: int, view: StepView, emv: EmvView) -> Outcome:
     """Stands with full brake and hand brake; goes on where a pull-over was cut short and the way is free again."""
     if emv.passed or not emv.in_region:
         return _given_up(unit, row, view, emv)
-    if unit.partial and view.step % _LOOK_AGAIN_STEPS == unit.actor_id % _LOOK_AGAIN_STEPS:
-        lane = lane_of(unit, row, view)
-        free = gaps_in_lane(view, row, lane).front_m
-        path = pull_over_path(unit, row, lane, view) if free > view.world.config.pull_over.resume_gap_m else None
-        if path is not None and path.length_m > view.world.config.pull_over.length_min_m:
+    lane = lane_of(unit, row, view)
+    looks = view.step % _LOOK_AGAIN_STEPS == unit.actor_id % _LOOK_AGAIN_STEPS
+    if looks and may_go_on(unit, row, lane, view):
+        path = pull_over_path(unit, row, lane, view)
+        least = _LEAST_WAY_M if makes_room(unit, view) else view.world.config.pull_over.length_min_m
+        if path is not None and path.length_m > least:
             x, y, _ = view.pose(row)
             navigator = unit.navigator.following(path, x, y)
             unit = replace(unit, phase=Mode.YIELD_PULL_OVER, navigator=navigator, partial=False, stopped_steps=0)
@@ -175,5 +197,8 @@ def _given_up(unit: YieldUnit, row: int, view: StepView, emv: EmvView) -> Outcom
 
 def _drive(unit: YieldUnit, row: int, view: StepView) -> Outcome:
     situation = Situation(view.seen, row, view.vehicle(row), view.world.speeds.civilian_pull_over_mps)
-    navigator, command, _ = navigate(unit.navigator, situation, view.world.config.civilian_navigator)
+    config = view.world.config.civilian_navigator
+    if makes_room(unit, view):
+        config = replace(config, standstill_gap_m=view.world.config.pull_over.room_standstill_gap_m)
+    navigator, command, _ = navigate(unit.navigator, situation, config)
     return Outcome(replace(unit, navigator=navigator), command)

@@ -39,6 +39,8 @@ class YieldUnit:
     """Start of the present deferral."""
     seek: int = 0
     """How a gap is sought while deferred: +1 drawing ahead, −1 falling back, 0 not."""
+    emv_waits_steps: int = 0
+    """Steps for which the EMV has been standing behind the vehicle."""
     partial: bool = False
     """Whether the hold ended a pull-over early, behind a standing vehicle."""
 

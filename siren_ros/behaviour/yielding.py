@@ -10,6 +10,7 @@ import numpy.typing as npt
 from siren_ros.behaviour.config import YieldTrigger
 from siren_ros.behaviour.drivers import Compliance, Driver, draw_driver
 from siren_ros.behaviour.emv_ahead import EmvAhead, emv_fully_passed, free_way_m, region_members
+from siren_ros.behaviour.making_room import emv_waits_behind
 from siren_ros.behaviour.navigator import DriveCommand
 from siren_ros.behaviour.pull_over import hold, pull_over, start_pull_over
 from siren_ros.behaviour.rejoin import rejoin
@@ -160,6 +161,8 @@ def _step_unit(unit: YieldUnit, row: int, scenes: dict[int, _EmvScene], view: St
     emv = _emv_of(unit, row, scenes, view)
     if unit.phase is Mode.NOMINAL:
         return Outcome(None if emv.passed or not emv.in_region else unit)
+    waits = not emv.passed and emv_waits_behind(view, row, emv.row)
+    unit = replace(unit, emv_waits_steps=unit.emv_waits_steps + 1 if waits else 0)
     return _PHASES.get(unit.phase, _before_start)(unit, row, view, emv)
 
 

@@ -58,8 +58,8 @@ def plan_traffic(
         MapError: the map has no room for the civilians, or the site none for the EMVs' start.
         InputError: dimensions of a vehicle class are missing.
     """
-    factory = VehicleFactory(network, drivers, dimensions)
     config = config or DemandConfig()
+    factory = VehicleFactory(network, drivers, dimensions, config)
     emv = template.emv
     headway_m = factory.size(emv.actor_class)[0] + emv.headway_s * emv.depart_speed_mps
     start_m = start_m_of(network, site, emv)
@@ -164,7 +164,7 @@ class _Planner:
             if disjoint:
                 occupied.setdefault(lane.index, []).append((front - length, front))
             driver = self._factory.draw_driver(actor_class, rng, self._template.demand.speed_factor)
-            route = self._factory.draw_route((lane.edge,), self._route_m, rng)
+            route = self._factory.draw_route((lane.edge,), self._route_m, rng, lane.index, actor_class)
             wished = min(driver.speed_factor * lane.speed_limit_mps, driver.driving.max_speed_mps)
             spot = Spot(lane.index, front, min(self._config.depart_speed_share * wished, self._stoppable(lane, front)))
             found.append(self._factory.civilian(f"{purpose}{number}", actor_class, driver, route, spot, rng))

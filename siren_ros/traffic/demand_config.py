@@ -34,3 +34,11 @@ class DemandConfig:
     """With which it drives through bends, for the same."""
     emv_clearance_m: float = 10.0
     """Least gap between the EMV's front and the rear of a vehicle in its lane at the start."""
+    turn_weight: float = 0.35
+    """Chance of a turn at a junction, per lane that leads there, relative to straight on: about three of four drivers
+    go straight on where three lanes lead straight, left and right (typical value of urban turning counts)."""
+    long_vehicle_m: float = 8.0
+    """Longer vehicles…"""
+    long_vehicle_radius_m: float = 12.5
+    """…take no bend tighter than this: the centre of a turning lane that a 12 m bus follows without swinging out
+    (Directive 97/27/EC: outer turning radius of 12.5 m at most)."""

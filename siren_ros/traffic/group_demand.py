@@ -93,7 +93,7 @@ class _GroupPlanner:
         edges = row.edges[row.edges.index(self.network.lanes[lane].edge) :]
         driver = self.factory.draw_driver(actor_class, rng)
         driver = replace(driver, speed_factor=speed / self.network.lanes[lane].speed_limit_mps)
-        route = self.factory.draw_route(edges, self._route_m, rng)
+        route = self.factory.draw_route(edges, self._route_m, rng, lane, actor_class)
         spot = Spot(lane, front, 0.0 if group.standing else speed)
         return self.factory.civilian(f"{group.name}{number}", actor_class, driver, route, spot, rng)
 

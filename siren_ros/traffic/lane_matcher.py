@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.world.geometry import wrap_angle
-from siren_ros.world.road_network import NO_LANE, LaneKind, RoadNetwork
+from siren_ros.world.road_network import NO_LANE, Lane, LaneKind, RoadNetwork
 
 _DRIVABLE = frozenset({LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL})
 
@@ -41,7 +41,8 @@ class _Corridor:
     arc_m: npt.NDArray[np.float64]
     lane: npt.NDArray[np.int32]
     edge: npt.NDArray[np.int32]
-    half_width_m: npt.NDArray[np.float64]
+    reach_m: npt.NDArray[np.float64]
+    """Distance from the centre line up to which a point belongs to the lane."""
 
 
 class LaneMatcher:
@@ -51,6 +52,7 @@ class LaneMatcher:
         self,
         network: RoadNetwork,
         sideways_m: float = 1.2,
+        junction_sideways_m: float = 5.0,
         heading_limit_rad: float = 1.2,
         stay_m: float = 0.1,
     ) -> None:
@@ -59,11 +61,14 @@ class LaneMatcher:
         Args:
             network: The map.
             sideways_m: A point this far beside a lane's edge still belongs to it.
+            junction_sideways_m: The same on junctions, which are road between the paths too; libsumo 1.28 was seen to
+                crash with a vehicle taken off the road there.
             heading_limit_rad: Lanes that run further off the vehicle's heading are left out.
             stay_m: A lane beside the present one has to be nearer by this much to take over.
         """
         self._network = network
         self._sideways_m = sideways_m
+        self._junction_sideways_m = junction_sideways_m
         self._heading_limit_rad = heading_limit_rad
         self._stay_m = stay_m
         self._corridors: dict[tuple[int, ...], _Corridor] = {}
@@ -88,7 +93,7 @@ class LaneMatcher:
         miss = relative - clipped[:, None] * unit
         distance = np.hypot(miss[:, 0], miss[:, 1])
         turned = np.abs(wrap_angle(corridor.heading_rad - yaw_rad)) > self._heading_limit_rad
-        distance = np.where(turned | (distance > corridor.half_width_m + self._sideways_m), np.inf, distance)
+        distance = np.where(turned | (distance > corridor.reach_m), np.inf, distance)
         if present_lane != NO_LANE:
             beside = (corridor.edge == self._network.lanes[present_lane].edge) & (corridor.lane != present_lane)
             distance = distance + np.where(beside, self._stay_m, 0.0)
@@ -119,5 +124,9 @@ class LaneMatcher:
             arc_m=np.concatenate([lane.centre.arc_m[:-1] for lane in lanes]),
             lane=np.repeat(np.array([lane.index for lane in lanes], dtype=np.int32), counts),
             edge=np.repeat(np.array([lane.edge for lane in lanes], dtype=np.int32), counts),
-            half_width_m=np.repeat([lane.width_m / 2.0 for lane in lanes], counts),
+            reach_m=np.repeat([self._reach_m(lane) for lane in lanes], counts),
         )
+
+    def _reach_m(self, lane: Lane) -> float:
+        beside_m = self._junction_sideways_m if lane.kind is LaneKind.INTERNAL else self._sideways_m
+        return lane.width_m / 2.0 + beside_m

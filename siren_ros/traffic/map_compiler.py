@@ -37,7 +37,13 @@ _TOWN_FILES: Final = (
 )
 _TOWN: Final = (*_COMMON, "--offset.disable-normalization", "--junctions.corner-detail", "8")
 _OPENDRIVE: Final = (*_COMMON, "--opendrive.import-all-lanes", "--offset.disable-normalization")
-_OPENDRIVE_SECOND: Final = (*_COMMON, "--tls.rebuild", "--offset.disable-normalization")
+_OPENDRIVE_SECOND: Final = (
+    *_COMMON,
+    "--offset.disable-normalization",
+    # One approach after the other, as the controllers in CARLA's maps group the signals, and as CARLA switches them.
+    # 120 s is what netconvert aims at; the cycles come out at 100 to 110 s, usual for three and four phases.
+    *("--tls.rebuild", "--tls.layout", "incoming", "--tls.cycle.time", "120"),
+)
 _OPENSTREETMAP: Final = (
     *_COMMON,
     *("--keep-edges.by-vclass", "passenger", "--keep-edges.components", "1"),

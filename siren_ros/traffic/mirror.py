@@ -10,7 +10,7 @@ import numpy as np
 from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.lane_matcher import LaneMatch, LaneMatcher
 from siren_ros.traffic.plan import PlannedVehicle
-from siren_ros.traffic.population import Population
+from siren_ros.traffic.population import Population, route_id
 from siren_ros.traffic.sumo_frames import sumo_from_map
 from siren_ros.world.actors import ActorStates, Mode, Owner
 from siren_ros.world.errors import EpisodeError
@@ -22,9 +22,12 @@ DEFAULT_LANE_CHANGE_MODE: Final = 1621
 KEEP_LANE_CHANGE_MODE: Final = 1536
 """All reasons for a lane change off; respecting others and alignment within the lane stay on."""
 DEFAULT_SPEED_MODE: Final = 31
-_MATCH_ON_ROAD: Final = 6
-"""``keepRoute`` of moveToXY: exact place (2) on any lane of the road whoever it is for (4); with the lane named the
-route stays. Without the 4, libsumo 1.28 was seen to crash with a civilian mirrored onto a shoulder."""
+_MATCH_ON_ROAD: Final = 2
+"""``keepRoute`` of moveToXY: exact place (2) on a lane that is open to the vehicle; with the lane named the route
+stays."""
+_MATCH_ON_SHOULDER: Final = 6
+"""The same on any lane whoever it is for (4). Without the 4, libsumo 1.28 was seen to crash with a civilian mirrored
+onto a shoulder; with it elsewhere, with a vehicle that SUMO matched to a pedestrian crossing."""
 _KEEP_ROUTE_OFF_ROAD: Final = 3
 """``keepRoute`` of moveToXY: exact place even off the road, the route stays whatever the place."""
 _EDGES_TO_MATCH: Final = 3
@@ -128,16 +131,27 @@ class Mirror:
             place = Place(float(x), float(y), float(angle), match)
         # SUMO derives a moved vehicle's speed from lane positions, which differ from lane to lane.
         self._set_speed(vehicle.name, place.match.lane, float(states.speed_mps[row]))
-        self._move(vehicle.name, place)
+        self._restore_route(vehicle)
+        self._move(vehicle, place)
         self.places[vehicle.name] = place
 
-    def _move(self, name: str, place: Place) -> None:
+    def _restore_route(self, vehicle: PlannedVehicle) -> None:
+        """Give a vehicle its planned route back, where SUMO made it another one for the lane that it found it on."""
+        planned = route_id(vehicle.name)
+        if libsumo.vehicle.getRouteID(vehicle.name) == planned or not _is_simple(vehicle.route):
+            return
+        if libsumo.vehicle.getRoadID(vehicle.name) in vehicle.route:
+            libsumo.vehicle.setRouteID(vehicle.name, planned)
+
+    def _move(self, vehicle: PlannedVehicle, place: Place) -> None:
+        name = vehicle.name
         if place.match.lane == NO_LANE:
             libsumo.vehicle.moveToXY(name, "", -1, place.x_m, place.y_m, place.angle_deg, _KEEP_ROUTE_OFF_ROAD)
             return
         lane = self._network.lanes[place.match.lane]
         edge_id = self._network.edges[lane.edge].edge_id
-        libsumo.vehicle.moveToXY(name, edge_id, lane.position, place.x_m, place.y_m, place.angle_deg, _MATCH_ON_ROAD)
+        keep = _MATCH_ON_ROAD if lane.civilian_allowed else _MATCH_ON_SHOULDER
+        libsumo.vehicle.moveToXY(name, edge_id, lane.position, place.x_m, place.y_m, place.angle_deg, keep)
 
     def _set_speed(self, name: str, lane: int, speed_mps: float) -> None:
         """Tell SUMO the vehicle's speed, along the nominal length of its lane."""
@@ -168,3 +182,8 @@ class Mirror:
         elif bound is not None:
             libsumo.vehicle.setSpeedFactor(name, self._bound.pop(name).own_speed_factor)
             libsumo.vehicle.setLaneChangeMode(name, DEFAULT_LANE_CHANGE_MODE)
+
+
+def _is_simple(route: Sequence[str]) -> bool:
+    """Whether a route visits no edge twice: else SUMO may find a vehicle at the later visit."""
+    return len(frozenset(route)) == len(route)

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping
 from functools import cached_property
 
 import libsumo
+import numpy as np
 
 from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.plan import LaneInterval, PlannedVehicle, Spot, TrafficPlan
@@ -12,6 +13,11 @@ from siren_ros.traffic.readings import SUBSCRIBED
 from siren_ros.traffic.vehicle_types import type_id
 from siren_ros.world.polyline import Polyline
 from siren_ros.world.road_network import RoadNetwork
+
+
+def route_id(name: str) -> str:
+    """Name of a vehicle's planned route in SUMO."""
+    return f"route.{name}"
 
 
 class Population:
@@ -37,8 +43,9 @@ class Population:
 
     def enter_stage(self) -> None:
         """Clear the stage, enter groups and EMVs on it, and fill up the background elsewhere."""
-        for name, vehicle in list(self.vehicles.items()):
-            if not vehicle.is_emv and self._on_stage(name, self._plan.stage):
+        entering = [self._centre_of(vehicle) for vehicle in (*self._plan.emvs, *self._plan.groups)]
+        for name in list(self.vehicles):
+            if self._on_stage(name, self._plan.stage) or self._touches(name, entering):
                 libsumo.vehicle.unsubscribe(name)
                 libsumo.vehicle.remove(name)
                 del self.vehicles[name]
@@ -76,10 +83,10 @@ class Population:
     def _enter_all(self, vehicles: Iterable[PlannedVehicle]) -> None:
         for vehicle in vehicles:
             lane = self._network.lanes[vehicle.spot.lane]
-            libsumo.route.add(f"route.{vehicle.name}", vehicle.route)
+            libsumo.route.add(route_id(vehicle.name), vehicle.route)
             libsumo.vehicle.add(
                 vehicle.name,
-                f"route.{vehicle.name}",
+                route_id(vehicle.name),
                 typeID=type_id(vehicle),
                 depart="now",
                 departLane=str(lane.position),
@@ -97,6 +104,23 @@ class Population:
         front = libsumo.vehicle.getLanePosition(name) / self.length_scale[lane_id]
         rear = front - self.vehicles[name].length_m
         return any(area.lane == lane.index and rear <= area.to_m and front >= area.from_m for area in stage)
+
+    def _touches(self, name: str, entering: Iterable[tuple[float, float, float]]) -> bool:
+        """Whether a vehicle may overlap one that enters, on whatever lanes the two stand: by their outer circles."""
+        x, y = libsumo.vehicle.getPosition(name)
+        angle, length_m = np.radians(libsumo.vehicle.getAngle(name)), self.vehicles[name].length_m
+        offset_x, offset_y = self._network.sumo_offset_m
+        x -= offset_x + 0.5 * length_m * np.sin(angle)
+        y -= offset_y + 0.5 * length_m * np.cos(angle)
+        return any(np.hypot(x - ex, y - ey) < 0.5 * (length_m + other_m) for ex, ey, other_m in entering)
+
+    def _centre_of(self, vehicle: PlannedVehicle) -> tuple[float, float, float]:
+        """Centre at the place of entry, and the vehicle's length."""
+        centre_line = self._network.lanes[vehicle.spot.lane].centre
+        x, y = centre_line.at(vehicle.spot.front_m)
+        yaw = float(centre_line.heading_rad(vehicle.spot.front_m))
+        half = 0.5 * vehicle.length_m
+        return float(x) - half * np.cos(yaw), float(y) - half * np.sin(yaw), vehicle.length_m
 
     def _point_of(self, spot: Spot) -> tuple[float, float]:
         x, y = self._network.lanes[spot.lane].centre.at(spot.front_m)

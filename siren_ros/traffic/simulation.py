@@ -4,7 +4,7 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import ClassVar, Final, Self
+from typing import Any, ClassVar, Final, Self
 
 import libsumo
 import numpy as np
@@ -16,9 +16,10 @@ from siren_ros.traffic.lane_continuity import LaneContinuity
 from siren_ros.traffic.map_compiler import CompiledMap
 from siren_ros.traffic.mirror import Mirror
 from siren_ros.traffic.plan import PlannedVehicle, TrafficPlan
-from siren_ros.traffic.population import Population
+from siren_ros.traffic.population import Population, route_id
 from siren_ros.traffic.reactions import Reactions
 from siren_ros.traffic.readings import Readings, joined_rows, read_vehicles
+from siren_ros.traffic.sideways import SidewaysLimits
 from siren_ros.traffic.signal_timing import time_signal
 from siren_ros.traffic.teleports import find_teleports
 from siren_ros.traffic.vehicle_types import vehicle_types_xml
@@ -73,6 +74,7 @@ class SumoSimulation:
         self._config = config or TrafficConfig()
         self._population = Population(network, plan, self._config)
         self._mirror = Mirror(network, self._config, self._population)
+        self._sideways = SidewaysLimits()
         self._crossings = CrossingWatch(network)
         self._reactions = Reactions(network, plan, level, self._config)
         first = (*(vehicle.name for vehicle in plan.emvs), *((plan.av,) if plan.av else ()))
@@ -82,6 +84,8 @@ class SumoSimulation:
         self._routes: dict[str, tuple[int, ...]] = {}
         self._route_ahead: dict[str, tuple[int, tuple[int, ...]]] = {}
         self._last: TrafficState | None = None
+        self._results: Mapping[str, dict[int, Any]] = {}
+        """SUMO's answers of the last step, by vehicle."""
         self._start(compiled, seed)
         self._continuity = LaneContinuity(network, self._population.length_scale)
         self._signal_ids = tuple(sorted(libsumo.trafficlight.getIDList()))
@@ -126,7 +130,7 @@ class SumoSimulation:
         self._mirror.apply(states, self._reported, ahead)
         if self._last is not None:
             self._population.refill(self._emv_points(states), self._plan.civilians)
-        libsumo.simulationStep()
+        self._step_sumo()
         removed = self._drop_departed()
         self._mirror.check_placed()
         return self._state(step, states, removed)
@@ -160,10 +164,17 @@ class SumoSimulation:
             time_signal(self._plan.signal, self._plan.warm_up_steps * STEP_S)
         self._population.enter_background()
         for _ in range(self._plan.warm_up_steps):
-            libsumo.simulationStep()
+            self._step_sumo()
             self._population.drop_departed()
             self._population.refill({}, len(self._plan.background))
         self._population.enter_stage()
+
+    def _step_sumo(self) -> None:
+        vehicles = self._population.vehicles
+        known = {name: result for name, result in self._results.items() if name in vehicles}
+        self._sideways.apply(known, vehicles, self._mirror.places)
+        libsumo.simulationStep()
+        self._results = libsumo.vehicle.getAllSubscriptionResults()
 
     def _drop_departed(self) -> list[int]:
         removed = []
@@ -217,9 +228,8 @@ class SumoSimulation:
         actor_ids = sorted(self._reported)
         names = [self._reported[actor_id].name for actor_id in actor_ids]
         lengths = np.array([self._reported[actor_id].length_m for actor_id in actor_ids])
-        results = libsumo.vehicle.getAllSubscriptionResults()
-        self._continuity.correct(results, self._mirror.places)
-        readings = read_vehicles(results, names, lengths, self._network, self._population.length_scale)
+        self._continuity.correct(self._results, self._mirror.places)
+        readings = read_vehicles(self._results, names, lengths, self._network, self._population.length_scale)
         self._place_mirrored(names, readings)
         ids = np.array(actor_ids, dtype=np.uint32)
         source = rows_of_ids(mirrored.actor_id, ids)
@@ -285,12 +295,21 @@ class SumoSimulation:
                 readings.lateral_m[row] = place.match.lateral_m
 
     def _route_of(self, name: str, index: int) -> tuple[int, ...]:
-        """Edges ahead; off the road, where SUMO may find a later part of the route, those of the step before."""
+        """Edges ahead: from SUMO's place on the route, or for a mirrored vehicle from the lane that it was matched to.
+
+        SUMO gives a mirrored vehicle another route where it finds it on another lane, and may find it at a later part
+        of the route.
+        """
         cached = self._route_ahead.get(name)
         place = self._mirror.places.get(name)
-        lost = place is not None and place.match.lane == NO_LANE
-        if cached is None or (cached[0] != index and not lost):
-            cached = (index, self._routes[name][max(index, 0) :][: self._config.route_edges_ahead])
+        reached = index
+        if cached is not None and place is not None:
+            edge = NO_LANE if place.match.lane == NO_LANE else self._network.lanes[place.match.lane].edge
+            reached = cached[0] + (cached[1].index(edge) if edge in cached[1] else 0)
+        elif cached is not None and cached[0] != index and libsumo.vehicle.getRouteID(name) != route_id(name):
+            reached = cached[0]
+        if cached is None or cached[0] != reached:
+            cached = (reached, self._routes[name][max(reached, 0) :][: self._config.route_edges_ahead])
             self._route_ahead[name] = cached
         return cached[1]
 
@@ -315,7 +334,9 @@ class SumoSimulation:
     ) -> tuple[Event, ...]:
         """Happenings of the step; ``speed_mps`` is SUMO's, and the simulated one of whoever ROS drives."""
         started = [self._ids[name] for name in libsumo.simulation.getStartingTeleportIDList() if name in self._ids]
-        events = [*find_teleports(step, ids, readings, owner, started, self._last, self._config.jump_m)]
+        lengths = np.array([self._reported[actor_id].length_m for actor_id in ids.tolist()])
+        jump_m = self._config.jump_m
+        events: list[Event] = find_teleports(step, ids, readings, lengths, owner, started, self._last, jump_m)
         for row, actor_id in enumerate(ids.tolist()):
             if readings.lane[row] != NO_LANE:
                 mover = Mover(

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from siren_ros.traffic.readings import Readings
-from siren_ros.world.actors import Codes, Ids, Owner, rows_of_ids
+from siren_ros.world.actors import Codes, Floats, Ids, Owner, rows_of_ids
 from siren_ros.world.events import Event, EventKind
 from siren_ros.world.traffic_state import TrafficState
 from siren_ros.world.units import STEP_S
@@ -15,6 +15,7 @@ def find_teleports(
     step: int,
     ids: Ids,
     readings: Readings,
+    lengths_m: Floats,
     owner: Codes,
     started: Iterable[int],
     last: TrafficState | None,
@@ -26,6 +27,7 @@ def find_teleports(
         step: Present step.
         ids: Actors of the readings' rows.
         readings: SUMO's present poses.
+        lengths_m: Of the vehicles. What counts is the front bumper, which SUMO moves; the rod behind it may swing.
         owner: Owner of each row; only vehicles that SUMO owned at both steps can jump.
         started: Actors that SUMO began to teleport.
         last: The step before.
@@ -34,7 +36,9 @@ def find_teleports(
     found = dict.fromkeys(started, "sumo")
     if last is not None:
         rows = rows_of_ids(last.actor_id, ids)
-        moved = np.hypot(readings.x_m - last.sumo_x_m[rows], readings.y_m - last.sumo_y_m[rows])
+        now_x, now_y = _fronts(readings.x_m, readings.y_m, readings.yaw_rad, lengths_m)
+        then_x, then_y = _fronts(last.sumo_x_m[rows], last.sumo_y_m[rows], last.sumo_yaw_rad[rows], lengths_m)
+        moved = np.hypot(now_x - then_x, now_y - then_y)
         explained = np.maximum(readings.speed_mps, last.sumo_speed_mps[rows]) * STEP_S
         stayed = (rows >= 0) & (owner == Owner.SUMO) & (last.owner[rows] == Owner.SUMO)
         for row in np.flatnonzero(stayed & (moved > explained + jump_m)):
@@ -46,3 +50,7 @@ def find_teleports(
         x, y = (0.0, 0.0) if row is None else (float(readings.x_m[row]), float(readings.y_m[row]))
         events.append(Event(step, EventKind.TELEPORT, actor_id, x_m=x, y_m=y, detail={"reason": reason}))
     return events
+
+
+def _fronts(x_m: Floats, y_m: Floats, yaw_rad: Floats, lengths_m: Floats) -> tuple[Floats, Floats]:
+    return x_m + 0.5 * lengths_m * np.cos(yaw_rad), y_m + 0.5 * lengths_m * np.sin(yaw_rad)

@@ -1,16 +1,19 @@
 """Makes planned vehicles: body, paint, driver and route drawn from a generator."""
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
+from siren_ros.traffic.demand_config import DemandConfig
 from siren_ros.traffic.driver_models import DriverModel, DriverPopulation
 from siren_ros.traffic.plan import PlannedVehicle, Spot
+from siren_ros.traffic.route_choice import RouteChooser
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.errors import InputError
 from siren_ros.world.road_network import RoadNetwork
-from siren_ros.world.routing import EdgeGraph, random_route
+from siren_ros.world.routing import EdgeGraph
 
 Dimensions = tuple[float, float, float]
 """Length, width and height in metres."""
@@ -36,12 +39,17 @@ class VehicleFactory:
     """Draws vehicles for one network, population and table of dimensions."""
 
     def __init__(
-        self, network: RoadNetwork, drivers: DriverPopulation, dimensions: Mapping[ActorClass, Dimensions]
+        self,
+        network: RoadNetwork,
+        drivers: DriverPopulation,
+        dimensions: Mapping[ActorClass, Dimensions],
+        config: DemandConfig,
     ) -> None:
         self._network = network
         self._drivers = drivers
         self._dimensions = dimensions
         self._graph = EdgeGraph.of(network)
+        self._routes = RouteChooser(network, self._graph, config)
 
     def leads_on(self, edge: int) -> bool:
         """Whether civilians can drive on from an edge."""
@@ -67,13 +75,24 @@ class VehicleFactory:
         return self._graph.route_length_m(way)
 
     def draw_way(self, start: Sequence[int], length_m: float, rng: np.random.Generator) -> tuple[int, ...]:
-        """A random way of at least ``length_m`` (or to a dead end) that begins with the given edges."""
-        begun_m = self._graph.route_length_m(start[:-1])
-        return (*start[:-1], *random_route(self._graph, rng, start[-1], max(length_m - begun_m, 0.0)))
+        """A random way for an EMV of at least ``length_m`` (or to a dead end) that begins with the given edges."""
+        return self._routes.draw(start, length_m, rng, 0.0)
 
-    def draw_route(self, start: Sequence[int], length_m: float, rng: np.random.Generator) -> tuple[str, ...]:
-        """Edge ids of such a way."""
-        return tuple(self._network.edges[edge].edge_id for edge in self.draw_way(start, length_m, rng))
+    def draw_route(
+        self, start: Sequence[int], length_m: float, rng: np.random.Generator, lane: int, actor_class: ActorClass
+    ) -> tuple[str, ...]:
+        """Edge ids of a civilian's route from a lane.
+
+        Of the edges that it should begin with, it keeps those to which the lane leads and the vehicle fits.
+        """
+        vehicle_m = self.size(actor_class)[0]
+        kept = list(start[:1])
+        for edge, following in pairwise(start):
+            if not self._routes.fits(edge, following, lane if len(kept) == 1 else None, vehicle_m):
+                break
+            kept.append(following)
+        way = self._routes.draw(kept, length_m, rng, vehicle_m, lane if len(kept) == 1 else None)
+        return tuple(self._network.edges[edge].edge_id for edge in way)
 
     def civilian(
         self,

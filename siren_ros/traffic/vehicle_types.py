@@ -22,6 +22,12 @@ _SHAPES: Final = {
     ActorClass.FIRE_TRUCK: "firebrigade",
     ActorClass.POLICE: "police",
 }
+_YELLOW_REACTION_S: Final = 1.0
+"""``jmDriveAfterYellowTime`` of civilians: time in which a driver perceives yellow and reacts, the value with which
+yellow times are computed (ITE, Traffic Engineering Handbook). Without it SUMO brakes at once, and as hard as it can."""
+_MIRRORS_M: Final = 0.4
+"""Added to a civilian's width for SUMO: its mirrors, which bodies are measured without. SUMO lets vehicles pass each
+other by widths alone, also where one stands at an angle to its lane."""
 _RUNS_RED_S: Final = 1000.0
 """``jmDriveAfterRedTime``: red for this long is still driven over."""
 
@@ -51,7 +57,7 @@ def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
     driver, driving = vehicle.driver, vehicle.driver.driving
     numbers = {
         "length": vehicle.length_m,
-        "width": vehicle.width_m,
+        "width": vehicle.width_m + (0.0 if vehicle.is_emv else _MIRRORS_M),
         "height": vehicle.height_m,
         "minGap": driving.min_gap_m,
         "accel": driving.accel_mps2,
@@ -66,6 +72,7 @@ def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
         "lcMaxSpeedLatFactor": 0.3,
         "lcSpeedGain": driver.speed_gain_eagerness,
         "lcCooperative": driver.cooperation,
+        "jmDriveAfterYellowTime": _YELLOW_REACTION_S,
     }
     texts = {
         "id": type_id(vehicle),

@@ -54,18 +54,19 @@ def test_ros_drives_with_the_levels_cue(lab, emv, level, lights):
 
 
 def test_target_speeds_by_priority(lab):
-    world = lab.world_of(lab.straight_road(), lab.L3)
+    network = lab.straight_road()
+    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, [lab.Car(1, 0, 60, 5, (0,))]))
     cases = {
         Mode.ROUTE_FOLLOW: EmvUnit(1),
         Mode.FORCED_LANE_CHANGE: EmvUnit(1, change_side=1),
         Mode.COPY_SUMO: EmvUnit(1, change_side=1, corridor=True),
         Mode.GAP_ESCAPE: EmvUnit(1, change_side=1, corridor=True, gap_escape_active=True, escape_offset_m=1.0),
     }
-    speeds = {mode: target_speed_mps(unit, world) * 3.6 for mode, unit in cases.items()}
+    speeds = {mode: target_speed_mps(unit, view) * 3.6 for mode, unit in cases.items()}
     assert all(mode_of(unit) is mode for mode, unit in cases.items())
     assert list(speeds.values()) == pytest.approx([50.0, 50.0, 30.0, 20.0])
     waiting = EmvUnit(1, gap_escape_active=True)
-    assert target_speed_mps(waiting, world) == 0.0
+    assert target_speed_mps(waiting, view) == 0.0
 
 
 def test_intent_starts_a_forced_lane_change_where_it_gains(lab, emv):

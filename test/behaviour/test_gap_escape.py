@@ -4,17 +4,18 @@ import pytest
 
 from siren_ros.behaviour.collision_watch import CollisionSnapshot
 from siren_ros.behaviour.emv_unit import EmvUnit
-from siren_ros.behaviour.gap_escape import blocker_of, gap_escape_mode, search_gap
+from siren_ros.behaviour.escape_plan import search_gap
+from siren_ros.behaviour.gap_escape import blocker_of, escape_path, escape_speed_mps, gap_escape_mode
 from siren_ros.behaviour.lane_path import LaneEnd, path_on_lanes
 from siren_ros.world.actors import ActorClass
 
 BLOCKED = CollisionSnapshot(2, 3.0, 0.0)
 
 
-def view_at(lab, speed=0.0, others=(), network=None, advice=None, lane=0):
+def view_at(lab, speed=0.0, others=(), network=None, advice=None, lane=0, step=0):
     network = network or lab.straight_road()
     cars = [lab.Car(1, lane, 100, speed, (0,), ActorClass.AMBULANCE), *others]
-    return lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars, advice=advice))
+    return lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars, step, advice=advice))
 
 
 def kinds(events):
@@ -78,15 +79,15 @@ def test_sumos_leader_blocks_within_the_query_range_unless_it_drives_away(lab, g
 
 
 def reference_of(view, lane):
-    return path_on_lanes(view.world.network, (lane,), LaneEnd.HORIZON, 98.0, 60.0)
+    return path_on_lanes(view.world.network, (lane,), LaneEnd.HORIZON, 95.0, 60.0)
 
 
 def test_search_goes_round_a_blocker(lab):
     view = view_at(lab, others=[lab.Car(2, 0, 112, 0, (0,))])
     found = search_gap(reference_of(view, 0), 0, view)
-    clear = found.left_m - 1.05 - 0.915
+    clear = found.left_m[-1] - 1.05 - 0.915
     assert clear > 0.1
-    assert found.free_m > 25.0
+    assert found.length_m > 25.0
 
 
 def test_search_prefers_the_own_road_to_the_opposite_lane(lab):
@@ -96,10 +97,10 @@ def test_search_prefers_the_own_road_to_the_opposite_lane(lab):
     opposite = road.built()
     blocker = [lab.Car(2, 0, 112, 0, (0,))]
     view = view_at(lab, others=blocker, network=opposite)
-    assert search_gap(reference_of(view, 0), 0, view).left_m > 1.9
+    assert search_gap(reference_of(view, 0), 0, view).left_m.max() > 1.9
     shoulder = lab.straight_road(2, shoulder=True)
     view = view_at(lab, others=[lab.Car(2, 1, 112, 0, (0,))], network=shoulder, lane=1)
-    assert search_gap(reference_of(view, 1), 0, view).left_m < -1.9
+    assert search_gap(reference_of(view, 1), 0, view).left_m.min() < -1.9
 
 
 def test_search_finds_nothing_where_both_lanes_are_blocked(lab):
@@ -129,3 +130,36 @@ def test_waits_says_so_once_and_escapes_when_a_gap_opens(lab):
     fast = max(row[1][3] for row in loop.log if row[1][5] == 4)
     assert fast * 3.6 < 21.0
     assert not loop.touching()
+
+
+def test_a_free_path_is_kept_and_a_blocked_one_replaced(lab):
+    active = EmvUnit(1, gap_escape_active=True)
+    behind = [lab.Car(2, 0, 114, 0, (0,))]
+    view = view_at(lab, others=behind)
+    first, events = escape_path(active, 0, view)
+    assert kinds(events) == ["gap_escape_replanned"]
+    assert first.escape_offset_m > 1.9
+    again = replace(first, escape_planned_step=-20)
+    kept, events = escape_path(again, 0, view)
+    assert kept.navigator.path is first.navigator.path
+    assert not events
+    closed = view_at(lab, others=[*behind, lab.Car(3, 1, 126, 0, (0,))])
+    other, _ = escape_path(again, 0, closed)
+    assert other.navigator.path is not first.navigator.path
+
+
+def test_waits_where_the_path_ends_and_no_other_is_found(lab):
+    both = [lab.Car(2, 0, 108, 0, (0,)), lab.Car(3, 1, 108, 0, (0,))]
+    view = view_at(lab, others=both)
+    unit, events = escape_path(EmvUnit(1, gap_escape_active=True), 0, view)
+    assert unit.escape_offset_m is None
+    assert kinds(events) == ["gap_escape_waiting"]
+    assert escape_speed_mps(unit, view) == 0.0
+    _, events = escape_path(unit, 0, view_at(lab, others=both, step=20))
+    assert not events
+
+
+@pytest.mark.parametrize(("clearance", "speed_mps"), [(0.3, 20.0 / 3.6), (0.15, 3.0), (0.08, 1.5)])
+def test_tight_paths_are_driven_slowly(lab, clearance, speed_mps):
+    unit = EmvUnit(1, gap_escape_active=True, escape_offset_m=0.0, escape_clearance_m=clearance)
+    assert escape_speed_mps(unit, view_at(lab)) == pytest.approx(speed_mps)

@@ -5,6 +5,7 @@ import pytest
 
 from siren_ros.behaviour.config import NavigatorConfig
 from siren_ros.behaviour.curve import Curve
+from siren_ros.behaviour.free_space import SpeedLimit
 from siren_ros.behaviour.navigator import NavigatorState, Situation, navigate
 from siren_ros.behaviour.surroundings import Surroundings
 from siren_ros.behaviour.tracked_path import TrackedPath
@@ -166,3 +167,20 @@ def test_without_a_path_it_brakes_to_a_stop(lab):
     assert command.throttle == 0.0
     assert command.brake > 0.35
     assert state.done
+
+
+def test_a_limit_counts_besides_target_and_path(lab):
+    vehicle = lab.vehicles[ActorClass.SEDAN]
+    table = ParameterTable.of([ActorClass.SEDAN], lab.vehicles)
+    body = BodyState.moving(*(np.array([value]) for value in (0.0, 0.0, 0.0, 6.0)))
+    path = TrackedPath.of(Curve.through(np.array([[0.0, 0.0], [80.0, 0.0]])), CONFIG)
+    state = NavigatorState().following(path, 0.0, 0.0)
+
+    def command(limit):
+        return navigate(state, Situation(seen_of(body, table), 0, vehicle, 10.0, limit=limit), CONFIG)[1]
+
+    assert command(SpeedLimit()).throttle > 0.0
+    assert command(SpeedLimit(6.0)).throttle < command(SpeedLimit(8.0)).throttle
+    assert command(SpeedLimit(2.0)).brake > 0.0
+    hard = command(SpeedLimit(5.0, brake_mps2=7.0)).brake
+    assert hard * vehicle.max_brake_decel_mps2 == pytest.approx(7.0, abs=0.3)

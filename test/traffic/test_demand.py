@@ -117,7 +117,7 @@ def test_reserve_stays_off_the_stage(network: RoadNetwork) -> None:
 def test_drivers_and_classes_vary_as_the_population_says(network: RoadNetwork) -> None:
     template = load_template("S2")
     vehicles = [vehicle for seed in range(4) for vehicle in plan(network, seed).reserve]
-    factors = np.array([vehicle.driver.speed_factor for vehicle in vehicles])
+    factors = np.array([vehicle.driver.speed_factor for vehicle in vehicles]) / template.demand.speed_factor
     assert factors.mean() == pytest.approx(1.0, abs=0.03)
     assert factors.std() == pytest.approx(0.1, abs=0.03)
     for actor_class, share in template.demand.classes:

@@ -52,3 +52,14 @@ def test_far_beside_the_road_or_against_it_there_is_no_lane() -> None:
     heading = float(lane.centre.heading_rad(lane.length_m / 2.0))
     assert matcher.match((lane.edge,), (float(x) + 500.0, float(y)), heading, NO_LANE).lane == NO_LANE
     assert matcher.match((lane.edge,), (float(x), float(y)), heading + np.pi, NO_LANE).lane == NO_LANE
+
+
+def test_beside_the_paths_a_junction_is_road_still() -> None:
+    connection, lane = next((way, source) for way, source in WAYS if way.direction == "r")
+    via = NETWORK.lanes[connection.via[0]]
+    x, y = via.centre.offset_points(via.length_m / 2.0, 3.5)
+    heading = float(via.centre.heading_rad(via.length_m / 2.0))
+    edges = (lane.edge, NETWORK.lanes[connection.to_lane].edge)
+    assert LaneMatcher(NETWORK).match(edges, (float(x), float(y)), heading, via.index).lane in connection.via
+    lost = LaneMatcher(NETWORK, junction_sideways_m=0.5).match(edges, (float(x), float(y)), heading, via.index)
+    assert lost.lane not in connection.via

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from defusedxml.ElementTree import fromstring
 
 from siren_ros.traffic import map_compiler
 from siren_ros.traffic.map_compiler import compile_map, default_cache_dir
@@ -102,6 +103,19 @@ def test_opendrive_signs_and_signals_control_junctions(town10):
     assert {c.junction for c in town10.connections if c.must_stop} == {"134"}
     assert all((c.signal_id is not None) == (kinds[c.junction] is JunctionKind.SIGNAL) for c in town10.connections)
     assert "t" not in {c.direction for c in town10.connections}
+
+
+def test_opendrive_signals_give_green_to_one_approach_at_a_time(town10, cache):
+    net = fromstring(compile_map(TOWN10, cache).read_bytes())
+    for program in net.iterfind("tlLogic"):
+        links = [link for link in town10.connections if link.signal_id == program.get("id")]
+        links = [link for link in links if town10.lanes[link.from_lane].kind is LaneKind.DRIVING]
+        greens = [phase.get("state") for phase in program.iterfind("phase") if "G" in phase.get("state")]
+        served = [
+            {town10.lanes[link.from_lane].edge for link in links if state[link.signal_link] in "Gg"} for state in greens
+        ]
+        assert all(len(edges) == 1 for edges in served)
+        assert {min(edges) for edges in served} == {town10.lanes[link.from_lane].edge for link in links}
 
 
 def test_opendrive_shoulders_are_open_to_emergency_vehicles_alone(town10):

@@ -38,3 +38,4 @@ def test_every_vehicle_has_its_own_type_with_its_body_and_driver() -> None:
         assert float(element.get("speedFactor")) == pytest.approx(vehicle.driver.speed_factor, rel=1e-4)
         assert float(element.get("speedDev")) == 0.0
         assert element.get("vClass") == "passenger"
+        assert float(element.get("jmDriveAfterYellowTime")) == 1.0

@@ -44,7 +44,7 @@ def test_s2_is_the_papers() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "key", "allowed"),
     [
-        ("warm_up_s: 20.0", "warm_up: 20.0", "warm_up_s", "missing"),
+        ("warm_up_s: 30.0", "warm_up: 20.0", "warm_up_s", "missing"),
         ("level: L2", "level: L7", "level", "L0, L1, L2, L3"),
         ("level: L2", "level: L2\nspeed: 3", "speed", "keys"),
         ("site: multi_lane_road", "site: motorway", "site", "multi_lane_road"),
@@ -52,8 +52,8 @@ def test_s2_is_the_papers() -> None:
         ("default: 40.0, range: [25.0, 45.0]", "default: 30.0, range: [45.0, 25.0]", "duration_s.range", "order"),
         ("default: 40.0, range: [25.0, 45.0]", "default: 40.0", "duration_s.range", "missing"),
         ("default: 40.0, range: [25.0, 45.0]", "default: -1, range: [-1, 45]", "duration_s.range", "1 to 3600"),
-        ("warm_up_s: 20.0", "warm_up_s: soon", "warm_up_s", "a number"),
-        ("warm_up_s: 20.0", "warm_up_s: .nan", "warm_up_s", "a number"),
+        ("warm_up_s: 30.0", "warm_up_s: soon", "warm_up_s", "a number"),
+        ("warm_up_s: 30.0", "warm_up_s: .nan", "warm_up_s", "a number"),
         ("default: 20, range: [15, 28]", "default: 20.5, range: [15, 28]", "background_vehicles.default", "whole"),
         ("default: 20, range: [15, 28]", "default: 20, range: [6, 28]", "background_vehicles", "10 vehicles"),
         ("class: ambulance", "class: sedan", "emv.class", "ambulance"),

@@ -136,7 +136,10 @@ class PullOverConfig:
     room_over_line_m: float = 4.0
     """How far the front then reaches over the stop line."""
     settle_length_m: float = 4.0
-    """Straight piece after the lateral move."""
+    """Straight piece after the lateral move, at least; long vehicles take their own length to come straight."""
+    stick_out_m: float = 0.33
+    """How far an end of a vehicle may stick out sideways, by its heading, for it to count as aligned: what the paper's
+    8° are for a car of 4.7 m."""
 
 
 @dataclass(frozen=True)

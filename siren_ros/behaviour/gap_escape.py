@@ -52,20 +52,37 @@ def blocker_of(unit: EmvUnit, row: int, view: StepView) -> int:
     """The actor that blocks the EMV: SUMO's leader within the query range, else the navigator's snapshot.
 
     A leader that drives faster than the escape's own target speed blocks nobody. While the escape is active the
-    navigator does not watch; the vehicle ahead or beside in the EMV's lane blocks it, or one that closes its path.
+    navigator does not watch; the vehicle ahead in the EMV's lane blocks it, or one that closes its path. It does not
+    block an EMV under way that would pass beside it.
     """
-    advice = advice_of(view, unit.actor_id)
+    advice, lane = advice_of(view, unit.actor_id), NO_LANE
+    stopped = float(view.seen.speed_mps[row]) <= view.world.constants.gap_escape.blocked_speed_mps
+    if unit.gap_escape_active:
+        lane = present_lane(view, row, unit.navigator)
     if advice is not None and advice.leader_id != NO_ACTOR:
         rows = np.flatnonzero(view.seen.actor_id == advice.leader_id)
         slow = len(rows) == 0 or view.seen.speed_mps[rows[0]] < view.world.speeds.emv_gap_escape_mps
-        if slow and advice.leader_gap_m <= view.world.constants.leader_query_m:
+        near = advice.leader_gap_m <= view.world.constants.leader_query_m
+        unknown = lane == NO_LANE or len(rows) == 0
+        if slow and near and (unknown or stopped or in_the_way(row, int(rows[0]), lane, view)):
             return advice.leader_id
-    if unit.gap_escape_active:
-        lane = present_lane(view, row, unit.navigator)
-        gaps = gaps_in_lane(view, row, lane) if lane != NO_LANE else None
-        if gaps is not None and gaps.front_m < view.world.config.gap_escape.blocker_range_m:
-            return gaps.front_id
+    if lane != NO_LANE:
+        gaps = gaps_in_lane(view, row, lane)
+        if gaps.front_m < view.world.config.gap_escape.blocker_range_m:
+            other = int(np.flatnonzero(view.seen.actor_id == gaps.front_id)[0])
+            if stopped or in_the_way(row, other, lane, view):
+                return gaps.front_id
     return unit.snapshot.actor_id if unit.snapshot is not None else NO_ACTOR
+
+
+def in_the_way(row: int, other: int, lane: int, view: StepView) -> bool:
+    """Whether the EMV would meet another vehicle if it went on along its road as far to the side as it is now."""
+    seen, both = view.seen, np.array([row, other])
+    curve = reference_line(row, lane, view).curve
+    _, left, nearest = curve.project(seen.x_m[both], seen.y_m[both])
+    turned = seen.yaw_rad[both] - curve.heading_rad[nearest]
+    half = np.abs(np.cos(turned)) * seen.half_width_m[both] + np.abs(np.sin(turned)) * seen.half_length_m[both]
+    return bool(abs(left[1] - left[0]) < half.sum() + view.world.config.corridor.clearance_m)
 
 
 def escape_path(unit: EmvUnit, row: int, view: StepView) -> Outcome:

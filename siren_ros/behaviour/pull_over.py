@@ -14,7 +14,15 @@ from siren_ros.behaviour.rejoin import start_rejoin
 from siren_ros.behaviour.tracked_path import TrackedPath
 from siren_ros.behaviour.world import StepView
 from siren_ros.behaviour.yield_lane_change import defer
-from siren_ros.behaviour.yield_unit import EmvView, Outcome, YieldUnit, lane_of, standing, yield_event
+from siren_ros.behaviour.yield_unit import (
+    EmvView,
+    Outcome,
+    YieldUnit,
+    aligned_within_rad,
+    lane_of,
+    standing,
+    yield_event,
+)
 from siren_ros.world.actors import Mode
 from siren_ros.world.events import Event, EventKind
 from siren_ros.world.road_network import NO_LANE, LaneKind
@@ -101,8 +109,8 @@ def pull_over_path(unit: YieldUnit, row: int, lane: int, view: StepView) -> Trac
     moving = min(max(speed, _PULL_OVER_MPS), view.world.speeds.civilian_pull_over_mps)
     steerable = blend_length_m(offset - left, moving, 0.0, 0.0, navigator)
     wanted = max(config.length_min_m, sharpest, steerable)
-    length = wanted + config.settle_length_m
     half_length = float(view.seen.half_length_m[row])
+    length = wanted + max(config.settle_length_m, 2.0 * half_length)
     reference = _line_ahead(unit, row, lane, position, length + half_length, view)
     room = reference.curve.length_m - 2.0 - half_length
     if room < 2.0:
@@ -136,7 +144,7 @@ def pull_over(unit: YieldUnit, row: int, view: StepView, emv: EmvView) -> Outcom
     lane = lane_of(unit, row, view)
     offset, turned = offset_in_lane(view, row, lane)
     wanted = edge_offset_m(view, row, lane, unit.side)
-    aligned = abs(turned) <= view.world.constants.heading_aligned_rad
+    aligned = abs(turned) <= aligned_within_rad(row, view)
     path = unit.navigator.path
     settled = path is None or unit.navigator.progress_m >= path.settled_m - _SETTLED_M
     reached = abs(offset - wanted) <= (config.reached_m if settled else _AT_EDGE_M)

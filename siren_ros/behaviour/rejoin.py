@@ -8,7 +8,7 @@ from siren_ros.behaviour.lane_path import lanes_along, path_on_lanes
 from siren_ros.behaviour.navigator import NavigatorState, Situation, navigate
 from siren_ros.behaviour.path_blend import blend_length_m, path_onto
 from siren_ros.behaviour.world import StepView
-from siren_ros.behaviour.yield_unit import Outcome, YieldUnit, lane_of, standing, yield_event
+from siren_ros.behaviour.yield_unit import Outcome, YieldUnit, aligned_within_rad, lane_of, standing, yield_event
 from siren_ros.world.actors import Mode
 from siren_ros.world.events import EventKind
 from siren_ros.world.road_network import NO_LANE
@@ -45,7 +45,7 @@ def rejoin(unit: YieldUnit, row: int, view: StepView) -> Outcome:
     config = view.world.config.yielding
     stopped = unit.stopped_steps + 1 if standing(view, row) else 0
     lane = lane_of(unit, row, view)
-    blocked = stopped >= steps_from_s(config.rejoin_blocked_s)
+    blocked = stopped >= steps_from_s(config.rejoin_blocked_s) and (lane == NO_LANE or _straight(row, lane, view))
     if blocked or unit.navigator.done or lane == NO_LANE or _in_lane(row, lane, view):
         return _released(unit, row, view)
     situation = Situation(view.seen, row, view.vehicle(row), config.rejoin_speed_mps)
@@ -54,11 +54,14 @@ def rejoin(unit: YieldUnit, row: int, view: StepView) -> Outcome:
 
 
 def _in_lane(row: int, lane: int, view: StepView) -> bool:
-    offset, turned = offset_in_lane(view, row, lane)
-    return (
-        abs(offset) <= view.world.config.yielding.rejoin_offset_m
-        and abs(turned) <= view.world.constants.heading_aligned_rad
-    )
+    offset, _ = offset_in_lane(view, row, lane)
+    return abs(offset) <= view.world.config.yielding.rejoin_offset_m and _straight(row, lane, view)
+
+
+def _straight(row: int, lane: int, view: StepView) -> bool:
+    """Whether SUMO, whose standing vehicles point along their lanes, can take over without a jump."""
+    _, turned = offset_in_lane(view, row, lane)
+    return abs(turned) <= aligned_within_rad(row, view)
 
 
 def _released(unit: YieldUnit, row: int, view: StepView) -> Outcome:

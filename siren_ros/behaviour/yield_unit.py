@@ -89,3 +89,9 @@ def lane_of(unit: YieldUnit, row: int, view: StepView) -> int:
 def standing(view: StepView, row: int) -> bool:
     """Whether a vehicle stands still."""
     return bool(view.seen.speed_mps[row] < np.float64(0.2))
+
+
+def aligned_within_rad(row: int, view: StepView) -> float:
+    """Heading error within which a vehicle counts as aligned: the paper's, less where a long one would stick out."""
+    sideways = view.world.config.pull_over.stick_out_m / float(view.seen.half_length_m[row])
+    return min(view.world.constants.heading_aligned_rad, sideways)

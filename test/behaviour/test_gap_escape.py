@@ -82,6 +82,14 @@ def reference_of(view, lane):
     return path_on_lanes(view.world.network, (lane,), LaneEnd.HORIZON, 95.0, 60.0)
 
 
+@pytest.mark.parametrize(("speed", "right_m", "blocks"), [(3.0, 2.3, False), (3.0, 1.5, True), (0.0, 2.3, True)])
+def test_a_leader_that_an_emv_under_way_would_pass_beside_blocks_no_more(lab, speed, right_m, blocks):
+    others = [lab.Car(2, 0, 110, 0.0, (0,), left=-right_m)]
+    view = view_at(lab, speed, others, advice={"leader_id": 2, "leader_gap_m": 5.0})
+    unit = EmvUnit(1, gap_escape_active=True)
+    assert (blocker_of(unit, 0, view) == 2) is blocks
+
+
 def test_search_goes_round_a_blocker(lab):
     view = view_at(lab, others=[lab.Car(2, 0, 112, 0, (0,))])
     found = search_gap(reference_of(view, 0), 0, view)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from siren_ros.behaviour.pull_over import alignment_of, edge_offset_m
+from siren_ros.behaviour.yield_unit import aligned_within_rad
 from siren_ros.behaviour.yielding import YieldState, step_yield
 from siren_ros.world.actors import ActorClass, Mode, Owner
 
@@ -142,3 +143,13 @@ def test_partial_hold_behind_a_standing_vehicle_goes_on_when_the_way_is_free(lab
     free = [cars[0], stuck[1], lab.Car(3, 0, 110, 0, (0,))]
     state, commands, _ = steps(lab, world, free, 12, state, 26)
     assert dict(zip(commands.actor_id.tolist(), commands.mode.tolist(), strict=True))[2] == Mode.YIELD_PULL_OVER
+
+
+def test_a_long_vehicle_has_to_stand_straighter_than_a_car(lab):
+    network = lab.straight_road()
+    cars = [lab.Car(2, 0, 80, 0, (0,)), lab.Car(3, 0, 120, 0, (0,), ActorClass.BUS)]
+    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars, 0))
+    car, bus = (aligned_within_rad(row, view) for row in range(2))
+    assert car == pytest.approx(np.radians(8.0), rel=0.05)
+    assert np.sin(bus) * view.seen.half_length_m[1] < 0.35
+    assert bus < 0.5 * car

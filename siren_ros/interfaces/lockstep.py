@@ -1,7 +1,8 @@
 """The lockstep's decisions: who has reported, when the next step may begin, who is late.
 
-Step k + 1 does not begin before every registered participant has reported step k. The state machine is
-pure: reports and the wall time go in, actions come out.
+Step k + 1 does not begin before every registered participant has reported step k; of those that trail, on whom
+nothing in the loop depends, step k − 1 suffices. The state machine is pure: reports and the wall time go in, actions
+come out.
 """
 
 from collections.abc import Mapping
@@ -33,6 +34,8 @@ class LockstepConfig:
     close_timeout_s: float = 60.0
     late_close_timeout_s: float = 2.0
     """For participants that were late already when the episode was ended because of them."""
+    trailing: frozenset[str] = frozenset()
+    """Participants that may still work on a step while the next one goes on."""
     called: Mapping[str, str] = field(default_factory=dict)
     """What an error calls a participant, where its name alone does not say which program it is."""
 
@@ -45,6 +48,8 @@ class LockstepState:
     step: int = -1
     """The step under way; −1 before the first."""
     waiting: frozenset[str] = frozenset()
+    owing: frozenset[str] = frozenset()
+    """Trailing participants that have not reported the step before."""
     since_s: float = 0.0
     """Wall time at which the present wait began."""
     end: EpisodeEnd = EpisodeEnd.COMPLETE
@@ -61,7 +66,9 @@ class LockstepState:
         """Number of steps that every participant has finished."""
         if self.stage is Stage.GATHERING:
             return 0
-        return self.step if self.waiting and self.stage is Stage.STEPPING else self.step + 1
+        if self.stage is not Stage.STEPPING:
+            return self.step + 1
+        return self.step + 1 - bool(self.waiting) - bool(self.owing)
 
 
 @dataclass(frozen=True)
@@ -99,13 +106,23 @@ def on_report(
         who = config.called.get(report.participant, report.participant)
         return _close(state, EpisodeEnd.FAILED, f"{who}: {error}", config, now_s)
     expected = {Stage.GATHERING: Phase.READY, Stage.STEPPING: Phase.STEP, Stage.CLOSING: Phase.FINAL}[state.stage]
-    if report.phase is not expected or (report.phase is Phase.STEP and report.step != state.step):
+    owes = state.stage is Stage.STEPPING and report.participant in state.owing
+    if report.phase is not expected or (report.phase is Phase.STEP and report.step != state.step - owes):
         return state, None
     busy = {**state.busy_s, report.participant: state.busy_s.get(report.participant, 0.0) + report.busy_s}
-    state = replace(state, waiting=state.waiting - {report.participant}, busy_s=busy)
+    if owes:
+        state = replace(state, owing=state.owing - {report.participant}, busy_s=busy)
+    else:
+        state = replace(state, waiting=state.waiting - {report.participant}, busy_s=busy)
     if report.error and not state.reason:
         state = replace(state, end=EpisodeEnd.FAILED, reason=f"{report.participant}: {report.error}")
-    return (state, None) if state.waiting else _all_reported(state, config, now_s)
+    return _all_reported(state, config, now_s) if _may_go_on(state, config) else (state, None)
+
+
+def _may_go_on(state: LockstepState, config: LockstepConfig) -> bool:
+    last = state.step + 1 >= config.steps
+    trailing = config.trailing if state.stage is Stage.STEPPING and not last else frozenset()
+    return not state.owing and not state.waiting - trailing
 
 
 def _all_reported(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple[LockstepState, Action]:
@@ -126,12 +143,12 @@ def on_time(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple
     if limit_s is None or now_s - state.since_s < limit_s:
         return state, None
     gathering = state.stage is Stage.GATHERING
-    late = state.waiting if state.stage is Stage.CLOSING else _first_late(state.waiting, gathering)
+    late = state.waiting if state.stage is Stage.CLOSING else _first_late(state.owing or state.waiting, gathering)
     names = ", ".join(config.called.get(name, name) for name in sorted(late))
     if state.stage is Stage.CLOSING:
         reason = state.reason or f"{names}: did not close within {limit_s:g} s"
         return replace(state, stage=Stage.CLOSED, end=EpisodeEnd.FAILED, reason=reason), None
-    what = "was not ready" if gathering else f"did not finish step {state.step}"
+    what = "was not ready" if gathering else f"did not finish step {state.step - bool(state.owing)}"
     return _close(replace(state, late=late), EpisodeEnd.FAILED, f"{names}: {what} within {limit_s:g} s", config, now_s)
 
 
@@ -175,7 +192,9 @@ def on_failure(
 
 def _begin_next(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple[LockstepState, Action]:
     step = state.step + 1
-    state = replace(state, stage=Stage.STEPPING, step=step, waiting=frozenset(config.participants), since_s=now_s)
+    owing = state.waiting if state.stage is Stage.STEPPING else frozenset()
+    everybody = frozenset(config.participants)
+    state = replace(state, stage=Stage.STEPPING, step=step, waiting=everybody, owing=owing, since_s=now_s)
     return state, BeginStep(step)
 
 
@@ -188,6 +207,7 @@ def _close(
         state,
         stage=Stage.CLOSING,
         waiting=frozenset(config.participants),
+        owing=frozenset(),
         since_s=now_s,
         end=end,
         reason=reason,

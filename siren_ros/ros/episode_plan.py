@@ -19,6 +19,8 @@ SCENARIO_FIELDS: Final = (
     *("template", "level", "seed", "map", "duration_s", "preset"),
     *("sensors", "look", "av", "av_sensors"),
 )
+TRAILING: Final = frozenset({"sensor_sim", "recorder", "kitti_exporter"})
+"""Sensing and recording of a step go on beside the next step where nobody in the loop hears the sensors."""
 SETTLE_S: Final = 0.25
 """For participants that are not ours; discovery on one machine takes 0.05 s."""
 _NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}")
@@ -41,9 +43,12 @@ class EpisodePlan:
 
     def lockstep(self, config: CosimConfig) -> LockstepConfig:
         """Who takes part, and how patient the lockstep is."""
-        names = (*self.nodes, *self.others)
         return LockstepConfig(
-            names, self.steps, step_timeout_s=config.step_timeout_s, start_timeout_s=config.start_timeout_s
+            participants=(*self.nodes, *self.others),
+            steps=self.steps,
+            step_timeout_s=config.step_timeout_s,
+            start_timeout_s=config.start_timeout_s,
+            trailing=frozenset() if self.others else TRAILING,
         )
 
     @property

@@ -1,7 +1,10 @@
+from dataclasses import replace
+
 from hypothesis import given
 from hypothesis import strategies as st
 
 from siren_ros.interfaces.lockstep import (
+    Action,
     BeginStep,
     EndEpisode,
     LockstepConfig,
@@ -168,3 +171,50 @@ def test_before_the_first_step_those_are_blamed_whom_the_others_wait_for() -> No
     )
     _, action = on_time(start_lockstep(config, 0.0), config, 200.0)
     assert action == EndEpisode(0, EpisodeEnd.FAILED, "av_controller (node mine): was not ready within 120 s")
+
+
+TRAILING = replace(CONFIG, steps=3, trailing=frozenset({"b"}))
+
+
+def trailing(state: LockstepState, name: str, step: int, now_s: float = 0.0) -> tuple[LockstepState, Action]:
+    return on_report(state, StepReport(step, name, Phase.STEP), TRAILING, now_s)
+
+
+def test_the_next_step_does_not_wait_for_who_trails_but_the_one_after_it_does() -> None:
+    state, action = trailing(stepping(), "a", 0)
+    assert action == BeginStep(1)
+    assert state.owing == {"b"}
+    assert state.steps_done == 0
+    state, action = trailing(state, "a", 1)
+    assert action is None
+    state, action = trailing(state, "b", 0)
+    assert action == BeginStep(2)
+    assert state.owing == {"b"}
+    assert state.steps_done == 1
+
+
+def test_an_episode_ends_when_who_trails_has_finished_the_last_step() -> None:
+    state = stepping()
+    for name, step in (("a", 0), ("a", 1), ("b", 0), ("a", 2), ("b", 1)):
+        state, action = trailing(state, name, step)
+    assert action is None
+    state, action = trailing(state, "b", 2)
+    assert action == EndEpisode(3, EpisodeEnd.COMPLETE, "")
+
+
+def test_who_trails_too_far_is_named_with_its_own_step() -> None:
+    state, _ = trailing(stepping(), "a", 0)
+    state, _ = trailing(state, "a", 1)
+    _, action = on_time(state, TRAILING, 5.0)
+    assert action == EndEpisode(0, EpisodeEnd.FAILED, "b: did not finish step 0 within 5 s")
+
+
+@given(st.lists(st.tuples(st.sampled_from("ab"), st.integers(0, 2)), max_size=40))
+def test_nobody_is_ever_two_steps_behind(reports: list[tuple[str, int]]) -> None:
+    state, done = stepping(), {"a": 0, "b": 0}
+    for name, step in reports:
+        state, action = trailing(state, name, step)
+        done[name] += step == done[name] and step <= state.step
+        if isinstance(action, BeginStep):
+            assert done["a"] >= action.step
+            assert done["b"] >= action.step - 1

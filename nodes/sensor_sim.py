@@ -2,29 +2,24 @@
 
 import json
 import sys
-import time
-from functools import partial
 from typing import Any
 
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import from_actor_states, from_traffic_state
-from siren_ros.interfaces.lockstep_reports import EpisodeClosing, Phase
 from siren_ros.interfaces.tick_join import Input
 from siren_ros.interfaces.transforms import Transform, to_tf
 from siren_ros.ros import wire
 from siren_ros.ros.node_configs import SensorSimConfig
 from siren_ros.ros.participant import Participant
 from siren_ros.ros.program import run_participant
-from siren_ros.ros.side_thread import SideThread
 from siren_ros.sensors.carrier import AV, noise_seed, static_transforms
 from siren_ros.sensors.look_file import load_look, look_of
 from siren_ros.sensors.observation_messages import ObservationMessages, shared_messages
 from siren_ros.sensors.rig import SensorRig
 from siren_ros.sensors.sensor_topics import AV_CARRIER_TOPICS, CARRIER_TOPICS, carriers_of, suite_topics
-from siren_ros.world.actors import ActorDescription, ActorStates
+from siren_ros.world.actors import ActorDescription
 from siren_ros.world.episode import EpisodeDescription
 from siren_ros.world.net_parser import parse_road_network
-from siren_ros.world.traffic_state import TrafficState
 
 
 class SensorSim(Participant[SensorSimConfig]):
@@ -33,10 +28,6 @@ class SensorSim(Participant[SensorSimConfig]):
     config_type = SensorSimConfig
     inputs = (Input(topics.TRAFFIC), Input(topics.ACTORS))
     outputs = CARRIER_TOPICS
-
-    def __init__(self, name: str, **node_options: Any) -> None:
-        self._side = SideThread(name)
-        super().__init__(name, **node_options)
 
     def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:
         """Build the scene and say where the sensors sit."""
@@ -58,7 +49,7 @@ class SensorSim(Participant[SensorSimConfig]):
                 site=episode.site,
                 wanted=messages.wanted_labels,
             )
-            self._side.call(rig.prepare)
+            rig.prepare()
             for note in rig.notes:
                 self.get_logger().warning(note)
             scene, accounts[carrier.name] = rig.scene, rig.account
@@ -69,16 +60,10 @@ class SensorSim(Participant[SensorSimConfig]):
         self.send(topics.TF_STATIC, to_tf(factory, 0, transforms))
         self.send(topics.SENSING, factory.make(topics.SENSING.type_name, data=json.dumps(accounts, sort_keys=True)))
 
-    def on_step(self, step: int, inputs: dict[str, Any]) -> None:
-        """Let the sensors see this step, beside what the other nodes do meanwhile."""
+    def on_step(self, step: int, inputs: dict[str, Any]) -> None:  # noqa: ARG002 - the interface of all nodes
+        """Publish what is due at this step."""
         traffic = wire.content(from_traffic_state, inputs[topics.TRAFFIC.name])
         states = wire.content(from_actor_states, inputs[topics.ACTORS.name])
-        see = partial(self._see, traffic, states)
-        self._side.put(partial(self.reporting_errors, step, Phase.STEP, see))
-
-    def _see(self, traffic: TrafficState, states: ActorStates) -> None:
-        """Publish what is due at a step, and report it."""
-        began = time.perf_counter()
         self._actors.update({actor.actor_id: actor for actor in traffic.spawned})
         carriers = [(messages.carrier, messages.carrier_id) for _, messages in self._carriers]
         for topic, message in shared_messages(wire.factory(), states, self._actors, carriers):
@@ -87,14 +72,6 @@ class SensorSim(Participant[SensorSimConfig]):
             seen = rig.observe(states, self._actors, traffic.signals, messages.carrier_id)
             for topic, message in messages.of_step(states, seen):
                 self.send(topic, message)
-        self.report(Phase.STEP, states.step, busy_s=time.perf_counter() - began)
-
-    def step_finished(self, step: int, busy_s: float) -> None:
-        """Nothing yet: the step is reported when it has been seen."""
-
-    def close(self, closing: EpisodeClosing) -> None:  # noqa: ARG002 - the interface of all nodes
-        """Finish what is under way."""
-        self._side.finish()
 
 
 NODE = SensorSim

@@ -188,14 +188,9 @@ class Participant(Node, Generic[Config]):
         self._report.publish(wire.encode(topics.STEP_DONE, message))
 
     def _guarded(self, step: int, phase: Phase, action: Callable[[], None]) -> None:
-        outer, self.work = self.work, begin_work(self.get_name(), phase, step)
-        self.reporting_errors(step, phase, action)
-        self.work = outer
-
-    def reporting_errors(self, step: int, phase: Phase, action: Callable[[], None]) -> None:
-        """Act, in whatever thread; an exception becomes this node's report, and nothing is done after one."""
         if self._failed and phase is not Phase.FINAL:
             return
+        outer, self.work = self.work, begin_work(self.get_name(), phase, step)
         try:
             action()
         except (SirenError, OSError) as error:
@@ -203,6 +198,8 @@ class Participant(Node, Generic[Config]):
         except Exception as error:  # noqa: BLE001 - any failure must end the episode under this node's name
             self.get_logger().error(traceback.format_exc())
             self._fail(phase, step, f"{type(error).__name__}: {error}")
+        finally:
+            self.work = outer
 
     def _fail(self, phase: Phase, step: int, error: str) -> None:
         self._failed = True

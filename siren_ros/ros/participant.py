@@ -97,10 +97,12 @@ class Participant(Node, Generic[Config]):
 
     def add_output(self, topic: Topic) -> None:
         """Create the publisher of a topic."""
+        wire.get_ready(topic)
         self._outputs[topic.name] = (topic, create_output(self, topic))
 
     def add_input(self, topic: Topic, callback: Callable[[Any], None]) -> None:
         """Subscribe to a topic; the callback gets the message, and its errors become this node's report."""
+        wire.get_ready(topic)
         self.add_raw_input(topic, lambda cdr: callback(wire.decode(topic, cdr)))
 
     def add_raw_input(self, topic: Topic, callback: Callable[[bytes], None]) -> None:

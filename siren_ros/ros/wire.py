@@ -50,6 +50,11 @@ def factory() -> RosbagsFactory:
     return RosbagsFactory(load_typestore({package: message_folder(package) for package in DEFINED_PACKAGES}))
 
 
+def get_ready(topic: Topic) -> None:
+    """Compile what encodes and decodes a topic's messages now, rather than within the first step."""
+    factory().store.get_msgdef(topic.type_name)
+
+
 def encode(topic: Topic, message: Any) -> bytes:
     """CDR of a message, filled up to whole words, so that the same bytes travel everywhere."""
     return encode_cdr(factory().store, topic, message)

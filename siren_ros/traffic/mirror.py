@@ -48,7 +48,7 @@ class Place:
 
 @dataclass(frozen=True)
 class _Binding:
-    mode: Mode
+    mode: int
     own_speed_factor: float
 
 
@@ -85,13 +85,14 @@ class Mirror:
         for row in known:
             vehicle = vehicles[int(states.actor_id[row])]
             self._put(states, row, vehicle, routes[vehicle.name], before.get(vehicle.name))
-        for row in range(len(states)):
-            actor_id = int(states.actor_id[row])
-            if actor_id in vehicles and states.owner[row] == Owner.SUMO:
+        in_sumo = np.flatnonzero(states.owner == Owner.SUMO)
+        columns = (states.actor_id, states.mode, states.speed_mps)
+        for actor_id, mode, speed_mps in zip(*(column[in_sumo].tolist() for column in columns), strict=True):
+            if actor_id in vehicles:
                 name = vehicles[actor_id].name
                 if name in before and name not in present:
-                    self._release(name, before[name].match.lane, float(states.speed_mps[row]))
-                self._bind(name, Mode(int(states.mode[row])))
+                    self._release(name, before[name].match.lane, speed_mps)
+                self._bind(name, mode)
 
     def forget(self, name: str) -> None:
         """Drop a vehicle that has left SUMO."""
@@ -165,7 +166,7 @@ class Mirror:
         libsumo.vehicle.setLateralAlignment(name, "center")
         libsumo.vehicle.setLaneChangeMode(name, DEFAULT_LANE_CHANGE_MODE)
 
-    def _bind(self, name: str, mode: Mode) -> None:
+    def _bind(self, name: str, mode: int) -> None:
         """Let a vehicle that SUMO drives keep to its phase of a yield; give it back to itself afterwards."""
         bound = self._bound.get(name)
         if bound is not None and bound.mode == mode:
@@ -173,7 +174,7 @@ class Mirror:
         if mode in _BINDING_MODES:
             own = bound.own_speed_factor if bound is not None else float(libsumo.vehicle.getSpeedFactor(name))
             self._bound[name] = _Binding(mode, own)
-            if mode is Mode.YIELD_KEEP_LANE:
+            if mode == Mode.YIELD_KEEP_LANE:
                 factor, change_mode = min(own, self._config.keep_lane_speed_factor), KEEP_LANE_CHANGE_MODE
             else:
                 factor, change_mode = max(own, self._config.deferred_speed_factor), DEFAULT_LANE_CHANGE_MODE

@@ -33,8 +33,18 @@ def start_rejoin(unit: YieldUnit, row: int, view: StepView) -> Outcome:
     navigator_config = view.navigator_config(row)
     speed = 0.5 * (float(view.seen.speed_mps[row]) + world.config.yielding.rejoin_speed_mps)
     merge = blend_length_m(left, speed, config.duration_s, config.length_min_m, navigator_config)
-    shorten = float(view.seen.half_length_m[row]) + 1.0
-    path = path_onto(reference, (x, y, yaw), merge, navigator_config, shorten_m=shorten)
+    half_length = float(view.seen.half_length_m[row])
+    room = reference.curve.length_m - 2.0 - half_length - 1.0
+    # Too near the stop line to come straight in the middle of the lane: straight where it is.
+    offset = 0.0 if merge + half_length <= room else left
+    path = path_onto(
+        reference,
+        (x, y, yaw),
+        min(merge, max(room, 2.0)),
+        navigator_config,
+        offset_m=offset,
+        shorten_m=half_length + 1.0,
+    )
     navigator = NavigatorState().following(path, x, y)
     side = 1 if left < 0.0 else -1
     return rejoin(replace(unit, phase=Mode.REJOIN, navigator=navigator, stopped_steps=0, side=side), row, view)

@@ -72,9 +72,9 @@ def _check(
     source_of: npt.NDArray[np.intp],
 ) -> None:
     unknown = command.actor_id[rows < 0]
-    if not np.isin(unknown, traffic.removed).all():
+    if len(unknown) and not np.isin(unknown, traffic.removed).all():
         raise EpisodeError(f"{command.source} commands actors {unknown.tolist()}, unknown at step {traffic.step}")
-    if len(np.unique(command.actor_id)) < len(command):
+    if len(frozenset(command.actor_id.tolist())) < len(command):
         raise EpisodeError(f"{command.source} commands an actor twice at step {traffic.step}")
     taken = source_of[rows[rows >= 0]]
     if taken.any():

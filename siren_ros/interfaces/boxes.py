@@ -49,26 +49,29 @@ def boxes_of(truth: GroundTruth, frame_id: str) -> LabelledBoxes:
 
 def to_boxes(factory: MessageFactory, boxes: LabelledBoxes) -> Any:
     """``vision_msgs/Detection3DArray``; a detection's ``id`` is the actor's id, its score 1."""
-    time_ns = time_ns_of_step(boxes.step)
+    shared = {"header": header(factory, time_ns_of_step(boxes.step), boxes.frame_id)}
+    unknown = np.zeros(36)
     return factory.make(
         "vision_msgs/msg/Detection3DArray",
-        header=header(factory, time_ns, boxes.frame_id),
-        detections=[_to_detection(factory, boxes, row, time_ns) for row in range(len(boxes.actor_id))],
+        detections=[_to_detection(factory, boxes, row, unknown, shared) for row in range(len(boxes.actor_id))],
+        **shared,
     )
 
 
-def _to_detection(factory: MessageFactory, boxes: LabelledBoxes, row: int, time_ns: int) -> Any:
+def _to_detection(
+    factory: MessageFactory, boxes: LabelledBoxes, row: int, covariance: Floats, shared: dict[str, Any]
+) -> Any:
     centre = (boxes.x_m[row], boxes.y_m[row], boxes.z_m[row])
     pose = to_pose(factory, centre, quaternion_of_yaw(float(boxes.yaw_rad[row])))
     hypothesis = factory.make("vision_msgs/msg/ObjectHypothesis", class_id=boxes.class_names[row], score=1.0)
-    with_covariance = factory.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36))
+    with_covariance = factory.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance)
     size = to_vector(factory, (boxes.length_m[row], boxes.width_m[row], boxes.height_m[row]))
     return factory.make(
         "vision_msgs/msg/Detection3D",
-        header=header(factory, time_ns, boxes.frame_id),
         results=[factory.make("vision_msgs/msg/ObjectHypothesisWithPose", hypothesis=hypothesis, pose=with_covariance)],
         bbox=factory.make("vision_msgs/msg/BoundingBox3D", center=pose, size=size),
         id=str(int(boxes.actor_id[row])),
+        **shared,
     )
 
 

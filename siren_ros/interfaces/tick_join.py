@@ -54,14 +54,15 @@ class TickJoin:
         yield from self._complete()
 
     def _complete(self) -> Iterator[tuple[int, dict[str, Any]]]:
-        while self._waiting and not self.missing():
+        while self._waiting and not self._lacking():
             messages = self._waiting.pop(self.next_step, {})
             self.next_step += 1
             yield self.next_step - 1, messages
 
     def missing(self) -> tuple[str, ...]:
         """Topics that the next step still waits for, sorted."""
-        have = self._waiting.get(self.next_step, {})
-        return tuple(
-            sorted(name for name, item in self._inputs.items() if item.needed_at(self.next_step) and name not in have)
-        )
+        return tuple(sorted(self._lacking()))
+
+    def _lacking(self) -> list[str]:
+        have, step = self._waiting.get(self.next_step, {}), self.next_step
+        return [name for name, item in self._inputs.items() if name not in have and item.needed_at(step)]

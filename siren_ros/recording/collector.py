@@ -1,5 +1,6 @@
 """Which messages a step must bring, and in which order they are recorded, whatever order they arrive in."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -41,6 +42,8 @@ class StepCollector:
         self._topics = {topic.name: topic for topic in expected}
         self._latched = [topic for topic in expected if topic.latched]
         self._periodic = [topic for topic in expected if not topic.latched]
+        self._cycle_steps = math.lcm(*(topic.period_steps for topic in self._periodic))
+        self._due_at: dict[int, list[Topic]] = {}
         self._held_latched: dict[str, bytes] = {}
         self._held: dict[int, dict[str, bytes]] = {}
         self._latched_done = False
@@ -57,7 +60,11 @@ class StepCollector:
         return tuple(sorted(self._held))
 
     def _due(self, step: int) -> list[Topic]:
-        return [topic for topic in self._periodic if step % topic.period_steps == 0]
+        place = step % self._cycle_steps
+        due = self._due_at.get(place)
+        if due is None:
+            due = self._due_at[place] = [topic for topic in self._periodic if place % topic.period_steps == 0]
+        return due
 
     def add(self, topic_name: str, step: int, cdr: bytes) -> None:
         """Takes a message.
@@ -90,7 +97,7 @@ class StepCollector:
                 return
             self._latched_done = True
             yield from self._take_latched()
-        while not self._missing_at(self._next_step) and self._next_step in self._held:
+        while self._is_complete(self._next_step):
             yield from self._take_step(self._next_step)
 
     def drain(self) -> Iterator[CollectedMessage]:
@@ -112,6 +119,10 @@ class StepCollector:
         for topic in self._due(step):
             if topic.name in held:
                 yield CollectedMessage(topic, step, held[topic.name])
+
+    def _is_complete(self, step: int) -> bool:
+        held = self._held.get(step)
+        return held is not None and len(held) == len(self._due(step))
 
     def _missing_at(self, step: int) -> list[Topic]:
         held = self._held.get(step, {})

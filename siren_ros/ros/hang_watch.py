@@ -3,8 +3,7 @@
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from siren_ros.interfaces.lockstep import LockstepConfig
 from siren_ros.interfaces.lockstep_reports import Phase
@@ -14,8 +13,7 @@ GRACE_S: Final = 1.0
 """Beyond the lockstep's own limit, which a callback that is merely slow comes back to."""
 
 
-@dataclass(frozen=True)
-class Work:
+class Work(NamedTuple):
     """What a participant is doing now."""
 
     participant: str

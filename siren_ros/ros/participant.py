@@ -43,6 +43,7 @@ class Participant(Node, Generic[Config]):
 
     def __init__(self, name: str, **node_options: Any) -> None:
         super().__init__(name, **node_options)
+        self._called = self.get_name()
         self.config = declare_config(self, self.config_type)
         self.finished = False
         self.work: Work | None = None
@@ -186,13 +187,13 @@ class Participant(Node, Generic[Config]):
 
     def report(self, phase: Phase, step: int, *, error: str = "", busy_s: float = 0.0) -> None:
         """Publish StepDone."""
-        message = to_step_done(wire.factory(), StepReport(step, self.get_name(), phase, error, busy_s))
+        message = to_step_done(wire.factory(), StepReport(step, self._called, phase, error, busy_s))
         self._report.publish(wire.encode(topics.STEP_DONE, message))
 
     def _guarded(self, step: int, phase: Phase, action: Callable[[], None]) -> None:
         if self._failed and phase is not Phase.FINAL:
             return
-        outer, self.work = self.work, begin_work(self.get_name(), phase, step)
+        outer, self.work = self.work, begin_work(self._called, phase, step)
         try:
             action()
         except (SirenError, OSError) as error:

@@ -6,6 +6,7 @@ import time
 from dataclasses import fields
 
 import rclpy
+from rclpy.clock import Clock, ClockType
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 
@@ -27,7 +28,7 @@ from siren_ros.ros.summary import closing_summary
 from siren_ros.world.episode import EpisodeEnd, EpisodeOutcome
 from siren_ros.world.errors import EXIT_FAILED, EXIT_OK, SirenError
 
-SPIN_S = 0.05
+LOOK_S = 0.05
 STOP_S = 10.0
 FIRST_EMV = 1
 """Emergency vehicles have the first actor ids."""
@@ -75,13 +76,17 @@ def run_episode(cosim: Cosim, interrupt: Interrupt) -> int:
     )
     limits = limits_s(cosim.master.config)
     watch = HangWatch(lambda: composition.hanging(limits), give_up)
+
+    def look() -> None:
+        if interrupt:
+            cosim.master.interrupt(f"stopped by {interrupt.signal_name}")
+        if failure := composition.failure():
+            cosim.master.fail(failure, composition.gone())
+
+    cosim.create_timer(LOOK_S, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
     try:
         while not cosim.master.closed:
-            executor.spin_until_future_complete(cosim.master.over, timeout_sec=SPIN_S)
-            if interrupt:
-                cosim.master.interrupt(f"stopped by {interrupt.signal_name}")
-            if failure := composition.failure():
-                cosim.master.fail(failure, composition.gone())
+            executor.spin_until_future_complete(cosim.master.over)
     finally:
         watch.stop()
         cosim.progress.close()

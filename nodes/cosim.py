@@ -6,7 +6,6 @@ import time
 from dataclasses import fields
 
 import rclpy
-from rclpy.clock import Clock, ClockType
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 
@@ -28,7 +27,7 @@ from siren_ros.ros.summary import closing_summary
 from siren_ros.world.episode import EpisodeEnd, EpisodeOutcome
 from siren_ros.world.errors import EXIT_FAILED, EXIT_OK, SirenError
 
-LOOK_S = 0.05
+SPIN_S = 0.05
 STOP_S = 10.0
 FIRST_EMV = 1
 """Emergency vehicles have the first actor ids."""
@@ -76,17 +75,13 @@ def run_episode(cosim: Cosim, interrupt: Interrupt) -> int:
     )
     limits = limits_s(cosim.master.config)
     watch = HangWatch(lambda: composition.hanging(limits), give_up)
-
-    def look() -> None:
-        if interrupt:
-            cosim.master.interrupt(f"stopped by {interrupt.signal_name}")
-        if failure := composition.failure():
-            cosim.master.fail(failure, composition.gone())
-
-    cosim.create_timer(LOOK_S, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
     try:
         while not cosim.master.closed:
-            executor.spin_until_future_complete(cosim.master.over)
+            executor.spin_once(timeout_sec=SPIN_S)
+            if interrupt:
+                cosim.master.interrupt(f"stopped by {interrupt.signal_name}")
+            if failure := composition.failure():
+                cosim.master.fail(failure, composition.gone())
     finally:
         watch.stop()
         cosim.progress.close()

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.task import Future
 
 from siren_ros.interfaces import lockstep, topics
 from siren_ros.interfaces.conversions import from_step_done, to_episode_end
@@ -39,8 +38,6 @@ class LockstepMaster:
         """
         self.config = config
         self.state: LockstepState = lockstep.start_lockstep(config, time.monotonic())
-        self.over = Future()
-        """Done when the episode is closed."""
         self.on_step_begun: Callable[[int], None] = lambda _step: None
         self._pace_s = STEP_S / realtime_factor if realtime_factor > 0 else 0.0
         self._settle_s = settle_s
@@ -111,8 +108,6 @@ class LockstepMaster:
             self._end.publish(wire.encode(topics.EPISODE_END, to_episode_end(wire.factory(), closing)))
             if self._seat is not None:
                 self._seat.close(action.steps)
-        if self.closed and not self.over.done():
-            self.over.set_result(None)
 
     def _begin(self, action: BeginStep) -> None:
         self._next_wall_s = max(self._next_wall_s + self._pace_s, time.monotonic() - self._pace_s)

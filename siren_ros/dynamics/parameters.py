@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import cache
 from pathlib import Path
 from typing import Final
 
@@ -116,8 +117,15 @@ def load_vehicle_parameters(directory: Path | None = None) -> Mapping[ActorClass
         InputError: a file, key or value is missing, unknown, of the wrong type or out of range; names file,
             line, key, value and what is allowed.
     """
-    folder = params_dir() / "vehicles" if directory is None else directory
+    return dict(_read_own(params_dir() / "vehicles")) if directory is None else _read_all(directory)
+
+
+def _read_all(folder: Path) -> dict[ActorClass, VehicleParameters]:
     return {kind: _read(folder / f"{kind.name.lower()}.yaml") for kind in ActorClass}
+
+
+_read_own = cache(_read_all)
+"""The project's own files do not change while a program runs, and every part of an episode asks for them."""
 
 
 def _read(file: Path) -> VehicleParameters:

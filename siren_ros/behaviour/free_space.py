@@ -188,9 +188,7 @@ class FreeWay:
 
     def until_m(self, clearance_m: float) -> float:
         """Way before the body comes nearer than a clearance to an obstacle, infinite where it does not."""
-        hits = self.gap_m < clearance_m
-        way = np.where(hits.any(axis=0), self.way_m[np.argmax(hits, axis=0)] + self.credit_m, np.inf)
-        return float(way.min(initial=np.inf))
+        return float(self._first_m(self.gap_m < clearance_m).min(initial=np.inf))
 
     @property
     def free_m(self) -> float:
@@ -198,7 +196,10 @@ class FreeWay:
         return float(self._stopping_m(_TOUCH_M).min(initial=np.inf))
 
     def _stopping_m(self, clearance_m: float) -> Floats:
-        hits = self.gap_m < np.minimum(clearance_m, self.gap_m[0] - _TOLERANCE_M)
+        return self._first_m(self.gap_m < np.minimum(clearance_m, self.gap_m[0] - _TOLERANCE_M))
+
+    def _first_m(self, hits: npt.NDArray[np.bool_]) -> Floats:
+        """Way to each obstacle's first hit, shape ``(M,)``; infinite where it has none."""
         return np.where(hits.any(axis=0), self.way_m[np.argmax(hits, axis=0)] + self.credit_m, np.inf)
 
     def limit(

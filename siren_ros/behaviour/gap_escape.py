@@ -55,7 +55,7 @@ def blocker_of(unit: EmvUnit, row: int, view: StepView) -> int:
     navigator does not watch; the vehicle ahead in the EMV's lane blocks it, or one that closes its path. It does not
     block an EMV under way that would pass beside it.
     """
-    advice, lane = advice_of(view, unit.actor_id), NO_LANE
+    advice, lane, passed = advice_of(view, unit.actor_id), NO_LANE, NO_ACTOR
     stopped = float(view.seen.speed_mps[row]) <= view.world.constants.gap_escape.blocked_speed_mps
     if unit.gap_escape_active:
         lane = present_lane(view, row, unit.navigator)
@@ -64,11 +64,13 @@ def blocker_of(unit: EmvUnit, row: int, view: StepView) -> int:
         slow = len(rows) == 0 or view.seen.speed_mps[rows[0]] < view.world.speeds.emv_gap_escape_mps
         near = advice.leader_gap_m <= view.world.constants.leader_query_m
         unknown = lane == NO_LANE or len(rows) == 0
-        if slow and near and (unknown or stopped or in_the_way(row, int(rows[0]), lane, view)):
-            return advice.leader_id
+        if slow and near:
+            if unknown or stopped or in_the_way(row, int(rows[0]), lane, view):
+                return advice.leader_id
+            passed = advice.leader_id
     if lane != NO_LANE:
         gaps = gaps_in_lane(view, row, lane)
-        if gaps.front_m < view.world.config.gap_escape.blocker_range_m:
+        if gaps.front_m < view.world.config.gap_escape.blocker_range_m and gaps.front_id != passed:
             other = int(np.flatnonzero(view.seen.actor_id == gaps.front_id)[0])
             if stopped or in_the_way(row, other, lane, view):
                 return gaps.front_id

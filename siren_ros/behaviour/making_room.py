@@ -34,5 +34,6 @@ def makes_room(unit: YieldUnit, view: StepView) -> bool:
 def may_go_on(unit: YieldUnit, row: int, lane: int, view: StepView) -> bool:
     """Whether a driver who holds can go on: to finish the pull-over, or to make room."""
     config = view.world.config.pull_over
-    free = gaps_in_lane(view, row, lane).front_m
-    return (unit.partial and free > config.resume_gap_m) or (makes_room(unit, view) and free > config.room_gap_m)
+    to_finish = config.resume_gap_m if unit.partial else math.inf
+    needed_m = min(to_finish, config.room_gap_m if makes_room(unit, view) else math.inf)
+    return needed_m < math.inf and gaps_in_lane(view, row, lane).front_m > needed_m

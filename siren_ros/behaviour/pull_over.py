@@ -167,9 +167,8 @@ def hold(unit: YieldUnit, row: int, view: StepView, emv: EmvView) -> Outcome:
     """Stands with full brake and hand brake; goes on where a pull-over was cut short and the way is free again."""
     if emv.passed or not emv.in_region:
         return _given_up(unit, row, view, emv)
-    lane = lane_of(unit, row, view)
     looks = view.step % _LOOK_AGAIN_STEPS == unit.actor_id % _LOOK_AGAIN_STEPS
-    if looks and may_go_on(unit, row, lane, view):
+    if looks and may_go_on(unit, row, lane := lane_of(unit, row, view), view):
         path = pull_over_path(unit, row, lane, view)
         least = _LEAST_WAY_M if makes_room(unit, view) else view.world.config.pull_over.length_min_m
         if path is not None and path.length_m > least:

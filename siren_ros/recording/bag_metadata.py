@@ -10,12 +10,12 @@ from typing import Any, Final
 
 import yaml
 
+from siren_ros.world import plain_yaml
 from siren_ros.world.errors import BagError
 
 METADATA_FILE: Final = "metadata.yaml"
 VERSION: Final = 9
 MAX_METADATA_BYTES: Final = 1_000_000
-MAX_DEPTH: Final = 32
 _FOREVER: Final = {"sec": 9223372036, "nsec": 854775807}
 """How rosbag2 writes an unlimited duration."""
 
@@ -112,26 +112,14 @@ def read_metadata(bag: Path) -> dict[str, Any]:
         if file.stat().st_size > MAX_METADATA_BYTES:
             raise BagError(str(bag), f"a bag with a {METADATA_FILE} of at most {MAX_METADATA_BYTES} bytes")
         text = file.read_text(encoding="utf-8")
-        loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-        if not _is_plain(text, loader):
-            raise BagError(str(bag), f"a bag whose {METADATA_FILE} has no aliases and is not nested deeply")
-        data = yaml.load(text, Loader=loader)  # noqa: S506 - a safe loader, in C where there is one
-        information = data["rosbag2_bagfile_information"]
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError) as error:
+        information = plain_yaml.load(text)["rosbag2_bagfile_information"]
+    except yaml.YAMLError as error:
+        raise BagError(str(bag), f"a bag with a readable {METADATA_FILE} ({error})") from error
+    except (OSError, KeyError, TypeError, ValueError) as error:
         raise BagError(str(bag), f"a bag with a readable {METADATA_FILE}") from error
     if not isinstance(information, dict):
         raise BagError(str(bag), f"a bag with a readable {METADATA_FILE}")
     return information
-
-
-def _is_plain(text: str, loader: Any) -> bool:
-    """Whether YAML has no aliases, which may unfold without end, and few levels, which exhaust the stack."""
-    depth = 0
-    for event in yaml.parse(text, Loader=loader):
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        if isinstance(event, yaml.AliasEvent) or depth > MAX_DEPTH:
-            return False
-    return True
 
 
 def _topic_entry(topic: BagTopic) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import numpy as np
 from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.plan import LaneInterval, PlannedVehicle, Spot, TrafficPlan
 from siren_ros.traffic.readings import SUBSCRIBED
+from siren_ros.traffic.sumo_frames import map_from_sumo
 from siren_ros.traffic.vehicle_types import type_id
 from siren_ros.world.polyline import Polyline
 from siren_ros.world.road_network import RoadNetwork
@@ -107,11 +108,9 @@ class Population:
 
     def _touches(self, name: str, entering: Iterable[tuple[float, float, float]]) -> bool:
         """Whether a vehicle may overlap one that enters, on whatever lanes the two stand: by their outer circles."""
-        x, y = libsumo.vehicle.getPosition(name)
-        angle, length_m = np.radians(libsumo.vehicle.getAngle(name)), self.vehicles[name].length_m
-        offset_x, offset_y = self._network.sumo_offset_m
-        x -= offset_x + 0.5 * length_m * np.sin(angle)
-        y -= offset_y + 0.5 * length_m * np.cos(angle)
+        angle_deg, length_m = libsumo.vehicle.getAngle(name), self.vehicles[name].length_m
+        front = libsumo.vehicle.getPosition(name)
+        x, y, _ = map_from_sumo(front[0], front[1], angle_deg, length_m, self._network.sumo_offset_m)
         return any(np.hypot(x - ex, y - ey) < 0.5 * (length_m + other_m) for ex, ey, other_m in entering)
 
     def _centre_of(self, vehicle: PlannedVehicle) -> tuple[float, float, float]:

@@ -1,7 +1,7 @@
 """SUMO in lockstep with the simulated world: poses in, the traffic's state out."""
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, ClassVar, Final, Self
@@ -28,7 +28,7 @@ from siren_ros.world.errors import EpisodeError, MapError
 from siren_ros.world.events import Event
 from siren_ros.world.levels import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.world.road_network import NO_LANE, RoadNetwork
-from siren_ros.world.traffic_state import SignalState, TrafficState
+from siren_ros.world.traffic_state import EmvAdvice, SignalState, TrafficState
 from siren_ros.world.units import STEP_S
 
 _LARGEST_SEED: Final = 2**31 - 1
@@ -269,20 +269,24 @@ class SumoSimulation:
             flags=self._reactions.flags(names, readings, rescued),
             route_offset=offsets,
             route_edges=edges,
-            emvs=tuple(
-                emv_advice(
-                    vehicle.name,
-                    self._ids[vehicle.name],
-                    self._ids,
-                    self._config.leader_range_m,
-                    vehicle.driver.driving.min_gap_m,
-                    len(rescued[vehicle.name]),
-                )
-                for vehicle in self._plan.emvs
-                if self._ids[vehicle.name] in self._reported
-            ),
+            emvs=self._advice(rescued),
             signals=tuple(SignalState(signal, state) for signal, state in signals.items()),
             events=events,
+        )
+
+    def _advice(self, rescued: Mapping[str, Sequence[str]]) -> tuple[EmvAdvice, ...]:
+        """SUMO's advice for every EMV on the map."""
+        return tuple(
+            emv_advice(
+                vehicle.name,
+                self._ids[vehicle.name],
+                self._ids,
+                self._config.leader_range_m,
+                vehicle.driver.driving.min_gap_m,
+                len(rescued[vehicle.name]),
+            )
+            for vehicle in self._plan.emvs
+            if self._ids[vehicle.name] in self._reported
         )
 
     def _place_mirrored(self, names: list[str], readings: Readings) -> None:

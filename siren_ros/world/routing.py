@@ -128,23 +128,6 @@ def shortest_path(
     return None
 
 
-def random_route(graph: EdgeGraph, rng: np.random.Generator, start_edge: int, length_m: float) -> tuple[int, ...]:
-    """A route that turns at random at every junction until it is ``length_m`` long or leaves the map.
-
-    Each way on is equally likely per lane that leads to it, so that wide roads carry more traffic.
-    """
-    route = [start_edge]
-    driven_m = graph.length_m[start_edge]
-    while driven_m < length_m:
-        ways = graph.successors[route[-1]]
-        if not ways:
-            break
-        weights = np.array([len(lanes_towards(graph.network, route[-1], way)) for way in ways], dtype=np.float64)
-        route.append(ways[int(rng.choice(len(ways), p=weights / weights.sum()))])
-        driven_m += graph.length_m[route[-1]]
-    return tuple(route)
-
-
 def route_path(network: RoadNetwork, edges: Sequence[int], start_lane: int) -> tuple[int, ...]:
     """Lanes along a route, junction paths included, with as few lane changes as the route needs.
 

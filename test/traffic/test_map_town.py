@@ -5,11 +5,13 @@ import numpy as np
 import pytest
 from defusedxml import ElementTree
 
+from siren_ros.traffic.demand_config import DemandConfig
 from siren_ros.traffic.map_compiler import compile_map
 from siren_ros.traffic.map_netconvert import sumo_home
+from siren_ros.traffic.route_choice import RouteChooser
 from siren_ros.world.net_parser import parse_road_network
 from siren_ros.world.road_network import JunctionKind, LaneKind
-from siren_ros.world.routing import EdgeGraph, driving_lanes, random_route
+from siren_ros.world.routing import EdgeGraph, driving_lanes
 
 
 @pytest.fixture(scope="module")
@@ -92,11 +94,12 @@ def _street(town, connection):
 @pytest.mark.parametrize("seed", [0, 1])
 def test_random_traffic_flows_without_teleports_or_collisions(compiled, town, tmp_path, seed):
     graph = EdgeGraph.of(town)
+    chooser = RouteChooser(town, graph, DemandConfig())
     rng = np.random.default_rng(seed)
     starts = [edge.index for edge in town.edges if driving_lanes(town, edge.index) and graph.successors[edge.index]]
     rows = ['<vType id="car" vClass="passenger"/>']
     for k in range(60):
-        route = random_route(graph, rng, starts[int(rng.integers(len(starts)))], 500.0)
+        route = chooser.draw((starts[int(rng.integers(len(starts)))],), 500.0, rng, 4.5)
         ids = " ".join(town.edges[edge].edge_id for edge in route)
         rows.append(
             f'<vehicle id="v{k}" type="car" depart="{2 * k}" departLane="best" departPos="random_free" '

@@ -7,7 +7,7 @@ from traffic_helpers import TOWN10, load_map
 from siren_ros.traffic.demand_config import DemandConfig
 from siren_ros.traffic.route_choice import RouteChooser, tightest_radius_m
 from siren_ros.world.road_network import Connection, Lane, LaneKind, RoadNetwork
-from siren_ros.world.routing import EdgeGraph, connections_between, driving_lanes
+from siren_ros.world.routing import EdgeGraph, connections_between, driving_lanes, route_path
 
 CAR_M, BUS_M = 4.5, 12.0
 CONFIG = DemandConfig()
@@ -55,6 +55,19 @@ def test_routes_follow_the_roads_and_are_long_enough(
         assert route == chooser.draw((lane.edge,), 600.0, np.random.default_rng(number), CAR_M, lane.index)
         assert all(following in graph.successors[edge] for edge, following in pairwise(route))
         assert graph.route_length_m(route) >= 600.0 or not graph.successors[route[-1]]
+
+
+def test_every_route_can_be_driven_lane_by_lane(network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser) -> None:
+    for number, start in enumerate(starts(network, graph)):
+        route = chooser.draw((start.edge,), 900.0, np.random.default_rng(number), CAR_M)
+        lanes = [network.lanes[index] for index in route_path(network, route, start.index)]
+        for lane, ahead in pairwise(lanes):
+            if lane.edge == ahead.edge:
+                assert abs(lane.position - ahead.position) == 1
+            else:
+                assert np.linalg.norm(lane.centre.points[-1] - ahead.centre.points[0]) < 0.1
+        driven = dict.fromkeys(lane.edge for lane in lanes if lane.kind is LaneKind.DRIVING)
+        assert list(driven) == list(dict.fromkeys(route))
 
 
 def test_the_first_way_is_one_of_the_lanes_own(network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser) -> None:

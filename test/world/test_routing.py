@@ -2,8 +2,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from siren_ros.traffic.map_compiler import compile_map
 from siren_ros.world.errors import InputError
@@ -15,7 +13,6 @@ from siren_ros.world.routing import (
     driving_lanes,
     lanes_towards,
     path_centre,
-    random_route,
     route_path,
     shortest_path,
 )
@@ -108,30 +105,6 @@ def test_edges_that_do_not_follow_one_another_are_refused(town, route):
 def test_a_start_lane_elsewhere_is_refused(town):
     with pytest.raises(InputError, match="begin at the start lane"):
         route_path(town, edges(town, "main_e_1"), town.lane_by_id["main_w_1_2"].index)
-
-
-@settings(max_examples=40, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), start=st.integers(0, 10**6))
-def test_every_random_route_can_be_driven_lane_by_lane(town, graph, seed, start):
-    starts = [edge.index for edge in town.edges if driving_lanes(town, edge.index)]
-    first = starts[start % len(starts)]
-    route = random_route(graph, np.random.default_rng(seed), first, 900.0)
-    assert route == random_route(graph, np.random.default_rng(seed), first, 900.0)
-    assert route[0] == first
-    long_enough = sum(graph.length_m[edge] for edge in route) >= 900.0
-    assert long_enough or graph.successors[route[-1]] == ()
-    lanes = route_path(town, route, driving_lanes(town, first)[0].index)
-    for a, b in pairwise(lanes):
-        lane, ahead = town.lanes[a], town.lanes[b]
-        if lane.edge == ahead.edge:
-            assert abs(lane.position - ahead.position) == 1
-        else:
-            gap = np.linalg.norm(lane.centre.points[-1] - ahead.centre.points[0])
-            assert gap < 0.1
-    on_route = list(
-        dict.fromkeys(town.lanes[index].edge for index in lanes if town.lanes[index].kind is LaneKind.DRIVING)
-    )
-    assert on_route == list(dict.fromkeys(route))
 
 
 def test_the_centre_of_a_path_is_continuous_and_as_long_as_the_road(town, graph):

@@ -25,6 +25,11 @@ class Run:
     out: str
     err: str
 
+    @property
+    def error_lines(self) -> list[str]:
+        """Standard error without the progress."""
+        return [line for line in self.err.splitlines() if line and "steps," not in line]
+
 
 @dataclass(frozen=True)
 class Domain:
@@ -42,7 +47,7 @@ class Domain:
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         }
 
-    def start(self, *arguments: str, cwd: Path) -> "subprocess.Popen[str]":
+    def start(self, *arguments: str, cwd: Path | None = None) -> "subprocess.Popen[str]":
         """A Python program with pipes for its output."""
         return subprocess.Popen(
             [sys.executable, *arguments],
@@ -54,7 +59,7 @@ class Domain:
         )
 
     @contextmanager
-    def running(self, *arguments: str, cwd: Path) -> Iterator["subprocess.Popen[str]"]:
+    def running(self, *arguments: str, cwd: Path | None = None) -> Iterator["subprocess.Popen[str]"]:
         """A program that is gone afterwards, however the test ends."""
         process = self.start(*arguments, cwd=cwd)
         try:
@@ -66,12 +71,12 @@ class Domain:
             process.communicate()
 
     @contextmanager
-    def episode(self, *parameters: str, cwd: Path) -> Iterator["subprocess.Popen[str]"]:
+    def episode(self, *parameters: str, cwd: Path | None = None) -> Iterator["subprocess.Popen[str]"]:
         """An episode under way."""
         with self.running(*cosim(parameters), cwd=cwd) as process:
             yield process
 
-    def run(self, *parameters: str, cwd: Path) -> Run:
+    def run(self, *parameters: str, cwd: Path | None = None) -> Run:
         """An episode from its start to its end."""
         with self.episode(*parameters, cwd=cwd) as process:
             return finish(process)

@@ -29,7 +29,9 @@ class Recorder(Participant[RecorderConfig]):
         self._busy_s = 0.0
         known = (*topics.CORE_TOPICS, *CARRIER_TOPICS, *topics.AV_TOPICS)
         latched = frozenset(topic.name for topic in known if topic.latched)
-        self._recorder = EpisodeRecorder(Path(self.config.bag), wire.factory().store, latched, wire.decode)
+        self._recorder = EpisodeRecorder(
+            Path(self.config.bag), wire.factory().store, latched, wire.decode, wire.content
+        )
         self._recorder.on_step_recorded = self._on_step_recorded
         self._listening: set[str] = set()
         self._listen(topics.CORE_TOPICS)

@@ -42,7 +42,8 @@ class VehicleDynamics(Participant[VehicleDynamicsConfig]):
     def on_step(self, step: int, inputs: dict[str, Any]) -> None:
         """Advance all vehicles by one step."""
         traffic = wire.content(from_traffic_state, inputs[topics.TRAFFIC.name])
-        commands = [from_vehicle_commands(inputs[topic.name]) for topic in (topics.EMV_COMMANDS, topics.YIELD_COMMANDS)]
+        said = [inputs[topic.name] for topic in (topics.EMV_COMMANDS, topics.YIELD_COMMANDS)]
+        commands = [wire.content(from_vehicle_commands, message) for message in said]
         if self._av_id in traffic.actor_id:
             answer = inputs.get(topics.AV_CONTROL.name)
             control = AvControl(step - 1) if answer is None else from_av_control(answer)

@@ -1,7 +1,7 @@
 """Builds an ``EpisodeRecord`` message by message: offline from a bag, or live beside the recorder."""
 
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 
@@ -33,6 +33,14 @@ RECORD_TOPICS: Final = (EPISODE, MAP, TRAFFIC, EMV_COMMANDS, YIELD_COMMANDS, AV_
 """The topics that make up a record; all others are only counted."""
 
 
+Reading: TypeAlias = Callable[[Callable[[Any], Any], Any], Any]
+
+
+def read_anew(read: Callable[[Any], Any], message: Any) -> Any:
+    """What a message says, for those who read each message once."""
+    return read(message)
+
+
 class _TopicCounter:
     def __init__(self, type_name: str) -> None:
         self.type_name = type_name
@@ -44,7 +52,13 @@ class _TopicCounter:
 class RecordBuilder:
     """Collects an episode's messages; ``build`` gives the record of what has been added so far."""
 
-    def __init__(self) -> None:
+    def __init__(self, read: Reading = read_anew) -> None:
+        """An empty collection.
+
+        Args:
+            read: Calls a reading function with a message, or gives what it said of this message before.
+        """
+        self._read = read
         self._description: EpisodeDescription | None = None
         self._network: RoadNetwork | None = None
         self._actors: dict[int, ActorDescription] = {}
@@ -99,14 +113,14 @@ class RecordBuilder:
         self._network = parse_road_network(str(message.data).encode())
 
     def _take_traffic(self, message: Any) -> None:
-        traffic = conversions.from_traffic_state(message)
+        traffic = self._read(conversions.from_traffic_state, message)
         check_traffic(traffic)
         self._traffic.append(traffic)
         for actor in traffic.spawned:
             self._actors[actor.actor_id] = actor
 
     def _take_commands(self, message: Any) -> None:
-        commands = conversions.from_vehicle_commands(message)
+        commands = self._read(conversions.from_vehicle_commands, message)
         check_commands(commands)
         self._commands.setdefault(commands.source, []).append(commands)
 
@@ -116,7 +130,7 @@ class RecordBuilder:
         self._commands.setdefault(AV_SOURCE, []).append(av_commands(control, control.step, av_id))
 
     def _take_states(self, message: Any) -> None:
-        states = conversions.from_actor_states(message)
+        states = self._read(conversions.from_actor_states, message)
         check_states(states)
         self._states.append(states)
 

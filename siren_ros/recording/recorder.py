@@ -16,7 +16,7 @@ from siren_ros.interfaces.topics import OUTCOME, Topic
 from siren_ros.recording.bag_writer import BagSummary, EpisodeBagWriter
 from siren_ros.recording.collector import CollectedMessage, StepCollector
 from siren_ros.recording.outcome import judge
-from siren_ros.recording.record_builder import RECORD_TOPICS, RecordBuilder
+from siren_ros.recording.record_builder import RECORD_TOPICS, Reading, RecordBuilder, read_anew
 from siren_ros.world.episode import EpisodeEnd, EpisodeOutcome
 from siren_ros.world.errors import EpisodeError, SirenError
 from siren_ros.world.units import time_ns_of_step
@@ -35,6 +35,7 @@ class EpisodeRecorder:
         store: Typestore,
         latched: frozenset[str],
         decode: Callable[[Topic, bytes], Any] | None = None,
+        read: Reading = read_anew,
     ) -> None:
         """Open the bag under its temporary name.
 
@@ -43,6 +44,7 @@ class EpisodeRecorder:
             store: Definitions of all recorded types.
             latched: Names of the latched topics.
             decode: Gives the message in a CDR; by default it is decoded by the store.
+            read: Gives what a message says, where others have asked already.
 
         Raises:
             BagError: The folder exists already or cannot be written.
@@ -50,7 +52,7 @@ class EpisodeRecorder:
         self._store = store
         self._decode = decode or partial(decode_cdr, store)
         self._writer = EpisodeBagWriter(path, store, latched)
-        self._builder = RecordBuilder()
+        self._builder = RecordBuilder(read)
         self._collector: StepCollector | None = None
         self._early: list[tuple[Topic, bytes]] = []
         self.on_step_recorded: Callable[[int], None] = lambda _step: None

@@ -63,7 +63,8 @@ class Participant(Node, Generic[Config]):
             self.add_input(topics.MAP, self._on_map)
         create_input(self, topics.EPISODE_END, self._on_end)
         self._ready_sent = False
-        self.create_timer(HOUSEKEEPING_S, self._housekeeping, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        wall = Clock(clock_type=ClockType.STEADY_TIME)
+        self._until_ready = self.create_timer(HOUSEKEEPING_S, self._housekeeping, clock=wall)
 
     # What subclasses do.
 
@@ -168,8 +169,8 @@ class Participant(Node, Generic[Config]):
 
     def _housekeeping(self) -> None:
         if self._ready_sent or self._failed:
-            return
-        if (self._prepared or not self.needs_episode) and self.is_connected():
+            self._until_ready.cancel()
+        elif (self._prepared or not self.needs_episode) and self.is_connected():
             self._ready_sent = True
             self.report(Phase.READY, 0)
 

@@ -8,6 +8,7 @@ without a copy per element (a sweep of 55,000 points takes 0.1 ms instead of 2 m
 
 import os
 import sys
+from collections import deque
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -25,8 +26,8 @@ DEFINED_PACKAGES: Final = (OWN_PACKAGE, "vision_msgs")
 
 _decoded: Final[dict[str, tuple[bytes, Any]]] = {}
 """The last message of each topic that was decoded, with its bytes."""
-_read: Final[dict[Callable[[Any], Any], tuple[Any, Any]]] = {}
-"""The last message that each reading function read, with what it said."""
+_read: Final[dict[Callable[[Any], Any], deque[tuple[Any, Any]]]] = {}
+"""The last messages that each reading function read, with what they said: both kinds of commands have one type."""
 Content = TypeVar("Content")
 
 
@@ -86,12 +87,12 @@ def content(read: Callable[[Any], Content], message: Any) -> Content:
     Raises:
         InputError: As ``read``.
     """
-    last = _read.get(read)
-    if last is not None and last[0] is message:
-        return cast("Content", last[1])
-    value = read(message)
-    _read[read] = message, value
-    return value
+    known = _read.setdefault(read, deque(maxlen=2))
+    for earlier, value in known:
+        if earlier is message:
+            return cast("Content", value)
+    known.append((message, read(message)))
+    return cast("Content", known[-1][1])
 
 
 def step_of_message(message: Any) -> int:

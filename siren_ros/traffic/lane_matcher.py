@@ -37,6 +37,8 @@ class _Corridor:
     start: npt.NDArray[np.float64]
     delta: npt.NDArray[np.float64]
     length_m: npt.NDArray[np.float64]
+    unit: npt.NDArray[np.float64]
+    """Direction of each segment."""
     heading_rad: npt.NDArray[np.float64]
     arc_m: npt.NDArray[np.float64]
     lane: npt.NDArray[np.int32]
@@ -89,7 +91,7 @@ class LaneMatcher:
         relative = np.asarray(front_m) - corridor.start
         along = np.einsum("kj,kj->k", relative, corridor.delta) / corridor.length_m
         clipped = np.clip(along, 0.0, corridor.length_m)
-        unit = corridor.delta / corridor.length_m[:, None]
+        unit = corridor.unit
         miss = relative - clipped[:, None] * unit
         distance = np.hypot(miss[:, 0], miss[:, 1])
         turned = np.abs(wrap_angle(corridor.heading_rad - yaw_rad)) > self._heading_limit_rad
@@ -116,10 +118,12 @@ class LaneMatcher:
         lanes = [lane for lane in lanes if lane.kind in _DRIVABLE]
         counts = [len(lane.centre.points) - 1 for lane in lanes]
         delta = np.concatenate([np.diff(lane.centre.points, axis=0) for lane in lanes])
+        length = np.hypot(delta[:, 0], delta[:, 1])
         return _Corridor(
             start=np.concatenate([lane.centre.points[:-1] for lane in lanes]),
             delta=delta,
-            length_m=np.hypot(delta[:, 0], delta[:, 1]),
+            length_m=length,
+            unit=delta / length[:, None],
             heading_rad=np.arctan2(delta[:, 1], delta[:, 0]),
             arc_m=np.concatenate([lane.centre.arc_m[:-1] for lane in lanes]),
             lane=np.repeat(np.array([lane.index for lane in lanes], dtype=np.int32), counts),

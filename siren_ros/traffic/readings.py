@@ -65,13 +65,9 @@ def read_vehicles(
         length_scale: SUMO's length of each lane over that of its centre line.
     """
     rows = [results[name] for name in names]
-
-    def column(variable: int) -> npt.NDArray[np.float64]:
-        return np.array([row[variable] for row in rows], dtype=np.float64)
-
     position = np.array([row[libsumo.VAR_POSITION] for row in rows], dtype=np.float64).reshape(len(rows), 2)
     x, y, yaw = map_from_sumo(
-        position[:, 0], position[:, 1], column(libsumo.VAR_ANGLE), lengths_m, network.sumo_offset_m
+        position[:, 0], position[:, 1], _column(rows, libsumo.VAR_ANGLE), lengths_m, network.sumo_offset_m
     )
     lane_ids = [row[libsumo.VAR_LANE_ID] for row in rows]
     lane = [network.lane_by_id[lane_id].index if lane_id in network.lane_by_id else NO_LANE for lane_id in lane_ids]
@@ -81,14 +77,18 @@ def read_vehicles(
         x_m=x,
         y_m=y,
         yaw_rad=yaw,
-        speed_mps=column(libsumo.VAR_SPEED) / scale,
-        accel_mps2=column(libsumo.VAR_ACCELERATION) / scale,
+        speed_mps=_column(rows, libsumo.VAR_SPEED) / scale,
+        accel_mps2=_column(rows, libsumo.VAR_ACCELERATION) / scale,
         lane=np.array(lane, dtype=np.int32),
-        lane_position_m=np.where(on_road, column(libsumo.VAR_LANEPOSITION) / scale, 0.0),
-        lateral_m=np.where(on_road, column(libsumo.VAR_LANEPOSITION_LAT), 0.0),
+        lane_position_m=np.where(on_road, _column(rows, libsumo.VAR_LANEPOSITION) / scale, 0.0),
+        lateral_m=np.where(on_road, _column(rows, libsumo.VAR_LANEPOSITION_LAT), 0.0),
         lights=lights_of(np.array([row[libsumo.VAR_SIGNALS] for row in rows], dtype=np.int64)),
         route_index=np.array([row[libsumo.VAR_ROUTE_INDEX] for row in rows], dtype=np.int32),
     )
+
+
+def _column(rows: Sequence[Mapping[int, Any]], variable: int) -> npt.NDArray[np.float64]:
+    return np.array([row[variable] for row in rows], dtype=np.float64)
 
 
 def lights_of(signals: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:

@@ -30,15 +30,12 @@ def separation_m(corners_a: Array, corners_b: Array) -> Array:
     value is minus the penetration depth (separating axis theorem); for separate boxes it is a lower
     bound of their distance.
     """
-    gaps = []
-    for corners in (corners_a, corners_b):
-        for first, second in ((0, 1), (0, 3)):
-            axis = corners[:, second] - corners[:, first]
-            axis = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
-            a = np.einsum("nkj,nj->nk", corners_a, axis)
-            b = np.einsum("nkj,nj->nk", corners_b, axis)
-            gaps.append(np.maximum(b.min(axis=1) - a.max(axis=1), a.min(axis=1) - b.max(axis=1)))
-    return np.max(gaps, axis=0)
+    sides = [corners[:, (1, 3)] - corners[:, :1] for corners in (corners_a, corners_b)]
+    axes = np.concatenate(sides, axis=1)
+    axes = (axes / np.hypot(axes[..., 0], axes[..., 1])[..., None]).transpose(0, 2, 1)
+    a, b = corners_a @ axes, corners_b @ axes
+    gaps = np.maximum(b.min(axis=1) - a.max(axis=1), a.min(axis=1) - b.max(axis=1))
+    return np.asarray(gaps.max(axis=1))
 
 
 def rotate(points: Array, yaw_rad: float) -> Array:

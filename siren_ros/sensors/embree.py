@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import types
 
+from siren_ros.sensors.crew import Crew, everybody
 from siren_ros.world.compiled import compiled
 from siren_ros.world.errors import SirenError
 
@@ -28,6 +29,8 @@ _LANES: Final = 16
 _ROWS: Final = 21
 """Numbers of a ray and its hit in ``RTCRayHit16``: origin 0-2, near 3, direction 4-6, time 7, far 8, mask 9, id 10,
 flags 11, normal 12-14, u v 15-16, primitive 17, geometry 18, instances 19-20."""
+_PART: Final = 512 * _LANES
+"""Rays that one thread takes at a time: about a millisecond's work, in whole packets."""
 _ALIGNMENT: Final = 64
 _NOTHING: Final = 0xFFFFFFFF
 _COHERENT: Final = 1 << 16
@@ -86,8 +89,12 @@ class RayHits:
 class TriangleTree:
     """Meshes in a tree that rays are cast at; they do not change any more."""
 
-    def __init__(self, meshes: Sequence[tuple[Floats, npt.NDArray[np.integer[Any]]]]) -> None:
+    def __init__(self, meshes: Sequence[tuple[Floats, npt.NDArray[np.integer[Any]]]], crew: Crew | None = None) -> None:
         """Build the tree of meshes, each given as vertices ``(V, 3)`` and triangles ``(T, 3)``.
+
+        Args:
+            meshes: They may overlap.
+            crew: Who casts; everybody in this process where None.
 
         Raises:
             SirenError: Embree refuses them.
@@ -103,8 +110,9 @@ class TriangleTree:
         if error := library.rtcGetDeviceError(device):
             raise SirenError(f"Embree could not build a tree of triangles (RTCError {error})")
         self._arguments = _IntersectArguments(flags=_COHERENT, feature_mask=_NOTHING)
-        self._packet = _aligned((_ROWS, _LANES), np.float32)
-        self._valid = _aligned((_LANES,), np.int32)
+        self._crew = crew or everybody()
+        self._packets = [_aligned((_ROWS, _LANES), np.float32) for _ in range(self._crew.size)]
+        self._valid = [_aligned((_LANES,), np.int32) for _ in range(self._crew.size)]
 
     def __del__(self) -> None:
         """Give Embree's memory back."""
@@ -137,15 +145,21 @@ class TriangleTree:
                 the cost alone.
         """
         room = hits if hits is not None else RayHits.for_rays(len(rays))
-        _cast(
-            self._scene,
-            ctypes.addressof(self._arguments),
-            (self._packet, self._packet.ctypes.data),
-            (self._valid, self._valid.ctypes.data),
-            rays,
-            order if order is not None else np.arange(len(rays), dtype=np.int32),
-            (room.distance, room.triangle, room.normal),
-        )
+        all_rays = order if order is not None else np.arange(len(rays), dtype=np.int32)
+
+        def part(member: int, first: int, end: int) -> None:
+            packet, valid = self._packets[member], self._valid[member]
+            _cast(
+                self._scene,
+                ctypes.addressof(self._arguments),
+                (packet, packet.ctypes.data),
+                (valid, valid.ctypes.data),
+                rays,
+                all_rays[first:end],
+                (room.distance, room.triangle, room.normal),
+            )
+
+        self._crew.share(part, len(all_rays), _PART)
         return room
 
 

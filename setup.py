@@ -20,6 +20,7 @@ DEPENDENCIES = [
     "numba>=0.60",  # compiles the loops over the LiDAR's rays
     "llvmlite>=0.43",  # numba's; tells compiled code where Embree is
     "moderngl>=5.10",  # draws the cameras' images, on a GPU where there is one
+    "glcontext>=2.5",  # moderngl's; opens the contexts that it draws in
     "simplejpeg>=1.7",  # compresses the cameras' images (libjpeg-turbo, straight from numpy arrays)
     "pillow>=10",  # reads and writes pictures
     "rosbags>=0.11,<0.12",  # writes and reads rosbag2 without a ROS installation

@@ -2,24 +2,30 @@
 
 import json
 import sys
-from typing import Any
+from typing import Any, Final, TypeAlias
+
+from rclpy.clock import Clock, ClockType
 
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import from_actor_states, from_traffic_state
+from siren_ros.interfaces.lockstep_reports import Phase
 from siren_ros.interfaces.tick_join import Input
-from siren_ros.interfaces.transforms import Transform, to_tf
+from siren_ros.interfaces.transforms import to_tf
 from siren_ros.ros import wire
 from siren_ros.ros.node_configs import SensorSimConfig
 from siren_ros.ros.participant import Participant
 from siren_ros.ros.program import run_participant
-from siren_ros.sensors.carrier import AV, noise_seed, static_transforms
-from siren_ros.sensors.look_file import load_look, look_of
-from siren_ros.sensors.observation_messages import ObservationMessages, shared_messages
-from siren_ros.sensors.rig import SensorRig
-from siren_ros.sensors.sensor_topics import AV_CARRIER_TOPICS, CARRIER_TOPICS, carriers_of, suite_topics
-from siren_ros.world.actors import ActorDescription
+from siren_ros.sensors.carried import CarriedSensors, carried_sensors
+from siren_ros.sensors.observation_messages import shared_messages
+from siren_ros.sensors.observations import Observations, Sensing
+from siren_ros.sensors.sensor_topics import CARRIER_TOPICS
+from siren_ros.world.actors import ActorDescription, ActorStates
 from siren_ros.world.episode import EpisodeDescription
 from siren_ros.world.net_parser import parse_road_network
+
+LATE_S: Final = 0.1
+"""A step's pictures wait no longer than this for the next step."""
+Seen: TypeAlias = tuple[ActorStates, list[Observations]]
 
 
 class SensorSim(Participant[SensorSimConfig]):
@@ -29,49 +35,76 @@ class SensorSim(Participant[SensorSimConfig]):
     inputs = (Input(topics.TRAFFIC), Input(topics.ACTORS))
     outputs = CARRIER_TOPICS
 
+    def __init__(self, name: str, **node_options: Any) -> None:
+        super().__init__(name, **node_options)
+        self._actors: dict[int, ActorDescription] = {}
+        self._carried: list[CarriedSensors] = []
+        self._begun: tuple[ActorStates, list[Sensing]] | None = None
+        self._published: list[int] = []
+        self._busy_s = 0.0
+        self._late = self.create_timer(LATE_S, self._no_more_steps, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._late.cancel()
+
     def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:
         """Build the scene and say where the sensors sit."""
-        network, factory, scene = parse_road_network(map_xml), wire.factory(), None
-        look = load_look(look_of(episode))
-        self._actors: dict[int, ActorDescription] = {}
-        self._carriers: list[tuple[SensorRig, ObservationMessages]] = []
-        transforms: list[Transform] = []
-        accounts: dict[str, object] = {}
-        for carrier, actor_id, suite in carriers_of(episode):
-            messages = ObservationMessages(factory, suite, actor_id, self.has_listeners, carrier)
-            rig = SensorRig(
-                suite,
-                network,
-                episode.seed,
-                look=look,
-                scene=scene,
-                noise_seed=noise_seed(episode.seed, carrier),
-                site=episode.site,
-                wanted=messages.wanted_labels,
-            )
-            rig.prepare()
-            for note in rig.notes:
+        factory = wire.factory()
+        self._carried = list(carried_sensors(episode, parse_road_network(map_xml), factory, self.has_listeners))
+        for carried in self._carried:
+            for note in carried.rig.notes:
                 self.get_logger().warning(note)
-            scene, accounts[carrier.name] = rig.scene, rig.account
-            self._carriers.append((rig, messages))
-            for topic in (*(AV_CARRIER_TOPICS if carrier == AV else ()), *suite_topics(suite, carrier)):
+            for topic in carried.topics:
                 self.add_output(topic)
-            transforms.extend(static_transforms(suite, carrier, rig.station))
+        transforms = [transform for carried in self._carried for transform in carried.transforms]
+        accounts = {carried.carrier.name: carried.rig.account for carried in self._carried}
         self.send(topics.TF_STATIC, to_tf(factory, 0, transforms))
         self.send(topics.SENSING, factory.make(topics.SENSING.type_name, data=json.dumps(accounts, sort_keys=True)))
 
     def on_step(self, step: int, inputs: dict[str, Any]) -> None:  # noqa: ARG002 - the interface of all nodes
-        """Publish what is due at this step."""
+        """Publish what is due at this step; where pictures may trail, what comes with them within the next step."""
+        earlier = self._finish()
         traffic = wire.content(from_traffic_state, inputs[topics.TRAFFIC.name])
         states = wire.content(from_actor_states, inputs[topics.ACTORS.name])
         self._actors.update({actor.actor_id: actor for actor in traffic.spawned})
-        carriers = [(messages.carrier, messages.carrier_id) for _, messages in self._carriers]
+        carriers = [(carried.carrier, carried.messages.carrier_id) for carried in self._carried]
         for topic, message in shared_messages(wire.factory(), states, self._actors, carriers):
             self.send(topic, message)
-        for rig, messages in self._carriers:
-            seen = rig.observe(states, self._actors, traffic.signals, messages.carrier_id)
-            for topic, message in messages.of_step(states, seen):
-                self.send(topic, message)
+        begun = [
+            carried.rig.begin(states, self._actors, traffic.signals, carried.messages.carrier_id)
+            for carried in self._carried
+        ]
+        self._begun = (states, begun)
+        self._publish(*earlier)
+        if self.config.trails and any(sensing.draws for sensing in begun):
+            self._late.reset()
+        else:
+            self._publish(*self._finish())
+
+    def _finish(self) -> tuple[Seen, ...]:
+        """What the step that has begun measured, once its pictures are there; nothing where none has."""
+        begun, self._begun = self._begun, None
+        self._late.cancel()
+        return () if begun is None else ((begun[0], [sensing.finish() for sensing in begun[1]]),)
+
+    def _publish(self, *steps: Seen) -> None:
+        for states, seen in steps:
+            for carried, observations in zip(self._carried, seen, strict=True):
+                for topic, message in carried.messages.of_step(states, observations):
+                    self.send(topic, message)
+            self._published.append(states.step)
+
+    def step_finished(self, step: int, busy_s: float) -> None:  # noqa: ARG002 - those that were published count
+        """Report the steps whose messages are out."""
+        self._busy_s += busy_s
+        while self._published:
+            super().step_finished(self._published.pop(0), self._busy_s)
+            self._busy_s = 0.0
+
+    def _no_more_steps(self) -> None:
+        """Publish the pictures of a step that no other follows, or not soon."""
+        if self.finished:
+            return
+        self._guarded(self.steps_done, Phase.STEP, lambda: self._publish(*self._finish()))
+        self.step_finished(self.steps_done, 0.0)
 
 
 NODE = SensorSim

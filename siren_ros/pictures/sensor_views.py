@@ -15,8 +15,9 @@ from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.sensors.camera_model import Pinhole, optical_from_map
 from siren_ros.sensors.lidar import LidarSweep
 from siren_ros.sensors.mount import Mount
+from siren_ros.sensors.observations import Observations
 from siren_ros.sensors.render.look import Look
-from siren_ros.sensors.rig import Observations, SensorRig
+from siren_ros.sensors.rig import SensorRig
 from siren_ros.sensors.suite import SensorSuite
 from siren_ros.world.errors import InputError
 from siren_ros.world.units import steps_from_s

@@ -77,6 +77,7 @@ def plan_episode(config: CosimConfig) -> EpisodePlan:
     if kitti:
         told["kitti_exporter"]["out"] = str(kitti)
     others = (*_checked_names(config.external), *((AV_SOURCE,) if config.av else ()))
+    told["sensor_sim"]["trails"] = not others and config.realtime_factor == 0.0
     return EpisodePlan(nodes, others, plan_length(request), bag, kitti, told)
 
 

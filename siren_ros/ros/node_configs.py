@@ -70,6 +70,10 @@ class VehicleDynamicsConfig(ParticipantConfig):
 class SensorSimConfig(ParticipantConfig):
     """``sensor_sim``."""
 
+    trails: bool = parameter(
+        False, "Whether a step's pictures may still be drawn while the next step begins; its messages come with them."
+    )
+
 
 @dataclass(frozen=True)
 class RecorderConfig(ParticipantConfig):

@@ -1,8 +1,9 @@
 """A camera of a suite: pictures with noise, as JPEG, and the labels that go with them."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -61,10 +62,13 @@ class Camera:
         rolled_m: npt.NDArray[np.float64],
         signals: Mapping[str, str],
         wanted: WantedLabels,
-    ) -> CameraFrame:
-        """A picture from a pose of the camera's body frame (x forward), shape ``(4, 4)``, with the wanted labels."""
+    ) -> Callable[[], CameraFrame]:
+        """Begin with a picture from a pose of the camera's body frame (x forward), shape ``(4, 4)``.
+
+        What is returned waits for the picture and gives it, with the wanted labels. Call it once.
+        """
         spec = self.spec
-        image = self._renderer.render(
+        picture = self._renderer.begin(
             self.pinhole,
             map_from_camera,
             placement,
@@ -75,6 +79,10 @@ class Camera:
             labels=wanted.depth,
             instances=wanted.instance or wanted.boxes,
         )
+        return partial(self._develop, step, picture)
+
+    def _develop(self, step: int, picture: Callable[[], RenderedImage]) -> CameraFrame:
+        image, spec = picture(), self.spec
         if spec.blur_px > 0.0:
             self._blur(image.rgba)
         if spec.noise_stddev > 0.0:

@@ -28,7 +28,7 @@ from siren_ros.sensors.carrier import (
     optical_frame,
     row_of_carrier,
 )
-from siren_ros.sensors.rig import Observations
+from siren_ros.sensors.observations import Observations
 from siren_ros.sensors.suite import CameraSpec, SensorSuite, period_steps
 from siren_ros.sensors.wanted_labels import WantedLabels
 from siren_ros.world.actors import ActorDescription, ActorStates

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -13,12 +13,13 @@ from siren_ros.interfaces import topics
 from siren_ros.sensors.camera import Camera, CameraFrame
 from siren_ros.sensors.camera_truth import CameraLabeller
 from siren_ros.sensors.carrier import STATION_FRAME
-from siren_ros.sensors.gnss import GeoReference, Gnss, GnssFix
+from siren_ros.sensors.gnss import GeoReference, Gnss
 from siren_ros.sensors.ground_truth import ground_truth
 from siren_ros.sensors.imu import Imu, ImuSample, PlanarMotion
 from siren_ros.sensors.lidar import CarrierMotion, Lidar, LidarSweep
-from siren_ros.sensors.microphone import AudioChunk, Microphone
+from siren_ros.sensors.microphone import Microphone
 from siren_ros.sensors.mount import Matrix, Mount, map_from_base
+from siren_ros.sensors.observations import Observations, Sensing
 from siren_ros.sensors.placement import Catalogue, Placement
 from siren_ros.sensors.raycast_world import RaycastWorld
 from siren_ros.sensors.render.context import RendererUnavailableError
@@ -40,22 +41,6 @@ from siren_ros.world.traffic_state import SignalState
 from siren_ros.world.units import STEP_S
 
 BASE_FRAME = "base_link"
-
-
-@dataclass(frozen=True, eq=False)
-class Observations:
-    """What the sensors that were due at a step measured."""
-
-    step: int
-    sweeps: tuple[LidarSweep, ...]
-    frames: tuple[CameraFrame, ...]
-    truth: GroundTruth | None
-    """At the steps at which labels are published."""
-    labels: Mapping[str, CameraTruth] = field(default_factory=dict)
-    """Of the pictures, by camera, where they are wanted."""
-    fixes: tuple[GnssFix, ...] = ()
-    inertial: tuple[ImuSample, ...] = ()
-    sounds: tuple[AudioChunk, ...] = ()
 
 
 class Odometers:
@@ -195,7 +180,17 @@ class SensorRig:
         signals: Iterable[SignalState],
         carrier_id: int,
     ) -> Observations:
-        """Measure with the sensors that are due at the states' step.
+        """Measure with the sensors that are due at the states' step; arguments as ``begin``."""
+        return self.begin(states, descriptions, signals, carrier_id).finish()
+
+    def begin(
+        self,
+        states: ActorStates,
+        descriptions: Mapping[int, ActorDescription],
+        signals: Iterable[SignalState],
+        carrier_id: int,
+    ) -> Sensing:
+        """Begin to measure with the sensors that are due at the states' step; only pictures take longer than the call.
 
         Where the carrier is not among the actors nothing is measured, unless the suite stands at a station.
 
@@ -212,18 +207,18 @@ class SensorRig:
         motion = self._motion(states, carrier_id)
         if motion is None:
             nobody = ActorStates.empty(step)
-            return Observations(step, (), (), self._truth(nobody, descriptions, hidden, np.eye(4), ()))
+            bare = Observations(step, (), (), self._truth(nobody, descriptions, hidden, np.eye(4), ()))
+            return Sensing(draws=False, finish=lambda: bare)
         base, carried = motion
         placement = self._catalogue.place(states, descriptions, hidden_id=hidden)
-        sweeps = tuple(self._sweeps(step, base, placement, carried))
         others = states.actor_id != hidden
-        frames = tuple(self._frames(step, base, placement, rolled_m[others], signals))
-        return Observations(
+        exposed = tuple(self._expose(step, base, placement, rolled_m[others], signals))
+        sweeps = tuple(self._sweeps(step, base, placement, carried))  # while the pictures are drawn
+        measured = Observations(
             step=step,
             sweeps=sweeps,
-            frames=frames,
+            frames=(),
             truth=self._truth(states, descriptions, hidden, base, sweeps),
-            labels=self._labels(frames, base, placement, descriptions),
             fixes=tuple(
                 receiver.measure(step, base, step * STEP_S)
                 for receiver in self._receivers
@@ -232,6 +227,12 @@ class SensorRig:
             inertial=self._inertial(states, carrier_id),
             sounds=tuple(microphone.hear(states, base) for microphone in self._microphones),
         )
+
+        def finish() -> Observations:
+            frames = tuple(develop() for develop in exposed)
+            return replace(measured, frames=frames, labels=self._labels(frames, base, placement, descriptions))
+
+        return Sensing(draws=bool(exposed), finish=finish)
 
     def _motion(self, states: ActorStates, carrier_id: int) -> tuple[Matrix, CarrierMotion] | None:
         """Pose and motion of what carries the sensors; None where that has left the map."""
@@ -303,14 +304,14 @@ class SensorRig:
             if step % period_steps(lidar.spec.rate_hz) == 0:
                 yield lidar.scan(step, base @ lidar.spec.mount.base_from_sensor, placement, motion)
 
-    def _frames(
+    def _expose(
         self,
         step: int,
         base: Matrix,
         placement: Placement,
         rolled_m: npt.NDArray[np.float64],
         signals: Iterable[SignalState],
-    ) -> Iterable[CameraFrame]:
+    ) -> Iterable[Callable[[], CameraFrame]]:
         states = {signal.signal_id: signal.state for signal in signals}
         for camera in self._cameras or ():
             if step % period_steps(camera.spec.rate_hz) == 0:

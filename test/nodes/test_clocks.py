@@ -11,7 +11,7 @@ from live_episodes import EXAMPLES, SMALL_SUITE, Domain, finish
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.topics import Topic
 from siren_ros.sensors.carrier import AV
-from siren_ros.sensors.render.context import RendererUnavailableError, open_context
+from siren_ros.sensors.render.context import DrawingContext, RendererUnavailableError
 from siren_ros.sensors.sensor_topics import recorded_topics, suite_topics
 from siren_ros.sensors.suite import load_suite
 from siren_ros.world.units import STEP_NS
@@ -50,7 +50,7 @@ CAMERA_FRAMES = {
 
 def can_draw() -> bool:
     try:
-        open_context().release()
+        DrawingContext().gl.release()
     except RendererUnavailableError:
         return False
     return True

@@ -3,8 +3,9 @@
 For machines without EGL. Slower by an order of magnitude; geometry, labels and colours of surfaces are the same.
 """
 
-from collections.abc import Mapping
-from typing import Final
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -88,6 +89,10 @@ class RaycastRenderer:
         rgba[..., 3] = semantic.reshape(shape)
         far = np.where(np.isfinite(depth), depth, 0.0).astype(np.float32).reshape(shape)
         return RenderedImage(rgba, actor.reshape(shape) if labels or instances else None, far if labels else None)
+
+    def begin(self, *arguments: Any, **options: Any) -> Callable[[], RenderedImage]:
+        """The picture, cast when it is asked for; arguments as ``Renderer.begin``."""
+        return partial(self.render, *arguments, **options)
 
     def _vehicle(
         self,

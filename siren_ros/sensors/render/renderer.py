@@ -12,7 +12,7 @@ from siren_ros.sensors.camera_model import Pinhole, optical_from_map
 from siren_ros.sensors.mount import Matrix
 from siren_ros.sensors.placement import Placement
 from siren_ros.sensors.render import sky_shaders
-from siren_ros.sensors.render.context import open_context
+from siren_ros.sensors.render.context import DrawingContext
 from siren_ros.sensors.render.ground_light import GroundLight, LightMap
 from siren_ros.sensors.render.lamp_light import LampLight
 from siren_ros.sensors.render.look import Look
@@ -20,6 +20,7 @@ from siren_ros.sensors.render.preamble import defined, preamble
 from siren_ros.sensors.render.rain import Rain
 from siren_ros.sensors.render.rendered_image import RenderedImage
 from siren_ros.sensors.render.static_geometry import StaticGeometry
+from siren_ros.sensors.render.target import Target
 from siren_ros.sensors.render.vehicle_geometry import VehicleGeometry
 from siren_ros.sensors.scene.material import SemanticClass
 from siren_ros.sensors.scene.mesh import StaticScene, VehicleShape
@@ -38,33 +39,6 @@ _SKY_TEXELS: Final = 1024
 _FRAME_FLOATS: Final = 3 * 16 + 4 * 4
 
 
-class _Target:
-    """Framebuffers of one picture size; labels are attached only where they are asked for."""
-
-    def __init__(self, context: moderngl.Context, width: int, height: int) -> None:
-        size = (width, height)
-        self._colour = context.texture(size, 4)
-        self._actor = context.texture(size, 1, dtype="u4")
-        self._depth = context.texture(size, 1, dtype="f4")
-        buffer = context.depth_renderbuffer(size)
-        self.plain = context.framebuffer([self._colour], buffer)
-        self.instances = context.framebuffer([self._colour, self._actor], buffer)
-        self.labelled = context.framebuffer([self._colour, self._actor, self._depth], buffer)
-        self._shape = (height, width)
-
-    def read(self, *, instances: bool, depth: bool) -> RenderedImage:
-        rgba = np.empty((*self._shape, 4), np.uint8)
-        self.plain.read_into(rgba, components=4, alignment=1)
-        actor = depth_m = None
-        if instances:
-            actor = np.empty(self._shape, np.uint32)
-            self.instances.read_into(actor, components=1, attachment=1, dtype="u4", alignment=1)
-        if depth:
-            depth_m = np.empty(self._shape, np.float32)
-            self.labelled.read_into(depth_m, components=1, attachment=2, dtype="f4", alignment=1)
-        return RenderedImage(rgba, actor, depth_m)
-
-
 class Renderer:
     """One scene, any number of cameras. Belongs to the thread that makes it."""
 
@@ -76,7 +50,8 @@ class Renderer:
         Raises:
             RendererUnavailableError: no OpenGL through EGL on this machine.
         """
-        self._context = context = open_context()
+        self._drawing = DrawingContext()
+        self._context = context = self._drawing.gl
         self.look = look or Look()
         constants = preamble(self.look)
         self._static = StaticGeometry(context, static, self.look, constants)
@@ -86,7 +61,7 @@ class Renderer:
         else:
             self._ground = GroundLight(context, self._static, self.look.towards_sun)
         self._vehicles = VehicleGeometry(context, shapes, constants)
-        self._last: Callable[[], None] = lambda: None
+        self._last: Callable[[Any], None] = lambda _plain: None
         self._placed: tuple[Placement, npt.NDArray[np.float64]] | None = None
         self._sky_program = context.program(
             vertex_shader=defined(sky_shaders.SKY_VERTEX, constants),
@@ -97,7 +72,8 @@ class Renderer:
         self._skies: dict[float, moderngl.Texture] = {}
         self._noise = _noise_texture(context)
         self._frame = context.buffer(reserve=4 * _FRAME_FLOATS)
-        self._targets: dict[tuple[int, int], _Target] = {}
+        self._targets: dict[tuple[int, int], list[Target]] = {}
+        """Targets of each size that no picture is being drawn to."""
         self._rain = Rain(context, self.look) if self.look.rain_mm_per_h > 0.0 else None
         rain = (self._rain.program,) if self._rain is not None else ()
         for program in [*rain, *self._static.all_programs, self._vehicles.program, self._sky_program]:
@@ -121,7 +97,27 @@ class Renderer:
         labels: bool = False,
         instances: bool = False,
     ) -> RenderedImage:
-        """One picture from a pose of the camera's body frame (x forward), shape ``(4, 4)``.
+        """One picture; arguments as ``begin``."""
+        return self.begin(
+            camera, map_from_camera, placement, rolled_m, signals, step, exposure, labels=labels, instances=instances
+        )()
+
+    def begin(
+        self,
+        camera: Pinhole,
+        map_from_camera: Matrix,
+        placement: Placement,
+        rolled_m: npt.NDArray[np.float64],
+        signals: Mapping[str, str],
+        step: int,
+        exposure: float = 1.0,
+        labels: bool = False,
+        instances: bool = False,
+    ) -> Callable[[], RenderedImage]:
+        """Begin with one picture from a pose of the camera's body frame (x forward), shape ``(4, 4)``.
+
+        The drawing goes on while the caller does something else; what is returned waits for it and gives the picture.
+        Call it once.
 
         Args:
             camera: Intrinsics.
@@ -134,14 +130,21 @@ class Renderer:
             labels: Whether to hand back instances and depth too.
             instances: Whether to hand back instances.
         """
-        with self._context:  # other renderers of this thread have contexts of their own
-            textures = self._prepare(camera, map_from_camera, placement, rolled_m, step, exposure)
-            rows = _nearest_in_view(_clip_from_map(camera, map_from_camera), map_from_camera[:3, 3], placement)
-            target = self._target(camera)
-            (target.labelled if labels else target.instances if instances else target.plain).use()
-            self._last = partial(self._draw, target.plain, rows, textures, signals, step)
-            self._last()
-            return target.read(instances=labels or instances, depth=labels)
+        self._drawing.use()  # other renderers of this thread have contexts of their own
+        textures = self._prepare(camera, map_from_camera, placement, rolled_m, step, exposure)
+        rows = _nearest_in_view(_clip_from_map(camera, map_from_camera), map_from_camera[:3, 3], placement)
+        target = self._take_target(camera)
+        (target.labelled if labels else target.instances if instances else target.plain).use()
+        self._last = partial(self._draw, rows, textures, signals, step)
+        self._last(target.plain)
+        self._drawing.flush()
+        return partial(self._finish, camera, target, instances=labels or instances, depth=labels)
+
+    def _finish(self, camera: Pinhole, target: Target, *, instances: bool, depth: bool) -> RenderedImage:
+        self._drawing.use()
+        image = target.read(instances=instances, depth=depth)
+        self._targets[camera.width, camera.height].append(target)
+        return image
 
     def draw_again(self, camera: Pinhole) -> RenderedImage:
         """The last picture once more, nothing but its draw and read-back: what ``render``'s time is measured by.
@@ -149,11 +152,11 @@ class Renderer:
         Args:
             camera: The camera of the last picture.
         """
-        with self._context:
-            target = self._target(camera)
-            target.plain.use()
-            self._last()
-            return target.read(instances=False, depth=False)
+        self._drawing.use()
+        target = self._take_target(camera)
+        target.plain.use()
+        self._last(target.plain)
+        return self._finish(camera, target, instances=False, depth=False)
 
     def _prepare(
         self,
@@ -178,13 +181,13 @@ class Renderer:
 
     def _draw(
         self,
-        plain: Any,
         rows: npt.NDArray[np.intp],
         textures: tuple[Any, ...],
         signals: Mapping[str, str],
         step: int,
+        plain: Any,
     ) -> None:
-        """Draw what was selected and the vehicles of these rows into the framebuffer in use."""
+        """Draw what was selected, and these rows' vehicles, into the framebuffer in use; rain into a plain one."""
         context = self._context
         context.fbo.clear(depth=1.0)
         context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
@@ -222,11 +225,10 @@ class Renderer:
         self._skies[exposure] = sky
         return sky
 
-    def _target(self, camera: Pinhole) -> _Target:
-        size = (camera.width, camera.height)
-        if size not in self._targets:
-            self._targets[size] = _Target(self._context, *size)
-        return self._targets[size]
+    def _take_target(self, camera: Pinhole) -> Target:
+        """A target that no picture is being drawn to; ``_finish`` gives it back."""
+        free = self._targets.setdefault((camera.width, camera.height), [])
+        return free.pop() if free else Target(self._context, camera.width, camera.height)
 
     def _write_frame(
         self,

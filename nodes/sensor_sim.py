@@ -24,7 +24,7 @@ from siren_ros.world.episode import EpisodeDescription
 from siren_ros.world.net_parser import parse_road_network
 
 LATE_S: Final = 0.1
-"""A step's pictures wait no longer than this for the next step."""
+"""What is measured at a step waits no longer than this for the next step."""
 Seen: TypeAlias = tuple[ActorStates, list[Observations]]
 
 
@@ -47,8 +47,8 @@ class SensorSim(Participant[SensorSimConfig]):
 
     def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:
         """Build the scene and say where the sensors sit."""
-        factory = wire.factory()
-        self._carried = list(carried_sensors(episode, parse_road_network(map_xml), factory, self.has_listeners))
+        factory, network = wire.factory(), parse_road_network(map_xml)
+        self._carried = list(carried_sensors(episode, network, factory, self.has_listeners, beside=self.config.trails))
         for carried in self._carried:
             for note in carried.rig.notes:
                 self.get_logger().warning(note)
@@ -60,7 +60,7 @@ class SensorSim(Participant[SensorSimConfig]):
         self.send(topics.SENSING, factory.make(topics.SENSING.type_name, data=json.dumps(accounts, sort_keys=True)))
 
     def on_step(self, step: int, inputs: dict[str, Any]) -> None:  # noqa: ARG002 - the interface of all nodes
-        """Publish what is due at this step; where pictures may trail, what comes with them within the next step."""
+        """Publish what is due at this step: at once, or within the next step where the sensors may trail."""
         earlier = self._finish()
         traffic = wire.content(from_traffic_state, inputs[topics.TRAFFIC.name])
         states = wire.content(from_actor_states, inputs[topics.ACTORS.name])
@@ -74,13 +74,13 @@ class SensorSim(Participant[SensorSimConfig]):
         ]
         self._begun = (states, begun)
         self._publish(*earlier)
-        if self.config.trails and any(sensing.draws for sensing in begun):
+        if self.config.trails and any(sensing.under_way for sensing in begun):
             self._late.reset()
         else:
             self._publish(*self._finish())
 
     def _finish(self) -> tuple[Seen, ...]:
-        """What the step that has begun measured, once its pictures are there; nothing where none has."""
+        """What the step that has begun measured, once all of it is there; nothing where none has."""
         begun, self._begun = self._begun, None
         self._late.cancel()
         return () if begun is None else ((begun[0], [sensing.finish() for sensing in begun[1]]),)
@@ -100,7 +100,7 @@ class SensorSim(Participant[SensorSimConfig]):
             self._busy_s = 0.0
 
     def _no_more_steps(self) -> None:
-        """Publish the pictures of a step that no other follows, or not soon."""
+        """Publish what was measured at a step that no other follows, or not soon."""
         if self.finished:
             return
         self._guarded(self.steps_done, Phase.STEP, lambda: self._publish(*self._finish()))

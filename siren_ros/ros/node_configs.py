@@ -71,7 +71,7 @@ class SensorSimConfig(ParticipantConfig):
     """``sensor_sim``."""
 
     trails: bool = parameter(
-        False, "Whether a step's pictures may still be drawn while the next step begins; its messages come with them."
+        False, "Whether a step's sweeps and pictures may still be made while the next step begins."
     )
 
 

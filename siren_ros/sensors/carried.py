@@ -33,7 +33,12 @@ class CarriedSensors:
 
 
 def carried_sensors(
-    episode: EpisodeDescription, network: RoadNetwork, factory: MessageFactory, wants_raw: Callable[[Topic], bool]
+    episode: EpisodeDescription,
+    network: RoadNetwork,
+    factory: MessageFactory,
+    wants_raw: Callable[[Topic], bool],
+    *,
+    beside: bool,
 ) -> Iterator[CarriedSensors]:
     """The sensors of all carriers of an episode, ready in the thread that will measure.
 
@@ -42,6 +47,7 @@ def carried_sensors(
         network: Its map.
         factory: Makes the messages.
         wants_raw: As ``ObservationMessages`` takes it.
+        beside: As ``SensorRig`` takes it.
 
     Raises:
         InputError: A suite or a look that is not to be had, or sensors inside a building.
@@ -58,6 +64,7 @@ def carried_sensors(
             noise_seed=noise_seed(episode.seed, carrier),
             site=episode.site,
             wanted=messages.wanted_labels,
+            beside=beside,
         )
         rig.prepare()
         scene = rig.scene

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import files
 from itertools import pairwise
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import embreex.rtcore  # noqa: F401 - loads the library with the thread pool that it needs
 import llvmlite.binding
@@ -86,6 +86,17 @@ class RayHits:
         return cls(np.empty(count, np.float32), np.empty(count, np.uint32), np.empty((count, 3), np.float32))
 
 
+class PacketTree(NamedTuple):
+    """A tree as compiled loops need it: addresses are integers, each beside the array that is there."""
+
+    scene: int
+    arguments: int
+    packet: npt.NDArray[np.float32]
+    packet_at: int
+    valid: npt.NDArray[np.int32]
+    valid_at: int
+
+
 class TriangleTree:
     """Meshes in a tree that rays are cast at; they do not change any more."""
 
@@ -111,8 +122,7 @@ class TriangleTree:
             raise SirenError(f"Embree could not build a tree of triangles (RTCError {error})")
         self._arguments = _IntersectArguments(flags=_COHERENT, feature_mask=_NOTHING)
         self._crew = crew or everybody()
-        self._packets = [_aligned((_ROWS, _LANES), np.float32) for _ in range(self._crew.size)]
-        self._valid = [_aligned((_LANES,), np.int32) for _ in range(self._crew.size)]
+        self._members = [self.packets() for _ in range(self._crew.size)]
 
     def __del__(self) -> None:
         """Give Embree's memory back."""
@@ -135,6 +145,12 @@ class TriangleTree:
         library.rtcAttachGeometry(self._scene, geometry)
         library.rtcReleaseGeometry(geometry)
 
+    def packets(self) -> PacketTree:
+        """The tree for compiled loops, with scratch memory for one thread; it lives no longer than this object."""
+        packet, valid = _aligned((_ROWS, _LANES), np.float32), _aligned((_LANES,), np.int32)
+        arguments = ctypes.addressof(self._arguments)
+        return PacketTree(self._scene, arguments, packet, packet.ctypes.data, valid, valid.ctypes.data)
+
     def cast(self, rays: Floats, hits: RayHits | None = None, order: npt.NDArray[np.int32] | None = None) -> RayHits:
         """Find what each ray hits first. Holds scratch memory, so one bundle at a time.
 
@@ -148,16 +164,8 @@ class TriangleTree:
         all_rays = order if order is not None else np.arange(len(rays), dtype=np.int32)
 
         def part(member: int, first: int, end: int) -> None:
-            packet, valid = self._packets[member], self._valid[member]
-            _cast(
-                self._scene,
-                ctypes.addressof(self._arguments),
-                (packet, packet.ctypes.data),
-                (valid, valid.ctypes.data),
-                rays,
-                all_rays[first:end],
-                (room.distance, room.triangle, room.normal),
-            )
+            hits = room.distance, room.triangle, room.normal
+            cast_packets(self._members[member], rays, all_rays[first:end], hits)
 
         self._crew.share(part, len(all_rays), _PART)
         return room
@@ -171,10 +179,9 @@ def tiles(columns: int, rows: int, side: int = 4) -> npt.NDArray[np.int32]:
 
 
 @compiled
-def _cast(scene: Any, arguments: Any, packet_at: Any, valid_at: Any, rays: Any, order: Any, hits: Any) -> None:
-    """Fill packets, cast them and spread their hits; addresses are integers, each beside the array that is there."""
-    packet, packet_address = packet_at
-    valid, valid_address = valid_at
+def cast_packets(tree: PacketTree, rays: Any, order: Any, hits: Any) -> None:
+    """Fill packets with rays (N, 6) in an order (N,), cast them and spread their hits: distance, triangle, normal."""
+    packet, valid = tree.packet, tree.valid
     distance, triangle, normal = hits
     names = packet.view(np.uint32)
     lanes = packet.shape[1]
@@ -195,7 +202,7 @@ def _cast(scene: Any, arguments: Any, packet_at: Any, valid_at: Any, rays: Any, 
             names[18, lane] = np.uint32(0xFFFFFFFF)
             names[19, lane] = np.uint32(0xFFFFFFFF)
             names[20, lane] = np.uint32(0xFFFFFFFF)
-        _intersect(valid_address, scene, packet_address, arguments)
+        _intersect(tree.valid_at, tree.scene, tree.packet_at, tree.arguments)
         for lane in range(count):
             i = order[first + lane]
             distance[i] = packet[8, lane]

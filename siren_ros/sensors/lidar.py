@@ -1,6 +1,9 @@
 """A rotating LiDAR: one sweep of the scene at one instant."""
 
+from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from threading import Event
 from typing import Final
 
 import numpy as np
@@ -9,6 +12,7 @@ import numpy.typing as npt
 from siren_ros.interfaces.point_cloud import LIDAR_POINT_DTYPE
 from siren_ros.sensors import lidar_loops as loops
 from siren_ros.sensors.embree import RayHits, tiles
+from siren_ros.sensors.lidar_sweep import Rotation, Scratch, complete_sweep, measure_sweep
 from siren_ros.sensors.mount import Matrix, inverse
 from siren_ros.sensors.noise import sensor_generator
 from siren_ros.sensors.placement import Placement
@@ -83,14 +87,25 @@ class Lidar:
         self._seed = seed
         self.pattern = beam_pattern(spec)
         rays = len(self.pattern.directions)
+        self._static_hits = static = RayHits.for_rays(rays)
         self._rays = np.empty((rays, 6), np.float32)
-        self._static_hits = RayHits.for_rays(rays)
         self._order = tiles(spec.columns, spec.channels)
-        self._vehicle = np.empty(rays, np.int32)
-        self._shape_triangle = np.empty(rays, np.uint32)
-        self._cosine = np.empty(rays, np.float32)
         self._poses = np.empty((spec.columns, 3, 4), np.float32)
-        self._room = _room_for(rays // 4)
+        self._scratch = Scratch(
+            poses=self._poses,
+            rays=self._rays,
+            order=self._order,
+            hits=loops.Hits(
+                static.distance,
+                static.normal,
+                static.triangle,
+                np.empty(rays, np.int32),
+                np.empty(rays, np.uint32),
+                np.empty(rays, np.float32),
+            ),
+            room=_room_for(rays // 4),
+        )
+        self._trees = world.packets()
         self._surfaces = loops.Surfaces(world.static_material, world.shape_material, REFLECTIVITY)
         distances = np.arange(int(spec.range_m * _ATTENUATION_STEPS_PER_M) + 2) / _ATTENUATION_STEPS_PER_M
         per_m = spec.atmosphere_attenuation_per_m + 2.0 * (look.lidar_extinction_per_m if look is not None else 0.0)
@@ -110,37 +125,57 @@ class Lidar:
         Without motion distortion everything stands still at the stamp, as in CARLA's synchronous mode, and the points'
         times say when the beam would have fired.
         """
-        rays = self.rays(map_from_lidar, motion)
-        static = self._world.cast_static(rays, self._static_hits, self._order)
-        hits = loops.Hits(
-            static.distance, static.normal, static.triangle, self._vehicle, self._shape_triangle, self._cosine
-        )
-        hits.vehicle.fill(0)
-        near = self._in_range(map_from_lidar, placement)
-        vehicles = self._vehicles(placement, near)
-        candidates = self._find_candidates(rays, static.distance, inverse(map_from_lidar), vehicles)
-        found = self._world.cast_shapes(candidates.rays)
-        loops.merge_vehicles(candidates, found.distance, found.normal, found.triangle, vehicles, hits)
-        points, count_on = self._pack(step, hits, vehicles)
-        return LidarSweep(self.spec.name, step, points, placement.actor_id[near], count_on)
+        rotation = self._rotation(step, map_from_lidar, placement)
+        self._world.cast_static(self.rays(map_from_lidar, motion), self._static_hits, self._order)
+        return self._swept(rotation, self._complete(rotation))
 
-    def _pack(
-        self, step: int, hits: loops.Hits, vehicles: loops.Vehicles
-    ) -> tuple[npt.NDArray[np.void], npt.NDArray[np.int64]]:
-        """Points of a sweep, and how many lie on each vehicle."""
-        buffer = np.empty(len(self._rays), LIDAR_POINT_DTYPE)
-        count_on = np.zeros(len(vehicles.actor_id), np.int64)
-        written = loops.pack_points(
-            self._poses,
-            self.pattern,
-            hits,
-            vehicles,
-            self._surfaces,
-            self._receiver(step),
-            _records(buffer),
-            count_on,
+    def begin(
+        self, step: int, map_from_lidar: Matrix, placement: Placement, motion: CarrierMotion | None, helper: Executor
+    ) -> Callable[[], LidarSweep]:
+        """Begin with a rotation as ``scan`` does it, in a thread of the helper; what is returned waits for it.
+
+        Call that once, and before the next rotation begins.
+        """
+        rotation = self._rotation(step, map_from_lidar, placement)
+        self._poses[:] = self._column_poses(map_from_lidar, motion)
+        started = Event()
+
+        def measure() -> int:
+            started.set()
+            return measure_sweep(self.pattern, self._scratch, rotation, self._trees, self._surfaces)
+
+        measured = helper.submit(measure)
+        started.wait()  # else the helper would wait for the interpreter's lock, 5 ms where the caller is busy
+
+        def finish() -> LidarSweep:
+            written = measured.result()
+            return self._swept(rotation, written if written >= 0 else self._complete(rotation))
+
+        return finish
+
+    def _rotation(self, step: int, map_from_lidar: Matrix, placement: Placement) -> Rotation:
+        """What one sweep measures and writes."""
+        near = self._in_range(map_from_lidar, placement)
+        return Rotation(
+            lidar_from_map=inverse(map_from_lidar),
+            vehicles=self._vehicles(placement, near),
+            receiver=self._receiver(step),
+            step=step,
+            out=_records(np.empty(len(self._rays), LIDAR_POINT_DTYPE)),
+            count_on=np.zeros(len(near), np.int64),
         )
-        return buffer[:written], count_on
+
+    def _complete(self, rotation: Rotation) -> int:
+        """Find what hits vehicles among cast rays and write the points, with more room where there is too little."""
+        written = complete_sweep(self.pattern, self._scratch, rotation, self._trees, self._surfaces)
+        if written < 0:
+            self._scratch = self._scratch._replace(room=_room_for(-2 * written))
+            written = complete_sweep(self.pattern, self._scratch, rotation, self._trees, self._surfaces)
+        return written
+
+    def _swept(self, rotation: Rotation, written: int) -> LidarSweep:
+        points = rotation.out.f4.reshape(-1).view(np.uint8).view(LIDAR_POINT_DTYPE)[:written]
+        return LidarSweep(self.spec.name, rotation.step, points, rotation.vehicles.actor_id, rotation.count_on)
 
     def _column_poses(self, map_from_lidar: Matrix, motion: CarrierMotion | None) -> npt.NDArray[np.float32]:
         """Pose of the sensor at each column, shape ``(C, 3, 4)``, or ``(3, 4)`` where it stands still."""
@@ -179,21 +214,6 @@ class Lidar:
             first_triangle=world.shape_start[shape],
             actor_id=placement.actor_id[near],
         )
-
-    def _find_candidates(
-        self,
-        rays: npt.NDArray[np.float32],
-        distance: npt.NDArray[np.float32],
-        lidar_from_map: Matrix,
-        vehicles: loops.Vehicles,
-    ) -> loops.Candidates:
-        """Rays that may hit a vehicle; overwritten by the next call."""
-        found = loops.select_candidates(rays, self.pattern, distance, lidar_from_map, vehicles, self._room)
-        if found > len(self._room.ray):
-            self._room = _room_for(2 * found)
-            loops.select_candidates(rays, self.pattern, distance, lidar_from_map, vehicles, self._room)
-        room = self._room
-        return loops.Candidates(room.rays[:found], room.ray[:found], room.vehicle[:found])
 
     def _receiver(self, step: int) -> loops.Receiver:
         """Noise of one step: drawn afresh from (seed, sensor, step), so it does not depend on what came before."""

@@ -1,4 +1,4 @@
-"""What a suite measures at one step, and the pictures of it that are still being drawn."""
+"""What a suite measures at one step, and what of it is still being made."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -32,7 +32,7 @@ class Observations:
 class Sensing:
     """A step whose measurements have begun."""
 
-    draws: bool
-    """Whether pictures are being drawn, meanwhile, on other threads."""
+    under_way: bool
+    """Whether pictures are being drawn or sweeps made, meanwhile, by other threads."""
     finish: Callable[[], Observations]
-    """Waits for the pictures and gives everything; call it once, and before the next step but one begins."""
+    """Waits for them and gives everything; call it once, and before the next step's measurements begin."""

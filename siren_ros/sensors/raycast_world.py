@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.sensors.embree import RayHits, TriangleTree
+from siren_ros.sensors.embree import PacketTree, RayHits, TriangleTree
 from siren_ros.sensors.scene.material import SEMANTIC_CLASS_OF_MATERIAL, semantic_class_of_actor
 from siren_ros.sensors.scene.mesh import StaticScene, VehicleShape
 from siren_ros.world.actors import ActorClass
@@ -59,6 +59,10 @@ class RaycastWorld:
         ``hits`` and ``order`` as ``TriangleTree.cast`` takes them.
         """
         return self._static.cast(rays, hits, order)
+
+    def packets(self) -> tuple[PacketTree, PacketTree]:
+        """Both trees for compiled loops, what does not move first; they live no longer than this object."""
+        return self._static.packets(), self._shapes.packets()
 
     def cast_shapes(self, rays: Floats) -> RayHits:
         """Cast rays at the shapes, given in a shape's own frame plus its ``shape_offset_m``, shape ``(N, 6)``."""

@@ -76,6 +76,7 @@ class SensorRig:
         noise_seed: int | None = None,
         site: Mapping[str, object] | None = None,
         wanted: Callable[[CameraSpec], WantedLabels] | None = None,
+        beside: bool = False,
     ) -> None:
         """Build the scene that the sensors see.
 
@@ -89,6 +90,8 @@ class SensorRig:
             noise_seed: Of all sensor noise; ``seed`` where None.
             site: Where the episode happens, as its description gives it; for suites that stand there.
             wanted: Labels that go with a camera's pictures; what the suite records where None.
+            beside: Whether sweeps are made in a thread of their own, beside what the caller does until it calls
+                ``finish``; otherwise all processors share each, while the caller waits.
 
         Raises:
             InputError: A suite that stands at a site, and there is none; or sensors inside a building.
@@ -104,6 +107,7 @@ class SensorRig:
         if self._static is not None and suite.lidars:
             world = RaycastWorld(self._static, self._shapes)
             self._lidars = tuple(Lidar(spec, world, self._seed, self._look) for spec in suite.lidars)
+        self._helper = ThreadPoolExecutor(1, "sweep") if beside and self._lidars else None
         self._cameras: tuple[Camera, ...] | None = None
         self._catalogue = Catalogue(self._shapes)
         self._odometers = Odometers()
@@ -163,8 +167,8 @@ class SensorRig:
                 encoder = ThreadPoolExecutor(1, "jpeg")
                 self._cameras = tuple(Camera(spec, renderer, self._seed, encoder) for spec in self.suite.cameras)
             nobody = self._catalogue.place(ActorStates.empty(0), {})
-            for lidar in self._lidars:
-                lidar.scan(0, np.eye(4), nobody)
+            for sweep in [*self._sweeps(0, np.eye(4), nobody, CarrierMotion())]:
+                sweep()
 
     def _renderer(self, static: StaticScene) -> Renderer | RaycastRenderer:
         try:
@@ -190,7 +194,7 @@ class SensorRig:
         signals: Iterable[SignalState],
         carrier_id: int,
     ) -> Sensing:
-        """Begin to measure with the sensors that are due at the states' step; only pictures take longer than the call.
+        """Begin to measure with the sensors that are due at the states' step; ``finish`` before the next call.
 
         Where the carrier is not among the actors nothing is measured, unless the suite stands at a station.
 
@@ -208,17 +212,17 @@ class SensorRig:
         if motion is None:
             nobody = ActorStates.empty(step)
             bare = Observations(step, (), (), self._truth(nobody, descriptions, hidden, np.eye(4), ()))
-            return Sensing(draws=False, finish=lambda: bare)
+            return Sensing(under_way=False, finish=lambda: bare)
         base, carried = motion
         placement = self._catalogue.place(states, descriptions, hidden_id=hidden)
         others = states.actor_id != hidden
         exposed = tuple(self._expose(step, base, placement, rolled_m[others], signals))
-        sweeps = tuple(self._sweeps(step, base, placement, carried))  # while the pictures are drawn
+        swept = tuple(self._sweeps(step, base, placement, carried))
         measured = Observations(
             step=step,
-            sweeps=sweeps,
+            sweeps=(),
             frames=(),
-            truth=self._truth(states, descriptions, hidden, base, sweeps),
+            truth=None,
             fixes=tuple(
                 receiver.measure(step, base, step * STEP_S)
                 for receiver in self._receivers
@@ -229,10 +233,17 @@ class SensorRig:
         )
 
         def finish() -> Observations:
+            sweeps = tuple(sweep() for sweep in swept)
             frames = tuple(develop() for develop in exposed)
-            return replace(measured, frames=frames, labels=self._labels(frames, base, placement, descriptions))
+            return replace(
+                measured,
+                sweeps=sweeps,
+                frames=frames,
+                truth=self._truth(states, descriptions, hidden, base, sweeps),
+                labels=self._labels(frames, base, placement, descriptions),
+            )
 
-        return Sensing(draws=bool(exposed), finish=finish)
+        return Sensing(under_way=bool(exposed or swept), finish=finish)
 
     def _motion(self, states: ActorStates, carrier_id: int) -> tuple[Matrix, CarrierMotion] | None:
         """Pose and motion of what carries the sensors; None where that has left the map."""
@@ -299,10 +310,16 @@ class SensorRig:
         truth = ground_truth(states, descriptions, carrier_id, base @ self.base_from_truth, sweep)
         return replace(truth, frame_id=self.truth_frame)
 
-    def _sweeps(self, step: int, base: Matrix, placement: Placement, motion: CarrierMotion) -> Iterable[LidarSweep]:
+    def _sweeps(
+        self, step: int, base: Matrix, placement: Placement, motion: CarrierMotion
+    ) -> Iterable[Callable[[], LidarSweep]]:
         for lidar in self._lidars:
             if step % period_steps(lidar.spec.rate_hz) == 0:
-                yield lidar.scan(step, base @ lidar.spec.mount.base_from_sensor, placement, motion)
+                pose = base @ lidar.spec.mount.base_from_sensor
+                if self._helper is not None:
+                    yield lidar.begin(step, pose, placement, motion, self._helper)
+                else:
+                    yield partial(lidar.scan, step, pose, placement, motion)
 
     def _expose(
         self,

@@ -20,8 +20,8 @@ SCENARIO_FIELDS: Final = (
     *("sensors", "look", "av", "av_sensors"),
 )
 TRAILING: Final = frozenset({"sensor_sim", "recorder", "kitti_exporter"})
-"""Sensing and recording of a step go on beside the next step, each in its process, where nobody in the loop hears the
-sensors. In one process they take turns: threads of one interpreter were measured to cost more than they gain."""
+"""Sensing and recording of a step go on beside the next step where nobody in the loop hears the sensors: each in its
+process, or in one process on the threads that cast rays and draw."""
 SETTLE_S: Final = 0.25
 """For participants that are not ours; discovery on one machine takes 0.05 s."""
 _NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}")

@@ -1,3 +1,4 @@
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
@@ -201,3 +202,28 @@ def test_tilted_sensors_find_the_same_vehicle_as_one_scene(boxes: Any) -> None:
     assert len(ours.points) == len(reference.points)
     assert np.allclose(positions(ours), positions(reference), atol=2e-3)
     assert ours.points_on_actor[0] > 50
+
+
+@pytest.mark.parametrize("distortion", [False, True])
+def test_a_sweep_beside_the_caller_is_the_same_to_the_byte(world: RaycastWorld, boxes: Any, distortion: bool) -> None:
+    spec = replace(SPEC, noise_stddev_m=0.02, dropoff_general_rate=0.1, motion_distortion=distortion)
+    motion, pose = CarrierMotion(5.0, 0.5, 0.3), spec.mount.base_from_sensor
+    here, beside = Lidar(spec, world, 4), Lidar(spec, world, 4)
+    with ThreadPoolExecutor(1) as helper:
+        for step in range(4):
+            placed = boxes.placed((SEDAN, 6.0 + step, 2.0, 0.1 * step), (BUS, -12.0, step, 1.0))
+            finish = beside.begin(step, pose, placed, motion, helper)
+            expected, sweep = here.scan(step, pose, placed, motion), finish()
+            assert sweep.step == step
+            assert bytes(sweep.payload) == bytes(expected.payload) != b""
+            np.testing.assert_array_equal(sweep.points_on_actor, expected.points_on_actor)
+            np.testing.assert_array_equal(sweep.actor_id, expected.actor_id)
+
+
+def test_vehicles_that_fill_more_rays_than_expected_are_seen_wholly(world: RaycastWorld, boxes: Any) -> None:
+    crowd = boxes.placed(*((BUS, 16.0 * np.cos(a), 16.0 * np.sin(a), a + np.pi / 2) for a in np.arange(0.0, 6.2, 0.7)))
+    spec = replace(SPEC, lower_fov_rad=-0.09, upper_fov_rad=0.02)
+    with ThreadPoolExecutor(1) as helper:
+        sweep = Lidar(spec, world, 0).begin(0, spec.mount.base_from_sensor, crowd, None, helper)()
+    assert sweep.points_on_actor.sum() > len(sweep.points) / 2
+    assert bytes(sweep.payload) == bytes(scan(world, crowd, spec).payload)

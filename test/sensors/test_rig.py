@@ -56,6 +56,29 @@ def test_a_step_with_everything_due(boxes: Any, traffic: Any) -> None:
     assert len(sweep.payload) == sweep.points.nbytes
 
 
+def test_what_is_measured_beside_the_caller_is_the_same(boxes: Any, traffic: Any) -> None:
+    states, descriptions = traffic
+    here, beside = make(boxes), SensorRig(SUITE, NETWORK, 0, scene=boxes.scene(), beside=True)
+    for step in range(3):
+        now = replace(states, step=step, x_m=states.x_m + 0.4 * step)
+        sensing = beside.begin(now, descriptions, (), 1)
+        expected = here.observe(now, descriptions, (), 1)
+        assert sensing.under_way
+        seen = sensing.finish()
+        assert [bytes(sweep.payload) for sweep in seen.sweeps] == [bytes(sweep.payload) for sweep in expected.sweeps]
+        assert [frame.jpeg for frame in seen.frames] == [frame.jpeg for frame in expected.frames]
+        assert (seen.truth is None) == (expected.truth is None)
+        if seen.truth is not None:
+            assert seen.truth.lidar_points.tolist() == expected.truth.lidar_points.tolist()
+
+
+def test_nothing_is_under_way_without_a_carrier(boxes: Any, traffic: Any) -> None:
+    states, descriptions = traffic
+    sensing = make(boxes).begin(states, descriptions, (), 9)
+    assert not sensing.under_way
+    assert sensing.finish().sweeps == ()
+
+
 def test_sensors_measure_when_they_are_due(boxes: Any, traffic: Any) -> None:
     states, descriptions = traffic
     rig = make(boxes)

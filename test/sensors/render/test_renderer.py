@@ -1,3 +1,4 @@
+import os
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -148,3 +149,20 @@ def test_more_vehicles_of_a_class_than_there_was_room_for(renderer: Renderer, bo
     image = picture(renderer, boxes.placed(*rows), map_from_base(0.0, 0.0, 0.0, np.pi / 2) @ EYE)
     assert image.instance is not None
     assert len(np.unique(image.instance)) == 91
+
+
+def test_pictures_under_way_at_once_do_not_disturb_each_other(renderer: Renderer, boxes: Any) -> None:
+    near, far = boxes.placed((SEDAN, 6.0, 0.0, 0.0)), boxes.placed((SEDAN, 20.0, 3.0, 0.5))
+    alone = [picture(renderer, placed) for placed in (near, far)]
+    begun = [renderer.begin(CAMERA, EYE, placed, np.zeros(1), {}, 0, labels=True) for placed in (near, far)]
+    for finish, expected in zip(reversed(begun), reversed(alone), strict=True):
+        seen = finish()
+        assert seen.rgba.tobytes() == expected.rgba.tobytes()
+        assert np.array_equal(seen.instance, expected.instance)
+        assert np.array_equal(seen.depth_m, expected.depth_m)
+    assert alone[0].rgba.tobytes() != alone[1].rgba.tobytes()
+
+
+def test_the_environment_is_as_it_was_before_the_context(renderer: Renderer) -> None:
+    assert renderer.device
+    assert "mesa_glthread" not in os.environ

@@ -12,11 +12,13 @@ Run = Callable[..., "subprocess.CompletedProcess[str]"]
 Start = Callable[..., "subprocess.Popen[str]"]
 
 WAITER = """#!/usr/bin/env python3
-import signal
+import signal, time
 interrupts = []
 signal.signal(signal.SIGINT, lambda *_: interrupts.append(1))
 print("ready", flush=True)
-signal.pause()
+while not interrupts:  # pause() would miss a signal that comes before it
+    time.sleep(0.01)
+time.sleep(0.1)  # a second one would come now
 print(len(interrupts), flush=True)
 raise SystemExit(7)
 """

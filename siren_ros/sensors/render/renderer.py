@@ -37,6 +37,8 @@ _COARSE: Final = (moderngl.NEAREST_MIPMAP_NEAREST, moderngl.NEAREST)
 """Filters of the noise: of grain one texel is as good as a mean of four."""
 _SKY_TEXELS: Final = 1024
 _FRAME_FLOATS: Final = 3 * 16 + 4 * 4
+_SIDES: Final = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]])
+"""The view frustum's planes, as signs of the clip coordinates: left, right, bottom, top, near."""
 
 
 class Renderer:
@@ -174,6 +176,7 @@ class Renderer:
             self._vehicles.place(placement, rolled_m)
             self._placed = (placement, rolled_m)
         light = self._ground.update(eye, placement, self._vehicles, step)
+        self._drawing.flush()  # shadows are drawn while what is in view is chosen
         self._write_frame(clip, map_from_camera, camera, light, step, exposure)
         sky = self._skies.get(exposure) or self._paint_sky(exposure)
         self._static.select(clip, eye, camera.focal_px)
@@ -263,9 +266,8 @@ def _nearest_in_view(
     radius = np.linalg.norm(placement.size_m, axis=1) / 2.0
     distance = placement.distance_m(eye_m[0], eye_m[1])
     inside = distance < _REACH_M
-    for row, sign in ((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0), (2, 1.0)):
-        plane = clip_from_map[3] + sign * clip_from_map[row]
-        inside &= np.einsum("ij,j->i", centre, plane) > -radius * np.linalg.norm(plane[:3])
+    planes = clip_from_map[3] + _SIDES @ clip_from_map[:3]
+    inside &= (centre @ planes.T > -radius[:, None] * np.linalg.norm(planes[:, :3], axis=1)).all(axis=1)
     rows = np.flatnonzero(inside)
     return rows[np.argsort(distance[rows], kind="stable")]
 

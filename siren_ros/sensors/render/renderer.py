@@ -87,22 +87,9 @@ class Renderer:
         """What draws: the name that OpenGL gives its renderer."""
         return str(self._context.info["GL_RENDERER"])
 
-    def render(
-        self,
-        camera: Pinhole,
-        map_from_camera: Matrix,
-        placement: Placement,
-        rolled_m: npt.NDArray[np.float64],
-        signals: Mapping[str, str],
-        step: int,
-        exposure: float = 1.0,
-        labels: bool = False,
-        instances: bool = False,
-    ) -> RenderedImage:
+    def render(self, *arguments: Any, **options: Any) -> RenderedImage:
         """One picture; arguments as ``begin``."""
-        return self.begin(
-            camera, map_from_camera, placement, rolled_m, signals, step, exposure, labels=labels, instances=instances
-        )()
+        return self.begin(*arguments, **options)()
 
     def begin(
         self,

@@ -4,8 +4,6 @@ import json
 import sys
 from typing import Any, Final, TypeAlias
 
-from rclpy.clock import Clock, ClockType
-
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import from_actor_states, from_traffic_state
 from siren_ros.interfaces.lockstep_reports import Phase
@@ -15,6 +13,7 @@ from siren_ros.ros import wire
 from siren_ros.ros.node_configs import SensorSimConfig
 from siren_ros.ros.participant import Participant
 from siren_ros.ros.program import run_participant
+from siren_ros.ros.wall_timer import create_wall_timer
 from siren_ros.sensors.carried import CarriedSensors, carried_sensors
 from siren_ros.sensors.observation_messages import shared_messages
 from siren_ros.sensors.observations import Observations, Sensing
@@ -42,7 +41,7 @@ class SensorSim(Participant[SensorSimConfig]):
         self._begun: tuple[ActorStates, list[Sensing]] | None = None
         self._published: list[int] = []
         self._busy_s = 0.0
-        self._late = self.create_timer(LATE_S, self._no_more_steps, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._late = create_wall_timer(self, LATE_S, self._no_more_steps)
         self._late.cancel()
 
     def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:
@@ -73,24 +72,27 @@ class SensorSim(Participant[SensorSimConfig]):
             for carried in self._carried
         ]
         self._begun = (states, begun)
-        self._publish(*earlier)
+        self._publish(earlier)
         if self.config.trails and any(sensing.under_way for sensing in begun):
             self._late.reset()
         else:
-            self._publish(*self._finish())
+            self._publish(self._finish())
 
-    def _finish(self) -> tuple[Seen, ...]:
-        """What the step that has begun measured, once all of it is there; nothing where none has."""
-        begun, self._begun = self._begun, None
-        self._late.cancel()
-        return () if begun is None else ((begun[0], [sensing.finish() for sensing in begun[1]]),)
+    def _finish(self) -> Seen | None:
+        """What the step that has begun measured, once all of it is there; None where none has."""
+        if self._begun is None:
+            return None
+        (states, begun), self._begun = self._begun, None
+        return states, [sensing.finish() for sensing in begun]
 
-    def _publish(self, *steps: Seen) -> None:
-        for states, seen in steps:
-            for carried, observations in zip(self._carried, seen, strict=True):
-                for topic, message in carried.messages.of_step(states, observations):
-                    self.send(topic, message)
-            self._published.append(states.step)
+    def _publish(self, step: Seen | None) -> None:
+        if step is None:
+            return
+        states, seen = step
+        for carried, observations in zip(self._carried, seen, strict=True):
+            for topic, message in carried.messages.of_step(states, observations):
+                self.send(topic, message)
+        self._published.append(states.step)
 
     def step_finished(self, step: int, busy_s: float) -> None:  # noqa: ARG002 - those that were published count
         """Report the steps whose messages are out."""
@@ -101,9 +103,10 @@ class SensorSim(Participant[SensorSimConfig]):
 
     def _no_more_steps(self) -> None:
         """Publish what was measured at a step that no other follows, or not soon."""
+        self._late.cancel()
         if self.finished:
             return
-        self._guarded(self.steps_done, Phase.STEP, lambda: self._publish(*self._finish()))
+        self._guarded(self.steps_done, Phase.STEP, lambda: self._publish(self._finish()))
         self.step_finished(self.steps_done, 0.0)
 
 

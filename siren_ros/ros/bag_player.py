@@ -5,7 +5,6 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Final
 
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
@@ -16,6 +15,7 @@ from siren_ros.ros.acknowledged_output import PATIENCE_S, AcknowledgedOutput
 from siren_ros.ros.domain import check_alone, claimed_domain
 from siren_ros.ros.node_configs import PlayerConfig
 from siren_ros.ros.parameters import declare_config
+from siren_ros.ros.wall_timer import create_wall_timer
 from siren_ros.world.errors import BagError
 
 TICK_S: Final = 0.004
@@ -60,7 +60,7 @@ class BagPlayer(Node):
         self.create_service(
             Trigger, "~/toggle_paused", lambda _, response: self._on_pause(response, paused=not self._playhead.paused)
         )
-        self.create_timer(TICK_S, self._on_tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        create_wall_timer(self, TICK_S, self._on_tick)
 
     def _output(self, name: str, type_name: str) -> AcknowledgedOutput:
         period = ONCE if name in self._bag.latched else EVERY_STEP

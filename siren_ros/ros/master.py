@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from siren_ros.interfaces import lockstep, topics
@@ -16,6 +15,7 @@ from siren_ros.interfaces.lockstep_reports import EpisodeClosing, StepReport
 from siren_ros.ros import wire
 from siren_ros.ros.av_seat import AvSeat
 from siren_ros.ros.endpoints import create_input, create_output
+from siren_ros.ros.wall_timer import create_wall_timer
 from siren_ros.world.commands import AV_SOURCE
 from siren_ros.world.errors import SirenError
 from siren_ros.world.units import STEP_S, time_ns_of_step
@@ -45,9 +45,8 @@ class LockstepMaster:
         self._clock = create_output(node, topics.CLOCK)
         self._end = create_output(node, topics.EPISODE_END)
         create_input(node, topics.STEP_DONE, self._on_report)
-        wall = Clock(clock_type=ClockType.STEADY_TIME)
-        node.create_timer(WATCH_S, self._on_watch, clock=wall)
-        self._pacer = node.create_timer(0.001, self._on_pace, clock=wall) if self._pace_s or settle_s else None
+        create_wall_timer(node, WATCH_S, self._on_watch)
+        self._pacer = create_wall_timer(node, 0.001, self._on_pace) if self._pace_s or settle_s else None
         self._held: BeginStep | None = None
         self._seat = AvSeat(node, self._take) if AV_SOURCE in config.participants else None
 

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, Generic, TypeVar
 
-from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
 
@@ -20,6 +19,7 @@ from siren_ros.ros.endpoints import create_input, create_output
 from siren_ros.ros.hang_watch import Work, begin_work
 from siren_ros.ros.node_configs import ParticipantConfig
 from siren_ros.ros.parameters import declare_config
+from siren_ros.ros.wall_timer import create_wall_timer
 from siren_ros.world.episode import EpisodeDescription, EpisodeEnd
 from siren_ros.world.errors import SirenError
 
@@ -63,8 +63,7 @@ class Participant(Node, Generic[Config]):
             self.add_input(topics.MAP, self._on_map)
         create_input(self, topics.EPISODE_END, self._on_end)
         self._ready_sent = False
-        wall = Clock(clock_type=ClockType.STEADY_TIME)
-        self._until_ready = self.create_timer(HOUSEKEEPING_S, self._housekeeping, clock=wall)
+        self._until_ready = create_wall_timer(self, HOUSEKEEPING_S, self._housekeeping)
 
     # What subclasses do.
 

@@ -98,7 +98,7 @@ def lidar_figures(
 ) -> None:
     """Rays per second of a sweep, from states to payload, beside bare casts of the same rays at one scene.
 
-    The bare casts are Open3D's ``cast_rays``, which uses all cores, and our own packets on one.
+    The bare casts are Open3D's ``cast_rays`` and our own packets; all of them use all cores.
     """
     spec = load_suite("lidar").lidars[0]
     lidar = Lidar(spec, RaycastWorld(static, shapes), 0)

@@ -16,7 +16,7 @@ class Crew:
     def __init__(self, size: int) -> None:
         """Engage helpers; ``size`` counts the calling thread too."""
         self.size = max(1, size)
-        self._helpers = ThreadPoolExecutor(self.size - 1, "crew") if self.size > 1 else None
+        self._helpers = ThreadPoolExecutor(self.size, "crew")  # makes a thread only when it is needed
 
     def share(self, work: Callable[[int, int, int], None], count: int, grain: int) -> None:
         """Do all of a loop, whoever is free the next part of it; returns when everything is done.
@@ -29,12 +29,7 @@ class Crew:
         """
         starts = iter(range(0, count, grain))
         members = min(self.size, -(-count // grain))
-        helpers = self._helpers
-        futures = [
-            helpers.submit(_work_off, work, member, starts, count, grain)
-            for member in range(1, members)
-            if helpers is not None
-        ]
+        futures = [self._helpers.submit(_work_off, work, member, starts, count, grain) for member in range(1, members)]
         try:
             _work_off(work, 0, starts, count, grain)
         finally:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from siren_ros.interfaces.point_cloud import LIDAR_POINT_DTYPE
 from siren_ros.sensors import lidar_loops as loops
 from siren_ros.sensors.embree import RayHits, tiles
-from siren_ros.sensors.lidar_sweep import Rotation, Scratch, complete_sweep, measure_sweep
+from siren_ros.sensors.lidar_sweep import Optics, Rotation, Scratch, complete_sweep, measure_sweep
 from siren_ros.sensors.mount import Matrix, inverse
 from siren_ros.sensors.noise import sensor_generator
 from siren_ros.sensors.placement import Placement
@@ -87,14 +87,16 @@ class Lidar:
         self._seed = seed
         self.pattern = beam_pattern(spec)
         rays = len(self.pattern.directions)
+        self._optics = Optics(
+            pattern=self.pattern,
+            order=tiles(spec.columns, spec.channels),
+            trees=world.packets(),
+            surfaces=loops.Surfaces(world.static_material, world.shape_material, REFLECTIVITY),
+        )
         self._static_hits = static = RayHits.for_rays(rays)
-        self._rays = np.empty((rays, 6), np.float32)
-        self._order = tiles(spec.columns, spec.channels)
-        self._poses = np.empty((spec.columns, 3, 4), np.float32)
         self._scratch = Scratch(
-            poses=self._poses,
-            rays=self._rays,
-            order=self._order,
+            poses=np.empty((spec.columns, 3, 4), np.float32),
+            rays=np.empty((rays, 6), np.float32),
             hits=loops.Hits(
                 static.distance,
                 static.normal,
@@ -105,17 +107,16 @@ class Lidar:
             ),
             room=_room_for(rays // 4),
         )
-        self._trees = world.packets()
-        self._surfaces = loops.Surfaces(world.static_material, world.shape_material, REFLECTIVITY)
         distances = np.arange(int(spec.range_m * _ATTENUATION_STEPS_PER_M) + 2) / _ATTENUATION_STEPS_PER_M
         per_m = spec.atmosphere_attenuation_per_m + 2.0 * (look.lidar_extinction_per_m if look is not None else 0.0)
         self._attenuation = np.exp(-per_m * distances).astype(np.float32)
 
     def rays(self, map_from_lidar: Matrix, motion: CarrierMotion | None = None) -> npt.NDArray[np.float32]:
         """Origin and direction of every beam in the ``map`` frame, shape ``(R, 6)``; overwritten by the next call."""
-        self._poses[:] = self._column_poses(map_from_lidar, motion)
-        loops.aim(self.pattern.directions, self._poses, self._rays)
-        return self._rays
+        scratch = self._scratch
+        scratch.poses[:] = self._column_poses(map_from_lidar, motion)
+        loops.aim(self.pattern.directions, scratch.poses, scratch.rays)
+        return scratch.rays
 
     def scan(
         self, step: int, map_from_lidar: Matrix, placement: Placement, motion: CarrierMotion | None = None
@@ -126,7 +127,7 @@ class Lidar:
         times say when the beam would have fired.
         """
         rotation = self._rotation(step, map_from_lidar, placement)
-        self._world.cast_static(self.rays(map_from_lidar, motion), self._static_hits, self._order)
+        self._world.cast_static(self.rays(map_from_lidar, motion), self._static_hits, self._optics.order)
         return self._swept(rotation, self._complete(rotation))
 
     def begin(
@@ -137,12 +138,12 @@ class Lidar:
         Call that once, and before the next rotation begins.
         """
         rotation = self._rotation(step, map_from_lidar, placement)
-        self._poses[:] = self._column_poses(map_from_lidar, motion)
+        self._scratch.poses[:] = self._column_poses(map_from_lidar, motion)
         started = Event()
 
         def measure() -> int:
             started.set()
-            return measure_sweep(self.pattern, self._scratch, rotation, self._trees, self._surfaces)
+            return measure_sweep(self._optics, self._scratch, rotation)
 
         measured = helper.submit(measure)
         started.wait()  # else the helper would wait for the interpreter's lock, 5 ms where the caller is busy
@@ -161,20 +162,20 @@ class Lidar:
             vehicles=self._vehicles(placement, near),
             receiver=self._receiver(step),
             step=step,
-            out=_records(np.empty(len(self._rays), LIDAR_POINT_DTYPE)),
+            out=_records(np.empty(len(self._scratch.rays), LIDAR_POINT_DTYPE)),
             count_on=np.zeros(len(near), np.int64),
         )
 
     def _complete(self, rotation: Rotation) -> int:
         """Find what hits vehicles among cast rays and write the points, with more room where there is too little."""
-        written = complete_sweep(self.pattern, self._scratch, rotation, self._trees, self._surfaces)
+        written = complete_sweep(self._optics, self._scratch, rotation)
         if written < 0:
             self._scratch = self._scratch._replace(room=_room_for(-2 * written))
-            written = complete_sweep(self.pattern, self._scratch, rotation, self._trees, self._surfaces)
+            written = complete_sweep(self._optics, self._scratch, rotation)
         return written
 
     def _swept(self, rotation: Rotation, written: int) -> LidarSweep:
-        points = rotation.out.f4.reshape(-1).view(np.uint8).view(LIDAR_POINT_DTYPE)[:written]
+        points = rotation.out.f4.view(LIDAR_POINT_DTYPE).reshape(-1)[:written]
         return LidarSweep(self.spec.name, rotation.step, points, rotation.vehicles.actor_id, rotation.count_on)
 
     def _column_poses(self, map_from_lidar: Matrix, motion: CarrierMotion | None) -> npt.NDArray[np.float32]:

@@ -18,7 +18,7 @@ from siren_ros.sensors.ground_truth import ground_truth
 from siren_ros.sensors.imu import Imu, ImuSample, PlanarMotion
 from siren_ros.sensors.lidar import CarrierMotion, Lidar, LidarSweep
 from siren_ros.sensors.microphone import Microphone
-from siren_ros.sensors.mount import Matrix, Mount, map_from_base
+from siren_ros.sensors.mount import Matrix, map_from_base
 from siren_ros.sensors.observations import Observations, Sensing
 from siren_ros.sensors.placement import Catalogue, Placement
 from siren_ros.sensors.raycast_world import RaycastWorld
@@ -120,12 +120,10 @@ class SensorRig:
         self.notes: tuple[str, ...] = ()
         """What the user should know of how this machine senses; known after ``prepare``."""
         self._device = ""
-        self.station: Mount | None = None
+        self.station = None if suite.station is None else station_mount(suite.station, network, site)
         """Where the suite stands in the ``map`` frame; None on a vehicle."""
-        if suite.station is not None:
-            self.station = station_mount(suite.station, network, site)
-            if self._static is not None:
-                check_outdoors(self._static, suite, self.station)
+        if self.station is not None and self._static is not None:
+            check_outdoors(self._static, suite, self.station)
 
     @property
     def scene(self) -> StaticScene | None:

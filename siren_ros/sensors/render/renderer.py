@@ -120,8 +120,9 @@ class Renderer:
             instances: Whether to hand back instances.
         """
         self._drawing.use()  # other renderers of this thread have contexts of their own
-        textures = self._prepare(camera, map_from_camera, placement, rolled_m, step, exposure)
-        rows = _nearest_in_view(_clip_from_map(camera, map_from_camera), map_from_camera[:3, 3], placement)
+        clip = _clip_from_map(camera, map_from_camera)
+        textures = self._prepare(camera, clip, map_from_camera, placement, rolled_m, step, exposure)
+        rows = _nearest_in_view(clip, map_from_camera[:3, 3], placement)
         target = self._take_target(camera)
         (target.labelled if labels else target.instances if instances else target.plain).use()
         self._last = partial(self._draw, rows, textures, signals, step)
@@ -150,6 +151,7 @@ class Renderer:
     def _prepare(
         self,
         camera: Pinhole,
+        clip: Matrix,
         map_from_camera: Matrix,
         placement: Placement,
         rolled_m: npt.NDArray[np.float64],
@@ -158,7 +160,6 @@ class Renderer:
     ) -> tuple[Any, ...]:
         """Set the vehicles, the light and the frame's uniforms; returns the textures by slot."""
         eye = map_from_camera[:3, 3]
-        clip = _clip_from_map(camera, map_from_camera)
         if self._placed is None or self._placed[0] is not placement or self._placed[1] is not rolled_m:
             self._vehicles.place(placement, rolled_m)
             self._placed = (placement, rolled_m)

@@ -114,7 +114,7 @@ def read_metadata(bag: Path) -> dict[str, Any]:
         text = file.read_text(encoding="utf-8")
         information = plain_yaml.load(text)["rosbag2_bagfile_information"]
     except yaml.YAMLError as error:
-        raise BagError(str(bag), f"a bag with a readable {METADATA_FILE} ({error})") from error
+        raise BagError(str(bag), f"a bag with a readable {METADATA_FILE} ({plain_yaml.reason_of(error)})") from error
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise BagError(str(bag), f"a bag with a readable {METADATA_FILE}") from error
     if not isinstance(information, dict):

@@ -217,7 +217,7 @@ def load_suite(name_or_path: str) -> SensorSuite:
         allowed = f"one of {', '.join(suite_names())}, or the path of a readable YAML file"
         raise InputError("sensors", name_or_path, allowed) from None
     except yaml.YAMLError as error:
-        raise InputError("sensors", name_or_path, f"a file of valid YAML ({' '.join(str(error).split())})") from None
+        raise InputError("sensors", name_or_path, f"a file of valid YAML ({plain_yaml.reason_of(error)})") from None
     table = _mapping(data if data is not None else {}, str(path))
     _known_keys(table, [*_KINDS, "labels", "station"], str(path))
     sensors = {

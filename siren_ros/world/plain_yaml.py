@@ -40,6 +40,11 @@ def load(text: str) -> Any:
     return _guarded(lambda: yaml.load(text, Loader=_LOADER), text)  # noqa: S506 - a safe loader
 
 
+def reason_of(error: yaml.YAMLError) -> str:
+    """What is wrong, in one line; PyYAML's own text has several."""
+    return " ".join(str(error).split())
+
+
 def _refuse_unfolding(text: str) -> None:
     """Look at the events first: aliases may unfold without end, and deep nesting exhausts the stack."""
     depth = 0

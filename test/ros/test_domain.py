@@ -31,7 +31,10 @@ def test_two_domains_are_two_claims(monkeypatch: pytest.MonkeyPatch) -> None:
     with claimed_domain():
         monkeypatch.setenv(VARIABLE, "101")
         with claimed_domain():
-            pass
+            for number in ("100", "101"):
+                monkeypatch.setenv(VARIABLE, number)
+                with pytest.raises(InputError), claimed_domain():
+                    pytest.fail("claimed twice")
 
 
 def test_a_killed_holder_leaves_no_claim(monkeypatch: pytest.MonkeyPatch) -> None:

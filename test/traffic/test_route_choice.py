@@ -60,6 +60,7 @@ def test_routes_follow_the_roads_and_are_long_enough(
 def test_every_route_can_be_driven_lane_by_lane(network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser) -> None:
     for number, start in enumerate(starts(network, graph)):
         route = chooser.draw((start.edge,), 900.0, np.random.default_rng(number), CAR_M)
+        assert route[0] == start.edge
         lanes = [network.lanes[index] for index in route_path(network, route, start.index)]
         for lane, ahead in pairwise(lanes):
             if lane.edge == ahead.edge:

@@ -9,7 +9,7 @@ import pytest
 from siren_ros.sensors.camera_model import Pinhole, optical_from_map
 from siren_ros.sensors.mount import map_from_base, transform
 from siren_ros.sensors.raycast_world import RaycastWorld
-from siren_ros.sensors.render.context import RendererUnavailableError
+from siren_ros.sensors.render.context import DrawingContext, RendererUnavailableError
 from siren_ros.sensors.render.renderer import RenderedImage, Renderer
 from siren_ros.sensors.scene.material import SemanticClass
 from siren_ros.sensors.scene.mesh import LampColour, Material, Mesh, SignalLamp, StaticScene
@@ -163,6 +163,16 @@ def test_pictures_under_way_at_once_do_not_disturb_each_other(renderer: Renderer
     assert alone[0].rgba.tobytes() != alone[1].rgba.tobytes()
 
 
-def test_the_environment_is_as_it_was_before_the_context(renderer: Renderer) -> None:
+OPTION = "mesa_glthread"
+
+
+@pytest.mark.parametrize("threads", [None, "false"])
+def test_the_environment_is_as_it_was_before_the_context(
+    renderer: Renderer, monkeypatch: pytest.MonkeyPatch, threads: str | None
+) -> None:
     assert renderer.device
-    assert "mesa_glthread" not in os.environ
+    monkeypatch.delenv(OPTION, raising=False)
+    if threads is not None:
+        monkeypatch.setenv(OPTION, threads)
+    DrawingContext().gl.release()
+    assert os.environ.get(OPTION) == threads

@@ -2,7 +2,8 @@
 
 Neighbouring rays travel through the tree together, which costs a fifth of casting them one by one, as Open3D's
 ``cast_rays`` and the Python bindings of Embree do. So the library inside the ``embreex`` wheel is called directly:
-its C interface (Embree 4 API reference, "RTCRayHit", "rtcIntersect4/8/16", "rtcSetSharedGeometryBuffer").
+its C interface (Embree 4 API reference, "RTCRayHit", "rtcIntersect4/8/16", "rtcGetDeviceProperty",
+"rtcSetSharedGeometryBuffer").
 """
 
 import ctypes
@@ -24,18 +25,19 @@ from siren_ros.world.compiled import compiled
 from siren_ros.world.errors import SirenError
 
 Floats = npt.NDArray[np.float32]
-_LANES: Final = 16
-"""Rays of a packet; Embree splits it where the processor has no registers of that width."""
+_NATIVE: Final = {16: 34, 8: 33, 4: 32}
+"""Rays of a packet, and the device property that says whether the processor has registers of that width: where it has
+not, Embree casts the rays of a packet one by one."""
 _ROWS: Final = 21
-"""Numbers of a ray and its hit in ``RTCRayHit16``: origin 0-2, near 3, direction 4-6, time 7, far 8, mask 9, id 10,
-flags 11, normal 12-14, u v 15-16, primitive 17, geometry 18, instances 19-20."""
-_PART: Final = 512 * _LANES
+"""Numbers of a ray and its hit in ``RTCRayHit4``, ``8`` and ``16``: origin 0-2, near 3, direction 4-6, time 7, far 8,
+mask 9, id 10, flags 11, normal 12-14, u v 15-16, primitive 17, geometry 18, instances 19-20."""
+_PART: Final = 512 * max(_NATIVE)
 """Rays that one thread takes at a time: about a millisecond's work, in whole packets."""
 _ALIGNMENT: Final = 64
 _NOTHING: Final = 0xFFFFFFFF
 _COHERENT: Final = 1 << 16
 _TRIANGLES, _INDEX_BUFFER, _VERTEX_BUFFER, _UINT3, _FLOAT3, _HIGH_QUALITY = 0, 0, 1, 0x5003, 0x9003, 2
-_SYMBOL: Final = "siren_embree_intersect16"
+_SYMBOL: Final = "siren_embree_intersect"
 _pointer, _size, _uint = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_uint
 _SIGNATURES: Final[dict[str, tuple[Any, ...]]] = {
     # result, arguments
@@ -52,6 +54,7 @@ _SIGNATURES: Final[dict[str, tuple[Any, ...]]] = {
     "rtcCommitScene": (None, _pointer),
     "rtcReleaseScene": (None, _pointer),
     "rtcGetDeviceError": (ctypes.c_int, _pointer),
+    "rtcGetDeviceProperty": (_size, _pointer, ctypes.c_int),
 }  # fmt: skip
 _intersect: Any = types.ExternalFunction(_SYMBOL, types.void(types.intp, types.intp, types.intp, types.intp))
 
@@ -147,7 +150,8 @@ class TriangleTree:
 
     def packets(self) -> PacketTree:
         """The tree for compiled loops, with scratch memory for one thread; it lives no longer than this object."""
-        packet, valid = _aligned((_ROWS, _LANES), np.float32), _aligned((_LANES,), np.int32)
+        lanes = _lanes()
+        packet, valid = _aligned((_ROWS, lanes), np.float32), _aligned((lanes,), np.int32)
         arguments = ctypes.addressof(self._arguments)
         return PacketTree(self._scene, arguments, packet, packet.ctypes.data, valid, valid.ctypes.data)
 
@@ -220,7 +224,7 @@ def _aligned(shape: tuple[int, ...], dtype: type[np.generic]) -> npt.NDArray[Any
 
 @cache
 def _library() -> ctypes.CDLL:
-    """Embree's library in the wheel, known by then to compiled code too.
+    """Embree's library in the wheel.
 
     Raises:
         SirenError: The wheel has none.
@@ -232,7 +236,6 @@ def _library() -> ctypes.CDLL:
     for name, (result, *arguments) in _SIGNATURES.items():
         function = getattr(library, name)
         function.restype, function.argtypes = result, arguments
-    llvmlite.binding.add_symbol(_SYMBOL, ctypes.cast(library.rtcIntersect16, ctypes.c_void_p).value)
     return library
 
 
@@ -242,3 +245,13 @@ def _device() -> int:
     if not device:
         raise SirenError("Embree does not run on this processor")
     return int(device)
+
+
+@cache
+def _lanes() -> int:
+    """Rays of the widest packets that this processor casts together; compiled code casts such packets from then on."""
+    library, device = _library(), _device()
+    lanes = next((size for size, name in _NATIVE.items() if library.rtcGetDeviceProperty(device, name)), min(_NATIVE))
+    intersect = getattr(library, f"rtcIntersect{lanes}")
+    llvmlite.binding.add_symbol(_SYMBOL, ctypes.cast(intersect, ctypes.c_void_p).value)
+    return lanes

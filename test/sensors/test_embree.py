@@ -1,5 +1,9 @@
 """Rays cast in packets find what Open3D's ray caster finds, whatever their order."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import numpy.typing as npt
 import open3d as o3d
@@ -73,3 +77,31 @@ def test_tiles_visit_each_ray_once_and_keep_neighbours_together(columns: int, ro
     first = order[: min(columns, side) * min(rows, side)]
     assert set((first // rows).tolist()) == set(range(min(columns, side)))
     assert set((first % rows).tolist()) == set(range(min(rows, side)))
+
+
+_WITH_PACKETS_OF = """
+import sys
+import numpy as np
+from siren_ros.sensors import embree
+
+embree._NATIVE = {int(sys.argv[1]): embree._NATIVE[int(sys.argv[1])]}
+rng = np.random.default_rng(5)
+soup = rng.uniform(-5.0, 5.0, (90, 3)).astype(np.float32)
+rays = rng.normal(size=(101, 6)).astype(np.float32)
+hits = embree.TriangleTree([(soup, np.arange(90).reshape(-1, 3))]).cast(rays)
+assert embree._lanes() == int(sys.argv[1])
+met = np.isfinite(hits.distance)
+np.save(sys.argv[2], np.column_stack((hits.distance, np.where(met, hits.triangle, 0))))
+"""
+
+
+def test_packets_of_every_width_find_the_same(tmp_path: Path) -> None:
+    found = []
+    for lanes in (4, 8, 16):
+        file = tmp_path / f"{lanes}.npy"
+        subprocess.run([sys.executable, "-c", _WITH_PACKETS_OF, str(lanes), str(file)], check=True)
+        found.append(np.load(file))
+    assert 10 < np.isfinite(found[0][:, 0]).sum() < 101
+    for other in found[1:]:
+        np.testing.assert_array_equal(other[:, 1], found[0][:, 1])
+        np.testing.assert_allclose(other[:, 0], found[0][:, 0], rtol=1e-5)

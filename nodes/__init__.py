@@ -1,6 +1,5 @@
 """The ROS 2 nodes, one per file: read the parameters, convert in, call the library, convert out."""
 
-import os
+from siren_ros.world.arithmetic import pin_arithmetic
 
-# Idle threads of OpenBLAS spin after every large product and take a core from the cameras; read when numpy loads.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+pin_arithmetic()

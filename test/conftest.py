@@ -1,5 +1,8 @@
 """Fixtures that several folders of tests share: messages without ROS, and a synthetic episode."""
 
+import siren_nodes  # noqa: F401 - the arithmetic of the programs, before numpy is loaded
+
+# isort: split
 from collections.abc import Callable
 from pathlib import Path
 

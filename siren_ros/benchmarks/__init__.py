@@ -1,6 +1,5 @@
 """Benchmarks: commands that print figures of this machine."""
 
-import os
+from siren_ros.world.arithmetic import pin_arithmetic
 
-# Idle threads of OpenBLAS spin after every large product and take a core from what is measured; read when numpy loads.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+pin_arithmetic()

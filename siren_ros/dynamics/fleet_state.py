@@ -8,8 +8,8 @@ import numpy.typing as npt
 
 from siren_ros.dynamics.collisions import Pairs
 from siren_ros.dynamics.parameters import ParameterTable, VehicleParameters
-from siren_ros.dynamics.tracker import TrackerState
-from siren_ros.dynamics.vehicle_model import BodyState, Controls, step_bodies
+from siren_ros.dynamics.tracker import Reference, TrackerState, track
+from siren_ros.dynamics.vehicle_model import BodyState, step_bodies
 from siren_ros.world.actors import ActorClass, ActorDescription, Codes, Floats, Ids, Owner
 from siren_ros.world.errors import EpisodeError
 from siren_ros.world.traffic_state import TrafficState
@@ -53,7 +53,9 @@ class FleetState:
             owner=np.empty(0, np.uint8),
             touching=(),
         )
-        step_bodies(fleet.bodies, Controls(none, none, none, none > 0.0, none, none), fleet.table, STEP_S)
+        reference = Reference(none, none, none, none, none)
+        controls, _ = track(fleet.bodies, fleet.tracker, reference, fleet.table, STEP_S)
+        step_bodies(fleet.bodies, controls, fleet.table, STEP_S)
         return fleet
 
 

@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from siren_ros.world.actors import ActorClass, Floats
 from siren_ros.world.errors import InputError
@@ -195,3 +196,12 @@ class ParameterTable:
 
     def __len__(self) -> int:
         return len(self.mass_kg)
+
+    @cached_property
+    def records(self) -> npt.NDArray[np.void]:
+        """The same as one record per actor, shape ``(N,)``, as compiled loops take them."""
+        names = [field.name for field in fields(self)]
+        table = np.empty(len(self), np.dtype([(name, np.float64) for name in names]))
+        for name in names:
+            table[name] = getattr(self, name)
+        return table

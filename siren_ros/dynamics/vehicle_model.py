@@ -15,17 +15,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.dynamics.body_loops import Axles, Forces, integrate
-from siren_ros.dynamics.parameters import AIR_DENSITY_KGPM3, ParameterTable
+from siren_ros.dynamics.body_loops import advance
+from siren_ros.dynamics.parameters import ParameterTable
 from siren_ros.world.actors import Floats
-from siren_ros.world.units import GRAVITY_MPS2
 
 SUBSTEP_S: Final = 0.01
-_LONGITUDINAL_SHARE: Final = 0.95
-"""Anti-lock and traction control keep the longitudinal force below this part of an axle's grip."""
-_REAR_BRAKE_SHARE: Final = 0.7
-"""Brake force distribution follows the axle loads and keeps the rear axle to this part of its share."""
-_POWER_FROM_MPS: Final = 0.1
 
 
 @dataclass(frozen=True)
@@ -50,6 +44,11 @@ class BodyState:
 
     def __len__(self) -> int:
         return len(self.x_m)
+
+    @property
+    def columns(self) -> Floats:
+        """All fields in declaration order, shape ``(11, N)``, as compiled loops take them."""
+        return np.array([getattr(self, name) for name in _BODY_FIELDS])
 
     @classmethod
     def moving(cls, x_m: Floats, y_m: Floats, yaw_rad: Floats, speed_mps: Floats) -> "BodyState":
@@ -94,6 +93,15 @@ class Controls:
     drive_factor: Floats
     """1 for a driver; more raises what full throttle gives, within the tyres' grip."""
 
+    @property
+    def columns(self) -> Floats:
+        """All fields in declaration order, shape ``(6, N)``, as compiled loops take them."""
+        return np.array([getattr(self, name) for name in _CONTROL_FIELDS], dtype=np.float64)
+
+
+_BODY_FIELDS: Final = tuple(field.name for field in fields(BodyState))
+_CONTROL_FIELDS: Final = tuple(field.name for field in fields(Controls))
+
 
 def step_bodies(state: BodyState, controls: Controls, table: ParameterTable, dt_s: float) -> BodyState:
     """Vehicles one step later under constant controls.
@@ -109,110 +117,6 @@ def step_bodies(state: BodyState, controls: Controls, table: ParameterTable, dt_
         brakes never move a vehicle backwards.
     """
     count = max(1, math.ceil(dt_s / SUBSTEP_S - 1e-9))
-    h = dt_s / count
-    throttle, brake, steer = _actuate(state, controls, table, count, h)
-    forces = _forces(state, controls, table, (throttle, brake, steer))
-    forward, lateral, rate = _integrate(state, table, forces, count, h)
-    yaw = state.yaw_rad + h * np.cumsum(rate, axis=0)
-    middle = yaw - (0.5 * h) * rate
-    left = lateral + table.centre_ahead_of_cg_m * rate
-    cos, sin = np.cos(middle), np.sin(middle)
-    end = yaw[-1]
-    turn = 0.5 * (state.lateral_mps * state.yaw_rate_radps + lateral[-1] * rate[-1])
-    swing = 0.5 * (state.forward_mps * state.yaw_rate_radps + forward[-1] * rate[-1])
-    return BodyState(
-        x_m=state.x_m + h * (forward * cos - left * sin).sum(axis=0),
-        y_m=state.y_m + h * (forward * sin + left * cos).sum(axis=0),
-        yaw_rad=end - 2.0 * np.pi * np.rint(end / (2.0 * np.pi)),
-        forward_mps=forward[-1],
-        lateral_mps=lateral[-1],
-        yaw_rate_radps=rate[-1],
-        accel_mps2=(forward[-1] - state.forward_mps) / dt_s - turn,
-        lateral_accel_mps2=(lateral[-1] - state.lateral_mps) / dt_s + swing,
-        steer_rad=steer[-1],
-        throttle=throttle[-1],
-        brake=brake[-1],
-    )
-
-
-def _actuate(
-    state: BodyState, controls: Controls, table: ParameterTable, count: int, h: float
-) -> tuple[Floats, Floats, Floats]:
-    """Throttle, brake and road-wheel angle at the end of each substep, shapes ``(count, N)``."""
-    elapsed = h * np.arange(1, count + 1)[:, None] * controls.quickness
-    wanted_throttle = np.clip(controls.throttle, 0.0, 1.0)
-    wanted_brake = np.clip(controls.brake, 0.0, 1.0)
-    throttle = wanted_throttle + (state.throttle - wanted_throttle) * np.exp(-elapsed / table.throttle_lag_s)
-    brake = wanted_brake + (state.brake - wanted_brake) * np.exp(-elapsed / table.brake_lag_s)
-    wanted = np.clip(controls.steer_rad, -table.max_steer_rad, table.max_steer_rad)
-    share = -np.expm1(-h * controls.quickness / table.steer_lag_s)
-    most = h * controls.quickness * table.max_steer_rate_radps
-    steer = np.empty((count, len(state)))
-    angle = state.steer_rad
-    for i in range(count):
-        change = (wanted - angle) * share
-        angle = angle + np.minimum(np.maximum(change, -most), most)
-        steer[i] = angle
-    return throttle, brake, steer
-
-
-def _forces(
-    state: BodyState, controls: Controls, table: ParameterTable, actuators: tuple[Floats, Floats, Floats]
-) -> Forces:
-    throttle, brake, steer = actuators
-    speed, mass = state.forward_mps, table.mass_kg
-    full = np.minimum(mass * table.max_drive_accel_mps2, table.drive_power_w / np.maximum(speed, _POWER_FROM_MPS))
-    drive = throttle * controls.drive_factor * full
-    braking = brake * (mass * table.max_brake_decel_mps2)
-    hand = np.where(controls.hand_brake, mass * table.hand_brake_decel_mps2, 0.0)
-    shift = mass * state.accel_mps2 * table.cg_height_m
-    load = np.stack(
-        (
-            mass * GRAVITY_MPS2 * table.cg_to_rear_axle_m - shift,
-            mass * GRAVITY_MPS2 * table.cg_to_front_axle_m + shift,
-        )
-    )
-    load = np.maximum(load / table.wheelbase_m, 0.1 * mass)
-    rear_braking = braking * (_REAR_BRAKE_SHARE * load[1] / (load[0] + load[1]))
-    wanted = np.stack(
-        (
-            drive * table.drive_front_share - (braking - rear_braking),
-            drive * (1.0 - table.drive_front_share) - rear_braking - hand,
-        ),
-        axis=1,
-    )
-    grip = table.friction_coefficient * load
-    most = _LONGITUDINAL_SHARE * grip
-    tyre = np.minimum(np.maximum(wanted, -most), most)
-    cos, sin = np.cos(steer), np.sin(steer)
-    resistance = (
-        0.5 * AIR_DENSITY_KGPM3 * table.drag_area_m2 * speed * speed + table.rolling_resistance * GRAVITY_MPS2 * mass
-    )
-    along = tyre[:, 0] * cos + tyre[:, 1]
-    return Forces(
-        tan_steer=sin / cos,
-        cos_steer=cos,
-        sin_steer=sin,
-        lateral_limit_n=np.sqrt(grip * grip - tyre * tyre),
-        push_n=np.maximum(along, 0.0),
-        resist_n=resistance - np.minimum(along, 0.0),
-        left_n=tyre[:, 0] * sin,
-    )
-
-
-def _integrate(
-    state: BodyState, table: ParameterTable, forces: Forces, count: int, h: float
-) -> tuple[Floats, Floats, Floats]:
-    """Forward and lateral velocity and yaw rate at the end of each substep, shapes ``(count, N)``."""
-    motion = np.stack((state.forward_mps, state.lateral_mps, state.yaw_rate_radps))
-    axles = Axles(
-        mass_rate=table.mass_kg / h,
-        inertia_rate=table.yaw_inertia_kgm2 / h,
-        front_arm_m=table.cg_to_front_axle_m,
-        rear_arm_m=-table.cg_to_rear_axle_m,
-        front_stiffness=table.cornering_stiffness_front_npr,
-        rear_stiffness=table.cornering_stiffness_rear_npr,
-    )
-    course = np.empty((3, count, len(state)))
-    integrate(motion, axles, forces, h, course)
-    return course[0], course[1], course[2]
+    after = np.empty((len(_BODY_FIELDS), len(state)))
+    advance(state.columns, controls.columns, table.records, count, dt_s / count, after)
+    return BodyState(*after)

@@ -3,12 +3,13 @@
 from dataclasses import dataclass
 from math import cos as cos_of
 from math import sin as sin_of
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from siren_ros.world.actors import Floats
+from siren_ros.world.compiled import compiled
 from siren_ros.world.polyline import Polyline
 
 SPACING_M: Final = 1.0
@@ -95,9 +96,9 @@ class Curve:
 
         Only curve points ``first`` to ``last`` (excluded) are looked at; beyond them the curve goes straight on.
         """
-        dx = x_m[:, None] - self.points[first:last, 0]
-        dy = y_m[:, None] - self.points[first:last, 1]
-        nearest = first + np.argmin(dx * dx + dy * dy, axis=1)
+        nearest = np.empty(len(x_m), np.intp)
+        _nearest_points(np.ascontiguousarray(self.points[first:last]), np.array((x_m, y_m)), nearest)
+        nearest += first
         dx, dy = x_m - self.points[nearest, 0], y_m - self.points[nearest, 1]
         heading = self.heading_rad[nearest]
         cos, sin = np.cos(heading), np.sin(heading)
@@ -139,3 +140,16 @@ def _smoothed(points: npt.NDArray[np.float64], sigma_m: float) -> npt.NDArray[np
     taps /= taps.sum()
     padded = np.pad(points, ((radius, radius), (0, 0)), mode="reflect", reflect_type="odd")
     return np.stack([np.convolve(padded[:, axis], taps, mode="valid") for axis in (0, 1)], axis=-1)
+
+
+@compiled
+def _nearest_points(points: Any, places: Any, nearest: Any) -> None:
+    """Fill in the row of the point (K, 2) that is nearest to each place (2, N)."""
+    for n in range(nearest.shape[0]):
+        best, best_square = 0, np.inf
+        for k in range(points.shape[0]):
+            dx, dy = places[0, n] - points[k, 0], places[1, n] - points[k, 1]
+            square = dx * dx + dy * dy
+            if square < best_square:
+                best, best_square = k, square
+        nearest[n] = best

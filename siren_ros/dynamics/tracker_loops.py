@@ -7,6 +7,7 @@ import numpy as np
 from siren_ros.dynamics.parameters import AIR_DENSITY_KGPM3
 from siren_ros.world.compiled import compiled
 from siren_ros.world.units import GRAVITY_MPS2
+from siren_ros.world.wrapped import wrapped_rad
 
 Array = Any
 """A numpy array of float64."""
@@ -58,13 +59,6 @@ def _within(value: float, low: float, high: float) -> float:
 
 
 @compiled
-def _wrapped(angle_rad: float) -> float:
-    """The same direction within (−π, π]."""
-    wrapped = (angle_rad + np.pi) % (2.0 * np.pi) - np.pi
-    return np.pi if wrapped == -np.pi else wrapped
-
-
-@compiled
 def _steer(
     vehicle: Record, pose: tuple[float, float, float, float], goal: tuple[float, float, float, float], gains: Any
 ) -> tuple[float, float]:
@@ -87,7 +81,7 @@ def _steer(
     correction = np.arctan2(gains.lateral_per_s * offset, abs(speed) + gains.lateral_soft_mps)
     grip = gains.grip_share * GRAVITY_MPS2 * vehicle.friction_coefficient
     tightest = min(np.tan(vehicle.max_steer_rad) / wheelbase, grip / max(speed * speed, _SLOWEST_MPS * _SLOWEST_MPS))
-    turn = _within(_wrapped(heading - yaw) + correction, -_FULL_LOCK_RAD, _FULL_LOCK_RAD)
+    turn = _within(wrapped_rad(heading - yaw) + correction, -_FULL_LOCK_RAD, _FULL_LOCK_RAD)
     steered = _within(np.tan(turn) / wheelbase, -tightest, tightest)
     rear_share = vehicle.cg_to_rear_axle_m / wheelbase
     front_slip = vehicle.mass_kg * rear_share / vehicle.cornering_stiffness_front_npr * speed * speed * curvature
@@ -155,7 +149,7 @@ def follow(
         pull = vehicle.centre_ahead_of_rear_axle_m
         course = np.arctan2(dy, dx) if moved > _SLOWEST_STEP_M else reference[2, n]
         most = np.arctan(pull / vehicle.wheelbase_m * np.tan(vehicle.max_steer_rad))
-        swerve = _within(_wrapped(course - last_yaw), -most, most)
+        swerve = _within(wrapped_rad(course - last_yaw), -most, most)
         goal = last_x, last_y, last_yaw, np.tan(swerve) / pull
         steer, steered = _steer(vehicle, (x_m, y_m, yaw, speed), goal, gains)
         ratio = _within(moved / (dt_s * max(sumo_mps, _SLOWEST_STEP_M / dt_s)), _LEAST_PACE, _MOST_PACE)

@@ -6,12 +6,14 @@ moved from outside therefore gets its lane from here.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.world.geometry import wrap_angle
+from siren_ros.world.compiled import compiled
 from siren_ros.world.road_network import NO_LANE, Lane, LaneKind, RoadNetwork
+from siren_ros.world.wrapped import wrapped_rad
 
 _DRIVABLE = frozenset({LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL})
 
@@ -30,12 +32,10 @@ class LaneMatch:
 OFF_ROUTE = LaneMatch(NO_LANE, 0.0, 0.0)
 
 
-@dataclass(frozen=True)
-class _Corridor:
+class _Corridor(NamedTuple):
     """All centre-line segments of some lanes."""
 
     start: npt.NDArray[np.float64]
-    delta: npt.NDArray[np.float64]
     length_m: npt.NDArray[np.float64]
     unit: npt.NDArray[np.float64]
     """Direction of each segment."""
@@ -88,22 +88,13 @@ class LaneMatcher:
         if key not in self._corridors:
             self._corridors[key] = self._corridor(key)
         corridor = self._corridors[key]
-        relative = np.asarray(front_m) - corridor.start
-        along = np.einsum("kj,kj->k", relative, corridor.delta) / corridor.length_m
-        clipped = np.clip(along, 0.0, corridor.length_m)
-        unit = corridor.unit
-        miss = relative - clipped[:, None] * unit
-        distance = np.hypot(miss[:, 0], miss[:, 1])
-        turned = np.abs(wrap_angle(corridor.heading_rad - yaw_rad)) > self._heading_limit_rad
-        distance = np.where(turned | (distance > corridor.reach_m), np.inf, distance)
-        if present_lane != NO_LANE:
-            beside = (corridor.edge == self._network.lanes[present_lane].edge) & (corridor.lane != present_lane)
-            distance = distance + np.where(beside, self._stay_m, 0.0)
-        best = int(np.argmin(distance))
-        if not np.isfinite(distance[best]):
+        beside = NO_LANE if present_lane == NO_LANE else self._network.lanes[present_lane].edge
+        best, along_m, lateral_m = _nearest(
+            corridor, front_m, yaw_rad, self._heading_limit_rad, (beside, present_lane, self._stay_m)
+        )
+        if best < 0:
             return OFF_ROUTE
-        lateral = float(unit[best, 0] * relative[best, 1] - unit[best, 1] * relative[best, 0])
-        return LaneMatch(int(corridor.lane[best]), float(corridor.arc_m[best] + clipped[best]), lateral)
+        return LaneMatch(int(corridor.lane[best]), float(corridor.arc_m[best] + along_m), lateral_m)
 
     def _corridor(self, edges: tuple[int, ...]) -> _Corridor:
         indices: list[int] = []
@@ -121,7 +112,6 @@ class LaneMatcher:
         length = np.hypot(delta[:, 0], delta[:, 1])
         return _Corridor(
             start=np.concatenate([lane.centre.points[:-1] for lane in lanes]),
-            delta=delta,
             length_m=length,
             unit=delta / length[:, None],
             heading_rad=np.arctan2(delta[:, 1], delta[:, 0]),
@@ -134,3 +124,27 @@ class LaneMatcher:
     def _reach_m(self, lane: Lane) -> float:
         beside_m = self._junction_sideways_m if lane.kind is LaneKind.INTERNAL else self._sideways_m
         return lane.width_m / 2.0 + beside_m
+
+
+@compiled
+def _nearest(
+    corridor: _Corridor, front_m: tuple[float, float], yaw_rad: float, limit_rad: float, present: tuple[int, int, float]
+) -> tuple[int, float, float]:
+    """The segment under a front bumper, −1 where there is none; the place along it and beside it, left positive.
+
+    ``present`` holds the vehicle's edge and lane, and how much nearer another lane of that edge has to be.
+    """
+    edge, lane, stay_m = present
+    best, best_m, best_along, best_left = -1, np.inf, 0.0, 0.0
+    for k in range(corridor.length_m.shape[0]):
+        x, y = front_m[0] - corridor.start[k, 0], front_m[1] - corridor.start[k, 1]
+        unit_x, unit_y = corridor.unit[k, 0], corridor.unit[k, 1]
+        along = min(max(x * unit_x + y * unit_y, 0.0), corridor.length_m[k])
+        distance = np.hypot(x - along * unit_x, y - along * unit_y)
+        if distance > corridor.reach_m[k] or abs(wrapped_rad(corridor.heading_rad[k] - yaw_rad)) > limit_rad:
+            continue
+        if lane != NO_LANE and corridor.edge[k] == edge and corridor.lane[k] != lane:
+            distance += stay_m
+        if distance < best_m:
+            best, best_m, best_along, best_left = k, distance, along, unit_x * y - unit_y * x
+    return best, best_along, best_left

@@ -1,0 +1,12 @@
+"""Angles within one turn, for compiled loops; ``geometry.wrap_angle`` is for arrays."""
+
+import numpy as np
+
+from siren_ros.world.compiled import compiled
+
+
+@compiled
+def wrapped_rad(angle_rad: float) -> float:
+    """The same direction within (−π, π]."""
+    angle = (angle_rad + np.pi) % (2.0 * np.pi) - np.pi
+    return np.pi if angle == -np.pi else angle

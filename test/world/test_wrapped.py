@@ -1,0 +1,20 @@
+"""The compiled wrapping of one angle is that of arrays."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from siren_ros.world.geometry import wrap_angle
+from siren_ros.world.wrapped import wrapped_rad
+
+
+@given(st.floats(-50.0, 50.0))
+def test_it_is_that_of_arrays(angle_rad: float) -> None:
+    assert wrapped_rad(angle_rad) == wrap_angle(angle_rad)
+
+
+@pytest.mark.parametrize("turns", [-3, -1, 1, 5])
+def test_half_a_turn_is_positive(turns: int) -> None:
+    assert wrapped_rad(turns * math.pi) == pytest.approx(math.pi, abs=1e-12)

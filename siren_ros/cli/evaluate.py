@@ -19,11 +19,9 @@ _SHOWN = ("ade_m", "fde_m")
 """Metrics of the printed table; the JSON file has all."""
 
 
-def add_to(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Adds the verb with its tasks to the command line."""
-    verb = verbs.add_parser(
-        "evaluate", help="score models on episodes", description="Scores models on recorded episodes."
-    )
+def add_arguments(verb: argparse.ArgumentParser) -> None:
+    """Describe the verb, and what it takes."""
+    verb.description = "Scores models on recorded episodes."
     tasks = verb.add_subparsers(title="tasks", metavar="TASK", required=True)
     prediction = tasks.add_parser(
         "prediction",

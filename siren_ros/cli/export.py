@@ -9,11 +9,9 @@ from siren_ros.recording.bag_reader import read_episode
 from siren_ros.world.errors import EXIT_OK
 
 
-def add_to(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Adds the verb with its formats to the command line."""
-    verb = verbs.add_parser(
-        "export", help="write an episode in another format", description="Writes an episode in another format."
-    )
+def add_arguments(verb: argparse.ArgumentParser) -> None:
+    """Describe the verb, and what it takes."""
+    verb.description = "Writes an episode in another format."
     formats = verb.add_subparsers(title="formats", metavar="FORMAT", required=True)
     csv = formats.add_parser(
         "csv",

@@ -10,13 +10,9 @@ from siren_ros.world.actors import ActorClass
 from siren_ros.world.errors import EXIT_OK
 
 
-def add_to(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Adds the verb to the command line."""
-    verb = verbs.add_parser(
-        "info",
-        help="show what an episode is and what its bag holds",
-        description="Shows an episode's description, its outcome, its topics with counts and rates, and its events.",
-    )
+def add_arguments(verb: argparse.ArgumentParser) -> None:
+    """Describe the verb, and what it takes."""
+    verb.description = "Shows an episode's description, its outcome, its topics with counts and rates, and its events."
     verb.add_argument("bag", type=Path, metavar="BAG", help="folder of a recorded episode")
     verb.set_defaults(run=run)
 

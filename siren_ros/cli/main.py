@@ -4,16 +4,28 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from importlib import import_module
+from typing import Final
 
 import siren_ros
-from siren_ros.cli import evaluate, export, info, plot, recover, replay, sense, verify, video
 from siren_ros.world.errors import EXIT_FAILED, SirenError
 
-_VERBS = (info, verify, recover, export, plot, sense, video, replay, evaluate)
+_VERBS: Final = {
+    "info": "show what an episode is and what its bag holds",
+    "verify": "check that the interaction happened and that the record is sound",
+    "recover": "complete a bag whose writer was killed",
+    "export": "write an episode in another format",
+    "plot": "draw an episode from above",
+    "sense": "draw what sensors see at an instant of an episode",
+    "video": "make a video of an episode, from above or through the front camera",
+    "replay": "play an episode on its topics, or simulate it again and compare",
+    "evaluate": "score models on episodes",
+}
+"""What the verbs do; each is a module of this package, loaded when it is asked for: some bring much with them."""
 
 
-def parser() -> argparse.ArgumentParser:
-    """The command line, with help for every verb."""
+def parser(verb: str | None) -> argparse.ArgumentParser:
+    """The command line, with the arguments of one verb."""
     top = argparse.ArgumentParser(
         prog="siren",
         description="Works with recorded SIREN episodes: look into them, check them, export them, draw them.",
@@ -21,14 +33,17 @@ def parser() -> argparse.ArgumentParser:
     )
     top.add_argument("--version", action="version", version=f"siren {siren_ros.__version__}")
     verbs = top.add_subparsers(title="commands", dest="verb", metavar="COMMAND", required=True)
-    for module in _VERBS:
-        module.add_to(verbs)
+    for name, summary in _VERBS.items():
+        added = verbs.add_parser(name, help=summary)
+        if name == verb:
+            import_module(f"siren_ros.cli.{name}").add_arguments(added)
     return top
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs one command and returns its exit code; an error is one line on stderr."""
-    arguments = parser().parse_args(argv)
+    words = sys.argv[1:] if argv is None else argv
+    arguments = parser(next((word for word in words if not word.startswith("-")), None)).parse_args(words)
     try:
         return int(arguments.run(arguments))
     except SirenError as error:

@@ -8,15 +8,11 @@ from siren_ros.recording.bag_reader import read_episode
 from siren_ros.world.errors import EXIT_OK
 
 
-def add_to(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Adds the verb to the command line."""
-    verb = verbs.add_parser(
-        "plot",
-        help="draw an episode from above",
-        description=(
-            "Draws the roads, all paths coloured by speed, the yielding vehicles, the events, three moments of the "
-            "interaction, and who did what when, into one PNG file."
-        ),
+def add_arguments(verb: argparse.ArgumentParser) -> None:
+    """Describe the verb, and what it takes."""
+    verb.description = (
+        "Draws the roads, all paths coloured by speed, the yielding vehicles, the events, three moments of the "
+        "interaction, and who did what when, into one PNG file."
     )
     verb.add_argument("bag", type=Path, metavar="BAG", help="folder of a recorded episode")
     verb.add_argument("--out", type=Path, metavar="FILE.png", required=True, help="picture to write")

@@ -8,13 +8,11 @@ from siren_ros.recording.recover import recover_bag
 from siren_ros.world.errors import EXIT_OK
 
 
-def add_to(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Adds the verb to the command line."""
-    verb = verbs.add_parser(
-        "recover",
-        help="complete a bag whose writer was killed",
-        description="Writes a complete bag from all whole chunks of one that was cut off or damaged. A bag that is "
-        "complete is left alone.",
+def add_arguments(verb: argparse.ArgumentParser) -> None:
+    """Describe the verb, and what it takes."""
+    verb.description = (
+        "Writes a complete bag from all whole chunks of one that was cut off or damaged. A bag that is "
+        "complete is left alone."
     )
     verb.add_argument(
         "bag",

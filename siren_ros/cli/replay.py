@@ -6,7 +6,6 @@ import os
 import sys
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 from siren_ros.generation.replay_check import repeat_episode
 from siren_ros.recording.bag_guard import check_bag_files
@@ -14,24 +13,22 @@ from siren_ros.recording.bag_reader import read_episode
 from siren_ros.world.errors import EXIT_FAILED, EXIT_OK, InputError
 
 
-def add_to(verbs: Any) -> None:
-    """Register the verb."""
-    parser = verbs.add_parser(
-        "replay",
-        help="play an episode on its topics, or simulate it again and compare",
-        description="Publishes an episode on the topics of the live run, with its clock. With --check: simulates the "
+def add_arguments(verb: argparse.ArgumentParser) -> None:
+    """Describe the verb, and what it takes."""
+    verb.description = (
+        "Publishes an episode on the topics of the live run, with its clock. With --check: simulates the "
         "episode again from its own description, compares every field of every actor at every step and names the first "
-        "that differs.",
+        "that differs."
     )
-    parser.add_argument("bag", type=Path, metavar="BAG", help="folder of the bag")
-    parser.add_argument("--check", action="store_true", help="simulate again and compare instead of playing")
-    parser.add_argument("--rate", type=float, default=1.0, metavar="R", help="simulated seconds per wall second (1)")
-    parser.add_argument(
+    verb.add_argument("bag", type=Path, metavar="BAG", help="folder of the bag")
+    verb.add_argument("--check", action="store_true", help="simulate again and compare instead of playing")
+    verb.add_argument("--rate", type=float, default=1.0, metavar="R", help="simulated seconds per wall second (1)")
+    verb.add_argument(
         "--start", dest="start_s", type=float, default=0.0, metavar="S", help="simulated time to begin at (0)"
     )
-    parser.add_argument("--loop", action="store_true", help="begin again at the end")
-    parser.add_argument("--paused", action="store_true", help="wait for the service /player/resume first")
-    parser.set_defaults(run=run)
+    verb.add_argument("--loop", action="store_true", help="begin again at the end")
+    verb.add_argument("--paused", action="store_true", help="wait for the service /player/resume first")
+    verb.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

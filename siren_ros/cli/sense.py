@@ -10,15 +10,11 @@ from siren_ros.sensors.suite import load_suite
 from siren_ros.world.errors import EXIT_OK
 
 
-def add_to(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Adds the verb to the command line."""
-    verb = verbs.add_parser(
-        "sense",
-        help="draw what sensors see at an instant of an episode",
-        description=(
-            "Draws the pictures of all cameras of a suite and its point clouds, by height and by instance, into one "
-            "file. Suite and look may be others than the episode's own, and the bag may be one without sensors."
-        ),
+def add_arguments(verb: argparse.ArgumentParser) -> None:
+    """Describe the verb, and what it takes."""
+    verb.description = (
+        "Draws the pictures of all cameras of a suite and its point clouds, by height and by instance, into one "
+        "file. Suite and look may be others than the episode's own, and the bag may be one without sensors."
     )
     verb.add_argument("bag", type=Path, metavar="BAG", help="folder of a recorded episode")
     verb.add_argument("--time", type=float, metavar="S", required=True, help="simulated time")

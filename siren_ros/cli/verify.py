@@ -10,15 +10,11 @@ from siren_ros.recording.verify import Verification, verify_episode
 from siren_ros.world.errors import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_OK, SirenError
 
 
-def add_to(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Adds the verb to the command line."""
-    verb = verbs.add_parser(
-        "verify",
-        help="check that the interaction happened and that the record is sound",
-        description=(
-            "Evaluates the predicate of the episode's template on the record alone, and checks continuity, "
-            "ownership, residuals, message counts and stamps. Exit code 1 where anything fails."
-        ),
+def add_arguments(verb: argparse.ArgumentParser) -> None:
+    """Describe the verb, and what it takes."""
+    verb.description = (
+        "Evaluates the predicate of the episode's template on the record alone, and checks continuity, "
+        "ownership, residuals, message counts and stamps. Exit code 1 where anything fails."
     )
     verb.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="folder of a recorded episode")
     verb.add_argument("-q", "--quiet", action="store_true", help="print one line for each bag, and what fails")

@@ -7,15 +7,11 @@ from siren_ros.pictures.video import FRAME_RATE_HZ, View, save_video
 from siren_ros.world.errors import EXIT_OK
 
 
-def add_to(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Adds the verb to the command line."""
-    verb = verbs.add_parser(
-        "video",
-        help="make a video of an episode, from above or through the front camera",
-        description=(
-            f"Writes an H.264 MP4 file at {FRAME_RATE_HZ} Hz of simulated time: either the episode from above, with "
-            "vehicles coloured by what they do, signals and the EMV's mode, or the recorded front camera."
-        ),
+def add_arguments(verb: argparse.ArgumentParser) -> None:
+    """Describe the verb, and what it takes."""
+    verb.description = (
+        f"Writes an H.264 MP4 file at {FRAME_RATE_HZ} Hz of simulated time: either the episode from above, with "
+        "vehicles coloured by what they do, signals and the EMV's mode, or the recorded front camera."
     )
     verb.add_argument("bag", type=Path, metavar="BAG", help="folder of a recorded episode")
     verb.add_argument(

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import siren_ros
+from siren_ros import cli
 from siren_ros.cli.main import main
 
 
@@ -112,3 +113,24 @@ def test_a_reader_that_goes_away_is_not_an_error_message(bag: Path) -> None:
     done = subprocess.run(["bash", "-c", command], capture_output=True, check=True, text=True)
     assert done.stdout.startswith("bag")
     assert done.stderr == ""
+
+
+VERBS = sorted(file.stem for file in Path(cli.__file__).parent.glob("[a-z]*.py") if file.stem != "main")
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_helps(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        main(["--help"])
+    assert left.value.code == 0
+    assert f"\n    {verb} " in capsys.readouterr().out
+    with pytest.raises(SystemExit) as left:
+        main([verb, "--help"])
+    assert left.value.code == 0
+    assert f"usage: siren {verb} " in capsys.readouterr().out
+
+
+def test_help_brings_no_library_along() -> None:
+    program = "import sys; from siren_ros.cli.main import parser; parser(None); print('numpy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"

@@ -6,8 +6,10 @@ come out.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import Enum
+from types import MappingProxyType
+from typing import NamedTuple
 
 from siren_ros.interfaces.lockstep_reports import Phase, StepReport
 from siren_ros.interfaces.topics import EPISODE_END, upstream_of
@@ -40,9 +42,8 @@ class LockstepConfig:
     """What an error calls a participant, where its name alone does not say which program it is."""
 
 
-@dataclass(frozen=True)
-class LockstepState:
-    """Progress of one episode."""
+class LockstepState(NamedTuple):
+    """Progress of one episode. It changes with every report: a tuple is copied quickly."""
 
     stage: Stage = Stage.GATHERING
     step: int = -1
@@ -58,7 +59,7 @@ class LockstepState:
     """Number of steps that the episode has, known when it ends."""
     late: frozenset[str] = frozenset()
     """Participants that were silent when the episode was ended; they may hang for ever."""
-    busy_s: dict[str, float] = field(default_factory=dict)
+    busy_s: Mapping[str, float] = MappingProxyType({})
     """Wall time by participant, summed over the steps."""
 
     @property
@@ -111,11 +112,11 @@ def on_report(
         return state, None
     busy = {**state.busy_s, report.participant: state.busy_s.get(report.participant, 0.0) + report.busy_s}
     if owes:
-        state = replace(state, owing=state.owing - {report.participant}, busy_s=busy)
+        state = state._replace(owing=state.owing - {report.participant}, busy_s=busy)
     else:
-        state = replace(state, waiting=state.waiting - {report.participant}, busy_s=busy)
+        state = state._replace(waiting=state.waiting - {report.participant}, busy_s=busy)
     if report.error and not state.reason:
-        state = replace(state, end=EpisodeEnd.FAILED, reason=f"{report.participant}: {report.error}")
+        state = state._replace(end=EpisodeEnd.FAILED, reason=f"{report.participant}: {report.error}")
     return _all_reported(state, config, now_s) if _may_go_on(state, config) else (state, None)
 
 
@@ -127,7 +128,7 @@ def _may_go_on(state: LockstepState, config: LockstepConfig) -> bool:
 
 def _all_reported(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple[LockstepState, Action]:
     if state.stage is Stage.CLOSING:
-        return replace(state, stage=Stage.CLOSED), None
+        return state._replace(stage=Stage.CLOSED), None
     if state.step + 1 >= config.steps:
         return _close(state, EpisodeEnd.COMPLETE, "", config, now_s)
     return _begin_next(state, config, now_s)
@@ -147,9 +148,9 @@ def on_time(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple
     names = ", ".join(config.called.get(name, name) for name in sorted(late))
     if state.stage is Stage.CLOSING:
         reason = state.reason or f"{names}: did not close within {limit_s:g} s"
-        return replace(state, stage=Stage.CLOSED, end=EpisodeEnd.FAILED, reason=reason), None
+        return state._replace(stage=Stage.CLOSED, end=EpisodeEnd.FAILED, reason=reason), None
     what = "was not ready" if gathering else f"did not finish step {state.step - bool(state.owing)}"
-    return _close(replace(state, late=late), EpisodeEnd.FAILED, f"{names}: {what} within {limit_s:g} s", config, now_s)
+    return _close(state._replace(late=late), EpisodeEnd.FAILED, f"{names}: {what} within {limit_s:g} s", config, now_s)
 
 
 def _first_late(waiting: frozenset[str], gathering: bool) -> frozenset[str]:
@@ -182,19 +183,19 @@ def on_failure(
         return state, None
     if state.stage is not Stage.CLOSING:
         closing, action = _close(state, EpisodeEnd.FAILED, reason, config, now_s)
-        return replace(closing, waiting=closing.waiting - gone), action
+        return closing._replace(waiting=closing.waiting - gone), action
     if not state.waiting & gone:
         return state, None
     waiting = state.waiting - gone
     stage = state.stage if waiting else Stage.CLOSED
-    return replace(state, stage=stage, waiting=waiting, end=EpisodeEnd.FAILED, reason=state.reason or reason), None
+    return state._replace(stage=stage, waiting=waiting, end=EpisodeEnd.FAILED, reason=state.reason or reason), None
 
 
 def _begin_next(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple[LockstepState, Action]:
     step = state.step + 1
     owing = state.waiting if state.stage is Stage.STEPPING else frozenset()
     everybody = frozenset(config.participants)
-    state = replace(state, stage=Stage.STEPPING, step=step, waiting=everybody, owing=owing, since_s=now_s)
+    state = state._replace(stage=Stage.STEPPING, step=step, waiting=everybody, owing=owing, since_s=now_s)
     return state, BeginStep(step)
 
 
@@ -203,8 +204,7 @@ def _close(
 ) -> tuple[LockstepState, Action]:
     steps = state.steps_done
     unready = state.waiting if state.stage is Stage.GATHERING else frozenset()
-    closing = replace(
-        state,
+    closing = state._replace(
         stage=Stage.CLOSING,
         waiting=frozenset(config.participants),
         owing=frozenset(),

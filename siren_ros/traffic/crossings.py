@@ -31,6 +31,11 @@ class CrossingWatch:
         self._last_lane.pop(actor_id, None)
         self._inside.pop(actor_id, None)
 
+    def is_on(self, actor_id: int, lane: int) -> bool:
+        """Whether a vehicle was on this lane at the last call of ``watch``, so that nothing has happened."""
+        last = self._last_lane.get(actor_id)
+        return last is not None and last.index == lane
+
     def watch(self, step: int, mover: Mover, signals: Mapping[str, str]) -> tuple[Event, ...]:
         """Events of a vehicle whose lane has changed since the last call.
 

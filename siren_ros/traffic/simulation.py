@@ -246,7 +246,7 @@ class SumoSimulation:
         signals = self._signals()
         speed = simulated(mirrored.speed_mps, readings.speed_mps)
         passing_mps = np.where(owner == Owner.ROS, speed, readings.speed_mps)
-        events = self._events(step, ids, readings, passing_mps, owner.astype(np.uint8), signals)
+        events = self._events(step, ids, readings, lengths, passing_mps, owner.astype(np.uint8), signals)
         return TrafficState(
             step=step,
             spawned=spawned,
@@ -332,23 +332,18 @@ class SumoSimulation:
         step: int,
         ids: np.ndarray[tuple[int], np.dtype[np.uint32]],
         readings: Readings,
+        lengths_m: Floats,
         speed_mps: Floats,
         owner: Codes,
         signals: Mapping[str, str],
     ) -> tuple[Event, ...]:
         """Happenings of the step; ``speed_mps`` is SUMO's, and the simulated one of whoever ROS drives."""
         started = [self._ids[name] for name in libsumo.simulation.getStartingTeleportIDList() if name in self._ids]
-        lengths = np.array([self._reported[actor_id].length_m for actor_id in ids.tolist()])
         jump_m = self._config.jump_m
-        events: list[Event] = find_teleports(step, ids, readings, lengths, owner, started, self._last, jump_m)
-        for row, actor_id in enumerate(ids.tolist()):
-            if readings.lane[row] != NO_LANE:
-                mover = Mover(
-                    actor_id,
-                    int(readings.lane[row]),
-                    float(readings.x_m[row]),
-                    float(readings.y_m[row]),
-                    float(speed_mps[row]),
-                )
+        events: list[Event] = find_teleports(step, ids, readings, lengths_m, owner, started, self._last, jump_m)
+        for row, (actor_id, lane) in enumerate(zip(ids.tolist(), readings.lane.tolist(), strict=True)):
+            if lane != NO_LANE and not self._crossings.is_on(actor_id, lane):
+                place = float(readings.x_m[row]), float(readings.y_m[row])
+                mover = Mover(actor_id, lane, *place, float(speed_mps[row]))
                 events += self._crossings.watch(step, mover, signals)
         return tuple(events)

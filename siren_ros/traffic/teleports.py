@@ -43,6 +43,8 @@ def find_teleports(
         stayed = (rows >= 0) & (owner == Owner.SUMO) & (last.owner[rows] == Owner.SUMO)
         for row in np.flatnonzero(stayed & (moved > explained + jump_m)):
             found.setdefault(int(ids[row]), "jump")
+    if not found:
+        return []
     row_of = {int(actor_id): row for row, actor_id in enumerate(ids)}
     events = []
     for actor_id, reason in sorted(found.items()):

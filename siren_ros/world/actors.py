@@ -163,6 +163,9 @@ def rows_of_ids(actor_id: Ids, wanted: Ids) -> npt.NDArray[np.intp]:
     """Row of each wanted id in a sorted id array, −1 where it is absent; shape of ``wanted``."""
     if len(actor_id) == 0:
         return np.full(len(wanted), -1, dtype=np.intp)
-    rows = np.searchsorted(actor_id, wanted)
+    if len(actor_id) == len(wanted) and (actor_id == wanted).all():  # nearly every step
+        return np.arange(len(wanted))
+    rows = actor_id.searchsorted(wanted)
     rows[rows == len(actor_id)] = 0
-    return np.where(actor_id[rows] == wanted, rows, -1).astype(np.intp)
+    rows[actor_id[rows] != wanted] = -1
+    return rows

@@ -6,6 +6,7 @@ import numpy as np
 
 from siren_ros.dynamics.parameters import AIR_DENSITY_KGPM3
 from siren_ros.world.compiled import compiled
+from siren_ros.world.scalars import within
 from siren_ros.world.units import GRAVITY_MPS2
 
 Array = Any
@@ -28,14 +29,9 @@ _SLOWEST_MPS: Final = 1e-9
 
 
 @compiled
-def _within(value: float, low: float, high: float) -> float:
-    return min(max(value, low), high)
-
-
-@compiled
 def _lagged(wanted: float, present: float, elapsed_s: float, lag_s: float) -> float:
     """A pedal behind its first-order lag."""
-    wanted = _within(wanted, 0.0, 1.0)
+    wanted = within(wanted, 0.0, 1.0)
     return wanted + (present - wanted) * np.exp(-elapsed_s / lag_s)
 
 
@@ -90,7 +86,7 @@ def _newton(
     tan = sin / cos
     along = front_tyre * cos + rear_tyre
     speed = np.sqrt(u * u + v * v + (a * w) ** 2) + _SLOWEST_MPS
-    left = front_tyre * sin * _within(u / _FULL_PULL_MPS, -1.0, 1.0)
+    left = front_tyre * sin * within(u / _FULL_PULL_MPS, -1.0, 1.0)
     front = _secant(vehicle.cornering_stiffness_front_npr, front_limit, abs(u * tan - v - a * w) / speed, cos)
     rear = _secant(vehicle.cornering_stiffness_rear_npr, rear_limit, abs(v + b * w) / speed, 1.0)
     push = u * tan * front
@@ -100,8 +96,8 @@ def _newton(
     r2 = speed * (inertia_rate * w + a * left) + push * a
     determinant = a11 * a22 - a12 * a21
     v_free, w_free = (r1 * a22 - a12 * r2) / determinant, (a11 * r2 - a21 * r1) / determinant
-    front_n = _within(front * (u * tan - v_free - a * w_free) / speed, -front_limit * cos, front_limit * cos)
-    rear_n = _within(-rear * (v_free + b * w_free) / speed, -rear_limit, rear_limit)
+    front_n = within(front * (u * tan - v_free - a * w_free) / speed, -front_limit * cos, front_limit * cos)
+    rear_n = within(-rear * (v_free + b * w_free) / speed, -rear_limit, rear_limit)
     w = w + ((front_n + left) * a + rear_n * b) / inertia_rate
     v = v + (front_n + rear_n + left) / mass_rate - h * u * w
     u = u + (max(along, 0.0) - front_n * tan) / mass_rate + h * v * w
@@ -118,8 +114,8 @@ def _tyre_forces_n(
     front = drive_n * vehicle.drive_front_share - (braking_n - rear_braking)
     rear = drive_n * (1.0 - vehicle.drive_front_share) - rear_braking - hand_n
     front_grip, rear_grip = vehicle.friction_coefficient * front_load, vehicle.friction_coefficient * rear_load
-    front = _within(front, -_LONGITUDINAL_SHARE * front_grip, _LONGITUDINAL_SHARE * front_grip)
-    rear = _within(rear, -_LONGITUDINAL_SHARE * rear_grip, _LONGITUDINAL_SHARE * rear_grip)
+    front = within(front, -_LONGITUDINAL_SHARE * front_grip, _LONGITUDINAL_SHARE * front_grip)
+    rear = within(rear, -_LONGITUDINAL_SHARE * rear_grip, _LONGITUDINAL_SHARE * rear_grip)
     return front, rear, np.sqrt(front_grip * front_grip - front * front), np.sqrt(rear_grip * rear_grip - rear * rear)
 
 
@@ -146,7 +142,7 @@ def advance(before: Array, controls: Array, records: Array, count: int, h: float
             before[5, n],
         )
         steer, wanted_steer, quickness = before[8, n], controls[2, n], controls[4, n]
-        wanted_steer = _within(wanted_steer, -vehicle.max_steer_rad, vehicle.max_steer_rad)
+        wanted_steer = within(wanted_steer, -vehicle.max_steer_rad, vehicle.max_steer_rad)
         share = -np.expm1(-h * quickness / vehicle.steer_lag_s)
         most = h * quickness * vehicle.max_steer_rate_radps
         mass = vehicle.mass_kg
@@ -161,7 +157,7 @@ def advance(before: Array, controls: Array, records: Array, count: int, h: float
             elapsed = h * (i + 1) * quickness
             throttle = _lagged(controls[0, n], before[9, n], elapsed, vehicle.throttle_lag_s)
             brake = _lagged(controls[1, n], before[10, n], elapsed, vehicle.brake_lag_s)
-            steer += _within((wanted_steer - steer) * share, -most, most)
+            steer += within((wanted_steer - steer) * share, -most, most)
             braking_n = brake * (mass * vehicle.max_brake_decel_mps2)
             tyres = _tyre_forces_n(vehicle, loads, throttle * full_n, braking_n, hand_n)
             u, v, w = _newton(vehicle, (u, v, w), tyres, steer, resistance_n, h)

@@ -4,15 +4,12 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from siren_ros.dynamics.body_loops import Array, Record
 from siren_ros.dynamics.parameters import AIR_DENSITY_KGPM3
 from siren_ros.world.compiled import compiled
+from siren_ros.world.scalars import within, wrapped_rad
 from siren_ros.world.units import GRAVITY_MPS2
-from siren_ros.world.wrapped import wrapped_rad
 
-Array = Any
-"""A numpy array of float64."""
-Record = Any
-"""One vehicle's row of ``ParameterTable.records``."""
 _SLOWEST_STEP_M: Final = 0.01
 """A centre that moved less than this in one step has no course of its own."""
 _SLOWEST_MPS: Final = 0.1
@@ -54,11 +51,6 @@ class TrackerGains(NamedTuple):
 
 
 @compiled
-def _within(value: float, low: float, high: float) -> float:
-    return min(max(value, low), high)
-
-
-@compiled
 def _steer(
     vehicle: Record, pose: tuple[float, float, float, float], goal: tuple[float, float, float, float], gains: Any
 ) -> tuple[float, float]:
@@ -81,8 +73,8 @@ def _steer(
     correction = np.arctan2(gains.lateral_per_s * offset, abs(speed) + gains.lateral_soft_mps)
     grip = gains.grip_share * GRAVITY_MPS2 * vehicle.friction_coefficient
     tightest = min(np.tan(vehicle.max_steer_rad) / wheelbase, grip / max(speed * speed, _SLOWEST_MPS * _SLOWEST_MPS))
-    turn = _within(wrapped_rad(heading - yaw) + correction, -_FULL_LOCK_RAD, _FULL_LOCK_RAD)
-    steered = _within(np.tan(turn) / wheelbase, -tightest, tightest)
+    turn = within(wrapped_rad(heading - yaw) + correction, -_FULL_LOCK_RAD, _FULL_LOCK_RAD)
+    steered = within(np.tan(turn) / wheelbase, -tightest, tightest)
     rear_share = vehicle.cg_to_rear_axle_m / wheelbase
     front_slip = vehicle.mass_kg * rear_share / vehicle.cornering_stiffness_front_npr * speed * speed * curvature
     return np.arctan(steered * wheelbase) + front_slip, steered
@@ -92,7 +84,7 @@ def _steer(
 def _before_lag(wanted: float, present: float, lag_s: float, dt_s: float) -> float:
     """Command whose mean response over a step, behind a first-order lag, is the wanted value; within 0–1."""
     kept = lag_s / dt_s * -np.expm1(-dt_s / lag_s)
-    return _within((_within(wanted, 0.0, 1.0) - kept * present) / (1.0 - kept), 0.0, 1.0)
+    return within((within(wanted, 0.0, 1.0) - kept * present) / (1.0 - kept), 0.0, 1.0)
 
 
 @compiled
@@ -149,15 +141,15 @@ def follow(
         pull = vehicle.centre_ahead_of_rear_axle_m
         course = np.arctan2(dy, dx) if moved > _SLOWEST_STEP_M else reference[2, n]
         most = np.arctan(pull / vehicle.wheelbase_m * np.tan(vehicle.max_steer_rad))
-        swerve = _within(wrapped_rad(course - last_yaw), -most, most)
+        swerve = within(wrapped_rad(course - last_yaw), -most, most)
         goal = last_x, last_y, last_yaw, np.tan(swerve) / pull
         steer, steered = _steer(vehicle, (x_m, y_m, yaw, speed), goal, gains)
-        ratio = _within(moved / (dt_s * max(sumo_mps, _SLOWEST_STEP_M / dt_s)), _LEAST_PACE, _MOST_PACE)
+        ratio = within(moved / (dt_s * max(sumo_mps, _SLOWEST_STEP_M / dt_s)), _LEAST_PACE, _MOST_PACE)
         pace = last_pace + (ratio - last_pace) * pace_share
         accel = last_accel + (reference[4, n] - last_accel) * accel_share
         course = last_yaw + swerve
         gap = (last_x - x_m) * np.cos(course) + (last_y - y_m) * np.sin(course)
-        correction = _within(gains.along_per_s * gap, -gains.along_most_mps, gains.along_most_mps)
+        correction = within(gains.along_per_s * gap, -gains.along_most_mps, gains.along_most_mps)
         grip = gains.grip_share * GRAVITY_MPS2 * vehicle.friction_coefficient
         fastest = np.sqrt(grip / max(abs(steered), _STRAIGHT_PM))
         wanted = min(max(pace * sumo_mps + correction, 0.0), fastest)

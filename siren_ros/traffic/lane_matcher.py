@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from siren_ros.world.compiled import compiled
 from siren_ros.world.road_network import NO_LANE, Lane, LaneKind, RoadNetwork
-from siren_ros.world.wrapped import wrapped_rad
+from siren_ros.world.scalars import within, wrapped_rad
 
 _DRIVABLE = frozenset({LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL})
 
@@ -88,9 +88,9 @@ class LaneMatcher:
         if key not in self._corridors:
             self._corridors[key] = self._corridor(key)
         corridor = self._corridors[key]
-        beside = NO_LANE if present_lane == NO_LANE else self._network.lanes[present_lane].edge
+        edge = NO_LANE if present_lane == NO_LANE else self._network.lanes[present_lane].edge
         best, along_m, lateral_m = _nearest(
-            corridor, front_m, yaw_rad, self._heading_limit_rad, (beside, present_lane, self._stay_m)
+            corridor, front_m, yaw_rad, self._heading_limit_rad, (edge, present_lane, self._stay_m)
         )
         if best < 0:
             return OFF_ROUTE
@@ -139,11 +139,11 @@ def _nearest(
     for k in range(corridor.length_m.shape[0]):
         x, y = front_m[0] - corridor.start[k, 0], front_m[1] - corridor.start[k, 1]
         unit_x, unit_y = corridor.unit[k, 0], corridor.unit[k, 1]
-        along = min(max(x * unit_x + y * unit_y, 0.0), corridor.length_m[k])
+        along = within(x * unit_x + y * unit_y, 0.0, corridor.length_m[k])
         distance = np.hypot(x - along * unit_x, y - along * unit_y)
         if distance > corridor.reach_m[k] or abs(wrapped_rad(corridor.heading_rad[k] - yaw_rad)) > limit_rad:
             continue
-        if lane != NO_LANE and corridor.edge[k] == edge and corridor.lane[k] != lane:
+        if corridor.edge[k] == edge and corridor.lane[k] != lane:
             distance += stay_m
         if distance < best_m:
             best, best_m, best_along, best_left = k, distance, along, unit_x * y - unit_y * x

@@ -4,12 +4,16 @@ import hashlib
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, Final, TypeVar, cast
 
 import numba
+import numpy as np
+from numba import types
 from numba.core.dispatcher import Dispatcher
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+_FROZEN: Final = (int, float, str, tuple, np.generic, types.ExternalFunction)
+"""Kinds of values that compiled code holds as they were when it was compiled."""
 
 
 def compiled(function: Function) -> Function:
@@ -33,7 +37,7 @@ def _taken(function: Callable[..., Any]) -> list[str]:
         value = names.get(name)
         if isinstance(value, Dispatcher):
             found += [name, _content(value.py_func.__code__.co_filename), *_taken(value.py_func)]
-        elif isinstance(value, int | float | str) or hasattr(value, "symbol"):  # an external function has a symbol
+        elif isinstance(value, _FROZEN):
             found.append(f"{name} {value!r}")
     return found
 

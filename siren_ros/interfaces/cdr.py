@@ -1,6 +1,7 @@
 """Serialised messages from the outside: decoded with errors that name the topic, or only their stamp read."""
 
 import struct
+from dataclasses import replace
 from typing import Any, Final
 
 from rosbags.typesys.store import Typestore
@@ -13,16 +14,32 @@ _ENCAPSULATION_BYTES: Final = 4
 _WORD_BYTES: Final = 4
 _SEQUENCE_OF_STAMPED: Final = frozenset({"tf2_msgs/msg/TFMessage", "visualization_msgs/msg/MarkerArray"})
 """Types that begin with a sequence whose elements begin with a header; the others begin with their stamp."""
+_BYTES_AFTER_DATA: Final = {
+    "sensor_msgs/msg/PointCloud2": 1,
+    "sensor_msgs/msg/Image": 0,
+    "sensor_msgs/msg/CompressedImage": 0,
+}
+"""Types whose megabytes lie in ``data``, a sequence of bytes: how many bytes follow it."""
+_LENGTH: Final = struct.Struct("<I")
 
 
 def encode_cdr(store: Typestore, topic: Topic, message: Any) -> bytes:
     """CDR of a message, filled up to whole words.
 
     DDS fills up a payload that travels between processes and not one that stays within its process; a
-    payload that needs no filling is the same bytes everywhere.
+    payload that needs no filling is the same bytes everywhere. Points and pictures are copied once.
     """
-    cdr = store.serialize_cdr(message, topic.type_name)
-    return b"".join((cdr, bytes(-len(cdr) % _WORD_BYTES)))
+    after = _BYTES_AFTER_DATA.get(topic.type_name)
+    if after is None:
+        return _filled(store.serialize_cdr(message, topic.type_name, little_endian=True))
+    data = message.data
+    shell = store.serialize_cdr(replace(message, data=data[:0]), topic.type_name, little_endian=True)
+    head, tail = shell[: len(shell) - after - _LENGTH.size], shell[len(shell) - after :]
+    return _filled(head, _LENGTH.pack(len(data)), memoryview(data), tail)
+
+
+def _filled(*parts: bytes | memoryview) -> bytes:
+    return b"".join((*parts, bytes(-sum(map(len, parts)) % _WORD_BYTES)))
 
 
 def decode_cdr(store: Typestore, topic: Topic, cdr: bytes) -> Any:

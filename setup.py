@@ -34,6 +34,7 @@ DEPENDENCIES = [
 DEVELOPMENT = [
     "pytest>=8",  # runs the tests
     "pytest-timeout>=2.3",  # a test that hangs fails instead
+    "pytest-xdist>=3.5",  # shares the tests between two processes
     "hypothesis>=6.100",  # properties over generated cases
     "open3d>=0.19",  # casts the same rays, to compare ours with in tests and in the benchmark of the sensors
     "mypy>=1.11",  # checks the types

@@ -1,8 +1,9 @@
-"""Fixtures that several folders of tests share: messages without ROS, and a synthetic episode."""
+"""Fixtures that several folders of tests share: messages without ROS, and a synthetic episode; who runs the tests."""
 
 import siren_nodes  # noqa: F401 - the arithmetic of the programs, before numpy is loaded
 
 # isort: split
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,6 +18,14 @@ from siren_ros.recording.record_builder import RecordBuilder
 from siren_ros.world.units import time_ns_of_step
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+WORKERS = 2
+"""Processes that share the tests: an episode keeps more than one processor busy at times."""
+
+
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """Folders are shared between workers where there are processors for it; single files run in this process."""
+    folders = all(Path(argument).is_dir() for argument in config.args)
+    return min(WORKERS, len(os.sched_getaffinity(0))) if folders else 0
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import pytest
-from environment_support import TALKER, TIMEOUT_S, Checkout, ros_variables
+from dds_domains import own_domain
+from environment_support import TALKER, TIMEOUT_S, Checkout, own_lines, ros_variables
 
 
 @pytest.fixture
@@ -19,8 +20,8 @@ def checkout(tmp_path: Path) -> Checkout:
 
 @pytest.fixture(scope="session")
 def domain_id() -> str:
-    """A DDS domain of this test run's own; above 101 its ports would lie in the range the system hands out."""
-    return str(1 + os.getpid() % 101)
+    """A DDS domain of this test process's own."""
+    return str(own_domain())
 
 
 @pytest.fixture
@@ -54,7 +55,7 @@ def ros2(start_ros2: Callable[..., "subprocess.Popen[str]"]) -> Callable[..., "s
     def run(*arguments: str, variables: Mapping[str, str] | None = None) -> "subprocess.CompletedProcess[str]":
         process = start_ros2(*arguments, variables=variables)
         stdout, stderr = process.communicate(timeout=TIMEOUT_S)
-        return subprocess.CompletedProcess(arguments, process.returncode, stdout, stderr)
+        return subprocess.CompletedProcess(arguments, process.returncode, own_lines(stdout), stderr)
 
     return run
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from live_episodes import Domain, Run, finish
 
-DOMAIN = Domain(60)
+DOMAIN = Domain()
 
 
 @pytest.fixture(scope="session")

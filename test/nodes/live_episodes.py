@@ -9,7 +9,10 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+
+from dds_domains import own_domain
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 EXAMPLES = REPOSITORY / "examples"
@@ -31,11 +34,12 @@ class Run:
         return [line for line in self.err.splitlines() if line and "steps," not in line]
 
 
-@dataclass(frozen=True)
 class Domain:
-    """Where programs hear each other."""
+    """Where programs hear each other; no other test's programs are there."""
 
-    number: int
+    @cached_property
+    def number(self) -> int:
+        return own_domain()
 
     @property
     def environment(self) -> dict[str, str]:

@@ -14,7 +14,7 @@ from siren_ros.recording.verify import verify_episode
 from siren_ros.world.actors import Lights, Mode, Owner
 from siren_ros.world.commands import AV_SOURCE
 
-DOMAIN = Domain(62)
+DOMAIN = Domain()
 POLICY = str(EXAMPLES / "av_policy.py")
 STEPS = 120
 DRIVEN = ("av:=civilian", "sensors:=none", "bag:=bag")

@@ -16,7 +16,7 @@ from siren_ros.sensors.sensor_topics import recorded_topics, suite_topics
 from siren_ros.sensors.suite import load_suite
 from siren_ros.world.units import STEP_NS
 
-DOMAIN = Domain(63)
+DOMAIN = Domain()
 STEPS = 30
 CAMERA = """
 cameras:

@@ -15,7 +15,7 @@ from live_episodes import Domain
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.recording.recover import recover_bag
 
-DOMAIN = Domain(50)
+DOMAIN = Domain()
 NODES = ("sumo_bridge", "emv_controller", "yield_manager", "vehicle_dynamics", "sensor_sim", "recorder")
 """SUMO runs within ``sumo_bridge``: to kill that process is to kill SUMO."""
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from live_episodes import EXAMPLES, SMALL_SUITE, Domain, digest, finish, recording, wait_until
 
-DOMAIN = Domain(61)
+DOMAIN = Domain()
 LISTENER = str(EXAMPLES / "av_listener.py")
 
 

@@ -13,7 +13,7 @@ from live_episodes import Domain, wait_until
 
 from siren_ros.recording.bag_reader import open_bag
 
-DOMAIN = Domain(53)
+DOMAIN = Domain()
 
 LISTENER = """
 import hashlib, json, sys, time

@@ -5,7 +5,9 @@ from pathlib import Path
 import pytest
 from live_episodes import Domain, digest, finish, recording, wait_until
 
-HERE, ELSEWHERE = Domain(64), Domain(65)
+from siren_ros.ros.domain import LARGEST_DOMAIN
+
+HERE, ELSEWHERE = Domain(), Domain()
 SHORT = ("sensors:=none", "duration_s:=1.0", "bag:=bag")
 
 
@@ -20,8 +22,8 @@ def test_a_second_episode_in_one_domain_is_refused_and_harms_nothing(tmp_path: P
         run = finish(episode)
     assert refused.code == 2
     (line,) = [line for line in refused.err.splitlines() if line.startswith("ROS_DOMAIN_ID")]
-    assert line.startswith("ROS_DOMAIN_ID: 64 cannot be used")
-    assert "for example ROS_DOMAIN_ID=65" in line
+    assert line.startswith(f"ROS_DOMAIN_ID: {HERE.number} cannot be used")
+    assert f"for example ROS_DOMAIN_ID={(HERE.number + 1) % (LARGEST_DOMAIN + 1)}" in line
     assert list(second.iterdir()) == []
     assert run.code == 0, run.err
     assert "episode complete after 6.00 s" in run.out

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 from dds_domains import own_domain
-from environment_support import TALKER, TIMEOUT_S, Checkout, own_lines, ros_variables
+from environment_support import TALKER, TIMEOUT_S, Checkout, ros_variables
+from program_output import next_line, own_lines
 
 
 @pytest.fixture
@@ -70,8 +71,7 @@ def talker(domain_id: str) -> Iterator[None]:
         stdout=subprocess.PIPE,
         text=True,
     )
-    assert process.stdout is not None
-    assert process.stdout.readline() == "ready\n"
+    assert next_line(process.stdout) == "ready\n"
     yield
     process.kill()
     process.communicate()

@@ -58,11 +58,6 @@ class Checkout:
         return path.read_text().splitlines() if path.exists() else []
 
 
-def own_lines(stdout: str) -> str:
-    """A program's output without Fast DDS's notes, which it prints where another process takes a port just then."""
-    return "".join(line for line in stdout.splitlines(keepends=True) if "RTPS_TRANSPORT_SHM" not in line)
-
-
 def ros_variables(domain_id: str) -> dict[str, str]:
     """What separates the tests' ROS graph from every other one."""
     return {

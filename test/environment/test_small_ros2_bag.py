@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from environment_support import TIMEOUT_S, ros_variables
+from program_output import next_line
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
@@ -84,10 +85,8 @@ def listening(domain_id: str) -> Iterator[Callable[[int], list[list[str]]]]:
         text=True,
     )
     try:
-        stdout = listener.stdout
-        assert stdout is not None
-        assert stdout.readline() == "ready\n"
-        yield lambda count: [stdout.readline().rstrip().split(maxsplit=2) for _ in range(count)]
+        assert next_line(listener.stdout) == "ready\n"
+        yield lambda count: [next_line(listener.stdout).rstrip().split(maxsplit=2) for _ in range(count)]
     finally:
         listener.kill()
         listener.communicate()

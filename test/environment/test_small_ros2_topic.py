@@ -10,6 +10,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import yaml
+from program_output import next_line
 
 rclpy = pytest.importorskip("rclpy", reason="needs ROS")
 
@@ -54,8 +55,7 @@ def test_echo_raw_prints_the_serialised_bytes(ros2: Run) -> None:
 
 def test_echo_runs_until_ctrl_c(start_ros2: Start) -> None:
     process = start_ros2("topic", "echo", "/test/chatter")
-    assert process.stdout is not None
-    assert [process.stdout.readline() for _ in range(4)] == ["data: grüezi\n", "---\n"] * 2
+    assert [next_line(process.stdout) for _ in range(4)] == ["data: grüezi\n", "---\n"] * 2
     os.killpg(process.pid, signal.SIGINT)
     _, errors = process.communicate(timeout=10)
     assert process.returncode == 130
@@ -64,12 +64,11 @@ def test_echo_runs_until_ctrl_c(start_ros2: Start) -> None:
 
 def test_hz_measures_the_rate(start_ros2: Start) -> None:
     process = start_ros2("topic", "hz", "/test/chatter")
-    assert process.stdout is not None
-    match = re.fullmatch(r"average rate: ([0-9.]+)\n", process.stdout.readline())
+    match = re.fullmatch(r"average rate: ([0-9.]+)\n", next_line(process.stdout))
     assert match is not None
     # The talker sleeps 20 ms between messages: it can be slower, never faster.
     assert 0.0 < float(match[1]) <= 51.0
-    assert re.search(r"min: .*s max: .*s std dev: .*s window: \d+", process.stdout.readline())
+    assert re.search(r"min: .*s max: .*s std dev: .*s window: \d+", next_line(process.stdout))
     os.killpg(process.pid, signal.SIGINT)
     process.communicate(timeout=10)
     assert process.returncode == 130

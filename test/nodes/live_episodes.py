@@ -13,6 +13,7 @@ from functools import cached_property
 from pathlib import Path
 
 from dds_domains import own_domain
+from program_output import own_lines
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 EXAMPLES = REPOSITORY / "examples"
@@ -93,7 +94,7 @@ def cosim(parameters: Sequence[str]) -> list[str]:
 
 def finish(process: "subprocess.Popen[str]", timeout_s: float = 120.0) -> Run:
     out, err = process.communicate(timeout=timeout_s)
-    return Run(process.returncode, out, err)
+    return Run(process.returncode, own_lines(out), err)
 
 
 def wait_until(condition: Callable[[], bool], timeout_s: float = 60.0) -> None:

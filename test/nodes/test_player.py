@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from live_episodes import Domain, wait_until
+from program_output import next_line
 
 from siren_ros.recording.bag_reader import open_bag
 
@@ -81,8 +82,7 @@ def play(bag: Path, *parameters: str) -> list[str]:
 def heard(bag: Path, *parameters: str) -> dict[str, list[str]]:
     """What a subscriber of all topics hears that was there before the first message."""
     with DOMAIN.running("-c", LISTENER, wanted_of(bag), "early", cwd=bag.parent) as listener:
-        assert listener.stdout is not None
-        assert listener.stdout.readline() == "listening\n"
+        assert next_line(listener.stdout) == "listening\n"
         with DOMAIN.running(*play(bag, *parameters), cwd=bag.parent) as playing:
             assert playing.wait(60.0) == 0
         return messages_of(listener)
@@ -95,7 +95,7 @@ def heard_late(bag: Path, count: int) -> list[dict[str, list[str]]]:
         listeners = []
         for _ in range(count):
             listeners.append(stack.enter_context(DOMAIN.running(*arguments, cwd=bag.parent)))
-            assert "listening" in str(listeners[-1].stdout and listeners[-1].stdout.readline())
+            assert next_line(listeners[-1].stdout) == "listening\n"
         return [messages_of(listener) for listener in listeners]
 
 
@@ -127,10 +127,9 @@ def test_late_subscribers_get_everything_from_their_joining_on(bag: Path) -> Non
 
 def test_a_subscriber_that_hangs_stops_the_player_for_a_while_only(bag: Path) -> None:
     with DOMAIN.running("-c", LISTENER, wanted_of(bag), "early", cwd=bag.parent) as listener:
-        assert listener.stdout is not None
-        assert listener.stdout.readline() == "listening\n"
+        assert next_line(listener.stdout) == "listening\n"
         with DOMAIN.running(*play(bag, "delay_s:=5.0"), cwd=bag.parent) as playing:
-            wait_until(lambda: "heard" in str(listener.stdout and listener.stdout.readline()))
+            wait_until(lambda: "heard" in next_line(listener.stdout))
             listener.send_signal(signal.SIGSTOP)
             assert playing.wait(90.0) == 0
             assert playing.stderr is not None
@@ -208,7 +207,7 @@ def test_two_players_in_one_domain_are_refused(bag: Path) -> None:
         DOMAIN.running(*command, cwd=bag.parent),
         DOMAIN.running("-c", LISTENER, "{}", "late", cwd=bag.parent) as probe,
     ):
-        wait_until(lambda: bool(probe.stdout and probe.stdout.readline()))
+        assert next_line(probe.stdout)
         with DOMAIN.running(*command, cwd=bag.parent) as second:
             _, err = second.communicate(timeout=60.0)
     assert second.returncode == 2

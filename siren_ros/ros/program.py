@@ -19,6 +19,8 @@ from siren_ros.world.params_files import params_dir
 
 FLUSH_S = 2.0
 SPIN_S = 0.2
+SHUTDOWN_S = 3
+"""DDS can wait for ever for a lock in shared memory that a killed process held; the kernel ends this process then."""
 PROFILE_VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 """Environment variables that name Fast DDS's profile: of the release in Jazzy, and of later ones."""
 PARENT_VARIABLE = "SIREN_PARENT_PID"
@@ -80,7 +82,10 @@ def run_participant(make_node: Callable[[str], Participant[Any]], name: str) -> 
 
 
 def run_program(make_node: Callable[[str], Program], name: str) -> int:
-    """Run one node as a program of its own until it is done or interrupted; returns the exit code."""
+    """Run one node as a program of its own until it is done or interrupted; returns the exit code.
+
+    The process ends soon after that, however long DDS would take to let go: the caller has nothing else to do.
+    """
     start_ros()
     interrupt = Interrupt()
     parent = Parent(int(os.environ.get(PARENT_VARIABLE) or 0))
@@ -112,6 +117,7 @@ def run_program(make_node: Callable[[str], Program], name: str) -> int:
         print(f"{name}: {error}", file=sys.stderr)
         code = error.exit_code
     finally:
+        signal.alarm(SHUTDOWN_S)  # all that is worth keeping is kept; nothing of Python's runs while DDS waits
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()

@@ -20,7 +20,7 @@ from siren_ros.world.params_files import params_dir
 FLUSH_S = 2.0
 SPIN_S = 0.2
 SHUTDOWN_S = 3
-"""DDS can wait for ever for a lock in shared memory that a killed process held; the kernel ends this process then."""
+"""Once a node stayed for ever at this point, after another process had been killed; the kernel ends this one then."""
 PROFILE_VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 """Environment variables that name Fast DDS's profile: of the release in Jazzy, and of later ones."""
 PARENT_VARIABLE = "SIREN_PARENT_PID"
@@ -117,7 +117,7 @@ def run_program(make_node: Callable[[str], Program], name: str) -> int:
         print(f"{name}: {error}", file=sys.stderr)
         code = error.exit_code
     finally:
-        signal.alarm(SHUTDOWN_S)  # all that is worth keeping is kept; nothing of Python's runs while DDS waits
+        signal.alarm(SHUTDOWN_S)  # all that is worth keeping is kept; nothing of Python's runs while C++ waits
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()

@@ -1,16 +1,13 @@
 """A node's program ends, also where DDS does not let go of it."""
 
-import os
 import signal
-import subprocess
-import sys
 
 import pytest
-from dds_domains import own_domain
+from live_episodes import Domain, finish
 
 pytest.importorskip("rclpy", reason="needs ROS")
 
-# Sleeps in C without giving up the interpreter's lock, as a destructor does that waits for a lock in shared memory.
+# Sleeps in C without giving up the interpreter's lock, as a destructor may.
 STUCK = """
 import ctypes
 from rclpy.node import Node
@@ -30,8 +27,7 @@ program.run_program(Stuck, "stuck")
 
 
 def test_a_node_that_cannot_be_destroyed_does_not_stay() -> None:
-    environment = {**os.environ, "ROS_DOMAIN_ID": str(own_domain()), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    command = [sys.executable, "-c", STUCK]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60.0, check=False)
-    assert "destroying" in done.stdout
-    assert done.returncode == -signal.SIGALRM
+    with Domain().running("-c", STUCK) as process:
+        run = finish(process, timeout_s=60.0)
+    assert "destroying" in run.out
+    assert run.code == -signal.SIGALRM

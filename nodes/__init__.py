@@ -1,5 +1,5 @@
 """The ROS 2 nodes, one per file: read the parameters, convert in, call the library, convert out."""
 
-from siren_ros.world.arithmetic import pin_arithmetic
+from siren_ros.numerics.arithmetic import pin_arithmetic
 
 pin_arithmetic()

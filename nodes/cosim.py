@@ -9,23 +9,23 @@ import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 
+from siren_ros.errors import EXIT_FAILED, EXIT_OK, SirenError
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import from_actor_states, from_episode_outcome
-from siren_ros.ros import wire
-from siren_ros.ros.composition import Composition, InProcess, OutOfProcess, import_nodes
-from siren_ros.ros.domain import check_alone, claimed_domain
-from siren_ros.ros.endpoints import create_input
-from siren_ros.ros.episode_plan import plan_episode
-from siren_ros.ros.hang_watch import HangWatch, limits_s
-from siren_ros.ros.master import LockstepMaster
-from siren_ros.ros.node_configs import CosimConfig
-from siren_ros.ros.parameter_overrides import check_names
-from siren_ros.ros.parameters import declare_config
-from siren_ros.ros.program import Interrupt, start_ros
-from siren_ros.ros.progress import Progress
-from siren_ros.ros.summary import closing_summary
-from siren_ros.world.episode import EpisodeEnd, EpisodeOutcome
-from siren_ros.world.errors import EXIT_FAILED, EXIT_OK, SirenError
+from siren_ros.ros.parameters.node_configs import CosimConfig
+from siren_ros.ros.parameters.parameter_overrides import check_names
+from siren_ros.ros.parameters.parameters import declare_config
+from siren_ros.ros.participants.hang_watch import HangWatch, limits_s
+from siren_ros.ros.participants.master import LockstepMaster
+from siren_ros.ros.programs.composition import Composition, InProcess, OutOfProcess, import_nodes
+from siren_ros.ros.programs.episode_plan import plan_episode
+from siren_ros.ros.programs.program import Interrupt, start_ros
+from siren_ros.ros.programs.progress import Progress
+from siren_ros.ros.programs.summary import closing_summary
+from siren_ros.ros.transport import wire
+from siren_ros.ros.transport.domain import check_alone, claimed_domain
+from siren_ros.ros.transport.endpoints import create_input
+from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
 
 SPIN_S = 0.05
 STOP_S = 10.0

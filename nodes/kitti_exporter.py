@@ -6,19 +6,19 @@ from typing import Any
 
 from siren_ros.datasets.kitti import KittiCamera, KittiFrame, KittiWriter, camera_from_lidar
 from siren_ros.datasets.kitti_export import FRONT_CAMERA
+from siren_ros.errors import InputError
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import from_ground_truth
 from siren_ros.interfaces.images import from_compressed_image
 from siren_ros.interfaces.point_cloud import from_point_cloud
-from siren_ros.interfaces.tick_join import Input
-from siren_ros.ros.node_configs import KittiExporterConfig
-from siren_ros.ros.participant import Participant
-from siren_ros.ros.program import run_participant
-from siren_ros.sensors.carrier import optical_frame, static_transforms
-from siren_ros.sensors.observation_messages import intrinsics
-from siren_ros.sensors.suite import SensorSuite, load_suite, period_steps
-from siren_ros.world.episode import EpisodeDescription
-from siren_ros.world.errors import InputError
+from siren_ros.lockstep.tick_join import Input
+from siren_ros.ros.parameters.node_configs import KittiExporterConfig
+from siren_ros.ros.participants.participant import Participant
+from siren_ros.ros.programs.program import run_participant
+from siren_ros.scenario.episode import EpisodeDescription
+from siren_ros.sensor_messages.carrier import optical_frame, static_transforms
+from siren_ros.sensor_messages.observation_messages import intrinsics
+from siren_ros.sensors.suite.suite import SensorSuite, load_suite, period_steps
 
 
 class KittiExporter(Participant[KittiExporterConfig]):

@@ -2,8 +2,8 @@
 
 import sys
 
-from siren_ros.ros.bag_player import BagPlayer
-from siren_ros.ros.program import run_program
+from siren_ros.ros.programs.bag_player import BagPlayer
+from siren_ros.ros.programs.program import run_program
 
 NODE = BagPlayer
 

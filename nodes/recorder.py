@@ -9,13 +9,14 @@ from typing import Any
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing
 from siren_ros.interfaces.topics import Topic
+from siren_ros.judging.outcome import judge
 from siren_ros.recording.recorder import EpisodeRecorder
-from siren_ros.ros import wire
-from siren_ros.ros.node_configs import RecorderConfig
-from siren_ros.ros.participant import Participant
-from siren_ros.ros.program import run_participant
-from siren_ros.sensors.sensor_topics import CARRIER_TOPICS, topics_of
-from siren_ros.world.episode import EpisodeDescription
+from siren_ros.ros.parameters.node_configs import RecorderConfig
+from siren_ros.ros.participants.participant import Participant
+from siren_ros.ros.programs.program import run_participant
+from siren_ros.ros.transport import wire
+from siren_ros.scenario.episode import EpisodeDescription
+from siren_ros.sensor_messages.sensor_topics import CARRIER_TOPICS, topics_of
 
 
 class Recorder(Participant[RecorderConfig]):
@@ -30,7 +31,7 @@ class Recorder(Participant[RecorderConfig]):
         known = (*topics.CORE_TOPICS, *CARRIER_TOPICS, *topics.AV_TOPICS)
         latched = frozenset(topic.name for topic in known if topic.latched)
         self._recorder = EpisodeRecorder(
-            Path(self.config.bag), wire.factory().store, latched, wire.decode, wire.content
+            Path(self.config.bag), wire.factory().store, latched, judge, wire.decode, wire.content
         )
         self._recorder.on_step_recorded = self._on_step_recorded
         self._listening: set[str] = set()

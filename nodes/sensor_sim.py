@@ -7,20 +7,20 @@ from typing import Any, Final, TypeAlias
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import from_actor_states, from_traffic_state
 from siren_ros.interfaces.lockstep_reports import Phase
-from siren_ros.interfaces.tick_join import Input
 from siren_ros.interfaces.transforms import to_tf
-from siren_ros.ros import wire
-from siren_ros.ros.node_configs import SensorSimConfig
-from siren_ros.ros.participant import Participant
-from siren_ros.ros.program import run_participant
-from siren_ros.ros.wall_timer import create_wall_timer
-from siren_ros.sensors.carried import CarriedSensors, carried_sensors
-from siren_ros.sensors.observation_messages import shared_messages
-from siren_ros.sensors.observations import Observations, Sensing
-from siren_ros.sensors.sensor_topics import CARRIER_TOPICS
+from siren_ros.lockstep.tick_join import Input
+from siren_ros.roads.net_parser import parse_road_network
+from siren_ros.ros.parameters.node_configs import SensorSimConfig
+from siren_ros.ros.participants.participant import Participant
+from siren_ros.ros.programs.program import run_participant
+from siren_ros.ros.transport import wire
+from siren_ros.ros.transport.wall_timer import create_wall_timer
+from siren_ros.scenario.episode import EpisodeDescription
+from siren_ros.sensor_messages.carried_sensors import CarriedSensors, carried_sensors
+from siren_ros.sensor_messages.observation_messages import shared_messages
+from siren_ros.sensor_messages.sensor_topics import CARRIER_TOPICS
+from siren_ros.sensors.rig.observations import Observations, Sensing
 from siren_ros.world.actors import ActorDescription, ActorStates
-from siren_ros.world.episode import EpisodeDescription
-from siren_ros.world.net_parser import parse_road_network
 
 LATE_S: Final = 0.1
 """What is measured at a step waits no longer than this for the next step."""

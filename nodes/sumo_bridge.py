@@ -9,13 +9,13 @@ from siren_ros.interfaces import topics
 from siren_ros.interfaces.av_control import to_path
 from siren_ros.interfaces.conversions import from_actor_states, to_episode_description, to_traffic_state
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing
-from siren_ros.interfaces.tick_join import Input
-from siren_ros.ros import wire
-from siren_ros.ros.node_configs import SumoBridgeConfig
-from siren_ros.ros.participant import Participant
-from siren_ros.ros.program import run_participant
-from siren_ros.traffic.av_choice import av_way
-from siren_ros.traffic.checks import check_no_teleport, check_residual
+from siren_ros.lockstep.tick_join import Input
+from siren_ros.ros.parameters.node_configs import SumoBridgeConfig
+from siren_ros.ros.participants.participant import Participant
+from siren_ros.ros.programs.program import run_participant
+from siren_ros.ros.transport import wire
+from siren_ros.traffic.demand.av_choice import av_way
+from siren_ros.traffic.observation.checks import check_no_teleport, check_residual
 from siren_ros.traffic.simulation import SumoSimulation
 
 

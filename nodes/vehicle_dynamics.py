@@ -14,14 +14,14 @@ from siren_ros.interfaces.conversions import (
     to_actor_states,
     to_events,
 )
-from siren_ros.interfaces.tick_join import Input
-from siren_ros.ros import wire
-from siren_ros.ros.node_configs import VehicleDynamicsConfig
-from siren_ros.ros.participant import Participant
-from siren_ros.ros.program import run_participant
+from siren_ros.lockstep.tick_join import Input
+from siren_ros.ros.parameters.node_configs import VehicleDynamicsConfig
+from siren_ros.ros.participants.participant import Participant
+from siren_ros.ros.programs.program import run_participant
+from siren_ros.ros.transport import wire
+from siren_ros.scenario.episode import EpisodeDescription
 from siren_ros.world.actors import NO_ACTOR
 from siren_ros.world.commands import AvControl, av_commands
-from siren_ros.world.episode import EpisodeDescription
 from siren_ros.world.state_hash import hash_state
 
 

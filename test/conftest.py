@@ -8,16 +8,16 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from repository import REPOSITORY
 from rosbags.typesys.store import Typestore
 from synthetic_episode import Scene, SyntheticEpisode
 
 from siren_ros.interfaces.rosbags_factory import RosbagsFactory, load_typestore
+from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.recording.bag_writer import EpisodeBagWriter
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.recording.record_builder import RecordBuilder
-from siren_ros.world.units import time_ns_of_step
 
-REPOSITORY = Path(__file__).resolve().parents[1]
 WORKERS = 2
 """Processes that share the tests: an episode keeps more than one processor busy at times."""
 

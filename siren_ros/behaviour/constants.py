@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from math import radians
 from typing import Final
 
-from siren_ros.world.units import mps_from_kmh
+from siren_ros.numerics.units import mps_from_kmh
 
 
 @dataclass(frozen=True)

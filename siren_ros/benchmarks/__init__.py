@@ -1,5 +1,5 @@
 """Benchmarks: commands that print figures of this machine."""
 
-from siren_ros.world.arithmetic import pin_arithmetic
+from siren_ros.numerics.arithmetic import pin_arithmetic
 
 pin_arithmetic()

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from siren_ros.interfaces.shared_memory import abandoned_segments
+from siren_ros.errors import EXIT_BAD_INPUT, EXIT_OK, SirenError
+from siren_ros.judging.verify import VerifyLimits, check_complete, check_message_counts, check_stamps
 from siren_ros.recording.bag_reader import read_episode
-from siren_ros.recording.verify import VerifyLimits, check_complete, check_message_counts, check_stamps
-from siren_ros.world.errors import EXIT_BAD_INPUT, EXIT_OK, SirenError
+from siren_ros.ros.transport.shared_memory import abandoned_segments
 
 MARK: Final = "SIREN_SOAK_MARK"
 """Environment variable by which all processes of an episode are found, whoever their parent is now."""

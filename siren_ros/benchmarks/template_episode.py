@@ -9,20 +9,19 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.behaviour.emv import EmvState, step_emv
-from siren_ros.behaviour.yielding import YieldState, step_yield
+from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
+from siren_ros.behaviour.emv.controller import EmvState, step_emv
 from siren_ros.dynamics.fleet import step_fleet
 from siren_ros.dynamics.fleet_state import FleetState
 from siren_ros.dynamics.parameters import load_vehicle_parameters
-from siren_ros.evaluation.prediction import score_episode
-from siren_ros.evaluation.predictors import predictors_named
+from siren_ros.errors import SirenError
+from siren_ros.evaluation.prediction.prediction import score_episode
+from siren_ros.evaluation.prediction.predictors import predictors_named
 from siren_ros.generation.behaviour_setup import behaviour_world
 from siren_ros.generation.closed_loop import LoopStep, closed_loop, record_of
 from siren_ros.generation.episode_setup import EpisodeRequest, EpisodeSetup, plan_length, set_up_episode
-from siren_ros.pictures.birdseye import save_episode_picture
-from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.recording.predicates import evaluate_predicate
-from siren_ros.recording.verify import (
+from siren_ros.judging.predicates import evaluate_predicate
+from siren_ros.judging.verify import (
     VerifyLimits,
     check_owners,
     check_position_jumps,
@@ -32,10 +31,11 @@ from siren_ros.recording.verify import (
     check_teleports,
     check_yaw_jumps,
 )
+from siren_ros.numerics.units import STEP_S
+from siren_ros.pictures.birdseye import save_episode_picture
+from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import Owner
-from siren_ros.world.errors import SirenError
 from siren_ros.world.events import EventKind
-from siren_ros.world.units import STEP_S
 
 STILL_MPS: Final = 0.1
 """Slower than this an EMV stands."""

@@ -20,8 +20,8 @@ import numpy as np
 
 from siren_ros.benchmarks.template_episode import EpisodeFigures, EpisodeTask, measure_episode, travel_times_s
 from siren_ros.generation.episode_setup import EpisodeRequest
-from siren_ros.world.levels import EmergencyLevel
-from siren_ros.world.templates import available_templates
+from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.scenario.templates import available_templates
 
 _HEAD = (
     f"{'':<4}{'holds':>7}{'failed':>7}{'hits':>6}{'telep':>6}{'contin':>7}  {'residual p50/p99/max m':<23}"

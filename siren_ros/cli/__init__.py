@@ -1,5 +1,5 @@
 """The console command ``siren``: everything that is done with recorded episodes, without ROS."""
 
-from siren_ros.world.arithmetic import pin_arithmetic
+from siren_ros.numerics.arithmetic import pin_arithmetic
 
 pin_arithmetic()

@@ -7,13 +7,13 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from siren_ros.evaluation.displacement_metrics import MetricValue
-from siren_ros.evaluation.prediction import EpisodeScores, score_episode
-from siren_ros.evaluation.prediction_reference import paper_value
-from siren_ros.evaluation.prediction_summary import RANKED_MIN, Summary, as_json, summarise
-from siren_ros.evaluation.predictors import PREDICTORS, Predictor, predictors_named
+from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, SirenError
+from siren_ros.evaluation.prediction.displacement_metrics import MetricValue
+from siren_ros.evaluation.prediction.prediction import EpisodeScores, score_episode
+from siren_ros.evaluation.prediction.prediction_reference import paper_value
+from siren_ros.evaluation.prediction.prediction_summary import RANKED_MIN, Summary, as_json, summarise
+from siren_ros.evaluation.prediction.predictors import PREDICTORS, Predictor, predictors_named
 from siren_ros.recording.bag_reader import read_episode
-from siren_ros.world.errors import EXIT_FAILED, EXIT_OK, InputError, SirenError
 
 _SHOWN = ("ade_m", "fde_m")
 """Metrics of the printed table; the JSON file has all."""

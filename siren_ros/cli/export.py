@@ -5,8 +5,8 @@ from pathlib import Path
 
 from siren_ros.datasets.kitti_export import export_kitti
 from siren_ros.datasets.trajectory_csv import export_csv
+from siren_ros.errors import EXIT_OK
 from siren_ros.recording.bag_reader import read_episode
-from siren_ros.world.errors import EXIT_OK
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:

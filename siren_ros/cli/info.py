@@ -4,10 +4,10 @@ import argparse
 from collections import Counter
 from pathlib import Path
 
+from siren_ros.errors import EXIT_OK
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.recording.episode_record import EpisodeRecord, TopicRecord
 from siren_ros.world.actors import ActorClass
-from siren_ros.world.errors import EXIT_OK
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:

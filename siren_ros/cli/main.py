@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import Final
 
 import siren_ros
-from siren_ros.world.errors import EXIT_FAILED, SirenError
+from siren_ros.errors import EXIT_FAILED, SirenError
 
 _VERBS: Final = {
     "info": "show what an episode is and what its bag holds",

@@ -3,9 +3,9 @@
 import argparse
 from pathlib import Path
 
+from siren_ros.errors import EXIT_OK
 from siren_ros.pictures.birdseye import save_episode_picture
 from siren_ros.recording.bag_reader import read_episode
-from siren_ros.world.errors import EXIT_OK
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:

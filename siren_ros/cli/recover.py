@@ -4,8 +4,8 @@ import argparse
 import sys
 from pathlib import Path
 
+from siren_ros.errors import EXIT_OK
 from siren_ros.recording.recover import recover_bag
-from siren_ros.world.errors import EXIT_OK
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:

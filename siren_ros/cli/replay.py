@@ -7,10 +7,10 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
+from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
 from siren_ros.generation.replay_check import repeat_episode
 from siren_ros.recording.bag_guard import check_bag_files
 from siren_ros.recording.bag_reader import read_episode
-from siren_ros.world.errors import EXIT_FAILED, EXIT_OK, InputError
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:

@@ -4,10 +4,10 @@ import argparse
 import sys
 from pathlib import Path
 
+from siren_ros.errors import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_OK, SirenError
+from siren_ros.judging.verdict import Part
+from siren_ros.judging.verify import Verification, verify_episode
 from siren_ros.recording.bag_reader import read_episode
-from siren_ros.recording.verdict import Part
-from siren_ros.recording.verify import Verification, verify_episode
-from siren_ros.world.errors import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_OK, SirenError
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:

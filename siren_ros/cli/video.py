@@ -3,8 +3,8 @@
 import argparse
 from pathlib import Path
 
+from siren_ros.errors import EXIT_OK
 from siren_ros.pictures.video import FRAME_RATE_HZ, View, save_video
-from siren_ros.world.errors import EXIT_OK
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:

@@ -16,12 +16,12 @@ import numpy.typing as npt
 from numpy.lib.recfunctions import structured_to_unstructured
 
 from siren_ros.datasets.output_folder import new_folder
+from siren_ros.errors import InputError
 from siren_ros.interfaces.images import PinholeCamera
 from siren_ros.interfaces.transforms import Transform, matrix_of_quaternion
-from siren_ros.world.errors import InputError
-from siren_ros.world.geometry import wrap_angle
+from siren_ros.numerics.geometry import wrap_angle
+from siren_ros.numerics.units import STEP_S
 from siren_ros.world.ground_truth import GroundTruth
-from siren_ros.world.units import STEP_S
 
 Matrix = npt.NDArray[np.float64]
 

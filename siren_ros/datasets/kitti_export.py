@@ -4,15 +4,15 @@ from pathlib import Path
 from typing import Final
 
 from siren_ros.datasets.kitti import KittiCamera, KittiFrame, KittiWriter, camera_from_lidar
+from siren_ros.errors import BagError
 from siren_ros.interfaces.conversions import from_ground_truth
 from siren_ros.interfaces.images import from_camera_info, from_compressed_image
 from siren_ros.interfaces.point_cloud import from_point_cloud
 from siren_ros.interfaces.topics import CAMERA_INFO, GROUND_TRUTH, IMAGE_COMPRESSED, LIDAR, TF_STATIC, Topic
 from siren_ros.interfaces.transforms import from_tf
+from siren_ros.numerics.units import step_of_time_ns
 from siren_ros.recording.bag_reader import BagMessage, OpenBag, damage_refused, open_bag
-from siren_ros.sensors.suite import EXPORTED_CAMERA
-from siren_ros.world.errors import BagError
-from siren_ros.world.units import step_of_time_ns
+from siren_ros.sensors.suite.suite import EXPORTED_CAMERA
 
 FRONT_CAMERA: Final = EXPORTED_CAMERA
 _NEEDED: Final = "an episode recorded with a LiDAR and its ground truth"

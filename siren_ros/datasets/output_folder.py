@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from siren_ros.world.errors import InputError
+from siren_ros.errors import InputError
 
 
 def new_folder(path: Path) -> Path:

@@ -5,9 +5,9 @@ from typing import Any, Final
 import numpy as np
 
 from siren_ros.dynamics.parameters import AIR_DENSITY_KGPM3
-from siren_ros.world.compiled import compiled
-from siren_ros.world.scalars import within
-from siren_ros.world.units import GRAVITY_MPS2
+from siren_ros.numerics.compiled import compiled
+from siren_ros.numerics.scalars import within
+from siren_ros.numerics.units import GRAVITY_MPS2
 
 Array = Any
 """A numpy array of float64."""

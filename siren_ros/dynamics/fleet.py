@@ -11,12 +11,12 @@ from siren_ros.dynamics.fleet_state import FleetState, Rows, with_spawned, witho
 from siren_ros.dynamics.orders import Orders, merge_commands
 from siren_ros.dynamics.tracker import Reference, TrackerState, track
 from siren_ros.dynamics.vehicle_model import BodyState, Controls, step_bodies
+from siren_ros.errors import EpisodeError
+from siren_ros.numerics.units import STEP_S
 from siren_ros.world.actors import ActorStates, Ids, Lights, Owner, rows_of_ids
 from siren_ros.world.commands import VehicleCommands
-from siren_ros.world.errors import EpisodeError
 from siren_ros.world.events import Event, EventKind
 from siren_ros.world.traffic_state import TrafficState
-from siren_ros.world.units import STEP_S
 
 __all__ = ["FleetState", "step_fleet"]
 

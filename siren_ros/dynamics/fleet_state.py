@@ -10,10 +10,10 @@ from siren_ros.dynamics.collisions import Pairs
 from siren_ros.dynamics.parameters import ParameterTable, VehicleParameters
 from siren_ros.dynamics.tracker import Reference, TrackerState, track
 from siren_ros.dynamics.vehicle_model import BodyState, step_bodies
+from siren_ros.errors import EpisodeError
+from siren_ros.numerics.units import STEP_S
 from siren_ros.world.actors import ActorClass, ActorDescription, Codes, Floats, Ids, Owner
-from siren_ros.world.errors import EpisodeError
 from siren_ros.world.traffic_state import TrafficState
-from siren_ros.world.units import STEP_S
 
 Rows = npt.NDArray[np.bool_]
 

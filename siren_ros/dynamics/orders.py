@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.errors import EpisodeError
 from siren_ros.world.actors import NO_ACTOR, Codes, Floats, Mode, Owner, rows_of_ids
 from siren_ros.world.commands import VehicleCommands
-from siren_ros.world.errors import EpisodeError
 from siren_ros.world.traffic_state import TrafficState
 
 

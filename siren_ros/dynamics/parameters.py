@@ -9,11 +9,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.errors import InputError
+from siren_ros.numerics.units import GRAVITY_MPS2
+from siren_ros.params.params_files import params_dir
+from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
 from siren_ros.world.actors import ActorClass, Floats
-from siren_ros.world.errors import InputError
-from siren_ros.world.params_files import params_dir
-from siren_ros.world.strict_yaml import StrictMapping, read_strict_yaml
-from siren_ros.world.units import GRAVITY_MPS2
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ import numpy as np
 
 from siren_ros.dynamics.body_loops import Array, Record
 from siren_ros.dynamics.parameters import AIR_DENSITY_KGPM3
-from siren_ros.world.compiled import compiled
-from siren_ros.world.scalars import within, wrapped_rad
-from siren_ros.world.units import GRAVITY_MPS2
+from siren_ros.numerics.compiled import compiled
+from siren_ros.numerics.scalars import within, wrapped_rad
+from siren_ros.numerics.units import GRAVITY_MPS2
 
 _SLOWEST_STEP_M: Final = 0.01
 """A centre that moved less than this in one step has no course of its own."""

@@ -5,12 +5,12 @@ from dataclasses import replace
 from typing import cast
 
 from siren_ros.behaviour.constants import PAPER_SPEEDS
-from siren_ros.behaviour.world import BehaviourWorld
+from siren_ros.behaviour.driving.situation import BehaviourWorld
 from siren_ros.dynamics.parameters import load_vehicle_parameters
-from siren_ros.world.episode import EpisodeDescription
-from siren_ros.world.levels import LEVEL_POLICIES
-from siren_ros.world.net_parser import parse_road_network
-from siren_ros.world.presets import load_preset
+from siren_ros.roads.net_parser import parse_road_network
+from siren_ros.scenario.episode import EpisodeDescription
+from siren_ros.scenario.levels import LEVEL_POLICIES
+from siren_ros.scenario.presets import load_preset
 
 
 def behaviour_world(episode: EpisodeDescription, map_xml: bytes) -> BehaviourWorld:

@@ -7,15 +7,15 @@ DDS is handed over directly; the states are the same.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from siren_ros.behaviour.emv import EmvState, step_emv
-from siren_ros.behaviour.yielding import YieldState, step_yield
+from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
+from siren_ros.behaviour.emv.controller import EmvState, step_emv
 from siren_ros.dynamics.fleet import step_fleet
 from siren_ros.dynamics.fleet_state import FleetState
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.generation.behaviour_setup import behaviour_world
 from siren_ros.generation.episode_setup import EpisodeSetup
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.traffic.checks import check_no_teleport, check_residual
+from siren_ros.traffic.observation.checks import check_no_teleport, check_residual
 from siren_ros.traffic.simulation import SumoSimulation
 from siren_ros.world.actors import ActorDescription, ActorStates
 from siren_ros.world.commands import AvControl, VehicleCommands, av_commands

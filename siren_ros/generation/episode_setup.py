@@ -7,22 +7,22 @@ from pathlib import Path
 
 from siren_ros import __version__
 from siren_ros.dynamics.parameters import load_vehicle_parameters
-from siren_ros.sensors.look_file import DEFAULT_LOOK, load_look
-from siren_ros.sensors.suite import load_suite
-from siren_ros.traffic.av_choice import choose_av
-from siren_ros.traffic.demand import plan_traffic
-from siren_ros.traffic.driver_models import load_drivers
-from siren_ros.traffic.map_compiler import CompiledMap, compile_map
-from siren_ros.traffic.plan import TrafficPlan
-from siren_ros.world.episode import EpisodeDescription
-from siren_ros.world.levels import EmergencyLevel
-from siren_ros.world.net_parser import parse_road_network
-from siren_ros.world.presets import DriverPreset, load_preset
-from siren_ros.world.road_network import RoadNetwork
-from siren_ros.world.scenario import Template
-from siren_ros.world.sites import Site, SiteKind, require_site
-from siren_ros.world.templates import load_template
-from siren_ros.world.units import steps_from_s
+from siren_ros.numerics.units import steps_from_s
+from siren_ros.roads.maps.map_compiler import CompiledMap, compile_map
+from siren_ros.roads.net_parser import parse_road_network
+from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.roads.sites.site_finder import Site, SiteKind, require_site
+from siren_ros.scenario.episode import EpisodeDescription
+from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.scenario.presets import DriverPreset, load_preset
+from siren_ros.scenario.scenario import Template
+from siren_ros.scenario.templates import load_template
+from siren_ros.sensors.suite.look_file import DEFAULT_LOOK, load_look
+from siren_ros.sensors.suite.suite import load_suite
+from siren_ros.traffic.demand.av_choice import choose_av
+from siren_ros.traffic.demand.demand import plan_traffic
+from siren_ros.traffic.demand.driver_models import load_drivers
+from siren_ros.traffic.demand.plan import TrafficPlan
 
 PACKAGES = ("eclipse-sumo", "numpy", "embreex")
 

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.interfaces.factory import MessageFactory, header
-from siren_ros.world.units import time_ns_of_step
+from siren_ros.numerics.units import time_ns_of_step
 
 
 def to_audio(

@@ -2,13 +2,13 @@
 
 from typing import Any
 
+from siren_ros.errors import EpisodeError
 from siren_ros.interfaces.factory import MessageFactory, header, stamp, time_ns_of
 from siren_ros.interfaces.message_content import refuses_nonsense
 from siren_ros.interfaces.transforms import MAP_FRAME, quaternion_of_yaw, to_pose
+from siren_ros.numerics.polyline import Polyline
+from siren_ros.numerics.units import NS_PER_S, time_ns_of_step
 from siren_ros.world.commands import AvControl
-from siren_ros.world.errors import EpisodeError
-from siren_ros.world.polyline import Polyline
-from siren_ros.world.units import NS_PER_S, time_ns_of_step
 
 
 def to_av_control(factory: MessageFactory, control: AvControl) -> Any:

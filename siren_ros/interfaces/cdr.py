@@ -6,9 +6,9 @@ from typing import Any, Final
 
 from rosbags.typesys.store import Typestore
 
+from siren_ros.errors import EpisodeError
 from siren_ros.interfaces.topics import Topic
-from siren_ros.world.errors import EpisodeError
-from siren_ros.world.units import STEP_NS
+from siren_ros.numerics.units import STEP_NS
 
 _ENCAPSULATION_BYTES: Final = 4
 _WORD_BYTES: Final = 4

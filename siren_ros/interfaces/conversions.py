@@ -15,14 +15,14 @@ from siren_ros.interfaces.factory import MessageFactory, as_arrays, as_sequences
 from siren_ros.interfaces.image_boxes import from_camera_truth
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing, Phase, StepReport
 from siren_ros.interfaces.message_content import json_object, json_text, refuses_nonsense
+from siren_ros.numerics.units import time_ns_of_step
+from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
+from siren_ros.scenario.levels import EmergencyLevel
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
 from siren_ros.world.commands import COMMAND_DTYPES, VehicleCommands
-from siren_ros.world.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
 from siren_ros.world.events import Event, EventKind
 from siren_ros.world.ground_truth import GROUND_TRUTH_DTYPES, GroundTruth
-from siren_ros.world.levels import EmergencyLevel
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, EmvAdvice, SignalState, TrafficState
-from siren_ros.world.units import time_ns_of_step
 
 
 def to_event(factory: MessageFactory, event: Event) -> Any:

@@ -6,9 +6,9 @@ import numpy as np
 
 from siren_ros.interfaces.factory import MessageFactory, as_arrays, as_sequences, header, time_ns_of
 from siren_ros.interfaces.transforms import to_pose
+from siren_ros.numerics.units import step_of_time_ns, time_ns_of_step
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.camera_truth import CAMERA_TRUTH_DTYPES, CameraTruth
-from siren_ros.world.units import step_of_time_ns, time_ns_of_step
 
 
 def to_camera_truth(factory: MessageFactory, truth: CameraTruth, frame_id: str) -> Any:

@@ -6,9 +6,9 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.errors import InputError
 from siren_ros.interfaces.factory import MessageFactory, header
-from siren_ros.world.errors import InputError
-from siren_ros.world.units import time_ns_of_step
+from siren_ros.numerics.units import time_ns_of_step
 
 _ENCODINGS: Final[dict[str, tuple[np.dtype[Any], int]]] = {
     "rgb8": (np.dtype("u1"), 3),

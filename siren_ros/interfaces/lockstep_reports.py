@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from enum import IntEnum
 
-from siren_ros.world.episode import EpisodeEnd
+from siren_ros.scenario.episode import EpisodeEnd
 
 
 class Phase(IntEnum):

@@ -18,8 +18,8 @@ from siren_ros.interfaces.transforms import (
     to_vector,
     yaw_of_quaternion,
 )
+from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.world.actors import ActorDescription, ActorStates, Mode
-from siren_ros.world.units import time_ns_of_step
 
 Colour = tuple[float, float, float, float]
 """Red, green, blue, opacity, 0–1 each."""

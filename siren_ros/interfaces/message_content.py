@@ -5,7 +5,7 @@ from collections.abc import Callable
 from functools import wraps
 from typing import Any, TypeVar
 
-from siren_ros.world.errors import InputError
+from siren_ros.errors import InputError
 
 Read = TypeVar("Read")
 

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from siren_ros.interfaces.factory import MessageFactory, header, time_ns_of
 from siren_ros.interfaces.transforms import to_vector
-from siren_ros.world.units import step_of_time_ns, time_ns_of_step
+from siren_ros.numerics.units import step_of_time_ns, time_ns_of_step
 
 _UNKNOWN: Final = -1.0
 """First element of a covariance whose quantity is not measured (``sensor_msgs/Imu``)."""

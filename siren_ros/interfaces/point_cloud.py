@@ -5,9 +5,9 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.errors import InputError
 from siren_ros.interfaces.factory import MessageFactory, header
-from siren_ros.world.errors import InputError
-from siren_ros.world.units import time_ns_of_step
+from siren_ros.numerics.units import time_ns_of_step
 
 LIDAR_POINT_DTYPE: Final = np.dtype(
     [

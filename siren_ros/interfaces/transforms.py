@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from siren_ros.interfaces.factory import MessageFactory, header, time_ns_of
-from siren_ros.world.units import time_ns_of_step
+from siren_ros.numerics.units import time_ns_of_step
 
 MAP_FRAME: Final = "map"
 BASE_FRAME: Final = "base_link"

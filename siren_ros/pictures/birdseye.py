@@ -12,18 +12,18 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from siren_ros.errors import InputError, SirenError
 from siren_ros.interfaces.markers import EMV_COLOUR, MODE_COLOURS
+from siren_ros.judging.predicates import evaluate_predicate
+from siren_ros.judging.verdict import Verdict
+from siren_ros.numerics.units import STEP_S
 from siren_ros.pictures.annotations import LabelPlacer, draw_scale_bar
 from siren_ros.pictures.palette import CIVILIAN, EMV_EVENTS, EVENT_STYLES, FAINT_TEXT, STATE_NAMES, TEXT
 from siren_ros.pictures.roads import draw_roads
 from siren_ros.pictures.timeline import draw_speeds, draw_states, yielding_actors
 from siren_ros.pictures.vehicles import KMH, draw_path, draw_vehicles
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.recording.predicates import evaluate_predicate
-from siren_ros.recording.verdict import Verdict
 from siren_ros.world.actors import Mode
-from siren_ros.world.errors import InputError, SirenError
-from siren_ros.world.units import STEP_S
 
 SNAPSHOTS = 3
 WIDTH_IN = 13.0

@@ -11,7 +11,7 @@ from PIL import Image
 
 from siren_ros.pictures.painter import Points, paint_polygons, rgb_of
 from siren_ros.pictures.roads import draw_roads
-from siren_ros.world.road_network import Lane, RoadNetwork
+from siren_ros.roads.road_network import Lane, RoadNetwork
 
 _DPI: Final = 100
 _MARKING_M: Final = 0.13

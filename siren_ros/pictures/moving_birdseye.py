@@ -7,15 +7,15 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
+from siren_ros.errors import InputError
 from siren_ros.interfaces.markers import MODE_COLOURS
+from siren_ros.numerics.geometry import footprint_corners
+from siren_ros.numerics.units import STEP_S
 from siren_ros.pictures.map_image import MapImage, draw_map_image, stop_bar
 from siren_ros.pictures.painter import Colour, font, paint_polygons, rgb_of, ribbon
 from siren_ros.pictures.palette import CIVILIAN, EMV_MODE_COLOURS, STATE_NAMES, TEXT, colour_of
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import Lights, Mode
-from siren_ros.world.errors import InputError
-from siren_ros.world.geometry import footprint_corners
-from siren_ros.world.units import STEP_S
 
 SIZE_PX: Final = (1280, 720)
 PX_PER_M: Final = 9.0

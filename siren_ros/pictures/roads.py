@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 
 from siren_ros.pictures.palette import GROUND, JUNCTION, LANE_FILL, MARKING, ROAD_EDGE
-from siren_ros.world.road_network import Lane, LaneKind, RoadNetwork
+from siren_ros.roads.road_network import Lane, LaneKind, RoadNetwork
 
 Points = npt.NDArray[np.float64]
 _PAVED = (LaneKind.DRIVING, LaneKind.SHOULDER)

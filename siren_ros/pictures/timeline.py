@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
+from siren_ros.numerics.units import STEP_S
 from siren_ros.pictures.palette import EMV_MODE_COLOURS, EVENT_STYLES, FAINT_TEXT, TEXT, colour_of
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 from siren_ros.world.actors import Mode
 from siren_ros.world.events import EventKind
-from siren_ros.world.units import STEP_S
 
 KMH = 3.6
 

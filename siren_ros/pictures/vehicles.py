@@ -8,10 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize
 
+from siren_ros.numerics.geometry import footprint_corners
 from siren_ros.pictures.palette import SPEED_MAP, TEXT, colour_of
 from siren_ros.recording.episode_record import StateRows
 from siren_ros.world.actors import ActorDescription, ActorStates, Lights
-from siren_ros.world.geometry import footprint_corners
 
 KMH = 3.6
 

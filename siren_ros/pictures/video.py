@@ -14,12 +14,12 @@ import numpy.typing as npt
 from PIL import Image, UnidentifiedImageError
 
 from siren_ros.datasets.kitti_export import FRONT_CAMERA
+from siren_ros.errors import BagError, InputError
 from siren_ros.interfaces.images import from_compressed_image
 from siren_ros.interfaces.topics import IMAGE_COMPRESSED
+from siren_ros.numerics.units import STEP_NS, STEP_S, step_of_time_ns, steps_from_s
 from siren_ros.pictures.moving_birdseye import BirdseyeFilm
 from siren_ros.recording.bag_reader import BagMessage, damage_refused, open_bag, read_episode
-from siren_ros.world.errors import BagError, InputError
-from siren_ros.world.units import STEP_NS, STEP_S, step_of_time_ns, steps_from_s
 
 FRAME_RATE_HZ: Final = 10
 """The paper's rate of videos and of logged states."""

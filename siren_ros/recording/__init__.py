@@ -1,1 +1,1 @@
-"""Episode bags: written, read, verified."""
+"""Episode bags: written, read, repaired, played; the record of an episode in memory."""

@@ -12,10 +12,10 @@ from typing import BinaryIO, Final
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 
+from siren_ros.errors import BagError
 from siren_ros.recording.bag_metadata import METADATA_FILE, read_metadata
 from siren_ros.recording.mcap_scan import DamageError, read_chunks, unpack
 from siren_ros.recording.mcap_stream import MAGIC
-from siren_ros.world.errors import BagError
 
 MAX_SUMMARY_BYTES: Final = 100_000_000
 """An index of a million messages has 30 MB."""

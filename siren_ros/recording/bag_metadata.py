@@ -10,8 +10,8 @@ from typing import Any, Final
 
 import yaml
 
-from siren_ros.world import plain_yaml
-from siren_ros.world.errors import BagError
+from siren_ros.errors import BagError
+from siren_ros.params import plain_yaml
 
 METADATA_FILE: Final = "metadata.yaml"
 VERSION: Final = 9

@@ -11,11 +11,11 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, Nodetype
 from rosbags.typesys.store import Typestore
 
+from siren_ros.errors import BagError, SirenError
 from siren_ros.recording.bag_guard import check_bag_files
 from siren_ros.recording.bag_metadata import METADATA_FILE
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.recording.record_builder import RECORD_TOPICS, RecordBuilder
-from siren_ros.world.errors import BagError, SirenError
 
 _STAMPED_FIRST: Final = frozenset({"std_msgs/msg/Header", "builtin_interfaces/msg/Time"})
 _STAMP: Final = struct.Struct("<iI")

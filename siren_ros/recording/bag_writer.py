@@ -10,11 +10,11 @@ from typing import Final
 from mcap.records import Channel, Schema
 from rosbags.typesys.store import Typestore
 
+from siren_ros.errors import EpisodeError
 from siren_ros.recording.background import BackgroundWorker
 from siren_ros.recording.bag_metadata import BagTopic, metadata_text, qos_text
 from siren_ros.recording.mcap_stream import ChannelMessage, ChunkContent, McapStream
 from siren_ros.recording.working_folder import WorkingFolder, free_partial_path
-from siren_ros.world.errors import EpisodeError
 
 END_KEY: Final = "siren_end"
 REASON_KEY: Final = "siren_reason"

@@ -4,9 +4,9 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from siren_ros.interfaces.tick_join import MAX_STEPS_AHEAD
+from siren_ros.errors import EpisodeError
 from siren_ros.interfaces.topics import OUTCOME, Topic
-from siren_ros.world.errors import EpisodeError
+from siren_ros.lockstep.tick_join import MAX_STEPS_AHEAD
 
 
 @dataclass(frozen=True)

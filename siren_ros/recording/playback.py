@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
+from siren_ros.numerics.units import STEP_NS
 from siren_ros.recording.bag_reader import BagMessage, OpenBag
-from siren_ros.world.units import STEP_NS
 
 MAX_BURST_NS: Final = 4 * STEP_NS
 """Simulated time that is published at once at most: a subscriber keeps 8 messages of a topic and must not lose one."""

@@ -5,6 +5,7 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
+from siren_ros.errors import BagError
 from siren_ros.interfaces import conversions
 from siren_ros.interfaces.av_control import from_av_control
 from siren_ros.interfaces.topics import (
@@ -20,13 +21,12 @@ from siren_ros.interfaces.topics import (
 )
 from siren_ros.recording.episode_record import EpisodeRecord, TopicRecord
 from siren_ros.recording.record_checks import check_commands, check_description, check_states, check_traffic
+from siren_ros.roads.net_parser import parse_road_network
+from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
 from siren_ros.world.actors import NO_ACTOR, ActorDescription, ActorStates
 from siren_ros.world.commands import AV_SOURCE, VehicleCommands, av_commands
-from siren_ros.world.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
-from siren_ros.world.errors import BagError
 from siren_ros.world.events import Event
-from siren_ros.world.net_parser import parse_road_network
-from siren_ros.world.road_network import RoadNetwork
 from siren_ros.world.traffic_state import TrafficState
 
 RECORD_TOPICS: Final = (EPISODE, MAP, TRAFFIC, EMV_COMMANDS, YIELD_COMMANDS, AV_CONTROL, ACTORS, EVENTS, OUTCOME)

@@ -4,10 +4,10 @@ import math
 from collections.abc import Collection
 from typing import Final
 
+from siren_ros.errors import BagError
+from siren_ros.scenario.episode import EpisodeDescription
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorStates
 from siren_ros.world.commands import COMMAND_DTYPES, VehicleCommands
-from siren_ros.world.episode import EpisodeDescription
-from siren_ros.world.errors import BagError
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficState
 
 LAST_STEP: Final = 2**31

@@ -8,18 +8,17 @@ from typing import Any, Final
 
 from rosbags.typesys.store import Typestore
 
+from siren_ros.errors import EpisodeError, SirenError
 from siren_ros.interfaces.cdr import decode_cdr, encode_cdr, step_of_cdr
 from siren_ros.interfaces.conversions import to_episode_outcome
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing
 from siren_ros.interfaces.rosbags_factory import RosbagsFactory
 from siren_ros.interfaces.topics import OUTCOME, Topic
+from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.recording.bag_writer import BagSummary, EpisodeBagWriter
 from siren_ros.recording.collector import CollectedMessage, StepCollector
-from siren_ros.recording.outcome import judge
 from siren_ros.recording.record_builder import RECORD_TOPICS, Reading, RecordBuilder, read_anew
-from siren_ros.world.episode import EpisodeEnd, EpisodeOutcome
-from siren_ros.world.errors import EpisodeError, SirenError
-from siren_ros.world.units import time_ns_of_step
+from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
 
 MAX_EARLY_MESSAGES: Final = 1000
 """Before the first step only latched topics speak, once each; more is a stranger's, and memory is bounded."""
@@ -34,6 +33,7 @@ class EpisodeRecorder:
         path: Path,
         store: Typestore,
         latched: frozenset[str],
+        judge: Callable[[RecordBuilder, EpisodeClosing], EpisodeOutcome],
         decode: Callable[[Topic, bytes], Any] | None = None,
         read: Reading = read_anew,
     ) -> None:
@@ -43,6 +43,7 @@ class EpisodeRecorder:
             path: Final folder of the bag.
             store: Definitions of all recorded types.
             latched: Names of the latched topics.
+            judge: Tells the outcome from what was recorded and how the episode closed.
             decode: Gives the message in a CDR; by default it is decoded by the store.
             read: Gives what a message says, where others have asked already.
 
@@ -50,6 +51,7 @@ class EpisodeRecorder:
             BagError: The folder exists already or cannot be written.
         """
         self._store = store
+        self._judge = judge
         self._decode = decode or partial(decode_cdr, store)
         self._writer = EpisodeBagWriter(path, store, latched)
         self._builder = RecordBuilder(read)
@@ -121,7 +123,7 @@ class EpisodeRecorder:
             for message in self._collector.drain():
                 with suppress(SirenError):  # malformed, or the bag cannot be written: `abandon` saves what there is
                     self._write(message)
-        outcome = judge(self._builder, closing)
+        outcome = self._judge(self._builder, closing)
         message = to_episode_outcome(RosbagsFactory(self._store), outcome)
         cdr = encode_cdr(self._store, OUTCOME, message)
         try:

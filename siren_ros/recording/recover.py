@@ -8,6 +8,7 @@ from typing import Final
 
 from mcap.records import Channel, Schema
 
+from siren_ros.errors import BagError, EpisodeError
 from siren_ros.interfaces.topics import ACTORS
 from siren_ros.recording.bag_guard import check_bag_files, storage_files
 from siren_ros.recording.bag_metadata import METADATA_FILE, BagTopic, metadata_text, read_message_counts
@@ -21,7 +22,6 @@ from siren_ros.recording.working_folder import (
     lock,
     working_path,
 )
-from siren_ros.world.errors import BagError, EpisodeError
 
 _REASON: Final = "recovered after its writer was cut off"
 

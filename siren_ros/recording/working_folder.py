@@ -9,8 +9,8 @@ from io import FileIO
 from pathlib import Path
 from typing import Final
 
+from siren_ros.errors import BagError
 from siren_ros.recording.bag_metadata import METADATA_FILE
-from siren_ros.world.errors import BagError
 
 PARTIAL_SUFFIX: Final = ".partial"
 RESERVE_FILE: Final = ".reserve"

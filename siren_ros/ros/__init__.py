@@ -1,1 +1,1 @@
-"""The only library code that knows ROS: lockstep, parameters, QoS."""
+"""The only library code that knows ROS."""

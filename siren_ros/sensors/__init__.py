@@ -1,1 +1,1 @@
-"""What sensors see: the 3-D scene, LiDAR, cameras, ground truth."""
+"""What sensors measure in a 3-D scene. Knows neither topics nor messages."""

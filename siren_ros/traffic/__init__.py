@@ -1,1 +1,1 @@
-"""SUMO: maps, demand, the running simulation. The only folder that imports libsumo."""
+"""SUMO's traffic: the demand, the running simulation, what is concluded from its states."""

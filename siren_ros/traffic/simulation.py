@@ -9,27 +9,27 @@ from typing import Any, ClassVar, Final, Self
 import libsumo
 import numpy as np
 
-from siren_ros.traffic.advice import emv_advice
-from siren_ros.traffic.config import TrafficConfig
-from siren_ros.traffic.crossings import CrossingWatch, Mover
-from siren_ros.traffic.lane_continuity import LaneContinuity
-from siren_ros.traffic.map_compiler import CompiledMap
-from siren_ros.traffic.mirror import Mirror
-from siren_ros.traffic.plan import PlannedVehicle, TrafficPlan
-from siren_ros.traffic.population import Population, route_id
-from siren_ros.traffic.reactions import Reactions
-from siren_ros.traffic.readings import Readings, joined_rows, read_vehicles
-from siren_ros.traffic.sideways import SidewaysLimits
-from siren_ros.traffic.signal_timing import time_signal
-from siren_ros.traffic.teleports import find_teleports
-from siren_ros.traffic.vehicle_types import vehicle_types_xml
+from siren_ros.errors import EpisodeError, MapError
+from siren_ros.numerics.units import STEP_S
+from siren_ros.roads.maps.map_compiler import CompiledMap
+from siren_ros.roads.road_network import NO_LANE, RoadNetwork
+from siren_ros.scenario.levels import LEVEL_POLICIES, EmergencyLevel
+from siren_ros.traffic.demand.plan import PlannedVehicle, TrafficPlan
+from siren_ros.traffic.observation.crossings import CrossingWatch, Mover
+from siren_ros.traffic.observation.reactions import Reactions
+from siren_ros.traffic.observation.teleports import find_teleports
+from siren_ros.traffic.sumo.advice import emv_advice
+from siren_ros.traffic.sumo.config import TrafficConfig
+from siren_ros.traffic.sumo.lane_continuity import LaneContinuity
+from siren_ros.traffic.sumo.mirror import Mirror
+from siren_ros.traffic.sumo.population import Population, route_id
+from siren_ros.traffic.sumo.readings import Readings, joined_rows, read_vehicles
+from siren_ros.traffic.sumo.sideways import SidewaysLimits
+from siren_ros.traffic.sumo.signal_timing import time_signal
+from siren_ros.traffic.sumo.vehicle_types import vehicle_types_xml
 from siren_ros.world.actors import ActorDescription, ActorStates, Codes, Floats, Lights, Owner, rows_of_ids
-from siren_ros.world.errors import EpisodeError, MapError
 from siren_ros.world.events import Event
-from siren_ros.world.levels import LEVEL_POLICIES, EmergencyLevel
-from siren_ros.world.road_network import NO_LANE, RoadNetwork
 from siren_ros.world.traffic_state import EmvAdvice, SignalState, TrafficState
-from siren_ros.world.units import STEP_S
 
 _LARGEST_SEED: Final = 2**31 - 1
 

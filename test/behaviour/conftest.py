@@ -8,20 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 
+from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
 from siren_ros.behaviour.config import BehaviourConfig, YieldConfig, YieldTrigger
-from siren_ros.behaviour.emv import EmvState, step_emv
-from siren_ros.behaviour.surroundings import ActorTable, Surroundings
-from siren_ros.behaviour.world import BehaviourWorld, StepView
-from siren_ros.behaviour.yielding import YieldState, step_yield
+from siren_ros.behaviour.driving.situation import BehaviourWorld, StepView
+from siren_ros.behaviour.driving.surroundings import ActorTable, Surroundings
+from siren_ros.behaviour.emv.controller import EmvState, step_emv
 from siren_ros.dynamics.parameters import ParameterTable, load_vehicle_parameters
 from siren_ros.dynamics.vehicle_model import BodyState, Controls, step_bodies
+from siren_ros.numerics.geometry import footprint_corners, separation_m
+from siren_ros.numerics.polyline import Polyline
+from siren_ros.roads.road_network import Connection, Edge, Lane, LaneKind, RoadNetwork
+from siren_ros.scenario.levels import LEVEL_POLICIES, EmergencyLevel
+from siren_ros.scenario.presets import load_preset
 from siren_ros.world.actors import ActorClass, ActorDescription, Lights, Mode, Owner
 from siren_ros.world.commands import VehicleCommands
-from siren_ros.world.geometry import footprint_corners, separation_m
-from siren_ros.world.levels import LEVEL_POLICIES, EmergencyLevel
-from siren_ros.world.polyline import Polyline
-from siren_ros.world.presets import load_preset
-from siren_ros.world.road_network import Connection, Edge, Lane, LaneKind, RoadNetwork
 from siren_ros.world.traffic_state import EmvAdvice, TrafficFlags, TrafficState
 
 VEHICLES = load_vehicle_parameters()

@@ -1,12 +1,12 @@
 import re
-from pathlib import Path
 
 import pytest
+from repository import SHARED
 
 from siren_ros.behaviour.constants import PAPER_CONSTANTS, PAPER_SPEEDS
-from siren_ros.world.units import mps_from_kmh
+from siren_ros.numerics.units import mps_from_kmh
 
-PAPER = Path(__file__).resolve().parents[3] / "shared" / "paper" / "siren.tex"
+PAPER = SHARED / "paper" / "siren.tex"
 
 
 def test_control_constants_are_the_papers():

@@ -9,13 +9,13 @@ from synthetic_episode import Scene, SyntheticEpisode
 
 from siren_ros.datasets.kitti import KittiCamera, KittiFrame, KittiWriter, camera_from_lidar, label_text, velodyne_bytes
 from siren_ros.datasets.kitti_export import export_kitti
+from siren_ros.errors import BagError, InputError
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.images import PinholeCamera, to_camera_info, to_compressed_image
 from siren_ros.interfaces.rosbags_factory import RosbagsFactory
 from siren_ros.interfaces.transforms import Transform, quaternion_of_matrix, to_tf
+from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.recording.bag_writer import EpisodeBagWriter
-from siren_ros.world.errors import BagError, InputError
-from siren_ros.world.units import time_ns_of_step
 
 CAMERA = PinholeCamera(800, 600, 335.64, 335.64, 400.0, 300.0)
 BASE_FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])

@@ -10,9 +10,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from siren_ros.datasets.trajectory_csv import COLUMNS, export_csv, trajectory_csv, type_id_of
+from siren_ros.errors import InputError
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import ActorClass
-from siren_ros.world.errors import InputError
 
 
 @pytest.fixture(scope="module")

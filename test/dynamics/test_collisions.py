@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from siren_ros.dynamics.collisions import RELEASE_GAP_M, Footprints, find_contacts
-from siren_ros.world.geometry import footprint_corners, separation_m
+from siren_ros.numerics.geometry import footprint_corners, separation_m
 
 LENGTH_M, WIDTH_M = 4.0, 2.0
 

@@ -5,12 +5,12 @@ import pytest
 
 from siren_ros.dynamics.fleet import FleetState, step_fleet
 from siren_ros.dynamics.parameters import VehicleParameters, load_vehicle_parameters
+from siren_ros.errors import EpisodeError
+from siren_ros.numerics.units import STEP_S
 from siren_ros.world.actors import ActorClass, ActorDescription, ActorStates, Lights, Mode, Owner, rows_of_ids
 from siren_ros.world.commands import COMMAND_DTYPES, VehicleCommands
-from siren_ros.world.errors import EpisodeError
 from siren_ros.world.events import Event, EventKind
 from siren_ros.world.traffic_state import TrafficState
-from siren_ros.world.units import STEP_S
 
 PARAMETERS = load_vehicle_parameters()
 

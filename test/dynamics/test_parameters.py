@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from siren_ros.dynamics.parameters import ParameterTable, VehicleParameters, load_vehicle_parameters
+from siren_ros.errors import InputError
+from siren_ros.numerics.units import GRAVITY_MPS2
+from siren_ros.params.params_files import params_dir
 from siren_ros.world.actors import ActorClass
-from siren_ros.world.errors import InputError
-from siren_ros.world.params_files import params_dir
-from siren_ros.world.units import GRAVITY_MPS2
 
 
 @pytest.fixture

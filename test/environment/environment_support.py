@@ -5,7 +5,8 @@ import shutil
 import subprocess
 from pathlib import Path
 
-REPOSITORY = Path(__file__).resolve().parents[2]
+from repository import REPOSITORY
+
 TOOLS = REPOSITORY / "tools"
 TIMEOUT_S = 60.0
 

@@ -14,16 +14,16 @@ from hypothesis import strategies as st
 from rosbags.typesys.store import Typestore
 from synthetic_episode import Scene, SyntheticEpisode
 
+from siren_ros.errors import BagError, EpisodeError, InputError, SirenError
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.cdr import decode_cdr, step_of_cdr
 from siren_ros.interfaces.conversions import READERS
 from siren_ros.interfaces.rosbags_factory import RosbagsFactory
+from siren_ros.judging.verify import verify_episode
+from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.recording.bag_writer import EpisodeBagWriter
 from siren_ros.recording.recover import recover_bag
-from siren_ros.recording.verify import verify_episode
-from siren_ros.world.errors import BagError, EpisodeError, InputError, SirenError
-from siren_ros.world.units import time_ns_of_step
 
 fuzzed = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 PERIODIC = (

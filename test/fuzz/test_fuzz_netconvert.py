@@ -8,9 +8,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from siren_ros.traffic.map_compiler import compile_map
-from siren_ros.world.errors import MapError
-from siren_ros.world.net_parser import parse_road_network
+from siren_ros.errors import MapError
+from siren_ros.roads.maps.map_compiler import compile_map
+from siren_ros.roads.net_parser import parse_road_network
 
 OSM = """<?xml version="1.0"?><osm version="0.6">
 <node id="1" version="1" lat="52.0" lon="9.0"/><node id="2" version="1" lat="52.001" lon="9.0"/>

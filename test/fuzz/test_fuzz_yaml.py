@@ -13,17 +13,17 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from siren_ros.dynamics.parameters import load_vehicle_parameters
+from siren_ros.errors import InputError
 from siren_ros.generation.episode_setup import EpisodeRequest, default_bag_path
-from siren_ros.sensors.look_file import load_look
-from siren_ros.sensors.suite import load_suite
-from siren_ros.traffic.driver_models import load_drivers
+from siren_ros.params.plain_yaml import MAX_BYTES
+from siren_ros.params.resources import params_dir
+from siren_ros.params.strict_yaml import read_strict_yaml
+from siren_ros.scenario.presets import load_preset
+from siren_ros.scenario.templates import load_template
+from siren_ros.sensors.suite.look_file import load_look
+from siren_ros.sensors.suite.suite import load_suite
+from siren_ros.traffic.demand.driver_models import load_drivers
 from siren_ros.world.actors import ActorClass
-from siren_ros.world.errors import InputError
-from siren_ros.world.plain_yaml import MAX_BYTES
-from siren_ros.world.presets import load_preset
-from siren_ros.world.resources import params_dir
-from siren_ros.world.strict_yaml import read_strict_yaml
-from siren_ros.world.templates import load_template
 
 
 def load_sedan(path: str) -> Any:

@@ -1,19 +1,19 @@
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from repository import REPOSITORY
 
+from siren_ros.errors import EpisodeError
 from siren_ros.interfaces.av_control import from_av_control, from_path, to_av_control, to_path
 from siren_ros.interfaces.rosbags_factory import RosbagsFactory, load_typestore
+from siren_ros.numerics.polyline import Polyline
 from siren_ros.world.commands import AvControl, av_commands
-from siren_ros.world.errors import EpisodeError
-from siren_ros.world.polyline import Polyline
 
-STORE = load_typestore({"siren_msgs": Path(__file__).parents[2] / "msg_defs" / "msg"})
+STORE = load_typestore({"siren_msgs": REPOSITORY / "msg_defs" / "msg"})
 FACTORY = RosbagsFactory(STORE)
 pedals = st.floats(0.0, 1.0)
 controls = st.builds(AvControl, st.integers(0, 10**6), pedals, pedals, st.floats(-1.0, 1.0), st.sampled_from([0, 2, 4]))

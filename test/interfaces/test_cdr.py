@@ -4,12 +4,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys.store import Typestore
 
+from siren_ros.errors import EpisodeError
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.cdr import decode_cdr, encode_cdr, step_of_cdr
 from siren_ros.interfaces.images import to_compressed_image, to_image
 from siren_ros.interfaces.point_cloud import LIDAR_POINT_DTYPE, to_point_cloud
 from siren_ros.interfaces.rosbags_factory import RosbagsFactory
-from siren_ros.world.errors import EpisodeError
 
 frames = st.text("abcé_/", max_size=9)
 """Names of every length shift what follows them against the alignment."""

@@ -3,7 +3,6 @@
 import dataclasses
 import math
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,21 +10,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message
+from repository import REPOSITORY
 
+from siren_ros.errors import InputError
 from siren_ros.interfaces import conversions
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing, Phase, StepReport
 from siren_ros.interfaces.rosbags_factory import RosbagsFactory, load_typestore
-from siren_ros.ros.endpoints import message_class
+from siren_ros.ros.transport.endpoints import message_class
+from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
+from siren_ros.scenario.levels import EmergencyLevel
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
 from siren_ros.world.commands import COMMAND_DTYPES, VehicleCommands
-from siren_ros.world.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
-from siren_ros.world.errors import InputError
 from siren_ros.world.events import Event, EventKind
 from siren_ros.world.ground_truth import GROUND_TRUTH_DTYPES, GroundTruth
-from siren_ros.world.levels import EmergencyLevel
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, EmvAdvice, SignalState, TrafficState
 
-STORE = load_typestore({"siren_msgs": Path(__file__).parents[2] / "msg_defs" / "msg"})
+STORE = load_typestore({"siren_msgs": REPOSITORY / "msg_defs" / "msg"})
 OFFLINE = RosbagsFactory(STORE)
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
@@ -150,7 +150,7 @@ def test_round_trip(value: Any) -> None:
 
 
 def test_every_own_message_has_a_reader() -> None:
-    folder = Path(__file__).parents[2] / "msg_defs" / "msg"
+    folder = REPOSITORY / "msg_defs" / "msg"
     assert {f"siren_msgs/msg/{path.stem}" for path in folder.glob("*.msg")} == set(conversions.READERS)
 
 

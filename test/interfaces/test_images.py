@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from siren_ros.errors import InputError
 from siren_ros.interfaces.images import (
     PinholeCamera,
     from_camera_info,
@@ -15,7 +16,6 @@ from siren_ros.interfaces.images import (
     to_image,
 )
 from siren_ros.interfaces.rosbags_factory import RosbagsFactory
-from siren_ros.world.errors import InputError
 
 
 @pytest.mark.parametrize(

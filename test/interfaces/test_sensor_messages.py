@@ -12,7 +12,7 @@ from siren_ros.interfaces.navigation import (
     to_imu,
     to_nav_sat_fix,
 )
-from siren_ros.ros import wire
+from siren_ros.ros.transport import wire
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.camera_truth import CAMERA_TRUTH_DTYPES, CameraTruth
 

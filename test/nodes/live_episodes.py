@@ -14,8 +14,8 @@ from pathlib import Path
 
 from dds_domains import own_domain
 from program_output import own_lines
+from repository import REPOSITORY
 
-REPOSITORY = Path(__file__).resolve().parents[2]
 EXAMPLES = REPOSITORY / "examples"
 SMALL_SUITE = """
 lidars:

@@ -9,8 +9,8 @@ import pytest
 from live_episodes import EXAMPLES, Domain, Run, digest, finish, recording, wait_until
 
 from siren_ros.generation.replay_check import repeat_episode
+from siren_ros.judging.verify import verify_episode
 from siren_ros.recording.bag_reader import read_episode
-from siren_ros.recording.verify import verify_episode
 from siren_ros.world.actors import Lights, Mode, Owner
 from siren_ros.world.commands import AV_SOURCE
 

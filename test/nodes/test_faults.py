@@ -157,8 +157,8 @@ import rclpy
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import to_actor_states
 from siren_ros.interfaces.factory import stamp
-from siren_ros.ros import wire
-from siren_ros.ros.endpoints import create_output
+from siren_ros.ros.transport import wire
+from siren_ros.ros.transport.endpoints import create_output
 from siren_ros.world.actors import ActorStates
 factory = wire.factory()
 def clock(seconds):

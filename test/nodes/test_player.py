@@ -21,7 +21,7 @@ import hashlib, json, sys, time
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from siren_ros.ros.endpoints import message_class
+from siren_ros.ros.transport.endpoints import message_class
 wanted, late = json.loads(sys.argv[1]), sys.argv[2] == "late"
 rclpy.init()
 node = rclpy.create_node("listener")

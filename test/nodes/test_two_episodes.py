@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from live_episodes import Domain, digest, finish, recording, wait_until
 
-from siren_ros.ros.domain import LARGEST_DOMAIN
+from siren_ros.ros.transport.domain import LARGEST_DOMAIN
 
 HERE, ELSEWHERE = Domain(), Domain()
 SHORT = ("sensors:=none", "duration_s:=1.0", "bag:=bag")

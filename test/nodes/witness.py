@@ -20,8 +20,8 @@ from siren_ros.interfaces.conversions import from_episode_end, to_step_done
 from siren_ros.interfaces.factory import time_ns_of
 from siren_ros.interfaces.lockstep_reports import Phase, StepReport
 from siren_ros.interfaces.topics import Topic
-from siren_ros.ros import wire
-from siren_ros.ros.endpoints import create_input, create_output
+from siren_ros.ros.transport import wire
+from siren_ros.ros.transport.endpoints import create_input, create_output
 
 END = (topics.OUTCOME.name, topics.EPISODE_END.name)
 

@@ -10,17 +10,17 @@ from PIL import Image
 from rosbags.typesys.store import Typestore
 
 from siren_ros.cli.main import main
+from siren_ros.errors import BagError, InputError
 from siren_ros.interfaces.images import to_compressed_image
 from siren_ros.interfaces.markers import EMV_COLOUR
 from siren_ros.interfaces.rosbags_factory import RosbagsFactory
 from siren_ros.interfaces.topics import IMAGE_COMPRESSED
+from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.pictures.moving_birdseye import SIZE_PX, BirdseyeFilm
 from siren_ros.pictures.painter import paint_polygons, rgb_of
 from siren_ros.pictures.video import View, save_video, write_video
 from siren_ros.recording.bag_writer import EpisodeBagWriter
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.world.errors import BagError, InputError
-from siren_ros.world.units import time_ns_of_step
 
 FRONT = IMAGE_COMPRESSED.of_sensor("camera_front", 2)
 OFF_CENTRE_PX = 90.0

@@ -7,12 +7,12 @@ import pytest
 from rosbags.typesys.store import Typestore
 from synthetic_episode import EMV, Scene, SyntheticEpisode
 
+from siren_ros.errors import BagError
 from siren_ros.interfaces.rosbags_factory import RosbagsFactory
 from siren_ros.recording.bag_reader import open_bag, read_episode
 from siren_ros.recording.bag_writer import EpisodeBagWriter
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import ACTOR_STATE_DTYPES
-from siren_ros.world.errors import BagError
 from siren_ros.world.events import EventKind
 
 

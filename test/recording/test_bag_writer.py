@@ -17,10 +17,10 @@ from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 from rosbags.typesys.store import Typestore
 
+from siren_ros.errors import BagError, EpisodeError
 from siren_ros.interfaces.factory import stamp
 from siren_ros.interfaces.rosbags_factory import RosbagsFactory
 from siren_ros.recording.bag_writer import BagOptions, EpisodeBagWriter
-from siren_ros.world.errors import BagError, EpisodeError
 
 CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
 TEXT = ("/siren/map", "std_msgs/msg/String")

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from siren_ros.errors import EpisodeError
 from siren_ros.interfaces import topics
 from siren_ros.recording.collector import StepCollector
-from siren_ros.world.errors import EpisodeError
 
 SLOW = replace(topics.GROUND_TRUTH, period_steps=3)
 EXPECTED = (topics.EPISODE, topics.MAP, topics.CLOCK, topics.ACTORS, SLOW, topics.OUTCOME)

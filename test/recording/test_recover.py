@@ -12,13 +12,13 @@ from mcap.reader import make_reader
 from rosbags.typesys.store import Typestore
 
 from siren_ros.cli.main import main
+from siren_ros.errors import BagError
 from siren_ros.interfaces.factory import stamp
 from siren_ros.interfaces.rosbags_factory import RosbagsFactory
 from siren_ros.recording.bag_reader import open_bag, read_episode
 from siren_ros.recording.bag_writer import BagOptions, EpisodeBagWriter
 from siren_ros.recording.mcap_scan import PackedChunk, read_chunks
 from siren_ros.recording.recover import recover_bag
-from siren_ros.world.errors import BagError
 
 CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
 

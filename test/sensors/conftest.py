@@ -3,8 +3,8 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from siren_ros.sensors.placement import Catalogue, Placement
-from siren_ros.sensors.scene.mesh import Material, Mesh, StaticScene, VehicleShape
+from siren_ros.sensors.meshes.mesh import Material, Mesh, StaticScene, VehicleShape
+from siren_ros.sensors.meshes.placement import Catalogue, Placement
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
 
 CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])

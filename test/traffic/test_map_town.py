@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from defusedxml import ElementTree
 
-from siren_ros.traffic.demand_config import DemandConfig
-from siren_ros.traffic.map_compiler import compile_map
-from siren_ros.traffic.map_netconvert import sumo_home
-from siren_ros.traffic.route_choice import RouteChooser
-from siren_ros.world.net_parser import parse_road_network
-from siren_ros.world.road_network import JunctionKind, LaneKind
-from siren_ros.world.routing import EdgeGraph, driving_lanes
+from siren_ros.roads.maps.map_compiler import compile_map
+from siren_ros.roads.maps.netconvert import sumo_home
+from siren_ros.roads.net_parser import parse_road_network
+from siren_ros.roads.road_network import JunctionKind, LaneKind
+from siren_ros.roads.routing import EdgeGraph, driving_lanes
+from siren_ros.traffic.demand.demand_config import DemandConfig
+from siren_ros.traffic.demand.route_choice import RouteChooser
 
 
 @pytest.fixture(scope="module")

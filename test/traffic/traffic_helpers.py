@@ -5,19 +5,20 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from repository import SHARED
 
-from siren_ros.traffic.demand import plan_traffic
-from siren_ros.traffic.driver_models import load_drivers
-from siren_ros.traffic.map_compiler import CompiledMap, compile_map
-from siren_ros.traffic.plan import TrafficPlan
+from siren_ros.roads.maps.map_compiler import CompiledMap, compile_map
+from siren_ros.roads.net_parser import parse_road_network
+from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.roads.sites.site_finder import require_site
+from siren_ros.scenario.scenario import Template
+from siren_ros.scenario.templates import load_template
+from siren_ros.traffic.demand.demand import plan_traffic
+from siren_ros.traffic.demand.driver_models import load_drivers
+from siren_ros.traffic.demand.plan import TrafficPlan
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorStates
-from siren_ros.world.net_parser import parse_road_network
-from siren_ros.world.road_network import RoadNetwork
-from siren_ros.world.scenario import Template
-from siren_ros.world.sites import require_site
-from siren_ros.world.templates import load_template
 
-TOWN10 = Path(__file__).resolve().parents[3] / "shared" / "maps" / "Town10HD_Opt.xodr"
+TOWN10 = SHARED / "maps" / "Town10HD_Opt.xodr"
 
 DIMENSIONS: Mapping[ActorClass, tuple[float, float, float]] = dict.fromkeys(ActorClass, (4.6, 1.8, 1.5)) | {
     ActorClass.BUS: (12.0, 2.55, 3.1),

@@ -1,4 +1,4 @@
-"""The 3-D world that LiDAR and cameras see: triangles generated from the road network and vehicle shapes.
+"""The static scene, generated from the road network: ground, markings, signals, buildings, plants.
 
-Import order inside: ``material`` < ``mesh`` < builders < ``static_scene`` and ``vehicle_shapes``.
+Import order inside: ``config`` < ``surfaces`` < builders < ``static_scene``.
 """

@@ -6,9 +6,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.sensors.scene.material import Material
-from siren_ros.sensors.scene.mesh import Mesh
-from siren_ros.sensors.scene.primitives import Rgb, box
+from siren_ros.sensors.meshes.material import Material
+from siren_ros.sensors.meshes.mesh import Mesh
+from siren_ros.sensors.meshes.primitives import Rgb, box
 
 _WALL_RGB: Final = np.array(
     [(196, 178, 150), (168, 110, 86), (206, 200, 188), (150, 148, 144), (188, 150, 112), (214, 192, 140),

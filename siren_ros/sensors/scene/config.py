@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from siren_ros.world.errors import InputError
+from siren_ros.errors import InputError
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ import shapely
 from shapely.geometry import box as rectangle
 from shapely.geometry.base import BaseGeometry
 
+from siren_ros.sensors.meshes.material import Material
+from siren_ros.sensors.meshes.mesh import Mesh
+from siren_ros.sensors.meshes.primitives import Rgb, flat_polygons, walls
 from siren_ros.sensors.scene.config import SceneConfig
 from siren_ros.sensors.scene.markings import Markings
-from siren_ros.sensors.scene.material import Material
-from siren_ros.sensors.scene.mesh import Mesh
-from siren_ros.sensors.scene.primitives import Rgb, flat_polygons, walls
 from siren_ros.sensors.scene.surfaces import Surfaces, difference, intersection, polygons, union
 
 ASPHALT_RGB: Final[Rgb] = (74, 75, 78)

@@ -16,10 +16,10 @@ from shapely.affinity import scale
 from shapely.geometry import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
+from siren_ros.numerics.polyline import Polyline
+from siren_ros.roads.road_network import Edge, Junction, JunctionKind, Lane, LaneKind, RoadNetwork
 from siren_ros.sensors.scene.config import SceneConfig
 from siren_ros.sensors.scene.surfaces import Surfaces, difference, intersection, union
-from siren_ros.world.polyline import Polyline
-from siren_ros.world.road_network import Edge, Junction, JunctionKind, Lane, LaneKind, RoadNetwork
 
 _ARROW_BEFORE_END_M: Final = 8.0
 _SIDE_GAP_M: Final = 0.15

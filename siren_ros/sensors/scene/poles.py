@@ -5,11 +5,11 @@ from typing import Final
 
 import numpy as np
 
+from siren_ros.sensors.meshes.loft import from_quads
+from siren_ros.sensors.meshes.material import LampColour, Material
+from siren_ros.sensors.meshes.mesh import Mesh
+from siren_ros.sensors.meshes.primitives import Rgb, box, frustum
 from siren_ros.sensors.scene.free_space import FreeSpace
-from siren_ros.sensors.scene.loft import from_quads
-from siren_ros.sensors.scene.material import LampColour, Material
-from siren_ros.sensors.scene.mesh import Mesh
-from siren_ros.sensors.scene.primitives import Rgb, box, frustum
 
 POLE_RGB: Final[Rgb] = (112, 116, 120)
 HOUSING_RGB: Final[Rgb] = (30, 32, 34)

@@ -7,11 +7,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.roads.road_network import Connection, Edge, Lane, LaneKind, RoadNetwork
+from siren_ros.sensors.meshes.mesh import Mesh, SignalLamp
 from siren_ros.sensors.scene.config import SceneConfig
 from siren_ros.sensors.scene.free_space import FreeSpace
-from siren_ros.sensors.scene.mesh import Mesh, SignalLamp
 from siren_ros.sensors.scene.poles import HEAD_HEIGHT_M, clear_pole, mast_arm, pole, signal_head, stop_sign, turned
-from siren_ros.world.road_network import Connection, Edge, Lane, LaneKind, RoadNetwork
 
 _POST_HEAD_M: Final = 2.6
 """Lower edge of a head on a post beside the road."""

@@ -2,16 +2,16 @@
 
 from dataclasses import replace
 
+from siren_ros.numerics.random_streams import random_stream
+from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.sensors.meshes.mesh import Mesh, StaticScene
 from siren_ros.sensors.scene.config import SceneConfig
 from siren_ros.sensors.scene.free_space import FreeSpace
 from siren_ros.sensors.scene.ground import ground_mesh
 from siren_ros.sensors.scene.markings import road_markings
-from siren_ros.sensors.scene.mesh import Mesh, StaticScene
 from siren_ros.sensors.scene.planting import parkland, street_buildings, street_lamps, street_trees
 from siren_ros.sensors.scene.signals import junction_controls
 from siren_ros.sensors.scene.surfaces import drawn_centres, road_surfaces
-from siren_ros.world.random_streams import random_stream
-from siren_ros.world.road_network import RoadNetwork
 
 
 def static_scene(network: RoadNetwork, seed: int, config: SceneConfig | None = None) -> StaticScene:

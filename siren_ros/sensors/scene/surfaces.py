@@ -9,9 +9,9 @@ import shapely
 from shapely.geometry import LineString, MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
+from siren_ros.numerics.polyline import Polyline
+from siren_ros.roads.road_network import JunctionKind, Lane, LaneKind, RoadNetwork
 from siren_ros.sensors.scene.config import SceneConfig
-from siren_ros.world.polyline import Polyline
-from siren_ros.world.road_network import JunctionKind, Lane, LaneKind, RoadNetwork
 
 GRID_M: Final = 0.001
 """Regions' corners lie on this grid, so that neighbours share them exactly."""

@@ -4,9 +4,9 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.sensors.scene.material import Material
-from siren_ros.sensors.scene.mesh import Mesh
-from siren_ros.sensors.scene.primitives import Rgb, frustum, sphere_points
+from siren_ros.sensors.meshes.material import Material
+from siren_ros.sensors.meshes.mesh import Mesh
+from siren_ros.sensors.meshes.primitives import Rgb, frustum, sphere_points
 
 TRUNK_RGB: Final[Rgb] = (92, 72, 52)
 _GREENS: Final = np.array([(74, 112, 44), (92, 128, 52), (62, 98, 46), (110, 134, 58), (84, 118, 66)])

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from siren_ros.sensors.scene.mesh import StaticScene
+from siren_ros.numerics.polyline import Polyline
+from siren_ros.roads.road_network import Connection, Edge, Junction, JunctionKind, Lane, LaneKind, RoadNetwork
+from siren_ros.sensors.meshes.mesh import StaticScene
 from siren_ros.sensors.scene.static_scene import static_scene
-from siren_ros.world.polyline import Polyline
-from siren_ros.world.road_network import Connection, Edge, Junction, JunctionKind, Lane, LaneKind, RoadNetwork
 
 MOUTH_M = 16.0
 """From the middle of the crossing to where its legs begin."""

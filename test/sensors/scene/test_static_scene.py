@@ -5,17 +5,18 @@ import numpy as np
 import open3d as o3d
 import pytest
 import shapely
+from repository import SHARED
 from shapely.geometry import LineString, Polygon
 
+from siren_ros.roads.maps.map_compiler import compile_map
+from siren_ros.roads.net_parser import parse_road_network
+from siren_ros.roads.road_network import LaneKind, RoadNetwork
+from siren_ros.sensors.meshes.material import LampColour, Material
+from siren_ros.sensors.meshes.mesh import StaticScene
 from siren_ros.sensors.scene.config import SceneConfig
-from siren_ros.sensors.scene.material import LampColour, Material
-from siren_ros.sensors.scene.mesh import StaticScene
 from siren_ros.sensors.scene.static_scene import static_scene
-from siren_ros.traffic.map_compiler import compile_map
-from siren_ros.world.net_parser import parse_road_network
-from siren_ros.world.road_network import LaneKind, RoadNetwork
 
-TOWN10 = Path(__file__).resolve().parents[4] / "shared" / "maps" / "Town10HD_Opt.xodr"
+TOWN10 = SHARED / "maps" / "Town10HD_Opt.xodr"
 GROUND = [
     Material.GROUND, Material.GRASS, Material.ASPHALT, Material.SHOULDER_ASPHALT, Material.MARKING_WHITE,
     Material.MARKING_YELLOW, Material.KERB, Material.SIDEWALK, Material.MEDIAN,

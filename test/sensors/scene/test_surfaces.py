@@ -3,12 +3,12 @@ import pytest
 import shapely
 from shapely.geometry import LineString, Point
 
+from siren_ros.errors import InputError
+from siren_ros.numerics.polyline import Polyline
+from siren_ros.roads.road_network import LaneKind, RoadNetwork
 from siren_ros.sensors.scene.config import SceneConfig
 from siren_ros.sensors.scene.markings import arrow, ribbon, road_markings
 from siren_ros.sensors.scene.surfaces import drawn_centres, road_surfaces
-from siren_ros.world.errors import InputError
-from siren_ros.world.polyline import Polyline
-from siren_ros.world.road_network import LaneKind, RoadNetwork
 
 
 def test_regions_do_not_overlap(network: RoadNetwork) -> None:

@@ -1,0 +1,101 @@
+"""L2: while no gap is open for the yield, the driver makes one by falling back or drawing ahead in the own lane."""
+
+from dataclasses import replace
+from enum import IntEnum
+from typing import Final
+
+from siren_ros.behaviour.civilians.unit import Outcome, YieldUnit, lane_of
+from siren_ros.behaviour.config import YieldConfig
+from siren_ros.behaviour.driving.lane_change import LaneGaps, Refusal, gaps_in_lane
+from siren_ros.behaviour.driving.navigator import NavigatorState, Situation, navigate
+from siren_ros.behaviour.driving.situation import StepView
+from siren_ros.behaviour.paths.lane_path import lanes_along, neighbour_lane, path_on_lanes
+from siren_ros.behaviour.paths.nearest_on_lane import lane_foot
+from siren_ros.behaviour.paths.path_blend import on_reference
+from siren_ros.numerics.units import steps_from_s
+from siren_ros.roads.road_network import NO_LANE, LaneKind
+
+GAP_REFUSALS: Final = frozenset({Refusal.BESIDE, Refusal.GAP_FRONT, Refusal.GAP_REAR})
+_AHEAD_M: Final = 80.0
+
+
+class Seek(IntEnum):
+    """How a gap is sought."""
+
+    FALL_BACK = -1
+    NOT = 0
+    DRAW_AHEAD = 1
+
+
+def seek_gap(unit: YieldUnit, row: int, view: StepView, refusal: Refusal) -> Outcome:
+    """One step of a deferred vehicle in its own lane, driven towards a gap in the lane beside it.
+
+    Only where the vehicle can still stop and change lanes before the next junction; elsewhere SUMO keeps driving.
+
+    Args:
+        unit: A deferred civilian whose ``side`` says where it wants to go.
+        row: Its row.
+        view: The step.
+        refusal: Why the lane change is not feasible now.
+    """
+    unit = _with_path(unit, row, view)
+    config = view.world.config
+    speed = float(view.seen.speed_mps[row])
+    stop = speed * speed / (2.0 * config.civilian_navigator.comfort_brake_mps2)
+    if unit.navigator.remaining_m < max(stop, config.yielding.seek_room_m):
+        return Outcome(replace(unit, navigator=NavigatorState(), seek=Seek.NOT))
+    lane = lane_of(unit, row, view)
+    target = neighbour_lane(view.world.network, lane, unit.side)
+    if target == NO_LANE:
+        return Outcome(replace(unit, navigator=NavigatorState(), seek=Seek.NOT))
+    gaps = gaps_in_lane(view, row, target)
+    again = (view.step - unit.deferred_step) % steps_from_s(config.yielding.seek_again_s) == 0
+    if unit.seek == Seek.NOT or again:
+        own = gaps_in_lane(view, row, lane)
+        seek = choose_seek(gaps, own, refusal, config.yielding.seek_free_m)
+        unit = replace(unit, seek=seek, deferred=refusal.value)
+    limit = view.world.network.lanes[lane].speed_limit_mps
+    wanted = seek_speed_mps(Seek(unit.seek), gaps, config.yielding, limit)
+    situation = Situation(view.seen, row, view.vehicle(row), wanted)
+    navigator, command, _ = navigate(unit.navigator, situation, config.civilian_navigator)
+    return Outcome(replace(unit, navigator=navigator), command)
+
+
+def choose_seek(gaps: LaneGaps, own: LaneGaps, refusal: Refusal, free_m: float) -> Seek:
+    """Whether to fall back or to draw ahead.
+
+    A vehicle behind, or beside and further back, is drawn away from where the own lane is free; in all other cases
+    the others are let past.
+
+    Args:
+        gaps: In the lane beside.
+        own: In the own lane.
+        refusal: Why the gap cannot be entered.
+        free_m: Free way in the own lane that drawing ahead needs.
+    """
+    behind = refusal is Refusal.GAP_REAR or (refusal is Refusal.BESIDE and gaps.front_m > 0.0)
+    return Seek.DRAW_AHEAD if behind and own.front_m > free_m else Seek.FALL_BACK
+
+
+def seek_speed_mps(seek: Seek, gaps: LaneGaps, config: YieldConfig, limit_mps: float) -> float:
+    """Speed while seeking: a difference to the vehicle that is in the way, within a least speed and the limit."""
+    other = gaps.front_mps if gaps.front_m < gaps.rear_m else gaps.rear_mps
+    if seek is Seek.DRAW_AHEAD:
+        return min(other + config.seek_speed_mps, limit_mps)
+    return min(max(other - config.seek_speed_mps, config.seek_least_mps), limit_mps)
+
+
+def _with_path(unit: YieldUnit, row: int, view: StepView) -> YieldUnit:
+    if unit.navigator.path is not None:
+        return unit
+    world, lane = view.world, int(view.traffic.lane[row])
+    if lane == NO_LANE or world.network.lanes[lane].kind is LaneKind.INTERNAL:
+        return unit
+    x, y, _ = view.pose(row)
+    position = lane_foot(world.network.lanes[lane].centre, x, y)[0]
+    route = view.traffic.route_of_row(row)
+    lanes, end = lanes_along(world.network, lane, position, route, _AHEAD_M, civilian=True, through_junctions=False)
+    reference = path_on_lanes(world.network, lanes, end, position - 2.0, _AHEAD_M)
+    shorten = float(view.seen.half_length_m[row]) + 1.0
+    path = on_reference(reference, view.navigator_config(row), stop_at_end=True, shorten_m=shorten)
+    return replace(unit, navigator=NavigatorState().following(path, x, y))

@@ -1,0 +1,115 @@
+"""Where civilians stand relative to an EMV: the road ahead of it, the interaction region, and who has been passed."""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.behaviour.config import YieldConfig
+from siren_ros.behaviour.driving.situation import StepView
+from siren_ros.behaviour.driving.surroundings import Surroundings
+from siren_ros.behaviour.paths.lane_path import lanes_along
+from siren_ros.behaviour.paths.nearest_on_lane import lane_heading
+from siren_ros.roads.road_network import NO_LANE, RoadNetwork
+from siren_ros.world.actors import Floats, Ids
+from siren_ros.world.traffic_state import Indices
+
+_EDGES_KEPT: Final = 3
+"""How many of the edges that the EMV has left still count as its road."""
+
+
+@dataclass(frozen=True, eq=False)
+class EmvAhead:
+    """The road of one EMV, valid while its lane and route stay the same."""
+
+    key: tuple[int, bytes]
+    lane_start_m: Floats
+    """Distance from the start of the EMV's lane to the start of each lane on its path; infinite off the path."""
+    road_start_m: Floats
+    """The same for every lane of the edges on its path, beside the path too."""
+    road: npt.NDArray[np.bool_]
+    """Edges ahead and those just left."""
+    left_edges: tuple[int, ...]
+
+    @classmethod
+    def seen(cls, view: StepView, row: int, before: "EmvAhead | None") -> "EmvAhead | None":
+        """The road of the EMV in a row; that of the step before where nothing has changed, or it is off the road."""
+        lane = int(view.traffic.lane[row])
+        if lane == NO_LANE:
+            return before
+        route = view.traffic.route_of_row(row)
+        key = (lane, route.tobytes())
+        if before is not None and before.key == key:
+            return before
+        network = view.world.network
+        edge = network.lanes[lane].edge
+        left = (edge,) if before is None else tuple(dict.fromkeys((edge, *before.left_edges)))[:_EDGES_KEPT]
+        return _road_of(network, lane, route, key, left, view.world.config.yielding)
+
+
+def _road_of(
+    network: RoadNetwork,
+    lane: int,
+    route: Indices,
+    key: tuple[int, bytes],
+    left_edges: tuple[int, ...],
+    config: YieldConfig,
+) -> EmvAhead:
+    lanes, _ = lanes_along(network, lane, 0.0, route, network.lanes[lane].length_m + config.path_ahead_m)
+    lane_start = np.full(len(network.lanes), np.inf)
+    road_start = np.full(len(network.lanes), np.inf)
+    road = np.zeros(len(network.edges), dtype=np.bool_)
+    road[list(left_edges)] = True
+    way = 0.0
+    for item in lanes:
+        edge = network.lanes[item].edge
+        lane_start[item] = way
+        road_start[list(network.edges[edge].lanes)] = way
+        road[edge] = True
+        way += network.lanes[item].length_m
+    return EmvAhead(key, lane_start, road_start, road, left_edges)
+
+
+def free_way_m(view: StepView, emv_row: int, starts_m: Floats) -> Floats:
+    """Way from an EMV's front to every vehicle's rear, shape ``(N,)``; infinite off the given lanes."""
+    traffic = view.traffic
+    start = np.where(traffic.lane >= 0, starts_m[traffic.lane], np.inf)
+    rear = start + traffic.lane_position_m - 2.0 * view.seen.half_length_m
+    return np.asarray(rear - traffic.lane_position_m[emv_row], dtype=np.float64)
+
+
+def region_members(seen: Surroundings, emv_row: int, before: Ids, enter_m: float, leave_m: float) -> Ids:
+    """Ids of the civilians in an EMV's interaction region, with hysteresis.
+
+    Args:
+        seen: All actors.
+        emv_row: The EMV's row.
+        before: Members at the step before, sorted.
+        enter_m: Distance at which an actor enters.
+        leave_m: Distance at which an actor leaves.
+    """
+    distance = np.hypot(seen.x_m - seen.x_m[emv_row], seen.y_m - seen.y_m[emv_row])
+    inside = distance < enter_m
+    if len(before):
+        place = np.minimum(np.searchsorted(before, seen.actor_id), len(before) - 1)
+        inside |= (before[place] == seen.actor_id) & (distance <= leave_m)
+    return seen.actor_id[inside & ~seen.is_emv]
+
+
+def emv_fully_passed(view: StepView, row: int, emv_row: int) -> bool:
+    """``EmvFullyPassed``: the EMV's rear is ahead of a vehicle's front along the vehicle's lane, by a clearance."""
+    seen, traffic = view.seen, view.traffic
+    x, y, heading = view.pose(row)
+    lane = int(traffic.lane[row])
+    if lane != NO_LANE:
+        centre = view.world.network.lanes[lane].centre
+        heading = lane_heading(centre, float(traffic.lane_position_m[row]))
+    cos, sin = math.cos(heading), math.sin(heading)
+    ahead = cos * (float(seen.x_m[emv_row]) - x) + sin * (float(seen.y_m[emv_row]) - y)
+    turned = float(seen.yaw_rad[emv_row]) - heading
+    rear = abs(math.cos(turned)) * float(seen.half_length_m[emv_row])
+    rear += abs(math.sin(turned)) * float(seen.half_width_m[emv_row])
+    own = float(seen.half_length_m[row])
+    return ahead - rear - own >= view.world.constants.emv_passed_clearance_m

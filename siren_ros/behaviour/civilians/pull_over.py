@@ -1,0 +1,211 @@
+"""L3: pull-over to the lane's edge, then braking hold (paper, Algorithm 2, ``npc_behavior_lvl = 2``)."""
+
+import math
+from dataclasses import replace
+from typing import Final
+
+from siren_ros.behaviour.civilians.making_room import makes_room, may_go_on
+from siren_ros.behaviour.civilians.rejoin import start_rejoin
+from siren_ros.behaviour.civilians.unit import (
+    EmvView,
+    Outcome,
+    YieldUnit,
+    aligned_within_rad,
+    lane_of,
+    standing,
+    yield_event,
+)
+from siren_ros.behaviour.civilians.yield_lane_change import defer
+from siren_ros.behaviour.driving.lane_change import Refusal, offset_in_lane
+from siren_ros.behaviour.driving.navigator import FULL_BRAKE, DriveCommand, NavigatorState, Situation, navigate
+from siren_ros.behaviour.driving.situation import StepView
+from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, lanes_along, neighbour_lane, path_on_lanes
+from siren_ros.behaviour.paths.nearest_on_lane import lane_foot
+from siren_ros.behaviour.paths.path_blend import PEAK_CURVATURE, blend_length_m, path_onto
+from siren_ros.behaviour.paths.tracked_path import TrackedPath
+from siren_ros.numerics.units import steps_from_s
+from siren_ros.roads.road_network import NO_LANE, LaneKind
+from siren_ros.world.actors import Mode
+from siren_ros.world.events import Event, EventKind
+
+_PULL_OVER_MPS: Final = 1.5
+"""Speed that a vehicle at rest gets up to on its way to the edge."""
+_SETTLED_M: Final = 0.5
+_AT_EDGE_M: Final = 0.05
+"""Distance from the wanted offset at which the target counts as reached before the lateral move has ended."""
+_LEAST_WAY_M: Final = 2.0
+"""Way that is worth starting for to make room."""
+_LOOK_AGAIN_STEPS: Final = steps_from_s(0.5)
+
+
+def start_pull_over(unit: YieldUnit, row: int, view: StepView) -> Outcome:
+    """Starts the pull-over, except where the vehicle cannot stop before the next junction or drives on one.
+
+    A vehicle that stands on a junction in the way of a standing EMV starts too.
+    """
+    network, config = view.world.network, view.world.config.pull_over
+    lane = int(view.traffic.lane[row])
+    stuck = makes_room(unit, view) and standing(view, row)
+    if lane == NO_LANE or (network.lanes[lane].kind is LaneKind.INTERNAL and not stuck):
+        return defer(unit, row, view, Refusal.JUNCTION.value)
+    side = unit.side or alignment_of(view, lane)
+    unit = replace(unit, side=side)
+    path = pull_over_path(unit, row, lane, view)
+    speed = float(view.seen.speed_mps[row])
+    brake = view.world.config.civilian_navigator.comfort_brake_mps2
+    if path is None or speed * speed / (2.0 * brake) > path.length_m + config.length_min_m:
+        return defer(unit, row, view, Refusal.NO_ROOM.value)
+    x, y, _ = view.pose(row)
+    unit = replace(
+        unit,
+        phase=Mode.YIELD_PULL_OVER,
+        deferred="",
+        stopped_steps=0,
+        navigator=NavigatorState().following(path, x, y),
+    )
+    started = yield_event(unit, row, view, EventKind.YIELD_STARTED, side=side, lane=lane)
+    moved = _drive(unit, row, view)
+    return replace(moved, events=(started, *moved.events))
+
+
+def alignment_of(view: StepView, lane: int) -> int:
+    """Side to which a lane's vehicles pull over: the leftmost of several lanes left, all others right."""
+    network = view.world.network
+    left = neighbour_lane(network, lane, 1)
+    right = neighbour_lane(network, lane, -1)
+    driving_left = left != NO_LANE and network.lanes[left].kind is LaneKind.DRIVING
+    driving_right = right != NO_LANE and network.lanes[right].kind is LaneKind.DRIVING
+    return 1 if not driving_left and driving_right else -1
+
+
+def edge_offset_m(view: StepView, row: int, lane: int, side: int) -> float:
+    """Offset from the lane's centre line at which a vehicle stands at the lane's edge, left positive.
+
+    Where that leaves too little room for an EMV on the inner side, the vehicle reaches over the edge.
+    """
+    network, config = view.world.network, view.world.config.pull_over
+    beside = neighbour_lane(network, lane, side)
+    shoulder = beside != NO_LANE and network.lanes[beside].kind is LaneKind.SHOULDER
+    most = config.shoulder_overhang_max_m if shoulder else config.overhang_max_m
+    half_lane, half_width = 0.5 * network.lanes[lane].width_m, float(view.seen.half_width_m[row])
+    at_edge = half_lane - half_width
+    wanted = config.corridor_half_m - half_lane + half_width
+    return side * max(min(max(at_edge, wanted), at_edge + most), 0.0)
+
+
+def pull_over_path(unit: YieldUnit, row: int, lane: int, view: StepView) -> TrackedPath | None:
+    """``BuildPullOverWaypoints``: to the lane's edge and to a stop there, before the next junction.
+
+    Returns:
+        The path, or None where the lane ends before the vehicle can move sideways.
+    """
+    network, config = view.world.network, view.world.config.pull_over
+    x, y, yaw = view.pose(row)
+    speed = float(view.seen.speed_mps[row])
+    position, left, _ = lane_foot(network.lanes[lane].centre, x, y)
+    offset = edge_offset_m(view, row, lane, unit.side)
+    sharpest = math.sqrt(PEAK_CURVATURE * abs(offset - left) / config.curvature_max_1pm)
+    navigator = view.navigator_config(row)
+    moving = min(max(speed, _PULL_OVER_MPS), view.world.speeds.civilian_pull_over_mps)
+    steerable = blend_length_m(offset - left, moving, 0.0, 0.0, navigator)
+    wanted = max(config.length_min_m, sharpest, steerable)
+    half_length = float(view.seen.half_length_m[row])
+    length = wanted + max(config.settle_length_m, 2.0 * half_length)
+    reference = _line_ahead(unit, row, lane, position, length + half_length, view)
+    room = reference.curve.length_m - 2.0 - half_length
+    if room < 2.0:
+        return None
+    merge = max(min(wanted, room), min(sharpest, wanted))
+    return path_onto(reference, (x, y, yaw), merge, navigator, offset_m=offset, shorten_m=half_length)
+
+
+def _line_ahead(unit: YieldUnit, row: int, lane: int, position_m: float, ahead_m: float, view: StepView) -> LanePath:
+    """The lane's line to the next junction, and a little way over the stop line where the EMV needs the room.
+
+    Vehicles that stand partly on a shoulder stay before the line: the shoulder does not lead across the junction.
+    """
+    network, route = view.world.network, view.traffic.route_of_row(row)
+    lanes, end = lanes_along(network, lane, position_m, route, ahead_m, civilian=True, through_junctions=False)
+    ahead = ahead_m
+    beside = neighbour_lane(network, lane, unit.side)
+    on_road = beside == NO_LANE or network.lanes[beside].civilian_allowed
+    if end is LaneEnd.JUNCTION and on_road and makes_room(unit, view):
+        to_line = sum(network.lanes[item].length_m for item in lanes) - position_m
+        ahead = min(ahead_m, max(to_line, 0.0) + view.world.config.pull_over.room_over_line_m)
+        lanes, end = lanes_along(network, lane, position_m, route, ahead, civilian=True)
+    return path_on_lanes(network, lanes, end, position_m - 2.0, 2.0 + ahead)
+
+
+def pull_over(unit: YieldUnit, row: int, view: StepView, emv: EmvView) -> Outcome:
+    """Drives to the lane's edge; holds once there and aligned, or when standing behind another vehicle."""
+    if emv.passed or not emv.in_region:
+        return _given_up(unit, row, view, emv)
+    config = view.world.config.pull_over
+    lane = lane_of(unit, row, view)
+    offset, turned = offset_in_lane(view, row, lane)
+    wanted = edge_offset_m(view, row, lane, unit.side)
+    aligned = abs(turned) <= aligned_within_rad(row, view)
+    path = unit.navigator.path
+    settled = path is None or unit.navigator.progress_m >= path.settled_m - _SETTLED_M
+    reached = abs(offset - wanted) <= (config.reached_m if settled else _AT_EDGE_M)
+    stopped = unit.stopped_steps + 1 if standing(view, row) else 0
+    unit = replace(unit, stopped_steps=stopped)
+    going_on = makes_room(unit, view) and not unit.navigator.done
+    if reached and aligned and not going_on:
+        return _hold_now(unit, row, view, offset, partial=False)
+    if stopped >= steps_from_s(config.blocked_hold_s):
+        return _hold_now(unit, row, view, offset, partial=True)
+    if unit.navigator.done or (reached and unit.navigator.remaining_m < 1.0):
+        extended = pull_over_path(unit, row, lane, view)
+        if extended is not None:
+            x, y, _ = view.pose(row)
+            unit = replace(unit, navigator=unit.navigator.following(extended, x, y))
+    return _drive(unit, row, view)
+
+
+def hold(unit: YieldUnit, row: int, view: StepView, emv: EmvView) -> Outcome:
+    """Stands with full brake and hand brake; goes on where a pull-over was cut short and the way is free again."""
+    if emv.passed or not emv.in_region:
+        return _given_up(unit, row, view, emv)
+    looks = view.step % _LOOK_AGAIN_STEPS == unit.actor_id % _LOOK_AGAIN_STEPS
+    if looks and may_go_on(unit, row, lane := lane_of(unit, row, view), view):
+        path = pull_over_path(unit, row, lane, view)
+        least = _LEAST_WAY_M if makes_room(unit, view) else view.world.config.pull_over.length_min_m
+        if path is not None and path.length_m > least:
+            x, y, _ = view.pose(row)
+            navigator = unit.navigator.following(path, x, y)
+            unit = replace(unit, phase=Mode.YIELD_PULL_OVER, navigator=navigator, partial=False, stopped_steps=0)
+            return _drive(unit, row, view)
+    return Outcome(unit, _braked(unit, row, view))
+
+
+def _hold_now(unit: YieldUnit, row: int, view: StepView, offset_m: float, partial: bool) -> Outcome:
+    unit = replace(unit, phase=Mode.YIELD_HOLD, partial=partial)
+    held = yield_event(unit, row, view, EventKind.YIELD_HELD, side=unit.side, offset_m=offset_m, partial=int(partial))
+    return Outcome(unit, _braked(unit, row, view), (held,))
+
+
+def _braked(unit: YieldUnit, row: int, view: StepView) -> DriveCommand:
+    if standing(view, row):
+        return FULL_BRAKE
+    situation = Situation(view.seen, row, view.vehicle(row), 0.0, watch=False)
+    _, command, _ = navigate(unit.navigator, situation, view.world.config.civilian_navigator)
+    return replace(FULL_BRAKE, steer_rad=command.steer_rad)
+
+
+def _given_up(unit: YieldUnit, row: int, view: StepView, emv: EmvView) -> Outcome:
+    events: tuple[Event, ...] = ()
+    if unit.phase is Mode.YIELD_PULL_OVER or not emv.passed:
+        reason = "emv_passed" if emv.passed else "emv_gone"
+        events = (yield_event(unit, row, view, EventKind.YIELD_CANCELLED, reason=reason),)
+    back = start_rejoin(unit, row, view)
+    return replace(back, events=(*events, *back.events))
+
+
+def _drive(unit: YieldUnit, row: int, view: StepView) -> Outcome:
+    situation = Situation(view.seen, row, view.vehicle(row), view.world.speeds.civilian_pull_over_mps)
+    config = view.world.config.civilian_navigator
+    if makes_room(unit, view):
+        config = replace(config, standstill_gap_m=view.world.config.pull_over.room_standstill_gap_m)
+    navigator, command, _ = navigate(unit.navigator, situation, config)
+    return Outcome(replace(unit, navigator=navigator), command)

@@ -1,0 +1,97 @@
+"""The latched state of one civilian that yields."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from siren_ros.behaviour.civilians.drivers import Driver
+from siren_ros.behaviour.driving.navigator import DriveCommand, NavigatorState
+from siren_ros.behaviour.driving.situation import StepView
+from siren_ros.behaviour.emv.unit import NEVER
+from siren_ros.roads.road_network import NO_LANE
+from siren_ros.world.actors import Mode
+from siren_ros.world.events import Event, EventKind
+
+
+@dataclass(frozen=True, eq=False)
+class YieldUnit:
+    """Latched flags and the planner of one civilian (paper, Algorithm 2)."""
+
+    actor_id: int
+    emv_id: int
+    driver: Driver
+    react_step: int
+    """Step at which the driver has reacted."""
+    phase: Mode = Mode.YIELD_REACTING
+    """NOMINAL for a driver that does not comply, until the EMV has passed."""
+    side: int = 0
+    """Where the vehicle goes: +1 left, −1 right (``alignment`` at L3)."""
+    navigator: NavigatorState = field(default_factory=NavigatorState)
+    deferred: str = ""
+    """Why the yield could not start when it was last looked at."""
+    change_step: int = NEVER
+    """Start of the last forced lane change."""
+    off_path_steps: int = 0
+    stopped_steps: int = 0
+    in_lane_steps: int = 0
+    """Steps in the EMV's lane after the lane was cleared: the EMV has followed."""
+    deferred_step: int = NEVER
+    """Start of the present deferral."""
+    seek: int = 0
+    """How a gap is sought while deferred: +1 drawing ahead, −1 falling back, 0 not."""
+    emv_waits_steps: int = 0
+    """Steps for which the EMV has been standing behind the vehicle."""
+    partial: bool = False
+    """Whether the hold ended a pull-over early, behind a standing vehicle."""
+
+
+@dataclass(frozen=True, eq=False)
+class EmvView:
+    """One civilian's EMV at one step."""
+
+    row: int
+    """Of the EMV; −1 once it has left the simulation."""
+    passed: bool
+    """``EmvFullyPassed``."""
+    in_region: bool
+    on_path: bool
+    """Whether the civilian stands on the lanes that the EMV will drive on (L2) or beside them (L3)."""
+    on_road: bool
+    """Whether the civilian is still on the EMV's road."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one step does to a civilian; ``unit`` is None once it is released."""
+
+    unit: YieldUnit | None
+    command: DriveCommand | None = None
+    """None where SUMO drives."""
+    events: tuple[Event, ...] = ()
+
+
+def yield_event(unit: YieldUnit, row: int, view: StepView, kind: EventKind, **detail: float | str) -> Event:
+    """An event of a yielding civilian, with the EMV as the second actor."""
+    x, y, _ = view.pose(row)
+    return Event(view.step, kind, unit.actor_id, unit.emv_id, x, y, detail)
+
+
+def lane_of(unit: YieldUnit, row: int, view: StepView) -> int:
+    """The lane that a civilian is on: by its path where it has one, else SUMO's."""
+    path = unit.navigator.path
+    if path is not None:
+        lane = path.lane_at(unit.navigator.progress_m)
+        if lane != NO_LANE:
+            return lane
+    return int(view.traffic.lane[row])
+
+
+def standing(view: StepView, row: int) -> bool:
+    """Whether a vehicle stands still."""
+    return bool(view.seen.speed_mps[row] < np.float64(0.2))
+
+
+def aligned_within_rad(row: int, view: StepView) -> float:
+    """Heading error within which a vehicle counts as aligned: the paper's, less where a long one would stick out."""
+    sideways = view.world.config.pull_over.stick_out_m / float(view.seen.half_length_m[row])
+    return min(view.world.constants.heading_aligned_rad, sideways)

@@ -1,0 +1,236 @@
+"""The civilians' per-step yield control (paper, Algorithm 2): who notices an EMV, and what each one does about it."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.behaviour.civilians.drivers import Compliance, Driver, draw_driver
+from siren_ros.behaviour.civilians.interaction_region import EmvAhead, emv_fully_passed, free_way_m, region_members
+from siren_ros.behaviour.civilians.making_room import emv_waits_behind
+from siren_ros.behaviour.civilians.pull_over import hold, pull_over, start_pull_over
+from siren_ros.behaviour.civilians.rejoin import rejoin
+from siren_ros.behaviour.civilians.unit import EmvView, Outcome, YieldUnit, yield_event
+from siren_ros.behaviour.civilians.yield_lane_change import change_lane, keep_lane, start_lane_change
+from siren_ros.behaviour.config import YieldTrigger
+from siren_ros.behaviour.driving.navigator import DriveCommand
+from siren_ros.behaviour.driving.situation import BehaviourWorld, StepView
+from siren_ros.behaviour.driving.surroundings import ActorTable, Surroundings
+from siren_ros.numerics.units import steps_from_s
+from siren_ros.scenario.levels import CivilianResponse
+from siren_ros.world.actors import Floats, Ids, Lights, Mode, Owner, rows_of_ids
+from siren_ros.world.commands import VehicleCommands
+from siren_ros.world.events import Event, EventKind
+from siren_ros.world.traffic_state import TrafficFlags, TrafficState
+
+SOURCE: Final = "yield_manager"
+_COAST: Final = DriveCommand(throttle=0.0, brake=0.0, steer_rad=0.0, hand_brake=False)
+"""Filler of rows that SUMO owns."""
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """One EMV's road and the civilians in its interaction region."""
+
+    ahead: EmvAhead | None
+    members: Ids
+    """Sorted."""
+
+
+@dataclass(frozen=True, eq=False)
+class YieldState:
+    """All civilians that respond, by id, their drivers, and the regions of all EMVs, by the EMV's id."""
+
+    units: Mapping[int, YieldUnit] = field(default_factory=dict)
+    drivers: Mapping[int, Driver] = field(default_factory=dict)
+    regions: Mapping[int, Region] = field(default_factory=dict)
+    actors: ActorTable = field(default_factory=ActorTable.empty)
+
+    @classmethod
+    def initial(cls) -> "YieldState":
+        """Before the first step."""
+        return cls()
+
+
+@dataclass(frozen=True, eq=False)
+class _EmvScene:
+    """One EMV at one step with the way from it to every vehicle."""
+
+    row: int
+    members: Ids
+    way_m: Floats
+    """Along the lanes that the EMV will drive on (L2) or any lane of its road (L3); infinite elsewhere."""
+    on_road: npt.NDArray[np.bool_]
+
+
+def step_yield(state: YieldState, traffic: TrafficState, world: BehaviourWorld) -> tuple[YieldState, VehicleCommands]:
+    """One step of all civilians.
+
+    Args:
+        state: Latched state.
+        traffic: SUMO's state and the simulated poses.
+        world: Level, preset, constants and road network.
+
+    Returns:
+        The next state, and one row per civilian in any phase of a yield: owned by ROS while the navigator drives,
+        by SUMO while the driver reacts, waits for a gap or keeps its new lane.
+    """
+    actors = state.actors.updated(traffic)
+    if world.policy.response is CivilianResponse.NOMINAL:
+        return YieldState(actors=actors), VehicleCommands.empty(traffic.step, SOURCE)
+    view = StepView(world, traffic, Surroundings.seen(traffic, actors), actors)
+    regions, scenes = _regions(state, view)
+    units = dict(state.units)
+    drivers = dict(state.drivers)
+    events: list[Event] = list(_notice(units, drivers, scenes, view))
+    commands: dict[int, tuple[YieldUnit, DriveCommand | None]] = {}
+    left: dict[int, YieldUnit] = {}
+    ids = np.array(sorted(units), dtype=np.uint32)
+    for actor_id, row in zip(ids.tolist(), rows_of_ids(traffic.actor_id, ids).tolist(), strict=True):
+        if row < 0:
+            continue
+        outcome = _step_unit(units[actor_id], row, scenes, view)
+        events.extend(outcome.events)
+        if outcome.unit is not None:
+            left[actor_id] = outcome.unit
+            if outcome.unit.phase is not Mode.NOMINAL:
+                commands[actor_id] = (outcome.unit, outcome.command)
+    return YieldState(left, drivers, regions, actors), _rows(commands, traffic.step, tuple(events))
+
+
+def _regions(state: YieldState, view: StepView) -> tuple[dict[int, Region], dict[int, _EmvScene]]:
+    constants, seen = view.world.constants, view.seen
+    regions: dict[int, Region] = {}
+    scenes: dict[int, _EmvScene] = {}
+    whole_road = view.world.policy.response is CivilianResponse.PULL_OVER
+    for row in np.flatnonzero(seen.is_emv).tolist():
+        emv_id = int(seen.actor_id[row])
+        before = state.regions.get(emv_id)
+        ahead = EmvAhead.seen(view, row, before.ahead if before is not None else None)
+        known = before.members if before is not None else np.empty(0, dtype=np.uint32)
+        members = region_members(seen, row, known, constants.region_enter_m, constants.region_leave_m)
+        regions[emv_id] = Region(ahead, members)
+        if ahead is None:
+            continue
+        lane = view.traffic.lane
+        edge_of_lane = view.world.edge_of_lane
+        way = free_way_m(view, row, ahead.road_start_m if whole_road else ahead.lane_start_m)
+        on_road = np.where(lane >= 0, ahead.road[edge_of_lane[lane]], False)
+        scenes[emv_id] = _EmvScene(row, members, way, on_road)
+    return regions, scenes
+
+
+def _notice(
+    units: dict[int, YieldUnit], drivers: dict[int, Driver], scenes: dict[int, _EmvScene], view: StepView
+) -> list[Event]:
+    """Latches the civilians that notice an EMV at this step (adds to ``units`` and ``drivers``)."""
+    world, seen = view.world, view.seen
+    events: list[Event] = []
+    flagged = (view.traffic.flags & TrafficFlags.RESCUE_LANE) != 0
+    for emv_id, scene in scenes.items():
+        candidates = np.isfinite(scene.way_m) & ~seen.is_emv
+        candidates &= (scene.way_m > -2.0 * seen.half_length_m) & (seen.actor_id != world.av_id)
+        if world.config.yielding.trigger is YieldTrigger.RESCUE_LANE:
+            candidates &= flagged
+        for row in np.flatnonzero(candidates).tolist():
+            actor_id = int(seen.actor_id[row])
+            if actor_id in units or not _is_member(scene.members, actor_id):
+                continue
+            driver = drivers.get(actor_id)
+            if driver is None:
+                driver = drivers[actor_id] = draw_driver(world.preset, world.seed, actor_id)
+            if scene.way_m[row] > driver.response_distance_m:
+                continue
+            refuses = driver.compliance is Compliance.NEVER
+            unit = YieldUnit(
+                actor_id=actor_id,
+                emv_id=emv_id,
+                driver=driver,
+                react_step=view.step + steps_from_s(driver.delay_s),
+                phase=Mode.NOMINAL if refuses else Mode.YIELD_REACTING,
+            )
+            units[actor_id] = unit
+            detail = {"way_m": float(scene.way_m[row]), "compliance": driver.compliance.value}
+            events.append(yield_event(unit, row, view, EventKind.YIELD_REQUESTED, **detail))
+    return events
+
+
+def _step_unit(unit: YieldUnit, row: int, scenes: dict[int, _EmvScene], view: StepView) -> Outcome:
+    emv = _emv_of(unit, row, scenes, view)
+    if unit.phase is Mode.NOMINAL:
+        return Outcome(None if emv.passed or not emv.in_region else unit)
+    waits = not emv.passed and emv_waits_behind(view, row, emv.row)
+    unit = replace(unit, emv_waits_steps=unit.emv_waits_steps + 1 if waits else 0)
+    return _PHASES.get(unit.phase, _before_start)(unit, row, view, emv)
+
+
+def _before_start(unit: YieldUnit, row: int, view: StepView, emv: EmvView) -> Outcome:
+    """Reacting or deferred: dropped when there is nobody left to yield to, else started when the driver is ready."""
+    off_path = 0 if emv.on_path else unit.off_path_steps + 1
+    unit = replace(unit, off_path_steps=off_path)
+    grace = steps_from_s(view.world.config.yielding.off_path_grace_s)
+    reason = "emv_passed" if emv.passed else "emv_gone" if not emv.in_region else "off_path" if off_path > grace else ""
+    if reason:
+        return Outcome(None, None, (yield_event(unit, row, view, EventKind.YIELD_CANCELLED, reason=reason),))
+    if view.step < unit.react_step:
+        return Outcome(unit)
+    if view.world.policy.response is CivilianResponse.PULL_OVER:
+        return start_pull_over(unit, row, view)
+    return start_lane_change(unit, row, view)
+
+
+_PHASES: Final[Mapping[Mode, Callable[[YieldUnit, int, StepView, EmvView], Outcome]]] = {
+    Mode.YIELD_LANE_CHANGE: change_lane,
+    Mode.YIELD_KEEP_LANE: keep_lane,
+    Mode.YIELD_PULL_OVER: pull_over,
+    Mode.YIELD_HOLD: hold,
+    Mode.REJOIN: lambda unit, row, view, _: rejoin(unit, row, view),
+}
+
+
+def _emv_of(unit: YieldUnit, row: int, scenes: dict[int, _EmvScene], view: StepView) -> EmvView:
+    scene = scenes.get(unit.emv_id)
+    if scene is None:
+        return EmvView(-1, False, False, False, False)
+    way = scene.way_m[row]
+    return EmvView(
+        row=scene.row,
+        passed=emv_fully_passed(view, row, scene.row),
+        in_region=_is_member(scene.members, unit.actor_id),
+        on_path=bool(np.isfinite(way) and way > -2.0 * view.seen.half_length_m[row]),
+        on_road=bool(scene.on_road[row]),
+    )
+
+
+def _is_member(members: Ids, actor_id: int) -> bool:
+    place = int(np.searchsorted(members, actor_id))
+    return place < len(members) and int(members[place]) == actor_id
+
+
+def _rows(
+    commands: dict[int, tuple[YieldUnit, DriveCommand | None]], step: int, events: tuple[Event, ...]
+) -> VehicleCommands:
+    rows = [(actor_id, unit, command) for actor_id, (unit, command) in commands.items()]
+    drives = [_COAST if command is None else command for _, _, command in rows]
+    owners = [Owner.SUMO if command is None else Owner.ROS for _, _, command in rows]
+    return VehicleCommands(
+        step=step,
+        source=SOURCE,
+        actor_id=np.array([actor_id for actor_id, _, _ in rows], dtype=np.uint32),
+        owner=np.array(owners, dtype=np.uint8),
+        throttle=np.array([drive.throttle for drive in drives], dtype=np.float64),
+        brake=np.array([drive.brake for drive in drives], dtype=np.float64),
+        steer_rad=np.array([drive.steer_rad for drive in drives], dtype=np.float64),
+        hand_brake=np.array([drive.hand_brake for drive in drives], dtype=np.uint8),
+        mode=np.array([unit.phase for _, unit, _ in rows], dtype=np.uint8),
+        lights=np.array([_lights(unit) for _, unit, _ in rows], dtype=np.uint8),
+        events=events,
+    )
+
+
+def _lights(unit: YieldUnit) -> int:
+    if unit.phase in {Mode.YIELD_REACTING, Mode.YIELD_KEEP_LANE} or unit.side == 0:
+        return int(Lights.NONE)
+    return int(Lights.INDICATOR_LEFT if unit.side > 0 else Lights.INDICATOR_RIGHT)

@@ -1,0 +1,232 @@
+"""Free space around a vehicle: how far its footprint stays from others at poses it may take."""
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.behaviour.driving.surroundings import Surroundings
+from siren_ros.behaviour.paths.tracked_path import TrackedPath
+from siren_ros.world.actors import NO_ACTOR, Floats, Ids
+
+_PATH_STEP_M: Final = 0.5
+_OFFSET_LENGTH_M: Final = 4.0
+"""Way over which the path tracking takes back most of an offset from the path."""
+_LEAST_WAY_M: Final = 0.2
+_TOUCH_M: Final = 0.03
+"""Nearer than this the bodies count as touching."""
+_TOLERANCE_M: Final = 0.01
+"""A vehicle that is nearer than the clearance already may come this much nearer still: the noise of the tracking."""
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacles:
+    """Oriented boxes of actors, each array of shape ``(M,)``; frame ``map``."""
+
+    actor_id: Ids
+    x_m: Floats
+    y_m: Floats
+    cos: Floats
+    sin: Floats
+    half_length_m: Floats
+    half_width_m: Floats
+
+    @classmethod
+    def swept(cls, seen: Surroundings, rows: npt.NDArray[np.intp], time_s: Floats) -> "Obstacles":
+        """The footprints of vehicles, drawn out ahead by what each goes in a time of its own at constant speed."""
+        half_sweep = 0.5 * time_s * seen.speed_mps[rows]
+        cos, sin = seen.cos[rows], seen.sin[rows]
+        return cls(
+            actor_id=seen.actor_id[rows],
+            x_m=seen.x_m[rows] + cos * half_sweep,
+            y_m=seen.y_m[rows] + sin * half_sweep,
+            cos=cos,
+            sin=sin,
+            half_length_m=seen.half_length_m[rows] + half_sweep,
+            half_width_m=seen.half_width_m[rows],
+        )
+
+    def take(self, rows: npt.NDArray[np.intp] | npt.NDArray[np.bool_]) -> "Obstacles":
+        """Some of the boxes."""
+        return Obstacles(
+            self.actor_id[rows],
+            self.x_m[rows],
+            self.y_m[rows],
+            self.cos[rows],
+            self.sin[rows],
+            self.half_length_m[rows],
+            self.half_width_m[rows],
+        )
+
+    def __len__(self) -> int:
+        """Number of boxes."""
+        return len(self.x_m)
+
+
+@dataclass(frozen=True)
+class Body:
+    """Half the size of a footprint."""
+
+    half_length_m: float
+    half_width_m: float
+
+    @classmethod
+    def of(cls, seen: Surroundings, row: int) -> "Body":
+        """The body in a row."""
+        return cls(float(seen.half_length_m[row]), float(seen.half_width_m[row]))
+
+
+def separations_m(x_m: Floats, y_m: Floats, yaw_rad: Floats, body: Body, obstacles: Obstacles) -> Floats:
+    """Largest gap along a separating axis between a body at some poses and each obstacle.
+
+    It is a lower bound of the distance, and negative where the boxes overlap (separating axis theorem).
+
+    Args:
+        x_m: Of the body's centre, any shape that broadcasts with the others.
+        y_m: As ``x_m``.
+        yaw_rad: As ``x_m``.
+        body: Size of the body.
+        obstacles: ``M`` boxes.
+
+    Returns:
+        Array of the poses' common shape with an axis of length ``M`` added.
+    """
+    dx, dy = obstacles.x_m - x_m[..., None], obstacles.y_m - y_m[..., None]
+    cos, sin = np.cos(yaw_rad)[..., None], np.sin(yaw_rad)[..., None]
+    turn_cos = np.abs(cos * obstacles.cos + sin * obstacles.sin)
+    turn_sin = np.abs(cos * obstacles.sin - sin * obstacles.cos)
+    length, width = obstacles.half_length_m, obstacles.half_width_m
+    gap = np.abs(cos * dx + sin * dy) - (body.half_length_m + turn_cos * length + turn_sin * width)
+    aside = np.abs(cos * dy - sin * dx) - (body.half_width_m + turn_sin * length + turn_cos * width)
+    np.maximum(gap, aside, out=gap)
+    own_along = turn_cos * body.half_length_m + turn_sin * body.half_width_m
+    own_across = turn_sin * body.half_length_m + turn_cos * body.half_width_m
+    np.maximum(gap, np.abs(obstacles.cos * dx + obstacles.sin * dy) - (length + own_along), out=gap)
+    np.maximum(gap, np.abs(obstacles.cos * dy - obstacles.sin * dx) - (width + own_across), out=gap)
+    return np.asarray(gap, dtype=np.float64)
+
+
+def clearances_m(
+    x_m: Floats, y_m: Floats, yaw_rad: Floats, body: Body, obstacles: Obstacles, present_m: Floats
+) -> Floats:
+    """Least distance of a body from all obstacles at some poses; infinite without obstacles.
+
+    Args:
+        x_m: As for ``separations_m``.
+        y_m: As for ``separations_m``.
+        yaw_rad: As for ``separations_m``.
+        body: Size of the body.
+        obstacles: ``M`` boxes.
+        present_m: Distance from each obstacle at present, shape ``(M,)``: an obstacle does not count at poses that
+            are no nearer to it.
+    """
+    gap = separations_m(x_m, y_m, yaw_rad, body, obstacles)
+    gap = np.where(gap >= present_m - _TOLERANCE_M, np.inf, gap)
+    return np.asarray(gap.min(axis=-1, initial=np.inf), dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class SpeedLimit:
+    """How fast one may drive towards narrow places."""
+
+    speed_mps: float = math.inf
+    brake_mps2: float = 0.0
+    """Deceleration that is needed at least."""
+    blocker_id: int = NO_ACTOR
+    """The actor whom the body cannot pass."""
+    free_m: float = math.inf
+    """Way to that actor."""
+
+
+@dataclass(frozen=True, eq=False)
+class FreeWay:
+    """How near a body comes to obstacles along a path."""
+
+    way_m: Floats
+    """Places ahead of the body, shape ``(K,)``."""
+    gap_m: Floats
+    """Distance from each obstacle at each place, shape ``(K, M)``."""
+    credit_m: Floats
+    """Way that each obstacle will have gone before it can stand, shape ``(M,)``."""
+    actor_id: Ids
+    """Of the obstacles."""
+
+    @classmethod
+    def along(
+        cls,
+        path: TrackedPath,
+        pose: tuple[float, float, float],
+        centre_ahead_m: float,
+        reach_m: float,
+        body: Body,
+        obstacles: Obstacles,
+        credit_m: Floats,
+    ) -> "FreeWay":
+        """The free way of a body on a path.
+
+        Args:
+            path: Path of the body's centre.
+            pose: Arc length of its foot, its offset (left positive) and its yaw; it gains the path on the way.
+            centre_ahead_m: From the rear axle to the body's centre, which in bends does not point along its path.
+            reach_m: How far to look.
+            body: Size of the body.
+            obstacles: What may be in the way.
+            credit_m: Way that each obstacle will have gone before it can stand, shape ``(M,)``.
+        """
+        progress, left, yaw = pose
+        end = min(progress + reach_m, path.length_m)
+        s = np.arange(progress, max(end, progress) + _PATH_STEP_M, _PATH_STEP_M)
+        heading = path.curve.heading_at(s) - np.arctan(centre_ahead_m * path.curve.curvature_at(s))
+        fading = np.exp(-(s - progress) / _OFFSET_LENGTH_M)
+        place = path.curve.offset_at(s, left * fading)
+        heading = heading + math.remainder(yaw - float(heading[0]), 2.0 * math.pi) * fading
+        gap = separations_m(place[:, 0], place[:, 1], heading, body, obstacles)
+        return cls(s - progress, gap, credit_m, obstacles.actor_id)
+
+    def until_m(self, clearance_m: float) -> float:
+        """Way before the body comes nearer than a clearance to an obstacle, infinite where it does not."""
+        return float(self._first_m(self.gap_m < clearance_m).min(initial=np.inf))
+
+    @property
+    def free_m(self) -> float:
+        """Way before the body would touch an obstacle; those that it touches already count where it comes nearer."""
+        return float(self._stopping_m(_TOUCH_M).min(initial=np.inf))
+
+    def _stopping_m(self, clearance_m: float) -> Floats:
+        return self._first_m(self.gap_m < np.minimum(clearance_m, self.gap_m[0] - _TOLERANCE_M))
+
+    def _first_m(self, hits: npt.NDArray[np.bool_]) -> Floats:
+        """Way to each obstacle's first hit, shape ``(M,)``; infinite where it has none."""
+        return np.where(hits.any(axis=0), self.way_m[np.argmax(hits, axis=0)] + self.credit_m, np.inf)
+
+    def limit(
+        self,
+        speed_mps: float,
+        squeezes: tuple[tuple[float, float], ...],
+        stop_short_m: float,
+        brake_mps2: float,
+        clearance_m: float = _TOUCH_M,
+    ) -> SpeedLimit:
+        """Speed from which one can slow down for tight places and stop before impassable ones.
+
+        Args:
+            speed_mps: Present speed.
+            squeezes: Margins, the wider first, and the speeds that they allow.
+            stop_short_m: Distance kept from an impassable place.
+            brake_mps2: Deceleration that is laid out for.
+            clearance_m: Margin below which a place counts as impassable.
+        """
+        narrow = [(self.until_m(wide), tight) for (wide, _), (_, tight) in pairwise(squeezes)]
+        stopping = self._stopping_m(clearance_m)
+        free = float(stopping.min(initial=np.inf))
+        narrow.append((free - stop_short_m, 0.0))
+        limit, brake = math.inf, 0.0
+        for way, slow in narrow:
+            if way < math.inf:
+                limit = min(limit, math.sqrt(slow * slow + 2.0 * brake_mps2 * max(way, 0.0)))
+                brake = max(brake, (speed_mps**2 - slow * slow) / (2.0 * max(way, _LEAST_WAY_M)))
+        blocker = int(self.actor_id[np.argmin(stopping)]) if free < math.inf else NO_ACTOR
+        return SpeedLimit(limit, brake if brake > brake_mps2 else 0.0, blocker, free)

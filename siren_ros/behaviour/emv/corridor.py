@@ -1,0 +1,200 @@
+"""Guard 2 of the EMV: ``copy_sumo``, the rescue corridor between the leftmost lane and its right neighbour."""
+
+import math
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from siren_ros.behaviour.driving.situation import StepView
+from siren_ros.behaviour.emv.forced_lane_change import Outcome, cancel_lane_change
+from siren_ros.behaviour.emv.route import best_lane, present_lane
+from siren_ros.behaviour.emv.unit import NEVER, EmvUnit, advice_of, event_of
+from siren_ros.behaviour.paths.curve import Curve
+from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, lanes_along, path_on_lanes, road_limits
+from siren_ros.behaviour.paths.nearest_on_lane import lane_foot
+from siren_ros.behaviour.paths.path_blend import along_reference, blend_length_m, quintic_offsets
+from siren_ros.numerics.units import steps_from_s
+from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
+from siren_ros.world.actors import Floats, Lights
+from siren_ros.world.events import EventKind
+from siren_ros.world.traffic_state import Indices
+
+_STANDING_MPS: Final = 0.5
+_ROAD_HALF_WIDTH_M: Final = 8.0
+_SAME_DIRECTION: Final = 0.5
+"""Cosine above which a vehicle counts as one of the EMV's own direction."""
+_RIGHT_TURNS: Final = frozenset({"r", "R"})
+_MERGE_S: Final = 1.5
+_MERGE_MIN_M: Final = 8.0
+
+
+def corridor_mode(unit: EmvUnit, row: int, view: StepView) -> Outcome:
+    """Whether ``copy_sumo`` is active: vehicles form a rescue lane, or brake ahead of the EMV.
+
+    It is active at once, and ends when neither has been the case for a while; entering cancels a forced lane change.
+    """
+    advice = advice_of(view, unit.actor_id)
+    wanted = (advice is not None and advice.rescue_count > 0) or braking_ahead(unit, row, view)
+    if wanted:
+        unit = replace(unit, corridor_seen_step=view.step)
+        if unit.corridor:
+            return unit, ()
+        unit, cancelled = cancel_lane_change(unit, row, view, "corridor")
+        return replace(unit, corridor=True), (*cancelled, event_of(view, row, EventKind.CORRIDOR_ENTERED))
+    patience = steps_from_s(view.world.config.corridor.leave_after_s)
+    if unit.corridor and view.step - unit.corridor_seen_step >= patience:
+        left = replace(unit, corridor=False, plan=None, corridor_planned_step=NEVER)
+        return left, (event_of(view, row, EventKind.CORRIDOR_LEFT),)
+    return unit, ()
+
+
+def braking_ahead(unit: EmvUnit, row: int, view: StepView) -> bool:
+    """Whether a vehicle of the EMV's direction brakes or stands on the road ahead, within the corridor's length."""
+    path = unit.navigator.path
+    if path is None:
+        return False
+    seen, traffic = view.seen, view.traffic
+    config = view.world.config.corridor
+    x, y, _ = view.pose(row)
+    rows = seen.near(x, y, config.length_m, but=row)
+    if len(rows) == 0:
+        return False
+    brakes = (
+        ((traffic.lights[rows] & Lights.BRAKE) != 0)
+        | (seen.speed_mps[rows] < _STANDING_MPS)
+        | (traffic.sumo_accel_mps2[rows] < config.braking_accel_mps2)
+    )
+    rows = rows[brakes]
+    s, left, nearest = path.curve.project(seen.x_m[rows], seen.y_m[rows])
+    same = np.cos(seen.yaw_rad[rows] - path.curve.heading_rad[nearest]) > _SAME_DIRECTION
+    ahead = s - unit.navigator.progress_m
+    return bool(np.any(same & (ahead > 0.0) & (s < path.length_m) & (np.abs(left) < _ROAD_HALF_WIDTH_M)))
+
+
+def corridor_path(unit: EmvUnit, row: int, view: StepView) -> EmvUnit:
+    """The EMV with the copied corridor as its path, renewed as the vehicles beside it move."""
+    config = view.world.config.corridor
+    if view.step - unit.corridor_planned_step < steps_from_s(config.replan_s) and unit.navigator.path is not None:
+        return unit
+    network = view.world.network
+    route = view.traffic.route_of_row(row)
+    lane = present_lane(view, row, unit.navigator)
+    if lane == NO_LANE:
+        return unit
+    lane = corridor_lane(network, lane, route)
+    x, y, yaw = view.pose(row)
+    position = lane_foot(network.lanes[lane].centre, x, y)[0]
+    lanes, end = lanes_along(network, lane, position, route, config.length_m)
+    reference = path_on_lanes(network, lanes, end, position - 2.0, config.length_m + 2.0)
+    s0, d0 = reference.curve.project_one(x, y)
+    count = max(3, math.ceil(reference.curve.length_m - s0) + 1)
+    s = np.linspace(s0, max(reference.curve.length_m, s0 + 2.0), count)
+    target = corridor_offsets(reference, s, row, view)
+    heading = float(reference.curve.heading_at(np.array([s0]))[0])
+    slope = math.tan(max(-0.5, min(0.5, math.remainder(yaw - heading, 2.0 * math.pi))))
+    slope -= float(target[1] - target[0]) / float(s[1] - s[0])
+    navigator_config = view.navigator_config(row)
+    speed = float(view.seen.speed_mps[row])
+    merge = max(_MERGE_MIN_M, blend_length_m(d0 - float(target[0]), speed, _MERGE_S, 0.0, navigator_config))
+    offsets = target + quintic_offsets((s - s0) / merge, d0 - float(target[0]), slope * merge, 0.0)
+    curve = Curve.through(reference.curve.offset_at(s, offsets))
+    stop = reference.end in {LaneEnd.ROUTE, LaneEnd.ASTRAY}
+    path = along_reference(curve, reference, s, navigator_config, merge, stop)
+    navigator = unit.navigator.following(path, x, y)
+    return replace(unit, navigator=navigator, plan=None, corridor_planned_step=view.step)
+
+
+def corridor_lane(network: RoadNetwork, lane: int, route: Indices) -> int:
+    """The lane whose line the corridor is measured from.
+
+    Before a right turn that a shoulder leads into, the corridor is the shoulder: the other vehicles stand in the
+    driving lanes. Elsewhere it is the lane that serves the route best.
+    """
+    edge = network.edges[network.lanes[lane].edge]
+    if len(route) > 1 and edge.index == int(route[0]):
+        for shoulder in (network.lanes[item] for item in edge.lanes):
+            if shoulder.kind is LaneKind.SHOULDER and shoulder.emergency_allowed:
+                turns = network.connections_from.get(shoulder.index, ())
+                if any(c.direction in _RIGHT_TURNS and network.lanes[c.to_lane].edge == int(route[1]) for c in turns):
+                    return shoulder.index
+    return best_lane(network, lane, route)
+
+
+def corridor_offsets(reference: LanePath, s_m: Floats, row: int, view: StepView) -> Floats:
+    """Where the corridor's middle lies beside a reference line.
+
+    It starts from the line between the leftmost lane and its right neighbour (SUMO's rescue lane) and moves to the
+    middle of what the vehicles on both sides leave, or away from those on one side; on a road of one lane, to the
+    side that they leave free.
+
+    Args:
+        reference: Line along the EMV's lanes.
+        s_m: Increasing arc lengths on it, shape ``(K,)``.
+        row: The EMV's row.
+        view: The step.
+
+    Returns:
+        Offsets, left positive, shape ``(K,)``.
+    """
+    config, seen = view.world.config.corridor, view.seen
+    base = _boundary_offsets(reference, s_m, view.world.network)
+    x, y, _ = view.pose(row)
+    rows = seen.near(x, y, config.length_m + 10.0, but=row)
+    if len(rows) == 0:
+        return base
+    curve = reference.curve
+    place, left, nearest = curve.project(seen.x_m[rows], seen.y_m[rows])
+    turned = seen.yaw_rad[rows] - curve.heading_rad[nearest]
+    cos, sin = np.abs(np.cos(turned)), np.abs(np.sin(turned))
+    near = (np.abs(left) < _ROAD_HALF_WIDTH_M) & (place > s_m[0]) & (place < s_m[-1])
+    place, left = place[near], left[near]
+    extent = (cos * seen.half_length_m[rows] + sin * seen.half_width_m[rows])[near] + config.influence_m
+    side = (sin * seen.half_length_m[rows] + cos * seen.half_width_m[rows])[near]
+    beside = np.abs(s_m[:, None] - place) < extent
+    on_left = left > np.interp(place, s_m, base)
+    room = float(seen.half_width_m[row]) + config.side_clearance_m
+    high = np.min(np.where(beside & on_left, left - side, np.inf), axis=1, initial=np.inf) - room
+    low = np.max(np.where(beside & ~on_left, left + side, -np.inf), axis=1, initial=-np.inf) + room
+    both = np.isfinite(high) & np.isfinite(low)
+    middle = np.where(both, 0.5 * (np.where(both, high, 0.0) + np.where(both, low, 0.0)), 0.0)
+    target = np.where(both, middle, np.maximum(np.minimum(base, high), low))
+    road, half_width = road_limits(view.world.network, reference.lanes[0]), float(seen.half_width_m[row])
+    target = np.clip(target, road.right_m + half_width, road.left_m + max(road.opposite_m, half_width) - half_width)
+    return _smooth(target, int(config.influence_m))
+
+
+def _boundary_offsets(reference: LanePath, s_m: Floats, network: RoadNetwork) -> Floats:
+    """Offset of the line between the two leftmost lanes, bridged across junctions; 0 on roads of one lane."""
+    lane_of = reference.lane_at(s_m)
+    offset = np.full(len(s_m), np.nan)
+    for lane in dict.fromkeys(lane_of.tolist()):
+        if network.lanes[lane].kind is not LaneKind.INTERNAL:
+            offset[lane_of == lane] = _boundary_of(network, lane)
+    known = np.isfinite(offset)
+    if not known.any():
+        return np.zeros(len(s_m))
+    return _smooth(np.interp(s_m, s_m[known], offset[known]), 5)
+
+
+def _boundary_of(network: RoadNetwork, lane: int) -> float:
+    found = network.lanes[lane]
+    if found.kind is LaneKind.SHOULDER:
+        return 0.0
+    driving = [
+        network.lanes[item] for item in network.edges[found.edge].lanes if network.lanes[item].kind is LaneKind.DRIVING
+    ]
+    if len(driving) < 2:
+        return 0.0
+    leftmost = driving[-1].position
+    if found.position >= leftmost:
+        return -0.5 * found.width_m
+    between = sum(item.width_m for item in driving if found.position < item.position < leftmost)
+    return 0.5 * found.width_m + between
+
+
+def _smooth(values: Floats, radius: int) -> Floats:
+    if radius < 1 or len(values) <= 2 * radius:
+        return values
+    taps = np.hanning(2 * radius + 3)[1:-1]
+    return np.convolve(np.pad(values, radius, mode="edge"), taps / taps.sum(), mode="valid")

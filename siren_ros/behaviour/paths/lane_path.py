@@ -1,0 +1,240 @@
+"""Reference lines along the lanes of a route, through junctions."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+import numpy as np
+
+from siren_ros.behaviour.paths.curve import SMOOTHING_M, Curve
+from siren_ros.numerics.polyline import Polyline
+from siren_ros.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
+from siren_ros.world.actors import Floats
+from siren_ros.world.traffic_state import Indices
+
+_EDGES_AHEAD: Final = 8
+"""How many edges of a route the choice of lanes looks at."""
+_FAR: Final = 99
+
+
+class LaneEnd(StrEnum):
+    """Why a reference line ends where it ends."""
+
+    HORIZON = "horizon"
+    """Far enough."""
+    ROUTE = "route"
+    """The route ends."""
+    ASTRAY = "astray"
+    """The lane does not lead to the route's next edge."""
+    JUNCTION = "junction"
+    """A junction begins at which the traffic rules would decide."""
+
+
+@dataclass(frozen=True, eq=False)
+class LanePath:
+    """A reference line along consecutive lanes, internal ones included."""
+
+    lanes: tuple[int, ...]
+    """From the first lane on."""
+    start_m: Floats
+    """Arc length on the curve at which each lane begins, shape of ``lanes``; negative where it begins before."""
+    curve: Curve
+    end: LaneEnd
+
+    def lane_at(self, s_m: Floats) -> Indices:
+        """Lanes below arc lengths."""
+        order = np.clip(np.searchsorted(self.start_m, s_m, side="right") - 1, 0, len(self.lanes) - 1)
+        return np.asarray(self.lanes, dtype=np.int32)[order]
+
+    def lane_end_m(self) -> float:
+        """Arc length at which the last lane ends."""
+        return self.curve.length_m
+
+
+def changes_needed(network: RoadNetwork, route: Indices, civilian: bool) -> list[dict[int, int]]:
+    """How many lane changes each lane of each of the route's next edges needs to follow the route.
+
+    Returns:
+        For each of the first edges a mapping from lane index to the number of changes; lanes from which the route
+        cannot be followed at all are missing.
+    """
+    edges = route[:_EDGES_AHEAD].tolist()
+    needed: list[dict[int, int]] = []
+    after: dict[int, int] | None = None
+    for edge in reversed(edges):
+        lanes = [lane for lane in network.edges[edge].lanes if _usable(network, lane, civilian)]
+        if after is None:
+            straight_on = dict.fromkeys(lanes, 0)
+        else:
+            straight_on = {}
+            for lane in lanes:
+                costs = [after[c.to_lane] for c in network.connections_from.get(lane, ()) if c.to_lane in after]
+                if costs:
+                    straight_on[lane] = min(costs)
+        position = {lane: network.lanes[lane].position for lane in lanes}
+        after = {
+            lane: min(cost + abs(position[lane] - position[other]) for other, cost in straight_on.items())
+            for lane in lanes
+            if straight_on
+        }
+        needed.append(after)
+    return needed[::-1]
+
+
+def _usable(network: RoadNetwork, lane: int, civilian: bool) -> bool:
+    found = network.lanes[lane]
+    return found.civilian_allowed if civilian else found.emergency_allowed
+
+
+def connection_along(
+    network: RoadNetwork, lane: int, next_edge: int, needed_after: dict[int, int]
+) -> Connection | None:
+    """The movement from a lane to the next edge that needs the fewest lane changes afterwards."""
+    choices = [c for c in network.connections_from.get(lane, ()) if network.lanes[c.to_lane].edge == next_edge]
+    if not choices:
+        return None
+    return min(choices, key=lambda c: (needed_after.get(c.to_lane, _FAR), network.lanes[c.to_lane].position))
+
+
+def connection_of_internal(network: RoadNetwork, lane: int, route: Indices) -> Connection | None:
+    """The movement that an internal lane belongs to, the one along the route where several share it."""
+    edges = set(route[:3].tolist())
+    fallback = None
+    for connection in network.connections:
+        if lane in connection.via:
+            if network.lanes[connection.to_lane].edge in edges:
+                return connection
+            fallback = fallback or connection
+    return fallback
+
+
+def is_plain_joint(network: RoadNetwork, connection: Connection) -> bool:
+    """Whether a movement only joins two pieces of one road: no signal, no stop sign, no other road."""
+    return (
+        connection.signal_id is None
+        and not connection.must_stop
+        and connection.direction == "s"
+        and len(network.connections_from.get(connection.from_lane, ())) == 1
+        and len(network.connections_to.get(connection.to_lane, ())) == 1
+        and sum(network.lanes[lane].length_m for lane in connection.via) < 8.0
+    )
+
+
+def lanes_along(
+    network: RoadNetwork,
+    lane: int,
+    position_m: float,
+    route: Indices,
+    ahead_m: float,
+    civilian: bool = False,
+    through_junctions: bool = True,
+) -> tuple[tuple[int, ...], LaneEnd]:
+    """Lanes to drive on from a place along a route.
+
+    Args:
+        network: Road network.
+        lane: Present lane, which may be internal.
+        position_m: Place on it.
+        route: Edges from the present one (or the one before the junction) on.
+        ahead_m: How far to look.
+        civilian: Whether only lanes open to civilians may be used.
+        through_junctions: Whether to go on beyond joints that are more than two pieces of one road.
+    """
+    lanes = [lane]
+    left = network.lanes[lane].length_m - position_m
+    edges = route.tolist()
+    needed = changes_needed(network, route, civilian)
+    present = network.lanes[lane].edge
+    if network.edges[present].internal:
+        inside = connection_of_internal(network, lane, route)
+        if inside is None:
+            return tuple(lanes), LaneEnd.ASTRAY
+        rest = (*inside.via[inside.via.index(lane) + 1 :], inside.to_lane)
+        lanes.extend(rest)
+        left += sum(network.lanes[item].length_m for item in rest)
+        lane = inside.to_lane
+        present = network.lanes[lane].edge
+    while left < ahead_m:
+        step = edges.index(present) if present in edges else -1
+        if step < 0:
+            return tuple(lanes), LaneEnd.ASTRAY
+        if step + 1 >= len(edges):
+            return tuple(lanes), LaneEnd.ROUTE
+        later = needed[step + 1] if step + 1 < len(needed) else {}
+        connection = connection_along(network, lane, edges[step + 1], later)
+        if connection is None:
+            return tuple(lanes), LaneEnd.ASTRAY
+        if not through_junctions and not is_plain_joint(network, connection):
+            return tuple(lanes), LaneEnd.JUNCTION
+        lane = connection.to_lane
+        present = network.lanes[lane].edge
+        edges = edges[step + 1 :]
+        needed = needed[step + 1 :]
+        lanes.extend((*connection.via, lane))
+        left += sum(network.lanes[item].length_m for item in (*connection.via, lane))
+    return tuple(lanes), LaneEnd.HORIZON
+
+
+def path_on_lanes(
+    network: RoadNetwork, lanes: tuple[int, ...], end: LaneEnd, from_m: float, ahead_m: float
+) -> LanePath:
+    """The smoothed reference line along lanes.
+
+    Args:
+        network: Road network.
+        lanes: Consecutive lanes.
+        end: Why the lanes end.
+        from_m: Arc length on the first lane at which the line begins; negative extends it straight backwards.
+        ahead_m: Greatest length of the line from ``from_m`` on.
+    """
+    parts = [network.lanes[lane].centre for lane in lanes]
+    whole = Polyline.joined(parts)
+    lengths = np.array([part.length_m for part in parts])
+    starts = np.concatenate(([0.0], np.cumsum(lengths)[:-1])) * (whole.length_m / max(lengths.sum(), 1e-6))
+    to_m = min(whole.length_m, from_m + ahead_m)
+    to_m = max(to_m, from_m + 2.0)
+    curve = Curve.through(whole.cut(from_m, to_m).points, SMOOTHING_M)
+    scale = curve.length_m / (to_m - from_m)
+    reached = to_m >= whole.length_m - 1e-6
+    return LanePath(lanes, (starts - from_m) * scale, curve, end if reached else LaneEnd.HORIZON)
+
+
+def neighbour_lane(network: RoadNetwork, lane: int, side: int) -> int:
+    """Index of the lane beside a lane (+1 left, −1 right), ``NO_LANE`` where there is none."""
+    found = network.neighbour(network.lanes[lane], side)
+    return NO_LANE if found is None else found.index
+
+
+@dataclass(frozen=True)
+class RoadLimits:
+    """Sides of the road beside a lane's centre line, left positive."""
+
+    right_m: float
+    """Right edge of all lanes that an EMV may use."""
+    driving_right_m: float
+    """Right edge without a shoulder."""
+    left_m: float
+    opposite_m: float
+    """Width of the nearest opposite lane, 0 without one."""
+    opposite_road_m: float
+    """Width of all opposite driving lanes."""
+
+
+def road_limits(network: RoadNetwork, lane: int) -> RoadLimits:
+    """How far the road reaches to both sides of a lane."""
+    found = network.lanes[lane]
+    edge = network.edges[found.edge]
+    lanes = [network.lanes[item] for item in edge.lanes if network.lanes[item].emergency_allowed]
+    right = -0.5 * found.width_m - sum(item.width_m for item in lanes if item.position < found.position)
+    left = 0.5 * found.width_m + sum(item.width_m for item in lanes if item.position > found.position)
+    ends = (edge.to_junction, edge.from_junction)
+    opposite = next(
+        (
+            [network.lanes[item].width_m for item in other.lanes if network.lanes[item].kind is LaneKind.DRIVING]
+            for other in network.edges
+            if (other.from_junction, other.to_junction) == ends and not other.internal and not edge.internal
+        ),
+        [],
+    )
+    shoulders = sum(item.width_m for item in lanes if item.kind is LaneKind.SHOULDER)
+    return RoadLimits(right, right + shoulders, left, opposite[-1] if opposite else 0.0, sum(opposite))

@@ -1,0 +1,73 @@
+"""A path that the navigator can follow: a smooth curve with the lanes below it and its speed limit."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from siren_ros.behaviour.config import NavigatorConfig
+from siren_ros.behaviour.paths.curve import Curve
+from siren_ros.roads.road_network import NO_LANE
+from siren_ros.world.actors import Floats
+from siren_ros.world.traffic_state import Indices
+
+_THREE: Final = np.full(3, 1.0 / 3.0)
+_CREEP_MPS: Final = 1.5
+"""The steering keeps up with any path at this speed well enough."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedPath:
+    """Where the footprint's centre shall go."""
+
+    curve: Curve
+    lane: Indices
+    """Lane below each point of the curve, ``NO_LANE`` off the lanes; shape ``(K,)``."""
+    speed_cap_sq: Floats
+    """Square of the speed that curves ahead and the path's end allow, shape ``(K,)``, m²/s²."""
+    settled_m: float
+    """Arc length from which the path follows its reference line without lateral movement."""
+
+    @property
+    def length_m(self) -> float:
+        """Length of the path."""
+        return self.curve.length_m
+
+    def lane_at(self, s_m: float) -> int:
+        """Lane below an arc length."""
+        i = min(max(round(s_m / self.curve.spacing_m), 0), len(self.lane) - 1)
+        return int(self.lane[i])
+
+    def speed_cap_mps(self, s_m: float) -> float:
+        """Speed allowed at an arc length; beyond the end that of the end."""
+        place = min(max(s_m / self.curve.spacing_m, 0.0), len(self.speed_cap_sq) - 1.0)
+        i = min(int(place), len(self.speed_cap_sq) - 2)
+        low, high = self.speed_cap_sq[i : i + 2].tolist()
+        return float(max(low + (place - i) * (high - low), 0.0)) ** 0.5
+
+    @classmethod
+    def of(
+        cls,
+        curve: Curve,
+        config: NavigatorConfig,
+        lane: Indices | None = None,
+        settled_m: float = 0.0,
+        stop_at_end: bool = True,
+    ) -> "TrackedPath":
+        """The path along a curve, slow enough for its bends and, where wanted, to stop at its end.
+
+        The speed limit solves v² ≤ a_lat/κ, v ≤ κ̇/κ' (what the steering can follow) and
+        v²(s) ≤ v²(s') + 2·b·(s' − s) for all s' ≥ s.
+        """
+        bend = np.abs(curve.curvature_1pm)
+        local = config.lateral_accel_mps2 / np.maximum(bend, 1e-4)
+        winding = np.convolve(np.abs(np.gradient(curve.curvature_1pm, curve.spacing_m)), _THREE, mode="same")
+        steered = config.curvature_rate_1pms / np.maximum(winding, 1e-5)
+        local = np.minimum(local, np.maximum(steered, _CREEP_MPS) ** 2)
+        if stop_at_end:
+            local = np.concatenate((local[:-1], [0.0]))
+        braking = 2.0 * config.comfort_brake_mps2 * curve.spacing_m * np.arange(len(local))
+        cap = np.minimum.accumulate((local + braking)[::-1])[::-1] - braking
+        if lane is None:
+            lane = np.full(len(cap), NO_LANE, dtype=np.int32)
+        return cls(curve=curve, lane=lane, speed_cap_sq=cap, settled_m=settled_m)

@@ -1,0 +1,1 @@
+"""Trajectory prediction by the paper's protocol."""

@@ -1,0 +1,192 @@
+"""Samples for trajectory prediction: what a predictor may see, and apart from it the future that it is scored on."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.datasets.trajectory_csv import LOG_PERIOD_STEPS
+from siren_ros.errors import BagError
+from siren_ros.evaluation.prediction.prediction_window import HistoryWindow, future_offsets
+from siren_ros.judging.lane_location import sumo_lanes
+from siren_ros.recording.episode_record import EpisodeRecord, StateRows
+from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.world.actors import Floats, Ids
+from siren_ros.world.traffic_state import Indices
+
+Rows = npt.NDArray[np.intp]
+Flags = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class ObservedActors:
+    """Everybody who is there at the frames of a batch, with the past: M rows, sorted by frame and then by actor.
+
+    H points of history, the present last and always observed; the other values of a point that was not observed
+    are 0. Frame ``map``, footprint centres.
+    """
+
+    frame: Rows
+    """Position in ``SampleBatch.step`` of each row, shape ``(M,)``."""
+    actor_id: Ids
+    is_emv: Flags
+    length_m: Floats
+    width_m: Floats
+    sumo_lane: Indices
+    """SUMO's lane at the present, NO_LANE off the road; shape ``(M,)``."""
+    observed: Flags
+    """Shape ``(M, H)``."""
+    xy_m: Floats
+    """Shape ``(M, H, 2)``."""
+    velocity_mps: Floats
+    """Recorded velocity, shape ``(M, H, 2)``."""
+    yaw_rad: Floats
+    """Shape ``(M, H)``."""
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+
+@dataclass(frozen=True)
+class SampleBatch:
+    """All samples of one episode: N vehicles at a present, nothing of their future.
+
+    A sample is a row of ``actors``; its neighbours are the other rows of the same frame.
+    """
+
+    network: RoadNetwork
+    window: HistoryWindow
+    step: npt.NDArray[np.int64]
+    """Step of each of the F frames, increasing."""
+    frame_offset: Rows
+    """Shape ``(F + 1,)``: frame f's actors are the rows ``frame_offset[f]:frame_offset[f + 1]``."""
+    actors: ObservedActors
+    target: Rows
+    """Row of ``actors`` of each sample, shape ``(N,)``."""
+
+    def __len__(self) -> int:
+        return len(self.target)
+
+    @property
+    def xy_m(self) -> Floats:
+        """Present positions of the samples, shape ``(N, 2)``."""
+        return self.actors.xy_m[self.target, -1]
+
+    @property
+    def velocity_mps(self) -> Floats:
+        """Present velocities of the samples, shape ``(N, 2)``."""
+        return self.actors.velocity_mps[self.target, -1]
+
+    @property
+    def yaw_rad(self) -> Floats:
+        """Present headings of the samples, shape ``(N,)``."""
+        return self.actors.yaw_rad[self.target, -1]
+
+    def neighbours(self) -> tuple[Rows, Rows]:
+        """All pairs of a sample and another actor of its frame: sample numbers and rows of ``actors``.
+
+        Sorted by sample and then by actor.
+        """
+        frame = self.actors.frame[self.target]
+        first = self.frame_offset[frame]
+        count = self.frame_offset[frame + 1] - first
+        sample = np.repeat(np.arange(len(self), dtype=np.intp), count)
+        within = np.arange(len(sample)) - np.repeat(np.cumsum(count) - count, count)
+        other = first[sample] + within
+        apart = other != self.target[sample]
+        return sample[apart], other[apart]
+
+
+@dataclass(frozen=True)
+class ScoredSamples:
+    """A batch beside the truth that no predictor gets to see."""
+
+    batch: SampleBatch
+    future_xy_m: Floats
+    """Logged positions on the common grid, shape ``(N, FUTURE_POINTS, 2)``."""
+
+    def __len__(self) -> int:
+        return len(self.batch)
+
+
+def samples_of(record: EpisodeRecord, window: HistoryWindow) -> ScoredSamples:
+    """One sample for each vehicle, EMV included, and each frame at which its whole window was logged.
+
+    The stride is one frame, so that the windows overlap (paper, "Trajectory prediction"): a gapless track of F
+    frames gives F − 80 samples with the default window.
+
+    Raises:
+        BagError: The record holds states of an actor that it does not describe.
+    """
+    rows = record.rows
+    logged = np.flatnonzero(rows.step % LOG_PERIOD_STEPS == 0)
+    rows = rows.select(logged.astype(np.intp))
+    ids = np.unique(rows.actor_id)
+    missing = [key for key in ids.tolist() if key not in record.actors]
+    if missing:
+        raise BagError(record.description.template, f"an episode that describes its actors; {missing} are not")
+    table = _row_table(rows, ids)
+    past, future = window.offsets, future_offsets()
+    present = _present_frames(table, np.concatenate((past, future)))
+    frames = np.flatnonzero(present.any(axis=0))
+    frame, actor = np.nonzero(table[:, frames].T >= 0)
+    there = _points(table, actor, frames[frame], past)
+    batch = SampleBatch(
+        network=record.network,
+        window=window,
+        step=frames * LOG_PERIOD_STEPS,
+        frame_offset=np.searchsorted(frame, np.arange(len(frames) + 1)),
+        actors=_observed(record, rows, there, frame, ids),
+        target=np.flatnonzero(present[actor, frames[frame]]),
+    )
+    truth = _points(table, actor[batch.target], frames[frame[batch.target]], future)
+    return ScoredSamples(batch, rows.xy_m[truth])
+
+
+def _row_table(rows: StateRows, ids: Ids) -> Rows:
+    """Row of each actor at each frame, −1 where it is not there; shape ``(A, F)``."""
+    frame = rows.step // LOG_PERIOD_STEPS
+    count = int(frame.max()) + 1 if len(frame) else 0
+    table = np.full((len(ids), count), -1, dtype=np.intp)
+    table[np.searchsorted(ids, rows.actor_id), frame] = np.arange(len(rows))
+    return table
+
+
+def _present_frames(table: Rows, offsets: npt.NDArray[np.int64]) -> Flags:
+    """Where every point of the window around a frame is logged, shape of the table."""
+    count = table.shape[1]
+    present = np.zeros(table.shape, dtype=np.bool_)
+    first, end = int(-offsets.min()), count - int(offsets.max())
+    if first < end:
+        present[:, first:end] = True
+        for offset in offsets.tolist():
+            present[:, first:end] &= table[:, first + offset : end + offset] >= 0
+    return present
+
+
+def _points(table: Rows, actor: Rows, frame: Rows, offsets: npt.NDArray[np.int64]) -> Rows:
+    """Rows of the points at offsets from actors' frames, −1 where nothing is logged; ``(len(actor), len(offsets))``."""
+    wanted = frame[:, None] + offsets
+    inside = (wanted >= 0) & (wanted < table.shape[1])
+    found = table[actor[:, None], np.where(inside, wanted, 0)] if table.size else np.full(wanted.shape, -1)
+    return np.where(inside, found, -1)
+
+
+def _observed(record: EpisodeRecord, rows: StateRows, points: Rows, frame: Rows, ids: Ids) -> ObservedActors:
+    observed = points >= 0
+    present = rows.select(points[:, -1])
+    known = [record.actors[key] for key in ids.tolist()]
+    column = np.searchsorted(ids, present.actor_id)
+    velocity = np.stack((rows.vx_mps, rows.vy_mps), axis=-1)
+    return ObservedActors(
+        frame=frame,
+        actor_id=present.actor_id,
+        is_emv=np.array([actor.is_emv for actor in known], dtype=np.bool_)[column],
+        length_m=np.array([actor.length_m for actor in known], dtype=np.float64)[column],
+        width_m=np.array([actor.width_m for actor in known], dtype=np.float64)[column],
+        sumo_lane=sumo_lanes(record, present),
+        observed=observed,
+        xy_m=np.where(observed[..., None], rows.xy_m[points], 0.0),
+        velocity_mps=np.where(observed[..., None], velocity[points], 0.0),
+        yaw_rad=np.where(observed, rows.yaw_rad[points], 0.0),
+    )

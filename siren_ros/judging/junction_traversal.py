@@ -1,0 +1,222 @@
+"""When each vehicle crossed a junction, on which movement, and while which steps it was inside, from its poses."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.judging.lane_location import Indices, LanePlaces, places_of
+from siren_ros.numerics.geometry import wrap_angle
+from siren_ros.recording.episode_record import EpisodeRecord, StateRows
+from siren_ros.roads.road_network import NO_LANE, Connection, Lane, LaneKind, RoadNetwork
+
+Floats = npt.NDArray[np.float64]
+
+_BESIDE_M: Final = 15.0
+"""Lateral distance from the exit lane within which a vehicle has left the junction that way: a few lanes."""
+_NEVER: Final = -1
+_MARGIN_M: Final = 2.0
+"""How much further than its own length before the stop line a vehicle is looked at."""
+
+
+@dataclass(frozen=True)
+class Traversal:
+    """One vehicle's way across one junction. Pairs of steps are half-open: the second is the first one outside."""
+
+    actor_id: int
+    connection: int
+    """Index into ``RoadNetwork.connections`` of the movement."""
+    enter_step: int
+    """First step with the front bumper beyond the stop line, the end of the approach lane."""
+    enter_speed_mps: float
+    leave_step: int
+    """First step with the rear bumper on the exit lane; past the last step where the record ends before."""
+    centre_steps: tuple[int, int]
+    """While the footprint's centre lies between the stop line and the exit lane."""
+    approach_step: int
+    """First step on the approach edge."""
+    exit_step: int
+    """First step on the last road after the junction that is not the exit edge any more, or past the last step."""
+
+    def meets(self, other: "Traversal") -> bool:
+        """Whether the other's centre is inside the junction at some step of this traversal, front to rear."""
+        first, last = other.centre_steps
+        return max(first, self.enter_step) < min(last, self.leave_step)
+
+
+def find_traversals(record: EpisodeRecord, places: LanePlaces | None = None) -> tuple[Traversal, ...]:
+    """Every junction traversal of every vehicle whose stop line's crossing is in the record, by actor and time.
+
+    The approach and the exit edge are those that the footprint's centre lay on before and after; of the movements
+    between them it is the one whose path across the junction held the centre longest. Vehicles that keep no lane
+    (between lanes, on the wrong side of the road) are followed by their projection on the approach and exit lanes.
+
+    Args:
+        record: The episode.
+        places: Lanes of ``record.rows`` where they are known already.
+    """
+    rows = record.rows
+    found = places if places is not None else places_of(record, rows)
+    movements = _Movements(record.network)
+    traversals: list[Traversal] = []
+    for actor_id, actor in record.actors.items():
+        first, last = np.searchsorted(rows.actor_id, [actor_id, actor_id + 1])
+        if first < last:
+            span = np.arange(first, last)
+            drive = _Drive(movements, rows.select(span), found.lane[span], found.arc_m[span], actor.length_m)
+            traversals.extend(drive.traversals())
+    return tuple(traversals)
+
+
+class _Movements:
+    """The network's movements by the edges that they join."""
+
+    def __init__(self, network: RoadNetwork) -> None:
+        self.network = network
+        self.edge_of_lane = np.array([lane.edge for lane in network.lanes], dtype=np.int32)
+        self.is_road = np.array([lane.kind is not LaneKind.INTERNAL for lane in network.lanes])
+        self.length_m = np.array([lane.length_m for lane in network.lanes])
+
+    @cached_property
+    def between(self) -> Mapping[tuple[int, int], list[int]]:
+        """Connection indices by approach and exit edge."""
+        grouped: dict[tuple[int, int], list[int]] = {}
+        for index, connection in enumerate(self.network.connections):
+            ends = (int(self.edge_of_lane[connection.from_lane]), int(self.edge_of_lane[connection.to_lane]))
+            grouped.setdefault(ends, []).append(index)
+        return grouped
+
+    def out_of(self, edge: int) -> list[int]:
+        """Connection indices of all movements out of an edge."""
+        return [index for ends, group in self.between.items() if ends[0] == edge for index in group]
+
+    def likeliest(self, candidates: Iterable[int], last_lane: int, between: Indices) -> tuple[int | None, int]:
+        """The movement whose path holds most of the given lanes, then the one that begins nearest; and how many."""
+        position = self.network.lanes[last_lane].position
+
+        def rank(index: int) -> tuple[int, int, int]:
+            connection = self.network.connections[index]
+            held = int(np.isin(between, connection.via).sum())
+            return held, -abs(self.network.lanes[connection.from_lane].position - position), -index
+
+        best = max(candidates, key=rank, default=None)
+        return best, rank(best)[0] if best is not None else 0
+
+
+@dataclass(frozen=True)
+class _Run:
+    """Rows first to last, inclusive, whose centre lies on the same edge wherever it lies on a road."""
+
+    edge: int
+    first: int
+    last: int
+
+
+class _Drive:
+    """One actor's rows with their lanes."""
+
+    def __init__(
+        self, movements: _Movements, rows: StateRows, lane: Indices, arc_m: Floats, vehicle_length_m: float
+    ) -> None:
+        self.movements = movements
+        self.network = movements.network
+        self.rows = rows
+        self.lane = lane
+        self.arc_m = arc_m
+        self.reach_m = vehicle_length_m / 2.0
+        self.along = np.stack((np.cos(rows.yaw_rad), np.sin(rows.yaw_rad)), axis=-1)
+
+    def traversals(self) -> Iterator[Traversal]:
+        """The actor's traversals in the order of time."""
+        runs = self._runs()
+        for number, run in enumerate(runs):
+            connection, following = self._movement(run, runs[number + 1 : number + 3])
+            if connection is not None:
+                traversal = self._traversal(connection, run, following)
+                if traversal is not None:
+                    yield traversal
+
+    def _runs(self) -> list[_Run]:
+        on_lane = self.lane != NO_LANE
+        road = np.flatnonzero(on_lane)[self.movements.is_road[self.lane[on_lane]]]
+        if len(road) == 0:
+            return []
+        edges = self.movements.edge_of_lane[self.lane[road]]
+        starts = np.concatenate(([0], np.flatnonzero(np.diff(edges)) + 1))
+        ends = np.append(starts[1:], len(edges)) - 1
+        return [
+            _Run(int(edges[start]), int(road[start]), int(road[end])) for start, end in zip(starts, ends, strict=True)
+        ]
+
+    def _movement(self, run: _Run, later: list[_Run]) -> tuple[int | None, _Run | None]:
+        """The movement out of a run, and the run that it leads to; a stray run in between is passed over."""
+        last_lane = int(self.lane[run.last])
+        for following in later:
+            candidates = self.movements.between.get((run.edge, following.edge), [])
+            best, _ = self.movements.likeliest(candidates, last_lane, self.lane[run.last + 1 : following.first])
+            if best is not None:
+                return best, following
+        if later:
+            return None, None
+        candidates = self.movements.out_of(run.edge)
+        best, held = self.movements.likeliest(candidates, last_lane, self.lane[run.last + 1 :])
+        return (best, None) if held > 0 else (None, None)
+
+    def _traversal(self, index: int, run: _Run, following: _Run | None) -> Traversal | None:
+        connection = self.network.connections[index]
+        approach = self.network.lanes[connection.from_lane]
+        rows = np.arange(self._near_line(run), len(self.rows) if following is None else following.last + 1)
+        until = len(self.rows) if following is None else following.first
+        enter = _first(rows, self._along(approach, rows, self.reach_m) >= approach.length_m, _NEVER)
+        if enter <= 0 or enter > until:
+            return None
+        rows = rows[rows >= enter]
+        centre_in = _first(rows, self._along(approach, rows, 0.0) >= approach.length_m, until)
+        rows = rows[rows >= centre_in]
+        centre_out = min(_first(rows, self._on_exit(connection, rows, 0.0), until), until)
+        after = int(rows[-1]) + 1 if len(rows) else until
+        leave = _first(rows, self._on_exit(connection, rows, -self.reach_m), after)
+        return Traversal(
+            actor_id=int(self.rows.actor_id[0]),
+            connection=index,
+            enter_step=self._step(enter),
+            enter_speed_mps=float(self.rows.speed_mps[enter]),
+            leave_step=self._step(leave),
+            centre_steps=(self._step(centre_in), self._step(max(centre_out, centre_in))),
+            approach_step=self._step(run.first),
+            exit_step=self._step(len(self.rows) if following is None else following.last + 1),
+        )
+
+    def _near_line(self, run: _Run) -> int:
+        """First row of the last stretch of a run on which the front bumper may be beyond the stop line."""
+        lanes = self.lane[run.first : run.last + 1]
+        on_edge = (lanes != NO_LANE) & self.movements.is_road[lanes]
+        remaining = self.movements.length_m[lanes] - self.arc_m[run.first : run.last + 1]
+        far = np.flatnonzero(on_edge & (remaining > 2.0 * self.reach_m + _MARGIN_M))
+        return run.first + int(far[-1]) + 1 if len(far) else run.first
+
+    def _point(self, rows: npt.NDArray[np.intp], ahead_m: float) -> Floats:
+        return self.rows.xy_m[rows] + ahead_m * self.along[rows]
+
+    def _along(self, lane: Lane, rows: npt.NDArray[np.intp], ahead_m: float) -> Floats:
+        """Arc length on a lane, extended straight on, of a point ahead of the footprint's centre."""
+        return lane.centre.project(self._point(rows, ahead_m))[0]
+
+    def _on_exit(self, connection: Connection, rows: npt.NDArray[np.intp], ahead_m: float) -> npt.NDArray[np.bool_]:
+        lane = self.network.lanes[connection.to_lane]
+        s, left = lane.centre.project(self._point(rows, ahead_m))
+        turned = np.abs(wrap_angle(self.rows.yaw_rad[rows] - float(lane.centre.heading_rad(0.0))))
+        passed: npt.NDArray[np.bool_] = (s >= 0.0) & (np.abs(left) < _BESIDE_M) & (turned < np.pi / 2.0)
+        return passed
+
+    def _step(self, row: int) -> int:
+        """Step of a row; the one after the last for the row after the last."""
+        return int(self.rows.step[row]) if row < len(self.rows) else int(self.rows.step[-1]) + 1
+
+
+def _first(rows: npt.NDArray[np.intp], holds: npt.NDArray[np.bool_], default: int) -> int:
+    found = rows[holds]
+    return int(found[0]) if len(found) else default

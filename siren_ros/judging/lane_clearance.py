@@ -1,0 +1,207 @@
+"""Template S2: civilians change out of the EMV's lane, and it passes them there."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.judging.lane_location import LanePlaces, lanes_ahead, places_of
+from siren_ros.judging.verdict import Verdict, at_least, verdict_of
+from siren_ros.numerics.geometry import wrap_angle
+from siren_ros.numerics.units import STEP_S
+from siren_ros.recording.episode_record import EpisodeRecord, StateRows
+from siren_ros.roads.road_network import NO_LANE, RoadNetwork
+from siren_ros.world.actors import ActorDescription, Lights
+
+REACH_M: Final = 200.0
+"""How far along the lane "ahead in the EMV's lane" reaches: beyond the range of any siren."""
+BODY_MARGIN_M: Final = 0.3
+"""How far a body may still stand over the line when its lane change counts as complete."""
+BESIDE_M: Final = 12.0
+"""Lateral distance within which a vehicle counts as passed: a few lanes, not the next street."""
+SEAM_M: Final = 30.0
+"""How far beyond its end a lane is followed to recognise the lane beside its continuation."""
+ALIGNED_RAD: Final = np.pi / 3.0
+
+
+@dataclass(frozen=True)
+class LaneClearing:
+    """One civilian that changed out of the EMV's lane while the siren was on."""
+
+    actor_id: int
+    emv_id: int
+    left_lane: int
+    start_step: int
+    """Last step with its centre in the lane that it leaves."""
+    end_step: int
+    """First step at which its body is clear of that lane."""
+    passed_step: int | None
+    """First step at which the EMV's rear is ahead of its front, after a pass in the lane that was cleared."""
+
+
+def lane_cleared(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verdict:
+    """At least so many civilians ahead in the EMV's lane leave it, and the EMV passes them in that lane.
+
+    Args:
+        record: The episode.
+        thresholds: ``lane_changes_min`` and ``passed_min``.
+    """
+    clearings = find_clearings(record)
+    passed = [clearing for clearing in clearings if clearing.passed_step is not None]
+    names = ", ".join(f"{item.actor_id} at {item.end_step * STEP_S:.1f} s" for item in clearings)
+    passed_names = ", ".join(f"{item.actor_id} at {(item.passed_step or 0) * STEP_S:.1f} s" for item in passed)
+    parts = (
+        at_least("lane_changes", len(clearings), thresholds["lane_changes_min"], names),
+        at_least("passed", len(passed), thresholds["passed_min"], passed_names),
+    )
+    text = f"{len(clearings)} civilians left the EMV's lane while the siren was on, and it passed {len(passed)} there"
+    return verdict_of(parts, text)
+
+
+def find_clearings(record: EpisodeRecord) -> tuple[LaneClearing, ...]:
+    """Every civilian's first lane change out of an EMV's lane, in the order of completion."""
+    rows = record.rows
+    places = places_of(record, rows)
+    bounds = {actor_id: tuple(np.searchsorted(rows.actor_id, [actor_id, actor_id + 1])) for actor_id in record.actors}
+    found = []
+    for emv_id in record.emv_ids:
+        if emv_id not in record.actors:
+            continue
+        emv = _Mover(record.actors[emv_id], rows, places, *bounds[emv_id])
+        for actor in record.actors.values():
+            if not actor.is_emv and bounds[actor.actor_id][0] < bounds[actor.actor_id][1]:
+                clearing = _clearing(record.network, emv, _Mover(actor, rows, places, *bounds[actor.actor_id]))
+                if clearing is not None:
+                    found.append(clearing)
+    return tuple(sorted(found, key=lambda item: (item.end_step, item.actor_id)))
+
+
+class _Mover:
+    """One actor's rows with their lanes."""
+
+    def __init__(self, actor: ActorDescription, rows: StateRows, places: LanePlaces, first: int, last: int) -> None:
+        span = np.arange(first, last)
+        self.actor = actor
+        self.rows = rows.select(span)
+        self.lane = places.lane[span]
+        self.arc_m = places.arc_m[span]
+        self.offset_m = places.offset_m[span]
+
+    def row_at(self, step: int) -> int | None:
+        """Row of a step, None where the actor is not there."""
+        row = int(np.searchsorted(self.rows.step, step))
+        return row if row < len(self.rows) and self.rows.step[row] == step else None
+
+
+def _clearing(network: RoadNetwork, emv: _Mover, civilian: _Mover) -> LaneClearing | None:
+    """The civilian's first change out of the EMV's lane; one that the EMV passes goes before one it does not."""
+    unpassed = None
+    for start, end in _lane_changes(network, civilian):
+        left_lane = int(civilian.lane[start])
+        siren_on = all(_siren(emv, int(civilian.rows.step[row])) for row in (start, end))
+        if not siren_on or not _is_ahead(network, emv, civilian, start):
+            continue
+        start_step, end_step = int(civilian.rows.step[start]), int(civilian.rows.step[end])
+        passed = _passed_step(network, emv, civilian, left_lane, end_step)
+        ids = (civilian.actor.actor_id, emv.actor.actor_id)
+        clearing = LaneClearing(*ids, left_lane, start_step, end_step, passed)
+        if passed is not None:
+            return clearing
+        unpassed = unpassed or clearing
+    return unpassed
+
+
+def _lane_changes(network: RoadNetwork, mover: _Mover) -> list[tuple[int, int]]:
+    """Rows (last in the old lane, first clear of it) of each completed lane change of one actor.
+
+    A change across the seam of two edges, or within a junction, counts as well: the new lane is then
+    beside one that follows the old lane.
+    """
+    changes = []
+    inside = np.flatnonzero(mover.lane != NO_LANE)
+    for before, after in pairwise(inside[_ends_of_runs(mover.lane[inside])].tolist()):
+        old, new = int(mover.lane[before]), network.lanes[mover.lane[after]]
+        follows = lanes_ahead(network, old, SEAM_M)
+        beside = {side: network.neighbour(new, side) for side in (1, -1)}
+        old_sides = [side for side, lane in beside.items() if lane is not None and lane.index in follows]
+        if new.index in follows or not old_sides:
+            continue
+        first_new = int(inside[np.searchsorted(inside, before) + 1])
+        clear = _first_clear_row(network, mover, first_new, float(old_sides[0]))
+        if clear is not None:
+            changes.append((before, clear))
+    return changes
+
+
+def _ends_of_runs(values: npt.NDArray[np.int32]) -> npt.NDArray[np.intp]:
+    """Index of the last entry of every stretch of equal values."""
+    return np.append(np.flatnonzero(np.diff(values)), len(values) - 1)[: len(values)]
+
+
+def _first_clear_row(network: RoadNetwork, mover: _Mover, row: int, old_side: float) -> int | None:
+    """First row from which the body is clear of the lane on ``old_side`` (+1 left), before any further change."""
+    lane = network.lanes[mover.lane[row]]
+    while row < len(mover.lane):
+        current = int(mover.lane[row])
+        if current != lane.index:
+            if current == NO_LANE or network.lanes[current].edge == lane.edge:
+                return None
+            lane = network.lanes[current]
+        heading = float(lane.centre.heading_rad(mover.arc_m[row]))
+        turned = abs(float(wrap_angle(mover.rows.yaw_rad[row] - heading)))
+        half = mover.actor.width_m / 2.0 * np.cos(turned) + mover.actor.length_m / 2.0 * np.sin(turned)
+        if mover.offset_m[row] * old_side + half <= lane.width_m / 2.0 + BODY_MARGIN_M:
+            return row
+        row += 1
+    return None
+
+
+def _siren(emv: _Mover, step: int) -> bool:
+    row = emv.row_at(step)
+    return row is not None and bool(int(emv.rows.lights[row]) & Lights.SIREN)
+
+
+def _is_ahead(network: RoadNetwork, emv: _Mover, civilian: _Mover, row: int) -> bool:
+    """Whether the civilian is ahead of the EMV in the lane that the EMV follows, at the civilian's row."""
+    emv_row = emv.row_at(int(civilian.rows.step[row]))
+    if emv_row is None or emv.lane[emv_row] == NO_LANE:
+        return False
+    lane, other = int(emv.lane[emv_row]), int(civilian.lane[row])
+    if lane == other:
+        return bool(civilian.arc_m[row] > emv.arc_m[emv_row])
+    return other in lanes_ahead(network, lane, REACH_M)
+
+
+def _passed_step(network: RoadNetwork, emv: _Mover, civilian: _Mover, left_lane: int, from_step: int) -> int | None:
+    """Step at which the EMV has fully passed, if its centre went by in the lane that was cleared."""
+    steps, emv_rows, rows = np.intersect1d(emv.rows.step, civilian.rows.step, return_indices=True)
+    later = steps > from_step
+    steps, emv_rows, rows = steps[later], emv_rows[later], rows[later]
+    if len(steps) == 0:
+        return None
+    ahead, left = _relative(emv.rows, civilian.rows, emv_rows, rows)
+    turned = np.abs(wrap_angle(civilian.rows.yaw_rad[rows] - emv.rows.yaw_rad[emv_rows]))
+    beside = (np.abs(left) < BESIDE_M) & (turned < ALIGNED_RAD)
+    crossings = np.flatnonzero((ahead[:-1] > 0.0) & (ahead[1:] <= 0.0) & beside[:-1] & beside[1:])
+    line = lanes_ahead(network, left_lane, REACH_M)
+    for crossing in crossings:
+        lane = int(emv.lane[emv_rows[crossing + 1]])
+        if lane not in line or lane == int(civilian.lane[rows[crossing + 1]]):
+            continue
+        reach = (emv.actor.length_m + civilian.actor.length_m) / 2.0
+        done = np.flatnonzero(ahead[crossing:] <= -reach)
+        if len(done):
+            return int(steps[crossing + done[0]])
+    return None
+
+
+def _relative(
+    emv: StateRows, civilian: StateRows, emv_rows: npt.NDArray[np.intp], rows: npt.NDArray[np.intp]
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """The civilian's centre in the EMV's axes: ahead and to the left."""
+    delta = civilian.xy_m[rows] - emv.xy_m[emv_rows]
+    cos, sin = np.cos(emv.yaw_rad[emv_rows]), np.sin(emv.yaw_rad[emv_rows])
+    return delta[:, 0] * cos + delta[:, 1] * sin, delta[:, 1] * cos - delta[:, 0] * sin

@@ -1,0 +1,117 @@
+"""Which lane a pose is in, from the pose and the road network alone, with SUMO's word as a tie-break."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.numerics.geometry import wrap_angle
+from siren_ros.recording.episode_record import EpisodeRecord, StateRows
+from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
+from siren_ros.world.actors import Floats, rows_of_ids
+
+Indices = npt.NDArray[np.int32]
+
+_DRIVEN_KINDS: Final = frozenset({LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL})
+_END_MARGIN_M: Final = 0.05
+"""Lanes of consecutive edges meet with rounding gaps of SUMO's two decimals."""
+_HINT_BONUS_M: Final = 100.0
+"""Puts SUMO's own lane first where the pose lies in several lanes (paths across a junction overlap)."""
+_INTERNAL_PENALTY_M: Final = 10.0
+
+
+@dataclass(frozen=True)
+class LanePlaces:
+    """Lane of each of M poses; arrays of shape ``(M,)``."""
+
+    lane: Indices
+    """Index into ``RoadNetwork.lanes``; NO_LANE where the pose is in none along its direction."""
+    arc_m: Floats
+    """Arc length of the footprint's centre on the lane's centre line."""
+    offset_m: Floats
+    """Of the centre from the lane's centre line, left positive."""
+
+
+def locate(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats, hint: Indices) -> LanePlaces:
+    """The lane whose area holds each footprint centre and that runs in its direction (within 90°).
+
+    Args:
+        network: The map.
+        xy_m: Footprint centres, shape ``(M, 2)``.
+        yaw_rad: Headings, shape ``(M,)``.
+        hint: Lane index that is preferred where a pose lies in several lanes, shape ``(M,)``; NO_LANE without one.
+    """
+    count = len(xy_m)
+    lane = np.full(count, NO_LANE, dtype=np.int32)
+    arc, offset, cost = np.zeros(count), np.zeros(count), np.full(count, np.inf)
+    for candidate in network.lanes:
+        if candidate.kind not in _DRIVEN_KINDS:
+            continue
+        low = candidate.centre.points.min(axis=0) - candidate.width_m
+        high = candidate.centre.points.max(axis=0) + candidate.width_m
+        near = np.flatnonzero(((xy_m >= low) & (xy_m <= high)).all(axis=1))
+        if len(near) == 0:
+            continue
+        s, left = candidate.centre.project(xy_m[near])
+        turned = np.abs(wrap_angle(candidate.centre.heading_rad(s) - yaw_rad[near]))
+        inside = np.abs(left) <= candidate.width_m / 2.0
+        inside &= (s >= -_END_MARGIN_M) & (s <= candidate.length_m + _END_MARGIN_M) & (turned < np.pi / 2.0)
+        penalty = _INTERNAL_PENALTY_M if candidate.kind is LaneKind.INTERNAL else 0.0
+        price = np.abs(left) + penalty - _HINT_BONUS_M * (hint[near] == candidate.index)
+        better = inside & (price < cost[near])
+        rows = near[better]
+        lane[rows], arc[rows], offset[rows], cost[rows] = candidate.index, s[better], left[better], price[better]
+    return LanePlaces(lane, arc, offset)
+
+
+def sumo_lanes(record: EpisodeRecord, rows: StateRows) -> Indices:
+    """SUMO's lane of the same actor at the same step, NO_LANE where SUMO does not say; shape ``(M,)``."""
+    hint = np.full(len(rows), NO_LANE, dtype=np.int32)
+    order = np.argsort(rows.step, kind="stable")
+    edges = np.searchsorted(rows.step[order], [traffic.step for traffic in record.traffic])
+    ends = np.searchsorted(rows.step[order], [traffic.step for traffic in record.traffic], side="right")
+    for traffic, first, last in zip(record.traffic, edges, ends, strict=True):
+        at_step = order[first:last]
+        found = rows_of_ids(traffic.actor_id, rows.actor_id[at_step])
+        known = found >= 0
+        hint[at_step[known]] = traffic.lane[found[known]]
+    return hint
+
+
+def places_of(record: EpisodeRecord, rows: StateRows) -> LanePlaces:
+    """Lanes of some rows of a record."""
+    return locate(record.network, rows.xy_m, rows.yaw_rad, sumo_lanes(record, rows))
+
+
+def lanes_ahead(network: RoadNetwork, lane: int, reach_m: float) -> frozenset[int]:
+    """The lane and those that follow it without a lane change, paths across junctions included.
+
+    Args:
+        network: The map.
+        lane: Index of the lane to start from; may be a path across a junction.
+        reach_m: How far to follow, measured from the end of the first lane.
+    """
+    nearest = {lane: 0.0}
+    queue = [lane]
+    while queue:
+        current = queue.pop()
+        if nearest[current] > reach_m:
+            continue
+        for following in _followings(network, current):
+            along = nearest[current]
+            for step in following:
+                along += network.lanes[step].length_m
+                if along < nearest.get(step, np.inf):
+                    nearest[step] = along
+                    if step == following[-1]:
+                        queue.append(step)
+    return frozenset(nearest)
+
+
+def _followings(network: RoadNetwork, lane: int) -> list[tuple[int, ...]]:
+    """For each movement out of a lane (or on from a path across a junction): the lanes that it leads through."""
+    if network.lanes[lane].kind is LaneKind.INTERNAL:
+        on_path = [connection for connection in network.connections if lane in connection.via]
+        return [(*item.via[item.via.index(lane) + 1 :], item.to_lane) for item in on_path]
+    return [(*connection.via, connection.to_lane) for connection in network.connections_from.get(lane, ())]

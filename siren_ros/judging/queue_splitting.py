@@ -1,0 +1,199 @@
+"""Template S1: civilians in two queues pull over and hold, and the EMV passes between the queues."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.judging.lane_location import Indices, LanePlaces, places_of
+from siren_ros.judging.verdict import Verdict, at_least, closest_of, verdict_of
+from siren_ros.numerics.geometry import wrap_angle
+from siren_ros.numerics.units import STEP_S, steps_from_s
+from siren_ros.recording.episode_record import EpisodeRecord, StateRows
+from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
+from siren_ros.world.actors import Mode
+
+CREEP_MPS: Final = 10.0 / 3.6
+"""Up to this speed a vehicle of a queue creeps: walking to trotting pace, as on a jammed road."""
+STANDING_MPS: Final = 0.3
+HOLD_S: Final = 1.0
+"""Least time for which a vehicle that holds has to stand."""
+OFF_CENTRE_M: Final = 0.3
+"""Least offset from its lane's centre line of a vehicle that has pulled over."""
+QUEUE_MIN: Final = 2
+"""Fewest vehicles that make a queue."""
+BESIDE_M: Final = 6.0
+"""Lateral distance between centres of two vehicles that are side by side on one carriageway: less than two lanes."""
+ALIGNED_RAD: Final = np.pi / 3.0
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Overtaking:
+    """The moment at which the EMV's centre passes that of a civilian in a queue beside it."""
+
+    actor_id: int
+    emv_id: int
+    step: int
+    side: int
+    """Of the lane boundary that the EMV is next to: +1 for a civilian on its left, −1 right."""
+    lateral_m: float
+    """Distance of the EMV's centre from that boundary."""
+
+
+@dataclass(frozen=True)
+class Holding:
+    """A civilian that stands in the hold of its yield."""
+
+    actor_id: int
+    step: int
+    """First step of standing."""
+    offset_m: float
+    """From its lane's centre line, left positive."""
+
+    @property
+    def pulled_over(self) -> bool:
+        """Whether it stands to one side of its lane."""
+        return abs(self.offset_m) >= OFF_CENTRE_M
+
+
+def queues_split(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verdict:
+    """Civilians pull over and hold, and the EMV overtakes them on the line between two queues.
+
+    Args:
+        record: The episode.
+        thresholds: ``holding_min``, ``overtaken_min`` and ``lateral_max_m``, the largest distance of the EMV's
+            centre from the boundary between the two lanes as it passes a vehicle.
+    """
+    rows = record.rows
+    places = places_of(record, rows)
+    standing = find_holding(record, places)
+    holding = [item for item in standing if item.pulled_over]
+    in_lane = [item for item in standing if not item.pulled_over]
+    held = _joined(_held(holding), "not pulled over", _held(in_lane))
+    verdicts = []
+    for emv_id in record.emv_ids:
+        passed = find_overtakings(record, places, emv_id)
+        between = [item for item in passed if item.lateral_m <= thresholds["lateral_max_m"]]
+        aside = [item for item in passed if item.lateral_m > thresholds["lateral_max_m"]]
+        left, right = (sum(item.side == side for item in between) for side in (1, -1))
+        detail = _joined(_listed(between), "off the line", _listed(aside))
+        parts = (
+            at_least("holding", len(holding), thresholds["holding_min"], held),
+            at_least("overtaken", len(between), thresholds["overtaken_min"], detail),
+            at_least("shorter_queue", min(left, right), QUEUE_MIN, f"{left} on the left, {right} on the right"),
+        )
+        text = f"{len(holding)} civilians pulled over and held, and the EMV passed {len(between)} between two queues"
+        verdicts.append(verdict_of(parts, text))
+    nowhere = (
+        at_least("holding", len(holding), thresholds["holding_min"], held),
+        at_least("overtaken", 0, thresholds["overtaken_min"], "there is no EMV"),
+    )
+    return closest_of(verdicts) or verdict_of(nowhere, "there is no EMV")
+
+
+def _joined(found: str, name: str, others: str) -> str:
+    """What counts, and behind a name what does not."""
+    return "; ".join(text for text in (found, f"{name}: {others}" if others else "") if text)
+
+
+def _held(holding: list[Holding]) -> str:
+    return ", ".join(f"{item.actor_id} at {item.step * STEP_S:.1f} s ({item.offset_m:+.2f} m)" for item in holding)
+
+
+def _listed(overtakings: list[Overtaking]) -> str:
+    return ", ".join(f"{item.actor_id} at {item.step * STEP_S:.1f} s ({item.lateral_m:.2f} m)" for item in overtakings)
+
+
+def find_holding(record: EpisodeRecord, places: LanePlaces) -> tuple[Holding, ...]:
+    """Civilians that stand for a second in the yield's hold, each once, by time.
+
+    Those that stand away from their lane's centre line have pulled over; for a civilian that holds several times,
+    the first time of that kind counts, or else the first of all.
+
+    Args:
+        record: The episode.
+        places: Lanes of ``record.rows``.
+    """
+    rows = record.rows
+    still = (rows.mode == Mode.YIELD_HOLD) & (rows.speed_mps <= STANDING_MPS) & (places.lane != NO_LANE)
+    aside = np.abs(places.offset_m) >= OFF_CENTRE_M
+    state = still.astype(np.int8) + (still & aside)
+    connected = (rows.actor_id[1:] == rows.actor_id[:-1]) & (rows.step[1:] == rows.step[:-1] + 1)
+    starts = np.flatnonzero(np.concatenate(([True], ~connected | (state[1:] != state[:-1]), [True])))
+    found: dict[int, Holding] = {}
+    for first, end in pairwise(starts):
+        if not still[first] or end - first < steps_from_s(HOLD_S):
+            continue
+        holding = Holding(int(rows.actor_id[first]), int(rows.step[first]), float(places.offset_m[first]))
+        before = found.get(holding.actor_id)
+        if before is None or (holding.pulled_over and not before.pulled_over):
+            found[holding.actor_id] = holding
+    return tuple(sorted(found.values(), key=lambda item: (item.step, item.actor_id)))
+
+
+def find_overtakings(record: EpisodeRecord, places: LanePlaces, emv_id: int) -> tuple[Overtaking, ...]:
+    """Civilians in queues that the EMV's centre passes, each once, in the order of time.
+
+    A civilian in a queue stands or creeps in a driving lane that has a driving lane beside it.
+
+    Args:
+        record: The episode.
+        places: Lanes of ``record.rows``.
+        emv_id: The EMV.
+    """
+    rows = record.rows
+    emv = record.track(emv_id)
+    found = []
+    for actor_id, actor in record.actors.items():
+        first, last = np.searchsorted(rows.actor_id, [actor_id, actor_id + 1])
+        if actor.is_emv or first == last:
+            continue
+        civilian = rows.select(np.arange(first, last))
+        for emv_row, row in _abreast(emv, civilian):
+            lane = int(places.lane[first + row])
+            line = _boundary(record.network, lane, emv.xy_m[emv_row])
+            if line is not None and civilian.speed_mps[row] <= CREEP_MPS:
+                side, lateral_m = line
+                found.append(Overtaking(actor_id, emv_id, int(civilian.step[row]), side, lateral_m))
+                break
+    return tuple(sorted(found, key=lambda item: (item.step, item.actor_id)))
+
+
+def _abreast(emv: StateRows, civilian: StateRows) -> list[tuple[int, int]]:
+    """Rows of the EMV and of a civilian at the first step of the EMV being ahead, at each pass side by side."""
+    _, emv_rows, rows = np.intersect1d(emv.step, civilian.step, assume_unique=True, return_indices=True)
+    delta = civilian.xy_m[rows] - emv.xy_m[emv_rows]
+    cos, sin = np.cos(emv.yaw_rad[emv_rows]), np.sin(emv.yaw_rad[emv_rows])
+    ahead: Floats = delta[:, 0] * cos + delta[:, 1] * sin
+    left: Floats = delta[:, 1] * cos - delta[:, 0] * sin
+    aligned = np.abs(wrap_angle(civilian.yaw_rad[rows] - emv.yaw_rad[emv_rows])) < ALIGNED_RAD
+    beside = aligned & (np.abs(left) < BESIDE_M)
+    passes: Indices = np.flatnonzero((ahead[:-1] > 0.0) & (ahead[1:] <= 0.0) & beside[1:]) + 1
+    return [(int(emv_rows[index]), int(rows[index])) for index in passes]
+
+
+def _boundary(network: RoadNetwork, lane: int, xy_m: Floats) -> tuple[int, float] | None:
+    """The boundary of a driving lane to a driving lane beside it that is nearest to a point.
+
+    Returns:
+        The side of the boundary on which the lane lies (+1 left) and the point's distance from it; None where
+        the lane has no such boundary.
+    """
+    if lane == NO_LANE or network.lanes[lane].kind is not LaneKind.DRIVING:
+        return None
+    found = network.lanes[lane]
+    offset = float(found.centre.project(xy_m)[1])
+    lines = []
+    for side in (1, -1):
+        beside = network.neighbour(found, side)
+        if beside is not None and beside.kind is LaneKind.DRIVING:
+            lines.append((abs(offset - side * found.width_m / 2.0), -side))
+    if not lines:
+        return None
+    lateral_m, lies = min(lines)
+    return lies, lateral_m

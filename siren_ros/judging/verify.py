@@ -1,0 +1,253 @@
+"""Whether a recorded episode can be trusted: continuity, ownership, message counts, stamps, and the predicate."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.errors import EpisodeError
+from siren_ros.interfaces import topics
+from siren_ros.judging.predicates import evaluate_predicate
+from siren_ros.judging.verdict import Part, Verdict, at_least, at_most, equals
+from siren_ros.numerics.geometry import wrap_angle
+from siren_ros.numerics.units import STEP_NS, STEP_S
+from siren_ros.recording.episode_record import EpisodeRecord, StateRows, TopicRecord
+from siren_ros.sensor_messages.sensor_topics import AV_CARRIER_TOPICS, CARRIER_TOPICS
+from siren_ros.world.actors import Owner
+from siren_ros.world.events import EventKind
+from siren_ros.world.state_hash import hash_state
+
+_KNOWN_TOPICS: Final = {
+    topic.name: topic for topic in (*topics.CORE_TOPICS, *CARRIER_TOPICS, *topics.AV_TOPICS, *AV_CARRIER_TOPICS)
+}
+
+
+@dataclass(frozen=True)
+class VerifyLimits:
+    """Bounds of the checks."""
+
+    jump_m: float = 0.05
+    """Position change between two steps beyond ``v · dt``."""
+    turn_rad: float = 0.01
+    """Yaw change between two steps beyond what the vehicle model allows."""
+    steer_max_rad: float = 0.7
+    """Largest road-wheel angle of any class (40°)."""
+    wheelbase_share: float = 0.5
+    """Smallest wheelbase of any class as a share of its length; buses and fire engines have the shortest."""
+    lateral_accel_mps2: float = 12.0
+    """Dry tyres give 1 g, plus a margin for the transient."""
+    speed_error_mps: float = 0.5
+    """Between the mean velocity of two steps and the position change between them."""
+    residual_p99_m: float = 0.5
+    residual_max_m: float = 2.0
+
+
+@dataclass(frozen=True)
+class Verification:
+    """The result of all checks."""
+
+    verdict: Verdict
+    checks: tuple[Part, ...]
+
+    @property
+    def holds(self) -> bool:
+        """Whether the interaction happened and every check holds."""
+        return self.verdict.holds and all(part.holds for part in self.checks)
+
+    @property
+    def failing(self) -> tuple[Part, ...]:
+        """Parts of the predicate and checks that do not hold."""
+        return (*self.verdict.failing, *(part for part in self.checks if not part.holds))
+
+
+@dataclass(frozen=True)
+class _Moves:
+    """Pairs of consecutive states of the same actor; arrays of shape ``(P,)``."""
+
+    before: StateRows
+    after: StateRows
+    length_m: npt.NDArray[np.float64]
+
+    @property
+    def distance_m(self) -> npt.NDArray[np.float64]:
+        return np.hypot(self.after.x_m - self.before.x_m, self.after.y_m - self.before.y_m)
+
+    @property
+    def speed_mps(self) -> npt.NDArray[np.float64]:
+        return np.maximum(self.before.speed_mps, self.after.speed_mps)
+
+    def where(self, worst: npt.NDArray[np.float64]) -> str:
+        """Actor and step of the largest value."""
+        if len(worst) == 0:
+            return ""
+        row = int(np.argmax(worst))
+        changed = " as its owner changes" if self.before.owner[row] != self.after.owner[row] else ""
+        return f"actor {self.after.actor_id[row]} at step {self.after.step[row]}{changed}"
+
+
+def _moves(record: EpisodeRecord) -> _Moves:
+    rows = record.rows
+    pairs = np.flatnonzero((rows.actor_id[1:] == rows.actor_id[:-1]) & (rows.step[1:] == rows.step[:-1] + 1))
+    after = rows.select(pairs + 1)
+    ids = np.array(sorted(record.actors), dtype=np.uint32)
+    lengths = np.array([record.actors[int(key)].length_m for key in ids])
+    position = np.searchsorted(ids, after.actor_id)
+    known = position < len(ids)
+    if not known.all() or not np.array_equal(ids[position], after.actor_id):
+        raise EpisodeError("the record has states of an actor that was never described")
+    return _Moves(rows.select(pairs), after, lengths[position])
+
+
+def _largest(values: npt.NDArray[np.float64]) -> float:
+    return float(values.max()) if len(values) else 0.0
+
+
+def check_position_jumps(record: EpisodeRecord, limits: VerifyLimits) -> Part:
+    """No position change between two steps beyond ``v · dt`` plus the margin, v the larger of both speeds."""
+    moves = _moves(record)
+    excess = moves.distance_m - moves.speed_mps * STEP_S
+    return at_most("position_jump_m", _largest(excess), limits.jump_m, moves.where(excess))
+
+
+def check_yaw_jumps(record: EpisodeRecord, limits: VerifyLimits) -> Part:
+    """No yaw change beyond a kinematic bicycle at full lock (``v · tan δ / wheelbase``) and the tyres' grip."""
+    moves = _moves(record)
+    turned = np.abs(wrap_angle(moves.after.yaw_rad - moves.before.yaw_rad))
+    by_steering = moves.speed_mps * np.tan(limits.steer_max_rad) / (limits.wheelbase_share * moves.length_m)
+    by_grip = limits.lateral_accel_mps2 / np.maximum(moves.speed_mps, 0.1)
+    excess = turned - np.minimum(by_steering, by_grip) * STEP_S
+    return at_most("yaw_jump_rad", _largest(excess), limits.turn_rad, moves.where(excess))
+
+
+def check_speed(record: EpisodeRecord, limits: VerifyLimits) -> Part:
+    """The recorded velocity is the derivative of the recorded position, direction included."""
+    moves = _moves(record)
+    error_x = (moves.after.x_m - moves.before.x_m) / STEP_S - (moves.before.vx_mps + moves.after.vx_mps) / 2.0
+    error_y = (moves.after.y_m - moves.before.y_m) / STEP_S - (moves.before.vy_mps + moves.after.vy_mps) / 2.0
+    error = np.hypot(error_x, error_y)
+    return at_most("speed_error_mps", _largest(error), limits.speed_error_mps, moves.where(error))
+
+
+def check_owners(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
+    """Every actor has exactly one owner at every step, and no two controllers drive the same actor."""
+    faults = 0
+    for state in record.states:
+        known = np.isin(state.owner, [int(owner) for owner in Owner])
+        faults += int((~known).sum()) + len(state) - len(np.unique(state.actor_id))
+    claimed: dict[int, list[npt.NDArray[np.uint32]]] = {}
+    for commands in record.commands.values():
+        for command in commands:
+            claimed.setdefault(command.step, []).append(command.actor_id[command.owner == Owner.ROS])
+    for claims in claimed.values():
+        ids = np.concatenate(claims)
+        faults += len(ids) - len(np.unique(ids))
+    return equals("ownership_faults", faults, 0)
+
+
+def check_teleports(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
+    """SUMO moved no vehicle by force."""
+    found = record.events_of(EventKind.TELEPORT)
+    detail = ", ".join(f"actor {event.actor_id} at step {event.step}" for event in found)
+    return equals("teleports", len(found), 0, detail)
+
+
+def _residuals(record: EpisodeRecord) -> npt.NDArray[np.float64]:
+    return record.rows.residual_m[record.rows.owner == Owner.SUMO]
+
+
+def check_residual_p99(record: EpisodeRecord, limits: VerifyLimits) -> Part:
+    """99th percentile of the distance between SUMO's and the simulated pose of actors that SUMO owns."""
+    residuals = _residuals(record)
+    if len(residuals) == 0:
+        return at_most("residual_p99_m", 0.0, limits.residual_p99_m)
+    middle, high = np.percentile(residuals, (50, 99))
+    return at_most("residual_p99_m", float(high), limits.residual_p99_m, f"median {middle:.3f} m")
+
+
+def check_residual_max(record: EpisodeRecord, limits: VerifyLimits) -> Part:
+    """Largest distance between SUMO's and the simulated pose of actors that SUMO owns."""
+    return at_most("residual_max_m", _largest(_residuals(record)), limits.residual_max_m)
+
+
+def check_complete(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
+    """The episode ended as planned and lasted as long as its description says."""
+    wanted = round(record.description.duration_s / STEP_S)
+    if record.complete:
+        return at_least("steps", record.steps, wanted)
+    ended = "no outcome" if record.outcome is None else f"{record.outcome.end}: {record.outcome.reason}"
+    return Part("steps", float(record.steps), float(wanted), False, ">=", f"the episode is not complete, {ended}")
+
+
+def check_message_counts(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
+    """Every topic has exactly the messages that its rate says, each at its step, and no core topic is missing."""
+    wrong = [f"{topic.name} {fault}" for topic in record.topics.values() for fault in _rate_faults(topic, record.steps)]
+    wrong += [f"{topic.name} is missing" for topic in topics.CORE_TOPICS if topic.name not in record.topics]
+    return equals("topics_with_lost_messages", len(wrong), 0, "; ".join(wrong))
+
+
+def _rate_faults(topic: TopicRecord, steps: int) -> Iterator[str]:
+    known = _KNOWN_TOPICS.get(topic.name)
+    if (known is not None and known.latched) or (known is None and topic.count == 1):
+        if topic.count != 1:
+            yield f"has {topic.count} messages instead of 1"
+        return
+    if known is not None:
+        period_ns = known.period_steps * STEP_NS
+    else:
+        # The suite sets a sensor's rate: its shortest interval is its period.
+        period_ns = int(np.diff(topic.times_ns).min(initial=steps * STEP_NS))
+        if period_ns <= 0:
+            yield "has two messages at one time"
+            return
+    expected = np.arange(0, steps * STEP_NS, period_ns, dtype=np.int64)
+    if not np.array_equal(topic.times_ns, expected):
+        yield f"has {topic.count} messages instead of {len(expected)}, or not at their steps"
+
+
+def check_stamps(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
+    """Every stamp is simulated time on the step grid, and the stamp inside a message is the bag's."""
+    wrong = []
+    for topic in record.topics.values():
+        faults = int((topic.times_ns % STEP_NS != 0).sum()) + topic.stamp_mismatches
+        if faults:
+            wrong.append(f"{topic.name}: {faults}")
+    return equals("topics_with_wrong_stamps", len(wrong), 0, ", ".join(wrong))
+
+
+def check_state_hashes(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
+    """The recorded states and signals are the ones whose hash the simulation put in the record at every step."""
+    signals = {traffic.step: traffic.signals for traffic in record.traffic}
+    wrong = [
+        state.step
+        for state in record.states
+        if record.state_hashes.get(state.step) != hash_state(state, signals.get(state.step, ()))
+    ]
+    return equals("wrong_state_hashes", len(wrong), 0, f"first at step {wrong[0]}" if wrong else "")
+
+
+_CHECKS: Final[tuple[Callable[[EpisodeRecord, VerifyLimits], Part], ...]] = (
+    check_complete,
+    check_position_jumps,
+    check_yaw_jumps,
+    check_speed,
+    check_owners,
+    check_teleports,
+    check_residual_p99,
+    check_residual_max,
+    check_message_counts,
+    check_stamps,
+    check_state_hashes,
+)
+
+
+def verify_episode(record: EpisodeRecord, limits: VerifyLimits | None = None) -> Verification:
+    """Evaluates the episode's predicate and runs every check.
+
+    Raises:
+        EpisodeError: The record contradicts itself: states of an actor that was never described.
+        BagError: The predicate that the record names is not known.
+    """
+    bounds = limits or VerifyLimits()
+    return Verification(evaluate_predicate(record), tuple(check(record, bounds) for check in _CHECKS))

@@ -1,0 +1,217 @@
+"""The lockstep's decisions: who has reported, when the next step may begin, who is late.
+
+Step k + 1 does not begin before every registered participant has reported step k; of those that trail, on whom
+nothing in the loop depends, step k − 1 suffices. The state machine is pure: reports and the wall time go in, actions
+come out.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from types import MappingProxyType
+from typing import NamedTuple
+
+from siren_ros.interfaces.lockstep_reports import Phase, StepReport
+from siren_ros.interfaces.topics import EPISODE_END, upstream_of
+from siren_ros.scenario.episode import EpisodeEnd
+
+
+class Stage(Enum):
+    """Where an episode stands."""
+
+    GATHERING = "gathering"
+    STEPPING = "stepping"
+    CLOSING = "closing"
+    CLOSED = "closed"
+
+
+@dataclass(frozen=True)
+class LockstepConfig:
+    """Who takes part, for how long, and how patient the lockstep is with them (wall time)."""
+
+    participants: tuple[str, ...]
+    steps: int
+    step_timeout_s: float = 20.0
+    start_timeout_s: float = 120.0
+    close_timeout_s: float = 60.0
+    late_close_timeout_s: float = 2.0
+    """For participants that were late already when the episode was ended because of them."""
+    trailing: frozenset[str] = frozenset()
+    """Participants that may still work on a step while the next one goes on."""
+    called: Mapping[str, str] = field(default_factory=dict)
+    """What an error calls a participant, where its name alone does not say which program it is."""
+
+
+class LockstepState(NamedTuple):
+    """Progress of one episode. It changes with every report: a tuple is copied quickly."""
+
+    stage: Stage = Stage.GATHERING
+    step: int = -1
+    """The step under way; −1 before the first."""
+    waiting: frozenset[str] = frozenset()
+    owing: frozenset[str] = frozenset()
+    """Trailing participants that have not reported the step before."""
+    since_s: float = 0.0
+    """Wall time at which the present wait began."""
+    end: EpisodeEnd = EpisodeEnd.COMPLETE
+    reason: str = ""
+    steps_closed: int = 0
+    """Number of steps that the episode has, known when it ends."""
+    late: frozenset[str] = frozenset()
+    """Participants that were silent when the episode was ended; they may hang for ever."""
+    busy_s: Mapping[str, float] = MappingProxyType({})
+    """Wall time by participant, summed over the steps."""
+
+    @property
+    def steps_done(self) -> int:
+        """Number of steps that every participant has finished."""
+        if self.stage is Stage.GATHERING:
+            return 0
+        if self.stage is not Stage.STEPPING:
+            return self.step + 1
+        return self.step + 1 - bool(self.waiting) - bool(self.owing)
+
+
+@dataclass(frozen=True)
+class BeginStep:
+    """Publish the clock of this step."""
+
+    step: int
+
+
+@dataclass(frozen=True)
+class EndEpisode:
+    """Tell all participants to close."""
+
+    steps: int
+    end: EpisodeEnd
+    reason: str
+
+
+Action = BeginStep | EndEpisode | None
+
+
+def start_lockstep(config: LockstepConfig, now_s: float) -> LockstepState:
+    """The state before anybody has reported."""
+    return LockstepState(waiting=frozenset(config.participants), since_s=now_s)
+
+
+def on_report(
+    state: LockstepState, report: StepReport, config: LockstepConfig, now_s: float
+) -> tuple[LockstepState, Action]:
+    """Take in one StepDone. Reports of strangers and of earlier steps change nothing."""
+    if report.participant not in config.participants or state.stage is Stage.CLOSED:
+        return state, None
+    if state.stage is not Stage.CLOSING and (report.error or report.phase is Phase.FINAL):
+        error = report.error or f"left the episode, which was not over; {EPISODE_END.name} came from a stranger"
+        who = config.called.get(report.participant, report.participant)
+        return _close(state, EpisodeEnd.FAILED, f"{who}: {error}", config, now_s)
+    expected = {Stage.GATHERING: Phase.READY, Stage.STEPPING: Phase.STEP, Stage.CLOSING: Phase.FINAL}[state.stage]
+    owes = state.stage is Stage.STEPPING and report.participant in state.owing
+    if report.phase is not expected or (report.phase is Phase.STEP and report.step != state.step - owes):
+        return state, None
+    busy = {**state.busy_s, report.participant: state.busy_s.get(report.participant, 0.0) + report.busy_s}
+    if owes:
+        state = state._replace(owing=state.owing - {report.participant}, busy_s=busy)
+    else:
+        state = state._replace(waiting=state.waiting - {report.participant}, busy_s=busy)
+    if report.error and not state.reason:
+        state = state._replace(end=EpisodeEnd.FAILED, reason=f"{report.participant}: {report.error}")
+    return _all_reported(state, config, now_s) if _may_go_on(state, config) else (state, None)
+
+
+def _may_go_on(state: LockstepState, config: LockstepConfig) -> bool:
+    last = state.step + 1 >= config.steps
+    trailing = config.trailing if state.stage is Stage.STEPPING and not last else frozenset()
+    return not state.owing and not state.waiting - trailing
+
+
+def _all_reported(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple[LockstepState, Action]:
+    if state.stage is Stage.CLOSING:
+        return state._replace(stage=Stage.CLOSED), None
+    if state.step + 1 >= config.steps:
+        return _close(state, EpisodeEnd.COMPLETE, "", config, now_s)
+    return _begin_next(state, config, now_s)
+
+
+def on_time(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple[LockstepState, Action]:
+    """Notice a participant that does not answer; the error names it."""
+    limit_s = {
+        Stage.GATHERING: config.start_timeout_s,
+        Stage.STEPPING: config.step_timeout_s,
+        Stage.CLOSING: config.late_close_timeout_s if state.waiting <= state.late else config.close_timeout_s,
+    }.get(state.stage)
+    if limit_s is None or now_s - state.since_s < limit_s:
+        return state, None
+    gathering = state.stage is Stage.GATHERING
+    late = state.waiting if state.stage is Stage.CLOSING else _first_late(state.owing or state.waiting, gathering)
+    names = ", ".join(config.called.get(name, name) for name in sorted(late))
+    if state.stage is Stage.CLOSING:
+        reason = state.reason or f"{names}: did not close within {limit_s:g} s"
+        return state._replace(stage=Stage.CLOSED, end=EpisodeEnd.FAILED, reason=reason), None
+    what = "was not ready" if gathering else f"did not finish step {state.step - bool(state.owing)}"
+    return _close(state._replace(late=late), EpisodeEnd.FAILED, f"{names}: {what} within {limit_s:g} s", config, now_s)
+
+
+def _first_late(waiting: frozenset[str], gathering: bool) -> frozenset[str]:
+    """Those that do not merely wait for somebody else: for messages of the step, or before it for a publisher."""
+    return frozenset(name for name in waiting if not upstream_of(name, lagged=gathering) & waiting) or waiting
+
+
+def on_interrupt(
+    state: LockstepState, config: LockstepConfig, now_s: float, reason: str
+) -> tuple[LockstepState, Action]:
+    """The user asked to stop."""
+    if state.stage in {Stage.CLOSING, Stage.CLOSED}:
+        return state, None
+    return _close(state, EpisodeEnd.INTERRUPTED, reason, config, now_s)
+
+
+def on_failure(
+    state: LockstepState, config: LockstepConfig, now_s: float, reason: str, gone: frozenset[str] = frozenset()
+) -> tuple[LockstepState, Action]:
+    """Something outside the reports failed, such as a participant's process that exited.
+
+    Args:
+        state: The lockstep now.
+        config: Participants and time limits.
+        now_s: Wall time.
+        reason: What failed, naming the participant.
+        gone: Participants that will not answer any more, so that nobody waits for them.
+    """
+    if state.stage is Stage.CLOSED:
+        return state, None
+    if state.stage is not Stage.CLOSING:
+        closing, action = _close(state, EpisodeEnd.FAILED, reason, config, now_s)
+        return closing._replace(waiting=closing.waiting - gone), action
+    if not state.waiting & gone:
+        return state, None
+    waiting = state.waiting - gone
+    stage = state.stage if waiting else Stage.CLOSED
+    return state._replace(stage=stage, waiting=waiting, end=EpisodeEnd.FAILED, reason=state.reason or reason), None
+
+
+def _begin_next(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple[LockstepState, Action]:
+    step = state.step + 1
+    owing = state.waiting if state.stage is Stage.STEPPING else frozenset()
+    everybody = frozenset(config.participants)
+    state = state._replace(stage=Stage.STEPPING, step=step, waiting=everybody, owing=owing, since_s=now_s)
+    return state, BeginStep(step)
+
+
+def _close(
+    state: LockstepState, end: EpisodeEnd, reason: str, config: LockstepConfig, now_s: float
+) -> tuple[LockstepState, Action]:
+    steps = state.steps_done
+    unready = state.waiting if state.stage is Stage.GATHERING else frozenset()
+    closing = state._replace(
+        stage=Stage.CLOSING,
+        waiting=frozenset(config.participants),
+        owing=frozenset(),
+        since_s=now_s,
+        end=end,
+        reason=reason,
+        steps_closed=steps,
+        late=state.late | unready,
+    )
+    return closing, EndEpisode(steps, end, reason)

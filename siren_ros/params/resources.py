@@ -1,0 +1,50 @@
+"""Where the package's data files are: in the repository, or where colcon or pip installed them.
+
+Knows nothing of ROS; the ament index is only read as folders.
+"""
+
+import os
+from functools import cache
+from pathlib import Path
+from typing import Final
+
+from siren_ros.errors import InputError
+
+PACKAGE: Final = "siren_ros"
+
+
+def find_params_dir(package_file: Path, ament_prefix_path: str) -> Path:
+    """Finds the folder of the parameter files that belongs to an installed or checked-out package.
+
+    A checkout (also an editable or a ``--symlink-install`` one) holds ``params/`` beside the package. An installation
+    holds ``share/siren_ros/params`` in the prefix above the package; failing that, the ament index is searched.
+
+    Args:
+        package_file: A file directly inside the package's folder.
+        ament_prefix_path: The value of ``AMENT_PREFIX_PATH``; prefixes separated by colons, earlier ones win.
+
+    Raises:
+        InputError: No such folder exists.
+    """
+    package_dir = package_file.resolve().parent
+    checkout = package_dir.parent
+    if (checkout / "package.xml").is_file() and (checkout / "params").is_dir():
+        return checkout / "params"
+    prefixes = [*package_dir.parents, *(Path(prefix) for prefix in ament_prefix_path.split(os.pathsep) if prefix)]
+    for prefix in prefixes:
+        installed = prefix / "share" / PACKAGE / "params"
+        if installed.is_dir():
+            return installed
+    raise InputError(
+        "installation", str(package_dir), f"one with params/ beside it or share/{PACKAGE}/params in its prefix"
+    )
+
+
+@cache
+def params_dir() -> Path:
+    """The folder that holds ``templates/``, ``suites/``, ``vehicles/`` and the other parameter files.
+
+    Raises:
+        InputError: The installation is incomplete and holds no such folder.
+    """
+    return find_params_dir(Path(__file__).parents[1] / "__init__.py", os.environ.get("AMENT_PREFIX_PATH", ""))

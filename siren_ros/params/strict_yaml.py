@@ -1,0 +1,169 @@
+"""YAML read key by key, with errors that name file, line, key, value and what is allowed."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import yaml
+
+from siren_ros.errors import InputError
+from siren_ros.params import plain_yaml
+
+_TAG = "tag:yaml.org,2002:"
+
+
+@dataclass
+class StrictMapping:
+    """A YAML mapping whose every key has to be asked for.
+
+    Each reader method removes the key from what is left; ``finish`` refuses the rest as unknown.
+    """
+
+    file: str
+    path: str
+    node: yaml.MappingNode
+    values: dict[str, yaml.Node] = field(init=False)
+    _known: list[str] = field(init=False, default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.values = {}
+        for key, value in self.node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                raise InputError(self.where("", key), _shown(key), "keys that are texts")
+            name = str(key.value)
+            if name in self.values:
+                raise InputError(self.where(name, key), name, "each key once")
+            self.values[name] = value
+
+    def where(self, key: str, node: yaml.Node | None = None) -> str:
+        """``file:line: path.key`` of a key, for an error."""
+        marked = node or self.values.get(key, self.node)
+        full = f"{self.path}.{key}" if self.path else key
+        return f"{self.file}:{marked.start_mark.line + 1}: {full}"
+
+    def has(self, key: str) -> bool:
+        """Whether an optional key is there."""
+        self._known.append(key)
+        return key in self.values
+
+    def _take(self, key: str, wanted: str) -> yaml.Node:
+        self._known.append(key)
+        if key not in self.values:
+            raise InputError(self.where(key), None, f"{wanted}; the key is missing")
+        return self.values[key]
+
+    def _scalar(self, key: str, tags: tuple[str, ...], wanted: str) -> str:
+        node = self._take(key, wanted)
+        if not isinstance(node, yaml.ScalarNode) or node.tag not in {_TAG + tag for tag in tags}:
+            raise InputError(self.where(key), _shown(node), wanted)
+        return str(node.value)
+
+    def number(self, key: str, low: float, high: float) -> float:
+        """A finite number within ``[low, high]``."""
+        wanted = f"a number from {low:g} to {high:g}"
+        value = _float(self._scalar(key, ("int", "float"), wanted))
+        if not low <= value <= high:
+            raise InputError(self.where(key), value, wanted)
+        return value
+
+    def integer(self, key: str, low: int, high: int) -> int:
+        """A whole number within ``[low, high]``."""
+        wanted = f"a whole number from {low} to {high}"
+        text = self._scalar(key, ("int",), wanted)
+        try:
+            value = int(text.replace("_", ""), 0)
+        except ValueError as error:  # YAML's other notations: 017, 1:30
+            raise InputError(self.where(key), text, wanted) from error
+        if not low <= value <= high:
+            raise InputError(self.where(key), value, wanted)
+        return value
+
+    def flag(self, key: str) -> bool:
+        """``true`` or ``false``."""
+        return self._scalar(key, ("bool",), "true or false").lower() in {"true", "yes", "on"}
+
+    def text(self, key: str, allowed: Iterable[str] | None = None) -> str:
+        """A text, one of the allowed ones where these are given."""
+        choices = None if allowed is None else tuple(allowed)
+        wanted = "a text that is not empty" if choices is None else f"one of {', '.join(choices)}"
+        value = self._scalar(key, ("str",), wanted)
+        if not value or (choices is not None and value not in choices):
+            raise InputError(self.where(key), value, wanted)
+        return value
+
+    def mapping(self, key: str) -> "StrictMapping":
+        """A mapping below this one."""
+        node = self._take(key, "a mapping")
+        if not isinstance(node, yaml.MappingNode):
+            raise InputError(self.where(key), _shown(node), "a mapping")
+        return StrictMapping(self.file, f"{self.path}.{key}" if self.path else key, node)
+
+    def mappings(self, key: str) -> tuple["StrictMapping", ...]:
+        """A list of mappings."""
+        node = self._take(key, "a list of mappings")
+        if not isinstance(node, yaml.SequenceNode):
+            raise InputError(self.where(key), _shown(node), "a list of mappings")
+        found = []
+        for position, item in enumerate(node.value):
+            if not isinstance(item, yaml.MappingNode):
+                raise InputError(self.where(f"{key}[{position}]", item), _shown(item), "a mapping")
+            found.append(StrictMapping(self.file, f"{self.path}.{key}[{position}]".lstrip("."), item))
+        return tuple(found)
+
+    def numbers(self, key: str, count: int, low: float, high: float) -> tuple[float, ...]:
+        """A list of ``count`` numbers within ``[low, high]``."""
+        wanted = f"a list of {count} numbers from {low:g} to {high:g}"
+        node = self._take(key, wanted)
+        if not isinstance(node, yaml.SequenceNode) or len(node.value) != count:
+            raise InputError(self.where(key), _shown(node), wanted)
+        values = []
+        for item in node.value:
+            numeric = isinstance(item, yaml.ScalarNode) and item.tag in {_TAG + "int", _TAG + "float"}
+            if not numeric or not low <= _float(item.value) <= high:
+                raise InputError(self.where(key, item), _shown(item), wanted)
+            values.append(_float(item.value))
+        return tuple(values)
+
+    def finish(self) -> None:
+        """Refuse keys that nobody asked for."""
+        for key, node in self.values.items():
+            if key not in self._known:
+                raise InputError(self.where(key, node), _shown(node), f"keys {', '.join(sorted(set(self._known)))}")
+
+
+def _float(text: str) -> float:
+    try:
+        return float(text.replace("_", ""))
+    except ValueError:  # YAML's other notations of whole numbers: 0x1F, 0o17
+        try:
+            return float(int(text.replace("_", ""), 0))
+        except (ValueError, OverflowError):
+            return float("nan")
+
+
+def _shown(node: yaml.Node) -> str:
+    if isinstance(node, yaml.ScalarNode):
+        return str(node.value)
+    return "a list" if isinstance(node, yaml.SequenceNode) else "a mapping"
+
+
+def read_strict_yaml(file: Path) -> StrictMapping:
+    """The top-level mapping of a YAML file.
+
+    Raises:
+        InputError: the file cannot be read, is not YAML, or does not hold a mapping; names file and line.
+    """
+    try:
+        root = plain_yaml.compose(plain_yaml.read_text(file))
+    except (OSError, ValueError) as error:
+        allowed = f"a readable YAML file in UTF-8 of at most {plain_yaml.MAX_BYTES} bytes"
+        raise InputError(str(file), type(error).__name__, allowed) from error
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = "" if mark is None else f":{mark.line + 1}"
+        raise InputError(
+            f"{file}{line}", getattr(error, "problem", None) or str(error) or "text", "valid YAML"
+        ) from error
+    if not isinstance(root, yaml.MappingNode):
+        raise InputError(str(file), "no mapping" if root is None else _shown(root), "a YAML mapping at the top")
+    return StrictMapping(str(file), "", root)

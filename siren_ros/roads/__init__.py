@@ -1,0 +1,1 @@
+"""The road network: lanes, movements, signals, routes."""

@@ -1,0 +1,1 @@
+"""Maps from files: SUMO nets, OpenDRIVE and OpenStreetMap, compiled by netconvert."""

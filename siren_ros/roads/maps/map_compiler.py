@@ -1,0 +1,176 @@
+"""Compiles any map that the project reads into a SUMO net, once: the result is cached by content."""
+
+import hashlib
+import os
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from siren_ros.errors import InputError, MapError
+from siren_ros.params.resources import params_dir
+from siren_ros.roads.maps.map_source import MapSource, SourceKind, read_map_source
+from siren_ros.roads.maps.netconvert import netconvert_version, run_netconvert, without_header
+from siren_ros.roads.maps.opendrive import opendrive_patches
+from siren_ros.roads.net_parser import parse_road_network
+
+TOWN_NAME: Final = "town"
+
+_RECIPE: Final = "3"
+"""Part of the cache key: raised whenever the way in which maps are compiled changes."""
+_COMMON: Final = (
+    "--no-turnarounds",
+    # Lateral acceleration in turns, m/s²: what passengers bear, and what every vehicle class can follow.
+    *("--junctions.limit-turn-speed", "3.5"),
+    "--junctions.internal-link-detail",
+    "16",
+    "--xml-validation",
+    "never",
+    "--no-warnings",
+)
+_TOWN_FILES: Final = (
+    ("--node-files", "town.nod.xml"),
+    ("--edge-files", "town.edg.xml"),
+    ("--type-files", "town.typ.xml"),
+    ("--connection-files", "town.con.xml"),
+    ("--tllogic-files", "town.tll.xml"),
+)
+_TOWN: Final = (*_COMMON, "--offset.disable-normalization", "--junctions.corner-detail", "8")
+_OPENDRIVE: Final = (*_COMMON, "--opendrive.import-all-lanes", "--offset.disable-normalization")
+_OPENDRIVE_SECOND: Final = (
+    *_COMMON,
+    "--offset.disable-normalization",
+    # One approach after the other, as the controllers in CARLA's maps group the signals, and as CARLA switches them.
+    # 120 s is what netconvert aims at; the cycles come out at 100 to 110 s, usual for three and four phases.
+    *("--tls.rebuild", "--tls.layout", "incoming", "--tls.cycle.time", "120"),
+)
+_OPENSTREETMAP: Final = (
+    *_COMMON,
+    *("--keep-edges.by-vclass", "passenger", "--keep-edges.components", "1"),
+    *("--geometry.remove", "--geometry.max-angle.fix", "--roundabouts.guess", "--ramps.guess"),
+    *("--junctions.join", "--junctions.corner-detail", "5"),
+    *("--tls.guess-signals", "--tls.discard-simple", "--tls.join", "--tls.default-type", "static"),
+    *("--osm.sidewalks", "--osm.turn-lanes", "--osm.lane-access", "--output.street-names"),
+)
+
+
+@dataclass(frozen=True)
+class CompiledMap:
+    """A map that SUMO can load."""
+
+    name: str
+    net_path: Path
+    """A plain ``.net.xml`` in the cache."""
+    sha256: str
+    """Of the net's bytes; the same on every machine with the same SUMO version."""
+    kind: SourceKind
+
+    def read_bytes(self) -> bytes:
+        """The net, for ``parse_road_network``."""
+        return self.net_path.read_bytes()
+
+
+def compile_map(source: Path | None, cache_dir: Path | None = None) -> CompiledMap:
+    """Compiles a map with netconvert, or finds it in the cache.
+
+    Args:
+        source: A SUMO net, an OpenDRIVE or an OpenStreetMap file; None is the built-in town.
+        cache_dir: Where compiled nets are kept; None is ``$SIREN_CACHE_DIR``, else
+            ``$XDG_CACHE_HOME/siren``, else ``~/.cache/siren``.
+
+    Raises:
+        MapError: The map is missing, unreadable, not a map, refused by netconvert, or without roads.
+        InputError: The cache folder cannot be written.
+    """
+    loaded = _town_source() if source is None else read_map_source(source)
+    shown = TOWN_NAME if source is None else str(source)
+    key = _cache_key(loaded)
+    folder = cache_dir if cache_dir is not None else default_cache_dir()
+    net_path = folder / f"{loaded.name}-{key[:20]}.net.xml"
+    try:
+        net = net_path.read_bytes()
+    except OSError:
+        net = _compile(loaded, shown)
+        parse_road_network(net)
+        _store(net_path, net)
+    return CompiledMap(loaded.name, net_path, hashlib.sha256(net).hexdigest(), loaded.kind)
+
+
+def default_cache_dir() -> Path:
+    """The folder for compiled maps that the environment asks for."""
+    own = os.environ.get("SIREN_CACHE_DIR")
+    if own:
+        return Path(own)
+    shared = os.environ.get("XDG_CACHE_HOME")
+    return (Path(shared) if shared else Path.home() / ".cache") / "siren"
+
+
+def _town_source() -> MapSource:
+    folder = params_dir() / "town"
+    try:
+        parts = [(folder / name).read_bytes() for _, name in _TOWN_FILES]
+    except OSError as error:
+        raise MapError(TOWN_NAME, f"an installation with the built-in town in {folder} ({error.strerror})") from error
+    return MapSource(name=TOWN_NAME, kind=SourceKind.TOWN, content=b"\0".join(parts))
+
+
+def _cache_key(source: MapSource) -> str:
+    digest = hashlib.sha256()
+    options = {
+        SourceKind.TOWN: _TOWN,
+        SourceKind.SUMO: (),
+        SourceKind.OPENDRIVE: (*_OPENDRIVE, *_OPENDRIVE_SECOND),
+        SourceKind.OPENSTREETMAP: _OPENSTREETMAP,
+    }[source.kind]
+    for part in (_RECIPE, source.kind.value, netconvert_version(), *options):
+        digest.update(part.encode() + b"\0")
+    digest.update(source.content)
+    return digest.hexdigest()
+
+
+def _compile(source: MapSource, shown: str) -> bytes:
+    if source.kind is SourceKind.SUMO:
+        return without_header(source.content)
+    with tempfile.TemporaryDirectory(prefix="siren-map-") as scratch:
+        folder = Path(scratch)
+        output = folder / "out.net.xml"
+        if source.kind is SourceKind.TOWN:
+            options = list(_TOWN)
+            for (option, name), part in zip(_TOWN_FILES, source.content.split(b"\0"), strict=True):
+                (folder / name).write_bytes(part)
+                options += [option, str(folder / name)]
+            return run_netconvert(options, output, shown)
+        if source.kind is SourceKind.OPENDRIVE:
+            return _compile_opendrive(source, folder, output, shown)
+        original = folder / "map.osm.xml"
+        original.write_bytes(source.content)
+        return run_netconvert([*_OPENSTREETMAP, "--osm-files", str(original)], output, shown)
+
+
+def _compile_opendrive(source: MapSource, folder: Path, output: Path, shown: str) -> bytes:
+    original = folder / "map.xodr"
+    original.write_bytes(source.content)
+    first = folder / "first.net.xml"
+    first_net = run_netconvert([*_OPENDRIVE, "--opendrive-files", str(original)], first, shown)
+    patches = opendrive_patches(first_net, source.content, shown)
+    options = [*_OPENDRIVE_SECOND, "--sumo-net-file", str(first)]
+    for option, document in (
+        ("--node-files", patches.nodes),
+        ("--edge-files", patches.edges),
+        ("--connection-files", patches.connections),
+    ):
+        path = folder / f"patch{option}.xml"
+        path.write_bytes(document)
+        options += [option, str(path)]
+    return run_netconvert(options, output, shown)
+
+
+def _store(net_path: Path, net: bytes) -> None:
+    """Writes under a temporary name and renames, so that concurrent compilations see a whole file or none."""
+    try:
+        net_path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=net_path.parent, prefix=f".{net_path.name}.", delete=False) as partial:
+            partial.write(net)
+        Path(partial.name).replace(net_path)
+    except OSError as error:
+        raise InputError("SIREN_CACHE_DIR", str(net_path.parent), f"a folder that can be written ({error})") from error

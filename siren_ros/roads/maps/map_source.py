@@ -1,0 +1,93 @@
+"""What kind of file a map is, and its bytes."""
+
+import gzip
+import io
+import zlib
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import BinaryIO, Final
+from xml.etree.ElementTree import ParseError
+
+from defusedxml import DefusedXmlException
+from defusedxml.ElementTree import iterparse
+
+from siren_ros.errors import MapError
+from siren_ros.roads.net_parser import MAX_MAP_BYTES, MAX_TAGS
+
+ALLOWED: Final = (
+    "a SUMO net (.net.xml, .net.xml.gz), an OpenDRIVE map (.xodr) or an OpenStreetMap extract (.osm, .osm.xml, "
+    "gzipped too), or no map for the built-in town"
+)
+_GZIP_MAGIC: Final = b"\x1f\x8b"
+_SUFFIXES: Final = frozenset({".gz", ".xml", ".net", ".osm", ".xodr"})
+
+
+class SourceKind(StrEnum):
+    """Where a map comes from."""
+
+    TOWN = "town"
+    SUMO = "sumo"
+    OPENDRIVE = "opendrive"
+    OPENSTREETMAP = "openstreetmap"
+
+
+_KIND_OF_ROOT: Final = {
+    "net": SourceKind.SUMO,
+    "OpenDRIVE": SourceKind.OPENDRIVE,
+    "osm": SourceKind.OPENSTREETMAP,
+}
+
+
+@dataclass(frozen=True)
+class MapSource:
+    """A map file as it was read."""
+
+    name: str
+    kind: SourceKind
+    content: bytes
+    """Decompressed."""
+
+
+def read_map_source(path: Path) -> MapSource:
+    """Reads a map file and tells by its root element, not by its name, what it is.
+
+    Raises:
+        MapError: The file is missing, unreadable, or no map of a known kind.
+    """
+    try:
+        with _open(path) as file:
+            content = file.read(MAX_MAP_BYTES + 1)
+    except (OSError, ValueError) as error:
+        raise MapError(str(path), f"{ALLOWED}; {getattr(error, 'strerror', None) or error}") from error
+    if content.startswith(_GZIP_MAGIC):
+        try:
+            with gzip.GzipFile(fileobj=io.BytesIO(content)) as packed:
+                content = packed.read(MAX_MAP_BYTES + 1)
+        except (OSError, EOFError, zlib.error) as error:
+            raise MapError(str(path), f"{ALLOWED}; this gzip file is damaged") from error
+    if len(content) > MAX_MAP_BYTES or content.count(b"<") > MAX_TAGS:
+        raise MapError(str(path), f"a map of at most {MAX_MAP_BYTES // 1_000_000} MB and {MAX_TAGS} XML tags")
+    try:
+        elements = iterparse(io.BytesIO(content), events=("start",), forbid_dtd=True)
+        root = next((element.tag for _, element in elements), "")
+    except (ParseError, DefusedXmlException, ValueError, LookupError) as error:
+        raise MapError(str(path), f"{ALLOWED}; this file is not readable XML: {error}") from error
+    kind = _KIND_OF_ROOT.get(root)
+    if kind is None:
+        raise MapError(str(path), f"{ALLOWED}; this file is an XML document <{root}>")
+    return MapSource(name=_stem(path), kind=kind, content=content)
+
+
+def _open(path: Path) -> BinaryIO:
+    """The file; what would block for ever (a pipe) or never end (a device) is refused."""
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise OSError("this is no file")
+    return path.open("rb")
+
+
+def _stem(path: Path) -> str:
+    name = Path(path.name)
+    while name.suffix in _SUFFIXES and name.stem:
+        name = Path(name.stem)
+    return name.name

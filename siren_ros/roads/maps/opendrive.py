@@ -1,0 +1,215 @@
+"""What netconvert leaves out of an OpenDRIVE map: shoulders for the EMV, stop and yield signs.
+
+netconvert is run twice. The first run imports the roads; its lanes of every type but ``driving`` get
+permissions that do not fit (a sidewalk is open to cars, a shoulder to nobody), and signs are dropped. The
+patches made here are netconvert's own plain XML, which the second run applies to the first run's net.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+from xml.etree.ElementTree import Element, ParseError, SubElement, tostring
+
+from defusedxml import DefusedXmlException
+from defusedxml.ElementTree import fromstring
+
+from siren_ros.errors import MapError
+
+OPEN_SHOULDER_WIDTH_M: Final = 1.8
+"""A shoulder this wide, right of the driving lanes, is opened to emergency vehicles; kerb strips are narrower."""
+WALKING_SPEED_MPS: Final = 1.39
+PLAIN_SIGN_REACH_M: Final = 15.0
+"""A sign on a road binds the junction at the road's end when it stands at most this far from it."""
+
+_MOTOR_TYPES: Final = frozenset({"driving", "entry", "exit", "offRamp", "onRamp", "connectingRamp", "bidirectional"})
+_OPEN_TO_ALL_IN_NAME: Final = frozenset({"", "none"})
+_STOP_SIGN: Final = "206"
+"""German sign catalogue (StVO), which RoadRunner's OpenDRIVE export uses: 206 stop, 205 give way."""
+_YIELD_SIGN: Final = "205"
+
+
+@dataclass(frozen=True)
+class OpenDrivePatches:
+    """Plain XML documents for netconvert's second run."""
+
+    nodes: bytes
+    edges: bytes
+    connections: bytes
+
+
+@dataclass(frozen=True)
+class _Approach:
+    """Traffic of one road that heads for a junction (SUMO keeps the junction's and the road's ids)."""
+
+    road_id: str
+    junction_id: str
+
+
+def opendrive_patches(first_net: bytes, xodr: bytes, shown_source: str) -> OpenDrivePatches:
+    """Patches for lane permissions, shoulder movements and sign-controlled junctions.
+
+    Args:
+        first_net: What netconvert's first run wrote, with all lane types imported.
+        xodr: The OpenDRIVE map.
+        shown_source: What an error names as the map.
+
+    Raises:
+        MapError: The OpenDRIVE document cannot be read.
+    """
+    try:
+        drive = fromstring(xodr, forbid_dtd=True)
+    except (ParseError, DefusedXmlException, ValueError, LookupError) as error:
+        raise MapError(shown_source, f"an OpenDRIVE map that is well-formed XML ({error})") from error
+    net = fromstring(first_net)
+    try:
+        stop = _signed_approaches(drive, _STOP_SIGN)
+        yields = _signed_approaches(drive, _YIELD_SIGN)
+    except (KeyError, ValueError) as error:
+        raise MapError(shown_source, f"an OpenDRIVE map whose signs are complete ({error!r})") from error
+    nodes, minor_edges = _sign_patches(net, stop, yields)
+    return OpenDrivePatches(
+        nodes=_document("nodes", nodes),
+        edges=_document("edges", _edge_patches(net, minor_edges)),
+        connections=_document("connections", _shoulder_connections(net)),
+    )
+
+
+def _document(tag: str, elements: Iterable[Element]) -> bytes:
+    root = Element(tag)
+    root.extend(elements)
+    document: bytes = tostring(root, encoding="utf-8")
+    return document
+
+
+def _signed_approaches(drive: Element, sign_type: str) -> tuple[_Approach, ...]:
+    signals = {
+        signal.attrib["id"] for signal in drive.iter("signal") if signal.get("type") == sign_type and signal.get("id")
+    }
+    found: dict[_Approach, None] = {}
+    for road in drive.iterfind("road"):
+        for sign in (*road.iter("signal"), *road.iter("signalReference")):
+            if sign.get("id") in signals:
+                approach = _approach_of(road, sign)
+                if approach is not None:
+                    found[approach] = None
+    return tuple(found)
+
+
+def _approach_of(road: Element, sign: Element) -> _Approach | None:
+    """The road whose traffic passes a sign on the way into a junction.
+
+    On a connecting road inside the junction, traffic in the direction of the road's reference line comes from its
+    predecessor and traffic against it from its successor. On a road outside, the sign binds the junction ahead.
+    """
+    backward = sign.get("orientation") == "-"
+    junction_id = road.get("junction", "-1")
+    if junction_id != "-1":
+        origin = road.find("link/successor" if backward else "link/predecessor")
+        if origin is None or origin.get("elementType") != "road":
+            return None
+        return _Approach(origin.attrib["elementId"], junction_id)
+    ahead = road.find("link/predecessor" if backward else "link/successor")
+    if ahead is None or ahead.get("elementType") != "junction":
+        return None
+    s_m, length_m = float(sign.get("s", "0")), float(road.get("length", "0"))
+    if (s_m if backward else length_m - s_m) > PLAIN_SIGN_REACH_M:
+        return None
+    return _Approach(road.attrib["id"], ahead.attrib["elementId"])
+
+
+def _road_of_edge(edge_id: str) -> str:
+    return edge_id.lstrip("-").partition(".")[0]
+
+
+def _normal_edges(net: Element) -> Iterator[Element]:
+    return (edge for edge in net.iterfind("edge") if edge.get("function", "normal") == "normal")
+
+
+def _has_driving_lane(edge: Element) -> bool:
+    return any(lane.get("type", "") in _MOTOR_TYPES for lane in edge.iterfind("lane"))
+
+
+def _sign_patches(
+    net: Element, stop: tuple[_Approach, ...], yields: tuple[_Approach, ...]
+) -> tuple[list[Element], Mapping[str, int]]:
+    """Node patches and lowered edge priorities: all legs signed is an all-way stop, some legs a priority stop."""
+    incoming: dict[str, list[Element]] = {}
+    for edge in _normal_edges(net):
+        if _has_driving_lane(edge):
+            incoming.setdefault(edge.attrib["to"], []).append(edge)
+    node_types = {junction.attrib["id"]: junction.get("type", "") for junction in net.iterfind("junction")}
+    nodes: list[Element] = []
+    minor: dict[str, int] = {}
+    for junction_id, edges in incoming.items():
+        if node_types.get(junction_id, "").startswith("traffic_light"):
+            continue
+        stopping = _signed_edges(edges, stop, junction_id)
+        if stopping and len(stopping) == len(edges):
+            nodes.append(Element("node", id=junction_id, type="allway_stop"))
+        elif stopping:
+            nodes.append(Element("node", id=junction_id, type="priority_stop"))
+        for edge in (*stopping, *_signed_edges(edges, yields, junction_id)):
+            minor[edge.attrib["id"]] = int(edge.get("priority", "1")) - 1
+    return nodes, minor
+
+
+def _signed_edges(edges: list[Element], approaches: tuple[_Approach, ...], junction_id: str) -> list[Element]:
+    roads = {approach.road_id for approach in approaches if approach.junction_id == junction_id}
+    return [edge for edge in edges if _road_of_edge(edge.attrib["id"]) in roads]
+
+
+def _open_shoulders(edge: Element) -> frozenset[int]:
+    """Lane numbers of an edge's shoulders that the EMV may use."""
+    lanes = edge.findall("lane")
+    driving = [int(lane.attrib["index"]) for lane in lanes if lane.get("type", "") in _MOTOR_TYPES]
+    return frozenset(
+        int(lane.attrib["index"])
+        for lane in lanes
+        if lane.get("type") == "shoulder"
+        and int(lane.attrib["index"]) < min(driving, default=0)
+        and float(lane.get("width", "0")) >= OPEN_SHOULDER_WIDTH_M
+    )
+
+
+def _edge_patches(net: Element, priorities: Mapping[str, int]) -> Iterator[Element]:
+    for edge in _normal_edges(net):
+        patch = Element("edge", id=edge.attrib["id"])
+        if edge.attrib["id"] in priorities:
+            patch.set("priority", str(priorities[edge.attrib["id"]]))
+        lanes = edge.findall("lane")
+        limits = [float(lane.get("speed", "0")) for lane in lanes if lane.get("type", "") in _MOTOR_TYPES]
+        limit_mps = max(limits, default=WALKING_SPEED_MPS)
+        shoulders = _open_shoulders(edge)
+        for lane in lanes:
+            lane_type = lane.get("type", "")
+            if lane_type in _MOTOR_TYPES or lane_type in _OPEN_TO_ALL_IN_NAME:
+                continue
+            change = SubElement(patch, "lane", index=lane.attrib["index"])
+            if lane_type == "sidewalk":
+                change.set("allow", "pedestrian")
+                change.set("speed", str(WALKING_SPEED_MPS))
+            elif int(lane.attrib["index"]) in shoulders:
+                change.set("allow", "emergency")
+                change.set("speed", str(limit_mps))
+            else:
+                change.set("disallow", "all")
+        yield patch
+
+
+def _shoulder_connections(net: Element) -> Iterator[Element]:
+    """Movements from shoulder to shoulder beside every straight or right movement of the lane on their left."""
+    shoulders = {(edge.attrib["id"], index) for edge in _normal_edges(net) for index in _open_shoulders(edge)}
+    movements = [
+        (c.attrib["from"], int(c.attrib["fromLane"]), c.attrib["to"], int(c.attrib["toLane"]), c.get("dir", ""))
+        for c in net.iterfind("connection")
+        if not c.attrib["from"].startswith(":")
+    ]
+    present = {movement[:4] for movement in movements}
+    for source, from_lane, target, to_lane, direction in movements:
+        if direction not in {"s", "r", "R"} or (source, from_lane - 1, target, to_lane - 1) in present:
+            continue
+        if (source, from_lane - 1) in shoulders and (target, to_lane - 1) in shoulders:
+            yield Element(
+                "connection",
+                {"from": source, "to": target, "fromLane": str(from_lane - 1), "toLane": str(to_lane - 1)},
+            )

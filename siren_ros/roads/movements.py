@@ -1,0 +1,76 @@
+"""How movements across one junction relate: which cross, which run side by side."""
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.numerics.polyline import Polyline
+from siren_ros.roads.road_network import Connection, RoadNetwork
+
+END_TRIM_M: Final = 0.5
+"""Cut off both ends of a path before looking for crossings, so that paths that only fork or merge do not cross."""
+
+
+def movement_path(network: RoadNetwork, connection: Connection) -> Polyline:
+    """The path of a movement across its junction, from the end of one lane to the start of the next."""
+    if connection.via:
+        return Polyline.joined([network.lanes[lane].centre for lane in connection.via])
+    ends = (network.lanes[connection.from_lane].centre.points[-1], network.lanes[connection.to_lane].centre.points[0])
+    if np.linalg.norm(ends[1] - ends[0]) > 2e-6:
+        return Polyline.through(np.stack(ends))
+    return network.lanes[connection.from_lane].centre.cut(network.lanes[connection.from_lane].length_m - 0.01, 1e9)
+
+
+def crossing_connections(network: RoadNetwork, connection: Connection) -> tuple[int, ...]:
+    """Indices of the junction's civilian movements from other approaches whose paths cross this movement's path."""
+    path = _trimmed(movement_path(network, connection))
+    approach = network.lanes[connection.from_lane].edge
+    return tuple(
+        index
+        for index, other in enumerate(network.connections)
+        if other.junction == connection.junction
+        and network.lanes[other.from_lane].edge != approach
+        and _for_civilians(network, other)
+        and paths_cross(path, _trimmed(movement_path(network, other)))
+    )
+
+
+def same_direction_connections(network: RoadNetwork, connection: Connection) -> tuple[int, ...]:
+    """Indices of the civilian movements that begin and end on the same edges as this one (itself among them)."""
+    ends = _edges(network, connection)
+    return tuple(
+        index
+        for index, other in enumerate(network.connections)
+        if _edges(network, other) == ends and _for_civilians(network, other)
+    )
+
+
+def paths_cross(first: npt.NDArray[np.float64], second: npt.NDArray[np.float64]) -> bool:
+    """Whether two open polylines (shapes ``(K, 2)`` and ``(L, 2)``) have a point in common."""
+    a, b = first[:-1, None, :], first[1:, None, :]
+    c, d = second[None, :-1, :], second[None, 1:, :]
+    side_c, side_d = _turn(a, b, c), _turn(a, b, d)
+    side_a, side_b = _turn(c, d, a), _turn(c, d, b)
+    return bool(np.any((side_c * side_d <= 0.0) & (side_a * side_b <= 0.0) & (abs(side_c) + abs(side_d) > 0.0)))
+
+
+def _turn(
+    a: npt.NDArray[np.float64], b: npt.NDArray[np.float64], c: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    ab, ac = b - a, c - a
+    cross: npt.NDArray[np.float64] = ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0]
+    return cross
+
+
+def _trimmed(path: Polyline) -> npt.NDArray[np.float64]:
+    trim_m = min(END_TRIM_M, path.length_m / 4.0)
+    return path.cut(trim_m, path.length_m - trim_m).points
+
+
+def _edges(network: RoadNetwork, connection: Connection) -> tuple[int, int]:
+    return network.lanes[connection.from_lane].edge, network.lanes[connection.to_lane].edge
+
+
+def _for_civilians(network: RoadNetwork, connection: Connection) -> bool:
+    return network.lanes[connection.from_lane].civilian_allowed and network.lanes[connection.to_lane].civilian_allowed

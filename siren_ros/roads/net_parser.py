@@ -1,0 +1,258 @@
+"""Reads a SUMO net (``.net.xml``) into a ``RoadNetwork``."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+from xml.etree.ElementTree import Element, ParseError
+
+import numpy as np
+import numpy.typing as npt
+from defusedxml import DefusedXmlException
+from defusedxml.ElementTree import fromstring
+
+from siren_ros.errors import MapError
+from siren_ros.numerics.polyline import Polyline
+from siren_ros.roads.lane_permissions import Permissions, kind_of_lane, permissions_of
+from siren_ros.roads.map_projection import geodetic_from_projected
+from siren_ros.roads.road_network import Connection, Edge, Junction, JunctionKind, Lane, LaneKind, RoadNetwork
+
+ALLOWED: Final = "a SUMO net as netconvert writes it (.net.xml)"
+DEFAULT_LANE_WIDTH_M: Final = 3.2
+"""SUMO's width of a lane that states none (SUMO user documentation, "Road networks")."""
+FAR_OFFSET_M: Final = 10_000.0
+"""Beyond this net offset the map's own origin is far outside it (UTM), and the map's centre becomes the origin."""
+FARTHEST_M: Final = 1e8
+"""No projection of the Earth has larger coordinates."""
+MAX_MAP_BYTES: Final = 200_000_000
+MAX_TAGS: Final = 3_000_000
+"""An XML element takes some 200 bytes of memory. The net of a city of 100,000 lanes has half a million tags."""
+LONGEST_VIA: Final = 100
+"""netconvert cuts a movement into two or three junction lanes."""
+SHORTEST_LANE_M: Final = 0.01
+"""Length given to the internal lanes that netconvert rounds down to a point."""
+
+_JUNCTION_KINDS: Final[Mapping[str, JunctionKind]] = {
+    "traffic_light": JunctionKind.SIGNAL,
+    "traffic_light_unregulated": JunctionKind.SIGNAL,
+    "traffic_light_right_on_red": JunctionKind.SIGNAL,
+    "allway_stop": JunctionKind.ALL_WAY_STOP,
+    "priority_stop": JunctionKind.PRIORITY_STOP,
+    "priority": JunctionKind.PRIORITY,
+    "zipper": JunctionKind.PRIORITY,
+    "dead_end": JunctionKind.DEAD_END,
+}
+_STOP_STATES: Final = frozenset({"s", "w"})
+"""SUMO's link states of a stop sign: at a junction with priority and at an all-way stop."""
+_PATH_FUNCTIONS: Final = frozenset({"internal", "crossing"})
+_LEFT_OUT_FUNCTIONS: Final = frozenset({"walkingarea"})
+
+_Points = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _Location:
+    offset_m: tuple[float, float]
+    projection: str
+    origin_lat_lon_deg: tuple[float, float] | None
+    projected_origin_m: tuple[float, float] = (0.0, 0.0)
+
+
+def parse_road_network(net_xml: bytes) -> RoadNetwork:
+    """The road network of a SUMO net, in the ``map`` frame (``map = sumo − offset``).
+
+    The offset is the net's ``netOffset``, so that a map from OpenDRIVE keeps its own coordinates. A net in
+    UTM coordinates would put the origin thousands of kilometres away; its origin is the centre of its
+    boundary instead. Lanes, edges and connections keep the order of the file. Walking areas are left out,
+    and so are movements that neither civilians nor emergency vehicles may make.
+
+    Raises:
+        MapError: The bytes are not a SUMO net, or it has no lane that vehicles may drive on.
+    """
+    if len(net_xml) > MAX_MAP_BYTES or net_xml.count(b"<") > MAX_TAGS:
+        raise MapError(f"a net of {len(net_xml)} bytes", f"at most {MAX_MAP_BYTES} bytes and {MAX_TAGS} XML tags")
+    try:
+        root = fromstring(net_xml, forbid_dtd=True)
+    except (ParseError, DefusedXmlException, ValueError, LookupError) as error:
+        raise MapError(f"unreadable XML ({error})", ALLOWED) from error
+    if root.tag != "net":
+        raise MapError(f"an XML document <{root.tag}>", ALLOWED)
+    try:
+        network = _network(root)
+    except (LookupError, ValueError, AttributeError, OverflowError) as error:
+        raise MapError(f"a damaged net ({type(error).__name__}: {error})", ALLOWED) from error
+    if not any(lane.kind is LaneKind.DRIVING for lane in network.lanes):
+        raise MapError("a net without driving lanes", "a map with at least one lane that cars may use")
+    return network
+
+
+def _network(root: Element) -> RoadNetwork:
+    location = _location(root)
+    lanes, edges = _lanes_and_edges(root, location.offset_m)
+    return RoadNetwork(
+        lanes=lanes,
+        edges=edges,
+        connections=tuple(_connections(root, lanes, edges)),
+        junctions=_junctions(root, location.offset_m),
+        sumo_offset_m=location.offset_m,
+        projection=location.projection,
+        origin_lat_lon_deg=location.origin_lat_lon_deg,
+        projected_origin_m=location.projected_origin_m,
+        crossings=tuple(_crossings(root, location.offset_m)),
+    )
+
+
+def _location(root: Element) -> _Location:
+    element = root.find("location")
+    if element is None:
+        return _Location((0.0, 0.0), "!", None)
+    net_x, net_y = (float(value) for value in element.get("netOffset", "0,0").split(","))
+    projection = element.get("projParameter", "!").strip()
+    if not max(abs(net_x), abs(net_y)) <= FARTHEST_M:
+        raise ValueError("an offset that is not on Earth")
+    offset = (net_x, net_y)
+    if max(abs(net_x), abs(net_y)) > FAR_OFFSET_M:
+        west, south, east, north = (float(value) for value in element.get("convBoundary", "0,0,0,0").split(","))
+        offset = (round((west + east) / 2.0), round((south + north) / 2.0))
+    projected = (offset[0] - net_x, offset[1] - net_y)
+    return _Location(offset, projection, geodetic_from_projected(projection, *projected), projected)
+
+
+def _points(shape: str, offset_m: tuple[float, float]) -> _Points:
+    values = [[float(number) for number in point.split(",")[:2]] for point in shape.split()]
+    points = np.array(values, dtype=np.float64).reshape(-1, 2)
+    if not (np.abs(points) <= FARTHEST_M).all():
+        raise ValueError("a point that is not on Earth")
+    return points - offset_m
+
+
+def _centre(points: _Points) -> Polyline:
+    if len(points) == 0:
+        raise ValueError("a lane without a shape")
+    if np.linalg.norm(np.diff(points, axis=0), axis=1).sum() < SHORTEST_LANE_M / 2.0:
+        points = np.stack((points[0], points[0] + (SHORTEST_LANE_M, 0.0)))
+    return Polyline.through(points)
+
+
+def _lanes_and_edges(root: Element, offset_m: tuple[float, float]) -> tuple[tuple[Lane, ...], tuple[Edge, ...]]:
+    lanes: list[Lane] = []
+    edges: list[Edge] = []
+    for element in root.iterfind("edge"):
+        function = element.get("function", "normal")
+        if function in _LEFT_OUT_FUNCTIONS:
+            continue
+        first = len(lanes)
+        for lane in element.iterfind("lane"):
+            lanes.append(_lane(lane, len(lanes), len(edges), function, offset_m))
+        edge_id = element.attrib["id"]
+        junction = edge_id[1:].rpartition("_")[0]
+        edges.append(
+            Edge(
+                index=len(edges),
+                edge_id=edge_id,
+                lanes=tuple(range(first, len(lanes))),
+                from_junction=element.get("from", junction),
+                to_junction=element.get("to", junction),
+                internal=function in _PATH_FUNCTIONS,
+                name=element.get("name", ""),
+            )
+        )
+    return tuple(lanes), tuple(edges)
+
+
+def _lane(element: Element, index: int, edge: int, function: str, offset_m: tuple[float, float]) -> Lane:
+    width_m = float(element.get("width", DEFAULT_LANE_WIDTH_M))
+    permissions = permissions_of(element.get("allow"), element.get("disallow"))
+    if function == "internal":
+        kind = LaneKind.INTERNAL
+    elif function == "crossing":
+        kind, permissions = LaneKind.CROSSING, Permissions(civilian=False, emergency=False, pedestrian=True)
+    else:
+        kind = kind_of_lane(permissions, element.get("type", ""))
+    return Lane(
+        index=index,
+        lane_id=element.attrib["id"],
+        edge=edge,
+        position=int(element.attrib["index"]),
+        kind=kind,
+        centre=_centre(_points(element.attrib["shape"], offset_m)),
+        width_m=width_m,
+        speed_limit_mps=float(element.attrib["speed"]),
+        emergency_allowed=permissions.emergency,
+        civilian_allowed=permissions.civilian,
+    )
+
+
+def _connections(root: Element, lanes: tuple[Lane, ...], edges: tuple[Edge, ...]) -> Iterator[Connection]:
+    lane_of = {(edges[lane.edge].edge_id, lane.position): lane.index for lane in lanes}
+    index_of = {lane.lane_id: lane.index for lane in lanes}
+    elements = root.findall("connection")
+    onward = {
+        (element.attrib["from"], int(element.attrib["fromLane"]), element.attrib["to"]): element.get("via")
+        for element in elements
+        if element.attrib["from"].startswith(":")
+    }
+    for element in elements:
+        from_lane = lane_of.get((element.attrib["from"], int(element.attrib["fromLane"])))
+        to_lane = lane_of.get((element.attrib["to"], int(element.attrib["toLane"])))
+        if from_lane is None or to_lane is None:
+            continue
+        source, target = lanes[from_lane], lanes[to_lane]
+        if edges[source.edge].internal or edges[target.edge].internal or not _usable(source, target):
+            continue
+        via: list[int] = []
+        step = element.get("via")
+        while step is not None:
+            via.append(index_of[step])
+            if len(via) > LONGEST_VIA:
+                raise ValueError(f"a way through junction lanes from {source.lane_id} that does not end")
+            internal = lanes[via[-1]]
+            step = onward.get((edges[internal.edge].edge_id, internal.position, element.attrib["to"]))
+        yield Connection(
+            from_lane=from_lane,
+            to_lane=to_lane,
+            via=tuple(via),
+            direction=element.get("dir", "s"),
+            signal_id=element.get("tl"),
+            signal_link=int(element.get("linkIndex", "-1")),
+            must_stop=element.get("state") in _STOP_STATES and element.get("tl") is None,
+            junction=edges[source.edge].to_junction,
+        )
+
+
+def _usable(source: Lane, target: Lane) -> bool:
+    return (source.civilian_allowed and target.civilian_allowed) or (
+        source.emergency_allowed and target.emergency_allowed
+    )
+
+
+def _junctions(root: Element, offset_m: tuple[float, float]) -> dict[str, Junction]:
+    junctions: dict[str, Junction] = {}
+    for element in root.iterfind("junction"):
+        kind = element.get("type", "")
+        if kind == "internal":
+            continue
+        junction_id = element.attrib["id"]
+        junctions[junction_id] = Junction(
+            junction_id=junction_id,
+            kind=_JUNCTION_KINDS.get(kind, JunctionKind.UNCONTROLLED),
+            outline=_points(element.get("shape", ""), offset_m),
+            x_m=float(element.attrib["x"]) - offset_m[0],
+            y_m=float(element.attrib["y"]) - offset_m[1],
+        )
+    return junctions
+
+
+def _crossings(root: Element, offset_m: tuple[float, float]) -> Iterator[_Points]:
+    for element in root.iterfind("edge"):
+        if element.get("function") != "crossing":
+            continue
+        for lane in element.iterfind("lane"):
+            outline = lane.get("outlineShape")
+            if outline is not None:
+                yield _points(outline, offset_m)
+                continue
+            centre = _centre(_points(lane.attrib["shape"], offset_m))
+            half_m = float(lane.get("width", DEFAULT_LANE_WIDTH_M)) / 2.0
+            left = centre.offset_points(centre.arc_m, half_m)
+            right = centre.offset_points(centre.arc_m, -half_m)
+            yield np.concatenate((left, right[::-1]))

@@ -1,0 +1,156 @@
+"""The road network in the ``map`` frame: lanes with their centre lines, how they connect, signals."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.numerics.polyline import Polyline
+
+NO_LANE = -1
+
+
+class LaneKind(StrEnum):
+    """What a lane is for."""
+
+    DRIVING = "driving"
+    SHOULDER = "shoulder"
+    SIDEWALK = "sidewalk"
+    KERB = "kerb"
+    """A strip that nobody uses, between shoulder and sidewalk."""
+    INTERNAL = "internal"
+    """A path across a junction."""
+    CROSSING = "crossing"
+
+
+class JunctionKind(StrEnum):
+    """How a junction is controlled."""
+
+    SIGNAL = "signal"
+    ALL_WAY_STOP = "all_way_stop"
+    PRIORITY_STOP = "priority_stop"
+    PRIORITY = "priority"
+    UNCONTROLLED = "uncontrolled"
+    DEAD_END = "dead_end"
+
+
+@dataclass(frozen=True)
+class Lane:
+    """One lane; ``centre`` runs in driving direction."""
+
+    index: int
+    """Own position in ``RoadNetwork.lanes``."""
+    lane_id: str
+    edge: int
+    position: int
+    """SUMO's lane number on the edge, 0 at the right kerb."""
+    kind: LaneKind
+    centre: Polyline
+    width_m: float
+    speed_limit_mps: float
+    emergency_allowed: bool
+    civilian_allowed: bool
+
+    @property
+    def length_m(self) -> float:
+        """Length of the centre line."""
+        return self.centre.length_m
+
+
+@dataclass(frozen=True)
+class Edge:
+    """A directed road between two junctions, or a path through one (``internal``)."""
+
+    index: int
+    edge_id: str
+    lanes: tuple[int, ...]
+    """Lane indices from the right kerb to the left."""
+    from_junction: str
+    to_junction: str
+    internal: bool
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Connection:
+    """A permitted movement from one lane to the next across a junction."""
+
+    from_lane: int
+    to_lane: int
+    via: tuple[int, ...]
+    """Internal lanes in driving order; empty where the lanes touch."""
+    direction: str
+    """SUMO's letter: s straight, l left, r right, t turnaround, L/R partially."""
+    signal_id: str | None
+    signal_link: int
+    """Index into the state string of the signal, −1 without one."""
+    must_stop: bool
+    """Whether a stop sign binds this movement."""
+    junction: str
+
+
+@dataclass(frozen=True)
+class Junction:
+    """A junction's control, outline and the movements that cross each other."""
+
+    junction_id: str
+    kind: JunctionKind
+    outline: npt.NDArray[np.float64]
+    """Shape ``(K, 2)``, map frame; may be empty for dead ends."""
+    x_m: float
+    y_m: float
+
+
+@dataclass(frozen=True)
+class RoadNetwork:
+    """A whole map. Built by ``parse_road_network`` from a SUMO net, immutable afterwards."""
+
+    lanes: tuple[Lane, ...]
+    edges: tuple[Edge, ...]
+    connections: tuple[Connection, ...]
+    junctions: Mapping[str, Junction]
+    sumo_offset_m: tuple[float, float]
+    """``map = sumo − offset``, per axis: the net's ``netOffset``."""
+    projection: str
+    """PROJ string of the map's geo-reference; ``!`` without one, as SUMO writes it."""
+    origin_lat_lon_deg: tuple[float, float] | None = None
+    projected_origin_m: tuple[float, float] = (0.0, 0.0)
+    """Coordinates of the map frame's origin in the projection."""
+    crossings: tuple[npt.NDArray[np.float64], ...] = field(default=())
+    """Outlines of pedestrian crossings, each ``(K, 2)``."""
+
+    @cached_property
+    def lane_by_id(self) -> Mapping[str, Lane]:
+        """Lanes by SUMO id."""
+        return {lane.lane_id: lane for lane in self.lanes}
+
+    @cached_property
+    def edge_by_id(self) -> Mapping[str, Edge]:
+        """Edges by SUMO id."""
+        return {edge.edge_id: edge for edge in self.edges}
+
+    @cached_property
+    def connections_from(self) -> Mapping[int, tuple[Connection, ...]]:
+        """Movements out of each lane."""
+        return _grouped(self.connections, "from_lane")
+
+    @cached_property
+    def connections_to(self) -> Mapping[int, tuple[Connection, ...]]:
+        """Movements into each lane."""
+        return _grouped(self.connections, "to_lane")
+
+    def neighbour(self, lane: Lane, side: int) -> Lane | None:
+        """The adjacent lane of the same edge: side +1 left, −1 right; None where there is none."""
+        position = lane.position + side
+        lanes = self.edges[lane.edge].lanes
+        return self.lanes[lanes[position]] if 0 <= position < len(lanes) else None
+
+
+def _grouped(connections: tuple[Connection, ...], key: str) -> dict[int, tuple[Connection, ...]]:
+    groups: dict[int, list[Connection]] = {}
+    for connection in connections:
+        groups.setdefault(getattr(connection, key), []).append(connection)
+    return {lane: tuple(group) for lane, group in groups.items()}

@@ -1,0 +1,148 @@
+"""Places at junctions: queued approaches, crossed movements, right turns along a shoulder."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+from siren_ros.roads.movements import crossing_connections, same_direction_connections
+from siren_ros.roads.road_network import Connection, JunctionKind, Lane, LaneKind, RoadNetwork
+from siren_ros.roads.routing import EdgeGraph
+from siren_ros.roads.sites.road_sites import (
+    civilian_movements,
+    connection_indices,
+    route_score,
+    share,
+    wide_stretch_back,
+)
+from siren_ros.roads.sites.site import ENOUGH_M, SHORTEST_QUEUE_M, SHORTEST_SHOULDER_M, Site, SiteKind
+from siren_ros.roads.sites.site_routes import lanes_through, route_through, turn_of
+
+_SHOULDER_ENOUGH_M = 100.0
+_APPROACH_EDGE_ENOUGH_M = 100.0
+
+
+def queued_approaches(graph: EdgeGraph) -> Iterator[Site]:
+    """Approaches to a signal on two lanes or more that lead on side by side."""
+    network = graph.network
+    for edge, way, movements in _directions(graph):
+        if not _is_signalised(network, movements) or lanes_through(network, edge, way) < 2:
+            continue
+        site = _junction_site(graph, SiteKind.QUEUED_APPROACH, movements, wide_stretch_back(graph, edge))
+        if site.length_m >= SHORTEST_QUEUE_M:
+            yield replace(site, score=site.score + 4.0 * share(site.length_m) + 2.0 * _straight(network, edge, way))
+
+
+def signal_junctions(graph: EdgeGraph) -> Iterator[Site]:
+    """Movements under a signal that other movements cross."""
+    return _crossed(graph, SiteKind.SIGNAL_JUNCTION, lambda movements: _is_signalised(graph.network, movements))
+
+
+def stop_junctions(graph: EdgeGraph) -> Iterator[Site]:
+    """Movements behind a stop sign that other movements cross."""
+    return _crossed(graph, SiteKind.STOP_JUNCTION, lambda movements: all(c.must_stop for c in movements))
+
+
+def shoulder_turns(graph: EdgeGraph) -> Iterator[Site]:
+    """Right turns with a shoulder before, beside and after them."""
+    network = graph.network
+    for connection in network.connections:
+        source, target = network.lanes[connection.from_lane], network.lanes[connection.to_lane]
+        turning = source.kind is LaneKind.SHOULDER and target.kind is LaneKind.SHOULDER and connection.direction == "r"
+        if not turning or min(source.length_m, target.length_m) < SHORTEST_SHOULDER_M:
+            continue
+        movements = civilian_movements(network, source.edge, target.edge)
+        if not movements:
+            continue
+        site = _junction_site(graph, SiteKind.SHOULDER_RIGHT_TURN, movements, (source.edge,))
+        before_m, after_m = _shoulder_before_m(network, source), _shoulder_after_m(network, target)
+        yield replace(
+            site,
+            approach_lane=source.index,
+            length_m=before_m + after_m,
+            connections=connection_indices(network, [connection]),
+            crossing=crossing_connections(network, connection),
+            score=site.score + 2.0 * share(before_m, _SHOULDER_ENOUGH_M) + 2.0 * share(after_m, _SHOULDER_ENOUGH_M),
+        )
+
+
+def _directions(graph: EdgeGraph) -> Iterator[tuple[int, int, list[Connection]]]:
+    for edge, ways in enumerate(graph.successors):
+        for way in ways:
+            if turn_of(graph.network, edge, way) != "t":
+                yield edge, way, civilian_movements(graph.network, edge, way)
+
+
+def _is_signalised(network: RoadNetwork, movements: Sequence[Connection]) -> bool:
+    return movements[0].signal_id is not None and network.junctions[movements[0].junction].kind is JunctionKind.SIGNAL
+
+
+def _straight(network: RoadNetwork, edge: int, next_edge: int) -> float:
+    return 1.0 if turn_of(network, edge, next_edge) == "s" else 0.0
+
+
+def _junction_site(graph: EdgeGraph, kind: SiteKind, movements: Sequence[Connection], stretch: tuple[int, ...]) -> Site:
+    """A place at the junction after a stretch; its score is that of the route alone."""
+    network = graph.network
+    edge, next_edge = stretch[-1], network.lanes[movements[0].to_lane].edge
+    route = route_through(graph, (*stretch, next_edge))
+    length_m = graph.route_length_m(stretch)
+    whole = replace(route, approach_m=route.approach_m + length_m, exit_m=route.exit_m + graph.length_m[next_edge])
+    junction = movements[0].junction
+    return Site(
+        kind=kind,
+        name=f"{network.edges[edge].edge_id} to {network.edges[next_edge].edge_id} at {junction}",
+        junction=junction,
+        route=route.edges,
+        site_position=route.start + len(stretch) - 1,
+        site_edge=edge,
+        stretch=stretch,
+        approach_lane=movements[-1].from_lane,
+        length_m=length_m,
+        connections=connection_indices(network, movements),
+        crossing=(),
+        score=route_score(whole, graph.route_length_m(route.edges)),
+    )
+
+
+def _crossed(graph: EdgeGraph, kind: SiteKind, binding: Callable[[Sequence[Connection]], bool]) -> Iterator[Site]:
+    network = graph.network
+    lasting = graph.endless_edges()
+    for edge, way, movements in _directions(graph):
+        if not binding(movements):
+            continue
+        crossing = tuple(sorted({index for c in movements for index in crossing_connections(network, c)}))
+        if not crossing:
+            continue
+        site = _junction_site(graph, kind, movements, (edge,))
+        approaches = {network.lanes[network.connections[index].from_lane].edge for index in crossing}
+        quality = (
+            2.0 * _straight(network, edge, way)
+            + min(lanes_through(network, edge, way), 2)
+            + min(len(approaches), 3) / 3.0
+            + min(len(same_direction_connections(network, movements[-1])), 2) / 2.0
+            + 2.0 * share(site.length_m, _APPROACH_EDGE_ENOUGH_M)
+            + 1.0 * (site.route[-1] in lasting)
+        )
+        yield replace(site, crossing=crossing, score=site.score + quality)
+
+
+def _shoulder_before_m(network: RoadNetwork, lane: Lane) -> float:
+    return _shoulder_reach_m(
+        network, lane, lambda at: [c.from_lane for c in network.connections_to.get(at, ()) if c.direction == "s"]
+    )
+
+
+def _shoulder_after_m(network: RoadNetwork, lane: Lane) -> float:
+    return _shoulder_reach_m(
+        network, lane, lambda at: [c.to_lane for c in network.connections_from.get(at, ()) if c.direction == "s"]
+    )
+
+
+def _shoulder_reach_m(network: RoadNetwork, lane: Lane, beyond: Callable[[int], list[int]]) -> float:
+    """Length of a shoulder and of those that it runs on into, up to what is enough."""
+    length_m, seen = lane.length_m, {lane.index}
+    onward = beyond(lane.index)
+    while onward and onward[0] not in seen and length_m < ENOUGH_M:
+        seen.add(onward[0])
+        length_m += network.lanes[onward[0]].length_m
+        onward = beyond(onward[0])
+    return length_m

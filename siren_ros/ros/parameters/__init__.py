@@ -1,0 +1,1 @@
+"""ROS parameters, declared from one frozen dataclass per node."""

@@ -1,0 +1,142 @@
+"""The configuration of every node: one frozen dataclass each; defaults stand here and nowhere else."""
+
+from dataclasses import dataclass
+from typing import Final
+
+from siren_ros.ros.parameters.parameters import parameter
+
+DEFAULT_PARTICIPANTS: Final = (
+    "sumo_bridge",
+    "emv_controller",
+    "yield_manager",
+    "vehicle_dynamics",
+    "sensor_sim",
+    "recorder",
+)
+
+
+LEVELS: Final = ("", "L0", "L1", "L2", "L3")
+AV_KINDS: Final = ("", "civilian")
+MAX_SEED: Final = 2**31 - 1
+
+
+@dataclass(frozen=True)
+class ParticipantConfig:
+    """What every node of the lockstep has."""
+
+    participants: list[str] = parameter(
+        list(DEFAULT_PARTICIPANTS),
+        "Nodes of this episode; each waits until those it exchanges messages with are there.",
+    )
+
+
+@dataclass(frozen=True)
+class SumoBridgeConfig(ParticipantConfig):
+    """``sumo_bridge``: map, scenario and SUMO itself."""
+
+    template: str = parameter("S2", "Interaction template: an id such as S2 or the path of a template file.")
+    level: str = parameter("", "Emergency level; empty: the template's own.", choices=LEVELS)
+    seed: int = parameter(0, "Seed of everything random in the episode.", minimum=0, maximum=MAX_SEED)
+    map: str = parameter("", "Path of a SUMO net, OpenDRIVE or OpenStreetMap file; empty: the built-in town.")
+    duration_s: float = parameter(0.0, "Simulated duration; 0: the template's own.", minimum=0.0, maximum=3600.0)
+    preset: str = parameter("paper", "How civilians react: a name in params/presets or the path of a preset file.")
+    sensors: str = parameter("front", "Sensor suite: a name in params/suites or the path of a suite file.")
+    look: str = parameter("clear", "Weather and time of day: a name in params/looks or the path of a look file.")
+    av: str = parameter(
+        "", "Who an external controller drives: the civilian that the EMV has to pass; empty: nobody.", choices=AV_KINDS
+    )
+    av_sensors: str = parameter("none", "Sensor suite of that vehicle: as for sensors; its topics begin with /av.")
+    residual_limit_m: float = parameter(
+        5.0, "Distance between SUMO's and the simulated pose above which the episode fails.", minimum=0.1, maximum=100.0
+    )
+
+
+@dataclass(frozen=True)
+class EmvControllerConfig(ParticipantConfig):
+    """``emv_controller``."""
+
+
+@dataclass(frozen=True)
+class YieldManagerConfig(ParticipantConfig):
+    """``yield_manager``."""
+
+
+@dataclass(frozen=True)
+class VehicleDynamicsConfig(ParticipantConfig):
+    """``vehicle_dynamics``."""
+
+
+@dataclass(frozen=True)
+class SensorSimConfig(ParticipantConfig):
+    """``sensor_sim``."""
+
+    trails: bool = parameter(
+        False, "Whether a step's sweeps and pictures may still be made while the next step begins."
+    )
+
+
+@dataclass(frozen=True)
+class RecorderConfig(ParticipantConfig):
+    """``recorder``."""
+
+    bag: str = parameter("", "Folder of the bag to write; empty: bags/TEMPLATE_LEVEL_seedN.")
+
+
+@dataclass(frozen=True)
+class KittiExporterConfig(ParticipantConfig):
+    """``kitti_exporter``."""
+
+    out: str = parameter("", "Folder of the KITTI export; empty: beside the bag, with the suffix _kitti.")
+
+
+@dataclass(frozen=True)
+class PlayerConfig:
+    """``player``."""
+
+    bag: str = parameter("", "Folder of the bag to play.")
+    rate: float = parameter(1.0, "Simulated seconds per wall second.", minimum=0.01, maximum=100.0)
+    start_s: float = parameter(0.0, "Simulated time at which it begins.", minimum=0.0, maximum=1e6)
+    loop: bool = parameter(False, "Begin again at the end.")
+    paused: bool = parameter(False, "Wait for the service ~/resume before the first message.")
+    delay_s: float = parameter(
+        3.0, "Wall time that subscribers are given to connect before the first message.", minimum=0.0, maximum=3600.0
+    )
+
+
+@dataclass(frozen=True)
+class CosimConfig:
+    """``cosim``: one episode, all nodes."""
+
+    template: str = parameter("S2", "Interaction template: an id such as S2 or the path of a template file.")
+    level: str = parameter("", "Emergency level; empty: the template's own.", choices=LEVELS)
+    seed: int = parameter(0, "Seed of everything random in the episode.", minimum=0, maximum=MAX_SEED)
+    map: str = parameter("", "Path of a SUMO net, OpenDRIVE or OpenStreetMap file; empty: the built-in town.")
+    duration_s: float = parameter(0.0, "Simulated duration; 0: the template's own.", minimum=0.0, maximum=3600.0)
+    preset: str = parameter("paper", "How civilians react: a name in params/presets or the path of a preset file.")
+    sensors: str = parameter("front", "Sensor suite: a name in params/suites or the path of a suite file.")
+    look: str = parameter("clear", "Weather and time of day: a name in params/looks or the path of a look file.")
+    av: str = parameter(
+        "", "Who an external controller drives: the civilian that the EMV has to pass; empty: nobody.", choices=AV_KINDS
+    )
+    av_sensors: str = parameter("none", "Sensor suite of that vehicle: as for sensors; its topics begin with /av.")
+    bag: str = parameter("", "Folder of the bag to write; empty: bags/TEMPLATE_LEVEL_seedN.")
+    external: list[str] = parameter(
+        [], "Programs that report every step on /siren/step_done under these names and are waited for."
+    )
+    kitti: bool = parameter(True, "Also write a KITTI export beside the bag (where the suite has a LiDAR).")
+    processes: bool = parameter(False, "Run each node as a process of its own.")
+    realtime_factor: float = parameter(
+        0.0, "Simulated seconds per wall second at most; 0: as fast as it goes.", minimum=0.0, maximum=1000.0
+    )
+    step_timeout_s: float = parameter(
+        20.0,
+        "Wall time after which a participant that has not finished its step ends the episode.",
+        minimum=0.1,
+        maximum=3600.0,
+    )
+    start_timeout_s: float = parameter(
+        120.0,
+        "Wall time after which a participant that is not ready for the first step ends the episode.",
+        minimum=0.1,
+        maximum=3600.0,
+    )

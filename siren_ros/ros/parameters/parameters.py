@@ -1,0 +1,116 @@
+"""ROS parameters declared from the fields of a frozen dataclass, so that a default stands once."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from siren_ros.errors import InputError
+
+Config = TypeVar("Config")
+Value = bool | int | float | str | list[str]
+
+
+def parameter(
+    default: Any,
+    description: str,
+    *,
+    minimum: float | None = None,
+    maximum: float | None = None,
+    choices: Sequence[str] = (),
+) -> Any:
+    """A dataclass field that is a ROS parameter with a description and a range."""
+    metadata = {"description": description, "minimum": minimum, "maximum": maximum, "choices": tuple(choices)}
+    if isinstance(default, list):
+        return dataclasses.field(default_factory=lambda: list(default), metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def defaults_of(config_type: type[Any]) -> dict[str, Value]:
+    """Default of every parameter of a config dataclass, by name."""
+    config = config_type()
+    return {field.name: getattr(config, field.name) for field in dataclasses.fields(config_type)}
+
+
+def allowed_text(field: "dataclasses.Field[Any]", kind: type) -> str:
+    """What a parameter accepts, in words."""
+    low, high, choices = (field.metadata.get(key) for key in ("minimum", "maximum", "choices"))
+    if choices:
+        return "one of " + ", ".join(repr(choice) for choice in choices)
+    name = {bool: "true or false", int: "an integer", float: "a number", str: "a string", list: "a list of strings"}[
+        kind
+    ]
+    if low is not None and high is not None:
+        return f"{name} from {low:.12g} to {high:.12g}"
+    if low is not None:
+        return f"{name} of at least {low:g}"
+    return name
+
+
+def checked_value(field: "dataclasses.Field[Any]", default: Value, value: Any) -> Value:
+    """A parameter's value in the type of its default.
+
+    Raises:
+        InputError: Wrong type, out of range, or not among the choices.
+    """
+    kind = type(default)
+    allowed = allowed_text(field, kind)
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    if kind is str and not isinstance(value, str) and isinstance(value, (int, float, bool)):
+        raise InputError(field.name, value, allowed)
+    if kind is list and (value is None or isinstance(value, (list, tuple))):
+        value = [str(item) for item in value or ()]  # ROS reads an empty list in a parameter file as nothing at all
+    if type(value) is not kind:
+        raise InputError(field.name, value, allowed)
+    low, high, choices = (field.metadata.get(key) for key in ("minimum", "maximum", "choices"))
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        too_low = low is not None and value < low
+        too_high = high is not None and value > high
+        if too_low or too_high or value != value:  # noqa: PLR0124 - NaN is the value that differs from itself
+            raise InputError(field.name, value, allowed)
+    if choices and value not in choices:
+        raise InputError(field.name, value, allowed)
+    return value
+
+
+def _descriptor(field: "dataclasses.Field[Any]", default: Value) -> ParameterDescriptor:
+    low, high = field.metadata.get("minimum"), field.metadata.get("maximum")
+    descriptor = ParameterDescriptor(
+        description=field.metadata.get("description", ""),
+        additional_constraints=allowed_text(field, type(default)),
+        read_only=True,
+        dynamic_typing=True,
+    )
+    unbounded = float(2**53)
+    if low is not None or high is not None:
+        first, last = low if low is not None else -unbounded, high if high is not None else unbounded
+        if isinstance(default, int) and not isinstance(default, bool):
+            descriptor.integer_range = [IntegerRange(from_value=int(first), to_value=int(last), step=0)]
+        elif isinstance(default, float):
+            descriptor.floating_point_range = [FloatingPointRange(from_value=float(first), to_value=float(last))]
+    return descriptor
+
+
+def declare_config(node: Node, config_type: type[Config]) -> Config:
+    """Declare every field of a config dataclass as a parameter and return the config with the values set.
+
+    Values are checked here, before ROS sees them, so that a bad one gives one line that names it.
+
+    Raises:
+        InputError: A value of the wrong type or out of range.
+    """
+    overrides = node._parameter_overrides  # noqa: SLF001 - rclpy has no public way to read a value before declaring it
+    values: dict[str, Value] = {}
+    for field in dataclasses.fields(config_type):  # type: ignore[arg-type] # TypeVar of any dataclass
+        default = defaults_of(config_type)[field.name]
+        given = overrides.get(field.name)
+        value = default if given is None else checked_value(field, default, given.value)
+        if given is not None:
+            overrides[field.name] = Parameter(field.name, value=value)
+        node.declare_parameter(field.name, value, _descriptor(field, default))
+        values[field.name] = value
+    return config_type(**values)

@@ -1,0 +1,1 @@
+"""Nodes that take part in the lockstep, and the master that drives it."""

@@ -1,0 +1,58 @@
+"""The place of the AV's controller in the lockstep, so that it need not know the lockstep's protocol."""
+
+from collections.abc import Callable
+
+from rclpy.node import Node
+
+from siren_ros.errors import SirenError
+from siren_ros.interfaces import topics
+from siren_ros.interfaces.av_control import from_av_control
+from siren_ros.interfaces.lockstep_reports import Phase, StepReport
+from siren_ros.lockstep.lockstep import LockstepState, Stage
+from siren_ros.ros.transport import wire
+from siren_ros.ros.transport.endpoints import create_input
+from siren_ros.world.commands import AV_SOURCE
+
+
+class AvSeat:
+    """Reports for the controller: ready when its publisher is there, a step done when its control command is."""
+
+    def __init__(self, node: Node, report: Callable[[StepReport], None]) -> None:
+        """Listen to the controller.
+
+        Args:
+            node: The master's node.
+            report: Takes the reports.
+        """
+        self._node = node
+        self._report = report
+        create_input(node, topics.AV_CONTROL, self._on_control)
+
+    @property
+    def called(self) -> str:
+        """The controller with the name of its node, as far as that is known."""
+        publishers = self._node.get_publishers_info_by_topic(topics.AV_CONTROL.name)
+        names = sorted({publisher.node_name for publisher in publishers})
+        return f"{AV_SOURCE} (node {', '.join(names)})" if names else AV_SOURCE
+
+    def watch(self, state: LockstepState) -> None:
+        """Look whether the controller is there."""
+        there = bool(self._node.count_publishers(topics.AV_CONTROL.name))
+        if state.stage is Stage.GATHERING and there:
+            self._report(StepReport(0, AV_SOURCE, Phase.READY))
+        elif state.stage is Stage.STEPPING and not there:
+            error = f"its publisher of {topics.AV_CONTROL.name} is gone"
+            self._report(StepReport(state.step, AV_SOURCE, Phase.STEP, error))
+
+    def close(self, steps: int) -> None:
+        """The controller has nothing to close."""
+        self._report(StepReport(max(steps - 1, 0), AV_SOURCE, Phase.FINAL))
+
+    def _on_control(self, cdr: bytes) -> None:
+        try:
+            control = from_av_control(wire.decode(topics.AV_CONTROL, cdr))
+            control.check()
+        except SirenError as error:
+            self._report(StepReport(0, AV_SOURCE, Phase.STEP, f"{topics.AV_CONTROL.name}: {error}"))
+            return
+        self._report(StepReport(control.step, AV_SOURCE, Phase.STEP))

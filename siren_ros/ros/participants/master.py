@@ -1,0 +1,117 @@
+"""The lockstep's master: publishes the clock, gathers StepDone, ends the episode."""
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+from rclpy.node import Node
+
+from siren_ros.errors import SirenError
+from siren_ros.interfaces import topics
+from siren_ros.interfaces.conversions import from_step_done, to_episode_end
+from siren_ros.interfaces.factory import stamp
+from siren_ros.interfaces.lockstep_reports import EpisodeClosing, StepReport
+from siren_ros.lockstep import lockstep
+from siren_ros.lockstep.lockstep import BeginStep, EndEpisode, LockstepConfig, LockstepState, Stage
+from siren_ros.numerics.units import STEP_S, time_ns_of_step
+from siren_ros.ros.participants.av_seat import AvSeat
+from siren_ros.ros.transport import wire
+from siren_ros.ros.transport.endpoints import create_input, create_output
+from siren_ros.ros.transport.wall_timer import create_wall_timer
+from siren_ros.world.commands import AV_SOURCE
+
+WATCH_S = 0.1
+
+
+class LockstepMaster:
+    """Drives one episode on the publishers and subscriptions of a node."""
+
+    def __init__(self, node: Node, config: LockstepConfig, realtime_factor: float = 0.0, settle_s: float = 0.0) -> None:
+        """Get ready to hear the participants.
+
+        Args:
+            node: The node that speaks for the master.
+            config: Participants, steps and time limits.
+            realtime_factor: Simulated seconds per wall second at most; 0 for no limit.
+            settle_s: Wall time between the last participant's readiness and the first step, for participants
+                that are not ours: ours make sure that everybody whom they have to reach is connected.
+        """
+        self.config = config
+        self.state: LockstepState = lockstep.start_lockstep(config, time.monotonic())
+        self.on_step_begun: Callable[[int], None] = lambda _step: None
+        self._pace_s = STEP_S / realtime_factor if realtime_factor > 0 else 0.0
+        self._settle_s = settle_s
+        self._next_wall_s = 0.0
+        self._clock = create_output(node, topics.CLOCK)
+        self._end = create_output(node, topics.EPISODE_END)
+        create_input(node, topics.STEP_DONE, self._on_report)
+        create_wall_timer(node, WATCH_S, self._on_watch)
+        self._pacer = create_wall_timer(node, 0.001, self._on_pace) if self._pace_s or settle_s else None
+        self._held: BeginStep | None = None
+        self._seat = AvSeat(node, self._take) if AV_SOURCE in config.participants else None
+
+    @property
+    def closed(self) -> bool:
+        """Whether the episode is over and every participant has closed down (or was given up on)."""
+        return self.state.stage is Stage.CLOSED
+
+    def interrupt(self, reason: str) -> None:
+        """End the episode at the user's wish."""
+        self._advance(lockstep.on_interrupt(self.state, self.config, time.monotonic(), reason))
+
+    def fail(self, reason: str, gone: Iterable[str] = ()) -> None:
+        """End the episode because of something that no report says; participants that are gone are not waited for."""
+        self._advance(lockstep.on_failure(self.state, self.config, time.monotonic(), reason, frozenset(gone)))
+
+    @contextmanager
+    def failing_on_error(self) -> Iterator[None]:
+        """A message that cannot be read ends the episode, as it does in the participants."""
+        try:
+            yield
+        except SirenError as error:
+            self.fail(str(error))
+
+    def _on_report(self, cdr: bytes) -> None:
+        with self.failing_on_error():
+            self._take(from_step_done(wire.decode(topics.STEP_DONE, cdr)))
+
+    def _take(self, report: StepReport) -> None:
+        self._advance(lockstep.on_report(self.state, report, self.config, time.monotonic()))
+
+    def _on_watch(self) -> None:
+        if self._seat is not None:
+            if self.state.stage is Stage.GATHERING:
+                self.config = replace(self.config, called={AV_SOURCE: self._seat.called})
+            self._seat.watch(self.state)
+        self._advance(lockstep.on_time(self.state, self.config, time.monotonic()))
+
+    def _on_pace(self) -> None:
+        if self._held is not None and time.monotonic() >= self._next_wall_s:
+            action, self._held = self._held, None
+            self._begin(action)
+            if self._pacer is not None and not self._pace_s:
+                self._pacer.cancel()
+
+    def _advance(self, result: tuple[LockstepState, lockstep.Action]) -> None:
+        self.state, action = result
+        if isinstance(action, BeginStep):
+            if action.step == 0:
+                self._next_wall_s = time.monotonic() + self._settle_s
+            if time.monotonic() < self._next_wall_s:
+                self._held = action
+            else:
+                self._begin(action)
+        elif isinstance(action, EndEpisode):
+            self._held = None
+            closing = EpisodeClosing(action.steps, action.end, action.reason)
+            self._end.publish(wire.encode(topics.EPISODE_END, to_episode_end(wire.factory(), closing)))
+            if self._seat is not None:
+                self._seat.close(action.steps)
+
+    def _begin(self, action: BeginStep) -> None:
+        self._next_wall_s = max(self._next_wall_s + self._pace_s, time.monotonic() - self._pace_s)
+        self.on_step_begun(action.step)
+        factory = wire.factory()
+        clock = factory.make(topics.CLOCK.type_name, clock=stamp(factory, time_ns_of_step(action.step)))
+        self._clock.publish(wire.encode(topics.CLOCK, clock))

@@ -1,0 +1,221 @@
+"""The base of every node that takes part in the lockstep."""
+
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, Generic, TypeVar
+
+from rclpy.duration import Duration
+from rclpy.node import Node
+
+from siren_ros.errors import SirenError
+from siren_ros.interfaces import topics
+from siren_ros.interfaces.conversions import from_episode_description, from_episode_end, to_step_done
+from siren_ros.interfaces.lockstep_reports import EpisodeClosing, Phase, StepReport
+from siren_ros.interfaces.topics import Topic
+from siren_ros.lockstep.tick_join import Input, TickJoin
+from siren_ros.ros.parameters.node_configs import ParticipantConfig
+from siren_ros.ros.parameters.parameters import declare_config
+from siren_ros.ros.participants.hang_watch import Work, begin_work
+from siren_ros.ros.transport import wire
+from siren_ros.ros.transport.endpoints import create_input, create_output
+from siren_ros.ros.transport.wall_timer import create_wall_timer
+from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd
+
+Config = TypeVar("Config", bound=ParticipantConfig)
+
+HOUSEKEEPING_S = 0.02
+
+
+class Participant(Node, Generic[Config]):
+    """A node that acts on a step when all its inputs for it are there, and then reports StepDone.
+
+    Subclasses give their config type and implement ``prepare`` (once, when the episode is known),
+    ``on_step`` and, where there is something to close, ``close``. An exception in any of them becomes
+    the error of the report, which ends the episode under this node's name.
+    """
+
+    config_type: type[Config]
+    inputs: tuple[Input, ...] = ()
+    outputs: tuple[Topic, ...] = ()
+    needs_episode = True
+
+    def __init__(self, name: str, **node_options: Any) -> None:
+        super().__init__(name, **node_options)
+        self._called = self.get_name()
+        self.config = declare_config(self, self.config_type)
+        self.finished = False
+        self.work: Work | None = None
+        self._failed = False
+        self._prepared = False
+        self._join = TickJoin(self.inputs)
+        self._outputs: dict[str, tuple[Topic, Any]] = {}
+        for topic in self.outputs:
+            self.add_output(topic)
+        self._report = create_output(self, topics.STEP_DONE)
+        for item in self.inputs:
+            self.add_input(item.topic, partial(self._on_input, item.topic))
+        self._episode: EpisodeDescription | None = None
+        self._map_xml: bytes | None = None
+        if self.needs_episode:
+            self.add_input(topics.EPISODE, self._on_episode)
+            self.add_input(topics.MAP, self._on_map)
+        create_input(self, topics.EPISODE_END, self._on_end)
+        self._ready_sent = False
+        self._until_ready = create_wall_timer(self, HOUSEKEEPING_S, self._housekeeping)
+
+    # What subclasses do.
+
+    def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:
+        """Set up for the episode. Nodes that make the episode themselves set ``needs_episode = False``."""
+
+    def on_step(self, step: int, inputs: dict[str, Any]) -> None:
+        """Act on a step; ``inputs`` holds the messages by topic name."""
+
+    def close(self, closing: EpisodeClosing) -> None:
+        """Close what the episode opened."""
+
+    def discard(self) -> None:
+        """Undo what the constructor did outside of this process, since another node could not be set up."""
+
+    def close_early(self, reason: str) -> None:
+        """Close although nobody says that the episode is over: whoever would say it is gone.
+
+        Raises:
+            SirenError: As ``close``.
+        """
+        if not self.finished:
+            self.finished = True
+            self.close(EpisodeClosing(self.steps_done, EpisodeEnd.FAILED, reason))
+
+    # What they use.
+
+    @property
+    def steps_done(self) -> int:
+        """Number of steps that this node has acted on."""
+        return self._join.next_step
+
+    def add_output(self, topic: Topic) -> None:
+        """Create the publisher of a topic."""
+        wire.get_ready(topic)
+        self._outputs[topic.name] = (topic, create_output(self, topic))
+
+    def add_input(self, topic: Topic, callback: Callable[[Any], None]) -> None:
+        """Subscribe to a topic; the callback gets the message, and its errors become this node's report."""
+        wire.get_ready(topic)
+        self.add_raw_input(topic, lambda cdr: callback(wire.decode(topic, cdr)))
+
+    def add_raw_input(self, topic: Topic, callback: Callable[[bytes], None]) -> None:
+        """Subscribe to a topic; the callback gets the serialised message."""
+
+        def receive(cdr: bytes) -> None:
+            phase = Phase.STEP if self._ready_sent else Phase.READY
+            self._guarded(self._join.next_step, phase, lambda: callback(cdr))
+
+        create_input(self, topic, receive)
+
+    def join_more(self, wanted: Sequence[Input]) -> None:
+        """Join further topics into the steps, once the episode is known."""
+        added = tuple(wanted)
+        self.inputs = (*self.inputs, *added)
+        self._join.add(added)
+        for item in added:
+            self.add_input(item.topic, partial(self._on_input, item.topic))
+
+    def send(self, topic: Topic, message: Any) -> None:
+        """Publish on a topic that was declared as output."""
+        self._outputs[topic.name][1].publish(wire.encode(topic, message))
+
+    def has_listeners(self, topic: Topic) -> bool:
+        """Whether anybody subscribes to an output."""
+        return bool(self._outputs[topic.name][1].get_subscription_count())
+
+    def is_connected(self) -> bool:
+        """Whether every publisher sees the subscribers it must reach, and every subscription a publisher."""
+        participants = self.config.participants
+        reached = all(
+            publisher.get_subscription_count() >= topic.subscriber_count(participants)
+            for topic, publisher in self._outputs.values()
+        )
+        heard = all(self.count_publishers(item.topic.name) for item in self.inputs)
+        return reached and heard and bool(self._report.get_subscription_count())
+
+    def flush(self, timeout_s: float) -> None:
+        """Wait until what was published has reached its subscribers, at most for a while in all.
+
+        A subscriber that hangs or was killed acknowledges nothing.
+        """
+        deadline_s = time.monotonic() + timeout_s
+        for publisher in (self._report, *(publisher for _, publisher in self._outputs.values())):
+            publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline_s - time.monotonic())))
+
+    # The protocol.
+
+    def _on_episode(self, message: Any) -> None:
+        self._episode = from_episode_description(message)
+        self._try_prepare()
+
+    def _on_map(self, message: Any) -> None:
+        self._map_xml = message.data.encode()
+        self._try_prepare()
+
+    def _try_prepare(self) -> None:
+        if self._episode is None or self._map_xml is None or self._prepared:
+            return
+        self._prepared = True
+        self.prepare(self._episode, self._map_xml)
+
+    def _housekeeping(self) -> None:
+        if self._ready_sent or self._failed:
+            self._until_ready.cancel()
+        elif (self._prepared or not self.needs_episode) and self.is_connected():
+            self._ready_sent = True
+            self.report(Phase.READY, 0)
+
+    def _on_input(self, topic: Topic, message: Any) -> None:
+        if self.finished:
+            return
+        for step, inputs in self._join.offer(topic.name, wire.step_of_message(message), message):
+            began = time.perf_counter()
+            self.on_step(step, inputs)
+            self.step_finished(step, time.perf_counter() - began)
+
+    def step_finished(self, step: int, busy_s: float) -> None:
+        """Report a step; nodes that finish steps later than they act on them override this."""
+        self.report(Phase.STEP, step, busy_s=busy_s)
+
+    def report(self, phase: Phase, step: int, *, error: str = "", busy_s: float = 0.0) -> None:
+        """Publish StepDone."""
+        message = to_step_done(wire.factory(), StepReport(step, self._called, phase, error, busy_s))
+        self._report.publish(wire.encode(topics.STEP_DONE, message))
+
+    def _guarded(self, step: int, phase: Phase, action: Callable[[], None]) -> None:
+        if self._failed and phase is not Phase.FINAL:
+            return
+        outer, self.work = self.work, begin_work(self._called, phase, step)
+        try:
+            action()
+        except (SirenError, OSError) as error:
+            self._fail(phase, step, str(error))
+        except Exception as error:  # noqa: BLE001 - any failure must end the episode under this node's name
+            self.get_logger().error(traceback.format_exc())
+            self._fail(phase, step, f"{type(error).__name__}: {error}")
+        finally:
+            self.work = outer
+
+    def _fail(self, phase: Phase, step: int, error: str) -> None:
+        self._failed = True
+        self.report(phase, step, error=error)
+
+    def _on_end(self, cdr: bytes) -> None:
+        # Also a participant that has failed must close.
+        if not self.finished:
+            self._failed = False
+            self._guarded(self._join.next_step, Phase.FINAL, lambda: self._end(cdr))
+
+    def _end(self, cdr: bytes) -> None:
+        closing = from_episode_end(wire.decode(topics.EPISODE_END, cdr))
+        self.finished = True
+        self.close(closing)
+        self.report(Phase.FINAL, max(closing.steps - 1, 0))

@@ -1,0 +1,1 @@
+"""Programs around nodes: start, composition, progress, summary, end."""

@@ -1,0 +1,142 @@
+"""Publishes a recorded episode on its own topics, with the quality of service and the clock of the live run."""
+
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, Final
+
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from siren_ros.errors import BagError
+from siren_ros.interfaces.topics import CLOCK, EVERY_STEP, ONCE, Topic
+from siren_ros.recording.bag_reader import BagMessage, open_bag
+from siren_ros.recording.playback import NS_PER_S, Playhead, messages_from
+from siren_ros.ros.parameters.node_configs import PlayerConfig
+from siren_ros.ros.parameters.parameters import declare_config
+from siren_ros.ros.transport.acknowledged_output import PATIENCE_S, AcknowledgedOutput
+from siren_ros.ros.transport.domain import check_alone, claimed_domain
+from siren_ros.ros.transport.wall_timer import create_wall_timer
+
+TICK_S: Final = 0.004
+LARGE_BYTES: Final = 64_000
+"""A message that Fast DDS cuts into fragments. It goes alone: its fragments overwrite what still lies unread in the
+sender's shared memory (0.5 MB where nobody has configured more), and what was lost comes again only after 3 s."""
+
+
+class BagPlayer(Node):
+    """Plays one bag, once or again and again; ``finished`` when it has come to the end.
+
+    The services ``~/pause``, ``~/resume`` and ``~/toggle_paused`` have the names of rosbag2's player.
+    """
+
+    def __init__(self, name: str, **node_options: Any) -> None:
+        """Open the bag and its publishers.
+
+        Raises:
+            BagError: The bag cannot be read, or a message type of it is not installed.
+            InputError: An episode or another player publishes in this domain already.
+        """
+        super().__init__(name, **node_options)
+        began_s = time.monotonic()
+        self.config = declare_config(self, PlayerConfig)
+        self.finished = False
+        self._damage: BagError | None = None
+        self._large_under_way = False
+        self._start_ns = round(self.config.start_s * NS_PER_S)
+        self._open = ExitStack()
+        self._bag = self._open.enter_context(open_bag(Path(self.config.bag)))
+        self._open.enter_context(claimed_domain())
+        self._outputs = {topic: self._output(topic, kind) for topic, kind in self._bag.type_names.items()}
+        if CLOCK.name not in self._outputs:
+            raise BagError(self.config.bag, f"an episode with {CLOCK.name}")
+        check_alone(self, began_s)
+        self._messages = messages_from(self._bag, self._start_ns)
+        self._next: BagMessage | None = next(self._messages, None)
+        begin_s = time.monotonic() + self.config.delay_s
+        self._playhead = Playhead(self._first_ns(), begin_s, self.config.rate, self.config.paused)
+        self.create_service(Trigger, "~/pause", lambda _, response: self._on_pause(response, paused=True))
+        self.create_service(Trigger, "~/resume", lambda _, response: self._on_pause(response, paused=False))
+        self.create_service(
+            Trigger, "~/toggle_paused", lambda _, response: self._on_pause(response, paused=not self._playhead.paused)
+        )
+        create_wall_timer(self, TICK_S, self._on_tick)
+
+    def _output(self, name: str, type_name: str) -> AcknowledgedOutput:
+        period = ONCE if name in self._bag.latched else EVERY_STEP
+        try:
+            return AcknowledgedOutput(self, Topic(name, type_name, self.get_name(), period_steps=period))
+        except (ImportError, AttributeError, ValueError) as error:
+            raise BagError(str(self._bag.path), f"types that are installed, unlike {type_name} of {name}") from error
+
+    def _first_ns(self) -> int:
+        """Where the playhead begins: what is latched from before goes out at once."""
+        return self._start_ns if self._next is None else max(self._start_ns, self._next.time_ns)
+
+    def _on_pause(self, response: Any, *, paused: bool) -> Any:
+        self._playhead = self._playhead.pause(time.monotonic(), paused)
+        response.success = True
+        response.message = f"{'paused' if paused else 'playing'} at {self._playhead.position_ns / NS_PER_S:.2f} s"
+        return response
+
+    def _on_tick(self) -> None:
+        now_s = time.monotonic()
+        if self.finished or now_s < self._playhead.since_s:
+            return
+        self._playhead = self._playhead.advance(now_s)
+        try:
+            self._publish_due(now_s)
+        except BagError as error:
+            self._damage, self.finished = error, True
+
+    def _publish_due(self, now_s: float) -> None:
+        while self._next is not None and self._next.time_ns <= self._playhead.position_ns:
+            if self._playhead.paused:
+                return
+            if not self._may_publish(self._next, now_s):
+                self._playhead = self._playhead.held_at(self._next.time_ns)
+                return
+            self._outputs[self._next.topic].publish(bytes(self._next.cdr))
+            self._large_under_way = len(self._next.cdr) > LARGE_BYTES
+            self._next = next(self._messages, None)
+        if self._next is None and not self._restart():
+            self.finished = True
+
+    def _may_publish(self, message: BagMessage, now_s: float) -> bool:
+        """Whether nobody loses anything by it."""
+        alone = self._large_under_way or len(message.cdr) > LARGE_BYTES
+        outputs = self._outputs.values() if alone else (self._outputs[message.topic],)
+        knew = [output.deaf for output in outputs]
+        ready = [output.is_ready(now_s) for output in outputs]
+        for output, was_deaf in zip(outputs, knew, strict=True):
+            if output.deaf and not was_deaf:
+                self.get_logger().warning(f"{output.topic.name}: a subscriber does not answer; going on without it")
+        return all(ready)
+
+    def _restart(self) -> bool:
+        if not self.config.loop:
+            return False
+        self._messages = messages_from(self._bag, self._start_ns)
+        self._next = next(self._messages, None)
+        self._playhead = Playhead(self._first_ns(), time.monotonic(), self._playhead.rate, self._playhead.paused)
+        return self._next is not None
+
+    def flush(self, timeout_s: float) -> None:
+        """Wait until subscribers have everything: a publisher takes with it what has not been asked for yet.
+
+        Raises:
+            BagError: It ended early, where the bag is damaged.
+        """
+        deadline_s = time.monotonic() + max(timeout_s, PATIENCE_S)
+        for output in self._outputs.values():
+            output.wait_acknowledged(0.0 if output.deaf else max(0.0, deadline_s - time.monotonic()))
+        if self._damage is not None:
+            raise self._damage
+
+    def close_early(self, reason: str) -> None:
+        """Nothing to save."""
+
+    def destroy_node(self) -> None:
+        """Close the bag with the node."""
+        self._open.close()
+        super().destroy_node()

@@ -1,0 +1,154 @@
+"""The nodes of one episode, in this process or one process each."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Collection, Iterable, Mapping
+from contextlib import suppress
+from importlib import import_module
+from typing import Any, Protocol
+
+from rclpy.parameter import Parameter
+
+from siren_ros.errors import SirenError
+from siren_ros.interfaces.lockstep_reports import Phase
+from siren_ros.ros.parameters.parameters import Value
+from siren_ros.ros.participants.hang_watch import overdue
+from siren_ros.ros.programs.program import PARENT_VARIABLE
+
+TERMINATE_S = 1.0
+FLUSH_S = 1.0
+"""A listener that hangs delays the end of an episode by no more than this."""
+Overrides = Mapping[str, Value]
+
+
+class Composition(Protocol):
+    """Participants that run somewhere."""
+
+    def failure(self) -> str:
+        """What went wrong outside the lockstep's reports, naming the participant; empty: nothing."""
+
+    def gone(self) -> tuple[str, ...]:
+        """Participants that will not answer any more."""
+
+    def hanging(self, limits: Mapping[Phase, float]) -> str:
+        """Which participant keeps the lockstep itself from going on, and where; empty: none."""
+
+    def exit_code(self) -> int:
+        """Exit code of a participant that refused its input, 0 otherwise."""
+
+    def stop(self, timeout_s: float, late: Collection[str] = ()) -> None:
+        """Wait for the participants to finish, and end those that do not.
+
+        Args:
+            timeout_s: For all of them together.
+            late: Participants that have been waited for long enough.
+        """
+
+
+def import_nodes(names: Iterable[str]) -> None:
+    """Load the nodes' modules (and with them SUMO, Open3D and numba) before the nodes are made."""
+    for name in names:
+        import_module(f"siren_nodes.{name}")
+
+
+class InProcess:
+    """All participants as nodes of this process, on one executor."""
+
+    def __init__(self, executor: Any, overrides: Mapping[str, Overrides]) -> None:
+        self.nodes: list[Any] = []
+        self._executor = executor
+        try:
+            for name, values in overrides.items():
+                self._add(name, values)
+        except SirenError:
+            for node in self.nodes:
+                node.discard()
+            raise
+
+    def _add(self, name: str, values: Overrides) -> None:
+        module = import_module(f"siren_nodes.{name}")
+        parameters = [Parameter(key, value=value) for key, value in values.items()]
+        node = module.NODE(name, parameter_overrides=parameters)
+        self.nodes.append(node)
+        self._executor.add_node(node)
+
+    def failure(self) -> str:
+        """Nothing can fail unseen within one process."""
+        return ""
+
+    def gone(self) -> tuple[str, ...]:
+        """None can be gone while this process runs."""
+        return ()
+
+    def hanging(self, limits: Mapping[Phase, float]) -> str:
+        """The node whose callback has not returned in time."""
+        return overdue((node.work for node in tuple(self.nodes)), limits, time.monotonic())
+
+    def exit_code(self) -> int:
+        """Bad input raised already when the nodes were made."""
+        return 0
+
+    def stop(self, timeout_s: float, late: Collection[str] = ()) -> None:  # noqa: ARG002 - the protocol
+        """Let what was published reach outside subscribers, then destroy the nodes."""
+        deadline_s = time.monotonic() + min(timeout_s, FLUSH_S)
+        for node in self.nodes:
+            node.flush(max(0.0, deadline_s - time.monotonic()))
+            self._executor.remove_node(node)
+            node.destroy_node()
+        self.nodes.clear()
+
+
+class OutOfProcess:
+    """Each participant as a process of its own, in its own process group (Ctrl-C reaches only this one)."""
+
+    def __init__(self, overrides: Mapping[str, Overrides], ros_args: list[str]) -> None:
+        environment = {**os.environ, PARENT_VARIABLE: str(os.getpid())}
+        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        for name, values in overrides.items():
+            arguments = [f"{key}:={json.dumps(value)}" for key, value in values.items()]
+            flags = [part for argument in arguments for part in ("-p", argument)]
+            command = [sys.executable, "-m", f"siren_nodes.{name}", "--ros-args", *ros_args, *flags]
+            self._processes[name] = subprocess.Popen(  # noqa: S603 - our own modules, no shell
+                command, env=environment, stdin=subprocess.DEVNULL, start_new_session=True
+            )
+
+    def failure(self) -> str:
+        """Which process has ended before its time, and how."""
+        for name in self.gone():
+            code = int(self._processes[name].returncode)
+            how = f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+            return f"{name}: its process ended early ({how})"
+        return ""
+
+    def gone(self) -> tuple[str, ...]:
+        """Participants whose processes have ended with an error."""
+        return tuple(name for name, process in self._processes.items() if process.poll())
+
+    def hanging(self, limits: Mapping[Phase, float]) -> str:  # noqa: ARG002 - the protocol
+        """None can: the lockstep has a process of its own."""
+        return ""
+
+    def exit_code(self) -> int:
+        """The first exit code other than 0 of a process that ended by itself."""
+        codes = (process.poll() for process in self._processes.values())
+        return next((code for code in codes if code is not None and code > 0), 0)
+
+    def stop(self, timeout_s: float, late: Collection[str] = ()) -> None:
+        """Wait for the processes, then terminate, then kill; none is left behind."""
+        _wait([process for name, process in self._processes.items() if name not in late], timeout_s)
+        for send in (subprocess.Popen.terminate, subprocess.Popen.kill):
+            running = [process for process in self._processes.values() if process.poll() is None]
+            for process in running:
+                send(process)
+            _wait(running, TERMINATE_S)
+
+
+def _wait(processes: "list[subprocess.Popen[bytes]]", timeout_s: float) -> None:
+    deadline_s = time.monotonic() + timeout_s
+    for process in processes:
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(max(0.0, deadline_s - time.monotonic()))

@@ -1,0 +1,92 @@
+"""What the parameters of ``cosim`` mean for an episode: who takes part, where files go, what each node is told."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Final
+
+from siren_ros.errors import InputError
+from siren_ros.generation.episode_setup import EpisodeRequest, default_bag_path, plan_length
+from siren_ros.lockstep.lockstep import LockstepConfig
+from siren_ros.ros.parameters.node_configs import DEFAULT_PARTICIPANTS, CosimConfig
+from siren_ros.ros.parameters.parameters import Value
+from siren_ros.ros.programs.composition import Overrides
+from siren_ros.sensors.suite.suite import load_suite
+from siren_ros.world.commands import AV_SOURCE
+
+SCENARIO_FIELDS: Final = (
+    *("template", "level", "seed", "map", "duration_s", "preset"),
+    *("sensors", "look", "av", "av_sensors"),
+)
+TRAILING: Final = frozenset({"sensor_sim", "recorder", "kitti_exporter"})
+"""Sensing and recording of a step go on beside the next step where nobody in the loop hears the sensors: each in its
+process, or in one process on the threads that cast rays and draw."""
+SETTLE_S: Final = 0.25
+"""For participants that are not ours; discovery on one machine takes 0.05 s."""
+_NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}")
+
+
+@dataclass(frozen=True)
+class EpisodePlan:
+    """One episode before its nodes exist."""
+
+    nodes: tuple[str, ...]
+    """Participants that this program starts."""
+    others: tuple[str, ...]
+    """Participants that somebody else starts, and that are waited for."""
+    steps: int
+    bag: Path
+    kitti: Path | None
+    """Folder of the KITTI export, None without one."""
+    overrides: Mapping[str, Overrides]
+    """What each node is told; the recorder first, since a bag that exists ends everything early."""
+
+    def lockstep(self, config: CosimConfig) -> LockstepConfig:
+        """Who takes part, and how patient the lockstep is."""
+        return LockstepConfig(
+            participants=(*self.nodes, *self.others),
+            steps=self.steps,
+            step_timeout_s=config.step_timeout_s,
+            start_timeout_s=config.start_timeout_s,
+            trailing=frozenset() if self.others else TRAILING,
+        )
+
+    @property
+    def settle_s(self) -> float:
+        """Time that discovery is given before the first step, beyond what our own nodes make sure of."""
+        return SETTLE_S if self.others else 0.0
+
+
+def plan_episode(config: CosimConfig) -> EpisodePlan:
+    """Work out an episode from the parameters.
+
+    Raises:
+        InputError: A template or suite that is not to be had, or names of external participants that cannot be used.
+    """
+    values = asdict(config)
+    scenario = {name: values[name] for name in SCENARIO_FIELDS}
+    request = EpisodeRequest(**scenario)
+    suite = load_suite(config.sensors)
+    bag = Path(config.bag) if config.bag else default_bag_path(request)
+    kitti = Path(f"{bag}_kitti") if config.kitti and suite.lidars else None
+    nodes = (*DEFAULT_PARTICIPANTS, *(("kitti_exporter",) if kitti else ()))
+    told: dict[str, dict[str, Value]] = {name: {"participants": list(nodes)} for name in ("recorder", *nodes)}
+    told["sumo_bridge"].update(scenario)
+    told["recorder"]["bag"] = str(bag)
+    if kitti:
+        told["kitti_exporter"]["out"] = str(kitti)
+    others = (*_checked_names(config.external), *((AV_SOURCE,) if config.av else ()))
+    told["sensor_sim"]["trails"] = not others and config.realtime_factor == 0.0
+    return EpisodePlan(nodes, others, plan_length(request), bag, kitti, told)
+
+
+def _checked_names(names: list[str]) -> tuple[str, ...]:
+    taken = {*DEFAULT_PARTICIPANTS, "kitti_exporter", AV_SOURCE}
+    for name in names:
+        if not _NAME.fullmatch(name):
+            raise InputError("external", name, "names of at most 64 letters, digits and underscores")
+        if name in taken:
+            raise InputError("external", name, "names that no other participant of the episode has")
+        taken.add(name)
+    return tuple(names)

@@ -1,0 +1,124 @@
+"""How a node becomes a program: start ROS, spin, turn errors into one line and an exit code."""
+
+import gc
+import os
+import signal
+import sys
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import rclpy
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from siren_ros.errors import EXIT_FAILED, EXIT_OK, SirenError
+from siren_ros.params.params_files import params_dir
+from siren_ros.ros.participants.participant import Participant
+from siren_ros.ros.programs.parent import Parent
+from siren_ros.ros.transport.shared_memory import remove_abandoned_segments
+
+FLUSH_S = 2.0
+SPIN_S = 0.2
+SHUTDOWN_S = 3
+"""Once a node stayed for ever at this point, after another process had been killed; the kernel ends this one then."""
+PROFILE_VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
+"""Environment variables that name Fast DDS's profile: of the release in Jazzy, and of later ones."""
+PARENT_VARIABLE = "SIREN_PARENT_PID"
+"""Environment variable that tells a participant's process who started it; it ends when that one is gone."""
+
+_GARBAGE_AFTER = 20_000
+"""New objects after which Python looks for circles among them; a step makes thousands and no circles."""
+
+
+class Interrupt:
+    """Remembers Ctrl-C and SIGTERM, so that the loop can end the episode in order."""
+
+    def __init__(self) -> None:
+        self.signal_name = ""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._remember)
+
+    def _remember(self, number: int, _frame: object) -> None:
+        if self.signal_name:
+            raise KeyboardInterrupt
+        self.signal_name = signal.Signals(number).name
+
+    def __bool__(self) -> bool:
+        return bool(self.signal_name)
+
+
+def start_ros(args: list[str] | None = None) -> None:
+    """Initialise rclpy without its own signal handlers: an episode must be closed before ROS shuts down.
+
+    What killed programs have left in the shared memory goes first. Fast DDS gets our profile where the user has none.
+    Python looks for garbage less often.
+    """
+    if PARENT_VARIABLE not in os.environ:
+        remove_abandoned_segments()
+    if not any(os.environ.get(variable) for variable in PROFILE_VARIABLES):
+        os.environ[PROFILE_VARIABLES[0]] = str(params_dir() / "fastdds.xml")
+    gc.set_threshold(_GARBAGE_AFTER)
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+
+
+class Program(Protocol):
+    """A node that knows when it is done."""
+
+    finished: bool
+
+    def flush(self, timeout_s: float) -> None:
+        """Wait until what was published has reached its subscribers."""
+
+    def close_early(self, reason: str) -> None:
+        """Save what there is to save; raises SirenError where that fails."""
+
+    def destroy_node(self) -> None:
+        """Take the node out of the graph."""
+
+
+def run_participant(make_node: Callable[[str], Participant[Any]], name: str) -> int:
+    """Run one participant as a program of its own until its episode is over; returns the exit code."""
+    return run_program(make_node, name)
+
+
+def run_program(make_node: Callable[[str], Program], name: str) -> int:
+    """Run one node as a program of its own until it is done or interrupted; returns the exit code.
+
+    The process ends soon after that, however long DDS would take to let go: the caller has nothing else to do.
+    """
+    start_ros()
+    interrupt = Interrupt()
+    parent = Parent(int(os.environ.get(PARENT_VARIABLE) or 0))
+    try:
+        node = make_node(name)
+    except SirenError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        rclpy.try_shutdown()
+        return error.exit_code
+    executor = EventsExecutor()
+    executor.add_node(node)
+    stopped = ""
+    code = EXIT_OK
+    try:
+        while not node.finished and not stopped:
+            executor.spin_once(timeout_sec=SPIN_S)
+            if parent.is_gone:
+                stopped = "the end of the program that started it"
+            stopped = stopped or interrupt.signal_name
+        if stopped:
+            print(f"{name}: stopped by {stopped}", file=sys.stderr)
+            node.close_early(f"{name}: stopped by {stopped}")
+        else:
+            node.flush(FLUSH_S)
+    except KeyboardInterrupt:
+        stopped = "repeated interruption"
+        print(f"{name}: stopped by {stopped}", file=sys.stderr)
+    except SirenError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        code = error.exit_code
+    finally:
+        signal.alarm(SHUTDOWN_S)  # all that is worth keeping is kept; nothing of Python's runs while C++ waits
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.try_shutdown()
+    return EXIT_FAILED if stopped else code

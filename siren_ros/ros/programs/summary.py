@@ -1,0 +1,68 @@
+"""What the user reads when an episode is over."""
+
+from pathlib import Path
+
+from siren_ros.lockstep.lockstep import LockstepState
+from siren_ros.numerics.units import STEP_S
+from siren_ros.recording.bag_metadata import read_message_counts
+from siren_ros.recording.working_folder import working_path
+from siren_ros.ros.programs.progress import time_table
+from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
+
+_MEGABYTE = 1_000_000.0
+
+
+def closing_summary(
+    bag: Path, kitti: Path | None, state: LockstepState, outcome: EpisodeOutcome | None, wall_s: float
+) -> list[str]:
+    """Lines that say how the episode ended, where its files are and where the time went.
+
+    Args:
+        bag: Final folder of the bag; where the episode did not complete, its partial bag lies beside it.
+        kitti: Folder of the KITTI export, None without one.
+        state: The lockstep at the end.
+        outcome: What the recorder made of the episode, None where it could not say.
+        wall_s: Wall time from the first step to the last.
+    """
+    steps = state.steps_closed
+    lines = [f"episode {state.end.value} after {steps * STEP_S:.2f} s ({steps} steps)" + _because(state.reason)]
+    lines += _bag_lines(bag, state.end)
+    if kitti is not None and kitti.is_dir():
+        lines.append(f"KITTI export: {kitti}")
+    lines += _outcome_lines(outcome)
+    if wall_s and steps:
+        lines.append(f"real-time factor {steps * STEP_S / wall_s:.2f} ({wall_s:.1f} s of wall time)")
+        lines += time_table(state.busy_s, wall_s)
+    return lines
+
+
+def _because(reason: str) -> str:
+    return f": {reason}" if reason else ""
+
+
+def _bag_lines(bag: Path, end: EpisodeEnd) -> list[str]:
+    if end is not EpisodeEnd.COMPLETE:
+        partial = sorted(bag.parent.glob(f"{bag.name}.partial*"), key=lambda path: path.stat().st_mtime)
+        if working_path(bag).is_dir():
+            return [f"cut-off bag: {working_path(bag)} (`siren recover {working_path(bag)}` completes it)"]
+        return [f"partial bag: {partial[-1]}"] if partial else []
+    if not bag.is_dir():
+        return []
+    size_mb = sum(file.stat().st_size for file in bag.iterdir()) / _MEGABYTE
+    counts = read_message_counts(bag)
+    return [f"bag: {bag} ({size_mb:.1f} MB)"] + [f"  {name:<44}{count:6d}" for name, count in sorted(counts.items())]
+
+
+def _outcome_lines(outcome: EpisodeOutcome | None) -> list[str]:
+    if outcome is None:
+        return ["interaction: not judged"]
+    word = {True: "verified", False: "did not happen", None: "could not be judged"}[outcome.predicate_holds]
+    measures = outcome.measures
+    lines = [f"interaction: {word} ({measures.get('predicate', '')})"]
+    if "actors" in measures:
+        lines.append(
+            f"  {measures['actors']} actors, {measures['yields_started']} yields started, "
+            f"{measures['yields_completed']} completed, {measures['collisions']} collisions, "
+            f"residual p99 {float(measures['residual_p99_m']):.2f} m"
+        )
+    return lines

@@ -1,0 +1,1 @@
+"""Publishers, subscriptions, serialised messages, domains, shared memory of Fast DDS."""

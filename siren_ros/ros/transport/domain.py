@@ -1,0 +1,82 @@
+"""One episode per DDS domain: two in one domain would take each other's messages for their own."""
+
+import errno
+import os
+import socket
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
+
+from rclpy.node import Node
+
+from siren_ros.errors import InputError
+from siren_ros.interfaces import topics
+
+VARIABLE: Final = "ROS_DOMAIN_ID"
+LARGEST_DOMAIN: Final = 101
+"""Up to it every platform has the ports (ROS 2 documentation, "The ROS_DOMAIN_ID")."""
+DISCOVERY_S: Final = 0.3
+"""Two processes of one machine have found each other by then (params/fastdds.xml)."""
+_POLL_S: Final = 0.01
+
+
+@contextmanager
+def claimed_domain() -> Iterator[None]:
+    """Hold this machine's claim to the domain while an episode runs.
+
+    The claim is a name of the kernel's (an abstract socket, Linux only), so it is decided at once, however slow
+    discovery is, and the kernel takes it back however the process ends. Elsewhere discovery alone decides.
+
+    Raises:
+        InputError: An episode of this machine holds the domain; says how to choose another one.
+    """
+    if sys.platform != "linux":
+        yield
+        return
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as claim:
+        try:
+            claim.bind(f"\0siren_ros/domain/{_domain()}")
+        except OSError as error:
+            if error.errno == errno.EADDRINUSE:
+                raise _taken("on this machine") from error
+            raise
+        yield
+
+
+def check_alone(node: Node, since_s: float) -> None:
+    """Make sure that nobody else publishes the clock in this domain, before any node of the episode exists.
+
+    Waits until discovery has had its time, counted from when the node was made: what the program does meanwhile
+    (imports, above all) does not cost again.
+
+    Args:
+        node: The master's node, whose own publisher of the clock is there already.
+        since_s: Monotonic time at which the node was made.
+
+    Raises:
+        InputError: Somebody else is there; says how to choose another domain.
+    """
+    while True:
+        publishers = node.get_publishers_info_by_topic(topics.CLOCK.name)
+        if len(publishers) > 1:
+            names = ", ".join(sorted({publisher.node_name for publisher in publishers}))
+            raise _taken(f"{topics.CLOCK.name} has {len(publishers)} publishers: {names}")
+        if time.monotonic() - since_s >= DISCOVERY_S:
+            return
+        time.sleep(_POLL_S)
+
+
+def _domain() -> int:
+    return int(os.environ.get(VARIABLE) or 0)
+
+
+def _taken(where: str) -> InputError:
+    domain = _domain()
+    another = (domain + 1) % (LARGEST_DOMAIN + 1)
+    allowed = (
+        f"a domain of its own for each episode; another one runs here already ({where}), so choose a free number "
+        f"from 0 to {LARGEST_DOMAIN}, for example {VARIABLE}={another}"
+    )
+    return InputError(VARIABLE, domain, allowed)

@@ -1,0 +1,62 @@
+"""What identifies an episode, and how it ended."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.world.actors import NO_ACTOR
+
+
+class EpisodeEnd(StrEnum):
+    """Why an episode ended."""
+
+    COMPLETE = "complete"
+    INTERRUPTED = "interrupted"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True)
+class EpisodeDescription:
+    """Everything that is needed to make the same episode again."""
+
+    template: str
+    level: EmergencyLevel
+    seed: int
+    map_name: str
+    map_sha256: str
+    """Of the compiled SUMO net."""
+    duration_s: float
+    sensor_suite: str
+    preset: str
+    emv_ids: tuple[int, ...]
+    parameters: Mapping[str, object] = field(default_factory=dict)
+    """Every parameter of every node and the drawn template values; JSON types only."""
+    versions: Mapping[str, str] = field(default_factory=dict)
+    site: Mapping[str, object] = field(default_factory=dict)
+    """The place that the site finder chose: kind, junction, approach lanes, route edges."""
+
+    @property
+    def av_id(self) -> int:
+        """The civilian that an external controller drives; NO_ACTOR in episodes without one."""
+        av = self.parameters.get("av")
+        return int(av["actor_id"]) if isinstance(av, Mapping) else NO_ACTOR
+
+    @property
+    def av_sensor_suite(self) -> str:
+        """Sensor suite of the AV under test; empty in episodes without one."""
+        av = self.parameters.get("av")
+        return str(av["sensors"]) if isinstance(av, Mapping) else ""
+
+
+@dataclass(frozen=True)
+class EpisodeOutcome:
+    """How an episode ended, as stored at the end of its bag."""
+
+    end: EpisodeEnd
+    reason: str
+    steps: int
+    predicate_holds: bool | None
+    """None where the predicate could not be evaluated."""
+    measures: Mapping[str, float | int | str] = field(default_factory=dict)
+    """Numbers of the interaction: predicate parts, collisions, residual percentiles, travel time."""

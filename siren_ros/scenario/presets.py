@@ -1,0 +1,127 @@
+"""How civilian drivers respond to a siren: presets of distributions, one draw per driver."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from siren_ros.errors import InputError
+from siren_ros.params.params_files import named_params_file, names_in_params
+from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
+
+_SHARE_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class TruncatedNormal:
+    """A normal distribution cut off at ``minimum`` and ``maximum``; a constant where ``std`` is 0."""
+
+    mean: float
+    std: float
+    minimum: float
+    maximum: float
+
+    def draw(self, rng: np.random.Generator) -> float:
+        """One value; draws outside the limits are drawn again, at most 64 times, then clipped."""
+        value = self.mean
+        if self.std > 0.0:
+            for _ in range(64):
+                value = float(rng.normal(self.mean, self.std))
+                if self.minimum <= value <= self.maximum:
+                    break
+        return min(max(value, self.minimum), self.maximum)
+
+    def scaled(self, factor: float) -> "TruncatedNormal":
+        """The distribution of ``factor`` times the value."""
+        return TruncatedNormal(self.mean * factor, self.std * factor, self.minimum * factor, self.maximum * factor)
+
+    def shifted(self, by: float) -> "TruncatedNormal":
+        """The distribution of the value plus ``by``."""
+        return TruncatedNormal(self.mean + by, self.std, self.minimum + by, self.maximum + by)
+
+
+@dataclass(frozen=True)
+class ComplianceShares:
+    """Shares of drivers that comply at once, late, or never; they add up to 1."""
+
+    complies: float
+    late: float
+    never: float
+
+
+@dataclass(frozen=True)
+class DriverPreset:
+    """Distributions from which each civilian driver's response to a siren is drawn."""
+
+    name: str
+    title: str
+    reaction_delay_s: TruncatedNormal
+    """From noticing the siren to the start of the manoeuvre."""
+    late_delay_s: TruncatedNormal
+    """On top of the reaction delay, for drivers that comply late."""
+    response_distance_m: TruncatedNormal
+    """Distance between the two vehicles at which the driver notices the siren."""
+    compliance: ComplianceShares
+
+    def for_scenario(self, response_distance_m: float, extra_delay_s: float, compliance: float) -> "DriverPreset":
+        """The preset with a scenario's own values.
+
+        Args:
+            response_distance_m: New mean of the response distance; spread and limits scale with it.
+            extra_delay_s: Added to every reaction delay.
+            compliance: Factor 0–1 on the shares that comply at once or late; the rest never complies.
+        """
+        complies, late = self.compliance.complies * compliance, self.compliance.late * compliance
+        return replace(
+            self,
+            reaction_delay_s=self.reaction_delay_s.shifted(extra_delay_s),
+            response_distance_m=self.response_distance_m.scaled(response_distance_m / self.response_distance_m.mean),
+            compliance=ComplianceShares(complies, late, 1.0 - complies - late),
+        )
+
+
+def available_presets() -> tuple[str, ...]:
+    """Names of the presets in ``params/presets``."""
+    return names_in_params("presets")
+
+
+def load_preset(name_or_path: str) -> DriverPreset:
+    """A preset by its name or from a YAML file.
+
+    Raises:
+        InputError: unknown preset, or a file with an unknown key or a value out of range (names file and line).
+    """
+    file = named_params_file("preset", "presets", name_or_path)
+    top = read_strict_yaml(file)
+    preset = DriverPreset(
+        name=file.stem,
+        title=top.text("title"),
+        reaction_delay_s=read_distribution(top.mapping("reaction_delay_s"), 0.0, 30.0),
+        late_delay_s=read_distribution(top.mapping("late_delay_s"), 0.0, 60.0),
+        response_distance_m=read_distribution(top.mapping("response_distance_m"), 1.0, 300.0),
+        compliance=_shares(top.mapping("compliance")),
+    )
+    top.finish()
+    return preset
+
+
+def read_distribution(section: StrictMapping, low: float, high: float) -> TruncatedNormal:
+    """A distribution written as ``{mean, std, min, max}``, all within ``[low, high]``; raises InputError otherwise."""
+    minimum = section.number("min", low, high)
+    maximum = section.number("max", minimum, high)
+    drawn = TruncatedNormal(
+        mean=section.number("mean", minimum, maximum),
+        std=section.number("std", 0.0, high),
+        minimum=minimum,
+        maximum=maximum,
+    )
+    section.finish()
+    return drawn
+
+
+def _shares(section: StrictMapping) -> ComplianceShares:
+    shares = ComplianceShares(*(section.number(key, 0.0, 1.0) for key in ("complies", "late", "never")))
+    section.finish()
+    total = shares.complies + shares.late + shares.never
+    if abs(total - 1.0) > _SHARE_TOLERANCE:
+        raise InputError(section.where("never"), total, "shares complies + late + never that add up to 1")
+    return shares

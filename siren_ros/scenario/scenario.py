@@ -1,0 +1,226 @@
+"""Scenario templates: what is set up, how it may vary, and how to tell that it happened.
+
+A template is data (``params/templates/S2.yaml``). Every scenario parameter has a default and a range
+to draw from; ``load_template`` gives the template with its defaults, ``draw_values`` and
+``with_values`` another realisation of it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+
+from siren_ros.errors import InputError
+from siren_ros.roads.sites.site_finder import SiteKind
+from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.world.actors import ActorClass
+
+
+class BehaviourFamily(StrEnum):
+    """The paper's families of templates (table of templates)."""
+
+    CLEARANCE = "clearance"
+    TRAFFIC_CONTROL = "traffic_control"
+    ROAD_SPACE = "road_space"
+
+
+class StartReference(StrEnum):
+    """From where the EMV's start is counted in driving direction; before it the distance is negative."""
+
+    SITE_START = "site_start"
+    """The beginning of the site's edge."""
+    STOP_LINE = "stop_line"
+    """The end of the site's edge; for sites at a junction."""
+
+
+class GroupAnchor(StrEnum):
+    """From where a group's first gap is counted."""
+
+    EMV = "emv"
+    """From the EMV's front, forwards."""
+    STOP_LINE = "stop_line"
+    """From the stop line of the group's lane, backwards."""
+    ARRIVAL = "arrival"
+    """Forwards from where a vehicle at the group's speed comes to the stop line together with the EMV."""
+
+
+class Placement(StrEnum):
+    """Where a group of civilians starts, relative to the EMV's approach."""
+
+    EMV_LANE = "emv_lane"
+    """Ahead in the EMV's lane, along its route."""
+    ADJACENT_LANE = "adjacent_lane"
+    """In the lane beside the EMV's (the left one where there are two)."""
+    OTHER_LANES = "other_lanes"
+    """In all other driving lanes of the EMV's approach, in turn."""
+    SAME_DIRECTION = "same_direction"
+    """In the other lanes with the EMV's movement at the site's junction, in turn; in its own where there are none."""
+    CROSSING = "crossing"
+    """In the lanes whose paths cross the EMV's at the site's junction, in turn."""
+
+
+@dataclass(frozen=True)
+class ValueRange:
+    """Limits between which a scenario parameter is drawn, both included."""
+
+    minimum: float
+    maximum: float
+    integer: bool = False
+
+
+@dataclass(frozen=True)
+class EmvDemand:
+    """The emergency vehicle of a template."""
+
+    actor_class: ActorClass
+    count: int
+    start_m: float
+    """Of the foremost one's front bumper, counted from ``start_from``; negative before it."""
+    speed_mps: float
+    """Target speed in route following (paper, table of target speeds: 50 km/h)."""
+    depart_speed_mps: float
+    headway_s: float
+    """Time between two EMVs on the same route; of no effect with one."""
+    start_from: StartReference = StartReference.SITE_START
+
+
+@dataclass(frozen=True)
+class SignalDemand:
+    """How the EMV's arrival lies in the programme of the site's signal."""
+
+    red_before_arrival_s: float
+    """Time from the beginning of the red of the EMV's movement to the EMV's unhindered arrival at the stop line."""
+
+
+@dataclass(frozen=True)
+class DemandGroup:
+    """Civilians that start in a row, counted in the background volume."""
+
+    name: str
+    placement: Placement
+    vehicles: int
+    first_gap_m: float
+    """From the anchor to the first vehicle's nearer bumper."""
+    spacing_m: float
+    """Mean gap between one vehicle's front and the next one's rear."""
+    speed_mps: float
+    """Speed that these drivers wish for, and that they have at the start unless they are standing."""
+    anchor: GroupAnchor = GroupAnchor.EMV
+    standing: bool = False
+    """Whether the vehicles stand at the start: a queue."""
+
+
+@dataclass(frozen=True)
+class Demand:
+    """Civilian traffic of a template."""
+
+    background_vehicles: int
+    """Civilians in the network, groups included (paper, table of templates: N_veh)."""
+    speed_factor: float
+    """Factor on the speed that the other drivers wish for, relative to the speed limit."""
+    classes: tuple[tuple[ActorClass, float], ...]
+    """Shares of the vehicle classes; they add up to 1."""
+    groups: tuple[DemandGroup, ...]
+
+
+@dataclass(frozen=True)
+class CivilianResponseDemand:
+    """What a template asks of the civilians' response, on top of the preset (``DriverPreset.for_scenario``)."""
+
+    response_distance_m: float
+    extra_delay_s: float
+    """Manoeuvre timing: added to each driver's reaction delay."""
+    compliance: float
+    """Factor on the shares that comply."""
+
+
+@dataclass(frozen=True)
+class PredicateDemand:
+    """Which predicate tells that the interaction happened, with its thresholds."""
+
+    name: str
+    thresholds: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Template:
+    """One scenario with definite values."""
+
+    template_id: str
+    title: str
+    family: BehaviourFamily
+    level: EmergencyLevel
+    site_kind: SiteKind
+    duration_s: float
+    warm_up_s: float
+    """Traffic runs this long before step 0, so that it has settled."""
+    emv: EmvDemand
+    demand: Demand
+    response: CivilianResponseDemand
+    predicate: PredicateDemand
+    signal: SignalDemand | None = None
+    """None where the signals run as they are."""
+    ranges: Mapping[str, ValueRange] = field(default_factory=dict)
+    """Range of each scenario parameter by its dotted path: ``emv.speed_mps``, ``demand.platoon.vehicles``."""
+
+    def value(self, path: str) -> float:
+        """Present value of a scenario parameter; KeyError for an unknown path."""
+        owner, name = self._owner(path)
+        return float(getattr(owner, name))
+
+    def values(self) -> dict[str, float]:
+        """Present values of all scenario parameters, for the episode's description."""
+        return {path: self.value(path) for path in self.ranges}
+
+    def with_values(self, values: Mapping[str, float]) -> "Template":
+        """The template with other values of scenario parameters.
+
+        Raises:
+            InputError: an unknown parameter, or a value outside its range.
+        """
+        changed = self
+        for path, value in values.items():
+            limits = self.ranges.get(path)
+            if limits is None:
+                raise InputError(path, value, f"one of {', '.join(self.ranges)}")
+            if not limits.minimum <= value <= limits.maximum or (limits.integer and value != round(value)):
+                kind = "a whole number" if limits.integer else "a number"
+                raise InputError(path, value, f"{kind} from {limits.minimum:g} to {limits.maximum:g}")
+            changed = changed._with(path, round(value) if limits.integer else value)
+        return changed
+
+    def _owner(self, path: str) -> tuple[Any, str]:
+        parts = path.split(".")
+        owner: Any = self
+        for part in parts[:-1]:
+            groups = {group.name: group for group in owner.groups} if isinstance(owner, Demand) else {}
+            owner = groups[part] if part in groups else getattr(owner, part)
+        return owner, parts[-1]
+
+    def _with(self, path: str, value: float) -> "Template":
+        head, *rest = path.split(".")
+        return replace(self, **{head: _replaced(getattr(self, head), rest, value)})
+
+
+def _replaced(section: Any, path: list[str], value: float) -> Any:
+    """A copy of a nested section with the value at the path replaced; groups go by their names."""
+    if not path:
+        return value
+    head, *rest = path
+    if isinstance(section, Demand) and rest:
+        groups = tuple(_replaced(group, rest, value) if group.name == head else group for group in section.groups)
+        return replace(section, groups=groups)
+    return replace(section, **{head: _replaced(getattr(section, head), rest, value)})
+
+
+def draw_values(template: Template, rng: np.random.Generator) -> dict[str, float]:
+    """One draw of every scenario parameter, uniform over its range, in the order of the template's ranges."""
+    drawn: dict[str, float] = {}
+    for path, limits in template.ranges.items():
+        if limits.integer:
+            drawn[path] = float(rng.integers(round(limits.minimum), round(limits.maximum), endpoint=True))
+        else:
+            drawn[path] = float(rng.uniform(limits.minimum, limits.maximum))
+    return drawn

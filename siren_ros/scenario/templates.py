@@ -1,0 +1,251 @@
+"""Reading templates from YAML, strictly: every mistake is refused with file, line and what is allowed."""
+
+import re
+from pathlib import Path
+from typing import Final
+
+from siren_ros.errors import InputError
+from siren_ros.params.params_files import named_params_file, names_in_params
+from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
+from siren_ros.roads.sites.site_finder import SiteKind
+from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.scenario.scenario import (
+    BehaviourFamily,
+    CivilianResponseDemand,
+    Demand,
+    DemandGroup,
+    EmvDemand,
+    GroupAnchor,
+    Placement,
+    PredicateDemand,
+    SignalDemand,
+    StartReference,
+    Template,
+    ValueRange,
+    draw_values,
+)
+from siren_ros.world.actors import ActorClass
+
+__all__ = ["PREDICATES", "Template", "available_templates", "draw_values", "load_template", "read_template"]
+
+PREDICATES: Final[dict[str, dict[str, tuple[float, float]]]] = {
+    "queues_split": {"holding_min": (1, 50), "overtaken_min": (1, 50), "lateral_max_m": (0.1, 5.0)},
+    "lane_cleared": {"lane_changes_min": (1, 50), "passed_min": (1, 50)},
+    "red_same_direction": {},
+    "red_crossing": {},
+    "stop_same_direction": {"speed_min_mps": (0.1, 20.0)},
+    "stop_crossing": {"speed_min_mps": (0.1, 20.0)},
+    "shoulder_turn": {"shoulder_min_s": (0.1, 60.0)},
+}
+"""Known predicates, and the limits of each one's thresholds."""
+
+_ID: Final = re.compile(r"[A-Za-z0-9_-]{1,64}")
+_SHARE_TOLERANCE: Final = 1e-6
+_MAX_SPEED_MPS: Final = 60.0
+_MAX_VEHICLES: Final = 500
+_MAX_RED_S: Final = 120.0
+
+
+def available_templates() -> tuple[str, ...]:
+    """Names of the templates in ``params/templates``."""
+    return names_in_params("templates")
+
+
+def load_template(name_or_path: str) -> Template:
+    """A template with its default values, by its name or from a YAML file.
+
+    Raises:
+        InputError: unknown template; or a file with an unknown or missing key, a value out of range or
+            of the wrong type, or no predicate: names file, line, key, value and what is allowed.
+    """
+    return read_template(named_params_file("template", "templates", name_or_path))
+
+
+def _identifier(top: StrictMapping) -> str:
+    """The template's id, which becomes part of file names."""
+    name = top.text("id")
+    if not _ID.fullmatch(name):
+        raise InputError(top.where("id"), name, "letters, digits, - and _, at most 64")
+    return name
+
+
+def read_template(file: Path) -> Template:
+    """A template from a YAML file; raises InputError as ``load_template`` does."""
+    top = read_strict_yaml(file)
+    ranges: dict[str, ValueRange] = {}
+    parameters = _Parameters(ranges)
+    site_kind = SiteKind(top.text("site", [member.value for member in SiteKind]))
+    template = Template(
+        template_id=_identifier(top),
+        title=top.text("title"),
+        family=BehaviourFamily(top.text("family", [member.value for member in BehaviourFamily])),
+        level=EmergencyLevel[top.text("level", [member.name for member in EmergencyLevel])],
+        site_kind=site_kind,
+        duration_s=parameters.number(top, "duration_s", 1.0, 3600.0),
+        warm_up_s=top.number("warm_up_s", 0.0, 600.0),
+        emv=_emv(top.mapping("emv"), parameters),
+        demand=_demand(top.mapping("demand"), parameters),
+        response=_response(top.mapping("response"), parameters),
+        predicate=_predicate(top.mapping("predicate")),
+        signal=_signal(top.mapping("signal"), parameters) if top.has("signal") else None,
+        ranges=ranges,
+    )
+    top.finish()
+    if site_kind is SiteKind.MULTI_LANE_ROAD:
+        _refuse_stop_line(top, template)
+    most = sum(int(ranges[f"demand.{group.name}.vehicles"].maximum) for group in template.demand.groups)
+    least = ranges["demand.background_vehicles"].minimum
+    if most > least:
+        where = top.mapping("demand").where("background_vehicles")
+        raise InputError(where, f"{least:g} at least", f"no fewer than the {most} vehicles that the groups may have")
+    return template
+
+
+def _refuse_stop_line(top: StrictMapping, template: Template) -> None:
+    """A road has no junction to which starts, groups and signals could refer.
+
+    Raises:
+        InputError: the template has one of these.
+    """
+    junction_only = {Placement.SAME_DIRECTION, Placement.CROSSING}
+    wrong = [
+        group.name
+        for group in template.demand.groups
+        if group.anchor is not GroupAnchor.EMV or group.placement in junction_only
+    ]
+    if template.emv.start_from is StartReference.STOP_LINE:
+        wrong.append("emv.start_from")
+    if template.signal is not None:
+        wrong.append("signal")
+    if wrong:
+        allowed = "a site at a junction; start, groups or signal refer to a stop line: " + ", ".join(wrong)
+        raise InputError(top.where("site"), template.site_kind.value, allowed)
+
+
+class _Parameters:
+    """Reads ``{default: …, range: […, …]}`` and remembers the ranges."""
+
+    def __init__(self, ranges: dict[str, ValueRange]) -> None:
+        self._ranges = ranges
+
+    def number(self, section: StrictMapping, key: str, low: float, high: float) -> float:
+        """A real parameter; default and range lie within ``[low, high]``."""
+        entry = section.mapping(key)
+        minimum, maximum = self._limits(entry, low, high)
+        default = entry.number("default", minimum, maximum)
+        entry.finish()
+        self._ranges[entry.path] = ValueRange(minimum, maximum)
+        return default
+
+    def integer(self, section: StrictMapping, key: str, low: int, high: int) -> int:
+        """A whole-numbered parameter."""
+        entry = section.mapping(key)
+        minimum, maximum = self._limits(entry, low, high)
+        if minimum != round(minimum) or maximum != round(maximum):
+            raise InputError(entry.where("range"), f"[{minimum:g}, {maximum:g}]", "whole numbers")
+        default = entry.integer("default", round(minimum), round(maximum))
+        entry.finish()
+        self._ranges[entry.path] = ValueRange(minimum, maximum, integer=True)
+        return default
+
+    @staticmethod
+    def _limits(entry: StrictMapping, low: float, high: float) -> tuple[float, float]:
+        minimum, maximum = entry.numbers("range", 2, low, high)
+        if minimum > maximum:
+            raise InputError(entry.where("range"), f"[{minimum:g}, {maximum:g}]", "[minimum, maximum] in this order")
+        return minimum, maximum
+
+
+def _emv(section: StrictMapping, parameters: _Parameters) -> EmvDemand:
+    emergency = [member.name.lower() for member in ActorClass if member.is_emergency]
+    emv = EmvDemand(
+        actor_class=ActorClass[section.text("class", emergency).upper()],
+        count=section.integer("count", 1, 8),
+        start_m=parameters.number(section, "start_m", -500.0, 500.0),
+        speed_mps=parameters.number(section, "speed_mps", 1.0, _MAX_SPEED_MPS),
+        depart_speed_mps=parameters.number(section, "depart_speed_mps", 0.0, _MAX_SPEED_MPS),
+        headway_s=parameters.number(section, "headway_s", 0.5, 60.0),
+        start_from=StartReference(_option(section, "start_from", StartReference.SITE_START)),
+    )
+    section.finish()
+    return emv
+
+
+def _option(section: StrictMapping, key: str, default: StartReference | GroupAnchor) -> str:
+    """One of an enumeration's texts; the default where the key is missing."""
+    if not section.has(key):
+        return default.value
+    return section.text(key, [member.value for member in type(default)])
+
+
+def _signal(section: StrictMapping, parameters: _Parameters) -> SignalDemand:
+    signal = SignalDemand(
+        red_before_arrival_s=parameters.number(section, "red_before_arrival_s", 0.0, _MAX_RED_S),
+    )
+    section.finish()
+    return signal
+
+
+def _demand(section: StrictMapping, parameters: _Parameters) -> Demand:
+    groups = section.mapping("groups")
+    demand = Demand(
+        background_vehicles=parameters.integer(section, "background_vehicles", 0, _MAX_VEHICLES),
+        speed_factor=parameters.number(section, "speed_factor", 0.1, 2.0),
+        classes=_classes(section.mapping("classes")),
+        groups=tuple(_group(groups.mapping(name), name, parameters) for name in groups.values),
+    )
+    section.finish()
+    return demand
+
+
+def _group(section: StrictMapping, name: str, parameters: _Parameters) -> DemandGroup:
+    section.path = f"demand.{name}"
+    placement = Placement(section.text("placement", [member.value for member in Placement]))
+    crossing = placement is Placement.CROSSING
+    anchor = GroupAnchor(_option(section, "from", GroupAnchor.STOP_LINE if crossing else GroupAnchor.EMV))
+    if crossing and anchor is not GroupAnchor.STOP_LINE:
+        raise InputError(section.where("from"), anchor.value, "stop_line for a crossing group")
+    group = DemandGroup(
+        name=name,
+        placement=placement,
+        vehicles=parameters.integer(section, "vehicles", 0, 100),
+        first_gap_m=parameters.number(section, "first_gap_m", 0.0, 500.0),
+        spacing_m=parameters.number(section, "spacing_m", 1.0, 200.0),
+        speed_mps=parameters.number(section, "speed_mps", 1.0, _MAX_SPEED_MPS),
+        anchor=anchor,
+        standing=section.flag("standing") if section.has("standing") else False,
+    )
+    section.finish()
+    return group
+
+
+def _classes(section: StrictMapping) -> tuple[tuple[ActorClass, float], ...]:
+    civilian = [member for member in ActorClass if not member.is_emergency]
+    shares = tuple(
+        (member, section.number(member.name.lower(), 0.0, 1.0))
+        for member in civilian
+        if section.has(member.name.lower())
+    )
+    section.finish()
+    total = sum(share for _, share in shares)
+    if abs(total - 1.0) > _SHARE_TOLERANCE:
+        where = f"{section.file}:{section.node.start_mark.line + 1}: {section.path}"
+        raise InputError(where, round(total, 6), "shares of vehicle classes that add up to 1")
+    return shares
+
+
+def _response(section: StrictMapping, parameters: _Parameters) -> CivilianResponseDemand:
+    response = CivilianResponseDemand(
+        response_distance_m=parameters.number(section, "response_distance_m", 1.0, 300.0),
+        extra_delay_s=parameters.number(section, "extra_delay_s", 0.0, 30.0),
+        compliance=parameters.number(section, "compliance", 0.0, 1.0),
+    )
+    section.finish()
+    return response
+
+
+def _predicate(section: StrictMapping) -> PredicateDemand:
+    name = section.text("name", PREDICATES)
+    thresholds = {key: section.number(key, low, high) for key, (low, high) in PREDICATES[name].items()}
+    section.finish()
+    return PredicateDemand(name, thresholds)

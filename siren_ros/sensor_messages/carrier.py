@@ -1,0 +1,113 @@
+"""Who carries sensors; a carrier's own frames and motion, from its state."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from siren_ros.errors import EpisodeError
+from siren_ros.interfaces.topics import AV_CARRIER, EMV_CARRIER
+from siren_ros.interfaces.transforms import (
+    BASE_FRAME,
+    MAP_FRAME,
+    Odometry,
+    Transform,
+    quaternion_of_matrix,
+    quaternion_of_yaw,
+)
+from siren_ros.numerics.random_streams import random_stream
+from siren_ros.sensors.rig.station import STATION_FRAME
+from siren_ros.sensors.suite.mount import OPTICAL_FROM_BODY, Matrix, Mount
+from siren_ros.sensors.suite.suite import SensorSuite
+from siren_ros.world.actors import ActorStates
+
+
+@dataclass(frozen=True)
+class Carrier:
+    """A vehicle with sensors, as topics and frames name it."""
+
+    name: str
+    """First part of its topics."""
+    frame_prefix: str
+    """First part of its frames, so that two carriers share one tree of frames."""
+
+    def frame(self, name: str) -> str:
+        """A frame of this carrier."""
+        return f"{self.frame_prefix}{name}"
+
+
+EMV: Final = Carrier(EMV_CARRIER, "")
+"""The first emergency vehicle; its frames have the plain names of REP 105."""
+AV: Final = Carrier(AV_CARRIER, f"{AV_CARRIER}/")
+"""The AV under test."""
+
+
+def noise_seed(seed: int, carrier: Carrier) -> int:
+    """Seed of the noise of a carrier's sensors: the episode's own for the emergency vehicle, another for the AV."""
+    if carrier == EMV:
+        return seed
+    return int(random_stream(seed, f"sensors of {carrier.name}").integers(2**31))
+
+
+def row_of_carrier(states: ActorStates, carrier_id: int) -> int:
+    """Row of the carrier in the states.
+
+    Raises:
+        EpisodeError: The carrier is not there: it has left the map.
+    """
+    row = int(np.searchsorted(states.actor_id, carrier_id))
+    if row == len(states) or states.actor_id[row] != carrier_id:
+        raise EpisodeError(f"the sensors' carrier, actor {carrier_id}, is not on the map at step {states.step}")
+    return row
+
+
+def map_from_base_transform(states: ActorStates, row: int, carrier: Carrier = EMV) -> Transform:
+    """``/tf`` of a carrier: ``map`` to ``base_link``."""
+    position = (float(states.x_m[row]), float(states.y_m[row]), float(states.z_m[row]))
+    return Transform(MAP_FRAME, carrier.frame(BASE_FRAME), position, quaternion_of_yaw(float(states.yaw_rad[row])))
+
+
+def odometry_of(states: ActorStates, row: int) -> Odometry:
+    """Pose in ``map`` and velocity in ``base_link`` of the carrier."""
+    yaw_rad = float(states.yaw_rad[row])
+    vx_mps, vy_mps = float(states.vx_mps[row]), float(states.vy_mps[row])
+    cos, sin = float(np.cos(yaw_rad)), float(np.sin(yaw_rad))
+    return Odometry(
+        x_m=float(states.x_m[row]),
+        y_m=float(states.y_m[row]),
+        z_m=float(states.z_m[row]),
+        yaw_rad=yaw_rad,
+        forward_mps=cos * vx_mps + sin * vy_mps,
+        left_mps=cos * vy_mps - sin * vx_mps,
+        yaw_rate_radps=float(states.yaw_rate_radps[row]),
+    )
+
+
+def optical_frame(camera: str) -> str:
+    """Frame id of a camera's images (REP 103: z forward, x right, y down)."""
+    return f"{camera}_optical_frame"
+
+
+def static_transforms(
+    suite: SensorSuite, carrier: Carrier = EMV, station: Mount | None = None
+) -> tuple[Transform, ...]:
+    """``/tf_static`` of a suite: ``base_link`` to each sensor, and to each camera's optical frame.
+
+    Where the suite stands at a station, given in the ``map`` frame, that is their parent in ``base_link``'s place.
+    """
+    parent = carrier.frame(BASE_FRAME if station is None else STATION_FRAME)
+    bodies = [_transform(parent, carrier.frame(name), mount.base_from_sensor) for name, mount in suite.mounts]
+    if station is not None:
+        bodies.insert(0, _transform(MAP_FRAME, parent, station.base_from_sensor))
+    body_from_optical = np.eye(4)
+    body_from_optical[:3, :3] = OPTICAL_FROM_BODY.T
+    optical = [
+        _transform(parent, carrier.frame(optical_frame(camera.name)), camera.mount.base_from_sensor @ body_from_optical)
+        for camera in suite.cameras
+    ]
+    return (*bodies, *optical)
+
+
+def _transform(parent: str, child: str, parent_from_child: Matrix) -> Transform:
+    x_m, y_m, z_m = (float(value) for value in parent_from_child[:3, 3])
+    return Transform(parent, child, (x_m, y_m, z_m), quaternion_of_matrix(parent_from_child[:3, :3]))

@@ -1,0 +1,170 @@
+"""Observations as messages: what ``sensor_sim`` publishes at a step."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from siren_ros.interfaces import topics
+from siren_ros.interfaces.audio import to_audio
+from siren_ros.interfaces.boxes import boxes_of, to_boxes
+from siren_ros.interfaces.conversions import to_ground_truth
+from siren_ros.interfaces.factory import MessageFactory
+from siren_ros.interfaces.image_boxes import to_camera_truth, to_image_boxes
+from siren_ros.interfaces.images import PinholeCamera, to_camera_info, to_compressed_image, to_image
+from siren_ros.interfaces.markers import to_markers, vehicle_markers
+from siren_ros.interfaces.navigation import ImuReading, SatelliteFix, to_imu, to_nav_sat_fix
+from siren_ros.interfaces.point_cloud import to_point_cloud
+from siren_ros.interfaces.topics import Topic
+from siren_ros.interfaces.transforms import BASE_FRAME, to_odometry, to_tf
+from siren_ros.sensor_messages.carrier import (
+    EMV,
+    Carrier,
+    map_from_base_transform,
+    odometry_of,
+    optical_frame,
+    row_of_carrier,
+)
+from siren_ros.sensors.camera.camera import CameraFrame
+from siren_ros.sensors.camera.camera_model import Pinhole
+from siren_ros.sensors.rig.observations import Observations
+from siren_ros.sensors.suite.suite import CameraSpec, SensorSuite, period_steps
+from siren_ros.sensors.suite.wanted_labels import WantedLabels
+from siren_ros.world.actors import ActorDescription, ActorStates
+from siren_ros.world.camera_truth import CameraTruth
+from siren_ros.world.ground_truth import GroundTruth
+
+Published = tuple[Topic, Any]
+
+
+def shared_messages(
+    factory: MessageFactory,
+    states: ActorStates,
+    actors: Mapping[int, ActorDescription],
+    carriers: Sequence[tuple[Carrier, int]],
+) -> Iterator[Published]:
+    """Messages of a step that are not one carrier's own: the tree of frames, and the markers.
+
+    Args:
+        factory: Makes the messages.
+        states: All actors at the step.
+        actors: What they are, by id.
+        carriers: The carriers with their actor ids.
+
+    Raises:
+        EpisodeError: A carrier has left the map.
+    """
+    rows = [(carrier, row_of_carrier(states, actor_id)) for carrier, actor_id in carriers]
+    transforms = [map_from_base_transform(states, row, carrier) for carrier, row in rows]
+    yield topics.TF, to_tf(factory, states.step, transforms)
+    if states.step % topics.MARKERS.period_steps == 0:
+        yield topics.MARKERS, to_markers(factory, states.step, vehicle_markers(states, actors))
+
+
+@dataclass(frozen=True)
+class ObservationMessages:
+    """Makes the messages of one carrier's suite."""
+
+    factory: MessageFactory
+    suite: SensorSuite
+    carrier_id: int
+    wants_raw: Callable[[Topic], bool]
+    """Whether somebody listens to a topic that is not recorded."""
+    carrier: Carrier = EMV
+
+    def of_step(self, states: ActorStates, seen: Observations) -> Iterator[Published]:
+        """Messages that are due at the step, each with its topic.
+
+        Raises:
+            EpisodeError: The carrier has left the map.
+        """
+        step, factory, frame = states.step, self.factory, self.carrier.frame
+        odometry = odometry_of(states, row_of_carrier(states, self.carrier_id))
+        yield self._own(topics.ODOMETRY), to_odometry(factory, step, odometry, frame(BASE_FRAME))
+        if seen.truth is not None:
+            yield from self._labels(replace(seen.truth, frame_id=frame(seen.truth.frame_id)))
+        for sweep in seen.sweeps:
+            period = period_steps(next(spec.rate_hz for spec in self.suite.lidars if spec.name == sweep.sensor))
+            cloud = to_point_cloud(factory, step, frame(sweep.sensor), sweep.points)
+            yield self._own(topics.LIDAR.of_sensor(sweep.sensor, period)), cloud
+        for exposure in seen.frames:
+            yield from self._images(exposure, seen.labels.get(exposure.sensor))
+        yield from self._others(seen)
+
+    def _labels(self, truth: GroundTruth) -> Iterator[Published]:
+        if truth.step % topics.GROUND_TRUTH.period_steps == 0:
+            yield self._own(topics.GROUND_TRUTH), to_ground_truth(self.factory, truth)
+        if truth.step % topics.BOXES.period_steps == 0:
+            yield self._own(topics.BOXES), to_boxes(self.factory, boxes_of(truth, truth.frame_id))
+
+    def wanted_labels(self, camera: CameraSpec) -> WantedLabels:
+        """What the suite records of a camera, and what somebody listens to."""
+        period, recorded = period_steps(camera.rate_hz), WantedLabels.of(self.suite, camera)
+        depth = self._own(topics.IMAGE_DEPTH.of_sensor(camera.name, period))
+        instance = self._own(topics.IMAGE_INSTANCE.of_sensor(camera.name, period))
+        return WantedLabels(
+            recorded.depth or self.wants_raw(depth), recorded.instance or self.wants_raw(instance), recorded.boxes
+        )
+
+    def _images(self, frame: CameraFrame, labels: CameraTruth | None) -> Iterator[Published]:
+        spec = next(camera for camera in self.suite.cameras if camera.name == frame.sensor)
+        period, frame_id = period_steps(spec.rate_hz), self.carrier.frame(optical_frame(spec.name))
+        compressed = topics.IMAGE_COMPRESSED.of_sensor(spec.name, period)
+        yield self._own(compressed), to_compressed_image(self.factory, frame.step, frame_id, frame.jpeg)
+        info = topics.CAMERA_INFO.of_sensor(spec.name, period)
+        yield self._own(info), to_camera_info(self.factory, frame.step, frame_id, intrinsics(spec))
+        raw = self._own(topics.IMAGE.of_sensor(spec.name, period))
+        if self.wants_raw(raw):
+            yield raw, to_image(self.factory, frame.step, frame_id, frame.rgb)
+        image = frame.image
+        semantic = self._own(topics.IMAGE_SEMANTIC.of_sensor(spec.name, period).if_recorded(spec.semantic))
+        if semantic.recorded or self.wants_raw(semantic):
+            yield semantic, to_image(self.factory, frame.step, frame_id, image.semantic)
+        if image.depth_m is not None:
+            depth = self._own(topics.IMAGE_DEPTH.of_sensor(spec.name, period).if_recorded(spec.depth))
+            if depth.recorded or self.wants_raw(depth):
+                yield depth, to_image(self.factory, frame.step, frame_id, image.depth_m)
+        if image.instance is not None:
+            instance = self._own(topics.IMAGE_INSTANCE.of_sensor(spec.name, period).if_recorded(spec.instance))
+            if instance.recorded or self.wants_raw(instance):
+                yield instance, to_image(self.factory, frame.step, frame_id, image.instance.astype(np.uint16))
+        if labels is not None:
+            truth = self._own(topics.IMAGE_TRUTH.of_sensor(spec.name, period))
+            yield truth, to_camera_truth(self.factory, labels, frame_id)
+            boxes = self._own(topics.IMAGE_BOXES.of_sensor(spec.name, period))
+            yield boxes, to_image_boxes(self.factory, labels, frame_id)
+
+    def _others(self, seen: Observations) -> Iterator[Published]:
+        """Satellite fixes, inertial readings and sound."""
+        factory, frame = self.factory, self.carrier.frame
+        rates = {spec.name: period_steps(spec.rate_hz) for spec in self.suite.gnss}
+        rates |= {spec.name: period_steps(spec.rate_hz) for spec in self.suite.imus}
+        for fix in seen.fixes:
+            found = SatelliteFix(
+                fix.step, frame(fix.sensor), fix.latitude_deg, fix.longitude_deg, fix.altitude_m, fix.variance_m2
+            )
+            yield self._own(topics.GNSS.of_sensor(fix.sensor, rates[fix.sensor])), to_nav_sat_fix(factory, found)
+        for sample in seen.inertial:
+            reading = ImuReading(
+                step=sample.step,
+                frame_id=frame(sample.sensor),
+                specific_force_mps2=sample.specific_force_mps2,
+                angular_rate_radps=sample.angular_rate_radps,
+                force_variance=sample.force_stddev_mps2**2,
+                rate_variance=sample.rate_stddev_radps**2,
+            )
+            yield self._own(topics.IMU.of_sensor(sample.sensor, rates[sample.sensor])), to_imu(factory, reading)
+        for chunk in seen.sounds:
+            sound = to_audio(factory, chunk.step, frame(chunk.sensor), chunk.sample_rate_hz, chunk.samples)
+            yield self._own(topics.AUDIO.of_sensor(chunk.sensor, topics.EVERY_STEP)), sound
+
+    def _own(self, topic: Topic) -> Topic:
+        return topic.of_carrier(self.carrier.name)
+
+
+def intrinsics(spec: CameraSpec) -> PinholeCamera:
+    """What CameraInfo says of a camera."""
+    pinhole = Pinhole.of(spec)
+    k = pinhole.k
+    return PinholeCamera(pinhole.width, pinhole.height, float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2]))

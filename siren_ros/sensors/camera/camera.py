@@ -1,0 +1,105 @@
+"""A camera of a suite: pictures with noise, as JPEG, and the labels that go with them."""
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+import simplejpeg
+from scipy.ndimage import gaussian_filter
+
+from siren_ros.sensors.camera.camera_model import Pinhole
+from siren_ros.sensors.camera.raycast_renderer import RaycastRenderer
+from siren_ros.sensors.camera.rendered_image import RenderedImage
+from siren_ros.sensors.camera.renderer import Renderer
+from siren_ros.sensors.meshes.placement import Placement
+from siren_ros.sensors.suite.mount import Matrix
+from siren_ros.sensors.suite.noise import sensor_generator
+from siren_ros.sensors.suite.suite import CameraSpec
+from siren_ros.sensors.suite.wanted_labels import WantedLabels
+
+
+@dataclass(frozen=True, eq=False)
+class CameraFrame:
+    """One exposure; all images are of the same instant and the same draw."""
+
+    sensor: str
+    step: int
+    camera: Pinhole
+    image: RenderedImage
+    encoded: Future[bytes]
+    """The JPEG, which may still be under way."""
+
+    @property
+    def jpeg(self) -> bytes:
+        """Colour image as JPEG."""
+        return self.encoded.result()
+
+    @property
+    def rgb(self) -> npt.NDArray[np.uint8]:
+        """Colour image as ``rgb8``, contiguous, shape ``(height, width, 3)``."""
+        return np.ascontiguousarray(self.image.rgba[..., :3])
+
+
+class Camera:
+    """One camera on one carrier; the renderer may serve several."""
+
+    def __init__(self, spec: CameraSpec, renderer: Renderer | RaycastRenderer, seed: int, encoder: Executor) -> None:
+        """Prepare the intrinsics; ``seed`` is the episode's. The encoder works while the next picture is drawn."""
+        self._encoder = encoder
+        self.spec = spec
+        self.pinhole = Pinhole.of(spec)
+        self._renderer = renderer
+        self._seed = seed
+
+    def expose(
+        self,
+        step: int,
+        map_from_camera: Matrix,
+        placement: Placement,
+        rolled_m: npt.NDArray[np.float64],
+        signals: Mapping[str, str],
+        wanted: WantedLabels,
+    ) -> Callable[[], CameraFrame]:
+        """Begin with a picture from a pose of the camera's body frame (x forward), shape ``(4, 4)``.
+
+        What is returned waits for the picture and gives it, with the wanted labels. Call it once.
+        """
+        spec = self.spec
+        picture = self._renderer.begin(
+            self.pinhole,
+            map_from_camera,
+            placement,
+            rolled_m,
+            signals,
+            step,
+            exposure=spec.exposure,
+            labels=wanted.depth,
+            instances=wanted.instance or wanted.boxes,
+        )
+        return partial(self._develop, step, picture)
+
+    def _develop(self, step: int, picture: Callable[[], RenderedImage]) -> CameraFrame:
+        image, spec = picture(), self.spec
+        if spec.blur_px > 0.0:
+            self._blur(image.rgba)
+        if spec.noise_stddev > 0.0:
+            self._add_noise(image.rgba, step)
+        encoded = self._encoder.submit(
+            simplejpeg.encode_jpeg, image.rgba, spec.jpeg_quality, "RGBX", "420", fastdct=True
+        )
+        return CameraFrame(spec.name, step, self.pinhole, image, encoded)
+
+    def _blur(self, rgba: npt.NDArray[np.uint8]) -> None:
+        """Blur the colours in place, as a lens out of focus does; labels stay sharp."""
+        for channel in range(3):
+            blurred = gaussian_filter(rgba[..., channel].astype(np.float32), self.spec.blur_px, truncate=3.0)
+            rgba[..., channel] = np.rint(blurred).astype(np.uint8)
+
+    def _add_noise(self, rgba: npt.NDArray[np.uint8], step: int) -> None:
+        """Add white noise to the colours in place."""
+        rng = sensor_generator(self._seed, self.spec.name, step)
+        noise = rng.standard_normal((*rgba.shape[:2], 3), np.float32) * np.float32(self.spec.noise_stddev)
+        rgba[..., :3] = np.clip(np.rint(rgba[..., :3] + noise), 0, 255).astype(np.uint8)

@@ -1,0 +1,1 @@
+"""Shadows, lamps on ground and walls, rain."""

@@ -1,0 +1,1 @@
+"""Vertex buffers of the static scene and of vehicles."""

@@ -1,0 +1,94 @@
+"""Vertices as the graphics card gets them.
+
+Normal, material and colour belong to triangles. OpenGL takes such "flat" values from a triangle's last vertex, so
+triangles can share vertices as long as each has a last vertex that carries its own values. That needs about
+one vertex per triangle instead of three, and a software rasteriser's time goes by vertices.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.numerics.compiled import compiled
+from siren_ros.sensors.meshes.mesh import Mesh
+
+VERTEX: Final = np.dtype([("position", "<f4", 3), ("normal_material", "<f2", 4), ("colour", "u1", 4)])
+"""24 bytes; the fourth byte of the colour is the semantic class. Half floats hold material codes exactly."""
+VERTEX_FORMAT: Final = "3f 4f2 4f1"
+VERTEX_NAMES: Final = ("in_position", "in_normal", "in_colour")
+
+
+@dataclass(frozen=True, eq=False)
+class IndexedMesh:
+    """Triangles for ``glDrawElements``."""
+
+    vertices: npt.NDArray[np.void]
+    """Records of dtype ``VERTEX``, shape ``(V,)``."""
+    triangles: npt.NDArray[np.uint32]
+    """Rows of ``vertices``, shape ``(T, 3)``, in the mesh's order; the last carries the triangle's values."""
+
+
+def index_mesh(mesh: Mesh, semantic_of_material: npt.NDArray[np.uint8]) -> IndexedMesh:
+    """The mesh with as few vertices as a greedy choice of the triangles' last vertices gives."""
+    values = np.zeros(len(mesh), VERTEX)
+    values["normal_material"][:, :3] = mesh.normals
+    values["normal_material"][:, 3] = mesh.material
+    values["colour"][:, :3] = mesh.colour_rgb
+    values["colour"][:, 3] = semantic_of_material[mesh.material]
+    look = values.view(np.uint8).reshape(len(mesh), VERTEX.itemsize)[:, 12:]
+    key = _distinct(look)[1]
+    first, welded = _distinct(mesh.vertices_m + np.float32(0.0))
+    points = mesh.vertices_m[first]
+    triangles = welded[mesh.triangles]
+    source = np.empty(len(points) + len(mesh), np.int64)
+    owner = np.empty(len(points) + len(mesh), np.int64)
+    count = _share(triangles, key, source, owner, len(points))
+    vertices = np.zeros(count, VERTEX)
+    owned = owner[:count] >= 0
+    vertices[owned] = values[owner[:count][owned]]
+    vertices["position"] = points[source[:count]]
+    return IndexedMesh(vertices, triangles.astype(np.uint32))
+
+
+def _distinct(rows: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Index of one row of each distinct kind, and the kind of each row; rows compare by their bytes."""
+    whole = np.ascontiguousarray(rows).view(np.dtype((np.void, rows.itemsize * rows.shape[1]))).reshape(-1)
+    _, first, kind = np.unique(whole, return_index=True, return_inverse=True)
+    return first.astype(np.int64), kind.astype(np.int64).reshape(-1)
+
+
+@compiled
+def _share(triangles: Any, key: Any, source: Any, owner: Any, points: int) -> int:
+    """Turn or copy corners so that each triangle's last corner is its own; returns the number of vertices.
+
+    ``owner`` becomes the triangle whose values a vertex carries, −1 for none; ``source`` the point of a vertex.
+    """
+    for v in range(points):
+        source[v] = v
+        owner[v] = -1
+    count = points
+    for t in range(triangles.shape[0]):
+        chosen = -1
+        for k in range(3):
+            o = owner[triangles[t, k]]
+            if o >= 0 and key[o] == key[t]:
+                chosen = k
+                break
+            if o < 0 and chosen < 0:
+                chosen = k
+        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        if chosen < 0:
+            source[count] = source[c]
+            triangles[t, 2] = count
+            owner[count] = t
+            count += 1
+        else:
+            if chosen == 0:
+                triangles[t, 0], triangles[t, 1], triangles[t, 2] = b, c, a
+            elif chosen == 1:
+                triangles[t, 0], triangles[t, 1], triangles[t, 2] = c, a, b
+            if owner[triangles[t, 2]] < 0:
+                owner[triangles[t, 2]] = t
+    return count

@@ -1,0 +1,291 @@
+"""Draws the scene from a camera and hands the pixels back."""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, Final
+
+import moderngl
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.numerics.units import STEP_S
+from siren_ros.sensors.camera.camera_model import Pinhole, optical_from_map
+from siren_ros.sensors.camera.context import DrawingContext
+from siren_ros.sensors.camera.effects.ground_light import GroundLight, LightMap
+from siren_ros.sensors.camera.effects.lamp_light import LampLight
+from siren_ros.sensors.camera.effects.rain import Rain
+from siren_ros.sensors.camera.geometry.static_geometry import StaticGeometry
+from siren_ros.sensors.camera.geometry.vehicle_geometry import VehicleGeometry
+from siren_ros.sensors.camera.rendered_image import RenderedImage
+from siren_ros.sensors.camera.shading import sky_shaders
+from siren_ros.sensors.camera.shading.preamble import defined, preamble
+from siren_ros.sensors.camera.target import Target
+from siren_ros.sensors.meshes.material import SemanticClass
+from siren_ros.sensors.meshes.mesh import StaticScene, VehicleShape
+from siren_ros.sensors.meshes.placement import Placement
+from siren_ros.sensors.suite.look import Look
+from siren_ros.sensors.suite.mount import Matrix
+from siren_ros.world.actors import ActorClass
+
+NEAR_M: Final = 0.1
+FAR_M: Final = 700.0
+_REACH_M: Final = 450.0
+"""Vehicles further away than this are left to the haze."""
+_NOISE_TEXELS: Final = 512
+_SMOOTH: Final = (moderngl.LINEAR_MIPMAP_NEAREST, moderngl.LINEAR)
+_COARSE: Final = (moderngl.NEAREST_MIPMAP_NEAREST, moderngl.NEAREST)
+"""Filters of the noise: of grain one texel is as good as a mean of four."""
+_SKY_TEXELS: Final = 1024
+_FRAME_FLOATS: Final = 3 * 16 + 4 * 4
+_SIDES: Final = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]])
+"""The view frustum's planes, as signs of the clip coordinates: left, right, bottom, top, near."""
+
+
+class Renderer:
+    """One scene, any number of cameras. Belongs to the thread that makes it."""
+
+    def __init__(
+        self, static: StaticScene, shapes: Mapping[ActorClass, VehicleShape], look: Look | None = None
+    ) -> None:
+        """Open a context and upload the scene.
+
+        Raises:
+            RendererUnavailableError: no OpenGL through EGL on this machine.
+        """
+        self._drawing = DrawingContext()
+        self._context = context = self._drawing.gl
+        self.look = look or Look()
+        constants = preamble(self.look)
+        self._static = StaticGeometry(context, static, self.look, constants)
+        self._ground: GroundLight | LampLight
+        if self.look.lamps_lit:
+            self._ground = LampLight(context, static.mesh)
+        else:
+            self._ground = GroundLight(context, self._static, self.look.towards_sun)
+        self._vehicles = VehicleGeometry(context, shapes, constants)
+        self._last: Callable[[Any], None] = lambda _plain: None
+        self._placed: tuple[Placement, npt.NDArray[np.float64]] | None = None
+        self._sky_program = context.program(
+            vertex_shader=defined(sky_shaders.SKY_VERTEX, constants),
+            fragment_shader=defined(sky_shaders.SKY_FRAGMENT, constants),
+        )
+        _set(self._sky_program, "semantic", int(SemanticClass.SKY) / 255.0)
+        self._sky = context.vertex_array(self._sky_program, ())
+        self._skies: dict[float, moderngl.Texture] = {}
+        self._noise = _noise_texture(context)
+        self._frame = context.buffer(reserve=4 * _FRAME_FLOATS)
+        self._targets: dict[tuple[int, int], list[Target]] = {}
+        """Targets of each size that no picture is being drawn to."""
+        self._rain = Rain(context, self.look) if self.look.rain_mm_per_h > 0.0 else None
+        rain = (self._rain.program,) if self._rain is not None else ()
+        for program in [*rain, *self._static.all_programs, self._vehicles.program, self._sky_program]:
+            _bind(program)
+        context.front_face = "cw"
+
+    @property
+    def device(self) -> str:
+        """What draws: the name that OpenGL gives its renderer."""
+        return str(self._context.info["GL_RENDERER"])
+
+    def render(self, *arguments: Any, **options: Any) -> RenderedImage:
+        """One picture; arguments as ``begin``."""
+        return self.begin(*arguments, **options)()
+
+    def begin(
+        self,
+        camera: Pinhole,
+        map_from_camera: Matrix,
+        placement: Placement,
+        rolled_m: npt.NDArray[np.float64],
+        signals: Mapping[str, str],
+        step: int,
+        exposure: float = 1.0,
+        labels: bool = False,
+        instances: bool = False,
+    ) -> Callable[[], RenderedImage]:
+        """Begin with one picture from a pose of the camera's body frame (x forward), shape ``(4, 4)``.
+
+        The drawing goes on while the caller does something else; what is returned waits for it and gives the picture.
+        Call it once.
+
+        Args:
+            camera: Intrinsics.
+            map_from_camera: Pose.
+            placement: Vehicles.
+            rolled_m: Distance that each vehicle's wheels have rolled, shape ``(N,)``.
+            signals: State string of each signal.
+            step: Step whose simulated time drives blinking lights.
+            exposure: Factor on all light.
+            labels: Whether to hand back instances and depth too.
+            instances: Whether to hand back instances.
+        """
+        self._drawing.use()  # other renderers of this thread have contexts of their own
+        clip = _clip_from_map(camera, map_from_camera)
+        textures = self._prepare(camera, clip, map_from_camera, placement, rolled_m, step, exposure)
+        rows = _nearest_in_view(clip, map_from_camera[:3, 3], placement)
+        target = self._take_target(camera)
+        (target.labelled if labels else target.instances if instances else target.plain).use()
+        self._last = partial(self._draw, rows, textures, signals, step)
+        self._last(target.plain)
+        self._drawing.flush()
+        return partial(self._finish, camera, target, instances=labels or instances, depth=labels)
+
+    def _finish(self, camera: Pinhole, target: Target, *, instances: bool, depth: bool) -> RenderedImage:
+        self._drawing.use()
+        image = target.read(instances=instances, depth=depth)
+        self._targets[camera.width, camera.height].append(target)
+        return image
+
+    def draw_again(self, camera: Pinhole) -> RenderedImage:
+        """The last picture once more, nothing but its draw and read-back: what ``render``'s time is measured by.
+
+        Args:
+            camera: The camera of the last picture.
+        """
+        self._drawing.use()
+        target = self._take_target(camera)
+        target.plain.use()
+        self._last(target.plain)
+        return self._finish(camera, target, instances=False, depth=False)
+
+    def _prepare(
+        self,
+        camera: Pinhole,
+        clip: Matrix,
+        map_from_camera: Matrix,
+        placement: Placement,
+        rolled_m: npt.NDArray[np.float64],
+        step: int,
+        exposure: float,
+    ) -> tuple[Any, ...]:
+        """Set the vehicles, the light and the frame's uniforms; returns the textures by slot."""
+        eye = map_from_camera[:3, 3]
+        if self._placed is None or self._placed[0] is not placement or self._placed[1] is not rolled_m:
+            self._vehicles.place(placement, rolled_m)
+            self._placed = (placement, rolled_m)
+        light = self._ground.update(eye, placement, self._vehicles, step)
+        self._drawing.flush()  # shadows are drawn while what is in view is chosen
+        self._write_frame(clip, map_from_camera, camera, light, step, exposure)
+        sky = self._skies.get(exposure) or self._paint_sky(exposure)
+        self._static.select(clip, eye, camera.focal_px)
+        return light.shadow, light.ground, self._noise, sky
+
+    def _draw(
+        self,
+        rows: npt.NDArray[np.intp],
+        textures: tuple[Any, ...],
+        signals: Mapping[str, str],
+        step: int,
+        plain: Any,
+    ) -> None:
+        """Draw what was selected, and these rows' vehicles, into the framebuffer in use; rain into a plain one."""
+        context = self._context
+        context.fbo.clear(depth=1.0)
+        context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
+        context.depth_func = "<="
+        self._frame.bind_to_uniform_block(0)
+        for slot, texture in enumerate(textures):
+            if texture is not None:
+                texture.use(slot)
+        self._vehicles.draw(rows)
+        self._static.draw()
+        self._static.draw_lamps(signals, step)
+        context.enable_only(moderngl.DEPTH_TEST)
+        self._sky.render(moderngl.TRIANGLES, vertices=3)
+        if self._rain is not None:
+            self._rain.draw(plain, step)
+
+    def _paint_sky(self, exposure: float) -> moderngl.Texture:
+        """Paint the sky once for each exposure; pictures look it up by direction. The frame's uniforms are set."""
+        context = self._context
+        constants = preamble(self.look)
+        program = context.program(
+            vertex_shader=defined(sky_shaders.SKY_VERTEX, constants),
+            fragment_shader=defined(sky_shaders.SKY_PAINT_FRAGMENT, constants),
+        )
+        _bind(program)
+        sky = context.texture((_SKY_TEXELS, _SKY_TEXELS), 4)
+        sky.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        context.framebuffer([sky]).use()
+        context.enable_only(moderngl.NOTHING)
+        self._frame.bind_to_uniform_block(0)
+        self._noise.use(2)
+        self._noise.filter = _SMOOTH
+        context.vertex_array(program, ()).render(moderngl.TRIANGLES, vertices=3)
+        self._noise.filter = _COARSE
+        self._skies[exposure] = sky
+        return sky
+
+    def _take_target(self, camera: Pinhole) -> Target:
+        """A target that no picture is being drawn to; ``_finish`` gives it back."""
+        free = self._targets.setdefault((camera.width, camera.height), [])
+        return free.pop() if free else Target(self._context, camera.width, camera.height)
+
+    def _write_frame(
+        self,
+        clip: Matrix,
+        map_from_camera: Matrix,
+        camera: Pinhole,
+        light: LightMap,
+        step: int,
+        exposure: float,
+    ) -> None:
+        matrices = (clip, np.linalg.inv(clip), light.unit_from_map)
+        vectors = (
+            (*map_from_camera[:3, 3], step * STEP_S),
+            (*map_from_camera[:3, 0], camera.focal_px),
+            (*light.light_from_map, 0.0),
+            (camera.width / 2.0, camera.height / 2.0, exposure, 0.0),
+        )
+        columns = [matrix.T.ravel() for matrix in matrices]
+        self._frame.write(np.concatenate([*columns, np.ravel(vectors)]).astype(np.float32).tobytes())
+
+
+def _clip_from_map(camera: Pinhole, map_from_camera: Matrix) -> Matrix:
+    return camera.clip_from_optical(NEAR_M, FAR_M) @ optical_from_map(map_from_camera)
+
+
+def _nearest_in_view(
+    clip_from_map: Matrix, eye_m: npt.NDArray[np.float64], placement: Placement
+) -> npt.NDArray[np.intp]:
+    """Rows of the vehicles whose bounding sphere reaches into the view frustum, nearest first."""
+    middle = placement.z_m + placement.size_m[:, 2] / 2.0
+    centre = np.stack((placement.x_m, placement.y_m, middle, np.ones(len(placement))), axis=1)
+    radius = np.linalg.norm(placement.size_m, axis=1) / 2.0
+    distance = placement.distance_m(eye_m[0], eye_m[1])
+    inside = distance < _REACH_M
+    planes = clip_from_map[3] + _SIDES @ clip_from_map[:3]
+    inside &= (centre @ planes.T > -radius[:, None] * np.linalg.norm(planes[:, :3], axis=1)).all(axis=1)
+    rows = np.flatnonzero(inside)
+    return rows[np.argsort(distance[rows], kind="stable")]
+
+
+def _bind(program: Any) -> None:
+    """Connect a program's blocks and samplers to the slots that every picture uses."""
+    if "Frame" in program:
+        program["Frame"].binding = 0
+    for name, slot in (("static_shadow", 0), ("ground_light", 1), ("noise", 2), ("sky", 3)):
+        if name in program:
+            _set(program, name, slot)
+
+
+def _set(program: Any, name: str, value: float) -> None:
+    program[name].value = value
+
+
+def _noise_texture(context: moderngl.Context) -> moderngl.Texture:
+    """Tileable noise of several octaves, mean 0.5, with mipmaps; the same on every run."""
+    rng = np.random.Generator(np.random.PCG64(7))
+    frequency = np.fft.fftfreq(_NOISE_TEXELS)
+    radius = np.hypot(*np.meshgrid(frequency, frequency))
+    radius[0, 0] = 1.0
+    spectrum = np.fft.fft2(rng.standard_normal((_NOISE_TEXELS, _NOISE_TEXELS))) / radius**0.9
+    spectrum[0, 0] = 0.0
+    values = np.fft.ifft2(spectrum).real
+    values = np.clip(0.5 + 0.18 * values / values.std(), 0.0, 1.0)
+    texels = np.repeat((255 * values).astype(np.uint8)[..., None], 4, axis=2)  # software samples RGBA8 fastest
+    texture = context.texture((_NOISE_TEXELS, _NOISE_TEXELS), 4, texels.tobytes())
+    texture.build_mipmaps()
+    texture.filter = _COARSE
+    texture.repeat_x = texture.repeat_y = True
+    return texture

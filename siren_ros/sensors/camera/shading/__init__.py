@@ -1,0 +1,1 @@
+"""GLSL of surfaces, sky and vehicles."""

@@ -1,0 +1,173 @@
+"""Light that static surfaces reflect, worked out once: the sun does not move, so shaders only add it up."""
+
+from enum import IntEnum
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.sensors.meshes.material import Material
+from siren_ros.sensors.suite.look import Look
+
+Array = npt.NDArray[np.float64]
+
+
+class Shading(IntEnum):
+    """Programs of the static scene, in drawing order: what hides most comes first, what is widest last."""
+
+    GLASS = 0
+    """Windows: not drawn where they are smaller than a pixel or two, like DETAIL."""
+    DETAIL = 1
+    """Poles, lamps, signs, trunks."""
+    PLAIN = 2
+    WALL_SUNNY = 3
+    WALL_SHADY = 4
+    """Walls that face away from the sun: nothing can shade them."""
+    FOLIAGE = 5
+    PAVING = 6
+    GROUND = 7
+
+
+STATIC_VERTEX: Final = np.dtype([("position", "<f4", 3), ("sun", "<f2", 4), ("shade", "<f2", 4), ("normal", "<f2", 4)])
+"""What a static triangle's last vertex says of it, 36 bytes.
+
+``sun``: reflected sunlight; w: grain (ground; above 1 where water soaks away), 1 for bricks (walls), sun on the crown
+(foliage).
+``shade``: reflected light of sky and ground, and what shines by itself; w: semantic class / 255.
+``normal``; w: gloss, or how worn a road marking is.
+"""
+STATIC_FORMAT: Final = "3f 4f2 4f2 4f2"
+STATIC_NAMES: Final = ("in_position", "in_sun", "in_shade", "in_normal")
+GROUND_AMBIENT: Final = (0.20, 0.19, 0.17)
+"""Light from below, as a share of the ambient strength."""
+
+_DETAIL: Final = (
+    Material.METAL_POLE,
+    Material.SIGNAL_HOUSING,
+    Material.SIGNAL_RED,
+    Material.SIGNAL_YELLOW,
+    Material.SIGNAL_GREEN,
+    Material.STOP_SIGN,
+    Material.STREET_LAMP,
+    Material.TREE_TRUNK,
+    Material.FENCE,
+)
+_ROAD: Final = (Material.ASPHALT, Material.SHOULDER_ASPHALT)
+_GREEN: Final = (Material.GROUND, Material.GRASS, Material.MEDIAN)
+_MARKING: Final = (Material.MARKING_WHITE, Material.MARKING_YELLOW)
+_GROUND: Final = (*_ROAD, *_GREEN, *_MARKING, Material.KERB)
+_LENS: Final = (Material.SIGNAL_RED, Material.SIGNAL_YELLOW, Material.SIGNAL_GREEN)
+_GREEN_BASE: Final = 0.72
+_OPEN_SKY: Final = 0.72
+"""Share of the ambient light that reaches the ground also in the shade, where something hides part of the sky."""
+_WET_ROAD: Final = 0.55
+"""Albedo of soaked asphalt relative to dry (0.05 against 0.09: Oke, Boundary Layer Climates, table 1.1, rounded)."""
+_LAMPS_ASIDE: Final = 0.55
+"""Share of the lamps' light on the ground that falls on walls beside it."""
+_CROWN_AT_NIGHT: Final = 0.45
+_LUMINAIRE: Final = (6.0, 4.8, 3.0)
+_ROOM_COLOUR: Final = (1.0, 0.72, 0.40)
+_ROOM_GLOW: Final = 2.2
+"""Rooms are lit behind curtains, which are warmer in colour than bare glass."""
+
+
+def _table(default: float, *entries: tuple[tuple[Material, ...], float]) -> Array:
+    table = np.full(len(Material), default)
+    for materials, value in entries:
+        table[[int(material) for material in materials]] = value
+    return table
+
+
+_SHADING: Final = _table(
+    Shading.PLAIN,
+    (_DETAIL, Shading.DETAIL),
+    (_GROUND, Shading.GROUND),
+    ((Material.SIDEWALK,), Shading.PAVING),
+    ((Material.BUILDING_GLASS,), Shading.GLASS),
+    ((Material.BUILDING_WALL,), Shading.WALL_SUNNY),
+    ((Material.FOLIAGE,), Shading.FOLIAGE),
+)
+_GRAIN: Final = _table(0.3, (_ROAD, 0.42), (_GREEN, 1.1 / _GREEN_BASE), (_MARKING, 0.35))
+_BASE: Final = _table(1.0, (_GREEN, _GREEN_BASE), (_LENS, 0.10))
+_WETTED: Final = _table(0.0, ((*_ROAD, *_MARKING, Material.KERB, Material.SIDEWALK), 1.0))
+
+
+def shading_of(material: npt.NDArray[np.uint8], normals: npt.NDArray[np.float32], look: Look) -> npt.NDArray[np.int64]:
+    """Program of each triangle, shape ``(T,)``; normals have shape ``(T, 3)``."""
+    shading = _SHADING[material].astype(np.int64)
+    shady = (shading == Shading.WALL_SUNNY) & (_towards_sun(normals, look) <= 0.0) & (not look.lamps_lit)
+    shading[shady] = Shading.WALL_SHADY
+    return shading
+
+
+def _towards_sun(normals: npt.NDArray[np.floating[Any]], look: Look) -> Array:
+    x, y, z = (float(value) for value in look.towards_sun)
+    n = normals.astype(np.float64)
+    return n[:, 0] * x + n[:, 1] * y + n[:, 2] * z
+
+
+def ambient_light(normals: npt.NDArray[np.floating[Any]], look: Look) -> Array:
+    """Light of sky and ground on surfaces of these normals, linear RGB, shape ``(N, 3)``."""
+    sky = 0.525 * (np.array(look.zenith_colour) + np.array(look.horizon_colour))
+    up = normals[:, 2:3].astype(np.float64) * 0.5 + 0.5
+    return look.ambient * (np.array(GROUND_AMBIENT) * (1.0 - up) + sky * up)
+
+
+def _full_light(look: Look) -> Array:
+    """Light that falls on what faces its source: the sun's, or at night all of what the lamps' texture says."""
+    return np.ones(3) if look.lamps_lit else np.array(look.sun_colour)
+
+
+def _direct(normals: npt.NDArray[np.float32], look: Look) -> Array:
+    """Light of the sun, or of lamps from above and all around, on surfaces of these normals, shape ``(N, 3)``."""
+    if look.lamps_lit:
+        facing = _LAMPS_ASIDE + (1.0 - _LAMPS_ASIDE) * normals[:, 2].astype(np.float64)
+    else:
+        facing = np.maximum(_towards_sun(normals, look), 0.0)
+    return np.asarray(facing[:, None] * _full_light(look))
+
+
+def _night_glow(material: npt.NDArray[np.uint8], colour: Array, look: Look) -> Array:
+    """What street lamps and the windows of lit rooms shine by themselves, shape ``(N, 3)``."""
+    glow = np.zeros_like(colour)
+    if look.lamps_lit:
+        glow[material == Material.STREET_LAMP] = _LUMINAIRE
+        rooms = (material == Material.BUILDING_GLASS) & (colour[:, 0] > colour[:, 2])
+        glow[rooms] = _ROOM_GLOW * colour[rooms] * np.array(_ROOM_COLOUR)
+    return glow
+
+
+def static_vertices(vertices: npt.NDArray[np.void], look: Look, *, lit: bool = False) -> npt.NDArray[np.void]:
+    """Vertices (dtype ``vertices.VERTEX``) with their light, dtype ``STATIC_VERTEX``.
+
+    Args:
+        vertices: Position, normal, material and colour.
+        look: Sun and sky.
+        lit: Whether these are lenses of signals whose lamps shine.
+    """
+    material = vertices["normal_material"][:, 3].astype(np.uint8)
+    normals = vertices["normal_material"][:, :3].astype(np.float32)
+    colour = (vertices["colour"][:, :3].astype(np.float64) / 255.0) ** 2
+    emission = colour * 2.6 + 0.10 if lit else _night_glow(material, colour, look)
+    albedo = colour * (1.0 if lit else _BASE[material][:, None])
+    albedo *= 1.0 - (1.0 - _WET_ROAD) * look.wetness * _WETTED[material][:, None]
+    shading = _SHADING[material]
+    sun = _direct(normals, look)
+    sky = ambient_light(normals, look)
+    ground = ((shading == Shading.GROUND) | (shading == Shading.PAVING))[:, None]
+    foliage = shading == Shading.FOLIAGE
+    out = np.zeros(len(vertices), STATIC_VERTEX)
+    out["position"] = vertices["position"]
+    out["shade"][:, :3] = albedo * sky * np.where(ground, _OPEN_SKY, 1.0) + emission
+    direct = np.where(foliage[:, None], _full_light(look), sun)
+    out["sun"][:, :3] = albedo * (direct + np.where(ground, 1.0 - _OPEN_SKY, 0.0) * sky)
+    crown = np.full(len(normals), _CROWN_AT_NIGHT) if look.lamps_lit else 0.75 * _towards_sun(normals, look) + 0.25
+    bricks = colour[:, 0] > 1.3 * colour[:, 2]
+    wall = shading == Shading.WALL_SUNNY
+    out["sun"][:, 3] = np.where(ground[:, 0], _GRAIN[material], np.where(foliage, crown, wall & bricks))
+    out["shade"][:, 3] = vertices["colour"][:, 3] / 255.0
+    out["normal"][:, :3] = normals
+    worn = np.isin(material, [int(kind) for kind in _MARKING])
+    gloss = np.where(material == Material.BUILDING_GLASS, 0.55, np.where(worn, 0.5, 0.0))
+    out["normal"][:, 3] = gloss
+    return out

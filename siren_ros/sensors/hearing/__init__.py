@@ -1,0 +1,1 @@
+"""Microphones, and the sound of a siren."""

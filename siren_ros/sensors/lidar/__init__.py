@@ -1,0 +1,1 @@
+"""The LiDAR: rays cast by Embree, returns, drop-off, noise."""

@@ -1,0 +1,256 @@
+"""A rotating LiDAR: one sweep of the scene at one instant."""
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from threading import Event
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.interfaces.point_cloud import LIDAR_POINT_DTYPE
+from siren_ros.sensors.lidar import lidar_loops as loops
+from siren_ros.sensors.lidar.embree import RayHits, tiles
+from siren_ros.sensors.lidar.lidar_sweep import Optics, Rotation, Scratch, complete_sweep, measure_sweep
+from siren_ros.sensors.lidar.raycast_world import RaycastWorld
+from siren_ros.sensors.lidar.reflectivity import REFLECTIVITY
+from siren_ros.sensors.meshes.placement import Placement
+from siren_ros.sensors.suite.look import Look
+from siren_ros.sensors.suite.mount import Matrix, inverse
+from siren_ros.sensors.suite.noise import sensor_generator
+from siren_ros.sensors.suite.suite import LidarSpec
+
+_ATTENUATION_STEPS_PER_M: Final = 16.0
+_GRID_OF_UNIT: Final = 1.5 * 2.0**23
+"""Adding this to a float32 leaves no bits below 1 (float32 has a 24-bit significand)."""
+
+
+@dataclass(frozen=True, eq=False)
+class LidarSweep:
+    """The returns of one rotation."""
+
+    sensor: str
+    step: int
+    points: npt.NDArray[np.void]
+    """Records of dtype ``LIDAR_POINT_DTYPE`` in firing order, shape ``(P,)``: metres in the sensor's frame, intensity
+    0–1, seconds relative to the stamp (≤ 0), ring (0 lowest), actor hit (0: static scene)."""
+    actor_id: npt.NDArray[np.uint32]
+    """Vehicles within range, sorted, shape ``(N,)``."""
+    points_on_actor: npt.NDArray[np.int64]
+    """Returns on each of them, shape ``(N,)``."""
+
+    @property
+    def payload(self) -> memoryview:
+        """The points as bytes, not copied."""
+        return self.points.view(np.uint8).data
+
+
+@dataclass(frozen=True)
+class CarrierMotion:
+    """How the carrier moves while the beams turn; used where the suite asks for motion distortion."""
+
+    vx_mps: float = 0.0
+    vy_mps: float = 0.0
+    yaw_rate_radps: float = 0.0
+
+
+def beam_pattern(spec: LidarSpec) -> loops.Pattern:
+    """Directions, times and rings of one rotation.
+
+    The beams are equally spaced in elevation from the lower to the upper limit, both included. Columns turn
+    clockwise seen from above, as rotating LiDARs do, from straight back over the left side and the front; the last
+    one fires at the sweep's stamp.
+    """
+    columns = spec.columns
+    elevation = np.linspace(spec.lower_fov_rad, spec.upper_fov_rad, spec.channels)
+    azimuth = np.pi - 2.0 * np.pi * np.arange(columns) / columns
+    az, el = np.meshgrid(azimuth, elevation, indexing="ij")
+    directions = np.stack((np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)), axis=-1)
+    time_s = (np.arange(columns) - (columns - 1)) / (columns * spec.rate_hz)
+    return loops.Pattern(
+        directions=np.ascontiguousarray(directions.reshape(-1, 3), dtype=np.float32),
+        column_time_s=time_s.astype(np.float32),
+        elevation=elevation,
+        slope=np.tan(elevation),
+        world_time_s=time_s.astype(np.float32) if spec.motion_distortion else np.zeros(columns, np.float32),
+    )
+
+
+class Lidar:
+    """One sensor on one carrier. Holds scratch memory, so one sweep at a time."""
+
+    def __init__(self, spec: LidarSpec, world: RaycastWorld, seed: int, look: Look | None = None) -> None:
+        """Prepare the beam pattern; ``seed`` is the episode's. Rain and fog of the look weaken the returns."""
+        self.spec = spec
+        self._world = world
+        self._seed = seed
+        self.pattern = beam_pattern(spec)
+        rays = len(self.pattern.directions)
+        self._optics = Optics(
+            pattern=self.pattern,
+            order=tiles(spec.columns, spec.channels),
+            trees=world.packets(),
+            surfaces=loops.Surfaces(world.static_material, world.shape_material, REFLECTIVITY),
+        )
+        self._static_hits = static = RayHits.for_rays(rays)
+        self._scratch = Scratch(
+            poses=np.empty((spec.columns, 3, 4), np.float32),
+            rays=np.empty((rays, 6), np.float32),
+            hits=loops.Hits(
+                static.distance,
+                static.normal,
+                static.triangle,
+                np.empty(rays, np.int32),
+                np.empty(rays, np.uint32),
+                np.empty(rays, np.float32),
+            ),
+            room=_room_for(rays // 4),
+        )
+        distances = np.arange(int(spec.range_m * _ATTENUATION_STEPS_PER_M) + 2) / _ATTENUATION_STEPS_PER_M
+        per_m = spec.atmosphere_attenuation_per_m + 2.0 * (look.lidar_extinction_per_m if look is not None else 0.0)
+        self._attenuation = np.exp(-per_m * distances).astype(np.float32)
+
+    def rays(self, map_from_lidar: Matrix, motion: CarrierMotion | None = None) -> npt.NDArray[np.float32]:
+        """Origin and direction of every beam in the ``map`` frame, shape ``(R, 6)``; overwritten by the next call."""
+        scratch = self._scratch
+        scratch.poses[:] = self._column_poses(map_from_lidar, motion)
+        loops.aim(self.pattern.directions, scratch.poses, scratch.rays)
+        return scratch.rays
+
+    def scan(
+        self, step: int, map_from_lidar: Matrix, placement: Placement, motion: CarrierMotion | None = None
+    ) -> LidarSweep:
+        """One rotation that ends at ``step``, from a pose of the sensor (``(4, 4)``), with the vehicles placed.
+
+        Without motion distortion everything stands still at the stamp, as in CARLA's synchronous mode, and the points'
+        times say when the beam would have fired.
+        """
+        rotation = self._rotation(step, map_from_lidar, placement)
+        self._world.cast_static(self.rays(map_from_lidar, motion), self._static_hits, self._optics.order)
+        return self._swept(rotation, self._complete(rotation))
+
+    def begin(
+        self, step: int, map_from_lidar: Matrix, placement: Placement, motion: CarrierMotion | None, helper: Executor
+    ) -> Callable[[], LidarSweep]:
+        """Begin with a rotation as ``scan`` does it, in a thread of the helper; what is returned waits for it.
+
+        Call that once, and before the next rotation begins.
+        """
+        rotation = self._rotation(step, map_from_lidar, placement)
+        self._scratch.poses[:] = self._column_poses(map_from_lidar, motion)
+        started = Event()
+
+        def measure() -> int:
+            started.set()
+            return measure_sweep(self._optics, self._scratch, rotation)
+
+        measured = helper.submit(measure)
+        started.wait()  # else the helper would wait for the interpreter's lock, 5 ms where the caller is busy
+
+        def finish() -> LidarSweep:
+            written = measured.result()
+            return self._swept(rotation, written if written >= 0 else self._complete(rotation))
+
+        return finish
+
+    def _rotation(self, step: int, map_from_lidar: Matrix, placement: Placement) -> Rotation:
+        """What one sweep measures and writes."""
+        near = self._in_range(map_from_lidar, placement)
+        return Rotation(
+            lidar_from_map=inverse(map_from_lidar),
+            vehicles=self._vehicles(placement, near),
+            receiver=self._receiver(step),
+            step=step,
+            out=_records(np.empty(len(self._scratch.rays), LIDAR_POINT_DTYPE)),
+            count_on=np.zeros(len(near), np.int64),
+        )
+
+    def _complete(self, rotation: Rotation) -> int:
+        """Find what hits vehicles among cast rays and write the points, with more room where there is too little."""
+        written = complete_sweep(self._optics, self._scratch, rotation)
+        if written < 0:
+            self._scratch = self._scratch._replace(room=_room_for(-2 * written))
+            written = complete_sweep(self._optics, self._scratch, rotation)
+        return written
+
+    def _swept(self, rotation: Rotation, written: int) -> LidarSweep:
+        points = rotation.out.f4.view(LIDAR_POINT_DTYPE).reshape(-1)[:written]
+        return LidarSweep(self.spec.name, rotation.step, points, rotation.vehicles.actor_id, rotation.count_on)
+
+    def _column_poses(self, map_from_lidar: Matrix, motion: CarrierMotion | None) -> npt.NDArray[np.float32]:
+        """Pose of the sensor at each column, shape ``(C, 3, 4)``, or ``(3, 4)`` where it stands still."""
+        columns = self.spec.columns
+        if not self.spec.motion_distortion or motion is None:
+            return map_from_lidar[:3].astype(np.float32)
+        time_s = self.pattern.column_time_s.astype(np.float64)
+        turn = motion.yaw_rate_radps * time_s
+        base = map_from_lidar @ inverse(self.spec.mount.base_from_sensor)
+        cos, sin, zero, one = np.cos(turn), np.sin(turn), np.zeros(columns), np.ones(columns)
+        rotation = np.stack((cos, -sin, zero, sin, cos, zero, zero, zero, one), axis=-1).reshape(-1, 3, 3)
+        arm = map_from_lidar[:3, 3] - base[:3, 3]
+        poses = np.empty((columns, 3, 4), np.float32)
+        poses[:, :, :3] = rotation @ map_from_lidar[:3, :3]
+        shift = np.stack((motion.vx_mps * time_s, motion.vy_mps * time_s, zero), axis=-1)
+        poses[:, :, 3] = base[:3, 3] + shift + rotation @ arm
+        return poses
+
+    def _in_range(self, map_from_lidar: Matrix, placement: Placement) -> npt.NDArray[np.intp]:
+        """Rows of the vehicles that may be within range."""
+        reach = self.spec.range_m + placement.size_m.sum(axis=1) / 2.0
+        return np.flatnonzero(placement.distance_m(map_from_lidar[0, 3], map_from_lidar[1, 3]) < reach)
+
+    def _vehicles(self, placement: Placement, near: npt.NDArray[np.intp]) -> loops.Vehicles:
+        world = self._world
+        shape = world.shape_rows(placement.actor_class[near])
+        pose = np.stack((placement.x_m, placement.y_m, placement.z_m, placement.yaw_rad), axis=1)
+        motion = np.stack((placement.vx_mps, placement.vy_mps, placement.yaw_rate_radps), axis=1)
+        return loops.Vehicles(
+            pose=pose[near],
+            motion=motion[near],
+            size=placement.size_m[near],
+            scale=placement.scale[near].astype(np.float32),
+            bounds=world.shape_bounds_m[shape],
+            offset=world.shape_offset_m[shape],
+            first_triangle=world.shape_start[shape],
+            actor_id=placement.actor_id[near],
+        )
+
+    def _receiver(self, step: int) -> loops.Receiver:
+        """Noise of one step: drawn afresh from (seed, sensor, step), so it does not depend on what came before."""
+        spec = self.spec
+        none = np.empty(0, np.float32)
+        noise = draw = none
+        dropping = spec.dropoff_general_rate > 0.0 or spec.dropoff_zero_intensity > 0.0
+        if spec.noise_stddev_m > 0.0 or dropping:
+            rng = sensor_generator(self._seed, spec.name, step)
+            count = len(self.pattern.directions)
+            noise = rng.standard_normal(count, np.float32) * np.float32(spec.noise_stddev_m)
+            draw = rng.random(count, np.float32) if dropping else none
+        limits = (spec.dropoff_general_rate, spec.dropoff_intensity_limit, spec.dropoff_zero_intensity)
+        resolution = 2.0 ** round(np.log2(spec.resolution_m)) if spec.resolution_m > 0.0 else 0.0
+        return loops.Receiver(
+            range_m=np.float32(spec.range_m),
+            attenuation=self._attenuation,
+            steps_per_m=np.float32(_ATTENUATION_STEPS_PER_M),
+            grid=_GRID_OF_UNIT * resolution,
+            range_noise_m=noise,
+            draw=draw,
+            dropoff=np.array(limits, np.float32),
+        )
+
+
+def _room_for(count: int) -> loops.Candidates:
+    return loops.Candidates(
+        rays=np.empty((count, 6), np.float32), ray=np.empty(count, np.int32), vehicle=np.empty(count, np.int32)
+    )
+
+
+def _records(buffer: npt.NDArray[np.void]) -> loops.Records:
+    """The buffer of points as two-dimensional arrays of each element type."""
+    flat = buffer.view(np.uint8)
+    rows = len(buffer)
+    return loops.Records(
+        f4=flat.view(np.float32).reshape(rows, -1),
+        u2=flat.view(np.uint16).reshape(rows, -1),
+    )

@@ -1,0 +1,84 @@
+"""A whole sweep as one compiled loop: it takes the interpreter's lock once to begin and once to end."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from siren_ros.numerics.compiled import compiled
+from siren_ros.sensors.lidar import lidar_loops as loops
+from siren_ros.sensors.lidar.embree import PacketTree, cast_packets
+
+Array = Any
+"""A numpy array; numba compiles for the element types that it is given."""
+_aim, _select, _merge, _pack = loops.aim, loops.select_candidates, loops.merge_vehicles, loops.pack_points
+
+
+class Optics(NamedTuple):
+    """What is the same for every sweep of a sensor."""
+
+    pattern: loops.Pattern
+    order: Array
+    """As ``TriangleTree.cast`` takes it, int32 (R,)."""
+    trees: tuple[PacketTree, PacketTree]
+    """Of the static scene and of the vehicles' shapes."""
+    surfaces: loops.Surfaces
+
+
+class Scratch(NamedTuple):
+    """Memory of one sensor, written anew by every sweep."""
+
+    poses: Array
+    """Of the sensor at each column, float32 (C, 3, 4); the caller fills it."""
+    rays: Array
+    """float32 (R, 6)."""
+    hits: loops.Hits
+    room: loops.Candidates
+    """For the rays that may hit a vehicle."""
+
+
+class Rotation(NamedTuple):
+    """What one sweep measures, and where its points go."""
+
+    lidar_from_map: Array
+    """float64 (4, 4)."""
+    vehicles: loops.Vehicles
+    receiver: loops.Receiver
+    step: int
+    out: loops.Records
+    count_on: Array
+    """Points on each vehicle, int64 (N,); zero at first."""
+
+
+@compiled
+def measure_sweep(optics: Optics, scratch: Scratch, rotation: Rotation) -> int:
+    """Aim, cast at what stands still and go on as ``complete_sweep``, which says what is returned."""
+    _aim(optics.pattern.directions, scratch.poses, scratch.rays)
+    hits = scratch.hits
+    cast_packets(optics.trees[0], scratch.rays, optics.order, (hits.distance, hits.static_triangle, hits.normal))
+    return complete_sweep(optics, scratch, rotation)
+
+
+@compiled
+def complete_sweep(optics: Optics, scratch: Scratch, rotation: Rotation) -> int:
+    """Cast those rays at vehicles that may hit one, and pack the points.
+
+    Args:
+        optics: The beams, and what they can hit.
+        scratch: With the rays and what they hit of the static scene.
+        rotation: The vehicles, and where the points go.
+
+    Returns:
+        How many points were written; where the room was too small, minus the room that is needed, and nothing was.
+    """
+    pattern, hits, room, vehicles = optics.pattern, scratch.hits, scratch.room, rotation.vehicles
+    hits.vehicle[:] = 0
+    found = _select(scratch.rays, pattern, hits.distance, rotation.lidar_from_map, vehicles, room)
+    if found > room.ray.shape[0]:
+        return -found
+    candidates = loops.Candidates(room.rays[:found], room.ray[:found], room.vehicle[:found])
+    distance, triangle = np.empty(found, np.float32), np.empty(found, np.uint32)
+    normal = np.empty((found, 3), np.float32)
+    cast_packets(optics.trees[1], candidates.rays, np.arange(found).astype(np.int32), (distance, triangle, normal))
+    _merge(candidates, distance, normal, triangle, vehicles, hits)
+    receiver, out, count_on = rotation.receiver, rotation.out, rotation.count_on
+    return _pack(scratch.poses, pattern, hits, vehicles, optics.surfaces, receiver, out, count_on)

@@ -1,0 +1,155 @@
+"""Triangles and what is made of them: meshes, vehicle shapes and the static scene."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.sensors.meshes.material import LampColour, Material
+from siren_ros.world.actors import ActorClass
+
+__all__ = ["LampColour", "Material", "Mesh", "SignalLamp", "StaticScene", "VehicleShape", "Wheel"]
+
+Vertices = npt.NDArray[np.float32]
+Triangles = npt.NDArray[np.uint32]
+Bytes = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles over shared vertices. Seen from outside, a triangle's corners run counter-clockwise."""
+
+    vertices_m: Vertices
+    """Shape ``(V, 3)``."""
+    triangles: Triangles
+    """Rows of ``vertices_m``, shape ``(T, 3)``."""
+    material: Bytes
+    """``Material`` codes, shape ``(T,)``."""
+    colour_rgb: Bytes
+    """sRGB colour, shape ``(T, 3)``."""
+
+    def __len__(self) -> int:
+        return len(self.triangles)
+
+    @classmethod
+    def empty(cls) -> "Mesh":
+        """No triangles."""
+        return cls(
+            np.empty((0, 3), np.float32), np.empty((0, 3), np.uint32), np.empty(0, np.uint8), np.empty((0, 3), np.uint8)
+        )
+
+    @classmethod
+    def uniform(
+        cls, vertices_m: npt.ArrayLike, triangles: npt.ArrayLike, material: Material, colour_rgb: tuple[int, int, int]
+    ) -> "Mesh":
+        """Triangles of one material and colour."""
+        corners = np.asarray(triangles, dtype=np.uint32).reshape(-1, 3)
+        return cls(
+            vertices_m=np.asarray(vertices_m, dtype=np.float32).reshape(-1, 3),
+            triangles=corners,
+            material=np.full(len(corners), int(material), dtype=np.uint8),
+            colour_rgb=np.tile(np.array(colour_rgb, dtype=np.uint8), (len(corners), 1)),
+        )
+
+    @classmethod
+    def concatenate(cls, meshes: Iterable["Mesh"]) -> "Mesh":
+        """All triangles of the meshes, in order."""
+        parts = list(meshes)
+        if not parts:
+            return cls.empty()
+        starts = np.cumsum([0] + [len(part.vertices_m) for part in parts[:-1]])
+        return cls(
+            vertices_m=np.concatenate([part.vertices_m for part in parts]),
+            triangles=np.concatenate(
+                [part.triangles + np.uint32(start) for part, start in zip(parts, starts, strict=True)]
+            ),
+            material=np.concatenate([part.material for part in parts]),
+            colour_rgb=np.concatenate([part.colour_rgb for part in parts]),
+        )
+
+    def transformed(self, rotation: npt.ArrayLike, translation_m: npt.ArrayLike = (0.0, 0.0, 0.0)) -> "Mesh":
+        """The mesh with every vertex ``v`` at ``rotation @ v + translation_m``.
+
+        A matrix that mirrors (negative determinant) also turns the triangles around, so that normals stay outward.
+        """
+        matrix = np.asarray(rotation, dtype=np.float64)
+        moved = self.vertices_m.astype(np.float64) @ matrix.T + np.asarray(translation_m, dtype=np.float64)
+        corners = self.triangles if np.linalg.det(matrix) > 0 else self.triangles[:, ::-1].copy()
+        return Mesh(moved.astype(np.float32), corners, self.material, self.colour_rgb)
+
+    def translated(self, x_m: float, y_m: float, z_m: float) -> "Mesh":
+        """The mesh moved, not turned."""
+        shift = np.array((x_m, y_m, z_m))
+        moved = (self.vertices_m.astype(np.float64) + shift).astype(np.float32)
+        return Mesh(moved, self.triangles, self.material, self.colour_rgb)
+
+    @cached_property
+    def normals(self) -> npt.NDArray[np.float32]:
+        """Unit outward normal of each triangle, shape ``(T, 3)``; zero where a triangle has no area."""
+        a, b, c = (self.vertices_m[self.triangles[:, i]].astype(np.float64) for i in range(3))
+        normal = np.cross(b - a, c - a)
+        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        unit = normal / np.where(length > 0, length, 1.0)
+        return unit.astype(np.float32)
+
+    @cached_property
+    def bounds_m(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+        """Lowest and highest coordinates, each of shape ``(3,)``; the mesh must not be empty."""
+        return self.vertices_m.min(axis=0), self.vertices_m.max(axis=0)
+
+
+@dataclass(frozen=True, eq=False)
+class Wheel:
+    """A wheel about its own hub: the axle is the y axis, the rim faces outward."""
+
+    mesh: Mesh
+    hub_m: tuple[float, float, float]
+    """Centre of the hub in ``base_link``."""
+    radius_m: float
+    steered: bool
+
+
+@dataclass(frozen=True, eq=False)
+class VehicleShape:
+    """A vehicle in ``base_link``: x forward, y left, z up, origin at the footprint's centre on the ground.
+
+    Body and wheels together fill exactly ``±length/2``, ``±width/2`` and ``0 … height``.
+    """
+
+    actor_class: ActorClass
+    body: Mesh
+    wheels: tuple[Wheel, ...]
+    length_m: float
+    width_m: float
+    height_m: float
+
+    @cached_property
+    def at_rest(self) -> Mesh:
+        """Body and wheels, straight ahead, as one mesh in ``base_link``."""
+        return Mesh.concatenate([self.body, *(wheel.mesh.translated(*wheel.hub_m) for wheel in self.wheels)])
+
+
+@dataclass(frozen=True)
+class SignalLamp:
+    """One lens of a signal head: triangles ``start`` to ``stop`` (exclusive) of the static scene's mesh."""
+
+    signal_id: str
+    link: int
+    """Index into the signal's state string."""
+    colour: LampColour
+    start: int
+    stop: int
+
+    def is_lit(self, state: str) -> bool:
+        """Whether the lamp shines in a state string of its signal."""
+        return state[self.link] in self.colour.lit_by
+
+
+@dataclass(frozen=True, eq=False)
+class StaticScene:
+    """Everything that does not move, in the ``map`` frame, and which of its triangles are signal lamps."""
+
+    mesh: Mesh
+    signal_lamps: tuple[SignalLamp, ...]

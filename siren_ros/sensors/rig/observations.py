@@ -1,0 +1,38 @@
+"""What a suite measures at one step, and what of it is still being made."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from siren_ros.sensors.camera.camera import CameraFrame
+from siren_ros.sensors.hearing.microphone import AudioChunk
+from siren_ros.sensors.lidar.lidar import LidarSweep
+from siren_ros.sensors.navigation.gnss import GnssFix
+from siren_ros.sensors.navigation.imu import ImuSample
+from siren_ros.world.camera_truth import CameraTruth
+from siren_ros.world.ground_truth import GroundTruth
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """What the sensors that were due at a step measured."""
+
+    step: int
+    sweeps: tuple[LidarSweep, ...]
+    frames: tuple[CameraFrame, ...]
+    truth: GroundTruth | None
+    """At the steps at which labels are published."""
+    labels: Mapping[str, CameraTruth] = field(default_factory=dict)
+    """Of the pictures, by camera, where they are wanted."""
+    fixes: tuple[GnssFix, ...] = ()
+    inertial: tuple[ImuSample, ...] = ()
+    sounds: tuple[AudioChunk, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Sensing:
+    """A step whose measurements have begun."""
+
+    under_way: bool
+    """Whether pictures are being drawn or sweeps made, meanwhile, by other threads."""
+    finish: Callable[[], Observations]
+    """Waits for them and gives everything; call it once, and before the next step's measurements begin."""

@@ -1,0 +1,333 @@
+"""All sensors of one carrier over one world: the facade that ``sensor_sim`` drives."""
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.interfaces import topics
+from siren_ros.numerics.units import STEP_S
+from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.sensors.camera.camera import Camera, CameraFrame
+from siren_ros.sensors.camera.context import RendererUnavailableError
+from siren_ros.sensors.camera.raycast_renderer import RaycastRenderer
+from siren_ros.sensors.camera.renderer import Renderer
+from siren_ros.sensors.hearing.microphone import Microphone
+from siren_ros.sensors.lidar.lidar import CarrierMotion, Lidar, LidarSweep
+from siren_ros.sensors.lidar.raycast_world import RaycastWorld
+from siren_ros.sensors.meshes.mesh import StaticScene, VehicleShape
+from siren_ros.sensors.meshes.placement import Catalogue, Placement
+from siren_ros.sensors.navigation.gnss import GeoReference, Gnss
+from siren_ros.sensors.navigation.imu import Imu, ImuSample, PlanarMotion
+from siren_ros.sensors.rig.observations import Observations, Sensing
+from siren_ros.sensors.rig.station import STATION_FRAME, check_outdoors, station_mount
+from siren_ros.sensors.scene.config import SceneConfig
+from siren_ros.sensors.scene.static_scene import static_scene
+from siren_ros.sensors.suite.look import Look
+from siren_ros.sensors.suite.mount import Matrix, map_from_base
+from siren_ros.sensors.suite.suite import CameraSpec, SensorSuite, period_steps
+from siren_ros.sensors.suite.wanted_labels import WantedLabels
+from siren_ros.sensors.truth.box_labels import ground_truth
+from siren_ros.sensors.truth.image_labels import CameraLabeller
+from siren_ros.sensors.vehicles.vehicle_shapes import vehicle_shape
+from siren_ros.world.actors import NO_ACTOR, ActorClass, ActorDescription, ActorStates, rows_of_ids
+from siren_ros.world.camera_truth import CameraTruth
+from siren_ros.world.ground_truth import GroundTruth
+from siren_ros.world.traffic_state import SignalState
+
+BASE_FRAME = "base_link"
+
+
+class Odometers:
+    """How far every actor has driven, so that wheels turn."""
+
+    def __init__(self) -> None:
+        self._step: int | None = None
+        self._ids = np.empty(0, np.uint32)
+        self._rolled_m = np.empty(0, np.float64)
+
+    def advance(self, states: ActorStates) -> npt.NDArray[np.float64]:
+        """Distance rolled by each row of the states, counted from when the actor was first seen."""
+        rows = rows_of_ids(self._ids, states.actor_id)
+        rolled = np.where(rows >= 0, self._rolled_m[rows], 0.0) if len(self._ids) else np.zeros(len(states))
+        elapsed_s = 0.0 if self._step is None else (states.step - self._step) * STEP_S
+        forward = states.vx_mps * np.cos(states.yaw_rad) + states.vy_mps * np.sin(states.yaw_rad)
+        rolled = rolled + forward * elapsed_s
+        self._step, self._ids, self._rolled_m = states.step, states.actor_id, rolled
+        return rolled
+
+
+class SensorRig:
+    """Sensors of a suite over a map. Pictures are drawn in the thread that first calls ``observe`` or ``prepare``."""
+
+    def __init__(
+        self,
+        suite: SensorSuite,
+        network: RoadNetwork,
+        seed: int,
+        config: SceneConfig | None = None,
+        look: Look | None = None,
+        scene: StaticScene | None = None,
+        noise_seed: int | None = None,
+        site: Mapping[str, object] | None = None,
+        wanted: Callable[[CameraSpec], WantedLabels] | None = None,
+        beside: bool = False,
+    ) -> None:
+        """Build the scene that the sensors see.
+
+        Args:
+            suite: The sensors.
+            network: The map.
+            seed: Of the episode: buildings and trees.
+            config: Numbers of the generated world; defaults where None.
+            look: Sun, sky and haze; a clear morning where None.
+            scene: A ready static scene in place of the generated one.
+            noise_seed: Of all sensor noise; ``seed`` where None.
+            site: Where the episode happens, as its description gives it; for suites that stand there.
+            wanted: Labels that go with a camera's pictures; what the suite records where None.
+            beside: Whether sweeps are made in a thread of their own, beside what the caller does until it calls
+                ``finish``; otherwise all processors share each, while the caller waits.
+
+        Raises:
+            InputError: A suite that stands at a site, and there is none; or sensors inside a building.
+        """
+        self.suite = suite
+        self._seed = seed if noise_seed is None else noise_seed
+        self._look = look or Look()
+        self._shapes: Mapping[ActorClass, VehicleShape] = {kind: vehicle_shape(kind) for kind in ActorClass}
+        self._static = scene
+        if self._static is None and (suite.lidars or suite.cameras):
+            self._static = static_scene(network, seed, config)
+        self._lidars: tuple[Lidar, ...] = ()
+        if self._static is not None and suite.lidars:
+            world = RaycastWorld(self._static, self._shapes)
+            self._lidars = tuple(Lidar(spec, world, self._seed, self._look) for spec in suite.lidars)
+        self._helper = ThreadPoolExecutor(1, "sweep") if beside and self._lidars else None
+        self._cameras: tuple[Camera, ...] | None = None
+        self._catalogue = Catalogue(self._shapes)
+        self._odometers = Odometers()
+        self._wanted = wanted or partial(WantedLabels.of, suite)
+        self._labeller = CameraLabeller(self._shapes)
+        reference = GeoReference.of(network)
+        self._receivers = tuple(Gnss(spec, reference, self._seed) for spec in suite.gnss)
+        self._units = tuple(Imu(spec, self._seed) for spec in suite.imus)
+        self._microphones = tuple(Microphone(spec, self._seed) for spec in suite.microphones)
+        self.notes: tuple[str, ...] = ()
+        """What the user should know of how this machine senses; known after ``prepare``."""
+        self._device = ""
+        self.station = None if suite.station is None else station_mount(suite.station, network, site)
+        """Where the suite stands in the ``map`` frame; None on a vehicle."""
+        if self.station is not None and self._static is not None:
+            check_outdoors(self._static, suite, self.station)
+
+    @property
+    def scene(self) -> StaticScene | None:
+        """What stands still around the sensors, for a second rig in the same world; None where nothing is sensed."""
+        return self._static
+
+    @property
+    def truth_frame(self) -> str:
+        """Frame of the labels: the first LiDAR, or the carrier's ``base_link`` where there is none."""
+        bare = BASE_FRAME if self.suite.station is None else STATION_FRAME
+        return self.suite.lidars[0].name if self.suite.lidars else bare
+
+    @property
+    def base_from_truth(self) -> Matrix:
+        """Pose of the labels' frame on the carrier, shape ``(4, 4)``."""
+        return self.suite.lidars[0].mount.base_from_sensor if self.suite.lidars else np.eye(4)
+
+    @property
+    def common_period_steps(self) -> int:
+        """Steps between the instants at which all LiDARs and cameras are due."""
+        rates_hz = [*(one.rate_hz for one in self.suite.lidars), *(one.rate_hz for one in self.suite.cameras)]
+        return math.lcm(*map(period_steps, rates_hz))
+
+    @property
+    def account(self) -> dict[str, object]:
+        """How this machine senses, for the record; complete after ``prepare``."""
+        return {"suite": self.suite.name, "pictures_by": self._device, "notes": list(self.notes)}
+
+    def prepare(self) -> None:
+        """Compile the shaders and load the loops over rays now, in the thread that will observe.
+
+        Where this machine cannot draw, the cameras cast rays instead, and ``notes`` says so.
+        """
+        if self._cameras is None:
+            self._cameras = ()
+            if self._static is not None and self.suite.cameras:
+                renderer = self._renderer(self._static)
+                self._device = renderer.device
+                encoder = ThreadPoolExecutor(1, "jpeg")
+                self._cameras = tuple(Camera(spec, renderer, self._seed, encoder) for spec in self.suite.cameras)
+            nobody = self._catalogue.place(ActorStates.empty(0), {})
+            for sweep in [*self._sweeps(0, np.eye(4), nobody, CarrierMotion())]:
+                sweep()
+
+    def _renderer(self, static: StaticScene) -> Renderer | RaycastRenderer:
+        try:
+            return Renderer(static, self._shapes, self._look)
+        except RendererUnavailableError as error:
+            self.notes = (f"{error}; the cameras cast rays instead: slower, without shadows and textures",)
+            return RaycastRenderer(static, self._shapes, self._look)
+
+    def observe(
+        self,
+        states: ActorStates,
+        descriptions: Mapping[int, ActorDescription],
+        signals: Iterable[SignalState],
+        carrier_id: int,
+    ) -> Observations:
+        """Measure with the sensors that are due at the states' step; arguments as ``begin``."""
+        return self.begin(states, descriptions, signals, carrier_id).finish()
+
+    def begin(
+        self,
+        states: ActorStates,
+        descriptions: Mapping[int, ActorDescription],
+        signals: Iterable[SignalState],
+        carrier_id: int,
+    ) -> Sensing:
+        """Begin to measure with the sensors that are due at the states' step; ``finish`` before the next call.
+
+        Where the carrier is not among the actors nothing is measured, unless the suite stands at a station.
+
+        Args:
+            states: All actors at this step.
+            descriptions: What they are, by id.
+            signals: The traffic lights.
+            carrier_id: Who carries the sensors.
+        """
+        self.prepare()
+        step = states.step
+        rolled_m = self._odometers.advance(states)
+        hidden = NO_ACTOR if self.station is not None else carrier_id
+        motion = self._motion(states, carrier_id)
+        if motion is None:
+            nobody = ActorStates.empty(step)
+            bare = Observations(step, (), (), self._truth(nobody, descriptions, hidden, np.eye(4), ()))
+            return Sensing(under_way=False, finish=lambda: bare)
+        base, carried = motion
+        placement = self._catalogue.place(states, descriptions, hidden_id=hidden)
+        others = states.actor_id != hidden
+        exposed = tuple(self._expose(step, base, placement, rolled_m[others], signals))
+        swept = tuple(self._sweeps(step, base, placement, carried))
+        measured = Observations(
+            step=step,
+            sweeps=(),
+            frames=(),
+            truth=None,
+            fixes=tuple(
+                receiver.measure(step, base, step * STEP_S)
+                for receiver in self._receivers
+                if step % period_steps(receiver.spec.rate_hz) == 0
+            ),
+            inertial=self._inertial(states, carrier_id),
+            sounds=tuple(microphone.hear(states, base) for microphone in self._microphones),
+        )
+
+        def finish() -> Observations:
+            sweeps = tuple(sweep() for sweep in swept)
+            frames = tuple(develop() for develop in exposed)
+            return replace(
+                measured,
+                sweeps=sweeps,
+                frames=frames,
+                truth=self._truth(states, descriptions, hidden, base, sweeps),
+                labels=self._labels(frames, base, placement, descriptions),
+            )
+
+        return Sensing(under_way=bool(exposed or swept), finish=finish)
+
+    def _motion(self, states: ActorStates, carrier_id: int) -> tuple[Matrix, CarrierMotion] | None:
+        """Pose and motion of what carries the sensors; None where that has left the map."""
+        if self.station is not None:
+            return self.station.base_from_sensor, CarrierMotion()
+        row = int(rows_of_ids(states.actor_id, np.array([carrier_id], np.uint32))[0])
+        if row < 0:
+            return None
+        x_m, y_m, z_m, yaw_rad = (float(values[row]) for values in (states.x_m, states.y_m, states.z_m, states.yaw_rad))
+        vx_mps, vy_mps, turn = (float(values[row]) for values in (states.vx_mps, states.vy_mps, states.yaw_rate_radps))
+        return map_from_base(x_m, y_m, z_m, yaw_rad), CarrierMotion(vx_mps, vy_mps, turn)
+
+    def _inertial(self, states: ActorStates, carrier_id: int) -> tuple[ImuSample, ...]:
+        """What the inertial units measure; they look at every step and report at theirs."""
+        if not self._units:
+            return ()
+        row = int(rows_of_ids(states.actor_id, np.array([carrier_id], np.uint32))[0])
+        now = PlanarMotion(
+            states.step,
+            float(states.yaw_rad[row]),
+            float(states.vx_mps[row]),
+            float(states.vy_mps[row]),
+            float(states.yaw_rate_radps[row]),
+        )
+        samples = ((unit.spec, unit.measure(now)) for unit in self._units)
+        return tuple(sample for spec, sample in samples if states.step % period_steps(spec.rate_hz) == 0)
+
+    def _labels(
+        self,
+        frames: tuple[CameraFrame, ...],
+        base: Matrix,
+        placement: Placement,
+        descriptions: Mapping[int, ActorDescription],
+    ) -> dict[str, CameraTruth]:
+        cameras = {spec.name: spec for spec in self.suite.cameras}
+        wanted = [frame for frame in frames if self._wanted(cameras[frame.sensor]).boxes]
+        if not wanted:
+            return {}
+        is_emv = np.array([descriptions[int(actor_id)].is_emv for actor_id in placement.actor_id], dtype=np.bool_)
+        return {
+            frame.sensor: self._labeller.label(
+                frame.step,
+                frame.camera,
+                base @ cameras[frame.sensor].mount.base_from_sensor,
+                placement,
+                frame.image.instance,
+                is_emv,
+            )
+            for frame in wanted
+            if frame.image.instance is not None
+        }
+
+    def _truth(
+        self,
+        states: ActorStates,
+        descriptions: Mapping[int, ActorDescription],
+        carrier_id: int,
+        base: Matrix,
+        sweeps: Sequence[LidarSweep],
+    ) -> GroundTruth | None:
+        if all(states.step % topic.period_steps for topic in (topics.GROUND_TRUTH, topics.BOXES)):
+            return None
+        sweep = next((sweep for sweep in sweeps if sweep.sensor == self.truth_frame), None)
+        truth = ground_truth(states, descriptions, carrier_id, base @ self.base_from_truth, sweep)
+        return replace(truth, frame_id=self.truth_frame)
+
+    def _sweeps(
+        self, step: int, base: Matrix, placement: Placement, motion: CarrierMotion
+    ) -> Iterable[Callable[[], LidarSweep]]:
+        for lidar in self._lidars:
+            if step % period_steps(lidar.spec.rate_hz) == 0:
+                pose = base @ lidar.spec.mount.base_from_sensor
+                if self._helper is not None:
+                    yield lidar.begin(step, pose, placement, motion, self._helper)
+                else:
+                    yield partial(lidar.scan, step, pose, placement, motion)
+
+    def _expose(
+        self,
+        step: int,
+        base: Matrix,
+        placement: Placement,
+        rolled_m: npt.NDArray[np.float64],
+        signals: Iterable[SignalState],
+    ) -> Iterable[Callable[[], CameraFrame]]:
+        states = {signal.signal_id: signal.state for signal in signals}
+        for camera in self._cameras or ():
+            if step % period_steps(camera.spec.rate_hz) == 0:
+                pose = base @ camera.spec.mount.base_from_sensor
+                yield camera.expose(step, pose, placement, rolled_m, states, self._wanted(camera.spec))

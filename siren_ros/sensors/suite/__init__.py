@@ -1,0 +1,1 @@
+"""What a sensor suite is: mounts, sensors, noise, and the look of the weather."""

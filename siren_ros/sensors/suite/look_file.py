@@ -1,0 +1,109 @@
+"""Weather and time of day from YAML: ``params/looks/NAME.yaml`` or a file of the user's own."""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from siren_ros.params.params_files import named_params_file, names_in_params
+from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
+from siren_ros.scenario.episode import EpisodeDescription
+from siren_ros.sensors.suite.look import LOWEST_SUN_RAD, Look
+
+DEFAULT_LOOK: Final = "clear"
+_COLOURS: Final = ("sun_colour", "zenith_colour", "horizon_colour")
+_BRIGHTEST: Final = 20.0
+_NUMBERS: Final = {
+    "ambient": (0.0, 10.0),
+    "haze_per_m": (0.0, 1.0),
+    "cloud_cover": (0.0, 1.0),
+    "wetness": (0.0, 1.0),
+    "rain_mm_per_h": (0.0, 150.0),
+    "visibility_m": (10.0, 100_000.0),
+}
+_NIGHT_HAZE_PER_M: Final = 0.0012
+_SOLAR_NOON_H: Final = 12.0
+_DUSK: Final = {
+    -90.0: ((0.0, 0.0, 0.0), (0.006, 0.009, 0.020), (0.030, 0.030, 0.036), 0.55),
+    -12.0: ((0.0, 0.0, 0.0), (0.006, 0.009, 0.020), (0.030, 0.030, 0.036), 0.55),
+    -4.0: ((0.0, 0.0, 0.0), (0.020, 0.040, 0.110), (0.160, 0.120, 0.110), 0.50),
+    3.0: ((0.0, 0.0, 0.0), (0.080, 0.140, 0.320), (0.520, 0.380, 0.300), 0.60),
+}
+"""Colours of the sun, zenith and horizon and the ambient strength by the sun's elevation, where lamps are lit."""
+_OBLIQUITY_RAD: Final = float(np.radians(23.44))
+
+
+def look_names() -> tuple[str, ...]:
+    """Names of the looks that come with the project, sorted."""
+    return names_in_params("looks")
+
+
+def look_of(episode: EpisodeDescription) -> str:
+    """Name or path of the look that an episode was asked for."""
+    request = episode.parameters.get("request")
+    return str(request.get("look", DEFAULT_LOOK)) if isinstance(request, Mapping) else DEFAULT_LOOK
+
+
+def load_look(name_or_path: str) -> Look:
+    """A look by name or from a YAML file; what it leaves out is as on a clear morning.
+
+    The sun stands where ``sun_azimuth_deg`` (counter-clockwise from east) and ``sun_elevation_deg`` say, or where it
+    is at an ``hour`` of local solar time on a ``day_of_year`` at ``latitude_deg``. Where that is lower than 3 degrees
+    the lamps are lit, and colours that are left out follow from how low it is.
+
+    Raises:
+        InputError: No such look, an unknown key, a value of the wrong type or out of range.
+    """
+    top = read_strict_yaml(named_params_file("look", "looks", name_or_path))
+    values: dict[str, Any] = _sun(top)
+    values |= _dusk(values.get("sun_elevation_rad", Look.sun_elevation_rad))
+    for key in _COLOURS:
+        if top.has(key):
+            values[key] = top.numbers(key, 3, 0.0, _BRIGHTEST)
+    for key, (low, high) in _NUMBERS.items():
+        if top.has(key):
+            values[key] = top.number(key, low, high)
+    top.finish()
+    if "visibility_m" in values:
+        values["haze_per_m"] = max(values.get("haze_per_m", 0.0), 3.0 / values["visibility_m"])
+    return Look(**values)
+
+
+def _sun(top: StrictMapping) -> dict[str, Any]:
+    if top.has("hour"):
+        hour = top.number("hour", 0.0, 24.0)
+        day = top.integer("day_of_year", 1, 366) if top.has("day_of_year") else 172
+        latitude = top.number("latitude_deg", -66.0, 66.0) if top.has("latitude_deg") else 49.0
+        azimuth_rad, elevation_rad = sun_position(hour, day, float(np.radians(latitude)))
+        return {"sun_azimuth_rad": azimuth_rad, "sun_elevation_rad": elevation_rad}
+    found = {}
+    if top.has("sun_azimuth_deg"):
+        found["sun_azimuth_rad"] = float(np.radians(top.number("sun_azimuth_deg", -360.0, 360.0)))
+    if top.has("sun_elevation_deg"):
+        found["sun_elevation_rad"] = float(np.radians(top.number("sun_elevation_deg", -90.0, 90.0)))
+    return found
+
+
+def _dusk(elevation_rad: float) -> dict[str, Any]:
+    """Colours and ambient strength of a sky whose sun is down; nothing where it is up."""
+    if elevation_rad >= LOWEST_SUN_RAD:
+        return {}
+    degrees = list(_DUSK)
+    rows = np.array([[*sun, *zenith, *horizon, ambient] for sun, zenith, horizon, ambient in _DUSK.values()])
+    mixed = [float(np.interp(np.degrees(elevation_rad), degrees, column)) for column in rows.T]
+    colours = {name: tuple(mixed[3 * k : 3 * k + 3]) for k, name in enumerate(_COLOURS)}
+    return {**colours, "ambient": mixed[9], "haze_per_m": _NIGHT_HAZE_PER_M}
+
+
+def sun_position(hour: float, day_of_year: int, latitude_rad: float) -> tuple[float, float]:
+    """Azimuth counter-clockwise from east, and elevation, of the sun at local solar time.
+
+    Declination by Cooper's formula δ = ε sin(2π (284 + n) / 365); altitude and azimuth from the hour angle (Duffie and
+    Beckman, Solar Engineering of Thermal Processes, section 1.6).
+    """
+    declination = _OBLIQUITY_RAD * np.sin(2.0 * np.pi * (284 + day_of_year) / 365.0)
+    angle = np.pi / 12.0 * (hour - _SOLAR_NOON_H)
+    east = -np.cos(declination) * np.sin(angle)
+    north = np.sin(declination) * np.cos(latitude_rad) - np.cos(declination) * np.sin(latitude_rad) * np.cos(angle)
+    up = np.sin(declination) * np.sin(latitude_rad) + np.cos(declination) * np.cos(latitude_rad) * np.cos(angle)
+    return float(np.arctan2(north, east)), float(np.arcsin(np.clip(up, -1.0, 1.0)))

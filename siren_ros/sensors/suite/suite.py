@@ -1,0 +1,322 @@
+"""Sensor suites: what a carrier carries, read from YAML."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field, fields
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import yaml
+
+from siren_ros.errors import InputError
+from siren_ros.numerics.units import STEPS_PER_S
+from siren_ros.params import plain_yaml
+from siren_ros.params.resources import params_dir
+from siren_ros.sensors.suite.mount import Mount
+
+_RADIANS: Final = float(np.pi / 180.0)
+EXPORTED_CAMERA: Final = "camera_front"
+"""The camera whose pictures go into exports and videos, where a suite has it."""
+
+
+def _number(low: float, high: float, default: Any = MISSING, key: str = "", scale: float = 1.0) -> Any:
+    """A dataclass field that YAML gives as ``key`` within ``low … high``, multiplied by ``scale`` when read."""
+    metadata = {"key": key, "low": low, "high": high, "scale": scale}
+    return field(metadata=metadata) if default is MISSING else field(default=default, metadata=metadata)
+
+
+def _rate(default: float) -> Any:
+    return field(default=default, metadata={"key": "", "low": 0.0, "high": STEPS_PER_S, "scale": 1.0, "rate": True})
+
+
+@dataclass(frozen=True)
+class SensorSpec:
+    """What every sensor has."""
+
+    name: str
+    """Unique in its suite; becomes topic and frame name."""
+    mount: Mount
+
+
+@dataclass(frozen=True)
+class LidarSpec(SensorSpec):
+    """A rotating LiDAR. Defaults other than the drop-off and the resolution: paper, table of the sensor suite.
+
+    The drop-off and noise parameters mean what CARLA's documentation of ``sensor.lidar.ray_cast`` says. CARLA's
+    default drops 45 % of the rays at random; here nothing is dropped unless a suite asks for it, so that
+    every ray of the paper's 1.3 M points/s is cast.
+    """
+
+    channels: int = _number(1, 256, 64)
+    range_m: float = _number(1.0, 300.0, 120.0)
+    points_per_second: int = _number(1_000, 10_000_000, 1_300_000)
+    rate_hz: float = _rate(20.0)
+    """Rotations per second."""
+    upper_fov_rad: float = _number(-89.0, 89.0, 5.0 * _RADIANS, "upper_fov_deg", _RADIANS)
+    lower_fov_rad: float = _number(-89.0, 89.0, -25.0 * _RADIANS, "lower_fov_deg", _RADIANS)
+    atmosphere_attenuation_per_m: float = _number(0.0, 1.0, 0.004)
+    """CARLA's documented default."""
+    noise_stddev_m: float = _number(0.0, 1.0, 0.0)
+    """Standard deviation of the range noise along the ray."""
+    dropoff_general_rate: float = _number(0.0, 1.0, 0.0)
+    """Share of points dropped at random."""
+    dropoff_intensity_limit: float = _number(0.0, 1.0, 0.8)
+    """At this intensity and above nothing is dropped for weakness."""
+    dropoff_zero_intensity: float = _number(0.0, 1.0, 0.0)
+    """Probability of dropping a point of zero intensity."""
+    resolution_m: float = _number(0.0, 0.1, 1.0 / 512.0)
+    """Grid of the coordinates, rounded to a power of two; 0 leaves them as they are. Real sensors resolve 2–4 mm."""
+    motion_distortion: bool = False
+    """Whether the carrier and the vehicles move while the beams turn."""
+
+    @property
+    def columns(self) -> int:
+        """Firings per rotation: 1016 for the paper's sensor (1.3 M points/s / 20 Hz / 64 beams = 1015.6)."""
+        return max(1, round(self.points_per_second / self.rate_hz / self.channels))
+
+
+@dataclass(frozen=True)
+class CameraSpec(SensorSpec):
+    """A pinhole camera. Defaults: paper, table of the sensor suite; episodes are logged at 10 Hz."""
+
+    width: int = _number(16, 4096, 800)
+    height: int = _number(16, 4096, 600)
+    horizontal_fov_rad: float = _number(5.0, 160.0, 100.0 * _RADIANS, "horizontal_fov_deg", _RADIANS)
+    rate_hz: float = _rate(10.0)
+    jpeg_quality: int = _number(1, 100, 90)
+    exposure: float = _number(0.05, 20.0, 1.0)
+    noise_stddev: float = _number(0.0, 50.0, 0.0)
+    """Standard deviation of the noise added to each colour value, in steps of 1/255."""
+    blur_px: float = _number(0.0, 20.0, 0.0)
+    """Standard deviation of a Gaussian blur."""
+    depth: bool = False
+    """Whether depth images are recorded; without, they are sent while somebody listens. Likewise the next two."""
+    semantic: bool = False
+    instance: bool = False
+
+
+@dataclass(frozen=True)
+class GnssSpec(SensorSpec):
+    """A GNSS receiver: white noise and a bias that walks, per axis.
+
+    Defaults: an RTK receiver, 0.01 m circular error probable and 0.01 m vertical R50 (u-blox, ZED-F9P data sheet,
+    position accuracy RTK); for normal errors CEP is 1.1774 and R50 0.6745 standard deviations. The walk reaches
+    2.5 cm within 100 s, of the order of RTK's 1 ppm over the baselines of a town's network.
+    """
+
+    rate_hz: float = _rate(10.0)
+    horizontal_noise_stddev_m: float = _number(0.0, 50.0, 0.0085)
+    vertical_noise_stddev_m: float = _number(0.0, 50.0, 0.0148)
+    bias_walk_m_per_sqrt_s: float = _number(0.0, 10.0, 0.0025)
+
+
+@dataclass(frozen=True)
+class ImuSpec(SensorSpec):
+    """An IMU: white noise and a bias that walks, per axis.
+
+    Defaults: an industrial MEMS unit, noise densities 0.14 mg/√Hz and 0.0035 °/s/√Hz (VectorNav, VN-100 data sheet)
+    over the 10 Hz of bandwidth that 20 Hz leave; the biases walk by its in-run stabilities, 0.04 mg and
+    10 °/h, within 100 s.
+    """
+
+    rate_hz: float = _rate(20.0)
+    accel_noise_stddev_mps2: float = _number(0.0, 10.0, 4.3e-3)
+    gyro_noise_stddev_radps: float = _number(0.0, 10.0, 1.9e-4)
+    accel_bias_walk_mps2_per_sqrt_s: float = _number(0.0, 1.0, 3.9e-5)
+    gyro_bias_walk_radps_per_sqrt_s: float = _number(0.0, 1.0, 4.8e-6)
+
+
+@dataclass(frozen=True)
+class MicrophoneSpec(SensorSpec):
+    """An omnidirectional microphone that records a chunk of 16-bit PCM at every step."""
+
+    sample_rate_hz: int = _number(8_000, 48_000, 16_000)
+    full_scale_db: float = _number(60.0, 160.0, 130.0)
+    """Sound pressure level of a sine at full scale, dB re 20 µPa."""
+    noise_db: float = _number(0.0, 120.0, 45.0)
+    """Level of the background noise, dB re 20 µPa; 0 switches it off."""
+
+
+@dataclass(frozen=True)
+class Station:
+    """Where a suite stands that no vehicle carries; its mounts are relative to this place on the ground."""
+
+    place: Mount | None
+    """In the ``map`` frame; None: the corner of the junction where the episode happens."""
+
+
+@dataclass(frozen=True)
+class SensorSuite:
+    """All sensors of one carrier; names are unique and become topic and frame names."""
+
+    name: str
+    lidars: tuple[LidarSpec, ...] = ()
+    cameras: tuple[CameraSpec, ...] = ()
+    gnss: tuple[GnssSpec, ...] = ()
+    imus: tuple[ImuSpec, ...] = ()
+    microphones: tuple[MicrophoneSpec, ...] = ()
+    labels: bool = False
+    """Whether boxes in the pictures, visible fractions and truncations are recorded with each picture."""
+    station: Station | None = None
+    """None: a vehicle carries the suite."""
+
+    @property
+    def mounts(self) -> tuple[tuple[str, Mount], ...]:
+        """Name and place of every sensor."""
+        every = (*self.lidars, *self.cameras, *self.gnss, *self.imus, *self.microphones)
+        return tuple((spec.name, spec.mount) for spec in every)
+
+
+_KINDS: Final[dict[str, type[Any]]] = {
+    "lidars": LidarSpec,
+    "cameras": CameraSpec,
+    "gnss": GnssSpec,
+    "imus": ImuSpec,
+    "microphones": MicrophoneSpec,
+}
+_AT_SITE: Final = "site"
+_NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
+MAX_SENSORS: Final = 32
+"""Bounds the memory that a suite can ask for."""
+_MOUNT_KEYS: Final = {
+    "x_m": ("x_m", 1.0, 20.0),
+    "y_m": ("y_m", 1.0, 20.0),
+    "z_m": ("z_m", 1.0, 20.0),
+    "yaw_deg": ("yaw_rad", _RADIANS, 360.0),
+    "pitch_deg": ("pitch_rad", _RADIANS, 90.0),
+    "roll_deg": ("roll_rad", _RADIANS, 180.0),
+}
+
+
+def period_steps(rate_hz: float) -> int:
+    """Steps between two measurements of a sensor; the rate divides the 20 Hz of the steps."""
+    return round(STEPS_PER_S / rate_hz)
+
+
+def suite_names() -> tuple[str, ...]:
+    """Names of the suites that come with the project, sorted."""
+    return tuple(sorted(path.stem for path in (params_dir() / "suites").glob("*.yaml")))
+
+
+def load_suite(name_or_path: str) -> SensorSuite:
+    """A suite by name (``params/suites/NAME.yaml``) or from a YAML file of the user's own.
+
+    Raises:
+        InputError: No such suite, unreadable YAML, an unknown key, a value of the wrong type or out of range;
+            the message names file, key, value and what is allowed.
+    """
+    path = (
+        Path(name_or_path)
+        if name_or_path.endswith((".yaml", ".yml"))
+        else params_dir() / "suites" / f"{name_or_path}.yaml"
+    )
+    try:
+        data = plain_yaml.load(plain_yaml.read_text(path))
+    except (OSError, ValueError):
+        allowed = f"one of {', '.join(suite_names())}, or the path of a readable YAML file"
+        raise InputError("sensors", name_or_path, allowed) from None
+    except yaml.YAMLError as error:
+        raise InputError("sensors", name_or_path, f"a file of valid YAML ({plain_yaml.reason_of(error)})") from None
+    table = _mapping(data if data is not None else {}, str(path))
+    _known_keys(table, [*_KINDS, "labels", "station"], str(path))
+    sensors = {
+        kind: tuple(
+            _spec(_KINDS[kind], name, _mapping(entry, f"{path}: {kind}.{name}"), f"{path}: {kind}.{name}")
+            for name, entry in _mapping(table.get(kind) or {}, f"{path}: {kind}").items()
+        )
+        for kind in _KINDS
+    }
+    names = [spec.name for specs in sensors.values() for spec in specs]
+    if len(names) > MAX_SENSORS:
+        raise InputError(str(path), f"{len(names)} sensors", f"at most {MAX_SENSORS}")
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"{path}: name", name, "each sensor name once")
+    labels = table.get("labels", False)
+    if not isinstance(labels, bool):
+        raise InputError(f"{path}: labels", labels, "true or false")
+    station = _station(table["station"], f"{path}: station") if "station" in table else None
+    if station is not None and (sensors["gnss"] or sensors["imus"]):
+        raise InputError(f"{path}: station", table["station"], "a suite without gnss and imus, which move")
+    return SensorSuite(name=path.stem, labels=labels, station=station, **sensors)
+
+
+def _station(value: object, where: str) -> Station:
+    if value == _AT_SITE:
+        return Station(None)
+    if not isinstance(value, Mapping):
+        raise InputError(where, value, f"{_AT_SITE}, or a mapping of x_m, y_m and yaw_deg in the map frame")
+    table = _mapping(value, where)
+    _known_keys(table, ["x_m", "y_m", "yaw_deg"], where)
+    for key in ("x_m", "y_m"):
+        if key not in table:
+            raise InputError(where, dict(table), f"a mapping that gives {key}")
+    x_m, y_m = (_bounded(table[key], -1e6, 1e6, f"{where}.{key}") for key in ("x_m", "y_m"))
+    yaw_deg = _bounded(table.get("yaw_deg", 0.0), -360.0, 360.0, f"{where}.yaw_deg")
+    return Station(Mount(x_m, y_m, 0.0, yaw_deg * _RADIANS))
+
+
+def _mapping(value: object, where: str) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
+        raise InputError(where, value, "a mapping of names to values")
+    return value
+
+
+def _known_keys(table: Mapping[str, Any], known: list[str], where: str) -> None:
+    for key in table:
+        if key not in known:
+            raise InputError(where, key, f"the keys {', '.join(known)}")
+
+
+def _mount(table: Mapping[str, Any], where: str) -> Mount:
+    _known_keys(table, list(_MOUNT_KEYS), where)
+    for key in ("x_m", "y_m", "z_m"):
+        if key not in table:
+            raise InputError(where, dict(table), f"a mapping that gives {key}")
+    values = {}
+    for key, value in table.items():
+        name, scale, limit = _MOUNT_KEYS[key]
+        values[name] = scale * _bounded(value, -limit, limit, f"{where}.{key}")
+    return Mount(**values)
+
+
+def _bounded(value: object, low: float, high: float, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        raise InputError(where, value, f"a number from {low:g} to {high:g}")
+    return value
+
+
+def _spec(kind: type[Any], name: str, table: Mapping[str, Any], where: str) -> Any:
+    """One sensor from its YAML mapping."""
+    if not _NAME.fullmatch(name) or "__" in name:
+        raise InputError(where, name, "a name of letters, digits and single underscores, at most 64, not a digit first")
+    options = {
+        item.metadata.get("key") or item.name: item for item in fields(kind) if item.name not in {"name", "mount"}
+    }
+    _known_keys(table, ["mount", *options], where)
+    if "mount" not in table:
+        raise InputError(where, dict(table), "a mapping that gives mount")
+    values: dict[str, Any] = {"mount": _mount(_mapping(table["mount"], f"{where}.mount"), f"{where}.mount")}
+    for key, item in options.items():
+        if key in table:
+            values[item.name] = _value(item.type, table[key], item.metadata, f"{where}.{key}")
+    spec = kind(name=name, **values)
+    if isinstance(spec, LidarSpec) and spec.channels > 1 and spec.upper_fov_rad <= spec.lower_fov_rad:
+        raise InputError(f"{where}.upper_fov_deg", spec.upper_fov_rad / _RADIANS, "more than lower_fov_deg")
+    return spec
+
+
+def _value(kind: Any, value: object, metadata: Mapping[str, Any], where: str) -> float | bool:
+    """A value checked against its field's type and bounds."""
+    if kind is bool:
+        if not isinstance(value, bool):
+            raise InputError(where, value, "true or false")
+        return value
+    if kind is int and not isinstance(value, int):
+        raise InputError(where, value, "a whole number")
+    number = _bounded(value, metadata["low"], metadata["high"], where)
+    if metadata.get("rate") and (number <= 0 or abs(STEPS_PER_S / number - round(STEPS_PER_S / number)) > 1e-9):
+        rates = ", ".join(f"{STEPS_PER_S / steps:g}" for steps in (1, 2, 4, 5, 10, 20))
+        raise InputError(where, value, f"a rate that divides {STEPS_PER_S} Hz: {rates} …")
+    return number * metadata["scale"] if kind is float else number

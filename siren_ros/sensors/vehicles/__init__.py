@@ -1,0 +1,1 @@
+"""Shapes of vehicles: cars, large vehicles, emergency vehicles."""

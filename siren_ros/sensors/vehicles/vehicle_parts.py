@@ -1,0 +1,101 @@
+"""Parts that every vehicle carries, and the colours they share."""
+
+from typing import Final
+
+from siren_ros.sensors.meshes.loft import Finish
+from siren_ros.sensors.meshes.material import Material
+from siren_ros.sensors.meshes.mesh import Mesh
+from siren_ros.sensors.meshes.primitives import box, hexahedron
+
+PAINT: Final[Finish] = (Material.CAR_PAINT, (255, 255, 255))
+WHITE_PAINT: Final[Finish] = (Material.FLEET_PAINT, (236, 238, 240))
+RED_PAINT: Final[Finish] = (Material.FLEET_PAINT, (184, 18, 20))
+GLASS: Final[Finish] = (Material.CAR_GLASS, (34, 42, 50))
+PLASTIC: Final[Finish] = (Material.PLASTIC, (36, 37, 40))
+GRILLE: Final[Finish] = (Material.PLASTIC, (20, 20, 22))
+STEEL: Final[Finish] = (Material.RIM, (150, 154, 160))
+HEAD_LAMP: Final[Finish] = (Material.HEAD_LAMP, (226, 230, 236))
+BRAKE_LAMP: Final[Finish] = (Material.BRAKE_LAMP, (132, 14, 18))
+PLATE: Final[Finish] = (Material.PLATE, (240, 240, 228))
+BLUE_LIVERY: Final[Finish] = (Material.LIVERY, (18, 58, 160))
+YELLOW_LIVERY: Final[Finish] = (Material.LIVERY, (232, 222, 40))
+RED_LIVERY: Final[Finish] = (Material.LIVERY, (204, 28, 32))
+WHITE_LIVERY: Final[Finish] = (Material.LIVERY, (240, 240, 240))
+
+
+def indicator(side: int) -> Finish:
+    """Amber lens of the left (+1) or right (−1) indicator."""
+    material = Material.INDICATOR_LEFT_LAMP if side > 0 else Material.INDICATOR_RIGHT_LAMP
+    return material, (214, 120, 20)
+
+
+def plates(front_x_m: float, rear_x_m: float, front_z_m: float, rear_z_m: float) -> Mesh:
+    """European number plates, 520 mm × 110 mm, on the bumpers (size: Council Regulation (EC) 2411/98 practice)."""
+    thick = 0.012
+    return Mesh.concatenate(
+        [
+            box((front_x_m - 0.05, -0.26, front_z_m - 0.055), (front_x_m + thick, 0.26, front_z_m + 0.055), *PLATE),
+            box((rear_x_m - thick, -0.26, rear_z_m - 0.055), (rear_x_m + 0.05, 0.26, rear_z_m + 0.055), *PLATE),
+        ]
+    )
+
+
+def mirrors(x_m: float, inner_y_m: float, outer_y_m: float, z_m: float, finish: Finish, height_m: float = 0.15) -> Mesh:
+    """Both door mirrors, between two distances from the middle of the vehicle."""
+    parts = []
+    for side in (1, -1):
+        y0, y1 = sorted((side * inner_y_m, side * outer_y_m))
+        parts.append(
+            hexahedron(
+                [
+                    (x_m - 0.05, y0, z_m), (x_m + 0.05, y0, z_m), (x_m + 0.05, y1, z_m), (x_m - 0.05, y1, z_m),
+                    (x_m - 0.06, y0, z_m + height_m), (x_m + 0.02, y0, z_m + height_m),
+                    (x_m + 0.02, y1, z_m + height_m), (x_m - 0.06, y1, z_m + height_m),
+                ],
+                *finish,
+            )
+        )  # fmt: skip
+    return Mesh.concatenate(parts)
+
+
+def light_bar(x_m: float, z_m: float, half_width_m: float, depth_m: float, height_m: float) -> Mesh:
+    """A roof light bar across the vehicle: red and blue domes beside a dark middle."""
+    x0, x1 = x_m - depth_m / 2, x_m + depth_m / 2
+    base, lens = z_m + 0.25 * height_m, z_m + height_m
+    w = half_width_m
+    red: Finish = (Material.BEACON_RED, (150, 16, 20))
+    blue: Finish = (Material.BEACON_BLUE, (20, 44, 170))
+    parts = [box((x0 + 0.02, -w, z_m), (x1 - 0.02, w, base), *PLASTIC)]
+    edges = (-1.0, -0.62, -0.24, 0.24, 0.62, 1.0)
+    for low, high, finish in zip(edges[:-1], edges[1:], (blue, red, WHITE_PAINT, red, blue), strict=True):
+        top = lens if finish is not WHITE_PAINT else lens - 0.2 * height_m
+        inset = 0.15 * depth_m
+        parts.append(
+            hexahedron(
+                [
+                    (x0, low * w, base), (x1, low * w, base), (x1, high * w, base), (x0, high * w, base),
+                    (x0 + inset, low * w, top), (x1 - inset, low * w, top),
+                    (x1 - inset, high * w, top), (x0 + inset, high * w, top),
+                ],
+                *finish,
+            )
+        )  # fmt: skip
+    return Mesh.concatenate(parts)
+
+
+def beacon(x_m: float, y_m: float, z_m: float, size_m: float, material: Material) -> Mesh:
+    """A small flashing lamp, a box with its centre at a point."""
+    colour = (150, 16, 20) if material is Material.BEACON_RED else (20, 44, 170)
+    h = size_m / 2
+    return box((x_m - h, y_m - h, z_m - h), (x_m + h, y_m + h, z_m + h), material, colour)
+
+
+def side_panels(x_m: tuple[float, float], z_m: tuple[float, float], half_width_m: float, finish: Finish) -> Mesh:
+    """The same flat panel on both sides of a vehicle, 6 mm proud of ``±half_width_m``."""
+    thick = 0.006
+    return Mesh.concatenate(
+        [
+            box((x_m[0], half_width_m - 0.02, z_m[0]), (x_m[1], half_width_m + thick, z_m[1]), *finish),
+            box((x_m[0], -half_width_m - thick, z_m[0]), (x_m[1], -half_width_m + 0.02, z_m[1]), *finish),
+        ]
+    )

@@ -1,0 +1,96 @@
+"""The shape of each vehicle class, fitted to the exact dimensions and axle positions of the vehicle parameters."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import cache
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.dynamics.parameters import VehicleParameters, load_vehicle_parameters
+from siren_ros.sensors.meshes.mesh import Mesh, VehicleShape, Wheel
+from siren_ros.sensors.vehicles import cars, emergency_vehicles, large_vehicles
+from siren_ros.world.actors import ActorClass
+
+Drawn = tuple[Mesh, tuple[Wheel, ...]]
+
+_DRAWINGS: Final[Mapping[ActorClass, Callable[[], Drawn]]] = {
+    ActorClass.HATCHBACK: cars.hatchback,
+    ActorClass.SEDAN: cars.sedan,
+    ActorClass.ESTATE: cars.estate,
+    ActorClass.SUV: cars.suv,
+    ActorClass.VAN: cars.van,
+    ActorClass.PICKUP: cars.pickup,
+    ActorClass.BUS: large_vehicles.bus,
+    ActorClass.TRUCK: large_vehicles.truck,
+    ActorClass.AMBULANCE: emergency_vehicles.ambulance,
+    ActorClass.FIRE_TRUCK: emergency_vehicles.fire_truck,
+    ActorClass.POLICE: cars.police,
+}
+
+
+@cache
+def vehicle_shape(actor_class: ActorClass) -> VehicleShape:
+    """The shape of a vehicle class with the length, width, height and axles of ``params/vehicles``.
+
+    Raises:
+        InputError: the class's parameter file cannot be used.
+    """
+    return fitted(actor_class, _DRAWINGS[actor_class](), load_vehicle_parameters()[actor_class])
+
+
+def fitted(actor_class: ActorClass, drawn: Drawn, size: VehicleParameters) -> VehicleShape:
+    """A drawn body stretched so that it fills the given size exactly and its axles lie where the parameters say.
+
+    Around the axles the body is moved and not stretched, and below the arches' height it keeps its height, so that
+    the arches stay round. Wheels keep their drawn size.
+    """
+    body, wheels = drawn
+    low, high = (bound.astype(np.float64) for bound in body.bounds_m)
+    vertices = body.vertices_m.astype(np.float64)
+    x_drawn, x_fitted = _axle_map(wheels, float(low[0]), float(high[0]), size)
+    arch = min(2.0 * max(wheel.radius_m for wheel in wheels) + 0.1, 0.9 * float(high[2]))
+    half = np.array((low[1], high[1]))
+    x = _exact(np.interp(vertices[:, 0], x_drawn, x_fitted), -size.length_m / 2, size.length_m / 2)
+    y = _exact(
+        np.interp(vertices[:, 1], half, (-size.width_m / 2, size.width_m / 2)), -size.width_m / 2, size.width_m / 2
+    )
+    z = _exact(np.interp(vertices[:, 2], (0.0, arch, high[2]), (0.0, arch, size.height_m)), 0.0, size.height_m)
+    moved = tuple(
+        replace(
+            wheel,
+            hub_m=(
+                float(np.interp(wheel.hub_m[0], x_drawn, x_fitted)),
+                wheel.hub_m[1] + np.sign(wheel.hub_m[1]) * (size.width_m / 2 - float(high[1])),
+                wheel.radius_m,
+            ),
+        )
+        for wheel in wheels
+    )
+    return VehicleShape(
+        actor_class=actor_class,
+        body=replace(body, vertices_m=np.column_stack((x, y, z))),
+        wheels=moved,
+        length_m=size.length_m,
+        width_m=size.width_m,
+        height_m=size.height_m,
+    )
+
+
+def _axle_map(
+    wheels: tuple[Wheel, ...], rear_m: float, front_m: float, size: VehicleParameters
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Knots of the map from drawn to fitted x: ends to ends, axles to axles, rigid within a wheel's reach of them."""
+    hubs = sorted({wheel.hub_m[0] for wheel in wheels})
+    rear_axle = size.length_m / 2 - size.front_overhang_m - size.wheelbase_m
+    targets = (rear_axle, rear_axle + size.wheelbase_m)
+    reach = max(wheel.radius_m for wheel in wheels) + 0.06
+    drawn = [rear_m, *(hub + side * reach for hub in hubs for side in (-1, 1)), front_m]
+    to = [-size.length_m / 2, *(hub + side * reach for hub in targets for side in (-1, 1)), size.length_m / 2]
+    return np.array(drawn), np.array(to)
+
+
+def _exact(values: npt.NDArray[np.float64], low: float, high: float) -> npt.NDArray[np.float32]:
+    """Single precision, never outside the bounds' own single-precision values."""
+    return np.clip(values.astype(np.float32), np.float32(low), np.float32(high))

@@ -1,0 +1,198 @@
+"""From a template and a site to a traffic plan: who drives where, decided by the seed alone."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from siren_ros.errors import MapError
+from siren_ros.numerics.random_streams import random_stream
+from siren_ros.numerics.units import steps_from_s
+from siren_ros.roads.road_network import Lane, RoadNetwork
+from siren_ros.roads.routing import driving_lanes
+from siren_ros.roads.sites.site_finder import Site
+from siren_ros.scenario.scenario import Template
+from siren_ros.traffic.demand.demand_config import DemandConfig
+from siren_ros.traffic.demand.driver_models import DriverPopulation
+from siren_ros.traffic.demand.emv_start import (
+    EmvStart,
+    emv_start,
+    long_enough_route,
+    start_m_of,
+    unhindered_arrival_s,
+)
+from siren_ros.traffic.demand.group_demand import GroupPlan, plan_groups
+from siren_ros.traffic.demand.lane_chains import chain_along
+from siren_ros.traffic.demand.plan import LaneInterval, PlannedVehicle, SignalTiming, Spot, TrafficPlan
+from siren_ros.traffic.demand.vehicle_factory import Dimensions, VehicleFactory
+from siren_ros.world.actors import ActorClass
+
+_PLACEMENT_TRIES: Final = 400
+
+
+def plan_traffic(
+    network: RoadNetwork,
+    site: Site,
+    template: Template,
+    seed: int,
+    drivers: DriverPopulation,
+    dimensions: Mapping[ActorClass, Dimensions],
+    config: DemandConfig | None = None,
+) -> TrafficPlan:
+    """Plan all vehicles of an episode.
+
+    The same inputs give the same plan. The level does not enter: episodes of one seed at different
+    levels have the same traffic.
+
+    Args:
+        network: The map.
+        site: The place of the interaction, with the EMV's route.
+        template: The scenario with its values.
+        seed: The episode's seed.
+        drivers: Population from which drivers are drawn.
+        dimensions: Length, width and height of each vehicle class in metres.
+        config: Constants of the placement.
+
+    Raises:
+        MapError: the map has no room for the civilians, or the site none for the EMVs' start.
+        InputError: dimensions of a vehicle class are missing.
+    """
+    config = config or DemandConfig()
+    factory = VehicleFactory(network, drivers, dimensions, config)
+    emv = template.emv
+    headway_m = factory.size(emv.actor_class)[0] + emv.headway_s * emv.depart_speed_mps
+    start_m = start_m_of(network, site, emv)
+    starts = [emv_start(network, site, start_m - number * headway_m) for number in range(emv.count)]
+    needed_m = emv.speed_mps * (template.duration_s + config.route_slack_s)
+    way = starts[0].route
+    route = long_enough_route(factory, way, site, needed_m, random_stream(seed, "demand/route"))
+    starts = [replace(start, route=start.route[: len(start.route) - len(way)] + route) for start in starts]
+    return _Planner(network, site, starts, template, seed, factory, config).plan()
+
+
+class _Planner:
+    def __init__(
+        self,
+        network: RoadNetwork,
+        site: Site,
+        starts: Sequence[EmvStart],
+        template: Template,
+        seed: int,
+        factory: VehicleFactory,
+        config: DemandConfig,
+    ) -> None:
+        self._network = network
+        self._site = site
+        self._starts = starts
+        self._start = starts[0]
+        self._template = template
+        self._seed = seed
+        self._factory = factory
+        self._config = config
+        self._route_m = config.route_speed_mps * (template.warm_up_s + template.duration_s + config.route_slack_s)
+
+    def plan(self) -> TrafficPlan:
+        emvs = self._emvs()
+        groups = plan_groups(
+            self._network, self._site, self._start, self._template, self._seed, self._factory, self._config
+        )
+        stage = self._stage(groups)
+        civilians = self._template.demand.background_vehicles
+        spares = round(self._config.reserve_factor * civilians)
+        return TrafficPlan(
+            emvs=emvs,
+            groups=groups.vehicles,
+            background=self._scattered("background", civilians - len(groups.vehicles), (), disjoint=True),
+            reserve=self._scattered("reserve", spares, stage, disjoint=False),
+            stage=stage,
+            civilians=civilians,
+            warm_up_steps=steps_from_s(self._template.warm_up_s),
+            response_distance_m=self._template.response.response_distance_m,
+            signal=self._signal(),
+        )
+
+    def _signal(self) -> SignalTiming | None:
+        """When the signal of the EMV's movement turns red."""
+        demand, site = self._template.signal, self._site
+        movement = next((self._network.connections[index] for index in reversed(site.connections)), None)
+        if demand is None or movement is None or movement.signal_id is None:
+            return None
+        arrival_s = unhindered_arrival_s(self._network, self._start, self._template.emv, self._config)
+        return SignalTiming(movement.signal_id, movement.signal_link, arrival_s - demand.red_before_arrival_s)
+
+    def _emvs(self) -> tuple[PlannedVehicle, ...]:
+        rng = random_stream(self._seed, "demand/emv")
+        demand = self._template.emv
+        found = []
+        for number, start in enumerate(self._starts):
+            route = tuple(self._network.edges[edge].edge_id for edge in start.route)
+            driver = self._factory.draw_driver(demand.actor_class, rng)
+            limit = self._network.lanes[start.lane].speed_limit_mps
+            driver = replace(driver, speed_factor=demand.speed_mps / limit)
+            spot = Spot(start.lane, start.front_m, demand.depart_speed_mps)
+            found.append(self._factory.emv(f"emv{number}", demand.actor_class, driver, route, spot))
+        return tuple(found)
+
+    def _stage(self, groups: GroupPlan) -> tuple[LaneInterval, ...]:
+        """All lanes of the way from behind the rearmost EMV to ahead of the foremost vehicle, and the crossing rows."""
+        rearmost = self._starts[-1]
+        between_m = self._factory.length_m(rearmost.route[: len(rearmost.route) - len(self._start.route)])
+        rear = rearmost.front_m - self._factory.size(self._template.emv.actor_class)[0] - self._config.stage_behind_m
+        foremost = max(self._start.front_m, groups.foremost_m)
+        reach = between_m + foremost + self._config.stage_ahead_m
+        found: list[LaneInterval] = []
+        for lane in driving_lanes(self._network, rearmost.route[0]):
+            found += chain_along(self._network, lane, rearmost.route).intervals(self._network, rear, reach)
+        return tuple(dict.fromkeys((*found, *groups.crossing_stage)))
+
+    def _scattered(
+        self, purpose: str, count: int, keep_off: Sequence[LaneInterval], *, disjoint: bool
+    ) -> tuple[PlannedVehicle, ...]:
+        """Vehicles at random places off some stretches; where ``disjoint``, at a distance from each other."""
+        rng = random_stream(self._seed, f"demand/{purpose}")
+        edges = [edge for edge in range(len(self._network.edges)) if self._factory.leads_on(edge)]
+        lanes = [lane for edge in edges for lane in driving_lanes(self._network, edge)]
+        if not lanes:
+            raise MapError("no driving lanes", "a map with connected driving lanes for civilians")
+        occupied: dict[int, list[tuple[float, float]]] = {}
+        found = []
+        for number in range(count):
+            actor_class = self._factory.draw_class(self._template.demand.classes, rng)
+            length = self._factory.size(actor_class)[0]
+            lane, front = self._free_spot(lanes, length, occupied, keep_off, rng)
+            if disjoint:
+                occupied.setdefault(lane.index, []).append((front - length, front))
+            driver = self._factory.draw_driver(actor_class, rng, self._template.demand.speed_factor)
+            route = self._factory.draw_route((lane.edge,), self._route_m, rng, lane.index, actor_class)
+            wished = min(driver.speed_factor * lane.speed_limit_mps, driver.driving.max_speed_mps)
+            spot = Spot(lane.index, front, min(self._config.depart_speed_share * wished, self._stoppable(lane, front)))
+            found.append(self._factory.civilian(f"{purpose}{number}", actor_class, driver, route, spot, rng))
+        return tuple(found)
+
+    def _stoppable(self, lane: Lane, front_m: float) -> float:
+        """Speed from which a vehicle can still stop before the lane's end, or behind one at the least gap."""
+        config = self._config
+        free_m = min(lane.length_m - front_m, config.placement_gap_m)
+        return float(np.sqrt(2.0 * config.comfortable_decel_mps2 * free_m))
+
+    def _free_spot(
+        self,
+        lanes: Sequence[Lane],
+        length_m: float,
+        occupied: Mapping[int, Sequence[tuple[float, float]]],
+        keep_off: Sequence[LaneInterval],
+        rng: np.random.Generator,
+    ) -> tuple[Lane, float]:
+        gap = self._config.placement_gap_m
+        weights = np.array([lane.length_m for lane in lanes])
+        for _ in range(_PLACEMENT_TRIES):
+            lane = lanes[int(rng.choice(len(lanes), p=weights / weights.sum()))]
+            front = float(rng.uniform(0.0, lane.length_m))
+            taken = occupied.get(lane.index, ())
+            free = all(front + gap < rear or front - length_m - gap > other for rear, other in taken)
+            off = all(area.lane != lane.index or not area.from_m <= front <= area.to_m for area in keep_off)
+            if front >= length_m and free and off:
+                return lane, front
+        value = f"{self._template.demand.background_vehicles} civilians"
+        raise MapError(value, f"a map with room for them at gaps of {gap:g} m, or a smaller volume")

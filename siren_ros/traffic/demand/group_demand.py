@@ -1,0 +1,127 @@
+"""A template's groups of civilians: rows of vehicles around the interaction."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+
+from siren_ros.numerics.random_streams import random_stream
+from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.roads.sites.site_finder import Site
+from siren_ros.scenario.scenario import DemandGroup, Placement, Template
+from siren_ros.traffic.demand.demand_config import DemandConfig
+from siren_ros.traffic.demand.emv_start import EmvStart, unhindered_arrival_s
+from siren_ros.traffic.demand.group_rows import GroupRow, group_rows
+from siren_ros.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot
+from siren_ros.traffic.demand.vehicle_factory import VehicleFactory
+
+_SEARCH_STEP_M: Final = 1.0
+
+
+@dataclass(frozen=True)
+class GroupPlan:
+    """All group vehicles, and the road that they need free at the start."""
+
+    vehicles: tuple[PlannedVehicle, ...]
+    foremost_m: float
+    """Place of the foremost front on the EMV's way, from the beginning of its first lane; 0 without one."""
+    crossing_stage: tuple[LaneInterval, ...]
+    """Lanes of the crossing rows, off the EMV's way."""
+
+
+def plan_groups(
+    network: RoadNetwork,
+    site: Site,
+    start: EmvStart,
+    template: Template,
+    seed: int,
+    factory: VehicleFactory,
+    config: DemandConfig,
+) -> GroupPlan:
+    """Place the groups of a template.
+
+    A row without room for all of its vehicles has fewer; the background makes up for them.
+    """
+    planner = _GroupPlanner(network, start, template, factory, config)
+    vehicles: list[PlannedVehicle] = []
+    arrival_s = unhindered_arrival_s(network, start, template.emv, config)
+    for group in template.demand.groups:
+        rng = random_stream(seed, f"demand/group/{group.name}")
+        rows = group_rows(network, site, start, group, arrival_s, rng)
+        for number in range(group.vehicles if rows else 0):
+            vehicle = planner.vehicle(group, number, rows[number % len(rows)], rng)
+            if vehicle is not None:
+                vehicles.append(vehicle)
+        if group.placement is Placement.CROSSING:
+            planner.keep_crossing_free(rows)
+    return GroupPlan(tuple(vehicles), planner.foremost_m, tuple(planner.crossing_stage))
+
+
+@dataclass
+class _GroupPlanner:
+    network: RoadNetwork
+    start: EmvStart
+    template: Template
+    factory: VehicleFactory
+    config: DemandConfig
+    foremost_m: float = 0.0
+    crossing_stage: list[LaneInterval] = field(default_factory=list)
+    _reached_m: dict[tuple[tuple[int, ...], bool], tuple[float, float]] = field(default_factory=dict)
+    """Rear and front of the last vehicle in each row of lanes and direction of growth."""
+
+    @property
+    def _route_m(self) -> float:
+        config, template = self.config, self.template
+        return config.route_speed_mps * (template.warm_up_s + template.duration_s + config.route_slack_s)
+
+    def vehicle(
+        self, group: DemandGroup, number: int, row: GroupRow, rng: np.random.Generator
+    ) -> PlannedVehicle | None:
+        """The next vehicle of a group in a row, or None where the row has no more room."""
+        actor_class = self.factory.draw_class(self.template.demand.classes, rng)
+        length = self.factory.size(actor_class)[0]
+        spacing = group.spacing_m * (1.0 + self.config.spacing_spread * rng.uniform(-1.0, 1.0))
+        speed = group.speed_mps * (1.0 + self.config.speed_spread * rng.uniform(-1.0, 1.0))
+        place = self._place(row, group.first_gap_m, spacing, length)
+        if place is None:
+            return None
+        front_m, lane, front = place
+        self._reached_m[row.chain.lanes, row.forwards] = (front_m - length, front_m)
+        if group.placement is not Placement.CROSSING:
+            self.foremost_m = max(self.foremost_m, front_m)
+        edges = row.edges[row.edges.index(self.network.lanes[lane].edge) :]
+        driver = self.factory.draw_driver(actor_class, rng)
+        driver = replace(driver, speed_factor=speed / self.network.lanes[lane].speed_limit_mps)
+        route = self.factory.draw_route(edges, self._route_m, rng, lane, actor_class)
+        spot = Spot(lane, front, 0.0 if group.standing else speed)
+        return self.factory.civilian(f"{group.name}{number}", actor_class, driver, route, spot, rng)
+
+    def keep_crossing_free(self, rows: Sequence[GroupRow]) -> None:
+        """Adds the lanes of crossing rows, from behind their last vehicle on, to the stage."""
+        for row in rows:
+            rear_m, _ = self._reached_m.get((row.chain.lanes, row.forwards), (row.anchor_m, row.anchor_m))
+            behind_m = rear_m - self.config.stage_behind_m
+            self.crossing_stage += row.chain.intervals(self.network, behind_m, row.anchor_m)
+
+    def _place(
+        self, row: GroupRow, first_gap_m: float, spacing_m: float, length_m: float
+    ) -> tuple[float, int, float] | None:
+        """Place of the front on the row's chain, its lane and the place on that, clear of junctions."""
+        reached = self._reached_m.get((row.chain.lanes, row.forwards))
+        if row.forwards:
+            front_m = row.anchor_m + first_gap_m + length_m
+            if reached is not None:
+                front_m = max(front_m, reached[1] + spacing_m + length_m)
+        else:
+            front_m = row.anchor_m - first_gap_m
+            if reached is not None:
+                front_m = min(front_m, reached[0] - spacing_m)
+        step_m = _SEARCH_STEP_M if row.forwards else -_SEARCH_STEP_M
+        least_m = row.least_m + self.config.emv_clearance_m if row.least_m > 0.0 else 0.0
+        while front_m < row.chain.end_m and front_m - length_m >= least_m:
+            place = row.chain.place(self.network, front_m)
+            if place is not None and place[1] >= min(length_m, 0.5 * self.network.lanes[place[0]].length_m):
+                return front_m, *place
+            front_m += step_m
+        return None

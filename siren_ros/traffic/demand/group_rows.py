@@ -1,0 +1,151 @@
+"""Rows of lanes in which a template's groups of civilians start."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from siren_ros.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
+from siren_ros.roads.routing import driving_lanes
+from siren_ros.roads.sites.site_finder import Site
+from siren_ros.scenario.scenario import DemandGroup, GroupAnchor, Placement
+from siren_ros.traffic.demand.emv_start import EmvStart, way_to_stop_line_m
+from siren_ros.traffic.demand.lane_chains import LaneChain, chain_along
+
+CROSSING_REACH_M: Final = 120.0
+"""How far back from the stop line crossing traffic may be placed."""
+
+
+@dataclass(frozen=True)
+class GroupRow:
+    """One row: consecutive lanes, and where on them vehicles may be put."""
+
+    chain: LaneChain
+    edges: tuple[int, ...]
+    """Edges of the chain's lanes and those that its vehicles drive on to."""
+    anchor_m: float
+    """Place on the chain from which the first gap counts."""
+    forwards: bool
+    """Whether the row grows in driving direction."""
+    least_m: float = 0.0
+    """No vehicle's rear may be before this place."""
+
+
+def group_rows(
+    network: RoadNetwork,
+    site: Site,
+    start: EmvStart,
+    group: DemandGroup,
+    arrival_s: float,
+    rng: np.random.Generator,
+) -> list[GroupRow]:
+    """The rows of a group, in the order in which they are filled.
+
+    Args:
+        network: The map.
+        site: The place of the interaction.
+        start: The foremost EMV's start.
+        group: Which lanes, and counted from where.
+        arrival_s: Time from step 0 to the EMV's unhindered arrival at the stop line.
+        rng: Draws the way on of crossing rows, where a lane has several.
+    """
+    if group.placement is Placement.CROSSING:
+        return _crossing_rows(network, site, rng)
+    if site.junction is None or site.site_edge not in start.route:
+        return [
+            GroupRow(chain_along(network, lane, start.route), start.route, start.front_m, forwards=True)
+            for lane in _chosen(network, network.lanes[start.lane], start.route[0], group.placement, ())
+        ]
+    same = [network.connections[index].from_lane for index in site.connections]
+    approach = network.lanes[site.approach_lane]
+    lanes = _chosen(network, approach, site.site_edge, group.placement, same)
+    rows = [_approach_row(network, site, start, lane) for lane in lanes]
+    if group.anchor is GroupAnchor.STOP_LINE:
+        return rows
+    way_m = way_to_stop_line_m(network, start)
+    if group.anchor is GroupAnchor.ARRIVAL:
+        way_m = group.speed_mps * arrival_s
+    return [replace(row, anchor_m=row.anchor_m - way_m, forwards=True) for row in rows]
+
+
+def _chosen(
+    network: RoadNetwork, own: Lane, edge: int, placement: Placement, same_direction: Sequence[int]
+) -> list[Lane]:
+    if placement is Placement.EMV_LANE:
+        return [own]
+    others = [lane for lane in driving_lanes(network, edge) if lane.index != own.index]
+    if placement is Placement.ADJACENT_LANE:
+        adjacent = [lane for lane in others if abs(lane.position - own.position) == 1]
+        return sorted(adjacent, key=lambda lane: -lane.position)[:1]
+    if placement is Placement.SAME_DIRECTION:
+        return [lane for lane in others if lane.index in same_direction] or [own]
+    return others
+
+
+def _approach_row(network: RoadNetwork, site: Site, start: EmvStart, lane: Lane) -> GroupRow:
+    """The row that leads to a lane of the site's edge, from the stop line back to the edge of the EMV's start."""
+    position = start.route.index(site.site_edge)
+    lanes: tuple[int, ...] = (lane.index,)
+    first = position
+    while first > 0:
+        before = _connection_from(network, lanes[0], start.route[first - 1])
+        if before is None:
+            break
+        first -= 1
+        lanes = (before.from_lane, *before.via, *lanes)
+    stop_line_m = sum(network.lanes[index].length_m for index in lanes)
+    onward = chain_along(network, lane, start.route[position:])
+    whole = _chain(network, (*lanes, *onward.lanes[1:]))
+    least_m = 0.0
+    if start.lane in lanes:
+        least_m = stop_line_m - way_to_stop_line_m(network, start)
+    return GroupRow(whole, start.route[first:], stop_line_m, forwards=False, least_m=least_m)
+
+
+def _crossing_rows(network: RoadNetwork, site: Site, rng: np.random.Generator) -> list[GroupRow]:
+    ways: dict[int, list[Connection]] = {}
+    for index in site.crossing:
+        ways.setdefault(network.connections[index].from_lane, []).append(network.connections[index])
+    rows = []
+    for lane, movements in ways.items():
+        movement = movements[int(rng.integers(len(movements)))]
+        lanes: tuple[int, ...] = (lane,)
+        length_m = network.lanes[lane].length_m
+        while length_m < CROSSING_REACH_M:
+            before = _plain_connection_to(network, lanes[0])
+            if before is None or before.from_lane in lanes:
+                break
+            lanes = (before.from_lane, *before.via, *lanes)
+            length_m += sum(network.lanes[index].length_m for index in (before.from_lane, *before.via))
+        edges = [network.lanes[index].edge for index in lanes if network.lanes[index].kind is not LaneKind.INTERNAL]
+        beyond = network.lanes[movement.to_lane].edge
+        rows.append(GroupRow(_chain(network, lanes), (*dict.fromkeys(edges), beyond), length_m, forwards=False))
+    return rows
+
+
+def _connection_from(network: RoadNetwork, lane: int, edge: int) -> Connection | None:
+    """The movement from a driving lane of an edge to a lane; of several, from the leftmost."""
+    found = [
+        connection
+        for connection in network.connections_to.get(lane, ())
+        if network.lanes[connection.from_lane].edge == edge
+        and network.lanes[connection.from_lane].kind is LaneKind.DRIVING
+    ]
+    return max(found, key=lambda connection: network.lanes[connection.from_lane].position, default=None)
+
+
+def _plain_connection_to(network: RoadNetwork, lane: int) -> Connection | None:
+    """The movement to a lane straight on from another road piece, with neither signal nor stop sign."""
+    for connection in network.connections_to.get(lane, ()):
+        source = network.lanes[connection.from_lane]
+        free = connection.signal_id is None and not connection.must_stop and connection.direction == "s"
+        if free and source.kind is LaneKind.DRIVING:
+            return connection
+    return None
+
+
+def _chain(network: RoadNetwork, lanes: Sequence[int]) -> LaneChain:
+    lengths = [network.lanes[lane].length_m for lane in lanes]
+    starts = [sum(lengths[:number]) for number in range(len(lanes))]
+    return LaneChain(tuple(lanes), tuple(starts), sum(lengths))

@@ -1,0 +1,118 @@
+"""Ways that civilians choose at junctions: mostly straight on, from their own lane, and with room for the vehicle."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from siren_ros.numerics.geometry import wrap_angle
+from siren_ros.roads.road_network import Connection, Lane, RoadNetwork
+from siren_ros.roads.routing import EdgeGraph, connections_between
+from siren_ros.traffic.demand.demand_config import DemandConfig
+
+_BEND_M: Final = 6.0
+"""Length over which the bend of a lane is measured: a wheelbase of the longest vehicles."""
+_TURNS: Final = frozenset({"l", "r", "t"})
+"""SUMO's letters of left turns, right turns and turnarounds; partial turns follow the road."""
+
+
+@dataclass(frozen=True)
+class _Way:
+    """The way from an edge to a following one."""
+
+    edge: int
+    lanes: tuple[int, ...]
+    """Driving lanes that lead there."""
+    weight: float
+    radius_m: float
+    """Of its tightest bend, for the lane that has most room."""
+
+
+class RouteChooser:
+    """Draws routes; the ways from each edge are looked up once."""
+
+    def __init__(self, network: RoadNetwork, graph: EdgeGraph, config: DemandConfig) -> None:
+        self._network = network
+        self._graph = graph
+        self._config = config
+        self._ways: dict[int, tuple[_Way, ...]] = {}
+
+    def fits(self, edge: int, following: int, lane: int | None, vehicle_m: float) -> bool:
+        """Whether a lane (None: any) leads from an edge to another one, without a bend too tight for a vehicle."""
+        least_m = self._least_radius_m(vehicle_m)
+        return any(
+            way.edge == following and (lane is None or lane in way.lanes) and way.radius_m >= least_m
+            for way in self._ways_from(edge)
+        )
+
+    def draw(
+        self, start: Sequence[int], length_m: float, rng: np.random.Generator, vehicle_m: float, lane: int | None = None
+    ) -> tuple[int, ...]:
+        """A random route of at least ``length_m``, or to where the map ends.
+
+        At each junction a way is as likely as it has lanes, and turns less likely than straight on by
+        ``DemandConfig.turn_weight``. Long vehicles keep off tight bends, as bus lines and lorry routes do,
+        wherever there is another way.
+
+        Args:
+            start: Edges that the route begins with.
+            length_m: Length wanted, the given edges included.
+            rng: Generator.
+            vehicle_m: Length of the vehicle.
+            lane: Lane of the last given edge on which the vehicle stands; its way on is one of this lane's, where
+                one has room.
+        """
+        route = list(start)
+        driven_m = self._graph.route_length_m(start)
+        while driven_m < length_m:
+            ways = self._open_ways(route[-1], vehicle_m, lane)
+            if not ways:
+                break
+            weights = np.array([way.weight for way in ways])
+            route.append(ways[int(rng.choice(len(ways), p=weights / weights.sum()))].edge)
+            driven_m += self._graph.length_m[route[-1]]
+            lane = None
+        return tuple(route)
+
+    def _open_ways(self, edge: int, vehicle_m: float, lane: int | None) -> tuple[_Way, ...]:
+        """Of the ways from an edge, those to choose from: with room and from the lane, or else the next best."""
+        ways, least_m = self._ways_from(edge), self._least_radius_m(vehicle_m)
+        roomy = tuple(way for way in ways if way.radius_m >= least_m)
+        mine = tuple(way for way in ways if lane is None or lane in way.lanes)
+        both = tuple(way for way in roomy if way in mine)
+        return both or roomy or mine or ways
+
+    def _least_radius_m(self, vehicle_m: float) -> float:
+        return self._config.long_vehicle_radius_m if vehicle_m > self._config.long_vehicle_m else 0.0
+
+    def _ways_from(self, edge: int) -> tuple[_Way, ...]:
+        found = self._ways.get(edge)
+        if found is None:
+            found = tuple(self._way(edge, following) for following in self._graph.successors[edge])
+            self._ways[edge] = found
+        return found
+
+    def _way(self, edge: int, following: int) -> _Way:
+        movements = [
+            movement
+            for movement in connections_between(self._network, edge, following)
+            if self._network.lanes[movement.from_lane].civilian_allowed
+            and self._network.lanes[movement.to_lane].civilian_allowed
+        ]
+        lanes = tuple(dict.fromkeys(movement.from_lane for movement in movements))
+        share = self._config.turn_weight if movements[0].direction in _TURNS else 1.0
+        return _Way(following, lanes, share * len(lanes), max(self._radius_m(movement) for movement in movements))
+
+    def _radius_m(self, movement: Connection) -> float:
+        return min((tightest_radius_m(self._network.lanes[lane]) for lane in movement.via), default=np.inf)
+
+
+def tightest_radius_m(lane: Lane) -> float:
+    """Radius of a lane's tightest bend, measured over the length of a wheelbase; infinite where it is straight."""
+    end_m = lane.centre.length_m
+    from_m = np.linspace(0.0, max(end_m - _BEND_M, 0.0), 16)
+    to_m = np.minimum(from_m + _BEND_M, end_m)
+    turned = np.abs(wrap_angle(lane.centre.heading_rad(to_m) - lane.centre.heading_rad(from_m)))
+    bend_1pm = np.max(turned / np.maximum(to_m - from_m, 1e-6))
+    return float(1.0 / bend_1pm) if bend_1pm > 0.0 else np.inf

@@ -1,0 +1,190 @@
+"""Moves SUMO's vehicles to where the simulated world has them, and hands them back without a jump."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import libsumo
+import numpy as np
+
+from siren_ros.errors import EpisodeError
+from siren_ros.numerics.units import STEP_S
+from siren_ros.roads.road_network import NO_LANE, RoadNetwork
+from siren_ros.traffic.demand.plan import PlannedVehicle
+from siren_ros.traffic.sumo.config import TrafficConfig
+from siren_ros.traffic.sumo.lane_matcher import LaneMatch, LaneMatcher
+from siren_ros.traffic.sumo.population import Population, route_id
+from siren_ros.traffic.sumo.sumo_frames import sumo_from_map
+from siren_ros.world.actors import ActorStates, Mode, Owner
+
+DEFAULT_LANE_CHANGE_MODE: Final = 1621
+"""SUMO's default; its bluelight device leaves 1605 behind for good."""
+KEEP_LANE_CHANGE_MODE: Final = 1536
+"""All reasons for a lane change off; respecting others and alignment within the lane stay on."""
+DEFAULT_SPEED_MODE: Final = 31
+_MATCH_ON_ROAD: Final = 2
+"""``keepRoute`` of moveToXY: exact place (2) on a lane that is open to the vehicle; with the lane named the route
+stays."""
+_MATCH_ON_SHOULDER: Final = 6
+"""The same on any lane whoever it is for (4). Without the 4, libsumo 1.28 was seen to crash with a civilian mirrored
+onto a shoulder; with it elsewhere, with a vehicle that SUMO matched to a pedestrian crossing."""
+_KEEP_ROUTE_OFF_ROAD: Final = 3
+"""``keepRoute`` of moveToXY: exact place even off the road, the route stays whatever the place."""
+_EDGES_TO_MATCH: Final = 3
+_BINDING_MODES: Final = frozenset({Mode.YIELD_DEFERRED, Mode.YIELD_KEEP_LANE})
+"""Phases of a yield in which SUMO drives, but not as the driver would."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a mirrored vehicle was put in SUMO at this step."""
+
+    x_m: float
+    y_m: float
+    """SUMO's frame, front bumper."""
+    angle_deg: float
+    match: LaneMatch
+
+
+@dataclass(frozen=True)
+class _Binding:
+    mode: int
+    own_speed_factor: float
+
+
+class Mirror:
+    """Keeps track of who is moved from outside, and of what has to be restored."""
+
+    def __init__(self, network: RoadNetwork, config: TrafficConfig, population: Population) -> None:
+        self._network = network
+        self._population = population
+        self._config = config
+        self._matcher = LaneMatcher(network)
+        self.places: dict[str, Place] = {}
+        """Vehicles that were put somewhere at this step."""
+        self._bound: dict[str, _Binding] = {}
+        """Vehicles that drive otherwise than they would, for a yield."""
+
+    def apply(
+        self,
+        states: ActorStates,
+        vehicles: Mapping[int, PlannedVehicle],
+        routes: Mapping[str, Sequence[int]],
+    ) -> None:
+        """Give SUMO the simulated states of the step before, extrapolated by one step.
+
+        Args:
+            states: All actors' simulated states at the step before.
+            vehicles: SUMO's vehicles by actor id; states of others (left meanwhile) are passed over.
+            routes: Edges ahead of each vehicle, the present one first.
+        """
+        before, self.places = self.places, {}
+        outside = np.flatnonzero(states.owner == Owner.ROS)
+        known = [row for row in outside.tolist() if int(states.actor_id[row]) in vehicles]
+        present = {vehicles[int(states.actor_id[row])].name for row in known}
+        for row in known:
+            vehicle = vehicles[int(states.actor_id[row])]
+            self._put(states, row, vehicle, routes[vehicle.name], before.get(vehicle.name))
+        in_sumo = np.flatnonzero(states.owner == Owner.SUMO)
+        columns = (states.actor_id, states.mode, states.speed_mps)
+        for actor_id, mode, speed_mps in zip(*(column[in_sumo].tolist() for column in columns), strict=True):
+            if actor_id in vehicles:
+                name = vehicles[actor_id].name
+                if name in before and name not in present:
+                    self._release(name, before[name].match.lane, speed_mps)
+                self._bind(name, mode)
+
+    def forget(self, name: str) -> None:
+        """Drop a vehicle that has left SUMO."""
+        self.places.pop(name, None)
+        self._bound.pop(name, None)
+
+    def check_placed(self) -> None:
+        """Verify, after SUMO's step, that every mirrored vehicle stands where it was put.
+
+        Raises:
+            EpisodeError: SUMO moved one elsewhere; names it and the distance.
+        """
+        for name, place in self.places.items():
+            x, y = libsumo.vehicle.getPosition(name)
+            miss = float(np.hypot(x - place.x_m, y - place.y_m))
+            if miss > self._config.placed_m:
+                lane = libsumo.vehicle.getLaneID(name)
+                raise EpisodeError(f"SUMO put {name} {miss:.2f} m off the pose that it was given (lane {lane!r})")
+
+    def _put(
+        self, states: ActorStates, row: int, vehicle: PlannedVehicle, route: Sequence[int], before: Place | None
+    ) -> None:
+        offset = self._network.sumo_offset_m
+        x, y, angle = sumo_from_map(
+            states.x_m[row] + states.vx_mps[row] * STEP_S,
+            states.y_m[row] + states.vy_mps[row] * STEP_S,
+            states.yaw_rad[row] + states.yaw_rate_radps[row] * STEP_S,
+            vehicle.length_m,
+            offset,
+        )
+        if before is not None and np.hypot(x - before.x_m, y - before.y_m) < self._config.still_m:
+            place = before
+        else:
+            front = (float(x) - offset[0], float(y) - offset[1])
+            lane = before.match.lane if before is not None else NO_LANE
+            match = self._matcher.match(route[:_EDGES_TO_MATCH], front, float(states.yaw_rad[row]), lane)
+            place = Place(float(x), float(y), float(angle), match)
+        # SUMO derives a moved vehicle's speed from lane positions, which differ from lane to lane.
+        self._set_speed(vehicle.name, place.match.lane, float(states.speed_mps[row]))
+        self._restore_route(vehicle)
+        self._move(vehicle, place)
+        self.places[vehicle.name] = place
+
+    def _restore_route(self, vehicle: PlannedVehicle) -> None:
+        """Give a vehicle its planned route back, where SUMO made it another one for the lane that it found it on."""
+        planned = route_id(vehicle.name)
+        if libsumo.vehicle.getRouteID(vehicle.name) == planned or not _is_simple(vehicle.route):
+            return
+        if libsumo.vehicle.getRoadID(vehicle.name) in vehicle.route:
+            libsumo.vehicle.setRouteID(vehicle.name, planned)
+
+    def _move(self, vehicle: PlannedVehicle, place: Place) -> None:
+        name = vehicle.name
+        if place.match.lane == NO_LANE:
+            libsumo.vehicle.moveToXY(name, "", -1, place.x_m, place.y_m, place.angle_deg, _KEEP_ROUTE_OFF_ROAD)
+            return
+        lane = self._network.lanes[place.match.lane]
+        edge_id = self._network.edges[lane.edge].edge_id
+        keep = _MATCH_ON_ROAD if lane.civilian_allowed else _MATCH_ON_SHOULDER
+        libsumo.vehicle.moveToXY(name, edge_id, lane.position, place.x_m, place.y_m, place.angle_deg, keep)
+
+    def _set_speed(self, name: str, lane: int, speed_mps: float) -> None:
+        """Tell SUMO the vehicle's speed, along the nominal length of its lane."""
+        scale = 1.0 if lane == NO_LANE else self._population.length_scale[self._network.lanes[lane].lane_id]
+        libsumo.vehicle.setPreviousSpeed(name, speed_mps * scale)
+
+    def _release(self, name: str, lane: int, speed_mps: float) -> None:
+        self._set_speed(name, lane, speed_mps)
+        libsumo.vehicle.setSpeed(name, -1.0)
+        libsumo.vehicle.setSpeedMode(name, DEFAULT_SPEED_MODE)
+        libsumo.vehicle.setLateralAlignment(name, "center")
+        libsumo.vehicle.setLaneChangeMode(name, DEFAULT_LANE_CHANGE_MODE)
+
+    def _bind(self, name: str, mode: int) -> None:
+        """Let a vehicle that SUMO drives keep to its phase of a yield; give it back to itself afterwards."""
+        bound = self._bound.get(name)
+        if bound is not None and bound.mode == mode:
+            return
+        if mode in _BINDING_MODES:
+            own = bound.own_speed_factor if bound is not None else float(libsumo.vehicle.getSpeedFactor(name))
+            self._bound[name] = _Binding(mode, own)
+            if mode == Mode.YIELD_KEEP_LANE:
+                factor, change_mode = min(own, self._config.keep_lane_speed_factor), KEEP_LANE_CHANGE_MODE
+            else:
+                factor, change_mode = max(own, self._config.deferred_speed_factor), DEFAULT_LANE_CHANGE_MODE
+            libsumo.vehicle.setLaneChangeMode(name, change_mode)
+            libsumo.vehicle.setSpeedFactor(name, factor)
+        elif bound is not None:
+            libsumo.vehicle.setSpeedFactor(name, self._bound.pop(name).own_speed_factor)
+            libsumo.vehicle.setLaneChangeMode(name, DEFAULT_LANE_CHANGE_MODE)
+
+
+def _is_simple(route: Sequence[str]) -> bool:
+    """Whether a route visits no edge twice: else SUMO may find a vehicle at the later visit."""
+    return len(frozenset(route)) == len(route)

@@ -1,0 +1,67 @@
+import math
+from dataclasses import replace
+
+import pytest
+
+from siren_ros.behaviour.civilians.gap_seeking import Seek, choose_seek, seek_speed_mps
+from siren_ros.behaviour.config import YieldConfig
+from siren_ros.behaviour.driving.lane_change import LaneGaps, Refusal
+from siren_ros.world.actors import ActorClass, Mode, Owner
+
+CONFIG = YieldConfig(seek_speed_mps=2.5)
+BEHIND = LaneGaps(math.inf, 0.0, 3.0, 8.0)
+AHEAD = LaneGaps(1.0, 6.0, math.inf, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("gaps", "own_free", "refusal", "expected"),
+    [
+        (BEHIND, 50.0, Refusal.GAP_REAR, Seek.DRAW_AHEAD),
+        (BEHIND, 5.0, Refusal.GAP_REAR, Seek.FALL_BACK),
+        (AHEAD, 50.0, Refusal.GAP_FRONT, Seek.FALL_BACK),
+        (LaneGaps(-2.0, 6.0, math.inf, 0.0), 50.0, Refusal.BESIDE, Seek.FALL_BACK),
+        (LaneGaps(math.inf, 0.0, -2.0, 6.0), 50.0, Refusal.BESIDE, Seek.DRAW_AHEAD),
+    ],
+)
+def test_draws_ahead_of_what_is_behind_and_lets_the_rest_past(gaps, own_free, refusal, expected):
+    own = LaneGaps(own_free, 6.0, math.inf, 0.0)
+    assert choose_seek(gaps, own, refusal, 15.0) is expected
+
+
+def test_speed_differs_from_the_vehicle_in_the_way_within_limits():
+    assert seek_speed_mps(Seek.DRAW_AHEAD, BEHIND, CONFIG, 13.9) == pytest.approx(10.5)
+    assert seek_speed_mps(Seek.DRAW_AHEAD, BEHIND, CONFIG, 9.0) == pytest.approx(9.0)
+    assert seek_speed_mps(Seek.FALL_BACK, AHEAD, CONFIG, 13.9) == pytest.approx(3.5)
+    assert seek_speed_mps(Seek.FALL_BACK, replace(AHEAD, front_mps=1.0), CONFIG, 13.9) == pytest.approx(
+        CONFIG.seek_least_mps
+    )
+
+
+def test_a_deferred_driver_falls_back_and_then_changes_lanes(lab):
+    cars = [
+        lab.Car(1, 0, 40, 8, (0,), ActorClass.AMBULANCE),
+        lab.Car(2, 0, 75, 7, (0,), desired=7),
+        lab.Car(3, 1, 76, 7, (0,), desired=7),
+    ]
+    loop = lab.Loop(lab.world_of(lab.straight_road(2, 700.0), lab.L2), cars).run(10)
+    assert loop.modes[2] == Mode.YIELD_DEFERRED
+    assert loop.owners[2] == Owner.SUMO
+    loop.run(5)
+    assert loop.modes[2] == Mode.YIELD_DEFERRED
+    assert loop.owners[2] == Owner.ROS
+    loop.run(300)
+    assert [event.actor_id for event in loop.of("yield_completed")] == [2]
+    assert len(loop.of("yield_deferred")) == 1
+    assert not loop.touching()
+
+
+def test_no_gap_is_sought_right_before_a_junction(lab):
+    network = lab.junction_road()
+    cars = [
+        lab.Car(1, 0, 90, 3, (0, 2), ActorClass.AMBULANCE),
+        lab.Car(2, 0, 128, 3, (0, 2), desired=3),
+        lab.Car(3, 1, 128, 3, (0, 2), desired=3),
+    ]
+    loop = lab.Loop(lab.world_of(network, lab.L2), cars).run(40)
+    assert loop.of("yield_deferred")
+    assert all(row[2][4] == Owner.SUMO for row in loop.log)

@@ -1,0 +1,106 @@
+"""Civilians at L3 that stand in the way of a standing EMV."""
+
+from dataclasses import replace
+
+import pytest
+
+from siren_ros.behaviour.civilians.drivers import Compliance, Driver
+from siren_ros.behaviour.civilians.making_room import emv_waits_behind, makes_room, may_go_on
+from siren_ros.behaviour.civilians.pull_over import pull_over_path, start_pull_over
+from siren_ros.behaviour.civilians.unit import YieldUnit
+from siren_ros.world.actors import ActorClass, Mode
+
+AMBULANCE = ActorClass.AMBULANCE
+UNIT = YieldUnit(2, 1, Driver(Compliance.COMPLIES, 0.0, 40.0), 0, phase=Mode.YIELD_HOLD, side=-1)
+WAITED = replace(UNIT, emv_waits_steps=30)
+
+
+def view_of(lab, *cars, network=None):
+    network = network or lab.straight_road()
+    return lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, list(cars)))
+
+
+@pytest.mark.parametrize(
+    ("s", "lane", "speed", "waits"),
+    [
+        (112.0, 0, 0.0, True),
+        (112.0, 1, 0.0, True),
+        (112.0, 0, 1.0, False),
+        (140.0, 0, 0.0, False),
+        (88.0, 0, 0.0, False),
+        (101.0, 1, 0.0, False),
+    ],
+)
+def test_the_emv_waits_behind_where_it_stands_near_and_headed_for_the_vehicle(lab, s, lane, speed, waits):
+    view = view_of(lab, lab.Car(1, 0, 100, speed, (0,), AMBULANCE), lab.Car(2, lane, s, 0, (0,)))
+    assert emv_waits_behind(view, 1, 0) is waits
+    assert not emv_waits_behind(view, 1, -1)
+
+
+def test_room_is_made_after_the_emv_has_waited_for_a_while(lab):
+    view = view_of(lab, lab.Car(1, 0, 100, 0, (0,), AMBULANCE), lab.Car(2, 0, 112, 0, (0,)))
+    assert not makes_room(replace(UNIT, emv_waits_steps=29), view)
+    assert makes_room(WAITED, view)
+
+
+@pytest.mark.parametrize(
+    ("unit", "gap", "goes"),
+    [
+        (UNIT, 50.0, False),
+        (replace(UNIT, partial=True), 4.5, True),
+        (replace(UNIT, partial=True), 3.5, False),
+        (WAITED, 3.5, True),
+        (WAITED, 2.0, False),
+    ],
+)
+def test_goes_on_where_the_way_ahead_is_free(lab, unit, gap, goes):
+    length = lab.vehicles[ActorClass.SEDAN].length_m
+    view = view_of(lab, lab.Car(2, 0, 112, 0, (0,)), lab.Car(3, 0, 112 + length + gap, 0, (0,)))
+    assert may_go_on(unit, 0, 0, view) is goes
+
+
+def test_the_front_goes_over_the_stop_line_only_to_make_room(lab):
+    network = lab.junction_road()
+    half = 0.5 * lab.vehicles[ActorClass.SEDAN].length_m
+    view = view_of(lab, lab.Car(2, 1, 149.0 - half, 0, (0, 2)), network=network)
+    left = replace(UNIT, side=1)
+    assert pull_over_path(left, 0, 1, view) is None
+    path = pull_over_path(replace(left, emv_waits_steps=30), 0, 1, view)
+    front = path.curve.points[-1, 0] + half
+    over = view.world.config.pull_over.room_over_line_m
+    assert 150.0 + 0.5 * over < front < 150.0 + over + 0.5
+
+
+def test_a_vehicle_beside_a_shoulder_stays_before_the_stop_line(lab):
+    road = lab.RoadBuilder()
+    road.edge([[0.0, 0.0], [150.0, 0.0]], 2, ("W", "J"), shoulder=True)
+    road.edge([[150.0, 3.3], [175.0, 3.3]], 1, ("J", "J"), internal=True)
+    road.edge([[175.0, 0.0], [400.0, 0.0]], 2, ("J", "E"), shoulder=True)
+    road.connect(1, 4, via=(2,), signal=True)
+    half = 0.5 * lab.vehicles[ActorClass.SEDAN].length_m
+    view = view_of(lab, lab.Car(2, 1, 149.0 - half, 0, (0, 2)), network=road.built())
+    assert pull_over_path(WAITED, 0, 1, view) is None
+
+
+def test_stands_on_a_junction_in_the_way_and_goes_on(lab):
+    network = lab.junction_road()
+    view = view_of(lab, lab.Car(2, 2, 5.0, 0.0, (0, 2)), network=network)
+    assert start_pull_over(UNIT, 0, view).unit.phase is Mode.YIELD_DEFERRED
+    assert start_pull_over(WAITED, 0, view).unit.phase is Mode.YIELD_PULL_OVER
+    moving = view_of(lab, lab.Car(2, 2, 5.0, 5.0, (0, 2)), network=network)
+    assert start_pull_over(WAITED, 0, moving).unit.phase is Mode.YIELD_DEFERRED
+
+
+def test_a_queue_that_left_no_corridor_goes_on_until_the_emv_gets_through(lab):
+    road = lab.straight_road(2)
+    cars = [
+        lab.Car(1, 0, 80, 6, (0,), AMBULANCE),
+        lab.Car(2, 0, 108, 0, (0,), desired=0),
+        lab.Car(3, 0, 114.5, 0, (0,), desired=0),
+        lab.Car(4, 1, 108, 0, (0,), desired=0),
+        lab.Car(5, 1, 114.5, 0, (0,), desired=0),
+    ]
+    loop = lab.Loop(lab.world_of(road, lab.L3), cars).run(900)
+    assert loop.body.x_m[0] > 150.0
+    assert min(row[actor][0] for row in loop.log[-1:] for actor in (2, 3, 4, 5)) > 110.0
+    assert not loop.touching()

@@ -1,0 +1,155 @@
+"""L3 transitions of one civilian."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from siren_ros.behaviour.civilians.pull_over import alignment_of, edge_offset_m
+from siren_ros.behaviour.civilians.unit import aligned_within_rad
+from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
+from siren_ros.world.actors import ActorClass, Mode, Owner
+
+AMBULANCE = ActorClass.AMBULANCE
+
+
+def steps(lab, world, cars, count=1, state=None, start=0, poses=None):
+    state = state or YieldState.initial()
+    events = []
+    commands = None
+    for k in range(start, start + count):
+        observed = lab.traffic_of(world.network, cars, step=k, spawn=k == 0, poses=poses)
+        state, commands = step_yield(state, observed, world)
+        events += commands.events
+    return state, commands, events
+
+
+def kinds(events):
+    return [event.kind.value for event in events]
+
+
+def emv_at(lab, s=50.0):
+    return lab.Car(1, 0, s, 8, (0,), AMBULANCE)
+
+
+@pytest.fixture
+def world(lab):
+    return lab.world_of(lab.straight_road(), lab.L3)
+
+
+@pytest.mark.parametrize(
+    ("lanes", "shoulder", "expected"),
+    [(1, False, [-1]), (2, False, [-1, 1]), (3, False, [-1, -1, 1]), (3, True, [-1, -1, 1]), (2, True, [-1, -1])],
+)
+def test_leftmost_lane_goes_left_all_others_right(lab, lanes, shoulder, expected):
+    network = lab.straight_road(lanes, shoulder=shoulder)
+    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, [emv_at(lab)]))
+    assert [alignment_of(view, lane) for lane in range(lanes)] == expected
+
+
+def test_stands_at_the_edge_and_over_it_where_the_lane_is_narrow(lab):
+    wide = lab.straight_road()
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,)), lab.Car(3, 1, 80, 5, (0,), ActorClass.TRUCK)]
+    view = lab.view_of(lab.world_of(wide, lab.L3), lab.traffic_of(wide, cars))
+    truck = lab.vehicles[ActorClass.TRUCK].width_m
+    assert edge_offset_m(view, 1, 0, -1) == pytest.approx(-(1.65 - 0.915))
+    assert edge_offset_m(view, 2, 1, 1) == pytest.approx(min(1.4 - 1.65 + truck / 2, 1.65 - truck / 2 + 0.5))
+
+
+def test_every_lane_of_the_road_pulls_over(lab, world):
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,)), lab.Car(3, 1, 80, 5, (0,))]
+    _, commands, events = steps(lab, world, cars)
+    assert kinds(events) == ["yield_requested", "yield_requested", "yield_started", "yield_started"]
+    assert commands.mode.tolist() == [Mode.YIELD_PULL_OVER] * 2
+    assert commands.owner.tolist() == [Owner.ROS] * 2
+    assert [event.detail["side"] for event in events[2:]] == [-1, 1]
+
+
+def test_holds_with_full_brake_and_hand_brake_when_reached_and_aligned(lab, world):
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
+    state, _, _ = steps(lab, world, cars)
+    arrived = [cars[0], lab.Car(2, 0, 90, 0, (0,), left=-0.735)]
+    state, commands, events = steps(lab, world, arrived, 1, state, 1)
+    assert kinds(events) == ["yield_held"]
+    assert events[0].detail["partial"] == 0
+    assert commands.mode.tolist() == [Mode.YIELD_HOLD]
+    assert (commands.brake[0], commands.throttle[0], commands.hand_brake[0]) == (1.0, 0.0, 1)
+
+
+def test_does_not_hold_while_the_heading_is_off_by_more_than_eight_degrees(lab, world):
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
+    state, _, _ = steps(lab, world, cars)
+    for degrees, held in ((9.0, False), (7.0, True)):
+        poses = np.array([[50.0, 0.0, 0.0, 8.0], [90.0, -0.735, -np.radians(degrees), 2.0]])
+        _, _, events = steps(lab, world, cars, 1, state, 1, poses)
+        assert ("yield_held" in kinds(events)) is held
+
+
+def test_released_from_the_hold_by_way_of_the_lane(lab, world):
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
+    state, _, _ = steps(lab, world, cars)
+    held = lab.Car(2, 0, 90, 0, (0,), left=-0.735)
+    state, _, _ = steps(lab, world, [cars[0], held], 1, state, 1)
+    state, commands, events = steps(lab, world, [emv_at(lab, 98.0), held], 1, state, 2)
+    assert commands.mode.tolist() == [Mode.REJOIN]
+    assert commands.owner.tolist() == [Owner.ROS]
+    assert not events
+    state, commands, events = steps(lab, world, [emv_at(lab, 120.0), lab.Car(2, 0, 100, 4, (0,))], 1, state, 3)
+    assert kinds(events) == ["yield_released"]
+    assert len(commands) == 0
+
+
+def test_takes_over_where_it_stands_when_the_way_back_is_blocked(lab, world):
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
+    state, _, _ = steps(lab, world, cars)
+    held = [lab.Car(2, 0, 90, 0, (0,), left=-0.735), lab.Car(3, 0, 96, 0, (0,))]
+    known = lab.traffic_of(world.network, held, step=1).spawned
+    state = replace(state, actors=state.actors.of({**state.actors.by_id, **{a.actor_id: a for a in known}}))
+    state, _, _ = steps(lab, world, [cars[0], *held], 1, state, 1)
+    _, commands, events = steps(lab, world, [emv_at(lab, 110.0), *held], 45, state, 2)
+    assert kinds([event for event in events if event.actor_id == 2]) == ["yield_released"]
+    assert 2 not in commands.actor_id.tolist()
+
+
+def test_not_on_a_junction(lab):
+    network = lab.junction_road()
+    world = lab.world_of(network, lab.L3)
+    cars = [lab.Car(1, 0, 135, 8, (0, 2), AMBULANCE), lab.Car(2, 2, 10, 5, (0, 2))]
+    _, commands, events = steps(lab, world, cars)
+    assert kinds(events) == ["yield_requested", "yield_deferred"]
+    assert events[1].detail["reason"] == "junction"
+    assert commands.owner.tolist() == [Owner.SUMO]
+
+
+def test_stops_before_the_junction(lab):
+    network = lab.junction_road()
+    world = lab.world_of(network, lab.L3)
+    cars = [lab.Car(1, 0, 100, 0, (0, 2), AMBULANCE), lab.Car(2, 0, 130, 4, (0, 2))]
+    loop = lab.Loop(world, cars, lambda _: {})
+    loop.world = replace(world, speeds=replace(world.speeds, emv_route_follow_mps=0.0, emv_copy_sumo_mps=0.0))
+    loop.run(200)
+    front = loop.body.x_m[1] + 4.75 / 2
+    assert loop.modes[2] == Mode.YIELD_HOLD
+    assert front < 150.0
+
+
+def test_partial_hold_behind_a_standing_vehicle_goes_on_when_the_way_is_free(lab, world):
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 0, (0,)), lab.Car(3, 0, 87.2, 0, (0,))]
+    state, _, _ = steps(lab, world, cars)
+    stuck = [cars[0], lab.Car(2, 0, 80.4, 0, (0,), left=-0.1), cars[2]]
+    state, _, events = steps(lab, world, stuck, 25, state, 1)
+    held = [event for event in events if event.kind.value == "yield_held" and event.actor_id == 2]
+    assert [event.detail["partial"] for event in held] == [1]
+    free = [cars[0], stuck[1], lab.Car(3, 0, 110, 0, (0,))]
+    state, commands, _ = steps(lab, world, free, 12, state, 26)
+    assert dict(zip(commands.actor_id.tolist(), commands.mode.tolist(), strict=True))[2] == Mode.YIELD_PULL_OVER
+
+
+def test_a_long_vehicle_has_to_stand_straighter_than_a_car(lab):
+    network = lab.straight_road()
+    cars = [lab.Car(2, 0, 80, 0, (0,)), lab.Car(3, 0, 120, 0, (0,), ActorClass.BUS)]
+    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars, 0))
+    car, bus = (aligned_within_rad(row, view) for row in range(2))
+    assert car == pytest.approx(np.radians(8.0), rel=0.05)
+    assert np.sin(bus) * view.seen.half_length_m[1] < 0.35
+    assert bus < 0.5 * car

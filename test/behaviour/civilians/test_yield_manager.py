@@ -1,0 +1,223 @@
+"""The civilians' algorithm, transition by transition, without SUMO."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
+from siren_ros.behaviour.config import BehaviourConfig, YieldConfig
+from siren_ros.scenario.presets import ComplianceShares, TruncatedNormal, load_preset
+from siren_ros.world.actors import ActorClass, Mode, Owner
+
+AMBULANCE = ActorClass.AMBULANCE
+
+
+def steps(lab, world, cars, count=1, state=None, start=0, **traffic):
+    state = state or YieldState.initial()
+    events = []
+    commands = None
+    for k in range(start, start + count):
+        observed = lab.traffic_of(world.network, cars, step=k, spawn=k == 0, **traffic)
+        state, commands = step_yield(state, observed, world)
+        events += commands.events
+    return state, commands, events
+
+
+def kinds(events):
+    return [event.kind.value for event in events]
+
+
+def modes(commands):
+    return dict(zip(commands.actor_id.tolist(), (Mode(mode) for mode in commands.mode.tolist()), strict=True))
+
+
+def emv_at(lab, s=50.0, lane=0):
+    return lab.Car(1, lane, s, 10, (0,), AMBULANCE)
+
+
+@pytest.fixture
+def world(lab):
+    return lab.world_of(lab.straight_road(), lab.L2)
+
+
+@pytest.mark.parametrize("level", ["L0", "L1"])
+def test_nobody_yields_without_a_siren(lab, level):
+    quiet = lab.world_of(lab.straight_road(), getattr(lab, level))
+    _, commands, events = steps(lab, quiet, [emv_at(lab), lab.Car(2, 0, 70, 5, (0,))], flags=lab.RESCUE)
+    assert len(commands) == 0
+    assert not events
+
+
+def test_yields_at_once_with_the_papers_driver(lab, world):
+    _, commands, events = steps(lab, world, [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))])
+    assert kinds(events) == ["yield_requested", "yield_started"]
+    assert events[0].other_id == 1
+    assert modes(commands) == {2: Mode.YIELD_LANE_CHANGE}
+    assert commands.owner.tolist() == [Owner.ROS]
+    assert commands.source == "yield_manager"
+
+
+@pytest.mark.parametrize(
+    ("lane", "s"), [(1, 80.0), (0, 30.0), (0, 91.0)], ids=["other lane", "behind", "out of the region"]
+)
+def test_only_vehicles_ahead_in_the_emvs_lane_within_the_region(lab, world, lane, s):
+    _, commands, events = steps(lab, world, [emv_at(lab), lab.Car(2, lane, s, 5, (0,))])
+    assert len(commands) == 0
+    assert not events
+
+
+def test_sumos_rescue_lane_is_the_trigger_where_it_is_asked_for(lab):
+    world = lab.world_of(lab.straight_road(), lab.L2, config=BehaviourConfig(yielding=YieldConfig()))
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
+    assert not steps(lab, world, cars)[2]
+    assert "yield_requested" in kinds(steps(lab, world, cars, flags=lab.RESCUE)[2])
+
+
+def test_response_distance_is_the_free_way(lab, world):
+    near = replace(world, preset=replace(world.preset, response_distance_m=TruncatedNormal(20.0, 0.0, 20.0, 20.0)))
+    half = 0.5 * (6.5 + 4.75)
+    assert not steps(lab, near, [emv_at(lab), lab.Car(2, 0, 50 + half + 20.1, 5, (0,))])[2]
+    assert steps(lab, near, [emv_at(lab), lab.Car(2, 0, 50 + half + 19.9, 5, (0,))])[2]
+
+
+def test_reaction_delay_comes_first(lab, world):
+    slow = replace(world, preset=world.preset.for_scenario(40.0, 1.0, 1.0))
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
+    state, commands, events = steps(lab, slow, cars, 20)
+    assert kinds(events) == ["yield_requested"]
+    assert modes(commands) == {2: Mode.YIELD_REACTING}
+    assert commands.owner.tolist() == [Owner.SUMO]
+    _, commands, events = steps(lab, slow, cars, 1, state, 20)
+    assert kinds(events) == ["yield_started"]
+
+
+def test_request_latches_when_the_flag_goes(lab):
+    world = lab.world_of(lab.straight_road(), lab.L2, config=BehaviourConfig(yielding=YieldConfig()))
+    slow = replace(world, preset=world.preset.for_scenario(40.0, 1.0, 1.0))
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
+    state, _, _ = steps(lab, slow, cars, 1, flags=lab.RESCUE)
+    _, _, events = steps(lab, slow, cars, 20, state, 1)
+    assert kinds(events) == ["yield_started"]
+
+
+def test_drivers_that_never_comply_are_asked_once_and_stay_nominal(lab, world):
+    refusing = replace(world, preset=replace(world.preset, compliance=ComplianceShares(0.0, 0.0, 1.0)))
+    _, commands, events = steps(lab, refusing, [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))], 50)
+    assert kinds(events) == ["yield_requested"]
+    assert events[0].detail["compliance"] == "never"
+    assert len(commands) == 0
+
+
+def test_infeasible_yield_is_deferred_once_and_reconsidered(lab, world):
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,)), lab.Car(3, 1, 81, 5, (0,))]
+    state, commands, events = steps(lab, world, cars, 10)
+    assert kinds(events) == ["yield_requested", "yield_deferred"]
+    assert events[1].detail["reason"] == "vehicle_beside"
+    assert modes(commands) == {2: Mode.YIELD_DEFERRED}
+    assert commands.owner.tolist() == [Owner.SUMO]
+    cars[2] = lab.Car(3, 1, 120, 5, (0,))
+    _, commands, events = steps(lab, world, cars, 1, state, 10)
+    assert kinds(events) == ["yield_started"]
+
+
+def test_right_side_is_preferred(lab):
+    world = lab.world_of(lab.straight_road(3), lab.L2)
+    cars = [emv_at(lab, lane=1), lab.Car(2, 1, 80, 5, (0,))]
+    assert steps(lab, world, cars)[2][-1].detail["side"] == -1
+    beside = [*cars, lab.Car(3, 0, 80, 5, (0,))]
+    assert steps(lab, world, beside)[2][-1].detail["side"] == 1
+
+
+def test_side_that_leads_on_comes_before_the_right_side(lab):
+    road = lab.RoadBuilder()
+    road.edge([[0, 0], [250, 0]], 3, ("A", "B"))
+    road.edge([[270, 3.3], [400, 3.3]], 2, ("B", "C"))
+    road.connect(1, 3, signal=True)
+    road.connect(2, 4, signal=True)
+    world = lab.world_of(road.built(), lab.L2)
+    cars = [lab.Car(1, 1, 120, 10, (0, 1), AMBULANCE), lab.Car(2, 1, 150, 5, (0, 1))]
+    assert steps(lab, world, cars)[2][-1].detail["side"] == 1
+
+
+@pytest.mark.parametrize(("where", "reason"), [(95.0, "emv_passed"), (20.0, "emv_gone")])
+def test_yield_that_has_not_started_is_dropped(lab, world, where, reason):
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,)), lab.Car(3, 1, 81, 5, (0,))]
+    state, _, _ = steps(lab, world, cars)
+    cars[0] = emv_at(lab, where)
+    state, _, events = steps(lab, world, cars, 1, state, 1)
+    assert kinds(events) == ["yield_cancelled"]
+    assert events[0].detail["reason"] == reason
+    assert not state.units
+
+
+def test_yield_is_dropped_when_the_emv_leaves_the_lane(lab, world):
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,)), lab.Car(3, 1, 81, 5, (0,))]
+    state, _, _ = steps(lab, world, cars)
+    cars[0] = emv_at(lab, 50.0, lane=1)
+    state, _, events = steps(lab, world, cars[:2], 22, state, 1)
+    assert "yield_started" in kinds(events) or "yield_cancelled" in kinds(events)
+    blocked = [cars[0], cars[1], lab.Car(3, 1, 81, 5, (0,))]
+    state, _, _ = steps(lab, world, [emv_at(lab), *blocked[1:]])
+    _, _, events = steps(lab, world, blocked, 22, state, 1)
+    dropped = [event for event in events if event.kind.value == "yield_cancelled" and event.actor_id == 2]
+    assert dropped[0].detail["reason"] == "off_path"
+
+
+def started(lab, world):
+    return steps(lab, world, [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))])[0]
+
+
+def test_completed_in_the_target_lane_then_kept_until_released(lab, world):
+    state = started(lab, world)
+    there = [emv_at(lab), lab.Car(2, 1, 90, 3, (0,))]
+    state, commands, events = steps(lab, world, there, 1, state, 1)
+    assert kinds(events) == ["yield_completed"]
+    assert modes(commands) == {2: Mode.YIELD_KEEP_LANE}
+    assert commands.owner.tolist() == [Owner.SUMO]
+    state, commands, events = steps(lab, world, there, 5, state, 2)
+    assert modes(commands) == {2: Mode.YIELD_KEEP_LANE}
+    assert not events
+    past = [emv_at(lab, 98.0), there[1]]
+    state, commands, events = steps(lab, world, past, 1, state, 7)
+    assert kinds(events) == ["yield_released"]
+    assert len(commands) == 0
+    assert not state.units
+
+
+def test_cancelled_when_the_emv_passes_before_completion_and_led_to_a_lane(lab, world):
+    state = started(lab, world)
+    halfway = [emv_at(lab, 93.0), lab.Car(2, 0, 85, 3, (0,), left=1.6)]
+    state, commands, events = steps(lab, world, halfway, 1, state, 1)
+    assert kinds(events) == ["yield_cancelled"]
+    assert modes(commands) == {2: Mode.REJOIN}
+    assert commands.owner.tolist() == [Owner.ROS]
+    state, commands, events = steps(lab, world, [halfway[0], lab.Car(2, 1, 95, 4, (0,))], 1, state, 2)
+    assert kinds(events) == ["yield_released"]
+    assert len(commands) == 0
+
+
+def test_yields_again_when_the_emv_follows_into_the_new_lane(lab, world):
+    state = started(lab, world)
+    state, _, _ = steps(lab, world, [emv_at(lab), lab.Car(2, 1, 90, 3, (0,))], 1, state, 1)
+    _, _, events = steps(lab, world, [emv_at(lab, 60.0, lane=1), lab.Car(2, 1, 90, 3, (0,))], 60, state, 2)
+    assert kinds(events)[:3] == ["yield_requested", "yield_deferred", "yield_started"]
+    assert [event.detail.get("reason") for event in events[:2]] == ["emv_followed", "cooldown"]
+    assert events[2].step == world.cooldown_steps
+
+
+def test_removed_civilian_is_forgotten(lab, world):
+    state = started(lab, world)
+    gone = replace(
+        lab.traffic_of(world.network, [emv_at(lab)], step=1, spawn=False), removed=np.array([2], dtype=np.uint32)
+    )
+    state, commands = step_yield(state, gone, world)
+    assert not state.units
+    assert len(commands) == 0
+
+
+def test_realistic_preset_draws_per_actor(lab):
+    world = lab.world_of(lab.straight_road(), lab.L2, preset=load_preset("realistic"))
+    cars = [emv_at(lab), *(lab.Car(2 + i, 0, 62.0 + 6.5 * i, 5, (0,)) for i in range(3))]
+    state, _, _ = steps(lab, world, cars)
+    assert len({driver.delay_s for driver in state.drivers.values()}) == len(state.drivers) > 1

@@ -1,0 +1,124 @@
+import math
+
+import numpy as np
+import pytest
+
+from siren_ros.behaviour.config import LaneChangeConfig
+from siren_ros.behaviour.driving.lane_change import (
+    LaneChangeQuery,
+    LaneGaps,
+    Refusal,
+    assess,
+    entered_lane,
+    gaps_in_lane,
+    lane_change_path,
+    refusal_of_gaps,
+)
+from siren_ros.behaviour.paths.lane_path import LanePath
+from siren_ros.world.actors import ActorClass
+
+CONFIG = LaneChangeConfig()
+
+
+def view_with(lab, network, cars, level=None):
+    return lab.view_of(lab.world_of(network, level or lab.L2), lab.traffic_of(network, cars))
+
+
+def query(view, row=0, lane=0, side=1, civilian=True):
+    return LaneChangeQuery(row, lane, side, 2.8, view.traffic.route_of_row(row), civilian)
+
+
+def test_gaps_are_from_bumper_to_bumper(lab):
+    cars = [lab.Car(1, 0, 100, 8, (0,)), lab.Car(2, 1, 120, 5, (0,)), lab.Car(3, 1, 70, 9, (0,))]
+    gaps = gaps_in_lane(view_with(lab, lab.straight_road(), cars), 0, 1)
+    assert gaps.front_m == pytest.approx(20.0 - 4.75)
+    assert gaps.rear_m == pytest.approx(30.0 - 4.75)
+    assert (gaps.front_mps, gaps.rear_mps, gaps.front_id) == (5.0, 9.0, 2)
+
+
+def test_empty_lane_has_infinite_gaps(lab):
+    view = view_with(lab, lab.straight_road(), [lab.Car(1, 0, 100, 8, (0,))])
+    assert gaps_in_lane(view, 0, 1).front_m == math.inf
+    assert isinstance(assess(view, query(view)), LanePath)
+
+
+def test_refusals_by_gap():
+    free = LaneGaps(math.inf, 0.0, math.inf, 0.0)
+    assert refusal_of_gaps(free, 8.0, 2.8, CONFIG) is None
+    assert refusal_of_gaps(LaneGaps(-1.0, 5.0, math.inf, 0.0), 8.0, 2.8, CONFIG) is Refusal.BESIDE
+    assert refusal_of_gaps(LaneGaps(3.9, 5.0, math.inf, 0.0), 8.0, 2.8, CONFIG) is Refusal.GAP_FRONT
+    assert refusal_of_gaps(LaneGaps(4.1, 5.0, math.inf, 0.0), 8.0, 2.8, CONFIG) is None
+    assert refusal_of_gaps(LaneGaps(math.inf, 0.0, 2.1, 5.0), 5.0, 5.0, CONFIG) is None
+    assert refusal_of_gaps(LaneGaps(math.inf, 0.0, 11.0, 12.0), 5.0, 5.0, CONFIG) is Refusal.GAP_REAR
+    assert refusal_of_gaps(LaneGaps(math.inf, 0.0, 12.0, 12.0), 5.0, 5.0, CONFIG) is None
+
+
+def test_rear_gap_outlasts_both_vehicles_braking():
+    """The vehicles' motion, integrated, against the closed form."""
+    for own, rear, target in ((7.0, 8.0, 2.8), (9.0, 6.0, 2.8), (5.0, 12.0, 13.9)):
+        gap = next(
+            g
+            for g in np.arange(0.1, 40.0, 0.02)
+            if refusal_of_gaps(LaneGaps(math.inf, 0.0, float(g), rear), own, target, CONFIG) is None
+        )
+        distance, v, w, dt = gap, own, rear, 0.001
+        for k in range(12000):
+            distance += (v - w) * dt
+            v = max(min(own, target), v - CONFIG.own_brake_mps2 * dt)
+            if k * dt >= CONFIG.rear_time_s:
+                w = max(min(own, target), w - CONFIG.brake_mps2 * dt) if w > min(own, target) else w
+        assert distance >= CONFIG.rear_gap_m - 0.05
+
+
+def test_vehicle_beside_refuses(lab):
+    view = view_with(lab, lab.straight_road(), [lab.Car(1, 0, 100, 8, (0,)), lab.Car(2, 1, 102, 8, (0,))])
+    assert assess(view, query(view)) is Refusal.BESIDE
+
+
+def test_no_lane_and_no_shoulder_for_civilians(lab):
+    view = view_with(lab, lab.straight_road(2, shoulder=True), [lab.Car(1, 1, 100, 8, (0,))])
+    assert assess(view, query(view, lane=1, side=1)) is Refusal.NO_LANE
+    assert assess(view, query(view, lane=1, side=-1)) is Refusal.NO_LANE
+    assert isinstance(assess(view, query(view, lane=1, side=-1, civilian=False)), LanePath)
+
+
+def test_no_lane_change_on_or_right_before_a_junction(lab):
+    network = lab.junction_road()
+    view = view_with(lab, network, [lab.Car(1, 0, 140, 8, (0, 2))])
+    assert assess(view, query(view)) is Refusal.NO_ROOM
+    view = view_with(lab, network, [lab.Car(1, 2, 10, 8, (0, 2))])
+    assert assess(view, query(view, lane=2)) is Refusal.JUNCTION
+
+
+def test_lane_that_leads_astray_needs_room_to_come_back(lab):
+    network = lab.junction_road()
+    near = view_with(lab, network, [lab.Car(1, 0, 90, 8, (0, 4))])
+    assert assess(near, query(near)) is Refusal.ASTRAY
+    far = view_with(lab, network, [lab.Car(1, 0, 30, 8, (0, 4))])
+    assert isinstance(assess(far, query(far)), LanePath)
+
+
+def test_path_starts_here_and_ends_in_the_target_lane(lab):
+    network = lab.straight_road()
+    view = view_with(lab, network, [lab.Car(1, 0, 100, 8, (0,))])
+    asked = query(view)
+    path = lane_change_path(view, asked, assess(view, asked), stop_at_end=True)
+    np.testing.assert_allclose(path.curve.points[0], [100.0, 0.0], atol=1e-6)
+    assert path.curve.points[-1, 1] == pytest.approx(3.3, abs=1e-6)
+    assert path.lane_at(0.0) == 1
+
+
+@pytest.mark.parametrize(("left", "expected"), [(0.0, True), (0.6, True), (1.2, False), (-1.2, False)])
+def test_entered_needs_the_whole_footprint(lab, left, expected):
+    network = lab.straight_road()
+    view = view_with(lab, network, [lab.Car(1, 1, 100, 8, (0,), left=left)])
+    assert entered_lane(view, 0, 1) is expected
+
+
+@pytest.mark.parametrize(("degrees", "expected"), [(7.5, True), (8.5, False), (-8.5, False)])
+def test_entered_needs_a_heading_within_eight_degrees(lab, degrees, expected):
+    network = lab.straight_road()
+    poses = np.array([[100.0, 3.3, np.radians(degrees), 5.0]])
+    car = lab.Car(1, 1, 100, 5, (0,), ActorClass.HATCHBACK)
+    view = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, [car], poses=poses))
+    assert entered_lane(view, 0, 1) is expected

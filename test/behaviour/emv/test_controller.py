@@ -1,0 +1,190 @@
+"""The guards of the EMV's algorithm, one by one, without SUMO."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from siren_ros.behaviour.emv.controller import EmvState, mode_of, step_emv, target_speed_mps
+from siren_ros.behaviour.emv.route import RoutePlan
+from siren_ros.behaviour.emv.unit import EmvUnit
+from siren_ros.behaviour.paths.lane_path import LaneEnd
+from siren_ros.world.actors import ActorClass, Lights, Mode, Owner
+
+AMBULANCE = ActorClass.AMBULANCE
+
+
+def steps(lab, world, cars, count=1, state=None, start=0, **traffic):
+    """The state and commands after some steps in which nobody moves."""
+    state = state or EmvState.initial()
+    events = []
+    commands = None
+    for k in range(start, start + count):
+        observed = lab.traffic_of(world.network, cars, step=k, spawn=k == 0, **traffic)
+        state, commands = step_emv(state, observed, world)
+        events += commands.events
+    return state, commands, events
+
+
+def kinds(events):
+    return [event.kind.value for event in events]
+
+
+@pytest.fixture
+def emv(lab):
+    return lab.Car(1, 0, 50, 10, (0,), AMBULANCE)
+
+
+def test_at_l0_sumo_drives(lab, emv):
+    _, commands, events = steps(lab, lab.world_of(lab.straight_road(), lab.L0), [emv])
+    assert len(commands) == 0
+    assert not events
+
+
+@pytest.mark.parametrize(("level", "lights"), [("L1", 0), ("L2", 24), ("L3", 24)])
+def test_ros_drives_with_the_levels_cue(lab, emv, level, lights):
+    _, commands, events = steps(lab, lab.world_of(lab.straight_road(), getattr(lab, level)), [emv])
+    assert commands.source == "emv_controller"
+    assert commands.actor_id.tolist() == [1]
+    assert commands.owner.tolist() == [Owner.ROS]
+    assert commands.mode.tolist() == [Mode.ROUTE_FOLLOW]
+    assert commands.lights.tolist() == [lights]
+    assert not events
+    assert commands.throttle[0] > 0.0
+
+
+def test_target_speeds_by_priority(lab):
+    network = lab.straight_road()
+    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, [lab.Car(1, 0, 60, 5, (0,))]))
+    cases = {
+        Mode.ROUTE_FOLLOW: EmvUnit(1),
+        Mode.FORCED_LANE_CHANGE: EmvUnit(1, change_side=1),
+        Mode.COPY_SUMO: EmvUnit(1, change_side=1, corridor=True),
+        Mode.GAP_ESCAPE: EmvUnit(1, change_side=1, corridor=True, gap_escape_active=True, escape_offset_m=1.0),
+    }
+    speeds = {mode: target_speed_mps(unit, view) * 3.6 for mode, unit in cases.items()}
+    assert all(mode_of(unit) is mode for mode, unit in cases.items())
+    assert list(speeds.values()) == pytest.approx([50.0, 50.0, 30.0, 20.0])
+    waiting = EmvUnit(1, gap_escape_active=True)
+    assert target_speed_mps(waiting, view) == 0.0
+
+
+def test_intent_starts_a_forced_lane_change_where_it_gains(lab, emv):
+    slow = lab.Car(2, 0, 80, 2, (0,))
+    world = lab.world_of(lab.straight_road(), lab.L1)
+    state, commands, events = steps(lab, world, [emv, slow], 2, advice={"lane_change_intent": 1})
+    assert kinds(events) == ["lane_change_requested", "lane_change_started"]
+    assert commands.mode.tolist() == [Mode.FORCED_LANE_CHANGE]
+    assert commands.lights[0] & Lights.INDICATOR_LEFT
+    path = state.units[1].navigator.path
+    assert path.curve.points[-1, 1] == pytest.approx(3.3, abs=1e-6)
+
+
+def test_intent_without_gain_is_deferred_once(lab, emv):
+    world = lab.world_of(lab.straight_road(), lab.L1)
+    _, commands, events = steps(lab, world, [emv], 5, advice={"lane_change_intent": 1})
+    assert kinds(events) == ["lane_change_requested", "lane_change_deferred"]
+    assert events[1].detail["reason"] == "no_gain"
+    assert commands.mode.tolist() == [Mode.ROUTE_FOLLOW]
+
+
+def test_infeasible_intent_is_reconsidered_and_dropped_after_a_while(lab, emv):
+    cars = [emv, lab.Car(2, 0, 80, 2, (0,)), lab.Car(3, 1, 52, 10, (0,))]
+    world = lab.world_of(lab.straight_road(), lab.L1)
+    state, _, events = steps(lab, world, cars, 3, advice={"lane_change_intent": 1})
+    assert kinds(events) == ["lane_change_requested", "lane_change_deferred"]
+    freed, _, started = steps(lab, world, cars[:2], 1, state, 3, advice={"lane_change_intent": 1})
+    assert kinds(started) == ["lane_change_started"]
+    assert freed.units[1].lane_change_forced
+    _, _, dropped = steps(lab, world, cars, 30, state, 3)
+    assert kinds(dropped) == ["lane_change_cancelled"]
+
+
+def test_cooldown_between_forced_lane_changes(lab, emv):
+    world = lab.world_of(lab.straight_road(), lab.L1)
+    cars = [emv, lab.Car(2, 0, 80, 2, (0,))]
+    before = EmvUnit(1, change_step=100)
+    warm, _, _ = steps(lab, world, cars)
+    state = EmvState({1: replace(before, navigator=warm.units[1].navigator, plan=warm.units[1].plan)}, warm.actors)
+    later, _, events = steps(lab, world, cars, 38, state, 101, advice={"lane_change_intent": 1})
+    assert kinds(events) == ["lane_change_requested"]
+    _, _, events = steps(lab, world, cars, 2, later, 139, advice={"lane_change_intent": 1})
+    assert kinds(events) == ["lane_change_started"]
+    assert events[0].step == 140
+
+
+def test_route_need_comes_before_sumos_intent(lab):
+    world = lab.world_of(lab.junction_road(), lab.L1)
+    emv = lab.Car(1, 1, 40, 10, (0, 4), AMBULANCE)
+    _, _, events = steps(lab, world, [emv], 3, advice={"lane_change_intent": 1})
+    assert kinds(events) == ["lane_change_requested", "lane_change_started"]
+    assert events[0].detail == {"side": -1, "reason": "route"}
+
+
+def test_path_reaches_through_the_junction_and_stays_the_same_while_it_serves(lab):
+    world = lab.world_of(lab.junction_road(), lab.L1)
+    emv = lab.Car(1, 0, 60, 10, (0, 2), AMBULANCE)
+    state, _, _ = steps(lab, world, [emv])
+    path = state.units[1].navigator.path
+    assert path.curve.points[-1, 0] > 150.0
+    again, _, _ = steps(lab, world, [emv], 10, state, 1)
+    assert again.units[1].navigator.path is path
+
+
+def test_removed_emv_is_forgotten(lab, emv):
+    world = lab.world_of(lab.straight_road(), lab.L2)
+    state, _, _ = steps(lab, world, [emv, lab.Car(2, 0, 90, 5, (0,))])
+    gone = replace(
+        lab.traffic_of(world.network, [lab.Car(2, 0, 90, 5, (0,))], step=1, spawn=False),
+        removed=np.array([1], dtype=np.uint32),
+    )
+    state, commands = step_emv(state, gone, world)
+    assert not state.units
+    assert len(commands) == 0
+
+
+def test_two_emvs_have_a_row_each(lab, emv):
+    second = lab.Car(7, 1, 20, 10, (0,), ActorClass.FIRE_TRUCK)
+    _, commands, _ = steps(lab, lab.world_of(lab.straight_road(), lab.L2), [emv, second])
+    assert commands.actor_id.tolist() == [1, 7]
+
+
+def test_same_inputs_give_the_same_commands(lab, emv):
+    def run():
+        loop = lab.Loop(lab.world_of(lab.straight_road(), lab.L2), [emv, lab.Car(2, 0, 90, 5, (0,))]).run(60)
+        return [tuple(row[1]) for row in loop.log], loop.events
+
+    assert run() == run()
+
+
+def test_waits_for_a_lane_that_is_clearing_but_not_for_ever(lab, emv):
+    cars = [emv, lab.Car(2, 0, 80, 2, (0,))]
+    world = lab.world_of(lab.straight_road(), lab.L2)
+    advised = {"advice": {"lane_change_intent": 1}, "flags": lab.RESCUE}
+    state, _, events = steps(lab, world, cars, 5, **advised)
+    assert kinds(events) == ["lane_change_requested", "lane_change_deferred"]
+    assert events[1].detail["reason"] == "lane_is_clearing"
+    slow = [lab.Car(1, 0, 50, 3, (0,), AMBULANCE), cars[1]]
+    state, _, events = steps(lab, world, slow, 299, state, 5, **advised)
+    assert not events
+    _, _, events = steps(lab, world, slow, 3, state, 304, **advised)
+    assert kinds(events) == ["lane_change_started"]
+
+
+def test_plan_agrees_with_the_route_also_on_the_junction_behind_its_first_edge():
+    plan = RoutePlan((4, 5), LaneEnd.HORIZON, 0)
+    assert plan.agrees_with(np.array([4, 5, 6], dtype=np.int32))
+    assert plan.agrees_with(np.array([3, 4, 5], dtype=np.int32))
+    assert plan.agrees_with(np.array([5, 9], dtype=np.int32))
+    assert not plan.agrees_with(np.array([4, 7], dtype=np.int32))
+    assert not plan.agrees_with(np.array([8, 9], dtype=np.int32))
+
+
+def test_plans_anew_when_the_route_changes(lab):
+    world = lab.world_of(lab.junction_road(), lab.L1)
+    state, _, _ = steps(lab, world, [lab.Car(1, 0, 60, 10, (0, 2), AMBULANCE)], 30)
+    before = state.units[1].navigator.path
+    state, _, _ = steps(lab, world, [lab.Car(1, 0, 60, 10, (0, 4), AMBULANCE)], 1, state, 30)
+    after = state.units[1].navigator.path
+    assert after is not before
+    assert after.curve.points[-1, 1] < -10.0

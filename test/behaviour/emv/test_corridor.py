@@ -1,0 +1,102 @@
+import numpy as np
+import pytest
+
+from siren_ros.behaviour.emv.controller import follow_route
+from siren_ros.behaviour.emv.corridor import braking_ahead, corridor_lane, corridor_mode, corridor_offsets
+from siren_ros.behaviour.emv.forced_lane_change import forced_lane_change
+from siren_ros.behaviour.emv.unit import EmvUnit
+from siren_ros.behaviour.paths.lane_path import LaneEnd, path_on_lanes
+from siren_ros.world.actors import ActorClass, Lights
+
+
+def view_at(lab, others=(), network=None, lane=0, step=0, **traffic):
+    network = network or lab.straight_road()
+    cars = [lab.Car(1, lane, 100, 8, (0,), ActorClass.AMBULANCE), *others]
+    return lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars, step=step, **traffic))
+
+
+def kinds(events):
+    return [event.kind.value for event in events]
+
+
+def on_route(view):
+    return follow_route(EmvUnit(1), 0, view)[0]
+
+
+def test_entered_when_vehicles_react(lab):
+    unit, events = corridor_mode(EmvUnit(1), 0, view_at(lab, advice={"rescue_count": 2}))
+    assert unit.corridor
+    assert kinds(events) == ["corridor_entered"]
+
+
+def test_entered_when_a_vehicle_brakes_ahead(lab):
+    car = lab.Car(2, 1, 150, 7, (0,))
+    quiet, braking = view_at(lab, [car]), view_at(lab, [car], lights={2: int(Lights.BRAKE)})
+    assert not braking_ahead(on_route(quiet), 0, quiet)
+    assert braking_ahead(on_route(braking), 0, braking)
+    behind = view_at(lab, [lab.Car(2, 1, 80, 0, (0,))])
+    assert not braking_ahead(on_route(behind), 0, behind)
+    far = view_at(lab, [lab.Car(2, 1, 185, 0, (0,))])
+    assert not braking_ahead(on_route(far), 0, far)
+
+
+def test_cancels_and_suppresses_forced_lane_changes(lab):
+    view = view_at(lab, advice={"rescue_count": 1, "lane_change_intent": 1})
+    unit, events = corridor_mode(EmvUnit(1, change_side=1), 0, view)
+    assert kinds(events) == ["lane_change_cancelled", "corridor_entered"]
+    unit, events = forced_lane_change(unit, 0, view)
+    assert not unit.lane_change_forced
+    assert not events
+
+
+def test_ends_when_nobody_reacts_any_more(lab):
+    unit, _ = corridor_mode(EmvUnit(1), 0, view_at(lab, advice={"rescue_count": 1}))
+    unit, events = corridor_mode(unit, 0, view_at(lab, step=19))
+    assert unit.corridor
+    unit, events = corridor_mode(unit, 0, view_at(lab, step=20))
+    assert not unit.corridor
+    assert kinds(events) == ["corridor_left"]
+
+
+def offsets(view, lane):
+    reference = path_on_lanes(view.world.network, (lane,), LaneEnd.HORIZON, 98.0, 80.0)
+    s = np.linspace(2.0, 78.0, 77)
+    return corridor_offsets(reference, s, 0, view)
+
+
+@pytest.mark.parametrize(("lanes", "lane", "expected"), [(2, 0, 1.65), (2, 1, -1.65), (3, 0, 4.95), (3, 1, 1.65)])
+def test_runs_between_the_leftmost_lane_and_its_right_neighbour(lab, lanes, lane, expected):
+    view = view_at(lab, network=lab.straight_road(lanes), lane=lane)
+    np.testing.assert_allclose(offsets(view, lane), expected, atol=1e-9)
+
+
+def test_moves_to_the_middle_of_what_the_vehicles_leave(lab):
+    others = [lab.Car(2, 0, 140, 0, (0,), left=-0.8), lab.Car(3, 1, 140, 0, (0,), left=0.2)]
+    view = view_at(lab, others)
+    right, left = -0.8 + 0.915, 3.5 - 0.915
+    assert offsets(view, 0)[40] == pytest.approx(0.5 * (right + left), abs=0.05)
+
+
+def test_keeps_clear_of_a_vehicle_on_one_side(lab):
+    view = view_at(lab, [lab.Car(2, 0, 140, 0, (0,), left=0.5)])
+    assert offsets(view, 0)[40] - 1.05 - (0.5 + 0.915) > 0.1
+
+
+def test_stays_on_the_road(lab):
+    view = view_at(lab, [lab.Car(2, 1, 140, 0, (0,), left=-1.0), lab.Car(3, 0, 140, 0, (0,), left=-1.6)])
+    found = offsets(view, 0)
+    assert found.min() >= -1.65 + 1.05 - 1e-9
+
+
+def test_before_a_right_turn_with_a_shoulder_the_corridor_is_the_shoulder(lab):
+    road = lab.RoadBuilder()
+    road.edge([[0, 0], [150, 0]], 3, ("W", "J"), shoulder=True)
+    road.edge([[160, -10], [160, -200]], 1, ("J", "S"))
+    road.edge([[175, 0], [300, 0]], 2, ("J", "E"))
+    for lane in (0, 1):
+        road.connect(lane, 3, direction="r")
+    road.connect(1, 4)
+    road.connect(2, 5)
+    network = road.built()
+    assert corridor_lane(network, 2, np.array([0, 1], dtype=np.int32)) == 0
+    assert corridor_lane(network, 2, np.array([0, 2], dtype=np.int32)) == 2

@@ -1,0 +1,173 @@
+from dataclasses import replace
+
+import pytest
+
+from siren_ros.behaviour.driving.collision_watch import CollisionSnapshot
+from siren_ros.behaviour.emv.escape_plan import search_gap
+from siren_ros.behaviour.emv.gap_escape import blocker_of, escape_path, escape_speed_mps, gap_escape_mode
+from siren_ros.behaviour.emv.unit import EmvUnit
+from siren_ros.behaviour.paths.lane_path import LaneEnd, path_on_lanes
+from siren_ros.world.actors import ActorClass
+
+BLOCKED = CollisionSnapshot(2, 3.0, 0.0)
+
+
+def view_at(lab, speed=0.0, others=(), network=None, advice=None, lane=0, step=0):
+    network = network or lab.straight_road()
+    cars = [lab.Car(1, lane, 100, speed, (0,), ActorClass.AMBULANCE), *others]
+    return lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars, step, advice=advice))
+
+
+def kinds(events):
+    return [event.kind.value for event in events]
+
+
+def run(unit, view, count):
+    events = []
+    for _ in range(count):
+        unit, happened = gap_escape_mode(unit, 0, view)
+        events += happened
+    return unit, events
+
+
+def test_entered_after_three_seconds_stopped_behind_a_blocker(lab):
+    view = view_at(lab, speed=0.5)
+    unit, events = run(EmvUnit(1, snapshot=BLOCKED), view, 59)
+    assert not unit.gap_escape_active
+    assert not events
+    unit, events = run(unit, view, 1)
+    assert unit.gap_escape_active
+    assert kinds(events) == ["gap_escape_entered"]
+    assert events[0].other_id == 2
+
+
+def test_stop_timer_starts_again_after_moving(lab):
+    unit, _ = run(EmvUnit(1, snapshot=BLOCKED), view_at(lab), 50)
+    unit, _ = run(unit, view_at(lab, speed=0.6), 1)
+    assert unit.stopped_s == 0.0
+    unit, events = run(unit, view_at(lab), 59)
+    assert not unit.gap_escape_active
+    assert not events
+
+
+def test_not_entered_without_a_blocker(lab):
+    unit, _ = run(EmvUnit(1), view_at(lab), 200)
+    assert not unit.gap_escape_active
+
+
+def test_left_after_two_seconds_without_a_blocker(lab):
+    active = EmvUnit(1, gap_escape_active=True)
+    unit, events = run(active, view_at(lab), 39)
+    assert unit.gap_escape_active
+    unit, events = run(unit, view_at(lab), 1)
+    assert not unit.gap_escape_active
+    assert kinds(events) == ["gap_escape_left"]
+
+
+def test_preempts_a_forced_lane_change(lab):
+    unit, events = run(EmvUnit(1, snapshot=BLOCKED, change_side=1, stopped_s=5.0), view_at(lab), 1)
+    assert unit.gap_escape_active
+    assert not unit.lane_change_forced
+    assert kinds(events) == ["lane_change_cancelled", "gap_escape_entered"]
+
+
+@pytest.mark.parametrize(("gap", "speed", "blocks"), [(79.0, 0.0, True), (81.0, 0.0, False), (30.0, 8.0, False)])
+def test_sumos_leader_blocks_within_the_query_range_unless_it_drives_away(lab, gap, speed, blocks):
+    others = [lab.Car(9, 0, 130, speed, (0,))]
+    view = view_at(lab, others=others, advice={"leader_id": 9, "leader_gap_m": gap})
+    assert (blocker_of(EmvUnit(1), 0, view) == 9) is blocks
+
+
+def reference_of(view, lane):
+    return path_on_lanes(view.world.network, (lane,), LaneEnd.HORIZON, 95.0, 60.0)
+
+
+@pytest.mark.parametrize(("speed", "right_m", "blocks"), [(3.0, 2.3, False), (3.0, 1.5, True), (0.0, 2.3, True)])
+def test_a_leader_that_an_emv_under_way_would_pass_beside_blocks_no_more(lab, speed, right_m, blocks):
+    others = [lab.Car(2, 0, 110, 0.0, (0,), left=-right_m)]
+    view = view_at(lab, speed, others, advice={"leader_id": 2, "leader_gap_m": 5.0})
+    unit = EmvUnit(1, gap_escape_active=True)
+    assert (blocker_of(unit, 0, view) == 2) is blocks
+
+
+def test_search_goes_round_a_blocker(lab):
+    view = view_at(lab, others=[lab.Car(2, 0, 112, 0, (0,))])
+    found = search_gap(reference_of(view, 0), 0, view)
+    clear = found.left_m[-1] - 1.05 - 0.915
+    assert clear > 0.1
+    assert found.length_m > 25.0
+
+
+def test_search_prefers_the_own_road_to_the_opposite_lane(lab):
+    road = lab.RoadBuilder()
+    road.edge([[0, 0], [400, 0]], 1, ("A", "B"))
+    road.edge([[400, 3.3], [0, 3.3]], 1, ("B", "A"))
+    opposite = road.built()
+    blocker = [lab.Car(2, 0, 112, 0, (0,))]
+    view = view_at(lab, others=blocker, network=opposite)
+    assert search_gap(reference_of(view, 0), 0, view).left_m.max() > 1.9
+    shoulder = lab.straight_road(2, shoulder=True)
+    view = view_at(lab, others=[lab.Car(2, 1, 112, 0, (0,))], network=shoulder, lane=1)
+    assert search_gap(reference_of(view, 1), 0, view).left_m.min() < -1.9
+
+
+def test_search_finds_nothing_where_both_lanes_are_blocked(lab):
+    others = [lab.Car(2, 0, 108, 0, (0,)), lab.Car(3, 1, 108, 0, (0,))]
+    view = view_at(lab, others=others)
+    assert search_gap(reference_of(view, 0), 0, view) is None
+
+
+def test_waits_says_so_once_and_escapes_when_a_gap_opens(lab):
+    never = replace(
+        lab.world_of(lab.straight_road(), lab.L3),
+        preset=lab.world_of(lab.straight_road(), lab.L3).preset.for_scenario(40.0, 0.0, 0.0),
+    )
+    cars = [
+        lab.Car(1, 0, 60, 5, (0,), ActorClass.AMBULANCE),
+        lab.Car(2, 0, 80, 0, (0,), desired=0),
+        lab.Car(3, 1, 80, 0, (0,), desired=0),
+    ]
+    loop = lab.Loop(never, cars).run(200)
+    assert len(loop.of("gap_escape_entered")) == 1
+    assert len(loop.of("gap_escape_waiting")) == 1
+    assert loop.body.forward_mps[0] < 0.05
+    loop.cars[2].desired = 4.0
+    loop.run(300)
+    assert len(loop.of("gap_escape_left")) == 1
+    assert loop.body.x_m[0] > 95.0
+    fast = max(row[1][3] for row in loop.log if row[1][5] == 4)
+    assert fast * 3.6 < 21.0
+    assert not loop.touching()
+
+
+def test_a_free_path_is_kept_and_a_blocked_one_replaced(lab):
+    active = EmvUnit(1, gap_escape_active=True)
+    behind = [lab.Car(2, 0, 114, 0, (0,))]
+    view = view_at(lab, others=behind)
+    first, events = escape_path(active, 0, view)
+    assert kinds(events) == ["gap_escape_replanned"]
+    assert first.escape_offset_m > 1.9
+    again = replace(first, escape_planned_step=-20)
+    kept, events = escape_path(again, 0, view)
+    assert kept.navigator.path is first.navigator.path
+    assert not events
+    closed = view_at(lab, others=[*behind, lab.Car(3, 1, 126, 0, (0,))])
+    other, _ = escape_path(again, 0, closed)
+    assert other.navigator.path is not first.navigator.path
+
+
+def test_waits_where_the_path_ends_and_no_other_is_found(lab):
+    both = [lab.Car(2, 0, 108, 0, (0,)), lab.Car(3, 1, 108, 0, (0,))]
+    view = view_at(lab, others=both)
+    unit, events = escape_path(EmvUnit(1, gap_escape_active=True), 0, view)
+    assert unit.escape_offset_m is None
+    assert kinds(events) == ["gap_escape_waiting"]
+    assert escape_speed_mps(unit, view) == 0.0
+    _, events = escape_path(unit, 0, view_at(lab, others=both, step=20))
+    assert not events
+
+
+@pytest.mark.parametrize(("clearance", "speed_mps"), [(0.3, 20.0 / 3.6), (0.15, 3.0), (0.08, 1.5)])
+def test_tight_paths_are_driven_slowly(lab, clearance, speed_mps):
+    unit = EmvUnit(1, gap_escape_active=True, escape_offset_m=0.0, escape_clearance_m=clearance)
+    assert escape_speed_mps(unit, view_at(lab)) == pytest.approx(speed_mps)

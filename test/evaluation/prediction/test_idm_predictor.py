@@ -1,0 +1,112 @@
+import numpy as np
+import pytest
+from made_records import Track, moving, record_with
+
+from siren_ros.evaluation.prediction.idm_predictor import IdmPredictor
+from siren_ros.evaluation.prediction.lane_following import paths_from
+from siren_ros.evaluation.prediction.leaders import Leaders, leaders_of
+from siren_ros.evaluation.prediction.prediction_samples import SampleBatch, samples_of
+from siren_ros.judging.lane_location import locate
+from siren_ros.roads.road_network import NO_LANE, RoadNetwork
+
+MODEL = IdmPredictor()
+
+
+def first_frame(tracks: dict[int, Track], network: RoadNetwork) -> tuple[SampleBatch, dict[int, int]]:
+    """The samples of a record, and for each actor that of the first frame."""
+    batch = samples_of(record_with(tracks, network), MODEL.window).batch
+    rows = np.flatnonzero(batch.actors.frame[batch.target] == 0)
+    return batch, dict(zip(batch.actors.actor_id[batch.target[rows]].tolist(), rows.tolist(), strict=True))
+
+
+def leaders(batch: SampleBatch) -> Leaders:
+    places = locate(batch.network, batch.actors.xy_m[:, -1], batch.actors.yaw_rad[:, -1], batch.actors.sumo_lane)
+    lanes = np.unique(places.lane[batch.target])
+    return leaders_of(batch, places, paths_from(batch.network, lanes[lanes != NO_LANE], 250.0), 250.0)
+
+
+def test_the_leader_is_the_nearest_in_the_own_lane(straight_road: RoadNetwork) -> None:
+    tracks = {
+        1: moving(10.0, -5.25, 4.0),
+        2: moving(60.0, -5.0, 5.0, length_m=8.0),
+        3: moving(30.0, -1.75, 4.0),
+        4: moving(90.0, -5.25, 6.0),
+        5: moving(45.0, -5.25, 3.0, yaw_rad=np.pi),
+    }
+    batch, sample = first_frame(tracks, straight_road)
+    found = leaders(batch)
+    # 3 s of history lie before the first sample: 50 m apart at the start, 53 m then.
+    assert found.gap_m[sample[1]] == pytest.approx(53.0 - 6.3)
+    assert found.speed_mps[sample[1]] == pytest.approx(5.0)
+    assert np.isinf(found.gap_m[sample[3]])
+    assert np.isinf(found.gap_m[sample[4]])
+    assert found.speed_mps[sample[4]] == 0.0
+
+
+def test_the_leader_may_be_beyond_a_junction(crossroads: RoadNetwork) -> None:
+    tracks = {1: moving(-50.0, 0.0, 0.0), 2: moving(60.0, 0.0, 0.0), 3: moving(20.0, 40.0, 0.0, yaw_rad=np.pi / 2)}
+    batch, sample = first_frame(tracks, crossroads)
+    found = leaders(batch)
+    assert found.gap_m[sample[1]] == pytest.approx(110.0 - 4.6)
+    assert np.isinf(found.gap_m[sample[3]])
+
+
+def test_off_the_lanes_the_leader_is_whoever_is_straight_ahead(straight_road: RoadNetwork) -> None:
+    tracks = {
+        1: moving(0.0, 50.0, 2.0),
+        2: moving(40.0, 51.0, 3.0, yaw_rad=np.pi / 3),
+        3: moving(20.0, 53.0, 0.0),
+        4: moving(-30.0, 50.0, 2.0),
+    }
+    batch, sample = first_frame(tracks, straight_road)
+    found = leaders(batch)
+    gone = tracks[2].states[60]
+    assert abs(gone[1] - 50.0) > 1.8
+    assert np.isinf(found.gap_m[sample[1]])
+    assert found.gap_m[sample[4]] == pytest.approx(30.0 - 4.6)
+    assert found.speed_mps[sample[4]] == pytest.approx(2.0)
+
+
+def test_on_a_free_lane_the_limit_is_kept(straight_road: RoadNetwork) -> None:
+    batch, sample = first_frame({1: moving(0.0, -5.25, 13.89), 2: moving(0.0, -1.75, 20.0)}, straight_road)
+    answer = MODEL.predict(batch)[:, 0]
+    for actor, speed in ((1, 13.89), (2, 20.0)):
+        steps = np.diff(answer[sample[actor], :, 0])
+        assert np.allclose(steps, 0.2 * speed), "v0 = max(v, speed limit)"
+
+
+def test_it_starts_where_the_vehicle_is_and_keeps_the_offset(straight_road: RoadNetwork) -> None:
+    batch, sample = first_frame({1: moving(0.0, -4.5, 10.0)}, straight_road)
+    answer = MODEL.predict(batch)[sample[1], 0]
+    assert np.allclose(answer[:, 1], -4.5)
+    assert answer[0, 0] == pytest.approx(30.0 + 2.0, abs=0.03)
+
+
+def test_it_stops_behind_a_standing_vehicle(straight_road: RoadNetwork) -> None:
+    batch, sample = first_frame({1: moving(0.0, -5.25, 9.0), 2: moving(66.0, -5.25, 0.0)}, straight_road)
+    answer = MODEL.predict(batch)[:, 0]
+    assert answer[sample[1], -1, 0] < 66.0 - 4.6
+    assert answer[sample[1], -1, 0] > 66.0 - 4.6 - 10.0
+
+
+def test_it_follows_the_bend_that_it_is_on(crossroads: RoadNetwork) -> None:
+    on_path = Track(np.tile((10.0, 4.2857, 0.0, 0.0, 0.5), (201, 1)))
+    batch, sample = first_frame({1: on_path}, crossroads)
+    answer = MODEL.predict(batch)[sample[1], 0]
+    bend = crossroads.lanes[4].centre
+    along, left = bend.project(answer)
+    assert np.allclose(left, 0.0, atol=0.1)
+    assert along[0] < 14.0
+    assert along[-1] > 27.0
+
+
+def test_off_the_lanes_it_goes_straight_ahead(straight_road: RoadNetwork) -> None:
+    batch, sample = first_frame({1: moving(0.0, 50.0, 13.0, yaw_rad=0.6)}, straight_road)
+    way = MODEL.predict(batch)[sample[1], 0] - batch.xy_m[sample[1]]
+    assert np.allclose(np.arctan2(way[:, 1], way[:, 0]), 0.6)
+    assert np.linalg.norm(way[-1]) > 65.0
+
+
+def test_no_samples_no_answer(straight_road: RoadNetwork) -> None:
+    batch = samples_of(record_with({1: moving(0.0, -5.25, 5.0, steps=20)}, straight_road), MODEL.window).batch
+    assert MODEL.predict(batch).shape == (0, 1, 25, 2)

@@ -1,0 +1,29 @@
+import numpy as np
+import pytest
+
+from siren_ros.evaluation.prediction.lane_following import paths_from, straight_successors
+from siren_ros.roads.road_network import NO_LANE, RoadNetwork
+
+
+def test_the_straightest_movement_follows_and_junction_paths_lead_out(crossroads: RoadNetwork) -> None:
+    assert straight_successors(crossroads).tolist() == [5, NO_LANE, NO_LANE, NO_LANE, 1, 2, 3]
+
+
+def test_paths_know_where_their_lanes_start(crossroads: RoadNetwork) -> None:
+    paths = paths_from(crossroads, np.array([0, 4], dtype=np.int32), 200.0)
+    assert paths.path_of_lane.tolist() == [0, -1, -1, -1, 1, -1, -1]
+    assert paths.start_m[0, [0, 5, 2]].tolist() == [0.0, 100.0, 140.0]
+    assert np.isinf(paths.start_m[0, [1, 3, 4, 6]]).all()
+    assert paths.start_m[1, 1] == pytest.approx(crossroads.lanes[4].length_m)
+
+
+def test_the_reach_ends_the_path(crossroads: RoadNetwork) -> None:
+    paths = paths_from(crossroads, np.array([0], dtype=np.int32), 30.0)
+    assert np.isfinite(paths.start_m[0, 5])
+    assert np.isinf(paths.start_m[0, 2])
+
+
+def test_points_keep_their_offset_and_go_straight_on_past_the_end(crossroads: RoadNetwork) -> None:
+    paths = paths_from(crossroads, np.array([0, 1], dtype=np.int32), 200.0)
+    points = paths.points(np.array([1, 0]), np.array([[50.0, 150.0], [10.0, 260.0]]), np.array([0.5, -1.0]))
+    assert np.allclose(points, [[(19.5, 70.0), (19.5, 170.0)], [(-90.0, -1.0), (160.0, -1.0)]])

@@ -1,0 +1,95 @@
+"""The whole evaluation: on formulas, on a bag, and on a short real episode."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_records import moving, record_with
+
+from siren_ros.evaluation.prediction.displacement_metrics import METRICS
+from siren_ros.evaluation.prediction.prediction import score_episode
+from siren_ros.evaluation.prediction.prediction_samples import samples_of
+from siren_ros.evaluation.prediction.prediction_window import HistoryWindow
+from siren_ros.evaluation.prediction.predictors import PREDICTORS, predictors_named
+from siren_ros.generation.closed_loop import closed_loop
+from siren_ros.generation.closed_loop import record_of as record_of_loop
+from siren_ros.generation.episode_setup import EpisodeRequest, set_up_episode
+from siren_ros.recording.bag_reader import read_episode
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.world.actors import ActorStates
+
+STEPS = 180
+"""9 s: 90 frames, of which ten begin a whole window."""
+
+
+@pytest.fixture(scope="module")
+def episode() -> EpisodeRecord:
+    setup = set_up_episode(EpisodeRequest("S2", sensors="none"))
+    return record_of_loop(setup, list(closed_loop(setup, STEPS)))
+
+
+def shaken(states: ActorStates, rng: np.random.Generator) -> ActorStates:
+    """The same actors elsewhere, with other velocities."""
+    changed = {
+        name: getattr(states, name) + rng.normal(scale=20.0, size=len(states))
+        for name in ("x_m", "y_m", "vx_mps", "vy_mps", "yaw_rad")
+    }
+    return replace(states, **changed)
+
+
+@pytest.mark.parametrize("model", PREDICTORS)
+def test_predictions_do_not_depend_on_the_logged_future(model: str, episode: EpisodeRecord) -> None:
+    predictor = predictors_named([model])[model]
+    now = 70
+    rng = np.random.default_rng(3)
+    states = tuple(state if state.step <= now else shaken(state, rng) for state in episode.states)
+    traffic = tuple(
+        item if item.step <= now else replace(item, lane=np.full_like(item.lane, -1), lane_position_m=0.0 * item.x_m)
+        for item in episode.traffic
+    )
+    before, after = (
+        samples_of(record, predictor.window)
+        for record in (episode, replace(episode, states=states, traffic=traffic, events=(), commands={}))
+    )
+    present = before.batch.step[before.batch.actors.frame[before.batch.target]] <= now
+    assert present.sum() > 50
+    assert not np.allclose(before.future_xy_m[present], after.future_xy_m[present])
+    assert np.array_equal(predictor.predict(before.batch)[present], predictor.predict(after.batch)[present])
+
+
+def test_a_real_episode_is_scored(episode: EpisodeRecord) -> None:
+    scores = score_episode("live", episode, predictors_named(["cv", "idm"]))
+    there = [len(episode.track(key)) for key in episode.actors]
+    assert scores.samples >= 10 * sum(count == STEPS for count in there) > 0
+    assert (scores.template, scores.map_name) == ("S2", "town")
+    for metrics in scores.models.values():
+        assert list(metrics) == [metric.name for metric in METRICS]
+        assert 0.0 < metrics["ade_m"].value < metrics["fde_m"].value < metrics["rmse_5s_m"].value < 40.0
+        assert metrics["min_ade_6_m"] == metrics["ade_m"], "one hypothesis"
+
+
+def test_scores_of_a_bag_are_those_of_its_record(
+    tmp_path: Path, write_bag: Callable[..., Path], record_of: Callable[..., EpisodeRecord]
+) -> None:
+    bag = write_bag(tmp_path / "bag", duration_s=9.0)
+    models = predictors_named(["cv", "idm"])
+    from_bag = score_episode("bag", read_episode(bag), models)
+    assert from_bag == score_episode("bag", record_of(duration_s=9.0), models)
+    assert from_bag.samples == 5 * (90 - 80)
+
+
+def test_models_with_other_histories_have_their_own_samples(straight_road: RoadNetwork) -> None:
+    record = record_with({1: moving(0.0, -5.25, 5.0, steps=2 * 120 - 1)}, straight_road)
+    long = replace(predictors_named(["cv"])["cv"], window=HistoryWindow(points=50, stride_frames=1))
+    scores = score_episode("two", record, {"cv": predictors_named(["cv"])["cv"], "long": long})
+    assert {model: values["ade_m"].samples for model, values in scores.models.items()} == {"cv": 40, "long": 21}
+    assert scores.samples == 21
+
+
+def test_a_shaken_order_of_rows_gives_the_same_scores(episode: EpisodeRecord) -> None:
+    models = predictors_named(["cv", "idm"])
+    backwards = replace(episode, states=tuple(reversed(episode.states)))
+    assert score_episode("a", episode, models) == score_episode("a", backwards, models)

@@ -1,0 +1,75 @@
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import spearmanr
+
+from siren_ros.evaluation.prediction.displacement_metrics import METRICS, MetricValue
+from siren_ros.evaluation.prediction.prediction import EpisodeScores
+from siren_ros.evaluation.prediction.prediction_reference import PAPER, TEMPLATES
+from siren_ros.evaluation.prediction.prediction_summary import as_json, rank_correlation, summarise
+from siren_ros.scenario.levels import EmergencyLevel
+
+
+def scores(template: str, ade_m: float, samples: int = 100, seed: int = 0) -> EpisodeScores:
+    values = {metric.name: MetricValue(ade_m if samples else 0.0, samples) for metric in METRICS}
+    return EpisodeScores(f"{template}_{seed}", template, EmergencyLevel.L2, seed, "town", {"cv": values})
+
+
+def test_the_papers_own_values_agree_with_the_paper() -> None:
+    values = PAPER["cv", "ade_m"].by_template
+    summary = summarise([scores(template, values[template]) for template in TEMPLATES])["cv"]["ade_m"]
+    assert summary.mean == pytest.approx(1.44, abs=0.005)
+    assert summary.deviation == pytest.approx(0.0, abs=0.003)
+    assert summary.spearman == pytest.approx(1.0)
+    assert summary.paper_mean == summary.paper_mean_same_templates == 1.44
+
+
+def test_templates_count_once_whatever_their_number_of_episodes() -> None:
+    episodes = [
+        scores("S1", 1.0),
+        scores("S1", 3.0, seed=1),
+        scores("S2", 5.0),
+        scores("mine", 9.0),
+        scores("S3", 0.0, 0),
+    ]
+    summary = summarise(episodes)["cv"]["ade_m"]
+    assert summary.by_template == {"S1": 2.0, "S2": 5.0, "mine": 9.0}
+    assert summary.mean == pytest.approx(16.0 / 3.0)
+    assert summary.paper_by_template == {"S1": 1.63, "S2": 1.17}
+    assert summary.paper_mean_same_templates == pytest.approx(1.40)
+    assert summary.deviation_same_templates == pytest.approx(3.5 / 1.4 - 1.0)
+    assert summary.deviation == pytest.approx(16.0 / 3.0 / 1.44 - 1.0)
+    assert summary.spearman is None, "two templates in common are no ranking"
+
+
+def test_without_any_sample_nothing_is_said() -> None:
+    summary = summarise([scores("S1", 0.0, 0)])["cv"]["ade_m"]
+    assert (summary.mean, summary.deviation, summary.deviation_same_templates, summary.spearman) == (None,) * 4
+
+
+@given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=3, max_size=8))
+def test_rank_correlation_is_spearmans(pairs: list[tuple[int, int]]) -> None:
+    first, second = (list(map(float, side)) for side in zip(*pairs, strict=True))
+    found = rank_correlation(first, second)
+    if len(set(first)) == 1 or len(set(second)) == 1:
+        assert found is None
+    else:
+        assert found == pytest.approx(spearmanr(first, second).statistic, abs=1e-12)
+
+
+def test_rank_correlation_of_a_reversed_order() -> None:
+    assert rank_correlation([1.0, 2.0, 9.0], [3.0, 2.0, 1.0]) == pytest.approx(-1.0)
+
+
+def test_json_says_all_and_is_strict() -> None:
+    episodes = [scores("S1", 1.5), scores("mine", 0.0, 0)]
+    text = json.dumps(as_json(episodes, summarise(episodes)), allow_nan=False)
+    read = json.loads(text)
+    first, second = (episode["models"]["cv"] for episode in read["episodes"])
+    assert (first["samples"], first["ade_m"], first["paper"]["ade_m"]) == (100, 1.5, 1.63)
+    assert (second["samples"], second["ade_m"], second["paper"]) == (0, None, {})
+    assert read["summary"]["cv"]["ade_m"]["mean"] == 1.5
+    assert np.isclose(read["summary"]["cv"]["ade_m"]["deviation"], 1.5 / 1.44 - 1.0)

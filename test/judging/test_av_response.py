@@ -1,0 +1,60 @@
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from siren_ros.judging.av_response import AvResponse, av_response
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.world.events import Event, EventKind
+
+AV = 2
+
+
+def with_av(record: EpisodeRecord, actor_id: int = AV) -> EpisodeRecord:
+    parameters = {**record.description.parameters, "av": {"actor_id": actor_id, "sensors": "none"}}
+    return replace(record, description=replace(record.description, parameters=parameters))
+
+
+def response_of(record: EpisodeRecord) -> AvResponse:
+    found = av_response(record)
+    assert found is not None
+    return found
+
+
+def test_no_av_no_response(record_of: Callable[..., EpisodeRecord]) -> None:
+    assert av_response(record_of()) is None
+
+
+def test_a_vehicle_that_makes_way_is_measured(record_of: Callable[..., EpisodeRecord]) -> None:
+    record = with_av(record_of())
+    found = response_of(record)
+    av, emv = record.track(AV), record.track(1)
+    side_m = np.hypot(av.x_m - emv.x_m, av.y_m - emv.y_m)
+    heard = round(found.heard_s / 0.05)
+    assert side_m[heard] <= 40.0
+    assert heard == 0 or side_m[heard - 1] > 40.0
+    passed = heard + round(found.passed_after_s / 0.05)
+    assert emv.x_m[passed] > av.x_m[passed]
+    assert emv.x_m[passed - 1] <= av.x_m[passed - 1]
+    assert found.closest_m == pytest.approx(side_m.min())
+    assert found.moved_right_m == pytest.approx(np.max(av.y_m[heard] - av.y_m[heard : passed + 1]))
+    assert found.collisions == 0
+    assert found.measures()["av.heard_s"] == found.heard_s
+
+
+def test_collisions_of_the_av_are_counted(record_of: Callable[..., EpisodeRecord]) -> None:
+    def collision(one: int, two: int) -> Any:
+        return Event(5, EventKind.COLLISION, one, two)
+
+    record = replace(with_av(record_of()), events=(collision(1, AV), collision(3, 4), collision(AV, 3)))
+    assert response_of(record).collisions == 2
+
+
+def test_a_siren_that_stays_away_was_not_heard(record_of: Callable[..., EpisodeRecord]) -> None:
+    record = with_av(record_of(duration_s=0.5))
+    far = max(record.actors, key=lambda key: float(record.track(key).x_m[0]))
+    found = response_of(with_av(record, far))
+    if record.track(far).x_m[0] - record.track(1).x_m[0] > 60.0:
+        assert (found.heard_s, found.passed_after_s) == (-1.0, -1.0)

@@ -1,0 +1,154 @@
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hand_made_record import (
+    EAST,
+    EASTBOUND,
+    EMV,
+    IN_TURN_LANE,
+    LEFT_X_M,
+    NORTHBOUND,
+    PARALLEL,
+    SOUTHBOUND,
+    STRAIGHT,
+    Driven,
+    at_speed,
+    crossing,
+    hand_made,
+    line,
+)
+
+from siren_ros.judging.junction_entry import (
+    is_same_direction,
+    red_crossing,
+    red_same_direction,
+    stop_crossing,
+    stop_same_direction,
+)
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.roads.road_network import JunctionKind
+
+SIGNAL, STOP = crossing(), crossing(JunctionKind.PRIORITY_STOP)
+STOP_THRESHOLDS = {"speed_min_mps": 2.0}
+LEFT_LANE = line((LEFT_X_M, -120.0), (LEFT_X_M, 110.0))
+EMV_DRIVE = Driven(NORTHBOUND, at_speed(70.0, 10.0, 200))
+"""Front at the line after 2.7 s, rear out of the junction after 6.3 s."""
+INSIDE = at_speed(92.0, 5.0, 200)
+"""Centre in the junction from 1.6 s to 7.6 s."""
+BEFORE = at_speed(114.0, 10.0, 200)
+"""Centre out of the junction at 1.6 s."""
+AT_THE_LINE = np.full(200, 97.0)
+"""Stands at the line."""
+
+
+def _red(link: int, letter: str = "r") -> Callable[[int], str]:
+    """All links green but one."""
+    state = "".join(letter if index == link else "G" for index in range(7))
+    return lambda _: state
+
+
+def _with(other: Driven, link: int = STRAIGHT, letter: str = "r") -> EpisodeRecord:
+    return hand_made(SIGNAL, {EMV: EMV_DRIVE, 2: other}, _red(link, letter))
+
+
+def _parts(verdict: object) -> dict[str, tuple[float, bool]]:
+    return {part.name: (part.value, part.holds) for part in verdict.parts}  # type: ignore[attr-defined] # a Verdict
+
+
+def test_red_with_a_vehicle_beside_holds_and_names_it() -> None:
+    verdict = red_same_direction(_with(Driven(LEFT_LANE, INSIDE)), {})
+    assert verdict.holds
+    assert _parts(verdict) == {"against_red": (1.0, True), "same_direction_inside": (1.0, True)}
+    line_part, others = verdict.parts
+    assert line_part.detail == "EMV 1 in junction J from 2.7 s to 6.3 s on r"
+    assert others.detail == "2 from 1.6 s to 7.6 s"
+    assert verdict.text == "the EMV entered junction J against red with 1 vehicles of its direction inside"
+
+
+@pytest.mark.parametrize(
+    ("points", "same", "across"),
+    [
+        (LEFT_LANE, True, False),
+        (IN_TURN_LANE, True, False),
+        (PARALLEL, True, False),
+        (EASTBOUND, False, True),
+        (SOUTHBOUND, False, False),
+    ],
+)
+def test_same_direction_and_crossing_are_told_apart(points: np.ndarray, same: bool, across: bool) -> None:
+    record = _with(Driven(points, INSIDE))
+    assert red_same_direction(record, {}).holds == same
+    assert red_crossing(record, {}).holds == across
+
+
+@pytest.mark.parametrize("arc_m", [BEFORE, AT_THE_LINE], ids=["before", "at the line"])
+def test_a_vehicle_that_is_not_inside_meanwhile_does_not_count(arc_m: np.ndarray) -> None:
+    for points, predicate in ((LEFT_LANE, red_same_direction), (EASTBOUND, red_crossing)):
+        verdict = predicate(_with(Driven(points, arc_m)), {})
+        assert [part.name for part in verdict.failing] == [verdict.parts[1].name]
+
+
+def test_the_signal_is_the_one_of_the_emvs_own_link() -> None:
+    verdict = red_crossing(_with(Driven(EASTBOUND, INSIDE), link=EAST), {})
+    assert _parts(verdict) == {"against_red": (0.0, False), "crossing_inside": (1.0, True)}
+    assert verdict.failing[0].detail.endswith("on G")
+
+
+@pytest.mark.parametrize(("letter", "red"), [("r", True), ("u", True), ("y", False), ("g", False), ("o", False)])
+def test_red_and_red_with_yellow_forbid_entering(letter: str, red: bool) -> None:
+    assert red_same_direction(_with(Driven(LEFT_LANE, INSIDE), letter=letter), {}).holds == red
+
+
+def test_the_signal_counts_as_the_front_passes_the_line_not_later() -> None:
+    for red_from, holds in ((54, True), (55, False)):
+        record = hand_made(
+            SIGNAL,
+            {EMV: EMV_DRIVE, 2: Driven(LEFT_LANE, INSIDE)},
+            lambda step, first=red_from: ("r" if step >= first else "G") * 7,
+        )
+        assert red_same_direction(record, {}).holds == holds
+
+
+def test_without_a_signal_or_a_stop_line_the_verdict_says_so() -> None:
+    vehicles = {EMV: EMV_DRIVE, 2: Driven(LEFT_LANE, INSIDE)}
+    for verdict in (
+        red_same_direction(hand_made(STOP, vehicles), {}),
+        stop_same_direction(hand_made(SIGNAL, vehicles, _red(STRAIGHT)), STOP_THRESHOLDS),
+    ):
+        assert not verdict.holds
+        assert [part.value for part in verdict.parts] == [0.0, 0.0]
+        assert "nowhere" in verdict.parts[0].detail
+
+
+def test_a_stop_line_passed_at_speed_with_others_inside() -> None:
+    beside = hand_made(STOP, {EMV: EMV_DRIVE, 2: Driven(LEFT_LANE, INSIDE)})
+    across = hand_made(STOP, {EMV: EMV_DRIVE, 2: Driven(EASTBOUND, INSIDE)})
+    assert [stop_same_direction(item, STOP_THRESHOLDS).holds for item in (beside, across)] == [True, False]
+    assert [stop_crossing(item, STOP_THRESHOLDS).holds for item in (beside, across)] == [False, True]
+
+
+@pytest.mark.parametrize(("speed_mps", "holds"), [(1.9, False), (2.1, True)])
+def test_the_speed_is_that_at_the_line(speed_mps: float, holds: bool) -> None:
+    """The EMV comes in fast, passes the line slowly and goes on fast."""
+    speed = np.where(np.abs(np.arange(300) - 100) < 40, speed_mps, 8.0)
+    arc = np.concatenate(([0.0], np.cumsum(speed[:-1] * 0.05)))
+    arc += 97.0 - arc[100]
+    stepping_in = np.concatenate((np.linspace(90.0, 110.0, 60), np.full(240, 110.0)))
+    record = hand_made(STOP, {EMV: Driven(NORTHBOUND, arc), 2: Driven(EASTBOUND, stepping_in)})
+    verdict = stop_crossing(record, STOP_THRESHOLDS)
+    assert verdict.holds == holds
+    assert verdict.parts[0].value == pytest.approx(speed_mps, abs=0.01)
+    assert verdict.parts[1].holds
+
+
+def test_the_other_way_has_no_stop_line() -> None:
+    record = hand_made(STOP, {EMV: Driven(EASTBOUND, at_speed(70.0, 10.0, 200)), 2: Driven(NORTHBOUND, INSIDE)})
+    assert stop_crossing(record, STOP_THRESHOLDS).parts[0].value == 0.0
+
+
+def test_the_relation_of_movements_is_symmetric() -> None:
+    count = len(SIGNAL.connections)
+    same = np.array([[is_same_direction(SIGNAL, a, b) for b in range(count)] for a in range(count)])
+    assert np.array_equal(same, same.T)
+    assert same.diagonal().all()

@@ -1,0 +1,92 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hand_made_record import (
+    BESIDE,
+    CAR_LENGTH_M,
+    EAST,
+    EASTBOUND,
+    EMV,
+    EMV_LENGTH_M,
+    NORTHBOUND,
+    ON_SHOULDER,
+    PARALLEL,
+    RIGHT_X_M,
+    SHOULDER_RIGHT,
+    SOUTH,
+    SOUTHBOUND,
+    STRAIGHT,
+    STRAIGHT_LEFT,
+    Driven,
+    at_speed,
+    crossing,
+    hand_made,
+    line,
+)
+
+from siren_ros.judging.junction_traversal import Traversal, find_traversals
+from siren_ros.numerics.units import STEP_S
+
+NETWORK = crossing()
+SPEED_MPS, START_M = 10.0, 70.0
+
+
+def _step_at(arc_m: float, start_m: float = START_M, speed_mps: float = SPEED_MPS) -> int:
+    """First step at or beyond an arc length."""
+    return int(np.ceil(round((arc_m - start_m) / (speed_mps * STEP_S), 6)))
+
+
+def _traversal_of(points: np.ndarray, steps: int = 220, start_m: float = START_M) -> Traversal:
+    (traversal,) = find_traversals(hand_made(NETWORK, {EMV: Driven(points, at_speed(start_m, SPEED_MPS, steps))}))
+    return traversal
+
+
+def test_front_centre_and_rear_cross_the_lines_where_the_poses_put_them() -> None:
+    traversal = _traversal_of(NORTHBOUND)
+    assert traversal.connection == STRAIGHT
+    assert traversal.enter_step == _step_at(100.0 - EMV_LENGTH_M / 2.0)
+    assert traversal.centre_steps == (_step_at(100.0), _step_at(130.0))
+    assert traversal.leave_step == _step_at(130.0 + EMV_LENGTH_M / 2.0)
+    assert traversal.enter_speed_mps == pytest.approx(SPEED_MPS)
+    assert (traversal.approach_step, traversal.exit_step) == (0, 220)
+
+
+@pytest.mark.parametrize(
+    ("points", "movement"),
+    [(EASTBOUND, EAST), (SOUTHBOUND, SOUTH), (PARALLEL, BESIDE), (ON_SHOULDER, SHOULDER_RIGHT)],
+)
+def test_the_movement_is_that_of_the_edges_and_the_path(points: np.ndarray, movement: int) -> None:
+    assert _traversal_of(points).connection == movement
+
+
+def test_on_the_wrong_side_of_the_road_the_lines_are_the_same() -> None:
+    """From the approach lane into the opposite one 30 m before the line, back on the exit."""
+    weaving = line(
+        (RIGHT_X_M, -120.0), (RIGHT_X_M, -60.0), (-1.75, -50.0), (-1.75, 20.0), (RIGHT_X_M, 30.0), (5.25, 110)
+    )
+    traversal = _traversal_of(weaving, start_m=40.0, steps=300)
+    detour_m = 2.0 * (np.hypot(10.0, 7.0) - 10.0)
+    assert traversal.connection == STRAIGHT_LEFT
+    assert traversal.enter_step == _step_at(100.0 - EMV_LENGTH_M / 2.0 + detour_m / 2.0, 40.0)
+    assert traversal.leave_step == _step_at(130.0 + EMV_LENGTH_M / 2.0 + detour_m / 2.0, 40.0)
+
+
+def test_a_traversal_lasts_to_the_end_of_a_record_that_ends_inside() -> None:
+    traversal = _traversal_of(NORTHBOUND, steps=80)
+    assert traversal.connection == STRAIGHT
+    assert traversal.centre_steps == (_step_at(100.0), 80)
+    assert traversal.leave_step == 80
+
+
+def test_who_starts_beyond_the_line_or_stops_before_it_has_no_traversal() -> None:
+    beyond = Driven(NORTHBOUND, at_speed(99.0, SPEED_MPS, 100))
+    before = Driven(EASTBOUND, np.minimum(at_speed(70.0, SPEED_MPS, 100), 100.0 - CAR_LENGTH_M / 2.0 - 0.1))
+    assert find_traversals(hand_made(NETWORK, {EMV: beyond, 2: before})) == ()
+
+
+def test_meeting_means_the_others_centre_inside_between_front_and_rear() -> None:
+    own = Traversal(1, STRAIGHT, 50, 10.0, 100, (55, 95), 0, 200)
+    other = replace(own, actor_id=2, enter_step=0, leave_step=300)
+    meets = {(40, 50): False, (40, 51): True, (60, 70): True, (99, 120): True, (100, 120): False, (70, 70): False}
+    assert {steps: own.meets(replace(other, centre_steps=steps)) for steps in meets} == meets

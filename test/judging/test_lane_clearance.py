@@ -1,0 +1,119 @@
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from synthetic_episode import LEFT_Y_M, RIGHT_Y_M, split_net
+
+from siren_ros.errors import BagError
+from siren_ros.judging.lane_clearance import find_clearings, lane_cleared
+from siren_ros.judging.lane_location import lanes_ahead, locate
+from siren_ros.judging.predicates import evaluate_predicate
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.roads.net_parser import parse_road_network
+
+THRESHOLDS = {"lane_changes_min": 3, "passed_min": 3}
+
+
+def test_four_of_four_leave_and_are_passed(record_of: Callable[..., EpisodeRecord]) -> None:
+    verdict = evaluate_predicate(record_of())
+    assert verdict.holds
+    assert verdict.measures() == {"lane_changes": 4.0, "passed": 4.0}
+
+
+def test_completion_and_pass_lie_where_the_poses_put_them(record_of: Callable[..., EpisodeRecord]) -> None:
+    record = record_of()
+    first = find_clearings(record)[0]
+    track, emv = record.track(first.actor_id), record.track(1)
+    middle = (LEFT_Y_M + RIGHT_Y_M) / 2.0
+    assert track.y_m[first.start_step] <= middle < track.y_m[first.start_step + 1]
+    assert track.y_m[first.end_step] - 0.9 >= middle - 0.35
+    assert first.passed_step is not None
+    gap = emv.x_m - track.x_m
+    reach = (6.2 + 4.6) / 2.0
+    assert gap[first.passed_step - 1] < reach <= gap[first.passed_step]
+
+
+def test_a_seam_between_two_edges_hides_no_lane_change(record_of: Callable[..., EpisodeRecord]) -> None:
+    record = record_of()
+    whole = find_clearings(record)
+    for seam_m in range(50, 100, 7):
+        network = parse_road_network(split_net(float(seam_m)).encode())
+        seamed = find_clearings(replace(record, network=network))
+        assert [(item.actor_id, item.passed_step) for item in seamed] == [
+            (item.actor_id, item.passed_step) for item in whole
+        ]
+
+
+def test_following_a_lane_across_a_seam_is_no_lane_change(record_of: Callable[..., EpisodeRecord]) -> None:
+    network = parse_road_network(split_net(100.0).encode())
+    assert find_clearings(replace(record_of(changing=0), network=network)) == ()
+
+
+def test_two_are_not_enough_and_the_numbers_say_so(record_of: Callable[..., EpisodeRecord]) -> None:
+    verdict = lane_cleared(record_of(changing=2), THRESHOLDS)
+    assert not verdict.holds
+    assert [(part.name, part.value) for part in verdict.failing] == [("lane_changes", 2.0), ("passed", 2.0)]
+
+
+def test_without_a_siren_nothing_counts(record_of: Callable[..., EpisodeRecord]) -> None:
+    assert find_clearings(record_of(siren=False)) == ()
+
+
+def test_a_lane_change_that_the_emv_never_passes_does_not_count_as_passed(
+    record_of: Callable[..., EpisodeRecord],
+) -> None:
+    record = record_of(duration_s=9.0)
+    verdict = lane_cleared(record, THRESHOLDS)
+    assert [part.value for part in verdict.parts] == [4.0, 3.0]
+
+
+def test_events_alone_prove_nothing(record_of: Callable[..., EpisodeRecord]) -> None:
+    record = record_of()
+    still = tuple(replace(state, y_m=np.full(len(state), RIGHT_Y_M)) for state in record.states)
+    assert find_clearings(replace(record, states=still)) == ()
+
+
+def test_vehicles_behind_the_emv_do_not_count(record_of: Callable[..., EpisodeRecord]) -> None:
+    record = record_of()
+    moved = tuple(replace(state, x_m=state.x_m - np.where(state.actor_id == 2, 60.0, 0.0)) for state in record.states)
+    assert [clearing.actor_id for clearing in find_clearings(replace(record, states=moved))] == [3, 4, 5]
+
+
+def test_a_half_finished_lane_change_is_not_completed(record_of: Callable[..., EpisodeRecord]) -> None:
+    record = record_of()
+    half = tuple(
+        replace(state, y_m=np.where(state.actor_id == 1, state.y_m, np.minimum(state.y_m, -3.2)))
+        for state in record.states
+    )
+    assert find_clearings(replace(record, states=half)) == ()
+
+
+def test_thresholds_come_from_the_record(record_of: Callable[..., EpisodeRecord]) -> None:
+    record = record_of()
+
+    def with_predicate(stored: object) -> EpisodeRecord:
+        return replace(record, description=replace(record.description, parameters={"predicate": stored}))
+
+    strict = {"name": "lane_cleared", "thresholds": {"lane_changes_min": 5, "passed_min": 3}}
+    assert not evaluate_predicate(with_predicate(strict)).holds
+    for broken in ("x", {"name": "unheard_of", "thresholds": {}}, {"name": "lane_cleared", "thresholds": {"a": "b"}}):
+        with pytest.raises(BagError, match="predicate"):
+            evaluate_predicate(with_predicate(broken))
+    with pytest.raises(BagError, match="lane_changes_min"):
+        evaluate_predicate(with_predicate({"name": "lane_cleared", "thresholds": {}}))
+
+
+def test_poses_are_put_into_lanes_by_direction(record_of: Callable[..., EpisodeRecord]) -> None:
+    network = record_of(duration_s=1.0).network
+    xy = np.array([[50.0, -5.0], [50.0, -1.0], [50.0, 1.0], [50.0, -5.0], [50.0, 60.0]])
+    yaw = np.array([0.0, 0.1, np.pi, np.pi, 0.0])
+    places = locate(network, xy, yaw, np.full(5, -1, dtype=np.int32))
+    names = [network.lanes[index].lane_id if index >= 0 else "" for index in places.lane]
+    assert names == ["east_0", "east_1", "west_1", "", ""]
+    assert places.offset_m[:2] == pytest.approx([0.25, 0.75])
+    assert places.arc_m[2] == pytest.approx(250.0)
+
+
+def test_a_dead_end_has_nothing_ahead_but_itself(record_of: Callable[..., EpisodeRecord]) -> None:
+    assert lanes_ahead(record_of(duration_s=1.0).network, 0, 100.0) == {0}

@@ -1,0 +1,117 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hand_made_record import EMV, LEFT_X_M, RIGHT_X_M, Driven, at_speed, crossing, hand_made, line
+
+from siren_ros.judging.lane_location import places_of
+from siren_ros.judging.queue_splitting import find_holding, find_overtakings, queues_split
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.world.actors import Mode
+
+NETWORK = crossing()
+THRESHOLDS = {"holding_min": 6, "overtaken_min": 6, "lateral_max_m": 1.0}
+STEPS = 240
+LINE_X_M = (LEFT_X_M + RIGHT_X_M) / 2.0
+PULLED_M = 0.7
+"""How far the vehicles of both queues stand off their lanes' centre lines, away from the line between them."""
+
+
+def _northbound(x_m: float) -> np.ndarray:
+    return line((x_m, -120.0), (x_m, -20.0))
+
+
+def _modes(hold_from: int = 40) -> np.ndarray:
+    return np.where(np.arange(STEPS) < hold_from, Mode.YIELD_PULL_OVER, Mode.YIELD_HOLD).astype(np.uint8)
+
+
+def _queues(
+    emv_x_m: float = LINE_X_M,
+    left: int = 4,
+    right: int = 4,
+    speed_mps: float = 0.0,
+    pulled_m: float = PULLED_M,
+    mode: Mode | np.ndarray | None = None,
+) -> EpisodeRecord:
+    """Vehicles in two lanes every 8 m from 30 m on; the EMV passes them at 7 m/s."""
+    vehicles = {EMV: Driven(_northbound(emv_x_m), at_speed(5.12, 7.0, STEPS))}
+    for count, x_m, first_id in ((left, LEFT_X_M - pulled_m, 10), (right, RIGHT_X_M + pulled_m, 20)):
+        for number in range(count):
+            places = at_speed(30.0 + 8.0 * number, speed_mps, STEPS)
+            vehicles[first_id + number] = Driven(_northbound(x_m), places, _modes() if mode is None else mode)
+    return hand_made(NETWORK, vehicles)
+
+
+def test_passing_between_two_queues_that_hold() -> None:
+    verdict = queues_split(_queues(), THRESHOLDS)
+    assert verdict.holds
+    assert verdict.measures() == {"holding": 8.0, "overtaken": 8.0, "shorter_queue": 4.0}
+    assert verdict.parts[0].detail.startswith("10 at 2.0 s (+0.70 m)")
+    assert verdict.parts[2].detail == "4 on the left, 4 on the right"
+
+
+def test_overtakings_lie_where_the_centres_are_abreast() -> None:
+    record = _queues(emv_x_m=LINE_X_M + 0.4)
+    found = find_overtakings(record, places_of(record, record.rows), EMV)
+    assert [item.actor_id for item in found] == [10, 20, 11, 21, 12, 22, 13, 23]
+    for item in found:
+        assert item.step == int(np.ceil((30.0 + 8.0 * (item.actor_id % 10) - 5.12) / 0.35))
+        assert item.lateral_m == pytest.approx(0.4)
+        assert item.side == (1 if item.actor_id < 20 else -1)
+
+
+@pytest.mark.parametrize(("off_m", "holds"), [(0.95, True), (-0.95, True), (1.05, False), (-1.05, False)])
+def test_the_emv_has_to_be_within_a_metre_of_the_line(off_m: float, holds: bool) -> None:
+    verdict = queues_split(_queues(emv_x_m=LINE_X_M + off_m), THRESHOLDS)
+    assert verdict.holds == holds
+    if not holds:
+        assert [part.name for part in verdict.failing] == ["overtaken", "shorter_queue"]
+        assert "off the line: 10 at 3.6 s (1.05 m)" in verdict.failing[0].detail
+
+
+def test_who_stands_in_the_middle_of_the_lane_has_not_pulled_over() -> None:
+    verdict = queues_split(_queues(pulled_m=0.2), THRESHOLDS)
+    assert [(part.name, part.value) for part in verdict.failing] == [("holding", 0.0)]
+    assert verdict.failing[0].detail.startswith("not pulled over: 10 at 2.0 s (+0.20 m)")
+
+
+def test_the_mode_alone_is_no_hold() -> None:
+    creeping = _queues(speed_mps=1.0)
+    assert [part.name for part in queues_split(creeping, THRESHOLDS).failing] == ["holding"]
+
+
+def test_standing_alone_is_no_hold() -> None:
+    nominal = _queues(mode=Mode.NOMINAL)
+    assert [part.name for part in queues_split(nominal, THRESHOLDS).failing] == ["holding"]
+
+
+def test_a_hold_has_to_last_a_second() -> None:
+    for steps, count in ((19, 0), (20, 8)):
+        mode = _modes()
+        mode[40 + steps :] = Mode.REJOIN
+        record = _queues(mode=mode)
+        assert len(find_holding(record, places_of(record, record.rows))) == count
+
+
+def test_vehicles_that_drive_are_no_queue() -> None:
+    verdict = queues_split(_queues(speed_mps=3.0), THRESHOLDS)
+    assert verdict.measures()["overtaken"] == 0.0
+    assert queues_split(_queues(speed_mps=2.5), {**THRESHOLDS, "holding_min": 0}).measures()["overtaken"] > 5.0
+
+
+@pytest.mark.parametrize(("left", "right", "failing"), [(7, 0, "shorter_queue"), (7, 1, "shorter_queue"), (3, 2, "")])
+def test_both_lanes_need_a_queue(left: int, right: int, failing: str) -> None:
+    verdict = queues_split(_queues(left=left, right=right), {**THRESHOLDS, "holding_min": 4, "overtaken_min": 4})
+    assert [part.name for part in verdict.failing] == ([failing] if failing else [])
+
+
+def test_five_are_not_enough() -> None:
+    verdict = queues_split(_queues(left=3, right=2), THRESHOLDS)
+    assert [(part.name, part.value) for part in verdict.failing] == [("holding", 5.0), ("overtaken", 5.0)]
+
+
+def test_an_episode_without_an_emv_has_no_verdict_that_holds() -> None:
+    record = _queues()
+    actors = {key: replace(actor, is_emv=False) for key, actor in record.actors.items()}
+    alone = replace(record, actors=actors, description=replace(record.description, emv_ids=()))
+    assert not queues_split(alone, {**THRESHOLDS, "overtaken_min": 1}).holds

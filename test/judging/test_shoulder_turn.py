@@ -1,0 +1,77 @@
+import numpy as np
+import pytest
+from hand_made_record import (
+    EMV,
+    IN_TURN_LANE,
+    NORTHBOUND,
+    ON_SHOULDER,
+    RIGHT_X_M,
+    SHOULDER_TURN,
+    SHOULDER_X_M,
+    Driven,
+    at_speed,
+    crossing,
+    hand_made,
+    line,
+)
+
+from siren_ros.judging.shoulder_turn import shoulder_turn
+from siren_ros.judging.verdict import Verdict
+
+NETWORK = crossing()
+THRESHOLDS = {"shoulder_min_s": 2.0}
+
+
+def _verdict(points: np.ndarray, speed_mps: float = 8.0, start_m: float = 40.0) -> Verdict:
+    arc_m = at_speed(start_m, speed_mps, round(150.0 / speed_mps / 0.05))
+    return shoulder_turn(hand_made(NETWORK, {EMV: Driven(points, arc_m)}), THRESHOLDS)
+
+
+def test_a_right_turn_on_the_shoulder_holds_with_its_times() -> None:
+    verdict = _verdict(ON_SHOULDER)
+    turned, shoulder = verdict.parts
+    assert verdict.holds
+    assert turned.value == pytest.approx(90.0)
+    assert turned.detail.startswith("EMV 1 at junction J from ")
+    # 50 m before the line, the quarter circle, 50 m after it, at 8 m/s; the EMV's length is part of the traversal
+    assert shoulder.value == pytest.approx((100.0 + 6.0 + 11.75 * np.pi / 2.0) / 8.0, abs=0.1)
+    assert " s to " in shoulder.detail
+
+
+def test_a_right_turn_in_the_driving_lane_fails_on_the_shoulder_alone() -> None:
+    verdict = _verdict(IN_TURN_LANE)
+    assert [part.name for part in verdict.failing] == ["shoulder_s"]
+    assert verdict.failing[0].value == 0.0
+
+
+def test_straight_ahead_is_no_right_turn() -> None:
+    verdict = _verdict(NORTHBOUND)
+    assert [part.name for part in verdict.failing] == ["right_turn_deg", "shoulder_s"]
+    assert "nowhere" in verdict.failing[0].detail
+
+
+def test_a_short_stay_on_the_shoulder_is_not_enough() -> None:
+    """Onto the shoulder 4 m before the line, across on its path, and off it at once."""
+    short = np.concatenate(
+        (
+            line((RIGHT_X_M, -120.0), (RIGHT_X_M, -28.0), (SHOULDER_X_M, -23.0)),
+            SHOULDER_TURN,
+            line((24, -5.25), (120, -5.25)),
+        )
+    )
+    verdict = _verdict(short, speed_mps=14.0)
+    assert [part.name for part in verdict.failing] == ["shoulder_s"]
+    assert 1.2 < verdict.failing[0].value < 2.0
+    assert _verdict(short, speed_mps=8.0).holds
+
+
+def test_the_shoulder_long_before_the_turn_does_not_count() -> None:
+    early = np.concatenate((line((SHOULDER_X_M, -120.0), (SHOULDER_X_M, -80.0), (RIGHT_X_M, -74.0)), IN_TURN_LANE[1:]))
+    verdict = _verdict(early, start_m=2.0, speed_mps=8.0)
+    assert verdict.parts[0].holds
+    assert verdict.parts[1].value == 0.0
+
+
+def test_the_wrong_way_along_a_shoulder_is_not_on_it() -> None:
+    record = hand_made(NETWORK, {EMV: Driven(ON_SHOULDER[::-1], at_speed(2.0, 8.0, 300))})
+    assert shoulder_turn(record, THRESHOLDS).parts[1].value == 0.0

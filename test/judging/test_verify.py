@@ -1,0 +1,126 @@
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from siren_ros.errors import EpisodeError
+from siren_ros.judging.verify import Verification, verify_episode
+from siren_ros.recording.bag_reader import read_episode
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.world.commands import VehicleCommands
+from siren_ros.world.events import Event, EventKind
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Path]) -> EpisodeRecord:
+    return read_episode(write_bag(tmp_path_factory.mktemp("bags") / "S2_L2_seed0", lidar=True))
+
+
+def _failing(verification: Verification) -> list[str]:
+    """Names of what fails; that a changed state no longer has its hash is tested on its own."""
+    return [part.name for part in verification.failing if part.name != "wrong_state_hashes"]
+
+
+def test_a_sound_episode_holds(record: EpisodeRecord) -> None:
+    verification = verify_episode(record)
+    assert verification.holds
+    assert _failing(verification) == []
+
+
+def _moved(record: EpisodeRecord, **columns: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> EpisodeRecord:
+    """The record with columns of actor 2 changed at step 100."""
+
+    def change(step: int) -> dict[str, np.ndarray]:
+        state = record.states[step]
+        rows = state.actor_id == 2
+        return {
+            name: np.where(rows, edit(getattr(state, name), rows), getattr(state, name))
+            for name, edit in columns.items()
+        }
+
+    states = tuple(replace(state, **change(state.step)) if state.step == 100 else state for state in record.states)
+    return replace(record, states=states)
+
+
+def test_a_jump_is_found_with_its_actor_and_step(record: EpisodeRecord) -> None:
+    verification = verify_episode(_moved(record, x_m=lambda x, _: x + 0.3))
+    assert _failing(verification) == ["position_jump_m", "speed_error_mps"]
+    (jump,) = [part for part in verification.checks if part.name == "position_jump_m"]
+    assert jump.value == pytest.approx(0.3, abs=0.01)
+    assert jump.detail.startswith("actor 2 at step 100")
+
+
+def test_a_turn_on_the_spot_is_found(record: EpisodeRecord) -> None:
+    assert _failing(verify_episode(_moved(record, yaw_rad=lambda yaw, _: yaw + 0.2))) == ["yaw_jump_rad"]
+
+
+def test_a_wrong_speed_is_found(record: EpisodeRecord) -> None:
+    assert _failing(verify_episode(_moved(record, vx_mps=lambda v, _: v + 3.0))) == ["speed_error_mps"]
+
+
+def test_an_unknown_owner_is_found(record: EpisodeRecord) -> None:
+    broken = _moved(record, owner=lambda owner, _: np.full_like(owner, 7))
+    assert _failing(verify_episode(broken)) == ["ownership_faults"]
+
+
+def test_two_controllers_of_one_actor_are_found(record: EpisodeRecord) -> None:
+    claims = {**record.commands, "intruder": record.commands["emv_controller"][:1]}
+    assert isinstance(claims["intruder"][0], VehicleCommands)
+    assert _failing(verify_episode(replace(record, commands=claims))) == ["ownership_faults"]
+
+
+def test_a_teleport_is_found(record: EpisodeRecord) -> None:
+    events = (*record.events, Event(7, EventKind.TELEPORT, 3))
+    verification = verify_episode(replace(record, events=events))
+    assert _failing(verification) == ["teleports"]
+    assert verification.failing[0].detail == "actor 3 at step 7"
+
+
+def test_a_large_residual_is_found(record: EpisodeRecord) -> None:
+    far = tuple(replace(state, residual_m=state.residual_m + 3.0) for state in record.states)
+    assert _failing(verify_episode(replace(record, states=far))) == ["residual_p99_m", "residual_max_m"]
+
+
+@pytest.mark.parametrize("topic", ["/clock", "/emv/lidar/points"])
+def test_a_lost_message_is_found(record: EpisodeRecord, topic: str) -> None:
+    whole = record.topics[topic]
+    short = replace(whole, count=whole.count - 1, times_ns=np.delete(whole.times_ns, 5))
+    verification = verify_episode(replace(record, topics={**record.topics, topic: short}))
+    assert _failing(verification) == ["topics_with_lost_messages"]
+    assert topic in verification.failing[0].detail
+
+
+def test_a_missing_topic_is_found(record: EpisodeRecord) -> None:
+    topics = {name: topic for name, topic in record.topics.items() if name != "/siren/yield_commands"}
+    assert "/siren/yield_commands is missing" in verify_episode(replace(record, topics=topics)).failing[0].detail
+
+
+def test_a_stamp_beside_the_grid_is_found(record: EpisodeRecord) -> None:
+    wrong = replace(record.topics["/siren/events"], stamp_mismatches=2)
+    verification = verify_episode(replace(record, topics={**record.topics, "/siren/events": wrong}))
+    assert _failing(verification) == ["topics_with_wrong_stamps"]
+
+
+def test_an_episode_that_was_interrupted_is_not_complete(record: EpisodeRecord) -> None:
+    verification = verify_episode(replace(record, outcome=None, complete=False))
+    assert "steps" in _failing(verification)
+    assert "no outcome" in verification.failing[0].detail
+
+
+def test_states_of_an_unknown_actor_contradict_the_record(record: EpisodeRecord) -> None:
+    actors = {key: actor for key, actor in record.actors.items() if key != 4}
+    with pytest.raises(EpisodeError, match="never described"):
+        verify_episode(replace(record, actors=actors))
+
+
+def test_a_state_that_was_changed_afterwards_is_found(record: EpisodeRecord) -> None:
+    state = record.states[30]
+    x_m = state.x_m.copy()
+    x_m[0] += 1e-12
+    changed = (*record.states[:30], replace(state, x_m=x_m), *record.states[31:])
+    (fault,) = verify_episode(replace(record, states=changed)).failing
+    assert (fault.name, fault.value, fault.detail) == ("wrong_state_hashes", 1.0, "first at step 30")
+    (missing,) = verify_episode(replace(record, state_hashes={})).failing
+    assert missing.value == record.steps

@@ -1,0 +1,220 @@
+from dataclasses import replace
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from siren_ros.interfaces.lockstep_reports import Phase, StepReport
+from siren_ros.lockstep.lockstep import (
+    Action,
+    BeginStep,
+    EndEpisode,
+    LockstepConfig,
+    LockstepState,
+    Stage,
+    on_failure,
+    on_interrupt,
+    on_report,
+    on_time,
+    start_lockstep,
+)
+from siren_ros.scenario.episode import EpisodeEnd
+
+CONFIG = LockstepConfig(participants=("a", "b"), steps=2, step_timeout_s=5.0, start_timeout_s=60.0)
+
+
+def report(state: LockstepState, name: str, phase: Phase, step: int = 0, error: str = "", now_s: float = 0.0):
+    return on_report(state, StepReport(step, name, phase, error, busy_s=0.5), CONFIG, now_s)
+
+
+def stepping() -> LockstepState:
+    state, _ = report(start_lockstep(CONFIG, 0.0), "a", Phase.READY)
+    state, action = report(state, "b", Phase.READY)
+    assert action == BeginStep(0)
+    return state
+
+
+def test_a_whole_episode() -> None:
+    state = stepping()
+    for step in range(2):
+        state, action = report(state, "b", Phase.STEP, step)
+        assert action is None
+        state, action = report(state, "a", Phase.STEP, step)
+        assert action == (BeginStep(1) if step == 0 else EndEpisode(2, EpisodeEnd.COMPLETE, ""))
+    for name in ("a", "b"):
+        assert state.stage is Stage.CLOSING
+        state, action = report(state, name, Phase.FINAL, 1)
+        assert action is None
+    assert state.stage is Stage.CLOSED
+    assert state.end is EpisodeEnd.COMPLETE
+    assert state.busy_s == {"a": 2.0, "b": 2.0}
+
+
+@given(st.lists(st.sampled_from(["a", "stranger"]), max_size=8), st.integers(0, 5))
+def test_no_step_begins_while_a_participant_is_missing(names: list[str], step: int) -> None:
+    state = stepping()
+    for name in names:
+        state, action = report(state, name, Phase.STEP, step)
+        assert action is None
+    assert state.step == 0
+
+
+def test_reports_of_another_step_or_phase_do_not_count() -> None:
+    state = stepping()
+    for phase, step in ((Phase.STEP, 1), (Phase.READY, 0)):
+        state, action = report(state, "a", phase, step)
+        assert action is None
+        assert state.waiting == {"a", "b"}
+
+
+def test_an_error_ends_the_episode_under_the_participants_name() -> None:
+    state, action = report(stepping(), "b", Phase.STEP, 0, error="out of road")
+    assert action == EndEpisode(0, EpisodeEnd.FAILED, "b: out of road")
+    assert state.stage is Stage.CLOSING
+
+
+def test_a_participant_that_does_not_answer_is_named() -> None:
+    state, _ = report(stepping(), "a", Phase.STEP, 0)
+    assert on_time(state, CONFIG, 4.9) == (state, None)
+    state, action = on_time(state, CONFIG, 5.0)
+    assert action == EndEpisode(0, EpisodeEnd.FAILED, "b: did not finish step 0 within 5 s")
+    state, action = report(state, "a", Phase.FINAL, 0, now_s=6.0)
+    assert action is None
+    state, action = on_time(state, CONFIG, 1000.0)
+    assert (state.stage, action) == (Stage.CLOSED, None)
+    assert state.reason == "b: did not finish step 0 within 5 s"
+
+
+def test_a_participant_that_never_becomes_ready_is_named() -> None:
+    state, action = on_time(start_lockstep(CONFIG, 10.0), CONFIG, 70.0)
+    assert action == EndEpisode(0, EpisodeEnd.FAILED, "a, b: was not ready within 60 s")
+    assert state.steps_done == 0
+
+
+def test_interruption_counts_finished_steps_only() -> None:
+    state = stepping()
+    state, _ = report(state, "a", Phase.STEP, 0)
+    assert on_interrupt(state, CONFIG, 1.0, "Ctrl-C")[1] == EndEpisode(0, EpisodeEnd.INTERRUPTED, "Ctrl-C")
+    state, _ = report(state, "b", Phase.STEP, 0)
+    closing, action = on_interrupt(state, CONFIG, 1.0, "Ctrl-C")
+    assert action == EndEpisode(1, EpisodeEnd.INTERRUPTED, "Ctrl-C")
+    assert on_interrupt(closing, CONFIG, 2.0, "again") == (closing, None)
+    assert on_failure(closing, CONFIG, 2.0, "again") == (closing, None)
+
+
+def test_a_failure_outside_the_reports_ends_the_episode() -> None:
+    action = on_failure(stepping(), CONFIG, 1.0, "a: killed")[1]
+    assert action == EndEpisode(0, EpisodeEnd.FAILED, "a: killed")
+
+
+def test_only_the_first_in_the_chain_is_blamed() -> None:
+    config = LockstepConfig(("sumo_bridge", "emv_controller", "vehicle_dynamics", "recorder"), 5, step_timeout_s=5.0)
+    state = start_lockstep(config, 0.0)
+    for name in config.participants:
+        state, _ = on_report(state, StepReport(0, name, Phase.READY), config, 0.0)
+    state, _ = on_report(state, StepReport(0, "sumo_bridge", Phase.STEP), config, 0.0)
+    _, action = on_time(state, config, 6.0)
+    assert action == EndEpisode(0, EpisodeEnd.FAILED, "emv_controller: did not finish step 0 within 5 s")
+
+
+def test_a_participant_that_closes_before_the_end_fails_the_episode() -> None:
+    _, action = report(stepping(), "a", Phase.FINAL, 0)
+    assert isinstance(action, EndEpisode)
+    assert action.end is EpisodeEnd.FAILED
+    assert action.reason.startswith("a: left the episode")
+    assert "/siren/episode_end" in action.reason
+
+
+def test_nobody_waits_long_for_a_participant_that_was_late_already() -> None:
+    state, _ = report(stepping(), "a", Phase.STEP, 0)
+    state, _ = on_time(state, CONFIG, 5.0)
+    assert on_time(state, CONFIG, 5.0 + CONFIG.late_close_timeout_s) == (state, None), "a is not late and may close"
+    state, _ = report(state, "a", Phase.FINAL, 0, now_s=6.0)
+    state, _ = on_time(state, CONFIG, 5.0 + CONFIG.late_close_timeout_s)
+    assert state.stage is Stage.CLOSED
+    assert state.reason == "b: did not finish step 0 within 5 s"
+
+
+def test_nobody_waits_for_a_participant_that_is_gone() -> None:
+    state, action = on_failure(stepping(), CONFIG, 1.0, "b: killed", frozenset({"b"}))
+    assert action == EndEpisode(0, EpisodeEnd.FAILED, "b: killed")
+    assert state.waiting == {"a"}
+    state, _ = report(state, "a", Phase.FINAL, 0, now_s=1.1)
+    assert (state.stage, state.end, state.reason) == (Stage.CLOSED, EpisodeEnd.FAILED, "b: killed")
+
+
+def test_a_participant_that_dies_while_it_closes_fails_the_episode() -> None:
+    state = stepping()
+    for step in range(2):
+        for name in ("a", "b"):
+            state, _ = report(state, name, Phase.STEP, step)
+    state, _ = report(state, "a", Phase.FINAL, 1)
+    unmoved, _ = on_failure(state, CONFIG, 1.0, "a: killed", frozenset({"a"}))
+    assert unmoved == state, "a has closed already"
+    state, action = on_failure(state, CONFIG, 1.0, "b: killed", frozenset({"b"}))
+    assert action is None
+    assert (state.stage, state.end, state.reason) == (Stage.CLOSED, EpisodeEnd.FAILED, "b: killed")
+
+
+def test_a_participant_that_cannot_close_fails_the_episode() -> None:
+    state = stepping()
+    for step in range(2):
+        for name in ("a", "b"):
+            state, _ = report(state, name, Phase.STEP, step)
+    state, _ = report(state, "a", Phase.FINAL, 1, error="the disk is full")
+    state, _ = report(state, "b", Phase.FINAL, 1)
+    assert (state.stage, state.end, state.reason) == (Stage.CLOSED, EpisodeEnd.FAILED, "a: the disk is full")
+
+
+def test_before_the_first_step_those_are_blamed_whom_the_others_wait_for() -> None:
+    config = LockstepConfig(
+        ("vehicle_dynamics", "recorder", "av_controller"), 5, called={"av_controller": "av_controller (node mine)"}
+    )
+    _, action = on_time(start_lockstep(config, 0.0), config, 200.0)
+    assert action == EndEpisode(0, EpisodeEnd.FAILED, "av_controller (node mine): was not ready within 120 s")
+
+
+TRAILING = replace(CONFIG, steps=3, trailing=frozenset({"b"}))
+
+
+def trailing(state: LockstepState, name: str, step: int, now_s: float = 0.0) -> tuple[LockstepState, Action]:
+    return on_report(state, StepReport(step, name, Phase.STEP), TRAILING, now_s)
+
+
+def test_the_next_step_does_not_wait_for_who_trails_but_the_one_after_it_does() -> None:
+    state, action = trailing(stepping(), "a", 0)
+    assert action == BeginStep(1)
+    assert state.owing == {"b"}
+    assert state.steps_done == 0
+    state, action = trailing(state, "a", 1)
+    assert action is None
+    state, action = trailing(state, "b", 0)
+    assert action == BeginStep(2)
+    assert state.owing == {"b"}
+    assert state.steps_done == 1
+
+
+def test_an_episode_ends_when_who_trails_has_finished_the_last_step() -> None:
+    state = stepping()
+    for name, step in (("a", 0), ("a", 1), ("b", 0), ("a", 2), ("b", 1)):
+        state, action = trailing(state, name, step)
+    assert action is None
+    state, action = trailing(state, "b", 2)
+    assert action == EndEpisode(3, EpisodeEnd.COMPLETE, "")
+
+
+def test_who_trails_too_far_is_named_with_its_own_step() -> None:
+    state, _ = trailing(stepping(), "a", 0)
+    state, _ = trailing(state, "a", 1)
+    _, action = on_time(state, TRAILING, 5.0)
+    assert action == EndEpisode(0, EpisodeEnd.FAILED, "b: did not finish step 0 within 5 s")
+
+
+@given(st.lists(st.tuples(st.sampled_from("ab"), st.integers(0, 2)), max_size=40))
+def test_nobody_is_ever_two_steps_behind(reports: list[tuple[str, int]]) -> None:
+    state, done = stepping(), {"a": 0, "b": 0}
+    for name, step in reports:
+        state, action = trailing(state, name, step)
+        done[name] += step == done[name] and step <= state.step
+        if isinstance(action, BeginStep):
+            assert done["a"] >= action.step
+            assert done["b"] >= action.step - 1

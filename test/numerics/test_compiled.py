@@ -1,0 +1,65 @@
+"""Compiled loops are compiled anew when something that they hold changes, in whichever file."""
+
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.numerics.compiled import compiled
+
+_CALLER = """
+    from callee import OFFSET, doubled
+    from siren_ros.numerics.compiled import compiled
+
+    @compiled
+    def answer(x: float) -> float:
+        return doubled(x) + OFFSET
+
+    print(answer(3.0))
+"""
+_CALLEE = """
+    from siren_ros.numerics.compiled import compiled
+
+    OFFSET = {offset}
+
+    @compiled
+    def helper(x: float) -> float:
+        return {factor} * x
+
+    @compiled
+    def doubled(x: float) -> float:
+        return helper(x)
+"""
+
+
+def _answer(folder: Path, factor: float, offset: float) -> float:
+    (folder / "callee.py").write_text(textwrap.dedent(_CALLEE.format(factor=factor, offset=offset)))
+    done = subprocess.run([sys.executable, "caller.py"], cwd=folder, capture_output=True, text=True, check=True)
+    return float(done.stdout)
+
+
+def test_changes_in_another_file_are_seen(tmp_path: Path) -> None:
+    (tmp_path / "caller.py").write_text(textwrap.dedent(_CALLER))
+    assert _answer(tmp_path, factor=2.0, offset=1.0) == 7.0
+    assert _answer(tmp_path, factor=4.0, offset=1.0) == 13.0
+    assert _answer(tmp_path, factor=4.0, offset=2.0) == 14.0
+    cached = {path.name for path in (tmp_path / "__pycache__").glob("caller.answer*.nbi")}
+    assert len(cached) == 3
+    assert _answer(tmp_path, factor=4.0, offset=2.0) == 14.0
+    assert {path.name for path in (tmp_path / "__pycache__").glob("caller.answer*.nbi")} == cached
+
+
+@compiled
+def _sum(values: npt.NDArray[np.float64]) -> float:
+    total = 0.0
+    for value in values:
+        total += value
+    return total
+
+
+def test_sums_stay_in_the_written_order() -> None:
+    values = np.array([1e16, 1.0, -1e16, 1.0])
+    assert _sum(values) == 1.0

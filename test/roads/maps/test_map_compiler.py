@@ -1,0 +1,210 @@
+import gzip
+import hashlib
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from defusedxml.ElementTree import fromstring
+from repository import SHARED
+
+from siren_ros.errors import InputError, MapError
+from siren_ros.roads.maps import map_compiler
+from siren_ros.roads.maps.map_compiler import compile_map, default_cache_dir
+from siren_ros.roads.maps.map_source import SourceKind
+from siren_ros.roads.net_parser import parse_road_network
+from siren_ros.roads.road_network import JunctionKind, LaneKind
+
+TOWN10 = SHARED / "maps" / "Town10HD_Opt.xodr"
+
+OSM = """<?xml version="1.0"?><osm version="0.6">
+<node id="1" lat="52.52" lon="13.395" version="1"/><node id="3" lat="52.52" lon="13.405" version="1"/>
+<node id="2" lat="52.52" lon="13.400" version="1"><tag k="highway" v="traffic_signals"/></node>
+<node id="4" lat="52.517" lon="13.400" version="1"/><node id="5" lat="52.523" lon="13.400" version="1"/>
+<way id="10" version="1"><nd ref="1"/><nd ref="2"/><nd ref="3"/><tag k="highway" v="primary"/>
+<tag k="lanes" v="4"/><tag k="maxspeed" v="50"/><tag k="sidewalk" v="both"/><tag k="name" v="A Street"/></way>
+<way id="11" version="1"><nd ref="4"/><nd ref="2"/><nd ref="5"/><tag k="highway" v="residential"/></way>
+<way id="12" version="1"><nd ref="1"/><nd ref="4"/><tag k="railway" v="rail"/></way></osm>"""
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return tmp_path_factory.mktemp("maps")
+
+
+@pytest.fixture(scope="module")
+def town(cache):
+    return compile_map(None, cache)
+
+
+@pytest.fixture(scope="module")
+def town10(cache):
+    if not TOWN10.exists():
+        pytest.skip(f"the OpenDRIVE map {TOWN10.name} is not beside this checkout")
+    return parse_road_network(compile_map(TOWN10, cache).read_bytes())
+
+
+def test_the_hash_is_that_of_the_file_and_the_second_time_is_the_cache(town, cache, monkeypatch):
+    assert hashlib.sha256(town.net_path.read_bytes()).hexdigest() == town.sha256
+    assert (town.name, town.kind) == ("town", SourceKind.TOWN)
+
+    def no_compilation(*_):
+        pytest.fail("compiled again")
+
+    monkeypatch.setattr(map_compiler, "run_netconvert", no_compilation)
+    assert compile_map(None, cache) == town
+
+
+def test_the_bytes_do_not_depend_on_when_or_where_they_were_made(town, tmp_path):
+    again = compile_map(None, tmp_path / "elsewhere")
+    assert again.sha256 == town.sha256
+    assert b"generated on" not in again.read_bytes()
+
+
+def test_concurrent_compilations_agree_and_leave_one_file(tmp_path):
+    with ThreadPoolExecutor(3) as pool:
+        results = list(pool.map(lambda _: compile_map(None, tmp_path), range(3)))
+    assert len({result.sha256 for result in results}) == 1
+    assert [path.name for path in tmp_path.iterdir()] == [results[0].net_path.name]
+
+
+def test_a_compiled_net_is_a_map_itself(town, tmp_path):
+    plain, packed = tmp_path / "mine.net.xml", tmp_path / "packed.net.xml.gz"
+    plain.write_bytes(town.read_bytes().replace(b"<net ", b"<!-- generated on <net> day -->\n<net ", 1))
+    packed.write_bytes(gzip.compress(town.read_bytes()))
+    first, second = (compile_map(path, tmp_path / "cache") for path in (plain, packed))
+    assert first.read_bytes() == second.read_bytes()
+    assert (first.name, second.name) == ("mine", "packed")
+    assert first.kind is SourceKind.SUMO
+    assert parse_road_network(first.read_bytes()).edges
+
+
+def test_opendrive_keeps_carlas_coordinates(town10):
+    """Junction 134 lies around CARLA (26…57, 53…75), where y points the other way."""
+    assert town10.sumo_offset_m == (0.0, 0.0)
+    outline = town10.junctions["134"].outline
+    assert 20.0 < outline[:, 0].min() < 30.0
+    assert 55.0 < outline[:, 0].max() < 62.0
+    assert -82.0 < outline[:, 1].min() < outline[:, 1].max() < -50.0
+    assert town10.origin_lat_lon_deg == pytest.approx((0.0, 0.0), abs=1e-12)
+
+
+def test_opendrive_signs_and_signals_control_junctions(town10):
+    kinds = {name: junction.kind for name, junction in town10.junctions.items()}
+    assert sorted(name for name, kind in kinds.items() if kind is JunctionKind.SIGNAL) == [
+        "189",
+        "23",
+        "468",
+        "532",
+        "719",
+    ]
+    assert [name for name, kind in kinds.items() if kind is JunctionKind.ALL_WAY_STOP] == ["134"]
+    assert {c.junction for c in town10.connections if c.must_stop} == {"134"}
+    assert all((c.signal_id is not None) == (kinds[c.junction] is JunctionKind.SIGNAL) for c in town10.connections)
+    assert "t" not in {c.direction for c in town10.connections}
+
+
+def test_opendrive_signals_give_green_to_one_approach_at_a_time(town10, cache):
+    net = fromstring(compile_map(TOWN10, cache).read_bytes())
+    for program in net.iterfind("tlLogic"):
+        links = [link for link in town10.connections if link.signal_id == program.get("id")]
+        links = [link for link in links if town10.lanes[link.from_lane].kind is LaneKind.DRIVING]
+        greens = [phase.get("state") for phase in program.iterfind("phase") if "G" in phase.get("state")]
+        served = [
+            {town10.lanes[link.from_lane].edge for link in links if state[link.signal_link] in "Gg"} for state in greens
+        ]
+        assert all(len(edges) == 1 for edges in served)
+        assert {min(edges) for edges in served} == {town10.lanes[link.from_lane].edge for link in links}
+
+
+def test_opendrive_shoulders_are_open_to_emergency_vehicles_alone(town10):
+    shoulders = [lane for lane in town10.lanes if lane.kind is LaneKind.SHOULDER]
+    assert len(shoulders) >= 40
+    for lane in shoulders:
+        assert lane.emergency_allowed
+        assert not lane.civilian_allowed
+        assert 2.0 <= lane.width_m <= 2.5
+        assert town10.neighbour(lane, 1).kind is LaneKind.DRIVING
+    for lane in town10.lanes:
+        if lane.kind in {LaneKind.SIDEWALK, LaneKind.KERB}:
+            assert (lane.emergency_allowed, lane.civilian_allowed) == (False, False)
+        if lane.kind is LaneKind.DRIVING:
+            assert lane.civilian_allowed
+            assert lane.width_m == pytest.approx(3.5)
+
+
+def test_shoulder_paths_follow_right_turns(town10):
+    turns = [
+        c for c in town10.connections if c.direction == "r" and town10.lanes[c.from_lane].kind is LaneKind.SHOULDER
+    ]
+    assert len(turns) == 20
+    assert all(c.via for c in turns)
+
+
+def test_openstreetmap_gives_a_network_around_its_own_origin(tmp_path):
+    path = tmp_path / "city.osm"
+    path.write_text(OSM)
+    compiled = compile_map(path, tmp_path / "cache")
+    network = parse_road_network(compiled.read_bytes())
+    assert (compiled.kind, compiled.name) == (SourceKind.OPENSTREETMAP, "city")
+    assert network.projection.startswith("+proj=utm +zone=33")
+    assert network.origin_lat_lon_deg == pytest.approx((52.52, 13.40), abs=1e-4)
+    points = np.concatenate([lane.centre.points for lane in network.lanes])
+    assert np.abs(points).max() < 400.0
+    assert network.junctions["2"].kind is JunctionKind.SIGNAL
+    assert {edge.name for edge in network.edges if not edge.internal} == {"A Street", ""}
+    assert {lane.kind for lane in network.lanes} >= {LaneKind.DRIVING, LaneKind.SIDEWALK}
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        ("empty.xodr", b"<OpenDRIVE/>", "netconvert"),
+        ("empty.osm", b'<osm version="0.6"/>', "netconvert"),
+        ("broken.osm", b'<osm version="0.6"><node id="1"></osm>', "netconvert"),
+        ("empty.net.xml", b"<net/>", "lane"),
+        ("page.xml", b"<html/>", "OpenDRIVE map"),
+    ],
+)
+def test_unusable_maps_are_refused_and_leave_nothing_behind(tmp_path, name, content, reason):
+    path = tmp_path / name
+    path.write_bytes(content)
+    cache = tmp_path / "cache"
+    with pytest.raises(MapError, match=reason):
+        compile_map(path, cache)
+    assert not cache.exists()
+
+
+def test_an_unwritable_cache_is_named(tmp_path):
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    with pytest.raises(InputError, match="SIREN_CACHE_DIR"):
+        compile_map(None, blocked / "cache")
+
+
+def test_the_environment_says_where_the_cache_is(monkeypatch, tmp_path):
+    monkeypatch.setenv("SIREN_CACHE_DIR", str(tmp_path / "own"))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
+    assert default_cache_dir() == tmp_path / "own"
+    monkeypatch.delenv("SIREN_CACHE_DIR")
+    assert default_cache_dir() == tmp_path / "xdg" / "siren"
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert default_cache_dir() == tmp_path / ".cache" / "siren"
+
+
+def test_another_process_gets_the_same_bytes(town, tmp_path):
+    program = (
+        "import sys, pathlib; from siren_ros.roads.maps.map_compiler import compile_map; "
+        "print(compile_map(None, pathlib.Path(sys.argv[1])).sha256)"
+    )
+    answer = subprocess.run(
+        [sys.executable, "-c", program, str(tmp_path)], capture_output=True, text=True, check=True, env=_environment()
+    )
+    assert answer.stdout.strip() == town.sha256
+
+
+def _environment():
+    return {"PYTHONPATH": str(Path(map_compiler.__file__).parents[2]), "PYTHONHASHSEED": "7", "TZ": "Asia/Tokyo"}

@@ -1,0 +1,88 @@
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from siren_ros.interfaces import topics
+from siren_ros.interfaces.av_control import to_av_control
+from siren_ros.interfaces.lockstep_reports import Phase, StepReport
+from siren_ros.lockstep.lockstep import LockstepState, Stage
+from siren_ros.ros.participants.av_seat import AvSeat
+from siren_ros.ros.transport import wire
+from siren_ros.world.commands import AV_SOURCE, AvControl
+
+
+class Graph:
+    """What a seat asks of its node."""
+
+    def __init__(self) -> None:
+        self.publishers: list[str] = []
+        self.hear: Callable[[bytes], None] = lambda _cdr: None
+
+    def create_subscription(self, _type: Any, _name: str, callback: Callable[[bytes], None], *_qos: Any, raw: bool):
+        assert raw
+        self.hear = callback
+
+    def count_publishers(self, name: str) -> int:
+        assert name == topics.AV_CONTROL.name
+        return len(self.publishers)
+
+    def get_publishers_info_by_topic(self, _name: str) -> list[Any]:
+        return [SimpleNamespace(node_name=name) for name in self.publishers]
+
+
+@pytest.fixture(name="graph")
+def _graph() -> Graph:
+    return Graph()
+
+
+@pytest.fixture(name="reports")
+def _reports() -> list[StepReport]:
+    return []
+
+
+@pytest.fixture(name="seat")
+def _seat(graph: Graph, reports: list[StepReport]) -> AvSeat:
+    return AvSeat(graph, reports.append)
+
+
+def test_it_is_ready_when_somebody_publishes(seat: AvSeat, graph: Graph, reports: list[StepReport]) -> None:
+    seat.watch(LockstepState(Stage.GATHERING))
+    assert (reports, seat.called) == ([], AV_SOURCE)
+    graph.publishers = ["my_stack"]
+    seat.watch(LockstepState(Stage.GATHERING))
+    assert reports == [StepReport(0, AV_SOURCE, Phase.READY)]
+    assert seat.called == f"{AV_SOURCE} (node my_stack)"
+
+
+def test_an_answer_is_the_report_of_its_step(seat: AvSeat, graph: Graph, reports: list[StepReport]) -> None:
+    graph.publishers = ["my_stack"]
+    graph.hear(wire.encode(topics.AV_CONTROL, to_av_control(wire.factory(), AvControl(7, 0.5))))
+    seat.watch(LockstepState(Stage.STEPPING, 8))
+    seat.close(9)
+    assert reports == [StepReport(7, AV_SOURCE, Phase.STEP), StepReport(8, AV_SOURCE, Phase.FINAL)]
+
+
+@pytest.mark.parametrize(
+    ("cdr", "named"),
+    [
+        (wire.encode(topics.AV_CONTROL, to_av_control(wire.factory(), AvControl(7, float("nan")))), "throttle nan"),
+        (b"\x00\x01\x00\x00nonsense", "a message of 12 bytes"),
+    ],
+)
+def test_what_cannot_be_used_is_an_error(
+    seat: AvSeat, graph: Graph, reports: list[StepReport], cdr: bytes, named: str
+) -> None:
+    assert seat.called == AV_SOURCE
+    graph.hear(cdr)
+    (report,) = reports
+    assert report.error.startswith(topics.AV_CONTROL.name)
+    assert named in report.error
+
+
+def test_a_controller_that_leaves_is_an_error(seat: AvSeat, reports: list[StepReport]) -> None:
+    seat.watch(LockstepState(Stage.STEPPING, 8))
+    assert reports == [StepReport(8, AV_SOURCE, Phase.STEP, "its publisher of /av/control_cmd is gone")]
+    seat.watch(LockstepState(Stage.CLOSING, 8))
+    assert len(reports) == 1

@@ -1,0 +1,64 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from siren_ros.errors import InputError
+from siren_ros.params.params_files import params_dir
+from siren_ros.scenario.presets import TruncatedNormal, available_presets, load_preset
+
+
+def test_paper_preset_is_deterministic() -> None:
+    preset = load_preset("paper")
+    rng = np.random.default_rng(0)
+    assert {preset.reaction_delay_s.draw(rng) for _ in range(20)} == {0.0}
+    assert len({preset.response_distance_m.draw(rng) for _ in range(20)}) == 1
+    assert preset.compliance.complies == 1.0
+
+
+def test_realistic_preset_draws_its_mean_and_spread() -> None:
+    preset = load_preset("realistic")
+    rng = np.random.default_rng(0)
+    delays = np.array([preset.reaction_delay_s.draw(rng) for _ in range(4000)])
+    assert delays.mean() == pytest.approx(preset.reaction_delay_s.mean, abs=0.05)
+    assert delays.std() == pytest.approx(preset.reaction_delay_s.std, rel=0.15)
+    assert delays.min() >= preset.reaction_delay_s.minimum
+    assert delays.max() <= preset.reaction_delay_s.maximum
+
+
+def test_scenario_values_move_the_distributions() -> None:
+    preset = load_preset("realistic")
+    changed = preset.for_scenario(response_distance_m=60.0, extra_delay_s=1.0, compliance=0.5)
+    assert changed.response_distance_m.mean == pytest.approx(60.0)
+    assert changed.response_distance_m.std == pytest.approx(preset.response_distance_m.std * 1.5)
+    assert changed.reaction_delay_s.mean == preset.reaction_delay_s.mean + 1.0
+    shares = changed.compliance
+    assert shares.complies == pytest.approx(preset.compliance.complies / 2.0)
+    assert shares.complies + shares.late + shares.never == pytest.approx(1.0)
+
+
+@given(st.floats(-5.0, 5.0), st.floats(0.0, 10.0), st.integers(0, 1000))
+def test_draws_stay_within_the_limits(mean: float, std: float, seed: int) -> None:
+    drawn = TruncatedNormal(mean, std, -5.0, 5.0).draw(np.random.default_rng(seed))
+    assert -5.0 <= drawn <= 5.0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "shown"),
+    [("never: 0.0", "never: 0.5", "add up to 1"), ("std: 0.0", "std: x", "a number"), ("title", "name", "title")],
+)
+def test_mistakes_name_file_and_line(tmp_path: Path, old: str, new: str, shown: str) -> None:
+    text = (params_dir() / "presets" / "paper.yaml").read_text(encoding="utf-8")
+    file = tmp_path / "mine.yaml"
+    file.write_text(text.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(InputError, match=r"mine\.yaml:\d+") as caught:
+        load_preset(str(file))
+    assert shown in str(caught.value)
+
+
+def test_unknown_preset_lists_the_presets() -> None:
+    assert available_presets() == ("paper", "realistic")
+    with pytest.raises(InputError, match="paper, realistic"):
+        load_preset("angry")

@@ -1,0 +1,177 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from siren_ros.errors import InputError
+from siren_ros.params.params_files import params_dir
+from siren_ros.roads.sites.site_finder import SiteKind
+from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.scenario.scenario import GroupAnchor, StartReference
+from siren_ros.scenario.templates import available_templates, draw_values, load_template, read_template
+from siren_ros.world.actors import ActorClass
+
+S2_TEXT = (params_dir() / "templates" / "S2.yaml").read_text(encoding="utf-8")
+
+
+def refused(tmp_path: Path, old: str, new: str) -> tuple[InputError, int]:
+    """The error for S2 with a part replaced, and the line where the replacement begins."""
+    assert S2_TEXT.count(old) == 1
+    file = tmp_path / "changed.yaml"
+    file.write_text(S2_TEXT.replace(old, new), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read_template(file)
+    return caught.value, S2_TEXT[: S2_TEXT.index(old)].count("\n") + 1
+
+
+def test_s2_is_the_papers() -> None:
+    template = load_template("S2")
+    assert "S2" in available_templates()
+    assert template.level is EmergencyLevel.L2
+    assert template.site_kind is SiteKind.MULTI_LANE_ROAD
+    assert template.demand.background_vehicles == 20
+    assert template.emv.speed_mps == pytest.approx(50.0 / 3.6, abs=0.01)
+    assert template.emv.actor_class is ActorClass.AMBULANCE
+    assert 25.0 <= template.duration_s <= 45.0
+    assert template.ranges["duration_s"].minimum == 25.0
+    assert template.ranges["duration_s"].maximum == 45.0
+    assert template.predicate.name == "lane_cleared"
+    assert template.predicate.thresholds["lane_changes_min"] == 3
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "allowed"),
+    [
+        ("warm_up_s: 30.0", "warm_up: 20.0", "warm_up_s", "missing"),
+        ("level: L2", "level: L7", "level", "L0, L1, L2, L3"),
+        ("level: L2", "level: L2\nspeed: 3", "speed", "keys"),
+        ("site: multi_lane_road", "site: motorway", "site", "multi_lane_road"),
+        ("default: 40.0, range: [25.0, 45.0]", "default: 50.0, range: [25.0, 45.0]", "duration_s.default", "25 to 45"),
+        ("default: 40.0, range: [25.0, 45.0]", "default: 30.0, range: [45.0, 25.0]", "duration_s.range", "order"),
+        ("default: 40.0, range: [25.0, 45.0]", "default: 40.0", "duration_s.range", "missing"),
+        ("default: 40.0, range: [25.0, 45.0]", "default: -1, range: [-1, 45]", "duration_s.range", "1 to 3600"),
+        ("warm_up_s: 30.0", "warm_up_s: soon", "warm_up_s", "a number"),
+        ("warm_up_s: 30.0", "warm_up_s: .nan", "warm_up_s", "a number"),
+        ("default: 20, range: [15, 28]", "default: 20.5, range: [15, 28]", "background_vehicles.default", "whole"),
+        ("default: 20, range: [15, 28]", "default: 20, range: [6, 28]", "background_vehicles", "10 vehicles"),
+        ("class: ambulance", "class: sedan", "emv.class", "ambulance"),
+        ("hatchback: 0.26", "hatchback: 0.36", "demand.classes", "add up to 1"),
+        ("placement: emv_lane", "placement: roof", "platoon.placement", "emv_lane"),
+        ("name: lane_cleared", "name: all_well", "predicate.name", "lane_cleared"),
+        ("lane_changes_min: 3", "lane_changes_min: 0", "predicate.lane_changes_min", "1 to 50"),
+        ("passed_min: 3", "overtaken_min: 3", "predicate.passed_min", "missing"),
+    ],
+)
+def test_mistakes_are_refused_with_line_key_and_what_is_allowed(
+    tmp_path: Path, old: str, new: str, key: str, allowed: str
+) -> None:
+    error, line = refused(tmp_path, old, new)
+    assert key in error.parameter
+    assert "changed.yaml" in error.parameter
+    assert allowed in error.allowed
+    at_line = int(error.parameter.split("changed.yaml:")[1].split(":")[0])
+    if "missing" not in allowed and key != "demand.classes":
+        assert at_line == line + new.count("\n")
+
+
+@pytest.mark.parametrize(
+    ("name", "level", "background", "site", "predicate"),
+    [
+        ("S1", "L3", 30, "queued_approach", "queues_split"),
+        ("S2", "L2", 20, "multi_lane_road", "lane_cleared"),
+        ("S3", "L1", 20, "signal_junction", "red_same_direction"),
+        ("S4", "L1", 20, "signal_junction", "red_crossing"),
+        ("S5", "L1", 20, "stop_junction", "stop_same_direction"),
+        ("S6", "L1", 30, "stop_junction", "stop_crossing"),
+        ("S7", "L3", 20, "shoulder_right_turn", "shoulder_turn"),
+    ],
+)
+def test_the_seven_templates_are_the_papers(name: str, level: str, background: int, site: str, predicate: str) -> None:
+    template = load_template(name)
+    assert template.template_id == name
+    assert template.level.name == level
+    assert template.demand.background_vehicles == background
+    assert template.site_kind.value == site
+    assert template.predicate.name == predicate
+    assert 25.0 <= template.duration_s <= 45.0
+    assert template.emv.speed_mps == pytest.approx(50.0 / 3.6, abs=0.01)
+    assert (template.signal is None) == (site in {"multi_lane_road", "stop_junction"})
+
+
+def test_signal_and_group_anchors_are_read() -> None:
+    template = load_template("S4")
+    assert template.signal is not None
+    assert template.value("signal.red_before_arrival_s") == template.signal.red_before_arrival_s
+    drawn = template.with_values({"signal.red_before_arrival_s": 8.0})
+    assert drawn.signal is not None
+    assert drawn.signal.red_before_arrival_s == 8.0
+    crossing = template.demand.groups[0]
+    assert (crossing.anchor, crossing.standing) == (GroupAnchor.STOP_LINE, True)
+    assert load_template("S3").demand.groups[0].anchor is GroupAnchor.ARRIVAL
+    assert load_template("S2").demand.groups[0].anchor is GroupAnchor.EMV
+    assert load_template("S2").emv.start_from is StartReference.SITE_START
+    assert template.emv.start_from is StartReference.STOP_LINE
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "allowed"),
+    [
+        ("placement: crossing", "placement: crossing\n      from: emv", "crossing.from", "stop_line"),
+        ("site: signal_junction", "site: multi_lane_road", "site", "emv.start_from, signal"),
+        ("red_before_arrival_s: {", "red_after_s: {", "signal.red_before_arrival_s", "missing"),
+        ("start_from: stop_line", "start_from: kerb", "emv.start_from", "site_start, stop_line"),
+    ],
+)
+def test_mistakes_about_the_stop_line_are_refused(tmp_path: Path, old: str, new: str, key: str, allowed: str) -> None:
+    file = tmp_path / "changed.yaml"
+    text = (params_dir() / "templates" / "S4.yaml").read_text(encoding="utf-8")
+    assert text.count(old) == 1
+    file.write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read_template(file)
+    assert key in caught.value.parameter
+    assert allowed in caught.value.allowed
+
+
+def test_missing_predicate_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "none.yaml"
+    file.write_text(S2_TEXT[: S2_TEXT.index("predicate:")], encoding="utf-8")
+    with pytest.raises(InputError, match=r"predicate: None cannot be used; allowed: a mapping"):
+        read_template(file)
+
+
+@pytest.mark.parametrize("text", ["", "- 1", "a: [", "a: 1\na: 2"])
+def test_files_that_are_no_template_are_refused(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "bad.yaml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"bad\.yaml"):
+        read_template(file)
+
+
+def test_unknown_name_lists_the_templates() -> None:
+    with pytest.raises(InputError, match="S2"):
+        load_template("S99")
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from(["S1", "S2", "S3", "S4", "S5", "S6", "S7"]))
+def test_draws_lie_within_their_ranges_and_can_be_applied(seed: int, name: str) -> None:
+    template = load_template(name)
+    values = draw_values(template, np.random.default_rng(seed))
+    drawn = template.with_values(values)
+    assert drawn.values() == values
+    assert draw_values(template, np.random.default_rng(seed)) == values
+    group = drawn.demand.groups[0]
+    assert group.vehicles == values[f"demand.{group.name}.vehicles"]
+    assert drawn.predicate == template.predicate
+
+
+def test_values_outside_their_range_and_unknown_ones_are_refused() -> None:
+    template = load_template("S2")
+    with pytest.raises(InputError, match=r"emv\.speed_mps.*11 to 16\.7"):
+        template.with_values({"emv.speed_mps": 40.0})
+    with pytest.raises(InputError, match="whole number"):
+        template.with_values({"demand.platoon.vehicles": 4.5})
+    with pytest.raises(InputError, match=r"emv\.colour"):
+        template.with_values({"emv.colour": 1.0})

@@ -1,0 +1,108 @@
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from siren_ros.sensors.camera.camera_model import Pinhole
+from siren_ros.sensors.camera.context import RendererUnavailableError
+from siren_ros.sensors.camera.effects.lamp_light import beacon_colour, luminaires
+from siren_ros.sensors.camera.rendered_image import RenderedImage
+from siren_ros.sensors.camera.renderer import Renderer
+from siren_ros.sensors.meshes.material import SemanticClass
+from siren_ros.sensors.meshes.mesh import Material
+from siren_ros.sensors.meshes.placement import Carrier, Placement
+from siren_ros.sensors.scene.poles import street_lamp, turned
+from siren_ros.sensors.suite.look import Look
+from siren_ros.sensors.suite.mount import transform
+from siren_ros.world.actors import ActorClass, Lights
+
+CAMERA = Pinhole(320, 240, 160.0)
+SEDAN = ActorClass.SEDAN
+EYE = transform(np.eye(3), (0.0, 0.0, 2.5))
+NIGHT = Look(
+    sun_elevation_rad=-0.4, zenith_colour=(0.006, 0.009, 0.02), horizon_colour=(0.03, 0.03, 0.036), ambient=0.5
+)
+
+
+def renderer_of(scene: Any, boxes: Any, look: Look) -> Renderer:
+    try:
+        return Renderer(scene, boxes.shapes(), look)
+    except RendererUnavailableError as error:
+        pytest.skip(str(error))
+
+
+def picture(renderer: Renderer, placement: Placement, step: int = 0, *, labels: bool = False) -> RenderedImage:
+    return renderer.render(CAMERA, EYE, placement, np.zeros(len(placement)), {}, step, labels=labels)
+
+
+def road(image: RenderedImage) -> Any:
+    return image.semantic == SemanticClass.ROAD
+
+
+def test_each_street_lamp_is_found_once() -> None:
+    places = [(0.0, 0.0), (30.0, 5.0), (31.0, 40.0)]
+    lamps = [turned(street_lamp(8.0), x, y, 0.0, 0.7) for x, y in places]
+    found = luminaires(type(lamps[0]).concatenate(lamps))
+    assert found.shape == (3, 3)
+    reach = np.linalg.norm(found[:, :2] - places, axis=1)
+    assert reach == pytest.approx(1.5, abs=0.1)
+    assert found[:, 2] == pytest.approx(7.9, abs=0.1)
+
+
+def test_a_street_lamp_lights_the_road_below_it_at_night(boxes: Any) -> None:
+    lamp = turned(street_lamp(8.0), 20.0, -4.0, 0.0, np.pi / 2)
+    lit = picture(renderer_of(boxes.scene(lamp), boxes, NIGHT), boxes.placed())
+    dark = picture(renderer_of(boxes.scene(), boxes, NIGHT), boxes.placed())
+    below = lit.rgba[140:165, 150:170, :3].mean()
+    assert below > dark.rgba[140:165, 150:170, :3].mean() + 30
+    lens = lit.rgba[..., :3].min(axis=2) > 200
+    assert lens.sum() > 3
+
+
+def test_head_lamps_light_what_lies_ahead_also_the_carriers_own(boxes: Any) -> None:
+    renderer = renderer_of(boxes.scene(), boxes, NIGHT)
+    empty = picture(renderer, boxes.placed())
+    ahead = picture(renderer, boxes.placed((SEDAN, 15.0, 4.0, -np.pi / 2)))
+    brighter = road(ahead) & (ahead.rgba[..., 1] > empty.rgba[..., 1].astype(int) + 20)
+    assert brighter[:, 160:].sum() > 200
+    own = replace(boxes.placed(), carrier=Carrier(0.0, 0.0, 0.0, 4.6, 0))
+    assert picture(renderer, own).rgba[150:220, 120:200, :3].mean() > empty.rgba[150:220, 120:200, :3].mean() + 20
+    assert picture(renderer, boxes.placed()).rgba.tobytes() == empty.rgba.tobytes()
+
+
+def test_beacons_colour_the_road_in_turn(boxes: Any) -> None:
+    renderer = renderer_of(boxes.scene(), boxes, NIGHT)
+    blue, red = (next(k for k in range(20) if beacon_colour(k)[channel] > 0.5) for channel in (2, 0))
+    placement = boxes.placed((SEDAN, 14.0, 0.0, np.pi), lights=[int(Lights.BEACON)])
+    in_blue, in_red = picture(renderer, placement, blue), picture(renderer, placement, red)
+    beside = (slice(150, 200), slice(60, 110))
+    difference = in_blue.rgba[..., :3][beside].mean(axis=(0, 1)) - in_red.rgba[..., :3][beside].mean(axis=(0, 1))
+    assert difference[2] > 15
+    assert difference[0] < -15
+
+
+def test_rain_falls_over_the_colours_alone(boxes: Any) -> None:
+    placement = boxes.placed((SEDAN, 8.0, 1.0, 0.3))
+    wet = Look(rain_mm_per_h=10.0)
+    dry = picture(renderer_of(boxes.scene(), boxes, Look()), placement, labels=True)
+    renderer = renderer_of(boxes.scene(), boxes, wet)
+    first, later = picture(renderer, placement, labels=True), picture(renderer, placement, 1, labels=True)
+    again = picture(renderer_of(boxes.scene(), boxes, wet), placement)
+    changed = np.any(first.rgba[..., :3] != dry.rgba[..., :3], axis=2)
+    assert 0.002 < changed.mean() < 0.2
+    assert first.rgba.tobytes() == again.rgba.tobytes() != later.rgba.tobytes()
+    for rainy in (first, later):
+        assert np.array_equal(rainy.semantic, dry.semantic)
+        assert np.array_equal(np.asarray(rainy.instance), np.asarray(dry.instance))
+        assert np.array_equal(np.asarray(rainy.depth_m), np.asarray(dry.depth_m))
+
+
+def test_a_vehicle_takes_its_shadow_along(boxes: Any) -> None:
+    renderer = renderer_of(
+        boxes.scene(boxes.box((30.0, 9.0, 4.0), (8.0, 8.0, 8.0), Material.BUILDING_WALL)), boxes, Look()
+    )
+    empty = picture(renderer, boxes.placed())
+    for x in (8.0, 12.0, 25.0):
+        assert picture(renderer, boxes.placed((SEDAN, x, 1.0, 0.3))).rgba.tobytes() != empty.rgba.tobytes()
+    assert picture(renderer, boxes.placed()).rgba.tobytes() == empty.rgba.tobytes()

@@ -1,0 +1,82 @@
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.sensors.camera.camera_model import Pinhole
+from siren_ros.sensors.camera.context import RendererUnavailableError
+from siren_ros.sensors.camera.raycast_renderer import RaycastRenderer
+from siren_ros.sensors.camera.renderer import Renderer
+from siren_ros.sensors.meshes.mesh import LampColour, Material, SignalLamp
+from siren_ros.sensors.rig import rig as rig_module
+from siren_ros.sensors.rig.rig import SensorRig
+from siren_ros.sensors.suite.mount import Mount, map_from_base, transform
+from siren_ros.sensors.suite.suite import CameraSpec, SensorSuite
+from siren_ros.world.actors import ActorClass
+
+CAMERA = Pinhole(160, 120, 80.0)
+POSE = map_from_base(-3.0, 1.0, 0.0, 0.2) @ transform(np.eye(3), (0.0, 0.0, 1.5))
+NETWORK = RoadNetwork((), (), (), {}, (0.0, 0.0), "!")
+
+
+def world(boxes: Any) -> Any:
+    lamp = boxes.box((20.0, -8.0, 5.0), (0.1, 1.0, 1.0), Material.SIGNAL_RED)
+    scene = boxes.scene(lamp, boxes.box((40.0, 30.0, 5.0), (10.0, 10.0, 10.0)))
+    return replace(scene, signal_lamps=(SignalLamp("s", 0, LampColour.RED, 12, 24),))
+
+
+def test_it_shows_what_opengl_shows(boxes: Any) -> None:
+    placement = boxes.placed((ActorClass.SEDAN, 7.0, 2.0, 0.7), (ActorClass.BUS, 18.0, -3.0, 1.9))
+    cast = RaycastRenderer(world(boxes), boxes.shapes()).render(
+        CAMERA, POSE, placement, np.zeros(2), {"s": "r"}, 0, labels=True
+    )
+    try:
+        renderer = Renderer(world(boxes), boxes.shapes())
+    except RendererUnavailableError as error:
+        pytest.skip(str(error))
+    drawn = renderer.render(CAMERA, POSE, placement, np.zeros(2), {"s": "r"}, 0, labels=True)
+    assert cast.instance is not None
+    assert drawn.instance is not None
+    assert cast.depth_m is not None
+    assert drawn.depth_m is not None
+    same = cast.instance == drawn.instance
+    assert same.mean() > 0.998
+    assert (cast.semantic == drawn.semantic).mean() > 0.995
+    near = same & (cast.depth_m > 0.0) & (cast.depth_m < 60.0)
+    assert np.quantile(np.abs(cast.depth_m - drawn.depth_m)[near], 0.99) < 0.02
+    difference = cast.rgba[..., :3].astype(float) - drawn.rgba[..., :3]
+    assert np.abs(difference).mean() < 25.0
+
+
+def test_a_machine_without_egl_casts_rays_and_says_so(boxes: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def unavailable(*_: object) -> Renderer:
+        raise RendererUnavailableError("no EGL here")
+
+    monkeypatch.setattr(rig_module, "Renderer", unavailable)
+    camera = CameraSpec("camera_front", Mount(2.5, 0.0, 1.0), width=80, height=60)
+    rig = SensorRig(SensorSuite("one", cameras=(camera,), labels=True), NETWORK, 0, scene=boxes.scene())
+    rig.prepare()
+    assert len(rig.notes) == 1
+    assert "no EGL here" in rig.notes[0]
+    assert "cast rays" in rig.notes[0]
+    assert rig.account["notes"] == list(rig.notes)
+    assert "no OpenGL" in str(rig.account["pictures_by"])
+    states, descriptions = boxes.actors((ActorClass.SEDAN, 0.0, 0.0, 0.0), (ActorClass.SEDAN, 12.0, 0.5, 0.1))
+    seen = rig.observe(states, descriptions, (), 1)
+    assert seen.frames[0].rgb.shape == (60, 80, 3)
+    assert seen.labels["camera_front"].actor_id.tolist() == [2]
+    assert seen.labels["camera_front"].visible_fraction[0] > 0.95
+
+
+def test_two_renderers_in_one_thread_do_not_disturb_each_other(boxes: Any) -> None:
+    placement = boxes.placed((ActorClass.SEDAN, 7.0, 2.0, 0.7))
+    try:
+        first = Renderer(boxes.scene(), boxes.shapes())
+    except RendererUnavailableError as error:
+        pytest.skip(str(error))
+    alone = first.render(CAMERA, POSE, placement, np.zeros(1), {}, 0).rgba.tobytes()
+    second = Renderer(world(boxes), boxes.shapes())
+    other = second.render(CAMERA, POSE, placement, np.zeros(1), {}, 0).rgba.tobytes()
+    assert first.render(CAMERA, POSE, placement, np.zeros(1), {}, 0).rgba.tobytes() == alone != other

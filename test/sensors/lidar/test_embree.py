@@ -1,0 +1,107 @@
+"""Rays cast in packets find what Open3D's ray caster finds, whatever their order."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import open3d as o3d
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from siren_ros.sensors.lidar.embree import RayHits, TriangleTree, tiles
+
+VERTICES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
+TRIANGLE = np.array([[0, 1, 2]])
+
+
+def soup(count: int, rng: np.random.Generator) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint32]]:
+    """Triangles at random."""
+    vertices = rng.uniform(-10.0, 10.0, (3 * count, 3)).astype(np.float32)
+    return vertices, np.arange(3 * count, dtype=np.uint32).reshape(-1, 3)
+
+
+@given(seed=st.integers(0, 1000), triangles=st.integers(1, 60), count=st.integers(0, 100))
+@settings(max_examples=30, deadline=None, derandomize=True)
+def test_hits_are_those_of_open3d(seed: int, triangles: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    mesh = soup(triangles, rng)
+    rays = rng.uniform(-1.0, 1.0, (count, 6)).astype(np.float32)
+    ours = TriangleTree([mesh]).cast(rays)
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(o3d.core.Tensor.from_numpy(mesh[0]), o3d.core.Tensor.from_numpy(mesh[1]))
+    theirs = scene.cast_rays(o3d.core.Tensor.from_numpy(rays))
+    np.testing.assert_allclose(ours.distance, theirs["t_hit"].numpy(), rtol=1e-3, atol=1e-3)
+    hit = np.isfinite(ours.distance)
+    np.testing.assert_array_equal(ours.triangle[hit], theirs["primitive_ids"].numpy()[hit])
+    unit = ours.normal[hit] / np.linalg.norm(ours.normal[hit], axis=1, keepdims=True)
+    np.testing.assert_allclose(unit, theirs["primitive_normals"].numpy()[hit], atol=1e-3)
+
+
+def test_distance_is_in_units_of_the_direction() -> None:
+    tree = TriangleTree([(VERTICES, TRIANGLE)])
+    hits = tree.cast(np.array([[0.2, 0.2, -1, 0, 0, 2], [0.2, 0.2, 3, 0, 0, -1], [2, 2, -1, 0, 0, 1]], np.float32))
+    np.testing.assert_allclose(hits.distance, [0.5, 3.0, np.inf], rtol=2.0**-23)  # processors differ in the last bit
+
+
+def test_triangles_are_counted_within_each_mesh() -> None:
+    behind = np.concatenate((VERTICES, VERTICES + np.float32(5.0)))
+    tree = TriangleTree([(VERTICES + np.float32(5.0), TRIANGLE), (behind, np.array([[3, 4, 5], [0, 1, 2]]))])
+    hits = tree.cast(np.array([[0.2, 0.2, -1, 0, 0, 1], [5.2, 5.2, 0, 0, 0, 1]], np.float32))
+    assert hits.triangle.tolist() == [1, 0]
+
+
+def test_order_and_the_room_given_change_nothing() -> None:
+    rng = np.random.default_rng(3)
+    tree = TriangleTree([soup(40, rng)])
+    rays = rng.uniform(-1.0, 1.0, (10 * 7, 6)).astype(np.float32)
+    plain, room = tree.cast(rays), RayHits.for_rays(len(rays))
+    for order in (tiles(10, 7), tiles(7, 10, 3), rng.permutation(70).astype(np.int32)):
+        room.distance.fill(-1.0)
+        assert tree.cast(rays, room, order) is room
+        np.testing.assert_array_equal(room.distance, plain.distance)
+        hit = np.isfinite(plain.distance)
+        np.testing.assert_array_equal(room.triangle[hit], plain.triangle[hit])
+
+
+def test_a_tree_without_triangles_is_never_hit() -> None:
+    assert np.isinf(TriangleTree([]).cast(np.ones((20, 6), np.float32)).distance).all()
+
+
+@pytest.mark.parametrize(("columns", "rows", "side"), [(8, 8, 4), (10, 7, 4), (1, 5, 4), (3, 3, 1)])
+def test_tiles_visit_each_ray_once_and_keep_neighbours_together(columns: int, rows: int, side: int) -> None:
+    order = tiles(columns, rows, side)
+    assert sorted(order.tolist()) == list(range(columns * rows))
+    first = order[: min(columns, side) * min(rows, side)]
+    assert set((first // rows).tolist()) == set(range(min(columns, side)))
+    assert set((first % rows).tolist()) == set(range(min(rows, side)))
+
+
+_WITH_PACKETS_OF = """
+import sys
+import numpy as np
+from siren_ros.sensors.lidar import embree
+
+embree._NATIVE = {int(sys.argv[1]): embree._NATIVE[int(sys.argv[1])]}
+rng = np.random.default_rng(5)
+soup = rng.uniform(-5.0, 5.0, (90, 3)).astype(np.float32)
+rays = rng.normal(size=(101, 6)).astype(np.float32)
+hits = embree.TriangleTree([(soup, np.arange(90).reshape(-1, 3))]).cast(rays)
+assert embree._lanes() == int(sys.argv[1])
+met = np.isfinite(hits.distance)
+np.save(sys.argv[2], np.column_stack((hits.distance, np.where(met, hits.triangle, 0))))
+"""
+
+
+def test_packets_of_every_width_find_the_same(tmp_path: Path) -> None:
+    found = []
+    for lanes in (4, 8, 16):
+        file = tmp_path / f"{lanes}.npy"
+        subprocess.run([sys.executable, "-c", _WITH_PACKETS_OF, str(lanes), str(file)], check=True)
+        found.append(np.load(file))
+    assert 10 < np.isfinite(found[0][:, 0]).sum() < 101
+    for other in found[1:]:
+        np.testing.assert_array_equal(other[:, 1], found[0][:, 1])
+        np.testing.assert_allclose(other[:, 0], found[0][:, 0], rtol=1e-5)

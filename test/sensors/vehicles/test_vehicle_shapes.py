@@ -1,0 +1,90 @@
+import numpy as np
+import open3d as o3d
+import pytest
+
+from siren_ros.dynamics.parameters import load_vehicle_parameters
+from siren_ros.sensors.meshes.material import Material
+from siren_ros.sensors.meshes.mesh import Mesh
+from siren_ros.sensors.vehicles.vehicle_shapes import vehicle_shape
+from siren_ros.world.actors import ActorClass
+
+CARS = [ActorClass.HATCHBACK, ActorClass.SEDAN, ActorClass.ESTATE, ActorClass.SUV, ActorClass.VAN, ActorClass.PICKUP]
+every_class = pytest.mark.parametrize("actor_class", list(ActorClass), ids=lambda c: c.name.lower())
+
+
+def cast(mesh: Mesh, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(o3d.core.Tensor(mesh.vertices_m), o3d.core.Tensor(mesh.triangles))
+    answer = scene.cast_rays(o3d.core.Tensor(rays.astype(np.float32)))
+    return answer["t_hit"].numpy(), answer["primitive_ids"].numpy()
+
+
+@every_class
+def test_body_and_wheels_fill_exactly_the_parameters_box(actor_class: ActorClass) -> None:
+    shape, size = vehicle_shape(actor_class), load_vehicle_parameters()[actor_class]
+    low, high = shape.at_rest.bounds_m
+    half = np.float32([size.length_m / 2, size.width_m / 2, size.height_m])
+    np.testing.assert_array_equal(high, half)
+    np.testing.assert_array_equal(low[:2], -half[:2])
+    assert abs(low[2]) < 1e-6
+    assert (shape.length_m, shape.width_m, shape.height_m) == (size.length_m, size.width_m, size.height_m)
+
+
+@every_class
+def test_wheels_stand_on_the_axles(actor_class: ActorClass) -> None:
+    shape, size = vehicle_shape(actor_class), load_vehicle_parameters()[actor_class]
+    assert len(shape.wheels) == 4
+    front = size.length_m / 2 - size.front_overhang_m
+    for wheel in shape.wheels:
+        expected = front if wheel.steered else front - size.wheelbase_m
+        assert wheel.hub_m[0] == pytest.approx(expected, abs=1e-6)
+        assert wheel.hub_m[2] == wheel.radius_m
+        assert np.hypot(wheel.mesh.vertices_m[:, 0], wheel.mesh.vertices_m[:, 2]).max() == pytest.approx(
+            wheel.radius_m, abs=1e-4
+        )
+
+
+@every_class
+def test_rays_from_outside_meet_front_faces_only(actor_class: ActorClass) -> None:
+    mesh = vehicle_shape(actor_class).at_rest
+    rng = np.random.default_rng(5)
+    direction = rng.normal(size=(6000, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    target = rng.uniform(-0.45, 0.45, (6000, 3)) * (mesh.bounds_m[1] - mesh.bounds_m[0]) + mesh.vertices_m.mean(axis=0)
+    distance, triangle = cast(mesh, np.concatenate((target - 30.0 * direction, direction), axis=1))
+    hit = np.isfinite(distance)
+    facing = np.einsum("ij,ij->i", mesh.normals[triangle[hit]], direction[hit])
+    assert hit.sum() > 3000
+    # Grazing rays may slip through the edge between two faces.
+    assert (facing > 1e-3).mean() < 0.002
+
+
+@every_class
+def test_budget_and_materials(actor_class: ActorClass) -> None:
+    mesh = vehicle_shape(actor_class).at_rest
+    assert len(mesh) <= (1500 if actor_class in CARS else 2500)
+    present = {Material(int(code)) for code in np.unique(mesh.material)}
+    assert present >= {
+        Material.CAR_GLASS, Material.TYRE, Material.RIM, Material.HEAD_LAMP, Material.BRAKE_LAMP, Material.PLATE,
+        Material.INDICATOR_LEFT_LAMP, Material.INDICATOR_RIGHT_LAMP,
+    }  # fmt: skip
+    assert (mesh.colour_rgb[mesh.material == Material.CAR_PAINT] == 255).all()
+
+
+@every_class
+def test_only_emergency_vehicles_carry_beacons(actor_class: ActorClass) -> None:
+    materials = vehicle_shape(actor_class).body.material
+    carried = {Material.BEACON_BLUE, Material.BEACON_RED, Material.LIVERY} & {Material(int(m)) for m in set(materials)}
+    assert bool(carried) == actor_class.is_emergency
+
+
+@every_class
+def test_lamps_look_where_they_should(actor_class: ActorClass) -> None:
+    body = vehicle_shape(actor_class).body
+    middle = body.vertices_m[body.triangles].mean(axis=1)
+    assert (middle[body.material == Material.HEAD_LAMP, 0] > 0).all()
+    assert (middle[body.material == Material.BRAKE_LAMP, 0] < 0).all()
+    assert (middle[body.material == Material.INDICATOR_LEFT_LAMP, 1] > 0).all()
+    assert (middle[body.material == Material.INDICATOR_RIGHT_LAMP, 1] < 0).all()
+    for lamp in (Material.INDICATOR_LEFT_LAMP, Material.INDICATOR_RIGHT_LAMP):
+        assert set(np.sign(middle[body.material == lamp, 0])) == {-1.0, 1.0}

@@ -1,0 +1,224 @@
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from traffic_helpers import DIMENSIONS, TOWN10, load_map, plan_s2
+
+from siren_ros.errors import InputError, MapError
+from siren_ros.roads.road_network import LaneKind, RoadNetwork
+from siren_ros.roads.sites.site_finder import Site, require_site
+from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.scenario.scenario import Template
+from siren_ros.scenario.templates import load_template
+from siren_ros.traffic.demand.demand import plan_traffic
+from siren_ros.traffic.demand.demand_config import DemandConfig
+from siren_ros.traffic.demand.driver_models import load_drivers
+from siren_ros.traffic.demand.emv_start import emv_start, start_m_of, unhindered_arrival_s
+from siren_ros.traffic.demand.plan import PlannedVehicle, TrafficPlan
+from siren_ros.world.actors import ActorClass
+
+
+@pytest.fixture(scope="module", params=["town", "Town10HD_Opt"])
+def network(request: pytest.FixtureRequest) -> RoadNetwork:
+    if request.param == "Town10HD_Opt" and not TOWN10.is_file():
+        pytest.skip("shared/maps is not there")
+    return load_map(TOWN10 if request.param == "Town10HD_Opt" else None)[1]
+
+
+def plan(network: RoadNetwork, seed: int = 0) -> TrafficPlan:
+    return plan_s2(network, seed)[0]
+
+
+def everyone(traffic: TrafficPlan) -> tuple[PlannedVehicle, ...]:
+    return (*traffic.emvs, *traffic.groups, *traffic.background, *traffic.reserve)
+
+
+def test_same_seed_same_plan_other_seed_other_plan(network: RoadNetwork) -> None:
+    assert plan(network, 3) == plan(network, 3)
+    assert plan(network, 3).background != plan(network, 4).background
+
+
+def test_level_changes_nothing(network: RoadNetwork) -> None:
+    template = load_template("S2")
+    site = require_site(network, template.site_kind)
+    plans = [
+        plan_traffic(network, site, replace(template, level=level), 1, load_drivers(), DIMENSIONS)
+        for level in EmergencyLevel
+    ]
+    assert all(other == plans[0] for other in plans)
+
+
+def test_volume_and_platoon_are_the_templates(network: RoadNetwork) -> None:
+    traffic, template = plan_s2(network)
+    assert traffic.civilians == template.demand.background_vehicles
+    assert len(traffic.groups) + len(traffic.background) == traffic.civilians
+    platoon = [vehicle for vehicle in traffic.groups if vehicle.name.startswith("platoon")]
+    assert len(platoon) == template.demand.groups[0].vehicles
+    assert len({vehicle.name for vehicle in everyone(traffic)}) == len(everyone(traffic))
+
+
+def test_platoon_stands_ahead_of_the_emv_in_its_lane_at_the_gaps_asked_for(network: RoadNetwork) -> None:
+    traffic, template = plan_s2(network)
+    emv = traffic.emvs[0]
+    platoon = [vehicle for vehicle in traffic.groups if vehicle.name.startswith("platoon")]
+    group = template.demand.groups[0]
+    points = [np.array(network.lanes[v.spot.lane].centre.at(v.spot.front_m)) for v in (emv, *platoon)]
+    first_gap = np.linalg.norm(points[1] - points[0]) - platoon[0].length_m
+    assert first_gap == pytest.approx(group.first_gap_m, abs=3.0)
+    gaps = [
+        np.linalg.norm(ahead - behind) - vehicle.length_m
+        for behind, ahead, vehicle in zip(points[1:], points[2:], platoon[1:], strict=False)
+    ]
+    assert np.mean(gaps) == pytest.approx(group.spacing_m, abs=4.0)
+    assert min(gaps) > 0.5 * group.spacing_m
+    assert all(vehicle.driver.speed_factor * 14.0 < emv.driver.speed_factor * 13.0 for vehicle in platoon)
+    assert all(emv.route[: len(vehicle.route)][-1] in emv.route for vehicle in platoon)
+
+
+def test_routes_follow_the_roads_and_begin_at_the_spot(network: RoadNetwork) -> None:
+    onward = {
+        (network.lanes[connection.from_lane].edge, network.lanes[connection.to_lane].edge)
+        for connection in network.connections
+    }
+    for vehicle in everyone(plan(network)):
+        edges = [network.edge_by_id[edge].index for edge in vehicle.route]
+        lane = network.lanes[vehicle.spot.lane]
+        assert edges[0] == lane.edge
+        assert all(pair in onward for pair in pairwise(edges))
+        assert lane.kind is LaneKind.DRIVING
+        assert lane.civilian_allowed
+        assert 0.0 < vehicle.spot.front_m <= lane.length_m
+
+
+def test_emvs_route_is_long_enough_for_the_episode(network: RoadNetwork) -> None:
+    traffic, template = plan_s2(network, seed=2)
+    length = sum(network.lanes[network.edge_by_id[edge].lanes[-1]].length_m for edge in traffic.emvs[0].route)
+    assert length > template.emv.speed_mps * template.duration_s
+
+
+def test_background_vehicles_do_not_overlap(network: RoadNetwork) -> None:
+    by_lane: dict[int, list[PlannedVehicle]] = {}
+    for vehicle in plan(network).background:
+        by_lane.setdefault(vehicle.spot.lane, []).append(vehicle)
+    for vehicles in by_lane.values():
+        ordered = sorted(vehicles, key=lambda vehicle: vehicle.spot.front_m)
+        for behind, ahead in pairwise(ordered):
+            assert ahead.spot.front_m - ahead.length_m - behind.spot.front_m > 5.0
+
+
+def test_reserve_stays_off_the_stage(network: RoadNetwork) -> None:
+    traffic = plan(network)
+    for vehicle in traffic.reserve:
+        for area in traffic.stage:
+            assert area.lane != vehicle.spot.lane or not area.from_m <= vehicle.spot.front_m <= area.to_m
+
+
+def test_drivers_and_classes_vary_as_the_population_says(network: RoadNetwork) -> None:
+    template = load_template("S2")
+    vehicles = [vehicle for seed in range(4) for vehicle in plan(network, seed).reserve]
+    factors = np.array([vehicle.driver.speed_factor for vehicle in vehicles]) / template.demand.speed_factor
+    assert factors.mean() == pytest.approx(1.0, abs=0.03)
+    assert factors.std() == pytest.approx(0.1, abs=0.03)
+    for actor_class, share in template.demand.classes:
+        found = np.mean([vehicle.actor_class is actor_class for vehicle in vehicles])
+        assert found == pytest.approx(share, abs=0.08)
+
+
+def test_two_emvs_start_one_behind_the_other(network: RoadNetwork) -> None:
+    template = load_template("S2")
+    site = require_site(network, template.site_kind)
+    pair = replace(template, emv=replace(template.emv, count=2, headway_s=2.0, start_m=60.0))
+    first, second = plan_traffic(network, site, pair, 0, load_drivers(), DIMENSIONS).emvs
+    points = [np.array(network.lanes[emv.spot.lane].centre.at(emv.spot.front_m)) for emv in (first, second)]
+    assert np.linalg.norm(points[0] - points[1]) == pytest.approx(first.length_m + 22.0, abs=2.0)
+    assert second.route[-len(first.route) :] == first.route
+
+
+def test_start_before_the_site_lies_on_the_approach_at_the_distance(network: RoadNetwork) -> None:
+    site = require_site(network, load_template("S2").site_kind)
+    start = emv_start(network, site, -30.0)
+    assert start.route[-1] == site.route[-1]
+    assert site.site_edge in start.route[1:]
+    with pytest.raises(MapError, match="more of road"):
+        emv_start(network, site, -5000.0)
+
+
+def planned(network: RoadNetwork, name: str, seed: int = 0) -> tuple[TrafficPlan, Template, Site]:
+    template = load_template(name)
+    site = require_site(network, template.site_kind)
+    return plan_traffic(network, site, template, seed, load_drivers(), DIMENSIONS), template, site
+
+
+@pytest.mark.parametrize("name", ["S1", "S3", "S4", "S5", "S6", "S7"])
+def test_every_template_has_its_volume_and_distinct_places(network: RoadNetwork, name: str) -> None:
+    traffic, template, _ = planned(network, name)
+    assert len(traffic.groups) + len(traffic.background) == template.demand.background_vehicles
+    by_lane: dict[int, list[PlannedVehicle]] = {}
+    for vehicle in (*traffic.emvs, *traffic.groups):
+        by_lane.setdefault(vehicle.spot.lane, []).append(vehicle)
+    for vehicles in by_lane.values():
+        ordered = sorted(vehicles, key=lambda vehicle: vehicle.spot.front_m)
+        for behind, ahead in pairwise(ordered):
+            assert ahead.spot.front_m - ahead.length_m - behind.spot.front_m > 0.4
+    assert planned(network, name)[0] == traffic
+
+
+@pytest.mark.parametrize("name", ["S4", "S6"])
+def test_crossing_queues_stand_at_their_stop_lines_and_cross_the_emvs_way(network: RoadNetwork, name: str) -> None:
+    traffic, template, site = planned(network, name)
+    crossing = [vehicle for vehicle in traffic.groups if vehicle.name.startswith("crossing")]
+    assert len(crossing) >= template.demand.groups[0].vehicles // 2
+    ways = {
+        (
+            network.lanes[network.connections[index].from_lane].edge,
+            network.lanes[network.connections[index].to_lane].edge,
+        )
+        for index in site.crossing
+    }
+    heads = []
+    for vehicle in crossing:
+        assert vehicle.spot.speed_mps == 0.0
+        edges = [network.edge_by_id[edge].index for edge in vehicle.route]
+        assert any(pair in ways for pair in pairwise(edges))
+        lane = network.lanes[vehicle.spot.lane]
+        if any(lane.index == network.connections[index].from_lane for index in site.crossing):
+            heads.append(lane.length_m - vehicle.spot.front_m)
+        assert any(area.lane == lane.index for area in traffic.stage)
+    assert min(heads) == pytest.approx(template.demand.groups[0].first_gap_m, abs=0.1)
+
+
+def test_neighbours_of_s3_come_to_the_stop_line_ahead_of_the_emv(network: RoadNetwork) -> None:
+    traffic, template, site = planned(network, "S3")
+    start = emv_start(network, site, start_m_of(network, site, template.emv))
+    arrival_s = unhindered_arrival_s(network, start, template.emv, DemandConfig())
+    last = traffic.groups[0]
+    lane = network.lanes[last.spot.lane]
+    assert lane.index in {network.connections[index].from_lane for index in site.connections}
+    assert lane.index != site.approach_lane
+    group = template.demand.groups[0]
+    lead_s = arrival_s - (lane.length_m - last.spot.front_m) / group.speed_mps
+    assert lead_s == pytest.approx((group.first_gap_m + last.length_m) / group.speed_mps, abs=0.3)
+    assert traffic.signal is not None
+    assert template.signal is not None
+    assert traffic.signal.red_from_s == pytest.approx(arrival_s - template.signal.red_before_arrival_s)
+
+
+def test_queues_of_s7_stand_in_the_driving_lanes_beside_the_emvs_shoulder(network: RoadNetwork) -> None:
+    traffic, _, site = planned(network, "S7")
+    assert network.lanes[traffic.emvs[0].spot.lane].kind is LaneKind.SHOULDER
+    assert traffic.groups
+    for vehicle in traffic.groups:
+        assert network.lanes[vehicle.spot.lane].kind is LaneKind.DRIVING
+        assert vehicle.spot.speed_mps == 0.0
+        assert network.edges[site.site_edge].edge_id in vehicle.route
+
+
+def test_missing_dimensions_and_too_many_vehicles_are_refused(network: RoadNetwork) -> None:
+    template = load_template("S2")
+    site = require_site(network, template.site_kind)
+    with pytest.raises(InputError, match="AMBULANCE"):
+        plan_traffic(network, site, template, 0, load_drivers(), {ActorClass.SEDAN: (4.5, 1.8, 1.5)})
+    crowded = replace(template, demand=replace(template.demand, background_vehicles=5000))
+    with pytest.raises(MapError, match="room"):
+        plan_traffic(network, site, crowded, 0, load_drivers(), DIMENSIONS)

@@ -1,0 +1,124 @@
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from traffic_helpers import TOWN10, load_map
+
+from siren_ros.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
+from siren_ros.roads.routing import EdgeGraph, connections_between, driving_lanes, route_path
+from siren_ros.traffic.demand.demand_config import DemandConfig
+from siren_ros.traffic.demand.route_choice import RouteChooser, tightest_radius_m
+
+CAR_M, BUS_M = 4.5, 12.0
+CONFIG = DemandConfig()
+
+
+@pytest.fixture(scope="module", params=["town", "Town10HD_Opt"])
+def network(request: pytest.FixtureRequest) -> RoadNetwork:
+    if request.param == "Town10HD_Opt" and not TOWN10.is_file():
+        pytest.skip("shared/maps is not there")
+    return load_map(TOWN10 if request.param == "Town10HD_Opt" else None)[1]
+
+
+@pytest.fixture(scope="module")
+def graph(network: RoadNetwork) -> EdgeGraph:
+    return EdgeGraph.of(network)
+
+
+@pytest.fixture(scope="module")
+def chooser(network: RoadNetwork, graph: EdgeGraph) -> RouteChooser:
+    return RouteChooser(network, graph, CONFIG)
+
+
+def movements(network: RoadNetwork, edge: int, following: int) -> list[Connection]:
+    """Movements of civilians from one edge to another."""
+    found = connections_between(network, edge, following)
+    return [one for one in found if network.lanes[one.from_lane].civilian_allowed]
+
+
+def starts(network: RoadNetwork, graph: EdgeGraph) -> list[Lane]:
+    """Driving lanes from which one can drive on."""
+    edges = [edge.index for edge in network.edges if graph.successors[edge.index]]
+    return [lane for edge in edges for lane in driving_lanes(network, edge)]
+
+
+def radius_m(network: RoadNetwork, movement: Connection) -> float:
+    """Of a movement's tightest bend."""
+    return min((tightest_radius_m(network.lanes[lane]) for lane in movement.via), default=np.inf)
+
+
+def test_routes_follow_the_roads_and_are_long_enough(
+    network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser
+) -> None:
+    for number, lane in enumerate(starts(network, graph)):
+        route = chooser.draw((lane.edge,), 600.0, np.random.default_rng(number), CAR_M, lane.index)
+        assert route == chooser.draw((lane.edge,), 600.0, np.random.default_rng(number), CAR_M, lane.index)
+        assert all(following in graph.successors[edge] for edge, following in pairwise(route))
+        assert graph.route_length_m(route) >= 600.0 or not graph.successors[route[-1]]
+
+
+def test_every_route_can_be_driven_lane_by_lane(network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser) -> None:
+    for number, start in enumerate(starts(network, graph)):
+        route = chooser.draw((start.edge,), 900.0, np.random.default_rng(number), CAR_M)
+        assert route[0] == start.edge
+        lanes = [network.lanes[index] for index in route_path(network, route, start.index)]
+        for lane, ahead in pairwise(lanes):
+            if lane.edge == ahead.edge:
+                assert abs(lane.position - ahead.position) == 1
+            else:
+                assert np.linalg.norm(lane.centre.points[-1] - ahead.centre.points[0]) < 0.1
+        driven = dict.fromkeys(lane.edge for lane in lanes if lane.kind is LaneKind.DRIVING)
+        assert list(driven) == list(dict.fromkeys(route))
+
+
+def test_the_first_way_is_one_of_the_lanes_own(network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser) -> None:
+    for number, lane in enumerate(starts(network, graph)):
+        following = chooser.draw((lane.edge,), 5000.0, np.random.default_rng(number), CAR_M, lane.index)[1]
+        own = {one.to_lane for one in network.connections_from.get(lane.index, ())}
+        if any(network.lanes[target].civilian_allowed for target in own):
+            assert following in {network.lanes[target].edge for target in own}
+
+
+def test_buses_take_a_tight_bend_only_where_there_is_no_other_way(
+    network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser
+) -> None:
+    refused = 0
+    for number, lane in enumerate(starts(network, graph)):
+        route = chooser.draw((lane.edge,), 1500.0, np.random.default_rng(number), BUS_M)
+        for edge, following in pairwise(route):
+            widest = {
+                way: max(radius_m(network, one) for one in movements(network, edge, way))
+                for way in graph.successors[edge]
+            }
+            refused += sum(radius < CONFIG.long_vehicle_radius_m for radius in widest.values())
+            if max(widest.values()) >= CONFIG.long_vehicle_radius_m:
+                assert widest[following] >= CONFIG.long_vehicle_radius_m
+    assert refused > 0
+
+
+def test_most_drivers_go_straight_on(network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser) -> None:
+    straight = turns = 0
+    for number, lane in enumerate(starts(network, graph)):
+        for edge, following in pairwise(chooser.draw((lane.edge,), 2000.0, np.random.default_rng(number), CAR_M)):
+            ways = {movements(network, edge, way)[0].direction for way in graph.successors[edge]}
+            if "s" in ways and ways & {"l", "r"}:
+                straight += movements(network, edge, following)[0].direction == "s"
+                turns += movements(network, edge, following)[0].direction != "s"
+    assert 0.6 < straight / (straight + turns) < 0.9
+
+
+def test_a_lane_fits_where_it_leads_to(network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser) -> None:
+    for edge in range(len(network.edges)):
+        for following in graph.successors[edge]:
+            leading = {one.from_lane for one in movements(network, edge, following)}
+            for lane in driving_lanes(network, edge):
+                assert chooser.fits(edge, following, lane.index, CAR_M) == (lane.index in leading)
+
+
+def test_the_radius_is_that_of_the_bend(network: RoadNetwork) -> None:
+    straight = [lane for lane in network.lanes if lane.kind is LaneKind.DRIVING and len(lane.centre.points) == 2]
+    assert straight
+    assert all(tightest_radius_m(lane) > 1e6 for lane in straight)
+    turns = [one for one in network.connections if one.direction in {"l", "r"} and one.via]
+    radii = [radius_m(network, one) for one in turns if network.lanes[one.from_lane].civilian_allowed]
+    assert 4.0 < min(radii) < np.median(radii) < 25.0

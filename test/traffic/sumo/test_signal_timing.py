@@ -1,0 +1,70 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from traffic_helpers import DIMENSIONS, load_map
+
+from siren_ros.numerics.units import STEP_S
+from siren_ros.roads.sites.site_finder import require_site
+from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.scenario.templates import load_template
+from siren_ros.traffic.demand.demand import plan_traffic
+from siren_ros.traffic.demand.driver_models import load_drivers
+from siren_ros.traffic.simulation import SumoSimulation
+from siren_ros.traffic.sumo.signal_timing import SignalPhase, place_in_cycle, red_interval_s
+
+PHASES = (
+    SignalPhase(10.0, "rG"),
+    SignalPhase(3.0, "ry"),
+    SignalPhase(2.0, "rr"),
+    SignalPhase(20.0, "Gr"),
+    SignalPhase(3.0, "yr"),
+    SignalPhase(2.0, "rr"),
+)
+
+
+def test_red_interval_runs_on_over_the_end_of_the_cycle() -> None:
+    assert red_interval_s(PHASES, 0) == (38.0, 17.0)
+    assert red_interval_s(PHASES, 1) == (13.0, 27.0)
+
+
+def test_links_without_change_have_no_red_interval() -> None:
+    assert red_interval_s((SignalPhase(5.0, "r"), SignalPhase(5.0, "r")), 0) is None
+    assert red_interval_s((SignalPhase(5.0, "G"), SignalPhase(5.0, "g")), 0) is None
+    assert place_in_cycle((SignalPhase(5.0, "G"),), 0, 3.0) is None
+
+
+def test_place_before_the_red_and_within_it() -> None:
+    assert place_in_cycle(PHASES, 0, 0.0) == (5, 2.0)
+    assert place_in_cycle(PHASES, 0, 4.0) == (3, 1.0)
+    assert place_in_cycle(PHASES, 0, -3.0) == (0, 9.0)
+
+
+@given(st.floats(-200.0, 200.0), st.integers(0, 1))
+def test_red_begins_after_the_wanted_time(red_in_s: float, link: int) -> None:
+    place = place_in_cycle(PHASES, link, red_in_s)
+    assert place is not None
+    phase, left_s = place
+    assert 0.0 < left_s <= PHASES[phase].duration_s + 1e-9
+    cycle_s = sum(one.duration_s for one in PHASES)
+    now_s = sum(one.duration_s for one in PHASES[: phase + 1]) - left_s
+    begin_s, _ = red_interval_s(PHASES, link) or (0.0, 0.0)
+    off_s = (now_s + red_in_s - begin_s) % cycle_s
+    assert min(off_s, cycle_s - off_s) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_signal_of_the_emvs_movement_turns_red_when_planned() -> None:
+    compiled, network = load_map(None)
+    template = load_template("S3")
+    site = require_site(network, template.site_kind)
+    plan = plan_traffic(network, site, template, 0, load_drivers(), DIMENSIONS)
+    timing = plan.signal
+    assert timing is not None
+    seen = []
+    with SumoSimulation(compiled, network, plan, EmergencyLevel.L0, seed=0) as simulation:
+        for step in range(round((timing.red_from_s + 1.0) / STEP_S)):
+            state = simulation.step(step, None)
+            seen.append(next(one.state[timing.link] for one in state.signals if one.signal_id == timing.signal_id))
+    first_red = seen.index("r")
+    assert first_red * STEP_S == pytest.approx(timing.red_from_s, abs=2.0 * STEP_S)
+    assert set(seen[first_red:]) == {"r"}
+    assert seen[first_red - 1] == "y"

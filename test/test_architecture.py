@@ -1,6 +1,7 @@
-"""The plan of the house, held against the code: what may import what."""
+"""The code held against its plan: what may import what, and where ``docs/architecture.md`` says that things are."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -132,3 +133,71 @@ def test_nodes_are_thin(path: Path) -> None:
 @pytest.mark.parametrize("path", source_files(), ids=lambda path: str(path.relative_to(REPOSITORY)))
 def test_files_hold_one_concept(path: Path) -> None:
     assert len(path.read_text(encoding="utf-8").splitlines()) <= 400
+
+
+PLAN = (REPOSITORY / "docs" / "architecture.md").read_text(encoding="utf-8")
+TO_COME = "(to come)"
+
+
+def planned_folders() -> dict[str, bool]:
+    """Folders of the plan's tree in its order, and whether they are still to come."""
+    tree = PLAN.split("## The folder tree")[1].split("```")[1].strip("\n")
+    found: dict[str, bool] = {}
+    above: list[str] = []
+    for line in tree.splitlines():
+        name, text = line.strip().split(maxsplit=1)
+        depth = (len(line) - len(line.lstrip())) // 2
+        above = [*above[:depth], name.removesuffix("/")]
+        found["/".join(above)] = text.startswith(TO_COME)
+    return found
+
+
+def rows_where_to_look() -> list[tuple[str, str, str]]:
+    """What one looks for, file, symbol: the rows of the plan's last table."""
+    table = PLAN.split("## Where to look")[1]
+    rows = re.findall(r"^\| (.+?) \| `([^`]+)` \| `([^`]+)` \|$", table, re.MULTILINE)
+    return [(looked_for, path, symbol) for looked_for, path, symbol in rows]
+
+
+def names_defined_in(body: list[ast.stmt]) -> dict[str, list[ast.stmt]]:
+    """Names that a module or class defines, each with the statements inside it."""
+    found: dict[str, list[ast.stmt]] = {}
+    for node in body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found[node.name] = node.body
+        elif isinstance(node, ast.Assign):
+            found.update({target.id: [] for target in node.targets if isinstance(target, ast.Name)})
+        elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            found[node.target.id] = []
+    return found
+
+
+def test_the_plan_draws_every_folder() -> None:
+    planned = planned_folders()
+    there = {path.parent.relative_to(REPOSITORY).as_posix() for path in source_files()}
+    assert {folder for folder, to_come in planned.items() if not to_come} == there
+    assert not {folder for folder, to_come in planned.items() if to_come} & there, "no longer to come"
+
+
+@pytest.mark.parametrize("room", LAYERS)
+def test_the_plan_draws_folders_in_the_order_of_imports(room: str) -> None:
+    folder = f"siren_ros/{room}" if room else "siren_ros"
+    drawn = [Path(path).name for path in planned_folders() if Path(path).parent.as_posix() == folder]
+    in_order = [layer for layer in LAYERS[room] if layer in drawn]
+    assert [name for name in drawn if name in in_order] == in_order
+
+
+def test_the_plan_has_enough_rows_of_where_to_look() -> None:
+    rows = PLAN.split("## Where to look")[1].count("\n| ") - 1
+    assert rows == len(rows_where_to_look()) > 40
+
+
+@pytest.mark.parametrize(("looked_for", "path", "symbol"), rows_where_to_look())
+def test_what_the_plan_points_to_is_there(looked_for: str, path: str, symbol: str) -> None:
+    file = REPOSITORY / path
+    assert file.is_file(), f"{looked_for}: mend the row in docs/architecture.md"
+    inside = ast.parse(file.read_text(encoding="utf-8")).body
+    for name in symbol.split("."):
+        names = names_defined_in(inside)
+        assert name in names, f"{looked_for}: {path} does not define {symbol}; mend the row in docs/architecture.md"
+        inside = names[name]

@@ -1,10 +1,9 @@
 """``sumo_bridge``: makes the episode, runs SUMO, mirrors into it what is driven outside of it."""
 
 import sys
-from dataclasses import fields
 from typing import Any
 
-from siren_ros.generation.episode_setup import EpisodeRequest, set_up_episode
+from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.av_control import to_path
 from siren_ros.interfaces.conversions import from_actor_states, to_episode_description, to_traffic_state
@@ -14,6 +13,7 @@ from siren_ros.ros.parameters.node_configs import SumoBridgeConfig
 from siren_ros.ros.participants.participant import Participant
 from siren_ros.ros.programs.program import run_participant
 from siren_ros.ros.transport import wire
+from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.traffic.demand.av_choice import av_way
 from siren_ros.traffic.observation.checks import check_no_teleport, check_residual
 from siren_ros.traffic.simulation import SumoSimulation
@@ -29,8 +29,7 @@ class SumoBridge(Participant[SumoBridgeConfig]):
 
     def __init__(self, name: str, **node_options: Any) -> None:
         super().__init__(name, **node_options)
-        request = EpisodeRequest(**{field.name: getattr(self.config, field.name) for field in fields(EpisodeRequest)})
-        setup = set_up_episode(request)
+        setup = set_up_episode(EpisodeRequest.within(self.config))
         self._simulation = SumoSimulation(
             setup.compiled_map, setup.network, setup.plan, setup.level, seed=setup.description.seed
         )

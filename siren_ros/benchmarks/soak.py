@@ -20,7 +20,7 @@ from typing import Final
 from siren_ros.benchmarks.soak_episode import SoakResult, mixed_cases, run_case
 from siren_ros.benchmarks.worker_memory import FLAT_MB_PER_EPISODE, WorkerMemory, measure_worker
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
-from siren_ros.generation.episode_setup import EpisodeRequest
+from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.scenario.templates import available_templates
 
 SMALL_SUITE: Final = """

@@ -19,7 +19,7 @@ from siren_ros.evaluation.prediction.prediction import score_episode
 from siren_ros.evaluation.prediction.predictors import predictors_named
 from siren_ros.generation.behaviour_setup import behaviour_world
 from siren_ros.generation.closed_loop import LoopStep, closed_loop, record_of
-from siren_ros.generation.episode_setup import EpisodeRequest, EpisodeSetup, plan_length, set_up_episode
+from siren_ros.generation.episode_setup import EpisodeSetup, plan_length, set_up_episode
 from siren_ros.judging.predicates import evaluate_predicate
 from siren_ros.judging.verify import (
     VerifyLimits,
@@ -34,6 +34,7 @@ from siren_ros.judging.verify import (
 from siren_ros.numerics.units import STEP_S
 from siren_ros.pictures.birdseye import save_episode_picture
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.world.actors import Owner
 from siren_ros.world.events import EventKind
 

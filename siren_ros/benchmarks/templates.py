@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 
 from siren_ros.benchmarks.template_episode import EpisodeFigures, EpisodeTask, measure_episode, travel_times_s
-from siren_ros.generation.episode_setup import EpisodeRequest
 from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.scenario.templates import available_templates
 
 _HEAD = (

@@ -10,7 +10,8 @@ from typing import Final
 import numpy as np
 
 from siren_ros.generation.closed_loop import closed_loop
-from siren_ros.generation.episode_setup import EpisodeRequest, plan_length, set_up_episode
+from siren_ros.generation.episode_setup import plan_length, set_up_episode
+from siren_ros.scenario.request import EpisodeRequest
 
 FLAT_MB_PER_EPISODE: Final = 0.1
 """Growth below which memory counts as flat: 100 MB in a thousand episodes, far below what an episode needs."""

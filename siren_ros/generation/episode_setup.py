@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
+from typing import Final
 
 from siren_ros import __version__
 from siren_ros.dynamics.parameters import load_vehicle_parameters
@@ -15,35 +16,17 @@ from siren_ros.roads.sites.site_finder import Site, SiteKind, require_site
 from siren_ros.scenario.episode import EpisodeDescription
 from siren_ros.scenario.levels import EmergencyLevel
 from siren_ros.scenario.presets import DriverPreset, load_preset
+from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.scenario.scenario import Template
 from siren_ros.scenario.templates import load_template
-from siren_ros.sensors.suite.look_file import DEFAULT_LOOK, load_look
+from siren_ros.sensors.suite.look_file import load_look
 from siren_ros.sensors.suite.suite import load_suite
 from siren_ros.traffic.demand.av_choice import choose_av
 from siren_ros.traffic.demand.demand import plan_traffic
 from siren_ros.traffic.demand.driver_models import load_drivers
 from siren_ros.traffic.demand.plan import TrafficPlan
 
-PACKAGES = ("eclipse-sumo", "numpy", "embreex")
-
-
-@dataclass(frozen=True)
-class EpisodeRequest:
-    """What a user asks for; empty text and 0 s mean the template's own."""
-
-    template: str
-    level: str = ""
-    seed: int = 0
-    map: str = ""
-    duration_s: float = 0.0
-    preset: str = "paper"
-    sensors: str = "front"
-    look: str = DEFAULT_LOOK
-    """Weather and time of day."""
-    av: str = ""
-    """``civilian``: an external controller drives the civilian that the EMV has to pass."""
-    av_sensors: str = "none"
-    """Sensor suite of that vehicle."""
+_PACKAGES: Final = ("eclipse-sumo", "numpy", "embreex")
 
 
 @dataclass(frozen=True)
@@ -137,7 +120,7 @@ def _av_parameters(request: EpisodeRequest, plan: TrafficPlan) -> Mapping[str, o
 
 
 def _versions() -> Mapping[str, str]:
-    return {"siren_ros": __version__, **{package: version(package) for package in PACKAGES}}
+    return {"siren_ros": __version__, **{package: version(package) for package in _PACKAGES}}
 
 
 def _site_summary(network: RoadNetwork, site: Site) -> Mapping[str, object]:

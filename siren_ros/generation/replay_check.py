@@ -7,8 +7,9 @@ import numpy as np
 
 from siren_ros.errors import BagError
 from siren_ros.generation.closed_loop import LoopStep, closed_loop
-from siren_ros.generation.episode_setup import EpisodeRequest, set_up_episode
+from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorStates
 from siren_ros.world.commands import AV_SOURCE
 from siren_ros.world.state_hash import hash_state

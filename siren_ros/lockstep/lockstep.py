@@ -9,11 +9,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from siren_ros.interfaces.lockstep_reports import Phase, StepReport
 from siren_ros.interfaces.topics import EPISODE_END, upstream_of
 from siren_ros.scenario.episode import EpisodeEnd
+
+STEP_TIMEOUT_S: Final = 20.0
+"""Wall time for one step of a participant."""
+START_TIMEOUT_S: Final = 120.0
+"""Wall time until a participant is ready for the first step."""
 
 
 class Stage(Enum):
@@ -31,8 +36,8 @@ class LockstepConfig:
 
     participants: tuple[str, ...]
     steps: int
-    step_timeout_s: float = 20.0
-    start_timeout_s: float = 120.0
+    step_timeout_s: float = STEP_TIMEOUT_S
+    start_timeout_s: float = START_TIMEOUT_S
     close_timeout_s: float = 60.0
     late_close_timeout_s: float = 2.0
     """For participants that were late already when the episode was ended because of them."""

@@ -1,5 +1,6 @@
-"""Parameter files by name: templates, presets, drivers, vehicles."""
+"""Parameter files by name: templates, presets, suites, looks, drivers, vehicles."""
 
+from contextlib import suppress
 from pathlib import Path
 
 from siren_ros.errors import InputError
@@ -22,9 +23,10 @@ def named_params_file(parameter: str, folder: str, name_or_path: str) -> Path:
     available = names_in_params(folder)
     if name_or_path in available:
         return params_dir() / folder / f"{name_or_path}.yaml"
-    path = Path(name_or_path).expanduser()
-    if path.suffix in {".yaml", ".yml"} and path.is_file():
-        return path
+    with suppress(OSError, ValueError, RuntimeError):  # a name too long, a null character, an unknown user's home
+        path = Path(name_or_path).expanduser()
+        if path.suffix in {".yaml", ".yml"} and path.is_file():
+            return path
     raise InputError(parameter, name_or_path, f"one of {', '.join(available)}, or the path of a YAML file")
 
 

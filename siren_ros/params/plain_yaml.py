@@ -1,6 +1,7 @@
 """YAML from strangers: no tags that build objects, no aliases that unfold without end, a bounded size and depth."""
 
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -29,8 +30,13 @@ def read_text(file: Path) -> str:
     return data.decode("utf-8")
 
 
+@lru_cache(maxsize=64)
 def compose(text: str) -> yaml.Node | None:
-    """The nodes of a document; yaml.YAMLError where it is none."""
+    """The nodes of a document; yaml.YAMLError where it is none.
+
+    The same text is parsed once in a process, however many parts of an episode read it. Readers leave the nodes as
+    they are.
+    """
     node: yaml.Node | None = _guarded(lambda: yaml.compose(text, Loader=_LOADER), text)
     return node
 

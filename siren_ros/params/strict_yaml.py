@@ -1,4 +1,4 @@
-"""YAML read key by key, with errors that name file, line, key, value and what is allowed."""
+"""The reader of every parameter file: key by key, with errors that name file, line, key, value and what is allowed."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -45,6 +45,10 @@ class StrictMapping:
         """Whether an optional key is there."""
         self._known.append(key)
         return key in self.values
+
+    def is_mapping(self, key: str) -> bool:
+        """Whether a key's value is a mapping, for keys that may also be texts."""
+        return isinstance(self.values.get(key), yaml.MappingNode)
 
     def _take(self, key: str, wanted: str) -> yaml.Node:
         self._known.append(key)

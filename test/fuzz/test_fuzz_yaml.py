@@ -14,11 +14,12 @@ from hypothesis import strategies as st
 
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.errors import InputError
-from siren_ros.generation.episode_setup import EpisodeRequest, default_bag_path
+from siren_ros.generation.episode_setup import default_bag_path
 from siren_ros.params.plain_yaml import MAX_BYTES
 from siren_ros.params.resources import params_dir
 from siren_ros.params.strict_yaml import read_strict_yaml
 from siren_ros.scenario.presets import load_preset
+from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.scenario.templates import load_template
 from siren_ros.sensors.suite.look_file import load_look
 from siren_ros.sensors.suite.suite import load_suite

@@ -4,9 +4,10 @@ import pytest
 
 from siren_ros.errors import BagError, InputError, MapError
 from siren_ros.generation.closed_loop import LoopStep, closed_loop, record_of
-from siren_ros.generation.episode_setup import EpisodeRequest, default_bag_path, plan_length, set_up_episode
+from siren_ros.generation.episode_setup import default_bag_path, plan_length, set_up_episode
 from siren_ros.generation.replay_check import first_difference, repeat_episode, request_of
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.scenario.request import EpisodeRequest
 
 STEPS = 40
 REQUEST = EpisodeRequest("S2", seed=3, sensors="none")

@@ -6,10 +6,11 @@ import pytest
 
 from siren_ros.generation.closed_loop import closed_loop
 from siren_ros.generation.closed_loop import record_of as record_of_loop
-from siren_ros.generation.episode_setup import EpisodeRequest, set_up_episode
+from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.judging.predicates import PREDICATES, evaluate_predicate, predicate_of
 from siren_ros.judging.verdict import at_least, closest_of, more_than, verdict_of
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.scenario.templates import PREDICATES as DECLARED
 from siren_ros.scenario.templates import available_templates, load_template
 

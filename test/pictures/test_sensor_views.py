@@ -7,9 +7,10 @@ from PIL import Image
 
 from siren_ros.errors import InputError
 from siren_ros.generation.closed_loop import closed_loop, record_of
-from siren_ros.generation.episode_setup import EpisodeRequest, set_up_episode
+from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.pictures.sensor_views import cloud_by_instance, observe_at, save_sheet, sheet
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.sensors.suite.look import Look
 from siren_ros.sensors.suite.suite import SensorSuite, load_suite
 

@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 from typing import Final
 
-from siren_ros.ros.parameters.parameters import parameter
+from siren_ros.lockstep.lockstep import START_TIMEOUT_S, STEP_TIMEOUT_S
+from siren_ros.params.parameter_field import parameter
+from siren_ros.scenario.request import EpisodeRequest
 
 DEFAULT_PARTICIPANTS: Final = (
     "sumo_bridge",
@@ -13,11 +15,6 @@ DEFAULT_PARTICIPANTS: Final = (
     "sensor_sim",
     "recorder",
 )
-
-
-LEVELS: Final = ("", "L0", "L1", "L2", "L3")
-AV_KINDS: Final = ("", "civilian")
-MAX_SEED: Final = 2**31 - 1
 
 
 @dataclass(frozen=True)
@@ -31,21 +28,9 @@ class ParticipantConfig:
 
 
 @dataclass(frozen=True)
-class SumoBridgeConfig(ParticipantConfig):
+class SumoBridgeConfig(EpisodeRequest, ParticipantConfig):
     """``sumo_bridge``: map, scenario and SUMO itself."""
 
-    template: str = parameter("S2", "Interaction template: an id such as S2 or the path of a template file.")
-    level: str = parameter("", "Emergency level; empty: the template's own.", choices=LEVELS)
-    seed: int = parameter(0, "Seed of everything random in the episode.", minimum=0, maximum=MAX_SEED)
-    map: str = parameter("", "Path of a SUMO net, OpenDRIVE or OpenStreetMap file; empty: the built-in town.")
-    duration_s: float = parameter(0.0, "Simulated duration; 0: the template's own.", minimum=0.0, maximum=3600.0)
-    preset: str = parameter("paper", "How civilians react: a name in params/presets or the path of a preset file.")
-    sensors: str = parameter("front", "Sensor suite: a name in params/suites or the path of a suite file.")
-    look: str = parameter("clear", "Weather and time of day: a name in params/looks or the path of a look file.")
-    av: str = parameter(
-        "", "Who an external controller drives: the civilian that the EMV has to pass; empty: nobody.", choices=AV_KINDS
-    )
-    av_sensors: str = parameter("none", "Sensor suite of that vehicle: as for sensors; its topics begin with /av.")
     residual_limit_m: float = parameter(
         5.0, "Distance between SUMO's and the simulated pose above which the episode fails.", minimum=0.1, maximum=100.0
     )
@@ -104,21 +89,9 @@ class PlayerConfig:
 
 
 @dataclass(frozen=True)
-class CosimConfig:
+class CosimConfig(EpisodeRequest):
     """``cosim``: one episode, all nodes."""
 
-    template: str = parameter("S2", "Interaction template: an id such as S2 or the path of a template file.")
-    level: str = parameter("", "Emergency level; empty: the template's own.", choices=LEVELS)
-    seed: int = parameter(0, "Seed of everything random in the episode.", minimum=0, maximum=MAX_SEED)
-    map: str = parameter("", "Path of a SUMO net, OpenDRIVE or OpenStreetMap file; empty: the built-in town.")
-    duration_s: float = parameter(0.0, "Simulated duration; 0: the template's own.", minimum=0.0, maximum=3600.0)
-    preset: str = parameter("paper", "How civilians react: a name in params/presets or the path of a preset file.")
-    sensors: str = parameter("front", "Sensor suite: a name in params/suites or the path of a suite file.")
-    look: str = parameter("clear", "Weather and time of day: a name in params/looks or the path of a look file.")
-    av: str = parameter(
-        "", "Who an external controller drives: the civilian that the EMV has to pass; empty: nobody.", choices=AV_KINDS
-    )
-    av_sensors: str = parameter("none", "Sensor suite of that vehicle: as for sensors; its topics begin with /av.")
     bag: str = parameter("", "Folder of the bag to write; empty: bags/TEMPLATE_LEVEL_seedN.")
     external: list[str] = parameter(
         [], "Programs that report every step on /siren/step_done under these names and are waited for."
@@ -129,13 +102,13 @@ class CosimConfig:
         0.0, "Simulated seconds per wall second at most; 0: as fast as it goes.", minimum=0.0, maximum=1000.0
     )
     step_timeout_s: float = parameter(
-        20.0,
+        STEP_TIMEOUT_S,
         "Wall time after which a participant that has not finished its step ends the episode.",
         minimum=0.1,
         maximum=3600.0,
     )
     start_timeout_s: float = parameter(
-        120.0,
+        START_TIMEOUT_S,
         "Wall time after which a participant that is not ready for the first step ends the episode.",
         minimum=0.1,
         maximum=3600.0,

@@ -1,7 +1,6 @@
 """ROS parameters declared from the fields of a frozen dataclass, so that a default stands once."""
 
 import dataclasses
-from collections.abc import Sequence
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -12,21 +11,6 @@ from siren_ros.errors import InputError
 
 Config = TypeVar("Config")
 Value = bool | int | float | str | list[str]
-
-
-def parameter(
-    default: Any,
-    description: str,
-    *,
-    minimum: float | None = None,
-    maximum: float | None = None,
-    choices: Sequence[str] = (),
-) -> Any:
-    """A dataclass field that is a ROS parameter with a description and a range."""
-    metadata = {"description": description, "minimum": minimum, "maximum": maximum, "choices": tuple(choices)}
-    if isinstance(default, list):
-        return dataclasses.field(default_factory=lambda: list(default), metadata=metadata)
-    return dataclasses.field(default=default, metadata=metadata)
 
 
 def defaults_of(config_type: type[Any]) -> dict[str, Value]:

@@ -7,18 +7,15 @@ from pathlib import Path
 from typing import Final
 
 from siren_ros.errors import InputError
-from siren_ros.generation.episode_setup import EpisodeRequest, default_bag_path, plan_length
+from siren_ros.generation.episode_setup import default_bag_path, plan_length
 from siren_ros.lockstep.lockstep import LockstepConfig
 from siren_ros.ros.parameters.node_configs import DEFAULT_PARTICIPANTS, CosimConfig
 from siren_ros.ros.parameters.parameters import Value
 from siren_ros.ros.programs.composition import Overrides
+from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.sensors.suite.suite import load_suite
 from siren_ros.world.commands import AV_SOURCE
 
-SCENARIO_FIELDS: Final = (
-    *("template", "level", "seed", "map", "duration_s", "preset"),
-    *("sensors", "look", "av", "av_sensors"),
-)
 TRAILING: Final = frozenset({"sensor_sim", "recorder", "kitti_exporter"})
 """Sensing and recording of a step go on beside the next step where nobody in the loop hears the sensors: each in its
 process, or in one process on the threads that cast rays and draw."""
@@ -64,15 +61,13 @@ def plan_episode(config: CosimConfig) -> EpisodePlan:
     Raises:
         InputError: A template or suite that is not to be had, or names of external participants that cannot be used.
     """
-    values = asdict(config)
-    scenario = {name: values[name] for name in SCENARIO_FIELDS}
-    request = EpisodeRequest(**scenario)
+    request = EpisodeRequest.within(config)
     suite = load_suite(config.sensors)
     bag = Path(config.bag) if config.bag else default_bag_path(request)
     kitti = Path(f"{bag}_kitti") if config.kitti and suite.lidars else None
     nodes = (*DEFAULT_PARTICIPANTS, *(("kitti_exporter",) if kitti else ()))
     told: dict[str, dict[str, Value]] = {name: {"participants": list(nodes)} for name in ("recorder", *nodes)}
-    told["sumo_bridge"].update(scenario)
+    told["sumo_bridge"].update(asdict(request))
     told["recorder"]["bag"] = str(bag)
     if kitti:
         told["kitti_exporter"]["out"] = str(kitti)

@@ -8,9 +8,9 @@ import numpy as np
 from siren_ros.params.params_files import named_params_file, names_in_params
 from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
 from siren_ros.scenario.episode import EpisodeDescription
+from siren_ros.scenario.request import DEFAULT_LOOK
 from siren_ros.sensors.suite.look import LOWEST_SUN_RAD, Look
 
-DEFAULT_LOOK: Final = "clear"
 _COLOURS: Final = ("sun_colour", "zenith_colour", "horizon_colour")
 _BRIGHTEST: Final = 20.0
 _NUMBERS: Final = {

@@ -3,16 +3,14 @@
 import re
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import yaml
 
 from siren_ros.errors import InputError
 from siren_ros.numerics.units import STEPS_PER_S
-from siren_ros.params import plain_yaml
-from siren_ros.params.resources import params_dir
+from siren_ros.params.params_files import named_params_file, names_in_params
+from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
 from siren_ros.sensors.suite.mount import Mount
 
 _RADIANS: Final = float(np.pi / 180.0)
@@ -187,6 +185,9 @@ _MOUNT_KEYS: Final = {
     "pitch_deg": ("pitch_rad", _RADIANS, 90.0),
     "roll_deg": ("roll_rad", _RADIANS, 180.0),
 }
+_MOUNT_PLACE: Final = ("x_m", "y_m", "z_m")
+"""The keys of a mount that have no default."""
+_FARTHEST_M: Final = 1e6
 
 
 def period_steps(rate_hz: float) -> int:
@@ -196,7 +197,7 @@ def period_steps(rate_hz: float) -> int:
 
 def suite_names() -> tuple[str, ...]:
     """Names of the suites that come with the project, sorted."""
-    return tuple(sorted(path.stem for path in (params_dir() / "suites").glob("*.yaml")))
+    return names_in_params("suites")
 
 
 def load_suite(name_or_path: str) -> SensorSuite:
@@ -204,119 +205,90 @@ def load_suite(name_or_path: str) -> SensorSuite:
 
     Raises:
         InputError: No such suite, unreadable YAML, an unknown key, a value of the wrong type or out of range;
-            the message names file, key, value and what is allowed.
+            the message names file, line, key, value and what is allowed.
     """
-    path = (
-        Path(name_or_path)
-        if name_or_path.endswith((".yaml", ".yml"))
-        else params_dir() / "suites" / f"{name_or_path}.yaml"
+    file = named_params_file("sensors", "suites", name_or_path)
+    top = read_strict_yaml(file)
+    sensors = {kind: _specs(top, kind) for kind in _KINDS}
+    _check_names(top, [spec.name for specs in sensors.values() for spec in specs])
+    suite = SensorSuite(
+        name=file.stem,
+        labels=top.flag("labels") if top.has("labels") else False,
+        station=_station(top) if top.has("station") else None,
+        **sensors,
     )
-    try:
-        data = plain_yaml.load(plain_yaml.read_text(path))
-    except (OSError, ValueError):
-        allowed = f"one of {', '.join(suite_names())}, or the path of a readable YAML file"
-        raise InputError("sensors", name_or_path, allowed) from None
-    except yaml.YAMLError as error:
-        raise InputError("sensors", name_or_path, f"a file of valid YAML ({plain_yaml.reason_of(error)})") from None
-    table = _mapping(data if data is not None else {}, str(path))
-    _known_keys(table, [*_KINDS, "labels", "station"], str(path))
-    sensors = {
-        kind: tuple(
-            _spec(_KINDS[kind], name, _mapping(entry, f"{path}: {kind}.{name}"), f"{path}: {kind}.{name}")
-            for name, entry in _mapping(table.get(kind) or {}, f"{path}: {kind}").items()
-        )
-        for kind in _KINDS
-    }
-    names = [spec.name for specs in sensors.values() for spec in specs]
+    top.finish()
+    if suite.station is not None and (suite.gnss or suite.imus):
+        raise InputError(top.where("station"), "gnss or imus", "a suite without gnss and imus, which move")
+    return suite
+
+
+def _check_names(top: StrictMapping, names: list[str]) -> None:
     if len(names) > MAX_SENSORS:
-        raise InputError(str(path), f"{len(names)} sensors", f"at most {MAX_SENSORS}")
+        raise InputError(top.where(""), f"{len(names)} sensors", f"at most {MAX_SENSORS}")
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f"{path}: name", name, "each sensor name once")
-    labels = table.get("labels", False)
-    if not isinstance(labels, bool):
-        raise InputError(f"{path}: labels", labels, "true or false")
-    station = _station(table["station"], f"{path}: station") if "station" in table else None
-    if station is not None and (sensors["gnss"] or sensors["imus"]):
-        raise InputError(f"{path}: station", table["station"], "a suite without gnss and imus, which move")
-    return SensorSuite(name=path.stem, labels=labels, station=station, **sensors)
+            raise InputError(top.where("name"), name, "each sensor name once")
 
 
-def _station(value: object, where: str) -> Station:
-    if value == _AT_SITE:
+def _station(top: StrictMapping) -> Station:
+    if not top.is_mapping("station"):
+        place = top.text("station")
+        if place != _AT_SITE:
+            raise InputError(top.where("station"), place, f"{_AT_SITE}, or a mapping of x_m, y_m and yaw_deg (map)")
         return Station(None)
-    if not isinstance(value, Mapping):
-        raise InputError(where, value, f"{_AT_SITE}, or a mapping of x_m, y_m and yaw_deg in the map frame")
-    table = _mapping(value, where)
-    _known_keys(table, ["x_m", "y_m", "yaw_deg"], where)
-    for key in ("x_m", "y_m"):
-        if key not in table:
-            raise InputError(where, dict(table), f"a mapping that gives {key}")
-    x_m, y_m = (_bounded(table[key], -1e6, 1e6, f"{where}.{key}") for key in ("x_m", "y_m"))
-    yaw_deg = _bounded(table.get("yaw_deg", 0.0), -360.0, 360.0, f"{where}.yaw_deg")
+    section = top.mapping("station")
+    x_m, y_m = (section.number(key, -_FARTHEST_M, _FARTHEST_M) for key in ("x_m", "y_m"))
+    yaw_deg = section.number("yaw_deg", -360.0, 360.0) if section.has("yaw_deg") else 0.0
+    section.finish()
     return Station(Mount(x_m, y_m, 0.0, yaw_deg * _RADIANS))
 
 
-def _mapping(value: object, where: str) -> Mapping[str, Any]:
-    if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
-        raise InputError(where, value, "a mapping of names to values")
-    return value
-
-
-def _known_keys(table: Mapping[str, Any], known: list[str], where: str) -> None:
-    for key in table:
-        if key not in known:
-            raise InputError(where, key, f"the keys {', '.join(known)}")
-
-
-def _mount(table: Mapping[str, Any], where: str) -> Mount:
-    _known_keys(table, list(_MOUNT_KEYS), where)
-    for key in ("x_m", "y_m", "z_m"):
-        if key not in table:
-            raise InputError(where, dict(table), f"a mapping that gives {key}")
-    values = {}
-    for key, value in table.items():
-        name, scale, limit = _MOUNT_KEYS[key]
-        values[name] = scale * _bounded(value, -limit, limit, f"{where}.{key}")
+def _mount(section: StrictMapping) -> Mount:
+    values = {
+        name: scale * section.number(key, -limit, limit)
+        for key, (name, scale, limit) in _MOUNT_KEYS.items()
+        if key in _MOUNT_PLACE or section.has(key)
+    }
+    section.finish()
     return Mount(**values)
 
 
-def _bounded(value: object, low: float, high: float, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-        raise InputError(where, value, f"a number from {low:g} to {high:g}")
-    return value
+def _specs(top: StrictMapping, kind: str) -> tuple[Any, ...]:
+    """All sensors of a kind, in the order of the file."""
+    if not top.has(kind):
+        return ()
+    section = top.mapping(kind)
+    return tuple(_spec(_KINDS[kind], name, section) for name in section.values)
 
 
-def _spec(kind: type[Any], name: str, table: Mapping[str, Any], where: str) -> Any:
+def _spec(kind: type[Any], name: str, sensors: StrictMapping) -> Any:
     """One sensor from its YAML mapping."""
     if not _NAME.fullmatch(name) or "__" in name:
-        raise InputError(where, name, "a name of letters, digits and single underscores, at most 64, not a digit first")
-    options = {
-        item.metadata.get("key") or item.name: item for item in fields(kind) if item.name not in {"name", "mount"}
-    }
-    _known_keys(table, ["mount", *options], where)
-    if "mount" not in table:
-        raise InputError(where, dict(table), "a mapping that gives mount")
-    values: dict[str, Any] = {"mount": _mount(_mapping(table["mount"], f"{where}.mount"), f"{where}.mount")}
-    for key, item in options.items():
-        if key in table:
-            values[item.name] = _value(item.type, table[key], item.metadata, f"{where}.{key}")
+        allowed = "a name of letters, digits and single underscores, at most 64, not a digit first"
+        raise InputError(sensors.where(name), name, allowed)
+    section = sensors.mapping(name)
+    values: dict[str, Any] = {"mount": _mount(section.mapping("mount"))}
+    for item in fields(kind):
+        key = item.metadata.get("key") or item.name
+        if item.name not in {"name", "mount"} and section.has(key):
+            values[item.name] = _value(section, key, item.type, item.metadata)
+    section.finish()
     spec = kind(name=name, **values)
     if isinstance(spec, LidarSpec) and spec.channels > 1 and spec.upper_fov_rad <= spec.lower_fov_rad:
-        raise InputError(f"{where}.upper_fov_deg", spec.upper_fov_rad / _RADIANS, "more than lower_fov_deg")
+        wrong = section.where("upper_fov_deg")
+        raise InputError(wrong, spec.upper_fov_rad / _RADIANS, "more than lower_fov_deg")
     return spec
 
 
-def _value(kind: Any, value: object, metadata: Mapping[str, Any], where: str) -> float | bool:
+def _value(section: StrictMapping, key: str, kind: Any, metadata: Mapping[str, Any]) -> float | bool:
     """A value checked against its field's type and bounds."""
     if kind is bool:
-        if not isinstance(value, bool):
-            raise InputError(where, value, "true or false")
-        return value
-    if kind is int and not isinstance(value, int):
-        raise InputError(where, value, "a whole number")
-    number = _bounded(value, metadata["low"], metadata["high"], where)
+        return section.flag(key)
+    if kind is int:
+        return section.integer(key, metadata["low"], metadata["high"])
+    number = section.number(key, metadata["low"], metadata["high"])
     if metadata.get("rate") and (number <= 0 or abs(STEPS_PER_S / number - round(STEPS_PER_S / number)) > 1e-9):
         rates = ", ".join(f"{STEPS_PER_S / steps:g}" for steps in (1, 2, 4, 5, 10, 20))
-        raise InputError(where, value, f"a rate that divides {STEPS_PER_S} Hz: {rates} …")
-    return number * metadata["scale"] if kind is float else number
+        raise InputError(section.where(key), number, f"a rate that divides {STEPS_PER_S} Hz: {rates} …")
+    return number * float(metadata["scale"])

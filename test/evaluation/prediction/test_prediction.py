@@ -15,10 +15,11 @@ from siren_ros.evaluation.prediction.prediction_window import HistoryWindow
 from siren_ros.evaluation.prediction.predictors import PREDICTORS, predictors_named
 from siren_ros.generation.closed_loop import closed_loop
 from siren_ros.generation.closed_loop import record_of as record_of_loop
-from siren_ros.generation.episode_setup import EpisodeRequest, set_up_episode
+from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.world.actors import ActorStates
 
 STEPS = 180

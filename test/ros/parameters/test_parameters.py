@@ -9,8 +9,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from siren_ros.errors import EXIT_BAD_INPUT, InputError
+from siren_ros.params.parameter_field import parameter
 from siren_ros.ros.parameters.parameter_overrides import check_names
-from siren_ros.ros.parameters.parameters import checked_value, declare_config, parameter
+from siren_ros.ros.parameters.parameters import checked_value, declare_config
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,8 @@ import pytest
 from traffic_helpers import load_map, plan_s2
 
 from siren_ros.errors import InputError
-from siren_ros.generation.episode_setup import EpisodeRequest, set_up_episode
+from siren_ros.generation.episode_setup import set_up_episode
+from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.traffic.demand.av_choice import av_way, choose_av
 
 

@@ -1,0 +1,37 @@
+"""What a user asks for: the ten fields from which an episode is made. They are declared here and nowhere else."""
+
+from dataclasses import dataclass, fields
+from typing import Final
+
+from siren_ros.params.parameter_field import parameter
+from siren_ros.scenario.levels import EmergencyLevel
+
+DEFAULT_LOOK: Final = "clear"
+_LEVELS: Final = ("", *EmergencyLevel.__members__)
+_AV_KINDS: Final = ("", "civilian")
+_MAX_SEED: Final = 2**31 - 1
+
+
+@dataclass(frozen=True)
+class EpisodeRequest:
+    """The same request gives the same episode. The nodes that take a request inherit these fields as parameters."""
+
+    template: str = parameter("S2", "Interaction template: an id such as S2 or the path of a template file.")
+    level: str = parameter("", "Emergency level; empty: the template's own.", choices=_LEVELS)
+    seed: int = parameter(0, "Seed of everything random in the episode.", minimum=0, maximum=_MAX_SEED)
+    map: str = parameter("", "Path of a SUMO net, OpenDRIVE or OpenStreetMap file; empty: the built-in town.")
+    duration_s: float = parameter(0.0, "Simulated duration; 0: the template's own.", minimum=0.0, maximum=3600.0)
+    preset: str = parameter("paper", "How civilians react: a name in params/presets or the path of a preset file.")
+    sensors: str = parameter("front", "Sensor suite: a name in params/suites or the path of a suite file.")
+    look: str = parameter(DEFAULT_LOOK, "Weather and time of day: a name in params/looks or the path of a look file.")
+    av: str = parameter(
+        "",
+        "Who an external controller drives: the civilian that the EMV has to pass; empty: nobody.",
+        choices=_AV_KINDS,
+    )
+    av_sensors: str = parameter("none", "Sensor suite of that vehicle: as for sensors; its topics begin with /av.")
+
+    @staticmethod
+    def within(config: "EpisodeRequest") -> "EpisodeRequest":
+        """The request that a configuration with further fields holds."""
+        return EpisodeRequest(**{field.name: getattr(config, field.name) for field in fields(EpisodeRequest)})

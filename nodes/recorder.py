@@ -16,7 +16,7 @@ from siren_ros.ros.participants.participant import Participant
 from siren_ros.ros.programs.program import run_participant
 from siren_ros.ros.transport import wire
 from siren_ros.scenario.episode import EpisodeDescription
-from siren_ros.sensor_messages.sensor_topics import CARRIER_TOPICS, topics_of
+from siren_ros.sensor_messages.sensor_topics import topics_of
 
 
 class Recorder(Participant[RecorderConfig]):
@@ -28,8 +28,7 @@ class Recorder(Participant[RecorderConfig]):
     def __init__(self, name: str, **node_options: Any) -> None:
         super().__init__(name, **node_options)
         self._busy_s = 0.0
-        known = (*topics.CORE_TOPICS, *CARRIER_TOPICS, *topics.AV_TOPICS)
-        latched = frozenset(topic.name for topic in known if topic.latched)
+        latched = frozenset(topic.name for topic in topics.FIXED_TOPICS.values() if topic.latched)
         self._recorder = EpisodeRecorder(
             Path(self.config.bag), wire.factory().store, latched, judge, wire.decode, wire.content
         )

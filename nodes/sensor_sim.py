@@ -18,7 +18,6 @@ from siren_ros.ros.transport.wall_timer import create_wall_timer
 from siren_ros.scenario.episode import EpisodeDescription
 from siren_ros.sensor_messages.carried_sensors import CarriedSensors, carried_sensors
 from siren_ros.sensor_messages.observation_messages import shared_messages
-from siren_ros.sensor_messages.sensor_topics import CARRIER_TOPICS
 from siren_ros.sensors.rig.observations import Observations, Sensing
 from siren_ros.world.actors import ActorDescription, ActorStates
 
@@ -32,7 +31,7 @@ class SensorSim(Participant[SensorSimConfig]):
 
     config_type = SensorSimConfig
     inputs = (Input(topics.TRAFFIC), Input(topics.ACTORS))
-    outputs = CARRIER_TOPICS
+    outputs = topics.CARRIER_TOPICS
 
     def __init__(self, name: str, **node_options: Any) -> None:
         super().__init__(name, **node_options)

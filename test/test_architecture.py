@@ -58,6 +58,8 @@ LAYERS = {
     "traffic": ["simulation", "observation", "sumo", "demand"],
 }
 """From the top to the foundation, in ``siren_ros`` and in the folders that have rooms; imports go downwards only."""
+APART = {"recording": {"sensors", "sensor_messages"}, "judging": {"sensors", "sensor_messages"}}
+"""Folders that must not import each other, whatever their order."""
 ROS_MODULES = {"rclpy", "rcl_interfaces", "siren_msgs", "sensor_msgs", "std_msgs", "nav_msgs", "geometry_msgs"}
 KNOWS_ROS = ("siren_ros/ros/", "nodes/")
 KNOWS_SUMO = ("siren_ros/traffic/sumo/", "siren_ros/traffic/simulation.py")
@@ -106,6 +108,14 @@ def test_imports_point_downwards(path: Path) -> None:
             seen = {layer_of(module, room) for module in modules} & set(layers)
             above = {layer for layer in seen if layers.index(layer) < layers.index(own)}
             assert not above, f"{own} imports what stands above it: {sorted(above)}"
+
+
+@pytest.mark.parametrize("folder", APART)
+def test_folders_that_are_apart_do_not_import_each_other(folder: str) -> None:
+    for one, others in [(folder, APART[folder]), *((other, {folder}) for other in APART[folder])]:
+        for path in (REPOSITORY / "siren_ros" / one).rglob("*.py"):
+            seen = {layer_of(module, "") for module in imports_of(path)}
+            assert not seen & others, f"{path.name} of {one}"
 
 
 @pytest.mark.parametrize("room", LAYERS)

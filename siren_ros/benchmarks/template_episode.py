@@ -21,34 +21,16 @@ from siren_ros.generation.behaviour_setup import behaviour_world
 from siren_ros.generation.closed_loop import LoopStep, closed_loop, record_of
 from siren_ros.generation.episode_setup import EpisodeSetup, plan_length, set_up_episode
 from siren_ros.judging.predicates import evaluate_predicate
-from siren_ros.judging.verify import (
-    VerifyLimits,
-    check_owners,
-    check_position_jumps,
-    check_residual_max,
-    check_residual_p99,
-    check_speed,
-    check_teleports,
-    check_yaw_jumps,
-)
+from siren_ros.judging.residuals import summarise_residuals
+from siren_ros.judging.verify import STATE_CHECKS, VerifyLimits
 from siren_ros.numerics.units import STEP_S
 from siren_ros.pictures.birdseye import save_episode_picture
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.request import EpisodeRequest
-from siren_ros.world.actors import Owner
 from siren_ros.world.events import EventKind
 
 STILL_MPS: Final = 0.1
 """Slower than this an EMV stands."""
-_CHECKS: Final = (
-    check_position_jumps,
-    check_yaw_jumps,
-    check_speed,
-    check_owners,
-    check_teleports,
-    check_residual_p99,
-    check_residual_max,
-)
 
 
 @dataclass(frozen=True)
@@ -108,10 +90,9 @@ def figures_of(record: EpisodeRecord, request: EpisodeRequest, step_ms: float) -
     """The figures of a record."""
     verdict = evaluate_predicate(record)
     rows = record.rows
-    residual = rows.residual_m[rows.owner == Owner.SUMO]
-    middle, high, largest = np.percentile(residual, (50, 99, 100)) if len(residual) else (0.0, 0.0, 0.0)
+    residual = summarise_residuals(record)
     limits = VerifyLimits()
-    failed = [part for part in (check(record, limits) for check in _CHECKS) if not part.holds]
+    failed = [part for part in (check(record, limits) for check in STATE_CHECKS) if not part.holds]
     emvs = [rows.select(np.flatnonzero(rows.actor_id == emv)) for emv in record.emv_ids]
     first = emvs[0]
     moved = np.hypot(np.diff(first.x_m, prepend=first.x_m[:1]), np.diff(first.y_m, prepend=first.y_m[:1]))
@@ -125,9 +106,9 @@ def figures_of(record: EpisodeRecord, request: EpisodeRequest, step_ms: float) -
         violations=tuple(str(part) for part in failed),
         teleports=len(record.events_of(EventKind.TELEPORT)),
         collisions=len(record.events_of(EventKind.COLLISION)),
-        residual_p50_m=float(middle),
-        residual_p99_m=float(high),
-        residual_max_m=float(largest),
+        residual_p50_m=residual.median_m,
+        residual_p99_m=residual.p99_m,
+        residual_max_m=residual.max_m,
         standstill_s=max(longest_standstill_s(emv.speed_mps) for emv in emvs),
         emv_speed_mps=float(first.speed_mps.mean()) if len(first.speed_mps) else 0.0,
         cv_ade_m=float("nan") if ade is None else ade.value,

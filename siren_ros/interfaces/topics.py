@@ -156,5 +156,11 @@ def upstream_of(participant: str, *, lagged: bool = False) -> frozenset[str]:
 
 CORE_TOPICS: Final = (CLOCK, EPISODE, MAP, TRAFFIC, EMV_COMMANDS, YIELD_COMMANDS, ACTORS, EVENTS, OUTCOME)
 """What every episode's record holds, whatever its sensors."""
+CARRIER_TOPICS: Final = (TF_STATIC, SENSING, TF, ODOMETRY, GROUND_TRUTH, BOXES, MARKERS)
+"""What ``sensor_sim`` publishes with any suite, also an empty one."""
 AV_TOPICS: Final = (AV_ROUTE, AV_CONTROL)
 """What the record of an episode with an AV under test holds besides, whatever the AV's sensors."""
+AV_CARRIER_TOPICS: Final = tuple(topic.of_carrier(AV_CARRIER) for topic in (ODOMETRY, GROUND_TRUTH, BOXES))
+"""What ``sensor_sim`` publishes besides where there is an AV under test."""
+FIXED_TOPICS: Final = {topic.name: topic for topic in (*CORE_TOPICS, *CARRIER_TOPICS, *AV_TOPICS, *AV_CARRIER_TOPICS)}
+"""By name: the recorded topics whose rates no sensor suite changes."""

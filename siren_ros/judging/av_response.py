@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from siren_ros.judging.relative_motion import ahead_and_left_m, common_rows
 from siren_ros.numerics.units import STEP_S
-from siren_ros.recording.episode_record import EpisodeRecord, StateRows
+from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import NO_ACTOR
 from siren_ros.world.events import EventKind
 
@@ -40,13 +41,13 @@ def av_response(record: EpisodeRecord) -> AvResponse | None:
     av_id = record.description.av_id
     if av_id == NO_ACTOR or not record.emv_ids:
         return None
-    av, emv = _together(record.track(av_id), record.track(record.emv_ids[0]))
+    av, emv = common_rows(record.track(av_id), record.track(record.emv_ids[0]))
     collisions = sum(av_id in {event.actor_id, event.other_id} for event in record.events_of(EventKind.COLLISION))
     if not len(av):
         return AvResponse(-1.0, -1.0, 0.0, 0.0, 0.0, collisions)
     away = emv.xy_m - av.xy_m
     distance = np.hypot(away[:, 0], away[:, 1])
-    ahead = away[:, 0] * np.cos(av.yaw_rad) + away[:, 1] * np.sin(av.yaw_rad) > 0.0
+    ahead = ahead_and_left_m(av, emv)[0] > 0.0
     within = np.flatnonzero((distance <= HEARD_M) & ~ahead)
     if not len(within):
         return AvResponse(-1.0, -1.0, 0.0, 0.0, float(distance.min()), collisions)
@@ -64,9 +65,3 @@ def av_response(record: EpisodeRecord) -> AvResponse | None:
         closest_m=float(distance.min()),
         collisions=collisions,
     )
-
-
-def _together(av: StateRows, emv: StateRows) -> tuple[StateRows, StateRows]:
-    """The rows of the steps at which both are on the map."""
-    _, in_av, in_emv = np.intersect1d(av.step, emv.step, return_indices=True)
-    return av.select(in_av), emv.select(in_emv)

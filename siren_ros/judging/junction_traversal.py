@@ -8,12 +8,12 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.judging.lane_location import Indices, LanePlaces, places_of
+from siren_ros.judging.lane_location import LanePlaces, places_of
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 from siren_ros.roads.road_network import NO_LANE, Connection, Lane, LaneKind, RoadNetwork
-
-Floats = npt.NDArray[np.float64]
+from siren_ros.world.actors import Floats
+from siren_ros.world.traffic_state import Indices
 
 _BESIDE_M: Final = 15.0
 """Lateral distance from the exit lane within which a vehicle has left the junction that way: a few lanes."""
@@ -63,9 +63,8 @@ def find_traversals(record: EpisodeRecord, places: LanePlaces | None = None) -> 
     movements = _Movements(record.network)
     traversals: list[Traversal] = []
     for actor_id, actor in record.actors.items():
-        first, last = np.searchsorted(rows.actor_id, [actor_id, actor_id + 1])
-        if first < last:
-            span = np.arange(first, last)
+        span = record.rows_of(actor_id)
+        if len(span):
             drive = _Drive(movements, rows.select(span), found.lane[span], found.arc_m[span], actor.length_m)
             traversals.extend(drive.traversals())
     return tuple(traversals)

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.judging.lane_location import LanePlaces, lanes_ahead, places_of
+from siren_ros.judging.relative_motion import ahead_and_left_m, in_same_direction
 from siren_ros.judging.verdict import Verdict, at_least, verdict_of
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.units import STEP_S
@@ -20,11 +21,10 @@ REACH_M: Final = 200.0
 """How far along the lane "ahead in the EMV's lane" reaches: beyond the range of any siren."""
 BODY_MARGIN_M: Final = 0.3
 """How far a body may still stand over the line when its lane change counts as complete."""
-BESIDE_M: Final = 12.0
+LATERAL_REACH_M: Final = 12.0
 """Lateral distance within which a vehicle counts as passed: a few lanes, not the next street."""
 SEAM_M: Final = 30.0
 """How far beyond its end a lane is followed to recognise the lane beside its continuation."""
-ALIGNED_RAD: Final = np.pi / 3.0
 
 
 @dataclass(frozen=True)
@@ -65,15 +65,15 @@ def find_clearings(record: EpisodeRecord) -> tuple[LaneClearing, ...]:
     """Every civilian's first lane change out of an EMV's lane, in the order of completion."""
     rows = record.rows
     places = places_of(record, rows)
-    bounds = {actor_id: tuple(np.searchsorted(rows.actor_id, [actor_id, actor_id + 1])) for actor_id in record.actors}
+    spans = {actor_id: record.rows_of(actor_id) for actor_id in record.actors}
     found = []
     for emv_id in record.emv_ids:
         if emv_id not in record.actors:
             continue
-        emv = _Mover(record.actors[emv_id], rows, places, *bounds[emv_id])
-        for actor in record.actors.values():
-            if not actor.is_emv and bounds[actor.actor_id][0] < bounds[actor.actor_id][1]:
-                clearing = _clearing(record.network, emv, _Mover(actor, rows, places, *bounds[actor.actor_id]))
+        emv = _Mover(record.actors[emv_id], rows, places, spans[emv_id])
+        for actor_id, actor in record.actors.items():
+            if not actor.is_emv and len(spans[actor_id]):
+                clearing = _clearing(record.network, emv, _Mover(actor, rows, places, spans[actor_id]))
                 if clearing is not None:
                     found.append(clearing)
     return tuple(sorted(found, key=lambda item: (item.end_step, item.actor_id)))
@@ -82,8 +82,9 @@ def find_clearings(record: EpisodeRecord) -> tuple[LaneClearing, ...]:
 class _Mover:
     """One actor's rows with their lanes."""
 
-    def __init__(self, actor: ActorDescription, rows: StateRows, places: LanePlaces, first: int, last: int) -> None:
-        span = np.arange(first, last)
+    def __init__(
+        self, actor: ActorDescription, rows: StateRows, places: LanePlaces, span: npt.NDArray[np.intp]
+    ) -> None:
         self.actor = actor
         self.rows = rows.select(span)
         self.lane = places.lane[span]
@@ -182,26 +183,17 @@ def _passed_step(network: RoadNetwork, emv: _Mover, civilian: _Mover, left_lane:
     steps, emv_rows, rows = steps[later], emv_rows[later], rows[later]
     if len(steps) == 0:
         return None
-    ahead, left = _relative(emv.rows, civilian.rows, emv_rows, rows)
-    turned = np.abs(wrap_angle(civilian.rows.yaw_rad[rows] - emv.rows.yaw_rad[emv_rows]))
-    beside = (np.abs(left) < BESIDE_M) & (turned < ALIGNED_RAD)
-    crossings = np.flatnonzero((ahead[:-1] > 0.0) & (ahead[1:] <= 0.0) & beside[:-1] & beside[1:])
+    emv_then, civilian_then = emv.rows.select(emv_rows), civilian.rows.select(rows)
+    ahead_m, left_m = ahead_and_left_m(emv_then, civilian_then)
+    near = in_same_direction(emv_then, civilian_then) & (np.abs(left_m) < LATERAL_REACH_M)
+    crossings = np.flatnonzero((ahead_m[:-1] > 0.0) & (ahead_m[1:] <= 0.0) & near[:-1] & near[1:])
     line = lanes_ahead(network, left_lane, REACH_M)
     for crossing in crossings:
         lane = int(emv.lane[emv_rows[crossing + 1]])
         if lane not in line or lane == int(civilian.lane[rows[crossing + 1]]):
             continue
         reach = (emv.actor.length_m + civilian.actor.length_m) / 2.0
-        done = np.flatnonzero(ahead[crossing:] <= -reach)
+        done = np.flatnonzero(ahead_m[crossing:] <= -reach)
         if len(done):
             return int(steps[crossing + done[0]])
     return None
-
-
-def _relative(
-    emv: StateRows, civilian: StateRows, emv_rows: npt.NDArray[np.intp], rows: npt.NDArray[np.intp]
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """The civilian's centre in the EMV's axes: ahead and to the left."""
-    delta = civilian.xy_m[rows] - emv.xy_m[emv_rows]
-    cos, sin = np.cos(emv.yaw_rad[emv_rows]), np.sin(emv.yaw_rad[emv_rows])
-    return delta[:, 0] * cos + delta[:, 1] * sin, delta[:, 1] * cos - delta[:, 0] * sin

@@ -4,14 +4,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
 from siren_ros.world.actors import Floats, rows_of_ids
-
-Indices = npt.NDArray[np.int32]
+from siren_ros.world.traffic_state import Indices
 
 _DRIVEN_KINDS: Final = frozenset({LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL})
 _END_MARGIN_M: Final = 0.05

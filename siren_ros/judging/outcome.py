@@ -8,10 +8,10 @@ from siren_ros.errors import SirenError
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing
 from siren_ros.judging.av_response import av_response
 from siren_ros.judging.predicates import evaluate_predicate
+from siren_ros.judging.residuals import summarise_residuals
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.recording.record_builder import RecordBuilder
 from siren_ros.scenario.episode import EpisodeOutcome
-from siren_ros.world.actors import Owner
 from siren_ros.world.events import EventKind
 
 
@@ -32,8 +32,7 @@ def judge(builder: RecordBuilder, closing: EpisodeClosing) -> EpisodeOutcome:
 
 
 def _interaction_measures(record: EpisodeRecord) -> dict[str, Any]:
-    rows = record.rows
-    sumo_owned = rows.residual_m[rows.owner == Owner.SUMO]
+    residual = summarise_residuals(record)
     emv = record.track(record.emv_ids[0]) if record.emv_ids else None
     measures: dict[str, Any] = {
         "actors": len(record.actors),
@@ -41,8 +40,8 @@ def _interaction_measures(record: EpisodeRecord) -> dict[str, Any]:
         "yields_started": len(record.events_of(EventKind.YIELD_STARTED)),
         "yields_completed": len(record.events_of(EventKind.YIELD_COMPLETED)),
         "yields_deferred": len(record.events_of(EventKind.YIELD_DEFERRED)),
-        "residual_p99_m": float(np.percentile(sumo_owned, 99)) if sumo_owned.size else 0.0,
-        "residual_max_m": float(sumo_owned.max()) if sumo_owned.size else 0.0,
+        "residual_p99_m": residual.p99_m,
+        "residual_max_m": residual.max_m,
     }
     if emv is not None and len(emv):
         measures["emv_distance_m"] = float(np.sum(np.hypot(np.diff(emv.x_m), np.diff(emv.y_m))))

@@ -16,19 +16,21 @@ from siren_ros.judging.queue_splitting import queues_split
 from siren_ros.judging.shoulder_turn import shoulder_turn
 from siren_ros.judging.verdict import Verdict
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.scenario import predicates as declared
 from siren_ros.scenario.templates import load_template
 
 Predicate = Callable[[EpisodeRecord, Mapping[str, float]], Verdict]
 
-PREDICATES: Final[dict[str, Predicate]] = {
-    "queues_split": queues_split,
-    "lane_cleared": lane_cleared,
-    "red_same_direction": red_same_direction,
-    "red_crossing": red_crossing,
-    "stop_same_direction": stop_same_direction,
-    "stop_crossing": stop_crossing,
-    "shoulder_turn": shoulder_turn,
-}
+_EVALUATED_BY: Final[tuple[tuple[declared.PredicateDeclaration, Predicate], ...]] = (
+    (declared.QUEUES_SPLIT, queues_split),
+    (declared.LANE_CLEARED, lane_cleared),
+    (declared.RED_SAME_DIRECTION, red_same_direction),
+    (declared.RED_CROSSING, red_crossing),
+    (declared.STOP_SAME_DIRECTION, stop_same_direction),
+    (declared.STOP_CROSSING, stop_crossing),
+    (declared.SHOULDER_TURN, shoulder_turn),
+)
+PREDICATES: Final[dict[str, Predicate]] = {declaration.name: predicate for declaration, predicate in _EVALUATED_BY}
 """By the name that a template's file gives."""
 
 PARAMETER: Final = "predicate"
@@ -44,11 +46,11 @@ class PredicateChoice:
 
 
 def predicate_of(record: EpisodeRecord) -> PredicateChoice:
-    """The predicate that the record names; for records that name none, that of the episode's template.
+    """The predicate that the record names; for a record that names none, the one of the episode's template.
 
     Raises:
-        BagError: The record names a predicate that is not known, or its thresholds are not numbers.
-        InputError: The record names none, and its template is not known here.
+        BagError: The record names an unknown predicate, or a threshold is missing or not a number.
+        InputError: The record names none, and its template is unknown here.
     """
     stored = record.description.parameters.get(PARAMETER)
     if stored is None:
@@ -59,13 +61,13 @@ def predicate_of(record: EpisodeRecord) -> PredicateChoice:
     numbers = isinstance(thresholds, Mapping) and all(isinstance(item, int | float) for item in thresholds.values())
     if name not in PREDICATES or not isinstance(thresholds, Mapping) or not numbers:
         raise BagError(f"predicate {stored!r}", f"one of {', '.join(PREDICATES)}, with numbers as thresholds")
+    for threshold in declared.DECLARED_PREDICATES[str(name)].thresholds:
+        if threshold not in thresholds:
+            raise BagError(f"predicate {name}", f"a threshold named {threshold}")
     return PredicateChoice(str(name), {str(key): float(value) for key, value in thresholds.items()})
 
 
 def evaluate_predicate(record: EpisodeRecord) -> Verdict:
     """Whether the interaction of the episode's template happened; raises as ``predicate_of`` does."""
     choice = predicate_of(record)
-    try:
-        return PREDICATES[choice.name](record, choice.thresholds)
-    except KeyError as error:
-        raise BagError(f"predicate {choice.name}", f"a threshold named {error.args[0]}") from error
+    return PREDICATES[choice.name](record, choice.thresholds)

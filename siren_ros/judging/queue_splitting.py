@@ -6,15 +6,14 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from siren_ros.judging.lane_location import Indices, LanePlaces, places_of
+from siren_ros.judging.lane_location import LanePlaces, places_of
+from siren_ros.judging.relative_motion import ahead_and_left_m, in_same_direction
 from siren_ros.judging.verdict import Verdict, at_least, closest_of, verdict_of
-from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.units import STEP_S, steps_from_s
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
-from siren_ros.world.actors import Mode
+from siren_ros.world.actors import Floats, Mode
 
 CREEP_MPS: Final = 10.0 / 3.6
 """Up to this speed a vehicle of a queue creeps: walking to trotting pace, as on a jammed road."""
@@ -25,11 +24,8 @@ OFF_CENTRE_M: Final = 0.3
 """Least offset from its lane's centre line of a vehicle that has pulled over."""
 QUEUE_MIN: Final = 2
 """Fewest vehicles that make a queue."""
-BESIDE_M: Final = 6.0
+LATERAL_REACH_M: Final = 6.0
 """Lateral distance between centres of two vehicles that are side by side on one carriageway: less than two lanes."""
-ALIGNED_RAD: Final = np.pi / 3.0
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -150,12 +146,12 @@ def find_overtakings(record: EpisodeRecord, places: LanePlaces, emv_id: int) -> 
     emv = record.track(emv_id)
     found = []
     for actor_id, actor in record.actors.items():
-        first, last = np.searchsorted(rows.actor_id, [actor_id, actor_id + 1])
-        if actor.is_emv or first == last:
+        span = record.rows_of(actor_id)
+        if actor.is_emv or not len(span):
             continue
-        civilian = rows.select(np.arange(first, last))
+        civilian = rows.select(span)
         for emv_row, row in _abreast(emv, civilian):
-            lane = int(places.lane[first + row])
+            lane = int(places.lane[span[row]])
             line = _boundary(record.network, lane, emv.xy_m[emv_row])
             if line is not None and civilian.speed_mps[row] <= CREEP_MPS:
                 side, lateral_m = line
@@ -167,13 +163,10 @@ def find_overtakings(record: EpisodeRecord, places: LanePlaces, emv_id: int) -> 
 def _abreast(emv: StateRows, civilian: StateRows) -> list[tuple[int, int]]:
     """Rows of the EMV and of a civilian at the first step of the EMV being ahead, at each pass side by side."""
     _, emv_rows, rows = np.intersect1d(emv.step, civilian.step, assume_unique=True, return_indices=True)
-    delta = civilian.xy_m[rows] - emv.xy_m[emv_rows]
-    cos, sin = np.cos(emv.yaw_rad[emv_rows]), np.sin(emv.yaw_rad[emv_rows])
-    ahead: Floats = delta[:, 0] * cos + delta[:, 1] * sin
-    left: Floats = delta[:, 1] * cos - delta[:, 0] * sin
-    aligned = np.abs(wrap_angle(civilian.yaw_rad[rows] - emv.yaw_rad[emv_rows])) < ALIGNED_RAD
-    beside = aligned & (np.abs(left) < BESIDE_M)
-    passes: Indices = np.flatnonzero((ahead[:-1] > 0.0) & (ahead[1:] <= 0.0) & beside[1:]) + 1
+    emv_then, civilian_then = emv.select(emv_rows), civilian.select(rows)
+    ahead_m, left_m = ahead_and_left_m(emv_then, civilian_then)
+    near = in_same_direction(emv_then, civilian_then) & (np.abs(left_m) < LATERAL_REACH_M)
+    passes = np.flatnonzero((ahead_m[:-1] > 0.0) & (ahead_m[1:] <= 0.0) & near[1:]) + 1
     return [(int(emv_rows[index]), int(rows[index])) for index in passes]
 
 

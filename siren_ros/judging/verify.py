@@ -10,18 +10,14 @@ import numpy.typing as npt
 from siren_ros.errors import EpisodeError
 from siren_ros.interfaces import topics
 from siren_ros.judging.predicates import evaluate_predicate
+from siren_ros.judging.residuals import summarise_residuals
 from siren_ros.judging.verdict import Part, Verdict, at_least, at_most, equals
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.units import STEP_NS, STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows, TopicRecord
-from siren_ros.sensor_messages.sensor_topics import AV_CARRIER_TOPICS, CARRIER_TOPICS
 from siren_ros.world.actors import Owner
 from siren_ros.world.events import EventKind
 from siren_ros.world.state_hash import hash_state
-
-_KNOWN_TOPICS: Final = {
-    topic.name: topic for topic in (*topics.CORE_TOPICS, *CARRIER_TOPICS, *topics.AV_TOPICS, *AV_CARRIER_TOPICS)
-}
 
 
 @dataclass(frozen=True)
@@ -153,22 +149,15 @@ def check_teleports(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
     return equals("teleports", len(found), 0, detail)
 
 
-def _residuals(record: EpisodeRecord) -> npt.NDArray[np.float64]:
-    return record.rows.residual_m[record.rows.owner == Owner.SUMO]
-
-
 def check_residual_p99(record: EpisodeRecord, limits: VerifyLimits) -> Part:
     """99th percentile of the distance between SUMO's and the simulated pose of actors that SUMO owns."""
-    residuals = _residuals(record)
-    if len(residuals) == 0:
-        return at_most("residual_p99_m", 0.0, limits.residual_p99_m)
-    middle, high = np.percentile(residuals, (50, 99))
-    return at_most("residual_p99_m", float(high), limits.residual_p99_m, f"median {middle:.3f} m")
+    found = summarise_residuals(record)
+    return at_most("residual_p99_m", found.p99_m, limits.residual_p99_m, f"median {found.median_m:.3f} m")
 
 
 def check_residual_max(record: EpisodeRecord, limits: VerifyLimits) -> Part:
     """Largest distance between SUMO's and the simulated pose of actors that SUMO owns."""
-    return at_most("residual_max_m", _largest(_residuals(record)), limits.residual_max_m)
+    return at_most("residual_max_m", summarise_residuals(record).max_m, limits.residual_max_m)
 
 
 def check_complete(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
@@ -188,7 +177,7 @@ def check_message_counts(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
 
 
 def _rate_faults(topic: TopicRecord, steps: int) -> Iterator[str]:
-    known = _KNOWN_TOPICS.get(topic.name)
+    known = topics.FIXED_TOPICS.get(topic.name)
     if (known is not None and known.latched) or (known is None and topic.count == 1):
         if topic.count != 1:
             yield f"has {topic.count} messages instead of 1"
@@ -227,8 +216,9 @@ def check_state_hashes(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
     return equals("wrong_state_hashes", len(wrong), 0, f"first at step {wrong[0]}" if wrong else "")
 
 
-_CHECKS: Final[tuple[Callable[[EpisodeRecord, VerifyLimits], Part], ...]] = (
-    check_complete,
+Check = Callable[[EpisodeRecord, VerifyLimits], Part]
+
+STATE_CHECKS: Final[tuple[Check, ...]] = (
     check_position_jumps,
     check_yaw_jumps,
     check_speed,
@@ -236,6 +226,11 @@ _CHECKS: Final[tuple[Callable[[EpisodeRecord, VerifyLimits], Part], ...]] = (
     check_teleports,
     check_residual_p99,
     check_residual_max,
+)
+"""The checks that need the states alone, and so also apply to an episode that was never recorded."""
+_CHECKS: Final[tuple[Check, ...]] = (
+    check_complete,
+    *STATE_CHECKS,
     check_message_counts,
     check_stamps,
     check_state_hashes,

@@ -132,10 +132,14 @@ class EpisodeRecord:
         arrays: dict[str, Any] = {name: values[order] for name, values in columns.items()}
         return StateRows(step=step[order], **arrays)
 
+    def rows_of(self, actor_id: int) -> npt.NDArray[np.intp]:
+        """Indices into ``rows`` of one actor's states, in the order of time; none for an unknown actor."""
+        first, last = np.searchsorted(self.rows.actor_id, [actor_id, actor_id + 1])
+        return np.arange(first, last)
+
     def track(self, actor_id: int) -> StateRows:
         """One actor's states in the order of time; empty for an unknown actor."""
-        first, last = np.searchsorted(self.rows.actor_id, [actor_id, actor_id + 1])
-        return self.rows.select(np.arange(first, last))
+        return self.rows.select(self.rows_of(actor_id))
 
     def events_of(self, kind: EventKind) -> tuple[Event, ...]:
         """The events of one kind, in the order of time."""

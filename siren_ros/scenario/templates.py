@@ -9,6 +9,7 @@ from siren_ros.params.params_files import named_params_file, names_in_params
 from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
 from siren_ros.roads.sites.site_finder import SiteKind
 from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.scenario.predicates import DECLARED_PREDICATES
 from siren_ros.scenario.scenario import (
     BehaviourFamily,
     CivilianResponseDemand,
@@ -26,18 +27,7 @@ from siren_ros.scenario.scenario import (
 )
 from siren_ros.world.actors import ActorClass
 
-__all__ = ["PREDICATES", "Template", "available_templates", "draw_values", "load_template", "read_template"]
-
-PREDICATES: Final[dict[str, dict[str, tuple[float, float]]]] = {
-    "queues_split": {"holding_min": (1, 50), "overtaken_min": (1, 50), "lateral_max_m": (0.1, 5.0)},
-    "lane_cleared": {"lane_changes_min": (1, 50), "passed_min": (1, 50)},
-    "red_same_direction": {},
-    "red_crossing": {},
-    "stop_same_direction": {"speed_min_mps": (0.1, 20.0)},
-    "stop_crossing": {"speed_min_mps": (0.1, 20.0)},
-    "shoulder_turn": {"shoulder_min_s": (0.1, 60.0)},
-}
-"""Known predicates, and the limits of each one's thresholds."""
+__all__ = ["Template", "available_templates", "draw_values", "load_template", "read_template"]
 
 _ID: Final = re.compile(r"[A-Za-z0-9_-]{1,64}")
 _SHARE_TOLERANCE: Final = 1e-6
@@ -245,7 +235,8 @@ def _response(section: StrictMapping, parameters: _Parameters) -> CivilianRespon
 
 
 def _predicate(section: StrictMapping) -> PredicateDemand:
-    name = section.text("name", PREDICATES)
-    thresholds = {key: section.number(key, low, high) for key, (low, high) in PREDICATES[name].items()}
+    name = section.text("name", DECLARED_PREDICATES)
+    limits = DECLARED_PREDICATES[name].thresholds
+    thresholds = {key: section.number(key, low, high) for key, (low, high) in limits.items()}
     section.finish()
     return PredicateDemand(name, thresholds)

@@ -4,13 +4,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from siren_ros.interfaces.factory import MessageFactory
-from siren_ros.interfaces.topics import Topic
+from siren_ros.interfaces.topics import AV_CARRIER_TOPICS, Topic
 from siren_ros.interfaces.transforms import Transform
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.episode import EpisodeDescription
 from siren_ros.sensor_messages.carrier import AV, Carrier, noise_seed, static_transforms
 from siren_ros.sensor_messages.observation_messages import ObservationMessages
-from siren_ros.sensor_messages.sensor_topics import AV_CARRIER_TOPICS, carriers_of, suite_topics
+from siren_ros.sensor_messages.sensor_topics import carriers_of, suite_topics
 from siren_ros.sensors.rig.rig import SensorRig
 from siren_ros.sensors.suite.look_file import load_look, look_of
 

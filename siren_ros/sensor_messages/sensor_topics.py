@@ -1,28 +1,11 @@
 """The topics that a suite brings, and all topics of an episode in the order in which a step is recorded."""
 
-from typing import Final
-
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.topics import Topic
 from siren_ros.scenario.episode import EpisodeDescription
 from siren_ros.sensor_messages.carrier import AV, EMV, Carrier
 from siren_ros.sensors.suite.suite import EXPORTED_CAMERA, CameraSpec, SensorSuite, load_suite, period_steps
 from siren_ros.world.actors import NO_ACTOR
-
-CARRIER_TOPICS: Final = (
-    topics.TF_STATIC,
-    topics.SENSING,
-    topics.TF,
-    topics.ODOMETRY,
-    topics.GROUND_TRUTH,
-    topics.BOXES,
-    topics.MARKERS,
-)
-"""What ``sensor_sim`` publishes with any suite, also an empty one."""
-AV_CARRIER_TOPICS: Final = tuple(
-    topic.of_carrier(AV.name) for topic in (topics.ODOMETRY, topics.GROUND_TRUTH, topics.BOXES)
-)
-"""What it publishes besides where there is an AV under test."""
 
 
 def suite_topics(suite: SensorSuite, carrier: Carrier = EMV) -> tuple[Topic, ...]:
@@ -62,9 +45,9 @@ def recorded_topics(suite: SensorSuite, av_suite: SensorSuite | None = None) -> 
         suite: Sensors of the first emergency vehicle.
         av_suite: Sensors of the AV under test; None in episodes without one.
     """
-    every = (*topics.CORE_TOPICS, *CARRIER_TOPICS, *suite_topics(suite))
+    every = (*topics.CORE_TOPICS, *topics.CARRIER_TOPICS, *suite_topics(suite))
     if av_suite is not None:
-        every = (*every, *topics.AV_TOPICS, *AV_CARRIER_TOPICS, *suite_topics(av_suite, AV))
+        every = (*every, *topics.AV_TOPICS, *topics.AV_CARRIER_TOPICS, *suite_topics(av_suite, AV))
     return tuple(topic for topic in every if topic.recorded)
 
 

@@ -10,20 +10,20 @@ from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.judging.predicates import PREDICATES, evaluate_predicate, predicate_of
 from siren_ros.judging.verdict import at_least, closest_of, more_than, verdict_of
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.scenario.predicates import DECLARED_PREDICATES
 from siren_ros.scenario.request import EpisodeRequest
-from siren_ros.scenario.templates import PREDICATES as DECLARED
 from siren_ros.scenario.templates import available_templates, load_template
 
 
 def test_templates_may_name_exactly_the_predicates_that_exist() -> None:
-    assert set(PREDICATES) == set(DECLARED)
+    assert set(PREDICATES) == set(DECLARED_PREDICATES)
 
 
 @pytest.mark.parametrize("name", sorted(PREDICATES))
 def test_the_declared_thresholds_are_all_that_a_predicate_needs(
     name: str, record_of: Callable[..., EpisodeRecord]
 ) -> None:
-    thresholds = {key: low for key, (low, _) in DECLARED[name].items()}
+    thresholds = {key: low for key, (low, _) in DECLARED_PREDICATES[name].thresholds.items()}
     parameters = {"predicate": {"name": name, "thresholds": thresholds}}
     record = record_of(duration_s=1.0)
     verdict = evaluate_predicate(replace(record, description=replace(record.description, parameters=parameters)))

@@ -31,7 +31,7 @@ class EmvController(Participant[EmvControllerConfig]):
         """Decide for this step."""
         traffic = wire.content(from_traffic_state, inputs[topics.TRAFFIC.name])
         self._state, commands = step_emv(self._state, traffic, self._world)
-        self.send(topics.EMV_COMMANDS, to_vehicle_commands(wire.factory(), commands))
+        self.send(topics.EMV_COMMANDS, to_vehicle_commands(commands))
 
 
 NODE = EmvController

@@ -8,6 +8,7 @@ from typing import Any
 
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing
+from siren_ros.interfaces.messages import typestore
 from siren_ros.interfaces.topics import Topic
 from siren_ros.judging.outcome import judge
 from siren_ros.recording.recorder import EpisodeRecorder
@@ -29,9 +30,7 @@ class Recorder(Participant[RecorderConfig]):
         super().__init__(name, **node_options)
         self._busy_s = 0.0
         latched = frozenset(topic.name for topic in topics.FIXED_TOPICS.values() if topic.latched)
-        self._recorder = EpisodeRecorder(
-            Path(self.config.bag), wire.factory().store, latched, judge, wire.decode, wire.content
-        )
+        self._recorder = EpisodeRecorder(Path(self.config.bag), typestore(), latched, judge, wire.decode, wire.content)
         self._recorder.on_step_recorded = self._on_step_recorded
         self._listening: set[str] = set()
         self._listen(topics.CORE_TOPICS)

@@ -7,6 +7,7 @@ from typing import Any, Final, TypeAlias
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import from_actor_states, from_traffic_state
 from siren_ros.interfaces.lockstep_reports import Phase
+from siren_ros.interfaces.messages import make_message
 from siren_ros.interfaces.transforms import to_tf
 from siren_ros.lockstep.tick_join import Input
 from siren_ros.roads.net_parser import parse_road_network
@@ -45,8 +46,8 @@ class SensorSim(Participant[SensorSimConfig]):
 
     def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:
         """Build the scene and say where the sensors sit."""
-        factory, network = wire.factory(), parse_road_network(map_xml)
-        self._carried = list(carried_sensors(episode, network, factory, self.has_listeners, beside=self.config.trails))
+        network = parse_road_network(map_xml)
+        self._carried = list(carried_sensors(episode, network, self.has_listeners, beside=self.config.trails))
         for carried in self._carried:
             for note in carried.rig.notes:
                 self.get_logger().warning(note)
@@ -54,8 +55,8 @@ class SensorSim(Participant[SensorSimConfig]):
                 self.add_output(topic)
         transforms = [transform for carried in self._carried for transform in carried.transforms]
         accounts = {carried.carrier.name: carried.rig.account for carried in self._carried}
-        self.send(topics.TF_STATIC, to_tf(factory, 0, transforms))
-        self.send(topics.SENSING, factory.make(topics.SENSING.type_name, data=json.dumps(accounts, sort_keys=True)))
+        self.send(topics.TF_STATIC, to_tf(0, transforms))
+        self.send(topics.SENSING, make_message(topics.SENSING.type_name, data=json.dumps(accounts, sort_keys=True)))
 
     def on_step(self, step: int, inputs: dict[str, Any]) -> None:  # noqa: ARG002 - the interface of all nodes
         """Publish what is due at this step: at once, or within the next step where the sensors may trail."""
@@ -64,7 +65,7 @@ class SensorSim(Participant[SensorSimConfig]):
         states = wire.content(from_actor_states, inputs[topics.ACTORS.name])
         self._actors.update({actor.actor_id: actor for actor in traffic.spawned})
         carriers = [(carried.carrier, carried.messages.carrier_id) for carried in self._carried]
-        for topic, message in shared_messages(wire.factory(), states, self._actors, carriers):
+        for topic, message in shared_messages(states, self._actors, carriers):
             self.send(topic, message)
         begun = [
             carried.rig.begin(states, self._actors, traffic.signals, carried.messages.carrier_id)

@@ -8,6 +8,7 @@ from siren_ros.interfaces import topics
 from siren_ros.interfaces.av_control import to_path
 from siren_ros.interfaces.conversions import from_actor_states, to_episode_description, to_traffic_state
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing
+from siren_ros.interfaces.messages import make_message
 from siren_ros.lockstep.tick_join import Input
 from siren_ros.ros.parameters.node_configs import SumoBridgeConfig
 from siren_ros.ros.participants.participant import Participant
@@ -34,11 +35,11 @@ class SumoBridge(Participant[SumoBridgeConfig]):
             setup.compiled_map, setup.network, setup.plan, setup.level, seed=setup.description.seed
         )
         map_xml = setup.compiled_map.read_bytes().decode()
-        self.send(topics.EPISODE, to_episode_description(wire.factory(), setup.description))
-        self.send(topics.MAP, wire.factory().make(topics.MAP.type_name, data=map_xml))
+        self.send(topics.EPISODE, to_episode_description(setup.description))
+        self.send(topics.MAP, make_message(topics.MAP.type_name, data=map_xml))
         if setup.plan.av:
             self.add_output(topics.AV_ROUTE)
-            self.send(topics.AV_ROUTE, to_path(wire.factory(), av_way(setup.network, setup.plan)))
+            self.send(topics.AV_ROUTE, to_path(av_way(setup.network, setup.plan)))
 
     def on_step(self, step: int, inputs: dict[str, Any]) -> None:
         """Mirror the simulated poses into SUMO, let it step, and say where it is now."""
@@ -48,7 +49,7 @@ class SumoBridge(Participant[SumoBridgeConfig]):
             check_residual(states, self.config.residual_limit_m)
         traffic = self._simulation.step(step, states)
         check_no_teleport(traffic)
-        self.send(topics.TRAFFIC, to_traffic_state(wire.factory(), traffic))
+        self.send(topics.TRAFFIC, to_traffic_state(traffic))
 
     def close(self, closing: EpisodeClosing) -> None:  # noqa: ARG002 - the interface of all nodes
         """End SUMO."""

@@ -31,7 +31,7 @@ class YieldManager(Participant[YieldManagerConfig]):
         """Decide for this step."""
         traffic = wire.content(from_traffic_state, inputs[topics.TRAFFIC.name])
         self._state, commands = step_yield(self._state, traffic, self._world)
-        self.send(topics.YIELD_COMMANDS, to_vehicle_commands(wire.factory(), commands))
+        self.send(topics.YIELD_COMMANDS, to_vehicle_commands(commands))
 
 
 NODE = YieldManager

@@ -8,11 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from repository import REPOSITORY
 from rosbags.typesys.store import Typestore
 from synthetic_episode import Scene, SyntheticEpisode
 
-from siren_ros.interfaces.rosbags_factory import RosbagsFactory, load_typestore
+from siren_ros.interfaces import messages
 from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.recording.bag_writer import EpisodeBagWriter
 from siren_ros.recording.episode_record import EpisodeRecord
@@ -31,17 +30,7 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 @pytest.fixture(scope="session")
 def typestore() -> Typestore:
     """All message types of the node graph."""
-    return load_typestore(
-        {
-            "siren_msgs": REPOSITORY / "msg_defs" / "msg",
-            "vision_msgs": REPOSITORY / "tools" / "environment" / "interfaces" / "vision_msgs" / "msg",
-        }
-    )
-
-
-@pytest.fixture(scope="session")
-def factory(typestore: Typestore) -> RosbagsFactory:
-    return RosbagsFactory(typestore)
+    return messages.typestore()
 
 
 @pytest.fixture(scope="session")
@@ -56,12 +45,12 @@ def round_trip(typestore: Typestore) -> Callable[[object], object]:
 
 
 @pytest.fixture(scope="session")
-def record_of(factory: RosbagsFactory) -> Callable[..., EpisodeRecord]:
+def record_of() -> Callable[..., EpisodeRecord]:
     """The record of a synthetic episode, straight from its messages; arguments are those of ``Scene``."""
 
     def build(**scene: object) -> EpisodeRecord:
         builder = RecordBuilder()
-        for topic, _, message in SyntheticEpisode(Scene(**scene)).messages(factory):  # type: ignore[arg-type] # forwarded
+        for topic, _, message in SyntheticEpisode(Scene(**scene)).messages():  # type: ignore[arg-type] # forwarded
             builder.add(topic.name, message)
         return builder.build()
 
@@ -69,14 +58,14 @@ def record_of(factory: RosbagsFactory) -> Callable[..., EpisodeRecord]:
 
 
 @pytest.fixture(scope="session")
-def write_bag(factory: RosbagsFactory, typestore: Typestore) -> Callable[..., Path]:
+def write_bag(typestore: Typestore) -> Callable[..., Path]:
     """Writes the bag of a synthetic episode; further arguments are those of ``Scene``."""
 
     def write(path: Path, **scene: object) -> Path:
         episode = SyntheticEpisode(Scene(**scene))  # type: ignore[arg-type] # forwarded
         latched = [topic.name for topic in episode.recorded_topics() if topic.latched]
         writer = EpisodeBagWriter(path, typestore, latched)
-        for topic, step, message in episode.messages(factory):
+        for topic, step, message in episode.messages():
             cdr = bytes(typestore.serialize_cdr(message, topic.type_name))
             writer.write(topic.name, topic.type_name, cdr, time_ns_of_step(step))
         return writer.finish().path

@@ -18,7 +18,7 @@ from siren_ros.interfaces.conversions import (
     to_traffic_state,
     to_vehicle_commands,
 )
-from siren_ros.interfaces.factory import MessageFactory, stamp
+from siren_ros.interfaces.messages import make_message, stamp
 from siren_ros.interfaces.point_cloud import LIDAR_POINT_DTYPE, to_point_cloud
 from siren_ros.numerics.geometry import rotate
 from siren_ros.numerics.units import STEP_S, time_ns_of_step
@@ -278,19 +278,19 @@ class SyntheticEpisode:
         sensors = [topics.GROUND_TRUTH, LIDAR_TOPIC] if self.scene.lidar else []
         return (*core, *sensors, topics.OUTCOME)
 
-    def messages(self, factory: MessageFactory) -> Iterator[tuple[topics.Topic, int, Any]]:
+    def messages(self) -> Iterator[tuple[topics.Topic, int, Any]]:
         """Topic, step and message, in the recorder's order."""
-        yield topics.EPISODE, 0, to_episode_description(factory, self.description)
-        yield topics.MAP, 0, factory.make("std_msgs/msg/String", data=NET_XML)
+        yield topics.EPISODE, 0, to_episode_description(self.description)
+        yield topics.MAP, 0, make_message("std_msgs/msg/String", data=NET_XML)
         for step in range(self.steps):
-            clock = factory.make("rosgraph_msgs/msg/Clock", clock=stamp(factory, time_ns_of_step(step)))
+            clock = make_message("rosgraph_msgs/msg/Clock", clock=stamp(time_ns_of_step(step)))
             yield topics.CLOCK, step, clock
-            yield topics.TRAFFIC, step, to_traffic_state(factory, self.traffic(step))
+            yield topics.TRAFFIC, step, to_traffic_state(self.traffic(step))
             for topic, source in ((topics.EMV_COMMANDS, "emv_controller"), (topics.YIELD_COMMANDS, "yield_manager")):
-                yield topic, step, to_vehicle_commands(factory, self.commands(step, source))
-            yield topics.ACTORS, step, to_actor_states(factory, self.states(step))
-            yield topics.EVENTS, step, to_events(factory, step, self.state_hash(step), self.events(step))
+                yield topic, step, to_vehicle_commands(self.commands(step, source))
+            yield topics.ACTORS, step, to_actor_states(self.states(step))
+            yield topics.EVENTS, step, to_events(step, self.state_hash(step), self.events(step))
             if self.scene.lidar and step % 2 == 0:
-                yield topics.GROUND_TRUTH, step, to_ground_truth(factory, self.ground_truth(step))
-                yield LIDAR_TOPIC, step, to_point_cloud(factory, step, "lidar", self.sweep(step))
-        yield topics.OUTCOME, self.steps - 1, to_episode_outcome(factory, self.outcome())
+                yield topics.GROUND_TRUTH, step, to_ground_truth(self.ground_truth(step))
+                yield LIDAR_TOPIC, step, to_point_cloud(step, "lidar", self.sweep(step))
+        yield topics.OUTCOME, self.steps - 1, to_episode_outcome(self.outcome())

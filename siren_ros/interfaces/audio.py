@@ -5,19 +5,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.interfaces.factory import MessageFactory, header
+from siren_ros.interfaces.messages import header, make_message, sequence
 from siren_ros.numerics.units import time_ns_of_step
 
 
-def to_audio(
-    factory: MessageFactory, step: int, frame_id: str, sample_rate_hz: int, samples: npt.NDArray[np.int16]
-) -> Any:
+def to_audio(step: int, frame_id: str, sample_rate_hz: int, samples: npt.NDArray[np.int16]) -> Any:
     """``siren_msgs/AudioChunk`` of mono 16-bit PCM that ends at the step."""
-    return factory.make(
+    return make_message(
         "siren_msgs/msg/AudioChunk",
-        header=header(factory, time_ns_of_step(step), frame_id),
+        header=header(time_ns_of_step(step), frame_id),
         sample_rate_hz=sample_rate_hz,
-        samples=factory.sequence(samples),
+        samples=sequence(samples),
     )
 
 

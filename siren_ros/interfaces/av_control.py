@@ -3,19 +3,19 @@
 from typing import Any
 
 from siren_ros.errors import EpisodeError
-from siren_ros.interfaces.factory import MessageFactory, header, stamp, time_ns_of
 from siren_ros.interfaces.message_content import refuses_nonsense
+from siren_ros.interfaces.messages import header, make_message, stamp, time_ns_of
 from siren_ros.interfaces.transforms import MAP_FRAME, quaternion_of_yaw, to_pose
 from siren_ros.numerics.polyline import Polyline
 from siren_ros.numerics.units import NS_PER_S, time_ns_of_step
 from siren_ros.world.commands import AvControl
 
 
-def to_av_control(factory: MessageFactory, control: AvControl) -> Any:
+def to_av_control(control: AvControl) -> Any:
     """``siren_msgs/AvControl``."""
-    return factory.make(
+    return make_message(
         "siren_msgs/msg/AvControl",
-        stamp=stamp(factory, time_ns_of_step(control.step)),
+        stamp=stamp(time_ns_of_step(control.step)),
         step=control.step,
         throttle=float(control.throttle),
         brake=float(control.brake),
@@ -44,18 +44,18 @@ def from_av_control(message: Any) -> AvControl:
     return control
 
 
-def to_path(factory: MessageFactory, way: Polyline) -> Any:
+def to_path(way: Polyline) -> Any:
     """``nav_msgs/Path`` of a way that is known before the first step; each pose looks along it."""
-    at_start = header(factory, 0, MAP_FRAME)
+    at_start = header(0, MAP_FRAME)
     headings = way.heading_rad(way.arc_m)
-    return factory.make(
+    return make_message(
         "nav_msgs/msg/Path",
         header=at_start,
         poses=[
-            factory.make(
+            make_message(
                 "geometry_msgs/msg/PoseStamped",
                 header=at_start,
-                pose=to_pose(factory, (x_m, y_m, 0.0), quaternion_of_yaw(float(heading))),
+                pose=to_pose((x_m, y_m, 0.0), quaternion_of_yaw(float(heading))),
             )
             for (x_m, y_m), heading in zip(way.points.tolist(), headings, strict=True)
         ],

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from siren_ros.interfaces.factory import MessageFactory, header, time_ns_of
+from siren_ros.interfaces.messages import header, make_message, time_ns_of
 from siren_ros.interfaces.transforms import from_quaternion, quaternion_of_yaw, to_pose, to_vector, yaw_of_quaternion
 from siren_ros.numerics.units import step_of_time_ns, time_ns_of_step
 from siren_ros.world.actors import ActorClass, Floats, Ids
@@ -47,29 +47,27 @@ def boxes_of(truth: GroundTruth, frame_id: str) -> LabelledBoxes:
     )
 
 
-def to_boxes(factory: MessageFactory, boxes: LabelledBoxes) -> Any:
+def to_boxes(boxes: LabelledBoxes) -> Any:
     """``vision_msgs/Detection3DArray``; a detection's ``id`` is the actor's id, its score 1."""
-    shared = {"header": header(factory, time_ns_of_step(boxes.step), boxes.frame_id)}
+    shared = {"header": header(time_ns_of_step(boxes.step), boxes.frame_id)}
     unknown = np.zeros(36)
-    return factory.make(
+    return make_message(
         "vision_msgs/msg/Detection3DArray",
-        detections=[_to_detection(factory, boxes, row, unknown, shared) for row in range(len(boxes.actor_id))],
+        detections=[_to_detection(boxes, row, unknown, shared) for row in range(len(boxes.actor_id))],
         **shared,
     )
 
 
-def _to_detection(
-    factory: MessageFactory, boxes: LabelledBoxes, row: int, covariance: Floats, shared: dict[str, Any]
-) -> Any:
+def _to_detection(boxes: LabelledBoxes, row: int, covariance: Floats, shared: dict[str, Any]) -> Any:
     centre = (boxes.x_m[row], boxes.y_m[row], boxes.z_m[row])
-    pose = to_pose(factory, centre, quaternion_of_yaw(float(boxes.yaw_rad[row])))
-    hypothesis = factory.make("vision_msgs/msg/ObjectHypothesis", class_id=boxes.class_names[row], score=1.0)
-    with_covariance = factory.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance)
-    size = to_vector(factory, (boxes.length_m[row], boxes.width_m[row], boxes.height_m[row]))
-    return factory.make(
+    pose = to_pose(centre, quaternion_of_yaw(float(boxes.yaw_rad[row])))
+    hypothesis = make_message("vision_msgs/msg/ObjectHypothesis", class_id=boxes.class_names[row], score=1.0)
+    with_covariance = make_message("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance)
+    size = to_vector((boxes.length_m[row], boxes.width_m[row], boxes.height_m[row]))
+    return make_message(
         "vision_msgs/msg/Detection3D",
-        results=[factory.make("vision_msgs/msg/ObjectHypothesisWithPose", hypothesis=hypothesis, pose=with_covariance)],
-        bbox=factory.make("vision_msgs/msg/BoundingBox3D", center=pose, size=size),
+        results=[make_message("vision_msgs/msg/ObjectHypothesisWithPose", hypothesis=hypothesis, pose=with_covariance)],
+        bbox=make_message("vision_msgs/msg/BoundingBox3D", center=pose, size=size),
         id=str(int(boxes.actor_id[row])),
         **shared,
     )

@@ -1,7 +1,7 @@
 """The project's own message types: paired functions ``to_X`` and ``from_X``, exact inverses.
 
-``to_X(factory, value)`` makes a message, ``from_X(message)`` reads one; both work for live rclpy
-messages and for messages read offline. Only the wall time in StepDone is not simulated data.
+``to_X(value)`` makes a message, ``from_X(message)`` reads one, from a topic or from a bag. Only the wall time in
+StepDone is not simulated data.
 """
 
 from collections.abc import Callable
@@ -11,10 +11,10 @@ import numpy as np
 
 from siren_ros.interfaces.audio import from_audio
 from siren_ros.interfaces.av_control import from_av_control
-from siren_ros.interfaces.factory import MessageFactory, as_arrays, as_sequences, header, stamp
 from siren_ros.interfaces.image_boxes import from_camera_truth
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing, Phase, StepReport
 from siren_ros.interfaces.message_content import json_object, json_text, refuses_nonsense
+from siren_ros.interfaces.messages import as_arrays, as_sequences, header, make_message, sequence, stamp
 from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
 from siren_ros.scenario.levels import EmergencyLevel
@@ -25,9 +25,9 @@ from siren_ros.world.ground_truth import GROUND_TRUTH_DTYPES, GroundTruth
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, EmvAdvice, SignalState, TrafficState
 
 
-def to_event(factory: MessageFactory, event: Event) -> Any:
+def to_event(event: Event) -> Any:
     """``siren_msgs/Event``."""
-    return factory.make(
+    return make_message(
         "siren_msgs/msg/Event",
         step=event.step,
         kind=event.kind.value,
@@ -53,22 +53,22 @@ def from_event(message: Any) -> Event:
     )
 
 
-def _to_events(factory: MessageFactory, events: tuple[Event, ...]) -> list[Any]:
-    return [to_event(factory, event) for event in events]
+def _to_events(events: tuple[Event, ...]) -> list[Any]:
+    return [to_event(event) for event in events]
 
 
 def _from_events(messages: Any) -> tuple[Event, ...]:
     return tuple(from_event(message) for message in messages)
 
 
-def to_events(factory: MessageFactory, step: int, state_hash: int, events: tuple[Event, ...]) -> Any:
+def to_events(step: int, state_hash: int, events: tuple[Event, ...]) -> Any:
     """``siren_msgs/Events`` of one step, with the hash of the world's state at it."""
-    return factory.make(
+    return make_message(
         "siren_msgs/msg/Events",
-        stamp=stamp(factory, time_ns_of_step(step)),
+        stamp=stamp(time_ns_of_step(step)),
         step=step,
         state_hash=state_hash,
-        events=_to_events(factory, events),
+        events=_to_events(events),
     )
 
 
@@ -78,9 +78,9 @@ def from_events(message: Any) -> tuple[int, int, tuple[Event, ...]]:
     return int(message.step), int(message.state_hash), _from_events(message.events)
 
 
-def to_actor_description(factory: MessageFactory, actor: ActorDescription) -> Any:
+def to_actor_description(actor: ActorDescription) -> Any:
     """``siren_msgs/ActorDescription``."""
-    return factory.make(
+    return make_message(
         "siren_msgs/msg/ActorDescription",
         actor_id=actor.actor_id,
         name=actor.name,
@@ -109,9 +109,9 @@ def from_actor_description(message: Any) -> ActorDescription:
     )
 
 
-def to_signal_state(factory: MessageFactory, signal: SignalState) -> Any:
+def to_signal_state(signal: SignalState) -> Any:
     """``siren_msgs/SignalState``."""
-    return factory.make("siren_msgs/msg/SignalState", signal_id=signal.signal_id, state=signal.state)
+    return make_message("siren_msgs/msg/SignalState", signal_id=signal.signal_id, state=signal.state)
 
 
 @refuses_nonsense
@@ -120,9 +120,9 @@ def from_signal_state(message: Any) -> SignalState:
     return SignalState(signal_id=str(message.signal_id), state=str(message.state))
 
 
-def to_emv_advice(factory: MessageFactory, advice: EmvAdvice) -> Any:
+def to_emv_advice(advice: EmvAdvice) -> Any:
     """``siren_msgs/EmvAdvice``."""
-    return factory.make(
+    return make_message(
         "siren_msgs/msg/EmvAdvice",
         actor_id=advice.actor_id,
         lane_change_intent=advice.lane_change_intent,
@@ -146,17 +146,17 @@ def from_emv_advice(message: Any) -> EmvAdvice:
     )
 
 
-def to_traffic_state(factory: MessageFactory, traffic: TrafficState) -> Any:
+def to_traffic_state(traffic: TrafficState) -> Any:
     """``siren_msgs/TrafficState``."""
-    return factory.make(
+    return make_message(
         "siren_msgs/msg/TrafficState",
-        stamp=stamp(factory, time_ns_of_step(traffic.step)),
+        stamp=stamp(time_ns_of_step(traffic.step)),
         step=traffic.step,
-        spawned=[to_actor_description(factory, actor) for actor in traffic.spawned],
-        emvs=[to_emv_advice(factory, advice) for advice in traffic.emvs],
-        signals=[to_signal_state(factory, signal) for signal in traffic.signals],
-        events=_to_events(factory, traffic.events),
-        **as_sequences(factory, traffic, list(TRAFFIC_STATE_DTYPES)),
+        spawned=[to_actor_description(actor) for actor in traffic.spawned],
+        emvs=[to_emv_advice(advice) for advice in traffic.emvs],
+        signals=[to_signal_state(signal) for signal in traffic.signals],
+        events=_to_events(traffic.events),
+        **as_sequences(traffic, list(TRAFFIC_STATE_DTYPES)),
     )
 
 
@@ -173,15 +173,15 @@ def from_traffic_state(message: Any) -> TrafficState:
     )
 
 
-def to_vehicle_commands(factory: MessageFactory, commands: VehicleCommands) -> Any:
+def to_vehicle_commands(commands: VehicleCommands) -> Any:
     """``siren_msgs/VehicleCommands``."""
-    return factory.make(
+    return make_message(
         "siren_msgs/msg/VehicleCommands",
-        stamp=stamp(factory, time_ns_of_step(commands.step)),
+        stamp=stamp(time_ns_of_step(commands.step)),
         step=commands.step,
         source=commands.source,
-        events=_to_events(factory, commands.events),
-        **as_sequences(factory, commands, list(COMMAND_DTYPES)),
+        events=_to_events(commands.events),
+        **as_sequences(commands, list(COMMAND_DTYPES)),
     )
 
 
@@ -196,13 +196,13 @@ def from_vehicle_commands(message: Any) -> VehicleCommands:
     )
 
 
-def to_actor_states(factory: MessageFactory, states: ActorStates) -> Any:
+def to_actor_states(states: ActorStates) -> Any:
     """``siren_msgs/ActorStates``."""
-    return factory.make(
+    return make_message(
         "siren_msgs/msg/ActorStates",
-        stamp=stamp(factory, time_ns_of_step(states.step)),
+        stamp=stamp(time_ns_of_step(states.step)),
         step=states.step,
-        **as_sequences(factory, states, list(ACTOR_STATE_DTYPES)),
+        **as_sequences(states, list(ACTOR_STATE_DTYPES)),
     )
 
 
@@ -212,14 +212,14 @@ def from_actor_states(message: Any) -> ActorStates:
     return ActorStates(step=int(message.step), **as_arrays(message, ACTOR_STATE_DTYPES))
 
 
-def to_ground_truth(factory: MessageFactory, truth: GroundTruth) -> Any:
+def to_ground_truth(truth: GroundTruth) -> Any:
     """``siren_msgs/GroundTruth``."""
-    return factory.make(
+    return make_message(
         "siren_msgs/msg/GroundTruth",
-        header=header(factory, time_ns_of_step(truth.step), truth.frame_id),
+        header=header(time_ns_of_step(truth.step), truth.frame_id),
         step=truth.step,
         carrier_id=truth.carrier_id,
-        **as_sequences(factory, truth, list(GROUND_TRUTH_DTYPES)),
+        **as_sequences(truth, list(GROUND_TRUTH_DTYPES)),
     )
 
 
@@ -234,9 +234,9 @@ def from_ground_truth(message: Any) -> GroundTruth:
     )
 
 
-def to_step_done(factory: MessageFactory, report: StepReport) -> Any:
+def to_step_done(report: StepReport) -> Any:
     """``siren_msgs/StepDone``."""
-    return factory.make(
+    return make_message(
         "siren_msgs/msg/StepDone",
         step=report.step,
         participant=report.participant,
@@ -258,11 +258,11 @@ def from_step_done(message: Any) -> StepReport:
     )
 
 
-def to_episode_description(factory: MessageFactory, episode: EpisodeDescription) -> Any:
+def to_episode_description(episode: EpisodeDescription) -> Any:
     """``siren_msgs/EpisodeDescription``."""
-    return factory.make(
+    return make_message(
         "siren_msgs/msg/EpisodeDescription",
-        stamp=stamp(factory, 0),
+        stamp=stamp(0),
         template_id=episode.template,
         level=int(episode.level),
         seed=episode.seed,
@@ -271,7 +271,7 @@ def to_episode_description(factory: MessageFactory, episode: EpisodeDescription)
         duration_s=float(episode.duration_s),
         sensor_suite=episode.sensor_suite,
         preset=episode.preset,
-        emv_ids=factory.sequence(np.array(episode.emv_ids, dtype=np.uint32)),
+        emv_ids=sequence(np.array(episode.emv_ids, dtype=np.uint32)),
         parameters=json_text(dict(episode.parameters)),
         versions=json_text(dict(episode.versions)),
         site=json_text(dict(episode.site)),
@@ -297,11 +297,11 @@ def from_episode_description(message: Any) -> EpisodeDescription:
     )
 
 
-def to_episode_end(factory: MessageFactory, closing: EpisodeClosing) -> Any:
+def to_episode_end(closing: EpisodeClosing) -> Any:
     """``siren_msgs/EpisodeEnd``."""
-    return factory.make(
+    return make_message(
         "siren_msgs/msg/EpisodeEnd",
-        stamp=stamp(factory, time_ns_of_step(max(closing.steps - 1, 0))),
+        stamp=stamp(time_ns_of_step(max(closing.steps - 1, 0))),
         steps=closing.steps,
         end=closing.end.value,
         reason=closing.reason,
@@ -314,11 +314,11 @@ def from_episode_end(message: Any) -> EpisodeClosing:
     return EpisodeClosing(steps=int(message.steps), end=EpisodeEnd(message.end), reason=str(message.reason))
 
 
-def to_episode_outcome(factory: MessageFactory, outcome: EpisodeOutcome) -> Any:
+def to_episode_outcome(outcome: EpisodeOutcome) -> Any:
     """``siren_msgs/EpisodeOutcome``."""
-    return factory.make(
+    return make_message(
         "siren_msgs/msg/EpisodeOutcome",
-        stamp=stamp(factory, time_ns_of_step(max(outcome.steps - 1, 0))),
+        stamp=stamp(time_ns_of_step(max(outcome.steps - 1, 0))),
         end=outcome.end.value,
         reason=outcome.reason,
         steps=outcome.steps,

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.errors import InputError
-from siren_ros.interfaces.factory import MessageFactory, header
+from siren_ros.interfaces.messages import header, make_message, sequence
 from siren_ros.numerics.units import time_ns_of_step
 
 _ENCODINGS: Final[dict[str, tuple[np.dtype[Any], int]]] = {
@@ -38,13 +38,13 @@ class PinholeCamera:
         )
 
 
-def to_compressed_image(factory: MessageFactory, step: int, frame_id: str, jpeg: bytes) -> Any:
+def to_compressed_image(step: int, frame_id: str, jpeg: bytes) -> Any:
     """``sensor_msgs/CompressedImage`` of a JPEG file's bytes."""
-    return factory.make(
+    return make_message(
         "sensor_msgs/msg/CompressedImage",
-        header=header(factory, time_ns_of_step(step), frame_id),
+        header=header(time_ns_of_step(step), frame_id),
         format="jpeg",
-        data=factory.sequence(np.frombuffer(jpeg, dtype=np.uint8)),
+        data=sequence(np.frombuffer(jpeg, dtype=np.uint8)),
     )
 
 
@@ -53,11 +53,10 @@ def from_compressed_image(message: Any) -> bytes:
     return np.asarray(message.data, dtype=np.uint8).tobytes()
 
 
-def to_image(factory: MessageFactory, step: int, frame_id: str, pixels: npt.NDArray[np.generic]) -> Any:
+def to_image(step: int, frame_id: str, pixels: npt.NDArray[np.generic]) -> Any:
     """``sensor_msgs/Image``.
 
     Args:
-        factory: Maker of messages.
         step: Step whose simulated time becomes the stamp.
         frame_id: Optical frame of the camera.
         pixels: ``(H, W, 3)`` uint8 for colour (``rgb8``); ``(H, W)`` uint8, uint16 or float32 otherwise.
@@ -70,15 +69,15 @@ def to_image(factory: MessageFactory, step: int, frame_id: str, pixels: npt.NDAr
     if not found or pixels.ndim not in {2, 3}:
         allowed = "(H, W, 3) uint8, or (H, W) uint8, uint16 or float32"
         raise InputError("pixels", f"{pixels.shape} {pixels.dtype}", allowed)
-    return factory.make(
+    return make_message(
         "sensor_msgs/msg/Image",
-        header=header(factory, time_ns_of_step(step), frame_id),
+        header=header(time_ns_of_step(step), frame_id),
         height=pixels.shape[0],
         width=pixels.shape[1],
         encoding=found[0],
         is_bigendian=0,
         step=pixels.shape[1] * channels * pixels.dtype.itemsize,
-        data=factory.sequence(np.ascontiguousarray(pixels).reshape(-1).view(np.uint8)),
+        data=sequence(np.ascontiguousarray(pixels).reshape(-1).view(np.uint8)),
     )
 
 
@@ -101,22 +100,22 @@ def from_image(message: Any) -> npt.NDArray[np.generic]:
     return data.view(dtype).reshape(shape)
 
 
-def to_camera_info(factory: MessageFactory, step: int, frame_id: str, camera: PinholeCamera) -> Any:
+def to_camera_info(step: int, frame_id: str, camera: PinholeCamera) -> Any:
     """``sensor_msgs/CameraInfo`` of an ideal camera (``plumb_bob`` with zero coefficients)."""
     matrix = camera.matrix
-    return factory.make(
+    return make_message(
         "sensor_msgs/msg/CameraInfo",
-        header=header(factory, time_ns_of_step(step), frame_id),
+        header=header(time_ns_of_step(step), frame_id),
         height=camera.height,
         width=camera.width,
         distortion_model="plumb_bob",
-        d=factory.sequence(np.zeros(5)),
+        d=sequence(np.zeros(5)),
         k=matrix.reshape(-1),
         r=np.eye(3).reshape(-1),
         p=np.hstack((matrix, np.zeros((3, 1)))).reshape(-1),
         binning_x=0,
         binning_y=0,
-        roi=factory.make(
+        roi=make_message(
             "sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
         ),
     )

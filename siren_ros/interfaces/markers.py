@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from siren_ros.interfaces.factory import MessageFactory, header, stamp
+from siren_ros.interfaces.messages import header, make_message, sequence, stamp
 from siren_ros.interfaces.transforms import (
     MAP_FRAME,
     Vector,
@@ -96,39 +96,39 @@ def _colour_of(actor: ActorDescription, mode: Mode) -> Colour:
     return MODE_COLOURS.get(mode, (red / 255.0, green / 255.0, blue / 255.0, 0.85))
 
 
-def to_markers(factory: MessageFactory, step: int, markers: Sequence[Marker]) -> Any:
+def to_markers(step: int, markers: Sequence[Marker]) -> Any:
     """``visualization_msgs/MarkerArray`` of one step."""
     shared = {
-        "header": header(factory, time_ns_of_step(step), MAP_FRAME),
-        "lifetime": factory.make(
+        "header": header(time_ns_of_step(step), MAP_FRAME),
+        "lifetime": make_message(
             "builtin_interfaces/msg/Duration", sec=LIFETIME_NS // 10**9, nanosec=LIFETIME_NS % 10**9
         ),
-        "texture": factory.make(
+        "texture": make_message(
             "sensor_msgs/msg/CompressedImage",
-            header=factory.make("std_msgs/msg/Header", stamp=stamp(factory, 0), frame_id=""),
+            header=make_message("std_msgs/msg/Header", stamp=stamp(0), frame_id=""),
             format="",
-            data=factory.sequence(np.empty(0, dtype=np.uint8)),
+            data=sequence(np.empty(0, dtype=np.uint8)),
         ),
-        "mesh_file": factory.make(
-            "visualization_msgs/msg/MeshFile", filename="", data=factory.sequence(np.empty(0, dtype=np.uint8))
+        "mesh_file": make_message(
+            "visualization_msgs/msg/MeshFile", filename="", data=sequence(np.empty(0, dtype=np.uint8))
         ),
     }
-    return factory.make(
-        "visualization_msgs/msg/MarkerArray", markers=[_to_marker(factory, marker, shared) for marker in markers]
+    return make_message(
+        "visualization_msgs/msg/MarkerArray", markers=[_to_marker(marker, shared) for marker in markers]
     )
 
 
-def _to_marker(factory: MessageFactory, marker: Marker, shared: dict[str, Any]) -> Any:
+def _to_marker(marker: Marker, shared: dict[str, Any]) -> Any:
     red, green, blue, opacity = marker.colour
-    return factory.make(
+    return make_message(
         "visualization_msgs/msg/Marker",
         ns=marker.namespace,
         id=marker.marker_id,
         type=int(marker.shape),
         action=0,
-        pose=to_pose(factory, marker.centre_m, quaternion_of_yaw(marker.yaw_rad)),
-        scale=to_vector(factory, marker.size_m),
-        color=factory.make("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=opacity),
+        pose=to_pose(marker.centre_m, quaternion_of_yaw(marker.yaw_rad)),
+        scale=to_vector(marker.size_m),
+        color=make_message("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=opacity),
         frame_locked=False,
         points=[],
         colors=[],

@@ -6,7 +6,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.interfaces.factory import MessageFactory, header, time_ns_of
+from siren_ros.interfaces.messages import header, make_message, time_ns_of
 from siren_ros.interfaces.transforms import to_vector
 from siren_ros.numerics.units import step_of_time_ns, time_ns_of_step
 
@@ -43,16 +43,16 @@ class SatelliteFix:
     variance_m2: Floats
 
 
-def to_imu(factory: MessageFactory, reading: ImuReading) -> Any:
+def to_imu(reading: ImuReading) -> Any:
     """``sensor_msgs/Imu`` without an orientation, which this sensor does not estimate."""
-    return factory.make(
+    return make_message(
         "sensor_msgs/msg/Imu",
-        header=header(factory, time_ns_of_step(reading.step), reading.frame_id),
-        orientation=factory.make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
+        header=header(time_ns_of_step(reading.step), reading.frame_id),
+        orientation=make_message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
         orientation_covariance=np.array([_UNKNOWN, *np.zeros(8)]),
-        angular_velocity=to_vector(factory, _triple(reading.angular_rate_radps)),
+        angular_velocity=to_vector(_triple(reading.angular_rate_radps)),
         angular_velocity_covariance=(np.eye(3) * reading.rate_variance).reshape(-1),
-        linear_acceleration=to_vector(factory, _triple(reading.specific_force_mps2)),
+        linear_acceleration=to_vector(_triple(reading.specific_force_mps2)),
         linear_acceleration_covariance=(np.eye(3) * reading.force_variance).reshape(-1),
     )
 
@@ -70,12 +70,12 @@ def from_imu(message: Any) -> ImuReading:
     )
 
 
-def to_nav_sat_fix(factory: MessageFactory, fix: SatelliteFix) -> Any:
+def to_nav_sat_fix(fix: SatelliteFix) -> Any:
     """``sensor_msgs/NavSatFix``, covariance in east, north, up."""
-    return factory.make(
+    return make_message(
         "sensor_msgs/msg/NavSatFix",
-        header=header(factory, time_ns_of_step(fix.step), fix.frame_id),
-        status=factory.make("sensor_msgs/msg/NavSatStatus", status=_STATUS_FIX, service=_SERVICE_GPS),
+        header=header(time_ns_of_step(fix.step), fix.frame_id),
+        status=make_message("sensor_msgs/msg/NavSatStatus", status=_STATUS_FIX, service=_SERVICE_GPS),
         latitude=fix.latitude_deg,
         longitude=fix.longitude_deg,
         altitude=fix.altitude_m,

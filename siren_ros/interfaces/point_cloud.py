@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.errors import InputError
-from siren_ros.interfaces.factory import MessageFactory, header
+from siren_ros.interfaces.messages import header, make_message, sequence
 from siren_ros.numerics.units import time_ns_of_step
 
 LIDAR_POINT_DTYPE: Final = np.dtype(
@@ -27,11 +27,10 @@ _FORMAT_OF_DATATYPE: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u
 _DATATYPE_OF_FORMAT: Final = {name: datatype for datatype, name in _FORMAT_OF_DATATYPE.items()}
 
 
-def to_point_cloud(factory: MessageFactory, step: int, frame_id: str, points: npt.NDArray[np.void]) -> Any:
+def to_point_cloud(step: int, frame_id: str, points: npt.NDArray[np.void]) -> Any:
     """``sensor_msgs/PointCloud2`` of one sweep.
 
     Args:
-        factory: Maker of messages.
         step: Step whose simulated time becomes the stamp.
         frame_id: Sensor frame.
         points: Structured array of shape ``(N,)``; every field becomes a PointField of the same name.
@@ -47,17 +46,17 @@ def to_point_cloud(factory: MessageFactory, step: int, frame_id: str, points: np
         datatype = _DATATYPE_OF_FORMAT.get(kind.str[1:])
         if datatype is None or kind.str[0] == ">":
             raise InputError(f"points.{name}", str(kind), "a little-endian integer or float field")
-        fields.append(factory.make("sensor_msgs/msg/PointField", name=name, offset=offset, datatype=datatype, count=1))
-    return factory.make(
+        fields.append(make_message("sensor_msgs/msg/PointField", name=name, offset=offset, datatype=datatype, count=1))
+    return make_message(
         "sensor_msgs/msg/PointCloud2",
-        header=header(factory, time_ns_of_step(step), frame_id),
+        header=header(time_ns_of_step(step), frame_id),
         height=1,
         width=len(points),
         fields=fields,
         is_bigendian=False,
         point_step=dtype.itemsize,
         row_step=dtype.itemsize * len(points),
-        data=factory.sequence(np.ascontiguousarray(points).view(np.uint8).reshape(-1)),
+        data=sequence(np.ascontiguousarray(points).view(np.uint8).reshape(-1)),
         is_dense=True,
     )
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from siren_ros.interfaces.factory import MessageFactory, header, time_ns_of
+from siren_ros.interfaces.messages import header, make_message, time_ns_of
 from siren_ros.numerics.units import time_ns_of_step
 
 MAP_FRAME: Final = "map"
@@ -66,25 +66,25 @@ def matrix_of_quaternion(quaternion: Quaternion) -> npt.NDArray[np.float64]:
     return matrix
 
 
-def to_vector(factory: MessageFactory, vector: Sequence[float]) -> Any:
+def to_vector(vector: Sequence[float]) -> Any:
     """``geometry_msgs/Vector3``."""
     x, y, z = (float(value) for value in vector)
-    return factory.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
+    return make_message("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
 
 
-def to_quaternion(factory: MessageFactory, quaternion: Quaternion) -> Any:
+def to_quaternion(quaternion: Quaternion) -> Any:
     """``geometry_msgs/Quaternion``."""
     x, y, z, w = (float(value) for value in quaternion)
-    return factory.make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+    return make_message("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
 
 
-def to_pose(factory: MessageFactory, position_m: Sequence[float], quaternion: Quaternion) -> Any:
+def to_pose(position_m: Sequence[float], quaternion: Quaternion) -> Any:
     """``geometry_msgs/Pose``."""
     x, y, z = (float(value) for value in position_m)
-    return factory.make(
+    return make_message(
         "geometry_msgs/msg/Pose",
-        position=factory.make("geometry_msgs/msg/Point", x=x, y=y, z=z),
-        orientation=to_quaternion(factory, quaternion),
+        position=make_message("geometry_msgs/msg/Point", x=x, y=y, z=z),
+        orientation=to_quaternion(quaternion),
     )
 
 
@@ -98,19 +98,19 @@ def from_quaternion(message: Any) -> Quaternion:
     return float(message.x), float(message.y), float(message.z), float(message.w)
 
 
-def to_tf(factory: MessageFactory, step: int, transforms: Sequence[Transform]) -> Any:
+def to_tf(step: int, transforms: Sequence[Transform]) -> Any:
     """``tf2_msgs/TFMessage`` of transforms that hold at one step."""
-    return factory.make(
+    return make_message(
         "tf2_msgs/msg/TFMessage",
         transforms=[
-            factory.make(
+            make_message(
                 "geometry_msgs/msg/TransformStamped",
-                header=header(factory, time_ns_of_step(step), transform.parent),
+                header=header(time_ns_of_step(step), transform.parent),
                 child_frame_id=transform.child,
-                transform=factory.make(
+                transform=make_message(
                     "geometry_msgs/msg/Transform",
-                    translation=to_vector(factory, transform.translation_m),
-                    rotation=to_quaternion(factory, transform.rotation_xyzw),
+                    translation=to_vector(transform.translation_m),
+                    rotation=to_quaternion(transform.rotation_xyzw),
                 ),
             )
             for transform in transforms
@@ -131,20 +131,20 @@ def from_tf(message: Any) -> tuple[Transform, ...]:
     )
 
 
-def to_odometry(factory: MessageFactory, step: int, odometry: Odometry, child: str = BASE_FRAME) -> Any:
+def to_odometry(step: int, odometry: Odometry, child: str = BASE_FRAME) -> Any:
     """``nav_msgs/Odometry`` without uncertainty: it is the simulation's own state."""
-    twist = factory.make(
+    twist = make_message(
         "geometry_msgs/msg/Twist",
-        linear=to_vector(factory, (odometry.forward_mps, odometry.left_mps, 0.0)),
-        angular=to_vector(factory, (0.0, 0.0, odometry.yaw_rate_radps)),
+        linear=to_vector((odometry.forward_mps, odometry.left_mps, 0.0)),
+        angular=to_vector((0.0, 0.0, odometry.yaw_rate_radps)),
     )
-    pose = to_pose(factory, (odometry.x_m, odometry.y_m, odometry.z_m), quaternion_of_yaw(odometry.yaw_rad))
-    return factory.make(
+    pose = to_pose((odometry.x_m, odometry.y_m, odometry.z_m), quaternion_of_yaw(odometry.yaw_rad))
+    return make_message(
         "nav_msgs/msg/Odometry",
-        header=header(factory, time_ns_of_step(step), MAP_FRAME),
+        header=header(time_ns_of_step(step), MAP_FRAME),
         child_frame_id=child,
-        pose=factory.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
-        twist=factory.make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=np.zeros(36)),
+        pose=make_message("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
+        twist=make_message("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=np.zeros(36)),
     )
 
 

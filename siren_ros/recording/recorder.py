@@ -12,7 +12,6 @@ from siren_ros.errors import EpisodeError, SirenError
 from siren_ros.interfaces.cdr import decode_cdr, encode_cdr, step_of_cdr
 from siren_ros.interfaces.conversions import to_episode_outcome
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing
-from siren_ros.interfaces.rosbags_factory import RosbagsFactory
 from siren_ros.interfaces.topics import OUTCOME, Topic
 from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.recording.bag_writer import BagSummary, EpisodeBagWriter
@@ -118,13 +117,13 @@ class EpisodeRecorder:
         if closing.steps == 0 and closing.end is not EpisodeEnd.COMPLETE:
             self.discard()
             outcome = EpisodeOutcome(closing.end, closing.reason, 0, None)
-            return outcome, None, to_episode_outcome(RosbagsFactory(self._store), outcome)
+            return outcome, None, to_episode_outcome(outcome)
         if closing.end is not EpisodeEnd.COMPLETE and self._collector is not None:
             for message in self._collector.drain():
                 with suppress(SirenError):  # malformed, or the bag cannot be written: `abandon` saves what there is
                     self._write(message)
         outcome = self._judge(self._builder, closing)
-        message = to_episode_outcome(RosbagsFactory(self._store), outcome)
+        message = to_episode_outcome(outcome)
         cdr = encode_cdr(self._store, OUTCOME, message)
         try:
             self._writer.write(OUTCOME.name, OUTCOME.type_name, cdr, time_ns_of_step(max(closing.steps - 1, 0)))

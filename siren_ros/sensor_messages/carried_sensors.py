@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from siren_ros.interfaces.factory import MessageFactory
 from siren_ros.interfaces.topics import AV_CARRIER_TOPICS, Topic
 from siren_ros.interfaces.transforms import Transform
 from siren_ros.roads.road_network import RoadNetwork
@@ -35,7 +34,6 @@ class CarriedSensors:
 def carried_sensors(
     episode: EpisodeDescription,
     network: RoadNetwork,
-    factory: MessageFactory,
     wants_raw: Callable[[Topic], bool],
     *,
     beside: bool,
@@ -45,7 +43,6 @@ def carried_sensors(
     Args:
         episode: What is said of it.
         network: Its map.
-        factory: Makes the messages.
         wants_raw: As ``ObservationMessages`` takes it.
         beside: As ``SensorRig`` takes it.
 
@@ -54,7 +51,7 @@ def carried_sensors(
     """
     look, scene = load_look(look_of(episode)), None
     for carrier, actor_id, suite in carriers_of(episode):
-        messages = ObservationMessages(factory, suite, actor_id, wants_raw, carrier)
+        messages = ObservationMessages(suite, actor_id, wants_raw, carrier)
         rig = SensorRig(
             suite,
             network,

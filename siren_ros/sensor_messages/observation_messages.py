@@ -10,7 +10,6 @@ from siren_ros.interfaces import topics
 from siren_ros.interfaces.audio import to_audio
 from siren_ros.interfaces.boxes import boxes_of, to_boxes
 from siren_ros.interfaces.conversions import to_ground_truth
-from siren_ros.interfaces.factory import MessageFactory
 from siren_ros.interfaces.image_boxes import to_camera_truth, to_image_boxes
 from siren_ros.interfaces.images import PinholeCamera, to_camera_info, to_compressed_image, to_image
 from siren_ros.interfaces.markers import to_markers, vehicle_markers
@@ -39,7 +38,6 @@ Published = tuple[Topic, Any]
 
 
 def shared_messages(
-    factory: MessageFactory,
     states: ActorStates,
     actors: Mapping[int, ActorDescription],
     carriers: Sequence[tuple[Carrier, int]],
@@ -47,7 +45,6 @@ def shared_messages(
     """Messages of a step that are not one carrier's own: the tree of frames, and the markers.
 
     Args:
-        factory: Makes the messages.
         states: All actors at the step.
         actors: What they are, by id.
         carriers: The carriers with their actor ids.
@@ -57,16 +54,15 @@ def shared_messages(
     """
     rows = [(carrier, row_of_carrier(states, actor_id)) for carrier, actor_id in carriers]
     transforms = [map_from_base_transform(states, row, carrier) for carrier, row in rows]
-    yield topics.TF, to_tf(factory, states.step, transforms)
+    yield topics.TF, to_tf(states.step, transforms)
     if states.step % topics.MARKERS.period_steps == 0:
-        yield topics.MARKERS, to_markers(factory, states.step, vehicle_markers(states, actors))
+        yield topics.MARKERS, to_markers(states.step, vehicle_markers(states, actors))
 
 
 @dataclass(frozen=True)
 class ObservationMessages:
     """Makes the messages of one carrier's suite."""
 
-    factory: MessageFactory
     suite: SensorSuite
     carrier_id: int
     wants_raw: Callable[[Topic], bool]
@@ -79,14 +75,14 @@ class ObservationMessages:
         Raises:
             EpisodeError: The carrier has left the map.
         """
-        step, factory, frame = states.step, self.factory, self.carrier.frame
+        step, frame = states.step, self.carrier.frame
         odometry = odometry_of(states, row_of_carrier(states, self.carrier_id))
-        yield self._own(topics.ODOMETRY), to_odometry(factory, step, odometry, frame(BASE_FRAME))
+        yield self._own(topics.ODOMETRY), to_odometry(step, odometry, frame(BASE_FRAME))
         if seen.truth is not None:
             yield from self._labels(replace(seen.truth, frame_id=frame(seen.truth.frame_id)))
         for sweep in seen.sweeps:
             period = period_steps(next(spec.rate_hz for spec in self.suite.lidars if spec.name == sweep.sensor))
-            cloud = to_point_cloud(factory, step, frame(sweep.sensor), sweep.points)
+            cloud = to_point_cloud(step, frame(sweep.sensor), sweep.points)
             yield self._own(topics.LIDAR.of_sensor(sweep.sensor, period)), cloud
         for exposure in seen.frames:
             yield from self._images(exposure, seen.labels.get(exposure.sensor))
@@ -94,9 +90,9 @@ class ObservationMessages:
 
     def _labels(self, truth: GroundTruth) -> Iterator[Published]:
         if truth.step % topics.GROUND_TRUTH.period_steps == 0:
-            yield self._own(topics.GROUND_TRUTH), to_ground_truth(self.factory, truth)
+            yield self._own(topics.GROUND_TRUTH), to_ground_truth(truth)
         if truth.step % topics.BOXES.period_steps == 0:
-            yield self._own(topics.BOXES), to_boxes(self.factory, boxes_of(truth, truth.frame_id))
+            yield self._own(topics.BOXES), to_boxes(boxes_of(truth, truth.frame_id))
 
     def wanted_labels(self, camera: CameraSpec) -> WantedLabels:
         """What the suite records of a camera, and what somebody listens to."""
@@ -111,40 +107,40 @@ class ObservationMessages:
         spec = next(camera for camera in self.suite.cameras if camera.name == frame.sensor)
         period, frame_id = period_steps(spec.rate_hz), self.carrier.frame(optical_frame(spec.name))
         compressed = topics.IMAGE_COMPRESSED.of_sensor(spec.name, period)
-        yield self._own(compressed), to_compressed_image(self.factory, frame.step, frame_id, frame.jpeg)
+        yield self._own(compressed), to_compressed_image(frame.step, frame_id, frame.jpeg)
         info = topics.CAMERA_INFO.of_sensor(spec.name, period)
-        yield self._own(info), to_camera_info(self.factory, frame.step, frame_id, intrinsics(spec))
+        yield self._own(info), to_camera_info(frame.step, frame_id, intrinsics(spec))
         raw = self._own(topics.IMAGE.of_sensor(spec.name, period))
         if self.wants_raw(raw):
-            yield raw, to_image(self.factory, frame.step, frame_id, frame.rgb)
+            yield raw, to_image(frame.step, frame_id, frame.rgb)
         image = frame.image
         semantic = self._own(topics.IMAGE_SEMANTIC.of_sensor(spec.name, period).if_recorded(spec.semantic))
         if semantic.recorded or self.wants_raw(semantic):
-            yield semantic, to_image(self.factory, frame.step, frame_id, image.semantic)
+            yield semantic, to_image(frame.step, frame_id, image.semantic)
         if image.depth_m is not None:
             depth = self._own(topics.IMAGE_DEPTH.of_sensor(spec.name, period).if_recorded(spec.depth))
             if depth.recorded or self.wants_raw(depth):
-                yield depth, to_image(self.factory, frame.step, frame_id, image.depth_m)
+                yield depth, to_image(frame.step, frame_id, image.depth_m)
         if image.instance is not None:
             instance = self._own(topics.IMAGE_INSTANCE.of_sensor(spec.name, period).if_recorded(spec.instance))
             if instance.recorded or self.wants_raw(instance):
-                yield instance, to_image(self.factory, frame.step, frame_id, image.instance.astype(np.uint16))
+                yield instance, to_image(frame.step, frame_id, image.instance.astype(np.uint16))
         if labels is not None:
             truth = self._own(topics.IMAGE_TRUTH.of_sensor(spec.name, period))
-            yield truth, to_camera_truth(self.factory, labels, frame_id)
+            yield truth, to_camera_truth(labels, frame_id)
             boxes = self._own(topics.IMAGE_BOXES.of_sensor(spec.name, period))
-            yield boxes, to_image_boxes(self.factory, labels, frame_id)
+            yield boxes, to_image_boxes(labels, frame_id)
 
     def _others(self, seen: Observations) -> Iterator[Published]:
         """Satellite fixes, inertial readings and sound."""
-        factory, frame = self.factory, self.carrier.frame
+        frame = self.carrier.frame
         rates = {spec.name: period_steps(spec.rate_hz) for spec in self.suite.gnss}
         rates |= {spec.name: period_steps(spec.rate_hz) for spec in self.suite.imus}
         for fix in seen.fixes:
             found = SatelliteFix(
                 fix.step, frame(fix.sensor), fix.latitude_deg, fix.longitude_deg, fix.altitude_m, fix.variance_m2
             )
-            yield self._own(topics.GNSS.of_sensor(fix.sensor, rates[fix.sensor])), to_nav_sat_fix(factory, found)
+            yield self._own(topics.GNSS.of_sensor(fix.sensor, rates[fix.sensor])), to_nav_sat_fix(found)
         for sample in seen.inertial:
             reading = ImuReading(
                 step=sample.step,
@@ -154,9 +150,9 @@ class ObservationMessages:
                 force_variance=sample.force_stddev_mps2**2,
                 rate_variance=sample.rate_stddev_radps**2,
             )
-            yield self._own(topics.IMU.of_sensor(sample.sensor, rates[sample.sensor])), to_imu(factory, reading)
+            yield self._own(topics.IMU.of_sensor(sample.sensor, rates[sample.sensor])), to_imu(reading)
         for chunk in seen.sounds:
-            sound = to_audio(factory, chunk.step, frame(chunk.sensor), chunk.sample_rate_hz, chunk.samples)
+            sound = to_audio(chunk.step, frame(chunk.sensor), chunk.sample_rate_hz, chunk.samples)
             yield self._own(topics.AUDIO.of_sensor(chunk.sensor, topics.EVERY_STEP)), sound
 
     def _own(self, topic: Topic) -> Topic:

@@ -12,7 +12,6 @@ from siren_ros.datasets.kitti_export import export_kitti
 from siren_ros.errors import BagError, InputError
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.images import PinholeCamera, to_camera_info, to_compressed_image
-from siren_ros.interfaces.rosbags_factory import RosbagsFactory
 from siren_ros.interfaces.transforms import Transform, quaternion_of_matrix, to_tf
 from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.recording.bag_writer import EpisodeBagWriter
@@ -92,7 +91,7 @@ def test_frames_with_different_parents_are_refused() -> None:
         camera_from_lidar((MOUNTS[0], replace(MOUNTS[1], parent="map")), "lidar", MOUNTS[1].child)
 
 
-def _bag_with_camera(path: Path, factory: RosbagsFactory, store: Typestore) -> Path:
+def _bag_with_camera(path: Path, store: Typestore) -> Path:
     episode = SyntheticEpisode(Scene(duration_s=1.0, lidar=True))
     image = topics.IMAGE_COMPRESSED.of_sensor("camera_front", 2)
     info = topics.CAMERA_INFO.of_sensor("camera_front", 2)
@@ -102,13 +101,13 @@ def _bag_with_camera(path: Path, factory: RosbagsFactory, store: Typestore) -> P
         cdr = bytes(store.serialize_cdr(message, topic.type_name))
         writer.write(topic.name, topic.type_name, cdr, time_ns_of_step(step))
 
-    write(topics.TF_STATIC, 0, to_tf(factory, 0, MOUNTS))
-    for topic, step, message in episode.messages(factory):
+    write(topics.TF_STATIC, 0, to_tf(0, MOUNTS))
+    for topic, step, message in episode.messages():
         write(topic, step, message)
         if topic is topics.EVENTS and step % 2 == 0:
             jpeg = f"jpeg of step {step}".encode()
-            write(image, step, to_compressed_image(factory, step, MOUNTS[1].child, jpeg))
-            write(info, step, to_camera_info(factory, step, MOUNTS[1].child, CAMERA))
+            write(image, step, to_compressed_image(step, MOUNTS[1].child, jpeg))
+            write(info, step, to_camera_info(step, MOUNTS[1].child, CAMERA))
     return writer.finish().path
 
 
@@ -116,10 +115,8 @@ def _tree(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
-def test_live_frames_and_exported_frames_are_the_same_bytes(
-    tmp_path: Path, factory: RosbagsFactory, typestore: Typestore
-) -> None:
-    bag = _bag_with_camera(tmp_path / "bag", factory, typestore)
+def test_live_frames_and_exported_frames_are_the_same_bytes(tmp_path: Path, typestore: Typestore) -> None:
+    bag = _bag_with_camera(tmp_path / "bag", typestore)
     assert export_kitti(bag, tmp_path / "offline") == 10
     episode = SyntheticEpisode(Scene(duration_s=1.0, lidar=True))
     camera = KittiCamera(CAMERA, camera_from_lidar(MOUNTS, "lidar", MOUNTS[1].child))

@@ -18,7 +18,6 @@ from siren_ros.errors import BagError, EpisodeError, InputError, SirenError
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.cdr import decode_cdr, step_of_cdr
 from siren_ros.interfaces.conversions import READERS
-from siren_ros.interfaces.rosbags_factory import RosbagsFactory
 from siren_ros.judging.verify import verify_episode
 from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.recording.bag_reader import read_episode
@@ -43,9 +42,9 @@ def bag(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Path]
 
 
 @pytest.fixture(scope="module")
-def messages(factory: RosbagsFactory, typestore: Typestore) -> dict[str, tuple[topics.Topic, bytes]]:
+def messages(typestore: Typestore) -> dict[str, tuple[topics.Topic, bytes]]:
     """One encoded message of every topic of an episode."""
-    made = SyntheticEpisode(Scene(duration_s=0.3)).messages(factory)
+    made = SyntheticEpisode(Scene(duration_s=0.3)).messages()
     return {topic.name: (topic, bytes(typestore.serialize_cdr(message, topic.type_name))) for topic, _, message in made}
 
 
@@ -114,13 +113,11 @@ def test_lengths_that_a_message_claims_cost_nothing(
             decode_cdr(typestore, topic, bytes(hostile))
 
 
-def with_message(
-    folder: Path, factory: RosbagsFactory, typestore: Typestore, change: Callable[[str, int, Any], None]
-) -> Path:
+def with_message(folder: Path, typestore: Typestore, change: Callable[[str, int, Any], None]) -> Path:
     """A well-formed bag whose messages a stranger has changed."""
     episode = SyntheticEpisode(Scene(duration_s=0.3))
     writer = EpisodeBagWriter(folder / "bag", typestore, [topic.name for topic in topics.CORE_TOPICS if topic.latched])
-    for topic, step, message in episode.messages(factory):
+    for topic, step, message in episode.messages():
         change(topic.name, step, message)
         cdr = bytes(typestore.serialize_cdr(message, topic.type_name))
         writer.write(topic.name, topic.type_name, cdr, time_ns_of_step(step))
@@ -158,9 +155,9 @@ def _set(name: str, field: str, value: Any) -> Callable[[str, int, Any], None]:
     ],
 )
 def test_a_bag_of_lies_is_judged_or_refused(
-    change: Callable[[str, int, Any], None], tmp_path: Path, factory: RosbagsFactory, typestore: Typestore
+    change: Callable[[str, int, Any], None], tmp_path: Path, typestore: Typestore
 ) -> None:
-    bag = with_message(tmp_path, factory, typestore, change)
+    bag = with_message(tmp_path, typestore, change)
     with suppress(SirenError), np.errstate(all="ignore"):
         verification = verify_episode(read_episode(bag))
         assert not verification.holds

@@ -5,16 +5,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from repository import REPOSITORY
 
 from siren_ros.errors import EpisodeError
 from siren_ros.interfaces.av_control import from_av_control, from_path, to_av_control, to_path
-from siren_ros.interfaces.rosbags_factory import RosbagsFactory, load_typestore
+from siren_ros.interfaces.messages import typestore
 from siren_ros.numerics.polyline import Polyline
 from siren_ros.world.commands import AvControl, av_commands
 
-STORE = load_typestore({"siren_msgs": REPOSITORY / "msg_defs" / "msg"})
-FACTORY = RosbagsFactory(STORE)
+STORE = typestore()
 pedals = st.floats(0.0, 1.0)
 controls = st.builds(AvControl, st.integers(0, 10**6), pedals, pedals, st.floats(-1.0, 1.0), st.sampled_from([0, 2, 4]))
 
@@ -27,11 +25,11 @@ def through_cdr(message: Any) -> Any:
 @given(controls)
 def test_controls_come_back_and_are_allowed(control: AvControl) -> None:
     control.check()
-    assert from_av_control(through_cdr(to_av_control(FACTORY, control))) == control
+    assert from_av_control(through_cdr(to_av_control(control))) == control
 
 
 def test_a_stamp_of_another_step_is_refused() -> None:
-    message = to_av_control(FACTORY, AvControl(3))
+    message = to_av_control(AvControl(3))
     message.step = 4
     with pytest.raises(EpisodeError, match=r"the stamp 0.15 s is not the time of step 4"):
         from_av_control(message)
@@ -60,7 +58,7 @@ def test_an_answer_drives_the_vehicle_to_the_next_step() -> None:
 
 def test_a_way_comes_back_and_its_poses_look_along_it() -> None:
     way = Polyline.through([(0.0, 0.0), (10.0, 0.0), (10.0, 5.0)])
-    message = through_cdr(to_path(FACTORY, way))
+    message = through_cdr(to_path(way))
     assert np.array_equal(from_path(message).points, way.points)
     turned = [2.0 * math.atan2(pose.pose.orientation.z, pose.pose.orientation.w) for pose in message.poses]
     assert turned == pytest.approx([0.0, math.pi / 2, math.pi / 2])

@@ -13,7 +13,6 @@ from siren_ros.interfaces.markers import (
     to_markers,
     vehicle_markers,
 )
-from siren_ros.interfaces.rosbags_factory import RosbagsFactory
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates, Mode
 from siren_ros.world.ground_truth import GROUND_TRUTH_DTYPES, GroundTruth
 
@@ -27,9 +26,9 @@ def _truth(count: int) -> GroundTruth:
 
 
 @pytest.mark.parametrize("count", [0, 3])
-def test_boxes_come_back(factory: RosbagsFactory, round_trip: Callable[[object], Any], count: int) -> None:
+def test_boxes_come_back(round_trip: Callable[[object], Any], count: int) -> None:
     boxes = boxes_of(_truth(count), "lidar")
-    back = from_boxes(round_trip(to_boxes(factory, boxes)))
+    back = from_boxes(round_trip(to_boxes(boxes)))
     assert (back.step, back.frame_id, back.class_names) == (4, "lidar", ("van",) * count)
     assert back.actor_id.tolist() == boxes.actor_id.tolist()
     for name in ("x_m", "y_m", "z_m", "yaw_rad", "length_m", "width_m", "height_m"):
@@ -64,9 +63,9 @@ def test_markers_show_the_emv_the_yielding_and_the_rest() -> None:
     assert label.text == "route follow  36 km/h"
 
 
-def test_markers_come_back(factory: RosbagsFactory, round_trip: Callable[[object], Any]) -> None:
+def test_markers_come_back(round_trip: Callable[[object], Any]) -> None:
     markers = vehicle_markers(_states([Mode.NOMINAL, Mode.YIELD_HOLD]), {1: _actor(1, is_emv=True), 2: _actor(2)})
-    back = from_markers(round_trip(to_markers(factory, 8, markers)))
+    back = from_markers(round_trip(to_markers(8, markers)))
     assert [marker.text for marker in back] == [marker.text for marker in markers]
     for read, made in zip(back, markers, strict=True):
         assert (read.namespace, read.marker_id, read.shape) == (made.namespace, made.marker_id, made.shape)

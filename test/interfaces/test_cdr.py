@@ -9,7 +9,6 @@ from siren_ros.interfaces import topics
 from siren_ros.interfaces.cdr import decode_cdr, encode_cdr, step_of_cdr
 from siren_ros.interfaces.images import to_compressed_image, to_image
 from siren_ros.interfaces.point_cloud import LIDAR_POINT_DTYPE, to_point_cloud
-from siren_ros.interfaces.rosbags_factory import RosbagsFactory
 
 frames = st.text("abcé_/", max_size=9)
 """Names of every length shift what follows them against the alignment."""
@@ -29,7 +28,7 @@ def assert_plain(store: Typestore, topic: topics.Topic, message: object) -> None
 @given(frames, st.integers(0, 5), st.integers(0, 1000))
 def test_points_are_encoded_as_the_store_would(typestore: Typestore, frame: str, points: int, step: int) -> None:
     cloud = np.frombuffer(bytes(range(24)) * points, LIDAR_POINT_DTYPE)
-    message = to_point_cloud(RosbagsFactory(typestore), step, frame, cloud)
+    message = to_point_cloud(step, frame, cloud)
     assert_plain(typestore, topics.LIDAR, message)
     assert step_of_cdr(topics.LIDAR, encode_cdr(typestore, topics.LIDAR, message)) == step
 
@@ -37,13 +36,13 @@ def test_points_are_encoded_as_the_store_would(typestore: Typestore, frame: str,
 @given(frames, st.integers(1, 5), st.integers(1, 5))
 def test_pictures_are_encoded_as_the_store_would(typestore: Typestore, frame: str, rows: int, columns: int) -> None:
     rgb = np.arange(rows * columns * 3, dtype=np.uint8).reshape(rows, columns, 3)
-    assert_plain(typestore, topics.IMAGE, to_image(RosbagsFactory(typestore), 3, frame, rgb))
-    assert_plain(typestore, topics.IMAGE, to_image(RosbagsFactory(typestore), 3, frame, rgb[..., 0].astype(np.float32)))
+    assert_plain(typestore, topics.IMAGE, to_image(3, frame, rgb))
+    assert_plain(typestore, topics.IMAGE, to_image(3, frame, rgb[..., 0].astype(np.float32)))
 
 
 @given(frames, st.binary(max_size=9))
 def test_jpegs_are_encoded_as_the_store_would(typestore: Typestore, frame: str, jpeg: bytes) -> None:
-    message = to_compressed_image(RosbagsFactory(typestore), 3, frame, jpeg)
+    message = to_compressed_image(3, frame, jpeg)
     assert_plain(typestore, topics.IMAGE_COMPRESSED, message)
 
 

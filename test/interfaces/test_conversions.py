@@ -15,7 +15,7 @@ from repository import REPOSITORY
 from siren_ros.errors import InputError
 from siren_ros.interfaces import conversions
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing, Phase, StepReport
-from siren_ros.interfaces.rosbags_factory import RosbagsFactory, load_typestore
+from siren_ros.interfaces.messages import typestore
 from siren_ros.ros.transport.endpoints import message_class
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
 from siren_ros.scenario.levels import EmergencyLevel
@@ -25,8 +25,7 @@ from siren_ros.world.events import Event, EventKind
 from siren_ros.world.ground_truth import GROUND_TRUTH_DTYPES, GroundTruth
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, EmvAdvice, SignalState, TrafficState
 
-STORE = load_typestore({"siren_msgs": REPOSITORY / "msg_defs" / "msg"})
-OFFLINE = RosbagsFactory(STORE)
+STORE = typestore()
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 ids = st.integers(0, 2**32 - 1)
@@ -141,7 +140,7 @@ def same(left: Any, right: Any) -> bool:
 def test_round_trip(value: Any) -> None:
     type_name, convert = PAIRS[type(value)]
     read = conversions.READERS[type_name]
-    message = convert(OFFLINE, value)
+    message = convert(value)
     assert same(read(message), value)
     cdr = bytes(STORE.serialize_cdr(message, type_name))
     assert same(read(STORE.deserialize_cdr(cdr, type_name)), value)
@@ -156,28 +155,28 @@ def test_every_own_message_has_a_reader() -> None:
 
 @pytest.mark.parametrize("step", [0, 1, 19, 20, 12345])
 def test_stamps_are_simulated_time(step: int) -> None:
-    message = conversions.to_actor_states(OFFLINE, ActorStates.empty(step))
+    message = conversions.to_actor_states(ActorStates.empty(step))
     assert math.isclose(message.stamp.sec + message.stamp.nanosec * 1e-9, step * 0.05)
 
 
 @given(st.integers(0, 10**6), st.integers(0, 2**64 - 1), st.lists(events, max_size=3).map(tuple))
 def test_the_events_of_a_step_keep_its_state_hash(
-    factory: RosbagsFactory, round_trip: Callable[[object], object], step: int, state_hash: int, some: tuple[Event, ...]
+    round_trip: Callable[[object], object], step: int, state_hash: int, some: tuple[Event, ...]
 ) -> None:
-    message = round_trip(conversions.to_events(factory, step, state_hash, some))
+    message = round_trip(conversions.to_events(step, state_hash, some))
     assert conversions.from_events(message) == (step, state_hash, some)
 
 
 @pytest.mark.parametrize("detail", ["", "{", "[1]", "null", "[" * 100_000, "1" * 10_000])
-def test_text_that_is_no_json_object_is_an_input_error(factory: RosbagsFactory, detail: str) -> None:
-    message = conversions.to_event(factory, Event(0, EventKind.COLLISION, 1))
+def test_text_that_is_no_json_object_is_an_input_error(detail: str) -> None:
+    message = conversions.to_event(Event(0, EventKind.COLLISION, 1))
     message.detail = detail
     with pytest.raises(InputError):
         conversions.from_event(message)
 
 
-def test_an_unknown_code_is_an_input_error(factory: RosbagsFactory) -> None:
-    message = conversions.to_event(factory, Event(0, EventKind.COLLISION, 1))
+def test_an_unknown_code_is_an_input_error() -> None:
+    message = conversions.to_event(Event(0, EventKind.COLLISION, 1))
     message.kind = "resurrection"
     with pytest.raises(InputError, match="resurrection"):
         conversions.from_event(message)

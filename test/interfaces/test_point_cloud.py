@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from siren_ros.errors import InputError
 from siren_ros.interfaces.point_cloud import LIDAR_POINT_DTYPE, from_point_cloud, to_point_cloud
-from siren_ros.interfaces.rosbags_factory import RosbagsFactory
 
 SHARED_FIXTURES = settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -27,11 +26,9 @@ def _sweep(count: int, seed: int = 0) -> npt.NDArray[np.void]:
 
 @SHARED_FIXTURES
 @given(count=st.integers(0, 200), step=st.integers(0, 10**6))
-def test_a_sweep_comes_back_as_it_was(
-    factory: RosbagsFactory, round_trip: Callable[[object], Any], count: int, step: int
-) -> None:
+def test_a_sweep_comes_back_as_it_was(round_trip: Callable[[object], Any], count: int, step: int) -> None:
     points = _sweep(count)
-    message = round_trip(to_point_cloud(factory, step, "lidar", points))
+    message = round_trip(to_point_cloud(step, "lidar", points))
     assert message.header.frame_id == "lidar"
     assert message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == step * 50_000_000
     back = from_point_cloud(message)
@@ -39,8 +36,8 @@ def test_a_sweep_comes_back_as_it_was(
     assert np.array_equal(back, points)
 
 
-def test_a_point_takes_24_bytes_and_the_fields_say_where(factory: RosbagsFactory) -> None:
-    message = to_point_cloud(factory, 0, "lidar", _sweep(3))
+def test_a_point_takes_24_bytes_and_the_fields_say_where() -> None:
+    message = to_point_cloud(0, "lidar", _sweep(3))
     assert message.point_step == 24
     assert [(field.name, field.offset) for field in message.fields] == [
         ("x", 0),
@@ -53,13 +50,13 @@ def test_a_point_takes_24_bytes_and_the_fields_say_where(factory: RosbagsFactory
     ]
 
 
-def test_wider_instances_are_kept(factory: RosbagsFactory, round_trip: Callable[[object], Any]) -> None:
+def test_wider_instances_are_kept(round_trip: Callable[[object], Any]) -> None:
     points = np.array([(1.5, 70_000)], dtype=[("x", "<f4"), ("instance", "<u4")])
-    assert from_point_cloud(round_trip(to_point_cloud(factory, 0, "lidar", points)))["instance"][0] == 70_000
+    assert from_point_cloud(round_trip(to_point_cloud(0, "lidar", points)))["instance"][0] == 70_000
 
 
-def test_reads_big_endian_rows_with_padding(factory: RosbagsFactory) -> None:
-    message = to_point_cloud(factory, 0, "lidar", np.array([(1.0,), (2.0,)], dtype=[("x", "<f4")]))
+def test_reads_big_endian_rows_with_padding() -> None:
+    message = to_point_cloud(0, "lidar", np.array([(1.0,), (2.0,)], dtype=[("x", "<f4")]))
     rows = np.zeros((2, 6), np.uint8)
     rows[:, :4] = np.array([[3.5], [-7.0]], dtype=">f4").view(np.uint8)
     foreign = replace(message, height=2, width=1, row_step=6, is_bigendian=True, data=rows.reshape(-1))
@@ -76,12 +73,12 @@ def test_reads_big_endian_rows_with_padding(factory: RosbagsFactory) -> None:
         {"height": 3},
     ],
 )
-def test_refuses_clouds_whose_sizes_do_not_fit(factory: RosbagsFactory, change: dict[str, object]) -> None:
-    message = to_point_cloud(factory, 0, "lidar", _sweep(4))
+def test_refuses_clouds_whose_sizes_do_not_fit(change: dict[str, object]) -> None:
+    message = to_point_cloud(0, "lidar", _sweep(4))
     with pytest.raises(InputError, match="point cloud"):
         from_point_cloud(replace(message, **change))
 
 
-def test_refuses_fields_without_a_ros_type(factory: RosbagsFactory) -> None:
+def test_refuses_fields_without_a_ros_type() -> None:
     with pytest.raises(InputError, match=r"points\.t"):
-        to_point_cloud(factory, 0, "lidar", np.zeros(2, dtype=[("t", "<i8")]))
+        to_point_cloud(0, "lidar", np.zeros(2, dtype=[("t", "<i8")]))

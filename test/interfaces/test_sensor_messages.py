@@ -4,6 +4,7 @@ import numpy as np
 
 from siren_ros.interfaces.audio import from_audio, to_audio
 from siren_ros.interfaces.image_boxes import from_camera_truth, to_camera_truth, to_image_boxes
+from siren_ros.interfaces.messages import typestore
 from siren_ros.interfaces.navigation import (
     ImuReading,
     SatelliteFix,
@@ -12,20 +13,19 @@ from siren_ros.interfaces.navigation import (
     to_imu,
     to_nav_sat_fix,
 )
-from siren_ros.ros.transport import wire
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.camera_truth import CAMERA_TRUTH_DTYPES, CameraTruth
 
-FACTORY = wire.factory()
+STORE = typestore()
 
 
 def through_cdr(message: Any, type_name: str) -> Any:
-    return FACTORY.store.deserialize_cdr(FACTORY.store.serialize_cdr(message, type_name), type_name)
+    return STORE.deserialize_cdr(STORE.serialize_cdr(message, type_name), type_name)
 
 
 def test_an_imu_reading_survives_and_says_that_it_has_no_orientation() -> None:
     reading = ImuReading(7, "imu", np.array([0.1, -0.2, 9.8]), np.array([0.0, 0.0, 0.3]), 4e-4, 1e-6)
-    message = through_cdr(to_imu(FACTORY, reading), "sensor_msgs/msg/Imu")
+    message = through_cdr(to_imu(reading), "sensor_msgs/msg/Imu")
     assert message.orientation_covariance[0] == -1.0
     back = from_imu(message)
     assert back.specific_force_mps2.tolist() == reading.specific_force_mps2.tolist()
@@ -36,7 +36,7 @@ def test_an_imu_reading_survives_and_says_that_it_has_no_orientation() -> None:
 
 def test_a_fix_survives_with_its_covariance() -> None:
     fix = SatelliteFix(4, "gnss", 49.001, 8.4, 1.9, np.array([1.0, 2.0, 3.0]))
-    message = through_cdr(to_nav_sat_fix(FACTORY, fix), "sensor_msgs/msg/NavSatFix")
+    message = through_cdr(to_nav_sat_fix(fix), "sensor_msgs/msg/NavSatFix")
     assert message.position_covariance.tolist() == [1.0, 0, 0, 0, 2.0, 0, 0, 0, 3.0]
     assert message.position_covariance_type == 2
     back = from_nav_sat_fix(message)
@@ -46,7 +46,7 @@ def test_a_fix_survives_with_its_covariance() -> None:
 
 def test_sound_survives() -> None:
     samples = np.arange(-400, 400, dtype=np.int16)
-    rate, back = from_audio(through_cdr(to_audio(FACTORY, 3, "ear", 16_000, samples), "siren_msgs/msg/AudioChunk"))
+    rate, back = from_audio(through_cdr(to_audio(3, "ear", 16_000, samples), "siren_msgs/msg/AudioChunk"))
     assert rate == 16_000
     assert back.tolist() == samples.tolist()
 
@@ -67,7 +67,7 @@ def labels() -> CameraTruth:
 
 def test_labels_of_a_picture_survive() -> None:
     truth = labels()
-    message = through_cdr(to_camera_truth(FACTORY, truth, "camera"), "siren_msgs/msg/CameraTruth")
+    message = through_cdr(to_camera_truth(truth, "camera"), "siren_msgs/msg/CameraTruth")
     back = from_camera_truth(message)
     assert back.step == 12
     for name in CAMERA_TRUTH_DTYPES:
@@ -75,7 +75,7 @@ def test_labels_of_a_picture_survive() -> None:
 
 
 def test_only_what_shows_becomes_a_detection() -> None:
-    message = through_cdr(to_image_boxes(FACTORY, labels(), "camera"), "vision_msgs/msg/Detection2DArray")
+    message = through_cdr(to_image_boxes(labels(), "camera"), "vision_msgs/msg/Detection2DArray")
     assert [detection.id for detection in message.detections] == ["1"]
     found = message.detections[0]
     assert (found.bbox.center.position.x, found.bbox.center.position.y) == (19.5, 49.5)

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from siren_ros.interfaces.rosbags_factory import RosbagsFactory
 from siren_ros.interfaces.transforms import (
     Odometry,
     Transform,
@@ -40,19 +39,19 @@ def test_an_optical_frame_comes_back_as_a_matrix() -> None:
     assert np.allclose(matrix_of_quaternion(quaternion_of_matrix(base_from_optical)), base_from_optical)
 
 
-def test_transforms_come_back(factory: RosbagsFactory, round_trip: Callable[[object], Any]) -> None:
+def test_transforms_come_back(round_trip: Callable[[object], Any]) -> None:
     transforms = (
         Transform("map", "base_link", (1.0, -2.0, 0.5), quaternion_of_yaw(0.3)),
         Transform("base_link", "lidar", (0.0, 0.0, 1.93), (0.0, 0.0, 0.0, 1.0)),
     )
-    message = round_trip(to_tf(factory, 3, transforms))
+    message = round_trip(to_tf(3, transforms))
     assert from_tf(message) == transforms
     assert message.transforms[0].header.stamp.nanosec == 150_000_000
 
 
-def test_odometry_comes_back_with_its_time(factory: RosbagsFactory, round_trip: Callable[[object], Any]) -> None:
+def test_odometry_comes_back_with_its_time(round_trip: Callable[[object], Any]) -> None:
     odometry = Odometry(1.0, 2.0, 0.0, -2.5, 13.9, -0.1, 0.2)
-    time_ns, back = from_odometry(round_trip(to_odometry(factory, 41, odometry)))
+    time_ns, back = from_odometry(round_trip(to_odometry(41, odometry)))
     assert time_ns == 41 * 50_000_000
     assert back.yaw_rad == pytest.approx(odometry.yaw_rad)
     assert (back.x_m, back.forward_mps, back.left_mps, back.yaw_rate_radps) == (1.0, 13.9, -0.1, 0.2)

@@ -156,13 +156,12 @@ import sys, time
 import rclpy
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import to_actor_states
-from siren_ros.interfaces.factory import stamp
+from siren_ros.interfaces.messages import make_message, stamp
 from siren_ros.ros.transport import wire
 from siren_ros.ros.transport.endpoints import create_output
 from siren_ros.world.actors import ActorStates
-factory = wire.factory()
 def clock(seconds):
-    return wire.encode(topics.CLOCK, factory.make(topics.CLOCK.type_name, clock=stamp(factory, seconds * 10**9)))
+    return wire.encode(topics.CLOCK, make_message(topics.CLOCK.type_name, clock=stamp(seconds * 10**9)))
 topic, payload = eval(sys.argv[1])
 rclpy.init()
 node = rclpy.create_node("stranger")

@@ -17,8 +17,8 @@ from rclpy.node import Node
 
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import from_episode_end, to_step_done
-from siren_ros.interfaces.factory import time_ns_of
 from siren_ros.interfaces.lockstep_reports import Phase, StepReport
+from siren_ros.interfaces.messages import time_ns_of
 from siren_ros.interfaces.topics import Topic
 from siren_ros.ros.transport import wire
 from siren_ros.ros.transport.endpoints import create_input, create_output
@@ -76,7 +76,7 @@ class Witness(Node):
             self.say(Phase.STEP, self.step - 1)
 
     def say(self, phase: Phase, step: int) -> None:
-        message = to_step_done(wire.factory(), StepReport(step, self.get_name(), phase))
+        message = to_step_done(StepReport(step, self.get_name(), phase))
         self.report.publish(wire.encode(topics.STEP_DONE, message))
 
     def say_ready(self) -> None:

@@ -13,7 +13,6 @@ from siren_ros.cli.main import main
 from siren_ros.errors import BagError, InputError
 from siren_ros.interfaces.images import to_compressed_image
 from siren_ros.interfaces.markers import EMV_COLOUR
-from siren_ros.interfaces.rosbags_factory import RosbagsFactory
 from siren_ros.interfaces.topics import IMAGE_COMPRESSED
 from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.pictures.moving_birdseye import SIZE_PX, BirdseyeFilm
@@ -33,17 +32,17 @@ def bag(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Path]
 
 
 @pytest.fixture(scope="module")
-def front_bag(tmp_path_factory: pytest.TempPathFactory, factory: RosbagsFactory, typestore: Typestore) -> Path:
+def front_bag(tmp_path_factory: pytest.TempPathFactory, typestore: Typestore) -> Path:
     """A bag with a front camera at 10 Hz whose images grow brighter by 10 from step to step."""
-    return _camera_bag(tmp_path_factory.mktemp("bags") / "front", factory, typestore, range(0, 40, 2))
+    return _camera_bag(tmp_path_factory.mktemp("bags") / "front", typestore, range(0, 40, 2))
 
 
-def _camera_bag(path: Path, factory: RosbagsFactory, typestore: Typestore, steps: range) -> Path:
+def _camera_bag(path: Path, typestore: Typestore, steps: range) -> Path:
     writer = EpisodeBagWriter(path, typestore, [])
     for step in steps:
         jpeg = BytesIO()
         Image.new("RGB", (81, 60), (step * 5, step * 5, step * 5)).save(jpeg, "JPEG", quality=95)
-        message = to_compressed_image(factory, step, "camera_front_optical_frame", jpeg.getvalue())
+        message = to_compressed_image(step, "camera_front_optical_frame", jpeg.getvalue())
         cdr = bytes(typestore.serialize_cdr(message, FRONT.type_name))
         writer.write(FRONT.name, FRONT.type_name, cdr, time_ns_of_step(step))
     return writer.finish().path
@@ -80,12 +79,10 @@ def test_the_front_video_shows_the_recorded_images(front_bag: Path, tmp_path: Pa
     assert [float(frame.mean()) for frame in frames] == pytest.approx([50, 60, 70, 80, 90], abs=3.0)
 
 
-def test_a_camera_twice_as_fast_gives_every_second_image(
-    tmp_path: Path, factory: RosbagsFactory, typestore: Typestore
-) -> None:
-    fast = _camera_bag(tmp_path / "fast", factory, typestore, range(20))
+def test_a_camera_twice_as_fast_gives_every_second_image(tmp_path: Path, typestore: Typestore) -> None:
+    fast = _camera_bag(tmp_path / "fast", typestore, range(20))
     assert save_video(fast, View.FRONT, tmp_path / "a.mp4") == 10
-    slow = _camera_bag(tmp_path / "slow", factory, typestore, range(0, 40, 4))
+    slow = _camera_bag(tmp_path / "slow", typestore, range(0, 40, 4))
     with pytest.raises(BagError, match="10 Hz"):
         save_video(slow, View.FRONT, tmp_path / "b.mp4")
 

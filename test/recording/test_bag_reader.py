@@ -8,7 +8,7 @@ from rosbags.typesys.store import Typestore
 from synthetic_episode import EMV, Scene, SyntheticEpisode
 
 from siren_ros.errors import BagError
-from siren_ros.interfaces.rosbags_factory import RosbagsFactory
+from siren_ros.interfaces.messages import make_message
 from siren_ros.recording.bag_reader import open_bag, read_episode
 from siren_ros.recording.bag_writer import EpisodeBagWriter
 from siren_ros.recording.episode_record import EpisodeRecord
@@ -109,19 +109,17 @@ def test_damaged_metadata_is_refused(bag: Path, tmp_path: Path) -> None:
         read_episode(copy)
 
 
-def test_a_bag_of_another_program_is_refused(tmp_path: Path, typestore: Typestore, factory: RosbagsFactory) -> None:
+def test_a_bag_of_another_program_is_refused(tmp_path: Path, typestore: Typestore) -> None:
     writer = EpisodeBagWriter(tmp_path / "foreign", typestore)
-    message = factory.make("std_msgs/msg/String", data="hello")
+    message = make_message("std_msgs/msg/String", data="hello")
     writer.write("/chatter", "std_msgs/msg/String", bytes(typestore.serialize_cdr(message, message.__msgtype__)), 0)
     with pytest.raises(BagError, match="episode's description"):
         read_episode(writer.finish().path)
 
 
-def test_a_known_topic_of_another_type_is_refused(
-    tmp_path: Path, typestore: Typestore, factory: RosbagsFactory
-) -> None:
+def test_a_known_topic_of_another_type_is_refused(tmp_path: Path, typestore: Typestore) -> None:
     writer = EpisodeBagWriter(tmp_path / "foreign", typestore)
-    message = factory.make("std_msgs/msg/String", data="hello")
+    message = make_message("std_msgs/msg/String", data="hello")
     cdr = bytes(typestore.serialize_cdr(message, message.__msgtype__))
     writer.write("/siren/episode", "std_msgs/msg/String", cdr, 0)
     with pytest.raises(BagError, match="siren_msgs/msg/EpisodeDescription"):

@@ -18,8 +18,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys.store import Typestore
 
 from siren_ros.errors import BagError, EpisodeError
-from siren_ros.interfaces.factory import stamp
-from siren_ros.interfaces.rosbags_factory import RosbagsFactory
+from siren_ros.interfaces.messages import make_message, stamp
 from siren_ros.recording.bag_writer import BagOptions, EpisodeBagWriter
 
 CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
@@ -27,14 +26,14 @@ TEXT = ("/siren/map", "std_msgs/msg/String")
 
 
 @pytest.fixture
-def clock_cdr(factory: RosbagsFactory, typestore: Typestore) -> bytes:
-    message = factory.make(CLOCK[1], clock=stamp(factory, 50_000_000))
+def clock_cdr(typestore: Typestore) -> bytes:
+    message = make_message(CLOCK[1], clock=stamp(50_000_000))
     return bytes(typestore.serialize_cdr(message, CLOCK[1]))
 
 
 @pytest.fixture
-def text_cdr(factory: RosbagsFactory, typestore: Typestore) -> bytes:
-    return bytes(typestore.serialize_cdr(factory.make(TEXT[1], data="<net/>"), TEXT[1]))
+def text_cdr(typestore: Typestore) -> bytes:
+    return bytes(typestore.serialize_cdr(make_message(TEXT[1], data="<net/>"), TEXT[1]))
 
 
 def test_same_messages_give_the_same_bytes(tmp_path: Path, write_bag: Callable[..., Path]) -> None:

@@ -13,8 +13,7 @@ from rosbags.typesys.store import Typestore
 
 from siren_ros.cli.main import main
 from siren_ros.errors import BagError
-from siren_ros.interfaces.factory import stamp
-from siren_ros.interfaces.rosbags_factory import RosbagsFactory
+from siren_ros.interfaces.messages import make_message, stamp
 from siren_ros.recording.bag_reader import open_bag, read_episode
 from siren_ros.recording.bag_writer import BagOptions, EpisodeBagWriter
 from siren_ros.recording.mcap_scan import PackedChunk, read_chunks
@@ -129,9 +128,9 @@ def test_a_damaged_chunk_costs_its_own_messages_only(episode: Path, tmp_path: Pa
     assert 0 < len(lost) < len(messages_of(episode)) / 2
 
 
-def test_the_bag_of_a_running_writer_is_refused(tmp_path: Path, typestore: Typestore, factory: RosbagsFactory) -> None:
+def test_the_bag_of_a_running_writer_is_refused(tmp_path: Path, typestore: Typestore) -> None:
     writer = EpisodeBagWriter(tmp_path / "bag", typestore, options=BagOptions(chunk_bytes=64))
-    cdr = bytes(typestore.serialize_cdr(factory.make(CLOCK[1], clock=stamp(factory, 0)), CLOCK[1]))
+    cdr = bytes(typestore.serialize_cdr(make_message(CLOCK[1], clock=stamp(0)), CLOCK[1]))
     for step in range(20):
         writer.write(*CLOCK, cdr, step * 50_000_000)
     with pytest.raises(BagError, match="no episode is writing"):

@@ -10,8 +10,8 @@ from rclpy.node import Node
 from siren_ros.errors import SirenError
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import from_step_done, to_episode_end
-from siren_ros.interfaces.factory import stamp
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing, StepReport
+from siren_ros.interfaces.messages import make_message, stamp
 from siren_ros.lockstep import lockstep
 from siren_ros.lockstep.lockstep import BeginStep, EndEpisode, LockstepConfig, LockstepState, Stage
 from siren_ros.numerics.units import STEP_S, time_ns_of_step
@@ -105,13 +105,12 @@ class LockstepMaster:
         elif isinstance(action, EndEpisode):
             self._held = None
             closing = EpisodeClosing(action.steps, action.end, action.reason)
-            self._end.publish(wire.encode(topics.EPISODE_END, to_episode_end(wire.factory(), closing)))
+            self._end.publish(wire.encode(topics.EPISODE_END, to_episode_end(closing)))
             if self._seat is not None:
                 self._seat.close(action.steps)
 
     def _begin(self, action: BeginStep) -> None:
         self._next_wall_s = max(self._next_wall_s + self._pace_s, time.monotonic() - self._pace_s)
         self.on_step_begun(action.step)
-        factory = wire.factory()
-        clock = factory.make(topics.CLOCK.type_name, clock=stamp(factory, time_ns_of_step(action.step)))
+        clock = make_message(topics.CLOCK.type_name, clock=stamp(time_ns_of_step(action.step)))
         self._clock.publish(wire.encode(topics.CLOCK, clock))

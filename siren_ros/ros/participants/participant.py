@@ -187,7 +187,7 @@ class Participant(Node, Generic[Config]):
 
     def report(self, phase: Phase, step: int, *, error: str = "", busy_s: float = 0.0) -> None:
         """Publish StepDone."""
-        message = to_step_done(wire.factory(), StepReport(step, self._called, phase, error, busy_s))
+        message = to_step_done(StepReport(step, self._called, phase, error, busy_s))
         self._report.publish(wire.encode(topics.STEP_DONE, message))
 
     def _guarded(self, step: int, phase: Phase, action: Callable[[], None]) -> None:

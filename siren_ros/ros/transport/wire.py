@@ -6,23 +6,14 @@ serialiser leaves what the memory held, which would make every bag different), a
 without a copy per element (a sweep of 55,000 points takes 0.1 ms instead of 2 ms).
 """
 
-import os
-import sys
 from collections import deque
 from collections.abc import Callable
-from functools import cache
-from pathlib import Path
 from typing import Any, Final, TypeVar, cast
 
-from siren_ros.errors import InputError
 from siren_ros.interfaces.cdr import decode_cdr, encode_cdr
-from siren_ros.interfaces.rosbags_factory import RosbagsFactory, load_typestore
+from siren_ros.interfaces.messages import typestore
 from siren_ros.interfaces.topics import Topic
 from siren_ros.numerics.units import step_of_time_ns
-
-OWN_PACKAGE: Final = "siren_msgs"
-DEFINED_PACKAGES: Final = (OWN_PACKAGE, "vision_msgs")
-"""Packages whose types rosbags' Jazzy store does not hold."""
 
 _decoded: Final[dict[str, tuple[bytes, Any]]] = {}
 """The last message of each topic that was decoded, with its bytes."""
@@ -31,34 +22,14 @@ _read: Final[dict[Callable[[Any], Any], deque[tuple[Any, Any]]]] = {}
 Content = TypeVar("Content")
 
 
-def message_folder(package: str) -> Path:
-    """Folder of an installed package's ``.msg`` files.
-
-    Raises:
-        InputError: The package is not installed.
-    """
-    prefixes = [Path(prefix) for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix]
-    for prefix in (*prefixes, Path(sys.prefix)):
-        folder = prefix / "share" / package / "msg"
-        if folder.is_dir():
-            return folder
-    raise InputError("package", package, "an installed interface package (share/PACKAGE/msg in AMENT_PREFIX_PATH)")
-
-
-@cache
-def factory() -> RosbagsFactory:
-    """The maker of all messages of this process."""
-    return RosbagsFactory(load_typestore({package: message_folder(package) for package in DEFINED_PACKAGES}))
-
-
 def get_ready(topic: Topic) -> None:
     """Compile what encodes and decodes a topic's messages now, rather than within the first step."""
-    factory().store.get_msgdef(topic.type_name)
+    typestore().get_msgdef(topic.type_name)
 
 
 def encode(topic: Topic, message: Any) -> bytes:
     """CDR of a message, filled up to whole words, so that the same bytes travel everywhere."""
-    return encode_cdr(factory().store, topic, message)
+    return encode_cdr(typestore(), topic, message)
 
 
 def decode(topic: Topic, cdr: bytes) -> Any:
@@ -72,7 +43,7 @@ def decode(topic: Topic, cdr: bytes) -> Any:
     last = _decoded.get(topic.name)
     if last is not None and last[0] == cdr:
         return last[1]
-    message = decode_cdr(factory().store, topic, cdr)
+    message = decode_cdr(typestore(), topic, cdr)
     _decoded[topic.name] = cdr, message
     return message
 

@@ -58,7 +58,7 @@ def test_it_is_ready_when_somebody_publishes(seat: AvSeat, graph: Graph, reports
 
 def test_an_answer_is_the_report_of_its_step(seat: AvSeat, graph: Graph, reports: list[StepReport]) -> None:
     graph.publishers = ["my_stack"]
-    graph.hear(wire.encode(topics.AV_CONTROL, to_av_control(wire.factory(), AvControl(7, 0.5))))
+    graph.hear(wire.encode(topics.AV_CONTROL, to_av_control(AvControl(7, 0.5))))
     seat.watch(LockstepState(Stage.STEPPING, 8))
     seat.close(9)
     assert reports == [StepReport(7, AV_SOURCE, Phase.STEP), StepReport(8, AV_SOURCE, Phase.FINAL)]
@@ -67,7 +67,7 @@ def test_an_answer_is_the_report_of_its_step(seat: AvSeat, graph: Graph, reports
 @pytest.mark.parametrize(
     ("cdr", "named"),
     [
-        (wire.encode(topics.AV_CONTROL, to_av_control(wire.factory(), AvControl(7, float("nan")))), "throttle nan"),
+        (wire.encode(topics.AV_CONTROL, to_av_control(AvControl(7, float("nan")))), "throttle nan"),
         (b"\x00\x01\x00\x00nonsense", "a message of 12 bytes"),
     ],
 )

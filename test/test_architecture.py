@@ -211,3 +211,22 @@ def test_what_the_plan_points_to_is_there(looked_for: str, path: str, symbol: st
         names = names_defined_in(inside)
         assert name in names, f"{looked_for}: {path} does not define {symbol}; mend the row in docs/architecture.md"
         inside = names[name]
+
+
+def folders_of_the_library() -> list[Path]:
+    library = REPOSITORY / "siren_ros"
+    return sorted({library, *(path for path in library.rglob("*") if path.is_dir() and any(path.glob("*.py")))})
+
+
+@pytest.mark.parametrize("folder", folders_of_the_library(), ids=lambda path: str(path.relative_to(REPOSITORY)))
+def test_a_folder_can_be_taken_in_at_a_glance(folder: Path) -> None:
+    assert len([path for path in folder.glob("*.py") if path.name != "__init__.py"]) <= 16
+    assert ast.get_docstring(ast.parse((folder / "__init__.py").read_text(encoding="utf-8")))
+
+
+@pytest.mark.parametrize(
+    ("below", "above"), [("roads", "traffic"), ("roads", "scenario"), ("scenario", "traffic"), ("params", "scenario")]
+)
+def test_the_order_of_the_foundation(below: str, above: str) -> None:
+    """Roads know no SUMO vehicle, scenarios no traffic: written out, since the table above may grow in between."""
+    assert LAYERS[""].index(above) < LAYERS[""].index(below)

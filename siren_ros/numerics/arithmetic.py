@@ -19,8 +19,8 @@ _AVX512_OF_NUMPY: Final = {
     "AVX512_CNL": ("avx512ifma", "avx512vbmi"),
     "AVX512_ICL": ("avx512_vbmi2", "avx512_bitalg", "avx512_vpopcntdq"),
 }
-"""numpy's groups of instructions beyond AVX2 (numpy's reference, "CPU/SIMD optimizations"), each with the flags of
-Linux of which the processor has them all; numpy complains about groups that it has not."""
+"""numpy's groups of instructions beyond AVX2 (numpy's reference, "CPU/SIMD optimizations"), and the processor flags in
+Linux's names that each one needs. numpy warns about a disabled group that the processor does not have."""
 
 
 def pin_arithmetic(environment: MutableMapping[str, str] = os.environ, flags: Collection[str] | None = None) -> None:

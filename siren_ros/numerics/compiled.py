@@ -1,4 +1,4 @@
-"""Loops over arrays, compiled to machine code by numba and kept in its cache beside the source."""
+"""Loops over arrays, compiled to machine code by numba. Its cache lies next to the source file."""
 
 import hashlib
 from collections.abc import Callable
@@ -19,9 +19,9 @@ _FROZEN: Final = (int, float, str, tuple, np.generic, types.ExternalFunction)
 def compiled(function: Function) -> Function:
     """Compile a loop over arrays at its first call; IEEE arithmetic in the written order, without the GIL.
 
-    The cached code holds the compiled functions that it calls and the values of constants, also those of other files,
-    and numba looks for changes in the function's own file alone. So the cache's name says what was taken from
-    elsewhere; functions of other files must be called by a name of this one, not as a module's attribute.
+    The cached code contains the compiled functions that it calls and the values of constants, also those of other
+    files; numba looks for changes in the function's own file alone. The name of the cache therefore contains a hash of
+    everything taken from other files. Import such functions by name: a module's attribute is not seen.
     """
     if taken := _taken(function):
         function.__qualname__ += "_" + hashlib.blake2b("\n".join(taken).encode(), digest_size=6).hexdigest()
@@ -30,7 +30,7 @@ def compiled(function: Function) -> Function:
 
 
 def _taken(function: Callable[..., Any]) -> list[str]:
-    """What compiled code holds beside a function's own lines: files of the functions it calls, values of constants."""
+    """What compiled code contains besides the function itself: the functions that it calls, the constants."""
     found = []
     names = function.__globals__
     for name in function.__code__.co_names:

@@ -1,4 +1,4 @@
-"""YAML from strangers: no tags that build objects, no aliases that unfold without end, a bounded size and depth."""
+"""Safe YAML, for files of any origin: no tags that build objects, no aliases, a bounded size and depth."""
 
 from collections.abc import Callable
 from functools import lru_cache

@@ -1,4 +1,4 @@
-"""How movements across one junction relate: which cross, which run side by side."""
+"""How movements across one junction relate: which ones cross, which ones have the same direction."""
 
 from typing import Final
 

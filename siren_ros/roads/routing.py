@@ -1,4 +1,4 @@
-"""Routes over edges and the lanes that follow them."""
+"""Routes: sequences of edges, the lanes along them, and the shortest ones."""
 
 import heapq
 from collections.abc import Collection, Sequence
@@ -28,7 +28,7 @@ class EdgeGraph:
     """Sorted; empty for edges without driving lanes."""
     predecessors: tuple[tuple[int, ...], ...]
     length_m: tuple[float, ...]
-    """Of the edge's rightmost driving lane; infinite for edges without one."""
+    """Length of each edge's rightmost driving lane; infinite for an edge without one."""
 
     @classmethod
     def of(cls, network: RoadNetwork) -> "EdgeGraph":
@@ -51,7 +51,7 @@ class EdgeGraph:
         )
 
     def endless_edges(self) -> frozenset[int]:
-        """Edges from which a vehicle can drive on for ever: those that do not lead only out of the map."""
+        """Edges from which a vehicle never has to leave the map: some way on leads into a loop."""
         open_ends = [len(group) for group in self.successors]
         dead = [edge for edge, count in enumerate(open_ends) if count == 0]
         gone = set(dead)

@@ -1,1 +1,1 @@
-"""What an episode is asked to be: templates, levels, presets of drivers, the description that is recorded."""
+"""What defines an episode: the request, templates, levels, presets of drivers, the recorded description."""

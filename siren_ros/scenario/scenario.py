@@ -1,4 +1,4 @@
-"""Scenario templates: what is set up, how it may vary, and how to tell that it happened.
+"""Scenario templates: what is set up, how it may vary, and which predicate tells that it happened.
 
 A template is data (``params/templates/S2.yaml``). Every scenario parameter has a default and a range
 to draw from; ``load_template`` gives the template with its defaults, ``draw_values`` and
@@ -47,12 +47,12 @@ class GroupAnchor(StrEnum):
 
 
 class Placement(StrEnum):
-    """Where a group of civilians starts, relative to the EMV's approach."""
+    """The lanes in which a group of civilians starts, relative to the EMV's approach."""
 
     EMV_LANE = "emv_lane"
     """Ahead in the EMV's lane, along its route."""
     ADJACENT_LANE = "adjacent_lane"
-    """In the lane beside the EMV's (the left one where there are two)."""
+    """In a neighbouring lane of the EMV's (the left one where there are two)."""
     OTHER_LANES = "other_lanes"
     """In all other driving lanes of the EMV's approach, in turn."""
     SAME_DIRECTION = "same_direction"

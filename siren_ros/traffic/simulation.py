@@ -337,7 +337,7 @@ class SumoSimulation:
         owner: Codes,
         signals: Mapping[str, str],
     ) -> tuple[Event, ...]:
-        """Happenings of the step; ``speed_mps`` is SUMO's, and the simulated one of whoever ROS drives."""
+        """Events of the step; ``speed_mps`` is SUMO's, and for vehicles that ROS drives the simulated one."""
         started = [self._ids[name] for name in libsumo.simulation.getStartingTeleportIDList() if name in self._ids]
         jump_m = self._config.jump_m
         events: list[Event] = find_teleports(step, ids, readings, lengths_m, owner, started, self._last, jump_m)

@@ -34,7 +34,7 @@ class SignalState:
 
 @dataclass(frozen=True)
 class EmvAdvice:
-    """What SUMO advises one emergency vehicle, whoever drives it."""
+    """SUMO's advice for one emergency vehicle; SUMO or ROS may drive it."""
 
     actor_id: int
     lane_change_intent: int
@@ -50,7 +50,7 @@ class EmvAdvice:
 
 @dataclass(frozen=True)
 class TrafficState:
-    """SUMO's state at one step beside the simulated poses that SUMO was given before it.
+    """SUMO's state at one step, and the simulated poses that SUMO was given before the step.
 
     Arrays have shape ``(N,)``, rows sorted by ``actor_id``; poses in the ``map`` frame at the
     footprint's centre. ``sumo_*`` is SUMO's pose at this step; ``x_m … speed_mps`` is the pose that

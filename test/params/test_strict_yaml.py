@@ -27,7 +27,7 @@ READERS = {
 
 @pytest.mark.parametrize("kind", READERS)
 def test_an_unknown_key_is_refused_with_its_line(kind: str, tmp_path: Path) -> None:
-    good = sorted((params_dir() / kind).glob("*.yaml"))[0].read_text(encoding="utf-8").rstrip("\n")
+    good = min((params_dir() / kind).glob("*.yaml")).read_text(encoding="utf-8").rstrip("\n")
     file = tmp_path / "mine.yaml"
     file.write_text(f"{good}\nsurprise: 1\n", encoding="utf-8")
     line = good.count("\n") + 2

@@ -1,4 +1,4 @@
-"""Compiles any map that the project reads into a SUMO net, once: the result is cached by content."""
+"""Compiles a map of any supported kind into a SUMO net. The result is cached by the map's content."""
 
 import hashlib
 import os
@@ -11,7 +11,7 @@ from siren_ros.errors import InputError, MapError
 from siren_ros.params.resources import params_dir
 from siren_ros.roads.maps.map_source import MapSource, SourceKind, read_map_source
 from siren_ros.roads.maps.netconvert import netconvert_version, run_netconvert, without_header
-from siren_ros.roads.maps.opendrive import opendrive_patches
+from siren_ros.roads.maps.opendrive_patches import opendrive_patches
 from siren_ros.roads.net_parser import parse_road_network
 
 TOWN_NAME: Final = "town"

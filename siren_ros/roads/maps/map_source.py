@@ -1,4 +1,4 @@
-"""What kind of file a map is, and its bytes."""
+"""Reads a map file and tells its kind."""
 
 import gzip
 import io
@@ -80,7 +80,7 @@ def read_map_source(path: Path) -> MapSource:
 
 
 def _open(path: Path) -> BinaryIO:
-    """The file; what would block for ever (a pipe) or never end (a device) is refused."""
+    """The open file. Pipes and devices are refused: they may block or never end."""
     if path.exists() and not path.is_file() and not path.is_dir():
         raise OSError("this is no file")
     return path.open("rb")

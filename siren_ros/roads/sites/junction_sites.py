@@ -1,4 +1,4 @@
-"""Places at junctions: queued approaches, crossed movements, right turns along a shoulder."""
+"""Sites at junctions: approaches with queues, movements that others cross, right turns along a shoulder."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -21,7 +21,7 @@ _APPROACH_EDGE_ENOUGH_M = 100.0
 
 
 def queued_approaches(graph: EdgeGraph) -> Iterator[Site]:
-    """Approaches to a signal on two lanes or more that lead on side by side."""
+    """Approaches of two lanes or more to a signal, where two lanes lead on in parallel."""
     network = graph.network
     for edge, way, movements in _directions(graph):
         if not _is_signalised(network, movements) or lanes_through(network, edge, way) < 2:
@@ -42,7 +42,7 @@ def stop_junctions(graph: EdgeGraph) -> Iterator[Site]:
 
 
 def shoulder_turns(graph: EdgeGraph) -> Iterator[Site]:
-    """Right turns with a shoulder before, beside and after them."""
+    """Right turns along a shoulder that begins before the turn and goes on after it."""
     network = graph.network
     for connection in network.connections:
         source, target = network.lanes[connection.from_lane], network.lanes[connection.to_lane]
@@ -138,7 +138,7 @@ def _shoulder_after_m(network: RoadNetwork, lane: Lane) -> float:
 
 
 def _shoulder_reach_m(network: RoadNetwork, lane: Lane, beyond: Callable[[int], list[int]]) -> float:
-    """Length of a shoulder and of those that it runs on into, up to what is enough."""
+    """Length of a shoulder and its continuations; counting stops at ``ENOUGH_M``."""
     length_m, seen = lane.length_m, {lane.index}
     onward = beyond(lane.index)
     while onward and onward[0] not in seen and length_m < ENOUGH_M:

@@ -1,4 +1,4 @@
-"""Stretches of two lanes or more: where they run, how good they are."""
+"""Sites on roads: stretches of two lanes or more, and how good they are."""
 
 from collections.abc import Iterator, Sequence
 
@@ -20,7 +20,7 @@ from siren_ros.roads.sites.site_routes import (
 
 
 def share(length_m: float, enough_m: float = ENOUGH_M) -> float:
-    """How much of what is enough there is, at most 1."""
+    """A length as a share of a sufficient length, at most 1."""
     return min(length_m, enough_m) / enough_m
 
 
@@ -117,7 +117,7 @@ def _road(graph: EdgeGraph, stretch: tuple[int, ...]) -> Site:
 
 
 def route_score(route: SiteRoute, length_m: float) -> float:
-    """How long the way to a place, the way on, and the whole route are, out of 4."""
+    """Points, at most 4, for the lengths of the approach, the way on and the whole route."""
     return 2.0 * share(route.approach_m, APPROACH_M) + share(route.exit_m, EXIT_M) + share(length_m, ROUTE_M)
 
 

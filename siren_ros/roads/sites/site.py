@@ -1,4 +1,4 @@
-"""A place for an interaction, and what each kind of place needs."""
+"""A site: the place on a map where an interaction happens. Each kind of site has its requirements."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,11 +8,11 @@ from typing import Final
 SHORTEST_ROAD_M: Final = 60.0
 """Least length of a road of two lanes: 4 s at 50 km/h, enough for a yield lane change and a pass."""
 SHORTEST_QUEUE_M: Final = 30.0
-"""Least room for queues: four cars (7.5 m each, standing) on each of two lanes."""
+"""Least length of an approach for queues: four standing cars (7.5 m each) on each of two lanes."""
 SHORTEST_SHOULDER_M: Final = 10.0
 """Least length of a shoulder before and after a right turn."""
 ENOUGH_M: Final = 250.0
-"""Length beyond which more of it makes a place no better."""
+"""A site that is longer than this is not better for it."""
 
 
 class SiteKind(StrEnum):
@@ -27,7 +27,7 @@ class SiteKind(StrEnum):
 
 @dataclass(frozen=True)
 class Site:
-    """A place for an interaction, with the route on which the EMV drives through it."""
+    """A place for an interaction, and the route on which the EMV drives through it."""
 
     kind: SiteKind
     name: str
@@ -35,19 +35,20 @@ class Site:
     junction: str | None
     """The junction where it happens; None for a road."""
     route: tuple[int, ...]
-    """Edge indices: approach, place, way on. An edge may occur again on the way on."""
+    """Edge indices: the approach, the site, the way on. The way on may pass an edge again."""
     site_position: int
     """Position in ``route`` of ``site_edge``."""
     site_edge: int
     """The edge before the junction, or the first edge of the road."""
     stretch: tuple[int, ...]
-    """Edges of the usable stretch, in driving order: the road, or the approach as far back as its lanes reach."""
+    """Edges of the usable stretch in driving order: the road itself, or before a junction the approach whose lanes lead
+    up to it."""
     approach_lane: int
-    """Lane of ``site_edge`` that the EMV takes: the leftmost that leads on; for a right turn on the shoulder, that."""
+    """The lane of ``site_edge`` that the EMV takes: the leftmost one that leads on; the shoulder for a turn on it."""
     length_m: float
-    """Of the usable stretch."""
+    """Length of the usable stretch."""
     connections: tuple[int, ...]
-    """Indices of the movements of the EMV's direction at the junction (on a road: at its end), from the right."""
+    """Indices of the movements in the EMV's direction, from the right: at the junction, or at the end of the road."""
     crossing: tuple[int, ...]
     """Indices of the civilian movements that cross them."""
     score: float

@@ -1,4 +1,4 @@
-"""Finds the places where a template's interaction can happen, on any map."""
+"""Finds the sites of a map: the places where a template's interaction can happen."""
 
 from collections.abc import Callable, Iterator, Mapping
 from typing import Final

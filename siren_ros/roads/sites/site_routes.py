@@ -1,4 +1,4 @@
-"""Routes through a place: how an EMV comes to it and where it drives on."""
+"""The EMV's route through a site: the approach to it and the way on after it."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -35,9 +35,9 @@ def route_through(graph: EdgeGraph, stretch: Sequence[int]) -> SiteRoute:
     """A route with a long approach to a stretch of edges and a way on after it, without turning back.
 
     The approach grows backwards until it is ``APPROACH_M`` long (the stretch not counted), the exit forwards until the
-    whole route is ``ROUTE_M`` long; both prefer straight on, then wide roads. The exit keeps to edges from which
-    traffic can drive on for ever, where there are any, and may then drive round the block; where it has to leave the
-    map soon, the approach becomes longer.
+    whole route is ``ROUTE_M`` long; both prefer straight on, then wide roads. The exit prefers
+    edges that lead into a loop (``EdgeGraph.endless_edges``); it may then pass an edge twice. Where the route has to
+    leave the map soon, the approach becomes longer.
     """
     approach = _approach(graph, stretch, APPROACH_M)
     exit_edges = _exit(graph, (*approach, *stretch))

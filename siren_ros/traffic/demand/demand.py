@@ -1,4 +1,4 @@
-"""From a template and a site to a traffic plan: who drives where, decided by the seed alone."""
+"""Plans the traffic of an episode from a template and a site. The seed alone decides who drives where."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -55,7 +55,7 @@ def plan_traffic(
         config: Constants of the placement.
 
     Raises:
-        MapError: the map has no room for the civilians, or the site none for the EMVs' start.
+        MapError: the map is too small for the civilians, or the site's approach too short for the EMVs.
         InputError: dimensions of a vehicle class are missing.
     """
     config = config or DemandConfig()

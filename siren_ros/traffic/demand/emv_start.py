@@ -1,4 +1,4 @@
-"""Where an EMV starts, the way it drives, and when it comes to the site."""
+"""The EMV's start: lane and place, the way from there to the site, and the time of its arrival."""
 
 import math
 from collections.abc import Sequence

@@ -41,7 +41,7 @@ def plan_groups(
 ) -> GroupPlan:
     """Place the groups of a template.
 
-    A row without room for all of its vehicles has fewer; the background makes up for them.
+    A row that is too short for all of its vehicles gets fewer; the background traffic gets more in turn.
     """
     planner = _GroupPlanner(network, start, template, factory, config)
     vehicles: list[PlannedVehicle] = []
@@ -78,7 +78,7 @@ class _GroupPlanner:
     def vehicle(
         self, group: DemandGroup, number: int, row: GroupRow, rng: np.random.Generator
     ) -> PlannedVehicle | None:
-        """The next vehicle of a group in a row, or None where the row has no more room."""
+        """The next vehicle of a group in a row; None where the row is full."""
         actor_class = self.factory.draw_class(self.template.demand.classes, rng)
         length = self.factory.size(actor_class)[0]
         spacing = group.spacing_m * (1.0 + self.config.spacing_spread * rng.uniform(-1.0, 1.0))

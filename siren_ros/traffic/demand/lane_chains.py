@@ -39,7 +39,7 @@ class LaneChain:
 def chain_along(network: RoadNetwork, lane: Lane, edges: Sequence[int]) -> LaneChain:
     """The chain from a lane along a route's edges; ``edges[0]`` is the lane's own edge.
 
-    Where a lane does not lead to the next edge, the nearest lane beside it that does carries on.
+    Where a lane does not lead to the next edge, the chain goes on from the nearest lane of the edge that does.
     """
     lanes: list[int] = []
     starts: list[float] = []
@@ -63,7 +63,7 @@ def chain_along(network: RoadNetwork, lane: Lane, edges: Sequence[int]) -> LaneC
 
 
 def connection_onward(network: RoadNetwork, lane: Lane, following: int) -> Connection | None:
-    """The movement from a lane, or else from the nearest driving lane beside it, to an edge."""
+    """The movement from a lane to an edge; where there is none, from the nearest driving lane of the same edge."""
     siblings = [network.lanes[index] for index in network.edges[lane.edge].lanes]
     for source in sorted(siblings, key=lambda other: (abs(other.position - lane.position), other.position)):
         if source.kind is not LaneKind.DRIVING:

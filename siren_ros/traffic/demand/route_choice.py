@@ -1,4 +1,4 @@
-"""Ways that civilians choose at junctions: mostly straight on, from their own lane, and with room for the vehicle."""
+"""The civilians' choice at junctions: mostly straight on, from their own lane, on bends that the vehicle can take."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class _Way:
     """Driving lanes that lead there."""
     weight: float
     radius_m: float
-    """Of its tightest bend, for the lane that has most room."""
+    """Radius of the tightest bend, on the widest of the paths."""
 
 
 class RouteChooser:
@@ -60,8 +60,8 @@ class RouteChooser:
             length_m: Length wanted, the given edges included.
             rng: Generator.
             vehicle_m: Length of the vehicle.
-            lane: Lane of the last given edge on which the vehicle stands; its way on is one of this lane's, where
-                one has room.
+            lane: Lane of the last given edge on which the vehicle stands; the way on begins in this lane, unless all
+                its ways are too tight for the vehicle.
         """
         route = list(start)
         driven_m = self._graph.route_length_m(start)
@@ -76,7 +76,7 @@ class RouteChooser:
         return tuple(route)
 
     def _open_ways(self, edge: int, vehicle_m: float, lane: int | None) -> tuple[_Way, ...]:
-        """Of the ways from an edge, those to choose from: with room and from the lane, or else the next best."""
+        """The ways to choose from: wide enough and from the lane; where there is none, wide enough or from the lane."""
         ways, least_m = self._ways_from(edge), self._least_radius_m(vehicle_m)
         roomy = tuple(way for way in ways if way.radius_m >= least_m)
         mine = tuple(way for way in ways if lane is None or lane in way.lanes)

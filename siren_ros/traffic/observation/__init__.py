@@ -1,1 +1,1 @@
-"""What is concluded from SUMO's states: stop lines crossed, reactions to the EMV, teleports, bounds on residuals."""
+"""Conclusions from SUMO's states: stop lines crossed, reactions to the EMV, teleports, bounds on residuals."""

@@ -1,4 +1,4 @@
-"""What must hold at every step between SUMO and the simulated world; where it does not, the episode fails loudly."""
+"""Checks of every step between SUMO and the simulated world. An episode that breaks one fails."""
 
 import numpy as np
 

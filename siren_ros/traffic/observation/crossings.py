@@ -66,7 +66,7 @@ class CrossingWatch:
         return tuple(found)
 
     def _connection(self, last: Lane, lane: Lane) -> Connection | None:
-        """The movement between two lanes; a vehicle that changes lanes at the line may come from beside."""
+        """The movement between two lanes; a vehicle that changes lanes there may come from a neighbour lane."""
         siblings = [last.index, *(index for index in self._network.edges[last.edge].lanes if index != last.index)]
         for source in siblings:
             for connection in self._network.connections_from.get(source, ()):

@@ -33,8 +33,8 @@ class TrafficConfig:
     replacement_distance_m: float = 90.0
     """A replacement enters at least this far from every EMV, beyond the interaction region and the camera's care."""
     deferred_speed_factor: float = 1.0
-    """Of the speed limit, at least, for a driver who waits for a gap to leave the EMV's lane: those who have left it
-    drive slower, so that gaps come up beside it."""
+    """Of the speed limit, at least, for a driver who waits for a gap to leave the EMV's lane. Drivers who have left it
+    are slower, so that gaps come up in the neighbouring lane."""
     red_light_speed_mps: float = 5.56
     """SUMO's ``jmDriveRedSpeed`` of a privileged EMV (SUMO's default): SUMO's own advice on speed over red."""
 

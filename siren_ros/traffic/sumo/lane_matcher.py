@@ -1,4 +1,4 @@
-"""Which lane of its route a vehicle is on, from its pose alone.
+"""Finds the lane of a vehicle on its route, from its pose alone.
 
 SUMO's own matching may choose a wrong path across a junction where paths overlap. A vehicle that is
 moved from outside therefore gets its lane from here.
@@ -62,11 +62,11 @@ class LaneMatcher:
 
         Args:
             network: The map.
-            sideways_m: A point this far beside a lane's edge still belongs to it.
+            sideways_m: A point at most this far outside a lane's edge still belongs to it.
             junction_sideways_m: The same on junctions, which are road between the paths too; libsumo 1.28 was seen to
                 crash with a vehicle taken off the road there.
             heading_limit_rad: Lanes that run further off the vehicle's heading are left out.
-            stay_m: A lane beside the present one has to be nearer by this much to take over.
+            stay_m: A neighbour of the present lane takes over where it is nearer by this much.
         """
         self._network = network
         self._sideways_m = sideways_m

@@ -1,4 +1,4 @@
-"""Moves SUMO's vehicles to where the simulated world has them, and hands them back without a jump."""
+"""Moves SUMO's vehicles to their poses in the simulated world, and hands them back without a jump."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -26,10 +26,10 @@ _MATCH_ON_ROAD: Final = 2
 """``keepRoute`` of moveToXY: exact place (2) on a lane that is open to the vehicle; with the lane named the route
 stays."""
 _MATCH_ON_SHOULDER: Final = 6
-"""The same on any lane whoever it is for (4). Without the 4, libsumo 1.28 was seen to crash with a civilian mirrored
-onto a shoulder; with it elsewhere, with a vehicle that SUMO matched to a pedestrian crossing."""
+"""The same on a lane that is closed to the vehicle (4). libsumo 1.28 was seen to crash without the 4 when a civilian
+was mirrored onto a shoulder, and with the 4 when SUMO matched a vehicle to a pedestrian crossing."""
 _KEEP_ROUTE_OFF_ROAD: Final = 3
-"""``keepRoute`` of moveToXY: exact place even off the road, the route stays whatever the place."""
+"""``keepRoute`` of moveToXY: exact place, also off the road; the route always stays."""
 _EDGES_TO_MATCH: Final = 3
 _BINDING_MODES: Final = frozenset({Mode.YIELD_DEFERRED, Mode.YIELD_KEEP_LANE})
 """Phases of a yield in which SUMO drives, but not as the driver would."""
@@ -53,7 +53,7 @@ class _Binding:
 
 
 class Mirror:
-    """Keeps track of who is moved from outside, and of what has to be restored."""
+    """Remembers which vehicles are moved from outside, and what has to be restored in SUMO afterwards."""
 
     def __init__(self, network: RoadNetwork, config: TrafficConfig, population: Population) -> None:
         self._network = network

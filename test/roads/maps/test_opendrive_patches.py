@@ -2,7 +2,7 @@ import pytest
 from defusedxml.ElementTree import fromstring
 
 from siren_ros.errors import MapError
-from siren_ros.roads.maps.opendrive import opendrive_patches
+from siren_ros.roads.maps.opendrive_patches import opendrive_patches
 
 LANES = """<lane id="{0}_0" index="0" speed="13.89" width="6" type="sidewalk"/>
 <lane id="{0}_1" index="1" disallow="all" speed="1.39" width="0.6" type="shoulder"/>

@@ -1,4 +1,4 @@
-"""What netconvert leaves out of an OpenDRIVE map: shoulders for the EMV, stop and yield signs.
+"""Adds what netconvert leaves out of an OpenDRIVE map: shoulders for the EMV, stop signs and yield signs.
 
 netconvert is run twice. The first run imports the roads; its lanes of every type but ``driving`` get
 permissions that do not fit (a sidewalk is open to cars, a shoulder to nobody), and signs are dropped. The
@@ -197,7 +197,7 @@ def _edge_patches(net: Element, priorities: Mapping[str, int]) -> Iterator[Eleme
 
 
 def _shoulder_connections(net: Element) -> Iterator[Element]:
-    """Movements from shoulder to shoulder beside every straight or right movement of the lane on their left."""
+    """Movements from shoulder to shoulder, parallel to each straight or right movement of the lane on their left."""
     shoulders = {(edge.attrib["id"], index) for edge in _normal_edges(net) for index in _open_shoulders(edge)}
     movements = [
         (c.attrib["from"], int(c.attrib["fromLane"]), c.attrib["to"], int(c.attrib["toLane"]), c.get("dir", ""))

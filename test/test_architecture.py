@@ -31,7 +31,7 @@ LAYERS = {
         "numerics",
         "errors",
     ],
-    "behaviour": ["civilians", "emv", "driving", "paths", "config", "constants"],
+    "behaviour": ["civilians", "emv", "driving", "paths", "config"],
     "ros": ["programs", "participants", "transport", "parameters"],
     "roads": [
         "sites",
@@ -58,8 +58,13 @@ LAYERS = {
     "traffic": ["simulation", "observation", "sumo", "demand"],
 }
 """From the top to the foundation, in ``siren_ros`` and in the folders that have rooms; imports go downwards only."""
+<<<<<<< HEAD
 APART = {"recording": {"sensors", "sensor_messages"}, "judging": {"sensors", "sensor_messages"}}
 """Folders that must not import each other, whatever their order."""
+=======
+SIBLINGS = {"behaviour": {"civilians", "emv"}}
+"""Folders on the same level that do not know each other."""
+>>>>>>> 4008cc9 (Behaviour: release, guards and the interaction region have places of their own; view before row; dead speeds go)
 ROS_MODULES = {"rclpy", "rcl_interfaces", "siren_msgs", "sensor_msgs", "std_msgs", "nav_msgs", "geometry_msgs"}
 KNOWS_ROS = ("siren_ros/ros/", "nodes/")
 KNOWS_SUMO = ("siren_ros/traffic/sumo/", "siren_ros/traffic/simulation.py")
@@ -108,6 +113,9 @@ def test_imports_point_downwards(path: Path) -> None:
             seen = {layer_of(module, room) for module in modules} & set(layers)
             above = {layer for layer in seen if layers.index(layer) < layers.index(own)}
             assert not above, f"{own} imports what stands above it: {sorted(above)}"
+            siblings = SIBLINGS.get(room, set())
+            known = seen & siblings - {own} if own in siblings else set()
+            assert not known, f"{own} imports its sibling: {sorted(known)}"
 
 
 @pytest.mark.parametrize("folder", APART)

@@ -119,8 +119,6 @@ class PullOverConfig:
     curvature_max_1pm: float = 0.15
     reached_m: float = 0.15
     """Distance from the wanted offset at which the target counts as reached."""
-    extension_m: float = 6.0
-    """Length by which the path is extended to finish the alignment."""
     blocked_hold_s: float = 1.0
     """Standstill behind another vehicle after which a partly finished pull-over is held."""
     resume_gap_m: float = 4.0
@@ -206,7 +204,7 @@ class GapEscapeConfig:
     off_path_m: float = 0.3
     """Distance from the path at which another one is looked for."""
     edge_overhang_m: float = 0.3
-    """How far the outline above the wheels may reach over the edge of the road."""
+    """How far the body may overhang the edge of the road."""
     touch_m: float = 0.03
     """Margin below which the path counts as blocked."""
     stop_short_m: float = 0.4

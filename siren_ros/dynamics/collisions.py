@@ -10,7 +10,7 @@ import shapely
 from siren_ros.numerics.geometry import footprint_corners, separation_m
 from siren_ros.world.actors import Floats, Ids
 
-RELEASE_GAP_M: Final = 0.1
+SEPARATION_GAP_M: Final = 0.1
 """A contact ends when the boxes are this far apart; smaller gaps are the same contact still."""
 _CLOSING_MPS: Final = 1e-6
 
@@ -62,7 +62,7 @@ def find_contacts(boxes: Footprints, touching: Pairs) -> tuple[tuple[Contact, ..
         return (), ()
     corners = footprint_corners(boxes.x_m, boxes.y_m, boxes.yaw_rad, boxes.length_m, boxes.width_m)
     gap = separation_m(corners[first], corners[second])
-    close = np.flatnonzero(gap < RELEASE_GAP_M)
+    close = np.flatnonzero(gap < SEPARATION_GAP_M)
     before = frozenset(touching)
     contacts: list[Contact] = []
     pairs: list[tuple[int, int]] = []
@@ -78,8 +78,8 @@ def find_contacts(boxes: Footprints, touching: Pairs) -> tuple[tuple[Contact, ..
 
 
 def _near_pairs(boxes: Footprints) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Rows of pairs whose circumscribed circles come within the release gap, the smaller row first, sorted."""
-    radius = 0.5 * (np.hypot(boxes.length_m, boxes.width_m) + RELEASE_GAP_M)
+    """Rows of pairs whose circumscribed circles come within the separation gap, the smaller row first, sorted."""
+    radius = 0.5 * (np.hypot(boxes.length_m, boxes.width_m) + SEPARATION_GAP_M)
     dx = boxes.x_m[:, None] - boxes.x_m
     dy = boxes.y_m[:, None] - boxes.y_m
     reach = radius[:, None] + radius

@@ -31,10 +31,9 @@ def step_fleet(
 ) -> tuple[FleetState, ActorStates, tuple[Event, ...]]:
     """The fleet at SUMO's step.
 
-    Actors with a command of owner ROS are driven by it from the step before to this one; all others track SUMO's
-    pose at this step. Actors spawned at this step stand at SUMO's pose with its speed. An actor that ROS hands
-    back at this step rolls on with its speed, since SUMO's pose is the mirror of its own once more; tracking begins
-    at the next step.
+    Commands of owner ROS drive their actors from the step before to this one. All other actors track SUMO's pose at
+    this step. A spawned actor starts at SUMO's pose with SUMO's speed. An actor that ROS hands back at this step rolls
+    on with its speed, because SUMO's pose is still the mirror of its own; tracking begins at the next step.
 
     Args:
         state: The fleet at the step before (any earlier one while it is empty).
@@ -54,12 +53,12 @@ def step_fleet(
     fleet, fresh = with_spawned(without_actors(state, traffic.removed), traffic)
     orders = merge_commands(traffic, commands)
     driven = orders.owner == Owner.ROS
-    released = (fleet.owner == Owner.ROS) & ~driven
-    bodies, tracker = _move(fleet, traffic, orders, driven, released)
+    handed_back = (fleet.owner == Owner.ROS) & ~driven
+    bodies, tracker = _move(fleet, traffic, orders, driven, handed_back)
     if traffic.spawned:
         bodies = BodyState.where(fresh, fleet.bodies, bodies)
         tracker = TrackerState.where(fresh, fleet.tracker, tracker)
-    states = _states(fleet, traffic, orders, bodies, driven | released)
+    states = _states(fleet, traffic, orders, bodies, driven | handed_back)
     collisions, touching = _collisions(fleet, states)
     sirens, sounding = _siren_changes(state, states)
     own = _spawned(states, traffic) + _removed(state, traffic) + _owner_changes(fleet, states) + sirens + collisions
@@ -85,18 +84,18 @@ def _check_steps(state: FleetState, traffic: TrafficState, commands: Sequence[Ve
 
 
 def _move(
-    fleet: FleetState, traffic: TrafficState, orders: Orders, driven: Rows, released: Rows
+    fleet: FleetState, traffic: TrafficState, orders: Orders, driven: Rows, handed_back: Rows
 ) -> tuple[BodyState, TrackerState]:
     """Bodies and tracker at this step."""
     before = fleet.bodies
-    held = driven | released
+    held = driven | handed_back
     ahead = STEP_S * before.forward_mps
     reference = Reference(
-        x_m=np.where(released, before.x_m + ahead * np.cos(before.yaw_rad), traffic.sumo_x_m),
-        y_m=np.where(released, before.y_m + ahead * np.sin(before.yaw_rad), traffic.sumo_y_m),
-        yaw_rad=np.where(released, before.yaw_rad, traffic.sumo_yaw_rad),
-        speed_mps=np.where(released, before.forward_mps, traffic.sumo_speed_mps),
-        accel_mps2=np.where(released, 0.0, traffic.sumo_accel_mps2),
+        x_m=np.where(handed_back, before.x_m + ahead * np.cos(before.yaw_rad), traffic.sumo_x_m),
+        y_m=np.where(handed_back, before.y_m + ahead * np.sin(before.yaw_rad), traffic.sumo_y_m),
+        yaw_rad=np.where(handed_back, before.yaw_rad, traffic.sumo_yaw_rad),
+        speed_mps=np.where(handed_back, before.forward_mps, traffic.sumo_speed_mps),
+        accel_mps2=np.where(handed_back, 0.0, traffic.sumo_accel_mps2),
     )
     wanted, tracker = track(before, fleet.tracker, reference, fleet.table, STEP_S)
     controls = Controls(

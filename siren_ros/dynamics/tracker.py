@@ -1,11 +1,11 @@
 """Controls that make vehicles follow the poses that SUMO gives them, with the same vehicle model as all others.
 
-SUMO moves a rigid rod whose bumpers both stay on the lane's polyline, so its heading jumps and its course and
-heading differ. The reference is therefore what a car would do whose footprint centre takes SUMO's path: its yaw
-follows from the path as the yaw of a trailer pulled by the centre (a tractrix), and its front axle gives point and
-course for a Stanley law (Hoffmann et al., "Autonomous Automobile Trajectory Tracking for Off-Road Driving", ACC 2007)
-with feed-forward of the front slip angle. Along the path, SUMO's speed is fed forward and the distance along the
-path is fed back. Lags of the actuators are shorter than a driver's; tyres, steering range and rate are the vehicle's.
+SUMO moves a rigid rod with both bumpers on the lane's polyline. Its heading jumps, and its course differs from its
+heading. The reference is therefore a car whose footprint centre takes SUMO's path. Its yaw is that of a trailer pulled
+by the centre (a tractrix). Its front axle gives point and course for a Stanley law (Hoffmann et al., "Autonomous
+Automobile Trajectory Tracking for Off-Road Driving", ACC 2007) with feed-forward of the front slip angle. Along the
+path, SUMO's speed is fed forward and the distance is fed back. The actuators lag less than a driver's; tyres, steering
+range and steering rate are the vehicle's.
 """
 
 from collections.abc import Sequence

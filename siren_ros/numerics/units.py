@@ -8,6 +8,8 @@ STEP_NS: Final = 50_000_000
 STEP_S: Final = STEP_NS / NS_PER_S
 STEPS_PER_S: Final = NS_PER_S // STEP_NS
 GRAVITY_MPS2: Final = 9.80665
+NEVER: Final = -(10**9)
+"""A step before all others."""
 
 
 def mps_from_kmh(speed_kmh: float) -> float:

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from siren_ros.dynamics.collisions import RELEASE_GAP_M, Footprints, find_contacts
+from siren_ros.dynamics.collisions import SEPARATION_GAP_M, Footprints, find_contacts
 from siren_ros.numerics.geometry import footprint_corners, separation_m
 
 LENGTH_M, WIDTH_M = 4.0, 2.0
@@ -68,7 +68,7 @@ def test_a_turning_tail_hits_with_the_speed_of_its_corner() -> None:
 
 def test_a_lasting_contact_is_one_event_until_it_ends() -> None:
     touching: tuple[tuple[int, int], ...] = ()
-    distances = [4.2, 3.99, 3.8, 4.0 + 0.5 * RELEASE_GAP_M, 3.99, 4.0 + 2.0 * RELEASE_GAP_M, 3.99]
+    distances = [4.2, 3.99, 3.8, 4.0 + 0.5 * SEPARATION_GAP_M, 3.99, 4.0 + 2.0 * SEPARATION_GAP_M, 3.99]
     counts = []
     for distance in distances:
         contacts, touching = find_contacts(_boxes((0.0, 0.0, 0.0, 0.0, 0.0), (distance, 0.0, 0.0, 0.0, 0.0)), touching)

@@ -1,4 +1,4 @@
-"""L2: while no gap is open for the yield, the driver makes one by falling back or drawing ahead in the own lane."""
+"""L2: a driver who finds no gap for the yield makes one, by falling back or drawing ahead in the present lane."""
 
 from dataclasses import replace
 from enum import IntEnum
@@ -10,7 +10,7 @@ from siren_ros.behaviour.driving.lane_change import LaneGaps, Refusal, gaps_in_l
 from siren_ros.behaviour.driving.navigator import NavigatorState, Situation, navigate
 from siren_ros.behaviour.driving.situation import StepView
 from siren_ros.behaviour.paths.lane_path import lanes_along, neighbour_lane, path_on_lanes
-from siren_ros.behaviour.paths.nearest_on_lane import lane_foot
+from siren_ros.behaviour.paths.nearest_on_lane import nearest_on_lane
 from siren_ros.behaviour.paths.path_blend import on_reference
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import NO_LANE, LaneKind
@@ -27,24 +27,24 @@ class Seek(IntEnum):
     DRAW_AHEAD = 1
 
 
-def seek_gap(unit: YieldUnit, row: int, view: StepView, refusal: Refusal) -> Outcome:
-    """One step of a deferred vehicle in its own lane, driven towards a gap in the lane beside it.
+def seek_gap(unit: YieldUnit, view: StepView, row: int, refusal: Refusal) -> Outcome:
+    """One step of a deferred vehicle in its own lane, towards a gap in the lane next to it.
 
-    Only where the vehicle can still stop and change lanes before the next junction; elsewhere SUMO keeps driving.
+    The vehicle must still be able to stop and change lanes before the next junction; elsewhere SUMO keeps driving.
 
     Args:
         unit: A deferred civilian whose ``side`` says where it wants to go.
-        row: Its row.
         view: The step.
+        row: Its row.
         refusal: Why the lane change is not feasible now.
     """
-    unit = _with_path(unit, row, view)
+    unit = _with_path(unit, view, row)
     config = view.world.config
     speed = float(view.seen.speed_mps[row])
     stop = speed * speed / (2.0 * config.civilian_navigator.comfort_brake_mps2)
     if unit.navigator.remaining_m < max(stop, config.yielding.seek_room_m):
         return Outcome(replace(unit, navigator=NavigatorState(), seek=Seek.NOT))
-    lane = lane_of(unit, row, view)
+    lane = lane_of(unit, view, row)
     target = neighbour_lane(view.world.network, lane, unit.side)
     if target == NO_LANE:
         return Outcome(replace(unit, navigator=NavigatorState(), seek=Seek.NOT))
@@ -64,11 +64,11 @@ def seek_gap(unit: YieldUnit, row: int, view: StepView, refusal: Refusal) -> Out
 def choose_seek(gaps: LaneGaps, own: LaneGaps, refusal: Refusal, free_m: float) -> Seek:
     """Whether to fall back or to draw ahead.
 
-    A vehicle behind, or beside and further back, is drawn away from where the own lane is free; in all other cases
-    the others are let past.
+    The driver draws ahead of a vehicle that is behind, or alongside and further back, if the own lane is free. In all
+    other cases the driver falls back and lets the others pass.
 
     Args:
-        gaps: In the lane beside.
+        gaps: In the adjacent lane.
         own: In the own lane.
         refusal: Why the gap cannot be entered.
         free_m: Free way in the own lane that drawing ahead needs.
@@ -78,21 +78,21 @@ def choose_seek(gaps: LaneGaps, own: LaneGaps, refusal: Refusal, free_m: float) 
 
 
 def seek_speed_mps(seek: Seek, gaps: LaneGaps, config: YieldConfig, limit_mps: float) -> float:
-    """Speed while seeking: a difference to the vehicle that is in the way, within a least speed and the limit."""
+    """Speed while seeking: faster or slower than the vehicle in the way, between a least speed and the limit."""
     other = gaps.front_mps if gaps.front_m < gaps.rear_m else gaps.rear_mps
     if seek is Seek.DRAW_AHEAD:
         return min(other + config.seek_speed_mps, limit_mps)
     return min(max(other - config.seek_speed_mps, config.seek_least_mps), limit_mps)
 
 
-def _with_path(unit: YieldUnit, row: int, view: StepView) -> YieldUnit:
+def _with_path(unit: YieldUnit, view: StepView, row: int) -> YieldUnit:
     if unit.navigator.path is not None:
         return unit
     world, lane = view.world, int(view.traffic.lane[row])
     if lane == NO_LANE or world.network.lanes[lane].kind is LaneKind.INTERNAL:
         return unit
     x, y, _ = view.pose(row)
-    position = lane_foot(world.network.lanes[lane].centre, x, y)[0]
+    position = nearest_on_lane(world.network.lanes[lane].centre, x, y)[0]
     route = view.traffic.route_of_row(row)
     lanes, end = lanes_along(world.network, lane, position, route, _AHEAD_M, civilian=True, through_junctions=False)
     reference = path_on_lanes(world.network, lanes, end, position - 2.0, _AHEAD_M)

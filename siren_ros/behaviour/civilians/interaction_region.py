@@ -1,6 +1,5 @@
-"""Where civilians stand relative to an EMV: the road ahead of it, the interaction region, and who has been passed."""
+"""The interaction region of an EMV: who is in it, and how far along the EMV's road each vehicle is."""
 
-import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -11,7 +10,6 @@ from siren_ros.behaviour.config import YieldConfig
 from siren_ros.behaviour.driving.situation import StepView
 from siren_ros.behaviour.driving.surroundings import Surroundings
 from siren_ros.behaviour.paths.lane_path import lanes_along
-from siren_ros.behaviour.paths.nearest_on_lane import lane_heading
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.world.actors import Floats, Ids
 from siren_ros.world.traffic_state import Indices
@@ -21,21 +19,21 @@ _EDGES_KEPT: Final = 3
 
 
 @dataclass(frozen=True, eq=False)
-class EmvAhead:
-    """The road of one EMV, valid while its lane and route stay the same."""
+class EmvRoad:
+    """The road ahead of one EMV, valid while its lane and route stay the same."""
 
     key: tuple[int, bytes]
     lane_start_m: Floats
     """Distance from the start of the EMV's lane to the start of each lane on its path; infinite off the path."""
     road_start_m: Floats
-    """The same for every lane of the edges on its path, beside the path too."""
-    road: npt.NDArray[np.bool_]
-    """Edges ahead and those just left."""
+    """The same for every lane of the edges on its path, also beside the path."""
+    on_road: npt.NDArray[np.bool_]
+    """Whether each edge lies on the road: the edges ahead and those just left."""
     left_edges: tuple[int, ...]
 
     @classmethod
-    def seen(cls, view: StepView, row: int, before: "EmvAhead | None") -> "EmvAhead | None":
-        """The road of the EMV in a row; that of the step before where nothing has changed, or it is off the road."""
+    def ahead_of(cls, view: StepView, row: int, before: "EmvRoad | None") -> "EmvRoad | None":
+        """The road of the EMV in a row; that of the step before while nothing changes or the EMV is off the road."""
         lane = int(view.traffic.lane[row])
         if lane == NO_LANE:
             return before
@@ -49,6 +47,15 @@ class EmvAhead:
         return _road_of(network, lane, route, key, left, view.world.config.yielding)
 
 
+@dataclass(frozen=True, eq=False)
+class InteractionRegion:
+    """One EMV's road and the civilians in its interaction region."""
+
+    road: EmvRoad | None
+    members: Ids
+    """Sorted."""
+
+
 def _road_of(
     network: RoadNetwork,
     lane: int,
@@ -56,24 +63,33 @@ def _road_of(
     key: tuple[int, bytes],
     left_edges: tuple[int, ...],
     config: YieldConfig,
-) -> EmvAhead:
+) -> EmvRoad:
     lanes, _ = lanes_along(network, lane, 0.0, route, network.lanes[lane].length_m + config.path_ahead_m)
     lane_start = np.full(len(network.lanes), np.inf)
     road_start = np.full(len(network.lanes), np.inf)
-    road = np.zeros(len(network.edges), dtype=np.bool_)
-    road[list(left_edges)] = True
+    on_road = np.zeros(len(network.edges), dtype=np.bool_)
+    on_road[list(left_edges)] = True
     way = 0.0
     for item in lanes:
         edge = network.lanes[item].edge
         lane_start[item] = way
         road_start[list(network.edges[edge].lanes)] = way
-        road[edge] = True
+        on_road[edge] = True
         way += network.lanes[item].length_m
-    return EmvAhead(key, lane_start, road_start, road, left_edges)
+    return EmvRoad(key, lane_start, road_start, on_road, left_edges)
 
 
-def free_way_m(view: StepView, emv_row: int, starts_m: Floats) -> Floats:
-    """Way from an EMV's front to every vehicle's rear, shape ``(N,)``; infinite off the given lanes."""
+def way_from_emv_m(view: StepView, emv_row: int, starts_m: Floats) -> Floats:
+    """Distance along lanes from an EMV's front to every vehicle's rear, shape ``(N,)``.
+
+    Args:
+        view: The step.
+        emv_row: The EMV's row.
+        starts_m: Where each lane starts, measured from the start of the EMV's lane (``EmvRoad.lane_start_m``).
+
+    Returns:
+        Distances, infinite for vehicles off these lanes.
+    """
     traffic = view.traffic
     start = np.where(traffic.lane >= 0, starts_m[traffic.lane], np.inf)
     rear = start + traffic.lane_position_m - 2.0 * view.seen.half_length_m
@@ -87,8 +103,8 @@ def region_members(seen: Surroundings, emv_row: int, before: Ids, enter_m: float
         seen: All actors.
         emv_row: The EMV's row.
         before: Members at the step before, sorted.
-        enter_m: Distance at which an actor enters.
-        leave_m: Distance at which an actor leaves.
+        enter_m: Distance between centres at which an actor enters.
+        leave_m: Distance between centres at which an actor leaves.
     """
     distance = np.hypot(seen.x_m - seen.x_m[emv_row], seen.y_m - seen.y_m[emv_row])
     inside = distance < enter_m
@@ -96,20 +112,3 @@ def region_members(seen: Surroundings, emv_row: int, before: Ids, enter_m: float
         place = np.minimum(np.searchsorted(before, seen.actor_id), len(before) - 1)
         inside |= (before[place] == seen.actor_id) & (distance <= leave_m)
     return seen.actor_id[inside & ~seen.is_emv]
-
-
-def emv_fully_passed(view: StepView, row: int, emv_row: int) -> bool:
-    """``EmvFullyPassed``: the EMV's rear is ahead of a vehicle's front along the vehicle's lane, by a clearance."""
-    seen, traffic = view.seen, view.traffic
-    x, y, heading = view.pose(row)
-    lane = int(traffic.lane[row])
-    if lane != NO_LANE:
-        centre = view.world.network.lanes[lane].centre
-        heading = lane_heading(centre, float(traffic.lane_position_m[row]))
-    cos, sin = math.cos(heading), math.sin(heading)
-    ahead = cos * (float(seen.x_m[emv_row]) - x) + sin * (float(seen.y_m[emv_row]) - y)
-    turned = float(seen.yaw_rad[emv_row]) - heading
-    rear = abs(math.cos(turned)) * float(seen.half_length_m[emv_row])
-    rear += abs(math.sin(turned)) * float(seen.half_width_m[emv_row])
-    own = float(seen.half_length_m[row])
-    return ahead - rear - own >= view.world.constants.emv_passed_clearance_m

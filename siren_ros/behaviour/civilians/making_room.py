@@ -1,4 +1,4 @@
-"""L3: civilians that stand in the way of a standing EMV go on along the lane's edge, over the stop line if need be."""
+"""L3: civilians move up along the lane's edge if an EMV stands behind them, over the stop line if necessary."""
 
 import math
 from typing import Final
@@ -13,7 +13,7 @@ _BEHIND: Final = 0.5
 
 
 def emv_waits_behind(view: StepView, row: int, emv_row: int) -> bool:
-    """Whether an EMV stands behind a vehicle, headed for it and so near that it may need the vehicle's room."""
+    """Whether an EMV stands close behind a vehicle and points towards it."""
     seen = view.seen
     if emv_row < 0 or float(seen.speed_mps[emv_row]) > view.world.constants.gap_escape.blocked_speed_mps:
         return False
@@ -31,8 +31,8 @@ def makes_room(unit: YieldUnit, view: StepView) -> bool:
     return unit.emv_waits_steps >= steps_from_s(view.world.config.pull_over.room_after_s)
 
 
-def may_go_on(unit: YieldUnit, row: int, lane: int, view: StepView) -> bool:
-    """Whether a driver who holds can go on: to finish the pull-over, or to make room."""
+def may_go_on(unit: YieldUnit, view: StepView, row: int, lane: int) -> bool:
+    """Whether a driver who holds has the space to finish the pull-over, or to make room."""
     config = view.world.config.pull_over
     to_finish = config.resume_gap_m if unit.partial else math.inf
     needed_m = min(to_finish, config.room_gap_m if makes_room(unit, view) else math.inf)

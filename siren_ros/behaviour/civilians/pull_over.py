@@ -6,6 +6,7 @@ from typing import Final
 
 from siren_ros.behaviour.civilians.making_room import makes_room, may_go_on
 from siren_ros.behaviour.civilians.rejoin import start_rejoin
+from siren_ros.behaviour.civilians.release import release_reason
 from siren_ros.behaviour.civilians.unit import (
     EmvView,
     Outcome,
@@ -20,7 +21,7 @@ from siren_ros.behaviour.driving.lane_change import Refusal, offset_in_lane
 from siren_ros.behaviour.driving.navigator import FULL_BRAKE, DriveCommand, NavigatorState, Situation, navigate
 from siren_ros.behaviour.driving.situation import StepView
 from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, lanes_along, neighbour_lane, path_on_lanes
-from siren_ros.behaviour.paths.nearest_on_lane import lane_foot
+from siren_ros.behaviour.paths.nearest_on_lane import nearest_on_lane
 from siren_ros.behaviour.paths.path_blend import PEAK_CURVATURE, blend_length_m, path_onto
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
 from siren_ros.numerics.units import steps_from_s
@@ -38,23 +39,23 @@ _LEAST_WAY_M: Final = 2.0
 _LOOK_AGAIN_STEPS: Final = steps_from_s(0.5)
 
 
-def start_pull_over(unit: YieldUnit, row: int, view: StepView) -> Outcome:
-    """Starts the pull-over, except where the vehicle cannot stop before the next junction or drives on one.
+def start_pull_over(unit: YieldUnit, view: StepView, row: int) -> Outcome:
+    """Starts the pull-over. It is deferred on a junction, and where the vehicle cannot stop before the next one.
 
-    A vehicle that stands on a junction in the way of a standing EMV starts too.
+    A vehicle that stands on a junction and blocks a standing EMV starts all the same.
     """
     network, config = view.world.network, view.world.config.pull_over
     lane = int(view.traffic.lane[row])
     stuck = makes_room(unit, view) and standing(view, row)
     if lane == NO_LANE or (network.lanes[lane].kind is LaneKind.INTERNAL and not stuck):
-        return defer(unit, row, view, Refusal.JUNCTION.value)
+        return defer(unit, view, row, Refusal.JUNCTION.value)
     side = unit.side or alignment_of(view, lane)
     unit = replace(unit, side=side)
-    path = pull_over_path(unit, row, lane, view)
+    path = pull_over_path(unit, view, row, lane)
     speed = float(view.seen.speed_mps[row])
     brake = view.world.config.civilian_navigator.comfort_brake_mps2
     if path is None or speed * speed / (2.0 * brake) > path.length_m + config.length_min_m:
-        return defer(unit, row, view, Refusal.NO_ROOM.value)
+        return defer(unit, view, row, Refusal.NO_ROOM.value)
     x, y, _ = view.pose(row)
     unit = replace(
         unit,
@@ -63,13 +64,13 @@ def start_pull_over(unit: YieldUnit, row: int, view: StepView) -> Outcome:
         stopped_steps=0,
         navigator=NavigatorState().following(path, x, y),
     )
-    started = yield_event(unit, row, view, EventKind.YIELD_STARTED, side=side, lane=lane)
-    moved = _drive(unit, row, view)
+    started = yield_event(unit, view, row, EventKind.YIELD_STARTED, side=side, lane=lane)
+    moved = _drive(unit, view, row)
     return replace(moved, events=(started, *moved.events))
 
 
 def alignment_of(view: StepView, lane: int) -> int:
-    """Side to which a lane's vehicles pull over: the leftmost of several lanes left, all others right."""
+    """Side to which the vehicles of a lane pull over: left from the leftmost of several lanes, else right."""
     network = view.world.network
     left = neighbour_lane(network, lane, 1)
     right = neighbour_lane(network, lane, -1)
@@ -81,7 +82,7 @@ def alignment_of(view: StepView, lane: int) -> int:
 def edge_offset_m(view: StepView, row: int, lane: int, side: int) -> float:
     """Offset from the lane's centre line at which a vehicle stands at the lane's edge, left positive.
 
-    Where that leaves too little room for an EMV on the inner side, the vehicle reaches over the edge.
+    If that leaves too little width for an EMV on the inner side, the vehicle reaches over the edge.
     """
     network, config = view.world.network, view.world.config.pull_over
     beside = neighbour_lane(network, lane, side)
@@ -93,8 +94,8 @@ def edge_offset_m(view: StepView, row: int, lane: int, side: int) -> float:
     return side * max(min(max(at_edge, wanted), at_edge + most), 0.0)
 
 
-def pull_over_path(unit: YieldUnit, row: int, lane: int, view: StepView) -> TrackedPath | None:
-    """``BuildPullOverWaypoints``: to the lane's edge and to a stop there, before the next junction.
+def pull_over_path(unit: YieldUnit, view: StepView, row: int, lane: int) -> TrackedPath | None:
+    """``BuildPullOverWaypoints``: to the lane's edge, and to a stop there before the next junction.
 
     Returns:
         The path, or None where the lane ends before the vehicle can move sideways.
@@ -102,7 +103,7 @@ def pull_over_path(unit: YieldUnit, row: int, lane: int, view: StepView) -> Trac
     network, config = view.world.network, view.world.config.pull_over
     x, y, yaw = view.pose(row)
     speed = float(view.seen.speed_mps[row])
-    position, left, _ = lane_foot(network.lanes[lane].centre, x, y)
+    position, left, _ = nearest_on_lane(network.lanes[lane].centre, x, y)
     offset = edge_offset_m(view, row, lane, unit.side)
     sharpest = math.sqrt(PEAK_CURVATURE * abs(offset - left) / config.curvature_max_1pm)
     navigator = view.navigator_config(row)
@@ -111,7 +112,7 @@ def pull_over_path(unit: YieldUnit, row: int, lane: int, view: StepView) -> Trac
     wanted = max(config.length_min_m, sharpest, steerable)
     half_length = float(view.seen.half_length_m[row])
     length = wanted + max(config.settle_length_m, 2.0 * half_length)
-    reference = _line_ahead(unit, row, lane, position, length + half_length, view)
+    reference = _line_ahead(unit, view, row, lane, position, length + half_length)
     room = reference.curve.length_m - 2.0 - half_length
     if room < 2.0:
         return None
@@ -119,10 +120,10 @@ def pull_over_path(unit: YieldUnit, row: int, lane: int, view: StepView) -> Trac
     return path_onto(reference, (x, y, yaw), merge, navigator, offset_m=offset, shorten_m=half_length)
 
 
-def _line_ahead(unit: YieldUnit, row: int, lane: int, position_m: float, ahead_m: float, view: StepView) -> LanePath:
-    """The lane's line to the next junction, and a little way over the stop line where the EMV needs the room.
+def _line_ahead(unit: YieldUnit, view: StepView, row: int, lane: int, position_m: float, ahead_m: float) -> LanePath:
+    """The lane's centre line to the next junction, and a little beyond the stop line if the EMV needs the space.
 
-    Vehicles that stand partly on a shoulder stay before the line: the shoulder does not lead across the junction.
+    Vehicles that stand partly on a shoulder stop before the line: the shoulder does not lead across the junction.
     """
     network, route = view.world.network, view.traffic.route_of_row(row)
     lanes, end = lanes_along(network, lane, position_m, route, ahead_m, civilian=True, through_junctions=False)
@@ -136,15 +137,15 @@ def _line_ahead(unit: YieldUnit, row: int, lane: int, position_m: float, ahead_m
     return path_on_lanes(network, lanes, end, position_m - 2.0, 2.0 + ahead)
 
 
-def pull_over(unit: YieldUnit, row: int, view: StepView, emv: EmvView) -> Outcome:
-    """Drives to the lane's edge; holds once there and aligned, or when standing behind another vehicle."""
-    if emv.passed or not emv.in_region:
-        return _given_up(unit, row, view, emv)
+def pull_over(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> Outcome:
+    """Drives to the lane's edge. Holds when there and aligned, or when stopped behind another vehicle."""
+    if release_reason(emv):
+        return _release(unit, view, row, emv)
     config = view.world.config.pull_over
-    lane = lane_of(unit, row, view)
+    lane = lane_of(unit, view, row)
     offset, turned = offset_in_lane(view, row, lane)
     wanted = edge_offset_m(view, row, lane, unit.side)
-    aligned = abs(turned) <= aligned_within_rad(row, view)
+    aligned = abs(turned) <= aligned_within_rad(view, row)
     path = unit.navigator.path
     settled = path is None or unit.navigator.progress_m >= path.settled_m - _SETTLED_M
     reached = abs(offset - wanted) <= (config.reached_m if settled else _AT_EDGE_M)
@@ -152,40 +153,40 @@ def pull_over(unit: YieldUnit, row: int, view: StepView, emv: EmvView) -> Outcom
     unit = replace(unit, stopped_steps=stopped)
     going_on = makes_room(unit, view) and not unit.navigator.done
     if reached and aligned and not going_on:
-        return _hold_now(unit, row, view, offset, partial=False)
+        return _hold_now(unit, view, row, offset, partial=False)
     if stopped >= steps_from_s(config.blocked_hold_s):
-        return _hold_now(unit, row, view, offset, partial=True)
+        return _hold_now(unit, view, row, offset, partial=True)
     if unit.navigator.done or (reached and unit.navigator.remaining_m < 1.0):
-        extended = pull_over_path(unit, row, lane, view)
+        extended = pull_over_path(unit, view, row, lane)
         if extended is not None:
             x, y, _ = view.pose(row)
             unit = replace(unit, navigator=unit.navigator.following(extended, x, y))
-    return _drive(unit, row, view)
+    return _drive(unit, view, row)
 
 
-def hold(unit: YieldUnit, row: int, view: StepView, emv: EmvView) -> Outcome:
-    """Stands with full brake and hand brake; goes on where a pull-over was cut short and the way is free again."""
-    if emv.passed or not emv.in_region:
-        return _given_up(unit, row, view, emv)
+def hold(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> Outcome:
+    """Stands with full brake and hand brake. Goes on if the pull-over was cut short and there is space again."""
+    if release_reason(emv):
+        return _release(unit, view, row, emv)
     looks = view.step % _LOOK_AGAIN_STEPS == unit.actor_id % _LOOK_AGAIN_STEPS
-    if looks and may_go_on(unit, row, lane := lane_of(unit, row, view), view):
-        path = pull_over_path(unit, row, lane, view)
+    if looks and may_go_on(unit, view, row, lane := lane_of(unit, view, row)):
+        path = pull_over_path(unit, view, row, lane)
         least = _LEAST_WAY_M if makes_room(unit, view) else view.world.config.pull_over.length_min_m
         if path is not None and path.length_m > least:
             x, y, _ = view.pose(row)
             navigator = unit.navigator.following(path, x, y)
             unit = replace(unit, phase=Mode.YIELD_PULL_OVER, navigator=navigator, partial=False, stopped_steps=0)
-            return _drive(unit, row, view)
-    return Outcome(unit, _braked(unit, row, view))
+            return _drive(unit, view, row)
+    return Outcome(unit, _braked(unit, view, row))
 
 
-def _hold_now(unit: YieldUnit, row: int, view: StepView, offset_m: float, partial: bool) -> Outcome:
+def _hold_now(unit: YieldUnit, view: StepView, row: int, offset_m: float, partial: bool) -> Outcome:
     unit = replace(unit, phase=Mode.YIELD_HOLD, partial=partial)
-    held = yield_event(unit, row, view, EventKind.YIELD_HELD, side=unit.side, offset_m=offset_m, partial=int(partial))
-    return Outcome(unit, _braked(unit, row, view), (held,))
+    held = yield_event(unit, view, row, EventKind.YIELD_HELD, side=unit.side, offset_m=offset_m, partial=int(partial))
+    return Outcome(unit, _braked(unit, view, row), (held,))
 
 
-def _braked(unit: YieldUnit, row: int, view: StepView) -> DriveCommand:
+def _braked(unit: YieldUnit, view: StepView, row: int) -> DriveCommand:
     if standing(view, row):
         return FULL_BRAKE
     situation = Situation(view.seen, row, view.vehicle(row), 0.0, watch=False)
@@ -193,16 +194,16 @@ def _braked(unit: YieldUnit, row: int, view: StepView) -> DriveCommand:
     return replace(FULL_BRAKE, steer_rad=command.steer_rad)
 
 
-def _given_up(unit: YieldUnit, row: int, view: StepView, emv: EmvView) -> Outcome:
+def _release(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> Outcome:
+    """Sends the vehicle back to its lane. A yield without a hold, or whose EMV is gone, counts as cancelled."""
     events: tuple[Event, ...] = ()
     if unit.phase is Mode.YIELD_PULL_OVER or not emv.passed:
-        reason = "emv_passed" if emv.passed else "emv_gone"
-        events = (yield_event(unit, row, view, EventKind.YIELD_CANCELLED, reason=reason),)
-    back = start_rejoin(unit, row, view)
+        events = (yield_event(unit, view, row, EventKind.YIELD_CANCELLED, reason=release_reason(emv)),)
+    back = start_rejoin(unit, view, row)
     return replace(back, events=(*events, *back.events))
 
 
-def _drive(unit: YieldUnit, row: int, view: StepView) -> Outcome:
+def _drive(unit: YieldUnit, view: StepView, row: int) -> Outcome:
     situation = Situation(view.seen, row, view.vehicle(row), view.world.speeds.civilian_pull_over_mps)
     config = view.world.config.civilian_navigator
     if makes_room(unit, view):

@@ -7,7 +7,7 @@ import numpy as np
 from siren_ros.behaviour.civilians.drivers import Driver
 from siren_ros.behaviour.driving.navigator import DriveCommand, NavigatorState
 from siren_ros.behaviour.driving.situation import StepView
-from siren_ros.behaviour.emv.unit import NEVER
+from siren_ros.numerics.units import NEVER
 from siren_ros.roads.road_network import NO_LANE
 from siren_ros.world.actors import Mode
 from siren_ros.world.events import Event, EventKind
@@ -55,14 +55,14 @@ class EmvView:
     """``EmvFullyPassed``."""
     in_region: bool
     on_path: bool
-    """Whether the civilian stands on the lanes that the EMV will drive on (L2) or beside them (L3)."""
+    """Whether the civilian is on the lanes that the EMV will drive on (L2), or on any lane of its road (L3)."""
     on_road: bool
     """Whether the civilian is still on the EMV's road."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one step does to a civilian; ``unit`` is None once it is released."""
+    """What one step does to a civilian; ``unit`` is None once SUMO drives it as before."""
 
     unit: YieldUnit | None
     command: DriveCommand | None = None
@@ -70,14 +70,14 @@ class Outcome:
     events: tuple[Event, ...] = ()
 
 
-def yield_event(unit: YieldUnit, row: int, view: StepView, kind: EventKind, **detail: float | str) -> Event:
+def yield_event(unit: YieldUnit, view: StepView, row: int, kind: EventKind, **detail: float | str) -> Event:
     """An event of a yielding civilian, with the EMV as the second actor."""
     x, y, _ = view.pose(row)
     return Event(view.step, kind, unit.actor_id, unit.emv_id, x, y, detail)
 
 
-def lane_of(unit: YieldUnit, row: int, view: StepView) -> int:
-    """The lane that a civilian is on: by its path where it has one, else SUMO's."""
+def lane_of(unit: YieldUnit, view: StepView, row: int) -> int:
+    """The lane that a civilian is on: that of its path, or SUMO's if it has none."""
     path = unit.navigator.path
     if path is not None:
         lane = path.lane_at(unit.navigator.progress_m)
@@ -91,7 +91,7 @@ def standing(view: StepView, row: int) -> bool:
     return bool(view.seen.speed_mps[row] < np.float64(0.2))
 
 
-def aligned_within_rad(row: int, view: StepView) -> float:
-    """Heading error within which a vehicle counts as aligned: the paper's, less where a long one would stick out."""
+def aligned_within_rad(view: StepView, row: int) -> float:
+    """Heading error within which a vehicle counts as aligned: the paper's, and less for long vehicles."""
     sideways = view.world.config.pull_over.stick_out_m / float(view.seen.half_length_m[row])
     return min(view.world.constants.heading_aligned_rad, sideways)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from siren_ros.behaviour.civilians.gap_seeking import GAP_REFUSALS, seek_gap
 from siren_ros.behaviour.civilians.rejoin import rejoin
+from siren_ros.behaviour.civilians.release import release_reason
 from siren_ros.behaviour.civilians.unit import EmvView, Outcome, YieldUnit, lane_of, standing, yield_event
 from siren_ros.behaviour.driving.lane_change import (
     LaneChangeQuery,
@@ -23,15 +24,15 @@ _RIGHT_FIRST = (-1, 1)
 _FOLLOWED_STEPS = steps_from_s(1.0)
 
 
-def start_lane_change(unit: YieldUnit, row: int, view: StepView) -> Outcome:
-    """Starts the lane change where it is feasible, and defers the yield where it is not.
+def start_lane_change(unit: YieldUnit, view: StepView, row: int) -> Outcome:
+    """Starts the lane change if it is feasible, and defers the yield if it is not.
 
-    Sides on which the vehicle can go on along its route come first, the right side before the left one. The
-    request is looked at again at every step, after the cooldown since the vehicle's last forced lane change.
+    A side on which the vehicle can follow its route is preferred, then the right side. A deferred request is
+    reconsidered at every step, once the cooldown since the vehicle's last forced lane change is over.
     """
     if view.step - unit.change_step < view.world.cooldown_steps:
-        return defer(unit, row, view, "cooldown")
-    lane = lane_of(unit, row, view)
+        return defer(unit, view, row, "cooldown")
+    lane = lane_of(unit, view, row)
     route = view.traffic.route_of_row(row)
     speed = view.world.speeds.civilian_yield_lane_change_mps
     refusals: list[tuple[int, Refusal]] = []
@@ -44,7 +45,7 @@ def start_lane_change(unit: YieldUnit, row: int, view: StepView) -> Outcome:
         else:
             choices.append((verdict.end is LaneEnd.ASTRAY, query, verdict))
     if not choices:
-        return _wait_for_gap(unit, row, view, refusals)
+        return _wait_for_gap(unit, view, row, refusals)
     _, query, reference = min(choices, key=lambda choice: choice[0])
     path = lane_change_path(view, query, reference, stop_at_end=True)
     x, y, _ = view.pose(row)
@@ -58,16 +59,16 @@ def start_lane_change(unit: YieldUnit, row: int, view: StepView) -> Outcome:
         seek=0,
         navigator=NavigatorState().following(path, x, y),
     )
-    started = yield_event(unit, row, view, EventKind.YIELD_STARTED, side=query.side, from_lane=lane, to_lane=target)
-    moved = drive(unit, row, view, speed)
+    started = yield_event(unit, view, row, EventKind.YIELD_STARTED, side=query.side, from_lane=lane, to_lane=target)
+    moved = drive(unit, view, row, speed)
     return replace(moved, events=(started, *moved.events))
 
 
-def defer(unit: YieldUnit, row: int, view: StepView, reason: str) -> Outcome:
-    """The yield waits; the event is recorded once per spell."""
+def defer(unit: YieldUnit, view: StepView, row: int, reason: str) -> Outcome:
+    """The yield waits. The event is recorded where the wait begins."""
     events: tuple[Event, ...] = ()
     if unit.phase is not Mode.YIELD_DEFERRED:
-        events = (yield_event(unit, row, view, EventKind.YIELD_DEFERRED, reason=reason),)
+        events = (yield_event(unit, view, row, EventKind.YIELD_DEFERRED, reason=reason),)
         unit = replace(unit, deferred_step=view.step)
     waiting = replace(
         unit, phase=Mode.YIELD_DEFERRED, deferred=reason, navigator=NavigatorState(), seek=0, side=unit.side
@@ -75,53 +76,53 @@ def defer(unit: YieldUnit, row: int, view: StepView, reason: str) -> Outcome:
     return Outcome(waiting, None, events)
 
 
-def _wait_for_gap(unit: YieldUnit, row: int, view: StepView, refusals: list[tuple[int, Refusal]]) -> Outcome:
-    """Defers, and after a while makes a gap where only the other vehicles are in the way."""
+def _wait_for_gap(unit: YieldUnit, view: StepView, row: int, refusals: list[tuple[int, Refusal]]) -> Outcome:
+    """Defers the yield. After a while the driver makes a gap, if only other vehicles are in the way."""
     in_the_way = [(side, refusal) for side, refusal in refusals if refusal in GAP_REFUSALS]
     if not in_the_way:
         telling = (refusal for _, refusal in refusals if refusal is not Refusal.NO_LANE)
-        return defer(unit, row, view, next(telling, Refusal.NO_LANE).value)
+        return defer(unit, view, row, next(telling, Refusal.NO_LANE).value)
     side, refusal = next(((s, r) for s, r in in_the_way if s == unit.side), in_the_way[0])
     if unit.phase is not Mode.YIELD_DEFERRED:
-        return defer(replace(unit, side=side), row, view, refusal.value)
+        return defer(replace(unit, side=side), view, row, refusal.value)
     if view.step - unit.deferred_step < steps_from_s(view.world.config.yielding.seek_after_s):
         return Outcome(replace(unit, side=side, deferred=refusal.value))
-    return seek_gap(replace(unit, side=side), row, view, refusal)
+    return seek_gap(replace(unit, side=side), view, row, refusal)
 
 
-def drive(unit: YieldUnit, row: int, view: StepView, target_mps: float) -> Outcome:
+def drive(unit: YieldUnit, view: StepView, row: int, target_mps: float) -> Outcome:
     """One step along the planner's path."""
     situation = Situation(view.seen, row, view.vehicle(row), target_mps)
     navigator, command, _ = navigate(unit.navigator, situation, view.world.config.civilian_navigator)
     return Outcome(replace(unit, navigator=navigator), command)
 
 
-def change_lane(unit: YieldUnit, row: int, view: StepView, emv: EmvView) -> Outcome:
-    """Drives the lane change until the vehicle is wholly in its new lane, or the EMV is past or gone."""
-    lane = lane_of(unit, row, view)
+def change_lane(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> Outcome:
+    """Drives the lane change until the vehicle is wholly in its new lane, or is released."""
+    lane = lane_of(unit, view, row)
     if entered_lane(view, row, lane):
-        done = yield_event(unit, row, view, EventKind.YIELD_COMPLETED, lane=lane)
+        done = yield_event(unit, view, row, EventKind.YIELD_COMPLETED, lane=lane)
         kept = replace(unit, phase=Mode.YIELD_KEEP_LANE, navigator=NavigatorState(), off_path_steps=0)
         return Outcome(kept, None, (done,))
     ended = unit.navigator.done and standing(view, row)
-    if emv.passed or not emv.in_region or ended:
-        reason = "emv_passed" if emv.passed else "lane_ended" if ended else "emv_gone"
-        cancelled = yield_event(unit, row, view, EventKind.YIELD_CANCELLED, reason=reason)
-        moved = rejoin(replace(unit, phase=Mode.REJOIN, stopped_steps=0), row, view)
+    if release_reason(emv) or ended:
+        reason = "lane_ended" if ended and not emv.passed else release_reason(emv)
+        cancelled = yield_event(unit, view, row, EventKind.YIELD_CANCELLED, reason=reason)
+        moved = rejoin(replace(unit, phase=Mode.REJOIN, stopped_steps=0), view, row)
         return replace(moved, events=(cancelled, *moved.events))
-    return drive(unit, row, view, view.world.speeds.civilian_yield_lane_change_mps)
+    return drive(unit, view, row, view.world.speeds.civilian_yield_lane_change_mps)
 
 
-def keep_lane(unit: YieldUnit, row: int, view: StepView, emv: EmvView) -> Outcome:
-    """Waits in the new lane, driven by SUMO, until the EMV is past or gone; yields again where the EMV follows."""
-    if emv.passed or not emv.in_region or _strayed(unit, emv, view):
-        reason = "emv_passed" if emv.passed else "emv_gone"
-        return Outcome(None, None, (yield_event(unit, row, view, EventKind.YIELD_RELEASED, reason=reason),))
+def keep_lane(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> Outcome:
+    """Stays in the new lane under SUMO until it is released. Yields again if the EMV follows into that lane."""
+    if release_reason(emv) or _strayed(unit, emv, view):
+        reason = release_reason(emv) or "emv_gone"
+        return Outcome(None, None, (yield_event(unit, view, row, EventKind.YIELD_RELEASED, reason=reason),))
     followed = unit.in_lane_steps + 1 if emv.on_path else 0
     unit = replace(unit, in_lane_steps=followed, off_path_steps=0 if emv.on_road else unit.off_path_steps + 1)
     if followed < _FOLLOWED_STEPS:
         return Outcome(unit)
-    asked = yield_event(unit, row, view, EventKind.YIELD_REQUESTED, reason="emv_followed")
+    asked = yield_event(unit, view, row, EventKind.YIELD_REQUESTED, reason="emv_followed")
     again = replace(unit, phase=Mode.YIELD_REACTING, react_step=view.step, in_lane_steps=0, off_path_steps=0)
     return Outcome(again, None, (asked,))
 

@@ -8,10 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.behaviour.civilians.drivers import Compliance, Driver, draw_driver
-from siren_ros.behaviour.civilians.interaction_region import EmvAhead, emv_fully_passed, free_way_m, region_members
+from siren_ros.behaviour.civilians.interaction_region import EmvRoad, InteractionRegion, region_members, way_from_emv_m
 from siren_ros.behaviour.civilians.making_room import emv_waits_behind
 from siren_ros.behaviour.civilians.pull_over import hold, pull_over, start_pull_over
 from siren_ros.behaviour.civilians.rejoin import rejoin
+from siren_ros.behaviour.civilians.release import emv_fully_passed, release_reason
 from siren_ros.behaviour.civilians.unit import EmvView, Outcome, YieldUnit, yield_event
 from siren_ros.behaviour.civilians.yield_lane_change import change_lane, keep_lane, start_lane_change
 from siren_ros.behaviour.config import YieldTrigger
@@ -31,21 +32,12 @@ _COAST: Final = DriveCommand(throttle=0.0, brake=0.0, steer_rad=0.0, hand_brake=
 
 
 @dataclass(frozen=True, eq=False)
-class Region:
-    """One EMV's road and the civilians in its interaction region."""
-
-    ahead: EmvAhead | None
-    members: Ids
-    """Sorted."""
-
-
-@dataclass(frozen=True, eq=False)
 class YieldState:
     """All civilians that respond, by id, their drivers, and the regions of all EMVs, by the EMV's id."""
 
     units: Mapping[int, YieldUnit] = field(default_factory=dict)
     drivers: Mapping[int, Driver] = field(default_factory=dict)
-    regions: Mapping[int, Region] = field(default_factory=dict)
+    regions: Mapping[int, InteractionRegion] = field(default_factory=dict)
     actors: ActorTable = field(default_factory=ActorTable.empty)
 
     @classmethod
@@ -56,7 +48,7 @@ class YieldState:
 
 @dataclass(frozen=True, eq=False)
 class _EmvScene:
-    """One EMV at one step with the way from it to every vehicle."""
+    """One EMV at one step, with the distance from it to every vehicle."""
 
     row: int
     members: Ids
@@ -91,7 +83,7 @@ def step_yield(state: YieldState, traffic: TrafficState, world: BehaviourWorld) 
     for actor_id, row in zip(ids.tolist(), rows_of_ids(traffic.actor_id, ids).tolist(), strict=True):
         if row < 0:
             continue
-        outcome = _step_unit(units[actor_id], row, scenes, view)
+        outcome = _step_unit(units[actor_id], view, row, scenes)
         events.extend(outcome.events)
         if outcome.unit is not None:
             left[actor_id] = outcome.unit
@@ -100,24 +92,24 @@ def step_yield(state: YieldState, traffic: TrafficState, world: BehaviourWorld) 
     return YieldState(left, drivers, regions, actors), _rows(commands, traffic.step, tuple(events))
 
 
-def _regions(state: YieldState, view: StepView) -> tuple[dict[int, Region], dict[int, _EmvScene]]:
+def _regions(state: YieldState, view: StepView) -> tuple[dict[int, InteractionRegion], dict[int, _EmvScene]]:
     constants, seen = view.world.constants, view.seen
-    regions: dict[int, Region] = {}
+    regions: dict[int, InteractionRegion] = {}
     scenes: dict[int, _EmvScene] = {}
     whole_road = view.world.policy.response is CivilianResponse.PULL_OVER
     for row in np.flatnonzero(seen.is_emv).tolist():
         emv_id = int(seen.actor_id[row])
         before = state.regions.get(emv_id)
-        ahead = EmvAhead.seen(view, row, before.ahead if before is not None else None)
+        road = EmvRoad.ahead_of(view, row, before.road if before is not None else None)
         known = before.members if before is not None else np.empty(0, dtype=np.uint32)
         members = region_members(seen, row, known, constants.region_enter_m, constants.region_leave_m)
-        regions[emv_id] = Region(ahead, members)
-        if ahead is None:
+        regions[emv_id] = InteractionRegion(road, members)
+        if road is None:
             continue
         lane = view.traffic.lane
         edge_of_lane = view.world.edge_of_lane
-        way = free_way_m(view, row, ahead.road_start_m if whole_road else ahead.lane_start_m)
-        on_road = np.where(lane >= 0, ahead.road[edge_of_lane[lane]], False)
+        way = way_from_emv_m(view, row, road.road_start_m if whole_road else road.lane_start_m)
+        on_road = np.where(lane >= 0, road.on_road[edge_of_lane[lane]], False)
         scenes[emv_id] = _EmvScene(row, members, way, on_road)
     return regions, scenes
 
@@ -153,44 +145,44 @@ def _notice(
             )
             units[actor_id] = unit
             detail = {"way_m": float(scene.way_m[row]), "compliance": driver.compliance.value}
-            events.append(yield_event(unit, row, view, EventKind.YIELD_REQUESTED, **detail))
+            events.append(yield_event(unit, view, row, EventKind.YIELD_REQUESTED, **detail))
     return events
 
 
-def _step_unit(unit: YieldUnit, row: int, scenes: dict[int, _EmvScene], view: StepView) -> Outcome:
-    emv = _emv_of(unit, row, scenes, view)
+def _step_unit(unit: YieldUnit, view: StepView, row: int, scenes: dict[int, _EmvScene]) -> Outcome:
+    emv = _emv_of(unit, view, row, scenes)
     if unit.phase is Mode.NOMINAL:
-        return Outcome(None if emv.passed or not emv.in_region else unit)
+        return Outcome(None if release_reason(emv) else unit)
     waits = not emv.passed and emv_waits_behind(view, row, emv.row)
     unit = replace(unit, emv_waits_steps=unit.emv_waits_steps + 1 if waits else 0)
-    return _PHASES.get(unit.phase, _before_start)(unit, row, view, emv)
+    return _PHASES.get(unit.phase, _before_start)(unit, view, row, emv)
 
 
-def _before_start(unit: YieldUnit, row: int, view: StepView, emv: EmvView) -> Outcome:
-    """Reacting or deferred: dropped when there is nobody left to yield to, else started when the driver is ready."""
+def _before_start(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> Outcome:
+    """Reacting or deferred: cancelled if there is nobody left to yield to, otherwise started once the driver reacts."""
     off_path = 0 if emv.on_path else unit.off_path_steps + 1
     unit = replace(unit, off_path_steps=off_path)
     grace = steps_from_s(view.world.config.yielding.off_path_grace_s)
-    reason = "emv_passed" if emv.passed else "emv_gone" if not emv.in_region else "off_path" if off_path > grace else ""
+    reason = release_reason(emv) or ("off_path" if off_path > grace else "")
     if reason:
-        return Outcome(None, None, (yield_event(unit, row, view, EventKind.YIELD_CANCELLED, reason=reason),))
+        return Outcome(None, None, (yield_event(unit, view, row, EventKind.YIELD_CANCELLED, reason=reason),))
     if view.step < unit.react_step:
         return Outcome(unit)
     if view.world.policy.response is CivilianResponse.PULL_OVER:
-        return start_pull_over(unit, row, view)
-    return start_lane_change(unit, row, view)
+        return start_pull_over(unit, view, row)
+    return start_lane_change(unit, view, row)
 
 
-_PHASES: Final[Mapping[Mode, Callable[[YieldUnit, int, StepView, EmvView], Outcome]]] = {
+_PHASES: Final[Mapping[Mode, Callable[[YieldUnit, StepView, int, EmvView], Outcome]]] = {
     Mode.YIELD_LANE_CHANGE: change_lane,
     Mode.YIELD_KEEP_LANE: keep_lane,
     Mode.YIELD_PULL_OVER: pull_over,
     Mode.YIELD_HOLD: hold,
-    Mode.REJOIN: lambda unit, row, view, _: rejoin(unit, row, view),
+    Mode.REJOIN: lambda unit, view, row, _: rejoin(unit, view, row),
 }
 
 
-def _emv_of(unit: YieldUnit, row: int, scenes: dict[int, _EmvScene], view: StepView) -> EmvView:
+def _emv_of(unit: YieldUnit, view: StepView, row: int, scenes: dict[int, _EmvScene]) -> EmvView:
     scene = scenes.get(unit.emv_id)
     if scene is None:
         return EmvView(-1, False, False, False, False)

@@ -65,9 +65,9 @@ def watch_path(
 ) -> Threat | None:
     """The most restrictive actor ahead on the corridor that the vehicle sweeps along its path.
 
-    Actors that move along the path are leaders at constant speed along it, also those that drift into it. Actors
-    that cross it count where the time-aligned prediction at constant velocity puts both vehicles at the same place.
-    The safe speed is Krauss's (1998): ``−bτ + sqrt((bτ)² + v_l² + 2b·gap)``.
+    Actors that move along the path, or drift into it, are leaders at constant speed. Actors that cross the path count
+    if the prediction at constant velocity puts both vehicles at the same place at the same time. The safe speed is
+    Krauss's (1998): ``−bτ + sqrt((bτ)² + v_l² + 2b·gap)``.
 
     Args:
         path: Own path.

@@ -36,7 +36,7 @@ class Obstacles:
 
     @classmethod
     def swept(cls, seen: Surroundings, rows: npt.NDArray[np.intp], time_s: Floats) -> "Obstacles":
-        """The footprints of vehicles, drawn out ahead by what each goes in a time of its own at constant speed."""
+        """The footprints of vehicles, extended ahead by the distance that each covers in its ``time_s``."""
         half_sweep = 0.5 * time_s * seen.speed_mps[rows]
         cos, sin = seen.cos[rows], seen.sin[rows]
         return cls(
@@ -169,7 +169,7 @@ class FreeWay:
 
         Args:
             path: Path of the body's centre.
-            pose: Arc length of its foot, its offset (left positive) and its yaw; it gains the path on the way.
+            pose: Arc length and offset (left positive) of the body on the path, and its yaw. Both errors fade.
             centre_ahead_m: From the rear axle to the body's centre, which in bends does not point along its path.
             reach_m: How far to look.
             body: Size of the body.
@@ -187,19 +187,19 @@ class FreeWay:
         return cls(s - progress, gap, credit_m, obstacles.actor_id)
 
     def until_m(self, clearance_m: float) -> float:
-        """Way before the body comes nearer than a clearance to an obstacle, infinite where it does not."""
+        """Distance before the body comes nearer than a clearance to an obstacle; infinite if it never does."""
         return float(self._first_m(self.gap_m < clearance_m).min(initial=np.inf))
 
     @property
     def free_m(self) -> float:
-        """Way before the body would touch an obstacle; those that it touches already count where it comes nearer."""
+        """Distance before the body would touch an obstacle, or come nearer to one that it touches already."""
         return float(self._stopping_m(_TOUCH_M).min(initial=np.inf))
 
     def _stopping_m(self, clearance_m: float) -> Floats:
         return self._first_m(self.gap_m < np.minimum(clearance_m, self.gap_m[0] - _TOLERANCE_M))
 
     def _first_m(self, hits: npt.NDArray[np.bool_]) -> Floats:
-        """Way to each obstacle's first hit, shape ``(M,)``; infinite where it has none."""
+        """Distance to the first hit of each obstacle, shape ``(M,)``; infinite without one."""
         return np.where(hits.any(axis=0), self.way_m[np.argmax(hits, axis=0)] + self.credit_m, np.inf)
 
     def limit(

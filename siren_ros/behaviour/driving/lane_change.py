@@ -10,7 +10,7 @@ import numpy as np
 from siren_ros.behaviour.config import LaneChangeConfig
 from siren_ros.behaviour.driving.situation import StepView
 from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, lanes_along, neighbour_lane, path_on_lanes
-from siren_ros.behaviour.paths.nearest_on_lane import lane_foot
+from siren_ros.behaviour.paths.nearest_on_lane import nearest_on_lane
 from siren_ros.behaviour.paths.path_blend import PEAK_CURVATURE, blend_length_m, path_onto
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
 from siren_ros.roads.road_network import NO_LANE, LaneKind
@@ -69,12 +69,12 @@ class LaneGaps:
 
 
 def gaps_in_lane(view: StepView, row: int, lane: int) -> LaneGaps:
-    """Gaps that a vehicle has ahead and behind itself in a lane, its own or another; negative beside a vehicle."""
+    """Gaps of a vehicle to those ahead and behind in any lane; negative while it is alongside one."""
     seen = view.seen
     found = view.world.network.lanes[lane]
     x, y, _ = view.pose(row)
     rows = seen.near(x, y, _GAP_RANGE_M, but=row)
-    own_s, _, heading = lane_foot(found.centre, x, y)
+    own_s, _, heading = nearest_on_lane(found.centre, x, y)
     s, left = found.centre.project(np.column_stack((seen.x_m[rows], seen.y_m[rows])))
     turned = seen.yaw_rad[rows] - heading
     cos, sin = np.abs(np.cos(turned)), np.abs(np.sin(turned))
@@ -99,12 +99,12 @@ def gaps_in_lane(view: StepView, row: int, lane: int) -> LaneGaps:
 def refusal_of_gaps(gaps: LaneGaps, speed_mps: float, target_mps: float, config: LaneChangeConfig) -> Refusal | None:
     """Why a gap cannot be entered, None where it can.
 
-    The gaps have to outlast the manoeuvre: one's own vehicle goes to its target speed, if that is lower, with its own
-    deceleration; the vehicle behind follows suit after a reaction time, as one does oneself towards the vehicle ahead.
+    The gaps must last for the whole manoeuvre. The vehicle slows to its target speed, if that is lower. The vehicle
+    behind it brakes too, after a reaction time. Towards the vehicle ahead it brakes in the same way.
 
     Args:
         gaps: In the target lane.
-        speed_mps: One's own speed.
+        speed_mps: Of the vehicle that changes lanes.
         target_mps: Speed of the manoeuvre.
         config: Gaps, times and decelerations.
     """
@@ -142,9 +142,8 @@ def config_of(view: StepView, query: LaneChangeQuery) -> LaneChangeConfig:
 def assess(view: StepView, query: LaneChangeQuery) -> Refusal | LanePath:
     """The reference line in the target lane of a lane change, or why it is not feasible now.
 
-    Lane changes take place on one road: neither on a junction nor so close to the next one that they would not be
-    finished before it, and for civilians only onto lanes that are theirs. A lane that does not lead on along the
-    route is accepted where enough of it is left after the change to come back.
+    A lane change must end before the next junction and does not start on one. Civilians use driving lanes only. A lane
+    that does not follow the route is accepted if enough of it is left after the change to come back.
     """
     network, config = view.world.network, config_of(view, query)
     if query.lane == NO_LANE or network.lanes[query.lane].kind is LaneKind.INTERNAL:
@@ -158,7 +157,7 @@ def assess(view: StepView, query: LaneChangeQuery) -> Refusal | LanePath:
         return refusal
     length = change_length_m(view, query)
     x, y, _ = view.pose(query.row)
-    position = lane_foot(network.lanes[target].centre, x, y)[0]
+    position = nearest_on_lane(network.lanes[target].centre, x, y)[0]
     ahead = length + config.return_room_m + 30.0
     lanes, end = lanes_along(network, target, position, query.route, ahead, query.civilian, through_junctions=False)
     reference = path_on_lanes(network, lanes, end, position, ahead)
@@ -206,5 +205,5 @@ def offset_in_lane(view: StepView, row: int, lane: int) -> tuple[float, float]:
     """Offset of a vehicle's centre from a lane's centre line (left positive) and its heading relative to the lane."""
     x, y, yaw = view.pose(row)
     centre = view.world.network.lanes[lane].centre
-    _, left, heading = lane_foot(centre, x, y)
+    _, left, heading = nearest_on_lane(centre, x, y)
     return left, math.remainder(yaw - heading, 2.0 * math.pi)

@@ -85,7 +85,7 @@ def navigate(
     if path is None:
         pedals = press_pedals(speed, 0.0, 0.0, 0.0, situation.vehicle, config)
         return replace(state, integral_mps2=0.0), DriveCommand(0.0, pedals.brake, 0.0, False), None
-    progress, left = path.curve.foot(state.progress_m, float(seen.x_m[row]), float(seen.y_m[row]))
+    progress, left = path.curve.nearest_to(state.progress_m, float(seen.x_m[row]), float(seen.y_m[row]))
     cap = min(path.speed_cap_mps(progress), path.speed_cap_mps(progress + speed * config.reaction_s))
     wanted = min(max(situation.target_mps, speed - config.ease_off_mps2 / config.speed_gain_1ps), cap)
     threat = watch_path(path, progress, row, situation.target_mps, seen, config) if situation.watch else None

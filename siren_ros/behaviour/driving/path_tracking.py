@@ -18,14 +18,13 @@ def steer_along(
 ) -> float:
     """Road-wheel angle that leads the footprint's centre along a path.
 
-    The commanded curvature is ``κ − e/l² − 2ζ·sin(ψ)/l`` with the offset e, the error ψ of the course and a length
-    l that grows with the speed, which damps the offset over the travelled distance with the damping ratio ζ. The
-    course is the yaw plus the sideslip of steady cornering, and the wheel angle that of steady cornering,
-    ``atan(L·κ) + K·κ·v²`` (Rajamani, "Vehicle Dynamics and Control", 2012, ch. 3).
+    The commanded curvature is ``κ − e/l² − 2ζ·sin(ψ)/l``, with the offset e, the course error ψ, the damping ratio ζ
+    and a length l that grows with the speed. The course is the yaw plus the sideslip of steady cornering. The wheel
+    angle is that of steady cornering, ``atan(L·κ) + K·κ·v²`` (Rajamani, "Vehicle Dynamics and Control", 2012, ch. 3).
 
     Args:
         path: Path of the footprint's centre.
-        progress_m: Arc length of the centre's foot on the path.
+        progress_m: Arc length of the place on the path that is nearest to the centre.
         left_m: Offset of the centre from the path, left positive.
         yaw_rad: Of the vehicle.
         speed_mps: Over ground.

@@ -7,12 +7,12 @@ from functools import cached_property
 import numpy as np
 
 from siren_ros.behaviour.config import BehaviourConfig, NavigatorConfig
-from siren_ros.behaviour.constants import PAPER_CONSTANTS, PAPER_SPEEDS, ControlConstants, TargetSpeeds
 from siren_ros.behaviour.driving.surroundings import ActorTable, Surroundings
 from siren_ros.dynamics.parameters import VehicleParameters
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.levels import LevelPolicy
+from siren_ros.scenario.paper_constants import PAPER_CONSTANTS, PAPER_SPEEDS, ControlConstants, TargetSpeeds
 from siren_ros.scenario.presets import DriverPreset
 from siren_ros.world.actors import NO_ACTOR, ActorClass
 from siren_ros.world.traffic_state import Indices, TrafficState

@@ -1,6 +1,6 @@
 """The EMV's per-step control (paper, Algorithm 1): guarded overrides, evaluated top to bottom over latched flags."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -11,12 +11,12 @@ from siren_ros.behaviour.driving.situation import BehaviourWorld, StepView
 from siren_ros.behaviour.driving.surroundings import ActorTable, Surroundings
 from siren_ros.behaviour.emv.corridor import corridor_mode, corridor_path
 from siren_ros.behaviour.emv.forced_lane_change import (
-    Outcome,
     cancel_lane_change,
     complete_lane_change,
     forced_lane_change,
 )
 from siren_ros.behaviour.emv.gap_escape import escape_path, escape_speed_mps, gap_escape_mode
+from siren_ros.behaviour.emv.guard import Guard, Outcome
 from siren_ros.behaviour.emv.passage import passage_blocker, passage_limit
 from siren_ros.behaviour.emv.route import plan_route, present_lane
 from siren_ros.behaviour.emv.unit import EmvUnit
@@ -29,7 +29,6 @@ from siren_ros.world.events import Event
 from siren_ros.world.traffic_state import TrafficState
 
 SOURCE: Final = "emv_controller"
-Guard = Callable[[EmvUnit, int, StepView], Outcome]
 _REPLAN_STEPS: Final = steps_from_s(1.0)
 """Least time between two plans where SUMO's route and the path disagree."""
 
@@ -68,7 +67,7 @@ def step_emv(state: EmvState, traffic: TrafficState, world: BehaviourWorld) -> t
     events: list[Event] = []
     for row in np.flatnonzero(view.seen.is_emv).tolist():
         actor_id = int(traffic.actor_id[row])
-        unit, command, happened = _step_unit(state.units.get(actor_id, EmvUnit(actor_id)), row, view)
+        unit, command, happened = _step_unit(state.units.get(actor_id, EmvUnit(actor_id)), view, row)
         units[actor_id] = unit
         drives.append((unit, command))
         events.extend(happened)
@@ -95,20 +94,20 @@ def target_speed_mps(unit: EmvUnit, view: StepView) -> float:
     }.get(mode_of(unit), speeds.emv_route_follow_mps)
 
 
-def _step_unit(unit: EmvUnit, row: int, view: StepView) -> tuple[EmvUnit, DriveCommand, tuple[Event, ...]]:
+def _step_unit(unit: EmvUnit, view: StepView, row: int) -> tuple[EmvUnit, DriveCommand, tuple[Event, ...]]:
     guards: tuple[Guard, ...] = (forced_lane_change, waypoints, complete_lane_change)
     if view.world.policy.corridor:
         guards = (gap_escape_mode, corridor_mode, *guards)
     events: tuple[Event, ...] = ()
     for guard in guards:
-        unit, happened = guard(unit, row, view)
+        unit, happened = guard(unit, view, row)
         events += happened
     config = view.world.config.emv.navigator
     if view.world.policy.corridor:
         config = replace(config, standstill_gap_m=view.world.config.emv.escape_gap_m)
     if unit.corridor:
         config = replace(config, side_margin_m=view.world.config.corridor.side_margin_m)
-    limit = passage_limit(unit, row, view)
+    limit = passage_limit(unit, view, row)
     situation = Situation(
         seen=view.seen,
         row=row,
@@ -121,16 +120,16 @@ def _step_unit(unit: EmvUnit, row: int, view: StepView) -> tuple[EmvUnit, DriveC
     return replace(unit, navigator=navigator, snapshot=passage_blocker(snapshot, limit)), command, events
 
 
-def waypoints(unit: EmvUnit, row: int, view: StepView) -> Outcome:
+def waypoints(unit: EmvUnit, view: StepView, row: int) -> Outcome:
     """Guard 4: the path comes from the gap escape, the corridor, or the route, in this order."""
     if unit.gap_escape_active:
-        return escape_path(unit, row, view)
+        return escape_path(unit, view, row)
     if unit.corridor:
-        return corridor_path(unit, row, view), ()
-    return follow_route(unit, row, view)
+        return corridor_path(unit, view, row), ()
+    return follow_route(unit, view, row)
 
 
-def follow_route(unit: EmvUnit, row: int, view: StepView) -> Outcome:
+def follow_route(unit: EmvUnit, view: StepView, row: int) -> Outcome:
     """The EMV with a path along its route: the present one while it serves, else a new one from the present pose."""
     config, navigator = view.world.config.emv, unit.navigator
     plan, path = unit.plan, navigator.path
@@ -141,7 +140,7 @@ def follow_route(unit: EmvUnit, row: int, view: StepView) -> Outcome:
         if view.step - plan.planned_step < _REPLAN_STEPS:
             return unit, ()
         lane = int(view.traffic.lane[row])
-        unit, events = cancel_lane_change(unit, row, view, "off_path")
+        unit, events = cancel_lane_change(unit, view, row, "off_path")
     elif (
         plan.end is LaneEnd.HORIZON
         and navigator.remaining_m < config.rebuild_below_m

@@ -7,14 +7,15 @@ from typing import Final
 import numpy as np
 
 from siren_ros.behaviour.driving.situation import StepView
-from siren_ros.behaviour.emv.forced_lane_change import Outcome, cancel_lane_change
+from siren_ros.behaviour.emv.forced_lane_change import cancel_lane_change
+from siren_ros.behaviour.emv.guard import Outcome
 from siren_ros.behaviour.emv.route import best_lane, present_lane
-from siren_ros.behaviour.emv.unit import NEVER, EmvUnit, advice_of, event_of
+from siren_ros.behaviour.emv.unit import EmvUnit, advice_of, event_of
 from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, lanes_along, path_on_lanes, road_limits
-from siren_ros.behaviour.paths.nearest_on_lane import lane_foot
+from siren_ros.behaviour.paths.nearest_on_lane import nearest_on_lane
 from siren_ros.behaviour.paths.path_blend import along_reference, blend_length_m, quintic_offsets
-from siren_ros.numerics.units import steps_from_s
+from siren_ros.numerics.units import NEVER, steps_from_s
 from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
 from siren_ros.world.actors import Floats, Lights
 from siren_ros.world.events import EventKind
@@ -29,18 +30,18 @@ _MERGE_S: Final = 1.5
 _MERGE_MIN_M: Final = 8.0
 
 
-def corridor_mode(unit: EmvUnit, row: int, view: StepView) -> Outcome:
-    """Whether ``copy_sumo`` is active: vehicles form a rescue lane, or brake ahead of the EMV.
+def corridor_mode(unit: EmvUnit, view: StepView, row: int) -> Outcome:
+    """Latches ``copy_sumo``: it begins when vehicles form a rescue lane or brake ahead of the EMV.
 
-    It is active at once, and ends when neither has been the case for a while; entering cancels a forced lane change.
+    It ends when neither has been the case for a while. Entering cancels a forced lane change.
     """
     advice = advice_of(view, unit.actor_id)
-    wanted = (advice is not None and advice.rescue_count > 0) or braking_ahead(unit, row, view)
+    wanted = (advice is not None and advice.rescue_count > 0) or braking_ahead(unit, view, row)
     if wanted:
         unit = replace(unit, corridor_seen_step=view.step)
         if unit.corridor:
             return unit, ()
-        unit, cancelled = cancel_lane_change(unit, row, view, "corridor")
+        unit, cancelled = cancel_lane_change(unit, view, row, "corridor")
         return replace(unit, corridor=True), (*cancelled, event_of(view, row, EventKind.CORRIDOR_ENTERED))
     patience = steps_from_s(view.world.config.corridor.leave_after_s)
     if unit.corridor and view.step - unit.corridor_seen_step >= patience:
@@ -49,7 +50,7 @@ def corridor_mode(unit: EmvUnit, row: int, view: StepView) -> Outcome:
     return unit, ()
 
 
-def braking_ahead(unit: EmvUnit, row: int, view: StepView) -> bool:
+def braking_ahead(unit: EmvUnit, view: StepView, row: int) -> bool:
     """Whether a vehicle of the EMV's direction brakes or stands on the road ahead, within the corridor's length."""
     path = unit.navigator.path
     if path is None:
@@ -72,7 +73,7 @@ def braking_ahead(unit: EmvUnit, row: int, view: StepView) -> bool:
     return bool(np.any(same & (ahead > 0.0) & (s < path.length_m) & (np.abs(left) < _ROAD_HALF_WIDTH_M)))
 
 
-def corridor_path(unit: EmvUnit, row: int, view: StepView) -> EmvUnit:
+def corridor_path(unit: EmvUnit, view: StepView, row: int) -> EmvUnit:
     """The EMV with the copied corridor as its path, renewed as the vehicles beside it move."""
     config = view.world.config.corridor
     if view.step - unit.corridor_planned_step < steps_from_s(config.replan_s) and unit.navigator.path is not None:
@@ -84,13 +85,13 @@ def corridor_path(unit: EmvUnit, row: int, view: StepView) -> EmvUnit:
         return unit
     lane = corridor_lane(network, lane, route)
     x, y, yaw = view.pose(row)
-    position = lane_foot(network.lanes[lane].centre, x, y)[0]
+    position = nearest_on_lane(network.lanes[lane].centre, x, y)[0]
     lanes, end = lanes_along(network, lane, position, route, config.length_m)
     reference = path_on_lanes(network, lanes, end, position - 2.0, config.length_m + 2.0)
     s0, d0 = reference.curve.project_one(x, y)
     count = max(3, math.ceil(reference.curve.length_m - s0) + 1)
     s = np.linspace(s0, max(reference.curve.length_m, s0 + 2.0), count)
-    target = corridor_offsets(reference, s, row, view)
+    target = corridor_offsets(reference, s, view, row)
     heading = float(reference.curve.heading_at(np.array([s0]))[0])
     slope = math.tan(max(-0.5, min(0.5, math.remainder(yaw - heading, 2.0 * math.pi))))
     slope -= float(target[1] - target[0]) / float(s[1] - s[0])
@@ -108,8 +109,8 @@ def corridor_path(unit: EmvUnit, row: int, view: StepView) -> EmvUnit:
 def corridor_lane(network: RoadNetwork, lane: int, route: Indices) -> int:
     """The lane whose line the corridor is measured from.
 
-    Before a right turn that a shoulder leads into, the corridor is the shoulder: the other vehicles stand in the
-    driving lanes. Elsewhere it is the lane that serves the route best.
+    If a shoulder leads into the next right turn, the corridor is that shoulder, because the other vehicles stand in the
+    driving lanes. Otherwise it is the lane that serves the route best.
     """
     edge = network.edges[network.lanes[lane].edge]
     if len(route) > 1 and edge.index == int(route[0]):
@@ -121,18 +122,18 @@ def corridor_lane(network: RoadNetwork, lane: int, route: Indices) -> int:
     return best_lane(network, lane, route)
 
 
-def corridor_offsets(reference: LanePath, s_m: Floats, row: int, view: StepView) -> Floats:
+def corridor_offsets(reference: LanePath, s_m: Floats, view: StepView, row: int) -> Floats:
     """Where the corridor's middle lies beside a reference line.
 
-    It starts from the line between the leftmost lane and its right neighbour (SUMO's rescue lane) and moves to the
-    middle of what the vehicles on both sides leave, or away from those on one side; on a road of one lane, to the
-    side that they leave free.
+    It starts from the line between the leftmost lane and its right neighbour (SUMO's rescue lane). From there it moves
+    to the middle of the space between the vehicles on both sides, or away from vehicles on one side. On a road of one
+    lane it moves to the free side.
 
     Args:
         reference: Line along the EMV's lanes.
         s_m: Increasing arc lengths on it, shape ``(K,)``.
-        row: The EMV's row.
         view: The step.
+        row: The EMV's row.
 
     Returns:
         Offsets, left positive, shape ``(K,)``.

@@ -11,7 +11,7 @@ from siren_ros.behaviour.emv.escape_search import FoundPath, RoadSpace, Start, s
 from siren_ros.behaviour.emv.passage import rows_around
 from siren_ros.behaviour.emv.route import best_lane
 from siren_ros.behaviour.paths.lane_path import LanePath, lanes_along, path_on_lanes, road_limits
-from siren_ros.behaviour.paths.nearest_on_lane import lane_foot
+from siren_ros.behaviour.paths.nearest_on_lane import nearest_on_lane
 from siren_ros.roads.road_network import LaneKind, RoadNetwork
 from siren_ros.world.actors import Floats
 
@@ -21,19 +21,19 @@ _BEHIND_M: Final = 5.0
 """The reference line begins this far behind the EMV's centre, beyond its rear axle."""
 
 
-def reference_line(row: int, lane: int, view: StepView) -> LanePath:
+def reference_line(view: StepView, row: int, lane: int) -> LanePath:
     """The line along the lanes of the route that the search measures from."""
     config, network = view.world.config.gap_escape, view.world.network
     route = view.traffic.route_of_row(row)
     lane = best_lane(network, lane, route)
     x, y, _ = view.pose(row)
-    position = lane_foot(network.lanes[lane].centre, x, y)[0]
+    position = nearest_on_lane(network.lanes[lane].centre, x, y)[0]
     length = config.horizon_m + 10.0
     lanes, end = lanes_along(network, lane, position, route, length)
     return path_on_lanes(network, lanes, end, position - _BEHIND_M, length)
 
 
-def search_gap(reference: LanePath, row: int, view: StepView) -> FoundPath | None:
+def search_gap(reference: LanePath, view: StepView, row: int) -> FoundPath | None:
     """The best path beside a reference line that the EMV's footprint clears with a margin.
 
     Vehicles are swept along their motion, those that do not move in the EMV's direction for longer.
@@ -60,12 +60,12 @@ def search_gap(reference: LanePath, row: int, view: StepView) -> FoundPath | Non
         sharpest_1pm=math.tan(_STEER_SHARE * vehicle.max_steer_rad) / vehicle.wheelbase_m,
     )
     road = road_space(view.world.network, reference, s0 + config.station_m * np.arange(count))
-    return search_lattice(curve, road, start, _obstacles(row, view), config)
+    return search_lattice(curve, road, start, _obstacles(view, row), config)
 
 
-def _obstacles(row: int, view: StepView) -> Obstacles:
+def _obstacles(view: StepView, row: int) -> Obstacles:
     config = view.world.config.gap_escape
-    rows, along = rows_around(row, view)
+    rows, along = rows_around(view, row)
     return Obstacles.swept(view.seen, rows, np.where(along, 1.0, config.oncoming_factor) * config.sweep_s)
 
 

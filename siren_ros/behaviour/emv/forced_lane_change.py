@@ -15,6 +15,7 @@ from siren_ros.behaviour.driving.lane_change import (
     gaps_in_lane,
 )
 from siren_ros.behaviour.driving.situation import StepView
+from siren_ros.behaviour.emv.guard import Outcome
 from siren_ros.behaviour.emv.route import plan_route, present_lane, strategic_side
 from siren_ros.behaviour.emv.unit import EmvUnit, LateralRequest, advice_of, event_of
 from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, neighbour_lane
@@ -22,20 +23,18 @@ from siren_ros.numerics.units import STEP_S, steps_from_s
 from siren_ros.roads.road_network import NO_LANE
 from siren_ros.scenario.levels import CivilianResponse
 from siren_ros.world.actors import NO_ACTOR
-from siren_ros.world.events import Event, EventKind
+from siren_ros.world.events import EventKind
 from siren_ros.world.traffic_state import TrafficFlags
 
-Outcome = tuple[EmvUnit, tuple[Event, ...]]
-
-_SPELL_STEPS: Final = steps_from_s(1.0)
-"""SUMO's intent comes and goes from step to step; a request ends when it stayed away for this long."""
+_INTENT_PAUSE_STEPS: Final = steps_from_s(1.0)
+"""SUMO's intent comes and goes from step to step; a request ends after a pause of this length."""
 _GAIN_TIME_S: Final = 4.0
 """Time over which the speed of the vehicle ahead counts as free road."""
 ROUTE: Final = "route"
 SUMO: Final = "sumo"
 
 
-def lateral_intent(unit: EmvUnit, row: int, view: StepView) -> tuple[int, str]:
+def lateral_intent(unit: EmvUnit, view: StepView, row: int) -> tuple[int, str]:
     """Side that the EMV wants to go to (+1 left, −1 right, 0 none) and who wants it: the route comes first.
 
     Before the first plan nobody wants anything.
@@ -51,29 +50,29 @@ def lateral_intent(unit: EmvUnit, row: int, view: StepView) -> tuple[int, str]:
     return (advice.lane_change_intent if advice is not None else 0), SUMO
 
 
-def forced_lane_change(unit: EmvUnit, row: int, view: StepView) -> Outcome:
-    """Starts the lane change that is wanted where it is feasible and defers it where it is not.
+def forced_lane_change(unit: EmvUnit, view: StepView, row: int) -> Outcome:
+    """Starts the requested lane change if it is feasible, and defers it if it is not.
 
-    The cooldown is the least time between the starts of two forced lane changes; a deferred request is looked at
-    again at every step.
+    The cooldown is the least time between the starts of two forced lane changes. A deferred request is reconsidered at
+    every step.
     """
     if unit.corridor or unit.gap_escape_active:
-        return _drop_request(unit, row, view, "corridor" if unit.corridor else "gap_escape")
+        return _drop_request(unit, view, row, "corridor" if unit.corridor else "gap_escape")
     slow = float(view.seen.speed_mps[row]) < 0.5 * view.world.speeds.emv_route_follow_mps
     unit = replace(unit, slow_s=unit.slow_s + STEP_S if slow else 0.0)
     if unit.lane_change_forced:
         return unit, ()
-    unit, events = _note_intent(unit, row, view)
+    unit, events = _note_intent(unit, view, row)
     request = unit.request
     cooled = view.step - unit.change_step >= view.world.cooldown_steps
     if request.side == 0 or request.seen_step != view.step or not cooled:
         return unit, events
-    verdict = _verdict(unit, row, view)
+    verdict = _verdict(unit, view, row)
     if isinstance(verdict, Refusal):
         if request.deferred is None:
             events += (event_of(view, row, EventKind.LANE_CHANGE_DEFERRED, side=request.side, reason=verdict.value),)
         return replace(unit, request=replace(request, deferred=verdict)), events
-    query = _query(unit, row, view)
+    query = _query(unit, view, row)
     target = neighbour_lane(view.world.network, query.lane, query.side)
     plan, navigator = plan_route(view, row, target, unit.navigator, merge_m=change_length_m(view, query))
     started = event_of(view, row, EventKind.LANE_CHANGE_STARTED, side=request.side, reason=request.reason, lane=target)
@@ -88,8 +87,8 @@ def forced_lane_change(unit: EmvUnit, row: int, view: StepView) -> Outcome:
     return unit, (*events, started)
 
 
-def complete_lane_change(unit: EmvUnit, row: int, view: StepView) -> Outcome:
-    """``RestoreLaneChange`` once the footprint has entered the target lane or the path is driven."""
+def complete_lane_change(unit: EmvUnit, view: StepView, row: int) -> Outcome:
+    """``RestoreLaneChange`` when the footprint has entered the target lane or the path has been driven."""
     if not unit.lane_change_forced:
         return unit, ()
     lane = present_lane(view, row, unit.navigator)
@@ -99,7 +98,7 @@ def complete_lane_change(unit: EmvUnit, row: int, view: StepView) -> Outcome:
     return replace(unit, change_side=0), (done,)
 
 
-def cancel_lane_change(unit: EmvUnit, row: int, view: StepView, reason: str) -> Outcome:
+def cancel_lane_change(unit: EmvUnit, view: StepView, row: int, reason: str) -> Outcome:
     """``RestoreLaneChange`` before the change is finished: the next waypoints replace its path."""
     if not unit.lane_change_forced:
         return unit, ()
@@ -107,7 +106,7 @@ def cancel_lane_change(unit: EmvUnit, row: int, view: StepView, reason: str) -> 
     return replace(unit, change_side=0, plan=None), (cancelled,)
 
 
-def _query(unit: EmvUnit, row: int, view: StepView) -> LaneChangeQuery:
+def _query(unit: EmvUnit, view: StepView, row: int) -> LaneChangeQuery:
     return LaneChangeQuery(
         row=row,
         lane=present_lane(view, row, unit.navigator),
@@ -118,8 +117,8 @@ def _query(unit: EmvUnit, row: int, view: StepView) -> LaneChangeQuery:
     )
 
 
-def _verdict(unit: EmvUnit, row: int, view: StepView) -> Refusal | LanePath:
-    query = _query(unit, row, view)
+def _verdict(unit: EmvUnit, view: StepView, row: int) -> Refusal | LanePath:
+    query = _query(unit, view, row)
     verdict = assess(view, query)
     if isinstance(verdict, Refusal) or unit.request.reason == ROUTE:
         return verdict
@@ -132,7 +131,7 @@ def _verdict(unit: EmvUnit, row: int, view: StepView) -> Refusal | LanePath:
 
 
 def _is_clearing(unit: EmvUnit, own: LaneGaps, view: StepView) -> bool:
-    """Whether the vehicle ahead responds to the siren by leaving the lane, and the EMV has not waited for too long."""
+    """Whether the vehicle ahead reacts to the siren and will leave the lane, and the EMV has not waited too long."""
     if view.world.policy.response is not CivilianResponse.FEASIBLE_YIELD or own.front_id == NO_ACTOR:
         return False
     leader = np.flatnonzero(view.seen.actor_id == own.front_id)
@@ -140,21 +139,21 @@ def _is_clearing(unit: EmvUnit, own: LaneGaps, view: StepView) -> bool:
     return reacts and unit.slow_s < view.world.config.emv.patience_s
 
 
-def _note_intent(unit: EmvUnit, row: int, view: StepView) -> Outcome:
-    side, reason = lateral_intent(unit, row, view)
+def _note_intent(unit: EmvUnit, view: StepView, row: int) -> Outcome:
+    side, reason = lateral_intent(unit, view, row)
     request = unit.request
     if side == 0:
-        if request.side == 0 or view.step - request.seen_step < _SPELL_STEPS:
+        if request.side == 0 or view.step - request.seen_step < _INTENT_PAUSE_STEPS:
             return unit, ()
-        return _drop_request(unit, row, view, "intent_gone")
+        return _drop_request(unit, view, row, "intent_gone")
     if side == request.side:
         return replace(unit, request=replace(request, reason=reason, seen_step=view.step)), ()
-    unit, events = _drop_request(unit, row, view, "intent_changed")
+    unit, events = _drop_request(unit, view, row, "intent_changed")
     asked = event_of(view, row, EventKind.LANE_CHANGE_REQUESTED, side=side, reason=reason)
     return replace(unit, request=LateralRequest(side, reason, view.step)), (*events, asked)
 
 
-def _drop_request(unit: EmvUnit, row: int, view: StepView, reason: str) -> Outcome:
+def _drop_request(unit: EmvUnit, view: StepView, row: int, reason: str) -> Outcome:
     if unit.request.side == 0:
         return unit, ()
     dropped = event_of(view, row, EventKind.LANE_CHANGE_CANCELLED, side=unit.request.side, reason=reason)

@@ -1,4 +1,4 @@
-"""The EMV's way between others: how near its footprint comes to them along its path, and how fast it may go."""
+"""Driving between other vehicles: how near the EMV's footprint comes to them, and how fast it may go."""
 
 from typing import Final
 
@@ -22,24 +22,23 @@ Rows = npt.NDArray[np.intp]
 Flags = npt.NDArray[np.bool_]
 
 
-def rows_around(row: int, view: StepView) -> tuple[Rows, Flags]:
-    """Rows of the vehicles around the EMV, and which of them look in its direction."""
+def rows_around(view: StepView, row: int) -> tuple[Rows, Flags]:
+    """Rows of the vehicles around the EMV, and which of them point in its direction."""
     seen = view.seen
     x, y, yaw = view.pose(row)
     rows = seen.near(x, y, view.world.config.gap_escape.horizon_m + _BESIDE_M, but=row)
     return rows, np.cos(seen.yaw_rad[rows] - yaw) > _ALONG
 
 
-def free_way(unit: EmvUnit, row: int, view: StepView) -> FreeWay | None:
+def free_way(unit: EmvUnit, view: StepView, row: int) -> FreeWay | None:
     """How near the EMV's footprint comes to others along its path; None without a path.
 
-    In the corridor those that drive ahead are trusted to go on; during a gap escape, which leads in among them, they
-    may stop at once for the siren.
+    In the corridor, vehicles ahead are expected to keep moving. During a gap escape they may stop at once.
     """
     navigator, config = unit.navigator, view.world.config.gap_escape
     if navigator.path is None:
         return None
-    rows, along = rows_around(row, view)
+    rows, along = rows_around(view, row)
     speed = view.seen.speed_mps[rows]
     counts = along | (speed < _CROSSING_MPS) | unit.gap_escape_active
     rows, along, speed = rows[counts], along[counts], speed[counts]
@@ -47,7 +46,7 @@ def free_way(unit: EmvUnit, row: int, view: StepView) -> FreeWay | None:
     credit = np.where(along & (not unit.gap_escape_active), speed**2 / (2.0 * config.leader_brake_mps2), 0.0)
     obstacles, body = Obstacles.swept(view.seen, rows, time_s), Body.of(view.seen, row)
     x, y, yaw = view.pose(row)
-    progress, left = navigator.path.curve.foot(navigator.progress_m, x, y)
+    progress, left = navigator.path.curve.nearest_to(navigator.progress_m, x, y)
     rear = view.vehicle(row).centre_ahead_of_rear_axle_m
     return FreeWay.along(navigator.path, (progress, left, yaw), rear, config.horizon_m, body, obstacles, credit)
 
@@ -59,15 +58,15 @@ def passage_blocker(snapshot: CollisionSnapshot | None, limit: SpeedLimit) -> Co
     return snapshot
 
 
-def passage_limit(unit: EmvUnit, row: int, view: StepView) -> SpeedLimit:
+def passage_limit(unit: EmvUnit, view: StepView, row: int) -> SpeedLimit:
     """How fast the EMV may go between others in the corridor and during a gap escape.
 
-    The collision handling keeps its distance from vehicles that the EMV means to squeeze past, or is off; here the
-    footprint itself is followed along the path.
+    The collision handling would keep too much distance from vehicles that the EMV squeezes past, or is off. This limit
+    follows from the footprint itself along the path.
     """
     if not (unit.gap_escape_active or unit.corridor):
         return UNLIMITED
-    way, config = free_way(unit, row, view), view.world.config
+    way, config = free_way(unit, view, row), view.world.config
     if way is None:
         return UNLIMITED
     speed, brake = float(view.seen.speed_mps[row]), config.gap_escape.brake_mps2

@@ -12,7 +12,7 @@ from siren_ros.behaviour.paths.lane_path import (
     lanes_along,
     path_on_lanes,
 )
-from siren_ros.behaviour.paths.nearest_on_lane import lane_foot
+from siren_ros.behaviour.paths.nearest_on_lane import nearest_on_lane
 from siren_ros.behaviour.paths.path_blend import blend_length_m, on_reference, path_onto
 from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
 from siren_ros.world.traffic_state import Indices
@@ -56,7 +56,7 @@ def plan_route(
     """
     network, config = view.world.network, view.world.config.emv
     x, y, yaw = view.pose(row)
-    position = lane_foot(network.lanes[lane].centre, x, y)[0]
+    position = nearest_on_lane(network.lanes[lane].centre, x, y)[0]
     route = view.traffic.route_of_row(row)
     lanes, end = lanes_along(network, lane, position, route, config.path_ahead_m)
     reference = path_on_lanes(
@@ -89,7 +89,7 @@ def _without_repeats(edges: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def strategic_side(network: RoadNetwork, lane: int, route: Indices) -> int:
-    """Side to which the route asks a vehicle to leave its lane: +1 left, −1 right, 0 not at all on this edge."""
+    """Side to which a vehicle must change lanes to follow its route: +1 left, −1 right, 0 if not on this edge."""
     found = network.lanes[lane]
     if len(route) == 0 or found.edge != int(route[0]):
         return 0
@@ -104,7 +104,7 @@ def strategic_side(network: RoadNetwork, lane: int, route: Indices) -> int:
 
 
 def present_lane(view: StepView, row: int, navigator: NavigatorState) -> int:
-    """The lane that the EMV is on: by its path while that keeps to the route, and by SUMO otherwise."""
+    """The lane that the EMV is on: that of its path if it follows the route, otherwise SUMO's."""
     if navigator.path is not None:
         lane = navigator.path.lane_at(navigator.progress_m)
         if lane != NO_LANE:
@@ -115,7 +115,7 @@ def present_lane(view: StepView, row: int, navigator: NavigatorState) -> int:
 
 
 def best_lane(network: RoadNetwork, lane: int, route: Indices) -> int:
-    """The lane of the present edge that serves the route best, the nearest of equals; internal lanes stay."""
+    """The lane of the present edge that serves the route best, the nearest of equals; an internal lane itself."""
     found = network.lanes[lane]
     if len(route) == 0 or found.edge != int(route[0]):
         return lane

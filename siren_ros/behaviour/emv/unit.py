@@ -1,19 +1,16 @@
 """The latched state of one emergency vehicle."""
 
 from dataclasses import dataclass, field
-from typing import Final
 
 from siren_ros.behaviour.driving.collision_watch import CollisionSnapshot
 from siren_ros.behaviour.driving.lane_change import Refusal
 from siren_ros.behaviour.driving.navigator import NavigatorState
 from siren_ros.behaviour.driving.situation import StepView
 from siren_ros.behaviour.emv.route import RoutePlan
+from siren_ros.numerics.units import NEVER
 from siren_ros.world.actors import NO_ACTOR
 from siren_ros.world.events import Event, EventKind
 from siren_ros.world.traffic_state import EmvAdvice
-
-NEVER: Final = -(10**9)
-"""A step before all others."""
 
 
 @dataclass(frozen=True)

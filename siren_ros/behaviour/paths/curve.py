@@ -16,7 +16,7 @@ SPACING_M: Final = 1.0
 """Distance between the points of a curve."""
 SMOOTHING_M: Final = 1.5
 """Standard deviation of the Gaussian that rounds the corners of lane centre lines."""
-_FOOT_ITERATIONS: Final = 3
+_NEAREST_ITERATIONS: Final = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,13 +110,13 @@ class Curve:
         """Nearest place of one point on the whole curve: arc length and offset, left positive."""
         delta = self.points - (x_m, y_m)
         nearest = int(np.argmin(np.einsum("kj,kj->k", delta, delta)))
-        return self.foot(nearest * self.spacing_m, x_m, y_m)
+        return self.nearest_to(nearest * self.spacing_m, x_m, y_m)
 
-    def foot(self, guess_m: float, x_m: float, y_m: float) -> tuple[float, float]:
-        """Arc length and offset (left positive) of the foot of a point near a known arc length."""
+    def nearest_to(self, guess_m: float, x_m: float, y_m: float) -> tuple[float, float]:
+        """Arc length and offset (left positive) of the place nearest to a point, searched near a guess."""
         s = guess_m
         left = 0.0
-        for _ in range(_FOOT_ITERATIONS):
+        for _ in range(_NEAREST_ITERATIONS):
             px, py, heading, curvature = self.place(s)
             cos, sin = cos_of(heading), sin_of(heading)
             left = cos * (y_m - py) - sin * (x_m - px)

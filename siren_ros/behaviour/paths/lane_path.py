@@ -46,10 +46,6 @@ class LanePath:
         order = np.clip(np.searchsorted(self.start_m, s_m, side="right") - 1, 0, len(self.lanes) - 1)
         return np.asarray(self.lanes, dtype=np.int32)[order]
 
-    def lane_end_m(self) -> float:
-        """Arc length at which the last lane ends."""
-        return self.curve.length_m
-
 
 def changes_needed(network: RoadNetwork, route: Indices, civilian: bool) -> list[dict[int, int]]:
     """How many lane changes each lane of each of the route's next edges needs to follow the route.

@@ -1,4 +1,4 @@
-"""Where one vehicle stands on a lane: the scalar, quick counterpart of ``Polyline.project``."""
+"""Where one vehicle stands on a lane: the fast scalar counterpart of ``Polyline.project``."""
 
 import math
 
@@ -7,7 +7,7 @@ import numpy as np
 from siren_ros.numerics.polyline import Polyline
 
 
-def lane_foot(centre: Polyline, x_m: float, y_m: float) -> tuple[float, float, float]:
+def nearest_on_lane(centre: Polyline, x_m: float, y_m: float) -> tuple[float, float, float]:
     """Arc length, offset (left positive) and heading at the place of a centre line nearest to a point.
 
     The first and last segments are extended straight on, as by ``Polyline.project``.

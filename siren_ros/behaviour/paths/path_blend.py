@@ -20,7 +20,7 @@ PEAK_CURVATURE: Final = 10.0 / math.sqrt(3.0)
 
 
 def quintic_offsets(u: Floats, start: float, slope: float, end: float) -> Floats:
-    """Lateral offsets of a blend with level, straight end and straight start.
+    """Lateral offsets of a blend between two straight lines; at its end it is parallel to the reference.
 
     Args:
         u: Place along the blend, 0–1; beyond 1 the end value.

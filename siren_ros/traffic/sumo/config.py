@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from siren_ros.errors import InputError
 from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.scenario.paper_constants import PAPER_CONSTANTS, PAPER_SPEEDS
 
 
 @dataclass(frozen=True)
@@ -15,12 +16,12 @@ class TrafficConfig:
     bluelight_levels: frozenset[EmergencyLevel] = frozenset({EmergencyLevel.L3})
     """Levels at which SUMO's own bluelight device runs. At L2 it would push civilians to their lane's side and
     suppress lane changes, which is not what L2 asks for, so the rescue flags are then derived from geometry."""
-    leader_range_m: float = 80.0
-    """Paper, table of control constants: leader query range."""
+    leader_range_m: float = PAPER_CONSTANTS.leader_query_m
+    """How far ahead SUMO is asked for the EMV's leader."""
     advice_range_m: float = 80.0
     """Lane-change intent of civilians is read within this distance of an EMV."""
-    keep_lane_speed_factor: float = 0.5
-    """Of the speed limit, after a yield lane change until the release (paper, controller target speeds)."""
+    keep_lane_speed_factor: float = 1.0 - PAPER_SPEEDS.civilian_yield_speed_difference
+    """Of the speed limit, after a yield lane change until the EMV has passed."""
     still_m: float = 0.01
     """A mirrored pose that moved less than this is held, because SUMO may snap to another lane on creeping back."""
     placed_m: float = 0.05

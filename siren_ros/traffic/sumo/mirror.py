@@ -91,7 +91,7 @@ class Mirror:
             if actor_id in vehicles:
                 name = vehicles[actor_id].name
                 if name in before and name not in present:
-                    self._release(name, before[name].match.lane, speed_mps)
+                    self._hand_back(name, before[name].match.lane, speed_mps)
                 self._bind(name, mode)
 
     def forget(self, name: str) -> None:
@@ -159,7 +159,7 @@ class Mirror:
         scale = 1.0 if lane == NO_LANE else self._population.length_scale[self._network.lanes[lane].lane_id]
         libsumo.vehicle.setPreviousSpeed(name, speed_mps * scale)
 
-    def _release(self, name: str, lane: int, speed_mps: float) -> None:
+    def _hand_back(self, name: str, lane: int, speed_mps: float) -> None:
         self._set_speed(name, lane, speed_mps)
         libsumo.vehicle.setSpeed(name, -1.0)
         libsumo.vehicle.setSpeedMode(name, DEFAULT_SPEED_MODE)

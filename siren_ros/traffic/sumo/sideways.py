@@ -2,7 +2,7 @@
 
 SUMO's own limits (``lcMaxSpeedLatStanding``, ``lcMaxSpeedLatFactor``) do not bind urgent changes: vehicles that
 stand before the end of a lane slide sideways and turn on the spot, which no car can follow. A mirrored vehicle is not
-to be moved sideways by SUMO at all; the angle that SUMO gives it for that would come to light when it is released.
+to be moved sideways by SUMO at all: the angle that SUMO gives it for that would show once SUMO drives it again.
 """
 
 from collections.abc import Container, Mapping

@@ -56,7 +56,7 @@ def test_room_is_made_after_the_emv_has_waited_for_a_while(lab):
 def test_goes_on_where_the_way_ahead_is_free(lab, unit, gap, goes):
     length = lab.vehicles[ActorClass.SEDAN].length_m
     view = view_of(lab, lab.Car(2, 0, 112, 0, (0,)), lab.Car(3, 0, 112 + length + gap, 0, (0,)))
-    assert may_go_on(unit, 0, 0, view) is goes
+    assert may_go_on(unit, view, 0, 0) is goes
 
 
 def test_the_front_goes_over_the_stop_line_only_to_make_room(lab):
@@ -64,8 +64,8 @@ def test_the_front_goes_over_the_stop_line_only_to_make_room(lab):
     half = 0.5 * lab.vehicles[ActorClass.SEDAN].length_m
     view = view_of(lab, lab.Car(2, 1, 149.0 - half, 0, (0, 2)), network=network)
     left = replace(UNIT, side=1)
-    assert pull_over_path(left, 0, 1, view) is None
-    path = pull_over_path(replace(left, emv_waits_steps=30), 0, 1, view)
+    assert pull_over_path(left, view, 0, 1) is None
+    path = pull_over_path(replace(left, emv_waits_steps=30), view, 0, 1)
     front = path.curve.points[-1, 0] + half
     over = view.world.config.pull_over.room_over_line_m
     assert 150.0 + 0.5 * over < front < 150.0 + over + 0.5
@@ -79,16 +79,16 @@ def test_a_vehicle_beside_a_shoulder_stays_before_the_stop_line(lab):
     road.connect(1, 4, via=(2,), signal=True)
     half = 0.5 * lab.vehicles[ActorClass.SEDAN].length_m
     view = view_of(lab, lab.Car(2, 1, 149.0 - half, 0, (0, 2)), network=road.built())
-    assert pull_over_path(WAITED, 0, 1, view) is None
+    assert pull_over_path(WAITED, view, 0, 1) is None
 
 
 def test_stands_on_a_junction_in_the_way_and_goes_on(lab):
     network = lab.junction_road()
     view = view_of(lab, lab.Car(2, 2, 5.0, 0.0, (0, 2)), network=network)
-    assert start_pull_over(UNIT, 0, view).unit.phase is Mode.YIELD_DEFERRED
-    assert start_pull_over(WAITED, 0, view).unit.phase is Mode.YIELD_PULL_OVER
+    assert start_pull_over(UNIT, view, 0).unit.phase is Mode.YIELD_DEFERRED
+    assert start_pull_over(WAITED, view, 0).unit.phase is Mode.YIELD_PULL_OVER
     moving = view_of(lab, lab.Car(2, 2, 5.0, 5.0, (0, 2)), network=network)
-    assert start_pull_over(WAITED, 0, moving).unit.phase is Mode.YIELD_DEFERRED
+    assert start_pull_over(WAITED, moving, 0).unit.phase is Mode.YIELD_DEFERRED
 
 
 def test_a_queue_that_left_no_corridor_goes_on_until_the_emv_gets_through(lab):

@@ -149,7 +149,7 @@ def test_a_long_vehicle_has_to_stand_straighter_than_a_car(lab):
     network = lab.straight_road()
     cars = [lab.Car(2, 0, 80, 0, (0,)), lab.Car(3, 0, 120, 0, (0,), ActorClass.BUS)]
     view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars, 0))
-    car, bus = (aligned_within_rad(row, view) for row in range(2))
+    car, bus = (aligned_within_rad(view, row) for row in range(2))
     assert car == pytest.approx(np.radians(8.0), rel=0.05)
     assert np.sin(bus) * view.seen.half_length_m[1] < 0.35
     assert bus < 0.5 * car

@@ -20,11 +20,11 @@ def kinds(events):
 
 
 def on_route(view):
-    return follow_route(EmvUnit(1), 0, view)[0]
+    return follow_route(EmvUnit(1), view, 0)[0]
 
 
 def test_entered_when_vehicles_react(lab):
-    unit, events = corridor_mode(EmvUnit(1), 0, view_at(lab, advice={"rescue_count": 2}))
+    unit, events = corridor_mode(EmvUnit(1), view_at(lab, advice={"rescue_count": 2}), 0)
     assert unit.corridor
     assert kinds(events) == ["corridor_entered"]
 
@@ -32,28 +32,28 @@ def test_entered_when_vehicles_react(lab):
 def test_entered_when_a_vehicle_brakes_ahead(lab):
     car = lab.Car(2, 1, 150, 7, (0,))
     quiet, braking = view_at(lab, [car]), view_at(lab, [car], lights={2: int(Lights.BRAKE)})
-    assert not braking_ahead(on_route(quiet), 0, quiet)
-    assert braking_ahead(on_route(braking), 0, braking)
+    assert not braking_ahead(on_route(quiet), quiet, 0)
+    assert braking_ahead(on_route(braking), braking, 0)
     behind = view_at(lab, [lab.Car(2, 1, 80, 0, (0,))])
-    assert not braking_ahead(on_route(behind), 0, behind)
+    assert not braking_ahead(on_route(behind), behind, 0)
     far = view_at(lab, [lab.Car(2, 1, 185, 0, (0,))])
-    assert not braking_ahead(on_route(far), 0, far)
+    assert not braking_ahead(on_route(far), far, 0)
 
 
 def test_cancels_and_suppresses_forced_lane_changes(lab):
     view = view_at(lab, advice={"rescue_count": 1, "lane_change_intent": 1})
-    unit, events = corridor_mode(EmvUnit(1, change_side=1), 0, view)
+    unit, events = corridor_mode(EmvUnit(1, change_side=1), view, 0)
     assert kinds(events) == ["lane_change_cancelled", "corridor_entered"]
-    unit, events = forced_lane_change(unit, 0, view)
+    unit, events = forced_lane_change(unit, view, 0)
     assert not unit.lane_change_forced
     assert not events
 
 
 def test_ends_when_nobody_reacts_any_more(lab):
-    unit, _ = corridor_mode(EmvUnit(1), 0, view_at(lab, advice={"rescue_count": 1}))
-    unit, events = corridor_mode(unit, 0, view_at(lab, step=19))
+    unit, _ = corridor_mode(EmvUnit(1), view_at(lab, advice={"rescue_count": 1}), 0)
+    unit, events = corridor_mode(unit, view_at(lab, step=19), 0)
     assert unit.corridor
-    unit, events = corridor_mode(unit, 0, view_at(lab, step=20))
+    unit, events = corridor_mode(unit, view_at(lab, step=20), 0)
     assert not unit.corridor
     assert kinds(events) == ["corridor_left"]
 
@@ -61,7 +61,7 @@ def test_ends_when_nobody_reacts_any_more(lab):
 def offsets(view, lane):
     reference = path_on_lanes(view.world.network, (lane,), LaneEnd.HORIZON, 98.0, 80.0)
     s = np.linspace(2.0, 78.0, 77)
-    return corridor_offsets(reference, s, 0, view)
+    return corridor_offsets(reference, s, view, 0)
 
 
 @pytest.mark.parametrize(("lanes", "lane", "expected"), [(2, 0, 1.65), (2, 1, -1.65), (3, 0, 4.95), (3, 1, 1.65)])

@@ -25,7 +25,7 @@ def kinds(events):
 def run(unit, view, count):
     events = []
     for _ in range(count):
-        unit, happened = gap_escape_mode(unit, 0, view)
+        unit, happened = gap_escape_mode(unit, view, 0)
         events += happened
     return unit, events
 
@@ -75,7 +75,7 @@ def test_preempts_a_forced_lane_change(lab):
 def test_sumos_leader_blocks_within_the_query_range_unless_it_drives_away(lab, gap, speed, blocks):
     others = [lab.Car(9, 0, 130, speed, (0,))]
     view = view_at(lab, others=others, advice={"leader_id": 9, "leader_gap_m": gap})
-    assert (blocker_of(EmvUnit(1), 0, view) == 9) is blocks
+    assert (blocker_of(EmvUnit(1), view, 0) == 9) is blocks
 
 
 def reference_of(view, lane):
@@ -87,12 +87,12 @@ def test_a_leader_that_an_emv_under_way_would_pass_beside_blocks_no_more(lab, sp
     others = [lab.Car(2, 0, 110, 0.0, (0,), left=-right_m)]
     view = view_at(lab, speed, others, advice={"leader_id": 2, "leader_gap_m": 5.0})
     unit = EmvUnit(1, gap_escape_active=True)
-    assert (blocker_of(unit, 0, view) == 2) is blocks
+    assert (blocker_of(unit, view, 0) == 2) is blocks
 
 
 def test_search_goes_round_a_blocker(lab):
     view = view_at(lab, others=[lab.Car(2, 0, 112, 0, (0,))])
-    found = search_gap(reference_of(view, 0), 0, view)
+    found = search_gap(reference_of(view, 0), view, 0)
     clear = found.left_m[-1] - 1.05 - 0.915
     assert clear > 0.1
     assert found.length_m > 25.0
@@ -105,16 +105,16 @@ def test_search_prefers_the_own_road_to_the_opposite_lane(lab):
     opposite = road.built()
     blocker = [lab.Car(2, 0, 112, 0, (0,))]
     view = view_at(lab, others=blocker, network=opposite)
-    assert search_gap(reference_of(view, 0), 0, view).left_m.max() > 1.9
+    assert search_gap(reference_of(view, 0), view, 0).left_m.max() > 1.9
     shoulder = lab.straight_road(2, shoulder=True)
     view = view_at(lab, others=[lab.Car(2, 1, 112, 0, (0,))], network=shoulder, lane=1)
-    assert search_gap(reference_of(view, 1), 0, view).left_m.min() < -1.9
+    assert search_gap(reference_of(view, 1), view, 0).left_m.min() < -1.9
 
 
 def test_search_finds_nothing_where_both_lanes_are_blocked(lab):
     others = [lab.Car(2, 0, 108, 0, (0,)), lab.Car(3, 1, 108, 0, (0,))]
     view = view_at(lab, others=others)
-    assert search_gap(reference_of(view, 0), 0, view) is None
+    assert search_gap(reference_of(view, 0), view, 0) is None
 
 
 def test_waits_says_so_once_and_escapes_when_a_gap_opens(lab):
@@ -144,26 +144,26 @@ def test_a_free_path_is_kept_and_a_blocked_one_replaced(lab):
     active = EmvUnit(1, gap_escape_active=True)
     behind = [lab.Car(2, 0, 114, 0, (0,))]
     view = view_at(lab, others=behind)
-    first, events = escape_path(active, 0, view)
+    first, events = escape_path(active, view, 0)
     assert kinds(events) == ["gap_escape_replanned"]
     assert first.escape_offset_m > 1.9
     again = replace(first, escape_planned_step=-20)
-    kept, events = escape_path(again, 0, view)
+    kept, events = escape_path(again, view, 0)
     assert kept.navigator.path is first.navigator.path
     assert not events
     closed = view_at(lab, others=[*behind, lab.Car(3, 1, 126, 0, (0,))])
-    other, _ = escape_path(again, 0, closed)
+    other, _ = escape_path(again, closed, 0)
     assert other.navigator.path is not first.navigator.path
 
 
 def test_waits_where_the_path_ends_and_no_other_is_found(lab):
     both = [lab.Car(2, 0, 108, 0, (0,)), lab.Car(3, 1, 108, 0, (0,))]
     view = view_at(lab, others=both)
-    unit, events = escape_path(EmvUnit(1, gap_escape_active=True), 0, view)
+    unit, events = escape_path(EmvUnit(1, gap_escape_active=True), view, 0)
     assert unit.escape_offset_m is None
     assert kinds(events) == ["gap_escape_waiting"]
     assert escape_speed_mps(unit, view) == 0.0
-    _, events = escape_path(unit, 0, view_at(lab, others=both, step=20))
+    _, events = escape_path(unit, view_at(lab, others=both, step=20), 0)
     assert not events
 
 

@@ -48,11 +48,8 @@ class TargetSpeeds:
     emv_gap_escape_mps: float = mps_from_kmh(20.0)
     civilian_yield_lane_change_mps: float = mps_from_kmh(10.0)
     civilian_pull_over_mps: float = mps_from_kmh(15.0)
-    civilian_hold_mps: float = 0.0
-    nominal_speed_difference: float = 0.0
-    """Share by which nominal civilians drive below the speed limit (Traffic Manager speed difference)."""
-    yield_speed_difference: float = 0.5
-    """Share by which an L2 civilian stays below the speed limit while it yields."""
+    civilian_yield_speed_difference: float = 0.5
+    """Share by which an L2 civilian stays below the speed limit."""
 
 
 PAPER_CONSTANTS: Final = ControlConstants()

@@ -3,8 +3,9 @@ import re
 import pytest
 from repository import SHARED
 
-from siren_ros.behaviour.constants import PAPER_CONSTANTS, PAPER_SPEEDS
 from siren_ros.numerics.units import mps_from_kmh
+from siren_ros.scenario.paper_constants import PAPER_CONSTANTS, PAPER_SPEEDS
+from siren_ros.traffic.sumo.config import TrafficConfig
 
 PAPER = SHARED / "paper" / "siren.tex"
 
@@ -27,8 +28,13 @@ def test_target_speeds_are_the_papers():
     assert speeds.emv_gap_escape_mps * 3.6 == pytest.approx(20.0)
     assert speeds.civilian_yield_lane_change_mps * 3.6 == pytest.approx(10.0)
     assert speeds.civilian_pull_over_mps * 3.6 == pytest.approx(15.0)
-    assert speeds.civilian_hold_mps == 0.0
-    assert (speeds.nominal_speed_difference, speeds.yield_speed_difference) == (0.0, 0.5)
+    assert speeds.civilian_yield_speed_difference == 0.5
+
+
+def test_sumo_is_run_with_the_papers_numbers():
+    config = TrafficConfig()
+    assert config.keep_lane_speed_factor == 1.0 - PAPER_SPEEDS.civilian_yield_speed_difference
+    assert config.leader_range_m == PAPER_CONSTANTS.leader_query_m
 
 
 @pytest.mark.skipif(not PAPER.is_file(), reason="the paper's source is not at hand")

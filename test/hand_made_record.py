@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.numerics.arrays import Points
 from siren_ros.numerics.polyline import Polyline
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
@@ -15,8 +16,6 @@ from siren_ros.scenario.episode import EpisodeDescription
 from siren_ros.scenario.levels import EmergencyLevel
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates, Mode
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, SignalState, TrafficState
-
-Points = npt.NDArray[np.float64]
 
 EMV = 1
 EMV_LENGTH_M, CAR_LENGTH_M = 6.0, 4.0

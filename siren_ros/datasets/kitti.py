@@ -19,11 +19,10 @@ from siren_ros.datasets.output_folder import new_folder
 from siren_ros.errors import InputError
 from siren_ros.interfaces.images import PinholeCamera
 from siren_ros.interfaces.transforms import Transform, matrix_of_quaternion
+from siren_ros.numerics.arrays import Matrix
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.units import STEP_S
 from siren_ros.world.ground_truth import GroundTruth
-
-Matrix = npt.NDArray[np.float64]
 
 RANGE_M: Final = 50.0
 """Objects farther from the sensor are dropped (paper: the nuScenes evaluation range)."""

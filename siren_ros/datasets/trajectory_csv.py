@@ -10,9 +10,10 @@ from typing import Final
 import numpy as np
 
 from siren_ros.errors import InputError
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.world.actors import ActorClass, ActorStates, Floats
+from siren_ros.world.actors import ActorClass, ActorStates
 
 COLUMNS: Final = (
     "step",

@@ -5,12 +5,10 @@ from typing import Any, Final
 import numpy as np
 
 from siren_ros.dynamics.parameters import AIR_DENSITY_KGPM3
-from siren_ros.numerics.compiled import compiled
+from siren_ros.numerics.compiled import Array, compiled
 from siren_ros.numerics.scalars import within
 from siren_ros.numerics.units import GRAVITY_MPS2
 
-Array = Any
-"""A numpy array of float64."""
 Record = Any
 """One vehicle's row of ``ParameterTable.records``."""
 _LONGITUDINAL_SHARE: Final = 0.95

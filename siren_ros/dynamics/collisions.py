@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
+from siren_ros.numerics.arrays import Floats, Ids
 from siren_ros.numerics.geometry import footprint_corners, separation_m
-from siren_ros.world.actors import Floats, Ids
 
 SEPARATION_GAP_M: Final = 0.1
 """A contact ends when the boxes are this far apart; smaller gaps are the same contact still."""

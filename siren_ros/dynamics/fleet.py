@@ -7,13 +7,14 @@ from typing import Final
 import numpy as np
 
 from siren_ros.dynamics.collisions import Footprints, Pairs, find_contacts
-from siren_ros.dynamics.fleet_state import FleetState, Rows, with_spawned, without_actors
+from siren_ros.dynamics.fleet_state import FleetState, with_spawned, without_actors
 from siren_ros.dynamics.orders import Orders, merge_commands
 from siren_ros.dynamics.tracker import Reference, TrackerState, track
 from siren_ros.dynamics.vehicle_model import BodyState, Controls, step_bodies
 from siren_ros.errors import EpisodeError
+from siren_ros.numerics.arrays import Flags, Ids
 from siren_ros.numerics.units import STEP_S
-from siren_ros.world.actors import ActorStates, Ids, Lights, Owner, rows_of_ids
+from siren_ros.world.actors import ActorStates, Lights, Owner, rows_of_ids
 from siren_ros.world.commands import VehicleCommands
 from siren_ros.world.events import Event, EventKind
 from siren_ros.world.traffic_state import TrafficState
@@ -84,7 +85,7 @@ def _check_steps(state: FleetState, traffic: TrafficState, commands: Sequence[Ve
 
 
 def _move(
-    fleet: FleetState, traffic: TrafficState, orders: Orders, driven: Rows, handed_back: Rows
+    fleet: FleetState, traffic: TrafficState, orders: Orders, driven: Flags, handed_back: Flags
 ) -> tuple[BodyState, TrackerState]:
     """Bodies and tracker at this step."""
     before = fleet.bodies
@@ -113,7 +114,9 @@ def _move(
     return bodies, tracker
 
 
-def _states(fleet: FleetState, traffic: TrafficState, orders: Orders, bodies: BodyState, own_pose: Rows) -> ActorStates:
+def _states(
+    fleet: FleetState, traffic: TrafficState, orders: Orders, bodies: BodyState, own_pose: Flags
+) -> ActorStates:
     vx, vy = bodies.velocity_mps(fleet.table)
     residual = np.hypot(traffic.sumo_x_m - bodies.x_m, traffic.sumo_y_m - bodies.y_m)
     braking = (bodies.brake > BRAKE_LIGHT_PEDAL) | (bodies.accel_mps2 < -BRAKE_LIGHT_DECEL_MPS2)

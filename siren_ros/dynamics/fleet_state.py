@@ -4,18 +4,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from siren_ros.dynamics.collisions import Pairs
 from siren_ros.dynamics.parameters import ParameterTable, VehicleParameters
 from siren_ros.dynamics.tracker import Reference, TrackerState, track
 from siren_ros.dynamics.vehicle_model import BodyState, step_bodies
 from siren_ros.errors import EpisodeError
+from siren_ros.numerics.arrays import Codes, Flags, Floats, Ids
 from siren_ros.numerics.units import STEP_S
-from siren_ros.world.actors import ActorClass, ActorDescription, Codes, Floats, Ids, Owner
+from siren_ros.world.actors import ActorClass, ActorDescription, Owner
 from siren_ros.world.traffic_state import TrafficState
-
-Rows = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -73,7 +71,7 @@ def without_actors(fleet: FleetState, removed: Ids) -> FleetState:
     )
 
 
-def with_spawned(fleet: FleetState, traffic: TrafficState) -> tuple[FleetState, Rows]:
+def with_spawned(fleet: FleetState, traffic: TrafficState) -> tuple[FleetState, Flags]:
     """The fleet with the spawned actors at SUMO's pose and speed, and the mask of their rows.
 
     Raises:

@@ -7,7 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.errors import EpisodeError
-from siren_ros.world.actors import NO_ACTOR, Codes, Floats, Mode, Owner, rows_of_ids
+from siren_ros.numerics.arrays import Codes, Floats
+from siren_ros.world.actors import NO_ACTOR, Mode, Owner, rows_of_ids
 from siren_ros.world.commands import VehicleCommands
 from siren_ros.world.traffic_state import TrafficState
 

@@ -10,10 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.errors import InputError
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import GRAVITY_MPS2
 from siren_ros.params.params_files import params_dir
 from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
-from siren_ros.world.actors import ActorClass, Floats
+from siren_ros.world.actors import ActorClass
 
 
 @dataclass(frozen=True)

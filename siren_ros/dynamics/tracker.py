@@ -18,7 +18,7 @@ import numpy.typing as npt
 from siren_ros.dynamics.parameters import ParameterTable
 from siren_ros.dynamics.tracker_loops import TrackerGains, follow
 from siren_ros.dynamics.vehicle_model import BodyState, Controls
-from siren_ros.world.actors import Floats
+from siren_ros.numerics.arrays import Floats
 
 
 @dataclass(frozen=True)

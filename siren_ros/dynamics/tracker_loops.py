@@ -4,9 +4,9 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from siren_ros.dynamics.body_loops import Array, Record
+from siren_ros.dynamics.body_loops import Record
 from siren_ros.dynamics.parameters import AIR_DENSITY_KGPM3
-from siren_ros.numerics.compiled import compiled
+from siren_ros.numerics.compiled import Array, compiled
 from siren_ros.numerics.scalars import within, wrapped_rad
 from siren_ros.numerics.units import GRAVITY_MPS2
 

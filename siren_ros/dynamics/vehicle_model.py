@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from siren_ros.dynamics.body_loops import advance
 from siren_ros.dynamics.parameters import ParameterTable
-from siren_ros.world.actors import Floats
+from siren_ros.numerics.arrays import Floats
 
 SUBSTEP_S: Final = 0.01
 

@@ -7,8 +7,9 @@ import numpy as np
 
 from siren_ros.interfaces.messages import header, make_message, time_ns_of
 from siren_ros.interfaces.transforms import from_quaternion, quaternion_of_yaw, to_pose, to_vector, yaw_of_quaternion
+from siren_ros.numerics.arrays import Floats, Ids
 from siren_ros.numerics.units import step_of_time_ns, time_ns_of_step
-from siren_ros.world.actors import ActorClass, Floats, Ids
+from siren_ros.world.actors import ActorClass
 from siren_ros.world.ground_truth import GroundTruth
 
 

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from siren_ros.interfaces.messages import header, make_message, time_ns_of
 from siren_ros.interfaces.transforms import to_vector
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import step_of_time_ns, time_ns_of_step
 
 _UNKNOWN: Final = -1.0
@@ -15,8 +15,6 @@ _UNKNOWN: Final = -1.0
 _STATUS_FIX: Final = 0
 _SERVICE_GPS: Final = 1
 _COVARIANCE_DIAGONAL_KNOWN: Final = 2
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,10 +5,11 @@ from typing import Final
 
 import numpy as np
 
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
-from siren_ros.world.actors import Floats, rows_of_ids
+from siren_ros.world.actors import rows_of_ids
 from siren_ros.world.traffic_state import Indices
 
 _DRIVEN_KINDS: Final = frozenset({LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL})

@@ -5,9 +5,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.recording.episode_record import StateRows
-from siren_ros.world.actors import Floats
 
 ALIGNED_RAD: Final = np.pi / 3.0
 """Two vehicles drive in the same direction where their headings differ by less."""

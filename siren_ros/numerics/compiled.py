@@ -11,6 +11,8 @@ import numpy as np
 from numba import types
 from numba.core.dispatcher import Dispatcher
 
+Array = Any
+"""A numpy array; numba compiles for the element types that it is given."""
 Function = TypeVar("Function", bound=Callable[..., Any])
 _FROZEN: Final = (int, float, str, tuple, np.generic, types.ExternalFunction)
 """Kinds of values that compiled code holds as they were when it was compiled."""

@@ -3,16 +3,16 @@
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from siren_ros.numerics.arrays import Floats
 
 
-def wrap_angle(angle_rad: npt.ArrayLike) -> Array:
+def wrap_angle(angle_rad: npt.ArrayLike) -> Floats:
     """The same direction within (−π, π]."""
     wrapped = np.mod(np.asarray(angle_rad, dtype=np.float64) + np.pi, 2.0 * np.pi) - np.pi
     return np.where(wrapped == -np.pi, np.pi, wrapped)
 
 
-def footprint_corners(x_m: Array, y_m: Array, yaw_rad: Array, length_m: Array, width_m: Array) -> Array:
+def footprint_corners(x_m: Floats, y_m: Floats, yaw_rad: Floats, length_m: Floats, width_m: Floats) -> Floats:
     """Corners of oriented boxes, shape ``(N, 4, 2)``: front left, rear left, rear right, front right."""
     along = np.stack((np.cos(yaw_rad), np.sin(yaw_rad)), axis=-1)
     left = np.stack((-along[..., 1], along[..., 0]), axis=-1)
@@ -23,7 +23,7 @@ def footprint_corners(x_m: Array, y_m: Array, yaw_rad: Array, length_m: Array, w
     return np.stack([centre + corner for corner in corners], axis=-2)
 
 
-def separation_m(corners_a: Array, corners_b: Array) -> Array:
+def separation_m(corners_a: Floats, corners_b: Floats) -> Floats:
     """Largest gap along a separating axis between pairs of boxes, shape ``(N,)``; ≤ 0 where they overlap.
 
     Both inputs have shape ``(N, 4, 2)`` as ``footprint_corners`` gives them. For overlapping boxes the
@@ -38,7 +38,7 @@ def separation_m(corners_a: Array, corners_b: Array) -> Array:
     return np.asarray(gaps.max(axis=1))
 
 
-def rotate(points: Array, yaw_rad: float) -> Array:
+def rotate(points: Floats, yaw_rad: float) -> Floats:
     """Points (shape ``(..., 2)``) turned counter-clockwise about the origin."""
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     return points @ np.array([[cos, sin], [-sin, cos]])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-Points = npt.NDArray[np.float64]
+from siren_ros.numerics.arrays import Points
 
 
 @dataclass(frozen=True, eq=False)

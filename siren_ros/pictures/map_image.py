@@ -9,7 +9,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from siren_ros.pictures.painter import Points, paint_polygons, rgb_of
+from siren_ros.numerics.arrays import Points
+from siren_ros.pictures.painter import paint_polygons, rgb_of
 from siren_ros.pictures.roads import draw_roads
 from siren_ros.roads.road_network import Lane, RoadNetwork
 

@@ -6,12 +6,12 @@ from typing import Final
 
 import matplotlib as mpl
 import numpy as np
-import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
+
+from siren_ros.numerics.arrays import Points
 
 Colour = tuple[int, ...]
 """Red, green, blue and, where it has one, opacity, 0 to 255 each."""
-Points = npt.NDArray[np.float64]
 _OVERSAMPLING: Final = 4
 
 

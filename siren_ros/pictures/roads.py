@@ -3,14 +3,13 @@
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 
+from siren_ros.numerics.arrays import Points
 from siren_ros.pictures.palette import GROUND, JUNCTION, LANE_FILL, MARKING, ROAD_EDGE
 from siren_ros.roads.road_network import Lane, LaneKind, RoadNetwork
 
-Points = npt.NDArray[np.float64]
 _PAVED = (LaneKind.DRIVING, LaneKind.SHOULDER)
 
 

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.numerics.arrays import Codes, Floats, Ids
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeOutcome
-from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorDescription, ActorStates, Codes, Floats, Ids
+from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorDescription, ActorStates
 from siren_ros.world.commands import VehicleCommands
 from siren_ros.world.events import Event, EventKind
 from siren_ros.world.traffic_state import TrafficState

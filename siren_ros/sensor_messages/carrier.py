@@ -15,9 +15,10 @@ from siren_ros.interfaces.transforms import (
     quaternion_of_matrix,
     quaternion_of_yaw,
 )
+from siren_ros.numerics.arrays import Matrix
 from siren_ros.numerics.random_streams import random_stream
 from siren_ros.sensors.rig.station import STATION_FRAME
-from siren_ros.sensors.suite.mount import OPTICAL_FROM_BODY, Matrix, Mount
+from siren_ros.sensors.suite.mount import OPTICAL_FROM_BODY, Mount
 from siren_ros.sensors.suite.suite import SensorSuite
 from siren_ros.world.actors import ActorStates
 

@@ -10,6 +10,7 @@ import libsumo
 import numpy as np
 
 from siren_ros.errors import EpisodeError, MapError
+from siren_ros.numerics.arrays import Codes, Floats
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.maps.map_compiler import CompiledMap
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
@@ -27,7 +28,7 @@ from siren_ros.traffic.sumo.readings import Readings, joined_rows, read_vehicles
 from siren_ros.traffic.sumo.sideways import SidewaysLimits
 from siren_ros.traffic.sumo.signal_timing import time_signal
 from siren_ros.traffic.sumo.vehicle_types import vehicle_types_xml
-from siren_ros.world.actors import ActorDescription, ActorStates, Codes, Floats, Lights, Owner, rows_of_ids
+from siren_ros.world.actors import ActorDescription, ActorStates, Lights, Owner, rows_of_ids
 from siren_ros.world.events import Event
 from siren_ros.world.traffic_state import EmvAdvice, SignalState, TrafficState
 

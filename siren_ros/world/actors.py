@@ -7,9 +7,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
-Ids = npt.NDArray[np.uint32]
-Codes = npt.NDArray[np.uint8]
+from siren_ros.numerics.arrays import Codes, Floats, Ids
 
 NO_ACTOR: Final = 0
 """Actor ids start at 1, so that 0 can say "none" (a LiDAR return on the static scene, no leader)."""

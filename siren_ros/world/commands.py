@@ -7,7 +7,8 @@ from typing import Any, Final
 import numpy as np
 
 from siren_ros.errors import EpisodeError
-from siren_ros.world.actors import Codes, Floats, Ids, Lights, Mode, Owner
+from siren_ros.numerics.arrays import Codes, Floats, Ids
+from siren_ros.world.actors import Lights, Mode, Owner
 from siren_ros.world.events import Event
 
 

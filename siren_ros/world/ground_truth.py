@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.world.actors import Codes, Floats, Ids
+from siren_ros.numerics.arrays import Codes, Floats, Ids
 
 
 @dataclass(frozen=True)

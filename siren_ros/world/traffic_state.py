@@ -7,7 +7,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.world.actors import ActorDescription, Codes, Floats, Ids
+from siren_ros.numerics.arrays import Codes, Floats, Ids
+from siren_ros.world.actors import ActorDescription
 from siren_ros.world.events import Event
 
 Indices = npt.NDArray[np.int32]

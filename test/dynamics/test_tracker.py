@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from siren_ros.dynamics.parameters import ParameterTable, VehicleParameters, load_vehicle_parameters
 from siren_ros.dynamics.tracker import Reference, TrackerState, track
 from siren_ros.dynamics.vehicle_model import BodyState, step_bodies
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.polyline import Polyline
 from siren_ros.numerics.units import STEP_S
-from siren_ros.world.actors import ActorClass, Floats
+from siren_ros.world.actors import ActorClass
 
 REFERENCE_FIELDS = tuple(field.name for field in fields(Reference))
 PARAMETERS = load_vehicle_parameters()

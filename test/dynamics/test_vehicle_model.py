@@ -13,8 +13,9 @@ from siren_ros.dynamics.parameters import (
     load_vehicle_parameters,
 )
 from siren_ros.dynamics.vehicle_model import BodyState, Controls, step_bodies
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import GRAVITY_MPS2, STEP_S
-from siren_ros.world.actors import ActorClass, Floats
+from siren_ros.world.actors import ActorClass
 
 TABLE = ParameterTable.of(list(ActorClass), load_vehicle_parameters())
 COUNT = len(TABLE)

@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.episode import EpisodeDescription
 from siren_ros.scenario.levels import EmergencyLevel
-from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates, Floats
+from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,8 @@ import numpy.typing as npt
 from hypothesis import given
 from hypothesis import strategies as st
 
-from siren_ros.world.actors import Ids, rows_of_ids
+from siren_ros.numerics.arrays import Ids
+from siren_ros.world.actors import rows_of_ids
 
 _ids = st.sets(st.integers(1, 40), max_size=12).map(lambda found: np.array(sorted(found), np.uint32))
 

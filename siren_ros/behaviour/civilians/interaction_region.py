@@ -10,8 +10,8 @@ from siren_ros.behaviour.config import YieldConfig
 from siren_ros.behaviour.driving.situation import StepView
 from siren_ros.behaviour.driving.surroundings import Surroundings
 from siren_ros.behaviour.paths.lane_path import lanes_along
+from siren_ros.numerics.arrays import Floats, Ids
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
-from siren_ros.world.actors import Floats, Ids
 from siren_ros.world.traffic_state import Indices
 
 _EDGES_KEPT: Final = 3

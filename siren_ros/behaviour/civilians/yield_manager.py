@@ -19,9 +19,10 @@ from siren_ros.behaviour.config import YieldTrigger
 from siren_ros.behaviour.driving.navigator import DriveCommand
 from siren_ros.behaviour.driving.situation import BehaviourWorld, StepView
 from siren_ros.behaviour.driving.surroundings import ActorTable, Surroundings
+from siren_ros.numerics.arrays import Floats, Ids
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.scenario.levels import CivilianResponse
-from siren_ros.world.actors import Floats, Ids, Lights, Mode, Owner, rows_of_ids
+from siren_ros.world.actors import Lights, Mode, Owner, rows_of_ids
 from siren_ros.world.commands import VehicleCommands
 from siren_ros.world.events import Event, EventKind
 from siren_ros.world.traffic_state import TrafficFlags, TrafficState

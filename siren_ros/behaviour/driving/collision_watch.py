@@ -9,9 +9,7 @@ import numpy.typing as npt
 from siren_ros.behaviour.config import NavigatorConfig
 from siren_ros.behaviour.driving.surroundings import Surroundings
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
-from siren_ros.world.actors import Floats
-
-Rows = npt.NDArray[np.intp]
+from siren_ros.numerics.arrays import Floats, Rows
 
 _CROSSING_COSINE: Final = 0.9
 """Vehicles that move at more than about 25° to the path cross it; the others move along it."""

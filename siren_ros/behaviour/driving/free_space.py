@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from siren_ros.behaviour.driving.surroundings import Surroundings
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
-from siren_ros.world.actors import NO_ACTOR, Floats, Ids
+from siren_ros.numerics.arrays import Floats, Ids
+from siren_ros.world.actors import NO_ACTOR
 
 _PATH_STEP_M: Final = 0.5
 _OFFSET_LENGTH_M: Final = 4.0

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.world.actors import ActorClass, ActorDescription, Floats, Ids, rows_of_ids
+from siren_ros.numerics.arrays import Floats, Ids
+from siren_ros.world.actors import ActorClass, ActorDescription, rows_of_ids
 from siren_ros.world.traffic_state import TrafficState
 
 

@@ -15,9 +15,10 @@ from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, lanes_along, path_on_lanes, road_limits
 from siren_ros.behaviour.paths.nearest_on_lane import nearest_on_lane
 from siren_ros.behaviour.paths.path_blend import along_reference, blend_length_m, quintic_offsets
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import NEVER, steps_from_s
 from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
-from siren_ros.world.actors import Floats, Lights
+from siren_ros.world.actors import Lights
 from siren_ros.world.events import EventKind
 from siren_ros.world.traffic_state import Indices
 

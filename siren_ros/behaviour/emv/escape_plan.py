@@ -12,8 +12,8 @@ from siren_ros.behaviour.emv.passage import rows_around
 from siren_ros.behaviour.emv.route import best_lane
 from siren_ros.behaviour.paths.lane_path import LanePath, lanes_along, path_on_lanes, road_limits
 from siren_ros.behaviour.paths.nearest_on_lane import nearest_on_lane
+from siren_ros.numerics.arrays import Floats
 from siren_ros.roads.road_network import LaneKind, RoadNetwork
-from siren_ros.world.actors import Floats
 
 _STEER_SHARE: Final = 0.85
 """Part of the steering range that an escape path may use."""

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from siren_ros.behaviour.config import GapEscapeConfig
 from siren_ros.behaviour.driving.free_space import Body, Obstacles, clearances_m, separations_m
 from siren_ros.behaviour.paths.curve import Curve
-from siren_ros.world.actors import Floats
+from siren_ros.numerics.arrays import Floats
 
 _STEEPEST: Final = 0.8
 """Largest slope of a path against the reference line."""

@@ -3,12 +3,12 @@
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from siren_ros.behaviour.driving.collision_watch import CollisionSnapshot
 from siren_ros.behaviour.driving.free_space import Body, FreeWay, Obstacles, SpeedLimit
 from siren_ros.behaviour.driving.situation import StepView
 from siren_ros.behaviour.emv.unit import EmvUnit
+from siren_ros.numerics.arrays import Flags, Rows
 from siren_ros.world.actors import NO_ACTOR
 
 UNLIMITED: Final = SpeedLimit()
@@ -17,9 +17,6 @@ _ALONG: Final = 0.7
 _CROSSING_MPS: Final = 1.0
 """Faster vehicles that cross the EMV's path are the collision handling's, where that is on."""
 _BESIDE_M: Final = 30.0
-
-Rows = npt.NDArray[np.intp]
-Flags = npt.NDArray[np.bool_]
 
 
 def rows_around(view: StepView, row: int) -> tuple[Rows, Flags]:

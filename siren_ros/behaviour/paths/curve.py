@@ -8,9 +8,9 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.polyline import Polyline
-from siren_ros.world.actors import Floats
 
 SPACING_M: Final = 1.0
 """Distance between the points of a curve."""

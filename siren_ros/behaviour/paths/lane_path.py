@@ -7,9 +7,9 @@ from typing import Final
 import numpy as np
 
 from siren_ros.behaviour.paths.curve import SMOOTHING_M, Curve
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.polyline import Polyline
 from siren_ros.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
-from siren_ros.world.actors import Floats
 from siren_ros.world.traffic_state import Indices
 
 _EDGES_AHEAD: Final = 8

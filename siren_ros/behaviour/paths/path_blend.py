@@ -9,7 +9,7 @@ from siren_ros.behaviour.config import NavigatorConfig
 from siren_ros.behaviour.paths.curve import SPACING_M, Curve
 from siren_ros.behaviour.paths.lane_path import LanePath
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
-from siren_ros.world.actors import Floats
+from siren_ros.numerics.arrays import Floats
 
 _WINDING: Final = 40.0
 """Change of curvature that a blend's length is laid out for, times length³ over lateral distance."""

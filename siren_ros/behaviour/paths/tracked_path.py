@@ -7,8 +7,8 @@ import numpy as np
 
 from siren_ros.behaviour.config import NavigatorConfig
 from siren_ros.behaviour.paths.curve import Curve
+from siren_ros.numerics.arrays import Floats
 from siren_ros.roads.road_network import NO_LANE
-from siren_ros.world.actors import Floats
 from siren_ros.world.traffic_state import Indices
 
 _THREE: Final = np.full(3, 1.0 / 3.0)

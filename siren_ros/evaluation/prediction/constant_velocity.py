@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 from siren_ros.evaluation.prediction.prediction_samples import SampleBatch
 from siren_ros.evaluation.prediction.prediction_window import HistoryWindow, future_times_s
-from siren_ros.world.actors import Floats
+from siren_ros.numerics.arrays import Floats
 
 
 @dataclass(frozen=True)

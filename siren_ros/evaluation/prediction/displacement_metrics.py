@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.world.actors import Floats
+from siren_ros.numerics.arrays import Floats
 
 BEST_OF: Final = 6
 """k of minADE and minFDE; a predictor with fewer hypotheses is scored on those it has."""

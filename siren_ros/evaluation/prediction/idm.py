@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from siren_ros.world.actors import Floats
+from siren_ros.numerics.arrays import Floats
 
 
 @dataclass(frozen=True)

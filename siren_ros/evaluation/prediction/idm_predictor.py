@@ -10,8 +10,8 @@ from siren_ros.evaluation.prediction.leaders import leaders_of
 from siren_ros.evaluation.prediction.prediction_samples import SampleBatch
 from siren_ros.evaluation.prediction.prediction_window import HistoryWindow, future_times_s
 from siren_ros.judging.lane_location import locate
+from siren_ros.numerics.arrays import Floats
 from siren_ros.roads.road_network import NO_LANE
-from siren_ros.world.actors import Floats
 
 
 @dataclass(frozen=True)

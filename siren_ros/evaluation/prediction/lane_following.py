@@ -6,10 +6,10 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.polyline import Polyline
 from siren_ros.roads.road_network import NO_LANE, Connection, Lane, RoadNetwork
-from siren_ros.world.actors import Floats
 from siren_ros.world.traffic_state import Indices
 
 _SAME_TURN_RAD = 0.1

@@ -9,13 +9,10 @@ from siren_ros.datasets.trajectory_csv import LOG_PERIOD_STEPS
 from siren_ros.errors import BagError
 from siren_ros.evaluation.prediction.prediction_window import HistoryWindow, future_offsets
 from siren_ros.judging.lane_location import sumo_lanes
+from siren_ros.numerics.arrays import Flags, Floats, Ids, Rows
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 from siren_ros.roads.road_network import RoadNetwork
-from siren_ros.world.actors import Floats, Ids
 from siren_ros.world.traffic_state import Indices
-
-Rows = npt.NDArray[np.intp]
-Flags = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from siren_ros.evaluation.prediction.constant_velocity import ConstantVelocity
 from siren_ros.evaluation.prediction.idm_predictor import IdmPredictor
 from siren_ros.evaluation.prediction.prediction_samples import SampleBatch
 from siren_ros.evaluation.prediction.prediction_window import FUTURE_POINTS, HistoryWindow
-from siren_ros.world.actors import Floats
+from siren_ros.numerics.arrays import Floats
 
 
 class Predictor(Protocol):

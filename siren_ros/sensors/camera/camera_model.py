@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.sensors.suite.mount import OPTICAL_FROM_BODY, Matrix, inverse, transform
+from siren_ros.numerics.arrays import Floats, Matrix
+from siren_ros.sensors.suite.mount import OPTICAL_FROM_BODY, inverse, transform
 from siren_ros.sensors.suite.suite import CameraSpec
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

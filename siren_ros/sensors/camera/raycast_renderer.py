@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.numerics.arrays import Floats, Matrix
 from siren_ros.sensors.camera.camera_model import Pinhole, optical_from_map
 from siren_ros.sensors.camera.rendered_image import RenderedImage
 from siren_ros.sensors.camera.shading.surface_light import ambient_light
@@ -19,14 +20,12 @@ from siren_ros.sensors.meshes.material import SemanticClass, semantic_class_of_a
 from siren_ros.sensors.meshes.mesh import Material, StaticScene, VehicleShape
 from siren_ros.sensors.meshes.placement import Placement
 from siren_ros.sensors.suite.look import Look
-from siren_ros.sensors.suite.mount import Matrix, inverse, map_from_base
+from siren_ros.sensors.suite.mount import inverse, map_from_base
 from siren_ros.world.actors import ActorClass
 
 _REACH_M: Final = 450.0
 _LENS_ALBEDO: Final = 0.1
 _LENSES: Final = (Material.SIGNAL_RED, Material.SIGNAL_YELLOW, Material.SIGNAL_GREEN)
-
-Floats = npt.NDArray[np.float64]
 
 
 class RaycastRenderer:

@@ -8,6 +8,7 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.numerics.arrays import Matrix
 from siren_ros.numerics.units import STEP_S
 from siren_ros.sensors.camera.camera_model import Pinhole, optical_from_map
 from siren_ros.sensors.camera.context import DrawingContext
@@ -24,7 +25,6 @@ from siren_ros.sensors.meshes.material import SemanticClass
 from siren_ros.sensors.meshes.mesh import StaticScene, VehicleShape
 from siren_ros.sensors.meshes.placement import Placement
 from siren_ros.sensors.suite.look import Look
-from siren_ros.sensors.suite.mount import Matrix
 from siren_ros.world.actors import ActorClass
 
 NEAR_M: Final = 0.1

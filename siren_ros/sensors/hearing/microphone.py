@@ -7,9 +7,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.numerics.arrays import Floats, Matrix
 from siren_ros.numerics.units import STEP_S
 from siren_ros.sensors.hearing.siren_sound import LEVEL_AT_1_M_DB, pressure
-from siren_ros.sensors.suite.mount import Matrix
 from siren_ros.sensors.suite.noise import sensor_generator
 from siren_ros.sensors.suite.suite import MicrophoneSpec
 from siren_ros.world.actors import ActorStates, Lights
@@ -26,8 +26,6 @@ _NEAREST_M: Final = 1.0
 _FULL_SCALE: Final = 32767.0
 _ITERATIONS: Final = 3
 """Of the time of emission; each leaves an error of speed / speed of sound of the one before, 10⁻³ m at last."""
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
+from siren_ros.numerics.arrays import Floats
 
 LEVEL_AT_1_M_DB: Final = 124.0
 """Sound pressure level on the axis of a 100 W siren, dB re 20 µPa: SAE J1849 asks for 118 dB(A) at 3 m and more, which

@@ -21,10 +21,10 @@ import numpy.typing as npt
 from numba import types
 
 from siren_ros.errors import SirenError
+from siren_ros.numerics.arrays import Floats32
 from siren_ros.numerics.compiled import compiled
 from siren_ros.sensors.lidar.thread_crew import Crew, everybody
 
-Floats = npt.NDArray[np.float32]
 _NATIVE: Final = {16: 34, 8: 33, 4: 32}
 """Rays of a packet, and the device property that says whether the processor has registers of that width: where it has
 not, Embree casts the rays of a packet one by one."""
@@ -76,11 +76,11 @@ class _IntersectArguments(ctypes.Structure):
 class RayHits:
     """What a bundle of N rays hit first."""
 
-    distance: Floats
+    distance: Floats32
     """In units of the ray's direction; infinite where nothing was hit; shape ``(N,)``."""
     triangle: npt.NDArray[np.uint32]
     """Index of the triangle within its mesh, shape ``(N,)``; meaningless where nothing was hit."""
-    normal: Floats
+    normal: Floats32
     """Of the triangle, not of unit length, shape ``(N, 3)``; meaningless where nothing was hit."""
 
     @classmethod
@@ -103,7 +103,9 @@ class PacketTree(NamedTuple):
 class TriangleTree:
     """Meshes in a tree that rays are cast at; they do not change any more."""
 
-    def __init__(self, meshes: Sequence[tuple[Floats, npt.NDArray[np.integer[Any]]]], crew: Crew | None = None) -> None:
+    def __init__(
+        self, meshes: Sequence[tuple[Floats32, npt.NDArray[np.integer[Any]]]], crew: Crew | None = None
+    ) -> None:
         """Build the tree of meshes, each given as vertices ``(V, 3)`` and triangles ``(T, 3)``.
 
         Args:
@@ -132,7 +134,7 @@ class TriangleTree:
         if scene := getattr(self, "_scene", 0):
             self._library.rtcReleaseScene(scene)
 
-    def _add(self, device: int, vertices_m: Floats, triangles: npt.NDArray[np.integer[Any]]) -> None:
+    def _add(self, device: int, vertices_m: Floats32, triangles: npt.NDArray[np.integer[Any]]) -> None:
         vertices = np.zeros((len(vertices_m) + 1, 3), np.float32)  # Embree reads 16 bytes of each vertex, the last too
         vertices[:-1] = vertices_m
         corners = np.ascontiguousarray(triangles, dtype=np.uint32)
@@ -155,7 +157,7 @@ class TriangleTree:
         arguments = ctypes.addressof(self._arguments)
         return PacketTree(self._scene, arguments, packet, packet.ctypes.data, valid, valid.ctypes.data)
 
-    def cast(self, rays: Floats, hits: RayHits | None = None, order: npt.NDArray[np.int32] | None = None) -> RayHits:
+    def cast(self, rays: Floats32, hits: RayHits | None = None, order: npt.NDArray[np.int32] | None = None) -> RayHits:
         """Find what each ray hits first. Holds scratch memory, so one bundle at a time.
 
         Args:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.interfaces.point_cloud import LIDAR_POINT_DTYPE
+from siren_ros.numerics.arrays import Matrix
 from siren_ros.sensors.lidar import lidar_loops as loops
 from siren_ros.sensors.lidar.embree import RayHits, tiles
 from siren_ros.sensors.lidar.lidar_sweep import Optics, Rotation, Scratch, complete_sweep, measure_sweep
@@ -17,7 +18,7 @@ from siren_ros.sensors.lidar.raycast_world import RaycastWorld
 from siren_ros.sensors.lidar.reflectivity import REFLECTIVITY
 from siren_ros.sensors.meshes.placement import Placement
 from siren_ros.sensors.suite.look import Look
-from siren_ros.sensors.suite.mount import Matrix, inverse
+from siren_ros.sensors.suite.mount import inverse
 from siren_ros.sensors.suite.noise import sensor_generator
 from siren_ros.sensors.suite.suite import LidarSpec
 

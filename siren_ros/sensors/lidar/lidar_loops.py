@@ -3,14 +3,11 @@
 R rays run column by column and, within a column, ring by ring. A sweep has C columns; N vehicles may be hit.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from siren_ros.numerics.compiled import compiled
-
-Array = Any
-"""A numpy array; numba compiles for the element types that it is given."""
+from siren_ros.numerics.compiled import Array, compiled
 
 
 class Pattern(NamedTuple):

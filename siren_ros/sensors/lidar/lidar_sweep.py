@@ -1,15 +1,13 @@
 """A whole sweep as one compiled loop: it takes the interpreter's lock once to begin and once to end."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from siren_ros.numerics.compiled import compiled
+from siren_ros.numerics.compiled import Array, compiled
 from siren_ros.sensors.lidar import lidar_loops as loops
 from siren_ros.sensors.lidar.embree import PacketTree, cast_packets
 
-Array = Any
-"""A numpy array; numba compiles for the element types that it is given."""
 _aim, _select, _merge, _pack = loops.aim, loops.select_candidates, loops.merge_vehicles, loops.pack_points
 
 

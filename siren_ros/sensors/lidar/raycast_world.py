@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.numerics.arrays import Floats32
 from siren_ros.sensors.lidar.embree import PacketTree, RayHits, TriangleTree
 from siren_ros.sensors.meshes.material import SEMANTIC_CLASS_OF_MATERIAL, semantic_class_of_actor
 from siren_ros.sensors.meshes.mesh import StaticScene, VehicleShape
@@ -18,8 +19,6 @@ SHAPE_SPACING_M: Final = 1024.0
 """Distance between the classes' shapes in their common tree. A power of two, so that shifting a ray adds no rounding
 beyond float32's, and more than twice any sensor's range, so that a ray aimed at one shape meets no other within it."""
 _SHAPES_PER_ROW: Final = 4
-
-Floats = npt.NDArray[np.float32]
 
 
 class RaycastWorld:
@@ -52,7 +51,7 @@ class RaycastWorld:
         return self._row_of_class[actor_class]
 
     def cast_static(
-        self, rays: Floats, hits: RayHits | None = None, order: npt.NDArray[np.int32] | None = None
+        self, rays: Floats32, hits: RayHits | None = None, order: npt.NDArray[np.int32] | None = None
     ) -> RayHits:
         """Cast rays (origin and direction, shape ``(N, 6)``, ``map`` frame) at what does not move.
 
@@ -64,6 +63,6 @@ class RaycastWorld:
         """Both trees for compiled loops, what does not move first; they live no longer than this object."""
         return self._static.packets(), self._shapes.packets()
 
-    def cast_shapes(self, rays: Floats) -> RayHits:
+    def cast_shapes(self, rays: Floats32) -> RayHits:
         """Cast rays at the shapes, given in a shape's own frame plus its ``shape_offset_m``, shape ``(N, 6)``."""
         return self._shapes.cast(rays)

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.numerics.arrays import Floats
 from siren_ros.sensors.meshes.mesh import VehicleShape
 from siren_ros.world.actors import NO_ACTOR, ActorClass, ActorDescription, ActorStates, rows_of_ids
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,10 @@
 """Biases that wander: a random walk per axis, a function of seed, sensor and step alone."""
 
 import numpy as np
-import numpy.typing as npt
 
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import STEP_S
 from siren_ros.sensors.suite.noise import sensor_generator
-
-Floats = npt.NDArray[np.float64]
 
 
 class BiasWalk:

@@ -7,10 +7,10 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.errors import InputError
+from siren_ros.numerics.arrays import Matrix
 from siren_ros.roads.map_projection import geodetic_from_projected
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.sensors.navigation.bias_walk import BiasWalk
-from siren_ros.sensors.suite.mount import Matrix
 from siren_ros.sensors.suite.noise import sensor_generator
 from siren_ros.sensors.suite.suite import GnssSpec
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import STEP_S
 from siren_ros.sensors.navigation.bias_walk import BiasWalk
 from siren_ros.sensors.suite.noise import sensor_generator
@@ -13,8 +13,6 @@ from siren_ros.sensors.suite.suite import ImuSpec
 
 STANDARD_GRAVITY_MPS2: Final = 9.80665
 """CGPM 1901."""
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

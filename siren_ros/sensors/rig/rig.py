@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.interfaces import topics
+from siren_ros.numerics.arrays import Matrix
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.sensors.camera.camera import Camera, CameraFrame
@@ -28,7 +29,7 @@ from siren_ros.sensors.rig.station import STATION_FRAME, check_outdoors, station
 from siren_ros.sensors.scene.config import SceneConfig
 from siren_ros.sensors.scene.static_scene import static_scene
 from siren_ros.sensors.suite.look import Look
-from siren_ros.sensors.suite.mount import Matrix, map_from_base
+from siren_ros.sensors.suite.mount import map_from_base
 from siren_ros.sensors.suite.suite import CameraSpec, SensorSuite, period_steps
 from siren_ros.sensors.suite.wanted_labels import WantedLabels
 from siren_ros.sensors.truth.box_labels import ground_truth

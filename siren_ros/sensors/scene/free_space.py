@@ -8,9 +8,8 @@ import shapely
 from shapely.geometry import Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
+from siren_ros.numerics.arrays import Points
 from siren_ros.sensors.scene.surfaces import Surfaces
-
-Points = npt.NDArray[np.float64]
 
 _CELL_M: Final = 20.0
 

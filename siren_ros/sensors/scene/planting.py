@@ -5,10 +5,11 @@ import shapely
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
+from siren_ros.numerics.arrays import Points
 from siren_ros.sensors.meshes.mesh import Mesh
 from siren_ros.sensors.scene.buildings import Lot, building
 from siren_ros.sensors.scene.config import SceneConfig
-from siren_ros.sensors.scene.free_space import FreeSpace, Points, ring_samples
+from siren_ros.sensors.scene.free_space import FreeSpace, ring_samples
 from siren_ros.sensors.scene.poles import street_lamp, turned
 from siren_ros.sensors.scene.surfaces import Surfaces, union
 from siren_ros.sensors.scene.vegetation import broadleaf, conifer

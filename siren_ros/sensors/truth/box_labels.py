@@ -5,9 +5,10 @@ from typing import Final
 
 import numpy as np
 
+from siren_ros.numerics.arrays import Matrix
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.sensors.lidar.lidar import LidarSweep
-from siren_ros.sensors.suite.mount import Matrix, inverse
+from siren_ros.sensors.suite.mount import inverse
 from siren_ros.world.actors import ActorDescription, ActorStates, rows_of_ids
 from siren_ros.world.ground_truth import GroundTruth
 

@@ -3,17 +3,17 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 import shapely
 
-from siren_ros.numerics.compiled import compiled
+from siren_ros.numerics.arrays import Floats, Matrix
+from siren_ros.numerics.compiled import Array, compiled
 from siren_ros.sensors.camera.camera_model import Pinhole, optical_from_map
 from siren_ros.sensors.meshes.mesh import VehicleShape
 from siren_ros.sensors.meshes.placement import Placement
-from siren_ros.sensors.suite.mount import Matrix
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.camera_truth import CameraTruth
 
@@ -23,10 +23,6 @@ _NEAR_M: Final = 0.1
 _SMALLEST_PX: Final = 4.0
 """Outlines smaller than this are not labelled."""
 _DIRECTIONS: Final = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
-
-Floats = npt.NDArray[np.float64]
-Array = Any
-"""A numpy array; numba compiles for the element types that it is given."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,13 +4,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from siren_ros.numerics.arrays import Codes
 from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
 from siren_ros.scenario.levels import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.traffic.demand.plan import TrafficPlan
 from siren_ros.traffic.sumo.advice import ahead_on_route, intent_flags, rescued_names
 from siren_ros.traffic.sumo.config import TrafficConfig
 from siren_ros.traffic.sumo.readings import Readings
-from siren_ros.world.actors import Codes
 from siren_ros.world.traffic_state import TrafficFlags
 
 

@@ -4,9 +4,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from siren_ros.numerics.arrays import Codes, Floats, Ids
 from siren_ros.numerics.units import STEP_S
 from siren_ros.traffic.sumo.readings import Readings
-from siren_ros.world.actors import Codes, Floats, Ids, Owner, rows_of_ids
+from siren_ros.world.actors import Owner, rows_of_ids
 from siren_ros.world.events import Event, EventKind
 from siren_ros.world.traffic_state import TrafficState
 

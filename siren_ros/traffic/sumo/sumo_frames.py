@@ -6,9 +6,9 @@ SUMO's angle is in degrees, clockwise from north; its position is the middle of 
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.geometry import wrap_angle
 
-Floats = npt.NDArray[np.float64]
 Offset = tuple[float, float]
 """The net's ``netOffset``: ``map = sumo − offset``."""
 

@@ -9,6 +9,7 @@ import moderngl
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import NS_PER_S, time_ns_of_step
 from siren_ros.sensors.camera.geometry.vertices import IndexedMesh, index_mesh
 from siren_ros.sensors.camera.geometry.visibility import chunks_in_view, visible_triangles
@@ -31,8 +32,6 @@ _SMALLEST_PX: Final = 0.4
 """Triangles that cover less of a picture are left out: most would meet no pixel's centre."""
 _BLINK_PERIOD_NS: Final = NS_PER_S
 """Yellow blinking signals: 60 flashes a minute, half on and half off (MUTCD 4L.01 demands 50–60 a minute)."""
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

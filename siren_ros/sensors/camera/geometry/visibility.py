@@ -1,13 +1,8 @@
 """Which triangles a camera can see, decided before OpenGL gets them: each costs a software rasteriser dearly."""
 
-from typing import Any
-
 import numpy as np
 
-from siren_ros.numerics.compiled import compiled
-
-Array = Any
-"""A numpy array; numba compiles for the element types that it is given."""
+from siren_ros.numerics.compiled import Array, compiled
 
 
 @compiled

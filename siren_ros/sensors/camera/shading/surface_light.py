@@ -6,10 +6,9 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.numerics.arrays import Floats
 from siren_ros.sensors.meshes.material import Material
 from siren_ros.sensors.suite.look import Look
-
-Array = npt.NDArray[np.float64]
 
 
 class Shading(IntEnum):
@@ -71,7 +70,7 @@ _ROOM_GLOW: Final = 2.2
 """Rooms are lit behind curtains, which are warmer in colour than bare glass."""
 
 
-def _table(default: float, *entries: tuple[tuple[Material, ...], float]) -> Array:
+def _table(default: float, *entries: tuple[tuple[Material, ...], float]) -> Floats:
     table = np.full(len(Material), default)
     for materials, value in entries:
         table[[int(material) for material in materials]] = value
@@ -100,25 +99,25 @@ def shading_of(material: npt.NDArray[np.uint8], normals: npt.NDArray[np.float32]
     return shading
 
 
-def _towards_sun(normals: npt.NDArray[np.floating[Any]], look: Look) -> Array:
+def _towards_sun(normals: npt.NDArray[np.floating[Any]], look: Look) -> Floats:
     x, y, z = (float(value) for value in look.towards_sun)
     n = normals.astype(np.float64)
     return n[:, 0] * x + n[:, 1] * y + n[:, 2] * z
 
 
-def ambient_light(normals: npt.NDArray[np.floating[Any]], look: Look) -> Array:
+def ambient_light(normals: npt.NDArray[np.floating[Any]], look: Look) -> Floats:
     """Light of sky and ground on surfaces of these normals, linear RGB, shape ``(N, 3)``."""
     sky = 0.525 * (np.array(look.zenith_colour) + np.array(look.horizon_colour))
     up = normals[:, 2:3].astype(np.float64) * 0.5 + 0.5
     return look.ambient * (np.array(GROUND_AMBIENT) * (1.0 - up) + sky * up)
 
 
-def _full_light(look: Look) -> Array:
+def _full_light(look: Look) -> Floats:
     """Light that falls on what faces its source: the sun's, or at night all of what the lamps' texture says."""
     return np.ones(3) if look.lamps_lit else np.array(look.sun_colour)
 
 
-def _direct(normals: npt.NDArray[np.float32], look: Look) -> Array:
+def _direct(normals: npt.NDArray[np.float32], look: Look) -> Floats:
     """Light of the sun, or of lamps from above and all around, on surfaces of these normals, shape ``(N, 3)``."""
     if look.lamps_lit:
         facing = _LAMPS_ASIDE + (1.0 - _LAMPS_ASIDE) * normals[:, 2].astype(np.float64)
@@ -127,7 +126,7 @@ def _direct(normals: npt.NDArray[np.float32], look: Look) -> Array:
     return np.asarray(facing[:, None] * _full_light(look))
 
 
-def _night_glow(material: npt.NDArray[np.uint8], colour: Array, look: Look) -> Array:
+def _night_glow(material: npt.NDArray[np.uint8], colour: Floats, look: Look) -> Floats:
     """What street lamps and the windows of lit rooms shine by themselves, shape ``(N, 3)``."""
     glow = np.zeros_like(colour)
     if look.lamps_lit:

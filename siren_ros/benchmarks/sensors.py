@@ -70,7 +70,7 @@ def traffic(
 
 
 def milliseconds(*works: Callable[[], object]) -> list[float]:
-    """Median time of each piece of work, taken turn about so that all meet the same machine."""
+    """Median time of each function; they take turns, so that all run under the same load."""
     times: list[list[float]] = [[] for _ in works]
     for _ in range(_ROUNDS):
         for work, taken in zip(works, times, strict=True):
@@ -97,7 +97,7 @@ def lidar_figures(
     descriptions: dict[int, ActorDescription],
     base: Matrix,
 ) -> None:
-    """Rays per second of a sweep, from states to payload, beside bare casts of the same rays at one scene.
+    """Rays per second of a whole sweep and, for comparison, of bare casts of the same rays.
 
     The bare casts are Open3D's ``cast_rays`` and our own packets; all of them use all cores.
     """
@@ -133,9 +133,9 @@ def camera_figures(
     descriptions: dict[int, ActorDescription],
     base: Matrix,
 ) -> None:
-    """Time of each camera's picture beside its bare draw and read-back, with labels, and of its JPEG.
+    """Time of each camera's picture, of the bare draw with read-back, with labels, and of its JPEG.
 
-    The vehicles are placed anew for every picture, as in an episode, where up to four cameras share them.
+    The vehicles are placed again for every picture; in an episode up to four cameras share one placement.
     """
     start = time.perf_counter()
     renderer = Renderer(static, shapes)

@@ -1,4 +1,4 @@
-"""Many episodes one after the other: do they repeat to the byte, do they leave nothing behind, is memory flat.
+"""Many episodes one after the other: equal bytes, nothing left behind, flat memory.
 
 ``python -m siren_ros.benchmarks.soak --episodes 100 --duration 5`` runs mixed templates, levels, seeds and process
 modes, now and then with a LiDAR or on another map (``--map``), each as a program of its own and twice. It prints a line
@@ -28,11 +28,11 @@ lidars:
   lidar: {mount: {x_m: 0.0, y_m: 0.0, z_m: 1.93}, channels: 8, points_per_second: 40000, rate_hz: 20}
 """
 WARM_UP_ROUNDS: Final = 3
-"""Times that every template runs before the worker's memory counts: numba and SUMO keep what they once needed."""
+"""Runs of every template before the worker's memory counts: numba and SUMO keep memory after their first use."""
 
 
 def lines_of(result: SoakResult) -> list[str]:
-    """What is said of one case: a line, and one for each thing that is wrong."""
+    """The output for one case: a line, and a line for each fault."""
     word = "refused" if result.refused else "ok" if result.clean else "WRONG"
     wrong = [*result.failures, *(["the two bags differ"] if result.hashes_differ else []), *result.lost]
     wrong += [f"left running: {command}" for command in result.processes]
@@ -93,7 +93,7 @@ def worker_memory(options: argparse.Namespace) -> WorkerMemory:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run everything; the exit code says whether all is well."""
+    """Runs everything; exit code 1 where anything is wrong."""
     options = _parser().parse_args(argv)
     with tempfile.TemporaryDirectory(prefix="siren_soak_") as scratch:
         results = soak(options, Path(scratch))

@@ -38,7 +38,7 @@ class SoakCase:
 
     @property
     def name(self) -> str:
-        """One word that tells the case."""
+        """Name of the case in one word."""
         suite, town = Path(self.sensors).stem, Path(self.map).stem or "town"
         modes = "+".join("many" if many else "one" for many in self.processes)
         return f"{self.template}/{self.level}/seed{self.seed}/{suite}/{town}/{modes}"
@@ -57,7 +57,7 @@ class SoakResult:
 
     case: SoakCase
     refused: bool = False
-    """Both runs said that the input cannot be used: the map has no site of the template's kind."""
+    """Both runs refused the input: the map has no site of the template's kind."""
     failures: tuple[str, ...] = ()
     hashes_differ: bool = False
     lost: tuple[str, ...] = ()
@@ -132,14 +132,14 @@ def lost_messages(bag: Path) -> list[str]:
 
 
 def left_behind(bag: Path) -> list[Path]:
-    """What lies beside a finished bag, or in it, and does not belong there."""
-    beside = [path for path in sorted(bag.parent.iterdir()) if path != bag]
+    """Files next to a finished bag, or in it, that do not belong there."""
+    around = [path for path in sorted(bag.parent.iterdir()) if path != bag]
     within = [path for path in sorted(bag.glob("*")) if path.name != "metadata.yaml" and path.suffix != ".mcap"]
-    return beside + within
+    return around + within
 
 
 def marked_processes(mark: str, processes: Path = Path("/proc")) -> Mapping[int, str]:
-    """Command lines of the processes that live and carry a mark, by process id."""
+    """Command lines of the live processes with a mark in their environment, by process id."""
     found = {}
     for entry in sorted(processes.glob("[0-9]*")):
         with suppress(OSError):

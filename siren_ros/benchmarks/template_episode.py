@@ -1,4 +1,4 @@
-"""One episode of a template without ROS, reduced to the figures that tell how well the template works."""
+"""One episode of a template without ROS, and its figures."""
 
 import time
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ class EpisodeFigures:
     template: str
     seed: int
     error: str = ""
-    """Why the episode failed; the other figures then say nothing."""
+    """Why the episode failed; the other figures are then void."""
     holds: bool = False
     failing: tuple[str, ...] = ()
     """Parts of the predicate that do not hold."""
@@ -52,7 +52,7 @@ class EpisodeFigures:
     residual_p99_m: float = 0.0
     residual_max_m: float = 0.0
     standstill_s: float = 0.0
-    """Longest time that an EMV stood without a break."""
+    """Longest uninterrupted standstill of an EMV."""
     emv_speed_mps: float = 0.0
     """Mean of the first EMV."""
     cv_ade_m: float = float("nan")
@@ -65,7 +65,7 @@ class EpisodeFigures:
 
 @dataclass(frozen=True)
 class EpisodeTask:
-    """What to run, and what to measure beyond the record."""
+    """The request, and what to measure beyond the record."""
 
     request: EpisodeRequest
     timed: bool = False
@@ -73,7 +73,7 @@ class EpisodeTask:
 
 
 def measure_episode(task: EpisodeTask) -> EpisodeFigures:
-    """Run an episode and evaluate its record; an episode that fails gives figures that say why."""
+    """Runs an episode and evaluates its record; the figures of a failed episode hold the error."""
     request = task.request
     try:
         setup = set_up_episode(request)
@@ -118,21 +118,21 @@ def figures_of(record: EpisodeRecord, request: EpisodeRequest, step_ms: float) -
 
 
 def longest_standstill_s(speed_mps: npt.NDArray[np.float64]) -> float:
-    """Longest time without a break below ``STILL_MPS``, of speeds at consecutive steps."""
+    """Longest uninterrupted time below ``STILL_MPS``; the speeds are those of consecutive steps."""
     still = np.concatenate(([False], speed_mps < STILL_MPS, [False])).astype(np.int8)
     begins, ends = np.flatnonzero(np.diff(still) == 1), np.flatnonzero(np.diff(still) == -1)
     return float((ends - begins).max(initial=0)) * STEP_S
 
 
 def travel_times_s(first: EpisodeFigures, second: EpisodeFigures) -> tuple[float, float]:
-    """Times in which two EMVs cover the way that both of them cover."""
+    """Times of two EMVs over the distance that both cover."""
     common_m = min(first.way_m[-1], second.way_m[-1])
     times = [float(np.searchsorted(one.way_m, common_m)) * STEP_S for one in (first, second)]
     return times[0], times[1]
 
 
 def median_step_ms(setup: EpisodeSetup, steps: Sequence[LoopStep]) -> float:
-    """Median time of behaviour and dynamics on the same inputs once more; they are pure functions of the traffic."""
+    """Median time of behaviour and dynamics, computed again from the recorded traffic."""
     world = behaviour_world(setup.description, setup.compiled_map.read_bytes())
     emv, civilians, fleet = EmvState.initial(), YieldState.initial(), FleetState.empty(load_vehicle_parameters())
     taken = []

@@ -9,7 +9,7 @@ def new_folder(path: Path) -> Path:
     """Makes a folder for an export.
 
     Raises:
-        InputError: Something is there already, or the place cannot be written.
+        InputError: The folder is not empty, or cannot be written.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)

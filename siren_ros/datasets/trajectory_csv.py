@@ -1,4 +1,4 @@
-"""``trajectory.csv`` as the paper lays it out (supplement, "Data Formats and Coordinate Conventions").
+"""``trajectory.csv`` in the paper's layout (supplement, "Data Formats and Coordinate Conventions").
 
 One row per actor per logged frame at 10 Hz, in CARLA's world frame: left-handed, x forward, y right,
 z up, yaw in degrees increasing clockwise, so ``y = −y_map``, ``vy = −vy_map`` and ``yaw = −yaw_map``.
@@ -37,7 +37,7 @@ _DECIMALS: Final = 4
 def type_id_of(actor_class: ActorClass) -> str:
     """A name in the form of CARLA's blueprint ids: ``vehicle.siren.ambulance``.
 
-    CARLA's own ids name car models that these actors are not.
+    CARLA's ids name car models; these actors are none of them.
     """
     return f"vehicle.siren.{actor_class.name.lower()}"
 
@@ -72,7 +72,7 @@ def _texts(column: Floats) -> list[str]:
 
 
 def export_csv(record: EpisodeRecord, folder: Path) -> Path:
-    """Writes ``trajectory.csv`` into a folder, which is made where it is missing.
+    """Writes ``trajectory.csv`` into a folder; makes the folder where it is missing.
 
     Raises:
         InputError: The file exists already, or cannot be written.

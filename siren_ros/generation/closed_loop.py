@@ -1,7 +1,7 @@
-"""The closed loop of an episode without ROS: the same library calls in the same order as the node graph.
+"""The closed loop of an episode without ROS: the library calls of the node graph, in the same order.
 
-For studies of behaviour that need neither topics nor sensors, and for tests. What the nodes exchange over
-DDS is handed over directly; the states are the same.
+It serves studies of behaviour that need neither topics nor sensors, and tests. Data that the nodes exchange over DDS
+is passed directly; the states are the same.
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,7 +26,7 @@ from siren_ros.world.traffic_state import TrafficState
 
 @dataclass(frozen=True)
 class LoopStep:
-    """Everything that the nodes of the loop say at one step."""
+    """The messages of all nodes of the loop at one step."""
 
     traffic: TrafficState
     commands: tuple[VehicleCommands, ...]
@@ -38,13 +38,13 @@ class LoopStep:
 def closed_loop(
     setup: EpisodeSetup, steps: int, residual_limit_m: float = 5.0, answers: Sequence[VehicleCommands] = ()
 ) -> Iterator[LoopStep]:
-    """Run an episode's behaviour, dynamics and traffic step by step.
+    """Runs an episode's behaviour, dynamics and traffic step by step.
 
     Args:
         setup: The episode.
-        steps: How far to run.
+        steps: Number of steps.
         residual_limit_m: Distance between SUMO's and the simulated pose above which the episode fails.
-        answers: What the controller of the AV under test answered to each step; without an answer the AV rolls.
+        answers: Commands of the AV's controller, one for each step; without a command the AV rolls.
 
     Raises:
         EpisodeError: As in the node graph: SUMO teleported a vehicle, or the residual passed its limit.
@@ -69,7 +69,7 @@ def closed_loop(
 def _av_commands(
     setup: EpisodeSetup, traffic: TrafficState, answers: Sequence[VehicleCommands]
 ) -> tuple[VehicleCommands, ...]:
-    """The AV's command to a step: the answer to the step before."""
+    """The AV's command at a step: its controller's answer to the step before."""
     av_id, before = setup.description.av_id, traffic.step - 1
     if av_id not in traffic.actor_id:
         return ()
@@ -79,7 +79,7 @@ def _av_commands(
 
 
 def record_of(setup: EpisodeSetup, steps: list[LoopStep]) -> EpisodeRecord:
-    """The record that the bag of these steps would give, for predicates and pictures."""
+    """The record of these steps, as their bag would give it; for predicates and pictures."""
     actors: dict[int, ActorDescription] = {actor.actor_id: actor for step in steps for actor in step.traffic.spawned}
     commands: dict[str, tuple[VehicleCommands, ...]] = {
         source: tuple(step.commands[position] for step in steps)

@@ -1,4 +1,4 @@
-"""How the AV under test responded to the emergency vehicle, from the record alone."""
+"""The response of the AV under test to the emergency vehicle, from the record alone."""
 
 from dataclasses import dataclass
 
@@ -11,25 +11,25 @@ from siren_ros.world.actors import NO_ACTOR
 from siren_ros.world.events import EventKind
 
 HEARD_M = 40.0
-"""Distance between the vehicles' centres at which the siren counts as heard (paper: response distance)."""
+"""Largest distance between the two centres at which the AV hears the siren (paper: response distance)."""
 
 
 @dataclass(frozen=True)
 class AvResponse:
-    """Numbers of one encounter; times in seconds from the step at which the siren came within reach."""
+    """Numbers of one encounter."""
 
     heard_s: float
-    """Simulated time at which the EMV came within reach from behind; −1 where it never did."""
+    """Simulated time at which the EMV came within ``HEARD_M`` from behind; −1 where it never did."""
     passed_after_s: float
-    """Until the EMV's centre was ahead of the AV's; −1 where it did not pass."""
+    """Time from ``heard_s`` until the EMV's centre was ahead of the AV's; −1 where it did not pass."""
     speed_drop_mps: float
-    """Speed when the siren was heard less the lowest one until the EMV had passed."""
+    """Speed at ``heard_s`` minus the lowest speed until the EMV had passed."""
     moved_right_m: float
-    """Largest displacement to the right of the line that the AV was driving along when it heard the siren."""
+    """Largest displacement to the right of the AV's line of travel at ``heard_s``."""
     closest_m: float
     """Least distance between the two centres."""
     collisions: int
-    """Of the AV, with anybody."""
+    """Collisions of the AV with any vehicle."""
 
     def measures(self) -> dict[str, float | int | str]:
         """The numbers as an episode's outcome stores them."""

@@ -1,4 +1,4 @@
-"""Templates S3 to S6: the EMV passes a red signal or a stop sign with other traffic inside the junction."""
+"""Templates S3 to S6: the EMV passes a red signal or a stop sign while other vehicles are inside the junction."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from siren_ros.roads.road_network import RoadNetwork
 RED: Final = frozenset("ru")
 """SUMO's letters that forbid entering: red, and red with yellow."""
 SAME_DIRECTION_RAD: Final = np.pi / 6.0
-"""Largest difference of heading, on entering and on leaving, between movements of the same road direction."""
+"""Largest difference of heading, at entry and at exit, between movements of the same direction."""
 
 
 def red_same_direction(record: EpisodeRecord, _thresholds: Mapping[str, float]) -> Verdict:
@@ -26,17 +26,17 @@ def red_same_direction(record: EpisodeRecord, _thresholds: Mapping[str, float]) 
 
 
 def red_crossing(record: EpisodeRecord, _thresholds: Mapping[str, float]) -> Verdict:
-    """S4: the EMV enters against red, and a vehicle whose path crosses its path is inside during its traversal."""
+    """S4: the EMV enters against red, and a vehicle on a crossing path is inside during its traversal."""
     return _judge(record, _RedLine(record), "crossing_inside")
 
 
 def stop_same_direction(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verdict:
-    """S5: the EMV passes a stop line faster than ``speed_min_mps``, a vehicle of its direction inside."""
+    """S5: the EMV passes a stop line faster than ``speed_min_mps`` while a vehicle of its direction is inside."""
     return _judge(record, _StopLine(record, thresholds["speed_min_mps"]), "same_direction_inside")
 
 
 def stop_crossing(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verdict:
-    """S6: the EMV passes a stop line faster than ``speed_min_mps``, a vehicle inside whose path crosses its path."""
+    """S6: the EMV passes a stop line faster than ``speed_min_mps`` while a vehicle on a crossing path is inside."""
     return _judge(record, _StopLine(record, thresholds["speed_min_mps"]), "crossing_inside")
 
 
@@ -51,7 +51,7 @@ class _RedLine:
         return self.record.network.connections[traversal.connection].signal_id is not None
 
     def part(self, traversal: Traversal | None) -> Part:
-        """1 where the signal showed red as the front passed the stop line, 0 where it did not."""
+        """1 where the signal was red as the front passed the stop line, else 0."""
         if traversal is None:
             return at_least("against_red", 0, 1, f"the EMV crosses {self.wanted} nowhere")
         letter = signal_letter(self.record, traversal)
@@ -78,7 +78,7 @@ class _StopLine:
 
 
 def _judge(record: EpisodeRecord, line: _RedLine | _StopLine, others: str) -> Verdict:
-    """The verdict on the traversal by an EMV that comes closest to what is wanted."""
+    """The verdict on the EMV's traversal that comes closest to the predicate."""
     traversals = find_traversals(record)
     emv_ids = frozenset(record.emv_ids)
     civilians = [item for item in traversals if item.actor_id not in emv_ids]
@@ -93,7 +93,7 @@ def _judge(record: EpisodeRecord, line: _RedLine | _StopLine, others: str) -> Ve
 
 
 def _inside(network: RoadNetwork, traversal: Traversal, civilians: list[Traversal], crossing: bool) -> list[Traversal]:
-    """Civilians' traversals of the same junction that meet the EMV's, of the kind of movement that is wanted."""
+    """Civilians' traversals that meet the EMV's: on crossing paths, or in its direction."""
     own = network.connections[traversal.connection]
     meeting = [
         item
@@ -107,7 +107,7 @@ def _inside(network: RoadNetwork, traversal: Traversal, civilians: list[Traversa
 
 
 def is_same_direction(network: RoadNetwork, first: int, second: int) -> bool:
-    """Whether two movements (connection indices) begin on the same edge, or enter and leave in the same directions."""
+    """Whether two movements (connection indices) have the same approach edge, or the same headings at both ends."""
     movements = [network.connections[index] for index in (first, second)]
     if network.lanes[movements[0].from_lane].edge == network.lanes[movements[1].from_lane].edge:
         return True
@@ -117,7 +117,7 @@ def is_same_direction(network: RoadNetwork, first: int, second: int) -> bool:
 
 
 def signal_letter(record: EpisodeRecord, traversal: Traversal) -> str:
-    """What the signal of a traversal's movement showed as the front passed the stop line; empty if it is unknown."""
+    """SUMO's letter of the movement's signal as the front passed the stop line; empty if it is unknown."""
     connection = record.network.connections[traversal.connection]
     states = record.signal_states(connection.signal_id) if connection.signal_id is not None else {}
     state = states.get(traversal.enter_step, "")

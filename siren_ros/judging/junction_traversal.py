@@ -1,4 +1,4 @@
-"""When each vehicle crossed a junction, on which movement, and while which steps it was inside, from its poses."""
+"""Junction traversals of every vehicle: the movement, and the steps inside the junction, from the poses."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -16,15 +16,15 @@ from siren_ros.roads.road_network import NO_LANE, Connection, Lane, LaneKind, Ro
 from siren_ros.world.traffic_state import Indices
 
 _BESIDE_M: Final = 15.0
-"""Lateral distance from the exit lane within which a vehicle has left the junction that way: a few lanes."""
+"""Lateral reach of an exit: a vehicle left the junction by it within this distance of the exit lane."""
 _NEVER: Final = -1
 _MARGIN_M: Final = 2.0
-"""How much further than its own length before the stop line a vehicle is looked at."""
+"""The search for the stop line's crossing begins this far before the vehicle's own length."""
 
 
 @dataclass(frozen=True)
 class Traversal:
-    """One vehicle's way across one junction. Pairs of steps are half-open: the second is the first one outside."""
+    """One vehicle's way across one junction. Pairs of steps are half-open: the second step is outside."""
 
     actor_id: int
     connection: int
@@ -33,13 +33,13 @@ class Traversal:
     """First step with the front bumper beyond the stop line, the end of the approach lane."""
     enter_speed_mps: float
     leave_step: int
-    """First step with the rear bumper on the exit lane; past the last step where the record ends before."""
+    """First step with the rear bumper on the exit lane; the step after the last one where the record ends before."""
     centre_steps: tuple[int, int]
     """While the footprint's centre lies between the stop line and the exit lane."""
     approach_step: int
     """First step on the approach edge."""
     exit_step: int
-    """First step on the last road after the junction that is not the exit edge any more, or past the last step."""
+    """First step after the exit edge; the step after the last one where the record ends before."""
 
     def meets(self, other: "Traversal") -> bool:
         """Whether the other's centre is inside the junction at some step of this traversal, front to rear."""
@@ -48,15 +48,15 @@ class Traversal:
 
 
 def find_traversals(record: EpisodeRecord, places: LanePlaces | None = None) -> tuple[Traversal, ...]:
-    """Every junction traversal of every vehicle whose stop line's crossing is in the record, by actor and time.
+    """Every junction traversal whose stop line is crossed in the record, by actor and then by time.
 
-    The approach and the exit edge are those that the footprint's centre lay on before and after; of the movements
-    between them it is the one whose path across the junction held the centre longest. Vehicles that keep no lane
-    (between lanes, on the wrong side of the road) are followed by their projection on the approach and exit lanes.
+    The footprint's centre lay on the approach edge before and on the exit edge after. Where several movements join
+    the two, the movement counts whose path held the centre longest. A vehicle that keeps no lane (between lanes, on
+    the wrong side of the road) is followed by its projection on the approach lane and the exit lane.
 
     Args:
         record: The episode.
-        places: Lanes of ``record.rows`` where they are known already.
+        places: Lanes of ``record.rows``; None to compute them.
     """
     rows = record.rows
     found = places if places is not None else places_of(record, rows)
@@ -71,7 +71,7 @@ def find_traversals(record: EpisodeRecord, places: LanePlaces | None = None) -> 
 
 
 class _Movements:
-    """The network's movements by the edges that they join."""
+    """The network's movements by approach and exit edge."""
 
     def __init__(self, network: RoadNetwork) -> None:
         self.network = network
@@ -93,7 +93,7 @@ class _Movements:
         return [index for ends, group in self.between.items() if ends[0] == edge for index in group]
 
     def likeliest(self, candidates: Iterable[int], last_lane: int, between: Indices) -> tuple[int | None, int]:
-        """The movement whose path holds most of the given lanes, then the one that begins nearest; and how many."""
+        """The movement whose path holds most of the given lanes, and how many; of equals the nearest lane."""
         position = self.network.lanes[last_lane].position
 
         def rank(index: int) -> tuple[int, int, int]:
@@ -107,7 +107,7 @@ class _Movements:
 
 @dataclass(frozen=True)
 class _Run:
-    """Rows first to last, inclusive, whose centre lies on the same edge wherever it lies on a road."""
+    """Rows first to last, inclusive: the centre lies on one edge or on no road."""
 
     edge: int
     first: int
@@ -151,7 +151,7 @@ class _Drive:
         ]
 
     def _movement(self, run: _Run, later: list[_Run]) -> tuple[int | None, _Run | None]:
-        """The movement out of a run, and the run that it leads to; a stray run in between is passed over."""
+        """The movement out of a run, and the run that it leads to; at most one stray run in between is skipped."""
         last_lane = int(self.lane[run.last])
         for following in later:
             candidates = self.movements.between.get((run.edge, following.edge), [])

@@ -18,13 +18,13 @@ from siren_ros.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.world.actors import ActorDescription, Lights
 
 REACH_M: Final = 200.0
-"""How far along the lane "ahead in the EMV's lane" reaches: beyond the range of any siren."""
+"""Vehicles up to here along the lane count as ahead in the EMV's lane; more than the range of any siren."""
 BODY_MARGIN_M: Final = 0.3
-"""How far a body may still stand over the line when its lane change counts as complete."""
+"""A lane change is complete when at most this much of the body is still over the line."""
 LATERAL_REACH_M: Final = 12.0
-"""Lateral distance within which a vehicle counts as passed: a few lanes, not the next street."""
+"""Largest lateral distance of a vehicle that counts as passed: a few lanes, not the next street."""
 SEAM_M: Final = 30.0
-"""How far beyond its end a lane is followed to recognise the lane beside its continuation."""
+"""A lane change across the end of an edge is found by following the old lane this far."""
 
 
 @dataclass(frozen=True)
@@ -39,15 +39,15 @@ class LaneClearing:
     end_step: int
     """First step at which its body is clear of that lane."""
     passed_step: int | None
-    """First step at which the EMV's rear is ahead of its front, after a pass in the lane that was cleared."""
+    """First step with the EMV's rear ahead of its front, after a pass in the cleared lane; None without one."""
 
 
 def lane_cleared(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verdict:
-    """At least so many civilians ahead in the EMV's lane leave it, and the EMV passes them in that lane.
+    """Civilians ahead in the EMV's lane leave it, and the EMV passes them in that lane.
 
     Args:
         record: The episode.
-        thresholds: ``lane_changes_min`` and ``passed_min``.
+        thresholds: ``lane_changes_min`` and ``passed_min``, the least numbers of civilians.
     """
     clearings = find_clearings(record)
     passed = [clearing for clearing in clearings if clearing.passed_step is not None]
@@ -98,7 +98,7 @@ class _Mover:
 
 
 def _clearing(network: RoadNetwork, emv: _Mover, civilian: _Mover) -> LaneClearing | None:
-    """The civilian's first change out of the EMV's lane; one that the EMV passes goes before one it does not."""
+    """The civilian's first change out of the EMV's lane after which the EMV passes it; else the first one."""
     unpassed = None
     for start, end in _lane_changes(network, civilian):
         left_lane = int(civilian.lane[start])
@@ -118,16 +118,16 @@ def _clearing(network: RoadNetwork, emv: _Mover, civilian: _Mover) -> LaneCleari
 def _lane_changes(network: RoadNetwork, mover: _Mover) -> list[tuple[int, int]]:
     """Rows (last in the old lane, first clear of it) of each completed lane change of one actor.
 
-    A change across the seam of two edges, or within a junction, counts as well: the new lane is then
-    beside one that follows the old lane.
+    The change may also cross the end of an edge or happen inside a junction: the new lane is then a neighbour of a
+    lane that follows the old one.
     """
     changes = []
     inside = np.flatnonzero(mover.lane != NO_LANE)
     for before, after in pairwise(inside[_ends_of_runs(mover.lane[inside])].tolist()):
         old, new = int(mover.lane[before]), network.lanes[mover.lane[after]]
         follows = lanes_ahead(network, old, SEAM_M)
-        beside = {side: network.neighbour(new, side) for side in (1, -1)}
-        old_sides = [side for side, lane in beside.items() if lane is not None and lane.index in follows]
+        neighbours = {side: network.neighbour(new, side) for side in (1, -1)}
+        old_sides = [side for side, lane in neighbours.items() if lane is not None and lane.index in follows]
         if new.index in follows or not old_sides:
             continue
         first_new = int(inside[np.searchsorted(inside, before) + 1])
@@ -166,7 +166,7 @@ def _siren(emv: _Mover, step: int) -> bool:
 
 
 def _is_ahead(network: RoadNetwork, emv: _Mover, civilian: _Mover, row: int) -> bool:
-    """Whether the civilian is ahead of the EMV in the lane that the EMV follows, at the civilian's row."""
+    """Whether the civilian is ahead in the EMV's lane or its continuation, at the civilian's row."""
     emv_row = emv.row_at(int(civilian.rows.step[row]))
     if emv_row is None or emv.lane[emv_row] == NO_LANE:
         return False
@@ -177,7 +177,7 @@ def _is_ahead(network: RoadNetwork, emv: _Mover, civilian: _Mover, row: int) -> 
 
 
 def _passed_step(network: RoadNetwork, emv: _Mover, civilian: _Mover, left_lane: int, from_step: int) -> int | None:
-    """Step at which the EMV has fully passed, if its centre went by in the lane that was cleared."""
+    """First step with the EMV's rear ahead of the civilian's front; None unless it passed in the cleared lane."""
     steps, emv_rows, rows = np.intersect1d(emv.rows.step, civilian.rows.step, return_indices=True)
     later = steps > from_step
     steps, emv_rows, rows = steps[later], emv_rows[later], rows[later]

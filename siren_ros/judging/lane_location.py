@@ -1,4 +1,4 @@
-"""Which lane a pose is in, from the pose and the road network alone, with SUMO's word as a tie-break."""
+"""The lane of a pose, from the pose and the road network; SUMO's lane decides between overlapping lanes."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -16,7 +16,7 @@ _DRIVEN_KINDS: Final = frozenset({LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.
 _END_MARGIN_M: Final = 0.05
 """Lanes of consecutive edges meet with rounding gaps of SUMO's two decimals."""
 _HINT_BONUS_M: Final = 100.0
-"""Puts SUMO's own lane first where the pose lies in several lanes (paths across a junction overlap)."""
+"""Puts SUMO's lane first where a pose lies in several lanes (paths across a junction overlap)."""
 _INTERNAL_PENALTY_M: Final = 10.0
 
 
@@ -25,7 +25,7 @@ class LanePlaces:
     """Lane of each of M poses; arrays of shape ``(M,)``."""
 
     lane: Indices
-    """Index into ``RoadNetwork.lanes``; NO_LANE where the pose is in none along its direction."""
+    """Index into ``RoadNetwork.lanes``; NO_LANE where the pose is in no lane of its direction."""
     arc_m: Floats
     """Arc length of the footprint's centre on the lane's centre line."""
     offset_m: Floats
@@ -33,13 +33,13 @@ class LanePlaces:
 
 
 def locate(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats, hint: Indices) -> LanePlaces:
-    """The lane whose area holds each footprint centre and that runs in its direction (within 90°).
+    """The lane of each pose: its area holds the footprint's centre, its direction is within 90° of the heading.
 
     Args:
         network: The map.
         xy_m: Footprint centres, shape ``(M, 2)``.
         yaw_rad: Headings, shape ``(M,)``.
-        hint: Lane index that is preferred where a pose lies in several lanes, shape ``(M,)``; NO_LANE without one.
+        hint: Preferred lane index where a pose lies in several lanes, NO_LANE for none; shape ``(M,)``.
     """
     count = len(xy_m)
     lane = np.full(count, NO_LANE, dtype=np.int32)
@@ -65,7 +65,7 @@ def locate(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats, hint: Indices) -
 
 
 def sumo_lanes(record: EpisodeRecord, rows: StateRows) -> Indices:
-    """SUMO's lane of the same actor at the same step, NO_LANE where SUMO does not say; shape ``(M,)``."""
+    """SUMO's lane of each row's actor at the row's step, NO_LANE where it is unknown; shape ``(M,)``."""
     hint = np.full(len(rows), NO_LANE, dtype=np.int32)
     order = np.argsort(rows.step, kind="stable")
     edges = np.searchsorted(rows.step[order], [traffic.step for traffic in record.traffic])
@@ -84,7 +84,7 @@ def places_of(record: EpisodeRecord, rows: StateRows) -> LanePlaces:
 
 
 def lanes_ahead(network: RoadNetwork, lane: int, reach_m: float) -> frozenset[int]:
-    """The lane and those that follow it without a lane change, paths across junctions included.
+    """The lane and all lanes that can follow it without a lane change, paths across junctions included.
 
     Args:
         network: The map.
@@ -109,7 +109,7 @@ def lanes_ahead(network: RoadNetwork, lane: int, reach_m: float) -> frozenset[in
 
 
 def _followings(network: RoadNetwork, lane: int) -> list[tuple[int, ...]]:
-    """For each movement out of a lane (or on from a path across a junction): the lanes that it leads through."""
+    """The lanes of each movement out of a lane, or of the rest of a path across a junction."""
     if network.lanes[lane].kind is LaneKind.INTERNAL:
         on_path = [connection for connection in network.connections if lane in connection.via]
         return [(*item.via[item.via.index(lane) + 1 :], item.to_lane) for item in on_path]

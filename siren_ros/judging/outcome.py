@@ -1,4 +1,4 @@
-"""The outcome of an episode, from its record: did the interaction happen, and with what numbers."""
+"""The outcome of an episode: whether the interaction happened, and its numbers."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ from siren_ros.world.events import EventKind
 
 
 def judge(builder: RecordBuilder, closing: EpisodeClosing) -> EpisodeOutcome:
-    """The outcome of an episode that has just ended; an episode too short to be judged has none."""
+    """The outcome of an episode that has just ended; ``predicate_holds`` is None where it cannot be judged."""
     try:
         record = builder.build()
         verdict = evaluate_predicate(record)

@@ -1,4 +1,4 @@
-"""The predicates that tell whether a template's interaction happened, evaluated on the record alone."""
+"""The predicates: whether a template's interaction happened, evaluated on the record alone."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ PARAMETER: Final = "predicate"
 
 @dataclass(frozen=True)
 class PredicateChoice:
-    """Which predicate an episode is held against."""
+    """The predicate of an episode, with its thresholds."""
 
     name: str
     thresholds: Mapping[str, float]

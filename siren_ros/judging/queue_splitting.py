@@ -17,10 +17,10 @@ from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
 from siren_ros.world.actors import Mode
 
 CREEP_MPS: Final = 10.0 / 3.6
-"""Up to this speed a vehicle of a queue creeps: walking to trotting pace, as on a jammed road."""
+"""Largest speed of a vehicle in a queue, 10 km/h: it creeps, as on a jammed road."""
 STANDING_MPS: Final = 0.3
 HOLD_S: Final = 1.0
-"""Least time for which a vehicle that holds has to stand."""
+"""Least time for which a holding vehicle stands."""
 OFF_CENTRE_M: Final = 0.3
 """Least offset from its lane's centre line of a vehicle that has pulled over."""
 QUEUE_MIN: Final = 2
@@ -31,20 +31,20 @@ LATERAL_REACH_M: Final = 6.0
 
 @dataclass(frozen=True)
 class Overtaking:
-    """The moment at which the EMV's centre passes that of a civilian in a queue beside it."""
+    """The moment at which the EMV's centre passes the centre of a civilian in a queue."""
 
     actor_id: int
     emv_id: int
     step: int
     side: int
-    """Of the lane boundary that the EMV is next to: +1 for a civilian on its left, −1 right."""
+    """Side of the nearest lane boundary on which the civilian is: +1 left, −1 right."""
     lateral_m: float
     """Distance of the EMV's centre from that boundary."""
 
 
 @dataclass(frozen=True)
 class Holding:
-    """A civilian that stands in the hold of its yield."""
+    """A civilian that stands in the hold of its yield manoeuvre."""
 
     actor_id: int
     step: int
@@ -107,10 +107,10 @@ def _listed(overtakings: list[Overtaking]) -> str:
 
 
 def find_holding(record: EpisodeRecord, places: LanePlaces) -> tuple[Holding, ...]:
-    """Civilians that stand for a second in the yield's hold, each once, by time.
+    """Civilians that stand in the hold of their yield for ``HOLD_S``, each once, by time.
 
-    Those that stand away from their lane's centre line have pulled over; for a civilian that holds several times,
-    the first time of that kind counts, or else the first of all.
+    A civilian that stands away from its lane's centre line has pulled over. Where a civilian holds several times,
+    its first time pulled over counts, or else its first time.
 
     Args:
         record: The episode.
@@ -134,9 +134,9 @@ def find_holding(record: EpisodeRecord, places: LanePlaces) -> tuple[Holding, ..
 
 
 def find_overtakings(record: EpisodeRecord, places: LanePlaces, emv_id: int) -> tuple[Overtaking, ...]:
-    """Civilians in queues that the EMV's centre passes, each once, in the order of time.
+    """The EMV's passes of civilians in queues, each civilian once, by time.
 
-    A civilian in a queue stands or creeps in a driving lane that has a driving lane beside it.
+    A civilian in a queue stands or creeps in a driving lane next to another driving lane.
 
     Args:
         record: The episode.
@@ -162,7 +162,7 @@ def find_overtakings(record: EpisodeRecord, places: LanePlaces, emv_id: int) -> 
 
 
 def _abreast(emv: StateRows, civilian: StateRows) -> list[tuple[int, int]]:
-    """Rows of the EMV and of a civilian at the first step of the EMV being ahead, at each pass side by side."""
+    """Rows of the EMV and of a civilian at each pass: the first step with the EMV's centre ahead."""
     _, emv_rows, rows = np.intersect1d(emv.step, civilian.step, assume_unique=True, return_indices=True)
     emv_then, civilian_then = emv.select(emv_rows), civilian.select(rows)
     ahead_m, left_m = ahead_and_left_m(emv_then, civilian_then)
@@ -172,7 +172,7 @@ def _abreast(emv: StateRows, civilian: StateRows) -> list[tuple[int, int]]:
 
 
 def _boundary(network: RoadNetwork, lane: int, xy_m: Floats) -> tuple[int, float] | None:
-    """The boundary of a driving lane to a driving lane beside it that is nearest to a point.
+    """The boundary between a driving lane and a neighbouring driving lane that is nearest to a point.
 
     Returns:
         The side of the boundary on which the lane lies (+1 left) and the point's distance from it; None where
@@ -184,8 +184,8 @@ def _boundary(network: RoadNetwork, lane: int, xy_m: Floats) -> tuple[int, float
     offset = float(found.centre.project(xy_m)[1])
     lines = []
     for side in (1, -1):
-        beside = network.neighbour(found, side)
-        if beside is not None and beside.kind is LaneKind.DRIVING:
+        neighbour = network.neighbour(found, side)
+        if neighbour is not None and neighbour.kind is LaneKind.DRIVING:
             lines.append((abs(offset - side * found.width_m / 2.0), -side))
     if not lines:
         return None

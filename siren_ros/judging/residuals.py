@@ -10,7 +10,7 @@ from siren_ros.world.actors import Owner
 
 @dataclass(frozen=True)
 class ResidualSummary:
-    """Over all actors and steps; zeros where SUMO owns nobody."""
+    """Over all actors and steps; zeros where SUMO owns no actor."""
 
     median_m: float
     p99_m: float

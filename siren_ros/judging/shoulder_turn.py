@@ -14,11 +14,11 @@ from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 from siren_ros.roads.road_network import LaneKind, RoadNetwork
 
 RIGHT_TURNS: Final = frozenset({"r", "R"})
-"""SUMO's letters of movements to the right, and partly to the right."""
+"""SUMO's letters of right turns and of slight right turns."""
 TURN_MIN_DEG: Final = 45.0
 """Least heading change to the right of what counts as a turn."""
 NEAR_M: Final = 50.0
-"""How far before and after the junction the approach and the exit belong to the turn: where one gets into lane."""
+"""Largest distance before and after the junction at which the approach and the exit belong to the turn."""
 
 
 def shoulder_turn(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verdict:
@@ -96,7 +96,7 @@ def _shoulder_lanes(network: RoadNetwork) -> list[int]:
 
 
 def _stretches(rows: StateRows, holds: npt.NDArray[np.bool_]) -> str:
-    """The stretches of time at which a condition holds."""
+    """The intervals of time in which a condition holds, as text."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], holds, [False])).astype(np.int8)))
     times = [
         f"{rows.step[first] * STEP_S:.1f} s to {(rows.step[last - 1] + 1) * STEP_S:.1f} s"

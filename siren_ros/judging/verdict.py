@@ -1,4 +1,4 @@
-"""Results of checks on a record: a number, its threshold, and whether it holds."""
+"""Results of checks on a record: conditions with their numbers, and verdicts of several conditions."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -6,16 +6,16 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Part:
-    """One condition with the number that was found and the one that it is held against."""
+    """One condition: the number found, its threshold, and whether the condition holds."""
 
     name: str
     value: float
     threshold: float
     holds: bool
     relation: str
-    """``>=``, ``>``, ``<=`` or ``=``: how the value has to stand to the threshold."""
+    """Required relation of value to threshold: ``>=``, ``>``, ``<=`` or ``=``."""
     detail: str = ""
-    """Where the value was found: step and actor of the worst case, names of what is missing."""
+    """Step and actor of the worst case, or names of what is missing."""
 
     def __str__(self) -> str:
         found = f"{self.name}: {self.value:.4g} (needs {self.relation} {self.threshold:.4g})"
@@ -44,12 +44,12 @@ def equals(name: str, value: float, threshold: float, detail: str = "") -> Part:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether an interaction happened, and by which numbers."""
+    """Whether an interaction happened, with the numbers that decide it."""
 
     holds: bool
     parts: tuple[Part, ...]
     text: str
-    """One sentence for people."""
+    """One sentence for the user."""
 
     @property
     def failing(self) -> tuple[Part, ...]:
@@ -62,15 +62,15 @@ class Verdict:
 
 
 def verdict_of(parts: tuple[Part, ...], text: str) -> Verdict:
-    """The verdict that holds where all parts hold."""
+    """A verdict of some parts; it holds where all parts hold."""
     return Verdict(all(part.holds for part in parts), parts, text)
 
 
 def closest_of(verdicts: Iterable[Verdict]) -> Verdict | None:
-    """Of several places or moments where an interaction may have happened, the one that came closest.
+    """The verdict that comes closest to holding, of several places or moments of one episode.
 
-    That is the one with the most parts that hold, then the one with the largest values in the order of its parts,
-    then the first; None of none.
+    It has the most parts that hold. Of equals it has the largest values, compared part by part; then it is the first.
+    None where there is no verdict.
     """
 
     def closeness(verdict: Verdict) -> tuple[bool, int, tuple[float, ...]]:

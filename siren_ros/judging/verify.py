@@ -1,4 +1,4 @@
-"""Whether a recorded episode can be trusted: continuity, ownership, message counts, stamps, and the predicate."""
+"""Checks of a recorded episode: continuity, ownership, message counts, stamps, hashes, and the predicate."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -27,11 +27,11 @@ class VerifyLimits:
     jump_m: float = 0.05
     """Position change between two steps beyond ``v · dt``."""
     turn_rad: float = 0.01
-    """Yaw change between two steps beyond what the vehicle model allows."""
+    """Yaw change between two steps beyond the limits of steering and grip."""
     steer_max_rad: float = 0.7
     """Largest road-wheel angle of any class (40°)."""
     wheelbase_share: float = 0.5
-    """Smallest wheelbase of any class as a share of its length; buses and fire engines have the shortest."""
+    """Smallest wheelbase of any class as a share of its length: that of buses and fire engines."""
     lateral_accel_mps2: float = 12.0
     """Dry tyres give 1 g, plus a margin for the transient."""
     speed_error_mps: float = 0.5
@@ -101,14 +101,14 @@ def _largest(values: npt.NDArray[np.float64]) -> float:
 
 
 def check_position_jumps(record: EpisodeRecord, limits: VerifyLimits) -> Part:
-    """No position change between two steps beyond ``v · dt`` plus the margin, v the larger of both speeds."""
+    """No position change between two steps exceeds ``v · dt`` plus the margin; v is the larger of both speeds."""
     moves = _moves(record)
     excess = moves.distance_m - moves.speed_mps * STEP_S
     return at_most("position_jump_m", _largest(excess), limits.jump_m, moves.where(excess))
 
 
 def check_yaw_jumps(record: EpisodeRecord, limits: VerifyLimits) -> Part:
-    """No yaw change beyond a kinematic bicycle at full lock (``v · tan δ / wheelbase``) and the tyres' grip."""
+    """No yaw rate exceeds a kinematic bicycle's at full lock (``v · tan δ / wheelbase``) or the tyres' grip."""
     moves = _moves(record)
     turned = np.abs(wrap_angle(moves.after.yaw_rad - moves.before.yaw_rad))
     by_steering = moves.speed_mps * np.tan(limits.steer_max_rad) / (limits.wheelbase_share * moves.length_m)
@@ -143,7 +143,7 @@ def check_owners(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
 
 
 def check_teleports(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
-    """SUMO moved no vehicle by force."""
+    """SUMO teleported no vehicle."""
     found = record.events_of(EventKind.TELEPORT)
     detail = ", ".join(f"actor {event.actor_id} at step {event.step}" for event in found)
     return equals("teleports", len(found), 0, detail)
@@ -161,7 +161,7 @@ def check_residual_max(record: EpisodeRecord, limits: VerifyLimits) -> Part:
 
 
 def check_complete(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
-    """The episode ended as planned and lasted as long as its description says."""
+    """The episode ended as planned and has the number of steps of its description."""
     wanted = round(record.description.duration_s / STEP_S)
     if record.complete:
         return at_least("steps", record.steps, wanted)
@@ -170,7 +170,7 @@ def check_complete(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
 
 
 def check_message_counts(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
-    """Every topic has exactly the messages that its rate says, each at its step, and no core topic is missing."""
+    """Every topic has exactly one message at each step of its rate, and no core topic is missing."""
     wrong = [f"{topic.name} {fault}" for topic in record.topics.values() for fault in _rate_faults(topic, record.steps)]
     wrong += [f"{topic.name} is missing" for topic in topics.CORE_TOPICS if topic.name not in record.topics]
     return equals("topics_with_lost_messages", len(wrong), 0, "; ".join(wrong))
@@ -206,7 +206,7 @@ def check_stamps(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
 
 
 def check_state_hashes(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
-    """The recorded states and signals are the ones whose hash the simulation put in the record at every step."""
+    """The hash of the recorded states and signals is the recorded hash at every step."""
     signals = {traffic.step: traffic.signals for traffic in record.traffic}
     wrong = [
         state.step
@@ -227,7 +227,7 @@ STATE_CHECKS: Final[tuple[Check, ...]] = (
     check_residual_p99,
     check_residual_max,
 )
-"""The checks that need the states alone, and so also apply to an episode that was never recorded."""
+"""The checks that need no topics; they also apply to an episode that was simulated and not recorded."""
 _CHECKS: Final[tuple[Check, ...]] = (
     check_complete,
     *STATE_CHECKS,

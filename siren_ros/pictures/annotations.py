@@ -1,4 +1,4 @@
-"""Labels that keep out of each other's way, and the scale bar."""
+"""Labels that do not overlap, and the scale bar."""
 
 import math
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ _CHARACTER_WIDTH = 0.56
 
 @dataclass
 class LabelPlacer:
-    """Puts small labels beside points so that none covers another; gives up on a label without room."""
+    """Places small labels next to points without overlaps; leaves a label out where no place is free."""
 
     axes: Axes
     font_size: float

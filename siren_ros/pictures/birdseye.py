@@ -1,4 +1,4 @@
-"""One picture that tells an episode: the map with all paths, snapshots of the interaction, states over time."""
+"""One picture of an episode: the map with all paths, snapshots of the interaction, states over time."""
 
 from pathlib import Path
 from typing import Any
@@ -38,7 +38,7 @@ Box = tuple[float, float, float, float]
 
 
 def interaction_steps(record: EpisodeRecord) -> tuple[int, int]:
-    """First and last step of the interaction: while anyone yields, with 2 s around; the whole episode otherwise."""
+    """First and last step of the interaction: the yields with 2 s around them; the whole episode without a yield."""
     rows = record.rows
     yielding = rows.step[(rows.mode >= Mode.YIELD_REACTING) & (rows.mode <= Mode.YIELD_HOLD)]
     if len(yielding) == 0:
@@ -60,7 +60,7 @@ def interaction_box(record: EpisodeRecord) -> Box:
 
 
 def _at_least(x0: float, x1: float, y0: float, y1: float) -> Box:
-    """The box, grown about its centre to the smallest size that still looks like a map."""
+    """The box, grown about its centre to the smallest size of a map."""
     more_x, more_y = max(_MIN_SIZE_M[0] - (x1 - x0), 0.0) / 2.0, max(_MIN_SIZE_M[1] - (y1 - y0), 0.0) / 2.0
     return float(x0 - more_x), float(x1 + more_x), float(y0 - more_y), float(y1 + more_y)
 
@@ -113,7 +113,7 @@ def _moments(record: EpisodeRecord) -> list[int]:
 
 
 def _frame(axes: Axes, box: Box) -> None:
-    """Shows a box, grown about its centre to the shape of the axes, with equal scales."""
+    """Sets the axes to a box, grown about its centre to their shape, with equal scales."""
     x0, x1, y0, y1 = box
     shape = axes.bbox.width / axes.bbox.height
     width = max(x1 - x0, (y1 - y0) * shape)
@@ -155,7 +155,7 @@ def _draw_map(axes: Axes, record: EpisodeRecord, box: Box, speeds: Normalize, mo
 
 
 def _draw_events(axes: Axes, record: EpisodeRecord, labels: LabelPlacer) -> list[Any]:
-    """Marks the events, first all markers and then the labels around them; gives the kinds that occur."""
+    """Draws the events' markers, then their labels. Returns the kinds of the events drawn."""
     shown = [
         event
         for event in record.events
@@ -219,7 +219,7 @@ def _draw_legends(axes: Axes, record: EpisodeRecord, kinds: list[Any]) -> None:
 
 
 def _draw_snapshot(axes: Axes, record: EpisodeRecord, step: int, number: int) -> None:
-    """The vehicles at one moment, around the EMV and those that yield to it."""
+    """The vehicles at one step, around the EMV and the yielding civilians."""
     state = record.states[step]
     _frame(axes, _snapshot_box(record, step))
     draw_roads(axes, record.network, line_width=1.1)

@@ -1,4 +1,4 @@
-"""The roads of an area as one image, drawn once, from which moving pictures cut their frames."""
+"""The roads of an area as one image. It is drawn once; the frames of a video are cut from it."""
 
 from dataclasses import dataclass
 from typing import Final

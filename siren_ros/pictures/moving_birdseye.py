@@ -22,7 +22,7 @@ PX_PER_M: Final = 9.0
 """Shows 142 m by 80 m."""
 _TRAIL_STEPS: Final = 60
 _CAMERA_STEPS: Final = 40
-"""Over this many steps the camera's way is smoothed."""
+"""Half width of the window that smooths the camera's path."""
 _BEACON_STEPS: Final = 4
 _SIGNAL_COLOURS: Final[dict[str, Colour]] = {
     **dict.fromkeys("r", rgb_of("#d8232a")),
@@ -108,7 +108,7 @@ class BirdseyeFilm:
         length, width = (np.array([getattr(actor, name) for actor in actors]) for name in ("length_m", "width_m"))
 
         def boxes(ahead: float, size: float, across: float = 1.0) -> npt.NDArray[np.float64]:
-            """Boxes on the vehicles: centre ahead of theirs and length as shares of their length, width likewise."""
+            """Boxes on the vehicles. Offset and size are shares of the length, ``across`` one of the width."""
             x = state.x_m + ahead * length * np.cos(state.yaw_rad)
             y = state.y_m + ahead * length * np.sin(state.yaw_rad)
             return self._map.to_px(footprint_corners(x, y, state.yaw_rad, size * length, across * width)) - origin
@@ -165,7 +165,7 @@ class BirdseyeFilm:
 
 
 def _camera_way(record: EpisodeRecord) -> npt.NDArray[np.float64]:
-    """Where the camera is centred at each position in ``record.states``, shape ``(steps, 2)``: the first EMV's way."""
+    """Centre of the picture at each position in ``record.states``: the first EMV's smoothed path, ``(steps, 2)``."""
     track = record.track(record.emv_ids[0]) if record.emv_ids else record.track(0)
     steps = np.array([state.step for state in record.states], dtype=np.int64)
     if len(track) == 0:
@@ -178,7 +178,7 @@ def _camera_way(record: EpisodeRecord) -> npt.NDArray[np.float64]:
 
 
 def _signal_bars(record: EpisodeRecord, image: MapImage) -> list[tuple[str, int, npt.NDArray[np.float64]]]:
-    """Signal, link and corners in the map image of each movement's part of its lane's stop line."""
+    """One bar for each movement with a signal: signal, link, and corners in the map image."""
     bars = []
     for lane, connections in record.network.connections_from.items():
         signalled = sorted(

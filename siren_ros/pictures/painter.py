@@ -1,4 +1,4 @@
-"""Smooth shapes on small pictures: drawn larger than life and reduced, because Pillow draws hard edges."""
+"""Shapes with smooth edges: drawn larger and then reduced, because Pillow draws without antialiasing."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,7 +23,7 @@ def rgb_of(colour: str | Sequence[float]) -> Colour:
 
 
 def font(size_px: int, bold: bool = False) -> ImageFont.FreeTypeFont:
-    """The typeface that matplotlib brings along, so that pictures look alike everywhere."""
+    """The typeface of matplotlib, so that pictures are the same on every machine."""
     name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
     return ImageFont.truetype(str(Path(mpl.get_data_path()) / "fonts" / "ttf" / name), size_px)
 

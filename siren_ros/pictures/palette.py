@@ -61,7 +61,7 @@ EMV_EVENTS: Final = frozenset(
         EventKind.STOP_LINE_CROSSED,
     }
 )
-"""Kinds that are shown of emergency vehicles only; civilians cross stop lines all the time."""
+"""Kinds that are shown for emergency vehicles only; civilians cross stop lines all the time."""
 
 
 def colour_of(mode: int, is_emv: bool) -> Rgba:

@@ -1,6 +1,6 @@
-"""What sensors see at one instant of a recorded episode: every camera, and the LiDARs by height and by instance.
+"""The sensors' views at one instant of a recorded episode: cameras, and LiDARs by height and by instance.
 
-The suite and the look may be others than those of the recording: a bag without sensors can be looked at too.
+Suite and look may differ from the recording's, so that a bag without sensors can be viewed too.
 """
 
 from pathlib import Path
@@ -28,7 +28,7 @@ _GAP_PX: Final = 8
 _BACKGROUND: Final = (16, 18, 26)
 _STATIC: Final = (84, 90, 100)
 _EYE: Final = Mount(-26.0, 0.0, 20.0, pitch_rad=float(np.radians(32.0)))
-"""Where the point cloud is looked at from, in the sensor's frame: behind and above."""
+"""Viewpoint on the point cloud in the sensor's frame: behind and above."""
 _FOCAL_PX: Final = 560.0
 _HEIGHTS_M: Final = (-2.5, 9.0)
 _NEAREST_M: Final = 1.0
@@ -39,14 +39,14 @@ Picture = npt.NDArray[np.uint8]
 def observe_at(
     record: EpisodeRecord, time_s: float, suite: SensorSuite, look: Look, carrier_id: int | None = None
 ) -> Observations:
-    """What a suite senses at a simulated time of an episode.
+    """The observations of a suite at a simulated time of an episode.
 
     Args:
         record: The episode.
-        time_s: Simulated time; the sensors measure at the last step before it at which all of them are due.
+        time_s: Simulated time; the sensors measure at the last earlier step of all their rates.
         suite: Sensors.
         look: Weather and time of day.
-        carrier_id: Who carries them; the first emergency vehicle where None.
+        carrier_id: Actor with the sensors; None for the first emergency vehicle.
 
     Raises:
         InputError: A time outside the episode, or a carrier that is not there at that time.
@@ -63,7 +63,7 @@ def observe_at(
 
 
 def sheet(seen: Observations) -> Picture:
-    """All pictures and point clouds side by side, shape ``(height, width, 3)``.
+    """All pictures and point clouds in one image, shape ``(height, width, 3)``.
 
     Raises:
         InputError: A suite without cameras and LiDARs.
@@ -86,7 +86,7 @@ def sheet(seen: Observations) -> Picture:
 
 
 def save_sheet(seen: Observations, path: Path) -> Path:
-    """Write a sheet as PNG or JPEG, as the path's name ends.
+    """Writes a sheet as PNG or JPEG, by the path's suffix.
 
     Raises:
         InputError: A name with another ending, or a folder that is not there.
@@ -108,7 +108,7 @@ def cloud_by_height(sweep: LidarSweep) -> Picture:
 
 
 def cloud_by_instance(sweep: LidarSweep) -> Picture:
-    """The same, each vehicle in a colour of its own."""
+    """A point cloud seen from behind and above, with one colour per vehicle."""
     instance = sweep.points["instance"].astype(np.int64)
     colours = _coloured("hsv", instance * 0.618034 % 1.0)
     colours[instance == 0] = _STATIC

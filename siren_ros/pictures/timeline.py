@@ -1,4 +1,4 @@
-"""What each vehicle was doing when: yield states as bars over time, and speeds."""
+"""Modes of the vehicles as bars over time, and their speeds."""
 
 from collections.abc import Sequence
 
@@ -7,15 +7,14 @@ from matplotlib.axes import Axes
 
 from siren_ros.numerics.units import STEP_S
 from siren_ros.pictures.palette import EMV_MODE_COLOURS, EVENT_STYLES, FAINT_TEXT, TEXT, colour_of
+from siren_ros.pictures.vehicles import KMH
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 from siren_ros.world.actors import Mode
 from siren_ros.world.events import EventKind
 
-KMH = 3.6
-
 
 def yielding_actors(record: EpisodeRecord) -> tuple[int, ...]:
-    """Civilians that ever yield, in the order in which they begin."""
+    """The civilians that yield, in the order in which they begin."""
     rows = record.rows
     mode = rows.mode
     yielding = (mode >= Mode.YIELD_REACTING) & (mode <= Mode.YIELD_HOLD)
@@ -38,13 +37,13 @@ def mode_runs(track: StateRows) -> list[tuple[int, int, Mode]]:
 
 
 def draw_states(axes: Axes, record: EpisodeRecord, actors: Sequence[int], moments: Sequence[int]) -> None:
-    """One bar per vehicle with its mode over time; events as marks on the bars, moments as lines.
+    """One bar per vehicle with its mode over time; markers for events, lines for the snapshots.
 
     Args:
         axes: Where to draw.
         record: The episode.
         actors: Rows from top to bottom, EMVs among them.
-        moments: Steps that the snapshots show.
+        moments: Steps of the snapshots.
     """
     for row, actor_id in enumerate(actors):
         is_emv = record.actors[actor_id].is_emv

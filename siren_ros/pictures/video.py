@@ -22,13 +22,13 @@ from siren_ros.pictures.moving_birdseye import BirdseyeFilm
 from siren_ros.recording.bag_reader import BagMessage, damage_refused, open_bag, read_episode
 
 FRAME_RATE_HZ: Final = 10
-"""The paper's rate of videos and of logged states."""
+"""Rate of the paper's videos and logged states."""
 FRAME_STEPS: Final = round(1.0 / (FRAME_RATE_HZ * STEP_S))
 _ENCODER: Final = "libx264"
 _OPTIONS: Final = {
-    "crf": "20",  # hardly any visible loss
+    "crf": "20",  # almost no visible loss
     "preset": "veryfast",
-    "threads": "1",  # their number is written into the stream, and the same episode gives the same bytes
+    "threads": "1",  # the number is written into the stream, and equal episodes must give equal bytes
 }
 
 _WITHIN: Final = "a time before the end of {}"
@@ -49,15 +49,15 @@ def save_video(bag: Path, view: View, path: Path, frames: int | None = None, sta
     Args:
         bag: Folder of a recorded episode.
         view: From above, or the recorded front camera.
-        path: MP4 file; one that exists is replaced.
-        frames: Number of frames; None for all from the start on.
+        path: MP4 file; an existing file is replaced.
+        frames: Number of frames; None for all frames from ``start_s`` on.
         start_s: Simulated time of the first frame.
 
     Returns:
         Number of frames.
 
     Raises:
-        BagError: Not an episode, or one without a front camera at the video's rate where that is asked for.
+        BagError: The bag is no episode, or it has no front camera at the video's rate and ``view`` is FRONT.
         InputError: The episode has fewer frames than asked for, or the file cannot be written.
     """
     if path.suffix.lower() != ".mp4":
@@ -77,7 +77,7 @@ def save_video(bag: Path, view: View, path: Path, frames: int | None = None, sta
 
 
 def _first_of(available: range, frames: int | None, bag: Path) -> range:
-    """The first so many of the available frames, or all."""
+    """The first ``frames`` of the available frames; all where None."""
     if frames is not None and frames > len(available):
         raise InputError("frames", frames, f"at most {len(available)}, which {bag} has from there on")
     return available if frames is None else available[:frames]
@@ -114,7 +114,7 @@ def _decoded(message: BagMessage) -> Frame:
 
 
 def write_video(path: Path, frames: Iterable[Frame]) -> int:
-    """Encodes frames of equal size (RGB, shape ``(H, W, 3)``); an odd last row or column is left out.
+    """Encodes frames of equal size (RGB, shape ``(H, W, 3)``), without an odd last row or column.
 
     Returns:
         Number of frames.

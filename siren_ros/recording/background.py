@@ -1,4 +1,4 @@
-"""One worker thread with a bounded queue: order is kept, and its error comes back to the caller."""
+"""One worker thread with a bounded queue. It keeps the order; its first error is raised in the caller."""
 
 import queue
 import threading

@@ -1,7 +1,7 @@
-"""Looks a bag over before a reader believes it: a bag may come from strangers.
+"""Checks a bag's files before they are read, because a bag may come from an untrusted source.
 
-Refused are files outside the folder, compressed files and databases, metadata that unfolds, and chunks that claim or
-unpack to more memory than any recorder's have.
+It refuses files outside the folder, compressed files and databases, metadata with aliases, and chunks that claim or
+unpack to more memory than a recorder writes.
 """
 
 import struct
@@ -20,7 +20,7 @@ from siren_ros.recording.mcap_stream import MAGIC
 MAX_SUMMARY_BYTES: Final = 100_000_000
 """An index of a million messages has 30 MB."""
 _FOOTER: Final = struct.Struct("<BQQQI8s")
-"""Code, length, start of the summary and of its offsets, checksum; and the magic bytes that end the file."""
+"""Code, length, start of the summary, start of the offsets, checksum; then the magic bytes at the end of the file."""
 _FOOTER_FIELDS_BYTES: Final = 20
 _AFTER_CRC_BYTES: Final = 12
 
@@ -31,7 +31,7 @@ def storage_files(bag: Path) -> list[Path]:
 
 
 def check_bag_files(bag: Path, content: bool = False) -> None:
-    """Refuses a bag whose files cannot be trusted with this program's memory.
+    """Refuses a bag whose files are damaged, misplaced or too large.
 
     Args:
         bag: Folder of the bag.
@@ -78,7 +78,7 @@ def _check_storage(file: Path, content: bool) -> None:
 
 
 def _check_end(stream: BinaryIO, size: int) -> None:
-    """The footer is where a reader begins; it must lead to a summary that is part of the file and undamaged."""
+    """A reader begins at the footer. The footer must lead to an undamaged summary inside the file."""
     stream.seek(max(0, size - _FOOTER.size))
     end = stream.read()
     if len(end) < _FOOTER.size:

@@ -33,7 +33,7 @@ class BagTopic:
 
 
 def qos_profiles(latched: bool) -> list[dict[str, Any]]:
-    """The one QoS profile that a topic is offered with; latched topics are transient local."""
+    """The QoS profile of a topic's publisher, in a list; latched topics are transient local."""
     return [
         {
             "history": "keep_last",
@@ -50,7 +50,7 @@ def qos_profiles(latched: bool) -> list[dict[str, Any]]:
 
 
 def qos_text(latched: bool) -> str:
-    """The QoS profiles of a topic as YAML text, as an MCAP channel carries them."""
+    """The QoS profiles of a topic as YAML text, the form that an MCAP channel has."""
     return _yaml(qos_profiles(latched)).strip()
 
 
@@ -60,11 +60,11 @@ def metadata_text(
     """The whole ``metadata.yaml``.
 
     Args:
-        file_name: MCAP file beside it.
+        file_name: MCAP file in the same folder.
         topics: In the order of the bag's channels.
         first_ns: Simulated time of the first message.
         last_ns: Simulated time of the last message.
-        custom: Further entries, shown by ``ros2 bag info`` as custom data.
+        custom: Further entries; ``ros2 bag info`` shows them as custom data.
     """
     count = sum(topic.message_count for topic in topics)
     span: dict[str, Any] = {
@@ -102,10 +102,10 @@ def read_message_counts(bag: Path) -> dict[str, int]:
 
 
 def read_metadata(bag: Path) -> dict[str, Any]:
-    """What ``metadata.yaml`` says about a bag.
+    """The content of a bag's ``metadata.yaml``.
 
     Raises:
-        BagError: There is none, it is too large, is no YAML, repeats itself by aliases, or says something else.
+        BagError: The file is missing, too large, not YAML, has aliases, or lacks the bag's information.
     """
     file = bag / METADATA_FILE
     try:
@@ -136,7 +136,7 @@ def _topic_entry(topic: BagTopic) -> dict[str, Any]:
 
 
 class _PlainDumper(yaml.SafeDumper):
-    """Repeats equal values instead of writing anchors, which rosbag2's reader does not need to know."""
+    """Writes equal values again instead of YAML anchors, so that any reader can read them."""
 
     def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002 # PyYAML's signature
         return True

@@ -1,4 +1,4 @@
-"""Reading an episode's bag with the message definitions that are in the bag itself."""
+"""Reads an episode's bag with the message definitions in the bag."""
 
 import struct
 from collections.abc import Collection, Iterator
@@ -25,7 +25,7 @@ _LITTLE_ENDIAN_CDR: Final = b"\x00\x01"
 
 @contextmanager
 def damage_refused(path: Path) -> Iterator[None]:
-    """Turns whatever a parser raises on damaged or foreign content into a BagError that names the bag."""
+    """Turns any error of a parser on damaged or foreign content into a BagError that names the bag."""
     try:
         yield
     except SirenError:
@@ -36,7 +36,7 @@ def damage_refused(path: Path) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class BagMessage:
-    """One message of a bag, read from CDR only where it is asked for."""
+    """One message of a bag; its CDR is decoded on demand."""
 
     topic: str
     type_name: str
@@ -45,7 +45,7 @@ class BagMessage:
     bag: "OpenBag"
 
     def read(self) -> Any:
-        """The message with the definition that is in the bag; BagError where it does not fit."""
+        """Decodes the message with the bag's definition; BagError where the two do not fit."""
         with damage_refused(self.bag.path):
             return self.bag.reader.deserialize(self.cdr, self.type_name)
 
@@ -58,14 +58,14 @@ class OpenBag:
         self.reader = reader
         self.type_names = {connection.topic: connection.msgtype for connection in reader.connections}
         self.latched = frozenset(item.topic for item in reader.connections if _is_latched(item))
-        """Topics that were offered as transient local."""
+        """Topics whose publishers were transient local."""
         self._stamped = {name for name in set(self.type_names.values()) if _starts_with_stamp(reader.typestore, name)}
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
-        """Messages in the order of simulated time, of the given topics only where these are named.
+        """Messages in the order of simulated time; all topics, or those given.
 
         Raises:
-            BagError: The bag is damaged at the place that has been reached.
+            BagError: The bag is damaged after the last message that was returned.
         """
         wanted = [item for item in self.reader.connections if topics is None or item.topic in topics]
         if not wanted:
@@ -75,7 +75,7 @@ class OpenBag:
                 yield BagMessage(connection.topic, connection.msgtype, time_ns, cdr, self)
 
     def stamp_ns(self, message: BagMessage) -> int | None:
-        """The stamp inside a message whose type begins with one, without reading the whole message."""
+        """The stamp at the start of a message, without decoding the rest; None where the type has none."""
         enough = len(message.cdr) >= _ENCAPSULATION_BYTES + _STAMP.size
         if message.type_name not in self._stamped or not enough or message.cdr[:2] != _LITTLE_ENDIAN_CDR:
             return None
@@ -125,7 +125,7 @@ def read_episode(path: Path) -> EpisodeRecord:
     """The record of an episode.
 
     Raises:
-        BagError: As ``open_bag``; or the bag holds no episode of this program's, or lacks its map.
+        BagError: As ``open_bag``; or the bag holds no SIREN episode, or lacks the map.
     """
     builder = RecordBuilder()
     record_topics = {topic.name: topic.type_name for topic in RECORD_TOPICS}

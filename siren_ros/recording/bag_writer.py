@@ -1,4 +1,4 @@
-"""Writing an episode's bag: rosbag2 version 9, MCAP with zstd chunks, complete or plainly partial."""
+"""Writes an episode's bag: rosbag2 version 9, MCAP with zstd chunks. A partial bag has a name of its own."""
 
 import errno
 from collections.abc import Collection
@@ -27,12 +27,12 @@ _CAUSES: Final = {
 
 @dataclass(frozen=True)
 class BagOptions:
-    """What may be tuned about writing a bag."""
+    """Chunk size, compression and memory of a bag's writer."""
 
     chunk_bytes: int = 1_000_000
-    """Plain size after which a chunk is closed, compressed and flushed: what a killed writer loses at most, twice."""
+    """Uncompressed size at which a chunk is closed and flushed. A killed writer loses at most two chunks."""
     chunk_ns: int = 1_000_000_000
-    """Simulated time after which a chunk is closed, however small it is."""
+    """Simulated time after which a chunk is closed, even a small one."""
     compression_level: int = -2
     """zstd's level. On LiDAR sweeps −2 packs 325 MB/s on one core; 1 takes a quarter longer for the same size, 3 twice
     as long for a fifth less."""
@@ -68,11 +68,10 @@ class _PendingChunk:
 
 
 class EpisodeBagWriter:
-    """Writes one bag; ``finish`` moves it to its final name, ``abandon`` to a name that says it is partial.
+    """Writes one bag. ``finish`` moves it to its final name, ``abandon`` to the name of a partial bag.
 
-    While it is written, the bag lies beside its final place as ``.NAME.partial``, locked against other
-    writers. Compression and disk access happen in a thread of their own; an error there is raised by
-    the next call.
+    Until then the bag is the folder ``.NAME.partial`` next to its final place, locked against other
+    writers. A second thread compresses and writes; an error there is raised by the next call.
     """
 
     def __init__(
@@ -83,7 +82,7 @@ class EpisodeBagWriter:
         Args:
             path: Final folder of the bag; must not exist.
             store: Definitions of every message type that will be written.
-            latched: Names of the topics that are transient local.
+            latched: Names of the transient local topics.
             options: Chunk size and compression.
 
         Raises:
@@ -104,10 +103,10 @@ class EpisodeBagWriter:
         self._closed = False
 
     def write(self, topic: str, type_name: str, cdr: bytes | memoryview, time_ns: int) -> None:
-        """Adds a message; log time and publish time are the simulated time.
+        """Adds a message. Log time and publish time are the simulated time.
 
         Args:
-            topic: Topic name; its channel is made at its first message.
+            topic: Topic name; the first message opens the channel.
             type_name: ``package/msg/Name``, known to the type store.
             cdr: Serialised message with its encapsulation header. A memoryview is copied.
             time_ns: Simulated time.
@@ -185,7 +184,7 @@ class EpisodeBagWriter:
         return self._summary(self._path)
 
     def abandon(self, reason: str) -> BagSummary:
-        """Keeps what was written as a readable bag under a name that says that it is partial.
+        """Keeps the messages so far as a readable bag under the name of a partial one.
 
         Never raises: where the disk refuses even the end of the file, the chunks written so far stay.
 
@@ -212,7 +211,7 @@ class EpisodeBagWriter:
         return self._summary(self._folder.path)
 
     def discard(self) -> None:
-        """Takes the bag away again, as if it had never been opened: for an episode that did not begin."""
+        """Removes the bag; for an episode that did not begin."""
         if self._closed:
             return
         self._closed = True
@@ -224,7 +223,7 @@ class EpisodeBagWriter:
         return metadata_text(self._file_name, self._topics(), *self._stream.span_ns, custom)
 
     def _topics(self) -> list[BagTopic]:
-        """What the file holds, which is less than was handed over where the disk refused something."""
+        """The topics in the file: fewer than were handed over where the disk refused something."""
         written = self._stream.counts
         return [
             BagTopic(topic, channel.schema.name, channel.type_hash, channel.latched, written[channel.record.id])

@@ -1,4 +1,4 @@
-"""Which messages a step must bring, and in which order they are recorded, whatever order they arrive in."""
+"""Collects the messages of each step and gives them out in a fixed order, independent of their arrival."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -31,13 +31,13 @@ class MissingMessage:
 
 
 class StepCollector:
-    """Puts the messages of an episode in order: latched topics, then step by step, topics in a fixed order.
+    """Orders the messages of an episode: latched topics first, then step by step, topics in a fixed order.
 
-    The outcome is not waited for; the recorder writes it itself when everything else is recorded.
+    The collector does not wait for the outcome; the recorder writes it after all other messages.
     """
 
     def __init__(self, topics: Sequence[Topic]) -> None:
-        """Expects the recorded topics of an episode, in the order in which a step's messages are to be stored."""
+        """Takes the recorded topics of an episode, in the order in which a step's messages are stored."""
         expected = [topic for topic in topics if topic.name != OUTCOME.name]
         self._topics = {topic.name: topic for topic in expected}
         self._latched = [topic for topic in expected if topic.latched]
@@ -51,12 +51,12 @@ class StepCollector:
 
     @property
     def next_step(self) -> int:
-        """The first step that has not been handed out."""
+        """The first step that has not been given out."""
         return self._next_step
 
     @property
     def pending_steps(self) -> tuple[int, ...]:
-        """Steps of which some messages are here and others missing."""
+        """Incomplete steps of which some messages have arrived."""
         return tuple(sorted(self._held))
 
     def _due(self, step: int) -> list[Topic]:
@@ -70,8 +70,8 @@ class StepCollector:
         """Takes a message.
 
         Raises:
-            EpisodeError: A topic that is not expected, a second message for the same step, or one for a
-                step that is over, that cannot have begun or at which the topic is not due.
+            EpisodeError: The topic is not expected; the step has a message on it already, is over, cannot have
+                begun, or is none of the topic's.
         """
         topic = self._topics.get(topic_name)
         if topic is None:
@@ -91,7 +91,7 @@ class StepCollector:
         held[topic_name] = cdr
 
     def ready(self) -> Iterator[CollectedMessage]:
-        """Hands out all messages of the steps that are complete, in order; each message once."""
+        """Gives out all messages of the complete steps, in order; each message once."""
         if not self._latched_done:
             if len(self._held_latched) < len(self._latched):
                 return
@@ -101,7 +101,7 @@ class StepCollector:
             yield from self._take_step(self._next_step)
 
     def drain(self) -> Iterator[CollectedMessage]:
-        """Hands out what is left, complete or not, in order: for an episode that died."""
+        """Gives out all remaining messages in order, also of incomplete steps; for an episode that failed."""
         if not self._latched_done:
             self._latched_done = True
             yield from self._take_latched()
@@ -129,7 +129,7 @@ class StepCollector:
         return [topic for topic in self._due(step) if topic.name not in held]
 
     def missing(self, last_step: int) -> tuple[MissingMessage, ...]:
-        """Everything that has not arrived of the steps up to and including ``last_step``."""
+        """All missing messages of the steps up to and including ``last_step``."""
         latched = [] if self._latched_done else self._latched
         lacking = [MissingMessage(topic, 0) for topic in latched if topic.name not in self._held_latched]
         for step in range(self._next_step, last_step + 1):

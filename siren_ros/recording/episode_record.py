@@ -1,4 +1,4 @@
-"""An episode as its bag tells it: what evaluators, predicates, pictures and exporters work on."""
+"""The record of an episode: its bag's content in memory, for predicates, evaluation, pictures and exporters."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -22,7 +22,7 @@ Steps = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class TopicRecord:
-    """What a bag holds of one topic."""
+    """The messages of one topic: number, size and times."""
 
     name: str
     type_name: str
@@ -32,7 +32,7 @@ class TopicRecord:
     times_ns: Steps
     """Log time of every message, in order."""
     stamp_mismatches: int
-    """Messages whose own stamp is not their log time; types without a leading stamp have none."""
+    """Number of messages whose stamp is not their log time; 0 for types that do not begin with a stamp."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class StateRows:
         return np.stack((self.x_m, self.y_m), axis=-1)
 
     def select(self, rows: npt.NDArray[np.bool_] | npt.NDArray[np.intp]) -> "StateRows":
-        """The given rows (a mask or indices)."""
+        """Some of the rows, given as a mask or as indices."""
         arrays: dict[str, Any] = {name: getattr(self, name)[rows] for name in ACTOR_STATE_DTYPES}
         return StateRows(step=self.step[rows], **arrays)
 
@@ -101,9 +101,9 @@ class EpisodeRecord:
     complete: bool
     """Whether the episode ended as planned and every step has its actor states."""
     topics: Mapping[str, TopicRecord]
-    """By topic name; empty where a live episode's messages were not counted."""
+    """By topic name; empty for a live episode, whose messages are not counted."""
     state_hashes: Mapping[int, int] = field(default_factory=dict)
-    """What the simulation said of its own state, by step: ``siren_ros.world.state_hash``."""
+    """Hash of the state by step, as the simulation computed it (``siren_ros.world.state_hash``)."""
 
     @property
     def steps(self) -> int:

@@ -1,7 +1,7 @@
-"""The chunks of an MCAP file, one by one and checked, as far as the file is whole.
+"""Reads the chunks of an MCAP file one by one, checks each, and stops where the file is damaged.
 
-Reads only what the recorder writes: messages in chunks, zstd or plain. Nothing is believed that has not been
-compared with the bytes that are there, so that a damaged or hostile file costs no more memory than one chunk may have.
+It reads only what the recorder writes: messages in chunks, compressed with zstd or not at all. Every length is compared
+with the bytes of the file, so that a damaged or hostile file costs no more memory than the largest chunk allowed.
 Format: https://mcap.dev/spec
 """
 
@@ -22,9 +22,9 @@ from mcap.records import Channel, Schema
 from siren_ros.recording.mcap_stream import MAGIC, ChannelMessage, ChunkContent
 
 MAX_CHUNK_BYTES: Final = 256_000_000
-"""Plain size of a chunk that is still read; the recorder's have 1 MB and at most one message more."""
+"""Largest uncompressed chunk that is read; the recorder's have 1 MB and at most one message more."""
 _BLOCK_BYTES: Final = 1 << 17
-"""Largest plain size of a zstd block (RFC 8878, section 3.1.1.2.4)."""
+"""Largest uncompressed zstd block (RFC 8878, section 3.1.1.2.4)."""
 _REPEATED_BYTE: Final = 1
 _COMPRESSED_BLOCK: Final = 2
 _RECORD: Final = struct.Struct("<BQ")
@@ -36,7 +36,7 @@ Record = TypeVar("Record", Schema, Channel)
 
 
 class DamageError(ValueError):
-    """A place in the file that is not what the format says."""
+    """The file breaks its format; the message names the place."""
 
 
 @dataclass(frozen=True)
@@ -53,10 +53,10 @@ class PackedChunk:
 
 
 def read_chunks(file: BinaryIO) -> Iterator[PackedChunk]:
-    """The chunks from the start of a file on, until its data end.
+    """The chunks of a file, from its start to the end of its data.
 
     Raises:
-        DamageError: The file ends or breaks off before its data do; everything before has been handed out.
+        DamageError: The file is cut off or damaged. All chunks before that place have been returned.
     """
     size = os.fstat(file.fileno()).st_size
     if file.read(len(MAGIC)) != MAGIC:
@@ -101,7 +101,7 @@ def _chunk(data: bytes, offset: int) -> PackedChunk:
 
 
 def _frame_size(packed: bytes, offset: int) -> int:
-    """Plain size of the one zstd frame in a chunk; refused where its blocks can unpack to much more (RFC 8878)."""
+    """Uncompressed size of a chunk's zstd frame; DamageError where its blocks can unpack to much more (RFC 8878)."""
     try:
         frame = zstandard.get_frame_parameters(packed)
         at = zstandard.frame_header_size(packed)
@@ -121,10 +121,10 @@ def _frame_size(packed: bytes, offset: int) -> int:
 
 
 def unpack(chunk: PackedChunk) -> bytes:
-    """The plain content of a chunk.
+    """The uncompressed content of a chunk.
 
     Raises:
-        DamageError: It cannot be unpacked, or its checksum is another one.
+        DamageError: The chunk cannot be unpacked, or its checksum is wrong.
     """
     plain = chunk.packed
     if chunk.compression:

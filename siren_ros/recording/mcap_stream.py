@@ -1,8 +1,8 @@
-"""MCAP files written chunk by chunk, with the compression level that the recorder needs.
+"""Writes MCAP files chunk by chunk, with the compression level that the recorder needs.
 
-The record types are those of the ``mcap`` package. Its own ``Writer`` compresses with a fixed level in
-the caller's thread, and so does rosbags' writer; here whole chunks are handed over, so that another
-thread can serialise, compress and write them. Format: https://mcap.dev/spec
+The record types are those of the ``mcap`` package. The writers of ``mcap`` and of rosbags compress with a fixed
+level in the caller's thread. This one takes whole chunks, so that another thread can serialise, compress and write
+them. Format: https://mcap.dev/spec
 """
 
 import struct
@@ -34,12 +34,12 @@ LIBRARY: Final = "siren_ros"
 _COMPRESSION: Final = "zstd"
 _MESSAGE_HEADER: Final = struct.Struct("<BQHIQQ")
 _MESSAGE_FIELDS_BYTES: Final = 22
-"""Channel, sequence and both times, which count as part of the message."""
+"""Channel, sequence and two times; the format counts them as part of the message."""
 
 
 @dataclass(frozen=True)
 class ChannelMessage:
-    """One message on its way into a chunk."""
+    """One message of a chunk."""
 
     channel_id: int
     sequence: int
@@ -49,7 +49,7 @@ class ChannelMessage:
 
 @dataclass(frozen=True)
 class ChunkContent:
-    """What one chunk holds: schemas and channels that are new with it, then messages."""
+    """The records of one chunk: schemas and channels that it adds to the file, then messages."""
 
     schemas: tuple[Schema, ...]
     channels: tuple[Channel, ...]
@@ -59,8 +59,8 @@ class ChunkContent:
 class McapStream:
     """Writes an MCAP file to a binary stream; the same chunks give the same bytes.
 
-    The stream is unbuffered (``buffering=0``): every chunk is with the operating system when it is
-    written, so that a file whose writer was killed can be read up to its last whole chunk.
+    The stream must be unbuffered (``buffering=0``). The operating system then has every finished chunk, and the
+    file of a killed writer can be read up to its last whole chunk.
     """
 
     def __init__(self, stream: RawIOBase, compression_level: int) -> None:
@@ -78,18 +78,18 @@ class McapStream:
 
     @property
     def counts(self) -> dict[int, int]:
-        """Messages written by channel id, of every channel whose definition is written."""
+        """Number of messages by channel id, for every channel in the file."""
         return {channel.id: self._counts.get(channel.id, 0) for channel in self._channels}
 
     @property
     def span_ns(self) -> tuple[int, int]:
-        """Times of the first and the last message written; zeros without one."""
+        """Times of the first and the last message in the file; zeros without messages."""
         filled = [chunk for chunk in self._chunks if chunk.message_index_offsets]
         first_ns = min((chunk.message_start_time for chunk in filled), default=0)
         return first_ns, max((chunk.message_end_time for chunk in filled), default=0)
 
     def rewind(self) -> None:
-        """Takes back what follows the last whole chunk: one that the disk took only in part would hide the summary."""
+        """Cuts the file after its last whole chunk; a reader would stop at a chunk that the disk took only in part."""
         self._stream.truncate(self._whole)
         self._stream.seek(self._whole)
         self._position = self._whole
@@ -105,7 +105,7 @@ class McapStream:
         self.adopt_chunk(content, None)
 
     def adopt_chunk(self, content: ChunkContent, packed: bytes | None) -> None:
-        """Writes one chunk with bytes that were compressed before; None to compress it here."""
+        """Writes one chunk; ``packed`` is its content compressed before, None to compress it here."""
         if not content.messages and not content.channels and not content.schemas:
             return
         offset = len(_bytes_of([*content.schemas, *content.channels]))
@@ -190,7 +190,7 @@ class McapStream:
 
 
 def plain_bytes(content: ChunkContent) -> bytes:
-    """What a chunk holds before it is compressed."""
+    """The uncompressed bytes of a chunk."""
     parts = [_bytes_of([*content.schemas, *content.channels])]
     for message in content.messages:
         parts += [_message_head(message), message.data]

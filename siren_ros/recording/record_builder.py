@@ -1,4 +1,4 @@
-"""Builds an ``EpisodeRecord`` message by message: offline from a bag, or live beside the recorder."""
+"""Builds an ``EpisodeRecord`` message by message, from a bag or while the recorder writes one."""
 
 from collections.abc import Callable
 from typing import Any, Final, TypeAlias
@@ -30,14 +30,14 @@ from siren_ros.world.events import Event
 from siren_ros.world.traffic_state import TrafficState
 
 RECORD_TOPICS: Final = (EPISODE, MAP, TRAFFIC, EMV_COMMANDS, YIELD_COMMANDS, AV_CONTROL, ACTORS, EVENTS, OUTCOME)
-"""The topics that make up a record; all others are only counted."""
-
+"""The topics of a record; messages on other topics are only counted."""
 
 Reading: TypeAlias = Callable[[Callable[[Any], Any], Any], Any]
+"""Applies a conversion to a message; may return the result of an earlier call for the same message."""
 
 
 def read_anew(read: Callable[[Any], Any], message: Any) -> Any:
-    """What a message says, for those who read each message once."""
+    """Converts a message, without a memory of earlier conversions."""
     return read(message)
 
 
@@ -56,7 +56,7 @@ class RecordBuilder:
         """An empty collection.
 
         Args:
-            read: Calls a reading function with a message, or gives what it said of this message before.
+            read: Applies a conversion to a message, or returns its earlier result for this message.
         """
         self._read = read
         self._description: EpisodeDescription | None = None
@@ -82,7 +82,7 @@ class RecordBuilder:
         }
 
     def add(self, topic: str, message: Any) -> None:
-        """Takes a message of any middleware's kind; topics outside ``RECORD_TOPICS`` are ignored."""
+        """Takes a decoded message, of rclpy or of rosbags; ignores topics outside ``RECORD_TOPICS``."""
         take = self._takers.get(topic)
         if take is not None:
             take(message)
@@ -95,7 +95,7 @@ class RecordBuilder:
             type_name: Message type.
             time_ns: Log time.
             size_bytes: Serialised size.
-            stamp_ns: The message's own stamp, None where its type has none.
+            stamp_ns: The stamp inside the message, None where its type has none.
         """
         counter = self._counters.get(topic)
         if counter is None:
@@ -143,14 +143,14 @@ class RecordBuilder:
         self.set_outcome(conversions.from_episode_outcome(message))
 
     def set_outcome(self, outcome: EpisodeOutcome) -> None:
-        """Takes the outcome as the recorder made it."""
+        """Takes the outcome."""
         self._outcome = outcome
 
     def build(self, name: str = "episode") -> EpisodeRecord:
-        """The record of everything added so far.
+        """The record of all messages so far.
 
         Args:
-            name: What the messages came from, for the error.
+            name: Source of the messages, for the error.
 
         Raises:
             BagError: The episode's description or its map is missing.

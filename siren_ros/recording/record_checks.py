@@ -1,4 +1,4 @@
-"""What a record's messages must be before anything counts with them: a bag may come from strangers."""
+"""Checks the messages of a record before they are used, because a bag may come from an untrusted source."""
 
 import math
 from collections.abc import Collection
@@ -18,7 +18,7 @@ _TRAFFIC_COLUMNS: Final = tuple(name for name in TRAFFIC_STATE_DTYPES if name no
 
 
 def check_states(states: ActorStates) -> None:
-    """Raises BagError unless all columns have one length and the step can be one."""
+    """Raises BagError unless all columns have one length and the step is in range."""
     _check(states, ACTOR_STATE_DTYPES)
 
 
@@ -37,7 +37,7 @@ def check_commands(commands: VehicleCommands) -> None:
 
 
 def check_description(description: EpisodeDescription) -> None:
-    """Raises BagError unless the duration is one."""
+    """Raises BagError unless the duration is finite, not negative and at most ``LONGEST_S``."""
     if not (math.isfinite(description.duration_s) and 0.0 <= description.duration_s <= LONGEST_S):
         raise BagError(f"duration_s {description.duration_s}", f"a number from 0 to {LONGEST_S:g}")
 

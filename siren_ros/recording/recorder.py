@@ -1,4 +1,4 @@
-"""Records one episode: messages in any order in, a complete bag with its outcome out."""
+"""Records one episode: takes messages in any order, writes a complete bag with its outcome."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -20,7 +20,7 @@ from siren_ros.recording.record_builder import RECORD_TOPICS, Reading, RecordBui
 from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
 
 MAX_EARLY_MESSAGES: Final = 1000
-"""Before the first step only latched topics speak, once each; more is a stranger's, and memory is bounded."""
+"""Most messages that are kept before the episode's topics are known; each latched topic sends one."""
 _DECODED = frozenset(topic.name for topic in RECORD_TOPICS)
 
 
@@ -36,15 +36,15 @@ class EpisodeRecorder:
         decode: Callable[[Topic, bytes], Any] | None = None,
         read: Reading = read_anew,
     ) -> None:
-        """Open the bag under its temporary name.
+        """Opens the bag under its temporary name.
 
         Args:
             path: Final folder of the bag.
             store: Definitions of all recorded types.
             latched: Names of the latched topics.
-            judge: Tells the outcome from what was recorded and how the episode closed.
-            decode: Gives the message in a CDR; by default it is decoded by the store.
-            read: Gives what a message says, where others have asked already.
+            judge: Gives the outcome, from the messages so far and from how the episode closed.
+            decode: Decodes a CDR; by default with the store.
+            read: Applies a conversion to a message; may return an earlier result.
 
         Raises:
             BagError: The folder exists already or cannot be written.
@@ -60,21 +60,21 @@ class EpisodeRecorder:
 
     @property
     def steps_recorded(self) -> int:
-        """Number of steps of which every message is recorded."""
+        """Number of steps whose messages are all recorded."""
         return 0 if self._collector is None else self._collector.next_step
 
     def expect(self, topics: tuple[Topic, ...]) -> None:
-        """Say which topics the episode has, in the order in which a step's messages are stored."""
+        """Sets the topics of the episode, in the order in which a step's messages are stored."""
         self._collector = StepCollector(topics)
         early, self._early = self._early, []
         for topic, cdr in early:
             self.take(topic, cdr)
 
     def take(self, topic: Topic, cdr: bytes) -> None:
-        """Take a serialised message; everything that is complete by now is written.
+        """Takes a serialised message and writes all steps that are now complete.
 
         Raises:
-            EpisodeError: A message that the episode does not expect, or a bag that cannot be written.
+            EpisodeError: The episode does not expect the message, or the bag cannot be written.
         """
         if self._collector is None:
             if len(self._early) == MAX_EARLY_MESSAGES:
@@ -95,24 +95,24 @@ class EpisodeRecorder:
         self._writer.write(name, type_name, message.cdr, time_ns_of_step(message.step))
 
     def discard(self) -> None:
-        """Leave no bag behind, for an episode that did not begin."""
+        """Removes the bag; for an episode that did not begin."""
         self._writer.discard()
 
     def missing(self, step: int) -> str:
-        """Which messages of a step have not arrived, with their publishers; for the error that names them."""
+        """The missing messages of a step with their publishers, as text for an error."""
         if self._collector is None:
             return "the episode's description"
         return ", ".join(str(item) for item in self._collector.missing(step))
 
     def close(self, closing: EpisodeClosing) -> tuple[EpisodeOutcome, BagSummary | None, Any]:
-        """Judge the episode and close its bag.
+        """Judges the episode and closes its bag.
 
         Returns:
-            The outcome, the closed bag (None where no step was finished, and no bag remains), and the outcome
+            The outcome; the closed bag, None where no step was finished and the bag was removed; and the outcome
             as a message.
 
         Raises:
-            EpisodeError: The bag cannot be completed. What was recorded stays readable under a partial name.
+            EpisodeError: The bag cannot be completed. The messages so far stay readable under a partial name.
         """
         if closing.steps == 0 and closing.end is not EpisodeEnd.COMPLETE:
             self.discard()

@@ -1,4 +1,4 @@
-"""The folder in which a bag grows: locked against other writers, moved to its final or partial name at the end."""
+"""The folder of a bag that is being written: locked, and moved to its final or partial name at the end."""
 
 import errno
 import fcntl
@@ -15,12 +15,12 @@ from siren_ros.recording.bag_metadata import METADATA_FILE
 PARTIAL_SUFFIX: Final = ".partial"
 RESERVE_FILE: Final = ".reserve"
 RESERVE_BYTES: Final = 1_000_000
-"""Space that is kept free for the end of a bag on a disk that has become full."""
+"""Reserved disk space, for the end of a bag on a full disk."""
 _COPY_BYTES: Final = 1 << 20
 
 
 def working_path(bag: Path) -> Path:
-    """Where a bag grows before it has its final name."""
+    """The folder in which a bag is written before it has its final name."""
     return bag.parent / f".{bag.name}{PARTIAL_SUFFIX}"
 
 
@@ -35,9 +35,9 @@ def free_partial_path(bag: Path) -> Path:
 
 
 def lock(file: FileIO) -> bool:
-    """Takes the writer's lock on a storage file; False where somebody else writes it now.
+    """Takes the writer's lock on a storage file; False where another process has it.
 
-    The lock ends with the process that holds it, however that ends.
+    The kernel releases the lock when the process ends, in any way.
     """
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -47,10 +47,10 @@ def lock(file: FileIO) -> bool:
 
 
 class WorkingFolder:
-    """``.NAME.partial`` beside a bag's final place, with the storage file in it."""
+    """The folder ``.NAME.partial`` next to a bag's final place, with the storage file in it."""
 
     def __init__(self, bag: Path, file_name: str) -> None:
-        """Creates the folder; what a killed writer left in its place is moved to the partial name.
+        """Creates the folder. The folder of a killed writer in its place is moved to a partial name.
 
         Raises:
             BagError: The bag exists, another episode writes it now, or the place cannot be written.
@@ -89,12 +89,12 @@ class WorkingFolder:
             raise
 
     def free_reserve(self) -> None:
-        """Gives the reserved space back to the disk."""
+        """Frees the reserved space."""
         with suppress(OSError):
             (self.path / RESERVE_FILE).unlink()
 
     def is_there(self) -> bool:
-        """Whether the storage file still is where it was opened; a disk that is asked may say otherwise."""
+        """Whether the path still leads to the open storage file."""
         try:
             found, opened = self._file_path.stat(), os.fstat(self.file.fileno())
         except OSError:
@@ -102,12 +102,12 @@ class WorkingFolder:
         return (found.st_dev, found.st_ino) == (opened.st_dev, opened.st_ino)
 
     def check(self) -> None:
-        """Raises OSError where the folder has been taken away under the writer."""
+        """Raises OSError where the folder has been removed."""
         if not self.is_there():
             raise FileNotFoundError(errno.ENOENT, "its folder has disappeared while it was written", str(self.path))
 
     def restore(self) -> None:
-        """Writes the storage file again from its open handle, where the folder has been taken away."""
+        """Writes the storage file again from its open handle, where the folder has been removed."""
         if self.is_there():
             return
         self.path.mkdir(parents=True, exist_ok=True)
@@ -116,7 +116,7 @@ class WorkingFolder:
             shutil.copyfileobj(self.file, copy, _COPY_BYTES)
 
     def close(self, metadata: str) -> None:
-        """Ends the storage file and writes the metadata beside it."""
+        """Closes the storage file and writes the metadata."""
         if not self.file.closed:
             os.fsync(self.file.fileno())
             self.file.close()
@@ -124,14 +124,14 @@ class WorkingFolder:
         (self.path / METADATA_FILE).write_text(metadata, encoding="utf-8")
 
     def move_to(self, target: Path) -> Path:
-        """Moves the folder to its name; OSError where that exists or cannot be made."""
+        """Moves the folder; OSError where the target exists or cannot be made."""
         if target.exists():
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target))
         self.path.rename(target)
         return target
 
     def remove(self) -> None:
-        """Takes the folder away, and the one above it if nothing else is in it."""
+        """Removes the folder, and its parent if that is empty."""
         self.file.close()
         self.free_reserve()
         with suppress(OSError):

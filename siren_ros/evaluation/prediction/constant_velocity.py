@@ -1,4 +1,4 @@
-"""The constant-velocity reference: everybody goes on as at the present."""
+"""The constant-velocity reference predictor."""
 
 from dataclasses import dataclass, field
 
@@ -9,10 +9,10 @@ from siren_ros.numerics.arrays import Floats
 
 @dataclass(frozen=True)
 class ConstantVelocity:
-    """Straight on with the velocity that the record gives for the present.
+    """Every vehicle keeps its present velocity.
 
-    The difference of the last two points of the history would be the velocity of half a grid period ago: the record
-    has the present one (as ``trajectory.csv`` has, columns ``vx, vy``).
+    The velocity is the recorded one (columns ``vx, vy`` of ``trajectory.csv``). The difference of the last two points
+    of the history would be the velocity half a grid period earlier.
     """
 
     window: HistoryWindow = field(default_factory=HistoryWindow)

@@ -17,14 +17,14 @@ BEST_OF: Final = 6
 
 @dataclass(frozen=True)
 class MetricValue:
-    """A metric over some samples; without a sample there is no value, and ``value`` is 0."""
+    """A metric over some samples. Without samples ``value`` is 0 and means nothing."""
 
     value: float
     samples: int
 
     @property
     def valid(self) -> bool:
-        """Whether there was anything to measure."""
+        """Whether there was a sample."""
         return self.samples > 0
 
 
@@ -39,17 +39,17 @@ def fde(hypotheses: Floats, truth: Floats) -> MetricValue:
 
 
 def min_ade_6(hypotheses: Floats, truth: Floats) -> MetricValue:
-    """Mean distance over time of the hypothesis that is best in it, of the six most probable ones, in metres."""
+    """Least mean distance over time of the six most probable hypotheses, in metres."""
     return _mean(_distances(hypotheses[:, :BEST_OF], truth).mean(axis=-1).min(axis=1))
 
 
 def min_fde_6(hypotheses: Floats, truth: Floats) -> MetricValue:
-    """Distance at the horizon of the hypothesis that is best in it, of the six most probable ones, in metres."""
+    """Least distance at the horizon of the six most probable hypotheses, in metres."""
     return _mean(_distances(hypotheses[:, :BEST_OF, -1:], truth[:, -1:])[..., 0].min(axis=1))
 
 
 def rmse_at_horizon(hypotheses: Floats, truth: Floats) -> MetricValue:
-    """Root mean square over the samples of the most probable hypothesis's distance at the horizon, in metres."""
+    """Root mean square of the most probable hypothesis's distance at the horizon, in metres."""
     squared = _mean(_distances(hypotheses[:, :1, -1:], truth[:, -1:])[:, 0, 0] ** 2)
     return MetricValue(float(np.sqrt(squared.value)), squared.samples)
 
@@ -65,7 +65,7 @@ def _mean(values: Floats) -> MetricValue:
 
 @dataclass(frozen=True)
 class Metric:
-    """A metric's name in results, its heading in tables, and how it is computed."""
+    """A metric: its name in results, its heading in tables, and its function."""
 
     name: str
     label: str

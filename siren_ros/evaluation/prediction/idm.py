@@ -9,21 +9,21 @@ from siren_ros.numerics.arrays import Floats
 
 @dataclass(frozen=True)
 class IdmConfig:
-    """Parameters of the model and of how it is put on the road."""
+    """Parameters of the model and of its application to roads."""
 
     time_headway_s: float = 1.5
     standstill_gap_m: float = 2.0
     acceleration_mps2: float = 1.5
     comfortable_braking_mps2: float = 2.0
     exponent: float = 4.0
-    """Of the free-road term, the original's."""
+    """Exponent of the free-road term, as in the original."""
     integration_s: float = 0.1
     range_m: float = 250.0
-    """How far ahead a leader is looked for."""
+    """Largest distance to a leader."""
     off_lane_limit_mps: float = 50.0 / 3.6
-    """Speed limit where no lane says one: an urban road's."""
+    """Speed limit of vehicles in no lane: that of an urban road."""
     least_gap_m: float = 0.1
-    """Gap that the model is given where the bumpers have already passed each other."""
+    """Least gap that the model gets; the measured gap is negative where the bumpers overlap."""
 
 
 def idm_acceleration(
@@ -48,7 +48,7 @@ def idm_acceleration(
 def idm_travel(
     speed_mps: Floats, desired_mps: Floats, gap_m: Floats, leader_mps: Floats, times_s: Floats, config: IdmConfig
 ) -> Floats:
-    """Distances travelled behind leaders that keep their speed, shape ``(N, T)``.
+    """Distances travelled behind leaders of constant speed, shape ``(N, T)``.
 
     Ballistic update: a vehicle whose speed would become negative stops within the step
     (M. Treiber, V. Kanagaraj, Physica A 419 (2015) 183, eqs. 10 and 11).

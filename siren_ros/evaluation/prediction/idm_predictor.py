@@ -1,4 +1,4 @@
-"""IDM as a trajectory predictor: everybody follows the leader of the present along the own lane."""
+"""IDM as a trajectory predictor: every vehicle follows its present leader along its lane."""
 
 from dataclasses import dataclass, field
 
@@ -18,8 +18,8 @@ from siren_ros.roads.road_network import NO_LANE
 class IdmPredictor:
     """Car following on the lane's path, the leader at constant velocity, the desired speed max(v, speed limit).
 
-    A vehicle keeps its present offset from the lane's centre line, so that the prediction starts where the vehicle
-    is. In no lane it goes straight ahead. Neither routes nor signals are known to it.
+    A vehicle keeps its present offset from the lane's centre line, so that the prediction starts at its position.
+    A vehicle in no lane goes straight ahead. The predictor knows neither routes nor signals.
     """
 
     config: IdmConfig = field(default_factory=IdmConfig)
@@ -35,7 +35,7 @@ class IdmPredictor:
         leaders = leaders_of(batch, places, paths, config.range_m)
         limit = np.array([found.speed_limit_mps for found in batch.network.lanes] + [config.off_lane_limit_mps])
         speed = np.hypot(batch.velocity_mps[:, 0], batch.velocity_mps[:, 1])
-        # NO_LANE, −1, takes the last limit: the one off the lanes.
+        # NO_LANE is −1 and takes the last limit, that of vehicles in no lane.
         desired = np.maximum(speed, limit[lane])
         travelled = idm_travel(speed, desired, leaders.gap_m, leaders.speed_mps, times_s, config)
         heading = np.stack((np.cos(batch.yaw_rad), np.sin(batch.yaw_rad)), axis=-1)

@@ -1,4 +1,4 @@
-"""Where a vehicle gets to that keeps its lane and goes straight on at every junction."""
+"""The path of a vehicle that keeps its lane and goes straight on at every junction."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -13,15 +13,15 @@ from siren_ros.roads.road_network import NO_LANE, Connection, Lane, RoadNetwork
 from siren_ros.world.traffic_state import Indices
 
 _SAME_TURN_RAD = 0.1
-"""Movements whose turns differ by less go equally straight; the one with the smaller sideways shift is taken."""
+"""Movements count as equally straight where their turns differ by less; the smaller lateral shift then decides."""
 
 
 def straight_successors(network: RoadNetwork) -> Indices:
     """The lane that follows each lane without a lane change, NO_LANE at an end; shape ``(L,)``.
 
-    Where several movements leave a lane, the straightest follows: which turn a driver will take is not known to an
-    observer. Lanes of the same kind go before others, so that a shoulder leads on to a shoulder. A path across a
-    junction is followed to its end.
+    Where several movements leave a lane, the straightest is taken, because an observer does not know the driver's
+    turn. Lanes of the same kind come first, so that a shoulder leads to a shoulder. A path across a junction is
+    followed to its end.
     """
     successor = np.full(len(network.lanes), NO_LANE, dtype=np.int32)
     for lane in network.lanes:
@@ -47,7 +47,7 @@ def _bend(network: RoadNetwork, lane: Lane, movement: Connection) -> tuple[bool,
 
 @dataclass(frozen=True)
 class LanePaths:
-    """The paths straight on from some lanes, P in number."""
+    """P paths, each straight on from one lane."""
 
     path_of_lane: npt.NDArray[np.intp]
     """Path that starts at each lane of the network, −1 where there is none; shape ``(L,)``."""
@@ -61,7 +61,7 @@ class LanePaths:
 
         Args:
             path: Path of each of N vehicles, shape ``(N,)``.
-            arc_m: Distances along it, shape ``(N, T)``; past its end it goes straight on.
+            arc_m: Distances along it, shape ``(N, T)``; the path continues straight past its end.
             offset_m: Offset to keep from the centre line, left positive, shape ``(N,)``.
 
         Returns:
@@ -80,7 +80,7 @@ def paths_from(network: RoadNetwork, lanes: npt.NDArray[np.int32], reach_m: floa
     Args:
         network: The map.
         lanes: Lanes to start from, each once.
-        reach_m: How far each path reaches beyond the end of its first lane, where the lanes go on.
+        reach_m: Length of each path beyond the end of its first lane, as far as lanes follow.
     """
     successor = straight_successors(network)
     path_of_lane = np.full(len(network.lanes), -1, dtype=np.intp)

@@ -1,4 +1,4 @@
-"""The vehicle ahead of each sample: along its lane's successors, or straight ahead where it is in no lane."""
+"""The leader of each sample: along its lane's successors, or straight ahead where it is in no lane."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ class Leaders:
     gap_m: Floats
     """From the own front bumper to the leader's rear bumper, inf without a leader.
 
-    It is negative where the leader is beside: its centre ahead, its rear behind the own front.
+    It is negative where the two overlap lengthwise: the leader's centre is ahead, its rear behind the own front.
     """
     speed_mps: Floats
     """The leader's, in the own direction and not negative; 0 without a leader."""
@@ -27,8 +27,8 @@ class Leaders:
 def leaders_of(batch: SampleBatch, places: LanePlaces, paths: LanePaths, range_m: float) -> Leaders:
     """The nearest vehicle whose centre is ahead within the range.
 
-    For a sample in a lane it is one in this lane or in those that follow straight on. For a sample in no lane it is
-    one, whatever its heading, whose width reaches into the strip that the sample would sweep going straight ahead.
+    The leader of a sample in a lane is in this lane or in those that follow straight on. The leader of a sample in
+    no lane overlaps the strip that the sample sweeps straight ahead; its heading does not matter.
 
     Args:
         batch: The samples.
@@ -59,7 +59,7 @@ def leaders_of(batch: SampleBatch, places: LanePlaces, paths: LanePaths, range_m
 def _along_lanes(
     batch: SampleBatch, places: LanePlaces, paths: LanePaths, own: Rows, other: Rows
 ) -> tuple[Floats, Floats]:
-    """Distances along the lanes to the others' centres, inf for those in other lanes, and their speeds."""
+    """Distances along the lanes to the others' centres, inf in other lanes, and the others' speeds."""
     path, lane = paths.path_of_lane[places.lane[own]], places.lane[other]
     start_m = np.where(lane == NO_LANE, np.inf, paths.start_m[path, lane])
     velocity = batch.actors.velocity_mps[other, -1]
@@ -67,7 +67,7 @@ def _along_lanes(
 
 
 def _straight_ahead(batch: SampleBatch, own: Rows, other: Rows) -> tuple[Floats, Floats]:
-    """Distances along the headings to the others' centres, inf for those beside the strip, and their speeds along."""
+    """Distances along the headings to the others' centres, inf outside the strip, and their speeds along them."""
     actors = batch.actors
     cos, sin = np.cos(actors.yaw_rad[own, -1]), np.sin(actors.yaw_rad[own, -1])
     x, y = (actors.xy_m[other, -1] - actors.xy_m[own, -1]).T

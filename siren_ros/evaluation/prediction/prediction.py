@@ -1,4 +1,4 @@
-"""Trajectory prediction on recorded episodes: every model on the same samples, every metric of the table."""
+"""Scores of trajectory predictors on recorded episodes: every model on the same samples, with every metric."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,10 +13,10 @@ from siren_ros.scenario.levels import EmergencyLevel
 
 @dataclass(frozen=True)
 class EpisodeScores:
-    """What every model scores on one episode."""
+    """The scores of every model on one episode."""
 
     name: str
-    """Of the episode, as the user knows it: the bag's folder."""
+    """Name of the episode: the bag's folder."""
     template: str
     level: EmergencyLevel
     seed: int
@@ -26,15 +26,15 @@ class EpisodeScores:
 
     @property
     def samples(self) -> int:
-        """The least number of samples that a model was scored on; models with other histories have other samples."""
+        """Least number of samples of a model; models with different histories have different samples."""
         return min((value.samples for metrics in self.models.values() for value in metrics.values()), default=0)
 
 
 def score_episode(name: str, record: EpisodeRecord, predictors: Mapping[str, Predictor]) -> EpisodeScores:
-    """Score every predictor on an episode.
+    """Scores every predictor on an episode.
 
     Raises:
-        InputError: The record does not describe its actors, or a predictor's answer cannot be scored.
+        InputError: The record does not describe its actors, or a predictor's hypotheses cannot be scored.
     """
     samples: dict[HistoryWindow, ScoredSamples] = {}
     models = {}

@@ -1,4 +1,4 @@
-"""The paper's results of trajectory prediction, to show beside those of other episodes."""
+"""The paper's results of trajectory prediction, for comparison."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ class PaperRow:
 
     by_template: Mapping[str, float]
     mean: float
-    """As printed: the paper took it before rounding."""
+    """As printed; the paper computed it before rounding."""
 
 
 def _row(mean: float, *values: float) -> PaperRow:

@@ -1,4 +1,4 @@
-"""Samples for trajectory prediction: what a predictor may see, and apart from it the future that it is scored on."""
+"""Samples for trajectory prediction: the past for the predictor, and separately the future for the score."""
 
 from dataclasses import dataclass
 
@@ -17,7 +17,7 @@ from siren_ros.world.traffic_state import Indices
 
 @dataclass(frozen=True)
 class ObservedActors:
-    """Everybody who is there at the frames of a batch, with the past: M rows, sorted by frame and then by actor.
+    """All actors at the frames of a batch, with their past: M rows, sorted by frame and then by actor.
 
     H points of history, the present last and always observed; the other values of a point that was not observed
     are 0. Frame ``map``, footprint centres.
@@ -46,7 +46,7 @@ class ObservedActors:
 
 @dataclass(frozen=True)
 class SampleBatch:
-    """All samples of one episode: N vehicles at a present, nothing of their future.
+    """All samples of one episode: N vehicles, each at one present, without their future.
 
     A sample is a row of ``actors``; its neighbours are the other rows of the same frame.
     """
@@ -96,7 +96,7 @@ class SampleBatch:
 
 @dataclass(frozen=True)
 class ScoredSamples:
-    """A batch beside the truth that no predictor gets to see."""
+    """A batch, and the true future, which predictors do not get."""
 
     batch: SampleBatch
     future_xy_m: Floats

@@ -1,4 +1,4 @@
-"""Several episodes' scores beside the paper's: means over templates, deviation and rank correlation."""
+"""Scores of several episodes compared with the paper's: means over templates, deviation, rank correlation."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,12 +13,12 @@ from siren_ros.evaluation.prediction.prediction import EpisodeScores
 from siren_ros.evaluation.prediction.prediction_reference import PAPER, paper_value
 
 RANKED_MIN: Final = 3
-"""Fewest templates of which a ranking says anything."""
+"""Fewest templates for a rank correlation."""
 
 
 @dataclass(frozen=True)
 class MetricSummary:
-    """One metric of one model over the templates; None where there is nothing to say."""
+    """One metric of one model over the templates; None where there is no value."""
 
     by_template: Mapping[str, float]
     """Mean over the episodes of each template, in the order of names."""

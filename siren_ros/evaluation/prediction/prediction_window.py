@@ -1,4 +1,4 @@
-"""What a trajectory predictor sees of the past and what it is asked for (paper, "Trajectory prediction")."""
+"""The past that a trajectory predictor gets and the times that it predicts (paper, "Trajectory prediction")."""
 
 from dataclasses import dataclass
 from typing import Final

@@ -1,4 +1,4 @@
-"""What a trajectory predictor is, and the table of those that there are."""
+"""The protocol of trajectory predictors, and the table of all predictors."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final, Protocol
@@ -14,18 +14,18 @@ from siren_ros.numerics.arrays import Floats
 
 
 class Predictor(Protocol):
-    """Foretells where vehicles will be, from their past, their neighbours' and the map."""
+    """Predicts the positions of vehicles from their past, their neighbours' past and the map."""
 
     @property
     def window(self) -> HistoryWindow:
-        """The past that the predictor needs; samples are those with this past and the common future."""
+        """The past that the predictor needs; a sample has this past and the common future."""
 
     def predict(self, batch: SampleBatch) -> Floats:
         """Hypotheses on the common grid, shape ``(N, k, FUTURE_POINTS, 2)``, frame ``map``, the most probable first."""
 
 
 PREDICTORS: Final[Mapping[str, Callable[[], Predictor]]] = {"cv": ConstantVelocity, "idm": IdmPredictor}
-"""How to make each predictor, by the name that users give. Making one may load what it needs."""
+"""Constructor of each predictor, by the user's name for it. A constructor may load files."""
 
 
 def predictors_named(names: Sequence[str]) -> dict[str, Predictor]:
@@ -46,10 +46,10 @@ def predictors_named(names: Sequence[str]) -> dict[str, Predictor]:
 
 
 def hypotheses_of(name: str, predictor: Predictor, batch: SampleBatch) -> Floats:
-    """A predictor's answer, refused where it cannot be scored.
+    """A predictor's hypotheses, checked.
 
     Raises:
-        InputError: The answer has another shape than the protocol's, or values that are not finite.
+        InputError: The hypotheses do not have the protocol's shape, or have values that are not finite.
     """
     hypotheses = np.asarray(predictor.predict(batch), dtype=np.float64)
     wanted = f"hypotheses of shape ({len(batch)}, k, {FUTURE_POINTS}, 2) with finite values"

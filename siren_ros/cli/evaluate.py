@@ -11,12 +11,21 @@ from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, SirenError
 from siren_ros.evaluation.prediction.displacement_metrics import MetricValue
 from siren_ros.evaluation.prediction.prediction import EpisodeScores, score_episode
 from siren_ros.evaluation.prediction.prediction_reference import paper_value
+from siren_ros.evaluation.prediction.prediction_samples import Population
 from siren_ros.evaluation.prediction.prediction_summary import RANKED_MIN, Summary, as_json, summarise
 from siren_ros.evaluation.prediction.predictors import PREDICTORS, Predictor, predictors_named
 from siren_ros.recording.bag_reader import read_episode
 
 _SHOWN = ("ade_m", "fde_m")
 """Metrics of the printed table; the JSON file has all."""
+_NO_WINDOW = {
+    Population.REGION: "no vehicle was in the region around the EMV for a whole window of 8 s",
+    Population.ALL: "no vehicle was logged for a whole window of 8 s",
+}
+_POPULATION = {
+    Population.REGION: "population: region (vehicles within 40 m in, 50 m out around the EMV for the whole window)",
+    Population.ALL: "population: all vehicles on the map",
+}
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
@@ -39,6 +48,13 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
         metavar="NAMES",
         help=f"of {', '.join(PREDICTORS)}, by commas (default %(default)s)",
     )
+    prediction.add_argument(
+        "--population",
+        choices=[one.value for one in Population],
+        default=Population.REGION.value,
+        help="whose windows count: vehicles in the region of 40 m in, 50 m out around the EMV, as in the paper, or all "
+        "(default %(default)s)",
+    )
     prediction.add_argument("--json", type=Path, metavar="FILE", help="write all metrics to this file, too")
     prediction.set_defaults(run=run_prediction)
 
@@ -46,27 +62,28 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 def run_prediction(arguments: argparse.Namespace) -> int:
     """Scores every bag; one that cannot be read does not keep the others from being scored."""
     predictors = predictors_named([name.strip() for name in arguments.models.split(",") if name.strip()])
+    population = Population(arguments.population)
     worst, scores = EXIT_OK, []
     for bag in arguments.bags:
         try:
-            scores.append(_score(bag, predictors))
+            scores.append(_score(bag, predictors, population))
         except SirenError as error:
             print(f"siren evaluate: {error}", file=sys.stderr)
             worst = max(worst, error.exit_code)
             continue
         if scores[-1].samples == 0:
-            print(f"siren evaluate: {bag}: no vehicle was logged for a whole window of 8 s", file=sys.stderr)
+            print(f"siren evaluate: {bag}: {_NO_WINDOW[population]}", file=sys.stderr)
             worst = max(worst, EXIT_FAILED)
     if scores:
         summary = summarise(scores)
-        print("\n".join([*_table(scores, summary), "", *_comparison(summary)]))
+        print("\n".join([_POPULATION[population], "", *_table(scores, summary), "", *_comparison(summary)]))
         if arguments.json is not None:
             _write_json(arguments.json, scores, summary)
     return worst
 
 
-def _score(bag: Path, predictors: dict[str, Predictor]) -> EpisodeScores:
-    return score_episode(str(bag), read_episode(bag), predictors)
+def _score(bag: Path, predictors: dict[str, Predictor], population: Population) -> EpisodeScores:
+    return score_episode(str(bag), read_episode(bag), predictors, population)
 
 
 def _table(scores: Sequence[EpisodeScores], summary: Summary) -> list[str]:

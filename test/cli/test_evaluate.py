@@ -21,10 +21,12 @@ def test_prediction_prints_values_beside_the_papers(
     bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out_file = tmp_path / "new" / "scores.json"
-    assert main(["evaluate", "prediction", str(bag), "--json", str(out_file)]) == 0
+    assert main(["evaluate", "prediction", str(bag), "--population", "all", "--json", str(out_file)]) == 0
     out = capsys.readouterr().out
     scores = json.loads(out_file.read_text(encoding="utf-8"))
     cv = scores["episodes"][0]["models"]["cv"]
+    assert out.startswith("population: all vehicles on the map\n")
+    assert scores["episodes"][0]["population"] == "all"
     (row,) = [line.split() for line in out.splitlines() if line.startswith("S2_L2_seed0")]
     assert row[:4] == ["S2_L2_seed0", "S2", "L2", "50"]
     assert row[4:6] == [f"{cv['ade_m']:.2f}/{cv['fde_m']:.2f}", "1.17/3.11"]
@@ -35,7 +37,7 @@ def test_prediction_prints_values_beside_the_papers(
 
 
 def test_one_model_and_several_bags_of_a_template(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["evaluate", "prediction", str(bag), str(bag), "--models", "idm"]) == 0
+    assert main(["evaluate", "prediction", str(bag), str(bag), "--models", "idm", "--population=all"]) == 0
     out = capsys.readouterr().out
     assert "cv" not in out.split()
     (row,) = [line.split() for line in out.splitlines() if line.startswith("mean of 2 bags")]
@@ -60,7 +62,7 @@ def test_unreadable_bag_does_not_keep_the_others(bag: Path, tmp_path: Path, caps
 def test_bag_without_a_whole_window(short_bag: Path, bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["evaluate", "prediction", str(short_bag), str(bag)]) == 1
     captured = capsys.readouterr()
-    assert "short: no vehicle was logged for a whole window" in captured.err
+    assert "short: no vehicle was in the region around the EMV for a whole window" in captured.err
     (row,) = [line.split() for line in captured.out.splitlines() if line.startswith("short")]
     assert row[3:5] == ["0", "-/-"]
 
@@ -68,3 +70,14 @@ def test_bag_without_a_whole_window(short_bag: Path, bag: Path, capsys: pytest.C
 def test_json_that_cannot_be_written(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["evaluate", "prediction", str(bag), "--json", str(bag)]) == 2
     assert "json" in capsys.readouterr().err
+
+
+def test_the_region_is_the_default_and_the_table_says_so(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out_file = tmp_path / "scores.json"
+    assert main(["evaluate", "prediction", str(bag), "--json", str(out_file)]) == 0
+    assert capsys.readouterr().out.startswith("population: region (vehicles within 40 m in, 50 m out around the EMV")
+    episode = json.loads(out_file.read_text(encoding="utf-8"))["episodes"][0]
+    assert episode["population"] == "region"
+    assert 0 < episode["models"]["cv"]["samples"] < 50

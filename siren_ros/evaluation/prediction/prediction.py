@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from siren_ros.evaluation.prediction.displacement_metrics import METRICS, MetricValue
-from siren_ros.evaluation.prediction.prediction_samples import ScoredSamples, samples_of
+from siren_ros.evaluation.prediction.prediction_samples import Population, ScoredSamples, samples_of
 from siren_ros.evaluation.prediction.prediction_window import HistoryWindow
 from siren_ros.evaluation.prediction.predictors import Predictor, hypotheses_of
 from siren_ros.recording.episode_record import EpisodeRecord
@@ -21,6 +21,7 @@ class EpisodeScores:
     level: EmergencyLevel
     seed: int
     map_name: str
+    population: Population
     models: Mapping[str, Mapping[str, MetricValue]]
     """By model, then by metric."""
 
@@ -30,7 +31,12 @@ class EpisodeScores:
         return min((value.samples for metrics in self.models.values() for value in metrics.values()), default=0)
 
 
-def score_episode(name: str, record: EpisodeRecord, predictors: Mapping[str, Predictor]) -> EpisodeScores:
+def score_episode(
+    name: str,
+    record: EpisodeRecord,
+    predictors: Mapping[str, Predictor],
+    population: Population = Population.REGION,
+) -> EpisodeScores:
     """Scores every predictor on an episode.
 
     Raises:
@@ -41,9 +47,9 @@ def score_episode(name: str, record: EpisodeRecord, predictors: Mapping[str, Pre
     for model, predictor in predictors.items():
         window = predictor.window
         if window not in samples:
-            samples[window] = samples_of(record, window)
+            samples[window] = samples_of(record, window, population)
         hypotheses = hypotheses_of(model, predictor, samples[window].batch)
         truth = samples[window].future_xy_m
         models[model] = {metric.name: metric.compute(hypotheses, truth) for metric in METRICS}
     episode = record.description
-    return EpisodeScores(name, episode.template, episode.level, episode.seed, episode.map_name, models)
+    return EpisodeScores(name, episode.template, episode.level, episode.seed, episode.map_name, population, models)

@@ -1,6 +1,7 @@
 """Samples for trajectory prediction: the past for the predictor, and separately the future for the score."""
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 import numpy.typing as npt
@@ -8,11 +9,21 @@ import numpy.typing as npt
 from siren_ros.datasets.trajectory_csv import LOG_PERIOD_STEPS
 from siren_ros.errors import BagError
 from siren_ros.evaluation.prediction.prediction_window import HistoryWindow, future_offsets
+from siren_ros.judging.interaction_region import rows_in_region
 from siren_ros.judging.lane_location import sumo_lanes
 from siren_ros.numerics.arrays import Flags, Floats, Ids, Rows
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.world.traffic_state import Indices
+
+
+class Population(StrEnum):
+    """Whose windows are samples, and who is seen."""
+
+    REGION = "region"
+    """Vehicles in the interaction region around the EMV (the paper's): nobody else was logged."""
+    ALL = "all"
+    """Every vehicle, wherever on the map it is."""
 
 
 @dataclass(frozen=True)
@@ -106,8 +117,10 @@ class ScoredSamples:
         return len(self.batch)
 
 
-def samples_of(record: EpisodeRecord, window: HistoryWindow) -> ScoredSamples:
+def samples_of(record: EpisodeRecord, window: HistoryWindow, population: Population) -> ScoredSamples:
     """One sample for each vehicle, EMV included, and each frame at which its whole window was logged.
+
+    With the population of the region only states within it count as logged, those of neighbours too.
 
     The stride is one frame, so that the windows overlap (paper, "Trajectory prediction"): a gapless track of F
     frames gives F − 80 samples with the default window.
@@ -116,8 +129,10 @@ def samples_of(record: EpisodeRecord, window: HistoryWindow) -> ScoredSamples:
         BagError: The record holds states of an actor that it does not describe.
     """
     rows = record.rows
-    logged = np.flatnonzero(rows.step % LOG_PERIOD_STEPS == 0)
-    rows = rows.select(logged.astype(np.intp))
+    logged = rows.step % LOG_PERIOD_STEPS == 0
+    if population is Population.REGION:
+        logged &= rows_in_region(record)
+    rows = rows.select(logged)
     ids = np.unique(rows.actor_id)
     missing = [key for key in ids.tolist() if key not in record.actors]
     if missing:

@@ -110,6 +110,7 @@ def _episode_json(episode: EpisodeScores) -> dict[str, Any]:
         "level": episode.level.name,
         "seed": episode.seed,
         "map": episode.map_name,
+        "population": episode.population.value,
         "models": {
             model: {
                 "samples": min(value.samples for value in metrics.values()),

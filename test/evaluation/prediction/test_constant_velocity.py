@@ -4,14 +4,14 @@ from made_records import moving, record_with
 
 from siren_ros.evaluation.prediction.constant_velocity import ConstantVelocity
 from siren_ros.evaluation.prediction.displacement_metrics import ade, fde
-from siren_ros.evaluation.prediction.prediction_samples import samples_of
+from siren_ros.evaluation.prediction.prediction_samples import Population, samples_of
 from siren_ros.roads.road_network import RoadNetwork
 
 
 def test_no_error_at_constant_velocity_whatever_the_heading(straight_road: RoadNetwork) -> None:
     tracks = {1: moving(0.0, 0.0, 9.0, yaw_rad=0.7), 2: moving(30.0, 0.0, 0.0), 3: moving(0.0, 5.0, 14.0, yaw_rad=-2.5)}
     model = ConstantVelocity()
-    scored = samples_of(record_with(tracks, straight_road), model.window)
+    scored = samples_of(record_with(tracks, straight_road), model.window, Population.ALL)
     answer = model.predict(scored.batch)
     assert answer.shape == (63, 1, 25, 2)
     assert fde(answer, scored.future_xy_m).value == pytest.approx(0.0, abs=1e-9)
@@ -21,7 +21,7 @@ def test_no_error_at_constant_velocity_whatever_the_heading(straight_road: RoadN
 def test_error_at_constant_acceleration(accel_mps2: float, straight_road: RoadNetwork) -> None:
     model = ConstantVelocity()
     record = record_with({1: moving(0.0, -5.25, 10.0, accel_mps2=accel_mps2)}, straight_road)
-    scored = samples_of(record, model.window)
+    scored = samples_of(record, model.window, Population.ALL)
     answer = model.predict(scored.batch)
     # The miss after t is |a| t² / 2; the mean of t² over 0.2 s … 5 s is 0.04 · (26 · 51 / 6) = 8.84 s².
     assert ade(answer, scored.future_xy_m).value == pytest.approx(abs(accel_mps2) / 2.0 * 8.84)

@@ -5,7 +5,7 @@ from made_records import Track, moving, record_with
 from siren_ros.evaluation.prediction.idm_predictor import IdmPredictor
 from siren_ros.evaluation.prediction.lane_following import paths_from
 from siren_ros.evaluation.prediction.leaders import Leaders, leaders_of
-from siren_ros.evaluation.prediction.prediction_samples import SampleBatch, samples_of
+from siren_ros.evaluation.prediction.prediction_samples import Population, SampleBatch, samples_of
 from siren_ros.judging.lane_location import locate
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
 
@@ -14,7 +14,7 @@ MODEL = IdmPredictor()
 
 def first_frame(tracks: dict[int, Track], network: RoadNetwork) -> tuple[SampleBatch, dict[int, int]]:
     """The samples of a record, and for each actor that of the first frame."""
-    batch = samples_of(record_with(tracks, network), MODEL.window).batch
+    batch = samples_of(record_with(tracks, network), MODEL.window, Population.ALL).batch
     rows = np.flatnonzero(batch.actors.frame[batch.target] == 0)
     return batch, dict(zip(batch.actors.actor_id[batch.target[rows]].tolist(), rows.tolist(), strict=True))
 
@@ -108,5 +108,7 @@ def test_off_the_lanes_it_goes_straight_ahead(straight_road: RoadNetwork) -> Non
 
 
 def test_no_samples_no_answer(straight_road: RoadNetwork) -> None:
-    batch = samples_of(record_with({1: moving(0.0, -5.25, 5.0, steps=20)}, straight_road), MODEL.window).batch
+    batch = samples_of(
+        record_with({1: moving(0.0, -5.25, 5.0, steps=20)}, straight_road), MODEL.window, Population.ALL
+    ).batch
     assert MODEL.predict(batch).shape == (0, 1, 25, 2)

@@ -10,7 +10,7 @@ from made_records import moving, record_with
 
 from siren_ros.evaluation.prediction.displacement_metrics import METRICS
 from siren_ros.evaluation.prediction.prediction import score_episode
-from siren_ros.evaluation.prediction.prediction_samples import samples_of
+from siren_ros.evaluation.prediction.prediction_samples import Population, samples_of
 from siren_ros.evaluation.prediction.prediction_window import HistoryWindow
 from siren_ros.evaluation.prediction.predictors import PREDICTORS, predictors_named
 from siren_ros.generation.closed_loop import closed_loop
@@ -52,7 +52,7 @@ def test_predictions_do_not_depend_on_the_logged_future(model: str, episode: Epi
         for item in episode.traffic
     )
     before, after = (
-        samples_of(record, predictor.window)
+        samples_of(record, predictor.window, Population.ALL)
         for record in (episode, replace(episode, states=states, traffic=traffic, events=(), commands={}))
     )
     present = before.batch.step[before.batch.actors.frame[before.batch.target]] <= now
@@ -62,7 +62,7 @@ def test_predictions_do_not_depend_on_the_logged_future(model: str, episode: Epi
 
 
 def test_a_real_episode_is_scored(episode: EpisodeRecord) -> None:
-    scores = score_episode("live", episode, predictors_named(["cv", "idm"]))
+    scores = score_episode("live", episode, predictors_named(["cv", "idm"]), Population.ALL)
     there = [len(episode.track(key)) for key in episode.actors]
     assert scores.samples >= 10 * sum(count == STEPS for count in there) > 0
     assert (scores.template, scores.map_name) == ("S2", "town")
@@ -77,15 +77,15 @@ def test_scores_of_a_bag_are_those_of_its_record(
 ) -> None:
     bag = write_bag(tmp_path / "bag", duration_s=9.0)
     models = predictors_named(["cv", "idm"])
-    from_bag = score_episode("bag", read_episode(bag), models)
-    assert from_bag == score_episode("bag", record_of(duration_s=9.0), models)
+    from_bag = score_episode("bag", read_episode(bag), models, Population.ALL)
+    assert from_bag == score_episode("bag", record_of(duration_s=9.0), models, Population.ALL)
     assert from_bag.samples == 5 * (90 - 80)
 
 
 def test_models_with_other_histories_have_their_own_samples(straight_road: RoadNetwork) -> None:
     record = record_with({1: moving(0.0, -5.25, 5.0, steps=2 * 120 - 1)}, straight_road)
     long = replace(predictors_named(["cv"])["cv"], window=HistoryWindow(points=50, stride_frames=1))
-    scores = score_episode("two", record, {"cv": predictors_named(["cv"])["cv"], "long": long})
+    scores = score_episode("two", record, {"cv": predictors_named(["cv"])["cv"], "long": long}, Population.ALL)
     assert {model: values["ade_m"].samples for model, values in scores.models.items()} == {"cv": 40, "long": 21}
     assert scores.samples == 21
 
@@ -94,3 +94,23 @@ def test_a_shaken_order_of_rows_gives_the_same_scores(episode: EpisodeRecord) ->
     models = predictors_named(["cv", "idm"])
     backwards = replace(episode, states=tuple(reversed(episode.states)))
     assert score_episode("a", episode, models) == score_episode("a", backwards, models)
+
+
+def test_by_default_the_region_is_scored(straight_road: RoadNetwork) -> None:
+    """100 frames, 20 windows each: the second always near, the third always far, the fourth gone after half of it."""
+    tracks = {
+        1: replace(moving(0.0, -5.25, 10.0, steps=199), is_emv=True),
+        2: moving(20.0, -5.25, 10.0, steps=199),
+        3: moving(60.0, -5.25, 10.0, steps=199),
+        4: moving(0.0, -1.75, 0.0, steps=199),
+    }
+    record = record_with(tracks, straight_road)
+    models = predictors_named(["cv"])
+    scores = score_episode("region", record, models)
+    assert (scores.population, scores.samples) == (Population.REGION, 40)
+    assert score_episode("all", record, models, Population.ALL).samples == 80
+    batch = samples_of(record, HistoryWindow(), Population.REGION).batch
+    assert set(batch.actors.actor_id[batch.target].tolist()) == {1, 2}
+    # The fourth is 50 m behind the EMV after 5 s: a neighbour in the samples of frames 30 to 49 up to then.
+    assert set(batch.actors.actor_id.tolist()) == {1, 2, 4}
+    assert not batch.actors.observed[batch.actors.frame == 0].sum(axis=1).tolist().count(0)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from made_records import moving, record_with
 
 from siren_ros.errors import BagError
-from siren_ros.evaluation.prediction.prediction_samples import samples_of
+from siren_ros.evaluation.prediction.prediction_samples import Population, samples_of
 from siren_ros.evaluation.prediction.prediction_window import HistoryWindow, future_times_s
 from siren_ros.roads.road_network import RoadNetwork
 
@@ -19,12 +19,12 @@ def test_a_gapless_track_gives_one_sample_for_each_frame_with_a_full_window(
     frames: int, late: int, straight_road: RoadNetwork
 ) -> None:
     track = moving(0.0, -5.25, 5.0, steps=2 * frames - 1, first_step=2 * late)
-    assert len(samples_of(record_with({1: track}, straight_road), WINDOW)) == max(0, frames - 80)
+    assert len(samples_of(record_with({1: track}, straight_road), WINDOW, Population.ALL)) == max(0, frames - 80)
 
 
 def test_a_longer_history_leaves_fewer_samples(straight_road: RoadNetwork) -> None:
     record = record_with({1: moving(0.0, -5.25, 5.0, steps=2 * 120 - 1)}, straight_road)
-    assert len(samples_of(record, HistoryWindow(points=50, stride_frames=1))) == 120 - 49 - 50
+    assert len(samples_of(record, HistoryWindow(points=50, stride_frames=1), Population.ALL)) == 120 - 49 - 50
 
 
 def test_every_vehicle_is_scored_the_emv_too(straight_road: RoadNetwork) -> None:
@@ -33,7 +33,7 @@ def test_every_vehicle_is_scored_the_emv_too(straight_road: RoadNetwork) -> None
         2: moving(50.0, -1.75, 5.0),
         3: moving(90.0, 1.75, 0.0, first_step=20),
     }
-    scored = samples_of(record_with(tracks, straight_road), WINDOW)
+    scored = samples_of(record_with(tracks, straight_road), WINDOW, Population.ALL)
     batch = scored.batch
     ids = batch.actors.actor_id[batch.target]
     assert {key: int((ids == key).sum()) for key in (1, 2, 3)} == {1: 21, 2: 21, 3: 21}
@@ -43,15 +43,15 @@ def test_every_vehicle_is_scored_the_emv_too(straight_road: RoadNetwork) -> None
 def test_a_window_with_a_missing_point_is_no_sample(straight_road: RoadNetwork) -> None:
     whole = moving(0.0, -5.25, 5.0, steps=2 * 90 - 1)
     gap = replace(whole, without=frozenset({80}))
-    assert len(samples_of(record_with({1: whole}, straight_road), WINDOW)) == 10
-    scored = samples_of(record_with({1: gap}, straight_road), WINDOW)
+    assert len(samples_of(record_with({1: whole}, straight_road), WINDOW, Population.ALL)) == 10
+    scored = samples_of(record_with({1: gap}, straight_road), WINDOW, Population.ALL)
     # Frame 40 is missing: it is a grid point of the windows of every second frame.
     assert (scored.batch.step // 2).tolist() == [31, 33, 35, 37, 39]
 
 
 def test_history_and_future_are_the_log(straight_road: RoadNetwork) -> None:
     record = record_with({1: moving(0.0, -5.25, 5.0, accel_mps2=0.4)}, straight_road)
-    scored = samples_of(record, WINDOW)
+    scored = samples_of(record, WINDOW, Population.ALL)
     now = scored.batch.step * 0.05
 
     def x(time: np.ndarray) -> np.ndarray:
@@ -70,7 +70,7 @@ def test_neighbours_are_the_others_of_the_frame_even_with_a_short_past(straight_
         2: moving(40.0, -5.25, 5.0),
         7: moving(70.0, -1.75, 0.0, first_step=70, steps=40),
     }
-    batch = samples_of(record_with(tracks, straight_road), WINDOW).batch
+    batch = samples_of(record_with(tracks, straight_road), WINDOW, Population.ALL).batch
     sample, other = batch.neighbours()
     own = batch.target[sample]
     assert (batch.actors.frame[own] == batch.actors.frame[other]).all()
@@ -87,7 +87,7 @@ def test_neighbours_are_the_others_of_the_frame_even_with_a_short_past(straight_
 
 
 def test_a_short_episode_gives_no_samples(straight_road: RoadNetwork) -> None:
-    scored = samples_of(record_with({1: moving(0.0, -5.25, 5.0, steps=20)}, straight_road), WINDOW)
+    scored = samples_of(record_with({1: moving(0.0, -5.25, 5.0, steps=20)}, straight_road), WINDOW, Population.ALL)
     assert len(scored) == 0
     assert scored.future_xy_m.shape == (0, 25, 2)
 
@@ -95,4 +95,4 @@ def test_a_short_episode_gives_no_samples(straight_road: RoadNetwork) -> None:
 def test_states_of_an_unknown_actor_are_refused(straight_road: RoadNetwork) -> None:
     record = record_with({1: moving(0.0, -5.25, 5.0), 2: moving(0.0, -1.75, 5.0)}, straight_road)
     with pytest.raises(BagError, match=r"\[2\]"):
-        samples_of(replace(record, actors={1: record.actors[1]}), WINDOW)
+        samples_of(replace(record, actors={1: record.actors[1]}), WINDOW, Population.ALL)

@@ -9,13 +9,16 @@ from scipy.stats import spearmanr
 from siren_ros.evaluation.prediction.displacement_metrics import METRICS, MetricValue
 from siren_ros.evaluation.prediction.prediction import EpisodeScores
 from siren_ros.evaluation.prediction.prediction_reference import PAPER, TEMPLATES
+from siren_ros.evaluation.prediction.prediction_samples import Population
 from siren_ros.evaluation.prediction.prediction_summary import as_json, rank_correlation, summarise
 from siren_ros.scenario.levels import EmergencyLevel
 
 
 def scores(template: str, ade_m: float, samples: int = 100, seed: int = 0) -> EpisodeScores:
     values = {metric.name: MetricValue(ade_m if samples else 0.0, samples) for metric in METRICS}
-    return EpisodeScores(f"{template}_{seed}", template, EmergencyLevel.L2, seed, "town", {"cv": values})
+    return EpisodeScores(
+        f"{template}_{seed}", template, EmergencyLevel.L2, seed, "town", Population.ALL, {"cv": values}
+    )
 
 
 def test_the_papers_own_values_agree_with_the_paper() -> None:

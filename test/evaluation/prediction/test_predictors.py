@@ -3,7 +3,7 @@ import pytest
 from made_records import moving, record_with
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.prediction.prediction_samples import SampleBatch, samples_of
+from siren_ros.evaluation.prediction.prediction_samples import Population, SampleBatch, samples_of
 from siren_ros.evaluation.prediction.prediction_window import HistoryWindow
 from siren_ros.evaluation.prediction.predictors import PREDICTORS, hypotheses_of, predictors_named
 from siren_ros.roads.road_network import RoadNetwork
@@ -39,11 +39,11 @@ def test_wrong_names_are_refused_with_what_is_known(names: list[str]) -> None:
     ids=["no hypotheses", "samples missing", "none of each", "not finite"],
 )
 def test_answers_that_cannot_be_scored_are_refused(answer: np.ndarray, straight_road: RoadNetwork) -> None:
-    batch = samples_of(record_with({1: moving(0.0, -5.25, 5.0)}, straight_road), HistoryWindow()).batch
+    batch = samples_of(record_with({1: moving(0.0, -5.25, 5.0)}, straight_road), HistoryWindow(), Population.ALL).batch
     with pytest.raises(InputError, match=r"model mine.*\(21, k, 25, 2\)"):
         hypotheses_of("mine", Answers(answer), batch)
 
 
 def test_several_hypotheses_are_taken(straight_road: RoadNetwork) -> None:
-    batch = samples_of(record_with({1: moving(0.0, -5.25, 5.0)}, straight_road), HistoryWindow()).batch
+    batch = samples_of(record_with({1: moving(0.0, -5.25, 5.0)}, straight_road), HistoryWindow(), Population.ALL).batch
     assert hypotheses_of("mine", Answers(np.zeros((21, 6, 25, 2))), batch).shape == (21, 6, 25, 2)

@@ -71,7 +71,7 @@ class RecorderConfig(ParticipantConfig):
 class KittiExporterConfig(ParticipantConfig):
     """``kitti_exporter``."""
 
-    out: str = parameter("", "Folder of the KITTI export; empty: beside the bag, with the suffix _kitti.")
+    out: str = parameter("", "Folder of the KITTI export; empty: next to the bag, with the suffix _kitti.")
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class CosimConfig(EpisodeRequest):
     external: list[str] = parameter(
         [], "Programs that report every step on /siren/step_done under these names and are waited for."
     )
-    kitti: bool = parameter(True, "Also write a KITTI export beside the bag (where the suite has a LiDAR).")
+    kitti: bool = parameter(True, "Also write a KITTI export next to the bag, if the suite has a LiDAR.")
     processes: bool = parameter(False, "Run each node as a process of its own.")
     realtime_factor: float = parameter(
         0.0, "Simulated seconds per wall second at most; 0: as fast as it goes.", minimum=0.0, maximum=1000.0

@@ -1,0 +1,97 @@
+"""The documents: words that anybody understands, and names of files, modules, tests and pages that exist."""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+import pytest
+from repository import REPOSITORY
+
+DOCUMENTS: Final = sorted([*REPOSITORY.glob("*.md"), *(REPOSITORY / "docs").glob("*.md")])
+PRIVATE_WORDS: Final = re.compile(r"\b(spells?|foot|rooms?|crew|seats?|besides?|carried)\b", re.IGNORECASE)
+"""Words that mean something else to the reader than they once meant here."""
+SOURCE_FOLDERS: Final = ("siren_ros", "nodes", "test", "params", "docs", "tools", "msg_defs", "examples", "launch")
+SOURCE_SUFFIXES: Final = (".py", ".sh", ".msg")
+
+parametrized = pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.name))
+
+
+def quoted(text: str) -> Iterator[str]:
+    """What stands between backticks within a line."""
+    yield from re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL))
+
+
+def is_there(name: str) -> bool:
+    """Whether a quoted name is no file of ours, or a file or folder that exists."""
+    if name.split("/", maxsplit=1)[0] in SOURCE_FOLDERS and "/" in name:
+        return any(REPOSITORY.glob(name.rstrip("/")))
+    if "/" not in name and name.endswith(SOURCE_SUFFIXES):
+        return (REPOSITORY / name).is_file() or any(
+            path.name == name for folder in SOURCE_FOLDERS for path in (REPOSITORY / folder).rglob(name)
+        )
+    return True
+
+
+@parametrized
+def test_documents_use_no_private_words(path: Path) -> None:
+    found = [
+        f"{number}: {line.strip()}"
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1)
+        if PRIVATE_WORDS.search(line)
+    ]
+    assert not found
+
+
+@parametrized
+def test_files_that_documents_name_exist(path: Path) -> None:
+    names = [name for name in quoted(path.read_text(encoding="utf-8")) if re.fullmatch(r"[\w./*-]+", name)]
+    assert not [name for name in names if not is_there(name)]
+
+
+@parametrized
+def test_pages_and_pictures_that_documents_link_to_exist(path: Path) -> None:
+    links = re.findall(r"\]\(([^)#]+)[^)]*\)", path.read_text(encoding="utf-8"))
+    assert not [link for link in links if "://" not in link and not (path.parent / link).is_file()]
+
+
+@parametrized
+def test_modules_that_documents_run_exist(path: Path) -> None:
+    modules = re.findall(r"-m (siren_ros[\w.]*\w)", path.read_text(encoding="utf-8"))
+    assert not [name for name in modules if not (REPOSITORY / name.replace(".", "/")).with_suffix(".py").is_file()]
+
+
+@parametrized
+def test_tests_that_documents_name_exist(path: Path) -> None:
+    begun = re.findall(r"`(test_\w+_)…`", path.read_text(encoding="utf-8"))
+    tests = "\n".join(file.read_text(encoding="utf-8") for file in (REPOSITORY / "test").rglob("test_*.py"))
+    assert not [name for name in begun if f"def {name}" not in tests]
+
+
+@pytest.mark.parametrize(
+    "path", sorted((REPOSITORY / "params").rglob("*.*ml")), ids=lambda path: f"{path.parent.name}/{path.name}"
+)
+def test_parameter_files_use_no_private_words(path: Path) -> None:
+    assert not PRIVATE_WORDS.findall(path.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("folder", ["siren_ros", "nodes"])
+def test_packages_introduce_themselves_without_private_words(folder: str) -> None:
+    introductions = {
+        str(path.relative_to(REPOSITORY)): ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+        for path in (REPOSITORY / folder).rglob("__init__.py")
+    }
+    assert not [name for name, text in introductions.items() if not text or PRIVATE_WORDS.search(text)]
+
+
+def test_the_search_for_files_can_fail() -> None:
+    assert is_there("siren_ros/errors.py")
+    assert is_there("docs/")
+    assert is_there("errors.py")
+    assert is_there("siren_msgs/StepDone")
+    assert not is_there("siren_ros/no_such_file.py")
+    assert not is_there("no_such_file.py")
+    assert list(quoted("a `b.py` c\n```\n`d`\n```\n`e/f`")) == ["b.py", "e/f"]
+    assert PRIVATE_WORDS.search("there is room beside it")
+    assert not PRIVATE_WORDS.search("footprint, bathroom, carrier")

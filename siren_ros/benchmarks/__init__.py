@@ -1,4 +1,4 @@
-"""Benchmarks: commands that print figures of this machine."""
+"""Benchmarks: commands that print figures measured on this machine."""
 
 from siren_ros.numerics.arithmetic import pin_arithmetic
 

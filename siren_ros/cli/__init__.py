@@ -1,4 +1,4 @@
-"""The console command ``siren``: everything that is done with recorded episodes, without ROS."""
+"""The console command ``siren``: work on recorded episodes, without ROS."""
 
 from siren_ros.numerics.arithmetic import pin_arithmetic
 

@@ -1,1 +1,1 @@
-"""Exporters to published formats."""
+"""Exporters to published formats, one file or folder per format."""

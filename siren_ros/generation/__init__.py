@@ -1,1 +1,1 @@
-"""Episodes: set up one by one, or many."""
+"""One episode: set up from a request, run without ROS, repeated for a check."""

@@ -1,1 +1,1 @@
-"""Files of parameters: where they are found, and YAML that is checked with line numbers."""
+"""Parameter files: how they are found, and YAML that is checked with line numbers."""

@@ -1,1 +1,1 @@
-"""Pictures of recorded episodes."""
+"""Pictures and videos of recorded episodes."""

@@ -1,1 +1,1 @@
-"""A suite's measurements as topics, frames and messages of the vehicle that carries it."""
+"""Measurements of a suite as topics, frames and messages of its carrier."""

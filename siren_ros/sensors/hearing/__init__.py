@@ -1,1 +1,1 @@
-"""Microphones, and the sound of a siren."""
+"""The microphone and the sound of a siren."""

@@ -1,1 +1,1 @@
-"""Satellite receiver and inertial unit."""
+"""The GNSS receiver and the inertial measurement unit (IMU)."""

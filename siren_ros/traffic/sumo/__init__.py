@@ -1,1 +1,1 @@
-"""Talks to libsumo: reads vehicles and signals, sets what the episode needs, mirrors poses into SUMO."""
+"""Calls libsumo: reads vehicles and signals, sets what the episode needs, mirrors poses into SUMO."""

@@ -1,14 +1,11 @@
-"""``sensor_sim``: vehicle states in, what the carrier's sensors see out, with ground truth and frames."""
+"""``sensor_sim``: vehicle states in, measurements, labels and frames of every carrier out."""
 
-import json
 import sys
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import from_actor_states, from_traffic_state
 from siren_ros.interfaces.lockstep_reports import Phase
-from siren_ros.interfaces.messages import make_message
-from siren_ros.interfaces.transforms import to_tf
 from siren_ros.lockstep.tick_join import Input
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.ros.parameters.node_configs import SensorSimConfig
@@ -17,14 +14,12 @@ from siren_ros.ros.programs.program import run_participant
 from siren_ros.ros.transport import wire
 from siren_ros.ros.transport.wall_timer import create_wall_timer
 from siren_ros.scenario.episode import EpisodeDescription
-from siren_ros.sensor_messages.carried_sensors import CarriedSensors, carried_sensors
-from siren_ros.sensor_messages.observation_messages import shared_messages
-from siren_ros.sensors.rig.observations import Observations, Sensing
-from siren_ros.world.actors import ActorDescription, ActorStates
+from siren_ros.sensor_messages.mounted_suite import mounted_suites, setup_messages
+from siren_ros.sensor_messages.trailing_sensing import TrailingSensing
+from siren_ros.world.actors import ActorDescription
 
 LATE_S: Final = 0.1
-"""What is measured at a step waits no longer than this for the next step."""
-Seen: TypeAlias = tuple[ActorStates, list[Observations]]
+"""Measurements of a step wait no longer than this for the next step before they are published."""
 
 
 class SensorSim(Participant[SensorSimConfig]):
@@ -37,77 +32,48 @@ class SensorSim(Participant[SensorSimConfig]):
     def __init__(self, name: str, **node_options: Any) -> None:
         super().__init__(name, **node_options)
         self._actors: dict[int, ActorDescription] = {}
-        self._carried: list[CarriedSensors] = []
-        self._begun: tuple[ActorStates, list[Sensing]] | None = None
-        self._published: list[int] = []
-        self._busy_s = 0.0
+        self._sensing = TrailingSensing((), trails=False)
         self._late = create_wall_timer(self, LATE_S, self._no_more_steps)
         self._late.cancel()
 
     def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:
         """Build the scene and say where the sensors sit."""
-        network = parse_road_network(map_xml)
-        self._carried = list(carried_sensors(episode, network, self.has_listeners, beside=self.config.trails))
-        for carried in self._carried:
-            for note in carried.rig.notes:
+        network, trails = parse_road_network(map_xml), self.config.trails
+        suites = list(mounted_suites(episode, network, self.has_listeners, in_background=trails))
+        for suite in suites:
+            for note in suite.rig.notes:
                 self.get_logger().warning(note)
-            for topic in carried.topics:
+            for topic in suite.topics:
                 self.add_output(topic)
-        transforms = [transform for carried in self._carried for transform in carried.transforms]
-        accounts = {carried.carrier.name: carried.rig.account for carried in self._carried}
-        self.send(topics.TF_STATIC, to_tf(0, transforms))
-        self.send(topics.SENSING, make_message(topics.SENSING.type_name, data=json.dumps(accounts, sort_keys=True)))
+        self._sensing = TrailingSensing(suites, trails=trails)
+        for topic, message in setup_messages(suites):
+            self.send(topic, message)
 
     def on_step(self, step: int, inputs: dict[str, Any]) -> None:  # noqa: ARG002 - the interface of all nodes
-        """Publish what is due at this step: at once, or within the next step where the sensors may trail."""
-        earlier = self._finish()
+        """Publish the messages that are ready; those of this step at once, or within the next where sensors trail."""
         traffic = wire.content(from_traffic_state, inputs[topics.TRAFFIC.name])
         states = wire.content(from_actor_states, inputs[topics.ACTORS.name])
         self._actors.update({actor.actor_id: actor for actor in traffic.spawned})
-        carriers = [(carried.carrier, carried.messages.carrier_id) for carried in self._carried]
-        for topic, message in shared_messages(states, self._actors, carriers):
+        for topic, message in self._sensing.step(states, self._actors, traffic.signals):
             self.send(topic, message)
-        begun = [
-            carried.rig.begin(states, self._actors, traffic.signals, carried.messages.carrier_id)
-            for carried in self._carried
-        ]
-        self._begun = (states, begun)
-        self._publish(earlier)
-        if self.config.trails and any(sensing.under_way for sensing in begun):
+        if self._sensing.under_way:
             self._late.reset()
-        else:
-            self._publish(self._finish())
-
-    def _finish(self) -> Seen | None:
-        """What the step that has begun measured, once all of it is there; None where none has."""
-        if self._begun is None:
-            return None
-        (states, begun), self._begun = self._begun, None
-        return states, [sensing.finish() for sensing in begun]
-
-    def _publish(self, step: Seen | None) -> None:
-        if step is None:
-            return
-        states, seen = step
-        for carried, observations in zip(self._carried, seen, strict=True):
-            for topic, message in carried.messages.of_step(states, observations):
-                self.send(topic, message)
-        self._published.append(states.step)
 
     def step_finished(self, step: int, busy_s: float) -> None:  # noqa: ARG002 - those that were published count
         """Report the steps whose messages are out."""
-        self._busy_s += busy_s
-        while self._published:
-            super().step_finished(self._published.pop(0), self._busy_s)
-            self._busy_s = 0.0
+        for finished, spent_s in self._sensing.finished_steps(busy_s):
+            super().step_finished(finished, spent_s)
 
     def _no_more_steps(self) -> None:
-        """Publish what was measured at a step that no other follows, or not soon."""
+        """Publish the last measurements where no other step follows, or not soon."""
         self._late.cancel()
-        if self.finished:
-            return
-        self._guarded(self.steps_done, Phase.STEP, lambda: self._publish(self._finish()))
-        self.step_finished(self.steps_done, 0.0)
+        if not self.finished:
+            self._guarded(self.steps_done, Phase.STEP, self._publish_rest)
+            self.step_finished(self.steps_done, 0.0)
+
+    def _publish_rest(self) -> None:
+        for topic, message in self._sensing.finish():
+            self.send(topic, message)
 
 
 NODE = SensorSim

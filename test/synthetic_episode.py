@@ -19,11 +19,12 @@ from siren_ros.interfaces.conversions import (
     to_vehicle_commands,
 )
 from siren_ros.interfaces.messages import make_message, stamp
-from siren_ros.interfaces.point_cloud import LIDAR_POINT_DTYPE, to_point_cloud
+from siren_ros.interfaces.point_cloud import to_point_cloud
 from siren_ros.numerics.geometry import rotate
 from siren_ros.numerics.units import STEP_S, time_ns_of_step
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
 from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.sensors.lidar.lidar_points import LIDAR_POINT_DTYPE
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates, Lights, Mode, Owner
 from siren_ros.world.commands import COMMAND_DTYPES, VehicleCommands
 from siren_ros.world.events import Event, EventKind

@@ -59,6 +59,7 @@ LAYERS = {
 }
 """From the top to the foundation, in ``siren_ros`` and in the folders that have rooms; imports go downwards only."""
 APART = {
+    "sensors": {"interfaces"},
     "recording": {"sensors", "sensor_messages"},
     "judging": {"sensors", "sensor_messages"},
     "behaviour/civilians": {"behaviour/emv"},

@@ -17,7 +17,7 @@ from numpy.lib.recfunctions import structured_to_unstructured
 
 from siren_ros.datasets.output_folder import new_folder
 from siren_ros.errors import InputError
-from siren_ros.interfaces.images import PinholeCamera
+from siren_ros.interfaces.images import CameraIntrinsics
 from siren_ros.interfaces.transforms import Transform, matrix_of_quaternion
 from siren_ros.numerics.arrays import Matrix
 from siren_ros.numerics.geometry import wrap_angle
@@ -36,7 +36,7 @@ INDEX_FILE: Final = "frames.csv"
 class KittiCamera:
     """The camera of ``image_2``, and how it stands to the LiDAR."""
 
-    model: PinholeCamera
+    model: CameraIntrinsics
     camera_from_lidar: Matrix
     """Points in the optical frame from points in the ``lidar`` frame, shape ``(4, 4)``."""
 

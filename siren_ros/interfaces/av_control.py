@@ -3,12 +3,13 @@
 from typing import Any
 
 from siren_ros.errors import EpisodeError
-from siren_ros.interfaces.message_content import refuses_nonsense
+from siren_ros.interfaces.message_content import checks_content
 from siren_ros.interfaces.messages import header, make_message, stamp, time_ns_of
-from siren_ros.interfaces.transforms import MAP_FRAME, quaternion_of_yaw, to_pose
+from siren_ros.interfaces.transforms import quaternion_of_yaw, to_pose
 from siren_ros.numerics.polyline import Polyline
 from siren_ros.numerics.units import NS_PER_S, time_ns_of_step
 from siren_ros.world.commands import AvControl
+from siren_ros.world.frames import MAP_FRAME
 
 
 def to_av_control(control: AvControl) -> Any:
@@ -24,7 +25,7 @@ def to_av_control(control: AvControl) -> Any:
     )
 
 
-@refuses_nonsense
+@checks_content
 def from_av_control(message: Any) -> AvControl:
     """Inverse of ``to_av_control``.
 

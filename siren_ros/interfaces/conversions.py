@@ -13,7 +13,7 @@ from siren_ros.interfaces.audio import from_audio
 from siren_ros.interfaces.av_control import from_av_control
 from siren_ros.interfaces.image_boxes import from_camera_truth
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing, Phase, StepReport
-from siren_ros.interfaces.message_content import json_object, json_text, refuses_nonsense
+from siren_ros.interfaces.message_content import checks_content, json_object, json_text
 from siren_ros.interfaces.messages import as_arrays, as_sequences, header, make_message, sequence, stamp
 from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
@@ -39,7 +39,7 @@ def to_event(event: Event) -> Any:
     )
 
 
-@refuses_nonsense
+@checks_content
 def from_event(message: Any) -> Event:
     """Inverse of ``to_event``."""
     return Event(
@@ -72,7 +72,7 @@ def to_events(step: int, state_hash: int, events: tuple[Event, ...]) -> Any:
     )
 
 
-@refuses_nonsense
+@checks_content
 def from_events(message: Any) -> tuple[int, int, tuple[Event, ...]]:
     """Inverse of ``to_events``: the step, the hash of its state and its events."""
     return int(message.step), int(message.state_hash), _from_events(message.events)
@@ -93,7 +93,7 @@ def to_actor_description(actor: ActorDescription) -> Any:
     )
 
 
-@refuses_nonsense
+@checks_content
 def from_actor_description(message: Any) -> ActorDescription:
     """Inverse of ``to_actor_description``."""
     red, green, blue = (int(value) for value in message.colour_rgb)
@@ -114,7 +114,7 @@ def to_signal_state(signal: SignalState) -> Any:
     return make_message("siren_msgs/msg/SignalState", signal_id=signal.signal_id, state=signal.state)
 
 
-@refuses_nonsense
+@checks_content
 def from_signal_state(message: Any) -> SignalState:
     """Inverse of ``to_signal_state``."""
     return SignalState(signal_id=str(message.signal_id), state=str(message.state))
@@ -133,7 +133,7 @@ def to_emv_advice(advice: EmvAdvice) -> Any:
     )
 
 
-@refuses_nonsense
+@checks_content
 def from_emv_advice(message: Any) -> EmvAdvice:
     """Inverse of ``to_emv_advice``."""
     return EmvAdvice(
@@ -160,7 +160,7 @@ def to_traffic_state(traffic: TrafficState) -> Any:
     )
 
 
-@refuses_nonsense
+@checks_content
 def from_traffic_state(message: Any) -> TrafficState:
     """Inverse of ``to_traffic_state``."""
     return TrafficState(
@@ -185,7 +185,7 @@ def to_vehicle_commands(commands: VehicleCommands) -> Any:
     )
 
 
-@refuses_nonsense
+@checks_content
 def from_vehicle_commands(message: Any) -> VehicleCommands:
     """Inverse of ``to_vehicle_commands``."""
     return VehicleCommands(
@@ -206,7 +206,7 @@ def to_actor_states(states: ActorStates) -> Any:
     )
 
 
-@refuses_nonsense
+@checks_content
 def from_actor_states(message: Any) -> ActorStates:
     """Inverse of ``to_actor_states``."""
     return ActorStates(step=int(message.step), **as_arrays(message, ACTOR_STATE_DTYPES))
@@ -223,7 +223,7 @@ def to_ground_truth(truth: GroundTruth) -> Any:
     )
 
 
-@refuses_nonsense
+@checks_content
 def from_ground_truth(message: Any) -> GroundTruth:
     """Inverse of ``to_ground_truth``."""
     return GroundTruth(
@@ -246,7 +246,7 @@ def to_step_done(report: StepReport) -> Any:
     )
 
 
-@refuses_nonsense
+@checks_content
 def from_step_done(message: Any) -> StepReport:
     """Inverse of ``to_step_done``."""
     return StepReport(
@@ -278,7 +278,7 @@ def to_episode_description(episode: EpisodeDescription) -> Any:
     )
 
 
-@refuses_nonsense
+@checks_content
 def from_episode_description(message: Any) -> EpisodeDescription:
     """Inverse of ``to_episode_description``."""
     return EpisodeDescription(
@@ -308,7 +308,7 @@ def to_episode_end(closing: EpisodeClosing) -> Any:
     )
 
 
-@refuses_nonsense
+@checks_content
 def from_episode_end(message: Any) -> EpisodeClosing:
     """Inverse of ``to_episode_end``."""
     return EpisodeClosing(steps=int(message.steps), end=EpisodeEnd(message.end), reason=str(message.reason))
@@ -327,7 +327,7 @@ def to_episode_outcome(outcome: EpisodeOutcome) -> Any:
     )
 
 
-@refuses_nonsense
+@checks_content
 def from_episode_outcome(message: Any) -> EpisodeOutcome:
     """Inverse of ``to_episode_outcome``."""
     return EpisodeOutcome(

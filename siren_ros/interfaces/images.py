@@ -20,7 +20,7 @@ _ENCODINGS: Final[dict[str, tuple[np.dtype[Any], int]]] = {
 
 
 @dataclass(frozen=True)
-class PinholeCamera:
+class CameraIntrinsics:
     """Intrinsics of an ideal camera: no distortion, principal point in pixels from the top left corner."""
 
     width: int
@@ -100,7 +100,7 @@ def from_image(message: Any) -> npt.NDArray[np.generic]:
     return data.view(dtype).reshape(shape)
 
 
-def to_camera_info(step: int, frame_id: str, camera: PinholeCamera) -> Any:
+def to_camera_info(step: int, frame_id: str, camera: CameraIntrinsics) -> Any:
     """``sensor_msgs/CameraInfo`` of an ideal camera (``plumb_bob`` with zero coefficients)."""
     matrix = camera.matrix
     return make_message(
@@ -121,7 +121,7 @@ def to_camera_info(step: int, frame_id: str, camera: PinholeCamera) -> Any:
     )
 
 
-def from_camera_info(message: Any) -> PinholeCamera:
+def from_camera_info(message: Any) -> CameraIntrinsics:
     """Inverse of ``to_camera_info``."""
     focal_x, _, centre_x, _, focal_y, centre_y = (float(value) for value in message.k[:6])
-    return PinholeCamera(int(message.width), int(message.height), focal_x, focal_y, centre_x, centre_y)
+    return CameraIntrinsics(int(message.width), int(message.height), focal_x, focal_y, centre_x, centre_y)

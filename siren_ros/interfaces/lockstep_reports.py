@@ -1,4 +1,4 @@
-"""What lockstep participants tell each other."""
+"""Structures of the lockstep's protocol: what participants and master tell each other."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -28,7 +28,7 @@ class StepReport:
 
 @dataclass(frozen=True)
 class EpisodeClosing:
-    """The lockstep's word that the episode is over."""
+    """The master's message that the episode is over."""
 
     steps: int
     end: EpisodeEnd

@@ -1,4 +1,4 @@
-"""Content of messages that may come from strangers: JSON in text fields, and one error for all that does not fit."""
+"""Content of messages that any program may have sent: JSON in text fields, one error for all that does not fit."""
 
 import json
 from collections.abc import Callable
@@ -10,8 +10,8 @@ from siren_ros.errors import InputError
 Read = TypeVar("Read")
 
 
-def refuses_nonsense(read: Callable[[Any], Read]) -> Callable[[Any], Read]:
-    """Turns what a message's content can raise (an unknown code, JSON that is none) into an InputError."""
+def checks_content(read: Callable[[Any], Read]) -> Callable[[Any], Read]:
+    """Decorate a reading function: errors of a message's content (an unknown code, bad JSON) become an InputError."""
 
     @wraps(read)
     def checked(message: Any) -> Read:

@@ -9,19 +9,6 @@ from siren_ros.errors import InputError
 from siren_ros.interfaces.messages import header, make_message, sequence
 from siren_ros.numerics.units import time_ns_of_step
 
-LIDAR_POINT_DTYPE: Final = np.dtype(
-    [
-        ("x", "<f4"),
-        ("y", "<f4"),
-        ("z", "<f4"),
-        ("intensity", "<f4"),
-        ("time", "<f4"),
-        ("ring", "<u2"),
-        ("instance", "<u2"),
-    ]
-)
-"""One LiDAR return, 24 bytes: metres in the sensor frame, intensity 0–1, seconds since the stamp, beam, actor id."""
-
 _FORMAT_OF_DATATYPE: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """numpy's names of ``sensor_msgs/PointField``'s datatype constants."""
 _DATATYPE_OF_FORMAT: Final = {name: datatype for datatype, name in _FORMAT_OF_DATATYPE.items()}

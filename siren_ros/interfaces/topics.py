@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from siren_ros.world.commands import AV_SOURCE
+from siren_ros.world.ground_truth import LABEL_PERIOD_STEPS
 
 EMV_CARRIER: Final = "emv"
 AV_CARRIER: Final = "av"
@@ -92,9 +93,11 @@ SENSING: Final = Topic("/siren/sensing", "std_msgs/msg/String", "sensor_sim", ("
 """How the sensors of each carrier were simulated on this machine, as a JSON object."""
 ODOMETRY: Final = Topic("/emv/odom", "nav_msgs/msg/Odometry", "sensor_sim", ("recorder",))
 GROUND_TRUTH: Final = Topic(
-    "/emv/ground_truth", "siren_msgs/msg/GroundTruth", "sensor_sim", ("recorder", "kitti_exporter"), 2
+    "/emv/ground_truth", "siren_msgs/msg/GroundTruth", "sensor_sim", ("recorder", "kitti_exporter"), LABEL_PERIOD_STEPS
 )
-BOXES: Final = Topic("/emv/ground_truth/boxes", "vision_msgs/msg/Detection3DArray", "sensor_sim", ("recorder",), 2)
+BOXES: Final = Topic(
+    "/emv/ground_truth/boxes", "vision_msgs/msg/Detection3DArray", "sensor_sim", ("recorder",), LABEL_PERIOD_STEPS
+)
 MARKERS: Final = Topic("/siren/markers", "visualization_msgs/msg/MarkerArray", "sensor_sim", ("recorder",), 4)
 LIDAR: Final = Topic(
     "/emv/{sensor}/points", "sensor_msgs/msg/PointCloud2", "sensor_sim", ("recorder", "kitti_exporter")

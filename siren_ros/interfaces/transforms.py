@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,9 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from siren_ros.interfaces.messages import header, make_message, time_ns_of
 from siren_ros.numerics.units import time_ns_of_step
-
-MAP_FRAME: Final = "map"
-BASE_FRAME: Final = "base_link"
+from siren_ros.world.frames import BASE_FRAME, MAP_FRAME
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]

@@ -1,8 +1,7 @@
-"""The lockstep's decisions: who has reported, when the next step may begin, who is late.
+"""Decisions of the lockstep: who has reported, when the next step may begin, who is late.
 
-Step k + 1 does not begin before every registered participant has reported step k; of those that trail, on whom
-nothing in the loop depends, step k − 1 suffices. The state machine is pure: reports and the wall time go in, actions
-come out.
+Step k + 1 begins when every participant has reported step k. Nothing in the loop depends on trailing participants, so
+their reports of step k − 1 suffice. The state machine is pure: reports and the wall time go in, actions come out.
 """
 
 from collections.abc import Mapping
@@ -22,7 +21,7 @@ START_TIMEOUT_S: Final = 120.0
 
 
 class Stage(Enum):
-    """Where an episode stands."""
+    """Phase of an episode."""
 
     GATHERING = "gathering"
     STEPPING = "stepping"
@@ -32,7 +31,7 @@ class Stage(Enum):
 
 @dataclass(frozen=True)
 class LockstepConfig:
-    """Who takes part, for how long, and how patient the lockstep is with them (wall time)."""
+    """Who takes part, for how many steps, and the time limits (wall time)."""
 
     participants: tuple[str, ...]
     steps: int
@@ -43,8 +42,8 @@ class LockstepConfig:
     """For participants that were late already when the episode was ended because of them."""
     trailing: frozenset[str] = frozenset()
     """Participants that may still work on a step while the next one goes on."""
-    called: Mapping[str, str] = field(default_factory=dict)
-    """What an error calls a participant, where its name alone does not say which program it is."""
+    display_names: Mapping[str, str] = field(default_factory=dict)
+    """Names of participants in errors, where the participant's name does not say which program it is."""
 
 
 class LockstepState(NamedTuple):
@@ -63,7 +62,7 @@ class LockstepState(NamedTuple):
     steps_closed: int = 0
     """Number of steps that the episode has, known when it ends."""
     late: frozenset[str] = frozenset()
-    """Participants that were silent when the episode was ended; they may hang for ever."""
+    """Participants that had not reported when the episode ended; they may hang for ever."""
     busy_s: Mapping[str, float] = MappingProxyType({})
     """Wall time by participant, summed over the steps."""
 
@@ -104,12 +103,12 @@ def start_lockstep(config: LockstepConfig, now_s: float) -> LockstepState:
 def on_report(
     state: LockstepState, report: StepReport, config: LockstepConfig, now_s: float
 ) -> tuple[LockstepState, Action]:
-    """Take in one StepDone. Reports of strangers and of earlier steps change nothing."""
+    """Take in one StepDone. Reports of unknown participants and of earlier steps change nothing."""
     if report.participant not in config.participants or state.stage is Stage.CLOSED:
         return state, None
     if state.stage is not Stage.CLOSING and (report.error or report.phase is Phase.FINAL):
-        error = report.error or f"left the episode, which was not over; {EPISODE_END.name} came from a stranger"
-        who = config.called.get(report.participant, report.participant)
+        error = report.error or f"left the episode, which was not over; {EPISODE_END.name} came from another program"
+        who = config.display_names.get(report.participant, report.participant)
         return _close(state, EpisodeEnd.FAILED, f"{who}: {error}", config, now_s)
     expected = {Stage.GATHERING: Phase.READY, Stage.STEPPING: Phase.STEP, Stage.CLOSING: Phase.FINAL}[state.stage]
     owes = state.stage is Stage.STEPPING and report.participant in state.owing
@@ -150,7 +149,7 @@ def on_time(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple
         return state, None
     gathering = state.stage is Stage.GATHERING
     late = state.waiting if state.stage is Stage.CLOSING else _first_late(state.owing or state.waiting, gathering)
-    names = ", ".join(config.called.get(name, name) for name in sorted(late))
+    names = ", ".join(config.display_names.get(name, name) for name in sorted(late))
     if state.stage is Stage.CLOSING:
         reason = state.reason or f"{names}: did not close within {limit_s:g} s"
         return state._replace(stage=Stage.CLOSED, end=EpisodeEnd.FAILED, reason=reason), None
@@ -159,7 +158,7 @@ def on_time(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple
 
 
 def _first_late(waiting: frozenset[str], gathering: bool) -> frozenset[str]:
-    """Those that do not merely wait for somebody else: for messages of the step, or before it for a publisher."""
+    """Participants that wait for no other late one: neither for its messages nor, before step 0, for its publisher."""
     return frozenset(name for name in waiting if not upstream_of(name, lagged=gathering) & waiting) or waiting
 
 
@@ -182,7 +181,7 @@ def on_failure(
         config: Participants and time limits.
         now_s: Wall time.
         reason: What failed, naming the participant.
-        gone: Participants that will not answer any more, so that nobody waits for them.
+        gone: Participants that have exited; the lockstep does not wait for them.
     """
     if state.stage is Stage.CLOSED:
         return state, None
@@ -199,8 +198,8 @@ def on_failure(
 def _begin_next(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple[LockstepState, Action]:
     step = state.step + 1
     owing = state.waiting if state.stage is Stage.STEPPING else frozenset()
-    everybody = frozenset(config.participants)
-    state = state._replace(stage=Stage.STEPPING, step=step, waiting=everybody, owing=owing, since_s=now_s)
+    participants = frozenset(config.participants)
+    state = state._replace(stage=Stage.STEPPING, step=step, waiting=participants, owing=owing, since_s=now_s)
     return state, BeginStep(step)
 
 

@@ -8,7 +8,7 @@ from siren_ros.errors import EpisodeError
 from siren_ros.interfaces.topics import Topic
 
 MAX_STEPS_AHEAD: Final = 64
-"""The lockstep keeps two steps in flight at most: a message beyond this is a stranger's, and is not kept."""
+"""At most two steps are in flight: another program sent a message beyond this limit, and it is not kept."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class TickJoin:
 
         Raises:
             EpisodeError: The message belongs to a step that was handed out already or cannot have begun, or came
-                twice: the lockstep is broken, or a stranger publishes on the topic.
+                twice: the lockstep is broken, or another program publishes on the topic.
         """
         step = message_step + self._inputs[topic_name].lag_steps
         if step > self.next_step + MAX_STEPS_AHEAD:

@@ -11,12 +11,12 @@ from siren_ros.interfaces.audio import to_audio
 from siren_ros.interfaces.boxes import boxes_of, to_boxes
 from siren_ros.interfaces.conversions import to_ground_truth
 from siren_ros.interfaces.image_boxes import to_camera_truth, to_image_boxes
-from siren_ros.interfaces.images import PinholeCamera, to_camera_info, to_compressed_image, to_image
+from siren_ros.interfaces.images import CameraIntrinsics, to_camera_info, to_compressed_image, to_image
 from siren_ros.interfaces.markers import to_markers, vehicle_markers
 from siren_ros.interfaces.navigation import ImuReading, SatelliteFix, to_imu, to_nav_sat_fix
 from siren_ros.interfaces.point_cloud import to_point_cloud
 from siren_ros.interfaces.topics import Topic
-from siren_ros.interfaces.transforms import BASE_FRAME, to_odometry, to_tf
+from siren_ros.interfaces.transforms import to_odometry, to_tf
 from siren_ros.sensor_messages.carrier import (
     EMV,
     Carrier,
@@ -32,6 +32,7 @@ from siren_ros.sensors.suite.suite import CameraSpec, SensorSuite, period_steps
 from siren_ros.sensors.suite.wanted_labels import WantedLabels
 from siren_ros.world.actors import ActorDescription, ActorStates
 from siren_ros.world.camera_truth import CameraTruth
+from siren_ros.world.frames import BASE_FRAME
 from siren_ros.world.ground_truth import GroundTruth
 
 Published = tuple[Topic, Any]
@@ -159,8 +160,10 @@ class ObservationMessages:
         return topic.of_carrier(self.carrier.name)
 
 
-def intrinsics(spec: CameraSpec) -> PinholeCamera:
+def intrinsics(spec: CameraSpec) -> CameraIntrinsics:
     """What CameraInfo says of a camera."""
     pinhole = Pinhole.of(spec)
     k = pinhole.k
-    return PinholeCamera(pinhole.width, pinhole.height, float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2]))
+    return CameraIntrinsics(
+        pinhole.width, pinhole.height, float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2])
+    )

@@ -8,6 +8,9 @@ import numpy.typing as npt
 
 from siren_ros.numerics.arrays import Codes, Floats, Ids
 
+LABEL_PERIOD_STEPS: Final = 2
+"""Labels are made at 10 Hz, the rate of the paper's log."""
+
 
 @dataclass(frozen=True)
 class GroundTruth:

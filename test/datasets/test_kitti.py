@@ -11,12 +11,12 @@ from siren_ros.datasets.kitti import KittiCamera, KittiFrame, KittiWriter, camer
 from siren_ros.datasets.kitti_export import export_kitti
 from siren_ros.errors import BagError, InputError
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.images import PinholeCamera, to_camera_info, to_compressed_image
+from siren_ros.interfaces.images import CameraIntrinsics, to_camera_info, to_compressed_image
 from siren_ros.interfaces.transforms import Transform, quaternion_of_matrix, to_tf
 from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.recording.bag_writer import EpisodeBagWriter
 
-CAMERA = PinholeCamera(800, 600, 335.64, 335.64, 400.0, 300.0)
+CAMERA = CameraIntrinsics(800, 600, 335.64, 335.64, 400.0, 300.0)
 BASE_FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 MOUNTS = (
     Transform("base_link", "lidar", (0.0, 0.0, 1.93), (0.0, 0.0, 0.0, 1.0)),

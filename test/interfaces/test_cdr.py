@@ -8,7 +8,8 @@ from siren_ros.errors import EpisodeError
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.cdr import decode_cdr, encode_cdr, step_of_cdr
 from siren_ros.interfaces.images import to_compressed_image, to_image
-from siren_ros.interfaces.point_cloud import LIDAR_POINT_DTYPE, to_point_cloud
+from siren_ros.interfaces.point_cloud import to_point_cloud
+from siren_ros.sensors.lidar.lidar_points import LIDAR_POINT_DTYPE
 
 frames = st.text("abcé_/", max_size=9)
 """Names of every length shift what follows them against the alignment."""

@@ -7,7 +7,7 @@ import pytest
 
 from siren_ros.errors import InputError
 from siren_ros.interfaces.images import (
-    PinholeCamera,
+    CameraIntrinsics,
     from_camera_info,
     from_compressed_image,
     from_image,
@@ -54,7 +54,7 @@ def test_jpeg_bytes_pass_unchanged(round_trip: Callable[[object], Any]) -> None:
 
 
 def test_intrinsics_come_back(round_trip: Callable[[object], Any]) -> None:
-    camera = PinholeCamera(800, 600, 335.6, 336.7, 400.0, 300.0)
+    camera = CameraIntrinsics(800, 600, 335.6, 336.7, 400.0, 300.0)
     message = round_trip(to_camera_info(1, "camera", camera))
     assert from_camera_info(message) == camera
     assert np.array_equal(message.p.reshape(3, 4)[:, :3], camera.matrix)

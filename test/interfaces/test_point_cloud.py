@@ -9,7 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from siren_ros.errors import InputError
-from siren_ros.interfaces.point_cloud import LIDAR_POINT_DTYPE, from_point_cloud, to_point_cloud
+from siren_ros.interfaces.point_cloud import from_point_cloud, to_point_cloud
+from siren_ros.sensors.lidar.lidar_points import LIDAR_POINT_DTYPE
 
 SHARED_FIXTURES = settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 

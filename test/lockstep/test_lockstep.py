@@ -167,7 +167,9 @@ def test_a_participant_that_cannot_close_fails_the_episode() -> None:
 
 def test_before_the_first_step_those_are_blamed_whom_the_others_wait_for() -> None:
     config = LockstepConfig(
-        ("vehicle_dynamics", "recorder", "av_controller"), 5, called={"av_controller": "av_controller (node mine)"}
+        ("vehicle_dynamics", "recorder", "av_controller"),
+        5,
+        display_names={"av_controller": "av_controller (node mine)"},
     )
     _, action = on_time(start_lockstep(config, 0.0), config, 200.0)
     assert action == EndEpisode(0, EpisodeEnd.FAILED, "av_controller (node mine): was not ready within 120 s")

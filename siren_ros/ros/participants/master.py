@@ -15,7 +15,7 @@ from siren_ros.interfaces.messages import make_message, stamp
 from siren_ros.lockstep import lockstep
 from siren_ros.lockstep.lockstep import BeginStep, EndEpisode, LockstepConfig, LockstepState, Stage
 from siren_ros.numerics.units import STEP_S, time_ns_of_step
-from siren_ros.ros.participants.av_seat import AvSeat
+from siren_ros.ros.participants.av_proxy import AvProxy
 from siren_ros.ros.transport import wire
 from siren_ros.ros.transport.endpoints import create_input, create_output
 from siren_ros.ros.transport.wall_timer import create_wall_timer
@@ -49,7 +49,7 @@ class LockstepMaster:
         create_wall_timer(node, WATCH_S, self._on_watch)
         self._pacer = create_wall_timer(node, 0.001, self._on_pace) if self._pace_s or settle_s else None
         self._held: BeginStep | None = None
-        self._seat = AvSeat(node, self._take) if AV_SOURCE in config.participants else None
+        self._av_proxy = AvProxy(node, self._take) if AV_SOURCE in config.participants else None
 
     @property
     def closed(self) -> bool:
@@ -80,10 +80,10 @@ class LockstepMaster:
         self._advance(lockstep.on_report(self.state, report, self.config, time.monotonic()))
 
     def _on_watch(self) -> None:
-        if self._seat is not None:
+        if self._av_proxy is not None:
             if self.state.stage is Stage.GATHERING:
-                self.config = replace(self.config, called={AV_SOURCE: self._seat.called})
-            self._seat.watch(self.state)
+                self.config = replace(self.config, display_names={AV_SOURCE: self._av_proxy.called})
+            self._av_proxy.watch(self.state)
         self._advance(lockstep.on_time(self.state, self.config, time.monotonic()))
 
     def _on_pace(self) -> None:
@@ -106,8 +106,8 @@ class LockstepMaster:
             self._held = None
             closing = EpisodeClosing(action.steps, action.end, action.reason)
             self._end.publish(wire.encode(topics.EPISODE_END, to_episode_end(closing)))
-            if self._seat is not None:
-                self._seat.close(action.steps)
+            if self._av_proxy is not None:
+                self._av_proxy.close(action.steps)
 
     def _begin(self, action: BeginStep) -> None:
         self._next_wall_s = max(self._next_wall_s + self._pace_s, time.monotonic() - self._pace_s)

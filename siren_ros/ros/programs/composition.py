@@ -50,7 +50,7 @@ class Composition(Protocol):
 
 
 def import_nodes(names: Iterable[str]) -> None:
-    """Load the nodes' modules (and with them SUMO, Open3D and numba) before the nodes are made."""
+    """Load the nodes' modules (and with them SUMO and numba) before the nodes are made."""
     for name in names:
         import_module(f"siren_nodes.{name}")
 

@@ -38,7 +38,7 @@ def decode(topic: Topic, cdr: bytes) -> Any:
     Where several nodes of one process hear a topic, the first decodes for all.
 
     Raises:
-        EpisodeError: The bytes are no message of the topic's type; a stranger may have published them.
+        EpisodeError: The bytes are no message of the topic's type; another program may have published them.
     """
     last = _decoded.get(topic.name)
     if last is not None and last[0] == cdr:

@@ -23,7 +23,7 @@ from numba import types
 from siren_ros.errors import SirenError
 from siren_ros.numerics.arrays import Floats32
 from siren_ros.numerics.compiled import compiled
-from siren_ros.sensors.lidar.thread_crew import Crew, everybody
+from siren_ros.sensors.lidar.thread_pool import ThreadPool, shared_pool
 
 _NATIVE: Final = {16: 34, 8: 33, 4: 32}
 """Rays of a packet, and the device property that says whether the processor has registers of that width: where it has
@@ -85,12 +85,12 @@ class RayHits:
 
     @classmethod
     def for_rays(cls, count: int) -> "RayHits":
-        """Room for the hits of so many rays."""
+        """Memory for the hits of ``count`` rays."""
         return cls(np.empty(count, np.float32), np.empty(count, np.uint32), np.empty((count, 3), np.float32))
 
 
 class PacketTree(NamedTuple):
-    """A tree as compiled loops need it: addresses are integers, each beside the array that is there."""
+    """A tree as compiled loops need it: addresses are integers; the arrays are kept alive."""
 
     scene: int
     arguments: int
@@ -101,16 +101,16 @@ class PacketTree(NamedTuple):
 
 
 class TriangleTree:
-    """Meshes in a tree that rays are cast at; they do not change any more."""
+    """Meshes in a tree that rays are cast at. They do not change after that."""
 
     def __init__(
-        self, meshes: Sequence[tuple[Floats32, npt.NDArray[np.integer[Any]]]], crew: Crew | None = None
+        self, meshes: Sequence[tuple[Floats32, npt.NDArray[np.integer[Any]]]], pool: ThreadPool | None = None
     ) -> None:
         """Build the tree of meshes, each given as vertices ``(V, 3)`` and triangles ``(T, 3)``.
 
         Args:
             meshes: They may overlap.
-            crew: Who casts; everybody in this process where None.
+            pool: The threads that cast; those of this process where None.
 
         Raises:
             SirenError: Embree refuses them.
@@ -126,8 +126,8 @@ class TriangleTree:
         if error := library.rtcGetDeviceError(device):
             raise SirenError(f"Embree could not build a tree of triangles (RTCError {error})")
         self._arguments = _IntersectArguments(flags=_COHERENT, feature_mask=_NOTHING)
-        self._crew = crew or everybody()
-        self._members = [self.packets() for _ in range(self._crew.size)]
+        self._pool = pool or shared_pool()
+        self._packets_of = [self.packets() for _ in range(self._pool.size)]
 
     def __del__(self) -> None:
         """Give Embree's memory back."""
@@ -162,19 +162,19 @@ class TriangleTree:
 
         Args:
             rays: Origin and direction, shape ``(N, 6)``.
-            hits: Room for the answer, used again from call to call.
+            hits: Memory for the answer, used again from call to call.
             order: The rays in an order in which neighbours travel together, shape ``(N,)``: see ``tiles``. It decides
                 the cost alone.
         """
-        room = hits if hits is not None else RayHits.for_rays(len(rays))
+        found = hits if hits is not None else RayHits.for_rays(len(rays))
         all_rays = order if order is not None else np.arange(len(rays), dtype=np.int32)
 
-        def part(member: int, first: int, end: int) -> None:
-            hits = room.distance, room.triangle, room.normal
-            cast_packets(self._members[member], rays, all_rays[first:end], hits)
+        def part(worker: int, first: int, end: int) -> None:
+            arrays = found.distance, found.triangle, found.normal
+            cast_packets(self._packets_of[worker], rays, all_rays[first:end], arrays)
 
-        self._crew.share(part, len(all_rays), _PART)
-        return room
+        self._pool.run(part, len(all_rays), _PART)
+        return found
 
 
 def tiles(columns: int, rows: int, side: int = 4) -> npt.NDArray[np.int32]:

@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.interfaces.point_cloud import LIDAR_POINT_DTYPE
 from siren_ros.numerics.arrays import Matrix
 from siren_ros.sensors.lidar import lidar_loops as loops
 from siren_ros.sensors.lidar.embree import RayHits, tiles
+from siren_ros.sensors.lidar.lidar_points import LIDAR_POINT_DTYPE
 from siren_ros.sensors.lidar.lidar_sweep import Optics, Rotation, Scratch, complete_sweep, measure_sweep
 from siren_ros.sensors.lidar.raycast_world import RaycastWorld
 from siren_ros.sensors.lidar.reflectivity import REFLECTIVITY
@@ -106,7 +106,7 @@ class Lidar:
                 np.empty(rays, np.uint32),
                 np.empty(rays, np.float32),
             ),
-            room=_room_for(rays // 4),
+            candidates=_candidates(rays // 4),
         )
         distances = np.arange(int(spec.range_m * _ATTENUATION_STEPS_PER_M) + 2) / _ATTENUATION_STEPS_PER_M
         per_m = spec.atmosphere_attenuation_per_m + 2.0 * (look.lidar_extinction_per_m if look is not None else 0.0)
@@ -132,11 +132,16 @@ class Lidar:
         return self._swept(rotation, self._complete(rotation))
 
     def begin(
-        self, step: int, map_from_lidar: Matrix, placement: Placement, motion: CarrierMotion | None, helper: Executor
+        self,
+        step: int,
+        map_from_lidar: Matrix,
+        placement: Placement,
+        motion: CarrierMotion | None,
+        background: Executor,
     ) -> Callable[[], LidarSweep]:
-        """Begin with a rotation as ``scan`` does it, in a thread of the helper; what is returned waits for it.
+        """Begin a rotation as ``scan`` does it, in a background thread; the returned function waits for the sweep.
 
-        Call that once, and before the next rotation begins.
+        Call it once, and before the next rotation begins.
         """
         rotation = self._rotation(step, map_from_lidar, placement)
         self._scratch.poses[:] = self._column_poses(map_from_lidar, motion)
@@ -146,8 +151,8 @@ class Lidar:
             started.set()
             return measure_sweep(self._optics, self._scratch, rotation)
 
-        measured = helper.submit(measure)
-        started.wait()  # else the helper would wait for the interpreter's lock, 5 ms where the caller is busy
+        measured = background.submit(measure)
+        started.wait()  # else the background thread would wait for the interpreter's lock: 5 ms if the caller is busy
 
         def finish() -> LidarSweep:
             written = measured.result()
@@ -168,10 +173,10 @@ class Lidar:
         )
 
     def _complete(self, rotation: Rotation) -> int:
-        """Find what hits vehicles among cast rays and write the points, with more room where there is too little."""
+        """Find what hits vehicles among cast rays and write the points, with more memory where it was too short."""
         written = complete_sweep(self._optics, self._scratch, rotation)
         if written < 0:
-            self._scratch = self._scratch._replace(room=_room_for(-2 * written))
+            self._scratch = self._scratch._replace(candidates=_candidates(-2 * written))
             written = complete_sweep(self._optics, self._scratch, rotation)
         return written
 
@@ -241,7 +246,7 @@ class Lidar:
         )
 
 
-def _room_for(count: int) -> loops.Candidates:
+def _candidates(count: int) -> loops.Candidates:
     return loops.Candidates(
         rays=np.empty((count, 6), np.float32), ray=np.empty(count, np.int32), vehicle=np.empty(count, np.int32)
     )

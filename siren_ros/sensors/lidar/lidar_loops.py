@@ -186,7 +186,7 @@ def _rank(ascending: Array, value: float) -> int:
 
 @compiled
 def _rings(pattern: Pattern, bounds: Array, origin: Array, ahead: Array, rise: float) -> tuple[int, int]:
-    """First and end ray of an upright column that meet a box; none where it passes beside.
+    """First and end ray of an upright column that meet a box; none where it misses the box.
 
     ``ahead`` is the horizontal unit direction and ``rise`` the height of slope 1, both in the box's coordinates.
     """
@@ -221,7 +221,7 @@ def select_candidates(  # compiled code is called with positions
 ) -> int:
     """Find the rays that enter a vehicle's bounding box before ``distance`` (R,); returns how many there are.
 
-    As many as ``out`` has room for are written; where there are more the caller comes again with more room.
+    As many as fit into ``out`` are written. Where there are more the caller calls again with a longer one.
     """
     columns, rings = pattern.column_time_s.shape[0], pattern.elevation.shape[0]
     turn_s = np.abs(pattern.world_time_s[0])

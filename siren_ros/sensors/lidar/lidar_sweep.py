@@ -30,8 +30,8 @@ class Scratch(NamedTuple):
     rays: Array
     """float32 (R, 6)."""
     hits: loops.Hits
-    room: loops.Candidates
-    """For the rays that may hit a vehicle."""
+    candidates: loops.Candidates
+    """Memory for the rays that may hit a vehicle."""
 
 
 class Rotation(NamedTuple):
@@ -66,14 +66,15 @@ def complete_sweep(optics: Optics, scratch: Scratch, rotation: Rotation) -> int:
         rotation: The vehicles, and where the points go.
 
     Returns:
-        How many points were written; where the room was too small, minus the room that is needed, and nothing was.
+        Number of points written. Where ``scratch.candidates`` is too short: minus the length that is needed, and
+        nothing is written.
     """
-    pattern, hits, room, vehicles = optics.pattern, scratch.hits, scratch.room, rotation.vehicles
+    pattern, hits, memory, vehicles = optics.pattern, scratch.hits, scratch.candidates, rotation.vehicles
     hits.vehicle[:] = 0
-    found = _select(scratch.rays, pattern, hits.distance, rotation.lidar_from_map, vehicles, room)
-    if found > room.ray.shape[0]:
+    found = _select(scratch.rays, pattern, hits.distance, rotation.lidar_from_map, vehicles, memory)
+    if found > memory.ray.shape[0]:
         return -found
-    candidates = loops.Candidates(room.rays[:found], room.ray[:found], room.vehicle[:found])
+    candidates = loops.Candidates(memory.rays[:found], memory.ray[:found], memory.vehicle[:found])
     distance, triangle = np.empty(found, np.float32), np.empty(found, np.uint32)
     normal = np.empty((found, 3), np.float32)
     cast_packets(optics.trees[1], candidates.rays, np.arange(found).astype(np.int32), (distance, triangle, normal))

@@ -12,8 +12,8 @@ from siren_ros.world.actors import NO_ACTOR, ActorClass, ActorDescription, Actor
 
 
 @dataclass(frozen=True)
-class Carrier:
-    """Who carries the sensors: not seen by them, but its lamps light the street."""
+class EgoVehicle:
+    """The vehicle with the sensors. They do not see it, but its lamps light the street."""
 
     x_m: float
     y_m: float
@@ -46,7 +46,7 @@ class Placement:
     """Length, width, height of each actor, shape ``(N, 3)``."""
     colour_rgb: npt.NDArray[np.uint8]
     """Shape ``(N, 3)``."""
-    carrier: Carrier | None = None
+    ego: EgoVehicle | None = None
 
     def __len__(self) -> int:
         return len(self.actor_id)
@@ -93,7 +93,7 @@ class Catalogue:
             scale=self._scale[rows],
             size_m=self._size[rows],
             colour_rgb=self._colour[rows],
-            carrier=_carrier(states, descriptions, hidden_id),
+            ego=_ego_vehicle(states, descriptions, hidden_id),
         )
 
     def _add(self, descriptions: Mapping[int, ActorDescription], actor_id: npt.NDArray[np.uint32]) -> None:
@@ -108,11 +108,11 @@ class Catalogue:
         self._colour = np.array([a.colour_rgb for a in actors], dtype=np.uint8).reshape(-1, 3)
 
 
-def _carrier(states: ActorStates, descriptions: Mapping[int, ActorDescription], actor_id: int) -> Carrier | None:
-    """An actor as carrier; None where it is not among the states."""
+def _ego_vehicle(states: ActorStates, descriptions: Mapping[int, ActorDescription], actor_id: int) -> EgoVehicle | None:
+    """An actor as the vehicle with the sensors; None where it is not among the states."""
     found = np.flatnonzero(states.actor_id == actor_id)
     if len(found) == 0:
         return None
     row = int(found[0])
     x_m, y_m, yaw_rad = (float(values[row]) for values in (states.x_m, states.y_m, states.yaw_rad))
-    return Carrier(x_m, y_m, yaw_rad, descriptions[actor_id].length_m, int(states.lights[row]))
+    return EgoVehicle(x_m, y_m, yaw_rad, descriptions[actor_id].length_m, int(states.lights[row]))

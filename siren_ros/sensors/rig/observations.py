@@ -1,4 +1,4 @@
-"""What a suite measures at one step, and what of it is still being made."""
+"""The measurements of a suite at one step, finished or still under way."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -14,15 +14,15 @@ from siren_ros.world.ground_truth import GroundTruth
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """What the sensors that were due at a step measured."""
+    """Measurements of the sensors that were due at a step."""
 
     step: int
     sweeps: tuple[LidarSweep, ...]
     frames: tuple[CameraFrame, ...]
     truth: GroundTruth | None
-    """At the steps at which labels are published."""
+    """Every ``LABEL_PERIOD_STEPS``."""
     labels: Mapping[str, CameraTruth] = field(default_factory=dict)
-    """Of the pictures, by camera, where they are wanted."""
+    """Labels of the pictures by camera, where they are wanted."""
     fixes: tuple[GnssFix, ...] = ()
     inertial: tuple[ImuSample, ...] = ()
     sounds: tuple[AudioChunk, ...] = ()
@@ -33,6 +33,6 @@ class Sensing:
     """A step whose measurements have begun."""
 
     under_way: bool
-    """Whether pictures are being drawn or sweeps made, meanwhile, by other threads."""
+    """Whether other threads are still making pictures or sweeps."""
     finish: Callable[[], Observations]
-    """Waits for them and gives everything; call it once, and before the next step's measurements begin."""
+    """Waits for them and returns all measurements. Call it once, and before the next step's measurements begin."""

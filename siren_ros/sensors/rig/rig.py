@@ -1,4 +1,4 @@
-"""All sensors of one carrier over one world: the facade that ``sensor_sim`` drives."""
+"""All sensors of one carrier in one world: the facade that ``sensor_sim`` calls."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -9,7 +9,6 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.interfaces import topics
 from siren_ros.numerics.arrays import Matrix
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import RoadNetwork
@@ -25,22 +24,21 @@ from siren_ros.sensors.meshes.placement import Catalogue, Placement
 from siren_ros.sensors.navigation.gnss import GeoReference, Gnss
 from siren_ros.sensors.navigation.imu import Imu, ImuSample, PlanarMotion
 from siren_ros.sensors.rig.observations import Observations, Sensing
-from siren_ros.sensors.rig.station import STATION_FRAME, check_outdoors, station_mount
+from siren_ros.sensors.rig.station import check_outdoors, station_mount
 from siren_ros.sensors.scene.config import SceneConfig
 from siren_ros.sensors.scene.static_scene import static_scene
 from siren_ros.sensors.suite.look import Look
 from siren_ros.sensors.suite.mount import map_from_base
 from siren_ros.sensors.suite.suite import CameraSpec, SensorSuite, period_steps
 from siren_ros.sensors.suite.wanted_labels import WantedLabels
-from siren_ros.sensors.truth.box_labels import ground_truth
-from siren_ros.sensors.truth.image_labels import CameraLabeller
+from siren_ros.sensors.truth.box_labels import label_boxes
+from siren_ros.sensors.truth.image_labels import ImageLabeller
 from siren_ros.sensors.vehicles.vehicle_shapes import vehicle_shape
 from siren_ros.world.actors import NO_ACTOR, ActorClass, ActorDescription, ActorStates, rows_of_ids
 from siren_ros.world.camera_truth import CameraTruth
-from siren_ros.world.ground_truth import GroundTruth
+from siren_ros.world.frames import BASE_FRAME, STATION_FRAME
+from siren_ros.world.ground_truth import LABEL_PERIOD_STEPS, GroundTruth
 from siren_ros.world.traffic_state import SignalState
-
-BASE_FRAME = "base_link"
 
 
 class Odometers:
@@ -63,7 +61,7 @@ class Odometers:
 
 
 class SensorRig:
-    """Sensors of a suite over a map. Pictures are drawn in the thread that first calls ``observe`` or ``prepare``."""
+    """The sensors of a suite on a map. The thread that first calls ``observe`` or ``prepare`` draws the pictures."""
 
     def __init__(
         self,
@@ -76,7 +74,7 @@ class SensorRig:
         noise_seed: int | None = None,
         site: Mapping[str, object] | None = None,
         wanted: Callable[[CameraSpec], WantedLabels] | None = None,
-        beside: bool = False,
+        in_background: bool = False,
     ) -> None:
         """Build the scene that the sensors see.
 
@@ -86,12 +84,12 @@ class SensorRig:
             seed: Of the episode: buildings and trees.
             config: Numbers of the generated world; defaults where None.
             look: Sun, sky and haze; a clear morning where None.
-            scene: A ready static scene in place of the generated one.
+            scene: A static scene in place of the generated one.
             noise_seed: Of all sensor noise; ``seed`` where None.
-            site: Where the episode happens, as its description gives it; for suites that stand there.
+            site: Where the episode happens, as its description gives it; for roadside suites.
             wanted: Labels that go with a camera's pictures; what the suite records where None.
-            beside: Whether sweeps are made in a thread of their own, beside what the caller does until it calls
-                ``finish``; otherwise all processors share each, while the caller waits.
+            in_background: Whether a background thread makes the sweeps while the caller goes on until it calls
+                ``finish``. Otherwise all processors share a sweep, and the caller waits.
 
         Raises:
             InputError: A suite that stands at a site, and there is none; or sensors inside a building.
@@ -107,18 +105,18 @@ class SensorRig:
         if self._static is not None and suite.lidars:
             world = RaycastWorld(self._static, self._shapes)
             self._lidars = tuple(Lidar(spec, world, self._seed, self._look) for spec in suite.lidars)
-        self._helper = ThreadPoolExecutor(1, "sweep") if beside and self._lidars else None
+        self._background = ThreadPoolExecutor(1, "sweep") if in_background and self._lidars else None
         self._cameras: tuple[Camera, ...] | None = None
         self._catalogue = Catalogue(self._shapes)
         self._odometers = Odometers()
         self._wanted = wanted or partial(WantedLabels.of, suite)
-        self._labeller = CameraLabeller(self._shapes)
+        self._labeller = ImageLabeller(self._shapes)
         reference = GeoReference.of(network)
         self._receivers = tuple(Gnss(spec, reference, self._seed) for spec in suite.gnss)
         self._units = tuple(Imu(spec, self._seed) for spec in suite.imus)
         self._microphones = tuple(Microphone(spec, self._seed) for spec in suite.microphones)
         self.notes: tuple[str, ...] = ()
-        """What the user should know of how this machine senses; known after ``prepare``."""
+        """What the user should know of how this machine simulates the sensors; known after ``prepare``."""
         self._device = ""
         self.station = None if suite.station is None else station_mount(suite.station, network, site)
         """Where the suite stands in the ``map`` frame; None on a vehicle."""
@@ -127,14 +125,15 @@ class SensorRig:
 
     @property
     def scene(self) -> StaticScene | None:
-        """What stands still around the sensors, for a second rig in the same world; None where nothing is sensed."""
+        """The static scene, for a second rig in the same world; None without LiDARs and cameras."""
         return self._static
 
     @property
     def truth_frame(self) -> str:
         """Frame of the labels: the first LiDAR, or the carrier's ``base_link`` where there is none."""
-        bare = BASE_FRAME if self.suite.station is None else STATION_FRAME
-        return self.suite.lidars[0].name if self.suite.lidars else bare
+        if self.suite.lidars:
+            return self.suite.lidars[0].name
+        return BASE_FRAME if self.suite.station is None else STATION_FRAME
 
     @property
     def base_from_truth(self) -> Matrix:
@@ -149,7 +148,7 @@ class SensorRig:
 
     @property
     def account(self) -> dict[str, object]:
-        """How this machine senses, for the record; complete after ``prepare``."""
+        """How this machine simulates the sensors, for the record; complete after ``prepare``."""
         return {"suite": self.suite.name, "pictures_by": self._device, "notes": list(self.notes)}
 
     def prepare(self) -> None:
@@ -164,8 +163,8 @@ class SensorRig:
                 self._device = renderer.device
                 encoder = ThreadPoolExecutor(1, "jpeg")
                 self._cameras = tuple(Camera(spec, renderer, self._seed, encoder) for spec in self.suite.cameras)
-            nobody = self._catalogue.place(ActorStates.empty(0), {})
-            for sweep in [*self._sweeps(0, np.eye(4), nobody, CarrierMotion())]:
+            no_vehicles = self._catalogue.place(ActorStates.empty(0), {})
+            for sweep in [*self._sweeps(0, np.eye(4), no_vehicles, CarrierMotion())]:
                 sweep()
 
     def _renderer(self, static: StaticScene) -> Renderer | RaycastRenderer:
@@ -194,13 +193,13 @@ class SensorRig:
     ) -> Sensing:
         """Begin to measure with the sensors that are due at the states' step; ``finish`` before the next call.
 
-        Where the carrier is not among the actors nothing is measured, unless the suite stands at a station.
+        A vehicle that is not among the actors measures nothing. A suite at a station always measures.
 
         Args:
             states: All actors at this step.
             descriptions: What they are, by id.
             signals: The traffic lights.
-            carrier_id: Who carries the sensors.
+            carrier_id: The vehicle with the sensors.
         """
         self.prepare()
         step = states.step
@@ -208,14 +207,14 @@ class SensorRig:
         hidden = NO_ACTOR if self.station is not None else carrier_id
         motion = self._motion(states, carrier_id)
         if motion is None:
-            nobody = ActorStates.empty(step)
-            bare = Observations(step, (), (), self._truth(nobody, descriptions, hidden, np.eye(4), ()))
-            return Sensing(under_way=False, finish=lambda: bare)
-        base, carried = motion
+            truth = self._truth(ActorStates.empty(step), descriptions, hidden, np.eye(4), ())
+            nothing = Observations(step, (), (), truth)
+            return Sensing(under_way=False, finish=lambda: nothing)
+        base, velocity = motion
         placement = self._catalogue.place(states, descriptions, hidden_id=hidden)
         others = states.actor_id != hidden
         exposed = tuple(self._expose(step, base, placement, rolled_m[others], signals))
-        swept = tuple(self._sweeps(step, base, placement, carried))
+        swept = tuple(self._sweeps(step, base, placement, velocity))
         measured = Observations(
             step=step,
             sweeps=(),
@@ -244,7 +243,7 @@ class SensorRig:
         return Sensing(under_way=bool(exposed or swept), finish=finish)
 
     def _motion(self, states: ActorStates, carrier_id: int) -> tuple[Matrix, CarrierMotion] | None:
-        """Pose and motion of what carries the sensors; None where that has left the map."""
+        """Pose and motion of the vehicle or station with the sensors; None where the vehicle has left the map."""
         if self.station is not None:
             return self.station.base_from_sensor, CarrierMotion()
         row = int(rows_of_ids(states.actor_id, np.array([carrier_id], np.uint32))[0])
@@ -302,10 +301,10 @@ class SensorRig:
         base: Matrix,
         sweeps: Sequence[LidarSweep],
     ) -> GroundTruth | None:
-        if all(states.step % topic.period_steps for topic in (topics.GROUND_TRUTH, topics.BOXES)):
+        if states.step % LABEL_PERIOD_STEPS:
             return None
         sweep = next((sweep for sweep in sweeps if sweep.sensor == self.truth_frame), None)
-        truth = ground_truth(states, descriptions, carrier_id, base @ self.base_from_truth, sweep)
+        truth = label_boxes(states, descriptions, carrier_id, base @ self.base_from_truth, sweep)
         return replace(truth, frame_id=self.truth_frame)
 
     def _sweeps(
@@ -314,8 +313,8 @@ class SensorRig:
         for lidar in self._lidars:
             if step % period_steps(lidar.spec.rate_hz) == 0:
                 pose = base @ lidar.spec.mount.base_from_sensor
-                if self._helper is not None:
-                    yield lidar.begin(step, pose, placement, motion, self._helper)
+                if self._background is not None:
+                    yield lidar.begin(step, pose, placement, motion, self._background)
                 else:
                     yield partial(lidar.scan, step, pose, placement, motion)
 

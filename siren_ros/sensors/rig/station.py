@@ -14,15 +14,13 @@ from siren_ros.sensors.meshes.mesh import StaticScene
 from siren_ros.sensors.suite.mount import Mount
 from siren_ros.sensors.suite.suite import SensorSuite, Station
 
-STATION_FRAME: Final = "station"
-"""Where a suite's roadside unit stands, on the ground."""
 _BESIDE_M: Final = 0.8
 """Between the pole and the nearest lane."""
 _SPACING_M: Final = 1.0
 _REACH_M: Final = 80.0
 _SOLID: Final = (Material.BUILDING_WALL, Material.BUILDING_ROOF, Material.FOLIAGE, Material.TREE_TRUNK)
 _ASIDE_M: Final = (1.7e-5, 2.3e-5)
-"""The ray up starts this much beside the sensor, so that it passes no edge between two triangles exactly."""
+"""Offset of the ray up from the sensor, so that it does not pass exactly through an edge between two triangles."""
 _TRAFFIC: Final = (LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL)
 
 

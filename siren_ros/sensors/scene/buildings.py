@@ -18,7 +18,6 @@ _GLASS_RGB: Final[Rgb] = (66, 84, 98)
 _CURTAIN_RGB: Final = np.array([(138, 134, 122), (148, 138, 116), (126, 122, 114), (142, 128, 110)])
 """Panes with curtains behind them; at night, rooms with a light on."""
 _CURTAINED: Final = 0.4
-_DOOR_RGB: Final[Rgb] = (70, 54, 44)
 _STOREY_M: Final = 3.2
 _PROUD_M: Final = 0.03
 """Window panes stand this far in front of the wall."""

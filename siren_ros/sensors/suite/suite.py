@@ -1,4 +1,4 @@
-"""Sensor suites: what a carrier carries, read from YAML."""
+"""Sensor suites, read from YAML: which sensors a vehicle or a roadside unit has, and where."""
 
 import re
 from collections.abc import Mapping
@@ -138,7 +138,7 @@ class MicrophoneSpec(SensorSpec):
 
 @dataclass(frozen=True)
 class Station:
-    """Where a suite stands that no vehicle carries; its mounts are relative to this place on the ground."""
+    """Where a roadside suite stands. Its mounts are relative to this place on the ground."""
 
     place: Mount | None
     """In the ``map`` frame; None: the corner of the junction where the episode happens."""
@@ -157,7 +157,7 @@ class SensorSuite:
     labels: bool = False
     """Whether boxes in the pictures, visible fractions and truncations are recorded with each picture."""
     station: Station | None = None
-    """None: a vehicle carries the suite."""
+    """None: the suite is mounted on a vehicle."""
 
     @property
     def mounts(self) -> tuple[tuple[str, Mount], ...]:

@@ -1,4 +1,4 @@
-"""Labels around a sensor carrier, from the simulated states and the sweep of the same step."""
+"""Labels of 3-D boxes: ``GroundTruth`` from the simulated states and the sweep of the same step."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -16,7 +16,7 @@ LABEL_RANGE_M: Final = 120.0
 """Actors whose centre is further away than the paper's LiDAR reaches are not labelled."""
 
 
-def ground_truth(
+def label_boxes(
     states: ActorStates,
     descriptions: Mapping[int, ActorDescription],
     carrier_id: int,
@@ -29,7 +29,7 @@ def ground_truth(
     Args:
         states: Actors at this step.
         descriptions: What the actors are, by id.
-        carrier_id: Who carries the sensors.
+        carrier_id: The vehicle with the sensors.
         map_from_lidar: Pose of the frame of the labels, shape ``(4, 4)``.
         sweep: Returns of this step; without one the labels' point counts are 0.
         range_m: Horizontal distance of the box's centre.

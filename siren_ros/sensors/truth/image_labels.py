@@ -1,4 +1,4 @@
-"""What of each vehicle a picture shows: boxes, visible fractions and truncations, from the instance image."""
+"""Labels of pictures: ``CameraTruth`` with 2-D boxes, visible fractions and truncations, from the instance image."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,11 +14,10 @@ from siren_ros.numerics.compiled import Array, compiled
 from siren_ros.sensors.camera.camera_model import Pinhole, optical_from_map
 from siren_ros.sensors.meshes.mesh import VehicleShape
 from siren_ros.sensors.meshes.placement import Placement
+from siren_ros.sensors.truth.box_labels import LABEL_RANGE_M
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.camera_truth import CameraTruth
 
-LABEL_RANGE_M: Final = 120.0
-"""As far as the boxes in space are labelled."""
 _NEAR_M: Final = 0.1
 _SMALLEST_PX: Final = 4.0
 """Outlines smaller than this are not labelled."""
@@ -71,7 +70,7 @@ def _scan(instance: Array, actor_id: Array, count: Array, bounds: Array) -> None
                 bounds[row, 3] = max(bounds[row, 3], v)
 
 
-class CameraLabeller:
+class ImageLabeller:
     """Labels pictures; knows the vehicles' shapes."""
 
     def __init__(self, shapes: Mapping[ActorClass, VehicleShape]) -> None:

@@ -1,4 +1,4 @@
-"""Parts that every vehicle carries, and the colours they share."""
+"""Parts that every vehicle has, and the colours they share."""
 
 from typing import Final
 

@@ -205,14 +205,14 @@ def test_tilted_sensors_find_the_same_vehicle_as_one_scene(boxes: Any) -> None:
 
 
 @pytest.mark.parametrize("distortion", [False, True])
-def test_a_sweep_beside_the_caller_is_the_same_to_the_byte(world: RaycastWorld, boxes: Any, distortion: bool) -> None:
+def test_a_sweep_in_the_background_is_the_same_to_the_byte(world: RaycastWorld, boxes: Any, distortion: bool) -> None:
     spec = replace(SPEC, noise_stddev_m=0.02, dropoff_general_rate=0.1, motion_distortion=distortion)
     motion, pose = CarrierMotion(5.0, 0.5, 0.3), spec.mount.base_from_sensor
-    here, beside = Lidar(spec, world, 4), Lidar(spec, world, 4)
+    here, background = Lidar(spec, world, 4), Lidar(spec, world, 4)
     with ThreadPoolExecutor(1) as helper:
         for step in range(4):
             placed = boxes.placed((SEDAN, 6.0 + step, 2.0, 0.1 * step), (BUS, -12.0, step, 1.0))
-            finish = beside.begin(step, pose, placed, motion, helper)
+            finish = background.begin(step, pose, placed, motion, helper)
             expected, sweep = here.scan(step, pose, placed, motion), finish()
             assert sweep.step == step
             assert bytes(sweep.payload) == bytes(expected.payload) != b""

@@ -56,12 +56,12 @@ def test_a_step_with_everything_due(boxes: Any, traffic: Any) -> None:
     assert len(sweep.payload) == sweep.points.nbytes
 
 
-def test_what_is_measured_beside_the_caller_is_the_same(boxes: Any, traffic: Any) -> None:
+def test_measurements_in_the_background_are_the_same(boxes: Any, traffic: Any) -> None:
     states, descriptions = traffic
-    here, beside = make(boxes), SensorRig(SUITE, NETWORK, 0, scene=boxes.scene(), beside=True)
+    here, background = make(boxes), SensorRig(SUITE, NETWORK, 0, scene=boxes.scene(), in_background=True)
     for step in range(3):
         now = replace(states, step=step, x_m=states.x_m + 0.4 * step)
-        sensing = beside.begin(now, descriptions, (), 1)
+        sensing = background.begin(now, descriptions, (), 1)
         expected = here.observe(now, descriptions, (), 1)
         assert sensing.under_way
         seen = sensing.finish()

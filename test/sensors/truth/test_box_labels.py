@@ -5,7 +5,7 @@ import pytest
 
 from siren_ros.sensors.lidar.lidar import LidarSweep
 from siren_ros.sensors.suite.mount import Mount, map_from_base
-from siren_ros.sensors.truth.box_labels import ground_truth
+from siren_ros.sensors.truth.box_labels import label_boxes
 from siren_ros.world.actors import ActorClass
 
 SEDAN, BUS = ActorClass.SEDAN, ActorClass.BUS
@@ -16,7 +16,7 @@ def test_boxes_are_in_the_frame_of_the_sensor(boxes: Any) -> None:
         (SEDAN, 10.0, 20.0, np.pi / 2), (BUS, 10.0, 35.0, np.pi), vx_mps=[0.0, -4.0], accel_mps2=[0.5, -1.0]
     )
     pose = map_from_base(10.0, 20.0, 0.0, np.pi / 2) @ Mount(0.0, 0.0, 1.93).base_from_sensor
-    truth = ground_truth(states, descriptions, 1, pose)
+    truth = label_boxes(states, descriptions, 1, pose)
     assert truth.actor_id.tolist() == [2]
     assert truth.actor_class.tolist() == [int(BUS)]
     assert truth.is_emv.tolist() == [False]
@@ -31,11 +31,11 @@ def test_boxes_are_in_the_frame_of_the_sensor(boxes: Any) -> None:
 
 def test_far_actors_are_left_out(boxes: Any) -> None:
     states, descriptions = boxes.actors((SEDAN, 0.0, 0.0, 0.0), (SEDAN, 119.0, 0.0, 0.0), (SEDAN, 121.0, 0.0, 0.0))
-    assert ground_truth(states, descriptions, 1, np.eye(4)).actor_id.tolist() == [2]
+    assert label_boxes(states, descriptions, 1, np.eye(4)).actor_id.tolist() == [2]
 
 
 def test_points_are_counted_by_actor(boxes: Any) -> None:
     states, descriptions = boxes.actors((SEDAN, 0.0, 0.0, 0.0), (SEDAN, 9.0, 0.0, 0.0), (SEDAN, 118.0, 9.0, 0.0))
     sweep = LidarSweep("lidar", 0, np.empty(0, np.void), np.array([2], np.uint32), np.array([77]))
-    truth = ground_truth(states, descriptions, 1, np.eye(4), sweep)
+    truth = label_boxes(states, descriptions, 1, np.eye(4), sweep)
     assert truth.lidar_points.tolist() == [77, 0]

@@ -7,7 +7,7 @@ from siren_ros.sensors.camera.camera_model import Pinhole, optical_from_map
 from siren_ros.sensors.camera.context import RendererUnavailableError
 from siren_ros.sensors.camera.renderer import Renderer
 from siren_ros.sensors.suite.mount import map_from_base, transform
-from siren_ros.sensors.truth.image_labels import CameraLabeller, pixel_boxes
+from siren_ros.sensors.truth.image_labels import ImageLabeller, pixel_boxes
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.camera_truth import CameraTruth
 
@@ -30,7 +30,7 @@ def labels(renderer: Renderer, boxes: Any, *rows: Any, pose: Any = EYE) -> Camer
     emv = np.arange(len(placement)) == 0
     assert image.instance is not None
     assert image.depth_m is None
-    return CameraLabeller(boxes.shapes()).label(0, CAMERA, pose, placement, image.instance, emv)
+    return ImageLabeller(boxes.shapes()).label(0, CAMERA, pose, placement, image.instance, emv)
 
 
 def test_pixels_are_counted_and_bounded() -> None:

@@ -175,7 +175,7 @@ class LampLight:
         lit["pose"][:-1] = np.stack((placement.x_m[near], placement.y_m[near], np.cos(yaw), np.sin(yaw)), axis=1)
         lit["length_beacon"][:-1, 0] = placement.size_m[near, 0]
         lit["length_beacon"][:-1, 1] = (placement.lights[near] & int(Lights.BEACON)) != 0
-        own = placement.carrier
+        own = placement.ego
         if own is None:
             lit = lit[:-1]
         else:

@@ -11,7 +11,7 @@ from siren_ros.sensors.camera.rendered_image import RenderedImage
 from siren_ros.sensors.camera.renderer import Renderer
 from siren_ros.sensors.meshes.material import SemanticClass
 from siren_ros.sensors.meshes.mesh import Material
-from siren_ros.sensors.meshes.placement import Carrier, Placement
+from siren_ros.sensors.meshes.placement import EgoVehicle, Placement
 from siren_ros.sensors.scene.poles import street_lamp, turned
 from siren_ros.sensors.suite.look import Look
 from siren_ros.sensors.suite.mount import transform
@@ -66,7 +66,7 @@ def test_head_lamps_light_what_lies_ahead_also_the_carriers_own(boxes: Any) -> N
     ahead = picture(renderer, boxes.placed((SEDAN, 15.0, 4.0, -np.pi / 2)))
     brighter = road(ahead) & (ahead.rgba[..., 1] > empty.rgba[..., 1].astype(int) + 20)
     assert brighter[:, 160:].sum() > 200
-    own = replace(boxes.placed(), carrier=Carrier(0.0, 0.0, 0.0, 4.6, 0))
+    own = replace(boxes.placed(), ego=EgoVehicle(0.0, 0.0, 0.0, 4.6, 0))
     assert picture(renderer, own).rgba[150:220, 120:200, :3].mean() > empty.rgba[150:220, 120:200, :3].mean() + 20
     assert picture(renderer, boxes.placed()).rgba.tobytes() == empty.rgba.tobytes()
 

@@ -1,4 +1,4 @@
-"""The place of the AV's controller in the lockstep, so that it need not know the lockstep's protocol."""
+"""Takes part in the lockstep for the AV's controller, which does not know the lockstep's protocol."""
 
 from collections.abc import Callable
 
@@ -14,7 +14,7 @@ from siren_ros.ros.transport.endpoints import create_input
 from siren_ros.world.commands import AV_SOURCE
 
 
-class AvSeat:
+class AvProxy:
     """Reports for the controller: ready when its publisher is there, a step done when its control command is."""
 
     def __init__(self, node: Node, report: Callable[[StepReport], None]) -> None:
@@ -30,7 +30,7 @@ class AvSeat:
 
     @property
     def called(self) -> str:
-        """The controller with the name of its node, as far as that is known."""
+        """The controller with the name of its node, where that is known."""
         publishers = self._node.get_publishers_info_by_topic(topics.AV_CONTROL.name)
         names = sorted({publisher.node_name for publisher in publishers})
         return f"{AV_SOURCE} (node {', '.join(names)})" if names else AV_SOURCE

@@ -8,13 +8,13 @@ from siren_ros.interfaces import topics
 from siren_ros.interfaces.av_control import to_av_control
 from siren_ros.interfaces.lockstep_reports import Phase, StepReport
 from siren_ros.lockstep.lockstep import LockstepState, Stage
-from siren_ros.ros.participants.av_seat import AvSeat
+from siren_ros.ros.participants.av_proxy import AvProxy
 from siren_ros.ros.transport import wire
 from siren_ros.world.commands import AV_SOURCE, AvControl
 
 
 class Graph:
-    """What a seat asks of its node."""
+    """The part of a node that the proxy uses."""
 
     def __init__(self) -> None:
         self.publishers: list[str] = []
@@ -42,25 +42,25 @@ def _reports() -> list[StepReport]:
     return []
 
 
-@pytest.fixture(name="seat")
-def _seat(graph: Graph, reports: list[StepReport]) -> AvSeat:
-    return AvSeat(graph, reports.append)
+@pytest.fixture(name="proxy")
+def _proxy(graph: Graph, reports: list[StepReport]) -> AvProxy:
+    return AvProxy(graph, reports.append)
 
 
-def test_it_is_ready_when_somebody_publishes(seat: AvSeat, graph: Graph, reports: list[StepReport]) -> None:
-    seat.watch(LockstepState(Stage.GATHERING))
-    assert (reports, seat.called) == ([], AV_SOURCE)
+def test_it_is_ready_when_somebody_publishes(proxy: AvProxy, graph: Graph, reports: list[StepReport]) -> None:
+    proxy.watch(LockstepState(Stage.GATHERING))
+    assert (reports, proxy.called) == ([], AV_SOURCE)
     graph.publishers = ["my_stack"]
-    seat.watch(LockstepState(Stage.GATHERING))
+    proxy.watch(LockstepState(Stage.GATHERING))
     assert reports == [StepReport(0, AV_SOURCE, Phase.READY)]
-    assert seat.called == f"{AV_SOURCE} (node my_stack)"
+    assert proxy.called == f"{AV_SOURCE} (node my_stack)"
 
 
-def test_an_answer_is_the_report_of_its_step(seat: AvSeat, graph: Graph, reports: list[StepReport]) -> None:
+def test_an_answer_is_the_report_of_its_step(proxy: AvProxy, graph: Graph, reports: list[StepReport]) -> None:
     graph.publishers = ["my_stack"]
     graph.hear(wire.encode(topics.AV_CONTROL, to_av_control(AvControl(7, 0.5))))
-    seat.watch(LockstepState(Stage.STEPPING, 8))
-    seat.close(9)
+    proxy.watch(LockstepState(Stage.STEPPING, 8))
+    proxy.close(9)
     assert reports == [StepReport(7, AV_SOURCE, Phase.STEP), StepReport(8, AV_SOURCE, Phase.FINAL)]
 
 
@@ -72,17 +72,17 @@ def test_an_answer_is_the_report_of_its_step(seat: AvSeat, graph: Graph, reports
     ],
 )
 def test_what_cannot_be_used_is_an_error(
-    seat: AvSeat, graph: Graph, reports: list[StepReport], cdr: bytes, named: str
+    proxy: AvProxy, graph: Graph, reports: list[StepReport], cdr: bytes, named: str
 ) -> None:
-    assert seat.called == AV_SOURCE
+    assert proxy.called == AV_SOURCE
     graph.hear(cdr)
     (report,) = reports
     assert report.error.startswith(topics.AV_CONTROL.name)
     assert named in report.error
 
 
-def test_a_controller_that_leaves_is_an_error(seat: AvSeat, reports: list[StepReport]) -> None:
-    seat.watch(LockstepState(Stage.STEPPING, 8))
+def test_a_controller_that_leaves_is_an_error(proxy: AvProxy, reports: list[StepReport]) -> None:
+    proxy.watch(LockstepState(Stage.STEPPING, 8))
     assert reports == [StepReport(8, AV_SOURCE, Phase.STEP, "its publisher of /av/control_cmd is gone")]
-    seat.watch(LockstepState(Stage.CLOSING, 8))
+    proxy.watch(LockstepState(Stage.CLOSING, 8))
     assert len(reports) == 1

@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from siren_ros.errors import EXIT_OK
+from siren_ros.errors import EXIT_FAILED, EXIT_OK
 from siren_ros.recording.recover import recover_bag
 
 
@@ -12,7 +12,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     """Describe the verb, and what it takes."""
     verb.description = (
         "Writes a complete bag from all whole chunks of one that was cut off or damaged. A bag that is "
-        "complete is left alone."
+        "complete is left alone. Exit code 1 where messages of the file are lost."
     )
     verb.add_argument(
         "bag",
@@ -32,6 +32,10 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"{recovery.path}: complete as it is: {count}")
         return EXIT_OK
     print(f"{recovery.path}: saved {count}")
-    if recovery.lost:
-        print(f"siren recover: not saved: {recovery.lost}", file=sys.stderr)
-    return EXIT_OK
+    if recovery.lost_messages:
+        print(f"siren recover: {recovery.lost_messages} messages are lost: {recovery.lost}", file=sys.stderr)
+    elif recovery.lost:
+        print(f"siren recover: the unfinished end is lost: {recovery.lost}", file=sys.stderr)
+    if not recovery.described:
+        print("siren recover: without its description or its map the bag is no episode any more", file=sys.stderr)
+    return EXIT_FAILED if recovery.lost_messages else EXIT_OK

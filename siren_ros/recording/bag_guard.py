@@ -11,6 +11,7 @@ from typing import BinaryIO, Final
 
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
+from mcap.summary import Summary
 
 from siren_ros.errors import BagError
 from siren_ros.recording.bag_metadata import METADATA_FILE, read_metadata
@@ -70,11 +71,28 @@ def _check_storage(file: Path, content: bool) -> None:
                 unpack(chunk)
         _check_end(stream, size)
         if content:
-            try:
-                stream.seek(0)
-                SeekingReader(stream, validate_crcs=True).get_summary()
-            except Exception as error:  # mcap raises struct.error, McapError and others on a damaged summary
-                raise DamageError(f"a broken summary ({type(error).__name__}: {error})") from error
+            read_summary(stream, size)
+
+
+def read_summary(stream: BinaryIO, size: int) -> Summary:
+    """The summary of a file: definitions, statistics and the index of chunks.
+
+    Args:
+        stream: The file.
+        size: Its length in bytes.
+
+    Raises:
+        DamageError: The file has no end, or its summary is damaged.
+    """
+    _check_end(stream, size)
+    try:
+        stream.seek(0)
+        summary = SeekingReader(stream, validate_crcs=True).get_summary()
+    except Exception as error:  # mcap raises struct.error, McapError and others on a damaged summary
+        raise DamageError(f"a broken summary ({type(error).__name__}: {error})") from error
+    if summary is None:
+        raise DamageError("the file has no summary")
+    return summary
 
 
 def _check_end(stream: BinaryIO, size: int) -> None:

@@ -31,12 +31,26 @@ _RECORD: Final = struct.Struct("<BQ")
 _CHUNK: Final = struct.Struct("<QQQII")
 _MESSAGE: Final = struct.Struct("<HIQQ")
 _LENGTH: Final = struct.Struct("<Q")
+_INDEX_HEAD: Final = struct.Struct("<BQHI")
+_INDEX_FIELDS_BYTES: Final = 6
+_INDEX_ENTRY_BYTES: Final = 16
 _DATA: Final = frozenset({Opcode.HEADER, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.METADATA, Opcode.ATTACHMENT})
 Record = TypeVar("Record", Schema, Channel)
 
 
 class DamageError(ValueError):
     """The file breaks its format; the message names the place."""
+
+
+@dataclass(frozen=True)
+class RecordPlace:
+    """Where one whole record is in the file."""
+
+    opcode: int
+    offset: int
+    """Of the record's first byte."""
+    length: int
+    """Of the record's content, without opcode and length."""
 
 
 @dataclass(frozen=True)
@@ -52,11 +66,11 @@ class PackedChunk:
     crc: int
 
 
-def read_chunks(file: BinaryIO) -> Iterator[PackedChunk]:
-    """The chunks of a file, from its start to the end of its data.
+def read_places(file: BinaryIO) -> Iterator[RecordPlace]:
+    """The places of a file's records, from its start to the end of its data.
 
     Raises:
-        DamageError: The file is cut off or damaged. All chunks before that place have been returned.
+        DamageError: The file is cut off, or a record's head is damaged. All places before have been returned.
     """
     size = os.fstat(file.fileno()).st_size
     if file.read(len(MAGIC)) != MAGIC:
@@ -73,9 +87,40 @@ def read_chunks(file: BinaryIO) -> Iterator[PackedChunk]:
             return
         if opcode not in _DATA or end > size:
             raise DamageError(f"no whole record of a bag with chunks at byte {offset} of {size}")
-        if opcode == Opcode.CHUNK:
-            yield _chunk(file.read(length), offset)
+        yield RecordPlace(opcode, offset, length)
         offset = end
+
+
+def read_chunk(file: BinaryIO, place: RecordPlace) -> PackedChunk:
+    """The chunk at a place.
+
+    Raises:
+        DamageError: The chunk's head or its zstd frame is damaged.
+    """
+    file.seek(place.offset + _RECORD.size)
+    return _chunk(file.read(place.length), place.offset)
+
+
+def read_chunks(file: BinaryIO) -> Iterator[PackedChunk]:
+    """The chunks of a file, from its start to the end of its data.
+
+    Raises:
+        DamageError: The file is cut off or damaged. All chunks before that place have been returned.
+    """
+    for place in read_places(file):
+        if place.opcode == Opcode.CHUNK:
+            yield read_chunk(file, place)
+
+
+def count_index_entries(file: BinaryIO, offset: int) -> int:
+    """Number of messages in the message index record at an offset; 0 where the record is damaged."""
+    file.seek(offset)
+    head = file.read(_INDEX_HEAD.size)
+    if len(head) < _INDEX_HEAD.size:
+        return 0
+    opcode, length, _, entries_bytes = _INDEX_HEAD.unpack(head)
+    whole = opcode == Opcode.MESSAGE_INDEX and entries_bytes == length - _INDEX_FIELDS_BYTES
+    return entries_bytes // _INDEX_ENTRY_BYTES if whole and entries_bytes % _INDEX_ENTRY_BYTES == 0 else 0
 
 
 def _chunk(data: bytes, offset: int) -> PackedChunk:

@@ -49,7 +49,7 @@ class ChannelMessage:
 
 @dataclass(frozen=True)
 class ChunkContent:
-    """The records of one chunk: schemas and channels that it adds to the file, then messages."""
+    """The records of one chunk: schemas and channels, new to the file or repeated, then messages."""
 
     schemas: tuple[Schema, ...]
     channels: tuple[Channel, ...]
@@ -69,8 +69,8 @@ class McapStream:
         self._whole = 0
         # One thread and no dictionary: the compressed bytes depend on the content alone.
         self._compressor = zstandard.ZstdCompressor(level=compression_level, threads=0)
-        self._schemas: list[Schema] = []
-        self._channels: list[Channel] = []
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
         self._chunks: list[ChunkIndex] = []
         self._counts: dict[int, int] = {}
         self._write(MAGIC + _bytes_of([Header(PROFILE, LIBRARY)]))
@@ -79,7 +79,7 @@ class McapStream:
     @property
     def counts(self) -> dict[int, int]:
         """Number of messages by channel id, for every channel in the file."""
-        return {channel.id: self._counts.get(channel.id, 0) for channel in self._channels}
+        return {channel.id: self._counts.get(channel.id, 0) for channel in self._channels.values()}
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -118,8 +118,10 @@ class McapStream:
         if packed is None:
             packed = self._compressor.compress(plain)
         self._write_packed(plain, packed, index, (min(times, default=0), max(times, default=0)))
-        self._schemas += content.schemas
-        self._channels += content.channels
+        for schema in content.schemas:
+            self._schemas.setdefault(schema.id, schema)
+        for channel in content.channels:
+            self._channels.setdefault(channel.id, channel)
         for channel_id, records in index.items():
             self._counts[channel_id] = self._counts.get(channel_id, 0) + len(records)
 
@@ -159,8 +161,8 @@ class McapStream:
         self._write(_bytes_of([DataEnd(0)]))
         summary_start = self._position
         groups: tuple[tuple[Opcode, Sequence[McapRecord]], ...] = (
-            (Opcode.SCHEMA, self._schemas),
-            (Opcode.CHANNEL, self._channels),
+            (Opcode.SCHEMA, list(self._schemas.values())),
+            (Opcode.CHANNEL, list(self._channels.values())),
             (Opcode.STATISTICS, [self._statistics()]),
             (Opcode.CHUNK_INDEX, self._chunks),
         )

@@ -1,19 +1,30 @@
 """Completes a bag whose writer was killed or whose storage file is damaged: all whole chunks, with a new summary."""
 
 from collections import Counter
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import BinaryIO, Final
 
+from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
+from mcap.summary import Summary
 
 from siren_ros.errors import BagError, EpisodeError
-from siren_ros.interfaces.topics import ACTORS
-from siren_ros.recording.bag_guard import check_bag_files, storage_files
+from siren_ros.interfaces.topics import ACTORS, EPISODE, MAP
+from siren_ros.recording.bag_guard import check_bag_files, read_summary, storage_files
 from siren_ros.recording.bag_metadata import METADATA_FILE, BagTopic, metadata_text, read_message_counts
 from siren_ros.recording.bag_writer import END_KEY, REASON_KEY, BagOptions
-from siren_ros.recording.mcap_scan import DamageError, PackedChunk, parse_content, read_chunks, unpack
+from siren_ros.recording.mcap_scan import (
+    DamageError,
+    RecordPlace,
+    count_index_entries,
+    parse_content,
+    read_chunk,
+    read_places,
+    unpack,
+)
 from siren_ros.recording.mcap_stream import ChunkContent, McapStream, plain_bytes
 from siren_ros.recording.working_folder import (
     PARTIAL_SUFFIX,
@@ -24,46 +35,78 @@ from siren_ros.recording.working_folder import (
 )
 
 _REASON: Final = "recovered after its writer was cut off"
+_RECORD_HEAD_BYTES: Final = 9
 
 
 @dataclass(frozen=True)
 class Recovery:
-    """What became of a bag."""
+    """The result of a recovery."""
 
     path: Path
     messages: int
     steps: int
     healthy: bool
-    """The bag was complete as it was, and nothing has been written."""
+    """The bag was complete already, and nothing was written."""
+    lost_messages: int = 0
+    """Messages of the damaged file that could not be saved, as far as the file gives their number."""
     lost: str = ""
-    """What could not be saved; empty where nothing was lost."""
+    """What could not be saved, and why; empty where nothing was lost."""
+    described: bool = True
+    """Whether the episode's description and its map were saved; without them the bag is no episode."""
+
+
+@dataclass
+class _Chunks:
+    """The chunks of a damaged file."""
+
+    places: list[RecordPlace] = field(default_factory=list)
+    indexed: Counter[int] = field(default_factory=Counter)
+    """Number of messages by the offset of their chunk, from the message indices."""
+    end: str = ""
+    """Why the file could not be read to its end; empty where it could."""
 
 
 @dataclass
 class _Salvage:
-    """Schemas, channels and counts of the chunks saved so far."""
+    """Definitions, counts and losses of the chunks saved so far."""
 
     schemas: dict[int, Schema] = field(default_factory=dict)
+    """All known ones by id, written or not; likewise the channels."""
     channels: dict[int, Channel] = field(default_factory=dict)
+    written: set[int] = field(default_factory=set)
+    """Ids of the channels whose definition is in the new file."""
     counts: Counter[int] = field(default_factory=Counter)
     times_ns: list[int] = field(default_factory=list)
-    lost: list[str] = field(default_factory=list)
+    damages: list[str] = field(default_factory=list)
+    """One for each chunk that could not be read."""
+    lost_messages: int = 0
+    undefined: int = 0
+    """Of the lost messages, those in readable chunks whose channel is defined nowhere."""
+
+    def learn(self, schemas: Iterable[Schema], channels: Iterable[Channel]) -> None:
+        """Takes definitions; the first one of an id counts."""
+        for schema in schemas:
+            self.schemas.setdefault(schema.id, schema)
+        for channel in channels:
+            self.channels.setdefault(channel.id, channel)
 
     def take(self, content: ChunkContent) -> ChunkContent:
-        """The part of a chunk that can be written: messages whose channels are known, with schemas that are."""
-        schemas = tuple(item for item in content.schemas if item.id not in self.schemas)
-        self.schemas.update({item.id: item for item in schemas})
-        channels = tuple(
-            item for item in content.channels if item.id not in self.channels and item.schema_id in self.schemas
-        )
-        self.channels.update({item.id: item for item in channels})
-        messages = tuple(item for item in content.messages if item.channel_id in self.channels)
-        if len(messages) < len(content.messages):
-            self.lost.append(f"{len(content.messages) - len(messages)} messages of topics whose definition is damaged")
+        """The part of a chunk that can be written, with the definitions that the new file still lacks."""
+        self.learn(content.schemas, content.channels)
+        known = {key for key, channel in self.channels.items() if channel.schema_id in self.schemas}
+        messages = tuple(item for item in content.messages if item.channel_id in known)
+        self.undefined += len(content.messages) - len(messages)
+        self.lost_messages += len(content.messages) - len(messages)
+        own = tuple(item for item in content.channels if item.id in known)
+        lacking = {item.channel_id for item in messages} - self.written - {item.id for item in own}
+        channels = (*(self.channels[key] for key in sorted(lacking)), *own)
+        present = {item.id for item in content.schemas} | {self.channels[key].schema_id for key in self.written}
+        schemas = {self.channels[key].schema_id for key in lacking} - present
+        self.written.update(item.id for item in channels)
         self.counts.update(item.channel_id for item in messages)
         for item in messages:
             self.times_ns = [min([item.time_ns, *self.times_ns[:1]]), max([item.time_ns, *self.times_ns[1:]])]
-        return ChunkContent(schemas, channels, messages)
+        return ChunkContent((*(self.schemas[key] for key in sorted(schemas)), *content.schemas), channels, messages)
 
     def topics(self) -> list[BagTopic]:
         """The saved topics as the metadata lists them."""
@@ -76,7 +119,12 @@ class _Salvage:
                 self.counts[key],
             )
             for key, channel in self.channels.items()
+            if key in self.written
         ]
+
+    def count_of(self, topic: str) -> int:
+        """Number of saved messages of a topic."""
+        return sum(self.counts[key] for key, channel in self.channels.items() if channel.topic == topic)
 
 
 def recover_bag(path: Path, out: Path | None = None) -> Recovery:
@@ -105,13 +153,14 @@ def recover_bag(path: Path, out: Path | None = None) -> Recovery:
         with files[0].open("rb", buffering=0) as held:
             if not lock(held):
                 raise BagError(str(path), "a bag that no episode is writing now")
-            salvage = _write(files[0], target)
+            salvage, lost = _write(files[0], target)
         if out is None and folder == working_path(_final_path(folder)):
             _remove_working_folder(folder)
     except OSError as error:
         raise EpisodeError(f"the bag {target} cannot be written: {error.strerror or error}") from error
-    steps = next((topic.message_count for topic in salvage.topics() if topic.name == ACTORS.name), 0)
-    return Recovery(target, sum(salvage.counts.values()), steps, False, "; ".join(salvage.lost))
+    described = salvage.count_of(EPISODE.name) > 0 and salvage.count_of(MAP.name) > 0
+    saved, steps = sum(salvage.counts.values()), salvage.count_of(ACTORS.name)
+    return Recovery(target, saved, steps, False, salvage.lost_messages, lost, described)
 
 
 def _folder_of(path: Path) -> Path:
@@ -136,12 +185,13 @@ def _as_it_is(folder: Path) -> Recovery | None:
     return Recovery(folder, sum(counts.values()), counts.get(ACTORS.name, 0), True)
 
 
-def _write(source: Path, target: Path) -> _Salvage:
+def _write(source: Path, target: Path) -> tuple[_Salvage, str]:
+    """Writes the new bag; returns what was saved, and what was lost as text."""
     working = target.with_name(f".{target.name.removeprefix('.')}.recovering")
     working.mkdir(parents=True)
     name = f"{_final_path(target).name}_0.mcap"
     try:
-        salvage = _write_storage(source, working / name)
+        salvage, lost = _write_storage(source, working / name)
         first_ns, last_ns = (salvage.times_ns or [0, 0])[:2]
         custom = {END_KEY: "partial", REASON_KEY: _REASON}
         text = metadata_text(name, salvage.topics(), first_ns, last_ns, custom)
@@ -152,31 +202,89 @@ def _write(source: Path, target: Path) -> _Salvage:
             (working / file_name).unlink(missing_ok=True)
         working.rmdir()
         raise
-    return salvage
+    return salvage, lost
 
 
-def _write_storage(source: Path, target: Path) -> _Salvage:
+def _write_storage(source: Path, target: Path) -> tuple[_Salvage, str]:
     salvage = _Salvage()
     with source.open("rb") as file, target.open("wb", buffering=0) as output:
         stream = McapStream(output, BagOptions().compression_level)
-        try:
-            for chunk in read_chunks(file):
-                _save_chunk(chunk, stream, salvage)
-        except DamageError as error:
-            salvage.lost.append(str(error))
-        if not salvage.channels:
-            raise BagError(str(source), f"a file with at least one whole chunk ({'; '.join(salvage.lost)})")
+        chunks = _find_chunks(file, salvage)
+        for place in chunks.places:
+            try:
+                _save_chunk(file, place, stream, salvage)
+            except DamageError as error:
+                salvage.damages.append(str(error))
+                salvage.lost_messages += chunks.indexed[place.offset]
+        if not salvage.counts:
+            reasons = "; ".join([*salvage.damages[:1], *([chunks.end] if chunks.end else [])])
+            raise BagError(str(source), f"a file with at least one whole chunk ({reasons or 'there is none'})")
         stream.finish()
-    return salvage
+    with suppress(BagError):
+        expected = sum(read_message_counts(source.parent).values())
+        salvage.lost_messages = max(salvage.lost_messages, expected - sum(salvage.counts.values()))
+    return salvage, _lost_text(salvage, chunks)
 
 
-def _save_chunk(chunk: PackedChunk, stream: McapStream, salvage: _Salvage) -> None:
+def _find_chunks(file: BinaryIO, salvage: _Salvage) -> _Chunks:
+    """The chunks by the summary, or else as far as the records follow each other; learns all definitions."""
+    chunks = _Chunks()
+    size = file.seek(0, 2)
     try:
-        plain = unpack(chunk)
-        content = salvage.take(parse_content(plain))
+        summary = read_summary(file, size)
+    except DamageError:
+        summary = None
+    if summary is not None:
+        salvage.learn(summary.schemas.values(), summary.channels.values())
+        _take_index(file, size, summary, chunks)
+        return chunks
+    try:
+        file.seek(0)
+        for place in read_places(file):
+            if place.opcode == Opcode.CHUNK:
+                chunks.places.append(place)
+            elif place.opcode == Opcode.MESSAGE_INDEX and chunks.places:
+                chunks.indexed[chunks.places[-1].offset] += count_index_entries(file, place.offset)
     except DamageError as error:
-        salvage.lost.append(str(error))
-        return
+        chunks.end = str(error)
+    for place in chunks.places:
+        with suppress(DamageError):
+            content = parse_content(unpack(read_chunk(file, place)))
+            salvage.learn(content.schemas, content.channels)
+    return chunks
+
+
+def _take_index(file: BinaryIO, size: int, summary: Summary, chunks: _Chunks) -> None:
+    """Takes the chunks of a summary's index, without those that overlap or lie outside the file."""
+    end = 0
+    for index in sorted(summary.chunk_indexes, key=lambda item: item.chunk_start_offset):
+        beyond = index.chunk_start_offset + index.chunk_length
+        if index.chunk_start_offset < end or beyond > size or index.chunk_length < _RECORD_HEAD_BYTES:
+            continue
+        end = beyond
+        place = RecordPlace(Opcode.CHUNK, index.chunk_start_offset, index.chunk_length - _RECORD_HEAD_BYTES)
+        chunks.places.append(place)
+        for offset in index.message_index_offsets.values():
+            chunks.indexed[place.offset] += count_index_entries(file, offset)
+
+
+def _lost_text(salvage: _Salvage, chunks: _Chunks) -> str:
+    reasons = []
+    if salvage.damages:
+        number = f"{len(salvage.damages)} of {len(chunks.places)} chunks"
+        first = "" if len(salvage.damages) == 1 else "the first: "
+        reasons.append(f"{number} cannot be read ({first}{salvage.damages[0]})")
+    if salvage.undefined:
+        reasons.append(f"{salvage.undefined} messages are of topics that are defined nowhere")
+    if chunks.end:
+        reasons.append(chunks.end)
+    return "; ".join(reasons)
+
+
+def _save_chunk(file: BinaryIO, place: RecordPlace, stream: McapStream, salvage: _Salvage) -> None:
+    chunk = read_chunk(file, place)
+    plain = unpack(chunk)
+    content = salvage.take(parse_content(plain))
     unchanged = chunk.compression == "zstd" and plain_bytes(content) == plain
     stream.adopt_chunk(content, chunk.packed if unchanged else None)
 

@@ -38,6 +38,7 @@ LAYERS = {
         "maps",
         "net_parser",
         "movements",
+        "bend_speeds",
         "lane_permissions",
         "map_projection",
         "routing",

@@ -20,6 +20,7 @@ from siren_ros.traffic.observation.crossings import CrossingWatch, Mover
 from siren_ros.traffic.observation.reactions import Reactions
 from siren_ros.traffic.observation.teleports import find_teleports
 from siren_ros.traffic.sumo.advice import emv_advice
+from siren_ros.traffic.sumo.bend_limits import BendLimits
 from siren_ros.traffic.sumo.config import TrafficConfig
 from siren_ros.traffic.sumo.lane_continuity import LaneContinuity
 from siren_ros.traffic.sumo.mirror import Mirror
@@ -89,6 +90,7 @@ class SumoSimulation:
         """SUMO's answers of the last step, by vehicle."""
         self._start(compiled, seed)
         self._continuity = LaneContinuity(network, self._population.length_scale)
+        self._bends = BendLimits(network, self._population.length_scale)
         self._signal_ids = tuple(sorted(libsumo.trafficlight.getIDList()))
         self._warm_up()
 
@@ -174,6 +176,7 @@ class SumoSimulation:
         vehicles = self._population.vehicles
         known = {name: result for name, result in self._results.items() if name in vehicles}
         self._sideways.apply(known, vehicles, self._mirror.places)
+        self._bends.apply(known, vehicles, self._mirror.places)
         libsumo.simulationStep()
         self._results = libsumo.vehicle.getAllSubscriptionResults()
 

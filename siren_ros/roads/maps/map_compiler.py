@@ -9,6 +9,7 @@ from typing import Final
 
 from siren_ros.errors import InputError, MapError
 from siren_ros.params.resources import params_dir
+from siren_ros.roads.maps.lane_shapes import mended_lanes
 from siren_ros.roads.maps.map_source import MapSource, SourceKind, read_map_source
 from siren_ros.roads.maps.netconvert import netconvert_version, run_netconvert, without_header
 from siren_ros.roads.maps.opendrive_patches import opendrive_patches
@@ -16,7 +17,7 @@ from siren_ros.roads.net_parser import parse_road_network
 
 TOWN_NAME: Final = "town"
 
-_RECIPE: Final = "3"
+_RECIPE: Final = "4"
 """Part of the cache key: raised whenever the way in which maps are compiled changes."""
 _COMMON: Final = (
     "--no-turnarounds",
@@ -91,7 +92,8 @@ def compile_map(source: Path | None, cache_dir: Path | None = None) -> CompiledM
         net = net_path.read_bytes()
     except OSError:
         net = _compile(loaded, shown)
-        parse_road_network(net)
+        parse_road_network(net)  # refuses what is no map before anything is done with it
+        net = mended_lanes(net)
         _store(net_path, net)
     return CompiledMap(loaded.name, net_path, hashlib.sha256(net).hexdigest(), loaded.kind)
 

@@ -1,6 +1,5 @@
 """The EMV's start: lane and place, the way from there to the site, and the time of its arrival."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -8,8 +7,8 @@ from typing import Final
 import numpy as np
 
 from siren_ros.errors import MapError
-from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.polyline import Polyline
+from siren_ros.roads.bend_speeds import SAMPLE_M, bend_speeds_mps, with_accelerating, with_braking
 from siren_ros.roads.road_network import Lane, RoadNetwork
 from siren_ros.roads.routing import driving_lanes
 from siren_ros.roads.sites.site_finder import Site
@@ -19,9 +18,6 @@ from siren_ros.traffic.demand.lane_chains import chain_along
 from siren_ros.traffic.demand.vehicle_factory import VehicleFactory
 
 _ROUTE_TRIES: Final = 12
-_SAMPLE_M: Final = 1.0
-_BEND_M: Final = 4.0
-"""Half of the length over which the bend of a lane is measured."""
 _CREEP_MPS: Final = 1.0
 _ENTRY_M: Final = 8.0
 """Road behind an EMV's front at the very beginning of its approach: its own length."""
@@ -112,19 +108,12 @@ def unhindered_arrival_s(network: RoadNetwork, start: EmvStart, emv: EmvDemand, 
     speeding up and braking (two passes over samples of the way).
     """
     way = Polyline.joined([network.lanes[lane].centre for lane in start.lanes_to_site])
-    s_m = np.arange(start.front_m, way.length_m, _SAMPLE_M)
-    if len(s_m) == 0:
+    if start.front_m >= way.length_m:
         return 0.0
-    around = np.clip(s_m[:, None] + (-_BEND_M, _BEND_M), 0.0, way.length_m)
-    turned = np.abs(wrap_angle(way.heading_rad(around[:, 1]) - way.heading_rad(around[:, 0])))
-    bend_1pm = turned / np.maximum(around[:, 1] - around[:, 0], _SAMPLE_M)
-    speed = np.minimum(emv.speed_mps, np.sqrt(config.emv_lateral_accel_mps2 / np.maximum(bend_1pm, 1e-6)))
-    for at in range(len(speed) - 2, -1, -1):
-        speed[at] = min(speed[at], math.sqrt(speed[at + 1] ** 2 + 2.0 * config.emv_brake_mps2 * _SAMPLE_M))
-    speed[0] = min(speed[0], emv.depart_speed_mps)
-    for at in range(1, len(speed)):
-        speed[at] = min(speed[at], math.sqrt(speed[at - 1] ** 2 + 2.0 * config.emv_accel_mps2 * _SAMPLE_M))
-    return float(np.sum(_SAMPLE_M / np.maximum(speed, _CREEP_MPS)))
+    ahead = way.cut(start.front_m, way.length_m)
+    speed = np.minimum(emv.speed_mps, bend_speeds_mps(ahead, config.emv_lateral_accel_mps2))
+    speed = with_accelerating(with_braking(speed, config.emv_brake_mps2), emv.depart_speed_mps, config.emv_accel_mps2)
+    return float(np.sum(SAMPLE_M / np.maximum(speed, _CREEP_MPS)))
 
 
 def long_enough_route(

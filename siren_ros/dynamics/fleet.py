@@ -34,7 +34,8 @@ def step_fleet(
 
     Commands of owner ROS drive their actors from the step before to this one. All other actors track SUMO's pose at
     this step. A spawned actor starts at SUMO's pose with SUMO's speed. An actor that ROS hands back at this step rolls
-    on with its speed, because SUMO's pose is still the mirror of its own; tracking begins at the next step.
+    on with its speed, because SUMO's pose is still the mirror of its own; tracking begins at the next step. So does an
+    actor whose vehicle in SUMO was brought back to it.
 
     Args:
         state: The fleet at the step before (any earlier one while it is empty).
@@ -54,7 +55,8 @@ def step_fleet(
     fleet, fresh = with_spawned(without_actors(state, traffic.removed), traffic)
     orders = merge_commands(traffic, commands)
     driven = orders.owner == Owner.ROS
-    handed_back = (fleet.owner == Owner.ROS) & ~driven
+    realigned = [event.actor_id for event in traffic.events if event.kind is EventKind.REALIGNED]
+    handed_back = ((fleet.owner == Owner.ROS) | np.isin(fleet.actor_id, realigned)) & ~driven
     bodies, tracker = _move(fleet, traffic, orders, driven, handed_back)
     if traffic.spawned:
         bodies = BodyState.where(fresh, fleet.bodies, bodies)

@@ -15,7 +15,7 @@ from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.generation.behaviour_setup import behaviour_world
 from siren_ros.generation.episode_setup import EpisodeSetup
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.traffic.observation.checks import check_no_teleport, check_residual
+from siren_ros.traffic.observation.checks import RESIDUAL_LIMIT_M, check_no_teleport, check_residual
 from siren_ros.traffic.simulation import SumoSimulation
 from siren_ros.world.actors import ActorDescription, ActorStates
 from siren_ros.world.commands import AvControl, VehicleCommands, av_commands
@@ -36,7 +36,7 @@ class LoopStep:
 
 
 def closed_loop(
-    setup: EpisodeSetup, steps: int, residual_limit_m: float = 5.0, answers: Sequence[VehicleCommands] = ()
+    setup: EpisodeSetup, steps: int, residual_limit_m: float = RESIDUAL_LIMIT_M, answers: Sequence[VehicleCommands] = ()
 ) -> Iterator[LoopStep]:
     """Runs an episode's behaviour, dynamics and traffic step by step.
 

@@ -30,7 +30,7 @@ from siren_ros.traffic.sumo.sideways import SidewaysLimits
 from siren_ros.traffic.sumo.signal_timing import time_signal
 from siren_ros.traffic.sumo.vehicle_types import vehicle_types_xml
 from siren_ros.world.actors import ActorDescription, ActorStates, Lights, Owner, rows_of_ids
-from siren_ros.world.events import Event
+from siren_ros.world.events import Event, EventKind
 from siren_ros.world.traffic_state import EmvAdvice, SignalState, TrafficState
 
 _LARGEST_SEED: Final = 2**31 - 1
@@ -344,8 +344,13 @@ class SumoSimulation:
         """Events of the step; ``speed_mps`` is SUMO's, and for vehicles that ROS drives the simulated one."""
         started = [self._ids[name] for name in libsumo.simulation.getStartingTeleportIDList() if name in self._ids]
         jump_m = self._config.jump_m
-        events: list[Event] = find_teleports(step, ids, readings, lengths_m, owner, started, self._last, jump_m)
+        back = self._mirror.realigned
+        events: list[Event] = find_teleports(step, ids, readings, lengths_m, owner, started, back, self._last, jump_m)
         for row, (actor_id, lane) in enumerate(zip(ids.tolist(), readings.lane.tolist(), strict=True)):
+            if actor_id in back:
+                detail: dict[str, float | int | str] = {"residual_m": back[actor_id]}
+                x_m, y_m = float(readings.x_m[row]), float(readings.y_m[row])
+                events.append(Event(step, EventKind.REALIGNED, actor_id, x_m=x_m, y_m=y_m, detail=detail))
             if lane != NO_LANE and not self._crossings.is_on(actor_id, lane):
                 place = float(readings.x_m[row]), float(readings.y_m[row])
                 mover = Mover(actor_id, lane, *place, float(speed_mps[row]))

@@ -37,6 +37,8 @@ class EventKind(StrEnum):
     OWNER_CHANGED = "owner_changed"
     SPAWNED = "spawned"
     REMOVED = "removed"
+    REALIGNED = "realigned"
+    """A vehicle in SUMO was brought back to the simulated one, which could not follow it."""
     TELEPORT = "teleport"
 
 

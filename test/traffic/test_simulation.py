@@ -71,6 +71,52 @@ class Follower:
         self.speed_mps = min(max(self.speed_mps + accel_mps2 * STEP_S, 0.0), top_mps)
 
 
+def test_sumo_s_vehicle_is_brought_back_to_a_simulated_one_that_cannot_follow(sumo: SumoSimulation) -> None:
+    state = sumo.step(0, None)
+    for step in range(1, 40):
+        states = following(state)
+        state = sumo.step(step, states)
+    on_lane = np.flatnonzero((state.lane != NO_LANE) & (state.lane_position_m > 15.0) & (state.sumo_speed_mps > 3.0))
+    row = int(on_lane[-1])
+    actor = int(state.actor_id[row])
+    lagging = following(state, actor, 4.0)
+    after = sumo.step(40, lagging)
+    (event,) = [event for event in after.events if event.kind is EventKind.REALIGNED]
+    assert event.actor_id == actor
+    assert event.detail["residual_m"] == pytest.approx(4.0)
+    assert not [event for event in after.events if event.kind is EventKind.TELEPORT]
+    now, then = int(rows_of_ids(after.actor_id, np.array([actor], np.uint32))[0]), row
+    assert after.owner[now] == Owner.SUMO
+    ahead_m = lagging.vx_mps[then] * STEP_S, lagging.vy_mps[then] * STEP_S
+    assert after.sumo_x_m[now] == pytest.approx(lagging.x_m[then] + ahead_m[0], abs=0.05)
+    assert after.sumo_y_m[now] == pytest.approx(lagging.y_m[then] + ahead_m[1], abs=0.05)
+    for step in range(41, 60):
+        after = sumo.step(step, following(after))
+        assert not [event for event in after.events if event.kind in {EventKind.REALIGNED, EventKind.TELEPORT}]
+    assert after.sumo_speed_mps[rows_of_ids(after.actor_id, np.array([actor], np.uint32))[0]] > 1.0, "SUMO drives on"
+
+
+def following(state: TrafficState, lagging: int = 0, by_m: float = 0.0) -> ActorStates:
+    """Simulated vehicles at SUMO's poses; one of them lags behind."""
+    rows = []
+    for row, actor in enumerate(state.actor_id.tolist()):
+        yaw, speed = float(state.sumo_yaw_rad[row]), float(state.sumo_speed_mps[row])
+        behind = by_m if actor == lagging else 0.0
+        rows.append(
+            {
+                "actor_id": actor,
+                "x_m": float(state.sumo_x_m[row]) - behind * np.cos(yaw),
+                "y_m": float(state.sumo_y_m[row]) - behind * np.sin(yaw),
+                "yaw_rad": yaw,
+                "vx_mps": speed * np.cos(yaw),
+                "vy_mps": speed * np.sin(yaw),
+                "residual_m": behind,
+                "owner": int(Owner.SUMO),
+            }
+        )
+    return states_of(state.step, rows)
+
+
 def path_of_emv(network: RoadNetwork, plan: TrafficPlan) -> Polyline:
     emv = plan.emvs[0]
     edges = [network.edge_by_id[edge].index for edge in emv.route]

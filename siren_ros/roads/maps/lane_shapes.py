@@ -4,7 +4,6 @@ netconvert draws bends as polygons with sides of 2 to 10 m, and gives all lanes 
 would turn in jerks at every corner, and change their speed where a lane is longer or shorter than its stated length.
 """
 
-from collections.abc import Sequence
 from typing import Final
 from xml.etree.ElementTree import Element, register_namespace, tostring
 
@@ -25,6 +24,7 @@ _LARGEST_SHIFT_M: Final = 0.3
 _ONE_LENGTH_SHARE: Final = 0.05
 """Lanes of one edge keep one length, their mean, while none differs from it by more than this share. SUMO expects equal
 lengths when vehicles change lanes; a lane that differs more has its own."""
+_LEAST_SIDE_M: Final = 0.05
 _SHORTEST_M: Final = 0.1
 """netconvert's own least length of a lane."""
 _MENDED_FUNCTIONS: Final = frozenset({"normal", "internal"})
@@ -95,7 +95,16 @@ def rounded(points: Points) -> Points:
         share = np.linspace(0.0, 1.0, int(np.ceil(turn / _TURN_PER_POINT_RAD)) + 2)[:, None]
         first, last = kept[vertex] - cut * before, kept[vertex] + cut * after
         found.append((1.0 - share) ** 2 * first + 2.0 * share * (1.0 - share) * kept[vertex] + share**2 * last)
-    return np.concatenate([*found, kept[-1:]])
+    return _without_near_points(np.concatenate([*found, kept[-1:]]))
+
+
+def _without_near_points(points: Points) -> Points:
+    """The points but those that follow another one too closely to show a direction; the ends stay."""
+    found = [points[0]]
+    for point in points[1:-1]:
+        if min(np.hypot(*(point - other)[:2]) for other in (found[-1], points[-1])) >= _LEAST_SIDE_M:
+            found.append(point)
+    return np.stack([*found, points[-1]])
 
 
 def _is_driven_on(lane: Element) -> bool:
@@ -118,5 +127,5 @@ def _number(value: float) -> str:
 
 
 def _length_m(lane: Element) -> float:
-    points: Sequence[Points] = np.diff(_points(lane.attrib["shape"])[:, :2], axis=0)
-    return float(np.linalg.norm(points, axis=1).sum())
+    sides = np.diff(_points(lane.attrib["shape"])[:, :2], axis=0)
+    return float(np.linalg.norm(sides, axis=1).sum())

@@ -6,6 +6,7 @@ from typing import Final
 from siren_ros.lockstep.lockstep import START_TIMEOUT_S, STEP_TIMEOUT_S
 from siren_ros.params.parameter_field import parameter
 from siren_ros.scenario.request import EpisodeRequest
+from siren_ros.traffic.observation.checks import RESIDUAL_LIMIT_M
 
 DEFAULT_PARTICIPANTS: Final = (
     "sumo_bridge",
@@ -32,7 +33,10 @@ class SumoBridgeConfig(EpisodeRequest, ParticipantConfig):
     """``sumo_bridge``: map, scenario and SUMO itself."""
 
     residual_limit_m: float = parameter(
-        5.0, "Distance between SUMO's and the simulated pose above which the episode fails.", minimum=0.1, maximum=100.0
+        RESIDUAL_LIMIT_M,
+        "Distance between SUMO's and the simulated pose above which the episode fails.",
+        minimum=0.1,
+        maximum=100.0,
     )
 
 

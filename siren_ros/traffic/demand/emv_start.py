@@ -113,7 +113,8 @@ def unhindered_arrival_s(network: RoadNetwork, start: EmvStart, emv: EmvDemand, 
     ahead = way.cut(start.front_m, way.length_m)
     speed = np.minimum(emv.speed_mps, bend_speeds_mps(ahead, config.emv_lateral_accel_mps2))
     speed = with_accelerating(with_braking(speed, config.emv_brake_mps2), emv.depart_speed_mps, config.emv_accel_mps2)
-    return float(np.sum(SAMPLE_M / np.maximum(speed, _CREEP_MPS)))
+    driven_m = np.minimum(SAMPLE_M, ahead.length_m - SAMPLE_M * np.arange(len(speed)))
+    return float(np.sum(driven_m / np.maximum(speed, _CREEP_MPS)))
 
 
 def long_enough_route(

@@ -1,5 +1,7 @@
 """Checks of every step between SUMO and the simulated world. An episode that breaks one fails."""
 
+from typing import Final
+
 import numpy as np
 
 from siren_ros.errors import EpisodeError
@@ -7,8 +9,11 @@ from siren_ros.world.actors import ActorStates
 from siren_ros.world.events import EventKind
 from siren_ros.world.traffic_state import TrafficState
 
+RESIDUAL_LIMIT_M: Final = 20.0
+"""A simulated vehicle this far from its pose in SUMO should have been brought back to it long before."""
 
-def check_residual(states: ActorStates, limit_m: float) -> None:
+
+def check_residual(states: ActorStates, limit_m: float = RESIDUAL_LIMIT_M) -> None:
     """Fail where the two worlds have drifted apart.
 
     Raises:

@@ -1,6 +1,6 @@
 """Vehicles that are suddenly elsewhere: SUMO's own teleports, and jumps that it does not call so."""
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 
 import numpy as np
 
@@ -19,6 +19,7 @@ def find_teleports(
     lengths_m: Floats,
     owner: Codes,
     started: Iterable[int],
+    moved_on_purpose: Container[int],
     last: TrafficState | None,
     jump_m: float,
 ) -> list[Event]:
@@ -31,6 +32,7 @@ def find_teleports(
         lengths_m: Of the vehicles. What counts is the front bumper, which SUMO moves; the rod behind it may swing.
         owner: Owner of each row; only vehicles that SUMO owned at both steps can jump.
         started: Actors that SUMO began to teleport.
+        moved_on_purpose: Actors that were put somewhere else at this step.
         last: The step before.
         jump_m: Least distance beyond what a vehicle's speed explains.
     """
@@ -43,7 +45,8 @@ def find_teleports(
         explained = np.maximum(readings.speed_mps, last.sumo_speed_mps[rows]) * STEP_S
         stayed = (rows >= 0) & (owner == Owner.SUMO) & (last.owner[rows] == Owner.SUMO)
         for row in np.flatnonzero(stayed & (moved > explained + jump_m)):
-            found.setdefault(int(ids[row]), "jump")
+            if int(ids[row]) not in moved_on_purpose:
+                found.setdefault(int(ids[row]), "jump")
     if not found:
         return []
     row_of = {int(actor_id): row for row, actor_id in enumerate(ids)}

@@ -141,7 +141,7 @@ class BendLimits:
 
 def _ways_across_junctions(network: RoadNetwork) -> dict[int, int]:
     """The lane that follows each internal lane."""
-    onward = {}
+    onward: dict[int, int] = {}
     for connection in network.connections:
         lanes = (*connection.via, connection.to_lane)
         onward.update(pairwise(lanes))

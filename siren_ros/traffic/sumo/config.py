@@ -26,6 +26,8 @@ class TrafficConfig:
     """A mirrored pose that moved less than this is held, because SUMO may snap to another lane on creeping back."""
     placed_m: float = 0.05
     """A mirrored actor has to stand within this of where it was put."""
+    realign_m: float = 1.5
+    """A simulated vehicle farther than this from its pose in SUMO cannot follow: SUMO's is brought back to it."""
     jump_m: float = 1.0
     """A vehicle that moves further than its speed explains by more than this has been teleported."""
     route_edges_ahead: int = 6

@@ -62,6 +62,8 @@ class Mirror:
         self._matcher = LaneMatcher(network)
         self.places: dict[str, Place] = {}
         """Vehicles that were put somewhere at this step."""
+        self.realigned: dict[int, float] = {}
+        """Actors whose vehicle in SUMO was brought back to the simulated one at this step, and how far, in metres."""
         self._bound: dict[str, _Binding] = {}
         """Vehicles that drive otherwise than they would, for a yield."""
 
@@ -81,16 +83,16 @@ class Mirror:
         before, self.places = self.places, {}
         outside = np.flatnonzero(states.owner == Owner.ROS)
         known = [row for row in outside.tolist() if int(states.actor_id[row]) in vehicles]
-        present = {vehicles[int(states.actor_id[row])].name for row in known}
         for row in known:
             vehicle = vehicles[int(states.actor_id[row])]
-            self._put(states, row, vehicle, routes[vehicle.name], before.get(vehicle.name))
+            self._put(states, row, vehicle, self._place(states, row, vehicle, routes[vehicle.name], before))
+        self._realign(states, vehicles, routes)
         in_sumo = np.flatnonzero(states.owner == Owner.SUMO)
         columns = (states.actor_id, states.mode, states.speed_mps)
         for actor_id, mode, speed_mps in zip(*(column[in_sumo].tolist() for column in columns), strict=True):
             if actor_id in vehicles:
                 name = vehicles[actor_id].name
-                if name in before and name not in present:
+                if name in before and name not in self.places:
                     self._hand_back(name, before[name].match.lane, speed_mps)
                 self._bind(name, mode)
 
@@ -112,9 +114,32 @@ class Mirror:
                 lane = libsumo.vehicle.getLaneID(name)
                 raise EpisodeError(f"SUMO put {name} {miss:.2f} m off the pose that it was given (lane {lane!r})")
 
-    def _put(
-        self, states: ActorStates, row: int, vehicle: PlannedVehicle, route: Sequence[int], before: Place | None
+    def _realign(
+        self, states: ActorStates, vehicles: Mapping[int, PlannedVehicle], routes: Mapping[str, Sequence[int]]
     ) -> None:
+        """Bring SUMO's vehicles back to simulated ones that cannot follow them, where these are on their route."""
+        self.realigned = {}
+        lagging = (states.owner == Owner.SUMO) & (states.residual_m > self._config.realign_m)
+        for row in np.flatnonzero(lagging).tolist():
+            actor_id = int(states.actor_id[row])
+            if actor_id not in vehicles:
+                continue
+            vehicle = vehicles[actor_id]
+            place = self._place(states, row, vehicle, routes[vehicle.name], {})
+            if place.match.lane != NO_LANE:
+                self._put(states, row, vehicle, place)
+                self.realigned[actor_id] = float(states.residual_m[row])
+
+    def _place(
+        self,
+        states: ActorStates,
+        row: int,
+        vehicle: PlannedVehicle,
+        route: Sequence[int],
+        places: Mapping[str, Place],
+    ) -> Place:
+        """Where a vehicle is one step after its state; ``places`` holds those of the step before."""
+        before = places.get(vehicle.name)
         offset = self._network.sumo_offset_m
         x, y, angle = sumo_from_map(
             states.x_m[row] + states.vx_mps[row] * STEP_S,
@@ -124,12 +149,13 @@ class Mirror:
             offset,
         )
         if before is not None and np.hypot(x - before.x_m, y - before.y_m) < self._config.still_m:
-            place = before
-        else:
-            front = (float(x) - offset[0], float(y) - offset[1])
-            lane = before.match.lane if before is not None else NO_LANE
-            match = self._matcher.match(route[:_EDGES_TO_MATCH], front, float(states.yaw_rad[row]), lane)
-            place = Place(float(x), float(y), float(angle), match)
+            return before
+        front = (float(x) - offset[0], float(y) - offset[1])
+        lane = before.match.lane if before is not None else NO_LANE
+        match = self._matcher.match(route[:_EDGES_TO_MATCH], front, float(states.yaw_rad[row]), lane)
+        return Place(float(x), float(y), float(angle), match)
+
+    def _put(self, states: ActorStates, row: int, vehicle: PlannedVehicle, place: Place) -> None:
         # SUMO derives a moved vehicle's speed from lane positions, which differ from lane to lane.
         self._set_speed(vehicle.name, place.match.lane, float(states.speed_mps[row]))
         self._restore_route(vehicle)

@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from siren_ros.judging.junction_traversal import Traversal, find_traversals
 from siren_ros.judging.verdict import Verdict, at_least, closest_of, verdict_of
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
@@ -42,7 +43,7 @@ def shoulder_turn(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Ver
 
 def _of_turn(record: EpisodeRecord, traversal: Traversal, needed_s: float) -> Verdict:
     rows = _turn_rows(record, traversal)
-    turned_deg = -float(np.degrees(np.sum(wrap_angle(np.diff(rows.yaw_rad)))))
+    turned_deg = float(np.degrees(turned_right_rad(rows.yaw_rad)))
     on_shoulder = on_shoulder_area(record.network, rows)
     shoulder_s = float(on_shoulder.sum()) * STEP_S
     junction = record.network.connections[traversal.connection].junction
@@ -58,6 +59,12 @@ def _of_turn(record: EpisodeRecord, traversal: Traversal, needed_s: float) -> Ve
     )
     text = f"the EMV was on the shoulder for {shoulder_s:.1f} s of its turn by {turned_deg:.0f}° to the right"
     return verdict_of(parts, text)
+
+
+def turned_right_rad(yaw_rad: Floats) -> float:
+    """The largest turn to the right within a course of headings. Bends to the left before and after it do not count."""
+    turned = np.concatenate(([0.0], np.cumsum(wrap_angle(np.diff(yaw_rad)))))
+    return float((np.maximum.accumulate(turned) - turned).max())
 
 
 def _turn_rows(record: EpisodeRecord, traversal: Traversal) -> StateRows:

@@ -15,7 +15,7 @@ from hand_made_record import (
     line,
 )
 
-from siren_ros.judging.shoulder_turn import shoulder_turn
+from siren_ros.judging.shoulder_turn import shoulder_turn, turned_right_rad
 from siren_ros.judging.verdict import Verdict
 
 NETWORK = crossing()
@@ -75,3 +75,11 @@ def test_the_shoulder_long_before_the_turn_does_not_count() -> None:
 def test_the_wrong_way_along_a_shoulder_is_not_on_it() -> None:
     record = hand_made(NETWORK, {EMV: Driven(ON_SHOULDER[::-1], at_speed(2.0, 8.0, 300))})
     assert shoulder_turn(record, THRESHOLDS).parts[1].value == 0.0
+
+
+def test_the_turn_is_measured_alone_and_not_summed_with_a_bend_to_the_left() -> None:
+    left, right = np.linspace(0.0, 0.9, 20), np.linspace(0.9, -0.45, 30)
+    assert turned_right_rad(np.concatenate((left, right))) == pytest.approx(1.35)
+    assert turned_right_rad(np.concatenate((left, right, right[::-1]))) == pytest.approx(1.35)
+    assert turned_right_rad(np.linspace(-3.0, -3.6, 10)) == pytest.approx(0.6), "across π"
+    assert turned_right_rad(left) == 0.0

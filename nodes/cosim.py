@@ -11,7 +11,8 @@ from rclpy.node import Node
 
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, SirenError
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.conversions import from_actor_states, from_episode_outcome
+from siren_ros.interfaces.conversions import from_actor_states
+from siren_ros.interfaces.episode_conversions import from_episode_outcome
 from siren_ros.ros.parameters.node_configs import CosimConfig
 from siren_ros.ros.parameters.parameter_overrides import check_names
 from siren_ros.ros.parameters.parameters import declare_config

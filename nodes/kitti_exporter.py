@@ -8,7 +8,7 @@ from siren_ros.datasets.kitti import KittiCamera, KittiFrame, KittiWriter, camer
 from siren_ros.datasets.kitti_export import FRONT_CAMERA
 from siren_ros.errors import InputError
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.conversions import from_ground_truth
+from siren_ros.interfaces.boxes import from_ground_truth
 from siren_ros.interfaces.images import from_compressed_image
 from siren_ros.interfaces.point_cloud import from_point_cloud
 from siren_ros.lockstep.tick_join import Input

@@ -9,15 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.conversions import (
-    to_actor_states,
-    to_episode_description,
-    to_episode_outcome,
-    to_events,
-    to_ground_truth,
-    to_traffic_state,
-    to_vehicle_commands,
-)
+from siren_ros.interfaces.boxes import to_ground_truth
+from siren_ros.interfaces.conversions import to_actor_states, to_events, to_traffic_state, to_vehicle_commands
+from siren_ros.interfaces.episode_conversions import to_episode_description, to_episode_outcome
 from siren_ros.interfaces.messages import make_message, stamp
 from siren_ros.interfaces.point_cloud import to_point_cloud
 from siren_ros.numerics.geometry import rotate

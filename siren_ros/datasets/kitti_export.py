@@ -5,7 +5,7 @@ from typing import Final
 
 from siren_ros.datasets.kitti import KittiCamera, KittiFrame, KittiWriter, camera_from_lidar
 from siren_ros.errors import BagError
-from siren_ros.interfaces.conversions import from_ground_truth
+from siren_ros.interfaces.boxes import from_ground_truth
 from siren_ros.interfaces.images import from_camera_info, from_compressed_image
 from siren_ros.interfaces.point_cloud import from_point_cloud
 from siren_ros.interfaces.topics import CAMERA_INFO, GROUND_TRUTH, IMAGE_COMPRESSED, LIDAR, TF_STATIC, Topic

@@ -1,4 +1,4 @@
-"""What the platform and the controller of the AV under test tell each other: its control, and the way to drive."""
+"""Messages between the platform and the AV's controller: the control, and the route to drive."""
 
 from typing import Any
 
@@ -30,7 +30,7 @@ def from_av_control(message: Any) -> AvControl:
     """Inverse of ``to_av_control``.
 
     Raises:
-        EpisodeError: The stamp is not the time of the step, which happens where somebody else made the message.
+        EpisodeError: The stamp is not the time of the step; another program may have made the message.
     """
     control = AvControl(
         step=int(message.step),
@@ -46,7 +46,7 @@ def from_av_control(message: Any) -> AvControl:
 
 
 def to_path(way: Polyline) -> Any:
-    """``nav_msgs/Path`` of a way that is known before the first step; each pose looks along it."""
+    """``nav_msgs/Path`` of a route that is known before the first step; each pose points along it."""
     at_start = header(0, MAP_FRAME)
     headings = way.heading_rad(way.arc_m)
     return make_message(

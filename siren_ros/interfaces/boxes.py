@@ -1,16 +1,39 @@
-"""Ground truth boxes as ``vision_msgs/Detection3DArray``, the standard type that viewers and stacks read."""
+"""Labels in space: ``siren_msgs/GroundTruth``, and ``vision_msgs/Detection3DArray`` for standard tools."""
 
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from siren_ros.interfaces.messages import header, make_message, time_ns_of
+from siren_ros.interfaces.message_content import checks_content
+from siren_ros.interfaces.messages import as_arrays, as_sequences, header, make_message, time_ns_of
 from siren_ros.interfaces.transforms import from_quaternion, quaternion_of_yaw, to_pose, to_vector, yaw_of_quaternion
 from siren_ros.numerics.arrays import Floats, Ids
 from siren_ros.numerics.units import step_of_time_ns, time_ns_of_step
 from siren_ros.world.actors import ActorClass
-from siren_ros.world.ground_truth import GroundTruth
+from siren_ros.world.ground_truth import GROUND_TRUTH_DTYPES, GroundTruth
+
+
+def to_ground_truth(truth: GroundTruth) -> Any:
+    """``siren_msgs/GroundTruth``."""
+    return make_message(
+        "siren_msgs/msg/GroundTruth",
+        header=header(time_ns_of_step(truth.step), truth.frame_id),
+        step=truth.step,
+        carrier_id=truth.carrier_id,
+        **as_sequences(truth, list(GROUND_TRUTH_DTYPES)),
+    )
+
+
+@checks_content
+def from_ground_truth(message: Any) -> GroundTruth:
+    """Inverse of ``to_ground_truth``."""
+    return GroundTruth(
+        step=int(message.step),
+        carrier_id=int(message.carrier_id),
+        frame_id=str(message.header.frame_id),
+        **as_arrays(message, GROUND_TRUTH_DTYPES),
+    )
 
 
 @dataclass(frozen=True)

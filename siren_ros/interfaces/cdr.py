@@ -1,4 +1,4 @@
-"""Serialised messages from the outside: decoded with errors that name the topic, or only their stamp read."""
+"""Serialised messages: encoded, decoded with errors that name the topic, and their stamps read without decoding."""
 
 import struct
 from dataclasses import replace
@@ -24,10 +24,10 @@ _LENGTH: Final = struct.Struct("<I")
 
 
 def encode_cdr(store: Typestore, topic: Topic, message: Any) -> bytes:
-    """CDR of a message, filled up to whole words.
+    """CDR of a message, padded to whole words.
 
-    DDS fills up a payload that travels between processes and not one that stays within its process; a
-    payload that needs no filling is the same bytes everywhere. Points and pictures are copied once.
+    DDS pads a payload between processes but not within a process. A payload of whole words is the same bytes
+    everywhere. Points and pictures are copied once.
     """
     after = _BYTES_AFTER_DATA.get(topic.type_name)
     if after is None:

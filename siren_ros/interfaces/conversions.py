@@ -1,27 +1,18 @@
-"""The project's own message types: paired functions ``to_X`` and ``from_X``, exact inverses.
+"""The states, commands and events of a step as messages: paired functions ``to_X`` and ``from_X``, exact inverses.
 
-``to_X(value)`` makes a message, ``from_X(message)`` reads one, from a topic or from a bag. Only the wall time in
-StepDone is not simulated data.
+``to_X(value)`` makes a message, ``from_X(message)`` reads one, from a topic or from a bag.
 """
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from siren_ros.interfaces.audio import from_audio
-from siren_ros.interfaces.av_control import from_av_control
-from siren_ros.interfaces.image_boxes import from_camera_truth
-from siren_ros.interfaces.lockstep_reports import EpisodeClosing, Phase, StepReport
 from siren_ros.interfaces.message_content import checks_content, json_object, json_text
-from siren_ros.interfaces.messages import as_arrays, as_sequences, header, make_message, sequence, stamp
+from siren_ros.interfaces.messages import as_arrays, as_sequences, make_message, stamp
 from siren_ros.numerics.units import time_ns_of_step
-from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
-from siren_ros.scenario.levels import EmergencyLevel
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
 from siren_ros.world.commands import COMMAND_DTYPES, VehicleCommands
 from siren_ros.world.events import Event, EventKind
-from siren_ros.world.ground_truth import GROUND_TRUTH_DTYPES, GroundTruth
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, EmvAdvice, SignalState, TrafficState
 
 
@@ -210,151 +201,3 @@ def to_actor_states(states: ActorStates) -> Any:
 def from_actor_states(message: Any) -> ActorStates:
     """Inverse of ``to_actor_states``."""
     return ActorStates(step=int(message.step), **as_arrays(message, ACTOR_STATE_DTYPES))
-
-
-def to_ground_truth(truth: GroundTruth) -> Any:
-    """``siren_msgs/GroundTruth``."""
-    return make_message(
-        "siren_msgs/msg/GroundTruth",
-        header=header(time_ns_of_step(truth.step), truth.frame_id),
-        step=truth.step,
-        carrier_id=truth.carrier_id,
-        **as_sequences(truth, list(GROUND_TRUTH_DTYPES)),
-    )
-
-
-@checks_content
-def from_ground_truth(message: Any) -> GroundTruth:
-    """Inverse of ``to_ground_truth``."""
-    return GroundTruth(
-        step=int(message.step),
-        carrier_id=int(message.carrier_id),
-        frame_id=str(message.header.frame_id),
-        **as_arrays(message, GROUND_TRUTH_DTYPES),
-    )
-
-
-def to_step_done(report: StepReport) -> Any:
-    """``siren_msgs/StepDone``."""
-    return make_message(
-        "siren_msgs/msg/StepDone",
-        step=report.step,
-        participant=report.participant,
-        phase=int(report.phase),
-        error=report.error,
-        busy_s=float(report.busy_s),
-    )
-
-
-@checks_content
-def from_step_done(message: Any) -> StepReport:
-    """Inverse of ``to_step_done``."""
-    return StepReport(
-        step=int(message.step),
-        participant=str(message.participant),
-        phase=Phase(int(message.phase)),
-        error=str(message.error),
-        busy_s=float(message.busy_s),
-    )
-
-
-def to_episode_description(episode: EpisodeDescription) -> Any:
-    """``siren_msgs/EpisodeDescription``."""
-    return make_message(
-        "siren_msgs/msg/EpisodeDescription",
-        stamp=stamp(0),
-        template_id=episode.template,
-        level=int(episode.level),
-        seed=episode.seed,
-        map_name=episode.map_name,
-        map_sha256=episode.map_sha256,
-        duration_s=float(episode.duration_s),
-        sensor_suite=episode.sensor_suite,
-        preset=episode.preset,
-        emv_ids=sequence(np.array(episode.emv_ids, dtype=np.uint32)),
-        parameters=json_text(dict(episode.parameters)),
-        versions=json_text(dict(episode.versions)),
-        site=json_text(dict(episode.site)),
-    )
-
-
-@checks_content
-def from_episode_description(message: Any) -> EpisodeDescription:
-    """Inverse of ``to_episode_description``."""
-    return EpisodeDescription(
-        template=str(message.template_id),
-        level=EmergencyLevel(int(message.level)),
-        seed=int(message.seed),
-        map_name=str(message.map_name),
-        map_sha256=str(message.map_sha256),
-        duration_s=float(message.duration_s),
-        sensor_suite=str(message.sensor_suite),
-        preset=str(message.preset),
-        emv_ids=tuple(int(value) for value in message.emv_ids),
-        parameters=json_object(message.parameters),
-        versions=json_object(message.versions),
-        site=json_object(message.site),
-    )
-
-
-def to_episode_end(closing: EpisodeClosing) -> Any:
-    """``siren_msgs/EpisodeEnd``."""
-    return make_message(
-        "siren_msgs/msg/EpisodeEnd",
-        stamp=stamp(time_ns_of_step(max(closing.steps - 1, 0))),
-        steps=closing.steps,
-        end=closing.end.value,
-        reason=closing.reason,
-    )
-
-
-@checks_content
-def from_episode_end(message: Any) -> EpisodeClosing:
-    """Inverse of ``to_episode_end``."""
-    return EpisodeClosing(steps=int(message.steps), end=EpisodeEnd(message.end), reason=str(message.reason))
-
-
-def to_episode_outcome(outcome: EpisodeOutcome) -> Any:
-    """``siren_msgs/EpisodeOutcome``."""
-    return make_message(
-        "siren_msgs/msg/EpisodeOutcome",
-        stamp=stamp(time_ns_of_step(max(outcome.steps - 1, 0))),
-        end=outcome.end.value,
-        reason=outcome.reason,
-        steps=outcome.steps,
-        predicate=-1 if outcome.predicate_holds is None else int(outcome.predicate_holds),
-        measures=json_text(dict(outcome.measures)),
-    )
-
-
-@checks_content
-def from_episode_outcome(message: Any) -> EpisodeOutcome:
-    """Inverse of ``to_episode_outcome``."""
-    return EpisodeOutcome(
-        end=EpisodeEnd(message.end),
-        reason=str(message.reason),
-        steps=int(message.steps),
-        predicate_holds=None if int(message.predicate) < 0 else bool(message.predicate),
-        measures=json_object(message.measures),
-    )
-
-
-READERS: dict[str, Callable[[Any], Any]] = {
-    "siren_msgs/msg/Event": from_event,
-    "siren_msgs/msg/Events": from_events,
-    "siren_msgs/msg/ActorDescription": from_actor_description,
-    "siren_msgs/msg/SignalState": from_signal_state,
-    "siren_msgs/msg/EmvAdvice": from_emv_advice,
-    "siren_msgs/msg/TrafficState": from_traffic_state,
-    "siren_msgs/msg/VehicleCommands": from_vehicle_commands,
-    "siren_msgs/msg/AvControl": from_av_control,
-    "siren_msgs/msg/ActorStates": from_actor_states,
-    "siren_msgs/msg/GroundTruth": from_ground_truth,
-    "siren_msgs/msg/CameraTruth": from_camera_truth,
-    "siren_msgs/msg/AudioChunk": from_audio,
-    "siren_msgs/msg/StepDone": from_step_done,
-    "siren_msgs/msg/EpisodeDescription": from_episode_description,
-    "siren_msgs/msg/EpisodeEnd": from_episode_end,
-    "siren_msgs/msg/EpisodeOutcome": from_episode_outcome,
-}
-"""The reading half of every pair, by message type."""

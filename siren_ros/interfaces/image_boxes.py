@@ -28,7 +28,10 @@ def from_camera_truth(message: Any) -> CameraTruth:
 
 
 def to_image_boxes(truth: CameraTruth, frame_id: str) -> Any:
-    """``vision_msgs/Detection2DArray`` of the vehicles that show; id: the actor's, score: the visible fraction."""
+    """``vision_msgs/Detection2DArray`` of the visible vehicles.
+
+    A detection's ``id`` is the actor's id, its score the visible fraction.
+    """
     stamped = header(time_ns_of_step(truth.step), frame_id)
     nowhere = make_message(
         "geometry_msgs/msg/PoseWithCovariance",

@@ -1,4 +1,4 @@
-"""``visualization_msgs/MarkerArray``: what RViz and Foxglove show of an episode while it runs."""
+"""``visualization_msgs/MarkerArray``: vehicles for RViz and Foxglove while an episode runs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

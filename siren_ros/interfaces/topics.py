@@ -16,7 +16,7 @@ ONCE: Final = 0
 
 @dataclass(frozen=True)
 class Topic:
-    """One topic and the promise its publisher makes."""
+    """One topic: who publishes it and how often."""
 
     name: str
     type_name: str
@@ -42,7 +42,7 @@ class Topic:
         return sum(name in participants for name in self.subscribers)
 
     def of_sensor(self, sensor: str, period_steps: int) -> "Topic":
-        """This topic for one sensor of a suite, whose name stands for ``{sensor}``."""
+        """This topic for one sensor of a suite, with the sensor's name in place of ``{sensor}``."""
         return replace(self, name=self.name.format(sensor=sensor), period_steps=period_steps)
 
     def if_recorded(self, recorded: bool) -> "Topic":
@@ -50,9 +50,9 @@ class Topic:
         return replace(self, subscribers=("recorder",) if recorded else ())
 
     def of_carrier(self, carrier: str) -> "Topic":
-        """This topic of the first emergency vehicle's for another carrier of sensors: ``/av/odom`` for ``/emv/odom``.
+        """This topic for another carrier than the first emergency vehicle: ``/av/odom`` for ``/emv/odom``.
 
-        The nodes of the graph do not wait for messages of other carriers; the recorder does.
+        Of the nodes, only the recorder waits for messages of other carriers.
         """
         name = self.name.removeprefix(f"/{EMV_CARRIER}/")
         if carrier == EMV_CARRIER or name == self.name:
@@ -132,11 +132,11 @@ AV_ROUTE: Final = Topic("/av/route", "nav_msgs/msg/Path", "sumo_bridge", ("recor
 """The lane centres along which the AV would get to where it wants to go."""
 
 LAGGED_INPUTS: Final = frozenset({(ACTORS.name, "sumo_bridge"), (AV_CONTROL.name, "vehicle_dynamics")})
-"""Topic and subscriber of the arrows that carry the step before."""
+"""Topic and subscriber where a step needs the message of the step before."""
 
 
 def upstream_of(participant: str, *, lagged: bool = False) -> frozenset[str]:
-    """Participants that must have acted on a step before this one can; ``lagged``: or that it hears at all."""
+    """Participants that must act on a step before this one can; with ``lagged`` also those of the step before."""
     every = (
         CLOCK,
         TRAFFIC,

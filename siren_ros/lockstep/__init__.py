@@ -1,1 +1,1 @@
-"""The lockstep's decisions: when a step is complete, which inputs belong together. No ROS."""
+"""Decisions of the lockstep: when a step is complete, which inputs belong together. No ROS."""

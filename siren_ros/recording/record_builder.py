@@ -6,7 +6,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 
 from siren_ros.errors import BagError
-from siren_ros.interfaces import conversions
+from siren_ros.interfaces import conversions, episode_conversions
 from siren_ros.interfaces.av_control import from_av_control
 from siren_ros.interfaces.topics import (
     ACTORS,
@@ -105,7 +105,7 @@ class RecordBuilder:
         counter.stamp_mismatches += stamp_ns is not None and stamp_ns != time_ns
 
     def _take_description(self, message: Any) -> None:
-        description = conversions.from_episode_description(message)
+        description = episode_conversions.from_episode_description(message)
         check_description(description)
         self._description = description
 
@@ -140,7 +140,7 @@ class RecordBuilder:
         self._events.extend(events)
 
     def _take_outcome(self, message: Any) -> None:
-        self.set_outcome(conversions.from_episode_outcome(message))
+        self.set_outcome(episode_conversions.from_episode_outcome(message))
 
     def set_outcome(self, outcome: EpisodeOutcome) -> None:
         """Takes the outcome."""

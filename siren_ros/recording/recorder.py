@@ -10,7 +10,7 @@ from rosbags.typesys.store import Typestore
 
 from siren_ros.errors import EpisodeError, SirenError
 from siren_ros.interfaces.cdr import decode_cdr, encode_cdr, step_of_cdr
-from siren_ros.interfaces.conversions import to_episode_outcome
+from siren_ros.interfaces.episode_conversions import to_episode_outcome
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing
 from siren_ros.interfaces.topics import OUTCOME, Topic
 from siren_ros.numerics.units import time_ns_of_step

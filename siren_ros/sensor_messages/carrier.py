@@ -1,4 +1,4 @@
-"""Who carries sensors; a carrier's own frames and motion, from its state."""
+"""The carriers: vehicles with sensors, with their frames and their motion."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -87,7 +87,7 @@ def static_transforms(
 ) -> tuple[Transform, ...]:
     """``/tf_static`` of a suite: ``base_link`` to each sensor, and to each camera's optical frame.
 
-    Where the suite stands at a station, given in the ``map`` frame, that is their parent in ``base_link``'s place.
+    At a station, given in the ``map`` frame, the station's frame is their parent instead of ``base_link``.
     """
     parent = carrier.frame(BASE_FRAME if station is None else STATION_FRAME)
     bodies = [_transform(parent, carrier.frame(name), mount.base_from_sensor) for name, mount in suite.mounts]

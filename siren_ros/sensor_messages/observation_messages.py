@@ -1,4 +1,4 @@
-"""Observations as messages: what ``sensor_sim`` publishes at a step."""
+"""Observations as messages: the output of ``sensor_sim`` at a step."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -8,8 +8,7 @@ import numpy as np
 
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.audio import to_audio
-from siren_ros.interfaces.boxes import boxes_of, to_boxes
-from siren_ros.interfaces.conversions import to_ground_truth
+from siren_ros.interfaces.boxes import boxes_of, to_boxes, to_ground_truth
 from siren_ros.interfaces.image_boxes import to_camera_truth, to_image_boxes
 from siren_ros.interfaces.images import CameraIntrinsics, to_camera_info, to_compressed_image, to_image
 from siren_ros.interfaces.markers import to_markers, vehicle_markers
@@ -43,7 +42,7 @@ def shared_messages(
     actors: Mapping[int, ActorDescription],
     carriers: Sequence[tuple[Carrier, int]],
 ) -> Iterator[Published]:
-    """Messages of a step that are not one carrier's own: the tree of frames, and the markers.
+    """Messages of a step that all carriers share: the tree of frames, and the markers.
 
     Args:
         states: All actors at the step.
@@ -96,7 +95,7 @@ class ObservationMessages:
             yield self._own(topics.BOXES), to_boxes(boxes_of(truth, truth.frame_id))
 
     def wanted_labels(self, camera: CameraSpec) -> WantedLabels:
-        """What the suite records of a camera, and what somebody listens to."""
+        """Labels of a camera that the suite records or that somebody listens to."""
         period, recorded = period_steps(camera.rate_hz), WantedLabels.of(self.suite, camera)
         depth = self._own(topics.IMAGE_DEPTH.of_sensor(camera.name, period))
         instance = self._own(topics.IMAGE_INSTANCE.of_sensor(camera.name, period))
@@ -161,7 +160,7 @@ class ObservationMessages:
 
 
 def intrinsics(spec: CameraSpec) -> CameraIntrinsics:
-    """What CameraInfo says of a camera."""
+    """Intrinsics of a camera for CameraInfo."""
     pinhole = Pinhole.of(spec)
     k = pinhole.k
     return CameraIntrinsics(

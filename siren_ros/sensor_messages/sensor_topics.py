@@ -1,4 +1,4 @@
-"""The topics that a suite brings, and all topics of an episode in the order in which a step is recorded."""
+"""Topics of a suite, and all topics of an episode in the order in which a step is recorded."""
 
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.topics import Topic
@@ -9,7 +9,7 @@ from siren_ros.world.actors import NO_ACTOR
 
 
 def suite_topics(suite: SensorSuite, carrier: Carrier = EMV) -> tuple[Topic, ...]:
-    """Topics of the sensors of a carrier's suite, images that nobody records included."""
+    """Topics of a suite's sensors, including images that are not recorded."""
     first = min((lidar.name for lidar in suite.lidars), default="")
     found = []
     for lidar in suite.lidars:
@@ -25,7 +25,7 @@ def suite_topics(suite: SensorSuite, carrier: Carrier = EMV) -> tuple[Topic, ...
 
 
 def camera_topics(camera: CameraSpec, suite: SensorSuite) -> tuple[Topic, ...]:
-    """Topics of a camera, its name still to be put in."""
+    """Topics of a camera, with ``{sensor}`` in place of its name."""
     exported = camera.name == EXPORTED_CAMERA
     return (
         topics.IMAGE_COMPRESSED if exported else topics.IMAGE_COMPRESSED.if_recorded(True),
@@ -52,10 +52,10 @@ def recorded_topics(suite: SensorSuite, av_suite: SensorSuite | None = None) -> 
 
 
 def carriers_of(episode: EpisodeDescription) -> tuple[tuple[Carrier, int, SensorSuite], ...]:
-    """Who carries sensors in an episode: the carrier, its actor id and its suite.
+    """The carriers of an episode: each with its actor id and its suite.
 
     Raises:
-        InputError: A suite that is not to be had here.
+        InputError: A suite that cannot be loaded.
     """
     emv = (EMV, episode.emv_ids[0], load_suite(episode.sensor_suite))
     if episode.av_id == NO_ACTOR:

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from message_readers import READERS
 from rosbags.typesys.store import Typestore
 from synthetic_episode import Scene, SyntheticEpisode
 
 from siren_ros.errors import BagError, EpisodeError, InputError, SirenError
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.cdr import decode_cdr, step_of_cdr
-from siren_ros.interfaces.conversions import READERS
 from siren_ros.judging.verify import verify_episode
 from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.recording.bag_reader import read_episode

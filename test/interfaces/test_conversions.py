@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from message_readers import READERS
 from rclpy.serialization import deserialize_message
 from repository import REPOSITORY
 
 from siren_ros.errors import InputError
-from siren_ros.interfaces import conversions
+from siren_ros.interfaces import boxes, conversions, episode_conversions
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing, Phase, StepReport
 from siren_ros.interfaces.messages import typestore
 from siren_ros.ros.transport.endpoints import message_class
@@ -109,19 +110,19 @@ values = st.one_of(
 )
 
 PAIRS: dict[type, tuple[str, Any]] = {
-    cls: (f"siren_msgs/msg/{message}", getattr(conversions, f"to_{snake}"))
-    for cls, message, snake in (
-        (ActorStates, "ActorStates", "actor_states"),
-        (VehicleCommands, "VehicleCommands", "vehicle_commands"),
-        (GroundTruth, "GroundTruth", "ground_truth"),
-        (TrafficState, "TrafficState", "traffic_state"),
-        (Event, "Event", "event"),
-        (ActorDescription, "ActorDescription", "actor_description"),
-        (SignalState, "SignalState", "signal_state"),
-        (StepReport, "StepDone", "step_done"),
-        (EpisodeClosing, "EpisodeEnd", "episode_end"),
-        (EpisodeDescription, "EpisodeDescription", "episode_description"),
-        (EpisodeOutcome, "EpisodeOutcome", "episode_outcome"),
+    cls: (f"siren_msgs/msg/{message}", getattr(module, f"to_{snake}"))
+    for module, cls, message, snake in (
+        (conversions, ActorStates, "ActorStates", "actor_states"),
+        (conversions, VehicleCommands, "VehicleCommands", "vehicle_commands"),
+        (boxes, GroundTruth, "GroundTruth", "ground_truth"),
+        (conversions, TrafficState, "TrafficState", "traffic_state"),
+        (conversions, Event, "Event", "event"),
+        (conversions, ActorDescription, "ActorDescription", "actor_description"),
+        (conversions, SignalState, "SignalState", "signal_state"),
+        (episode_conversions, StepReport, "StepDone", "step_done"),
+        (episode_conversions, EpisodeClosing, "EpisodeEnd", "episode_end"),
+        (episode_conversions, EpisodeDescription, "EpisodeDescription", "episode_description"),
+        (episode_conversions, EpisodeOutcome, "EpisodeOutcome", "episode_outcome"),
     )
 }
 
@@ -139,7 +140,7 @@ def same(left: Any, right: Any) -> bool:
 @given(values)
 def test_round_trip(value: Any) -> None:
     type_name, convert = PAIRS[type(value)]
-    read = conversions.READERS[type_name]
+    read = READERS[type_name]
     message = convert(value)
     assert same(read(message), value)
     cdr = bytes(STORE.serialize_cdr(message, type_name))
@@ -150,7 +151,7 @@ def test_round_trip(value: Any) -> None:
 
 def test_every_own_message_has_a_reader() -> None:
     folder = REPOSITORY / "msg_defs" / "msg"
-    assert {f"siren_msgs/msg/{path.stem}" for path in folder.glob("*.msg")} == set(conversions.READERS)
+    assert {f"siren_msgs/msg/{path.stem}" for path in folder.glob("*.msg")} == set(READERS)
 
 
 @pytest.mark.parametrize("step", [0, 1, 19, 20, 12345])

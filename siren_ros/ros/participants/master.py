@@ -9,7 +9,7 @@ from rclpy.node import Node
 
 from siren_ros.errors import SirenError
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.conversions import from_step_done, to_episode_end
+from siren_ros.interfaces.episode_conversions import from_step_done, to_episode_end
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing, StepReport
 from siren_ros.interfaces.messages import make_message, stamp
 from siren_ros.lockstep import lockstep

@@ -11,7 +11,7 @@ from rclpy.node import Node
 
 from siren_ros.errors import SirenError
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.conversions import from_episode_description, from_episode_end, to_step_done
+from siren_ros.interfaces.episode_conversions import from_episode_description, from_episode_end, to_step_done
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing, Phase, StepReport
 from siren_ros.interfaces.topics import Topic
 from siren_ros.lockstep.tick_join import Input, TickJoin

@@ -23,7 +23,7 @@ from siren_ros.sensors.suite.wanted_labels import WantedLabels
 
 @dataclass(frozen=True, eq=False)
 class CameraFrame:
-    """One exposure; all images are of the same instant and the same draw."""
+    """One exposure. All its images come from the same instant and the same draw."""
 
     sensor: str
     step: int
@@ -47,7 +47,7 @@ class Camera:
     """One camera on one carrier; the renderer may serve several."""
 
     def __init__(self, spec: CameraSpec, renderer: Renderer | RaycastRenderer, seed: int, encoder: Executor) -> None:
-        """Prepare the intrinsics; ``seed`` is the episode's. The encoder works while the next picture is drawn."""
+        """Prepare the intrinsics; ``seed`` is the episode's. The encoder runs while the next picture is drawn."""
         self._encoder = encoder
         self.spec = spec
         self.pinhole = Pinhole.of(spec)
@@ -63,9 +63,9 @@ class Camera:
         signals: Mapping[str, str],
         wanted: WantedLabels,
     ) -> Callable[[], CameraFrame]:
-        """Begin with a picture from a pose of the camera's body frame (x forward), shape ``(4, 4)``.
+        """Begin a picture from a pose of the camera's body frame (x forward), shape ``(4, 4)``.
 
-        What is returned waits for the picture and gives it, with the wanted labels. Call it once.
+        The returned function waits for the picture and returns it with the wanted labels. Call it once.
         """
         spec = self.spec
         picture = self._renderer.begin(

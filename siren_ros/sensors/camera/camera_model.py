@@ -53,7 +53,7 @@ class Pinhole:
     def clip_from_optical(self, near_m: float, far_m: float) -> Matrix:
         """OpenGL's clip matrix for the optical frame, shape ``(4, 4)``.
 
-        The picture's top row becomes OpenGL's row 0, so that what is read back needs no flip.
+        The picture's top row becomes OpenGL's row 0, so that the pixels that are read back need no flip.
         """
         span = far_m - near_m
         return np.array(
@@ -67,5 +67,5 @@ class Pinhole:
 
 
 def optical_from_map(map_from_camera: Matrix) -> Matrix:
-    """Transform into the optical frame of a camera whose body frame (x forward) stands at a pose, ``(4, 4)``."""
+    """Transform into a camera's optical frame, given the pose of its body frame (x forward), ``(4, 4)``."""
     return transform(OPTICAL_FROM_BODY, np.zeros(3)) @ inverse(map_from_camera)

@@ -1,4 +1,4 @@
-"""An OpenGL context without a window, whose drawing goes on while the caller does something else."""
+"""An OpenGL context without a window. It draws while the caller does something else."""
 
 import ctypes
 import os
@@ -21,7 +21,7 @@ class RendererUnavailableError(SirenError):
 
 
 class DrawingContext:
-    """A context of its own; everything that uses it must run in the thread that makes it."""
+    """A context of its own. Everything that uses it must run in the thread that makes it."""
 
     def __init__(self) -> None:
         """Open it.
@@ -42,12 +42,12 @@ class DrawingContext:
         self._handle = self._present()
 
     def use(self) -> None:
-        """Make it the thread's present one. Nothing is done where it is: a change would wait for all drawing."""
+        """Make it the thread's current context, unless it is already: a change would wait for all drawing."""
         if self._present() != self._handle:
             self.gl.mglo.__enter__()
 
     def flush(self) -> None:
-        """Begin with all that was asked for, and do not wait for it."""
+        """Start all pending drawing and do not wait for it."""
         self._flush()
 
 

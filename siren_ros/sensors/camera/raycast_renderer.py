@@ -16,7 +16,7 @@ from siren_ros.sensors.camera.rendered_image import RenderedImage
 from siren_ros.sensors.camera.shading.surface_light import ambient_light
 from siren_ros.sensors.lidar.embree import tiles
 from siren_ros.sensors.lidar.raycast_world import RaycastWorld
-from siren_ros.sensors.meshes.material import SemanticClass, semantic_class_of_actor
+from siren_ros.sensors.meshes.material import SEMANTIC_CLASS_OF_MATERIAL, SemanticClass, semantic_class_of_actor
 from siren_ros.sensors.meshes.mesh import Material, StaticScene, VehicleShape
 from siren_ros.sensors.meshes.placement import Placement
 from siren_ros.sensors.suite.look import Look
@@ -75,7 +75,7 @@ class RaycastRenderer:
                 glow[lens] = albedo[lens] / _LENS_ALBEDO * 2.6 + 0.1
         normal = np.array(hits.normal, dtype=np.float64)
         normal[hit] /= np.linalg.norm(normal[hit], axis=1, keepdims=True)
-        semantic = np.where(hit, self._world.static_semantic[self._static.mesh.material[triangle]], 0).astype(np.uint8)
+        semantic = np.where(hit, SEMANTIC_CLASS_OF_MATERIAL[self._static.mesh.material[triangle]], 0).astype(np.uint8)
         semantic[~hit] = int(SemanticClass.SKY)
         actor = np.zeros(len(rays), np.uint32)
         near = np.flatnonzero(placement.distance_m(*map_from_camera[:2, 3]) < _REACH_M)
@@ -90,7 +90,7 @@ class RaycastRenderer:
         return RenderedImage(rgba, actor.reshape(shape) if labels or instances else None, far if labels else None)
 
     def begin(self, *arguments: Any, **options: Any) -> Callable[[], RenderedImage]:
-        """The picture, cast when it is asked for; arguments as ``Renderer.begin``."""
+        """The picture, cast when the returned function is called; arguments as ``Renderer.begin``."""
         return partial(self.render, *arguments, **options)
 
     def _vehicle(
@@ -102,7 +102,7 @@ class RaycastRenderer:
         surface: tuple[Floats, Floats, Floats],
         names: tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint32]],
     ) -> None:
-        """Put one vehicle in front of what the rays have met so far: albedo, glow and normal; class and actor."""
+        """Replace hits that lie behind one vehicle: albedo, glow and normal; class and actor."""
         kind = ActorClass(int(placement.actor_class[row]))
         centre = np.array([placement.x_m[row], placement.y_m[row], placement.z_m[row] + placement.size_m[row, 2] / 2])
         direction = rays[:, 3:].astype(np.float64)

@@ -1,4 +1,4 @@
-"""What a renderer hands back."""
+"""The result of a renderer."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Draws the scene from a camera and hands the pixels back."""
+"""Draws the scene from a camera and returns the pixels."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -30,7 +30,7 @@ from siren_ros.world.actors import ActorClass
 NEAR_M: Final = 0.1
 FAR_M: Final = 700.0
 _REACH_M: Final = 450.0
-"""Vehicles further away than this are left to the haze."""
+"""Vehicles further away than this are not drawn: haze hides them."""
 _NOISE_TEXELS: Final = 512
 _SMOOTH: Final = (moderngl.LINEAR_MIPMAP_NEAREST, moderngl.LINEAR)
 _COARSE: Final = (moderngl.NEAREST_MIPMAP_NEAREST, moderngl.NEAREST)
@@ -84,7 +84,7 @@ class Renderer:
 
     @property
     def device(self) -> str:
-        """What draws: the name that OpenGL gives its renderer."""
+        """Name that OpenGL gives its renderer."""
         return str(self._context.info["GL_RENDERER"])
 
     def render(self, *arguments: Any, **options: Any) -> RenderedImage:
@@ -103,10 +103,10 @@ class Renderer:
         labels: bool = False,
         instances: bool = False,
     ) -> Callable[[], RenderedImage]:
-        """Begin with one picture from a pose of the camera's body frame (x forward), shape ``(4, 4)``.
+        """Begin one picture from a pose of the camera's body frame (x forward), shape ``(4, 4)``.
 
-        The drawing goes on while the caller does something else; what is returned waits for it and gives the picture.
-        Call it once.
+        The drawing goes on while the caller does something else. The returned function waits for it and returns the
+        picture. Call it once.
 
         Args:
             camera: Intrinsics.
@@ -137,7 +137,7 @@ class Renderer:
         return image
 
     def draw_again(self, camera: Pinhole) -> RenderedImage:
-        """The last picture once more, nothing but its draw and read-back: what ``render``'s time is measured by.
+        """Draw and read back the last picture once more: the reference for the time of ``render``.
 
         Args:
             camera: The camera of the last picture.
@@ -178,7 +178,7 @@ class Renderer:
         step: int,
         plain: Any,
     ) -> None:
-        """Draw what was selected, and these rows' vehicles, into the framebuffer in use; rain into a plain one."""
+        """Draw the selected scene and these rows' vehicles; rain where the framebuffer has no labels."""
         context = self._context
         context.fbo.clear(depth=1.0)
         context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)

@@ -1,4 +1,4 @@
-"""Where a picture is drawn to and read from."""
+"""Framebuffers that a picture is drawn to and read from."""
 
 import moderngl
 import numpy as np
@@ -10,7 +10,7 @@ class Target:
     """Framebuffers of one picture size; labels are attached only where they are asked for."""
 
     def __init__(self, context: moderngl.Context, width: int, height: int) -> None:
-        """Take the memory for a picture and its labels."""
+        """Allocate memory for a picture and its labels."""
         size = (width, height)
         self._colour = context.texture(size, 4)
         self._actor = context.texture(size, 1, dtype="u4")
@@ -22,7 +22,7 @@ class Target:
         self._shape = (height, width)
 
     def read(self, *, instances: bool, depth: bool) -> RenderedImage:
-        """Wait for the drawing and hand its pixels back, with the labels that were drawn."""
+        """Wait for the drawing; return its pixels, with the labels that were drawn."""
         rgba = np.empty((*self._shape, 4), np.uint8)
         self.plain.read_into(rgba, components=4, alignment=1)
         actor = depth_m = None

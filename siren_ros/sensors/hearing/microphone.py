@@ -1,4 +1,4 @@
-"""A microphone on a carrier: sirens as they arrive, with delay, Doppler shift and distance."""
+"""A microphone on a carrier: it hears sirens with delay, Doppler shift and loss over distance."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -18,14 +18,14 @@ SPEED_OF_SOUND_MPS: Final = 343.2
 """Dry air at 20 °C (ISO 9613-1)."""
 REFERENCE_PA: Final = 20e-6
 _HISTORY_STEPS: Final = 40
-"""Sound from the 2 s before: sirens are heard from up to 686 m."""
+"""Sound of the last 2 s is kept: sirens are heard from up to 686 m."""
 _SOURCE_HEIGHT_M: Final = 2.0
 _ABSORPTION_DB_PER_M: Final = 0.005
 """Of air at 1 kHz, 20 °C, 50–70 % humidity (ISO 9613-1, table 1)."""
 _NEAREST_M: Final = 1.0
 _FULL_SCALE: Final = 32767.0
 _ITERATIONS: Final = 3
-"""Of the time of emission; each leaves an error of speed / speed of sound of the one before, 10⁻³ m at last."""
+"""Iterations for the time of emission. Each scales the error by speed / speed of sound; 10⁻³ m remain."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class _Heard:
 
 
 class Microphone:
-    """One microphone; remembers where it and the sirens were, so that sound arrives late. Hear at every step."""
+    """One microphone. It remembers past places of itself and of sirens, since sound arrives late. Hear every step."""
 
     def __init__(self, spec: MicrophoneSpec, seed: int) -> None:
         """Begin in silence; ``seed`` is that of the carrier's noise."""

@@ -74,7 +74,7 @@ class _IntersectArguments(ctypes.Structure):
 
 @dataclass(frozen=True, eq=False)
 class RayHits:
-    """What a bundle of N rays hit first."""
+    """The first hit of each of N rays."""
 
     distance: Floats32
     """In units of the ray's direction; infinite where nothing was hit; shape ``(N,)``."""

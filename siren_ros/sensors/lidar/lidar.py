@@ -49,7 +49,7 @@ class LidarSweep:
 
 @dataclass(frozen=True)
 class CarrierMotion:
-    """How the carrier moves while the beams turn; used where the suite asks for motion distortion."""
+    """Motion of the carrier while the beams turn; used where the suite asks for motion distortion."""
 
     vx_mps: float = 0.0
     vy_mps: float = 0.0
@@ -124,8 +124,8 @@ class Lidar:
     ) -> LidarSweep:
         """One rotation that ends at ``step``, from a pose of the sensor (``(4, 4)``), with the vehicles placed.
 
-        Without motion distortion everything stands still at the stamp, as in CARLA's synchronous mode, and the points'
-        times say when the beam would have fired.
+        Without motion distortion nothing moves during the rotation, as in CARLA's synchronous mode. The points' times
+        still say when the beam would have fired.
         """
         rotation = self._rotation(step, map_from_lidar, placement)
         self._world.cast_static(self.rays(map_from_lidar, motion), self._static_hits, self._optics.order)
@@ -161,7 +161,7 @@ class Lidar:
         return finish
 
     def _rotation(self, step: int, map_from_lidar: Matrix, placement: Placement) -> Rotation:
-        """What one sweep measures and writes."""
+        """Inputs and output memory of one sweep."""
         near = self._in_range(map_from_lidar, placement)
         return Rotation(
             lidar_from_map=inverse(map_from_lidar),
@@ -223,7 +223,7 @@ class Lidar:
         )
 
     def _receiver(self, step: int) -> loops.Receiver:
-        """Noise of one step: drawn afresh from (seed, sensor, step), so it does not depend on what came before."""
+        """Noise of one step, drawn from (seed, sensor, step) alone, so that it does not depend on earlier steps."""
         spec = self.spec
         none = np.empty(0, np.float32)
         noise = draw = none

@@ -7,12 +7,13 @@ import numpy as np
 from siren_ros.numerics.compiled import Array, compiled
 from siren_ros.sensors.lidar import lidar_loops as loops
 from siren_ros.sensors.lidar.embree import PacketTree, cast_packets
+from siren_ros.sensors.lidar.vehicle_candidates import select_candidates
 
-_aim, _select, _merge, _pack = loops.aim, loops.select_candidates, loops.merge_vehicles, loops.pack_points
+_aim, _merge, _pack = loops.aim, loops.merge_vehicles, loops.pack_points
 
 
 class Optics(NamedTuple):
-    """What is the same for every sweep of a sensor."""
+    """Inputs that are the same for every sweep of a sensor."""
 
     pattern: loops.Pattern
     order: Array
@@ -35,7 +36,7 @@ class Scratch(NamedTuple):
 
 
 class Rotation(NamedTuple):
-    """What one sweep measures, and where its points go."""
+    """Inputs of one sweep, and memory for its points."""
 
     lidar_from_map: Array
     """float64 (4, 4)."""
@@ -49,7 +50,7 @@ class Rotation(NamedTuple):
 
 @compiled
 def measure_sweep(optics: Optics, scratch: Scratch, rotation: Rotation) -> int:
-    """Aim, cast at what stands still and go on as ``complete_sweep``, which says what is returned."""
+    """Aim, cast at the static scene and go on as ``complete_sweep``; returns the same."""
     _aim(optics.pattern.directions, scratch.poses, scratch.rays)
     hits = scratch.hits
     cast_packets(optics.trees[0], scratch.rays, optics.order, (hits.distance, hits.static_triangle, hits.normal))
@@ -71,7 +72,7 @@ def complete_sweep(optics: Optics, scratch: Scratch, rotation: Rotation) -> int:
     """
     pattern, hits, memory, vehicles = optics.pattern, scratch.hits, scratch.candidates, rotation.vehicles
     hits.vehicle[:] = 0
-    found = _select(scratch.rays, pattern, hits.distance, rotation.lidar_from_map, vehicles, memory)
+    found = select_candidates(scratch.rays, pattern, hits.distance, rotation.lidar_from_map, vehicles, memory)
     if found > memory.ray.shape[0]:
         return -found
     candidates = loops.Candidates(memory.rays[:found], memory.ray[:found], memory.vehicle[:found])

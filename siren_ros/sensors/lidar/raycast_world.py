@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from siren_ros.numerics.arrays import Floats32
 from siren_ros.sensors.lidar.embree import PacketTree, RayHits, TriangleTree
-from siren_ros.sensors.meshes.material import SEMANTIC_CLASS_OF_MATERIAL, semantic_class_of_actor
 from siren_ros.sensors.meshes.mesh import StaticScene, VehicleShape
 from siren_ros.world.actors import ActorClass
 
@@ -39,8 +38,6 @@ class RaycastWorld:
         self.shape_start = np.concatenate(([0], np.cumsum([len(mesh) for mesh in meshes]))).astype(np.int64)
         """First triangle of each shape in ``shape_material``, shape ``(classes + 1,)``."""
         self.shape_material = np.concatenate([np.empty(0, np.uint8), *(mesh.material for mesh in meshes)])
-        self.static_semantic = SEMANTIC_CLASS_OF_MATERIAL
-        self.shape_semantic = np.array([int(semantic_class_of_actor(c)) for c in self.classes], dtype=np.uint8)
         self._row_of_class = np.full(max((int(c) for c in ActorClass), default=0) + 1, -1, dtype=np.int32)
         self._row_of_class[[int(c) for c in self.classes]] = np.arange(len(self.classes))
         self.cast_static(np.zeros((1, 6), np.float32))
@@ -53,14 +50,14 @@ class RaycastWorld:
     def cast_static(
         self, rays: Floats32, hits: RayHits | None = None, order: npt.NDArray[np.int32] | None = None
     ) -> RayHits:
-        """Cast rays (origin and direction, shape ``(N, 6)``, ``map`` frame) at what does not move.
+        """Cast rays (origin and direction, shape ``(N, 6)``, ``map`` frame) at the static scene.
 
         ``hits`` and ``order`` as ``TriangleTree.cast`` takes them.
         """
         return self._static.cast(rays, hits, order)
 
     def packets(self) -> tuple[PacketTree, PacketTree]:
-        """Both trees for compiled loops, what does not move first; they live no longer than this object."""
+        """Both trees for compiled loops, the static scene's first; they live no longer than this object."""
         return self._static.packets(), self._shapes.packets()
 
     def cast_shapes(self, rays: Floats32) -> RayHits:

@@ -1,4 +1,4 @@
-"""How strongly materials send back a LiDAR's light."""
+"""Reflectivity of the materials for a LiDAR's light."""
 
 from typing import Final
 

@@ -57,7 +57,7 @@ class Placement:
 
 
 class Catalogue:
-    """What is known of every actor as arrays, so that a step gathers rows instead of asking actor by actor."""
+    """Sizes, classes and colours of the actors as arrays: a step gathers rows instead of looping over actors."""
 
     def __init__(self, shapes: Mapping[ActorClass, VehicleShape]) -> None:
         """Remember the shapes; actors are added when they are first placed."""
@@ -68,9 +68,9 @@ class Catalogue:
     def place(
         self, states: ActorStates, descriptions: Mapping[int, ActorDescription], hidden_id: int = NO_ACTOR
     ) -> Placement:
-        """Shapes of all actors of a step except ``hidden_id``, the sensors' own carrier.
+        """Shapes of all actors of a step except ``hidden_id``, the vehicle with the sensors.
 
-        The carrier is left out because the paper's mounts lie inside the bodywork of an ambulance or a fire truck.
+        That vehicle is left out because the paper's mounts lie inside the bodywork of an ambulance or a fire truck.
         """
         visible = np.flatnonzero(states.actor_id != hidden_id)
         actor_id = states.actor_id[visible]
@@ -97,7 +97,7 @@ class Catalogue:
         )
 
     def _add(self, descriptions: Mapping[int, ActorDescription], actor_id: npt.NDArray[np.uint32]) -> None:
-        """Know these actors; ids that are no longer seen are forgotten."""
+        """Hold these actors; others are dropped."""
         self._actor_id = actor_id
         actors = [descriptions[int(one)] for one in actor_id]
         shapes = [self._shapes[actor.actor_class] for actor in actors]

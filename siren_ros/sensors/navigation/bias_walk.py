@@ -25,7 +25,7 @@ class BiasWalk:
         self._bias = np.zeros(len(self._stddev))
 
     def at(self, step: int) -> Floats:
-        """The bias at a step, shape ``(K,)``, in whatever order steps are asked for."""
+        """The bias at a step, shape ``(K,)``; steps can be asked for in any order."""
         if step < self._step:
             self._step, self._bias = 0, np.zeros(len(self._stddev))
         if np.any(self._stddev):

@@ -15,7 +15,7 @@ from siren_ros.sensors.suite.noise import sensor_generator
 from siren_ros.sensors.suite.suite import GnssSpec
 
 DEFAULT_PROJECTION: Final = "+proj=tmerc +lat_0=49 +lon_0=8.4 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m"
-"""Where maps lie that do not say where they are, the built-in town among them: 49° N, 8.4° E, in the Rhine valley."""
+"""Place of maps without a geo-reference, such as the built-in town: 49° N, 8.4° E, in the Rhine valley."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class GeoReference:
 
     @classmethod
     def of(cls, network: RoadNetwork) -> "GeoReference":
-        """The map's own, or the default's where it has none that is understood (transverse Mercator, UTM)."""
+        """The map's own, or the default where the map has none in transverse Mercator or UTM."""
         if network.origin_lat_lon_deg is None:
             return cls(DEFAULT_PROJECTION, (0.0, 0.0))
         return cls(network.projection, network.projected_origin_m)
@@ -56,7 +56,7 @@ class GnssFix:
     altitude_m: float
     """Above the ellipsoid."""
     variance_m2: npt.NDArray[np.float64]
-    """East, north and up, of the white noise and the bias that has grown so far, shape ``(3,)``."""
+    """Variances east, north and up: white noise plus the bias walk so far, shape ``(3,)``."""
 
 
 class Gnss:

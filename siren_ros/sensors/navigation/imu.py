@@ -1,4 +1,4 @@
-"""An inertial measurement unit: specific force and angular rate where it sits."""
+"""An inertial measurement unit: specific force and angular rate at its mount."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -69,7 +69,7 @@ def specific_force(before: PlanarMotion | None, now: PlanarMotion, lever_m: Floa
 
 
 class Imu:
-    """One sensor on one carrier; remembers the motion at the step before and where its biases have wandered."""
+    """One sensor on one carrier. It remembers the motion at the step before."""
 
     def __init__(self, spec: ImuSpec, seed: int) -> None:
         """Prepare the noise; ``seed`` is that of the carrier's noise."""

@@ -1,1 +1,1 @@
-"""A whole suite in one world: measures what is due at a step; roadside stations."""
+"""A whole suite in one world: all measurements that are due at a step; roadside stations."""

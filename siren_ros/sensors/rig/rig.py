@@ -24,6 +24,7 @@ from siren_ros.sensors.meshes.placement import Catalogue, Placement
 from siren_ros.sensors.navigation.gnss import GeoReference, Gnss
 from siren_ros.sensors.navigation.imu import Imu, ImuSample, PlanarMotion
 from siren_ros.sensors.rig.observations import Observations, Sensing
+from siren_ros.sensors.rig.odometers import Odometers
 from siren_ros.sensors.rig.station import check_outdoors, station_mount
 from siren_ros.sensors.scene.config import SceneConfig
 from siren_ros.sensors.scene.static_scene import static_scene
@@ -39,25 +40,6 @@ from siren_ros.world.camera_truth import CameraTruth
 from siren_ros.world.frames import BASE_FRAME, STATION_FRAME
 from siren_ros.world.ground_truth import LABEL_PERIOD_STEPS, GroundTruth
 from siren_ros.world.traffic_state import SignalState
-
-
-class Odometers:
-    """How far every actor has driven, so that wheels turn."""
-
-    def __init__(self) -> None:
-        self._step: int | None = None
-        self._ids = np.empty(0, np.uint32)
-        self._rolled_m = np.empty(0, np.float64)
-
-    def advance(self, states: ActorStates) -> npt.NDArray[np.float64]:
-        """Distance rolled by each row of the states, counted from when the actor was first seen."""
-        rows = rows_of_ids(self._ids, states.actor_id)
-        rolled = np.where(rows >= 0, self._rolled_m[rows], 0.0) if len(self._ids) else np.zeros(len(states))
-        elapsed_s = 0.0 if self._step is None else (states.step - self._step) * STEP_S
-        forward = states.vx_mps * np.cos(states.yaw_rad) + states.vy_mps * np.sin(states.yaw_rad)
-        rolled = rolled + forward * elapsed_s
-        self._step, self._ids, self._rolled_m = states.step, states.actor_id, rolled
-        return rolled
 
 
 class SensorRig:
@@ -254,7 +236,7 @@ class SensorRig:
         return map_from_base(x_m, y_m, z_m, yaw_rad), CarrierMotion(vx_mps, vy_mps, turn)
 
     def _inertial(self, states: ActorStates, carrier_id: int) -> tuple[ImuSample, ...]:
-        """What the inertial units measure; they look at every step and report at theirs."""
+        """Readings of the IMUs that are due; every IMU sees every step, since it differentiates the motion."""
         if not self._units:
             return ()
         row = int(rows_of_ids(states.actor_id, np.array([carrier_id], np.uint32))[0])

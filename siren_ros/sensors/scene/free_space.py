@@ -1,4 +1,4 @@
-"""Where things may stand: off the space of traffic, and not inside one another."""
+"""Free places for objects: outside the space of traffic, and not inside one another."""
 
 from typing import Final
 
@@ -15,7 +15,7 @@ _CELL_M: Final = 20.0
 
 
 class FreeSpace:
-    """The plane without traffic's space and without what was placed so far."""
+    """The plane without the space of traffic and without the objects placed so far."""
 
     def __init__(self, surfaces: Surfaces) -> None:
         self.keep_clear = surfaces.keep_clear

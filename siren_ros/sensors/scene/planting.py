@@ -1,4 +1,4 @@
-"""Where buildings, trees and street lamps stand: along the roads, off the space of traffic."""
+"""Places of buildings, trees and street lamps: along the roads, outside the space of traffic."""
 
 import numpy as np
 import shapely

@@ -1,4 +1,4 @@
-"""Where the ground is what: carriageway, shoulder, sidewalk, median, verge and grass as disjoint plane regions."""
+"""The regions of the ground, disjoint and plane: carriageway, shoulder, sidewalk, median, verge and grass."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -46,7 +46,7 @@ class Surfaces:
 
     @property
     def raised(self) -> BaseGeometry:
-        """What stands a kerb's height above the carriageway."""
+        """The regions a kerb's height above the carriageway."""
         return union((self.sidewalk, self.median))
 
 
@@ -91,7 +91,7 @@ def union(parts: Iterable[BaseGeometry]) -> BaseGeometry:
 
 
 def difference(area: BaseGeometry, *others: BaseGeometry) -> BaseGeometry:
-    """What of an area lies in none of the others, on the grid."""
+    """The part of an area outside the others, on the grid."""
     for other in others:
         if not other.is_empty:
             area = areal(shapely.difference(area, other, grid_size=GRID_M))
@@ -99,7 +99,7 @@ def difference(area: BaseGeometry, *others: BaseGeometry) -> BaseGeometry:
 
 
 def intersection(area: BaseGeometry, other: BaseGeometry) -> BaseGeometry:
-    """What two areas share, on the grid."""
+    """The intersection of two areas, on the grid."""
     return areal(shapely.intersection(area, other, grid_size=GRID_M))
 
 
@@ -195,7 +195,7 @@ def _without_small_holes(area: BaseGeometry) -> BaseGeometry:
 
 
 def _is_left_of_traffic(network: RoadNetwork, lane: Lane) -> bool:
-    """Whether a strip that nobody uses lies left of a driving lane of its own edge."""
+    """Whether an unused strip lies left of a driving lane of its own edge."""
     if lane.kind is not LaneKind.KERB:
         return False
     kinds = [network.lanes[i].kind for i in network.edges[lane.edge].lanes[: lane.position]]

@@ -1,4 +1,4 @@
-"""What the world looks like apart from its geometry: sun, sky, haze, wet roads."""
+"""Light and weather: sun, sky, haze, wet roads."""
 
 from dataclasses import dataclass
 from typing import Final

@@ -85,7 +85,7 @@ def _sun(top: StrictMapping) -> dict[str, Any]:
 
 
 def _dusk(elevation_rad: float) -> dict[str, Any]:
-    """Colours and ambient strength of a sky whose sun is down; nothing where it is up."""
+    """Colours and ambient strength of a sky with the sun down; nothing with the sun up."""
     if elevation_rad >= LOWEST_SUN_RAD:
         return {}
     degrees = list(_DUSK)

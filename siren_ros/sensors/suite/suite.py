@@ -30,7 +30,7 @@ def _rate(default: float) -> Any:
 
 @dataclass(frozen=True)
 class SensorSpec:
-    """What every sensor has."""
+    """Name and mount, which every sensor has."""
 
     name: str
     """Unique in its suite; becomes topic and frame name."""

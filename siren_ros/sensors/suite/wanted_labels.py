@@ -7,7 +7,7 @@ from siren_ros.sensors.suite.suite import CameraSpec, SensorSuite
 
 @dataclass(frozen=True)
 class WantedLabels:
-    """What is drawn besides colour; semantic classes always are."""
+    """Labels to draw with the colours. Semantic classes are always drawn."""
 
     depth: bool = False
     instance: bool = False
@@ -15,5 +15,5 @@ class WantedLabels:
 
     @classmethod
     def of(cls, suite: SensorSuite, camera: CameraSpec) -> "WantedLabels":
-        """What a suite records of a camera."""
+        """Labels that a suite records of a camera."""
         return cls(camera.depth, camera.instance, suite.labels)

@@ -26,7 +26,7 @@ _DIRECTIONS: Final = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if
 
 @dataclass(frozen=True, eq=False)
 class PixelBoxes:
-    """Where each actor shows; rows as the ids that were asked for."""
+    """Pixels of each actor; rows in the order of the given ids."""
 
     count: npt.NDArray[np.int64]
     bounds: npt.NDArray[np.int64]

@@ -8,7 +8,8 @@ from PIL import Image
 
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.sensors.camera.context import RendererUnavailableError
-from siren_ros.sensors.rig.rig import Odometers, SensorRig
+from siren_ros.sensors.rig.odometers import Odometers
+from siren_ros.sensors.rig.rig import SensorRig
 from siren_ros.sensors.suite.mount import Mount
 from siren_ros.sensors.suite.suite import CameraSpec, LidarSpec, SensorSuite
 from siren_ros.sensors.vehicles.vehicle_shapes import vehicle_shape

@@ -1,4 +1,4 @@
-"""Where the ground lies in the sun, as one texture: baked shade of the static scene, with the vehicles' shadows."""
+"""Sunlight on the ground as one texture: the baked shade of the static scene, and the vehicles' shadows."""
 
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -16,7 +16,7 @@ from siren_ros.sensors.meshes.placement import Placement
 _RECEIVER_M: Final = 0.07
 """Height at which the ground's shade is taken, between carriageway and sidewalk."""
 _KEPT: Final = 2
-"""Squares kept: cameras of one carrier may stand on both sides of a border."""
+"""Number of squares kept: cameras of one carrier may lie on both sides of a border."""
 
 _BAKE_VERTEX: Final = """#version 330 core
 uniform mat4 unit_from_map;
@@ -39,7 +39,7 @@ void main() { lit = vec4(texture(static_shadow, v_shadow)); }
 
 @dataclass(frozen=True)
 class LightMap:
-    """How pictures look light up."""
+    """Textures and transforms with which a picture looks up the light."""
 
     unit_from_map: npt.NDArray[np.float64]
     """Texture coordinates and depth in the sun's shadow map, shape ``(4, 4)``."""
@@ -52,7 +52,7 @@ class LightMap:
 
 
 def cell_of(eye_m: npt.NDArray[np.float64]) -> tuple[int, int]:
-    """Grid point whose square lights a picture from a place."""
+    """Grid point of the square that gives the light of a picture from a place."""
     return round(float(eye_m[0]) / LIGHT_GRID_M), round(float(eye_m[1]) / LIGHT_GRID_M)
 
 
@@ -77,7 +77,7 @@ class _Square:
 
 
 class GroundLight:
-    """Light on the ground around the cameras by day. A function of place and vehicles, whatever was drawn before."""
+    """Light on the ground around the cameras by day. It depends on place and vehicles, not on earlier pictures."""
 
     def __init__(self, context: moderngl.Context, static: StaticGeometry, towards_sun: npt.NDArray[np.float64]) -> None:
         """Compile the programs; the sun stays where it is."""
@@ -146,7 +146,7 @@ class GroundLight:
         return _Square(centre, view, shadow, baked, light)
 
     def _throw_shadows(self, square: _Square, placement: Placement, vehicles: VehicleGeometry) -> None:
-        """Draw the vehicles' hulls onto the ground along the sun's rays, after those drawn before were taken off.
+        """Draw the vehicles' hulls onto the ground along the sun's rays, after removing the hulls drawn before.
 
         The same hull covers the same texels, so that drawing it with the baked shade leaves nothing of its shadow.
         """

@@ -1,4 +1,4 @@
-"""What falls on the ground at night, as one texture: street lamps, head lamps, tail lamps and beacons."""
+"""Light on the ground at night as one texture: street lamps, head lamps, tail lamps and beacons."""
 
 from dataclasses import dataclass
 from typing import Any, Final
@@ -168,7 +168,7 @@ class LampLight:
         return _Square(centre, baked, light)
 
     def _shine(self, square: _Square, placement: Placement, step: int) -> None:
-        """Add the light of the vehicles, the sensors' own carrier among them."""
+        """Add the light of the vehicles, including the vehicle with the sensors."""
         near = placement.distance_m(*square.centre_m) < 1.5 * LIGHT_HALF_M
         lit = np.zeros(int(np.count_nonzero(near)) + 1, _VEHICLE)
         yaw = placement.yaw_rad[near]

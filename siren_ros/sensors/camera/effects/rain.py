@@ -1,4 +1,4 @@
-"""Falling drops: streaks around the camera, drawn over the picture; labels and depth do not see them."""
+"""Falling drops: streaks around the camera, drawn over the picture. Labels and depth ignore them."""
 
 from typing import Any, Final
 

@@ -16,7 +16,7 @@ _UNIT_FROM_CLIP: Final = np.array(
 
 @dataclass(frozen=True)
 class ShadowView:
-    """What a shadow map covers."""
+    """The space that a shadow map covers."""
 
     clip_from_map: Matrix
     """Shape ``(4, 4)``."""
@@ -72,7 +72,7 @@ class ShadowMap:
         program["clip_from_map"].write(np.ascontiguousarray(view.clip_from_map.T, dtype=np.float32).tobytes())
 
     def end(self) -> None:
-        """Leave the shadow pass. The outermost texels say "lit", and stand for everything beyond the map."""
+        """Leave the shadow pass. The outermost texels say "lit"; lookups beyond the map return them."""
         size = self.texture.width
         for border in ((0, 0, size, 1), (0, size - 1, size, 1), (0, 0, 1, size), (size - 1, 0, 1, size)):
             self._framebuffer.clear(depth=1.0, viewport=border)

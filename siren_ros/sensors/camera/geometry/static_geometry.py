@@ -45,7 +45,7 @@ class _Style:
     near_focals: float = 0.0
     """Details show up to this many metres per pixel of focal length; 0: there are none."""
     far_fragment: str | None = None
-    """Farther away, where it is not the same without details."""
+    """The same farther away, where it differs without details."""
     far_defines: tuple[str, ...] = ()
 
 
@@ -150,7 +150,7 @@ class StaticGeometry:
         array.render_indirect(self._context.buffer(commands.tobytes()), moderngl.TRIANGLES, count=len(chunks))
 
     def select(self, clip_from_map: Floats, eye_m: Floats, focal_px: float) -> None:
-        """Choose what the next ``draw`` draws: chunks in view nearest first, triangles that face the camera."""
+        """Choose the triangles of the next ``draw``: chunks in view nearest first, triangles that face the camera."""
         w, x, y, z = clip_from_map[3], clip_from_map[0], clip_from_map[1], clip_from_map[2]
         planes = np.stack((w + x, w - x, w + y, w - y, w + z))
         eye = np.ascontiguousarray(eye_m)
@@ -184,7 +184,7 @@ class StaticGeometry:
             self._indices.write(self._chosen[:filled].data)
 
     def draw(self) -> None:
-        """Draw what was selected."""
+        """Draw the selected triangles."""
         for draw, first, count in self._ranges:
             draw.array.render(moderngl.TRIANGLES, vertices=3 * count, first=3 * first)
 

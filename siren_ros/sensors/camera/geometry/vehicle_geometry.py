@@ -23,7 +23,7 @@ INSTANCE: Final = np.dtype([("rows", "<f4", (3, 4)), ("paint", "<f4", 4), ("moti
 _INSTANCE_FORMAT: Final = "4f 4f 4f 4f 2f 2u4/i"
 _INSTANCE_NAMES: Final = ("in_row_x", "in_row_y", "in_row_z", "in_paint", "in_motion", "in_actor")
 _ROOM: Final = 64
-"""Vehicles of one class that the buffers first have room for."""
+"""Initial capacity of the buffers, in vehicles of one class."""
 Casters = tuple[tuple[int, npt.NDArray[np.void]], ...]
 """Vehicles that throw shadows: their class and, dtype ``INSTANCE``, where they stand."""
 _SEMANTIC: Final = np.array([int(semantic_class_of_actor(kind)) for kind in ActorClass], np.float32)

@@ -1,7 +1,7 @@
 """Vertices as the graphics card gets them.
 
 Normal, material and colour belong to triangles. OpenGL takes such "flat" values from a triangle's last vertex, so
-triangles can share vertices as long as each has a last vertex that carries its own values. That needs about
+triangles can share vertices as long as each has a last vertex with its own values. That needs about
 one vertex per triangle instead of three, and a software rasteriser's time goes by vertices.
 """
 
@@ -16,8 +16,6 @@ from siren_ros.sensors.meshes.mesh import Mesh
 
 VERTEX: Final = np.dtype([("position", "<f4", 3), ("normal_material", "<f2", 4), ("colour", "u1", 4)])
 """24 bytes; the fourth byte of the colour is the semantic class. Half floats hold material codes exactly."""
-VERTEX_FORMAT: Final = "3f 4f2 4f1"
-VERTEX_NAMES: Final = ("in_position", "in_normal", "in_colour")
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +25,7 @@ class IndexedMesh:
     vertices: npt.NDArray[np.void]
     """Records of dtype ``VERTEX``, shape ``(V,)``."""
     triangles: npt.NDArray[np.uint32]
-    """Rows of ``vertices``, shape ``(T, 3)``, in the mesh's order; the last carries the triangle's values."""
+    """Rows of ``vertices``, shape ``(T, 3)``, in the mesh's order; the last one holds the triangle's values."""
 
 
 def index_mesh(mesh: Mesh, semantic_of_material: npt.NDArray[np.uint8]) -> IndexedMesh:
@@ -63,7 +61,7 @@ def _distinct(rows: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int64], npt.NDArra
 def _share(triangles: Any, key: Any, source: Any, owner: Any, points: int) -> int:
     """Turn or copy corners so that each triangle's last corner is its own; returns the number of vertices.
 
-    ``owner`` becomes the triangle whose values a vertex carries, −1 for none; ``source`` the point of a vertex.
+    ``owner`` becomes the triangle whose values a vertex holds, −1 for none; ``source`` the point of a vertex.
     """
     for v in range(points):
         source[v] = v

@@ -1,4 +1,4 @@
-"""Which triangles a camera can see, decided before OpenGL gets them: each costs a software rasteriser dearly."""
+"""Selects the triangles that a camera can see before OpenGL gets them: each is expensive in software."""
 
 import numpy as np
 

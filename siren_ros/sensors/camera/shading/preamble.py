@@ -1,4 +1,4 @@
-"""What a look makes constant in all shaders: a software rasteriser loads every uniform anew for every few pixels."""
+"""Constants of a look in all shaders: a software rasteriser would load each uniform anew for every few pixels."""
 
 from collections.abc import Iterable
 from typing import Final
@@ -14,7 +14,7 @@ _NOISE_PER_M: Final = 0.3
 _FOG_HAZE_PER_M: Final = 0.004
 """From here on haze differs too much within a triangle to be interpolated, and is worked out per pixel."""
 _MIRRORED_GROUND: Final = (0.168, 0.163, 0.158)
-"""Light of streets and houses in what mirrors them, as a share of the ambient strength."""
+"""Light of streets and houses in mirroring surfaces, as a share of the ambient strength."""
 _VERSION: Final = "#version 330 core\n"
 
 

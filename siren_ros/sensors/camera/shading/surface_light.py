@@ -1,4 +1,4 @@
-"""Light that static surfaces reflect, worked out once: the sun does not move, so shaders only add it up."""
+"""Light that static surfaces reflect, computed once: the sun does not move, so shaders only add it up."""
 
 from enum import IntEnum
 from typing import Any, Final
@@ -113,7 +113,7 @@ def ambient_light(normals: npt.NDArray[np.floating[Any]], look: Look) -> Floats:
 
 
 def _full_light(look: Look) -> Floats:
-    """Light that falls on what faces its source: the sun's, or at night all of what the lamps' texture says."""
+    """Light on a surface that faces its source: the sun's, or at night all that the lamps' texture holds."""
     return np.ones(3) if look.lamps_lit else np.array(look.sun_colour)
 
 
@@ -127,7 +127,7 @@ def _direct(normals: npt.NDArray[np.float32], look: Look) -> Floats:
 
 
 def _night_glow(material: npt.NDArray[np.uint8], colour: Floats, look: Look) -> Floats:
-    """What street lamps and the windows of lit rooms shine by themselves, shape ``(N, 3)``."""
+    """Light that street lamps and lit windows emit, shape ``(N, 3)``."""
     glow = np.zeros_like(colour)
     if look.lamps_lit:
         glow[material == Material.STREET_LAMP] = _LUMINAIRE

@@ -1,0 +1,120 @@
+"""The lockstep's reports and an episode's description, end and outcome as messages, in pairs like ``conversions``.
+
+Only the wall time in StepDone is not simulated data.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from siren_ros.interfaces.lockstep_reports import EpisodeClosing, Phase, StepReport
+from siren_ros.interfaces.message_content import checks_content, json_object, json_text
+from siren_ros.interfaces.messages import make_message, sequence, stamp
+from siren_ros.numerics.units import time_ns_of_step
+from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
+from siren_ros.scenario.levels import EmergencyLevel
+
+
+def to_step_done(report: StepReport) -> Any:
+    """``siren_msgs/StepDone``."""
+    return make_message(
+        "siren_msgs/msg/StepDone",
+        step=report.step,
+        participant=report.participant,
+        phase=int(report.phase),
+        error=report.error,
+        busy_s=float(report.busy_s),
+    )
+
+
+@checks_content
+def from_step_done(message: Any) -> StepReport:
+    """Inverse of ``to_step_done``."""
+    return StepReport(
+        step=int(message.step),
+        participant=str(message.participant),
+        phase=Phase(int(message.phase)),
+        error=str(message.error),
+        busy_s=float(message.busy_s),
+    )
+
+
+def to_episode_description(episode: EpisodeDescription) -> Any:
+    """``siren_msgs/EpisodeDescription``."""
+    return make_message(
+        "siren_msgs/msg/EpisodeDescription",
+        stamp=stamp(0),
+        template_id=episode.template,
+        level=int(episode.level),
+        seed=episode.seed,
+        map_name=episode.map_name,
+        map_sha256=episode.map_sha256,
+        duration_s=float(episode.duration_s),
+        sensor_suite=episode.sensor_suite,
+        preset=episode.preset,
+        emv_ids=sequence(np.array(episode.emv_ids, dtype=np.uint32)),
+        parameters=json_text(dict(episode.parameters)),
+        versions=json_text(dict(episode.versions)),
+        site=json_text(dict(episode.site)),
+    )
+
+
+@checks_content
+def from_episode_description(message: Any) -> EpisodeDescription:
+    """Inverse of ``to_episode_description``."""
+    return EpisodeDescription(
+        template=str(message.template_id),
+        level=EmergencyLevel(int(message.level)),
+        seed=int(message.seed),
+        map_name=str(message.map_name),
+        map_sha256=str(message.map_sha256),
+        duration_s=float(message.duration_s),
+        sensor_suite=str(message.sensor_suite),
+        preset=str(message.preset),
+        emv_ids=tuple(int(value) for value in message.emv_ids),
+        parameters=json_object(message.parameters),
+        versions=json_object(message.versions),
+        site=json_object(message.site),
+    )
+
+
+def to_episode_end(closing: EpisodeClosing) -> Any:
+    """``siren_msgs/EpisodeEnd``."""
+    return make_message(
+        "siren_msgs/msg/EpisodeEnd",
+        stamp=stamp(time_ns_of_step(max(closing.steps - 1, 0))),
+        steps=closing.steps,
+        end=closing.end.value,
+        reason=closing.reason,
+    )
+
+
+@checks_content
+def from_episode_end(message: Any) -> EpisodeClosing:
+    """Inverse of ``to_episode_end``."""
+    return EpisodeClosing(steps=int(message.steps), end=EpisodeEnd(message.end), reason=str(message.reason))
+
+
+def to_episode_outcome(outcome: EpisodeOutcome) -> Any:
+    """``siren_msgs/EpisodeOutcome``."""
+    return make_message(
+        "siren_msgs/msg/EpisodeOutcome",
+        stamp=stamp(time_ns_of_step(max(outcome.steps - 1, 0))),
+        end=outcome.end.value,
+        reason=outcome.reason,
+        steps=outcome.steps,
+        predicate=-1 if outcome.predicate_holds is None else int(outcome.predicate_holds),
+        measures=json_text(dict(outcome.measures)),
+    )
+
+
+@checks_content
+def from_episode_outcome(message: Any) -> EpisodeOutcome:
+    """Inverse of ``to_episode_outcome``."""
+    return EpisodeOutcome(
+        end=EpisodeEnd(message.end),
+        reason=str(message.reason),
+        steps=int(message.steps),
+        predicate_holds=None if int(message.predicate) < 0 else bool(message.predicate),
+        measures=json_object(message.measures),
+    )

@@ -1,7 +1,6 @@
 """Parameters of the behaviour beyond the paper's tables, each with its default once."""
 
 from dataclasses import dataclass, field
-from enum import StrEnum
 
 
 @dataclass(frozen=True)
@@ -22,7 +21,9 @@ class NavigatorConfig:
     curvature_rate_1pms: float = 0.1
     """Limit of the change of curvature per time; ``StepView.navigator_config`` sets it from the vehicle's steering."""
     comfort_brake_mps2: float = 3.0
-    """Braking before curves and stops."""
+    """Deceleration towards other vehicles."""
+    path_brake_mps2: float = 3.0
+    """Deceleration before bends and stops."""
     comfort_accel_mps2: float = 2.5
     ease_off_mps2: float = 1.5
     """Deceleration towards a lower target speed, where nothing else asks for more."""
@@ -56,8 +57,10 @@ class LaneChangeConfig:
     rear_gap_m: float = 2.0
     rear_time_s: float = 0.5
     """Time before the vehicle behind brakes; longer for slow changes, as others react once the lane line is crossed."""
+    front_brake_mps2: float = 4.0
+    """Deceleration that one accepts towards the vehicle ahead."""
     brake_mps2: float = 4.0
-    """Deceleration that both are expected to accept."""
+    """Deceleration that the vehicle behind is expected to accept."""
     own_brake_mps2: float = 1.5
     """Deceleration towards one's own target speed, the navigator's ``ease_off_mps2``."""
     return_room_m: float = 60.0
@@ -66,20 +69,10 @@ class LaneChangeConfig:
     """How far the footprint may reach over the lane's edge when it counts as inside."""
 
 
-class YieldTrigger(StrEnum):
-    """What makes a civilian notice an EMV."""
-
-    RESCUE_LANE = "rescue_lane"
-    """SUMO's bluelight device, within the driver's response distance."""
-    DISTANCE = "distance"
-    """The driver's response distance along the road alone."""
-
-
 @dataclass(frozen=True)
 class YieldConfig:
     """Civilian response."""
 
-    trigger: YieldTrigger = YieldTrigger.RESCUE_LANE
     off_path_grace_s: float = 1.0
     """Time off the EMV's path before a yield that has not started is dropped."""
     path_ahead_m: float = 120.0
@@ -152,8 +145,6 @@ class CorridorConfig:
     """Distance along the road over which a vehicle shapes the corridor before and behind itself."""
     leave_after_s: float = 1.0
     """Time without a reacting or braking vehicle before ``copy_sumo`` ends."""
-    braking_accel_mps2: float = -1.0
-    """A vehicle that decelerates more than this is braking."""
     side_margin_m: float = 0.05
     """The navigator's side margin in the corridor."""
     squeezes: tuple[tuple[float, float], ...] = ((0.25, 8.4), (0.15, 6.0), (0.1, 3.0))
@@ -219,6 +210,25 @@ class GapEscapeConfig:
 
 
 @dataclass(frozen=True)
+class AnticipationConfig:
+    """How the EMV approaches the vehicles ahead on its path."""
+
+    brake_mps2: float = 1.2
+    """Deceleration that is laid out for: a third of what a driver accepts as comfortable."""
+    headway_s: float = 1.0
+    standstill_gap_m: float = 6.0
+    """The collision handling's own gap and a little more, so that it need not brake."""
+    ease_off_mps2: float = 2.0
+    """Greatest deceleration for anticipation alone."""
+    side_margin_m: float = 0.25
+    """Lateral distance below which a vehicle is in the way."""
+    leaving_min_mps: float = 0.25
+    """Lateral speed above which a vehicle counts as leaving the path."""
+    leaving_time_s: float = 5.0
+    """Time until it has left, above which this is not counted on."""
+
+
+@dataclass(frozen=True)
 class EmvConfig:
     """Route following of the emergency vehicle."""
 
@@ -232,15 +242,11 @@ class EmvConfig:
     """Offsets below it are left to the path tracking."""
     strategic_distance_m: float = 200.0
     """Distance before the end of a lane that leads astray at which the EMV wants to leave it."""
-    patience_s: float = 15.0
-    """Time below half of the target speed after which the EMV no longer waits for its lane to clear."""
-    gain_min_m: float = 8.0
-    """Free road that a lane change for speed must gain."""
     escape_gap_m: float = 6.0
     """Standstill gap at levels with gap escape: room to pull out past the vehicle ahead without reversing."""
     stop_before_route_end_m: float = 3.0
     navigator: NavigatorConfig = field(
-        default_factory=lambda: NavigatorConfig(standstill_gap_m=4.0, comfort_brake_mps2=3.5)
+        default_factory=lambda: NavigatorConfig(standstill_gap_m=4.0, comfort_accel_mps2=2.0, path_brake_mps2=2.0)
     )
 
 
@@ -249,11 +255,12 @@ class BehaviourConfig:
     """All parameters of the behaviour."""
 
     emv: EmvConfig = field(default_factory=EmvConfig)
-    lane_change: LaneChangeConfig = field(default_factory=LaneChangeConfig)
+    lane_change: LaneChangeConfig = field(default_factory=lambda: LaneChangeConfig(front_brake_mps2=2.0))
     """Of the EMV."""
     civilian_lane_change: LaneChangeConfig = field(
         default_factory=lambda: LaneChangeConfig(duration_s=2.0, length_min_m=12.0, rear_time_s=1.0, own_brake_mps2=1.0)
     )
+    anticipation: AnticipationConfig = field(default_factory=AnticipationConfig)
     yielding: YieldConfig = field(default_factory=YieldConfig)
     pull_over: PullOverConfig = field(default_factory=PullOverConfig)
     corridor: CorridorConfig = field(default_factory=CorridorConfig)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
-from siren_ros.behaviour.config import BehaviourConfig, YieldConfig, YieldTrigger
+from siren_ros.behaviour.config import BehaviourConfig
 from siren_ros.behaviour.driving.situation import BehaviourWorld, StepView
 from siren_ros.behaviour.driving.surroundings import ActorTable, Surroundings
 from siren_ros.behaviour.emv.controller import EmvState, step_emv
@@ -121,7 +121,7 @@ def describe(car: Car) -> ActorDescription:
 
 
 def world_of(network: RoadNetwork, level: EmergencyLevel, **changes: Any) -> BehaviourWorld:
-    config = changes.pop("config", BehaviourConfig(yielding=YieldConfig(trigger=YieldTrigger.DISTANCE)))
+    config = changes.pop("config", BehaviourConfig())
     preset = changes.pop("preset", load_preset("paper"))
     return BehaviourWorld(network, LEVEL_POLICIES[level], VEHICLES, preset, seed=1, config=config, **changes)
 

@@ -33,7 +33,6 @@ def test_target_speeds_are_the_papers():
 
 def test_sumo_is_run_with_the_papers_numbers():
     config = TrafficConfig()
-    assert config.keep_lane_speed_factor == 1.0 - PAPER_SPEEDS.civilian_yield_speed_difference
     assert config.leader_range_m == PAPER_CONSTANTS.leader_query_m
 
 

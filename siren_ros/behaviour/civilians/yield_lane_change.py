@@ -17,8 +17,10 @@ from siren_ros.behaviour.driving.navigator import NavigatorState, Situation, nav
 from siren_ros.behaviour.driving.situation import StepView
 from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, neighbour_lane
 from siren_ros.numerics.units import steps_from_s
+from siren_ros.roads.road_network import NO_LANE
 from siren_ros.world.actors import Mode
 from siren_ros.world.events import Event, EventKind
+from siren_ros.world.traffic_state import TrafficFlags
 
 _RIGHT_FIRST = (-1, 1)
 _FOLLOWED_STEPS = steps_from_s(1.0)
@@ -27,23 +29,25 @@ _FOLLOWED_STEPS = steps_from_s(1.0)
 def start_lane_change(unit: YieldUnit, view: StepView, row: int) -> Outcome:
     """Starts the lane change if it is feasible, and defers the yield if it is not.
 
-    A side on which the vehicle can follow its route is preferred, then the right side. A deferred request is
-    reconsidered at every step, once the cooldown since the vehicle's last forced lane change is over.
+    Of the feasible sides, one on which the vehicle can follow its route is preferred, then the side that SUMO's
+    lane-change model wants (the paper's intent), then the right side. A deferred request is reconsidered at every
+    step, once the cooldown since the vehicle's last forced lane change is over.
     """
     if view.step - unit.change_step < view.world.cooldown_steps:
         return defer(unit, view, row, "cooldown")
     lane = lane_of(unit, view, row)
     route = view.traffic.route_of_row(row)
-    speed = view.world.speeds.civilian_yield_lane_change_mps
+    speed = yield_speed_mps(view, lane)
+    wanted = intent_of(view, row)
     refusals: list[tuple[int, Refusal]] = []
-    choices: list[tuple[bool, LaneChangeQuery, LanePath]] = []
+    choices: list[tuple[tuple[bool, bool], LaneChangeQuery, LanePath]] = []
     for side in _RIGHT_FIRST:
         query = LaneChangeQuery(row, lane, side, speed, route, civilian=True)
         verdict = assess(view, query)
         if isinstance(verdict, Refusal):
             refusals.append((side, verdict))
         else:
-            choices.append((verdict.end is LaneEnd.ASTRAY, query, verdict))
+            choices.append(((verdict.end is LaneEnd.ASTRAY, side != wanted), query, verdict))
     if not choices:
         return _wait_for_gap(unit, view, row, refusals)
     _, query, reference = min(choices, key=lambda choice: choice[0])
@@ -62,6 +66,21 @@ def start_lane_change(unit: YieldUnit, view: StepView, row: int) -> Outcome:
     started = yield_event(unit, view, row, EventKind.YIELD_STARTED, side=query.side, from_lane=lane, to_lane=target)
     moved = drive(unit, view, row, speed)
     return replace(moved, events=(started, *moved.events))
+
+
+def intent_of(view: StepView, row: int) -> int:
+    """Side to which SUMO's lane-change model wants to take a vehicle: +1 left, −1 right, 0 neither."""
+    flags = int(view.traffic.flags[row])
+    return bool(flags & TrafficFlags.WANTS_LEFT) - bool(flags & TrafficFlags.WANTS_RIGHT)
+
+
+def yield_speed_mps(view: StepView, lane: int) -> float:
+    """Target speed of the lane change: the paper's, and at most the paper's share of the speed limit."""
+    speeds = view.world.speeds
+    if lane == NO_LANE:
+        return speeds.civilian_yield_lane_change_mps
+    slowed = (1.0 - speeds.civilian_yield_speed_difference) * view.world.network.lanes[lane].speed_limit_mps
+    return min(speeds.civilian_yield_lane_change_mps, slowed)
 
 
 def defer(unit: YieldUnit, view: StepView, row: int, reason: str) -> Outcome:
@@ -110,7 +129,7 @@ def change_lane(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> Outc
         cancelled = yield_event(unit, view, row, EventKind.YIELD_CANCELLED, reason=reason)
         moved = rejoin(replace(unit, phase=Mode.REJOIN, stopped_steps=0), view, row)
         return replace(moved, events=(cancelled, *moved.events))
-    return drive(unit, view, row, view.world.speeds.civilian_yield_lane_change_mps)
+    return drive(unit, view, row, yield_speed_mps(view, lane))
 
 
 def keep_lane(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> Outcome:

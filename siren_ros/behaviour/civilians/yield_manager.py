@@ -1,5 +1,6 @@
 """The civilians' per-step yield control (paper, Algorithm 2): who notices an EMV, and what each one does about it."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
@@ -15,7 +16,6 @@ from siren_ros.behaviour.civilians.rejoin import rejoin
 from siren_ros.behaviour.civilians.release import emv_fully_passed, release_reason
 from siren_ros.behaviour.civilians.unit import EmvView, Outcome, YieldUnit, yield_event
 from siren_ros.behaviour.civilians.yield_lane_change import change_lane, keep_lane, start_lane_change
-from siren_ros.behaviour.config import YieldTrigger
 from siren_ros.behaviour.driving.navigator import DriveCommand
 from siren_ros.behaviour.driving.situation import BehaviourWorld, StepView
 from siren_ros.behaviour.driving.surroundings import ActorTable, Surroundings
@@ -25,7 +25,7 @@ from siren_ros.scenario.levels import CivilianResponse
 from siren_ros.world.actors import Lights, Mode, Owner, rows_of_ids
 from siren_ros.world.commands import VehicleCommands
 from siren_ros.world.events import Event, EventKind
-from siren_ros.world.traffic_state import TrafficFlags, TrafficState
+from siren_ros.world.traffic_state import TrafficState
 
 SOURCE: Final = "yield_manager"
 _COAST: Final = DriveCommand(throttle=0.0, brake=0.0, steer_rad=0.0, hand_brake=False)
@@ -121,15 +121,12 @@ def _notice(
     """Latches the civilians that notice an EMV at this step (adds to ``units`` and ``drivers``)."""
     world, seen = view.world, view.seen
     events: list[Event] = []
-    flagged = (view.traffic.flags & TrafficFlags.RESCUE_LANE) != 0
     for emv_id, scene in scenes.items():
         candidates = np.isfinite(scene.way_m) & ~seen.is_emv
         candidates &= (scene.way_m > -2.0 * seen.half_length_m) & (seen.actor_id != world.av_id)
-        if world.config.yielding.trigger is YieldTrigger.RESCUE_LANE:
-            candidates &= flagged
         for row in np.flatnonzero(candidates).tolist():
             actor_id = int(seen.actor_id[row])
-            if actor_id in units or not _is_member(scene.members, actor_id):
+            if actor_id in units:
                 continue
             driver = drivers.get(actor_id)
             if driver is None:
@@ -191,10 +188,19 @@ def _emv_of(unit: YieldUnit, view: StepView, row: int, scenes: dict[int, _EmvSce
     return EmvView(
         row=scene.row,
         passed=emv_fully_passed(view, row, scene.row),
-        in_region=_is_member(scene.members, unit.actor_id),
+        in_region=_is_member(scene.members, unit.actor_id) or _responds(unit, row, scene, view),
         on_path=bool(np.isfinite(way) and way > -2.0 * view.seen.half_length_m[row]),
         on_road=bool(scene.on_road[row]),
     )
+
+
+def _responds(unit: YieldUnit, row: int, scene: _EmvScene, view: StepView) -> bool:
+    """Whether a driver who noticed the EMV beyond the interaction region is still near enough to it."""
+    seen, constants = view.seen, view.world.constants
+    bumpers = float(seen.half_length_m[row] + seen.half_length_m[scene.row])
+    hysteresis = constants.region_leave_m - constants.region_enter_m
+    distance = math.hypot(*(float(axis[row] - axis[scene.row]) for axis in (seen.x_m, seen.y_m)))
+    return distance <= unit.driver.response_distance_m + bumpers + hysteresis
 
 
 def _is_member(members: Ids, actor_id: int) -> bool:

@@ -17,6 +17,8 @@ _PATH_STEP_M: Final = 0.5
 _OFFSET_LENGTH_M: Final = 4.0
 """Way over which the path tracking takes back most of an offset from the path."""
 _LEAST_WAY_M: Final = 0.2
+_RESERVE_M: Final = 1.0
+"""Distance from an impassable place that braking keeps in any case."""
 _TOUCH_M: Final = 0.03
 """Nearer than this the bodies count as touching."""
 _TOLERANCE_M: Final = 0.01
@@ -213,6 +215,9 @@ class FreeWay:
     ) -> SpeedLimit:
         """Speed from which one can slow down for tight places and stop before impassable ones.
 
+        The needed deceleration is that of a stop before the first impassable place: tight places can be entered
+        faster than is wanted.
+
         Args:
             speed_mps: Present speed.
             squeezes: Margins, the wider first, and the speeds that they allow.
@@ -224,10 +229,12 @@ class FreeWay:
         stopping = self._stopping_m(clearance_m)
         free = float(stopping.min(initial=np.inf))
         narrow.append((free - stop_short_m, 0.0))
-        limit, brake = math.inf, 0.0
+        limit = math.inf
         for way, slow in narrow:
             if way < math.inf:
                 limit = min(limit, math.sqrt(slow * slow + 2.0 * brake_mps2 * max(way, 0.0)))
-                brake = max(brake, (speed_mps**2 - slow * slow) / (2.0 * max(way, _LEAST_WAY_M)))
-        blocker = int(self.actor_id[np.argmin(stopping)]) if free < math.inf else NO_ACTOR
+        if free == math.inf:
+            return SpeedLimit(limit)
+        brake = speed_mps**2 / (2.0 * max(free - min(stop_short_m, _RESERVE_M), _LEAST_WAY_M))
+        blocker = int(self.actor_id[np.argmin(stopping)])
         return SpeedLimit(limit, brake if brake > brake_mps2 else 0.0, blocker, free)

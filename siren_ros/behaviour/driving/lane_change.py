@@ -36,9 +36,6 @@ class Refusal(StrEnum):
     BESIDE = "vehicle_beside"
     GAP_FRONT = "gap_front"
     GAP_REAR = "gap_rear"
-    NO_GAIN = "no_gain"
-    CLEARING = "lane_is_clearing"
-    """The vehicle ahead is about to leave the EMV's lane."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +108,7 @@ def refusal_of_gaps(gaps: LaneGaps, speed_mps: float, target_mps: float, config:
     if min(gaps.front_m, gaps.rear_m) <= 0.0:
         return Refusal.BESIDE
     closing = max(speed_mps - gaps.front_mps, 0.0)
-    if gaps.front_m < config.front_gap_m + closing * config.front_time_s + closing**2 / (2.0 * config.brake_mps2):
+    if gaps.front_m < config.front_gap_m + closing * config.front_time_s + closing**2 / (2.0 * config.front_brake_mps2):
         return Refusal.GAP_FRONT
     slowest = min(speed_mps, target_mps)
     closing = max(gaps.rear_mps - slowest, 0.0)

@@ -9,6 +9,7 @@ import numpy as np
 from siren_ros.behaviour.driving.navigator import DriveCommand, Situation, navigate
 from siren_ros.behaviour.driving.situation import BehaviourWorld, StepView
 from siren_ros.behaviour.driving.surroundings import ActorTable, Surroundings
+from siren_ros.behaviour.emv.anticipation import anticipated_limit
 from siren_ros.behaviour.emv.corridor import corridor_mode, corridor_path
 from siren_ros.behaviour.emv.forced_lane_change import (
     cancel_lane_change,
@@ -107,7 +108,8 @@ def _step_unit(unit: EmvUnit, view: StepView, row: int) -> tuple[EmvUnit, DriveC
         config = replace(config, standstill_gap_m=view.world.config.emv.escape_gap_m)
     if unit.corridor:
         config = replace(config, side_margin_m=view.world.config.corridor.side_margin_m)
-    limit = passage_limit(unit, view, row)
+    between = unit.corridor or unit.gap_escape_active
+    limit = passage_limit(unit, view, row) if between else anticipated_limit(unit, view, row)
     situation = Situation(
         seen=view.seen,
         row=row,

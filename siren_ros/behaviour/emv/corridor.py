@@ -18,7 +18,7 @@ from siren_ros.behaviour.paths.path_blend import along_reference, blend_length_m
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import NEVER, steps_from_s
 from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
-from siren_ros.world.actors import Lights
+from siren_ros.world.actors import Lights, Owner
 from siren_ros.world.events import EventKind
 from siren_ros.world.traffic_state import Indices
 
@@ -52,7 +52,11 @@ def corridor_mode(unit: EmvUnit, view: StepView, row: int) -> Outcome:
 
 
 def braking_ahead(unit: EmvUnit, view: StepView, row: int) -> bool:
-    """Whether a vehicle of the EMV's direction brakes or stands on the road ahead, within the corridor's length."""
+    """The paper's ``brakingAhead``: a civilian that yields brakes or holds on the road ahead, within the corridor.
+
+    Civilians that yield are those that ROS drives. Vehicles that brake for a red light or for a vehicle ahead leave no
+    corridor, so they do not count.
+    """
     path = unit.navigator.path
     if path is None:
         return False
@@ -62,12 +66,9 @@ def braking_ahead(unit: EmvUnit, view: StepView, row: int) -> bool:
     rows = seen.near(x, y, config.length_m, but=row)
     if len(rows) == 0:
         return False
-    brakes = (
-        ((traffic.lights[rows] & Lights.BRAKE) != 0)
-        | (seen.speed_mps[rows] < _STANDING_MPS)
-        | (traffic.sumo_accel_mps2[rows] < config.braking_accel_mps2)
-    )
-    rows = rows[brakes]
+    brakes = ((traffic.lights[rows] & Lights.BRAKE) != 0) | (seen.speed_mps[rows] < _STANDING_MPS)
+    yields = (traffic.owner[rows] == Owner.ROS) & ~seen.is_emv[rows] & (seen.actor_id[rows] != view.world.av_id)
+    rows = rows[brakes & yields]
     s, left, nearest = path.curve.project(seen.x_m[rows], seen.y_m[rows])
     same = np.cos(seen.yaw_rad[rows] - path.curve.heading_rad[nearest]) > _SAME_DIRECTION
     ahead = s - unit.navigator.progress_m

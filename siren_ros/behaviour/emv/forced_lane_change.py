@@ -3,33 +3,24 @@
 from dataclasses import replace
 from typing import Final
 
-import numpy as np
-
 from siren_ros.behaviour.driving.lane_change import (
     LaneChangeQuery,
-    LaneGaps,
     Refusal,
     assess,
     change_length_m,
     entered_lane,
-    gaps_in_lane,
 )
 from siren_ros.behaviour.driving.situation import StepView
 from siren_ros.behaviour.emv.guard import Outcome
 from siren_ros.behaviour.emv.route import plan_route, present_lane, strategic_side
 from siren_ros.behaviour.emv.unit import EmvUnit, LateralRequest, advice_of, event_of
-from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, neighbour_lane
-from siren_ros.numerics.units import STEP_S, steps_from_s
+from siren_ros.behaviour.paths.lane_path import LaneEnd, neighbour_lane
+from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import NO_LANE
-from siren_ros.scenario.levels import CivilianResponse
-from siren_ros.world.actors import NO_ACTOR
 from siren_ros.world.events import EventKind
-from siren_ros.world.traffic_state import TrafficFlags
 
 _INTENT_PAUSE_STEPS: Final = steps_from_s(1.0)
 """SUMO's intent comes and goes from step to step; a request ends after a pause of this length."""
-_GAIN_TIME_S: Final = 4.0
-"""Time over which the speed of the vehicle ahead counts as free road."""
 ROUTE: Final = "route"
 SUMO: Final = "sumo"
 
@@ -58,8 +49,6 @@ def forced_lane_change(unit: EmvUnit, view: StepView, row: int) -> Outcome:
     """
     if unit.corridor or unit.gap_escape_active:
         return _drop_request(unit, view, row, "corridor" if unit.corridor else "gap_escape")
-    slow = float(view.seen.speed_mps[row]) < 0.5 * view.world.speeds.emv_route_follow_mps
-    unit = replace(unit, slow_s=unit.slow_s + STEP_S if slow else 0.0)
     if unit.lane_change_forced:
         return unit, ()
     unit, events = _note_intent(unit, view, row)
@@ -67,12 +56,12 @@ def forced_lane_change(unit: EmvUnit, view: StepView, row: int) -> Outcome:
     cooled = view.step - unit.change_step >= view.world.cooldown_steps
     if request.side == 0 or request.seen_step != view.step or not cooled:
         return unit, events
-    verdict = _verdict(unit, view, row)
+    query = _query(unit, view, row)
+    verdict = assess(view, query)
     if isinstance(verdict, Refusal):
         if request.deferred is None:
             events += (event_of(view, row, EventKind.LANE_CHANGE_DEFERRED, side=request.side, reason=verdict.value),)
         return replace(unit, request=replace(request, deferred=verdict)), events
-    query = _query(unit, view, row)
     target = neighbour_lane(view.world.network, query.lane, query.side)
     plan, navigator = plan_route(view, row, target, unit.navigator, merge_m=change_length_m(view, query))
     started = event_of(view, row, EventKind.LANE_CHANGE_STARTED, side=request.side, reason=request.reason, lane=target)
@@ -115,28 +104,6 @@ def _query(unit: EmvUnit, view: StepView, row: int) -> LaneChangeQuery:
         route=view.traffic.route_of_row(row),
         civilian=False,
     )
-
-
-def _verdict(unit: EmvUnit, view: StepView, row: int) -> Refusal | LanePath:
-    query = _query(unit, view, row)
-    verdict = assess(view, query)
-    if isinstance(verdict, Refusal) or unit.request.reason == ROUTE:
-        return verdict
-    own = gaps_in_lane(view, row, query.lane)
-    if _is_clearing(unit, own, view):
-        return Refusal.CLEARING
-    target = gaps_in_lane(view, row, neighbour_lane(view.world.network, query.lane, query.side))
-    gain = target.front_m + _GAIN_TIME_S * target.front_mps - own.front_m - _GAIN_TIME_S * own.front_mps
-    return verdict if gain >= view.world.config.emv.gain_min_m else Refusal.NO_GAIN
-
-
-def _is_clearing(unit: EmvUnit, own: LaneGaps, view: StepView) -> bool:
-    """Whether the vehicle ahead reacts to the siren and will leave the lane, and the EMV has not waited too long."""
-    if view.world.policy.response is not CivilianResponse.FEASIBLE_YIELD or own.front_id == NO_ACTOR:
-        return False
-    leader = np.flatnonzero(view.seen.actor_id == own.front_id)
-    reacts = bool(np.any(view.traffic.flags[leader] & TrafficFlags.RESCUE_LANE))
-    return reacts and unit.slow_s < view.world.config.emv.patience_s
 
 
 def _note_intent(unit: EmvUnit, view: StepView, row: int) -> Outcome:

@@ -45,8 +45,6 @@ class EmvUnit:
     corridor: bool = False
     corridor_seen_step: int = NEVER
     corridor_planned_step: int = NEVER
-    slow_s: float = 0.0
-    """Time below half of the target speed."""
     change_side: int = 0
     """Side of the forced lane change under way (``lane_change_forced``), 0 without one."""
     change_step: int = NEVER

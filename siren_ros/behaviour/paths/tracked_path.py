@@ -66,7 +66,7 @@ class TrackedPath:
         local = np.minimum(local, np.maximum(steered, _CREEP_MPS) ** 2)
         if stop_at_end:
             local = np.concatenate((local[:-1], [0.0]))
-        braking = 2.0 * config.comfort_brake_mps2 * curve.spacing_m * np.arange(len(local))
+        braking = 2.0 * config.path_brake_mps2 * curve.spacing_m * np.arange(len(local))
         cap = np.minimum.accumulate((local + braking)[::-1])[::-1] - braking
         if lane is None:
             lane = np.full(len(cap), NO_LANE, dtype=np.int32)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from siren_ros.errors import InputError
 from siren_ros.scenario.levels import EmergencyLevel
-from siren_ros.scenario.paper_constants import PAPER_CONSTANTS, PAPER_SPEEDS
+from siren_ros.scenario.paper_constants import PAPER_CONSTANTS
 
 
 @dataclass(frozen=True)
@@ -20,8 +20,6 @@ class TrafficConfig:
     """How far ahead SUMO is asked for the EMV's leader."""
     advice_range_m: float = 80.0
     """Lane-change intent of civilians is read within this distance of an EMV."""
-    keep_lane_speed_factor: float = 1.0 - PAPER_SPEEDS.civilian_yield_speed_difference
-    """Of the speed limit, after a yield lane change until the EMV has passed."""
     still_m: float = 0.01
     """A mirrored pose that moved less than this is held, because SUMO may snap to another lane on creeping back."""
     placed_m: float = 0.05
@@ -42,7 +40,7 @@ class TrafficConfig:
     """SUMO's ``jmDriveRedSpeed`` of a privileged EMV (SUMO's default): SUMO's own advice on speed over red."""
 
     def __post_init__(self) -> None:
-        positive = ("lateral_resolution_m", "leader_range_m", "advice_range_m", "keep_lane_speed_factor", "jump_m")
+        positive = ("lateral_resolution_m", "leader_range_m", "advice_range_m", "jump_m")
         for name in positive:
             if not getattr(self, name) > 0.0:
                 raise InputError(name, getattr(self, name), "a number above 0")

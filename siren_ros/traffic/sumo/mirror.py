@@ -201,7 +201,7 @@ class Mirror:
             own = bound.own_speed_factor if bound is not None else float(libsumo.vehicle.getSpeedFactor(name))
             self._bound[name] = _Binding(mode, own)
             if mode == Mode.YIELD_KEEP_LANE:
-                factor, change_mode = min(own, self._config.keep_lane_speed_factor), KEEP_LANE_CHANGE_MODE
+                factor, change_mode = own, KEEP_LANE_CHANGE_MODE
             else:
                 factor, change_mode = max(own, self._config.deferred_speed_factor), DEFAULT_LANE_CHANGE_MODE
             libsumo.vehicle.setLaneChangeMode(name, change_mode)

@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from siren_ros.behaviour.civilians.yield_lane_change import yield_speed_mps
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
-from siren_ros.behaviour.config import BehaviourConfig, YieldConfig
 from siren_ros.scenario.presets import ComplianceShares, TruncatedNormal, load_preset
 from siren_ros.world.actors import ActorClass, Mode, Owner
+from siren_ros.world.traffic_state import TrafficFlags
 
 AMBULANCE = ActorClass.AMBULANCE
 
@@ -59,19 +60,24 @@ def test_yields_at_once_with_the_papers_driver(lab, world):
 
 
 @pytest.mark.parametrize(
-    ("lane", "s"), [(1, 80.0), (0, 30.0), (0, 91.0)], ids=["other lane", "behind", "out of the region"]
+    ("lane", "s"), [(1, 80.0), (0, 30.0), (0, 96.0)], ids=["other lane", "behind", "beyond the response distance"]
 )
-def test_only_vehicles_ahead_in_the_emvs_lane_within_the_region(lab, world, lane, s):
+def test_only_vehicles_ahead_in_the_emvs_lane_within_the_response_distance(lab, world, lane, s):
     _, commands, events = steps(lab, world, [emv_at(lab), lab.Car(2, lane, s, 5, (0,))])
     assert len(commands) == 0
     assert not events
 
 
-def test_sumos_rescue_lane_is_the_trigger_where_it_is_asked_for(lab):
-    world = lab.world_of(lab.straight_road(), lab.L2, config=BehaviourConfig(yielding=YieldConfig()))
-    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
-    assert not steps(lab, world, cars)[2]
-    assert "yield_requested" in kinds(steps(lab, world, cars, flags=lab.RESCUE)[2])
+def test_response_distance_reaches_beyond_the_interaction_region(lab, world):
+    far = replace(world, preset=world.preset.for_scenario(60.0, 0.0, 1.0))
+    beyond = lab.Car(2, 0, 50 + 0.5 * (6.5 + 4.75) + 59.9, 5, (0,))
+    assert not steps(lab, world, [emv_at(lab), beyond])[2]
+    state, _, events = steps(lab, far, [emv_at(lab), beyond])
+    assert kinds(events) == ["yield_requested", "yield_started"]
+    state, _, events = steps(lab, far, [emv_at(lab, 41.0), beyond], 1, state, 1)
+    assert not events
+    _, _, events = steps(lab, far, [emv_at(lab, 39.0), beyond], 1, state, 2)
+    assert events[0].detail["reason"] == "emv_gone"
 
 
 def test_response_distance_is_the_free_way(lab, world):
@@ -92,12 +98,11 @@ def test_reaction_delay_comes_first(lab, world):
     assert kinds(events) == ["yield_started"]
 
 
-def test_request_latches_when_the_flag_goes(lab):
-    world = lab.world_of(lab.straight_road(), lab.L2, config=BehaviourConfig(yielding=YieldConfig()))
+def test_request_latches_when_the_emv_falls_back(lab, world):
     slow = replace(world, preset=world.preset.for_scenario(40.0, 1.0, 1.0))
-    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
-    state, _, _ = steps(lab, slow, cars, 1, flags=lab.RESCUE)
-    _, _, events = steps(lab, slow, cars, 20, state, 1)
+    car = lab.Car(2, 0, 95, 5, (0,))
+    state, _, _ = steps(lab, slow, [emv_at(lab), car])
+    _, _, events = steps(lab, slow, [emv_at(lab, 46.0), car], 20, state, 1)
     assert kinds(events) == ["yield_started"]
 
 
@@ -127,6 +132,22 @@ def test_right_side_is_preferred(lab):
     assert steps(lab, world, cars)[2][-1].detail["side"] == -1
     beside = [*cars, lab.Car(3, 0, 80, 5, (0,))]
     assert steps(lab, world, beside)[2][-1].detail["side"] == 1
+
+
+@pytest.mark.parametrize(("wish", "side"), [("WANTS_LEFT", 1), ("WANTS_RIGHT", -1)])
+def test_sumos_intent_chooses_the_side(lab, wish, side):
+    world = lab.world_of(lab.straight_road(3), lab.L2)
+    cars = [emv_at(lab, lane=1), lab.Car(2, 1, 80, 5, (0,), flags=int(TrafficFlags[wish]))]
+    assert steps(lab, world, cars)[2][-1].detail["side"] == side
+
+
+@pytest.mark.parametrize(("limit", "target"), [(13.9, 10.0 / 3.6), (4.0, 2.0)])
+def test_lane_change_is_driven_at_the_papers_speed_and_at_most_at_half_the_limit(lab, limit, target):
+    network = lab.straight_road()
+    lanes = tuple(replace(lane, speed_limit_mps=limit) for lane in network.lanes)
+    world = lab.world_of(replace(network, lanes=lanes), lab.L2)
+    view = lab.view_of(world, lab.traffic_of(network, [emv_at(lab)]))
+    assert yield_speed_mps(view, 0) == pytest.approx(target)
 
 
 def test_side_that_leads_on_comes_before_the_right_side(lab):

@@ -6,7 +6,7 @@ from siren_ros.behaviour.emv.corridor import braking_ahead, corridor_lane, corri
 from siren_ros.behaviour.emv.forced_lane_change import forced_lane_change
 from siren_ros.behaviour.emv.unit import EmvUnit
 from siren_ros.behaviour.paths.lane_path import LaneEnd, path_on_lanes
-from siren_ros.world.actors import ActorClass, Lights
+from siren_ros.world.actors import ActorClass, Lights, Owner
 
 
 def view_at(lab, others=(), network=None, lane=0, step=0, **traffic):
@@ -29,15 +29,24 @@ def test_entered_when_vehicles_react(lab):
     assert kinds(events) == ["corridor_entered"]
 
 
-def test_entered_when_a_vehicle_brakes_ahead(lab):
-    car = lab.Car(2, 1, 150, 7, (0,))
-    quiet, braking = view_at(lab, [car]), view_at(lab, [car], lights={2: int(Lights.BRAKE)})
-    assert not braking_ahead(on_route(quiet), quiet, 0)
-    assert braking_ahead(on_route(braking), braking, 0)
-    behind = view_at(lab, [lab.Car(2, 1, 80, 0, (0,))])
-    assert not braking_ahead(on_route(behind), behind, 0)
-    far = view_at(lab, [lab.Car(2, 1, 185, 0, (0,))])
-    assert not braking_ahead(on_route(far), far, 0)
+YIELDING = {2: int(Owner.ROS)}
+
+
+@pytest.mark.parametrize(
+    ("place", "speed", "lights", "owners", "brakes"),
+    [
+        (150, 7, {2: int(Lights.BRAKE)}, YIELDING, True),
+        (150, 0, {}, YIELDING, True),
+        (150, 7, {}, YIELDING, False),
+        (150, 0, {2: int(Lights.BRAKE)}, {}, False),
+        (80, 0, {}, YIELDING, False),
+        (185, 0, {}, YIELDING, False),
+    ],
+    ids=["brakes", "holds", "drives on", "queues at a red light", "behind", "beyond the corridor"],
+)
+def test_yielding_vehicles_that_brake_ahead_open_a_corridor(lab, place, speed, lights, owners, brakes):
+    view = view_at(lab, [lab.Car(2, 1, place, speed, (0,))], lights=lights, owners=owners)
+    assert braking_ahead(on_route(view), view, 0) is brakes
 
 
 def test_cancels_and_suppresses_forced_lane_changes(lab):

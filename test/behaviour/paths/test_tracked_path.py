@@ -6,7 +6,7 @@ from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
 from siren_ros.roads.road_network import NO_LANE
 
-CONFIG = NavigatorConfig(lateral_accel_mps2=3.0, comfort_brake_mps2=2.0)
+CONFIG = NavigatorConfig(lateral_accel_mps2=3.0, path_brake_mps2=2.0)
 STRAIGHT = Curve.through(np.array([[0.0, 0.0], [100.0, 0.0]]))
 
 

@@ -1,0 +1,82 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from siren_ros.behaviour.config import AnticipationConfig
+from siren_ros.behaviour.emv.anticipation import anticipated_limit, approach_speed_mps
+from siren_ros.behaviour.emv.controller import follow_route
+from siren_ros.behaviour.emv.forced_lane_change import ROUTE
+from siren_ros.behaviour.emv.unit import EmvUnit, LateralRequest
+from siren_ros.world.actors import ActorClass
+
+CONFIG = AnticipationConfig()
+HALF = 0.5 * (6.5 + 4.75)
+
+
+def approach(gap, lead, overlap=2.0, leaving=0.0):
+    return float(approach_speed_mps(*(np.array([value]) for value in (gap, lead, overlap, leaving)), CONFIG)[0])
+
+
+def scene(lab, *others, speed=13.0):
+    network = lab.straight_road()
+    cars = [lab.Car(1, 0, 100, speed, (0,), ActorClass.AMBULANCE), *others]
+    view = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars))
+    return follow_route(EmvUnit(1), view, 0)[0], view
+
+
+def test_stops_gently_behind_a_standing_vehicle():
+    """With the headway's distance in hand, the speed is that of a stop at the constant gentle deceleration."""
+    brake, headway, standstill = CONFIG.brake_mps2, CONFIG.headway_s, CONFIG.standstill_gap_m
+    speed = 8.0
+    gap = standstill + speed * headway + speed**2 / (2.0 * brake)
+    assert approach(gap, 0.0) == pytest.approx(speed)
+    assert approach(standstill, 0.0) == 0.0
+
+
+def test_follows_at_the_same_speed_after_the_headway():
+    assert approach(CONFIG.standstill_gap_m + 7.0 * CONFIG.headway_s, 7.0) == pytest.approx(7.0)
+
+
+def test_a_vehicle_that_leaves_the_path_is_approached_so_as_to_arrive_when_it_has_left():
+    staying, leaving = approach(26.0, 3.0), approach(26.0, 3.0, overlap=2.0, leaving=1.0)
+    assert leaving == pytest.approx(3.0 + (26.0 - CONFIG.standstill_gap_m) / 2.0)
+    assert leaving > staying
+    assert approach(26.0, 3.0, overlap=2.0, leaving=0.1) == staying
+    assert approach(26.0, 3.0, overlap=8.0, leaving=1.0) == staying
+    assert approach(26.0, 3.0, overlap=2.0, leaving=-1.0) == staying
+
+
+def test_only_vehicles_on_the_path_in_the_same_direction_count(lab):
+    assert math.isinf(anticipated_limit(*scene(lab, lab.Car(2, 1, 130, 0, (0,))), 0).speed_mps)
+    assert math.isinf(anticipated_limit(*scene(lab, lab.Car(2, 0, 70, 0, (0,))), 0).speed_mps)
+    assert anticipated_limit(*scene(lab, lab.Car(2, 0, 130, 0, (0,))), 0).speed_mps < 13.0
+
+
+def test_slows_down_no_more_than_gently_and_leaves_braking_to_the_collision_handling(lab):
+    unit, view = scene(lab, lab.Car(2, 0, 100 + HALF + 7.0, 0, (0,)))
+    limit = anticipated_limit(unit, view, 0)
+    gain = view.world.config.emv.navigator.speed_gain_1ps
+    assert limit.speed_mps == pytest.approx(13.0 - CONFIG.ease_off_mps2 / gain)
+    assert limit.brake_mps2 == 0.0
+
+
+def test_adapts_to_the_lane_that_the_route_needs_before_it_can_change(lab):
+    unit, view = scene(lab, lab.Car(2, 1, 100 + HALF + 20.0, 5, (0,)), speed=8.0)
+    asked = replace(unit, request=LateralRequest(1, ROUTE, 0))
+    assert math.isinf(anticipated_limit(unit, view, 0).speed_mps)
+    expected = max(approach(20.0, 5.0), 8.0 - CONFIG.ease_off_mps2 / view.world.config.emv.navigator.speed_gain_1ps)
+    assert anticipated_limit(asked, view, 0).speed_mps == pytest.approx(expected)
+
+
+def test_does_not_saw_behind_one_yielder_after_another(lab):
+    """Three vehicles at 20 km/h leave the lane one after the other; the EMV brakes for all of them together once."""
+    cars = [lab.Car(1, 0, 60, 12, (0,), ActorClass.AMBULANCE)]
+    cars += [lab.Car(2 + i, 0, 96 + 14 * i, 5.5, (0,), desired=5.5) for i in range(3)]
+    loop = lab.Loop(lab.world_of(lab.straight_road(2, length=700), lab.L2), cars).run(600)
+    speed = np.array([row[1][3] for row in loop.log])
+    accel = np.diff(speed) / 0.05
+    assert np.percentile(accel, 1) > -2.5
+    assert np.percentile(accel, 99) < 2.5
+    assert not loop.touching()

@@ -22,6 +22,7 @@ LAYERS = {
         "behaviour",
         "dynamics",
         "traffic",
+        "conflicts",
         "lockstep",
         "interfaces",
         "scenario",

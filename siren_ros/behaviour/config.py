@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, field
 
+from siren_ros.conflicts.yielding import YieldingConfig
+
 
 @dataclass(frozen=True)
 class NavigatorConfig:
@@ -35,12 +37,10 @@ class NavigatorConfig:
     """Lead by which the speed limit of the path is looked up: delay of the speed loop."""
     side_margin_m: float = 0.25
     """Free space wanted beside the swept path."""
-    watch_time_s: float = 3.5
-    """Horizon of the prediction at constant velocity."""
     watch_min_m: float = 20.0
     watch_max_m: float = 70.0
-    crossing_margin_m: float = 1.5
-    """Longitudinal margin to vehicles that cross the path."""
+    conflicts: YieldingConfig = field(default_factory=YieldingConfig)
+    """Where the ways of others meet the path."""
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,8 @@ _JUNCTION_KINDS: Final[Mapping[str, JunctionKind]] = {
 }
 _STOP_STATES: Final = frozenset({"s", "w"})
 """SUMO's link states of a stop sign: at a junction with priority and at an all-way stop."""
+_GIVE_WAY_STATES: Final = frozenset({"m", "=", "w", "s"})
+"""SUMO's link states of a movement without a signal that is not on the major road."""
 _PATH_FUNCTIONS: Final = frozenset({"internal", "crossing"})
 _LEFT_OUT_FUNCTIONS: Final = frozenset({"walkingarea"})
 
@@ -216,6 +218,7 @@ def _connections(root: Element, lanes: tuple[Lane, ...], edges: tuple[Edge, ...]
             signal_link=int(element.get("linkIndex", "-1")),
             must_stop=element.get("state") in _STOP_STATES and element.get("tl") is None,
             junction=edges[source.edge].to_junction,
+            gives_way=element.get("state") in _GIVE_WAY_STATES and element.get("tl") is None,
         )
 
 

@@ -90,6 +90,8 @@ class Connection:
     must_stop: bool
     """Whether a stop sign binds this movement."""
     junction: str
+    gives_way: bool = False
+    """Whether a movement without a signal gives way to others."""
 
 
 @dataclass(frozen=True)
@@ -141,6 +143,15 @@ class RoadNetwork:
     def connections_to(self) -> Mapping[int, tuple[Connection, ...]]:
         """Movements into each lane."""
         return _grouped(self.connections, "to_lane")
+
+    @cached_property
+    def connections_over(self) -> Mapping[int, tuple[Connection, ...]]:
+        """Movements across each internal lane."""
+        groups: dict[int, list[Connection]] = {}
+        for connection in self.connections:
+            for lane in connection.via:
+                groups.setdefault(lane, []).append(connection)
+        return {lane: tuple(group) for lane, group in groups.items()}
 
     def neighbour(self, lane: Lane, side: int) -> Lane | None:
         """The adjacent lane of the same edge: side +1 left, −1 right; None where there is none."""

@@ -21,6 +21,7 @@ from siren_ros.traffic.observation.reactions import Reactions
 from siren_ros.traffic.observation.teleports import find_teleports
 from siren_ros.traffic.sumo.advice import emv_advice
 from siren_ros.traffic.sumo.bend_limits import BendLimits
+from siren_ros.traffic.sumo.caution import CautiousDrivers
 from siren_ros.traffic.sumo.config import TrafficConfig
 from siren_ros.traffic.sumo.lane_continuity import LaneContinuity
 from siren_ros.traffic.sumo.mirror import Mirror
@@ -77,6 +78,7 @@ class SumoSimulation:
         self._population = Population(network, plan, self._config)
         self._mirror = Mirror(network, self._config, self._population)
         self._sideways = SidewaysLimits()
+        self._cautious = CautiousDrivers(network, self._config.yielding)
         self._crossings = CrossingWatch(network)
         self._reactions = Reactions(network, plan, level, self._config)
         first = (*(vehicle.name for vehicle in plan.emvs), *((plan.av,) if plan.av else ()))
@@ -130,6 +132,7 @@ class SumoSimulation:
 
     def _advance(self, step: int, states: ActorStates) -> TrafficState:
         ahead = {name: edges for name, (_, edges) in self._route_ahead.items()}
+        self._cautious.apply(self._last, self._reported)
         self._mirror.apply(states, self._reported, ahead)
         if self._last is not None:
             self._population.refill(self._emv_points(states), self._plan.civilians)
@@ -184,6 +187,7 @@ class SumoSimulation:
         removed = []
         for name in self._population.drop_departed():
             self._mirror.forget(name)
+            self._cautious.forget(name)
             self._route_ahead.pop(name, None)
             actor_id = self._ids.get(name)
             if actor_id in self._reported:

@@ -219,7 +219,7 @@ def route_from(network: RoadNetwork, route: tuple[int, ...], lane: int) -> tuple
 
 def view_of(world: BehaviourWorld, traffic: TrafficState) -> StepView:
     table = ActorTable.empty().updated(traffic)
-    return StepView(world, traffic, Surroundings.seen(traffic, table), table)
+    return StepView(world, traffic, Surroundings.seen(traffic, table, world.courses), table)
 
 
 @dataclass

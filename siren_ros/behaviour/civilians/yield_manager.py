@@ -73,7 +73,7 @@ def step_yield(state: YieldState, traffic: TrafficState, world: BehaviourWorld) 
     actors = state.actors.updated(traffic)
     if world.policy.response is CivilianResponse.NOMINAL:
         return YieldState(actors=actors), VehicleCommands.empty(traffic.step, SOURCE)
-    view = StepView(world, traffic, Surroundings.seen(traffic, actors), actors)
+    view = StepView(world, traffic, Surroundings.seen(traffic, actors, world.courses), actors)
     regions, scenes = _regions(state, view)
     units = dict(state.units)
     drivers = dict(state.drivers)

@@ -1,6 +1,6 @@
-"""Collision handling: who is ahead on the swept path, and how fast one may drive towards them."""
+"""Collision handling along the path: who is ahead on it, and how fast one may drive towards them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -11,16 +11,13 @@ from siren_ros.behaviour.driving.surroundings import Surroundings
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
 from siren_ros.numerics.arrays import Floats, Rows
 
-_CROSSING_COSINE: Final = 0.9
+CROSSING_COSINE: Final = 0.9
 """Vehicles that move at more than about 25° to the path cross it; the others move along it."""
-_MOVING_MPS: Final = 1.0
+MOVING_MPS: Final = 1.0
+"""Slower vehicles are leaders whichever way they look."""
 _DRIFT_SINE: Final = 0.035
 """Sideways drift of less than about 2° is noise of lane keeping."""
 _DRIFT_TIME_S: Final = 1.5
-_TIME_STEP_S: Final = 0.4
-_OWN_ACCEL_MPS2: Final = 1.5
-_SPREAD: Final = 0.1
-"""Growth of a crossing vehicle's predicted extent with the way it has gone."""
 
 
 @dataclass(frozen=True)
@@ -63,9 +60,9 @@ def watch_path(
 ) -> Threat | None:
     """The most restrictive actor ahead on the corridor that the vehicle sweeps along its path.
 
-    Actors that move along the path, or drift into it, are leaders at constant speed. Actors that cross the path count
-    if the prediction at constant velocity puts both vehicles at the same place at the same time. The safe speed is
-    Krauss's (1998): ``−bτ + sqrt((bτ)² + v_l² + 2b·gap)``.
+    Actors that stand or move along the path are leaders at constant speed along it, also those that drift into it;
+    those that cross it are ``conflict_watch``'s. The safe speed is Krauss's (1998):
+    ``−bτ + sqrt((bτ)² + v_l² + 2b·gap)``.
 
     Args:
         path: Own path.
@@ -79,8 +76,7 @@ def watch_path(
         The threat, or None on a free path.
     """
     speed = float(seen.speed_mps[row])
-    reach = speed * speed / (2.0 * config.comfort_brake_mps2) + 1.5 * max(speed, target_mps) + 10.0
-    reach = min(max(reach, config.watch_min_m), config.watch_max_m)
+    reach = watch_reach_m(speed, target_mps, config)
     rows = seen.near(float(seen.x_m[row]), float(seen.y_m[row]), reach + 8.0, but=row)
     if len(rows) == 0:
         return None
@@ -90,15 +86,28 @@ def watch_path(
     s, left, nearest = curve.project(seen.x_m[rows], seen.y_m[rows], first, last)
     turned = seen.yaw_rad[rows] - curve.heading_rad[nearest]
     along_share, left_share = np.cos(turned), np.sin(turned)
-    crossing = (np.abs(along_share) < _CROSSING_COSINE) & (seen.speed_mps[rows] > _MOVING_MPS)
+    crossing = (np.abs(along_share) < CROSSING_COSINE) & (seen.speed_mps[rows] > MOVING_MPS)
     leaders = _leaders(
         _PathFrame(rows, s, left, along_share, left_share, np.abs(curve.curvature_1pm[nearest]), progress_m, row),
         crossing,
         seen,
         config,
     )
-    crossers = _crossers(path, progress_m, row, target_mps, rows[crossing], seen, config)
-    return _worst((leaders, crossers), speed, target_mps, seen, config)
+    return _worst(leaders, speed, target_mps, seen, config)
+
+
+def watch_reach_m(speed_mps: float, target_mps: float, config: NavigatorConfig) -> float:
+    """How far ahead of its centre a vehicle looks."""
+    reach = speed_mps * speed_mps / (2.0 * config.comfort_brake_mps2) + 1.5 * max(speed_mps, target_mps) + 10.0
+    return min(max(reach, config.watch_min_m), config.watch_max_m)
+
+
+def stricter(first: Threat | None, second: Threat | None) -> Threat | None:
+    """Both threats as one: the lower safe speed with its actor, and the harder braking."""
+    if first is None or second is None:
+        return first or second
+    worse = first if first.safe_speed_mps <= second.safe_speed_mps else second
+    return replace(worse, must_brake_mps2=max(first.must_brake_mps2, second.must_brake_mps2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,59 +146,16 @@ def _leaders(
     )
 
 
-def _crossers(
-    path: TrackedPath,
-    progress_m: float,
-    row: int,
-    target_mps: float,
-    rows: Rows,
-    seen: Surroundings,
-    config: NavigatorConfig,
-) -> _Candidates:
-    if len(rows) == 0:
-        return _Candidates(rows, np.empty(0), np.empty(0))
-    t = np.arange(0.0, config.watch_time_s, _TIME_STEP_S)
-    speed = float(seen.speed_mps[row])
-    way = np.minimum(speed * t + 0.5 * _OWN_ACCEL_MPS2 * t * t, max(speed, target_mps) * t)
-    place = np.minimum(progress_m + way, path.length_m)
-    own = path.curve.at(place)
-    heading = path.curve.heading_at(place)
-    cos, sin = np.cos(heading), np.sin(heading)
-    other_speed = seen.speed_mps[rows]
-    gone = other_speed[:, None] * t
-    dx = seen.x_m[rows][:, None] + seen.cos[rows][:, None] * gone - own[:, 0]
-    dy = seen.y_m[rows][:, None] + seen.sin[rows][:, None] * gone - own[:, 1]
-    ahead, aside = cos * dx + sin * dy, cos * dy - sin * dx
-    turned = seen.yaw_rad[rows][:, None] - heading
-    turn_cos, turn_sin = np.abs(np.cos(turned)), np.abs(np.sin(turned))
-    half_length = seen.half_length_m[rows][:, None] + _SPREAD * gone
-    half_width = seen.half_width_m[rows][:, None]
-    extent = turn_cos * half_length + turn_sin * half_width
-    side = turn_sin * half_length + turn_cos * half_width
-    own_length, own_width = float(seen.half_length_m[row]), float(seen.half_width_m[row])
-    meets = (
-        (np.abs(aside) < side + own_width + config.side_margin_m)
-        & (np.abs(ahead) < extent + own_length + config.crossing_margin_m)
-        & (ahead > -0.5 * own_length)
-    )
-    hit = meets.any(axis=1)
-    when = np.argmax(meets[hit], axis=1)
-    gap = way[when] + ahead[hit, when] - extent[hit, when] - own_length
-    return _Candidates(row=rows[hit], gap_m=np.maximum(gap, 0.0), lead_mps=np.zeros(len(when)))
-
-
 def _worst(
-    groups: tuple[_Candidates, ...],
+    leaders: _Candidates,
     speed_mps: float,
     target_mps: float,
     seen: Surroundings,
     config: NavigatorConfig,
 ) -> Threat | None:
-    rows = np.concatenate([group.row for group in groups])
+    rows, gap, lead = leaders.row, leaders.gap_m, leaders.lead_mps
     if len(rows) == 0:
         return None
-    gap = np.concatenate([group.gap_m for group in groups])
-    lead = np.concatenate([group.lead_mps for group in groups])
     brake, reaction = config.comfort_brake_mps2, config.headway_s
     free = np.maximum(gap - config.standstill_gap_m, 0.0)
     safe = np.sqrt((brake * reaction) ** 2 + lead * lead + 2.0 * brake * free) - brake * reaction

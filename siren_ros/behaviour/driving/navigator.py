@@ -4,7 +4,8 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from siren_ros.behaviour.config import NavigatorConfig
-from siren_ros.behaviour.driving.collision_watch import CollisionSnapshot, watch_path
+from siren_ros.behaviour.driving.collision_watch import CollisionSnapshot, stricter, watch_path
+from siren_ros.behaviour.driving.conflict_watch import watch_conflicts
 from siren_ros.behaviour.driving.free_space import SpeedLimit
 from siren_ros.behaviour.driving.path_tracking import steer_along
 from siren_ros.behaviour.driving.speed_control import press_pedals
@@ -88,8 +89,11 @@ def navigate(
     progress, left = path.curve.nearest_to(state.progress_m, float(seen.x_m[row]), float(seen.y_m[row]))
     cap = min(path.speed_cap_mps(progress), path.speed_cap_mps(progress + speed * config.reaction_s))
     wanted = min(max(situation.target_mps, speed - config.ease_off_mps2 / config.speed_gain_1ps), cap)
-    threat = watch_path(path, progress, row, situation.target_mps, seen, config) if situation.watch else None
-    must_brake = 0.0
+    threat, must_brake = None, 0.0
+    if situation.watch:
+        target = situation.target_mps
+        led = watch_path(path, progress, row, target, seen, config)
+        threat = stricter(led, watch_conflicts(path, progress, row, target, seen, config))
     if threat is not None:
         wanted, must_brake = min(wanted, threat.safe_speed_mps), threat.must_brake_mps2
     wanted = min(wanted, situation.limit.speed_mps)

@@ -8,6 +8,7 @@ import numpy as np
 
 from siren_ros.behaviour.config import BehaviourConfig, NavigatorConfig
 from siren_ros.behaviour.driving.surroundings import ActorTable, Surroundings
+from siren_ros.conflicts.course import CourseBook
 from siren_ros.dynamics.parameters import VehicleParameters
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import RoadNetwork
@@ -37,6 +38,11 @@ class BehaviourWorld:
     def edge_of_lane(self) -> Indices:
         """Edge of each lane of the network."""
         return np.array([lane.edge for lane in self.network.lanes], dtype=np.int32)
+
+    @cached_property
+    def courses(self) -> CourseBook:
+        """Courses along the lanes of the network."""
+        return CourseBook(self.network)
 
     @property
     def cooldown_steps(self) -> int:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.conflicts.course import CourseBook
+from siren_ros.conflicts.outlook import Outlook
 from siren_ros.numerics.arrays import Floats, Ids
 from siren_ros.world.actors import ActorClass, ActorDescription, rows_of_ids
 from siren_ros.world.traffic_state import TrafficState
@@ -65,10 +67,17 @@ class Surroundings:
     half_length_m: Floats
     half_width_m: Floats
     is_emv: npt.NDArray[np.bool_]
+    outlook: Outlook | None = None
+    """Where everybody will go; straight on without it."""
 
     @classmethod
-    def seen(cls, traffic: TrafficState, table: ActorTable) -> "Surroundings":
+    def seen(cls, traffic: TrafficState, table: ActorTable, book: CourseBook | None = None) -> "Surroundings":
         """The actors of a step.
+
+        Args:
+            traffic: The step.
+            table: Descriptions of all actors.
+            book: Courses of the map.
 
         Raises:
             KeyError: an actor of the step was never described.
@@ -79,6 +88,7 @@ class Surroundings:
             rows = rows_of_ids(table.actor_id, traffic.actor_id)
             if np.any(rows < 0):
                 raise KeyError(int(traffic.actor_id[np.argmax(rows < 0)]))
+        half_length, half_width = 0.5 * table.length_m[rows], 0.5 * table.width_m[rows]
         return cls(
             actor_id=traffic.actor_id,
             x_m=traffic.x_m,
@@ -87,9 +97,10 @@ class Surroundings:
             cos=np.cos(traffic.yaw_rad),
             sin=np.sin(traffic.yaw_rad),
             speed_mps=traffic.speed_mps,
-            half_length_m=0.5 * table.length_m[rows],
-            half_width_m=0.5 * table.width_m[rows],
+            half_length_m=half_length,
+            half_width_m=half_width,
             is_emv=table.is_emv[rows],
+            outlook=None if book is None else Outlook(traffic, book, half_length, half_width),
         )
 
     def near(self, x_m: float, y_m: float, radius_m: float, but: int = -1) -> npt.NDArray[np.intp]:

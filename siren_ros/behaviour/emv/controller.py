@@ -62,7 +62,7 @@ def step_emv(state: EmvState, traffic: TrafficState, world: BehaviourWorld) -> t
     actors = state.actors.updated(traffic)
     if not world.policy.privileged:
         return EmvState({}, actors), VehicleCommands.empty(traffic.step, SOURCE)
-    view = StepView(world, traffic, Surroundings.seen(traffic, actors), actors)
+    view = StepView(world, traffic, Surroundings.seen(traffic, actors, world.courses), actors)
     units: dict[int, EmvUnit] = {}
     drives: list[tuple[EmvUnit, DriveCommand]] = []
     events: list[Event] = []

@@ -1,7 +1,8 @@
 """Constants of the traffic simulation."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from siren_ros.conflicts.yielding import YieldingConfig
 from siren_ros.errors import InputError
 from siren_ros.scenario.levels import EmergencyLevel
 from siren_ros.scenario.paper_constants import PAPER_CONSTANTS
@@ -38,6 +39,8 @@ class TrafficConfig:
     are slower, so that gaps come up in the neighbouring lane."""
     red_light_speed_mps: float = 5.56
     """SUMO's ``jmDriveRedSpeed`` of a privileged EMV (SUMO's default): SUMO's own advice on speed over red."""
+    yielding: YieldingConfig = field(default_factory=YieldingConfig)
+    """How SUMO's drivers wait for vehicles that are driven from outside."""
 
     def __post_init__(self) -> None:
         positive = ("lateral_resolution_m", "leader_range_m", "advice_range_m", "jump_m")

@@ -1,0 +1,1 @@
+"""Where vehicles will go, where their ways meet, and who waits there."""

@@ -1,0 +1,139 @@
+"""Who waits where two ways meet: time windows, right of way, and who can still stop."""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from siren_ros.conflicts.right_of_way import Rank
+from siren_ros.conflicts.zones import STEP_M, Zone
+
+_MOVING_MPS: Final = 0.3
+_LEAST_MPS: Final = 0.5
+"""A vehicle that moves at all is taken to clear a zone at this speed or faster."""
+_LEAST_WAY_M: Final = 0.3
+
+
+@dataclass(frozen=True)
+class YieldingConfig:
+    """Margins and decelerations at conflicts."""
+
+    before_s: float = 1.0
+    """Post-encroachment time wanted by who goes first; conflicts below it are counted as serious (Allen, Shin and
+    Cooper, "Analysis of traffic conflicts and collisions", 1978)."""
+    after_s: float = 0.4
+    """The same of who goes second, and sees the other one leave."""
+    merge_s: float = 1.5
+    """Headway wanted by who merges ahead of another one."""
+    commit_mps2: float = 3.0
+    """Who would have to brake harder than this to stop before the zone is expected to go on."""
+    brake_mps2: float = 2.0
+    """Deceleration laid out for by who waits."""
+    early_mps2: float = 1.0
+    """Acceleration that another vehicle may have up to the zone."""
+    standoff_m: float = 1.0
+    """Distance kept from the zone by who waits."""
+    horizon_s: float = 8.0
+    """Vehicles that arrive later do not count yet."""
+
+
+@dataclass(frozen=True)
+class Approach:
+    """One of two vehicles whose ways meet."""
+
+    speed_mps: float
+    top_mps: float
+    """Speed that it will not exceed."""
+    accel_mps2: float
+    """Acceleration that it may have up to that speed; negative where it slows down anyway."""
+    rank: Rank
+
+
+@dataclass(frozen=True)
+class Wait:
+    """How fast one may go who lets another vehicle pass first."""
+
+    speed_mps: float
+    brake_mps2: float
+    """Deceleration needed to stop before the zone."""
+    free_m: float
+    """Way to the zone, or to the place of the vehicle that merges ahead."""
+
+
+def time_to_go_s(way_m: float, speed_mps: float, top_mps: float, accel_mps2: float) -> float:
+    """Time for a way from a speed with an acceleration up to a top speed; infinite where it is never reached."""
+    if way_m <= 0.0:
+        return 0.0
+    square = speed_mps * speed_mps + 2.0 * accel_mps2 * way_m
+    if math.isinf(way_m) or square < 0.0 or speed_mps == accel_mps2 == 0.0:
+        return math.inf
+    top = max(top_mps, speed_mps)
+    if accel_mps2 < 0.0:
+        return (speed_mps - math.sqrt(square)) / -accel_mps2
+    if accel_mps2 == 0.0 or speed_mps >= top:
+        return way_m / speed_mps
+    to_top = (top * top - speed_mps * speed_mps) / (2.0 * accel_mps2)
+    if way_m <= to_top:
+        return (math.sqrt(square) - speed_mps) / accel_mps2
+    return (top - speed_mps) / accel_mps2 + (way_m - to_top) / top
+
+
+def stop_brake_mps2(speed_mps: float, way_m: float) -> float:
+    """Constant deceleration that stops within a way."""
+    return speed_mps * speed_mps / (2.0 * max(way_m, _LEAST_WAY_M))
+
+
+def wait_for(zone: Zone, own: Approach, other: Approach, config: YieldingConfig) -> Wait | None:
+    """How the own vehicle has to wait for the other one, None where it need not.
+
+    It need not where both are in the zone at different times; where it has the right of way, or arrives first among
+    equals, and the other one can still stop; and where only the other one can. Who can stop at a red signal does, and
+    who stands in the zone leaves it.
+
+    Args:
+        zone: Where the ways meet, as the own vehicle sees it.
+        own: The own vehicle.
+        other: The other one.
+        config: Margins.
+    """
+    standing = other.speed_mps < _MOVING_MPS
+    if standing and zone.other_in_m > 0.0:
+        return None
+    other_first = time_to_go_s(zone.other_in_m, other.speed_mps, other.top_mps, other.accel_mps2)
+    if other_first > config.horizon_s:
+        return None
+    leaving = max(min(other.speed_mps, other.top_mps), _LEAST_MPS)
+    other_last = math.inf if zone.merges else zone.other_out_m / leaving
+    own_first = time_to_go_s(zone.own_in_m, own.speed_mps, own.top_mps, own.accel_mps2)
+    own_last = time_to_go_s(zone.own_out_m, own.speed_mps, own.top_mps, own.accel_mps2)
+    if zone.merges:
+        own_last = own_first + config.merge_s
+        ahead = own_last < other_first
+    else:
+        ahead = own_last + config.before_s < other_first
+    if ahead or own_first > other_last + config.after_s:
+        return None
+    if _goes_first(zone, own, other, own_first < other_first, config):
+        return None
+    return _waiting(zone, own, other, other_last + config.after_s, config)
+
+
+def _goes_first(zone: Zone, own: Approach, other: Approach, own_earlier: bool, config: YieldingConfig) -> bool:
+    if zone.own_in_m <= 0.0:
+        return math.isinf(zone.blocked_m)
+    if stop_brake_mps2(other.speed_mps, zone.other_in_m - config.standoff_m) > config.commit_mps2:
+        return False
+    if stop_brake_mps2(own.speed_mps, zone.own_in_m - config.standoff_m) > config.commit_mps2:
+        return True
+    return own.rank > other.rank or (own.rank == other.rank and (own_earlier or other.rank is Rank.RED))
+
+
+def _waiting(zone: Zone, own: Approach, other: Approach, free_s: float, config: YieldingConfig) -> Wait:
+    if zone.merges:
+        gap = max(zone.own_in_m - zone.other_in_m - STEP_M, 0.0)
+        speed = math.sqrt(other.speed_mps**2 + 2.0 * config.brake_mps2 * gap)
+        closing = max(own.speed_mps**2 - other.speed_mps**2, 0.0)
+        return Wait(speed, closing / (2.0 * max(gap, _LEAST_WAY_M)), gap)
+    way = zone.own_in_m if zone.own_in_m > 0.0 else zone.blocked_m
+    free = max(way - config.standoff_m, 0.0)
+    speed = max(free / free_s, math.sqrt(2.0 * config.brake_mps2 * free))
+    return Wait(speed, stop_brake_mps2(own.speed_mps, free), free)

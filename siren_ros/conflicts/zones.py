@@ -1,0 +1,188 @@
+"""Where the ways of two bodies meet: the compiled search along both courses."""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.numerics.compiled import compiled
+
+STEP_M: Final = 1.0
+"""Distance between the places that are looked at."""
+_COLUMNS: Final = 7
+_TRACK_M: Final = 2.5
+"""Half the distance between the two points of a course that give a body's heading: about half a wheelbase."""
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """A body on its course."""
+
+    points: npt.NDArray[np.float64]
+    """Of the course, shape ``(K, 2)``."""
+    spacing_m: float
+    centre_m: float
+    """Arc length of the body's centre."""
+    left_m: float
+    """Offset from the course, kept up."""
+    reach_m: float
+    """How far to look ahead."""
+    half_length_m: float
+    half_width_m: float
+
+
+@dataclass(frozen=True)
+class Zone:
+    """Where two ways meet; each distance is the way of a body's centre from now on."""
+
+    own_in_m: float
+    """Way until the own body would touch the other one's swept area."""
+    own_out_m: float
+    """Way until it has left that area; infinite where both go on together."""
+    other_in_m: float
+    other_out_m: float
+    along: float
+    """Cosine between both courses where they begin to meet."""
+    blocked_m: float
+    """Way until the own body would touch the other one where that is now; infinite where it would not."""
+
+    @property
+    def merges(self) -> bool:
+        """Whether both go on in one direction on the same way."""
+        return np.isinf(self.own_out_m) and self.along > 0.0
+
+
+def meeting_zones(own: Way, others: list[Way], margin_m: float) -> list[Zone | None]:
+    """The first zone in which the own way meets each other way, None where they do not meet.
+
+    Args:
+        own: The own body.
+        others: The other bodies.
+        margin_m: Free space wanted beside the own body.
+    """
+    if not others:
+        return []
+    offsets = np.cumsum([0, *(len(other.points) for other in others)])
+    points = np.concatenate([other.points for other in others])
+    bodies = np.array(
+        [
+            (way.spacing_m, way.centre_m, way.left_m, way.reach_m, way.half_length_m, way.half_width_m)
+            for way in (own, *others)
+        ]
+    )
+    out = np.empty((len(others), _COLUMNS))
+    _search(own.points, points, offsets, bodies, margin_m, out)
+    return [Zone(*row[1:]) if row[0] > 0.0 else None for row in out.tolist()]
+
+
+@compiled
+def _pose(
+    points: Any, first: int, last: int, spacing: float, s_m: float, left_m: float
+) -> tuple[float, float, float, float]:
+    """x, y and the direction's cosine and sine of a body whose centre is at an arc length of ``points[first:last]``."""
+    xs, ys, xe, ye = 0.0, 0.0, 0.0, 0.0
+    for end in range(2):
+        place = (s_m + (2 * end - 1) * _TRACK_M) / spacing
+        i = min(max(int(place), 0), last - first - 2) + first
+        f = place - (i - first)
+        x = points[i, 0] + f * (points[i + 1, 0] - points[i, 0])
+        y = points[i, 1] + f * (points[i + 1, 1] - points[i, 1])
+        if end == 0:
+            xs, ys = x, y
+        else:
+            xe, ye = x, y
+    dx, dy = xe - xs, ye - ys
+    norm = np.sqrt(dx * dx + dy * dy) + 1e-9
+    cos, sin = dx / norm, dy / norm
+    return 0.5 * (xs + xe) - sin * left_m, 0.5 * (ys + ye) + cos * left_m, cos, sin
+
+
+@compiled
+def _apart_m(
+    a: tuple[float, float, float, float],
+    b: tuple[float, float, float, float],
+    a_length: float,
+    a_width: float,
+    b_length: float,
+    b_width: float,
+) -> float:
+    """Largest gap along a separating axis of two boxes given by poses and half sizes (separating axis theorem)."""
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    cos, sin = abs(a[2] * b[2] + a[3] * b[3]), abs(a[2] * b[3] - a[3] * b[2])
+    gap = abs(a[2] * dx + a[3] * dy) - (a_length + cos * b_length + sin * b_width)
+    gap = max(gap, abs(a[2] * dy - a[3] * dx) - (a_width + sin * b_length + cos * b_width))
+    gap = max(gap, abs(b[2] * dx + b[3] * dy) - (b_length + cos * a_length + sin * a_width))
+    return max(gap, abs(b[2] * dy - b[3] * dx) - (b_width + sin * a_length + cos * a_width))
+
+
+@compiled
+def _poses(points: Any, first: int, last: int, body: Any) -> Any:
+    """Poses of a body along its course, ``STEP_M`` apart, shape ``(n, 4)``; ``body`` is a row of ``_search``."""
+    count = int(body[3] / STEP_M) + 1
+    poses = np.empty((count, 4))
+    for k in range(count):
+        pose = _pose(points, first, last, body[0], body[1] + k * STEP_M, body[2])
+        poses[k, 0], poses[k, 1], poses[k, 2], poses[k, 3] = pose
+    return poses
+
+
+@compiled
+def _touches(
+    own: tuple[float, float, float, float], theirs: Any, sizes: tuple[float, float, float, float]
+) -> tuple[float, float, float]:
+    """First and last place on another way at which a body in a pose is touched, and the cosine between both there.
+
+    Places that are too far away to matter are stepped over: the distance changes by no more than the way does. The
+    first place is infinite where there is none.
+    """
+    half_length, half_width, length, width = sizes
+    around = np.sqrt(half_length**2 + half_width**2) + np.sqrt(length**2 + width**2)
+    begin, end, along = np.inf, 0.0, 0.0
+    j = 0
+    while j < theirs.shape[0]:
+        dx, dy = theirs[j, 0] - own[0], theirs[j, 1] - own[1]
+        gap = np.sqrt(dx * dx + dy * dy) - around
+        if gap <= 0.0:
+            pose = theirs[j, 0], theirs[j, 1], theirs[j, 2], theirs[j, 3]
+            gap = _apart_m(own, pose, half_length, half_width, length, width)
+            if gap <= 0.0:
+                if begin == np.inf:
+                    begin, along = j * STEP_M, own[2] * pose[2] + own[3] * pose[3]
+                end = j * STEP_M
+        j += max(int(gap / STEP_M), 1)
+    return begin, end, along
+
+
+@compiled
+def _search(own_points: Any, points: Any, offsets: Any, bodies: Any, margin_m: float, out: Any) -> None:
+    """Fill in one row per other body: whether it is met, then the fields of ``Zone``.
+
+    Args:
+        own_points: The own course.
+        points: The other courses, one after the other.
+        offsets: Where each begins in ``points``, and the end of the last.
+        bodies: Spacing, place, offset, reach, half length and half width of the own and each other body.
+        margin_m: Free space wanted beside the own body.
+        out: Result.
+    """
+    ahead = _poses(own_points, 0, own_points.shape[0], bodies[0])
+    for n in range(offsets.shape[0] - 1):
+        theirs = _poses(points, offsets[n], offsets[n + 1], bodies[n + 1])
+        sizes = bodies[0, 4], bodies[0, 5] + margin_m, bodies[n + 1, 4], bodies[n + 1, 5]
+        met, s_in, s_out, q_in, q_out, course, blocked = 0.0, 0.0, np.inf, np.inf, 0.0, 0.0, np.inf
+        for k in range(ahead.shape[0]):
+            own = ahead[k, 0], ahead[k, 1], ahead[k, 2], ahead[k, 3]
+            begin, end, along = _touches(own, theirs, sizes)
+            if begin == np.inf:
+                if met > 0.0:
+                    s_out = k * STEP_M
+                    break
+                continue
+            if met == 0.0:
+                met, s_in, course = 1.0, k * STEP_M, along
+            if begin == 0.0:
+                blocked = min(blocked, k * STEP_M)
+            q_in, q_out = min(q_in, begin), max(q_out, end)
+        out[n, 0], out[n, 1], out[n, 2], out[n, 3] = met, s_in, s_out, q_in
+        out[n, 4], out[n, 5], out[n, 6] = q_out + STEP_M, course, blocked

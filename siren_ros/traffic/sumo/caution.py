@@ -1,0 +1,162 @@
+"""SUMO's drivers wait for vehicles that are driven from outside, where their ways meet.
+
+SUMO lets its drivers give way by the time at which others have announced to arrive at a junction. A vehicle that is
+moved from outside announces nothing, and one that runs a red signal is nobody's foe: SUMO would drive through it. So
+its drivers are slowed here by the same rule by which the outside ones are driven.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import libsumo
+import numpy as np
+
+from siren_ros.conflicts.course import CourseBook
+from siren_ros.conflicts.outlook import Outlook
+from siren_ros.conflicts.yielding import Approach, Wait, YieldingConfig, wait_for
+from siren_ros.conflicts.zones import meeting_zones
+from siren_ros.numerics.arrays import Floats
+from siren_ros.numerics.units import STEP_S
+from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.traffic.demand.plan import PlannedVehicle
+from siren_ros.world.actors import Owner
+from siren_ros.world.traffic_state import TrafficFlags, TrafficState
+
+_HARD_BRAKE_MODE: Final = 27
+"""SUMO's speed mode 31 without its limit of deceleration (https://sumo.dlr.de/docs/TraCI: speed mode)."""
+_FREE_MODE: Final = 31
+_MARGIN_M: Final = 0.2
+_AHEAD_S: Final = 4.0
+_MORE_M: Final = 12.0
+_FAR_M: Final = 70.0
+_ACCEL_MPS2: Final = 2.0
+"""What a driver of SUMO accelerates with."""
+_SLOWING_MPS2: Final = -0.3
+"""A driver who brakes harder is taken to go on braking."""
+_AMONG_THEMSELVES: Final = YieldingConfig(before_s=0.0, after_s=0.2, standoff_m=0.5)
+"""Among themselves SUMO's drivers keep its own margins; only contact is avoided."""
+_MOST_BRAKE_MPS2: Final = 8.0
+"""An emergency brake on a dry road."""
+
+
+@dataclass(frozen=True)
+class Caution:
+    """What one driver of SUMO does at this step."""
+
+    actor_id: int
+    other_id: int
+    wait: Wait
+
+
+def cautions(traffic: TrafficState, outlook: Outlook, config: YieldingConfig) -> tuple[Caution, ...]:
+    """The drivers of SUMO who have to wait.
+
+    They wait for vehicles that are driven from outside, and, where their bodies would touch, for each other on
+    junctions: SUMO's waiting places there reach into the ways of others.
+
+    Args:
+        traffic: The present step.
+        outlook: Where everybody will go.
+        config: Margins to vehicles that are driven from outside.
+
+    Returns:
+        The strictest wait of each, sorted by actor.
+    """
+    inside = traffic.owner == Owner.SUMO
+    foes = np.flatnonzero(~inside | ((traffic.flags & TrafficFlags.ON_JUNCTION) != 0))
+    own = np.flatnonzero(inside & (traffic.sumo_speed_mps > 0.0))
+    if not len(foes) or not len(own):
+        return ()
+    speed = np.where(inside, traffic.sumo_speed_mps, traffic.speed_mps)
+    dx, dy = traffic.x_m[own, None] - traffic.x_m[foes], traffic.y_m[own, None] - traffic.y_m[foes]
+    reach = _AHEAD_S * (speed[own, None] + speed[foes]) + 2.0 * _MORE_M
+    near = (np.hypot(dx, dy) < np.minimum(reach, _FAR_M)) & (own[:, None] != foes)
+    found = []
+    for place in np.flatnonzero(near.any(axis=1)).tolist():
+        row, others = int(own[place]), foes[near[place]].tolist()
+        configs = [_AMONG_THEMSELVES if inside[other] else config for other in others]
+        waits = _waits(row, others, configs, (speed, traffic.sumo_accel_mps2), outlook)
+        if waits:
+            other, wait = min(waits, key=lambda one: one[1].speed_mps)
+            found.append(Caution(int(traffic.actor_id[row]), int(traffic.actor_id[other]), wait))
+    return tuple(found)
+
+
+def _waits(
+    row: int, others: list[int], configs: list[YieldingConfig], motion: tuple[Floats, Floats], outlook: Outlook
+) -> list[tuple[int, Wait]]:
+    """Everybody of ``others`` for whom the driver in a row has to wait, and how; ``motion``: speeds, accelerations."""
+    speed_mps, accel_mps2 = motion
+    own_mps, slowing = float(speed_mps[row]), float(accel_mps2[row])
+    way = outlook.way(row, _AHEAD_S * own_mps + _MORE_M)
+    ways = [outlook.way(other, _AHEAD_S * float(speed_mps[other]) + _MORE_M) for other in others]
+    waits = []
+    for other, config, zone in zip(others, configs, meeting_zones(way, ways, _MARGIN_M), strict=True):
+        if zone is None or zone.merges:
+            continue
+        top = max(outlook.limit_mps(row, zone.own_in_m), own_mps)
+        other_mps = float(speed_mps[other])
+        wait = wait_for(
+            zone,
+            Approach(
+                own_mps, top, slowing if slowing < _SLOWING_MPS2 else _ACCEL_MPS2, outlook.rank(row, zone.own_in_m)
+            ),
+            Approach(other_mps, other_mps, min(float(accel_mps2[other]), 0.0), outlook.rank(other, zone.other_in_m)),
+            config,
+        )
+        if wait is not None:
+            waits.append((other, wait))
+    return waits
+
+
+class CautiousDrivers:
+    """The speeds that are imposed on SUMO's drivers."""
+
+    def __init__(self, network: RoadNetwork, config: YieldingConfig) -> None:
+        self._book = CourseBook(network)
+        self._config = config
+        self._slowed: set[str] = set()
+
+    def apply(self, traffic: TrafficState | None, vehicles: Mapping[int, PlannedVehicle]) -> None:
+        """Impose speeds for SUMO's next step, and free those who need not wait any more.
+
+        Args:
+            traffic: The state before that step; None before the first one.
+            vehicles: SUMO's vehicles by actor id.
+        """
+        slowed = {} if traffic is None else self._speeds(traffic, vehicles)
+        for name in sorted(self._slowed - slowed.keys()):
+            libsumo.vehicle.setSpeed(name, -1.0)
+            libsumo.vehicle.setSpeedMode(name, _FREE_MODE)
+        for name, speed_mps in slowed.items():
+            libsumo.vehicle.setSpeedMode(name, _HARD_BRAKE_MODE)
+            libsumo.vehicle.setSpeed(name, speed_mps)
+        self._slowed = set(slowed)
+
+    def forget(self, name: str) -> None:
+        """Drop a vehicle that has left SUMO, or that is driven from outside from now on."""
+        self._slowed.discard(name)
+
+    def _speeds(self, traffic: TrafficState, vehicles: Mapping[int, PlannedVehicle]) -> dict[str, float]:
+        known = [vehicles[int(actor_id)] for actor_id in traffic.actor_id]
+        outlook = Outlook(
+            traffic,
+            self._book,
+            np.array([0.5 * vehicle.length_m for vehicle in known]),
+            np.array([0.5 * vehicle.width_m for vehicle in known]),
+        )
+        speeds = {}
+        for caution in cautions(traffic, outlook, self._config):
+            row = int(np.searchsorted(traffic.actor_id, caution.actor_id))
+            speed = float(traffic.sumo_speed_mps[row])
+            vehicle = vehicles[caution.actor_id]
+            comfortable = vehicle.driver.driving.decel_mps2
+            brake = (
+                comfortable
+                if caution.wait.brake_mps2 <= comfortable
+                else min(caution.wait.brake_mps2, _MOST_BRAKE_MPS2)
+            )
+            if caution.wait.speed_mps < speed + _ACCEL_MPS2 * STEP_S:
+                speeds[vehicle.name] = max(caution.wait.speed_mps, speed - brake * STEP_S, 0.0)
+        return speeds

@@ -1,0 +1,31 @@
+"""Ranks of movements by their signal, stop sign and road."""
+
+from dataclasses import replace
+
+import pytest
+
+from siren_ros.conflicts.right_of_way import Rank, rank_inside, rank_of
+from siren_ros.roads.road_network import Connection
+
+FREE = Connection(0, 1, (), "s", None, -1, must_stop=False, junction="j")
+
+
+@pytest.mark.parametrize(
+    ("state", "rank"),
+    [("G", Rank.PRIORITY), ("g", Rank.GIVES_WAY), ("y", Rank.CLEARING), ("r", Rank.RED), ("u", Rank.RED)],
+)
+def test_the_signal_decides_where_there_is_one(state, rank):
+    signalled = replace(FREE, signal_id="s", signal_link=1, must_stop=True)
+    assert rank_of(signalled, {"s": f"r{state}G"}) is rank
+
+
+def test_signs_decide_without_a_signal():
+    assert rank_of(FREE, {}) is Rank.PRIORITY
+    assert rank_of(replace(FREE, gives_way=True), {}) is Rank.GIVES_WAY
+    assert rank_of(replace(FREE, must_stop=True, gives_way=True), {}) is Rank.STOP_SIGN
+
+
+def test_the_junction_is_left_clear_for_who_is_on_it():
+    assert rank_inside(Rank.RED) is Rank.PRIORITY
+    assert rank_inside(Rank.STOP_SIGN) is Rank.PRIORITY
+    assert rank_inside(Rank.GIVES_WAY) is Rank.GIVES_WAY

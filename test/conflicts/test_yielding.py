@@ -1,0 +1,100 @@
+"""Who waits: closed-form times, and that never both go and never both wait."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from siren_ros.conflicts.right_of_way import Rank
+from siren_ros.conflicts.yielding import Approach, YieldingConfig, stop_brake_mps2, time_to_go_s, wait_for
+from siren_ros.conflicts.zones import Zone
+
+CONFIG = YieldingConfig()
+INF = math.inf
+
+
+def crossing(own_in, other_in, width=6.0, blocked=INF):
+    return Zone(own_in, own_in + width, other_in, other_in + width, 0.0, blocked)
+
+
+def car(speed, rank=Rank.PRIORITY, accel=0.0):
+    return Approach(speed, speed, accel, rank)
+
+
+def test_times_of_uniform_accelerated_and_slowing_motion():
+    assert time_to_go_s(20.0, 10.0, 10.0, 0.0) == pytest.approx(2.0)
+    assert time_to_go_s(8.0, 0.0, 20.0, 4.0) == pytest.approx(2.0)
+    assert time_to_go_s(10.0, 0.0, 4.0, 2.0) == pytest.approx(2.0 + 6.0 / 4.0)
+    assert time_to_go_s(16.0, 10.0, 10.0, -2.0) == pytest.approx(2.0)
+    assert time_to_go_s(26.0, 10.0, 10.0, -2.0) == INF
+    assert time_to_go_s(5.0, 0.0, 10.0, 0.0) == INF
+    assert time_to_go_s(0.0, 0.0, 10.0, 0.0) == 0.0
+    assert time_to_go_s(INF, 10.0, 10.0, 1.0) == INF
+
+
+def test_stopping_follows_from_the_work_of_the_brakes():
+    assert stop_brake_mps2(10.0, 25.0) == pytest.approx(2.0)
+
+
+def test_who_has_no_right_of_way_waits_slowly_enough_to_stop():
+    zone = crossing(30.0, 25.0)
+    wait = wait_for(zone, car(12.0, Rank.RED), car(10.0), CONFIG)
+    assert wait is not None
+    assert wait.speed_mps >= math.sqrt(2.0 * CONFIG.brake_mps2 * (30.0 - CONFIG.standoff_m)) - 1e-9
+    assert wait.brake_mps2 == pytest.approx(144.0 / (2.0 * 29.0))
+    assert wait_for(zone, car(12.0), car(10.0, Rank.GIVES_WAY), CONFIG) is None
+
+
+@pytest.mark.parametrize(("other_in", "other_mps"), [(25.0, 0.0), (80.0, 8.0), (5.0, 14.0)])
+def test_nobody_waits_for_who_stands_comes_late_or_is_gone_in_time(other_in, other_mps):
+    assert wait_for(crossing(35.0, other_in), car(12.0, Rank.RED), car(other_mps), CONFIG) is None
+
+
+def test_who_cannot_stop_any_more_is_let_through_whatever_the_right_of_way():
+    assert wait_for(crossing(14.0, 6.0), car(10.0), car(9.0, Rank.RED), CONFIG) is not None
+    assert wait_for(Zone(6.0, 12.0, 30.0, 36.0, 0.0, INF), car(5.0, Rank.RED), car(14.0), CONFIG) is not None
+    assert wait_for(crossing(6.0, 20.0), car(9.0, Rank.RED), car(10.0), CONFIG) is None
+
+
+def test_nobody_waits_for_who_can_stop_at_a_red_signal():
+    assert wait_for(crossing(35.0, 30.0), car(12.0, Rank.RED), car(10.0, Rank.RED), CONFIG) is None
+
+
+def test_who_stands_in_the_zone_leaves_it_unless_the_way_is_blocked():
+    other = car(6.0)
+    assert wait_for(Zone(0.0, 5.0, 8.0, 14.0, 0.0, INF), car(2.0), other, CONFIG) is None
+    wait = wait_for(Zone(0.0, 8.0, 0.0, 6.0, 0.0, 4.0), car(2.0), other, CONFIG)
+    assert wait is not None
+    assert wait.free_m == pytest.approx(4.0 - CONFIG.standoff_m)
+
+
+def test_who_merges_behind_follows_at_the_other_ones_speed():
+    zone = Zone(40.0, INF, 20.0, 60.0, 1.0, INF)
+    wait = wait_for(zone, car(12.0, Rank.GIVES_WAY), car(8.0), CONFIG)
+    assert wait is not None
+    assert wait.speed_mps > 8.0
+    near = wait_for(Zone(21.0, INF, 20.0, 60.0, 1.0, INF), car(8.0, Rank.GIVES_WAY), car(8.0), CONFIG)
+    assert near is not None
+    assert near.speed_mps == pytest.approx(8.0)
+
+
+def mirrored(zone):
+    return Zone(zone.other_in_m, zone.other_out_m, zone.own_in_m, zone.own_out_m, zone.along, INF)
+
+
+@given(
+    ways=st.tuples(st.floats(1.0, 60.0), st.floats(1.0, 60.0)),
+    speeds=st.tuples(st.floats(0.5, 15.0), st.floats(0.5, 15.0)),
+    ranks=st.tuples(st.sampled_from(Rank), st.sampled_from(Rank)),
+)
+def test_of_two_that_would_meet_at_least_one_waits(ways, speeds, ranks):
+    zone = crossing(*ways)
+    first, second = car(speeds[0], ranks[0]), car(speeds[1], ranks[1])
+    arrivals = [(way / speed, (way + 6.0) / speed) for way, speed in zip(ways, speeds, strict=True)]
+    meet = arrivals[0][0] < arrivals[1][1] and arrivals[1][0] < arrivals[0][1]
+    soon = max(arrival for arrival, _ in arrivals) < CONFIG.horizon_s
+    both_red = ranks == (Rank.RED, Rank.RED)
+    if meet and soon and not both_red and ways[0] / speeds[0] != ways[1] / speeds[1]:
+        waits = [wait_for(zone, first, second, CONFIG), wait_for(mirrored(zone), second, first, CONFIG)]
+        assert any(wait is not None for wait in waits)

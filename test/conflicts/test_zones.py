@@ -1,0 +1,91 @@
+"""Where two ways meet, against ways whose crossing is known; every case also turned in the plane."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from siren_ros.conflicts.zones import STEP_M, Way, meeting_zones
+from siren_ros.numerics.geometry import rotate
+
+TURNS = [0.0, np.radians(30.0), np.radians(45.0), np.radians(60.0)]
+LENGTH, WIDTH = 2.25, 0.9
+
+
+def way(start, heading, reach=60.0, turn=0.0, left=0.0, length=120.0):
+    s = np.arange(0.0, length, 1.0)
+    points = np.asarray(start, dtype=float) + s[:, None] * np.array([np.cos(heading), np.sin(heading)])
+    return Way(rotate(points, turn), 1.0, 0.0, left, reach, LENGTH, WIDTH)
+
+
+def only(own, other, margin=0.0):
+    (zone,) = meeting_zones(own, [other], margin)
+    return zone
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("heading", [np.pi / 2.0, -np.pi / 2.0])
+def test_straight_ways_that_cross_at_a_right_angle(turn, heading):
+    own = way((0.0, 0.0), 0.0, turn=turn)
+    other = way((30.0, -20.0 * np.sign(heading)), heading, turn=turn)
+    zone = only(own, other)
+    reach = LENGTH + WIDTH
+    assert zone.own_in_m == pytest.approx(30.0 - reach, abs=STEP_M)
+    assert zone.own_out_m == pytest.approx(30.0 + reach, abs=STEP_M)
+    assert zone.other_in_m == pytest.approx(20.0 - reach, abs=STEP_M)
+    assert zone.other_out_m == pytest.approx(20.0 + reach, abs=STEP_M)
+    assert zone.along == pytest.approx(0.0, abs=1e-6)
+    assert np.isinf(zone.blocked_m)
+    assert not zone.merges
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_a_body_that_stands_in_the_way_blocks_it(turn):
+    zone = only(way((0.0, 0.0), 0.0, turn=turn), way((30.0, 1.0), np.pi / 2.0, turn=turn))
+    assert zone.other_in_m == 0.0
+    assert zone.blocked_m == pytest.approx(30.0 - LENGTH - WIDTH, abs=STEP_M)
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_ways_side_by_side_meet_only_within_the_margin(turn):
+    own, other = way((0.0, 0.0), 0.0, turn=turn), way((0.0, 2.0), 0.0, turn=turn)
+    assert only(own, other, margin=0.1) is None
+    assert only(own, other, margin=0.3) is not None
+    assert only(way((0.0, 0.0), 0.0, turn=turn, left=0.3), other, margin=0.0) is not None
+
+
+def test_a_way_that_joins_another_merges():
+    own = way((0.0, 0.0), 0.0)
+    s = np.arange(0.0, 80.0, 1.0)
+    joining = np.stack((s, np.maximum(10.0 - 0.5 * s, 0.0)), axis=-1)
+    zone = only(own, Way(joining, 1.0, 0.0, 0.0, 60.0, LENGTH, WIDTH))
+    assert zone.merges
+    assert 5.0 < zone.own_in_m < 20.0
+
+
+def test_oncoming_on_the_same_line_does_not_merge():
+    zone = only(way((0.0, 0.0), 0.0), way((50.0, 0.0), np.pi))
+    assert not zone.merges
+    assert zone.along == pytest.approx(-1.0)
+
+
+def test_nobody_is_met_by_nobody():
+    assert meeting_zones(way((0.0, 0.0), 0.0), [], 0.0) == []
+
+
+@given(
+    angle=st.floats(np.radians(20.0), np.radians(160.0)),
+    ahead=st.floats(15.0, 40.0),
+    aside=st.floats(10.0, 40.0),
+    turn=st.floats(-np.pi, np.pi),
+)
+def test_inside_the_zone_the_bodies_can_touch_and_before_it_they_cannot(angle, ahead, aside, turn):
+    own = way((0.0, 0.0), 0.0, turn=turn)
+    start = np.array([ahead, 0.0]) - aside * np.array([np.cos(angle), np.sin(angle)])
+    zone = only(own, way(start, angle, turn=turn))
+    reach = (LENGTH + WIDTH) / np.sin(angle) + LENGTH + STEP_M
+    assert zone is not None
+    assert zone.own_in_m <= ahead
+    assert zone.own_out_m >= ahead
+    assert zone.own_in_m >= ahead - reach
+    assert zone.other_in_m <= aside <= zone.other_out_m

@@ -13,7 +13,7 @@ TIMEOUT_S = 60.0
 # Stands for tools/environment/make.sh: makes in a moment what ./env compares, and writes down how it was called.
 MAKE_STANDIN = """#!/usr/bin/env bash
 set -eu
-printf '%s %s\\n' "$(basename "$2")" "$3" >>"$1/calls"
+printf '%s %s%s\\n' "$(basename "$2")" "$3" "$(shift 4; printf ' %s' "$@" | sed 's/ $//')" >>"$1/calls"
 sleep "${MAKE_TAKES_S-0}"
 if [ -n "${MAKE_FAILS-}" ]; then exit 5; fi
 mkdir -p "$2/bin" "$2/.siren"
@@ -21,6 +21,9 @@ ln -sf /bin/true "$2/bin/python"
 echo 'export MADE=yes' >"$2/.siren/environment.sh"
 echo "${SIREN_PYTHON-}" >"$2/.siren/asked_python"
 echo "$4" >"$2/.siren/complete"
+state=$2/.siren
+shift 4
+printf '%s\\n' "$@" >>"$state/extras"
 """
 
 
@@ -54,7 +57,7 @@ class Checkout:
         )
 
     def calls(self) -> list[str]:
-        """How often, and with what, the environment was made: one ``FOLDER wheels|sourced`` per call."""
+        """How often, and with what, the environment was made: one ``FOLDER wheels|sourced [EXTRA...]`` per call."""
         path = self.root / "calls"
         return path.read_text().splitlines() if path.exists() else []
 

@@ -99,6 +99,35 @@ def test_an_unknown_command_is_127_and_an_unknown_option_2(checkout: Checkout) -
     assert "--no-such-option" in result.stderr
 
 
+def test_an_extra_is_asked_for_once(checkout: Checkout) -> None:
+    for _ in range(2):
+        assert checkout.env("--with", "models", "--with", "readers", "echo", "ran").stdout == "ran\n"
+        assert checkout.env("--with", "models", "true").returncode == 0
+        assert checkout.env("true").returncode == 0
+    assert checkout.calls() == [".venv wheels models readers"]
+
+
+@pytest.mark.parametrize("command", ["pytest", "ruff", "mypy", "colcon", "tools/check_workspace.sh"])
+def test_a_development_command_brings_its_extra(checkout: Checkout, command: str) -> None:
+    checkout.env(command)
+    assert checkout.calls() == [".venv wheels dev"]
+
+
+def test_commands_of_an_episode_bring_none(checkout: Checkout) -> None:
+    for command in ("ros2", "siren", "python"):
+        checkout.env(command)
+    assert checkout.calls() == [".venv wheels"]
+
+
+@pytest.mark.parametrize("arguments", [("--with",), ("--with", ""), ("--with", "-x"), ("--with", "a b", "true")])
+def test_what_cannot_be_an_extra_is_refused_in_one_line(checkout: Checkout, arguments: tuple[str, ...]) -> None:
+    result = checkout.env(*arguments)
+    assert result.returncode == 2
+    assert result.stderr.count("\n") == 1
+    assert "--with" in result.stderr
+    assert checkout.calls() == []
+
+
 def test_help_makes_nothing(checkout: Checkout) -> None:
     assert "./env pytest" in checkout.env("--help").stdout
     assert checkout.calls() == []

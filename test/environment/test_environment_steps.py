@@ -22,6 +22,7 @@ def run_shell(
     prelude = f"""
         set -euo pipefail
         root={REPOSITORY} venv={venv} ros=wheels state={venv}/.siren here={STEPS}
+        asked_extras=() extras=()
         for name in progress system steps runnables; do source "$here/$name.sh"; done
     """
     return subprocess.run(
@@ -178,3 +179,74 @@ def test_cmake_exports_lose_only_missing_include_folders(tmp_path: Path) -> None
     assert mend(tmp_path) == [export]
     assert export.read_text() == line.format(f"${{_IMPORT_PREFIX}}/include;{tmp_path};$<BUILD_INTERFACE:/x>")
     assert mend(tmp_path) == []
+
+
+def collected_extras(tmp_path: Path, installed: str | None, *asked: str) -> "subprocess.CompletedProcess[str]":
+    """The extras that the next environment will have, of a setup.py with ``dev`` and ``models``."""
+    (tmp_path / "setup.py").write_text(
+        "setup(name='x', extras_require={'dev': A, 'models': ['torch']}, zip_safe=False)"
+    )
+    state = tmp_path / "venv/.siren"
+    state.mkdir(parents=True)
+    if installed is not None:
+        (state / "extras").write_text(installed)
+    fake_python(tmp_path / "venv/bin", "python", f'exec {sys.executable} "$@"')
+    words = " ".join(asked)
+    script = f"cd {tmp_path}; asked_extras=({words}); collect_extras; printf '%s\\n' \"${{extras[@]}}\""
+    return run_shell(script, tmp_path)
+
+
+def test_extras_add_up_and_those_that_setup_no_longer_has_go(tmp_path: Path) -> None:
+    assert collected_extras(tmp_path, "dev\nold\n", "models", "dev").stdout.split() == ["dev", "models"]
+
+
+def test_a_new_environment_gets_the_extras_it_is_asked_for(tmp_path: Path) -> None:
+    assert collected_extras(tmp_path, None, "models").stdout.split() == ["models"]
+
+
+def test_an_unknown_extra_is_refused_with_those_there_are(tmp_path: Path) -> None:
+    result = collected_extras(tmp_path, "dev\n", "modles")
+    assert result.returncode == 2
+    assert result.stderr == "env: --with: 'modles' cannot be used; allowed: dev, models\n"
+
+
+def test_the_extras_of_setup_are_found() -> None:
+    names = runpy.run_path(str(STEPS / "extras.py"))["extra_names"]((REPOSITORY / "setup.py").read_text())
+    assert "dev" in names
+
+
+def test_the_wheels_that_build_messages_bound_numpy_as_setup_does() -> None:
+    lines = (STEPS / "ros_wheels.txt").read_text().splitlines()
+    (bounds,) = [line.split("#")[0].strip() for line in lines if line.startswith("numpy")]
+    assert f'"{bounds}"' in (REPOSITORY / "setup.py").read_text()
+
+
+def test_pips_settings_are_those_of_install_and_of_variables() -> None:
+    settings = runpy.run_path(str(STEPS / "uv_like_pip.py"))["pip_settings"]
+    lines = [
+        "global.index-url='https://one'",
+        "install.index-url='https://two'",
+        "global.timeout='9'",
+        ":env:.timeout='180'",
+        "download.timeout='1'",
+    ]
+    assert settings(lines) == settings(lines[::-1]) == {"index-url": "https://two", "timeout": "180"}
+
+
+def test_uv_gets_what_is_set_for_pip_and_keeps_what_is_set_for_itself() -> None:
+    variables = runpy.run_path(str(STEPS / "uv_like_pip.py"))["uv_variables"]
+    settings = {
+        "index-url": "https://mirror/simple",
+        "extra-index-url": "\nhttps://a\nhttps://b",
+        "find-links": "/x /y",
+        "cert": "/etc/cert.pem",
+        "no-index": "true",
+        "verbose": "1",
+    }
+    assert variables(settings, {"SSL_CERT_FILE": "/mine"}) == {
+        "UV_DEFAULT_INDEX": "https://mirror/simple",
+        "UV_INDEX": "https://a https://b",
+        "UV_FIND_LINKS": "/x,/y",
+        "UV_NO_INDEX": "1",
+        "UV_INDEX_STRATEGY": "unsafe-best-match",
+    }

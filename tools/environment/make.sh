@@ -1,16 +1,18 @@
 #!/usr/bin/env bash
 # Makes or mends the project's environment; called by ./env, which holds the lock.
 #
-#   make.sh ROOT VENV wheels|sourced KEY
+#   make.sh ROOT VENV wheels|sourced KEY [EXTRA...]
 #
 # Steps that are done are skipped, so an interrupted run is taken up where it stopped. KEY, the key of everything that defines the
-# environment, goes into the last stamp, the one that ./env compares.
+# environment, goes into the last stamp, the one that ./env compares. Each EXTRA of setup.py is added to those that are installed.
 set -euo pipefail
 
 root=$1
 venv=$2
 ros=$3
 key=$4
+shift 4
+asked_extras=("$@")
 state=$venv/.siren
 here=$root/tools/environment
 # shellcheck source=progress.sh
@@ -26,14 +28,21 @@ verify() {
     run_step "check: everything imports" "$state/verify.log" \
         bash -c 'source "$1" && exec "$2" -c "$3"' bash "$state/environment.sh" "$venv/bin/python" \
         'import rclpy, siren_msgs.msg, tf2_msgs.msg, vision_msgs.msg, sensor_msgs.msg
-import libsumo, open3d, moderngl, rosbags, scipy, siren_ros, siren_nodes'
+import libsumo, moderngl, rosbags, scipy, siren_ros, siren_nodes'
 }
 
+# The compiler makes the message packages while wheels are still downloaded and unpacked.
 make_all() {
-    make_venv
-    install_packages
+    local packages status=0
     cd "$root"
-    build_messages
+    make_venv
+    collect_extras # sets $extras
+    install_ros
+    (trap - INT && install_packages) &
+    packages=$!
+    build_messages || status=$?
+    wait "$packages" || status=$?
+    if ((status)); then exit "$status"; fi
     install_runnables
 }
 
@@ -52,6 +61,8 @@ if ! verify; then
     make_all
     verify
 fi
+printf '%s\n' "${extras[@]}" >"$state/extras.new"
+mv -f "$state/extras.new" "$state/extras"
 printf '%s\n' "$key" >"$state/complete.new"
 mv -f "$state/complete.new" "$state/complete"
 say "environment ready after $((SECONDS - start)) s"

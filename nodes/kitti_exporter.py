@@ -7,6 +7,7 @@ from typing import Any
 from siren_ros.datasets.kitti import KittiCamera, KittiFrame, KittiWriter, camera_from_lidar
 from siren_ros.datasets.kitti_export import FRONT_CAMERA
 from siren_ros.errors import InputError
+from siren_ros.generation.episode_setup import default_bag_path_of, default_kitti_path
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.boxes import from_ground_truth
 from siren_ros.interfaces.images import from_compressed_image
@@ -38,8 +39,11 @@ class KittiExporter(Participant[KittiExporterConfig]):
         camera = next((spec for spec in suite.cameras if spec.name == FRONT_CAMERA), None)
         if camera is not None:
             self._image = topics.IMAGE_COMPRESSED.of_sensor(camera.name, period_steps(camera.rate_hz))
-        self._writer = KittiWriter(Path(self.config.out), _calibrated_camera(suite, lidar.name))
+        self._writer = KittiWriter(self._folder(episode), _calibrated_camera(suite, lidar.name))
         self.join_more([Input(topic) for topic in (self._lidar, self._image) if topic is not None])
+
+    def _folder(self, episode: EpisodeDescription) -> Path:
+        return Path(self.config.out) if self.config.out else default_kitti_path(default_bag_path_of(episode))
 
     def on_step(self, step: int, inputs: dict[str, Any]) -> None:
         """Write the frame of this step, if it is one."""

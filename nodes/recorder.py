@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from siren_ros.generation.episode_setup import default_bag_path_of
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing
 from siren_ros.interfaces.messages import typestore
@@ -30,7 +31,8 @@ class Recorder(Participant[RecorderConfig]):
         super().__init__(name, **node_options)
         self._busy_s = 0.0
         latched = frozenset(topic.name for topic in topics.FIXED_TOPICS.values() if topic.latched)
-        self._recorder = EpisodeRecorder(Path(self.config.bag), typestore(), latched, judge, wire.decode, wire.content)
+        bag = Path(self.config.bag) if self.config.bag else None
+        self._recorder = EpisodeRecorder(bag, typestore(), latched, judge, wire.decode, wire.content)
         self._recorder.on_step_recorded = self._on_step_recorded
         self._listening: set[str] = set()
         self._listen(topics.CORE_TOPICS)
@@ -45,7 +47,7 @@ class Recorder(Participant[RecorderConfig]):
         """Subscribe to what this episode's sensors and its AV bring."""
         expected = topics_of(episode)
         self._listen(expected)
-        self._recorder.expect(expected)
+        self._recorder.expect(expected, default_bag_path_of(episode))
 
     def is_connected(self) -> bool:
         """Whether every topic that is recorded has its publisher."""

@@ -4,6 +4,7 @@ import siren_nodes  # noqa: F401 - the arithmetic of the programs, before numpy 
 
 # isort: split
 import os
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,6 +17,10 @@ from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.recording.bag_writer import EpisodeBagWriter
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.recording.record_builder import RecordBuilder
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    # A background job's shell ignores Ctrl-C, and what is ignored stays so in the programs that the tests start.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 WORKERS = 2
 """Processes that share the tests: an episode keeps more than one processor busy at times."""

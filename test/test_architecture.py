@@ -1,6 +1,7 @@
 """The code held against its plan: what may import what, and where ``docs/architecture.md`` says that things are."""
 
 import ast
+import itertools
 import re
 from pathlib import Path
 
@@ -84,7 +85,17 @@ def imports_of(path: Path) -> set[str]:
         elif isinstance(node, ast.ImportFrom) and node.module:
             found.add(node.module)
             found.update(f"{node.module}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith(("import_module", "__import__")):
+            found.add(imported_name(node))
     return found
+
+
+def imported_name(call: ast.Call) -> str:
+    """The module that a call of ``import_module`` names: as far as its text is known before it runs."""
+    name = call.args[0]
+    parts = name.values if isinstance(name, ast.JoinedStr) else [name]
+    known = itertools.takewhile(lambda part: isinstance(part, ast.Constant), parts)
+    return "".join(str(part.value) for part in known if isinstance(part, ast.Constant)).rstrip(".")
 
 
 def layer_of(module: str, room: str) -> str | None:
@@ -128,6 +139,16 @@ def test_folders_that_are_apart_do_not_import_each_other(folder: str) -> None:
 
 def _lies_in(module: str, folder: str) -> bool:
     return f"{module}.".startswith(f"siren_ros.{folder.replace('/', '.')}.")
+
+
+def test_imports_by_name_are_seen(tmp_path: Path) -> None:
+    calls = [
+        "import_module('siren_ros.a')",
+        "importlib.import_module(f'siren_nodes.{name}')",
+        "import_module(f'{name}.b')",
+    ]
+    (tmp_path / "module.py").write_text("\n".join(calls), encoding="utf-8")
+    assert imports_of(tmp_path / "module.py") == {"siren_ros.a", "siren_nodes", ""}
 
 
 @pytest.mark.parametrize("room", LAYERS)

@@ -25,6 +25,7 @@ from siren_ros.traffic.demand.av_choice import choose_av
 from siren_ros.traffic.demand.demand import plan_traffic
 from siren_ros.traffic.demand.driver_models import load_drivers
 from siren_ros.traffic.demand.plan import TrafficPlan
+from siren_ros.world.actors import NO_ACTOR
 
 _PACKAGES: Final = ("eclipse-sumo", "numpy", "embreex")
 
@@ -60,12 +61,30 @@ def plan_length(request: EpisodeRequest) -> int:
 def default_bag_path(request: EpisodeRequest) -> Path:
     """Where the bag goes unless the user says otherwise: ``bags/S2_L2_seed0``, and the map's name if one is given."""
     template = load_template(request.template)
-    parts = [template.template_id, level_of(request, template).name, f"seed{request.seed}"]
-    if request.map:
-        parts.append(Path(request.map).name.split(".")[0])
-    if request.av:
+    return _bag_path(
+        template.template_id, level_of(request, template), request.seed, request.map, has_av=bool(request.av)
+    )
+
+
+def default_bag_path_of(episode: EpisodeDescription) -> Path:
+    """``default_bag_path`` of the request that the episode was made from."""
+    request = episode.parameters.get("request")
+    map_file = str(request.get("map", "")) if isinstance(request, Mapping) else ""
+    return _bag_path(episode.template, episode.level, episode.seed, map_file, has_av=episode.av_id != NO_ACTOR)
+
+
+def _bag_path(template_id: str, level: EmergencyLevel, seed: int, map_file: str, *, has_av: bool) -> Path:
+    parts = [template_id, level.name, f"seed{seed}"]
+    if map_file:
+        parts.append(Path(map_file).name.split(".")[0])
+    if has_av:
         parts.append("av")
     return Path("bags") / "_".join(parts)
+
+
+def default_kitti_path(bag: Path) -> Path:
+    """Where the KITTI export of an episode goes: the folder next to its bag, with the suffix ``_kitti``."""
+    return bag.with_name(f"{bag.name}_kitti")
 
 
 def set_up_episode(request: EpisodeRequest) -> EpisodeSetup:

@@ -29,7 +29,7 @@ class EpisodeRecorder:
 
     def __init__(
         self,
-        path: Path,
+        path: Path | None,
         store: Typestore,
         latched: frozenset[str],
         judge: Callable[[RecordBuilder, EpisodeClosing], EpisodeOutcome],
@@ -39,7 +39,7 @@ class EpisodeRecorder:
         """Opens the bag under its temporary name.
 
         Args:
-            path: Final folder of the bag.
+            path: Final folder of the bag; None: ``expect`` sets it, and opens the bag.
             store: Definitions of all recorded types.
             latched: Names of the latched topics.
             judge: Gives the outcome, from the messages so far and from how the episode closed.
@@ -50,21 +50,38 @@ class EpisodeRecorder:
             BagError: The folder exists already or cannot be written.
         """
         self._store = store
+        self._latched = latched
         self._judge = judge
         self._decode = decode or partial(decode_cdr, store)
-        self._writer = EpisodeBagWriter(path, store, latched)
+        self._writer = None if path is None else EpisodeBagWriter(path, store, latched)
         self._builder = RecordBuilder(read)
         self._collector: StepCollector | None = None
         self._early: list[tuple[Topic, bytes]] = []
         self.on_step_recorded: Callable[[int], None] = lambda _step: None
 
     @property
+    def _bag(self) -> EpisodeBagWriter:
+        if self._writer is None:
+            raise EpisodeError("no bag was opened: the episode's description did not arrive")
+        return self._writer
+
+    @property
     def steps_recorded(self) -> int:
         """Number of steps whose messages are all recorded."""
         return 0 if self._collector is None else self._collector.next_step
 
-    def expect(self, topics: tuple[Topic, ...]) -> None:
-        """Sets the topics of the episode, in the order in which a step's messages are stored."""
+    def expect(self, topics: tuple[Topic, ...], path: Path) -> None:
+        """Sets the topics of the episode, in the order in which a step's messages are stored.
+
+        Args:
+            topics: Of the episode.
+            path: Final folder of the bag, where the constructor got none.
+
+        Raises:
+            BagError: As the constructor.
+        """
+        if self._writer is None:
+            self._writer = EpisodeBagWriter(path, self._store, self._latched)
         self._collector = StepCollector(topics)
         early, self._early = self._early, []
         for topic, cdr in early:
@@ -92,11 +109,12 @@ class EpisodeRecorder:
         name, type_name = message.topic.name, message.topic.type_name
         if name in _DECODED:
             self._builder.add(name, self._decode(message.topic, message.cdr))
-        self._writer.write(name, type_name, message.cdr, time_ns_of_step(message.step))
+        self._bag.write(name, type_name, message.cdr, time_ns_of_step(message.step))
 
     def discard(self) -> None:
         """Removes the bag; for an episode that did not begin."""
-        self._writer.discard()
+        if self._writer is not None:
+            self._writer.discard()
 
     def missing(self, step: int) -> str:
         """The missing messages of a step with their publishers, as text for an error."""
@@ -126,10 +144,10 @@ class EpisodeRecorder:
         message = to_episode_outcome(outcome)
         cdr = encode_cdr(self._store, OUTCOME, message)
         try:
-            self._writer.write(OUTCOME.name, OUTCOME.type_name, cdr, time_ns_of_step(max(closing.steps - 1, 0)))
+            self._bag.write(OUTCOME.name, OUTCOME.type_name, cdr, time_ns_of_step(max(closing.steps - 1, 0)))
             if closing.end is EpisodeEnd.COMPLETE:
-                return outcome, self._writer.finish(), message
+                return outcome, self._bag.finish(), message
         except EpisodeError as error:
-            self._writer.abandon(str(error))
+            self._bag.abandon(str(error))
             raise
-        return outcome, self._writer.abandon(closing.reason), message
+        return outcome, self._bag.abandon(closing.reason), message

@@ -4,7 +4,13 @@ import pytest
 
 from siren_ros.errors import BagError, InputError, MapError
 from siren_ros.generation.closed_loop import LoopStep, closed_loop, record_of
-from siren_ros.generation.episode_setup import default_bag_path, plan_length, set_up_episode
+from siren_ros.generation.episode_setup import (
+    default_bag_path,
+    default_bag_path_of,
+    default_kitti_path,
+    plan_length,
+    set_up_episode,
+)
 from siren_ros.generation.replay_check import first_difference, repeat_episode, request_of
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.request import EpisodeRequest
@@ -70,6 +76,13 @@ def test_names_and_lengths_come_from_the_request() -> None:
     there = dataclasses.replace(REQUEST, map="maps/Some Town.net.xml", level="L1")
     assert default_bag_path(there).as_posix() == "bags/S2_L1_seed3_Some Town"
     assert plan_length(dataclasses.replace(REQUEST, duration_s=2.5)) == 50
+
+
+def test_the_names_can_be_told_from_the_description_alone() -> None:
+    for change in ({}, {"level": "L1", "seed": 7}, {"av": "civilian"}):
+        request = dataclasses.replace(REQUEST, **change)
+        assert default_bag_path_of(set_up_episode(request).description) == default_bag_path(request)
+    assert default_kitti_path(default_bag_path(REQUEST)).as_posix() == "bags/S2_L2_seed3_kitti"
 
 
 @pytest.mark.parametrize(

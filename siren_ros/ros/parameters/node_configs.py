@@ -75,7 +75,7 @@ class RecorderConfig(ParticipantConfig):
 class KittiExporterConfig(ParticipantConfig):
     """``kitti_exporter``."""
 
-    out: str = parameter("", "Folder of the KITTI export; empty: next to the bag, with the suffix _kitti.")
+    out: str = parameter("", "Folder of the KITTI export; empty: bags/TEMPLATE_LEVEL_seedN_kitti.")
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
-from importlib import import_module
 from typing import Any, Protocol
 
 from rclpy.parameter import Parameter
@@ -23,6 +22,10 @@ TERMINATE_S = 1.0
 FLUSH_S = 1.0
 """A listener that hangs delays the end of an episode by no more than this."""
 Overrides = Mapping[str, Value]
+
+
+NodeType = Callable[..., Any]
+"""Makes a node, as the class of a participant does: ``make(name, parameter_overrides=...)``."""
 
 
 class Composition(Protocol):
@@ -49,18 +52,23 @@ class Composition(Protocol):
         """
 
 
-def import_nodes(names: Iterable[str]) -> None:
-    """Load the nodes' modules (and with them SUMO and numba) before the nodes are made."""
-    for name in names:
-        import_module(f"siren_nodes.{name}")
-
-
 class InProcess:
     """All participants as nodes of this process, on one executor."""
 
-    def __init__(self, executor: Any, overrides: Mapping[str, Overrides]) -> None:
+    def __init__(self, executor: Any, node_types: Mapping[str, NodeType], overrides: Mapping[str, Overrides]) -> None:
+        """Make the nodes.
+
+        Args:
+            executor: Runs their callbacks.
+            node_types: What makes the node of each name.
+            overrides: The participants and their parameters, in the order in which they are made.
+
+        Raises:
+            SirenError: A node refuses its parameters; the others are discarded.
+        """
         self.nodes: list[Any] = []
         self._executor = executor
+        self._node_types = node_types
         try:
             for name, values in overrides.items():
                 self._add(name, values)
@@ -70,9 +78,8 @@ class InProcess:
             raise
 
     def _add(self, name: str, values: Overrides) -> None:
-        module = import_module(f"siren_nodes.{name}")
         parameters = [Parameter(key, value=value) for key, value in values.items()]
-        node = module.NODE(name, parameter_overrides=parameters)
+        node = self._node_types[name](name, parameter_overrides=parameters)
         self.nodes.append(node)
         self._executor.add_node(node)
 
@@ -105,13 +112,20 @@ class InProcess:
 class OutOfProcess:
     """Each participant as a process of its own, in its own process group (Ctrl-C reaches only this one)."""
 
-    def __init__(self, overrides: Mapping[str, Overrides], ros_args: list[str]) -> None:
+    def __init__(self, modules: Mapping[str, str], overrides: Mapping[str, Overrides], ros_args: list[str]) -> None:
+        """Start the processes.
+
+        Args:
+            modules: The module that runs each node as a program.
+            overrides: The participants and their parameters.
+            ros_args: This program's own arguments after ``--ros-args``; every participant gets them too.
+        """
         environment = {**os.environ, PARENT_VARIABLE: str(os.getpid())}
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
         for name, values in overrides.items():
             arguments = [f"{key}:={json.dumps(value)}" for key, value in values.items()]
             flags = [part for argument in arguments for part in ("-p", argument)]
-            command = [sys.executable, "-m", f"siren_nodes.{name}", "--ros-args", *ros_args, *flags]
+            command = [sys.executable, "-m", modules[name], "--ros-args", *ros_args, *flags]
             self._processes[name] = subprocess.Popen(  # noqa: S603 - our own modules, no shell
                 command, env=environment, stdin=subprocess.DEVNULL, start_new_session=True
             )

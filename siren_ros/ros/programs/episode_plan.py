@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from siren_ros.errors import InputError
-from siren_ros.generation.episode_setup import default_bag_path, plan_length
+from siren_ros.generation.episode_setup import default_bag_path, default_kitti_path, plan_length
 from siren_ros.lockstep.lockstep import LockstepConfig
 from siren_ros.ros.parameters.node_configs import DEFAULT_PARTICIPANTS, CosimConfig
 from siren_ros.ros.parameters.parameters import Value
@@ -64,7 +64,7 @@ def plan_episode(config: CosimConfig) -> EpisodePlan:
     request = EpisodeRequest.within(config)
     suite = load_suite(config.sensors)
     bag = Path(config.bag) if config.bag else default_bag_path(request)
-    kitti = Path(f"{bag}_kitti") if config.kitti and suite.lidars else None
+    kitti = default_kitti_path(bag) if config.kitti and suite.lidars else None
     nodes = (*DEFAULT_PARTICIPANTS, *(("kitti_exporter",) if kitti else ()))
     told: dict[str, dict[str, Value]] = {name: {"participants": list(nodes)} for name in ("recorder", *nodes)}
     told["sumo_bridge"].update(asdict(request))

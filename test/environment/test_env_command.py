@@ -109,13 +109,13 @@ def test_an_extra_is_asked_for_once(checkout: Checkout) -> None:
 
 @pytest.mark.parametrize("command", ["pytest", "ruff", "mypy", "colcon", "tools/check_workspace.sh"])
 def test_a_development_command_brings_its_extra(checkout: Checkout, command: str) -> None:
-    checkout.env(command)
+    checkout.env(command, "--version")
     assert checkout.calls() == [".venv wheels dev"]
 
 
 def test_commands_of_an_episode_bring_none(checkout: Checkout) -> None:
     for command in ("ros2", "siren", "python"):
-        checkout.env(command)
+        checkout.env(command, "--help")
     assert checkout.calls() == [".venv wheels"]
 
 

@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Final
 
 from siren_ros.errors import EXIT_BAD_INPUT, EXIT_OK, SirenError
-from siren_ros.judging.verify import VerifyLimits, check_complete, check_message_counts, check_stamps
+from siren_ros.judging.verification.limits import VerifyLimits
+from siren_ros.judging.verify import check_complete, check_message_counts, check_stamps
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.ros.transport.shared_memory import abandoned_segments
 

@@ -22,7 +22,9 @@ from siren_ros.generation.closed_loop import LoopStep, closed_loop, record_of
 from siren_ros.generation.episode_setup import EpisodeSetup, plan_length, set_up_episode
 from siren_ros.judging.predicates import evaluate_predicate
 from siren_ros.judging.residuals import summarise_residuals
-from siren_ros.judging.verify import STATE_CHECKS, VerifyLimits
+from siren_ros.judging.verification.limits import VerifyLimits
+from siren_ros.judging.verification.physics import PhysicsSummary, summarise_physics
+from siren_ros.judging.verify import STATE_CHECKS
 from siren_ros.numerics.units import STEP_S
 from siren_ros.pictures.birdseye import save_episode_picture
 from siren_ros.recording.episode_record import EpisodeRecord
@@ -45,9 +47,9 @@ class EpisodeFigures:
     failing: tuple[str, ...] = ()
     """Parts of the predicate that do not hold."""
     violations: tuple[str, ...] = ()
-    """Checks of continuity, ownership, teleports and residual that do not hold."""
+    """Checks of continuity, ownership, teleports, residual and physics that do not hold."""
     teleports: int = 0
-    collisions: int = 0
+    physics: PhysicsSummary = field(default_factory=PhysicsSummary)
     residual_p50_m: float = 0.0
     residual_p99_m: float = 0.0
     residual_max_m: float = 0.0
@@ -105,7 +107,7 @@ def figures_of(record: EpisodeRecord, request: EpisodeRequest, step_ms: float) -
         failing=tuple(str(part) for part in verdict.failing),
         violations=tuple(str(part) for part in failed),
         teleports=len(record.events_of(EventKind.TELEPORT)),
-        collisions=len(record.events_of(EventKind.COLLISION)),
+        physics=summarise_physics(record),
         residual_p50_m=residual.median_m,
         residual_p99_m=residual.p99_m,
         residual_max_m=residual.max_m,

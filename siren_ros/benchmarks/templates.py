@@ -1,10 +1,11 @@
 """How well the templates work over seeds, printed as one row per template.
 
 ``python -m siren_ros.benchmarks.templates --templates S1 S3 --seeds 0:20`` runs the episodes without ROS and
-prints in how many the template's predicate holds, what failed in the others, collisions, teleports, violations
-of continuity, the residual, the EMV's longest standstill and mean speed, the error of constant-velocity
-prediction, and the time of behaviour and dynamics per step. ``--compare L1 L3`` compares the EMV's travel time
-at two levels over the same seeds instead.
+prints in how many the template's predicate holds, what failed in the others, contacts, teleports, violated checks,
+the greatest impact speed and overlap, the lateral acceleration of everybody (99.9th percentile) and the longitudinal
+one of the EMV (1st and 99th), the residual, the EMV's longest standstill and mean speed, the error of
+constant-velocity prediction, and the time of behaviour and dynamics per step. ``--compare L1 L3`` compares the EMV's
+travel time at two levels over the same seeds instead.
 """
 
 import argparse
@@ -19,12 +20,14 @@ from pathlib import Path
 import numpy as np
 
 from siren_ros.benchmarks.template_episode import EpisodeFigures, EpisodeTask, measure_episode, travel_times_s
+from siren_ros.judging.verification.physics import PhysicsSummary
 from siren_ros.scenario.levels import EmergencyLevel
 from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.scenario.templates import available_templates
 
 _HEAD = (
-    f"{'':<4}{'holds':>7}{'failed':>7}{'hits':>6}{'telep':>6}{'contin':>7}  {'residual p50/p99/max m':<23}"
+    f"{'':<4}{'holds':>7}{'failed':>7}{'hits':>6}{'telep':>6}{'checks':>7}{'impact':>7}{'overlap':>8}"
+    f"{'a_lat':>6}{'EMV a':>11}  {'residual p50/p99/max m':<23}"
     f"{'still s':>8}{'EMV m/s':>8}{'CV ADE m':>9}{'ms/step':>8}"
 )
 
@@ -79,13 +82,25 @@ def row_of(name: str, episodes: Sequence[EpisodeFigures]) -> str:
         max(episode.residual_p99_m for episode in ran),
         max(episode.residual_max_m for episode in ran),
     )
+    physics = [episode.physics for episode in ran]
     timed = [episode.step_ms for episode in ran if not np.isnan(episode.step_ms)]
     return (
-        f"{name:<4}{holding:>7}{len(episodes) - len(ran):>7}{sum(one.collisions for one in ran):>6}"
+        f"{name:<4}{holding:>7}{len(episodes) - len(ran):>7}{sum(one.contacts for one in physics):>6}"
         f"{sum(one.teleports for one in ran):>6}{sum(bool(one.violations) for one in ran):>7}"
+        f"{_physics_columns(physics)}"
         f"  {'/'.join(f'{value:.2f}' for value in residual):<23}"
         f"{max(one.standstill_s for one in ran):>8.1f}{np.mean([one.emv_speed_mps for one in ran]):>8.1f}"
         f"{np.nanmean([one.cv_ade_m for one in ran]):>9.2f}{max(timed, default=float('nan')):>8.2f}"
+    )
+
+
+def _physics_columns(physics: Sequence[PhysicsSummary]) -> str:
+    """Greatest impact speed, overlap and lateral acceleration, and the EMV's hardest braking and acceleration."""
+    lowest = min(one.emv_accel_low_mps2 for one in physics)
+    highest = max(one.emv_accel_high_mps2 for one in physics)
+    return (
+        f"{max(one.impact_mps for one in physics):>7.1f}{max(one.overlap_m for one in physics):>8.2f}"
+        f"{max(one.lateral_accel_mps2 for one in physics):>6.1f}{f'{lowest:.1f}/{highest:.1f}':>11}"
     )
 
 

@@ -77,6 +77,16 @@ def find_contacts(boxes: Footprints, touching: Pairs) -> tuple[tuple[Contact, ..
     return tuple(contacts), tuple(pairs)
 
 
+def overlapping(boxes: Footprints, pairs: Pairs) -> tuple[tuple[int, int], ...]:
+    """Rows of the pairs whose boxes overlap."""
+    if not pairs:
+        return ()
+    rows = np.searchsorted(boxes.actor_id, np.array(pairs, dtype=np.uint32))
+    corners = footprint_corners(boxes.x_m, boxes.y_m, boxes.yaw_rad, boxes.length_m, boxes.width_m)
+    deep = separation_m(corners[rows[:, 0]], corners[rows[:, 1]]) < 0.0
+    return tuple((int(a), int(b)) for a, b in rows[deep])
+
+
 def _near_pairs(boxes: Footprints) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     """Rows of pairs whose circumscribed circles come within the separation gap, the smaller row first, sorted."""
     radius = 0.5 * (np.hypot(boxes.length_m, boxes.width_m) + SEPARATION_GAP_M)
@@ -92,7 +102,7 @@ def _contact(boxes: Footprints, corners: Floats, a: int, b: int) -> Contact:
     place = shapely.centroid(shapely.intersection(shapely.Polygon(corners[a]), shapely.Polygon(corners[b])))
     if place.is_empty:  # the boxes touch within rounding
         place = shapely.centroid(shapely.shortest_line(shapely.Polygon(corners[a]), shapely.Polygon(corners[b])))
-    normal = _normal(boxes, corners, a, b)
+    normal = contact_normal(boxes, corners, a, b)
     point = np.array([place.x, place.y])
     closing = float(np.dot(_velocity_at(boxes, a, point) - _velocity_at(boxes, b, point), normal))
     return Contact(
@@ -110,8 +120,8 @@ def _velocity_at(boxes: Footprints, row: int, point: Floats) -> Floats:
     return np.array([boxes.vx_mps[row] - rate * arm_y, boxes.vy_mps[row] + rate * arm_x])
 
 
-def _normal(boxes: Footprints, corners: Floats, a: int, b: int) -> Floats:
-    """Unit vector from a to b, normal to the side through which the boxes came to overlap.
+def contact_normal(boxes: Footprints, corners: Floats, a: int, b: int) -> Floats:
+    """Unit vector from row a to row b, normal to the side through which the boxes came to overlap.
 
     Of the four separating axes it is the one on which the overlap began last (swept separating axis test);
     where the boxes do not close in on any axis, the one with the smallest penetration.

@@ -6,9 +6,10 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.dynamics.collisions import Footprints, Pairs, find_contacts
+from siren_ros.dynamics.collisions import Contact, Footprints, find_contacts, overlapping
 from siren_ros.dynamics.fleet_state import FleetState, with_spawned, without_actors
-from siren_ros.dynamics.orders import Orders, merge_commands
+from siren_ros.dynamics.impacts import collide
+from siren_ros.dynamics.orders import Orders, merge_commands, stopped_orders
 from siren_ros.dynamics.tracker import Reference, TrackerState, track
 from siren_ros.dynamics.vehicle_model import BodyState, Controls, step_bodies
 from siren_ros.errors import EpisodeError
@@ -53,7 +54,7 @@ def step_fleet(
     """
     _check_steps(state, traffic, commands)
     fleet, fresh = with_spawned(without_actors(state, traffic.removed), traffic)
-    orders = merge_commands(traffic, commands)
+    orders = stopped_orders(merge_commands(traffic, commands), fleet.actor_id, fleet.stopped, fleet.bodies.steer_rad)
     driven = orders.owner == Owner.ROS
     realigned = [event.actor_id for event in traffic.events if event.kind is EventKind.REALIGNED]
     handed_back = ((fleet.owner == Owner.ROS) | np.isin(fleet.actor_id, realigned)) & ~driven
@@ -61,10 +62,14 @@ def step_fleet(
     if traffic.spawned:
         bodies = BodyState.where(fresh, fleet.bodies, bodies)
         tracker = TrackerState.where(fresh, fleet.tracker, tracker)
+    boxes = _footprints(fleet, bodies)
+    contacts, touching = find_contacts(boxes, fleet.touching)
+    if touching:
+        bodies = collide(bodies, boxes, fleet.table, overlapping(boxes, touching), STEP_S)
     states = _states(fleet, traffic, orders, bodies, driven | handed_back)
-    collisions, touching = _collisions(fleet, states)
     sirens, sounding = _siren_changes(state, states)
-    own = _spawned(states, traffic) + _removed(state, traffic) + _owner_changes(fleet, states) + sirens + collisions
+    own = _spawned(states, traffic) + _removed(state, traffic) + _owner_changes(fleet, states) + sirens
+    own += _collisions(traffic.step, contacts)
     reported = tuple(event for command in sorted(commands, key=lambda c: c.source) for event in command.events)
     after = replace(
         fleet,
@@ -73,6 +78,7 @@ def step_fleet(
         tracker=tracker,
         owner=orders.owner,
         touching=touching,
+        stopped=tuple(sorted({*fleet.stopped, *(actor for one in contacts for actor in (one.actor_id, one.other_id))})),
         sounding=sounding,
     )
     return after, states, own + reported + traffic.events
@@ -144,22 +150,25 @@ def _states(
     )
 
 
-def _collisions(fleet: FleetState, states: ActorStates) -> tuple[tuple[Event, ...], Pairs]:
-    boxes = Footprints(
-        actor_id=states.actor_id,
-        x_m=states.x_m,
-        y_m=states.y_m,
-        yaw_rad=states.yaw_rad,
-        vx_mps=states.vx_mps,
-        vy_mps=states.vy_mps,
-        yaw_rate_radps=states.yaw_rate_radps,
+def _footprints(fleet: FleetState, bodies: BodyState) -> Footprints:
+    vx, vy = bodies.velocity_mps(fleet.table)
+    return Footprints(
+        actor_id=fleet.actor_id,
+        x_m=bodies.x_m,
+        y_m=bodies.y_m,
+        yaw_rad=bodies.yaw_rad,
+        vx_mps=vx,
+        vy_mps=vy,
+        yaw_rate_radps=bodies.yaw_rate_radps,
         length_m=fleet.length_m,
         width_m=fleet.width_m,
     )
-    contacts, touching = find_contacts(boxes, fleet.touching)
-    events = tuple(
+
+
+def _collisions(step: int, contacts: Sequence[Contact]) -> tuple[Event, ...]:
+    return tuple(
         Event(
-            step=states.step,
+            step=step,
             kind=EventKind.COLLISION,
             actor_id=contact.actor_id,
             other_id=contact.other_id,
@@ -169,7 +178,6 @@ def _collisions(fleet: FleetState, states: ActorStates) -> tuple[tuple[Event, ..
         )
         for contact in contacts
     )
-    return events, touching
 
 
 def _spawned(states: ActorStates, traffic: TrafficState) -> tuple[Event, ...]:

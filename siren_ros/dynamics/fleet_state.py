@@ -31,6 +31,8 @@ class FleetState:
     tracker: TrackerState
     owner: Codes
     touching: Pairs
+    stopped: tuple[int, ...] = ()
+    """Actors that have been in contact, sorted: they brake to a standstill and stay."""
     sounding: tuple[int, ...] = ()
     """Actors whose siren sounds, sorted."""
 

@@ -2,15 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from siren_ros.errors import EpisodeError
-from siren_ros.numerics.arrays import Codes, Floats
-from siren_ros.world.actors import NO_ACTOR, Mode, Owner, rows_of_ids
+from siren_ros.numerics.arrays import Codes, Floats, Ids
+from siren_ros.world.actors import NO_ACTOR, Lights, Mode, Owner, rows_of_ids
 from siren_ros.world.commands import VehicleCommands
 from siren_ros.world.traffic_state import TrafficState
+
+_HAZARD_LIGHTS: Final = Lights.INDICATOR_LEFT | Lights.INDICATOR_RIGHT
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,29 @@ def merge_commands(traffic: TrafficState, commands: Sequence[VehicleCommands]) -
         orders.mode[rows] = command.mode[known]
         orders.lights[rows] = command.lights[known]
     return orders
+
+
+def stopped_orders(orders: Orders, actor_id: Ids, stopped: Sequence[int], steer_rad: Floats) -> Orders:
+    """Orders of which those for stopped actors are replaced: full brake, wheels as they are, hazard lights.
+
+    Args:
+        orders: What is asked of every actor.
+        actor_id: Ids of the rows.
+        stopped: Actors that have been in contact.
+        steer_rad: Present road-wheel angles.
+    """
+    rows = np.isin(actor_id, np.array(stopped, dtype=np.uint32)) if stopped else np.zeros(0, dtype=bool)
+    if not rows.any():
+        return orders
+    return Orders(
+        owner=np.where(rows, np.uint8(Owner.ROS), orders.owner),
+        throttle=np.where(rows, 0.0, orders.throttle),
+        brake=np.where(rows, 1.0, orders.brake),
+        steer_rad=np.where(rows, steer_rad, orders.steer_rad),
+        hand_brake=orders.hand_brake & ~rows,
+        mode=np.where(rows, np.uint8(Mode.STOPPED), orders.mode),
+        lights=np.where(rows, orders.lights | np.uint8(_HAZARD_LIGHTS), orders.lights),
+    )
 
 
 def _check(

@@ -33,8 +33,9 @@ MODE_COLOURS: Final[dict[Mode, Colour]] = {
     Mode.YIELD_PULL_OVER: (0.45, 0.35, 0.80, 1.0),
     Mode.YIELD_HOLD: (0.30, 0.20, 0.55, 1.0),
     Mode.REJOIN: (0.55, 0.75, 0.45, 1.0),
+    Mode.STOPPED: (0.83, 0.0, 0.0, 1.0),
 }
-"""Colours of civilians that respond to the siren; all others show their paint."""
+"""Colours of civilians that respond to the siren or have been in contact; all others show their paint."""
 LIFETIME_NS: Final = 400_000_000
 """Two periods of the topic, so that markers of actors that left go out by themselves."""
 _TEXT_HEIGHT_M: Final = 1.4

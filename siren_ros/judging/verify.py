@@ -12,32 +12,20 @@ from siren_ros.interfaces import topics
 from siren_ros.judging.predicates import evaluate_predicate
 from siren_ros.judging.residuals import summarise_residuals
 from siren_ros.judging.verdict import Part, Verdict, at_least, at_most, equals
+from siren_ros.judging.verification.limits import VerifyLimits
+from siren_ros.judging.verification.physics_checks import (
+    check_emv_accel,
+    check_emv_braking,
+    check_impact_speed,
+    check_lateral_accel,
+    check_overlap,
+)
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.units import STEP_NS, STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows, TopicRecord
 from siren_ros.world.actors import Owner
 from siren_ros.world.events import EventKind
 from siren_ros.world.state_hash import hash_state
-
-
-@dataclass(frozen=True)
-class VerifyLimits:
-    """Bounds of the checks."""
-
-    jump_m: float = 0.05
-    """Position change between two steps beyond ``v · dt``."""
-    turn_rad: float = 0.01
-    """Yaw change between two steps beyond the limits of steering and grip."""
-    steer_max_rad: float = 0.7
-    """Largest road-wheel angle of any class (40°)."""
-    wheelbase_share: float = 0.5
-    """Smallest wheelbase of any class as a share of its length: that of buses and fire engines."""
-    lateral_accel_mps2: float = 12.0
-    """Dry tyres give 1 g, plus a margin for the transient."""
-    speed_error_mps: float = 0.5
-    """Between the mean velocity of two steps and the position change between them."""
-    residual_p99_m: float = 0.5
-    residual_max_m: float = 2.0
 
 
 @dataclass(frozen=True)
@@ -96,6 +84,16 @@ def _moves(record: EpisodeRecord) -> _Moves:
     return _Moves(rows.select(pairs), after, lengths[position])
 
 
+def _velocity_jumps(moves: _Moves, record: EpisodeRecord) -> npt.NDArray[np.float64]:
+    """Change of velocity of actors that a contact strikes between two steps, 0 for all others; shape ``(P,)``."""
+    struck = {
+        (one.step, actor) for one in record.events_of(EventKind.COLLISION) for actor in (one.actor_id, one.other_id)
+    }
+    hit = [key in struck for key in zip(moves.after.step.tolist(), moves.after.actor_id.tolist(), strict=True)]
+    change = np.hypot(moves.after.vx_mps - moves.before.vx_mps, moves.after.vy_mps - moves.before.vy_mps)
+    return np.where(np.array(hit, dtype=np.bool_), change, 0.0)
+
+
 def _largest(values: npt.NDArray[np.float64]) -> float:
     return float(values.max()) if len(values) else 0.0
 
@@ -118,11 +116,14 @@ def check_yaw_jumps(record: EpisodeRecord, limits: VerifyLimits) -> Part:
 
 
 def check_speed(record: EpisodeRecord, limits: VerifyLimits) -> Part:
-    """The recorded velocity is the derivative of the recorded position, direction included."""
+    """The recorded velocity is the derivative of the recorded position, direction included.
+
+    A contact within a step changes the velocity at once, and leaves the mean velocity within half the change.
+    """
     moves = _moves(record)
     error_x = (moves.after.x_m - moves.before.x_m) / STEP_S - (moves.before.vx_mps + moves.after.vx_mps) / 2.0
     error_y = (moves.after.y_m - moves.before.y_m) / STEP_S - (moves.before.vy_mps + moves.after.vy_mps) / 2.0
-    error = np.hypot(error_x, error_y)
+    error = np.hypot(error_x, error_y) - 0.5 * _velocity_jumps(moves, record)
     return at_most("speed_error_mps", _largest(error), limits.speed_error_mps, moves.where(error))
 
 
@@ -226,6 +227,11 @@ STATE_CHECKS: Final[tuple[Check, ...]] = (
     check_teleports,
     check_residual_p99,
     check_residual_max,
+    check_overlap,
+    check_impact_speed,
+    check_lateral_accel,
+    check_emv_braking,
+    check_emv_accel,
 )
 """The checks that need no topics; they also apply to an episode that was simulated and not recorded."""
 _CHECKS: Final[tuple[Check, ...]] = (

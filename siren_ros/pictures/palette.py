@@ -34,6 +34,7 @@ STATE_NAMES: Final = {
     Mode.YIELD_PULL_OVER: "pulling over",
     Mode.YIELD_HOLD: "holding",
     Mode.REJOIN: "rejoining",
+    Mode.STOPPED: "stopped after contact",
 }
 EMV_MODE_COLOURS: Final = {
     Mode.NOMINAL: "#b9bec4",
@@ -41,6 +42,7 @@ EMV_MODE_COLOURS: Final = {
     Mode.FORCED_LANE_CHANGE: "#d95a20",
     Mode.COPY_SUMO: "#8f3fa8",
     Mode.GAP_ESCAPE: "#1f1f24",
+    Mode.STOPPED: "#d40000",
 }
 EVENT_STYLES: Final[dict[EventKind, tuple[str, str, str]]] = {
     EventKind.YIELD_STARTED: (">", "#1a86b8", "yield starts"),

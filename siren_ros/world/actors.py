@@ -76,6 +76,8 @@ class Mode(IntEnum):
     """Yield over; the navigator leads the vehicle back to its lane before SUMO takes over."""
     EXTERNAL = 12
     """Driven by a program outside the platform: the AV under test."""
+    STOPPED = 13
+    """After a contact: brakes to a standstill and stays there."""
 
     @property
     def is_yielding(self) -> bool:

@@ -1,4 +1,5 @@
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -357,3 +358,41 @@ def test_classes_have_their_own_motion(parameters: Mapping[ActorClass, VehiclePa
             state, _traffic(step, rows), [_stacked(*(_command(step, i, throttle=1.0) for i in (1, 2)))]
         )
     assert states.speed_mps[0] > states.speed_mps[1] + 1.0
+
+
+@pytest.mark.parametrize("yaw", np.radians([0.0, 30.0, 60.0, 200.0]))
+def test_who_was_in_contact_stops_and_stays(yaw: float) -> None:
+    way = np.array([np.cos(yaw), np.sin(yaw)])
+
+    def traffic(step: int, spawned: Sequence[ActorDescription] = ()) -> TrafficState:
+        """SUMO lets one car drive through another one that stands."""
+        places = {1: (12.0 * STEP_S * step * way, 12.0), 2: (15.0 * way, 0.0)}
+        return _traffic(step, {i: (*place, yaw, speed) for i, (place, speed) in places.items()}, spawned)
+
+    state, states, _ = step_fleet(FleetState.empty(PARAMETERS), traffic(0, [_description(1), _description(2)]), ())
+    collisions: list[Event] = []
+    for step in range(1, 120):
+        state, states, events = step_fleet(state, traffic(step), ())
+        collisions += [event for event in events if event.kind is EventKind.COLLISION]
+        apart = (states.x_m[1] - states.x_m[0]) * way[0] + (states.y_m[1] - states.y_m[0]) * way[1]
+        assert apart > PARAMETERS[ActorClass.SEDAN].length_m - 0.05
+    (collision,) = collisions
+    assert collision.detail["impact_speed_mps"] == pytest.approx(12.0, abs=0.2)
+    assert states.speed_mps == pytest.approx([0.0, 0.0], abs=1e-3)
+    assert states.owner.tolist() == [Owner.ROS, Owner.ROS]
+    assert states.mode.tolist() == [Mode.STOPPED, Mode.STOPPED]
+    hazard = Lights.INDICATOR_LEFT | Lights.INDICATOR_RIGHT
+    assert np.all(states.lights & hazard == hazard)
+    assert states.residual_m.tolist() == [0.0, 0.0]
+
+
+def test_commands_cannot_move_who_was_in_contact() -> None:
+    state, _ = _started()
+    state = replace(state, stopped=(1,))
+    speed = []
+    for step in range(1, 80):
+        traffic = _traffic(step, {1: (0.5 * step, 50.0, 0.0, 10.0)})
+        state, states, _ = step_fleet(state, traffic, [_command(step, 1, throttle=1.0, steer=0.3)])
+        speed.append(float(states.speed_mps[0]))
+    assert speed[-1] == 0.0
+    assert states.throttle[0] < 1e-3

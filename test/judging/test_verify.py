@@ -9,6 +9,7 @@ from siren_ros.errors import EpisodeError
 from siren_ros.judging.verify import Verification, verify_episode
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.world.actors import ActorStates
 from siren_ros.world.commands import VehicleCommands
 from siren_ros.world.events import Event, EventKind
 
@@ -124,3 +125,49 @@ def test_a_state_that_was_changed_afterwards_is_found(record: EpisodeRecord) -> 
     assert (fault.name, fault.value, fault.detail) == ("wrong_state_hashes", 1.0, "first at step 30")
     (missing,) = verify_episode(replace(record, state_hashes={})).failing
     assert missing.value == record.steps
+
+
+def _colliding(record: EpisodeRecord, speed_mps: float) -> EpisodeRecord:
+    contact = Event(100, EventKind.COLLISION, 2, 3, detail={"impact_speed_mps": speed_mps})
+    return replace(record, events=(*record.events, contact))
+
+
+def test_an_impact_at_speed_is_found_with_the_papers_drivers_alone(record: EpisodeRecord) -> None:
+    assert _failing(verify_episode(_colliding(record, 1.5))) == []
+    assert _failing(verify_episode(_colliding(record, 2.5))) == ["impact_speed_mps"]
+    drawn = replace(record, description=replace(record.description, preset="realistic"))
+    assert _failing(verify_episode(_colliding(drawn, 2.5))) == []
+
+
+def test_a_contact_explains_half_of_the_velocity_that_it_takes(record: EpisodeRecord) -> None:
+    stopped = _moved(record, vx_mps=lambda v, _: v - 3.0)
+    assert _failing(verify_episode(stopped)) == ["speed_error_mps"]
+    assert "speed_error_mps" in _failing(verify_episode(_colliding(stopped, 1.0)))  # the step after it has no contact
+
+
+def test_bodies_in_each_other_are_found(record: EpisodeRecord) -> None:
+    state = record.states[50]
+    x_m, y_m = state.x_m.copy(), state.y_m.copy()
+    x_m[2], y_m[2] = x_m[1] + 1.0, y_m[1]
+    states = tuple(replace(state, x_m=x_m, y_m=y_m) if one.step == 50 else one for one in record.states)
+    assert "overlap_m" in _failing(verify_episode(replace(record, states=states)))
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "name"),
+    [
+        ("lateral_accel_mps2", 4.5, "lateral_accel_p99_9_mps2"),
+        ("lateral_accel_mps2", -4.5, "lateral_accel_p99_9_mps2"),
+        ("accel_mps2", -4.5, "emv_accel_p1_mps2"),
+        ("accel_mps2", 3.0, "emv_accel_p99_mps2"),
+    ],
+)
+def test_accelerations_that_no_driver_uses_are_found(
+    record: EpisodeRecord, column: str, value: float, name: str
+) -> None:
+    def changed(state: ActorStates) -> ActorStates:
+        arrays = {column: np.full(len(state), value)}
+        return replace(state, **arrays)  # type: ignore[arg-type] # columns by name
+
+    states = tuple(changed(state) if state.step % 20 == 0 else state for state in record.states)
+    assert _failing(verify_episode(replace(record, states=states))) == [name]

@@ -1,0 +1,1 @@
+"""Bounds of an episode's checks, and its physics: contacts, overlap, accelerations."""

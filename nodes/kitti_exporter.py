@@ -4,8 +4,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from siren_ros.datasets.kitti import KittiCamera, KittiFrame, KittiWriter, camera_from_lidar
-from siren_ros.datasets.kitti_export import FRONT_CAMERA
+from siren_ros.datasets.exporting.file_writer import FileWriter
+from siren_ros.datasets.exporting.output_folder import new_folder
+from siren_ros.datasets.kitti.calibration import KittiCamera, camera_from_lidar
+from siren_ros.datasets.kitti.frame_files import KittiFrame, KittiFrames
+from siren_ros.datasets.kitti.layout import Layout
+from siren_ros.datasets.sources.episode_source import FRONT_CAMERA
 from siren_ros.errors import InputError
 from siren_ros.generation.episode_setup import default_bag_path_of, default_kitti_path
 from siren_ros.interfaces import topics
@@ -39,7 +43,11 @@ class KittiExporter(Participant[KittiExporterConfig]):
         camera = next((spec for spec in suite.cameras if spec.name == FRONT_CAMERA), None)
         if camera is not None:
             self._image = topics.IMAGE_COMPRESSED.of_sensor(camera.name, period_steps(camera.rate_hz))
-        self._writer = KittiWriter(self._folder(episode), _calibrated_camera(suite, lidar.name))
+        layout = Layout(self.config.layout)
+        if camera is None and layout is Layout.KITTI:
+            raise InputError("sensors", episode.sensor_suite, f"a suite with {FRONT_CAMERA}, for KITTI's own layout")
+        calibrated = _calibrated_camera(suite, lidar.name)
+        self._frames = KittiFrames(FileWriter(new_folder(self._folder(episode))), layout, calibrated)
         self.join_more([Input(topic) for topic in (self._lidar, self._image) if topic is not None])
 
     def _folder(self, episode: EpisodeDescription) -> Path:
@@ -52,7 +60,7 @@ class KittiExporter(Participant[KittiExporterConfig]):
             return
         image = inputs.get(self._image.name) if self._image is not None else None
         jpeg = None if image is None else from_compressed_image(image)
-        self._writer.write(KittiFrame(step, from_point_cloud(sweep), from_ground_truth(truth), jpeg))
+        self._frames.write(KittiFrame(step, from_point_cloud(sweep), from_ground_truth(truth), jpeg))
 
 
 def _calibrated_camera(suite: SensorSuite, lidar: str) -> KittiCamera | None:

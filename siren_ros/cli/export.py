@@ -1,40 +1,108 @@
-"""``siren export csv|kitti BAG --out DIR``: episodes in other people's formats."""
+"""``siren export FORMAT BAG… --out DIR``: episodes as datasets that other programs read."""
 
 import argparse
+import os
+import sys
 from pathlib import Path
+from typing import Never
 
-from siren_ros.datasets.kitti_export import export_kitti
-from siren_ros.datasets.trajectory_csv import export_csv
-from siren_ros.errors import EXIT_OK
-from siren_ros.recording.bag_reader import read_episode
+from tqdm import tqdm
+
+from siren_ros.datasets.export_job import ExportJob, run_export
+from siren_ros.datasets.exporting.format import Format, Option
+from siren_ros.datasets.exporting.splits import AUTO, SPLITS
+from siren_ros.datasets.registry import FORMATS
+from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
+from siren_ros.recording.bag_guard import storage_files
+
+
+class _ListFormats(argparse.Action):
+    """``--list``: prints the table of formats and ends."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        print("\n".join(_table()))
+        parser.exit()
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
     """Describe the verb, and what it takes."""
-    verb.description = "Writes an episode in another format."
+    verb.description = "Writes episodes as a dataset in another format."
+    verb.add_argument("--list", action=_ListFormats, nargs=0, help="print all formats and what they need of a bag")
     formats = verb.add_subparsers(title="formats", metavar="FORMAT", required=True)
-    csv = formats.add_parser(
-        "csv",
-        help="trajectory.csv: every actor at 10 Hz, CARLA's world frame",
-        description="Writes DIR/trajectory.csv: one row per actor and logged frame at 10 Hz, in CARLA's world frame.",
+    for made in FORMATS.values():
+        parser = formats.add_parser(made.name, help=made.summary, description=f"{made.summary}.")
+        parser.add_argument(
+            "bags",
+            type=Path,
+            metavar="BAG",
+            nargs="+",
+            help="folder of a recorded episode, or a folder of such folders",
+        )
+        parser.add_argument("--out", type=Path, metavar="DIR", required=True, help="dataset to write; new or empty")
+        parser.add_argument(
+            "--jobs", type=int, metavar="N", default=len(os.sched_getaffinity(0)), help="processors (default: all)"
+        )
+        parser.add_argument(
+            "--split", choices=(AUTO, *SPLITS), default=AUTO, help="split of all episodes (default: by seed and map)"
+        )
+        parser.add_argument("--licence", metavar="TEXT", default="", help="licence that the dataset's card states")
+        for option in made.options:
+            _add_option(parser, option)
+        parser.set_defaults(run=run, format=made)
+
+
+def _add_option(parser: argparse.ArgumentParser, option: Option) -> None:
+    told = option.help.replace("%", "%%")
+    if option.is_flag:
+        parser.add_argument(f"--{option.name}", action="store_const", const="yes", default="no", help=told)
+        return
+    parser.add_argument(
+        f"--{option.name}",
+        default=option.default,
+        choices=option.allowed or None,
+        help=f"{told} (default {option.default})",
     )
-    kitti = formats.add_parser(
-        "kitti",
-        help="KITTI: sweeps and labels, and the front camera where it was recorded",
-        description="Writes velodyne/ and label_2/ in the paper's layout, image_2/ and calib/ where there is a camera.",
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Exports the bags; exit code 1 where one of them is not whole."""
+    made: Format = arguments.format
+    if arguments.jobs < 1:
+        raise InputError("jobs", arguments.jobs, "1 or more")
+    options = {option.name: getattr(arguments, option.name.replace("-", "_")) for option in made.options}
+    job = ExportJob(
+        made, options, _bags_of(arguments.bags), arguments.out, arguments.jobs, arguments.split, arguments.licence
     )
-    for parser, run in ((csv, _run_csv), (kitti, _run_kitti)):
-        parser.add_argument("bag", type=Path, metavar="BAG", help="folder of a recorded episode")
-        parser.add_argument("--out", type=Path, metavar="DIR", required=True, help="folder to write into")
-        parser.set_defaults(run=run)
+    bar_format = "{l_bar}{bar}| {n:.0f}/{total:.0f} s of episodes [{elapsed}<{remaining}]"
+    with tqdm(total=0, unit="s", bar_format=bar_format, disable=None, desc=f"export {made.name}") as bar:
+        result = run_export(job, bar.reset, lambda step_s: _advance(bar, step_s))
+    for note in result.notes:
+        print(f"siren export: {note}", file=sys.stderr)
+    counts = ", ".join(f"{count} {name}" for name, count in result.card["counts"].items())
+    episodes = len(result.card["episodes"])
+    print(f"{arguments.out}: {episodes} episode{'s' if episodes != 1 else ''}, {counts}")
+    return EXIT_FAILED if result.notes else EXIT_OK
 
 
-def _run_csv(arguments: argparse.Namespace) -> int:
-    print(export_csv(read_episode(arguments.bag), arguments.out))
-    return EXIT_OK
+def _advance(bar: "tqdm[Never]", step_s: float) -> None:
+    bar.update(step_s)
 
 
-def _run_kitti(arguments: argparse.Namespace) -> int:
-    frames = export_kitti(arguments.bag, arguments.out)
-    print(f"{arguments.out}: {frames} frames")
-    return EXIT_OK
+def _bags_of(paths: list[Path]) -> tuple[Path, ...]:
+    """The bags among the given folders: themselves, or those directly in them."""
+    found: list[Path] = []
+    for path in paths:
+        inside = [] if storage_files(path) or not path.is_dir() else sorted(path.iterdir())
+        bags = [folder for folder in inside if folder.is_dir() and folder.name[0] != "." and storage_files(folder)]
+        found += bags or [path]
+    return tuple(found)
+
+
+def _table() -> list[str]:
+    rows = [("format", "needs", "what it is")]
+    rows += [(made.name, ", ".join(made.needs), made.summary) for made in FORMATS.values()]
+    widths = [max(len(row[column]) for row in rows) for column in range(2)]
+    lines = [f"{name:<{widths[0]}}  {needs:<{widths[1]}}  {summary}" for name, needs, summary in rows]
+    extras = [made for made in FORMATS.values() if made.extra]
+    lines += [f"{made.name} runs as ./env --with {made.extra} siren export {made.name} …" for made in extras]
+    return lines

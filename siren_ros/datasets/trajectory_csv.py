@@ -4,16 +4,26 @@ One row per actor per logged frame at 10 Hz, in CARLA's world frame: left-handed
 z up, yaw in degrees increasing clockwise, so ``y = −y_map``, ``vy = −vy_map`` and ``yaw = −yaw_map``.
 """
 
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from siren_ros.errors import InputError
-from siren_ros.numerics.arrays import Floats
+from siren_ros.datasets.exporting.file_writer import FileWriter
+from siren_ros.datasets.exporting.format import EpisodePart, EpisodeReport
+from siren_ros.datasets.exporting.staging import link
+from siren_ros.datasets.sources.episode_source import EpisodeSource
+from siren_ros.errors import BagError
+from siren_ros.interfaces.conversions import from_actor_states, from_traffic_state
+from siren_ros.interfaces.topics import ACTORS, TRAFFIC
+from siren_ros.judging.interaction_region import region_members
+from siren_ros.numerics.arrays import Floats, Ids
 from siren_ros.numerics.units import STEP_S
+from siren_ros.recording.bag_reader import damage_refused
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.world.actors import ActorClass, ActorStates
+from siren_ros.world.actors import ActorClass, ActorDescription, ActorStates
 
 COLUMNS: Final = (
     "step",
@@ -32,6 +42,8 @@ COLUMNS: Final = (
 LOG_PERIOD_STEPS: Final = 2
 """10 Hz (paper: "actor states are logged at 10 Hz")."""
 _DECIMALS: Final = 4
+HEAD: Final = ",".join(COLUMNS) + "\n"
+FILE_NAME: Final = "trajectory.csv"
 
 
 def type_id_of(actor_class: ActorClass) -> str:
@@ -43,15 +55,17 @@ def type_id_of(actor_class: ActorClass) -> str:
 
 
 def trajectory_csv(record: EpisodeRecord) -> str:
-    """The whole file as text; rows in the order of steps and, within a step, of actor ids."""
-    lines = [",".join(COLUMNS)]
-    for states in record.states:
-        if states.step % LOG_PERIOD_STEPS == 0:
-            lines += _lines_of_step(record, states)
-    return "\n".join(lines) + "\n"
+    """The whole file of a recorded episode as text; rows in the order of steps and, within a step, of actor ids."""
+    logged = [states for states in record.states if states.step % LOG_PERIOD_STEPS == 0]
+    return HEAD + "".join(lines_of_step(states, record.actors) for states in logged)
 
 
-def _lines_of_step(record: EpisodeRecord, states: ActorStates) -> list[str]:
+def lines_of_step(states: ActorStates, actors: Mapping[int, ActorDescription]) -> str:
+    """The rows of one step.
+
+    Raises:
+        BagError: An actor is not described.
+    """
     time_s = f"{states.step * STEP_S:.2f}"
     yaw_deg = -np.degrees(states.yaw_rad)
     # Within (−180, 180], as CARLA gives it.
@@ -60,10 +74,12 @@ def _lines_of_step(record: EpisodeRecord, states: ActorStates) -> list[str]:
     numbers = zip(*(_texts(column) for column in columns), strict=True)
     lines = []
     for actor_id, values in zip(states.actor_id.tolist(), numbers, strict=True):
-        actor = record.actors[actor_id]
+        actor = actors.get(actor_id)
+        if actor is None:
+            raise BagError(f"step {states.step}", f"an episode that describes its actors; {actor_id} is not")
         head = (str(states.step), time_s, str(actor_id), type_id_of(actor.actor_class))
-        lines.append(",".join((*head, *values, str(int(actor.is_emv)))))
-    return lines
+        lines.append(",".join((*head, *values, str(int(actor.is_emv)))) + "\n")
+    return "".join(lines)
 
 
 def _texts(column: Floats) -> list[str]:
@@ -71,19 +87,38 @@ def _texts(column: Floats) -> list[str]:
     return [f"{value:.{_DECIMALS}f}" for value in (np.round(column, _DECIMALS) + 0.0).tolist()]
 
 
-def export_csv(record: EpisodeRecord, folder: Path) -> Path:
-    """Writes ``trajectory.csv`` into a folder; makes the folder where it is missing.
+class CsvExporter:
+    """``trajectory.csv``; with several episodes one in a folder of each."""
 
-    Raises:
-        InputError: The file exists already, or cannot be written.
-    """
-    path = folder / "trajectory.csv"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with path.open("x", encoding="utf-8", newline="") as file:
-            file.write(trajectory_csv(record))
-    except FileExistsError as error:
-        raise InputError("out", str(path), "a place where nothing is yet") from error
-    except OSError as error:
-        raise InputError("out", str(path), f"a place that can be written ({error.strerror or error})") from error
-    return path
+    def __init__(self, region: str) -> None:
+        self._region = region == "yes"
+
+    def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:  # noqa: ARG002 - the interface of all formats
+        """Writes row by row; one step is in memory."""
+        files.append(FILE_NAME, HEAD)
+        actors: dict[int, ActorDescription] = {}
+        members: Ids = np.empty(0, dtype=np.uint32)
+        rows, seen = 0, set()
+        for step, held in source.messages_by_step({ACTORS.name, TRAFFIC.name}):
+            with damage_refused(source.path):
+                if TRAFFIC.name in held:
+                    spawned = from_traffic_state(held[TRAFFIC.name].read()).spawned
+                    actors.update({actor.actor_id: actor for actor in spawned})
+                if ACTORS.name not in held:
+                    continue
+                states = from_actor_states(held[ACTORS.name].read())
+            if self._region:
+                members = region_members(members, states, source.description.emv_ids)
+                states = states.select(np.isin(states.actor_id, members))
+            if step % LOG_PERIOD_STEPS == 0:
+                files.append(FILE_NAME, lines_of_step(states, actors))
+                rows += len(states)
+                seen.update(states.actor_id.tolist())
+                files.progress(step * STEP_S)
+        classes = Counter(actors[actor_id].actor_class.name.lower() for actor_id in sorted(seen))
+        return EpisodeReport({"rows": rows, "vehicles": len(seen)}, classes)
+
+    def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
+        """One file, or a folder for each episode."""
+        for part in parts:
+            link(part.folder / FILE_NAME, (folder if len(parts) == 1 else folder / part.episode_id) / FILE_NAME)

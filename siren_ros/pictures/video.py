@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, UnidentifiedImageError
 
-from siren_ros.datasets.kitti_export import FRONT_CAMERA
+from siren_ros.datasets.sources.episode_source import FRONT_CAMERA
 from siren_ros.errors import BagError, InputError
 from siren_ros.interfaces.images import from_compressed_image
 from siren_ros.interfaces.topics import IMAGE_COMPRESSED

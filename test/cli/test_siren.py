@@ -58,7 +58,7 @@ def test_verify_goes_on_after_a_bag_that_cannot_be_read(
 
 def test_export_writes_both_formats(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", "csv", str(bag), "--out", str(tmp_path / "csv")]) == 0
-    assert main(["export", "kitti", str(bag), "--out", str(tmp_path / "kitti")]) == 0
+    assert main(["export", "kitti", "--layout", "paper", str(bag), "--out", str(tmp_path / "kitti")]) == 0
     assert (tmp_path / "csv" / "trajectory.csv").read_text().startswith("step,timestamp")
     assert len(list((tmp_path / "kitti" / "label_2").iterdir())) == 160
     assert "160 frames" in capsys.readouterr().out

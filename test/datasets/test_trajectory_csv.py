@@ -9,8 +9,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from siren_ros.datasets.trajectory_csv import COLUMNS, export_csv, trajectory_csv, type_id_of
-from siren_ros.errors import InputError
+from siren_ros.cli.main import main
+from siren_ros.datasets.trajectory_csv import COLUMNS, trajectory_csv, type_id_of
+from siren_ros.judging.interaction_region import regions_of
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import ActorClass
 
@@ -68,15 +69,19 @@ def test_every_class_has_a_type_id() -> None:
     assert len({type_id_of(member) for member in ActorClass}) == len(ActorClass)
 
 
-def test_an_existing_file_is_not_overwritten(record: EpisodeRecord, tmp_path: Path) -> None:
-    path = export_csv(record, tmp_path / "out")
-    before = path.read_bytes()
-    with pytest.raises(InputError, match="out"):
-        export_csv(record, tmp_path / "out")
-    assert path.read_bytes() == before
+def test_the_export_is_the_record(write_bag: Callable[..., Path], tmp_path: Path, record: EpisodeRecord) -> None:
+    bag = write_bag(tmp_path / "bag", duration_s=4.0)
+    assert main(["export", "csv", str(bag), "--out", str(tmp_path / "out")]) == 0
+    assert (tmp_path / "out" / "trajectory.csv").read_text(encoding="utf-8") == trajectory_csv(record)
 
 
-def test_a_folder_that_cannot_be_made_is_named(record: EpisodeRecord, tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="file"):
-        export_csv(record, tmp_path / "file" / "out")
+def test_the_region_holds_whoever_is_near_the_emv(
+    write_bag: Callable[..., Path], tmp_path: Path, record: EpisodeRecord
+) -> None:
+    bag = write_bag(tmp_path / "bag", duration_s=4.0)
+    assert main(["export", "csv", "--region", str(bag), "--out", str(tmp_path / "out")]) == 0
+    lines = (tmp_path / "out" / "trajectory.csv").read_text(encoding="utf-8").splitlines()[1:]
+    there = {(int(row[0]), int(row[2])) for row in (line.split(",") for line in lines)}
+    members = zip(record.states, regions_of(record.states, record.emv_ids), strict=True)
+    assert there == {(state.step, key) for state, ids in members if state.step % 2 == 0 for key in ids.tolist()}
+    assert len(lines) < 40 * 5

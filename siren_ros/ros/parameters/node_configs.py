@@ -3,10 +3,13 @@
 from dataclasses import dataclass
 from typing import Final
 
+from siren_ros.datasets.kitti.layout import Layout
 from siren_ros.lockstep.lockstep import START_TIMEOUT_S, STEP_TIMEOUT_S
 from siren_ros.params.parameter_field import parameter
 from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.traffic.observation.checks import RESIDUAL_LIMIT_M
+
+KITTI_LAYOUTS: Final = tuple(layout.value for layout in Layout)
 
 DEFAULT_PARTICIPANTS: Final = (
     "sumo_bridge",
@@ -76,6 +79,7 @@ class KittiExporterConfig(ParticipantConfig):
     """``kitti_exporter``."""
 
     out: str = parameter("", "Folder of the KITTI export; empty: bags/TEMPLATE_LEVEL_seedN_kitti.")
+    layout: str = parameter("kitti", "KITTI's own layout, or exactly the paper's.", choices=KITTI_LAYOUTS)
 
 
 @dataclass(frozen=True)
@@ -100,7 +104,12 @@ class CosimConfig(EpisodeRequest):
     external: list[str] = parameter(
         [], "Programs that report every step on /siren/step_done under these names and are waited for."
     )
-    kitti: bool = parameter(True, "Also write a KITTI export next to the bag, if the suite has a LiDAR.")
+    kitti: bool = parameter(
+        True, "Also write a KITTI export next to the bag, if the suite has a LiDAR and a front camera."
+    )
+    kitti_layout: str = parameter(
+        "kitti", "KITTI's own layout, or exactly the paper's, which needs no camera.", choices=KITTI_LAYOUTS
+    )
     processes: bool = parameter(False, "Run each node as a process of its own.")
     realtime_factor: float = parameter(
         0.0, "Simulated seconds per wall second at most; 0: as fast as it goes.", minimum=0.0, maximum=1000.0

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
+from siren_ros.datasets.kitti.layout import Layout
 from siren_ros.errors import InputError
 from siren_ros.generation.episode_setup import default_bag_path, default_kitti_path, plan_length
 from siren_ros.lockstep.lockstep import LockstepConfig
@@ -13,7 +14,7 @@ from siren_ros.ros.parameters.node_configs import DEFAULT_PARTICIPANTS, CosimCon
 from siren_ros.ros.parameters.parameters import Value
 from siren_ros.ros.programs.composition import Overrides
 from siren_ros.scenario.request import EpisodeRequest
-from siren_ros.sensors.suite.suite import load_suite
+from siren_ros.sensors.suite.suite import EXPORTED_CAMERA, SensorSuite, load_suite
 from siren_ros.world.commands import AV_SOURCE
 
 TRAILING: Final = frozenset({"sensor_sim", "recorder", "kitti_exporter"})
@@ -64,16 +65,22 @@ def plan_episode(config: CosimConfig) -> EpisodePlan:
     request = EpisodeRequest.within(config)
     suite = load_suite(config.sensors)
     bag = Path(config.bag) if config.bag else default_bag_path(request)
-    kitti = default_kitti_path(bag) if config.kitti and suite.lidars else None
+    kitti = default_kitti_path(bag) if config.kitti and _kitti_can_be_written(suite, config.kitti_layout) else None
     nodes = (*DEFAULT_PARTICIPANTS, *(("kitti_exporter",) if kitti else ()))
     told: dict[str, dict[str, Value]] = {name: {"participants": list(nodes)} for name in ("recorder", *nodes)}
     told["sumo_bridge"].update(asdict(request))
     told["recorder"]["bag"] = str(bag)
     if kitti:
-        told["kitti_exporter"]["out"] = str(kitti)
+        told["kitti_exporter"] |= {"out": str(kitti), "layout": config.kitti_layout}
     others = (*_checked_names(config.external), *((AV_SOURCE,) if config.av else ()))
     told["sensor_sim"]["trails"] = not others and config.realtime_factor == 0.0
     return EpisodePlan(nodes, others, plan_length(request), bag, kitti, told)
+
+
+def _kitti_can_be_written(suite: SensorSuite, layout: str) -> bool:
+    """A LiDAR is needed, and for KITTI's own layout the front camera."""
+    has_camera = any(camera.name == EXPORTED_CAMERA for camera in suite.cameras)
+    return bool(suite.lidars) and (has_camera or Layout(layout) is Layout.PAPER)
 
 
 def _checked_names(names: list[str]) -> tuple[str, ...]:

@@ -1,20 +1,21 @@
-from collections.abc import Callable
+"""KITTI files frame by frame: the standard layout and the paper's, on formulas."""
+
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from rosbags.typesys.store import Typestore
 from synthetic_episode import Scene, SyntheticEpisode
 
-from siren_ros.datasets.kitti import KittiCamera, KittiFrame, KittiWriter, camera_from_lidar, label_text, velodyne_bytes
-from siren_ros.datasets.kitti_export import export_kitti
-from siren_ros.errors import BagError, InputError
-from siren_ros.interfaces import topics
-from siren_ros.interfaces.images import CameraIntrinsics, to_camera_info, to_compressed_image
-from siren_ros.interfaces.transforms import Transform, quaternion_of_matrix, to_tf
-from siren_ros.numerics.units import time_ns_of_step
-from siren_ros.recording.bag_writer import EpisodeBagWriter
+from siren_ros.datasets.exporting.file_writer import FileWriter
+from siren_ros.datasets.exporting.output_folder import new_folder
+from siren_ros.datasets.kitti.calibration import KittiCamera, camera_from_lidar
+from siren_ros.datasets.kitti.frame_files import KittiFrame, KittiFrames, velodyne_bytes
+from siren_ros.datasets.kitti.layout import Layout
+from siren_ros.datasets.kitti.paper_labels import label_text
+from siren_ros.errors import InputError
+from siren_ros.interfaces.images import CameraIntrinsics
+from siren_ros.interfaces.transforms import Transform, quaternion_of_matrix
 
 CAMERA = CameraIntrinsics(800, 600, 335.64, 335.64, 400.0, 300.0)
 BASE_FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -91,71 +92,44 @@ def test_frames_with_different_parents_are_refused() -> None:
         camera_from_lidar((MOUNTS[0], replace(MOUNTS[1], parent="map")), "lidar", MOUNTS[1].child)
 
 
-def _bag_with_camera(path: Path, store: Typestore) -> Path:
+def _live(folder: Path, layout: Layout, jpeg: bytes | None, camera: KittiCamera | None) -> KittiFrames:
     episode = SyntheticEpisode(Scene(duration_s=1.0, lidar=True))
-    image = topics.IMAGE_COMPRESSED.of_sensor("camera_front", 2)
-    info = topics.CAMERA_INFO.of_sensor("camera_front", 2)
-    writer = EpisodeBagWriter(path, store)
-
-    def write(topic: topics.Topic, step: int, message: object) -> None:
-        cdr = bytes(store.serialize_cdr(message, topic.type_name))
-        writer.write(topic.name, topic.type_name, cdr, time_ns_of_step(step))
-
-    write(topics.TF_STATIC, 0, to_tf(0, MOUNTS))
-    for topic, step, message in episode.messages():
-        write(topic, step, message)
-        if topic is topics.EVENTS and step % 2 == 0:
-            jpeg = f"jpeg of step {step}".encode()
-            write(image, step, to_compressed_image(step, MOUNTS[1].child, jpeg))
-            write(info, step, to_camera_info(step, MOUNTS[1].child, CAMERA))
-    return writer.finish().path
+    folder.mkdir()
+    with FileWriter(folder) as files:
+        frames = KittiFrames(files, layout, camera)
+        for step in range(0, 20, 2):
+            frames.write(KittiFrame(step, episode.sweep(step), episode.ground_truth(step), jpeg))
+    return frames
 
 
-def _tree(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+def _names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
 
 
-def test_live_frames_and_exported_frames_are_the_same_bytes(tmp_path: Path, typestore: Typestore) -> None:
-    bag = _bag_with_camera(tmp_path / "bag", typestore)
-    assert export_kitti(bag, tmp_path / "offline") == 10
-    episode = SyntheticEpisode(Scene(duration_s=1.0, lidar=True))
+def test_the_papers_layout_says_what_it_is(tmp_path: Path) -> None:
     camera = KittiCamera(CAMERA, camera_from_lidar(MOUNTS, "lidar", MOUNTS[1].child))
-    live = KittiWriter(tmp_path / "live", camera)
-    for step in range(0, 20, 2):
-        jpeg = f"jpeg of step {step}".encode()
-        live.write(KittiFrame(step, episode.sweep(step), episode.ground_truth(step), jpeg))
-    exported = _tree(tmp_path / "offline")
-    assert exported == _tree(tmp_path / "live")
-    assert exported["image_2/000003.jpg"] == b"jpeg of step 6"
-    assert exported["frames.csv"].splitlines()[1:3] == [b"000000,0,0.00", b"000001,2,0.10"]
-    assert "Tr_velo_to_cam: 0.000000 -1.000000 0.000000" in exported["calib/000000.txt"].decode()
-    assert sorted({name.split("/")[0] for name in exported}) == [
-        "calib",
-        "frames.csv",
-        "image_2",
-        "label_2",
-        "velodyne",
-    ]
+    assert _live(tmp_path / "out", Layout.PAPER, b"a picture", camera).frames == 10
+    out = tmp_path / "out"
+    assert _names(out) == ["README.md", "calib", "frames.csv", "image_2", "label_2", "velodyne"]
+    assert (out / "image_2" / "000003.jpg").read_bytes() == b"a picture"
+    assert (out / "frames.csv").read_text().splitlines()[1:3] == ["000000,0,0.00", "000001,2,0.10"]
+    assert "Tr_velo_to_cam: 0.00000000 -1.00000000 0.00000000" in (out / "calib" / "000000.txt").read_text()
+    assert "not KITTI" in (out / "README.md").read_text()
+    assert (out / "label_2" / "000000.txt").read_text() == label_text(SyntheticEpisode().ground_truth(0))
 
 
-def test_without_a_camera_there_are_no_images(tmp_path: Path, write_bag: Callable[..., Path]) -> None:
-    bag = write_bag(tmp_path / "bag", duration_s=1.0, lidar=True)
-    export_kitti(bag, tmp_path / "out")
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["frames.csv", "label_2", "velodyne"]
-    assert len(list((tmp_path / "out" / "velodyne").iterdir())) == 10
+def test_the_papers_layout_needs_no_camera(tmp_path: Path) -> None:
+    _live(tmp_path / "out", Layout.PAPER, None, None)
+    assert _names(tmp_path / "out") == ["README.md", "frames.csv", "label_2", "velodyne"]
 
 
-def test_an_episode_without_a_lidar_is_refused_before_anything_is_made(
-    tmp_path: Path, write_bag: Callable[..., Path]
-) -> None:
-    bag = write_bag(tmp_path / "bag", duration_s=1.0)
-    with pytest.raises(BagError, match="LiDAR"):
-        export_kitti(bag, tmp_path / "out")
-    assert not (tmp_path / "out").exists()
+def test_kittis_own_layout_needs_a_camera(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="front camera"):
+        _live(tmp_path / "out", Layout.KITTI, None, None)
 
 
 def test_a_folder_with_something_in_it_is_refused(tmp_path: Path) -> None:
     (tmp_path / "precious").write_text("mine")
     with pytest.raises(InputError, match="new or empty"):
-        KittiWriter(tmp_path)
+        new_folder(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["precious"]

@@ -1,0 +1,1 @@
+"""What all formats share: which there are, many bags at once, staged folders, the dataset's card."""

@@ -1,0 +1,137 @@
+"""The hidden folder in which a dataset grows, and its move to the final name when it is whole."""
+
+import fcntl
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, Final
+
+from siren_ros.datasets.exporting.file_writer import no_place
+from siren_ros.errors import InputError
+
+_JOB: Final = "job.json"
+_DATASET: Final = "dataset"
+
+
+class Staging:
+    """``.NAME.partial`` beside the dataset's final place. What is finished in it is kept for the next try."""
+
+    def __init__(self, out: Path) -> None:
+        self.out = Path(os.path.abspath(out))  # noqa: PTH100 - without following a link that is there already
+        self.path = self.out.parent / f".{self.out.name}.partial"
+
+    def check_free(self) -> None:
+        """Refuses a final place that is taken.
+
+        Raises:
+            InputError: Something is there already that is not an empty folder.
+        """
+        try:
+            taken = self.out.exists() and (not self.out.is_dir() or any(self.out.iterdir()))
+        except OSError as error:
+            raise no_place(self.out, error) from error
+        if taken:
+            raise InputError("out", str(self.out), "a folder that is new or empty")
+
+    @contextmanager
+    def opened(self, job: Mapping[str, Any]) -> Iterator[None]:
+        """Makes the folder, or takes up what an interrupted export of the same job left in it.
+
+        Raises:
+            InputError: Another job's unfinished export is there, somebody else writes it now, or it cannot be made.
+        """
+        new = not self.path.exists()
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            with (self.path / ".lock").open("w") as file:
+                try:
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError as error:
+                    raise InputError("out", str(self.out), "a folder that no other export is writing") from error
+                self._check_job(job)
+                yield
+        except OSError as error:
+            raise no_place(self.path, error) from error
+        finally:
+            if new and not any(self.path.glob("parts/*.json")):
+                self.remove()
+
+    def _check_job(self, job: Mapping[str, Any]) -> None:
+        text = json.dumps(job, indent=2, sort_keys=True) + "\n"
+        file = self.path / _JOB
+        if file.exists() and file.read_text(encoding="utf-8") != text:
+            allowed = f"a place without an unfinished export of other bags or options; remove {self.path} or finish it"
+            raise InputError("out", str(self.out), allowed)
+        file.write_text(text, encoding="utf-8")
+
+    def part(self, index: int) -> Path:
+        """Folder of one episode's files."""
+        return self.path / "parts" / f"{index:06d}"
+
+    def report_of(self, index: int) -> dict[str, Any] | None:
+        """What was noted of a finished part; None where it is not finished."""
+        file = self.part(index).with_suffix(".json")
+        with suppress(OSError, ValueError):
+            found: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+            return found
+        return None
+
+    def finish_part(self, index: int, report: Mapping[str, Any]) -> None:
+        """Notes that a part is finished."""
+        file = self.part(index).with_suffix(".json")
+        growing = file.with_suffix(".growing")
+        try:
+            growing.write_text(json.dumps(report), encoding="utf-8")
+            growing.replace(file)
+        except OSError as error:
+            raise no_place(file, error) from error
+
+    def new_part(self, index: int) -> Path:
+        """An empty folder for a part; what an interrupted try left in it goes away."""
+        folder = self.part(index)
+        try:
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir(parents=True)
+        except OSError as error:
+            raise no_place(folder, error) from error
+        return folder
+
+    def new_dataset(self) -> Path:
+        """An empty folder for the assembled dataset."""
+        folder = self.path / _DATASET
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        return folder
+
+    def publish(self) -> None:
+        """Gives the assembled dataset its final name; InputError where that has been taken meanwhile."""
+        try:
+            (self.path / _DATASET).rename(self.out)
+        except OSError as error:
+            raise no_place(self.out, error) from error
+        self.remove()
+
+    def remove(self) -> None:
+        """Takes the hidden folder away."""
+        shutil.rmtree(self.path, ignore_errors=True)
+
+
+def link(source: Path, target: Path) -> None:
+    """Gives a file a second name, or copies it where the file system has no links."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        target.hardlink_to(source)
+    except (OSError, NotImplementedError):
+        shutil.copyfile(source, target)
+
+
+def link_tree(source: Path, target: Path) -> None:
+    """Links all files below a folder to the same places below another one."""
+    for path in sorted(source.rglob("*")):
+        if path.is_file():
+            link(path, target / path.relative_to(source))
+        else:
+            (target / path.relative_to(source)).mkdir(parents=True, exist_ok=True)

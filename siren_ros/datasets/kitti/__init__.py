@@ -1,0 +1,1 @@
+"""KITTI: the object benchmark's own layout, and the paper's."""

@@ -1,0 +1,1 @@
+"""What exporters read: an episode's bag, frame by frame."""

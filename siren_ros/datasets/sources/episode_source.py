@@ -1,0 +1,203 @@
+"""An episode's bag as exporters see it: what it holds, its sensors and how they stand, its tracks."""
+
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from siren_ros.errors import BagError
+from siren_ros.interfaces import topics
+from siren_ros.interfaces.episode_conversions import from_episode_description, from_episode_outcome
+from siren_ros.interfaces.images import CameraIntrinsics, from_camera_info
+from siren_ros.interfaces.topics import Topic
+from siren_ros.interfaces.transforms import Transform, from_tf, matrix_of_quaternion
+from siren_ros.numerics.arrays import Matrix
+from siren_ros.numerics.units import step_of_time_ns
+from siren_ros.recording.bag_reader import BagMessage, OpenBag, damage_refused, open_bag
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.recording.record_builder import RECORD_TOPICS, RecordBuilder
+from siren_ros.roads.net_parser import parse_road_network
+from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.scenario.episode import EpisodeDescription, EpisodeOutcome
+from siren_ros.sensors.suite.suite import EXPORTED_CAMERA
+
+FRONT_CAMERA: Final = EXPORTED_CAMERA
+
+
+@dataclass(frozen=True)
+class MountedSensor:
+    """A LiDAR or a camera of the EMV."""
+
+    name: str
+    topic: str
+    base_from_sensor: Matrix
+    """Points in ``base_link`` from points in the sensor's frame (a camera's optical frame), shape ``(4, 4)``."""
+
+
+@dataclass(frozen=True)
+class MountedCamera(MountedSensor):
+    """A camera with its projection."""
+
+    model: CameraIntrinsics
+    truth_topic: str
+    """Topic of its labels; empty where none were recorded."""
+
+    def from_lidar(self, lidar: MountedSensor) -> Matrix:
+        """Points in the optical frame from points in a LiDAR's frame, shape ``(4, 4)``."""
+        matrix: Matrix = np.linalg.inv(self.base_from_sensor) @ lidar.base_from_sensor
+        return matrix
+
+
+class EpisodeSource:
+    """An open bag of one episode."""
+
+    def __init__(self, bag: OpenBag) -> None:
+        """Reads the description.
+
+        Raises:
+            BagError: The bag has none.
+        """
+        self.bag = bag
+        self.path = bag.path
+        message = self._first(topics.EPISODE.name)
+        if message is None:
+            raise BagError(str(bag.path), f"a bag with an episode's description on {topics.EPISODE.name}")
+        with damage_refused(bag.path):
+            self.description: EpisodeDescription = from_episode_description(message)
+
+    def _first(self, topic: str) -> Any | None:
+        message = next(self.bag.messages({topic}), None)
+        return None if message is None else message.read()
+
+    @cached_property
+    def outcome(self) -> EpisodeOutcome | None:
+        """How the episode ended; None where the bag was cut off before."""
+        message = self._first(topics.OUTCOME.name)
+        with damage_refused(self.path):
+            return None if message is None else from_episode_outcome(message)
+
+    @property
+    def has_states(self) -> bool:
+        """Whether the actors' states were recorded."""
+        return topics.ACTORS.name in self.bag.type_names
+
+    @property
+    def has_ground_truth(self) -> bool:
+        """Whether labelled boxes were recorded."""
+        return topics.GROUND_TRUTH.name in self.bag.type_names
+
+    @property
+    def has_map(self) -> bool:
+        """Whether the map is in the bag."""
+        return topics.MAP.name in self.bag.type_names
+
+    @cached_property
+    def net_xml(self) -> str:
+        """The compiled SUMO net; BagError where the bag holds no map."""
+        message = self._first(topics.MAP.name)
+        if message is None:
+            raise BagError(str(self.path), f"a bag with the episode's map on {topics.MAP.name}")
+        return str(message.data)
+
+    @cached_property
+    def network(self) -> RoadNetwork:
+        """The map as a road network; BagError where the bag holds none."""
+        return parse_road_network(self.net_xml.encode())
+
+    @cached_property
+    def _mounts(self) -> dict[str, Matrix]:
+        message = self._first(topics.TF_STATIC.name)
+        with damage_refused(self.path):
+            found = () if message is None else from_tf(message)
+        return {transform.child: _matrix(transform) for transform in found}
+
+    def _sensors(self, topic: Topic) -> dict[str, str]:
+        """Names of the sensors that publish on a kind of topic, with the topics."""
+        head, tail = topic.name.split("{sensor}")
+        found = {
+            name[len(head) : len(name) - len(tail)]: name
+            for name, kind in self.bag.type_names.items()
+            if kind == topic.type_name and name.startswith(head) and name.endswith(tail)
+        }
+        return {sensor: name for sensor, name in sorted(found.items()) if "/" not in sensor}
+
+    @cached_property
+    def lidar(self) -> MountedSensor | None:
+        """The EMV's first LiDAR; None without one."""
+        for name, topic in self._sensors(topics.LIDAR).items():
+            message = next(self.bag.messages({topic}), None)
+            if message is not None:
+                frame = str(message.read().header.frame_id)
+                return MountedSensor(name, topic, self._mounts.get(frame, np.eye(4)))
+        return None
+
+    @cached_property
+    def cameras(self) -> tuple[MountedCamera, ...]:
+        """The EMV's cameras with recorded pictures, in the order of their names."""
+        found = []
+        for name, topic in self._sensors(topics.IMAGE_COMPRESSED).items():
+            info = self._first(topics.CAMERA_INFO.of_sensor(name, 1).name)
+            if info is None or str(info.header.frame_id) not in self._mounts:
+                continue
+            truth = topics.IMAGE_TRUTH.of_sensor(name, 1).name
+            with damage_refused(self.path):
+                model = from_camera_info(info)
+            mount = self._mounts[str(info.header.frame_id)]
+            found.append(MountedCamera(name, topic, mount, model, truth if truth in self.bag.type_names else ""))
+        return tuple(found)
+
+    @property
+    def front_camera(self) -> MountedCamera | None:
+        """The camera that looks ahead; None without one."""
+        return next((camera for camera in self.cameras if camera.name == FRONT_CAMERA), None)
+
+    def messages_by_step(self, wanted: Collection[str]) -> Iterator[tuple[int, dict[str, BagMessage]]]:
+        """The messages of some topics, those of one step together, in the order of time; only one step is in memory.
+
+        Raises:
+            BagError: The bag is damaged at the place that has been reached.
+        """
+        held: dict[str, BagMessage] = {}
+        for message in self.bag.messages(wanted):
+            if held and next(iter(held.values())).time_ns != message.time_ns:
+                yield _step_of(held), held
+                held = {}
+            held[message.topic] = message
+        if held:
+            yield _step_of(held), held
+
+    def record(self) -> EpisodeRecord:
+        """The episode's tracks and events, without sensors. Holds all states in memory.
+
+        Raises:
+            BagError: The bag is damaged, or no episode.
+        """
+        builder = RecordBuilder()
+        for message in self.bag.messages({topic.name for topic in RECORD_TOPICS}):
+            decoded = message.read()
+            with damage_refused(self.path):
+                builder.add(message.topic, decoded)
+        return builder.build(str(self.path))
+
+
+def _step_of(held: dict[str, BagMessage]) -> int:
+    return step_of_time_ns(next(iter(held.values())).time_ns)
+
+
+def _matrix(transform: Transform) -> Matrix:
+    """Points in the parent from points in the child."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = matrix_of_quaternion(transform.rotation_xyzw)
+    matrix[:3, 3] = transform.translation_m
+    return matrix
+
+
+@contextmanager
+def open_source(path: Path) -> Iterator[EpisodeSource]:
+    """Opens an episode's bag; raises BagError as ``open_bag``, and for a bag that is no episode."""
+    with open_bag(path) as bag:
+        yield EpisodeSource(bag)

@@ -1,0 +1,80 @@
+"""Environments of their own for official readers that cannot live in the project's: made once, below .venv.readers/.
+
+A reader runs as a script of ``readers/`` in its environment, reads a dataset and prints what it found as JSON. Where a
+package index cannot be reached, or a wheel is not to be had, its tests are skipped and say so.
+"""
+
+import fcntl
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import venv
+from pathlib import Path
+from typing import Any
+
+import pytest
+from repository import REPOSITORY
+
+CACHE = REPOSITORY / ".venv.readers"
+READERS = Path(__file__).parent / "datasets" / "readers"
+PACKAGES = {
+    # Open3D-ML, which open3d brings, imports these two; the project's own packages are seen, too.
+    "open3d_ml": ("--no-deps", "addict", "scikit-learn", "joblib", "threadpoolctl", "narwhals"),
+    "nuscenes": ("numpy<2", "nuscenes-devkit==1.2.0"),
+    # av2 asks for torch and more, which its readers of scenarios and maps do not import.
+    "av2": ("numpy<2", "pandas<3", "pyarrow<22", "shapely", "scipy", "joblib", "rich", "pyproj", "universal-pathlib",
+            "matplotlib", "av", "opencv-python-headless<4.12", "numba", "polars"),
+    "commonroad": ("commonroad-io==2026.1",),
+    "scenariogeneration": ("scenariogeneration==0.16.7", "xmlschema"),
+    "metadrive": ("metadrive-simulator==0.4.3",),
+    "carla": ("carla==0.9.16",),
+    "rerun": ("rerun-sdk==0.41.0",),
+}  # fmt: skip
+WITHOUT_DEPENDENCIES = {"av2": ("av2==0.3.6",)}
+SEES_THE_PROJECT = {"open3d_ml"}
+
+
+def python_of(reader: str) -> Path:
+    """The interpreter of a reader's environment; makes the environment where it is missing, or skips the test."""
+    words = (*PACKAGES[reader], *WITHOUT_DEPENDENCIES.get(reader, ()))
+    key = hashlib.sha256(" ".join((sys.version, *words)).encode()).hexdigest()[:12]
+    folder = CACHE / f"{reader}-{key}"
+    CACHE.mkdir(exist_ok=True)
+    with (CACHE / f"{reader}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (folder / "complete").exists():
+            _make(reader, folder)
+    return folder / "bin" / "python"
+
+
+def _make(reader: str, folder: Path) -> None:
+    venv.create(folder, clear=True, with_pip=True)
+    if reader in SEES_THE_PROJECT:
+        site = next(folder.glob("lib/python3*/site-packages"))
+        project = next(Path(path) for path in sys.path if path.endswith("site-packages"))
+        (site / "project.pth").write_text(f"{project}\n")
+    for packages in (PACKAGES[reader], WITHOUT_DEPENDENCIES.get(reader, ())):
+        if packages:
+            more = ["--no-deps"] if packages is not PACKAGES[reader] else []
+            command = [folder / "bin" / "python", "-m", "pip", "install", "-q", "--retries", "1", *more, *packages]
+            done = subprocess.run(command, capture_output=True, text=True, check=False, env=_plain_environment())
+            if done.returncode:
+                pytest.skip(f"the reader {reader} cannot be installed: {done.stderr.strip().splitlines()[-1]}")
+    (folder / "complete").touch()
+
+
+def _plain_environment() -> dict[str, str]:
+    return {key: value for key, value in os.environ.items() if key not in {"PYTHONPATH", "LD_LIBRARY_PATH"}}
+
+
+def read_with(reader: str, script: str, *arguments: object, timeout_s: float = 240.0) -> Any:
+    """What a script of ``readers/`` prints about a dataset, read as JSON from its last line."""
+    command = [python_of(reader), READERS / script, *map(str, arguments)]
+    environment = {**_plain_environment(), "MPLBACKEND": "Agg", "PYTHONDONTWRITEBYTECODE": "1"}
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, timeout=timeout_s, env=environment, cwd="/"
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.strip().splitlines()[-1])

@@ -33,6 +33,7 @@ LAYERS = {
         "numerics",
         "errors",
     ],
+    "datasets": ["export_job", "registry", "kitti", "trajectory_csv", "exporting", "sources"],
     "behaviour": ["civilians", "emv", "driving", "paths", "config"],
     "ros": ["programs", "participants", "transport", "parameters"],
     "roads": [

@@ -8,7 +8,7 @@ from synthetic_episode import SyntheticEpisode
 
 from siren_ros.datasets.sources.visibility import box_corners, image_boxes, lidar_visibility
 from siren_ros.interfaces.images import CameraIntrinsics
-from siren_ros.interfaces.point_cloud import LIDAR_POINT_DTYPE
+from siren_ros.sensors.lidar.lidar_points import LIDAR_POINT_DTYPE
 from siren_ros.world.ground_truth import GroundTruth
 
 CAMERA = CameraIntrinsics(801, 601, 400.0, 400.0, 400.0, 300.0)

@@ -19,7 +19,7 @@ from siren_ros.recording.working_folder import WorkingFolder, free_partial_path
 END_KEY: Final = "siren_end"
 REASON_KEY: Final = "siren_reason"
 REPEAT_CHUNKS: Final = 8
-"""The second chunk and every eighth after it repeat all definitions: the first chunk of a cut-off bag may be damaged."""
+"""The second chunk and every eighth after it repeat all definitions, for cut-off bags with a damaged first chunk."""
 _CAUSES: Final = {
     errno.ENOSPC: "the disk is full",
     errno.EDQUOT: "the disk's quota is used up",

@@ -18,7 +18,7 @@ from siren_ros.generation.episode_setup import (
     set_up_episode,
 )
 from siren_ros.generation.replay_check import first_difference, notes_on, repeat_episode, request_of
-from siren_ros.interfaces.conversions import from_episode_description, to_episode_description
+from siren_ros.interfaces.episode_conversions import from_episode_description, to_episode_description
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing
 from siren_ros.judging.outcome import outcome_of
 from siren_ros.params.resources import params_dir

@@ -145,12 +145,14 @@ class CorridorConfig:
     """Distance along the road over which a vehicle shapes the corridor before and behind itself."""
     leave_after_s: float = 1.0
     """Time without a reacting or braking vehicle before ``copy_sumo`` ends."""
-    side_margin_m: float = 0.05
-    """The navigator's side margin in the corridor."""
     squeezes: tuple[tuple[float, float], ...] = ((0.25, 8.4), (0.15, 6.0), (0.1, 3.0))
     """Distances to the vehicles beside, in metres, and the speed from each on in m/s."""
     clearance_m: float = 0.1
     """Places with less than this on a side are left to the gap escape."""
+    straight_below_m: float = 25.0
+    """Free way along the corridor below which the EMV looks at the way straight on."""
+    straight_gain_m: float = 8.0
+    """Free way that going straight on must gain."""
     stop_short_m: float = 5.0
     """Distance kept from the place where the corridor becomes too narrow for the EMV's footprint."""
 
@@ -222,10 +224,10 @@ class AnticipationConfig:
     """Greatest deceleration for anticipation alone."""
     side_margin_m: float = 0.25
     """Lateral distance below which a vehicle is in the way."""
-    leaving_min_mps: float = 0.25
+    leaving_min_mps: float = 0.15
     """Lateral speed above which a vehicle counts as leaving the path."""
-    leaving_time_s: float = 5.0
-    """Time until it has left, above which this is not counted on."""
+    leaving_mps: float = 0.6
+    """Mean lateral speed of a lane change: its present value rises and falls, so it says little about the end."""
 
 
 @dataclass(frozen=True)

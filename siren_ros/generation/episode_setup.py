@@ -9,12 +9,11 @@ from typing import Final
 from siren_ros import __version__
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.numerics.units import steps_from_s
-from siren_ros.params.input_files import FILES_ON_DISK, InputFiles, NotedFiles, files_to_json
 from siren_ros.roads.maps.map_compiler import CompiledMap, compile_map
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.roads.sites.site_finder import Site, SiteKind, require_site
-from siren_ros.scenario.episode import FILES_PARAMETER, MAP_SOURCE_PARAMETER, EpisodeDescription
+from siren_ros.scenario.episode import EpisodeDescription
 from siren_ros.scenario.levels import EmergencyLevel
 from siren_ros.scenario.presets import DriverPreset, load_preset
 from siren_ros.scenario.request import EpisodeRequest
@@ -88,34 +87,26 @@ def default_kitti_path(bag: Path) -> Path:
     return bag.with_name(f"{bag.name}_kitti")
 
 
-def set_up_episode(
-    request: EpisodeRequest, files: InputFiles = FILES_ON_DISK, compiled_map: CompiledMap | None = None
-) -> EpisodeSetup:
-    """Look up, draw and compile what an episode needs. The same request and files give the same setup.
-
-    Args:
-        request: What the user asks for.
-        files: Source of the parameter files; every file that is read becomes part of the description.
-        compiled_map: The map, compiled before; None to compile the request's map.
+def set_up_episode(request: EpisodeRequest) -> EpisodeSetup:
+    """Look up, draw and compile what an episode needs. The same request gives the same setup.
 
     Raises:
         InputError: Any part of the request cannot be used; the error names it.
     """
-    noted = NotedFiles(files)
-    template = load_template(request.template, noted)
+    template = load_template(request.template)
     level = level_of(request, template)
-    preset = load_preset(request.preset, noted)
+    preset = load_preset(request.preset)
     for suite in (request.sensors, request.av_sensors):
-        load_suite(suite, noted)
-    load_look(request.look, noted)
-    compiled = compiled_map or compile_map(Path(request.map) if request.map else None)
+        load_suite(suite)
+    load_look(request.look)
+    compiled = compile_map(Path(request.map) if request.map else None)
     network = parse_road_network(compiled.read_bytes())
     site = require_site(network, SiteKind(template.site_kind), request.map or compiled.name)
     dimensions = {
         actor_class: (vehicle.length_m, vehicle.width_m, vehicle.height_m)
-        for actor_class, vehicle in load_vehicle_parameters(noted).items()
+        for actor_class, vehicle in load_vehicle_parameters().items()
     }
-    plan = plan_traffic(network, site, template, request.seed, load_drivers(files=noted), dimensions)
+    plan = plan_traffic(network, site, template, request.seed, load_drivers(), dimensions)
     if request.av:
         plan = replace(plan, av=choose_av(network, plan))
     description = EpisodeDescription(
@@ -133,10 +124,8 @@ def set_up_episode(
             "template": template.values(),
             "predicate": {"name": template.predicate.name, "thresholds": dict(template.predicate.thresholds)},
             **_av_parameters(request, plan),
-            FILES_PARAMETER: files_to_json(noted.seen),
-            MAP_SOURCE_PARAMETER: compiled.source_sha256,
         },
-        versions=present_versions(),
+        versions=_versions(),
         site=_site_summary(network, site),
     )
     return EpisodeSetup(description, template, level, compiled, network, site, plan, preset)
@@ -149,8 +138,7 @@ def _av_parameters(request: EpisodeRequest, plan: TrafficPlan) -> Mapping[str, o
     return {"av": av}
 
 
-def present_versions() -> Mapping[str, str]:
-    """Versions of this program and of the packages that an episode depends on."""
+def _versions() -> Mapping[str, str]:
     return {"siren_ros": __version__, **{package: version(package) for package in _PACKAGES}}
 
 

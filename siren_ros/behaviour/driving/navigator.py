@@ -70,6 +70,8 @@ class Situation:
     target_mps: float
     watch: bool = True
     """Whether the collision handling is on."""
+    watch_leaders: bool = True
+    """Whether it watches vehicles ahead on the path; else ``limit`` stands for them."""
     limit: SpeedLimit = field(default_factory=SpeedLimit)
     """Besides the target and the path's own limits."""
 
@@ -92,7 +94,7 @@ def navigate(
     threat, must_brake = None, 0.0
     if situation.watch:
         target = situation.target_mps
-        led = watch_path(path, progress, row, target, seen, config)
+        led = watch_path(path, progress, row, target, seen, config) if situation.watch_leaders else None
         threat = stricter(led, watch_conflicts(path, progress, row, target, seen, config))
     if threat is not None:
         wanted, must_brake = min(wanted, threat.safe_speed_mps), threat.must_brake_mps2

@@ -85,7 +85,6 @@ def approach_speed_mps(
     brake, headway = config.brake_mps2, config.headway_s
     free = np.maximum(gap_m - config.standstill_gap_m, 0.0)
     safe = np.sqrt((brake * headway) ** 2 + lead_mps**2 + 2.0 * brake * free) - brake * headway
-    time_s = overlap_m / np.maximum(leaving_mps, config.leaving_min_mps)
-    leaves = (leaving_mps > config.leaving_min_mps) & (time_s < config.leaving_time_s)
-    cleared = lead_mps + free / np.maximum(time_s, config.headway_s)
-    return np.where(leaves, np.maximum(safe, cleared), safe)
+    time_s = np.maximum(overlap_m / config.leaving_mps, config.headway_s)
+    cleared = np.where(leaving_mps > config.leaving_min_mps, lead_mps + free / time_s, 0.0)
+    return np.maximum(safe, cleared)

@@ -106,8 +106,6 @@ def _step_unit(unit: EmvUnit, view: StepView, row: int) -> tuple[EmvUnit, DriveC
     config = view.world.config.emv.navigator
     if view.world.policy.corridor:
         config = replace(config, standstill_gap_m=view.world.config.emv.escape_gap_m)
-    if unit.corridor:
-        config = replace(config, side_margin_m=view.world.config.corridor.side_margin_m)
     between = unit.corridor or unit.gap_escape_active
     limit = passage_limit(unit, view, row) if between else anticipated_limit(unit, view, row)
     situation = Situation(
@@ -116,6 +114,7 @@ def _step_unit(unit: EmvUnit, view: StepView, row: int) -> tuple[EmvUnit, DriveC
         vehicle=view.vehicle(row),
         target_mps=target_speed_mps(unit, view),
         watch=not unit.gap_escape_active,
+        watch_leaders=not between,
         limit=limit,
     )
     navigator, command, snapshot = navigate(unit.navigator, situation, config)

@@ -9,6 +9,7 @@ import numpy as np
 from siren_ros.behaviour.driving.situation import StepView
 from siren_ros.behaviour.emv.forced_lane_change import cancel_lane_change
 from siren_ros.behaviour.emv.guard import Outcome
+from siren_ros.behaviour.emv.passage import free_way
 from siren_ros.behaviour.emv.route import best_lane, present_lane
 from siren_ros.behaviour.emv.unit import EmvUnit, advice_of, event_of
 from siren_ros.behaviour.paths.curve import Curve
@@ -76,16 +77,37 @@ def braking_ahead(unit: EmvUnit, view: StepView, row: int) -> bool:
 
 
 def corridor_path(unit: EmvUnit, view: StepView, row: int) -> EmvUnit:
-    """The EMV with the copied corridor as its path, renewed as the vehicles beside it move."""
+    """The EMV with the copied corridor as its path, renewed as the vehicles next to it move.
+
+    Where a lane begins on the left, the corridor moves to its line. If a vehicle closes that way, the EMV goes straight
+    on between the lanes that it is between.
+    """
     config = view.world.config.corridor
     if view.step - unit.corridor_planned_step < steps_from_s(config.replan_s) and unit.navigator.path is not None:
         return unit
-    network = view.world.network
-    route = view.traffic.route_of_row(row)
-    lane = present_lane(view, row, unit.navigator)
+    network, lane = view.world.network, present_lane(view, row, unit.navigator)
     if lane == NO_LANE:
         return unit
-    lane = corridor_lane(network, lane, route)
+    lane = corridor_lane(network, lane, view.traffic.route_of_row(row))
+    planned = _along(unit, view, row, lane, straight_on=False)
+    open_m = _open_m(planned, view, row)
+    if open_m < config.straight_below_m:
+        other = _along(unit, view, row, lane, straight_on=True)
+        if _open_m(other, view, row) > open_m + config.straight_gain_m:
+            return other
+    return planned
+
+
+def _open_m(unit: EmvUnit, view: StepView, row: int) -> float:
+    """How far the EMV's footprint gets along its path, at most to the path's end."""
+    way, config = free_way(unit, view, row), view.world.config.corridor
+    free = math.inf if way is None else way.limit(0.0, config.squeezes, 0.0, 1.0, config.clearance_m).free_m
+    return min(free, unit.navigator.remaining_m)
+
+
+def _along(unit: EmvUnit, view: StepView, row: int, lane: int, *, straight_on: bool) -> EmvUnit:
+    """The EMV with the corridor that is measured from a lane as its path."""
+    network, config, route = view.world.network, view.world.config.corridor, view.traffic.route_of_row(row)
     x, y, yaw = view.pose(row)
     position = nearest_on_lane(network.lanes[lane].centre, x, y)[0]
     lanes, end = lanes_along(network, lane, position, route, config.length_m)
@@ -93,7 +115,7 @@ def corridor_path(unit: EmvUnit, view: StepView, row: int) -> EmvUnit:
     s0, d0 = reference.curve.project_one(x, y)
     count = max(3, math.ceil(reference.curve.length_m - s0) + 1)
     s = np.linspace(s0, max(reference.curve.length_m, s0 + 2.0), count)
-    target = corridor_offsets(reference, s, view, row)
+    target = corridor_offsets(reference, s, view, row, straight_on_m=d0 if straight_on else None)
     heading = float(reference.curve.heading_at(np.array([s0]))[0])
     slope = math.tan(max(-0.5, min(0.5, math.remainder(yaw - heading, 2.0 * math.pi))))
     slope -= float(target[1] - target[0]) / float(s[1] - s[0])
@@ -124,7 +146,9 @@ def corridor_lane(network: RoadNetwork, lane: int, route: Indices) -> int:
     return best_lane(network, lane, route)
 
 
-def corridor_offsets(reference: LanePath, s_m: Floats, view: StepView, row: int) -> Floats:
+def corridor_offsets(
+    reference: LanePath, s_m: Floats, view: StepView, row: int, *, straight_on_m: float | None = None
+) -> Floats:
     """Where the corridor's middle lies beside a reference line.
 
     It starts from the line between the leftmost lane and its right neighbour (SUMO's rescue lane). From there it moves
@@ -136,12 +160,15 @@ def corridor_offsets(reference: LanePath, s_m: Floats, view: StepView, row: int)
         s_m: Increasing arc lengths on it, shape ``(K,)``.
         view: The step.
         row: The EMV's row.
+        straight_on_m: Offset to start from instead of that line.
 
     Returns:
         Offsets, left positive, shape ``(K,)``.
     """
     config, seen = view.world.config.corridor, view.seen
     base = _boundary_offsets(reference, s_m, view.world.network)
+    if straight_on_m is not None:
+        base = np.full(len(s_m), straight_on_m)
     x, y, _ = view.pose(row)
     rows = seen.near(x, y, config.length_m + 10.0, but=row)
     if len(rows) == 0:

@@ -1,5 +1,7 @@
 """Closed loops of the navigator with the vehicle model."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -184,3 +186,18 @@ def test_a_limit_counts_besides_target_and_path(lab):
     assert command(SpeedLimit(2.0)).brake > 0.0
     hard = command(SpeedLimit(5.0, brake_mps2=7.0)).brake
     assert hard * vehicle.max_brake_decel_mps2 == pytest.approx(7.0, abs=0.3)
+
+
+def test_leaders_can_be_left_to_the_limit(lab):
+    table = ParameterTable.of([ActorClass.AMBULANCE, ActorClass.SEDAN], lab.vehicles)
+    start = np.array([[0.0, 0.0, 0.0, 10.0], [15.0, 0.0, 0.0, 0.0]])
+    body = BodyState.moving(*(start[:, i].copy() for i in range(4)))
+    path = TrackedPath.of(Curve.through(np.array([[0.0, 0.0], [200.0, 0.0]])), CONFIG)
+    state = NavigatorState().following(path, 0.0, 0.0)
+    situation = Situation(seen_of(body, table), 0, lab.vehicles[ActorClass.AMBULANCE], 10.0)
+    _, watching, snapshot = navigate(state, situation, CONFIG)
+    _, leaving, nobody = navigate(state, replace(situation, watch_leaders=False), CONFIG)
+    assert snapshot.actor_id == 2
+    assert watching.brake > 0.5
+    assert nobody is None
+    assert leaving.brake == 0.0

@@ -40,11 +40,11 @@ def test_follows_at_the_same_speed_after_the_headway():
 
 
 def test_a_vehicle_that_leaves_the_path_is_approached_so_as_to_arrive_when_it_has_left():
-    staying, leaving = approach(26.0, 3.0), approach(26.0, 3.0, overlap=2.0, leaving=1.0)
-    assert leaving == pytest.approx(3.0 + (26.0 - CONFIG.standstill_gap_m) / 2.0)
+    staying, leaving = approach(26.0, 3.0), approach(26.0, 3.0, overlap=1.2, leaving=1.0)
+    assert leaving == pytest.approx(3.0 + (26.0 - CONFIG.standstill_gap_m) / (1.2 / CONFIG.leaving_mps))
     assert leaving > staying
-    assert approach(26.0, 3.0, overlap=2.0, leaving=0.1) == staying
-    assert approach(26.0, 3.0, overlap=8.0, leaving=1.0) == staying
+    assert approach(26.0, 3.0, overlap=1.2, leaving=0.1) == staying
+    assert approach(26.0, 3.0, overlap=9.0, leaving=1.0) == staying
     assert approach(26.0, 3.0, overlap=2.0, leaving=-1.0) == staying
 
 

@@ -2,7 +2,13 @@ import numpy as np
 import pytest
 
 from siren_ros.behaviour.emv.controller import follow_route
-from siren_ros.behaviour.emv.corridor import braking_ahead, corridor_lane, corridor_mode, corridor_offsets
+from siren_ros.behaviour.emv.corridor import (
+    braking_ahead,
+    corridor_lane,
+    corridor_mode,
+    corridor_offsets,
+    corridor_path,
+)
 from siren_ros.behaviour.emv.forced_lane_change import forced_lane_change
 from siren_ros.behaviour.emv.unit import EmvUnit
 from siren_ros.behaviour.paths.lane_path import LaneEnd, path_on_lanes
@@ -109,3 +115,32 @@ def test_before_a_right_turn_with_a_shoulder_the_corridor_is_the_shoulder(lab):
     network = road.built()
     assert corridor_lane(network, 2, np.array([0, 1], dtype=np.int32)) == 0
     assert corridor_lane(network, 2, np.array([0, 2], dtype=np.int32)) == 2
+
+
+def test_straight_on_starts_from_the_offset_at_hand(lab):
+    view = view_at(lab)
+    reference = path_on_lanes(view.world.network, (1,), LaneEnd.HORIZON, 98.0, 80.0)
+    s = np.linspace(2.0, 78.0, 77)
+    np.testing.assert_allclose(corridor_offsets(reference, s, view, 0, straight_on_m=-1.2), -1.2)
+
+
+def pocket_road(lab):
+    """Two lanes; at 150 m a third one begins on the left, so that SUMO's rescue lane moves one lane to the left."""
+    road = lab.RoadBuilder()
+    road.edge([[0, 0], [150, 0]], 2, ("A", "B"))
+    road.edge([[150, 0], [300, 0]], 3, ("B", "C"))
+    road.connect(0, 2)
+    road.connect(1, 3)
+    return road.built()
+
+
+@pytest.mark.parametrize(("where", "straight"), [(None, False), (0.75, True)], ids=["free", "closed"])
+def test_goes_straight_on_where_a_vehicle_closes_the_way_to_a_lane_that_begins(lab, where, straight):
+    cars = [lab.Car(1, 1, 135, 6, (0, 1), ActorClass.AMBULANCE, left=-1.65)]
+    if where is not None:
+        cars.append(lab.Car(2, 3, 12, 0, (1,), left=where))
+    network = pocket_road(lab)
+    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars))
+    path = corridor_path(EmvUnit(1, corridor=True), view, 0).navigator.path
+    _, left, _ = path.curve.project(np.array([162.0]), np.array([view.seen.y_m[0]]))
+    assert (abs(float(left[0])) < 0.6) is straight

@@ -60,7 +60,18 @@ def test_a_way_that_joins_another_merges():
     joining = np.stack((s, np.maximum(10.0 - 0.5 * s, 0.0)), axis=-1)
     zone = only(own, Way(joining, 1.0, 0.0, 0.0, 60.0, LENGTH, WIDTH))
     assert zone.merges
+    assert not zone.leads
     assert 5.0 < zone.own_in_m < 20.0
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("reach", [10.0, 60.0])
+def test_who_is_ahead_on_the_same_way_leads(turn, reach):
+    zone = only(way((0.0, 0.0), 0.0, turn=turn), way((20.0, 0.3), 0.0, reach=reach, turn=turn))
+    assert zone.leads
+    assert zone.merges
+    assert not only(way((20.0, 0.0), 0.0, turn=turn), way((0.0, 0.0), 0.0, turn=turn)).leads
+    assert not only(way((0.0, 0.0), 0.0, turn=turn), way((20.0, -1.0), np.pi / 2.0, turn=turn)).leads
 
 
 def test_oncoming_on_the_same_line_does_not_merge():

@@ -37,7 +37,10 @@ def watch_conflicts(
     seen: Surroundings,
     config: NavigatorConfig,
 ) -> Threat | None:
-    """The most restrictive of the vehicles that one lets pass first; arguments as for ``watch_path``."""
+    """The most restrictive of the vehicles that one lets pass first.
+
+    Arguments as for ``watch_path``; those who lead on the path are left to it.
+    """
     speed = float(seen.speed_mps[row])
     reach = watch_reach_m(speed, target_mps, config)
     rows = _meeting(seen, row, reach)
@@ -48,7 +51,7 @@ def watch_conflicts(
     others = [_way(seen, other) for other in rows.tolist()]
     worst: Threat | None = None
     for other, zone in zip(rows.tolist(), meeting_zones(own, others, config.side_margin_m), strict=True):
-        if zone is not None:
+        if zone is not None and not zone.leads:
             worst = stricter(worst, _threat(zone, (row, other), target_mps, seen, config))
     return worst
 

@@ -5,8 +5,8 @@ moved from outside announces nothing, and one that runs a red signal is nobody's
 its drivers are slowed here by the same rule by which the outside ones are driven.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Container, Mapping
+from dataclasses import dataclass, replace
 from typing import Final
 
 import libsumo
@@ -15,7 +15,7 @@ import numpy as np
 from siren_ros.conflicts.course import CourseBook
 from siren_ros.conflicts.outlook import Outlook
 from siren_ros.conflicts.yielding import Approach, Wait, YieldingConfig, wait_for
-from siren_ros.conflicts.zones import meeting_zones
+from siren_ros.conflicts.zones import Way, Zone, meeting_zones
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import RoadNetwork
@@ -49,7 +49,9 @@ class Caution:
     wait: Wait
 
 
-def cautions(traffic: TrafficState, outlook: Outlook, config: YieldingConfig) -> tuple[Caution, ...]:
+def cautions(
+    traffic: TrafficState, outlook: Outlook, config: YieldingConfig, waiting: Container[int] = ()
+) -> tuple[Caution, ...]:
     """The drivers of SUMO who have to wait.
 
     They wait for vehicles that are driven from outside, and, where their bodies would touch, for each other on
@@ -59,49 +61,71 @@ def cautions(traffic: TrafficState, outlook: Outlook, config: YieldingConfig) ->
         traffic: The present step.
         outlook: Where everybody will go.
         config: Margins to vehicles that are driven from outside.
+        waiting: Actors who waited at the step before: they would go on if they need not.
 
     Returns:
         The strictest wait of each, sorted by actor.
     """
     inside = traffic.owner == Owner.SUMO
     foes = np.flatnonzero(~inside | ((traffic.flags & TrafficFlags.ON_JUNCTION) != 0))
-    own = np.flatnonzero(inside & (traffic.sumo_speed_mps > 0.0))
+    own = np.flatnonzero(inside)
     if not len(foes) or not len(own):
         return ()
     speed = np.where(inside, traffic.sumo_speed_mps, traffic.speed_mps)
     dx, dy = traffic.x_m[own, None] - traffic.x_m[foes], traffic.y_m[own, None] - traffic.y_m[foes]
     reach = _AHEAD_S * (speed[own, None] + speed[foes]) + 2.0 * _MORE_M
+    held = np.array([actor in waiting for actor in traffic.actor_id.tolist()], dtype=np.bool_)
+    accel = np.where(held, np.maximum(traffic.sumo_accel_mps2, 0.0), traffic.sumo_accel_mps2)
     near = (np.hypot(dx, dy) < np.minimum(reach, _FAR_M)) & (own[:, None] != foes)
     found = []
     for place in np.flatnonzero(near.any(axis=1)).tolist():
         row, others = int(own[place]), foes[near[place]].tolist()
         configs = [_AMONG_THEMSELVES if inside[other] else config for other in others]
-        waits = _waits(row, others, configs, (speed, traffic.sumo_accel_mps2), outlook)
+        ways = [
+            _wide(outlook.way(other, _ahead_m(speed[other])), 0.0 if inside[other] else _MARGIN_M) for other in others
+        ]
+        zones = meeting_zones(outlook.way(row, _ahead_m(speed[row])), ways, 0.0)
+        met = [(o, c, z) for o, c, z in zip(others, configs, zones, strict=True) if z is not None]
+        waits = _waits(row, met, (speed, accel), outlook)
         if waits:
             other, wait = min(waits, key=lambda one: one[1].speed_mps)
             found.append(Caution(int(traffic.actor_id[row]), int(traffic.actor_id[other]), wait))
     return tuple(found)
 
 
+def _ahead_m(speed_mps: float) -> float:
+    return _AHEAD_S * float(speed_mps) + _MORE_M
+
+
+def _wide(way: Way, margin_m: float) -> Way:
+    return replace(way, half_width_m=way.half_width_m + margin_m)
+
+
 def _waits(
-    row: int, others: list[int], configs: list[YieldingConfig], motion: tuple[Floats, Floats], outlook: Outlook
+    row: int, met: list[tuple[int, YieldingConfig, Zone]], motion: tuple[Floats, Floats], outlook: Outlook
 ) -> list[tuple[int, Wait]]:
-    """Everybody of ``others`` for whom the driver in a row has to wait, and how; ``motion``: speeds, accelerations."""
+    """Everybody for whom the driver in a row has to wait, and how.
+
+    Who leads or merges is left to SUMO.
+
+    Args:
+        row: Row of the driver.
+        met: Rows of the vehicles that are met, with margins and zones.
+        motion: Speeds and accelerations of all vehicles.
+        outlook: Where everybody will go.
+    """
     speed_mps, accel_mps2 = motion
     own_mps, slowing = float(speed_mps[row]), float(accel_mps2[row])
-    way = outlook.way(row, _AHEAD_S * own_mps + _MORE_M)
-    ways = [outlook.way(other, _AHEAD_S * float(speed_mps[other]) + _MORE_M) for other in others]
     waits = []
-    for other, config, zone in zip(others, configs, meeting_zones(way, ways, _MARGIN_M), strict=True):
-        if zone is None or zone.merges:
+    for other, config, zone in met:
+        if zone.merges or zone.leads:
             continue
         top = max(outlook.limit_mps(row, zone.own_in_m), own_mps)
+        accel = slowing if slowing < _SLOWING_MPS2 else _ACCEL_MPS2
         other_mps = float(speed_mps[other])
         wait = wait_for(
             zone,
-            Approach(
-                own_mps, top, slowing if slowing < _SLOWING_MPS2 else _ACCEL_MPS2, outlook.rank(row, zone.own_in_m)
-            ),
+            Approach(own_mps, top, accel, outlook.rank(row, zone.own_in_m)),
             Approach(other_mps, other_mps, min(float(accel_mps2[other]), 0.0), outlook.rank(other, zone.other_in_m)),
             config,
         )
@@ -147,7 +171,8 @@ class CautiousDrivers:
             np.array([0.5 * vehicle.width_m for vehicle in known]),
         )
         speeds = {}
-        for caution in cautions(traffic, outlook, self._config):
+        waiting = {actor_id for actor_id, vehicle in vehicles.items() if vehicle.name in self._slowed}
+        for caution in cautions(traffic, outlook, self._config, waiting):
             row = int(np.searchsorted(traffic.actor_id, caution.actor_id))
             speed = float(traffic.sumo_speed_mps[row])
             vehicle = vehicles[caution.actor_id]

@@ -25,6 +25,9 @@ _SHAPES: Final = {
 _YELLOW_REACTION_S: Final = 1.0
 """``jmDriveAfterYellowTime`` of civilians: time in which a driver perceives yellow and reacts, the value with which
 yellow times are computed (ITE, Traffic Engineering Handbook). Without it SUMO brakes at once, and as hard as it can."""
+_WAITING_GAP_M: Final = 1.2
+"""``jmStoplineGapMinor``: distance kept from the place at which a driver gives way, also inside a junction. With SUMO's
+default of 0 the front of who waits reaches into the way of others, whose bodies are wider than their paths."""
 _MIRRORS_M: Final = 0.4
 """Added to a civilian's width for SUMO: its mirrors, which bodies are measured without. SUMO lets vehicles pass each
 other by widths alone, also where one stands at an angle to its lane."""
@@ -73,6 +76,7 @@ def _attributes(vehicle: PlannedVehicle) -> dict[str, str]:
         "lcSpeedGain": driver.speed_gain_eagerness,
         "lcCooperative": driver.cooperation,
         "jmDriveAfterYellowTime": _YELLOW_REACTION_S,
+        "jmStoplineGapMinor": _WAITING_GAP_M,
     }
     texts = {
         "id": type_id(vehicle),

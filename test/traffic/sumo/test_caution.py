@@ -1,0 +1,121 @@
+"""SUMO's drivers wait for vehicles that are driven from outside, on a crossing of two roads."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from siren_ros.conflicts.course import CourseBook
+from siren_ros.conflicts.outlook import Outlook
+from siren_ros.conflicts.yielding import YieldingConfig
+from siren_ros.numerics.geometry import rotate
+from siren_ros.numerics.polyline import Polyline
+from siren_ros.roads.road_network import Edge, Lane, LaneKind, RoadNetwork
+from siren_ros.traffic.sumo.caution import Caution, cautions
+from siren_ros.world.actors import Owner
+from siren_ros.world.traffic_state import TrafficFlags, TrafficState
+
+TURNS = np.radians([0.0, 30.0, 60.0])
+HALF_LENGTH, HALF_WIDTH = 2.3, 0.9
+
+
+@dataclass(frozen=True)
+class Car:
+    edge: int
+    """0 leads east, 1 north; they cross after 100 m."""
+    front_m: float
+    speed: float
+    owner: Owner = Owner.SUMO
+    accel: float = 0.0
+    flags: TrafficFlags = TrafficFlags.NONE
+
+
+def network(turn: float) -> RoadNetwork:
+    ways = ([[0.0, 0.0], [200.0, 0.0]], [[100.0, -100.0], [100.0, 100.0]])
+    lanes = tuple(
+        Lane(
+            i,
+            f"l{i}",
+            i,
+            0,
+            LaneKind.DRIVING,
+            Polyline.through(rotate(np.array(way), turn)),
+            3.3,
+            13.9,
+            emergency_allowed=True,
+            civilian_allowed=True,
+        )
+        for i, way in enumerate(ways)
+    )
+    edges = tuple(Edge(i, f"e{i}", (i,), f"A{i}", f"B{i}", internal=False) for i in range(2))
+    return RoadNetwork(lanes, edges, (), {}, (0.0, 0.0), "!")
+
+
+def cautious(cars: list[Car], turn: float = 0.0, waiting: tuple[int, ...] = ()) -> tuple[Caution, ...]:
+    roads = network(turn)
+    n = len(cars)
+    pose = np.array([roads.lanes[car.edge].centre.at(car.front_m - HALF_LENGTH) for car in cars])
+    yaw = np.array([float(roads.lanes[car.edge].centre.heading_rad(car.front_m)) for car in cars])
+    speed = np.array([car.speed for car in cars])
+    traffic = TrafficState(
+        step=0,
+        spawned=(),
+        removed=np.empty(0, np.uint32),
+        actor_id=np.arange(1, n + 1, dtype=np.uint32),
+        owner=np.array([car.owner for car in cars], np.uint8),
+        sumo_x_m=pose[:, 0],
+        sumo_y_m=pose[:, 1],
+        sumo_yaw_rad=yaw,
+        sumo_speed_mps=speed,
+        sumo_accel_mps2=np.array([car.accel for car in cars]),
+        x_m=pose[:, 0],
+        y_m=pose[:, 1],
+        yaw_rad=yaw,
+        speed_mps=speed,
+        lane=np.array([car.edge for car in cars], np.int32),
+        lane_position_m=np.array([car.front_m for car in cars]),
+        lateral_offset_m=np.zeros(n),
+        lights=np.zeros(n, np.uint8),
+        flags=np.array([int(car.flags) for car in cars], np.uint8),
+        route_offset=np.arange(n + 1, dtype=np.int32),
+        route_edges=np.array([car.edge for car in cars], np.int32),
+        emvs=(),
+        signals=(),
+    )
+    outlook = Outlook(traffic, CourseBook(roads), np.full(n, HALF_LENGTH), np.full(n, HALF_WIDTH))
+    return cautions(traffic, outlook, YieldingConfig(), waiting)
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_a_driver_waits_for_an_outside_vehicle_that_cannot_stop_any_more(turn: float) -> None:
+    (caution,) = cautious([Car(0, 75.0, 10.0), Car(1, 85.0, 12.0, Owner.ROS)], turn)
+    assert (caution.actor_id, caution.other_id) == (1, 2)
+    assert caution.wait.free_m < 25.0
+    assert caution.wait.brake_mps2 >= 100.0 / (2.0 * caution.wait.free_m) - 1e-6
+
+
+def test_nobody_waits_for_who_comes_much_later_or_stays_away() -> None:
+    assert cautious([Car(0, 90.0, 12.0), Car(1, 20.0, 8.0, Owner.ROS)]) == ()
+    assert cautious([Car(0, 75.0, 10.0), Car(1, 120.0, 12.0, Owner.ROS)]) == ()
+
+
+def test_an_outside_vehicle_that_stands_in_the_way_is_not_driven_into() -> None:
+    (caution,) = cautious([Car(0, 75.0, 10.0), Car(1, 102.0, 0.0, Owner.ROS)])
+    assert 100.0 - HALF_WIDTH - 75.0 - 3.0 < caution.wait.free_m < 100.0 - HALF_WIDTH - 75.0
+
+
+def test_leaders_are_sumos_own_business() -> None:
+    assert cautious([Car(0, 60.0, 10.0), Car(0, 75.0, 2.0, Owner.ROS)]) == ()
+
+
+def test_among_themselves_drivers_wait_on_junctions_only() -> None:
+    first = Car(0, 93.0, 5.0)
+    assert cautious([first, Car(1, 97.0, 6.0)]) == ()
+    found = cautious([first, Car(1, 97.0, 6.0, flags=TrafficFlags.ON_JUNCTION)])
+    assert [caution.actor_id for caution in found] == [1]
+
+
+def test_who_waits_goes_on_waiting_while_braking_for_it() -> None:
+    cars = [Car(0, 90.0, 2.0, accel=-2.0), Car(1, 92.0, 4.0, Owner.ROS)]
+    assert cautious(cars) == ()
+    assert [caution.actor_id for caution in cautious(cars, waiting=(1,))] == [1]

@@ -67,8 +67,8 @@ def lines_of_step(states: ActorStates, actors: Mapping[int, ActorDescription]) -
         BagError: An actor is not described.
     """
     time_s = f"{states.step * STEP_S:.2f}"
-    yaw_deg = -np.degrees(states.yaw_rad)
-    # Within (−180, 180], as CARLA gives it.
+    # Rounded first, and then within (−180, 180], as CARLA gives it.
+    yaw_deg = np.round(-np.degrees(states.yaw_rad), _DECIMALS)
     yaw_deg = 180.0 - np.mod(180.0 - yaw_deg, 360.0)
     columns = (states.x_m, -states.y_m, states.z_m, yaw_deg, states.vx_mps, -states.vy_mps, states.speed_mps)
     numbers = zip(*(_texts(column) for column in columns), strict=True)

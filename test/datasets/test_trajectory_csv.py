@@ -61,6 +61,19 @@ def test_yaw_stays_within_half_a_turn(record: EpisodeRecord, yaw_rad: float) -> 
     assert np.sin(np.radians(yaw)) == pytest.approx(-np.sin(yaw_rad), abs=1e-5)
 
 
+@pytest.mark.parametrize("beyond_rad", [0.0, 1e-12, -1e-12, 4e-7, -4e-7])
+@pytest.mark.parametrize("turns_rad", [-3.0 * np.pi, -np.pi, np.pi, 3.0 * np.pi])
+def test_half_a_turn_is_plus_180_degrees(record: EpisodeRecord, turns_rad: float, beyond_rad: float) -> None:
+    state = replace(record.states[0], yaw_rad=np.full(5, turns_rad + beyond_rad))
+    assert _rows(replace(record, states=(state,)))[0]["yaw"] == "180.0000"
+
+
+@pytest.mark.parametrize(("yaw_rad", "text"), [(-np.pi / 2, "90.0000"), (3.1, "-177.6169"), (-3.1, "177.6169")])
+def test_yaw_is_clockwise(record: EpisodeRecord, yaw_rad: float, text: str) -> None:
+    state = replace(record.states[0], yaw_rad=np.full(5, yaw_rad))
+    assert _rows(replace(record, states=(state,)))[0]["yaw"] == text
+
+
 def test_no_negative_zeros(record: EpisodeRecord) -> None:
     assert "-0.0000" not in trajectory_csv(record)
 

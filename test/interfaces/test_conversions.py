@@ -181,3 +181,28 @@ def test_an_unknown_code_is_an_input_error() -> None:
     message.kind = "resurrection"
     with pytest.raises(InputError, match="resurrection"):
         conversions.from_event(message)
+
+
+def stamp_ns(message: Any) -> int:
+    """The stamp of a message, with or without a header."""
+    found = message.header.stamp if hasattr(message, "header") else message.stamp
+    return int(found.sec) * 10**9 + int(found.nanosec)
+
+
+@given(value=values)
+def test_a_stamp_is_the_simulated_time_of_its_step(value: Any) -> None:
+    message = PAIRS[type(value)][1](value)
+    if isinstance(value, EpisodeClosing | EpisodeOutcome):
+        assert stamp_ns(message) == max(value.steps - 1, 0) * 50_000_000
+    elif isinstance(value, EpisodeDescription):
+        assert stamp_ns(message) == 0
+    elif hasattr(message, "stamp") or hasattr(message, "header"):
+        assert stamp_ns(message) == value.step * 50_000_000
+
+
+@pytest.mark.parametrize(("steps", "time_ns"), [(0, 0), (1, 0), (2, 50_000_000), (800, 39_950_000_000)])
+def test_the_end_of_an_episode_has_the_time_of_its_last_step(steps: int, time_ns: int) -> None:
+    closing = EpisodeClosing(steps, EpisodeEnd.COMPLETE, "")
+    outcome = EpisodeOutcome(EpisodeEnd.COMPLETE, "", steps, None)
+    assert stamp_ns(episode_conversions.to_episode_end(closing)) == time_ns
+    assert stamp_ns(episode_conversions.to_episode_outcome(outcome)) == time_ns

@@ -44,6 +44,21 @@ def test_a_vehicle_that_makes_way_is_measured(record_of: Callable[..., EpisodeRe
     assert found.measures()["av.heard_s"] == found.heard_s
 
 
+def test_what_the_av_does_after_the_pass_does_not_count(record_of: Callable[..., EpisodeRecord]) -> None:
+    record = with_av(record_of())
+    found = response_of(record)
+    passed = round((found.heard_s + found.passed_after_s) / 0.05)
+    later = tuple(
+        replace(state, vx_mps=np.zeros(len(state)), vy_mps=np.zeros(len(state)), y_m=state.y_m - 5.0)
+        if state.step > passed
+        else state
+        for state in record.states
+    )
+    after = response_of(replace(record, states=later))
+    assert (after.speed_drop_mps, after.moved_right_m) == (found.speed_drop_mps, found.moved_right_m)
+    assert found.speed_drop_mps < record.track(AV).speed_mps[passed]
+
+
 def test_collisions_of_the_av_are_counted(record_of: Callable[..., EpisodeRecord]) -> None:
     def collision(one: int, two: int) -> Any:
         return Event(5, EventKind.COLLISION, one, two)

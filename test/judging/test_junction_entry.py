@@ -3,6 +3,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from hand_made_record import (
+    BESIDE,
     EAST,
     EASTBOUND,
     EMV,
@@ -10,6 +11,8 @@ from hand_made_record import (
     LEFT_X_M,
     NORTHBOUND,
     PARALLEL,
+    RIGHT,
+    SOUTH,
     SOUTHBOUND,
     STRAIGHT,
     Driven,
@@ -145,6 +148,21 @@ def test_the_speed_is_that_at_the_line(speed_mps: float, holds: bool) -> None:
 def test_the_other_way_has_no_stop_line() -> None:
     record = hand_made(STOP, {EMV: Driven(EASTBOUND, at_speed(70.0, 10.0, 200)), 2: Driven(NORTHBOUND, INSIDE)})
     assert stop_crossing(record, STOP_THRESHOLDS).parts[0].value == 0.0
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "same"),
+    [
+        (STRAIGHT, BESIDE, True),
+        (STRAIGHT, RIGHT, True),
+        (RIGHT, BESIDE, False),
+        (RIGHT, EAST, False),
+        (STRAIGHT, SOUTH, False),
+    ],
+)
+def test_both_ends_of_two_movements_have_to_point_the_same_way(first: int, second: int, same: bool) -> None:
+    """From different edges: equal at the entry alone, or at the exit alone, is another direction."""
+    assert is_same_direction(SIGNAL, first, second) == same
 
 
 def test_the_relation_of_movements_is_symmetric() -> None:

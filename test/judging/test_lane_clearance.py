@@ -60,6 +60,24 @@ def test_without_a_siren_nothing_counts(record_of: Callable[..., EpisodeRecord])
     assert find_clearings(record_of(siren=False)) == ()
 
 
+@pytest.mark.parametrize("silent", ["start", "end", "between"])
+def test_the_siren_has_to_be_on_at_the_start_and_at_the_end(
+    record_of: Callable[..., EpisodeRecord], silent: str
+) -> None:
+    record = record_of()
+    first = find_clearings(record)[0]
+    steps = {
+        "start": range(first.start_step + 1),
+        "end": range(first.end_step, record.steps),
+        "between": range(first.start_step + 1, first.end_step),
+    }[silent]
+    states = tuple(
+        replace(state, lights=np.zeros_like(state.lights)) if state.step in steps else state for state in record.states
+    )
+    counted = {item.actor_id for item in find_clearings(replace(record, states=states))}
+    assert (first.actor_id in counted) == (silent == "between")
+
+
 def test_a_lane_change_that_the_emv_never_passes_does_not_count_as_passed(
     record_of: Callable[..., EpisodeRecord],
 ) -> None:

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from siren_ros.errors import EpisodeError
-from siren_ros.judging.verify import Verification, verify_episode
+from siren_ros.judging.verify import Verification, VerifyLimits, check_owners, check_yaw_jumps, verify_episode
+from siren_ros.numerics.units import STEP_NS, STEP_S
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.world.actors import ActorStates
+from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorStates, Owner
 from siren_ros.world.commands import VehicleCommands
 from siren_ros.world.events import Event, EventKind
 
@@ -57,6 +58,27 @@ def test_a_turn_on_the_spot_is_found(record: EpisodeRecord) -> None:
     assert _failing(verify_episode(_moved(record, yaw_rad=lambda yaw, _: yaw + 0.2))) == ["yaw_jump_rad"]
 
 
+@pytest.mark.parametrize("beyond_rad", [-0.002, 0.002])
+def test_a_turn_is_held_against_the_tighter_of_steering_and_grip(record: EpisodeRecord, beyond_rad: float) -> None:
+    speed_mps = max(float(record.track(2).speed_mps[step]) for step in (99, 100, 101))
+    by_steering = speed_mps * np.tan(0.7) / (0.5 * record.actors[2].length_m)
+    by_grip = 12.0 / speed_mps
+    assert by_grip < by_steering
+    limit_rad = by_grip * STEP_S + 0.01
+    turned = _moved(record, yaw_rad=lambda yaw, _: yaw + limit_rad + beyond_rad)
+    assert _failing(verify_episode(turned)) == (["yaw_jump_rad"] if beyond_rad > 0.0 else [])
+
+
+def test_a_standing_vehicle_cannot_turn(record: EpisodeRecord) -> None:
+    """Grip would let it; a bicycle without speed has no yaw rate."""
+    first = record.states[0]
+    still = replace(first, vx_mps=np.zeros(len(first)), vy_mps=np.zeros(len(first)), yaw_rad=np.zeros(len(first)))
+    turned = replace(still, step=1, yaw_rad=np.where(still.actor_id == 3, 0.06, 0.0))
+    part = check_yaw_jumps(replace(record, states=(still, turned)), VerifyLimits())
+    assert (part.holds, part.detail) == (False, "actor 3 at step 1")
+    assert part.value == pytest.approx(0.06)
+
+
 def test_a_wrong_speed_is_found(record: EpisodeRecord) -> None:
     assert _failing(verify_episode(_moved(record, vx_mps=lambda v, _: v + 3.0))) == ["speed_error_mps"]
 
@@ -70,6 +92,25 @@ def test_two_controllers_of_one_actor_are_found(record: EpisodeRecord) -> None:
     claims = {**record.commands, "intruder": record.commands["emv_controller"][:1]}
     assert isinstance(claims["intruder"][0], VehicleCommands)
     assert _failing(verify_episode(replace(record, commands=claims))) == ["ownership_faults"]
+
+
+def test_an_actor_that_stands_twice_in_a_step_is_found(record: EpisodeRecord) -> None:
+    state = record.states[40]
+    rows = np.array([0, 1, 1, *range(2, len(state))])
+    columns = {name: getattr(state, name)[rows] for name in ACTOR_STATE_DTYPES}
+    doubled = (*record.states[:40], replace(state, **columns), *record.states[41:])
+    assert check_owners(replace(record, states=doubled), VerifyLimits()).value == 1.0
+
+
+def test_only_rows_that_ros_owns_are_claims(record: EpisodeRecord) -> None:
+    first = record.commands["emv_controller"][0]
+    handed_back = replace(first, owner=np.full_like(first.owner, Owner.SUMO))
+    elsewhen = replace(first, step=10**6)
+    for harmless in (handed_back, elsewhen):
+        claims = {**record.commands, "intruder": (harmless,)}
+        assert check_owners(replace(record, commands=claims), VerifyLimits()).value == 0.0
+    claims = {**record.commands, "intruder": (first,)}
+    assert check_owners(replace(record, commands=claims), VerifyLimits()).value == (first.owner == Owner.ROS).sum() > 0
 
 
 def test_a_teleport_is_found(record: EpisodeRecord) -> None:
@@ -91,6 +132,23 @@ def test_a_lost_message_is_found(record: EpisodeRecord, topic: str) -> None:
     verification = verify_episode(replace(record, topics={**record.topics, topic: short}))
     assert _failing(verification) == ["topics_with_lost_messages"]
     assert topic in verification.failing[0].detail
+
+
+@pytest.mark.parametrize("topic", ["/clock", "/siren/events", "/emv/lidar/points"])
+def test_as_many_messages_at_other_steps_are_found(record: EpisodeRecord, topic: str) -> None:
+    whole = record.topics[topic]
+    times_ns = whole.times_ns.copy()
+    times_ns[5] += STEP_NS
+    shifted = replace(whole, times_ns=times_ns)
+    verification = verify_episode(replace(record, topics={**record.topics, topic: shifted}))
+    assert _failing(verification) == ["topics_with_lost_messages"]
+
+
+def test_a_latched_topic_has_one_message(record: EpisodeRecord) -> None:
+    whole = record.topics["/siren/map"]
+    twice = replace(whole, count=2, times_ns=np.repeat(whole.times_ns, 2))
+    (fault,) = verify_episode(replace(record, topics={**record.topics, "/siren/map": twice})).failing
+    assert fault.detail == "/siren/map has 2 messages instead of 1"
 
 
 def test_a_missing_topic_is_found(record: EpisodeRecord) -> None:

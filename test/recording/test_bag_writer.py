@@ -1,3 +1,4 @@
+import errno
 import os
 import shutil
 import signal
@@ -8,6 +9,7 @@ import textwrap
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -19,7 +21,9 @@ from rosbags.typesys.store import Typestore
 
 from siren_ros.errors import BagError, EpisodeError
 from siren_ros.interfaces.messages import make_message, stamp
+from siren_ros.recording.bag_reader import open_bag
 from siren_ros.recording.bag_writer import BagOptions, EpisodeBagWriter
+from siren_ros.recording.mcap_scan import parse_content, read_chunks, unpack
 
 CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
 TEXT = ("/siren/map", "std_msgs/msg/String")
@@ -130,6 +134,48 @@ def test_abandoning_a_finished_bag_changes_nothing(tmp_path: Path, typestore: Ty
     writer.finish()
     assert writer.abandon("late").path == tmp_path / "bag"
     assert [path.name for path in tmp_path.iterdir()] == ["bag"]
+
+
+class FillingDisk:
+    """A storage file on a disk that fills up: one write is taken in half, and the next ones are refused until freed."""
+
+    def __init__(self, file: Any, room_bytes: int) -> None:
+        self._file = file
+        self.room_bytes = room_bytes
+
+    def write(self, data: Any) -> int:
+        if self.room_bytes <= 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        taken = int(self._file.write(data[: self.room_bytes]))
+        self.room_bytes -= taken
+        return taken
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
+
+
+def test_a_chunk_that_the_disk_took_in_part_is_taken_back(
+    tmp_path: Path, typestore: Typestore, clock_cdr: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    writer = EpisodeBagWriter(tmp_path / "bag", typestore, options=BagOptions(chunk_bytes=64))
+    disk = FillingDisk(writer._stream._stream, 20_000)
+    monkeypatch.setattr(writer._stream, "_stream", disk)
+
+    def write_on() -> None:
+        for step in range(5000):
+            writer.write(*CLOCK, clock_cdr, step * 50_000_000)
+        writer.finish()
+
+    with pytest.raises(EpisodeError, match="disk is full"):
+        write_on()
+    monkeypatch.setattr(writer._folder, "free_reserve", lambda: setattr(disk, "room_bytes", 1_000_000))
+    summary = writer.abandon("the disk is full")
+    with open_bag(summary.path) as bag:
+        times = [message.time_ns for message in bag.messages()]
+    assert len(times) == summary.message_counts[CLOCK[0]] > 20
+    assert times == [step * 50_000_000 for step in range(len(times))]
+    with next(summary.path.glob("*.mcap")).open("rb") as file:
+        assert sum(len(parse_content(unpack(chunk)).messages) for chunk in read_chunks(file)) == len(times)
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device /dev/full, which is Linux's")

@@ -8,11 +8,12 @@ from typing import Final
 
 from siren_ros import __version__
 from siren_ros.dynamics.parameters import load_vehicle_parameters
+from siren_ros.generation.site_choice import plan_at_best_site
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.maps.map_compiler import CompiledMap, compile_map
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
-from siren_ros.roads.sites.site_finder import Site, SiteKind, require_site
+from siren_ros.roads.sites.site_finder import Site
 from siren_ros.scenario.episode import EpisodeDescription
 from siren_ros.scenario.levels import EmergencyLevel
 from siren_ros.scenario.presets import DriverPreset, load_preset
@@ -22,7 +23,6 @@ from siren_ros.scenario.templates import load_template
 from siren_ros.sensors.suite.look_file import load_look
 from siren_ros.sensors.suite.suite import load_suite
 from siren_ros.traffic.demand.av_choice import choose_av
-from siren_ros.traffic.demand.demand import plan_traffic
 from siren_ros.traffic.demand.driver_models import load_drivers
 from siren_ros.traffic.demand.plan import TrafficPlan
 from siren_ros.world.actors import NO_ACTOR
@@ -101,12 +101,12 @@ def set_up_episode(request: EpisodeRequest) -> EpisodeSetup:
     load_look(request.look)
     compiled = compile_map(Path(request.map) if request.map else None)
     network = parse_road_network(compiled.read_bytes())
-    site = require_site(network, SiteKind(template.site_kind), request.map or compiled.name)
     dimensions = {
         actor_class: (vehicle.length_m, vehicle.width_m, vehicle.height_m)
         for actor_class, vehicle in load_vehicle_parameters().items()
     }
-    plan = plan_traffic(network, site, template, request.seed, load_drivers(), dimensions)
+    shown_map = request.map or compiled.name
+    site, plan = plan_at_best_site(network, template, request.seed, load_drivers(), dimensions, shown_map)
     if request.av:
         plan = replace(plan, av=choose_av(network, plan))
     description = EpisodeDescription(

@@ -5,9 +5,12 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.polyline import Polyline
 from siren_ros.roads.road_network import Connection, RoadNetwork
 
+_SIDE_STREET_RAD: Final = (np.pi / 4.0, 3.0 * np.pi / 4.0)
+"""Angles between two approaches that belong to different streets."""
 END_TRIM_M: Final = 0.5
 """Cut off both ends of a path before looking for crossings, so that paths that only fork or merge do not cross."""
 
@@ -34,6 +37,37 @@ def crossing_connections(network: RoadNetwork, connection: Connection) -> tuple[
         and _for_civilians(network, other)
         and paths_cross(path, _trimmed(movement_path(network, other)))
     )
+
+
+def comes_from_the_side(network: RoadNetwork, connection: Connection, other: Connection) -> bool:
+    """Whether another movement enters the junction from a street that crosses this one's, not from ahead or behind."""
+    own, its = (network.lanes[one.from_lane].centre for one in (connection, other))
+    angle = float(np.abs(wrap_angle(its.heading_rad(its.length_m) - own.heading_rad(own.length_m))))
+    return _SIDE_STREET_RAD[0] <= angle <= _SIDE_STREET_RAD[1]
+
+
+def quiet_connection_to(network: RoadNetwork, lane: int) -> Connection | None:
+    """The only movement into a lane, where it runs straight on, uncontrolled, and no other movement crosses it.
+
+    None where the lane begins at a junction at which others have a say.
+    """
+    movements = network.connections_to.get(lane, ())
+    if len(movements) != 1:
+        return None
+    only = movements[0]
+    quiet = only.signal_id is None and not only.must_stop and only.direction == "s"
+    return only if quiet and not crossing_connections(network, only) else None
+
+
+def quiet_reach_m(network: RoadNetwork, lane: int, enough_m: float) -> float:
+    """Length of road before the end of a lane without a junction in between; counting stops at ``enough_m``."""
+    reach_m, seen = network.lanes[lane].length_m, {lane}
+    before = quiet_connection_to(network, lane)
+    while before is not None and before.from_lane not in seen and reach_m < enough_m:
+        seen.add(before.from_lane)
+        reach_m += sum(network.lanes[index].length_m for index in (before.from_lane, *before.via))
+        before = quiet_connection_to(network, before.from_lane)
+    return reach_m
 
 
 def same_direction_connections(network: RoadNetwork, connection: Connection) -> tuple[int, ...]:

@@ -3,7 +3,12 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
-from siren_ros.roads.movements import crossing_connections, same_direction_connections
+from siren_ros.roads.movements import (
+    comes_from_the_side,
+    crossing_connections,
+    quiet_reach_m,
+    same_direction_connections,
+)
 from siren_ros.roads.road_network import Connection, JunctionKind, Lane, LaneKind, RoadNetwork
 from siren_ros.roads.routing import EdgeGraph
 from siren_ros.roads.sites.road_sites import (
@@ -17,7 +22,10 @@ from siren_ros.roads.sites.site import ENOUGH_M, SHORTEST_QUEUE_M, SHORTEST_SHOU
 from siren_ros.roads.sites.site_routes import lanes_through, route_through, turn_of
 
 _SHOULDER_ENOUGH_M = 100.0
-_APPROACH_EDGE_ENOUGH_M = 100.0
+_QUIET_ENOUGH_M = 100.0
+_CROSSING_ENOUGH_M = 60.0
+_CROSSING_LEAST_M = 30.0
+"""Side streets with less road before the junction have no queue worth the name; oncoming turners then cross as well."""
 
 
 def queued_approaches(graph: EdgeGraph) -> Iterator[Site]:
@@ -112,6 +120,11 @@ def _crossed(graph: EdgeGraph, kind: SiteKind, binding: Callable[[Sequence[Conne
         crossing = tuple(sorted({index for c in movements for index in crossing_connections(network, c)}))
         if not crossing:
             continue
+        from_side = tuple(i for i in crossing if comes_from_the_side(network, movements[-1], network.connections[i]))
+        side_lanes = {network.connections[index].from_lane for index in from_side}
+        side_m = sum(quiet_reach_m(network, lane, _CROSSING_ENOUGH_M) for lane in side_lanes)
+        if side_m < _CROSSING_LEAST_M:
+            from_side = (*from_side, *(index for index in crossing if index not in from_side))
         site = _junction_site(graph, kind, movements, (edge,))
         approaches = {network.lanes[network.connections[index].from_lane].edge for index in crossing}
         quality = (
@@ -119,10 +132,12 @@ def _crossed(graph: EdgeGraph, kind: SiteKind, binding: Callable[[Sequence[Conne
             + min(lanes_through(network, edge, way), 2)
             + min(len(approaches), 3) / 3.0
             + min(len(same_direction_connections(network, movements[-1])), 2) / 2.0
-            + 2.0 * share(site.length_m, _APPROACH_EDGE_ENOUGH_M)
+            + 2.0 * share(quiet_reach_m(network, site.approach_lane, _QUIET_ENOUGH_M), _QUIET_ENOUGH_M)
+            + share(side_m, _CROSSING_ENOUGH_M)
+            + min(len({network.lanes[lane].edge for lane in side_lanes}), 2)
             + 1.0 * (site.route[-1] in lasting)
         )
-        yield replace(site, crossing=crossing, score=site.score + quality)
+        yield replace(site, crossing=from_side, score=site.score + quality)
 
 
 def _shoulder_before_m(network: RoadNetwork, lane: Lane) -> float:

@@ -50,7 +50,7 @@ class Site:
     connections: tuple[int, ...]
     """Indices of the movements in the EMV's direction, from the right: at the junction, or at the end of the road."""
     crossing: tuple[int, ...]
-    """Indices of the civilian movements that cross them."""
+    """Indices of the civilian movements that cross them: those from side streets, and all where these are short."""
     score: float
     """Higher is better, within a kind."""
 

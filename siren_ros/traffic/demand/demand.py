@@ -12,7 +12,7 @@ from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import Lane, RoadNetwork
 from siren_ros.roads.routing import driving_lanes
 from siren_ros.roads.sites.site_finder import Site
-from siren_ros.scenario.scenario import Template
+from siren_ros.scenario.scenario import Placement, Template
 from siren_ros.traffic.demand.demand_config import DemandConfig
 from siren_ros.traffic.demand.driver_models import DriverPopulation
 from siren_ros.traffic.demand.emv_start import (
@@ -109,17 +109,23 @@ class _Planner:
             civilians=civilians,
             warm_up_steps=steps_from_s(self._template.warm_up_s),
             response_distance_m=self._template.response.response_distance_m,
-            signal=self._signal(),
+            signal=self._signal(groups),
         )
 
-    def _signal(self) -> SignalTiming | None:
-        """When the signal of the EMV's movement turns red."""
+    def _signal(self, groups: GroupPlan) -> SignalTiming | None:
+        """When the signal of the EMV's movement turns red, and whose green comes then."""
         demand, site = self._template.signal, self._site
         movement = next((self._network.connections[index] for index in reversed(site.connections)), None)
         if demand is None or movement is None or movement.signal_id is None:
             return None
         arrival_s = unhindered_arrival_s(self._network, self._start, self._template.emv, self._config)
-        return SignalTiming(movement.signal_id, movement.signal_link, arrival_s - demand.red_before_arrival_s)
+        crossing = tuple(
+            self._network.connections[index].signal_link
+            for index in groups.crossing
+            if self._network.connections[index].signal_id == movement.signal_id
+        )
+        red_from_s = arrival_s - demand.red_before_arrival_s
+        return SignalTiming(movement.signal_id, movement.signal_link, red_from_s, crossing)
 
     def _emvs(self) -> tuple[PlannedVehicle, ...]:
         rng = random_stream(self._seed, "demand/emv")
@@ -144,7 +150,15 @@ class _Planner:
         found: list[LaneInterval] = []
         for lane in driving_lanes(self._network, rearmost.route[0]):
             found += chain_along(self._network, lane, rearmost.route).intervals(self._network, rear, reach)
-        return tuple(dict.fromkeys((*found, *groups.crossing_stage)))
+        return tuple(dict.fromkeys((*found, *self._way_to_site(), *groups.crossing_stage)))
+
+    def _way_to_site(self) -> tuple[LaneInterval, ...]:
+        """The EMV's lanes up to the stop line, where the template wants nobody there but vehicles that drive."""
+        blocked = any(group.placement is Placement.EMV_LANE for group in self._template.demand.groups)
+        if self._site.junction is None or blocked:
+            return ()
+        lanes = self._start.lanes_to_site
+        return tuple(LaneInterval(lane, 0.0, self._network.lanes[lane].length_m) for lane in lanes)
 
     def _scattered(
         self, purpose: str, count: int, keep_off: Sequence[LaneInterval], *, disjoint: bool

@@ -9,6 +9,7 @@ import numpy as np
 from siren_ros.errors import MapError
 from siren_ros.numerics.polyline import Polyline
 from siren_ros.roads.bend_speeds import SAMPLE_M, bend_speeds_mps, with_accelerating, with_braking
+from siren_ros.roads.movements import quiet_reach_m
 from siren_ros.roads.road_network import Lane, RoadNetwork
 from siren_ros.roads.routing import driving_lanes
 from siren_ros.roads.sites.site_finder import Site
@@ -19,6 +20,8 @@ from siren_ros.traffic.demand.vehicle_factory import VehicleFactory
 
 _ROUTE_TRIES: Final = 12
 _CREEP_MPS: Final = 1.0
+_LEAST_APPROACH_SHARE: Final = 0.6
+"""Of the template's distance to the stop line, the least that is left where the EMV starts after a junction."""
 _ENTRY_M: Final = 8.0
 """Road behind an EMV's front at the very beginning of its approach: its own length."""
 
@@ -38,11 +41,15 @@ def start_m_of(network: RoadNetwork, site: Site, emv: EmvDemand) -> float:
     """A template's start of the EMV, counted from the beginning of the site's edge.
 
     Before a stop line it is as far back as the template wants and the approach reaches, with the EMV's body on the
-    lane where its front is.
+    lane where its front is. It is after the junction before, where the road from there is long enough, so that the EMV
+    meets nobody there.
     """
     if emv.start_from is StartReference.SITE_START:
         return emv.start_m
     lane, reach_m = network.lanes[site.approach_lane], 0.0
+    quiet_m = quiet_reach_m(network, lane.index, -emv.start_m)
+    if quiet_m - _ENTRY_M >= -_LEAST_APPROACH_SHARE * emv.start_m:
+        return lane.length_m + max(emv.start_m, _ENTRY_M - quiet_m)
     wanted_m = lane.length_m + emv.start_m
     for edge in reversed(site.route[: site.site_position]):
         if reach_m >= -wanted_m:
@@ -76,7 +83,7 @@ def emv_start(network: RoadNetwork, site: Site, start_m: float) -> EmvStart:
         lane = network.lanes[chain.lanes[-1]]
         to_site = (lane.index,)
     if not 0.0 <= start_m <= lane.length_m:
-        raise MapError(site.name, f"a site with {abs(start_m):.0f} m more of road for the EMV's start")
+        raise MapError(site.name, f"a place with {abs(start_m):.0f} m more of road for the EMV's start")
     return EmvStart(lane.index, start_m, site.route[position:], to_site)
 
 

@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from siren_ros.errors import MapError
 from siren_ros.numerics.random_streams import random_stream
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.roads.sites.site_finder import Site
@@ -17,6 +18,15 @@ from siren_ros.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot
 from siren_ros.traffic.demand.vehicle_factory import VehicleFactory
 
 _SEARCH_STEP_M: Final = 1.0
+_LEAST_PLACED_SHARE: Final = 0.6
+"""Of a group's vehicles, the least share with which the interaction may still happen. Of crossing ones one is enough."""
+_WHERE: Final = {
+    Placement.EMV_LANE: "in the EMV's lane",
+    Placement.ADJACENT_LANE: "in the lane next to it",
+    Placement.OTHER_LANES: "in the other lanes",
+    Placement.SAME_DIRECTION: "in the EMV's direction",
+    Placement.CROSSING: "on crossing roads",
+}
 
 
 @dataclass(frozen=True)
@@ -28,6 +38,8 @@ class GroupPlan:
     """Place of the foremost front on the EMV's way, from the beginning of its first lane; 0 without one."""
     crossing_stage: tuple[LaneInterval, ...]
     """Lanes of the crossing rows, off the EMV's way."""
+    crossing: tuple[int, ...] = ()
+    """Indices of the movements of the vehicles in crossing rows."""
 
 
 def plan_groups(
@@ -41,21 +53,38 @@ def plan_groups(
 ) -> GroupPlan:
     """Place the groups of a template.
 
-    A row that is too short for all of its vehicles gets fewer; the background traffic gets more in turn.
+    A row that is too short for all of its vehicles gets fewer; the background traffic gets more in turn. A group is
+    left out where the site has no lane for it.
+
+    Raises:
+        MapError: The lanes of a group are too short for most of its vehicles.
     """
     planner = _GroupPlanner(network, start, template, factory, config)
     vehicles: list[PlannedVehicle] = []
+    crossing: dict[int, None] = {}
     arrival_s = unhindered_arrival_s(network, start, template.emv, config)
     for group in template.demand.groups:
         rng = random_stream(seed, f"demand/group/{group.name}")
         rows = group_rows(network, site, start, group, arrival_s, rng)
         for number in range(group.vehicles if rows else 0):
-            vehicle = planner.vehicle(group, number, rows[number % len(rows)], rng)
+            row = rows[number % len(rows)]
+            vehicle = planner.vehicle(group, number, row, rng)
             if vehicle is not None:
                 vehicles.append(vehicle)
+                if row.movement is not None:
+                    crossing[row.movement] = None
+        _check_room(group, len(rows), sum(vehicle.name.startswith(group.name) for vehicle in vehicles))
         if group.placement is Placement.CROSSING:
             planner.keep_crossing_free(rows)
-    return GroupPlan(tuple(vehicles), planner.foremost_m, tuple(planner.crossing_stage))
+    return GroupPlan(tuple(vehicles), planner.foremost_m, tuple(planner.crossing_stage), tuple(crossing))
+
+
+def _check_room(group: DemandGroup, rows: int, placed: int) -> None:
+    crossing = group.placement is Placement.CROSSING
+    least = min(1, group.vehicles) if crossing else _LEAST_PLACED_SHARE * group.vehicles
+    if (rows or crossing) and placed < least:
+        found = f"{group.vehicles} vehicles {_WHERE[group.placement]}"
+        raise MapError(f"group {group.name}", f"a place with road for {found}; {placed} would fit")
 
 
 @dataclass

@@ -30,6 +30,8 @@ class GroupRow:
     """Whether the row grows in driving direction."""
     least_m: float = 0.0
     """No vehicle's rear may be before this place."""
+    movement: int | None = None
+    """Index of the movement with which a crossing row goes over the junction."""
 
 
 def group_rows(
@@ -60,6 +62,8 @@ def group_rows(
     same = [network.connections[index].from_lane for index in site.connections]
     approach = network.lanes[site.approach_lane]
     lanes = _chosen(network, approach, site.site_edge, group.placement, same)
+    if group.standing and group.placement is Placement.SAME_DIRECTION:
+        lanes = [lane for lane in lanes if lane.index != approach.index]  # the EMV could not pass on one lane
     rows = [_approach_row(network, site, start, lane) for lane in lanes]
     if group.anchor is GroupAnchor.STOP_LINE:
         return rows
@@ -104,9 +108,9 @@ def _approach_row(network: RoadNetwork, site: Site, start: EmvStart, lane: Lane)
 
 
 def _crossing_rows(network: RoadNetwork, site: Site, rng: np.random.Generator) -> list[GroupRow]:
-    ways: dict[int, list[Connection]] = {}
+    ways: dict[int, list[int]] = {}
     for index in site.crossing:
-        ways.setdefault(network.connections[index].from_lane, []).append(network.connections[index])
+        ways.setdefault(network.connections[index].from_lane, []).append(index)
     rows = []
     for lane, movements in ways.items():
         movement = movements[int(rng.integers(len(movements)))]
@@ -119,8 +123,9 @@ def _crossing_rows(network: RoadNetwork, site: Site, rng: np.random.Generator) -
             lanes = (before.from_lane, *before.via, *lanes)
             length_m += sum(network.lanes[index].length_m for index in (before.from_lane, *before.via))
         edges = [network.lanes[index].edge for index in lanes if network.lanes[index].kind is not LaneKind.INTERNAL]
-        beyond = network.lanes[movement.to_lane].edge
-        rows.append(GroupRow(_chain(network, lanes), (*dict.fromkeys(edges), beyond), length_m, forwards=False))
+        beyond = network.lanes[network.connections[movement].to_lane].edge
+        way = (*dict.fromkeys(edges), beyond)
+        rows.append(GroupRow(_chain(network, lanes), way, length_m, forwards=False, movement=movement))
     return rows
 
 

@@ -52,6 +52,8 @@ class SignalTiming:
     """Index into the signal's state string."""
     red_from_s: float
     """Time from step 0 on at which the link's red begins; negative where it is red already."""
+    crossing: tuple[int, ...] = ()
+    """Links of the movements that are to cross during this red. Where their green begins later, that counts."""
 
 
 @dataclass(frozen=True)

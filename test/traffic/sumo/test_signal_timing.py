@@ -10,7 +10,7 @@ from siren_ros.scenario.templates import load_template
 from siren_ros.traffic.demand.demand import plan_traffic
 from siren_ros.traffic.demand.driver_models import load_drivers
 from siren_ros.traffic.simulation import SumoSimulation
-from siren_ros.traffic.sumo.signal_timing import SignalPhase, place_in_cycle, red_interval_s
+from siren_ros.traffic.sumo.signal_timing import SignalPhase, crossing_begin_s, place_in_cycle, red_interval_s
 
 PHASES = (
     SignalPhase(10.0, "rG"),
@@ -30,24 +30,41 @@ def test_red_interval_runs_on_over_the_end_of_the_cycle() -> None:
 def test_links_without_change_have_no_red_interval() -> None:
     assert red_interval_s((SignalPhase(5.0, "r"), SignalPhase(5.0, "r")), 0) is None
     assert red_interval_s((SignalPhase(5.0, "G"), SignalPhase(5.0, "g")), 0) is None
-    assert place_in_cycle((SignalPhase(5.0, "G"),), 0, 3.0) is None
+    assert crossing_begin_s((SignalPhase(5.0, "G"),), 0, ()) is None
 
 
 def test_place_before_the_red_and_within_it() -> None:
-    assert place_in_cycle(PHASES, 0, 0.0) == (5, 2.0)
-    assert place_in_cycle(PHASES, 0, 4.0) == (3, 1.0)
-    assert place_in_cycle(PHASES, 0, -3.0) == (0, 9.0)
+    assert place_in_cycle(PHASES, 38.0, 0.0) == (5, 2.0)
+    assert place_in_cycle(PHASES, 38.0, 4.0) == (3, 1.0)
+    assert place_in_cycle(PHASES, 38.0, -3.0) == (0, 9.0)
+
+
+def test_the_begin_of_the_red_counts_where_the_crossing_green_follows_it() -> None:
+    assert crossing_begin_s(PHASES, 0, ()) == 38.0
+    assert crossing_begin_s(PHASES, 0, (1,)) == 38.0
+
+
+def test_a_crossing_green_that_comes_later_counts_instead_of_the_red() -> None:
+    one_by_one = (
+        *(SignalPhase(20.0, "Grr"), SignalPhase(5.0, "yrr")),
+        *(SignalPhase(20.0, "rGr"), SignalPhase(5.0, "ryr")),
+        *(SignalPhase(20.0, "rrG"), SignalPhase(5.0, "rry")),
+    )
+    assert red_interval_s(one_by_one, 0) == (25.0, 50.0)
+    assert crossing_begin_s(one_by_one, 0, (1,)) == 25.0
+    assert crossing_begin_s(one_by_one, 0, (2,)) == 48.5
+    assert crossing_begin_s(one_by_one, 0, (1, 2)) == 25.0, "the first of several counts"
+    assert crossing_begin_s(one_by_one, 0, (0,)) == 25.0, "its own green comes after its red"
+    assert crossing_begin_s(one_by_one, 2, (1,)) == 23.5, "over the end of the cycle"
 
 
 @given(st.floats(-200.0, 200.0), st.integers(0, 1))
 def test_red_begins_after_the_wanted_time(red_in_s: float, link: int) -> None:
-    place = place_in_cycle(PHASES, link, red_in_s)
-    assert place is not None
-    phase, left_s = place
+    begin_s, _ = red_interval_s(PHASES, link) or (0.0, 0.0)
+    phase, left_s = place_in_cycle(PHASES, begin_s, red_in_s)
     assert 0.0 < left_s <= PHASES[phase].duration_s + 1e-9
     cycle_s = sum(one.duration_s for one in PHASES)
     now_s = sum(one.duration_s for one in PHASES[: phase + 1]) - left_s
-    begin_s, _ = red_interval_s(PHASES, link) or (0.0, 0.0)
     off_s = (now_s + red_in_s - begin_s) % cycle_s
     assert min(off_s, cycle_s - off_s) == pytest.approx(0.0, abs=1e-6)
 

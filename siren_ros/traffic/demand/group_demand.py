@@ -19,7 +19,7 @@ from siren_ros.traffic.demand.vehicle_factory import VehicleFactory
 
 _SEARCH_STEP_M: Final = 1.0
 _LEAST_PLACED_SHARE: Final = 0.6
-"""Of a group's vehicles, the least share with which the interaction may still happen; one crossing vehicle is enough."""
+"""Least share of a group's vehicles with which the interaction may still happen; one crossing vehicle is enough."""
 _WHERE: Final = {
     Placement.EMV_LANE: "in the EMV's lane",
     Placement.ADJACENT_LANE: "in the lane next to it",

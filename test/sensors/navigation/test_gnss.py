@@ -63,3 +63,17 @@ def test_noise_and_variance_agree() -> None:
     assert north.std() == pytest.approx(1.5, rel=0.15)
     assert up.std() == pytest.approx(3.0, rel=0.15)
     assert fixes[0].variance_m2.tolist() == [2.25, 2.25, 9.0]
+
+
+def test_the_variance_grows_as_the_bias_walks() -> None:
+    """A random walk of 0.3 m/√s has a variance of 0.09 m² for each second, on every axis."""
+    walking = replace(EXACT, horizontal_noise_stddev_m=0.2, vertical_noise_stddev_m=0.4, bias_walk_m_per_sqrt_s=0.3)
+    reference, errors = GeoReference.of(NETWORK), []
+    for seed in range(300):
+        fix = Gnss(walking, reference, seed).measure(40, np.eye(4), 2.0)
+        assert fix.variance_m2 == pytest.approx([0.04 + 0.18, 0.04 + 0.18, 0.16 + 0.18])
+        errors.append(((fix.latitude_deg - 49.0) * M_PER_DEG_LAT, fix.altitude_m - 1.93))
+    north, up = np.array(errors).T
+    assert north.var() == pytest.approx(0.22, rel=0.25)
+    assert up.var() == pytest.approx(0.34, rel=0.25)
+    assert np.abs(np.mean(errors, axis=0)).max() < 0.1

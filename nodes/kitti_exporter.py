@@ -34,7 +34,7 @@ class KittiExporter(Participant[KittiExporterConfig]):
 
     def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:  # noqa: ARG002 - the interface of all nodes
         """Subscribe to the first LiDAR and, where the suite has one, the front camera."""
-        suite = load_suite(episode.sensor_suite)
+        suite = load_suite(episode.sensor_suite, episode.files)
         if not suite.lidars:
             raise InputError("sensors", episode.sensor_suite, "a suite with a LiDAR, for the KITTI export")
         lidar = min(suite.lidars, key=lambda spec: spec.name)

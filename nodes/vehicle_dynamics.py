@@ -34,7 +34,7 @@ class VehicleDynamics(Participant[VehicleDynamicsConfig]):
 
     def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:  # noqa: ARG002 - the interface of all nodes
         """Start with no vehicles; where there is an AV under test, its controller's answers are commands too."""
-        self._fleet = FleetState.empty(load_vehicle_parameters())
+        self._fleet = FleetState.empty(load_vehicle_parameters(episode.files))
         self._av_id = episode.av_id
         if self._av_id != NO_ACTOR:
             self.join_more([Input(topics.AV_CONTROL, lag_steps=1)])

@@ -136,7 +136,8 @@ def travel_times_s(first: EpisodeFigures, second: EpisodeFigures) -> tuple[float
 def median_step_ms(setup: EpisodeSetup, steps: Sequence[LoopStep]) -> float:
     """Median time of behaviour and dynamics, computed again from the recorded traffic."""
     world = behaviour_world(setup.description, setup.compiled_map.read_bytes())
-    emv, civilians, fleet = EmvState.initial(), YieldState.initial(), FleetState.empty(load_vehicle_parameters())
+    vehicles = load_vehicle_parameters(setup.description.files)
+    emv, civilians, fleet = EmvState.initial(), YieldState.initial(), FleetState.empty(vehicles)
     taken = []
     for step in steps:
         begin = time.perf_counter()

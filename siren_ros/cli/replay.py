@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
-from siren_ros.generation.replay_check import repeat_episode
+from siren_ros.generation.replay_check import notes_on, repeat_episode
 from siren_ros.recording.bag_guard import check_bag_files
 from siren_ros.recording.bag_reader import read_episode
 
@@ -17,8 +17,8 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     """Describe the verb, and what it takes."""
     verb.description = (
         "Publishes an episode on the topics of the live run, with its clock. With --check: simulates the "
-        "episode again from its own description, compares every field of every actor at every step and names the first "
-        "that differs."
+        "episode again from the map and the files in its bag, without its sensors, compares everything simulated with "
+        "the record and names the first difference."
     )
     verb.add_argument("bag", type=Path, metavar="BAG", help="folder of the bag")
     verb.add_argument("--check", action="store_true", help="simulate again and compare instead of playing")
@@ -42,9 +42,11 @@ def _check(bag: Path) -> int:
     if difference is None:
         last = record.state_hashes.get(record.steps - 1, 0)
         print(f"{bag}: the same, to the last bit, over {record.steps} steps (last state hash {last:016x})")
-        return EXIT_OK
-    print(f"{bag}: differs first at {difference}")
-    return EXIT_FAILED
+    else:
+        print(f"{bag}: differs first at {difference}")
+    for note in notes_on(record):
+        print(f"  {note}")
+    return EXIT_OK if difference is None else EXIT_FAILED
 
 
 def _play(arguments: argparse.Namespace) -> int:

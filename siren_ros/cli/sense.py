@@ -28,7 +28,8 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Draws the pictures."""
     record = read_episode(arguments.bag)
-    look = load_look(arguments.look or look_of(record.description))
+    episode = record.description
+    look = load_look(arguments.look) if arguments.look else load_look(look_of(episode), episode.files)
     seen = observe_at(record, arguments.time, load_suite(arguments.sensors), look, arguments.actor)
     print(save_sheet(seen, arguments.out))
     return EXIT_OK

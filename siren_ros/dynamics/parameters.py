@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 from typing import Final
 
@@ -12,7 +12,7 @@ import numpy.typing as npt
 from siren_ros.errors import InputError
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import GRAVITY_MPS2
-from siren_ros.params.params_files import params_dir
+from siren_ros.params.input_files import FILES_ON_DISK, InputFiles
 from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
 from siren_ros.world.actors import ActorClass
 
@@ -109,29 +109,23 @@ _RANGES: Final[dict[str, tuple[float, float]]] = {
 }
 
 
-def load_vehicle_parameters(directory: Path | None = None) -> Mapping[ActorClass, VehicleParameters]:
-    """Parameters of every actor class from ``<class>.yaml`` files (``sedan.yaml``, ``fire_truck.yaml``, …).
-
-    Args:
-        directory: Folder of the files; the project's ``params/vehicles`` by default.
+def load_vehicle_parameters(files: InputFiles = FILES_ON_DISK) -> Mapping[ActorClass, VehicleParameters]:
+    """Parameters of every actor class from the files ``vehicles/<class>.yaml`` (``sedan``, ``fire_truck``, …).
 
     Raises:
         InputError: a file, key or value is missing, unknown, of the wrong type or out of range; names file,
             line, key, value and what is allowed.
     """
-    return dict(_read_own(params_dir() / "vehicles")) if directory is None else _read_all(directory)
+    names = {kind: kind.name.lower() for kind in ActorClass}
+    return {kind: _parameters(files.read("vehicle", "vehicles", name).mapping()) for kind, name in names.items()}
 
 
-def _read_all(folder: Path) -> dict[ActorClass, VehicleParameters]:
-    return {kind: _read(folder / f"{kind.name.lower()}.yaml") for kind in ActorClass}
+def read_vehicle_parameters(folder: Path) -> Mapping[ActorClass, VehicleParameters]:
+    """The same from the files ``<class>.yaml`` of any folder."""
+    return {kind: _parameters(read_strict_yaml(folder / f"{kind.name.lower()}.yaml")) for kind in ActorClass}
 
 
-_read_own = cache(_read_all)
-"""The project's own files do not change while a program runs, and every part of an episode asks for them."""
-
-
-def _read(file: Path) -> VehicleParameters:
-    mapping = read_strict_yaml(file)
+def _parameters(mapping: StrictMapping) -> VehicleParameters:
     values = {name: mapping.number(name, *limits) for name, limits in _RANGES.items()}
     mapping.finish()
     parameters = VehicleParameters(**values)

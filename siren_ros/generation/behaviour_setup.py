@@ -21,10 +21,11 @@ def behaviour_world(episode: EpisodeDescription, map_xml: bytes) -> BehaviourWor
         map_xml: The compiled SUMO net.
 
     Raises:
-        InputError: The preset or the map cannot be used.
+        InputError: The preset, the vehicles or the map cannot be used.
     """
+    files = episode.files
     values = cast("Mapping[str, float]", episode.parameters["template"])
-    preset = load_preset(episode.preset).for_scenario(
+    preset = load_preset(episode.preset, files).for_scenario(
         values["response.response_distance_m"],
         values["response.extra_delay_s"],
         values["response.compliance"],
@@ -33,7 +34,7 @@ def behaviour_world(episode: EpisodeDescription, map_xml: bytes) -> BehaviourWor
     return BehaviourWorld(
         network=parse_road_network(map_xml),
         policy=LEVEL_POLICIES[episode.level],
-        vehicles=load_vehicle_parameters(),
+        vehicles=load_vehicle_parameters(files),
         preset=preset,
         seed=episode.seed,
         av_id=episode.av_id,

@@ -18,7 +18,7 @@ from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.traffic.observation.checks import RESIDUAL_LIMIT_M, check_no_teleport, check_residual
 from siren_ros.traffic.simulation import SumoSimulation
 from siren_ros.world.actors import ActorDescription, ActorStates
-from siren_ros.world.commands import AvControl, VehicleCommands, av_commands
+from siren_ros.world.commands import AV_SOURCE, AvControl, VehicleCommands, av_commands
 from siren_ros.world.events import Event
 from siren_ros.world.state_hash import hash_state
 from siren_ros.world.traffic_state import TrafficState
@@ -33,6 +33,11 @@ class LoopStep:
     """Of the EMV controller and of the yield manager, and of the AV's controller where there is one."""
     states: ActorStates
     events: tuple[Event, ...]
+
+    @property
+    def state_hash(self) -> int:
+        """Hash of the actor states and the signals, as the events of the step carry it."""
+        return hash_state(self.states, self.traffic.signals)
 
 
 def closed_loop(
@@ -50,7 +55,8 @@ def closed_loop(
         EpisodeError: As in the node graph: SUMO teleported a vehicle, or the residual passed its limit.
     """
     world = behaviour_world(setup.description, setup.compiled_map.read_bytes())
-    emv, civilians, fleet = EmvState.initial(), YieldState.initial(), FleetState.empty(load_vehicle_parameters())
+    vehicles = load_vehicle_parameters(setup.description.files)
+    emv, civilians, fleet = EmvState.initial(), YieldState.initial(), FleetState.empty(vehicles)
     states: ActorStates | None = None
     with SumoSimulation(
         setup.compiled_map, setup.network, setup.plan, setup.level, seed=setup.description.seed
@@ -81,20 +87,22 @@ def _av_commands(
 def record_of(setup: EpisodeSetup, steps: list[LoopStep]) -> EpisodeRecord:
     """The record of these steps, as their bag would give it; for predicates and pictures."""
     actors: dict[int, ActorDescription] = {actor.actor_id: actor for step in steps for actor in step.traffic.spawned}
-    commands: dict[str, tuple[VehicleCommands, ...]] = {
-        source: tuple(step.commands[position] for step in steps)
-        for position, source in enumerate(("emv_controller", "yield_manager"))
-    }
+    commands: dict[str, list[VehicleCommands]] = {}
+    for step in steps:
+        for command in step.commands:
+            if command.source != AV_SOURCE:
+                commands.setdefault(command.source, []).append(command)
     return EpisodeRecord(
         description=setup.description,
         network=setup.network,
+        map_xml=setup.compiled_map.read_bytes(),
         actors=dict(sorted(actors.items())),
         states=tuple(step.states for step in steps),
         traffic=tuple(step.traffic for step in steps),
-        commands=commands,
+        commands={source: tuple(rows) for source, rows in sorted(commands.items())},
         events=tuple(event for step in steps for event in step.events),
         outcome=None,
         complete=False,
         topics={},
-        state_hashes={step.states.step: hash_state(step.states, step.traffic.signals) for step in steps},
+        state_hashes={step.states.step: step.state_hash for step in steps},
     )

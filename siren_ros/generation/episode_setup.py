@@ -10,11 +10,12 @@ from siren_ros import __version__
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.generation.site_choice import plan_at_best_site
 from siren_ros.numerics.units import steps_from_s
+from siren_ros.params.input_files import FILES_ON_DISK, InputFiles, NotedFiles, files_to_json
 from siren_ros.roads.maps.map_compiler import CompiledMap, compile_map
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.roads.sites.site_finder import Site
-from siren_ros.scenario.episode import EpisodeDescription
+from siren_ros.scenario.episode import FILES_PARAMETER, MAP_SOURCE_PARAMETER, EpisodeDescription
 from siren_ros.scenario.levels import EmergencyLevel
 from siren_ros.scenario.presets import DriverPreset, load_preset
 from siren_ros.scenario.request import EpisodeRequest
@@ -87,26 +88,34 @@ def default_kitti_path(bag: Path) -> Path:
     return bag.with_name(f"{bag.name}_kitti")
 
 
-def set_up_episode(request: EpisodeRequest) -> EpisodeSetup:
-    """Look up, draw and compile what an episode needs. The same request gives the same setup.
+def set_up_episode(
+    request: EpisodeRequest, files: InputFiles = FILES_ON_DISK, compiled_map: CompiledMap | None = None
+) -> EpisodeSetup:
+    """Look up, draw and compile what an episode needs. The same request and files give the same setup.
+
+    Args:
+        request: What the user asks for.
+        files: Source of the parameter files; every file that is read becomes part of the description.
+        compiled_map: The map, compiled before; None to compile the request's map.
 
     Raises:
         InputError: Any part of the request cannot be used; the error names it.
     """
-    template = load_template(request.template)
+    noted = NotedFiles(files)
+    template = load_template(request.template, noted)
     level = level_of(request, template)
-    preset = load_preset(request.preset)
+    preset = load_preset(request.preset, noted)
     for suite in (request.sensors, request.av_sensors):
-        load_suite(suite)
-    load_look(request.look)
-    compiled = compile_map(Path(request.map) if request.map else None)
+        load_suite(suite, noted)
+    load_look(request.look, noted)
+    compiled = compiled_map or compile_map(Path(request.map) if request.map else None)
     network = parse_road_network(compiled.read_bytes())
     dimensions = {
         actor_class: (vehicle.length_m, vehicle.width_m, vehicle.height_m)
-        for actor_class, vehicle in load_vehicle_parameters().items()
+        for actor_class, vehicle in load_vehicle_parameters(noted).items()
     }
     shown_map = request.map or compiled.name
-    site, plan = plan_at_best_site(network, template, request.seed, load_drivers(), dimensions, shown_map)
+    site, plan = plan_at_best_site(network, template, request.seed, load_drivers(files=noted), dimensions, shown_map)
     if request.av:
         plan = replace(plan, av=choose_av(network, plan))
     description = EpisodeDescription(
@@ -124,8 +133,10 @@ def set_up_episode(request: EpisodeRequest) -> EpisodeSetup:
             "template": template.values(),
             "predicate": {"name": template.predicate.name, "thresholds": dict(template.predicate.thresholds)},
             **_av_parameters(request, plan),
+            FILES_PARAMETER: files_to_json(noted.seen),
+            MAP_SOURCE_PARAMETER: compiled.source_sha256,
         },
-        versions=_versions(),
+        versions=present_versions(),
         site=_site_summary(network, site),
     )
     return EpisodeSetup(description, template, level, compiled, network, site, plan, preset)
@@ -138,7 +149,8 @@ def _av_parameters(request: EpisodeRequest, plan: TrafficPlan) -> Mapping[str, o
     return {"av": av}
 
 
-def _versions() -> Mapping[str, str]:
+def present_versions() -> Mapping[str, str]:
+    """Versions of this program and of the packages that an episode depends on."""
     return {"siren_ros": __version__, **{package: version(package) for package in _PACKAGES}}
 
 

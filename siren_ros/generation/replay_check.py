@@ -1,42 +1,65 @@
-"""Simulates a recorded episode again from its own description and finds the first difference."""
+"""Simulates a recorded episode again from its own record, and compares all that was repeated with the record."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from hashlib import sha256
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
 
-import numpy as np
-
-from siren_ros.errors import BagError
-from siren_ros.generation.closed_loop import LoopStep, closed_loop
-from siren_ros.generation.episode_setup import set_up_episode
+from siren_ros.errors import BagError, SirenError
+from siren_ros.generation.closed_loop import LoopStep, closed_loop, record_of
+from siren_ros.generation.differences import MISSING, Mismatch, first_mismatch
+from siren_ros.generation.episode_setup import EpisodeSetup, present_versions, set_up_episode
+from siren_ros.interfaces.lockstep_reports import EpisodeClosing
+from siren_ros.interfaces.message_content import json_object, json_text
+from siren_ros.interfaces.topics import ACTORS, EPISODE, EVENTS, OUTCOME, TRAFFIC
+from siren_ros.judging.outcome import outcome_of
+from siren_ros.params.input_files import FILES_ON_DISK, files_from_json
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.roads.maps.map_compiler import CompiledMap, compile_map, name_of_map, source_sha256_of
+from siren_ros.roads.maps.map_source import SourceKind
+from siren_ros.scenario.episode import FILES_PARAMETER, MAP_SOURCE_PARAMETER, EpisodeDescription
 from siren_ros.scenario.request import EpisodeRequest
-from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorStates
 from siren_ros.world.commands import AV_SOURCE
-from siren_ros.world.state_hash import hash_state
+from siren_ros.world.events import Event
+
+_COMMANDS: Final = "commands"
 
 
 @dataclass(frozen=True)
 class Difference:
-    """The first place where two episodes part."""
+    """The first place where the repetition and the record part."""
 
-    step: int
-    actor_id: int
-    """0 where the actors themselves differ, or what is no actor's."""
+    topic: str
+    """Topic whose messages differ, or ``commands``."""
     field: str
-    recorded: float | int
-    repeated: float | int
+    recorded: object
+    repeated: object
+    step: int | None = None
+    """None where the difference is of no step."""
+    actor_id: int = 0
+    """0 where the difference is of no actor."""
 
     def __str__(self) -> str:
-        if self.field == "state_hash":
-            return (
-                f"step {self.step}, state_hash: recorded {int(self.recorded):016x}, repeated {int(self.repeated):016x}"
-            )
-        who = f"actor {self.actor_id}" if self.actor_id else "the set of actors"
-        return f"step {self.step}, {who}, {self.field}: recorded {self.recorded!r}, repeated {self.repeated!r}"
+        step = "" if self.step is None else f"step {self.step}, "
+        actor = f"actor {self.actor_id}, " if self.actor_id else ""
+        recorded, repeated = self.recorded, self.repeated
+        if self.field == "state_hash" and isinstance(recorded, int) and isinstance(repeated, int):
+            recorded, repeated = f"{recorded:016x}", f"{repeated:016x}"
+        else:
+            recorded, repeated = _shortened(recorded), _shortened(repeated)
+        return f"{step}{actor}{self.field} of {self.topic}: recorded {recorded}, repeated {repeated}"
+
+
+def _shortened(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 100 else f"{text[:97]}…"
 
 
 def request_of(record: EpisodeRecord) -> EpisodeRequest:
-    """What the episode was made from.
+    """The request that the episode was made from.
 
     Raises:
         BagError: The description does not hold it.
@@ -53,53 +76,148 @@ def request_of(record: EpisodeRecord) -> EpisodeRequest:
 
 
 def repeat_episode(record: EpisodeRecord) -> Difference | None:
-    """Simulate the episode again, without its sensors, and compare every field of every actor at every step.
+    """Simulates the episode again, without its sensors, and compares all that is simulated with the record.
 
-    An AV under test drives by its controller's recorded answers.
+    Map and parameter files come from the record, wherever it holds them. An AV under test drives by its controller's
+    recorded answers. Compared are the description without its versions, the map's hash, and at every step SUMO's state,
+    the controllers' commands, the actor states, the state hash and the events; for a complete episode the outcome too.
 
     Raises:
-        BagError: The description does not hold what is needed, or the map is another one now.
-        InputError: The template, map or preset that the episode used is not to be had here.
+        BagError: The record does not hold what is needed, or its map or its files do not have their hashes.
+        InputError: A record without files names one that does not exist here.
     """
-    setup = set_up_episode(request_of(record))
-    if setup.description.map_sha256 != record.description.map_sha256:
-        raise BagError(
-            record.description.map_name,
-            f"the map that the episode was made on (SHA-256 {record.description.map_sha256})",
-        )
-    answers = record.commands.get(AV_SOURCE, ())
-    repeated = closed_loop(setup, record.steps, answers=answers)
-    return first_difference(record.states, repeated, record.state_hashes)
-
-
-def first_difference(
-    recorded: Iterable[ActorStates], repeated: Iterable[LoopStep], state_hashes: Mapping[int, int] | None = None
-) -> Difference | None:
-    """The first step, actor and field that are not the same to the last bit.
-
-    Args:
-        recorded: The states in the record.
-        repeated: The steps of the repetition, as many.
-        state_hashes: The recorded hashes by step, which also cover the traffic lights; None where there are none.
-    """
-    for before, again in zip(recorded, repeated, strict=True):
-        difference = _difference(before, again.states)
+    request = request_of(record)
+    with TemporaryDirectory(prefix="siren-replay-") as scratch:
+        compiled = _recorded_map(record, request, Path(scratch))
+        setup = set_up_episode(request, record.description.files, compiled)
+        difference = _description_difference(record.description, setup.description)
         if difference is not None:
             return difference
-        here = hash_state(again.states, again.traffic.signals)
-        said = here if state_hashes is None else state_hashes.get(before.step, 0)
-        if said != here:
-            return Difference(before.step, 0, "state_hash", said, here)
+        answers = record.commands.get(AV_SOURCE, ())
+        # The limit on the residual ends an episode; it changes no step before.
+        steps = list(closed_loop(setup, record.steps, residual_limit_m=math.inf, answers=answers))
+        return first_difference(record, steps) or _outcome_difference(record, setup, steps)
+
+
+def _recorded_map(record: EpisodeRecord, request: EpisodeRequest, scratch: Path) -> CompiledMap:
+    """The record's own map as a file; for a record without it the request's map."""
+    described = record.description
+    source = Path(request.map) if request.map else None
+    if record.map_xml:
+        net_path = scratch / "recorded.net.xml"
+        net_path.write_bytes(record.map_xml)
+        source_sha256 = described.parameters.get(MAP_SOURCE_PARAMETER, "")
+        found = sha256(record.map_xml).hexdigest()
+        compiled = CompiledMap(name_of_map(source), net_path, found, SourceKind.SUMO, str(source_sha256))
+    else:
+        compiled = compile_map(source)
+    if compiled.sha256 != described.map_sha256:
+        raise BagError(described.map_name, f"the map that the episode was made on (SHA-256 {described.map_sha256})")
+    return compiled
+
+
+def _description_difference(recorded: EpisodeDescription, repeated: EpisodeDescription) -> Difference | None:
+    """The first field that differs; versions are left out, since they describe the program and not the episode."""
+    sides = [_plain(replace(side, versions={})) for side in (recorded, repeated)]
+    for added in (FILES_PARAMETER, MAP_SOURCE_PARAMETER):
+        if added not in recorded.parameters:
+            sides[1].parameters.pop(added, None)  # type: ignore[attr-defined] # a dict, made by _plain
+    return _difference(EPISODE.name, first_mismatch(*sides))
+
+
+def _plain(description: EpisodeDescription) -> EpisodeDescription:
+    """The description with the JSON types that a record gives."""
+    return replace(
+        description,
+        parameters=json_object(json_text(dict(description.parameters))),
+        site=json_object(json_text(dict(description.site))),
+    )
+
+
+def first_difference(record: EpisodeRecord, repeated: Sequence[LoopStep]) -> Difference | None:
+    """The first step, actor and field of the simulation that are not the same to the last bit.
+
+    Args:
+        record: The record.
+        repeated: The steps of the repetition.
+    """
+    traffic = {state.step: state for state in record.traffic}
+    states = {state.step: state for state in record.states}
+    commands = {(source, item.step): item for source, items in record.commands.items() for item in items}
+    events: dict[int, list[Event]] = {}
+    for event in record.events:
+        events.setdefault(event.step, []).append(event)
+    for again in repeated:
+        step = again.states.step
+        pairs: list[tuple[str, Any, Any]] = [(TRAFFIC.name, traffic.get(step, MISSING), again.traffic)]
+        pairs += [
+            (f"{_COMMANDS} of {command.source}", commands.get((command.source, step), MISSING), command)
+            for command in again.commands
+            if command.source != AV_SOURCE
+        ]
+        pairs.append((ACTORS.name, states.get(step, MISSING), again.states))
+        here = again.state_hash
+        pairs.append((EVENTS.name, {"state_hash": record.state_hashes.get(step, MISSING)}, {"state_hash": here}))
+        pairs.append((EVENTS.name, _events_json(events.get(step, ())), _events_json(again.events)))
+        for topic, before, after in pairs:
+            difference = _difference(topic, first_mismatch(before, after), step, before)
+            if difference is not None:
+                return difference
     return None
 
 
-def _difference(before: ActorStates, again: ActorStates) -> Difference | None:
-    if not np.array_equal(before.actor_id, again.actor_id):
-        return Difference(before.step, 0, "actor_id", float(len(before)), float(len(again)))
-    for name in ACTOR_STATE_DTYPES:
-        left, right = getattr(before, name), getattr(again, name)
-        rows = np.flatnonzero(left != right)
-        if rows.size:
-            row = int(rows[0])
-            return Difference(before.step, int(before.actor_id[row]), name, left[row].item(), right[row].item())
-    return None
+def _events_json(events: Sequence[Event]) -> dict[str, Any]:
+    entries = [{**vars(event), "kind": event.kind.value, "detail": dict(event.detail)} for event in events]
+    return json_object(json_text({"events": entries}))
+
+
+def _outcome_difference(record: EpisodeRecord, setup: EpisodeSetup, steps: list[LoopStep]) -> Difference | None:
+    if not record.complete or record.outcome is None:
+        return None
+    recorded = record.outcome
+    closing = EpisodeClosing(record.steps, recorded.end, recorded.reason)
+    repeated = outcome_of(record_of(setup, steps), closing)
+    sides = [replace(side, measures=json_object(json_text(dict(side.measures)))) for side in (recorded, repeated)]
+    return _difference(OUTCOME.name, first_mismatch(*sides))
+
+
+def _difference(
+    topic: str, mismatch: Mismatch | None, step: int | None = None, rows: object = None
+) -> Difference | None:
+    """A mismatch with its actor, where the last part of its path is a row of a structure of arrays."""
+    if mismatch is None:
+        return None
+    ids = getattr(rows, "actor_id", None)
+    name, actor_id = mismatch.name, 0
+    if ids is not None and len(mismatch.path) == 2:
+        column, row = mismatch.path
+        if isinstance(row, int) and row < len(ids) == len(getattr(rows, str(column))) and column != "actor_id":
+            name, actor_id = str(column), int(ids[row])
+    return Difference(topic, name or "message", mismatch.recorded, mismatch.repeated, step, actor_id)
+
+
+def notes_on(record: EpisodeRecord) -> Iterator[str]:
+    """What is not the same any more outside the record: versions of packages, and files that were used from it."""
+    described = record.description
+    for package, version in sorted(described.versions.items()):
+        here = present_versions().get(package, MISSING)
+        if here != version:
+            yield f"{package} was {version} and is {here} here"
+    for file in files_from_json(described.parameters.get(FILES_PARAMETER, [])):
+        try:
+            same = FILES_ON_DISK.read(file.folder, file.folder, file.name) == file
+        except SirenError:
+            yield f"{file.name} ({file.folder}) cannot be read here; its recorded text was used"
+            continue
+        if not same:
+            yield f"{file.name} ({file.folder}) has changed; its recorded text was used"
+    stored, request = described.parameters.get(MAP_SOURCE_PARAMETER), request_of(record)
+    if not record.map_xml or stored is None:
+        return
+    try:
+        same = source_sha256_of(Path(request.map) if request.map else None) == stored
+    except SirenError:
+        yield f"the map {request.map} cannot be read here; the recorded net was used"
+        return
+    if not same:
+        yield f"the map {request.map or described.map_name} has changed; the recorded net was used"

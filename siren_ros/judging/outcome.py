@@ -18,10 +18,14 @@ from siren_ros.world.events import EventKind
 def judge(builder: RecordBuilder, closing: EpisodeClosing) -> EpisodeOutcome:
     """The outcome of an episode that has just ended; ``predicate_holds`` is None where it cannot be judged."""
     try:
-        record = builder.build()
-        verdict = evaluate_predicate(record)
+        return outcome_of(builder.build(), closing)
     except SirenError as error:
         return EpisodeOutcome(closing.end, closing.reason, closing.steps, None, {"predicate": str(error)})
+
+
+def outcome_of(record: EpisodeRecord, closing: EpisodeClosing) -> EpisodeOutcome:
+    """The outcome of a record; raises as ``evaluate_predicate`` does."""
+    verdict = evaluate_predicate(record)
     measures: dict[str, float | int | str] = {"predicate": verdict.text}
     measures.update({f"predicate.{part.name}": part.value for part in verdict.parts})
     measures.update(_interaction_measures(record))

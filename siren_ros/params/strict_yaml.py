@@ -151,17 +151,36 @@ def _shown(node: yaml.Node) -> str:
     return "a list" if isinstance(node, yaml.SequenceNode) else "a mapping"
 
 
+def read_input_text(file: Path) -> str:
+    """The text of a YAML file; InputError where it cannot be read."""
+    try:
+        return plain_yaml.read_text(file)
+    except (OSError, ValueError) as error:
+        allowed = f"a readable YAML file in UTF-8 of at most {plain_yaml.MAX_BYTES} bytes"
+        raise InputError(str(file), type(error).__name__, allowed) from error
+
+
 def read_strict_yaml(file: Path) -> StrictMapping:
     """The top-level mapping of a YAML file.
 
     Raises:
         InputError: the file cannot be read, is not YAML, or does not hold a mapping; names file and line.
     """
+    return parse_strict_yaml(read_input_text(file), str(file))
+
+
+def parse_strict_yaml(text: str, file: str) -> StrictMapping:
+    """The top-level mapping of a YAML text.
+
+    Args:
+        text: The document.
+        file: Name of its file, for errors.
+
+    Raises:
+        InputError: the text is not YAML, or does not hold a mapping; names file and line.
+    """
     try:
-        root = plain_yaml.compose(plain_yaml.read_text(file))
-    except (OSError, ValueError) as error:
-        allowed = f"a readable YAML file in UTF-8 of at most {plain_yaml.MAX_BYTES} bytes"
-        raise InputError(str(file), type(error).__name__, allowed) from error
+        root = plain_yaml.compose(text)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = "" if mark is None else f":{mark.line + 1}"
@@ -169,5 +188,5 @@ def read_strict_yaml(file: Path) -> StrictMapping:
             f"{file}{line}", getattr(error, "problem", None) or str(error) or "text", "valid YAML"
         ) from error
     if not isinstance(root, yaml.MappingNode):
-        raise InputError(str(file), "no mapping" if root is None else _shown(root), "a YAML mapping at the top")
-    return StrictMapping(str(file), "", root)
+        raise InputError(file, "no mapping" if root is None else _shown(root), "a YAML mapping at the top")
+    return StrictMapping(file, "", root)

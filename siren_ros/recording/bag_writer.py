@@ -18,6 +18,8 @@ from siren_ros.recording.working_folder import WorkingFolder, free_partial_path
 
 END_KEY: Final = "siren_end"
 REASON_KEY: Final = "siren_reason"
+REPEAT_CHUNKS: Final = 8
+"""The second chunk and every eighth after it repeat all definitions, for cut-off bags with a damaged first chunk."""
 _CAUSES: Final = {
     errno.ENOSPC: "the disk is full",
     errno.EDQUOT: "the disk's quota is used up",
@@ -60,6 +62,8 @@ class _OpenChannel:
 
 @dataclass
 class _PendingChunk:
+    """What the next chunk will hold."""
+
     schemas: list[Schema] = field(default_factory=list)
     channels: list[Channel] = field(default_factory=list)
     messages: list[ChannelMessage] = field(default_factory=list)
@@ -98,6 +102,7 @@ class EpisodeBagWriter:
         self._schemas: dict[str, tuple[Schema, str]] = {}
         self._pending = _PendingChunk()
         self._latest_ns = -1
+        self._chunks = 0
         self._stream = McapStream(self._folder.file, self._options.compression_level)
         self._worker = BackgroundWorker(self._stream.write_chunk, self._options.queued_chunks, "bag writer")
         self._closed = False
@@ -155,7 +160,12 @@ class EpisodeBagWriter:
 
     def _hand_over(self) -> None:
         pending, self._pending = self._pending, _PendingChunk()
-        content = ChunkContent(tuple(pending.schemas), tuple(pending.channels), tuple(pending.messages))
+        schemas, channels = tuple(pending.schemas), tuple(pending.channels)
+        if self._chunks % REPEAT_CHUNKS == 1:
+            schemas = tuple(schema for schema, _ in self._schemas.values())
+            channels = tuple(channel.record for channel in self._channels.values())
+        self._chunks += 1
+        content = ChunkContent(schemas, channels, tuple(pending.messages))
         try:
             self._worker.put(content)
         except OSError as error:

@@ -104,6 +104,8 @@ class EpisodeRecord:
     """By topic name; empty for a live episode, whose messages are not counted."""
     state_hashes: Mapping[int, int] = field(default_factory=dict)
     """Hash of the state by step, as the simulation computed it (``siren_ros.world.state_hash``)."""
+    map_xml: bytes = b""
+    """The compiled SUMO net; empty in a record that was made by hand."""
 
     @property
     def steps(self) -> int:

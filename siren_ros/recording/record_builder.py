@@ -61,6 +61,7 @@ class RecordBuilder:
         self._read = read
         self._description: EpisodeDescription | None = None
         self._network: RoadNetwork | None = None
+        self._map_xml = b""
         self._actors: dict[int, ActorDescription] = {}
         self._states: list[ActorStates] = []
         self._traffic: list[TrafficState] = []
@@ -110,7 +111,8 @@ class RecordBuilder:
         self._description = description
 
     def _take_map(self, message: Any) -> None:
-        self._network = parse_road_network(str(message.data).encode())
+        self._map_xml = str(message.data).encode()
+        self._network = parse_road_network(self._map_xml)
 
     def _take_traffic(self, message: Any) -> None:
         traffic = self._read(conversions.from_traffic_state, message)
@@ -165,6 +167,7 @@ class RecordBuilder:
         return EpisodeRecord(
             description=self._description,
             network=self._network,
+            map_xml=self._map_xml,
             actors=dict(sorted(self._actors.items())),
             states=tuple(self._states),
             traffic=tuple(self._traffic),

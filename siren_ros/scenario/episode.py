@@ -3,9 +3,16 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Final
 
+from siren_ros.params.input_files import FILES_ON_DISK, InputFiles, RecordedFiles, files_from_json
 from siren_ros.scenario.levels import EmergencyLevel
 from siren_ros.world.actors import NO_ACTOR
+
+FILES_PARAMETER: Final = "files"
+"""Key of ``EpisodeDescription.parameters`` with the text and the hash of every parameter file."""
+MAP_SOURCE_PARAMETER: Final = "map_source_sha256"
+"""Key of the hash of the map file before it was compiled, unpacked where it was packed."""
 
 
 class EpisodeEnd(StrEnum):
@@ -31,10 +38,20 @@ class EpisodeDescription:
     preset: str
     emv_ids: tuple[int, ...]
     parameters: Mapping[str, object] = field(default_factory=dict)
-    """Every parameter of every node and the drawn template values; JSON types only."""
+    """The request, the template's values, the predicate and the parameter files; JSON types only."""
     versions: Mapping[str, str] = field(default_factory=dict)
     site: Mapping[str, object] = field(default_factory=dict)
     """The place that the site finder chose: kind, junction, approach lanes, route edges."""
+
+    @property
+    def files(self) -> InputFiles:
+        """The recorded parameter files; those on disk for a description without any.
+
+        Raises:
+            BagError: The recorded files are damaged.
+        """
+        stored = self.parameters.get(FILES_PARAMETER)
+        return FILES_ON_DISK if stored is None else RecordedFiles(files_from_json(stored))
 
     @property
     def av_id(self) -> int:

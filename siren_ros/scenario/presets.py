@@ -1,12 +1,14 @@
 """How civilian drivers respond to a siren: presets of distributions, one draw per driver."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from siren_ros.errors import InputError
-from siren_ros.params.params_files import named_params_file, names_in_params
-from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
+from siren_ros.params.input_files import FILES_ON_DISK, InputFiles
+from siren_ros.params.params_files import names_in_params
+from siren_ros.params.strict_yaml import StrictMapping
 
 _SHARE_TOLERANCE = 1e-6
 
@@ -84,16 +86,15 @@ def available_presets() -> tuple[str, ...]:
     return names_in_params("presets")
 
 
-def load_preset(name_or_path: str) -> DriverPreset:
+def load_preset(name_or_path: str, files: InputFiles = FILES_ON_DISK) -> DriverPreset:
     """A preset by its name or from a YAML file.
 
     Raises:
         InputError: unknown preset, or a file with an unknown key or a value out of range (names file and line).
     """
-    file = named_params_file("preset", "presets", name_or_path)
-    top = read_strict_yaml(file)
+    top = files.read("preset", "presets", name_or_path).mapping()
     preset = DriverPreset(
-        name=file.stem,
+        name=Path(name_or_path).stem,
         title=top.text("title"),
         reaction_delay_s=read_distribution(top.mapping("reaction_delay_s"), 0.0, 30.0),
         late_delay_s=read_distribution(top.mapping("late_delay_s"), 0.0, 60.0),

@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import Final
 
 from siren_ros.errors import InputError
-from siren_ros.params.params_files import named_params_file, names_in_params
+from siren_ros.params.input_files import FILES_ON_DISK, InputFiles
+from siren_ros.params.params_files import names_in_params
 from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
 from siren_ros.roads.sites.site_finder import SiteKind
 from siren_ros.scenario.levels import EmergencyLevel
@@ -41,14 +42,14 @@ def available_templates() -> tuple[str, ...]:
     return names_in_params("templates")
 
 
-def load_template(name_or_path: str) -> Template:
+def load_template(name_or_path: str, files: InputFiles = FILES_ON_DISK) -> Template:
     """A template with its default values, by its name or from a YAML file.
 
     Raises:
         InputError: unknown template; or a file with an unknown or missing key, a value out of range or
             of the wrong type, or no predicate: names file, line, key, value and what is allowed.
     """
-    return read_template(named_params_file("template", "templates", name_or_path))
+    return _template(files.read("template", "templates", name_or_path).mapping())
 
 
 def _identifier(top: StrictMapping) -> str:
@@ -61,7 +62,10 @@ def _identifier(top: StrictMapping) -> str:
 
 def read_template(file: Path) -> Template:
     """A template from a YAML file; raises InputError as ``load_template`` does."""
-    top = read_strict_yaml(file)
+    return _template(read_strict_yaml(file))
+
+
+def _template(top: StrictMapping) -> Template:
     ranges: dict[str, ValueRange] = {}
     parameters = _Parameters(ranges)
     site_kind = SiteKind(top.text("site", [member.value for member in SiteKind]))

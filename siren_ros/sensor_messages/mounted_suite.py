@@ -52,7 +52,7 @@ def mounted_suites(
     Raises:
         InputError: A suite or a look that cannot be loaded, or sensors inside a building.
     """
-    look, scene = load_look(look_of(episode)), None
+    look, scene = load_look(look_of(episode), episode.files), None
     for carrier, actor_id, suite in carriers_of(episode):
         messages = ObservationMessages(suite, actor_id, wants_raw, carrier)
         rig = SensorRig(

@@ -57,10 +57,10 @@ def carriers_of(episode: EpisodeDescription) -> tuple[tuple[Carrier, int, Sensor
     Raises:
         InputError: A suite that cannot be loaded.
     """
-    emv = (EMV, episode.emv_ids[0], load_suite(episode.sensor_suite))
+    emv = (EMV, episode.emv_ids[0], load_suite(episode.sensor_suite, episode.files))
     if episode.av_id == NO_ACTOR:
         return (emv,)
-    return emv, (AV, episode.av_id, load_suite(episode.av_sensor_suite))
+    return emv, (AV, episode.av_id, load_suite(episode.av_sensor_suite, episode.files))
 
 
 def topics_of(episode: EpisodeDescription) -> tuple[Topic, ...]:

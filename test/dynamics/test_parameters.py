@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from siren_ros.dynamics.parameters import ParameterTable, VehicleParameters, load_vehicle_parameters
+from siren_ros.dynamics.parameters import ParameterTable, VehicleParameters, read_vehicle_parameters
 from siren_ros.errors import InputError
 from siren_ros.numerics.units import GRAVITY_MPS2
 from siren_ros.params.params_files import params_dir
@@ -68,7 +68,7 @@ def test_every_number_names_its_source() -> None:
 def test_bad_values_are_refused(folder: Path, old: str, new: str, told: tuple[str, str, str]) -> None:
     file = _edit(folder, "sedan", old, new)
     with pytest.raises(InputError) as caught:
-        load_vehicle_parameters(folder)
+        read_vehicle_parameters(folder)
     assert str(file) in str(caught.value)
     for part in told:
         assert part in str(caught.value)
@@ -77,7 +77,7 @@ def test_bad_values_are_refused(folder: Path, old: str, new: str, told: tuple[st
 def test_missing_file_is_named(folder: Path) -> None:
     (folder / "bus.yaml").unlink()
     with pytest.raises(InputError, match=r"bus\.yaml"):
-        load_vehicle_parameters(folder)
+        read_vehicle_parameters(folder)
 
 
 def test_table_rows_follow_the_list(parameters: Mapping[ActorClass, VehicleParameters]) -> None:

@@ -12,7 +12,7 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from siren_ros.dynamics.parameters import load_vehicle_parameters
+from siren_ros.dynamics.parameters import read_vehicle_parameters
 from siren_ros.errors import InputError
 from siren_ros.generation.episode_setup import default_bag_path
 from siren_ros.params.plain_yaml import MAX_BYTES
@@ -33,7 +33,7 @@ def load_sedan(path: str) -> Any:
         for kind in ActorClass:
             name = f"{kind.name.lower()}.yaml"
             (Path(folder) / name).symlink_to(path if name == "sedan.yaml" else params_dir() / "vehicles" / name)
-        return load_vehicle_parameters(Path(folder))
+        return read_vehicle_parameters(Path(folder))
 
 
 READERS: dict[str, tuple[Callable[[str], Any], str]] = {

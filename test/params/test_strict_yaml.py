@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from siren_ros.dynamics.parameters import load_vehicle_parameters
+from siren_ros.dynamics.parameters import read_vehicle_parameters
 from siren_ros.errors import InputError
 from siren_ros.params import plain_yaml
 from siren_ros.params.params_files import named_params_file
@@ -41,7 +41,7 @@ def test_an_unknown_key_of_a_vehicle_is_refused_with_its_line(tmp_path: Path) ->
     good = (tmp_path / "van.yaml").read_text(encoding="utf-8").rstrip("\n")
     (tmp_path / "van.yaml").write_text(f"{good}\nsurprise: 1\n", encoding="utf-8")
     with pytest.raises(InputError, match=rf"van\.yaml:{good.count(chr(10)) + 2}: surprise"):
-        load_vehicle_parameters(tmp_path)
+        read_vehicle_parameters(tmp_path)
 
 
 def test_a_suite_names_the_line_of_a_wrong_value(tmp_path: Path) -> None:

@@ -158,6 +158,21 @@ def test_a_flipped_bit_in_the_first_chunk_costs_its_own_messages_only(
         assert all(message.read() is not None for message in opened.messages())
 
 
+def test_a_cut_off_bag_with_a_flipped_bit_in_its_first_chunk_keeps_all_others(episode: Path, tmp_path: Path) -> None:
+    working = cut_off(episode, tmp_path, within_last_chunk(episode))
+    first = chunks_of(episode / "bag_0.mcap")[0]
+    file = working / "bag_0.mcap"
+    data = bytearray(file.read_bytes())
+    data[first.offset + 9 + 100] ^= 0x10
+    file.write_bytes(data)
+    recovery = recover_bag(working)
+    lost = len(parse_content(unpack(first)).messages)
+    assert recovery.lost_messages == lost
+    saved = messages_of(recovery.path)
+    assert 0 < len(saved) == recovery.messages
+    assert saved == messages_of(episode)[lost : lost + len(saved)]
+
+
 def test_several_damaged_chunks_are_one_line(episode: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     damaged = tmp_path / "damaged"
     shutil.copytree(episode, damaged)

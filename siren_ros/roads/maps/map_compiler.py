@@ -10,7 +10,7 @@ from typing import Final
 from siren_ros.errors import InputError, MapError
 from siren_ros.params.resources import params_dir
 from siren_ros.roads.maps.lane_shapes import mended_lanes
-from siren_ros.roads.maps.map_source import MapSource, SourceKind, read_map_source
+from siren_ros.roads.maps.map_source import MapSource, SourceKind, map_stem, read_map_source
 from siren_ros.roads.maps.netconvert import netconvert_version, run_netconvert, without_header
 from siren_ros.roads.maps.opendrive_patches import opendrive_patches
 from siren_ros.roads.net_parser import parse_road_network
@@ -65,6 +65,8 @@ class CompiledMap:
     sha256: str
     """Of the net's bytes; the same on every machine with the same SUMO version."""
     kind: SourceKind
+    source_sha256: str = ""
+    """Of the source's content, unpacked where it was packed."""
 
     def read_bytes(self) -> bytes:
         """The net, for ``parse_road_network``."""
@@ -95,7 +97,19 @@ def compile_map(source: Path | None, cache_dir: Path | None = None) -> CompiledM
         parse_road_network(net)  # refuses what is no map before anything is done with it
         net = mended_lanes(net)
         _store(net_path, net)
-    return CompiledMap(loaded.name, net_path, hashlib.sha256(net).hexdigest(), loaded.kind)
+    source_sha256 = hashlib.sha256(loaded.content).hexdigest()
+    return CompiledMap(loaded.name, net_path, hashlib.sha256(net).hexdigest(), loaded.kind, source_sha256)
+
+
+def source_sha256_of(source: Path | None) -> str:
+    """``CompiledMap.source_sha256`` of a map, without compiling it; raises MapError as ``compile_map``."""
+    loaded = _town_source() if source is None else read_map_source(source)
+    return hashlib.sha256(loaded.content).hexdigest()
+
+
+def name_of_map(source: Path | None) -> str:
+    """``CompiledMap.name`` of a map, without reading it."""
+    return TOWN_NAME if source is None else map_stem(source)
 
 
 def default_cache_dir() -> Path:

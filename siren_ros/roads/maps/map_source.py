@@ -76,7 +76,7 @@ def read_map_source(path: Path) -> MapSource:
     kind = _KIND_OF_ROOT.get(root)
     if kind is None:
         raise MapError(str(path), f"{ALLOWED}; this file is an XML document <{root}>")
-    return MapSource(name=_stem(path), kind=kind, content=content)
+    return MapSource(name=map_stem(path), kind=kind, content=content)
 
 
 def _open(path: Path) -> BinaryIO:
@@ -86,7 +86,8 @@ def _open(path: Path) -> BinaryIO:
     return path.open("rb")
 
 
-def _stem(path: Path) -> str:
+def map_stem(path: Path) -> str:
+    """Name of a map: its file's name without the suffixes of map files."""
     name = Path(path.name)
     while name.suffix in _SUFFIXES and name.stem:
         name = Path(name.stem)

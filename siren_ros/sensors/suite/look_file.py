@@ -5,8 +5,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from siren_ros.params.params_files import named_params_file, names_in_params
-from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
+from siren_ros.params.input_files import FILES_ON_DISK, InputFiles
+from siren_ros.params.params_files import names_in_params
+from siren_ros.params.strict_yaml import StrictMapping
 from siren_ros.scenario.episode import EpisodeDescription
 from siren_ros.scenario.request import DEFAULT_LOOK
 from siren_ros.sensors.suite.look import LOWEST_SUN_RAD, Look
@@ -44,7 +45,7 @@ def look_of(episode: EpisodeDescription) -> str:
     return str(request.get("look", DEFAULT_LOOK)) if isinstance(request, Mapping) else DEFAULT_LOOK
 
 
-def load_look(name_or_path: str) -> Look:
+def load_look(name_or_path: str, files: InputFiles = FILES_ON_DISK) -> Look:
     """A look by name or from a YAML file; what it leaves out is as on a clear morning.
 
     The sun stands where ``sun_azimuth_deg`` (counter-clockwise from east) and ``sun_elevation_deg`` say, or where it
@@ -54,7 +55,7 @@ def load_look(name_or_path: str) -> Look:
     Raises:
         InputError: No such look, an unknown key, a value of the wrong type or out of range.
     """
-    top = read_strict_yaml(named_params_file("look", "looks", name_or_path))
+    top = files.read("look", "looks", name_or_path).mapping()
     values: dict[str, Any] = _sun(top)
     values |= _dusk(values.get("sun_elevation_rad", Look.sun_elevation_rad))
     for key in _COLOURS:

@@ -3,14 +3,16 @@
 import re
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from siren_ros.errors import InputError
 from siren_ros.numerics.units import STEPS_PER_S
-from siren_ros.params.params_files import named_params_file, names_in_params
-from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
+from siren_ros.params.input_files import FILES_ON_DISK, InputFiles
+from siren_ros.params.params_files import names_in_params
+from siren_ros.params.strict_yaml import StrictMapping
 from siren_ros.sensors.suite.mount import Mount
 
 _RADIANS: Final = float(np.pi / 180.0)
@@ -200,19 +202,18 @@ def suite_names() -> tuple[str, ...]:
     return names_in_params("suites")
 
 
-def load_suite(name_or_path: str) -> SensorSuite:
+def load_suite(name_or_path: str, files: InputFiles = FILES_ON_DISK) -> SensorSuite:
     """A suite by name (``params/suites/NAME.yaml``) or from a YAML file of the user's own.
 
     Raises:
         InputError: No such suite, unreadable YAML, an unknown key, a value of the wrong type or out of range;
             the message names file, line, key, value and what is allowed.
     """
-    file = named_params_file("sensors", "suites", name_or_path)
-    top = read_strict_yaml(file)
+    top = files.read("sensors", "suites", name_or_path).mapping()
     sensors = {kind: _specs(top, kind) for kind in _KINDS}
     _check_names(top, [spec.name for specs in sensors.values() for spec in specs])
     suite = SensorSuite(
-        name=file.stem,
+        name=Path(name_or_path).stem,
         labels=top.flag("labels") if top.has("labels") else False,
         station=_station(top) if top.has("station") else None,
         **sensors,

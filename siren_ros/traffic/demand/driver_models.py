@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.params.params_files import named_params_file
-from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
+from siren_ros.params.input_files import FILES_ON_DISK, InputFiles
+from siren_ros.params.strict_yaml import StrictMapping
 from siren_ros.scenario.presets import TruncatedNormal, read_distribution
 from siren_ros.world.actors import ActorClass
 
@@ -63,13 +63,13 @@ class DriverModel:
     driving: ClassDriving
 
 
-def load_drivers(name_or_path: str = "urban") -> DriverPopulation:
+def load_drivers(name_or_path: str = "urban", files: InputFiles = FILES_ON_DISK) -> DriverPopulation:
     """A population of drivers by its name in ``params/drivers`` or from a YAML file.
 
     Raises:
         InputError: unknown name, or a mistake in the file (names file and line).
     """
-    top = read_strict_yaml(named_params_file("drivers", "drivers", name_or_path))
+    top = files.read("drivers", "drivers", name_or_path).mapping()
     top.text("title")
     classes = top.mapping("classes")
     population = DriverPopulation(

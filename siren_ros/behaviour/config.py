@@ -80,6 +80,10 @@ class YieldConfig:
     path_behind_m: float = 5.0
     seek_after_s: float = 0.5
     """Time without an open gap after which the driver begins to make one."""
+    seek_for_s: float = 4.0
+    """Time for which a gap is sought. Then the driver does not hold up the EMV for a while."""
+    seek_pause_s: float = 4.0
+    """Time for which the driver then goes on at the pace of the road."""
     seek_speed_mps: float = 3.0
     """Difference of speed to the vehicle that is in the way while a gap is sought."""
     seek_least_mps: float = 2.0

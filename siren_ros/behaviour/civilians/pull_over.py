@@ -40,14 +40,10 @@ _LOOK_AGAIN_STEPS: Final = steps_from_s(0.5)
 
 
 def start_pull_over(unit: YieldUnit, view: StepView, row: int) -> Outcome:
-    """Starts the pull-over. It is deferred on a junction, and where the vehicle cannot stop before the next one.
-
-    A vehicle that stands on a junction and blocks a standing EMV starts all the same.
-    """
+    """Starts the pull-over. It is deferred on a junction, and where the vehicle cannot stop before the next one."""
     network, config = view.world.network, view.world.config.pull_over
     lane = int(view.traffic.lane[row])
-    stuck = makes_room(unit, view) and standing(view, row)
-    if lane == NO_LANE or (network.lanes[lane].kind is LaneKind.INTERNAL and not stuck):
+    if lane == NO_LANE or network.lanes[lane].kind is LaneKind.INTERNAL:
         return defer(unit, view, row, Refusal.JUNCTION.value)
     side = unit.side or alignment_of(view, lane)
     unit = replace(unit, side=side)

@@ -96,7 +96,10 @@ def defer(unit: YieldUnit, view: StepView, row: int, reason: str) -> Outcome:
 
 
 def _wait_for_gap(unit: YieldUnit, view: StepView, row: int, refusals: list[tuple[int, Refusal]]) -> Outcome:
-    """Defers the yield. After a while the driver makes a gap, if only other vehicles are in the way."""
+    """Defers the yield. After a while the driver makes a gap, if only other vehicles are in the way.
+
+    The driver tries for some seconds, then drives on under SUMO at the pace of the road, and tries again later.
+    """
     in_the_way = [(side, refusal) for side, refusal in refusals if refusal in GAP_REFUSALS]
     if not in_the_way:
         telling = (refusal for _, refusal in refusals if refusal is not Refusal.NO_LANE)
@@ -104,8 +107,11 @@ def _wait_for_gap(unit: YieldUnit, view: StepView, row: int, refusals: list[tupl
     side, refusal = next(((s, r) for s, r in in_the_way if s == unit.side), in_the_way[0])
     if unit.phase is not Mode.YIELD_DEFERRED:
         return defer(replace(unit, side=side), view, row, refusal.value)
-    if view.step - unit.deferred_step < steps_from_s(view.world.config.yielding.seek_after_s):
-        return Outcome(replace(unit, side=side, deferred=refusal.value))
+    config = view.world.config.yielding
+    waited = view.step - unit.deferred_step - steps_from_s(config.seek_after_s)
+    seeks, pauses = steps_from_s(config.seek_for_s), steps_from_s(config.seek_pause_s)
+    if waited < 0 or waited % (seeks + pauses) >= seeks:
+        return Outcome(replace(unit, side=side, deferred=refusal.value, navigator=NavigatorState(), seek=0))
     return seek_gap(replace(unit, side=side), view, row, refusal)
 
 

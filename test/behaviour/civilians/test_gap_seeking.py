@@ -1,9 +1,11 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from siren_ros.behaviour.civilians.gap_seeking import Seek, choose_seek, seek_speed_mps
+from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
 from siren_ros.behaviour.config import YieldConfig
 from siren_ros.behaviour.driving.lane_change import LaneGaps, Refusal
 from siren_ros.world.actors import ActorClass, Mode, Owner
@@ -65,3 +67,22 @@ def test_no_gap_is_sought_right_before_a_junction(lab):
     loop = lab.Loop(lab.world_of(network, lab.L2), cars).run(40)
     assert loop.of("yield_deferred")
     assert all(row[2][4] == Owner.SUMO for row in loop.log)
+
+
+def test_a_gap_is_sought_in_turns_with_driving_on(lab):
+    """A vehicle stays alongside whatever the driver does; the driver leads the EMV slowly for some seconds only."""
+    world = lab.world_of(lab.straight_road(2, 900.0), lab.L2)
+    state, owners = YieldState.initial(), []
+    config = world.config.yielding
+    for step in range(round((config.seek_after_s + 2.0 * (config.seek_for_s + config.seek_pause_s)) / 0.05)):
+        x = 100.0 + 0.25 * step
+        cars = [lab.Car(1, 0, x - 30.0, 5, (0,), ActorClass.AMBULANCE)]
+        cars += [lab.Car(2, 0, x, 5, (0,)), lab.Car(3, 1, x, 5, (0,))]
+        traffic = lab.traffic_of(world.network, cars, step=step, spawn=step == 0)
+        state, commands = step_yield(state, traffic, world)
+        assert commands.mode.tolist() == [Mode.YIELD_DEFERRED]
+        owners.append(int(commands.owner[0]))
+    changes = np.flatnonzero(np.diff(owners)) + 1
+    expected = np.array([0.0, config.seek_for_s, config.seek_for_s + config.seek_pause_s])
+    expected = np.concatenate((expected, expected[1:2] + expected[2])) + config.seek_after_s
+    np.testing.assert_allclose(0.05 * changes, expected, atol=0.051)

@@ -82,13 +82,13 @@ def test_a_vehicle_beside_a_shoulder_stays_before_the_stop_line(lab):
     assert pull_over_path(WAITED, view, 0, 1) is None
 
 
-def test_stands_on_a_junction_in_the_way_and_goes_on(lab):
-    network = lab.junction_road()
-    view = view_of(lab, lab.Car(2, 2, 5.0, 0.0, (0, 2)), network=network)
-    assert start_pull_over(UNIT, view, 0).unit.phase is Mode.YIELD_DEFERRED
-    assert start_pull_over(WAITED, view, 0).unit.phase is Mode.YIELD_PULL_OVER
-    moving = view_of(lab, lab.Car(2, 2, 5.0, 5.0, (0, 2)), network=network)
-    assert start_pull_over(WAITED, moving, 0).unit.phase is Mode.YIELD_DEFERRED
+@pytest.mark.parametrize("unit", [UNIT, WAITED], ids=["at once", "an EMV waits"])
+@pytest.mark.parametrize("speed", [0.0, 5.0])
+def test_nobody_pulls_over_on_a_junction(lab, unit, speed):
+    view = view_of(lab, lab.Car(2, 2, 5.0, speed, (0, 2)), network=lab.junction_road())
+    outcome = start_pull_over(unit, view, 0)
+    assert outcome.unit.phase is Mode.YIELD_DEFERRED
+    assert outcome.command is None
 
 
 def test_a_queue_that_left_no_corridor_goes_on_until_the_emv_gets_through(lab):

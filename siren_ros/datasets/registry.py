@@ -6,6 +6,7 @@ from typing import Final, cast
 
 from siren_ros.datasets.exporting.format import FLAG, Exporter, Format, Option
 from siren_ros.datasets.sources.needs import Need
+from siren_ros.datasets.sources.sampling import POPULATIONS
 from siren_ros.errors import InputError
 
 _PACKAGE: Final = "siren_ros.datasets"
@@ -33,6 +34,44 @@ FORMATS: Final = {
                     {"paper": (Need.FRONT_CAMERA,)},
                 ),
             ),
+        ),
+        Format(
+            "openpcdet",
+            "OpenPCDet's custom dataset: points, labels in the LiDAR frame, ImageSets",
+            (Need.LIDAR,),
+            f"{_PACKAGE}.openpcdet:OpenPcdetExporter",
+            (Option("least-points", "1", (), "boxes with fewer LiDAR points are left out"),),
+        ),
+        Format(
+            "nuscenes",
+            "nuScenes: scenes with all sweeps, pictures of all cameras and annotated keyframes at 2 Hz",
+            (Need.LIDAR, Need.CAMERA, Need.MAP),
+            f"{_PACKAGE}.nuscenes.exporter:NuscenesExporter",
+            (
+                Option(
+                    "emv-category",
+                    "vehicle.car",
+                    ("vehicle.car", "vehicle.emergency"),
+                    "category of emergency vehicles: the paper's, or nuScenes' own",
+                ),
+            ),
+        ),
+        Format(
+            "argoverse2",
+            "Argoverse 2 motion forecasting: a scenario of 11 s for each vehicle and frame, with the map",
+            (Need.TRACKS, Need.MAP, Need.EMV),
+            f"{_PACKAGE}.argoverse2.exporter:Argoverse2Exporter",
+            (
+                Option("population", "region", POPULATIONS, "whose windows are scenarios; everybody is in them"),
+                Option("stride", "1", (), "frames of 0.1 s from one scenario of a vehicle to the next"),
+            ),
+        ),
+        Format(
+            "ngsim",
+            "NGSIM as CSP, STDAN and BAT read it: tracks in feet, 13 x 3 grid, manoeuvre classes",
+            (Need.TRACKS, Need.MAP, Need.EMV),
+            f"{_PACKAGE}.ngsim.exporter:NgsimExporter",
+            (Option("population", "region", POPULATIONS, "whose windows are samples, and who is a neighbour"),),
         ),
     )
 }

@@ -15,6 +15,7 @@ from siren_ros.datasets.exporting.file_writer import FileWriter
 from siren_ros.datasets.exporting.format import EpisodePart, EpisodeReport
 from siren_ros.datasets.exporting.staging import link
 from siren_ros.datasets.sources.episode_source import EpisodeSource
+from siren_ros.datasets.sources.sampling import LOG_PERIOD_STEPS
 from siren_ros.errors import BagError
 from siren_ros.interfaces.conversions import from_actor_states, from_traffic_state
 from siren_ros.interfaces.topics import ACTORS, TRAFFIC
@@ -39,8 +40,6 @@ COLUMNS: Final = (
     "speed_mps",
     "is_emv",
 )
-LOG_PERIOD_STEPS: Final = 2
-"""10 Hz (paper: "actor states are logged at 10 Hz")."""
 _DECIMALS: Final = 4
 HEAD: Final = ",".join(COLUMNS) + "\n"
 FILE_NAME: Final = "trajectory.csv"

@@ -8,6 +8,16 @@ from pathlib import Path
 import pytest
 from dds_domains import own_domain
 from repository import REPOSITORY
+from synthetic_episode import NET_XML
+
+from siren_ros.roads.net_parser import parse_road_network
+from siren_ros.roads.road_network import RoadNetwork
+
+
+@pytest.fixture(scope="session")
+def straight_road_of_two_lanes() -> RoadNetwork:
+    """Two lanes eastwards and two westwards."""
+    return parse_road_network(NET_XML.encode())
 
 
 def _episode(folder: Path, *parameters: str) -> Path:

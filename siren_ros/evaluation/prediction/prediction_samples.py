@@ -6,7 +6,7 @@ from enum import StrEnum
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.datasets.trajectory_csv import LOG_PERIOD_STEPS
+from siren_ros.datasets.sources.sampling import LOG_PERIOD_STEPS
 from siren_ros.errors import BagError
 from siren_ros.evaluation.prediction.prediction_window import HistoryWindow, future_offsets
 from siren_ros.judging.interaction_region import rows_in_region

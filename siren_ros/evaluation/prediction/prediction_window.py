@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.datasets.trajectory_csv import LOG_PERIOD_STEPS
+from siren_ros.datasets.sources.sampling import LOG_PERIOD_STEPS
 from siren_ros.numerics.units import STEP_S
 
 FRAME_PERIOD_S: Final = LOG_PERIOD_STEPS * STEP_S

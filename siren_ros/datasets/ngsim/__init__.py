@@ -1,0 +1,1 @@
+"""NGSIM: tracks that the loaders of NGSIM-trained predictors read."""

@@ -1,0 +1,1 @@
+"""nuScenes: tables and files that nuscenes-devkit loads."""

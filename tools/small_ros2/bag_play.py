@@ -32,7 +32,7 @@ def _duration(value: QosTime) -> Duration:
 
 
 def _known(policy: Enum) -> str:
-    """The policy's name; a recorder that could not learn it wrote UNKNOWN, which no publisher can offer."""
+    """The policy's name; a recorder writes UNKNOWN where it does not know it, and no publisher can offer that."""
     return "SYSTEM_DEFAULT" if policy.name == "UNKNOWN" else policy.name
 
 
@@ -51,7 +51,7 @@ def offered_qos(recorded: Qos) -> QoSProfile:
 
 
 def qos_of(connection: Connection) -> QoSProfile:
-    """What the topic's publisher is to offer: what was offered when it was recorded, where the bag tells."""
+    """Quality of service of a topic's publisher: that of the recorded publisher, if the bag contains it."""
     offers = connection.ext.offered_qos_profiles if isinstance(connection.ext, ConnectionExtRosbag2) else []
     return offered_qos(offers[0]) if offers else UNKNOWN_OFFER
 

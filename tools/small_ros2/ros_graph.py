@@ -1,4 +1,4 @@
-"""What is going on in the ROS graph: a node that looks, the topics it sees, the quality of service that fits them."""
+"""A node that observes the ROS graph: its topics, their types, and the quality of service that matches them."""
 
 import importlib
 import time
@@ -14,9 +14,9 @@ from rclpy.signals import SignalHandlerOptions
 from small_ros2.errors import CommandError
 
 DISCOVERY_S: Final = 4.0
-"""How long a new node looks for others. They announce themselves every 3 s, at worst that long passes unheard."""
+"""Time in which a new node finds the others. By default they announce themselves every 3 s."""
 QUIET_S: Final = 0.7
-"""A graph with topics in it that has not changed for so long is taken for the whole one."""
+"""A graph that has topics and has not changed for this time counts as complete."""
 POLL_S: Final = 0.05
 DEPTH: Final = 100
 
@@ -25,7 +25,7 @@ DEPTH: Final = 100
 def observer(name: str) -> Iterator[Node]:
     """A node without topics of its own, so that it does not show up in what it lists.
 
-    Ctrl-C stays Python's KeyboardInterrupt, which waits of POLL_S let through.
+    Ctrl-C stays Python's KeyboardInterrupt; waiting in pieces of POLL_S lets it through.
     """
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     node = Node(name, enable_rosout=False, start_parameter_services=False)
@@ -37,7 +37,7 @@ def observer(name: str) -> Iterator[Node]:
 
 
 def _topics(node: Node) -> dict[str, list[str]]:
-    """What the node has heard of by now, without what every node itself brings."""
+    """The topics found so far, without those that every node has."""
     return {
         name: types
         for name, types in node.get_topic_names_and_types()

@@ -16,9 +16,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Becomes the executable.
+    """Replaces this process by the executable.
 
-    Replacing this process hands the executable the terminal, every signal exactly once, and the way to its exit code.
+    So the executable has the terminal, gets every signal exactly once, and its exit code is that of this program.
     """
     path = executable(arguments.package, arguments.executable)
     sys.stdout.flush()

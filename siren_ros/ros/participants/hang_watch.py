@@ -1,4 +1,4 @@
-"""Notices a callback that does not return: the executor of one process cannot, because it waits for it."""
+"""Notices a callback that does not return. The executor cannot: it waits for that callback."""
 
 import threading
 import time
@@ -10,7 +10,7 @@ from siren_ros.lockstep.lockstep import LockstepConfig
 
 WATCH_S: Final = 0.25
 GRACE_S: Final = 1.0
-"""Beyond the lockstep's own limit, which a callback that is merely slow comes back to."""
+"""Added to the lockstep's own limit, so that the lockstep itself reports a callback that is only slow."""
 
 
 class Work(NamedTuple):
@@ -33,7 +33,7 @@ def limits_s(config: LockstepConfig) -> dict[Phase, float]:
 
 
 def overdue(works: Iterable[Work | None], limits: Mapping[Phase, float], now_s: float) -> str:
-    """Which participant has not come back in time, as the lockstep would say it; empty: none."""
+    """Which participant did not return in time, in the lockstep's words; empty: none."""
     for work in works:
         if work is not None and now_s - work.since_s > limits[work.phase] + GRACE_S:
             what = {
@@ -46,7 +46,7 @@ def overdue(works: Iterable[Work | None], limits: Mapping[Phase, float], now_s: 
 
 
 class HangWatch:
-    """A thread that asks every quarter of a second whether something hangs, and says so once."""
+    """A thread that asks every 0.25 s whether something hangs, and reports the first reason."""
 
     def __init__(self, ask: Callable[[], str], on_hang: Callable[[str], None]) -> None:
         """Starts watching.
@@ -67,10 +67,10 @@ class HangWatch:
                 return
 
     def stop(self) -> None:
-        """Watches no longer."""
+        """Ends the thread."""
         self._stopped.set()
 
 
 def begin_work(participant: str, phase: Phase, step: int) -> Work:
-    """The note that a participant begins with something now."""
+    """Work that a participant begins now."""
     return Work(participant, phase, step, time.monotonic())

@@ -28,14 +28,14 @@ class LockstepMaster:
     """Drives one episode on the publishers and subscriptions of a node."""
 
     def __init__(self, node: Node, config: LockstepConfig, realtime_factor: float = 0.0, settle_s: float = 0.0) -> None:
-        """Get ready to hear the participants.
+        """Create the publishers and subscriptions of the lockstep.
 
         Args:
             node: The node that speaks for the master.
             config: Participants, steps and time limits.
             realtime_factor: Simulated seconds per wall second at most; 0 for no limit.
-            settle_s: Wall time between the last participant's readiness and the first step, for participants
-                that are not ours: ours make sure that everybody whom they have to reach is connected.
+            settle_s: Wall time between the last report READY and the first step. Our own nodes report READY when
+                their subscribers are connected; other programs may report it earlier, and need this time.
         """
         self.config = config
         self.state: LockstepState = lockstep.start_lockstep(config, time.monotonic())
@@ -53,7 +53,7 @@ class LockstepMaster:
 
     @property
     def closed(self) -> bool:
-        """Whether the episode is over and every participant has closed down (or was given up on)."""
+        """Whether the episode is over and every participant has closed down or is no longer waited for."""
         return self.state.stage is Stage.CLOSED
 
     def interrupt(self, reason: str) -> None:
@@ -61,7 +61,7 @@ class LockstepMaster:
         self._advance(lockstep.on_interrupt(self.state, self.config, time.monotonic(), reason))
 
     def fail(self, reason: str, gone: Iterable[str] = ()) -> None:
-        """End the episode because of something that no report says; participants that are gone are not waited for."""
+        """End the episode for a reason that no report gives; participants that are gone get no more time."""
         self._advance(lockstep.on_failure(self.state, self.config, time.monotonic(), reason, frozenset(gone)))
 
     @contextmanager

@@ -77,10 +77,10 @@ class Participant(Node, Generic[Config]):
         """Close what the episode opened."""
 
     def discard(self) -> None:
-        """Undo what the constructor did outside of this process, since another node could not be set up."""
+        """Undo what the constructor did outside of this process; another node could not be set up."""
 
     def close_early(self, reason: str) -> None:
-        """Close although nobody says that the episode is over: whoever would say it is gone.
+        """Close without the message that the episode is over: the program that sends it is gone.
 
         Raises:
             SirenError: As ``close``.
@@ -132,7 +132,7 @@ class Participant(Node, Generic[Config]):
         return bool(self._outputs[topic.name][1].get_subscription_count())
 
     def is_connected(self) -> bool:
-        """Whether every publisher sees the subscribers it must reach, and every subscription a publisher."""
+        """Whether every publisher has the subscribers that it must reach, and every subscription a publisher."""
         participants = self.config.participants
         reached = all(
             publisher.get_subscription_count() >= topic.subscriber_count(participants)
@@ -142,7 +142,7 @@ class Participant(Node, Generic[Config]):
         return reached and heard and bool(self._report.get_subscription_count())
 
     def flush(self, timeout_s: float) -> None:
-        """Wait until what was published has reached its subscribers, at most for a while in all.
+        """Wait until subscribers have received what was published, at most for a time.
 
         A subscriber that hangs or was killed acknowledges nothing.
         """

@@ -20,12 +20,12 @@ from siren_ros.ros.transport.wall_timer import create_wall_timer
 
 TICK_S: Final = 0.004
 LARGE_BYTES: Final = 64_000
-"""A message that Fast DDS cuts into fragments. It goes alone: its fragments overwrite what still lies unread in the
-sender's shared memory (0.5 MB where nobody has configured more), and what was lost comes again only after 3 s."""
+"""Fast DDS sends larger messages in fragments. Such a message is sent alone: its fragments overwrite unread data in the
+sender's shared memory (0.5 MB by default), and lost data comes again only after 3 s."""
 
 
 class BagPlayer(Node):
-    """Plays one bag, once or again and again; ``finished`` when it has come to the end.
+    """Plays one bag, once or repeatedly; ``finished`` at the end of the bag.
 
     The services ``~/pause``, ``~/resume`` and ``~/toggle_paused`` have the names of rosbag2's player.
     """
@@ -70,7 +70,7 @@ class BagPlayer(Node):
             raise BagError(str(self._bag.path), f"types that are installed, unlike {type_name} of {name}") from error
 
     def _first_ns(self) -> int:
-        """Where the playhead begins: what is latched from before goes out at once."""
+        """Where the playhead begins; latched messages from before are published at once."""
         return self._start_ns if self._next is None else max(self._start_ns, self._next.time_ns)
 
     def _on_pause(self, response: Any, *, paused: bool) -> Any:
@@ -103,7 +103,7 @@ class BagPlayer(Node):
             self.finished = True
 
     def _may_publish(self, message: BagMessage, now_s: float) -> bool:
-        """Whether nobody loses anything by it."""
+        """Whether every subscriber has what it needs before this message."""
         alone = self._large_under_way or len(message.cdr) > LARGE_BYTES
         outputs = self._outputs.values() if alone else (self._outputs[message.topic],)
         knew = [output.deaf for output in outputs]
@@ -122,7 +122,7 @@ class BagPlayer(Node):
         return self._next is not None
 
     def flush(self, timeout_s: float) -> None:
-        """Wait until subscribers have everything: a publisher takes with it what has not been asked for yet.
+        """Wait until subscribers have everything; a publisher that is destroyed loses what it has not sent yet.
 
         Raises:
             BagError: It ended early, where the bag is damaged.

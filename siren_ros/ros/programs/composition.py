@@ -20,7 +20,7 @@ from siren_ros.ros.programs.program import PARENT_VARIABLE
 
 TERMINATE_S = 1.0
 FLUSH_S = 1.0
-"""A listener that hangs delays the end of an episode by no more than this."""
+"""Longest time for which a listener that hangs delays the end of an episode."""
 Overrides = Mapping[str, Value]
 
 
@@ -35,10 +35,10 @@ class Composition(Protocol):
         """What went wrong outside the lockstep's reports, naming the participant; empty: nothing."""
 
     def gone(self) -> tuple[str, ...]:
-        """Participants that will not answer any more."""
+        """Participants that no longer answer."""
 
     def hanging(self, limits: Mapping[Phase, float]) -> str:
-        """Which participant keeps the lockstep itself from going on, and where; empty: none."""
+        """Which participant blocks the lockstep itself, and where; empty: none."""
 
     def exit_code(self) -> int:
         """Exit code of a participant that refused its input, 0 otherwise."""
@@ -48,7 +48,7 @@ class Composition(Protocol):
 
         Args:
             timeout_s: For all of them together.
-            late: Participants that have been waited for long enough.
+            late: Participants that get no more time.
         """
 
 
@@ -84,11 +84,11 @@ class InProcess:
         self._executor.add_node(node)
 
     def failure(self) -> str:
-        """Nothing can fail unseen within one process."""
+        """Empty: within one process every failure is reported."""
         return ""
 
     def gone(self) -> tuple[str, ...]:
-        """None can be gone while this process runs."""
+        """Empty: the nodes exist as long as this process."""
         return ()
 
     def hanging(self, limits: Mapping[Phase, float]) -> str:
@@ -96,7 +96,7 @@ class InProcess:
         return overdue((node.work for node in tuple(self.nodes)), limits, time.monotonic())
 
     def exit_code(self) -> int:
-        """Bad input raised already when the nodes were made."""
+        """0: bad input raises when the nodes are made."""
         return 0
 
     def stop(self, timeout_s: float, late: Collection[str] = ()) -> None:  # noqa: ARG002 - the protocol
@@ -110,7 +110,7 @@ class InProcess:
 
 
 class OutOfProcess:
-    """Each participant as a process of its own, in its own process group (Ctrl-C reaches only this one)."""
+    """Each participant in its own process and process group, so that Ctrl-C reaches only this process."""
 
     def __init__(self, modules: Mapping[str, str], overrides: Mapping[str, Overrides], ros_args: list[str]) -> None:
         """Start the processes.
@@ -143,7 +143,7 @@ class OutOfProcess:
         return tuple(name for name, process in self._processes.items() if process.poll())
 
     def hanging(self, limits: Mapping[Phase, float]) -> str:  # noqa: ARG002 - the protocol
-        """None can: the lockstep has a process of its own."""
+        """Empty: the lockstep has its own process."""
         return ""
 
     def exit_code(self) -> int:
@@ -152,7 +152,7 @@ class OutOfProcess:
         return next((code for code in codes if code is not None and code > 0), 0)
 
     def stop(self, timeout_s: float, late: Collection[str] = ()) -> None:
-        """Wait for the processes, then terminate, then kill; none is left behind."""
+        """Wait for the processes, then terminate them, then kill them."""
         _wait([process for name, process in self._processes.items() if name not in late], timeout_s)
         for send in (subprocess.Popen.terminate, subprocess.Popen.kill):
             running = [process for process in self._processes.values() if process.poll() is None]

@@ -1,4 +1,4 @@
-"""What the parameters of ``cosim`` mean for an episode: who takes part, where files go, what each node is told."""
+"""An episode from the parameters of ``cosim``: its participants, its files, the parameters of each node."""
 
 import re
 from collections.abc import Mapping
@@ -18,10 +18,10 @@ from siren_ros.sensors.suite.suite import EXPORTED_CAMERA, SensorSuite, load_sui
 from siren_ros.world.commands import AV_SOURCE
 
 TRAILING: Final = frozenset({"sensor_sim", "recorder", "kitti_exporter"})
-"""Sensing and recording of a step go on beside the next step where nobody in the loop hears the sensors: each in its
-process, or in one process on the threads that cast rays and draw."""
+"""If no other program takes part in the lockstep, these may still work on a step while the next one runs: in their own
+processes, or in one process on the threads that cast rays and draw."""
 SETTLE_S: Final = 0.25
-"""For participants that are not ours; discovery on one machine takes 0.05 s."""
+"""For participants that other programs start; discovery on one machine takes 0.05 s."""
 _NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}")
 
 
@@ -32,16 +32,16 @@ class EpisodePlan:
     nodes: tuple[str, ...]
     """Participants that this program starts."""
     others: tuple[str, ...]
-    """Participants that somebody else starts, and that are waited for."""
+    """Participants that other programs start; the lockstep waits for them."""
     steps: int
     bag: Path
     kitti: Path | None
     """Folder of the KITTI export, None without one."""
     overrides: Mapping[str, Overrides]
-    """What each node is told; the recorder first, since a bag that exists ends everything early."""
+    """Parameters of each node; the recorder comes first, because a bag that exists already ends the episode."""
 
     def lockstep(self, config: CosimConfig) -> LockstepConfig:
-        """Who takes part, and how patient the lockstep is."""
+        """Participants and time limits."""
         return LockstepConfig(
             participants=(*self.nodes, *self.others),
             steps=self.steps,
@@ -52,7 +52,7 @@ class EpisodePlan:
 
     @property
     def settle_s(self) -> float:
-        """Time that discovery is given before the first step, beyond what our own nodes make sure of."""
+        """Time for discovery before the first step, where other programs take part."""
         return SETTLE_S if self.others else 0.0
 
 
@@ -60,7 +60,7 @@ def plan_episode(config: CosimConfig) -> EpisodePlan:
     """Work out an episode from the parameters.
 
     Raises:
-        InputError: A template or suite that is not to be had, or names of external participants that cannot be used.
+        InputError: A template or suite that does not exist, or an external participant with a name that is not allowed.
     """
     request = EpisodeRequest.within(config)
     suite = load_suite(config.sensors)

@@ -10,7 +10,7 @@ from typing import Final
 
 LOOK_S: Final = 0.5
 CLOSE_S: Final = 10.0
-"""A participant that runs has closed what it has open by then; one that hangs never will."""
+"""A participant that runs has closed everything by then."""
 _PR_SET_PDEATHSIG: Final = 1
 """``prctl(2)``: the signal that the kernel sends to this process when its parent ends."""
 
@@ -21,11 +21,11 @@ class Parent:
     def __init__(self, number: int) -> None:
         """Prepare for the parent's end, however it comes.
 
-        A process that was stopped (SIGSTOP) would never see it: the kernel lets it go on then. One whose node does
-        not return from a callback is ended by a thread, when there has been time to close.
+        A stopped process (SIGSTOP) would not notice it, so the kernel continues it then. If a node does not return
+        from a callback, a thread kills the process after ``CLOSE_S``.
 
         Args:
-            number: Process id of the parent; 0 for one that does not matter.
+            number: Process id of the parent; 0: this process does not depend on one.
         """
         self._number = number
         if not self._number:

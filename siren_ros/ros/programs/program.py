@@ -20,14 +20,14 @@ from siren_ros.ros.transport.shared_memory import remove_abandoned_segments
 FLUSH_S = 2.0
 SPIN_S = 0.2
 SHUTDOWN_S = 3
-"""Once a node stayed for ever at this point, after another process had been killed; the kernel ends this one then."""
+"""A node was once seen to hang while DDS shut down, after another process had been killed. SIGALRM ends it then."""
 PROFILE_VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 """Environment variables that name Fast DDS's profile: of the release in Jazzy, and of later ones."""
 PARENT_VARIABLE = "SIREN_PARENT_PID"
-"""Environment variable that tells a participant's process who started it; it ends when that one is gone."""
+"""Environment variable: process id of the program that started a participant, which ends with it."""
 
 _GARBAGE_AFTER = 20_000
-"""New objects after which Python looks for circles among them; a step makes thousands and no circles."""
+"""New objects between two runs of Python's garbage collector. A step makes thousands of objects and no cycles."""
 
 
 class Interrupt:
@@ -50,8 +50,8 @@ class Interrupt:
 def start_ros(args: list[str] | None = None) -> None:
     """Initialise rclpy without its own signal handlers: an episode must be closed before ROS shuts down.
 
-    What killed programs have left in the shared memory goes first. Fast DDS gets our profile where the user has none.
-    Python looks for garbage less often.
+    Also removes the shared memory of killed programs, gives Fast DDS our profile unless the user has set one, and lets
+    Python collect garbage less often.
     """
     if PARENT_VARIABLE not in os.environ:
         remove_abandoned_segments()
@@ -84,7 +84,7 @@ def run_participant(make_node: Callable[[str], Participant[Any]], name: str) -> 
 def run_program(make_node: Callable[[str], Program], name: str) -> int:
     """Run one node as a program of its own until it is done or interrupted; returns the exit code.
 
-    The process ends soon after that, however long DDS would take to let go: the caller has nothing else to do.
+    The process ends at most ``SHUTDOWN_S`` later, also if DDS does not shut down. The caller does nothing after it.
     """
     start_ros()
     interrupt = Interrupt()

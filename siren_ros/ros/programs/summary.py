@@ -15,13 +15,13 @@ _MEGABYTE = 1_000_000.0
 def closing_summary(
     bag: Path, kitti: Path | None, state: LockstepState, outcome: EpisodeOutcome | None, wall_s: float
 ) -> list[str]:
-    """Lines that say how the episode ended, where its files are and where the time went.
+    """Lines about the end of the episode, its files and its wall time.
 
     Args:
-        bag: Final folder of the bag; where the episode did not complete, its partial bag lies beside it.
+        bag: Final folder of the bag; an episode that did not complete has its partial bag next to it.
         kitti: Folder of the KITTI export, None without one.
         state: The lockstep at the end.
-        outcome: What the recorder made of the episode, None where it could not say.
+        outcome: The recorder's judgement; None where there is none.
         wall_s: Wall time from the first step to the last.
     """
     steps = state.steps_closed

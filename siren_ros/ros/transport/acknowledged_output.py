@@ -9,17 +9,17 @@ from siren_ros.interfaces.topics import Topic
 from siren_ros.ros.transport.endpoints import message_class, qos_of
 
 PATIENCE_S: Final = 10.0
-"""A subscriber that has not answered for so long hangs or is dead: Fast DDS repeats what was lost after 3 s at the
-latest, and a second loss costs 3 s more."""
+"""A subscriber without an answer for this time hangs or is dead. Fast DDS sends lost data again after at most 3 s, and
+after a second loss 3 s later."""
 
 
 class AcknowledgedOutput:
-    """Loses nothing, also towards a subscriber that has just come or to which large messages go in many fragments.
+    """A publisher that loses no message on the way to a subscriber, also a large one that is sent in many fragments.
 
-    Fast DDS keeps the last messages of a topic and forgets the oldest one for the sake of a new one, whether it has
-    arrived or not. It asks its subscribers what they have when it has no room for more, otherwise every 3 s. So this
-    publisher keeps one message: the answer to each comes after 6 ms, and what is missing is sent again at once.
-    How much a publisher keeps is its own affair, which no subscriber sees.
+    Fast DDS keeps the last messages of a topic. A new message replaces the oldest, even one that has not arrived. Fast
+    DDS asks for acknowledgements when its history is full, and otherwise every 3 s. So this publisher has a history of
+    one message: its acknowledgement comes after 6 ms, and missing fragments are sent again at once. The depth of a
+    publisher's history does not affect which subscribers match it.
     """
 
     def __init__(self, node: Node, topic: Topic) -> None:
@@ -30,10 +30,10 @@ class AcknowledgedOutput:
         self._publisher: Any = node.create_publisher(message_class(topic.type_name), topic.name, quality)
         self._waits_since_s: float | None = None
         self.deaf = False
-        """Whether somebody has not answered in time; he is not waited for until everybody has answered again."""
+        """Whether a subscriber has not answered in time; it is not waited for until all have answered again."""
 
     def is_ready(self, now_s: float) -> bool:
-        """Whether one more message takes nothing from anybody; asks without waiting."""
+        """Whether every subscriber has the last message, or does not answer any more; does not wait."""
         if self.wait_acknowledged(0.0):
             self._waits_since_s, self.deaf = None, False
             return True

@@ -26,8 +26,8 @@ _POLL_S: Final = 0.01
 def claimed_domain() -> Iterator[None]:
     """Hold this machine's claim to the domain while an episode runs.
 
-    The claim is a name of the kernel's (an abstract socket, Linux only), so it is decided at once, however slow
-    discovery is, and the kernel takes it back however the process ends. Elsewhere discovery alone decides.
+    The claim is an abstract socket (Linux only). It is decided at once, without discovery, and the kernel releases it
+    however the process ends. On other systems discovery alone decides.
 
     Raises:
         InputError: An episode of this machine holds the domain; says how to choose another one.
@@ -48,8 +48,7 @@ def claimed_domain() -> Iterator[None]:
 def check_alone(node: Node, since_s: float) -> None:
     """Make sure that nobody else publishes the clock in this domain, before any node of the episode exists.
 
-    Waits until discovery has had its time, counted from when the node was made: what the program does meanwhile
-    (imports, above all) does not cost again.
+    Waits until ``DISCOVERY_S`` have passed since the node was made. The program can load modules in this time.
 
     Args:
         node: The master's node, whose own publisher of the clock is there already.

@@ -1,9 +1,10 @@
-"""What Fast DDS leaves behind of processes that were killed: their segments of shared memory.
+"""Removes the shared memory that Fast DDS leaves behind when a process is killed.
 
-A participant owns one segment, ``fastrtps_`` and 16 hexadecimal digits in ``/dev/shm``, and holds a lock on the
-file of the same name with ``_el`` as long as it lives (Fast DDS 2, ``RobustExclusiveLock``; the kernel ends the lock
-with the process). Nobody opens the segment of a dead participant again, and who has it open keeps it. So they can be
-removed, unlike ports, which the next participant with the same number takes over. ``fastdds shm clean`` does the same.
+A participant owns one segment, ``fastrtps_`` and 16 hexadecimal digits in ``/dev/shm``, and locks the
+file of the same name with ``_el`` while it exists (Fast DDS 2, ``RobustExclusiveLock``; the kernel releases the lock
+with the process). Nobody opens the segment of a dead participant again, and removing it does not affect a process that
+still has it open. Ports stay: the next participant with the same number uses them again.
+``fastdds shm clean`` does the same.
 """
 
 import fcntl
@@ -16,7 +17,7 @@ from typing import Final
 
 FOLDER: Final = Path("/dev/shm")  # noqa: S108 - where Linux has its shared memory
 OLD_S: Final = 60.0
-"""A segment's lock file is made an instant before it is locked; one that is older has been locked or never will be."""
+"""A lock file exists for an instant before it is locked. One that is older than this is no longer in that state."""
 _LOCK_FILE: Final = re.compile(r"fastrtps_[0-9a-f]{16}_el")
 
 

@@ -1,4 +1,4 @@
-"""Timers by wall time: what waits for other programs, or keeps them company, while simulated time stands still."""
+"""Timers by wall time, for work that goes on while simulated time stands still."""
 
 from collections.abc import Callable
 from typing import Any

@@ -1,9 +1,9 @@
-"""Messages as the bytes that travel: encoded and decoded without a message object of rclpy's.
+"""Encodes and decodes messages without rclpy's message objects.
 
-Publishers hand Fast DDS the finished CDR and subscribers take it raw. The wire format is the
-standard one, so any ROS 2 program reads it. Two things are gained: the padding between fields is zero (rclpy's
-serialiser leaves what the memory held, which would make every bag different), and numpy arrays travel
-without a copy per element (a sweep of 55,000 points takes 0.1 ms instead of 2 ms).
+Publishers give Fast DDS the finished CDR, and subscribers take it raw. The wire format is the standard one, so any
+ROS 2 program reads it. There are two reasons. The padding between fields is zero; rclpy's serialiser leaves old memory
+there, so that bags would differ. And numpy arrays are not copied element by element: a sweep of 55,000 points takes
+0.1 ms instead of 2 ms.
 """
 
 from collections import deque
@@ -18,24 +18,24 @@ from siren_ros.numerics.units import step_of_time_ns
 _decoded: Final[dict[str, tuple[bytes, Any]]] = {}
 """The last message of each topic that was decoded, with its bytes."""
 _read: Final[dict[Callable[[Any], Any], deque[tuple[Any, Any]]]] = {}
-"""The last messages that each reading function read, with what they said: both kinds of commands have one type."""
+"""The last two results of each conversion with their messages: two topics of commands have one type."""
 Content = TypeVar("Content")
 
 
 def get_ready(topic: Topic) -> None:
-    """Compile what encodes and decodes a topic's messages now, rather than within the first step."""
+    """Compile the encoder and decoder of a topic's messages, so that the first step does not have to."""
     typestore().get_msgdef(topic.type_name)
 
 
 def encode(topic: Topic, message: Any) -> bytes:
-    """CDR of a message, filled up to whole words, so that the same bytes travel everywhere."""
+    """CDR of a message, padded to whole words, so that the bytes are the same everywhere."""
     return encode_cdr(typestore(), topic, message)
 
 
 def decode(topic: Topic, cdr: bytes) -> Any:
     """The message in a CDR; its arrays are views of the bytes, which nobody writes.
 
-    Where several nodes of one process hear a topic, the first decodes for all.
+    If several nodes of one process subscribe to a topic, the message is decoded once.
 
     Raises:
         EpisodeError: The bytes are no message of the topic's type; another program may have published them.
@@ -49,10 +49,10 @@ def decode(topic: Topic, cdr: bytes) -> Any:
 
 
 def content(read: Callable[[Any], Content], message: Any) -> Content:
-    """What a message says, in the library's types; where several nodes of one process ask, the first reads for all.
+    """A message converted to the library's types; a second call with the same message returns the first result.
 
     Args:
-        read: A reading function of ``siren_ros.interfaces``; its arrays are read-only.
+        read: A conversion of ``siren_ros.interfaces``; its arrays are read-only.
         message: As ``decode`` gives it.
 
     Raises:

@@ -22,7 +22,8 @@ from siren_ros.ros.participants.hang_watch import HangWatch, limits_s
 from siren_ros.ros.participants.master import LockstepMaster
 from siren_ros.ros.programs.composition import Composition, InProcess, OutOfProcess
 from siren_ros.ros.programs.episode_plan import plan_episode
-from siren_ros.ros.programs.program import Interrupt, start_ros
+from siren_ros.ros.programs.interrupt import Interrupt
+from siren_ros.ros.programs.program import start_ros
 from siren_ros.ros.programs.progress import Progress
 from siren_ros.ros.programs.summary import closing_summary
 from siren_ros.ros.transport import wire
@@ -111,15 +112,13 @@ def give_up(reason: str) -> None:
 def main() -> int:
     """Run one episode as the parameters say."""
     start_ros()
-    interrupt = Interrupt()
+    interrupt = Interrupt("cosim")
     try:
         with claimed_domain():
             return run_episode(Cosim(), interrupt)
     except SirenError as error:
         print(error, file=sys.stderr)
         return error.exit_code
-    except KeyboardInterrupt:
-        return EXIT_FAILED
     finally:
         rclpy.try_shutdown()
 

@@ -18,9 +18,11 @@ from siren_ros.recording.bag_writer import EpisodeBagWriter
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.recording.record_builder import RecordBuilder
 
+# A shell ignores Ctrl-C for background jobs, nohup ignores SIGHUP, and what the tests start would inherit that.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-    # A background job's shell ignores Ctrl-C, and what is ignored stays so in the programs that the tests start.
     signal.signal(signal.SIGINT, signal.default_int_handler)
+if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 WORKERS = 2
 """Processes that share the tests: an episode keeps more than one processor busy at times."""

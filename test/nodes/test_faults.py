@@ -1,16 +1,19 @@
 """What happens to an episode when something breaks: named within seconds, nothing lost, nothing left behind."""
 
 import os
+import pty
 import resource
 import shutil
 import signal
 import subprocess
+import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from faulty_episodes import ANSWER_S, Episode, mounted, next_episode_starts
-from live_episodes import Domain
+from live_episodes import Domain, cosim, recording, wait_until
 
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.recording.recover import recover_bag
@@ -55,6 +58,38 @@ def test_a_killed_node_ends_the_episode_by_name(node: str, episodes: list[Episod
         assert recover_bag(episode.working).steps >= 20
         next_episode_starts(episode)
     assert read_episode(tmp_path / "bags" / "bag.partial").steps >= 20
+
+
+@pytest.mark.parametrize("processes", ["false", "true"])
+def test_a_second_ctrl_c_at_once_changes_nothing(processes: str, episodes: list[Episode], tmp_path: Path) -> None:
+    episode = start(episodes, tmp_path, f"processes:={processes}")
+    episode.wait_until_recorded()
+    episode.fault(lambda: [(episode.process.send_signal(signal.SIGINT), time.sleep(0.1)) for _ in range(3)])
+    episode.wait_until_gone()
+    assert error_of(episode) == "cosim: stopped by SIGINT"
+    assert read_episode(tmp_path / "bags" / "bag.partial").steps >= 20
+    assert not episode.working.exists()
+
+
+def test_a_closed_terminal_ends_the_episode_in_order(tmp_path: Path) -> None:
+    terminal, inside = pty.openpty()
+    words = cosim(("sensors:=none", "duration_s:=40.0", "bag:=bag", "realtime_factor:=1.0"))
+    process = subprocess.Popen(
+        [sys.executable, *words], env=DOMAIN.environment, cwd=tmp_path, stdout=inside, stderr=inside
+    )
+    try:
+        os.close(inside)
+        wait_until(recording(tmp_path, 20_000))
+        os.close(terminal)
+        process.send_signal(signal.SIGHUP)
+        assert process.wait(timeout=ANSWER_S + 30.0) == 1
+    finally:
+        process.kill()
+        process.wait()
+    metadata = (tmp_path / "bag.partial" / "metadata.yaml").read_text(encoding="utf-8")
+    assert "stopped by SIGHUP" in metadata
+    assert read_episode(tmp_path / "bag.partial").steps >= 20
+    assert not list(tmp_path.glob(".bag*"))
 
 
 @pytest.mark.parametrize("processes", ["false", "true"])

@@ -14,6 +14,7 @@ from rclpy.signals import SignalHandlerOptions
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, SirenError
 from siren_ros.params.params_files import params_dir
 from siren_ros.ros.participants.participant import Participant
+from siren_ros.ros.programs.interrupt import Interrupt
 from siren_ros.ros.programs.parent import Parent
 from siren_ros.ros.transport.shared_memory import remove_abandoned_segments
 
@@ -28,23 +29,6 @@ PARENT_VARIABLE = "SIREN_PARENT_PID"
 
 _GARBAGE_AFTER = 20_000
 """New objects between two runs of Python's garbage collector. A step makes thousands of objects and no cycles."""
-
-
-class Interrupt:
-    """Remembers Ctrl-C and SIGTERM, so that the loop can end the episode in order."""
-
-    def __init__(self) -> None:
-        self.signal_name = ""
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._remember)
-
-    def _remember(self, number: int, _frame: object) -> None:
-        if self.signal_name:
-            raise KeyboardInterrupt
-        self.signal_name = signal.Signals(number).name
-
-    def __bool__(self) -> bool:
-        return bool(self.signal_name)
 
 
 def start_ros(args: list[str] | None = None) -> None:
@@ -87,7 +71,7 @@ def run_program(make_node: Callable[[str], Program], name: str) -> int:
     The process ends at most ``SHUTDOWN_S`` later, also if DDS does not shut down. The caller does nothing after it.
     """
     start_ros()
-    interrupt = Interrupt()
+    interrupt = Interrupt(name)
     parent = Parent(int(os.environ.get(PARENT_VARIABLE) or 0))
     try:
         node = make_node(name)
@@ -110,9 +94,6 @@ def run_program(make_node: Callable[[str], Program], name: str) -> int:
             node.close_early(f"{name}: stopped by {stopped}")
         else:
             node.flush(FLUSH_S)
-    except KeyboardInterrupt:
-        stopped = "repeated interruption"
-        print(f"{name}: stopped by {stopped}", file=sys.stderr)
     except SirenError as error:
         print(f"{name}: {error}", file=sys.stderr)
         code = error.exit_code

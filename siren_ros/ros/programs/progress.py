@@ -3,6 +3,7 @@
 import sys
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import TextIO
 
 import numpy as np
@@ -58,6 +59,10 @@ class Progress:
             self._began_s = time.monotonic()
         factor = step * STEP_S / self.wall_s if step and self.wall_s else 0.0
         line = f"{step * STEP_S:5.1f} s simulated, real-time factor {factor:.1f}, {self._text}"
+        with suppress(OSError):  # the terminal is closed, and SIGHUP is under way
+            self._show(step, line)
+
+    def _show(self, step: int, line: str) -> None:
         if not self._bar.disable:
             self._bar.set_postfix_str(line, refresh=False)
             self._bar.update(step - self._bar.n)
@@ -66,7 +71,8 @@ class Progress:
 
     def close(self) -> None:
         """Take the bar away."""
-        self._bar.close()
+        with suppress(OSError):
+            self._bar.close()
 
 
 def time_table(busy_s: Mapping[str, float], wall_s: float) -> list[str]:

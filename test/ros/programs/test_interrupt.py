@@ -1,0 +1,92 @@
+"""Signals: the first asks for an end, those within a second belong to it, a later one ends the program."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from program_output import next_line
+
+PROGRAM = """
+import sys, time
+from siren_ros.ros.programs import interrupt
+interrupt.SAME_S = float(sys.argv[1])
+asked = interrupt.Interrupt("program")
+print("ready", flush=True)
+while not asked:
+    time.sleep(0.01)
+print("asked", flush=True)
+sys.stdin.readline()
+print(asked.signal_name, flush=True)
+"""
+
+
+@contextmanager
+def started(same_s: float) -> "Iterator[subprocess.Popen[str]]":
+    """The program, ready for signals; it is gone afterwards."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, str(same_s)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert next_line(process.stdout) == "ready\n"
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_close_to_the_first_belong_to_it(number: signal.Signals) -> None:
+    with started(60.0) as process:
+        for sent in (number, signal.SIGINT, signal.SIGTERM):
+            process.send_signal(sent)
+            time.sleep(0.05)
+        out, err = process.communicate("\n", timeout=30)
+    assert (out, err, process.returncode) == (f"asked\n{number.name}\n", "", 0)
+
+
+def test_a_later_signal_ends_the_program_with_one_line() -> None:
+    with started(0.0) as process:
+        process.send_signal(signal.SIGINT)
+        assert next_line(process.stdout) == "asked\n"
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=30)
+    assert err == "program: ended at once by a second signal; `siren recover` completes a bag\n"
+    assert process.returncode == -signal.SIGINT
+
+
+def test_a_hangup_is_ignored_where_it_was() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with started(60.0) as process:
+            process.send_signal(signal.SIGHUP)
+            time.sleep(0.05)
+            process.send_signal(signal.SIGTERM)
+            assert next_line(process.stdout) == "asked\n"
+            assert process.communicate("\n", timeout=30)[0] == "SIGTERM\n"
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_after_a_hangup_nothing_is_written_to_a_program_that_is_gone() -> None:
+    reading, writing = os.pipe()
+    words = [sys.executable, "-c", PROGRAM, "60"]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=writing, stderr=writing) as process:
+        try:
+            os.close(writing)
+            with os.fdopen(reading, encoding="utf-8") as output:
+                assert output.readline() == "ready\n"
+            process.send_signal(signal.SIGHUP)
+            process.communicate(b"\n", timeout=30)
+        finally:
+            process.kill()
+    assert process.returncode == 0

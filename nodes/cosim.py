@@ -27,7 +27,7 @@ from siren_ros.ros.programs.program import start_ros
 from siren_ros.ros.programs.progress import Progress
 from siren_ros.ros.programs.summary import closing_summary
 from siren_ros.ros.transport import wire
-from siren_ros.ros.transport.domain import check_alone, claimed_domain
+from siren_ros.ros.transport.domain import check_alone, in_free_domain
 from siren_ros.ros.transport.endpoints import create_input
 from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
 
@@ -96,11 +96,10 @@ def run_episode(cosim: Cosim, interrupt: Interrupt) -> int:
         executor.shutdown()
     state = cosim.master.state
     print("\n".join(closing_summary(cosim.plan.bag, cosim.plan.kitti, state, cosim.outcome, cosim.progress.wall_s)))
-    refused = composition.exit_code()
     if state.end is EpisodeEnd.COMPLETE:
         return EXIT_OK
     print(f"cosim: {state.reason}", file=sys.stderr)
-    return refused or EXIT_FAILED
+    return composition.exit_code() or EXIT_FAILED
 
 
 def give_up(reason: str) -> None:
@@ -111,16 +110,20 @@ def give_up(reason: str) -> None:
 
 def main() -> int:
     """Run one episode as the parameters say."""
-    start_ros()
     interrupt = Interrupt("cosim")
-    try:
-        with claimed_domain():
+
+    def episode() -> int:
+        start_ros()
+        try:
             return run_episode(Cosim(), interrupt)
+        finally:
+            rclpy.try_shutdown()
+
+    try:
+        return in_free_domain(episode, lambda line: print(f"cosim: {line}", file=sys.stderr))
     except SirenError as error:
         print(error, file=sys.stderr)
         return error.exit_code
-    finally:
-        rclpy.try_shutdown()
 
 
 if __name__ == "__main__":

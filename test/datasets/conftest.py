@@ -23,7 +23,7 @@ def straight_road_of_two_lanes() -> RoadNetwork:
 def _episode(folder: Path, *parameters: str) -> Path:
     bag = folder / "bag"
     environment = {
-        "FASTRTPS_DEFAULT_PROFILES_FILE": str(REPOSITORY / "params" / "fastdds.xml"),
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(REPOSITORY / "params" / "fastdds_localhost.xml"),
         **os.environ,
         "ROS_DOMAIN_ID": str(own_domain()),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",

@@ -67,7 +67,7 @@ def ros_variables(domain_id: str) -> dict[str, str]:
     return {
         "ROS_DOMAIN_ID": domain_id,
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "FASTRTPS_DEFAULT_PROFILES_FILE": str(TOOLS.parent / "params/fastdds.xml"),
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(TOOLS.parent / "params/fastdds_localhost.xml"),
         "PYTHONPATH": os.pathsep.join(filter(None, [str(TOOLS), os.environ.get("PYTHONPATH", "")])),
     }
 

@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from environment_support import REPOSITORY, TIMEOUT_S, clean_environment
 
+from siren_ros.ros.transport.fastdds_profile import profile_name
+
 STEPS = REPOSITORY / "tools/environment"
 USABLE = "import sysconfig, os, ensurepip; assert os.path.exists(sysconfig.get_path('include') + '/Python.h')"
 
@@ -165,7 +167,9 @@ def test_discovery_stays_on_this_machine_unless_the_user_says_otherwise(tmp_path
 
 
 def test_the_profile_of_fast_dds_is_set_up_unless_the_user_has_a_profile(tmp_path: Path) -> None:
-    assert source_variables(tmp_path)["FASTRTPS_DEFAULT_PROFILES_FILE"] == str(STEPS.parents[1] / "params/fastdds.xml")
+    for variables in ({}, {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}, {"ROS_STATIC_PEERS": "10.0.0.1"}):
+        found = source_variables(tmp_path, **variables)
+        assert found["FASTRTPS_DEFAULT_PROFILES_FILE"] == str(REPOSITORY / "params" / profile_name(found))
     found = source_variables(tmp_path, FASTDDS_DEFAULT_PROFILES_FILE="/own.xml")
     assert "FASTRTPS_DEFAULT_PROFILES_FILE" not in found
 

@@ -44,7 +44,7 @@ class Domain:
 
     @property
     def environment(self) -> dict[str, str]:
-        profile = str(REPOSITORY / "params" / "fastdds.xml")
+        profile = str(REPOSITORY / "params" / "fastdds_localhost.xml")
         return {
             "FASTRTPS_DEFAULT_PROFILES_FILE": profile,
             **os.environ,

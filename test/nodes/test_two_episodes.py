@@ -1,9 +1,12 @@
 """Two episodes at once on one machine do not hear each other."""
 
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
-from live_episodes import Domain, digest, finish, recording, wait_until
+from live_episodes import Domain, cosim, digest, finish, recording, wait_until
 
 from siren_ros.ros.transport.domain import LARGEST_DOMAIN
 
@@ -27,6 +30,26 @@ def test_a_second_episode_in_one_domain_is_refused_and_harms_nothing(tmp_path: P
     assert list(second.iterdir()) == []
     assert run.code == 0, run.err
     assert "episode complete after 6.00 s" in run.out
+
+
+def test_episodes_without_a_chosen_domain_take_one_each(tmp_path: Path) -> None:
+    first, second = tmp_path / "first", tmp_path / "second"
+    first.mkdir()
+    second.mkdir()
+    unset = {name: value for name, value in HERE.environment.items() if name != "ROS_DOMAIN_ID"}
+    slow = [*cosim(("sensors:=none", "duration_s:=6.0", "bag:=bag", "realtime_factor:=1.0"))]
+    with subprocess.Popen([sys.executable, *slow], env=unset, cwd=first, stderr=subprocess.DEVNULL) as episode:
+        try:
+            wait_until(recording(first))
+            other = subprocess.run(
+                [sys.executable, *cosim(SHORT)], env=unset, cwd=second, capture_output=True, text=True, check=False
+            )
+            assert episode.wait(timeout=120.0) == 0
+        finally:
+            episode.kill()
+    assert other.returncode == 0, other.stderr
+    (line,) = [line for line in other.stderr.splitlines() if "ROS_DOMAIN_ID" in line]
+    assert re.fullmatch(r"cosim: lower DDS domains are in use .* ROS_DOMAIN_ID=[1-9]\d*", line)
 
 
 def test_episodes_in_two_domains_run_side_by_side(tmp_path: Path) -> None:

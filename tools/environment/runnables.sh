@@ -67,7 +67,12 @@ POSIX
         fi
         echo 'export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE-LOCALHOST}"'
         echo 'if [ -z "${FASTRTPS_DEFAULT_PROFILES_FILE-}${FASTDDS_DEFAULT_PROFILES_FILE-}" ]; then'
-        printf '    export FASTRTPS_DEFAULT_PROFILES_FILE=%q\n' "$root/params/fastdds.xml"
+        # Sockets on the loopback interface while discovery stays on this machine (siren_ros/ros/transport/fastdds_profile.py).
+        echo '    case "$ROS_AUTOMATIC_DISCOVERY_RANGE:${ROS_STATIC_PEERS-}" in'
+        printf '        :* | NOT_SET:* | SUBNET:* | SYSTEM_DEFAULT:* | *:?*) export FASTRTPS_DEFAULT_PROFILES_FILE=%q ;;\n' \
+            "$root/params/fastdds.xml"
+        printf '        *) export FASTRTPS_DEFAULT_PROFILES_FILE=%q ;;\n' "$root/params/fastdds_localhost.xml"
+        echo '    esac'
         echo 'fi'
         printf 'export COLCON_DEFAULTS_FILE="${COLCON_DEFAULTS_FILE-%s}"\n' "$root/colcon_defaults.yaml"
         echo 'unset -f _siren_prepend _siren_append'

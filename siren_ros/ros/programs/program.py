@@ -12,18 +12,16 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, SirenError
-from siren_ros.params.params_files import params_dir
 from siren_ros.ros.participants.participant import Participant
 from siren_ros.ros.programs.interrupt import Interrupt
 from siren_ros.ros.programs.parent import Parent
+from siren_ros.ros.transport.fastdds_profile import choose_profile
 from siren_ros.ros.transport.shared_memory import remove_abandoned_segments
 
 FLUSH_S = 2.0
 SPIN_S = 0.2
 SHUTDOWN_S = 3
 """A node was once seen to hang while DDS shut down, after another process had been killed. SIGALRM ends it then."""
-PROFILE_VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
-"""Environment variables that name Fast DDS's profile: of the release in Jazzy, and of later ones."""
 PARENT_VARIABLE = "SIREN_PARENT_PID"
 """Environment variable: process id of the program that started a participant, which ends with it."""
 
@@ -39,8 +37,7 @@ def start_ros(args: list[str] | None = None) -> None:
     """
     if PARENT_VARIABLE not in os.environ:
         remove_abandoned_segments()
-    if not any(os.environ.get(variable) for variable in PROFILE_VARIABLES):
-        os.environ[PROFILE_VARIABLES[0]] = str(params_dir() / "fastdds.xml")
+    choose_profile()
     gc.set_threshold(_GARBAGE_AFTER)
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
 

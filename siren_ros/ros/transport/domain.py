@@ -5,8 +5,8 @@ import os
 import socket
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import Final
 
 from rclpy.node import Node
@@ -18,8 +18,35 @@ VARIABLE: Final = "ROS_DOMAIN_ID"
 LARGEST_DOMAIN: Final = 101
 """Up to it every platform has the ports (ROS 2 documentation, "The ROS_DOMAIN_ID")."""
 DISCOVERY_S: Final = 0.3
-"""Two processes of one machine have found each other by then (params/fastdds.xml)."""
+"""Two processes of one machine have found each other by then (params/fastdds_localhost.xml)."""
 _POLL_S: Final = 0.01
+
+
+class DomainTakenError(InputError):
+    """Another episode or player uses the domain."""
+
+
+def in_free_domain(run: Callable[[], int], say: Callable[[str], None]) -> int:
+    """Run an episode in the user's domain, or, where ROS_DOMAIN_ID is not set, in the first one that is free.
+
+    Args:
+        run: Runs the episode in the domain that ROS_DOMAIN_ID names; must raise DomainTakenError before it has done
+            anything. Its result is returned.
+        say: Gets a line for the user where the domain is not the default one.
+
+    Raises:
+        DomainTakenError: The user's domain is taken, or all are.
+    """
+    if os.environ.get(VARIABLE):
+        with claimed_domain():
+            return run()
+    for number in range(LARGEST_DOMAIN + 1):
+        os.environ[VARIABLE] = str(number)
+        with suppress(DomainTakenError), claimed_domain():
+            if number:
+                say(f"lower DDS domains are in use on this machine, so this episode has {VARIABLE}={number}")
+            return run()
+    raise _taken("in every domain")
 
 
 @contextmanager
@@ -30,7 +57,7 @@ def claimed_domain() -> Iterator[None]:
     however the process ends. On other systems discovery alone decides.
 
     Raises:
-        InputError: An episode of this machine holds the domain; says how to choose another one.
+        DomainTakenError: An episode of this machine holds the domain; says how to choose another one.
     """
     if sys.platform != "linux":
         yield
@@ -55,7 +82,7 @@ def check_alone(node: Node, since_s: float) -> None:
         since_s: Monotonic time at which the node was made.
 
     Raises:
-        InputError: Somebody else is there; says how to choose another domain.
+        DomainTakenError: Somebody else is there; says how to choose another domain.
     """
     while True:
         publishers = node.get_publishers_info_by_topic(topics.CLOCK.name)
@@ -71,11 +98,11 @@ def _domain() -> int:
     return int(os.environ.get(VARIABLE) or 0)
 
 
-def _taken(where: str) -> InputError:
+def _taken(where: str) -> DomainTakenError:
     domain = _domain()
     another = (domain + 1) % (LARGEST_DOMAIN + 1)
     allowed = (
         f"a domain of its own for each episode; another one runs here already ({where}), so choose a free number "
         f"from 0 to {LARGEST_DOMAIN}, for example {VARIABLE}={another}"
     )
-    return InputError(VARIABLE, domain, allowed)
+    return DomainTakenError(VARIABLE, domain, allowed)

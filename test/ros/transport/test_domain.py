@@ -1,12 +1,14 @@
 """The claim to a DDS domain: one holder at a time on a machine, given back however the holder ends."""
 
+import os
 import subprocess
 import sys
+from contextlib import ExitStack, suppress
 
 import pytest
 
 from siren_ros.errors import InputError
-from siren_ros.ros.transport.domain import VARIABLE, claimed_domain
+from siren_ros.ros.transport.domain import VARIABLE, DomainTakenError, claimed_domain, in_free_domain
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="abstract sockets are Linux's")
 HOLD = """
@@ -24,6 +26,41 @@ def test_a_domain_is_claimed_once(monkeypatch: pytest.MonkeyPatch) -> None:
         pytest.fail("claimed twice")
     with claimed_domain():
         pass
+
+
+def test_without_a_chosen_domain_the_next_free_one_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    lines: list[str] = []
+    with ExitStack() as claims:
+        for number in ("0", "1", "2"):
+            monkeypatch.setenv(VARIABLE, number)
+            with suppress(DomainTakenError):  # an episode of this machine may have it
+                claims.enter_context(claimed_domain())
+        monkeypatch.delenv(VARIABLE)
+        number = in_free_domain(lambda: int(os.environ[VARIABLE]), lines.append)
+    assert number >= 3
+    (line,) = lines
+    assert line.endswith(f"this episode has ROS_DOMAIN_ID={number}")
+
+
+def test_a_domain_that_turns_out_to_be_taken_is_left_for_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(VARIABLE, raising=False)
+    tried: list[int] = []
+
+    def run() -> int:
+        tried.append(int(os.environ[VARIABLE]))
+        if len(tried) == 1:
+            raise DomainTakenError(VARIABLE, tried[0], "another one")
+        return 7
+
+    assert in_free_domain(run, lambda _line: None) == 7
+    assert len(tried) == 2
+    assert tried[0] < tried[1]
+
+
+def test_a_chosen_domain_that_is_taken_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, "98")
+    with claimed_domain(), pytest.raises(DomainTakenError, match="ROS_DOMAIN_ID: 98 cannot be used"):
+        in_free_domain(lambda: pytest.fail("it ran"), lambda _line: None)
 
 
 def test_two_domains_are_two_claims(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,6 +9,7 @@ from siren_ros.behaviour.driving.lane_change import (
     assess,
     change_length_m,
     entered_lane,
+    gaps_in_lane,
 )
 from siren_ros.behaviour.driving.situation import StepView
 from siren_ros.behaviour.emv.guard import Outcome
@@ -16,17 +17,18 @@ from siren_ros.behaviour.emv.route import plan_route, present_lane, strategic_si
 from siren_ros.behaviour.emv.unit import EmvUnit, LateralRequest, advice_of, event_of
 from siren_ros.behaviour.paths.lane_path import LaneEnd, neighbour_lane
 from siren_ros.numerics.units import steps_from_s
-from siren_ros.roads.road_network import NO_LANE
+from siren_ros.roads.road_network import NO_LANE, LaneKind
 from siren_ros.world.events import EventKind
 
 _INTENT_PAUSE_STEPS: Final = steps_from_s(1.0)
 """SUMO's intent comes and goes from step to step; a request ends after a pause of this length."""
 ROUTE: Final = "route"
 SUMO: Final = "sumo"
+SHOULDER: Final = "shoulder"
 
 
 def lateral_intent(unit: EmvUnit, view: StepView, row: int) -> tuple[int, str]:
-    """Side that the EMV wants to go to (+1 left, −1 right, 0 none) and who wants it: the route comes first.
+    """Side that the EMV wants to go to (+1 left, −1 right, 0 none) and why: the route first, then a free shoulder.
 
     Before the first plan nobody wants anything.
     """
@@ -37,8 +39,25 @@ def lateral_intent(unit: EmvUnit, view: StepView, row: int) -> tuple[int, str]:
     if plan.end is LaneEnd.ASTRAY and near:
         lane = present_lane(view, row, unit.navigator)
         return strategic_side(view.world.network, lane, view.traffic.route_of_row(row)), ROUTE
+    if shoulder_is_faster(unit, view, row):
+        return -1, SHOULDER
     advice = advice_of(view, unit.actor_id)
     return (advice.lane_change_intent if advice is not None else 0), SUMO
+
+
+def shoulder_is_faster(unit: EmvUnit, view: StepView, row: int) -> bool:
+    """Whether slow traffic ahead holds up the EMV while the shoulder next to its lane is free."""
+    network, config = view.world.network, view.world.config.emv
+    lane = present_lane(view, row, unit.navigator)
+    if lane == NO_LANE or network.lanes[lane].kind is not LaneKind.DRIVING:
+        return False
+    shoulder = neighbour_lane(network, lane, -1)
+    if shoulder == NO_LANE or network.lanes[shoulder].kind is not LaneKind.SHOULDER:
+        return False
+    own = gaps_in_lane(view, row, lane)
+    if own.front_m > config.shoulder_from_m or own.front_mps > config.shoulder_below_mps:
+        return False
+    return gaps_in_lane(view, row, shoulder).front_m > own.front_m + config.shoulder_gain_m
 
 
 def forced_lane_change(unit: EmvUnit, view: StepView, row: int) -> Outcome:

@@ -88,6 +88,25 @@ def test_a_feasible_intent_is_executed_whatever_it_gains_and_whoever_is_ahead(la
         assert kinds(events) == ["lane_change_requested", "lane_change_started"]
 
 
+@pytest.mark.parametrize(
+    ("level", "others", "asked"),
+    [
+        ("L1", [(2, 1, 90.0, 0.0)], True),
+        ("L2", [(2, 1, 90.0, 2.0)], True),
+        ("L1", [(2, 1, 90.0, 6.0)], False),
+        ("L1", [(2, 1, 130.0, 0.0)], False),
+        ("L1", [(2, 1, 90.0, 0.0), (3, 0, 95.0, 0.0)], False),
+    ],
+    ids=["queue", "slow traffic", "moving traffic", "far away", "shoulder in use"],
+)
+def test_uses_a_free_shoulder_where_slow_traffic_holds_it_up(lab, level, others, asked):
+    world = lab.world_of(lab.straight_road(2, shoulder=True), getattr(lab, level))
+    cars = [lab.Car(1, 1, 50, 8, (0,), AMBULANCE), *(lab.Car(*other, (0,)) for other in others)]
+    _, _, events = steps(lab, world, cars, 2)
+    wanted = [("lane_change_requested", "shoulder"), ("lane_change_started", "shoulder")] if asked else []
+    assert [(event.kind.value, event.detail["reason"]) for event in events] == wanted
+
+
 def test_infeasible_intent_is_reconsidered_and_dropped_after_a_while(lab, emv):
     cars = [emv, lab.Car(2, 0, 80, 2, (0,)), lab.Car(3, 1, 52, 10, (0,))]
     world = lab.world_of(lab.straight_road(), lab.L1)

@@ -3,9 +3,10 @@
     ./env ros2 run siren_ros cosim --ros-args -p av:=civilian
     ./env python examples/av_policy.py
 
-It answers every step with a control command for the same step; the platform waits for it. The policy follows the
-route by pure pursuit and keeps a distance to the vehicle ahead. With a siren within 40 m behind it slows down and moves
-to the right edge of its lane, and back when the emergency vehicle has passed.
+It answers every step with a control command for the same step; the platform waits for it. ``/tf`` gives the pose on the
+map (``map`` to ``av/odom`` to ``av/base_link``), ``/av/odom`` the speed. The policy follows the route by pure pursuit
+and keeps a distance to the vehicle ahead. With a siren within 40 m behind it slows down and moves to the right edge of
+its lane, and back when the emergency vehicle has passed.
 """
 
 import math
@@ -16,6 +17,7 @@ from nav_msgs.msg import Odometry, Path
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from siren_msgs.msg import AvControl, EpisodeEnd, GroundTruth
+from tf2_msgs.msg import TFMessage
 
 CRUISE_MPS = 9.0
 YIELD_MPS = 3.0
@@ -29,7 +31,7 @@ INDICATOR_RIGHT = 4
 
 
 class AvPolicy(Node):
-    """Answers ``/av/odom`` and ``/av/ground_truth`` of a step with ``/av/control_cmd``."""
+    """Answers ``/tf``, ``/av/odom`` and ``/av/ground_truth`` of a step with ``/av/control_cmd``."""
 
     def __init__(self) -> None:
         super().__init__("av_policy")
@@ -42,12 +44,13 @@ class AvPolicy(Node):
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.create_subscription(Path, "/av/route", self.on_route, latched)
         self.create_subscription(EpisodeEnd, "/siren/episode_end", self.on_end, latched)
+        self.create_subscription(TFMessage, "/tf", self.on_message, 8)
         self.create_subscription(Odometry, "/av/odom", self.on_message, 8)
         self.create_subscription(GroundTruth, "/av/ground_truth", self.on_message, 8)
 
     def get_ready(self) -> None:
         """The platform takes a controller for ready as soon as it publishes: the publisher comes last."""
-        heard = all(self.count_publishers(name) for name in ("/av/odom", "/av/ground_truth"))
+        heard = all(self.count_publishers(name) for name in ("/tf", "/av/odom", "/av/ground_truth"))
         if self.control is None and heard and len(self.way):
             self.control = self.create_publisher(AvControl, "/av/control_cmd", 8)
 
@@ -62,18 +65,19 @@ class AvPolicy(Node):
         """The episode is over."""
         self.over = True
 
-    def on_message(self, message: Odometry | GroundTruth) -> None:
+    def on_message(self, message: TFMessage | Odometry | GroundTruth) -> None:
         """Collect the messages of a step, whatever order they arrive in, and answer when they are complete."""
-        step = message.header.stamp.sec * 20 + message.header.stamp.nanosec // 50_000_000
+        stamp = (message.transforms[0] if isinstance(message, TFMessage) else message).header.stamp
+        step = stamp.sec * 20 + stamp.nanosec // 50_000_000
         parts = self.waiting.setdefault(step, {})
         parts[type(message)] = message
-        if len(parts) == (2 if step % 2 == 0 else 1):  # the ground truth comes at every second step
+        if len(parts) == (3 if step % 2 == 0 else 2):  # the ground truth comes at every second step
             self.truth = parts.get(GroundTruth, self.truth)
-            self.answer(step, parts[Odometry])
+            self.answer(step, parts[Odometry], pose_on_map(parts[TFMessage]))
             del self.waiting[step]
 
-    def answer(self, step: int, odometry: Odometry) -> None:
-        """Decide for one step."""
+    def answer(self, step: int, odometry: Odometry, pose: tuple[float, float, float]) -> None:
+        """Decide for one step, from a pose on the map: x, y and yaw."""
         x, y = np.array(self.truth.x_m), np.array(self.truth.y_m)
         siren = bool(np.any(np.array(self.truth.is_emv) & (x < 5.0) & (np.hypot(x, y) < SIREN_M)))
         target_m = RIGHT_EDGE_M if siren else 0.0
@@ -88,16 +92,14 @@ class AvPolicy(Node):
             step=step,
             throttle=float(np.clip(push, 0.0, 0.8)),
             brake=float(np.clip(-0.3 * push, 0.0, 0.6)),
-            steer_rad=self.steer(odometry, speed),
+            steer_rad=self.steer(pose, speed),
             lights=INDICATOR_RIGHT if siren else 0,
         )
         self.control.publish(command)
 
-    def steer(self, odometry: Odometry, speed_mps: float) -> float:
+    def steer(self, pose: tuple[float, float, float], speed_mps: float) -> float:
         """Pure pursuit of the way, shifted sideways by the present offset."""
-        pose = odometry.pose.pose
-        yaw = 2.0 * math.atan2(pose.orientation.z, pose.orientation.w)
-        here = np.array([pose.position.x, pose.position.y])
+        *here, yaw = pose
         nearest = int(np.argmin(np.hypot(*(self.way - here).T)))
         self.way = self.way[max(nearest - 4, 0) :]
         reach_m = max(6.0, 1.2 * speed_mps)
@@ -107,6 +109,18 @@ class AvPolicy(Node):
         dx, dy = self.way[target] + self.offset_m * left - here
         side_m = math.cos(yaw) * dy - math.sin(yaw) * dx
         return math.atan(2.0 * WHEELBASE_M * side_m / (dx * dx + dy * dy))
+
+
+def pose_on_map(message: TFMessage) -> tuple[float, float, float]:
+    """x, y and yaw of ``av/base_link``, through ``av/odom``; ``tf2_ros`` gives the same where it is installed."""
+    x = y = yaw = 0.0
+    by_child = {one.child_frame_id: one.transform for one in message.transforms}
+    for frame in ("av/odom", "av/base_link"):
+        move, turn = by_child[frame].translation, by_child[frame].rotation
+        x += math.cos(yaw) * move.x - math.sin(yaw) * move.y
+        y += math.sin(yaw) * move.x + math.cos(yaw) * move.y
+        yaw += 2.0 * math.atan2(turn.z, turn.w)
+    return x, y, yaw
 
 
 def main() -> None:

@@ -3,15 +3,18 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from siren_ros.errors import InputError
 from siren_ros.interfaces.messages import header, make_message, time_ns_of
+from siren_ros.numerics.arrays import Floats, Matrix
 from siren_ros.numerics.units import time_ns_of_step
-from siren_ros.world.frames import BASE_FRAME, MAP_FRAME
+from siren_ros.world.frames import BASE_FRAME, ODOM_FRAME
+from siren_ros.world.odometry import Odometry
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -26,19 +29,6 @@ class Transform:
     child: str
     translation_m: Vector
     rotation_xyzw: Quaternion
-
-
-@dataclass(frozen=True)
-class Odometry:
-    """Pose of a vehicle in the ``map`` frame and its velocity in its own axes (x forward, y left)."""
-
-    x_m: float
-    y_m: float
-    z_m: float
-    yaw_rad: float
-    forward_mps: float
-    left_mps: float
-    yaw_rate_radps: float
 
 
 def quaternion_of_yaw(yaw_rad: float) -> Quaternion:
@@ -129,33 +119,75 @@ def from_tf(message: Any) -> tuple[Transform, ...]:
     )
 
 
-def to_odometry(step: int, odometry: Odometry, child: str = BASE_FRAME) -> Any:
-    """``nav_msgs/Odometry`` without uncertainty: it is the simulation's own state."""
+def matrix_of_transform(transform: Transform) -> Matrix:
+    """Points in the parent from points in the child, shape ``(4, 4)``."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = matrix_of_quaternion(transform.rotation_xyzw)
+    matrix[:3, 3] = transform.translation_m
+    return matrix
+
+
+def matrix_between(transforms: Sequence[Transform], parent: str, child: str) -> Matrix:
+    """Points in ``parent`` from points in ``child``, through the frames between them, shape ``(4, 4)``.
+
+    Raises:
+        InputError: The transforms do not lead from one to the other.
+    """
+    by_child = {transform.child: transform for transform in transforms}
+    matrix, frame = np.eye(4), child
+    while frame != parent:
+        if frame not in by_child:
+            raise InputError("frames", child, f"a frame with a chain of transforms from {parent}")
+        transform = by_child.pop(frame)
+        matrix, frame = matrix_of_transform(transform) @ matrix, transform.parent
+    return matrix
+
+
+_CONSTRAINED_VARIANCE: Final = 1e-6
+"""Of z, roll and pitch, (1 mm)² and (1 mrad)²: the world is flat, and filters want a matrix that can be inverted."""
+_PLANAR: Final = np.ix_([0, 1, 5], [0, 1, 5])
+"""x, y and yaw in a covariance of x, y, z and rotations about x, y, z."""
+
+
+def to_odometry(step: int, odometry: Odometry, parent: str = ODOM_FRAME, child: str = BASE_FRAME) -> Any:
+    """``nav_msgs/Odometry``: pose and its covariance in ``parent``, velocity and its covariance in ``child``."""
     twist = make_message(
         "geometry_msgs/msg/Twist",
         linear=to_vector((odometry.forward_mps, odometry.left_mps, 0.0)),
         angular=to_vector((0.0, 0.0, odometry.yaw_rate_radps)),
     )
-    pose = to_pose((odometry.x_m, odometry.y_m, odometry.z_m), quaternion_of_yaw(odometry.yaw_rad))
+    pose = to_pose((odometry.x_m, odometry.y_m, 0.0), quaternion_of_yaw(odometry.yaw_rad))
     return make_message(
         "nav_msgs/msg/Odometry",
-        header=header(time_ns_of_step(step), MAP_FRAME),
+        header=header(time_ns_of_step(step), parent),
         child_frame_id=child,
-        pose=make_message("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
-        twist=make_message("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=np.zeros(36)),
+        pose=make_message(
+            "geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=_to_covariance(odometry.pose_covariance)
+        ),
+        twist=make_message(
+            "geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=_to_covariance(odometry.twist_covariance)
+        ),
     )
 
 
+def _to_covariance(planar: Floats) -> Floats:
+    """The 36 elements, row by row, of a covariance of three planar quantities."""
+    full = np.eye(6) * _CONSTRAINED_VARIANCE
+    full[_PLANAR] = planar
+    return full.reshape(-1)
+
+
 def from_odometry(message: Any) -> tuple[int, Odometry]:
-    """Inverse of ``to_odometry``: simulated time in nanoseconds and the state."""
-    x, y, z = from_vector(message.pose.pose.position)
+    """Inverse of ``to_odometry``: simulated time in nanoseconds and the estimate."""
+    x, y, _ = from_vector(message.pose.pose.position)
     odometry = Odometry(
         x_m=x,
         y_m=y,
-        z_m=z,
         yaw_rad=yaw_of_quaternion(from_quaternion(message.pose.pose.orientation)),
         forward_mps=float(message.twist.twist.linear.x),
         left_mps=float(message.twist.twist.linear.y),
         yaw_rate_radps=float(message.twist.twist.angular.z),
+        pose_covariance=np.array(message.pose.covariance, np.float64).reshape(6, 6)[_PLANAR],
+        twist_covariance=np.array(message.twist.covariance, np.float64).reshape(6, 6)[_PLANAR],
     )
     return time_ns_of(message.header.stamp), odometry

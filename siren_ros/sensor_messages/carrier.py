@@ -7,13 +7,15 @@ import numpy as np
 
 from siren_ros.errors import EpisodeError
 from siren_ros.interfaces.topics import AV_CARRIER, EMV_CARRIER
-from siren_ros.interfaces.transforms import Odometry, Transform, quaternion_of_matrix, quaternion_of_yaw
+from siren_ros.interfaces.transforms import Transform, quaternion_of_matrix, quaternion_of_yaw
 from siren_ros.numerics.arrays import Matrix
 from siren_ros.numerics.random_streams import random_stream
+from siren_ros.sensors.navigation.wheel_odometry import VehicleMotion
 from siren_ros.sensors.suite.mount import OPTICAL_FROM_BODY, Mount
 from siren_ros.sensors.suite.suite import SensorSuite
 from siren_ros.world.actors import ActorStates
-from siren_ros.world.frames import BASE_FRAME, MAP_FRAME, STATION_FRAME
+from siren_ros.world.frames import BASE_FRAME, MAP_FRAME, ODOM_FRAME, STATION_FRAME
+from siren_ros.world.odometry import Odometry
 
 
 @dataclass(frozen=True)
@@ -55,18 +57,12 @@ def row_of_carrier(states: ActorStates, carrier_id: int) -> int:
     return row
 
 
-def map_from_base_transform(states: ActorStates, row: int, carrier: Carrier = EMV) -> Transform:
-    """``/tf`` of a carrier: ``map`` to ``base_link``."""
-    position = (float(states.x_m[row]), float(states.y_m[row]), float(states.z_m[row]))
-    return Transform(MAP_FRAME, carrier.frame(BASE_FRAME), position, quaternion_of_yaw(float(states.yaw_rad[row])))
-
-
-def odometry_of(states: ActorStates, row: int) -> Odometry:
-    """Pose in ``map`` and velocity in ``base_link`` of the carrier."""
+def motion_of(states: ActorStates, row: int) -> VehicleMotion:
+    """Pose in ``map`` and velocity in ``base_link`` of an actor."""
     yaw_rad = float(states.yaw_rad[row])
     vx_mps, vy_mps = float(states.vx_mps[row]), float(states.vy_mps[row])
     cos, sin = float(np.cos(yaw_rad)), float(np.sin(yaw_rad))
-    return Odometry(
+    return VehicleMotion(
         x_m=float(states.x_m[row]),
         y_m=float(states.y_m[row]),
         z_m=float(states.z_m[row]),
@@ -74,6 +70,23 @@ def odometry_of(states: ActorStates, row: int) -> Odometry:
         forward_mps=cos * vx_mps + sin * vy_mps,
         left_mps=cos * vy_mps - sin * vx_mps,
         yaw_rate_radps=float(states.yaw_rate_radps[row]),
+    )
+
+
+def frames_of(motion: VehicleMotion, odometry: Odometry, carrier: Carrier = EMV) -> tuple[Transform, Transform]:
+    """``/tf`` of a carrier (REP 105): ``map`` to ``odom`` to ``base_link``.
+
+    ``odom`` to ``base_link`` is the odometry. ``map`` to ``odom`` corrects its drift, as an exact localisation would,
+    so that both together give the simulated pose.
+    """
+    turn_rad = motion.yaw_rad - odometry.yaw_rad
+    cos, sin = float(np.cos(turn_rad)), float(np.sin(turn_rad))
+    x_m = motion.x_m - (cos * odometry.x_m - sin * odometry.y_m)
+    y_m = motion.y_m - (sin * odometry.x_m + cos * odometry.y_m)
+    odom, base = carrier.frame(ODOM_FRAME), carrier.frame(BASE_FRAME)
+    return (
+        Transform(MAP_FRAME, odom, (x_m, y_m, motion.z_m), quaternion_of_yaw(turn_rad)),
+        Transform(odom, base, (odometry.x_m, odometry.y_m, 0.0), quaternion_of_yaw(odometry.yaw_rad)),
     )
 
 

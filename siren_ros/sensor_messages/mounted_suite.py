@@ -10,11 +10,21 @@ from siren_ros.interfaces.topics import AV_CARRIER_TOPICS, Topic
 from siren_ros.interfaces.transforms import Transform, to_tf
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.episode import EpisodeDescription
-from siren_ros.sensor_messages.carrier import AV, Carrier, noise_seed, static_transforms
+from siren_ros.sensor_messages.carrier import (
+    AV,
+    Carrier,
+    frames_of,
+    motion_of,
+    noise_seed,
+    row_of_carrier,
+    static_transforms,
+)
 from siren_ros.sensor_messages.observation_messages import ObservationMessages, Published
 from siren_ros.sensor_messages.sensor_topics import carriers_of, suite_topics
+from siren_ros.sensors.navigation.wheel_odometry import WheelOdometry
 from siren_ros.sensors.rig.rig import SensorRig
 from siren_ros.sensors.suite.look_file import load_look, look_of
+from siren_ros.world.actors import ActorStates
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,11 +37,22 @@ class MountedSuite:
     """Topics of this suite, beyond those that every carrier has."""
     transforms: tuple[Transform, ...]
     """Mounts of the sensors."""
+    wheels: WheelOdometry
 
     @property
     def carrier(self) -> Carrier:
         """The vehicle with the suite."""
         return self.messages.carrier
+
+    def locate(self, states: ActorStates) -> tuple[tuple[Transform, ...], Published]:
+        """Frames and odometry of the carrier at a step; call it at every step.
+
+        Raises:
+            EpisodeError: The carrier has left the map.
+        """
+        motion = motion_of(states, row_of_carrier(states, self.messages.carrier_id))
+        odometry = self.wheels.measure(states.step, motion)
+        return frames_of(motion, odometry, self.carrier), self.messages.odometry(states.step, odometry)
 
 
 def mounted_suites(
@@ -69,7 +90,8 @@ def mounted_suites(
         rig.prepare()
         scene = rig.scene
         topics_ = (*(AV_CARRIER_TOPICS if carrier == AV else ()), *suite_topics(suite, carrier))
-        yield MountedSuite(rig, messages, topics_, tuple(static_transforms(suite, carrier, rig.station)))
+        mounts = tuple(static_transforms(suite, carrier, rig.station))
+        yield MountedSuite(rig, messages, topics_, mounts, WheelOdometry(noise_seed(episode.seed, carrier)))
 
 
 def setup_messages(suites: Sequence[MountedSuite]) -> Iterator[Published]:

@@ -15,14 +15,11 @@ from siren_ros.interfaces.markers import to_markers, vehicle_markers
 from siren_ros.interfaces.navigation import ImuReading, SatelliteFix, to_imu, to_nav_sat_fix
 from siren_ros.interfaces.point_cloud import to_point_cloud
 from siren_ros.interfaces.topics import Topic
-from siren_ros.interfaces.transforms import to_odometry, to_tf
+from siren_ros.interfaces.transforms import Transform, to_odometry, to_tf
 from siren_ros.sensor_messages.carrier import (
     EMV,
     Carrier,
-    map_from_base_transform,
-    odometry_of,
     optical_frame,
-    row_of_carrier,
 )
 from siren_ros.sensors.camera.camera import CameraFrame
 from siren_ros.sensors.camera.camera_model import Pinhole
@@ -31,8 +28,9 @@ from siren_ros.sensors.suite.suite import CameraSpec, SensorSuite, period_steps
 from siren_ros.sensors.suite.wanted_labels import WantedLabels
 from siren_ros.world.actors import ActorDescription, ActorStates
 from siren_ros.world.camera_truth import CameraTruth
-from siren_ros.world.frames import BASE_FRAME
+from siren_ros.world.frames import BASE_FRAME, ODOM_FRAME
 from siren_ros.world.ground_truth import GroundTruth
+from siren_ros.world.odometry import Odometry
 
 Published = tuple[Topic, Any]
 
@@ -40,20 +38,15 @@ Published = tuple[Topic, Any]
 def shared_messages(
     states: ActorStates,
     actors: Mapping[int, ActorDescription],
-    carriers: Sequence[tuple[Carrier, int]],
+    transforms: Sequence[Transform],
 ) -> Iterator[Published]:
     """Messages of a step that all carriers share: the tree of frames, and the markers.
 
     Args:
         states: All actors at the step.
         actors: What they are, by id.
-        carriers: The carriers with their actor ids.
-
-    Raises:
-        EpisodeError: A carrier has left the map.
+        transforms: Of all carriers.
     """
-    rows = [(carrier, row_of_carrier(states, actor_id)) for carrier, actor_id in carriers]
-    transforms = [map_from_base_transform(states, row, carrier) for carrier, row in rows]
     yield topics.TF, to_tf(states.step, transforms)
     if states.step % topics.MARKERS.period_steps == 0:
         yield topics.MARKERS, to_markers(states.step, vehicle_markers(states, actors))
@@ -70,14 +63,8 @@ class ObservationMessages:
     carrier: Carrier = EMV
 
     def of_step(self, states: ActorStates, seen: Observations) -> Iterator[Published]:
-        """Messages that are due at the step, each with its topic.
-
-        Raises:
-            EpisodeError: The carrier has left the map.
-        """
+        """Messages that are due at the step, each with its topic."""
         step, frame = states.step, self.carrier.frame
-        odometry = odometry_of(states, row_of_carrier(states, self.carrier_id))
-        yield self._own(topics.ODOMETRY), to_odometry(step, odometry, frame(BASE_FRAME))
         if seen.truth is not None:
             yield from self._labels(replace(seen.truth, frame_id=frame(seen.truth.frame_id)))
         for sweep in seen.sweeps:
@@ -87,6 +74,11 @@ class ObservationMessages:
         for exposure in seen.frames:
             yield from self._images(exposure, seen.labels.get(exposure.sensor))
         yield from self._others(seen)
+
+    def odometry(self, step: int, odometry: Odometry) -> Published:
+        """The odometry of the carrier."""
+        frame = self.carrier.frame
+        return self._own(topics.ODOMETRY), to_odometry(step, odometry, frame(ODOM_FRAME), frame(BASE_FRAME))
 
     def _labels(self, truth: GroundTruth) -> Iterator[Published]:
         if truth.step % topics.GROUND_TRUTH.period_steps == 0:

@@ -47,8 +47,9 @@ class TrailingSensing:
             EpisodeError: A carrier has left the map.
         """
         earlier = self._end()
-        carriers = [(suite.carrier, suite.messages.carrier_id) for suite in self._suites]
-        yield from shared_messages(states, actors, carriers)
+        located = [suite.locate(states) for suite in self._suites]
+        yield from shared_messages(states, actors, [transform for transforms, _ in located for transform in transforms])
+        yield from (odometry for _, odometry in located)
         begun = [suite.rig.begin(states, actors, signals, suite.messages.carrier_id) for suite in self._suites]
         self._begun = (states, begun)
         yield from earlier

@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from siren_ros.errors import InputError
 from siren_ros.interfaces.transforms import (
-    Odometry,
     Transform,
     from_odometry,
     from_tf,
+    matrix_between,
     matrix_of_quaternion,
     quaternion_of_matrix,
     quaternion_of_yaw,
@@ -19,6 +20,7 @@ from siren_ros.interfaces.transforms import (
     to_tf,
     yaw_of_quaternion,
 )
+from siren_ros.world.odometry import Odometry
 
 ANGLES = st.floats(-math.pi + 1e-9, math.pi)
 
@@ -49,9 +51,31 @@ def test_transforms_come_back(round_trip: Callable[[object], Any]) -> None:
     assert message.transforms[0].header.stamp.nanosec == 150_000_000
 
 
+def test_transforms_are_chained_through_the_frames_between() -> None:
+    chain = (
+        Transform("odom", "base_link", (2.0, 0.0, 0.0), quaternion_of_yaw(0.5)),
+        Transform("map", "odom", (10.0, 20.0, 1.0), quaternion_of_yaw(math.pi / 2.0)),
+    )
+    map_from_base = matrix_between(chain, "map", "base_link")
+    assert np.allclose(map_from_base[:3, 3], [10.0, 22.0, 1.0])
+    assert np.allclose(map_from_base[:2, 0], [math.cos(math.pi / 2.0 + 0.5), math.sin(math.pi / 2.0 + 0.5)])
+    assert np.array_equal(matrix_between(chain, "map", "map"), np.eye(4))
+    for circle in (chain[:1], (Transform("base_link", "base_link", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)),)):
+        with pytest.raises(InputError, match="chain of transforms from map"):
+            matrix_between(circle, "map", "base_link")
+
+
 def test_odometry_comes_back_with_its_time(round_trip: Callable[[object], Any]) -> None:
-    odometry = Odometry(1.0, 2.0, 0.0, -2.5, 13.9, -0.1, 0.2)
-    time_ns, back = from_odometry(round_trip(to_odometry(41, odometry)))
+    pose = np.array([[4.0, 0.1, 0.2], [0.1, 5.0, 0.3], [0.2, 0.3, 6.0]])
+    odometry = Odometry(1.0, 2.0, -2.5, 13.9, -0.1, 0.2, pose, 0.1 * pose)
+    message = round_trip(to_odometry(41, odometry, "av/odom", "av/base_link"))
+    time_ns, back = from_odometry(message)
     assert time_ns == 41 * 50_000_000
+    assert (message.header.frame_id, message.child_frame_id) == ("av/odom", "av/base_link")
     assert back.yaw_rad == pytest.approx(odometry.yaw_rad)
-    assert (back.x_m, back.forward_mps, back.left_mps, back.yaw_rate_radps) == (1.0, 13.9, -0.1, 0.2)
+    assert (back.x_m, back.y_m, back.forward_mps, back.left_mps, back.yaw_rate_radps) == (1.0, 2.0, 13.9, -0.1, 0.2)
+    assert np.array_equal(back.pose_covariance, pose)
+    assert np.array_equal(back.twist_covariance, 0.1 * pose)
+    full = np.array(message.pose.covariance).reshape(6, 6)  # x, y, z, and rotations about x, y, z (REP 103)
+    assert (full[0, 1], full[0, 5], full[5, 5]) == (0.1, 0.2, 6.0)
+    assert np.all(np.linalg.eigvalsh(full) > 0.0)

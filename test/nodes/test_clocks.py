@@ -24,10 +24,10 @@ cameras:
 """
 SLOW_LIDAR = SMALL_SUITE.replace("rate_hz: 20", "rate_hz: 10")
 FRAMES = {
-    "/tf": {("map", "base_link"), ("map", "av/base_link")},
+    "/tf": {("map", "odom"), ("odom", "base_link"), ("map", "av/odom"), ("av/odom", "av/base_link")},
     "/tf_static": {("base_link", "lidar"), ("av/base_link", "av/lidar")},
-    "/emv/odom": {("map", "base_link")},
-    "/av/odom": {("map", "av/base_link")},
+    "/emv/odom": {("odom", "base_link")},
+    "/av/odom": {("av/odom", "av/base_link")},
     "/emv/ground_truth": {("lidar",)},
     "/av/ground_truth": {("av/lidar",)},
     "/emv/ground_truth/boxes": {("lidar",)},

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from siren_ros.errors import EpisodeError
 from siren_ros.interfaces import topics
-from siren_ros.sensor_messages.carrier import AV, EMV, Carrier
+from siren_ros.interfaces.transforms import Transform
+from siren_ros.sensor_messages.carrier import AV, EMV, Carrier, row_of_carrier
 from siren_ros.sensor_messages.trailing_sensing import TrailingSensing
 from siren_ros.sensors.rig.observations import Observations, Sensing
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
@@ -56,7 +57,12 @@ class RecordedSuite:
     def _of_step(self, states: ActorStates, seen: Observations) -> Iterator[tuple[Any, int]]:
         assert seen.step == states.step
         self.log.append(("messages", states.step))
-        yield topics.ODOMETRY.of_carrier(self.carrier.name), states.step
+        yield topics.GROUND_TRUTH.of_carrier(self.carrier.name), states.step
+
+    def locate(self, states: ActorStates) -> Any:
+        row_of_carrier(states, self.carrier_id)
+        base = Transform("map", self.carrier.frame("base_link"), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+        return (base,), (topics.ODOMETRY.of_carrier(self.carrier.name), states.step)
 
 
 @pytest.fixture(name="sensing")
@@ -68,30 +74,28 @@ def _sensing() -> Callable[..., tuple[TrailingSensing, RecordedSuite]]:
     return build
 
 
-def odometry_steps(published: Iterator[tuple[Any, Any]]) -> list[int]:
-    """Steps of the measurements that go out; the frames of the step itself always go out at once."""
-    found = list(published)
-    assert found == [] or found[0][0] in {topics.TF, topics.ODOMETRY}
-    return [message for topic, message in found if topic == topics.ODOMETRY]
+def label_steps(published: Iterator[tuple[Any, Any]]) -> list[int]:
+    """Steps of the measurements that go out."""
+    return [message for topic, message in published if topic == topics.GROUND_TRUTH]
 
 
 @pytest.mark.parametrize(("trails", "in_background"), [(False, True), (True, False)])
 def test_measurements_go_out_at_once_where_nothing_trails(sensing: Any, trails: bool, in_background: bool) -> None:
     trailing, _ = sensing(trails=trails, in_background=in_background)
     for step in range(3):
-        assert odometry_steps(trailing.step(states_at(step, 1), ACTORS, ())) == [step]
+        assert label_steps(trailing.step(states_at(step, 1), ACTORS, ())) == [step]
         assert not trailing.under_way
         assert list(trailing.finished_steps(0.5)) == [(step, 0.5)]
 
 
 def test_a_trailing_step_goes_out_after_the_next_has_begun(sensing: Any) -> None:
     trailing, suite = sensing(trails=True)
-    assert odometry_steps(trailing.step(states_at(0, 1), ACTORS, ())) == []
+    assert label_steps(trailing.step(states_at(0, 1), ACTORS, ())) == []
     assert trailing.under_way
-    assert odometry_steps(trailing.step(states_at(1, 1), ACTORS, ())) == [0]
+    assert label_steps(trailing.step(states_at(1, 1), ACTORS, ())) == [0]
     assert suite.log == [("begin", 0), ("finish", 0), ("begin", 1), ("messages", 0)]
-    assert odometry_steps(trailing.finish()) == [1]
-    assert odometry_steps(trailing.finish()) == []
+    assert label_steps(trailing.finish()) == [1]
+    assert label_steps(trailing.finish()) == []
     assert not trailing.under_way
 
 
@@ -113,9 +117,9 @@ def test_every_step_is_published_and_reported_once_and_in_order(pauses: list[boo
     published: list[int] = []
     reported: list[int] = []
     for step, pause in enumerate([*pauses, True]):
-        published += odometry_steps(trailing.step(states_at(step, 1), ACTORS, ()))
+        published += label_steps(trailing.step(states_at(step, 1), ACTORS, ()))
         if pause:  # the next step is late
-            published += odometry_steps(trailing.finish())
+            published += label_steps(trailing.finish())
         reported += [finished for finished, _ in trailing.finished_steps(0.0)]
         assert reported == published
         assert len(published) >= step + 1 - trails
@@ -128,8 +132,24 @@ def test_both_carriers_begin_before_either_is_waited_for() -> None:
     trailing = TrailingSensing(suites, trails=False)
     published = list(trailing.step(states_at(4, 1, 2), ACTORS, ()))
     assert log == [("begin", 4)] * 2 + [("finish", 4)] * 2 + [("messages", 4)] * 2
-    assert [topic.name for topic, _ in published] == ["/tf", "/siren/markers", "/emv/odom", "/av/odom"]
+    assert [topic.name for topic, _ in published] == [
+        "/tf",
+        "/siren/markers",
+        "/emv/odom",
+        "/av/odom",
+        "/emv/ground_truth",
+        "/av/ground_truth",
+    ]
     assert [frame.child_frame_id for frame in published[0][1].transforms] == ["base_link", "av/base_link"]
+
+
+@pytest.mark.parametrize("trails", [False, True])
+def test_frames_and_odometry_go_out_at_once(sensing: Any, trails: bool) -> None:
+    trailing, _ = sensing(trails=trails)
+    for step in range(3):
+        published = list(trailing.step(states_at(step, 1), ACTORS, ()))
+        assert [message for topic, message in published if topic == topics.ODOMETRY] == [step]
+        assert sum(topic == topics.TF for topic, _ in published) == 1
 
 
 def test_a_carrier_that_has_left_the_map_is_an_error(sensing: Any) -> None:

@@ -14,7 +14,7 @@ from siren_ros.interfaces import topics
 from siren_ros.interfaces.episode_conversions import from_episode_description, from_episode_outcome
 from siren_ros.interfaces.images import CameraIntrinsics, from_camera_info
 from siren_ros.interfaces.topics import Topic
-from siren_ros.interfaces.transforms import Transform, from_tf, matrix_of_quaternion
+from siren_ros.interfaces.transforms import from_tf, matrix_of_transform
 from siren_ros.numerics.arrays import Matrix
 from siren_ros.numerics.units import step_of_time_ns
 from siren_ros.recording.bag_reader import BagMessage, OpenBag, damage_refused, open_bag
@@ -113,7 +113,7 @@ class EpisodeSource:
         message = self._first(topics.TF_STATIC.name)
         with damage_refused(self.path):
             found = () if message is None else from_tf(message)
-        return {transform.child: _matrix(transform) for transform in found}
+        return {transform.child: matrix_of_transform(transform) for transform in found}
 
     def _sensors(self, topic: Topic) -> dict[str, str]:
         """Names of the sensors that publish on a kind of topic, with the topics."""
@@ -186,14 +186,6 @@ class EpisodeSource:
 
 def _step_of(held: dict[str, BagMessage]) -> int:
     return step_of_time_ns(next(iter(held.values())).time_ns)
-
-
-def _matrix(transform: Transform) -> Matrix:
-    """Points in the parent from points in the child."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = matrix_of_quaternion(transform.rotation_xyzw)
-    matrix[:3, 3] = transform.translation_m
-    return matrix
 
 
 @contextmanager

@@ -1,0 +1,39 @@
+"""Frames of a carrier: whatever the odometry says, ``map`` to ``odom`` to ``base_link`` is the simulated pose."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from siren_ros.interfaces.transforms import Transform, matrix_of_quaternion
+from siren_ros.sensor_messages.carrier import AV, EMV, frames_of
+from siren_ros.sensors.navigation.wheel_odometry import VehicleMotion
+from siren_ros.sensors.suite.mount import map_from_base, transform
+from siren_ros.world.odometry import Odometry
+
+places, angles = st.floats(-500.0, 500.0), st.floats(-3.1, 3.1)
+
+
+def matrix(one: Transform) -> np.ndarray:
+    return transform(matrix_of_quaternion(one.rotation_xyzw), one.translation_m)
+
+
+@given(places, places, angles, places, places, angles)
+def test_both_transforms_give_the_simulated_pose(
+    x_m: float, y_m: float, yaw_rad: float, odom_x_m: float, odom_y_m: float, odom_yaw_rad: float
+) -> None:
+    motion = VehicleMotion(x_m, y_m, 1.5, yaw_rad, 10.0, 0.0, 0.0)
+    odometry = Odometry(odom_x_m, odom_y_m, odom_yaw_rad, 10.0, 0.0, 0.0, np.eye(3), np.eye(3))
+    map_from_odom, odom_from_base = frames_of(motion, odometry)
+    both = matrix(map_from_odom) @ matrix(odom_from_base)
+    assert np.allclose(both, map_from_base(x_m, y_m, 1.5, yaw_rad), atol=1e-9)
+    assert np.allclose(matrix(odom_from_base), map_from_base(odom_x_m, odom_y_m, 0.0, odom_yaw_rad), atol=1e-9)
+
+
+def test_every_carrier_has_a_chain_of_its_own() -> None:
+    motion = VehicleMotion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    odometry = Odometry(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.eye(3), np.eye(3))
+    chains = [[(one.parent, one.child) for one in frames_of(motion, odometry, carrier)] for carrier in (EMV, AV)]
+    assert chains == [
+        [("map", "odom"), ("odom", "base_link")],
+        [("map", "av/odom"), ("av/odom", "av/base_link")],
+    ]

@@ -11,6 +11,7 @@ from siren_ros.sensors.lidar.lidar import CarrierMotion, Lidar, LidarSweep
 from siren_ros.sensors.lidar.raycast_world import RaycastWorld
 from siren_ros.sensors.meshes.material import Material
 from siren_ros.sensors.meshes.mesh import Mesh, VehicleShape
+from siren_ros.sensors.suite.look import Look
 from siren_ros.sensors.suite.mount import Mount, map_from_base
 from siren_ros.sensors.suite.suite import LidarSpec
 from siren_ros.world.actors import ActorClass
@@ -187,6 +188,18 @@ def test_intensity_of_a_vehicle_whose_shape_is_stretched(boxes: Any) -> None:
     assert on_slope.sum() > 20
     expected = expected_intensity(sweep, on_slope, normal, 0.6, SPEC.atmosphere_attenuation_per_m)
     assert np.allclose(sweep.points["intensity"][on_slope], expected, rtol=0.001, atol=LEVEL)
+
+
+def test_fog_weakens_a_return_on_the_way_there_and_back(world: RaycastWorld, boxes: Any) -> None:
+    fog = Look(visibility_m=60.0)
+    spec = replace(SPEC, atmosphere_attenuation_per_m=0.0)
+    clear, foggy = (
+        Lidar(spec, world, 0, look).scan(0, spec.mount.base_from_sensor, boxes.placed()) for look in (Look(), fog)
+    )
+    distance = np.linalg.norm(positions(clear), axis=1)
+    expected = clear.points["intensity"] * np.exp(-2.0 * fog.lidar_extinction_per_m * distance)
+    assert np.allclose(foggy.points["intensity"], expected, atol=0.005)
+    assert foggy.points["intensity"].max() > 0.03
 
 
 def test_coordinates_lie_on_the_grid_that_is_asked_for(world: RaycastWorld, boxes: Any) -> None:

@@ -63,3 +63,49 @@ def test_vehicle_first_seen_inside_a_junction_crosses_nothing() -> None:
     assert watch.watch(0, mover(connection.via[0]), {}) == ()
     watch.forget(7)
     assert watch.watch(1, mover(connection.to_lane), {}) == ()
+
+
+def test_a_lane_change_at_the_line_does_not_hide_the_crossing() -> None:
+    """From one step to the next a vehicle leaves its lane and enters the path that begins at the lane next to it."""
+    state = dict.fromkeys({str(one.signal_id) for one in NETWORK.connections}, "G" * 60)
+    tried = 0
+    for connection in NETWORK.connections:
+        if connection.signal_id is None or not connection.via:
+            continue
+        for source in NETWORK.edges[NETWORK.lanes[connection.from_lane].edge].lanes:
+            movements = NETWORK.connections_from.get(source, ())
+            own = any(connection.via[0] in one.via or connection.to_lane == one.to_lane for one in movements)
+            if source == connection.from_lane or own:
+                continue
+            watch = CrossingWatch(NETWORK)
+            watch.watch(0, mover(source), state)
+            (crossed,) = watch.watch(1, mover(connection.via[0]), state)
+            assert crossed.kind is EventKind.STOP_LINE_CROSSED
+            assert (crossed.detail["junction"], crossed.detail["signal_state"]) == (connection.junction, "G")
+            (left,) = watch.watch(2, mover(connection.to_lane), state)
+            assert left.kind is EventKind.JUNCTION_LEFT
+            tried += 1
+    assert tried > 5
+
+
+def test_the_letter_is_the_one_of_the_movement_that_was_taken() -> None:
+    """Where two movements leave a lane, each has its own link."""
+    for lane, movements in NETWORK.connections_from.items():
+        links = {one.signal_link for one in movements}
+        if len(links) < 2 or any(one.signal_id is None or not one.via for one in movements):
+            continue
+        for connection in movements:
+            letters = "".join("r" if link == connection.signal_link else "G" for link in range(60))
+            watch = CrossingWatch(NETWORK)
+            watch.watch(0, mover(lane), {})
+            (crossed,) = watch.watch(1, mover(connection.via[0]), {str(connection.signal_id): letters})
+            assert (crossed.detail["signal_state"], crossed.detail["direction"]) == ("r", connection.direction)
+        return
+    pytest.fail("no lane with two movements")
+
+
+def test_a_lane_change_on_the_road_crosses_nothing() -> None:
+    edge = next(edge for edge in NETWORK.edges if len(edge.lanes) > 1 and not edge.internal)
+    watch = CrossingWatch(NETWORK)
+    watch.watch(0, mover(edge.lanes[0]), {})
+    assert watch.watch(1, mover(edge.lanes[1]), {}) == ()

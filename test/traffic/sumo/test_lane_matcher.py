@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from hand_made_record import LEFT_X_M, RIGHT_X_M, crossing
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from traffic_helpers import load_map
@@ -63,3 +64,47 @@ def test_beside_the_paths_a_junction_is_road_still() -> None:
     assert LaneMatcher(NETWORK).match(edges, (float(x), float(y)), heading, via.index).lane in connection.via
     lost = LaneMatcher(NETWORK, junction_sideways_m=0.5).match(edges, (float(x), float(y)), heading, via.index)
     assert lost.lane not in connection.via
+
+
+CROSSING = crossing()
+S_IN = next(edge for edge in CROSSING.edges if edge.edge_id == "s_in")
+SHOULDER, RIGHT, LEFT = S_IN.lanes
+LINE_X_M = (LEFT_X_M + RIGHT_X_M) / 2.0
+
+
+@pytest.mark.parametrize(
+    ("past_the_line_m", "present", "found"),
+    [
+        (0.03, RIGHT, RIGHT),
+        (0.07, RIGHT, LEFT),
+        (0.03, LEFT, LEFT),
+        (-0.03, LEFT, LEFT),
+        (-0.07, LEFT, RIGHT),
+        (-0.03, RIGHT, RIGHT),
+        (0.03, NO_LANE, LEFT),
+        (-0.03, NO_LANE, RIGHT),
+        (0.03, SHOULDER, LEFT),
+        (-0.03, SHOULDER, RIGHT),
+    ],
+)
+def test_a_vehicle_stays_in_its_lane_until_the_neighbour_is_nearer_by_a_margin(
+    past_the_line_m: float, present: int, found: int
+) -> None:
+    """At d past the line between two equal lanes the neighbour is nearer by 2 d; the margin is 0.1 m."""
+    match = LaneMatcher(CROSSING, stay_m=0.1).match(
+        (S_IN.index,), (LINE_X_M - past_the_line_m, -70.0), np.pi / 2, present
+    )
+    assert match.lane == found
+    centre_x_m = {RIGHT: RIGHT_X_M, LEFT: LEFT_X_M}[found]
+    assert match.lateral_m == pytest.approx(centre_x_m - (LINE_X_M - past_the_line_m))
+    assert match.position_m == pytest.approx(50.0)
+
+
+def test_lanes_of_another_edge_need_no_margin() -> None:
+    """Just beyond the stop line the path is nearest, and the lane that ended is left at once."""
+    n_out = next(edge for edge in CROSSING.edges if edge.edge_id == "n_out")
+    matcher = LaneMatcher(CROSSING, stay_m=5.0)
+    front = (RIGHT_X_M, -19.5)
+    match = matcher.match((S_IN.index, n_out.index), front, np.pi / 2, RIGHT)
+    assert CROSSING.lanes[match.lane].kind is LaneKind.INTERNAL
+    assert match.lateral_m == pytest.approx(0.0)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import Final
+from typing import Final, NamedTuple
 
 WGS84_A_M: Final = 6_378_137.0
 WGS84_FLATTENING: Final = 1.0 / 298.257223563
@@ -22,24 +22,47 @@ def geodetic_from_projected(projection: str, x_m: float, y_m: float) -> tuple[fl
     Source: Karney, "Transverse Mercator with an accuracy of a few nanometers", J. Geodesy 85 (2011),
     Krüger's series in the third flattening to third order (error below a millimetre inside a zone).
     """
+    frame = _frame(projection)
+    if frame is None:
+        return None
+    x, y = (x_m - frame.false_easting_m) / frame.scale, (y_m - frame.false_northing_m) / frame.scale
+    return _inverse(x, y, frame.lat0_deg, frame.lon0_deg)
+
+
+def projected_from_geodetic(projection: str, lat_deg: float, lon_deg: float) -> tuple[float, float] | None:
+    """Easting and northing of a place; the inverse of ``geodetic_from_projected``, with the same source and limits."""
+    frame = _frame(projection)
+    if frame is None:
+        return None
+    x, y = _forward(lat_deg, lon_deg, frame.lat0_deg, frame.lon0_deg)
+    return x * frame.scale + frame.false_easting_m, y * frame.scale + frame.false_northing_m
+
+
+class _Frame(NamedTuple):
+    """A transverse Mercator grid."""
+
+    scale: float
+    false_easting_m: float
+    false_northing_m: float
+    lat0_deg: float
+    lon0_deg: float
+
+
+def _frame(projection: str) -> _Frame | None:
     terms = _terms(projection)
     kind = terms.get("proj")
     try:
         if kind == "utm":
-            zone = int(terms["zone"])
             north = UTM_FALSE_NORTHING_SOUTH_M if "south" in terms else 0.0
-            x, y = (x_m - UTM_FALSE_EASTING_M) / UTM_SCALE, (y_m - north) / UTM_SCALE
-            lat0, lon0 = 0.0, 6.0 * zone - 183.0
-        elif kind == "tmerc":
+            return _Frame(UTM_SCALE, UTM_FALSE_EASTING_M, north, 0.0, 6.0 * int(terms["zone"]) - 183.0)
+        if kind == "tmerc":
             scale = float(terms.get("k", terms.get("k_0", "1")))
-            x = (x_m - float(terms.get("x_0", "0"))) / scale
-            y = (y_m - float(terms.get("y_0", "0"))) / scale
-            lat0, lon0 = float(terms.get("lat_0", "0")), float(terms.get("lon_0", "0"))
-        else:
-            return None
-    except (KeyError, ValueError, ZeroDivisionError):
+            false = float(terms.get("x_0", "0")), float(terms.get("y_0", "0"))
+            origin = float(terms.get("lat_0", "0")), float(terms.get("lon_0", "0"))
+            return _Frame(scale, *false, *origin) if scale else None
+    except (KeyError, ValueError):
         return None
-    return _inverse(x, y, lat0, lon0)
+    return None
 
 
 def _terms(projection: str) -> Mapping[str, str]:
@@ -83,3 +106,15 @@ def _inverse(x_m: float, y_m: float, lat0_deg: float, lon0_deg: float) -> tuple[
     lat = chi + sum(d * math.sin(2 * j * chi) for j, d in enumerate(_DELTA, start=1))
     lon = math.atan2(math.sinh(eta_prime), math.cos(xi_prime))
     return math.degrees(lat), lon0_deg + math.degrees(lon)
+
+
+def _forward(lat_deg: float, lon_deg: float, lat0_deg: float, lon0_deg: float) -> tuple[float, float]:
+    eccentricity = 2.0 * math.sqrt(_N) / (1.0 + _N)
+    sine, lam = math.sin(math.radians(lat_deg)), math.radians(lon_deg - lon0_deg)
+    conformal = math.sinh(math.atanh(sine) - eccentricity * math.atanh(eccentricity * sine))
+    xi = math.atan2(conformal, math.cos(lam))
+    eta = math.asinh(math.sin(lam) / math.hypot(conformal, math.cos(lam)))
+    series = list(enumerate(_ALPHA, start=1))
+    y = xi + sum(a * math.sin(2 * j * xi) * math.cosh(2 * j * eta) for j, a in series)
+    x = eta + sum(a * math.cos(2 * j * xi) * math.sinh(2 * j * eta) for j, a in series)
+    return _RECTIFYING_RADIUS_M * x, _RECTIFYING_RADIUS_M * y - _meridian_arc_m(math.radians(lat0_deg))

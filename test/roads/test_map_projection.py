@@ -1,6 +1,6 @@
 import pytest
 
-from siren_ros.roads.map_projection import geodetic_from_projected
+from siren_ros.roads.map_projection import geodetic_from_projected, projected_from_geodetic
 
 UTM_33 = "+proj=utm +zone=33 +ellps=WGS84 +datum=WGS84 +units=m +no_defs"
 
@@ -34,3 +34,20 @@ def test_transverse_mercator_with_an_origin_of_its_own():
 )
 def test_other_projections_have_no_answer(projection):
     assert geodetic_from_projected(projection, 0.0, 0.0) is None
+
+
+@pytest.mark.parametrize(
+    "projection",
+    [
+        "+proj=utm +zone=10 +ellps=WGS84 +datum=WGS84 +units=m +no_defs",
+        "+proj=utm +zone=30 +south +ellps=WGS84",
+        "+proj=tmerc +lat_0=49 +lon_0=8 +k=0.9996 +x_0=1000 +y_0=-500 +datum=WGS84",
+    ],
+)
+@pytest.mark.parametrize(("east_m", "north_m"), [(0.0, 0.0), (60_000.0, 4_100_000.0), (-90_000.0, 5_700_000.0)])
+def test_projecting_there_and_back(projection: str, east_m: float, north_m: float) -> None:
+    x_m = east_m + (500_000.0 if "utm" in projection else 0.0)
+    geodetic = geodetic_from_projected(projection, x_m, north_m)
+    assert geodetic is not None
+    assert projected_from_geodetic(projection, *geodetic) == pytest.approx((x_m, north_m), abs=1e-3)
+    assert projected_from_geodetic("+proj=longlat", *geodetic) is None

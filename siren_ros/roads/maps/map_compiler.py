@@ -6,13 +6,19 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
+from xml.etree.ElementTree import Element
+
+from defusedxml.ElementTree import fromstring
 
 from siren_ros.errors import InputError, MapError
 from siren_ros.params.resources import params_dir
+from siren_ros.roads.maps.junction_control import control_patches, document
 from siren_ros.roads.maps.lane_shapes import mended_lanes
 from siren_ros.roads.maps.map_source import MapSource, SourceKind, map_stem, read_map_source
 from siren_ros.roads.maps.netconvert import netconvert_version, run_netconvert, without_header
 from siren_ros.roads.maps.opendrive_patches import opendrive_patches
+from siren_ros.roads.maps.openstreetmap_signs import drives_on, signed_edges
+from siren_ros.roads.maps.traffic_side import refuse_left_hand_traffic
 from siren_ros.roads.net_parser import parse_road_network
 
 TOWN_NAME: Final = "town"
@@ -53,6 +59,7 @@ _OPENSTREETMAP: Final = (
     *("--tls.guess-signals", "--tls.discard-simple", "--tls.join", "--tls.default-type", "static"),
     *("--osm.sidewalks", "--osm.turn-lanes", "--osm.lane-access", "--output.street-names"),
 )
+_OPENSTREETMAP_SECOND: Final = (*_COMMON, "--offset.disable-normalization", "--output.street-names")
 
 
 @dataclass(frozen=True)
@@ -82,7 +89,8 @@ def compile_map(source: Path | None, cache_dir: Path | None = None) -> CompiledM
             ``$XDG_CACHE_HOME/siren``, else ``~/.cache/siren``.
 
     Raises:
-        MapError: The map is missing, unreadable, not a map, refused by netconvert, or without roads.
+        MapError: The map is missing, unreadable, not a map, refused by netconvert, without roads, or of a place where
+            traffic keeps left.
         InputError: The cache folder cannot be written.
     """
     loaded = _town_source() if source is None else read_map_source(source)
@@ -93,6 +101,7 @@ def compile_map(source: Path | None, cache_dir: Path | None = None) -> CompiledM
     try:
         net = net_path.read_bytes()
     except OSError:
+        refuse_left_hand_traffic(loaded, shown)
         net = _compile(loaded, shown)
         parse_road_network(net)  # refuses what is no map before anything is done with it
         net = mended_lanes(net)
@@ -136,7 +145,7 @@ def _cache_key(source: MapSource) -> str:
         SourceKind.TOWN: _TOWN,
         SourceKind.SUMO: (),
         SourceKind.OPENDRIVE: (*_OPENDRIVE, *_OPENDRIVE_SECOND),
-        SourceKind.OPENSTREETMAP: _OPENSTREETMAP,
+        SourceKind.OPENSTREETMAP: (*_OPENSTREETMAP, *_OPENSTREETMAP_SECOND),
     }[source.kind]
     for part in (_RECIPE, source.kind.value, netconvert_version(), *options):
         digest.update(part.encode() + b"\0")
@@ -158,9 +167,7 @@ def _compile(source: MapSource, shown: str) -> bytes:
             return run_netconvert(options, output, shown)
         if source.kind is SourceKind.OPENDRIVE:
             return _compile_opendrive(source, folder, output, shown)
-        original = folder / "map.osm.xml"
-        original.write_bytes(source.content)
-        return run_netconvert([*_OPENSTREETMAP, "--osm-files", str(original)], output, shown)
+        return _compile_openstreetmap(source, folder, output, shown)
 
 
 def _compile_opendrive(source: MapSource, folder: Path, output: Path, shown: str) -> bytes:
@@ -170,13 +177,36 @@ def _compile_opendrive(source: MapSource, folder: Path, output: Path, shown: str
     first_net = run_netconvert([*_OPENDRIVE, "--opendrive-files", str(original)], first, shown)
     patches = opendrive_patches(first_net, source.content, shown)
     options = [*_OPENDRIVE_SECOND, "--sumo-net-file", str(first)]
-    for option, document in (
+    for option, text in (
         ("--node-files", patches.nodes),
         ("--edge-files", patches.edges),
         ("--connection-files", patches.connections),
     ):
         path = folder / f"patch{option}.xml"
-        path.write_bytes(document)
+        path.write_bytes(text)
+        options += [option, str(path)]
+    return run_netconvert(options, output, shown)
+
+
+def _compile_openstreetmap(source: MapSource, folder: Path, output: Path, shown: str) -> bytes:
+    """The net; compiled a second time with the types of junctions where the extract has stop or give-way signs."""
+    original = folder / "map.osm.xml"
+    original.write_bytes(source.content)
+    first = folder / "first.net.xml"
+    first_net = run_netconvert([*_OPENSTREETMAP, "--osm-files", str(original)], first, shown)
+    net = fromstring(first_net)
+    try:
+        signs = signed_edges(source.content, net)
+    except (KeyError, ValueError) as error:
+        raise MapError(shown, f"an OpenStreetMap extract whose nodes are complete ({error!r})") from error
+    nodes, priorities = control_patches(net, signs.stopping, signs.yielding, drives_on)
+    if not nodes and not priorities:
+        return first_net
+    edges = [Element("edge", id=edge, priority=str(priority)) for edge, priority in priorities.items()]
+    options = [*_OPENSTREETMAP_SECOND, "--sumo-net-file", str(first)]
+    for option, tag, elements in (("--node-files", "nodes", nodes), ("--edge-files", "edges", edges)):
+        path = folder / f"patch{option}.xml"
+        path.write_bytes(document(tag, elements))
         options += [option, str(path)]
     return run_netconvert(options, output, shown)
 

@@ -5,15 +5,16 @@ permissions that do not fit (a sidewalk is open to cars, a shoulder to nobody), 
 patches made here are netconvert's own plain XML, which the second run applies to the first run's net.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
-from xml.etree.ElementTree import Element, ParseError, SubElement, tostring
+from xml.etree.ElementTree import Element, ParseError, SubElement
 
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from siren_ros.errors import MapError
+from siren_ros.roads.maps.junction_control import control_patches, document, normal_edges
 
 OPEN_SHOULDER_WIDTH_M: Final = 1.8
 """A shoulder this wide, right of the driving lanes, is opened to emergency vehicles; kerb strips are narrower."""
@@ -66,19 +67,12 @@ def opendrive_patches(first_net: bytes, xodr: bytes, shown_source: str) -> OpenD
         yields = _signed_approaches(drive, _YIELD_SIGN)
     except (KeyError, ValueError) as error:
         raise MapError(shown_source, f"an OpenDRIVE map whose signs are complete ({error!r})") from error
-    nodes, minor_edges = _sign_patches(net, stop, yields)
+    nodes, minor_edges = control_patches(net, _edges_of(net, stop), _edges_of(net, yields), _has_driving_lane)
     return OpenDrivePatches(
-        nodes=_document("nodes", nodes),
-        edges=_document("edges", _edge_patches(net, minor_edges)),
-        connections=_document("connections", _shoulder_connections(net)),
+        nodes=document("nodes", nodes),
+        edges=document("edges", _edge_patches(net, minor_edges)),
+        connections=document("connections", _shoulder_connections(net)),
     )
-
-
-def _document(tag: str, elements: Iterable[Element]) -> bytes:
-    root = Element(tag)
-    root.extend(elements)
-    document: bytes = tostring(root, encoding="utf-8")
-    return document
 
 
 def _signed_approaches(drive: Element, sign_type: str) -> tuple[_Approach, ...]:
@@ -121,41 +115,15 @@ def _road_of_edge(edge_id: str) -> str:
     return edge_id.lstrip("-").partition(".")[0]
 
 
-def _normal_edges(net: Element) -> Iterator[Element]:
-    return (edge for edge in net.iterfind("edge") if edge.get("function", "normal") == "normal")
-
-
 def _has_driving_lane(edge: Element) -> bool:
     return any(lane.get("type", "") in _MOTOR_TYPES for lane in edge.iterfind("lane"))
 
 
-def _sign_patches(
-    net: Element, stop: tuple[_Approach, ...], yields: tuple[_Approach, ...]
-) -> tuple[list[Element], Mapping[str, int]]:
-    """Node patches and lowered edge priorities: all legs signed is an all-way stop, some legs a priority stop."""
-    incoming: dict[str, list[Element]] = {}
-    for edge in _normal_edges(net):
-        if _has_driving_lane(edge):
-            incoming.setdefault(edge.attrib["to"], []).append(edge)
-    node_types = {junction.attrib["id"]: junction.get("type", "") for junction in net.iterfind("junction")}
-    nodes: list[Element] = []
-    minor: dict[str, int] = {}
-    for junction_id, edges in incoming.items():
-        if node_types.get(junction_id, "").startswith("traffic_light"):
-            continue
-        stopping = _signed_edges(edges, stop, junction_id)
-        if stopping and len(stopping) == len(edges):
-            nodes.append(Element("node", id=junction_id, type="allway_stop"))
-        elif stopping:
-            nodes.append(Element("node", id=junction_id, type="priority_stop"))
-        for edge in (*stopping, *_signed_edges(edges, yields, junction_id)):
-            minor[edge.attrib["id"]] = int(edge.get("priority", "1")) - 1
-    return nodes, minor
-
-
-def _signed_edges(edges: list[Element], approaches: tuple[_Approach, ...], junction_id: str) -> list[Element]:
-    roads = {approach.road_id for approach in approaches if approach.junction_id == junction_id}
-    return [edge for edge in edges if _road_of_edge(edge.attrib["id"]) in roads]
+def _edges_of(net: Element, approaches: tuple[_Approach, ...]) -> frozenset[str]:
+    """Ids of the edges that come from the approaches' roads to their junctions."""
+    wanted = {(approach.road_id, approach.junction_id) for approach in approaches}
+    edges = ((edge.attrib["id"], edge.attrib["to"]) for edge in normal_edges(net) if _has_driving_lane(edge))
+    return frozenset(edge_id for edge_id, to in edges if (_road_of_edge(edge_id), to) in wanted)
 
 
 def _open_shoulders(edge: Element) -> frozenset[int]:
@@ -172,7 +140,7 @@ def _open_shoulders(edge: Element) -> frozenset[int]:
 
 
 def _edge_patches(net: Element, priorities: Mapping[str, int]) -> Iterator[Element]:
-    for edge in _normal_edges(net):
+    for edge in normal_edges(net):
         patch = Element("edge", id=edge.attrib["id"])
         if edge.attrib["id"] in priorities:
             patch.set("priority", str(priorities[edge.attrib["id"]]))
@@ -198,7 +166,7 @@ def _edge_patches(net: Element, priorities: Mapping[str, int]) -> Iterator[Eleme
 
 def _shoulder_connections(net: Element) -> Iterator[Element]:
     """Movements from shoulder to shoulder, parallel to each straight or right movement of the lane on their left."""
-    shoulders = {(edge.attrib["id"], index) for edge in _normal_edges(net) for index in _open_shoulders(edge)}
+    shoulders = {(edge.attrib["id"], index) for edge in normal_edges(net) for index in _open_shoulders(edge)}
     movements = [
         (c.attrib["from"], int(c.attrib["fromLane"]), c.attrib["to"], int(c.attrib["toLane"]), c.get("dir", ""))
         for c in net.iterfind("connection")

@@ -129,10 +129,11 @@ def _crossed(graph: EdgeGraph, kind: SiteKind, binding: Callable[[Sequence[Conne
         approaches = {network.lanes[network.connections[index].from_lane].edge for index in crossing}
         quality = (
             2.0 * _straight(network, edge, way)
-            + min(lanes_through(network, edge, way), 2)
+            + 2.0 * min(lanes_through(network, edge, way), 2)
             + min(len(approaches), 3) / 3.0
             + min(len(same_direction_connections(network, movements[-1])), 2) / 2.0
-            + 2.0 * share(quiet_reach_m(network, site.approach_lane, _QUIET_ENOUGH_M), _QUIET_ENOUGH_M)
+            + 2.0 * share(site.length_m, _QUIET_ENOUGH_M)
+            + share(quiet_reach_m(network, site.approach_lane, _QUIET_ENOUGH_M), _QUIET_ENOUGH_M)
             + share(side_m, _CROSSING_ENOUGH_M)
             + min(len({network.lanes[lane].edge for lane in side_lanes}), 2)
             + 1.0 * (site.route[-1] in lasting)

@@ -1,6 +1,7 @@
 """Moves SUMO's vehicles to their poses in the simulated world, and hands them back without a jump."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
@@ -168,7 +169,8 @@ class Mirror:
         if libsumo.vehicle.getRouteID(vehicle.name) == planned or not _is_simple(vehicle.route):
             return
         if libsumo.vehicle.getRoadID(vehicle.name) in vehicle.route:
-            libsumo.vehicle.setRouteID(vehicle.name, planned)
+            with suppress(libsumo.TraCIException):  # SUMO counts another edge as the vehicle's, which is not planned
+                libsumo.vehicle.setRouteID(vehicle.name, planned)
 
     def _move(self, vehicle: PlannedVehicle, place: Place) -> None:
         name = vehicle.name

@@ -5,6 +5,7 @@ import json
 import signal
 import subprocess
 import sys
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -20,9 +21,10 @@ LISTENER = """
 import hashlib, json, sys, time
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 from siren_ros.ros.transport.endpoints import message_class
 wanted, late = json.loads(sys.argv[1]), sys.argv[2] == "late"
+depth, busy_s = (int(sys.argv[3]), float(sys.argv[4])) if len(sys.argv) > 3 else (1000, 0.0)
 rclpy.init()
 node = rclpy.create_node("listener")
 seen = {name: [] for name in wanted}
@@ -31,10 +33,12 @@ if late:
         time.sleep(0.01)
     time.sleep(0.5)
 for name, (kind, latched) in wanted.items():
-    qos = QoSProfile(depth=1000)
+    qos = QoSProfile(depth=depth) if depth else QoSProfile(history=HistoryPolicy.KEEP_ALL)
     if latched:
         qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
-    hear = lambda cdr, name=name: seen[name].append(hashlib.sha256(cdr).hexdigest())
+    def hear(cdr, name=name):
+        seen[name].append(hashlib.sha256(cdr).hexdigest())
+        time.sleep(busy_s)
     node.create_subscription(message_class(kind), name, hear, qos, raw=True)
 executor = SingleThreadedExecutor()
 executor.add_node(node)
@@ -79,9 +83,9 @@ def play(bag: Path, *parameters: str) -> list[str]:
     return ["-m", "siren_nodes.player", "--ros-args", *flags]
 
 
-def heard(bag: Path, *parameters: str) -> dict[str, list[str]]:
+def heard(bag: Path, *parameters: str, listener_options: Sequence[str] = ()) -> dict[str, list[str]]:
     """What a subscriber of all topics hears that was there before the first message."""
-    with DOMAIN.running("-c", LISTENER, wanted_of(bag), "early", cwd=bag.parent) as listener:
+    with DOMAIN.running("-c", LISTENER, wanted_of(bag), "early", *listener_options, cwd=bag.parent) as listener:
         assert next_line(listener.stdout) == "listening\n"
         with DOMAIN.running(*play(bag, *parameters), cwd=bag.parent) as playing:
             assert playing.wait(60.0) == 0
@@ -108,6 +112,14 @@ def messages_of(listener: "subprocess.Popen[str]") -> dict[str, list[str]]:
 
 def test_a_subscriber_gets_every_byte_in_order(bag: Path) -> None:
     assert heard(bag, "delay_s:=5.0", "rate:=0.5") == recorded(bag)
+
+
+@pytest.mark.parametrize("history", ["as long as the topic", "KEEP_ALL"])
+def test_a_slow_subscriber_gets_everything_that_its_queue_can_hold(bag: Path, history: str) -> None:
+    """It needs 10 ms for each message, and so longer for all of them than the player does."""
+    everything = recorded(bag)
+    depth = 0 if history == "KEEP_ALL" else max(len(hashes) for hashes in everything.values())
+    assert heard(bag, "delay_s:=5.0", listener_options=(str(depth), "0.01")) == everything
 
 
 def test_from_the_middle_latched_topics_are_there_too(bag: Path) -> None:

@@ -53,12 +53,12 @@ def observe_at(
     """
     if not 0.0 <= time_s < record.duration_s:
         raise InputError("time", time_s, f"a time from 0 to {record.duration_s:g} s")
-    rig = SensorRig(suite, record.network, record.description.seed, look=look, site=record.description.site)
-    row = min(steps_from_s(time_s), record.steps - 1) // rig.common_period_steps * rig.common_period_steps
+    row = min(steps_from_s(time_s), record.steps - 1) // suite.common_period_steps * suite.common_period_steps
     states, traffic = record.states[row], record.traffic[row]
     carrier = record.emv_ids[0] if carrier_id is None else carrier_id
-    if rig.station is None and carrier not in states.actor_id:
+    if suite.station is None and carrier not in states.actor_id:
         raise InputError("carrier", carrier, f"an actor that is on the map at {time_s:g} s")
+    rig = SensorRig(suite, record.network, record.description.seed, look=look, site=record.description.site)
     return rig.observe(states, record.actors, traffic.signals, carrier)
 
 

@@ -11,6 +11,7 @@ from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.pictures.sensor_views import cloud_by_instance, observe_at, save_sheet, sheet
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.request import EpisodeRequest
+from siren_ros.sensors.rig.observations import Observations
 from siren_ros.sensors.suite.look import Look
 from siren_ros.sensors.suite.suite import SensorSuite, load_suite
 
@@ -23,9 +24,16 @@ def _record() -> EpisodeRecord:
     return record_of(setup, list(closed_loop(setup, 12)))
 
 
-def test_a_sheet_holds_every_picture_and_two_views_of_the_cloud(record: EpisodeRecord, tmp_path: Path) -> None:
+@pytest.fixture(name="seen", scope="module")
+def _seen(record: EpisodeRecord) -> Observations:
+    """A picture and a sweep at 0.55 s, when a camera at 10 Hz is not due."""
     camera = replace(load_suite("front").cameras[0], width=160, height=120)
-    seen = observe_at(record, 0.5, SensorSuite("both", LIDAR.lidars, (camera,)), Look())
+    return observe_at(record, 0.55, SensorSuite("both", LIDAR.lidars, (camera,)), Look())
+
+
+def test_a_sheet_holds_every_picture_and_two_views_of_the_cloud(
+    record: EpisodeRecord, seen: Observations, tmp_path: Path
+) -> None:
     assert seen.step == record.states[10].step
     whole = sheet(seen)
     assert whole.shape == (2 * 600 + 8, 2 * 800 + 8, 3)
@@ -34,8 +42,8 @@ def test_a_sheet_holds_every_picture_and_two_views_of_the_cloud(record: EpisodeR
     assert np.array_equal(np.asarray(Image.open(path)), whole)
 
 
-def test_vehicles_have_colours_of_their_own_and_the_rest_is_grey(record: EpisodeRecord) -> None:
-    sweep = observe_at(record, 0.0, LIDAR, Look()).sweeps[0]
+def test_vehicles_have_colours_of_their_own_and_the_rest_is_grey(seen: Observations) -> None:
+    sweep = seen.sweeps[0]
     assert len(np.unique(sweep.points["instance"])) > 1
     spread = np.ptp(cloud_by_instance(sweep).astype(int), axis=2)
     assert (spread > 100).sum() > 20
@@ -49,7 +57,7 @@ def test_a_time_outside_the_episode_is_refused(record: EpisodeRecord, time_s: fl
         observe_at(record, time_s, LIDAR, Look())
 
 
-def test_what_cannot_be_drawn_is_refused(record: EpisodeRecord, tmp_path: Path) -> None:
+def test_what_cannot_be_drawn_is_refused(record: EpisodeRecord, seen: Observations, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="carrier"):
         observe_at(record, 0.0, LIDAR, Look(), carrier_id=60_000)
     nothing = observe_at(record, 0.0, SensorSuite("none"), Look())
@@ -58,4 +66,4 @@ def test_what_cannot_be_drawn_is_refused(record: EpisodeRecord, tmp_path: Path) 
     with pytest.raises(InputError, match="out"):
         save_sheet(nothing, tmp_path / "seen.gif")
     with pytest.raises(InputError, match="can be written"):
-        save_sheet(observe_at(record, 0.0, LIDAR, Look()), tmp_path / "none" / "seen.png")
+        save_sheet(seen, tmp_path / "none" / "seen.png")

@@ -1,6 +1,5 @@
 """All sensors of one carrier in one world: the facade that ``sensor_sim`` calls."""
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -121,12 +120,6 @@ class SensorRig:
     def base_from_truth(self) -> Matrix:
         """Pose of the labels' frame on the carrier, shape ``(4, 4)``."""
         return self.suite.lidars[0].mount.base_from_sensor if self.suite.lidars else np.eye(4)
-
-    @property
-    def common_period_steps(self) -> int:
-        """Steps between the instants at which all LiDARs and cameras are due."""
-        rates_hz = [*(one.rate_hz for one in self.suite.lidars), *(one.rate_hz for one in self.suite.cameras)]
-        return math.lcm(*map(period_steps, rates_hz))
 
     @property
     def account(self) -> dict[str, object]:

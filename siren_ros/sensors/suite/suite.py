@@ -1,5 +1,6 @@
 """Sensor suites, read from YAML: which sensors a vehicle or a roadside unit has, and where."""
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
@@ -160,6 +161,12 @@ class SensorSuite:
     """Whether boxes in the pictures, visible fractions and truncations are recorded with each picture."""
     station: Station | None = None
     """None: the suite is mounted on a vehicle."""
+
+    @property
+    def common_period_steps(self) -> int:
+        """Steps between the instants at which all LiDARs and cameras are due."""
+        rates_hz = [*(one.rate_hz for one in self.lidars), *(one.rate_hz for one in self.cameras)]
+        return math.lcm(*map(period_steps, rates_hz))
 
     @property
     def mounts(self) -> tuple[tuple[str, Mount], ...]:

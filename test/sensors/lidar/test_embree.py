@@ -96,11 +96,13 @@ np.save(sys.argv[2], np.column_stack((hits.distance, np.where(met, hits.triangle
 
 
 def test_packets_of_every_width_find_the_same(tmp_path: Path) -> None:
-    found = []
-    for lanes in (4, 8, 16):
-        file = tmp_path / f"{lanes}.npy"
-        subprocess.run([sys.executable, "-c", _WITH_PACKETS_OF, str(lanes), str(file)], check=True)
-        found.append(np.load(file))
+    files = {lanes: tmp_path / f"{lanes}.npy" for lanes in (4, 8, 16)}
+    programs = [
+        subprocess.Popen([sys.executable, "-c", _WITH_PACKETS_OF, str(lanes), str(file)])
+        for lanes, file in files.items()
+    ]
+    assert [program.wait() for program in programs] == [0, 0, 0]
+    found = [np.load(file) for file in files.values()]
     assert 10 < np.isfinite(found[0][:, 0]).sum() < 101
     for other in found[1:]:
         np.testing.assert_array_equal(other[:, 1], found[0][:, 1])

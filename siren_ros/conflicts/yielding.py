@@ -54,7 +54,7 @@ class Wait:
 
     speed_mps: float
     brake_mps2: float
-    """Deceleration needed to stop before the zone."""
+    """Deceleration needed to stop before the zone, or to come to it when the other one has left it."""
     free_m: float
     """Way to the zone, or to the place of the vehicle that merges ahead."""
 
@@ -80,6 +80,13 @@ def time_to_go_s(way_m: float, speed_mps: float, top_mps: float, accel_mps2: flo
 def stop_brake_mps2(speed_mps: float, way_m: float) -> float:
     """Constant deceleration that stops within a way."""
     return speed_mps * speed_mps / (2.0 * max(way_m, _LEAST_WAY_M))
+
+
+def later_brake_mps2(speed_mps: float, way_m: float, time_s: float) -> float:
+    """Least constant deceleration with which a way is not covered before a time."""
+    if 2.0 * way_m < speed_mps * time_s:  # stands before the time is over
+        return stop_brake_mps2(speed_mps, way_m)
+    return max(2.0 * (speed_mps * time_s - way_m) / (time_s * time_s), 0.0)
 
 
 def wait_for(zone: Zone, own: Approach, other: Approach, config: YieldingConfig) -> Wait | None:
@@ -131,9 +138,8 @@ def _waiting(zone: Zone, own: Approach, other: Approach, free_s: float, config: 
     if zone.merges:
         gap = max(zone.own_in_m - zone.other_in_m - STEP_M, 0.0)
         speed = math.sqrt(other.speed_mps**2 + 2.0 * config.brake_mps2 * gap)
-        closing = max(own.speed_mps**2 - other.speed_mps**2, 0.0)
-        return Wait(speed, closing / (2.0 * max(gap, _LEAST_WAY_M)), gap)
+        return Wait(speed, stop_brake_mps2(max(own.speed_mps - other.speed_mps, 0.0), gap), gap)
     way = zone.own_in_m if zone.own_in_m > 0.0 else zone.blocked_m
     free = max(way - config.standoff_m, 0.0)
     speed = max(free / free_s, math.sqrt(2.0 * config.brake_mps2 * free))
-    return Wait(speed, stop_brake_mps2(own.speed_mps, free), free)
+    return Wait(speed, later_brake_mps2(own.speed_mps, free, free_s), free)

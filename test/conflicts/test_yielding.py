@@ -7,7 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from siren_ros.conflicts.right_of_way import Rank
-from siren_ros.conflicts.yielding import Approach, YieldingConfig, stop_brake_mps2, time_to_go_s, wait_for
+from siren_ros.conflicts.yielding import (
+    Approach,
+    YieldingConfig,
+    later_brake_mps2,
+    stop_brake_mps2,
+    time_to_go_s,
+    wait_for,
+)
 from siren_ros.conflicts.zones import Zone
 
 CONFIG = YieldingConfig()
@@ -37,12 +44,25 @@ def test_stopping_follows_from_the_work_of_the_brakes():
     assert stop_brake_mps2(10.0, 25.0) == pytest.approx(2.0)
 
 
+@given(st.floats(0.5, 15.0), st.floats(1.0, 80.0), st.floats(0.3, 8.0))
+def test_who_brakes_to_be_later_is_at_the_place_when_the_time_is_over_or_stands_before_it(speed, way, time):
+    brake = later_brake_mps2(speed, way, time)
+    moving = min(time, speed / brake) if brake > 0.0 else time
+    covered = speed * moving - 0.5 * brake * moving**2
+    assert covered <= way + 1e-6
+    assert covered == pytest.approx(min(way, speed * time))
+
+
 def test_who_has_no_right_of_way_waits_slowly_enough_to_stop():
     zone = crossing(30.0, 25.0)
     wait = wait_for(zone, car(12.0, Rank.RED), car(10.0), CONFIG)
     assert wait is not None
     assert wait.speed_mps >= math.sqrt(2.0 * CONFIG.brake_mps2 * (30.0 - CONFIG.standoff_m)) - 1e-9
-    assert wait.brake_mps2 == pytest.approx(144.0 / (2.0 * 29.0))
+    clear_s = 31.0 / 10.0 + CONFIG.after_s
+    assert 12.0 * clear_s - 0.5 * wait.brake_mps2 * clear_s**2 == pytest.approx(29.0)
+    slow = wait_for(crossing(30.0, 5.0), car(12.0, Rank.RED), car(1.5), CONFIG)
+    assert slow is not None
+    assert slow.brake_mps2 == pytest.approx(stop_brake_mps2(12.0, 29.0))
     assert wait_for(zone, car(12.0), car(10.0, Rank.GIVES_WAY), CONFIG) is None
 
 

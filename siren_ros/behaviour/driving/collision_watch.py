@@ -38,7 +38,7 @@ class Threat:
     snapshot: CollisionSnapshot
     safe_speed_mps: float
     must_brake_mps2: float
-    """Deceleration needed to avoid contact, 0 while comfortable braking is enough."""
+    """Deceleration needed to avoid contact with who keeps its speed, 0 while comfortable braking is enough."""
 
 
 @dataclass(frozen=True)
@@ -162,8 +162,8 @@ def _worst(
     worst = int(np.argmin(safe))
     if safe[worst] >= target_mps:
         return None
-    closing = np.maximum(speed_mps * speed_mps - lead * lead, 0.0)
-    needed = float(np.max(closing / (2.0 * np.maximum(gap - 1.0, 0.3))))
+    closing = np.maximum(speed_mps - lead, 0.0)
+    needed = float(np.max(closing * closing / (2.0 * np.maximum(gap - 1.0, 0.3))))
     return Threat(
         snapshot=CollisionSnapshot(int(seen.actor_id[rows[worst]]), float(gap[worst]), float(lead[worst])),
         safe_speed_mps=float(safe[worst]),

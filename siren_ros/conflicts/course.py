@@ -1,6 +1,5 @@
 """Where a vehicle will go: the centre line of its lanes along its route, with the movements across junctions."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, sin
 from typing import Final
@@ -10,7 +9,8 @@ import numpy.typing as npt
 
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.polyline import Polyline
-from siren_ros.roads.road_network import NO_LANE, Connection, RoadNetwork
+from siren_ros.roads.road_network import Connection, RoadNetwork
+from siren_ros.world.traffic_state import Indices
 
 SPACING_M: Final = 1.0
 """Distance between the points of a course, at most."""
@@ -67,9 +67,9 @@ class CourseBook:
 
     def __init__(self, network: RoadNetwork) -> None:
         self._network = network
-        self._courses: dict[tuple[int, tuple[int, ...]], Course] = {}
+        self._courses: dict[tuple[int, bytes], Course] = {}
 
-    def along(self, lane: int, route: Sequence[int]) -> Course:
+    def along(self, lane: int, route: Indices) -> Course:
         """The course from the start of a lane.
 
         Args:
@@ -79,10 +79,10 @@ class CourseBook:
         Returns:
             The course; it ends with the route.
         """
-        key = (lane, tuple(route))
+        key = (lane, route.tobytes())
         found = self._courses.get(key)
         if found is None:
-            found = self._courses[key] = _course(self._network, lane, key[1])
+            found = self._courses[key] = _course(self._network, lane, tuple(route.tolist()))
         return found
 
 
@@ -140,8 +140,3 @@ def _movement_over(network: RoadNetwork, lane: int, route: tuple[int, ...]) -> C
     """The movement that an internal lane belongs to, that along the route where several share the lane."""
     choices = network.connections_over.get(lane, ())
     return next((one for one in choices if network.lanes[one.to_lane].edge in route), choices[0] if choices else None)
-
-
-def course_of_pose(book: CourseBook, lane: int, route: Sequence[int], pose: tuple[float, float, float]) -> Course:
-    """The course of a vehicle: along its lanes, or straight ahead of its pose where it is off the road."""
-    return Course.straight(*pose) if lane == NO_LANE else book.along(lane, route)

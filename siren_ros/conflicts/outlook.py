@@ -3,10 +3,11 @@
 from collections.abc import Mapping
 from functools import cached_property
 
-from siren_ros.conflicts.course import Course, CourseBook, course_of_pose
+from siren_ros.conflicts.course import Course, CourseBook
 from siren_ros.conflicts.right_of_way import Rank, rank_inside, rank_of
 from siren_ros.conflicts.zones import Way
 from siren_ros.numerics.arrays import Floats
+from siren_ros.roads.road_network import NO_LANE
 from siren_ros.world.traffic_state import TrafficState
 
 
@@ -29,6 +30,7 @@ class Outlook:
         self._book = book
         self._half_length_m = half_length_m
         self._half_width_m = half_width_m
+        self._courses: dict[int, Course] = {}
 
     @cached_property
     def signals(self) -> Mapping[str, str]:
@@ -37,9 +39,16 @@ class Outlook:
 
     def course(self, row: int) -> Course:
         """The course of the vehicle in a row."""
-        traffic = self._traffic
-        pose = float(traffic.x_m[row]), float(traffic.y_m[row]), float(traffic.yaw_rad[row])
-        return course_of_pose(self._book, int(traffic.lane[row]), traffic.route_of_row(row).tolist(), pose)
+        found = self._courses.get(row)
+        if found is None:
+            traffic = self._traffic
+            lane, route = int(traffic.lane[row]), traffic.route_of_row(row)
+            if lane == NO_LANE:
+                found = Course.straight(float(traffic.x_m[row]), float(traffic.y_m[row]), float(traffic.yaw_rad[row]))
+            else:
+                found = self._book.along(lane, route)
+            self._courses[row] = found
+        return found
 
     def centre_m(self, row: int) -> float:
         """Arc length of a vehicle's centre on its course."""
@@ -50,15 +59,9 @@ class Outlook:
     def way(self, row: int, reach_m: float) -> Way:
         """A vehicle on its course, with what may be looked at ahead of it."""
         course = self.course(row)
-        return Way(
-            points=course.points,
-            spacing_m=course.spacing_m,
-            centre_m=self.centre_m(row),
-            left_m=float(self._traffic.lateral_offset_m[row]),
-            reach_m=reach_m,
-            half_length_m=float(self._half_length_m[row]),
-            half_width_m=float(self._half_width_m[row]),
-        )
+        left_m = self._traffic.lateral_offset_m[row]
+        half_length_m, half_width_m = self._half_length_m[row], self._half_width_m[row]
+        return Way(course.points, course.spacing_m, self.centre_m(row), left_m, reach_m, half_length_m, half_width_m)
 
     def rank(self, row: int, way_m: float) -> Rank:
         """Right of way of a vehicle at a place, given by the way of its centre to it."""

@@ -1,11 +1,11 @@
 """Where the ways of two bodies meet: the compiled search along both courses."""
 
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.numerics.boxes import box_gap_m
 from siren_ros.numerics.compiled import compiled
 
 STEP_M: Final = 1.0
@@ -19,8 +19,7 @@ _TRACK_M: Final = 2.5
 """Half the distance between the two points of a course that give a body's heading: about half a wheelbase."""
 
 
-@dataclass(frozen=True, eq=False)
-class Way:
+class Way(NamedTuple):
     """A body on its course."""
 
     points: npt.NDArray[np.float64]
@@ -36,8 +35,7 @@ class Way:
     half_width_m: float
 
 
-@dataclass(frozen=True)
-class Zone:
+class Zone(NamedTuple):
     """Where two ways meet; each distance is the way of a body's centre from now on."""
 
     own_in_m: float
@@ -76,12 +74,7 @@ def meeting_zones(own: Way, others: list[Way], margin_m: float) -> list[Zone | N
         return []
     offsets = np.cumsum([0, *(len(other.points) for other in others)])
     points = np.concatenate([other.points for other in others])
-    bodies = np.array(
-        [
-            (way.spacing_m, way.centre_m, way.left_m, way.reach_m, way.half_length_m, way.half_width_m)
-            for way in (own, *others)
-        ]
-    )
+    bodies = np.array([way[1:] for way in (own, *others)])
     out = np.empty((len(others), _COLUMNS))
     _search(own.points, points, offsets, bodies, margin_m, out)
     return [Zone(*row[1:]) if row[0] > 0.0 else None for row in out.tolist()]
@@ -107,24 +100,6 @@ def _pose(
     norm = np.sqrt(dx * dx + dy * dy) + 1e-9
     cos, sin = dx / norm, dy / norm
     return 0.5 * (xs + xe) - sin * left_m, 0.5 * (ys + ye) + cos * left_m, cos, sin
-
-
-@compiled
-def _apart_m(
-    a: tuple[float, float, float, float],
-    b: tuple[float, float, float, float],
-    a_length: float,
-    a_width: float,
-    b_length: float,
-    b_width: float,
-) -> float:
-    """Largest gap along a separating axis of two boxes given by poses and half sizes (separating axis theorem)."""
-    dx, dy = b[0] - a[0], b[1] - a[1]
-    cos, sin = abs(a[2] * b[2] + a[3] * b[3]), abs(a[2] * b[3] - a[3] * b[2])
-    gap = abs(a[2] * dx + a[3] * dy) - (a_length + cos * b_length + sin * b_width)
-    gap = max(gap, abs(a[2] * dy - a[3] * dx) - (a_width + sin * b_length + cos * b_width))
-    gap = max(gap, abs(b[2] * dx + b[3] * dy) - (b_length + cos * a_length + sin * a_width))
-    return max(gap, abs(b[2] * dy - b[3] * dx) - (b_width + sin * a_length + cos * a_width))
 
 
 @compiled
@@ -156,7 +131,7 @@ def _touches(
         gap = np.sqrt(dx * dx + dy * dy) - around
         if gap <= 0.0:
             pose = theirs[j, 0], theirs[j, 1], theirs[j, 2], theirs[j, 3]
-            gap = _apart_m(own, pose, half_length, half_width, length, width)
+            gap = box_gap_m(own, pose, half_length, half_width, length, width)
             if gap <= 0.0:
                 begin, end = min(begin, j * STEP_M), j * STEP_M
                 along = own[2] * pose[2] + own[3] * pose[3]

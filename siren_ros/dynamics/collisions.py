@@ -1,13 +1,14 @@
 """Contacts between vehicles: oriented boxes that overlap, each lasting contact reported once."""
 
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
 from siren_ros.numerics.arrays import Floats, Ids
+from siren_ros.numerics.boxes import box_gap_m
+from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.geometry import footprint_corners, separation_m
 
 SEPARATION_GAP_M: Final = 0.1
@@ -57,21 +58,19 @@ def find_contacts(boxes: Footprints, touching: Pairs) -> tuple[tuple[Contact, ..
     Returns:
         New contacts, sorted by pair, and the pairs that touch now.
     """
-    first, second = _near_pairs(boxes)
-    if not len(first):
+    close = _close_pairs(boxes)
+    if not len(close):
         return (), ()
     corners = footprint_corners(boxes.x_m, boxes.y_m, boxes.yaw_rad, boxes.length_m, boxes.width_m)
-    gap = separation_m(corners[first], corners[second])
-    close = np.flatnonzero(gap < SEPARATION_GAP_M)
     before = frozenset(touching)
     contacts: list[Contact] = []
     pairs: list[tuple[int, int]] = []
-    for k in close:
-        a, b = int(first[k]), int(second[k])
+    for row, other, gap in close.tolist():
+        a, b = int(row), int(other)
         pair = int(boxes.actor_id[a]), int(boxes.actor_id[b])
         if pair in before:
             pairs.append(pair)
-        elif gap[k] <= 0.0:
+        elif gap <= 0.0:
             pairs.append(pair)
             contacts.append(_contact(boxes, corners, a, b))
     return tuple(contacts), tuple(pairs)
@@ -87,15 +86,32 @@ def overlapping(boxes: Footprints, pairs: Pairs) -> tuple[tuple[int, int], ...]:
     return tuple((int(a), int(b)) for a, b in rows[deep])
 
 
-def _near_pairs(boxes: Footprints) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Rows of pairs whose circumscribed circles come within the separation gap, the smaller row first, sorted."""
-    radius = 0.5 * (np.hypot(boxes.length_m, boxes.width_m) + SEPARATION_GAP_M)
-    dx = boxes.x_m[:, None] - boxes.x_m
-    dy = boxes.y_m[:, None] - boxes.y_m
-    reach = radius[:, None] + radius
-    first, second = np.nonzero(dx * dx + dy * dy < reach * reach)
-    ordered = first < second
-    return first[ordered], second[ordered]
+def _close_pairs(boxes: Footprints) -> Floats:
+    """Rows of the pairs within the separation gap, the smaller row first, sorted, and the gap; shape ``(M, 3)``."""
+    count = len(boxes.x_m)
+    out = np.empty((count * (count - 1) // 2, 3))
+    columns = boxes.x_m, boxes.y_m, np.cos(boxes.yaw_rad), np.sin(boxes.yaw_rad), boxes.length_m, boxes.width_m
+    found = _find_close(np.array(columns), SEPARATION_GAP_M, out)
+    return out[:found]
+
+
+@compiled
+def _find_close(columns: Any, within_m: float, out: Any) -> int:
+    """Fill in ``out`` with the pairs whose boxes are nearer than a gap; their number."""
+    x, y, cos, sin, length, width = columns[0], columns[1], columns[2], columns[3], columns[4], columns[5]
+    found = 0
+    for a in range(len(x)):
+        for b in range(a + 1, len(x)):
+            dx, dy = x[b] - x[a], y[b] - y[a]
+            reach = within_m + 0.5 * (np.sqrt(length[a] ** 2 + width[a] ** 2) + np.sqrt(length[b] ** 2 + width[b] ** 2))
+            if dx * dx + dy * dy >= reach * reach:
+                continue
+            one, other = (x[a], y[a], cos[a], sin[a]), (x[b], y[b], cos[b], sin[b])
+            gap = box_gap_m(one, other, 0.5 * length[a], 0.5 * width[a], 0.5 * length[b], 0.5 * width[b])
+            if gap < within_m:
+                out[found, 0], out[found, 1], out[found, 2] = a, b, gap
+                found += 1
+    return found
 
 
 def _contact(boxes: Footprints, corners: Floats, a: int, b: int) -> Contact:

@@ -3,14 +3,18 @@
 import numpy as np
 import pytest
 
-from siren_ros.conflicts.course import SPACING_M, Course, CourseBook, course_of_pose
+from siren_ros.conflicts.course import SPACING_M, Course, CourseBook
 from siren_ros.numerics.polyline import Polyline
-from siren_ros.roads.road_network import NO_LANE, Connection, Edge, Lane, LaneKind, RoadNetwork
+from siren_ros.roads.road_network import Connection, Edge, Lane, LaneKind, RoadNetwork
 
 
 def lane(index, edge, points, limit=13.89, position=0, kind=LaneKind.DRIVING):
     centre = Polyline.through(np.asarray(points, dtype=float))
     return Lane(index, f"l{index}", edge, position, kind, centre, 3.3, limit, True, True)
+
+
+def edges(*indices):
+    return np.array(indices, dtype=np.int32)
 
 
 @pytest.fixture
@@ -41,7 +45,7 @@ def network():
 
 
 def test_a_turner_is_expected_along_its_turn(network):
-    course = CourseBook(network).along(1, (0, 2))
+    course = CourseBook(network).along(1, edges(0, 2))
     at = course.points[round((100.0 + 15.0 * np.pi / 2.0 + 20.0) / course.spacing_m)]
     assert at == pytest.approx([115.0, 38.3], abs=1.5)
     assert course.entries[0].start_m == pytest.approx(100.0)
@@ -51,41 +55,40 @@ def test_a_turner_is_expected_along_its_turn(network):
 
 
 def test_the_same_lane_with_another_route_goes_straight_on(network):
-    course = CourseBook(network).along(0, (0, 4))
+    course = CourseBook(network).along(0, edges(0, 4))
     assert np.abs(course.points[:, 1]).max() == 0.0
     assert course.length_m == pytest.approx(180.0)
 
 
 def test_points_have_one_distance(network):
-    course = CourseBook(network).along(1, (0, 2))
+    course = CourseBook(network).along(1, edges(0, 2))
     steps = np.hypot(*np.diff(course.points, axis=0).T)
     assert steps.max() <= SPACING_M + 1e-9
     assert np.abs(steps - course.spacing_m).max() < 0.02
 
 
 def test_on_the_junction_the_course_begins_with_the_movement(network):
-    course = CourseBook(network).along(2, (0, 2))
+    course = CourseBook(network).along(2, edges(0, 2))
     assert course.entries[0].start_m == 0.0
     assert course.entry_at(-1.0) is None
     assert course.entry_at(5.0) is course.entries[0]
 
 
 def test_where_the_lane_leads_astray_the_nearest_one_that_does_not_is_taken(network):
-    course = CourseBook(network).along(0, (0, 2))
+    course = CourseBook(network).along(0, edges(0, 2))
     assert course.points[-1] == pytest.approx([115.0, 75.0], abs=6.0)
 
 
 def test_without_a_next_edge_the_course_ends_with_the_lane(network):
-    assert CourseBook(network).along(3, (2,)).length_m == pytest.approx(131.7)
+    assert CourseBook(network).along(3, edges(2)).length_m == pytest.approx(131.7)
 
 
 def test_a_course_is_worked_out_once(network):
     book = CourseBook(network)
-    assert book.along(1, [0, 2]) is book.along(1, (0, 2))
+    assert book.along(1, edges(0, 2)) is book.along(1, edges(0, 2))
 
 
 @pytest.mark.parametrize("yaw", np.radians([0.0, 30.0, 60.0, -135.0]))
-def test_off_the_road_everybody_goes_straight_on(network, yaw):
-    course = course_of_pose(CourseBook(network), NO_LANE, (), (3.0, 4.0, yaw))
+def test_off_the_road_everybody_goes_straight_on(yaw):
+    course = Course.straight(3.0, 4.0, yaw)
     assert course.points[10] == pytest.approx([3.0 + 10.0 * np.cos(yaw), 4.0 + 10.0 * np.sin(yaw)])
-    assert isinstance(course, Course)

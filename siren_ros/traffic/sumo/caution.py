@@ -6,7 +6,7 @@ its drivers are slowed here by the same rule by which the outside ones are drive
 """
 
 from collections.abc import Container, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import libsumo
@@ -98,7 +98,7 @@ def _ahead_m(speed_mps: float) -> float:
 
 
 def _wide(way: Way, margin_m: float) -> Way:
-    return replace(way, half_width_m=way.half_width_m + margin_m)
+    return way._replace(half_width_m=way.half_width_m + margin_m)
 
 
 def _waits(

@@ -88,10 +88,12 @@ def cautious(cars: list[Car], turn: float = 0.0, waiting: tuple[int, ...] = ()) 
 
 @pytest.mark.parametrize("turn", TURNS)
 def test_a_driver_waits_for_an_outside_vehicle_that_cannot_stop_any_more(turn: float) -> None:
-    (caution,) = cautious([Car(0, 75.0, 10.0), Car(1, 85.0, 12.0, Owner.ROS)], turn)
+    (caution,) = cautious([Car(0, 75.0, 13.0), Car(1, 85.0, 12.0, Owner.ROS)], turn)
     assert (caution.actor_id, caution.other_id) == (1, 2)
-    assert caution.wait.free_m < 25.0
-    assert caution.wait.brake_mps2 >= 100.0 / (2.0 * caution.wait.free_m) - 1e-6
+    way = 25.0 - HALF_WIDTH - YieldingConfig().standoff_m
+    assert way - 1.5 < caution.wait.free_m <= way
+    clear_s = (15.0 + 2.0 * HALF_LENGTH + HALF_WIDTH) / 12.0
+    assert 13.0 * clear_s - 0.5 * caution.wait.brake_mps2 * clear_s**2 < way
 
 
 def test_nobody_waits_for_who_comes_much_later_or_stays_away() -> None:

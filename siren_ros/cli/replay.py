@@ -3,14 +3,18 @@
 import argparse
 import json
 import os
+import re
 import sys
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Final
 
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
 from siren_ros.generation.replay_check import notes_on, repeat_episode
 from siren_ros.recording.bag_guard import check_bag_files
 from siren_ros.recording.bag_reader import read_episode
+
+_RULE: Final = re.compile(r"[A-Za-z0-9_/~]+:=[A-Za-z0-9_/~]+")
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
@@ -27,7 +31,14 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
         "--start", dest="start_s", type=float, default=0.0, metavar="S", help="simulated time to begin at (0)"
     )
     verb.add_argument("--loop", action="store_true", help="begin again at the end")
-    verb.add_argument("--paused", action="store_true", help="wait for the service /player/resume first")
+    verb.add_argument("--paused", action="store_true", help="wait for the service /rosbag2_player/resume first")
+    verb.add_argument(
+        "--playback-duration", dest="duration_s", type=float, default=0.0, metavar="S", help="play so long (to the end)"
+    )
+    verb.add_argument("--topics", nargs="+", default=[], metavar="TOPIC", help="publish the clock and these (all)")
+    verb.add_argument(
+        "--remap", "-m", nargs="+", default=[], metavar="OLD:=NEW", help="publish topics under other names"
+    )
     verb.set_defaults(run=run)
 
 
@@ -60,6 +71,14 @@ def _play(arguments: argparse.Namespace) -> int:
         "loop": arguments.loop,
         "paused": arguments.paused,
     }
+    if arguments.duration_s:
+        values["playback_duration_s"] = arguments.duration_s
+    if arguments.topics:
+        values["topics"] = arguments.topics
     flags = [part for name, value in values.items() for part in ("-p", f"{name}:={json.dumps(value)}")]
+    for rule in arguments.remap:
+        if not _RULE.fullmatch(rule):
+            raise InputError("--remap", rule, "a rule OLD:=NEW with names of topics")
+        flags += ["-r", rule]
     sys.stdout.flush()
     os.execv(sys.executable, [sys.executable, "-m", "siren_nodes.player", "--ros-args", *flags])  # noqa: S606 - our own

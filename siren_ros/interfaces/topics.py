@@ -86,7 +86,7 @@ EVENTS: Final = Topic("/siren/events", "siren_msgs/msg/Events", "vehicle_dynamic
 STEP_DONE: Final = Topic("/siren/step_done", "siren_msgs/msg/StepDone", "")
 EPISODE_END: Final = Topic("/siren/episode_end", "siren_msgs/msg/EpisodeEnd", "cosim", period_steps=ONCE)
 OUTCOME: Final = Topic("/siren/outcome", "siren_msgs/msg/EpisodeOutcome", "recorder", ("recorder",), ONCE)
-"""The recorder writes the outcome itself, as the last message of the bag."""
+"""The recorder writes the end and the outcome itself, as the last messages of the bag."""
 TF: Final = Topic("/tf", "tf2_msgs/msg/TFMessage", "sensor_sim", ("recorder",))
 TF_STATIC: Final = Topic("/tf_static", "tf2_msgs/msg/TFMessage", "sensor_sim", ("recorder",), ONCE)
 SENSING: Final = Topic("/siren/sensing", "std_msgs/msg/String", "sensor_sim", ("recorder",), ONCE)

@@ -61,6 +61,11 @@ class OpenBag:
         """Topics whose publishers were transient local."""
         self._stamped = {name for name in set(self.type_names.values()) if _starts_with_stamp(reader.typestore, name)}
 
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """Times of the first and the last message."""
+        return self.reader.start_time, self.reader.end_time - 1
+
     def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
         """Messages in the order of simulated time; all topics, or those given.
 

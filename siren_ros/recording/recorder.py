@@ -10,9 +10,9 @@ from rosbags.typesys.store import Typestore
 
 from siren_ros.errors import EpisodeError, SirenError
 from siren_ros.interfaces.cdr import decode_cdr, encode_cdr, step_of_cdr
-from siren_ros.interfaces.episode_conversions import to_episode_outcome
+from siren_ros.interfaces.episode_conversions import to_episode_end, to_episode_outcome
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing
-from siren_ros.interfaces.topics import OUTCOME, Topic
+from siren_ros.interfaces.topics import EPISODE_END, OUTCOME, Topic
 from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.recording.bag_writer import BagSummary, EpisodeBagWriter
 from siren_ros.recording.collector import CollectedMessage, StepCollector
@@ -50,10 +50,10 @@ class EpisodeRecorder:
             BagError: The folder exists already or cannot be written.
         """
         self._store = store
-        self._latched = latched
+        self._latched = latched | {EPISODE_END.name}
         self._judge = judge
         self._decode = decode or partial(decode_cdr, store)
-        self._writer = None if path is None else EpisodeBagWriter(path, store, latched)
+        self._writer = None if path is None else EpisodeBagWriter(path, store, self._latched)
         self._builder = RecordBuilder(read)
         self._collector: StepCollector | None = None
         self._early: list[tuple[Topic, bytes]] = []
@@ -143,8 +143,10 @@ class EpisodeRecorder:
         outcome = self._judge(self._builder, closing)
         message = to_episode_outcome(outcome)
         cdr = encode_cdr(self._store, OUTCOME, message)
+        ending = encode_cdr(self._store, EPISODE_END, to_episode_end(closing))
         try:
-            self._bag.write(OUTCOME.name, OUTCOME.type_name, cdr, time_ns_of_step(max(closing.steps - 1, 0)))
+            for topic, content in ((EPISODE_END, ending), (OUTCOME, cdr)):
+                self._bag.write(topic.name, topic.type_name, content, time_ns_of_step(max(closing.steps - 1, 0)))
             if closing.end is EpisodeEnd.COMPLETE:
                 return outcome, self._bag.finish(), message
         except EpisodeError as error:

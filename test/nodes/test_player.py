@@ -129,7 +129,7 @@ def test_from_the_middle_latched_topics_are_there_too(bag: Path) -> None:
 def test_late_subscribers_get_everything_from_their_joining_on(bag: Path) -> None:
     everything = recorded(bag)
     for seen in heard_late(bag, 3):
-        for topic in ("/siren/map", "/siren/episode", "/tf_static", "/siren/outcome"):
+        for topic in ("/siren/map", "/siren/episode", "/tf_static", "/siren/episode_end", "/siren/outcome"):
             assert seen[topic] == everything[topic]
         for topic, bytes_heard in seen.items():
             assert bytes_heard == everything[topic][-len(bytes_heard) :], topic
@@ -151,52 +151,159 @@ def test_a_subscriber_that_hangs_stops_the_player_for_a_while_only(bag: Path) ->
 CALLER = """
 import sys, time
 import rclpy
+from rclpy.qos import QoSProfile
+from rosbag2_interfaces import srv
 from rosgraph_msgs.msg import Clock
-from std_srvs.srv import Trigger
 rclpy.init()
 node = rclpy.create_node("caller")
 steps = []
 hear = lambda message: steps.append(round((message.clock.sec + message.clock.nanosec * 1e-9) * 20))
-node.create_subscription(Clock, "/clock", hear, 100)
-def call(service):
-    client = node.create_client(Trigger, "/player/" + service)
+node.create_subscription(Clock, "/clock", hear, 1000)
+clients = {}
+def call(kind, service, **fields):
+    if service not in clients:
+        clients[service] = node.create_client(getattr(srv, kind), "/rosbag2_player/" + service)
+    client = clients[service]
     assert client.wait_for_service(30.0)
-    future = client.call_async(Trigger.Request())
-    rclpy.spin_until_future_complete(node, future, timeout_sec=10.0)
-    assert future.result().success
-    return future.result().message
+    future = client.call_async(getattr(srv, kind).Request(**fields))
+    rclpy.spin_until_future_complete(node, future, timeout_sec=30.0)
+    return future.result()
 def listen(seconds):
     until = time.monotonic() + seconds
     while time.monotonic() < until:
         rclpy.spin_once(node, timeout_sec=0.05)
+def hear_until(step):
+    until = time.monotonic() + 30.0
+    while step not in steps and time.monotonic() < until:
+        rclpy.spin_once(node, timeout_sec=0.1)
+    assert step in steps, steps
+"""
+
+PAUSES = (
+    CALLER
+    + """
 listen(1.5)
 assert not steps, "it waits"
-call("resume")
+call("Resume", "resume")
 while len(steps) < 30:
     rclpy.spin_once(node, timeout_sec=0.1)
 assert steps[:30] == [*range(20), *range(10)], steps
-print(call("pause"))
+call("Pause", "pause")
+assert call("IsPaused", "is_paused").paused
 listen(0.3)
 count = len(steps)
 listen(1.0)
 assert len(steps) == count, "it stands still"
-assert call("toggle_paused").startswith("playing at ")
+call("TogglePaused", "toggle_paused")
+assert not call("IsPaused", "is_paused").paused
 while len(steps) == count:
     rclpy.spin_once(node, timeout_sec=0.1)
 print("done")
 """
+)
+
+SEEKS = (
+    CALLER
+    + """
+from builtin_interfaces.msg import Time
+assert call("GetRate", "get_rate").rate == 1.0
+assert call("SetRate", "set_rate", rate=2.5).success
+assert not call("SetRate", "set_rate", rate=0.0).success
+assert not call("SetRate", "set_rate", rate=-1.0).success
+assert call("GetRate", "get_rate").rate == 2.5
+assert call("Seek", "seek", time=Time(sec=0, nanosec=500_000_000)).success
+assert not call("Seek", "seek", time=Time(sec=5)).success
+assert call("Burst", "burst", num_messages=6).actually_burst == 6  # latched ones come first
+steps.clear()
+assert call("Seek", "seek", time=Time(sec=0, nanosec=250_000_000)).success
+while not steps:
+    assert call("PlayNext", "play_next").success
+    listen(0.05)
+assert steps == [5], steps
+assert call("Burst", "burst", num_messages=0).actually_burst > 100
+hear_until(19)
+assert steps == [*range(5, 20)], steps
+assert not call("PlayNext", "play_next").success
+assert call("Seek", "seek", time=Time()).success
+steps.clear()
+call("Resume", "resume")
+hear_until(19)
+print("done")
+"""
+)
+
+
+def control(bag: Path, program: str, *parameters: str) -> tuple[int, str]:
+    """Exit code of a player that a program controls, and what the program printed."""
+    flags = [part for item in (f"bag:={bag}", "paused:=true", "delay_s:=0.0", *parameters) for part in ("-p", item)]
+    with (
+        DOMAIN.running("-m", "siren_nodes.player", "--ros-args", *flags, cwd=bag.parent) as player,
+        DOMAIN.running("-c", program, cwd=bag.parent) as caller,
+    ):
+        out, err = caller.communicate(timeout=120.0)
+        assert not err, err
+        if "loop:=true" not in parameters:
+            assert player.wait(60.0) == 0
+        return caller.returncode, out
 
 
 def test_it_pauses_and_loops(bag: Path) -> None:
-    flags = ("-p", f"bag:={bag}", "-p", "loop:=true", "-p", "paused:=true", "-p", "delay_s:=0.0")
-    with (
-        DOMAIN.running("-m", "siren_nodes.player", "--ros-args", *flags, cwd=bag.parent),
-        DOMAIN.running("-c", CALLER, cwd=bag.parent) as caller,
-    ):
-        out, err = caller.communicate(timeout=90.0)
-    assert not err, err
-    assert out.splitlines()[0].startswith("paused at ")
-    assert out.splitlines()[-1] == "done"
+    assert control(bag, PAUSES, "loop:=true") == (0, "done\n")
+
+
+def test_rosbag2s_services_control_it(bag: Path) -> None:
+    assert control(bag, SEEKS) == (0, "done\n")
+
+
+def test_some_topics_for_a_while(bag: Path) -> None:
+    everything = recorded(bag)
+    parameters = ("topics:=[siren/events]", "start_s:=0.25", "playback_duration_s:=0.5", "rate:=0.5", "delay_s:=5.0")
+    seen = {name: messages for name, messages in heard(bag, *parameters).items() if messages}
+    assert seen == {name: everything[name][5:15] for name in ("/clock", "/siren/events")}
+
+
+def test_a_topic_that_the_bag_lacks_is_named(bag: Path) -> None:
+    with DOMAIN.running(*play(bag, "topics:=[no/such]"), cwd=bag.parent) as player:
+        _, err = player.communicate(timeout=60.0)
+    assert player.returncode == 2
+    assert err.startswith("player: topics: '/no/such' cannot be used; allowed: topics of the bag: /clock, ")
+
+
+ENDS = """
+import sys, time
+import rclpy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
+from sensor_msgs.msg import PointCloud2
+from siren_msgs.msg import EpisodeEnd
+rclpy.init()
+node = rclpy.create_node("slow_listener")
+clouds, ends = [], []
+def hear(cloud):
+    time.sleep(0.1)
+    clouds.append(cloud.header.stamp)
+node.create_subscription(PointCloud2, "/mine/points", hear, QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=0))
+latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+node.create_subscription(EpisodeEnd, "/siren/episode_end", ends.append, latched)
+print("listening", flush=True)
+until = time.monotonic() + 60.0
+while not ends and time.monotonic() < until:
+    rclpy.spin_once(node, timeout_sec=0.1)
+until = time.monotonic() + 5.0
+while time.monotonic() < until:
+    rclpy.spin_once(node, timeout_sec=0.1)
+print(len(clouds), len(ends), ends[0].reason == "" if ends else "")
+"""
+
+
+def test_a_slow_listener_with_an_unlimited_queue_gets_everything_and_ends(bag: Path) -> None:
+    clouds = len(recorded(bag)["/emv/lidar/points"])
+    replay = ["-m", "siren_ros.cli.main", "replay", str(bag), "--remap", "/emv/lidar/points:=/mine/points"]
+    with DOMAIN.running("-c", ENDS, cwd=bag.parent) as listener:
+        assert next_line(listener.stdout) == "listening\n"
+        with DOMAIN.running(*replay, cwd=bag.parent) as playing:
+            assert playing.wait(90.0) == 0
+        out, err = listener.communicate(timeout=90.0)
+    assert (out, err) == (f"{clouds} 1 True\n", "")
 
 
 @pytest.mark.parametrize(

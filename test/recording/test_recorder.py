@@ -6,7 +6,7 @@ from synthetic_episode import SyntheticEpisode
 from siren_ros.errors import EpisodeError
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing
 from siren_ros.interfaces.messages import typestore
-from siren_ros.interfaces.topics import EPISODE, OUTCOME
+from siren_ros.interfaces.topics import EPISODE, EPISODE_END, OUTCOME
 from siren_ros.recording.bag_reader import open_bag
 from siren_ros.recording.record_builder import RecordBuilder
 from siren_ros.recording.recorder import EpisodeRecorder
@@ -33,7 +33,9 @@ def recorded(path: Path | None, expected_path: Path) -> dict[str, bytes]:
         recorder.take(topic, cdr)
     recorder.close(EpisodeClosing(recorder.steps_recorded, EpisodeEnd.COMPLETE, ""))
     with open_bag(path or expected_path) as bag:
-        return {f"{message.topic}@{message.time_ns}": bytes(message.cdr) for message in bag.messages()}
+        messages = list(bag.messages())
+        assert [message.topic for message in messages[-2:]] == [EPISODE_END.name, OUTCOME.name]
+        return {f"{message.topic}@{message.time_ns}": bytes(message.cdr) for message in messages}
 
 
 def test_a_place_that_the_description_gives_serves_as_well(tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ source "$here/runnables.sh"
 verify() {
     run_step "check: everything imports" "$state/verify.log" \
         bash -c 'source "$1" && exec "$2" -c "$3"' bash "$state/environment.sh" "$venv/bin/python" \
-        'import rclpy, siren_msgs.msg, tf2_msgs.msg, vision_msgs.msg, sensor_msgs.msg
+        'import rclpy, siren_msgs.msg, tf2_msgs.msg, vision_msgs.msg, rosbag2_interfaces.srv, sensor_msgs.msg
 import libsumo, moderngl, rosbags, scipy, siren_ros, siren_nodes'
 }
 

@@ -90,7 +90,11 @@ class PlayerConfig:
     rate: float = parameter(1.0, "Simulated seconds per wall second.", minimum=0.01, maximum=100.0)
     start_s: float = parameter(0.0, "Simulated time at which it begins.", minimum=0.0, maximum=1e6)
     loop: bool = parameter(False, "Begin again at the end.")
-    paused: bool = parameter(False, "Wait for the service ~/resume before the first message.")
+    playback_duration_s: float = parameter(
+        0.0, "Simulated duration that is played; 0: to the end of the bag.", minimum=0.0, maximum=1e6
+    )
+    topics: list[str] = parameter([], "Topics that are published, with the clock; empty: all.")
+    paused: bool = parameter(False, "Wait for the service /rosbag2_player/resume before the first message.")
     delay_s: float = parameter(
         3.0, "Wall time that subscribers are given to connect before the first message.", minimum=0.0, maximum=3600.0
     )

@@ -2,18 +2,19 @@
 
 import time
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 from rclpy.node import Node
-from std_srvs.srv import Trigger
 
-from siren_ros.errors import BagError
+from siren_ros.errors import BagError, InputError
 from siren_ros.interfaces.topics import CLOCK, EVERY_STEP, ONCE, Topic
 from siren_ros.recording.bag_reader import BagMessage, open_bag
 from siren_ros.recording.playback import NS_PER_S, Playhead, messages_from
 from siren_ros.ros.parameters.node_configs import PlayerConfig
 from siren_ros.ros.parameters.parameters import declare_config
+from siren_ros.ros.programs.player_services import offer_services
 from siren_ros.ros.transport.acknowledged_output import PATIENCE_S, AcknowledgedOutput
 from siren_ros.ros.transport.domain import check_alone, claimed_domain
 from siren_ros.ros.transport.wall_timer import create_wall_timer
@@ -27,7 +28,7 @@ sender's shared memory (0.5 MB by default), and lost data comes again only after
 class BagPlayer(Node):
     """Plays one bag, once or repeatedly; ``finished`` at the end of the bag.
 
-    The services ``~/pause``, ``~/resume`` and ``~/toggle_paused`` have the names of rosbag2's player.
+    Services with the names and types of rosbag2's player control it.
     """
 
     def __init__(self, name: str, **node_options: Any) -> None:
@@ -35,7 +36,7 @@ class BagPlayer(Node):
 
         Raises:
             BagError: The bag cannot be read, or a message type of it is not installed.
-            InputError: An episode or another player publishes in this domain already.
+            InputError: An episode or another player publishes in this domain already; or a topic that the bag lacks.
         """
         super().__init__(name, **node_options)
         began_s = time.monotonic()
@@ -47,20 +48,24 @@ class BagPlayer(Node):
         self._open = ExitStack()
         self._bag = self._open.enter_context(open_bag(Path(self.config.bag)))
         self._open.enter_context(claimed_domain())
-        self._outputs = {topic: self._output(topic, kind) for topic, kind in self._bag.type_names.items()}
-        if CLOCK.name not in self._outputs:
+        if CLOCK.name not in self._bag.type_names:
             raise BagError(self.config.bag, f"an episode with {CLOCK.name}")
+        self._outputs = {topic: self._output(topic, self._bag.type_names[topic]) for topic in self._chosen_topics()}
         check_alone(self, began_s)
-        self._messages = messages_from(self._bag, self._start_ns)
-        self._next: BagMessage | None = next(self._messages, None)
+        self._go_to(self._start_ns)
         begin_s = time.monotonic() + self.config.delay_s
         self._playhead = Playhead(self._first_ns(), begin_s, self.config.rate, self.config.paused)
-        self.create_service(Trigger, "~/pause", lambda _, response: self._on_pause(response, paused=True))
-        self.create_service(Trigger, "~/resume", lambda _, response: self._on_pause(response, paused=False))
-        self.create_service(
-            Trigger, "~/toggle_paused", lambda _, response: self._on_pause(response, paused=not self._playhead.paused)
-        )
+        offer_services(self, self)
         create_wall_timer(self, TICK_S, self._on_tick)
+
+    def _chosen_topics(self) -> tuple[str, ...]:
+        """The clock and the topics that the user names; by default all."""
+        known = tuple(self._bag.type_names)
+        wanted = [name if name.startswith("/") else f"/{name}" for name in self.config.topics]
+        for name in wanted:
+            if name not in known:
+                raise InputError("topics", name, "topics of the bag: " + ", ".join(sorted(known)))
+        return tuple(name for name in known if not wanted or name in wanted or name == CLOCK.name)
 
     def _output(self, name: str, type_name: str) -> AcknowledgedOutput:
         period = ONCE if name in self._bag.latched else EVERY_STEP
@@ -73,11 +78,59 @@ class BagPlayer(Node):
         """Where the playhead begins; latched messages from before are published at once."""
         return self._start_ns if self._next is None else max(self._start_ns, self._next.time_ns)
 
-    def _on_pause(self, response: Any, *, paused: bool) -> Any:
+    def _go_to(self, time_ns: int) -> None:
+        """Read on from a time, with the messages that are latched then."""
+        end_ns = self._start_ns + round(self.config.playback_duration_s * NS_PER_S)
+        self._messages = (
+            message
+            for message in messages_from(self._bag, time_ns)
+            if message.topic in self._outputs and (not self.config.playback_duration_s or message.time_ns < end_ns)
+        )
+        self._next: BagMessage | None = next(self._messages, None)
+
+    @property
+    def paused(self) -> bool:
+        """Whether simulated time stands still."""
+        return self._playhead.paused
+
+    @paused.setter
+    def paused(self, paused: bool) -> None:
         self._playhead = self._playhead.pause(time.monotonic(), paused)
-        response.success = True
-        response.message = f"{'paused' if paused else 'playing'} at {self._playhead.position_ns / NS_PER_S:.2f} s"
-        return response
+
+    @property
+    def rate(self) -> float:
+        """Simulated seconds per wall second."""
+        return self._playhead.rate
+
+    @rate.setter
+    def rate(self, rate: float) -> None:
+        self._playhead = replace(self._playhead.advance(time.monotonic()), rate=rate)
+
+    def seek(self, time_ns: int) -> bool:
+        """Go to a time of the bag; False where the bag has no such time."""
+        first_ns, last_ns = self._bag.span_ns
+        if not first_ns <= time_ns <= last_ns:
+            return False
+        self._go_to(time_ns)
+        self._playhead = replace(self._playhead, position_ns=time_ns, since_s=time.monotonic())
+        return True
+
+    def play_next(self, count: int) -> int:
+        """Publish the next messages, while paused; returns their number. A count of 0 is the rest of the bag.
+
+        It waits for subscribers before each message, as playing does.
+        """
+        published = 0
+        while self.paused and self._next is not None and (not count or published < count):
+            if self._may_publish(self._next, time.monotonic()):
+                self._playhead = replace(
+                    self._playhead, position_ns=max(self._playhead.position_ns, self._next.time_ns)
+                )
+                self._publish_next()
+                published += 1
+            else:
+                time.sleep(TICK_S)
+        return published
 
     def _on_tick(self) -> None:
         now_s = time.monotonic()
@@ -96,11 +149,15 @@ class BagPlayer(Node):
             if not self._may_publish(self._next, now_s):
                 self._playhead = self._playhead.held_at(self._next.time_ns)
                 return
+            self._publish_next()
+        if self._next is None and not self._playhead.paused and not self._restart():
+            self.finished = True
+
+    def _publish_next(self) -> None:
+        if self._next is not None:
             self._outputs[self._next.topic].publish(bytes(self._next.cdr))
             self._large_under_way = len(self._next.cdr) > LARGE_BYTES
             self._next = next(self._messages, None)
-        if self._next is None and not self._restart():
-            self.finished = True
 
     def _may_publish(self, message: BagMessage, now_s: float) -> bool:
         """Whether every subscriber has what it needs before this message."""
@@ -116,8 +173,7 @@ class BagPlayer(Node):
     def _restart(self) -> bool:
         if not self.config.loop:
             return False
-        self._messages = messages_from(self._bag, self._start_ns)
-        self._next = next(self._messages, None)
+        self._go_to(self._start_ns)
         self._playhead = Playhead(self._first_ns(), time.monotonic(), self._playhead.rate, self._playhead.paused)
         return self._next is not None
 

@@ -26,7 +26,7 @@ PACKAGES = {
     # av2 asks for torch and more, which its readers of scenarios and maps do not import.
     "av2": ("numpy<2", "pandas<3", "pyarrow<22", "shapely", "scipy", "joblib", "rich", "pyproj", "universal-pathlib",
             "matplotlib", "av", "opencv-python-headless<4.12", "numba", "polars"),
-    "commonroad": ("commonroad-io==2026.1",),
+    "commonroad": ("commonroad-io==2026.1", "xmlschema"),
     "scenariogeneration": ("scenariogeneration==0.16.7", "xmlschema"),
     "metadrive": ("metadrive-simulator==0.4.3",),
     "carla": ("carla==0.9.16",),

@@ -73,6 +73,24 @@ FORMATS: Final = {
             f"{_PACKAGE}.ngsim.exporter:NgsimExporter",
             (Option("population", "region", POPULATIONS, "whose windows are samples, and who is a neighbour"),),
         ),
+        Format(
+            "commonroad",
+            "CommonRoad 2020a: lanelets, lights, dynamic obstacles; the EMV is the planning problem",
+            (Need.TRACKS, Need.MAP, Need.EMV),
+            f"{_PACKAGE}.commonroad.exporter:CommonRoadExporter",
+        ),
+        Format(
+            "opendrive",
+            "OpenDRIVE: the episode's map",
+            (Need.MAP,),
+            f"{_PACKAGE}.opendrive:OpenDriveExporter",
+        ),
+        Format(
+            "openscenario",
+            "OpenSCENARIO 1.2: everybody follows the recorded trajectory on the OpenDRIVE map",
+            (Need.TRACKS, Need.MAP),
+            f"{_PACKAGE}.openscenario.exporter:OpenScenarioExporter",
+        ),
     )
 }
 """By name, in the order in which they are listed."""

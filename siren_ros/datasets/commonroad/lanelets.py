@@ -1,0 +1,203 @@
+"""CommonRoad's lanelet network: lanelets with adjacency, speed limits, traffic lights, intersections.
+
+Format: CommonRoad 2020a, https://commonroad.in.tum.de.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Final
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from siren_ros.datasets.sources.lane_graph import GraphLane, lane_graph
+from siren_ros.datasets.sources.sampling import LOG_PERIOD_STEPS
+from siren_ros.datasets.sources.xml_text import child
+from siren_ros.numerics.arrays import Points
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.roads.road_network import Connection, LaneKind, RoadNetwork
+
+_SIGNS, _LIGHTS, _JUNCTIONS, _INCOMINGS = 1_000_000, 2_000_000, 3_000_000, 4_000_000
+"""First ids of each kind; all ids of a scenario differ."""
+_COLOUR: Final = {"r": "red", "u": "redYellow", "y": "yellow", "g": "green", "s": "green", "o": "inactive"}
+"""Of SUMO's letters, capital or not; ``s`` is a green arrow."""
+_DIRECTION: Final = {"s": "straight", "l": "left", "L": "left", "t": "left", "r": "right", "R": "right"}
+_KIND: Final = {LaneKind.INTERNAL: "intersection", LaneKind.SHOULDER: "shoulder"}
+_OPPOSITE_M: Final = 1.0
+"""Left boundaries of opposite lanes that are this near each other are one line."""
+
+
+def lanelet_id(lane: int) -> int:
+    """Id of a lane's lanelet."""
+    return lane + 1
+
+
+@dataclass(frozen=True)
+class _Light:
+    number: int
+    connection: Connection
+
+
+def add_network(root: Element, record: EpisodeRecord) -> None:
+    """Adds lanelets, signs, lights and intersections, in the order of the schema."""
+    network = record.network
+    graph = lane_graph(network)
+    limits = sorted({lane.lane.speed_limit_mps for lane in graph.values()})
+    signs = {limit: _SIGNS + number for number, limit in enumerate(limits)}
+    lights = _lights(network, graph)
+    opposite = _opposite_lanes(network, graph)
+    for index, lane in graph.items():
+        _add_lanelet(root, index, lane, signs[lane.lane.speed_limit_mps], lights.get(index, []), opposite.get(index))
+    for limit, number in signs.items():
+        first = next(lane for lane in graph.values() if lane.lane.speed_limit_mps == limit)
+        sign = child(root, "trafficSign", id=number)
+        element = child(sign, "trafficSignElement")
+        child(element, "trafficSignID", "274")
+        child(element, "additionalValue", limit)
+        _add_point(child(sign, "position"), first.right[0])
+        child(sign, "virtual", text=True)
+    cycles = _cycles(record)
+    for found in lights.values():
+        for light in found:
+            _add_light(root, light, graph, cycles)
+    _add_intersections(root, network, graph)
+
+
+def _add_lanelet(
+    root: Element, index: int, lane: GraphLane, sign: int, lights: list[_Light], opposite: int | None
+) -> None:
+    made = child(root, "lanelet", id=lanelet_id(index))
+    solid = "no_marking" if lane.in_junction else "solid"
+    dashed = "no_marking" if lane.in_junction else "dashed"
+    for tag, points, neighbour in (
+        ("leftBound", lane.left, lane.left_neighbour),
+        ("rightBound", lane.right, lane.right_neighbour),
+    ):
+        bound = child(made, tag)
+        for place in points:
+            _add_point(bound, place)
+        child(bound, "lineMarking", solid if neighbour is None else dashed)
+    for tag, others in (("predecessor", lane.predecessors), ("successor", lane.successors)):
+        for other in others:
+            child(made, tag, ref=lanelet_id(other))
+    _add_neighbours(made, lane, opposite)
+    if lights:
+        line = child(made, "stopLine")
+        _add_point(line, lane.left[-1])
+        _add_point(line, lane.right[-1])
+        child(line, "lineMarking", "solid")
+        for light in lights:
+            child(line, "trafficLightRef", ref=light.number)
+    child(made, "laneletType", _KIND.get(lane.lane.kind, "urban"))
+    child(made, "userOneWay", "vehicle" if lane.lane.civilian_allowed else "priorityVehicle")
+    child(made, "trafficSignRef", ref=sign)
+    for light in lights:
+        child(made, "trafficLightRef", ref=light.number)
+
+
+def _add_neighbours(made: Element, lane: GraphLane, opposite: int | None) -> None:
+    if lane.left_neighbour is not None:
+        child(made, "adjacentLeft", ref=lanelet_id(lane.left_neighbour), drivingDir="same")
+    elif opposite is not None:
+        child(made, "adjacentLeft", ref=lanelet_id(opposite), drivingDir="opposite")
+    if lane.right_neighbour is not None:
+        child(made, "adjacentRight", ref=lanelet_id(lane.right_neighbour), drivingDir="same")
+
+
+def _lights(network: RoadNetwork, graph: Mapping[int, GraphLane]) -> dict[int, list[_Light]]:
+    """Lights by the lane that they stand at, one for each direction."""
+    found: dict[int, dict[str, _Light]] = {}
+    number = _LIGHTS
+    for connection in network.connections:
+        direction = _DIRECTION.get(connection.direction, "all")
+        at = found.setdefault(connection.from_lane, {})
+        if connection.signal_id is None or connection.from_lane not in graph or direction in at:
+            continue
+        at[direction] = _Light(number, connection)
+        number += 1
+    return {lane: list(lights.values()) for lane, lights in found.items() if lights}
+
+
+def _cycles(record: EpisodeRecord) -> dict[str, list[str]]:
+    """State strings of each signal at 10 Hz."""
+    found: dict[str, list[str]] = {}
+    for traffic in record.traffic:
+        if traffic.step % LOG_PERIOD_STEPS == 0:
+            for signal in traffic.signals:
+                found.setdefault(signal.signal_id, []).append(signal.state)
+    return found
+
+
+def _add_light(root: Element, light: _Light, graph: Mapping[int, GraphLane], cycles: Mapping[str, list[str]]) -> None:
+    """A light whose cycle is what was recorded, from the start of the episode to its end."""
+    connection = light.connection
+    states = cycles.get(str(connection.signal_id), [])
+    colours = [_COLOUR.get(state[connection.signal_link].lower(), "inactive") for state in states] or ["inactive"]
+    made = child(root, "trafficLight", id=light.number)
+    cycle = child(made, "cycle")
+    for colour, same in groupby(colours):
+        element = child(cycle, "cycleElement")
+        child(element, "duration", len(list(same)))
+        child(element, "color", colour)
+    _add_point(child(made, "position"), graph[connection.from_lane].right[-1])
+    child(made, "direction", _DIRECTION.get(connection.direction, "all"))
+    child(made, "active", text=True)
+
+
+def _opposite_lanes(network: RoadNetwork, graph: Mapping[int, GraphLane]) -> dict[int, int]:
+    """The lane of the other direction that shares the left boundary of each leftmost lane."""
+    outer: dict[tuple[str, str], list[int]] = {}
+    for index, lane in graph.items():
+        edge = network.edges[lane.lane.edge]
+        if lane.left_neighbour is None and not edge.internal:
+            outer.setdefault((edge.from_junction, edge.to_junction), []).append(index)
+    found = {}
+    for (start, end), lanes in outer.items():
+        for index in lanes:
+            for other in outer.get((end, start), []):
+                one, two = graph[index].left, graph[other].left
+                if max(np.hypot(*(one[0] - two[-1])), np.hypot(*(one[-1] - two[0]))) < _OPPOSITE_M:
+                    found[index] = other
+    return found
+
+
+def _add_intersections(root: Element, network: RoadNetwork, graph: Mapping[int, GraphLane]) -> None:
+    number = _INCOMINGS
+    for junction, (_, arms) in enumerate(_arms(network, graph)):
+        made = child(root, "intersection", id=_JUNCTIONS + junction)
+        for lanes, successors in arms:
+            incoming = child(made, "incoming", id=number)
+            number += 1
+            for lane in lanes:
+                child(incoming, "incomingLanelet", ref=lanelet_id(lane))
+            for tag in ("Right", "Straight", "Left"):
+                for lane in sorted(successors.get(tag.lower(), set())):
+                    child(incoming, f"successors{tag}", ref=lanelet_id(lane))
+
+
+def _arms(
+    network: RoadNetwork, graph: Mapping[int, GraphLane]
+) -> Iterator[tuple[str, list[tuple[list[int], dict[str, set[int]]]]]]:
+    """For each junction with paths across it: lanes of each road into it, and first lanelets by direction."""
+    by_junction: dict[str, dict[int, list[Connection]]] = {}
+    for connection in network.connections:
+        if connection.via and connection.from_lane in graph and connection.via[0] in graph:
+            edge = network.lanes[connection.from_lane].edge
+            if not network.edges[edge].internal:
+                by_junction.setdefault(connection.junction, {}).setdefault(edge, []).append(connection)
+    for junction, edges in by_junction.items():
+        arms = []
+        for connections in edges.values():
+            successors: dict[str, set[int]] = {}
+            for connection in connections:
+                direction = _DIRECTION.get(connection.direction, "straight")
+                successors.setdefault(direction, set()).add(connection.via[0])
+            arms.append((sorted({connection.from_lane for connection in connections}), successors))
+        yield junction, arms
+
+
+def _add_point(parent: Element, place: Points) -> None:
+    point = child(parent, "point")
+    child(point, "x", float(place[0]))
+    child(point, "y", float(place[1]))

@@ -1,0 +1,56 @@
+"""The episode's map as OpenDRIVE, made from the compiled net by SUMO's netconvert."""
+
+import re
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from siren_ros.datasets.exporting.file_writer import FileWriter
+from siren_ros.datasets.exporting.format import EpisodePart, EpisodeReport
+from siren_ros.datasets.exporting.staging import link
+from siren_ros.datasets.sources.episode_source import EpisodeSource
+from siren_ros.roads.maps.netconvert import run_netconvert, without_header
+
+_DATE: Final = re.compile(rb'(<header\b[^>]*\bdate=")[^"]*(")')
+
+
+class OpenDriveExporter:
+    """One file for each map; episodes on the same map share it."""
+
+    def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:  # noqa: ARG002 - the interface of all formats
+        """Writes the map."""
+        files.write(f"{map_name(source)}.xodr", opendrive_of(source))
+        return EpisodeReport({"lanes": len(source.network.lanes)})
+
+    def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
+        """Links each map once."""
+        for part in parts:
+            for path in part.folder.glob("*.xodr"):
+                if not (folder / path.name).exists():
+                    link(path, folder / path.name)
+
+
+def map_name(source: EpisodeSource) -> str:
+    """Name of a map's file: its own with the beginning of its hash."""
+    name = "".join(letter if letter.isalnum() else "-" for letter in source.description.map_name)
+    return f"{name}-{source.description.map_sha256[:8]}"
+
+
+def opendrive_of(source: EpisodeSource) -> bytes:
+    """The map as OpenDRIVE 1.4, in the ``map`` frame.
+
+    Raises:
+        MapError: netconvert cannot write it.
+    """
+    x_m, y_m = source.network.sumo_offset_m
+    with tempfile.TemporaryDirectory() as folder:
+        net, made = Path(folder) / "map.net.xml", Path(folder) / "map.xodr"
+        net.write_text(source.net_xml, encoding="utf-8")
+        options = ["--sumo-net-file", str(net), "--opendrive-output", str(made)]
+        # SUMO's coordinates are those of the map frame plus the net's offset.
+        moved = ["--offset.x", f"{-x_m:.6f}", "--offset.y", f"{-y_m:.6f}"]
+        # Bends stay polygons: the curves that netconvert would fit leave the lanes by up to 0.4 m.
+        plain = ["--opendrive-output.straight-threshold", "180"]
+        run_netconvert([*options, *moved, *plain], Path(folder) / "again.net.xml", source.description.map_name)
+        return _DATE.sub(rb"\g<1>1970-01-01T00:00:00\g<2>", without_header(made.read_bytes()))

@@ -1,0 +1,1 @@
+"""OpenSCENARIO: everybody follows the recorded trajectory on the exported OpenDRIVE map."""

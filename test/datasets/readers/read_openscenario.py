@@ -1,0 +1,37 @@
+"""Reads a scenario with scenariogeneration, and checks it against the schema that comes with it."""
+
+import contextlib
+import io
+import json
+import sys
+from pathlib import Path
+
+import scenariogeneration
+import xmlschema
+from scenariogeneration import xosc
+
+file = sys.argv[1]
+schema = next(Path(scenariogeneration.__file__).parent.parent.rglob("OpenSCENARIO_1_2.xsd"))
+errors = sorted({f"{error.path} {error.reason}"[:200] for error in xmlschema.XMLSchema(schema).iter_errors(file)})
+with contextlib.redirect_stdout(io.StringIO()):
+    scenario = xosc.ParseOpenScenario(file)
+act = scenario.storyboard.stories[0].acts[0]
+paths = {}
+for group in act.maneuvergroup:
+    for event in group.maneuvers[0].events:
+        action = event.action[0].action
+        if isinstance(action, xosc.FollowTrajectoryAction):
+            line = action.trajectory.shapes
+            places = [[place.x, place.y, place.h] for place in line.positions]
+            paths[group.actors.actors[0].entity] = [list(map(float, line.time)), places]
+print(
+    json.dumps(
+        {
+            "errors": errors[:10],
+            "entities": [one.name for one in scenario.entities.scenario_objects],
+            "road": scenario.roadnetwork.road_file,
+            "init": len(scenario.storyboard.init.initactions),
+            "paths": paths,
+        }
+    )
+)

@@ -91,6 +91,12 @@ FORMATS: Final = {
             (Need.TRACKS, Need.MAP),
             f"{_PACKAGE}.openscenario.exporter:OpenScenarioExporter",
         ),
+        Format(
+            "scenarionet",
+            "ScenarioNet: tracks, map features and dynamic map states that MetaDrive replays",
+            (Need.TRACKS, Need.MAP, Need.EMV),
+            f"{_PACKAGE}.scenarionet.exporter:ScenarioNetExporter",
+        ),
     )
 }
 """By name, in the order in which they are listed."""

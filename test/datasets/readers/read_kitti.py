@@ -12,7 +12,7 @@ for name in ("open3d._ml3d", "open3d._ml3d.datasets"):
     package = types.ModuleType(name)
     package.__path__ = [str(Path(open3d.__file__).parent.joinpath(*name.split(".")[1:]))]
     sys.modules[name] = package
-from open3d._ml3d.datasets.kitti import KITTI  # noqa: E402
+from open3d._ml3d.datasets.kitti import KITTI
 
 folder, number = Path(sys.argv[1]), sys.argv[2]
 calib = KITTI.read_calib(folder / "calib" / f"{number}.txt")

@@ -1,0 +1,1 @@
+"""ScenarioNet: scenario descriptions that MetaDrive replays."""

@@ -51,6 +51,8 @@ class LaneChangeQuery:
     """Speed that the vehicle will have during the change."""
     route: Indices
     civilian: bool
+    ends_on_junction: bool = False
+    """Whether the change may be finished on the next junction."""
 
 
 @dataclass(frozen=True)
@@ -139,8 +141,8 @@ def config_of(view: StepView, query: LaneChangeQuery) -> LaneChangeConfig:
 def assess(view: StepView, query: LaneChangeQuery) -> Refusal | LanePath:
     """The reference line in the target lane of a lane change, or why it is not feasible now.
 
-    A lane change must end before the next junction and does not start on one. Civilians use driving lanes only. A lane
-    that does not follow the route is accepted if enough of it is left after the change to come back.
+    A lane change does not start on a junction, and ends before the next one unless the query says otherwise. Civilians
+    use driving lanes only. A lane that does not follow the route is accepted if enough of it is left to come back.
     """
     network, config = view.world.network, config_of(view, query)
     if query.lane == NO_LANE or network.lanes[query.lane].kind is LaneKind.INTERNAL:
@@ -156,7 +158,7 @@ def assess(view: StepView, query: LaneChangeQuery) -> Refusal | LanePath:
     x, y, _ = view.pose(query.row)
     position = nearest_on_lane(network.lanes[target].centre, x, y)[0]
     ahead = length + config.return_room_m + 30.0
-    lanes, end = lanes_along(network, target, position, query.route, ahead, query.civilian, through_junctions=False)
+    lanes, end = lanes_along(network, target, position, query.route, ahead, query.civilian, query.ends_on_junction)
     reference = path_on_lanes(network, lanes, end, position, ahead)
     room = reference.curve.length_m - float(view.seen.half_length_m[query.row])
     if room < length:

@@ -122,6 +122,8 @@ def _query(unit: EmvUnit, view: StepView, row: int) -> LaneChangeQuery:
         target_mps=view.world.speeds.emv_lane_change_mps,
         route=view.traffic.route_of_row(row),
         civilian=False,
+        # Otherwise the EMV would stand for ever at the end of a short lane that leads astray.
+        ends_on_junction=unit.request.reason == ROUTE,
     )
 
 

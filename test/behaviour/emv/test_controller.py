@@ -140,6 +140,17 @@ def test_route_need_comes_before_sumos_intent(lab):
     assert events[0].detail == {"side": -1, "reason": "route"}
 
 
+@pytest.mark.parametrize("speed", [0.0, 8.0])
+def test_a_lane_change_that_the_route_needs_may_end_on_the_junction(lab, speed):
+    """Otherwise the EMV would stand for ever at the end of a lane that is too short for the change."""
+    world = lab.world_of(lab.junction_road(), lab.L1)
+    emv = lab.Car(1, 1, 145, speed, (0, 4), AMBULANCE)
+    state, _, events = steps(lab, world, [emv], 3)
+    assert kinds(events) == ["lane_change_requested", "lane_change_started"]
+    assert state.units[1].plan.edges[-1] == 4
+    assert state.units[1].navigator.path.curve.points[-1, 1] < -10.0
+
+
 def test_path_reaches_through_the_junction_and_stays_the_same_while_it_serves(lab):
     world = lab.world_of(lab.junction_road(), lab.L1)
     emv = lab.Car(1, 0, 60, 10, (0, 2), AMBULANCE)

@@ -1,13 +1,15 @@
 """Frames of a carrier: whatever the odometry says, ``map`` to ``odom`` to ``base_link`` is the simulated pose."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from siren_ros.interfaces.transforms import Transform, matrix_of_quaternion
-from siren_ros.sensor_messages.carrier import AV, EMV, frames_of
+from siren_ros.sensor_messages.carrier import AV, EMV, frames_of, motion_of, noise_seed, row_of_carrier
 from siren_ros.sensors.navigation.wheel_odometry import VehicleMotion
 from siren_ros.sensors.suite.mount import map_from_base, transform
+from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorStates
 from siren_ros.world.odometry import Odometry
 
 places, angles = st.floats(-500.0, 500.0), st.floats(-3.1, 3.1)
@@ -37,3 +39,20 @@ def test_every_carrier_has_a_chain_of_its_own() -> None:
         [("map", "odom"), ("odom", "base_link")],
         [("map", "av/odom"), ("av/odom", "av/base_link")],
     ]
+
+
+def test_velocities_are_in_the_axes_of_the_vehicle() -> None:
+    arrays = {name: np.zeros(2, dtype) for name, dtype in ACTOR_STATE_DTYPES.items()}
+    arrays["actor_id"] = np.array([3, 7], np.uint32)
+    arrays["yaw_rad"], speed = np.array([0.0, 2.0]), np.array([5.0, 1.0])
+    arrays["vx_mps"] = np.array([0.0, speed[0] * np.cos(2.0) - speed[1] * np.sin(2.0)])
+    arrays["vy_mps"] = np.array([0.0, speed[0] * np.sin(2.0) + speed[1] * np.cos(2.0)])
+    states = ActorStates(step=4, **arrays)
+    motion = motion_of(states, row_of_carrier(states, 7))
+    assert (motion.forward_mps, motion.left_mps) == pytest.approx((5.0, 1.0))
+
+
+def test_carriers_have_noise_of_their_own() -> None:
+    assert noise_seed(5, EMV) == 5
+    assert noise_seed(5, AV) == noise_seed(5, AV) != noise_seed(6, AV)
+    assert noise_seed(5, AV) != 5

@@ -6,7 +6,7 @@ import pytest
 
 from siren_ros.numerics.units import STEP_S
 from siren_ros.sensors.hearing.microphone import SPEED_OF_SOUND_MPS, Microphone
-from siren_ros.sensors.hearing.siren_sound import WAIL, YELP
+from siren_ros.sensors.hearing.siren_sound import LEVEL_AT_1_M_DB, WAIL, YELP, pressure
 from siren_ros.sensors.suite.mount import Mount
 from siren_ros.sensors.suite.suite import MicrophoneSpec
 from siren_ros.world.actors import ActorClass, Lights
@@ -36,6 +36,18 @@ def test_sound_arrives_late_by_the_distance(boxes: Any) -> None:
     samples = record(boxes, lambda _: 100.0, 16)
     first = np.flatnonzero(samples)[0] / 16_000.0 - STEP_S  # the first chunk ends at time 0
     assert first == pytest.approx(100.0 / SPEED_OF_SOUND_MPS, abs=2e-3)
+
+
+def test_a_siren_at_rest_is_the_formula_to_the_last_bit(boxes: Any) -> None:
+    """Spherical spreading, absorption of 0.005 dB/m and the way at the speed of sound, from 2 m above the ground."""
+    steps = 16
+    spec = replace(SPEC, mount=Mount(0.0, 0.0, 32.0))
+    samples = record(boxes, lambda _: 40.0, steps, spec=spec)[-800:]
+    distance = np.hypot(40.0, 30.0)
+    time_s = (steps - 2) * STEP_S + np.arange(1, 801) / 16_000.0
+    level_db = LEVEL_AT_1_M_DB - 0.005 * distance - 20.0 * np.log10(distance)
+    wave = 10.0 ** (level_db / 20.0) * pressure(time_s - distance / SPEED_OF_SOUND_MPS)
+    assert np.abs(samples - wave / 10.0 ** (130.0 / 20.0) * 32767.0).max() < 0.51
 
 
 def test_twice_as_far_is_six_decibels_quieter(boxes: Any) -> None:

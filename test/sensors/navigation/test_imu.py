@@ -48,6 +48,37 @@ def test_a_growing_yaw_rate_pushes_a_sensor_ahead_of_the_origin_to_the_left() ->
     assert force[0] == pytest.approx(-2.0 * 0.1**2)
 
 
+def test_a_growing_yaw_rate_pushes_a_sensor_left_of_the_origin_backwards() -> None:
+    before, now = PlanarMotion(0, 0.0, 0.0, 0.0, 0.0), PlanarMotion(1, 0.0, 0.0, 0.0, 0.1)
+    force = specific_force(before, now, np.array([0.0, 1.5, 0.0]))
+    assert force[0] == pytest.approx(-1.5 * 0.1 / STEP_S)
+    assert force[1] == pytest.approx(-1.5 * 0.1**2)
+
+
+def test_accelerations_are_differences_to_the_step_before() -> None:
+    unit = Imu(ImuSpec("imu", Mount(0.0, 0.0, 0.0), **QUIET), 0)
+    speeds = [0.0, 0.1, 0.3, 0.3, 0.1]
+    forces = [unit.measure(PlanarMotion(k, 0.0, v, 0.0, 0.0)).specific_force_mps2[0] for k, v in enumerate(speeds)]
+    assert forces == pytest.approx([0.0, 2.0, 4.0, 0.0, -4.0])
+
+
+def test_each_bias_walks_on_its_own_axis() -> None:
+    gyro_alone = {**QUIET, "gyro_bias_walk_radps_per_sqrt_s": 0.01}
+    unit = Imu(ImuSpec("imu", Mount(0.0, 0.0, 0.0), **gyro_alone), 0)
+    samples = [unit.measure(PlanarMotion(step, 0.0, 0.0, 0.0, 0.0)) for step in range(100)]
+    assert samples[-1].specific_force_mps2.tolist() == [0.0, 0.0, STANDARD_GRAVITY_MPS2]
+    assert np.all(np.abs(samples[-1].angular_rate_radps) > 1e-4)
+    ends = np.array(
+        [
+            Imu(ImuSpec("imu", Mount(0.0, 0.0, 0.0), **gyro_alone), seed)
+            .measure(PlanarMotion(80, 0, 0, 0, 0))
+            .angular_rate_radps
+            for seed in range(60)
+        ]
+    )
+    assert ends.std(axis=0) == pytest.approx([0.01 * np.sqrt(80 * STEP_S)] * 3, rel=0.3)
+
+
 def test_a_tilted_sensor_turns_what_it_measures_into_its_axes() -> None:
     on_its_side = Imu(ImuSpec("imu", Mount(0.0, 0.0, 1.93, roll_rad=np.pi / 2), **QUIET), 0)
     sample = on_its_side.measure(PlanarMotion(0, 0.0, 3.0, 0.0, 0.4))

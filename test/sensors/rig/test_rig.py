@@ -88,6 +88,15 @@ def test_sensors_measure_when_they_are_due(boxes: Any, traffic: Any) -> None:
     assert [len(seen.frames) for seen in found] == [1, 0, 1]
 
 
+def test_each_sensor_has_its_own_rate(boxes: Any, traffic: Any) -> None:
+    states, descriptions = traffic
+    slow = replace(LIDAR, name="slow", rate_hz=5.0)
+    rig = make(boxes, SensorSuite("two", (LIDAR, slow)))
+    found = [rig.observe(replace(states, step=step), descriptions, (), 1) for step in range(5)]
+    names = [[sweep.sensor for sweep in seen.sweeps] for seen in found]
+    assert names == [["lidar", "slow"], ["lidar"], ["lidar"], ["lidar"], ["lidar", "slow"]]
+
+
 def test_the_same_seed_gives_the_same_bytes(boxes: Any, traffic: Any) -> None:
     states, descriptions = traffic
     noisy = SensorSuite("noisy", (replace(LIDAR, noise_stddev_m=0.02),), (replace(CAMERA, noise_stddev=4.0),))

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hand_made_record import EMV, LEFT_X_M, NORTHBOUND, Driven, at_speed, crossing, hand_made, line
 
 from siren_ros.judging.av_response import AvResponse, av_response
 from siren_ros.recording.episode_record import EpisodeRecord
@@ -73,3 +74,44 @@ def test_a_siren_that_stays_away_was_not_heard(record_of: Callable[..., EpisodeR
     found = response_of(with_av(record, far))
     if record.track(far).x_m[0] - record.track(1).x_m[0] > 60.0:
         assert (found.heard_s, found.passed_after_s) == (-1.0, -1.0)
+
+
+BESIDE_NORTHBOUND = line((LEFT_X_M, -120.0), (LEFT_X_M, 110.0))
+"""The lane to the left of the EMV's, 3.5 m away."""
+
+
+def encounter(emv_arc_m: np.ndarray[Any, Any], av_arc_m: np.ndarray[Any, Any]) -> AvResponse:
+    record = hand_made(crossing(), {EMV: Driven(NORTHBOUND, emv_arc_m), AV: Driven(BESIDE_NORTHBOUND, av_arc_m)})
+    return response_of(with_av(record))
+
+
+def test_a_standing_av_hears_the_siren_at_40_m_and_is_passed_when_the_emvs_centre_is_ahead() -> None:
+    found = encounter(at_speed(0.0, 10.0, 250), np.full(250, 80.2))
+    heard_at_m = 80.2 - np.sqrt(40.0**2 - 3.5**2)
+    heard, passed = np.ceil(heard_at_m / 0.5), 161
+    assert found.heard_s == pytest.approx(heard * 0.05)
+    assert found.passed_after_s == pytest.approx((passed - heard) * 0.05)
+    assert found.closest_m == pytest.approx(3.5)
+    assert (found.speed_drop_mps, found.moved_right_m) == (0.0, 0.0)
+
+
+def test_speed_drop_is_from_the_speed_when_heard_to_the_lowest_before_the_pass() -> None:
+    speed = np.concatenate((np.full(40, 6.0), np.full(60, 4.0), np.full(200, 7.0)))
+    av_arc_m = 60.0 + np.concatenate(([0.0], np.cumsum(speed[:-1]) * 0.05))
+    found = encounter(at_speed(30.0, 12.0, 300), av_arc_m)
+    assert found.heard_s == 0.0
+    assert found.speed_drop_mps == pytest.approx(2.0)
+
+
+def test_an_emv_that_stays_behind_does_not_pass() -> None:
+    found = encounter(np.minimum(at_speed(0.0, 10.0, 250), 70.0), np.full(250, 80.0))
+    assert found.heard_s > 0.0
+    assert found.passed_after_s == -1.0
+    assert found.closest_m == pytest.approx(np.hypot(10.0, 3.5))
+
+
+def test_an_emv_that_is_ahead_or_far_away_is_not_heard() -> None:
+    for emv_arc_m, av_arc_m, closest_m in ((100.0, 80.0, np.hypot(20.0, 3.5)), (20.0, 80.0, np.hypot(60.0, 3.5))):
+        found = encounter(np.full(50, emv_arc_m), np.full(50, av_arc_m))
+        assert (found.heard_s, found.passed_after_s) == (-1.0, -1.0)
+        assert found.closest_m == pytest.approx(closest_m)

@@ -11,6 +11,7 @@ from siren_ros.judging.lane_location import lanes_ahead, locate
 from siren_ros.judging.predicates import evaluate_predicate
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.net_parser import parse_road_network
+from siren_ros.world.actors import ACTOR_STATE_DTYPES
 
 THRESHOLDS = {"lane_changes_min": 3, "passed_min": 3}
 
@@ -96,6 +97,24 @@ def test_vehicles_behind_the_emv_do_not_count(record_of: Callable[..., EpisodeRe
     record = record_of()
     moved = tuple(replace(state, x_m=state.x_m - np.where(state.actor_id == 2, 60.0, 0.0)) for state in record.states)
     assert [clearing.actor_id for clearing in find_clearings(replace(record, states=moved))] == [3, 4, 5]
+
+
+def test_civilians_are_judged_only_while_the_emv_is_there(record_of: Callable[..., EpisodeRecord]) -> None:
+    """The EMV leaves the map between the second and the third lane change."""
+    record = record_of()
+    changes = find_clearings(record)
+    leaves = (changes[1].end_step + changes[2].end_step) // 2
+    states = tuple(
+        replace(state, **{name: getattr(state, name)[state.actor_id != 1] for name in ACTOR_STATE_DTYPES})
+        if state.step >= leaves
+        else state
+        for state in record.states
+    )
+    found = find_clearings(replace(record, states=states))
+    assert [(item.actor_id, item.end_step) for item in found] == [
+        (item.actor_id, item.end_step) for item in changes if item.end_step < leaves
+    ]
+    assert all(item.passed_step is None or item.passed_step < leaves for item in found)
 
 
 def test_a_half_finished_lane_change_is_not_completed(record_of: Callable[..., EpisodeRecord]) -> None:

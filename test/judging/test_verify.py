@@ -4,9 +4,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hand_made_record import CAR_LENGTH_M, NORTHBOUND, Driven, at_speed, crossing, hand_made
 
 from siren_ros.errors import EpisodeError
-from siren_ros.judging.verify import Verification, VerifyLimits, check_owners, check_yaw_jumps, verify_episode
+from siren_ros.judging.verify import (
+    Verification,
+    VerifyLimits,
+    check_owners,
+    check_position_jumps,
+    check_yaw_jumps,
+    verify_episode,
+)
 from siren_ros.numerics.units import STEP_NS, STEP_S
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.recording.episode_record import EpisodeRecord
@@ -77,6 +85,42 @@ def test_a_standing_vehicle_cannot_turn(record: EpisodeRecord) -> None:
     part = check_yaw_jumps(replace(record, states=(still, turned)), VerifyLimits())
     assert (part.holds, part.detail) == (False, "actor 3 at step 1")
     assert part.value == pytest.approx(0.06)
+
+
+@pytest.mark.parametrize("beyond_rad", [-0.002, 0.002])
+@pytest.mark.parametrize("speed_mps", [0.5, 2.0])
+def test_a_slow_vehicle_turns_as_far_as_its_steering_lets_it(speed_mps: float, beyond_rad: float) -> None:
+    record = hand_made(crossing(), {2: Driven(NORTHBOUND, at_speed(10.0, speed_mps, 12))})
+    limit_rad = speed_mps * np.tan(0.7) / (0.5 * CAR_LENGTH_M) * STEP_S + 0.01
+    turned = tuple(
+        replace(state, yaw_rad=state.yaw_rad - (limit_rad + beyond_rad) * (state.step >= 6)) for state in record.states
+    )
+    part = check_yaw_jumps(replace(record, states=turned), VerifyLimits())
+    assert (part.holds, part.detail) == (beyond_rad < 0.0, "actor 2 at step 6")
+
+
+def test_an_actor_that_is_away_for_a_while_has_not_jumped() -> None:
+    """From one step to the next alone a way can be too long."""
+    first = hand_made(crossing(), {2: Driven(NORTHBOUND, at_speed(10.0, 10.0, 10))})
+    later = hand_made(crossing(), {2: Driven(NORTHBOUND, at_speed(60.0, 10.0, 10), first_step=20)})
+    record = replace(first, states=(*first.states, *later.states[20:]))
+    assert check_position_jumps(record, VerifyLimits()).holds
+    closed_up = tuple(replace(state, step=step) for step, state in enumerate(record.states))
+    part = check_position_jumps(replace(record, states=closed_up), VerifyLimits())
+    assert (part.holds, part.detail) == (False, "actor 2 at step 10")
+    assert part.value == pytest.approx(45.0)
+
+
+def test_two_actors_far_apart_have_not_jumped() -> None:
+    """The last state of one and the first of the next follow each other in the rows."""
+    record = hand_made(
+        crossing(),
+        {
+            2: Driven(NORTHBOUND, at_speed(10.0, 10.0, 5)),
+            3: Driven(NORTHBOUND, at_speed(150.0, 10.0, 5), first_step=5),
+        },
+    )
+    assert check_position_jumps(record, VerifyLimits()).holds
 
 
 def test_a_wrong_speed_is_found(record: EpisodeRecord) -> None:

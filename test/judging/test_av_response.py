@@ -91,7 +91,7 @@ def test_a_standing_av_hears_the_siren_at_40_m_and_is_passed_when_the_emvs_centr
     heard, passed = np.ceil(heard_at_m / 0.5), 161
     assert found.heard_s == pytest.approx(heard * 0.05)
     assert found.passed_after_s == pytest.approx((passed - heard) * 0.05)
-    assert found.closest_m == pytest.approx(3.5)
+    assert found.closest_m == pytest.approx(np.hypot(0.2, 3.5))
     assert (found.speed_drop_mps, found.moved_right_m) == (0.0, 0.0)
 
 

@@ -93,6 +93,29 @@ def test_a_hold_has_to_last_a_second() -> None:
         assert len(find_holding(record, places_of(record, record.rows))) == count
 
 
+def held_at(*stays: tuple[float, int]) -> list[tuple[int, float]]:
+    """Step and offset of what counts of a civilian that stands at arc lengths for some steps each, 10 m/s between.
+
+    Its line lies on the lane's centre up to 30 m and 0.7 m to the right of it from 40 m on.
+    """
+    points = line((RIGHT_X_M, -120.0), (RIGHT_X_M, -90.0), (RIGHT_X_M + 0.7, -80.0), (RIGHT_X_M + 0.7, -20.0))
+    arc_m = np.zeros(0)
+    for place_m, steps in stays:
+        start = arc_m[-1] if len(arc_m) else place_m
+        arc_m = np.concatenate((arc_m, np.arange(start, place_m, 0.5), np.full(steps, place_m)))
+    record = hand_made(NETWORK, {10: Driven(points, arc_m, Mode.YIELD_HOLD)})
+    return [(item.step, round(item.offset_m, 2)) for item in find_holding(record, places_of(record, record.rows))]
+
+
+def test_the_first_hold_pulled_over_counts_and_else_the_first_hold() -> None:
+    assert held_at((10.0, 30), (25.0, 30)) == [(0, 0.0)]
+    assert held_at((60.0, 30), (75.0, 30)) == [(0, -0.7)]
+    ((step, offset_m),) = held_at((10.0, 30), (60.0, 30), (75.0, 30))
+    assert offset_m == -0.7
+    assert 125 < step < 135, "the second stay begins after 30 steps and 50 m at 0.5 m a step"
+    assert held_at((10.0, 5), (60.0, 5)) == []
+
+
 def test_vehicles_that_drive_are_no_queue() -> None:
     verdict = queues_split(_queues(speed_mps=3.0), THRESHOLDS)
     assert verdict.measures()["overtaken"] == 0.0

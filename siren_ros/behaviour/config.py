@@ -65,6 +65,8 @@ class LaneChangeConfig:
     """Deceleration towards one's own target speed, the navigator's ``ease_off_mps2``."""
     return_room_m: float = 60.0
     """Lane left after the change, where the target lane does not lead on along the route."""
+    bend_max_1pm: float = 0.02
+    """Difference between the curvatures of path and target lane above which the EMV is still turning onto the road."""
     entered_tolerance_m: float = 0.15
     """How far the footprint may reach over the lane's edge when it counts as inside."""
 

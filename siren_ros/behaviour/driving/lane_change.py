@@ -36,6 +36,8 @@ class Refusal(StrEnum):
     BESIDE = "vehicle_beside"
     GAP_FRONT = "gap_front"
     GAP_REAR = "gap_rear"
+    TURNING = "turning"
+    """The vehicle is still turning onto its road."""
 
 
 @dataclass(frozen=True)

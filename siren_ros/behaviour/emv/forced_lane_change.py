@@ -15,7 +15,7 @@ from siren_ros.behaviour.driving.situation import StepView
 from siren_ros.behaviour.emv.guard import Outcome
 from siren_ros.behaviour.emv.route import plan_route, present_lane, strategic_side
 from siren_ros.behaviour.emv.unit import EmvUnit, LateralRequest, advice_of, event_of
-from siren_ros.behaviour.paths.lane_path import LaneEnd, neighbour_lane
+from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, neighbour_lane
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import NO_LANE, LaneKind
 from siren_ros.world.events import EventKind
@@ -77,6 +77,8 @@ def forced_lane_change(unit: EmvUnit, view: StepView, row: int) -> Outcome:
         return unit, events
     query = _query(unit, view, row)
     verdict = assess(view, query)
+    if isinstance(verdict, LanePath) and _is_turning(unit, view, row, verdict):
+        verdict = Refusal.TURNING
     if isinstance(verdict, Refusal):
         if request.deferred is None:
             events += (event_of(view, row, EventKind.LANE_CHANGE_DEFERRED, side=request.side, reason=verdict.value),)
@@ -112,6 +114,17 @@ def cancel_lane_change(unit: EmvUnit, view: StepView, row: int, reason: str) -> 
         return unit, ()
     cancelled = event_of(view, row, EventKind.LANE_CHANGE_CANCELLED, side=unit.change_side, reason=reason)
     return replace(unit, change_side=0, plan=None), (cancelled,)
+
+
+def _is_turning(unit: EmvUnit, view: StepView, row: int, reference: LanePath) -> bool:
+    """Whether the EMV follows a bend that the target lane does not have: its wheels are not where a change begins."""
+    path = unit.navigator.path
+    if path is None:
+        return False
+    x, y, _ = view.pose(row)
+    bend = reference.curve.place(reference.curve.project_one(x, y)[0])[3]
+    own = path.curve.place(unit.navigator.progress_m)[3]
+    return abs(own - bend) > view.world.config.lane_change.bend_max_1pm
 
 
 def _query(unit: EmvUnit, view: StepView, row: int) -> LaneChangeQuery:

@@ -5,10 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from siren_ros.behaviour.driving.navigator import NavigatorState
 from siren_ros.behaviour.emv.controller import EmvState, mode_of, step_emv, target_speed_mps
+from siren_ros.behaviour.emv.forced_lane_change import forced_lane_change
 from siren_ros.behaviour.emv.route import RoutePlan
 from siren_ros.behaviour.emv.unit import EmvUnit
+from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.behaviour.paths.lane_path import LaneEnd
+from siren_ros.behaviour.paths.tracked_path import TrackedPath
 from siren_ros.world.actors import ActorClass, Lights, Mode, Owner
 
 AMBULANCE = ActorClass.AMBULANCE
@@ -149,6 +153,20 @@ def test_a_lane_change_that_the_route_needs_may_end_on_the_junction(lab, speed):
     assert kinds(events) == ["lane_change_requested", "lane_change_started"]
     assert state.units[1].plan.edges[-1] == 4
     assert state.units[1].navigator.path.curve.points[-1, 1] < -10.0
+
+
+@pytest.mark.parametrize(("radius", "kind"), [(25.0, "lane_change_deferred"), (200.0, "lane_change_started")])
+def test_no_lane_change_starts_while_the_emv_still_turns_onto_its_road(lab, radius, kind):
+    network = lab.straight_road()
+    cars = [lab.Car(1, 0, 50, 6, (0,), AMBULANCE)]
+    view = lab.view_of(lab.world_of(network, lab.L1), lab.traffic_of(network, cars, advice={"lane_change_intent": 1}))
+    angle = np.linspace(-20.0 / radius, 40.0 / radius, 60)
+    arc = np.stack((50.0 + radius * np.sin(angle), radius * (1.0 - np.cos(angle))), axis=-1)
+    path = TrackedPath.of(Curve.through(arc), view.navigator_config(0), np.zeros(len(arc), np.int32))
+    plan = RoutePlan((0,), LaneEnd.HORIZON, 0)
+    unit = EmvUnit(1, navigator=NavigatorState().following(path, 50.0, 0.0), plan=plan)
+    _, events = forced_lane_change(unit, view, 0)
+    assert kinds(events) == ["lane_change_requested", kind]
 
 
 def test_path_reaches_through_the_junction_and_stays_the_same_while_it_serves(lab):

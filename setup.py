@@ -32,6 +32,10 @@ DEPENDENCIES = [
     "pyarrow>=14,<22",  # writes and reads Parquet, Argoverse 2's scenario files; later ones need numpy 2
 ]
 
+RERUN = [
+    "rerun-sdk>=0.23,<0.24",  # writes `siren export rerun`; later ones need numpy 2
+]
+
 DEVELOPMENT = [
     "pytest>=8",  # runs the tests
     "pytest-timeout>=2.3",  # a test that hangs fails instead
@@ -97,7 +101,7 @@ setup(
         *data_files_below("params"),
     ],
     install_requires=DEPENDENCIES,
-    extras_require={"dev": DEVELOPMENT},
+    extras_require={"rerun": RERUN, "dev": DEVELOPMENT},
     zip_safe=False,
     entry_points={
         "console_scripts": [

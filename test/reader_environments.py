@@ -30,10 +30,11 @@ PACKAGES = {
     "scenariogeneration": ("scenariogeneration==0.16.7", "xmlschema"),
     "metadrive": ("metadrive-simulator==0.4.3",),
     "carla": ("carla==0.9.16",),
-    "rerun": ("rerun-sdk==0.41.0",),
+    # Also writes the recordings: it runs the export.
+    "rerun": ("--no-deps", "rerun-sdk>=0.23,<0.24"),
 }  # fmt: skip
 WITHOUT_DEPENDENCIES = {"av2": ("av2==0.3.6",)}
-SEES_THE_PROJECT = {"open3d_ml"}
+SEES_THE_PROJECT = {"open3d_ml", "rerun"}
 
 
 def python_of(reader: str) -> Path:
@@ -54,7 +55,7 @@ def _make(reader: str, folder: Path) -> None:
     if reader in SEES_THE_PROJECT:
         site = next(folder.glob("lib/python3*/site-packages"))
         project = next(Path(path) for path in sys.path if path.endswith("site-packages"))
-        (site / "project.pth").write_text(f"{project}\n")
+        (site / "project.pth").write_text(f"{project}\n{REPOSITORY}\n")
     for packages in (PACKAGES[reader], WITHOUT_DEPENDENCIES.get(reader, ())):
         if packages:
             more = ["--no-deps"] if packages is not PACKAGES[reader] else []

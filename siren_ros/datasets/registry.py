@@ -97,6 +97,13 @@ FORMATS: Final = {
             (Need.TRACKS, Need.MAP, Need.EMV),
             f"{_PACKAGE}.scenarionet.exporter:ScenarioNetExporter",
         ),
+        Format(
+            "rerun",
+            "Rerun: map, boxes, path, events, and LiDAR and cameras where they were recorded, on a timeline",
+            (Need.TRACKS, Need.MAP),
+            f"{_PACKAGE}.rerun.exporter:RerunExporter",
+            extra="rerun",
+        ),
     )
 }
 """By name, in the order in which they are listed."""

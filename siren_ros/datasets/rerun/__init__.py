@@ -1,0 +1,1 @@
+"""Rerun: one file that shows an episode on a timeline."""

@@ -59,9 +59,10 @@ class Outlook:
     def way(self, row: int, reach_m: float) -> Way:
         """A vehicle on its course, with what may be looked at ahead of it."""
         course = self.course(row)
-        left_m = self._traffic.lateral_offset_m[row]
-        half_length_m, half_width_m = self._half_length_m[row], self._half_width_m[row]
-        return Way(course.points, course.spacing_m, self.centre_m(row), left_m, reach_m, half_length_m, half_width_m)
+        traffic = self._traffic
+        left_m, pose = traffic.lateral_offset_m[row], (traffic.x_m[row], traffic.y_m[row], traffic.yaw_rad[row])
+        size = self._half_length_m[row], self._half_width_m[row]
+        return Way(course.points, course.spacing_m, self.centre_m(row), left_m, pose, reach_m, *size)
 
     def rank(self, row: int, way_m: float) -> Rank:
         """Right of way of a vehicle at a place, given by the way of its centre to it."""

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from siren_ros.numerics.boxes import box_gap_m
 from siren_ros.numerics.compiled import compiled
+from siren_ros.numerics.scalars import wrapped_rad
 
 STEP_M: Final = 1.0
 """Distance between the places that are looked at."""
@@ -15,6 +16,8 @@ SAME_DIRECTION: Final = 0.9
 _COLUMNS: Final = 8
 _BISECTIONS: Final = 3
 """The entry into a zone is found to an eighth of a step."""
+_STRAIGHT_AFTER_M: Final = 6.0
+"""Way in which a vehicle that looks elsewhere has turned into its course."""
 _TRACK_M: Final = 2.5
 """Half the distance between the two points of a course that give a body's heading: about half a wheelbase."""
 
@@ -28,7 +31,9 @@ class Way(NamedTuple):
     centre_m: float
     """Arc length of the body's centre."""
     left_m: float
-    """Offset from the course, kept up."""
+    """Offset from the course that is kept up."""
+    pose: tuple[float, float, float]
+    """x, y and yaw now; beside the course and at an angle to it, the body turns into it on its way."""
     reach_m: float
     """How far to look ahead."""
     half_length_m: float
@@ -74,7 +79,7 @@ def meeting_zones(own: Way, others: list[Way], margin_m: float) -> list[Zone | N
         return []
     offsets = np.cumsum([0, *(len(other.points) for other in others)])
     points = np.concatenate([other.points for other in others])
-    bodies = np.array([way[1:] for way in (own, *others)])
+    bodies = np.array([(*way.pose, *way[1:4], *way[5:]) for way in (own, *others)])
     out = np.empty((len(others), _COLUMNS))
     _search(own.points, points, offsets, bodies, margin_m, out)
     return [Zone(*row[1:]) if row[0] > 0.0 else None for row in out.tolist()]
@@ -105,12 +110,26 @@ def _pose(
 @compiled
 def _poses(points: Any, first: int, last: int, body: Any) -> Any:
     """Poses of a body along its course, ``STEP_M`` apart, shape ``(n, 4)``; ``body`` is a row of ``_search``."""
-    count = int(body[3] / STEP_M) + 1
+    count = int(body[6] / STEP_M) + 1
     poses = np.empty((count, 4))
     for k in range(count):
-        pose = _pose(points, first, last, body[0], body[1] + k * STEP_M, body[2])
+        pose = _pose_after(points, first, last, body, k * STEP_M)
         poses[k, 0], poses[k, 1], poses[k, 2], poses[k, 3] = pose
     return poses
+
+
+@compiled
+def _pose_after(points: Any, first: int, last: int, body: Any, way_m: float) -> tuple[float, float, float, float]:
+    """Pose after a way: what the present one differs from the course, aside and in yaw, fades."""
+    x, y, cos, sin = _pose(points, first, last, body[3], body[4] + way_m, body[5])
+    if way_m > _STRAIGHT_AFTER_M:
+        return x, y, cos, sin
+    here_x, here_y, here_cos, here_sin = _pose(points, first, last, body[3], body[4], body[5])
+    left = 1.0 - way_m / _STRAIGHT_AFTER_M
+    aside = left * (here_cos * (body[1] - here_y) - here_sin * (body[0] - here_x))
+    turned = left * wrapped_rad(body[2] - np.arctan2(here_sin, here_cos))
+    c, s = np.cos(turned), np.sin(turned)
+    return x - aside * sin, y + aside * cos, cos * c - sin * s, sin * c + cos * s
 
 
 @compiled
@@ -145,7 +164,7 @@ def _entry_m(points: Any, body: Any, k: int, theirs: Any, sizes: tuple[float, fl
     low, high = max(k - 1, 0) * STEP_M, k * STEP_M
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        pose = _pose(points, 0, points.shape[0], body[0], body[1] + middle, body[2])
+        pose = _pose_after(points, 0, points.shape[0], body, middle)
         if _touches(pose, theirs, sizes)[0] == np.inf:
             low = middle
         else:
@@ -161,14 +180,14 @@ def _search(own_points: Any, points: Any, offsets: Any, bodies: Any, margin_m: f
         own_points: The own course.
         points: The other courses, one after the other.
         offsets: Where each begins in ``points``, and the end of the last.
-        bodies: Spacing, place, offset, reach, half length and half width of the own and each other body.
+        bodies: x, y, yaw, spacing, place, offset, reach, half length and half width of the own and each other body.
         margin_m: Free space wanted beside the own body.
         out: Result.
     """
     ahead = _poses(own_points, 0, own_points.shape[0], bodies[0])
     for n in range(offsets.shape[0] - 1):
         theirs = _poses(points, offsets[n], offsets[n + 1], bodies[n + 1])
-        sizes = bodies[0, 4], bodies[0, 5] + margin_m, bodies[n + 1, 4], bodies[n + 1, 5]
+        sizes = bodies[0, 7], bodies[0, 8] + margin_m, bodies[n + 1, 7], bodies[n + 1, 8]
         met, s_in, s_out, q_in, q_out, course = 0.0, 0.0, np.inf, np.inf, 0.0, 0.0
         blocked, blocked_along = np.inf, 0.0
         for k in range(ahead.shape[0]):
@@ -182,7 +201,8 @@ def _search(own_points: Any, points: Any, offsets: Any, bodies: Any, margin_m: f
             if met == 0.0:
                 met, s_in = 1.0, _entry_m(own_points, bodies[0], k, theirs, sizes)
             if begin == 0.0 and blocked == np.inf:
-                blocked, blocked_along = k * STEP_M, own[2] * theirs[0, 2] + own[3] * theirs[0, 3]
+                blocked = _entry_m(own_points, bodies[0], k, theirs[:1], sizes)
+                blocked_along = own[2] * theirs[0, 2] + own[3] * theirs[0, 3]
             q_in, q_out, course = min(q_in, begin), max(q_out, end), along
         out[n, 0], out[n, 1], out[n, 2], out[n, 3] = met, s_in, s_out, q_in
         out[n, 4], out[n, 5], out[n, 6], out[n, 7] = q_out + STEP_M, course, blocked, blocked_along

@@ -12,10 +12,12 @@ TURNS = [0.0, np.radians(30.0), np.radians(45.0), np.radians(60.0)]
 LENGTH, WIDTH = 2.25, 0.9
 
 
-def way(start, heading, reach=60.0, turn=0.0, left=0.0, length=120.0):
+def way(start, heading, reach=60.0, turn=0.0, left=0.0, length=120.0, look=0.0):
     s = np.arange(0.0, length, 1.0)
     points = np.asarray(start, dtype=float) + s[:, None] * np.array([np.cos(heading), np.sin(heading)])
-    return Way(rotate(points, turn), 1.0, 0.0, left, reach, LENGTH, WIDTH)
+    x, y = points[0] + left * np.array([-np.sin(heading), np.cos(heading)])
+    pose = (*rotate(np.array([x, y]), turn), heading + turn + look)
+    return Way(rotate(points, turn), 1.0, 0.0, left, pose, reach, LENGTH, WIDTH)
 
 
 def only(own, other, margin=0.0):
@@ -58,7 +60,7 @@ def test_a_way_that_joins_another_merges():
     own = way((0.0, 0.0), 0.0)
     s = np.arange(0.0, 80.0, 1.0)
     joining = np.stack((s, np.maximum(10.0 - 0.5 * s, 0.0)), axis=-1)
-    zone = only(own, Way(joining, 1.0, 0.0, 0.0, 60.0, LENGTH, WIDTH))
+    zone = only(own, Way(joining, 1.0, 0.0, 0.0, (0.0, 10.0, -np.arctan(0.5)), 60.0, LENGTH, WIDTH))
     assert zone.merges
     assert not zone.leads
     assert 5.0 < zone.own_in_m < 20.0
@@ -100,3 +102,20 @@ def test_inside_the_zone_the_bodies_can_touch_and_before_it_they_cannot(angle, a
     assert zone.own_out_m >= ahead
     assert zone.own_in_m >= ahead - reach
     assert zone.other_in_m <= aside <= zone.other_out_m
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_a_body_that_stands_at_an_angle_reaches_into_the_next_way(turn):
+    own = way((0.0, 0.0), 0.0, turn=turn)
+    assert only(own, way((15.0, 2.0), 0.0, turn=turn, reach=0.0)) is None
+    zone = only(own, way((15.0, 2.0), 0.0, turn=turn, reach=0.0, look=np.radians(-15.0)))
+    assert zone.blocked_m == pytest.approx(15.0 - LENGTH, abs=3.0)
+
+
+def test_a_body_beside_its_course_comes_back_to_it():
+    own = way((0.0, 0.0), 0.0)
+    standing = way((3.5, 2.2), 0.0, reach=0.0)
+    beside = own._replace(pose=(0.0, 0.5, 0.0))
+    assert only(own, standing) is None
+    assert only(beside, standing) is not None
+    assert only(beside, way((20.0, 2.2), 0.0, reach=0.0)) is None

@@ -47,7 +47,8 @@ def watch_conflicts(
     if len(rows) == 0:
         return None
     half_length, half_width = float(seen.half_length_m[row]), float(seen.half_width_m[row])
-    own = Way(path.curve.points, path.curve.spacing_m, progress_m, 0.0, reach, half_length, half_width)
+    pose = float(seen.x_m[row]), float(seen.y_m[row]), float(seen.yaw_rad[row])
+    own = Way(path.curve.points, path.curve.spacing_m, progress_m, 0.0, pose, reach, half_length, half_width)
     others = [_way(seen, other) for other in rows.tolist()]
     worst: Threat | None = None
     for other, zone in zip(rows.tolist(), meeting_zones(own, others, config.side_margin_m), strict=True):
@@ -78,9 +79,10 @@ def _way(seen: Surroundings, row: int) -> Way:
     reach = float(_reach_m(seen.speed_mps[row]))
     if seen.outlook is not None:
         return seen.outlook.way(row, reach)
-    course = Course.straight(float(seen.x_m[row]), float(seen.y_m[row]), float(seen.yaw_rad[row]))
+    pose = float(seen.x_m[row]), float(seen.y_m[row]), float(seen.yaw_rad[row])
+    course = Course.straight(*pose)
     half_length, half_width = float(seen.half_length_m[row]), float(seen.half_width_m[row])
-    return Way(course.points, course.spacing_m, 0.0, 0.0, reach, half_length, half_width)
+    return Way(course.points, course.spacing_m, 0.0, 0.0, pose, reach, half_length, half_width)
 
 
 def _threat(

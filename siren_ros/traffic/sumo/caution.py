@@ -14,9 +14,9 @@ import numpy as np
 
 from siren_ros.conflicts.course import CourseBook
 from siren_ros.conflicts.outlook import Outlook
-from siren_ros.conflicts.yielding import Approach, Wait, YieldingConfig, wait_for
-from siren_ros.conflicts.zones import Way, Zone, meeting_zones
-from siren_ros.numerics.arrays import Floats
+from siren_ros.conflicts.yielding import Approach, Wait, YieldingConfig, stop_brake_mps2, wait_for
+from siren_ros.conflicts.zones import SAME_DIRECTION, Way, Zone, meeting_zones
+from siren_ros.numerics.arrays import Flags, Floats
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.traffic.demand.plan import PlannedVehicle
@@ -32,6 +32,13 @@ _MORE_M: Final = 12.0
 _FAR_M: Final = 70.0
 _ACCEL_MPS2: Final = 2.0
 """What a driver of SUMO accelerates with."""
+_ROLLING_MPS: Final = 0.3
+_BESIDE_M: Final = 3.0
+_BEHIND_M: Final = 0.3
+"""Distance kept at least from a body ahead; SUMO's own is larger."""
+_FIRM_MPS2: Final = 2.5
+"""SUMO's drivers brake by themselves until more than this is needed."""
+_GENTLE_MPS2: Final = 0.5
 _SLOWING_MPS2: Final = -0.3
 """A driver who brakes harder is taken to go on braking."""
 _AMONG_THEMSELVES: Final = YieldingConfig(before_s=0.0, after_s=0.2, standoff_m=0.5)
@@ -55,7 +62,8 @@ def cautions(
     """The drivers of SUMO who have to wait.
 
     They wait for vehicles that are driven from outside, and, where their bodies would touch, for each other on
-    junctions: SUMO's waiting places there reach into the ways of others.
+    junctions: SUMO's waiting places there reach into the ways of others. Into bodies ahead they do not drive anywhere:
+    SUMO knows of no corner that reaches into the next lane.
 
     Args:
         traffic: The present step.
@@ -67,30 +75,53 @@ def cautions(
         The strictest wait of each, sorted by actor.
     """
     inside = traffic.owner == Owner.SUMO
-    foes = np.flatnonzero(~inside | ((traffic.flags & TrafficFlags.ON_JUNCTION) != 0))
     own = np.flatnonzero(inside)
-    if not len(foes) or not len(own):
-        return ()
     speed = np.where(inside, traffic.sumo_speed_mps, traffic.speed_mps)
-    dx, dy = traffic.x_m[own, None] - traffic.x_m[foes], traffic.y_m[own, None] - traffic.y_m[foes]
-    reach = _AHEAD_S * (speed[own, None] + speed[foes]) + 2.0 * _MORE_M
     held = np.array([actor in waiting for actor in traffic.actor_id.tolist()], dtype=np.bool_)
     accel = np.where(held, np.maximum(traffic.sumo_accel_mps2, 0.0), traffic.sumo_accel_mps2)
-    near = (np.hypot(dx, dy) < np.minimum(reach, _FAR_M)) & (own[:, None] != foes)
+    near = _near(traffic, speed, ~inside | ((traffic.flags & TrafficFlags.ON_JUNCTION) != 0))[own]
     found = []
     for place in np.flatnonzero(near.any(axis=1)).tolist():
-        row, others = int(own[place]), foes[near[place]].tolist()
+        row, others = int(own[place]), np.flatnonzero(near[place]).tolist()
         configs = [_AMONG_THEMSELVES if inside[other] else config for other in others]
         ways = [
             _wide(outlook.way(other, _ahead_m(speed[other])), 0.0 if inside[other] else _MARGIN_M) for other in others
         ]
         zones = meeting_zones(outlook.way(row, _ahead_m(speed[row])), ways, 0.0)
         met = [(o, c, z) for o, c, z in zip(others, configs, zones, strict=True) if z is not None]
-        waits = _waits(row, met, (speed, accel), outlook)
+        waits = _waits(row, met, (speed, accel), outlook, bool(held[row]))
         if waits:
             other, wait = min(waits, key=lambda one: one[1].speed_mps)
             found.append(Caution(int(traffic.actor_id[row]), int(traffic.actor_id[other]), wait))
     return tuple(found)
+
+
+def _near(traffic: TrafficState, speed_mps: Floats, counts: Flags) -> Flags:
+    """Who may meet whom, shape ``(N, N)``: those that count or cross within reach, and everybody close ahead.
+
+    Maps have roads that cross before their junction begins; so crossing does not ask where it happens.
+    """
+    dx, dy = traffic.x_m - traffic.x_m[:, None], traffic.y_m - traffic.y_m[:, None]
+    cos, sin = np.cos(traffic.yaw_rad), np.sin(traffic.yaw_rad)
+    ahead = np.asarray(cos[:, None] * dx + sin[:, None] * dy, dtype=np.float64)
+    aside = np.asarray(cos[:, None] * dy - sin[:, None] * dx, dtype=np.float64)
+    along = np.abs(cos[:, None] * cos + sin[:, None] * sin)
+    apart = np.hypot(dx, dy)
+    reach = np.minimum(_AHEAD_S * (speed_mps[:, None] + speed_mps) + 2.0 * _MORE_M, _FAR_M)
+    moving = speed_mps > _ROLLING_MPS
+    cross = moving[:, None] & moving & (along < SAME_DIRECTION) & (ahead > -_MORE_M)
+    close = (ahead > 0.0) & (ahead < speed_mps[:, None] + _MORE_M) & (np.abs(aside) < _BESIDE_M)
+    near = np.asarray(((counts | cross) & (apart < reach)) | close, dtype=np.bool_)
+    np.fill_diagonal(near, False)
+    return near
+
+
+def _behind(zone: Zone, own_mps: float, other_mps: float, waits: bool) -> Wait | None:
+    """How to brake for a body ahead, None while braking gently later is enough; who brakes for it goes on braking."""
+    free = max(zone.blocked_m - _BEHIND_M, 0.0)
+    brake = stop_brake_mps2(max(own_mps - other_mps, 0.0), free)
+    late = free <= 0.0 or brake > (_GENTLE_MPS2 if waits else _FIRM_MPS2)
+    return Wait(other_mps, brake, free) if late else None
 
 
 def _ahead_m(speed_mps: float) -> float:
@@ -102,23 +133,32 @@ def _wide(way: Way, margin_m: float) -> Way:
 
 
 def _waits(
-    row: int, met: list[tuple[int, YieldingConfig, Zone]], motion: tuple[Floats, Floats], outlook: Outlook
+    row: int,
+    met: list[tuple[int, YieldingConfig, Zone]],
+    motion: tuple[Floats, Floats],
+    outlook: Outlook,
+    waits_already: bool,
 ) -> list[tuple[int, Wait]]:
     """Everybody for whom the driver in a row has to wait, and how.
 
-    Who leads or merges is left to SUMO.
+    Who merges is left to SUMO, and who leads while there is room.
 
     Args:
         row: Row of the driver.
         met: Rows of the vehicles that are met, with margins and zones.
         motion: Speeds and accelerations of all vehicles.
         outlook: Where everybody will go.
+        waits_already: Whether the driver waited at the step before.
     """
     speed_mps, accel_mps2 = motion
     own_mps, slowing = float(speed_mps[row]), float(accel_mps2[row])
     waits = []
     for other, config, zone in met:
-        if zone.merges or zone.leads:
+        if zone.leads:
+            behind = _behind(zone, own_mps, float(speed_mps[other]), waits_already)
+            waits += [(other, behind)] if behind is not None else []
+            continue
+        if zone.merges:
             continue
         top = max(outlook.limit_mps(row, zone.own_in_m), own_mps)
         accel = slowing if slowing < _SLOWING_MPS2 else _ACCEL_MPS2

@@ -106,18 +106,32 @@ def test_an_outside_vehicle_that_stands_in_the_way_is_not_driven_into() -> None:
     assert 100.0 - HALF_WIDTH - 75.0 - 3.0 < caution.wait.free_m < 100.0 - HALF_WIDTH - 75.0
 
 
-def test_leaders_are_sumos_own_business() -> None:
-    assert cautious([Car(0, 60.0, 10.0), Car(0, 75.0, 2.0, Owner.ROS)]) == ()
+@pytest.mark.parametrize("owner", Owner)
+def test_leaders_are_sumos_own_business_while_there_is_room(owner: Owner) -> None:
+    assert cautious([Car(0, 50.0, 10.0), Car(0, 80.0, 2.0, owner)]) == ()
+    (caution,) = cautious([Car(0, 70.0, 10.0), Car(0, 80.0, 2.0, owner)])
+    assert caution.actor_id == 1
+    assert caution.wait.brake_mps2 == pytest.approx(8.0**2 / (2.0 * caution.wait.free_m))
 
 
-def test_among_themselves_drivers_wait_on_junctions_only() -> None:
+@pytest.mark.parametrize("turn", TURNS)
+def test_among_themselves_drivers_wait_where_their_bodies_would_touch(turn: float) -> None:
     first = Car(0, 93.0, 5.0)
-    assert cautious([first, Car(1, 97.0, 6.0)]) == ()
-    found = cautious([first, Car(1, 97.0, 6.0, flags=TrafficFlags.ON_JUNCTION)])
-    assert [caution.actor_id for caution in found] == [1]
+    assert [caution.actor_id for caution in cautious([first, Car(1, 97.0, 6.0)], turn)] == [1]
+    assert cautious([first, Car(1, 107.0, 8.0)], turn) == ()
+    on_junction = Car(1, 100.5, 0.0, flags=TrafficFlags.ON_JUNCTION)
+    assert [caution.actor_id for caution in cautious([first, on_junction], turn)] == [1]
 
 
 def test_who_waits_goes_on_waiting_while_braking_for_it() -> None:
     cars = [Car(0, 90.0, 2.0, accel=-2.0), Car(1, 92.0, 4.0, Owner.ROS)]
     assert cautious(cars) == ()
     assert [caution.actor_id for caution in cautious(cars, waiting=(1,))] == [1]
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.2])
+def test_nobody_creeps_into_a_body_ahead(speed: float) -> None:
+    touching = 80.0 - 2.0 * HALF_LENGTH
+    (caution,) = cautious([Car(0, touching - 0.2, speed), Car(0, 80.0, 0.0)])
+    assert caution.wait.speed_mps == 0.0
+    assert cautious([Car(0, touching - 2.5, speed), Car(0, 80.0, 0.0)]) == ()

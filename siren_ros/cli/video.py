@@ -1,4 +1,4 @@
-"""``siren video BAG --view birdseye|front --out FILE.mp4``: an episode as a film."""
+"""``siren video BAG --view birdseye|front|grid --out FILE.mp4``: an episode as a film."""
 
 import argparse
 from pathlib import Path
@@ -10,8 +10,9 @@ from siren_ros.pictures.video import FRAME_RATE_HZ, View, save_video
 def add_arguments(verb: argparse.ArgumentParser) -> None:
     """Describe the verb, and what it takes."""
     verb.description = (
-        f"Writes an H.264 MP4 file at {FRAME_RATE_HZ} Hz of simulated time: either the episode from above, with "
-        "vehicles coloured by what they do, signals and the EMV's mode, or the recorded front camera."
+        f"Writes an H.264 MP4 file at {FRAME_RATE_HZ} Hz of simulated time: the episode from above, with "
+        "vehicles coloured by what they do, signals and the EMV's mode; the recorded front camera; or a grid of all "
+        "cameras and the view from above."
     )
     verb.add_argument("bag", type=Path, metavar="BAG", help="folder of a recorded episode")
     verb.add_argument(

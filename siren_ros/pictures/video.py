@@ -18,6 +18,7 @@ from siren_ros.errors import BagError, InputError
 from siren_ros.interfaces.images import from_compressed_image
 from siren_ros.interfaces.topics import IMAGE_COMPRESSED
 from siren_ros.numerics.units import STEP_NS, STEP_S, step_of_time_ns, steps_from_s
+from siren_ros.pictures.camera_grid import grid_frames
 from siren_ros.pictures.moving_birdseye import BirdseyeFilm
 from siren_ros.recording.bag_reader import BagMessage, damage_refused, open_bag, read_episode
 
@@ -41,6 +42,7 @@ class View(StrEnum):
 
     BIRDSEYE = "birdseye"
     FRONT = "front"
+    GRID = "grid"
 
 
 def save_video(bag: Path, view: View, path: Path, frames: int | None = None, start_s: float = 0.0) -> int:
@@ -48,7 +50,7 @@ def save_video(bag: Path, view: View, path: Path, frames: int | None = None, sta
 
     Args:
         bag: Folder of a recorded episode.
-        view: From above, or the recorded front camera.
+        view: From above, the recorded front camera, or all cameras with the view from above.
         path: MP4 file; an existing file is replaced.
         frames: Number of frames; None for all frames from ``start_s`` on.
         start_s: Simulated time of the first frame.
@@ -73,6 +75,8 @@ def save_video(bag: Path, view: View, path: Path, frames: int | None = None, sta
     if first >= record.steps:
         raise InputError("start_s", start_s, _WITHIN.format(bag))
     wanted = _first_of(range(first, record.steps, FRAME_STEPS), frames, bag)
+    if view is View.GRID:
+        return write_video(path, grid_frames(bag, record, wanted))
     return write_video(path, BirdseyeFilm(record, wanted).frames())
 
 

@@ -57,8 +57,12 @@ def step_fleet(
     orders = stopped_orders(merge_commands(traffic, commands), fleet.actor_id, fleet.stopped, fleet.bodies.steer_rad)
     driven = orders.owner == Owner.ROS
     realigned = [event.actor_id for event in traffic.events if event.kind is EventKind.REALIGNED]
-    handed_back = ((fleet.owner == Owner.ROS) | np.isin(fleet.actor_id, realigned)) & ~driven
+    brought_back = np.isin(fleet.actor_id, realigned) & ~driven
+    handed_back = ((fleet.owner == Owner.ROS) & ~driven) | brought_back
     bodies, tracker = _move(fleet, traffic, orders, driven, handed_back)
+    if realigned:
+        theirs = TrackerState.at(traffic.sumo_x_m, traffic.sumo_y_m, traffic.sumo_yaw_rad)
+        tracker = TrackerState.where(brought_back, theirs, tracker)
     if traffic.spawned:
         bodies = BodyState.where(fresh, fleet.bodies, bodies)
         tracker = TrackerState.where(fresh, fleet.tracker, tracker)
@@ -66,7 +70,7 @@ def step_fleet(
     contacts, touching = find_contacts(boxes, fleet.touching)
     if touching:
         bodies = collide(bodies, boxes, fleet.table, overlapping(boxes, touching), STEP_S)
-    states = _states(fleet, traffic, orders, bodies, driven | handed_back)
+    states = _states(fleet, traffic, orders, bodies, driven | (handed_back & ~brought_back))
     sirens, sounding = _siren_changes(state, states)
     own = _spawned(states, traffic) + _removed(state, traffic) + _owner_changes(fleet, states) + sirens
     own += _collisions(traffic.step, contacts)

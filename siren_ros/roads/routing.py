@@ -12,6 +12,8 @@ from siren_ros.errors import InputError
 from siren_ros.numerics.polyline import Polyline
 from siren_ros.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
 
+_TURNAROUND: Final = "t"
+"""SUMO's letter of a movement back along the same street. Nets of users have some; no vehicle here turns round."""
 LANE_CHANGE_COST: Final = 1.0
 """Cost of one lane change in ``route_path``, against which the tie-breaks below are small."""
 _DRIFT_COST: Final = 1e-3
@@ -37,7 +39,7 @@ class EdgeGraph:
         behind: list[set[int]] = [set() for _ in network.edges]
         for connection in network.connections:
             source, target = network.lanes[connection.from_lane], network.lanes[connection.to_lane]
-            if source.civilian_allowed and target.civilian_allowed:
+            if source.civilian_allowed and target.civilian_allowed and connection.direction != _TURNAROUND:
                 ahead[source.edge].add(target.edge)
                 behind[target.edge].add(source.edge)
         lengths = (

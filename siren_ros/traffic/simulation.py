@@ -236,7 +236,8 @@ class SumoSimulation:
         actor_ids = sorted(self._reported)
         names = [self._reported[actor_id].name for actor_id in actor_ids]
         lengths = np.array([self._reported[actor_id].length_m for actor_id in actor_ids])
-        self._continuity.correct(self._results, self._mirror.places)
+        moved = {self._reported[actor_id].name for actor_id in self._mirror.realigned if actor_id in self._reported}
+        self._continuity.correct(self._results, {*self._mirror.places, *moved})
         readings = read_vehicles(self._results, names, lengths, self._network, self._population.length_scale)
         self._place_mirrored(names, readings)
         ids = np.array(actor_ids, dtype=np.uint32)

@@ -396,3 +396,22 @@ def test_commands_cannot_move_who_was_in_contact() -> None:
         speed.append(float(states.speed_mps[0]))
     assert speed[-1] == 0.0
     assert states.throttle[0] < 1e-3
+
+
+def test_a_vehicle_brought_back_in_sumo_makes_no_jump() -> None:
+    fleet, _, _ = step_fleet(
+        FleetState.empty(PARAMETERS), _traffic(0, {1: (0.0, 0.0, 0.0, 8.0)}, [_description(1)]), []
+    )
+    positions, x = [0.0], 0.0
+    for step in range(1, 60):
+        x += 8.0 * STEP_S
+        events: tuple[Event, ...] = ()
+        if step == 20:  # SUMO's vehicle was 3 m ahead for a moment and is brought back
+            events = (Event(step, EventKind.REALIGNED, 1),)
+            x = positions[-1] + 8.0 * STEP_S
+        ahead_m = 3.0 if step == 19 else 0.0
+        fleet, states, _ = step_fleet(fleet, _traffic(step, {1: (x + ahead_m, 0.0, 0.0, 8.0)}, events=events), [])
+        positions.append(float(states.x_m[0]))
+    steps_m = np.diff(positions)
+    assert np.abs(steps_m - 8.0 * STEP_S).max() < 0.05
+    assert positions[-1] == pytest.approx(x, abs=0.3)

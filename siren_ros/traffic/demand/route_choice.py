@@ -7,7 +7,8 @@ from typing import Final
 import numpy as np
 
 from siren_ros.numerics.geometry import wrap_angle
-from siren_ros.roads.road_network import Connection, Lane, RoadNetwork
+from siren_ros.numerics.polyline import Polyline
+from siren_ros.roads.road_network import Connection, RoadNetwork
 from siren_ros.roads.routing import EdgeGraph, connections_between
 from siren_ros.traffic.demand.demand_config import DemandConfig
 
@@ -84,7 +85,8 @@ class RouteChooser:
         return both or roomy or mine or ways
 
     def _least_radius_m(self, vehicle_m: float) -> float:
-        return self._config.long_vehicle_radius_m if vehicle_m > self._config.long_vehicle_m else 0.0
+        config = self._config
+        return config.long_vehicle_radius_m if vehicle_m > config.long_vehicle_m else config.car_radius_m
 
     def _ways_from(self, edge: int) -> tuple[_Way, ...]:
         found = self._ways.get(edge)
@@ -105,14 +107,17 @@ class RouteChooser:
         return _Way(following, lanes, share * len(lanes), max(self._radius_m(movement) for movement in movements))
 
     def _radius_m(self, movement: Connection) -> float:
-        return min((tightest_radius_m(self._network.lanes[lane]) for lane in movement.via), default=np.inf)
+        before, after = (self._network.lanes[lane].centre for lane in (movement.from_lane, movement.to_lane))
+        across = [self._network.lanes[lane].centre for lane in movement.via]
+        parts = [before.cut(max(before.length_m - _BEND_M, 0.0), before.length_m), *across]
+        return tightest_radius_m(Polyline.joined([*parts, after.cut(0.0, min(_BEND_M, after.length_m))]))
 
 
-def tightest_radius_m(lane: Lane) -> float:
-    """Radius of a lane's tightest bend, measured over the length of a wheelbase; infinite where it is straight."""
-    end_m = lane.centre.length_m
-    from_m = np.linspace(0.0, max(end_m - _BEND_M, 0.0), 16)
+def tightest_radius_m(path: Polyline) -> float:
+    """Radius of a path's tightest bend, measured over the length of a wheelbase; infinite where it is straight."""
+    end_m = path.length_m
+    from_m = np.arange(0.0, max(end_m - _BEND_M, 0.0) + 1.0)
     to_m = np.minimum(from_m + _BEND_M, end_m)
-    turned = np.abs(wrap_angle(lane.centre.heading_rad(to_m) - lane.centre.heading_rad(from_m)))
+    turned = np.abs(wrap_angle(path.heading_rad(to_m) - path.heading_rad(from_m)))
     bend_1pm = np.max(turned / np.maximum(to_m - from_m, 1e-6))
     return float(1.0 / bend_1pm) if bend_1pm > 0.0 else np.inf

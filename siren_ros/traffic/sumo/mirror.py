@@ -10,7 +10,7 @@ import numpy as np
 
 from siren_ros.errors import EpisodeError
 from siren_ros.numerics.units import STEP_S
-from siren_ros.roads.road_network import NO_LANE, RoadNetwork
+from siren_ros.roads.road_network import NO_LANE, Lane, RoadNetwork
 from siren_ros.traffic.demand.plan import PlannedVehicle
 from siren_ros.traffic.sumo.config import TrafficConfig
 from siren_ros.traffic.sumo.lane_matcher import LaneMatch, LaneMatcher
@@ -31,6 +31,8 @@ _MATCH_ON_SHOULDER: Final = 6
 was mirrored onto a shoulder, and with the 4 when SUMO matched a vehicle to a pedestrian crossing."""
 _KEEP_ROUTE_OFF_ROAD: Final = 3
 """``keepRoute`` of moveToXY: exact place, also off the road; the route always stays."""
+_LEAST_REALIGNED_M: Final = 1.0
+"""A vehicle is not brought back by less: what is left then is its angle or its distance from the lane's middle."""
 _EDGES_TO_MATCH: Final = 3
 _BINDING_MODES: Final = frozenset({Mode.YIELD_DEFERRED, Mode.YIELD_KEEP_LANE})
 """Phases of a yield in which SUMO drives, but not as the driver would."""
@@ -118,7 +120,11 @@ class Mirror:
     def _realign(
         self, states: ActorStates, vehicles: Mapping[int, PlannedVehicle], routes: Mapping[str, Sequence[int]]
     ) -> None:
-        """Bring SUMO's vehicles back to simulated ones that cannot follow them, where these are on their route."""
+        """Bring SUMO's vehicles back to simulated ones that cannot follow them, where these are on their route.
+
+        SUMO's vehicle gets the place along its lane, not the pose: SUMO might find an exact pose off the lane's course
+        on the lane of the other direction.
+        """
         self.realigned = {}
         lagging = (states.owner == Owner.SUMO) & (states.residual_m > self._config.realign_m)
         for row in np.flatnonzero(lagging).tolist():
@@ -126,10 +132,22 @@ class Mirror:
             if actor_id not in vehicles:
                 continue
             vehicle = vehicles[actor_id]
-            place = self._place(states, row, vehicle, routes[vehicle.name], {})
-            if place.match.lane != NO_LANE:
-                self._put(states, row, vehicle, place)
+            match = self._place(states, row, vehicle, routes[vehicle.name], {}).match
+            if match.lane == NO_LANE:
+                continue
+            lane = self._network.lanes[match.lane]
+            if self._ahead_by_m(vehicle.name, lane, match.position_m) > _LEAST_REALIGNED_M and lane.civilian_allowed:
+                at_m = min(match.position_m, lane.length_m) * self._population.length_scale[lane.lane_id]
+                libsumo.vehicle.moveTo(vehicle.name, lane.lane_id, at_m)
+                self._set_speed(vehicle.name, match.lane, float(states.speed_mps[row]))
                 self.realigned[actor_id] = float(states.residual_m[row])
+
+    def _ahead_by_m(self, name: str, lane: Lane, position_m: float) -> float:
+        """Distance of a vehicle's front in SUMO from a place on a lane: what bringing it back there would change."""
+        x, y = libsumo.vehicle.getPosition(name)
+        place = lane.centre.at(min(position_m, lane.length_m))
+        offset_x, offset_y = self._network.sumo_offset_m
+        return float(np.hypot(x - offset_x - place[0], y - offset_y - place[1]))
 
     def _place(
         self,

@@ -32,11 +32,11 @@ def test_nobody_flies_out_of_a_bend() -> None:
     assert in_bend.sum() > 50, "somebody drives through the bend"
 
 
-@pytest.mark.parametrize(("template", "count"), [("S5", 520), ("S6", 320)])
-def test_the_templates_at_stop_signs_run_on_openstreetmap(template: str, count: int) -> None:
-    steps = drive(template, "signs.osm", count)
+@pytest.mark.parametrize("template", ["S5", "S6"])
+def test_the_templates_at_stop_signs_run_on_openstreetmap(template: str) -> None:
+    steps = drive(template, "signs.osm", 320)
     crossed = [event for step in steps for event in step.events if event.kind is EventKind.STOP_LINE_CROSSED]
-    assert 1 in {event.actor_id for event in crossed}, "the EMV passes a stop line"
+    assert any(event.detail["must_stop"] for event in crossed), "somebody passes a stop sign"
     assert all(step.states.residual_m.max() < 1.5 for step in steps)
 
 

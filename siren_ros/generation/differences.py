@@ -68,6 +68,7 @@ def _is_sequence(value: Any) -> bool:
 
 def _same(recorded: Any, repeated: Any) -> bool:
     """Plain values by their text in JSON, so that 1 and 1.0, and 0.0 and −0.0, are two values."""
-    if isinstance(recorded, str | bytes) or isinstance(repeated, str | bytes):
-        return bool(recorded == repeated)
+    for kind in (str, bytes, np.ndarray):
+        if isinstance(recorded, kind) or isinstance(repeated, kind):
+            return isinstance(recorded, kind) and isinstance(repeated, kind) and bool(recorded == repeated)
     return json_text(recorded) == json_text(repeated)

@@ -4,12 +4,10 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from siren_ros.errors import BagError, InputError, MapError
 from siren_ros.generation.closed_loop import LoopStep, closed_loop, record_of
-from siren_ros.generation.differences import MISSING, Mismatch, first_mismatch
 from siren_ros.generation.episode_setup import (
     default_bag_path,
     default_bag_path_of,
@@ -205,13 +203,6 @@ def test_a_change_of_an_event_or_of_the_outcome_is_named(complete: EpisodeRecord
     outcome = dataclasses.replace(complete.outcome, measures={**complete.outcome.measures, "collisions": 3})
     difference = repeat_episode(dataclasses.replace(complete, outcome=outcome))
     assert str(difference) == "measures.collisions of /siren/outcome: recorded 3, repeated 0"
-
-
-def test_minus_zero_is_not_zero_and_nan_is_itself() -> None:
-    assert first_mismatch(np.array([0.0]), np.array([-0.0])) is not None
-    assert first_mismatch(np.array([np.nan]), np.array([np.nan])) is None
-    assert first_mismatch({"a": [1, 2.0]}, {"a": [1, 2]}) == Mismatch(("a", 1), 2.0, 2)
-    assert first_mismatch({"a": 1}, {"a": 1, "b": 2}) == Mismatch(("b",), MISSING, 2)
 
 
 @pytest.fixture

@@ -17,7 +17,8 @@ FILES = (InputFile("looks", "/a/ä.yaml", "fog: 1\n"), InputFile("presets", "pap
 
 
 def test_files_come_back_from_json() -> None:
-    assert files_from_json(files_to_json(FILES)) == FILES
+    largest = InputFile("looks", "a", "x" * 256_000)
+    assert files_from_json(files_to_json((*FILES, largest))) == (*FILES, largest)
 
 
 @pytest.mark.parametrize(

@@ -70,6 +70,17 @@ def test_both_readers_see_every_message_in_simulated_time(tmp_path: Path, write_
     assert all(log == publish for log, publish in times)
 
 
+def test_sequence_numbers_count_each_topics_messages(tmp_path: Path, write_bag: Callable[..., Path]) -> None:
+    path = write_bag(tmp_path / "bag", duration_s=2.0)
+    sequences: dict[int, list[int]] = {}
+    with (path / "bag_0.mcap").open("rb") as file:
+        for chunk in read_chunks(file):
+            for message in parse_content(unpack(chunk)).messages:
+                sequences.setdefault(message.channel_id, []).append(message.sequence)
+    assert len(sequences) > 5
+    assert all(numbers == list(range(len(numbers))) for numbers in sequences.values())
+
+
 def test_metadata_says_what_rosbag2_needs(tmp_path: Path, typestore: Typestore, text_cdr: bytes) -> None:
     writer = EpisodeBagWriter(tmp_path / "bag", typestore, latched=[TEXT[0]])
     writer.write(*TEXT, text_cdr, 0)

@@ -11,8 +11,15 @@ install_runnables() {
     : >"$index/siren_ros"
     ln -sfn "$root/package.xml" "$venv/share/siren_ros/package.xml"
     ln -sfn "$root/params" "$venv/share/siren_ros/params"
-    ln -sfn "$root/launch" "$venv/share/siren_ros/launch"
-    if [[ $ros == wheels ]]; then write_small_ros2; fi
+    # A folder of links: `ros2 launch` does not follow links to folders.
+    rm -rf "$venv/share/siren_ros/launch"
+    mkdir "$venv/share/siren_ros/launch"
+    ln -s "$root"/launch/*.launch.* "$venv/share/siren_ros/launch/"
+    if [[ $ros == wheels ]]; then
+        write_small_ros2
+        # sensor_msgs_py and rosidl_runtime_py, which PyPI lacks.
+        printf '%s\n' "$root/tools/environment/python" >"$(compgen -G "$venv/lib/python3.*/site-packages")/siren_ros_python.pth"
+    fi
     write_variables
 }
 

@@ -7,9 +7,9 @@ from collections import deque
 from typing import Any
 
 import numpy as np
+from rosidl_runtime_py import message_to_yaml
 
 from small_ros2.errors import CommandError
-from small_ros2.rendering import TRUNCATE_LENGTH, to_yaml
 from small_ros2.ros_graph import (
     DISCOVERY_S,
     discovered_topics,
@@ -21,6 +21,8 @@ from small_ros2.ros_graph import (
 )
 
 REPORT_PERIOD_S = 1.0
+TRUNCATE_LENGTH = 128
+"""Longer arrays and strings are cut, as the real ``ros2 topic echo`` does."""
 WINDOW = 10_000
 
 
@@ -78,7 +80,9 @@ def echo_topic(arguments: argparse.Namespace) -> int:
             return
         printed += 1
         text = (
-            f"{message!r}\n" if arguments.raw else to_yaml(message, None if arguments.full_length else TRUNCATE_LENGTH)
+            f"{message!r}\n"
+            if arguments.raw
+            else message_to_yaml(message, truncate_length=None if arguments.full_length else TRUNCATE_LENGTH)
         )
         sys.stdout.write(f"{text}---\n")
         sys.stdout.flush()

@@ -1,0 +1,1 @@
+"""Point clouds as numpy arrays, with the interface of ROS's package of this name; PyPI lacks that package."""

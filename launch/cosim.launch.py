@@ -1,4 +1,4 @@
-"""One episode under `ros2 launch siren_ros cosim.launch.py template:=S2`, where a ROS installation brings launch."""
+"""One episode under `ros2 launch siren_ros cosim.launch.py template:=S2`."""
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, EmitEvent, RegisterEventHandler

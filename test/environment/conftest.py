@@ -1,9 +1,11 @@
 """Checkouts, DDS domains and programs for the tests of the environment."""
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -44,8 +46,8 @@ def start_ros2(domain_id: str) -> Iterator[Callable[..., "subprocess.Popen[str]"
 
     yield start
     for process in started:
-        if process.poll() is None:
-            process.kill()
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)  # and what it has started
         process.communicate()
 
 

@@ -93,5 +93,6 @@ print("ready", flush=True)
 while True:
     chatter.publish(String(data="grüezi"))
     unreliable.publish(UInt8MultiArray(data=list(range(200))))
+    rclpy.spin_once(node, timeout_sec=0.0)
     time.sleep(0.02)
 """

@@ -13,7 +13,7 @@ EXIT_USAGE: Final = 2
 EXIT_INTERRUPTED: Final = 130
 """What a shell reports for a program that Ctrl-C ended (128 + SIGINT)."""
 
-COMMANDS: Final = ("run", "pkg", "topic", "bag")
+COMMANDS: Final = ("run", "launch", "pkg", "interface", "node", "param", "topic", "bag")
 
 
 class Parser(argparse.ArgumentParser):
@@ -38,8 +38,12 @@ def build_parser(command: str | None) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=Parser)
     summaries = {
         "run": "run an executable of a package",
+        "launch": "start the nodes of a launch file",
         "pkg": "list executables",
-        "topic": "list, print and measure topics",
+        "interface": "list and print the definitions of types",
+        "node": "list nodes and what they publish, subscribe to and offer",
+        "param": "list and print parameters",
+        "topic": "list, describe, print and measure topics",
         "bag": "describe and play recorded bags",
     }
     for name in COMMANDS:

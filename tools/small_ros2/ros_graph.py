@@ -58,6 +58,36 @@ def discovered_topics(node: Node, discovery_s: float) -> dict[str, list[str]]:
     return topics
 
 
+def discovered_nodes(node: Node, discovery_s: float) -> set[str]:
+    """Full names of the other nodes, once the graph has become quiet or the time is over."""
+
+    def found() -> set[str]:
+        names = {f"{namespace.rstrip('/')}/{name}" for name, namespace in node.get_node_names_and_namespaces()}
+        return names - {node.get_fully_qualified_name()}
+
+    deadline_s = time.monotonic() + discovery_s
+    names: set[str] = set()
+    changed_s = time.monotonic()
+    while (now_s := time.monotonic()) < deadline_s and not (names and now_s - changed_s > QUIET_S):
+        time.sleep(POLL_S)
+        if found() != names:
+            names, changed_s = found(), time.monotonic()
+    return names
+
+
+def node_named(node: Node, name: str, discovery_s: float) -> str:
+    """The full name of a node, once it is there and its topics are known.
+
+    Raises:
+        CommandError: It does not appear within the time; the message lists the nodes there are.
+    """
+    full = name if name.startswith("/") else f"/{name}"
+    names = discovered_nodes(node, discovery_s)
+    if full not in names:
+        raise CommandError(f"node '{full}' is not there; there are: {', '.join(sorted(names)) or 'none'}")
+    return full
+
+
 def type_of_topic(node: Node, topic: str, discovery_s: float) -> str:
     """The type of a topic, as soon as somebody is found to publish or read it.
 

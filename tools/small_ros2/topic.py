@@ -1,4 +1,4 @@
-"""``ros2 topic list``, ``ros2 topic echo`` and ``ros2 topic hz``."""
+"""``ros2 topic list``, ``info``, ``echo`` and ``hz``."""
 
 import argparse
 import sys
@@ -33,6 +33,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     listing.add_argument("-t", "--show-types", action="store_true", help="also print the types")
     listing.set_defaults(main=list_topics)
 
+    info = verbs.add_parser("info", help="print the type and the numbers of publishers and subscriptions of a topic")
+    info.add_argument("topic", help="name of the topic")
+    info.add_argument("--verbose", "-v", action="store_true", help="also print each one's node and quality of service")
+    info.set_defaults(main=print_info)
+
     echo = verbs.add_parser("echo", help="print the messages of a topic")
     echo.add_argument("topic", help="name of the topic")
     echo.add_argument("type", nargs="?", help="its type, where nobody publishes it yet")
@@ -46,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     rate.add_argument("--window", "-w", type=int, default=WINDOW, help=f"number of intervals averaged ({WINDOW})")
     rate.set_defaults(main=measure_rate)
 
-    for verb in (listing, echo, rate):
+    for verb in (listing, info, echo, rate):
         verb.add_argument(
             "--spin-time",
             type=float,
@@ -66,6 +71,23 @@ def list_topics(arguments: argparse.Namespace) -> int:
     with observer("small_ros2_topic_list") as node:
         for name, types in sorted(discovered_topics(node, arguments.spin_time).items()):
             print(f"{name} [{', '.join(types)}]" if arguments.show_types else name)
+    return 0
+
+
+def print_info(arguments: argparse.Namespace) -> int:
+    """Prints who publishes and subscribes, in the real ros2's layout."""
+    topic = full_name(arguments.topic)
+    with observer("small_ros2_topic_info") as node:
+        known = discovered_topics(node, arguments.spin_time)
+        if topic not in known:
+            raise CommandError(f"topic '{topic}' is not there")
+        publishers = node.get_publishers_info_by_topic(topic)
+        subscriptions = node.get_subscriptions_info_by_topic(topic)
+        print(f"Type: {', '.join(known[topic])}")
+        for title, endpoints in (("Publisher", publishers), ("Subscription", subscriptions)):
+            print(f"{title} count: {len(endpoints)}")
+            if arguments.verbose:
+                print("".join(f"\n{endpoint}\n" for endpoint in endpoints))
     return 0
 
 

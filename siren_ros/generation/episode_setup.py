@@ -9,9 +9,11 @@ from typing import Final
 from siren_ros import __version__
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.generation.site_choice import plan_at_best_site
+from siren_ros.numerics.random_streams import random_stream
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.params.input_files import FILES_ON_DISK, InputFiles, NotedFiles, files_to_json
 from siren_ros.roads.maps.map_compiler import CompiledMap, compile_map
+from siren_ros.roads.maps.speed_limit import with_speed_limit
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.roads.sites.site_finder import Site
@@ -20,7 +22,7 @@ from siren_ros.scenario.levels import EmergencyLevel
 from siren_ros.scenario.presets import DriverPreset, load_preset
 from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.scenario.scenario import Template
-from siren_ros.scenario.templates import load_template
+from siren_ros.scenario.templates import load_template, realised
 from siren_ros.sensors.suite.look_file import load_look
 from siren_ros.sensors.suite.suite import load_suite
 from siren_ros.traffic.demand.av_choice import choose_av
@@ -103,12 +105,14 @@ def set_up_episode(
     """
     noted = NotedFiles(files)
     template = load_template(request.template, noted)
+    template = realised(template, random_stream(request.seed, "scenario/values"))
     level = level_of(request, template)
     preset = load_preset(request.preset, noted)
     for suite in (request.sensors, request.av_sensors):
         load_suite(suite, noted)
     load_look(request.look, noted)
     compiled = compiled_map or compile_map(Path(request.map) if request.map else None)
+    compiled = with_speed_limit(compiled, template.demand.speed_limit_mps)
     network = parse_road_network(compiled.read_bytes())
     dimensions = {
         actor_class: (vehicle.length_m, vehicle.width_m, vehicle.height_m)

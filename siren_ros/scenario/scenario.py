@@ -1,8 +1,8 @@
 """Scenario templates: what is set up, how it may vary, and which predicate tells that it happened.
 
 A template is data (``params/templates/S2.yaml``). Every scenario parameter has a default and a range
-to draw from; ``load_template`` gives the template with its defaults, ``draw_values`` and
-``with_values`` another realisation of it.
+of what studies may set; some are drawn anew for every seed. ``load_template`` gives the template with its
+defaults, ``realised`` what a seed draws, ``draw_values`` and ``with_values`` any other values.
 """
 
 from collections.abc import Mapping
@@ -107,7 +107,7 @@ class DemandGroup:
     spacing_m: float
     """Mean gap between one vehicle's front and the next one's rear."""
     speed_mps: float
-    """Speed that these drivers wish for, and that they have at the start unless they are standing."""
+    """Speed at the start, unless they are standing; they wish for the same speeds as other drivers."""
     anchor: GroupAnchor = GroupAnchor.EMV
     standing: bool = False
     """Whether the vehicles stand at the start: a queue."""
@@ -119,8 +119,10 @@ class Demand:
 
     background_vehicles: int
     """Civilians in the network, groups included (paper, table of templates: N_veh)."""
+    speed_limit_mps: float
+    """Highest speed limit of the map's roads; higher ones are lowered to it."""
     speed_factor: float
-    """Factor on the speed that the other drivers wish for, relative to the speed limit."""
+    """Factor on the speed that drivers wish for, relative to the speed limit."""
     classes: tuple[tuple[ActorClass, float], ...]
     """Shares of the vehicle classes; they add up to 1."""
     groups: tuple[DemandGroup, ...]
@@ -165,6 +167,8 @@ class Template:
     """None where the signals run as they are."""
     ranges: Mapping[str, ValueRange] = field(default_factory=dict)
     """Range of each scenario parameter by its dotted path: ``emv.speed_mps``, ``demand.platoon.vehicles``."""
+    drawn: Mapping[str, ValueRange] = field(default_factory=dict)
+    """The parameters that every seed draws anew, with the part of their range that it draws from."""
 
     def value(self, path: str) -> float:
         """Present value of a scenario parameter; KeyError for an unknown path."""
@@ -216,10 +220,19 @@ def _replaced(section: Any, path: list[str], value: float) -> Any:
     return replace(section, **{head: _replaced(getattr(section, head), rest, value)})
 
 
+def realised(template: Template, rng: np.random.Generator) -> Template:
+    """The template as one seed sets it up: the parameters that are drawn for every seed have values of their own."""
+    return template.with_values(_uniform(template.drawn, rng))
+
+
 def draw_values(template: Template, rng: np.random.Generator) -> dict[str, float]:
     """One draw of every scenario parameter, uniform over its range, in the order of the template's ranges."""
+    return _uniform(template.ranges, rng)
+
+
+def _uniform(ranges: Mapping[str, ValueRange], rng: np.random.Generator) -> dict[str, float]:
     drawn: dict[str, float] = {}
-    for path, limits in template.ranges.items():
+    for path, limits in ranges.items():
         if limits.integer:
             drawn[path] = float(rng.integers(round(limits.minimum), round(limits.maximum), endpoint=True))
         else:

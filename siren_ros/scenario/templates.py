@@ -25,10 +25,11 @@ from siren_ros.scenario.scenario import (
     Template,
     ValueRange,
     draw_values,
+    realised,
 )
 from siren_ros.world.actors import ActorClass
 
-__all__ = ["Template", "available_templates", "draw_values", "load_template", "read_template"]
+__all__ = ["Template", "available_templates", "draw_values", "load_template", "read_template", "realised"]
 
 _ID: Final = re.compile(r"[A-Za-z0-9_-]{1,64}")
 _SHARE_TOLERANCE: Final = 1e-6
@@ -67,7 +68,8 @@ def read_template(file: Path) -> Template:
 
 def _template(top: StrictMapping) -> Template:
     ranges: dict[str, ValueRange] = {}
-    parameters = _Parameters(ranges)
+    drawn: dict[str, ValueRange] = {}
+    parameters = _Parameters(ranges, drawn)
     site_kind = SiteKind(top.text("site", [member.value for member in SiteKind]))
     template = Template(
         template_id=_identifier(top),
@@ -83,8 +85,11 @@ def _template(top: StrictMapping) -> Template:
         predicate=_predicate(top.mapping("predicate")),
         signal=_signal(top.mapping("signal"), parameters) if top.has("signal") else None,
         ranges=ranges,
+        drawn=drawn,
     )
     top.finish()
+    if "duration_s" in drawn:
+        raise InputError(top.mapping("duration_s").where("draw"), "a range", "no draw: seeds differ in what happens")
     if site_kind is SiteKind.MULTI_LANE_ROAD:
         _refuse_stop_line(top, template)
     most = sum(int(ranges[f"demand.{group.name}.vehicles"].maximum) for group in template.demand.groups)
@@ -117,18 +122,18 @@ def _refuse_stop_line(top: StrictMapping, template: Template) -> None:
 
 
 class _Parameters:
-    """Reads ``{default: …, range: […, …]}`` and remembers the ranges."""
+    """Reads ``{default: …, range: […, …], draw: […, …]}`` and remembers the ranges; without ``draw`` all seeds agree."""
 
-    def __init__(self, ranges: dict[str, ValueRange]) -> None:
+    def __init__(self, ranges: dict[str, ValueRange], drawn: dict[str, ValueRange]) -> None:
         self._ranges = ranges
+        self._drawn = drawn
 
     def number(self, section: StrictMapping, key: str, low: float, high: float) -> float:
         """A real parameter; default and range lie within ``[low, high]``."""
         entry = section.mapping(key)
         minimum, maximum = self._limits(entry, low, high)
         default = entry.number("default", minimum, maximum)
-        entry.finish()
-        self._ranges[entry.path] = ValueRange(minimum, maximum)
+        self._remember(entry, ValueRange(minimum, maximum))
         return default
 
     def integer(self, section: StrictMapping, key: str, low: int, high: int) -> int:
@@ -138,15 +143,21 @@ class _Parameters:
         if minimum != round(minimum) or maximum != round(maximum):
             raise InputError(entry.where("range"), f"[{minimum:g}, {maximum:g}]", "whole numbers")
         default = entry.integer("default", round(minimum), round(maximum))
-        entry.finish()
-        self._ranges[entry.path] = ValueRange(minimum, maximum, integer=True)
+        self._remember(entry, ValueRange(minimum, maximum, integer=True))
         return default
 
+    def _remember(self, entry: StrictMapping, limits: ValueRange) -> None:
+        if entry.has("draw"):
+            minimum, maximum = self._limits(entry, limits.minimum, limits.maximum, "draw")
+            self._drawn[entry.path] = ValueRange(minimum, maximum, limits.integer)
+        entry.finish()
+        self._ranges[entry.path] = limits
+
     @staticmethod
-    def _limits(entry: StrictMapping, low: float, high: float) -> tuple[float, float]:
-        minimum, maximum = entry.numbers("range", 2, low, high)
+    def _limits(entry: StrictMapping, low: float, high: float, key: str = "range") -> tuple[float, float]:
+        minimum, maximum = entry.numbers(key, 2, low, high)
         if minimum > maximum:
-            raise InputError(entry.where("range"), f"[{minimum:g}, {maximum:g}]", "[minimum, maximum] in this order")
+            raise InputError(entry.where(key), f"[{minimum:g}, {maximum:g}]", "[minimum, maximum] in this order")
         return minimum, maximum
 
 
@@ -184,6 +195,7 @@ def _demand(section: StrictMapping, parameters: _Parameters) -> Demand:
     groups = section.mapping("groups")
     demand = Demand(
         background_vehicles=parameters.integer(section, "background_vehicles", 0, _MAX_VEHICLES),
+        speed_limit_mps=parameters.number(section, "speed_limit_mps", 3.0, _MAX_SPEED_MPS),
         speed_factor=parameters.number(section, "speed_factor", 0.1, 2.0),
         classes=_classes(section.mapping("classes")),
         groups=tuple(_group(groups.mapping(name), name, parameters) for name in groups.values),

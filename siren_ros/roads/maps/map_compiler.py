@@ -105,7 +105,7 @@ def compile_map(source: Path | None, cache_dir: Path | None = None) -> CompiledM
         net = _compile(loaded, shown)
         parse_road_network(net)  # refuses what is no map before anything is done with it
         net = mended_lanes(net)
-        _store(net_path, net)
+        store_net(net_path, net)
     source_sha256 = hashlib.sha256(loaded.content).hexdigest()
     return CompiledMap(loaded.name, net_path, hashlib.sha256(net).hexdigest(), loaded.kind, source_sha256)
 
@@ -211,7 +211,7 @@ def _compile_openstreetmap(source: MapSource, folder: Path, output: Path, shown:
     return run_netconvert(options, output, shown)
 
 
-def _store(net_path: Path, net: bytes) -> None:
+def store_net(net_path: Path, net: bytes) -> None:
     """Writes under a temporary name and renames, so that concurrent compilations see a whole file or none."""
     try:
         net_path.parent.mkdir(parents=True, exist_ok=True)

@@ -10,7 +10,7 @@ from siren_ros.roads.movements import (
     same_direction_connections,
 )
 from siren_ros.roads.road_network import Connection, JunctionKind, Lane, LaneKind, RoadNetwork
-from siren_ros.roads.routing import EdgeGraph
+from siren_ros.roads.routing import EdgeGraph, driving_lanes
 from siren_ros.roads.sites.road_sites import (
     civilian_movements,
     connection_indices,
@@ -26,17 +26,28 @@ _QUIET_ENOUGH_M = 100.0
 _CROSSING_ENOUGH_M = 60.0
 _CROSSING_LEAST_M = 30.0
 """Side streets with less road before the junction have no queue worth the name; oncoming turners then cross as well."""
+_PLAIN_ENOUGH_M = 150.0
+_APPROACH_EDGE_ENOUGH_M = 100.0
 
 
 def queued_approaches(graph: EdgeGraph) -> Iterator[Site]:
-    """Approaches of two lanes or more to a signal, where two lanes lead on in parallel."""
+    """Approaches of two lanes or more to a signal, where two lanes lead on in parallel.
+
+    The better ones are long without turning lanes: the corridor opens beside the leftmost lane, so that a turning lane
+    that nobody uses would leave it empty.
+    """
     network = graph.network
     for edge, way, movements in _directions(graph):
         if not _is_signalised(network, movements) or lanes_through(network, edge, way) < 2:
             continue
         site = _junction_site(graph, SiteKind.QUEUED_APPROACH, movements, wide_stretch_back(graph, edge))
         if site.length_m >= SHORTEST_QUEUE_M:
-            yield replace(site, score=site.score + 4.0 * share(site.length_m) + 2.0 * _straight(network, edge, way))
+            through = lanes_through(network, edge, way)
+            plain_m = graph.route_length_m([one for one in site.stretch if len(driving_lanes(network, one)) == through])
+            points = (
+                4.0 * share(site.length_m) + 2.0 * _straight(network, edge, way) + 2.0 * share(plain_m, _PLAIN_ENOUGH_M)
+            )
+            yield replace(site, score=site.score + points)
 
 
 def signal_junctions(graph: EdgeGraph) -> Iterator[Site]:

@@ -114,7 +114,7 @@ def _exit(graph: EdgeGraph, before: Sequence[int]) -> tuple[int, ...]:
     route = list(before)
     while graph.route_length_m(route) < ROUTE_M or graph.route_length_m(route[len(before) - 1 :]) < EXIT_M:
         edge = route[-1]
-        ways = _ways_on(graph, edge, lasting)
+        ways = _ways_on(graph, edge, lasting, ROUTE_M - graph.route_length_m(route))
         if not ways:
             break
         way_on = min(ways, key=lambda way: (visits.get(way, 0), _preference(graph, edge, way, way)))
@@ -123,6 +123,7 @@ def _exit(graph: EdgeGraph, before: Sequence[int]) -> tuple[int, ...]:
     return tuple(route[len(before) :])
 
 
-def _ways_on(graph: EdgeGraph, edge: int, lasting: Collection[int]) -> tuple[int, ...]:
+def _ways_on(graph: EdgeGraph, edge: int, lasting: Collection[int], missing_m: float) -> tuple[int, ...]:
+    """Ways on that lead into a loop, or that complete the route before they leave the map; all where there is none."""
     ways = tuple(way for way in graph.successors[edge] if not is_reversal(graph.network, edge, way))
-    return tuple(way for way in ways if way in lasting) or ways
+    return tuple(way for way in ways if way in lasting or graph.length_m[way] >= missing_m) or ways

@@ -2,9 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
+from shapely import LineString, Point
 
 from siren_ros.errors import MapError
 from siren_ros.numerics.random_streams import random_stream
@@ -64,7 +67,7 @@ def plan_traffic(
     headway_m = factory.size(emv.actor_class)[0] + emv.headway_s * emv.depart_speed_mps
     start_m = start_m_of(network, site, emv)
     starts = [emv_start(network, site, start_m - number * headway_m) for number in range(emv.count)]
-    needed_m = emv.speed_mps * (template.duration_s + config.route_slack_s)
+    needed_m = emv.speed_mps * (template.duration_s + config.emv_route_slack_s)
     way = starts[0].route
     route = long_enough_route(factory, way, site, needed_m, random_stream(seed, "demand/route"))
     starts = [replace(start, route=start.route[: len(start.route) - len(way)] + route) for start in starts]
@@ -165,8 +168,7 @@ class _Planner:
     ) -> tuple[PlannedVehicle, ...]:
         """Vehicles at random places off some stretches; where ``disjoint``, at a distance from each other."""
         rng = random_stream(self._seed, f"demand/{purpose}")
-        edges = [edge for edge in range(len(self._network.edges)) if self._factory.leads_on(edge)]
-        lanes = [lane for edge in edges for lane in driving_lanes(self._network, edge)]
+        lanes = self._background_lanes
         if not lanes:
             raise MapError("no driving lanes", "a map with connected driving lanes for civilians")
         occupied: dict[int, list[tuple[float, float]]] = {}
@@ -183,6 +185,29 @@ class _Planner:
             spot = Spot(lane.index, front, min(self._config.depart_speed_share * wished, self._stoppable(lane, front)))
             found.append(self._factory.civilian(f"{purpose}{number}", actor_class, driver, route, spot, rng))
         return tuple(found)
+
+    @cached_property
+    def _background_lanes(self) -> list[Lane]:
+        """Driving lanes that lead on, near the EMV's way; all of them where those near it are too short."""
+        network, config = self._network, self._config
+        edges = [edge for edge in range(len(network.edges)) if self._factory.leads_on(edge)]
+        lanes = [lane for edge in edges for lane in driving_lanes(network, edge)]
+        way = LineString(self._way_points()).buffer(config.neighbourhood_m)
+        near = [lane for lane in lanes if way.contains(Point(*lane.centre.at(0.5 * lane.length_m)))]
+        needed_m = self._template.demand.background_vehicles * config.background_spacing_m
+        return near if sum(lane.length_m for lane in near) >= needed_m else lanes
+
+    def _way_points(self) -> npt.NDArray[np.float64]:
+        """Points of the EMV's way from its start to beyond the site, shape ``(N, 2)``."""
+        route, points, beyond_m = self._start.route, [], 0.0
+        through = route.index(self._site.site_edge) if self._site.site_edge in route else 0
+        for position, edge in enumerate(route):
+            centre = driving_lanes(self._network, edge)[-1].centre
+            points.append(centre.points)
+            beyond_m += centre.length_m if position > through else 0.0
+            if beyond_m > self._config.neighbourhood_after_m:
+                break
+        return np.concatenate(points)
 
     def _stoppable(self, lane: Lane, front_m: float) -> float:
         """Speed from which a vehicle can still stop before the lane's end, or behind one at the least gap."""

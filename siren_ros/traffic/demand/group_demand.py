@@ -1,7 +1,7 @@
 """A template's groups of civilians: rows of vehicles around the interaction."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -120,8 +120,8 @@ class _GroupPlanner:
         if group.placement is not Placement.CROSSING:
             self.foremost_m = max(self.foremost_m, front_m)
         edges = row.edges[row.edges.index(self.network.lanes[lane].edge) :]
-        driver = self.factory.draw_driver(actor_class, rng)
-        driver = replace(driver, speed_factor=speed / self.network.lanes[lane].speed_limit_mps)
+        driver = self.factory.draw_driver(actor_class, rng, self.template.demand.speed_factor)
+        speed = min(speed, driver.speed_factor * self.network.lanes[lane].speed_limit_mps)
         route = self.factory.draw_route(edges, self._route_m, rng, lane, actor_class)
         spot = Spot(lane, front, 0.0 if group.standing else speed)
         return self.factory.civilian(f"{group.name}{number}", actor_class, driver, route, spot, rng)

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from siren_ros.judging.junction_traversal import Traversal, find_traversals
+from siren_ros.judging.stop_line_approach import least_free_speed_mps
 from siren_ros.judging.verdict import Part, Verdict, at_least, closest_of, more_than, verdict_of
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.units import STEP_S
@@ -70,10 +71,10 @@ class _StopLine:
         return self.record.network.connections[traversal.connection].must_stop
 
     def part(self, traversal: Traversal | None) -> Part:
-        """The speed as the front passed the line."""
+        """The least speed on the free approach and at the line: one who obeys the sign stops somewhere there."""
         if traversal is None:
             return more_than("stop_line_mps", 0, self.speed_min_mps, f"the EMV crosses {self.wanted} nowhere")
-        speed = traversal.enter_speed_mps
+        speed = least_free_speed_mps(self.record, traversal)
         return more_than("stop_line_mps", speed, self.speed_min_mps, _where(self.record, traversal))
 
 
@@ -144,7 +145,7 @@ def _sentence(record: EpisodeRecord, parts: tuple[Part, Part], traversal: Traver
     if line.name == "against_red":
         how = "against red" if line.holds else "not against red"
     else:
-        how = f"over the stop line at {line.value:.1f} m/s"
+        how = f"over the stop line, never slower than {line.value:.1f} m/s,"
     junction = record.network.connections[traversal.connection].junction
     kind = "of its direction" if others.name == "same_direction_inside" else "on crossing paths"
     return f"the EMV entered junction {junction} {how} with {others.value:.0f} vehicles {kind} inside"

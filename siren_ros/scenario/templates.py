@@ -122,7 +122,10 @@ def _refuse_stop_line(top: StrictMapping, template: Template) -> None:
 
 
 class _Parameters:
-    """Reads ``{default: …, range: […, …], draw: […, …]}`` and remembers the ranges; without ``draw`` all seeds agree."""
+    """Reads ``{default: …, range: […, …], draw: […, …]}`` and remembers the ranges.
+
+    Where ``draw`` is missing every seed has the default.
+    """
 
     def __init__(self, ranges: dict[str, ValueRange], drawn: dict[str, ValueRange]) -> None:
         self._ranges = ranges

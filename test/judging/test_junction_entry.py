@@ -132,7 +132,7 @@ def test_a_stop_line_passed_at_speed_with_others_inside() -> None:
 
 
 @pytest.mark.parametrize(("speed_mps", "holds"), [(1.9, False), (2.1, True)])
-def test_the_speed_is_that_at_the_line(speed_mps: float, holds: bool) -> None:
+def test_the_speed_is_the_least_on_the_approach(speed_mps: float, holds: bool) -> None:
     """The EMV comes in fast, passes the line slowly and goes on fast."""
     speed = np.where(np.abs(np.arange(300) - 100) < 40, speed_mps, 8.0)
     arc = np.concatenate(([0.0], np.cumsum(speed[:-1] * 0.05)))
@@ -143,6 +143,33 @@ def test_the_speed_is_that_at_the_line(speed_mps: float, holds: bool) -> None:
     assert verdict.holds == holds
     assert verdict.parts[0].value == pytest.approx(speed_mps, abs=0.01)
     assert verdict.parts[1].holds
+
+
+def _stopping_at(stop_m: float, steps: int = 300) -> np.ndarray:
+    """Arc lengths of an EMV that stands for a second with its centre at a place and then goes on at 8 m/s."""
+    coming = np.arange(stop_m - 30.0, stop_m, 0.4)
+    going = stop_m + 0.4 * np.arange(steps)
+    return np.concatenate((coming, np.full(20, stop_m), going))[:steps]
+
+
+def test_who_stops_short_of_the_line_has_stopped_for_it() -> None:
+    """The front is 5 m before the line; then the EMV crosses it at 8 m/s."""
+    stepping_in = np.concatenate((np.linspace(90.0, 110.0, 60), np.full(240, 110.0)))
+    record = hand_made(STOP, {EMV: Driven(NORTHBOUND, _stopping_at(92.0)), 2: Driven(EASTBOUND, stepping_in)})
+    verdict = stop_crossing(record, STOP_THRESHOLDS)
+    assert not verdict.holds
+    assert verdict.parts[0].value == pytest.approx(0.0, abs=0.01)
+    assert verdict.parts[1].holds
+
+
+def test_who_stands_behind_another_one_at_the_line_has_not_stopped_for_it() -> None:
+    """The vehicle ahead stands at the line and leaves just before the EMV does."""
+    leader = np.concatenate((np.full(90, 98.0), 98.0 + 0.6 * np.arange(210)))
+    emv = np.concatenate((np.arange(62.0, 90.0, 0.4), np.full(22, 90.0), 90.0 + 0.4 * np.arange(300)))[:300]
+    vehicles = {EMV: Driven(NORTHBOUND, emv), 2: Driven(EASTBOUND, np.full(300, 100.0)), 3: Driven(NORTHBOUND, leader)}
+    assert stop_crossing(hand_made(STOP, vehicles), STOP_THRESHOLDS).parts[0].value == pytest.approx(8.0, abs=0.2)
+    del vehicles[3]
+    assert stop_crossing(hand_made(STOP, vehicles), STOP_THRESHOLDS).parts[0].value == pytest.approx(0.0, abs=0.01)
 
 
 def test_the_other_way_has_no_stop_line() -> None:

@@ -124,7 +124,7 @@ def test_endless_edges_are_those_of_the_blocks(town, graph):
 
 def test_route_length_counts_the_ways_across_junctions(town, graph):
     route = edges(town, "main_e_0 main_e_1 main_e_2 main_e_3")
-    assert graph.route_length_m(route) == pytest.approx(570.0, abs=0.5)
+    assert graph.route_length_m(route) == pytest.approx(1000.0, abs=0.5)
 
 
 def test_connections_between_are_ordered_from_the_right(town):

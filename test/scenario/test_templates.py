@@ -10,7 +10,7 @@ from siren_ros.params.params_files import params_dir
 from siren_ros.roads.sites.site_finder import SiteKind
 from siren_ros.scenario.levels import EmergencyLevel
 from siren_ros.scenario.scenario import GroupAnchor, StartReference
-from siren_ros.scenario.templates import available_templates, draw_values, load_template, read_template
+from siren_ros.scenario.templates import available_templates, draw_values, load_template, read_template, realised
 from siren_ros.world.actors import ActorClass
 
 S2_TEXT = (params_dir() / "templates" / "S2.yaml").read_text(encoding="utf-8")
@@ -175,3 +175,27 @@ def test_values_outside_their_range_and_unknown_ones_are_refused() -> None:
         template.with_values({"demand.platoon.vehicles": 4.5})
     with pytest.raises(InputError, match=r"emv\.colour"):
         template.with_values({"emv.colour": 1.0})
+
+
+@pytest.mark.parametrize("name", available_templates())
+def test_every_seed_has_values_of_its_own_within_what_is_drawn(name: str) -> None:
+    template = load_template(name)
+    seeds = [realised(template, np.random.default_rng(seed)).values() for seed in range(40)]
+    assert template.drawn
+    for path, limits in template.drawn.items():
+        found = [values[path] for values in seeds]
+        assert all(limits.minimum <= value <= limits.maximum for value in found)
+        assert len(set(found)) > 1
+        assert template.ranges[path].minimum <= limits.minimum
+        assert limits.maximum <= template.ranges[path].maximum
+    fixed = set(template.ranges) - set(template.drawn)
+    assert all(values[path] == template.value(path) for values in seeds for path in fixed)
+    assert seeds[3] == realised(template, np.random.default_rng(3)).values()
+
+
+def test_what_is_drawn_lies_within_the_range_and_is_not_the_duration(tmp_path: Path) -> None:
+    outside, line = refused(tmp_path, "draw: [9.0, 13.0]", "draw: [9.0, 23.0]")
+    assert "depart_speed_mps.draw" in outside.parameter
+    assert f":{line}:" in outside.parameter
+    duration, _ = refused(tmp_path, "range: [25.0, 45.0]}", "range: [25.0, 45.0], draw: [30.0, 40.0]}")
+    assert "duration_s.draw" in duration.parameter

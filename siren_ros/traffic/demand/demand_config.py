@@ -10,8 +10,8 @@ class DemandConfig:
     placement_gap_m: float = 9.0
     """Least gap between a vehicle's front and the rear of the next one at its first placement."""
     neighbourhood_m: float = 150.0
-    """Background traffic starts within this of the EMV's way to the site and through it, where there is road enough: the
-    volume of the paper's table is that of a district of about 200 m by 200 m, whatever the size of the map."""
+    """Background traffic starts within this of the EMV's way to the site and through it, where there is road enough.
+    The volume of the paper's table is that of a district of about 200 m by 200 m, whatever the size of the map."""
     neighbourhood_after_m: float = 250.0
     """How far the EMV's way counts beyond the site."""
     background_spacing_m: float = 40.0
@@ -23,7 +23,7 @@ class DemandConfig:
     route_slack_s: float = 20.0
     """Routes are this much longer than warm-up and episode take at ``route_speed_mps``."""
     route_speed_mps: float = 16.0
-    emv_route_slack_s: float = 3.0
+    emv_route_slack_s: float = 5.0
     """The EMV's route is this much longer than the episode takes at its target speed."""
     reserve_factor: float = 4.0
     """Replacement vehicles in reserve, per civilian of the volume."""

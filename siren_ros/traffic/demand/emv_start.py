@@ -10,7 +10,7 @@ from siren_ros.errors import MapError
 from siren_ros.numerics.polyline import Polyline
 from siren_ros.roads.bend_speeds import SAMPLE_M, bend_speeds_mps, with_accelerating, with_braking
 from siren_ros.roads.movements import quiet_reach_m
-from siren_ros.roads.road_network import Lane, RoadNetwork
+from siren_ros.roads.road_network import Lane, LaneKind, RoadNetwork
 from siren_ros.roads.routing import driving_lanes
 from siren_ros.roads.sites.site_finder import Site
 from siren_ros.scenario.scenario import EmvDemand, StartReference
@@ -46,7 +46,7 @@ def start_m_of(network: RoadNetwork, site: Site, emv: EmvDemand) -> float:
     """
     if emv.start_from is StartReference.SITE_START:
         return emv.start_m
-    lane, reach_m = network.lanes[site.approach_lane], 0.0
+    lane, reach_m = travel_lane(network, site), 0.0
     quiet_m = quiet_reach_m(network, lane.index, -emv.start_m)
     if quiet_m - _ENTRY_M >= -_LEAST_APPROACH_SHARE * emv.start_m:
         return lane.length_m + max(emv.start_m, _ENTRY_M - quiet_m)
@@ -57,6 +57,14 @@ def start_m_of(network: RoadNetwork, site: Site, emv: EmvDemand) -> float:
         lane, via = _lane_before(network, lane, edge)
         reach_m += lane.length_m + _length_m(network, via)
     return max(wanted_m, _ENTRY_M - reach_m)
+
+
+def travel_lane(network: RoadNetwork, site: Site) -> Lane:
+    """The site's approach lane; where that is a shoulder, the driving lane beside it: nobody arrives on a shoulder."""
+    lane = network.lanes[site.approach_lane]
+    if lane.kind is not LaneKind.SHOULDER:
+        return lane
+    return min(driving_lanes(network, lane.edge), key=lambda other: abs(other.position - lane.position))
 
 
 def emv_start(network: RoadNetwork, site: Site, start_m: float) -> EmvStart:
@@ -70,7 +78,7 @@ def emv_start(network: RoadNetwork, site: Site, start_m: float) -> EmvStart:
         MapError: the site's approach or the site itself is too short.
     """
     position = site.site_position
-    lane = network.lanes[site.approach_lane]
+    lane = travel_lane(network, site)
     to_site: tuple[int, ...] = (lane.index,)
     while start_m < 0.0 and position > 0:
         position -= 1

@@ -10,7 +10,7 @@ from siren_ros.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
 from siren_ros.roads.routing import driving_lanes
 from siren_ros.roads.sites.site_finder import Site
 from siren_ros.scenario.scenario import DemandGroup, GroupAnchor, Placement
-from siren_ros.traffic.demand.emv_start import EmvStart, way_to_stop_line_m
+from siren_ros.traffic.demand.emv_start import EmvStart, travel_lane, way_to_stop_line_m
 from siren_ros.traffic.demand.lane_chains import LaneChain, chain_along
 
 CROSSING_REACH_M: Final = 120.0
@@ -60,7 +60,7 @@ def group_rows(
             for lane in _chosen(network, network.lanes[start.lane], start.route[0], group.placement, ())
         ]
     same = [network.connections[index].from_lane for index in site.connections]
-    approach = network.lanes[site.approach_lane]
+    approach = travel_lane(network, site)
     lanes = _chosen(network, approach, site.site_edge, group.placement, same)
     if group.standing and group.placement is Placement.SAME_DIRECTION:
         lanes = [lane for lane in lanes if lane.index != approach.index]  # the EMV could not pass on one lane

@@ -46,11 +46,13 @@ def vehicle_types_xml(
     """The additional file with all types.
 
     Civilians are of SUMO's class ``passenger`` whatever their body, so that one set of lanes is open to
-    all of them. At L0 an EMV has no privilege.
+    all of them. At L0 an EMV has no privilege: it keeps to the speed limit as well.
     """
     root = Element("additional")
     for vehicle in vehicles:
         element = SubElement(root, "vType", _attributes(vehicle))
+        if vehicle.is_emv and not LEVEL_POLICIES[level].privileged:
+            element.set("speedFactor", f"{min(vehicle.driver.speed_factor, 1.0):.6g}")
         if vehicle.is_emv:
             _add_emv_parameters(element, level, response_distance_m, config)
     return tostring(root, encoding="utf-8", xml_declaration=True)

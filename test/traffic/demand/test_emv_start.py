@@ -82,7 +82,11 @@ def test_start_before_the_stop_line_is_as_far_back_as_wanted_or_as_the_approach_
     assert far.route[-1] == site.route[-1]
 
 
-def test_start_on_a_shoulder_stays_on_shoulders(town: RoadNetwork) -> None:
+def test_nobody_starts_on_a_shoulder(town: RoadNetwork) -> None:
+    """The site is a turn along the shoulder; the EMV comes in the lane next to it and has to choose the shoulder."""
     site = require_site(town, SiteKind.SHOULDER_RIGHT_TURN)
     start = emv_start(town, site, start_m_of(town, site, demand(-70.0)))
-    assert town.lanes[start.lane].kind is LaneKind.SHOULDER
+    shoulder, lane = town.lanes[site.approach_lane], town.lanes[start.lane]
+    assert shoulder.kind is LaneKind.SHOULDER
+    assert lane.kind is LaneKind.DRIVING
+    assert town.neighbour(town.lanes[start.lanes_to_site[-1]], -1) == shoulder

@@ -7,6 +7,7 @@ from traffic_helpers import DIMENSIONS, TOWN10, load_map, plan_s2
 
 from siren_ros.errors import InputError, MapError
 from siren_ros.roads.road_network import LaneKind, RoadNetwork
+from siren_ros.roads.routing import EdgeGraph
 from siren_ros.roads.sites.site_finder import Site, require_site
 from siren_ros.scenario.levels import EmergencyLevel
 from siren_ros.scenario.scenario import Template
@@ -93,8 +94,9 @@ def test_routes_follow_the_roads_and_begin_at_the_spot(network: RoadNetwork) -> 
 
 def test_emvs_route_is_long_enough_for_the_episode(network: RoadNetwork) -> None:
     traffic, template = plan_s2(network, seed=2)
-    length = sum(network.lanes[network.edge_by_id[edge].lanes[-1]].length_m for edge in traffic.emvs[0].route)
-    assert length > template.emv.speed_mps * template.duration_s
+    edges = [network.edge_by_id[edge].index for edge in traffic.emvs[0].route]
+    driven_m = EdgeGraph.of(network).route_length_m(edges) - traffic.emvs[0].spot.front_m
+    assert driven_m > template.emv.speed_mps * template.duration_s
 
 
 def test_background_vehicles_do_not_overlap(network: RoadNetwork) -> None:

@@ -215,8 +215,7 @@ class FreeWay:
     ) -> SpeedLimit:
         """Speed from which one can slow down for tight places and stop before impassable ones.
 
-        The needed deceleration is that of a stop before the first impassable place: tight places can be entered
-        faster than is wanted.
+        The needed deceleration is that of a stop before contact. Places that are only too tight are braked for gently.
 
         Args:
             speed_mps: Present speed.
@@ -235,6 +234,7 @@ class FreeWay:
                 limit = min(limit, math.sqrt(slow * slow + 2.0 * brake_mps2 * max(way, 0.0)))
         if free == math.inf:
             return SpeedLimit(limit)
-        brake = speed_mps**2 / (2.0 * max(free - min(stop_short_m, _RESERVE_M), _LEAST_WAY_M))
+        contact = self.free_m
+        brake = speed_mps**2 / (2.0 * max(contact - min(stop_short_m, _RESERVE_M), _LEAST_WAY_M))
         blocker = int(self.actor_id[np.argmin(stopping)])
         return SpeedLimit(limit, brake if brake > brake_mps2 else 0.0, blocker, free)

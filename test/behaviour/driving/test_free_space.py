@@ -86,6 +86,14 @@ def test_brakes_harder_where_the_way_is_short():
     assert limit.brake_mps2 == pytest.approx(8.0**2 / (2.0 * (way.free_m - 1.0)))
 
 
+def test_brakes_hard_for_contact_and_gently_for_a_place_that_is_only_too_tight():
+    tight = straight(boxes((6, 2.06, 0, 2, 1))).limit(8.0, SQUEEZES, 1.0, 2.5, clearance_m=0.1)
+    assert tight.speed_mps < 3.0
+    assert tight.blocker_id != NO_ACTOR
+    assert tight.brake_mps2 == 0.0
+    assert straight(boxes((6, 1.9, 0, 2, 1))).limit(8.0, SQUEEZES, 1.0, 2.5, clearance_m=0.1).brake_mps2 > 10.0
+
+
 def test_a_vehicle_that_drives_ahead_leaves_way_behind_itself():
     assert straight(boxes((12, 0, 0, 2, 1)), credit=4.0).free_m == straight(boxes((12, 0, 0, 2, 1))).free_m + 4.0
 

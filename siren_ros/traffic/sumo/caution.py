@@ -80,14 +80,15 @@ def cautions(
     held = np.array([actor in waiting for actor in traffic.actor_id.tolist()], dtype=np.bool_)
     accel = np.where(held, np.maximum(traffic.sumo_accel_mps2, 0.0), traffic.sumo_accel_mps2)
     near = _near(traffic, speed, ~inside | ((traffic.flags & TrafficFlags.ON_JUNCTION) != 0))[own]
+    ways = {
+        other: _wide(outlook.way(other, _ahead_m(speed[other])), 0.0 if inside[other] else _MARGIN_M)
+        for other in np.flatnonzero(near.any(axis=0)).tolist()
+    }
     found = []
     for place in np.flatnonzero(near.any(axis=1)).tolist():
         row, others = int(own[place]), np.flatnonzero(near[place]).tolist()
         configs = [_AMONG_THEMSELVES if inside[other] else config for other in others]
-        ways = [
-            _wide(outlook.way(other, _ahead_m(speed[other])), 0.0 if inside[other] else _MARGIN_M) for other in others
-        ]
-        zones = meeting_zones(outlook.way(row, _ahead_m(speed[row])), ways, 0.0)
+        zones = meeting_zones(outlook.way(row, _ahead_m(speed[row])), [ways[other] for other in others], 0.0)
         met = [(o, c, z) for o, c, z in zip(others, configs, zones, strict=True) if z is not None]
         waits = _waits(row, met, (speed, accel), outlook, bool(held[row]))
         if waits:

@@ -173,6 +173,23 @@ def test_a_cut_off_bag_with_a_flipped_bit_in_its_first_chunk_keeps_all_others(ep
     assert saved == messages_of(episode)[lost : lost + len(saved)]
 
 
+@pytest.mark.parametrize(("damaged", "described"), [("/siren/episode", False), ("/siren/map", False), ("/clock", True)])
+def test_an_episode_needs_its_description_and_its_map(
+    tmp_path: Path, typestore: Typestore, damaged: str, described: bool
+) -> None:
+    topics = ("/siren/episode", "/siren/map", "/clock", "/other")
+    writer = EpisodeBagWriter(tmp_path / "bag", typestore, options=BagOptions(chunk_bytes=64))
+    for topic in topics:
+        text = make_message("std_msgs/msg/String", data=topic * 20)
+        cdr = bytes(typestore.serialize_cdr(text, "std_msgs/msg/String"))
+        writer.write(topic, "std_msgs/msg/String", cdr, 0)
+    bag = writer.finish().path
+    with_flipped_bits(bag, topics.index(damaged))
+    recovery = recover_bag(bag)
+    assert (recovery.described, recovery.messages, recovery.lost_messages) == (described, 3, 1)
+    assert {topic for topic, _, _ in messages_of(recovery.path)} == {*topics} - {damaged}
+
+
 def test_several_damaged_chunks_are_one_line(episode: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     damaged = tmp_path / "damaged"
     shutil.copytree(episode, damaged)

@@ -82,6 +82,8 @@ def plan_groups(
 def _check_room(group: DemandGroup, rows: int, placed: int) -> None:
     crossing = group.placement is Placement.CROSSING
     least = min(1, group.vehicles) if crossing else _LEAST_PLACED_SHARE * group.vehicles
+    if group.standing and group.placement is Placement.SAME_DIRECTION:
+        return  # they wait next to the EMV's lane, whose way is free without them
     if (rows or crossing) and placed < least:
         found = f"{group.vehicles} vehicles {_WHERE[group.placement]}"
         raise MapError(f"group {group.name}", f"a place with road for {found}; {placed} would fit")

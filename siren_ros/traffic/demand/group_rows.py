@@ -65,6 +65,9 @@ def group_rows(
     if group.standing and group.placement is Placement.SAME_DIRECTION:
         lanes = [lane for lane in lanes if lane.index != approach.index]  # the EMV could not pass on one lane
     rows = [_approach_row(network, site, start, lane) for lane in lanes]
+    if group.standing and group.placement is not Placement.EMV_LANE:
+        # A lane that branches off from the EMV's on the way may be the one that the EMV takes.
+        rows = [row for row in rows if not set(row.chain.lanes) & set(start.lanes_to_site)]
     if group.anchor is GroupAnchor.STOP_LINE:
         return rows
     way_m = way_to_stop_line_m(network, start)

@@ -224,3 +224,12 @@ def test_missing_dimensions_and_too_many_vehicles_are_refused(network: RoadNetwo
     crowded = replace(template, demand=replace(template.demand, background_vehicles=5000))
     with pytest.raises(MapError, match="room"):
         plan_traffic(network, site, crowded, 0, load_drivers(), DIMENSIONS)
+
+
+def test_standing_vehicles_leave_free_the_lanes_on_which_the_emv_comes(network: RoadNetwork) -> None:
+    traffic, template, site = planned(network, "S4")
+    start = emv_start(network, site, start_m_of(network, site, template.emv))
+    waiting = [vehicle for vehicle in traffic.groups if vehicle.name.startswith("waiting")]
+    assert not {vehicle.spot.lane for vehicle in waiting} & set(start.lanes_to_site)
+    cleared = {area.lane for area in traffic.stage}
+    assert set(start.lanes_to_site) <= cleared

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from io import BufferedWriter
 from pathlib import Path
 from threading import BoundedSemaphore
 from types import TracebackType
@@ -35,6 +37,7 @@ class FileWriter:
         self._room = BoundedSemaphore(threads * _QUEUE_PER_THREAD)
         self._failed: BaseException | None = None
         self._made: set[Path] = set()
+        self._growing: dict[str, BufferedWriter] = {}
 
     def write(self, name: str, make: bytes | Callable[[], bytes]) -> None:
         """Writes one file; ``make`` gives its content where that costs time, and is called in a thread.
@@ -55,13 +58,14 @@ class FileWriter:
         self._pool.submit(_write, path, make).add_done_callback(self._done)
 
     def append(self, name: str, text: str) -> None:
-        """Adds text to the end of a file, at once."""
+        """Adds text to the end of a file, at once; the file stays open for more."""
         path = self.folder / name
-        if path.parent not in self._made:
-            self._make_folder(path.parent)
         try:
-            with path.open("a", encoding="utf-8", newline="") as file:
-                file.write(text)
+            if name not in self._growing:
+                self._make_folder(path.parent)
+                self._growing[name] = path.open("ab")
+            self._growing[name].write(text.encode())
+            self._growing[name].flush()
         except OSError as error:
             raise no_place(path, error) from error
 
@@ -82,6 +86,9 @@ class FileWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        for file in self._growing.values():
+            with suppress(OSError):  # what a full disk did not take has been told where it was written
+                file.close()
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=kind is not None)
         if self._failed is not None and kind is None:

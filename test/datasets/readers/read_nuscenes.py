@@ -46,8 +46,8 @@ for sample in samples:
     for token in sample["anns"]:
         found = nusc.get("sample_annotation", token)
         name = category_to_detection_name(found["category_name"])
-        if name is None:
-            continue
+        if name is None or found["num_lidar_pts"] == 0:
+            continue  # the devkit does not ask for boxes without a point
         attributes = [nusc.get("attribute", key)["name"] for key in found["attribute_tokens"]]
         speed = np.nan_to_num(nusc.box_velocity(token)[:2])
         results[sample["token"]].append(

@@ -21,6 +21,7 @@ from siren_ros.generation.behaviour_setup import behaviour_world
 from siren_ros.generation.closed_loop import LoopStep, closed_loop, record_of
 from siren_ros.generation.episode_setup import EpisodeSetup, plan_length, set_up_episode
 from siren_ros.judging.predicates import evaluate_predicate
+from siren_ros.judging.realisation import Realisation, realisation_of
 from siren_ros.judging.residuals import summarise_residuals
 from siren_ros.judging.verification.limits import VerifyLimits
 from siren_ros.judging.verification.physics import PhysicsSummary, summarise_physics
@@ -61,6 +62,7 @@ class EpisodeFigures:
     """Mean displacement error of constant velocity, 5 s ahead (paper, table of trajectory prediction)."""
     step_ms: float = float("nan")
     """Behaviour and dynamics, median; only where it was asked for."""
+    realisation: Realisation | None = None
     way_m: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     """Of the first EMV, cumulative over the steps."""
 
@@ -115,6 +117,7 @@ def figures_of(record: EpisodeRecord, request: EpisodeRequest, step_ms: float) -
         emv_speed_mps=float(first.speed_mps.mean()) if len(first.speed_mps) else 0.0,
         cv_ade_m=float("nan") if ade is None else ade.value,
         step_ms=step_ms,
+        realisation=realisation_of(record),
         way_m=np.cumsum(moved),
     )
 

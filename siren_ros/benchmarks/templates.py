@@ -5,13 +5,14 @@ prints in how many the template's predicate holds, what failed in the others, co
 the greatest impact speed and overlap, the lateral acceleration of everybody (99.9th percentile) and the longitudinal
 one of the EMV (1st and 99th), the residual, the EMV's longest standstill and mean speed, the error of
 constant-velocity prediction, and the time of behaviour and dynamics per step. ``--compare L1 L3`` compares the EMV's
-travel time at two levels over the same seeds instead.
+travel time at two levels over the same seeds instead. Below each row stands how the seeds differ. ``--placebo``
+prints in how many seeds the predicate also holds at the levels at which its cause is absent.
 """
 
 import argparse
 import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
@@ -22,8 +23,9 @@ import numpy as np
 from siren_ros.benchmarks.template_episode import EpisodeFigures, EpisodeTask, measure_episode, travel_times_s
 from siren_ros.judging.verification.physics import PhysicsSummary
 from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.scenario.predicates import DECLARED_PREDICATES
 from siren_ros.scenario.request import EpisodeRequest
-from siren_ros.scenario.templates import available_templates
+from siren_ros.scenario.templates import available_templates, load_template
 
 _HEAD = (
     f"{'':<4}{'holds':>7}{'failed':>7}{'hits':>6}{'telep':>6}{'checks':>7}{'impact':>7}{'overlap':>8}"
@@ -104,6 +106,36 @@ def _physics_columns(physics: Sequence[PhysicsSummary]) -> str:
     )
 
 
+def spread_of(episodes: Iterable[EpisodeFigures]) -> str:
+    """How the seeds differ: mean and standard deviation of what makes a realisation."""
+    found = [episode.realisation for episode in episodes if episode.realisation is not None]
+    named = {
+        "arrival s": [one.arrival_s for one in found],
+        "queue": [float(one.queue) for one in found],
+        "yielding": [float(one.yielding) for one in found],
+        "EMV m/s": [one.emv_speed_mps for one in found],
+    }
+    texts = [
+        f"{name} {np.nanmean(values):.1f} +- {np.nanstd(values):.1f}"
+        for name, values in named.items()
+        if not np.all(np.isnan(values))
+    ]
+    return f"     seeds differ: {', '.join(texts) or 'no episode ran'}"
+
+
+def placebo_levels(name: str) -> tuple[EmergencyLevel, ...]:
+    """The levels below the least one at which the cause of a template's interaction exists."""
+    needed = DECLARED_PREDICATES[load_template(name).predicate.name].needs
+    levels = list(EmergencyLevel)
+    return tuple(levels[: levels.index(needed)])
+
+
+def placebo_row(name: str, by_level: Mapping[str, Sequence[EpisodeFigures]]) -> str:
+    """One template's row of ``--placebo``."""
+    texts = (f"{level} {sum(one.holds for one in ran)}/{len(ran)}" for level, ran in by_level.items())
+    return f"{name:<4}holds without its cause: {', '.join(texts)}"
+
+
 def details_of(episodes: Iterable[EpisodeFigures]) -> Iterator[str]:
     """One line per seed that failed, with the failing part, and the violated checks with their seeds."""
     violated: Counter[str] = Counter()
@@ -137,10 +169,18 @@ def main(argv: Sequence[str] | None = None) -> int:
                 print(f"{'':<4}seeds in which the EMV is faster at {options.compare[1]} than at {options.compare[0]}")
             print(comparison_of(name, first, second), flush=True)
             continue
+        if options.placebo:
+            ran = {
+                level.name: list(measure_all(_tasks(options, name, level.name), options.jobs))
+                for level in placebo_levels(name)
+            }
+            print(placebo_row(name, ran), flush=True)
+            continue
         if number == 0:
             print(_HEAD)
         episodes = list(measure_all(_tasks(options, name, options.level), options.jobs))
         print(row_of(name, episodes))
+        print(spread_of(episodes))
         print(*details_of(episodes), sep="\n", flush=True)
     return 0
 
@@ -165,6 +205,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--level", default="", choices=["", *levels], help="the template's own by default")
     parser.add_argument("--preset", default="paper", help="how drivers respond")
     parser.add_argument("--compare", nargs=2, choices=levels, metavar="LEVEL", help="compare travel times")
+    parser.add_argument("--placebo", action="store_true", help="the levels at which the predicate must not hold")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--pictures", type=Path, help="folder for a picture of each episode")
     return parser

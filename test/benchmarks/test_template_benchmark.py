@@ -1,10 +1,21 @@
 import argparse
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from siren_ros.benchmarks.template_episode import EpisodeFigures, longest_standstill_s, travel_times_s
-from siren_ros.benchmarks.templates import comparison_of, details_of, row_of, seeds_of
+from siren_ros.benchmarks.templates import (
+    comparison_of,
+    details_of,
+    placebo_levels,
+    placebo_row,
+    row_of,
+    seeds_of,
+    spread_of,
+)
+from siren_ros.judging.realisation import Realisation
+from siren_ros.scenario.templates import available_templates
 
 
 def figures(seed: int, way_m: list[float], *, holds: bool = False, failing: tuple[str, ...] = ()) -> EpisodeFigures:
@@ -42,3 +53,22 @@ def test_seeds_are_a_range_or_a_number() -> None:
     for text in ("a", "5:5", "1:b"):
         with pytest.raises(argparse.ArgumentTypeError):
             seeds_of(text)
+
+
+def test_the_placebo_of_a_template_is_every_level_without_its_cause() -> None:
+    names = {name: [level.name for level in placebo_levels(name)] for name in available_templates()}
+    assert names["S1"] == ["L0", "L1", "L2"]
+    assert names["S2"] == ["L0", "L1"]
+    assert all(names[f"S{number}"] == ["L0"] for number in range(3, 8))
+    row = placebo_row("S2", {"L0": [figures(0, [1.0]), figures(1, [1.0], holds=True)], "L1": [figures(0, [1.0])]})
+    assert row.endswith("L0 1/2, L1 0/1")
+
+
+def test_the_spread_of_seeds_is_printed_with_its_standard_deviation() -> None:
+    made = [Realisation(arrival_s, queue, 3, 8.0) for arrival_s, queue in ((6.0, 2), (10.0, 4), (float("nan"), 0))]
+    episodes = [replace(figures(seed, [1.0]), realisation=one) for seed, one in enumerate(made)]
+    text = spread_of(episodes)
+    assert "arrival s 8.0 +- 2.0" in text
+    assert "queue 2.0 +- 1.6" in text
+    assert "yielding 3.0 +- 0.0" in text
+    assert "no episode ran" in spread_of([EpisodeFigures("S1", 0, error="failed")])

@@ -34,7 +34,7 @@ class Realisation:
 
 
 def realisation_of(record: EpisodeRecord) -> Realisation:
-    """The realisation that a record holds. The conflict point is the site's junction, or else the middle of its road."""
+    """The realisation of a record; the conflict point is the site's junction, or else the middle of its road."""
     track = record.track(record.emv_ids[0])
     distance = np.hypot(*(track.xy_m - _conflict_point(record)).T)
     nearest = int(np.argmin(distance))

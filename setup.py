@@ -29,7 +29,7 @@ DEPENDENCIES = [
     "av>=18,<19",  # encodes videos: FFmpeg with H.264 inside the wheel, so that no program has to be installed
     "matplotlib>=3.8",  # plots
     "tqdm>=4.66",  # progress bars
-    "pyarrow>=14,<22",  # writes and reads Parquet, Argoverse 2's scenario files; later ones need numpy 2
+    "pyarrow>=23,<24",  # Parquet of Argoverse 2's scenario files; libsumo is linked against 23 and warns of others
 ]
 
 RERUN = [

@@ -85,6 +85,8 @@ class Population:
         for vehicle in vehicles:
             lane = self._network.lanes[vehicle.spot.lane]
             libsumo.route.add(route_id(vehicle.name), vehicle.route)
+            # An EMV without privilege enters no faster than its driver may go: SUMO refuses more.
+            allowed_mps = lane.speed_limit_mps * float(libsumo.vehicletype.getSpeedFactor(type_id(vehicle)))
             libsumo.vehicle.add(
                 vehicle.name,
                 route_id(vehicle.name),
@@ -92,7 +94,7 @@ class Population:
                 depart="now",
                 departLane=str(lane.position),
                 departPos=repr(vehicle.spot.front_m * self.length_scale[lane.lane_id]),
-                departSpeed=repr(vehicle.spot.speed_mps),
+                departSpeed=repr(min(vehicle.spot.speed_mps, allowed_mps)),
             )
             libsumo.vehicle.subscribe(vehicle.name, SUBSCRIBED)
             self.vehicles[vehicle.name] = vehicle

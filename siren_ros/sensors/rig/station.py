@@ -43,14 +43,15 @@ def station_mount(station: Station, network: RoadNetwork, site: Mapping[str, obj
     middle = _middle(network, site or {})
     if middle is None:
         raise InputError("sensors", "station: site", "an episode with a site, or a station with x_m and y_m")
+    place = shapely.Point(*middle)
     lanes = shapely.union_all(
         [
             shapely.LineString(lane.centre.points).buffer(lane.width_m / 2.0 + _BESIDE_M)
             for lane in network.lanes
-            if lane.kind in _TRAFFIC and np.min(np.hypot(*(lane.centre.points - middle).T)) < _REACH_M
+            if lane.kind in _TRAFFIC and shapely.LineString(lane.centre.points).distance(place) < _REACH_M
         ]
     )
-    blocks = [block for block in shapely.get_parts(lanes) if block.distance(shapely.Point(*middle)) < _REACH_M]
+    blocks = [block for block in shapely.get_parts(lanes) if block.distance(place) < _REACH_M]
     edge = max(blocks, key=lambda block: float(block.area)).exterior
     count = max(2, int(edge.length / _SPACING_M))
     places = shapely.get_coordinates(shapely.line_interpolate_point(edge, np.arange(count) * edge.length / count))

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import shapely
 
 from siren_ros.numerics.units import STEP_S, steps_from_s
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.roads.sites.site_middle import middle_of_site
 from siren_ros.world.events import EventKind
 
 STANDING_MPS: Final = 1.0
@@ -36,7 +36,8 @@ class Realisation:
 def realisation_of(record: EpisodeRecord) -> Realisation:
     """The realisation of a record; the conflict point is the site's junction, or else the middle of its road."""
     track = record.track(record.emv_ids[0])
-    distance = np.hypot(*(track.xy_m - _conflict_point(record)).T)
+    conflict = middle_of_site(record.network, record.description.site)
+    distance = np.hypot(*(track.xy_m - conflict).T) if conflict is not None else np.full(len(track), np.inf)
     nearest = int(np.argmin(distance))
     arrives = bool(distance[nearest] < NEAR_M)
     counted = max(nearest - steps_from_s(BEFORE_ARRIVAL_S), 0)
@@ -49,20 +50,3 @@ def realisation_of(record: EpisodeRecord) -> Realisation:
         yielding=len({event.actor_id for event in record.events_of(EventKind.YIELD_STARTED)}),
         emv_speed_mps=float(track.speed_mps.mean()),
     )
-
-
-def _conflict_point(record: EpisodeRecord) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Shape ``(2,)``, ``map`` frame."""
-    site, network = record.description.site, record.network
-    junction = network.junctions.get(str(site.get("junction", "")))
-    if junction is not None:
-        if len(junction.outline) > 2:
-            return np.asarray(shapely.Polygon(junction.outline).buffer(0).centroid.coords[0])
-        return np.array([junction.x_m, junction.y_m])
-    stretch = site.get("stretch")
-    names = [str(name) for name in stretch] if isinstance(stretch, list | tuple) else []
-    lanes = [network.lanes[network.edge_by_id[name].lanes[-1]] for name in names if name in network.edge_by_id]
-    if not lanes:
-        return record.track(record.emv_ids[0]).xy_m[-1]
-    middle = lanes[len(lanes) // 2]
-    return np.asarray(middle.centre.at(0.5 * middle.length_m))

@@ -9,6 +9,7 @@ import shapely
 
 from siren_ros.errors import InputError
 from siren_ros.roads.road_network import LaneKind, RoadNetwork
+from siren_ros.roads.sites.site_middle import middle_of_site
 from siren_ros.sensors.meshes.material import Material
 from siren_ros.sensors.meshes.mesh import StaticScene
 from siren_ros.sensors.suite.mount import Mount
@@ -40,7 +41,7 @@ def station_mount(station: Station, network: RoadNetwork, site: Mapping[str, obj
     """
     if station.place is not None:
         return station.place
-    middle = _middle(network, site or {})
+    middle = middle_of_site(network, site or {})
     if middle is None:
         raise InputError("sensors", "station: site", "an episode with a site, or a station with x_m and y_m")
     place = shapely.Point(*middle)
@@ -59,31 +60,6 @@ def station_mount(station: Station, network: RoadNetwork, site: Mapping[str, obj
     chosen = int(np.lexsort((np.abs(np.arctan2(away[:, 1], away[:, 0])).round(6), np.hypot(*away.T).round(3)))[0])
     x_m, y_m = (float(value) for value in places[chosen])
     return Mount(x_m, y_m, 0.0, float(np.arctan2(middle[1] - y_m, middle[0] - x_m)))
-
-
-def _middle(network: RoadNetwork, site: Mapping[str, object]) -> npt.NDArray[np.float64] | None:
-    """Middle of a site's junction, or of its road where it has none, shape ``(2,)``; None where it has neither."""
-    name = site.get("junction")
-    junction = network.junctions.get(str(name)) if name else None
-    if junction is not None:
-        if len(junction.outline) > 2:
-            return np.asarray(shapely.Polygon(junction.outline).buffer(0).centroid.coords[0])
-        return np.array([junction.x_m, junction.y_m])
-    names = site.get("stretch")
-    road = (
-        [network.edge_by_id[one] for one in names if one in network.edge_by_id]
-        if isinstance(names, list | tuple)
-        else []
-    )
-    lanes = [[lane for lane in map(network.lanes.__getitem__, edge.lanes) if lane.kind in _TRAFFIC] for edge in road]
-    lengths = [max((lane.length_m for lane in of_edge), default=0.0) for of_edge in lanes]
-    if not sum(lengths) > 0.0:
-        return None
-    ends = np.cumsum(lengths)
-    half = float(ends[-1]) / 2.0
-    place = int(np.searchsorted(ends, half))
-    share = 1.0 - (ends[place] - half) / lengths[place]
-    return np.mean([lane.centre.at(share * lane.length_m) for lane in lanes[place]], axis=0)
 
 
 def check_outdoors(scene: StaticScene, suite: SensorSuite, station: Mount) -> None:

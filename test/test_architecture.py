@@ -33,6 +33,15 @@ LAYERS = {
         "numerics",
         "errors",
     ],
+    "evaluation": ["prediction", "detection", "risk", "statistics"],
+    "evaluation/prediction": [
+        "reports",
+        "scoring",
+        "predictors",
+        "baselines",
+        "metrics",
+        "protocol",
+    ],
     "datasets": [
         "export_job",
         "registry",
@@ -117,7 +126,7 @@ def imported_name(call: ast.Call) -> str:
 
 def layer_of(module: str, room: str) -> str | None:
     """The layer of a module within a folder of ``siren_ros``, by default ``siren_ros`` itself; None elsewhere."""
-    inside = f"siren_ros.{room}." if room else "siren_ros."
+    inside = f"siren_ros.{room.replace('/', '.')}." if room else "siren_ros."
     return module.removeprefix(inside).split(".")[0] if module.startswith(inside) else None
 
 

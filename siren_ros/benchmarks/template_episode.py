@@ -15,8 +15,8 @@ from siren_ros.dynamics.fleet import step_fleet
 from siren_ros.dynamics.fleet_state import FleetState
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.errors import SirenError
-from siren_ros.evaluation.prediction.prediction import score_episode
 from siren_ros.evaluation.prediction.predictors import predictors_named
+from siren_ros.evaluation.prediction.scoring import score_episode
 from siren_ros.generation.behaviour_setup import behaviour_world
 from siren_ros.generation.closed_loop import LoopStep, closed_loop, record_of
 from siren_ros.generation.episode_setup import EpisodeSetup, plan_length, set_up_episode

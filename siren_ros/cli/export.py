@@ -13,7 +13,7 @@ from siren_ros.datasets.exporting.format import Format, Option
 from siren_ros.datasets.exporting.splits import AUTO, SPLITS
 from siren_ros.datasets.registry import FORMATS
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
-from siren_ros.recording.bag_guard import storage_files
+from siren_ros.recording.bag_folders import bags_among
 
 
 class _ListFormats(argparse.Action):
@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("jobs", arguments.jobs, "1 or more")
     options = {option.name: getattr(arguments, option.name.replace("-", "_")) for option in made.options}
     job = ExportJob(
-        made, options, _bags_of(arguments.bags), arguments.out, arguments.jobs, arguments.split, arguments.licence
+        made, options, bags_among(arguments.bags), arguments.out, arguments.jobs, arguments.split, arguments.licence
     )
     bar_format = "{l_bar}{bar}| {n:.0f}/{total:.0f} s of episodes [{elapsed}<{remaining}]"
     with tqdm(total=0, unit="s", bar_format=bar_format, disable=None, desc=f"export {made.name}") as bar:
@@ -86,16 +86,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _advance(bar: "tqdm[Never]", step_s: float) -> None:
     bar.update(step_s)
-
-
-def _bags_of(paths: list[Path]) -> tuple[Path, ...]:
-    """The bags among the given folders: themselves, or those directly in them."""
-    found: list[Path] = []
-    for path in paths:
-        inside = [] if storage_files(path) or not path.is_dir() else sorted(path.iterdir())
-        bags = [folder for folder in inside if folder.is_dir() and folder.name[0] != "." and storage_files(folder)]
-        found += bags or [path]
-    return tuple(found)
 
 
 def _table() -> list[str]:

@@ -1,61 +1,90 @@
-"""The protocol of trajectory predictors, and the table of all predictors."""
+"""The table of all trajectory predictors."""
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Final, Protocol
-
-import numpy as np
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from importlib import import_module
+from pathlib import Path
+from typing import Final
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.prediction.constant_velocity import ConstantVelocity
-from siren_ros.evaluation.prediction.idm_predictor import IdmPredictor
-from siren_ros.evaluation.prediction.prediction_samples import SampleBatch
-from siren_ros.evaluation.prediction.prediction_window import FUTURE_POINTS, HistoryWindow
-from siren_ros.numerics.arrays import Floats
+from siren_ros.evaluation.prediction.protocol.predictor import Predictor, PredictorOptions
+
+LABEL: Final = ":"
+"""Separates a model from its label: ``csp:mine`` is the model ``csp``, in a row of its own."""
 
 
-class Predictor(Protocol):
-    """Predicts the positions of vehicles from their past, their neighbours' past and the map."""
+class Checkpoint(Enum):
+    """Whether a predictor loads trained weights from a file."""
 
-    @property
-    def window(self) -> HistoryWindow:
-        """The past that the predictor needs; a sample has this past and the common future."""
-
-    def predict(self, batch: SampleBatch) -> Floats:
-        """Hypotheses on the common grid, shape ``(N, k, FUTURE_POINTS, 2)``, frame ``map``, the most probable first."""
+    NONE = "takes none"
+    OPTIONAL = "may be given"
+    REQUIRED = "must be given"
 
 
-PREDICTORS: Final[Mapping[str, Callable[[], Predictor]]] = {"cv": ConstantVelocity, "idm": IdmPredictor}
-"""Constructor of each predictor, by the user's name for it. A constructor may load files."""
+@dataclass(frozen=True)
+class PredictorKind:
+    """One line of the table of predictors."""
+
+    summary: str
+    maker: str
+    """Where its constructor is: ``module:name``, loaded when it is asked for; it takes ``PredictorOptions``."""
+    checkpoint: Checkpoint = Checkpoint.NONE
+    extra: str = ""
+    """Extra of the package that brings what the constructor imports; empty where nothing more is needed."""
+
+    def make(self, name: str, options: PredictorOptions) -> Predictor:
+        """The predictor.
+
+        Raises:
+            InputError: It takes no checkpoint, needs one, or the packages of its extra are not installed.
+        """
+        given = options.checkpoint
+        if given is not None and self.checkpoint is Checkpoint.NONE:
+            raise InputError("checkpoint", f"{name}={given}", f"a model that has weights, unlike {name}")
+        if given is None and self.checkpoint is Checkpoint.REQUIRED:
+            raise InputError("models", name, f"{name} together with --checkpoint {name}=PATH")
+        module, _, attribute = self.maker.partition(":")
+        try:
+            found: Predictor = getattr(import_module(module), attribute)(options)
+        except ModuleNotFoundError as error:
+            if not self.extra:
+                raise
+            runs = f"./env --with {self.extra} siren evaluate prediction …"
+            raise InputError("models", name, f"the package {error.name}, as {runs} brings it") from error
+        return found
 
 
-def predictors_named(names: Sequence[str]) -> dict[str, Predictor]:
+_BASELINES: Final = "siren_ros.evaluation.prediction.baselines"
+PREDICTORS: Final[Mapping[str, PredictorKind]] = {
+    "cv": PredictorKind("constant velocity", f"{_BASELINES}.constant_velocity:make"),
+    "idm": PredictorKind("Intelligent Driver Model along the lane", f"{_BASELINES}.idm_predictor:make"),
+}
+"""Every predictor, by the user's name for it."""
+
+
+def predictors_named(names: Sequence[str], checkpoints: Mapping[str, Path] | None = None) -> dict[str, Predictor]:
     """The predictors of some names, in their order.
 
+    Args:
+        names: Names of the table, each alone or with a label (``csp:mine``).
+        checkpoints: Files of weights by the names, with their labels.
+
     Raises:
-        InputError: No name, one given twice, or one that is unknown.
+        InputError: No name, one given twice, one that is unknown, or a checkpoint that fits no name.
     """
-    known = ", ".join(PREDICTORS)
+    checkpoints = checkpoints or {}
+    known = f"one or several of {', '.join(PREDICTORS)}"
     if not names:
-        raise InputError("models", "", f"one or several of {known}")
+        raise InputError("models", "", known)
     for position, name in enumerate(names):
-        if name not in PREDICTORS:
-            raise InputError("models", name, f"one or several of {known}")
+        if name.partition(LABEL)[0] not in PREDICTORS:
+            raise InputError("models", name, known)
         if name in names[:position]:
             raise InputError("models", name, "each model once")
-    return {name: PREDICTORS[name]() for name in names}
-
-
-def hypotheses_of(name: str, predictor: Predictor, batch: SampleBatch) -> Floats:
-    """A predictor's hypotheses, checked.
-
-    Raises:
-        InputError: The hypotheses do not have the protocol's shape, or have values that are not finite.
-    """
-    hypotheses = np.asarray(predictor.predict(batch), dtype=np.float64)
-    wanted = f"hypotheses of shape ({len(batch)}, k, {FUTURE_POINTS}, 2) with finite values"
-    shape = hypotheses.shape
-    if len(shape) != 4 or shape[1] < 1 or (shape[0], *shape[2:]) != (len(batch), FUTURE_POINTS, 2):
-        raise InputError(f"model {name}", shape, wanted)
-    if not np.isfinite(hypotheses).all():
-        raise InputError(f"model {name}", "values that are not finite", wanted)
-    return hypotheses
+    for name, path in checkpoints.items():
+        if name not in names:
+            raise InputError("checkpoint", f"{name}={path}", f"a name among the models: {', '.join(names)}")
+    return {
+        name: PREDICTORS[name.partition(LABEL)[0]].make(name, PredictorOptions(checkpoints.get(name))) for name in names
+    }

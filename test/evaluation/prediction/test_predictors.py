@@ -1,25 +1,12 @@
-import numpy as np
+from pathlib import Path
+
 import pytest
-from made_records import moving, record_with
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.prediction.prediction_samples import Population, SampleBatch, samples_of
-from siren_ros.evaluation.prediction.prediction_window import HistoryWindow
-from siren_ros.evaluation.prediction.predictors import PREDICTORS, hypotheses_of, predictors_named
-from siren_ros.roads.road_network import RoadNetwork
-
-
-class Answers:
-    """A predictor that answers with a given array."""
-
-    window = HistoryWindow()
-
-    def __init__(self, answer: np.ndarray) -> None:
-        self.answer = answer
-
-    def predict(self, batch: SampleBatch) -> np.ndarray:
-        del batch
-        return self.answer
+from siren_ros.evaluation.prediction import predictors
+from siren_ros.evaluation.prediction.baselines.constant_velocity import ConstantVelocity
+from siren_ros.evaluation.prediction.predictors import PREDICTORS, Checkpoint, PredictorKind, predictors_named
+from siren_ros.evaluation.prediction.protocol.predictor import Predictor, PredictorOptions
 
 
 def test_models_come_in_the_order_asked_for() -> None:
@@ -33,17 +20,35 @@ def test_wrong_names_are_refused_with_what_is_known(names: list[str]) -> None:
     assert "each model once" in str(caught.value) or all(name in str(caught.value) for name in PREDICTORS)
 
 
-@pytest.mark.parametrize(
-    "answer",
-    [np.zeros((21, 25, 2)), np.zeros((20, 1, 25, 2)), np.zeros((21, 0, 25, 2)), np.full((21, 3, 25, 2), np.nan)],
-    ids=["no hypotheses", "samples missing", "none of each", "not finite"],
-)
-def test_answers_that_cannot_be_scored_are_refused(answer: np.ndarray, straight_road: RoadNetwork) -> None:
-    batch = samples_of(record_with({1: moving(0.0, -5.25, 5.0)}, straight_road), HistoryWindow(), Population.ALL).batch
-    with pytest.raises(InputError, match=r"model mine.*\(21, k, 25, 2\)"):
-        hypotheses_of("mine", Answers(answer), batch)
+GIVEN: list[Path | None] = []
 
 
-def test_several_hypotheses_are_taken(straight_road: RoadNetwork) -> None:
-    batch = samples_of(record_with({1: moving(0.0, -5.25, 5.0)}, straight_road), HistoryWindow(), Population.ALL).batch
-    assert hypotheses_of("mine", Answers(np.zeros((21, 6, 25, 2))), batch).shape == (21, 6, 25, 2)
+def make(options: PredictorOptions) -> Predictor:
+    """A constructor as the table names them; remembers what it was given."""
+    GIVEN.append(options.checkpoint)
+    return ConstantVelocity()
+
+
+def test_a_checkpoint_goes_to_its_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    kind = PredictorKind("a net", f"{__name__}:make", Checkpoint.REQUIRED)
+    monkeypatch.setattr(predictors, "PREDICTORS", {**PREDICTORS, "net": kind})
+    GIVEN.clear()
+    checkpoints = {"net:a": Path("a.pt"), "net:b": Path("b.pt")}
+    assert list(predictors_named(["net:b", "cv", "net:a"], checkpoints)) == ["net:b", "cv", "net:a"]
+    assert [Path("b.pt"), Path("a.pt")] == GIVEN
+    with pytest.raises(InputError, match=r"net together with --checkpoint net=PATH"):
+        predictors_named(["net"])
+
+
+@pytest.mark.parametrize(("name", "told"), [("cv", "a model that has weights"), ("idm", "a name among the models: cv")])
+def test_a_checkpoint_that_fits_no_model_is_refused(name: str, told: str) -> None:
+    with pytest.raises(InputError, match=rf"checkpoint: '{name}=x.pt' cannot be used; allowed: {told}"):
+        predictors_named(["cv"], {name: Path("x.pt")})
+
+
+def test_a_missing_package_is_told_with_the_command_that_brings_it() -> None:
+    kind = PredictorKind("a net", "package_that_nobody_has:make", extra="models")
+    with pytest.raises(InputError, match=r"package_that_nobody_has, as \./env --with models siren evaluate"):
+        kind.make("net", PredictorOptions())
+    with pytest.raises(ModuleNotFoundError):
+        PredictorKind("a net", "package_that_nobody_has:make").make("net", PredictorOptions())

@@ -1,6 +1,6 @@
 import numpy as np
 
-from siren_ros.evaluation.prediction.prediction_window import HistoryWindow, future_offsets, future_times_s
+from siren_ros.evaluation.prediction.protocol.window import HistoryWindow, future_offsets, future_times_s
 
 
 def test_the_future_is_5_s_every_200_ms() -> None:

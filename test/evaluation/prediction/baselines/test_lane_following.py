@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from siren_ros.evaluation.prediction.lane_following import paths_from, straight_successors
+from siren_ros.evaluation.prediction.baselines.lane_following import paths_from, straight_successors
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
 
 

@@ -4,13 +4,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from siren_ros.evaluation.prediction.idm import IdmConfig, idm_travel
-from siren_ros.evaluation.prediction.lane_following import paths_from
-from siren_ros.evaluation.prediction.leaders import leaders_of
-from siren_ros.evaluation.prediction.prediction_samples import SampleBatch
-from siren_ros.evaluation.prediction.prediction_window import HistoryWindow, future_times_s
+from siren_ros.evaluation.prediction.baselines.idm import IdmConfig, idm_travel
+from siren_ros.evaluation.prediction.baselines.lane_following import paths_from
+from siren_ros.evaluation.prediction.baselines.leaders import leaders_of
+from siren_ros.evaluation.prediction.protocol.hypotheses import Hypotheses
+from siren_ros.evaluation.prediction.protocol.predictor import PredictorOptions
+from siren_ros.evaluation.prediction.protocol.samples import SampleBatch
+from siren_ros.evaluation.prediction.protocol.window import HistoryWindow, future_times_s
 from siren_ros.judging.lane_location import locate
-from siren_ros.numerics.arrays import Floats
 from siren_ros.roads.road_network import NO_LANE
 
 
@@ -25,8 +26,8 @@ class IdmPredictor:
     config: IdmConfig = field(default_factory=IdmConfig)
     window: HistoryWindow = field(default_factory=HistoryWindow)
 
-    def predict(self, batch: SampleBatch) -> Floats:
-        """One hypothesis for each sample, shape ``(N, 1, FUTURE_POINTS, 2)``."""
+    def predict(self, batch: SampleBatch) -> Hypotheses:
+        """One hypothesis for each sample."""
         actors, config, times_s = batch.actors, self.config, future_times_s()
         places = locate(batch.network, actors.xy_m[:, -1], actors.yaw_rad[:, -1], actors.sumo_lane)
         lane = places.lane[batch.target]
@@ -43,4 +44,10 @@ class IdmPredictor:
         rows = batch.target[in_lane]
         arc_m = places.arc_m[rows, None] + travelled[in_lane]
         path[in_lane] = paths.points(paths.path_of_lane[lane[in_lane]], arc_m, places.offset_m[rows])
-        return path[:, None]
+        return Hypotheses.certain(path)
+
+
+def make(options: PredictorOptions) -> IdmPredictor:
+    """The constructor of the table of predictors."""
+    del options
+    return IdmPredictor()

@@ -21,7 +21,7 @@ def test_prediction_prints_values_beside_the_papers(
     bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out_file = tmp_path / "new" / "scores.json"
-    assert main(["evaluate", "prediction", str(bag), "--population", "all", "--json", str(out_file)]) == 0
+    assert main(["evaluate", "prediction", str(bag), "--population", "all", "--out", str(out_file.parent)]) == 0
     out = capsys.readouterr().out
     scores = json.loads(out_file.read_text(encoding="utf-8"))
     cv = scores["episodes"][0]["models"]["cv"]
@@ -51,6 +51,33 @@ def test_unknown_model(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert captured.err == "siren evaluate: models: 'lstm' cannot be used; allowed: one or several of cv, idm\n"
 
 
+def test_a_folder_of_bags_stands_for_them(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["evaluate", "prediction", str(bag.parent), "--models=cv", "--population=all"]) == 0
+    assert [line for line in capsys.readouterr().out.splitlines() if line.startswith("S2_L2_seed0")]
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (["idm=x.pt"], "a name among the models: cv"),
+        (["cv=x.pt"], "a model that has weights"),
+        (["cv=x.pt", "cv=y.pt"], "each name once"),
+    ],
+)
+def test_checkpoints_that_fit_no_model(
+    bag: Path, given: list[str], told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = [f"--checkpoint={one}" for one in given]
+    assert main(["evaluate", "prediction", str(bag), "--models=cv", *options]) == 2
+    assert told in capsys.readouterr().err
+
+
+def test_a_checkpoint_without_a_name(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["evaluate", "prediction", str(bag), "--checkpoint", "x.pt"])
+    assert "'x.pt' is not NAME=PATH" in capsys.readouterr().err
+
+
 def test_unreadable_bag_does_not_keep_the_others(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["evaluate", "prediction", str(tmp_path / "none"), str(bag)]) == 2
     captured = capsys.readouterr()
@@ -67,16 +94,16 @@ def test_bag_without_a_whole_window(short_bag: Path, bag: Path, capsys: pytest.C
     assert row[3:5] == ["0", "-/-"]
 
 
-def test_json_that_cannot_be_written(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["evaluate", "prediction", str(bag), "--json", str(bag)]) == 2
-    assert "json" in capsys.readouterr().err
+def test_a_folder_that_cannot_be_written(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["evaluate", "prediction", str(bag), "--out", str(bag / "metadata.yaml")]) == 2
+    assert "out" in capsys.readouterr().err
 
 
 def test_the_region_is_the_default_and_the_table_says_so(
     bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out_file = tmp_path / "scores.json"
-    assert main(["evaluate", "prediction", str(bag), "--json", str(out_file)]) == 0
+    assert main(["evaluate", "prediction", str(bag), "--out", str(out_file.parent)]) == 0
     assert capsys.readouterr().out.startswith("population: region (vehicles within 40 m in, 50 m out around the EMV")
     episode = json.loads(out_file.read_text(encoding="utf-8"))["episodes"][0]
     assert episode["population"] == "region"

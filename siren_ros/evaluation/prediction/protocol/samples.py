@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from siren_ros.datasets.sources.sampling import LOG_PERIOD_STEPS
 from siren_ros.errors import BagError
-from siren_ros.evaluation.prediction.prediction_window import HistoryWindow, future_offsets
+from siren_ros.evaluation.prediction.protocol.window import HistoryWindow, future_offsets
 from siren_ros.judging.interaction_region import rows_in_region
 from siren_ros.judging.lane_location import sumo_lanes
 from siren_ros.numerics.arrays import Flags, Floats, Ids, Rows

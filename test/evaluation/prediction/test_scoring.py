@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from made_records import moving, record_with
 
-from siren_ros.evaluation.prediction.displacement_metrics import METRICS
-from siren_ros.evaluation.prediction.prediction import score_episode
-from siren_ros.evaluation.prediction.prediction_samples import Population, samples_of
-from siren_ros.evaluation.prediction.prediction_window import HistoryWindow
+from siren_ros.evaluation.prediction.metrics.displacement import METRICS
 from siren_ros.evaluation.prediction.predictors import PREDICTORS, predictors_named
+from siren_ros.evaluation.prediction.protocol.samples import Population, samples_of
+from siren_ros.evaluation.prediction.protocol.window import HistoryWindow
+from siren_ros.evaluation.prediction.scoring import score_episode
 from siren_ros.generation.closed_loop import closed_loop
 from siren_ros.generation.closed_loop import record_of as record_of_loop
 from siren_ros.generation.episode_setup import set_up_episode
@@ -58,7 +58,7 @@ def test_predictions_do_not_depend_on_the_logged_future(model: str, episode: Epi
     present = before.batch.step[before.batch.actors.frame[before.batch.target]] <= now
     assert present.sum() > 50
     assert not np.allclose(before.future_xy_m[present], after.future_xy_m[present])
-    assert np.array_equal(predictor.predict(before.batch)[present], predictor.predict(after.batch)[present])
+    assert np.array_equal(predictor.predict(before.batch).xy_m[present], predictor.predict(after.batch).xy_m[present])
 
 
 def test_a_real_episode_is_scored(episode: EpisodeRecord) -> None:

@@ -6,11 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import spearmanr
 
-from siren_ros.evaluation.prediction.displacement_metrics import METRICS, MetricValue
-from siren_ros.evaluation.prediction.prediction import EpisodeScores
-from siren_ros.evaluation.prediction.prediction_reference import PAPER, TEMPLATES
-from siren_ros.evaluation.prediction.prediction_samples import Population
-from siren_ros.evaluation.prediction.prediction_summary import as_json, rank_correlation, summarise
+from siren_ros.evaluation.prediction.metrics.displacement import METRICS, MetricValue
+from siren_ros.evaluation.prediction.protocol.samples import Population
+from siren_ros.evaluation.prediction.reports.paper_results import PAPER, TEMPLATES
+from siren_ros.evaluation.prediction.reports.summary import as_json, rank_correlation, summarise
+from siren_ros.evaluation.prediction.scoring import EpisodeScores
 from siren_ros.scenario.levels import EmergencyLevel
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from repository import SHARED
 
-from siren_ros.evaluation.prediction.prediction_reference import PAPER, TEMPLATES, paper_value
+from siren_ros.evaluation.prediction.reports.paper_results import PAPER, TEMPLATES, paper_value
 
 PAPER_SOURCE = SHARED / "paper" / "siren.tex"
 

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from siren_ros.evaluation.prediction.displacement_metrics import (
+from siren_ros.evaluation.prediction.metrics.displacement import (
     METRICS,
     ade,
     fde,
@@ -11,8 +11,14 @@ from siren_ros.evaluation.prediction.displacement_metrics import (
     min_fde_6,
     rmse_at_horizon,
 )
+from siren_ros.evaluation.prediction.protocol.hypotheses import Hypotheses
 
 TRUTH = np.zeros((2, 4, 2))
+
+
+def sure(xy_m: np.ndarray) -> Hypotheses:
+    """Hypotheses of equal probability, in the given order."""
+    return Hypotheses.ranked(xy_m, np.ones(xy_m.shape[:2]))
 
 
 def shifted(*offsets_m: float) -> np.ndarray:
@@ -25,37 +31,37 @@ def shifted(*offsets_m: float) -> np.ndarray:
 def test_distances_are_euclidean() -> None:
     hypotheses = np.zeros((2, 1, 4, 2))
     hypotheses[0] = (3.0, 4.0)
-    assert ade(hypotheses, TRUTH).value == pytest.approx(2.5)
-    assert fde(hypotheses, TRUTH).value == pytest.approx(2.5)
-    assert rmse_at_horizon(hypotheses, TRUTH).value == pytest.approx(np.sqrt(12.5))
+    assert ade(sure(hypotheses), TRUTH).value == pytest.approx(2.5)
+    assert fde(sure(hypotheses), TRUTH).value == pytest.approx(2.5)
+    assert rmse_at_horizon(sure(hypotheses), TRUTH).value == pytest.approx(np.sqrt(12.5))
 
 
 def test_ade_takes_all_times_and_fde_the_last() -> None:
     hypotheses = np.zeros((2, 1, 4, 2))
     hypotheses[:, 0, :, 0] = (1.0, 2.0, 3.0, 6.0)
-    assert ade(hypotheses, TRUTH).value == pytest.approx(3.0)
-    assert fde(hypotheses, TRUTH).value == pytest.approx(6.0)
+    assert ade(sure(hypotheses), TRUTH).value == pytest.approx(3.0)
+    assert fde(sure(hypotheses), TRUTH).value == pytest.approx(6.0)
 
 
 def test_the_first_hypothesis_counts_and_for_the_best_of_six_the_first_six() -> None:
     hypotheses = shifted(7.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0)
-    assert ade(hypotheses, TRUTH).value == pytest.approx(7.0)
-    assert fde(hypotheses, TRUTH).value == pytest.approx(7.0)
-    assert rmse_at_horizon(hypotheses, TRUTH).value == pytest.approx(7.0)
-    assert min_ade_6(hypotheses, TRUTH).value == pytest.approx(2.0)
-    assert min_fde_6(hypotheses, TRUTH).value == pytest.approx(2.0)
+    assert ade(sure(hypotheses), TRUTH).value == pytest.approx(7.0)
+    assert fde(sure(hypotheses), TRUTH).value == pytest.approx(7.0)
+    assert rmse_at_horizon(sure(hypotheses), TRUTH).value == pytest.approx(7.0)
+    assert min_ade_6(sure(hypotheses), TRUTH).value == pytest.approx(2.0)
+    assert min_fde_6(sure(hypotheses), TRUTH).value == pytest.approx(2.0)
 
 
 def test_each_best_of_six_chooses_for_itself() -> None:
     hypotheses = shifted(2.0, 1.0)
     hypotheses[:, 0, -1] = 0.0
-    assert min_ade_6(hypotheses, TRUTH).value == pytest.approx(1.0)
-    assert min_fde_6(hypotheses, TRUTH).value == pytest.approx(0.0)
+    assert min_ade_6(sure(hypotheses), TRUTH).value == pytest.approx(1.0)
+    assert min_fde_6(sure(hypotheses), TRUTH).value == pytest.approx(0.0)
 
 
 @pytest.mark.parametrize("metric", METRICS, ids=lambda metric: metric.name)
 def test_without_samples_there_is_no_value(metric) -> None:
-    value = metric.compute(np.zeros((0, 1, 25, 2)), np.zeros((0, 25, 2)))
+    value = metric.compute(sure(np.zeros((0, 1, 25, 2))), np.zeros((0, 25, 2)))
     assert not value.valid
     assert value.samples == 0
     assert np.isfinite(value.value)
@@ -65,7 +71,7 @@ def test_without_samples_there_is_no_value(metric) -> None:
 def test_order_of_the_metrics(seed: int, k: int) -> None:
     rng = np.random.default_rng(seed)
     hypotheses, truth = rng.normal(size=(5, k, 25, 2)), rng.normal(size=(5, 25, 2))
-    values = {metric.name: metric.compute(hypotheses, truth).value for metric in METRICS}
+    values = {metric.name: metric.compute(sure(hypotheses), truth).value for metric in METRICS}
     assert values["min_ade_6_m"] <= values["ade_m"] + 1e-12
     assert values["min_fde_6_m"] <= values["fde_m"] + 1e-12
     assert values["fde_m"] <= values["rmse_5s_m"] + 1e-12

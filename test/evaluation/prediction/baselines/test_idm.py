@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from siren_ros.evaluation.prediction.idm import IdmConfig, idm_acceleration, idm_travel
+from siren_ros.evaluation.prediction.baselines.idm import IdmConfig, idm_acceleration, idm_travel
 
 CONFIG = IdmConfig()
 LONG_S = np.arange(1, 1201) * 0.1

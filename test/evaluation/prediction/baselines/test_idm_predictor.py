@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from made_records import Track, moving, record_with
 
-from siren_ros.evaluation.prediction.idm_predictor import IdmPredictor
-from siren_ros.evaluation.prediction.lane_following import paths_from
-from siren_ros.evaluation.prediction.leaders import Leaders, leaders_of
-from siren_ros.evaluation.prediction.prediction_samples import Population, SampleBatch, samples_of
+from siren_ros.evaluation.prediction.baselines.idm_predictor import IdmPredictor
+from siren_ros.evaluation.prediction.baselines.lane_following import paths_from
+from siren_ros.evaluation.prediction.baselines.leaders import Leaders, leaders_of
+from siren_ros.evaluation.prediction.protocol.samples import Population, SampleBatch, samples_of
 from siren_ros.judging.lane_location import locate
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
 
@@ -69,7 +69,7 @@ def test_off_the_lanes_the_leader_is_whoever_is_straight_ahead(straight_road: Ro
 
 def test_on_a_free_lane_the_limit_is_kept(straight_road: RoadNetwork) -> None:
     batch, sample = first_frame({1: moving(0.0, -5.25, 13.89), 2: moving(0.0, -1.75, 20.0)}, straight_road)
-    answer = MODEL.predict(batch)[:, 0]
+    answer = MODEL.predict(batch).xy_m[:, 0]
     for actor, speed in ((1, 13.89), (2, 20.0)):
         steps = np.diff(answer[sample[actor], :, 0])
         assert np.allclose(steps, 0.2 * speed), "v0 = max(v, speed limit)"
@@ -77,14 +77,14 @@ def test_on_a_free_lane_the_limit_is_kept(straight_road: RoadNetwork) -> None:
 
 def test_it_starts_where_the_vehicle_is_and_keeps_the_offset(straight_road: RoadNetwork) -> None:
     batch, sample = first_frame({1: moving(0.0, -4.5, 10.0)}, straight_road)
-    answer = MODEL.predict(batch)[sample[1], 0]
+    answer = MODEL.predict(batch).xy_m[sample[1], 0]
     assert np.allclose(answer[:, 1], -4.5)
     assert answer[0, 0] == pytest.approx(30.0 + 2.0, abs=0.03)
 
 
 def test_it_stops_behind_a_standing_vehicle(straight_road: RoadNetwork) -> None:
     batch, sample = first_frame({1: moving(0.0, -5.25, 9.0), 2: moving(66.0, -5.25, 0.0)}, straight_road)
-    answer = MODEL.predict(batch)[:, 0]
+    answer = MODEL.predict(batch).xy_m[:, 0]
     assert answer[sample[1], -1, 0] < 66.0 - 4.6
     assert answer[sample[1], -1, 0] > 66.0 - 4.6 - 10.0
 
@@ -92,7 +92,7 @@ def test_it_stops_behind_a_standing_vehicle(straight_road: RoadNetwork) -> None:
 def test_it_follows_the_bend_that_it_is_on(crossroads: RoadNetwork) -> None:
     on_path = Track(np.tile((10.0, 4.2857, 0.0, 0.0, 0.5), (201, 1)))
     batch, sample = first_frame({1: on_path}, crossroads)
-    answer = MODEL.predict(batch)[sample[1], 0]
+    answer = MODEL.predict(batch).xy_m[sample[1], 0]
     bend = crossroads.lanes[4].centre
     along, left = bend.project(answer)
     assert np.allclose(left, 0.0, atol=0.1)
@@ -102,7 +102,7 @@ def test_it_follows_the_bend_that_it_is_on(crossroads: RoadNetwork) -> None:
 
 def test_off_the_lanes_it_goes_straight_ahead(straight_road: RoadNetwork) -> None:
     batch, sample = first_frame({1: moving(0.0, 50.0, 13.0, yaw_rad=0.6)}, straight_road)
-    way = MODEL.predict(batch)[sample[1], 0] - batch.xy_m[sample[1]]
+    way = MODEL.predict(batch).xy_m[sample[1], 0] - batch.xy_m[sample[1]]
     assert np.allclose(np.arctan2(way[:, 1], way[:, 0]), 0.6)
     assert np.linalg.norm(way[-1]) > 65.0
 
@@ -111,4 +111,4 @@ def test_no_samples_no_answer(straight_road: RoadNetwork) -> None:
     batch = samples_of(
         record_with({1: moving(0.0, -5.25, 5.0, steps=20)}, straight_road), MODEL.window, Population.ALL
     ).batch
-    assert MODEL.predict(batch).shape == (0, 1, 25, 2)
+    assert MODEL.predict(batch).xy_m.shape == (0, 1, 25, 2)

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from made_records import moving, record_with
 
-from siren_ros.evaluation.prediction.constant_velocity import ConstantVelocity
-from siren_ros.evaluation.prediction.displacement_metrics import ade, fde
-from siren_ros.evaluation.prediction.prediction_samples import Population, samples_of
+from siren_ros.evaluation.prediction.baselines.constant_velocity import ConstantVelocity
+from siren_ros.evaluation.prediction.metrics.displacement import ade, fde
+from siren_ros.evaluation.prediction.protocol.samples import Population, samples_of
 from siren_ros.roads.road_network import RoadNetwork
 
 
@@ -13,7 +13,7 @@ def test_no_error_at_constant_velocity_whatever_the_heading(straight_road: RoadN
     model = ConstantVelocity()
     scored = samples_of(record_with(tracks, straight_road), model.window, Population.ALL)
     answer = model.predict(scored.batch)
-    assert answer.shape == (63, 1, 25, 2)
+    assert answer.xy_m.shape == (63, 1, 25, 2)
     assert fde(answer, scored.future_xy_m).value == pytest.approx(0.0, abs=1e-9)
 
 
@@ -26,4 +26,4 @@ def test_error_at_constant_acceleration(accel_mps2: float, straight_road: RoadNe
     # The miss after t is |a| t² / 2; the mean of t² over 0.2 s … 5 s is 0.04 · (26 · 51 / 6) = 8.84 s².
     assert ade(answer, scored.future_xy_m).value == pytest.approx(abs(accel_mps2) / 2.0 * 8.84)
     assert fde(answer, scored.future_xy_m).value == pytest.approx(abs(accel_mps2) / 2.0 * 25.0)
-    assert np.ptp(answer[:, 0, :, 1]) == pytest.approx(0.0, abs=1e-9)
+    assert np.ptp(answer.xy_m[:, 0, :, 1]) == pytest.approx(0.0, abs=1e-9)

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from siren_ros.evaluation.prediction.lane_following import LanePaths
-from siren_ros.evaluation.prediction.prediction_samples import SampleBatch
+from siren_ros.evaluation.prediction.baselines.lane_following import LanePaths
+from siren_ros.evaluation.prediction.protocol.samples import SampleBatch
 from siren_ros.judging.lane_location import LanePlaces
 from siren_ros.numerics.arrays import Floats, Rows
 from siren_ros.roads.road_network import NO_LANE

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from made_records import moving, record_with
 
 from siren_ros.errors import BagError
-from siren_ros.evaluation.prediction.prediction_samples import Population, samples_of
-from siren_ros.evaluation.prediction.prediction_window import HistoryWindow, future_times_s
+from siren_ros.evaluation.prediction.protocol.samples import Population, samples_of
+from siren_ros.evaluation.prediction.protocol.window import HistoryWindow, future_times_s
 from siren_ros.roads.road_network import RoadNetwork
 
 WINDOW = HistoryWindow()

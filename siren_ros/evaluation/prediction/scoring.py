@@ -3,10 +3,11 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from siren_ros.evaluation.prediction.displacement_metrics import METRICS, MetricValue
-from siren_ros.evaluation.prediction.prediction_samples import Population, ScoredSamples, samples_of
-from siren_ros.evaluation.prediction.prediction_window import HistoryWindow
-from siren_ros.evaluation.prediction.predictors import Predictor, hypotheses_of
+from siren_ros.evaluation.prediction.metrics.displacement import METRICS, MetricValue
+from siren_ros.evaluation.prediction.protocol.hypotheses import checked
+from siren_ros.evaluation.prediction.protocol.predictor import Predictor
+from siren_ros.evaluation.prediction.protocol.samples import Population, ScoredSamples, samples_of
+from siren_ros.evaluation.prediction.protocol.window import HistoryWindow
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.levels import EmergencyLevel
 
@@ -48,7 +49,8 @@ def score_episode(
         window = predictor.window
         if window not in samples:
             samples[window] = samples_of(record, window, population)
-        hypotheses = hypotheses_of(model, predictor, samples[window].batch)
+        batch = samples[window].batch
+        hypotheses = checked(model, predictor.predict(batch), len(batch))
         truth = samples[window].future_xy_m
         models[model] = {metric.name: metric.compute(hypotheses, truth) for metric in METRICS}
     episode = record.description

@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import rankdata
 
-from siren_ros.evaluation.prediction.displacement_metrics import METRICS
-from siren_ros.evaluation.prediction.prediction import EpisodeScores
-from siren_ros.evaluation.prediction.prediction_reference import PAPER, paper_value
+from siren_ros.evaluation.prediction.metrics.displacement import METRICS
+from siren_ros.evaluation.prediction.reports.paper_results import PAPER, paper_value
+from siren_ros.evaluation.prediction.scoring import EpisodeScores
 
 RANKED_MIN: Final = 3
 """Fewest templates for a rank correlation."""

@@ -1,6 +1,6 @@
 """Displacement metrics of trajectory prediction (paper, supplement "Evaluation Metrics"); one function for each.
 
-Hypotheses have shape ``(N, k, T, 2)``, the most probable one first; the truth has shape ``(N, T, 2)``.
+The truth has shape ``(N, T, 2)``.
 """
 
 from collections.abc import Callable
@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from siren_ros.evaluation.prediction.protocol.hypotheses import Hypotheses
 from siren_ros.numerics.arrays import Floats
 
 BEST_OF: Final = 6
@@ -28,34 +29,34 @@ class MetricValue:
         return self.samples > 0
 
 
-def ade(hypotheses: Floats, truth: Floats) -> MetricValue:
+def ade(hypotheses: Hypotheses, truth: Floats) -> MetricValue:
     """Mean distance over time of the most probable hypothesis, in metres."""
-    return _mean(_distances(hypotheses[:, :1], truth)[:, 0].mean(axis=-1))
+    return _mean(_distances(hypotheses.xy_m[:, :1], truth)[:, 0].mean(axis=-1))
 
 
-def fde(hypotheses: Floats, truth: Floats) -> MetricValue:
+def fde(hypotheses: Hypotheses, truth: Floats) -> MetricValue:
     """Distance of the most probable hypothesis at the horizon, in metres."""
-    return _mean(_distances(hypotheses[:, :1, -1:], truth[:, -1:])[:, 0, 0])
+    return _mean(_distances(hypotheses.xy_m[:, :1, -1:], truth[:, -1:])[:, 0, 0])
 
 
-def min_ade_6(hypotheses: Floats, truth: Floats) -> MetricValue:
+def min_ade_6(hypotheses: Hypotheses, truth: Floats) -> MetricValue:
     """Least mean distance over time of the six most probable hypotheses, in metres."""
-    return _mean(_distances(hypotheses[:, :BEST_OF], truth).mean(axis=-1).min(axis=1))
+    return _mean(_distances(hypotheses.xy_m[:, :BEST_OF], truth).mean(axis=-1).min(axis=1))
 
 
-def min_fde_6(hypotheses: Floats, truth: Floats) -> MetricValue:
+def min_fde_6(hypotheses: Hypotheses, truth: Floats) -> MetricValue:
     """Least distance at the horizon of the six most probable hypotheses, in metres."""
-    return _mean(_distances(hypotheses[:, :BEST_OF, -1:], truth[:, -1:])[..., 0].min(axis=1))
+    return _mean(_distances(hypotheses.xy_m[:, :BEST_OF, -1:], truth[:, -1:])[..., 0].min(axis=1))
 
 
-def rmse_at_horizon(hypotheses: Floats, truth: Floats) -> MetricValue:
+def rmse_at_horizon(hypotheses: Hypotheses, truth: Floats) -> MetricValue:
     """Root mean square of the most probable hypothesis's distance at the horizon, in metres."""
-    squared = _mean(_distances(hypotheses[:, :1, -1:], truth[:, -1:])[:, 0, 0] ** 2)
+    squared = _mean(_distances(hypotheses.xy_m[:, :1, -1:], truth[:, -1:])[:, 0, 0] ** 2)
     return MetricValue(float(np.sqrt(squared.value)), squared.samples)
 
 
-def _distances(hypotheses: Floats, truth: Floats) -> Floats:
-    miss = hypotheses - truth[:, None]
+def _distances(hypotheses_xy_m: Floats, truth: Floats) -> Floats:
+    miss = hypotheses_xy_m - truth[:, None]
     return np.hypot(miss[..., 0], miss[..., 1])
 
 
@@ -69,7 +70,7 @@ class Metric:
 
     name: str
     label: str
-    compute: Callable[[Floats, Floats], MetricValue]
+    compute: Callable[[Hypotheses, Floats], MetricValue]
 
 
 METRICS: Final = (

@@ -1,0 +1,1 @@
+"""Predictors that are not learned: constant velocity, IDM."""

@@ -1,0 +1,1 @@
+"""Metrics of trajectory prediction, one function each."""

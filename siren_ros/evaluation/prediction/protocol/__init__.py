@@ -1,0 +1,1 @@
+"""What a predictor gets and gives: windows, samples, hypotheses."""

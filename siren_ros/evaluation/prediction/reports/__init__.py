@@ -1,0 +1,1 @@
+"""Scores as tables and files, next to the paper's."""

@@ -33,7 +33,7 @@ LAYERS = {
         "numerics",
         "errors",
     ],
-    "evaluation": ["prediction", "detection", "risk", "statistics"],
+    "evaluation": ["prediction", "detection", "risk", "yielding", "surrogate_safety", "statistics"],
     "evaluation/prediction": [
         "reports",
         "scoring",

@@ -1,0 +1,105 @@
+"""TTC, closing speed and DRAC against their formulas, in every direction on the map."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from evaluation.made_records import Track, moving, record_with
+from hypothesis import given
+from hypothesis import strategies as st
+
+from siren_ros.evaluation.surrogate_safety.encounters import encounters_of
+from siren_ros.evaluation.surrogate_safety.time_to_collision import (
+    HORIZON_S,
+    PredictedContacts,
+    predicted_contacts,
+)
+from siren_ros.roads.road_network import RoadNetwork
+
+LENGTH_M, WIDTH_M = 4.6, 1.8
+
+
+def first_instant(network: RoadNetwork, subject: Track, other: Track) -> PredictedContacts:
+    return predicted_contacts(encounters_of(record_with({1: subject, 2: other}, network), 1))
+
+
+def placed(x_m: float, y_m: float, speed_mps: float, heading_rad: float, turned_rad: float) -> Track:
+    """A vehicle of one step in a scene that is turned as a whole about the origin."""
+    cos, sin = np.cos(turned_rad), np.sin(turned_rad)
+    return moving(x_m * cos - y_m * sin, x_m * sin + y_m * cos, speed_mps, yaw_rad=heading_rad + turned_rad, steps=1)
+
+
+@given(turned_rad=st.floats(-np.pi, np.pi), gap_m=st.floats(2.0, 12.0), speed_mps=st.floats(6.0, 15.0))
+def test_behind_a_standing_vehicle(
+    straight_road: RoadNetwork, turned_rad: float, gap_m: float, speed_mps: float
+) -> None:
+    there = placed(LENGTH_M + gap_m, 0.0, 0.0, 0.0, turned_rad)
+    found = first_instant(straight_road, placed(0.0, 0.0, speed_mps, 0.0, turned_rad), there)
+    assert found.time_s[0] == pytest.approx(gap_m / speed_mps, abs=1e-9)
+    assert found.closing_mps[0] == pytest.approx(speed_mps)
+    assert found.gap_m[0] == pytest.approx(gap_m)
+    assert found.required_deceleration_mps2[0] == pytest.approx(speed_mps**2 / (2.0 * gap_m))
+
+
+def test_head_on_the_speeds_add(straight_road: RoadNetwork) -> None:
+    found = first_instant(
+        straight_road, moving(0.0, 0.0, 8.0, steps=1), moving(24.6, 0.0, 12.0, yaw_rad=np.pi, steps=1)
+    )
+    assert found.time_s[0] == pytest.approx(1.0)
+    assert found.closing_mps[0] == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize("turned_rad", [0.0, 0.7, 2.5])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_crossing_at_right_angles(straight_road: RoadNetwork, side: float, turned_rad: float) -> None:
+    """The subject's front reaches the other's side: the way to it is the distance less half a length, half a width."""
+    subject = placed(-15.0, 0.0, 10.0, 0.0, turned_rad)
+    other = placed(0.0, side * 13.0, 9.0, -side * np.pi / 2.0, turned_rad)
+    found = first_instant(straight_road, subject, other)
+    assert found.time_s[0] == pytest.approx((15.0 - 0.5 * LENGTH_M - 0.5 * WIDTH_M) / 10.0, abs=1e-9)
+    assert found.closing_mps[0] == pytest.approx(10.0)
+
+
+def test_a_vehicle_that_is_gone_in_time_is_no_conflict(straight_road: RoadNetwork) -> None:
+    found = first_instant(
+        straight_road, moving(-15.0, 0.0, 5.0, steps=1), moving(0.0, 3.0, 10.0, yaw_rad=np.pi / 2.0, steps=1)
+    )
+    assert np.isinf(found.time_s[0])
+    assert found.closing_mps[0] == 0.0
+    assert found.required_deceleration_mps2[0] == 0.0
+
+
+@pytest.mark.parametrize("aside_m", [WIDTH_M + 0.05, -WIDTH_M - 0.05])
+def test_passing_closely_is_no_conflict(straight_road: RoadNetwork, aside_m: float) -> None:
+    found = first_instant(straight_road, moving(0.0, 0.0, 10.0, steps=1), moving(15.0, aside_m, 0.0, steps=1))
+    assert np.isinf(found.time_s[0])
+
+
+def test_beyond_the_horizon_nothing_is_seen(straight_road: RoadNetwork) -> None:
+    for gap_m, seen in ((HORIZON_S * 5.0 - 0.1, True), (HORIZON_S * 5.0 + 0.1, False)):
+        found = first_instant(
+            straight_road, moving(0.0, 0.0, 5.0, steps=1), moving(LENGTH_M + gap_m, 0.0, 0.0, steps=1)
+        )
+        assert bool(np.isfinite(found.time_s[0])) is seen
+
+
+@pytest.mark.parametrize("hand", [1.0, -1.0])
+def test_a_vehicle_in_a_bend_stays_in_it(straight_road: RoadNetwork, hand: float) -> None:
+    """A car stands where the tangent leads to and not the bend: no conflict; where the bend leads to: one."""
+    speed_mps, radius_m = 8.0, 16.0
+    on_tangent = moving(18.0, 0.0, 0.0, steps=1)
+    in_bend = moving(radius_m, hand * radius_m, 0.0, yaw_rad=np.pi / 2.0, steps=1)
+    encounters = encounters_of(
+        record_with({1: moving(0.0, 0.0, speed_mps, steps=1), 2: on_tangent, 3: in_bend}, straight_road), 1
+    )
+    turning = replace(encounters.subject, yaw_rate_radps=np.full(2, hand * speed_mps / radius_m))
+    found = predicted_contacts(replace(encounters, subject=turning))
+    assert np.isinf(found.time_s[0])
+    # A quarter circle less about half of each length.
+    assert found.time_s[1] == pytest.approx((radius_m * np.pi / 2.0 - LENGTH_M) / speed_mps, abs=0.1)
+
+
+def test_overlapping_footprints_have_no_time_left(straight_road: RoadNetwork) -> None:
+    found = first_instant(straight_road, moving(0.0, 0.0, 10.0, steps=1), moving(4.0, 0.0, 4.0, steps=1))
+    assert found.time_s[0] == 0.0
+    assert found.gap_m[0] == pytest.approx(4.0 - LENGTH_M)

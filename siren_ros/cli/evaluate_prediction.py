@@ -13,8 +13,9 @@ from siren_ros.evaluation.prediction.predictors import PREDICTORS, predictors_na
 from siren_ros.evaluation.prediction.protocol.predictor import Predictor
 from siren_ros.evaluation.prediction.protocol.samples import Population
 from siren_ros.evaluation.prediction.reports.paper_results import paper_value
-from siren_ros.evaluation.prediction.reports.summary import RANKED_MIN, Summary, as_json, summarise
+from siren_ros.evaluation.prediction.reports.summary import Summary, as_json, summarise
 from siren_ros.evaluation.prediction.scoring import EpisodeScores, score_episode
+from siren_ros.evaluation.statistics.rank_correlation import RANKED_MIN
 from siren_ros.recording.bag_folders import bags_among
 from siren_ros.recording.bag_reader import read_episode
 

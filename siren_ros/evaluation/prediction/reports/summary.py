@@ -2,18 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
-from scipy.stats import rankdata
 
 from siren_ros.evaluation.prediction.metrics.displacement import METRICS
 from siren_ros.evaluation.prediction.reports.paper_results import PAPER, paper_value
 from siren_ros.evaluation.prediction.scoring import EpisodeScores
-
-RANKED_MIN: Final = 3
-"""Fewest templates for a rank correlation."""
+from siren_ros.evaluation.statistics.rank_correlation import rank_correlation
 
 
 @dataclass(frozen=True)
@@ -60,6 +56,7 @@ def _summary(scores: Sequence[EpisodeScores], model: str, metric: str) -> Metric
     common = [template for template in by_template if template in paper]
     here = [by_template[template] for template in common]
     there = [paper[template] for template in common]
+    ranking = rank_correlation(here, there)
     mean, paper_mean = _mean(list(by_template.values())), None if row is None else row.mean
     paper_mean_common = paper_mean if len(common) == len(paper) else _mean(there)
     return MetricSummary(
@@ -70,7 +67,7 @@ def _summary(scores: Sequence[EpisodeScores], model: str, metric: str) -> Metric
         paper_mean_same_templates=paper_mean_common,
         deviation=_deviation(mean, paper_mean),
         deviation_same_templates=_deviation(_mean(here), paper_mean_common),
-        spearman=rank_correlation(here, there),
+        spearman=None if ranking is None else ranking.rho,
     )
 
 
@@ -80,15 +77,6 @@ def _mean(values: Sequence[float]) -> float | None:
 
 def _deviation(value: float | None, reference: float | None) -> float | None:
     return None if value is None or reference is None else value / reference - 1.0
-
-
-def rank_correlation(first: Sequence[float], second: Sequence[float]) -> float | None:
-    """Spearman's rank correlation; None with fewer than three pairs or where all values of one side are equal."""
-    if len(first) < RANKED_MIN:
-        return None
-    ranks: list[npt.NDArray[np.float64]] = [rankdata(values) - (len(values) + 1) / 2.0 for values in (first, second)]
-    spread = float(np.sqrt((ranks[0] @ ranks[0]) * (ranks[1] @ ranks[1])))
-    return float(ranks[0] @ ranks[1]) / spread if spread > 0.0 else None
 
 
 def as_json(scores: Sequence[EpisodeScores], summary: Summary) -> dict[str, Any]:

@@ -2,14 +2,11 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from scipy.stats import spearmanr
 
 from siren_ros.evaluation.prediction.metrics.displacement import METRICS, MetricValue
 from siren_ros.evaluation.prediction.protocol.samples import Population
 from siren_ros.evaluation.prediction.reports.paper_results import PAPER, TEMPLATES
-from siren_ros.evaluation.prediction.reports.summary import as_json, rank_correlation, summarise
+from siren_ros.evaluation.prediction.reports.summary import as_json, summarise
 from siren_ros.evaluation.prediction.scoring import EpisodeScores
 from siren_ros.scenario.levels import EmergencyLevel
 
@@ -51,20 +48,6 @@ def test_templates_count_once_whatever_their_number_of_episodes() -> None:
 def test_without_any_sample_nothing_is_said() -> None:
     summary = summarise([scores("S1", 0.0, 0)])["cv"]["ade_m"]
     assert (summary.mean, summary.deviation, summary.deviation_same_templates, summary.spearman) == (None,) * 4
-
-
-@given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=3, max_size=8))
-def test_rank_correlation_is_spearmans(pairs: list[tuple[int, int]]) -> None:
-    first, second = (list(map(float, side)) for side in zip(*pairs, strict=True))
-    found = rank_correlation(first, second)
-    if len(set(first)) == 1 or len(set(second)) == 1:
-        assert found is None
-    else:
-        assert found == pytest.approx(spearmanr(first, second).statistic, abs=1e-12)
-
-
-def test_rank_correlation_of_a_reversed_order() -> None:
-    assert rank_correlation([1.0, 2.0, 9.0], [3.0, 2.0, 1.0]) == pytest.approx(-1.0)
 
 
 def test_json_says_all_and_is_strict() -> None:

@@ -1,0 +1,1 @@
+"""What the tasks of the evaluation share: intervals, paired comparisons, rank correlation. Knows no episodes."""

@@ -1,0 +1,54 @@
+from itertools import permutations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import spearmanr
+
+from siren_ros.errors import InputError
+from siren_ros.evaluation.statistics.rank_correlation import rank_correlation
+
+
+@given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=3, max_size=10))
+def test_rank_correlation_is_spearmans(pairs: list[tuple[int, int]]) -> None:
+    first, second = (list(map(float, side)) for side in zip(*pairs, strict=True))
+    found = rank_correlation(first, second)
+    if len(set(first)) == 1 or len(set(second)) == 1:
+        assert found is None
+    else:
+        assert found is not None
+        assert found.rho == pytest.approx(spearmanr(first, second).statistic, abs=1e-12)
+        assert found.pairs == len(pairs)
+
+
+def test_a_reversed_order() -> None:
+    found = rank_correlation([1.0, 2.0, 9.0], [3.0, 2.0, 1.0])
+    assert found is not None
+    assert found.rho == pytest.approx(-1.0)
+    assert found.p_value == pytest.approx(2.0 / 6.0), "two of the six orders are as extreme"
+
+
+def test_the_p_value_counts_the_orders() -> None:
+    first, second = [1.0, 2.0, 3.0, 4.0, 5.0], [1.0, 3.0, 2.0, 5.0, 4.0]
+    rhos = [abs(spearmanr(first, order).statistic) for order in permutations(second)]
+    found = rank_correlation(first, second)
+    assert found is not None
+    assert found.p_value == pytest.approx(np.mean(np.array(rhos) >= found.rho - 1e-9))
+
+
+def test_many_pairs_use_students_t() -> None:
+    rng = np.random.default_rng(0)
+    first, second = rng.normal(size=(2, 30))
+    found, expected = rank_correlation(list(first), list(second)), spearmanr(first, second)
+    assert found is not None
+    assert (found.rho, found.p_value) == pytest.approx((expected.statistic, expected.pvalue))
+    perfect = rank_correlation(list(first), list(first))
+    assert perfect is not None
+    assert perfect.p_value == pytest.approx(0.0, abs=1e-12)
+
+
+def test_two_pairs_are_no_ranking() -> None:
+    assert rank_correlation([1.0, 2.0], [1.0, 2.0]) is None
+    with pytest.raises(InputError, match="the same length"):
+        rank_correlation([1.0, 2.0, 3.0], [1.0, 2.0])

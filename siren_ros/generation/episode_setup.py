@@ -1,7 +1,7 @@
 """Everything that is decided before the first step of an episode, from what the user asked for."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Final
@@ -20,7 +20,7 @@ from siren_ros.roads.sites.site_finder import Site
 from siren_ros.scenario.episode import FILES_PARAMETER, MAP_SOURCE_PARAMETER, EpisodeDescription
 from siren_ros.scenario.levels import EmergencyLevel
 from siren_ros.scenario.presets import DriverPreset, load_preset
-from siren_ros.scenario.request import EpisodeRequest
+from siren_ros.scenario.request import EpisodeRequest, values_of
 from siren_ros.scenario.scenario import Template
 from siren_ros.scenario.templates import load_template, realised
 from siren_ros.sensors.suite.look_file import load_look
@@ -58,7 +58,8 @@ def plan_length(request: EpisodeRequest) -> int:
     Raises:
         InputError: The template cannot be used.
     """
-    return max(1, steps_from_s(request.duration_s or load_template(request.template).duration_s))
+    template = load_template(request.template).with_values(values_of(request.values))
+    return max(1, steps_from_s(request.duration_s or template.duration_s))
 
 
 def default_bag_path(request: EpisodeRequest) -> Path:
@@ -106,6 +107,7 @@ def set_up_episode(
     noted = NotedFiles(files)
     template = load_template(request.template, noted)
     template = realised(template, random_stream(request.seed, "scenario/values"))
+    template = template.with_values(values_of(request.values))
     level = level_of(request, template)
     preset = load_preset(request.preset, noted)
     for suite in (request.sensors, request.av_sensors):
@@ -133,7 +135,7 @@ def set_up_episode(
         preset=request.preset,
         emv_ids=tuple(range(1, 1 + len(plan.emvs))),
         parameters={
-            "request": asdict(request),
+            "request": request.to_json(),
             "template": template.values(),
             "predicate": {"name": template.predicate.name, "thresholds": dict(template.predicate.thresholds)},
             **_av_parameters(request, plan),

@@ -1,8 +1,10 @@
-"""What a user asks for: the ten fields from which an episode is made. They are declared here and nowhere else."""
+"""What a user asks for: the eleven fields from which an episode is made. They are declared here and nowhere else."""
 
-from dataclasses import dataclass, fields
-from typing import Final
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Final
 
+from siren_ros.errors import InputError
 from siren_ros.params.parameter_field import parameter
 from siren_ros.scenario.levels import EmergencyLevel
 
@@ -30,8 +32,39 @@ class EpisodeRequest:
         choices=_AV_KINDS,
     )
     av_sensors: str = parameter("none", "Sensor suite of that vehicle: as for sensors; its topics begin with /av.")
+    values: str = parameter(
+        "", "Values of the template's parameters in place of the seed's own: emv.speed_mps=12.5,duration_s=60."
+    )
 
     @staticmethod
     def within(config: "EpisodeRequest") -> "EpisodeRequest":
         """The request that a configuration with further fields holds."""
         return EpisodeRequest(**{field.name: getattr(config, field.name) for field in fields(EpisodeRequest)})
+
+    def to_json(self) -> dict[str, Any]:
+        """The request as JSON types, for the record; without values where it has none."""
+        return {name: value for name, value in asdict(self).items() if name != "values" or value}
+
+
+def values_of(text: str) -> dict[str, float]:
+    """The values in the text of a request's field ``values``, by the dotted path of the parameter.
+
+    Raises:
+        InputError: Not ``path=number`` by commas, or a path twice.
+    """
+    found: dict[str, float] = {}
+    for part in filter(None, (part.strip() for part in text.split(","))):
+        path, _, number = part.partition("=")
+        try:
+            value = float(number)
+        except ValueError as error:
+            raise InputError("values", part, "PATH=NUMBER, several by commas: emv.speed_mps=12.5") from error
+        if path.strip() in found:
+            raise InputError("values", part, "each parameter once")
+        found[path.strip()] = value
+    return found
+
+
+def text_of_values(values: Mapping[str, float]) -> str:
+    """Inverse of ``values_of``, to the last bit; sorted, so that the same values are the same text."""
+    return ",".join(f"{path}={float(value)!r}" for path, value in sorted(values.items()))

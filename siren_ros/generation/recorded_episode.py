@@ -1,0 +1,99 @@
+"""An episode with its bag, without ROS: the library calls of the node graph, and the very bytes of its recorder."""
+
+from collections.abc import Generator, Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from siren_ros.errors import EpisodeError, InputError, SirenError
+from siren_ros.generation.closed_loop import LoopStep, closed_loop
+from siren_ros.generation.episode_setup import EpisodeSetup
+from siren_ros.interfaces import topics
+from siren_ros.interfaces.cdr import encode_cdr
+from siren_ros.interfaces.conversions import to_actor_states, to_events, to_traffic_state, to_vehicle_commands
+from siren_ros.interfaces.episode_conversions import to_episode_description
+from siren_ros.interfaces.lockstep_reports import EpisodeClosing
+from siren_ros.interfaces.messages import make_message, stamp, typestore
+from siren_ros.interfaces.topics import Topic
+from siren_ros.judging.outcome import judge
+from siren_ros.numerics.units import steps_from_s, time_ns_of_step
+from siren_ros.recording.bag_writer import BagSummary
+from siren_ros.recording.recorder import EpisodeRecorder
+from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
+from siren_ros.sensor_messages.mounted_suite import mounted_suites, setup_messages
+from siren_ros.sensor_messages.sensor_topics import topics_of
+from siren_ros.sensor_messages.trailing_sensing import TrailingSensing
+from siren_ros.world.actors import ActorDescription
+
+Published = tuple[Topic, Any]
+
+
+@dataclass(frozen=True)
+class RecordedEpisode:
+    """How an episode ended, and its bag."""
+
+    outcome: EpisodeOutcome
+    bag: BagSummary | None
+    """None where no step was finished; then there is no bag."""
+
+
+def record_episode(setup: EpisodeSetup, bag: Path) -> RecordedEpisode:
+    """Runs an episode to its end and writes its bag.
+
+    The bytes are those of ``cosim`` with the same request. An episode that fails leaves a partial bag, as with
+    ``cosim``; its outcome holds the reason.
+
+    Args:
+        setup: The episode; its suite of sensors measures too.
+        bag: Folder of the bag to write.
+
+    Raises:
+        InputError: The bag exists already or cannot be written; an AV under test, which needs its controller.
+        EpisodeError: The disk is full, or the folder is gone.
+    """
+    described = setup.description
+    if setup.plan.av:
+        raise InputError("av", described.parameters.get("av"), "an episode without an AV under test; that needs cosim")
+    store = typestore()
+    latched = frozenset(topic.name for topic in topics.FIXED_TOPICS.values() if topic.latched)
+    recorder = EpisodeRecorder(bag, store, latched, judge)
+    end, reason = EpisodeEnd.COMPLETE, ""
+    try:
+        recorder.expect(topics_of(described), bag)
+        with closing(_messages(setup)) as messages:  # however it ends, SUMO ends with it
+            for topic, message in messages:
+                recorder.take(topic, encode_cdr(store, topic, message))
+    except EpisodeError as error:
+        end, reason = EpisodeEnd.FAILED, str(error)
+    except (SirenError, OSError):
+        recorder.discard()
+        raise
+    outcome, summary, _ = recorder.close(EpisodeClosing(recorder.steps_recorded, end, reason))
+    return RecordedEpisode(outcome, summary)
+
+
+def _messages(setup: EpisodeSetup) -> Generator[Published, None, None]:
+    """All messages of the episode, as the nodes publish them."""
+    described = setup.description
+    yield topics.EPISODE, to_episode_description(described)
+    yield topics.MAP, make_message(topics.MAP.type_name, data=setup.compiled_map.read_bytes().decode())
+    suites = list(mounted_suites(described, setup.network, lambda _: False, in_background=True))
+    yield from setup_messages(suites)
+    sensing = TrailingSensing(suites, trails=True)
+    actors: dict[int, ActorDescription] = {}
+    for step in closed_loop(setup, max(1, steps_from_s(described.duration_s))):
+        yield from _step_messages(step)
+        actors.update({actor.actor_id: actor for actor in step.traffic.spawned})
+        yield from sensing.step(step.states, actors, step.traffic.signals)
+    yield from sensing.finish()
+
+
+def _step_messages(step: LoopStep) -> Iterator[Published]:
+    number = step.states.step
+    yield topics.CLOCK, make_message(topics.CLOCK.type_name, clock=stamp(time_ns_of_step(number)))
+    yield topics.TRAFFIC, to_traffic_state(step.traffic)
+    for topic, commands in zip((topics.EMV_COMMANDS, topics.YIELD_COMMANDS), step.commands, strict=True):
+        yield topic, to_vehicle_commands(commands)
+    yield topics.ACTORS, to_actor_states(step.states)
+    yield topics.EVENTS, to_events(number, step.state_hash, step.events)

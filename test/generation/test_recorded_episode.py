@@ -1,0 +1,68 @@
+"""An episode is recorded without ROS. test/nodes/test_without_ros.py compares the bytes with those of the nodes."""
+
+from pathlib import Path
+
+import pytest
+
+from siren_ros.errors import BagError, EpisodeError, InputError
+from siren_ros.generation import closed_loop as loop
+from siren_ros.generation.episode_setup import set_up_episode
+from siren_ros.generation.recorded_episode import record_episode
+from siren_ros.generation.replay_check import repeat_episode, request_of
+from siren_ros.judging.verification.limits import VerifyLimits
+from siren_ros.judging.verify import check_message_counts, check_state_hashes
+from siren_ros.recording.bag_reader import read_episode
+from siren_ros.scenario.episode import EpisodeEnd
+from siren_ros.scenario.request import EpisodeRequest
+
+REQUEST = EpisodeRequest("S3", seed=4, duration_s=1.5, sensors="none", values="demand.background_vehicles=18.0")
+
+
+def test_the_bag_is_sound_and_repeats(tmp_path: Path) -> None:
+    recorded = record_episode(set_up_episode(REQUEST), tmp_path / "bag")
+    assert recorded.outcome.end is EpisodeEnd.COMPLETE
+    record = read_episode(tmp_path / "bag")
+    assert record.complete
+    assert record.steps == 30
+    assert request_of(record) == REQUEST
+    for check in (check_message_counts, check_state_hashes):
+        assert check(record, VerifyLimits()).holds
+    assert repeat_episode(record) is None
+
+
+def test_a_failed_episode_leaves_a_partial_bag(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(loop, "check_residual", _fail_at(7))
+    recorded = record_episode(set_up_episode(REQUEST), tmp_path / "bag")
+    assert recorded.outcome.end is EpisodeEnd.FAILED
+    assert recorded.outcome.steps == 7
+    assert "too far apart" in recorded.outcome.reason
+    assert not (tmp_path / "bag").exists()
+    partial = read_episode(tmp_path / "bag.partial")
+    assert partial.steps >= 7
+    assert not partial.complete
+
+
+def test_an_episode_without_a_step_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(loop, "check_residual", _fail_at(0))
+    recorded = record_episode(set_up_episode(REQUEST), tmp_path / "bags" / "bag")
+    assert recorded.bag is None
+    assert list(tmp_path.iterdir()) == []
+
+
+def _fail_at(step: int):  # type: ignore[no-untyped-def] # stands for check_residual
+    def check(states, _limit_m):  # type: ignore[no-untyped-def]
+        if states.step == step:
+            raise EpisodeError("too far apart")
+
+    return check
+
+
+def test_an_existing_bag_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "bag").mkdir()
+    with pytest.raises(BagError, match="exists already"):
+        record_episode(set_up_episode(REQUEST), tmp_path / "bag")
+
+
+def test_an_av_under_test_needs_its_controller(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cosim"):
+        record_episode(set_up_episode(EpisodeRequest("S2", av="civilian", sensors="none")), tmp_path / "bag")

@@ -7,7 +7,8 @@ import numpy as np
 
 from siren_ros.behaviour.driving.free_space import Body, Obstacles
 from siren_ros.behaviour.driving.situation import StepView
-from siren_ros.behaviour.emv.escape_search import FoundPath, RoadSpace, Start, search_lattice
+from siren_ros.behaviour.emv.escape_lattice import RoadSpace, Start
+from siren_ros.behaviour.emv.escape_search import FoundPath, search_lattice
 from siren_ros.behaviour.emv.passage import rows_around
 from siren_ros.behaviour.emv.route import best_lane
 from siren_ros.behaviour.paths.lane_path import LanePath, lanes_along, path_on_lanes, road_limits

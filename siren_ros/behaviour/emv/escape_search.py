@@ -1,54 +1,24 @@
 """Search of a drivable path through free space: a lattice of offsets and directions beside a reference line."""
 
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from siren_ros.behaviour.config import GapEscapeConfig
-from siren_ros.behaviour.driving.free_space import Body, Obstacles, clearances_m, separations_m
+from siren_ros.behaviour.driving.free_space import Obstacles, clearances_m
+from siren_ros.behaviour.emv.escape_lattice import Lattice, RoadSpace, Start, lattice_of
 from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.numerics.arrays import Floats
 
-_STEEPEST: Final = 0.8
-"""Largest slope of a path against the reference line."""
 _LEVEL: Final = 0.11
 """A path that ends before the horizon may end with this slope at most, so that it can be continued."""
-_NEAR_M: Final = 0.3
-"""Vehicles nearer than this at the start count only at poses that are nearer still."""
 _FINE_M: Final = 0.5
+_ATTEMPTS: Final = 5
+"""Paths with one margin that are looked at as a whole before the next margin is tried."""
 
 Ints = npt.NDArray[np.intp]
-
-
-@dataclass(frozen=True, eq=False)
-class RoadSpace:
-    """The road beside a reference line at stations ``s_m``; offsets left positive, each of shape ``(S,)``."""
-
-    s_m: Floats
-    right_m: Floats
-    driving_right_m: Floats
-    left_m: Floats
-    opposite_left_m: Floats
-    """Left edge of the opposite lane that may be used at a price."""
-    middle_m: Floats
-    """Line that is preferred where all else is equal."""
-
-
-@dataclass(frozen=True)
-class Start:
-    """How the vehicle stands against the reference line, and what it can steer."""
-
-    left_m: float
-    """Of the rear axle, whose direction of motion is the vehicle's own."""
-    slope: float
-    body: Body
-    centre_ahead_m: float
-    """From the rear axle to the footprint's centre."""
-    wheelbase_m: float
-    sharpest_1pm: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,23 +44,6 @@ class FoundPath:
         return rear + centre_ahead_m * along / np.linalg.norm(along, axis=1, keepdims=True)
 
 
-@dataclass(frozen=True, eq=False)
-class _Lattice:
-    """Nodes are offsets ``left_m`` (D) times slopes (H), one layer per station (S)."""
-
-    left_m: Floats
-    slope: Floats
-    start: tuple[int, int]
-    clearance_m: Floats
-    """Shape ``(S, D, H)``; −inf beyond the road."""
-    between_m: Floats
-    """The same half way from each station to the next one."""
-    price: Floats
-    """Per station and offset, shape ``(S, D)``."""
-    turns: tuple[range, ...]
-    """Changes of slope, in steps, that can be steered from each station to the next."""
-
-
 def search_lattice(
     curve: Curve, road: RoadSpace, start: Start, obstacles: Obstacles, config: GapEscapeConfig
 ) -> FoundPath | None:
@@ -110,125 +63,76 @@ def search_lattice(
     Returns:
         The path, or None where none is long enough to be worth driving.
     """
-    lattice = _lattice(curve, road, start, obstacles, config)
+    lattice = lattice_of(curve, road, start, obstacles, config)
     best: tuple[float, FoundPath] | None = None
     for level, (clearance, _) in enumerate(config.squeezes):
-        found = _cheapest(lattice, road, clearance, config)
+        found = _cheapest_clear(lattice, (curve, road), start, obstacles, clearance, config)
         if found is None:
             continue
         price, path = found
         price += level * config.squeeze_cost_m
         if best is None or price < best[0]:
-            best = price, _joined(path, start, lattice)
+            best = price, path
         if path.complete:
             break
     return best[1] if best is not None else None
 
 
-def _lattice(curve: Curve, road: RoadSpace, start: Start, obstacles: Obstacles, config: GapEscapeConfig) -> _Lattice:
-    step = config.station_m
-    grain = 0.5 * step * config.slope_step
-    reach = start.body.half_width_m
-    low = min(float(road.right_m.min()) + reach, start.left_m)
-    high = max(float(road.opposite_left_m.max()) - reach, start.left_m)
-    below, above = math.ceil((start.left_m - low) / grain), math.ceil((high - start.left_m) / grain)
-    left = start.left_m + grain * np.arange(-below, above + 1)
-    slopes = round(_STEEPEST / config.slope_step)
-    slope = config.slope_step * np.arange(-slopes, slopes + 1)
-    first = min(max(round(start.slope / config.slope_step), -slopes), slopes) + slopes
-    heading = curve.heading_at(road.s_m)
-    bend = np.gradient(heading, road.s_m)
-    turns = tuple(
-        range(
-            min(math.ceil((-start.sharpest_1pm - k) * step / config.slope_step), 0),
-            max(math.floor((start.sharpest_1pm - k) * step / config.slope_step), 0) + 1,
-        )
-        for k in bend.tolist()
-    )
-    clearance = _clearances(curve, _halved(road), left, slope, start, obstacles, config.edge_overhang_m)
-    return _Lattice(
-        left_m=left,
-        slope=slope,
-        start=(below, first),
-        clearance_m=clearance[::2],
-        between_m=clearance[1::2],
-        price=_prices(road, left, start.body, config),
-        turns=turns,
-    )
-
-
-def _halved(road: RoadSpace) -> RoadSpace:
-    """The road at twice as many stations."""
-    half = np.arange(2 * len(road.s_m) - 1) / 2.0
-    lines = (road.s_m, road.right_m, road.driving_right_m, road.left_m, road.opposite_left_m, road.middle_m)
-    return RoadSpace(*(np.interp(half, np.arange(len(line)), line) for line in lines))
-
-
-def _clearances(
-    curve: Curve,
-    road: RoadSpace,
-    left: Floats,
-    slope: Floats,
+def _cheapest_clear(
+    lattice: Lattice,
+    where: tuple[Curve, RoadSpace],
     start: Start,
     obstacles: Obstacles,
-    edge_overhang_m: float,
-) -> Floats:
-    """Distance from the nearest obstacle at every node."""
-    body, turned = start.body, np.arctan(slope)
-    heading, place = curve.heading_at(road.s_m), curve.at(road.s_m)
-    ahead = start.centre_ahead_m
-    nearest = float(slope[np.argmin(np.abs(slope - start.slope))])
-    angles = float(heading[0]) + np.arctan(np.array([start.slope, nearest]))
-    x0, y0 = curve.offset_at(road.s_m[:1], np.array([start.left_m]))[0]
-    present = separations_m(x0 + ahead * np.cos(angles), y0 + ahead * np.sin(angles), angles, body, obstacles)
-    present = present.min(axis=0)
-    present = np.where(present < _NEAR_M, present, np.inf)
-    near = math.hypot(body.half_length_m, body.half_width_m) + ahead + 1.0
-    reach_right, reach_left = _wheels_m(start, turned)
-    own_right, own_left = _wheels_m(start, np.arctan(np.array([start.slope])))
-    over_right = max(float(road.right_m[0] - start.left_m + own_right[0]), edge_overhang_m)
-    over_left = max(float(start.left_m + own_left[0] - road.opposite_left_m[0]), edge_overhang_m)
-    clearance = np.empty((len(road.s_m), len(left), len(slope)))
-    extent = np.hypot(obstacles.half_length_m, obstacles.half_width_m)
-    for k, angle in enumerate(heading.tolist()):
-        cos, sin = math.cos(angle), math.sin(angle)
-        along = cos * (obstacles.x_m - place[k, 0]) + sin * (obstacles.y_m - place[k, 1])
-        picked = np.abs(along) < near + extent
-        yaw = angle + turned
-        x = (place[k, 0] - sin * left)[:, None] + ahead * np.cos(yaw)
-        y = (place[k, 1] + cos * left)[:, None] + ahead * np.sin(yaw)
-        clearance[k] = clearances_m(x, y, yaw, body, obstacles.take(picked), present[picked])
-        off = left[:, None] - reach_right < road.right_m[k] - over_right
-        off |= left[:, None] + reach_left > road.opposite_left_m[k] + over_left
-        clearance[k][off] = -np.inf
-    return clearance
+    clearance_m: float,
+    config: GapEscapeConfig,
+) -> tuple[float, FoundPath] | None:
+    """The cheapest path with a margin that is also clear between the nodes, where the search has not looked."""
+    curve, road = where
+    between = lattice.between_m.copy()
+    searched = replace(lattice, between_m=between)
+    for _ in range(_ATTEMPTS):
+        found = _cheapest(searched, road, clearance_m, config)
+        if found is None:
+            return None
+        price, way, path = found
+        joined = _joined(path, start, float(lattice.slope[way[0, 1]]))
+        blocked = _blocked_cell(joined, road, (curve, start), obstacles, lattice.present_m, config.touch_m)
+        if blocked is None:
+            return price, joined
+        (row, slope), (_, after) = way[blocked : blocked + 2]
+        half = min(max(row + slope - len(lattice.slope) // 2, 0), len(lattice.left_m) - 1)
+        between[blocked, half, slope + (after - slope) // 2] = -np.inf
+    return None
 
 
-def _wheels_m(start: Start, turned_rad: Floats) -> tuple[Floats, Floats]:
-    """How far wheels lie to the right and to the left of the rear axle's middle, at angles to the road."""
-    half = start.body.half_width_m * np.cos(turned_rad)
-    front = start.wheelbase_m * np.sin(turned_rad)
-    return half + np.maximum(-front, 0.0), half + np.maximum(front, 0.0)
-
-
-def _prices(road: RoadSpace, left: Floats, body: Body, config: GapEscapeConfig) -> Floats:
-    """Price of a station at every offset, in metres of way."""
-    half = body.half_width_m
-    on_shoulder = left - half < road.driving_right_m[:, None] - 1e-6
-    beyond = np.clip(left + half - road.left_m[:, None], 0.0, 1.0)
-    opposite = np.where(beyond > 0.0, np.maximum(beyond, 0.2), 0.0)
-    share = config.station_m / config.horizon_m
-    aside = config.offset_cost * np.minimum(np.abs(left - road.middle_m[:, None]), 4.0)
-    return np.asarray(share * (config.shoulder_cost_m * on_shoulder + config.opposite_cost_m * opposite) + aside)
+def _blocked_cell(
+    path: FoundPath,
+    road: RoadSpace,
+    vehicle: tuple[Curve, Start],
+    obstacles: Obstacles,
+    present_m: Floats,
+    touch_m: float,
+) -> int | None:
+    """The station after which a path first comes nearer to an obstacle than a margin, None where it does not."""
+    curve, start = vehicle
+    centre = path.centre_line(curve, start.centre_ahead_m)
+    ahead = centre - curve.offset_at(path.s_m, path.left_m)
+    yaw = np.arctan2(ahead[:, 1], ahead[:, 0])
+    gap = clearances_m(centre[:, 0], centre[:, 1], yaw, start.body, obstacles, present_m)
+    near = np.flatnonzero(gap < touch_m)
+    if not len(near):
+        return None
+    return max(int(np.searchsorted(road.s_m, path.s_m[near[0]], side="left")) - 1, 0)
 
 
 def _cheapest(
-    lattice: _Lattice, road: RoadSpace, clearance_m: float, config: GapEscapeConfig
-) -> tuple[float, FoundPath] | None:
-    """The cheapest path with a margin, its price less what its length is worth."""
+    lattice: Lattice, road: RoadSpace, clearance_m: float, config: GapEscapeConfig
+) -> tuple[float, Ints, FoundPath] | None:
+    """The cheapest path with a margin: its price less what its length is worth, its nodes, and itself."""
     stations, offsets, slopes = lattice.clearance_m.shape
     cost = np.full((offsets, slopes), np.inf)
-    cost[lattice.start] = 0.0
+    offset, directions = lattice.start
+    cost[offset, list(directions)] = 0.0
     costs = np.full(lattice.clearance_m.shape, np.inf)
     turned = np.zeros(lattice.clearance_m.shape, dtype=np.int8)
     steepness = config.slope_cost * np.abs(lattice.slope)
@@ -244,15 +148,18 @@ def _cheapest(
         costs[k] = cost = best
         if not np.isfinite(cost).any():
             break
-    way = road.s_m - road.s_m[0]
-    worth = costs - config.way_worth * way[:, None, None]
-    worth[way < config.progress_min_m] = np.inf
+    length = road.s_m - road.s_m[0]
+    worth = costs - config.way_worth * length[:, None, None]
+    worth[length < config.progress_min_m] = np.inf
     worth[:-1, :, np.abs(lattice.slope) > _LEVEL] = np.inf
     flat = int(np.argmin(worth))
     if not np.isfinite(worth.flat[flat]):
         return None
     last, i, j = (int(item) for item in np.unravel_index(flat, worth.shape))
-    return float(worth.flat[flat]), _walked_back(lattice, road, turned, (last, i, j), clearance_m)
+    way = _walked_back(lattice, turned, (last, i, j))
+    left, slope = lattice.left_m[way[:, 0]], lattice.slope[way[:, 1]]
+    path = _smooth_offsets(road.s_m[: last + 1], left, slope, clearance_m, complete=last + 1 == stations)
+    return float(worth.flat[flat]), way, path
 
 
 def _moved(cost: Floats, turn: int, blocked: npt.NDArray[np.bool_]) -> Floats:
@@ -275,9 +182,8 @@ def _moved(cost: Floats, turn: int, blocked: npt.NDArray[np.bool_]) -> Floats:
     return moved
 
 
-def _walked_back(
-    lattice: _Lattice, road: RoadSpace, turned: npt.NDArray[np.int8], end: tuple[int, int, int], clearance_m: float
-) -> FoundPath:
+def _walked_back(lattice: Lattice, turned: npt.NDArray[np.int8], end: tuple[int, int, int]) -> Ints:
+    """Offset and slope of each node on the way to one, shape ``(K, 2)``."""
     last, i, j = end
     middle = len(lattice.slope) // 2
     nodes = [(i, j)]
@@ -285,9 +191,7 @@ def _walked_back(
         before = j - int(turned[k, i, j])
         i, j = i - (before - middle) - (j - middle), before
         nodes.append((i, j))
-    order = np.array(nodes[::-1])
-    left, slope = lattice.left_m[order[:, 0]], lattice.slope[order[:, 1]]
-    return _smooth_offsets(road.s_m[: last + 1], left, slope, clearance_m, complete=last + 1 == len(road.s_m))
+    return np.array(nodes[::-1])
 
 
 def _smooth_offsets(s: Floats, left: Floats, slope: Floats, clearance_m: float, *, complete: bool) -> FoundPath:
@@ -299,8 +203,8 @@ def _smooth_offsets(s: Floats, left: Floats, slope: Floats, clearance_m: float, 
     return FoundPath(fine, offsets, clearance_m, complete)
 
 
-def _joined(path: FoundPath, start: Start, lattice: _Lattice) -> FoundPath:
-    """The path with the vehicle's own direction at its start, in place of the lattice's nearest."""
-    miss = start.slope - float(lattice.slope[lattice.start[1]])
+def _joined(path: FoundPath, start: Start, slope: float) -> FoundPath:
+    """The path with the vehicle's own direction at its start, in place of the lattice's."""
+    miss = start.slope - slope
     way = path.s_m - path.s_m[0]
     return FoundPath(path.s_m, path.left_m + miss * way * np.exp(-way), path.clearance_m, path.complete)

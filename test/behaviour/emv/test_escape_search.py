@@ -2,12 +2,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from siren_ros.behaviour.config import GapEscapeConfig
 from siren_ros.behaviour.driving.free_space import Body, Obstacles, separations_m
-from siren_ros.behaviour.emv.escape_search import RoadSpace, Start, search_lattice
+from siren_ros.behaviour.emv.escape_lattice import RoadSpace, Start
+from siren_ros.behaviour.emv.escape_search import search_lattice
 from siren_ros.behaviour.paths.curve import Curve
 
 CONFIG = GapEscapeConfig()
@@ -111,6 +112,8 @@ def test_leaves_a_shoulder_at_whose_edge_it_stands():
 
 
 @settings(max_examples=25, deadline=None)
+@example([(9.75, 0.0, 0.25)], 0.0, -0.125)  # a corner reaches in between the places that the lattice looks at
+@example([(6.0, -1.0, -0.28125)], 1.5, 0.03125)  # near at the start: nearer still only without touching
 @given(
     st.lists(st.tuples(st.floats(6.0, 35.0), st.floats(-2.0, 5.5), st.floats(-0.3, 0.3)), max_size=5),
     st.floats(-0.5, 3.5),

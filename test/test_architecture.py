@@ -12,6 +12,7 @@ LAYERS = {
     "": [
         "cli",
         "benchmarks",
+        "studies",
         "generation",
         "evaluation",
         "pictures",

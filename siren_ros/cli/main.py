@@ -11,6 +11,7 @@ import siren_ros
 from siren_ros.errors import EXIT_FAILED, SirenError
 
 _VERBS: Final = {
+    "generate": "make many episodes: a matrix of templates, levels, seeds, maps and parameters",
     "info": "show what an episode is and what its bag holds",
     "verify": "check that the interaction happened and that the record is sound",
     "recover": "complete a bag whose writer was killed",

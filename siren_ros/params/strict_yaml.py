@@ -128,6 +128,15 @@ class StrictMapping:
             values.append(_float(item.value))
         return tuple(values)
 
+    def words(self, key: str) -> tuple[str, ...]:
+        """A scalar, or a list of scalars, as they are written."""
+        wanted = "a word, or a list of words"
+        node = self._take(key, wanted)
+        items = node.value if isinstance(node, yaml.SequenceNode) else [node]
+        if not items or not all(isinstance(item, yaml.ScalarNode) and item.value for item in items):
+            raise InputError(self.where(key), _shown(node), wanted)
+        return tuple(str(item.value) for item in items)
+
     def finish(self) -> None:
         """Refuse keys that nobody asked for."""
         for key, node in self.values.items():

@@ -1,0 +1,165 @@
+"""``siren generate``: many episodes from one description, with one table of what became of them."""
+
+import argparse
+import os
+import sys
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Self
+
+from tqdm import tqdm
+
+from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
+from siren_ros.scenario.templates import available_templates
+from siren_ros.studies.draws import DrawPlan, Method
+from siren_ros.studies.episode_row import EpisodeRow, Status
+from siren_ros.studies.episode_worker import RETRIES, TIMEOUT_S, WorkerOptions
+from siren_ros.studies.matrix import OWN_LEVEL, TOWN, Study
+from siren_ros.studies.run_study import Told, run_study
+from siren_ros.studies.study_file import grid_of, levels_of, ranges_of, read_study, seeds_of
+from siren_ros.studies.study_folder import MANIFEST, LocalFolder
+from siren_ros.studies.workers import LocalWorkers
+
+
+def add_arguments(verb: argparse.ArgumentParser) -> None:
+    """Describe the verb, and what it takes."""
+    verb.description = (
+        "Makes all episodes of a study: templates x levels x seeds x maps x draws of parameters. Every episode has a "
+        "process of its own. Called again with the same folder, it verifies the finished episodes by their hashes and "
+        "makes the others. The table of all episodes is DIR/manifest.parquet. Exit code 1 where an episode is missing."
+    )
+    verb.add_argument("study", type=Path, nargs="?", metavar="FILE", help="study file (YAML) instead of the options")
+    verb.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the study, new or from before")
+    matrix = verb.add_argument_group("the matrix")
+    matrix.add_argument(
+        "--templates", nargs="+", metavar="ID", default=list(available_templates()), help="(default: all)"
+    )
+    matrix.add_argument("--levels", nargs="+", metavar="L", default=[OWN_LEVEL], help="L0 to L3, or own (default)")
+    matrix.add_argument("--seeds", nargs="+", metavar="N|A:B", default=["0"], help="seeds; 0:5 are 0 to 4 (default 0)")
+    matrix.add_argument("--maps", nargs="+", metavar="FILE", default=[TOWN], help="map files, or town (default)")
+    matrix.add_argument("--preset", default="paper", help="how civilians react (default paper)")
+    matrix.add_argument("--sensors", default="none", help="suite of sensors (default none)")
+    matrix.add_argument("--look", default="clear", help="weather and time of day (default clear)")
+    matrix.add_argument("--duration-s", type=float, default=0.0, metavar="S", help="of each episode (default: its own)")
+    draws = verb.add_argument_group("draws of the templates' parameters")
+    draws.add_argument("--grid", nargs="+", metavar="PATH=V,V", help="every combination of these values")
+    draws.add_argument("--random", type=int, metavar="N", help="N random draws")
+    draws.add_argument("--lhs", type=int, metavar="N", help="N draws as a Latin hypercube")
+    draws.add_argument(
+        "--range", nargs="+", metavar="PATH=A:B", default=[], help="draw these (default: all, over their ranges)"
+    )
+    draws.add_argument("--draw-seed", type=int, default=0, metavar="N", help="seed of the draws (default 0)")
+    work = verb.add_argument_group("the work")
+    work.add_argument(
+        "--workers", type=int, default=len(os.sched_getaffinity(0)), metavar="N", help="processes (default: processors)"
+    )
+    work.add_argument("--retries", type=int, default=RETRIES, metavar="N", help="after a crash (default %(default)s)")
+    work.add_argument(
+        "--timeout-s", type=float, default=TIMEOUT_S, metavar="S", help="of one episode's process (default %(default)g)"
+    )
+    verb.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Runs the study; exit code 1 where an episode could not be made."""
+    for name, least in (("workers", 1), ("retries", 0), ("timeout_s", 1.0)):
+        if getattr(arguments, name) < least:
+            raise InputError(name, getattr(arguments, name), f"{least:g} or more")
+    study = _study_of(arguments)
+    folder = LocalFolder(arguments.out)
+    options = WorkerOptions(arguments.retries, arguments.timeout_s)
+    with _Bar() as bar:
+        result = run_study(study, folder, LocalWorkers(arguments.workers), options, bar)
+    print("\n".join(_summary(result.rows)))
+    kept = f", {result.kept} of them from before" if result.kept else ""
+    print(f"{arguments.out / MANIFEST}: {len(result.rows)} episodes{kept}")
+    missing = [row for row in result.rows if row.status is not Status.COMPLETE]
+    for row in missing[:20]:
+        print(f"siren generate: {row.episode}: {row.status}: {row.reason}", file=sys.stderr)
+    return EXIT_FAILED if missing else EXIT_OK
+
+
+def _study_of(arguments: argparse.Namespace) -> Study:
+    if arguments.study is not None:
+        return read_study(arguments.study)
+    return Study(
+        templates=tuple(arguments.templates),
+        levels=levels_of(arguments.levels),
+        seeds=seeds_of(arguments.seeds),
+        maps=tuple(arguments.maps),
+        preset=arguments.preset,
+        sensors=arguments.sensors,
+        look=arguments.look,
+        duration_s=arguments.duration_s,
+        draws=_draws_of(arguments),
+    )
+
+
+def _draws_of(arguments: argparse.Namespace) -> DrawPlan | None:
+    asked = [name for name in ("grid", "random", "lhs") if getattr(arguments, name) is not None]
+    if len(asked) > 1:
+        raise InputError("draws", " and ".join(asked), "one of grid, random, lhs")
+    if not asked:
+        if arguments.range:
+            raise InputError("range", arguments.range[0], "ranges together with --random or --lhs")
+        return None
+    if asked == ["grid"]:
+        return grid_of(arguments.grid)
+    method = Method.RANDOM if asked == ["random"] else Method.LATIN_HYPERCUBE
+    plan = DrawPlan(method, samples=getattr(arguments, asked[0]), seed=arguments.draw_seed)
+    return replace(plan, ranges=ranges_of(arguments.range))
+
+
+class _Bar(Told):
+    """A progress bar with the rate and the time left."""
+
+    def __init__(self) -> None:
+        self._bar: tqdm[Any] = tqdm(unit="episode", desc="generate", disable=None)
+        self._counts: Counter[str] = Counter()
+        self._simulated_s = 0.0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.close()
+
+    def plan(self, episodes: int) -> None:
+        self._bar.reset(episodes)
+
+    def keep(self, row: EpisodeRow) -> None:  # noqa: ARG002 - the interface
+        if not self._bar.disable:
+            self._bar.initial += 1  # it took no time, so that it does not count for the rate
+            self._bar.update(1)
+
+    def make(self, row: EpisodeRow) -> None:
+        if self._bar.disable:
+            return
+        self._counts["retried"] += row.attempts - 1
+        self._counts[row.status.value] += 1
+        self._simulated_s += row.simulated_s
+        told = {name: count for name, count in self._counts.items() if count and name != Status.COMPLETE.value}
+        elapsed_s = self._bar.format_dict["elapsed"]
+        self._bar.set_postfix({"simulated": f"{self._simulated_s / max(elapsed_s, 1e-3):.1f}x", **told}, refresh=False)
+        self._bar.update(1)
+
+
+def _summary(rows: Iterable[EpisodeRow]) -> Iterator[str]:
+    """One line for each template and level."""
+    groups: dict[str, list[EpisodeRow]] = {}
+    for row in rows:
+        groups.setdefault(row.group, []).append(row)
+    width = max(map(len, groups), default=0)
+    for group, found in sorted(groups.items()):
+        complete = [row for row in found if row.status is Status.COMPLETE]
+        holds = sum(bool(row.predicate_holds) for row in complete)
+        times = [row.process_s / row.simulated_s for row in complete if row.simulated_s]
+        cpu = [row.cpu_s / row.simulated_s for row in complete if row.simulated_s]
+        slowest = f", at most {max(times):.2f} s for a simulated second ({max(cpu):.2f} s of CPU)" if times else ""
+        retried = sum(row.attempts - 1 for row in found)
+        yield (
+            f"{group:<{width}}  {len(complete)}/{len(found)} complete, predicate holds in {holds}"
+            f"{slowest}{f', {retried} retried' if retried else ''}"
+        )

@@ -1,0 +1,5 @@
+"""Studies: many episodes from one description, run side by side, kept with one row each in one table."""
+
+from siren_ros.numerics.arithmetic import pin_arithmetic
+
+pin_arithmetic()

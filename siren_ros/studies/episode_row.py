@@ -1,0 +1,127 @@
+"""One row of a study's table: what an episode was made from, what became of it, where it lies, how long it took."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from enum import StrEnum
+from typing import Any, Self
+
+from siren_ros.errors import InputError
+from siren_ros.studies.matrix import PlannedEpisode
+
+
+class Status(StrEnum):
+    """What became of an episode."""
+
+    COMPLETE = "complete"
+    FAILED = "failed"
+    """It ended early, and would again: SUMO teleported a vehicle, the residual grew."""
+    REFUSED = "refused"
+    """It cannot be made: the map has no site for it."""
+    CRASHED = "crashed"
+    """Its process died or hung, at every attempt."""
+
+
+def path_of(group: str, episode: str) -> str:
+    """Where an episode's bag belongs, relative to the study's folder."""
+    return f"episodes/{group}/{episode}"
+
+
+@dataclass(frozen=True)
+class EpisodeRow:
+    """One episode of a study."""
+
+    # What it was made from.
+    episode: str
+    group: str
+    template: str
+    level: str
+    seed: int
+    map: str
+    """As the study names it; empty for the built-in town."""
+    preset: str
+    sensors: str
+    look: str
+    draw: int
+    values: str
+    """The draw, as ``EpisodeRequest.values``."""
+    inputs_sha256: str
+    # What became of it.
+    status: Status
+    reason: str = ""
+    attempts: int = 1
+    retry_reasons: tuple[str, ...] = ()
+    """Why each attempt before the last one was in vain."""
+    steps: int = 0
+    simulated_s: float = 0.0
+    predicate_holds: bool | None = None
+    predicate: str = ""
+    measures: str = "{}"
+    """The outcome's numbers, as a JSON object."""
+    # Where it lies.
+    bag: str = ""
+    """Folder of the bag, relative to the study's folder."""
+    bag_bytes: int = 0
+    mcap_sha256: str = ""
+    metadata_sha256: str = ""
+    map_sha256: str = ""
+    """Of the compiled net."""
+    # How long it took.
+    setup_s: float = 0.0
+    run_s: float = 0.0
+    """Wall time from the first step to the closed bag."""
+    process_s: float = 0.0
+    """Wall time of the last attempt, with the start of its process."""
+    cpu_s: float = 0.0
+    begun_at: str = ""
+    """UTC, of the last attempt."""
+    worker: str = ""
+    versions: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def planned(cls, episode: PlannedEpisode, status: Status, reason: str = "", **known: Any) -> Self:
+        """The row of a planned episode with what else is known of it."""
+        request = episode.request
+        return cls(
+            episode=episode.name,
+            group=episode.group,
+            template=request.template,
+            level=request.level,
+            seed=request.seed,
+            map=request.map,
+            preset=request.preset,
+            sensors=request.sensors,
+            look=request.look,
+            draw=episode.draw,
+            values=request.values,
+            inputs_sha256=episode.inputs_sha256,
+            status=status,
+            reason=reason,
+            **known,
+        )
+
+    @property
+    def path(self) -> str:
+        """Where the episode's bag belongs, relative to the study's folder."""
+        return path_of(self.group, self.episode)
+
+    def to_json(self) -> dict[str, Any]:
+        """The row as JSON types."""
+        return {**asdict(self), "status": self.status.value, "retry_reasons": list(self.retry_reasons)}
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> Self:
+        """Inverse of ``to_json``; columns that are missing have their defaults, those that are unknown are left out.
+
+        Raises:
+            InputError: No row of a study.
+        """
+        known = {one.name for one in fields(cls)}
+        values = {name: value for name, value in content.items() if name in known}
+        try:
+            values["status"] = Status(values["status"])
+            values["retry_reasons"] = tuple(values.get("retry_reasons") or ())
+            values["versions"] = dict(values.get("versions") or {})
+            return cls(**values)
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError("row", json.dumps(content, default=str)[:80], "a row of a study's table") from error

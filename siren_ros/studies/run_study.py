@@ -1,0 +1,122 @@
+"""Runs a study: finished episodes are verified and kept, the others are made, the table is written."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from typing import Final
+
+from siren_ros.errors import InputError
+from siren_ros.studies.episode_row import EpisodeRow, path_of
+from siren_ros.studies.episode_worker import WorkerOptions
+from siren_ros.studies.matrix import PlannedEpisode, Study, plan_study
+from siren_ros.studies.study_folder import StudyFolder, is_finished, read_table, write_study, write_table
+from siren_ros.studies.workers import Workers
+
+TABLE_EVERY_S: Final = 60.0
+"""Wall time between two writes of the table; the row next to each bag is written at once."""
+
+
+@dataclass(frozen=True)
+class StudyResult:
+    """What became of a study."""
+
+    rows: tuple[EpisodeRow, ...]
+    """Of this study's episodes, in their order."""
+    kept: int
+    """Episodes that were finished before."""
+
+
+class Told:
+    """Who is told how a study goes."""
+
+    def plan(self, episodes: int) -> None:
+        """Before anything else: the number of episodes."""
+
+    def keep(self, row: EpisodeRow) -> None:
+        """An episode that was finished before."""
+
+    def make(self, row: EpisodeRow) -> None:
+        """An episode that has an answer now."""
+
+
+def run_study(
+    study: Study, folder: StudyFolder, workers: Workers, options: WorkerOptions | None = None, told: Told | None = None
+) -> StudyResult:
+    """Makes all episodes of a study that are not finished yet.
+
+    Args:
+        study: What is asked for.
+        folder: Where its episodes are kept. Episodes of earlier studies there stay.
+        workers: Who makes them.
+        options: How hard an episode is tried.
+        told: Who is told how it goes.
+
+    Raises:
+        InputError: The study cannot be used, the folder cannot be written, or it holds an episode of the same name
+            that was made from something else.
+    """
+    teller = told or Told()
+    planned = plan_study(study)
+    teller.plan(len(planned))
+    known = {row.episode: row for row in read_table(folder)}
+    write_study(folder, study.to_json())
+    found: dict[str, EpisodeRow] = {}
+    todo = []
+    for episode in planned:
+        row = finished_row(episode, folder, known.get(episode.name))
+        if row is None:
+            todo.append(episode)
+        else:
+            found[episode.name] = row
+            teller.keep(row)
+    kept = len(found)
+    saver = _TableSaver(lambda: write_table(folder, {**known, **found}.values()))
+    try:
+        for row in _made(workers, todo, folder, options or WorkerOptions()):
+            found[row.episode] = row
+            teller.make(row)
+            saver.now_and_then()
+    finally:
+        saver.save()
+    return StudyResult(tuple(found[episode.name] for episode in planned), kept)
+
+
+def _made(
+    workers: Workers, todo: list[PlannedEpisode], folder: StudyFolder, options: WorkerOptions
+) -> Iterator[EpisodeRow]:
+    rows = workers.rows(todo, folder, options)
+    with closing(rows):
+        yield from rows
+
+
+class _TableSaver:
+    def __init__(self, save: Callable[[], None]) -> None:
+        self.save = save
+        self._next_s = time.monotonic() + TABLE_EVERY_S
+
+    def now_and_then(self) -> None:
+        if time.monotonic() >= self._next_s:
+            began_s = time.monotonic()
+            self.save()
+            # A table of a million rows takes seconds: writing it stays a small part of the time.
+            self._next_s = time.monotonic() + max(TABLE_EVERY_S, 20.0 * (time.monotonic() - began_s))
+
+
+def finished_row(episode: PlannedEpisode, folder: StudyFolder, known: EpisodeRow | None) -> EpisodeRow | None:
+    """The row of an episode that was finished before; None where it has to be made.
+
+    The bag's bytes are hashed and compared with the row.
+
+    Raises:
+        InputError: The folder has an episode of this name that was made from something else.
+    """
+    row = known if known is not None and is_finished(folder, known) else None
+    if row is None:  # a coordinator that was killed wrote no table, or an older one
+        row = folder.row_of(path_of(episode.group, episode.name))
+        if row is None or not is_finished(folder, row):
+            return None
+    if row.inputs_sha256 != episode.inputs_sha256:
+        allowed = f"a new folder; this one has {row.episode} made from other inputs, files or versions"
+        raise InputError("out", folder.place, allowed)
+    return row

@@ -1,0 +1,166 @@
+"""Where a study's episodes lie: a folder with its bags, a row next to each bag, and the table of all rows."""
+
+import json
+import os
+import shutil
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from hashlib import file_digest
+from pathlib import Path
+from typing import Any, Final, Protocol
+from uuid import uuid4
+
+from siren_ros.errors import InputError
+from siren_ros.recording.bag_guard import storage_files
+from siren_ros.recording.bag_metadata import METADATA_FILE
+from siren_ros.studies.episode_row import EpisodeRow, Status
+from siren_ros.studies.manifest import manifest_bytes, rows_of_manifest
+
+MANIFEST: Final = "manifest.parquet"
+STUDY: Final = "study.json"
+_WORK: Final = ".work"
+
+
+class StudyFolder(Protocol):
+    """Where a study is kept; several processes may use one folder, each for episodes of its own."""
+
+    @property
+    def place(self) -> str:
+        """Path or URL."""
+
+    def scratch(self) -> Path:
+        """A new local folder, for one attempt at one episode."""
+
+    def take(self, bag: Path, row: EpisodeRow) -> None:
+        """Moves a finished bag to its place, then writes its row; both are whole or not there.
+
+        Raises:
+            OSError: It cannot be written.
+        """
+
+    def note(self, row: EpisodeRow) -> None:
+        """Writes the row of an episode that has no bag."""
+
+    def row_of(self, path: str) -> EpisodeRow | None:
+        """The row next to a bag; None where there is none."""
+
+    def hashes_of(self, path: str) -> tuple[str, str]:
+        """SHA-256 of a bag's storage file and of its metadata, from their bytes; empty where they are missing."""
+
+    def read(self, name: str) -> bytes | None:
+        """A file of the study; None where there is none."""
+
+    def write(self, name: str, content: bytes) -> None:
+        """Writes a file of the study; readers see the old one or the new one."""
+
+
+class LocalFolder:
+    """A study on this machine's disks."""
+
+    def __init__(self, root: Path) -> None:
+        self._root = root
+
+    @property
+    def place(self) -> str:
+        """As ``StudyFolder``."""
+        return str(self._root)
+
+    def scratch(self) -> Path:
+        """As ``StudyFolder``: on the same file system, so that finished bags are renamed and not copied."""
+        folder = self._root / _WORK / f"{os.getpid()}-{uuid4().hex[:12]}"
+        folder.mkdir(parents=True)
+        return folder
+
+    def take(self, bag: Path, row: EpisodeRow) -> None:
+        """As ``StudyFolder``."""
+        target = self._root / row.path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if target.exists():  # of an attempt whose row was not written, or of a bag that was changed since
+            shutil.rmtree(target)
+        bag.rename(target)
+        self.note(row)
+
+    def note(self, row: EpisodeRow) -> None:
+        """As ``StudyFolder``."""
+        self.write(f"{row.path}.json", json.dumps(row.to_json(), indent=1, sort_keys=True).encode())
+
+    def row_of(self, path: str) -> EpisodeRow | None:
+        """As ``StudyFolder``."""
+        content = self.read(f"{path}.json")
+        return None if content is None else EpisodeRow.from_json(json.loads(content))
+
+    def hashes_of(self, path: str) -> tuple[str, str]:
+        """As ``StudyFolder``."""
+        bag = self._root / path
+        return hashes_of_bag(bag) if bag.is_dir() else ("", "")
+
+    def read(self, name: str) -> bytes | None:
+        """As ``StudyFolder``."""
+        try:
+            return (self._root / name).read_bytes()
+        except FileNotFoundError:
+            return None
+
+    def write(self, name: str, content: bytes) -> None:
+        """As ``StudyFolder``."""
+        target = self._root / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        new = target.with_name(f".{target.name}.{os.getpid()}.new")
+        new.write_bytes(content)
+        new.replace(target)
+
+    def clear_scratch(self) -> None:
+        """Removes what killed processes left; nobody else may work in the folder."""
+        shutil.rmtree(self._root / _WORK, ignore_errors=True)
+
+
+def hashes_of_bag(bag: Path) -> tuple[str, str]:
+    """SHA-256 of a bag's storage file and of its metadata; empty where they are missing."""
+    files = storage_files(bag)
+    metadata = bag / METADATA_FILE
+    return _sha256(files[0]) if len(files) == 1 else "", _sha256(metadata) if metadata.is_file() else ""
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return file_digest(file, "sha256").hexdigest()
+
+
+def is_finished(folder: StudyFolder, row: EpisodeRow) -> bool:
+    """Whether an episode is complete and its bag has the bytes that its row names."""
+    if row.status is not Status.COMPLETE or not row.mcap_sha256:
+        return False
+    return folder.hashes_of(row.path) == (row.mcap_sha256, row.metadata_sha256)
+
+
+def write_table(folder: StudyFolder, rows: Iterable[EpisodeRow]) -> None:
+    """Writes the table of all rows."""
+    folder.write(MANIFEST, manifest_bytes(rows))
+
+
+def read_table(folder: StudyFolder) -> tuple[EpisodeRow, ...]:
+    """The rows of the study's table; none where it has not been written."""
+    content = folder.read(MANIFEST)
+    return () if content is None else rows_of_manifest(content)
+
+
+@contextmanager
+def attempt_folder(folder: StudyFolder) -> Iterator[Path]:
+    """A scratch folder that is gone afterwards, however the attempt ends."""
+    scratch = folder.scratch()
+    try:
+        yield scratch
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def write_study(folder: StudyFolder, content: dict[str, Any]) -> None:
+    """Keeps what was asked for next to the episodes.
+
+    Raises:
+        InputError: The folder cannot be written.
+    """
+    try:
+        folder.write(STUDY, json.dumps(content, indent=1, sort_keys=True).encode())
+    except OSError as error:
+        raise InputError("out", folder.place, f"a folder that can be written ({error.strerror or error})") from error

@@ -1,0 +1,43 @@
+import json
+import os
+import signal
+import time
+from pathlib import Path
+from typing import Any
+
+from siren_ros.scenario.templates import load_template
+from siren_ros.studies.own_process import Died, Refused, Returned, call_in_own_process
+
+
+def call(function: Any, *arguments: Any) -> object:
+    return call_in_own_process(function, *arguments, timeout_s=60.0)
+
+
+def test_every_call_has_a_process_of_its_own() -> None:
+    first, second = call(os.getpid), call(os.getpid)
+    assert isinstance(first, Returned)
+    assert isinstance(second, Returned)
+    assert len({first.value, second.value, os.getpid()}) == 3
+
+
+def test_an_error_of_ours_is_told_with_its_exit_code() -> None:
+    answer = call(load_template, "S9")
+    assert isinstance(answer, Refused)
+    assert "'S9'" in answer.reason
+    assert answer.exit_code == 2
+
+
+def test_an_end_without_an_answer_is_told() -> None:
+    died = call(json.loads, "{")
+    assert isinstance(died, Died)
+    assert died.reason.startswith("JSONDecodeError: ")
+    assert "decoder.py:" in died.reason
+    assert call(os._exit, 7) == Died("its process ended with exit code 7")
+    assert call(signal.raise_signal, signal.SIGSEGV) == Died("its process was killed by SIGSEGV")
+
+
+def test_a_hanging_process_is_killed() -> None:
+    seen: list[int] = []
+    died = call_in_own_process(time.sleep, 600.0, timeout_s=0.5, started=seen.append)
+    assert died == Died("its process gave no answer for 0.5 s")
+    assert not Path(f"/proc/{seen[0]}").exists()

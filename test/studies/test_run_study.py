@@ -1,0 +1,165 @@
+"""Studies of episodes of a second: made, resumed, verified, and with workers that die."""
+
+import os
+import signal
+from collections import Counter
+from collections.abc import Generator, Iterable
+from dataclasses import replace
+from pathlib import Path
+from threading import Lock
+
+import pytest
+
+from siren_ros.errors import InputError
+from siren_ros.recording.bag_reader import read_episode
+from siren_ros.studies.episode_row import EpisodeRow, Status
+from siren_ros.studies.episode_worker import WorkerOptions, make_episode
+from siren_ros.studies.matrix import PlannedEpisode, Study
+from siren_ros.studies.run_study import StudyResult, Told, run_study
+from siren_ros.studies.study_folder import MANIFEST, LocalFolder, StudyFolder, read_table
+from siren_ros.studies.workers import LocalWorkers
+
+STUDY = Study(("S2", "S5"), ("L0", "own"), duration_s=1.0)
+
+
+class Counted(LocalWorkers):
+    """Local workers that count the episodes that they are asked for."""
+
+    def __init__(self, count: int = 2) -> None:
+        super().__init__(count)
+        self.asked: list[str] = []
+
+    def rows(
+        self, planned: Iterable[PlannedEpisode], folder: StudyFolder, options: WorkerOptions
+    ) -> Generator[EpisodeRow, None, None]:
+        todo = list(planned)
+        self.asked = [episode.name for episode in todo]
+        yield from super().rows(todo, folder, options)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[StudyResult, LocalFolder, Path]:
+    root = tmp_path_factory.mktemp("study")
+    folder = LocalFolder(root)
+    return run_study(STUDY, folder, LocalWorkers(2)), folder, root
+
+
+def test_a_study_has_a_bag_and_a_row_for_every_episode(made: tuple[StudyResult, LocalFolder, Path]) -> None:
+    result, folder, root = made
+    assert [row.status for row in result.rows] == [Status.COMPLETE] * 4
+    assert read_table(folder) == tuple(sorted(result.rows, key=lambda row: row.episode))
+    for row in result.rows:
+        record = read_episode(root / row.bag)
+        assert record.complete
+        assert (record.description.template, record.description.level.name) == (row.template, row.level)
+        assert record.outcome is not None
+        assert record.outcome.predicate_holds == row.predicate_holds
+        assert record.description.map_sha256 == row.map_sha256
+        assert row.simulated_s == 1.0
+        assert 0.0 < row.run_s < row.process_s
+        assert row.attempts == 1
+    assert not list(root.glob(".work/*")), "nothing is left of the attempts"
+
+
+def test_a_study_is_resumed_by_the_hashes_of_its_bags(made: tuple[StudyResult, LocalFolder, Path]) -> None:
+    before, folder, root = made
+    damaged, forgotten = root / before.rows[1].bag, before.rows[2]
+    (file,) = damaged.glob("*.mcap")
+    content = file.read_bytes()
+    file.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
+    (root / forgotten.bag / "metadata.yaml").unlink()
+    workers = Counted()
+    again = run_study(STUDY, folder, workers)
+    assert sorted(workers.asked) == sorted([before.rows[1].episode, forgotten.episode])
+    assert again.kept == 2
+    assert [row.mcap_sha256 for row in again.rows] == [row.mcap_sha256 for row in before.rows]
+    assert file.read_bytes() == content, "an episode that is made again has the same bytes"
+
+
+def test_a_study_is_resumed_without_its_table(made: tuple[StudyResult, LocalFolder, Path]) -> None:
+    before, folder, root = made
+    (root / MANIFEST).unlink()
+    workers = Counted()
+    assert run_study(STUDY, folder, workers).kept == len(before.rows)
+    assert workers.asked == []
+    assert len(read_table(folder)) == len(before.rows)
+
+
+def test_a_study_grows_and_keeps_what_it_had(made: tuple[StudyResult, LocalFolder, Path]) -> None:
+    _, folder, _ = made
+    workers = Counted()
+    run_study(replace(STUDY, templates=("S2",), levels=("L1",)), folder, workers)
+    assert workers.asked == ["S2_L1_seed0"]
+    assert len(read_table(folder)) == 5
+
+
+def test_a_folder_with_other_episodes_of_these_names_is_refused(made: tuple[StudyResult, LocalFolder, Path]) -> None:
+    _, folder, _ = made
+    with pytest.raises(InputError, match="other inputs"):
+        run_study(replace(STUDY, preset="realistic"), folder, LocalWorkers(1))
+
+
+class Killing(Told):
+    """Kills the first process of one episode, and remembers who was started how often."""
+
+    def __init__(self, victim: str) -> None:
+        self.victim = victim
+        self.starts: Counter[str] = Counter()
+        self._lock = Lock()
+
+    def make_episode(self, planned: PlannedEpisode, folder: StudyFolder, options: WorkerOptions) -> EpisodeRow:
+        def started(process_id: int) -> None:
+            with self._lock:
+                self.starts[planned.name] += 1
+                if planned.name == self.victim and self.starts[planned.name] == 1:
+                    os.kill(process_id, signal.SIGKILL)
+
+        return make_episode(planned, folder, options, started)
+
+
+def test_a_worker_that_is_killed_costs_one_retry_and_nothing_else(
+    made: tuple[StudyResult, LocalFolder, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    killing = Killing("S5_L1_seed0")
+    workers = LocalWorkers(2)
+    monkeypatch.setattr(workers, "_make", killing.make_episode)
+    result = run_study(STUDY, LocalFolder(tmp_path), workers)
+    assert killing.starts == {row.episode: 2 if row.episode == killing.victim else 1 for row in result.rows}
+    assert [row.status for row in result.rows] == [Status.COMPLETE] * 4
+    (victim,) = (row for row in result.rows if row.episode == killing.victim)
+    assert victim.attempts == 2
+    assert victim.retry_reasons == ("its process was killed by SIGKILL",)
+    assert {row.mcap_sha256 for row in result.rows} == {row.mcap_sha256 for row in made[0].rows}
+    assert not list(tmp_path.glob(".work/*"))
+
+
+def test_what_cannot_be_made_is_told_and_not_tried_again(tmp_path: Path) -> None:
+    grid = tmp_path / "road.net.xml"
+    grid.write_text(ONE_ROAD, encoding="utf-8")
+    study = replace(STUDY, templates=("S4",), levels=("own",), maps=(str(grid),))
+    result = run_study(study, LocalFolder(tmp_path / "out"), LocalWorkers(1))
+    (row,) = result.rows
+    assert row.status is Status.REFUSED
+    assert row.attempts == 1
+    assert "map" in row.reason
+    assert read_table(LocalFolder(tmp_path / "out"))[0].reason == row.reason
+
+
+def test_an_episode_whose_process_never_answers_is_given_up(tmp_path: Path) -> None:
+    study = replace(STUDY, templates=("S2",), levels=("own",), duration_s=3000.0)
+    result = run_study(study, LocalFolder(tmp_path), LocalWorkers(1), WorkerOptions(retries=1, timeout_s=1.0))
+    (row,) = result.rows
+    assert row.status is Status.CRASHED
+    assert row.attempts == 2
+    assert row.retry_reasons == (row.reason,)
+
+
+ONE_ROAD = """<net version="1.20">
+<location netOffset="0.00,0.00" convBoundary="0.00,-7.00,320.00,7.00" origBoundary="0,0,1,1" projParameter="!"/>
+<edge id="east" from="A" to="B" priority="1" shape="0.00,0.00 300.00,0.00">
+<lane id="east_0" index="0" speed="13.89" length="300.00" width="3.50" shape="0.00,-5.25 300.00,-5.25"/>
+</edge>
+<junction id="A" type="dead_end" x="0.00" y="0.00" incLanes="" intLanes="" shape="0,-7 0,7"/>
+<junction id="B" type="dead_end" x="300.00" y="0.00" incLanes="east_0" intLanes="" shape="300,7 300,-7"/>
+</net>
+"""

@@ -1,0 +1,69 @@
+from pathlib import Path
+
+import pytest
+
+from siren_ros.errors import InputError
+from siren_ros.studies.draws import DrawPlan, Method
+from siren_ros.studies.matrix import Study
+from siren_ros.studies.study_file import grid_of, levels_of, ranges_of, read_study, seeds_of
+
+TEXT = """
+templates: [S1, S2]
+levels: [L0, own]
+seeds: [0:3, 7]
+maps: [town, some.xodr]
+preset: realistic
+draw:
+  method: latin_hypercube
+  samples: 16
+  ranges: {emv.speed_mps: [12, 15.5]}
+"""
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    file = tmp_path / "study.yaml"
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+def test_a_file_says_what_the_command_line_says(tmp_path: Path) -> None:
+    assert read_study(written(tmp_path, TEXT)) == Study(
+        templates=("S1", "S2"),
+        levels=levels_of(["L0", "own"]),
+        seeds=seeds_of(["0:3", "7"]),
+        maps=("town", "some.xodr"),
+        preset="realistic",
+        draws=DrawPlan(Method.LATIN_HYPERCUBE, samples=16, ranges=ranges_of(["emv.speed_mps=12:15.5"])),
+    )
+
+
+def test_a_grid_and_a_single_word(tmp_path: Path) -> None:
+    text = "templates: S3\nseeds: 4\ndraw: {method: grid, values: {emv.speed_mps: [12, 13]}}\n"
+    study = read_study(written(tmp_path, text))
+    assert study == Study(("S3",), seeds=(4,), draws=grid_of(["emv.speed_mps=12,13"]))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "levels: [L0]",
+        "templates: [S1]\nsize: 3",
+        "templates: [S1]\nlevels: [L7]",
+        "templates: [S1]\nseeds: [5:5]",
+        "templates: [S1]\nseeds: [-1]",
+        "templates: [S1]\ndraw: {method: sobol, samples: 3}",
+        "templates: [S1]\ndraw: {method: random}",
+        "templates: [S1]\ndraw: {method: grid, values: {a: [x]}}",
+        "templates: [S1]\ndraw: {method: random, samples: 3, ranges: {a: [1]}}",
+        "templates: {S1: 1}",
+    ],
+)
+def test_mistakes_are_refused(tmp_path: Path, text: str) -> None:
+    with pytest.raises(InputError):
+        read_study(written(tmp_path, text))
+
+
+@pytest.mark.parametrize("words", [["a"], ["a=1", "a=2"], ["a=x"]])
+def test_words_of_a_grid_that_make_no_sense_are_refused(words: list[str]) -> None:
+    with pytest.raises(InputError):
+        grid_of(words)

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
+from siren_ros.cli.named_path import named_path
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, SirenError
 from siren_ros.evaluation.prediction.metrics.displacement import MetricValue
 from siren_ros.evaluation.prediction.predictors import PREDICTORS, predictors_named
@@ -50,7 +51,7 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
     )
     task.add_argument(
         "--checkpoint",
-        type=_named_path,
+        type=named_path,
         action="append",
         default=[],
         metavar="NAME=PATH",
@@ -65,13 +66,6 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
     )
     task.add_argument("--out", type=Path, metavar="DIR", help="write every metric of every bag to scores.json there")
     task.set_defaults(run=run)
-
-
-def _named_path(text: str) -> tuple[str, Path]:
-    name, equals, path = text.partition("=")
-    if not (name and equals and path):
-        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=PATH")
-    return name, Path(path)
 
 
 def run(arguments: argparse.Namespace) -> int:

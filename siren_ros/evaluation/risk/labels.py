@@ -1,0 +1,113 @@
+"""Reference labels: Normal, Near-Miss or Collision, from contacts and surrogate safety measures."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from siren_ros.evaluation.risk.evidence import Evidence, Moments
+from siren_ros.evaluation.risk.risk_class import RiskClass
+from siren_ros.evaluation.surrogate_safety.conflict_measures import longest_run_s
+
+
+@dataclass(frozen=True)
+class RiskThresholds:
+    """From when on an interaction is a near-miss or a collision. The paper publishes none; each has its source."""
+
+    time_to_collision_s: float = 1.5
+    """TTC below which a conflict is serious (Hayward 1972; van der Horst 1990: 1.5 s)."""
+    time_to_collision_for_s: float = 0.2
+    """How long without interruption, so that a flicker of one step is none."""
+    closing_mps: float = 1.0
+    """Slower closing is manoeuvring in a queue."""
+    post_encroachment_s: float = 1.0
+    """PET below which an encroachment is serious (Allen, Shin and Cooper 1978; Peesapati et al. 2018: 1 s)."""
+    required_deceleration_mps2: float = 3.4
+    """DRAC above which a driver brakes uncomfortably (AASHTO Green Book: 3.4 m/s² is what most drivers accept)."""
+    gap_m: float = 10.0
+    """Farther away a high DRAC still leaves a way out."""
+    impact_mps: float = 1.4
+    """Walking pace; a slower contact counts as a near-miss."""
+
+
+class Reason(StrEnum):
+    """What decided a label."""
+
+    NOTHING = "nothing"
+    TIME_TO_COLLISION = "time_to_collision"
+    POST_ENCROACHMENT = "post_encroachment"
+    REQUIRED_DECELERATION = "required_deceleration"
+    CONTACT = "contact"
+
+
+@dataclass(frozen=True)
+class RiskLabel:
+    """A class, and the moment that decided it."""
+
+    risk: RiskClass
+    reason: Reason = Reason.NOTHING
+    actor_id: int = 0
+    """The civilian; 0 without a conflict."""
+    step: int = 0
+    """Of the episode; 0 without a conflict."""
+    value: float = 0.0
+    """The measure's: seconds, m/s² or m/s."""
+
+
+def label_of(evidence: Evidence, thresholds: RiskThresholds) -> RiskLabel:
+    """The label of a window: the most severe finding, and of equal ones the earliest."""
+    findings = [
+        *_contacts(evidence, thresholds),
+        *_short_times(evidence.moments, thresholds),
+        *_encroachments(evidence, thresholds),
+        *_hard_decelerations(evidence.moments, thresholds),
+    ]
+    return min(findings, key=lambda label: (-label.risk, label.step), default=RiskLabel(RiskClass.NORMAL))
+
+
+def _contacts(evidence: Evidence, thresholds: RiskThresholds) -> list[RiskLabel]:
+    return [
+        RiskLabel(
+            RiskClass.COLLISION if contact.impact_mps > thresholds.impact_mps else RiskClass.NEAR_MISS,
+            Reason.CONTACT,
+            contact.actor_id,
+            contact.step,
+            contact.impact_mps,
+        )
+        for contact in evidence.contacts
+    ]
+
+
+def _short_times(moments: Moments, thresholds: RiskThresholds) -> list[RiskLabel]:
+    short = moments.time_to_collision_s < thresholds.time_to_collision_s
+    short &= moments.closing_mps > thresholds.closing_mps
+    found = []
+    for actor_id in np.unique(moments.actor_id[short]).tolist():
+        rows = np.flatnonzero((moments.actor_id == actor_id) & short)
+        steps = moments.step[rows]
+        # Steps are whole, so that a run of four is 0.2 s; the small amount is for the division's last digit.
+        if longest_run_s(np.ones(len(rows), dtype=np.bool_), steps) >= thresholds.time_to_collision_for_s - 1e-9:
+            least = rows[np.argmin(moments.time_to_collision_s[rows])]
+            found.append(_near_miss(Reason.TIME_TO_COLLISION, moments, int(least), moments.time_to_collision_s[least]))
+    return found
+
+
+def _encroachments(evidence: Evidence, thresholds: RiskThresholds) -> list[RiskLabel]:
+    return [
+        RiskLabel(RiskClass.NEAR_MISS, Reason.POST_ENCROACHMENT, one.actor_id, one.step, one.time_s)
+        for one in evidence.encroachments
+        if one.time_s < thresholds.post_encroachment_s
+    ]
+
+
+def _hard_decelerations(moments: Moments, thresholds: RiskThresholds) -> list[RiskLabel]:
+    hard = moments.required_deceleration_mps2 > thresholds.required_deceleration_mps2
+    rows = np.flatnonzero(hard & (moments.gap_m < thresholds.gap_m))
+    if not len(rows):
+        return []
+    hardest = int(rows[np.argmax(moments.required_deceleration_mps2[rows])])
+    return [_near_miss(Reason.REQUIRED_DECELERATION, moments, hardest, moments.required_deceleration_mps2[hardest])]
+
+
+def _near_miss(reason: Reason, moments: Moments, row: int, value: float) -> RiskLabel:
+    return RiskLabel(RiskClass.NEAR_MISS, reason, int(moments.actor_id[row]), int(moments.step[row]), float(value))

@@ -1,0 +1,35 @@
+"""Confusion matrices as a picture: overall and for each template."""
+
+from pathlib import Path
+from typing import Final
+
+from matplotlib.figure import Figure
+
+from siren_ros.evaluation.risk.risk_class import TITLES
+from siren_ros.evaluation.risk.scoring import ModelScores
+
+_COLUMNS: Final = 4
+
+
+def save_confusions(model: ModelScores, path: Path) -> None:
+    """Draws all confusion matrices of a model; shades are shares of each label's videos, numbers are counts."""
+    groups = [("all templates", model.overall), *model.by_template.items()]
+    rows = -(-len(groups) // _COLUMNS)
+    figure = Figure(figsize=(3.1 * _COLUMNS, 2.9 * rows), layout="constrained")
+    panels = figure.subplots(rows, _COLUMNS, squeeze=False).ravel()
+    for panel, (name, counts) in zip(panels, groups, strict=False):
+        totals = counts.sum(axis=1, keepdims=True)
+        panel.imshow(counts / totals.clip(1), vmin=0.0, vmax=1.0, cmap="Blues")
+        for row, values in enumerate(counts.tolist()):
+            for column, count in enumerate(values):
+                dark = count > 0.6 * max(1, int(totals[row, 0]))
+                panel.text(column, row, str(count), ha="center", va="center", color="white" if dark else "black")
+        panel.set_title(f"{name} (n = {int(counts.sum())})", fontsize=10)
+        panel.set_xticks(range(len(TITLES) + 1), [*TITLES, "none"], fontsize=7)
+        panel.set_yticks(range(len(TITLES)), TITLES, fontsize=8, rotation=90, va="center")
+        panel.set_xlabel("answer", fontsize=8)
+        panel.set_ylabel("label", fontsize=8)
+    for panel in panels[len(groups) :]:
+        panel.set_visible(False)
+    figure.suptitle(model.name)
+    figure.savefig(path, dpi=110)

@@ -1,0 +1,130 @@
+"""The risk task's tables: for the terminal, as CSV, as LaTeX and as JSON."""
+
+import csv
+import io
+from collections.abc import Sequence
+from typing import Any, Final
+
+from siren_ros.evaluation.risk.reports.paper_table import PAPER_SCORES
+from siren_ros.evaluation.risk.risk_class import TITLES, RiskClass
+from siren_ros.evaluation.risk.scores import SCORES
+from siren_ros.evaluation.risk.scoring import ModelScores
+
+_COLUMNS: Final = {
+    "Acc.": "accuracy",
+    "bal. Acc.": "balanced_accuracy",
+    "macro F1": "macro_f1",
+    **{
+        f"{short} {title}": f"{score}_{risk.name.lower()}"
+        for risk, title in zip(RiskClass, TITLES, strict=True)
+        for short, score in (("P", "precision"), ("R", "recall"), ("F1", "f1"))
+    },
+}
+"""Heading and score of the printed columns."""
+
+
+def text_table(models: Sequence[ModelScores], *, compare_paper: bool) -> list[str]:
+    """Lines for a terminal: percentages, with the interval of the accuracy and of macro F1; - where not valid."""
+    rows = [["model", "videos", *_COLUMNS]]
+    for model in models:
+        scores = model.scores
+        cells = [
+            f"{100.0 * scores[name].value:.2f}" + _bounds(model, name) if scores[name].valid else "-"
+            for name in _COLUMNS.values()
+        ]
+        rows.append([model.name, f"{model.answered}/{model.videos}", *cells])
+    if compare_paper:
+        for name, paper in PAPER_SCORES.items():
+            cells = [f"{100.0 * paper[score]:.2f}" if score in paper else "" for score in _COLUMNS.values()]
+            rows.append([f"{name} (paper)", "105", *cells])
+    return aligned(rows)
+
+
+def confusion_lines(model: ModelScores) -> list[str]:
+    """A model's confusion matrices, overall and by template; rows are the labels, columns the answers."""
+    rows = [[model.name, "label", *TITLES, "unreadable"]]
+    for name, counts in (("all", model.overall), *model.by_template.items()):
+        rows += [
+            [name if risk == 0 else "", TITLES[risk], *(str(value) for value in counts[risk])] for risk in RiskClass
+        ]
+    return aligned(rows)
+
+
+def csv_table(models: Sequence[ModelScores]) -> str:
+    """One row for each model, group (all or a template) and score; without value where not valid."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["model", "group", "score", "value", "low", "high", "videos"])
+    for model in models:
+        for group, counts in (("all", model.overall), *model.by_template.items()):
+            for name, score in SCORES.items():
+                found = score(counts)
+                value = f"{found.value:.6f}" if found.valid else ""
+                bounds = ["", ""]
+                if group == "all" and found.valid:
+                    bounds = [f"{model.intervals[name].low:.6f}", f"{model.intervals[name].high:.6f}"]
+                writer.writerow([model.name, group, name, value, *bounds, int(counts.sum())])
+    return text.getvalue()
+
+
+def latex_table(models: Sequence[ModelScores], *, compare_paper: bool) -> str:
+    """The paper's table: accuracy, and precision and F1 of each class, in percent."""
+    names = ["accuracy", *(f"{score}_{risk.name.lower()}" for risk in RiskClass for score in ("precision", "f1"))]
+    lines = [
+        r"\begin{tabular}{@{}lccccccc@{}}",
+        r"\toprule",
+        " & & " + " & ".join(rf"\multicolumn{{2}}{{c}}{{{title}}}" for title in TITLES) + r" \\",
+        "Model & Acc. & " + " & ".join(["Prec. & F1"] * len(TITLES)) + r" \\",
+        r"\midrule",
+    ]
+    for model in models:
+        scores = model.scores
+        lines.append(_latex_row(model.name, [scores[name].value for name in names]))
+    if compare_paper:
+        lines.append(r"\midrule")
+        lines += [
+            _latex_row(f"{name} (paper)", [paper[score] for score in names]) for name, paper in PAPER_SCORES.items()
+        ]
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
+
+
+def as_json(models: Sequence[ModelScores]) -> dict[str, Any]:
+    """Everything: scores with intervals, and the confusion matrices (rows labels; columns answers, then unreadable)."""
+    return {
+        "classes": list(TITLES),
+        "models": {
+            model.name: {
+                "videos": model.videos,
+                "answered": model.answered,
+                "scores": {
+                    name: {
+                        "value": score.value if score.valid else None,
+                        "low": model.intervals[name].low if score.valid else None,
+                        "high": model.intervals[name].high if score.valid else None,
+                    }
+                    for name, score in model.scores.items()
+                },
+                "confusion": model.overall.tolist(),
+                "confusion_by_template": {key: counts.tolist() for key, counts in model.by_template.items()},
+            }
+            for model in models
+        },
+    }
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Rows as lines with columns of equal width."""
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    return ["  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+def _bounds(model: ModelScores, name: str) -> str:
+    if name not in {"accuracy", "macro_f1"}:
+        return ""
+    interval = model.intervals[name]
+    return f" [{100.0 * interval.low:.0f}, {100.0 * interval.high:.0f}]" if interval.bounded else ""
+
+
+def _latex_row(name: str, values: Sequence[float]) -> str:
+    escaped = name.replace("_", r"\_").replace("%", r"\%").replace("&", r"\&")
+    return " & ".join([escaped, *(f"{100.0 * value:.2f}" for value in values)]) + r" \\"

@@ -1,0 +1,68 @@
+"""Only conflicts with civilians that the camera saw are evidence."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from evaluation.made_records import Track, moving, record_with
+
+from siren_ros.evaluation.risk.evidence import SEEN_BEFORE_STEPS, Camera, Evidence, evidence_of
+from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.sensors.suite.mount import Mount
+from siren_ros.world.events import Event, EventKind
+
+EMV = 1
+FRONT = Camera(Mount(2.5, 0.0, 1.0), float(np.radians(100.0)))
+
+
+def seen(
+    network: RoadNetwork, others: dict[int, Track], steps: tuple[int, int] = (0, 40), yaw_rad: float = 0.0
+) -> Evidence:
+    tracks = {EMV: moving(0.0, 0.0, 10.0, yaw_rad=yaw_rad, steps=41, is_emv=True), **others}
+    return evidence_of(record_with(tracks, network), EMV, FRONT, steps)
+
+
+@pytest.mark.parametrize("turned_rad", [0.0, 1.1, -2.3])
+def test_ahead_is_seen_and_behind_is_not(straight_road: RoadNetwork, turned_rad: float) -> None:
+    """One stands ahead; another comes up from behind, faster than the EMV."""
+    cos, sin = np.cos(turned_rad), np.sin(turned_rad)
+    ahead = moving(30.0 * cos, 30.0 * sin, 0.0, yaw_rad=turned_rad, steps=41)
+    behind = moving(-20.0 * cos, -20.0 * sin, 18.0, yaw_rad=turned_rad, steps=41)
+    found = seen(straight_road, {5: ahead, 6: behind}, yaw_rad=turned_rad)
+    assert set(found.moments.actor_id.tolist()) == {5}
+    assert len(found.moments) > 10
+
+
+def test_the_window_limits_the_evidence(straight_road: RoadNetwork) -> None:
+    found = seen(straight_road, {5: moving(30.0, 0.0, 0.0, steps=41)}, (10, 20))
+    assert found.moments.step.tolist() == list(range(10, 20))
+
+
+def test_who_was_seen_counts_for_two_seconds(straight_road: RoadNetwork) -> None:
+    """The EMV passes a standing car within a second: a contact soon after counts, one much later does not."""
+    count = SEEN_BEFORE_STEPS + 60
+    tracks = {EMV: moving(0.0, 0.0, 10.0, steps=count, is_emv=True), 5: moving(6.0, 3.0, 0.0, steps=count)}
+    soon = Event(30, EventKind.COLLISION, EMV, 5, detail={"impact_speed_mps": 2.0})
+    late = replace(soon, step=SEEN_BEFORE_STEPS + 50)
+    record = replace(record_with(tracks, straight_road), events=(soon, late))
+    assert [one.step for one in evidence_of(record, EMV, FRONT, (0, count)).contacts] == [30]
+
+
+def test_contacts_of_others_are_not_the_emvs(straight_road: RoadNetwork) -> None:
+    tracks = {EMV: moving(0.0, 0.0, 0.0, is_emv=True), 5: moving(20.0, 0.0, 0.0), 6: moving(26.0, 0.0, 0.0)}
+    record = record_with(tracks, straight_road)
+    events = (
+        Event(9, EventKind.COLLISION, 5, 6, detail={"impact_speed_mps": 3.0}),
+        Event(12, EventKind.COLLISION, 6, EMV, detail={"impact_speed_mps": 2.5}),
+    )
+    found = evidence_of(replace(record, events=events), EMV, FRONT, (0, 100))
+    assert [(one.actor_id, one.step, one.impact_mps) for one in found.contacts] == [(6, 12, 2.5)]
+
+
+def test_a_vehicle_that_crosses_just_before(straight_road: RoadNetwork) -> None:
+    crossing = moving(30.0, -6.0, 10.0, yaw_rad=np.pi / 2.0, steps=81)
+    tracks = {EMV: moving(0.0, 0.0, 15.0, steps=81, is_emv=True), 5: crossing}
+    found = evidence_of(record_with(tracks, straight_road), EMV, FRONT, (0, 81))
+    (encroachment,) = found.encroachments
+    assert encroachment.actor_id == 5
+    assert 0.3 < encroachment.time_s < 1.3

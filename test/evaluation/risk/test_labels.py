@@ -1,0 +1,82 @@
+"""Labels at and around every threshold."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from siren_ros.evaluation.risk.evidence import Evidence, Moments, SeenContact, SeenEncroachment
+from siren_ros.evaluation.risk.labels import Reason, RiskThresholds, label_of
+from siren_ros.evaluation.risk.risk_class import RiskClass
+
+LIMITS = RiskThresholds()
+
+
+def moments(count: int, ttc_s: float, closing_mps: float, drac_mps2: float = 0.0, gap_m: float = 5.0) -> Moments:
+    """Consecutive steps of one civilian from step 100 on."""
+    full = np.ones(count)
+    return Moments(
+        100 + np.arange(count),
+        np.full(count, 7, np.uint32),
+        ttc_s * full,
+        closing_mps * full,
+        drac_mps2 * full,
+        gap_m * full,
+    )
+
+
+NOTHING = moments(0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("count", "ttc_s", "closing_mps", "near"),
+    [(4, 1.49, 1.1, True), (3, 1.49, 1.1, False), (4, 1.51, 1.1, False), (4, 1.49, 0.9, False), (20, 0.0, 5.0, True)],
+)
+def test_a_short_time_to_collision_has_to_last(count: int, ttc_s: float, closing_mps: float, near: bool) -> None:
+    label = label_of(Evidence(moments(count, ttc_s, closing_mps), (), ()), LIMITS)
+    assert label.risk is (RiskClass.NEAR_MISS if near else RiskClass.NORMAL)
+    assert label.reason is (Reason.TIME_TO_COLLISION if near else Reason.NOTHING)
+
+
+def test_an_interruption_begins_anew() -> None:
+    whole = moments(6, 1.0, 3.0)
+    parted = replace(whole, step=np.array([100, 101, 102, 104, 105, 106]))
+    assert label_of(Evidence(whole, (), ()), LIMITS).risk is RiskClass.NEAR_MISS
+    assert label_of(Evidence(parted, (), ()), LIMITS).risk is RiskClass.NORMAL
+
+
+def test_two_civilians_do_not_add_up() -> None:
+    two = replace(moments(6, 1.0, 3.0), actor_id=np.array([7, 7, 7, 8, 8, 8], np.uint32))
+    assert label_of(Evidence(two, (), ()), LIMITS).risk is RiskClass.NORMAL
+
+
+@pytest.mark.parametrize(("time_s", "near"), [(0.95, True), (1.0, False)])
+def test_encroachment(time_s: float, near: bool) -> None:
+    label = label_of(Evidence(NOTHING, (SeenEncroachment(9, 50, time_s),), ()), LIMITS)
+    assert label.risk is (RiskClass.NEAR_MISS if near else RiskClass.NORMAL)
+    assert (label.actor_id, label.step) == ((9, 50) if near else (0, 0))
+
+
+@pytest.mark.parametrize(("drac_mps2", "gap_m", "near"), [(3.5, 9.9, True), (3.5, 10.1, False), (3.3, 5.0, False)])
+def test_hard_braking_needed_nearby(drac_mps2: float, gap_m: float, near: bool) -> None:
+    label = label_of(Evidence(moments(1, 2.0, 8.0, drac_mps2, gap_m), (), ()), LIMITS)
+    assert label.risk is (RiskClass.NEAR_MISS if near else RiskClass.NORMAL)
+
+
+@pytest.mark.parametrize(("impact_mps", "risk"), [(1.5, RiskClass.COLLISION), (1.3, RiskClass.NEAR_MISS)])
+def test_contacts_by_their_speed(impact_mps: float, risk: RiskClass) -> None:
+    label = label_of(Evidence(NOTHING, (), (SeenContact(3, 80, impact_mps),)), LIMITS)
+    assert (label.risk, label.reason, label.actor_id, label.value) == (risk, Reason.CONTACT, 3, impact_mps)
+
+
+def test_the_most_severe_decides_and_then_the_earliest() -> None:
+    conflict, contact = moments(8, 1.0, 5.0), SeenContact(3, 300, 4.0)
+    encroachments = (SeenEncroachment(9, 90, 0.5), SeenEncroachment(8, 95, 0.1))
+    assert label_of(Evidence(conflict, encroachments, (contact,)), LIMITS).step == 300
+    assert label_of(Evidence(conflict, encroachments, ()), LIMITS).step == 90
+
+
+def test_thresholds_are_parameters() -> None:
+    evidence = Evidence(moments(8, 2.0, 5.0), (), ())
+    assert label_of(evidence, LIMITS).risk is RiskClass.NORMAL
+    assert label_of(evidence, replace(LIMITS, time_to_collision_s=2.5)).risk is RiskClass.NEAR_MISS

@@ -1,0 +1,54 @@
+"""Scores of a model overall and by template, references, and what tables say."""
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from siren_ros.evaluation.risk.references import majority, oracle
+from siren_ros.evaluation.risk.reports.confusion_picture import save_confusions
+from siren_ros.evaluation.risk.reports.tables import as_json, confusion_lines, csv_table, latex_table, text_table
+from siren_ros.evaluation.risk.risk_class import RiskClass
+from siren_ros.evaluation.risk.scoring import score_answers
+from siren_ros.evaluation.risk.video_set import VideoSet
+
+
+def test_references(small_set: VideoSet) -> None:
+    most, best = (score_answers("x", small_set, answers(small_set)) for answers in (majority, oracle))
+    assert most.scores["accuracy"].value == 0.5
+    assert most.scores["balanced_accuracy"].value == pytest.approx(1 / 3)
+    assert not most.scores["precision_collision"].valid
+    assert best.scores["accuracy"].value == best.scores["macro_f1"].value == 1.0
+    assert (best.intervals["accuracy"].low, best.intervals["accuracy"].high) == (1.0, 1.0)
+    assert 0.0 <= most.intervals["accuracy"].low < 0.5 < most.intervals["accuracy"].high <= 1.0
+
+
+def test_only_answered_videos_count(small_set: VideoSet) -> None:
+    found = score_answers("x", small_set, {"S4_000": RiskClass.NORMAL, "S6_005": None})
+    assert (found.answered, found.videos) == (2, 6)
+    assert found.scores["accuracy"].value == 0.5
+    assert found.by_template["S4"].tolist() == [[1, 0, 0, 0], [0] * 4, [0] * 4]
+    assert found.by_template["S6"][RiskClass.COLLISION].tolist() == [0, 0, 0, 1]
+    assert (found.by_template["S4"] + found.by_template["S6"] == found.overall).all()
+
+
+def test_tables_say_the_same(small_set: VideoSet, tmp_path: Path) -> None:
+    first, second = (score_answers(name, small_set, of(small_set)) for name, of in (("m_1", majority), ("o", oracle)))
+    models = [first, second]
+    printed = text_table(models, compare_paper=True)
+    assert len(printed) == 1 + 2 + 5
+    assert "50.00 [" in printed[1]
+    assert "6/6" in printed[2]
+    assert any("49.52" in line and "paper" in line for line in printed)
+    rows = {(row["model"], row["group"], row["score"]): row for row in csv.DictReader(csv_table(models).splitlines())}
+    assert float(rows["m_1", "all", "accuracy"]["value"]) == 0.5
+    assert {group for _, group, _ in rows} == {"all", "S4", "S6"}
+    assert rows["o", "S4", "recall_collision"]["value"] == ""
+    assert r"m\_1 & 50.00 & 50.00 & 66.67 & 0.00" in latex_table(models, compare_paper=False)
+    content = json.loads(json.dumps(as_json(models)))
+    assert content["models"]["o"]["scores"]["macro_f1"]["value"] == 1.0
+    assert content["models"]["m_1"]["scores"]["precision_near_miss"]["value"] is None
+    assert confusion_lines(first)[2].split() == ["Near-Miss", "2", "0", "0", "0"]
+    save_confusions(first, tmp_path / "confusion.png")
+    assert tmp_path.joinpath("confusion.png").stat().st_size > 10_000

@@ -10,7 +10,6 @@ import json
 import os
 import subprocess
 import sys
-import venv
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +19,12 @@ from repository import REPOSITORY
 CACHE = REPOSITORY / ".venv.readers"
 READERS = Path(__file__).parent / "datasets" / "readers"
 PACKAGES = {
-    # Open3D-ML, which open3d brings, imports these two; the project's own packages are seen, too.
+    # Open3D-ML, which open3d brings, imports these two.
     "open3d_ml": ("--no-deps", "addict", "scikit-learn", "joblib", "threadpoolctl", "narwhals"),
     "nuscenes": ("numpy<2", "nuscenes-devkit==1.2.0"),
-    # av2 asks for torch and more, which its readers of scenarios and maps do not import.
-    "av2": ("numpy<2", "pandas<3", "pyarrow<22", "shapely", "scipy", "joblib", "rich", "pyproj", "universal-pathlib",
-            "matplotlib", "av", "opencv-python-headless<4.12", "numba", "polars"),
+    # av2 asks for torch and more, which its readers of scenarios and maps do not import. pandas reads csv files, too.
+    "av2": ("--no-deps", "av2==0.3.6", "pandas<3", "pytz", "tzdata", "polars", "polars-runtime-32", "rich", "pyproj",
+            "certifi", "universal-pathlib", "fsspec", "pathlib-abc", "joblib", "opencv-python-headless<4.12"),
     "commonroad": ("commonroad-io==2026.1", "xmlschema"),
     "scenariogeneration": ("scenariogeneration==0.16.7", "xmlschema"),
     "metadrive": ("metadrive-simulator==0.4.3",),
@@ -33,14 +32,13 @@ PACKAGES = {
     # Also writes the recordings: it runs the export.
     "rerun": ("--no-deps", "rerun-sdk>=0.23,<0.24"),
 }  # fmt: skip
-WITHOUT_DEPENDENCIES = {"av2": ("av2==0.3.6",)}
-SEES_THE_PROJECT = {"open3d_ml", "rerun"}
+SEES_THE_PROJECT = {"open3d_ml", "av2", "rerun"}
+"""Readers that use the project's own packages where they need them, numpy for one, and install only what is missing."""
 
 
 def python_of(reader: str) -> Path:
     """The interpreter of a reader's environment; makes the environment where it is missing, or skips the test."""
-    words = (*PACKAGES[reader], *WITHOUT_DEPENDENCIES.get(reader, ()))
-    key = hashlib.sha256(" ".join((sys.version, *words)).encode()).hexdigest()[:12]
+    key = hashlib.sha256(" ".join((sys.version, *PACKAGES[reader])).encode()).hexdigest()[:12]
     folder = CACHE / f"{reader}-{key}"
     CACHE.mkdir(exist_ok=True)
     with (CACHE / f"{reader}.lock").open("w") as lock:
@@ -51,19 +49,34 @@ def python_of(reader: str) -> Path:
 
 
 def _make(reader: str, folder: Path) -> None:
-    venv.create(folder, clear=True, with_pip=True)
+    uv = _uv()
+    if uv:
+        made = _run(*uv, "venv", "--clear", "--python", sys.executable, folder)
+        install = [*uv, "pip", "install", "--python", folder / "bin" / "python"]
+    else:
+        made = _run(sys.executable, "-m", "venv", "--clear", folder)
+        install = [folder / "bin" / "python", "-m", "pip", "install", "--retries", "1"]
+    assert made.returncode == 0, made.stderr
     if reader in SEES_THE_PROJECT:
         site = next(folder.glob("lib/python3*/site-packages"))
         project = next(Path(path) for path in sys.path if path.endswith("site-packages"))
         (site / "project.pth").write_text(f"{project}\n{REPOSITORY}\n")
-    for packages in (PACKAGES[reader], WITHOUT_DEPENDENCIES.get(reader, ())):
-        if packages:
-            more = ["--no-deps"] if packages is not PACKAGES[reader] else []
-            command = [folder / "bin" / "python", "-m", "pip", "install", "-q", "--retries", "1", *more, *packages]
-            done = subprocess.run(command, capture_output=True, text=True, check=False, env=_plain_environment())
-            if done.returncode:
-                pytest.skip(f"the reader {reader} cannot be installed: {done.stderr.strip().splitlines()[-1]}")
+    done = _run(*install, "-q", *PACKAGES[reader])
+    if done.returncode:
+        pytest.skip(f"the reader {reader} cannot be installed: {done.stderr.strip().splitlines()[-1]}")
     (folder / "complete").touch()
+
+
+def _uv() -> list[object]:
+    """The project's own uv, which shares files between environments and needs seconds; without one, pip serves."""
+    uv = Path(sys.prefix) / "bin" / "uv"
+    return [sys.executable, REPOSITORY / "tools" / "environment" / "uv_like_pip.py"] if uv.exists() else []
+
+
+def _run(*command: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        list(map(str, command)), capture_output=True, text=True, check=False, env=_plain_environment()
+    )
 
 
 def _plain_environment() -> dict[str, str]:

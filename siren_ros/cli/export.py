@@ -73,6 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     job = ExportJob(
         made, options, bags_among(arguments.bags), arguments.out, arguments.jobs, arguments.split, arguments.licence
     )
+    tqdm.monitor_interval = 0  # no thread of tqdm: workers are forked, which is sound without threads
     bar_format = "{l_bar}{bar}| {n:.0f}/{total:.0f} s of episodes [{elapsed}<{remaining}]"
     with tqdm(total=0, unit="s", bar_format=bar_format, disable=None, desc=f"export {made.name}") as bar:
         result = run_export(job, bar.reset, lambda step_s: _advance(bar, step_s))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from reader_environments import read_with
 
 from siren_ros.cli.main import main
 from siren_ros.datasets.trajectory_csv import COLUMNS, trajectory_csv, type_id_of
@@ -98,3 +99,20 @@ def test_the_region_holds_whoever_is_near_the_emv(
     members = zip(record.states, regions_of(record.states, record.emv_ids), strict=True)
     assert there == {(state.step, key) for state, ids in members if state.step % 2 == 0 for key in ids.tolist()}
     assert len(lines) < 40 * 5
+
+
+def test_pandas_reads_numbers_and_tracks(write_bag: Callable[..., Path], tmp_path: Path, record: EpisodeRecord) -> None:
+    bag = write_bag(tmp_path / "bag", duration_s=4.0)
+    assert main(["export", "csv", str(bag), "--out", str(tmp_path / "out")]) == 0
+    read = read_with("av2", "read_csv.py", tmp_path / "out" / "trajectory.csv")
+    kinds = dict.fromkeys(COLUMNS, "f") | {"step": "i", "actor_id": "i", "is_emv": "i", "type_id": "O"}
+    assert read["types"] == kinds
+    assert (read["missing"], read["speed_error_mps"]) == (0, pytest.approx(0.0, abs=2e-4))
+    assert list(read["tracks"]) == [str(actor.actor_id) for actor in record.actors]
+    for name, found in read["tracks"].items():
+        track = record.track(int(name))
+        assert found["period_s"] == [0.1]
+        assert found["is_emv"] == (int(name) in record.emv_ids)
+        assert found["steps"] == track.step[::2].tolist()
+        assert found["x"] == pytest.approx(track.x_m[::2].tolist(), abs=1e-4)
+        assert found["y"] == pytest.approx((-track.y_m[::2]).tolist(), abs=1e-4)

@@ -95,7 +95,7 @@ def run_episode(cosim: Cosim, interrupt: Interrupt) -> int:
         composition.stop(STOP_S, cosim.master.state.late)
         executor.shutdown()
     state = cosim.master.state
-    print("\n".join(closing_summary(cosim.plan.bag, cosim.plan.kitti, state, cosim.outcome, cosim.progress.wall_s)))
+    print("\n".join(closing_summary(cosim.plan, state, cosim.outcome, cosim.progress.wall_s)))
     if state.end is EpisodeEnd.COMPLETE:
         return EXIT_OK
     print(f"cosim: {state.reason}", file=sys.stderr)

@@ -14,7 +14,7 @@ from siren_ros.ros.parameters.node_configs import DEFAULT_PARTICIPANTS, CosimCon
 from siren_ros.ros.parameters.parameters import Value
 from siren_ros.ros.programs.composition import Overrides
 from siren_ros.scenario.request import EpisodeRequest
-from siren_ros.sensors.suite.suite import EXPORTED_CAMERA, SensorSuite, load_suite
+from siren_ros.sensors.suite.suite import EXPORTED_CAMERA, load_suite
 from siren_ros.world.commands import AV_SOURCE
 
 TRAILING: Final = frozenset({"sensor_sim", "recorder", "kitti_exporter"})
@@ -22,6 +22,10 @@ TRAILING: Final = frozenset({"sensor_sim", "recorder", "kitti_exporter"})
 processes, or in one process on the threads that cast rays and draw."""
 SETTLE_S: Final = 0.25
 """For participants that other programs start; discovery on one machine takes 0.05 s."""
+_NO_CAMERA: Final = (
+    f"the suite has no {EXPORTED_CAMERA}; `-p sensors:=front` has one, `-p kitti_layout:=paper` needs none, and "
+    "`-p kitti:=false` asks for no export"
+)
 _NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}")
 
 
@@ -37,6 +41,8 @@ class EpisodePlan:
     bag: Path
     kitti: Path | None
     """Folder of the KITTI export, None without one."""
+    no_kitti: str
+    """What a suite with a LiDAR lacks for the KITTI export that is wanted, and the parameter that helps; else empty."""
     overrides: Mapping[str, Overrides]
     """Parameters of each node; the recorder comes first, because a bag that exists already ends the episode."""
 
@@ -65,7 +71,9 @@ def plan_episode(config: CosimConfig) -> EpisodePlan:
     request = EpisodeRequest.within(config)
     suite = load_suite(config.sensors)
     bag = Path(config.bag) if config.bag else default_bag_path(request)
-    kitti = default_kitti_path(bag) if config.kitti and _kitti_can_be_written(suite, config.kitti_layout) else None
+    has_camera = any(camera.name == EXPORTED_CAMERA for camera in suite.cameras) or _is_paper(config.kitti_layout)
+    kitti = default_kitti_path(bag) if config.kitti and suite.lidars and has_camera else None
+    no_kitti = _NO_CAMERA if config.kitti and suite.lidars and not has_camera else ""
     nodes = (*DEFAULT_PARTICIPANTS, *(("kitti_exporter",) if kitti else ()))
     told: dict[str, dict[str, Value]] = {name: {"participants": list(nodes)} for name in ("recorder", *nodes)}
     told["sumo_bridge"].update(asdict(request))
@@ -74,13 +82,11 @@ def plan_episode(config: CosimConfig) -> EpisodePlan:
         told["kitti_exporter"] |= {"out": str(kitti), "layout": config.kitti_layout}
     others = (*_checked_names(config.external), *((AV_SOURCE,) if config.av else ()))
     told["sensor_sim"]["trails"] = not others and config.realtime_factor == 0.0
-    return EpisodePlan(nodes, others, plan_length(request), bag, kitti, told)
+    return EpisodePlan(nodes, others, plan_length(request), bag, kitti, no_kitti, told)
 
 
-def _kitti_can_be_written(suite: SensorSuite, layout: str) -> bool:
-    """A LiDAR is needed, and for KITTI's own layout the front camera."""
-    has_camera = any(camera.name == EXPORTED_CAMERA for camera in suite.cameras)
-    return bool(suite.lidars) and (has_camera or Layout(layout) is Layout.PAPER)
+def _is_paper(layout: str) -> bool:
+    return Layout(layout) is Layout.PAPER
 
 
 def _checked_names(names: list[str]) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ from siren_ros.lockstep.lockstep import LockstepState
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.bag_metadata import read_message_counts
 from siren_ros.recording.working_folder import working_path
+from siren_ros.ros.programs.episode_plan import EpisodePlan
 from siren_ros.ros.programs.progress import time_table
 from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
 
@@ -13,22 +14,23 @@ _MEGABYTE = 1_000_000.0
 
 
 def closing_summary(
-    bag: Path, kitti: Path | None, state: LockstepState, outcome: EpisodeOutcome | None, wall_s: float
+    plan: EpisodePlan, state: LockstepState, outcome: EpisodeOutcome | None, wall_s: float
 ) -> list[str]:
     """Lines about the end of the episode, its files and its wall time.
 
     Args:
-        bag: Final folder of the bag; an episode that did not complete has its partial bag next to it.
-        kitti: Folder of the KITTI export, None without one.
+        plan: With the final folder of the bag; an episode that did not complete has its partial bag next to it.
         state: The lockstep at the end.
         outcome: The recorder's judgement; None where there is none.
         wall_s: Wall time from the first step to the last.
     """
     steps = state.steps_closed
     lines = [f"episode {state.end.value} after {steps * STEP_S:.2f} s ({steps} steps)" + _because(state.reason)]
-    lines += _bag_lines(bag, state.end)
-    if kitti is not None and kitti.is_dir():
-        lines.append(f"KITTI export: {kitti}")
+    lines += _bag_lines(plan.bag, state.end)
+    if plan.kitti is not None and plan.kitti.is_dir():
+        lines.append(f"KITTI export: {plan.kitti}")
+    if plan.no_kitti:
+        lines.append(f"no KITTI export: {plan.no_kitti}")
     lines += _outcome_lines(outcome)
     if wall_s and steps:
         lines.append(f"real-time factor {steps * STEP_S / wall_s:.2f} ({wall_s:.1f} s of wall time)")

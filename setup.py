@@ -36,6 +36,10 @@ RERUN = [
     "rerun-sdk>=0.23,<0.24",  # writes `siren export rerun`; later ones need numpy 2
 ]
 
+MODELS = [
+    "torch>=2.6,<3",  # runs CSP, STDAN and BAT; from 2.6 on, loading weights alone cannot be tricked into running code
+]
+
 DEVELOPMENT = [
     "pytest>=8",  # runs the tests
     "pytest-timeout>=2.3",  # a test that hangs fails instead
@@ -101,7 +105,7 @@ setup(
         *data_files_below("params"),
     ],
     install_requires=DEPENDENCIES,
-    extras_require={"rerun": RERUN, "dev": DEVELOPMENT},
+    extras_require={"rerun": RERUN, "models": MODELS, "dev": DEVELOPMENT},
     zip_safe=False,
     entry_points={
         "console_scripts": [

@@ -39,6 +39,7 @@ LAYERS = {
         "reports",
         "scoring",
         "predictors",
+        "published",
         "baselines",
         "metrics",
         "protocol",
@@ -97,6 +98,8 @@ APART = {
 """Folders that must not import each other, whatever their order."""
 ROS_MODULES = {"rclpy", "rcl_interfaces", "siren_msgs", "sensor_msgs", "std_msgs", "nav_msgs", "geometry_msgs"}
 KNOWS_ROS = ("siren_ros/ros/", "nodes/")
+KNOWS_TORCH = ("siren_ros/evaluation/prediction/published/",)
+"""Folders that may import torch, which an extra installs; they are loaded when somebody asks for them."""
 KNOWS_SUMO = ("siren_ros/traffic/sumo/", "siren_ros/traffic/simulation.py")
 
 
@@ -143,6 +146,10 @@ def test_imports_point_downwards(path: Path) -> None:
         }
     if not name.startswith(KNOWS_SUMO):
         assert not roots & {"libsumo", "traci"}, "SUMO belongs to siren_ros/traffic/sumo"
+    if not name.startswith(KNOWS_TORCH):
+        assert "torch" not in roots, "torch is an extra: it belongs to the folders that need it"
+        known = {folder for folder in KNOWS_TORCH if any(_lies_in(module, folder[10:-1]) for module in modules)}
+        assert not known, "these folders are loaded by name, so that everything else runs without torch"
     if name.startswith("siren_ros/"):
         assert "siren_nodes" not in roots, "the library does not know the nodes"
         assert "nodes" not in roots

@@ -23,6 +23,8 @@ class Track:
     first_step: int = 0
     length_m: float = 4.6
     is_emv: bool = False
+    actor_class: ActorClass = ActorClass.SEDAN
+    accel_mps2: float = 0.0
     without: frozenset[int] = field(default_factory=frozenset)
     """Steps at which nothing was recorded."""
 
@@ -42,14 +44,14 @@ def moving(
     speed = speed_mps + accel_mps2 * time
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     columns = (x_m + along * cos, y_m + along * sin, speed * cos, speed * sin, np.full(steps, yaw_rad))
-    return Track(np.stack(columns, axis=1), **more)
+    return Track(np.stack(columns, axis=1), accel_mps2=accel_mps2, **more)
 
 
 def record_with(tracks: Mapping[int, Track], network: RoadNetwork, template: str = "S2") -> EpisodeRecord:
     """The record of vehicles on given tracks; SUMO said nothing about them."""
     actors = {
         key: ActorDescription(
-            key, f"v{key}", ActorClass.SEDAN, track.length_m, 1.8, 1.5, (90, 90, 90), is_emv=track.is_emv
+            key, f"v{key}", track.actor_class, track.length_m, 1.8, 1.5, (90, 90, 90), is_emv=track.is_emv
         )
         for key, track in tracks.items()
     }
@@ -73,4 +75,5 @@ def _states(tracks: Mapping[int, Track], step: int) -> ActorStates:
         columns.update(
             zip(("x_m", "y_m", "vx_mps", "vy_mps", "yaw_rad"), np.array(list(there.values())).T, strict=True)
         )
+        columns["accel_mps2"] = np.array([tracks[key].accel_mps2 for key in there])
     return ActorStates(step=step, **columns)

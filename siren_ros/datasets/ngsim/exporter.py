@@ -22,6 +22,7 @@ import numpy as np
 
 from siren_ros.datasets.exporting.file_writer import FileWriter
 from siren_ros.datasets.exporting.format import EpisodePart, EpisodeReport
+from siren_ros.datasets.ngsim.conventions import FOOT_M, vehicle_class
 from siren_ros.datasets.ngsim.grid import (
     ACCELERATE,
     BRAKE,
@@ -31,32 +32,29 @@ from siren_ros.datasets.ngsim.grid import (
     KEEP,
     LEFT,
     NORMAL,
+    OUTSIDE,
     RIGHT,
-    grid_cell,
     lateral_class,
     longitudinal_class,
+    neighbour_cells,
 )
 from siren_ros.datasets.ngsim.mat_file import mat_bytes
 from siren_ros.datasets.ngsim.road_frame import (
     Numbers,
     RoadPlaces,
     across_and_ahead,
+    lane_widths_m,
     lanes_to_the_right,
     road_places,
 )
 from siren_ros.datasets.sources.episode_source import EpisodeSource
 from siren_ros.datasets.sources.sampling import LOG_PERIOD_STEPS, REGION
 from siren_ros.datasets.sources.tracks import Track, tracks_of, whole_windows
+from siren_ros.judging.lane_location import sumo_lanes
 from siren_ros.numerics.arrays import Floats
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.roads.road_network import NO_LANE
-from siren_ros.world.actors import ActorClass
 
-FOOT_M: Final = 0.3048
 _WINDOW: Final = HISTORY_FRAMES + 1 + FUTURE_FRAMES
-_LANE_WIDTH_M: Final = 3.5
-_TRUCKS: Final = frozenset({ActorClass.TRUCK, ActorClass.BUS, ActorClass.FIRE_TRUCK})
-_CAR, _TRUCK = 2, 3
 _SETS: Final = {"train": "TrainSet.mat", "val": "ValSet.mat", "test": "TestSet.mat"}
 _LATERAL: Final = {KEEP: "keep", LEFT: "left", RIGHT: "right"}
 _LONGITUDINAL: Final = {NORMAL: "normal", BRAKE: "brake", ACCELERATE: "accelerate"}
@@ -75,6 +73,11 @@ class _RoadTrack:
         """Position of a frame, None where the vehicle is not there."""
         found = int(np.searchsorted(self.track.frame, frame))
         return found if found < len(self.track) and self.track.frame[found] == frame else None
+
+    def pose(self, frame: int) -> tuple[float, float, float]:
+        """x, y and heading at a frame at which the vehicle is there."""
+        index = self.index(frame) or 0
+        return float(self.track.x_m[index]), float(self.track.y_m[index]), float(self.track.yaw_rad[index])
 
 
 @dataclass(frozen=True)
@@ -114,29 +117,27 @@ class NgsimExporter:
     def _sample(self, record: EpisodeRecord, roads: Sequence[_RoadTrack], target: _RoadTrack, present: int) -> _Sample:
         now = target.index(present) or 0
         tangent = float(target.road.tangent_rad[now])
-        lane = int(target.road.lane[now])
-        width_m = _LANE_WIDTH_M if lane == NO_LANE else record.network.lanes[lane].width_m
         first, last = present - HISTORY_FRAMES, present + FUTURE_FRAMES
+        others = [one for one in roads if one is not target and self._counts(one, present)]
+        x_m, y_m, yaw_rad = np.array([one.pose(present) for one in [target, *others]]).T
+        right_m, ahead_m = across_and_ahead(x_m[1:] - x_m[0], y_m[1:] - y_m[0], tangent)
+        width_m = lane_widths_m(record.network, target.road.lane[now])
         cells, found = np.zeros(CELLS), [_turned(target, target, now, tangent, first, last)]
-        for other in roads:
-            index = other.index(present)
-            if other is target or index is None or not self._counts(other, index, first):
-                continue
-            if np.cos(other.track.yaw_rad[index] - tangent) <= 0.0:
-                continue
-            moved = _turned(other, target, now, tangent, first, last)
-            at = int(np.searchsorted(moved[0], present))
-            cell = grid_cell(round(moved[1, at] * FOOT_M / width_m), float(moved[2, at]))
-            if cell is not None:
-                found.append(moved)
+        taken = neighbour_cells(right_m, ahead_m, yaw_rad[1:] - tangent, width_m)
+        for other, cell in zip(others, taken.tolist(), strict=True):
+            if cell != OUTSIDE:
+                found.append(_turned(other, target, now, tangent, first, last))
                 cells[cell] = len(found)
         own = found[0][:, HISTORY_FRAMES]
         classes = (lateral_class(target.right, now), longitudinal_class(target.travelled_ft, now))
         return _Sample(np.concatenate(([1.0], own, classes, cells)), found)
 
-    def _counts(self, other: _RoadTrack, index: int, first: int) -> bool:
+    def _counts(self, other: _RoadTrack, present: int) -> bool:
         """Whether a neighbour was there for the whole history, and in the population."""
-        if index < HISTORY_FRAMES or other.track.frame[index - HISTORY_FRAMES] != first:
+        index = other.index(present)
+        if index is None or index < HISTORY_FRAMES:
+            return False
+        if other.track.frame[index - HISTORY_FRAMES] != present - HISTORY_FRAMES:
             return False
         inside = other.track.in_region[index - HISTORY_FRAMES : index + 1]
         return self._population != REGION or bool(inside.all())
@@ -185,7 +186,7 @@ def _cells(tracks: list[list[Floats]], height: int) -> np.ndarray[tuple[int, int
 def _on_road(record: EpisodeRecord, track: Track) -> _RoadTrack:
     rows = record.track(track.actor.actor_id)
     rows = rows.select(rows.step % LOG_PERIOD_STEPS == 0)
-    road = road_places(record, rows)
+    road = road_places(record.network, rows.xy_m, rows.yaw_rad, sumo_lanes(record, rows))
     step_ft = np.hypot(np.diff(track.x_m), np.diff(track.y_m)) / FOOT_M
     right = lanes_to_the_right(record.network, road.lane, road.lane_number)
     return _RoadTrack(track, road, right, np.concatenate(([0.0], np.cumsum(step_ft))))
@@ -198,7 +199,6 @@ def _turned(one: _RoadTrack, target: _RoadTrack, now: int, tangent: float, first
     x_m, y_m = track.x_m[start:end] - target.track.x_m[now], track.y_m[start:end] - target.track.y_m[now]
     right, ahead = across_and_ahead(x_m, y_m, tangent)
     count = end - start
-    kind = _TRUCK if track.actor.actor_class in _TRUCKS else _CAR
     return np.stack(
         (
             track.frame[start:end].astype(np.float64),
@@ -207,6 +207,6 @@ def _turned(one: _RoadTrack, target: _RoadTrack, now: int, tangent: float, first
             track.speed_mps[start:end] / FOOT_M,
             track.accel_mps2[start:end] / FOOT_M,
             one.road.lane_number[start:end].astype(np.float64),
-            np.full(count, float(kind)),
+            np.full(count, float(vehicle_class(track.actor.actor_class))),
         )
     )

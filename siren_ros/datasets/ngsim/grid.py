@@ -4,15 +4,17 @@ from typing import Final
 
 import numpy as np
 
+from siren_ros.datasets.ngsim.conventions import FOOT_M
 from siren_ros.datasets.ngsim.road_frame import Numbers
-from siren_ros.numerics.arrays import Floats
+from siren_ros.numerics.arrays import Floats, Rows
 
-CELLS: Final = 39
-_ALONG: Final = 13
+COLUMNS: Final = 3
+CELLS_ALONG: Final = 13
+CELLS: Final = COLUMNS * CELLS_ALONG
 _CELL_FT: Final = 15.0
 _REACH_FT: Final = 90.0
-_COLUMN_OF_LANE: Final = {-1: 0, 0: 13, 1: 26}
-"""Where the cells of the lane to the left, the own lane and the lane to the right begin."""
+OUTSIDE: Final = -1
+"""No cell of the grid."""
 LATERAL_WINDOW_FRAMES: Final = 40
 """A lane change within 4 s before or after the present makes a manoeuvre."""
 HISTORY_FRAMES: Final = 30
@@ -23,18 +25,32 @@ KEEP, LEFT, RIGHT = 1, 2, 3
 NORMAL, BRAKE, ACCELERATE = 1, 2, 3
 
 
-def grid_cell(lane_offset: int, ahead_ft: float) -> int | None:
-    """Cell of a neighbour, 0 to 38; None outside the grid.
+def grid_cells(lane_offset: Floats, ahead_ft: Floats) -> Rows:
+    """Cells of neighbours, 0 to 38, and ``OUTSIDE``; all arrays of shape ``(P,)``.
 
     Args:
         lane_offset: −1 in the lane to the left, 0 in the own lane, +1 in the lane to the right.
-        ahead_ft: How far ahead of the target it is.
+        ahead_ft: How far ahead of the target they are.
     """
-    if lane_offset not in _COLUMN_OF_LANE or abs(ahead_ft) >= _REACH_FT or (lane_offset == 0 and ahead_ft == 0.0):
-        return None
-    place = (ahead_ft + _REACH_FT) / _CELL_FT
     # Halves away from zero, as the published loader rounds.
-    return _COLUMN_OF_LANE[lane_offset] + min(int(np.floor(place + 0.5)), _ALONG - 1)
+    along = np.minimum(np.floor((ahead_ft + _REACH_FT) / _CELL_FT + 0.5), CELLS_ALONG - 1)
+    outside = (np.abs(lane_offset) > 1.0) | (np.abs(ahead_ft) >= _REACH_FT) | ((lane_offset == 0.0) & (ahead_ft == 0.0))
+    return np.where(outside, OUTSIDE, (lane_offset + 1.0) * CELLS_ALONG + along).astype(np.intp)
+
+
+def neighbour_cells(right_m: Floats, ahead_m: Floats, turned_rad: Floats, width_m: Floats) -> Rows:
+    """Cells of vehicles around a target, and ``OUTSIDE``; all arrays of shape ``(P,)``.
+
+    Vehicles of another direction are no neighbours: NGSIM's roads have one.
+
+    Args:
+        right_m: How far to the right of the target they are, seen along the target's lane.
+        ahead_m: How far ahead of it.
+        turned_rad: Their heading against that of the target's lane.
+        width_m: Width of the target's lane.
+    """
+    cells = grid_cells(np.round(right_m / width_m), ahead_m / FOOT_M)
+    return np.where(np.cos(turned_rad) > 0.0, cells, OUTSIDE)
 
 
 def lateral_class(lane_number: Numbers, present: int) -> int:

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.judging.lane_location import locate, sumo_lanes
+from siren_ros.datasets.ngsim.conventions import LANE_WIDTH_M
+from siren_ros.judging.lane_location import locate
 from siren_ros.numerics.arrays import Floats
-from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
+from siren_ros.world.traffic_state import Indices
 
 Numbers = npt.NDArray[np.int64]
 _USED = (LaneKind.DRIVING, LaneKind.INTERNAL, LaneKind.SHOULDER)
@@ -26,20 +27,33 @@ class RoadPlaces:
     tangent_rad: Floats
     lane_number: Numbers
     """1 for the leftmost lane of a road, growing to the right; 0 off the road."""
-    lane: npt.NDArray[np.int32]
+    lane: Indices
     """Index into ``RoadNetwork.lanes``; NO_LANE off the road."""
 
 
-def road_places(record: EpisodeRecord, rows: StateRows) -> RoadPlaces:
-    """The road at some states."""
-    found = locate(record.network, rows.xy_m, rows.yaw_rad, sumo_lanes(record, rows))
-    tangent, number = rows.yaw_rad.copy(), np.zeros(len(rows), dtype=np.int64)
-    numbers = lane_numbers(record.network)
+def road_places(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats, sumo_lane: Indices) -> RoadPlaces:
+    """The road at some poses.
+
+    Args:
+        network: The map.
+        xy_m: Footprint centres, shape ``(M, 2)``.
+        yaw_rad: Headings, shape ``(M,)``.
+        sumo_lane: SUMO's lane of each, which decides where lanes overlap; NO_LANE where it is unknown.
+    """
+    found = locate(network, xy_m, yaw_rad, sumo_lane)
+    tangent, number = yaw_rad.copy(), np.zeros(len(yaw_rad), dtype=np.int64)
+    numbers = lane_numbers(network)
     for lane in np.unique(found.lane[found.lane != NO_LANE]).tolist():
         there = found.lane == lane
-        tangent[there] = record.network.lanes[lane].centre.heading_rad(found.arc_m[there])
+        tangent[there] = network.lanes[lane].centre.heading_rad(found.arc_m[there])
         number[there] = numbers[lane]
     return RoadPlaces(tangent, number, found.lane)
+
+
+def lane_widths_m(network: RoadNetwork, lane: Indices) -> Floats:
+    """Widths of lanes, NGSIM's where there is none; shape ``(M,)``."""
+    # NO_LANE is −1 and takes the last width.
+    return np.array([one.width_m for one in network.lanes] + [LANE_WIDTH_M])[lane]
 
 
 def lane_numbers(network: RoadNetwork) -> dict[int, int]:
@@ -51,7 +65,7 @@ def lane_numbers(network: RoadNetwork) -> dict[int, int]:
     return found
 
 
-def lanes_to_the_right(network: RoadNetwork, lanes: npt.NDArray[np.int32], numbers: Numbers) -> Numbers:
+def lanes_to_the_right(network: RoadNetwork, lanes: Indices, numbers: Numbers) -> Numbers:
     """How many lanes to the right of its first one a vehicle drives, over its track.
 
     Only changes between lanes of one edge count: where a road ends, its lanes are numbered anew.
@@ -64,7 +78,13 @@ def lanes_to_the_right(network: RoadNetwork, lanes: npt.NDArray[np.int32], numbe
     return np.cumsum(moved)
 
 
-def across_and_ahead(x_m: Any, y_m: Any, tangent_rad: float) -> tuple[Any, Any]:
+def across_and_ahead(x_m: Any, y_m: Any, tangent_rad: Any) -> tuple[Any, Any]:
     """Offsets in the ``map`` frame as (to the right, ahead) of a direction."""
     cos, sin = np.cos(tangent_rad), np.sin(tangent_rad)
     return x_m * sin - y_m * cos, x_m * cos + y_m * sin
+
+
+def from_across_and_ahead(right_m: Any, ahead_m: Any, tangent_rad: Any) -> tuple[Any, Any]:
+    """The opposite of ``across_and_ahead``: offsets in the ``map`` frame."""
+    cos, sin = np.cos(tangent_rad), np.sin(tangent_rad)
+    return right_m * sin + ahead_m * cos, ahead_m * sin - right_m * cos

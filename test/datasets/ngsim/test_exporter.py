@@ -6,17 +6,26 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.io import loadmat
 
 from siren_ros.cli.main import main
-from siren_ros.datasets.ngsim.grid import grid_cell, lateral_class, longitudinal_class
+from siren_ros.datasets.ngsim.conventions import FOOT_M, vehicle_class
+from siren_ros.datasets.ngsim.grid import OUTSIDE, grid_cells, lateral_class, longitudinal_class, neighbour_cells
 from siren_ros.datasets.ngsim.mat_file import mat_bytes
-from siren_ros.datasets.ngsim.road_frame import across_and_ahead, lanes_to_the_right
+from siren_ros.datasets.ngsim.road_frame import (
+    across_and_ahead,
+    from_across_and_ahead,
+    lane_widths_m,
+    lanes_to_the_right,
+)
 from siren_ros.datasets.sources.episode_source import open_source
 from siren_ros.datasets.sources.tracks import Track, tracks_of
-from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.roads.road_network import NO_LANE, RoadNetwork
+from siren_ros.world.actors import ActorClass
 
-FOOT_M = 0.3048
+METRES = st.floats(-1e3, 1e3)
 Set = tuple[npt.NDArray[np.float64], Any]
 
 
@@ -100,21 +109,27 @@ def test_classes_are_ngsims(stdan: Set) -> None:
     assert kinds <= {2, 3}
 
 
-@pytest.mark.parametrize(
-    ("lane", "ahead_ft", "cell"),
-    [
+def test_the_grid_is_the_published_one() -> None:
+    expected = [
         (-1, -89.0, 0),
         (-1, 0.0, 6),
         (0, 7.5, 20),
         (0, 7.4, 19),
-        (0, 0.0, None),
+        (0, 0.0, OUTSIDE),
         (1, 89.9, 38),
-        (1, 90.0, None),
-        (2, 0.0, None),
-    ],
-)
-def test_the_grid_is_the_published_one(lane: int, ahead_ft: float, cell: int | None) -> None:
-    assert grid_cell(lane, ahead_ft) == cell
+        (1, 90.0, OUTSIDE),
+        (2, 0.0, OUTSIDE),
+    ]
+    lane, ahead_ft, cell = np.array(expected).T
+    assert grid_cells(lane, ahead_ft).tolist() == cell.tolist()
+
+
+def test_neighbours_are_found_by_lane_distance_and_direction() -> None:
+    right_m = np.array([3.2, -3.2, 0.4, 0.4, 3.2, 7.0])
+    ahead_m = np.array([0.0, 0.0, 30.0 * FOOT_M, -30.0 * FOOT_M, 0.0, 0.0])
+    turned_rad = np.array([0.1, -0.1, 0.0, 0.0, np.pi, 0.0])
+    cells = neighbour_cells(right_m, ahead_m, turned_rad, np.full(6, 3.2))
+    assert cells.tolist() == [26 + 6, 6, 13 + 8, 13 + 4, OUTSIDE, OUTSIDE]
 
 
 def test_right_is_positive() -> None:
@@ -122,6 +137,24 @@ def test_right_is_positive() -> None:
     assert (right, ahead) == pytest.approx((1.0, 0.0))
     right, ahead = across_and_ahead(1.0, 0.0, 0.0)
     assert (right, ahead) == pytest.approx((0.0, 1.0))
+
+
+@given(x_m=METRES, y_m=METRES, tangent_rad=st.floats(-10.0, 10.0))
+def test_turning_there_and_back_changes_nothing(x_m: float, y_m: float, tangent_rad: float) -> None:
+    there = across_and_ahead(x_m, y_m, tangent_rad)
+    assert np.hypot(*there) == pytest.approx(np.hypot(x_m, y_m))
+    assert from_across_and_ahead(*there, tangent_rad) == pytest.approx((x_m, y_m), abs=1e-9)
+
+
+def test_classes_of_vehicles() -> None:
+    assert vehicle_class(ActorClass.AMBULANCE) == 2
+    assert vehicle_class(ActorClass.FIRE_TRUCK) == 3
+
+
+def test_off_the_road_a_lane_has_ngsims_width(straight_road_of_two_lanes: RoadNetwork) -> None:
+    lanes = straight_road_of_two_lanes.lanes
+    widths = lane_widths_m(straight_road_of_two_lanes, np.array([0, NO_LANE], dtype=np.int32))
+    assert widths.tolist() == [lanes[0].width_m, 3.5]
 
 
 def test_manoeuvres_are_named_by_what_the_lanes_do() -> None:

@@ -11,9 +11,9 @@ from siren_ros.errors import BagError
 from siren_ros.evaluation.prediction.protocol.window import HistoryWindow, future_offsets
 from siren_ros.judging.interaction_region import rows_in_region
 from siren_ros.judging.lane_location import sumo_lanes
-from siren_ros.numerics.arrays import Flags, Floats, Ids, Rows
+from siren_ros.numerics.arrays import Codes, Flags, Floats, Ids, Rows
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
-from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.world.traffic_state import Indices
 
 
@@ -37,11 +37,11 @@ class ObservedActors:
     frame: Rows
     """Position in ``SampleBatch.step`` of each row, shape ``(M,)``."""
     actor_id: Ids
+    actor_class: Codes
+    """``ActorClass`` of each row, shape ``(M,)``."""
     is_emv: Flags
     length_m: Floats
     width_m: Floats
-    sumo_lane: Indices
-    """SUMO's lane at the present, NO_LANE off the road; shape ``(M,)``."""
     observed: Flags
     """Shape ``(M, H)``."""
     xy_m: Floats
@@ -50,9 +50,18 @@ class ObservedActors:
     """Recorded velocity, shape ``(M, H, 2)``."""
     yaw_rad: Floats
     """Shape ``(M, H)``."""
+    accel_mps2: Floats
+    """Along the heading, shape ``(M, H)``."""
+    past_sumo_lane: Indices
+    """SUMO's lane at each point, NO_LANE off the road and where it is not known; shape ``(M, H)``."""
 
     def __len__(self) -> int:
         return len(self.frame)
+
+    @property
+    def sumo_lane(self) -> Indices:
+        """SUMO's lane at the present, shape ``(M,)``."""
+        return self.past_sumo_lane[:, -1]
 
 
 @dataclass(frozen=True)
@@ -193,12 +202,14 @@ def _observed(record: EpisodeRecord, rows: StateRows, points: Rows, frame: Rows,
     return ObservedActors(
         frame=frame,
         actor_id=present.actor_id,
+        actor_class=np.array([actor.actor_class for actor in known], dtype=np.uint8)[column],
         is_emv=np.array([actor.is_emv for actor in known], dtype=np.bool_)[column],
         length_m=np.array([actor.length_m for actor in known], dtype=np.float64)[column],
         width_m=np.array([actor.width_m for actor in known], dtype=np.float64)[column],
-        sumo_lane=sumo_lanes(record, present),
         observed=observed,
         xy_m=np.where(observed[..., None], rows.xy_m[points], 0.0),
         velocity_mps=np.where(observed[..., None], velocity[points], 0.0),
         yaw_rad=np.where(observed, rows.yaw_rad[points], 0.0),
+        accel_mps2=np.where(observed, rows.accel_mps2[points], 0.0),
+        past_sumo_lane=np.where(observed, sumo_lanes(record, rows)[points], NO_LANE),
     )

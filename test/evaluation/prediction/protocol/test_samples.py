@@ -1,4 +1,5 @@
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,9 +10,18 @@ from made_records import moving, record_with
 from siren_ros.errors import BagError
 from siren_ros.evaluation.prediction.protocol.samples import Population, samples_of
 from siren_ros.evaluation.prediction.protocol.window import HistoryWindow, future_times_s
-from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.roads.road_network import NO_LANE, RoadNetwork
+from siren_ros.world.actors import ActorClass
+from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficState
 
 WINDOW = HistoryWindow()
+
+
+def sumo_lane_of(actor_id: int, lane: int, step: int) -> TrafficState:
+    """SUMO says the lane of one vehicle, and nothing else."""
+    columns: dict[str, Any] = {name: np.zeros(1, dtype) for name, dtype in TRAFFIC_STATE_DTYPES.items()}
+    columns.update(actor_id=np.array([actor_id], np.uint32), lane=np.array([lane], np.int32))
+    return TrafficState(step=step, spawned=(), emvs=(), signals=(), **columns)
 
 
 @given(frames=st.integers(1, 110), late=st.integers(0, 7))
@@ -62,6 +72,23 @@ def test_history_and_future_are_the_log(straight_road: RoadNetwork) -> None:
     assert np.allclose(scored.future_xy_m[..., 0], x(now[:, None] + future_times_s()))
     assert np.allclose(scored.batch.velocity_mps[:, 0], 5.0 + 0.4 * now)
     assert np.allclose(scored.future_xy_m[..., 1], -5.25)
+    assert (actors.accel_mps2 == 0.4).all()
+
+
+def test_actors_have_their_class_and_sumos_lanes(straight_road: RoadNetwork) -> None:
+    tracks = {1: moving(0.0, -5.25, 5.0), 4: moving(40.0, -5.25, 5.0, actor_class=ActorClass.BUS, first_step=40)}
+    record = record_with(tracks, straight_road)
+    said = tuple(sumo_lane_of(4, 1, step) for step in range(61))
+    actors = samples_of(replace(record, traffic=said), WINDOW, Population.ALL).batch.actors
+    assert {*zip(actors.actor_id.tolist(), actors.actor_class.tolist(), strict=True)} == {
+        (1, ActorClass.SEDAN),
+        (4, ActorClass.BUS),
+    }
+    # The first sample's present is step 60; the bus is there from step 40 on, SUMO knows it up to step 60.
+    bus = np.flatnonzero(actors.actor_id == 4)
+    assert actors.past_sumo_lane[bus[0]].tolist() == [NO_LANE] * 10 + [1] * 6
+    assert actors.past_sumo_lane[bus[1]].tolist() == [NO_LANE] * 10 + [1] * 5 + [NO_LANE]
+    assert actors.sumo_lane[bus[:2]].tolist() == [1, NO_LANE]
 
 
 def test_neighbours_are_the_others_of_the_frame_even_with_a_short_past(straight_road: RoadNetwork) -> None:

@@ -1,0 +1,126 @@
+"""STDAN, in the variant of the published weights.
+
+X. Chen, H. Zhang, F. Zhao, Y. Hu, C. Tan, J. Yang, "Intention-Aware Vehicle Trajectory Prediction Based on
+Spatial-Temporal Dynamic Attention Network for Internet of Vehicles", IEEE T-ITS 23 (2022) 19471.
+
+The names of the layers are those of the published weights; ``fc`` of the encoder has weights and is not used.
+"""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from siren_ros.datasets.ngsim.grid import CELLS
+from siren_ros.evaluation.prediction.published.gated import (
+    ATTENDED,
+    EMBEDDED,
+    ENCODED,
+    HEAD_SIZE,
+    HEADS,
+    AddAndNorm,
+    GatedLinear,
+    ManoeuvreGenerator,
+    most_probable,
+)
+from siren_ros.evaluation.prediction.published.social_grid import Groups, Neighbours
+
+
+@dataclass(frozen=True)
+class StdanInput:
+    """Features by vehicle and point: x, y (feet), class, speed (ft/s), acceleration (ft/s²)."""
+
+    history: Tensor
+    """Shape ``(16, B, 5)``."""
+    neighbour_history: Tensor
+    """Shape ``(16, P, 5)``."""
+    neighbours: Neighbours
+
+
+class StdanEncoder(nn.Module):
+    """Attention over the cells at each point of the past, then over the points."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.linear1 = nn.Linear(5, EMBEDDED)
+        self.lstm = nn.LSTM(EMBEDDED, ENCODED)
+        self.qff = nn.Linear(ENCODED, ATTENDED)
+        self.kff = nn.Linear(ENCODED, ATTENDED)
+        self.vff = nn.Linear(ENCODED, ATTENDED)
+        self.first_glu = GatedLinear()
+        self.second_glu = GatedLinear()
+        self.qt = nn.Linear(ENCODED, ATTENDED)
+        self.kt = nn.Linear(ENCODED, ATTENDED)
+        self.vt = nn.Linear(ENCODED, ATTENDED)
+        self.addAndNorm = AddAndNorm()
+        self.fc = nn.Linear(2 * ENCODED, ENCODED)
+        self.activation = nn.ELU()
+
+    def forward(self, given: StdanInput) -> Tensor:
+        """The encoded past, shape ``(B, 16, 64)``."""
+        own = self._encoded(given.history)
+        social = self.addAndNorm(own, self.first_glu(self._over_cells(own, given)))
+        return self.addAndNorm(own, self.second_glu(self._over_time(social)))
+
+    def _encoded(self, features: Tensor) -> Tensor:
+        """Shape ``(16, V, 5)`` to ``(V, 16, 64)``."""
+        hidden, _ = self.lstm(self.activation(self.linear1(features)))
+        return hidden.permute(1, 0, 2)
+
+    def _over_cells(self, own: Tensor, given: StdanInput) -> Tensor:
+        """Attention of the target to the 39 cells, shape ``(B, 16, 192)``.
+
+        An empty cell is a vector of zeros, so that all empty cells have one key and one value, the biases: they are one
+        slot here, with their number as its weight.
+        """
+        groups = Groups.of(given.neighbours.sample, given.neighbours.samples)
+        query = _heads(self.qff(own)).unsqueeze(-2)
+        seen = groups.spread(self._encoded(given.neighbour_history)) if groups.group.numel() else None
+        count = groups.count.to(own.dtype)
+        empty = (query @ self.kff.bias.view(HEADS, HEAD_SIZE, 1)) / math.sqrt(ENCODED)
+        empty = empty + torch.log(CELLS - count).view(-1, 1, 1, 1, 1)
+        empty_value = self.vff.bias.view(HEADS, 1, HEAD_SIZE)
+        if seen is None:
+            return _joined((torch.softmax(empty, dim=-1) @ empty_value).squeeze(-2))
+        # (B, S, 16, …) to (B, 16, heads, S, …)
+        keys = _heads(self.kff(seen)).permute(0, 2, 3, 1, 4)
+        values = _heads(self.vff(seen)).permute(0, 2, 3, 1, 4)
+        scores = (query @ keys.transpose(-1, -2)) / math.sqrt(ENCODED)
+        scores = scores.masked_fill(~groups.filled[:, None, None, None, :], -math.inf)
+        weights = torch.softmax(torch.cat((scores, empty), dim=-1), dim=-1)
+        return _joined((weights[..., :-1] @ values + weights[..., -1:] @ empty_value).squeeze(-2))
+
+    def _over_time(self, social: Tensor) -> Tensor:
+        """Attention of the points of the past to each other, shape ``(B, 16, 192)``."""
+        query, key, value = (_heads(layer(social)).transpose(1, 2) for layer in (self.qt, self.kt, self.vt))
+        weights = torch.softmax((query @ key.transpose(-1, -2)) / math.sqrt(ENCODED), dim=-1)
+        return _joined((weights @ value).transpose(1, 2))
+
+
+class Stdan(nn.Module):
+    """Encoder ``gd`` and generator ``g``; one hypothesis for each sample."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.gd = StdanEncoder()
+        self.g = ManoeuvreGenerator()
+
+    def forward(self, given: StdanInput) -> tuple[Tensor, Tensor, Tensor]:
+        """Gaussians ``(25, B, 5)``, and the probabilities of lateral and longitudinal manoeuvres, each ``(B, 3)``.
+
+        The most probable manoeuvres choose the mapping; the decoder gets all probabilities.
+        """
+        encoded = self.gd(given)
+        probabilities = self.g.recognise(encoded)
+        lateral, longitudinal = probabilities
+        chosen = most_probable(lateral), most_probable(longitudinal)
+        return self.g.decode(encoded, chosen, probabilities), lateral, longitudinal
+
+
+def _heads(values: Tensor) -> Tensor:
+    return values.unflatten(-1, (HEADS, HEAD_SIZE))
+
+
+def _joined(values: Tensor) -> Tensor:
+    return values.flatten(-2)

@@ -1,0 +1,83 @@
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from published_files import golden, golden_cells
+
+from siren_ros.evaluation.prediction.published.behaviour import behaviour_tensor, behaviours, closeness_centralities
+
+NEAR, FAR = 5.0, 100.0
+
+
+def centralities(*points: tuple[float, float]) -> Any:
+    return closeness_centralities(np.array(points)[None, None])[0, 0]
+
+
+def test_vertices_that_all_join_are_as_close_as_can_be() -> None:
+    assert centralities((0.0, 0.0), (0.0, 0.1), (0.1, 0.0)).tolist() == [1.0, 1.0, 1.0]
+
+
+def test_a_chain_has_a_middle() -> None:
+    chain = [(0.0, NEAR * place) for place in range(4)]
+    assert centralities(*chain) == pytest.approx([3 / 6, 3 / 4, 3 / 4, 3 / 6])
+
+
+def test_parts_count_by_their_size() -> None:
+    # Each reaches one of three others, at one hop: 1/1, scaled by 1/3.
+    pairs = [(0.0, 0.0), (0.0, NEAR), (FAR, 0.0), (FAR, NEAR)]
+    assert centralities(*pairs) == pytest.approx([1 / 3] * 4)
+    assert centralities((0.0, 0.0), (FAR, 0.0)).tolist() == [0.0, 0.0]
+
+
+def test_vertices_join_where_the_rounded_weight_is_not_zero() -> None:
+    assert centralities((0.0, 0.0), (5.29, 0.0)).tolist() == [1.0, 1.0]
+    assert centralities((0.0, 0.0), (5.30, 0.0)).tolist() == [0.0, 0.0]
+    assert round(float(np.exp(-5.29)), 2) == 0.01
+    assert round(float(np.exp(-5.30)), 2) == 0.0
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), reach_ft=st.floats(1.0, 60.0))
+def test_closeness_is_networkxs(seed: int, reach_ft: float) -> None:
+    networkx = pytest.importorskip("networkx")
+    points = np.random.default_rng(seed).uniform(0.0, reach_ft, (2, 2, 39, 2)).round(2)
+    found = closeness_centralities(points)
+    for sample, graph in np.ndindex(2, 2):
+        apart = np.hypot(*np.moveaxis(points[sample, graph][:, None] - points[sample, graph], -1, 0))
+        reference = networkx.closeness_centrality(networkx.from_numpy_array((-np.exp(-apart)).round(2)))
+        assert found[sample, graph] == pytest.approx([reference[vertex] for vertex in range(39)])
+
+
+def test_a_target_alone_that_stands_still_joins_all_empty_cells() -> None:
+    nobody = np.empty(0, dtype=np.intp)
+    found = behaviour_tensor(np.zeros((2, 16, 2)), np.empty((0, 16, 2)), nobody, nobody)
+    assert found.shape == (16, 2, 39, 6)
+    assert (found[..., :3] == 0.0).all()
+    assert (found[..., 3:] == 1.0).all()
+
+
+def test_the_target_hides_a_neighbour_in_cell_20() -> None:
+    own, other = np.zeros((1, 16, 2)), np.full((1, 16, 2), FAR)
+    hidden = behaviour_tensor(own, other, np.array([0]), np.array([20]))
+    seen = behaviour_tensor(own, other, np.array([0]), np.array([21]))
+    assert (hidden[..., 3] == 1.0).all()
+    assert (seen[..., 3] < 1.0).any()
+
+
+def test_it_is_the_published_tensor_up_to_the_order_of_graphs() -> None:
+    known = golden("bat")
+    sample, cell = golden_cells(known)
+    own, others = (known[name].swapaxes(0, 1).astype(np.float64) for name in ("hist", "nbrs"))
+    grid = np.zeros((len(own), 39, 16, 2))
+    grid[sample, cell] = others
+    grid[:, 20] = own
+    closeness = closeness_centralities(np.round(grid, 2).reshape(-1, 16, 39, 2))
+    published = known["behaviour"][..., 3].swapaxes(0, 1)
+    # The published loader's threads have finished in some order: the row that each of its graphs is.
+    apart = np.abs(np.round(closeness, 2)[:, None].astype(np.float32) - published[:, :, None]).max(axis=-1)
+    in_that_order = np.take_along_axis(closeness, apart.argmin(axis=2)[..., None], axis=1)
+    assert np.array_equal(behaviours(in_that_order), known["behaviour"])
+    in_order = behaviour_tensor(own, others, sample, cell)
+    assert np.array_equal(np.sort(in_order[..., 3].sum(axis=-1), axis=0), np.sort(published.sum(axis=-1).T, axis=0))

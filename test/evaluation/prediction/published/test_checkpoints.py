@@ -1,0 +1,143 @@
+import pickle
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+torch = pytest.importorskip("torch", reason="torch is not installed: ./env --with models pytest")
+
+from siren_ros.errors import InputError
+from siren_ros.evaluation.prediction.published.bat import Bat
+from siren_ros.evaluation.prediction.published.checkpoints import load_weights
+from siren_ros.evaluation.prediction.published.csp import Csp
+from siren_ros.evaluation.prediction.published.stdan import Stdan
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "weights.pt"
+
+
+def equal(first: Any, second: Any) -> bool:
+    pairs = zip(first.state_dict().values(), second.state_dict().values(), strict=True)
+    return all(torch.equal(one, other) for one, other in pairs)
+
+
+def test_weights_are_loaded_by_their_names(path: Path) -> None:
+    saved, network = Csp(), Csp()
+    torch.save(saved.state_dict(), path)
+    assert not equal(saved, network)
+    load_weights(network, "csp", path)
+    assert equal(saved, network)
+    assert not network.training
+
+
+def test_other_layouts_of_published_files(path: Path, tmp_path: Path) -> None:
+    csp, network = Csp(), Csp()
+    renamed = {name.replace("conv_3x1.", "soc_conv_3x1."): value for name, value in csp.state_dict().items()}
+    torch.save({"epoch": 3, "state_dict": renamed, "optim_dict": {}}, path)
+    load_weights(network, "csp", path)
+    assert equal(csp, network)
+
+    stdan, parts, pair = Stdan(), Stdan(), Stdan()
+    torch.save({"gd": stdan.gd.state_dict(), "g": stdan.g.state_dict()}, path)
+    load_weights(parts, "stdan", path)
+    assert equal(stdan, parts)
+    torch.save(stdan.gd.state_dict(), tmp_path / "epoch9_gd.tar")
+    torch.save(stdan.g.state_dict(), tmp_path / "epoch9_g.tar")
+    for name in ("epoch9_gd.tar", "epoch9_g.tar"):
+        load_weights(pair, "stdan", tmp_path / name)
+        assert equal(stdan, pair)
+
+
+def test_one_half_of_a_pair_is_not_enough(tmp_path: Path) -> None:
+    torch.save(Stdan().gd.state_dict(), tmp_path / "epoch9_gd.tar")
+    with pytest.raises(InputError, match=r"epoch9_g\.tar.*can be read"):
+        load_weights(Stdan(), "stdan", tmp_path / "epoch9_gd.tar")
+
+
+def test_missing_unknown_and_reshaped_weights_are_counted(path: Path) -> None:
+    content = dict(Csp().state_dict())
+    del content["op_lat.weight"], content["op_lat.bias"]
+    content["op.weight"] = torch.zeros(2, 128)
+    content["other"] = torch.zeros(1)
+    torch.save(content, path)
+    with pytest.raises(InputError) as caught:
+        load_weights(Csp(), "csp", path)
+    text = str(caught.value)
+    assert "weights of csp (2 of 22 missing, first op_lat.weight" in text
+    assert "1 of another shape, first op.weight: (2, 128) instead of (5, 128)" in text
+    assert "1 unknown, first other" in text
+
+
+@pytest.mark.parametrize(("other", "network"), [(Csp, Stdan), (Stdan, Bat), (Bat, Csp)])
+def test_the_weights_of_another_model_are_refused(other: Any, network: Any, path: Path) -> None:
+    torch.save(other().state_dict(), path)
+    before = network()
+    untouched = network()
+    untouched.load_state_dict(before.state_dict())
+    with pytest.raises(InputError, match="weights of it"):
+        load_weights(before, "it", path)
+    assert equal(before, untouched)
+
+
+def test_weights_that_are_not_finite_are_refused(path: Path) -> None:
+    content = Csp().state_dict()
+    content["op.bias"][2] = float("nan")
+    torch.save(content, path)
+    with pytest.raises(InputError, match=r"1 of 22 are not, first op\.bias"):
+        load_weights(Csp(), "csp", path)
+
+
+class _Touching:
+    """Unpickling it makes a file."""
+
+    def __init__(self, made: Path) -> None:
+        self.made = made
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Path.touch, (self.made,)
+
+
+@pytest.mark.parametrize("protocol", [None, 0, 2, 4])
+def test_code_in_a_checkpoint_is_refused_and_does_not_run(protocol: int | None, path: Path, tmp_path: Path) -> None:
+    made = tmp_path / "made"
+    content = {**Csp().state_dict(), "trap": _Touching(made)}
+    if protocol is None:
+        torch.save(content, path)
+    else:
+        path.write_bytes(pickle.dumps(content, protocol))
+    with pytest.raises(InputError, match="checkpoint"):
+        load_weights(Csp(), "csp", path)
+    assert not made.exists()
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"x", b"PK\x03\x04" + bytes(40), b"\x80\x02" + b"\xff" * 30, b"{}", b"\x00" * 512]
+)
+def test_other_files_are_refused(content: bytes, path: Path) -> None:
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="checkpoint"):
+        load_weights(Csp(), "csp", path)
+
+
+def test_a_damaged_file_is_refused(path: Path) -> None:
+    torch.save(Csp().state_dict(), path)
+    whole = path.read_bytes()
+    for end in (100, len(whole) // 2, len(whole) - 10):
+        path.write_bytes(whole[:end])
+        with pytest.raises(InputError, match="checkpoint"):
+            load_weights(Csp(), "csp", path)
+
+
+@pytest.mark.parametrize("content", [[1, 2], torch.zeros(3), {"op.weight": 3}, {1: torch.zeros(2)}, {"state_dict": 5}])
+def test_files_of_torch_with_something_else_are_refused(content: Any, path: Path) -> None:
+    torch.save(content, path)
+    with pytest.raises(InputError, match="checkpoint"):
+        load_weights(Csp(), "csp", path)
+
+
+def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    for place in (tmp_path / "nothing.pt", tmp_path):
+        with pytest.raises(InputError, match="a file that can be read"):
+            load_weights(Csp(), "csp", place)

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from siren_ros.cli.main import main
+from siren_ros.evaluation.prediction.predictors import PREDICTORS
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +49,8 @@ def test_unknown_model(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["evaluate", "prediction", str(bag), "--models", "cv,lstm"]) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
-    assert captured.err == "siren evaluate: models: 'lstm' cannot be used; allowed: one or several of cv, idm\n"
+    known = ", ".join(PREDICTORS)
+    assert captured.err == f"siren evaluate: models: 'lstm' cannot be used; allowed: one or several of {known}\n"
 
 
 def test_a_folder_of_bags_stands_for_them(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_records import moving, record_with
+from published_files import weights
 
 from siren_ros.evaluation.prediction.metrics.displacement import METRICS
-from siren_ros.evaluation.prediction.predictors import PREDICTORS, predictors_named
+from siren_ros.evaluation.prediction.predictors import PREDICTORS, Checkpoint, predictors_named
 from siren_ros.evaluation.prediction.protocol.samples import Population, samples_of
 from siren_ros.evaluation.prediction.protocol.window import HistoryWindow
 from siren_ros.evaluation.prediction.scoring import score_episode
@@ -43,7 +44,11 @@ def shaken(states: ActorStates, rng: np.random.Generator) -> ActorStates:
 
 @pytest.mark.parametrize("model", PREDICTORS)
 def test_predictions_do_not_depend_on_the_logged_future(model: str, episode: EpisodeRecord) -> None:
-    predictor = predictors_named([model])[model]
+    checkpoints = {}
+    if PREDICTORS[model].checkpoint is Checkpoint.REQUIRED:
+        pytest.importorskip("torch", reason="torch is not installed: ./env --with models pytest")
+        checkpoints = {model: weights(model)}
+    predictor = predictors_named([model], checkpoints)[model]
     now = 70
     rng = np.random.default_rng(3)
     states = tuple(state if state.step <= now else shaken(state, rng) for state in episode.states)
@@ -58,7 +63,9 @@ def test_predictions_do_not_depend_on_the_logged_future(model: str, episode: Epi
     present = before.batch.step[before.batch.actors.frame[before.batch.target]] <= now
     assert present.sum() > 50
     assert not np.allclose(before.future_xy_m[present], after.future_xy_m[present])
-    assert np.array_equal(predictor.predict(before.batch).xy_m[present], predictor.predict(after.batch).xy_m[present])
+    known, answered = (predictor.predict(samples.batch).xy_m[present] for samples in (before, after))
+    # Networks handle many samples at once, and round a little differently with others.
+    assert np.abs(known - answered).max() < 1e-3
 
 
 def test_a_real_episode_is_scored(episode: EpisodeRecord) -> None:

@@ -95,7 +95,9 @@ class YieldConfig:
     seek_room_m: float = 20.0
     """Road left before the next junction below which no gap is sought."""
     seek_free_m: float = 15.0
-    """Free way in the own lane with which a driver draws ahead of a vehicle behind."""
+    """Free way in the own lane with which a driver draws ahead of a vehicle behind…"""
+    seek_gain_mps: float = 1.5
+    """…and how much slower than the speed limit that vehicle is: the search gains a car's length."""
     rejoin_speed_mps: float = 5.0
     rejoin_offset_m: float = 0.3
     """Distance from the lane's centre line at which a vehicle counts as back in its lane."""

@@ -66,7 +66,7 @@ class SumoSimulation:
             seed: SUMO's own seed.
 
         Raises:
-            EpisodeError: a simulation is already running in this process.
+            EpisodeError: a simulation is already running in this process, or SUMO refuses a vehicle.
             MapError: SUMO refuses the net.
         """
         if SumoSimulation._running:
@@ -90,11 +90,17 @@ class SumoSimulation:
         self._last: TrafficState | None = None
         self._results: Mapping[str, dict[int, Any]] = {}
         """SUMO's answers of the last step, by vehicle."""
-        self._start(compiled, seed)
-        self._continuity = LaneContinuity(network, self._population.length_scale)
-        self._bends = BendLimits(network, self._population.length_scale)
-        self._signal_ids = tuple(sorted(libsumo.trafficlight.getIDList()))
-        self._warm_up()
+        try:
+            self._start(compiled, seed)
+            self._continuity = LaneContinuity(network, self._population.length_scale)
+            self._bends = BendLimits(network, self._population.length_scale)
+            self._signal_ids = tuple(sorted(libsumo.trafficlight.getIDList()))
+            self._warm_up()
+        except BaseException as error:
+            self.close()  # otherwise no further simulation could start in this process
+            if isinstance(error, libsumo.TraCIException):
+                raise EpisodeError(f"SUMO failed before the first step: {error}") from error
+            raise
 
     def __enter__(self) -> Self:
         return self
@@ -284,12 +290,15 @@ class SumoSimulation:
         )
 
     def _advice(self, rescued: Mapping[str, Sequence[str]]) -> tuple[EmvAdvice, ...]:
-        """SUMO's advice for every EMV on the map."""
+        """SUMO's advice for every EMV on the map. Who yields is a civilian that ROS drives."""
+        keeping = {self._plan.av, *(vehicle.name for vehicle in self._plan.emvs)}
+        yielding = self._mirror.places.keys() - keeping
         return tuple(
             emv_advice(
                 vehicle.name,
                 self._ids[vehicle.name],
                 self._ids,
+                yielding,
                 self._config.leader_range_m,
                 vehicle.driver.driving.min_gap_m,
                 len(rescued[vehicle.name]),

@@ -1,4 +1,5 @@
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 
 import libsumo
@@ -318,3 +319,14 @@ def test_steps_come_in_order_and_one_simulation_at_a_time(
 def test_config_refuses_a_resolution_of_zero() -> None:
     with pytest.raises(InputError, match="lateral_resolution_m"):
         TrafficConfig(lateral_resolution_m=0.0)
+
+
+def test_after_a_failed_start_another_simulation_can_start(
+    town: tuple[CompiledMap, RoadNetwork, TrafficPlan],
+) -> None:
+    compiled, network, plan = town
+    astray = replace(plan, background=(replace(plan.background[0], route=("no_such_edge",)), *plan.background[1:]))
+    with pytest.raises(EpisodeError, match="no_such_edge"):
+        SumoSimulation(compiled, network, astray, EmergencyLevel.L2)
+    with SumoSimulation(compiled, network, plan, EmergencyLevel.L2) as simulation:
+        assert len(simulation.step(0, None).actor_id) > 0

@@ -49,32 +49,33 @@ def seek_gap(unit: YieldUnit, view: StepView, row: int, refusal: Refusal) -> Out
     if target == NO_LANE:
         return Outcome(replace(unit, navigator=NavigatorState(), seek=Seek.NOT))
     gaps = gaps_in_lane(view, row, target)
+    limit = view.world.network.lanes[lane].speed_limit_mps
     again = (view.step - unit.deferred_step) % steps_from_s(config.yielding.seek_again_s) == 0
     if unit.seek == Seek.NOT or again:
-        own = gaps_in_lane(view, row, lane)
-        seek = choose_seek(gaps, own, refusal, config.yielding.seek_free_m)
+        seek = choose_seek(gaps, gaps_in_lane(view, row, lane), refusal, config.yielding, limit)
         unit = replace(unit, seek=seek, deferred=refusal.value)
-    limit = view.world.network.lanes[lane].speed_limit_mps
     wanted = seek_speed_mps(Seek(unit.seek), gaps, config.yielding, limit)
     situation = Situation(view.seen, row, view.vehicle(row), wanted)
     navigator, command, _ = navigate(unit.navigator, situation, config.civilian_navigator)
     return Outcome(replace(unit, navigator=navigator), command)
 
 
-def choose_seek(gaps: LaneGaps, own: LaneGaps, refusal: Refusal, free_m: float) -> Seek:
+def choose_seek(gaps: LaneGaps, own: LaneGaps, refusal: Refusal, config: YieldConfig, limit_mps: float) -> Seek:
     """Whether to fall back or to draw ahead.
 
-    The driver draws ahead of a vehicle that is behind, or alongside and further back, if the own lane is free. In all
-    other cases the driver falls back and lets the others pass.
+    The driver draws ahead of a vehicle that is behind, or alongside and further back, if the own lane is free and the
+    speed limit lets the driver gain on that vehicle. In all other cases the driver falls back and lets the others pass.
 
     Args:
         gaps: In the adjacent lane.
         own: In the own lane.
         refusal: Why the gap cannot be entered.
-        free_m: Free way in the own lane that drawing ahead needs.
+        config: Free way and gain of speed that drawing ahead needs.
+        limit_mps: Speed limit.
     """
     behind = refusal is Refusal.GAP_REAR or (refusal is Refusal.BESIDE and gaps.front_m > 0.0)
-    return Seek.DRAW_AHEAD if behind and own.front_m > free_m else Seek.FALL_BACK
+    gains = limit_mps - gaps.rear_mps >= config.seek_gain_mps
+    return Seek.DRAW_AHEAD if behind and gains and own.front_m > config.seek_free_m else Seek.FALL_BACK
 
 
 def seek_speed_mps(seek: Seek, gaps: LaneGaps, config: YieldConfig, limit_mps: float) -> float:

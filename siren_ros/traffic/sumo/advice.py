@@ -1,6 +1,7 @@
 """SUMO's advice: lane-change intent, leader, free speed, and who reacts to which EMV."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Final
 
 import libsumo
 import numpy as np
@@ -13,14 +14,18 @@ _LEFT, _RIGHT = 1 << 1, 1 << 2
 _REASONS = (1 << 3) | (1 << 4) | (1 << 5) | (1 << 6)
 """SUMO's LCA_STRATEGIC, LCA_COOPERATIVE, LCA_SPEEDGAIN, LCA_KEEPRIGHT (https://sumo.dlr.de/docs/TraCI: lane change
 state); a wish without one of these is alignment within the lane."""
+_HELD_UP = (1 << 5) | (1 << 6)
+"""Of these the wishes that come from the vehicle ahead: to gain speed, and to keep right where there is none."""
+HELD_UP_M: Final = 40.0
+"""A vehicle further ahead holds nobody up: 3 s at the paper's 50 km/h."""
 _UNKNOWN = 1 << 30
 
 
-def lane_change_intent(name: str) -> int:
+def lane_change_intent(name: str, reasons: int = _REASONS) -> int:
     """+1 where SUMO's lane-change model wants the vehicle one lane to the left, −1 right, 0 neither."""
     for side, bit in ((1, _LEFT), (-1, _RIGHT)):
         wish, _ = libsumo.vehicle.getLaneChangeState(name, side)
-        if not wish & _UNKNOWN and wish & bit and wish & _REASONS:
+        if not wish & _UNKNOWN and wish & bit and wish & reasons:
             return side
     return 0
 
@@ -31,14 +36,35 @@ def intent_flags(name: str) -> TrafficFlags:
 
 
 def emv_advice(
-    name: str, actor_id: int, ids: Mapping[str, int], leader_range_m: float, min_gap_m: float, rescue_count: int
+    name: str,
+    actor_id: int,
+    ids: Mapping[str, int],
+    yielding: Collection[str],
+    leader_range_m: float,
+    min_gap_m: float,
+    rescue_count: int,
 ) -> EmvAdvice:
-    """What SUMO advises one EMV. The leader's gap is from bumper to bumper; SUMO leaves out the minimum gap."""
+    """What SUMO advises one EMV. The leader's gap is from bumper to bumper; SUMO leaves out the minimum gap.
+
+    A wish to gain speed counts while a vehicle ahead holds up the EMV that does not make way. It outlasts its cause in
+    SUMO, and SUMO knows nothing of yielding: behind a vehicle that leaves the lane it wants the lane next to it, which
+    is the one that the vehicle goes to.
+
+    Args:
+        name: The EMV in SUMO.
+        actor_id: Its id.
+        ids: Ids of all vehicles.
+        yielding: Names of the vehicles that leave their lanes for an EMV.
+        leader_range_m: How far ahead a leader is looked for.
+        min_gap_m: The EMV's minimum gap.
+        rescue_count: Vehicles that react to it.
+    """
     leader = libsumo.vehicle.getLeader(name, leader_range_m)
     found = leader is not None and leader[0] in ids
+    held_up = found and leader[0] not in yielding and float(leader[1]) < HELD_UP_M
     return EmvAdvice(
         actor_id=actor_id,
-        lane_change_intent=lane_change_intent(name),
+        lane_change_intent=lane_change_intent(name, _REASONS if held_up else _REASONS & ~_HELD_UP),
         leader_id=ids[leader[0]] if found else NO_ACTOR,
         leader_gap_m=float(leader[1]) + min_gap_m if found else leader_range_m,
         speed_without_control_mps=float(libsumo.vehicle.getSpeedWithoutTraCI(name)),

@@ -16,18 +16,20 @@ AHEAD = LaneGaps(1.0, 6.0, math.inf, 0.0)
 
 
 @pytest.mark.parametrize(
-    ("gaps", "own_free", "refusal", "expected"),
+    ("gaps", "own_free", "refusal", "limit", "expected"),
     [
-        (BEHIND, 50.0, Refusal.GAP_REAR, Seek.DRAW_AHEAD),
-        (BEHIND, 5.0, Refusal.GAP_REAR, Seek.FALL_BACK),
-        (AHEAD, 50.0, Refusal.GAP_FRONT, Seek.FALL_BACK),
-        (LaneGaps(-2.0, 6.0, math.inf, 0.0), 50.0, Refusal.BESIDE, Seek.FALL_BACK),
-        (LaneGaps(math.inf, 0.0, -2.0, 6.0), 50.0, Refusal.BESIDE, Seek.DRAW_AHEAD),
+        (BEHIND, 50.0, Refusal.GAP_REAR, 13.9, Seek.DRAW_AHEAD),
+        (BEHIND, 5.0, Refusal.GAP_REAR, 13.9, Seek.FALL_BACK),
+        (AHEAD, 50.0, Refusal.GAP_FRONT, 13.9, Seek.FALL_BACK),
+        (LaneGaps(-2.0, 6.0, math.inf, 0.0), 50.0, Refusal.BESIDE, 13.9, Seek.FALL_BACK),
+        (LaneGaps(math.inf, 0.0, -2.0, 6.0), 50.0, Refusal.BESIDE, 13.9, Seek.DRAW_AHEAD),
+        # Who drives at the limit cannot be left behind.
+        (BEHIND, 50.0, Refusal.GAP_REAR, 8.3, Seek.FALL_BACK),
     ],
 )
-def test_draws_ahead_of_what_is_behind_and_lets_the_rest_past(gaps, own_free, refusal, expected):
+def test_draws_ahead_of_what_is_behind_and_lets_the_rest_past(gaps, own_free, refusal, limit, expected):
     own = LaneGaps(own_free, 6.0, math.inf, 0.0)
-    assert choose_seek(gaps, own, refusal, 15.0) is expected
+    assert choose_seek(gaps, own, refusal, CONFIG, limit) is expected
 
 
 def test_speed_differs_from_the_vehicle_in_the_way_within_limits():

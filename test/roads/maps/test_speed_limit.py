@@ -15,11 +15,10 @@ NET = (
 
 def test_only_higher_limits_are_lowered() -> None:
     lowered = lowered_limits(NET, 8.333)
-    assert lowered is not None
     assert b'id="a_0" speed="8.33" length="10.00"' in lowered
     assert b'id="a_1" speed="5.00" length="10.00"' in lowered
-    assert lowered_limits(lowered, 8.333) is None
-    assert lowered_limits(NET, 14.0) is None
+    assert lowered_limits(lowered, 8.333) == lowered
+    assert lowered_limits(NET, 14.0) == NET
 
 
 def test_a_map_keeps_everything_but_its_limits(tmp_path: Path) -> None:
@@ -33,3 +32,10 @@ def test_a_map_keeps_everything_but_its_limits(tmp_path: Path) -> None:
     assert slow.sha256 != town.sha256
     assert with_speed_limit(town, 8.333) == slow
     assert with_speed_limit(town, 50.0) == replace(town)
+
+
+def test_a_lowered_map_is_found_again_in_the_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    town = compile_map(None, tmp_path)
+    slow = with_speed_limit(town, 8.333)
+    monkeypatch.setattr("siren_ros.roads.maps.speed_limit.lowered_limits", None)
+    assert with_speed_limit(town, 8.333) == slow

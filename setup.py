@@ -45,6 +45,8 @@ DEVELOPMENT = [
     "pytest-timeout>=2.3",  # a test that hangs fails instead
     "pytest-xdist>=3.5",  # shares the tests between two processes
     "hypothesis>=6.100",  # properties over generated cases
+    "cosmic-ray>=8.4,<9",  # changes the code in small ways, so that tools/mutants.sh can tell what the tests notice
+    "coverage>=7",  # tells tools/mutants.sh which tests run a line
     "open3d>=0.19",  # casts the same rays, to compare ours with in tests and in the benchmark of the sensors
     "mypy>=1.11",  # checks the types
     "types-PyYAML",  # type information for the type check

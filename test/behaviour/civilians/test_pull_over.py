@@ -8,7 +8,7 @@ import pytest
 from siren_ros.behaviour.civilians.pull_over import alignment_of, edge_offset_m
 from siren_ros.behaviour.civilians.unit import aligned_within_rad
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
-from siren_ros.world.actors import ActorClass, Mode, Owner
+from siren_ros.world.actors import ActorClass, Lights, Mode, Owner
 
 AMBULANCE = ActorClass.AMBULANCE
 
@@ -153,3 +153,62 @@ def test_a_long_vehicle_has_to_stand_straighter_than_a_car(lab):
     assert car == pytest.approx(np.radians(8.0), rel=0.05)
     assert np.sin(bus) * view.seen.half_length_m[1] < 0.35
     assert bus < 0.5 * car
+
+
+@pytest.mark.parametrize(
+    ("lane", "left", "light"),
+    [(0, -0.735, Lights.INDICATOR_LEFT), (1, 0.735, Lights.INDICATOR_RIGHT)],
+    ids=["at the right edge", "at the left edge"],
+)
+def test_a_held_vehicle_is_released_when_the_emv_has_gone_elsewhere(lab, world, lane, left, light):
+    """It leaves its edge towards the middle of its lane, and shows that side."""
+    car = lab.Car(2, lane, 90, 0, (0,), left=left)
+    state, commands, _ = steps(lab, world, [emv_at(lab), replace(car, s=80.0, left=0.0, speed=5.0)])
+    before = Lights.INDICATOR_RIGHT if left < 0.0 else Lights.INDICATOR_LEFT
+    assert commands.lights.tolist() == [before]
+    state, commands, _ = steps(lab, world, [emv_at(lab), car], 1, state, 1)
+    assert commands.mode.tolist() == [Mode.YIELD_HOLD]
+    state, commands, events = steps(lab, world, [emv_at(lab, 36.0), car], 5, state, 2)
+    assert commands.mode.tolist() == [Mode.YIELD_HOLD]
+    assert not events
+    _, commands, events = steps(lab, world, [emv_at(lab, 30.0), car], 1, state, 7)
+    assert kinds(events) == ["yield_cancelled"]
+    assert events[0].detail["reason"] == "emv_gone"
+    assert commands.mode.tolist() == [Mode.REJOIN]
+    assert commands.lights.tolist() == [light]
+    assert commands.throttle[0] > 0.0
+    assert commands.hand_brake.tolist() == [0]
+    assert np.sign(commands.steer_rad[0]) == -np.sign(left)
+
+
+def test_a_held_vehicle_is_released_when_the_emv_has_left_the_simulation(lab, world):
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
+    state, _, _ = steps(lab, world, cars)
+    held = lab.Car(2, 0, 90, 0, (0,), left=-0.735)
+    state, _, _ = steps(lab, world, [cars[0], held], 1, state, 1)
+    _, commands, events = steps(lab, world, [held], 1, state, 2)
+    assert [event.detail["reason"] for event in events] == ["emv_gone"]
+    assert commands.mode.tolist() == [Mode.REJOIN]
+
+
+def test_the_standstill_before_a_partial_hold_is_counted_without_interruption(lab, world):
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 0, (0,)), lab.Car(3, 0, 87.2, 0, (0,))]
+    state, _, _ = steps(lab, world, cars)
+    stuck = [cars[0], lab.Car(2, 0, 80.4, 0, (0,), left=-0.1), cars[2]]
+    rolling = [cars[0], replace(stuck[1], speed=0.5), cars[2]]
+    needed = round(world.config.pull_over.blocked_hold_s / 0.05)
+    state, _, _ = steps(lab, world, stuck, needed - 1, state, 1)
+    state, _, _ = steps(lab, world, rolling, 1, state, needed)
+    state, _, events = steps(lab, world, stuck, needed - 1, state, needed + 1)
+    assert not [event for event in events if event.actor_id == 2]
+    _, _, events = steps(lab, world, stuck, 1, state, 2 * needed)
+    assert [event.kind.value for event in events if event.actor_id == 2] == ["yield_held"]
+
+
+@pytest.mark.parametrize(("ahead", "yields"), [(0.1, True), (-0.1, False)])
+def test_a_vehicle_at_the_emvs_side_pulls_over_where_its_front_is_ahead_of_the_emvs(lab, world, ahead, yields):
+    front = 50.0 + 0.5 * lab.vehicles[AMBULANCE].length_m
+    centre = front + ahead - 0.5 * lab.vehicles[ActorClass.SEDAN].length_m
+    _, commands, events = steps(lab, world, [emv_at(lab), lab.Car(2, 1, centre, 5, (0,))])
+    assert (kinds(events) == ["yield_requested", "yield_started"]) is yields
+    assert (commands.actor_id.tolist() == [2]) is yields

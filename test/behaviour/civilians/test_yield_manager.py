@@ -172,17 +172,36 @@ def test_yield_that_has_not_started_is_dropped(lab, world, where, reason):
     assert not state.units
 
 
-def test_yield_is_dropped_when_the_emv_leaves_the_lane(lab, world):
-    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,)), lab.Car(3, 1, 81, 5, (0,))]
-    state, _, _ = steps(lab, world, cars)
-    cars[0] = emv_at(lab, 50.0, lane=1)
-    state, _, events = steps(lab, world, cars[:2], 22, state, 1)
-    assert "yield_started" in kinds(events) or "yield_cancelled" in kinds(events)
-    blocked = [cars[0], cars[1], lab.Car(3, 1, 81, 5, (0,))]
-    state, _, _ = steps(lab, world, [emv_at(lab), *blocked[1:]])
-    _, _, events = steps(lab, world, blocked, 22, state, 1)
-    dropped = [event for event in events if event.kind.value == "yield_cancelled" and event.actor_id == 2]
-    assert dropped[0].detail["reason"] == "off_path"
+def blocked_then(lab, world, *phases):
+    """A civilian whose lane change is blocked, while the EMV drives in one lane after another, each for some steps."""
+    cars = [lab.Car(2, 0, 80, 5, (0,)), lab.Car(3, 1, 81, 5, (0,))]
+    state, _, _ = steps(lab, world, [emv_at(lab), *cars])
+    step, events = 1, []
+    for lane, count in phases:
+        state, _, happened = steps(lab, world, [emv_at(lab, lane=lane), *cars], count, state, step)
+        step += count
+        events += [event for event in happened if event.actor_id == 2]
+    return events
+
+
+def test_yield_is_dropped_a_second_after_the_emv_left_the_lane(lab, world):
+    grace = round(world.config.yielding.off_path_grace_s / 0.05)
+    assert not blocked_then(lab, world, (1, grace))
+    events = blocked_then(lab, world, (1, grace + 1))
+    assert kinds(events) == ["yield_cancelled"]
+    assert events[0].detail["reason"] == "off_path"
+
+
+def test_the_second_off_the_path_begins_again_when_the_emv_comes_back(lab, world):
+    grace = round(world.config.yielding.off_path_grace_s / 0.05)
+    assert not blocked_then(lab, world, (1, grace), (0, 1), (1, grace))
+
+
+def test_a_yield_with_a_free_lane_starts_although_the_emv_has_just_left_the_lane(lab, world):
+    cars = [lab.Car(2, 0, 80, 5, (0,)), lab.Car(3, 1, 81, 5, (0,))]
+    state, _, _ = steps(lab, world, [emv_at(lab), *cars])
+    _, _, events = steps(lab, world, [emv_at(lab, lane=1), cars[0]], 1, state, 1)
+    assert kinds(events) == ["yield_started"]
 
 
 def started(lab, world):
@@ -225,6 +244,46 @@ def test_yields_again_when_the_emv_follows_into_the_new_lane(lab, world):
     assert kinds(events)[:3] == ["yield_requested", "yield_deferred", "yield_started"]
     assert [event.detail.get("reason") for event in events[:2]] == ["emv_followed", "cooldown"]
     assert events[2].step == world.cooldown_steps
+
+
+def kept_with(lab, world, *phases):
+    """A civilian that has changed lanes, while the EMV drives as the phases say: lane, route and number of steps."""
+    there = lab.Car(2, 1, 90, 3, (0, 2))
+    state, _, _ = steps(lab, world, [lab.Car(1, 0, 50, 10, (0, 2), AMBULANCE), replace(there, lane=0, s=80.0)])
+    state, _, _ = steps(lab, world, [lab.Car(1, 0, 50, 10, (0, 2), AMBULANCE), there], 1, state, 1)
+    assert next(iter(state.units.values())).phase is Mode.YIELD_KEEP_LANE
+    step, events = 2, []
+    for lane, route, count in phases:
+        cars = [lab.Car(1, lane, 60, 10, route, AMBULANCE), there]
+        state, _, happened = steps(lab, world, cars, count, state, step)
+        step += count
+        events += happened
+    return state, events
+
+
+def test_the_second_that_the_emv_follows_is_counted_without_interruption(lab):
+    world = lab.world_of(lab.junction_road(), lab.L2)
+    on = (0, 2)
+    assert not kept_with(lab, world, (1, on, 19), (0, on, 1), (1, on, 19))[1]
+    assert kinds(kept_with(lab, world, (1, on, 19), (0, on, 1), (1, on, 20))[1]) == ["yield_requested"]
+
+
+def test_kept_lane_is_left_a_second_after_the_emv_took_another_road_without_interruption(lab):
+    """The civilian is past the junction; the EMV before it will turn right, and then straight on again."""
+    world = lab.world_of(lab.junction_road(), lab.L2)
+    there = lab.Car(2, 5, 5, 3, (2,))
+    ahead, away = ((lab.Car(1, 0, 140, 5, route, AMBULANCE), there) for route in ((0, 2), (0, 4)))
+    first = [ahead[0], lab.Car(2, 4, 5, 3, (2,))]
+    grace = round(world.config.yielding.off_path_grace_s / 0.05)
+    for interruption, reasons in ((ahead, []), (away, ["emv_gone"])):
+        state, _, _ = steps(lab, world, first)
+        state, _, events = steps(lab, world, ahead, 1, state, 1)
+        assert kinds(events) == ["yield_completed"]
+        state, _, events = steps(lab, world, away, grace, state, 2)
+        assert not events
+        state, _, events = steps(lab, world, interruption, 1, state, 2 + grace)
+        more = steps(lab, world, away, grace, state, 3 + grace)[2]
+        assert [event.detail["reason"] for event in (*events, *more)] == reasons
 
 
 def test_removed_civilian_is_forgotten(lab, world):

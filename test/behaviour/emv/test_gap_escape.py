@@ -64,6 +64,17 @@ def test_left_after_two_seconds_without_a_blocker(lab):
     assert kinds(events) == ["gap_escape_left"]
 
 
+def test_the_time_without_a_blocker_begins_again_with_each_blocker(lab):
+    active = EmvUnit(1, gap_escape_active=True)
+    unit, _ = run(active, view_at(lab), 39)
+    unit, events = run(replace(unit, snapshot=BLOCKED), view_at(lab), 1)
+    assert unit.blocker_free_s == 0.0
+    unit, more = run(replace(unit, snapshot=None), view_at(lab), 39)
+    assert not events
+    assert not more
+    assert kinds(run(unit, view_at(lab), 1)[1]) == ["gap_escape_left"]
+
+
 def test_preempts_a_forced_lane_change(lab):
     unit, events = run(EmvUnit(1, snapshot=BLOCKED, change_side=1, stopped_s=5.0), view_at(lab), 1)
     assert unit.gap_escape_active

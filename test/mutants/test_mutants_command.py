@@ -1,0 +1,165 @@
+"""The whole command over a tiny package: one function is tested well, one badly, one hangs when it is changed."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+from repository import REPOSITORY
+
+BEFORE = """
+def gap(a, b):
+    return a - b
+"""
+CODE = (
+    BEFORE
+    + """
+
+def inside(x, low, high):
+    return low < x and x < high
+
+
+def count_down(number):
+    while number > 0:
+        number = number - 1
+    return number
+
+
+def doubled(a):
+    return 2 * a
+"""
+)
+TESTS = """
+from shop.prices import sums
+
+
+def test_gap():
+    assert sums.gap(7, 3) == 4
+
+
+def test_inside():
+    assert sums.inside(1.5, 1, 2)
+
+
+def test_count_down():
+    assert sums.count_down(3) == 0
+
+
+def test_fails_always():
+    assert sums.gap(1, 1) == 1
+
+
+def test_slow():
+    assert sum(range(20_000_000)) > sums.doubled(1)
+"""
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory):
+    root = tmp_path_factory.mktemp("tiny")
+    files = {
+        "shop/__init__.py": "",
+        "shop/prices/__init__.py": "",
+        "shop/prices/sums.py": BEFORE,
+        "test/prices/test_sums.py": TESTS,
+        "tools/mutants/equivalent.yaml": (
+            "- {file: shop/prices/sums.py, was: return 2 * a, becomes: return 2 / a, why: an example}\n"
+        ),
+    }
+    for name, text in files.items():
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text(text)
+    identity = ["git", "-c", "user.name=t", "-c", "user.email=t@example.org"]
+    for command in (["init", "-q"], ["add", "."], ["commit", "-qm", "first"]):
+        subprocess.run([*identity, *command], cwd=root, check=True, capture_output=True)
+    (root / "shop/prices/sums.py").write_text(CODE)
+    return root
+
+
+def run(root, *arguments):
+    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY / "tools")}
+    command = [sys.executable, "-m", "mutants", "--start", "1", "--slow", "0.1", *arguments]
+    return subprocess.run(command, cwd=root, env=environment, check=False, capture_output=True, text=True)
+
+
+@pytest.fixture(scope="module")
+def whole(tiny):
+    results = tiny / "results.json"
+    done = run(tiny, "--since", "HEAD", "--results", str(results))
+    assert done.returncode == 0, done.stderr
+    return done, json.loads(results.read_text())
+
+
+def verdicts(found, was):
+    return {entry["becomes"]: entry["verdict"] for entry in found if entry["was"] == was}
+
+
+def test_what_the_tests_notice_is_caught_and_what_they_do_not_survives(whole):
+    done, found = whole
+    inside = verdicts(found, "return low < x and x < high")
+    assert inside["return low >= x and x < high"] == "caught"
+    assert inside["return low < x or x < high"] == "survived"
+    assert "shop/prices/sums.py:7: survived" in done.stdout
+    assert "+ return low < x or x < high" in done.stdout
+
+
+def test_a_program_that_hangs_is_caught(whole):
+    _, found = whole
+    loop = [entry for entry in found if entry["was"] == "number = number - 1"]
+    hung = next(entry for entry in loop if entry["becomes"] == "number = number + 1")
+    assert (hung["verdict"], hung["by"]) == ("caught", "time limit or crash")
+
+
+def test_slow_and_failing_tests_are_left_out_so_that_only_they_notice_nothing(whole):
+    done, found = whole
+    doubled = verdicts(found, "return 2 * a")
+    assert doubled.pop("return 2 / a") == "equivalent"
+    assert set(doubled.values()) == {"survived"}
+    for name in ("test_slow", "test_fails_always"):
+        assert f"left out, since it is slow or fails in a copy: test/prices/test_sums.py::{name}" in done.stderr
+
+
+def test_the_score_counts_what_is_not_equivalent(whole):
+    done, found = whole
+    caught = sum(entry["verdict"] == "caught" for entry in found)
+    equivalent = sum(entry["verdict"] == "equivalent" for entry in found)
+    counted = len(found) - equivalent
+    assert f"{caught:5} of {counted:4} caught" in done.stdout
+    assert f"({equivalent} equivalent)" in done.stdout
+
+
+def test_the_working_tree_is_left_as_it_was(tiny, whole):
+    assert (tiny / "shop/prices/sums.py").read_text() == CODE
+    assert whole
+
+
+def test_survivors_are_run_again_with_better_tests(tiny, whole):
+    _, found = whole
+    better = tiny / "test/prices/test_sums.py"
+    before = better.read_text()
+    better.write_text(before + "\n\ndef test_outside():\n    assert not sums.inside(2.5, 1, 2)\n")
+    try:
+        done = run(tiny, "--again", str(tiny / "results.json"), "--results", str(tiny / "again.json"))
+    finally:
+        better.write_text(before)
+    again = json.loads((tiny / "again.json").read_text())
+    assert done.returncode == 0
+    assert len(again) == sum(entry["verdict"] == "survived" for entry in found)
+    assert verdicts(again, "return low < x and x < high")["return low < x or x < high"] == "caught"
+
+
+def test_only_lines_of_the_change_are_looked_at(whole):
+    _, found = whole
+    assert not verdicts(found, "return a - b")
+    assert len({entry["line"] for entry in found}) == 4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"), [(["nowhere"], "nowhere"), (["--since", "nowhere"], "--since"), ([], "name files")]
+)
+def test_a_wrong_command_line_ends_with_one_line_and_code_2(tiny, arguments, word):
+    done = run(tiny, *arguments)
+    assert done.returncode == 2
+    assert word in done.stderr.splitlines()[-1]
+    assert "Traceback" not in done.stderr

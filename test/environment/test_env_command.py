@@ -107,7 +107,9 @@ def test_an_extra_is_asked_for_once(checkout: Checkout) -> None:
     assert checkout.calls() == [".venv wheels models readers"]
 
 
-@pytest.mark.parametrize("command", ["pytest", "ruff", "mypy", "colcon", "tools/check_workspace.sh", "tools/mutants.sh"])
+@pytest.mark.parametrize(
+    "command", ["pytest", "ruff", "mypy", "colcon", "tools/check_workspace.sh", "tools/mutants.sh"]
+)
 def test_a_development_command_brings_its_extra(checkout: Checkout, command: str) -> None:
     checkout.env(command, "--version")
     assert checkout.calls() == [".venv wheels dev"]

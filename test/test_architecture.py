@@ -38,6 +38,7 @@ LAYERS = {
     "evaluation/prediction": [
         "reports",
         "scoring",
+        "submitted",
         "predictors",
         "published",
         "baselines",

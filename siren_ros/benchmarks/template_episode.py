@@ -16,7 +16,7 @@ from siren_ros.dynamics.fleet_state import FleetState
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.errors import SirenError
 from siren_ros.evaluation.prediction.predictors import predictors_named
-from siren_ros.evaluation.prediction.scoring import score_episode
+from siren_ros.evaluation.prediction.scoring.score_episode import score_episode
 from siren_ros.generation.behaviour_setup import behaviour_world
 from siren_ros.generation.closed_loop import LoopStep, closed_loop, record_of
 from siren_ros.generation.episode_setup import EpisodeSetup, plan_length, set_up_episode
@@ -101,7 +101,7 @@ def figures_of(record: EpisodeRecord, request: EpisodeRequest, step_ms: float) -
     first = emvs[0]
     moved = np.hypot(np.diff(first.x_m, prepend=first.x_m[:1]), np.diff(first.y_m, prepend=first.y_m[:1]))
     scores = score_episode(request.template, record, predictors_named(["cv"]))
-    ade = scores.models["cv"].get("ade_m")
+    ade = scores.models["cv"]["ade_m"]
     return EpisodeFigures(
         template=request.template,
         seed=request.seed,
@@ -115,7 +115,7 @@ def figures_of(record: EpisodeRecord, request: EpisodeRequest, step_ms: float) -
         residual_max_m=residual.max_m,
         standstill_s=max(longest_standstill_s(emv.speed_mps) for emv in emvs),
         emv_speed_mps=float(first.speed_mps.mean()) if len(first.speed_mps) else 0.0,
-        cv_ade_m=float("nan") if ade is None else ade.value,
+        cv_ade_m=ade.value if ade.valid else float("nan"),
         step_ms=step_ms,
         realisation=realisation_of(record),
         way_m=np.cumsum(moved),

@@ -2,10 +2,16 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from siren_ros.cli.main import main
 from siren_ros.evaluation.prediction.predictors import PREDICTORS
+from siren_ros.evaluation.prediction.protocol.samples import Population, samples_of
+from siren_ros.evaluation.prediction.protocol.window import HistoryWindow
+from siren_ros.recording.bag_reader import read_episode
 
 
 @pytest.fixture(scope="module")
@@ -18,31 +24,35 @@ def short_bag(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[...,
     return write_bag(tmp_path_factory.mktemp("bags") / "short", duration_s=1.0)
 
 
-def test_prediction_prints_values_beside_the_papers(
+def test_prediction_prints_tables_and_writes_files(
     bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out_file = tmp_path / "new" / "scores.json"
-    assert main(["evaluate", "prediction", str(bag), "--population", "all", "--out", str(out_file.parent)]) == 0
-    out = capsys.readouterr().out
-    scores = json.loads(out_file.read_text(encoding="utf-8"))
+    out = tmp_path / "new" / "scores"
+    words = ["evaluate", "prediction", str(bag), "--population", "all", "--compare-paper", "--out", str(out)]
+    assert main(words) == 0
+    printed = capsys.readouterr().out
+    assert printed == (out / "report.txt").read_text(encoding="utf-8")
+    assert printed.startswith("population: all vehicles on the map\n")
+    scores = json.loads((out / "scores.json").read_text(encoding="utf-8"))
+    assert scores["population"] == "all"
     cv = scores["episodes"][0]["models"]["cv"]
-    assert out.startswith("population: all vehicles on the map\n")
-    assert scores["episodes"][0]["population"] == "all"
-    (row,) = [line.split() for line in out.splitlines() if line.startswith("S2_L2_seed0")]
-    assert row[:4] == ["S2_L2_seed0", "S2", "L2", "50"]
-    assert row[4:6] == [f"{cv['ade_m']:.2f}/{cv['fde_m']:.2f}", "1.17/3.11"]
-    assert row[7] == "1.58/3.75"
-    assert "mean of 1 template " in out
-    assert "the paper's 1.44 m" in out
-    assert "needs 3 templates" in out
+    row = next(line.split() for line in printed.splitlines() if line.startswith("cv "))
+    assert row[:4] == ["cv", "-/-", f"{cv['ade_m']:.2f}/{cv['fde_m']:.2f}", "-/-"]
+    assert row[-2:] == ["50", "all"]
+    assert "the paper's 1.44 m" in printed
+    assert "needs 3 templates" in printed
+    assert sum("(paper)" in line for line in printed.splitlines()) == 7
+    assert (out / "prediction.tex").is_file()
 
 
 def test_one_model_and_several_bags_of_a_template(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["evaluate", "prediction", str(bag), str(bag), "--models", "idm", "--population=all"]) == 0
     out = capsys.readouterr().out
     assert "cv" not in out.split()
-    (row,) = [line.split() for line in out.splitlines() if line.startswith("mean of 2 bags")]
-    assert row[4:6] == ["S2", "100"]
+    assert "paper" not in out
+    assert len([line for line in out.splitlines() if line.startswith("S2_L2_seed0")]) == 2
+    (row,) = [line.split() for line in out.splitlines() if line.startswith("idm ") and "/" in line]
+    assert row[-2:] == ["100", "all"]
 
 
 def test_unknown_model(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -55,7 +65,7 @@ def test_unknown_model(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_a_folder_of_bags_stands_for_them(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["evaluate", "prediction", str(bag.parent), "--models=cv", "--population=all"]) == 0
-    assert [line for line in capsys.readouterr().out.splitlines() if line.startswith("S2_L2_seed0")]
+    assert "cv" in capsys.readouterr().out.split()
 
 
 @pytest.mark.parametrize(
@@ -85,7 +95,7 @@ def test_unreadable_bag_does_not_keep_the_others(bag: Path, tmp_path: Path, caps
     captured = capsys.readouterr()
     assert captured.err.count("\n") == 1
     assert "none" in captured.err
-    assert "S2_L2_seed0" in captured.out
+    assert "idm - " in captured.out or "cv - idm" in captured.out
 
 
 def test_bag_without_a_whole_window(short_bag: Path, bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -93,7 +103,7 @@ def test_bag_without_a_whole_window(short_bag: Path, bag: Path, capsys: pytest.C
     captured = capsys.readouterr()
     assert "short: no vehicle was in the region around the EMV for a whole window" in captured.err
     (row,) = [line.split() for line in captured.out.splitlines() if line.startswith("short")]
-    assert row[3:5] == ["0", "-/-"]
+    assert row[3:] == ["0", "-/-", "-/-"]
 
 
 def test_a_folder_that_cannot_be_written(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -104,9 +114,75 @@ def test_a_folder_that_cannot_be_written(bag: Path, capsys: pytest.CaptureFixtur
 def test_the_region_is_the_default_and_the_table_says_so(
     bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out_file = tmp_path / "scores.json"
-    assert main(["evaluate", "prediction", str(bag), "--out", str(out_file.parent)]) == 0
+    assert main(["evaluate", "prediction", str(bag), "--out", str(tmp_path)]) == 0
     assert capsys.readouterr().out.startswith("population: region (vehicles within 40 m in, 50 m out around the EMV")
-    episode = json.loads(out_file.read_text(encoding="utf-8"))["episodes"][0]
-    assert episode["population"] == "region"
-    assert 0 < episode["models"]["cv"]["samples"] < 50
+    scores = json.loads((tmp_path / "scores.json").read_text(encoding="utf-8"))
+    assert scores["population"] == "region"
+    assert 0 < scores["models"]["cv"]["samples"] < 50
+
+
+@pytest.fixture(scope="module")
+def predictions(bag: Path) -> pa.Table:
+    """Constant velocity, as another program would hand it in: by the folder's name, from 6 s at 0.1 s."""
+    samples = samples_of(read_episode(bag), HistoryWindow(), Population.ALL)
+    batch = samples.batch
+    times = 0.1 * np.arange(1, 61)
+    path = batch.xy_m[:, None] + times[:, None] * batch.velocity_mps[:, None]
+    return pa.table(
+        {
+            "episode": [bag.name] * len(batch),
+            "actor": batch.actors.actor_id[batch.target].astype(np.int64),
+            "step": batch.step[batch.actors.frame[batch.target]],
+            "mode": np.zeros(len(batch), dtype=np.int64),
+            "probability": np.ones(len(batch)),
+            "x": list(path[..., 0]),
+            "y": list(path[..., 1]),
+        }
+    )
+
+
+def test_predictions_of_a_file_are_scored_like_a_model(
+    bag: Path, predictions: pa.Table, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pq.write_table(predictions, tmp_path / "mine.parquet")
+    words = ["evaluate", "prediction", str(bag), f"--predictions=mine={tmp_path / 'mine.parquet'}", "--population=all"]
+    assert main([*words, "--models=cv", "--out", str(tmp_path / "out")]) == 0
+    models = json.loads((tmp_path / "out" / "scores.json").read_text(encoding="utf-8"))["episodes"][0]["models"]
+    assert models["mine"]["ade_m"] == pytest.approx(models["cv"]["ade_m"], abs=1e-12)
+    capsys.readouterr()
+    assert main([*words, "--models=none"]) == 0
+    assert "cv" not in capsys.readouterr().out.split()
+
+
+def test_missing_predictions_are_refused_or_shown_as_coverage(
+    bag: Path, predictions: pa.Table, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pq.write_table(predictions.slice(5), tmp_path / "mine.parquet")
+    words = ["evaluate", "prediction", str(bag), f"--predictions=mine={tmp_path / 'mine.parquet'}", "--population=all"]
+    assert main(words) == 2
+    assert "5 of 50 samples have no prediction; the first is actor" in capsys.readouterr().err
+    assert main([*words, "--allow-missing"]) == 0
+    (row,) = [line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("mine ") and "%" in line]
+    assert row[-2:] == ["45", "90.0%"]
+
+
+@pytest.mark.parametrize(
+    ("column", "told"), [("probability", "probabilities are not finite"), ("x", "paths are not finite")]
+)
+def test_predictions_with_nan_end_the_command(
+    column: str, told: str, bag: Path, predictions: pa.Table, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    values = predictions[column].to_pylist()
+    values[3] = [float("nan")] * 60 if column == "x" else float("nan")
+    place = predictions.column_names.index(column)
+    pq.write_table(predictions.set_column(place, column, pa.array(values)), tmp_path / "mine.parquet")
+    assert main(["evaluate", "prediction", str(bag), f"--predictions=mine={tmp_path / 'mine.parquet'}"]) == 2
+    captured = capsys.readouterr()
+    assert f"1 of 50 {told}; the first is episode S2_L2_seed0, actor" in captured.err
+    assert captured.err.count("\n") == 1
+    assert captured.out == ""
+
+
+def test_a_file_with_the_name_of_a_model(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["evaluate", "prediction", str(bag), "--predictions=cv=x.parquet"]) == 2
+    assert "a name that no model has" in capsys.readouterr().err

@@ -38,8 +38,13 @@ class BagSurvey:
     @property
     def name(self) -> str:
         """``S2_L2_seed0_town``."""
-        text = "{template}_{level}_seed{seed}_{map}".format_map(self.episode)
-        return "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in text)
+        return episode_name(*(self.episode[key] for key in ("template", "level", "seed", "map")))
+
+
+def episode_name(template: str, level: str, seed: int, map_name: str) -> str:
+    """What datasets call an episode; letters, digits, ``-`` and ``_``."""
+    text = f"{template}_{level}_seed{seed}_{map_name}"
+    return "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in text)
 
 
 def survey_bag(bag: Path, format_name: str, needs: Sequence[Need], scratch: Path) -> BagSurvey:

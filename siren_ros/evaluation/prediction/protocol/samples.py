@@ -1,6 +1,6 @@
 """Samples for trajectory prediction: the past for the predictor, and separately the future for the score."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -125,6 +125,10 @@ class ScoredSamples:
     def __len__(self) -> int:
         return len(self.batch)
 
+    def select(self, samples: Rows) -> "ScoredSamples":
+        """Some of the samples, given as increasing indices; everybody stays a neighbour."""
+        return ScoredSamples(replace(self.batch, target=self.batch.target[samples]), self.future_xy_m[samples])
+
 
 def samples_of(record: EpisodeRecord, window: HistoryWindow, population: Population) -> ScoredSamples:
     """One sample for each vehicle, EMV included, and each frame at which its whole window was logged.
@@ -148,7 +152,8 @@ def samples_of(record: EpisodeRecord, window: HistoryWindow, population: Populat
         raise BagError(record.description.template, f"an episode that describes its actors; {missing} are not")
     table = _row_table(rows, ids)
     past, future = window.offsets, future_offsets()
-    present = _present_frames(table, np.concatenate((past, future)))
+    needed = np.union1d(future, np.arange(future[-1] + 1, window.future_frames + 1))
+    present = _present_frames(table, np.concatenate((past, needed)))
     frames = np.flatnonzero(present.any(axis=0))
     frame, actor = np.nonzero(table[:, frames].T >= 0)
     there = _points(table, actor, frames[frame], past)

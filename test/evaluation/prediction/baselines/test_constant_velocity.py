@@ -14,7 +14,7 @@ def test_no_error_at_constant_velocity_whatever_the_heading(straight_road: RoadN
     scored = samples_of(record_with(tracks, straight_road), model.window, Population.ALL)
     answer = model.predict(scored.batch)
     assert answer.xy_m.shape == (63, 1, 25, 2)
-    assert fde(answer, scored.future_xy_m).value == pytest.approx(0.0, abs=1e-9)
+    assert fde(answer, scored.future_xy_m) == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("accel_mps2", [1.2, -0.8])
@@ -24,6 +24,6 @@ def test_error_at_constant_acceleration(accel_mps2: float, straight_road: RoadNe
     scored = samples_of(record, model.window, Population.ALL)
     answer = model.predict(scored.batch)
     # The miss after t is |a| t² / 2; the mean of t² over 0.2 s … 5 s is 0.04 · (26 · 51 / 6) = 8.84 s².
-    assert ade(answer, scored.future_xy_m).value == pytest.approx(abs(accel_mps2) / 2.0 * 8.84)
-    assert fde(answer, scored.future_xy_m).value == pytest.approx(abs(accel_mps2) / 2.0 * 25.0)
+    assert ade(answer, scored.future_xy_m) == pytest.approx(abs(accel_mps2) / 2.0 * 8.84)
+    assert fde(answer, scored.future_xy_m) == pytest.approx(abs(accel_mps2) / 2.0 * 25.0)
     assert np.ptp(answer.xy_m[:, 0, :, 1]) == pytest.approx(0.0, abs=1e-9)

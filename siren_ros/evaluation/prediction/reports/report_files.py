@@ -1,0 +1,47 @@
+"""Writes all files of a report into one folder."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from siren_ros.errors import InputError
+from siren_ros.evaluation.prediction.reports.csv_files import csv_files
+from siren_ros.evaluation.prediction.reports.differences import Difference
+from siren_ros.evaluation.prediction.reports.json_report import json_report
+from siren_ros.evaluation.prediction.reports.latex_tables import latex_tables
+from siren_ros.evaluation.prediction.reports.score_table import ScoreTable
+
+
+def new_folder(path: Path) -> None:
+    """Makes the folder of a report; there may be an older report in it, which is replaced.
+
+    Raises:
+        InputError: It cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _no_place(path, error) from error
+
+
+def write_report(path: Path, table: ScoreTable, found: Sequence[Difference], text: str, compare_paper: bool) -> None:
+    """Writes ``report.txt``, ``scores.json``, CSV files and LaTeX tables.
+
+    Raises:
+        InputError: The folder cannot be written.
+    """
+    files = {
+        "report.txt": text + "\n",
+        "scores.json": json.dumps(json_report(table, found), indent=2, allow_nan=False) + "\n",
+        **csv_files(table, found),
+        **latex_tables(table, compare_paper),
+    }
+    try:
+        for name, content in files.items():
+            (path / name).write_text(content, encoding="utf-8")
+    except OSError as error:
+        raise _no_place(path, error) from error
+
+
+def _no_place(path: Path, error: OSError) -> InputError:
+    return InputError("out", str(path), f"a folder that can be written ({error.strerror or error})")

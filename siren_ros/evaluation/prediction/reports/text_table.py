@@ -1,0 +1,30 @@
+"""Tables of text with aligned columns, and how numbers are written."""
+
+from collections.abc import Sequence
+from typing import Final
+
+from siren_ros.evaluation.statistics.interval import Interval
+
+NONE: Final = "-"
+"""Where there is no value."""
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a table, columns two spaces apart."""
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    return ["  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+def number(value: float | None, digits: int = 2) -> str:
+    """A value, or a dash."""
+    return NONE if value is None else f"{value:.{digits}f}"
+
+
+def pair(values: Sequence[float | None]) -> str:
+    """``1.44/3.73``."""
+    return "/".join(number(value) for value in values)
+
+
+def bounds(interval: Interval) -> str:
+    """``[1.20, 1.66]``, a dash where one episode says nothing about others."""
+    return f"[{interval.low:.2f}, {interval.high:.2f}]" if interval.bounded else NONE

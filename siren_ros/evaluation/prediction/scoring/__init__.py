@@ -1,0 +1,1 @@
+"""Predictors scored on episodes: a value for each metric and sample."""

@@ -1,0 +1,105 @@
+"""Scores many bags, side by side in processes."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from siren_ros.datasets.exporting.survey import episode_name
+from siren_ros.datasets.exporting.worker_pool import worker_pool
+from siren_ros.datasets.sources.episode_source import open_source
+from siren_ros.errors import SirenError
+from siren_ros.evaluation.prediction.predictors import predictors_named
+from siren_ros.evaluation.prediction.protocol.predictor import Predictor
+from siren_ros.evaluation.prediction.protocol.samples import Population
+from siren_ros.evaluation.prediction.scoring.episode_scores import EpisodeScores
+from siren_ros.evaluation.prediction.scoring.score_episode import score_episode
+from siren_ros.evaluation.prediction.submitted.submission import Submission, SubmittedPart
+
+
+@dataclass(frozen=True)
+class ScoringJob:
+    """What is scored on every bag."""
+
+    models: tuple[str, ...]
+    checkpoints: tuple[tuple[str, Path], ...] = ()
+    submissions: Mapping[str, Submission] | None = None
+    population: Population = Population.REGION
+    processes: int = 1
+
+
+@dataclass(frozen=True)
+class BagResult:
+    """What became of a bag: its scores, or the error."""
+
+    bag: Path
+    scores: EpisodeScores | None
+    error: SirenError | None = None
+
+
+def score_bags(
+    job: ScoringJob, bags: Sequence[Path], progress: Callable[[], None] = lambda: None
+) -> tuple[BagResult, ...]:
+    """Scores every bag; one that cannot be read does not keep the others from being scored.
+
+    Args:
+        job: The models.
+        bags: Folders of episodes.
+        progress: Called after each bag.
+
+    Raises:
+        InputError: A model that cannot be made, or predictions that do not fit the episodes.
+    """
+    submissions = job.submissions or {}
+    names = [_names(bag) if submissions else (bag.name,) for bag in bags]
+    for one in submissions.values():
+        one.check_episodes(names)
+    if job.models:
+        _predictors(job.models, job.checkpoints)
+    results: list[BagResult] = [BagResult(bag, None) for bag in bags]
+    with worker_pool(min(job.processes, len(bags) // 2), lambda _: None) as run:
+        calls = [
+            (bag, job.models, job.checkpoints, _parts(submissions, own), job.population)
+            for bag, own in zip(bags, names, strict=True)
+        ]
+        for number, result in run(_score_bag, calls):
+            results[number] = result
+            progress()
+    return tuple(results)
+
+
+def _names(bag: Path) -> tuple[str, ...]:
+    """What predictions may call the episode: the folder, and as exports name it, with or without underscores."""
+    try:
+        with open_source(bag) as source:
+            episode = source.description
+    except SirenError:
+        return (bag.name,)
+    exported = episode_name(episode.template, episode.level.name, episode.seed, episode.map_name)
+    return tuple(dict.fromkeys((bag.name, exported, exported.replace("_", "-"))))
+
+
+def _parts(submissions: Mapping[str, Submission], names: tuple[str, ...]) -> Mapping[str, SubmittedPart]:
+    return {model: one.of_episode(names) for model, one in submissions.items()}
+
+
+@cache
+def _predictors(models: tuple[str, ...], checkpoints: tuple[tuple[str, Path], ...]) -> Mapping[str, Predictor]:
+    """Made once in each process: some load weights."""
+    return predictors_named(models, dict(checkpoints))
+
+
+def _score_bag(
+    bag: Path,
+    models: tuple[str, ...],
+    checkpoints: tuple[tuple[str, Path], ...],
+    submitted: Mapping[str, SubmittedPart],
+    population: Population,
+) -> BagResult:
+    predictors = _predictors(models, checkpoints) if models else {}
+    try:
+        with open_source(bag) as source:
+            record = source.record()
+        return BagResult(bag, score_episode(str(bag), record, predictors, population, submitted))
+    except SirenError as error:
+        return BagResult(bag, None, error)

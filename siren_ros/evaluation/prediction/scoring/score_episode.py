@@ -1,0 +1,96 @@
+"""Scores trajectory predictors on an episode: every model with every metric on each of its samples."""
+
+from collections.abc import Mapping
+
+from siren_ros.evaluation.prediction.metrics.calibration import reliability_of
+from siren_ros.evaluation.prediction.metrics.displacement import distances
+from siren_ros.evaluation.prediction.metrics.table import METRICS
+from siren_ros.evaluation.prediction.protocol.hypotheses import Hypotheses, checked
+from siren_ros.evaluation.prediction.protocol.predictor import Predictor
+from siren_ros.evaluation.prediction.protocol.samples import Population, ScoredSamples, samples_of
+from siren_ros.evaluation.prediction.protocol.window import HistoryWindow
+from siren_ros.evaluation.prediction.scoring.categories import categories_of
+from siren_ros.evaluation.prediction.scoring.episode_scores import EpisodeScores, ModelScores
+from siren_ros.evaluation.prediction.submitted.submission import SubmittedPart
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.scenario.episode import EpisodeDescription
+
+
+def score_episode(
+    name: str,
+    record: EpisodeRecord,
+    predictors: Mapping[str, Predictor],
+    population: Population = Population.REGION,
+    submitted: Mapping[str, SubmittedPart] | None = None,
+) -> EpisodeScores:
+    """Scores every predictor, and every submission, on an episode.
+
+    Args:
+        name: Of the episode, for reports.
+        record: The episode.
+        predictors: By the name of the model.
+        population: Whose windows count.
+        submitted: What other programs predicted in this episode, by the name of the model.
+
+    Raises:
+        InputError: The record does not describe its actors, or a model's hypotheses cannot be scored.
+    """
+    windows: dict[HistoryWindow, ScoredSamples] = {}
+
+    def samples_with(window: HistoryWindow) -> ScoredSamples:
+        if window not in windows:
+            windows[window] = samples_of(record, window, population)
+        return windows[window]
+
+    models = {}
+    for model, predictor in predictors.items():
+        samples = samples_with(predictor.window)
+        hypotheses = checked(model, predictor.predict(samples.batch), len(samples))
+        models[model] = model_scores(record, samples, hypotheses, len(samples))
+    for model, part in (submitted or {}).items():
+        samples = samples_with(part.window)
+        rows, hypotheses = part.predictions.meet(samples.batch, part.allow_missing)
+        models[model] = model_scores(record, samples.select(rows), hypotheses, len(samples))
+    episode = record.description
+    return EpisodeScores(
+        name=name,
+        template=episode.template,
+        level=episode.level,
+        seed=episode.seed,
+        map_name=episode.map_name,
+        population=population,
+        parameters=_numbers(episode),
+        models=models,
+    )
+
+
+def model_scores(record: EpisodeRecord, samples: ScoredSamples, hypotheses: Hypotheses, wanted: int) -> ModelScores:
+    """The scores of hypotheses for some samples of an episode.
+
+    Args:
+        record: The episode.
+        samples: Those that there are hypotheses for.
+        hypotheses: One row for each sample.
+        wanted: Number of samples of the population.
+    """
+    batch, truth = samples.batch, samples.future_xy_m
+    return ModelScores(
+        step=batch.step[batch.actors.frame[batch.target]],
+        actor_id=batch.actors.actor_id[batch.target],
+        category=categories_of(record, batch),
+        values={metric.name: metric.of_samples(hypotheses, samples) for metric in METRICS},
+        distance_sum_m=distances(hypotheses.xy_m[:, :1], truth)[:, 0].sum(axis=0),
+        reliability=reliability_of(hypotheses, truth),
+        wanted=wanted,
+    )
+
+
+def _numbers(episode: EpisodeDescription) -> Mapping[str, float]:
+    values = episode.parameters.get("template")
+    if not isinstance(values, Mapping):
+        return {}
+    return {
+        str(name): float(value)
+        for name, value in values.items()
+        if isinstance(value, int | float) and not isinstance(value, bool)
+    }

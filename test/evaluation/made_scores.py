@@ -1,0 +1,81 @@
+"""Samples and scores made of formulas, for the tests of metrics and reports."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from siren_ros.evaluation.prediction.metrics.calibration import no_reliability
+from siren_ros.evaluation.prediction.metrics.table import METRICS
+from siren_ros.evaluation.prediction.protocol.samples import ObservedActors, Population, SampleBatch, ScoredSamples
+from siren_ros.evaluation.prediction.protocol.window import HistoryWindow
+from siren_ros.evaluation.prediction.scoring.categories import Category
+from siren_ros.evaluation.prediction.scoring.episode_scores import EpisodeScores, ModelScores
+from siren_ros.numerics.arrays import Floats
+from siren_ros.roads.road_network import NO_LANE, RoadNetwork
+from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.world.actors import ActorClass
+
+
+def scored(
+    future_xy_m: Floats,
+    frame: list[int] | None = None,
+    xy_m: Floats | None = None,
+    yaw_rad: Floats | None = None,
+    size_m: tuple[float, float] = (4.0, 2.0),
+) -> ScoredSamples:
+    """Samples with a given future; each in a frame of its own, at the origin, unless said otherwise."""
+    count = len(future_xy_m)
+    frames = np.arange(count) if frame is None else np.array(frame)
+    window = HistoryWindow()
+    points = window.points
+    present = np.zeros((count, 2)) if xy_m is None else xy_m
+    heading = np.zeros(count) if yaw_rad is None else yaw_rad
+    network = RoadNetwork((), (), (), {}, (0.0, 0.0), "!")
+    steps = 2 * np.arange(int(frames.max()) + 1 if count else 0)
+    actors = ObservedActors(
+        frame=frames,
+        actor_id=np.arange(1, count + 1, dtype=np.uint32),
+        actor_class=np.full(count, ActorClass.SEDAN, dtype=np.uint8),
+        is_emv=np.zeros(count, dtype=np.bool_),
+        length_m=np.full(count, size_m[0]),
+        width_m=np.full(count, size_m[1]),
+        observed=np.ones((count, points), dtype=np.bool_),
+        xy_m=np.repeat(present[:, None], points, axis=1),
+        velocity_mps=np.zeros((count, points, 2)),
+        yaw_rad=np.repeat(heading[:, None], points, axis=1),
+        accel_mps2=np.zeros((count, points)),
+        past_sumo_lane=np.full((count, points), NO_LANE, dtype=np.int32),
+    )
+    offset = np.searchsorted(frames, np.arange(len(steps) + 1))
+    batch = SampleBatch(network, window, steps, offset, actors, np.arange(count))
+    return ScoredSamples(batch, future_xy_m)
+
+
+def model_scores(
+    values: Mapping[str, Floats] | Floats, category: int = Category.OTHER, wanted: int | None = None
+) -> ModelScores:
+    """Samples at steps 0, 2, 4 … of actor 1, with the same values for all metrics unless they are given by name."""
+    by_metric = values if isinstance(values, Mapping) else {metric.name: values for metric in METRICS}
+    count = len(next(iter(by_metric.values())))
+    nothing = np.full(count, np.nan)
+    return ModelScores(
+        step=2 * np.arange(count, dtype=np.int64),
+        actor_id=np.ones(count, dtype=np.uint32),
+        category=np.full(count, category, dtype=np.uint8),
+        values={metric.name: np.asarray(by_metric.get(metric.name, nothing)) for metric in METRICS},
+        distance_sum_m=np.full(25, float(np.nansum(by_metric.get("ade_m", np.zeros(1))))),
+        reliability=no_reliability(),
+        wanted=count if wanted is None else wanted,
+    )
+
+
+def episode_scores(
+    template: str,
+    models: Mapping[str, ModelScores],
+    seed: int = 0,
+    level: EmergencyLevel = EmergencyLevel.L2,
+    **parameters: float,
+) -> EpisodeScores:
+    """An episode of a template."""
+    name = f"{template}_seed{seed}"
+    return EpisodeScores(name, template, level, seed, "town", Population.REGION, parameters, models)

@@ -1,0 +1,123 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_records import moving, record_with
+
+from siren_ros.errors import InputError
+from siren_ros.evaluation.prediction.protocol.samples import Population, SampleBatch, samples_of
+from siren_ros.evaluation.prediction.protocol.window import HistoryWindow, future_times_s
+from siren_ros.evaluation.prediction.submitted.columns import SubmittedRows
+from siren_ros.evaluation.prediction.submitted.submission import Submission, submission
+from siren_ros.roads.road_network import RoadNetwork
+
+
+def rows_for(batch: SampleBatch, modes: int = 2, episode: str = "made") -> SubmittedRows:
+    """Hypotheses of constant velocity for all samples, the later ones further to the left; shuffled."""
+    actor = np.repeat(batch.actors.actor_id[batch.target].astype(np.int64), modes)
+    step = np.repeat(batch.step[batch.actors.frame[batch.target]], modes)
+    mode = np.tile(np.arange(modes), len(batch))
+    path = batch.xy_m[:, None] + future_times_s()[:, None] * batch.velocity_mps[:, None]
+    xy_m = np.repeat(path, modes, axis=0)
+    xy_m[..., 1] += mode[:, None]
+    probability = np.tile(np.arange(1.0, modes + 1.0) / np.arange(1.0, modes + 1.0).sum(), len(batch))
+    names = np.full(len(actor), episode, dtype=object)
+    rows = SubmittedRows("mine.parquet", names, actor, step, mode, probability, xy_m, HistoryWindow())
+    return rows.select(np.random.default_rng(0).permutation(len(rows)))
+
+
+@pytest.fixture(scope="module")
+def batch(straight_road: RoadNetwork) -> SampleBatch:
+    tracks = {1: moving(0.0, -5.25, 5.0, steps=199), 12: moving(30.0, -1.75, 6.0, steps=199)}
+    return samples_of(record_with(tracks, straight_road), HistoryWindow(), Population.ALL).batch
+
+
+def test_every_sample_meets_its_hypotheses(batch: SampleBatch) -> None:
+    part = submission(rows_for(batch)).of_episode(["made"])
+    found, hypotheses = part.predictions.meet(batch, allow_missing=False)
+    assert found.tolist() == list(range(len(batch)))
+    assert np.allclose(hypotheses.xy_m[:, 0, 0], batch.xy_m + 0.2 * batch.velocity_mps + [0.0, 1.0])
+    assert np.allclose(hypotheses.probability, [2.0 / 3.0, 1.0 / 3.0]), "the most probable first"
+
+
+def test_samples_may_have_fewer_hypotheses(batch: SampleBatch) -> None:
+    rows = rows_for(batch)
+    first = (rows.actor_id == 12) & (rows.step == 60)
+    one = rows.select(~(first & (rows.mode == 0)))
+    one = replace(one, probability=np.where((one.actor_id == 12) & (one.step == 60), 1.0, one.probability))
+    _, hypotheses = submission(one).of_episode(["made"]).predictions.meet(batch, allow_missing=False)
+    assert hypotheses.probability[1].tolist() == [1.0, 0.0]
+    assert np.array_equal(hypotheses.xy_m[1, 0], hypotheses.xy_m[1, 1])
+
+
+def test_missing_samples_are_refused_or_left_out(batch: SampleBatch) -> None:
+    rows = rows_for(batch)
+    part = submission(rows.select((rows.step > 62) | (rows.actor_id == 1))).of_episode(["made"]).predictions
+    with pytest.raises(InputError, match="2 of 40 samples have no prediction; the first is actor 12 at step 60"):
+        part.meet(batch, allow_missing=False)
+    found, hypotheses = part.meet(batch, allow_missing=True)
+    assert len(found) == len(hypotheses) == 38
+    assert {1, 3}.isdisjoint(found.tolist())
+
+
+@pytest.mark.parametrize("allow_missing", [False, True])
+def test_unknown_samples_are_refused(batch: SampleBatch, allow_missing: bool) -> None:
+    rows = rows_for(batch)
+    moved = replace(rows, step=np.where((rows.actor_id == 12) & (rows.step == 98), 61, rows.step))
+    with pytest.raises(InputError, match=r"1 of 40 predicted samples are not in .*; the first is actor 12 at step 61"):
+        submission(moved).of_episode(["made"]).predictions.meet(batch, allow_missing)
+
+
+def test_positions_in_a_vehicles_frame_are_refused(batch: SampleBatch) -> None:
+    rows = replace(rows_for(batch), xy_m=rows_for(batch).xy_m + 4000.0)
+    with pytest.raises(InputError, match="positions in metres in the frame map"):
+        submission(rows).of_episode(["made"]).predictions.meet(batch, allow_missing=False)
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "told"),
+    [
+        ("probability", np.nan, "1 of 80 probabilities are not finite; the first is episode made, actor"),
+        ("probability", -0.1, "1 of 80 probabilities are negative"),
+        ("probability", 0.9, "1 of 40 samples have probabilities of another sum; the first is .* with 1"),
+        ("xy_m", np.inf, "1 of 80 paths are not finite"),
+        ("step", -2, "1 of 80 actors or steps are negative"),
+    ],
+)
+def test_wrong_values_are_refused_with_their_number(batch: SampleBatch, column: str, value: float, told: str) -> None:
+    rows = rows_for(batch)
+    values = getattr(rows, column).copy()
+    values[5] = value
+    with pytest.raises(InputError, match=told):
+        submission(replace(rows, **{column: values}))
+
+
+def test_hypotheses_given_twice_are_refused(batch: SampleBatch) -> None:
+    rows = rows_for(batch)
+    with pytest.raises(InputError, match="1 of 81 hypotheses are given twice; the first is episode made, actor"):
+        submission(rows.select(np.append(np.arange(len(rows)), 3)))
+
+
+def both(batch: SampleBatch, allow_missing: bool = False) -> Submission:
+    one, two = rows_for(batch, episode="one"), rows_for(batch, episode="two")
+    columns = {
+        name: np.concatenate([getattr(one, name), getattr(two, name)])
+        for name, value in vars(one).items()
+        if isinstance(value, np.ndarray)
+    }
+    return submission(SubmittedRows(source="mine.parquet", window=HistoryWindow(), **columns), allow_missing)
+
+
+def test_episodes_go_by_any_of_their_names(batch: SampleBatch) -> None:
+    found = both(batch)
+    assert len(found.of_episode(["folder", "two"]).predictions) == 40
+    assert len(found.of_episode(["folder"]).predictions) == 0
+    found.check_episodes([("one",), ("folder", "two")])
+
+
+def test_episodes_that_are_not_scored_are_refused(batch: SampleBatch) -> None:
+    with pytest.raises(InputError, match="1 of 2 episodes are not among the bags; the first is two"):
+        both(batch).check_episodes([("one",)])
+    both(batch, allow_missing=True).check_episodes([("one",)])
+    with pytest.raises(InputError, match=r"episode one.*a name that one bag alone has"):
+        both(batch, allow_missing=True).check_episodes([("a", "one"), ("b", "one"), ("two",)])

@@ -25,6 +25,7 @@ from siren_ros.scenario.scenario import Template
 from siren_ros.scenario.templates import load_template, realised
 from siren_ros.sensors.suite.look_file import load_look
 from siren_ros.sensors.suite.suite import load_suite
+from siren_ros.traffic.demand.attention import with_attention
 from siren_ros.traffic.demand.av_choice import choose_av
 from siren_ros.traffic.demand.driver_models import load_drivers
 from siren_ros.traffic.demand.plan import TrafficPlan
@@ -122,6 +123,7 @@ def set_up_episode(
     }
     shown_map = request.map or compiled.name
     site, plan = plan_at_best_site(network, template, request.seed, load_drivers(files=noted), dimensions, shown_map)
+    plan = with_attention(plan, preset.attention.civilians, request.seed)
     if request.av:
         plan = replace(plan, av=choose_av(network, plan))
     description = EpisodeDescription(

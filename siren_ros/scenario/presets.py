@@ -51,6 +51,16 @@ class ComplianceShares:
 
 
 @dataclass(frozen=True)
+class Attention:
+    """Who looks out for others where ways cross; the defaults are everybody, as far ahead as it matters."""
+
+    civilians: float = 1.0
+    """Share of the drivers who see an EMV that comes across their way against a signal or sign."""
+    emv_horizon_s: float = 8.0
+    """The EMV's driver counts with those who come to the crossing of the ways within this time."""
+
+
+@dataclass(frozen=True)
 class DriverPreset:
     """Distributions from which each civilian driver's response to a siren is drawn."""
 
@@ -63,6 +73,7 @@ class DriverPreset:
     response_distance_m: TruncatedNormal
     """Distance between the two vehicles at which the driver notices the siren."""
     compliance: ComplianceShares
+    attention: Attention = Attention()
 
     def for_scenario(self, response_distance_m: float, extra_delay_s: float, compliance: float) -> "DriverPreset":
         """The preset with a scenario's own values.
@@ -100,9 +111,16 @@ def load_preset(name_or_path: str, files: InputFiles = FILES_ON_DISK) -> DriverP
         late_delay_s=read_distribution(top.mapping("late_delay_s"), 0.0, 60.0),
         response_distance_m=read_distribution(top.mapping("response_distance_m"), 1.0, 300.0),
         compliance=_shares(top.mapping("compliance")),
+        attention=_attention(top.mapping("attention")) if top.has("attention") else Attention(),
     )
     top.finish()
     return preset
+
+
+def _attention(section: StrictMapping) -> Attention:
+    attention = Attention(section.number("civilians", 0.0, 1.0), section.number("emv_horizon_s", 0.0, 60.0))
+    section.finish()
+    return attention
 
 
 def read_distribution(section: StrictMapping, low: float, high: float) -> TruncatedNormal:

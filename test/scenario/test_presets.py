@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from siren_ros.errors import InputError
 from siren_ros.params.params_files import params_dir
-from siren_ros.scenario.presets import TruncatedNormal, available_presets, load_preset
+from siren_ros.scenario.presets import Attention, TruncatedNormal, available_presets, load_preset
 
 
 def test_paper_preset_is_deterministic() -> None:
@@ -59,6 +59,17 @@ def test_mistakes_name_file_and_line(tmp_path: Path, old: str, new: str, shown: 
 
 
 def test_unknown_preset_lists_the_presets() -> None:
-    assert available_presets() == ("paper", "realistic")
+    assert available_presets() == ("inattentive", "paper", "realistic")
     with pytest.raises(InputError, match="paper, realistic"):
         load_preset("angry")
+
+
+def test_everybody_looks_out_unless_a_preset_says_otherwise(tmp_path: Path) -> None:
+    assert {load_preset(name).attention for name in ("paper", "realistic")} == {Attention()}
+    assert Attention().civilians == 1.0
+    text = (params_dir() / "presets" / "inattentive.yaml").read_text(encoding="utf-8")
+    assert load_preset("inattentive").attention == Attention(0.2, 1.0)
+    file = tmp_path / "mine.yaml"
+    file.write_text(text.replace("civilians: 0.2", "civilians: 1.2"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"mine\.yaml:\d+"):
+        load_preset(str(file))

@@ -32,6 +32,8 @@ class PlannedVehicle:
     """Edge ids; the first is the spot's edge."""
     spot: Spot
     is_emv: bool = False
+    attentive: bool = True
+    """Whether the driver sees an EMV that comes across against a signal or sign."""
 
 
 @dataclass(frozen=True)

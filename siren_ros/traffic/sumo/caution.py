@@ -57,7 +57,11 @@ class Caution:
 
 
 def cautions(
-    traffic: TrafficState, outlook: Outlook, config: YieldingConfig, waiting: Container[int] = ()
+    traffic: TrafficState,
+    outlook: Outlook,
+    config: YieldingConfig,
+    waiting: Container[int] = (),
+    inattentive: Container[int] = (),
 ) -> tuple[Caution, ...]:
     """The drivers of SUMO who have to wait.
 
@@ -70,6 +74,7 @@ def cautions(
         outlook: Where everybody will go.
         config: Margins to vehicles that are driven from outside.
         waiting: Actors who waited at the step before: they would go on if they need not.
+        inattentive: Actors who do not see vehicles from outside that come across their way.
 
     Returns:
         The strictest wait of each, sorted by actor.
@@ -90,6 +95,8 @@ def cautions(
         configs = [_AMONG_THEMSELVES if inside[other] else config for other in others]
         zones = meeting_zones(outlook.way(row, _ahead_m(speed[row])), [ways[other] for other in others], 0.0)
         met = [(o, c, z) for o, c, z in zip(others, configs, zones, strict=True) if z is not None]
+        if int(traffic.actor_id[row]) in inattentive:
+            met = [(o, c, z) for o, c, z in met if inside[o] or z.leads]
         waits = _waits(row, met, (speed, accel), outlook, bool(held[row]))
         if waits:
             other, wait = min(waits, key=lambda one: one[1].speed_mps)
@@ -213,7 +220,8 @@ class CautiousDrivers:
         )
         speeds = {}
         waiting = {actor_id for actor_id, vehicle in vehicles.items() if vehicle.name in self._slowed}
-        for caution in cautions(traffic, outlook, self._config, waiting):
+        inattentive = {actor_id for actor_id, vehicle in vehicles.items() if not vehicle.attentive}
+        for caution in cautions(traffic, outlook, self._config, waiting, inattentive):
             row = int(np.searchsorted(traffic.actor_id, caution.actor_id))
             speed = float(traffic.sumo_speed_mps[row])
             vehicle = vehicles[caution.actor_id]

@@ -13,6 +13,7 @@ from siren_ros.behaviour.emv.unit import EmvUnit
 from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.behaviour.paths.lane_path import LaneEnd
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
+from siren_ros.scenario.presets import Attention
 from siren_ros.world.actors import ActorClass, Lights, Mode, Owner
 
 AMBULANCE = ActorClass.AMBULANCE
@@ -167,6 +168,16 @@ def test_no_lane_change_starts_while_the_emv_still_turns_onto_its_road(lab, radi
     unit = EmvUnit(1, navigator=NavigatorState().following(path, 50.0, 0.0), plan=plan)
     _, events = forced_lane_change(unit, view, 0)
     assert kinds(events) == ["lane_change_requested", kind]
+
+
+def test_the_emv_looks_out_as_far_ahead_as_the_preset_says(lab):
+    world = lab.world_of(lab.junction_road(), lab.L1)
+    short = replace(world, preset=replace(world.preset, attention=Attention(emv_horizon_s=1.0)))
+    cars = [lab.Car(1, 0, 60, 10, (0, 2), AMBULANCE), lab.Car(2, 0, 20, 10, (0, 2))]
+    for seen, horizon_s in ((world, 8.0), (short, 1.0)):
+        view = lab.view_of(seen, lab.traffic_of(seen.network, cars))
+        assert view.navigator_config(0).conflicts.horizon_s == horizon_s
+        assert view.navigator_config(1).conflicts.horizon_s == 8.0
 
 
 def test_path_reaches_through_the_junction_and_stays_the_same_while_it_serves(lab):

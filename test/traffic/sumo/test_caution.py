@@ -51,7 +51,9 @@ def network(turn: float) -> RoadNetwork:
     return RoadNetwork(lanes, edges, (), {}, (0.0, 0.0), "!")
 
 
-def cautious(cars: list[Car], turn: float = 0.0, waiting: tuple[int, ...] = ()) -> tuple[Caution, ...]:
+def cautious(
+    cars: list[Car], turn: float = 0.0, waiting: tuple[int, ...] = (), inattentive: tuple[int, ...] = ()
+) -> tuple[Caution, ...]:
     roads = network(turn)
     n = len(cars)
     pose = np.array([roads.lanes[car.edge].centre.at(car.front_m - HALF_LENGTH) for car in cars])
@@ -83,7 +85,7 @@ def cautious(cars: list[Car], turn: float = 0.0, waiting: tuple[int, ...] = ()) 
         signals=(),
     )
     outlook = Outlook(traffic, CourseBook(roads), np.full(n, HALF_LENGTH), np.full(n, HALF_WIDTH))
-    return cautions(traffic, outlook, YieldingConfig(), waiting)
+    return cautions(traffic, outlook, YieldingConfig(), waiting, inattentive)
 
 
 @pytest.mark.parametrize("turn", TURNS)
@@ -99,6 +101,17 @@ def test_a_driver_waits_for_an_outside_vehicle_that_cannot_stop_any_more(turn: f
 def test_nobody_waits_for_who_comes_much_later_or_stays_away() -> None:
     assert cautious([Car(0, 90.0, 12.0), Car(1, 20.0, 8.0, Owner.ROS)]) == ()
     assert cautious([Car(0, 75.0, 10.0), Car(1, 120.0, 12.0, Owner.ROS)]) == ()
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_an_inattentive_driver_sees_who_is_ahead_and_not_who_comes_across(turn: float) -> None:
+    across = [Car(0, 75.0, 13.0), Car(1, 85.0, 12.0, Owner.ROS)]
+    assert cautious(across, turn, inattentive=(1,)) == ()
+    assert cautious(across, turn, inattentive=(2,)) == cautious(across, turn)
+    ahead = [Car(0, 70.0, 10.0), Car(0, 80.0, 2.0, Owner.ROS)]
+    assert cautious(ahead, turn, inattentive=(1,)) == cautious(ahead, turn)
+    among_themselves = [Car(0, 93.0, 5.0), Car(1, 97.0, 6.0)]
+    assert cautious(among_themselves, turn, inattentive=(1,)) == cautious(among_themselves, turn) != ()
 
 
 def test_an_outside_vehicle_that_stands_in_the_way_is_not_driven_into() -> None:

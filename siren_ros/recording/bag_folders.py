@@ -1,4 +1,4 @@
-"""Which bags a user names: folders of episodes, and folders of such folders."""
+"""Which bags a user names: folders of episodes, and folders with such folders, as a study has them."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -7,13 +7,14 @@ from siren_ros.recording.bag_guard import storage_files
 
 
 def bags_among(paths: Iterable[Path]) -> tuple[Path, ...]:
-    """The bags among some folders: themselves, or those directly in them, sorted by name.
+    """The bags among some folders: themselves, or those at any depth below them, sorted by path.
 
-    A folder without any bag stays as it is, so that reading it says what is wrong.
+    Hidden folders are left out: there bags are under way. A folder without any bag stays as it is, so that reading it
+    says what is wrong.
     """
     found: list[Path] = []
     for path in paths:
-        inside = [] if storage_files(path) or not path.is_dir() else sorted(path.iterdir())
-        bags = [folder for folder in inside if folder.is_dir() and folder.name[0] != "." and storage_files(folder)]
+        inside = set() if storage_files(path) else {file.parent for file in path.rglob("*.mcap")}
+        bags = sorted(bag for bag in inside if not any(part[0] == "." for part in bag.relative_to(path).parts))
         found += bags or [path]
     return tuple(found)

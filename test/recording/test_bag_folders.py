@@ -18,3 +18,10 @@ def test_a_folder_of_bags_stands_for_them(tmp_path: Path) -> None:
 
 def test_what_holds_no_bag_stays_as_it_is(tmp_path: Path) -> None:
     assert bags_among([tmp_path, tmp_path / "none"]) == (tmp_path, tmp_path / "none")
+
+
+def test_bags_are_found_at_any_depth_and_not_in_hidden_folders(tmp_path: Path) -> None:
+    for name in ("b/deep/er", "a", ".work/half", "b/.x.partial"):
+        (tmp_path / name).mkdir(parents=True)
+        (tmp_path / name / "x_0.mcap").touch()
+    assert bags_among([tmp_path]) == (tmp_path / "a", tmp_path / "b" / "deep" / "er")

@@ -1,0 +1,124 @@
+"""``siren evaluate yield BAG…``: what making way was worth, for the EMV, for every driver, for the AV under test."""
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+from tqdm import tqdm
+
+from siren_ros.datasets.exporting.worker_pool import worker_pool
+from siren_ros.errors import EXIT_OK, InputError, SirenError
+from siren_ros.evaluation.statistics.interval import Interval
+from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS
+from siren_ros.evaluation.yielding.scoring import DriverMarks, score_yielding
+from siren_ros.evaluation.yielding.summary import ScoredEpisode, group_means
+from siren_ros.recording.bag_folders import bags_among
+from siren_ros.recording.bag_reader import read_episode
+
+
+def add_arguments(verb: argparse.ArgumentParser) -> None:
+    """Describe the verb, and what it takes."""
+    names = "; ".join(f"{metric.name}: {metric.meaning}" for metric in EPISODE_METRICS)
+    verb.description = (
+        "Marks how traffic made way: means over the episodes of each template and level with 95 % intervals "
+        f"(bootstrap over episodes), and the marks of the AV under test. {names}."
+    )
+    verb.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="bags, or folders with bags at any depth")
+    verb.add_argument("--out", type=Path, metavar="FILE", help="one row for each episode, as Parquet (or .json)")
+    verb.add_argument("--drivers", type=Path, metavar="FILE", help="one row for each driver, as Parquet (or .json)")
+    verb.add_argument(
+        "--jobs", type=int, default=len(os.sched_getaffinity(0)), metavar="N", help="processes (default: processors)"
+    )
+    verb.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Scores every bag; one that cannot be read does not keep the others from being scored."""
+    if arguments.jobs < 1:
+        raise InputError("jobs", arguments.jobs, "1 or more")
+    for file in (arguments.out, arguments.drivers):
+        if file is not None and file.suffix not in {".parquet", ".json"}:
+            raise InputError("out", str(file), "a file name that ends in .parquet or .json")
+    bags = bags_among(arguments.bags)
+    worst, episodes = EXIT_OK, []
+    with (
+        worker_pool(min(arguments.jobs, len(bags)), lambda _: None) as pool,
+        tqdm(total=len(bags), unit="episode", desc="evaluate yield", disable=None) as bar,
+    ):
+        for _, found in pool(score_bag, [(bag,) for bag in bags]):
+            bar.update(1)
+            if isinstance(found, ScoredEpisode):
+                episodes.append(found)
+            else:
+                text, code = found
+                print(f"siren evaluate: {text}", file=sys.stderr)
+                worst = max(worst, code)
+    episodes.sort(key=lambda episode: (episode.group, episode.seed, episode.bag))
+    if episodes:
+        print("\n".join((*_table(group_means(episodes)), *_under_test(episodes))))
+    _write(arguments.out, [episode.row() for episode in episodes])
+    _write(arguments.drivers, [row for episode in episodes for row in episode.driver_rows()])
+    return worst
+
+
+def score_bag(bag: Path) -> ScoredEpisode | tuple[str, int]:
+    """The scores of a bag, or why it has none, with the exit code."""
+    try:
+        record = read_episode(bag)
+        return ScoredEpisode.of(str(bag), record, score_yielding(record))
+    except SirenError as error:
+        return str(error), error.exit_code
+
+
+def _write(file: Path | None, rows: list[dict[str, Any]]) -> None:
+    if file is None:
+        return
+    try:
+        if file.suffix == ".json":
+            file.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+        else:
+            pq.write_table(pa.Table.from_pylist(rows), file, compression="zstd")
+    except OSError as error:
+        raise InputError("out", str(file), f"a file that can be written ({error.strerror or error})") from error
+
+
+def _table(means: Mapping[tuple[str, str, str], Mapping[str, Interval]]) -> Iterator[str]:
+    """The metrics as rows, the groups as columns."""
+    heads = [f"{template} {level}" for template, level, _ in means]
+    maps = {name for _, _, name in means}
+    if len(maps) > 1:
+        heads = [f"{head} {name}" for head, (_, _, name) in zip(heads, means, strict=True)]
+    width = max(len(metric.name) for metric in EPISODE_METRICS)
+    columns = [[_cell(found[metric.name]) for metric in EPISODE_METRICS] for found in means.values()]
+    widths = [max(len(head), *map(len, column)) for head, column in zip(heads, columns, strict=True)]
+    yield " " * width + "".join(f"  {head:>{size}}" for head, size in zip(heads, widths, strict=True))
+    for row, metric in enumerate(EPISODE_METRICS):
+        cells = (f"  {column[row]:>{size}}" for column, size in zip(columns, widths, strict=True))
+        yield f"{metric.name:<{width}}" + "".join(cells)
+
+
+def _cell(mean: Interval) -> str:
+    if not mean.valid:
+        return "-"
+    return f"{mean.value:.2f} [{mean.low:.2f}, {mean.high:.2f}]" if mean.bounded else f"{mean.value:.2f}"
+
+
+def _under_test(episodes: Sequence[ScoredEpisode]) -> Iterator[str]:
+    for episode in episodes:
+        for driver in episode.scores.drivers:
+            if driver.under_test:
+                yield f"{episode.bag}: the AV under test (actor {driver.actor_id}), from {driver.began_s:.2f} s on"
+                yield from _marks(driver)
+
+
+def _marks(driver: DriverMarks) -> Iterator[str]:
+    for metric in DRIVER_METRICS:
+        mark = driver.marks[metric.name]
+        value = f"{'at least ' if mark.at_least else ''}{mark.value:.2f}" if mark.valid else f"- ({mark.lack})"
+        yield f"  {metric.name:<16} {value:<14} {metric.meaning}"

@@ -1,0 +1,82 @@
+"""Yield metrics over many episodes: means with intervals over groups, and plain rows for tables."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from siren_ros.evaluation.statistics.block_bootstrap import interval_of_mean
+from siren_ros.evaluation.statistics.block_sums import block_sums
+from siren_ros.evaluation.statistics.interval import Interval
+from siren_ros.evaluation.yielding.metrics import EPISODE_METRICS
+from siren_ros.evaluation.yielding.scoring import YieldScores
+from siren_ros.numerics.random_streams import random_stream
+from siren_ros.recording.episode_record import EpisodeRecord
+
+
+@dataclass(frozen=True)
+class ScoredEpisode:
+    """An episode with its scores."""
+
+    bag: str
+    template: str
+    level: str
+    seed: int
+    map_name: str
+    scores: YieldScores
+
+    @classmethod
+    def of(cls, bag: str, record: EpisodeRecord, scores: YieldScores) -> Self:
+        """The scores of a record with what names it."""
+        described = record.description
+        return cls(bag, described.template, described.level.name, described.seed, described.map_name, scores)
+
+    @property
+    def group(self) -> tuple[str, str, str]:
+        """Template, level and map: episodes that share them differ in their seeds and draws."""
+        return self.template, self.level, self.map_name
+
+    def row(self) -> dict[str, Any]:
+        """The metrics as one flat row; one without a value is None, and ``NAME_lack`` says why."""
+        found: dict[str, Any] = {
+            "bag": self.bag,
+            "template": self.template,
+            "level": self.level,
+            "seed": self.seed,
+            "map": self.map_name,
+        }
+        for name, measure in self.scores.metrics.items():
+            found[name] = measure.value if measure.valid else None
+            found[f"{name}_at_least"] = measure.at_least
+            found[f"{name}_lack"] = measure.lack
+        return found
+
+    def driver_rows(self) -> list[dict[str, Any]]:
+        """One flat row for each driver."""
+        named = {"bag": self.bag, "template": self.template, "level": self.level, "seed": self.seed}
+        return [{**named, **row} for row in self.scores.driver_rows()]
+
+
+def group_means(episodes: Sequence[ScoredEpisode], seed: int = 0) -> Mapping[tuple[str, str, str], dict[str, Interval]]:
+    """Mean of every metric over the episodes of each group that have a value, with its bootstrap interval.
+
+    Args:
+        episodes: The episodes; each is a block.
+        seed: Of the bootstrap.
+    """
+    groups: dict[tuple[str, str, str], list[ScoredEpisode]] = {}
+    for episode in episodes:
+        groups.setdefault(episode.group, []).append(episode)
+    return {group: _means(found, seed) for group, found in sorted(groups.items())}
+
+
+def _means(episodes: Sequence[ScoredEpisode], seed: int) -> dict[str, Interval]:
+    means = {}
+    for metric in EPISODE_METRICS:
+        measures = [episode.scores.metrics[metric.name] for episode in episodes]
+        values = np.array([measure.value if measure.valid else np.nan for measure in measures])
+        blocks = np.arange(len(values))
+        sums = block_sums(values, blocks, np.zeros(len(values), dtype=np.intp))
+        means[metric.name] = interval_of_mean(sums, random_stream(seed, f"yield/{metric.name}"))
+    return means

@@ -1,0 +1,56 @@
+from collections.abc import Callable
+
+import pytest
+from hand_made_record import EMV
+from made_encounters import CAR, arc, blocking, passing, record_of
+
+from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS
+from siren_ros.evaluation.yielding.scoring import score_yielding
+from siren_ros.evaluation.yielding.summary import ScoredEpisode, group_means
+from siren_ros.recording.episode_record import EpisodeRecord
+
+
+def test_an_episode_has_every_metric_and_a_row_for_each_driver() -> None:
+    scores = score_yielding(passing())
+    assert list(scores.metrics) == [metric.name for metric in EPISODE_METRICS]
+    assert scores.metrics["drivers_in_the_way"].value == 1.0
+    assert scores.metrics["compliance"].value == 1.0
+    assert scores.metrics["wake_duration_s"].value > 1.0
+    assert scores.metrics["wake_length_m"].value > 10.0
+    (row,) = scores.driver_rows()
+    assert row["actor_id"] == CAR
+    assert row["collisions"] == 0.0
+    assert {metric.name for metric in DRIVER_METRICS} < set(row)
+
+
+def test_nobody_passed_leaves_no_wake() -> None:
+    scores = score_yielding(blocking())
+    assert scores.metrics["wake_duration_s"].lack == scores.metrics["wake_length_m"].lack == "the EMV passed nobody"
+    assert scores.metrics["held_up_s"].value > 5.0
+
+
+def test_an_emv_that_stands_has_no_scores() -> None:
+    scores = score_yielding(record_of(arc((0.0, 2.0)), {}))
+    assert all(measure.lack == "the EMV did not move" for measure in scores.metrics.values())
+    assert scores.drivers == ()
+
+
+def test_the_emv_itself_is_no_driver(record_of: Callable[..., EpisodeRecord]) -> None:
+    scores = score_yielding(record_of(duration_s=12.0))
+    assert scores.drivers
+    assert EMV not in {driver.actor_id for driver in scores.drivers}
+
+
+def test_means_are_over_the_episodes_that_have_a_value() -> None:
+    episodes = [
+        ScoredEpisode.of(str(number), record, score_yielding(record))
+        for number, record in enumerate((passing(), passing(), blocking()))
+    ]
+    (means,) = group_means(episodes).values()
+    assert means["compliance"].value == pytest.approx(2.0 / 3.0)
+    assert means["compliance"].blocks == 3
+    assert means["wake_duration_s"].blocks == 2
+    assert means["min_pet_s"].valid is False
+    row = episodes[2].row()
+    assert row["wake_length_m"] is None
+    assert row["wake_length_m_lack"]

@@ -1,0 +1,66 @@
+"""Lanes of poses on the hand-made crossing, and what can follow a lane."""
+
+import numpy as np
+import pytest
+from hand_made_record import LEFT_X_M, RIGHT_X_M, SHOULDER_X_M, crossing
+
+from siren_ros.judging.lane_location import lanes_ahead, locate
+from siren_ros.roads.road_network import NO_LANE
+
+NETWORK = crossing()
+INDEX = {lane.lane_id: lane.index for lane in NETWORK.lanes}
+NORTH = np.pi / 2.0
+
+
+def place_of(x, y, yaw, hint=NO_LANE):
+    found = locate(NETWORK, np.array([[x, y]]), np.array([yaw]), np.array([hint], dtype=np.int32))
+    index = int(found.lane[0])
+    return ("" if index == NO_LANE else NETWORK.lanes[index].lane_id), float(found.arc_m[0]), float(found.offset_m[0])
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "yaw", "lane", "arc", "left"),
+    [
+        (RIGHT_X_M + 0.4, -90.0, NORTH, "s_in_1", 30.0, -0.4),
+        (RIGHT_X_M - 0.4, -90.0, NORTH, "s_in_1", 30.0, 0.4),
+        (LEFT_X_M, -90.0, NORTH + 1.5, "s_in_2", 30.0, 0.0),
+        (SHOULDER_X_M, -40.0, NORTH, "s_in_0", 80.0, 0.0),
+        (-1.75 + 0.3, -50.0, -NORTH, "s_out_0", 30.0, 0.3),
+        (-60.0, -5.0, 0.0, "w_in_0", 50.0, 0.25),
+    ],
+)
+def test_lane_arc_length_and_offset(x, y, yaw, lane, arc, left):
+    assert place_of(x, y, yaw) == (lane, pytest.approx(arc), pytest.approx(left))
+
+
+@pytest.mark.parametrize(("x", "y", "yaw"), [(RIGHT_X_M, -90.0, -NORTH), (RIGHT_X_M, -90.0, NORTH + 1.6), (60, 60, 0)])
+def test_against_the_direction_and_off_the_road_is_no_lane(x, y, yaw):
+    assert place_of(x, y, yaw)[0] == ""
+
+
+def test_of_lanes_that_overlap_on_the_junction_sumos_decides_and_else_the_nearest():
+    """Where the way straight on and the right turn begin together."""
+    x, y = RIGHT_X_M + 0.02, -19.0
+    straight, right = NETWORK.connections[0].via[0], NETWORK.connections[3].via[0]
+    assert place_of(x, y, NORTH, straight)[0] == NETWORK.lanes[straight].lane_id
+    assert place_of(x, y, NORTH, right)[0] == NETWORK.lanes[right].lane_id
+
+
+def test_a_lane_of_the_road_comes_before_a_path_across_the_junction():
+    """Both hold the pose within the rounding of their common end."""
+    assert place_of(RIGHT_X_M, -20.0, NORTH)[0] == "s_in_1"
+
+
+@pytest.mark.parametrize(
+    ("lane", "reach", "names"),
+    [
+        ("s_in_1", 100.0, {"s_in_1", ":J_0_0", "n_out_0", ":J_3_0", "e_out_1"}),
+        ("s_in_2", 0.0, {"s_in_2", ":J_1_0", "n_out_1"}),
+        (":J_3_0", 50.0, {":J_3_0", "e_out_1"}),
+        ("n_out_0", 100.0, {"n_out_0"}),
+        ("w_in_0", 10.0, {"w_in_0", ":J_4_0", "e_out_1"}),
+    ],
+)
+def test_what_can_follow_without_a_lane_change(lane, reach, names):
+    found = lanes_ahead(NETWORK, INDEX[lane], reach)
+    assert {NETWORK.lanes[index].lane_id for index in found} == names

@@ -1,0 +1,118 @@
+"""The verdicts and numbers of an episode do not depend on where x and y point."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hand_made_record import (
+    EASTBOUND,
+    EMV,
+    LEFT_X_M,
+    NORTHBOUND,
+    ON_SHOULDER,
+    RIGHT_X_M,
+    Driven,
+    at_speed,
+    crossing,
+    hand_made,
+    line,
+)
+
+from siren_ros.judging.av_response import av_response
+from siren_ros.judging.junction_entry import red_crossing, red_same_direction, stop_crossing
+from siren_ros.judging.lane_clearance import lane_cleared
+from siren_ros.judging.queue_splitting import queues_split
+from siren_ros.judging.shoulder_turn import shoulder_turn
+from siren_ros.judging.verification.physics import summarise_physics
+from siren_ros.judging.verify import STATE_CHECKS, VerifyLimits
+from siren_ros.numerics.geometry import rotate, wrap_angle
+from siren_ros.numerics.polyline import Polyline
+from siren_ros.roads.road_network import JunctionKind, RoadNetwork
+from siren_ros.world.actors import Mode
+
+ANGLES = np.radians([33.0, 118.0, -76.0])
+SHIFT = np.array([12.0, -7.0])
+
+
+def turned(record, angle):
+    network = record.network
+    lanes = tuple(
+        replace(lane, centre=Polyline.through(rotate(lane.centre.points, angle) + SHIFT)) for lane in network.lanes
+    )
+
+    def state_of(state):
+        x, y = (rotate(np.stack((state.x_m, state.y_m), axis=-1), angle) + SHIFT).T
+        vx, vy = rotate(np.stack((state.vx_mps, state.vy_mps), axis=-1), angle).T
+        return replace(state, x_m=x, y_m=y, vx_mps=vx, vy_mps=vy, yaw_rad=wrap_angle(state.yaw_rad + angle))
+
+    return replace(
+        record,
+        network=RoadNetwork(lanes, network.edges, network.connections, network.junctions, (0.0, 0.0), "!"),
+        states=tuple(state_of(state) for state in record.states),
+    )
+
+
+def queues():
+    mode = np.where(np.arange(200) < 40, Mode.YIELD_PULL_OVER, Mode.YIELD_HOLD).astype(np.uint8)
+    vehicles = {EMV: Driven(line((3.7, -120.0), (3.7, -20.0)), at_speed(5.12, 7.0, 200))}
+    for first, x in ((10, LEFT_X_M - 0.7), (20, RIGHT_X_M + 0.7)):
+        for number in range(3):
+            vehicles[first + number] = Driven(line((x, -120.0), (x, -20.0)), np.full(200, 30.0 + 8.0 * number), mode)
+    return hand_made(crossing(), vehicles)
+
+
+def at_junction(kind=JunctionKind.SIGNAL):
+    vehicles = {
+        EMV: Driven(NORTHBOUND, at_speed(60.0, 10.0, 180)),
+        2: Driven(EASTBOUND, at_speed(75.0, 8.0, 180)),
+        3: Driven(line((LEFT_X_M, -120.0), (LEFT_X_M, 110.0)), at_speed(80.0, 8.0, 180)),
+    }
+    return hand_made(crossing(kind), vehicles, lambda _: "rrrrGrr")
+
+
+def on_shoulder():
+    return hand_made(crossing(), {EMV: Driven(ON_SHOULDER, at_speed(40.0, 8.0, 300))})
+
+
+def measures_of(verdict):
+    return {name: pytest.approx(value, abs=0.06) for name, value in verdict.measures().items()}
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+@pytest.mark.parametrize(
+    ("record", "predicate", "thresholds"),
+    [
+        (queues(), queues_split, {"holding_min": 6, "overtaken_min": 6, "lateral_max_m": 1.0}),
+        (at_junction(), red_same_direction, {}),
+        (at_junction(), red_crossing, {}),
+        (at_junction(JunctionKind.PRIORITY_STOP), stop_crossing, {"speed_min_mps": 1.0}),
+        (on_shoulder(), shoulder_turn, {"shoulder_min_s": 2.0}),
+    ],
+    ids=["S1", "S3", "S4", "S6", "S7"],
+)
+def test_a_predicate_finds_the_same_in_a_turned_record(record, predicate, thresholds, angle):
+    plain, other = predicate(record, thresholds), predicate(turned(record, angle), thresholds)
+    assert plain.holds
+    assert other.holds
+    assert other.measures() == measures_of(plain)
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_lane_changes_are_the_same_in_a_turned_record(record_of, angle):
+    record = record_of(duration_s=12.0)
+    thresholds = {"lane_changes_min": 3, "passed_min": 3}
+    assert lane_cleared(turned(record, angle), thresholds).measures() == lane_cleared(record, thresholds).measures()
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_checks_and_numbers_are_the_same_in_a_turned_record(record_of, angle):
+    record = record_of(duration_s=9.0)
+    other = turned(record, angle)
+    for check in STATE_CHECKS:
+        assert check(other, VerifyLimits()).value == pytest.approx(check(record, VerifyLimits()).value, abs=1e-6)
+    assert vars(summarise_physics(other)) == pytest.approx(vars(summarise_physics(record)), abs=1e-6)
+    parameters = {**record.description.parameters, "av": {"actor_id": 2, "sensors": "none"}}
+    description = replace(record.description, parameters=parameters)
+    responses = [av_response(replace(one, description=description)) for one in (record, other)]
+    # A step more or less: the two are exactly abreast at a step.
+    assert vars(responses[1]) == pytest.approx(vars(responses[0]), abs=0.051)

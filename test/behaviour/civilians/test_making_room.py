@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from siren_ros.behaviour.civilians.drivers import Compliance, Driver
@@ -35,6 +36,36 @@ def test_the_emv_waits_behind_where_it_stands_near_and_headed_for_the_vehicle(la
     view = view_of(lab, lab.Car(1, 0, 100, speed, (0,), AMBULANCE), lab.Car(2, lane, s, 0, (0,)))
     assert emv_waits_behind(view, 1, 0) is waits
     assert not emv_waits_behind(view, 1, -1)
+
+
+@pytest.mark.parametrize("turn", np.radians([0.0, 40.0, 100.0, -150.0]))
+@pytest.mark.parametrize(
+    ("bearing", "own_yaw", "other_yaw", "waits"),
+    [
+        (0.0, 0.0, 0.0, True),
+        (50.0, 0.0, 0.0, True),
+        (-50.0, 0.0, 0.0, True),
+        (70.0, 0.0, 0.0, False),
+        (-70.0, 0.0, 0.0, False),
+        (0.0, 70.0, 0.0, False),
+        (0.0, 0.0, 70.0, False),
+        (0.0, 0.0, -70.0, False),
+        (180.0, 0.0, 0.0, False),
+    ],
+)
+def test_behind_is_within_60_degrees_of_both_directions(lab, turn, bearing, own_yaw, other_yaw, waits):
+    """The vehicle is 12 m from the EMV in a direction; both look in their own; everything is turned."""
+    network = lab.straight_road()
+    at = turn + np.radians(bearing)
+    poses = np.array(
+        [
+            [100.0, 0.0, turn + np.radians(own_yaw), 0.0],
+            [100.0 + 12.0 * np.cos(at), 12.0 * np.sin(at), turn + np.radians(other_yaw), 0.0],
+        ]
+    )
+    cars = [lab.Car(1, 0, 100, 0, (0,), AMBULANCE), lab.Car(2, 0, 112, 0, (0,))]
+    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars, poses=poses))
+    assert emv_waits_behind(view, 1, 0) is waits
 
 
 def test_room_is_made_after_the_emv_has_waited_for_a_while(lab):

@@ -6,7 +6,13 @@ from hypothesis import strategies as st
 from siren_ros.behaviour.config import NavigatorConfig
 from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath
-from siren_ros.behaviour.paths.path_blend import PEAK_CURVATURE, path_onto, quintic_offsets
+from siren_ros.behaviour.paths.path_blend import (
+    PEAK_CURVATURE,
+    blend_length_m,
+    on_reference,
+    path_onto,
+    quintic_offsets,
+)
 
 REFERENCE = LanePath((3,), np.array([0.0]), Curve.through(np.array([[0.0, 0.0], [120.0, 0.0]])), LaneEnd.ROUTE)
 
@@ -42,3 +48,41 @@ def test_path_starts_at_the_pose_and_ends_on_the_offset_line():
 def test_path_can_be_cut_short_at_its_end():
     path = path_onto(REFERENCE, (20.0, 0.0, 0.0), 25.0, NavigatorConfig(), shorten_m=10.0)
     assert path.curve.points[-1, 0] == pytest.approx(110.0)
+
+
+@pytest.mark.parametrize("left", [1.0, -1.0])
+def test_the_length_of_a_blend_follows_from_time_least_length_and_steering(left):
+    config = NavigatorConfig(curvature_rate_1pms=0.2)
+    assert blend_length_m(left * 3.5, 10.0, 4.0, 6.0, config) == pytest.approx(40.0)
+    assert blend_length_m(left * 0.875, 10.0, 4.0, 6.0, config) == pytest.approx(20.0)
+    assert blend_length_m(left * 3.5, 1.0, 1.0, 30.0, config) == pytest.approx(30.0)
+    assert blend_length_m(left * 7.0, 1.0, 20.0, 0.0, config) == pytest.approx(20.0)
+    assert blend_length_m(left * 2.0, 10.0, 0.0, 0.0, config) == pytest.approx((40.0 * 2.0 * 10.0 / 0.2) ** (1 / 3))
+    assert blend_length_m(0.0, 10.0, 4.0, 6.0, config) == 3.0
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.9, 3.0, -2.2])
+def test_a_blend_beside_a_line_that_points_elsewhere(turn):
+    along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+    curve = Curve.through(np.array([[0.0, 0.0], 120.0 * along]))
+    reference = LanePath((3,), np.array([0.0]), curve, LaneEnd.ROUTE)
+    start = 20.0 * along + 2.0 * across
+    path = path_onto(reference, (*start, turn - 0.2), 25.0, NavigatorConfig(), offset_m=-0.5)
+    np.testing.assert_allclose(path.curve.points[0], start, atol=1e-6)
+    np.testing.assert_allclose(path.curve.points[-1], 120.0 * along - 0.5 * across, atol=1e-6)
+    first = path.curve.points[1] - path.curve.points[0]
+    assert first @ across / (first @ along) == pytest.approx(np.tan(-0.2), abs=0.02)
+    assert path.settled_m == 25.0
+
+
+def test_near_the_end_of_the_line_the_path_still_has_two_metres():
+    path = path_onto(REFERENCE, (119.0, 0.0, 0.0), 25.0, NavigatorConfig(), shorten_m=10.0)
+    assert path.curve.points[-1, 0] == pytest.approx(121.0)
+
+
+@pytest.mark.parametrize(("stop", "slow"), [(True, True), (False, False)])
+def test_the_line_itself_as_a_path_ends_short_of_its_end_with_or_without_a_stop(stop, slow):
+    path = on_reference(REFERENCE, NavigatorConfig(), stop_at_end=stop, shorten_m=7.0)
+    assert path.length_m == pytest.approx(113.0)
+    assert (path.speed_cap_mps(113.0) < 0.1) is slow
+    assert on_reference(REFERENCE, NavigatorConfig(), stop_at_end=True, shorten_m=200.0).length_m == pytest.approx(2.0)

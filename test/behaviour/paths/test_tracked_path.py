@@ -30,3 +30,30 @@ def test_lane_below_the_path():
     path = TrackedPath.of(STRAIGHT, CONFIG, lanes)
     assert (path.lane_at(10.0), path.lane_at(90.0), path.lane_at(500.0)) == (4, 7, 7)
     assert TrackedPath.of(STRAIGHT, CONFIG).lane_at(10.0) == NO_LANE
+
+
+def test_the_lane_is_that_of_the_nearest_point_whatever_the_points_distance():
+    curve = Curve(np.stack((0.7 * np.arange(31), np.zeros(31)), axis=-1), 0.7, np.zeros(31), np.zeros(31))
+    path = TrackedPath.of(curve, CONFIG, np.arange(31, dtype=np.int32))
+    assert [path.lane_at(s) for s in (-3.0, 0.0, 0.36, 7.0, 10.2, 21.0, 99.0)] == [0, 0, 1, 10, 15, 30, 30]
+    assert path.speed_cap_mps(21.0 - 8.0) == pytest.approx((2.0 * 2.0 * 8.0) ** 0.5)
+    assert path.speed_cap_mps(-5.0) == pytest.approx(path.speed_cap_mps(0.0))
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_bends_to_both_sides_limit_the_speed_by_the_lateral_acceleration(side):
+    a = np.linspace(0.0, 2.5, 200)
+    circle = np.stack((25.0 * np.sin(a), side * 25.0 * (1.0 - np.cos(a))), axis=-1)
+    path = TrackedPath.of(Curve.through(circle), CONFIG, stop_at_end=False)
+    assert path.speed_cap_mps(30.0) == pytest.approx((3.0 * 25.0) ** 0.5, rel=0.02)
+
+
+def test_a_path_that_winds_faster_than_the_steering_follows_is_driven_slowly():
+    """Along a clothoid the curvature changes by the same amount each metre."""
+    change = 0.01
+    s = np.linspace(0.0, 12.0, 400)
+    heading = 0.5 * change * s**2
+    points = np.cumsum(np.stack((np.cos(heading), np.sin(heading)), axis=-1), axis=0) * s[1]
+    slow = NavigatorConfig(lateral_accel_mps2=9.0, curvature_rate_1pms=0.03)
+    path = TrackedPath.of(Curve.through(points), slow, stop_at_end=False)
+    assert path.speed_cap_mps(6.0) == pytest.approx(0.03 / change, rel=0.05)

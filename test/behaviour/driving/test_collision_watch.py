@@ -1,0 +1,171 @@
+"""Who leads on a path, how far away and how fast; on paths that point anywhere."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from siren_ros.behaviour.config import NavigatorConfig
+from siren_ros.behaviour.driving.collision_watch import (
+    CollisionSnapshot,
+    Threat,
+    stricter,
+    watch_path,
+    watch_reach_m,
+)
+from siren_ros.behaviour.driving.conflict_watch import watch_conflicts
+from siren_ros.behaviour.driving.surroundings import Surroundings
+from siren_ros.behaviour.paths.curve import Curve
+from siren_ros.behaviour.paths.tracked_path import TrackedPath
+
+CONFIG = NavigatorConfig()
+TURNS = np.radians([0.0, 30.0, 60.0, -135.0])
+HALF_LENGTH, HALF_WIDTH = 2.5, 0.9
+LENGTHS = 2.0 * HALF_LENGTH
+
+
+def scene(turn, speed, *others):
+    """The own vehicle at (10, 0) on a path along x, all turned; others are (ahead, left, yaw, speed)."""
+    rows = np.array([(0.0, 0.0, 0.0, speed), *others], dtype=float)
+    cos, sin = np.cos(turn), np.sin(turn)
+    ahead, left = 10.0 + rows[:, 0], rows[:, 1]
+    yaw = rows[:, 2] + turn
+    n = len(rows)
+    seen = Surroundings(
+        actor_id=np.arange(1, n + 1, dtype=np.uint32),
+        x_m=cos * ahead - sin * left,
+        y_m=sin * ahead + cos * left,
+        yaw_rad=yaw,
+        cos=np.cos(yaw),
+        sin=np.sin(yaw),
+        speed_mps=rows[:, 3],
+        half_length_m=np.full(n, HALF_LENGTH),
+        half_width_m=np.full(n, HALF_WIDTH),
+        is_emv=np.zeros(n, dtype=bool),
+    )
+    path = TrackedPath.of(Curve.through(np.array([[0.0, 0.0], [150.0 * cos, 150.0 * sin]])), CONFIG, stop_at_end=False)
+    return path, seen
+
+
+def watched(turn, speed, *others, target=15.0):
+    path, seen = scene(turn, speed, *others)
+    return watch_path(path, 10.0, 0, target, seen, CONFIG)
+
+
+def krauss(gap, lead):
+    brake, time = CONFIG.comfort_brake_mps2, CONFIG.headway_s
+    free = max(gap - CONFIG.standstill_gap_m, 0.0)
+    return -brake * time + math.sqrt((brake * time) ** 2 + lead**2 + 2.0 * brake * free)
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize(("ahead", "lead"), [(25.0, 0.0), (25.0, 6.0), (12.0, 3.0)])
+def test_a_leader_is_followed_at_krausss_speed(turn, ahead, lead):
+    threat = watched(turn, 5.0, (ahead, 0.3, 0.0, lead))
+    gap = ahead - LENGTHS
+    assert threat.snapshot.actor_id == 2
+    assert threat.snapshot.gap_m == pytest.approx(gap, abs=1e-6)
+    assert threat.snapshot.speed_mps == pytest.approx(lead)
+    assert threat.safe_speed_mps == pytest.approx(krauss(gap, lead))
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_vehicle_beside_the_path_is_none_until_it_drifts_towards_it(turn, side):
+    """3.5 m aside at 8 m/s: it drifts by 1.5 s of its sideways speed, over the margin at 10°."""
+    towards, away = -side * np.radians(10.0), side * np.radians(10.0)
+    assert watched(turn, 10.0, (15.0, side * 3.5, 0.0, 8.0)) is None
+    assert watched(turn, 10.0, (15.0, side * 3.5, away, 8.0)) is None
+    drifting = watched(turn, 10.0, (15.0, side * 3.5, towards, 8.0))
+    assert drifting.snapshot.speed_mps == pytest.approx(8.0 * np.cos(np.radians(10.0)))
+    assert watched(turn, 10.0, (15.0, side * 3.5, -side * np.radians(1.5), 8.0)) is None
+    assert watched(turn, 10.0, (4.0, side * 3.5, towards, 8.0)) is None
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_corridor_is_as_wide_as_both_bodies_and_the_margin(turn, side):
+    wide = 2.0 * HALF_WIDTH + CONFIG.side_margin_m
+    assert watched(turn, 10.0, (20.0, side * (wide - 0.02), 0.0, 0.0)) is not None
+    assert watched(turn, 10.0, (20.0, side * (wide + 0.02), 0.0, 0.0)) is None
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_who_stands_across_the_path_is_as_long_as_its_body_is_wide(turn):
+    threat = watched(turn, 5.0, (20.0, 0.0, np.pi / 2.0, 0.0))
+    assert threat.snapshot.gap_m == pytest.approx(20.0 - HALF_WIDTH - HALF_LENGTH, abs=1e-6)
+    reach = HALF_LENGTH + HALF_WIDTH + CONFIG.side_margin_m
+    assert watched(turn, 5.0, (20.0, reach - 0.02, np.pi / 2.0, 0.0)) is not None
+    assert watched(turn, 5.0, (20.0, reach + 0.02, np.pi / 2.0, 0.0)) is None
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_who_crosses_or_is_behind_does_not_lead(turn):
+    assert watched(turn, 10.0, (20.0, 0.0, np.pi / 2.0, 5.0)) is None
+    assert watched(turn, 10.0, (20.0, 0.0, np.pi / 2.0, 0.9)) is not None
+    assert watched(turn, 10.0, (-15.0, 0.0, 0.0, 0.0)) is None
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_towards_who_comes_along_the_path_the_gap_shrinks_by_their_way_in_one_and_a_half_seconds(turn):
+    threat = watched(turn, 5.0, (40.0, 0.0, np.pi, 6.0))
+    assert threat.snapshot.gap_m == pytest.approx(40.0 - LENGTHS - 1.5 * 6.0, abs=1e-6)
+    assert threat.snapshot.speed_mps == 0.0
+
+
+def test_the_slowest_of_several_leaders_counts_and_a_fast_one_is_no_threat():
+    threat = watched(0.0, 10.0, (30.0, 0.0, 0.0, 9.0), (34.0, 0.5, 0.0, 0.0))
+    assert threat.snapshot.actor_id == 3
+    assert watched(0.0, 10.0, (60.0, 0.0, 0.0, 14.0)) is None
+    assert watched(0.0, 10.0, (30.0, 0.0, 0.0, 0.0), target=3.0) is None
+
+
+@pytest.mark.parametrize(("ahead", "hard"), [(30.0, False), (14.0, True)])
+def test_braking_that_is_needed_avoids_contact_by_a_metre(ahead, hard):
+    threat = watched(0.6, 9.0, (ahead, 0.0, 0.0, 0.0))
+    needed = 9.0**2 / (2.0 * (ahead - LENGTHS - 1.0))
+    assert (needed > CONFIG.comfort_brake_mps2) is hard
+    assert threat.must_brake_mps2 == pytest.approx(needed if hard else 0.0)
+
+
+@pytest.mark.parametrize(
+    ("speed", "target", "reach"), [(0.0, 0.0, 20.0), (9.0, 10.0, 81.0 / 6.0 + 25.0), (30.0, 30.0, 70.0)]
+)
+def test_looks_ahead_by_the_way_of_a_stop_and_one_and_a_half_seconds(speed, target, reach):
+    assert watch_reach_m(speed, target, CONFIG) == pytest.approx(reach)
+
+
+def test_of_two_threats_the_lower_speed_and_the_harder_braking_count():
+    first, second = (
+        Threat(CollisionSnapshot(actor, gap, 0.0), speed, brake)
+        for actor, gap, speed, brake in ((2, 5.0, 4.0, 0.0), (3, 9.0, 6.0, 5.0))
+    )
+    expected = replace(first, must_brake_mps2=5.0)
+    assert stricter(first, second) == expected
+    assert stricter(second, first) == expected
+    assert stricter(None, second) is second
+    assert stricter(first, None) is first
+    assert stricter(None, None) is None
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_who_crosses_from_either_side_is_waited_for_and_who_has_crossed_is_not(turn, side):
+    path, seen = scene(turn, 8.0, (30.0, side * 25.0, -side * np.pi / 2.0, 8.0))
+    threat = watch_conflicts(path, 10.0, 0, 10.0, seen, CONFIG)
+    assert threat.snapshot.actor_id == 2
+    assert threat.snapshot.speed_mps == 0.0
+    reach = HALF_LENGTH + HALF_WIDTH + CONFIG.side_margin_m
+    assert threat.snapshot.gap_m == pytest.approx(30.0 - reach - CONFIG.conflicts.standoff_m, abs=1.0)
+    path, seen = scene(turn, 8.0, (30.0, side * 25.0, side * np.pi / 2.0, 8.0))
+    assert watch_conflicts(path, 10.0, 0, 10.0, seen, CONFIG) is None
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_who_merely_follows_or_stands_is_no_conflict_and_who_joins_from_behind_at_an_angle_is(turn):
+    for other in ((-8.0, 0.0, 0.0, 9.0), (30.0, 0.0, np.pi / 2.0, 0.5)):
+        path, seen = scene(turn, 8.0, other)
+        assert watch_conflicts(path, 10.0, 0, 10.0, seen, CONFIG) is None
+    path, seen = scene(turn, 6.0, (-6.0, -12.0, np.radians(40.0), 13.0))
+    assert watch_conflicts(path, 10.0, 0, 10.0, seen, CONFIG) is not None

@@ -32,10 +32,11 @@ class Baseline:
         """The tests that can notice a change of a line, the mirrored file's first, then quick ones first.
 
         A line that no test was seen to run may be compiled (numba's code is not traced) or run while the module was
-        imported: then these are all tests that run anything of the file.
+        imported: then these are all tests that run anything of the file, or all tests of the folder.
         """
         of_file = self.lines.get(file, {})
-        found = set(of_file.get(line, ())) or {name for names in of_file.values() for name in names}
+        of_line = set(of_file.get(line, ()))
+        found = of_line or {name for names in of_file.values() for name in names} or set(self.seconds)
         found &= self.seconds.keys()
         return sorted(found, key=lambda name: (not name.startswith(mirror), self.seconds[name], name))
 

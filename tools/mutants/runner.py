@@ -17,7 +17,7 @@ from mutants.child import Watch, fork, run_pytest
 from mutants.copies import changed_file, copy_working_tree
 from mutants.mutations import Mutant
 
-START_S: Final = 20.0
+START_S: Final = 40.0
 """Processor time for loading the project, and for compiling loops that were changed."""
 PATIENCE: Final = 5.0
 """A changed program may take so many times as long before it counts as hanging."""

@@ -415,3 +415,46 @@ def test_a_vehicle_brought_back_in_sumo_makes_no_jump() -> None:
     steps_m = np.diff(positions)
     assert np.abs(steps_m - 8.0 * STEP_S).max() < 0.05
     assert positions[-1] == pytest.approx(x, abs=0.3)
+
+
+@pytest.mark.parametrize("yaw", np.radians([0.0, 50.0, 140.0, -100.0]))
+def test_a_released_actor_rolls_on_whichever_way_it_points(yaw: float) -> None:
+    """SUMO's pose is still the mirror of the step before; without a correction the actor would brake for it."""
+    way = np.array([np.cos(yaw), np.sin(yaw)])
+    state, _, _ = step_fleet(
+        FleetState.empty(PARAMETERS), _traffic(0, {1: (*(5.0 * way), yaw, 10.0)}, [_description(1)]), ()
+    )
+    state, before, _ = step_fleet(state, _traffic(1, {1: (*(5.5 * way), yaw, 10.0)}), [_command(1, 1, throttle=0.2)])
+    mirror = (float(before.x_m[0]), float(before.y_m[0]), yaw, float(before.speed_mps[0]))
+    _, after, _ = step_fleet(state, _traffic(2, {1: mirror}), [_command(2, 1, Owner.SUMO)])
+    moved = np.array([after.x_m[0] - before.x_m[0], after.y_m[0] - before.y_m[0]])
+    assert moved @ way == pytest.approx(before.speed_mps[0] * STEP_S, abs=0.005)
+    assert after.speed_mps[0] == pytest.approx(before.speed_mps[0], abs=0.05)
+    assert abs(after.steer_rad[0]) < 1e-3
+
+
+@pytest.mark.parametrize("yaw", np.radians([0.0, 50.0, 140.0, -100.0]))
+@pytest.mark.parametrize(("ahead", "left"), [(0.4, 0.3), (-0.5, -0.2)])
+def test_the_residual_is_the_distance_between_both_poses(yaw: float, ahead: float, left: float) -> None:
+    state, _, _ = step_fleet(
+        FleetState.empty(PARAMETERS), _traffic(0, {1: (0.0, 0.0, yaw, 0.0)}, [_description(1)]), ()
+    )
+    x, y = ahead * np.cos(yaw) - left * np.sin(yaw), ahead * np.sin(yaw) + left * np.cos(yaw)
+    _, states, _ = step_fleet(state, _traffic(1, {1: (x, y, yaw, 0.0)}), ())
+    assert states.residual_m[0] == pytest.approx(np.hypot(x - states.x_m[0], y - states.y_m[0]))
+    assert states.residual_m[0] == pytest.approx(np.hypot(ahead, left), abs=0.05)
+
+
+@pytest.mark.parametrize(("brake", "accel", "lit"), [(0.0, -1.2, False), (0.0, -1.4, True), (0.5, 0.0, True)])
+def test_the_brake_light_shows_the_pedal_or_the_deceleration(brake: float, accel: float, lit: bool) -> None:
+    """Decelerations by drag alone: a command without a brake from a speed at which drag gives them."""
+    kind = ActorClass.SEDAN
+    vehicle = PARAMETERS[kind]
+    speed = np.sqrt(-accel * vehicle.mass_kg / (0.5 * 1.225 * vehicle.drag_area_m2)) if accel else 10.0
+    rolling = vehicle.rolling_resistance * 9.80665 * vehicle.mass_kg / (0.5 * 1.225 * vehicle.drag_area_m2)
+    speed = float(np.sqrt(max(speed**2 - rolling, 1.0)))
+    state, _, _ = step_fleet(
+        FleetState.empty(PARAMETERS), _traffic(0, {1: (0.0, 0.0, 0.0, speed)}, [_description(1)]), ()
+    )
+    _, states, _ = step_fleet(state, _traffic(1, {1: (0.0, 0.0, 0.0, speed)}), [_command(1, 1, brake=brake)])
+    assert bool(states.lights[0] & Lights.BRAKE) is lit

@@ -1,0 +1,139 @@
+"""The tracker's law in closed form, for vehicles that point anywhere."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from siren_ros.dynamics.parameters import ParameterTable, load_vehicle_parameters
+from siren_ros.dynamics.tracker import Reference, TrackerState, track
+from siren_ros.dynamics.tracker_loops import TrackerGains
+from siren_ros.dynamics.vehicle_model import BodyState
+from siren_ros.numerics.units import GRAVITY_MPS2, STEP_S
+from siren_ros.world.actors import ActorClass
+
+KIND = ActorClass.SEDAN
+VEHICLE = load_vehicle_parameters()[KIND]
+TABLE = ParameterTable.of([KIND], load_vehicle_parameters())
+GAINS = TrackerGains()
+TURNS = np.radians([0.0, 40.0, 130.0, -100.0])
+REACH = VEHICLE.wheelbase_m - VEHICLE.centre_ahead_of_rear_axle_m
+"""From the footprint's centre to the front axle."""
+
+
+def one(value):
+    return np.array([float(value)])
+
+
+def tracked(turn=0.0, *, behind=0.0, right=0.0, turned=0.0, speed=8.0, sumo=8.0, accel=0.0, swerve=0.0, **state):
+    """Controls for a vehicle ``behind`` and to the ``right`` of SUMO's, which drives along a line that is turned.
+
+    ``turned`` is the vehicle's yaw against that line; ``swerve`` the angle of SUMO's step against it.
+    """
+    along, left = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+    start = np.array([20.0, 30.0])
+    own = start - behind * along - right * left
+    step = sumo * STEP_S * np.array([np.cos(turn + swerve), np.sin(turn + swerve)])
+    body = replace(BodyState.moving(one(own[0]), one(own[1]), one(turn + turned), one(speed)), **state)
+    tracker = TrackerState.at(one(start[0]), one(start[1]), one(turn))
+    reference = Reference(one(start[0] + step[0]), one(start[1] + step[1]), one(turn + swerve), one(sumo), one(accel))
+    controls, after = track(body, tracker, reference, TABLE, STEP_S)
+    return controls, after
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize(("right", "turned"), [(0.2, 0.0), (-0.2, 0.0), (0.0, 0.05), (0.0, -0.05), (0.1, 0.04)])
+def test_stanleys_law_at_the_front_axle(turn, right, turned):
+    """SUMO goes straight: the angle is the heading error plus the offset of the front axle over the speed."""
+    controls, _ = tracked(turn, right=right, turned=turned)
+    offset = right - REACH * np.sin(turned)
+    expected = -turned + np.arctan2(GAINS.lateral_per_s * offset, 8.0 + GAINS.lateral_soft_mps)
+    assert controls.steer_rad[0] == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("swerve", [0.02, -0.02])
+def test_in_a_bend_the_angle_of_the_curve_and_the_front_tyres_slip_are_fed_forward(turn, swerve):
+    controls, after = tracked(turn, swerve=swerve)
+    pull = VEHICLE.centre_ahead_of_rear_axle_m
+    curvature = np.tan(swerve) / pull
+    rear_share = 1.0 - VEHICLE.cg_to_front_axle_m / VEHICLE.wheelbase_m
+    slip = VEHICLE.mass_kg * rear_share / VEHICLE.cornering_stiffness_front_npr * 8.0**2 * curvature
+    heading = np.arctan(VEHICLE.wheelbase_m * curvature)
+    assert controls.steer_rad[0] == pytest.approx(heading + slip, abs=1e-6)
+    assert after.yaw_rad[0] == pytest.approx(turn + 8.0 * STEP_S * np.sin(swerve) / pull)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_steering_asks_for_no_more_than_lock_and_grip(side):
+    slow, _ = tracked(right=side * 9.0, speed=1.0, sumo=1.0)
+    assert slow.steer_rad[0] == pytest.approx(side * VEHICLE.max_steer_rad)
+    fast, _ = tracked(right=side * 9.0, speed=20.0, sumo=20.0)
+    grip = GAINS.grip_share * GRAVITY_MPS2 * VEHICLE.friction_coefficient
+    assert fast.steer_rad[0] == pytest.approx(side * np.arctan(VEHICLE.wheelbase_m * grip / 20.0**2))
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_reference_swings_no_farther_than_a_car_can(side):
+    _, after = tracked(swerve=side * 1.2)
+    pull = VEHICLE.centre_ahead_of_rear_axle_m
+    most = np.arctan(pull / VEHICLE.wheelbase_m * np.tan(VEHICLE.max_steer_rad))
+    assert after.yaw_rad[0] == pytest.approx(side * 8.0 * STEP_S * np.sin(most) / pull)
+
+
+def settled(push, lag_s, most):
+    """The pedal whose mean over the step is the wanted force, from a pedal that gives none yet."""
+    lag_s /= GAINS.quickness
+    kept = lag_s / STEP_S * (1.0 - np.exp(-STEP_S / lag_s))
+    return float(np.clip(np.clip(push / most, 0.0, 1.0) / (1.0 - kept), 0.0, 1.0))
+
+
+def resistance(speed):
+    return 0.5 * 1.225 * VEHICLE.drag_area_m2 / VEHICLE.mass_kg * speed**2 + VEHICLE.rolling_resistance * GRAVITY_MPS2
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize(("behind", "accel"), [(0.05, 0.0), (-0.08, 0.0), (0.0, 0.6), (0.0, -1.5), (0.02, 0.3)])
+def test_pedals_close_the_distance_and_follow_sumos_acceleration(turn, behind, accel):
+    controls, after = tracked(turn, behind=behind, accel=accel)
+    smoothed = accel * (1.0 - np.exp(-STEP_S / GAINS.accel_time_s))
+    closing = (GAINS.along_per_s * behind - smoothed * STEP_S) / GAINS.speed_time_s
+    push = smoothed + closing + resistance(8.0)
+    drive = min(VEHICLE.max_drive_accel_mps2, VEHICLE.drive_power_w / (VEHICLE.mass_kg * 8.0))
+    throttle = settled(push, VEHICLE.throttle_lag_s, GAINS.drive_factor * drive)
+    brake = settled(-push, VEHICLE.brake_lag_s, VEHICLE.max_brake_decel_mps2)
+    assert (controls.throttle[0], controls.brake[0]) == pytest.approx((throttle, brake), abs=1e-6)
+    assert after.accel_mps2[0] == pytest.approx(smoothed)
+    assert controls.quickness[0] == GAINS.quickness
+    assert controls.drive_factor[0] == GAINS.drive_factor
+
+
+@pytest.mark.parametrize(("behind", "most"), [(50.0, 3.0), (-50.0, -3.0)])
+def test_the_speed_is_corrected_by_no_more_than_its_limit(behind, most):
+    wide = replace_gain(along_most=most)
+    far, _ = tracked(behind=behind, speed=8.0 + most)
+    assert (far.throttle[0], far.brake[0]) == pytest.approx(wide, abs=1e-6)
+
+
+def replace_gain(along_most):
+    """Pedals of a vehicle at its corrected speed: only the resistances are overcome."""
+    push = resistance(8.0 + along_most)
+    speed = 8.0 + along_most
+    drive = min(VEHICLE.max_drive_accel_mps2, VEHICLE.drive_power_w / (VEHICLE.mass_kg * speed))
+    return settled(push, VEHICLE.throttle_lag_s, GAINS.drive_factor * drive), 0.0
+
+
+def test_who_shall_stand_is_held_with_the_brake():
+    controls, _ = tracked(speed=0.0, sumo=0.0)
+    assert (controls.throttle[0], controls.brake[0]) == (0.0, pytest.approx(GAINS.holding_brake))
+
+
+@pytest.mark.parametrize(("share", "pace"), [(0.95, 0.95), (0.5, 0.85), (1.5, 1.1)])
+def test_the_pace_follows_how_far_the_centre_moves_within_what_a_vehicle_can_drive(share, pace):
+    tracker = TrackerState.at(one(0.0), one(0.0), one(0.3))
+    way = share * 10.0 * STEP_S
+    reference = Reference(one(way * np.cos(0.3)), one(way * np.sin(0.3)), one(0.3), one(10.0), one(0.0))
+    body = BodyState.moving(one(0.0), one(0.0), one(0.3), one(10.0))
+    _, after = track(body, tracker, reference, TABLE, STEP_S)
+    kept = np.exp(-STEP_S / GAINS.pace_time_s)
+    assert after.pace[0] == pytest.approx(kept + (1.0 - kept) * pace)

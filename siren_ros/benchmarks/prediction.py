@@ -1,0 +1,90 @@
+"""How fast predictors are: ``python -m siren_ros.benchmarks.prediction BAG… --models cv,idm --samples 100000``.
+
+Goes through the samples of the bags, over and over until there were as many as asked for. Prints for each model the
+time of its predictions, and first the time that making the samples took; reading the bags is not in it. The wall time
+means something on an idle machine only; the processors' time hardly depends on what else runs.
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from siren_ros.errors import EXIT_OK
+from siren_ros.evaluation.prediction.predictors import PREDICTORS, predictors_named
+from siren_ros.evaluation.prediction.protocol.predictor import Predictor
+from siren_ros.evaluation.prediction.protocol.samples import Population, ScoredSamples, samples_of
+from siren_ros.evaluation.prediction.protocol.window import HistoryWindow
+from siren_ros.recording.bag_folders import bags_among
+from siren_ros.recording.bag_reader import read_episode
+from siren_ros.recording.episode_record import EpisodeRecord
+
+SAMPLES: Final = 100_000
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What a task took."""
+
+    samples: int
+    wall_s: float
+    processors_s: float
+    """Summed over all threads."""
+
+    def row(self, name: str) -> str:
+        """One row of the table: both times as they were, and for ``SAMPLES``."""
+        scale = SAMPLES / max(self.samples, 1)
+        times = (self.wall_s, self.processors_s, self.wall_s * scale, self.processors_s * scale)
+        return f"{name:<12}{self.samples:>10}" + "".join(f"{value:>12.1f}" for value in times)
+
+
+def sampling(
+    records: Sequence[EpisodeRecord], window: HistoryWindow, population: Population
+) -> tuple[Taken, list[ScoredSamples]]:
+    """Makes the samples of every record once."""
+    wall, processors = time.perf_counter(), time.process_time()
+    samples = [samples_of(record, window, population) for record in records]
+    taken = Taken(sum(map(len, samples)), time.perf_counter() - wall, time.process_time() - processors)
+    return taken, [scored for scored in samples if len(scored)]
+
+
+def predicting(predictor: Predictor, samples: Sequence[ScoredSamples], wanted: int) -> Taken:
+    """Predicts at least so many samples."""
+    predictor.predict(samples[0].batch)  # compiles its loops, starts its threads
+    wall, processors, done = time.perf_counter(), time.process_time(), 0
+    while done < wanted:
+        for scored in samples:
+            predictor.predict(scored.batch)
+            done += len(scored)
+    return Taken(done, time.perf_counter() - wall, time.process_time() - processors)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Prints one row for each model."""
+    parser = argparse.ArgumentParser(prog="prediction", description=__doc__)
+    parser.add_argument("bags", type=Path, nargs="+", metavar="BAG", help="episodes, or folders of them")
+    parser.add_argument("--models", default="cv,idm", help=f"of {', '.join(PREDICTORS)}, by commas")
+    parser.add_argument("--checkpoint", action="append", default=[], metavar="NAME=PATH", help="weights of a model")
+    parser.add_argument("--samples", type=int, default=SAMPLES, help="default: %(default)s")
+    parser.add_argument("--population", choices=[one.value for one in Population], default=Population.ALL.value)
+    arguments = parser.parse_args(argv)
+    checkpoints = dict(pair.split("=", 1) for pair in arguments.checkpoint)
+    predictors = predictors_named(arguments.models.split(","), {name: Path(path) for name, path in checkpoints.items()})
+    records = [read_episode(bag) for bag in bags_among(arguments.bags)]
+    made: dict[HistoryWindow, list[ScoredSamples]] = {}
+    population = Population(arguments.population)
+    heads = ("wall s", "CPU s", f"per {SAMPLES // 1000}k", "CPU")
+    print(f"{'':<12}{'samples':>10}" + "".join(f"{head:>12}" for head in heads))
+    for name, predictor in predictors.items():
+        if predictor.window not in made:
+            taken, made[predictor.window] = sampling(records, predictor.window, population)
+            print(taken.row("samples"), flush=True)
+        print(predicting(predictor, made[predictor.window], arguments.samples).row(name), flush=True)
+    return EXIT_OK
+
+
+if __name__ == "__main__":
+    sys.exit(main())

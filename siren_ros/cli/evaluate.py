@@ -7,6 +7,7 @@ from typing import Final
 _TASKS: Final = {
     "prediction": "trajectory prediction: 5 s ahead, ADE and FDE",
     "yield": "how traffic made way: the EMV's delay, corridor, drivers' responses, wake, safety",
+    "counterfactual": "what siren and level are worth: the same seeds at several levels",
     "risk": "vision-language risk understanding: normal scenes, near-misses and collisions in videos",
 }
 """What the tasks are; each is a module of this package, ``evaluate_TASK``, with ``add_arguments`` as a verb has."""

@@ -40,16 +40,29 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Scores every bag; one that cannot be read does not keep the others from being scored."""
-    if arguments.jobs < 1:
-        raise InputError("jobs", arguments.jobs, "1 or more")
     for file in (arguments.out, arguments.drivers):
         if file is not None and file.suffix not in {".parquet", ".json"}:
             raise InputError("out", str(file), "a file name that ends in .parquet or .json")
-    bags = bags_among(arguments.bags)
+    episodes, worst = scored_episodes(bags_among(arguments.bags), arguments.jobs)
+    if episodes:
+        print("\n".join((*_table(group_means(episodes)), *_under_test(episodes))))
+    _write(arguments.out, [episode.row() for episode in episodes])
+    _write(arguments.drivers, [row for episode in episodes for row in episode.driver_rows()])
+    return worst
+
+
+def scored_episodes(bags: Sequence[Path], jobs: int) -> tuple[list[ScoredEpisode], int]:
+    """The scores of all bags that can be read, and the worst exit code; the others are told on standard error.
+
+    Raises:
+        InputError: No process to work with.
+    """
+    if jobs < 1:
+        raise InputError("jobs", jobs, "1 or more")
     worst, episodes = EXIT_OK, []
     with (
-        worker_pool(min(arguments.jobs, len(bags)), lambda _: None) as pool,
-        tqdm(total=len(bags), unit="episode", desc="evaluate yield", disable=None) as bar,
+        worker_pool(min(jobs, len(bags)), lambda _: None) as pool,
+        tqdm(total=len(bags), unit="episode", desc="evaluate", disable=None) as bar,
     ):
         for _, found in pool(score_bag, [(bag,) for bag in bags]):
             bar.update(1)
@@ -59,12 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
                 text, code = found
                 print(f"siren evaluate: {text}", file=sys.stderr)
                 worst = max(worst, code)
-    episodes.sort(key=lambda episode: (episode.group, episode.seed, episode.bag))
-    if episodes:
-        print("\n".join((*_table(group_means(episodes)), *_under_test(episodes))))
-    _write(arguments.out, [episode.row() for episode in episodes])
-    _write(arguments.drivers, [row for episode in episodes for row in episode.driver_rows()])
-    return worst
+    return sorted(episodes, key=lambda episode: (episode.group, episode.seed, episode.draw, episode.bag)), worst
 
 
 def score_bag(bag: Path) -> ScoredEpisode | tuple[str, int]:

@@ -4,7 +4,7 @@ It serves studies of behaviour that need neither topics nor sensors, and tests. 
 is passed directly; the states are the same.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
@@ -42,7 +42,7 @@ class LoopStep:
 
 def closed_loop(
     setup: EpisodeSetup, steps: int, residual_limit_m: float = RESIDUAL_LIMIT_M, answers: Sequence[VehicleCommands] = ()
-) -> Iterator[LoopStep]:
+) -> Generator[LoopStep, None, None]:
     """Runs an episode's behaviour, dynamics and traffic step by step.
 
     Args:

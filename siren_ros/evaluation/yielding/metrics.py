@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.evaluation.yielding import corridor, driver_marks, emv_marks, safety, wake
 from siren_ros.evaluation.yielding.encounters import Encounter
+from siren_ros.evaluation.yielding.marks import civilians, corridor, driver, emv, safety, wake
 from siren_ros.evaluation.yielding.measure import Measure
 from siren_ros.evaluation.yielding.scene import YieldScene
 
@@ -34,29 +34,29 @@ DRIVER_METRICS: Final = (
     DriverMetric(
         "response_time_s",
         "until the driver first shifted or slowed down",
-        lambda scene, one: driver_marks.response_time_s(one, scene.limits),
+        lambda scene, one: driver.response_time_s(one, scene.limits),
     ),
     DriverMetric(
         "clearance_time_s",
         "until the EMV's way was clear of the driver",
-        lambda _, one: driver_marks.clearance_time_s(one),
+        lambda _, one: driver.clearance_time_s(one),
     ),
     DriverMetric(
         "compliance",
         "1 where the way was clear before the EMV came close",
-        lambda scene, one: driver_marks.complied(one, scene.limits),
+        lambda scene, one: driver.complied(one, scene.limits),
     ),
     DriverMetric(
         "held_up_s",
         "for which the EMV was stuck behind the driver",
-        lambda scene, one: driver_marks.held_up_s(one, scene.limits),
+        lambda scene, one: driver.held_up_s(one, scene.limits),
     ),
-    DriverMetric("made_way_m", "lateral shift before the EMV passed", lambda _, one: driver_marks.made_way_m(one)),
-    DriverMetric("passing_gap_m", "lateral gap as the EMV passed", lambda _, one: driver_marks.passing_gap_m(one)),
+    DriverMetric("made_way_m", "lateral shift before the EMV passed", lambda _, one: driver.made_way_m(one)),
+    DriverMetric("passing_gap_m", "lateral gap as the EMV passed", lambda _, one: driver.passing_gap_m(one)),
     DriverMetric(
         "recovery_time_s",
         "from the passing until the driver was back at speed and in its lane",
-        lambda scene, one: driver_marks.recovery_time_s(one, scene.limits),
+        lambda scene, one: driver.recovery_time_s(one, scene.limits),
     ),
     DriverMetric(
         "min_ttc_s", "least TTC with anybody", lambda scene, one: safety.min_ttc_s(scene.conflicts_of(one.actor_id))
@@ -92,25 +92,23 @@ EPISODE_METRICS: Final = (
     EpisodeMetric(
         "site_time_s",
         "until the EMV is at the middle of its site",
-        lambda scene: emv_marks.site_time_s(scene.record, scene.line, scene.limits),
+        lambda scene: emv.site_time_s(scene.record, scene.line, scene.limits),
     ),
     EpisodeMetric(
         "emv_delay_s",
         "time that the EMV lost against free flow",
-        lambda scene: emv_marks.emv_delay_s(scene.record, scene.line, scene.limits),
+        lambda scene: emv.emv_delay_s(scene.record, scene.line, scene.limits),
     ),
-    EpisodeMetric(
-        "emv_stops", "stops of the EMV", lambda scene: emv_marks.emv_stops(scene.record, scene.line, scene.limits)
-    ),
+    EpisodeMetric("emv_stops", "stops of the EMV", lambda scene: emv.emv_stops(scene.record, scene.line, scene.limits)),
     EpisodeMetric(
         "emv_standstill_s",
         "for which the EMV stood",
-        lambda scene: emv_marks.emv_standstill_s(scene.record, scene.line, scene.limits),
+        lambda scene: emv.emv_standstill_s(scene.record, scene.line, scene.limits),
     ),
     EpisodeMetric(
         "emv_gap_escape_s",
         "for which the EMV was in gap escape",
-        lambda scene: emv_marks.emv_gap_escape_s(scene.record, scene.line, scene.limits),
+        lambda scene: emv.emv_gap_escape_s(scene.record, scene.line, scene.limits),
     ),
     EpisodeMetric(
         "corridor_width_m",
@@ -130,22 +128,22 @@ EPISODE_METRICS: Final = (
     EpisodeMetric(
         "response_time_s",
         "median over those drivers, until they first shifted or slowed down",
-        lambda scene: of_drivers(scene, lambda one: driver_marks.response_time_s(one, scene.limits), _median),
+        lambda scene: of_drivers(scene, lambda one: driver.response_time_s(one, scene.limits), _median),
     ),
     EpisodeMetric(
         "clearance_time_s",
         "median over them, until the way was clear",
-        lambda scene: of_drivers(scene, driver_marks.clearance_time_s, _median),
+        lambda scene: of_drivers(scene, driver.clearance_time_s, _median),
     ),
     EpisodeMetric(
         "compliance",
         "share of them that cleared the way in time",
-        lambda scene: of_drivers(scene, lambda one: driver_marks.complied(one, scene.limits), _mean),
+        lambda scene: of_drivers(scene, lambda one: driver.complied(one, scene.limits), _mean),
     ),
     EpisodeMetric(
         "held_up_s",
         "for which the EMV was stuck behind them",
-        lambda scene: of_drivers(scene, lambda one: driver_marks.held_up_s(one, scene.limits), sum),
+        lambda scene: of_drivers(scene, lambda one: driver.held_up_s(one, scene.limits), sum),
     ),
     EpisodeMetric(
         "wake_duration_s",
@@ -156,6 +154,11 @@ EPISODE_METRICS: Final = (
         "wake_length_m",
         "farthest disturbed driver behind the EMV",
         lambda scene: wake.wake_length_m(scene.encounters, scene.limits),
+    ),
+    EpisodeMetric(
+        "civilian_delay_s",
+        "vehicle-seconds that the civilians lost",
+        lambda scene: civilians.civilian_delay_s(scene.record),
     ),
     EpisodeMetric("min_ttc_s", "least TTC of the EMV", lambda scene: safety.min_ttc_s(scene.conflicts)),
     EpisodeMetric("min_pet_s", "least PET of the EMV", lambda scene: safety.min_pet_s(scene.conflicts)),

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from siren_ros.evaluation.surrogate_safety.conflict_measures import PairMeasures, conflict_series, pair_measures
-from siren_ros.evaluation.yielding.corridor import CorridorSeries, corridor_series
 from siren_ros.evaluation.yielding.emv_line import EmvLine
 from siren_ros.evaluation.yielding.encounters import Encounter, encounters_of
+from siren_ros.evaluation.yielding.marks.corridor import CorridorSeries, corridor_series
 from siren_ros.evaluation.yielding.thresholds import YieldThresholds
 from siren_ros.recording.episode_record import EpisodeRecord
 

@@ -1,7 +1,9 @@
 """Yield metrics over many episodes: means with intervals over groups, and plain rows for tables."""
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from typing import Any, Self
 
 import numpy as np
@@ -24,13 +26,20 @@ class ScoredEpisode:
     level: str
     seed: int
     map_name: str
+    draw: str
+    """Values of parameters in place of the seed's own, as the request has them."""
+    situation_sha256: str
+    """Of all that levels of one seed have in common before the first step."""
     scores: YieldScores
 
     @classmethod
     def of(cls, bag: str, record: EpisodeRecord, scores: YieldScores) -> Self:
         """The scores of a record with what names it."""
         described = record.description
-        return cls(bag, described.template, described.level.name, described.seed, described.map_name, scores)
+        request = described.parameters.get("request")
+        draw = str(request.get("values", "")) if isinstance(request, Mapping) else ""
+        named = (described.template, described.level.name, described.seed, described.map_name)
+        return cls(bag, *named, draw, situation_sha256(record), scores)
 
     @property
     def group(self) -> tuple[str, str, str]:
@@ -56,6 +65,22 @@ class ScoredEpisode:
         """One flat row for each driver."""
         named = {"bag": self.bag, "template": self.template, "level": self.level, "seed": self.seed}
         return [{**named, **row} for row in self.scores.driver_rows()]
+
+
+def situation_sha256(record: EpisodeRecord) -> str:
+    """Hash of the situation that an episode begins in, apart from its level and the EMV's speed.
+
+    At L0 the EMV obeys the speed limit from the start, so its first speed belongs to the level.
+    """
+    described = record.description
+    common = [described.map_sha256, described.preset, described.duration_s, described.parameters.get("template")]
+    digest = sha256(json.dumps([*common, described.site], sort_keys=True, default=dict).encode())
+    if record.states:
+        first = record.states[0]
+        others = first.select(~np.isin(first.actor_id, record.emv_ids))
+        for array in (first.actor_id, first.x_m, first.y_m, first.yaw_rad, others.vx_mps, others.vy_mps):
+            digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
 
 
 def group_means(episodes: Sequence[ScoredEpisode], seed: int = 0) -> Mapping[tuple[str, str, str], dict[str, Interval]]:

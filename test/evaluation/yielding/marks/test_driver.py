@@ -5,9 +5,9 @@ import pytest
 from hand_made_record import CAR_LENGTH_M, EMV_LENGTH_M, Driven
 from made_encounters import CAR, IN_LANE, arc, blocking, passing, record_of
 
-from siren_ros.evaluation.yielding import driver_marks as marks
 from siren_ros.evaluation.yielding.emv_line import EmvLine
 from siren_ros.evaluation.yielding.encounters import Encounter, encounters_of
+from siren_ros.evaluation.yielding.marks import driver as marks
 from siren_ros.evaluation.yielding.measure import Measure
 from siren_ros.evaluation.yielding.thresholds import YieldThresholds
 from siren_ros.recording.episode_record import EpisodeRecord

@@ -3,7 +3,8 @@ import pytest
 from hand_made_record import Driven
 from made_encounters import CAR, IN_LANE, arc, record_of
 
-from siren_ros.evaluation.yielding.corridor import (
+from siren_ros.evaluation.yielding.emv_line import EmvLine
+from siren_ros.evaluation.yielding.marks.corridor import (
     CorridorSeries,
     corridor_continuity,
     corridor_series,
@@ -11,7 +12,6 @@ from siren_ros.evaluation.yielding.corridor import (
     road_cells,
     widest_way_m,
 )
-from siren_ros.evaluation.yielding.emv_line import EmvLine
 from siren_ros.evaluation.yielding.thresholds import YieldThresholds
 from siren_ros.recording.episode_record import EpisodeRecord
 

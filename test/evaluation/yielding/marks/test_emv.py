@@ -5,8 +5,8 @@ import pytest
 from hand_made_record import EMV, NORTHBOUND, Driven, crossing, hand_made
 from made_encounters import arc, record_of
 
-from siren_ros.evaluation.yielding import emv_marks
 from siren_ros.evaluation.yielding.emv_line import EmvLine
+from siren_ros.evaluation.yielding.marks import emv as emv_marks
 from siren_ros.evaluation.yielding.measure import Measure
 from siren_ros.evaluation.yielding.thresholds import YieldThresholds
 from siren_ros.recording.episode_record import EpisodeRecord

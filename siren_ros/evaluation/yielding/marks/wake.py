@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from siren_ros.evaluation.yielding.driver_marks import disturbed_rows, recovery_time_s
 from siren_ros.evaluation.yielding.encounters import Encounter
+from siren_ros.evaluation.yielding.marks.driver import disturbed_rows, recovery_time_s
 from siren_ros.evaluation.yielding.measure import Measure
 from siren_ros.evaluation.yielding.thresholds import YieldThresholds
 

@@ -1,0 +1,82 @@
+"""``siren evaluate counterfactual BAG…``: what siren and level are worth, from the same seeds at several levels."""
+
+import argparse
+import json
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from siren_ros.cli.evaluate_yield import scored_episodes
+from siren_ros.errors import EXIT_FAILED, InputError
+from siren_ros.evaluation.yielding.counterfactual import OUTCOMES, Effect, effects
+from siren_ros.recording.bag_folders import bags_among
+
+
+def add_arguments(verb: argparse.ArgumentParser) -> None:
+    """Describe the verb, and what it takes."""
+    verb.description = (
+        "Compares levels on the same seeds: map, demand, route, drivers and draws are the same, so that the difference "
+        "is the effect of the level. Prints mean differences with 95 %% intervals (bootstrap over pairs), the p-value "
+        "of a permutation test, adjusted for all comparisons of an outcome (Holm), and in how many pairs an episode "
+        "ended before its value was complete. Exit code 1 where there is no pair."
+    )
+    verb.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="bags, or folders with bags at any depth")
+    verb.add_argument(
+        "--outcomes",
+        nargs="+",
+        choices=OUTCOMES,
+        default=list(OUTCOMES[:4]),
+        metavar="NAME",
+        help=f"of {', '.join(OUTCOMES)}",
+    )
+    verb.add_argument("--out", type=Path, metavar="FILE", help="write the effects on all outcomes as JSON")
+    verb.add_argument(
+        "--jobs", type=int, default=len(os.sched_getaffinity(0)), metavar="N", help="processes (default: processors)"
+    )
+    verb.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Scores every bag and compares the levels."""
+    episodes, worst = scored_episodes(bags_among(arguments.bags), arguments.jobs)
+    found = effects(episodes)
+    shown = [one for one in found if one.outcome in arguments.outcomes and one.found.difference.valid]
+    print("\n".join(_table(shown)) or "no two episodes of one seed at different levels")
+    if arguments.out is not None:
+        try:
+            arguments.out.write_text(json.dumps([as_json(one) for one in found], indent=1) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise InputError("out", str(arguments.out), f"a file that can be written ({error.strerror})") from error
+    return worst if shown else max(worst, EXIT_FAILED)
+
+
+def as_json(effect: Effect) -> dict[str, object]:
+    """An effect as JSON types."""
+    difference = effect.found.difference
+    return {
+        "template": effect.template,
+        "outcome": effect.outcome,
+        "levels": [effect.first, effect.second],
+        "difference": difference.value if difference.valid else None,
+        "interval": [difference.low, difference.high] if difference.bounded else None,
+        "pairs": difference.blocks,
+        "cut_off": effect.cut_off,
+        "p_value": effect.found.p_value,
+        "adjusted_p_value": effect.adjusted_p,
+    }
+
+
+def _table(shown: Sequence[Effect]) -> Iterator[str]:
+    before = ""
+    for one in shown:
+        head = f"{one.outcome}, {one.first} minus {one.second}"
+        if head != before:
+            yield head
+            before = head
+        difference = one.found.difference
+        bounds = f" [{difference.low:+.2f}, {difference.high:+.2f}]" if difference.bounded else ""
+        cut = f", {one.cut_off} cut off" if one.cut_off else ""
+        yield (
+            f"  {one.template:<4} {difference.value:+8.2f}{bounds}  p {one.found.p_value:.3f}"
+            f" (adjusted {one.adjusted_p:.3f})  {difference.blocks} pairs{cut}"
+        )

@@ -1,0 +1,119 @@
+"""Paired counterfactuals: two levels of a seed differ in nothing but the level, so the difference is its effect."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from siren_ros.errors import InputError
+from siren_ros.evaluation.statistics.block_sums import BlockSums, block_sums
+from siren_ros.evaluation.statistics.holm import holm
+from siren_ros.evaluation.statistics.paired_difference import PairedDifference, paired_difference
+from siren_ros.evaluation.yielding.summary import ScoredEpisode
+from siren_ros.numerics.random_streams import random_stream
+
+OUTCOMES: Final = ("site_time_s", "emv_delay_s", "emv_stops", "civilian_delay_s", "min_ttc_s", "collisions")
+"""What the level has an effect on."""
+CONTRASTS: Final = (("L1", "L0"), ("L2", "L1"), ("L3", "L1"), ("L3", "L2"), ("L3", "L0"))
+"""Pairs of levels. L1 − L0: the EMV's privileges; L2 − L1: siren and lane changes; L3 − L1: siren and corridor."""
+ALL: Final = "all"
+"""Stands for all templates, each counted once."""
+Pair = tuple[str, str, int, str]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """The first level's outcome minus the second's, over pairs of episodes."""
+
+    template: str
+    outcome: str
+    first: str
+    second: str
+    found: PairedDifference
+    cut_off: int
+    """Pairs in which at least one of the two values is a lower bound: the episode ended before."""
+    adjusted_p: float
+    """p-value for all effects on this outcome together (Holm)."""
+
+
+def effects(
+    episodes: Sequence[ScoredEpisode],
+    contrasts: Sequence[tuple[str, str]] = CONTRASTS,
+    outcomes: Sequence[str] = OUTCOMES,
+    seed: int = 0,
+) -> tuple[Effect, ...]:
+    """Effects of the level, template by template and over all of them.
+
+    The blocks of the bootstrap are the pairs. A travel time is the one up to the episode's end where the EMV has not
+    arrived by then, so that effects on it are understated and never overstated by the end of the episode.
+
+    Args:
+        episodes: At several levels; episodes without a partner at the other level are left out.
+        contrasts: Which levels are compared.
+        outcomes: Names of episode metrics.
+        seed: Of the bootstrap and of the test.
+
+    Raises:
+        InputError: Two episodes of one pair differ in more than the level, or a pair has two episodes of one level.
+    """
+    pairs = pairs_of(episodes)
+    found = []
+    for outcome in outcomes:
+        of_outcome = []
+        for first, second in contrasts:
+            here = {key: levels for key, levels in pairs.items() if first in levels and second in levels}
+            templates = sorted({key[0] for key in here})
+            for template in [*templates, *([ALL] if len(templates) > 1 else [])]:
+                chosen = {key: levels for key, levels in here.items() if template in (ALL, key[0])}
+                of_outcome.append(_effect(template, outcome, first, second, chosen, seed))
+        adjusted = holm([effect.found.p_value for effect in of_outcome])
+        found += [
+            Effect(one.template, one.outcome, one.first, one.second, one.found, one.cut_off, p_value)
+            for one, p_value in zip(of_outcome, adjusted, strict=True)
+        ]
+    return tuple(found)
+
+
+def pairs_of(episodes: Iterable[ScoredEpisode]) -> Mapping[Pair, Mapping[str, ScoredEpisode]]:
+    """Episodes by template, map, seed and draw, then by level; raises InputError as ``effects`` does."""
+    found: dict[Pair, dict[str, ScoredEpisode]] = {}
+    for episode in episodes:
+        levels = found.setdefault((episode.template, episode.map_name, episode.seed, episode.draw), {})
+        if episode.level in levels:
+            raise InputError(
+                "bag", episode.bag, f"one episode of each level and seed; {levels[episode.level].bag} is one"
+            )
+        for other in levels.values():
+            if other.situation_sha256 != episode.situation_sha256:
+                raise InputError(
+                    "bag", episode.bag, f"the situation of {other.bag}: map, drawn values, site and traffic"
+                )
+        levels[episode.level] = episode
+    return found
+
+
+def _effect(
+    template: str,
+    outcome: str,
+    first: str,
+    second: str,
+    pairs: Mapping[Pair, Mapping[str, ScoredEpisode]],
+    seed: int,
+) -> Effect:
+    names = sorted({key[0] for key in pairs})
+    values, strata, cut_off = [], [], 0
+    for key, levels in sorted(pairs.items()):
+        sides = [levels[level].scores.metrics[outcome] for level in (first, second)]
+        if all(side.valid for side in sides):
+            values.append([side.value for side in sides])
+            strata.append(names.index(key[0]))
+            cut_off += any(side.at_least for side in sides)
+    stratum = np.array(strata, dtype=np.intp)
+    one, two = (_sums([pair[side] for pair in values], stratum) for side in (0, 1))
+    rng = random_stream(seed, f"counterfactual/{outcome}/{template}/{first}/{second}")
+    return Effect(template, outcome, first, second, paired_difference(one, two, rng), cut_off, 1.0)
+
+
+def _sums(values: Sequence[float], stratum: "np.ndarray[tuple[int], np.dtype[np.intp]]") -> BlockSums:
+    return block_sums(np.array(values, dtype=np.float64), np.arange(len(values)), stratum)

@@ -1,6 +1,6 @@
 """Typed errors. Library code raises them; only programs turn them into a line and an exit code."""
 
-from typing import Final
+from typing import Any, Final
 
 EXIT_OK: Final = 0
 EXIT_FAILED: Final = 1
@@ -27,6 +27,17 @@ class InputError(SirenError):
         self.value = value
         self.allowed = allowed
         super().__init__(f"{parameter}: {value!r} cannot be used; allowed: {allowed}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """How a process of a pool hands it over: without its message, which the constructor makes."""
+        return _input_error, (type(self), self.parameter, self.value, self.allowed)
+
+
+def _input_error(kind: type[InputError], parameter: str, value: object, allowed: str) -> InputError:
+    """An error of a kind whose own constructor may take fewer arguments."""
+    error = kind.__new__(kind)
+    InputError.__init__(error, parameter, value, allowed)
+    return error
 
 
 class MapError(InputError):

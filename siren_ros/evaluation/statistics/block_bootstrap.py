@@ -47,7 +47,7 @@ def interval_of_mean(
         return NOTHING
     (value,) = there.mean(np.ones((1, len(there))))
     resampled = there.mean(times_drawn(there.stratum, resamples, rng)) if len(there) > 1 else np.array([value])
-    return percentile_interval(float(value), resampled, len(there), confidence)
+    return percentile_interval(float(value), resampled, there.stratum, confidence)
 
 
 def interval_of(
@@ -71,4 +71,4 @@ def interval_of(
         return NOTHING
     value = statistic(np.arange(count))
     drawn = draw_blocks(stratum, resamples, rng) if count > 1 else np.zeros((0, 1), dtype=np.intp)
-    return percentile_interval(value, np.array([statistic(blocks) for blocks in drawn]), count, confidence)
+    return percentile_interval(value, np.array([statistic(blocks) for blocks in drawn]), stratum, confidence)

@@ -52,7 +52,7 @@ def paired_difference(
     everyone = np.ones((1, len(one)))
     found = float((one.mean(everyone) - two.mean(everyone))[0])
     weight = times_drawn(one.stratum, resamples, rng)
-    interval = percentile_interval(found, one.mean(weight) - two.mean(weight), len(one), confidence)
+    interval = percentile_interval(found, one.mean(weight) - two.mean(weight), one.stratum, confidence)
     return PairedDifference(interval, _p_value(one, two, found, rng))
 
 

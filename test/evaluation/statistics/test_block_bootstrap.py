@@ -66,6 +66,14 @@ def test_a_root_is_taken_before_the_mean_over_strata() -> None:
     assert interval_of_mean(sums, rng()).value == pytest.approx(3.5)
 
 
+def test_a_stratum_of_one_block_leaves_the_mean_without_bounds() -> None:
+    """Drawn within its stratum it is always the same: the interval would say that it does not scatter."""
+    values, block = np.array([1.0, 2.0, 10.0]), np.array([0, 1, 2])
+    found = interval_of_mean(block_sums(values, block, np.array([0, 0, 1])), rng())
+    assert (found.valid, found.bounded) == (True, False)
+    assert interval_of_mean(block_sums(values[:2], block[:2], np.array([0, 0, 1])), rng()).bounded
+
+
 def test_blocks_without_values_do_not_count() -> None:
     values = np.array([np.nan, 2.0, 4.0, np.nan])
     sums = block_sums(values, np.array([0, 1, 2, 2]), np.zeros(5, dtype=np.intp))

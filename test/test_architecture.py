@@ -36,6 +36,7 @@ LAYERS = {
     ],
     "evaluation": ["prediction", "detection", "risk", "yielding", "surrogate_safety", "statistics"],
     "evaluation/prediction": [
+        "charts",
         "reports",
         "scoring",
         "submitted",

@@ -12,6 +12,7 @@ from tqdm import tqdm
 
 from siren_ros.cli.named_path import named_path
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
+from siren_ros.evaluation.prediction.charts.chart_files import write_charts, write_sample_pictures
 from siren_ros.evaluation.prediction.predictors import PREDICTORS
 from siren_ros.evaluation.prediction.protocol.samples import Population
 from siren_ros.evaluation.prediction.reports.differences import differences
@@ -71,6 +72,11 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
     task.add_argument("--compare-paper", action="store_true", help="show the paper's nine rows next to ours")
     task.add_argument("--out", type=Path, metavar="DIR", help="write the report there: text, JSON, CSV, LaTeX")
     task.add_argument(
+        "--pictures",
+        action="store_true",
+        help="also draw the best, the median and the worst sample of each template and model to --out",
+    )
+    task.add_argument(
         "--jobs", type=int, metavar="N", default=len(os.sched_getaffinity(0)), help="processors (default: all)"
     )
     task.set_defaults(run=run)
@@ -80,6 +86,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Scores every bag; one that cannot be read does not keep the others from being scored."""
     if arguments.jobs < 1:
         raise InputError("jobs", arguments.jobs, "1 or more")
+    if arguments.pictures and arguments.out is None:
+        raise InputError("pictures", "--pictures", "together with --out DIR")
     job = _job(arguments)
     if arguments.out is not None:
         new_folder(arguments.out)
@@ -97,7 +105,7 @@ def run(arguments: argparse.Namespace) -> int:
                 print(f"siren evaluate: {result.bag}: {no_samples_text(job.population)}", file=sys.stderr)
                 worst = max(worst, EXIT_FAILED)
     if scores:
-        _report(arguments, scores)
+        _report(arguments, job, scores)
     return worst
 
 
@@ -132,10 +140,13 @@ def _by_name(parameter: str, given: Sequence[tuple[str, Path]]) -> dict[str, Pat
     return dict(given)
 
 
-def _report(arguments: argparse.Namespace, scores: Sequence[EpisodeScores]) -> None:
+def _report(arguments: argparse.Namespace, job: ScoringJob, scores: Sequence[EpisodeScores]) -> None:
     table = score_table(scores)
     found = differences(table)
     text = "\n".join(text_report(table, found, arguments.compare_paper))
     print(text)
     if arguments.out is not None:
         write_report(arguments.out, table, found, text, arguments.compare_paper)
+        write_charts(arguments.out, table)
+        if arguments.pictures:
+            write_sample_pictures(arguments.out, table, job)

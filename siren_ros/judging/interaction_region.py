@@ -1,6 +1,6 @@
 """The moving interaction region around the EMV: the vehicles that the paper's platform simulates and logs."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -34,24 +34,22 @@ def region_members(before: Ids, states: ActorStates, emv_ids: Iterable[int]) -> 
     return states.actor_id[inside | is_emv]
 
 
-def regions_of(states: Iterable[ActorStates], emv_ids: Iterable[int]) -> Iterator[Ids]:
-    """Members after each of consecutive steps."""
-    members, emvs = np.empty(0, dtype=np.uint32), tuple(emv_ids)
-    for state in states:
-        members = region_members(members, state, emvs)
-        yield members
-
-
 def rows_in_region(record: EpisodeRecord) -> Flags:
-    """Which of ``record.rows`` are of vehicles in the region at that step, shape ``(M,)``."""
+    """Which of ``record.rows`` are of vehicles in the region at that step, as ``region_members`` says; ``(M,)``."""
     rows = record.rows
-    inside = np.zeros(len(rows), dtype=np.bool_)
-    if len(rows) == 0:
-        return inside
-    # Rows are sorted by actor and then by step, so that one number orders them.
-    span = int(rows.step.max()) + 1
-    keys = rows.actor_id.astype(np.int64) * span + rows.step
-    states = sorted(record.states, key=lambda state: state.step)
-    for state, members in zip(states, regions_of(states, record.emv_ids), strict=True):
-        inside[np.searchsorted(keys, members.astype(np.int64) * span + state.step)] = True
-    return inside
+    is_emv = np.isin(rows.actor_id, np.array(record.emv_ids, dtype=np.uint32))
+    # Steps are counted as they were recorded, so that a gap in the record is none in the membership.
+    steps = np.unique(np.array([state.step for state in record.states], dtype=np.int64))
+    place = np.searchsorted(steps, rows.step)
+    distance = np.full(len(rows), np.inf)
+    for emv in record.emv_ids:
+        own = record.rows_of(emv)
+        track = np.full((len(steps), 2), np.inf)
+        track[place[own]] = rows.xy_m[own]
+        distance = np.minimum(distance, np.hypot(*(rows.xy_m - track[place]).T))
+    enters, leaves = distance < PAPER_CONSTANTS.region_enter_m, distance > PAPER_CONSTANTS.region_leave_m
+    begins = np.ones(len(rows), dtype=np.bool_)
+    begins[1:] = (np.diff(rows.actor_id) != 0) | (np.diff(place) != 1)
+    # In between a vehicle is what it last was: inside after an entry, outside after it left or appeared.
+    decided = np.where(enters | leaves | begins, np.arange(len(rows)), 0)
+    return np.asarray(enters[np.maximum.accumulate(decided)] | is_emv)

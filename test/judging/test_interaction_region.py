@@ -1,6 +1,6 @@
 """The region of the paper's platform: 40 m in, 50 m out around the EMV."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from siren_ros.judging.interaction_region import region_members, regions_of, rows_in_region
+from siren_ros.judging.interaction_region import region_members, rows_in_region
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import ActorStates
 
@@ -23,6 +23,14 @@ def at(*places_m: tuple[float, float], step: int = 0) -> ActorStates:
     x_m, y_m = np.array(places_m).reshape(-1, 2).T
     ids = np.arange(1, len(places_m) + 1, dtype=np.uint32)
     return replace(empty, **{**zeros, "actor_id": ids, "x_m": x_m, "y_m": y_m})
+
+
+def regions_of(states: Iterable[ActorStates], emv_ids: Sequence[int]) -> Iterator[npt.NDArray[np.uint32]]:
+    """Members after each of consecutive steps, one after the other."""
+    members = nobody()
+    for state in states:
+        members = region_members(members, state, emv_ids)
+        yield members
 
 
 def nobody() -> npt.NDArray[np.uint32]:
@@ -80,4 +88,28 @@ def test_rows_of_a_record_are_those_of_its_members(record_of: Callable[..., Epis
     assert inside[rows.actor_id == record.emv_ids[0]].all()
     assert 0 < inside.sum() < len(rows)
     for state, members in zip(record.states, regions_of(record.states, record.emv_ids), strict=True):
+        assert set(rows.actor_id[inside & (rows.step == state.step)].tolist()) == set(members.tolist())
+
+
+@pytest.fixture(scope="module")
+def small_record(record_of: Callable[..., EpisodeRecord]) -> EpisodeRecord:
+    return record_of(civilians=1)
+
+
+@given(seed=st.integers(0, 2000))
+def test_rows_are_as_the_steps_say_whoever_is_there(seed: int, small_record: EpisodeRecord) -> None:
+    """Random walks around 45 m from two EMVs, with gaps; one step has nobody at all, and one was not recorded."""
+    rng = np.random.default_rng(seed)
+    walk = np.cumsum(rng.normal(scale=4.0, size=(30, 6, 2)), axis=0) + rng.uniform(-45.0, 45.0, (6, 2))
+    states = []
+    for step in range(30):
+        whole = at(*map(tuple, walk[step]), step=step)
+        there = np.flatnonzero(rng.random(6) < (0.0 if step == 12 else 0.9))
+        arrays = {name: values[there] for name, values in vars(whole).items() if name != "step"}
+        states.append(replace(whole, **arrays))
+    del states[20]
+    description = replace(small_record.description, emv_ids=(1, 2))
+    changed = replace(small_record, states=tuple(states), description=description)
+    inside, rows = rows_in_region(changed), changed.rows
+    for state, members in zip(states, regions_of(states, (1, 2)), strict=True):
         assert set(rows.actor_id[inside & (rows.step == state.step)].tolist()) == set(members.tolist())

@@ -20,8 +20,9 @@ class SampleTable:
     episode: Rows
     """Position of the sample's episode among all episodes."""
     key: npt.NDArray[np.int64]
-    """Tells the samples of an episode apart, whatever the model: from step and actor."""
+    """Tells the samples of an episode apart, whatever the model: ``step << 32 | actor_id``."""
     category: Codes
+    moved_m: Floats
     values: Mapping[str, Floats]
     """By metric."""
     wanted: int
@@ -54,6 +55,7 @@ def sample_table(scores: Sequence[EpisodeScores], model: str) -> SampleTable:
         episode=np.repeat(np.arange(len(parts)), counts),
         key=np.concatenate([(part.step << 32) | part.actor_id for part in parts]).astype(np.int64),
         category=np.concatenate([part.category for part in parts]),
+        moved_m=np.concatenate([part.moved_m for part in parts]),
         values={metric.name: np.concatenate([part.values[metric.name] for part in parts]) for metric in METRICS},
         wanted=sum(part.wanted for part in parts),
         distance_sum_m=sum((part.distance_sum_m for part in parts), np.zeros(FUTURE_POINTS)),

@@ -23,6 +23,8 @@ class ModelScores:
     actor_id: Ids
     category: Codes
     """``Category`` of each sample."""
+    moved_m: Floats
+    """Distance between the true places at the present and at the horizon, shape ``(N,)``."""
     values: Mapping[str, Floats]
     """By metric, shape ``(N,)``; NaN where it says nothing."""
     distance_sum_m: Floats

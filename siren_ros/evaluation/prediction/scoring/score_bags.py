@@ -1,6 +1,6 @@
 """Scores many bags, side by side in processes."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -13,8 +13,9 @@ from siren_ros.evaluation.prediction.predictors import predictors_named
 from siren_ros.evaluation.prediction.protocol.predictor import Predictor
 from siren_ros.evaluation.prediction.protocol.samples import Population
 from siren_ros.evaluation.prediction.scoring.episode_scores import EpisodeScores
-from siren_ros.evaluation.prediction.scoring.score_episode import score_episode
+from siren_ros.evaluation.prediction.scoring.score_episode import Answers, answers_of, score_episode
 from siren_ros.evaluation.prediction.submitted.submission import Submission, SubmittedPart
+from siren_ros.recording.episode_record import EpisodeRecord
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,21 @@ def score_bags(
             results[number] = result
             progress()
     return tuple(results)
+
+
+def answers_for(job: ScoringJob, bag: Path, models: Collection[str]) -> tuple[EpisodeRecord, Mapping[str, Answers]]:
+    """An episode and what some of the models predict in it, once more: scores do not keep paths.
+
+    Raises:
+        SirenError: As for ``BagResult.error``.
+    """
+    predictors = _predictors(job.models, job.checkpoints) if job.models else {}
+    submissions = {name: one for name, one in (job.submissions or {}).items() if name in models}
+    wanted = {name: predictor for name, predictor in predictors.items() if name in models}
+    with open_source(bag) as source:
+        record = source.record()
+    parts = _parts(submissions, _names(bag))
+    return record, {one.model: one for one in answers_of(record, wanted, job.population, parts)}
 
 
 def _names(bag: Path) -> tuple[str, ...]:

@@ -1,6 +1,9 @@
 """Scores trajectory predictors on an episode: every model with every metric on each of its samples."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
 
 from siren_ros.evaluation.prediction.metrics.calibration import reliability_of
 from siren_ros.evaluation.prediction.metrics.displacement import distances
@@ -35,22 +38,9 @@ def score_episode(
     Raises:
         InputError: The record does not describe its actors, or a model's hypotheses cannot be scored.
     """
-    windows: dict[HistoryWindow, ScoredSamples] = {}
-
-    def samples_with(window: HistoryWindow) -> ScoredSamples:
-        if window not in windows:
-            windows[window] = samples_of(record, window, population)
-        return windows[window]
-
-    models = {}
-    for model, predictor in predictors.items():
-        samples = samples_with(predictor.window)
-        hypotheses = checked(model, predictor.predict(samples.batch), len(samples))
-        models[model] = model_scores(record, samples, hypotheses, len(samples))
-    for model, part in (submitted or {}).items():
-        samples = samples_with(part.window)
-        rows, hypotheses = part.predictions.meet(samples.batch, part.allow_missing)
-        models[model] = model_scores(record, samples.select(rows), hypotheses, len(samples))
+    models = {
+        one.model: model_scores(record, one) for one in answers_of(record, predictors, population, submitted or {})
+    }
     episode = record.description
     return EpisodeScores(
         name=name,
@@ -64,24 +54,56 @@ def score_episode(
     )
 
 
-def model_scores(record: EpisodeRecord, samples: ScoredSamples, hypotheses: Hypotheses, wanted: int) -> ModelScores:
-    """The scores of hypotheses for some samples of an episode.
+@dataclass(frozen=True)
+class Answers:
+    """What one model predicts in an episode."""
 
-    Args:
-        record: The episode.
-        samples: Those that there are hypotheses for.
-        hypotheses: One row for each sample.
-        wanted: Number of samples of the population.
-    """
+    model: str
+    samples: ScoredSamples
+    """Those that there are hypotheses for."""
+    hypotheses: Hypotheses
+    """One row for each sample."""
+    wanted: int
+    """Number of samples of the population."""
+
+
+def answers_of(
+    record: EpisodeRecord,
+    predictors: Mapping[str, Predictor],
+    population: Population,
+    submitted: Mapping[str, SubmittedPart],
+) -> Iterator[Answers]:
+    """The hypotheses of all models, one model after the other; arguments and errors as those of ``score_episode``."""
+    windows: dict[HistoryWindow, ScoredSamples] = {}
+
+    def samples_with(window: HistoryWindow) -> ScoredSamples:
+        if window not in windows:
+            windows[window] = samples_of(record, window, population)
+        return windows[window]
+
+    for model, predictor in predictors.items():
+        samples = samples_with(predictor.window)
+        hypotheses = checked(model, predictor.predict(samples.batch), len(samples))
+        yield Answers(model, samples, hypotheses, len(samples))
+    for model, part in submitted.items():
+        samples = samples_with(part.window)
+        rows, hypotheses = part.predictions.meet(samples.batch, part.allow_missing)
+        yield Answers(model, samples.select(rows), hypotheses, len(samples))
+
+
+def model_scores(record: EpisodeRecord, answers: Answers) -> ModelScores:
+    """The scores of one model in an episode."""
+    samples, hypotheses = answers.samples, answers.hypotheses
     batch, truth = samples.batch, samples.future_xy_m
     return ModelScores(
         step=batch.step[batch.actors.frame[batch.target]],
         actor_id=batch.actors.actor_id[batch.target],
         category=categories_of(record, batch),
+        moved_m=np.hypot(*(truth[:, -1] - batch.xy_m).T),
         values={metric.name: metric.of_samples(hypotheses, samples) for metric in METRICS},
         distance_sum_m=distances(hypotheses.xy_m[:, :1], truth)[:, 0].sum(axis=0),
         reliability=reliability_of(hypotheses, truth),
-        wanted=wanted,
+        wanted=answers.wanted,
     )
 
 

@@ -1,0 +1,84 @@
+"""How fast predictors are scored with all metrics: ``python -m siren_ros.benchmarks.evaluation BAG… --models cv,idm``.
+
+Takes the bags again and again until they give the wanted number of samples. Prints the time of each model in one
+process with the episodes in memory, and the time of the whole command, reading included, in several.
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from siren_ros.datasets.sources.episode_source import open_source
+from siren_ros.errors import EXIT_BAD_INPUT, EXIT_OK
+from siren_ros.evaluation.prediction.predictors import predictors_named
+from siren_ros.evaluation.prediction.protocol.samples import Population
+from siren_ros.evaluation.prediction.reports.differences import differences
+from siren_ros.evaluation.prediction.reports.score_table import score_table
+from siren_ros.evaluation.prediction.scoring.score_bags import ScoringJob, score_bags
+from siren_ros.evaluation.prediction.scoring.score_episode import score_episode
+from siren_ros.recording.bag_folders import bags_among
+from siren_ros.recording.episode_record import EpisodeRecord
+
+
+def read(bag: Path) -> EpisodeRecord:
+    """An episode, whole in memory."""
+    with open_source(bag) as source:
+        return source.record()
+
+
+def scoring_time_s(
+    records: Sequence[EpisodeRecord], models: Sequence[str], checkpoints: dict[str, Path], population: Population
+) -> tuple[float, int]:
+    """Time that some models take on all records in this process, and the number of samples."""
+    predictors = predictors_named(models, checkpoints)
+    score_episode("warm", records[0], predictors, population)
+    start = time.perf_counter()
+    samples = sum(score_episode("one", record, predictors, population).samples for record in records)
+    return time.perf_counter() - start, samples
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Prints a line for each model and one for the whole command."""
+    parser = argparse.ArgumentParser(prog="evaluation", description=__doc__)
+    parser.add_argument("bags", type=Path, nargs="+", metavar="BAG", help="episodes, or folders of them")
+    parser.add_argument("--models", default="cv,idm", help="by commas (default %(default)s)")
+    parser.add_argument("--checkpoint", action="append", default=[], metavar="NAME=PATH", help="weights of a model")
+    parser.add_argument("--population", choices=[one.value for one in Population], default=Population.REGION.value)
+    parser.add_argument("--samples", type=int, default=100_000, help="default %(default)s")
+    parser.add_argument("--jobs", type=int, default=2, help="processes of the whole command (default %(default)s)")
+    arguments = parser.parse_args(argv)
+    models, population = tuple(arguments.models.split(",")), Population(arguments.population)
+    pairs = (text.split("=", 1) for text in arguments.checkpoint)
+    checkpoints = {name: Path(path) for name, path in pairs}
+    bags = bags_among(arguments.bags)
+    start = time.perf_counter()
+    records = [read(bag) for bag in bags]
+    print(f"read {len(bags)} bags: {(time.perf_counter() - start) / len(bags):.2f} s each, one process")
+    counted = 0
+    for model in models:
+        own = {name: path for name, path in checkpoints.items() if name == model}
+        taken_s, counted = scoring_time_s(records, [model], own, population)
+        if not counted:
+            print("the bags give no samples")
+            return EXIT_BAD_INPUT
+        print(f"{model}: {taken_s / counted * 1e5:.2f} s for 100,000 samples with all metrics, one process")
+    many = bags * -(-arguments.samples // counted)
+    start = time.perf_counter()
+    job = ScoringJob(models, tuple(checkpoints.items()), population=population, processes=arguments.jobs)
+    scores = [result.scores for result in score_bags(job, many) if result.scores is not None]
+    scored_s = time.perf_counter() - start
+    table = score_table(scores)
+    differences(table)
+    report_s = time.perf_counter() - start - scored_s
+    samples = sum(one.samples for one in scores)
+    print(
+        f"{samples} samples of {len(many)} bags with {', '.join(models)}: {scored_s:.1f} s, reading included, in "
+        f"{arguments.jobs} processes; intervals and differences {report_s:.1f} s"
+    )
+    return EXIT_OK
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -23,7 +23,7 @@ from siren_ros.errors import BagError, EpisodeError
 from siren_ros.interfaces.messages import make_message, stamp
 from siren_ros.recording.bag_reader import open_bag
 from siren_ros.recording.bag_writer import BagOptions, EpisodeBagWriter
-from siren_ros.recording.mcap_scan import parse_content, read_chunks, unpack
+from siren_ros.recording.mcap_scan import DamageError, parse_content, read_chunks, unpack
 
 CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
 TEXT = ("/siren/map", "std_msgs/msg/String")
@@ -197,6 +197,8 @@ def test_a_full_disk_ends_the_episode_with_its_cause(
     for step in range(10):
         writer.write(*CLOCK, clock_cdr, step * 50_000_000)
 
+    kept: list[int] = []
+
     def write_on() -> None:
         for step in range(10, 2000):
             writer.write(*CLOCK, clock_cdr, step * 50_000_000)
@@ -207,6 +209,11 @@ def test_a_full_disk_ends_the_episode_with_its_cause(
         with pytest.raises(EpisodeError, match="disk is full"):
             write_on()
         summary = writer.abandon("the disk is full")
+    with (summary.path / "bag_0.mcap").open("rb") as file, suppress(DamageError):
+        for chunk in read_chunks(file):
+            kept += [message.time_ns for message in parse_content(unpack(chunk)).messages]
+    assert kept == [step * 50_000_000 for step in range(len(kept))]
+    assert len(kept) <= 10
     assert summary.path.name == "bag.partial"
     assert not (tmp_path / "bag").exists()
 
@@ -235,6 +242,43 @@ def test_a_chunk_is_closed_after_a_second(tmp_path: Path, typestore: Typestore, 
         summary = make_reader(stream).get_summary()
     assert summary is not None
     assert len(summary.chunk_indexes) == 2
+
+
+def test_the_second_chunk_and_every_eighth_after_it_repeat_all_definitions(
+    tmp_path: Path, typestore: Typestore, clock_cdr: bytes, text_cdr: bytes
+) -> None:
+    writer = EpisodeBagWriter(tmp_path / "bag", typestore, latched=[TEXT[0]], options=BagOptions(chunk_bytes=1))
+    writer.write(*TEXT, text_cdr, 0)
+    for step in range(1, 20):
+        writer.write(*CLOCK, clock_cdr, step * 50_000_000)
+    defined = []
+    with (writer.finish().path / "bag_0.mcap").open("rb") as file:
+        for chunk in read_chunks(file):
+            content = parse_content(unpack(chunk))
+            defined.append((len(content.schemas), len(content.channels), len(content.messages)))
+    assert defined[0] == (1, 1, 1)
+    assert defined[1] == (2, 2, 1)
+    assert [number for number, (schemas, _, _) in enumerate(defined) if schemas == 2] == [1, 9, 17]
+    assert all(row in {(0, 0, 1), (2, 2, 1)} for row in defined[1:20])
+
+
+def test_a_chunk_is_closed_when_its_content_is_large_enough(tmp_path: Path, typestore: Typestore) -> None:
+    writer = EpisodeBagWriter(tmp_path / "bag", typestore, options=BagOptions(chunk_bytes=300))
+    for step in range(7):
+        writer.write("/data", "std_msgs/msg/String", bytes(100), step * 50_000_000)
+    with (writer.finish().path / "bag_0.mcap").open("rb") as file:
+        sizes = [len(parse_content(unpack(chunk)).messages) for chunk in read_chunks(file)]
+    assert [size for size in sizes if size] == [3, 3, 1]
+
+
+def test_a_folder_that_disappears_before_the_first_message_is_noticed_by_it(
+    tmp_path: Path, typestore: Typestore, clock_cdr: bytes
+) -> None:
+    writer = EpisodeBagWriter(tmp_path / "bag", typestore)
+    shutil.rmtree(tmp_path / ".bag.partial")
+    with pytest.raises(EpisodeError, match="folder has disappeared"):
+        writer.write(*CLOCK, clock_cdr, 0)
+    writer.abandon("the folder is gone")
 
 
 KILLED_WRITER = """

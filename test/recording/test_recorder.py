@@ -1,12 +1,13 @@
 from pathlib import Path
 
 import pytest
-from synthetic_episode import SyntheticEpisode
+from synthetic_episode import Scene, SyntheticEpisode
 
 from siren_ros.errors import EpisodeError
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing
 from siren_ros.interfaces.messages import typestore
-from siren_ros.interfaces.topics import EPISODE, EPISODE_END, OUTCOME
+from siren_ros.interfaces.topics import ACTORS, CLOCK, EPISODE, EPISODE_END, OUTCOME
+from siren_ros.numerics.units import STEP_NS
 from siren_ros.recording.bag_reader import open_bag
 from siren_ros.recording.record_builder import RecordBuilder
 from siren_ros.recording.recorder import EpisodeRecorder
@@ -53,3 +54,59 @@ def test_without_a_description_there_is_no_bag(tmp_path: Path, monkeypatch: pyte
         recorder.close(EpisodeClosing(1, EpisodeEnd.COMPLETE, ""))
     recorder.discard()
     assert not list(tmp_path.iterdir())
+
+
+def closed(path: Path, steps: int, closing: EpisodeClosing, held_back: str = "") -> EpisodeOutcome:
+    """Close an episode of which some steps have arrived; one topic's message of the last step may be missing."""
+    episode = SyntheticEpisode(Scene(duration_s=1.0))
+    wanted = tuple(episode.recorded_topics())
+    recorder = EpisodeRecorder(path, typestore(), frozenset(topic.name for topic in wanted if topic.latched), judge)
+    recorder.expect(wanted, path)
+    seen: list[int] = []
+    recorder.on_step_recorded = seen.append
+    for topic, step, message in episode.messages():
+        late = step == steps - 1 and topic.name == held_back
+        if topic != OUTCOME and (topic.latched or step < steps) and not late:
+            recorder.take(topic, bytes(typestore().serialize_cdr(message, topic.type_name)))
+    assert seen == list(range(steps - bool(held_back)))
+    outcome, _, _ = recorder.close(closing)
+    return outcome
+
+
+def times_in(path: Path) -> dict[str, list[int]]:
+    found: dict[str, list[int]] = {}
+    with open_bag(path) as bag:
+        for message in bag.messages():
+            found.setdefault(message.topic, []).append(message.time_ns)
+    return found
+
+
+def test_end_and_outcome_are_stamped_with_the_last_step(tmp_path: Path) -> None:
+    closed(tmp_path / "bag", 5, EpisodeClosing(5, EpisodeEnd.COMPLETE, ""))
+    times = times_in(tmp_path / "bag")
+    assert times[CLOCK.name] == [step * STEP_NS for step in range(5)]
+    assert times[EPISODE_END.name] == times[OUTCOME.name] == [4 * STEP_NS]
+
+
+def test_an_episode_of_no_steps_that_is_complete_ends_at_time_zero(tmp_path: Path) -> None:
+    closed(tmp_path / "bag", 0, EpisodeClosing(0, EpisodeEnd.COMPLETE, ""))
+    assert times_in(tmp_path / "bag")[OUTCOME.name] == [0]
+
+
+@pytest.mark.parametrize(("end", "kept"), [(EpisodeEnd.INTERRUPTED, True), (EpisodeEnd.COMPLETE, False)])
+def test_an_interrupted_episode_keeps_what_arrived_of_its_last_step(
+    tmp_path: Path, end: EpisodeEnd, kept: bool
+) -> None:
+    outcome = closed(tmp_path / "bag", 5, EpisodeClosing(4, end, "why"), held_back=ACTORS.name)
+    times = times_in(next(tmp_path.iterdir()))
+    assert (4 * STEP_NS in times[CLOCK.name]) is kept
+    assert times[ACTORS.name] == [step * STEP_NS for step in range(4)]
+    assert times[OUTCOME.name] == [3 * STEP_NS]
+    assert (outcome.end, outcome.reason, outcome.steps) == (end, "why", 4)
+
+
+def test_an_episode_that_ended_before_its_first_step_leaves_no_bag_and_no_folder(tmp_path: Path) -> None:
+    bags = tmp_path / "bags"
+    outcome = closed(bags / "bag", 0, EpisodeClosing(0, EpisodeEnd.FAILED, "broken"))
+    assert (outcome.end, outcome.reason, outcome.steps) == (EpisodeEnd.FAILED, "broken", 0)
+    assert not bags.exists()

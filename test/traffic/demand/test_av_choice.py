@@ -7,8 +7,10 @@ from traffic_helpers import load_map, plan_s2
 
 from siren_ros.errors import InputError
 from siren_ros.generation.episode_setup import set_up_episode
+from siren_ros.numerics.polyline import Polyline
+from siren_ros.roads.road_network import Lane, LaneKind
 from siren_ros.scenario.request import EpisodeRequest
-from siren_ros.traffic.demand.av_choice import av_way, choose_av
+from siren_ros.traffic.demand.av_choice import _to_lane, av_way, choose_av
 
 
 @pytest.fixture(scope="module", name="town")
@@ -53,3 +55,38 @@ def test_every_template_has_an_av_with_a_way_without_jumps(template: str) -> Non
 def test_without_a_wish_there_is_no_av() -> None:
     setup = set_up_episode(EpisodeRequest("S2", sensors="none"))
     assert (setup.plan.av, setup.description.av_id, setup.description.av_sensor_suite) == ("", 0, "")
+
+
+def test_the_way_begins_at_the_rear_of_the_av(town: Any) -> None:
+    network, plan = town
+    av = next(vehicle for vehicle in plan.groups if vehicle.name == "platoon0")
+    way = av_way(network, replace(plan, av=av.name))
+    rear = network.lanes[av.spot.lane].centre.at(av.spot.front_m - av.length_m)
+    assert way.points[0] == pytest.approx(rear, abs=1e-6)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.8, -2.0])
+def test_a_lane_change_on_the_way_is_half_a_cosine(turn: float) -> None:
+    """From 20 m of the right lane to the end of the left one, 3.5 m aside at 100 m."""
+    along, left = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+    lanes = [
+        Lane(
+            i,
+            f"l{i}",
+            0,
+            i,
+            LaneKind.DRIVING,
+            Polyline.through([i * 3.5 * left, 100.0 * along + i * 3.5 * left]),
+            3.5,
+            14.0,
+            True,
+            True,
+        )
+        for i in (0, 1)
+    ]
+    for origin, target, start in ((0, 1, 0.0), (1, 0, 3.5)):
+        way = _to_lane(lanes[origin], lanes[target], 20.0)
+        s = (way.points - 20.0 * along) @ along
+        aside = start + (3.5 - 2.0 * start) * (0.5 - 0.5 * np.cos(np.pi * s / 80.0))
+        assert way.points @ left == pytest.approx(aside, abs=1e-6)
+        assert (s[0], s[-1]) == pytest.approx((0.0, 80.0))

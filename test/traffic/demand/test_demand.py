@@ -233,3 +233,25 @@ def test_standing_vehicles_leave_free_the_lanes_on_which_the_emv_comes(network: 
     assert not {vehicle.spot.lane for vehicle in waiting} & set(start.lanes_to_site)
     cleared = {area.lane for area in traffic.stage}
     assert set(start.lanes_to_site) <= cleared
+
+
+def test_vehicles_stand_with_their_whole_length_on_their_lanes(network: RoadNetwork) -> None:
+    for vehicle in (*plan(network).background, *plan(network).reserve):
+        assert vehicle.spot.front_m >= vehicle.length_m
+
+
+def test_the_stage_begins_behind_the_rearmost_emv(network: RoadNetwork) -> None:
+    traffic = plan(network)
+    emv = traffic.emvs[-1]
+    expected = max(emv.spot.front_m - emv.length_m - DemandConfig().stage_behind_m, 0.0)
+    begins = [area.from_m for area in traffic.stage if area.lane == emv.spot.lane]
+    assert min(begins) == pytest.approx(expected)
+
+
+def test_routes_lead_through_the_episode_or_to_the_end_of_the_map(network: RoadNetwork) -> None:
+    template, config = load_template("S2"), DemandConfig()
+    needed_m = config.route_speed_mps * (template.warm_up_s + template.duration_s + config.route_slack_s)
+    graph = EdgeGraph.of(network)
+    routes = [[network.edge_by_id[edge].index for edge in vehicle.route] for vehicle in plan(network).background]
+    enough = [graph.route_length_m(edges) >= needed_m or not graph.successors[edges[-1]] for edges in routes]
+    assert np.mean(enough) > 0.8

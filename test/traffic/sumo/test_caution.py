@@ -1,6 +1,7 @@
 """SUMO's drivers wait for vehicles that are driven from outside, on a crossing of two roads."""
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,8 +11,9 @@ from siren_ros.conflicts.outlook import Outlook
 from siren_ros.conflicts.yielding import YieldingConfig
 from siren_ros.numerics.geometry import rotate
 from siren_ros.numerics.polyline import Polyline
+from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import Edge, Lane, LaneKind, RoadNetwork
-from siren_ros.traffic.sumo.caution import Caution, cautions
+from siren_ros.traffic.sumo.caution import _MOST_BRAKE_MPS2, Caution, CautiousDrivers, cautions
 from siren_ros.world.actors import Owner
 from siren_ros.world.traffic_state import TrafficFlags, TrafficState
 
@@ -51,15 +53,12 @@ def network(turn: float) -> RoadNetwork:
     return RoadNetwork(lanes, edges, (), {}, (0.0, 0.0), "!")
 
 
-def cautious(
-    cars: list[Car], turn: float = 0.0, waiting: tuple[int, ...] = (), inattentive: tuple[int, ...] = ()
-) -> tuple[Caution, ...]:
-    roads = network(turn)
+def traffic_of(cars: list[Car], roads: RoadNetwork) -> TrafficState:
     n = len(cars)
     pose = np.array([roads.lanes[car.edge].centre.at(car.front_m - HALF_LENGTH) for car in cars])
     yaw = np.array([float(roads.lanes[car.edge].centre.heading_rad(car.front_m)) for car in cars])
     speed = np.array([car.speed for car in cars])
-    traffic = TrafficState(
+    return TrafficState(
         step=0,
         spawned=(),
         removed=np.empty(0, np.uint32),
@@ -84,6 +83,13 @@ def cautious(
         emvs=(),
         signals=(),
     )
+
+
+def cautious(
+    cars: list[Car], turn: float = 0.0, waiting: tuple[int, ...] = (), inattentive: tuple[int, ...] = ()
+) -> tuple[Caution, ...]:
+    roads, n = network(turn), len(cars)
+    traffic = traffic_of(cars, roads)
     outlook = Outlook(traffic, CourseBook(roads), np.full(n, HALF_LENGTH), np.full(n, HALF_WIDTH))
     return cautions(traffic, outlook, YieldingConfig(), waiting, inattentive)
 
@@ -148,3 +154,27 @@ def test_nobody_creeps_into_a_body_ahead(speed: float) -> None:
     (caution,) = cautious([Car(0, touching - 0.2, speed), Car(0, 80.0, 0.0)])
     assert caution.wait.speed_mps == 0.0
     assert cautious([Car(0, touching - 2.5, speed), Car(0, 80.0, 0.0)]) == ()
+
+
+@pytest.mark.parametrize(
+    ("front_m", "decel_mps2", "brake_mps2"), [(70.0, 3.0, None), (70.0, 50.0, 50.0), (73.4, 3.0, "most")]
+)
+def test_imposed_speeds_brake_comfortably_where_that_is_enough_and_else_as_hard_as_needed(
+    front_m: float, decel_mps2: float, brake_mps2: float | str | None
+) -> None:
+    """The leader at 2 m/s is 10 m or less ahead; the speed falls in one step by the deceleration."""
+    cars = [Car(0, front_m, 10.0), Car(0, 80.0, 2.0, Owner.ROS)]
+    (caution,) = cautious(cars)
+    driver = SimpleNamespace(driving=SimpleNamespace(decel_mps2=decel_mps2))
+    vehicles = {
+        key: SimpleNamespace(
+            name=f"v{key}", length_m=2.0 * HALF_LENGTH, width_m=2.0 * HALF_WIDTH, attentive=True, driver=driver
+        )
+        for key in (1, 2)
+    }
+    drivers = CautiousDrivers(network(0.0), YieldingConfig())
+    speeds = drivers._speeds(traffic_of(cars, network(0.0)), vehicles)  # type: ignore[arg-type] # what it reads
+    needed = caution.wait.brake_mps2
+    expected = {None: max(needed, 0.0), "most": _MOST_BRAKE_MPS2}.get(brake_mps2, brake_mps2)  # type: ignore[arg-type]
+    assert speeds == {"v1": pytest.approx(max(10.0 - float(expected) * STEP_S, 2.0))}
+    assert (needed > decel_mps2) is (brake_mps2 != 50.0)

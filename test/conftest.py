@@ -8,6 +8,7 @@ import signal
 from collections.abc import Callable
 from pathlib import Path
 
+import hypothesis
 import pytest
 from rosbags.typesys.store import Typestore
 from synthetic_episode import Scene, SyntheticEpisode
@@ -23,6 +24,9 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+hypothesis.settings.register_profile("siren", deadline=None)  # no test asserts wall time
+hypothesis.settings.load_profile("siren")
 
 WORKERS = 2
 """Processes that share the tests: an episode keeps more than one processor busy at times."""

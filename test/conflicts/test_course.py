@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from siren_ros.conflicts.course import SPACING_M, Course, CourseBook
+from siren_ros.conflicts.course import SPACING_M, Course, CourseBook, Entry
 from siren_ros.numerics.polyline import Polyline
 from siren_ros.roads.road_network import Connection, Edge, Lane, LaneKind, RoadNetwork
 
@@ -92,3 +92,41 @@ def test_a_course_is_worked_out_once(network):
 def test_off_the_road_everybody_goes_straight_on(yaw):
     course = Course.straight(3.0, 4.0, yaw)
     assert course.points[10] == pytest.approx([3.0 + 10.0 * np.cos(yaw), 4.0 + 10.0 * np.sin(yaw)])
+
+
+def test_on_the_second_of_two_lanes_across_a_junction_only_the_rest_of_the_way_follows():
+    lanes = (
+        lane(0, 0, [[0, 0], [50, 0]]),
+        lane(1, 1, [[50, 0], [60, 0]], limit=7.0, kind=LaneKind.INTERNAL),
+        lane(2, 2, [[60, 0], [75, 0]], limit=5.0, kind=LaneKind.INTERNAL),
+        lane(3, 3, [[75, 0], [200, 0]]),
+        lane(4, 4, [[75, 0], [75, 100]]),
+    )
+    ends = (("W", "J"), ("J", "J"), ("J", "J"), ("J", "E"), ("J", "N"))
+    parts = tuple(Edge(i, f"e{i}", (i,), *ends[i], internal=i in {1, 2}) for i in range(5))
+    movements = tuple(
+        Connection(0, to, (1, 2), direction, None, -1, must_stop=False, junction="J")
+        for to, direction in ((4, "l"), (3, "s"))
+    )
+    book = CourseBook(RoadNetwork(lanes, parts, movements, {}, (0.0, 0.0), "!"))
+    course = book.along(2, edges(0, 3))
+    assert course.points[0] == pytest.approx([60.0, 0.0])
+    assert course.points[-1] == pytest.approx([155.0, 0.0], abs=1.0)
+    assert course.limit_at(10.0) == pytest.approx(5.0)
+    assert course.limit_at(20.0) == pytest.approx(13.89)
+    assert book.along(2, edges(4)).points[-1] == pytest.approx([75.0, 80.0], abs=1.0)
+    assert book.along(1, edges(0, 9)).entries[0].connection.to_lane == 4, "the first one where none is on the route"
+
+
+@pytest.mark.parametrize(("s", "limit"), [(-5.0, 13.89), (99.4, 13.89), (100.6, 6.0), (900.0, 13.89)])
+def test_limits_are_those_of_the_nearest_point(network, s, limit):
+    assert CourseBook(network).along(1, edges(0, 2)).limit_at(s) == pytest.approx(limit)
+
+
+def test_the_last_movement_that_has_begun_counts():
+    first, second = (
+        Entry(start, Connection(0, 1, (), "s", None, -1, must_stop=False, junction=name))
+        for start, name in ((10.0, "A"), (40.0, "B"))
+    )
+    course = Course(np.zeros((61, 2)), 1.0, np.full(61, 9.0), (first, second))
+    assert [course.entry_at(s) for s in (9.9, 10.0, 39.9, 40.0, 60.0)] == [None, first, first, second, second]

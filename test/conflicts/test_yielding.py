@@ -15,7 +15,7 @@ from siren_ros.conflicts.yielding import (
     time_to_go_s,
     wait_for,
 )
-from siren_ros.conflicts.zones import Zone
+from siren_ros.conflicts.zones import STEP_M, Zone
 
 CONFIG = YieldingConfig()
 INF = math.inf
@@ -118,3 +118,47 @@ def test_of_two_that_would_meet_at_least_one_waits(ways, speeds, ranks):
     if meet and soon and not both_red and ways[0] / speeds[0] != ways[1] / speeds[1]:
         waits = [wait_for(zone, first, second, CONFIG), wait_for(mirrored(zone), second, first, CONFIG)]
         assert any(wait is not None for wait in waits)
+
+
+def test_waiting_speeds_in_closed_form():
+    """The larger of a gentle stop's speed and of arriving when the other one has left."""
+    zone = crossing(30.0, 5.0)
+    wait = wait_for(zone, car(12.0, Rank.RED), car(4.0), CONFIG)
+    free, free_s = 30.0 - CONFIG.standoff_m, 11.0 / 4.0 + CONFIG.after_s
+    assert wait.free_m == pytest.approx(free)
+    assert wait.speed_mps == pytest.approx(max(free / free_s, math.sqrt(2.0 * CONFIG.brake_mps2 * free)))
+    merging = wait_for(Zone(40.0, INF, 20.0, 60.0, 1.0, INF), car(12.0, Rank.GIVES_WAY), car(8.0), CONFIG)
+    gap = 40.0 - 20.0 - STEP_M
+    assert merging.free_m == pytest.approx(gap)
+    assert merging.speed_mps == pytest.approx(math.sqrt(8.0**2 + 2.0 * CONFIG.brake_mps2 * gap))
+    assert merging.brake_mps2 == pytest.approx(stop_brake_mps2(4.0, gap))
+
+
+@pytest.mark.parametrize(("own_in", "waits"), [(23.9, False), (24.1, True)])
+def test_who_has_left_the_zone_a_second_before_the_other_one_comes_need_not_wait(own_in, waits):
+    """At 5 m/s the zone of 6 m is left after (own_in + 6) / 5 s; the other one comes after 7 s."""
+    found = wait_for(crossing(own_in, 70.0), car(5.0, Rank.RED), car(10.0), CONFIG)
+    assert (found is not None) is waits
+
+
+@pytest.mark.parametrize(("own_in", "waits"), [(29.9, True), (30.1, False)])
+def test_who_arrives_04_s_after_the_other_one_has_left_need_not_wait(own_in, waits):
+    """The other one leaves after (20 + 6) / 10 = 2.6 s; the own vehicle comes after own_in / 10 s."""
+    found = wait_for(crossing(own_in, 20.0), car(10.0, Rank.RED), car(10.0), CONFIG)
+    assert (found is not None) is waits
+
+
+@pytest.mark.parametrize(("way", "speed", "stops"), [(16.1, 9.0, True), (13.9, 9.0, False)])
+def test_who_would_have_to_brake_harder_than_3_mps2_goes_on(way, speed, stops):
+    """From 9 m/s a stop at 3 m/s² takes 13.5 m, and a metre is kept."""
+    zone = crossing(way, way - 1.0)
+    other = wait_for(mirrored(zone), car(speed, Rank.PRIORITY), car(speed, Rank.RED), CONFIG)
+    assert (other is None) is stops
+
+
+@pytest.mark.parametrize(
+    ("way", "speed", "time", "brake"),
+    [(10.0, 8.0, 2.0, 3.0), (5.0, 8.0, 4.0, 6.4), (30.0, 8.0, 2.0, 0.0), (8.0, 8.0, 2.0, 4.0)],
+)
+def test_braking_to_be_later(way, speed, time, brake):
+    assert later_brake_mps2(speed, way, time) == pytest.approx(brake)

@@ -1,0 +1,47 @@
+"""Units, the clock of the steps, and random streams."""
+
+import numpy as np
+import pytest
+
+from siren_ros.numerics.random_streams import random_stream
+from siren_ros.numerics.units import (
+    STEP_NS,
+    STEP_S,
+    STEPS_PER_S,
+    mps_from_kmh,
+    step_of_time_ns,
+    steps_from_s,
+    time_ns_of_step,
+)
+
+
+def test_twenty_steps_make_a_second():
+    assert (STEP_NS, STEP_S, STEPS_PER_S) == (50_000_000, 0.05, 20)
+    assert [steps_from_s(duration) for duration in (0.0, 0.05, 0.5, 1.0, 0.12, 0.13)] == [0, 1, 10, 20, 2, 3]
+
+
+@pytest.mark.parametrize("step", [0, 1, 7, 10**6])
+def test_step_and_time_are_inverse(step):
+    assert time_ns_of_step(step) == step * 50_000_000
+    assert step_of_time_ns(time_ns_of_step(step)) == step
+
+
+@pytest.mark.parametrize("time_ns", [1, STEP_NS - 1, STEP_NS + 1])
+def test_a_time_beside_the_steps_is_refused(time_ns):
+    with pytest.raises(ValueError, match="not a multiple"):
+        step_of_time_ns(time_ns)
+
+
+def test_kilometres_per_hour():
+    assert mps_from_kmh(36.0) == pytest.approx(10.0)
+
+
+def test_a_stream_depends_on_seed_purpose_and_index_alone():
+    def first(*key):
+        return random_stream(*key).random(4).tolist()
+
+    assert first(3, "demand", 5) == first(3, "demand", 5)
+    keys = [(3, "demand", 5), (4, "demand", 5), (3, "driver", 5), (3, "demand", 6), (5, "demand", 3), (3, "demand")]
+    assert len({tuple(first(*key)) for key in keys}) == len(keys)
+    assert first(3, "demand") == first(3, "demand", 0)
+    assert np.mean(random_stream(1, "mean").random(10_000)) == pytest.approx(0.5, abs=0.02)

@@ -40,7 +40,12 @@ MODELS = [
     "torch>=2.6,<3",  # runs CSP, STDAN and BAT; from 2.6 on, loading weights alone cannot be tricked into running code
 ]
 
+DETECTION = [
+    "nuscenes-devkit>=1.2,<2",  # nuScenes' own code scores detections (`siren evaluate detection`)
+]
+
 DEVELOPMENT = [
+    *DETECTION,
     "pytest>=8",  # runs the tests
     "pytest-timeout>=2.3",  # a test that hangs fails instead
     "pytest-xdist>=3.5",  # shares the tests between two processes
@@ -107,7 +112,7 @@ setup(
         *data_files_below("params"),
     ],
     install_requires=DEPENDENCIES,
-    extras_require={"rerun": RERUN, "models": MODELS, "dev": DEVELOPMENT},
+    extras_require={"rerun": RERUN, "models": MODELS, "detection": DETECTION, "dev": DEVELOPMENT},
     zip_safe=False,
     entry_points={
         "console_scripts": [

@@ -18,10 +18,11 @@ from repository import REPOSITORY
 
 CACHE = REPOSITORY / ".venv.readers"
 READERS = Path(__file__).parent / "datasets" / "readers"
-PACKAGES = {
+PACKAGES: dict[str, tuple[str, ...]] = {
     # Open3D-ML, which open3d brings, imports these two.
     "open3d_ml": ("--no-deps", "addict", "scikit-learn", "joblib", "threadpoolctl", "narwhals"),
-    "nuscenes": ("numpy<2", "nuscenes-devkit==1.2.0"),
+    # The extra dev has nuscenes-devkit, because detections are scored by it.
+    "nuscenes": (),
     # av2 asks for torch and more, which its readers of scenarios and maps do not import. pandas reads csv files, too.
     "av2": ("--no-deps", "av2==0.3.6", "pandas<3", "pytz", "tzdata", "polars", "polars-runtime-32", "rich", "pyproj",
             "certifi", "universal-pathlib", "fsspec", "pathlib-abc", "joblib", "opencv-python-headless<4.12"),
@@ -38,6 +39,8 @@ SEES_THE_PROJECT = {"open3d_ml", "av2", "rerun"}
 
 def python_of(reader: str) -> Path:
     """The interpreter of a reader's environment; makes the environment where it is missing, or skips the test."""
+    if not PACKAGES[reader]:
+        return Path(sys.executable)
     key = hashlib.sha256(" ".join((sys.version, *PACKAGES[reader])).encode()).hexdigest()[:12]
     folder = CACHE / f"{reader}-{key}"
     CACHE.mkdir(exist_ok=True)

@@ -8,6 +8,7 @@ _TASKS: Final = {
     "prediction": "trajectory prediction: 5 s ahead, ADE and FDE",
     "yield": "how traffic made way: the EMV's delay, corridor, drivers' responses, wake, safety",
     "counterfactual": "what siren and level are worth: the same seeds at several levels",
+    "detection": "3-D detection: the nuScenes score of boxes that a detector found",
     "risk": "vision-language risk understanding: normal scenes, near-misses and collisions in videos",
 }
 """What the tasks are; each is a module of this package, ``evaluate_TASK``, with ``add_arguments`` as a verb has."""

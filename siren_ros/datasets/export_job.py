@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -12,11 +11,11 @@ from siren_ros.datasets.exporting.file_writer import FileWriter, no_place
 from siren_ros.datasets.exporting.format import EpisodePart, EpisodeReport, Format
 from siren_ros.datasets.exporting.splits import AUTO, split_of_groups
 from siren_ros.datasets.exporting.staging import Staging
-from siren_ros.datasets.exporting.survey import BagSurvey, recovered, survey_bag
+from siren_ros.datasets.exporting.survey import BagSurvey, in_dataset_order, recovered, survey_bag
 from siren_ros.datasets.exporting.worker_pool import Progress, simulated_time, worker_pool
 from siren_ros.datasets.registry import load_exporter
 from siren_ros.datasets.sources.episode_source import open_source
-from siren_ros.errors import BagError, EpisodeError, InputError
+from siren_ros.errors import BagError, EpisodeError
 
 _Result = TypeVar("_Result")
 
@@ -107,20 +106,10 @@ def _identity(job: ExportJob) -> dict[str, Any]:
 
 def _entries(surveys: list[BagSurvey], wanted: str) -> list[tuple[BagSurvey, str, str]]:
     """Surveys in the dataset's order with id and split; sorts the given list, too."""
-    surveys.sort(key=lambda survey: (survey.name, survey.sha256))
-    for before, after in pairwise(surveys):
-        if before.sha256 == after.sha256:
-            raise InputError("bag", after.bag, f"bags that differ; {before.bag} is the same one")
-    names = [survey.name for survey in surveys]
+    ordered = in_dataset_order(surveys)
+    surveys[:] = [survey for survey, _ in ordered]
     splits = split_of_groups([survey.group for survey in surveys], wanted)
-    return [
-        (
-            survey,
-            survey.name if names.count(survey.name) == 1 else f"{survey.name}-{survey.sha256[:8]}",
-            splits[survey.group],
-        )
-        for survey in surveys
-    ]
+    return [(survey, episode_id, splits[survey.group]) for survey, episode_id in ordered]
 
 
 def _export_part(

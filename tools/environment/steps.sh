@@ -80,7 +80,7 @@ forget_half_installed() {
 # cannot be had.
 install() { # ARGUMENT...
     if [[ $ros == wheels && -x $venv/bin/uv ]]; then
-        "$venv/bin/python" "$here/uv_like_pip.py" pip install --python "$venv/bin/python" "$@"
+        "$venv/bin/python" "$here/uv_like_pip.py" pip install --python "$venv/bin/python" --override "$here/overrides.txt" "$@"
     else
         "$venv/bin/python" -m pip install --disable-pip-version-check --no-input --progress-bar off "$@"
     fi
@@ -109,7 +109,7 @@ install_packages() {
     local names requirements=() package_key
     names=$(IFS=,; printf '%s' "${extras[*]}")
     if [[ $ros == wheels ]]; then requirements=(-r "$here/ros_wheels.txt"); fi
-    package_key=$({ printf '%s\n' "$names"; hash_of setup.py setup.cfg tools/environment/ros_wheels.txt; } | hash_of)
+    package_key=$({ printf '%s\n' "$names"; hash_of setup.py setup.cfg tools/environment/ros_wheels.txt tools/environment/overrides.txt; } | hash_of)
     if stamped packages "$package_key"; then return; fi
     forget_half_installed
     rm -f "$state/packages.stamp"

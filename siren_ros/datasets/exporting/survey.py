@@ -3,13 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import file_digest
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from siren_ros.datasets.exporting.file_writer import no_place
 from siren_ros.datasets.sources.episode_source import open_source
 from siren_ros.datasets.sources.needs import Need, check_needs, recording_command
-from siren_ros.errors import BagError
+from siren_ros.errors import BagError, InputError
 from siren_ros.recording.bag_guard import storage_files
 from siren_ros.recording.bag_metadata import METADATA_FILE
 from siren_ros.recording.recover import recover_bag
@@ -45,6 +46,23 @@ def episode_name(template: str, level: str, seed: int, map_name: str) -> str:
     """What datasets call an episode; letters, digits, ``-`` and ``_``."""
     text = f"{template}_{level}_seed{seed}_{map_name}"
     return "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in text)
+
+
+def in_dataset_order(surveys: Sequence[BagSurvey]) -> list[tuple[BagSurvey, str]]:
+    """Episodes in the order of every dataset of these bags, each with its id there.
+
+    Raises:
+        InputError: Two of them are the same bag.
+    """
+    ordered = sorted(surveys, key=lambda survey: (survey.name, survey.sha256))
+    for before, after in pairwise(ordered):
+        if before.sha256 == after.sha256:
+            raise InputError("bag", after.bag, f"bags that differ; {before.bag} is the same one")
+    names = [survey.name for survey in ordered]
+    return [
+        (survey, survey.name if names.count(survey.name) == 1 else f"{survey.name}-{survey.sha256[:8]}")
+        for survey in ordered
+    ]
 
 
 def survey_bag(bag: Path, format_name: str, needs: Sequence[Need], scratch: Path) -> BagSurvey:

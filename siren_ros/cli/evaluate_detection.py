@@ -1,0 +1,146 @@
+"""``siren evaluate detection BAG… --detections NAME=FILE --out DIR``: how well detectors find vehicles."""
+
+import argparse
+import json
+import os
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from siren_ros.datasets.exporting.survey import in_dataset_order, survey_bag
+from siren_ros.datasets.exporting.worker_pool import Run, worker_pool
+from siren_ros.datasets.sources.needs import Need
+from siren_ros.errors import EXIT_OK, InputError
+from siren_ros.evaluation.detection.inputs.formats import read_detections
+from siren_ros.evaluation.detection.metrics.devkit_score import DevkitScore, devkit_score
+from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes, TruthBoxes
+from siren_ros.evaluation.detection.protocol.episode_reading import read_frames
+from siren_ros.evaluation.detection.protocol.frames import Frames, frames_of
+from siren_ros.evaluation.detection.reports.birdseye import draw_worst_frame
+from siren_ros.evaluation.detection.reports.curves import draw_curves
+from siren_ros.evaluation.detection.reports.score_json import scores_as_json
+from siren_ros.evaluation.detection.reports.tables import Table, as_csv, as_latex, as_text, tables_of
+from siren_ros.evaluation.detection.scoring import (
+    RESAMPLES,
+    VEHICLE_NAMES,
+    DetectorScores,
+    score_detector,
+)
+from siren_ros.evaluation.detection.self_test import self_test_sets
+from siren_ros.recording.bag_folders import bags_among
+
+
+def add_arguments(task: argparse.ArgumentParser) -> None:
+    """Describe the task, and what it takes."""
+    task.description = (
+        "3-D detection by nuScenes' code and the paper's protocol: one class for all vehicles, labels within 50 m with "
+        "at least one LiDAR point, matches by the distance of centres on the ground."
+    )
+    task.add_argument(
+        "bags", type=Path, metavar="BAG", nargs="+", help="folder of a recorded episode, or a folder of such folders"
+    )
+    task.add_argument(
+        "--detections",
+        action="append",
+        default=[],
+        metavar="NAME=FILE",
+        help="a detector's boxes: nuScenes results (.json), OpenPCDet results (.pkl), a folder of KITTI text files, or "
+        "topic:/NAME, recorded in the bags; may be given several times",
+    )
+    task.add_argument(
+        "--self-test", action="store_true", help="score the labels themselves through every format: mAP 1, errors 0"
+    )
+    task.add_argument(
+        "--names",
+        metavar="NAMES",
+        default="",
+        help="class names that count as vehicles, by commas (default: every name of a vehicle)",
+    )
+    task.add_argument("--compare-paper", action="store_true", help="print the paper's rows below")
+    task.add_argument(
+        "--resamples", type=int, metavar="N", default=RESAMPLES, help="of the episodes, for the intervals (%(default)s)"
+    )
+    task.add_argument("--out", type=Path, metavar="DIR", help="write tables, scores.json, curves and pictures there")
+    task.add_argument(
+        "--jobs", type=int, metavar="N", default=len(os.sched_getaffinity(0)), help="processors (default: all)"
+    )
+    task.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Scores every detector on all bags."""
+    named = [_named(text) for text in arguments.detections]
+    if not named and not arguments.self_test:
+        raise InputError("detections", "", "NAME=FILE at least once, or --self-test")
+    if len({name for name, _ in named}) < len(named):
+        raise InputError("detections", ", ".join(name for name, _ in named), "each name once")
+    names = frozenset(name.strip().lower() for name in arguments.names.split(",") if name.strip()) or VEHICLE_NAMES
+    with worker_pool(arguments.jobs, lambda _: None) as side_by_side, tempfile.TemporaryDirectory() as scratch:
+        frames = _frames(bags_among(arguments.bags), side_by_side, Path(scratch))
+        sets = [read_detections(name, source, frames) for name, source in named]
+        if arguments.self_test:
+            sets += self_test_sets(frames, Path(scratch))
+        scores = [
+            score_detector(frames, found, names, lambda tables: _scored(side_by_side, tables), arguments.resamples)
+            for found in sets
+        ]
+    tables = tables_of(scores, compare_paper=arguments.compare_paper)
+    print("\n\n".join("\n".join(as_text(table)) for table in tables))
+    print("\n".join(["", *_remarks(frames, scores)]))
+    if arguments.out is not None:
+        _write(arguments.out, frames, scores, tables)
+    return EXIT_OK
+
+
+def _named(text: str) -> tuple[str, str]:
+    name, equals, source = text.partition("=")
+    if not (name and equals and source):
+        raise InputError("detections", text, "NAME=FILE")
+    return name, source
+
+
+def _frames(bags: Sequence[Path], side_by_side: Run, scratch: Path) -> Frames:
+    needs = (Need.LIDAR, Need.MAP)
+    surveys = dict(side_by_side(survey_bag, [(bag, "detection", needs, scratch) for bag in bags]))
+    ordered = in_dataset_order([surveys[number] for number in range(len(bags))])
+    episodes = dict(side_by_side(read_frames, ordered))
+    return frames_of([episodes[number] for number in range(len(bags))])
+
+
+def _scored(side_by_side: Run, tables: Sequence[tuple[TruthBoxes, FoundBoxes]]) -> list[DevkitScore]:
+    found = dict(side_by_side(devkit_score, tables))
+    return [found[number] for number in range(len(tables))]
+
+
+def _remarks(frames: Frames, scores: Sequence[DetectorScores]) -> list[str]:
+    """What a reader of the tables has to know."""
+    episodes = len(frames.episodes)
+    lines = [
+        f"{episodes} episode{'s' if episodes > 1 else ''}; "
+        + ", ".join(f"{one.name}: {sum(one.frames.values())} frames ({one.format})" for one in scores)
+    ]
+    without = [one.name for one in scores if not one.has_velocity]
+    if without:
+        lines.append(f"no velocities, so AVE and AAE count as 1: {', '.join(without)}")
+    lines += [
+        f"{one.name}: clearance < stop sign < shoulder < red light in {one.order_share:.0%} of the resamples"
+        for one in scores
+        if one.order_share is not None
+    ]
+    return lines
+
+
+def _write(out: Path, frames: Frames, scores: Sequence[DetectorScores], tables: Sequence[Table]) -> None:
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "scores.json").write_text(json.dumps(scores_as_json(scores), indent=2) + "\n", encoding="utf-8")
+        for table in tables:
+            (out / f"{table.name}.csv").write_text(as_csv(table), encoding="utf-8")
+            (out / f"{table.name}.tex").write_text(as_latex(table), encoding="utf-8")
+        for one in scores:
+            stem = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in one.name)
+            draw_curves(one, out / f"curves_{stem}.png")
+            for template in one.templates:
+                draw_worst_frame(one, frames, template, out / f"birdseye_{stem}_{template}.png")
+    except OSError as error:
+        raise InputError("out", str(out), f"a place that can be written ({error.strerror or error})") from error

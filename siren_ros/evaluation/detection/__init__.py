@@ -1,0 +1,1 @@
+"""3-D object detection, scored by nuScenes' rules on recorded episodes."""

@@ -1,0 +1,20 @@
+"""The detections of one file with what they cover, as all formats give them."""
+
+from dataclasses import dataclass
+
+from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes
+from siren_ros.numerics.arrays import Flags
+
+
+@dataclass(frozen=True)
+class FoundSet:
+    """Detections, and the frames that they are detections of."""
+
+    name: str
+    """The user's name for the detector."""
+    format: str
+    boxes: FoundBoxes
+    scored: Flags
+    """Frames that count: those that the format has, shape ``(F,)``."""
+    has_velocity: bool
+    """Whether velocities are known; without them the devkit takes 1 m/s as the velocity error."""

@@ -1,0 +1,112 @@
+"""nuScenes' results: JSON with boxes in the global frame of ``siren export nuscenes``, by ``sample_token``.
+
+Source: nuscenes-devkit, ``python-sdk/nuscenes/eval/detection/README.md``, "Results format".
+"""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from siren_ros.errors import InputError
+from siren_ros.evaluation.detection.inputs.found_set import FoundSet
+from siren_ros.evaluation.detection.inputs.stated_boxes import StatedBoxes, check_boxes, in_map
+from siren_ros.evaluation.detection.protocol.boxes import ATTRIBUTES, FoundBoxes
+from siren_ros.evaluation.detection.protocol.frames import Frames
+from siren_ros.numerics.arrays import Floats
+
+_FORMAT = "nuScenes results"
+
+
+def read_nuscenes(name: str, path: Path, frames: Frames) -> FoundSet:
+    """Reads a file; only the keyframes of the export count.
+
+    Raises:
+        InputError: No results file, a frame that the bags do not have or that is missing, or a box that means nothing.
+    """
+    results = _results(path)
+    unknown = next((token for token in results if token not in frames.by_token), None)
+    if unknown is not None:
+        raise InputError("detections", f"{path}: sample_token {unknown}", "keyframes of the given bags, as exported")
+    missing = next((frame for token, frame in frames.by_token.items() if token not in results), None)
+    if missing is not None:
+        raise InputError("detections", f"{path}: nothing for {frames.told(missing)}", "an entry for every keyframe")
+    rows = [(frames.by_token[token], box) for token, boxes in results.items() for box in boxes]
+    stated = _columns(path, frames, rows)
+    check_boxes(str(path), stated, frames.told, with_velocity=True)
+    return FoundSet(name, _FORMAT, in_map(stated, _map_from_global(frames, stated)), frames.keyframe, has_velocity=True)
+
+
+def _results(path: Path) -> Mapping[str, Any]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError("detections", str(path), f"a JSON file ({error})") from error
+    results = content.get("results") if isinstance(content, dict) else None
+    if not isinstance(results, dict) or not all(isinstance(boxes, list) for boxes in results.values()):
+        raise InputError("detections", str(path), "an object with `meta` and `results`, a list for each sample_token")
+    return results
+
+
+def _columns(path: Path, frames: Frames, rows: list[tuple[int, Any]]) -> StatedBoxes:
+    def column(key: str, width: int) -> Floats:
+        values = np.full((len(rows), width), np.nan)
+        for number, (frame, box) in enumerate(rows):
+            try:
+                values[number] = box[key]
+            except (KeyError, TypeError, ValueError) as error:
+                told = f"{path}: {frames.told(frame)}: {key}"
+                raise InputError("detections", told, f"{width} numbers in each box") from error
+        return values
+
+    attributes = []
+    for frame, box in rows:
+        stated = box.get("attribute_name", "") if isinstance(box, dict) else ""
+        if not isinstance(box, dict) or not isinstance(box.get("detection_name"), str):
+            raise InputError("detections", f"{path}: {frames.told(frame)}", "a detection_name in each box")
+        attributes.append(ATTRIBUTES.index(stated) if stated in ATTRIBUTES else 0)
+    return StatedBoxes(
+        frame=np.array([frame for frame, _ in rows], dtype=np.intp),
+        centre_m=column("translation", 3),
+        size_m=column("size", 3)[:, [1, 0, 2]],
+        rotation_wxyz=column("rotation", 4),
+        velocity_mps=column("velocity", 2),
+        score=column("detection_score", 1)[:, 0],
+        label=np.array([box["detection_name"].lower() for _, box in rows], dtype=np.str_),
+        attribute=np.array(attributes, dtype=np.uint8),
+    )
+
+
+def _map_from_global(frames: Frames, boxes: StatedBoxes) -> Floats:
+    matrices = np.tile(np.eye(4), (len(boxes.frame), 1, 1))
+    matrices[:, :2, 3] = -frames.global_from_map_m[boxes.frame]
+    return matrices
+
+
+def write_nuscenes(path: Path, found: FoundBoxes, frames: Frames) -> None:
+    """Writes boxes of keyframes as such a file."""
+    results: dict[str, list[dict[str, Any]]] = {token: [] for token in frames.by_token}
+    tokens = {frame: token for token, frame in frames.by_token.items()}
+    for row, frame in enumerate(found.frame.tolist()):
+        if frame not in tokens:
+            continue
+        centre = found.centre_m[row].copy()
+        centre[:2] += frames.global_from_map_m[frame]
+        half = float(found.yaw_rad[row]) / 2.0
+        results[tokens[frame]].append(
+            {
+                "sample_token": tokens[frame],
+                "translation": centre.tolist(),
+                "size": found.size_m[row, [1, 0, 2]].tolist(),
+                "rotation": [float(np.cos(half)), 0.0, 0.0, float(np.sin(half))],
+                "velocity": np.nan_to_num(found.velocity_mps[row]).tolist(),
+                "detection_name": str(found.label[row]),
+                "detection_score": float(found.score[row]),
+                "attribute_name": ATTRIBUTES[found.attribute[row]],
+            }
+        )
+    kinds = ("use_camera", "use_radar", "use_map", "use_external")
+    meta = {"use_lidar": True, **dict.fromkeys(kinds, False)}
+    path.write_text(json.dumps({"meta": meta, "results": results}) + "\n", encoding="utf-8")

@@ -1,0 +1,132 @@
+"""OpenPCDet's ``result.pkl``: a list with ``name``, ``score`` and ``boxes_lidar`` of each frame.
+
+Source: https://github.com/open-mmlab/OpenPCDet, ``pcdet/datasets/dataset.py`` (``generate_prediction_dicts``). Frames
+of the custom dataset have the numbers of ``siren export openpcdet`` and boxes ``x y z dx dy dz heading`` in its LiDAR
+frame. Frames of the nuScenes dataset have the keyframe's token in ``metadata`` and boxes with two velocities in
+``LIDAR_TOP``'s frame.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from siren_ros.datasets.nuscenes.rig import NUSCENES_FROM_LIDAR
+from siren_ros.errors import InputError
+from siren_ros.evaluation.detection.inputs.found_set import FoundSet
+from siren_ros.evaluation.detection.inputs.restricted_pickle import load_numbers
+from siren_ros.evaluation.detection.inputs.stated_boxes import StatedBoxes, check_boxes, in_map, quaternions_of_yaw
+from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes
+from siren_ros.evaluation.detection.protocol.frames import Frames
+from siren_ros.numerics.arrays import Flags, Floats, Rows
+
+_FORMAT = "OpenPCDet results"
+_WITH_VELOCITY = 9
+
+
+def read_openpcdet(name: str, path: Path, frames: Frames) -> FoundSet:
+    """Reads a file of either dataset; every frame of that dataset has to be in it.
+
+    Raises:
+        InputError: No such file, a frame that the bags do not have or that is missing, or a box that means nothing.
+    """
+    content = load_numbers(path)
+    if not isinstance(content, list) or not content or not all(isinstance(entry, dict) for entry in content):
+        raise InputError("detections", str(path), "a list of dictionaries, one for each frame")
+    by_token = "token" in _metadata(content[0])
+    scored = frames.keyframe if by_token else np.ones(len(frames), dtype=np.bool_)
+    numbers = np.array([_frame_of(path, entry, frames, by_token=by_token) for entry in content], dtype=np.intp)
+    _check_complete(path, numbers, scored, frames)
+    width = max(map(_width, content))
+    stated = _columns(path, content, numbers, frames, width)
+    check_boxes(str(path), stated, frames.told, with_velocity=width == _WITH_VELOCITY)
+    matrices = frames.map_from_lidar[stated.frame]
+    if by_token:
+        matrices = matrices @ np.linalg.inv(NUSCENES_FROM_LIDAR)
+    return FoundSet(name, _FORMAT, in_map(stated, matrices), scored, width == _WITH_VELOCITY)
+
+
+def _width(entry: dict[str, Any]) -> int:
+    boxes = np.asarray(entry.get("boxes_lidar", ()))
+    return int(boxes.shape[1]) if boxes.ndim == 2 else 0
+
+
+def _metadata(entry: dict[str, Any]) -> dict[str, Any]:
+    found = entry.get("metadata")
+    return found if isinstance(found, dict) else {}
+
+
+def _frame_of(path: Path, entry: dict[str, Any], frames: Frames, *, by_token: bool) -> int:
+    if by_token:
+        token = str(_metadata(entry).get("token", ""))
+        if token not in frames.by_token:
+            raise InputError("detections", f"{path}: token {token}", "keyframes of the given bags, as exported")
+        return frames.by_token[token]
+    stated = str(entry.get("frame_id", ""))
+    if not stated.isdecimal() or int(stated) >= len(frames):
+        allowed = f"frames 000000 to {len(frames) - 1:06d} of the given bags, as exported"
+        raise InputError("detections", f"{path}: frame_id {stated}", allowed)
+    return int(stated)
+
+
+def _check_complete(path: Path, numbers: Rows, scored: Flags, frames: Frames) -> None:
+    count = np.bincount(numbers, minlength=len(frames))
+    if (count > 1).any():
+        told = frames.told(int((count > 1).argmax()))
+        raise InputError("detections", f"{path}: {told} twice", "each frame once")
+    if (missing := scored & (count == 0)).any():
+        told = frames.told(int(missing.argmax()))
+        raise InputError("detections", f"{path}: nothing for {told}", "an entry for every frame of the dataset")
+
+
+def _columns(path: Path, content: list[Any], numbers: Rows, frames: Frames, width: int) -> StatedBoxes:
+    boxes: list[Floats] = [np.zeros((0, max(width, 7)))]
+    scores, names, counts = [np.zeros(0)], [np.zeros(0, dtype=np.str_)], []
+    for frame, entry in zip(numbers.tolist(), content, strict=True):
+        try:
+            found = np.asarray(entry["boxes_lidar"], dtype=np.float64)
+            score = np.asarray(entry["score"], dtype=np.float64)
+            name = np.asarray(entry["name"], dtype=np.str_)
+        except (KeyError, ValueError, TypeError) as error:
+            told = f"{path}: {frames.told(frame)}: {error}"
+            raise InputError("detections", told, "name, score and boxes_lidar in each frame") from error
+        found = found.reshape(len(score), -1) if len(score) else boxes[0]
+        if found.shape != (len(name), max(width, 7)) or width not in {0, 7, _WITH_VELOCITY}:
+            told = f"{path}: {frames.told(frame)}: boxes_lidar of shape {found.shape}, {len(name)} names"
+            raise InputError("detections", told, "7 numbers for each box, or 9 with its velocity")
+        boxes.append(found)
+        scores.append(score)
+        names.append(name)
+        counts.append(len(score))
+    rows = np.concatenate(boxes)
+    velocity = rows[:, 7:9] if width == _WITH_VELOCITY else np.full((len(rows), 2), np.nan)
+    return StatedBoxes(
+        frame=np.repeat(numbers, counts),
+        centre_m=rows[:, :3],
+        size_m=rows[:, 3:6],
+        rotation_wxyz=quaternions_of_yaw(rows[:, 6]),
+        velocity_mps=velocity,
+        score=np.concatenate(scores),
+        label=np.char.lower(np.concatenate(names)),
+        attribute=None,
+    )
+
+
+def openpcdet_entries(found: FoundBoxes, frames: Frames, *, nuscenes: bool) -> list[dict[str, Any]]:
+    """Boxes in the form of a result file, of the custom dataset or of the nuScenes dataset."""
+    matrices = frames.map_from_lidar @ (np.linalg.inv(NUSCENES_FROM_LIDAR) if nuscenes else np.eye(4))
+    tokens = {frame: token for token, frame in frames.by_token.items()}
+    entries = []
+    for frame in np.flatnonzero(frames.keyframe if nuscenes else np.ones(len(frames))).tolist():
+        here = found.at(found.frame == frame)
+        inverse = np.linalg.inv(matrices[frame])
+        turn = float(np.arctan2(inverse[1, 0], inverse[0, 0]))
+        columns = (
+            here.centre_m @ inverse[:3, :3].T + inverse[:3, 3],
+            here.size_m,
+            here.yaw_rad[:, None] + turn,
+            np.nan_to_num(here.velocity_mps) @ inverse[:2, :2].T,
+        )
+        entry = {"name": here.label, "score": here.score, "boxes_lidar": np.hstack(columns), "frame_id": f"{frame:06d}"}
+        entries.append({**entry, "metadata": {"token": tokens[frame]}} if nuscenes else entry)
+    return entries

@@ -1,0 +1,112 @@
+"""Boxes as a file states them, what is refused in all formats, and their way into the ``map`` frame."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.errors import InputError
+from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes, attributes_of
+from siren_ros.numerics.arrays import Codes, Flags, Floats, Rows
+
+MOST_BOXES: Final = 500
+"""nuScenes' limit for one frame."""
+_UNIT_TOLERANCE: Final = 1e-3
+
+
+@dataclass(frozen=True)
+class StatedBoxes:
+    """Columns of a file, one row for each box, in the frame that the format has."""
+
+    frame: Rows
+    """Number of the frame, shape ``(N,)``."""
+    centre_m: Floats
+    """Shape ``(N, 3)``."""
+    size_m: Floats
+    """Length, width, height, shape ``(N, 3)``."""
+    rotation_wxyz: Floats
+    """Unit quaternions, shape ``(N, 4)``."""
+    velocity_mps: Floats
+    """Shape ``(N, 2)``; NaN in all rows of a format without velocities."""
+    score: Floats
+    label: npt.NDArray[np.str_]
+    attribute: Codes | None
+    """Indices into ``ATTRIBUTES``; None for a format without attributes: they follow from the velocity."""
+
+
+def quaternions_of_yaw(yaw_rad: Floats) -> Floats:
+    """Rotations about the vertical axis, w first, shape ``(N, 4)``."""
+    half = yaw_rad / 2.0
+    return np.stack((np.cos(half), np.zeros_like(half), np.zeros_like(half), np.sin(half)), axis=-1)
+
+
+def yaws_of_quaternions(rotation_wxyz: Floats) -> Floats:
+    """Direction of the rotated x axis in the plane, shape ``(N,)``."""
+    w, x, y, z = rotation_wxyz.T
+    return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def check_boxes(source: str, boxes: StatedBoxes, told: Callable[[int], str], *, with_velocity: bool) -> None:
+    """Refuses boxes that mean nothing.
+
+    Args:
+        source: The file, for the error.
+        boxes: Its boxes.
+        told: A frame for the error.
+        with_velocity: Whether the format has velocities, so that each box needs one.
+
+    Raises:
+        InputError: The first box that cannot be used, and why.
+    """
+    length = np.linalg.norm(boxes.rotation_wxyz, axis=1)
+    checks: tuple[tuple[Flags, str, npt.NDArray[np.float64], str], ...] = (
+        (~np.isfinite(boxes.centre_m).all(axis=1), "centre", boxes.centre_m, "finite numbers"),
+        (~(np.isfinite(boxes.size_m) & (boxes.size_m > 0.0)).all(axis=1), "size", boxes.size_m, "sizes above 0"),
+        (~(abs(length - 1.0) < _UNIT_TOLERANCE), "rotation", boxes.rotation_wxyz, "quaternions of length 1"),
+        (~((boxes.score >= 0.0) & (boxes.score <= 1.0)), "score", boxes.score, "scores from 0 to 1"),
+        (
+            ~np.isfinite(boxes.velocity_mps).all(axis=1) & with_velocity,
+            "velocity",
+            boxes.velocity_mps,
+            "finite numbers",
+        ),
+    )
+    first = min((int(bad.argmax()) for bad, *_ in checks if bad.any()), default=None)
+    if first is not None:
+        _, name, values, allowed = next(check for check in checks if check[0][first])
+        frame = int(boxes.frame[first])
+        number = int((boxes.frame[:first] == frame).sum())
+        said = np.round(np.atleast_1d(values[first]), 6).tolist()
+        raise InputError("detections", f"{source}: {told(frame)}, box {number}: {name} {said}", allowed)
+    counts = np.bincount(boxes.frame)
+    if counts.size and counts.max() > MOST_BOXES:
+        frame = int((counts > MOST_BOXES).argmax())
+        allowed = f"at most {MOST_BOXES} boxes in a frame"
+        raise InputError("detections", f"{source}: {told(frame)}: {counts[frame]} boxes", allowed)
+
+
+def in_map(boxes: StatedBoxes, map_from_stated: Floats) -> FoundBoxes:
+    """The boxes in the ``map`` frame.
+
+    Args:
+        boxes: As a file states them.
+        map_from_stated: Transform of each box's frame, shape ``(N, 4, 4)``.
+    """
+    turn, shift = map_from_stated[:, :3, :3], map_from_stated[:, :3, 3]
+    yaw = yaws_of_quaternions(boxes.rotation_wxyz)
+    ahead = np.stack((np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)), axis=-1)
+    ahead = np.einsum("nij,nj->ni", turn, ahead)
+    velocity = np.einsum("nij,nj->ni", turn[:, :2, :2], boxes.velocity_mps)
+    attribute = attributes_of(velocity) if boxes.attribute is None else boxes.attribute
+    return FoundBoxes(
+        frame=boxes.frame,
+        centre_m=np.einsum("nij,nj->ni", turn, boxes.centre_m) + shift,
+        size_m=boxes.size_m,
+        yaw_rad=np.arctan2(ahead[:, 1], ahead[:, 0]),
+        velocity_mps=velocity,
+        attribute=attribute,
+        score=boxes.score,
+        label=boxes.label,
+    )

@@ -1,0 +1,63 @@
+"""Matching and average precision against nuscenes-devkit on random boxes, and closed-form cases."""
+
+import numpy as np
+import pytest
+from detection_boxes import made_boxes, random_boxes
+
+from siren_ros.evaluation.detection.metrics.average_precision import average_precision
+from siren_ros.evaluation.detection.metrics.devkit_score import devkit_score
+from siren_ros.evaluation.detection.metrics.matching import DISTANCES_M, match
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_compiled_score_is_the_devkits(seed: int) -> None:
+    truth, found = random_boxes(np.random.default_rng(seed), frames=12)
+    score = devkit_score(truth, found)
+    matches = match(truth, found)
+    for row, distance_m in enumerate(DISTANCES_M):
+        hit = matches.label[row] >= 0
+        (value,) = average_precision(
+            hit, np.zeros(len(hit), dtype=np.intp), np.array([float(len(truth))]), np.ones((1, 1))
+        )
+        assert value == pytest.approx(score.average_precision[distance_m], abs=1e-12)
+    assert score.mean_average_precision == pytest.approx(np.mean(list(score.average_precision.values())))
+
+
+def test_weights_are_repetitions_of_episodes() -> None:
+    """An episode that counts twice is an episode that is there twice."""
+    truth, found = random_boxes(np.random.default_rng(3), frames=8)
+    matches = match(truth, found)
+    episode = (found.frame[matches.order] >= 4).astype(np.intp)
+    hit = matches.label[2] >= 0
+    labels = np.bincount((truth.frame >= 4).astype(np.intp), minlength=2).astype(float)
+    (weighted,) = average_precision(hit, episode, labels, np.array([[1.0, 2.0]]))
+    twice = np.repeat(np.arange(len(hit)), 1 + episode)
+    (repeated,) = average_precision(
+        hit[twice], np.zeros(len(twice), dtype=np.intp), np.array([labels @ [1.0, 2.0]]), np.ones((1, 1))
+    )
+    # Repeated detections have the same confidence: where hits and misses alternate, the order within is free.
+    assert weighted == pytest.approx(repeated, abs=0.02)
+    (only_first,) = average_precision(hit, episode, labels, np.array([[1.0, 0.0]]))
+    (alone,) = average_precision(
+        hit[episode == 0], np.zeros((episode == 0).sum(), dtype=np.intp), labels[:1], np.ones((1, 1))
+    )
+    assert only_first == pytest.approx(alone, abs=1e-12)
+
+
+def test_no_label_has_no_score() -> None:
+    found = average_precision(np.array([True]), np.zeros(1, dtype=np.intp), np.array([0.0]), np.ones((1, 1)))
+    assert np.isnan(found).all()
+
+
+def test_the_nearest_free_label_is_taken_in_the_order_of_confidence() -> None:
+    truth, found = made_boxes(truth_x_m=[0.0, 1.5], found_x_m=[0.9, 1.0, 0.1], score=[0.5, 0.9, 0.7])
+    matches = match(truth, found)
+    assert matches.order.tolist() == [1, 2, 0]
+    assert matches.label.tolist() == [[-1, 0, -1], [1, 0, -1], [1, 0, -1], [1, 0, -1]]
+
+
+def test_perfect_detections_score_fully_and_have_no_errors() -> None:
+    truth, found = made_boxes(truth_x_m=[0.0, 10.0, 20.0], found_x_m=[0.0, 10.0, 20.0], score=[0.9, 0.8, 0.7])
+    score = devkit_score(truth, found)
+    assert (score.mean_average_precision, score.nds) == (pytest.approx(1.0), pytest.approx(1.0))
+    assert max(score.errors.values()) == pytest.approx(0.0, abs=1e-9)

@@ -122,6 +122,8 @@ def _remarks(frames: Frames, scores: Sequence[DetectorScores]) -> list[str]:
     without = [one.name for one in scores if not one.has_velocity]
     if without:
         lines.append(f"no velocities, so AVE and AAE count as 1: {', '.join(without)}")
+    if any(episode.camera_from_lidar is None for episode in frames.episodes):
+        lines.append("no front camera in some bags, so these have no KITTI frames")
     lines += [
         f"{one.name}: clearance < stop sign < shoulder < red light in {one.order_share:.0%} of the resamples"
         for one in scores

@@ -54,6 +54,12 @@ FORMATS: Final = {
                     ("vehicle.car", "vehicle.emergency"),
                     "category of emergency vehicles: the paper's, or nuScenes' own",
                 ),
+                Option(
+                    "vehicle-category",
+                    "nuscenes",
+                    ("nuscenes", "vehicle.car"),
+                    "category of all other vehicles: nuScenes' car, truck and bus, or the paper's one class",
+                ),
             ),
         ),
         Format(

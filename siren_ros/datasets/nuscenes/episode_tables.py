@@ -26,10 +26,10 @@ def microseconds(step: int) -> int:
 class EpisodeTables:
     """Rows that name the row after them wait until it is there."""
 
-    def __init__(self, files: FileWriter, episode_id: str, emergency: str) -> None:
+    def __init__(self, files: FileWriter, episode_id: str, categories: tuple[str, str]) -> None:
         self._files = files
         self._id = episode_id
-        self._emergency = emergency
+        self._categories = categories
         self._waiting: dict[tuple[str, object], dict[str, Any]] = {}
         self._instances: dict[int, dict[str, Any]] = {}
         self.classes: Counter[str] = Counter()
@@ -98,7 +98,7 @@ class EpisodeTables:
             visible: Visible fraction of each box, shape ``(N,)``.
         """
         for row, actor_id in enumerate(truth.actor_id.tolist()):
-            category = category_of(ActorClass(int(truth.actor_class[row])), self._emergency)
+            category = category_of(ActorClass(int(truth.actor_class[row])), *self._categories)
             self.classes[category] += 1
             centre = map_from_truth @ [truth.x_m[row], truth.y_m[row], truth.z_m[row], 1.0]
             cos, sin = np.cos(truth.yaw_rad[row]), np.sin(truth.yaw_rad[row])

@@ -43,15 +43,15 @@ _SPLIT: Final = "siren_{split}"
 class NuscenesExporter:
     """An episode becomes a scene: keyframes at 2 Hz, every sweep and every picture."""
 
-    def __init__(self, emv_category: str) -> None:
-        self._emergency = emv_category
+    def __init__(self, emv_category: str, vehicle_category: str) -> None:
+        self._categories = (emv_category, vehicle_category)
 
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:
         """Writes files and rows."""
         lidar, names = lidar_of(source), channels(source.cameras)
         models = {camera.name: camera.model for camera in source.cameras}
         low, _ = map_corners(source.network)
-        tables = EpisodeTables(files, episode_id, self._emergency)
+        tables = EpisodeTables(files, episode_id, self._categories)
         for frame in lidar_frames(source, cameras=True, pose=True):
             if frame.map_from_base is None:
                 raise BagError(str(source.path), "an episode with the EMV's odometry")

@@ -10,6 +10,7 @@ import numpy as np
 
 from siren_ros.world.actors import EMERGENCY_CLASSES, ActorClass
 
+CAR: Final = "vehicle.car"
 EMERGENCY: Final = "vehicle.emergency"
 """Value of the option that gives emergency vehicles categories of their own."""
 CATEGORY_OF_CLASS: Final = {
@@ -31,10 +32,18 @@ VISIBILITIES: Final = {"1": "v0-40", "2": "v40-60", "3": "v60-80", "4": "v80-100
 _STOPPED_MPS: Final = 0.3
 
 
-def category_of(actor_class: ActorClass, emergency: str) -> str:
-    """The category of a class; emergency vehicles are ``vehicle.car`` (the paper) unless they have their own."""
+def category_of(actor_class: ActorClass, emergency: str, others: str = "nuscenes") -> str:
+    """The category of a class; emergency vehicles are ``vehicle.car`` (the paper) unless they have their own.
+
+    Args:
+        actor_class: Of the vehicle.
+        emergency: Category of emergency vehicles, or the head of their own ones.
+        others: ``vehicle.car`` for all other vehicles, as in the paper, or nuScenes' own categories.
+    """
     if actor_class in EMERGENCY_CLASSES and emergency != EMERGENCY:
-        return "vehicle.car"
+        return CAR
+    if actor_class not in EMERGENCY_CLASSES and others == CAR:
+        return CAR
     return CATEGORY_OF_CLASS[actor_class]
 
 

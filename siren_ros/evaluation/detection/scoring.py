@@ -1,7 +1,7 @@
 """Scores one detector on all episodes: nuScenes' code for the tables, resampled episodes for the intervals."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -12,7 +12,7 @@ from siren_ros.evaluation.detection.metrics.average_precision import average_pre
 from siren_ros.evaluation.detection.metrics.devkit_score import DevkitScore
 from siren_ros.evaluation.detection.metrics.matching import DISTANCES_M, Matches, match
 from siren_ros.evaluation.detection.metrics.subsets import SUBSETS, Subset
-from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes, TruthBoxes
+from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes, TruthBoxes, attributes_of
 from siren_ros.evaluation.detection.protocol.frames import Frames, in_range
 from siren_ros.evaluation.statistics.block_bootstrap import times_drawn
 from siren_ros.evaluation.statistics.interval import NOTHING, Interval, percentile_interval
@@ -84,6 +84,8 @@ class DetectorScores:
 def counted_boxes(frames: Frames, found: FoundSet, names: frozenset[str]) -> tuple[TruthBoxes, FoundBoxes]:
     """What nuScenes' protocol counts: boxes within 50 m; labels with at least one LiDAR point; vehicles."""
     truth, boxes = frames.truth, found.boxes
+    if not found.has_attributes:
+        truth = replace(truth, attribute=attributes_of(truth.velocity_mps))
     wanted = in_range(frames, truth.frame, truth.centre_m) & (truth.lidar_points > 0) & found.scored[truth.frame]
     near = in_range(frames, boxes.frame, boxes.centre_m) & found.scored[boxes.frame]
     return truth.at(wanted), boxes.at(near & np.isin(boxes.label, sorted(names)))

@@ -1,6 +1,7 @@
 """The labels themselves as detections, through every format: they have to score fully, or a convention is wrong."""
 
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,8 @@ from siren_ros.interfaces.topics import BOXES
 
 
 def labels_as_detections(frames: Frames) -> FoundBoxes:
-    """Every label as a detection; nearer ones are more confident, so that confidences differ."""
-    truth = frames.truth
+    """Every label with a LiDAR point as a detection; nearer ones are more confident, so that confidences differ."""
+    truth = frames.truth.at(frames.truth.lidar_points > 0)
     away = truth.centre_m[:, :2] - frames.vehicle_m[truth.frame]
     shared = {name: getattr(truth, name) for name in Boxes.__dataclass_fields__}
     return FoundBoxes(
@@ -45,5 +46,9 @@ def self_test_sets(frames: Frames, folder: Path) -> list[FoundSet]:
     if all(episode.camera_from_lidar is not None for episode in frames.episodes):
         write_kitti(folder / "kitti", found, frames)
         sets.append(read_kitti("labels, KITTI", folder / "kitti", frames))
-    sets.append(read_topic("labels, topic", BOXES.name, frames))
+    topic = read_topic("labels, topic", BOXES.name, frames)
+    # The topic holds vehicles without a LiDAR point, too: nuScenes' protocol takes them for false alarms.
+    order = np.argsort(frames.truth.frame, kind="stable")
+    if len(topic.boxes) == len(order):
+        sets.append(replace(topic, boxes=topic.boxes.at(frames.truth.lidar_points[order] > 0)))
     return sets

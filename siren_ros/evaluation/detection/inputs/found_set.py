@@ -18,3 +18,5 @@ class FoundSet:
     """Frames that count: those that the format has, shape ``(F,)``."""
     has_velocity: bool
     """Whether velocities are known; without them the devkit takes 1 m/s as the velocity error."""
+    has_attributes: bool = False
+    """Whether the format states attributes; else those of labels and detections follow from their velocities."""

@@ -36,7 +36,8 @@ def read_nuscenes(name: str, path: Path, frames: Frames) -> FoundSet:
     rows = [(frames.by_token[token], box) for token, boxes in results.items() for box in boxes]
     stated = _columns(path, frames, rows)
     check_boxes(str(path), stated, frames.told, with_velocity=True)
-    return FoundSet(name, _FORMAT, in_map(stated, _map_from_global(frames, stated)), frames.keyframe, has_velocity=True)
+    boxes = in_map(stated, _map_from_global(frames, stated))
+    return FoundSet(name, _FORMAT, boxes, frames.keyframe, has_velocity=True, has_attributes=True)
 
 
 def _results(path: Path) -> Mapping[str, Any]:

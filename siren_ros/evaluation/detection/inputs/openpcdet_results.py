@@ -90,7 +90,7 @@ def _columns(path: Path, content: list[Any], numbers: Rows, frames: Frames, widt
         except (KeyError, ValueError, TypeError) as error:
             told = f"{path}: {frames.told(frame)}: {error}"
             raise InputError("detections", told, "name, score and boxes_lidar in each frame") from error
-        found = found.reshape(len(score), -1) if len(score) else boxes[0]
+        found = found if len(score) else boxes[0]
         if found.shape != (len(name), max(width, 7)) or width not in {0, 7, _WITH_VELOCITY}:
             told = f"{path}: {frames.told(frame)}: boxes_lidar of shape {found.shape}, {len(name)} names"
             raise InputError("detections", told, "7 numbers for each box, or 9 with its velocity")

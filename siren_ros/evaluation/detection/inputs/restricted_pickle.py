@@ -7,12 +7,18 @@ is refused before it is called.
 import io
 import pickle
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.core import multiarray
 
 from siren_ros.errors import InputError
+
+
+def _array_of_buffer(buffer: Any, dtype: Any, shape: tuple[int, ...], order: Literal["C", "F", "A"]) -> Any:
+    """How pickles of protocol 5 hold arrays of numbers."""
+    return np.frombuffer(buffer, dtype=dtype).reshape(shape, order=order)
+
 
 _KNOWN: Final[dict[tuple[str, str], Any]] = {
     **{
@@ -20,6 +26,7 @@ _KNOWN: Final[dict[tuple[str, str], Any]] = {
         for core in ("numpy.core", "numpy._core")
         for name in ("_reconstruct", "scalar")
     },
+    **{(f"{core}.numeric", "_frombuffer"): _array_of_buffer for core in ("numpy.core", "numpy._core")},
     ("numpy", "ndarray"): np.ndarray,
     ("numpy", "dtype"): np.dtype,
 }

@@ -11,7 +11,8 @@ import numpy as np
 from siren_ros.numerics.arrays import Flags, Floats, Rows
 from siren_ros.numerics.compiled import compiled
 
-RECALLS: Final = 101
+_GRID: Final = np.linspace(0.0, 1.0, 101)
+"""The devkit's recalls. Some differ from hundredths in the last bit, which decides where a recall is reached exactly."""
 _MIN_RECALL_BIN: Final = 10
 _MIN_PRECISION: Final = 0.1
 
@@ -26,12 +27,12 @@ def average_precision(hit: Flags, episode: Rows, labels: Floats, weight: Floats)
         weight: How often each episode counts, shape ``(R, E)``.
     """
     result = np.full(len(weight), np.nan)
-    _average_precisions(hit, episode, labels, np.ascontiguousarray(weight), result)
+    _average_precisions(hit, episode, labels, np.ascontiguousarray(weight), _GRID, result)
     return result
 
 
 @compiled
-def _precisions(hit: Flags, counted: Floats, labels: float, precision: Floats) -> None:
+def _precisions(hit: Flags, counted: Floats, labels: float, grid: Floats, precision: Floats) -> None:
     """Precision at the recalls 0, 0.01, … 1 by linear interpolation, as ``numpy.interp`` with ``right=0``."""
     precision[:] = 0.0
     hits, misses = 0.0, 0.0
@@ -45,21 +46,23 @@ def _precisions(hit: Flags, counted: Floats, labels: float, precision: Floats) -
         recall, value = hits / labels, hits / (hits + misses)
         slope = (value - precision_before) / (recall - recall_before) if recall > recall_before >= 0.0 else 0.0
         start = precision_before if recall_before >= 0.0 else value
-        while place < RECALLS and place / 100.0 < recall:
-            precision[place] = slope * (place / 100.0 - recall_before) + start
+        while place < len(grid) and grid[place] < recall:
+            precision[place] = slope * (grid[place] - recall_before) + start
             place += 1
         recall_before, precision_before = recall, value
-    if place < RECALLS and place / 100.0 == recall_before:
+    if place < len(grid) and grid[place] == recall_before:
         precision[place] = precision_before
 
 
 @compiled
-def _average_precisions(hit: Flags, episode: Rows, labels: Floats, weight: Floats, result: Floats) -> None:
-    precision = np.zeros(RECALLS)
+def _average_precisions(
+    hit: Flags, episode: Rows, labels: Floats, weight: Floats, grid: Floats, result: Floats
+) -> None:
+    precision = np.zeros(len(grid))
     for draw in range(len(weight)):
         total = (weight[draw] * labels).sum()
         if total == 0.0:
             continue
-        _precisions(hit, weight[draw][episode], total, precision)
+        _precisions(hit, weight[draw][episode], total, grid, precision)
         clipped = np.maximum(precision[_MIN_RECALL_BIN + 1 :] - _MIN_PRECISION, 0.0)
         result[draw] = clipped.mean() / (1.0 - _MIN_PRECISION)

@@ -79,7 +79,8 @@ def _groups(scores: Sequence[DetectorScores]) -> Table:
     for number, group in enumerate(scores[0].groups):
         if any(one.groups[number].labels for one in scores):
             cells = _cells([one.groups[number].mean_ap for one in scores])
-            rows.append((group.group, group.name, str(group.labels), *cells))
+            labels = dict.fromkeys(str(one.groups[number].labels) for one in scores)
+            rows.append((group.group, group.name, "/".join(labels), *cells))
     head = ("of", "labels that are", "labels", *(one.name for one in scores))
     caption = "mAP of parts of the labels, with the interval of 95 % over episodes where there are several"
     return Table("parts", caption, head, tuple(rows))

@@ -61,3 +61,14 @@ def test_perfect_detections_score_fully_and_have_no_errors() -> None:
     score = devkit_score(truth, found)
     assert (score.mean_average_precision, score.nds) == (pytest.approx(1.0), pytest.approx(1.0))
     assert max(score.errors.values()) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_recalls_that_are_reached_exactly_count_as_in_the_devkit() -> None:
+    """With 25 labels every fourth recall of the grid is reached, some only up to the last bit."""
+    rng = np.random.default_rng(0)
+    x_m = np.arange(25) * 10.0
+    found_x_m = np.r_[x_m, x_m + 5.0]
+    truth, found = made_boxes(truth_x_m=x_m, found_x_m=found_x_m, score=rng.permutation(np.linspace(0.9, 0.1, 50)))
+    hit = match(truth, found).label[2] >= 0
+    (value,) = average_precision(hit, np.zeros(50, dtype=np.intp), np.array([25.0]), np.ones((1, 1)))
+    assert value == pytest.approx(devkit_score(truth, found).average_precision[2.0], abs=1e-12)

@@ -1,0 +1,23 @@
+"""Frames of a recorded episode with sensors, which the tests of the detection task share."""
+
+from pathlib import Path
+
+import pytest
+from recorded_episode import record
+
+from siren_ros.datasets.exporting.survey import in_dataset_order, survey_bag
+from siren_ros.datasets.sources.needs import Need
+from siren_ros.evaluation.detection.protocol.episode_reading import read_frames
+from siren_ros.evaluation.detection.protocol.frames import Frames, frames_of
+
+
+@pytest.fixture(scope="session")
+def sensed_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three seconds with LiDAR and the front camera."""
+    return record(tmp_path_factory.mktemp("sensed"), "template:=S2", "sensors:=front", "duration_s:=3.0")
+
+
+@pytest.fixture(scope="session")
+def frames(sensed_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Frames:
+    survey = survey_bag(sensed_bag, "detection", (Need.LIDAR,), tmp_path_factory.mktemp("scratch"))
+    return frames_of([read_frames(*one) for one in in_dataset_order([survey])])

@@ -11,7 +11,7 @@ _TASKS: Final = {
     "detection": "3-D detection: the nuScenes score of boxes that a detector found",
     "risk": "vision-language risk understanding: normal scenes, near-misses and collisions in videos",
 }
-"""What the tasks are; each is a module of this package, ``evaluate_TASK``, with ``add_arguments`` as a verb has."""
+"""What the tasks are; each is a module ``evaluation/evaluate_TASK`` with ``add_arguments`` as a verb has."""
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
@@ -19,4 +19,4 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     verb.description = "Scores models on recorded episodes."
     tasks = verb.add_subparsers(title="tasks", metavar="TASK", required=True)
     for name, summary in _TASKS.items():
-        import_module(f"{__package__}.evaluate_{name}").add_arguments(tasks.add_parser(name, help=summary))
+        import_module(f"{__package__}.evaluation.evaluate_{name}").add_arguments(tasks.add_parser(name, help=summary))

@@ -12,7 +12,7 @@ from siren_ros.numerics.arrays import Flags, Floats, Rows
 from siren_ros.numerics.compiled import compiled
 
 _GRID: Final = np.linspace(0.0, 1.0, 101)
-"""The devkit's recalls. Some differ from hundredths in the last bit, which decides where a recall is reached exactly."""
+"""The devkit's recalls. Some differ from hundredths in the last bit, which decides which recalls are reached."""
 _MIN_RECALL_BIN: Final = 10
 _MIN_PRECISION: Final = 0.1
 

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from siren_ros.cli.evaluate_yield import scored_episodes
+from siren_ros.cli.evaluation.evaluate_yield import scored_episodes
 from siren_ros.errors import EXIT_FAILED, InputError
 from siren_ros.evaluation.yielding.counterfactual import OUTCOMES, Effect, effects
 from siren_ros.recording.bag_folders import bags_among

@@ -4,7 +4,7 @@ import argparse
 import json
 from pathlib import Path
 
-from siren_ros.cli.named_path import named_path
+from siren_ros.cli.evaluation.named_path import named_path
 from siren_ros.errors import EXIT_OK, InputError
 from siren_ros.evaluation.risk.answers import checked_answers, read_answers
 from siren_ros.evaluation.risk.references import REFERENCES

@@ -10,7 +10,7 @@ from typing import Never
 
 from tqdm import tqdm
 
-from siren_ros.cli.named_path import named_path
+from siren_ros.cli.evaluation.named_path import named_path
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
 from siren_ros.evaluation.prediction.charts.chart_files import write_charts, write_sample_pictures
 from siren_ros.evaluation.prediction.predictors import PREDICTORS

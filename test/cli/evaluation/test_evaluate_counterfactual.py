@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from siren_ros.cli import evaluate_counterfactual
+from siren_ros.cli.evaluation import evaluate_counterfactual
 from siren_ros.cli.main import main
 from siren_ros.evaluation.yielding.measure import Measure
 from siren_ros.evaluation.yielding.metrics import EPISODE_METRICS

@@ -1,0 +1,1 @@
+"""The tasks of `siren evaluate`, one file each."""

@@ -114,32 +114,19 @@ def score_detector(
     scores = dict(zip(templates, run(tables), strict=True))
     resampled = _Resampled(frames, truth, boxes, of_episode, resamples)
     draws = {one: resampled.mean_ap(template_of_frame, one) for one in templates}
-    episodes = {one: int((of_episode == one).sum()) for one in templates}
-    families = {
-        family: (np.mean([scores[one].mean_average_precision for one in members], axis=0), [draws[m] for m in members])
-        for family, members in FAMILIES.items()
-        if all(one in scores for one in members)
-    }
-    bounded = all(count > 1 for count in episodes.values())
+    values = {one: score.mean_average_precision for one, score in scores.items()}
+    mean = _mean_interval(values, draws, of_episode, templates)
+    families = {name: members for name, members in FAMILIES.items() if set(members) <= set(templates)}
     return DetectorScores(
         name=found.name,
         format=found.format,
         has_velocity=found.has_velocity,
         frames={one: int((found.scored & (template_of_frame == one)).sum()) for one in templates},
         templates=scores,
-        template_ap={
-            one: _interval(score.mean_average_precision, draws[one], episodes[one]) for one, score in scores.items()
-        },
-        mean_ap=_interval(
-            float(np.mean([score.mean_average_precision for score in scores.values()])),
-            np.mean(list(draws.values()), axis=0),
-            len(frames.episodes) if bounded else 1,
-        ),
-        families={
-            family: _interval(float(value), np.mean(drawn, axis=0), min(episodes[one] for one in FAMILIES[family]))
-            for family, (value, drawn) in families.items()
-        },
-        order_share=_order_share([np.mean(drawn, axis=0) for _, drawn in families.values()]) if bounded else None,
+        template_ap={one: _mean_interval(values, draws, of_episode, [one]) for one in templates},
+        mean_ap=mean,
+        families={name: _mean_interval(values, draws, of_episode, members) for name, members in families.items()},
+        order_share=_order_share([_mean(draws, members) for members in families.values()]) if mean.bounded else None,
         groups=tuple(resampled.group(subset) for subset in SUBSETS),
         truth=truth,
         found=boxes,
@@ -147,9 +134,23 @@ def score_detector(
     )
 
 
-def _interval(value: float, resampled: Floats, episodes: int) -> Interval:
+def _mean(draws: Mapping[str, Floats], templates: Sequence[str]) -> Floats:
+    found: Floats = np.mean([draws[one] for one in templates], axis=0)
+    return found
+
+
+def _mean_interval(
+    values: Mapping[str, float], draws: Mapping[str, Floats], of_episode: Names, templates: Sequence[str]
+) -> Interval:
+    """Mean over some templates, from the episodes of these."""
+    value = float(np.mean([values[one] for one in templates]))
+    return _interval(value, _mean(draws, templates), of_episode[np.isin(of_episode, templates)])
+
+
+def _interval(value: float, resampled: Floats, of_episode: Names) -> Interval:
     known = resampled[np.isfinite(resampled)]
-    return percentile_interval(value, known, episodes if len(known) else 1)
+    _, stratum = np.unique(of_episode, return_inverse=True)
+    return percentile_interval(value, known if len(known) else np.array([value]), stratum.astype(np.intp))
 
 
 def _order_share(families: Sequence[Floats]) -> float | None:
@@ -165,6 +166,7 @@ class _Resampled:
         self._frames, self._truth = frames, truth
         self.matches = match(truth, found)
         self._found = found.at(self.matches.order)
+        self._template = template
         _, stratum = np.unique(template, return_inverse=True)
         weight = times_drawn(stratum.astype(np.intp), resamples, np.random.default_rng(0))
         self._weight = np.vstack((np.ones((1, len(template))), weight))
@@ -200,7 +202,6 @@ class _Resampled:
         if not labels.any():
             return GroupScore(subset.group, subset.name, 0, NOTHING)
         values = self._mean_ap(labels, counted)
-        episodes = len(np.unique(self._episode_of_label[labels]))
-        return GroupScore(
-            subset.group, subset.name, int(labels.sum()), _interval(float(values[0]), values[1:], episodes)
-        )
+        episodes = np.unique(self._episode_of_label[labels])
+        interval = _interval(float(values[0]), values[1:], self._template[episodes])
+        return GroupScore(subset.group, subset.name, int(labels.sum()), interval)

@@ -53,6 +53,12 @@ def messages_of(bag: Path) -> list[tuple[str, int, bytes]]:
         return [(message.topic, message.time_ns, message.cdr) for message in opened.messages()]
 
 
+@pytest.fixture(scope="module")
+def whole(episode: Path) -> list[tuple[str, int, bytes]]:
+    """The messages of the complete bag."""
+    return messages_of(episode)
+
+
 @pytest.mark.parametrize("named", [".bag.partial", "bag"])
 def test_a_cut_off_bag_is_completed_with_all_its_whole_chunks(episode: Path, tmp_path: Path, named: str) -> None:
     working = cut_off(episode, tmp_path, within_last_chunk(episode))
@@ -96,7 +102,7 @@ def test_a_complete_bag_is_left_alone(episode: Path, capsys: pytest.CaptureFixtu
 @settings(max_examples=40, deadline=None)
 @given(share=st.floats(0.0, 1.0))
 def test_a_bag_cut_off_anywhere_gives_its_beginning_or_one_error(
-    episode: Path, tmp_path_factory: pytest.TempPathFactory, share: float
+    episode: Path, whole: list[tuple[str, int, bytes]], tmp_path_factory: pytest.TempPathFactory, share: float
 ) -> None:
     folder = tmp_path_factory.mktemp("cut")
     cut_off(episode, folder, share)
@@ -106,7 +112,7 @@ def test_a_bag_cut_off_anywhere_gives_its_beginning_or_one_error(
         assert share < 0.5, "the first chunk, which holds the map, is not there"
         return
     messages = messages_of(recovery.path)
-    assert messages == messages_of(episode)[: len(messages)]
+    assert messages == whole[: len(messages)]
     shutil.rmtree(folder)
 
 

@@ -1,0 +1,119 @@
+"""The way back to the lane: when it is needed, where it leads, and when SUMO takes over."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from siren_ros.behaviour.civilians.drivers import Compliance, Driver
+from siren_ros.behaviour.civilians.rejoin import rejoin, start_rejoin
+from siren_ros.behaviour.civilians.unit import YieldUnit
+from siren_ros.behaviour.driving.navigator import NavigatorState
+from siren_ros.world.actors import ActorClass, Mode
+
+UNIT = YieldUnit(2, 1, Driver(Compliance.COMPLIES, 0.0, 40.0), 0, phase=Mode.YIELD_HOLD, side=-1, stopped_steps=30)
+NEAR_M = 0.3
+"""Offset from the lane's centre line at which a vehicle counts as in its lane."""
+
+
+def view_at(lab, left, turned=0.0, speed=0.0, turn=0.0, s=100.0, length=400.0, kind=ActorClass.SEDAN):
+    """A vehicle beside the centre line of the right one of two lanes that point anywhere."""
+    along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+    road = lab.RoadBuilder()
+    road.edge([[0.0, 0.0], length * along], 2, ("A", "B"))
+    network = road.built()
+    poses = np.array([[*(s * along + left * across), turn + turned, speed]])
+    car = lab.Car(2, 0, s, speed, (0,), kind)
+    return lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, [car], poses=poses)), along, across
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7, -2.2])
+@pytest.mark.parametrize(
+    ("left", "degrees", "back"),
+    [
+        (0.29, 0.0, True),
+        (-0.29, 0.0, True),
+        (0.31, 0.0, False),
+        (-0.31, 0.0, False),
+        (0.0, 7.0, True),
+        (0.0, -7.0, True),
+        (0.0, 9.0, False),
+        (0.0, -9.0, False),
+    ],
+)
+def test_sumo_takes_over_at_once_who_is_in_the_lane_and_straight(lab, turn, left, degrees, back):
+    view, _, _ = view_at(lab, left, np.radians(degrees), turn=turn)
+    outcome = start_rejoin(UNIT, view, 0)
+    assert (outcome.unit is None) is back
+    assert [event.kind.value for event in outcome.events] == (["yield_released"] if back else [])
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7, -2.2])
+@pytest.mark.parametrize(("left", "side"), [(-0.8, 1), (0.8, -1)])
+def test_the_path_leads_to_the_middle_of_the_lane_and_shows_that_side(lab, turn, left, side):
+    view, along, across = view_at(lab, left, turn=turn)
+    outcome = start_rejoin(UNIT, view, 0)
+    unit, path = outcome.unit, outcome.unit.navigator.path
+    assert (unit.phase, unit.side) == (Mode.REJOIN, side)
+    assert unit.stopped_steps == 1, "the count of the hold is not taken over"
+    assert path.curve.points[0] == pytest.approx(100.0 * along + left * across)
+    assert path.curve.points[-1] @ across == pytest.approx(0.0, abs=1e-6)
+    half = float(view.seen.half_length_m[0])
+    assert path.curve.points[-1] @ along == pytest.approx(100.0 - 2.0 + 60.0 - half - 1.0, abs=0.01)
+    assert path.speed_cap_mps(path.length_m) < 0.1
+    assert np.sign(outcome.command.steer_rad) == side
+    assert outcome.command.throttle > 0.0
+
+
+@pytest.mark.parametrize(("room", "left_at_end"), [(30.0, 0.0), (5.0, -0.8)])
+def test_too_near_the_end_of_the_lane_it_comes_straight_where_it_is(lab, room, left_at_end):
+    view, _, across = view_at(lab, -0.8, np.radians(10.0), s=100.0, length=100.0 + room)
+    path = start_rejoin(UNIT, view, 0).unit.navigator.path
+    assert path.curve.points[-1] @ across == pytest.approx(left_at_end, abs=1e-6)
+    assert np.sin(path.curve.heading_rad[-1]) == pytest.approx(0.0, abs=0.08)
+
+
+def rejoining(lab, **place):
+    view, _, _ = view_at(lab, -0.8, **place)
+    unit = start_rejoin(UNIT, view, 0).unit
+    return replace(unit, stopped_steps=0), view
+
+
+def steps(unit, view, count):
+    for _ in range(count):
+        outcome = rejoin(unit, view, 0)
+        if outcome.unit is None:
+            return outcome
+        unit = outcome.unit
+    return outcome
+
+
+def test_who_stands_for_two_seconds_is_handed_back_where_it_stands(lab):
+    unit, view = rejoining(lab)
+    patience = round(view.world.config.yielding.rejoin_blocked_s / 0.05)
+    assert steps(unit, view, patience - 1).unit is not None
+    assert steps(unit, view, patience).unit is None
+
+
+def test_the_two_seconds_begin_again_after_moving(lab):
+    unit, view = rejoining(lab)
+    moving, _, _ = view_at(lab, -0.8, speed=1.0)
+    patience = round(view.world.config.yielding.rejoin_blocked_s / 0.05)
+    unit = steps(unit, view, patience - 1).unit
+    unit = steps(unit, moving, 1).unit
+    assert unit.stopped_steps == 0
+    assert steps(unit, view, patience - 1).unit is not None
+
+
+def test_who_stands_at_an_angle_is_not_handed_back(lab):
+    unit, view = rejoining(lab, turned=np.radians(12.0))
+    assert steps(unit, view, 60).unit is not None
+
+
+def test_at_the_end_of_its_path_and_in_its_lane_a_vehicle_is_handed_back(lab):
+    unit, _ = rejoining(lab)
+    inside, _, _ = view_at(lab, -NEAR_M + 0.02, speed=3.0, s=110.0)
+    assert rejoin(unit, inside, 0).unit is None
+    beside, _, _ = view_at(lab, -NEAR_M - 0.05, speed=3.0, s=110.0)
+    assert rejoin(unit, beside, 0).unit is not None
+    assert rejoin(replace(unit, navigator=NavigatorState()), beside, 0).unit is None

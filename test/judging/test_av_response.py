@@ -113,5 +113,21 @@ def test_an_emv_that_stays_behind_does_not_pass() -> None:
 def test_an_emv_that_is_ahead_or_far_away_is_not_heard() -> None:
     for emv_arc_m, av_arc_m, closest_m in ((100.0, 80.0, np.hypot(20.0, 3.5)), (20.0, 80.0, np.hypot(60.0, 3.5))):
         found = encounter(np.full(50, emv_arc_m), np.full(50, av_arc_m))
-        assert (found.heard_s, found.passed_after_s) == (-1.0, -1.0)
-        assert found.closest_m == pytest.approx(closest_m)
+        assert found == AvResponse(-1.0, -1.0, 0.0, 0.0, pytest.approx(closest_m), 0)
+
+
+def test_an_av_that_is_never_there_together_with_the_emv_has_no_numbers() -> None:
+    vehicles = {
+        EMV: Driven(NORTHBOUND, at_speed(0.0, 10.0, 20)),
+        AV: Driven(BESIDE_NORTHBOUND, np.full(20, 30.0), first_step=30),
+    }
+    assert response_of(with_av(hand_made(crossing(), vehicles))) == AvResponse(-1.0, -1.0, 0.0, 0.0, 0.0, 0)
+
+
+@pytest.mark.parametrize(("aside_m", "right_m"), [(1.2, 1.2), (-1.2, 0.0)])
+def test_moving_right_is_measured_across_the_line_of_travel(aside_m: float, right_m: float) -> None:
+    """Northbound, to the right is towards the east."""
+    points = line((LEFT_X_M, -120.0), (LEFT_X_M, -73.0), (LEFT_X_M + aside_m, -66.0), (LEFT_X_M + aside_m, 110.0))
+    vehicles = {EMV: Driven(NORTHBOUND, at_speed(20.0, 12.0, 260)), AV: Driven(points, at_speed(45.0, 4.0, 260))}
+    found = response_of(with_av(hand_made(crossing(), vehicles)))
+    assert found.moved_right_m == pytest.approx(right_m, abs=0.02)

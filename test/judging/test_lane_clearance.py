@@ -3,15 +3,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hand_made_record import EMV, LEFT_X_M, NORTHBOUND, RIGHT_X_M, Driven, at_speed, crossing, hand_made, line
 from synthetic_episode import LEFT_Y_M, RIGHT_Y_M, split_net
 
 from siren_ros.errors import BagError
-from siren_ros.judging.lane_clearance import find_clearings, lane_cleared
+from siren_ros.judging.lane_clearance import BODY_MARGIN_M, find_clearings, lane_cleared
 from siren_ros.judging.lane_location import lanes_ahead, locate
 from siren_ros.judging.predicates import evaluate_predicate
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.net_parser import parse_road_network
-from siren_ros.world.actors import ACTOR_STATE_DTYPES
+from siren_ros.world.actors import ACTOR_STATE_DTYPES, Lights
 
 THRESHOLDS = {"lane_changes_min": 3, "passed_min": 3}
 
@@ -154,3 +155,49 @@ def test_poses_are_put_into_lanes_by_direction(record_of: Callable[..., EpisodeR
 
 def test_a_dead_end_has_nothing_ahead_but_itself(record_of: Callable[..., EpisodeRecord]) -> None:
     assert lanes_ahead(record_of(duration_s=1.0).network, 0, 100.0) == {0}
+
+
+def test_a_lane_is_clear_when_all_but_30_cm_of_the_turned_body_has_left_it(
+    record_of: Callable[..., EpisodeRecord],
+) -> None:
+    record = record_of()
+    middle = (LEFT_Y_M + RIGHT_Y_M) / 2.0
+    for clearing in find_clearings(record):
+        track = record.track(clearing.actor_id)
+        half = 0.9 * np.cos(track.yaw_rad) + 2.3 * np.abs(np.sin(track.yaw_rad))
+        clear = track.y_m - half >= middle - BODY_MARGIN_M
+        assert clear[clearing.end_step]
+        assert not clear[clearing.start_step + 1 : clearing.end_step].any()
+        assert np.abs(track.yaw_rad[clearing.end_step]) > 0.01
+
+
+def changing(*places: tuple[int, float, list[tuple[float, float]], float], steps: int = 400) -> list[tuple[int, bool]]:
+    """Clearings of cars by id: start, points and speed; the EMV drives north in the right lane with its siren on."""
+    vehicles = {EMV: Driven(NORTHBOUND, at_speed(5.0, 9.0, steps))}
+    for actor_id, start_m, points, speed_mps in places:
+        arc_m = np.minimum(at_speed(start_m, speed_mps, steps), 225.0)
+        vehicles[actor_id] = Driven(line(*points), arc_m)
+    record = hand_made(crossing(), vehicles)
+    states = tuple(
+        replace(state, lights=np.where(state.actor_id == EMV, int(Lights.SIREN), 0).astype(np.uint8))
+        for state in record.states
+    )
+    return [(item.actor_id, item.passed_step is not None) for item in find_clearings(replace(record, states=states))]
+
+
+LEAVES_LEFT = [(RIGHT_X_M, -120.0), (RIGHT_X_M, -80.0), (LEFT_X_M, -65.0), (LEFT_X_M, 110.0)]
+COMES_BACK = [
+    *((LEFT_X_M, -120.0), (LEFT_X_M, -95.0), (RIGHT_X_M, -85.0), (RIGHT_X_M, -70.0)),
+    *((LEFT_X_M, -60.0), (LEFT_X_M, 110.0)),
+]
+
+
+def test_a_car_that_leaves_the_lane_is_passed_and_one_that_comes_from_the_other_lane_leaves_it_too() -> None:
+    assert changing((2, 30.0, LEAVES_LEFT, 6.0)) == [(2, True)]
+    assert changing((2, 24.0, COMES_BACK, 7.0)) == [(2, True)]
+    assert changing((2, 30.0, LEAVES_LEFT, 6.0), (3, 28.0, LEAVES_LEFT, 9.0)) == [(3, False), (2, True)]
+
+
+def test_a_car_that_changes_into_the_emvs_lane_has_not_left_it() -> None:
+    into = [(LEFT_X_M, -120.0), (LEFT_X_M, -80.0), (RIGHT_X_M, -65.0), (RIGHT_X_M, 110.0)]
+    assert changing((2, 25.0, into, 9.0)) == []

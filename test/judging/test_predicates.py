@@ -8,7 +8,7 @@ from siren_ros.generation.closed_loop import closed_loop
 from siren_ros.generation.closed_loop import record_of as record_of_loop
 from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.judging.predicates import PREDICATES, evaluate_predicate, predicate_of
-from siren_ros.judging.verdict import at_least, closest_of, more_than, verdict_of
+from siren_ros.judging.verdict import Part, at_least, at_most, closest_of, equals, more_than, verdict_of
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.predicates import DECLARED_PREDICATES
 from siren_ros.scenario.request import EpisodeRequest
@@ -57,3 +57,19 @@ def test_the_closest_verdict_has_the_most_parts_and_then_the_largest_values() ->
     assert closest_of([none, second, whole, first]) is whole  # type: ignore[list-item] # verdicts
     assert closest_of([none, second, first]) is first  # type: ignore[list-item] # verdicts
     assert closest_of([]) is None
+
+
+@pytest.mark.parametrize(
+    ("condition", "below", "equal", "above"),
+    [
+        (at_least, False, True, True),
+        (more_than, False, False, True),
+        (at_most, True, True, False),
+        (equals, False, True, False),
+    ],
+)
+def test_conditions_below_at_and_above_their_threshold(
+    condition: Callable[..., Part], below: bool, equal: bool, above: bool
+) -> None:
+    assert [condition("x", value, 2.0).holds for value in (1.9, 2.0, 2.1)] == [below, equal, above]
+    assert not condition("x", float("nan"), 2.0).holds

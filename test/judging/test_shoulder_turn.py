@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hand_made_record import (
@@ -15,7 +17,7 @@ from hand_made_record import (
     line,
 )
 
-from siren_ros.judging.shoulder_turn import shoulder_turn, turned_right_rad
+from siren_ros.judging.shoulder_turn import on_shoulder_area, shoulder_turn, turned_right_rad
 from siren_ros.judging.verdict import Verdict
 
 NETWORK = crossing()
@@ -83,3 +85,29 @@ def test_the_turn_is_measured_alone_and_not_summed_with_a_bend_to_the_left() -> 
     assert turned_right_rad(np.concatenate((left, right, right[::-1]))) == pytest.approx(1.35)
     assert turned_right_rad(np.linspace(-3.0, -3.6, 10)) == pytest.approx(0.6), "across π"
     assert turned_right_rad(left) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("x_m", "y_m", "degrees", "on"),
+    [
+        (SHOULDER_X_M, -60.0, 90.0, True),
+        (SHOULDER_X_M, -60.0, 1.0, True),
+        (SHOULDER_X_M, -60.0, 179.0, True),
+        (SHOULDER_X_M, -60.0, -1.0, False),
+        (SHOULDER_X_M, -60.0, 181.0, False),
+        (SHOULDER_X_M + 1.2, -60.0, 90.0, True),
+        (SHOULDER_X_M + 1.3, -60.0, 90.0, False),
+        (SHOULDER_X_M - 1.3, -60.0, 90.0, False),
+        (SHOULDER_X_M, -121.0, 90.0, False),
+        (RIGHT_X_M, -60.0, 90.0, False),
+        (60.0, -8.25, 0.0, True),
+        (60.0, -5.25, 0.0, False),
+        (SHOULDER_TURN[9][0], SHOULDER_TURN[9][1], 45.0, True),
+    ],
+)
+def test_on_a_shoulder_is_within_its_width_its_length_and_90_degrees(
+    x_m: float, y_m: float, degrees: float, on: bool
+) -> None:
+    rows = hand_made(NETWORK, {EMV: Driven(NORTHBOUND, at_speed(0.0, 1.0, 2))}).track(EMV)
+    placed = replace(rows, x_m=np.full(2, x_m), y_m=np.full(2, y_m), yaw_rad=np.full(2, np.radians(degrees)))
+    assert on_shoulder_area(NETWORK, placed).tolist() == [on, on]

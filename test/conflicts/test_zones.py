@@ -119,3 +119,43 @@ def test_a_body_beside_its_course_comes_back_to_it():
     assert only(own, standing) is None
     assert only(beside, standing) is not None
     assert only(beside, way((20.0, 2.2), 0.0, reach=0.0)) is None
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_bodies_of_different_sizes_each_count_with_their_own(turn):
+    """The own body is 4.5 m by 1.8 m, the other one 8 m by 2.4 m."""
+    own = way((0.0, 0.0), 0.0, turn=turn)
+    other = way((30.0, -20.0), np.pi / 2.0, turn=turn)._replace(half_length_m=4.0, half_width_m=1.2)
+    zone = only(own, other, margin=0.5)
+    assert zone.own_in_m == pytest.approx(30.0 - LENGTH - 1.2, abs=STEP_M)
+    assert zone.own_out_m == pytest.approx(30.0 + LENGTH + 1.2, abs=STEP_M)
+    assert zone.other_in_m == pytest.approx(20.0 - 4.0 - WIDTH - 0.5, abs=STEP_M)
+    assert zone.other_out_m == pytest.approx(20.0 + 4.0 + WIDTH + 0.5, abs=STEP_M)
+    narrow = way((0.0, 2.2), 0.0, turn=turn)._replace(half_width_m=1.2)
+    assert only(own, narrow) is None
+    assert only(own, narrow, margin=-0.2) is None
+    assert only(own, way((0.0, 2.0), 0.0, turn=turn)._replace(half_width_m=1.2)) is not None
+    assert only(own._replace(half_width_m=1.2), way((0.0, 2.0), 0.0, turn=turn)) is not None
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_a_course_is_followed_from_its_first_segment_on(turn):
+    """It leads 1 m to the left and then on ahead; a body at its start and before it stands across."""
+    points = rotate(np.array([[0.0, 0.0], [0.0, 1.0], *([float(x), 1.0] for x in range(1, 60))]), turn)
+    pose = (*rotate(np.zeros(2), turn), np.pi / 2.0 + turn)
+    bent = Way(points, 1.0, -3.0, 0.0, (*rotate(np.array([0.0, -3.0]), turn), pose[2]), 0.0, LENGTH, WIDTH)
+    beside = way((1.9, -3.0), np.pi / 2.0, reach=0.0, turn=turn)
+    assert only(bent, beside) is None
+    assert only(bent, way((1.7, -3.0), np.pi / 2.0, reach=0.0, turn=turn)) is not None
+    assert only(bent, way((0.0, 1.7), np.pi / 2.0, reach=0.0, turn=turn)) is None
+    assert only(bent, way((0.0, 1.3), np.pi / 2.0, reach=0.0, turn=turn)) is not None
+
+
+def test_several_others_have_zones_of_their_own():
+    own = way((0.0, 0.0), 0.0)
+    others = [way((20.0, -30.0), np.pi / 2.0), way((0.0, 30.0), 0.0), way((40.0, 15.0), -np.pi / 2.0)]
+    first, none, last = meeting_zones(own, others, 0.0)
+    assert none is None
+    reach = LENGTH + WIDTH
+    assert (first.own_in_m, last.own_in_m) == pytest.approx((20.0 - reach, 40.0 - reach), abs=STEP_M)
+    assert (first.other_in_m, last.other_in_m) == pytest.approx((30.0 - reach, 15.0 - reach), abs=STEP_M)

@@ -39,3 +39,28 @@ def test_points_are_counted_by_actor(boxes: Any) -> None:
     sweep = LidarSweep("lidar", 0, np.empty(0, np.void), np.array([2], np.uint32), np.array([77]))
     truth = label_boxes(states, descriptions, 1, np.eye(4), sweep)
     assert truth.lidar_points.tolist() == [77, 0]
+
+
+@pytest.mark.parametrize("turn", np.radians([0.0, 35.0, 130.0, -100.0]))
+def test_ahead_left_and_moving_are_the_same_for_a_carrier_that_points_anywhere(boxes: Any, turn: float) -> None:
+    """The bus is 12 m ahead and 5 m to the left, turned by 0.6, and moves ahead at 3 m/s and to the right at 1 m/s."""
+    along, left = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+    at = np.array([40.0, -25.0]) + 12.0 * along + 5.0 * left
+    velocity = 3.0 * along - 1.0 * left
+    states, descriptions = boxes.actors(
+        (SEDAN, 40.0, -25.0, turn), (BUS, *at, turn + 0.6), vx_mps=[0.0, velocity[0]], vy_mps=[0.0, velocity[1]]
+    )
+    pose = map_from_base(40.0, -25.0, 0.0, turn) @ Mount(1.5, 0.0, 2.0).base_from_sensor
+    truth = label_boxes(states, descriptions, 1, pose)
+    assert (truth.x_m[0], truth.y_m[0], truth.z_m[0]) == pytest.approx((10.5, 5.0, 1.5 - 2.0))
+    assert (truth.vx_mps[0], truth.vy_mps[0]) == pytest.approx((3.0, -1.0))
+    assert truth.yaw_rad[0] == pytest.approx(0.6)
+
+
+@pytest.mark.parametrize("bearing", np.radians([20.0, 110.0, -70.0, 200.0]))
+def test_the_range_is_a_circle_about_the_sensor(boxes: Any, bearing: float) -> None:
+    way = np.array([np.cos(bearing), np.sin(bearing)])
+    rows = [(SEDAN, *(np.array([30.0, 60.0]) + distance * way), 0.0) for distance in (0.0, 49.9, 50.1)]
+    states, descriptions = boxes.actors(*rows)
+    pose = map_from_base(30.0, 60.0, 0.0, 1.0)
+    assert label_boxes(states, descriptions, 1, pose, range_m=50.0).actor_id.tolist() == [2]

@@ -12,6 +12,7 @@ from siren_ros.judging.verify import (
     VerifyLimits,
     check_owners,
     check_position_jumps,
+    check_speed,
     check_yaw_jumps,
     verify_episode,
 )
@@ -273,3 +274,45 @@ def test_accelerations_that_no_driver_uses_are_found(
 
     states = tuple(changed(state) if state.step % 20 == 0 else state for state in record.states)
     assert _failing(verify_episode(replace(record, states=states))) == [name]
+
+
+@pytest.mark.parametrize("heading", np.radians([0.0, 30.0, 120.0, -75.0]))
+@pytest.mark.parametrize(("struck", "error_mps"), [((2, 3), 0.0), ((3, 2), 0.0), ((3, 4), 3.0), (None, 3.0)])
+def test_a_contact_takes_velocity_within_a_step_in_any_direction(
+    heading: float, struck: tuple[int, int] | None, error_mps: float
+) -> None:
+    """From 10 m/s to 4 m/s at the end of a step: the mean velocity is 3 m/s off, half of what the contact took."""
+    way = np.array([np.cos(heading), np.sin(heading)])
+    record = hand_made(crossing(), {2: Driven(NORTHBOUND, np.zeros(6))})
+    speeds = [10.0, 10.0, 10.0, 4.0, 4.0, 4.0]
+    driven = np.array([0.0, 0.5, 1.0, 1.5, 1.7, 1.9])
+    states = tuple(
+        replace(
+            state,
+            x_m=np.array([way[0] * driven[step]]),
+            y_m=np.array([way[1] * driven[step]]),
+            vx_mps=np.array([way[0] * speeds[step]]),
+            vy_mps=np.array([way[1] * speeds[step]]),
+        )
+        for step, state in enumerate(record.states)
+    )
+    events = () if struck is None else (Event(3, EventKind.COLLISION, *struck, detail={"impact_speed_mps": 1.0}),)
+    found = check_speed(replace(record, states=states, events=events), VerifyLimits())
+    assert found.value == pytest.approx(error_mps, abs=1e-9)
+
+
+@pytest.mark.parametrize(("step", "beyond"), [(-1, False), (3, True)])
+def test_the_worst_case_is_named_with_a_change_of_its_owner(step: int, beyond: bool) -> None:
+    record = hand_made(crossing(), {2: Driven(NORTHBOUND, np.zeros(6)), 5: Driven(NORTHBOUND, np.full(6, 40.0))})
+    states = tuple(
+        replace(
+            state,
+            y_m=state.y_m + np.where(state.actor_id == 5, 2.0 * (state.step >= step > 0), 0.0),
+            owner=np.where((state.actor_id == 5) & (state.step >= 3), np.uint8(Owner.ROS), state.owner),
+        )
+        for state in record.states
+    )
+    part = check_position_jumps(replace(record, states=states), VerifyLimits())
+    assert part.holds is not beyond
+    if beyond:
+        assert (part.value, part.detail) == (pytest.approx(2.0), "actor 5 at step 3 as its owner changes")

@@ -212,3 +212,26 @@ def test_a_vehicle_at_the_emvs_side_pulls_over_where_its_front_is_ahead_of_the_e
     _, commands, events = steps(lab, world, [emv_at(lab), lab.Car(2, 1, centre, 5, (0,))])
     assert (kinds(events) == ["yield_requested", "yield_started"]) is yields
     assert (commands.actor_id.tolist() == [2]) is yields
+
+
+def goes_on_after(lab, world, *phases):
+    """Step at which a driver who holds goes on to make room: the EMV behind stands or rolls for some steps each."""
+    car = lab.Car(2, 0, 80, 5, (0,))
+    held = lab.Car(2, 0, 90, 0, (0,), left=-0.735)
+    state, _, _ = steps(lab, world, [lab.Car(1, 0, 72, 8, (0,), AMBULANCE), car])
+    step = 1
+    for speed, count in phases:
+        for _ in range(count):
+            state, commands, _ = steps(lab, world, [lab.Car(1, 0, 72, speed, (0,), AMBULANCE), held], 1, state, step)
+            if step > 1 and commands.mode.tolist() == [Mode.YIELD_PULL_OVER]:
+                return step
+            step += 1
+    return None
+
+
+def test_room_is_made_when_the_emv_has_stood_behind_without_interruption(lab, world):
+    """For 1.5 s; the driver looks again every half a second."""
+    assert goes_on_after(lab, world, (0.0, 45)) == 32
+    assert goes_on_after(lab, world, (5.0, 60)) is None
+    assert goes_on_after(lab, world, (0.0, 20), (5.0, 1), (0.0, 30)) is None
+    assert goes_on_after(lab, world, (0.0, 20), (5.0, 1), (0.0, 45)) == 52

@@ -124,6 +124,51 @@ def test_infeasible_intent_is_reconsidered_and_dropped_after_a_while(lab, emv):
     assert kinds(dropped) == ["lane_change_cancelled"]
 
 
+def test_the_pause_after_which_an_intent_is_dropped_begins_again_with_each_intent(lab, emv):
+    cars = [emv, lab.Car(2, 0, 80, 2, (0,)), lab.Car(3, 1, 52, 10, (0,))]
+    world = lab.world_of(lab.straight_road(), lab.L1)
+    left = {"lane_change_intent": 1}
+    state, _, _ = steps(lab, world, cars, 3, advice=left)
+    state, _, none = steps(lab, world, cars, 19, state, 3)
+    state, _, again = steps(lab, world, cars, 1, state, 22, advice=left)
+    state, _, more = steps(lab, world, cars, 19, state, 23)
+    assert not (*none, *again, *more)
+    _, _, dropped = steps(lab, world, cars, 1, state, 42)
+    assert [(event.kind.value, event.detail["reason"]) for event in dropped] == [
+        ("lane_change_cancelled", "intent_gone")
+    ]
+
+
+def test_an_intent_to_the_other_side_replaces_the_first(lab):
+    network = lab.straight_road(3)
+    cars = [lab.Car(1, 1, 50, 10, (0,), AMBULANCE)]
+    cars += [lab.Car(2 + side, lane, 52, 10, (0,)) for side, lane in ((1, 0), (2, 2))]
+    world = lab.world_of(network, lab.L1)
+    state, commands, _ = steps(lab, world, cars, 3, advice={"lane_change_intent": 1})
+    _, _, events = steps(lab, world, cars, 1, state, 3, advice={"lane_change_intent": -1})
+    assert kinds(events) == ["lane_change_cancelled", "lane_change_requested", "lane_change_deferred"]
+    assert [event.detail["side"] for event in events] == [1, -1, -1]
+    assert events[0].detail["reason"] == "intent_changed"
+    assert commands.lights[0] & (Lights.INDICATOR_LEFT | Lights.INDICATOR_RIGHT) == 0
+
+
+@pytest.mark.parametrize(("side", "light"), [(1, Lights.INDICATOR_LEFT), (-1, Lights.INDICATOR_RIGHT)])
+def test_a_lane_change_shows_its_side_and_ends_inside_the_lane(lab, side, light):
+    network = lab.straight_road(3)
+    world = lab.world_of(network, lab.L1)
+    car = lab.Car(1, 1, 50, 10, (0,), AMBULANCE)
+    state, commands, events = steps(lab, world, [car], 2, advice={"lane_change_intent": side})
+    assert kinds(events) == ["lane_change_requested", "lane_change_started"]
+    assert commands.lights[0] & (Lights.INDICATOR_LEFT | Lights.INDICATOR_RIGHT) == light
+    width = 3.3 / 2.0 - 2.1 / 2.0 + 0.15
+    for left, done in ((3.3 * side - (width + 0.05) * side, False), (3.3 * side - (width - 0.05) * side, True)):
+        there = lab.Car(1, 1, 80, 10, (0,), AMBULANCE, left=left)
+        _, commands, events = steps(lab, world, [there], 1, state, 2)
+        assert kinds(events) == (["lane_change_completed"] if done else [])
+        assert bool(commands.mode[0] == Mode.ROUTE_FOLLOW) is done
+        assert bool(commands.lights[0] & light == 0) is done
+
+
 def test_cooldown_between_forced_lane_changes(lab, emv):
     world = lab.world_of(lab.straight_road(), lab.L1)
     cars = [emv, lab.Car(2, 0, 80, 2, (0,))]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from siren_ros.dynamics.collisions import Footprints, find_contacts
+from siren_ros.dynamics.collisions import Footprints, find_contacts, overlapping
 from siren_ros.numerics.geometry import rotate
 
 PLACES = [(0.0, 0.0), (40.0, -70.0), (-25.0, 60.0)]
@@ -70,3 +70,12 @@ def test_bodies_touch_or_not(turn, x, y, touches):
     contacts, touching = find_contacts(pair, frozenset())
     assert bool(contacts) is touches
     assert bool(touching) is touches
+
+
+def test_of_pairs_that_touch_those_that_overlap_are_told_by_their_rows():
+    """Actors 1 and 2 touch with a gap, 2 and 3 overlap, 1 and 4 are far apart."""
+    rows = [(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (4.01, 0.0, 0.0, 0.0, 0.0, 0.0)]
+    rows += [(7.9, 0.5, 0.0, 0.0, 0.0, 0.0), (50.0, 50.0, 0.0, 0.0, 0.0, 0.0)]
+    found = overlapping(boxes((3.0, -4.0), 0.6, *rows), ((1, 2), (1, 4), (2, 3)))
+    assert found == ((1, 2),)
+    assert overlapping(boxes((3.0, -4.0), 0.6, *rows), ()) == ()

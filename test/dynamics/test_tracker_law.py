@@ -137,3 +137,24 @@ def test_the_pace_follows_how_far_the_centre_moves_within_what_a_vehicle_can_dri
     _, after = track(body, tracker, reference, TABLE, STEP_S)
     kept = np.exp(-STEP_S / GAINS.pace_time_s)
     assert after.pace[0] == pytest.approx(kept + (1.0 - kept) * pace)
+
+
+@pytest.mark.parametrize("kind", [ActorClass.SEDAN, ActorClass.BUS])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_in_a_turn_nobody_is_faster_than_the_grip_allows(kind, side):
+    """SUMO's vehicle is far to one side, so that the wheels are turned as far as lock or grip let them."""
+    vehicle = load_vehicle_parameters()[kind]
+    table = ParameterTable.of([kind], load_vehicle_parameters())
+    body = BodyState.moving(one(0.0), one(-9.0 * side), one(0.0), one(5.0))
+    reference = Reference(one(8.0 * STEP_S), one(0.0), one(0.0), one(8.0), one(0.0))
+    controls, _ = track(body, TrackerState.at(one(0.0), one(0.0), one(0.0)), reference, table, STEP_S)
+    grip = GAINS.grip_share * GRAVITY_MPS2 * vehicle.friction_coefficient
+    steered = min(np.tan(vehicle.max_steer_rad) / vehicle.wheelbase_m, grip / 5.0**2)
+    fastest = np.sqrt(grip / steered)
+    assert fastest < 8.0
+    drag = 0.5 * 1.225 * vehicle.drag_area_m2 / vehicle.mass_kg * 5.0**2
+    push = (fastest - 5.0) / GAINS.speed_time_s + drag + vehicle.rolling_resistance * GRAVITY_MPS2
+    drive = min(vehicle.max_drive_accel_mps2, vehicle.drive_power_w / (vehicle.mass_kg * 5.0))
+    expected = settled(push, vehicle.throttle_lag_s, GAINS.drive_factor * drive)
+    assert controls.throttle[0] == pytest.approx(expected, abs=1e-6)
+    assert np.sign(controls.steer_rad[0]) == side

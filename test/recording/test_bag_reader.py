@@ -1,3 +1,4 @@
+import io
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -9,9 +10,11 @@ from synthetic_episode import EMV, Scene, SyntheticEpisode
 
 from siren_ros.errors import BagError
 from siren_ros.interfaces.messages import make_message
+from siren_ros.recording.bag_guard import read_summary
 from siren_ros.recording.bag_reader import open_bag, read_episode
 from siren_ros.recording.bag_writer import EpisodeBagWriter
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.recording.mcap_scan import DamageError
 from siren_ros.world.actors import ACTOR_STATE_DTYPES
 from siren_ros.world.events import EventKind
 
@@ -132,3 +135,9 @@ def test_only_the_topics_that_are_asked_for_are_read(bag: Path) -> None:
         assert {message.topic for message in found} == {"/emv/lidar/points"}
         assert [message.time_ns for message in found] == [opened.stamp_ns(message) for message in found]
         assert list(opened.messages({"/nothing"})) == []
+
+
+@pytest.mark.parametrize("length", [0, 3, 36])
+def test_a_file_shorter_than_its_end_has_none(length: int) -> None:
+    with pytest.raises(DamageError, match="the file has no end"):
+        read_summary(io.BytesIO(bytes(length)), length)

@@ -262,6 +262,31 @@ def test_the_second_chunk_and_every_eighth_after_it_repeat_all_definitions(
     assert all(row in {(0, 0, 1), (2, 2, 1)} for row in defined[1:20])
 
 
+def test_the_metadata_gives_the_time_of_the_first_message_and_the_span_to_the_last(
+    tmp_path: Path, typestore: Typestore, clock_cdr: bytes
+) -> None:
+    writer = EpisodeBagWriter(tmp_path / "bag", typestore, options=BagOptions(chunk_bytes=1))
+    for step in range(3, 11):
+        writer.write(*CLOCK, clock_cdr, step * 50_000_000)
+    text = (writer.finish().path / "metadata.yaml").read_text(encoding="utf-8")
+    information = yaml.safe_load(text)["rosbag2_bagfile_information"]
+    assert information["starting_time"]["nanoseconds_since_epoch"] == 150_000_000
+    assert information["duration"]["nanoseconds"] == 350_000_000
+    assert information["message_count"] == 8
+
+
+def test_the_summary_gives_the_size_of_all_files_and_the_number_of_messages(
+    tmp_path: Path, typestore: Typestore, clock_cdr: bytes, text_cdr: bytes
+) -> None:
+    writer = EpisodeBagWriter(tmp_path / "bag", typestore)
+    writer.write(*TEXT, text_cdr, 0)
+    for step in range(3):
+        writer.write(*CLOCK, clock_cdr, step * 50_000_000)
+    summary = writer.finish()
+    assert summary.size_bytes == sum(file.stat().st_size for file in summary.path.iterdir())
+    assert summary.message_counts == {TEXT[0]: 1, CLOCK[0]: 3}
+
+
 def test_a_chunk_is_closed_when_its_content_is_large_enough(tmp_path: Path, typestore: Typestore) -> None:
     writer = EpisodeBagWriter(tmp_path / "bag", typestore, options=BagOptions(chunk_bytes=300))
     for step in range(7):

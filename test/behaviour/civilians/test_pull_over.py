@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from siren_ros.behaviour.civilians.pull_over import alignment_of, edge_offset_m
-from siren_ros.behaviour.civilians.unit import aligned_within_rad
+from siren_ros.behaviour.civilians.drivers import Compliance, Driver
+from siren_ros.behaviour.civilians.pull_over import alignment_of, edge_offset_m, pull_over_path
+from siren_ros.behaviour.civilians.unit import YieldUnit, aligned_within_rad
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
 from siren_ros.world.actors import ActorClass, Lights, Mode, Owner
 
@@ -235,3 +236,34 @@ def test_room_is_made_when_the_emv_has_stood_behind_without_interruption(lab, wo
     assert goes_on_after(lab, world, (5.0, 60)) is None
     assert goes_on_after(lab, world, (0.0, 20), (5.0, 1), (0.0, 30)) is None
     assert goes_on_after(lab, world, (0.0, 20), (5.0, 1), (0.0, 45)) == 52
+
+
+@pytest.mark.parametrize(("lane", "side"), [(0, -1), (1, 1)])
+@pytest.mark.parametrize(("speed", "left"), [(0.0, 0.0), (2.0, 0.3), (8.0, -0.4)])
+def test_the_path_to_the_edge_is_as_long_as_curvature_and_steering_ask(lab, world, lane, side, speed, left):
+    """From where it is to the edge, by the largest of three lengths, and on until the vehicle has come straight."""
+    car = lab.Car(2, lane, 80, speed, (0,), left=left)
+    view = lab.view_of(world, lab.traffic_of(world.network, [emv_at(lab), car]))
+    unit = YieldUnit(2, 1, Driver(Compliance.COMPLIES, 0.0, 40.0), 0, side=side)
+    path = pull_over_path(unit, view, 1, lane)
+    config, target = world.config.pull_over, edge_offset_m(view, 1, lane, side)
+    moving = min(max(speed, 1.5), world.speeds.civilian_pull_over_mps)
+    way = abs(target - left)
+    sharpest = (10.0 / np.sqrt(3.0) * way / config.curvature_max_1pm) ** 0.5
+    steerable = max((40.0 * way * moving / view.navigator_config(1).curvature_rate_1pms) ** (1.0 / 3.0), 3.0)
+    wanted = max(config.length_min_m, sharpest, steerable)
+    assert path.settled_m == pytest.approx(wanted, rel=1e-6)
+    assert path.curve.points[0] == pytest.approx((80.0, 3.3 * lane + left))
+    assert path.curve.points[-1, 1] == pytest.approx(3.3 * lane + target)
+    length = lab.vehicles[ActorClass.SEDAN].length_m
+    assert path.curve.points[-1, 0] == pytest.approx(80.0 + wanted + max(config.settle_length_m, length), abs=0.1)
+    assert path.speed_cap_mps(path.length_m) < 0.1
+
+
+def test_a_pull_over_is_deferred_where_the_vehicle_cannot_stop_before_the_junction(lab):
+    network = lab.junction_road()
+    world = lab.world_of(network, lab.L3)
+    for speed, events in ((3.0, ["yield_requested", "yield_started"]), (12.0, ["yield_requested", "yield_deferred"])):
+        cars = [lab.Car(1, 0, 115, 8, (0, 2), AMBULANCE), lab.Car(2, 0, 136, speed, (0, 2))]
+        _, _, found = steps(lab, world, cars)
+        assert kinds(found) == events

@@ -169,3 +169,24 @@ def test_who_merely_follows_or_stands_is_no_conflict_and_who_joins_from_behind_a
         assert watch_conflicts(path, 10.0, 0, 10.0, seen, CONFIG) is None
     path, seen = scene(turn, 6.0, (-6.0, -12.0, np.radians(40.0), 13.0))
     assert watch_conflicts(path, 10.0, 0, 10.0, seen, CONFIG) is not None
+
+
+@pytest.mark.parametrize("bend", [1.0, -1.0])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_in_a_bend_the_corridor_is_wider_by_what_the_body_cuts(bend, side):
+    """On a circle of 20 m the ends of a body of 5 m reach 0.5 · κ · (2.5 m)² = 16 cm beyond its middle."""
+    radius = 20.0
+    a = np.linspace(0.0, 2.0, 600)
+    circle = np.stack((radius * np.sin(a), bend * radius * (1.0 - np.cos(a))), axis=-1)
+    path = TrackedPath.of(Curve.through(circle), CONFIG, stop_at_end=False)
+    wide = 2.0 * HALF_WIDTH + CONFIG.side_margin_m + 0.5 / radius * HALF_LENGTH**2
+    for left, leads in ((side * (wide - 0.03), True), (side * (wide + 0.03), False)):
+        angle = 15.0 / radius
+        at = np.array([radius * np.sin(angle), bend * radius * (1.0 - np.cos(angle))])
+        at += left * np.array([-np.sin(bend * angle), np.cos(bend * angle)])
+        _, plain = scene(0.0, 5.0, (0.0, 0.0, 0.0, 0.0))
+        yaw = np.array([0.0, bend * angle])
+        seen = replace(
+            plain, x_m=np.array([0.0, at[0]]), y_m=np.array([0.0, at[1]]), yaw_rad=yaw, cos=np.cos(yaw), sin=np.sin(yaw)
+        )
+        assert (watch_path(path, 0.0, 0, 10.0, seen, CONFIG) is not None) is leads

@@ -28,7 +28,7 @@ from siren_ros.traffic.sumo.mirror import Mirror
 from siren_ros.traffic.sumo.population import Population, route_id
 from siren_ros.traffic.sumo.readings import Readings, joined_rows, read_vehicles
 from siren_ros.traffic.sumo.sideways import SidewaysLimits
-from siren_ros.traffic.sumo.signal_timing import time_signal
+from siren_ros.traffic.sumo.signal_timing import GapOut, time_signal
 from siren_ros.traffic.sumo.vehicle_types import vehicle_types_xml
 from siren_ros.world.actors import ActorDescription, ActorStates, Lights, Owner, rows_of_ids
 from siren_ros.world.events import Event, EventKind
@@ -87,6 +87,7 @@ class SumoSimulation:
         self._reported: dict[int, PlannedVehicle] = {}
         self._routes: dict[str, tuple[int, ...]] = {}
         self._route_ahead: dict[str, tuple[int, tuple[int, ...]]] = {}
+        self._gap_out = GapOut(plan.signal) if plan.signal is not None else None
         self._last: TrafficState | None = None
         self._results: Mapping[str, dict[int, Any]] = {}
         """SUMO's answers of the last step, by vehicle."""
@@ -142,6 +143,8 @@ class SumoSimulation:
         self._mirror.apply(states, self._reported, ahead)
         if self._last is not None:
             self._population.refill(self._emv_points(states), self._plan.civilians)
+        if self._gap_out is not None:
+            self._gap_out.apply(self._population.vehicles.keys())
         self._step_sumo()
         removed = self._drop_departed()
         self._mirror.check_placed()

@@ -15,11 +15,12 @@ from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import Lane, RoadNetwork
 from siren_ros.roads.routing import driving_lanes
 from siren_ros.roads.sites.site_finder import Site
-from siren_ros.scenario.scenario import Placement, Template
+from siren_ros.scenario.scenario import GroupAnchor, Placement, Template
 from siren_ros.traffic.demand.demand_config import DemandConfig
 from siren_ros.traffic.demand.driver_models import DriverPopulation
 from siren_ros.traffic.demand.emv_start import (
     EmvStart,
+    depart_speed_mps,
     emv_start,
     long_enough_route,
     start_m_of,
@@ -128,7 +129,9 @@ class _Planner:
             if self._network.connections[index].signal_id == movement.signal_id
         )
         red_from_s = arrival_s - demand.red_before_arrival_s
-        return SignalTiming(movement.signal_id, movement.signal_link, red_from_s, crossing)
+        streams = tuple(g.name for g in self._template.demand.groups if g.anchor is GroupAnchor.ARRIVAL)
+        platoon = tuple(vehicle.name for vehicle in groups.vehicles if streams and vehicle.name.startswith(streams))
+        return SignalTiming(movement.signal_id, movement.signal_link, red_from_s, crossing, platoon)
 
     def _emvs(self) -> tuple[PlannedVehicle, ...]:
         rng = random_stream(self._seed, "demand/emv")
@@ -139,7 +142,8 @@ class _Planner:
             driver = self._factory.draw_driver(demand.actor_class, rng)
             limit = self._network.lanes[start.lane].speed_limit_mps
             driver = replace(driver, speed_factor=demand.speed_mps / limit)
-            spot = Spot(start.lane, start.front_m, demand.depart_speed_mps)
+            depart_mps = depart_speed_mps(self._network, start, demand, self._config)
+            spot = Spot(start.lane, start.front_m, depart_mps)
             found.append(self._factory.emv(f"emv{number}", demand.actor_class, driver, route, spot))
         return tuple(found)
 

@@ -7,12 +7,13 @@ from typing import Final
 import numpy as np
 
 from siren_ros.errors import MapError
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.polyline import Polyline
 from siren_ros.roads.bend_speeds import SAMPLE_M, bend_speeds_mps, with_accelerating, with_braking
 from siren_ros.roads.movements import quiet_reach_m
 from siren_ros.roads.road_network import Lane, LaneKind, RoadNetwork
 from siren_ros.roads.routing import driving_lanes
-from siren_ros.roads.sites.site_finder import Site
+from siren_ros.roads.sites.site_finder import Site, SiteKind
 from siren_ros.scenario.scenario import EmvDemand, StartReference
 from siren_ros.traffic.demand.demand_config import DemandConfig
 from siren_ros.traffic.demand.lane_chains import chain_along
@@ -24,6 +25,13 @@ _LEAST_APPROACH_SHARE: Final = 0.6
 """Of the template's distance to the stop line, the least that is left where the EMV starts after a junction."""
 _ENTRY_M: Final = 8.0
 """Road behind an EMV's front at the very beginning of its approach: its own length."""
+_RUN_UP_M: Final = 20.0
+"""Road before a junction that an EMV has at its start: it does not begin at a stop line at full speed."""
+_LEAST_PACE: Final = 0.75
+"""Least mean speed on a good way to the site, as a share of the target speed: no sharp bends."""
+_LEAST_QUIET_M: Final = 60.0
+"""Before a single conflict point a way of this length is enough, whatever the template wants: 4 s at 50 km/h."""
+_CONFLICT_POINTS: Final = frozenset({SiteKind.SIGNAL_JUNCTION, SiteKind.STOP_JUNCTION})
 
 
 @dataclass(frozen=True)
@@ -47,9 +55,9 @@ def start_m_of(network: RoadNetwork, site: Site, emv: EmvDemand) -> float:
     if emv.start_from is StartReference.SITE_START:
         return emv.start_m
     lane, reach_m = travel_lane(network, site), 0.0
-    quiet_m = quiet_reach_m(network, lane.index, -emv.start_m)
-    if quiet_m - _ENTRY_M >= -_LEAST_APPROACH_SHARE * emv.start_m:
-        return lane.length_m + max(emv.start_m, _ENTRY_M - quiet_m)
+    quiet_m = _quiet_start(network, site, emv)
+    if quiet_m is not None:
+        return lane.length_m + quiet_m
     wanted_m = lane.length_m + emv.start_m
     for edge in reversed(site.route[: site.site_position]):
         if reach_m >= -wanted_m:
@@ -57,6 +65,15 @@ def start_m_of(network: RoadNetwork, site: Site, emv: EmvDemand) -> float:
         lane, via = _lane_before(network, lane, edge)
         reach_m += lane.length_m + _length_m(network, via)
     return max(wanted_m, _ENTRY_M - reach_m)
+
+
+def _quiet_start(network: RoadNetwork, site: Site, emv: EmvDemand) -> float | None:
+    """The start relative to the stop line after the junction before; None where the road from there is too short."""
+    quiet_m = quiet_reach_m(network, travel_lane(network, site).index, -emv.start_m) - _ENTRY_M
+    needed_m = -_LEAST_APPROACH_SHARE * emv.start_m
+    if site.kind in _CONFLICT_POINTS:
+        needed_m = min(needed_m, _LEAST_QUIET_M)
+    return max(emv.start_m, -quiet_m) if quiet_m >= needed_m else None
 
 
 def travel_lane(network: RoadNetwork, site: Site) -> Lane:
@@ -70,9 +87,9 @@ def travel_lane(network: RoadNetwork, site: Site) -> Lane:
 def emv_start(network: RoadNetwork, site: Site, start_m: float) -> EmvStart:
     """The start at a distance from the beginning of the site's edge, negative before it.
 
-    A start that would lie inside a junction is put before it. Before the site the lane is one that leads to
-    the site's approach lane without a lane change, where there is such a lane, and otherwise the leftmost
-    driving lane.
+    A start that would lie inside a junction or right before it is put before it, with a run-up. Before the site the
+    lane is one that leads to the site's approach lane without a lane change, where there is such a lane, and otherwise
+    the leftmost driving lane.
 
     Raises:
         MapError: the site's approach or the site itself is too short.
@@ -84,7 +101,8 @@ def emv_start(network: RoadNetwork, site: Site, start_m: float) -> EmvStart:
         position -= 1
         lane, via = _lane_before(network, lane, site.route[position])
         to_site = (lane.index, *via, *to_site)
-        start_m = min(start_m + _length_m(network, via), 0.0) + lane.length_m
+        run_up_m = min(_RUN_UP_M, max(lane.length_m - _ENTRY_M, 0.0))
+        start_m = min(start_m + _length_m(network, via), -run_up_m) + lane.length_m
     while start_m > lane.length_m and position + 1 < len(site.route):
         chain = chain_along(network, lane, site.route[position : position + 2])
         position, start_m = position + 1, start_m - (chain.start_m[-1] if len(chain.lanes) > 1 else lane.length_m)
@@ -117,19 +135,56 @@ def _length_m(network: RoadNetwork, lanes: Sequence[int]) -> float:
 
 
 def unhindered_arrival_s(network: RoadNetwork, start: EmvStart, emv: EmvDemand, config: DemandConfig) -> float:
-    """Time from step 0 to the stop line on a free road: speeding up, and slowing down for bends.
-
-    The speed is the largest one with the EMV's target speed, a limit on lateral acceleration and limits on
-    speeding up and braking (two passes over samples of the way).
-    """
+    """Time from step 0 to the stop line on a free road: speeding up, and slowing down for bends."""
     way = Polyline.joined([network.lanes[lane].centre for lane in start.lanes_to_site])
     if start.front_m >= way.length_m:
         return 0.0
+    speed = _speeds_mps(way, start, emv, config)
+    driven_m = np.minimum(SAMPLE_M, way.length_m - start.front_m - SAMPLE_M * np.arange(len(speed)))
+    return float(np.sum(driven_m / np.maximum(speed, _CREEP_MPS)))
+
+
+def depart_speed_mps(network: RoadNetwork, start: EmvStart, emv: EmvDemand, config: DemandConfig) -> float:
+    """The template's speed at the start, or the one that the bends ahead allow there."""
+    way = Polyline.joined([network.lanes[lane].centre for lane in start.lanes_to_site])
+    if start.front_m >= way.length_m:
+        return emv.depart_speed_mps
+    return float(_speeds_mps(way, start, emv, config)[0])
+
+
+def _speeds_mps(way: Polyline, start: EmvStart, emv: EmvDemand, config: DemandConfig) -> Floats:
+    """The largest speeds with the EMV's target speed and limits on lateral acceleration, speeding up and braking.
+
+    Two passes over samples of the way from the start on.
+    """
     ahead = way.cut(start.front_m, way.length_m)
     speed = np.minimum(emv.speed_mps, bend_speeds_mps(ahead, config.emv_lateral_accel_mps2))
-    speed = with_accelerating(with_braking(speed, config.emv_brake_mps2), emv.depart_speed_mps, config.emv_accel_mps2)
-    driven_m = np.minimum(SAMPLE_M, ahead.length_m - SAMPLE_M * np.arange(len(speed)))
-    return float(np.sum(driven_m / np.maximum(speed, _CREEP_MPS)))
+    return with_accelerating(with_braking(speed, config.emv_brake_mps2), emv.depart_speed_mps, config.emv_accel_mps2)
+
+
+def approach_rank(network: RoadNetwork, site: Site, emv: EmvDemand, config: DemandConfig) -> int:
+    """How well an EMV can drive up to a site, 0 is best.
+
+    At a junction before the site others delay the EMV, and in sharp bends it meets oncoming vehicles late. It then
+    misses those whom it is to meet.
+
+    Returns:
+        0 for a way without junctions and sharp bends, 1 for such a way that is shorter than the template wants, 2 for
+        one with junctions, 3 with sharp bends.
+
+    Raises:
+        MapError: the site's approach or the site itself is too short.
+    """
+    if emv.start_from is StartReference.SITE_START:
+        return 0
+    start = emv_start(network, site, start_m_of(network, site, emv))
+    way_m = way_to_stop_line_m(network, start)
+    pace_mps = way_m / max(unhindered_arrival_s(network, start, emv, config), SAMPLE_M)
+    if pace_mps < _LEAST_PACE * emv.speed_mps or start.front_m < min(_ENTRY_M, network.lanes[start.lane].length_m):
+        return 3
+    if _quiet_start(network, site, emv) is None:
+        return 2
+    return 0 if way_m >= -_LEAST_APPROACH_SHARE * emv.start_m else 1
 
 
 def long_enough_route(

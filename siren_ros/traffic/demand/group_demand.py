@@ -1,7 +1,7 @@
 """A template's groups of civilians: rows of vehicles around the interaction."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -10,7 +10,7 @@ from siren_ros.errors import MapError
 from siren_ros.numerics.random_streams import random_stream
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.roads.sites.site_finder import Site
-from siren_ros.scenario.scenario import DemandGroup, Placement, Template
+from siren_ros.scenario.scenario import DemandGroup, GroupAnchor, Placement, Template
 from siren_ros.traffic.demand.demand_config import DemandConfig
 from siren_ros.traffic.demand.emv_start import EmvStart, unhindered_arrival_s
 from siren_ros.traffic.demand.group_rows import GroupRow, group_rows
@@ -123,7 +123,10 @@ class _GroupPlanner:
             self.foremost_m = max(self.foremost_m, front_m)
         edges = row.edges[row.edges.index(self.network.lanes[lane].edge) :]
         driver = self.factory.draw_driver(actor_class, rng, self.template.demand.speed_factor)
-        speed = min(speed, driver.speed_factor * self.network.lanes[lane].speed_limit_mps)
+        limit = self.network.lanes[lane].speed_limit_mps
+        if group.anchor is GroupAnchor.ARRIVAL:  # a stream that slow drivers hold up would come too late
+            driver = replace(driver, speed_factor=max(driver.speed_factor, group.speed_mps / limit))
+        speed = min(speed, driver.speed_factor * limit)
         route = self.factory.draw_route(edges, self._route_m, rng, lane, actor_class)
         spot = Spot(lane, front, 0.0 if group.standing else speed)
         return self.factory.civilian(f"{group.name}{number}", actor_class, driver, route, spot, rng)

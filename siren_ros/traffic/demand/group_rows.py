@@ -6,6 +6,8 @@ from typing import Final
 
 import numpy as np
 
+from siren_ros.numerics.polyline import Polyline
+from siren_ros.roads.bend_speeds import SAMPLE_M, bend_speeds_mps, with_braking
 from siren_ros.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
 from siren_ros.roads.routing import driving_lanes
 from siren_ros.roads.sites.site_finder import Site
@@ -13,6 +15,13 @@ from siren_ros.scenario.scenario import DemandGroup, GroupAnchor, Placement
 from siren_ros.traffic.demand.emv_start import EmvStart, travel_lane, way_to_stop_line_m
 from siren_ros.traffic.demand.lane_chains import LaneChain, chain_along
 
+_FOLLOWING_M: Final = 6.0
+"""By how much nearer to the EMV a stream is that it follows than one that it drives up to."""
+_IN_STREAM: Final = 0.93
+"""Mean speed in a stream over the speed that its drivers wish for: the intelligent driver model follows more slowly."""
+_LATERAL_MPS2: Final = 3.0
+_BRAKE_MPS2: Final = 1.5
+"""With which traffic drives through bends and brakes before them (``traffic/sumo/bend_limits.py``)."""
 CROSSING_REACH_M: Final = 120.0
 """How far back from the stop line crossing traffic may be placed."""
 
@@ -71,9 +80,25 @@ def group_rows(
     if group.anchor is GroupAnchor.STOP_LINE:
         return rows
     way_m = way_to_stop_line_m(network, start)
-    if group.anchor is GroupAnchor.ARRIVAL:
-        way_m = group.speed_mps * arrival_s
-    return [replace(row, anchor_m=row.anchor_m - way_m, forwards=True) for row in rows]
+    if group.anchor is GroupAnchor.EMV:
+        return [replace(row, anchor_m=row.anchor_m - way_m, forwards=True) for row in rows]
+    return [replace(row, anchor_m=_together_m(network, row, start, group, arrival_s), forwards=True) for row in rows]
+
+
+def _together_m(network: RoadNetwork, row: GroupRow, start: EmvStart, group: DemandGroup, arrival_s: float) -> float:
+    """Place on a row from which a vehicle at the group's speed comes to the stop line together with the EMV.
+
+    In the EMV's own lane the EMV follows that vehicle from the start on, at the distance that it keeps.
+    """
+    if start.lane in row.chain.lanes:
+        return row.anchor_m - way_to_stop_line_m(network, start) - _FOLLOWING_M
+    lanes = [network.lanes[lane].centre for lane in row.chain.lanes]
+    way = Polyline.joined(lanes).cut(0.0, row.anchor_m)
+    speed = np.minimum(_IN_STREAM * group.speed_mps, bend_speeds_mps(way, _LATERAL_MPS2))
+    speed = with_braking(speed, _BRAKE_MPS2)
+    left_s = np.cumsum((SAMPLE_M / speed)[::-1])[::-1]
+    late = np.flatnonzero(left_s >= arrival_s)
+    return float(late[-1]) * SAMPLE_M if len(late) else row.anchor_m - group.speed_mps * arrival_s
 
 
 def _chosen(

@@ -56,6 +56,8 @@ class SignalTiming:
     """Time from step 0 on at which the link's red begins; negative where it is red already."""
     crossing: tuple[int, ...] = ()
     """Links of the movements that are to cross during this red. Where their green begins later, that counts."""
+    platoon: tuple[str, ...] = ()
+    """Vehicles for which the green lasts: it ends when a detector has seen the last of them (gap-out control)."""
 
 
 @dataclass(frozen=True)

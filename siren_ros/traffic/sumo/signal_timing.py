@@ -1,4 +1,4 @@
-"""Shifts a signal's programme so that a movement's red begins at a wanted time."""
+"""Shifts a signal's programme so that a movement's red begins at a wanted time, or behind a platoon."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -7,11 +7,19 @@ from typing import Final
 import libsumo
 
 from siren_ros.errors import MapError
+from siren_ros.numerics.units import STEP_S
 from siren_ros.traffic.demand.plan import SignalTiming
 
 _USUAL_CLEARANCE_S: Final = 1.5
 """From the end of one movement's yellow to the green of the next."""
 _LONGEST_CLEARANCE_S: Final = 4.0
+_RED_BEHIND_S: Final = 1.2
+"""From the stop line's crossing by the last vehicle of a platoon to the red."""
+_YELLOW_DRIVEN_S: Final = 2.2
+"""Who sees the yellow this late drives on: 1 s to react, and too near to stop comfortably from 30 km/h."""
+_LONGEST_GREEN_S: Final = 10.0
+"""How far a green is extended at most."""
+_CREEP_MPS: Final = 1.0
 
 
 @dataclass(frozen=True)
@@ -93,12 +101,74 @@ def time_signal(timing: SignalTiming, warm_up_s: float) -> None:
         MapError: the link is never red, or always.
     """
     signal = timing.signal_id
-    program = libsumo.trafficlight.getProgram(signal)
-    logic = next(one for one in libsumo.trafficlight.getAllProgramLogics(signal) if one.programID == program)
-    phases = [SignalPhase(float(phase.duration), str(phase.state)) for phase in logic.phases]
+    phases = _programme(signal)
     begin_s = crossing_begin_s(phases, timing.link, timing.crossing)
     if begin_s is None:
         raise MapError(f"signal {signal}", "a programme in which the EMV's movement has both green and red")
     place = place_in_cycle(phases, begin_s, warm_up_s + timing.red_from_s)
     libsumo.trafficlight.setPhase(signal, place[0])
     libsumo.trafficlight.setPhaseDuration(signal, place[1])
+
+
+def _programme(signal: str) -> list[SignalPhase]:
+    program = libsumo.trafficlight.getProgram(signal)
+    logic = next(one for one in libsumo.trafficlight.getAllProgramLogics(signal) if one.programID == program)
+    return [SignalPhase(float(phase.duration), str(phase.state)) for phase in logic.phases]
+
+
+def yellow_after(phases: Sequence[SignalPhase], present: int, link: int) -> tuple[int, float] | None:
+    """The next phase in which a link is yellow, and how long that lasts; None where it has none."""
+    for step in range(len(phases)):
+        number = (present + step) % len(phases)
+        if phases[number].state[link].lower() == "y":
+            return number, phases[number].duration_s
+    return None
+
+
+def detector_s(yellow_s: float) -> float:
+    """Time before the stop line at which a vehicle that is the last of a platoon ends the green.
+
+    It then drives on, as drivers do who see the yellow so late, and the red follows soon behind it.
+    """
+    return min(max(yellow_s - _RED_BEHIND_S, 0.0), _YELLOW_DRIVEN_S)
+
+
+class GapOut:
+    """Ends a link's green behind a platoon, as a signal with detectors does: neither before nor long after it.
+
+    The vehicles of the platoon arrive earlier or later than planned: bends and others delay them. The green waits for
+    the last of them for ``_LONGEST_GREEN_S`` at most.
+    """
+
+    def __init__(self, timing: SignalTiming) -> None:
+        self._timing = timing
+        self._waiting = bool(timing.platoon)
+        self._steps = 0
+
+    def apply(self, present: Collection[str]) -> None:
+        """Acts on the signal before a step; ``present`` are the vehicles in SUMO."""
+        if not self._waiting:
+            return
+        signal, link = self._timing.signal_id, self._timing.link
+        self._steps += 1
+        arrivals = [time for name in self._timing.platoon if name in present for time in _arrivals_s(name, signal)]
+        overdue = self._steps * STEP_S > self._timing.red_from_s + _LONGEST_GREEN_S
+        state = str(libsumo.trafficlight.getRedYellowGreenState(signal))
+        if not arrivals or overdue:
+            self._waiting = False
+        elif state[link].lower() == "g":
+            phases, number = _programme(signal), int(libsumo.trafficlight.getPhase(signal))
+            yellow = yellow_after(phases, number, link)
+            if yellow is None:
+                self._waiting = False
+            elif max(arrivals) <= detector_s(yellow[1]):
+                libsumo.trafficlight.setPhase(signal, yellow[0])
+                self._waiting = False
+            elif libsumo.trafficlight.getNextSwitch(signal) - libsumo.simulation.getTime() <= STEP_S:
+                libsumo.trafficlight.setPhaseDuration(signal, 2.0 * STEP_S)
+
+
+def _arrivals_s(name: str, signal: str) -> list[float]:
+    """Time in which a vehicle reaches a signal at its present speed; empty once it has passed."""
+    speed = max(float(libsumo.vehicle.getSpeed(name)), _CREEP_MPS)
+    return [float(gap) / speed for found, _, gap, _ in libsumo.vehicle.getNextTLS(name)[:1] if found == signal]

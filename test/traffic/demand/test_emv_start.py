@@ -73,7 +73,8 @@ def test_start_before_the_stop_line_is_as_far_back_as_wanted_or_as_the_approach_
         ways.append(way_to_stop_line_m(network, start))
         across = (network.lanes[lane] for lane in start.lanes_to_site)
         junction_m = sum(lane.length_m for lane in across if lane.kind is LaneKind.INTERNAL)
-        assert min(wanted_m - 8.0, 0.6 * wanted_m) - 0.01 <= ways[-1] <= wanted_m + junction_m + 0.01
+        # A start inside a junction is put before it, 20 m at most.
+        assert min(wanted_m - 8.0, 0.6 * wanted_m) - 0.01 <= ways[-1] <= wanted_m + junction_m + 20.01
         assert start.front_m > 0.0
     assert ways == sorted(ways)
     far = emv_start(network, site, start_m_of(network, site, demand(-500.0)))

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -10,7 +12,15 @@ from siren_ros.scenario.templates import load_template
 from siren_ros.traffic.demand.demand import plan_traffic
 from siren_ros.traffic.demand.driver_models import load_drivers
 from siren_ros.traffic.simulation import SumoSimulation
-from siren_ros.traffic.sumo.signal_timing import SignalPhase, crossing_begin_s, place_in_cycle, red_interval_s
+from siren_ros.traffic.sumo.signal_timing import (
+    SignalPhase,
+    crossing_begin_s,
+    detector_s,
+    place_in_cycle,
+    red_interval_s,
+    yellow_after,
+)
+from siren_ros.world.events import EventKind
 
 PHASES = (
     SignalPhase(10.0, "rG"),
@@ -74,8 +84,9 @@ def test_signal_of_the_emvs_movement_turns_red_when_planned() -> None:
     template = load_template("S3")
     site = require_site(network, template.site_kind)
     plan = plan_traffic(network, site, template, 0, load_drivers(), DIMENSIONS)
-    timing = plan.signal
-    assert timing is not None
+    assert plan.signal is not None
+    timing = replace(plan.signal, platoon=())
+    plan = replace(plan, signal=timing)
     seen = []
     with SumoSimulation(compiled, network, plan, EmergencyLevel.L0, seed=0) as simulation:
         for step in range(round((timing.red_from_s + 1.0) / STEP_S)):
@@ -85,3 +96,43 @@ def test_signal_of_the_emvs_movement_turns_red_when_planned() -> None:
     assert first_red * STEP_S == pytest.approx(timing.red_from_s, abs=2.0 * STEP_S)
     assert set(seen[first_red:]) == {"r"}
     assert seen[first_red - 1] == "y"
+
+
+def test_the_next_yellow_of_a_link_and_how_long_it_lasts() -> None:
+    assert yellow_after(PHASES, 3, 0) == (4, 3.0)
+    assert yellow_after(PHASES, 5, 0) == (4, 3.0)
+    assert yellow_after(PHASES, 0, 1) == (1, 3.0)
+    assert yellow_after((SignalPhase(5.0, "G"), SignalPhase(5.0, "r")), 0, 0) is None
+
+
+@given(yellow_s=st.floats(0.0, 10.0))
+def test_who_ends_the_green_drives_over_the_line_on_yellow(yellow_s: float) -> None:
+    assert 0.0 <= detector_s(yellow_s) <= yellow_s
+    assert detector_s(3.0) == pytest.approx(1.8)
+    assert detector_s(8.0) == 2.2
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_the_green_ends_behind_the_last_vehicle_of_the_stream(seed: int) -> None:
+    compiled, network = load_map(None)
+    template = load_template("S3")
+    site = require_site(network, template.site_kind)
+    plan = plan_traffic(network, site, template, seed, load_drivers(), DIMENSIONS)
+    timing = plan.signal
+    assert timing is not None
+    assert set(timing.platoon) == {vehicle.name for vehicle in plan.groups}
+    junction, ids, crossed, red_s = site.junction, {}, {}, None
+    with SumoSimulation(compiled, network, plan, EmergencyLevel.L0) as simulation:
+        for step in range(500):
+            state = simulation.step(step, None)
+            ids |= {one.actor_id: one.name for one in state.spawned}
+            for event in state.events:
+                if event.kind is EventKind.STOP_LINE_CROSSED and event.detail["junction"] == junction:
+                    crossed[ids[event.actor_id]] = step * STEP_S
+            (letters,) = [one.state for one in state.signals if one.signal_id == timing.signal_id]
+            if letters[timing.link] == "r" and step > 20:
+                red_s = step * STEP_S
+                break
+    assert red_s is not None
+    assert red_s - crossed["neighbours0"] == pytest.approx(1.2, abs=0.7)
+    assert crossed["neighbours0"] == max(crossed[name] for name in timing.platoon if name in crossed)

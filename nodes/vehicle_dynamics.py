@@ -7,13 +7,13 @@ from siren_ros.dynamics.fleet import step_fleet
 from siren_ros.dynamics.fleet_state import FleetState
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.av_control import from_av_control
 from siren_ros.interfaces.conversions import (
     from_traffic_state,
     from_vehicle_commands,
     to_actor_states,
     to_events,
 )
+from siren_ros.interfaces.programs.av_control import from_av_control
 from siren_ros.lockstep.tick_join import Input
 from siren_ros.ros.parameters.node_configs import VehicleDynamicsConfig
 from siren_ros.ros.participants.participant import Participant

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from typing import Any
 
 from siren_ros.interfaces.audio import from_audio
-from siren_ros.interfaces.av_control import from_av_control
 from siren_ros.interfaces.boxes import from_ground_truth
 from siren_ros.interfaces.conversions import (
     from_actor_description,
@@ -23,6 +22,8 @@ from siren_ros.interfaces.episode_conversions import (
     from_step_done,
 )
 from siren_ros.interfaces.image_boxes import from_camera_truth
+from siren_ros.interfaces.programs.av_control import from_av_control
+from siren_ros.interfaces.programs.predictions import from_predicted_paths
 
 READERS: dict[str, Callable[[Any], Any]] = {
     "siren_msgs/msg/Event": from_event,
@@ -33,6 +34,7 @@ READERS: dict[str, Callable[[Any], Any]] = {
     "siren_msgs/msg/TrafficState": from_traffic_state,
     "siren_msgs/msg/VehicleCommands": from_vehicle_commands,
     "siren_msgs/msg/AvControl": from_av_control,
+    "siren_msgs/msg/PredictedPaths": from_predicted_paths,
     "siren_msgs/msg/ActorStates": from_actor_states,
     "siren_msgs/msg/GroundTruth": from_ground_truth,
     "siren_msgs/msg/CameraTruth": from_camera_truth,

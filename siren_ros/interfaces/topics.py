@@ -131,6 +131,9 @@ AV_CONTROL: Final = Topic("/av/control_cmd", "siren_msgs/msg/AvControl", AV_SOUR
 AV_ROUTE: Final = Topic("/av/route", "nav_msgs/msg/Path", "sumo_bridge", ("recorder",), ONCE)
 """The lane centres along which the AV would get to where it wants to go."""
 
+PREDICTIONS: Final = Topic("/predictions", "siren_msgs/msg/PredictedPaths", "", ("recorder",), 2)
+"""What a predictor under test says at every frame; only in episodes with one, which is then the publisher."""
+
 LAGGED_INPUTS: Final = frozenset({(ACTORS.name, "sumo_bridge"), (AV_CONTROL.name, "vehicle_dynamics")})
 """Topic and subscriber where a step needs the message of the step before."""
 
@@ -165,5 +168,7 @@ AV_TOPICS: Final = (AV_ROUTE, AV_CONTROL)
 """What the record of an episode with an AV under test holds besides, whatever the AV's sensors."""
 AV_CARRIER_TOPICS: Final = tuple(topic.of_carrier(AV_CARRIER) for topic in (ODOMETRY, GROUND_TRUTH, BOXES))
 """What ``sensor_sim`` publishes besides where there is an AV under test."""
-FIXED_TOPICS: Final = {topic.name: topic for topic in (*CORE_TOPICS, *CARRIER_TOPICS, *AV_TOPICS, *AV_CARRIER_TOPICS)}
+FIXED_TOPICS: Final = {
+    topic.name: topic for topic in (*CORE_TOPICS, *CARRIER_TOPICS, *AV_TOPICS, *AV_CARRIER_TOPICS, PREDICTIONS)
+}
 """By name: the recorded topics whose rates no sensor suite changes."""

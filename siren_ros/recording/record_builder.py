@@ -7,7 +7,7 @@ import numpy as np
 
 from siren_ros.errors import BagError
 from siren_ros.interfaces import conversions, episode_conversions
-from siren_ros.interfaces.av_control import from_av_control
+from siren_ros.interfaces.programs.av_control import from_av_control
 from siren_ros.interfaces.topics import (
     ACTORS,
     AV_CONTROL,

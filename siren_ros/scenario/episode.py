@@ -60,6 +60,12 @@ class EpisodeDescription:
         return int(av["actor_id"]) if isinstance(av, Mapping) else NO_ACTOR
 
     @property
+    def predictor(self) -> str:
+        """The program whose predictions are recorded; empty in episodes without one."""
+        request = self.parameters.get("request")
+        return str(request.get("predictor", "")) if isinstance(request, Mapping) else ""
+
+    @property
     def av_sensor_suite(self) -> str:
         """Sensor suite of the AV under test; empty in episodes without one."""
         av = self.parameters.get("av")

@@ -1,4 +1,4 @@
-"""What a user asks for: the eleven fields from which an episode is made. They are declared here and nowhere else."""
+"""What a user asks for: the twelve fields from which an episode is made. They are declared here and nowhere else."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
@@ -36,14 +36,18 @@ class EpisodeRequest:
         "", "Values of the template's parameters in place of the seed's own: emv.speed_mps=12.5,duration_s=60."
     )
 
+    predictor: str = parameter(
+        "", "Program that takes part and says at every frame on /predictions where vehicles will be; empty: none."
+    )
+
     @staticmethod
     def within(config: "EpisodeRequest") -> "EpisodeRequest":
         """The request that a configuration with further fields holds."""
         return EpisodeRequest(**{field.name: getattr(config, field.name) for field in fields(EpisodeRequest)})
 
     def to_json(self) -> dict[str, Any]:
-        """The request as JSON types, for the record; without values where it has none."""
-        return {name: value for name, value in asdict(self).items() if name != "values" or value}
+        """The request as JSON types, for the record; without values and predictor where it has none."""
+        return {name: value for name, value in asdict(self).items() if name not in {"values", "predictor"} or value}
 
 
 def values_of(text: str) -> dict[str, float]:

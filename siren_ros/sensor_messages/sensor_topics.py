@@ -1,5 +1,7 @@
 """Topics of a suite, and all topics of an episode in the order in which a step is recorded."""
 
+from dataclasses import replace
+
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.topics import Topic
 from siren_ros.scenario.episode import EpisodeDescription
@@ -65,4 +67,7 @@ def carriers_of(episode: EpisodeDescription) -> tuple[tuple[Carrier, int, Sensor
 
 def topics_of(episode: EpisodeDescription) -> tuple[Topic, ...]:
     """All recorded topics of an episode; raises InputError as ``carriers_of``."""
-    return recorded_topics(*(suite for _, _, suite in carriers_of(episode)))
+    found = recorded_topics(*(suite for _, _, suite in carriers_of(episode)))
+    if not episode.predictor:
+        return found
+    return (*found, replace(topics.PREDICTIONS, publisher=episode.predictor))

@@ -23,6 +23,7 @@ from siren_ros.evaluation.prediction.scoring.episode_scores import EpisodeScores
 from siren_ros.evaluation.prediction.scoring.score_bags import ScoringJob, score_bags
 from siren_ros.evaluation.prediction.submitted.prediction_file import read_prediction_file
 from siren_ros.evaluation.prediction.submitted.submission import submission
+from siren_ros.interfaces.topics import PREDICTIONS
 from siren_ros.recording.bag_folders import bags_among
 
 
@@ -57,7 +58,8 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME=FILE",
-        help="what another program predicted, a Parquet file; may be given several times",
+        help=f"what another program predicted: a Parquet file, or {PREDICTIONS.name} for what the bags hold on that "
+        "topic; may be given several times",
     )
     task.add_argument(
         "--allow-missing", action="store_true", help="score the samples that a file predicts; the table names the share"
@@ -115,6 +117,9 @@ def _advance(bar: "tqdm[Never]") -> None:
 
 def _job(arguments: argparse.Namespace) -> ScoringJob:
     files = _by_name("predictions", arguments.predictions)
+    recorded = [name for name, path in files.items() if str(path) == PREDICTIONS.name]
+    if len(recorded) > 1:
+        raise InputError("predictions", recorded[1], f"{PREDICTIONS.name} once")
     wanted = "" if arguments.models == "none" and files else arguments.models
     models = tuple(name.strip() for name in wanted.split(",") if name.strip())
     if not models and not files:
@@ -126,8 +131,12 @@ def _job(arguments: argparse.Namespace) -> ScoringJob:
         models=models,
         checkpoints=tuple(_by_name("checkpoint", arguments.checkpoint).items()),
         submissions={
-            name: submission(read_prediction_file(path), arguments.allow_missing) for name, path in files.items()
+            name: submission(read_prediction_file(path), arguments.allow_missing)
+            for name, path in files.items()
+            if name not in recorded
         },
+        recorded=next(iter(recorded), ""),
+        allow_missing=arguments.allow_missing,
         population=Population(arguments.population),
         processes=arguments.jobs,
     )

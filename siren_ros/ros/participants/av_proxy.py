@@ -6,8 +6,8 @@ from rclpy.node import Node
 
 from siren_ros.errors import SirenError
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.av_control import from_av_control
 from siren_ros.interfaces.lockstep_reports import Phase, StepReport
+from siren_ros.interfaces.programs.av_control import from_av_control
 from siren_ros.lockstep.lockstep import LockstepState, Stage
 from siren_ros.ros.transport import wire
 from siren_ros.ros.transport.endpoints import create_input

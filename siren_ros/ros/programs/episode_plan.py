@@ -80,7 +80,8 @@ def plan_episode(config: CosimConfig) -> EpisodePlan:
     told["recorder"]["bag"] = str(bag)
     if kitti:
         told["kitti_exporter"] |= {"out": str(kitti), "layout": config.kitti_layout}
-    others = (*_checked_names(config.external), *((AV_SOURCE,) if config.av else ()))
+    predictor = [config.predictor] if config.predictor and config.predictor not in config.external else []
+    others = (*_checked_names([*config.external, *predictor]), *((AV_SOURCE,) if config.av else ()))
     told["sensor_sim"]["trails"] = not others and config.realtime_factor == 0.0
     return EpisodePlan(nodes, others, plan_length(request), bag, kitti, no_kitti, told)
 

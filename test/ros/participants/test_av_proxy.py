@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.av_control import to_av_control
 from siren_ros.interfaces.lockstep_reports import Phase, StepReport
+from siren_ros.interfaces.programs.av_control import to_av_control
 from siren_ros.lockstep.lockstep import LockstepState, Stage
 from siren_ros.ros.participants.av_proxy import AvProxy
 from siren_ros.ros.transport import wire

@@ -1,19 +1,20 @@
 """Scores many bags, side by side in processes."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
 from siren_ros.datasets.exporting.survey import episode_name
 from siren_ros.datasets.exporting.worker_pool import worker_pool
-from siren_ros.datasets.sources.episode_source import open_source
+from siren_ros.datasets.sources.episode_source import EpisodeSource, open_source
 from siren_ros.errors import SirenError
 from siren_ros.evaluation.prediction.predictors import predictors_named
 from siren_ros.evaluation.prediction.protocol.predictor import Predictor
 from siren_ros.evaluation.prediction.protocol.samples import Population
 from siren_ros.evaluation.prediction.scoring.episode_scores import EpisodeScores
 from siren_ros.evaluation.prediction.scoring.score_episode import Answers, answers_of, score_episode
+from siren_ros.evaluation.prediction.submitted.recorded_topic import read_recorded_predictions
 from siren_ros.evaluation.prediction.submitted.submission import Submission, SubmittedPart
 from siren_ros.recording.episode_record import EpisodeRecord
 
@@ -25,6 +26,10 @@ class ScoringJob:
     models: tuple[str, ...]
     checkpoints: tuple[tuple[str, Path], ...] = ()
     submissions: Mapping[str, Submission] | None = None
+    recorded: str = ""
+    """Name of the row for the predictions that the bags hold themselves; empty where they are not scored."""
+    allow_missing: bool = False
+    """Of the recorded ones; submissions say it themselves."""
     population: Population = Population.REGION
     processes: int = 1
 
@@ -59,10 +64,8 @@ def score_bags(
         _predictors(job.models, job.checkpoints)
     results: list[BagResult] = [BagResult(bag, None) for bag in bags]
     with worker_pool(min(job.processes, len(bags) // 2), lambda _: None) as run:
-        calls = [
-            (bag, job.models, job.checkpoints, _parts(submissions, own), job.population)
-            for bag, own in zip(bags, names, strict=True)
-        ]
+        told = replace(job, submissions=None)  # each worker gets the part of its bag alone
+        calls = [(bag, told, _parts(submissions, own)) for bag, own in zip(bags, names, strict=True)]
         for number, result in run(_score_bag, calls):
             results[number] = result
             progress()
@@ -80,7 +83,8 @@ def answers_for(job: ScoringJob, bag: Path, models: Collection[str]) -> tuple[Ep
     wanted = {name: predictor for name, predictor in predictors.items() if name in models}
     with open_source(bag) as source:
         record = source.record()
-    parts = _parts(submissions, _names(bag))
+        recorded = job.recorded if job.recorded in models else ""
+        parts = _with_recorded(source, _parts(submissions, _names(bag)), recorded, job.allow_missing)
     return record, {one.model: one for one in answers_of(record, wanted, job.population, parts)}
 
 
@@ -99,23 +103,24 @@ def _parts(submissions: Mapping[str, Submission], names: tuple[str, ...]) -> Map
     return {model: one.of_episode(names) for model, one in submissions.items()}
 
 
+def _with_recorded(
+    source: EpisodeSource, submitted: Mapping[str, SubmittedPart], recorded: str, allow_missing: bool
+) -> Mapping[str, SubmittedPart]:
+    return {**submitted, recorded: read_recorded_predictions(source, allow_missing)} if recorded else submitted
+
+
 @cache
 def _predictors(models: tuple[str, ...], checkpoints: tuple[tuple[str, Path], ...]) -> Mapping[str, Predictor]:
     """Made once in each process: some load weights."""
     return predictors_named(models, dict(checkpoints))
 
 
-def _score_bag(
-    bag: Path,
-    models: tuple[str, ...],
-    checkpoints: tuple[tuple[str, Path], ...],
-    submitted: Mapping[str, SubmittedPart],
-    population: Population,
-) -> BagResult:
-    predictors = _predictors(models, checkpoints) if models else {}
+def _score_bag(bag: Path, job: ScoringJob, submitted: Mapping[str, SubmittedPart]) -> BagResult:
+    predictors = _predictors(job.models, job.checkpoints) if job.models else {}
     try:
         with open_source(bag) as source:
             record = source.record()
-        return BagResult(bag, score_episode(str(bag), record, predictors, population, submitted))
+            parts = _with_recorded(source, submitted, job.recorded, job.allow_missing)
+        return BagResult(bag, score_episode(str(bag), record, predictors, job.population, parts))
     except SirenError as error:
         return BagResult(bag, None, error)

@@ -87,7 +87,7 @@ def answers_of(
         yield Answers(model, samples, hypotheses, len(samples))
     for model, part in submitted.items():
         samples = samples_with(part.window)
-        rows, hypotheses = part.predictions.meet(samples.batch, part.allow_missing)
+        rows, hypotheses = part.meet(samples.batch)
         yield Answers(model, samples.select(rows), hypotheses, len(samples))
 
 

@@ -30,24 +30,24 @@ class EpisodePredictions:
     def __len__(self) -> int:
         return len(self.step)
 
-    def meet(self, batch: SampleBatch, allow_missing: bool) -> tuple[Rows, Hypotheses]:
+    def meet(self, batch: SampleBatch, allow_missing: bool, allow_unknown: bool = False) -> tuple[Rows, Hypotheses]:
         """The samples of an episode that are predicted, and their hypotheses.
 
         Raises:
-            InputError: Predictions of samples that the episode does not have; samples without a prediction, unless
+            InputError: Predictions of samples that the episode does not have, samples without a prediction, unless
                 that is allowed; positions that are not on the map.
         """
         actor = batch.actors.actor_id[batch.target].astype(np.int64)
         step = batch.step[batch.actors.frame[batch.target]].astype(np.int64)
         wanted, given = (step << 32) | actor, (self.step << 32) | self.actor_id
-        unknown = ~np.isin(given, wanted)
-        refuse(
-            self.source,
-            unknown,
-            "predicted samples are not in the population",
-            lambda row: f"actor {self.actor_id[row]} at step {self.step[row]}",
-            "samples of the population: (vehicle, frame) with a whole window",
-        )
+        if not allow_unknown:
+            refuse(
+                self.source,
+                ~np.isin(given, wanted),
+                "predicted samples are not in the population",
+                lambda row: f"actor {self.actor_id[row]} at step {self.step[row]}",
+                "samples of the population: (vehicle, frame) with a whole window",
+            )
         missing = ~np.isin(wanted, given)
         if not allow_missing:
             refuse(
@@ -74,6 +74,11 @@ class SubmittedPart:
     predictions: EpisodePredictions
     window: HistoryWindow
     allow_missing: bool
+    allow_unknown: bool
+
+    def meet(self, batch: SampleBatch) -> tuple[Rows, Hypotheses]:
+        """As ``EpisodePredictions.meet``."""
+        return self.predictions.meet(batch, self.allow_missing, self.allow_unknown)
 
 
 @dataclass(frozen=True)
@@ -84,6 +89,8 @@ class Submission:
     window: HistoryWindow
     episodes: dict[str, EpisodePredictions]
     allow_missing: bool = False
+    allow_unknown: bool = False
+    """Whether predictions of vehicles outside the population are left out, instead of refused."""
 
     def of_episode(self, names: Iterable[str]) -> SubmittedPart:
         """The part of an episode that has several names; empty where there are no predictions."""
@@ -91,7 +98,10 @@ class Submission:
         none = Hypotheses(np.zeros((0, 1, FUTURE_POINTS, 2)), np.zeros((0, 1)))
         found = next((self.episodes[name] for name in names if name in self.episodes), None)
         return SubmittedPart(
-            found or EpisodePredictions(self.source, nothing, nothing, none), self.window, self.allow_missing
+            found or EpisodePredictions(self.source, nothing, nothing, none),
+            self.window,
+            self.allow_missing,
+            self.allow_unknown,
         )
 
     def check_episodes(self, known: Sequence[Iterable[str]]) -> None:
@@ -118,7 +128,7 @@ class Submission:
             )
 
 
-def submission(rows: SubmittedRows, allow_missing: bool = False) -> Submission:
+def submission(rows: SubmittedRows, allow_missing: bool = False, allow_unknown: bool = False) -> Submission:
     """Checks submitted hypotheses, and puts those of each sample together.
 
     Samples may have different numbers of hypotheses; the lacking ones get the probability 0.
@@ -157,6 +167,7 @@ def submission(rows: SubmittedRows, allow_missing: bool = False) -> Submission:
         rows.window,
         _by_episode(rows.select(first), code[first], Hypotheses.ranked(xy_m, probability)),
         allow_missing,
+        allow_unknown,
     )
 
 

@@ -1,0 +1,1 @@
+"""Messages of programs that take part: the AV's controller, a predictor."""

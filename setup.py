@@ -44,8 +44,15 @@ DETECTION = [
     "nuscenes-devkit>=1.2,<2",  # nuScenes' own code scores detections (`siren evaluate detection`)
 ]
 
+CLUSTER = [
+    "distributed>=2024.8",  # schedules a study's episodes on many machines
+    "dask-jobqueue>=0.9",  # starts its workers as Slurm jobs
+    "fsspec>=2024.6",  # studies behind URLs; s3fs, gcsfs and others add their file systems
+]
+
 DEVELOPMENT = [
     *DETECTION,
+    *CLUSTER,  # its tests run two workers
     "pytest>=8",  # runs the tests
     "pytest-timeout>=2.3",  # a test that hangs fails instead
     "pytest-xdist>=3.5",  # shares the tests between two processes

@@ -5,6 +5,7 @@ import os
 import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
@@ -13,14 +14,16 @@ from tqdm import tqdm
 
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
 from siren_ros.scenario.templates import available_templates
+from siren_ros.studies.dask_workers import DaskWorkers, connected, on_slurm
 from siren_ros.studies.draws import DrawPlan, Method
 from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.studies.episode_worker import RETRIES, TIMEOUT_S, WorkerOptions
 from siren_ros.studies.matrix import OWN_LEVEL, TOWN, Study
+from siren_ros.studies.remote_folder import folder_at
 from siren_ros.studies.run_study import Told, run_study
 from siren_ros.studies.study_file import grid_of, levels_of, ranges_of, read_study, seeds_of
-from siren_ros.studies.study_folder import MANIFEST, LocalFolder
-from siren_ros.studies.workers import LocalWorkers
+from siren_ros.studies.study_folder import MANIFEST
+from siren_ros.studies.workers import LocalWorkers, Workers
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
@@ -31,7 +34,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
         "makes the others. The table of all episodes is DIR/manifest.parquet. Exit code 1 where an episode is missing."
     )
     verb.add_argument("study", type=Path, nargs="?", metavar="FILE", help="study file (YAML) instead of the options")
-    verb.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the study, new or from before")
+    verb.add_argument("--out", required=True, metavar="DIR", help="folder or fsspec URL, new or from before")
     matrix = verb.add_argument_group("the matrix")
     matrix.add_argument(
         "--templates", nargs="+", metavar="ID", default=list(available_templates()), help="(default: all)"
@@ -55,6 +58,8 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     work.add_argument(
         "--workers", type=int, default=len(os.sched_getaffinity(0)), metavar="N", help="processes (default: processors)"
     )
+    work.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster that does the work: tcp://HOST:8786")
+    work.add_argument("--slurm", action="store_true", help="start --workers Slurm jobs through Dask for the work")
     work.add_argument("--retries", type=int, default=RETRIES, metavar="N", help="after a crash (default %(default)s)")
     work.add_argument(
         "--timeout-s", type=float, default=TIMEOUT_S, metavar="S", help="of one episode's process (default %(default)g)"
@@ -68,17 +73,28 @@ def run(arguments: argparse.Namespace) -> int:
         if getattr(arguments, name) < least:
             raise InputError(name, getattr(arguments, name), f"{least:g} or more")
     study = _study_of(arguments)
-    folder = LocalFolder(arguments.out)
+    folder = folder_at(arguments.out)
     options = WorkerOptions(arguments.retries, arguments.timeout_s)
-    with _Bar() as bar:
-        result = run_study(study, folder, LocalWorkers(arguments.workers), options, bar)
+    with _workers(arguments) as workers, _Bar() as bar:
+        result = run_study(study, folder, workers, options, bar)
     print("\n".join(_summary(result.rows)))
     kept = f", {result.kept} of them from before" if result.kept else ""
-    print(f"{arguments.out / MANIFEST}: {len(result.rows)} episodes{kept}")
+    print(f"{folder.place}/{MANIFEST}: {len(result.rows)} episodes{kept}")
     missing = [row for row in result.rows if row.status is not Status.COMPLETE]
     for row in missing[:20]:
         print(f"siren generate: {row.episode}: {row.status}: {row.reason}", file=sys.stderr)
     return EXIT_FAILED if missing else EXIT_OK
+
+
+@contextmanager
+def _workers(arguments: argparse.Namespace) -> Iterator[Workers]:
+    if arguments.scheduler and arguments.slurm:
+        raise InputError("slurm", "with --scheduler", "one of both")
+    if not arguments.scheduler and not arguments.slurm:
+        yield LocalWorkers(arguments.workers)
+        return
+    with connected(arguments.scheduler) if arguments.scheduler else on_slurm(arguments.workers) as client:
+        yield DaskWorkers(client)
 
 
 def _study_of(arguments: argparse.Namespace) -> Study:

@@ -9,10 +9,15 @@ from itertools import islice
 from threading import Lock
 from typing import Protocol
 
+from siren_ros.errors import SirenError
 from siren_ros.studies.episode_row import EpisodeRow
 from siren_ros.studies.episode_worker import WorkerOptions, make_episode
 from siren_ros.studies.matrix import PlannedEpisode
 from siren_ros.studies.study_folder import StudyFolder
+
+
+class StoppedError(SirenError):
+    """The study was stopped while an episode was under way."""
 
 
 class Workers(Protocol):
@@ -63,8 +68,8 @@ class LocalWorkers:
                 self._running.difference_update(mine)
                 mine[:] = [process_id]
                 self._running.add(process_id)
-                if self._stopped:
-                    _kill(process_id)
+                if self._stopped:  # no further attempt, and no row of an episode that nobody let end
+                    raise StoppedError("the study was stopped")
 
         try:
             return make_episode(episode, folder, options, started)

@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from siren_ros.interfaces.boxes import boxes_of, from_boxes, to_boxes
 from siren_ros.interfaces.markers import (
     EMV_COLOUR,
+    LIFETIME_NS,
     MODE_COLOURS,
     MarkerShape,
     from_markers,
@@ -76,3 +78,23 @@ def test_markers_come_back(round_trip: Callable[[object], Any]) -> None:
 def test_every_yielding_mode_has_a_colour_of_its_own() -> None:
     yielding = [mode for mode in Mode if mode.is_yielding]
     assert len({MODE_COLOURS[mode] for mode in yielding}) == len(yielding)
+
+
+def test_a_box_is_turned_as_its_vehicle_and_a_text_is_upright_above_it() -> None:
+    states = replace(
+        _states([Mode.NOMINAL]), x_m=np.array([3.0]), y_m=np.array([-4.0]), z_m=np.array([0.5]), yaw_rad=np.array([1.2])
+    )
+    box, text = to_markers(8, vehicle_markers(states, {1: _actor(1, is_emv=True)})).markers
+    centre, turn = box.pose.position, box.pose.orientation
+    assert (centre.x, centre.y, centre.z) == pytest.approx((3.0, -4.0, 0.5 + 0.7))
+    assert (turn.x, turn.y, turn.z, turn.w) == pytest.approx((0.0, 0.0, np.sin(0.6), np.cos(0.6)))
+    upright = text.pose.orientation
+    assert (upright.x, upright.y, upright.z, upright.w) == (0.0, 0.0, 0.0, 1.0)
+    above = text.pose.position
+    assert (above.x, above.y) == (3.0, -4.0)
+    assert above.z > 0.5 + 1.4
+    assert text.scale.z > 0.0
+    assert (text.color.r, text.color.g, text.color.b, text.color.a) == (1.0, 1.0, 1.0, 1.0)
+    for marker in (box, text):
+        assert marker.lifetime.sec * 10**9 + marker.lifetime.nanosec == LIFETIME_NS
+        assert marker.header.frame_id == "map"

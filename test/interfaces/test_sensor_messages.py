@@ -27,6 +27,8 @@ def test_an_imu_reading_survives_and_says_that_it_has_no_orientation() -> None:
     reading = ImuReading(7, "imu", np.array([0.1, -0.2, 9.8]), np.array([0.0, 0.0, 0.3]), 4e-4, 1e-6)
     message = through_cdr(to_imu(reading), "sensor_msgs/msg/Imu")
     assert message.orientation_covariance[0] == -1.0
+    turn = message.orientation
+    assert (turn.x, turn.y, turn.z, turn.w) == (0.0, 0.0, 0.0, 1.0)
     back = from_imu(message)
     assert back.specific_force_mps2.tolist() == reading.specific_force_mps2.tolist()
     assert back.angular_rate_radps.tolist() == reading.angular_rate_radps.tolist()
@@ -82,3 +84,8 @@ def test_only_what_shows_becomes_a_detection() -> None:
     assert (found.bbox.size_x, found.bbox.size_y) == (20.0, 100.0)
     assert found.results[0].hypothesis.class_id == "bus"
     assert found.results[0].hypothesis.score == 0.75
+    nowhere = found.results[0].pose
+    place, turn = nowhere.pose.position, nowhere.pose.orientation
+    assert (place.x, place.y, place.z) == (0.0, 0.0, 0.0)
+    assert (turn.x, turn.y, turn.z, turn.w) == (0.0, 0.0, 0.0, 1.0)
+    assert not np.any(nowhere.covariance)

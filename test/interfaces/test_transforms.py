@@ -20,6 +20,7 @@ from siren_ros.interfaces.transforms import (
     to_tf,
     yaw_of_quaternion,
 )
+from siren_ros.sensors.suite.mount import rotation_from_rpy
 from siren_ros.world.odometry import Odometry
 
 ANGLES = st.floats(-math.pi + 1e-9, math.pi)
@@ -79,3 +80,11 @@ def test_odometry_comes_back_with_its_time(round_trip: Callable[[object], Any]) 
     full = np.array(message.pose.covariance).reshape(6, 6)  # x, y, z, and rotations about x, y, z (REP 103)
     assert (full[0, 1], full[0, 5], full[5, 5]) == (0.1, 0.2, 6.0)
     assert np.all(np.linalg.eigvalsh(full) > 0.0)
+
+
+@given(ANGLES, st.floats(-1.4, 1.4), ANGLES)
+def test_the_yaw_of_a_tilted_body_is_that_of_its_x_axis_on_the_ground(yaw: float, pitch: float, roll: float) -> None:
+    quaternion = quaternion_of_matrix(rotation_from_rpy(roll, pitch, yaw))
+    ahead = matrix_of_quaternion(quaternion)[:, 0]
+    difference = yaw_of_quaternion(quaternion) - math.atan2(ahead[1], ahead[0])
+    assert math.remainder(difference, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-6)

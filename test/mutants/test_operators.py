@@ -51,6 +51,7 @@ def test_mistakes_of_a_tired_programmer_are_made(source, changed):
         "def min(a): ...",
         "minimum = maximum",
         "LENGTH_M: Final = 3.5",
+        "read(section.number('length_m', 0.5, 9.0))",
     ],
 )
 def test_settings_annotations_and_messages_are_left_alone(source):

@@ -338,3 +338,12 @@ def test_a_killed_writer_leaves_whole_chunks_and_no_lock(
     writer.write(*CLOCK, clock_cdr, 0)
     writer.finish()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bag", "bag.partial"]
+
+
+def test_a_megabyte_is_reserved_for_the_end_of_the_bag_and_freed_with_it(
+    tmp_path: Path, typestore: Typestore, clock_cdr: bytes
+) -> None:
+    writer = EpisodeBagWriter(tmp_path / "bag", typestore)
+    assert (tmp_path / ".bag.partial" / ".reserve").stat().st_size == 1_000_000
+    writer.write(*CLOCK, clock_cdr, 0)
+    assert not (writer.finish().path / ".reserve").exists()

@@ -73,3 +73,26 @@ def test_everybody_looks_out_unless_a_preset_says_otherwise(tmp_path: Path) -> N
     file.write_text(text.replace("civilians: 0.2", "civilians: 1.2"), encoding="utf-8")
     with pytest.raises(InputError, match=r"mine\.yaml:\d+"):
         load_preset(str(file))
+
+
+def test_a_distribution_is_scaled_and_shifted_as_its_values_are() -> None:
+    drawn = TruncatedNormal(4.0, 1.0, 2.0, 7.0)
+    assert drawn.scaled(1.5) == TruncatedNormal(6.0, 1.5, 3.0, 10.5)
+    assert drawn.shifted(0.5) == TruncatedNormal(4.5, 1.0, 2.5, 7.5)
+    for seed in range(20):
+        value = drawn.draw(np.random.default_rng(seed))
+        assert drawn.scaled(1.5).draw(np.random.default_rng(seed)) == pytest.approx(1.5 * value)
+        assert drawn.shifted(0.5).draw(np.random.default_rng(seed)) == pytest.approx(0.5 + value)
+
+
+@pytest.mark.parametrize(("mean", "drawn"), [(9.0, 7.0), (-9.0, 2.0), (5.0, 5.0)])
+def test_a_constant_beyond_the_limits_is_the_limit(mean: float, drawn: float) -> None:
+    assert TruncatedNormal(mean, 0.0, 2.0, 7.0).draw(np.random.default_rng(0)) == drawn
+
+
+def test_the_share_that_complies_late_shrinks_with_the_compliance() -> None:
+    preset = load_preset("realistic").for_scenario(40.0, 0.0, 0.5)
+    before = load_preset("realistic").compliance
+    assert preset.compliance.late == pytest.approx(0.5 * before.late)
+    assert preset.compliance.never == pytest.approx(1.0 - 0.5 * (before.complies + before.late))
+    assert preset.reaction_delay_s == load_preset("realistic").reaction_delay_s

@@ -123,6 +123,8 @@ def operators() -> dict[str, Callable[[], Operator]]:
     return {**{name: provided[name] for name in _COSMIC_RAY}, **own}
 
 
+_READERS: Final = {"number", "numbers", "integer"}
+"""Read a number of a parameter file, with its bounds."""
 _SETTINGS: Final = {"NumberReplacer", "ReplaceTrueWithFalse", "ReplaceFalseWithTrue"}
 _BOUNDARIES: Final = {
     "ReplaceComparisonOperator_Lt_LtE",
@@ -139,9 +141,9 @@ _MEASURED: Final = re.compile(
 def is_of_interest(name: str, node: Any) -> bool:
     """Whether a change of this node could be a defect.
 
-    None is: another number of a setting (a constant of the module, the default of a field), of an annotation, of a
-    decorator or of an error's message; and whether a limit itself counts as inside, where measured numbers are
-    compared (by their units or a decimal point): no measured number is just that.
+    None is: another number of a setting (a constant of the module, the default of a field, a bound of a parameter), of
+    an annotation, of a decorator or of an error's message; and whether a limit itself counts as inside, where measured
+    numbers are compared (by their units or a decimal point): no measured number is just that.
     """
     if name == "AddNot" and _condition(node).type in {"comparison", "not_test", "and_test", "or_test"}:
         return False  # Other operators turn these.
@@ -160,6 +162,12 @@ def _is_no_decision(name: str, node: Any) -> bool:
     outside = node.parent
     if node.type in {"decorator", "raise_stmt", "assert_stmt", "import_from", "tfpdef"}:
         return True
+    if (
+        name == "NumberReplacer"
+        and node.type == "trailer"
+        and getattr(node.get_previous_leaf(), "value", "") in _READERS
+    ):
+        return True  # Another bound of a parameter.
     if outside.type == "annassign" and node is outside.children[1]:
         return True  # An annotation.
     if outside.type == "funcdef" and outside.annotation is node:

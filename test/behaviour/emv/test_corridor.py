@@ -79,7 +79,9 @@ def offsets(view, lane):
     return corridor_offsets(reference, s, view, 0)
 
 
-@pytest.mark.parametrize(("lanes", "lane", "expected"), [(2, 0, 1.65), (2, 1, -1.65), (3, 0, 4.95), (3, 1, 1.65)])
+@pytest.mark.parametrize(
+    ("lanes", "lane", "expected"), [(1, 0, 0.0), (2, 0, 1.65), (2, 1, -1.65), (3, 0, 4.95), (3, 1, 1.65), (3, 2, -1.65)]
+)
 def test_runs_between_the_leftmost_lane_and_its_right_neighbour(lab, lanes, lane, expected):
     view = view_at(lab, network=lab.straight_road(lanes), lane=lane)
     np.testing.assert_allclose(offsets(view, lane), expected, atol=1e-9)

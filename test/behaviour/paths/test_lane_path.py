@@ -4,6 +4,7 @@ import pytest
 from siren_ros.behaviour.paths.lane_path import (
     LaneEnd,
     changes_needed,
+    connection_of_internal,
     lanes_along,
     neighbour_lane,
     path_on_lanes,
@@ -101,3 +102,20 @@ def test_opposite_lane_is_found_by_the_junctions(lab):
     road.edge([[0, 0], [100, 0]], 1, ("A", "B"))
     road.edge([[100, 3.3], [0, 3.3]], 1, ("B", "A"))
     assert road_limits(road.built(), 0).opposite_m == pytest.approx(3.3)
+
+
+def test_an_internal_lane_belongs_to_the_movement_along_the_route_and_else_to_the_first(lab):
+    """Two movements share the first of their lanes across the junction."""
+    road = lab.RoadBuilder()
+    road.edge([[0, 0], [100, 0]], 1, ("W", "J"))
+    road.edge([[100, 0], [110, 0]], 1, ("J", "J"), internal=True)
+    road.edge([[110, 0], [200, 0]], 1, ("J", "E"))
+    road.edge([[110, 0], [110, 90]], 1, ("J", "N"))
+    road.connect(0, 2, via=(1,))
+    road.connect(0, 3, via=(1,), direction="l")
+    network = road.built()
+    assert connection_of_internal(network, 1, route(0, 2)).to_lane == 2
+    assert connection_of_internal(network, 1, route(0, 3)).to_lane == 3
+    assert connection_of_internal(network, 1, route(7)).to_lane == 2
+    assert connection_of_internal(network, 2, route(0, 2)) is None
+    assert lanes_along(network, 1, 2.0, route(0, 3), 50.0)[0] == (1, 3)

@@ -39,6 +39,7 @@ def scored(
         is_emv=np.zeros(count, dtype=np.bool_),
         length_m=np.full(count, size_m[0]),
         width_m=np.full(count, size_m[1]),
+        lights=np.zeros(count, dtype=np.uint8),
         observed=np.ones((count, points), dtype=np.bool_),
         xy_m=np.repeat(present[:, None], points, axis=1),
         velocity_mps=np.zeros((count, points, 2)),

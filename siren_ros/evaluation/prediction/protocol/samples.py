@@ -1,6 +1,7 @@
 """Samples for trajectory prediction: the past for the predictor, and separately the future for the score."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
@@ -42,6 +43,8 @@ class ObservedActors:
     is_emv: Flags
     length_m: Floats
     width_m: Floats
+    lights: Codes
+    """``Lights`` shown and sounded at the present, beacon and siren among them; shape ``(M,)``."""
     observed: Flags
     """Shape ``(M, H)``."""
     xy_m: Floats
@@ -80,6 +83,9 @@ class SampleBatch:
     actors: ObservedActors
     target: Rows
     """Row of ``actors`` of each sample, shape ``(N,)``."""
+    signals: Mapping[str, Codes] = field(default_factory=dict)
+    """What each traffic light shows at the frames, by its id: the letters of SUMO's state string as ASCII codes, one
+    column for each link; shape ``(F, links)``, 0 at frames at which the state is not known."""
 
     def __len__(self) -> int:
         return len(self.target)
@@ -164,6 +170,7 @@ def samples_of(record: EpisodeRecord, window: HistoryWindow, population: Populat
         frame_offset=np.searchsorted(frame, np.arange(len(frames) + 1)),
         actors=_observed(record, rows, there, frame, ids),
         target=np.flatnonzero(present[actor, frames[frame]]),
+        signals=_signals(record, frames * LOG_PERIOD_STEPS),
     )
     truth = _points(table, actor[batch.target], frames[frame[batch.target]], future)
     return ScoredSamples(batch, rows.xy_m[truth])
@@ -211,6 +218,7 @@ def _observed(record: EpisodeRecord, rows: StateRows, points: Rows, frame: Rows,
         is_emv=np.array([actor.is_emv for actor in known], dtype=np.bool_)[column],
         length_m=np.array([actor.length_m for actor in known], dtype=np.float64)[column],
         width_m=np.array([actor.width_m for actor in known], dtype=np.float64)[column],
+        lights=present.lights,
         observed=observed,
         xy_m=np.where(observed[..., None], rows.xy_m[points], 0.0),
         velocity_mps=np.where(observed[..., None], velocity[points], 0.0),
@@ -218,3 +226,17 @@ def _observed(record: EpisodeRecord, rows: StateRows, points: Rows, frame: Rows,
         accel_mps2=np.where(observed, rows.accel_mps2[points], 0.0),
         past_sumo_lane=np.where(observed, sumo_lanes(record, rows)[points], NO_LANE),
     )
+
+
+def _signals(record: EpisodeRecord, steps: npt.NDArray[np.int64]) -> dict[str, Codes]:
+    """States of all traffic lights at some steps (increasing), as in ``SampleBatch.signals``."""
+    found: dict[str, Codes] = {}
+    for traffic in record.traffic:
+        frame = int(np.searchsorted(steps, traffic.step))
+        if frame == len(steps) or steps[frame] != traffic.step:
+            continue
+        for signal in traffic.signals:
+            letters = np.frombuffer(signal.state.encode("ascii"), dtype=np.uint8)
+            codes = found.setdefault(signal.signal_id, np.zeros((len(steps), len(letters)), dtype=np.uint8))
+            codes[frame] = letters
+    return found

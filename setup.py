@@ -29,6 +29,7 @@ DEPENDENCIES = [
     "av>=18,<19",  # encodes videos: FFmpeg with H.264 inside the wheel, so that no program has to be installed
     "matplotlib>=3.8",  # plots
     "tqdm>=4.66",  # progress bars
+    "onnxruntime>=1.20",  # runs the project's own trajectory predictor; its wheel is 20 to 30 MB and needs numpy alone
     "pyarrow>=23,<24",  # Parquet of Argoverse 2's scenario files; libsumo is linked against 23 and warns of others
 ]
 
@@ -37,7 +38,9 @@ RERUN = [
 ]
 
 MODELS = [
-    "torch>=2.6,<3",  # runs CSP, STDAN and BAT; from 2.6 on, loading weights alone cannot be tricked into running code
+    # Trains the project's predictor; runs CSP, STDAN and BAT; from 2.6 on, loading weights alone cannot run code.
+    "torch>=2.6,<3",
+    "onnx>=1.16,<2",  # torch writes the trained predictor through it
 ]
 
 DETECTION = [

@@ -12,6 +12,7 @@ LAYERS = {
     "": [
         "cli",
         "benchmarks",
+        "training",
         "studies",
         "generation",
         "evaluation",
@@ -43,6 +44,7 @@ LAYERS = {
         "submitted",
         "predictors",
         "published",
+        "siren_model",
         "baselines",
         "metrics",
         "protocol",
@@ -101,7 +103,7 @@ APART = {
 """Folders that must not import each other, whatever their order."""
 ROS_MODULES = {"rclpy", "rcl_interfaces", "siren_msgs", "sensor_msgs", "std_msgs", "nav_msgs", "geometry_msgs"}
 KNOWS_ROS = ("siren_ros/ros/", "nodes/")
-KNOWS_TORCH = ("siren_ros/evaluation/prediction/published/",)
+KNOWS_TORCH = ("siren_ros/evaluation/prediction/published/", "siren_ros/training/fitting/")
 """Folders that may import torch, which an extra installs; they are loaded when somebody asks for them."""
 KNOWS_SUMO = ("siren_ros/traffic/sumo/", "siren_ros/traffic/simulation.py")
 

@@ -21,6 +21,7 @@ _VERBS: Final = {
     "video": "make a video of an episode, from above or through the front camera",
     "replay": "play an episode on its topics, or simulate it again and compare",
     "evaluate": "score models on episodes",
+    "train": "train the models that ship with the project",
 }
 """What the verbs do; each is a module of this package, loaded when it is asked for: some bring much with them."""
 

@@ -39,7 +39,7 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
     )
     task.add_argument(
         "--models",
-        default="cv,idm",
+        default="cv,idm,siren",
         metavar="NAMES",
         help=f"of {', '.join(PREDICTORS)}, by commas; NAME:LABEL is the same model in a row of its own; "
         "none for --predictions alone (default %(default)s)",

@@ -57,9 +57,11 @@ class PredictorKind:
 
 _BASELINES: Final = "siren_ros.evaluation.prediction.baselines"
 _PUBLISHED: Final = "siren_ros.evaluation.prediction.published.predictors"
+_OWN: Final = "siren_ros.evaluation.prediction.siren_model.siren_predictor"
 PREDICTORS: Final[Mapping[str, PredictorKind]] = {
     "cv": PredictorKind("constant velocity", f"{_BASELINES}.constant_velocity:make"),
     "idm": PredictorKind("Intelligent Driver Model along the lane", f"{_BASELINES}.idm_predictor:make"),
+    "siren": PredictorKind("SIREN's own, trained on its episodes", f"{_OWN}:make", Checkpoint.OPTIONAL),
     "csp": PredictorKind("convolutional social pooling", f"{_PUBLISHED}:make_csp", Checkpoint.REQUIRED, "models"),
     "stdan": PredictorKind("dynamic attention", f"{_PUBLISHED}:make_stdan", Checkpoint.REQUIRED, "models"),
     "bat": PredictorKind("behaviour-aware", f"{_PUBLISHED}:make_bat", Checkpoint.REQUIRED, "models"),

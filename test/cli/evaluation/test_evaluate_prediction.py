@@ -103,7 +103,7 @@ def test_bag_without_a_whole_window(short_bag: Path, bag: Path, capsys: pytest.C
     captured = capsys.readouterr()
     assert "short: no vehicle was in the region around the EMV for a whole window" in captured.err
     (row,) = [line.split() for line in captured.out.splitlines() if line.startswith("short")]
-    assert row[3:] == ["0", "-/-", "-/-"]
+    assert row[3:] == ["0", "-/-", "-/-", "-/-"]
 
 
 def test_a_folder_that_cannot_be_written(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:

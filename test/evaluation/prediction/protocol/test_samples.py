@@ -1,5 +1,6 @@
 from dataclasses import replace
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -8,11 +9,12 @@ from hypothesis import strategies as st
 from made_records import moving, record_with
 
 from siren_ros.errors import BagError
-from siren_ros.evaluation.prediction.protocol.samples import Population, samples_of
+from siren_ros.evaluation.prediction.protocol.samples import Population, _signals, samples_of
 from siren_ros.evaluation.prediction.protocol.window import HistoryWindow, future_times_s
+from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
-from siren_ros.world.actors import ActorClass
-from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficState
+from siren_ros.world.actors import ActorClass, Lights
+from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, SignalState, TrafficState
 
 WINDOW = HistoryWindow()
 
@@ -123,3 +125,23 @@ def test_states_of_an_unknown_actor_are_refused(straight_road: RoadNetwork) -> N
     record = record_with({1: moving(0.0, -5.25, 5.0), 2: moving(0.0, -1.75, 5.0)}, straight_road)
     with pytest.raises(BagError, match=r"\[2\]"):
         samples_of(replace(record, actors={1: record.actors[1]}), WINDOW, Population.ALL)
+
+
+def test_signals_are_those_of_the_frames() -> None:
+    shown = {1: "rr", 2: "rG", 4: "yG", 6: "Gr"}
+    traffic = tuple(
+        SimpleNamespace(step=step, signals=(SignalState("crossing", letters),)) for step, letters in shown.items()
+    )
+    found = _signals(cast("EpisodeRecord", SimpleNamespace(traffic=traffic)), np.array([2, 4, 5]))
+    assert [bytes(row) for row in found["crossing"]] == [b"rG", b"yG", b"\0\0"]
+
+
+def test_lights_are_those_of_the_present(straight_road: RoadNetwork) -> None:
+    record = record_with({1: moving(0.0, -5.0, 8.0)}, straight_road)
+    states = tuple(
+        replace(state, lights=np.full(len(state), Lights.BRAKE if state.step >= 70 else 0, dtype=np.uint8))
+        for state in record.states
+    )
+    actors = samples_of(replace(record, states=states), HistoryWindow(), Population.ALL).batch
+    step = actors.step[actors.actors.frame]
+    assert (actors.actors.lights == np.where(step >= 70, Lights.BRAKE, 0)).all()

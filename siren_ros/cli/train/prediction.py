@@ -1,0 +1,120 @@
+"""``siren train prediction``: the project's own predictor, from episodes to weights with figures."""
+
+import argparse
+import os
+import sys
+from importlib import import_module
+from pathlib import Path
+from typing import Final, Never
+
+from tqdm import tqdm
+
+from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
+from siren_ros.training.assessment import by_map, by_template, table_lines
+from siren_ros.training.data_making import MadeData, make_data
+from siren_ros.training.episode_plan import PlannedEpisode, PlanSize, plan_episodes
+from siren_ros.training.fit_config import FitConfig
+from siren_ros.training.prediction_training import Fitter, TrainedVariant, train_variant, with_ablations
+from siren_ros.training.variants import FULL, VARIANTS
+
+_FITTER: Final = ("siren_ros.training.fitting.trainer", "fitted_network")
+"""Loaded by name, because it needs torch."""
+_TOWN: Final = "town"
+
+
+def add_arguments(task: argparse.ArgumentParser) -> None:
+    """Describe the task, and what it takes."""
+    task.description = (
+        "Runs episodes without sensors, trains the trajectory predictor on them, judges it on other seeds and on "
+        "maps that it was not trained on, and writes DIR/full.onnx with its card DIR/full.json. Needs torch: "
+        "./env --with models siren train prediction. Exit code 1 where an episode failed for another reason than "
+        "that a map has no site for its template."
+    )
+    task.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of weights and cards")
+    task.add_argument(
+        "--cache", type=Path, metavar="DIR", help="folder of the samples, which a second run takes (default OUT/cache)"
+    )
+    task.add_argument(
+        "--maps", nargs="+", default=[_TOWN], metavar="FILE", help="maps to train on, town for the built-in (default)"
+    )
+    task.add_argument("--held-out-maps", nargs="+", default=[], metavar="FILE", help="maps that only judge")
+    size, config = PlanSize(), FitConfig()
+    for name, default in (("train", size.train), ("validation", size.validation), ("test", size.test)):
+        task.add_argument(
+            f"--{name}-seeds",
+            type=int,
+            default=default,
+            metavar="N",
+            help=f"seeds of each template and map for {name} (default {default})",
+        )
+    task.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), metavar="N", help="episodes at once")
+    task.add_argument("--seed", type=int, default=config.seed, help="of the training (default %(default)s)")
+    task.add_argument("--epochs", type=int, default=config.epochs, help="(default %(default)s)")
+    task.add_argument("--device", default=config.device, help="cpu (default) or cuda")
+    task.add_argument(
+        "--variants",
+        nargs="+",
+        default=[FULL],
+        choices=list(VARIANTS),
+        help=f"what to train: {', '.join(f'{name} ({one.summary})' for name, one in VARIANTS.items())}",
+    )
+    task.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Makes the data, trains every variant, prints its figures."""
+    fitter = _fitter()
+    for name in ("train_seeds", "jobs", "epochs"):
+        if getattr(arguments, name) < 1:
+            raise InputError(name, getattr(arguments, name), "1 or more")
+    size = PlanSize(arguments.train_seeds, max(0, arguments.validation_seeds), max(0, arguments.test_seeds))
+    plan = plan_episodes(_map_files(arguments.maps), _map_files(arguments.held_out_maps), size)
+    data = _made(plan, arguments.cache or arguments.out / "cache", arguments.jobs)
+    config = FitConfig(seed=arguments.seed, epochs=arguments.epochs, device=arguments.device)
+    trained = {}
+    for name in dict.fromkeys(arguments.variants):
+        trained[name] = train_variant(name, data, arguments.out, config, fitter, _tell)
+        print("\n".join(_figures(name, trained[name])), flush=True)
+    if FULL in trained and len(trained) > 1:
+        with_ablations(trained[FULL], [other for name, other in trained.items() if name != FULL])
+    return EXIT_FAILED if any(not reason.startswith("map:") for _, reason in data.missing) else EXIT_OK
+
+
+def _fitter() -> Fitter:
+    module, name = _FITTER
+    try:
+        found: Fitter = getattr(import_module(module), name)
+    except ModuleNotFoundError as error:
+        runs = "./env --with models siren train prediction …"
+        raise InputError("environment", f"no {error.name}", f"the extra models, as {runs} brings it") from error
+    return found
+
+
+def _map_files(names: list[str]) -> list[str]:
+    return ["" if name == _TOWN else name for name in names]
+
+
+def _made(plan: tuple[PlannedEpisode, ...], folder: Path, jobs: int) -> MadeData:
+    with tqdm(total=len(plan), unit="episode", disable=not sys.stderr.isatty()) as bar:
+        data = make_data(plan, folder, jobs, lambda _: _advance(bar))
+    print(f"{folder}: {len(data.files)} of {len(plan)} episodes")
+    for planned, reason in data.missing:
+        print(f"siren train: {planned.name}: {reason}", file=sys.stderr)
+    return data
+
+
+def _advance(bar: "tqdm[Never]") -> None:
+    bar.update()
+
+
+def _tell(line: str) -> None:
+    print(line, flush=True)
+
+
+def _figures(name: str, trained: TrainedVariant) -> list[str]:
+    lines = [f"{trained.path} ({trained.card['parameters']} parameters, sha256 {trained.card['sha256'][:16]})"]
+    for split, errors in trained.errors.items():
+        for what, table in (("template", by_template(errors)), ("map", by_map(errors))):
+            lines += ["", f"{name}, {split.value.replace('_', ' ')}, by {what}: ADE in metres, region"]
+            lines += table_lines(table)
+    return [*lines, ""]

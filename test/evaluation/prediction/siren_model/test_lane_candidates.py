@@ -1,0 +1,31 @@
+import numpy as np
+import pytest
+
+from siren_ros.evaluation.prediction.siren_model.lane_candidates import lane_candidates
+from siren_ros.roads.road_network import RoadNetwork
+
+
+def test_the_likeliest_lane_is_the_nearest_in_the_own_direction(straight_road: RoadNetwork) -> None:
+    found = lane_candidates(straight_road, np.array([[50.0, -5.0], [50.0, -1.75]]), np.array([0.0, 0.1]))
+    first = found.lane[np.searchsorted(found.row, [0, 1])]
+    centres = [straight_road.lanes[index].centre.points[0, 1] for index in first]
+    assert centres == pytest.approx([-5.25, -1.75])
+    row = np.flatnonzero(found.row == 0)[0]
+    assert (found.arc_m[row], found.offset_m[row], found.turned_rad[row]) == pytest.approx((50.0, 0.25, 0.0))
+    assert found.turned_rad[np.searchsorted(found.row, 1)] == pytest.approx(0.1)
+
+
+def test_lanes_of_the_other_direction_and_far_ones_are_none(straight_road: RoadNetwork) -> None:
+    found = lane_candidates(straight_road, np.array([[50.0, 1.75], [50.0, 100.0], [900.0, -5.0]]), np.zeros(3))
+    assert {straight_road.lanes[index].centre.points[0, 1] for index in found.lane.tolist()} <= {-1.75}
+    assert set(found.row.tolist()) <= {0}
+
+
+def test_paths_across_a_junction_are_told_apart_by_the_heading(crossroads: RoadNetwork) -> None:
+    found = lane_candidates(crossroads, np.array([[7.0, 2.5]]), np.array([0.5]))
+    assert found.lane.tolist() == [4, 5]
+    assert (np.diff(found.cost) > 0.0).all()
+
+
+def test_nobody_is_in_no_lane(crossroads: RoadNetwork) -> None:
+    assert len(lane_candidates(crossroads, np.empty((0, 2)), np.empty(0)).row) == 0

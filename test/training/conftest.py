@@ -1,0 +1,21 @@
+"""Small data for the tests of the training."""
+
+import pytest
+from hand_made import made_record
+
+from siren_ros.training.episode_features import features_of_record, write_features
+from siren_ros.training.episode_plan import Split
+
+
+@pytest.fixture(scope="session")
+def episode_files(tmp_path_factory):
+    """Files of six training episodes and two that judge."""
+    folder = tmp_path_factory.mktemp("features")
+    found = {}
+    for split, seeds in ((Split.TRAIN, range(6)), (Split.TEST_SEEDS, range(10, 12))):
+        found[split] = []
+        for seed in seeds:
+            path = folder / f"{split}_{seed}.npz"
+            write_features(path, features_of_record(made_record(seed, f"S{1 + seed % 2}"), split))
+            found[split].append(path)
+    return found

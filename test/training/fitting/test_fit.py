@@ -1,0 +1,120 @@
+from dataclasses import fields, replace
+
+import numpy as np
+import onnxruntime
+import pytest
+
+torch = pytest.importorskip("torch", reason="the extra models is not installed")
+pytest.importorskip("onnx", reason="the extra models is not installed")
+
+from siren_ros.evaluation.prediction.protocol.window import FUTURE_POINTS, future_times_s
+from siren_ros.evaluation.prediction.siren_model.features import Features
+from siren_ros.evaluation.prediction.siren_model.network_file import OUTPUTS
+from siren_ros.training.episode_plan import Split
+from siren_ros.training.fit_config import FitConfig
+from siren_ros.training.fitting.fit import fit, losses, tensors
+from siren_ros.training.fitting.network import MODES, NetworkSize, PathNetwork
+from siren_ros.training.fitting.onnx_export import onnx_bytes
+from siren_ros.training.sample_store import read_store
+
+CONFIG = FitConfig(epochs=3, batch=64, width=16, layers=1)
+
+
+@pytest.fixture(scope="module")
+def store(episode_files):
+    return read_store(episode_files[Split.TRAIN])
+
+
+@pytest.fixture(scope="module")
+def network(store):
+    torch.manual_seed(1)
+    features = store.features
+    size = NetworkSize(features.target.shape[1], features.neighbours.shape[2], features.paths.shape[2], 16, 4, 1)
+    made = PathNetwork(size).eval()
+    with torch.no_grad():
+        for weights in made.drive.parameters():
+            weights.normal_(0.0, 0.1)
+    return made
+
+
+def answers(network, features):
+    with torch.no_grad():
+        return [value.numpy() for value in network(*tensors(features))]
+
+
+def test_before_training_a_vehicle_keeps_its_speed_along_the_road(store) -> None:
+    features = store.features
+    size = NetworkSize(features.target.shape[1], features.neighbours.shape[2], features.paths.shape[2])
+    xy_m, _ = answers(PathNetwork(size).eval(), store.batch(slice(0, 50)))
+    expected = features.speed_mps[:50, None] * future_times_s()
+    assert xy_m.shape == (50, MODES, FUTURE_POINTS, 2)
+    assert xy_m[..., 0] == pytest.approx(np.repeat(expected[:, None], MODES, axis=1), abs=0.05)
+    assert xy_m[..., 1] == pytest.approx(0.0, abs=0.05)
+
+
+def test_what_is_not_there_does_not_change_the_answer(store, network) -> None:
+    features = store.batch(slice(0, 40))
+    assert not features.neighbour_there.all()
+    random = np.random.default_rng(0)
+
+    def filled(values, there):
+        noise = random.normal(size=values.shape).astype(np.float32)
+        return np.where(there.reshape(*there.shape, *(1,) * (values.ndim - there.ndim)), values, noise)
+
+    noisy = replace(
+        features,
+        neighbours=filled(features.neighbours, features.neighbour_there),
+        paths=filled(features.paths, features.path_there),
+        path_points_m=filled(features.path_points_m, features.path_there),
+    )
+    for one, other in zip(answers(network, features), answers(network, noisy), strict=True):
+        assert one == pytest.approx(other, abs=1e-5)
+
+
+def test_the_order_of_neighbours_and_paths_does_not_matter(store, network) -> None:
+    features = store.batch(slice(0, 40))
+    turned = replace(
+        features,
+        **{
+            name: np.ascontiguousarray(getattr(features, name)[:, ::-1])
+            for name in ("neighbours", "neighbour_there", "paths", "path_there", "path_points_m")
+        },
+    )
+    for one, other in zip(answers(network, features), answers(network, turned), strict=True):
+        assert one == pytest.approx(other, abs=1e-4)
+
+
+def test_onnx_answers_as_torch_does(store, network) -> None:
+    session = onnxruntime.InferenceSession(onnx_bytes(network), providers=["CPUExecutionProvider"])
+    for rows in (slice(0, 1), slice(0, 130)):
+        features = store.batch(rows)
+        inputs = {field.name: getattr(features, field.name) for field in fields(Features)}
+        xy_m, probability = session.run(OUTPUTS, inputs)
+        wanted_xy_m, logits = answers(network, features)
+        assert xy_m == pytest.approx(wanted_xy_m, abs=1e-5, rel=1e-5)
+        assert probability == pytest.approx(torch.softmax(torch.from_numpy(logits), dim=-1).numpy(), abs=1e-5)
+
+
+def test_the_same_seed_gives_the_same_weights_and_the_loss_falls(store) -> None:
+    told, again = [], []
+    one = fit(store, replace(CONFIG, epochs=4), told.append)
+    other = fit(store, replace(CONFIG, epochs=4), again.append)
+    assert [progress.loss for progress in told] == [progress.loss for progress in again]
+    assert all(torch.equal(a, b) for a, b in zip(one.parameters(), other.parameters(), strict=True))
+    assert told[-1].loss < 0.9 * told[0].loss
+    different = fit(store, replace(CONFIG, epochs=1, seed=5), lambda _: None)
+    assert not all(torch.equal(a, b) for a, b in zip(one.parameters(), different.parameters(), strict=True))
+
+
+def test_the_loss_counts_the_nearest_and_the_most_probable_hypothesis() -> None:
+    truth = torch.zeros(1, FUTURE_POINTS, 2)
+    paths = torch.zeros(1, MODES, FUTURE_POINTS, 2)
+    paths[0, :, :, 0] = torch.arange(1.0, MODES + 1.0)[:, None]
+    logits = torch.zeros(1, MODES)
+    logits[0, 2] = 2.0
+    config = FitConfig(share_of_all=0.0, first_weight=1.0, probability_weight=0.5)
+    loss, first, least = losses((paths, logits), truth, config)
+    surprise = np.log(MODES - 1 + np.exp(2.0))
+    assert first.item() == pytest.approx(3.0, abs=1e-4)
+    assert least.item() == pytest.approx(1.0, abs=1e-4)
+    assert loss.item() == pytest.approx(1.0 + 3.0 + 0.5 * surprise, abs=1e-3)

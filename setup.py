@@ -122,7 +122,7 @@ setup(
         *data_files_below("params"),
     ],
     install_requires=DEPENDENCIES,
-    extras_require={"rerun": RERUN, "models": MODELS, "detection": DETECTION, "dev": DEVELOPMENT},
+    extras_require={"rerun": RERUN, "models": MODELS, "detection": DETECTION, "cluster": CLUSTER, "dev": DEVELOPMENT},
     zip_safe=False,
     entry_points={
         "console_scripts": [

@@ -7,12 +7,12 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, Self
 
 from tqdm import tqdm
 
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
+from siren_ros.params.params_files import named_params_file
 from siren_ros.scenario.templates import available_templates
 from siren_ros.studies.dask_workers import DaskWorkers, connected, on_slurm
 from siren_ros.studies.draws import DrawPlan, Method
@@ -33,7 +33,9 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
         "process of its own. Called again with the same folder, it verifies the finished episodes by their hashes and "
         "makes the others. The table of all episodes is DIR/manifest.parquet. Exit code 1 where an episode is missing."
     )
-    verb.add_argument("study", type=Path, nargs="?", metavar="FILE", help="study file (YAML) instead of the options")
+    verb.add_argument(
+        "study", nargs="?", metavar="STUDY", help="study file (YAML), or a name in params/studies such as v1"
+    )
     verb.add_argument("--out", required=True, metavar="DIR", help="folder or fsspec URL, new or from before")
     matrix = verb.add_argument_group("the matrix")
     matrix.add_argument(
@@ -99,7 +101,7 @@ def _workers(arguments: argparse.Namespace) -> Iterator[Workers]:
 
 def _study_of(arguments: argparse.Namespace) -> Study:
     if arguments.study is not None:
-        return read_study(arguments.study)
+        return read_study(named_params_file("study", "studies", arguments.study))
     return Study(
         templates=tuple(arguments.templates),
         levels=levels_of(arguments.levels),

@@ -35,6 +35,7 @@ def test_a_study_file_with_draws(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "words",
     [
+        ["v9"],
         ["--templates", "S9"],
         ["--workers", "0"],
         ["--seeds", "a"],

@@ -3,8 +3,9 @@ from pathlib import Path
 import pytest
 
 from siren_ros.errors import InputError
+from siren_ros.params.resources import params_dir
 from siren_ros.studies.draws import DrawPlan, Method
-from siren_ros.studies.matrix import Study
+from siren_ros.studies.matrix import Study, plan_study
 from siren_ros.studies.study_file import grid_of, levels_of, ranges_of, read_study, seeds_of
 
 TEXT = """
@@ -67,3 +68,14 @@ def test_mistakes_are_refused(tmp_path: Path, text: str) -> None:
 def test_words_of_a_grid_that_make_no_sense_are_refused(words: list[str]) -> None:
     with pytest.raises(InputError):
         grid_of(words)
+
+
+def test_the_benchmark_is_a_study_of_the_seven_base_episodes() -> None:
+    planned = plan_study(read_study(params_dir() / "studies" / "v1.yaml"))
+    assert [episode.name for episode in planned] == [
+        f"{template}_{level}_seed0"
+        for template, level in zip(
+            ("S1", "S2", "S3", "S4", "S5", "S6", "S7"), ("L3", "L2", "L1", "L1", "L1", "L1", "L3"), strict=True
+        )
+    ]
+    assert {episode.request.sensors for episode in planned} == {"full"}

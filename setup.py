@@ -53,6 +53,10 @@ CLUSTER = [
     "fsspec>=2024.6",  # studies behind URLs; s3fs, gcsfs and others add their file systems
 ]
 
+CLASSICAL = [
+    "open3d>=0.19",  # the detector without learning: clusters by DBSCAN
+]
+
 DEVELOPMENT = [
     *DETECTION,
     *CLUSTER,  # its tests run two workers
@@ -122,7 +126,14 @@ setup(
         *data_files_below("params"),
     ],
     install_requires=DEPENDENCIES,
-    extras_require={"rerun": RERUN, "models": MODELS, "detection": DETECTION, "cluster": CLUSTER, "dev": DEVELOPMENT},
+    extras_require={
+        "rerun": RERUN,
+        "models": MODELS,
+        "detection": DETECTION,
+        "classical": [*DETECTION, *CLASSICAL],
+        "cluster": CLUSTER,
+        "dev": DEVELOPMENT,
+    },
     zip_safe=False,
     entry_points={
         "console_scripts": [

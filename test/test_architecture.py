@@ -36,7 +36,7 @@ LAYERS = {
         "errors",
     ],
     "evaluation": ["prediction", "detection", "risk", "yielding", "surrogate_safety", "statistics"],
-    "evaluation/detection": ["reports", "scoring", "self_test", "inputs", "metrics", "protocol"],
+    "evaluation/detection": ["reports", "scoring", "self_test", "detectors", "inputs", "metrics", "protocol"],
     "evaluation/prediction": [
         "charts",
         "reports",

@@ -4,18 +4,22 @@ import argparse
 import json
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 from siren_ros.datasets.exporting.survey import in_dataset_order, survey_bag
 from siren_ros.datasets.exporting.worker_pool import Run, worker_pool
 from siren_ros.datasets.sources.needs import Need
 from siren_ros.errors import EXIT_OK, InputError
+from siren_ros.evaluation.detection.detectors.classical import detect_classical
 from siren_ros.evaluation.detection.inputs.formats import read_detections
+from siren_ros.evaluation.detection.inputs.found_set import FoundSet
 from siren_ros.evaluation.detection.metrics.devkit_score import DevkitScore, devkit_score
-from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes, TruthBoxes
+from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes, TruthBoxes, joined
 from siren_ros.evaluation.detection.protocol.episode_reading import read_frames
-from siren_ros.evaluation.detection.protocol.frames import Frames, frames_of
+from siren_ros.evaluation.detection.protocol.frames import EpisodeFrames, Frames, frames_of
 from siren_ros.evaluation.detection.reports.birdseye import draw_worst_frame
 from siren_ros.evaluation.detection.reports.curves import draw_curves
 from siren_ros.evaluation.detection.reports.score_json import scores_as_json
@@ -28,6 +32,9 @@ from siren_ros.evaluation.detection.scoring import (
 )
 from siren_ros.evaluation.detection.self_test import self_test_sets
 from siren_ros.recording.bag_folders import bags_among
+
+DETECTORS: Final[dict[str, Callable[[EpisodeFrames], FoundBoxes]]] = {"classical": detect_classical}
+"""Detectors that run here, by name."""
 
 
 def add_arguments(task: argparse.ArgumentParser) -> None:
@@ -46,6 +53,12 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
         metavar="NAME=FILE",
         help="a detector's boxes: nuScenes results (.json), OpenPCDet results (.pkl), a folder of KITTI text files, or "
         "topic:/NAME, recorded in the bags; may be given several times",
+    )
+    task.add_argument(
+        "--detectors",
+        metavar="NAMES",
+        default="",
+        help=f"detectors that run here, by commas: {', '.join(DETECTORS)} (`./env --with classical …`)",
     )
     task.add_argument(
         "--self-test", action="store_true", help="score the labels themselves through every format: mAP 1, errors 0"
@@ -70,14 +83,19 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Scores every detector on all bags."""
     named = [_named(text) for text in arguments.detections]
-    if not named and not arguments.self_test:
-        raise InputError("detections", "", "NAME=FILE at least once, or --self-test")
-    if len({name for name, _ in named}) < len(named):
-        raise InputError("detections", ", ".join(name for name, _ in named), "each name once")
+    own = [name.strip() for name in arguments.detectors.split(",") if name.strip()]
+    for unknown in set(own) - set(DETECTORS):
+        raise InputError("detectors", unknown, f"one of {', '.join(DETECTORS)}")
+    if not named and not own and not arguments.self_test:
+        raise InputError("detections", "", "NAME=FILE at least once, or --detectors, or --self-test")
+    every = [*(name for name, _ in named), *own]
+    if len(set(every)) < len(every):
+        raise InputError("detections", ", ".join(every), "each name once")
     names = frozenset(name.strip().lower() for name in arguments.names.split(",") if name.strip()) or VEHICLE_NAMES
     with worker_pool(arguments.jobs, lambda _: None) as side_by_side, tempfile.TemporaryDirectory() as scratch:
         frames = _frames(bags_among(arguments.bags), side_by_side, Path(scratch))
         sets = [read_detections(name, source, frames) for name, source in named]
+        sets += [_detected(name, frames, side_by_side) for name in own]
         if arguments.self_test:
             sets += self_test_sets(frames, Path(scratch))
         scores = [
@@ -105,6 +123,12 @@ def _frames(bags: Sequence[Path], side_by_side: Run, scratch: Path) -> Frames:
     ordered = in_dataset_order([surveys[number] for number in range(len(bags))])
     episodes = dict(side_by_side(read_frames, ordered))
     return frames_of([episodes[number] for number in range(len(bags))])
+
+
+def _detected(name: str, frames: Frames, side_by_side: Run) -> FoundSet:
+    parts = dict(side_by_side(DETECTORS[name], [(episode,) for episode in frames.episodes]))
+    boxes = [replace(parts[number], frame=parts[number].frame + frames.first[number]) for number in sorted(parts)]
+    return FoundSet(name, "run here", joined(boxes), frames.scored, has_velocity=True)
 
 
 def _scored(side_by_side: Run, tables: Sequence[tuple[TruthBoxes, FoundBoxes]]) -> list[DevkitScore]:

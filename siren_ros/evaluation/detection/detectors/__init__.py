@@ -1,0 +1,1 @@
+"""Detectors that run here, on the recorded sweeps."""

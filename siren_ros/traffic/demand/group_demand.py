@@ -19,7 +19,8 @@ from siren_ros.traffic.demand.vehicle_factory import VehicleFactory
 
 _SEARCH_STEP_M: Final = 1.0
 _LEAST_PLACED_SHARE: Final = 0.6
-"""Least share of a group's vehicles with which the interaction may still happen; one crossing vehicle is enough."""
+"""Least share of a group's vehicles with which the interaction may still happen; one vehicle is enough that crosses or
+arrives together with the EMV."""
 _WHERE: Final = {
     Placement.EMV_LANE: "in the EMV's lane",
     Placement.ADJACENT_LANE: "in the lane next to it",
@@ -81,7 +82,8 @@ def plan_groups(
 
 def _check_room(group: DemandGroup, rows: int, placed: int) -> None:
     crossing = group.placement is Placement.CROSSING
-    least = min(1, group.vehicles) if crossing else _LEAST_PLACED_SHARE * group.vehicles
+    one_is_enough = crossing or group.anchor is GroupAnchor.ARRIVAL
+    least = min(1, group.vehicles) if one_is_enough else _LEAST_PLACED_SHARE * group.vehicles
     if group.standing and group.placement is Placement.SAME_DIRECTION:
         return  # they wait next to the EMV's lane, whose way is free without them
     if (rows or crossing) and placed < least:
@@ -153,7 +155,7 @@ class _GroupPlanner:
                 front_m = min(front_m, reached[0] - spacing_m)
         step_m = _SEARCH_STEP_M if row.forwards else -_SEARCH_STEP_M
         least_m = row.least_m + self.config.emv_clearance_m if row.least_m > 0.0 else 0.0
-        while front_m < row.chain.end_m and front_m - length_m >= least_m:
+        while front_m < min(row.chain.end_m, row.most_m) and front_m - length_m >= least_m:
             place = row.chain.place(self.network, front_m)
             if place is not None and place[1] >= min(length_m, 0.5 * self.network.lanes[place[0]].length_m):
                 return front_m, *place

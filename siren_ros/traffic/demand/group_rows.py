@@ -1,5 +1,6 @@
 """Rows of lanes in which a template's groups of civilians start."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -39,6 +40,8 @@ class GroupRow:
     """Whether the row grows in driving direction."""
     least_m: float = 0.0
     """No vehicle's rear may be before this place."""
+    most_m: float = math.inf
+    """No vehicle's front may be beyond this place."""
     movement: int | None = None
     """Index of the movement with which a crossing row goes over the junction."""
 
@@ -82,7 +85,12 @@ def group_rows(
     way_m = way_to_stop_line_m(network, start)
     if group.anchor is GroupAnchor.EMV:
         return [replace(row, anchor_m=row.anchor_m - way_m, forwards=True) for row in rows]
-    return [replace(row, anchor_m=_together_m(network, row, start, group, arrival_s), forwards=True) for row in rows]
+    # Beyond the stop line a stream would only hold up its own vehicles that come after.
+    together = [_together_m(network, row, start, group, arrival_s) for row in rows]
+    return [
+        replace(row, anchor_m=anchor_m, forwards=True, most_m=row.anchor_m)
+        for row, anchor_m in zip(rows, together, strict=True)
+    ]
 
 
 def _together_m(network: RoadNetwork, row: GroupRow, start: EmvStart, group: DemandGroup, arrival_s: float) -> float:

@@ -122,7 +122,7 @@ class PullOverConfig:
     """Distance from the wanted offset at which the target counts as reached."""
     blocked_hold_s: float = 1.0
     """Standstill behind another vehicle after which a partly finished pull-over is held."""
-    resume_gap_m: float = 4.0
+    resume_gap_m: float = 3.5
     """Free space ahead with which a partly finished pull-over goes on."""
     room_after_s: float = 1.5
     """Standstill of the EMV behind a vehicle after which its driver goes on along the edge to make room."""
@@ -134,11 +134,32 @@ class PullOverConfig:
     """Gap to the vehicle ahead at which the driver then stops."""
     room_over_line_m: float = 4.0
     """How far the front then reaches over the stop line."""
+    head_over_line_m: float = 2.5
+    """How far the front of the first one in a standing queue reaches over the stop line to have space for the move."""
     settle_length_m: float = 4.0
     """Straight piece after the lateral move, at least; long vehicles take their own length to come straight."""
     stick_out_m: float = 0.33
     """How far an end of a vehicle may stick out sideways, by its heading, for it to count as aligned: what the paper's
     8° are for a car of 4.7 m."""
+
+
+@dataclass(frozen=True)
+class ManoeuvringConfig:
+    """Margins of a civilian who goes to the lane's edge or comes back from it."""
+
+    squeezes: tuple[tuple[float, float], ...] = ((0.3, 4.2), (0.15, 1.5))
+    """Distances to others in metres, and the speed from each on in m/s."""
+    clearance_m: float = 0.1
+    """Distance below which a driver stops."""
+    stop_short_m: float = 0.3
+    brake_mps2: float = 2.0
+    """Deceleration laid out for."""
+    leader_brake_mps2: float = 4.0
+    """Deceleration expected of vehicles ahead."""
+    watch_s: float = 1.0
+    """Time over which vehicles that come on at the side are swept ahead."""
+    watch_m: float = 8.0
+    """Distance at the side and behind within which they are seen."""
 
 
 @dataclass(frozen=True)
@@ -153,7 +174,7 @@ class CorridorConfig:
     """Distance along the road over which a vehicle shapes the corridor before and behind itself."""
     leave_after_s: float = 1.0
     """Time without a reacting or braking vehicle before ``copy_sumo`` ends."""
-    squeezes: tuple[tuple[float, float], ...] = ((0.25, 8.4), (0.15, 6.0), (0.1, 3.0))
+    squeezes: tuple[tuple[float, float], ...] = ((0.3, 8.4), (0.2, 5.0), (0.1, 2.5))
     """Distances to the vehicles beside, in metres, and the speed from each on in m/s."""
     clearance_m: float = 0.1
     """Places with less than this on a side are left to the gap escape."""
@@ -177,7 +198,7 @@ class GapEscapeConfig:
     """Shortest free path worth driving."""
     usable_m: float = 1.0
     """Free way with which the present path is driven on where no other one is found."""
-    squeezes: tuple[tuple[float, float], ...] = ((0.3, 5.6), (0.15, 3.0), (0.08, 1.5))
+    squeezes: tuple[tuple[float, float], ...] = ((0.3, 5.6), (0.15, 2.5), (0.08, 1.0))
     """Margins around the footprint in metres, the wider first, and the speed with each in m/s."""
     squeeze_cost_m: float = 6.0
     """Way that a tighter margin must gain."""
@@ -239,6 +260,19 @@ class AnticipationConfig:
 
 
 @dataclass(frozen=True)
+class JunctionEntryConfig:
+    """How the EMV comes to a red light."""
+
+    speed_mps: float = 20.0 / 3.6
+    """At the line: that of the paper's most careful mode, from which the EMV stops within 5 m at the navigator's
+    comfortable deceleration. Fire services ask for a stop (NFPA 1500); the paper's EMV runs red lights."""
+    brake_mps2: float = 1.2
+    """Deceleration laid out for, as for vehicles ahead."""
+    ease_off_mps2: float = 2.0
+    """Greatest deceleration for it, as for vehicles ahead."""
+
+
+@dataclass(frozen=True)
 class EmvConfig:
     """Route following of the emergency vehicle."""
 
@@ -277,8 +311,10 @@ class BehaviourConfig:
         default_factory=lambda: LaneChangeConfig(duration_s=2.0, length_min_m=12.0, rear_time_s=1.0, own_brake_mps2=1.0)
     )
     anticipation: AnticipationConfig = field(default_factory=AnticipationConfig)
+    junction_entry: JunctionEntryConfig = field(default_factory=JunctionEntryConfig)
     yielding: YieldConfig = field(default_factory=YieldConfig)
     pull_over: PullOverConfig = field(default_factory=PullOverConfig)
+    manoeuvring: ManoeuvringConfig = field(default_factory=ManoeuvringConfig)
     corridor: CorridorConfig = field(default_factory=CorridorConfig)
     gap_escape: GapEscapeConfig = field(default_factory=GapEscapeConfig)
     civilian_navigator: NavigatorConfig = field(default_factory=lambda: NavigatorConfig(ease_off_mps2=1.0))

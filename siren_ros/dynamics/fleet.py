@@ -13,7 +13,7 @@ from siren_ros.dynamics.orders import Orders, merge_commands, stopped_orders
 from siren_ros.dynamics.tracker import Reference, TrackerState, track
 from siren_ros.dynamics.vehicle_model import BodyState, Controls, step_bodies
 from siren_ros.errors import EpisodeError
-from siren_ros.numerics.arrays import Flags, Ids
+from siren_ros.numerics.arrays import Flags, Floats, Ids
 from siren_ros.numerics.units import STEP_S
 from siren_ros.world.actors import ActorStates, Lights, Owner, rows_of_ids
 from siren_ros.world.commands import VehicleCommands
@@ -66,11 +66,13 @@ def step_fleet(
     if traffic.spawned:
         bodies = BodyState.where(fresh, fleet.bodies, bodies)
         tracker = TrackerState.where(fresh, fleet.tracker, tracker)
-    boxes = _footprints(fleet, bodies)
+    velocity = bodies.velocity_mps(fleet.table)
+    boxes = _footprints(fleet, bodies, velocity)
     contacts, touching = find_contacts(boxes, fleet.touching)
     if touching:
         bodies = collide(bodies, boxes, fleet.table, overlapping(boxes, touching), STEP_S)
-    states = _states(fleet, traffic, orders, bodies, driven | (handed_back & ~brought_back))
+        velocity = bodies.velocity_mps(fleet.table)
+    states = _states(fleet, traffic, orders, (bodies, velocity), driven | (handed_back & ~brought_back))
     sirens, sounding = _siren_changes(state, states)
     own = _spawned(states, traffic) + _removed(state, traffic) + _owner_changes(fleet, states) + sirens
     own += _collisions(traffic.step, contacts)
@@ -127,9 +129,13 @@ def _move(
 
 
 def _states(
-    fleet: FleetState, traffic: TrafficState, orders: Orders, bodies: BodyState, own_pose: Flags
+    fleet: FleetState,
+    traffic: TrafficState,
+    orders: Orders,
+    motion: tuple[BodyState, tuple[Floats, Floats]],
+    own_pose: Flags,
 ) -> ActorStates:
-    vx, vy = bodies.velocity_mps(fleet.table)
+    bodies, (vx, vy) = motion
     residual = np.hypot(traffic.sumo_x_m - bodies.x_m, traffic.sumo_y_m - bodies.y_m)
     braking = (bodies.brake > BRAKE_LIGHT_PEDAL) | (bodies.accel_mps2 < -BRAKE_LIGHT_DECEL_MPS2)
     return ActorStates(
@@ -154,8 +160,8 @@ def _states(
     )
 
 
-def _footprints(fleet: FleetState, bodies: BodyState) -> Footprints:
-    vx, vy = bodies.velocity_mps(fleet.table)
+def _footprints(fleet: FleetState, bodies: BodyState, velocity_mps: tuple[Floats, Floats]) -> Footprints:
+    vx, vy = velocity_mps
     return Footprints(
         actor_id=fleet.actor_id,
         x_m=bodies.x_m,

@@ -17,7 +17,8 @@ from siren_ros.behaviour.civilians.unit import (
     yield_event,
 )
 from siren_ros.behaviour.civilians.yield_lane_change import defer
-from siren_ros.behaviour.driving.lane_change import Refusal, offset_in_lane
+from siren_ros.behaviour.driving.lane_change import Refusal, gaps_in_lane, offset_in_lane
+from siren_ros.behaviour.driving.manoeuvring import manoeuvring_limit
 from siren_ros.behaviour.driving.navigator import FULL_BRAKE, DriveCommand, NavigatorState, Situation, navigate
 from siren_ros.behaviour.driving.situation import StepView
 from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, lanes_along, neighbour_lane, path_on_lanes
@@ -35,13 +36,26 @@ _SETTLED_M: Final = 0.5
 _AT_EDGE_M: Final = 0.05
 """Distance from the wanted offset at which the target counts as reached before the lateral move has ended."""
 _LEAST_WAY_M: Final = 2.0
-"""Way that is worth starting for to make room."""
+"""Way that is worth starting for."""
+_STRAIGHT_RAD: Final = 0.04
+"""Heading against the lane below which a vehicle gets no straighter by driving on: an end then sticks out by 0.1 m."""
+_STANDS_MPS: Final = 1.0
+"""Slower vehicles ahead stand, or are about to."""
+_CREEP_MPS: Final = 1.0
+"""Speed on a way that is only as long as the lateral move: slow enough for the steering."""
 _LOOK_AGAIN_STEPS: Final = steps_from_s(0.5)
 
 
 def start_pull_over(unit: YieldUnit, view: StepView, row: int) -> Outcome:
-    """Starts the pull-over. It is deferred on a junction, and where the vehicle cannot stop before the next one."""
+    """Starts the pull-over.
+
+    It is deferred on a junction, where the vehicle cannot stop before the next one, and in a queue that stands too
+    close. A driver looks again every half second.
+    """
     network, config = view.world.network, view.world.config.pull_over
+    looks = view.step % _LOOK_AGAIN_STEPS == unit.actor_id % _LOOK_AGAIN_STEPS
+    if unit.deferred and not looks and standing(view, row):
+        return Outcome(unit)
     lane = int(view.traffic.lane[row])
     if lane == NO_LANE or network.lanes[lane].kind is LaneKind.INTERNAL:
         return defer(unit, view, row, Refusal.JUNCTION.value)
@@ -107,30 +121,61 @@ def pull_over_path(unit: YieldUnit, view: StepView, row: int, lane: int) -> Trac
     steerable = blend_length_m(offset - left, moving, 0.0, 0.0, navigator)
     wanted = max(config.length_min_m, sharpest, steerable)
     half_length = float(view.seen.half_length_m[row])
-    length = wanted + max(config.settle_length_m, 2.0 * half_length)
-    reference = _line_ahead(unit, view, row, lane, position, length + half_length)
-    room = reference.curve.length_m - 2.0 - half_length
-    if room < 2.0:
+    free = _free_m(view, row, lane)
+    if free < _LEAST_WAY_M:
         return None
-    merge = max(min(wanted, room), min(sharpest, wanted))
+    length = min(wanted + max(config.settle_length_m, 2.0 * half_length), free)
+    reference = _line_ahead(unit, view, row, (lane, position), length, wanted)
+    room = reference.curve.length_m - 2.0 - half_length
+    if room < _LEAST_WAY_M:
+        return None
+    merge = min(wanted, room)
+    if room < sharpest:  # as far sideways as leaves the vehicle straight
+        most = config.curvature_max_1pm * room * room / PEAK_CURVATURE
+        offset = left + math.copysign(most, offset - left)
     return path_onto(reference, (x, y, yaw), merge, navigator, offset_m=offset, shorten_m=half_length)
 
 
-def _line_ahead(unit: YieldUnit, view: StepView, row: int, lane: int, position_m: float, ahead_m: float) -> LanePath:
-    """The lane's centre line to the next junction, and a little beyond the stop line if the EMV needs the space.
+def _free_m(view: StepView, row: int, lane: int) -> float:
+    """Way up to a standing vehicle ahead, less the distance kept from it; infinite where nobody stands ahead."""
+    gaps = gaps_in_lane(view, row, lane)
+    if gaps.front_mps > _STANDS_MPS:
+        return math.inf
+    return gaps.front_m - view.world.config.pull_over.room_standstill_gap_m
 
-    Vehicles that stand partly on a shoulder stop before the line: the shoulder does not lead across the junction.
+
+def _line_ahead(
+    unit: YieldUnit, view: StepView, row: int, place: tuple[int, float], way_m: float, wanted_m: float
+) -> LanePath:
+    """The lane's centre line to the next junction, and a little beyond the stop line if the space is needed.
+
+    The EMV needs it where it has been waiting; the driver at the head of a standing queue needs it to move sideways,
+    and with it everybody behind. Vehicles that stand partly on a shoulder stop before the line: the shoulder does not
+    lead across the junction.
+
+    Args:
+        unit: The civilian.
+        view: The step.
+        row: Its row.
+        place: Lane and place on it of the vehicle's centre.
+        way_m: How far the vehicle goes at most.
+        wanted_m: Way that the lateral move takes.
     """
-    network, route = view.world.network, view.traffic.route_of_row(row)
-    lanes, end = lanes_along(network, lane, position_m, route, ahead_m, civilian=True, through_junctions=False)
-    ahead = ahead_m
+    network, route, config = view.world.network, view.traffic.route_of_row(row), view.world.config.pull_over
+    lane, position = place
+    half_length = float(view.seen.half_length_m[row])
+    ahead = way_m + half_length
+    lanes, end = lanes_along(network, lane, position, route, ahead, civilian=True, through_junctions=False)
     beside = neighbour_lane(network, lane, unit.side)
     on_road = beside == NO_LANE or network.lanes[beside].civilian_allowed
-    if end is LaneEnd.JUNCTION and on_road and makes_room(unit, view):
-        to_line = sum(network.lanes[item].length_m for item in lanes) - position_m
-        ahead = min(ahead_m, max(to_line, 0.0) + view.world.config.pull_over.room_over_line_m)
-        lanes, end = lanes_along(network, lane, position_m, route, ahead, civilian=True)
-    return path_on_lanes(network, lanes, end, position_m - 2.0, 2.0 + ahead)
+    if end is LaneEnd.JUNCTION and on_road:
+        to_line = max(sum(network.lanes[item].length_m for item in lanes) - position, 0.0)
+        short = to_line - half_length < wanted_m and float(view.seen.speed_mps[row]) < _STANDS_MPS
+        over = config.room_over_line_m if makes_room(unit, view) else config.head_over_line_m if short else 0.0
+        if over > 0.0:
+            ahead = min(ahead, to_line + over)
+            lanes, end = lanes_along(network, lane, position, route, ahead, civilian=True)
+    return path_on_lanes(network, lanes, end, position - 2.0, 2.0 + ahead)
 
 
 def pull_over(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> Outcome:
@@ -148,7 +193,8 @@ def pull_over(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> Outcom
     stopped = unit.stopped_steps + 1 if standing(view, row) else 0
     unit = replace(unit, stopped_steps=stopped)
     going_on = makes_room(unit, view) and not unit.navigator.done
-    if reached and aligned and not going_on:
+    comes_straight = abs(turned) > _STRAIGHT_RAD and stopped == 0 and not unit.navigator.done
+    if reached and aligned and not going_on and not comes_straight:
         return _hold_now(unit, view, row, offset, partial=False)
     if stopped >= steps_from_s(config.blocked_hold_s):
         return _hold_now(unit, view, row, offset, partial=True)
@@ -167,8 +213,7 @@ def hold(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> Outcome:
     looks = view.step % _LOOK_AGAIN_STEPS == unit.actor_id % _LOOK_AGAIN_STEPS
     if looks and may_go_on(unit, view, row, lane := lane_of(unit, view, row)):
         path = pull_over_path(unit, view, row, lane)
-        least = _LEAST_WAY_M if makes_room(unit, view) else view.world.config.pull_over.length_min_m
-        if path is not None and path.length_m > least:
+        if path is not None:
             x, y, _ = view.pose(row)
             navigator = unit.navigator.following(path, x, y)
             unit = replace(unit, phase=Mode.YIELD_PULL_OVER, navigator=navigator, partial=False, stopped_steps=0)
@@ -200,9 +245,16 @@ def _release(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> Outcome
 
 
 def _drive(unit: YieldUnit, view: StepView, row: int) -> Outcome:
-    situation = Situation(view.seen, row, view.vehicle(row), view.world.speeds.civilian_pull_over_mps)
-    config = view.world.config.civilian_navigator
-    if makes_room(unit, view):
+    path, config = unit.navigator.path, view.world.config.civilian_navigator
+    close = path is not None and path.length_m - path.settled_m < _SETTLED_M
+    situation = Situation(
+        view.seen,
+        row,
+        view.vehicle(row),
+        _CREEP_MPS if close else view.world.speeds.civilian_pull_over_mps,
+        limit=manoeuvring_limit(unit.navigator, view, row),
+    )
+    if close or makes_room(unit, view):
         config = replace(config, standstill_gap_m=view.world.config.pull_over.room_standstill_gap_m)
     navigator, command, _ = navigate(unit.navigator, situation, config)
     return Outcome(replace(unit, navigator=navigator), command)

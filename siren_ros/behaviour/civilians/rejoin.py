@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from siren_ros.behaviour.civilians.unit import Outcome, YieldUnit, aligned_within_rad, lane_of, standing, yield_event
 from siren_ros.behaviour.driving.lane_change import offset_in_lane
+from siren_ros.behaviour.driving.manoeuvring import manoeuvring_limit
 from siren_ros.behaviour.driving.navigator import NavigatorState, Situation, navigate
 from siren_ros.behaviour.driving.situation import StepView
 from siren_ros.behaviour.paths.lane_path import lanes_along, path_on_lanes
@@ -58,7 +59,8 @@ def rejoin(unit: YieldUnit, view: StepView, row: int) -> Outcome:
     blocked = stopped >= steps_from_s(config.rejoin_blocked_s) and (lane == NO_LANE or _straight(view, row, lane))
     if blocked or unit.navigator.done or lane == NO_LANE or _in_lane(view, row, lane):
         return _hand_back(unit, view, row)
-    situation = Situation(view.seen, row, view.vehicle(row), config.rejoin_speed_mps)
+    limit = manoeuvring_limit(unit.navigator, view, row)
+    situation = Situation(view.seen, row, view.vehicle(row), config.rejoin_speed_mps, limit=limit)
     navigator, command, _ = navigate(unit.navigator, situation, view.world.config.civilian_navigator)
     return Outcome(replace(unit, navigator=navigator, stopped_steps=stopped), command)
 

@@ -136,7 +136,8 @@ def _leaders(
     beside = np.abs(frame.left_m) - side
     drifted = np.abs(frame.left_m + _DRIFT_TIME_S * speed * frame.left_share) - side
     inside = (beside < corridor) & ((gap > -0.5) | (beside < own_width))
-    drifting = (drifted < corridor) & (along_sin > _DRIFT_SINE) & (gap > 0.0)
+    # Who comes on at an angle is turning out of the way or into it: the outlook knows, a straight line does not.
+    drifting = (drifted < corridor) & (along_sin > _DRIFT_SINE) & (gap > 0.0) & (frame.along_share > 0.0)
     picked = (frame.s_m > frame.progress_m) & ~crossing & (inside | drifting)
     lead = speed[picked] * frame.along_share[picked]
     return _Candidates(

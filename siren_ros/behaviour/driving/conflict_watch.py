@@ -49,7 +49,8 @@ def watch_conflicts(
     half_length, half_width = float(seen.half_length_m[row]), float(seen.half_width_m[row])
     pose = float(seen.x_m[row]), float(seen.y_m[row]), float(seen.yaw_rad[row])
     own = Way(path.curve.points, path.curve.spacing_m, progress_m, 0.0, pose, reach, half_length, half_width)
-    others = [_way(seen, other) for other in rows.tolist()]
+    reaches = _reach_m(seen.speed_mps[rows]).tolist()
+    others = [_way(seen, other, far) for other, far in zip(rows.tolist(), reaches, strict=True)]
     worst: Threat | None = None
     for other, zone in zip(rows.tolist(), meeting_zones(own, others, config.side_margin_m), strict=True):
         if zone is not None and not zone.leads:
@@ -75,14 +76,13 @@ def _reach_m(speed_mps: Floats) -> Floats:
     return np.minimum(_OTHERS_TIME_S * speed_mps + _OTHERS_MORE_M, _OTHERS_MOST_M)
 
 
-def _way(seen: Surroundings, row: int) -> Way:
-    reach = float(_reach_m(seen.speed_mps[row]))
+def _way(seen: Surroundings, row: int, reach_m: float) -> Way:
     if seen.outlook is not None:
-        return seen.outlook.way(row, reach)
+        return seen.outlook.way(row, reach_m)
     pose = float(seen.x_m[row]), float(seen.y_m[row]), float(seen.yaw_rad[row])
     course = Course.straight(*pose)
     half_length, half_width = float(seen.half_length_m[row]), float(seen.half_width_m[row])
-    return Way(course.points, course.spacing_m, 0.0, 0.0, pose, reach, half_length, half_width)
+    return Way(course.points, course.spacing_m, 0.0, 0.0, pose, reach_m, half_length, half_width)
 
 
 def _threat(

@@ -11,9 +11,11 @@ import numpy.typing as npt
 from siren_ros.behaviour.driving.surroundings import Surroundings
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
 from siren_ros.numerics.arrays import Floats, Ids
+from siren_ros.numerics.boxes import box_gap_m
+from siren_ros.numerics.compiled import Array, compiled
 from siren_ros.world.actors import NO_ACTOR
 
-_PATH_STEP_M: Final = 0.5
+_PATH_STEP_M: Final = 0.25
 _OFFSET_LENGTH_M: Final = 4.0
 """Way over which the path tracking takes back most of an offset from the path."""
 _LEAST_WAY_M: Final = 0.2
@@ -97,19 +99,24 @@ def separations_m(x_m: Floats, y_m: Floats, yaw_rad: Floats, body: Body, obstacl
     Returns:
         Array of the poses' common shape with an axis of length ``M`` added.
     """
-    dx, dy = obstacles.x_m - x_m[..., None], obstacles.y_m - y_m[..., None]
-    cos, sin = np.cos(yaw_rad)[..., None], np.sin(yaw_rad)[..., None]
-    turn_cos = np.abs(cos * obstacles.cos + sin * obstacles.sin)
-    turn_sin = np.abs(cos * obstacles.sin - sin * obstacles.cos)
-    length, width = obstacles.half_length_m, obstacles.half_width_m
-    gap = np.abs(cos * dx + sin * dy) - (body.half_length_m + turn_cos * length + turn_sin * width)
-    aside = np.abs(cos * dy - sin * dx) - (body.half_width_m + turn_sin * length + turn_cos * width)
-    np.maximum(gap, aside, out=gap)
-    own_along = turn_cos * body.half_length_m + turn_sin * body.half_width_m
-    own_across = turn_sin * body.half_length_m + turn_cos * body.half_width_m
-    np.maximum(gap, np.abs(obstacles.cos * dx + obstacles.sin * dy) - (length + own_along), out=gap)
-    np.maximum(gap, np.abs(obstacles.cos * dy - obstacles.sin * dx) - (width + own_across), out=gap)
-    return np.asarray(gap, dtype=np.float64)
+    x, y, yaw = np.broadcast_arrays(x_m, y_m, yaw_rad)
+    poses = np.array((x.ravel(), y.ravel(), np.cos(yaw).ravel(), np.sin(yaw).ravel()))
+    boxes = np.array(
+        (obstacles.x_m, obstacles.y_m, obstacles.cos, obstacles.sin, obstacles.half_length_m, obstacles.half_width_m)
+    )
+    gap = np.empty((poses.shape[1], boxes.shape[1]))
+    _separate(poses, boxes, body.half_length_m, body.half_width_m, gap)
+    return gap.reshape(*x.shape, len(obstacles))
+
+
+@compiled
+def _separate(poses: Array, boxes: Array, half_length: float, half_width: float, gap: Array) -> None:
+    """Fill in the gap of a body in each pose (x, y, cosine, sine; ``(4, P)``) from each box ``(6, M)``."""
+    for n in range(poses.shape[1]):
+        own = poses[0, n], poses[1, n], poses[2, n], poses[3, n]
+        for m in range(boxes.shape[1]):
+            box = boxes[0, m], boxes[1, m], boxes[2, m], boxes[3, m]
+            gap[n, m] = box_gap_m(own, box, half_length, half_width, boxes[4, m], boxes[5, m])
 
 
 def clearances_m(
@@ -199,7 +206,10 @@ class FreeWay:
         return float(self._stopping_m(_TOUCH_M).min(initial=np.inf))
 
     def _stopping_m(self, clearance_m: float) -> Floats:
-        return self._first_m(self.gap_m < np.minimum(clearance_m, self.gap_m[0] - _TOLERANCE_M))
+        """Way to each obstacle that is too near; the tolerance ends where bodies touch, or many steps would add up."""
+        present = self.gap_m[0]
+        nearer = np.maximum(present - _TOLERANCE_M, np.minimum(present, _TOUCH_M))
+        return self._first_m(self.gap_m < np.minimum(clearance_m, nearer))
 
     def _first_m(self, hits: npt.NDArray[np.bool_]) -> Floats:
         """Distance to the first hit of each obstacle, shape ``(M,)``; infinite without one."""

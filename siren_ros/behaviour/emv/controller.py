@@ -18,6 +18,7 @@ from siren_ros.behaviour.emv.forced_lane_change import (
 )
 from siren_ros.behaviour.emv.gap_escape import escape_path, escape_speed_mps, gap_escape_mode
 from siren_ros.behaviour.emv.guard import Guard, Outcome
+from siren_ros.behaviour.emv.junction_entry import entry_limit_mps
 from siren_ros.behaviour.emv.passage import passage_blocker, passage_limit
 from siren_ros.behaviour.emv.route import plan_route, present_lane
 from siren_ros.behaviour.emv.unit import EmvUnit
@@ -108,6 +109,7 @@ def _step_unit(unit: EmvUnit, view: StepView, row: int) -> tuple[EmvUnit, DriveC
         config = replace(config, standstill_gap_m=view.world.config.emv.escape_gap_m)
     between = unit.corridor or unit.gap_escape_active
     limit = passage_limit(unit, view, row) if between else anticipated_limit(unit, view, row)
+    limit = replace(limit, speed_mps=min(limit.speed_mps, entry_limit_mps(view, row)))
     situation = Situation(
         seen=view.seen,
         row=row,

@@ -90,16 +90,16 @@ def test_goes_on_where_the_way_ahead_is_free(lab, unit, gap, goes):
     assert may_go_on(unit, view, 0, 0) is goes
 
 
-def test_the_front_goes_over_the_stop_line_only_to_make_room(lab):
+def test_the_front_goes_over_the_stop_line_only_to_make_room_or_at_the_head_of_a_standing_queue(lab):
     network = lab.junction_road()
     half = 0.5 * lab.vehicles[ActorClass.SEDAN].length_m
     view = view_of(lab, lab.Car(2, 1, 149.0 - half, 0, (0, 2)), network=network)
-    left = replace(UNIT, side=1)
-    assert pull_over_path(left, view, 0, 1) is None
-    path = pull_over_path(replace(left, emv_waits_steps=30), view, 0, 1)
-    front = path.curve.points[-1, 0] + half
-    over = view.world.config.pull_over.room_over_line_m
-    assert 150.0 + 0.5 * over < front < 150.0 + over + 0.5
+    left, config = replace(UNIT, side=1), view.world.config.pull_over
+    for unit, over in ((left, config.head_over_line_m), (replace(left, emv_waits_steps=30), config.room_over_line_m)):
+        front = pull_over_path(unit, view, 0, 1).curve.points[-1, 0] + half
+        assert 150.0 + 0.5 * over < front < 150.0 + over + 0.5
+    rolling = view_of(lab, lab.Car(2, 1, 149.0 - half, 2.0, (0, 2)), network=network)
+    assert pull_over_path(left, rolling, 0, 1) is None
 
 
 def test_a_vehicle_beside_a_shoulder_stays_before_the_stop_line(lab):

@@ -9,8 +9,10 @@ from siren_ros.behaviour.civilians.drivers import Compliance, Driver
 from siren_ros.behaviour.civilians.pull_over import alignment_of, edge_offset_m, pull_over_path
 from siren_ros.behaviour.civilians.unit import YieldUnit, aligned_within_rad
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
+from siren_ros.behaviour.paths.path_blend import PEAK_CURVATURE
 from siren_ros.world.actors import ActorClass, Lights, Mode, Owner
 
+UNIT = YieldUnit(2, 1, Driver(Compliance.COMPLIES, 0.0, 40.0), 0, phase=Mode.YIELD_HOLD, side=-1)
 AMBULANCE = ActorClass.AMBULANCE
 
 
@@ -81,7 +83,7 @@ def test_does_not_hold_while_the_heading_is_off_by_more_than_eight_degrees(lab, 
     cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
     state, _, _ = steps(lab, world, cars)
     for degrees, held in ((9.0, False), (7.0, True)):
-        poses = np.array([[50.0, 0.0, 0.0, 8.0], [90.0, -0.735, -np.radians(degrees), 2.0]])
+        poses = np.array([[50.0, 0.0, 0.0, 8.0], [90.0, -0.735, -np.radians(degrees), 0.1]])
         _, _, events = steps(lab, world, cars, 1, state, 1, poses)
         assert ("yield_held" in kinds(events)) is held
 
@@ -135,9 +137,9 @@ def test_stops_before_the_junction(lab):
 
 
 def test_partial_hold_behind_a_standing_vehicle_goes_on_when_the_way_is_free(lab, world):
-    cars = [emv_at(lab), lab.Car(2, 0, 80, 0, (0,)), lab.Car(3, 0, 87.2, 0, (0,))]
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 0, (0,)), lab.Car(3, 0, 89.0, 0, (0,))]
     state, _, _ = steps(lab, world, cars)
-    stuck = [cars[0], lab.Car(2, 0, 80.4, 0, (0,), left=-0.1), cars[2]]
+    stuck = [cars[0], lab.Car(2, 0, 83.2, 0, (0,), left=-0.2), cars[2]]
     state, _, events = steps(lab, world, stuck, 25, state, 1)
     held = [event for event in events if event.kind.value == "yield_held" and event.actor_id == 2]
     assert [event.detail["partial"] for event in held] == [1]
@@ -193,9 +195,9 @@ def test_a_held_vehicle_is_released_when_the_emv_has_left_the_simulation(lab, wo
 
 
 def test_the_standstill_before_a_partial_hold_is_counted_without_interruption(lab, world):
-    cars = [emv_at(lab), lab.Car(2, 0, 80, 0, (0,)), lab.Car(3, 0, 87.2, 0, (0,))]
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 0, (0,)), lab.Car(3, 0, 89.0, 0, (0,))]
     state, _, _ = steps(lab, world, cars)
-    stuck = [cars[0], lab.Car(2, 0, 80.4, 0, (0,), left=-0.1), cars[2]]
+    stuck = [cars[0], lab.Car(2, 0, 83.2, 0, (0,), left=-0.2), cars[2]]
     rolling = [cars[0], replace(stuck[1], speed=0.5), cars[2]]
     needed = round(world.config.pull_over.blocked_hold_s / 0.05)
     state, _, _ = steps(lab, world, stuck, needed - 1, state, 1)
@@ -267,3 +269,44 @@ def test_a_pull_over_is_deferred_where_the_vehicle_cannot_stop_before_the_juncti
         cars = [lab.Car(1, 0, 115, 8, (0, 2), AMBULANCE), lab.Car(2, 0, 136, speed, (0, 2))]
         _, _, found = steps(lab, world, cars)
         assert kinds(found) == events
+
+
+def path_behind(lab, gap, network=None, s=80.0):
+    """The path of a sedan at rest behind a standing one, and the vehicle's way to it."""
+    network = network or lab.straight_road()
+    length = lab.vehicles[ActorClass.SEDAN].length_m
+    cars = [lab.Car(2, 0, s, 0, (0,)), lab.Car(3, 0, s + length + gap, 0, (0,))]
+    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars))
+    return pull_over_path(replace(UNIT, side=-1), view, 0, 0), view.world.config.pull_over
+
+
+def test_behind_a_standing_vehicle_it_goes_as_far_sideways_as_leaves_it_straight(lab):
+    path, config = path_behind(lab, 4.5)
+    way = 4.5 - config.room_standstill_gap_m
+    end = path.curve.place(path.length_m)
+    shift = config.curvature_max_1pm * way**2 / PEAK_CURVATURE
+    assert end[0] - 80.0 == pytest.approx(way, abs=0.1)
+    assert end[1] == pytest.approx(-shift, abs=0.03)
+    assert abs(end[2]) < 0.05
+    assert 0.2 < shift < 0.5
+    far = path_behind(lab, 30.0)[0]
+    assert far.curve.points[-1, 1] == pytest.approx(-(1.65 - 0.915), abs=0.01)
+
+
+def test_a_queue_that_stands_too_close_waits_for_the_one_ahead(lab):
+    assert path_behind(lab, 2.5)[0] is None
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 0, (0,)), lab.Car(3, 0, 87.25, 0, (0,))]
+    _, _, events = steps(lab, lab.world_of(lab.straight_road(), lab.L3), cars, 10)
+    mine = [event for event in events if event.actor_id == 2]
+    assert kinds(mine) == ["yield_requested", "yield_deferred"]
+    assert mine[1].detail["reason"] == "no_room"
+
+
+def test_comes_straight_before_it_holds(lab, world):
+    """At the edge with 5°, which the paper accepts, the driver goes on until the vehicle is straight or has to stop."""
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
+    state, _, _ = steps(lab, world, cars)
+    for degrees, speed, held in ((5.0, 2.0, False), (2.0, 2.0, True), (5.0, 0.0, True)):
+        poses = np.array([[50.0, 0.0, 0.0, 8.0], [86.0, -0.72, -np.radians(degrees), speed]])
+        _, _, events = steps(lab, world, cars, 1, state, 1, poses)
+        assert ("yield_held" in kinds(events)) is held

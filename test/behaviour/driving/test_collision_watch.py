@@ -190,3 +190,13 @@ def test_in_a_bend_the_corridor_is_wider_by_what_the_body_cuts(bend, side):
             plain, x_m=np.array([0.0, at[0]]), y_m=np.array([0.0, at[1]]), yaw_rad=yaw, cos=np.cos(yaw), sin=np.sin(yaw)
         )
         assert (watch_path(path, 0.0, 0, 10.0, seen, CONFIG) is not None) is leads
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_an_oncoming_vehicle_that_ends_its_turn_is_no_leader(turn, side):
+    """20° from straight, 3.5 m aside at 5.4 m/s: its turn takes it along the other lane, its straight line does not."""
+    ending = np.pi + side * np.radians(20.0)
+    assert watched(turn, 8.0, (15.0, side * 3.5, ending, 5.4)) is None
+    on_the_path = watched(turn, 8.0, (15.0, side * 1.5, ending, 5.4))
+    assert on_the_path.safe_speed_mps == pytest.approx(krauss(0.0, 0.0), abs=2.0)

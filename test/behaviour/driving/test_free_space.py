@@ -132,3 +132,11 @@ def test_moving_vehicles_are_swept_along_their_motion(lab):
     np.testing.assert_allclose(swept.x_m - swept.half_length_m, [50.0 - half, 80.0 - half])
     np.testing.assert_allclose(swept.x_m + swept.half_length_m, [70.0 + half, 80.0 + half])
     assert swept.take(np.array([False, True])).actor_id.tolist() == [3]
+
+
+def test_the_tolerance_of_many_steps_does_not_add_up_to_contact():
+    """Where bodies are 2 cm apart no step may come nearer; else none below 3 cm."""
+    for gap, allowed in ((0.02, 0.02), (0.035, 0.03), (0.05, 0.03)):
+        for then, free in ((allowed - 0.001, 1.0), (allowed + 0.0005, math.inf)):
+            gaps = np.array([[gap], [then]])
+            assert FreeWay(np.arange(2.0), gaps, np.zeros(1), np.array([2], np.uint32)).free_m == free

@@ -120,15 +120,23 @@ def _data_json(data: MadeData) -> dict[str, Any]:
     splits = {}
     for split in Split:
         made = [planned.request for planned, _ in data.files if planned.split is split]
-        left_out = sorted({f"{planned.name}: {reason}" for planned, reason in data.missing if planned.split is split})
+        left_out = [
+            f"{planned.name}: {_reason(planned, why)}" for planned, why in data.missing if planned.split is split
+        ]
         seeds = [request.seed for request in made]
         splits[split.value] = {
             "episodes": len(made),
             "maps": sorted({Path(request.map).name or "town" for request in made}),
             "seeds": [min(seeds), max(seeds)] if seeds else [],
-            "left_out": left_out,
+            "left_out": sorted(left_out),
         }
     return splits
+
+
+def _reason(planned: PlannedEpisode, reason: str) -> str:
+    """Why an episode is missing, with the name of the map in place of its path."""
+    path = planned.request.map
+    return reason.replace(path, Path(path).name) if path else reason
 
 
 def _write(path: Path, weights: bytes, card: Mapping[str, Any]) -> None:

@@ -9,6 +9,7 @@ from siren_ros.interfaces import topics
 from siren_ros.interfaces.cdr import decode_cdr, encode_cdr, step_of_cdr
 from siren_ros.interfaces.images import to_compressed_image, to_image
 from siren_ros.interfaces.point_cloud import to_point_cloud
+from siren_ros.interfaces.transforms import Transform, quaternion_of_yaw, to_tf
 from siren_ros.sensors.lidar.lidar_points import LIDAR_POINT_DTYPE
 
 frames = st.text("abcé_/", max_size=9)
@@ -45,6 +46,13 @@ def test_pictures_are_encoded_as_the_store_would(typestore: Typestore, frame: st
 def test_jpegs_are_encoded_as_the_store_would(typestore: Typestore, frame: str, jpeg: bytes) -> None:
     message = to_compressed_image(3, frame, jpeg)
     assert_plain(typestore, topics.IMAGE_COMPRESSED, message)
+
+
+@pytest.mark.parametrize("step", [0, 1, 400, 123_456])
+def test_the_step_of_a_sequence_is_that_of_its_first_element(typestore: Typestore, step: int) -> None:
+    transform = Transform("map", "base", (1.0, 2.0, 3.0), quaternion_of_yaw(0.5))
+    message = to_tf(step, [transform, transform])
+    assert step_of_cdr(topics.TF, bytes(typestore.serialize_cdr(message, topics.TF.type_name))) == step
 
 
 def test_foreign_bytes_are_refused_by_the_topics_name(typestore: Typestore) -> None:

@@ -58,3 +58,4 @@ def test_intrinsics_come_back(round_trip: Callable[[object], Any]) -> None:
     message = round_trip(to_camera_info(1, "camera", camera))
     assert from_camera_info(message) == camera
     assert np.array_equal(message.p.reshape(3, 4)[:, :3], camera.matrix)
+    assert camera.matrix.tolist() == [[335.6, 0.0, 400.0], [0.0, 336.7, 300.0], [0.0, 0.0, 1.0]]

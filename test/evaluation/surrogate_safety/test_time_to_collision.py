@@ -41,6 +41,15 @@ def test_behind_a_standing_vehicle(
     assert found.required_deceleration_mps2[0] == pytest.approx(speed_mps**2 / (2.0 * gap_m))
 
 
+@pytest.mark.parametrize("at_m", [(500.0, 0.0), (0.0, 500.0), (-500.0, -500.0)])
+def test_the_place_on_the_map_does_not_matter(straight_road: RoadNetwork, at_m: tuple[float, float]) -> None:
+    x_m, y_m = at_m
+    there = moving(x_m + LENGTH_M + 6.0, y_m, 0.0, steps=1)
+    found = first_instant(straight_road, moving(x_m, y_m, 10.0, steps=1), there)
+    assert found.time_s[0] == pytest.approx(0.6)
+    assert found.closing_mps[0] == pytest.approx(10.0)
+
+
 def test_head_on_the_speeds_add(straight_road: RoadNetwork) -> None:
     found = first_instant(
         straight_road, moving(0.0, 0.0, 8.0, steps=1), moving(24.6, 0.0, 12.0, yaw_rad=np.pi, steps=1)
@@ -97,6 +106,18 @@ def test_a_vehicle_in_a_bend_stays_in_it(straight_road: RoadNetwork, hand: float
     assert np.isinf(found.time_s[0])
     # A quarter circle less about half of each length.
     assert found.time_s[1] == pytest.approx((radius_m * np.pi / 2.0 - LENGTH_M) / speed_mps, abs=0.1)
+
+
+@pytest.mark.parametrize("hand", [1.0, -1.0])
+def test_the_body_turns_with_the_bend(straight_road: RoadNetwork, hand: float) -> None:
+    """Past a car that stands along the bend, outside of it: only a body across the bend would touch it."""
+    speed_mps, radius_m, aside_m = 8.0, 16.0, WIDTH_M + 0.4
+    x_m = (radius_m + aside_m) * np.sin(np.pi / 4.0)
+    y_m = hand * (radius_m - (radius_m + aside_m) * np.cos(np.pi / 4.0))
+    parked = moving(x_m, y_m, 0.0, yaw_rad=hand * np.pi / 4.0, steps=1)
+    encounters = encounters_of(record_with({1: moving(0.0, 0.0, speed_mps, steps=1), 2: parked}, straight_road), 1)
+    turning = replace(encounters.subject, yaw_rate_radps=np.full(1, hand * speed_mps / radius_m))
+    assert np.isinf(predicted_contacts(replace(encounters, subject=turning)).time_s[0])
 
 
 def test_overlapping_footprints_have_no_time_left(straight_road: RoadNetwork) -> None:

@@ -11,6 +11,7 @@ from siren_ros.evaluation.yielding.measure import Measure
 from siren_ros.evaluation.yielding.metrics import EPISODE_METRICS
 from siren_ros.evaluation.yielding.scoring import YieldScores, score_yielding
 from siren_ros.evaluation.yielding.summary import ScoredEpisode, situation_sha256
+from siren_ros.roads.road_network import NO_LANE
 
 NOTHING = {metric.name: Measure.lacking("not measured") for metric in EPISODE_METRICS}
 
@@ -100,4 +101,9 @@ def test_the_civilians_delay_is_what_they_lose_against_the_limit() -> None:
     )
     delay = score_yielding(replace(record, traffic=traffic)).metrics["civilian_delay_s"]
     assert delay.value == pytest.approx(30.0 * (1.0 - 5.0 / 13.9), rel=0.02)
+    # A while off every lane costs nothing, and leaves what the rest costs.
+    half = len(traffic) // 2
+    away = tuple(replace(one, lane=np.full_like(one.lane, NO_LANE)) for one in traffic[:half])
+    rest = score_yielding(replace(record, traffic=(*away, *traffic[half:]))).metrics["civilian_delay_s"]
+    assert rest.value == pytest.approx(delay.value * (1.0 - half / len(traffic)), rel=0.02)
     assert score_yielding(record).metrics["civilian_delay_s"].lack == "nobody was on a lane"

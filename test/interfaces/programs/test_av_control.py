@@ -62,4 +62,5 @@ def test_a_way_comes_back_and_its_poses_look_along_it() -> None:
     assert np.array_equal(from_path(message).points, way.points)
     turned = [2.0 * math.atan2(pose.pose.orientation.z, pose.pose.orientation.w) for pose in message.poses]
     assert turned == pytest.approx([0.0, math.pi / 2, math.pi / 2])
+    assert {pose.pose.position.z for pose in message.poses} == {0.0}
     assert {pose.header.frame_id for pose in message.poses} == {"map"}

@@ -100,9 +100,10 @@ def test_emvs_route_is_long_enough_for_the_episode(network: RoadNetwork) -> None
 
 
 def test_background_vehicles_do_not_overlap(network: RoadNetwork) -> None:
-    by_lane: dict[int, list[PlannedVehicle]] = {}
-    for vehicle in plan(network).background:
-        by_lane.setdefault(vehicle.spot.lane, []).append(vehicle)
+    by_lane: dict[tuple[int, int], list[PlannedVehicle]] = {}
+    for seed in range(8):
+        for vehicle in plan(network, seed).background:
+            by_lane.setdefault((seed, vehicle.spot.lane), []).append(vehicle)
     for vehicles in by_lane.values():
         ordered = sorted(vehicles, key=lambda vehicle: vehicle.spot.front_m)
         for behind, ahead in pairwise(ordered):

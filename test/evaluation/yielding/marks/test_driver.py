@@ -10,6 +10,7 @@ from siren_ros.evaluation.yielding.encounters import Encounter, encounters_of
 from siren_ros.evaluation.yielding.marks import driver as marks
 from siren_ros.evaluation.yielding.measure import Measure
 from siren_ros.evaluation.yielding.thresholds import YieldThresholds
+from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
 
 LIMITS = YieldThresholds()
@@ -58,6 +59,10 @@ def test_the_driver_recovers_when_it_is_back_in_its_lane() -> None:
     back_s = (60.0 + bent_m + 30.0 + 2.1 / 2.6 * bent_m - 46.0) / 5.0
     assert not recovery.at_least
     assert recovery.value == pytest.approx(back_s - passed_s, abs=0.15)
+    rows = round(recovery.value / STEP_S)
+    disturbed = marks.disturbed_rows(one, LIMITS)[one.passed_row :]
+    assert disturbed[rows - 1]
+    assert not disturbed[rows:].any()
 
 
 def test_a_driver_that_stays_holds_the_emv_up() -> None:

@@ -15,7 +15,7 @@ from siren_ros.traffic.demand.plan import TrafficPlan
 from siren_ros.traffic.demand.vehicle_factory import Dimensions
 from siren_ros.world.actors import ActorClass
 
-_UNREACHABLE: Final = 4
+_UNREACHABLE: Final = 3
 """Rank of sites whose approach is too short."""
 
 

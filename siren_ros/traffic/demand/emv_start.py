@@ -166,25 +166,22 @@ def approach_rank(network: RoadNetwork, site: Site, emv: EmvDemand, config: Dema
     """How well an EMV can drive up to a site, 0 is best.
 
     At a junction before the site others delay the EMV, and in sharp bends it meets oncoming vehicles late. It then
-    misses those whom it is to meet.
+    misses those whom it is to meet at a signal or a stop sign; elsewhere the vehicles that it meets wait.
 
     Returns:
-        0 for a way without junctions and sharp bends, 1 for such a way that is shorter than the template wants, 2 for
-        one with junctions, 3 with sharp bends.
+        0 for a way without junctions and sharp bends, 1 for one with junctions, 2 for one with sharp bends.
 
     Raises:
         MapError: the site's approach or the site itself is too short.
     """
-    if emv.start_from is StartReference.SITE_START:
+    if site.kind not in _CONFLICT_POINTS:
         return 0
     start = emv_start(network, site, start_m_of(network, site, emv))
     way_m = way_to_stop_line_m(network, start)
     pace_mps = way_m / max(unhindered_arrival_s(network, start, emv, config), SAMPLE_M)
     if pace_mps < _LEAST_PACE * emv.speed_mps or start.front_m < min(_ENTRY_M, network.lanes[start.lane].length_m):
-        return 3
-    if _quiet_start(network, site, emv) is None:
         return 2
-    return 0 if way_m >= -_LEAST_APPROACH_SHARE * emv.start_m else 1
+    return 1 if _quiet_start(network, site, emv) is None else 0
 
 
 def long_enough_route(

@@ -22,7 +22,7 @@ def test_a_report_has_its_pictures(
     tmp_path: Path, write_bag: Callable[..., Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = write_bag(tmp_path / "S2_L2_seed0", duration_s=9.0)
-    words = ["evaluate", "prediction", str(bag), "--population=all"]
+    words = ["evaluate", "prediction", str(bag), "--models=cv,idm", "--population=all"]
     assert main([*words, "--pictures", "--out", str(tmp_path / "out")]) == 0
     assert {path.name for path in (tmp_path / "out").glob("*.png")} == {"horizon.png", "samples_S2.png"}
     picture = np.asarray(Image.open(tmp_path / "out" / "samples_S2.png").convert("RGB"))

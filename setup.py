@@ -57,9 +57,14 @@ CLASSICAL = [
     "open3d>=0.19",  # the detector without learning: clusters by DBSCAN
 ]
 
+VLM = [
+    "openai>=1.60,<3",  # asks models behind servers that speak OpenAI's protocol; retries with back-off
+]
+
 DEVELOPMENT = [
     *DETECTION,
     *CLUSTER,  # its tests run two workers
+    *VLM,  # its tests talk to a server of their own
     "pytest>=8",  # runs the tests
     "pytest-timeout>=2.3",  # a test that hangs fails instead
     "pytest-xdist>=3.5",  # shares the tests between two processes
@@ -132,6 +137,7 @@ setup(
         "detection": DETECTION,
         "classical": [*DETECTION, *CLASSICAL],
         "cluster": CLUSTER,
+        "vlm": VLM,
         "dev": DEVELOPMENT,
     },
     zip_safe=False,

@@ -20,14 +20,19 @@ _VERBS: Final = {
     "sense": "draw what sensors see at an instant of an episode",
     "video": "make a video of an episode, from above or through the front camera",
     "replay": "play an episode on its topics, or simulate it again and compare",
+    "label": "derive the labels of risk videos again, with other thresholds",
     "evaluate": "score models on episodes",
     "train": "train the models that ship with the project",
 }
 """What the verbs do; each is a module of this package, loaded when it is asked for: some bring much with them."""
 
 
-def parser(verb: str | None) -> argparse.ArgumentParser:
-    """The command line, with the arguments of one verb."""
+_SETS: Final = {"generate": ("risk",)}
+"""Words after a verb that make another command of it; each is a module ``generation/VERB_WORD``."""
+
+
+def parser(verb: str, word: str = "") -> argparse.ArgumentParser:
+    """The command line, with the arguments of one verb, or of the command that the word after it makes."""
     top = argparse.ArgumentParser(
         prog="siren",
         description="Works with recorded SIREN episodes: look into them, check them, export them, draw them.",
@@ -37,7 +42,10 @@ def parser(verb: str | None) -> argparse.ArgumentParser:
     verbs = top.add_subparsers(title="commands", dest="verb", metavar="COMMAND", required=True)
     for name, summary in _VERBS.items():
         added = verbs.add_parser(name, help=summary)
-        if name == verb:
+        if name == verb and word in _SETS.get(name, ()):
+            added.add_argument("set", choices=[word], help=argparse.SUPPRESS)
+            import_module(f"siren_ros.cli.generation.{name}_{word}").add_arguments(added)
+        elif name == verb:
             import_module(f"siren_ros.cli.{name}").add_arguments(added)
     return top
 
@@ -45,7 +53,8 @@ def parser(verb: str | None) -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs one command and returns its exit code; an error is one line on stderr."""
     words = sys.argv[1:] if argv is None else argv
-    arguments = parser(next((word for word in words if not word.startswith("-")), None)).parse_args(words)
+    verb, word, *_ = [*(word for word in words if not word.startswith("-")), "", ""]
+    arguments = parser(verb, word).parse_args(words)
     try:
         return int(arguments.run(arguments))
     except SirenError as error:

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from os.path import relpath
 from pathlib import Path
 from typing import Any, Final
 
@@ -54,6 +55,14 @@ class VideoSet:
     folder: Path
     videos: Mapping[str, RiskVideo]
     thresholds: RiskThresholds
+
+    def moved(self, folder: Path) -> "VideoSet":
+        """The set's files in another folder, with the videos where they are."""
+        videos = {
+            key: replace(video, file=Path(relpath(self.folder / video.file, folder)).as_posix())
+            for key, video in self.videos.items()
+        }
+        return replace(self, folder=folder, videos=videos)
 
     def relabelled(self, thresholds: RiskThresholds) -> "VideoSet":
         """The same videos with the labels that other thresholds give."""

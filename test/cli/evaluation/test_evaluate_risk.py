@@ -3,11 +3,15 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from evaluation.made_video_sets import small_video_set
+from evaluation.risk.vlm.chat_server import Behaviour, chat_server
 
 from siren_ros.cli.main import main
-from siren_ros.evaluation.risk.video_set import write_set
+from siren_ros.evaluation.risk.key_frames import key_frames
+from siren_ros.evaluation.risk.video_set import read_set, write_set
+from siren_ros.pictures.video import write_video
 
 
 @pytest.fixture
@@ -66,3 +70,53 @@ def test_missing_answers_have_to_be_allowed(folder: Path, answers: Path, capsys:
     assert "5 videos without an answer, first S4_001" in capsys.readouterr().err
     assert main([*words, "--allow-missing"]) == 0
     assert "1/6" in capsys.readouterr().out
+
+
+@pytest.fixture
+def films(folder: Path) -> Path:
+    """The set with its pictures: grey films, and masks without vehicles."""
+    folder.joinpath("masks").mkdir()
+    for number, (key, video) in enumerate(sorted(read_set(folder).videos.items())):
+        write_video(folder / video.file, (np.full((16, 16, 3), 40 * number, np.uint8) for _ in range(video.frames)))
+        empty = {f"frame_{frame:03d}": np.zeros((16, 16), np.uint32) for frame in key_frames(video.frames)}
+        np.savez_compressed(folder / "masks" / f"{key}.npz", **empty)
+    return folder
+
+
+def test_a_model_behind_a_server_is_asked_and_scored(films: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("openai", reason="the extra vlm is not installed")
+    out = films / "out"
+    with chat_server(lambda _, __: Behaviour('{"class": "Near-Miss", "reason": "close"}')) as server:
+        words = ["evaluate", "risk", str(films), "--base-url", server.url, "--model", "org/m", "--out", str(out)]
+        assert main([*words, "--price", "1,10"]) == 0
+        printed = capsys.readouterr().out
+        assert "12 questions, 0 of them answered before, 0 answers unreadable; 12000 tokens in, 240 out" in printed
+        assert "cost 0.01" in printed
+        assert main(words) == 0
+        assert "12 questions, 12 of them answered before" in capsys.readouterr().out
+    assert len(server.requests) == 12
+    answers = json.loads(out.joinpath("answers_org_m.json").read_text())
+    assert answers == dict.fromkeys(read_set(films).videos, "Near-Miss")
+    assert main(["evaluate", "risk", str(films), "--predictions", f"m={out / 'answers_org_m.json'}"]) == 0
+
+
+def test_what_a_model_needs(films: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("openai", reason="the extra vlm is not installed")
+    words = ["evaluate", "risk", str(films), "--model", "m"]
+    assert main(words) == 2
+    assert "base-url" in capsys.readouterr().err
+    with chat_server(lambda _, __: Behaviour(status=401)) as server:
+        words += ["--base-url", server.url, "--retries", "0"]
+        monkeypatch.delenv("NO_SUCH_KEY", raising=False)
+        assert main([*words, "--api-key-env", "NO_SUCH_KEY"]) == 2
+        assert "NO_SUCH_KEY" in capsys.readouterr().err
+        monkeypatch.setenv("A_KEY", "very-secret")
+        assert main([*words, "--api-key-env", "A_KEY"]) == 1
+        said = capsys.readouterr()
+        assert "401" in said.err
+        assert "very-secret" not in said.err + said.out
+        assert server.keys == ["Bearer very-secret"] * len(server.keys)
+        assert server.keys
+    films.joinpath("videos/S6_004.mp4").unlink()
+    assert main(words) == 2
+    assert "1 videos without their file, first S6_004" in capsys.readouterr().err

@@ -1,0 +1,1 @@
+"""`siren generate` of whole sets, and the options that sets share."""

@@ -1,0 +1,127 @@
+"""``siren generate risk --out DIR``: front-camera videos with risk labels, searched for a balance of classes."""
+
+import argparse
+import os
+from pathlib import Path
+from threading import Lock
+from typing import Any, Self
+
+from tqdm import tqdm
+
+from siren_ros.cli.generation.positive import positive
+from siren_ros.cli.generation.risk_thresholds import add_thresholds, thresholds_of
+from siren_ros.errors import EXIT_FAILED, EXIT_OK
+from siren_ros.evaluation.risk.risk_class import TITLES, RiskClass
+from siren_ros.scenario.templates import available_templates
+from siren_ros.studies.risk_set.balance import Balance
+from siren_ros.studies.risk_set.make_set import MadeSet, Progress, RiskSetRequest, make_set
+from siren_ros.studies.risk_set.search import Search
+
+_PER_TEMPLATE = 15
+_PAPER = "74,25,6"
+
+
+def add_arguments(verb: argparse.ArgumentParser) -> None:
+    """Describe the verb, and what it takes."""
+    verb.description = (
+        "Makes a set of front-camera videos of 190 frames at 10 Hz with the labels Normal, Near-Miss and Collision. "
+        "Scenario parameters are searched until the classes have the asked balance; a collision is the outcome of "
+        "drivers who react late or do not look out, never a script. The default is the paper's set: 15 videos of each "
+        "template, of which 74 / 25 / 6 are normal, near-misses and collisions. Called again with the same folder, it "
+        "goes on where it was interrupted. Exit code 1 where a class could not be found often enough."
+    )
+    verb.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the set, new or from before")
+    verb.add_argument(
+        "--templates", nargs="+", metavar="ID", choices=available_templates(), default=list(available_templates())
+    )
+    verb.add_argument("--per-template", type=positive, metavar="N", help=f"videos of each (default {_PER_TEMPLATE})")
+    verb.add_argument(
+        "--balance", type=_counts, metavar="N,N,N", help=f"{', '.join(TITLES)} of the whole set (default {_PAPER})"
+    )
+    verb.add_argument("--seed", type=int, default=0, metavar="N", help="of the search (default 0)")
+    verb.add_argument("--map", default="", metavar="FILE", help="map file (default: the town)")
+    verb.add_argument(
+        "--budget", type=positive, default=90, metavar="N", help="most candidates of each template (default 90)"
+    )
+    verb.add_argument(
+        "--workers", type=positive, default=len(os.sched_getaffinity(0)), metavar="N", help="(default: processors)"
+    )
+    verb.add_argument("--retries", type=int, default=2, metavar="N", help="after a crash (default %(default)s)")
+    add_thresholds(verb)
+    verb.set_defaults(run=run)
+
+
+def _counts(text: str) -> tuple[int, int, int]:
+    parts = text.split(",")
+    if len(parts) != len(TITLES) or not all(part.strip().isdigit() for part in parts):
+        raise argparse.ArgumentTypeError(f"{text!r} is not three counts such as {_PAPER}")
+    normal, near_miss, collision = (int(part) for part in parts)
+    return normal, near_miss, collision
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Makes the set, and says what was found."""
+    request = RiskSetRequest(
+        templates=tuple(dict.fromkeys(arguments.templates)),
+        balance=balance_of(arguments),
+        seed=arguments.seed,
+        map_file=arguments.map,
+        budget=arguments.budget,
+        retries=max(0, arguments.retries),
+        thresholds=thresholds_of(arguments),
+    )
+    with _Bars(request) as bars:
+        made = make_set(request, arguments.out, arguments.workers, bars)
+    print("\n".join(_summary(made)))
+    counts = [sum(video.label.risk is risk for video in made.videos.videos.values()) for risk in RiskClass]
+    print(f"{arguments.out}: {sum(counts)} videos, {' / '.join(map(str, counts))} ({' / '.join(TITLES)})")
+    return EXIT_OK if tuple(counts) == request.balance.total else EXIT_FAILED
+
+
+def balance_of(arguments: argparse.Namespace) -> Balance:
+    """The balance asked for; without one the paper's, scaled to the number of videos."""
+    count = len(dict.fromkeys(arguments.templates))
+    if arguments.balance is not None:
+        per_template = arguments.per_template or max(1, sum(arguments.balance) // count)
+        return Balance(arguments.balance, per_template)
+    per_template = arguments.per_template or _PER_TEMPLATE
+    paper = _counts(_PAPER)
+    near_miss, collision = (round(paper[risk] * count * per_template / sum(paper)) for risk in (1, 2))
+    return Balance((count * per_template - near_miss - collision, near_miss, collision), per_template)
+
+
+def _summary(made: MadeSet) -> list[str]:
+    lines = []
+    for name, search in made.searches.items():
+        chosen = [video.label.risk for video in made.videos.videos.values() if video.template == name]
+        counts = " / ".join(str(chosen.count(risk)) for risk in RiskClass)
+        found = " / ".join(map(str, search.found))
+        lines.append(f"{name}: {counts} of {found} found in {len(search.outcomes)} candidates")
+    return lines
+
+
+class _Bars(Progress):
+    """Two progress bars: candidates and videos."""
+
+    def __init__(self, request: RiskSetRequest) -> None:
+        self._lock = Lock()
+        self._tried: tqdm[Any] = tqdm(unit="candidate", desc="search", disable=None)
+        self._videos: tqdm[Any] = tqdm(total=request.balance.videos, unit="video", desc="draw", disable=None)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._videos.close()
+        self._tried.close()
+
+    def tried(self, template: str, search: Search) -> None:
+        with self._lock:
+            self._tried.set_postfix({template: "/".join(map(str, search.found))}, refresh=False)
+            self._tried.update(1)
+
+    def drawn(self, video_id: str, videos: int) -> None:
+        with self._lock:
+            self._videos.total = videos
+            self._videos.set_postfix_str(video_id, refresh=False)
+            self._videos.update(1)

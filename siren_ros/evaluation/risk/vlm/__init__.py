@@ -1,0 +1,1 @@
+"""Asks vision-language models about risk videos, after SeeUnsafe (Zhang et al. 2025)."""

@@ -1,0 +1,119 @@
+"""Asks a model about every video of a set, several at once."""
+
+import json
+from collections.abc import Callable
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from pathlib import Path
+
+from siren_ros.evaluation.risk.answers import UNREADABLE
+from siren_ros.evaluation.risk.key_frames import batches, key_frames
+from siren_ros.evaluation.risk.risk_class import RiskClass
+from siren_ros.evaluation.risk.video_set import RiskVideo, VideoSet
+from siren_ros.evaluation.risk.vlm.model import Question, Reply, VisionLanguageModel
+from siren_ros.evaluation.risk.vlm.pictures import as_jpeg, masks_of, numbers_of, outlined, video_frames
+from siren_ros.evaluation.risk.vlm.prompts import SYSTEM, question
+from siren_ros.evaluation.risk.vlm.reading import class_in, final_class
+from siren_ros.evaluation.risk.vlm.reply_cache import ReplyCache
+
+
+@dataclass(frozen=True)
+class VideoAnswer:
+    """What a model says of one video."""
+
+    video_id: str
+    predictions: tuple[RiskClass | None, ...]
+    """Of each question; None where it could not be read."""
+    replies: tuple[Reply, ...]
+    cached: int
+    """Replies that were known before."""
+
+    @property
+    def final(self) -> RiskClass | None:
+        """By the max-severity rule."""
+        return final_class(self.predictions)
+
+
+def questions_about(folder: Path, video: RiskVideo, *, marked: bool) -> tuple[Question, ...]:
+    """The questions about a video: eight key frames, and the last one.
+
+    Args:
+        folder: Of the set.
+        video: The video.
+        marked: Whether vehicles are outlined, from the simulator's own masks.
+
+    Raises:
+        InputError: The video or its masks are missing or of another length.
+    """
+    frames = key_frames(video.frames)
+    pictures = video_frames(folder / video.file, frames, video.frames)
+    if marked:
+        masks = masks_of(folder / "masks" / f"{video.video_id}.npz", frames)
+        numbers = numbers_of(masks)
+        pictures = [outlined(one, mask, numbers) for one, mask in zip(pictures, masks, strict=True)]
+    encoded = dict(zip(frames, map(as_jpeg, pictures), strict=True))
+    return tuple(
+        Question(SYSTEM, question(batch, marked=marked), tuple(encoded[frame] for frame in batch))
+        for batch in batches(frames)
+    )
+
+
+def ask_about(
+    folder: Path, video: RiskVideo, model: VisionLanguageModel, cache: ReplyCache, *, marked: bool
+) -> VideoAnswer:
+    """The model's answer to one video; replies go through the cache.
+
+    Raises:
+        ModelUnavailableError: A question got no reply. Replies before it are kept.
+    """
+    replies, cached = [], 0
+    for asked in questions_about(folder, video, marked=marked):
+        reply = cache.get(model.name, asked)
+        if reply is None:
+            reply = model.answer(asked)
+            cache.put(model.name, asked, reply)
+        else:
+            cached += 1
+        replies.append(reply)
+    return VideoAnswer(video.video_id, tuple(class_in(reply.text) for reply in replies), tuple(replies), cached)
+
+
+def ask_about_all(
+    videos: VideoSet,
+    model: VisionLanguageModel,
+    cache: ReplyCache,
+    *,
+    marked: bool,
+    concurrency: int,
+    told: Callable[[VideoAnswer], None] = lambda _: None,
+) -> dict[str, VideoAnswer]:
+    """The model's answers to all videos of a set.
+
+    Raises:
+        InputError: A video or its masks cannot be used.
+        ModelUnavailableError: A question got no reply; the replies that came are kept in the cache.
+    """
+
+    def ask(video: RiskVideo) -> VideoAnswer:
+        answer = ask_about(videos.folder, video, model, cache, marked=marked)
+        told(answer)
+        return answer
+
+    with ThreadPoolExecutor(concurrency, "ask") as pool:
+        futures = {key: pool.submit(ask, video) for key, video in sorted(videos.videos.items())}
+        try:
+            done, _ = wait(futures.values(), return_when=FIRST_EXCEPTION)
+            for future in done:
+                future.result()
+        finally:
+            for future in futures.values():
+                future.cancel()
+        return {key: future.result() for key, future in futures.items()}
+
+
+def write_answers(path: Path, answers: dict[str, VideoAnswer]) -> None:
+    """Writes the final class of each video as a file that ``--predictions`` reads."""
+    titles = {
+        key: UNREADABLE if answer.final is None else answer.final.title for key, answer in sorted(answers.items())
+    }
+    path.write_text(json.dumps(titles, indent=1) + "\n", encoding="utf-8")

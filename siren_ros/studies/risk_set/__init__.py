@@ -1,0 +1,1 @@
+"""Makes a set of front-camera videos with risk labels: searched for a balance of classes, never scripted."""

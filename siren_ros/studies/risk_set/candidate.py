@@ -1,0 +1,109 @@
+"""One candidate of the search: an episode without sensors, its window and its label."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from siren_ros.errors import InputError, SirenError
+from siren_ros.evaluation.risk.evidence import Camera, Evidence, evidence_of
+from siren_ros.evaluation.risk.labels import RiskLabel, RiskThresholds, label_of
+from siren_ros.evaluation.risk.risk_class import RiskClass
+from siren_ros.evaluation.risk.video_set import VIDEO_FRAMES
+from siren_ros.evaluation.surrogate_safety.encounters import encounters_of
+from siren_ros.generation.closed_loop import closed_loop, record_of
+from siren_ros.generation.episode_setup import plan_length, set_up_episode
+from siren_ros.numerics.random_streams import random_stream
+from siren_ros.numerics.units import STEP_S
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.scenario.request import EpisodeRequest
+from siren_ros.sensors.suite.suite import EXPORTED_CAMERA, CameraSpec, load_suite
+
+FRAME_STEPS: Final = round(0.1 / STEP_S)
+"""Steps from one frame to the next: 10 Hz."""
+WINDOW_STEPS: Final = VIDEO_FRAMES * FRAME_STEPS
+_MOMENT_AT: Final = (0.4, 0.8)
+"""Shares of the video between which the decisive moment is put, so that its place tells nothing about the class."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A candidate that can become a video."""
+
+    request: EpisodeRequest
+    first_step: int
+    label: RiskLabel
+    evidence: Evidence
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """A candidate that cannot, and why."""
+
+    request: EpisodeRequest
+    reason: str
+
+
+def front_camera() -> CameraSpec:
+    """The paper's front camera, which the videos are made with."""
+    return next(camera for camera in load_suite("front").cameras if camera.name == EXPORTED_CAMERA)
+
+
+def run_candidate(request: EpisodeRequest, thresholds: RiskThresholds) -> Candidate | Rejected:
+    """Simulates a candidate and labels it. The same request gives the same candidate.
+
+    Raises:
+        InputError: The request cannot be used.
+    """
+    try:
+        record = simulated(request)
+    except InputError:
+        raise
+    except SirenError as error:
+        return Rejected(request, str(error))
+    return assessed(request, record, thresholds)
+
+
+def simulated(request: EpisodeRequest) -> EpisodeRecord:
+    """The record of a request's episode, without sensors.
+
+    Raises:
+        EpisodeError: The episode failed.
+    """
+    setup = set_up_episode(request)
+    return record_of(setup, list(closed_loop(setup, plan_length(request))))
+
+
+def assessed(request: EpisodeRequest, record: EpisodeRecord, thresholds: RiskThresholds) -> Candidate | Rejected:
+    """Chooses the window of a record and labels it."""
+    emv_id = record.emv_ids[0]
+    steps = record.track(emv_id).step
+    if not len(steps) or steps[-1] - steps[0] + 1 < WINDOW_STEPS:
+        return Rejected(request, f"the EMV is there for less than {VIDEO_FRAMES} frames")
+    spec = front_camera()
+    camera = Camera(spec.mount, spec.horizontal_fov_rad)
+    label = label_of(evidence_of(record, emv_id, camera, (0, record.steps)), thresholds)
+    moment = label.step if label.risk is not RiskClass.NORMAL else _closest_step(record, emv_id)
+    first = window_start(moment, int(steps[0]), int(steps[-1]) + 1, request.seed)
+    evidence = evidence_of(record, emv_id, camera, (first, first + WINDOW_STEPS))
+    return Candidate(request, first, label_of(evidence, thresholds), evidence)
+
+
+def window_start(moment: int, begin: int, end: int, seed: int) -> int:
+    """First step of the window: on the grid of frames, within ``begin … end``, the moment at a drawn place in it."""
+    share = random_stream(seed, "risk_set/window").uniform(*_MOMENT_AT)
+    wanted = moment - round(share * WINDOW_STEPS)
+    lowest = -(-begin // FRAME_STEPS) * FRAME_STEPS
+    highest = (end - WINDOW_STEPS) // FRAME_STEPS * FRAME_STEPS
+    return max(lowest, min(highest, wanted // FRAME_STEPS * FRAME_STEPS))
+
+
+def _closest_step(record: EpisodeRecord, emv_id: int) -> int:
+    """When the EMV, moving, came closest to another vehicle's centre; the middle of its time where nobody was."""
+    pairs = encounters_of(record, emv_id)
+    moving = pairs.subject.speed_mps > 1.0
+    if not moving.any():
+        steps = record.track(emv_id).step
+        return int(steps[len(steps) // 2])
+    distance = np.hypot(pairs.subject.x_m - pairs.other.x_m, pairs.subject.y_m - pairs.other.y_m)
+    return int(pairs.step[moving][np.argmin(distance[moving])])

@@ -1,0 +1,92 @@
+"""The search of one template: candidates one after another, until each class has its videos or the budget is spent."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+from siren_ros.evaluation.risk.risk_class import RiskClass
+from siren_ros.scenario.request import EpisodeRequest
+from siren_ros.studies.risk_set.balance import Counts
+from siren_ros.studies.risk_set.candidate import Candidate, Rejected
+
+Outcome = Candidate | Rejected
+
+
+@dataclass(frozen=True)
+class Search:
+    """What a template's search has found so far, in the order of the candidates."""
+
+    wanted: Counts
+    budget: int
+    """Most candidates."""
+    patience: int = 25
+    """Candidates without a find after which a class is given up."""
+    outcomes: tuple[Outcome, ...] = field(default_factory=tuple)
+
+    @property
+    def found(self) -> Counts:
+        """Videos of each class."""
+        risks = [outcome.label.risk for outcome in self.outcomes if isinstance(outcome, Candidate)]
+        return (risks.count(RiskClass.NORMAL), risks.count(RiskClass.NEAR_MISS), risks.count(RiskClass.COLLISION))
+
+    @property
+    def given_up(self) -> frozenset[RiskClass]:
+        """Classes that the last candidates, as many as patience allows, have not brought."""
+        last = self.outcomes[-self.patience :]
+        if len(last) < self.patience:
+            return frozenset()
+        found = {outcome.label.risk for outcome in last if isinstance(outcome, Candidate)}
+        return frozenset(RiskClass) - found
+
+    @property
+    def lacking(self) -> dict[RiskClass, float]:
+        """The share of its videos that each class still lacks; classes that were given up lack none."""
+        given_up = self.given_up
+        return {
+            risk: max(0, want - have) / want if want and risk not in given_up else 0.0
+            for risk, have, want in zip(RiskClass, self.found, self.wanted, strict=True)
+        }
+
+    @property
+    def finished(self) -> bool:
+        """Whether nothing is lacking, or nothing more may be tried."""
+        return len(self.outcomes) >= self.budget or not any(self.lacking.values())
+
+    @property
+    def looking_for(self) -> RiskClass:
+        """The class of which the largest share is still lacking; of equal ones the most severe."""
+        lacking = self.lacking
+        return max(RiskClass, key=lambda risk: (lacking[risk], risk))
+
+    def with_outcome(self, outcome: Outcome) -> "Search":
+        """The search after one more candidate."""
+        return replace(self, outcomes=(*self.outcomes, outcome))
+
+    def chosen(self, counts: Counts) -> dict[int, Candidate]:
+        """The first candidates of each class, by their number."""
+        left = list(counts)
+        videos = {}
+        for number, outcome in enumerate(self.outcomes):
+            if isinstance(outcome, Candidate) and left[outcome.label.risk] > 0:
+                left[outcome.label.risk] -= 1
+                videos[number] = outcome
+        return videos
+
+
+def continue_search(
+    search: Search,
+    request: Callable[[RiskClass, int], EpisodeRequest],
+    run: Callable[[EpisodeRequest], Outcome],
+    told: Callable[[Search], None],
+) -> Search:
+    """Tries candidates until the search is finished.
+
+    Args:
+        search: What was found before; empty at first.
+        request: The candidate of a number, that looks for a class.
+        run: Simulates and labels it.
+        told: Is told the search after each candidate, to keep its outcome.
+    """
+    while not search.finished:
+        search = search.with_outcome(run(request(search.looking_for, len(search.outcomes))))
+        told(search)
+    return search

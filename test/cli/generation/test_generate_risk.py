@@ -1,0 +1,73 @@
+"""``siren generate risk``: its options, a small set, and going on after an interruption."""
+
+import json
+from pathlib import Path
+
+import pytest
+from evaluation.made_video_sets import small_video_set
+
+from siren_ros.cli.generation.generate_risk import balance_of
+from siren_ros.cli.main import main, parser
+from siren_ros.evaluation.risk.risk_class import RiskClass
+from siren_ros.evaluation.risk.video_set import read_set, write_set
+from siren_ros.evaluation.risk.vlm.pictures import masks_of, video_frames
+from siren_ros.studies.risk_set.balance import Balance
+
+
+def asked(*words: str) -> Balance:
+    return balance_of(parser("generate", "risk").parse_args(["generate", "risk", "--out", "x", *words]))
+
+
+def test_without_options_it_is_the_papers_set() -> None:
+    assert asked() == Balance((74, 25, 6), 15)
+
+
+def test_fewer_videos_keep_the_papers_shares() -> None:
+    assert asked("--templates", "S4", "S6", "--per-template", "21") == Balance((30, 10, 2), 21)
+    assert asked("--templates", "S6", "--balance", "0,0,50") == Balance((0, 0, 50), 50)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [(["--balance", "1,2"], "three counts"), (["--workers", "0"], "whole number"), (["--templates", "S9"], "S9")],
+)
+def test_words_that_mean_nothing(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(["generate", "risk", "--out", "x", *words])
+    assert caught.value.code == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_set_is_made_and_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["generate", "risk", "--out", str(tmp_path), "--templates", "S2", "--balance", "1,0,0", "--workers", "1"]
+    assert main(words) == 0
+    assert "1 / 0 / 0" in capsys.readouterr().out
+    videos = read_set(tmp_path)
+    ((key, video),) = videos.videos.items()
+    assert video.label.risk is RiskClass.NORMAL
+    first, last = video_frames(tmp_path / video.file, (0, 189), 190)
+    assert first.shape == (600, 800, 3)
+    assert (first != last).any()
+    (mask,) = masks_of(tmp_path / "masks" / f"{key}.npz", (94,))
+    assert mask.shape == (600, 800)
+    made = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    film = tmp_path / video.file
+    film.write_bytes(b"")
+    assert main(words) == 0
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == made
+    assert main([*words[:-2], "--seed", "1"]) == 2
+    assert "one of the same request" in capsys.readouterr().err
+    card = json.loads(tmp_path.joinpath("dataset.json").read_text())
+    assert card["counts"] == [1, 0, 0]
+
+
+def test_labels_are_derived_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_set(small_video_set(tmp_path))
+    assert main(["label", str(tmp_path), "--impact-mps", "5", "--out", str(tmp_path / "other")]) == 0
+    out = capsys.readouterr().out
+    assert "S6_005: Collision -> Near-Miss" in out
+    assert out.splitlines()[-1].startswith("3 / 3 / 0")
+    other = read_set(tmp_path / "other")
+    assert other.thresholds.impact_mps == 5.0
+    assert other.videos["S6_005"].file == "../videos/S6_005.mp4"
+    assert main(["label", str(tmp_path), "--impact-mps", "-1"]) == 2

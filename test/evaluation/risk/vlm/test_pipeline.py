@@ -1,0 +1,112 @@
+"""Questions about the videos of a set, answers through the cache, and runs that are interrupted."""
+
+import json
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from evaluation.made_video_sets import small_video_set
+
+from siren_ros.errors import InputError
+from siren_ros.evaluation.risk.risk_class import RiskClass
+from siren_ros.evaluation.risk.video_set import VideoSet
+from siren_ros.evaluation.risk.vlm.model import ModelUnavailableError, Question, Reply
+from siren_ros.evaluation.risk.vlm.pipeline import ask_about_all, questions_about, write_answers
+from siren_ros.evaluation.risk.vlm.reply_cache import ReplyCache
+from siren_ros.pictures.video import write_video
+
+FRAMES = 20
+
+
+@dataclass
+class Scripted:
+    """Answers by the number of pictures; fails at some questions."""
+
+    of_eight: str = '{"class": "Normal"}'
+    of_one: str = '{"class": "Near-Miss"}'
+    fails_from: int = 1_000
+    asked: list[Question] = field(default_factory=list)
+    name: str = "scripted"
+
+    def answer(self, question: Question) -> Reply:
+        self.asked.append(question)
+        if len(self.asked) > self.fails_from:
+            raise ModelUnavailableError("no more")
+        return Reply(self.of_eight if len(question.pictures) > 1 else self.of_one, 10, 2)
+
+
+@pytest.fixture
+def videos(tmp_path: Path) -> VideoSet:
+    """Two short videos with masks."""
+    small = small_video_set(tmp_path)
+    kept = {key: replace(small.videos[key], frames=FRAMES) for key in ("S4_000", "S6_005")}
+    tmp_path.joinpath("masks").mkdir()
+    for place, (key, video) in enumerate(kept.items()):
+        shades = (np.full((48, 64, 3), 5 * number + 60 * place, np.uint8) for number in range(FRAMES))
+        write_video(tmp_path / video.file, shades)
+        mask = np.zeros((48, 64), np.uint32)
+        mask[10:30, 10:40] = 3
+        frames = [19 * number // 8 for number in range(9)]
+        np.savez_compressed(tmp_path / "masks" / f"{key}.npz", **{f"frame_{one:03d}": mask for one in frames})
+    return replace(small, videos=kept)
+
+
+def ask(
+    videos: VideoSet, model: Scripted, folder: Path, *, marked: bool = True
+) -> dict[str, tuple[RiskClass | None, int]]:
+    answers = ask_about_all(videos, model, ReplyCache(folder), marked=marked, concurrency=1)
+    return {key: (answer.final, answer.cached) for key, answer in answers.items()}
+
+
+def test_eight_pictures_and_one(videos: VideoSet) -> None:
+    video = videos.videos["S4_000"]
+    first, last = questions_about(videos.folder, video, marked=True)
+    assert (len(first.pictures), len(last.pictures)) == (8, 1)
+    assert "0.0, 0.2, 0.4" in first.text
+    assert "outlined" in first.text
+    plain, _ = questions_about(videos.folder, video, marked=False)
+    assert "outlined" not in plain.text
+    assert plain.pictures != first.pictures
+    assert questions_about(videos.folder, video, marked=True)[0] == first
+
+
+def test_the_more_severe_of_two_and_nothing_is_asked_twice(videos: VideoSet, tmp_path: Path) -> None:
+    model, cache = Scripted(), tmp_path / "replies"
+    assert ask(videos, model, cache) == dict.fromkeys(videos.videos, (RiskClass.NEAR_MISS, 0))
+    assert ask(videos, model, cache) == dict.fromkeys(videos.videos, (RiskClass.NEAR_MISS, 2))
+    assert len(model.asked) == 4
+    ask(videos, model, cache, marked=False)
+    ask(videos, replace(model, name="another", asked=model.asked), cache)
+    assert len(model.asked) == 12
+
+
+def test_answers_that_cannot_be_read_are_counted(videos: VideoSet, tmp_path: Path) -> None:
+    half = ask(videos, Scripted(of_one="well"), tmp_path / "a")
+    assert {final for final, _ in half.values()} == {RiskClass.NORMAL}
+    answers = ask_about_all(videos, Scripted("a", "b"), ReplyCache(tmp_path / "b"), marked=True, concurrency=2)
+    write_answers(tmp_path / "answers.json", answers)
+    assert json.loads(tmp_path.joinpath("answers.json").read_text()) == dict.fromkeys(videos.videos, "unreadable")
+
+
+def test_an_interrupted_run_keeps_what_was_answered(videos: VideoSet, tmp_path: Path) -> None:
+    cache = tmp_path / "replies"
+    with pytest.raises(ModelUnavailableError):
+        ask(videos, Scripted(fails_from=3), cache)
+    later = Scripted()
+    assert {key: cached for key, (_, cached) in ask(videos, later, cache).items()} == {"S4_000": 2, "S6_005": 1}
+    assert len(later.asked) == 1
+
+
+def test_a_damaged_reply_is_asked_again(videos: VideoSet, tmp_path: Path) -> None:
+    model, cache = Scripted(), tmp_path / "replies"
+    ask(videos, model, cache)
+    next(cache.iterdir()).write_text('{"text": ')
+    ask(videos, model, cache)
+    assert len(model.asked) == 5
+
+
+def test_a_video_of_another_length_is_named(videos: VideoSet, tmp_path: Path) -> None:
+    wrong = replace(videos, videos={"S4_000": replace(videos.videos["S4_000"], frames=30)})
+    with pytest.raises(InputError, match=r"S4_000\.mp4: 20 frames"):
+        ask(wrong, Scripted(), tmp_path / "replies")

@@ -1,0 +1,64 @@
+"""Quotas of the templates, before and after the searches."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from siren_ros.errors import InputError
+from siren_ros.evaluation.risk.risk_class import RiskClass
+from siren_ros.studies.risk_set.balance import Balance, Finding, quotas, settled, shifted
+
+TEMPLATES = ("S1", "S2", "S3", "S4", "S5", "S6", "S7")
+PAPER = Balance((74, 25, 6), 15)
+
+
+def totals(shares: dict[str, tuple[int, int, int]]) -> tuple[int, ...]:
+    return tuple(sum(column) for column in zip(*shares.values(), strict=True))
+
+
+def test_the_papers_balance_is_dealt_evenly() -> None:
+    shares = dict(quotas(PAPER, TEMPLATES))
+    assert totals(shares) == PAPER.total
+    assert {sum(share) for share in shares.values()} == {15}
+    assert {share[2] for share in shares.values()} == {0, 1}
+    assert {share[1] for share in shares.values()} == {3, 4}
+
+
+@pytest.mark.parametrize("total", [(74, 25, 7), (15, 0, 0)])
+def test_counts_that_do_not_add_up_are_refused(total: tuple[int, int, int]) -> None:
+    with pytest.raises(InputError, match="7 templates x 15"):
+        quotas(Balance(total, 15), TEMPLATES)
+
+
+def test_others_find_what_one_has_given_up() -> None:
+    wanted = dict(quotas(PAPER, TEMPLATES))
+    hopeless = Finding((15, 4, 0), frozenset({RiskClass.COLLISION}))
+    findings = dict.fromkeys(TEMPLATES, hopeless) | {"S4": Finding((9, 5, 1)), "S6": Finding((9, 5, 2))}
+    shares = dict(shifted(wanted, findings, PAPER))
+    assert totals(shares) == PAPER.total
+    assert {key for key, share in shares.items() if share[2]} == {"S4", "S6"}
+    assert abs(shares["S4"][2] - shares["S6"][2]) <= 1
+    assert dict(shifted(shares, findings, PAPER)) == shares
+
+
+def test_nobody_is_able_to() -> None:
+    wanted = dict(quotas(PAPER, TEMPLATES))
+    findings = dict.fromkeys(TEMPLATES, Finding((15, 4, 0), frozenset({RiskClass.COLLISION})))
+    shares = dict(shifted(wanted, findings, PAPER))
+    assert totals(shares) == (80, 25, 0)
+
+
+@given(st.lists(st.tuples(*[st.integers(0, 20)] * 3), min_size=7, max_size=7))
+def test_what_is_settled_was_found_and_is_never_too_much(found: list[tuple[int, int, int]]) -> None:
+    have = dict(zip(TEMPLATES, found, strict=True))
+    shares = settled(quotas(PAPER, TEMPLATES), have, 15)
+    for key, share in shares.items():
+        assert sum(share) <= 15
+        assert all(0 <= taken <= there for taken, there in zip(share, have[key], strict=True))
+    assert totals(dict(shares))[2] <= PAPER.total[2]
+    assert totals(dict(shares))[1] <= PAPER.total[1]
+
+
+def test_a_surplus_makes_up_for_a_lack() -> None:
+    wanted = {"A": (1, 1, 1), "B": (1, 1, 1)}
+    assert settled(wanted, {"A": (5, 0, 3), "B": (5, 3, 0)}, 3) == {"A": (1, 0, 2), "B": (1, 2, 0)}

@@ -39,7 +39,7 @@ RERUN = [
 
 MODELS = [
     # Trains the project's predictor; runs CSP, STDAN and BAT; from 2.6 on, loading weights alone cannot run code.
-    "torch>=2.6,<3",
+    "torch>=2.6,<2.14",
     "onnx>=1.16,<2",  # torch writes the trained predictor through it
 ]
 

@@ -37,7 +37,7 @@ class PredictedContacts:
         """
         ahead = np.isfinite(self.time_s)
         needed = np.zeros(len(self.time_s))
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):  # 0 s are left where they touch already
             needed[ahead] = np.where(
                 self.closing_mps[ahead] > 0.0, self.closing_mps[ahead] / (2.0 * self.time_s[ahead]), 0.0
             )

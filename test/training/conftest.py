@@ -8,8 +8,8 @@ from hand_made import made_record
 from siren_ros.training.episode_features import features_of_record, write_features
 from siren_ros.training.episode_plan import Split
 
-# CUDA builds of torch import triton with the first optimizer. Its LLVM crashes where Mesa's is loaded already, as by the
-# tests of the cameras in the same process; nothing here runs on a GPU.
+# CUDA builds of torch import triton with the first optimizer. Its LLVM crashes where Mesa's is loaded already, as by
+# the tests of the cameras in the same process; nothing here runs on a GPU.
 sys.modules.setdefault("triton", None)  # type: ignore[arg-type] # such a module cannot be imported
 
 

@@ -35,7 +35,7 @@ LAYERS = {
         "numerics",
         "errors",
     ],
-    "evaluation": ["prediction", "detection", "risk", "yielding", "surrogate_safety", "statistics"],
+    "evaluation": ["prediction", "detection", "risk", "yielding", "surrogate_safety", "statistics", "aligned_text"],
     "evaluation/detection": ["reports", "scoring", "self_test", "detectors", "inputs", "metrics", "protocol"],
     "evaluation/prediction": [
         "charts",

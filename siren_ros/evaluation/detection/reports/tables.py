@@ -5,6 +5,7 @@ import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from siren_ros.evaluation.aligned_text import aligned
 from siren_ros.evaluation.detection.metrics.devkit_score import ERRORS
 from siren_ros.evaluation.detection.reports.paper_results import MEAN, PaperDetector, paper_rows
 from siren_ros.evaluation.detection.scoring import DetectorScores
@@ -102,10 +103,7 @@ def _3(value: float) -> str:
 
 def as_text(table: Table) -> list[str]:
     """Lines for a terminal."""
-    rows = (table.head, *table.rows)
-    widths = [max(len(row[column]) for row in rows) for column in range(len(table.head))]
-    lines = ["  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-    return [f"{table.caption}:", "", *lines]
+    return [f"{table.caption}:", "", *aligned((table.head, *table.rows))]
 
 
 def as_csv(table: Table) -> str:

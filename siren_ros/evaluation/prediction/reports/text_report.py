@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import Final
 
+from siren_ros.evaluation.aligned_text import aligned
 from siren_ros.evaluation.prediction.metrics.calibration import calibration_error
 from siren_ros.evaluation.prediction.metrics.table import METRICS
 from siren_ros.evaluation.prediction.protocol.samples import Population
@@ -11,7 +12,7 @@ from siren_ros.evaluation.prediction.reports.groups import Group, GroupKind
 from siren_ros.evaluation.prediction.reports.paper_comparison import compare_with_paper
 from siren_ros.evaluation.prediction.reports.paper_results import PAPER_NAMES, TEMPLATES, paper_row
 from siren_ros.evaluation.prediction.reports.score_table import ScoreTable
-from siren_ros.evaluation.prediction.reports.text_table import aligned, bounds, number, pair
+from siren_ros.evaluation.prediction.reports.text_table import bounds, number, pair
 from siren_ros.evaluation.statistics.interval import CONFIDENCE, RESAMPLES
 from siren_ros.evaluation.statistics.rank_correlation import RANKED_MIN
 

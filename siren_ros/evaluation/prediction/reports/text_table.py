@@ -1,4 +1,4 @@
-"""Tables of text with aligned columns, and how numbers are written."""
+"""How numbers are written in tables of text."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -7,12 +7,6 @@ from siren_ros.evaluation.statistics.interval import Interval
 
 NONE: Final = "-"
 """Where there is no value."""
-
-
-def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of a table, columns two spaces apart."""
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    return ["  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
 def number(value: float | None, digits: int = 2) -> str:

@@ -5,6 +5,7 @@ import io
 from collections.abc import Sequence
 from typing import Any, Final
 
+from siren_ros.evaluation.aligned_text import aligned
 from siren_ros.evaluation.risk.reports.paper_table import PAPER_SCORES
 from siren_ros.evaluation.risk.risk_class import TITLES, RiskClass
 from siren_ros.evaluation.risk.scores import SCORES
@@ -110,12 +111,6 @@ def as_json(models: Sequence[ModelScores]) -> dict[str, Any]:
             for model in models
         },
     }
-
-
-def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Rows as lines with columns of equal width."""
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    return ["  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
 def _bounds(model: ModelScores, name: str) -> str:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+import pytest
 from dds_domains import own_domain
 from program_output import own_lines
 from repository import REPOSITORY
@@ -97,12 +98,21 @@ def finish(process: "subprocess.Popen[str]", timeout_s: float = 120.0) -> Run:
     return Run(process.returncode, own_lines(out), err)
 
 
-def wait_until(condition: Callable[[], bool], timeout_s: float = 60.0) -> None:
-    """Poll until something holds."""
+def wait_until(
+    condition: Callable[[], bool], process: "subprocess.Popen[str] | subprocess.Popen[bytes]", timeout_s: float = 150.0
+) -> None:
+    """Poll until something holds of a running program; if it never does, say what the program printed.
+
+    An episode gives up by itself after 120 s and names the node that was not ready, so it gets longer than that.
+    """
     deadline_s = time.monotonic() + timeout_s
     while not condition():
-        assert time.monotonic() < deadline_s, "it never happened"
-        time.sleep(0.02)
+        if process.poll() is None and time.monotonic() < deadline_s:
+            time.sleep(0.02)
+        elif not condition():
+            process.send_signal(signal.SIGINT)
+            out, err = process.communicate(timeout=60.0)
+            pytest.fail(f"it never happened; the program ended with {process.returncode}\n{out!s}\n{err!s}")
 
 
 def recording(folder: Path, size: int = 0) -> Callable[[], bool]:

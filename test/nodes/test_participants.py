@@ -40,7 +40,7 @@ def test_listeners_change_nothing_also_when_they_hang(alone: dict[str, str], sui
         DOMAIN.running(LISTENER, cwd=tmp_path) as asleep,
         DOMAIN.episode(*short(suite), cwd=tmp_path) as episode,
     ):
-        wait_until(recording(tmp_path))
+        wait_until(recording(tmp_path), episode)
         asleep.send_signal(signal.SIGSTOP)
         run = finish(episode)
         assert run.code == 0, run.err
@@ -71,7 +71,7 @@ def test_a_participant_that_hangs_ends_the_episode_under_its_name(suite: str, tm
         DOMAIN.episode(*parameters, cwd=tmp_path) as episode,
         DOMAIN.running(LISTENER, "--participant", "my_stack", cwd=tmp_path) as stack,
     ):
-        wait_until(recording(tmp_path, 200_000))
+        wait_until(recording(tmp_path, 200_000), episode)
         stack.send_signal(signal.SIGSTOP)
         run = finish(episode)
     assert run.code == 1

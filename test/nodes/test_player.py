@@ -141,7 +141,7 @@ def test_a_subscriber_that_hangs_stops_the_player_for_a_while_only(bag: Path) ->
     with DOMAIN.running("-c", LISTENER, wanted_of(bag), "early", cwd=bag.parent) as listener:
         assert next_line(listener.stdout) == "listening\n"
         with DOMAIN.running(*play(bag, "delay_s:=5.0"), cwd=bag.parent) as playing:
-            wait_until(lambda: "heard" in next_line(listener.stdout))
+            wait_until(lambda: "heard" in next_line(listener.stdout), listener)
             listener.send_signal(signal.SIGSTOP)
             assert playing.wait(90.0) == 0
             assert playing.stderr is not None

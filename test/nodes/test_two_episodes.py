@@ -20,7 +20,7 @@ def test_a_second_episode_in_one_domain_is_refused_and_harms_nothing(tmp_path: P
     first.mkdir()
     second.mkdir()
     with HERE.episode("sensors:=none", "duration_s:=6.0", "bag:=bag", "realtime_factor:=1.0", cwd=first) as episode:
-        wait_until(recording(first))
+        wait_until(recording(first), episode)
         refused = HERE.run(*SHORT, f"processes:={processes}", cwd=second)
         run = finish(episode)
     assert refused.code == 2
@@ -40,7 +40,7 @@ def test_episodes_without_a_chosen_domain_take_one_each(tmp_path: Path) -> None:
     slow = [*cosim(("sensors:=none", "duration_s:=6.0", "bag:=bag", "realtime_factor:=1.0"))]
     with subprocess.Popen([sys.executable, *slow], env=unset, cwd=first, stderr=subprocess.DEVNULL) as episode:
         try:
-            wait_until(recording(first))
+            wait_until(recording(first), episode)
             other = subprocess.run(
                 [sys.executable, *cosim(SHORT)], env=unset, cwd=second, capture_output=True, text=True, check=False
             )

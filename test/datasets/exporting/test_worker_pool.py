@@ -32,7 +32,7 @@ SLEEPERS = """
 import os, time
 from siren_ros.datasets.exporting.worker_pool import worker_pool
 def sleep():
-    print(os.getpid(), flush=True)
+    os.write(1, f"{os.getpid()}\\n".encode())  # at once, also where Python writes unbuffered
     time.sleep(60.0)
 with worker_pool(2, lambda _: None) as run:
     list(run(sleep, [(), ()]))

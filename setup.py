@@ -61,6 +61,12 @@ VLM = [
     "openai>=1.60,<3",  # asks models behind servers that speak OpenAI's protocol; retries with back-off
 ]
 
+DOCS = [
+    "mkdocs>=1.6,<2",  # builds the site from docs/ as it is, checks links and anchors; 2 has no plugins
+    "mkdocs-material>=9.5,<10",  # the site's look and search, with every script and style inside
+    "mkdocstrings-python>=1.16",  # the API pages, from the source text; nothing is imported
+]
+
 DEVELOPMENT = [
     *DETECTION,
     *CLUSTER,  # its tests run two workers
@@ -138,6 +144,7 @@ setup(
         "classical": [*DETECTION, *CLASSICAL],
         "cluster": CLUSTER,
         "vlm": VLM,
+        "docs": DOCS,
         "dev": DEVELOPMENT,
     },
     zip_safe=False,

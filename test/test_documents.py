@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Final
 
 import pytest
+import yaml
 from repository import REPOSITORY
 
-DOCUMENTS: Final = sorted([*REPOSITORY.glob("*.md"), *(REPOSITORY / "docs").glob("*.md")])
+DOCUMENTS: Final = sorted([*REPOSITORY.glob("*.md"), *(REPOSITORY / "docs").rglob("*.md")])
 PRIVATE_WORDS: Final = re.compile(r"\b(spells?|foot|rooms?|crew|seats?|besides?|carried)\b", re.IGNORECASE)
 """Words that mean something else to the reader than they once meant here."""
 SOURCE_FOLDERS: Final = ("siren_ros", "nodes", "test", "params", "docs", "tools", "msg_defs", "examples", "launch")
@@ -54,6 +55,33 @@ def test_files_that_documents_name_exist(path: Path) -> None:
 def test_pages_and_pictures_that_documents_link_to_exist(path: Path) -> None:
     links = re.findall(r"\]\(([^)#]+)[^)]*\)", path.read_text(encoding="utf-8"))
     assert not [link for link in links if "://" not in link and not (path.parent / link).is_file()]
+
+
+class _Navigation(yaml.SafeLoader):
+    """Reads mkdocs.yml without what its tags would call."""
+
+
+_Navigation.add_multi_constructor("", lambda *_: None)  # type: ignore[no-untyped-call] # PyYAML's stubs
+
+
+def pages_of(navigation: object) -> Iterator[str]:
+    """The pages that a part of the site's navigation names."""
+    if isinstance(navigation, str):
+        yield navigation
+    elif isinstance(navigation, dict):
+        yield from pages_of(list(navigation.values()))
+    elif isinstance(navigation, list):
+        for part in navigation:
+            yield from pages_of(part)
+
+
+def test_every_page_has_its_place_in_the_navigation_of_the_site() -> None:
+    navigation = yaml.load((REPOSITORY / "mkdocs.yml").read_text(encoding="utf-8"), _Navigation)["nav"]  # noqa: S506 - a safe loader
+    named = sorted(pages_of(navigation))
+    pages = {str(page.relative_to(REPOSITORY / "docs")) for page in (REPOSITORY / "docs").rglob("*.md")}
+    missing = sorted(pages - set(named))
+    assert not missing, f"add {', '.join(missing)} to `nav` in mkdocs.yml, in the section where its readers look"
+    assert len(named) == len(set(named)), "a page stands in the navigation twice"
 
 
 @parametrized

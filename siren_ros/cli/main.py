@@ -3,7 +3,7 @@
 import argparse
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib import import_module
 from typing import Final
 
@@ -27,7 +27,7 @@ _VERBS: Final = {
 """What the verbs do; each is a module of this package, loaded when it is asked for: some bring much with them."""
 
 
-_SETS: Final = {"generate": ("risk",)}
+_SETS: Final = {"generate": {"risk": "a set of front-camera videos with risk labels"}}
 """Words after a verb that make another command of it; each is a module ``generation/VERB_WORD``."""
 
 
@@ -42,12 +42,41 @@ def parser(verb: str, word: str = "") -> argparse.ArgumentParser:
     verbs = top.add_subparsers(title="commands", dest="verb", metavar="COMMAND", required=True)
     for name, summary in _VERBS.items():
         added = verbs.add_parser(name, help=summary)
-        if name == verb and word in _SETS.get(name, ()):
-            added.add_argument("set", choices=[word], help=argparse.SUPPRESS)
-            import_module(f"siren_ros.cli.generation.{name}_{word}").add_arguments(added)
+        sets = _SETS.get(name, {})
+        if name == verb and word in sets:
+            below = added.add_subparsers(required=True).add_parser(word)
+            import_module(f"siren_ros.cli.generation.{name}_{word}").add_arguments(below)
         elif name == verb:
             import_module(f"siren_ros.cli.{name}").add_arguments(added)
+            if sets:
+                also = (f"`siren {name} {word}` makes {made}; --help has its options" for word, made in sets.items())
+                added.epilog = f"{'; '.join(also)}."
     return top
+
+
+def command_lines() -> Iterator[argparse.ArgumentParser]:
+    """The command itself, then each of its verbs, tasks and formats: everything that ``--help`` describes."""
+    yield parser("")
+    for verb in _VERBS:
+        yield from _with_tasks(_verbs_of(parser(verb))[verb])
+        for word in _SETS.get(verb, {}):
+            yield from _with_tasks(_verbs_of(_verbs_of(parser(verb, word))[verb])[word])
+
+
+def _verbs_of(line: argparse.ArgumentParser) -> Mapping[str, argparse.ArgumentParser]:
+    """The commands below a command, by name."""
+    return {
+        name: below
+        for action in line._actions  # noqa: SLF001 - argparse has no other way to ask
+        if isinstance(action, argparse._SubParsersAction)  # noqa: SLF001
+        for name, below in action.choices.items()
+    }
+
+
+def _with_tasks(line: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
+    yield line
+    for below in _verbs_of(line).values():
+        yield from _with_tasks(below)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

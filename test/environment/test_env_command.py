@@ -115,6 +115,11 @@ def test_a_development_command_brings_its_extra(checkout: Checkout, command: str
     assert checkout.calls() == [".venv wheels dev"]
 
 
+def test_the_sites_command_brings_its_extra(checkout: Checkout) -> None:
+    checkout.env("mkdocs", "--version")
+    assert checkout.calls() == [".venv wheels docs"]
+
+
 def test_commands_of_an_episode_bring_none(checkout: Checkout) -> None:
     for command in ("ros2", "siren", "python"):
         checkout.env(command, "--help")

@@ -30,6 +30,7 @@ DEPENDENCIES = [
     "matplotlib>=3.8",  # plots
     "tqdm>=4.66",  # progress bars
     "onnxruntime>=1.20",  # runs the project's own trajectory predictor; its wheel is 20 to 30 MB and needs numpy alone
+    "jinja2>=3.1",  # writes the HTML page of `siren report`
     "pyarrow>=23,<24",  # Parquet of Argoverse 2's scenario files; libsumo is linked against 23 and warns of others
 ]
 
@@ -75,6 +76,7 @@ DEVELOPMENT = [
     "pytest-timeout>=2.3",  # a test that hangs fails instead
     "pytest-xdist>=3.5",  # shares the tests between two processes
     "hypothesis>=6.100",  # properties over generated cases
+    "playwright>=1.49",  # drives Debian's Chromium in the tests of HTML pages; it brings no browser of its own
     "cosmic-ray>=8.4,<9",  # changes the code in small ways, so that tools/mutants.sh can tell what the tests notice
     "coverage>=7",  # tells tools/mutants.sh which tests run a line
     "open3d>=0.19",  # casts the same rays, to compare ours with in tests and in the benchmark of the sensors

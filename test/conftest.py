@@ -5,11 +5,12 @@ import siren_nodes  # noqa: F401 - the arithmetic of the programs, before numpy 
 # isort: split
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import hypothesis
 import pytest
+from browser_pages import PageBrowser, running_browser
 from rosbags.typesys.store import Typestore
 from synthetic_episode import Scene, SyntheticEpisode
 
@@ -82,3 +83,10 @@ def write_bag(typestore: Typestore) -> Callable[..., Path]:
         return writer.finish().path
 
     return write
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[PageBrowser]:
+    """Chromium without display and network; for one module, because its event loop would hinder asyncio elsewhere."""
+    with running_browser() as running:
+        yield running

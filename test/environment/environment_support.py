@@ -8,6 +8,7 @@ from pathlib import Path
 from repository import REPOSITORY
 
 TOOLS = REPOSITORY / "tools"
+STEPS = TOOLS / "environment"
 TIMEOUT_S = 60.0
 
 # Stands for tools/environment/make.sh: makes in a moment what ./env compares, and writes down how it was called.
@@ -31,6 +32,29 @@ def clean_environment(**changes: str) -> dict[str, str]:
     """The variables of this process without those that a ROS, or ./env itself, would have set."""
     own = ("ROS_", "FASTDDS_", "FASTRTPS_", "AMENT_", "CMAKE_PREFIX", "COLCON_", "SIREN_", "VIRTUAL_ENV")
     return {name: value for name, value in os.environ.items() if not name.startswith(own)} | changes
+
+
+def run_shell(
+    script: str, tmp_path: Path, *, user: str | None = None, **variables: str
+) -> "subprocess.CompletedProcess[str]":
+    """Runs shell lines after the environment's functions were read."""
+    venv = tmp_path / "venv"
+    prelude = f"""
+        set -euo pipefail
+        root={REPOSITORY} venv={venv} ros=wheels state={venv}/.siren here={STEPS}
+        asked_extras=() extras=()
+        for name in progress system browser steps runnables; do source "$here/$name.sh"; done
+    """
+    return subprocess.run(
+        ["bash", "-c", prelude + script],
+        env=clean_environment(**variables),
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+        check=False,
+        user=user,
+        cwd="/",
+    )
 
 
 class Checkout:

@@ -8,35 +8,11 @@ import sys
 from pathlib import Path
 
 import pytest
-from environment_support import REPOSITORY, TIMEOUT_S, clean_environment
+from environment_support import REPOSITORY, STEPS, clean_environment, run_shell
 
 from siren_ros.ros.transport.fastdds_profile import profile_name
 
-STEPS = REPOSITORY / "tools/environment"
 USABLE = "import sysconfig, os, ensurepip; assert os.path.exists(sysconfig.get_path('include') + '/Python.h')"
-
-
-def run_shell(
-    script: str, tmp_path: Path, *, user: str | None = None, **variables: str
-) -> "subprocess.CompletedProcess[str]":
-    """Runs shell lines after the environment's functions were read."""
-    venv = tmp_path / "venv"
-    prelude = f"""
-        set -euo pipefail
-        root={REPOSITORY} venv={venv} ros=wheels state={venv}/.siren here={STEPS}
-        asked_extras=() extras=()
-        for name in progress system steps runnables; do source "$here/$name.sh"; done
-    """
-    return subprocess.run(
-        ["bash", "-c", prelude + script],
-        env=clean_environment(**variables),
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT_S,
-        check=False,
-        user=user,
-        cwd="/",
-    )
 
 
 def fake_python(folder: Path, name: str, script: str) -> Path:

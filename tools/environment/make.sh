@@ -19,6 +19,8 @@ here=$root/tools/environment
 source "$here/progress.sh"
 # shellcheck source=system.sh
 source "$here/system.sh"
+# shellcheck source=browser.sh
+source "$here/browser.sh"
 # shellcheck source=steps.sh
 source "$here/steps.sh"
 # shellcheck source=runnables.sh
@@ -31,17 +33,20 @@ verify() {
 import libsumo, moderngl, rosbags, scipy, siren_ros, siren_nodes'
 }
 
-# The compiler makes the message packages while wheels are still downloaded and unpacked.
+# The compiler makes the message packages while wheels and the browser are still downloaded and unpacked.
 make_all() {
-    local packages status=0
+    local packages browser status=0
     cd "$root"
     make_venv
     collect_extras # sets $extras
     install_ros
     (trap - INT && install_packages) &
     packages=$!
+    (trap - INT && ensure_browser) &
+    browser=$!
     build_messages || status=$?
     wait "$packages" || status=$?
+    wait "$browser" || status=$?
     if ((status)); then exit "$status"; fi
     install_runnables
 }

@@ -66,3 +66,55 @@ def test_a_vehicle_that_crosses_just_before(straight_road: RoadNetwork) -> None:
     (encroachment,) = found.encroachments
     assert encroachment.actor_id == 5
     assert 0.3 < encroachment.time_s < 1.3
+
+
+def test_numbers_of_a_moment(straight_road: RoadNetwork) -> None:
+    """The EMV at 10 m/s, 30 m behind the centre of a standing car: 25.4 m of gap at step 0, 0.5 m less at each step."""
+    found = seen(straight_road, {5: moving(30.0, 0.0, 0.0, steps=41)}, (4, 8)).moments
+    gaps = 30.0 - 4.6 - 0.5 * np.arange(4, 8)
+    assert found.gap_m == pytest.approx(gaps)
+    assert found.time_to_collision_s == pytest.approx(gaps / 10.0)
+    assert found.closing_mps == pytest.approx(np.full(4, 10.0))
+    assert found.required_deceleration_mps2 == pytest.approx(100.0 / (2.0 * gaps))
+
+
+def test_a_contact_at_the_windows_edges(straight_road: RoadNetwork) -> None:
+    tracks = {EMV: moving(0.0, 0.0, 0.0, is_emv=True), 5: moving(20.0, 0.0, 0.0)}
+    events = tuple(
+        Event(step, EventKind.COLLISION, 5, EMV, detail={"impact_speed_mps": 3.0}) for step in (19, 20, 39, 40)
+    )
+    record = replace(record_with(tracks, straight_road), events=events)
+    assert [one.step for one in evidence_of(record, EMV, FRONT, (20, 40)).contacts] == [20, 39]
+
+
+def test_a_car_that_stays_behind_touches_unseen(straight_road: RoadNetwork) -> None:
+    tracks = {EMV: moving(0.0, 0.0, 0.0, is_emv=True), 5: moving(-6.0, 0.0, 0.0)}
+    event = Event(30, EventKind.COLLISION, 5, EMV, detail={"impact_speed_mps": 3.0})
+    record = replace(record_with(tracks, straight_road), events=(event,))
+    assert evidence_of(record, EMV, FRONT, (0, 60)).contacts == ()
+
+
+def test_a_contact_may_be_told_a_step_after_the_last_state(straight_road: RoadNetwork) -> None:
+    tracks = {EMV: moving(0.0, 0.0, 0.0, is_emv=True), 5: moving(20.0, 0.0, 0.0, steps=30)}
+    for step, counts in ((30, True), (31, False)):
+        event = Event(step, EventKind.COLLISION, 5, EMV, detail={"impact_speed_mps": 3.0})
+        record = replace(record_with(tracks, straight_road), events=(event,))
+        assert bool(evidence_of(record, EMV, FRONT, (0, 60)).contacts) is counts
+
+
+@pytest.mark.parametrize(("window", "there"), [((0, 81), True), ((0, 36), False), ((38, 81), False)])
+def test_an_encroachment_lies_within_the_window(
+    straight_road: RoadNetwork, window: tuple[int, int], *, there: bool
+) -> None:
+    """A car crosses at about step 12 to 20, the EMV comes at about step 37."""
+    crossing = moving(30.0, -8.0, 10.0, yaw_rad=np.pi / 2.0, steps=81)
+    tracks = {EMV: moving(0.0, 0.0, 15.0, steps=81, is_emv=True), 5: crossing}
+    found = evidence_of(record_with(tracks, straight_road), EMV, FRONT, window)
+    assert bool(found.encroachments) is there
+
+
+def test_who_crosses_behind_the_camera_is_no_encroachment(straight_road: RoadNetwork) -> None:
+    """The car comes out of a side road after the EMV has passed, and was never seen."""
+    crossing = moving(0.0, -30.0, 12.0, yaw_rad=np.pi / 2.0, steps=81)
+    tracks = {EMV: moving(0.0, 0.0, 15.0, steps=81, is_emv=True), 5: crossing}
+    assert evidence_of(record_with(tracks, straight_road), EMV, FRONT, (0, 81)).encroachments == ()

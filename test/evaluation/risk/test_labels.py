@@ -80,3 +80,33 @@ def test_thresholds_are_parameters() -> None:
     evidence = Evidence(moments(8, 2.0, 5.0), (), ())
     assert label_of(evidence, LIMITS).risk is RiskClass.NORMAL
     assert label_of(evidence, replace(LIMITS, time_to_collision_s=2.5)).risk is RiskClass.NEAR_MISS
+
+
+def test_a_label_names_the_moment_that_decided_it() -> None:
+    """The least TTC among the short ones, and the hardest deceleration among the near ones, not the first ones."""
+    varied = replace(
+        moments(6, 1.0, 5.0), time_to_collision_s=np.array([1.4, 1.2, 0.8, 1.1, 1.3, 0.5]), closing_mps=np.full(6, 5.0)
+    )
+    varied.closing_mps[5] = 0.5
+    label = label_of(Evidence(varied, (), ()), LIMITS)
+    assert (label.reason, label.actor_id, label.step, label.value) == (Reason.TIME_TO_COLLISION, 7, 102, 0.8)
+    braking = replace(
+        moments(4, 2.0, 8.0, 4.0),
+        actor_id=np.array([7, 7, 8, 8], np.uint32),
+        required_deceleration_mps2=np.array([3.5, 5.0, 4.0, 9.0]),
+        gap_m=np.array([5.0, 5.0, 5.0, 12.0]),
+    )
+    label = label_of(Evidence(braking, (), ()), LIMITS)
+    assert (label.reason, label.actor_id, label.step, label.value) == (Reason.REQUIRED_DECELERATION, 7, 101, 5.0)
+
+
+def test_each_civilian_has_its_own_short_time() -> None:
+    """The second one's lasts long enough, and it is that one's least time that counts."""
+    two = replace(
+        moments(7, 1.0, 3.0),
+        actor_id=np.array([7, 7, 7, 9, 9, 9, 9], np.uint32),
+        step=np.array([100, 101, 102, 150, 151, 152, 153]),
+        time_to_collision_s=np.array([0.2, 0.3, 0.4, 1.2, 1.1, 0.9, 1.0]),
+    )
+    label = label_of(Evidence(two, (), ()), LIMITS)
+    assert (label.actor_id, label.step, label.value) == (9, 152, 0.9)

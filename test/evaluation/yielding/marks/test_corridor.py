@@ -88,3 +88,61 @@ def test_an_empty_road_has_no_corridor_to_speak_of() -> None:
     assert len(series.step) > 5
     assert corridor_width_m(series).lack
     assert corridor_continuity(series).lack
+
+
+def test_the_way_narrows_on_its_nearer_side() -> None:
+    """Free from −1 to 4 m: around 0 m the nearest edge is 1 m away; around 1.5 m, 2.5 m."""
+    free = road(-1.05, 4.05)
+    assert widest_way_m(free[:1], 0.0) == pytest.approx(2 * 1.4, abs=0.15)
+    assert widest_way_m(free[:1], 3.5) == pytest.approx(2 * 0.8, abs=0.15)
+    assert widest_way_m(free[:5], 0.0) == pytest.approx(2 * 1.4, abs=0.15), "no wider than where it begins"
+
+
+@pytest.mark.parametrize("mirror", [1.0, -1.0])
+def test_the_way_changes_sides_by_three_tenths_of_a_metre_per_metre(mirror: float) -> None:
+    """Right of −1 m before a gate, left of 1 m behind it: 2 m and the way's own width aside."""
+    free = road(-4.05, 4.05)
+    free[:10, ACROSS * mirror > -1.0] = False
+    free[16:, ACROSS * mirror < 1.0] = False
+    # From −2 − w/2 to 2 … seven steps of 0.3 m carry a way of no width from −1 to 1.1 m.
+    assert 0.0 < widest_way_m(free, -1.5 * mirror) < 0.5
+    free[12:, ACROSS * mirror < 1.0] = False
+    assert widest_way_m(free, -1.5 * mirror) == 0.0
+
+
+def test_nothing_is_free_where_the_emv_is() -> None:
+    free = road(-4.05, 4.05)
+    free[0, np.abs(ACROSS - 2.0) < 0.5] = False
+    assert widest_way_m(free, 2.0) == 0.0
+    assert widest_way_m(free, -2.0) > 0.0
+
+
+def test_a_turned_car_takes_its_width_where_it_is() -> None:
+    """A car of 4 m across the road, 3 m to the left of the line; half a metre more, as stations are 1 m apart."""
+    across = Driven(np.array([(0.25, -60.0), (4.25, -60.0)]), arc((0.0, 12.0), start_m=2.0))
+    series = series_of(record_of(arc((10.0, 12.0)), {CAR: across}))
+    near = series.contested & (series.step < 90)
+    # Its right end is 0.5 m to the left of the line: the road ends 4.25 m to the right.
+    assert near.any()
+    assert series.width_m[near].min() == pytest.approx(4.25 + 0.5, abs=0.25)
+
+
+def test_the_corridor_is_measured_every_half_second_thirty_metres_ahead() -> None:
+    """A car whose rear is 60 m after the start; the EMV's front is 3 m ahead of its centre at 0.5 m per step."""
+    record = record_of(arc((10.0, 12.0)), {CAR: Driven(IN_LANE, arc((0.0, 12.0), start_m=62.5))})
+    series = series_of(record)
+    assert set(np.diff(series.step)) == {10}
+    assert series.step[0] == 0
+    first = series.step[series.contested][0]
+    assert 3.0 + 0.5 * first + 30.0 >= 60.0 > 3.0 + 0.5 * (first - 10) + 30.0
+    last = series.step[series.contested][-1]
+    assert 3.0 + 0.5 * last <= 65.0 < 3.0 + 0.5 * (last + 10)
+    assert series.needed_m == pytest.approx(2.1 + 2 * 0.2)
+
+
+def test_share_and_median_are_of_the_contested_times() -> None:
+    series = CorridorSeries(
+        np.arange(5), np.array([2.0, 2.6, 9.0, 2.4, 4.0]), np.array([True, True, False, True, True]), 2.5
+    )
+    assert corridor_width_m(series).value == pytest.approx(2.5)
+    assert corridor_continuity(series).value == pytest.approx(0.5)

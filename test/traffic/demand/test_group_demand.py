@@ -1,0 +1,183 @@
+"""Where the vehicles of groups stand, on two streets that cross: every front is a sum of gaps and lengths."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_streets import (
+    A_LEFT,
+    A_RIGHT,
+    B_LEFT,
+    B_RIGHT,
+    CAR_M,
+    CONFIG,
+    CROSSING,
+    FAR,
+    LIMIT_MPS,
+    NEAR,
+    STOP_LINE_M,
+    A,
+    group,
+    same_drivers,
+    signal_site,
+    start_at,
+    streets,
+    template_with,
+)
+from traffic_helpers import DIMENSIONS
+
+from siren_ros.errors import MapError
+from siren_ros.scenario.scenario import DemandGroup, GroupAnchor, Placement
+from siren_ros.traffic.demand.demand_config import DemandConfig
+from siren_ros.traffic.demand.emv_start import EmvStart
+from siren_ros.traffic.demand.group_demand import GroupPlan, plan_groups
+from siren_ros.traffic.demand.plan import LaneInterval, PlannedVehicle
+from siren_ros.traffic.demand.vehicle_factory import VehicleFactory
+
+NETWORK = streets()
+STARTS_M = {A_RIGHT: 0.0, A_LEFT: 0.0, B_RIGHT: 210.0, B_LEFT: 210.0, FAR: 0.0, NEAR: 200.0}
+"""Where lanes begin on the way to the stop line."""
+
+
+def planned(*groups: DemandGroup, start: EmvStart | None = None, config: DemandConfig = CONFIG) -> GroupPlan:
+    factory = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS, config)
+    return plan_groups(NETWORK, signal_site(), start or start_at(90.0), template_with(*groups), 0, factory, config)
+
+
+def platoon(vehicles: int = 3) -> DemandGroup:
+    """Ahead of the EMV in its lane, with a first gap of 12 m."""
+    return replace(group(Placement.EMV_LANE, GroupAnchor.EMV, vehicles), first_gap_m=12.0)
+
+
+def fronts_m(vehicles: Sequence[PlannedVehicle]) -> list[float]:
+    """Along the way to the stop line."""
+    return [STARTS_M[vehicle.spot.lane] + vehicle.spot.front_m for vehicle in vehicles]
+
+
+def test_a_queue_at_the_stop_line() -> None:
+    plan = planned(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=4, standing=True))
+    expected = [STOP_LINE_M - 7.0 - number * (CAR_M + 5.0) for number in range(4)]
+    assert fronts_m(plan.vehicles) == pytest.approx(expected)
+    assert {vehicle.spot.lane for vehicle in plan.vehicles} == {B_RIGHT}
+    assert {vehicle.spot.speed_mps for vehicle in plan.vehicles} == {0.0}
+    assert [vehicle.name for vehicle in plan.vehicles] == ["group0", "group1", "group2", "group3"]
+    assert plan.foremost_m == pytest.approx(STOP_LINE_M - 7.0)
+
+
+def test_a_platoon_ahead_of_the_emv() -> None:
+    plan = planned(platoon())
+    expected = [90.0 + 12.0 + CAR_M + number * (CAR_M + 5.0) for number in range(3)]
+    assert fronts_m(plan.vehicles) == pytest.approx(expected)
+    assert {vehicle.spot.lane for vehicle in plan.vehicles} == {A_LEFT}
+    assert {vehicle.spot.speed_mps for vehicle in plan.vehicles} == {8.0}
+    assert plan.foremost_m == pytest.approx(expected[-1])
+    assert all(vehicle.route[0] == "a" for vehicle in plan.vehicles)
+
+
+def test_two_rows_are_filled_in_turn() -> None:
+    """All lanes but the EMV's: with the EMV on the site's edge, both of the first road's lanes lead there."""
+    both = replace(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=2), name="first")
+    others = replace(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=2), name="second")
+    plan = planned(both, others)
+    assert [vehicle.name for vehicle in plan.vehicles] == ["first0", "first1", "second0", "second1"]
+    assert fronts_m(plan.vehicles) == pytest.approx([303.0, 293.4, 303.0, 293.4])
+    assert [vehicle.spot.lane for vehicle in plan.vehicles] == [B_LEFT, B_LEFT, B_RIGHT, B_RIGHT]
+
+
+def test_groups_in_one_row_queue_up_behind_each_other() -> None:
+    first = replace(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=1), name="first")
+    second = replace(first, name="second")
+    assert fronts_m(planned(first, second).vehicles) == pytest.approx([303.0, 303.0 - CAR_M - 5.0])
+    ahead = replace(platoon(1), name="ahead")
+    assert fronts_m(planned(ahead, replace(ahead, name="more")).vehicles) == pytest.approx([106.6, 106.6 + 5.0 + CAR_M])
+
+
+def test_nobody_stands_in_a_junction_or_with_its_rear_in_it() -> None:
+    """The row passes the junction K from 200 to 210 m: whoever would be there is put before or behind it."""
+    long = planned(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=12))
+    places = np.array(fronts_m(long.vehicles))
+    assert len(places) == 12
+    assert not ((places > 200.0) & (places < 210.0 + CAR_M)).any()
+    before = places[places <= 200.0][0]
+    assert 199.0 < before <= 200.0, "looked for every metre"
+    gaps = -np.diff(places) - CAR_M
+    assert gaps.min() == pytest.approx(5.0)
+    forwards = planned(platoon(), start=start_at(170.0))
+    assert fronts_m(forwards.vehicles) == pytest.approx([186.6, 196.2, 214.8]), "looked for every metre from 205.8 m on"
+
+
+def test_the_emv_has_its_clearance() -> None:
+    """A queue of its own lane ends 10 m before it: the rear of the last vehicle is at 100 m or more."""
+    plan = planned(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=25))
+    rears = np.array(fronts_m(plan.vehicles)) - CAR_M
+    assert 100.0 <= rears.min() < 100.0 + CAR_M + 5.0
+    with pytest.raises(MapError, match="0 would fit"):
+        planned(group(Placement.EMV_LANE, GroupAnchor.EMV))
+
+
+def test_a_row_that_is_too_short_for_most_vehicles_is_refused() -> None:
+    # From 303 m down to 100 m, every 9.6 m and with the junction's gap, 21 find a place.
+    places = len(planned(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=30)).vehicles)
+    assert places >= 18
+    most = int(places / 0.6)
+    assert len(planned(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=most)).vehicles) == places
+    with pytest.raises(MapError, match=f"{most + 2} vehicles in the EMV's lane; {places} would fit"):
+        planned(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=most + 2))
+
+
+def test_of_crossing_traffic_and_streams_one_is_enough() -> None:
+    crowd = group(Placement.CROSSING, GroupAnchor.STOP_LINE, vehicles=200, standing=True)
+    assert 1 < len(planned(crowd).vehicles) < 120
+    stream = group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL, vehicles=60)
+    fronts = fronts_m(planned(stream).vehicles)
+    assert 1 < len(fronts) < 36
+    assert max(fronts) < STOP_LINE_M
+    nobody = replace(crowd, first_gap_m=1000.0)
+    with pytest.raises(MapError, match="200 vehicles on crossing roads; 0 would fit"):
+        planned(nobody)
+
+
+def test_crossing_rows_are_the_stage_from_behind_the_last_vehicle_on() -> None:
+    plan = planned(group(Placement.CROSSING, GroupAnchor.STOP_LINE, vehicles=2, standing=True))
+    assert fronts_m(plan.vehicles) == pytest.approx([293.0, 293.0 - CAR_M - 5.0])
+    assert plan.crossing == (CROSSING,)
+    assert plan.foremost_m == 0.0
+    rear_m = 293.0 - CAR_M - 5.0 - CAR_M
+    assert plan.crossing_stage == (
+        LaneInterval(NEAR, pytest.approx(rear_m - CONFIG.stage_behind_m - 200.0), pytest.approx(100.0)),
+    )
+
+
+def test_nobody_wishes_for_more_than_the_limit_unless_the_stream_would_come_too_late() -> None:
+    fast = replace(platoon(), speed_mps=20.0)
+    assert {vehicle.spot.speed_mps for vehicle in planned(fast).vehicles} == {LIMIT_MPS}
+    assert {vehicle.driver.speed_factor for vehicle in planned(fast).vehicles} == {1.0}
+    stream = replace(fast, anchor=GroupAnchor.ARRIVAL, placement=Placement.SAME_DIRECTION, speed_mps=15.4)
+    found = planned(stream, start=start_at(130.0)).vehicles
+    assert [vehicle.driver.speed_factor for vehicle in found] == pytest.approx([1.1] * 3)
+    assert [vehicle.spot.speed_mps for vehicle in found] == pytest.approx([15.4] * 3)
+    slow = replace(stream, speed_mps=7.0)
+    assert {vehicle.driver.speed_factor for vehicle in planned(slow, start=start_at(130.0)).vehicles} == {1.0}
+
+
+def test_gaps_and_speeds_vary_as_much_as_the_config_says() -> None:
+    config = replace(CONFIG, spacing_spread=0.2, speed_spread=0.1)
+    wanted = replace(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=9), spacing_m=5.0)
+    vehicles = planned(wanted, config=config).vehicles
+    here = [front for front in fronts_m(vehicles) if front > 215.0]
+    gaps = -np.diff(here) - CAR_M
+    assert 4.0 <= gaps.min() < 4.7
+    assert 5.3 < gaps.max() <= 6.0
+    speeds = np.array([vehicle.spot.speed_mps for vehicle in vehicles])
+    assert 7.2 <= speeds.min() < 7.8
+    assert 8.2 < speeds.max() <= 8.8
+
+
+def test_routes_begin_at_the_lane_and_are_long_enough() -> None:
+    """At 16 m/s for 5, 20 and 20 s they would be 720 m: they end where the map ends."""
+    plan = planned(platoon())
+    assert {vehicle.route for vehicle in plan.vehicles} == {("a", "b", "c")}
+    queue = planned(group(Placement.CROSSING, GroupAnchor.STOP_LINE, vehicles=3, standing=True))
+    assert {vehicle.route for vehicle in queue.vehicles} == {("n", "d")}
+    assert NETWORK.edges[A].edge_id == "a"

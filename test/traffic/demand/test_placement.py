@@ -1,0 +1,186 @@
+"""Starts of EMVs and places of background traffic on two streets that cross."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_streets import (
+    A_LEFT,
+    A_RIGHT,
+    B_LEFT,
+    C_LEFT,
+    CONFIG,
+    LIMIT_MPS,
+    STOP_LINE_M,
+    A,
+    B,
+    C,
+    emv_demand,
+    group,
+    same_drivers,
+    signal_site,
+    start_at,
+    streets,
+    template_with,
+)
+from traffic_helpers import DIMENSIONS
+
+from siren_ros.errors import MapError
+from siren_ros.roads.sites.site import Site, SiteKind
+from siren_ros.scenario.scenario import GroupAnchor, Placement, SignalDemand, StartReference
+from siren_ros.traffic.demand.demand import plan_traffic
+from siren_ros.traffic.demand.demand_config import DemandConfig
+from siren_ros.traffic.demand.emv_start import (
+    depart_speed_mps,
+    emv_start,
+    start_m_of,
+    unhindered_arrival_s,
+    way_to_stop_line_m,
+)
+from siren_ros.traffic.demand.plan import LaneInterval, SignalTiming, TrafficPlan
+
+NETWORK = streets()
+
+
+@pytest.mark.parametrize(
+    ("start_m", "lane", "front_m", "way_m"),
+    [
+        (30.0, B_LEFT, 30.0, 70.0),
+        (0.0, B_LEFT, 0.0, 100.0),
+        (-40.0, A_LEFT, 170.0, 140.0),
+        (-150.0, A_LEFT, 60.0, 250.0),
+        # Inside the junction K or right before it: 20 m before it.
+        (-5.0, A_LEFT, 180.0, 130.0),
+        (-25.0, A_LEFT, 180.0, 130.0),
+        (-31.0, A_LEFT, 179.0, 131.0),
+    ],
+)
+def test_starts_before_and_on_the_sites_edge(start_m: float, lane: int, front_m: float, way_m: float) -> None:
+    start = emv_start(NETWORK, signal_site(), start_m)
+    assert (start.lane, start.front_m) == (lane, pytest.approx(front_m))
+    assert start.route == ((A, B, C) if lane == A_LEFT else (B, C))
+    assert [one for one in start.lanes_to_site if one < 9] == ([A_LEFT, B_LEFT] if lane == A_LEFT else [B_LEFT])
+    assert way_to_stop_line_m(NETWORK, start) == pytest.approx(way_m)
+
+
+def test_starts_beyond_the_sites_edge_are_on_the_way_on() -> None:
+    """The edge is 100 m long, the junction 20 m."""
+    start = emv_start(NETWORK, signal_site(), 150.0)
+    assert (start.lane, start.front_m, start.route) == (C_LEFT, pytest.approx(30.0), (C,))
+    assert start.lanes_to_site == (C_LEFT,)
+    with pytest.raises(MapError, match="more of road"):
+        emv_start(NETWORK, signal_site(), 330.0)
+    with pytest.raises(MapError, match="more of road"):
+        emv_start(NETWORK, signal_site(), -211.0)
+
+
+def road_site() -> Site:
+    """A site whose start is no matter of quiet ways."""
+    return replace(signal_site(), kind=SiteKind.QUEUED_APPROACH)
+
+
+def test_the_start_is_counted_from_the_sites_edge_or_from_the_stop_line() -> None:
+    from_start = replace(emv_demand(-30.0), start_from=StartReference.SITE_START)
+    assert start_m_of(NETWORK, road_site(), from_start) == -30.0
+    assert start_m_of(NETWORK, road_site(), emv_demand(-30.0)) == pytest.approx(70.0)
+    assert start_m_of(NETWORK, road_site(), emv_demand(-150.0)) == pytest.approx(-50.0)
+
+
+def test_an_approach_that_is_too_short_is_used_from_its_beginning() -> None:
+    """210 m before the site's edge, of which the EMV's body takes 8 m."""
+    assert start_m_of(NETWORK, road_site(), emv_demand(-500.0)) == pytest.approx(-202.0)
+    assert emv_start(NETWORK, road_site(), -202.0).front_m == pytest.approx(8.0)
+
+
+def test_departing_and_arriving_on_a_straight_way() -> None:
+    start = start_at(110.0)
+    assert unhindered_arrival_s(NETWORK, start, emv_demand(0.0, 10.0), CONFIG) == pytest.approx(20.0)
+    assert depart_speed_mps(NETWORK, start, emv_demand(0.0, 10.0), CONFIG) == pytest.approx(10.0)
+    there = replace(start, lane=B_LEFT, front_m=120.0, lanes_to_site=(B_LEFT,))
+    assert unhindered_arrival_s(NETWORK, there, emv_demand(0.0, 10.0), CONFIG) == 0.0
+    assert depart_speed_mps(NETWORK, there, emv_demand(0.0, 10.0), CONFIG) == 10.0
+
+
+Plan = Callable[..., TrafficPlan]
+
+
+@pytest.fixture
+def plan() -> Plan:
+    def make(*groups: object, count: int = 1, config: DemandConfig = CONFIG, **changed: object) -> TrafficPlan:
+        template = template_with(*groups)  # type: ignore[arg-type] # forwarded
+        emv = replace(template.emv, count=count, start_from=StartReference.SITE_START, start_m=-50.0)
+        template = replace(template, emv=emv, **changed)  # type: ignore[arg-type] # forwarded
+        return plan_traffic(NETWORK, signal_site(), template, 3, same_drivers(), DIMENSIONS, config)
+
+    return make
+
+
+def test_a_second_emv_keeps_its_headway(plan: Plan) -> None:
+    """6.2 m of length and 2 s at 10 m/s."""
+    first, second = plan(count=2).emvs
+    assert (first.spot.lane, first.spot.front_m) == (A_LEFT, pytest.approx(160.0))
+    assert (second.spot.lane, second.spot.front_m) == (A_LEFT, pytest.approx(160.0 - 26.2))
+    assert [one.name for one in (first, second)] == ["emv0", "emv1"]
+    assert first.driver.speed_factor == pytest.approx(10.0 / LIMIT_MPS)
+    assert first.route == ("a", "b", "c")
+
+
+def test_the_stage_reaches_from_behind_the_last_emv_to_ahead_of_the_groups(plan: Plan) -> None:
+    """The EMV's rear is at 153.8 m; 25 m behind that and 35 m ahead of the foremost front, on both lanes."""
+    found = plan(replace(group(Placement.EMV_LANE, GroupAnchor.EMV, vehicles=1), first_gap_m=12.0))
+    (foremost,) = found.groups
+    front_m = foremost.spot.front_m
+    assert front_m == pytest.approx(160.0 + 12.0 + 4.6)
+    rear_m = 160.0 - 6.2 - 25.0
+    assert LaneInterval(A_LEFT, pytest.approx(rear_m), pytest.approx(200.0)) in found.stage
+    assert LaneInterval(A_RIGHT, pytest.approx(rear_m), pytest.approx(200.0)) in found.stage
+    beyond_m = front_m + 35.0 - 210.0
+    assert LaneInterval(B_LEFT, 0.0, pytest.approx(beyond_m)) in found.stage
+    # Nobody of the groups in its lane: then its whole way to the stop line is kept free.
+    free = plan(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=1, standing=True)).stage
+    assert LaneInterval(B_LEFT, 0.0, pytest.approx(100.0)) in free
+    assert LaneInterval(A_LEFT, 0.0, pytest.approx(200.0)) in free
+
+
+def test_volumes_and_steps(plan: Plan) -> None:
+    found = plan(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=3))
+    assert (len(found.groups), len(found.background), len(found.reserve)) == (3, 7, 40)
+    assert found.civilians == 10
+    assert found.warm_up_steps == 100
+
+
+def test_background_traffic_can_stop(plan: Plan) -> None:
+    """At 0.7 of the limit, or so slow that it stops within 9 m, or before the end of its lane, at 2.5 m/s²."""
+    found = plan(config=replace(CONFIG, placement_gap_m=6.0))
+    for vehicle in (*found.background, *found.reserve):
+        lane = NETWORK.lanes[vehicle.spot.lane]
+        free_m = min(6.0, lane.length_m - vehicle.spot.front_m)
+        assert vehicle.spot.speed_mps == pytest.approx(min(0.7 * LIMIT_MPS, np.sqrt(2.0 * 2.5 * free_m)))
+        assert vehicle.length_m <= vehicle.spot.front_m <= lane.length_m
+
+
+def test_background_vehicles_keep_their_gaps_on_a_full_map(plan: Plan) -> None:
+    """Vehicles of one lane are 9 m apart or more, on either side."""
+    template = template_with()
+    crowded = replace(template.demand, background_vehicles=22)
+    vehicles = plan(demand=crowded, config=replace(CONFIG, reserve_factor=0.0)).background
+    by_lane: dict[int, list[float]] = {}
+    for vehicle in vehicles:
+        by_lane.setdefault(vehicle.spot.lane, []).append(vehicle.spot.front_m)
+    assert max(map(len, by_lane.values())) > 2
+    for fronts in by_lane.values():
+        assert (np.diff(sorted(fronts)) >= 9.0 + 4.6).all()
+
+
+def test_the_signal_turns_red_before_the_emv_arrives(plan: Plan) -> None:
+    """From 160 m, 150 m before the stop line at 10 m/s: 15 s. The left lane's movement has link 1."""
+    crossing = group(Placement.CROSSING, GroupAnchor.STOP_LINE, vehicles=2, standing=True)
+    found = plan(crossing, signal=SignalDemand(4.0)).signal
+    assert found == SignalTiming("J", 1, pytest.approx(11.0), (3,), ())
+    assert plan(crossing, signal=None).signal is None
+    stream = replace(group(Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL, vehicles=2), name="stream")
+    timing = plan(stream, crossing, signal=SignalDemand(4.0)).signal
+    assert timing is not None
+    assert timing.platoon == ("stream0", "stream1")
+    assert STOP_LINE_M - 160.0 == 150.0

@@ -178,6 +178,7 @@ class McapStream:
         self._write(summary + _bytes_of([Footer(summary_start, offset_start, crc)]) + MAGIC)
 
     def _statistics(self) -> Statistics:
+        first_ns, last_ns = self.span_ns
         return Statistics(
             attachment_count=0,
             channel_count=len(self._channels),
@@ -185,8 +186,8 @@ class McapStream:
             chunk_count=len(self._chunks),
             message_count=sum(self._counts.values()),
             metadata_count=0,
-            message_start_time=min((chunk.message_start_time for chunk in self._chunks), default=0),
-            message_end_time=max((chunk.message_end_time for chunk in self._chunks), default=0),
+            message_start_time=first_ns,
+            message_end_time=last_ns,
             schema_count=len(self._schemas),
         )
 

@@ -152,8 +152,21 @@ def test_crossing_outline_is_the_lane_widened_or_the_outline_the_net_states(netw
     np.testing.assert_allclose(parse_road_network(stated.encode()).crossings[0][1], [99.0, 0.0])
 
 
+LONELY = """<net><edge id="e" from="a" to="b"><lane id="e_0" index="0" speed="13.89" length="1" shape="0,0 END"/></edge>
+<junction id="a" type="dead_end" x="0" y="0" shape=""/><junction id="b" type="dead_end" x="0" y="1" shape=""/></net>"""
+
+
 def test_an_internal_lane_of_no_length_still_has_a_direction(network):
-    assert network.lane_by_id[":j_1_0"].centre.length_m == pytest.approx(0.01)
+    centre = network.lane_by_id[":j_1_0"].centre
+    assert centre.length_m == pytest.approx(0.01)
+    assert centre.heading_rad(0.0) == 0.0
+
+
+@pytest.mark.parametrize(("length_m", "kept"), [(0.006, True), (0.004, False)])
+def test_a_lane_of_half_a_centimetre_is_as_long_as_it_is(length_m: float, kept: bool) -> None:
+    net = LONELY.replace("END", f"0,{length_m}")
+    centre = parse_road_network(net.encode()).lanes[0].centre
+    assert centre.length_m == pytest.approx(length_m if kept else 0.01)
 
 
 def test_the_default_width_is_sumos(network):

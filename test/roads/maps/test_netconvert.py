@@ -1,3 +1,6 @@
+import re
+from importlib.metadata import PackageNotFoundError
+
 import pytest
 
 from siren_ros.errors import MapError
@@ -16,7 +19,18 @@ def test_a_net_without_header_is_left_alone():
 
 def test_netconvert_is_the_installed_sumos():
     assert netconvert_path().is_file()
+    netconvert_version.cache_clear()
     assert netconvert_version()
+
+
+def test_where_sumo_is_no_package_it_says_its_version_itself(monkeypatch):
+    def unknown(name):
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr("siren_ros.roads.maps.netconvert.version", unknown)
+    netconvert_version.cache_clear()
+    assert re.fullmatch(r"Eclipse SUMO netconvert .*\d+\.\d+.*", netconvert_version())
+    netconvert_version.cache_clear()
 
 
 def test_a_refusal_carries_netconverts_first_error_line(tmp_path):

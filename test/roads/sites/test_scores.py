@@ -1,0 +1,269 @@
+"""Sites, their routes and their scores on roads made of straight lines, written out."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hand_made_record import BESIDE, SHOULDER_RIGHT, crossing
+from made_streets import (
+    A_LEFT,
+    B_LEFT,
+    B_RIGHT,
+    CROSSING,
+    NEAR,
+    STRAIGHT,
+    STRAIGHT_LEFT,
+    A,
+    B,
+    C,
+    D,
+    M,
+    N,
+    streets,
+)
+
+from siren_ros.numerics.polyline import Polyline
+from siren_ros.roads.road_network import Connection, Edge, JunctionKind, Lane, LaneKind, RoadNetwork
+from siren_ros.roads.routing import EdgeGraph
+from siren_ros.roads.sites.junction_sites import queued_approaches, shoulder_turns, signal_junctions, stop_junctions
+from siren_ros.roads.sites.road_sites import multi_lane_roads, share, wide_length_m, wide_stretch_back
+from siren_ros.roads.sites.site import Site
+from siren_ros.roads.sites.site_routes import is_reversal, lanes_through, route_through, turn_of
+
+NETWORK = streets()
+GRAPH = EdgeGraph.of(NETWORK)
+WHOLE_M = 200.0 + 10.0 + 100.0 + 20.0 + 200.0
+
+
+def with_connections(network: RoadNetwork, numbers: Sequence[int], **changed: object) -> RoadNetwork:
+    connections = tuple(
+        replace(one, **changed) if number in numbers else one  # type: ignore[arg-type] # fields by name
+        for number, one in enumerate(network.connections)
+    )
+    return replace(network, connections=connections)
+
+
+def with_lane(network: RoadNetwork, lane: int, **changed: object) -> RoadNetwork:
+    lanes = list(network.lanes)
+    lanes[lane] = replace(lanes[lane], **changed)  # type: ignore[arg-type] # fields by name
+    return replace(network, lanes=tuple(lanes))
+
+
+def between(sites: Sequence[Site], edge: int, way: int) -> Site:
+    (found,) = (site for site in sites if site.site_edge == edge and way in site.route)
+    return found
+
+
+def test_shares_end_at_one() -> None:
+    assert share(125.0) == 0.5
+    assert share(300.0) == 1.0
+    assert share(30.0, 60.0) == 0.5
+
+
+def test_a_crossed_junction_is_scored_by_what_it_offers() -> None:
+    site = between(list(signal_junctions(GRAPH)), B, C)
+    assert (site.junction, site.route, site.site_position, site.stretch) == ("J", (A, B, C), 1, (B,))
+    assert (site.approach_lane, site.length_m) == (B_LEFT, pytest.approx(100.0))
+    assert site.connections == (STRAIGHT, STRAIGHT_LEFT)
+    assert site.crossing == (CROSSING,)
+    # Approach and way on are long enough; the route has 530 of 700 m.
+    route = 2.0 + 1.0 + WHOLE_M / 700.0
+    # Straight on; two lanes; one of three approaches; two movements; a long edge; a quiet way to it and beside it; one
+    # street from the side; no loop.
+    quality = 2.0 + 4.0 + 1.0 / 3.0 + 1.0 + 2.0 + 1.0 + 1.0 + 1.0
+    assert site.score == pytest.approx(route + quality)
+
+
+def test_a_side_street_without_road_lets_all_crossing_movements_count() -> None:
+    """20 m are no queue; the turn from the side street's own street would count, too."""
+    short = with_lane(NETWORK, NEAR, centre=Polyline.through([(10.0, 30.0), (10.0, 10.0)]))
+    short = with_connections(short, [6], must_stop=True)
+    site = between(list(signal_junctions(EdgeGraph.of(short))), B, C)
+    long = between(list(signal_junctions(GRAPH)), B, C)
+    assert site.crossing == (CROSSING,)
+    assert long.score - site.score == pytest.approx(1.0 - 20.0 / 60.0)
+
+
+def test_only_signals_and_only_stop_signs() -> None:
+    assert list(stop_junctions(GRAPH)) == []
+    signs = with_connections(NETWORK, [STRAIGHT, STRAIGHT_LEFT], signal_id=None, must_stop=True)
+    (site,) = stop_junctions(EdgeGraph.of(signs))
+    assert (site.site_edge, site.route) == (B, (A, B, C))
+    one_lane = with_connections(signs, [STRAIGHT], must_stop=False)
+    assert list(stop_junctions(EdgeGraph.of(one_lane))) == [], "a stop sign for one of the lanes is none"
+    priority = replace(NETWORK, junctions={"J": replace(NETWORK.junctions["J"], kind=JunctionKind.PRIORITY)})
+    assert list(signal_junctions(EdgeGraph.of(priority))) == []
+
+
+def test_a_queued_approach_reaches_back_over_plain_junctions() -> None:
+    (site,) = queued_approaches(GRAPH)
+    assert (site.stretch, site.route, site.site_position) == ((A, B), (A, B, C), 1)
+    assert site.length_m == pytest.approx(310.0)
+    # 310 m of approach and 200 m of way on; the whole stretch has as many lanes as lead on.
+    assert site.score == pytest.approx(2.0 + 1.0 + WHOLE_M / 700.0 + 4.0 + 2.0 + 2.0)
+
+
+def test_turning_lanes_are_no_plain_road() -> None:
+    """Where a third lane joins on the second edge, only the first 200 m and the junction are plain."""
+    lanes, edges = list(NETWORK.lanes), list(NETWORK.edges)
+    extra = replace(lanes[B_LEFT], index=len(lanes), lane_id="b_2", position=2)
+    edges[B] = replace(edges[B], lanes=(*edges[B].lanes, extra.index))
+    wider = replace(NETWORK, lanes=(*lanes, extra), edges=tuple(edges))
+    (plain,), (site,) = queued_approaches(GRAPH), queued_approaches(EdgeGraph.of(wider))
+    assert site.score == pytest.approx(plain.score), "200 m are as many as count"
+    short = with_lane(wider, 0, centre=Polyline.through([(-185.0, -5.25), (-110.0, -5.25)]))
+    short = with_lane(short, A_LEFT, centre=Polyline.through([(-185.0, -1.75), (-110.0, -1.75)]))
+    (site,) = queued_approaches(EdgeGraph.of(short))
+    route = 2.0 + 1.0 + (WHOLE_M - 125.0) / 700.0
+    assert site.score == pytest.approx(route + 4.0 * 185.0 / 250.0 + 2.0 + 2.0 * 75.0 / 150.0)
+
+
+def test_a_short_queue_is_no_site() -> None:
+    for length_m, count in ((29.0, 0), (31.0, 1)):
+        ends = [with_connections(NETWORK, [0, 1], must_stop=True)]
+        for lane, y_m in ((B_RIGHT, -5.25), (B_LEFT, -1.75)):
+            ends.append(with_lane(ends[-1], lane, centre=Polyline.through([(-length_m, y_m), (0.0, y_m)])))
+        assert len(list(queued_approaches(EdgeGraph.of(ends[-1])))) == count
+
+
+def test_roads_of_two_lanes() -> None:
+    first, second = multi_lane_roads(GRAPH)
+    assert (first.stretch, first.route, first.site_position, first.site_edge) == ((A, B), (A, B, C), 0, A)
+    assert (first.approach_lane, first.length_m) == (A_LEFT, pytest.approx(310.0))
+    assert first.connections == (STRAIGHT, STRAIGHT_LEFT)
+    assert first.score == pytest.approx(4.0 + WHOLE_M / 700.0 + 2.0 * WHOLE_M / 700.0)
+    assert (second.stretch, second.route, second.connections) == ((C,), (A, B, C), ())
+    assert second.score == pytest.approx(4.0 * 200.0 / 250.0 + 2.0 + WHOLE_M / 700.0 + 2.0 * WHOLE_M / 700.0)
+    assert first.name == "a b"
+    assert all(site.junction is None for site in (first, second))
+
+
+def test_bends_cost_points() -> None:
+    """A quarter turn in the middle of the first road: a whole point."""
+    corner = [(-310.0, 94.75), (-310.0, -5.25), (-110.0, -5.25)]
+    bent = with_lane(NETWORK, 0, centre=Polyline.through(corner))
+    bent = with_lane(
+        bent, A_LEFT, centre=Polyline.through([(x + 3.5, y + 3.5) for x, y in corner[:2]] + [(-110, -1.75)])
+    )
+    site = next(iter(multi_lane_roads(EdgeGraph.of(bent))))
+    longer = WHOLE_M + 100.0
+    assert site.score == pytest.approx(4.0 + longer / 700.0 + 2.0 * longer / 700.0 - 1.0, abs=0.01)
+
+
+def test_the_wide_part_of_a_route() -> None:
+    assert wide_length_m(GRAPH, (A, B, C), 0) == pytest.approx(WHOLE_M)
+    assert wide_length_m(GRAPH, (A, B, C), 2) == pytest.approx(WHOLE_M)
+    # From the stop line's right lane to the south: 100 m and the junction, whose ends are 17.8 m apart.
+    assert wide_length_m(GRAPH, (A, B, D), 0) == pytest.approx(310.0)
+    assert wide_length_m(GRAPH, (A, B, D), 2) == pytest.approx(100.0)
+    assert wide_length_m(GRAPH, (M, N, D), 1) == pytest.approx(100.0)
+
+
+def test_a_wide_stretch_ends_at_signals_stop_signs_turns_and_narrow_places() -> None:
+    assert wide_stretch_back(GRAPH, B) == (A, B)
+    assert wide_stretch_back(GRAPH, C) == (C,)
+    for changed in ({"must_stop": True}, {"signal_id": "K"}, {"direction": "r"}):
+        assert wide_stretch_back(EdgeGraph.of(with_connections(NETWORK, [0, 1], **changed)), B) == (B,)
+    narrow = replace(NETWORK, connections=NETWORK.connections[1:])
+    assert wide_stretch_back(EdgeGraph.of(narrow), B) == (B,)
+
+
+def test_lanes_and_letters_between_edges() -> None:
+    assert lanes_through(NETWORK, A, B) == lanes_through(NETWORK, B, C) == 2
+    assert lanes_through(NETWORK, B, D) == 1
+    assert lanes_through(NETWORK, A, C) == 0
+    assert (turn_of(NETWORK, B, C), turn_of(NETWORK, B, D), turn_of(NETWORK, A, C)) == ("s", "r", "t")
+    both = with_connections(NETWORK, [STRAIGHT], direction="R")
+    assert turn_of(both, B, C) == "s", "the straightest"
+    into_one = with_connections(NETWORK, [STRAIGHT], to_lane=NETWORK.connections[STRAIGHT_LEFT].to_lane)
+    assert lanes_through(into_one, B, C) == 1
+
+
+def test_a_turn_along_a_shoulder() -> None:
+    (site,) = shoulder_turns(EdgeGraph.of(crossing()))
+    assert (site.approach_lane, site.connections, site.crossing) == (0, (SHOULDER_RIGHT,), (BESIDE,))
+    assert site.length_m == pytest.approx(200.0)
+    across_m = np.hypot(14.75, 14.75)
+    route = 2.0 * 100.0 / 150.0 + 1.0 + (200.0 + across_m) / 700.0
+    assert site.score == pytest.approx(route + 2.0 + 2.0)
+
+
+def test_a_shoulder_may_go_on_before_the_turn() -> None:
+    """Another 60 m of shoulder, and then 40 m, lead straight to the first one; 150 m are longer than what counts."""
+    network = crossing()
+    lanes, edges, connections = list(network.lanes), list(network.edges), list(network.connections)
+    ahead = 0
+    for number, (start, end) in enumerate((((8.25, -180.0), (8.25, -120.0)), ((8.25, -220.0), (8.25, -180.0)))):
+        index = len(lanes)
+        lanes.append(replace(lanes[0], index=index, edge=len(edges), centre=Polyline.through([start, end])))
+        edges.append(Edge(len(edges), f"more{number}", (index,), "x", "y", internal=False))
+        connections.append(Connection(index, ahead, (), "s", None, -1, must_stop=False, junction="x"))
+        ahead = index
+    longer = replace(network, lanes=tuple(lanes), edges=tuple(edges), connections=tuple(connections))
+    (site,) = shoulder_turns(EdgeGraph.of(longer))
+    assert site.length_m == pytest.approx(200.0 + 100.0)
+    left = replace(connections[-2], direction="l")
+    (site,) = shoulder_turns(EdgeGraph.of(replace(longer, connections=(*connections[:-2], left, connections[-1]))))
+    assert site.length_m == pytest.approx(200.0)
+
+
+def ring(count: int, dead_end_m: float = 0.0) -> EdgeGraph:
+    """Edges of 100 m round a polygon, all left turns; from the first one a straight way may lead out of the map."""
+    angle = 2.0 * np.pi * np.arange(count + 1) / count
+    corners = 50.0 / np.sin(np.pi / count) * np.stack((np.cos(angle), np.sin(angle)), axis=-1)
+    shapes = [corners[number : number + 2] for number in range(count)]
+    ways = [(number, (number + 1) % count, "l") for number in range(count)]
+    if dead_end_m:
+        shapes.append(np.array([corners[1], corners[1] + (0.0, dead_end_m)]))
+        ways.append((0, count, "s"))
+    lanes = tuple(
+        Lane(number, f"{number}_0", number, 0, LaneKind.DRIVING, Polyline.through(shape), 3.5, 14.0, True, True)
+        for number, shape in enumerate(shapes)
+    )
+    edges = tuple(Edge(one, str(one), (one,), f"j{one}", f"j{one + 1}", internal=False) for one in range(len(lanes)))
+    connections = tuple(Connection(a, b, (), letter, None, -1, False, "j") for a, b, letter in ways)
+    return EdgeGraph.of(RoadNetwork(lanes, edges, connections, {}, (0.0, 0.0), "!"))
+
+
+def test_a_route_has_an_approach_of_150_m_and_goes_on_in_a_loop() -> None:
+    """Edges of 100 m: two edges before, and on until 700 m are full, edges twice among them."""
+    found = route_through(ring(4), (0,))
+    assert found.edges == (2, 3, 0, 1, 2, 3, 0)
+    assert found.start == 2
+    assert found.approach_m == pytest.approx(200.0)
+    assert found.exit_m == pytest.approx(400.0)
+
+
+def test_a_straight_way_out_of_the_map_is_taken_only_where_it_completes_the_route() -> None:
+    """300 m are behind the vehicle: 400 m are missing."""
+    short = route_through(ring(4, dead_end_m=150.0), (0,))
+    assert 4 not in short.edges
+    assert short.edges[3] == 1
+    long = route_through(ring(4, dead_end_m=450.0), (0,))
+    assert long.edges == (2, 3, 0, 4)
+
+
+def test_where_the_way_on_is_short_the_approach_grows() -> None:
+    """Behind the third edge the map ends: then 500 m are filled from before."""
+    graph = ring(8)
+    ending = EdgeGraph.of(replace(graph.network, connections=graph.network.connections[:-1]))
+    found = route_through(ending, (7,))
+    assert found.edges == (3, 4, 5, 6, 7)
+    assert found.start == 4
+    assert (found.approach_m, found.exit_m) == (pytest.approx(400.0), 0.0)
+    assert route_through(ending, (5,)).edges == (3, 4, 5, 6, 7)
+    assert route_through(ending, (3,)).edges == (1, 2, 3, 4, 5, 6, 7)
+
+
+def test_two_directions_of_a_street_are_a_reversal() -> None:
+    edges = (
+        Edge(0, "there", (0,), "a", "b", internal=False),
+        Edge(1, "back", (1,), "b", "a", internal=False),
+        Edge(2, "on", (2,), "b", "c", internal=False),
+        Edge(3, "same way", (3,), "a", "b", internal=False),
+    )
+    network = replace(NETWORK, edges=edges)
+    assert is_reversal(network, 0, 1)
+    assert not is_reversal(network, 0, 2)
+    assert not is_reversal(network, 0, 3)

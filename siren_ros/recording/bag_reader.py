@@ -21,6 +21,8 @@ _STAMPED_FIRST: Final = frozenset({"std_msgs/msg/Header", "builtin_interfaces/ms
 _STAMP: Final = struct.Struct("<iI")
 _ENCAPSULATION_BYTES: Final = 4
 _LITTLE_ENDIAN_CDR: Final = b"\x00\x01"
+_typestores: Final[dict[frozenset[tuple[str, str]], Typestore]] = {}
+"""By the definitions of a bag. A store compiles a reader for each type; bags of one version share their definitions."""
 
 
 @contextmanager
@@ -118,6 +120,8 @@ def open_bag(path: Path) -> Iterator[OpenBag]:
     with damage_refused(path):
         reader = AnyReader([path])
         reader.open()
+        definitions = frozenset((item.msgtype, item.msgdef.data) for item in reader.connections)
+        reader.typestore = _typestores.setdefault(definitions, reader.typestore)
     try:
         with damage_refused(path):
             bag = OpenBag(path, reader)

@@ -49,19 +49,18 @@ def front_camera() -> CameraSpec:
     return next(camera for camera in load_suite("front").cameras if camera.name == EXPORTED_CAMERA)
 
 
-def run_candidate(request: EpisodeRequest, thresholds: RiskThresholds) -> Candidate | Rejected:
-    """Simulates a candidate and labels it. The same request gives the same candidate.
+def simulated_or_rejected(request: EpisodeRequest) -> EpisodeRecord | Rejected:
+    """The record of a candidate, or why its episode failed. The same request gives the same record.
 
     Raises:
         InputError: The request cannot be used.
     """
     try:
-        record = simulated(request)
+        return simulated(request)
     except InputError:
         raise
     except SirenError as error:
         return Rejected(request, str(error))
-    return assessed(request, record, thresholds)
 
 
 def simulated(request: EpisodeRequest) -> EpisodeRecord:

@@ -14,16 +14,25 @@ from siren_ros.evaluation.risk.video_set import VIDEO_FRAMES, RiskVideo, VideoSe
 from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.scenario.templates import Template, load_template
 from siren_ros.studies.risk_set.balance import Balance, Counts, Finding, quotas, settled, shifted
-from siren_ros.studies.risk_set.candidate import Candidate, Rejected, run_candidate
+from siren_ros.studies.risk_set.candidate import Candidate, Rejected
 from siren_ros.studies.risk_set.journal import Journal
-from siren_ros.studies.risk_set.render import SEEN_PIXELS, Rendered
-from siren_ros.studies.risk_set.search import Outcome, Search, continue_search
+from siren_ros.studies.risk_set.render import Rendered
+from siren_ros.studies.risk_set.search import PATIENCE, Outcome, Search, continue_search
 from siren_ros.studies.risk_set.set_card import write_set_card
 from siren_ros.studies.risk_set.side_by_side import in_own_process, side_by_side
 from siren_ros.studies.risk_set.variation import candidate_request
-from siren_ros.studies.risk_set.video_file import VideoPlace, made_before, make_video
+from siren_ros.studies.risk_set.video_file import (
+    UNSEEN,
+    VideoPlace,
+    is_seen,
+    made_before,
+    make_video,
+    remove_others,
+    try_candidate,
+)
 
-_UNSEEN: Final = "the camera does not see the vehicle that decides the label"
+_FIRST_PATIENCE: Final = 10
+"""Candidates without a find after which a template first hands its share of a class on to the others."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +107,8 @@ def make_set(request: RiskSetRequest, out: Path, workers: int, progress: Progres
             break
         for key in unseen:
             name, number, candidate = numbers[key]
-            work[name].journal.note(number, Rejected(candidate.request, _UNSEEN))
+            work[name].journal.note(number, Rejected(candidate.request, UNSEEN))
+    remove_others(out, chosen)
     videos = _as_set(request, out, chosen)
     write_set(videos)
     write_set_card(videos, searches, request.balance)
@@ -108,10 +118,28 @@ def make_set(request: RiskSetRequest, out: Path, workers: int, progress: Progres
 def _all_searched(
     balance: Balance, wanted: Mapping[str, Counts], work: "Mapping[str, _TemplateSearch]", workers: int
 ) -> Mapping[str, Search]:
+    """Searches with little patience, so that templates that find a class take over early; then with all of it."""
+    searches: Mapping[str, Search] = {}
+    for patience in (_FIRST_PATIENCE, PATIENCE):
+        searches = _searched_in_rounds(balance, wanted, patience, work, workers)
+        counts = settled(wanted, {name: one.found for name, one in searches.items()}, balance.per_template)
+        if all(sum(one[risk] for one in counts.values()) >= balance.total[risk] for risk in RiskClass):
+            break
+    return searches
+
+
+def _searched_in_rounds(
+    balance: Balance,
+    wanted: Mapping[str, Counts],
+    patience: int,
+    work: "Mapping[str, _TemplateSearch]",
+    workers: int,
+) -> Mapping[str, Search]:
     """Searches in rounds, until nothing is lacking or nobody can find it."""
     tried = [wanted]
     while True:
-        searches = side_by_side({name: partial(one.run, wanted[name]) for name, one in work.items()}, workers)
+        tasks = {name: partial(one.run, wanted[name], patience) for name, one in work.items()}
+        searches = side_by_side(tasks, workers)
         exhausted = {name for name, search in searches.items() if len(search.outcomes) >= search.budget}
         findings = {
             name: Finding(search.found, frozenset(RiskClass) if name in exhausted else search.given_up)
@@ -129,24 +157,20 @@ def video_id(template: str, number: int) -> str:
     return f"{template}_{number:03d}"
 
 
-def is_seen(candidate: Candidate, rendered: Rendered) -> bool:
-    """Whether the pictures show the vehicle that decided the label; normal videos have none."""
-    return candidate.label.risk is RiskClass.NORMAL or rendered.most_pixels >= SEEN_PIXELS
-
-
 class _TemplateSearch:
     """One template's search, and its journal."""
 
     def __init__(self, request: RiskSetRequest, template: Template, name: str, out: Path, progress: Progress) -> None:
         self.journal = Journal(out / "search" / f"{name}.jsonl")
+        self._out = out
         self._request = request
         self._template = template
         self._name = name
         self._progress = progress
 
-    def run(self, wanted: tuple[int, int, int]) -> Search:
+    def run(self, wanted: Counts, patience: int) -> Search:
         """Goes on until the search is finished."""
-        search = Search(wanted, self._request.budget)
+        search = Search(wanted, self._request.budget, patience)
         for outcome in self.journal.read():
             search = search.with_outcome(outcome)
         return continue_search(search, self._candidate, self._run, self._told)
@@ -155,8 +179,10 @@ class _TemplateSearch:
         request = self._request
         return candidate_request(self._template, self._name, looking_for, request.seed, number, request.map_file)
 
-    def _run(self, request: EpisodeRequest) -> Outcome:
-        return in_own_process(self._request.retries, run_candidate, request, self._request.thresholds)
+    def _run(self, search: Search, request: EpisodeRequest) -> Outcome:
+        place = VideoPlace(self._out, video_id(self._name, len(search.outcomes)))
+        retries, thresholds = self._request.retries, self._request.thresholds
+        return in_own_process(retries, try_candidate, request, thresholds, place, search.short_of)
 
     def _told(self, search: Search) -> None:
         self.journal.note(len(search.outcomes) - 1, search.outcomes[-1])

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 from siren_ros.evaluation.risk.risk_class import RiskClass
 from siren_ros.scenario.request import EpisodeRequest
@@ -9,6 +10,8 @@ from siren_ros.studies.risk_set.balance import Counts
 from siren_ros.studies.risk_set.candidate import Candidate, Rejected
 
 Outcome = Candidate | Rejected
+PATIENCE: Final = 25
+"""Candidates without a find after which a class is given up."""
 
 
 @dataclass(frozen=True)
@@ -18,8 +21,7 @@ class Search:
     wanted: Counts
     budget: int
     """Most candidates."""
-    patience: int = 25
-    """Candidates without a find after which a class is given up."""
+    patience: int = PATIENCE
     outcomes: tuple[Outcome, ...] = field(default_factory=tuple)
 
     @property
@@ -45,6 +47,12 @@ class Search:
             risk: max(0, want - have) / want if want and risk not in given_up else 0.0
             for risk, have, want in zip(RiskClass, self.found, self.wanted, strict=True)
         }
+
+    @property
+    def short_of(self) -> frozenset[RiskClass]:
+        """Classes of which there are fewer videos than wanted: the next find becomes one."""
+        pairs = zip(RiskClass, self.found, self.wanted, strict=True)
+        return frozenset(risk for risk, have, want in pairs if have < want)
 
     @property
     def finished(self) -> bool:
@@ -75,7 +83,7 @@ class Search:
 def continue_search(
     search: Search,
     request: Callable[[RiskClass, int], EpisodeRequest],
-    run: Callable[[EpisodeRequest], Outcome],
+    run: Callable[[Search, EpisodeRequest], Outcome],
     told: Callable[[Search], None],
 ) -> Search:
     """Tries candidates until the search is finished.
@@ -83,10 +91,10 @@ def continue_search(
     Args:
         search: What was found before; empty at first.
         request: The candidate of a number, that looks for a class.
-        run: Simulates and labels it.
+        run: Simulates and labels it, knowing the search so far.
         told: Is told the search after each candidate, to keep its outcome.
     """
     while not search.finished:
-        search = search.with_outcome(run(request(search.looking_for, len(search.outcomes))))
+        search = search.with_outcome(run(search, request(search.looking_for, len(search.outcomes))))
         told(search)
     return search

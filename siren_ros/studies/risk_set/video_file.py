@@ -1,15 +1,22 @@
 """One video of the set: made in a process of its own from its candidate, and recognised when it is there already."""
 
 import json
+from collections.abc import Collection
 from dataclasses import dataclass
 from hashlib import file_digest
 from pathlib import Path
+from typing import Final
 
 from siren_ros.errors import EpisodeError
 from siren_ros.evaluation.risk.labels import RiskThresholds
-from siren_ros.studies.risk_set.candidate import Candidate, assessed, simulated
+from siren_ros.evaluation.risk.risk_class import RiskClass
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.scenario.request import EpisodeRequest
+from siren_ros.studies.risk_set.candidate import Candidate, Rejected, assessed, simulated_or_rejected
 from siren_ros.studies.risk_set.journal import outcome_as_json
-from siren_ros.studies.risk_set.render import Rendered, render_candidate
+from siren_ros.studies.risk_set.render import SEEN_PIXELS, Rendered, render_candidate
+
+UNSEEN: Final = "the camera does not see the vehicle that decides the label"
 
 
 @dataclass(frozen=True)
@@ -46,16 +53,58 @@ def made_before(place: VideoPlace, candidate: Candidate) -> Rendered | None:
         return None
 
 
+def is_seen(candidate: Candidate, rendered: Rendered) -> bool:
+    """Whether the pictures show the vehicle that decided the label; normal videos have none."""
+    return candidate.label.risk is RiskClass.NORMAL or rendered.most_pixels >= SEEN_PIXELS
+
+
+def try_candidate(
+    request: EpisodeRequest, thresholds: RiskThresholds, place: VideoPlace, drawn: frozenset[RiskClass]
+) -> Candidate | Rejected:
+    """Simulates a candidate, labels it, and draws it at once where its class still lacks videos.
+
+    Args:
+        request: The same one gives the same candidate.
+        thresholds: Of the label.
+        place: Where its video goes.
+        drawn: Classes that lack videos.
+
+    Raises:
+        InputError: The request cannot be used.
+    """
+    record = simulated_or_rejected(request)
+    if isinstance(record, Rejected):
+        return record
+    outcome = assessed(request, record, thresholds)
+    if isinstance(outcome, Rejected) or outcome.label.risk not in drawn:
+        return outcome
+    rendered = made_before(place, outcome) or _draw(place, outcome, record)
+    return outcome if is_seen(outcome, rendered) else Rejected(request, UNSEEN)
+
+
 def make_video(place: VideoPlace, candidate: Candidate, thresholds: RiskThresholds) -> Rendered:
     """Simulates the candidate again, draws it, and notes what was made.
 
     Raises:
         EpisodeError: The episode is not the one that was labelled: something differs between the two runs.
     """
-    record = simulated(candidate.request)
-    again = assessed(candidate.request, record, thresholds)
-    if outcome_as_json(again) != outcome_as_json(candidate):
+    record = simulated_or_rejected(candidate.request)
+    again = record if isinstance(record, Rejected) else assessed(candidate.request, record, thresholds)
+    if isinstance(record, Rejected) or outcome_as_json(again) != outcome_as_json(candidate):
         raise EpisodeError(f"{place.video_id}: simulated again, the episode differs from the one that was labelled")
+    return _draw(place, candidate, record)
+
+
+def remove_others(folder: Path, kept: Collection[str]) -> None:
+    """Removes the files of videos that are not of the set, drawn before another template took over their share."""
+    for note in sorted((folder / "search" / "videos").glob("*.json")):
+        if note.stem not in kept:
+            place = VideoPlace(folder, note.stem)
+            for path in (place.note, place.video, place.masks):
+                path.unlink(missing_ok=True)
+
+
+def _draw(place: VideoPlace, candidate: Candidate, record: EpisodeRecord) -> Rendered:
     for path in (place.video, place.masks, place.note):
         path.parent.mkdir(parents=True, exist_ok=True)
     place.note.unlink(missing_ok=True)

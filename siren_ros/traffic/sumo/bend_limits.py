@@ -99,10 +99,13 @@ class BendLimits:
         """The slowest bend that some part of a vehicle is in, when its front bumper has come to another place."""
         passed = self._passed.setdefault(name, deque())
         at_m = (passed[-1].at_m if passed else 0.0) + moved_m
+        # Earlier places that are no slower leave the outline first and never count again: speeds ascend.
+        while passed and passed[-1].bend_mps >= bend_mps:
+            passed.pop()
         passed.append(_Passed(at_m, bend_mps))
         while passed[0].at_m < at_m - length_m:
             passed.popleft()
-        return min(place.bend_mps for place in passed)
+        return passed[0].bend_mps
 
     def _route_ahead(self, name: str, vehicle: PlannedVehicle, index: int) -> tuple[int, ...]:
         """The edge that a vehicle is on, or comes from inside a junction, and the next ones of its route."""

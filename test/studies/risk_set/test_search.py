@@ -71,7 +71,7 @@ def test_a_search_that_goes_on_asks_for_the_same_candidates(before: int) -> None
     start = after((2, 1, 1), *(candidate(risk, seed) for seed, risk in enumerate(found[:before])))
     told: list[int] = []
     search = continue_search(
-        start, request, lambda one: candidate(found[one.seed], one.seed), lambda one: told.append(len(one.outcomes))
+        start, request, lambda _, one: candidate(found[one.seed], one.seed), lambda one: told.append(len(one.outcomes))
     )
     assert [number for _, number in asked] == list(range(before, 4))
     assert told == list(range(before + 1, 5))

@@ -1,6 +1,6 @@
 """What the record says about the conflicts that a camera on the EMV saw: everything that a label is derived from."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
@@ -67,6 +67,15 @@ class Evidence:
     moments: Moments
     encroachments: tuple[SeenEncroachment, ...]
     contacts: tuple[SeenContact, ...]
+
+    def within(self, first_step: int, end_step: int) -> "Evidence":
+        """What lies from a step to the one before another."""
+        wanted = (self.moments.step >= first_step) & (self.moments.step < end_step)
+        return Evidence(
+            Moments(*(getattr(self.moments, one.name)[wanted] for one in fields(Moments))),
+            tuple(one for one in self.encroachments if first_step <= one.step < end_step),
+            tuple(one for one in self.contacts if first_step <= one.step < end_step),
+        )
 
 
 def evidence_of(record: EpisodeRecord, emv_id: int, camera: Camera, steps: tuple[int, int]) -> Evidence:

@@ -1,0 +1,1 @@
+"""Training of the risk task's sequence model: films of drawn episodes, fitting, card."""

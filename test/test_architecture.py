@@ -35,7 +35,16 @@ LAYERS = {
         "numerics",
         "errors",
     ],
-    "evaluation": ["prediction", "detection", "risk", "yielding", "surrogate_safety", "statistics", "aligned_text"],
+    "evaluation": [
+        "prediction",
+        "detection",
+        "risk",
+        "yielding",
+        "surrogate_safety",
+        "statistics",
+        "aligned_text",
+        "network_file",
+    ],
     "evaluation/detection": ["reports", "scoring", "self_test", "detectors", "inputs", "metrics", "protocol"],
     "evaluation/prediction": [
         "charts",
@@ -103,7 +112,11 @@ APART = {
 """Folders that must not import each other, whatever their order."""
 ROS_MODULES = {"rclpy", "rcl_interfaces", "siren_msgs", "sensor_msgs", "std_msgs", "nav_msgs", "geometry_msgs"}
 KNOWS_ROS = ("siren_ros/ros/", "nodes/")
-KNOWS_TORCH = ("siren_ros/evaluation/prediction/published/", "siren_ros/training/fitting/")
+KNOWS_TORCH = (
+    "siren_ros/evaluation/prediction/published/",
+    "siren_ros/training/fitting/",
+    "siren_ros/training/risk/fitting/",
+)
 """Folders that may import torch, which an extra installs; they are loaded when somebody asks for them."""
 KNOWS_SUMO = ("siren_ros/traffic/sumo/", "siren_ros/traffic/simulation.py")
 

@@ -1,7 +1,6 @@
 """The whole training of the trajectory predictor: data, variants, figures, files."""
 
 import hashlib
-import json
 import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -11,8 +10,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from siren_ros.errors import InputError
+from siren_ros.evaluation.network_file import write_network
 from siren_ros.evaluation.prediction.siren_model.features import FEATURES_VERSION
-from siren_ros.evaluation.prediction.siren_model.network_file import card_path, load_network
+from siren_ros.evaluation.prediction.siren_model.network_file import load_network
 from siren_ros.training.assessment import EpisodeErrors, assess, errors_json
 from siren_ros.training.data_making import MadeData
 from siren_ros.training.episode_plan import PlannedEpisode, Split, is_ordinary
@@ -78,7 +78,7 @@ def train_variant(
         "data": _data_json(data),
     }
     path = folder / f"{name}.onnx"
-    _write(path, fitted.onnx, card)
+    write_network(path, fitted.onnx, card)
     network = load_network(path)
     errors = {}
     for split in _JUDGED:
@@ -86,7 +86,7 @@ def train_variant(
         if judged:
             errors[split] = assess(network, read_store(judged, variant.ablation))
     card = {**card, "figures": {split.value: errors_json(found) for split, found in errors.items()}}
-    _write(path, fitted.onnx, card)
+    write_network(path, fitted.onnx, card)
     return TrainedVariant(path, card, errors)
 
 
@@ -101,7 +101,7 @@ def with_ablations(full: TrainedVariant, others: Sequence[TrainedVariant]) -> Tr
         for other in others
     }
     extended = replace(full, card={**full.card, "ablations": compared})
-    _write(full.path, full.path.read_bytes(), extended.card)
+    write_network(full.path, full.path.read_bytes(), extended.card)
     return extended
 
 
@@ -137,12 +137,3 @@ def _reason(planned: PlannedEpisode, reason: str) -> str:
     """Why an episode is missing, with the name of the map in place of its path."""
     path = planned.request.map
     return reason.replace(path, Path(path).name) if path else reason
-
-
-def _write(path: Path, weights: bytes, card: Mapping[str, Any]) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(weights)
-        card_path(path).write_text(json.dumps(card, indent=2) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError("out", str(path.parent), f"a folder that can be written ({error.strerror})") from error

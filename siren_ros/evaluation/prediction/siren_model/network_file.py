@@ -1,16 +1,14 @@
 """A trained network in an ONNX file, with its card next to it."""
 
-import hashlib
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import onnxruntime
 
 from siren_ros.errors import InputError
+from siren_ros.evaluation.network_file import open_network
 from siren_ros.evaluation.prediction.protocol.window import FUTURE_POINTS
 from siren_ros.evaluation.prediction.siren_model.features import FEATURES_VERSION, Ablation, Features
 from siren_ros.numerics.arrays import Floats
@@ -48,33 +46,15 @@ def _inputs(features: Features, rows: slice) -> dict[str, Any]:
     return {field.name: getattr(features, field.name)[rows] for field in fields(Features)}
 
 
-def card_path(network: Path) -> Path:
-    """Where the card of a network is: next to it."""
-    return network.with_suffix(".json")
-
-
 def load_network(path: Path) -> TrainedNetwork:
-    """Loads a network. An ONNX file holds arithmetic only, and nothing in it is executed as code.
+    """Loads a network of the prediction task.
 
     Raises:
         InputError: No such file, no card, weights that are not the card's, or of another version of the features.
     """
-    try:
-        weights = path.read_bytes()
-        card = json.loads(card_path(path).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError("checkpoint", str(path), f"an ONNX file with its card {card_path(path).name}") from error
-    if not isinstance(card, dict) or card.get("sha256") != hashlib.sha256(weights).hexdigest():
-        raise InputError("checkpoint", str(path), "the weights that its card describes (another hash)")
+    network = open_network(path)
+    card = network.card
     if card.get("features_version") != FEATURES_VERSION or card.get("ablation") not in set(Ablation):
         version = card.get("features_version")
         raise InputError("checkpoint", str(path), f"features of version {FEATURES_VERSION}, not {version}")
-    options = onnxruntime.SessionOptions()
-    options.log_severity_level = 3
-    # Bags are scored side by side in processes; threads of their own would only get in their way.
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    try:
-        session = onnxruntime.InferenceSession(weights, options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # onnxruntime's own errors have no common class but this
-        raise InputError("checkpoint", str(path), f"a network that onnxruntime can run ({error})") from error
-    return TrainedNetwork(session, card)
+    return TrainedNetwork(network.session, card)

@@ -4,7 +4,8 @@ import json
 import pytest
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.prediction.siren_model.network_file import card_path, load_network
+from siren_ros.evaluation.network_file import card_path
+from siren_ros.evaluation.prediction.siren_model.network_file import load_network
 from siren_ros.evaluation.prediction.siren_model.siren_predictor import SHIPPED
 from siren_ros.params.resources import params_dir
 

@@ -6,10 +6,10 @@ import pytest
 from made_records import moving
 from scenes import batch_of, moved, showing, with_signal
 
+from siren_ros.evaluation.network_file import card_path
 from siren_ros.evaluation.prediction.protocol.hypotheses import checked
 from siren_ros.evaluation.prediction.protocol.predictor import PredictorOptions
 from siren_ros.evaluation.prediction.protocol.window import future_times_s
-from siren_ros.evaluation.prediction.siren_model.network_file import card_path
 from siren_ros.evaluation.prediction.siren_model.siren_predictor import SHIPPED, make
 from siren_ros.params.resources import params_dir
 from siren_ros.roads.road_network import RoadNetwork

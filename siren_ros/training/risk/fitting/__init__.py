@@ -1,0 +1,1 @@
+"""Fitting of the sequence model; needs torch."""

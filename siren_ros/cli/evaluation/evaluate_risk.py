@@ -11,7 +11,8 @@ from tqdm import tqdm
 from siren_ros.cli.evaluation.named_path import named_path
 from siren_ros.cli.generation.positive import positive
 from siren_ros.errors import EXIT_OK, InputError
-from siren_ros.evaluation.risk.answers import checked_answers, read_answers
+from siren_ros.evaluation.risk.answers import Answers, checked_answers, read_answers
+from siren_ros.evaluation.risk.page.risk_page import write_page
 from siren_ros.evaluation.risk.references import REFERENCES
 from siren_ros.evaluation.risk.reports.confusion_picture import save_confusions
 from siren_ros.evaluation.risk.reports.tables import as_json, confusion_lines, csv_table, latex_table, text_table
@@ -28,7 +29,8 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
     task.description = (
         "Scores the answers of vision-language models, or of any other program, to a set of risk videos: accuracy, "
         "precision, recall and F1 of each class, with 95 % intervals by bootstrap over videos, and confusion matrices "
-        "overall and by template. The rows majority and oracle are always there to compare with."
+        "overall and by template. References to compare with: the most frequent class, a small network that sees each "
+        "second frame, and the record's own measures."
     )
     task.add_argument("set", type=Path, metavar="SET", help="folder that `siren generate risk` made")
     task.add_argument(
@@ -38,6 +40,13 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
         default=[],
         metavar="NAME=FILE",
         help='answers, JSON {"S1_000": "Normal", …} or CSV with the columns video and class; may be repeated',
+    )
+    task.add_argument(
+        "--references",
+        nargs="*",
+        choices=list(REFERENCES),
+        default=list(REFERENCES),
+        help=f"rows to compare with (default {' '.join(REFERENCES)})",
     )
     asked = task.add_argument_group("asking a model behind a server that speaks OpenAI's protocol")
     asked.add_argument("--base-url", metavar="URL", help="of the server, such as http://localhost:8000/v1")
@@ -54,27 +63,34 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
     task.add_argument("--allow-missing", action="store_true", help="score the videos that have an answer")
     task.add_argument("--compare-paper", action="store_true", help="print the paper's rows, too")
     task.add_argument("--out", type=Path, metavar="DIR", help="write CSV, LaTeX, JSON and pictures there")
+    task.add_argument(
+        "--page", type=Path, metavar="FILE", help="write an HTML page that plays each video next to all answers"
+    )
     task.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Scores every file of answers."""
     videos = read_set(arguments.set)
-    models = [score_answers(name, videos, reference(videos)) for name, reference in REFERENCES.items()]
+    answers: dict[str, Answers] = {name: REFERENCES[name](videos) for name in dict.fromkeys(arguments.references)}
     for name, path in arguments.predictions:
-        if name in {model.name for model in models}:
+        if name in {*answers, *REFERENCES}:
             raise InputError("predictions", name, "each name once, and none of " + ", ".join(REFERENCES))
-        answers = checked_answers(read_answers(path), videos.videos, allow_missing=arguments.allow_missing)
-        models.append(score_answers(name, videos, answers))
+        answers[name] = checked_answers(read_answers(path), videos.videos, allow_missing=arguments.allow_missing)
     for name in arguments.model:
-        if name in {model.name for model in models}:
+        if name in answers:
             raise InputError("model", name, "each name once")
-        models.append(score_answers(name, videos, _asked(arguments, videos, name)))
+        answers[name] = _asked(arguments, videos, name)
+    models = [score_answers(name, videos, given) for name, given in answers.items()]
     print("\n".join(text_table(models, compare_paper=arguments.compare_paper)))
-    for model in models[len(REFERENCES) :]:
-        print("\n" + "\n".join(confusion_lines(model)))
+    for model in models:
+        if model.name not in {"majority", "oracle"}:
+            print("\n" + "\n".join(confusion_lines(model)))
     if arguments.out is not None:
         _write(arguments.out, models, compare_paper=arguments.compare_paper)
+    if arguments.page is not None:
+        write_page(arguments.page, videos, answers, models)
+        print(f"\n{arguments.page}")
     return EXIT_OK
 
 

@@ -22,5 +22,8 @@ def oracle(videos: VideoSet) -> Answers:
     return {key: label_of(video.evidence, videos.thresholds).risk for key, video in videos.videos.items()}
 
 
-REFERENCES: Final[Mapping[str, Callable[[VideoSet], Answers]]] = {"majority": majority, "oracle": oracle}
+REFERENCES: Final[Mapping[str, Callable[[VideoSet], Answers]]] = {
+    "majority": majority,
+    "oracle": oracle,
+}
 """Rows of every table, by name."""

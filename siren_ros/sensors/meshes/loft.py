@@ -25,6 +25,10 @@ _MERGE_M = 0.07
 """Knots of the outlines nearer than this to another cross-section get none, but for those that round the ends."""
 
 
+_SLACK_M = 0.1
+"""By so much a roof may lie below the belt and beyond the side: a load bed has no roof, only edges."""
+
+
 class Band(IntEnum):
     """Strips of faces between neighbouring points of the half ring, from the underbody to the roof."""
 
@@ -68,6 +72,17 @@ class BodyProfile:
     """Where zones 1 and 2 of the end faces begin, relative to their half width."""
     crease: float = 0.6
     """Height of the widest line between bottom (0) and belt (1)."""
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for outlines that no body has: a number of a drawing is mistyped."""
+        outlines = (self.top_m, self.belt_m, self.bottom_m, self.half_width_m, self.roof_half_width_m)
+        places = [[s for s, _ in outline] for outline in outlines]
+        if len({(row[0], row[-1]) for row in places}) > 1 or any(np.diff(row).min() <= 0.0 for row in places):
+            raise ValueError("each outline's knots go from the same start to the same end")
+        s = np.unique(np.concatenate(places))
+        top, belt, bottom, width, roof = (_at(outline, s) for outline in outlines)
+        if (top < belt - _SLACK_M).any() or (belt < bottom).any() or (roof > width + _SLACK_M).any():
+            raise ValueError("outlines of the roof above the belt above the sill, the roof no wider than the body")
 
     def stations_m(self) -> npt.NDArray[np.float64]:
         """Distances behind the front bumper of all cross-sections, increasing."""

@@ -22,7 +22,9 @@ _BOX_TRIANGLES = np.array(
 
 
 def box(low: Point3, high: Point3, material: Material, colour: Rgb) -> Mesh:
-    """An axis-parallel box between two corners, 12 triangles."""
+    """An axis-parallel box between two corners, 12 triangles; ValueError where a corner is on the wrong side."""
+    if any(start > end for start, end in zip(low, high, strict=True)):
+        raise ValueError(f"a box from {low} to {high}")
     (x0, y0, z0), (x1, y1, z1) = low, high
     corners = [(x, y, z) for z in (z0, z1) for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))]
     return Mesh.uniform(corners, _BOX_TRIANGLES, material, colour)

@@ -3,16 +3,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from shapely.geometry import box as rectangle
+from solids import volume
 
 from siren_ros.sensors.meshes.material import SEMANTIC_CLASS_OF_MATERIAL, LampColour, Material, SemanticClass
 from siren_ros.sensors.meshes.mesh import Mesh, SignalLamp
 from siren_ros.sensors.meshes.primitives import box, frustum, sphere_points, triangulated
-
-
-def volume(mesh: Mesh) -> float:
-    """Signed volume by the divergence theorem; positive where normals look outward."""
-    a, b, c = (mesh.vertices_m[mesh.triangles[:, k]].astype(float) for k in range(3))
-    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
 
 
 def test_a_box_has_its_volume_and_outward_normals() -> None:

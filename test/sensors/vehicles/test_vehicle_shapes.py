@@ -1,6 +1,9 @@
+from dataclasses import replace
+
 import numpy as np
 import open3d as o3d
 import pytest
+from solids import one_sidedness, volume
 
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.sensors.meshes.material import Material
@@ -88,3 +91,28 @@ def test_lamps_look_where_they_should(actor_class: ActorClass) -> None:
     assert (middle[body.material == Material.INDICATOR_RIGHT_LAMP, 1] < 0).all()
     for lamp in (Material.INDICATOR_LEFT_LAMP, Material.INDICATOR_RIGHT_LAMP):
         assert set(np.sign(middle[body.material == lamp, 0])) == {-1.0, 1.0}
+
+
+@pytest.mark.parametrize("actor_class", [*CARS, ActorClass.POLICE], ids=lambda c: c.name.lower())
+def test_cars_are_their_own_mirror_images(actor_class: ActorClass) -> None:
+    """Left and right differ in the material of the indicators alone; larger vehicles have doors and stacks."""
+    body = vehicle_shape(actor_class).body
+    material = np.where(body.material == Material.INDICATOR_RIGHT_LAMP, Material.INDICATOR_LEFT_LAMP, body.material)
+    unlike = one_sidedness(replace(body, material=material.astype(np.uint8)))
+    assert {Material(key).name: round(share, 3) for key, share in unlike.items() if share > 0.03} == {}
+
+
+@every_class
+def test_wheels_are_in_pairs_inside_the_body(actor_class: ActorClass) -> None:
+    shape = vehicle_shape(actor_class)
+    hubs = sorted(wheel.hub_m for wheel in shape.wheels)
+    for right, left in zip(hubs[::2], hubs[1::2], strict=True):
+        assert (right[0], right[2]) == (left[0], left[2])
+        assert right[1] == pytest.approx(-left[1])
+    for wheel in shape.wheels:
+        outer = np.sign(wheel.hub_m[1]) * (wheel.mesh.vertices_m[:, 1] + wheel.hub_m[1])
+        assert 0.8 * shape.width_m / 2 < outer.max() <= shape.width_m / 2 + 1e-6
+        rim = wheel.mesh.vertices_m[wheel.mesh.triangles[wheel.mesh.material == Material.RIM]]
+        assert np.sign(rim[..., 1].mean()) == np.sign(wheel.hub_m[1]), "rims face outward"
+        assert volume(wheel.mesh) > 0.0
+        assert wheel.steered == (wheel.hub_m[0] > 0.0)

@@ -1,0 +1,53 @@
+"""What every solid of triangles has: a volume, a surface without holes, a mirror image."""
+
+from collections import Counter
+
+import numpy as np
+
+from siren_ros.sensors.meshes.mesh import Mesh
+
+
+def volume(mesh: Mesh) -> float:
+    """Signed volume by the divergence theorem; positive where normals look outward."""
+    a, b, c = (mesh.vertices_m[mesh.triangles[:, k]].astype(float) for k in range(3))
+    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
+
+
+def areas(mesh: Mesh) -> np.ndarray:
+    """Of each triangle."""
+    a, b, c = (mesh.vertices_m[mesh.triangles[:, k]].astype(float) for k in range(3))
+    return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
+
+
+def open_edges(mesh: Mesh) -> int:
+    """Edges that are not passed as often in one direction as in the other; 0 for a closed surface."""
+    corners = [tuple(point) for point in np.round(mesh.vertices_m.astype(float), 4).tolist()]
+    passed: Counter[tuple[object, object]] = Counter()
+    for triangle in mesh.triangles.tolist():
+        points = [corners[index] for index in triangle]
+        for start, end in zip(points, points[1:] + points[:1], strict=True):
+            passed[start, end] += 1
+    return sum(count != passed[end, start] for (start, end), count in passed.items())
+
+
+def gap_m2(mesh: Mesh) -> float:
+    """Length of the sum of all area vectors: 0 for a closed surface, also where corners lie on other faces' edges."""
+    a, b, c = (mesh.vertices_m[mesh.triangles[:, k]].astype(float) for k in range(3))
+    return float(np.linalg.norm(0.5 * np.cross(b - a, c - a).sum(axis=0)))
+
+
+def one_sidedness(mesh: Mesh) -> dict[int, float]:
+    """By material, how unlike its left and right halves are: 0 where they mirror each other, 1 where one is missing.
+
+    The largest of the first moments about the middle plane, over the sum without signs; weighted with the places along
+    and above, so that a part that is moved counts, too.
+    """
+    middle = mesh.vertices_m[mesh.triangles].astype(float).mean(axis=1)
+    moment = areas(mesh) * middle[:, 1]
+    found = {}
+    for material in np.unique(mesh.material).tolist():
+        own = mesh.material == material
+        x, z = middle[own, 0] - middle[own, 0].min(), middle[own, 2] - middle[own, 2].min()
+        weights = (np.ones(own.sum()), 0.1 + x, 0.1 + z, np.abs(middle[own, 1]))
+        found[material] = max(float(abs(moment[own] @ one) / (np.abs(moment[own]) @ one)) for one in weights)
+    return found

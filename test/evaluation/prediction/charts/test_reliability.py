@@ -22,6 +22,8 @@ def test_models_that_state_probabilities_are_drawn() -> None:
     assert diagonal.get_xydata().tolist() == [[0.0, 0.0], [1.0, 1.0]]
     assert line.get_xydata() == pytest.approx(np.array([[0.1, 0.25], [0.9, 0.75]]))
     assert line.get_label() == "net (error 0.15)"
+    (dots,) = figure.axes[0].collections
+    assert dots.get_sizes() == pytest.approx(np.full(2, 8.0 + 90.0 * np.sqrt(0.5))), "half of the hypotheses each"
 
 
 def test_without_any_there_is_no_diagram() -> None:

@@ -45,7 +45,16 @@ LAYERS = {
         "aligned_text",
         "network_file",
     ],
-    "evaluation/detection": ["reports", "scoring", "self_test", "detectors", "inputs", "metrics", "protocol"],
+    "evaluation/detection": [
+        "reports",
+        "scoring",
+        "self_test",
+        "detectors",
+        "pillars",
+        "inputs",
+        "metrics",
+        "protocol",
+    ],
     "evaluation/prediction": [
         "charts",
         "reports",
@@ -116,6 +125,7 @@ KNOWS_TORCH = (
     "siren_ros/evaluation/prediction/published/",
     "siren_ros/training/fitting/",
     "siren_ros/training/risk/fitting/",
+    "siren_ros/training/detection/fitting/",
 )
 """Folders that may import torch, which an extra installs; they are loaded when somebody asks for them."""
 KNOWS_SUMO = ("siren_ros/traffic/sumo/", "siren_ros/traffic/simulation.py")

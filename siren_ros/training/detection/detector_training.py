@@ -1,7 +1,6 @@
 """The whole training of the detector: frames, weights, figures, card."""
 
 import hashlib
-import json
 import platform
 import tempfile
 import time
@@ -13,9 +12,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from siren_ros.datasets.sources.episode_source import open_source
-from siren_ros.errors import InputError
 from siren_ros.evaluation.detection.pillars.grid import CLASS_NAMES, PillarGrid
-from siren_ros.evaluation.detection.pillars.network_file import FORM_VERSION, card_path
+from siren_ros.evaluation.detection.pillars.network_file import FORM_VERSION
+from siren_ros.evaluation.network_file import write_network
 from siren_ros.recording.bag_folders import bags_among
 from siren_ros.training.detection.assessment import JudgedEpisode, figures_of, judged_episode
 from siren_ros.training.detection.fit_config import DetectionFit, FittedDetector
@@ -80,9 +79,9 @@ def train_detector(training: DetectorTraining, fitter: Fitter, told: Callable[[s
         "training": {**_episodes_json([one.about for one in trained]), "frames": len(draws)},
         "fitting": {"processor_s": round(time.process_time() - processor), "wall_s": round(time.monotonic() - wall)},
     }
-    write_detector(training.out, fitted.onnx, card)
+    write_network(training.out, fitted.onnx, card)
     card = {**card, **judged_card(training.out, judging, {one.about["map"] for one in trained}, told)}
-    write_detector(training.out, fitted.onnx, card)
+    write_network(training.out, fitted.onnx, card)
     return card
 
 
@@ -101,20 +100,6 @@ def judged_card(
         "judged": {name: _episodes_json([one.survey.episode for one in episodes]) for name, episodes in made.items()},
         "figures": {name: figures_of(episodes) for name, episodes in made.items()},
     }
-
-
-def write_detector(path: Path, weights: bytes, card: dict[str, Any]) -> None:
-    """Writes weights and card.
-
-    Raises:
-        InputError: There is no place for them.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(weights)
-        card_path(path).write_text(json.dumps(card, indent=2) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError("out", str(path), f"a file that can be written ({error.strerror})") from error
 
 
 def _about(bag: Path) -> dict[str, Any]:

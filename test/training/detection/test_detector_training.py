@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from made_frames import made_episode
+from made_training_frames import made_episode
 
 from siren_ros.errors import InputError
 from siren_ros.evaluation.detection.pillars.network_file import FORM_VERSION

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from made_frames import SMALL_GRID, made_episode
+from made_training_frames import SMALL_GRID, made_episode
 
 from siren_ros.errors import InputError
 from siren_ros.training.detection.frame_draws import FrameDraws

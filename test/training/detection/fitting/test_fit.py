@@ -9,7 +9,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="the extra models is not installed")
 
-from made_frames import SMALL_GRID, made_episode
+from made_training_frames import SMALL_GRID, made_episode
 
 from siren_ros.errors import InputError
 from siren_ros.evaluation.detection.pillars.grid import CLASS_NAMES

@@ -13,6 +13,7 @@ LAYERS = {
         "cli",
         "benchmarks",
         "training",
+        "study_report",
         "studies",
         "generation",
         "evaluation",
@@ -36,6 +37,7 @@ LAYERS = {
         "errors",
     ],
     "evaluation": [
+        "diversity",
         "prediction",
         "detection",
         "risk",

@@ -1,14 +1,15 @@
-"""The page as HTML: its template and its styles are files in ``params/study_page``."""
+"""The page as HTML: its template and its styles are files in ``params/pages/study``."""
 
+from pathlib import Path
 from typing import Final
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from siren_ros.params.params_files import params_dir
+from siren_ros.params.resources import params_dir
 from siren_ros.study_report.content import Page
 
-_FOLDER: Final = "study_page"
+_FOLDER: Final = Path("pages", "study")
 
 
 def html_of(page: Page) -> str:

@@ -125,12 +125,11 @@ ROS_MODULES = {"rclpy", "rcl_interfaces", "siren_msgs", "sensor_msgs", "std_msgs
 KNOWS_ROS = ("siren_ros/ros/", "nodes/")
 KNOWS_TORCH = (
     "siren_ros/evaluation/prediction/published/",
-    "siren_ros/evaluation/risk/vlm/local_model.py",
     "siren_ros/training/fitting/",
     "siren_ros/training/risk/fitting/",
     "siren_ros/training/detection/fitting/",
 )
-"""Places that may import torch, which an extra installs; they are loaded when somebody asks for them."""
+"""Folders that may import torch, which an extra installs; they are loaded when somebody asks for them."""
 KNOWS_SUMO = ("siren_ros/traffic/sumo/", "siren_ros/traffic/simulation.py")
 
 

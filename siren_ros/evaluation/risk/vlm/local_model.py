@@ -30,7 +30,6 @@ class LocalModel:
             InputError: transformers is not installed, or the folder holds no such model.
         """
         try:
-            import torch  # noqa: PLC0415 - an extra
             import transformers  # noqa: PLC0415 - an extra
         except ImportError as error:
             runs = "./env --with vlm-local siren evaluate risk …"
@@ -48,7 +47,6 @@ class LocalModel:
             raise InputError("local-model", str(folder), f"{_PARTS} ({_first_line(error)})") from error
         if not getattr(self._processor, "chat_template", None):
             raise InputError("local-model", str(folder), f"{_PARTS} (no chat template)")
-        self._torch = torch
         self._folder = folder
         self._most_tokens = most_tokens
         self._lock = Lock()
@@ -66,7 +64,7 @@ class LocalModel:
             {"role": "system", "content": [{"type": "text", "text": question.system}]},
             {"role": "user", "content": [*asked, {"type": "text", "text": question.text}]},
         ]
-        with self._lock, self._torch.inference_mode():
+        with self._lock:
             begin = time.monotonic()
             try:
                 inputs = self._processor.apply_chat_template(

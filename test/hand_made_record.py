@@ -170,7 +170,7 @@ def hand_made(
         network=network,
         actors=actors,
         states=states,
-        traffic=tuple(_traffic(step, signal(step)) for step in range(steps)),
+        traffic=tuple(traffic_of(step, signal(step)) for step in range(steps)),
         commands={},
         events=(),
         outcome=None,
@@ -198,7 +198,7 @@ def _states(step: int, vehicles: dict[int, Driven], columns: dict[int, dict[str,
     return ActorStates(step=step, **arrays)
 
 
-def _traffic(step: int, state: str) -> TrafficState:
+def traffic_of(step: int, state: str) -> TrafficState:
     arrays: dict[str, Any] = {name: np.zeros(0, dtype) for name, dtype in TRAFFIC_STATE_DTYPES.items()}
     arrays["route_offset"] = np.zeros(1, np.int32)
     signals = (SignalState("J", state),) if state else ()

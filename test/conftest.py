@@ -29,14 +29,14 @@ if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
 hypothesis.settings.register_profile("siren", deadline=None)  # no test asserts wall time
 hypothesis.settings.load_profile("siren")
 
-WORKERS = 2
-"""Processes that share the tests: an episode keeps more than one processor busy at times."""
+WORKERS = 3
+"""Processes that share the tests, one more than processors: many tests wait for programs that keep their own time."""
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     """Folders are shared between workers where there are processors for it; single files run in this process."""
     folders = all(Path(argument).is_dir() for argument in config.args)
-    return min(WORKERS, len(os.sched_getaffinity(0))) if folders else 0
+    return min(WORKERS, len(os.sched_getaffinity(0)) + 1) if folders else 0
 
 
 @pytest.fixture(scope="session")

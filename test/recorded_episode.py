@@ -1,10 +1,12 @@
 """Records an episode as a user does."""
 
+import fcntl
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from dds_domains import own_domain
 from repository import REPOSITORY
 
@@ -23,3 +25,15 @@ def record(folder: Path, *parameters: str) -> Path:
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr
     return bag
+
+
+def shared_recording(tmp_path_factory: pytest.TempPathFactory, name: str, *parameters: str) -> Path:
+    """The bag of an episode that all workers of a test run read, recorded by the first of them that wants it."""
+    own = tmp_path_factory.getbasetemp()
+    folder = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "recorded" / name
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (folder / "bag").exists():
+            record(folder, *parameters)
+    return folder / "bag"

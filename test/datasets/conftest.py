@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from recorded_episode import record
+from recorded_episode import shared_recording
 from synthetic_episode import NET_XML
 
 from siren_ros.roads.net_parser import parse_road_network
@@ -19,10 +19,10 @@ def straight_road_of_two_lanes() -> RoadNetwork:
 @pytest.fixture(scope="session")
 def sensed_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three seconds with LiDAR and four cameras."""
-    return record(tmp_path_factory.mktemp("sensed"), "template:=S2", "sensors:=full", "duration_s:=3.0")
+    return shared_recording(tmp_path_factory, "full", "template:=S2", "sensors:=full", "duration_s:=3.0")
 
 
 @pytest.fixture(scope="session")
 def tracked_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Fourteen seconds without sensors, at a junction with signals."""
-    return record(tmp_path_factory.mktemp("tracked"), "template:=S3", "sensors:=none", "duration_s:=14.0")
+    return shared_recording(tmp_path_factory, "tracked", "template:=S3", "sensors:=none", "duration_s:=14.0")

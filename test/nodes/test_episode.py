@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from live_episodes import Domain, finish
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
@@ -124,12 +125,9 @@ def test_live_and_offline_kitti_are_the_same(episode: Any, tmp_path: Path) -> No
     assert len(live) == 5 * STEPS // 2
 
 
-def test_the_same_command_gives_the_same_bytes(episode: Any, cosim: Callable[..., Any], tmp_path: Path) -> None:
-    assert cosim(*SHORT, cwd=tmp_path).code == 0
-    assert digest(tmp_path / "bags") == digest(episode[1] / "bags")
-
-
-def test_one_process_per_node_gives_the_same_bytes(episode: Any, cosim: Callable[..., Any], tmp_path: Path) -> None:
+def test_another_run_gives_the_same_bytes_also_with_a_process_for_each_node(
+    episode: Any, cosim: Callable[..., Any], tmp_path: Path
+) -> None:
     run = cosim(*SHORT, "processes:=true", cwd=tmp_path)
     assert run.code == 0, run.err
     assert digest(tmp_path / "bags") == digest(episode[1] / "bags")
@@ -149,33 +147,58 @@ def test_a_bag_that_exists_is_not_touched(episode: Any, cosim: Callable[..., Any
     assert digest(episode[1]) == before
 
 
-@pytest.mark.parametrize(
-    ("parameter", "named", "allowed"),
-    [
-        ("template:=S99", "template: 'S99'", "S2"),
-        ("level:=L9", "level: 'L9'", "'L0', 'L1', 'L2', 'L3'"),
-        ("sensors:=sonar", "sensors: 'sonar'", "front"),
-        ("preset:=wild", "preset: 'wild'", "paper"),
-        ("duration_s:=-3.0", "duration_s: -3.0", "a number from 0 to 3600"),
-        ("seed:=many", "seed: 'many'", "an integer from 0"),
-        ("processes:=maybe", "processes: 'maybe'", "true or false"),
-        ("map:=nowhere.xodr", "map: 'nowhere.xodr'", ""),
-        ("map:={file}", "map: ", ""),
-        ("bag:=/proc/nowhere/bag", "bag: '/proc/nowhere/bag'", "a place that can be written"),
-        ("tempalte:=S2", "tempalte: 'S2'", "one of the parameters"),
-    ],
+BAD_INPUTS = (
+    ("template:=S99", "template: 'S99'", "S2"),
+    ("level:=L9", "level: 'L9'", "'L0', 'L1', 'L2', 'L3'"),
+    ("sensors:=sonar", "sensors: 'sonar'", "front"),
+    ("preset:=wild", "preset: 'wild'", "paper"),
+    ("duration_s:=-3.0", "duration_s: -3.0", "a number from 0 to 3600"),
+    ("seed:=many", "seed: 'many'", "an integer from 0"),
+    ("processes:=maybe", "processes: 'maybe'", "true or false"),
+    ("map:=nowhere.xodr", "map: 'nowhere.xodr'", ""),
+    ("map:=notes.xodr", "map: ", ""),
+    ("bag:=/proc/nowhere/bag", "bag: '/proc/nowhere/bag'", "a place that can be written"),
+    ("tempalte:=S2", "tempalte: 'S2'", "one of the parameters"),
 )
-def test_bad_input_gets_one_line_that_names_it(
-    cosim: Callable[..., Any], tmp_path: Path, parameter: str, named: str, allowed: str
-) -> None:
-    file = tmp_path / "notes.xodr"
-    file.write_text("no map", encoding="utf-8")
-    run = cosim(parameter.format(file=file), cwd=tmp_path)
-    assert run.code == 2
-    assert len(run.error_lines) == 1
-    assert run.error_lines[0].startswith(named)
-    assert allowed in run.error_lines[0]
-    assert list(tmp_path.iterdir()) == [file]
+ONE_PROCESS_EACH = """
+import os, sys
+import siren_nodes.cosim as program
+for number, parameter in enumerate(sys.argv[1:]):
+    if not os.fork():
+        for stream, kind in ((1, "out"), (2, "err")):
+            os.dup2(os.open(f"../{number}.{kind}", os.O_WRONLY | os.O_CREAT), stream)
+        sys.argv = ["cosim", "--ros-args", "-p", parameter]
+        sys.exit(program.main())
+    with open(f"../{number}.code", "w") as file:
+        file.write(str(os.waitstatus_to_exitcode(os.wait()[1])))
+"""
+"""Loads the program once and runs it with each parameter in a process of its own."""
+
+
+@pytest.fixture(scope="module")
+def refusals(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the program says to each bad input; it ran in ``work``."""
+    folder = tmp_path_factory.mktemp("refusals")
+    work = folder / "work"
+    work.mkdir()
+    (work / "notes.xodr").write_text("no map", encoding="utf-8")
+    with Domain().running("-c", ONE_PROCESS_EACH, *(parameter for parameter, _, _ in BAD_INPUTS), cwd=work) as process:
+        run = finish(process, timeout_s=180.0)
+    assert (run.code, run.err) == (0, "")
+    return folder
+
+
+@pytest.mark.parametrize("number", range(len(BAD_INPUTS)), ids=[parameter for parameter, _, _ in BAD_INPUTS])
+def test_bad_input_gets_one_line_that_names_it(refusals: Path, number: int) -> None:
+    _, named, allowed = BAD_INPUTS[number]
+    assert (refusals / f"{number}.code").read_text() == "2"
+    (line,) = (refusals / f"{number}.err").read_text().splitlines()
+    assert line.startswith(named)
+    assert allowed in line
+
+
+def test_bad_input_leaves_nothing_behind(refusals: Path) -> None:
+    assert [path.name for path in (refusals / "work").iterdir()] == ["notes.xodr"]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

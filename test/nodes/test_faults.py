@@ -19,7 +19,8 @@ from siren_ros.recording.bag_reader import read_episode
 from siren_ros.recording.recover import recover_bag
 
 DOMAIN = Domain()
-NODES = ("sumo_bridge", "emv_controller", "yield_manager", "vehicle_dynamics", "sensor_sim", "recorder")
+NODES = ("sumo_bridge", "sensor_sim", "recorder")
+"""A node that others wait for at each step, one that trails the step, and the one that writes the bag."""
 """SUMO runs within ``sumo_bridge``: to kill that process is to kill SUMO."""
 
 

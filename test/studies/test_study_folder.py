@@ -1,0 +1,149 @@
+"""A study on disk: rows next to bags, hashes, what counts as finished, and what is replaced."""
+
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+
+import pytest
+
+from siren_ros.errors import InputError
+from siren_ros.studies.episode_row import EpisodeRow, Status, path_of
+from siren_ros.studies.study_folder import (
+    LocalFolder,
+    attempt_folder,
+    hashes_of_bag,
+    is_finished,
+    read_table,
+    write_study,
+    write_table,
+)
+
+ROW = EpisodeRow(
+    episode="S2_L2_seed3_town",
+    group="S2_L2",
+    template="S2",
+    level="L2",
+    seed=3,
+    map="",
+    preset="paper",
+    sensors="none",
+    look="clear",
+    draw=0,
+    values="",
+    inputs_sha256="ab",
+    status=Status.COMPLETE,
+    retry_reasons=("crashed", "hung"),
+    versions={"siren": "1"},
+    predicate_holds=True,
+)
+
+
+def bag_in(folder: Path, content: bytes = b"storage") -> Path:
+    folder.mkdir(parents=True)
+    (folder / "bag_0.mcap").write_bytes(content)
+    (folder / "metadata.yaml").write_text("meta: 1\n")
+    return folder
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> LocalFolder:
+    return LocalFolder(tmp_path / "study")
+
+
+def test_a_bag_goes_to_its_place_and_its_row_next_to_it(study: LocalFolder, tmp_path: Path) -> None:
+    study.take(bag_in(tmp_path / "scratch" / "bag"), ROW)
+    assert ROW.path == path_of("S2_L2", "S2_L2_seed3_town") == "episodes/S2_L2/S2_L2_seed3_town"
+    assert (tmp_path / "study" / ROW.path / "bag_0.mcap").read_bytes() == b"storage"
+    assert not (tmp_path / "scratch" / "bag").exists()
+    assert study.row_of(ROW.path) == ROW
+    assert study.row_of("episodes/S2_L2/other") is None
+
+
+def test_a_later_bag_replaces_an_earlier_one(study: LocalFolder, tmp_path: Path) -> None:
+    study.take(bag_in(tmp_path / "one"), ROW)
+    (tmp_path / "study" / ROW.path / "left").touch()
+    study.take(bag_in(tmp_path / "two", b"later"), replace(ROW, attempts=2))
+    names = sorted(path.name for path in (tmp_path / "study" / ROW.path).iterdir())
+    assert names == ["bag_0.mcap", "metadata.yaml"]
+    found = study.row_of(ROW.path)
+    assert found is not None
+    assert found.attempts == 2
+
+
+def test_finished_is_who_is_complete_and_has_the_bytes_of_its_row(study: LocalFolder, tmp_path: Path) -> None:
+    hashes = hashes_of_bag(bag_in(tmp_path / "bag"))
+    assert hashes == (sha256(b"storage").hexdigest(), sha256(b"meta: 1\n").hexdigest())
+    whole = replace(ROW, mcap_sha256=hashes[0], metadata_sha256=hashes[1])
+    assert not is_finished(study, whole), "the bag is not there"
+    study.take(tmp_path / "bag", whole)
+    assert is_finished(study, whole)
+    for status in (Status.FAILED, Status.REFUSED, Status.CRASHED):
+        assert not is_finished(study, replace(whole, status=status))
+    assert not is_finished(study, replace(whole, mcap_sha256=""))
+    assert not is_finished(study, replace(whole, metadata_sha256="0" * 64))
+    (tmp_path / "study" / whole.path / "bag_0.mcap").write_bytes(b"changed")
+    assert not is_finished(study, whole)
+
+
+def test_hashes_of_what_is_no_bag_are_empty(tmp_path: Path, study: LocalFolder) -> None:
+    assert study.hashes_of("nowhere") == ("", "")
+    (tmp_path / "empty").mkdir()
+    assert hashes_of_bag(tmp_path / "empty") == ("", "")
+    two = bag_in(tmp_path / "two")
+    (two / "bag_1.mcap").touch()
+    assert hashes_of_bag(two)[0] == ""
+    assert hashes_of_bag(two)[1] != ""
+
+
+def test_a_scratch_folder_is_gone_however_the_attempt_ends(study: LocalFolder, tmp_path: Path) -> None:
+    with attempt_folder(study) as scratch:
+        (scratch / "file").touch()
+        assert scratch.is_relative_to(tmp_path / "study")
+        with attempt_folder(study) as other:
+            assert other != scratch
+    assert not scratch.exists()
+
+    def fail() -> None:
+        with attempt_folder(study) as failing:
+            kept.append(failing)
+            raise RuntimeError
+
+    kept: list[Path] = []
+    with pytest.raises(RuntimeError):
+        fail()
+    assert not kept[0].exists()
+    left = study.scratch()
+    study.clear_scratch()
+    assert not left.exists()
+
+
+def test_files_are_replaced_as_a_whole(study: LocalFolder, tmp_path: Path) -> None:
+    assert study.read("a/b.json") is None
+    study.write("a/b.json", b"one")
+    study.write("a/b.json", b"two")
+    assert study.read("a/b.json") == b"two"
+    assert [path.name for path in (tmp_path / "study" / "a").iterdir()] == ["b.json"]
+
+
+def test_the_table_holds_all_rows(study: LocalFolder) -> None:
+    assert read_table(study) == ()
+    rows = (ROW, replace(ROW, episode="other", predicate_holds=None, retry_reasons=()))
+    write_table(study, rows)
+    assert {row.episode: row for row in read_table(study)} == {row.episode: row for row in rows}
+
+
+def test_a_study_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="a folder that can be written"):
+        write_study(LocalFolder(tmp_path / "file"), {"seeds": 1})
+
+
+def test_rows_are_read_back_and_others_refused() -> None:
+    assert EpisodeRow.from_json(ROW.to_json()) == ROW
+    content = ROW.to_json()
+    short = {key: value for key, value in content.items() if key not in {"versions", "retry_reasons", "attempts"}}
+    found = EpisodeRow.from_json({**short, "unknown": 1})
+    assert (found.versions, found.retry_reasons, found.attempts) == ({}, (), 1)
+    for wrong in ({**content, "status": "lost"}, {key: value for key, value in content.items() if key != "template"}):
+        with pytest.raises(InputError, match="a row of a study's table"):
+            EpisodeRow.from_json(wrong)

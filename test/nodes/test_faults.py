@@ -20,8 +20,10 @@ from siren_ros.recording.recover import recover_bag
 
 DOMAIN = Domain()
 NODES = ("sumo_bridge", "sensor_sim", "recorder")
-"""A node that others wait for at each step, one that trails the step, and the one that writes the bag."""
-"""SUMO runs within ``sumo_bridge``: to kill that process is to kill SUMO."""
+"""A node that others wait for at each step, one that trails the step, and the one that writes the bag.
+
+SUMO runs within ``sumo_bridge``: to kill that process is to kill SUMO.
+"""
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 import io
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from synthetic_episode import EMV, Scene, SyntheticEpisode
 
 from siren_ros.errors import BagError
 from siren_ros.interfaces.messages import make_message
+from siren_ros.interfaces.topics import ACTORS, MAP
 from siren_ros.recording.bag_guard import read_summary
 from siren_ros.recording.bag_reader import open_bag, read_episode
 from siren_ros.recording.bag_writer import EpisodeBagWriter
@@ -141,3 +143,17 @@ def test_only_the_topics_that_are_asked_for_are_read(bag: Path) -> None:
 def test_a_file_shorter_than_its_end_has_none(length: int) -> None:
     with pytest.raises(DamageError, match="the file has no end"):
         read_summary(io.BytesIO(bytes(length)), length)
+
+
+def test_a_stamp_is_read_from_the_first_bytes_of_a_stamped_message(bag: Path) -> None:
+    """Of another byte order, of another type and of fewer bytes there is none."""
+    with open_bag(bag) as opened:
+        states, text = (
+            next(message for message in opened.messages({topic}) if message.time_ns > 0 or topic == MAP.name)
+            for topic in (ACTORS.name, MAP.name)
+        )
+        assert opened.stamp_ns(states) == states.time_ns
+        assert opened.stamp_ns(replace(states, cdr=b"\x00\x00" + bytes(states.cdr[2:]))) is None
+        assert opened.stamp_ns(replace(states, cdr=bytes(states.cdr[:11]))) is None
+        assert opened.stamp_ns(replace(states, cdr=bytes(states.cdr[:12]))) == states.time_ns
+        assert opened.stamp_ns(replace(states, type_name=text.type_name)) == opened.stamp_ns(text)

@@ -176,3 +176,18 @@ def test_on_a_road_without_junction_rows_begin_at_the_emvs_front() -> None:
     (row,) = found
     assert row.chain.lanes[0] == A_RIGHT
     assert (row.anchor_m, row.forwards, row.edges) == (pytest.approx(90.0), True, (A, B, C))
+
+
+def test_of_two_adjacent_lanes_the_left_one_is_taken() -> None:
+    """Three lanes, the EMV in the middle."""
+    lanes, edges = list(NETWORK.lanes), list(NETWORK.edges)
+    third = replace(lanes[A_LEFT], index=len(lanes), lane_id="a_2", position=2)
+    edges[A] = replace(edges[A], lanes=(*edges[A].lanes, third.index))
+    wide = replace(NETWORK, lanes=(*lanes, third), edges=tuple(edges))
+    road = replace(signal_site(), junction=None)
+    wanted = group(Placement.ADJACENT_LANE, GroupAnchor.EMV)
+    (row,) = group_rows(wide, road, start_at(90.0), wanted, 12.0, np.random.default_rng(0))
+    assert row.chain.lanes[0] == third.index
+    others = group(Placement.OTHER_LANES, GroupAnchor.EMV)
+    found = group_rows(wide, road, start_at(90.0), others, 12.0, np.random.default_rng(0))
+    assert [one.chain.lanes[0] for one in found] == [A_RIGHT, third.index]

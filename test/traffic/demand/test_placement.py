@@ -27,6 +27,7 @@ from made_streets import (
 from traffic_helpers import DIMENSIONS
 
 from siren_ros.errors import MapError
+from siren_ros.roads.road_network import LaneKind
 from siren_ros.roads.sites.site import Site, SiteKind
 from siren_ros.scenario.scenario import GroupAnchor, Placement, SignalDemand, StartReference
 from siren_ros.traffic.demand.demand import plan_traffic
@@ -35,6 +36,7 @@ from siren_ros.traffic.demand.emv_start import (
     depart_speed_mps,
     emv_start,
     start_m_of,
+    travel_lane,
     unhindered_arrival_s,
     way_to_stop_line_m,
 )
@@ -184,3 +186,28 @@ def test_the_signal_turns_red_before_the_emv_arrives(plan: Plan) -> None:
     assert timing is not None
     assert timing.platoon == ("stream0", "stream1")
     assert STOP_LINE_M - 160.0 == 150.0
+
+
+def test_background_traffic_is_near_the_emvs_way_also_beyond_the_site(plan: Plan) -> None:
+    """50 m beyond the site's edge the way ends with the edge that it has come to; the side road is 30 m away."""
+    near = replace(CONFIG, neighbourhood_m=5.0, neighbourhood_after_m=50.0, background_spacing_m=10.0)
+    found = plan(config=replace(near, reserve_factor=8.0))
+    edges = {NETWORK.edges[NETWORK.lanes[one.spot.lane].edge].edge_id for one in (*found.background, *found.reserve)}
+    assert edges == {"a", "b"}, "from the last edge nobody can drive on"
+    back = replace(NETWORK.connections[0], from_lane=C_LEFT, via=())
+    looped = replace(NETWORK, connections=(*NETWORK.connections, back))
+    template = template_with()
+    emv = replace(template.emv, start_from=StartReference.SITE_START, start_m=-50.0)
+    config = replace(near, reserve_factor=8.0)
+    wide = plan_traffic(looped, signal_site(), replace(template, emv=emv), 3, same_drivers(), DIMENSIONS, config)
+    edges = {looped.edges[looped.lanes[one.spot.lane].edge].edge_id for one in (*wide.background, *wide.reserve)}
+    assert edges == {"a", "b", "c"}
+
+
+def test_next_to_a_shoulder_is_its_neighbour_on_either_side() -> None:
+    lanes, edges = list(NETWORK.lanes), list(NETWORK.edges)
+    shoulder = replace(lanes[B_LEFT], index=len(lanes), lane_id="b_2", position=2, kind=LaneKind.SHOULDER)
+    edges[B] = replace(edges[B], lanes=(*edges[B].lanes, shoulder.index))
+    network = replace(NETWORK, lanes=(*lanes, shoulder), edges=tuple(edges))
+    assert travel_lane(network, replace(signal_site(), approach_lane=shoulder.index)).index == B_LEFT
+    assert travel_lane(network, signal_site()).index == B_LEFT

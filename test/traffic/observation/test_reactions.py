@@ -1,5 +1,6 @@
 """Flags of vehicles near one or two EMVs, and who hears which siren."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -65,3 +66,22 @@ def test_vehicles_on_paths_across_are_on_a_junction(reactions: Reactions) -> Non
     flags = reactions.flags(NAMES, readings(lanes), {"emv0": [], "emv1": []})
     inside = [bool(flag & TrafficFlags.ON_JUNCTION) for flag in flags.tolist()]
     assert inside == [False, True, False, False, True]
+
+
+def listening(routes: list[list[int]], x_m: list[float]) -> list[str]:
+    """Who hears an EMV at L1 (without SUMO's device) that drives east on edge 0."""
+    plan: Any = SimpleNamespace(emvs=(SimpleNamespace(name="emv0"),), response_distance_m=30.0)
+    reactions = Reactions(NETWORK, plan, EmergencyLevel.L2, replace(CONFIG, bluelight_levels=frozenset()))
+    count = len(x_m)
+    there: Any = SimpleNamespace(x_m=np.array(x_m), y_m=np.zeros(count), yaw_rad=np.zeros(count))
+    names = ["emv0", *(f"car{number}" for number in range(1, count))]
+    return reactions.rescued(names, there, routes)["emv0"]
+
+
+def test_who_is_ahead_on_the_emvs_route_within_reach_hears_it() -> None:
+    routes = [[0, 1], [0], [1], [5], [0], [0]]
+    assert listening(routes, [0.0, 20.0, 29.0, 10.0, 31.0, -5.0]) == ["car1", "car2"]
+
+
+def test_a_vehicle_without_a_route_is_on_nobodys_way() -> None:
+    assert listening([[0, 1], []], [0.0, 20.0]) == []

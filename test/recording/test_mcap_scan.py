@@ -1,0 +1,96 @@
+"""Records of an MCAP file one after the other: to the last whole one, and no further."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from mcap.opcode import Opcode
+
+from siren_ros.recording.mcap_scan import (
+    DamageError,
+    RecordPlace,
+    parse_content,
+    read_chunk,
+    read_chunks,
+    read_places,
+    unpack,
+)
+from siren_ros.recording.mcap_stream import ChannelMessage, ChunkContent, McapStream
+
+CONTENT = ChunkContent((), (), (ChannelMessage(1, 0, 5, b"x" * 50), ChannelMessage(1, 1, 6, b"y" * 50)))
+
+
+@pytest.fixture
+def whole(tmp_path: Path) -> Path:
+    """Two chunks, each with the index of its one channel."""
+    path = tmp_path / "x.mcap"
+    with path.open("wb", buffering=0) as file:
+        stream = McapStream(file, 3)
+        stream.write_chunk(CONTENT)
+        stream.write_chunk(CONTENT)
+        stream.finish()
+    return path
+
+
+def places_of(path: Path, length: int | None = None) -> tuple[list[RecordPlace], str]:
+    """The records of the first bytes of a file, and why there are no more."""
+    found: list[RecordPlace] = []
+    cut = path.with_name("cut.mcap")
+    cut.write_bytes(path.read_bytes()[:length])
+    with cut.open("rb") as file:
+        places = read_places(file)
+        try:
+            while (place := next(places, None)) is not None:
+                found.append(place)
+        except DamageError as error:
+            return found, str(error)
+    return found, ""
+
+
+def test_a_whole_file_is_read_up_to_the_end_of_its_data(whole: Path) -> None:
+    found, why = places_of(whole)
+    assert why == ""
+    assert [place.opcode for place in found] == [
+        Opcode.HEADER,
+        Opcode.CHUNK,
+        Opcode.MESSAGE_INDEX,
+        Opcode.CHUNK,
+        Opcode.MESSAGE_INDEX,
+    ]
+    for before, after in pairwise(found):
+        assert after.offset == before.offset + 9 + before.length
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 4])
+def test_a_file_that_ends_right_behind_a_record_has_that_record(whole: Path, number: int) -> None:
+    """A writer that is killed between two records leaves such a file."""
+    whole_places, _ = places_of(whole)
+    last = whole_places[number]
+    found, why = places_of(whole, last.offset + 9 + last.length)
+    assert found == whole_places[: number + 1]
+    assert "ends at byte" in why
+
+
+@pytest.mark.parametrize("missing", [1, 9])
+def test_a_record_that_was_cut_off_is_none(whole: Path, missing: int) -> None:
+    whole_places, _ = places_of(whole)
+    last = whole_places[3]
+    found, why = places_of(whole, last.offset + 9 + last.length - missing)
+    assert found == whole_places[:3]
+    assert f"no whole record of a bag with chunks at byte {last.offset}" in why
+
+
+def test_chunks_are_read_back(whole: Path) -> None:
+    with whole.open("rb") as file:
+        assert [parse_content(unpack(chunk)) for chunk in read_chunks(file)] == [CONTENT, CONTENT]
+    places, _ = places_of(whole)
+    with whole.open("rb") as file:
+        chunk = read_chunk(file, places[1])
+    assert (chunk.offset, chunk.compression) == (places[1].offset, "zstd")
+
+
+def test_what_does_not_begin_like_a_bag_is_none(tmp_path: Path) -> None:
+    path = tmp_path / "x"
+    path.write_bytes(b"PK\x03\x04" * 20)
+    with path.open("rb") as file, pytest.raises(DamageError):
+        list(read_places(file))

@@ -13,7 +13,6 @@ LAYERS = {
         "cli",
         "benchmarks",
         "training",
-        "study_report",
         "studies",
         "generation",
         "evaluation",
@@ -37,7 +36,6 @@ LAYERS = {
         "errors",
     ],
     "evaluation": [
-        "diversity",
         "prediction",
         "detection",
         "risk",
@@ -47,16 +45,7 @@ LAYERS = {
         "aligned_text",
         "network_file",
     ],
-    "evaluation/detection": [
-        "reports",
-        "scoring",
-        "self_test",
-        "detectors",
-        "pillars",
-        "inputs",
-        "metrics",
-        "protocol",
-    ],
+    "evaluation/detection": ["reports", "scoring", "self_test", "detectors", "inputs", "metrics", "protocol"],
     "evaluation/prediction": [
         "charts",
         "reports",
@@ -127,7 +116,6 @@ KNOWS_TORCH = (
     "siren_ros/evaluation/prediction/published/",
     "siren_ros/training/fitting/",
     "siren_ros/training/risk/fitting/",
-    "siren_ros/training/detection/fitting/",
 )
 """Folders that may import torch, which an extra installs; they are loaded when somebody asks for them."""
 KNOWS_SUMO = ("siren_ros/traffic/sumo/", "siren_ros/traffic/simulation.py")

@@ -84,6 +84,13 @@ def test_every_page_has_its_place_in_the_navigation_of_the_site() -> None:
     assert len(named) == len(set(named)), "a page stands in the navigation twice"
 
 
+def test_pictures_and_films_are_small() -> None:
+    largest = {".webp": 100_000, ".png": 100_000, ".jpg": 100_000, ".mp4": 300_000}
+    files = [path for path in (REPOSITORY / "docs").rglob("*.*") if path.suffix in largest]
+    assert {path.suffix for path in files} >= {".webp", ".mp4"}
+    assert not [f"{path}: {path.stat().st_size} bytes" for path in files if path.stat().st_size > largest[path.suffix]]
+
+
 @parametrized
 def test_modules_that_documents_run_exist(path: Path) -> None:
     modules = re.findall(r"-m (siren_ros[\w.]*\w)", path.read_text(encoding="utf-8"))

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from siren_ros.errors import EXIT_OK
-from siren_ros.pictures.video import FRAME_RATE_HZ, View, save_video
+from siren_ros.pictures.video import CRF, FRAME_RATE_HZ, Coding, View, save_video
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
@@ -21,11 +21,20 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--out", type=Path, metavar="FILE.mp4", required=True, help="video to write")
     verb.add_argument("--frames", type=int, metavar="N", help="number of frames (paper: 190); all without it")
     verb.add_argument("--start-s", type=float, metavar="S", default=0.0, help="simulated time of the first frame")
+    verb.add_argument("--width", type=int, metavar="PX", help="scale wider frames down to this")
+    verb.add_argument(
+        "--crf",
+        type=int,
+        metavar="N",
+        default=CRF,
+        help=f"H.264's quality, 0 to 51 (default {CRF}: almost no visible loss); six more are about half the bytes",
+    )
     verb.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Makes the video."""
-    frames = save_video(arguments.bag, View(arguments.view), arguments.out, arguments.frames, arguments.start_s)
+    coding = Coding(arguments.width, arguments.crf)
+    frames = save_video(arguments.bag, View(arguments.view), arguments.out, arguments.frames, arguments.start_s, coding)
     print(f"{arguments.out}: {frames} frames, {frames / FRAME_RATE_HZ:.1f} s")
     return EXIT_OK

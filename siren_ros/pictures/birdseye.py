@@ -24,6 +24,7 @@ from siren_ros.pictures.timeline import draw_speeds, draw_states, yielding_actor
 from siren_ros.pictures.vehicles import KMH, draw_path, draw_vehicles
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import Mode
+from siren_ros.world.events import EventKind
 
 SNAPSHOTS = 3
 WIDTH_IN = 13.0
@@ -31,6 +32,7 @@ DPI = 150
 _MARGIN_M = 12.0
 _MIN_SIZE_M = (70.0, 40.0)
 _PADDING_STEPS = 40
+_CROSSING_STEPS = 100
 _TRAIL_STEPS = 40
 
 Box = tuple[float, float, float, float]
@@ -38,12 +40,20 @@ Box = tuple[float, float, float, float]
 
 
 def interaction_steps(record: EpisodeRecord) -> tuple[int, int]:
-    """First and last step of the interaction: the yields with 2 s around them; the whole episode without a yield."""
+    """First and last step of the interaction.
+
+    The yields with 2 s around them; without a yield 5 s on both sides of the EMV's first stop line; without one the
+    whole episode.
+    """
+    last_step = max(record.steps - 1, 0)
     rows = record.rows
     yielding = rows.step[(rows.mode >= Mode.YIELD_REACTING) & (rows.mode <= Mode.YIELD_HOLD)]
-    if len(yielding) == 0:
-        return 0, max(record.steps - 1, 0)
-    return max(int(yielding.min()) - _PADDING_STEPS, 0), min(int(yielding.max()) + _PADDING_STEPS, record.steps - 1)
+    if len(yielding):
+        return max(int(yielding.min()) - _PADDING_STEPS, 0), min(int(yielding.max()) + _PADDING_STEPS, last_step)
+    lines = record.events_of(EventKind.STOP_LINE_CROSSED)
+    if crossed := [event.step for event in lines if event.actor_id in record.emv_ids]:
+        return max(min(crossed) - _CROSSING_STEPS, 0), min(min(crossed) + _CROSSING_STEPS, last_step)
+    return 0, last_step
 
 
 def interaction_box(record: EpisodeRecord) -> Box:

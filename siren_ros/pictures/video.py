@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 from enum import StrEnum
 from fractions import Fraction
 from io import BytesIO
@@ -26,8 +27,11 @@ FRAME_RATE_HZ: Final = 10
 """Rate of the paper's videos and logged states."""
 FRAME_STEPS: Final = round(1.0 / (FRAME_RATE_HZ * STEP_S))
 _ENCODER: Final = "libx264"
+CRF: Final = 20
+"""H.264's constant rate factor of videos: almost no visible loss."""
+_MAX_CRF: Final = 51
+_LEAST_WIDTH_PX: Final = 64
 _OPTIONS: Final = {
-    "crf": "20",  # almost no visible loss
     "preset": "veryfast",
     "threads": "1",  # the number is written into the stream, and equal episodes must give equal bytes
 }
@@ -45,7 +49,38 @@ class View(StrEnum):
     GRID = "grid"
 
 
-def save_video(bag: Path, view: View, path: Path, frames: int | None = None, start_s: float = 0.0) -> int:
+@dataclass(frozen=True)
+class Coding:
+    """How large a video is, in pixels and in bytes."""
+
+    width_px: int | None = None
+    """Frames that are wider are scaled down to it; None keeps their size."""
+    crf: int = CRF
+    """H.264's constant rate factor: 0 without loss, 51 worst; six more are about half the bytes."""
+
+    def __post_init__(self) -> None:
+        if self.width_px is not None and self.width_px < _LEAST_WIDTH_PX:
+            raise InputError("width", self.width_px, f"a number of pixels from {_LEAST_WIDTH_PX} on")
+        if not 0 <= self.crf <= _MAX_CRF:
+            raise InputError("crf", self.crf, f"0 to {_MAX_CRF}")
+
+    def scaled(self, frames: Iterable[Frame]) -> Iterator[Frame]:
+        """The frames, with the width asked for."""
+        for pixels in frames:
+            height, width = pixels.shape[:2]
+            if self.width_px is None or width <= self.width_px:
+                yield pixels
+            else:
+                size = (self.width_px, round(height * self.width_px / width))
+                yield np.asarray(Image.fromarray(pixels).resize(size, Image.Resampling.LANCZOS))
+
+
+AS_DRAWN: Final = Coding()
+
+
+def save_video(
+    bag: Path, view: View, path: Path, frames: int | None = None, start_s: float = 0.0, coding: Coding = AS_DRAWN
+) -> int:
     """Makes a video of an episode; the same bag gives the same bytes.
 
     Args:
@@ -54,6 +89,7 @@ def save_video(bag: Path, view: View, path: Path, frames: int | None = None, sta
         path: MP4 file; an existing file is replaced.
         frames: Number of frames; None for all frames from ``start_s`` on.
         start_s: Simulated time of the first frame.
+        coding: Width and quality.
 
     Returns:
         Number of frames.
@@ -69,15 +105,15 @@ def save_video(bag: Path, view: View, path: Path, frames: int | None = None, sta
     if not start_s >= 0.0:
         raise InputError("start_s", start_s, "a time from 0 on")
     if view is View.FRONT:
-        return write_video(path, _front_frames(bag, frames, steps_from_s(start_s)))
+        return write_video(path, _front_frames(bag, frames, steps_from_s(start_s)), coding)
     record = read_episode(bag)
     first = -(-steps_from_s(start_s) // FRAME_STEPS) * FRAME_STEPS
     if first >= record.steps:
         raise InputError("start_s", start_s, _WITHIN.format(bag))
     wanted = _first_of(range(first, record.steps, FRAME_STEPS), frames, bag)
     if view is View.GRID:
-        return write_video(path, grid_frames(bag, record, wanted))
-    return write_video(path, BirdseyeFilm(record, wanted).frames())
+        return write_video(path, grid_frames(bag, record, wanted), coding)
+    return write_video(path, BirdseyeFilm(record, wanted).frames(), coding)
 
 
 def _first_of(available: range, frames: int | None, bag: Path) -> range:
@@ -117,7 +153,7 @@ def _decoded(message: BagMessage) -> Frame:
             raise BagError(str(message.bag.path), f"JPEG images ({error})") from error
 
 
-def write_video(path: Path, frames: Iterable[Frame]) -> int:
+def write_video(path: Path, frames: Iterable[Frame], coding: Coding = AS_DRAWN) -> int:
     """Encodes frames of equal size (RGB, shape ``(H, W, 3)``), without an odd last row or column.
 
     Returns:
@@ -129,7 +165,7 @@ def write_video(path: Path, frames: Iterable[Frame]) -> int:
     partial = path.with_name(f".{path.name}.partial")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        count = _encode(partial, frames)
+        count = _encode(partial, coding.scaled(frames), coding.crf)
         if count == 0:
             raise InputError("frames", 0, "at least one frame")
         partial.replace(path)
@@ -141,11 +177,11 @@ def write_video(path: Path, frames: Iterable[Frame]) -> int:
     return count
 
 
-def _encode(path: Path, frames: Iterable[Frame]) -> int:
+def _encode(path: Path, frames: Iterable[Frame], crf: int) -> int:
     count = 0
     container_options = {"movflags": "+faststart", "fflags": "+bitexact"}
     with av.open(str(path), "w", format="mp4", options=container_options) as container:
-        stream = container.add_stream(_ENCODER, rate=Fraction(FRAME_RATE_HZ), options=dict(_OPTIONS))
+        stream = container.add_stream(_ENCODER, rate=Fraction(FRAME_RATE_HZ), options={"crf": str(crf), **_OPTIONS})
         stream.pix_fmt = "yuv420p"
         for count, pixels in enumerate(frames, start=1):
             even = np.ascontiguousarray(pixels[: pixels.shape[0] // 2 * 2, : pixels.shape[1] // 2 * 2])

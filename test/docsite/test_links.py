@@ -35,8 +35,7 @@ def test_documents_of_the_root_and_of_docs_are_on_the_site(document: str, page: 
         ("docs/templates/S1.md", "[a](S2.md)", "[a](S2.md)"),
         ("README.md", "[a](https://example.org/docs/b.md)", "[a](https://example.org/docs/b.md)"),
         ("README.md", "[a](LICENSE)", "[a](LICENSE)"),
-        ("docs/templates/S1.md", '<video src="films/S1.mp4">', '<video src="../films/S1.mp4">'),
-        ("docs/templates/index.md", '<video src="films/S1.mp4">', '<video src="films/S1.mp4">'),
+        ("docs/templates/S1.md", '<video src="films/S1.mp4">', '<video src="films/S1.mp4">'),
         ("README.md", '<img src="docs/images/b.png">', '<img src="images/b.png">'),
     ],
 )

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hand_made_record import EMV, NORTHBOUND, Driven, at_speed, crossing, hand_made
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -16,6 +17,7 @@ from siren_ros.pictures.roads import lane_outline
 from siren_ros.pictures.timeline import mode_runs, yielding_actors
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import Mode
+from siren_ros.world.events import Event, EventKind
 
 
 @pytest.fixture(scope="module")
@@ -67,6 +69,14 @@ def test_the_box_holds_the_interaction_and_not_the_whole_map(record: EpisodeReco
     assert x0 < 10.0
     assert 183.0 < x1 < 220.0
     assert y1 - y0 >= 40.0
+
+
+def test_without_a_yield_the_interaction_is_around_the_emvs_stop_line() -> None:
+    record = hand_made(crossing(), {key: Driven(NORTHBOUND, at_speed(40.0, 5.0, 400)) for key in (EMV, 2)})
+    assert interaction_steps(record) == (0, 399)
+    events = tuple(Event(step, EventKind.STOP_LINE_CROSSED, actor) for step, actor in [(90, 2), (250, EMV)])
+    assert interaction_steps(replace(record, events=events)) == (150, 350)
+    assert interaction_steps(replace(record, events=events[:1])) == (0, 399)
 
 
 def test_states_are_cut_into_runs(record: EpisodeRecord) -> None:

@@ -17,7 +17,7 @@ from siren_ros.interfaces.topics import IMAGE_COMPRESSED
 from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.pictures.moving_birdseye import SIZE_PX, BirdseyeFilm
 from siren_ros.pictures.painter import paint_polygons, rgb_of
-from siren_ros.pictures.video import View, save_video, write_video
+from siren_ros.pictures.video import Coding, View, save_video, write_video
 from siren_ros.recording.bag_writer import EpisodeBagWriter
 from siren_ros.recording.episode_record import EpisodeRecord
 
@@ -126,6 +126,25 @@ def test_a_failure_leaves_the_old_video(tmp_path: Path) -> None:
         write_video(path, [])
     assert [item.name for item in tmp_path.iterdir()] == ["a.mp4"]
     assert path.read_bytes() == b"old"
+
+
+def test_a_narrow_video_keeps_its_proportions_and_is_smaller(tmp_path: Path) -> None:
+    shades = np.tile(np.linspace(0, 255, 640).astype(np.uint8)[None, :, None], (360, 1, 3))
+    frames = [np.roll(shades, 40 * number, axis=1) for number in range(6)]
+    assert write_video(tmp_path / "wide.mp4", frames) == 6
+    assert write_video(tmp_path / "narrow.mp4", frames, Coding(width_px=320, crf=32)) == 6
+    _, images = _decoded(tmp_path / "narrow.mp4")
+    assert images[0].shape == (180, 320, 3)
+    assert np.abs(images[3][90, ::8].astype(int) - frames[3][180, ::16].astype(int)).mean() < 12
+    assert (tmp_path / "narrow.mp4").stat().st_size < (tmp_path / "wide.mp4").stat().st_size
+    write_video(tmp_path / "kept.mp4", frames, Coding(width_px=1280))
+    assert _decoded(tmp_path / "kept.mp4")[1][0].shape == (360, 640, 3)
+
+
+@pytest.mark.parametrize("options", [{"width_px": 63}, {"crf": -1}, {"crf": 52}])
+def test_a_coding_out_of_range_is_refused(options: dict[str, int]) -> None:
+    with pytest.raises(InputError, match=r"allowed|: "):
+        Coding(**options)
 
 
 def test_the_command_makes_a_video(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

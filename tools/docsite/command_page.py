@@ -11,7 +11,7 @@ _INTRODUCTION: Final = """# The command `siren`
 Inside the environment: `./env siren …`. Exit codes: 0 all is well; 1 a check or an episode failed; 2 the input cannot
 be used. One line then names the input and what is allowed.
 """
-_WIDTH: Final = 100
+_WIDTH: Final = 90
 
 
 def command_page() -> str:

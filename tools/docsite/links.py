@@ -36,6 +36,4 @@ def for_the_site(markdown: str, document: PurePosixPath) -> str:
         return target if on_site is None else posixpath.relpath(on_site, folder or ".")
 
     linked = _LINK.sub(lambda link: f"]({moved(link[1])}{link[2] or ''})", markdown)
-    # mkdocs leaves HTML alone, and a page is a folder of its own there.
-    up = "" if posixpath.basename(page or "") == "index.md" else "../"
-    return _SOURCE.sub(lambda source: f'src="{up}{moved(source[1])}"', linked)
+    return _SOURCE.sub(lambda source: f'src="{moved(source[1])}"', linked)

@@ -21,13 +21,11 @@ class Question:
 
 @dataclass(frozen=True)
 class Reply:
-    """A model's text, the tokens that it cost where the model says so, and how long it took."""
+    """A model's text, and the tokens that it cost where the server says so."""
 
     text: str
     prompt_tokens: int = 0
     completion_tokens: int = 0
-    seconds: float = 0.0
-    """Wall time of the answer, further attempts included."""
 
 
 class VisionLanguageModel(Protocol):

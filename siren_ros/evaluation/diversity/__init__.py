@@ -1,1 +1,0 @@
-"""How different episodes are, and what more seeds would still add."""

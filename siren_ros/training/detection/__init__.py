@@ -1,1 +1,0 @@
-"""Training of the pillar detector: frames out of bags, targets, augmentation, fitting, figures."""

@@ -1,0 +1,59 @@
+"""Figures and parameters that one page shows and another page or the code has."""
+
+import re
+from pathlib import Path
+from typing import Final
+
+from repository import REPOSITORY
+
+from siren_ros.ros.parameters.node_configs import CosimConfig
+from siren_ros.ros.parameters.parameters import defaults_of
+
+README: Final = REPOSITORY / "README.md"
+BEHAVIOUR: Final = REPOSITORY / "docs" / "behaviour.md"
+PREDICTOR: Final = REPOSITORY / "docs" / "siren_predictor.md"
+EPISODE: Final = REPOSITORY / "docs" / "episode.md"
+
+
+def rows(page: Path) -> list[list[str]]:
+    """The cells of every row of the page's tables."""
+    lines = (line for line in page.read_text(encoding="utf-8").splitlines() if line.startswith("| "))
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+
+
+def test_the_results_of_the_readme_are_those_of_the_pages() -> None:
+    holds = {cells[0][:2]: cells[1] for cells in rows(BEHAVIOUR) if re.fullmatch(r"S\d, L\d", cells[0])}
+    first_table = PREDICTOR.read_text(encoding="utf-8").partition("| mean |")[0].splitlines()
+    errors = {
+        line[2:4]: [cell.strip() for cell in line.split("|")[3:6]] for line in first_table if line.startswith("| S")
+    }
+    shown = {cells[0][1:3]: cells[2:] for cells in rows(README) if cells[0].startswith("[S")}
+    assert list(shown) == ["S1", "S2", "S3", "S4", "S5", "S6", "S7"]
+    assert shown == {name: [holds[name], *errors[name]] for name in shown}, (
+        "README's results come from behaviour.md and siren_predictor.md"
+    )
+
+
+def test_the_page_of_the_episode_has_every_parameter_of_cosim() -> None:
+    documented = {
+        name
+        for cells in rows(EPISODE)
+        if len(cells) == 3 and cells[0] != "parameter"
+        for name in re.findall(r"`(\w+)`", cells[0])
+    }
+    assert documented == set(defaults_of(CosimConfig))
+
+
+def test_the_page_of_the_episode_has_the_defaults_of_cosim() -> None:
+    said = {
+        name: default
+        for cells in rows(EPISODE)
+        if len(cells) == 3
+        for name, default in zip(re.findall(r"`(\w+)`", cells[0]), cells[1].split(", "), strict=False)
+    }
+    defaults = {name: str(value).lower() for name, value in defaults_of(CosimConfig).items() if value not in ("", [])}
+    numbers = {
+        name: f"{float(value):g}" if re.fullmatch(r"[\d.]+", value) else value for name, value in defaults.items()
+    }
+    kept = {name: value for name, value in numbers.items() if name != "duration_s"}  # 0: the template's own
+    assert {name: said[name].strip("`").lower() for name in kept} == kept

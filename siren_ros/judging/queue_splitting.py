@@ -13,6 +13,7 @@ from siren_ros.judging.verdict import Verdict, at_least, closest_of, verdict_of
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import STEP_S, steps_from_s
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
+from siren_ros.roads.movements import road_lane_of
 from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
 from siren_ros.world.actors import Mode
 
@@ -178,16 +179,22 @@ def _boundary(network: RoadNetwork, lane: int, xy_m: Floats) -> tuple[int, float
         The side of the boundary on which the lane lies (+1 left) and the point's distance from it; None where
         the lane has no such boundary.
     """
-    if lane == NO_LANE or network.lanes[lane].kind is not LaneKind.DRIVING:
+    if not _is_driving(network, lane):
         return None
     found = network.lanes[lane]
     offset = float(found.centre.project(xy_m)[1])
     lines = []
     for side in (1, -1):
         neighbour = network.neighbour(found, side)
-        if neighbour is not None and neighbour.kind is LaneKind.DRIVING:
+        if neighbour is not None and _is_driving(network, neighbour.index):
             lines.append((abs(offset - side * found.width_m / 2.0), -side))
     if not lines:
         return None
     lateral_m, lies = min(lines)
     return lies, lateral_m
+
+
+def _is_driving(network: RoadNetwork, lane: int) -> bool:
+    """Whether a lane is a driving lane of a road, its plain joints included."""
+    road = road_lane_of(network, lane)
+    return road != NO_LANE and network.lanes[road].kind is LaneKind.DRIVING

@@ -1,5 +1,6 @@
 """How movements across one junction relate: which ones cross, which ones have the same direction."""
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -7,10 +8,12 @@ import numpy.typing as npt
 
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.polyline import Polyline
-from siren_ros.roads.road_network import Connection, RoadNetwork
+from siren_ros.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
 
 _SIDE_STREET_RAD: Final = (np.pi / 4.0, 3.0 * np.pi / 4.0)
 """Angles between two approaches that belong to different streets."""
+_SWERVE_RAD: Final = np.pi / 4.0
+"""Sum of the turns to both sides on a way straight on from which one has to slow down."""
 END_TRIM_M: Final = 0.5
 """Cut off both ends of a path before looking for crossings, so that paths that only fork or merge do not cross."""
 
@@ -25,15 +28,33 @@ def movement_path(network: RoadNetwork, connection: Connection) -> Polyline:
     return network.lanes[connection.from_lane].centre.cut(network.lanes[connection.from_lane].length_m - 0.01, 1e9)
 
 
+def movement_turn_rad(network: RoadNetwork, connection: Connection) -> float:
+    """Sum of the changes of direction along a movement's path, to both sides."""
+    lines = [network.lanes[lane].centre for lane in connection.via]
+    return sum(float(np.abs(wrap_angle(np.diff(line.heading_rad(line.arc_m)))).sum()) for line in lines)
+
+
+def fans_out(network: RoadNetwork, lanes: Sequence[int]) -> bool:
+    """Whether one of the lanes of a way fans out into several ahead, so sharply that vehicles slow down for it.
+
+    They hold up those behind them, and whoever goes straight on passes them.
+    """
+    return any(
+        movement_turn_rad(network, other) > _SWERVE_RAD
+        for lane in lanes
+        for other in network.connections_from.get(lane, ())
+        if other.direction == "s" and _for_civilians(network, other)
+    )
+
+
 def crossing_connections(network: RoadNetwork, connection: Connection) -> tuple[int, ...]:
     """Indices of the junction's civilian movements from other approaches whose paths cross this movement's path."""
     path = _trimmed(movement_path(network, connection))
     approach = network.lanes[connection.from_lane].edge
     return tuple(
         index
-        for index, other in enumerate(network.connections)
-        if other.junction == connection.junction
-        and network.lanes[other.from_lane].edge != approach
+        for index, other in network.connections_at[connection.junction]
+        if network.lanes[other.from_lane].edge != approach
         and _for_civilians(network, other)
         and paths_cross(path, _trimmed(movement_path(network, other)))
     )
@@ -57,6 +78,25 @@ def quiet_connection_to(network: RoadNetwork, lane: int) -> Connection | None:
     only = movements[0]
     quiet = only.signal_id is None and not only.must_stop and only.direction == "s"
     return only if quiet and not crossing_connections(network, only) else None
+
+
+def is_plain_joint(network: RoadNetwork, connection: Connection) -> bool:
+    """Whether a movement only leads from one piece of a road to the next: whoever stands on it is in nobody's way.
+
+    Maps have junctions on whose one side nobody turns and nobody crosses. They are joints for that side.
+    """
+    only_way = len(network.connections_from.get(connection.from_lane, ())) == 1
+    return only_way and quiet_connection_to(network, connection.to_lane) == connection
+
+
+def road_lane_of(network: RoadNetwork, lane: int) -> int:
+    """The road's lane that a lane belongs to: itself, or on a plain joint the one before; ``NO_LANE`` on a junction."""
+    if lane == NO_LANE or network.lanes[lane].kind is not LaneKind.INTERNAL:
+        return lane
+    movements = network.connections_over.get(lane, ())
+    if len(movements) == 1 and is_plain_joint(network, movements[0]):
+        return movements[0].from_lane
+    return NO_LANE
 
 
 def quiet_reach_m(network: RoadNetwork, lane: int, enough_m: float) -> float:

@@ -153,6 +153,14 @@ class RoadNetwork:
                 groups.setdefault(lane, []).append(connection)
         return {lane: tuple(group) for lane, group in groups.items()}
 
+    @cached_property
+    def connections_at(self) -> Mapping[str, tuple[tuple[int, Connection], ...]]:
+        """Movements across each junction, with their positions in ``connections``."""
+        groups: dict[str, list[tuple[int, Connection]]] = {}
+        for index, connection in enumerate(self.connections):
+            groups.setdefault(connection.junction, []).append((index, connection))
+        return {junction: tuple(group) for junction, group in groups.items()}
+
     def neighbour(self, lane: Lane, side: int) -> Lane | None:
         """The adjacent lane of the same edge: side +1 left, −1 right; None where there is none."""
         position = lane.position + side

@@ -52,7 +52,7 @@ class Placement(StrEnum):
     EMV_LANE = "emv_lane"
     """Ahead in the EMV's lane, along its route."""
     ADJACENT_LANE = "adjacent_lane"
-    """In a neighbouring lane of the EMV's (the left one where there are two)."""
+    """In a neighbouring lane of the EMV's: one with the EMV's movement, or else the left one."""
     OTHER_LANES = "other_lanes"
     """In all other driving lanes of the EMV's approach, in turn."""
     SAME_DIRECTION = "same_direction"

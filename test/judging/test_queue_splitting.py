@@ -7,6 +7,7 @@ from hand_made_record import EMV, LEFT_X_M, RIGHT_X_M, Driven, at_speed, crossin
 from siren_ros.judging.lane_location import places_of
 from siren_ros.judging.queue_splitting import find_holding, find_overtakings, queues_split
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.roads.road_network import Connection, LaneKind
 from siren_ros.world.actors import Mode
 
 NETWORK = crossing()
@@ -131,6 +132,27 @@ def test_both_lanes_need_a_queue(left: int, right: int, failing: str) -> None:
 def test_five_are_not_enough() -> None:
     verdict = queues_split(_queues(left=3, right=2), THRESHOLDS)
     assert [(part.name, part.value) for part in verdict.failing] == [("holding", 5.0), ("overtaken", 5.0)]
+
+
+def _with_the_queues_on_a_junction(*, turns_off: bool) -> EpisodeRecord:
+    """The record, where the lanes of the queues are paths over a junction; one also leads elsewhere, if wanted."""
+    record = _queues()
+    by_name = record.network.lane_by_id
+    right, left = by_name["s_in_1"].index, by_name["s_in_2"].index
+    ends = [(by_name["p_in_0"], right, by_name["p_out_0"]), (by_name["w_in_0"], left, by_name["s_out_0"])]
+    joints = [Connection(a.index, b.index, (via,), "s", None, -1, False, "K") for a, via, b in ends]
+    if turns_off:
+        joints += [replace(joint, to_lane=by_name["e_out_1"].index, via=(), direction="r") for joint in joints]
+    lanes = [
+        replace(lane, kind=LaneKind.INTERNAL) if lane.index in (left, right) else lane for lane in record.network.lanes
+    ]
+    return replace(record, network=replace(record.network, lanes=tuple(lanes), connections=tuple(joints)))
+
+
+def test_a_junction_that_nobody_crosses_is_part_of_the_road() -> None:
+    assert queues_split(_with_the_queues_on_a_junction(turns_off=False), THRESHOLDS).holds
+    verdict = queues_split(_with_the_queues_on_a_junction(turns_off=True), THRESHOLDS)
+    assert verdict.measures()["overtaken"] == 0.0
 
 
 def test_an_episode_without_an_emv_has_no_verdict_that_holds() -> None:

@@ -13,7 +13,8 @@ from siren_ros.behaviour.paths.lane_path import lanes_along, neighbour_lane, pat
 from siren_ros.behaviour.paths.nearest_on_lane import nearest_on_lane
 from siren_ros.behaviour.paths.path_blend import on_reference
 from siren_ros.numerics.units import steps_from_s
-from siren_ros.roads.road_network import NO_LANE, LaneKind
+from siren_ros.roads.movements import road_lane_of
+from siren_ros.roads.road_network import NO_LANE
 
 GAP_REFUSALS: Final = frozenset({Refusal.BESIDE, Refusal.GAP_FRONT, Refusal.GAP_REAR})
 _AHEAD_M: Final = 80.0
@@ -90,7 +91,7 @@ def _with_path(unit: YieldUnit, view: StepView, row: int) -> YieldUnit:
     if unit.navigator.path is not None:
         return unit
     world, lane = view.world, int(view.traffic.lane[row])
-    if lane == NO_LANE or world.network.lanes[lane].kind is LaneKind.INTERNAL:
+    if road_lane_of(world.network, lane) == NO_LANE:
         return unit
     x, y, _ = view.pose(row)
     position = nearest_on_lane(world.network.lanes[lane].centre, x, y)[0]

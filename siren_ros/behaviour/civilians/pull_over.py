@@ -26,6 +26,7 @@ from siren_ros.behaviour.paths.nearest_on_lane import nearest_on_lane
 from siren_ros.behaviour.paths.path_blend import PEAK_CURVATURE, blend_length_m, path_onto
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
 from siren_ros.numerics.units import steps_from_s
+from siren_ros.roads.movements import road_lane_of
 from siren_ros.roads.road_network import NO_LANE, LaneKind
 from siren_ros.world.actors import Mode
 from siren_ros.world.events import Event, EventKind
@@ -57,7 +58,7 @@ def start_pull_over(unit: YieldUnit, view: StepView, row: int) -> Outcome:
     if unit.deferred and not looks and standing(view, row):
         return Outcome(unit)
     lane = int(view.traffic.lane[row])
-    if lane == NO_LANE or network.lanes[lane].kind is LaneKind.INTERNAL:
+    if road_lane_of(network, lane) == NO_LANE:
         return defer(unit, view, row, Refusal.JUNCTION.value)
     side = unit.side or alignment_of(view, lane)
     unit = replace(unit, side=side)
@@ -82,6 +83,7 @@ def start_pull_over(unit: YieldUnit, view: StepView, row: int) -> Outcome:
 def alignment_of(view: StepView, lane: int) -> int:
     """Side to which the vehicles of a lane pull over: left from the leftmost of several lanes, else right."""
     network = view.world.network
+    lane = road_lane_of(network, lane)
     left = neighbour_lane(network, lane, 1)
     right = neighbour_lane(network, lane, -1)
     driving_left = left != NO_LANE and network.lanes[left].kind is LaneKind.DRIVING
@@ -95,7 +97,7 @@ def edge_offset_m(view: StepView, row: int, lane: int, side: int) -> float:
     If that leaves too little width for an EMV on the inner side, the vehicle reaches over the edge.
     """
     network, config = view.world.network, view.world.config.pull_over
-    beside = neighbour_lane(network, lane, side)
+    beside = neighbour_lane(network, road_lane_of(network, lane), side)
     shoulder = beside != NO_LANE and network.lanes[beside].kind is LaneKind.SHOULDER
     most = config.shoulder_overhang_max_m if shoulder else config.overhang_max_m
     half_lane, half_width = 0.5 * network.lanes[lane].width_m, float(view.seen.half_width_m[row])
@@ -166,7 +168,7 @@ def _line_ahead(
     half_length = float(view.seen.half_length_m[row])
     ahead = way_m + half_length
     lanes, end = lanes_along(network, lane, position, route, ahead, civilian=True, through_junctions=False)
-    beside = neighbour_lane(network, lane, unit.side)
+    beside = neighbour_lane(network, road_lane_of(network, lane), unit.side)
     on_road = beside == NO_LANE or network.lanes[beside].civilian_allowed
     if end is LaneEnd.JUNCTION and on_road:
         to_line = max(sum(network.lanes[item].length_m for item in lanes) - position, 0.0)

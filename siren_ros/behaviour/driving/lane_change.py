@@ -13,6 +13,7 @@ from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, lanes_along, 
 from siren_ros.behaviour.paths.nearest_on_lane import nearest_on_lane
 from siren_ros.behaviour.paths.path_blend import PEAK_CURVATURE, blend_length_m, path_onto
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
+from siren_ros.roads.movements import road_lane_of
 from siren_ros.roads.road_network import NO_LANE, LaneKind
 from siren_ros.world.actors import NO_ACTOR
 from siren_ros.world.traffic_state import Indices
@@ -147,7 +148,7 @@ def assess(view: StepView, query: LaneChangeQuery) -> Refusal | LanePath:
     use driving lanes only. A lane that does not follow the route is accepted if enough of it is left to come back.
     """
     network, config = view.world.network, config_of(view, query)
-    if query.lane == NO_LANE or network.lanes[query.lane].kind is LaneKind.INTERNAL:
+    if road_lane_of(network, query.lane) == NO_LANE:
         return Refusal.JUNCTION
     target = neighbour_lane(network, query.lane, query.side)
     if target == NO_LANE or not _open_to(view, target, query.civilian):
@@ -171,7 +172,10 @@ def assess(view: StepView, query: LaneChangeQuery) -> Refusal | LanePath:
 
 
 def _open_to(view: StepView, lane: int, civilian: bool) -> bool:
-    found = view.world.network.lanes[lane]
+    road = road_lane_of(view.world.network, lane)
+    if road == NO_LANE:
+        return False
+    found = view.world.network.lanes[road]
     if civilian:
         return found.civilian_allowed and found.kind is LaneKind.DRIVING
     return found.emergency_allowed

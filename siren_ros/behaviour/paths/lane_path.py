@@ -9,12 +9,15 @@ import numpy as np
 from siren_ros.behaviour.paths.curve import SMOOTHING_M, Curve
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.polyline import Polyline
+from siren_ros.roads.movements import is_plain_joint, movement_turn_rad
 from siren_ros.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
 from siren_ros.world.traffic_state import Indices
 
 _EDGES_AHEAD: Final = 8
 """How many edges of a route the choice of lanes looks at."""
 _FAR: Final = 99
+_SAME_TURN_RAD: Final = 0.35
+"""Movements whose turns differ by less than about 20° are equally straight."""
 
 
 class LaneEnd(StrEnum):
@@ -85,35 +88,28 @@ def _usable(network: RoadNetwork, lane: int, civilian: bool) -> bool:
 def connection_along(
     network: RoadNetwork, lane: int, next_edge: int, needed_after: dict[int, int]
 ) -> Connection | None:
-    """The movement from a lane to the next edge that needs the fewest lane changes afterwards."""
+    """The movement from a lane to the next edge that needs the fewest lane changes afterwards.
+
+    Of equals it is the straightest, where a lane fans out into several, and then the one to the rightmost lane.
+    """
     choices = [c for c in network.connections_from.get(lane, ()) if network.lanes[c.to_lane].edge == next_edge]
-    if not choices:
-        return None
-    return min(choices, key=lambda c: (needed_after.get(c.to_lane, _FAR), network.lanes[c.to_lane].position))
+    if len(choices) < 2:
+        return next(iter(choices), None)
+
+    def effort(choice: Connection) -> tuple[int, int, int]:
+        changes = needed_after.get(choice.to_lane, _FAR)
+        return changes, round(movement_turn_rad(network, choice) / _SAME_TURN_RAD), lanes[choice.to_lane].position
+
+    lanes = network.lanes
+    return min(choices, key=effort)
 
 
 def connection_of_internal(network: RoadNetwork, lane: int, route: Indices) -> Connection | None:
     """The movement that an internal lane belongs to, the one along the route where several share it."""
     edges = set(route[:3].tolist())
-    fallback = None
-    for connection in network.connections:
-        if lane in connection.via:
-            if network.lanes[connection.to_lane].edge in edges:
-                return connection
-            fallback = fallback or connection
-    return fallback
-
-
-def is_plain_joint(network: RoadNetwork, connection: Connection) -> bool:
-    """Whether a movement only joins two pieces of one road: no signal, no stop sign, no other road."""
-    return (
-        connection.signal_id is None
-        and not connection.must_stop
-        and connection.direction == "s"
-        and len(network.connections_from.get(connection.from_lane, ())) == 1
-        and len(network.connections_to.get(connection.to_lane, ())) == 1
-        and sum(network.lanes[lane].length_m for lane in connection.via) < 8.0
-    )
+    movements = network.connections_over.get(lane, ())
+    along = (one for one in movements if network.lanes[one.to_lane].edge in edges)
+    return next(along, movements[0] if movements else None)
 
 
 def lanes_along(

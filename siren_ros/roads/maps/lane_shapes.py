@@ -12,6 +12,7 @@ import numpy.typing as npt
 from defusedxml.ElementTree import fromstring
 
 from siren_ros.roads.lane_permissions import permissions_of
+from siren_ros.roads.maps.junction_paths import mend_junction_paths, points_of, text_of
 
 _SHARPEST_KEPT_RAD: Final = 0.02
 """A corner that turns less than this stays."""
@@ -44,6 +45,7 @@ def mended_lanes(net_xml: bytes) -> bytes:
     root = fromstring(net_xml, forbid_dtd=True)
     if root.tag != "net":
         return net_xml
+    mend_junction_paths(root)
     for edge in root.iterfind("edge"):
         if edge.get("function", "normal") in _MENDED_FUNCTIONS:
             _mend_edge(edge)
@@ -55,9 +57,9 @@ def mended_lanes(net_xml: bytes) -> bytes:
 def _mend_edge(edge: Element) -> None:
     lanes = [lane for lane in edge.iterfind("lane") if lane.get("shape")]
     for lane in lanes:
-        points = _points(lane.attrib["shape"])
+        points = points_of(lane.attrib["shape"])
         if len(points) > 2:
-            lane.set("shape", _text(rounded(points)))
+            lane.set("shape", text_of(rounded(points)))
     open_lanes = [lane for lane in lanes if _is_driven_on(lane)] or lanes
     lengths = [_length_m(lane) for lane in open_lanes]
     if not lengths:
@@ -112,20 +114,6 @@ def _is_driven_on(lane: Element) -> bool:
     return permissions.civilian or permissions.emergency or permissions.other_motor
 
 
-def _points(shape: str) -> Points:
-    points = [[float(number) for number in point.split(",")] for point in shape.split()]
-    flat = min(len(point) for point in points)
-    return np.array([point[:flat] for point in points], dtype=np.float64)
-
-
-def _text(points: Points) -> str:
-    return " ".join(",".join(_number(value) for value in point) for point in points)
-
-
-def _number(value: float) -> str:
-    return f"{value:.4f}".rstrip("0").rstrip(".")
-
-
 def _length_m(lane: Element) -> float:
-    sides = np.diff(_points(lane.attrib["shape"])[:, :2], axis=0)
+    sides = np.diff(points_of(lane.attrib["shape"])[:, :2], axis=0)
     return float(np.linalg.norm(sides, axis=1).sum())

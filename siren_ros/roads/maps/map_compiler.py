@@ -14,6 +14,7 @@ from siren_ros.errors import InputError, MapError
 from siren_ros.params.resources import params_dir
 from siren_ros.roads.maps.junction_control import control_patches, document
 from siren_ros.roads.maps.lane_shapes import mended_lanes
+from siren_ros.roads.maps.lane_tapers import taper_patches
 from siren_ros.roads.maps.map_source import MapSource, SourceKind, map_stem, read_map_source
 from siren_ros.roads.maps.netconvert import netconvert_version, run_netconvert, without_header
 from siren_ros.roads.maps.opendrive_patches import opendrive_patches
@@ -23,7 +24,7 @@ from siren_ros.roads.net_parser import parse_road_network
 
 TOWN_NAME: Final = "town"
 
-_RECIPE: Final = "4"
+_RECIPE: Final = "6"
 """Part of the cache key: raised whenever the way in which maps are compiled changes."""
 _COMMON: Final = (
     "--no-turnarounds",
@@ -57,6 +58,8 @@ _OPENSTREETMAP: Final = (
     *("--geometry.remove", "--geometry.max-angle.fix", "--roundabouts.guess", "--ramps.guess"),
     *("--junctions.join", "--junctions.corner-detail", "5"),
     *("--tls.guess-signals", "--tls.discard-simple", "--tls.join", "--tls.default-type", "static"),
+    # RiLSA 2015 up to 50 km/h. netconvert derives it from the speed limit alone, and comes to twice as much.
+    *("--tls.yellow.time", "3"),
     *("--osm.sidewalks", "--osm.turn-lanes", "--osm.lane-access", "--output.street-names"),
 )
 _OPENSTREETMAP_SECOND: Final = (*_COMMON, "--offset.disable-normalization", "--output.street-names")
@@ -189,7 +192,7 @@ def _compile_opendrive(source: MapSource, folder: Path, output: Path, shown: str
 
 
 def _compile_openstreetmap(source: MapSource, folder: Path, output: Path, shown: str) -> bytes:
-    """The net; compiled a second time with the types of junctions where the extract has stop or give-way signs."""
+    """The net; compiled a second time with stop and give-way signs, and with longer joints where lanes fan out."""
     original = folder / "map.osm.xml"
     original.write_bytes(source.content)
     first = folder / "first.net.xml"
@@ -200,6 +203,7 @@ def _compile_openstreetmap(source: MapSource, folder: Path, output: Path, shown:
     except (KeyError, ValueError) as error:
         raise MapError(shown, f"an OpenStreetMap extract whose nodes are complete ({error!r})") from error
     nodes, priorities = control_patches(net, signs.stopping, signs.yielding, drives_on)
+    nodes += taper_patches(parse_road_network(first_net))
     if not nodes and not priorities:
         return first_net
     edges = [Element("edge", id=edge, priority=str(priority)) for edge, priority in priorities.items()]

@@ -136,9 +136,10 @@ class _GroupPlanner:
     def keep_crossing_free(self, rows: Sequence[GroupRow]) -> None:
         """Adds the lanes of crossing rows, from behind their last vehicle on, to the stage."""
         for row in rows:
-            rear_m, _ = self._reached_m.get((row.chain.lanes, row.forwards), (row.anchor_m, row.anchor_m))
+            line_m = row.chain.end_m
+            rear_m, _ = self._reached_m.get((row.chain.lanes, row.forwards), (line_m, line_m))
             behind_m = rear_m - self.config.stage_behind_m
-            self.crossing_stage += row.chain.intervals(self.network, behind_m, row.anchor_m)
+            self.crossing_stage += row.chain.intervals(self.network, behind_m, line_m)
 
     def _place(
         self, row: GroupRow, first_gap_m: float, spacing_m: float, length_m: float

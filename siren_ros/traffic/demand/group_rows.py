@@ -18,8 +18,13 @@ from siren_ros.traffic.demand.lane_chains import LaneChain, chain_along
 
 _FOLLOWING_M: Final = 6.0
 """By how much nearer to the EMV a stream is that it follows than one that it drives up to."""
+_COMING_UP_M: Final = 32.0
+"""By how much farther ahead it is where the EMV comes up next to it on its last metres."""
 _IN_STREAM: Final = 0.93
 """Mean speed in a stream over the speed that its drivers wish for: the intelligent driver model follows more slowly."""
+_IN_TURN_M: Final = 8.0
+"""By how much farther back every other queue at a stop sign begins. Drivers who stop and go then drive by turns from
+the two sides, about 4 s apart, and do not leave the junction empty for as long between them."""
 _LATERAL_MPS2: Final = 3.0
 _BRAKE_MPS2: Final = 1.5
 """With which traffic drives through bends and brakes before them (``traffic/sumo/bend_limits.py``)."""
@@ -96,10 +101,13 @@ def group_rows(
 def _together_m(network: RoadNetwork, row: GroupRow, start: EmvStart, group: DemandGroup, arrival_s: float) -> float:
     """Place on a row from which a vehicle at the group's speed comes to the stop line together with the EMV.
 
-    In the EMV's own lane the EMV follows that vehicle from the start on, at the distance that it keeps.
+    In the EMV's own lane the EMV follows that vehicle from the start on, at the distance that it keeps. Where the lane
+    fans out on the way, the EMV comes up next to it: the vehicle then starts farther ahead.
     """
     if start.lane in row.chain.lanes:
-        return row.anchor_m - way_to_stop_line_m(network, start) - _FOLLOWING_M
+        follows = start.lanes_to_site[-1] in row.chain.lanes
+        lead_m = -_FOLLOWING_M if follows else _COMING_UP_M
+        return row.anchor_m - way_to_stop_line_m(network, start) + lead_m
     lanes = [network.lanes[lane].centre for lane in row.chain.lanes]
     way = Polyline.joined(lanes).cut(0.0, row.anchor_m)
     speed = np.minimum(_IN_STREAM * group.speed_mps, bend_speeds_mps(way, _LATERAL_MPS2))
@@ -117,7 +125,7 @@ def _chosen(
     others = [lane for lane in driving_lanes(network, edge) if lane.index != own.index]
     if placement is Placement.ADJACENT_LANE:
         adjacent = [lane for lane in others if abs(lane.position - own.position) == 1]
-        return sorted(adjacent, key=lambda lane: -lane.position)[:1]
+        return sorted(adjacent, key=lambda lane: (lane.index not in same_direction, -lane.position))[:1]
     if placement is Placement.SAME_DIRECTION:
         return [lane for lane in others if lane.index in same_direction] or [own]
     return others
@@ -148,6 +156,7 @@ def _crossing_rows(network: RoadNetwork, site: Site, rng: np.random.Generator) -
     for index in site.crossing:
         ways.setdefault(network.connections[index].from_lane, []).append(index)
     rows = []
+    approaches = list(dict.fromkeys(network.lanes[lane].edge for lane in ways))
     for lane, movements in ways.items():
         movement = movements[int(rng.integers(len(movements)))]
         lanes: tuple[int, ...] = (lane,)
@@ -161,7 +170,9 @@ def _crossing_rows(network: RoadNetwork, site: Site, rng: np.random.Generator) -
         edges = [network.lanes[index].edge for index in lanes if network.lanes[index].kind is not LaneKind.INTERNAL]
         beyond = network.lanes[network.connections[movement].to_lane].edge
         way = (*dict.fromkeys(edges), beyond)
-        rows.append(GroupRow(_chain(network, lanes), way, length_m, forwards=False, movement=movement))
+        stands_back_m = _IN_TURN_M * (approaches.index(network.lanes[lane].edge) % 2)
+        anchor_m = length_m - (stands_back_m if network.connections[movement].must_stop else 0.0)
+        rows.append(GroupRow(_chain(network, lanes), way, anchor_m, forwards=False, movement=movement))
     return rows
 
 

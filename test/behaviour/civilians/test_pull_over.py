@@ -124,6 +124,37 @@ def test_not_on_a_junction(lab):
     assert commands.owner.tolist() == [Owner.SUMO]
 
 
+def joined_road(lab, *, oncoming_turns=False):
+    """Two lanes, a path of 30 m over a junction, two lanes; the oncoming traffic of some turns left across it."""
+    road = lab.RoadBuilder()
+    road.edge([[0, 0], [100, 0]], 2, ("W", "J"))
+    road.edge([[100, 0], [130, 0]], 2, ("J", "J"), internal=True)
+    road.edge([[130, 0], [300, 0]], 2, ("J", "E"))
+    road.connect(0, 4, via=(2,))
+    road.connect(1, 5, via=(3,))
+    if oncoming_turns:
+        road.edge([[300, 10], [130, 10]], 1, ("E", "J"))
+        road.edge([[130, 10], [115, -20]], 1, ("J", "J"), internal=True)
+        road.edge([[115, -20], [115, -100]], 1, ("J", "S"))
+        road.connect(6, 8, via=(7,), direction="l")
+    return road.built()
+
+
+@pytest.mark.parametrize("crossed", [False, True])
+def test_pulls_over_on_a_junction_that_nobody_crosses(lab, crossed):
+    network = joined_road(lab, oncoming_turns=crossed)
+    world = lab.world_of(network, lab.L3)
+    cars = [
+        lab.Car(1, 0, 90, 8, (0, 2), AMBULANCE),
+        lab.Car(2, 2, 15, 3, (0, 2)),
+        lab.Car(3, 3, 15, 3, (0, 2)),
+    ]
+    state, _, events = steps(lab, world, cars, 40)
+    wanted = "yield_deferred" if crossed else "yield_started"
+    assert [event.actor_id for event in events if event.kind.value == wanted] == [2, 3]
+    assert [state.units[actor].side for actor in (2, 3)] == ([0, 0] if crossed else [-1, 1])
+
+
 def test_stops_before_the_junction(lab):
     network = lab.junction_road()
     world = lab.world_of(network, lab.L3)

@@ -90,6 +90,20 @@ def test_no_lane_change_on_or_right_before_a_junction(lab):
     assert assess(view, query(view, lane=2)) is Refusal.JUNCTION
 
 
+def test_on_a_junction_that_nobody_crosses_lanes_are_changed_as_on_the_road(lab):
+    road = lab.RoadBuilder()
+    road.edge([[0, 0], [60, 0]], 2, ("W", "J"))
+    road.edge([[60, 0], [90, 0]], 2, ("J", "J"), internal=True)
+    road.edge([[90, 0], [400, 0]], 2, ("J", "E"))
+    for position in (0, 1):
+        road.connect(position, 4 + position, via=(2 + position,))
+    for civilian in (True, False):
+        view = view_with(lab, road.built(), [lab.Car(1, 2, 5, 8, (0, 2))])
+        found = assess(view, query(view, lane=2, civilian=civilian))
+        assert isinstance(found, LanePath)
+        assert found.lanes[:2] == (3, 5)
+
+
 def test_lane_that_leads_astray_needs_room_to_come_back(lab):
     network = lab.junction_road()
     near = view_with(lab, network, [lab.Car(1, 0, 90, 8, (0, 4))])

@@ -115,8 +115,26 @@ def test_before_a_right_turn_with_a_shoulder_the_corridor_is_the_shoulder(lab):
     road.connect(1, 4)
     road.connect(2, 5)
     network = road.built()
-    assert corridor_lane(network, 2, np.array([0, 1], dtype=np.int32)) == 0
-    assert corridor_lane(network, 2, np.array([0, 2], dtype=np.int32)) == 2
+    assert corridor_lane(network, 2, np.array([0, 1], dtype=np.int32), 80.0) == 0
+    assert corridor_lane(network, 2, np.array([0, 2], dtype=np.int32), 80.0) == 2
+
+
+def test_the_corridor_is_on_the_shoulder_before_a_junction_beyond_which_it_turns(lab):
+    road = lab.RoadBuilder()
+    road.edge([[0, 0], [100, 0]], 2, ("W", "I"), shoulder=True)
+    road.edge([[100, 0], [120, 0]], 2, ("I", "I"), internal=True)
+    road.edge([[120, 0], [150, 0]], 2, ("I", "J"), shoulder=True)
+    road.edge([[160, -10], [160, -200]], 1, ("J", "S"))
+    for lane in (0, 1):
+        road.connect(lane, 4 + lane, via=(2 + lane,))
+    road.connect(4, 6, direction="r")
+    road.connect(5, 6, direction="r")
+    network, route = road.built(), np.array([0, 2, 3], dtype=np.int32)
+    assert corridor_lane(network, 1, route, 80.0) == 0
+    assert corridor_lane(network, 3, route, 80.0) == 2, "on the junction as well"
+    assert corridor_lane(network, 1, route, 40.0) == 1, "the turn is 50 m beyond the present edge"
+    assert corridor_lane(network, 1, route[:2], 80.0) == 1
+    assert corridor_lane(network, 3, route[1:], 80.0) == 3, "SUMO has the EMV on the next edge already"
 
 
 def test_straight_on_starts_from_the_offset_at_hand(lab):

@@ -75,6 +75,17 @@ def test_plain_joints_do_not_stop_a_civilian(lab):
     assert end is LaneEnd.HORIZON
 
 
+def test_where_a_lane_fans_out_the_way_goes_straight_on(lab):
+    road = lab.RoadBuilder()
+    road.edge([[0, 0], [60, 0]], 1, ("A", "B"))
+    road.edge([[70, -3.3], [200, -3.3]], 3, ("B", "C"))
+    for left in (-3.3, 0.0, 3.3):
+        road.edge([[60, 0], [64, 0], [66, left], [70, left]], 1, ("B", "B"), internal=True)
+    for position in range(3):
+        road.connect(0, 1 + position, via=(4 + position,))
+    assert lanes_along(road.built(), 0, 10.0, route(0, 1), 80.0)[0] == (0, 5, 2)
+
+
 def test_path_on_lanes_follows_the_turn_and_knows_its_lanes(lab):
     network = lab.junction_road(2)
     lanes, end = lanes_along(network, 0, 100.0, route(0, 4), 120.0)

@@ -1,0 +1,44 @@
+"""Paths across junctions leave and enter lanes without a corner."""
+
+import numpy as np
+import pytest
+from defusedxml.ElementTree import fromstring
+
+from siren_ros.roads.maps.junction_paths import mend_junction_paths, points_of
+
+NET = """<net>
+  <edge id=":J_0" function="internal"><lane id=":J_0_0" shape="{path}"/></edge>
+  <edge id=":J_1" function="internal"><lane id=":J_1_0" shape="{rest}"/></edge>
+  <edge id="a"><lane id="a_0" shape="-50,0,1 0,0,1"/></edge>
+  <edge id="b"><lane id="b_0" shape="10,10 10,60"/></edge>
+  <connection from="a" to="b" fromLane="0" toLane="0" via=":J_0_0"/>
+  <connection from=":J_0" to="b" fromLane="0" toLane="0" {via}/>
+  <connection from=":J_1" to="b" fromLane="0" toLane="0"/>
+</net>"""
+
+
+def shapes_of(path: str, rest: str = "") -> dict[str, np.ndarray]:
+    net = fromstring(NET.format(path=path, rest=rest or "0,0 1,1", via='via=":J_1_0"' if rest else ""))
+    mend_junction_paths(net)
+    return {lane.attrib["id"]: points_of(lane.attrib["shape"]) for lane in net.iter("lane")}
+
+
+@pytest.mark.parametrize("rest", ["", "4,4,2 10,10,3"])
+def test_a_turn_drawn_as_a_straight_line_becomes_nearly_a_circle(rest: str) -> None:
+    shapes = shapes_of("0,0,1 4,4,2" if rest else "0,0,1 10,10,3", rest)
+    curve = shapes[":J_0_0"]
+    if rest:
+        assert shapes[":J_1_0"][0] == pytest.approx(curve[-1])
+        assert len(curve) < len(shapes[":J_1_0"]) + 1, "the parts keep their shares"
+        curve = np.concatenate((curve, shapes[":J_1_0"][1:]))
+    assert curve[0] == pytest.approx([0.0, 0.0, 1.0])
+    assert curve[-1] == pytest.approx([10.0, 10.0, 3.0])
+    assert np.hypot(curve[:, 0], curve[:, 1] - 10.0) == pytest.approx(10.0, abs=0.1)
+    heading = np.arctan2(*np.diff(curve[:, :2], axis=0).T[::-1])
+    assert np.abs(heading[[0, -1]] - [0.0, np.pi / 2.0]).max() < 0.06
+    assert np.diff(curve[:, 2]) == pytest.approx(2.0 / 16.0), "heights stay linear"
+
+
+@pytest.mark.parametrize("path", ["0,0 5,0 9,1 10,5 10,10", "0,0 1,1.2"])
+def test_paths_without_corners_and_short_ones_stay(path: str) -> None:
+    assert shapes_of(path)[":J_0_0"] == pytest.approx(points_of(path))

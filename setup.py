@@ -63,6 +63,11 @@ VLM = [
     "openai>=1.60,<3",  # asks models behind servers that speak OpenAI's protocol; retries with back-off
 ]
 
+VLM_LOCAL = [
+    "torch>=2.6,<2.14",  # as MODELS
+    "transformers>=5,<6",  # runs vision-language models of Hugging Face's format in this process, from a local folder
+]
+
 DOCS = [
     "mkdocs>=1.6,<2",  # builds the site from docs/ as it is, checks links and anchors; 2 has no plugins
     "mkdocs-material>=9.5,<10",  # the site's look and search, with every script and style inside
@@ -147,6 +152,7 @@ setup(
         "classical": [*DETECTION, *CLASSICAL],
         "cluster": CLUSTER,
         "vlm": VLM,
+        "vlm-local": VLM_LOCAL,
         "docs": DOCS,
         "dev": DEVELOPMENT,
     },

@@ -92,6 +92,8 @@ class Scene:
     """Of the civilians ahead, how many leave the lane; the EMV drives through the others."""
     siren: bool = True
     lidar: bool = False
+    level: str = "L2"
+    seed: int = 0
     jump_at: int | None = None
     """Step at which the first civilian jumps by half a metre."""
 
@@ -108,8 +110,8 @@ class SyntheticEpisode:
     def description(self) -> EpisodeDescription:
         return EpisodeDescription(
             template="S2",
-            level=EmergencyLevel.L2,
-            seed=0,
+            level=EmergencyLevel[self.scene.level],
+            seed=self.scene.seed,
             map_name="straight",
             map_sha256="0" * 64,
             duration_s=self.scene.duration_s,

@@ -13,6 +13,7 @@ LAYERS = {
         "cli",
         "benchmarks",
         "training",
+        "study_report",
         "studies",
         "generation",
         "evaluation",
@@ -36,6 +37,7 @@ LAYERS = {
         "errors",
     ],
     "evaluation": [
+        "diversity",
         "prediction",
         "detection",
         "risk",
@@ -45,7 +47,16 @@ LAYERS = {
         "aligned_text",
         "network_file",
     ],
-    "evaluation/detection": ["reports", "scoring", "self_test", "detectors", "inputs", "metrics", "protocol"],
+    "evaluation/detection": [
+        "reports",
+        "scoring",
+        "self_test",
+        "detectors",
+        "pillars",
+        "inputs",
+        "metrics",
+        "protocol",
+    ],
     "evaluation/prediction": [
         "charts",
         "reports",
@@ -116,6 +127,7 @@ KNOWS_TORCH = (
     "siren_ros/evaluation/prediction/published/",
     "siren_ros/training/fitting/",
     "siren_ros/training/risk/fitting/",
+    "siren_ros/training/detection/fitting/",
 )
 """Folders that may import torch, which an extra installs; they are loaded when somebody asks for them."""
 KNOWS_SUMO = ("siren_ros/traffic/sumo/", "siren_ros/traffic/simulation.py")

@@ -8,6 +8,7 @@ _TASKS: Final = {
     "prediction": "trajectory prediction: 5 s ahead, ADE and FDE",
     "yield": "how traffic made way: the EMV's delay, corridor, drivers' responses, wake, safety",
     "counterfactual": "what siren and level are worth: the same seeds at several levels",
+    "diversity": "how different episodes are, and what more seeds would still add",
     "detection": "3-D detection: the nuScenes score of boxes that a detector found",
     "risk": "vision-language risk understanding: normal scenes, near-misses and collisions in videos",
 }

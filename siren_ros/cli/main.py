@@ -22,6 +22,7 @@ _VERBS: Final = {
     "replay": "play an episode on its topics, or simulate it again and compare",
     "label": "derive the labels of risk videos again, with other thresholds",
     "evaluate": "score models on episodes",
+    "report": "write a study as one HTML page: what was made, what was measured, how to make it again",
     "train": "train the models that ship with the project",
 }
 """What the verbs do; each is a module of this package, loaded when it is asked for: some bring much with them."""

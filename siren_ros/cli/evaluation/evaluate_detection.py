@@ -4,22 +4,22 @@ import argparse
 import json
 import os
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
 
+from siren_ros.cli.evaluation.named_path import named_path
 from siren_ros.datasets.exporting.survey import in_dataset_order, survey_bag
 from siren_ros.datasets.exporting.worker_pool import Run, worker_pool
 from siren_ros.datasets.sources.needs import Need
 from siren_ros.errors import EXIT_OK, InputError
-from siren_ros.evaluation.detection.detectors.classical import detect_classical
+from siren_ros.evaluation.detection.detectors.table import DETECTORS, run_detector
 from siren_ros.evaluation.detection.inputs.formats import read_detections
 from siren_ros.evaluation.detection.inputs.found_set import FoundSet
 from siren_ros.evaluation.detection.metrics.devkit_score import DevkitScore, devkit_score
 from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes, TruthBoxes, joined
 from siren_ros.evaluation.detection.protocol.episode_reading import read_frames
-from siren_ros.evaluation.detection.protocol.frames import EpisodeFrames, Frames, frames_of
+from siren_ros.evaluation.detection.protocol.frames import Frames, frames_of
 from siren_ros.evaluation.detection.reports.birdseye import draw_worst_frame
 from siren_ros.evaluation.detection.reports.curves import draw_curves
 from siren_ros.evaluation.detection.reports.score_json import scores_as_json
@@ -32,9 +32,6 @@ from siren_ros.evaluation.detection.scoring import (
 )
 from siren_ros.evaluation.detection.self_test import self_test_sets
 from siren_ros.recording.bag_folders import bags_among
-
-DETECTORS: Final[dict[str, Callable[[EpisodeFrames], FoundBoxes]]] = {"classical": detect_classical}
-"""Detectors that run here, by name."""
 
 
 def add_arguments(task: argparse.ArgumentParser) -> None:
@@ -58,7 +55,15 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
         "--detectors",
         metavar="NAMES",
         default="",
-        help=f"detectors that run here, by commas: {', '.join(DETECTORS)} (`./env --with classical …`)",
+        help=f"detectors that run here, by commas: {', '.join(DETECTORS)} (classical needs `./env --with classical …`)",
+    )
+    task.add_argument(
+        "--checkpoint",
+        type=named_path,
+        action="append",
+        default=[],
+        metavar="pillars=FILE.onnx",
+        help="weights of `siren train detection` in place of those that ship",
     )
     task.add_argument(
         "--self-test", action="store_true", help="score the labels themselves through every format: mAP 1, errors 0"
@@ -88,6 +93,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("detectors", unknown, f"one of {', '.join(DETECTORS)}")
     if not named and not own and not arguments.self_test:
         raise InputError("detections", "", "NAME=FILE at least once, or --detectors, or --self-test")
+    weights = dict(arguments.checkpoint)
+    for unknown in set(weights) - set(own):
+        raise InputError("checkpoint", unknown, f"one of --detectors: {', '.join(own) or 'none is given'}")
     every = [*(name for name, _ in named), *own]
     if len(set(every)) < len(every):
         raise InputError("detections", ", ".join(every), "each name once")
@@ -95,7 +103,10 @@ def run(arguments: argparse.Namespace) -> int:
     with worker_pool(arguments.jobs, lambda _: None) as side_by_side, tempfile.TemporaryDirectory() as scratch:
         frames = _frames(bags_among(arguments.bags), side_by_side, Path(scratch))
         sets = [read_detections(name, source, frames) for name, source in named]
-        sets += [_detected(name, frames, side_by_side) for name in own]
+        costs = {}
+        for name in own:
+            found, costs[name] = _detected(name, weights.get(name), frames, side_by_side)
+            sets.append(found)
         if arguments.self_test:
             sets += self_test_sets(frames, Path(scratch))
         scores = [
@@ -104,7 +115,7 @@ def run(arguments: argparse.Namespace) -> int:
         ]
     tables = tables_of(scores, compare_paper=arguments.compare_paper)
     print("\n\n".join("\n".join(as_text(table)) for table in tables))
-    print("\n".join(["", *_remarks(frames, scores)]))
+    print("\n".join(["", *_remarks(frames, scores, costs)]))
     if arguments.out is not None:
         _write(arguments.out, frames, scores, tables)
     return EXIT_OK
@@ -125,10 +136,12 @@ def _frames(bags: Sequence[Path], side_by_side: Run, scratch: Path) -> Frames:
     return frames_of([episodes[number] for number in range(len(bags))])
 
 
-def _detected(name: str, frames: Frames, side_by_side: Run) -> FoundSet:
-    parts = dict(side_by_side(DETECTORS[name], [(episode,) for episode in frames.episodes]))
-    boxes = [replace(parts[number], frame=parts[number].frame + frames.first[number]) for number in sorted(parts)]
-    return FoundSet(name, "run here", joined(boxes), frames.scored, has_velocity=True)
+def _detected(name: str, weights: Path | None, frames: Frames, side_by_side: Run) -> tuple[FoundSet, float]:
+    """The detections, and the seconds of processor time for a frame."""
+    parts = dict(side_by_side(run_detector, [(name, episode, weights) for episode in frames.episodes]))
+    boxes = [replace(part.boxes, frame=part.boxes.frame + frames.first[number]) for number, part in parts.items()]
+    cost_s = sum(part.processor_s for part in parts.values()) / len(frames)
+    return FoundSet(name, "run here", joined(boxes), frames.scored, has_velocity=True), cost_s
 
 
 def _scored(side_by_side: Run, tables: Sequence[tuple[TruthBoxes, FoundBoxes]]) -> list[DevkitScore]:
@@ -136,12 +149,15 @@ def _scored(side_by_side: Run, tables: Sequence[tuple[TruthBoxes, FoundBoxes]]) 
     return [found[number] for number in range(len(tables))]
 
 
-def _remarks(frames: Frames, scores: Sequence[DetectorScores]) -> list[str]:
+def _remarks(frames: Frames, scores: Sequence[DetectorScores], costs: Mapping[str, float]) -> list[str]:
     """What a reader of the tables has to know."""
     episodes = len(frames.episodes)
     lines = [
         f"{episodes} episode{'s' if episodes > 1 else ''}; "
         + ", ".join(f"{one.name}: {sum(one.frames.values())} frames ({one.format})" for one in scores)
+    ]
+    lines += [
+        f"{name}: {cost_s:.3f} s of processor time for a frame, reading included" for name, cost_s in costs.items()
     ]
     without = [one.name for one in scores if not one.has_velocity]
     if without:

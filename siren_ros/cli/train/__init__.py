@@ -4,7 +4,11 @@ import argparse
 from importlib import import_module
 from typing import Final
 
-_TASKS: Final = {"prediction": "the trajectory predictor siren", "risk": "the sequence model of risk videos"}
+_TASKS: Final = {
+    "prediction": "the trajectory predictor siren",
+    "detection": "the LiDAR detector pillars",
+    "risk": "the sequence model of risk videos",
+}
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:

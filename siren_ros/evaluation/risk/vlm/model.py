@@ -21,11 +21,13 @@ class Question:
 
 @dataclass(frozen=True)
 class Reply:
-    """A model's text, and the tokens that it cost where the server says so."""
+    """A model's text, the tokens that it cost where the model says so, and how long it took."""
 
     text: str
     prompt_tokens: int = 0
     completion_tokens: int = 0
+    seconds: float = 0.0
+    """Wall time of the answer, further attempts included."""
 
 
 class VisionLanguageModel(Protocol):

@@ -1,6 +1,7 @@
 """Models behind a server that speaks OpenAI's chat protocol: vLLM, llama.cpp, Ollama, hosted services."""
 
 import os
+import time
 from base64 import b64encode
 from typing import Any, Final
 
@@ -48,6 +49,7 @@ class OpenAiServer:
             url = f"data:image/jpeg;base64,{b64encode(picture).decode()}"
             content.append({"type": "image_url", "image_url": {"url": url}})
         messages: list[Any] = [{"role": "system", "content": question.system}, {"role": "user", "content": content}]
+        begin = time.monotonic()
         try:
             reply = self._client.chat.completions.create(
                 model=self._model, messages=messages, temperature=0.0, max_tokens=_MOST_TOKENS
@@ -59,10 +61,10 @@ class OpenAiServer:
             raise ModelUnavailableError(f"{self._model}: {type(error).__name__}: {error}") from error
         except (AttributeError, IndexError, TypeError, ValueError) as error:
             raise ModelUnavailableError(f"{self._model}: the server's answer is not of the protocol") from error
-        usage = reply.usage
+        seconds, usage = time.monotonic() - begin, reply.usage
         if usage is None:
-            return Reply(text)
-        return Reply(text, usage.prompt_tokens, usage.completion_tokens)
+            return Reply(text, seconds=seconds)
+        return Reply(text, usage.prompt_tokens, usage.completion_tokens, seconds)
 
 
 def key_from(variable: str) -> str:

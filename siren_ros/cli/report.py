@@ -1,0 +1,70 @@
+"""``siren report DIR --out FILE.html``: a study as one page."""
+
+import argparse
+import os
+from pathlib import Path
+from typing import Never
+
+from tqdm import tqdm
+
+from siren_ros.errors import EXIT_OK, InputError
+from siren_ros.study_report.build import DETECTION, MODELS, RISK, PageOptions, build_page
+from siren_ros.study_report.html import html_of
+
+
+def add_arguments(verb: argparse.ArgumentParser) -> None:
+    """Describe the verb, and what it takes."""
+    verb.description = (
+        "Writes one HTML file about a study: what was generated, pictures and films of the templates, yield metrics, "
+        "effects of siren and level, the tables of the three tasks, diversity, and the command that makes each number "
+        "again. Everything is inside the file; a browser needs no network for it."
+    )
+    verb.add_argument("dir", type=Path, metavar="DIR", help="folder that `siren generate` made")
+    verb.add_argument("--out", type=Path, required=True, metavar="FILE.html", help="page to write")
+    verb.add_argument(
+        "--models",
+        default=",".join(MODELS),
+        metavar="NAMES",
+        help="predictors to score, by commas (default %(default)s)",
+    )
+    verb.add_argument(
+        "--detection",
+        type=Path,
+        metavar="DIR",
+        help=f"what `siren evaluate detection --out` wrote (default: DIR/{DETECTION}, where it exists)",
+    )
+    verb.add_argument(
+        "--risk", type=Path, metavar="DIR", help=f"what `siren evaluate risk --out` wrote (default: DIR/{RISK})"
+    )
+    verb.add_argument(
+        "--jobs", type=int, default=len(os.sched_getaffinity(0)), metavar="N", help="processes (default: processors)"
+    )
+    verb.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Measures all bags and writes the page."""
+    if arguments.out.suffix.lower() not in {".html", ".htm"}:
+        raise InputError("out", str(arguments.out), "a file name that ends in .html")
+    if arguments.jobs < 1:
+        raise InputError("jobs", arguments.jobs, "1 or more")
+    models = tuple(name.strip() for name in arguments.models.split(",") if name.strip())
+    if not models:
+        raise InputError("models", arguments.models, "one or several predictors, by commas")
+    options = PageOptions(models, arguments.detection, arguments.risk, arguments.jobs)
+    with tqdm(unit="bag", desc="report", disable=None) as bar:
+        page = build_page(arguments.dir, options, bar.reset, lambda: _advance(bar))
+    content = html_of(page)
+    try:
+        arguments.out.parent.mkdir(parents=True, exist_ok=True)
+        arguments.out.write_text(content, encoding="utf-8")
+    except OSError as error:
+        raise InputError(
+            "out", str(arguments.out), f"a file that can be written ({error.strerror or error})"
+        ) from error
+    print(f"{arguments.out}: {len(page.sections)} sections, {len(content) / 1e6:.1f} MB")
+    return EXIT_OK
+
+
+def _advance(bar: "tqdm[Never]") -> None:
+    bar.update(1)

@@ -1,0 +1,47 @@
+"""The detectors that run here, by name, and how one of them runs on an episode."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+from siren_ros.errors import InputError
+from siren_ros.evaluation.detection.detectors.classical import detect_classical
+from siren_ros.evaluation.detection.pillars.detector import detect_pillars
+from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes
+from siren_ros.evaluation.detection.protocol.frames import EpisodeFrames
+
+Detect = Callable[[EpisodeFrames, Path | None], FoundBoxes]
+"""Vehicles in all labelled sweeps of an episode; the file holds weights in place of the detector's own."""
+
+
+def _classical(episode: EpisodeFrames, weights: Path | None) -> FoundBoxes:
+    if weights is not None:
+        raise InputError("checkpoint", f"classical={weights}", "a detector that has weights: pillars")
+    return detect_classical(episode)
+
+
+DETECTORS: Final[Mapping[str, Detect]] = MappingProxyType({"classical": _classical, "pillars": detect_pillars})
+
+
+@dataclass(frozen=True)
+class DetectedEpisode:
+    """What a detector found in an episode, and what that cost."""
+
+    boxes: FoundBoxes
+    processor_s: float
+    """For all its sweeps, reading them included."""
+
+
+def run_detector(name: str, episode: EpisodeFrames, weights: Path | None) -> DetectedEpisode:
+    """Runs one of ``DETECTORS``.
+
+    Raises:
+        InputError: The detector cannot run here, or not with these weights.
+        BagError: The bag is damaged.
+    """
+    start = time.process_time()
+    boxes = DETECTORS[name](episode, weights)
+    return DetectedEpisode(boxes, time.process_time() - start)

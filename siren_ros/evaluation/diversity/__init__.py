@@ -1,0 +1,1 @@
+"""How different episodes are, and what more seeds would still add."""

@@ -1,0 +1,124 @@
+"""What an episode is compared with others by: drawn parameters, the EMV's way, the order of what happened."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from siren_ros.errors import InputError
+from siren_ros.numerics.arrays import Floats
+from siren_ros.numerics.units import STEP_S
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.world.events import EventKind
+
+POINT_STEPS: Final = round(1.0 / STEP_S)
+"""Steps between two points of a way: one second."""
+BEGIN: Final = "begin"
+END: Final = "end"
+_EMV_EVENTS: Final = frozenset(
+    {
+        EventKind.LANE_CHANGE_STARTED,
+        EventKind.CORRIDOR_ENTERED,
+        EventKind.CORRIDOR_LEFT,
+        EventKind.GAP_ESCAPE_ENTERED,
+        EventKind.GAP_ESCAPE_LEFT,
+        EventKind.STOP_LINE_CROSSED,
+    }
+)
+_CIVILIAN_EVENTS: Final = frozenset(
+    {
+        EventKind.YIELD_DEFERRED,
+        EventKind.YIELD_STARTED,
+        EventKind.YIELD_COMPLETED,
+        EventKind.YIELD_HELD,
+        EventKind.YIELD_CANCELLED,
+        EventKind.YIELD_RELEASED,
+    }
+)
+
+
+@dataclass(frozen=True)
+class InteractionProfile:
+    """One episode."""
+
+    bag: str
+    template: str
+    level: str
+    seed: int
+    map_name: str
+    draw: str
+    parameters: Mapping[str, float]
+    """Values of the template's parameters, by path."""
+    way_m: Floats
+    """The EMV's places, one a second, in the frame of its first pose (x ahead, y left); shape ``(T, 2)``."""
+    happenings: tuple[str, ...]
+    """Events of the interaction in their order, repeats in a row once: ``emv stop_line_crossed``."""
+
+    @property
+    def group(self) -> tuple[str, str, str]:
+        """Template, level and map: episodes that share them differ in their seeds and draws."""
+        return self.template, self.level, self.map_name
+
+    @property
+    def transitions(self) -> frozenset[tuple[str, str]]:
+        """Which happening came directly after which."""
+        return frozenset(pairwise((BEGIN, *self.happenings, END)))
+
+
+def profile_of(bag: str, record: EpisodeRecord) -> InteractionProfile:
+    """The profile of a record.
+
+    Raises:
+        InputError: The episode has no EMV that was recorded.
+    """
+    described = record.description
+    request = described.parameters.get("request")
+    values = described.parameters.get("template")
+    return InteractionProfile(
+        bag,
+        described.template,
+        described.level.name,
+        described.seed,
+        described.map_name,
+        str(request.get("values", "")) if isinstance(request, Mapping) else "",
+        _numbers(values) if isinstance(values, Mapping) else {},
+        emv_way_m(record),
+        tuple(_happenings(record)),
+    )
+
+
+def emv_way_m(record: EpisodeRecord) -> Floats:
+    """The EMV's places, one a second, in the frame of its first pose; shape ``(T, 2)``."""
+    track = record.track(record.emv_ids[0]) if record.emv_ids else None
+    if track is None or not len(track):
+        raise InputError("bag", record.description.template, "an episode with an EMV")
+    apart = track.xy_m[::POINT_STEPS] - track.xy_m[0]
+    cos, sin = np.cos(track.yaw_rad[0]), np.sin(track.yaw_rad[0])
+    return np.asarray(apart @ np.array([[cos, -sin], [sin, cos]]), dtype=np.float64)
+
+
+def _happenings(record: EpisodeRecord) -> Iterator[str]:
+    emvs = frozenset(record.emv_ids)
+    before = ""
+    for event in record.events:
+        if event.actor_id in emvs and event.kind in _EMV_EVENTS:
+            name = f"emv {event.kind}"
+        elif event.kind in _CIVILIAN_EVENTS:
+            name = f"civilian {event.kind}"
+        elif event.kind is EventKind.COLLISION:
+            name = str(event.kind)
+        else:
+            continue
+        if name != before:
+            yield name
+            before = name
+
+
+def _numbers(values: Mapping[str, object]) -> dict[str, float]:
+    return {
+        str(name): float(value)
+        for name, value in values.items()
+        if isinstance(value, int | float) and not isinstance(value, bool)
+    }

@@ -1,0 +1,1 @@
+"""Training of the pillar detector: frames out of bags, targets, augmentation, fitting, figures."""

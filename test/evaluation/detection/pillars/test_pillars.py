@@ -1,0 +1,63 @@
+"""Points at known places end in the pillars that contain them, with the features that the formulas give."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from siren_ros.evaluation.detection.pillars.grid import PillarGrid
+from siren_ros.evaluation.detection.pillars.pillars import FEATURES, pillars_of, sorted_points
+
+GRID = PillarGrid(half_width_m=8.0, cells=16, points=4, pillars=50)
+
+
+def _points(*rows: tuple[float, ...]) -> np.ndarray:
+    return np.array([(*row, 0.5, 0.1)[:5] for row in rows], dtype=np.float32).reshape(-1, 5)
+
+
+def test_a_point_is_in_the_pillar_that_contains_it() -> None:
+    found = sorted_points(_points((2.4, -3.2, 0.0)), GRID)
+    # One metre a cell: x from 2 to 3 is column 10, y from -4 to -3 is row 4.
+    assert found.cell.tolist() == [4 * 16 + 10]
+    assert found.count.tolist() == [1]
+
+
+def test_points_outside_are_left_out() -> None:
+    outside = _points((8.1, 0.0, 0.0), (0.0, -8.1, 0.0), (6.0, 6.0, 0.0), (1.0, 1.0, 3.1), (1.0, 1.0, -5.1))
+    assert len(pillars_of(outside, GRID)) == 0
+    assert len(pillars_of(_points((5.6, 5.6, 3.0)), GRID)) == 1
+
+
+def test_features_are_places_and_ways_from_mean_and_middle() -> None:
+    found = pillars_of(_points((2.2, -3.4, 1.0), (2.6, -3.8, 0.0)), GRID)
+    first = dict(zip(FEATURES, found.points[0, 0].tolist(), strict=True))
+    expected = {"x": 2.2 / 8.0, "y": -3.4 / 8.0, "z": 0.5, "intensity": 0.5, "age": 0.4}
+    expected |= {"x_mean": -0.2, "y_mean": 0.2, "z_mean": 0.5, "x_middle": -0.3, "y_middle": 0.1}
+    assert first == pytest.approx(expected, abs=1e-6)
+
+
+def test_free_slots_repeat_the_first_point() -> None:
+    found = pillars_of(_points((2.2, -3.4, 1.0), (2.6, -3.8, 0.0)), GRID)
+    assert np.array_equal(found.points[0, 2], found.points[0, 0])
+    assert not np.array_equal(found.points[0, 1], found.points[0, 0])
+
+
+def test_a_full_pillar_keeps_a_sample_of_all_its_points() -> None:
+    """Each of 40 points has a chance of 4 in 40: over many frames the kept ones are spread over all of them."""
+    kept = np.zeros(40)
+    for shift in range(100):
+        points = np.zeros((40 + shift, 5), dtype=np.float32)
+        points[:shift, :2], points[shift:, :2] = (-3.5, -3.5), (0.5, 0.5)
+        points[shift:, 3] = np.arange(40) / 40.0
+        found = sorted_points(points, GRID)
+        slots = found.slots[found.cell == 8 * 16 + 8][0, :, 3]
+        kept[np.rint(slots * 40.0).astype(int)] += 1
+    assert kept.sum() == 400
+    assert kept[:20].sum() == pytest.approx(200, abs=60)
+    assert np.array_equal(sorted_points(points, GRID).slots, found.slots)
+
+
+def test_pillars_of_the_newest_points_come_first() -> None:
+    points = _points((0.5, 0.5, 0.0), (1.5, 0.5, 0.0), (2.5, 0.5, 0.0))
+    found = pillars_of(points, replace(GRID, pillars=2))
+    assert found.cell.tolist() == [8 * 16 + 8, 8 * 16 + 9]

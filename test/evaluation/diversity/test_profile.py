@@ -1,0 +1,69 @@
+import json
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_profiles import profile
+from made_records import moving, record_with
+
+from siren_ros.errors import InputError
+from siren_ros.evaluation.diversity.as_json import diversity_as_json
+from siren_ros.evaluation.diversity.drawn_ranges import drawn_ranges
+from siren_ros.evaluation.diversity.parameter_coverage import DrawnRange
+from siren_ros.evaluation.diversity.profile import profile_of
+from siren_ros.evaluation.diversity.summary import diversity
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.roads.road_network import RoadNetwork
+
+
+def test_a_record_gives_the_way_each_second_and_the_order_of_events(record_of: Callable[..., EpisodeRecord]) -> None:
+    record = record_of(duration_s=16.0)
+    found = profile_of("bag", record)
+    assert found.group == ("S2", "L2", "straight")
+    assert found.way_m.shape == (16, 2)
+    assert found.way_m[0].tolist() == [0.0, 0.0]
+    assert (np.diff(found.way_m[:, 0]) > 0.0).all(), "x points ahead"
+    assert "civilian yield_started" in found.happenings
+    assert all(one != other for one, other in zip(found.happenings, found.happenings[1:], strict=False))
+    assert ("begin", found.happenings[0]) in found.transitions
+    assert (found.happenings[-1], "end") in found.transitions
+
+
+def test_an_episode_without_events_has_the_one_transition_to_its_end() -> None:
+    assert profile().transitions == {("begin", "end")}
+
+
+def test_a_record_without_emv_is_refused(straight_road: RoadNetwork) -> None:
+    record = record_with({1: moving(0.0, -1.75, 10.0, steps=20)}, straight_road)
+    with pytest.raises(InputError, match="EMV"):
+        profile_of("bag", record)
+
+
+def test_groups_are_compared_within_themselves() -> None:
+    profiles = [
+        profile(1, "a", way=((0.0, 0.0), (4.0, 0.0)), x=0.5),
+        profile(0, "a", "b", way=((0.0, 0.0), (0.0, 0.0)), x=0.5),
+        profile(5, "c", way=((90.0, 0.0), (90.0, 0.0)), level="L3", x=0.1),
+    ]
+    first, second = diversity(profiles, {"S2": {"x": DrawnRange(0.0, 1.0, whole=False)}})
+    assert [one.seed for one in first.profiles] == [0, 1]
+    assert first.ways.mean == pytest.approx(2.0)
+    assert first.ways.nearest.tolist() == [2.0, 2.0]
+    assert first.events.mean == pytest.approx(0.5)
+    assert first.transitions.seen == 4
+    assert first.parameter_share == pytest.approx(0.1)
+    assert np.isnan(second.ways.nearest).all()
+    written = json.loads(json.dumps([diversity_as_json(one) for one in (first, second)], allow_nan=False))
+    assert written[0]["novelty"][0] == {"bag": "bag0", "seed": 0, "draw": "", "way_m": 2.0, "events": 0.5}
+    assert written[1]["ways_m"] == {"mean": None, "nearest_by_episodes": []}
+
+
+def test_ranges_are_those_that_seeds_draw_from() -> None:
+    ranges = drawn_ranges([profile(0)])["S2"]
+    assert ranges["emv.speed_mps"] == DrawnRange(12.5, 15.3, whole=False)
+    assert "demand.platoon.vehicles" not in ranges, "seeds do not draw it"
+    drawn = replace(profile(0), draw="emv.speed_mps=12")
+    whole_ranges = drawn_ranges([drawn])["S2"]
+    assert whole_ranges["emv.speed_mps"] == DrawnRange(11.0, 16.7, whole=False)
+    assert whole_ranges["demand.platoon.vehicles"].whole

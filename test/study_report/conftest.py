@@ -1,0 +1,82 @@
+"""A small study of synthetic episodes, and its page."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from siren_ros.evaluation.detection.metrics.devkit_score import ERRORS, DevkitScore
+from siren_ros.evaluation.detection.reports.score_json import scores_as_json
+from siren_ros.evaluation.detection.scoring import DetectorScores, GroupScore
+from siren_ros.evaluation.risk.reports.tables import as_json
+from siren_ros.evaluation.risk.scores import SCORES
+from siren_ros.evaluation.risk.scoring import ModelScores
+from siren_ros.evaluation.statistics.interval import Interval
+from siren_ros.scenario.request import EpisodeRequest
+from siren_ros.studies.episode_row import EpisodeRow, Status
+from siren_ros.studies.matrix import PlannedEpisode, Study
+from siren_ros.studies.study_folder import LocalFolder, write_study, write_table
+from siren_ros.study_report.build import PageOptions, assembled
+from siren_ros.study_report.html import html_of
+from siren_ros.study_report.measures import measure_study
+from siren_ros.study_report.study_rows import read_rows
+
+
+def row_of(level: str, seed: int, status: Status = Status.COMPLETE, reason: str = "") -> EpisodeRow:
+    name = f"S2_{level}_seed{seed}"
+    planned = PlannedEpisode(name, f"S2_{level}", EpisodeRequest("S2", level, seed), -1, "ab" * 32)
+    known = {"simulated_s": 9.0, "cpu_s": 3.0, "predicate_holds": level == "L2", "bag": f"episodes/S2_{level}/{name}"}
+    return EpisodeRow.planned(planned, status, reason, **known if status is Status.COMPLETE else {})
+
+
+def detector_scores() -> DetectorScores:
+    """Scores as `siren evaluate detection` has them; what is not written to its file is left empty."""
+    score = DevkitScore(40, 50, {0.5: 0.2, 4.0: 0.4}, dict.fromkeys(ERRORS, 0.25), 0.3125, 0.4375, np.zeros((2, 101)))
+    interval = Interval(0.3125, 0.25, 0.375, 3)
+    nothing: Any = None
+    parts = (GroupScore("EMV", "the EMV", 12, interval), GroupScore("EMV", "none", 0, interval))
+    return DetectorScores(
+        "made", "topic", True, {"S2": 9}, {"S2": score}, {"S2": interval}, interval, {}, None, parts, *[nothing] * 3
+    )  # fmt: skip
+
+
+def risk_scores() -> ModelScores:
+    """Two of four videos right."""
+    counts = np.array([[2, 0, 0, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
+    intervals = dict.fromkeys(SCORES, Interval(0.5, 0.25, 0.75, 4))
+    return ModelScores("made", 5, 4, counts, {"S2": counts}, intervals)
+
+
+@pytest.fixture(scope="session")
+def study(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Path]) -> Path:
+    """Two seeds at two levels, one row that the table lacks, and one episode that is missing."""
+    root = tmp_path_factory.mktemp("reported") / "small study"
+    rows = [row_of(level, seed) for level in ("L1", "L2") for seed in (0, 1)]
+    for row in rows:
+        (root / row.bag).parent.mkdir(parents=True, exist_ok=True)
+        changing = 4 if row.level == "L2" else 1
+        write_bag(root / row.bag, duration_s=9.0, level=row.level, seed=row.seed, changing=changing)
+    folder = LocalFolder(root)
+    write_study(folder, Study(("S2",), ("L1", "L2"), (0, 1)).to_json())
+    write_table(folder, [*rows[:-1], row_of("L3", 0, Status.REFUSED, "no site on <this> map")])
+    folder.note(rows[-1])
+    for task, scores in (("detection", scores_as_json([detector_scores()])), ("risk", as_json([risk_scores()]))):
+        (root / task).mkdir()
+        (root / task / "scores.json").write_text(json.dumps(scores), encoding="utf-8")
+    return root
+
+
+@pytest.fixture(scope="session")
+def made(study: Path, tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
+    """The page's content and file, and the measures behind it."""
+    rows = read_rows(study)
+    measures = measure_study([study / row.bag for row in rows.rows if row.bag], ("cv", "idm"), 1)
+    page = assembled(rows, measures, PageOptions(("cv", "idm"), film_s=1.0))
+    file = tmp_path_factory.mktemp("page") / "page.html"
+    file.write_text(html_of(page), encoding="utf-8")
+    tables = {table.key: table for section in page.sections for table in section.tables}
+    return SimpleNamespace(rows=rows, measures=measures, page=page, file=file, tables=tables)

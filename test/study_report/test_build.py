@@ -1,0 +1,144 @@
+"""The page of a small study: in a browser, and its numbers against those of the commands that it names."""
+
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from browser_pages import PageBrowser
+
+from siren_ros.cli.evaluation import evaluate_yield
+from siren_ros.cli.evaluation.evaluate_yield import score_bag
+from siren_ros.cli.main import main
+from siren_ros.errors import InputError
+from siren_ros.evaluation.prediction.reports.differences import differences
+from siren_ros.evaluation.prediction.reports.score_table import score_table
+from siren_ros.evaluation.prediction.reports.text_report import text_report
+from siren_ros.evaluation.prediction.scoring.score_bags import ScoringJob, score_bags
+from siren_ros.evaluation.yielding.metrics import EPISODE_METRICS
+from siren_ros.evaluation.yielding.summary import ScoredEpisode, group_means
+from siren_ros.study_report.build import PageOptions, build_page
+from siren_ros.study_report.measures import measure_study
+from siren_ros.study_report.sections.detection import detection_section
+
+
+def test_the_page_opens_in_a_browser_without_network_or_complaint(made: SimpleNamespace, browser: PageBrowser) -> None:
+    with browser.opened(made.file) as opened:
+        assert opened.problems == []
+        assert opened.requests == []
+        opened.page.evaluate("document.querySelectorAll('details').forEach(one => one.open = true)")
+        assert opened.page.locator("img").count() >= 8
+        assert opened.empty_images() == []
+        assert opened.page.locator("video").count() == 1
+        assert opened.unplayable_videos() == []
+        targets = opened.page.evaluate("[...document.querySelectorAll('nav a')].map(a => a.getAttribute('href'))")
+        assert targets == [f"#section_{section.key}" for section in made.page.sections]
+        for key, table in made.tables.items():
+            shown = opened.table(f"#{key}")
+            assert shown == [list(table.head), *map(list, table.rows)], key
+        ids = opened.page.evaluate("[...document.querySelectorAll('[id]')].map(one => one.id)")
+        assert len(ids) == len(set(ids))
+
+
+def test_what_is_written_into_the_page_stays_text(made: SimpleNamespace) -> None:
+    content = made.file.read_text(encoding="utf-8")
+    assert "no site on &lt;this&gt; map" in content
+    assert "<this>" not in content
+    assert not re.search(r"(?:src|href)=\"(?!data:|#)", content), "everything is inside the file"
+
+
+def test_the_sections_are_in_the_order_of_a_reader(made: SimpleNamespace) -> None:
+    keys = [section.key for section in made.page.sections]
+    assert keys[:4] == ["generated", "scenes", "making_way", "effects"]
+    assert {"prediction", "detection", "risk", "diversity"} < set(keys)
+
+
+def test_every_episode_is_told_and_what_is_missing_has_its_reason(made: SimpleNamespace) -> None:
+    rows = {row[:2]: row for row in made.tables["groups"].rows}
+    assert rows["S2", "L1"][3:6] == ("2", "2 of 2", "0 of 2")
+    assert rows["S2", "L2 (own)"][3:6] == ("2", "2 of 2", "2 of 2"), "with the row that the table lacks"
+    assert rows["S2", "L3"][4] == "0 of 1"
+    assert made.tables["missing"].rows == (("S2_L3_seed0", "refused", "no site on <this> map", "1"),)
+
+
+def test_what_is_measured_is_what_the_commands_measure(made: SimpleNamespace) -> None:
+    one = made.measures.bags[0]
+    scored = score_bag(one.bag)
+    assert isinstance(scored, ScoredEpisode)
+    assert scored.row() == one.yielding.row()
+    (result,) = score_bags(ScoringJob(("cv", "idm")), [one.bag])
+    assert result.scores is not None
+    for model, scores in result.scores.models.items():
+        assert np.array_equal(scores.values["ade_m"], one.prediction.models[model].values["ade_m"])
+
+
+def test_yield_metrics_are_those_that_the_command_prints(
+    made: SimpleNamespace, study: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(evaluate_yield, "scored_episodes", lambda *_: (list(made.measures.yielding), 0))
+    assert main(["evaluate", "yield", str(study)]) == 0
+    printed = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()[1:]}
+    means = group_means(made.measures.yielding)
+    table = made.tables["yield_S2"]
+    assert table.head == ("metric", "L1", "L2", "meaning")
+    assert len(table.rows) == len(EPISODE_METRICS)
+    for name, *cells, _ in table.rows:
+        for level, cell in zip(("L1", "L2"), cells, strict=True):
+            mean = means["S2", level, "straight"][name]
+            assert cell.split(" ")[0] == (f"{mean.value:.2f}" if mean.valid else "–")
+            assert cell.replace("–", "-") in printed[name]
+
+
+def test_prediction_is_what_the_command_prints(made: SimpleNamespace) -> None:
+    scores = score_table(made.measures.prediction)
+    lines = text_report(scores, differences(scores), compare_paper=False)
+    start = lines.index("ADE/FDE in m by template")
+    for row, line in zip(made.tables["prediction_templates"].rows, lines[start + 2 :], strict=False):
+        model, by_template, mean, interval, samples = row
+        assert line.split()[:3] == [model, by_template, mean]
+        assert interval.partition(" ")[2] in line
+        assert samples.replace(",", "") in line.split()
+
+
+def test_effects_are_paired_over_the_seeds(made: SimpleNamespace) -> None:
+    (row,) = made.tables["effects_emv_delay_s"].rows
+    first, second = (
+        [one.scores.metrics["emv_delay_s"].value for one in made.measures.yielding if one.level == level]
+        for level in ("L2", "L1")
+    )
+    assert row[:2] == ("L2 − L1", "S2")
+    assert float(row[2].split(" ")[0]) == pytest.approx(sum(first) / 2 - sum(second) / 2, abs=0.005)
+    assert row[5] == "2"
+
+
+def test_scores_of_other_commands_are_read(made: SimpleNamespace) -> None:
+    assert made.tables["detection_templates"].rows == (("made", "0.312 / 0.438", "0.312 [0.250, 0.375] / 0.438"),)
+    assert made.tables["detection_parts"].rows == (("made", "EMV", "the EMV", "12", "0.312 [0.250, 0.375]"),)
+    (row,) = made.tables["risk_models"].rows
+    assert row[:3] == ("made", "4 of 5", "50.0 [25.0, 75.0]")
+    assert made.tables["risk_confusion"].rows[2] == ("made", "Collision", "0", "0", "0", "1")
+
+
+def test_a_bag_that_cannot_be_read_does_not_hold_up_the_others(study: Path, tmp_path: Path) -> None:
+    bad = tmp_path / "bad"
+    bad.mkdir()
+    good = next(study.glob("episodes/S2_L1/*/"))
+    found = measure_study([bad, good], ("cv",), 1)
+    assert [one.bag for one in found.unread] == [bad]
+    assert [one.bag for one in found.bags] == [good]
+    with pytest.raises(InputError, match="can be read"):
+        measure_study([bad], ("cv",), 1)
+
+
+def test_a_folder_without_study_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="siren generate"):
+        build_page(tmp_path, PageOptions())
+
+
+def test_scores_that_are_none_are_refused(study: Path, tmp_path: Path, made: SimpleNamespace) -> None:
+    for content in ("[]", "nonsense", '{"a": {}}'):
+        (tmp_path / "scores.json").write_text(content, encoding="utf-8")
+        with pytest.raises(InputError, match="siren evaluate"):
+            detection_section(made.rows, tmp_path)
+    assert detection_section(made.rows, study / "episodes") is None

@@ -49,6 +49,7 @@ def test_mistakes_of_a_tired_programmer_are_made(source, changed):
         "@dataclass(frozen=True)\nclass A: ...",
         "raise ValueError(f'{a + 1}')",
         "def min(a): ...",
+        "def number(a, *, b): ...",
         "minimum = maximum",
         "LENGTH_M: Final = 3.5",
         "read(section.number('length_m', 0.5, 9.0))",

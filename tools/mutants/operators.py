@@ -160,6 +160,8 @@ def is_of_interest(name: str, node: Any) -> bool:
 def _is_no_decision(name: str, node: Any) -> bool:
     """Whether a node that the change lies in says how a program is written rather than what it does."""
     outside = node.parent
+    if node.type == "operator" and outside.type == "parameters":
+        return True  # The star before parameters that have to be named.
     if node.type in {"decorator", "raise_stmt", "assert_stmt", "import_from", "tfpdef"}:
         return True
     if (

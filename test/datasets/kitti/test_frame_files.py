@@ -48,6 +48,8 @@ def test_a_label_is_the_box_in_the_lidar_frame() -> None:
     assert len(lines) == 3
     assert lines[0].split()[0] == "Car"
     assert len(lines[0].split()) == 15
+    assert lines[0].split()[1:3] == ["0.00", "0"]
+    assert _numbers(lines[0])[3:7] == [0.0, 0.0, 0.0, 0.0], "no box in a picture"
     height, width, length, x, y, z, heading = _numbers(lines[0])[7:]
     assert (height, width, length) == pytest.approx((1.45, 1.8, 4.6))
     # At 3 s the EMV is at x = 52, the first civilian at x = 58 and on its way to the left.

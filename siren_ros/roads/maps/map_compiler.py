@@ -17,6 +17,7 @@ from siren_ros.roads.maps.lane_shapes import mended_lanes
 from siren_ros.roads.maps.lane_tapers import taper_patches
 from siren_ros.roads.maps.map_source import MapSource, SourceKind, map_stem, read_map_source
 from siren_ros.roads.maps.netconvert import netconvert_version, run_netconvert, without_header
+from siren_ros.roads.maps.opendrive_limits import with_stated_limits
 from siren_ros.roads.maps.opendrive_patches import opendrive_patches
 from siren_ros.roads.maps.openstreetmap_signs import drives_on, signed_edges
 from siren_ros.roads.maps.traffic_side import refuse_left_hand_traffic
@@ -24,7 +25,7 @@ from siren_ros.roads.net_parser import parse_road_network
 
 TOWN_NAME: Final = "town"
 
-_RECIPE: Final = "6"
+_RECIPE: Final = "7"
 """Part of the cache key: raised whenever the way in which maps are compiled changes."""
 _COMMON: Final = (
     "--no-turnarounds",
@@ -188,7 +189,11 @@ def _compile_opendrive(source: MapSource, folder: Path, output: Path, shown: str
         path = folder / f"patch{option}.xml"
         path.write_bytes(text)
         options += [option, str(path)]
-    return run_netconvert(options, output, shown)
+    net = run_netconvert(options, output, shown)
+    try:
+        return with_stated_limits(net, source.content)
+    except (KeyError, ValueError) as error:
+        raise MapError(shown, f"an OpenDRIVE map whose roads are complete ({error!r})") from error
 
 
 def _compile_openstreetmap(source: MapSource, folder: Path, output: Path, shown: str) -> bytes:

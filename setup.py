@@ -112,6 +112,7 @@ NODES = [
     "sensor_sim",
     "recorder",
     "kitti_exporter",
+    "detector",
     "player",
 ]
 

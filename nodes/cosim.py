@@ -33,7 +33,7 @@ from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
 
 SPIN_S = 0.05
 STOP_S = 10.0
-MODULES: Final = {name: f"siren_nodes.{name}" for name in (*DEFAULT_PARTICIPANTS, "kitti_exporter")}
+MODULES: Final = {name: f"siren_nodes.{name}" for name in (*DEFAULT_PARTICIPANTS, "kitti_exporter", "detector")}
 """Module of every participant that this program starts: it holds the node, and runs it as a program."""
 FIRST_EMV = 1
 """Emergency vehicles have the first actor ids."""

@@ -49,14 +49,14 @@ def record_episode(setup: EpisodeSetup, bag: Path) -> RecordedEpisode:
         bag: Folder of the bag to write.
 
     Raises:
-        InputError: The bag exists already or cannot be written; an AV under test or a predictor, which take part.
+        InputError: The bag exists already or cannot be written; an AV under test, a predictor or a detector, which take
+            part.
         EpisodeError: The disk is full, or the folder is gone.
     """
     described = setup.description
-    if described.predictor:
-        raise InputError(
-            "predictor", described.predictor, "an episode without predictor; one that takes part needs cosim"
-        )
+    for name in ("predictor", "detector"):
+        if program := getattr(described, name):
+            raise InputError(name, program, f"an episode without {name}; one that takes part needs cosim")
     if setup.plan.av:
         raise InputError("av", described.parameters.get("av"), "an episode without an AV under test; that needs cosim")
     store = typestore()

@@ -61,7 +61,7 @@ class Topic:
 
 
 _CONTROLLERS: Final = ("emv_controller", "yield_manager", "vehicle_dynamics")
-_EVERYBODY: Final = (*_CONTROLLERS, "sensor_sim", "recorder", "kitti_exporter")
+_EVERYBODY: Final = (*_CONTROLLERS, "sensor_sim", "recorder", "kitti_exporter", "detector")
 
 CLOCK: Final = Topic("/clock", "rosgraph_msgs/msg/Clock", "cosim", ("sumo_bridge", "recorder", "kitti_exporter"))
 EPISODE: Final = Topic("/siren/episode", "siren_msgs/msg/EpisodeDescription", "sumo_bridge", _EVERYBODY, ONCE)
@@ -87,7 +87,7 @@ STEP_DONE: Final = Topic("/siren/step_done", "siren_msgs/msg/StepDone", "")
 EPISODE_END: Final = Topic("/siren/episode_end", "siren_msgs/msg/EpisodeEnd", "cosim", period_steps=ONCE)
 OUTCOME: Final = Topic("/siren/outcome", "siren_msgs/msg/EpisodeOutcome", "recorder", ("recorder",), ONCE)
 """The recorder writes the end and the outcome itself, as the last messages of the bag."""
-TF: Final = Topic("/tf", "tf2_msgs/msg/TFMessage", "sensor_sim", ("recorder",))
+TF: Final = Topic("/tf", "tf2_msgs/msg/TFMessage", "sensor_sim", ("recorder", "detector"))
 TF_STATIC: Final = Topic("/tf_static", "tf2_msgs/msg/TFMessage", "sensor_sim", ("recorder",), ONCE)
 SENSING: Final = Topic("/siren/sensing", "std_msgs/msg/String", "sensor_sim", ("recorder",), ONCE)
 """How the sensors of each carrier were simulated on this machine, as a JSON object."""
@@ -100,7 +100,7 @@ BOXES: Final = Topic(
 )
 MARKERS: Final = Topic("/siren/markers", "visualization_msgs/msg/MarkerArray", "sensor_sim", ("recorder",), 4)
 LIDAR: Final = Topic(
-    "/emv/{sensor}/points", "sensor_msgs/msg/PointCloud2", "sensor_sim", ("recorder", "kitti_exporter")
+    "/emv/{sensor}/points", "sensor_msgs/msg/PointCloud2", "sensor_sim", ("recorder", "kitti_exporter", "detector")
 )
 IMAGE: Final = Topic("/emv/{sensor}/image_raw", "sensor_msgs/msg/Image", "sensor_sim", (), 2)
 """Published while somebody listens; the bag holds the compressed image."""
@@ -134,6 +134,13 @@ AV_ROUTE: Final = Topic("/av/route", "nav_msgs/msg/Path", "sumo_bridge", ("recor
 PREDICTIONS: Final = Topic("/predictions", "siren_msgs/msg/PredictedPaths", "", ("recorder",), 2)
 """What a predictor under test says at every frame; only in episodes with one, which is then the publisher."""
 
+DETECTIONS: Final = Topic(
+    "/emv/detections", "vision_msgs/msg/Detection3DArray", "detector", ("recorder",), LABEL_PERIOD_STEPS
+)
+"""What the detector finds in the sweeps of labelled steps; only in episodes with one."""
+DETECTION_LATENCY: Final = Topic("/emv/detections/latency", "std_msgs/msg/Float64", "detector", (), LABEL_PERIOD_STEPS)
+"""Seconds that it took. Not recorded: bags of the same episode have the same bytes."""
+
 LAGGED_INPUTS: Final = frozenset({(ACTORS.name, "sumo_bridge"), (AV_CONTROL.name, "vehicle_dynamics")})
 """Topic and subscriber where a step needs the message of the step before."""
 
@@ -152,6 +159,7 @@ def upstream_of(participant: str, *, lagged: bool = False) -> frozenset[str]:
         GROUND_TRUTH,
         LIDAR,
         AV_CONTROL,
+        DETECTIONS,
     )
     return frozenset(
         topic.publisher
@@ -169,6 +177,7 @@ AV_TOPICS: Final = (AV_ROUTE, AV_CONTROL)
 AV_CARRIER_TOPICS: Final = tuple(topic.of_carrier(AV_CARRIER) for topic in (ODOMETRY, GROUND_TRUTH, BOXES))
 """What ``sensor_sim`` publishes besides where there is an AV under test."""
 FIXED_TOPICS: Final = {
-    topic.name: topic for topic in (*CORE_TOPICS, *CARRIER_TOPICS, *AV_TOPICS, *AV_CARRIER_TOPICS, PREDICTIONS)
+    topic.name: topic
+    for topic in (*CORE_TOPICS, *CARRIER_TOPICS, *AV_TOPICS, *AV_CARRIER_TOPICS, PREDICTIONS, DETECTIONS)
 }
 """By name: the recorded topics whose rates no sensor suite changes."""

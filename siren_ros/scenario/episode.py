@@ -66,6 +66,12 @@ class EpisodeDescription:
         return str(request.get("predictor", "")) if isinstance(request, Mapping) else ""
 
     @property
+    def detector(self) -> str:
+        """The detector whose boxes are recorded; empty in episodes without one."""
+        request = self.parameters.get("request")
+        return str(request.get("detector", "")) if isinstance(request, Mapping) else ""
+
+    @property
     def av_sensor_suite(self) -> str:
         """Sensor suite of the AV under test; empty in episodes without one."""
         av = self.parameters.get("av")

@@ -1,4 +1,4 @@
-"""What a user asks for: the twelve fields from which an episode is made. They are declared here and nowhere else."""
+"""What a user asks for: the fields from which an episode is made. They are declared here and nowhere else."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
@@ -12,6 +12,8 @@ DEFAULT_LOOK: Final = "clear"
 _LEVELS: Final = ("", *EmergencyLevel.__members__)
 _AV_KINDS: Final = ("", "civilian")
 _MAX_SEED: Final = 2**31 - 1
+_LEFT_OUT: Final = frozenset({"values", "predictor", "detector"})
+"""Fields that records do not have where they are empty, so that records of episodes without them stay the same."""
 
 
 @dataclass(frozen=True)
@@ -40,14 +42,20 @@ class EpisodeRequest:
         "", "Program that takes part and says at every frame on /predictions where vehicles will be; empty: none."
     )
 
+    detector: str = parameter(
+        "",
+        "Detector of vehicles in the sweeps of the running episode, on /emv/detections: pillars, or the path of an ONNX "
+        "file; empty: none.",
+    )
+
     @staticmethod
     def within(config: "EpisodeRequest") -> "EpisodeRequest":
         """The request that a configuration with further fields holds."""
         return EpisodeRequest(**{field.name: getattr(config, field.name) for field in fields(EpisodeRequest)})
 
     def to_json(self) -> dict[str, Any]:
-        """The request as JSON types, for the record; without values and predictor where it has none."""
-        return {name: value for name, value in asdict(self).items() if name not in {"values", "predictor"} or value}
+        """The request as JSON types, for the record; without values and programs where it has none."""
+        return {name: value for name, value in asdict(self).items() if name not in _LEFT_OUT or value}
 
 
 def values_of(text: str) -> dict[str, float]:

@@ -68,6 +68,8 @@ def carriers_of(episode: EpisodeDescription) -> tuple[tuple[Carrier, int, Sensor
 def topics_of(episode: EpisodeDescription) -> tuple[Topic, ...]:
     """All recorded topics of an episode; raises InputError as ``carriers_of``."""
     found = recorded_topics(*(suite for _, _, suite in carriers_of(episode)))
-    if not episode.predictor:
-        return found
-    return (*found, replace(topics.PREDICTIONS, publisher=episode.predictor))
+    if episode.detector:
+        found = (*found, topics.DETECTIONS)
+    if episode.predictor:
+        found = (*found, replace(topics.PREDICTIONS, publisher=episode.predictor))
+    return found

@@ -19,7 +19,7 @@ print(sys.argv[1] in node.get_node_names())
 """
 
 
-@pytest.mark.parametrize("name", ["recorder", "kitti_exporter"])
+@pytest.mark.parametrize("name", ["recorder", "kitti_exporter", "detector"])
 def test_defaults_neither_refuse_nor_write(name: str, tmp_path: Path) -> None:
     with (
         DOMAIN.running("-m", f"siren_nodes.{name}", cwd=tmp_path) as node,

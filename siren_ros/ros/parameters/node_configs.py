@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from siren_ros.datasets.kitti.layout import Layout
+from siren_ros.evaluation.detection.pillars.grid import SHIPPED_DETECTOR
 from siren_ros.lockstep.lockstep import START_TIMEOUT_S, STEP_TIMEOUT_S
 from siren_ros.params.parameter_field import parameter
 from siren_ros.scenario.request import EpisodeRequest
@@ -80,6 +81,15 @@ class KittiExporterConfig(ParticipantConfig):
 
     out: str = parameter("", "Folder of the KITTI export; empty: bags/TEMPLATE_LEVEL_seedN_kitti.")
     layout: str = parameter("kitti", "KITTI's own layout, or exactly the paper's.", choices=KITTI_LAYOUTS)
+
+
+@dataclass(frozen=True)
+class DetectorConfig(ParticipantConfig):
+    """``detector``."""
+
+    weights: str = parameter(
+        SHIPPED_DETECTOR, "The detector: pillars, or the path of an ONNX file of `siren train detection`."
+    )
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.sensors.suite.suite import EXPORTED_CAMERA, load_suite
 from siren_ros.world.commands import AV_SOURCE
 
-TRAILING: Final = frozenset({"sensor_sim", "recorder", "kitti_exporter"})
+TRAILING: Final = frozenset({"sensor_sim", "recorder", "kitti_exporter", "detector"})
 """If no other program takes part in the lockstep, these may still work on a step while the next one runs: in their own
 processes, or in one process on the threads that cast rays and draw."""
 SETTLE_S: Final = 0.25
@@ -74,12 +74,20 @@ def plan_episode(config: CosimConfig) -> EpisodePlan:
     has_camera = any(camera.name == EXPORTED_CAMERA for camera in suite.cameras) or _is_paper(config.kitti_layout)
     kitti = default_kitti_path(bag) if config.kitti and suite.lidars and has_camera else None
     no_kitti = _NO_CAMERA if config.kitti and suite.lidars and not has_camera else ""
-    nodes = (*DEFAULT_PARTICIPANTS, *(("kitti_exporter",) if kitti else ()))
+    if config.detector and not suite.lidars:
+        raise InputError("sensors", config.sensors, "a suite with a LiDAR, for the detector")
+    nodes = (
+        *DEFAULT_PARTICIPANTS,
+        *(("kitti_exporter",) if kitti else ()),
+        *(("detector",) if config.detector else ()),
+    )
     told: dict[str, dict[str, Value]] = {name: {"participants": list(nodes)} for name in ("recorder", *nodes)}
     told["sumo_bridge"].update(asdict(request))
     told["recorder"]["bag"] = str(bag)
     if kitti:
         told["kitti_exporter"] |= {"out": str(kitti), "layout": config.kitti_layout}
+    if config.detector:
+        told["detector"]["weights"] = config.detector
     predictor = [config.predictor] if config.predictor and config.predictor not in config.external else []
     others = (*_checked_names([*config.external, *predictor]), *((AV_SOURCE,) if config.av else ()))
     told["sensor_sim"]["trails"] = not others and config.realtime_factor == 0.0
@@ -91,7 +99,7 @@ def _is_paper(layout: str) -> bool:
 
 
 def _checked_names(names: list[str]) -> tuple[str, ...]:
-    taken = {*DEFAULT_PARTICIPANTS, "kitti_exporter", AV_SOURCE}
+    taken = {*DEFAULT_PARTICIPANTS, "kitti_exporter", "detector", AV_SOURCE}
     for name in names:
         if not _NAME.fullmatch(name):
             raise InputError("external", name, "names of at most 64 letters, digits and underscores")

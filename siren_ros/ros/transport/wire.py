@@ -67,7 +67,7 @@ def content(read: Callable[[Any], Content], message: Any) -> Content:
 
 
 def step_of_message(message: Any) -> int:
-    """The step a message belongs to, from its ``step`` field or its stamp.
+    """The step a message belongs to, from its ``step`` field or its stamp; of frames, the first one's.
 
     Raises:
         ValueError: The stamp does not lie on the step grid.
@@ -75,5 +75,7 @@ def step_of_message(message: Any) -> int:
     step = getattr(message, "step", None)
     if step is not None:
         return int(step)
-    time = getattr(message, "clock", None) or getattr(message, "stamp", None) or message.header.stamp
+    transforms = getattr(message, "transforms", None)
+    stamped = message if transforms is None else transforms[0]
+    time = getattr(stamped, "clock", None) or getattr(stamped, "stamp", None) or stamped.header.stamp
     return step_of_time_ns(time.sec * 1_000_000_000 + time.nanosec)

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from siren_ros.datasets.sources.episode_source import open_source
 from siren_ros.datasets.sources.lidar_frames import lidar_frames, lidar_of
+from siren_ros.evaluation.detection.pillars.grid import SHIPPED_DETECTOR
 from siren_ros.evaluation.detection.pillars.network_file import DetectorNetwork, load_detector
 from siren_ros.evaluation.detection.pillars.pillars import pillars_of
 from siren_ros.evaluation.detection.pillars.sweeps import SweepMemory
@@ -22,6 +23,11 @@ SHIPPED: Final = Path("detectors", "pillars.onnx")
 _LEAST_SCORE: Final = 0.03
 _APART_M: Final = 1.8
 """Centres of two vehicles are farther apart than this, the width of a car."""
+
+
+def detector_file(name: str) -> Path:
+    """The ONNX file of a detector that a user names: ``pillars``, which ships, or a path."""
+    return params_dir() / SHIPPED if name == SHIPPED_DETECTOR else Path(name)
 
 
 @dataclass(frozen=True)
@@ -94,7 +100,7 @@ def detect_pillars(episode: EpisodeFrames, weights: Path | None = None) -> Found
         InputError: The weights cannot be used.
         BagError: The bag is damaged.
     """
-    detector = PillarDetector(load_detector(weights or params_dir() / SHIPPED))
+    detector = PillarDetector(load_detector(weights or detector_file(SHIPPED_DETECTOR)))
     frame_of_step = {step: frame for frame, step in enumerate(episode.step.tolist())}
     parts: list[FoundBoxes] = []
     with open_source(Path(episode.bag)) as source:
@@ -124,8 +130,9 @@ def _in_map(frame: int, found: SweepBoxes, map_from_lidar: Matrix) -> FoundBoxes
     )
 
 
-def _joined(parts: list[FoundBoxes]) -> FoundBoxes:
-    nowhere = SweepBoxes(
+def no_boxes() -> SweepBoxes:
+    """What is found where there is no sweep."""
+    return SweepBoxes(
         centre_m=np.zeros((0, 3)),
         size_m=np.zeros((0, 3)),
         yaw_rad=np.zeros(0),
@@ -133,4 +140,7 @@ def _joined(parts: list[FoundBoxes]) -> FoundBoxes:
         score=np.zeros(0),
         label=np.zeros(0, dtype=np.str_),
     )
-    return joined([*parts, _in_map(0, nowhere, np.eye(4))])
+
+
+def _joined(parts: list[FoundBoxes]) -> FoundBoxes:
+    return joined([*parts, _in_map(0, no_boxes(), np.eye(4))])

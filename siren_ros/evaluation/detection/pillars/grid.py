@@ -7,6 +7,8 @@ from typing import Any, Final, Self
 from siren_ros.errors import InputError
 from siren_ros.world.actors import EMERGENCY_CLASSES, ActorClass
 
+SHIPPED_DETECTOR: Final = "pillars"
+"""Name of the detector whose weights ship."""
 CLASS_NAMES: Final = ("car", *(one.name.lower() for one in sorted(EMERGENCY_CLASSES)))
 """What a detection can be: ``car`` for every civilian vehicle, as in the paper, and the emergency vehicles by kind."""
 

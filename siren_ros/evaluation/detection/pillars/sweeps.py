@@ -46,6 +46,8 @@ class SweepMemory:
 
     def points(self) -> Floats32:
         """All points in the frame of the newest sweep, newest sweep first: x, y, z, intensity, age in seconds."""
+        if not self._held:
+            return np.zeros((0, 5), dtype=np.float32)
         newest = self._held[0]
         lidar_from_map = np.linalg.inv(newest.map_from_lidar)
         parts = []

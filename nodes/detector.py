@@ -1,0 +1,79 @@
+"""``detector``: sweeps and frames of the EMV in, boxes of vehicles out."""
+
+import sys
+import time
+from typing import Any
+
+import numpy as np
+
+from siren_ros.errors import InputError
+from siren_ros.evaluation.detection.pillars.detector import PillarDetector, detector_file, no_boxes
+from siren_ros.evaluation.detection.pillars.network_file import load_detector
+from siren_ros.interfaces import topics
+from siren_ros.interfaces.detections import DetectedBoxes, to_detections
+from siren_ros.interfaces.lockstep_reports import EpisodeClosing
+from siren_ros.interfaces.messages import make_message
+from siren_ros.interfaces.point_cloud import from_point_cloud
+from siren_ros.interfaces.transforms import from_tf, matrix_between
+from siren_ros.lockstep.tick_join import Input
+from siren_ros.ros.parameters.node_configs import DetectorConfig
+from siren_ros.ros.participants.participant import Participant
+from siren_ros.ros.programs.program import run_participant
+from siren_ros.scenario.episode import EpisodeDescription
+from siren_ros.sensors.suite.suite import load_suite, period_steps
+from siren_ros.world.frames import BASE_FRAME, MAP_FRAME
+
+
+class Detector(Participant[DetectorConfig]):
+    """Runs a detector on the sweeps of the first LiDAR; it answers at the steps that have labels."""
+
+    config_type = DetectorConfig
+    inputs = (Input(topics.TF),)
+    outputs = (topics.DETECTIONS, topics.DETECTION_LATENCY)
+
+    def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:  # noqa: ARG002 - the interface of all nodes
+        """Load the network and subscribe to the first LiDAR."""
+        suite = load_suite(episode.sensor_suite, episode.files)
+        if not suite.lidars:
+            raise InputError("sensors", episode.sensor_suite, "a suite with a LiDAR, for the detector")
+        lidar = min(suite.lidars, key=lambda spec: spec.name)
+        self._lidar = topics.LIDAR.of_sensor(lidar.name, period_steps(lidar.rate_hz))
+        self._base_from_lidar = lidar.mount.base_from_sensor
+        self._frame_id = lidar.name
+        self._detector = PillarDetector(load_detector(detector_file(self.config.weights)))
+        self._latencies_s: list[float] = []
+        self.join_more([Input(self._lidar)])
+
+    def on_step(self, step: int, inputs: dict[str, Any]) -> None:
+        """Take the sweep; where the step has labels, say what is there."""
+        began = time.perf_counter()
+        sweep = inputs.get(self._lidar.name)
+        if sweep is not None:
+            map_from_base = matrix_between(from_tf(inputs[topics.TF.name]), MAP_FRAME, BASE_FRAME)
+            self._detector.add(step, from_point_cloud(sweep), map_from_base @ self._base_from_lidar)
+        if step % topics.DETECTIONS.period_steps:
+            return
+        found = no_boxes() if sweep is None else self._detector.boxes()
+        names = tuple(found.label.tolist())
+        boxes = DetectedBoxes(step, self._frame_id, names, found.score, found.centre_m, found.size_m, found.yaw_rad)
+        self.send(topics.DETECTIONS, to_detections(boxes))
+        self._latencies_s.append(time.perf_counter() - began)
+        self.send(topics.DETECTION_LATENCY, make_message("std_msgs/msg/Float64", data=self._latencies_s[-1]))
+
+    def close(self, closing: EpisodeClosing) -> None:  # noqa: ARG002 - the interface of all nodes
+        """Say how long it took."""
+        if self._latencies_s:
+            middle, slow = np.percentile(self._latencies_s, [50.0, 95.0])
+            self.get_logger().info(f"latency of a detection: median {middle:.3f} s, 95 % below {slow:.3f} s")
+
+
+NODE = Detector
+
+
+def main() -> int:
+    """Run the node as a program of its own."""
+    return run_participant(NODE, "detector")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -40,7 +40,7 @@ class Detector(Participant[DetectorConfig]):
         self._lidar = topics.LIDAR.of_sensor(lidar.name, period_steps(lidar.rate_hz))
         self._base_from_lidar = lidar.mount.base_from_sensor
         self._frame_id = lidar.name
-        self._detector = PillarDetector(load_detector(detector_file(self.config.weights)))
+        self._detector = PillarDetector(load_detector(detector_file(self.config.weights)), lidar.mount.z_m)
         self._latencies_s: list[float] = []
         self.join_more([Input(self._lidar)])
 

@@ -44,8 +44,8 @@ class EpisodeRequest:
 
     detector: str = parameter(
         "",
-        "Detector of vehicles in the sweeps of the running episode, on /emv/detections: pillars, or the path of an ONNX "
-        "file; empty: none.",
+        "Detector of vehicles in the sweeps of the running episode, on /emv/detections: pillars, or the path of an "
+        "ONNX file; empty: none.",
     )
 
     @staticmethod

@@ -24,6 +24,7 @@ from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeOutcome
 from siren_ros.sensors.suite.suite import EXPORTED_CAMERA
+from siren_ros.world.frames import STATION_FRAME
 
 FRONT_CAMERA: Final = EXPORTED_CAMERA
 
@@ -114,6 +115,11 @@ class EpisodeSource:
         with damage_refused(self.path):
             found = () if message is None else from_tf(message)
         return {transform.child: matrix_of_transform(transform) for transform in found}
+
+    @property
+    def station(self) -> Matrix | None:
+        """Where a roadside suite stands, in the ``map`` frame, shape ``(4, 4)``; None for sensors on a vehicle."""
+        return self._mounts.get(STATION_FRAME)
 
     def _sensors(self, topic: Topic) -> dict[str, str]:
         """Names of the sensors that publish on a kind of topic, with the topics."""

@@ -32,6 +32,7 @@ class LidarFrame:
     """Pictures by the camera's name."""
     image_truths: dict[str, CameraTruth]
     map_from_base: Matrix | None
+    """Pose of what carries the LiDAR: a vehicle, or a station at the roadside."""
 
 
 def lidar_of(source: EpisodeSource) -> MountedSensor:
@@ -47,7 +48,7 @@ def lidar_frames(source: EpisodeSource, *, cameras: bool = False, pose: bool = F
     Args:
         source: The bag.
         cameras: Also the pictures of all cameras and their labels.
-        pose: Also the vehicle's pose.
+        pose: Also the pose of the vehicle or of the station.
 
     Raises:
         BagError: The bag is damaged at the place that has been reached.
@@ -67,4 +68,6 @@ def lidar_frames(source: EpisodeSource, *, cameras: bool = False, pose: bool = F
             truths = {labels[name]: from_camera_truth(held[name].read()) for name in labels if name in held}
             frames = from_tf(held[TF.name].read()) if TF.name in held else None
             place = None if frames is None else matrix_between(frames, MAP_FRAME, BASE_FRAME)
+            if pose and source.station is not None:
+                place = source.station
         yield LidarFrame(step, points, truth, jpegs, truths, place)

@@ -11,7 +11,7 @@ from siren_ros.evaluation.detection.inputs.found_set import FoundSet
 from siren_ros.evaluation.detection.metrics.average_precision import average_precision
 from siren_ros.evaluation.detection.metrics.devkit_score import DevkitScore
 from siren_ros.evaluation.detection.metrics.matching import DISTANCES_M, Matches, match
-from siren_ros.evaluation.detection.metrics.subsets import SUBSETS, Subset
+from siren_ros.evaluation.detection.metrics.subsets import SUBSETS, Subset, subsets_of_episodes
 from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes, TruthBoxes, attributes_of
 from siren_ros.evaluation.detection.protocol.frames import Frames, in_range
 from siren_ros.evaluation.statistics.block_bootstrap import times_drawn
@@ -127,7 +127,7 @@ def score_detector(
         mean_ap=mean,
         families={name: _mean_interval(values, draws, of_episode, members) for name, members in families.items()},
         order_share=_order_share([_mean(draws, members) for members in families.values()]) if mean.bounded else None,
-        groups=tuple(resampled.group(subset) for subset in SUBSETS),
+        groups=tuple(resampled.group(subset) for subset in (*SUBSETS, *subsets_of_episodes(frames))),
         truth=truth,
         found=boxes,
         matches=resampled.matches,

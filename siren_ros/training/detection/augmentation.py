@@ -8,6 +8,9 @@ from siren_ros.numerics.arrays import Floats32
 from siren_ros.training.detection.frame_store import TrainingFrame
 
 _SCALE: Final = 0.05
+_LIFT_M: Final = 0.2
+_EXTINCTION_PER_M: Final = 0.03
+"""Highest of the air, a little above that of the look ``fog``; light goes through it twice."""
 
 
 def turned(frame: TrainingFrame, angle_rad: float, *, mirrored: bool, scale: float) -> TrainingFrame:
@@ -26,12 +29,15 @@ def turned(frame: TrainingFrame, angle_rad: float, *, mirrored: bool, scale: flo
 
 
 def varied(frame: TrainingFrame, random: np.random.Generator) -> TrainingFrame:
-    """A random variant: any direction, either hand, 5 % larger or smaller, any strength of the returns."""
+    """A random variant: any direction, either hand, 5 % larger or smaller, another height, clear or thick air."""
     angle = float(random.uniform(-np.pi, np.pi))
     scale = float(random.uniform(1.0 - _SCALE, 1.0 + _SCALE))
     found = turned(frame, angle, mirrored=bool(random.random() < 0.5), scale=scale)
-    found.points[:, 2] += np.float32(lift := random.uniform(-0.2, 0.2))
-    found.boxes[:, 2] += np.float32(lift)
+    lift = np.float32(random.uniform(-_LIFT_M, _LIFT_M))
+    found.points[:, 2] += lift
+    found.boxes[:, 2] += lift
+    extinction = np.float32(max(0.0, random.uniform(-_EXTINCTION_PER_M, _EXTINCTION_PER_M)))
+    found.points[:, 3] *= np.exp(-2.0 * extinction * np.hypot(found.points[:, 0], found.points[:, 1]))
     return found
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from siren_ros.datasets.sources.episode_source import open_source
 from siren_ros.datasets.sources.lidar_frames import lidar_frames, lidar_of
-from siren_ros.evaluation.detection.pillars.grid import PillarGrid, class_of
+from siren_ros.evaluation.detection.pillars.grid import SENSOR_HEIGHT_M, PillarGrid, class_of
 from siren_ros.evaluation.detection.pillars.pillars import sorted_points
 from siren_ros.evaluation.detection.pillars.sweeps import SweepMemory
 from siren_ros.numerics.arrays import Floats32
@@ -74,17 +74,20 @@ def frames_of_bag(bag: Path, grid: PillarGrid) -> BagFrames:
     boxes: list[Floats32] = []
     with open_source(bag) as source:
         base_from_lidar = lidar_of(source).base_from_sensor
-        memory = SweepMemory(grid.sweeps)
+        memory, lift_m = SweepMemory(grid.sweeps), np.float32(base_from_lidar[2, 3] - SENSOR_HEIGHT_M)
         for frame in lidar_frames(source, pose=True):
             if frame.points is None or frame.map_from_base is None:
                 continue
             memory.add(frame.step, frame.points, frame.map_from_base @ base_from_lidar)
             if frame.truth is None or frame.step % FRAME_PERIOD_STEPS or frame.step < grid.sweeps:
                 continue
-            held = sorted_points(memory.points(), kept)
+            lifted = memory.points()
+            lifted[:, 2] += lift_m
+            held = sorted_points(lifted, kept)
             there = np.arange(kept.points) < held.count[:, None]
             points.append(held.slots[there])
             boxes.append(boxes_of_truth(frame.truth))
+            boxes[-1][:, 2] += lift_m
         description = source.description
     about = {
         "template": description.template,

@@ -8,6 +8,7 @@ from detection_boxes import random_boxes
 
 from siren_ros.evaluation.detection.inputs.found_set import FoundSet
 from siren_ros.evaluation.detection.metrics.devkit_score import devkit_score
+from siren_ros.evaluation.detection.metrics.subsets import subsets_of_episodes
 from siren_ros.evaluation.detection.protocol.frames import EpisodeFrames, Frames, frames_of
 from siren_ros.evaluation.detection.reports.score_json import scores_as_json
 from siren_ros.evaluation.detection.reports.tables import as_csv, as_latex, as_text, tables_of
@@ -136,3 +137,29 @@ def test_tables_have_the_papers_rows_where_asked() -> None:
         assert as_latex(table).count(r"\\") == len(table.rows) + 1
         assert "%" not in as_latex(table).replace(r"\%", "").splitlines()[-3]
     assert set(scores_as_json(scores)["made"]["templates"]) == {"S1", "S3"}
+
+
+def test_weather_and_sensors_have_rows_where_there_are_several() -> None:
+    frames, found = _episodes(["S1", "S1", "S2"])
+    assert subsets_of_episodes(frames) == ()
+    looks = [replace(one, look=look, suite="lidar") for one, look in zip(frames.episodes, "rrc", strict=True)]
+    changed = frames_of(looks)
+    rows = subsets_of_episodes(changed)
+    assert [(row.group, row.name) for row in rows] == [("weather", "c"), ("weather", "r")]
+    clear = rows[0].labels(changed, changed.truth)
+    assert clear.tolist() == (changed.truth.frame >= 2 * FRAMES).tolist()
+    alone = score_detector(
+        frames_of(looks[2:]),
+        _of_last_episode(found),
+        VEHICLE_NAMES,
+        lambda tables: [devkit_score(*one) for one in tables],
+    )
+    scores = score_detector(changed, found, VEHICLE_NAMES, lambda tables: [devkit_score(*one) for one in tables])
+    (row,) = (group for group in scores.groups if group.name == "c")
+    assert row.mean_ap.value == pytest.approx(alone.mean_ap.value, abs=1e-6)
+    assert row.labels == len(alone.truth)
+
+
+def _of_last_episode(found: FoundSet) -> FoundSet:
+    boxes = found.boxes.at(found.boxes.frame >= 2 * FRAMES)
+    return replace(found, boxes=replace(boxes, frame=boxes.frame - 2 * FRAMES), scored=found.scored[2 * FRAMES :])

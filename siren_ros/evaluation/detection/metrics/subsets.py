@@ -59,6 +59,27 @@ def _of_visibility(low: float, high: float) -> Subset:
     return Subset("visible", name, lambda _, truth: (truth.visible >= low) & (truth.visible < high))
 
 
+def subsets_of_episodes(frames: Frames) -> tuple[Subset, ...]:
+    """Rows for the looks and for the suites of sensors, where there are several of them."""
+    found: list[Subset] = []
+    for group, every in (
+        ("weather", [one.look for one in frames.episodes]),
+        ("sensors", [one.suite for one in frames.episodes]),
+    ):
+        kinds = sorted(set(every))
+        of_episode = np.array(every)
+        found += [_of_episodes(group, kind, of_episode == kind) for kind in kinds if len(kinds) > 1]
+    return tuple(found)
+
+
+def _of_episodes(group: str, name: str, chosen: Flags) -> Subset:
+    def within(frames: Frames, boxes: Boxes) -> Flags:
+        flags: Flags = chosen[frames.episode[boxes.frame]]
+        return flags
+
+    return Subset(group, name, within, within)
+
+
 def _of_class(member: ActorClass) -> Subset:
     name = member.name.lower().replace("_", " ")
     return Subset("emergency vehicles", name, lambda _, truth: truth.actor_class == member)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from siren_ros.datasets.sources.episode_source import open_source
 from siren_ros.datasets.sources.lidar_frames import lidar_frames, lidar_of
-from siren_ros.evaluation.detection.pillars.grid import SHIPPED_DETECTOR
+from siren_ros.evaluation.detection.pillars.grid import SENSOR_HEIGHT_M, SHIPPED_DETECTOR
 from siren_ros.evaluation.detection.pillars.network_file import DetectorNetwork, load_detector
 from siren_ros.evaluation.detection.pillars.pillars import pillars_of
 from siren_ros.evaluation.detection.pillars.sweeps import SweepMemory
@@ -53,6 +53,8 @@ class PillarDetector:
     """Finds vehicles in the sweeps of one LiDAR, each with those before it."""
 
     network: DetectorNetwork
+    height_m: float = SENSOR_HEIGHT_M
+    """Of the LiDAR above the ground."""
     memory: SweepMemory = field(init=False)
 
     def __post_init__(self) -> None:
@@ -65,7 +67,10 @@ class PillarDetector:
     def boxes(self) -> SweepBoxes:
         """Vehicles in the newest sweep."""
         grid, names = self.network.grid, np.array(self.network.class_names)
-        table, score, share = self.network.run(pillars_of(self.memory.points(), grid))
+        points, lift_m = self.memory.points(), self.height_m - SENSOR_HEIGHT_M
+        points[:, 2] += np.float32(lift_m)
+        table, score, share = self.network.run(pillars_of(points, grid))
+        table[:, 2] -= lift_m
         kept = (score >= _LEAST_SCORE) & np.isfinite(table).all(axis=1)
         kept[kept] = apart(table[kept, :2], score[kept], _APART_M)
         table = table[kept]
@@ -100,11 +105,12 @@ def detect_pillars(episode: EpisodeFrames, weights: Path | None = None) -> Found
         InputError: The weights cannot be used.
         BagError: The bag is damaged.
     """
-    detector = PillarDetector(load_detector(weights or detector_file(SHIPPED_DETECTOR)))
+    network = load_detector(weights or detector_file(SHIPPED_DETECTOR))
     frame_of_step = {step: frame for frame, step in enumerate(episode.step.tolist())}
     parts: list[FoundBoxes] = []
     with open_source(Path(episode.bag)) as source:
         base_from_lidar = lidar_of(source).base_from_sensor
+        detector = PillarDetector(network, float(base_from_lidar[2, 3]))
         for frame in lidar_frames(source, pose=True):
             if frame.points is None or frame.map_from_base is None:
                 continue

@@ -13,6 +13,10 @@ CLASS_NAMES: Final = ("car", *(one.name.lower() for one in sorted(EMERGENCY_CLAS
 """What a detection can be: ``car`` for every civilian vehicle, as in the paper, and the emergency vehicles by kind."""
 
 
+SENSOR_HEIGHT_M: Final = 1.93
+"""Height above the ground of the LiDAR that networks see; sweeps from other heights are lifted to it."""
+
+
 @dataclass(frozen=True)
 class PillarGrid:
     """Pillars in the LiDAR's frame. The cell at row 0, column 0 has the smallest x and y; rows count along y."""

@@ -22,6 +22,7 @@ from siren_ros.interfaces.topics import ACTORS, GROUND_TRUTH, TF
 from siren_ros.interfaces.transforms import from_tf, matrix_between
 from siren_ros.numerics.arrays import Codes, Floats, Ids, Matrix
 from siren_ros.recording.bag_reader import BagMessage, damage_refused
+from siren_ros.sensors.suite.look_file import look_of
 from siren_ros.world.actors import Mode
 from siren_ros.world.frames import BASE_FRAME, MAP_FRAME
 from siren_ros.world.ground_truth import GroundTruth
@@ -96,9 +97,13 @@ class _Reading:
             camera_from_lidar=None if front is None else front.from_lidar(self._lidar),
             global_from_map_m=-map_corners(source.network)[0],
             truth=boxes,
+            look=look_of(source.description),
+            suite=source.description.sensor_suite,
         )
 
     def _pose(self, held: Mapping[str, BagMessage]) -> Matrix:
+        if self._source.station is not None:
+            return self._source.station
         place = matrix_between(from_tf(held[TF.name].read()), MAP_FRAME, BASE_FRAME) if TF.name in held else None
         if place is None:
             raise BagError(str(self._source.path), "an episode with the EMV's odometry")

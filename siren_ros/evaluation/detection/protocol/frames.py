@@ -40,6 +40,10 @@ class EpisodeFrames:
     """What the nuScenes export adds to x and y, shape ``(2,)``."""
     truth: TruthBoxes
     """With frames counted from 0 in this episode."""
+    look: str = ""
+    """Weather and time of day."""
+    suite: str = ""
+    """The sensors."""
 
     def __len__(self) -> int:
         return len(self.step)

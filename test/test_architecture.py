@@ -37,6 +37,7 @@ LAYERS = {
         "errors",
     ],
     "evaluation": [
+        "paper_comparison",
         "diversity",
         "prediction",
         "detection",

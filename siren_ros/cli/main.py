@@ -23,6 +23,7 @@ _VERBS: Final = {
     "label": "derive the labels of risk videos again, with other thresholds",
     "evaluate": "score models on episodes",
     "report": "write a study as one HTML page: what was made, what was measured, how to make it again",
+    "compare-paper": "put every number of the paper's tables next to ours",
     "train": "train the models that ship with the project",
 }
 """What the verbs do; each is a module of this package, loaded when it is asked for: some bring much with them."""
@@ -48,7 +49,7 @@ def parser(verb: str, word: str = "") -> argparse.ArgumentParser:
             below = added.add_subparsers(required=True).add_parser(word)
             import_module(f"siren_ros.cli.generation.{name}_{word}").add_arguments(below)
         elif name == verb:
-            import_module(f"siren_ros.cli.{name}").add_arguments(added)
+            import_module(f"siren_ros.cli.{name.replace('-', '_')}").add_arguments(added)
             if sets:
                 also = (f"`siren {name} {word}` makes {made}; --help has its options" for word, made in sets.items())
                 added.epilog = f"{'; '.join(also)}."

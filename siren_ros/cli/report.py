@@ -8,8 +8,9 @@ from typing import Never
 from tqdm import tqdm
 
 from siren_ros.errors import EXIT_OK, InputError
-from siren_ros.study_report.build import DETECTION, MODELS, RISK, PageOptions, build_page
+from siren_ros.study_report.build import build_page
 from siren_ros.study_report.html import html_of
+from siren_ros.study_report.options import DETECTION, MODELS, RISK, PageOptions
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:

@@ -1,43 +1,24 @@
 """Builds the page of a study from its folder."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 from siren_ros.evaluation.prediction.reports.score_table import score_table
 from siren_ros.recording.bag_folders import bags_among
 from siren_ros.study_report.cells import count_of
 from siren_ros.study_report.content import Page, Section
 from siren_ros.study_report.measures import StudyMeasures, measure_study
+from siren_ros.study_report.options import PageOptions
 from siren_ros.study_report.sections.detection import detection_section
 from siren_ros.study_report.sections.diversity import diversity_section
 from siren_ros.study_report.sections.effects import effects_section
 from siren_ros.study_report.sections.generated import generated_section
 from siren_ros.study_report.sections.making_way import making_way_section
+from siren_ros.study_report.sections.paper import paper_section
 from siren_ros.study_report.sections.prediction import prediction_section
 from siren_ros.study_report.sections.risk import risk_section
-from siren_ros.study_report.sections.scenes import FILM_S, scenes_section
+from siren_ros.study_report.sections.scenes import scenes_section
 from siren_ros.study_report.study_rows import StudyRows, read_rows
-
-MODELS: Final = ("cv", "idm", "siren")
-DETECTION: Final = "detection"
-RISK: Final = "risk"
-
-
-@dataclass(frozen=True)
-class PageOptions:
-    """What goes into a page."""
-
-    models: tuple[str, ...] = MODELS
-    """Trajectory predictors that are scored on the bags."""
-    detection: Path | None = None
-    """Where ``siren evaluate detection --out`` wrote; None: the folder ``detection`` of the study."""
-    risk: Path | None = None
-    """Where ``siren evaluate risk --out`` wrote; None: the folder ``risk`` of the study."""
-    jobs: int = 1
-    film_s: float = FILM_S
-    """Length of the films."""
 
 
 def build_page(
@@ -72,8 +53,9 @@ def assembled(study: StudyRows, measures: StudyMeasures, options: PageOptions) -
         making_way_section(study, measures),
         effects_section(study, measures),
         prediction_section(study, score_table(measures.prediction)),
-        detection_section(study, options.detection or study.folder / DETECTION),
-        risk_section(options.risk or study.folder / RISK),
+        detection_section(study, options.detection_in(study.folder)),
+        risk_section(options.risk_in(study.folder)),
+        paper_section(study, measures, options),
         diversity_section(study, measures),
     ]
     templates = ", ".join(sorted({row.template for row in study.rows}))

@@ -20,9 +20,10 @@ from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.studies.matrix import PlannedEpisode, Study
 from siren_ros.studies.study_folder import LocalFolder, write_study, write_table
-from siren_ros.study_report.build import PageOptions, assembled
+from siren_ros.study_report.build import assembled
 from siren_ros.study_report.html import html_of
 from siren_ros.study_report.measures import measure_study
+from siren_ros.study_report.options import PageOptions
 from siren_ros.study_report.study_rows import read_rows
 
 

@@ -1,6 +1,7 @@
 """The page of a small study: in a browser, and its numbers against those of the commands that it names."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -18,9 +19,12 @@ from siren_ros.evaluation.prediction.reports.text_report import text_report
 from siren_ros.evaluation.prediction.scoring.score_bags import ScoringJob, score_bags
 from siren_ros.evaluation.yielding.metrics import EPISODE_METRICS
 from siren_ros.evaluation.yielding.summary import ScoredEpisode, group_means
-from siren_ros.study_report.build import PageOptions, build_page
+from siren_ros.studies.episode_row import EpisodeRow, Status
+from siren_ros.study_report.build import build_page
 from siren_ros.study_report.measures import measure_study
+from siren_ros.study_report.options import PageOptions
 from siren_ros.study_report.sections.detection import detection_section
+from siren_ros.study_report.sections.scenes import chosen_episodes
 
 
 def test_the_page_opens_in_a_browser_without_network_or_complaint(made: SimpleNamespace, browser: PageBrowser) -> None:
@@ -51,7 +55,16 @@ def test_what_is_written_into_the_page_stays_text(made: SimpleNamespace) -> None
 def test_the_sections_are_in_the_order_of_a_reader(made: SimpleNamespace) -> None:
     keys = [section.key for section in made.page.sections]
     assert keys[:4] == ["generated", "scenes", "making_way", "effects"]
-    assert {"prediction", "detection", "risk", "diversity"} < set(keys)
+    assert keys[4:] == ["prediction", "detection", "risk", "next_to_the_paper", "diversity"]
+
+
+def test_the_paper_is_held_against_the_episodes_at_their_own_level(made: SimpleNamespace) -> None:
+    rows = {row[:3]: row for row in made.tables["paper"].rows}
+    row = rows["ADE in m", "CV", "S2"]
+    at_own = [one for one in made.measures.prediction if one.level.name == "L2"]
+    values = np.concatenate([one.models["cv"].values["ade_m"] for one in at_own])
+    assert row[3] == "1.17"
+    assert row[4].split(" ")[0] == f"{values.mean():.2f}"
 
 
 def test_every_episode_is_told_and_what_is_missing_has_its_reason(made: SimpleNamespace) -> None:
@@ -142,3 +155,19 @@ def test_scores_that_are_none_are_refused(study: Path, tmp_path: Path, made: Sim
         with pytest.raises(InputError, match="siren evaluate"):
             detection_section(made.rows, tmp_path)
     assert detection_section(made.rows, study / "episodes") is None
+
+
+def test_the_shown_episode_is_at_its_own_level_with_a_predicate_that_holds(made: SimpleNamespace) -> None:
+    complete: list[EpisodeRow] = [row for row in made.rows.rows if row.status is Status.COMPLETE]
+    assert [row.episode for row in chosen_episodes(complete)] == ["S2_L2_seed0"]
+    failed = [replace(row, predicate_holds=row.episode == "S2_L2_seed1") for row in complete]
+    assert [row.episode for row in chosen_episodes(failed)] == ["S2_L2_seed1"]
+    others = [row for row in complete if row.level == "L1"]
+    assert [row.episode for row in chosen_episodes(others)] == ["S2_L1_seed0"]
+
+
+def test_every_template_has_its_film_around_the_events(made: SimpleNamespace) -> None:
+    scenes = next(section for section in made.page.sections if section.key == "scenes")
+    assert [clip.key for clip in scenes.clips] == ["film_S2"]
+    assert [figure.key for figure in scenes.figures] == ["picture_S2"]
+    assert any(command.startswith("./env siren video ") for command in scenes.commands)

@@ -48,6 +48,13 @@ def rank_correlation(first: Sequence[float], second: Sequence[float]) -> RankCor
     return RankCorrelation(rho, _p_value(one, two, rho * spread), len(first))
 
 
+def rank_rho(first: Sequence[float], second: Sequence[float]) -> float:
+    """Spearman's ρ alone, for resampling; 0 where all values of one side are equal, of which it says nothing."""
+    one, two = _centred_ranks(first), _centred_ranks(second)
+    spread = float(np.sqrt((one @ one) * (two @ two)))
+    return float(one @ two) / spread if spread else 0.0
+
+
 def _centred_ranks(values: Sequence[float]) -> Floats:
     return np.asarray(rankdata(values) - (len(values) + 1) / 2.0, dtype=np.float64)
 

@@ -6,10 +6,10 @@ from typing import Any
 
 from siren_ros.errors import InputError
 from siren_ros.evaluation.detection.metrics.devkit_score import ERRORS
+from siren_ros.evaluation.paper_comparison.stored_scores import interval_in, stored
 from siren_ros.study_report.cells import number, with_interval
 from siren_ros.study_report.commands import command, quoted
 from siren_ros.study_report.content import Section, Table
-from siren_ros.study_report.stored_scores import interval_in, stored
 from siren_ros.study_report.study_rows import StudyRows
 
 

@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from siren_ros.errors import InputError
+from siren_ros.evaluation.paper_comparison.stored_scores import interval_in, stored
 from siren_ros.evaluation.statistics.interval import NOTHING, Interval
 from siren_ros.study_report.cells import with_interval
 from siren_ros.study_report.commands import quoted
 from siren_ros.study_report.content import Section, Table
-from siren_ros.study_report.stored_scores import interval_in, stored
 
 _SCORES: Final = (
     ("accuracy", "accuracy"),

@@ -28,7 +28,6 @@ from siren_ros.world.events import EventKind
 
 _PICTURE_PX: Final = 1200
 _FILM_PX: Final = 640
-FILM_S: Final = 10.0
 _TOLD: Final = EMV_EVENTS | {EventKind.YIELD_STARTED, EventKind.YIELD_COMPLETED, EventKind.YIELD_HELD}
 """Events around which the film is."""
 
@@ -43,7 +42,7 @@ class Shown:
     from_s: float
 
 
-def scenes_section(study: StudyRows, jobs: int, film_s: float = FILM_S) -> Section:
+def scenes_section(study: StudyRows, jobs: int, film_s: float) -> Section:
     """An episode of each template: at its own level if there is one, with a predicate that holds if there is one."""
     chosen = chosen_episodes(study.rows)
     figures, clips, commands = [], [], []

@@ -19,6 +19,10 @@ class PaperRow:
     """As printed; the paper computed it before rounding."""
 
 
+PAPER_SAMPLES: Final[Mapping[str, int]] = MappingProxyType(
+    dict(zip(TEMPLATES, (914, 1371, 825, 1247, 605, 340, 1760), strict=True))
+)
+"""Scored samples of each template's one base episode (experimental setup, "Trajectory prediction"): 7,062 in all."""
 PAPER_NAMES: Final[Mapping[str, str]] = MappingProxyType(
     {
         "cv": "CV",

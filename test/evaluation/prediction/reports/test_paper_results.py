@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from repository import SHARED
 
-from siren_ros.evaluation.prediction.reports.paper_results import PAPER, PAPER_NAMES, TEMPLATES, paper_value
+from siren_ros.evaluation.prediction.reports.paper_results import (
+    PAPER,
+    PAPER_NAMES,
+    PAPER_SAMPLES,
+    TEMPLATES,
+    paper_value,
+)
 
 PAPER_SOURCE = SHARED / "paper" / "siren.tex"
 
@@ -48,3 +54,9 @@ def test_the_values_are_the_papers(model: str) -> None:
     for metric, found in zip(names, tables, strict=False):
         row = PAPER[model, metric]
         assert [*row.by_template.values(), row.mean] == found
+
+
+@pytest.mark.skipif(not PAPER_SOURCE.is_file(), reason="the paper's source is not here")
+def test_the_samples_are_the_papers() -> None:
+    printed = "/".join(f"{count:,}".replace(",", "{,}") for count in PAPER_SAMPLES.values())
+    assert f"({printed} for S1--S7)" in PAPER_SOURCE.read_text(encoding="utf-8")

@@ -1,0 +1,121 @@
+"""``siren compare-paper BAG…``: what the paper's tables say, next to the same numbers measured here."""
+
+import argparse
+import csv
+import json
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Never
+
+from tqdm import tqdm
+
+from siren_ros.cli.evaluation.named_path import named_path
+from siren_ros.errors import EXIT_OK, InputError
+from siren_ros.evaluation.aligned_text import aligned
+from siren_ros.evaluation.paper_comparison.compared import HEAD, Compared, measured
+from siren_ros.evaluation.paper_comparison.detection_rows import detection_rows
+from siren_ros.evaluation.paper_comparison.prediction_rows import own_level_only, prediction_rows
+from siren_ros.evaluation.paper_comparison.risk_rows import risk_rows
+from siren_ros.evaluation.paper_comparison.stored_scores import stored
+from siren_ros.evaluation.prediction.reports.score_table import score_table
+from siren_ros.evaluation.prediction.scoring.score_bags import ScoringJob, score_bags
+from siren_ros.evaluation.risk.video_set import read_set
+from siren_ros.recording.bag_folders import bags_among
+from siren_ros.scenario.templates import load_template
+
+
+def add_arguments(verb: argparse.ArgumentParser) -> None:
+    """Describe the verb, and what it takes."""
+    verb.description = (
+        "Puts every number of the paper's tables next to ours: the errors of the trajectory predictors on the vehicles "
+        "in the interaction region, numbers of samples, ranking of the templates, detection and the order of the "
+        "behaviour families, and the balance of the risk videos; with 95 %% intervals by bootstrap over episodes. Only "
+        "episodes at their template's own level count, as in the paper."
+    )
+    verb.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="bags, or folders with bags at any depth")
+    verb.add_argument("--models", default="cv,idm", metavar="NAMES", help="predictors, by commas (default %(default)s)")
+    verb.add_argument(
+        "--checkpoint",
+        type=named_path,
+        action="append",
+        default=[],
+        metavar="NAME=PATH",
+        help="weights of a predictor; may be given several times",
+    )
+    verb.add_argument("--detection", type=Path, metavar="DIR", help="what `siren evaluate detection --out` wrote")
+    verb.add_argument("--risk", type=Path, metavar="DIR", help="what `siren evaluate risk --out` wrote")
+    verb.add_argument("--risk-set", type=Path, metavar="SET", help="folder that `siren generate risk` made")
+    verb.add_argument("--all", action="store_true", help="also print the paper's numbers that were not measured here")
+    verb.add_argument("--out", type=Path, metavar="FILE", help="write all rows as .json or .csv")
+    verb.add_argument(
+        "--jobs", type=int, default=len(os.sched_getaffinity(0)), metavar="N", help="processes (default: processors)"
+    )
+    verb.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Scores the bags and prints the rows."""
+    if arguments.out is not None and arguments.out.suffix not in {".json", ".csv"}:
+        raise InputError("out", str(arguments.out), "a file name that ends in .json or .csv")
+    if arguments.jobs < 1:
+        raise InputError("jobs", arguments.jobs, "1 or more")
+    rows = [
+        *_prediction(arguments),
+        *detection_rows(None if arguments.detection is None else _needed(arguments.detection)),
+        *risk_rows(
+            None if arguments.risk_set is None else read_set(arguments.risk_set),
+            None if arguments.risk is None else _needed(arguments.risk),
+        ),
+    ]
+    shown = rows if arguments.all else measured(rows)
+    print("\n".join(aligned([list(HEAD), *(list(row.cells()) for row in shown)])))
+    if len(shown) < len(rows):
+        print(f"{len(rows) - len(shown)} further numbers of the paper were not measured here; --all prints them")
+    if arguments.out is not None:
+        _write(arguments.out, rows)
+    return EXIT_OK
+
+
+def _needed(folder: Path) -> dict[str, object]:
+    found = stored(folder)
+    if found is None:
+        raise InputError("scores", str(folder), "a folder with the scores.json that `siren evaluate` wrote")
+    return dict(found)
+
+
+def _prediction(arguments: argparse.Namespace) -> list[Compared]:
+    models = tuple(name.strip() for name in arguments.models.split(",") if name.strip())
+    job = ScoringJob(models, tuple(dict(arguments.checkpoint).items()), processes=arguments.jobs)
+    bags = bags_among(arguments.bags)
+    with tqdm(total=len(bags), unit="bag", disable=None, leave=False, desc="compare-paper") as bar:
+        results = score_bags(job, bags, lambda: _advance(bar))
+    for result in results:
+        if result.error is not None:
+            print(f"siren compare-paper: {result.error}", file=sys.stderr)
+    scores = [result.scores for result in results if result.scores is not None]
+    counted = own_level_only(scores, lambda template: load_template(template).level.name)
+    if not counted:
+        raise InputError("bags", f"{len(scores)} episodes", "episodes of S1 to S7 at their own levels")
+    if len(counted) < len(scores):
+        print(f"{len(scores) - len(counted)} of {len(scores)} episodes are at other levels and do not count")
+    return list(prediction_rows(score_table(counted)))
+
+
+def _advance(bar: "tqdm[Never]") -> None:
+    bar.update()
+
+
+def _write(file: Path, rows: Sequence[Compared]) -> None:
+    content = [row.to_json() for row in rows]
+    try:
+        if file.suffix == ".json":
+            file.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        else:
+            with file.open("w", encoding="utf-8", newline="") as opened:
+                writer = csv.DictWriter(opened, list(content[0]), lineterminator="\n")
+                writer.writeheader()
+                writer.writerows(content)
+    except OSError as error:
+        raise InputError("out", str(file), f"a file that can be written ({error.strerror or error})") from error

@@ -1,0 +1,1 @@
+"""Everything that the paper's tables say, next to what was measured here."""

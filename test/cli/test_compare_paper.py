@@ -1,0 +1,49 @@
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from siren_ros.cli.main import main
+
+
+@pytest.fixture(scope="module")
+def bags(write_bag: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One episode at S2's own level, one at another."""
+    root = tmp_path_factory.mktemp("compared")
+    write_bag(root / "own", duration_s=9.0)
+    write_bag(root / "other", duration_s=9.0, level="L3")
+    return root
+
+
+def test_rows_are_printed_and_written(bags: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "rows.json"
+    assert main(["compare-paper", str(bags), "--models", "cv", "--jobs", "1", "--out", str(out)]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[0].startswith("1 of 2 episodes are at other levels")
+    line = next(line for line in printed if line.startswith("ADE in m") and " S2 " in line)
+    written = json.loads(out.read_text(encoding="utf-8"))
+    (row,) = [row for row in written if (row["table"], row["row"], row["column"]) == ("ADE in m", "CV", "S2")]
+    assert (row["paper"], row["episodes"], row["low"]) == (1.17, 1, None)
+    assert f"{row['ours']:.2f}" in line
+    assert len(written) > len(printed), "the file has the paper's other numbers, too"
+    assert "--all prints them" in printed[-1]
+
+
+def test_the_rows_as_csv(bags: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "rows.csv"
+    assert main(["compare-paper", str(bags), "--models", "cv", "--jobs", "1", "--all", "--out", str(out)]) == 0
+    with out.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(capsys.readouterr().out.splitlines()) - 2
+
+
+@pytest.mark.parametrize("options", [["--out", "rows.txt"], ["--jobs", "0"], ["--detection", "/nowhere"]])
+def test_bad_options_are_refused(bags: Path, options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["compare-paper", str(bags / "own"), "--models", "cv", *options]) == 2
+    assert capsys.readouterr().err.splitlines()[-1].startswith("siren compare-paper: ")
+
+
+def test_without_an_episode_at_its_own_level_there_is_nothing_to_compare(bags: Path) -> None:
+    assert main(["compare-paper", str(bags / "other"), "--models", "cv"]) == 2

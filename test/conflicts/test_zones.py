@@ -159,3 +159,60 @@ def test_several_others_have_zones_of_their_own():
     reach = LENGTH + WIDTH
     assert (first.own_in_m, last.own_in_m) == pytest.approx((20.0 - reach, 40.0 - reach), abs=STEP_M)
     assert (first.other_in_m, last.other_in_m) == pytest.approx((30.0 - reach, 15.0 - reach), abs=STEP_M)
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("ahead", [0.0, 0.3, 0.6])
+def test_entries_are_found_to_an_eighth_of_a_step(turn, ahead):
+    """The other body crosses 30 m ahead, or stands there already."""
+    own = way((0.0, 0.0), 0.0, turn=turn)
+    touch = 30.0 + ahead - LENGTH - WIDTH
+    for other in (way((30.0 + ahead, -20.0), np.pi / 2.0, turn=turn), way((30.0 + ahead, 1.0), 0.5 * np.pi, turn=turn)):
+        assert touch - STEP_M / 8.0 - 1e-6 <= only(own, other).own_in_m <= touch + 1e-6
+    assert touch - STEP_M / 8.0 - 1e-6 <= only(own, other).blocked_m <= touch + 1e-6
+
+
+def test_an_oncoming_body_blocks_where_it_is_now_and_not_where_it_drives():
+    zone = only(way((0.0, 0.0), 0.0), way((50.3, 0.0), np.pi))
+    assert 45.8 - STEP_M / 8.0 - 1e-6 <= zone.blocked_m <= 45.8 + 1e-6
+
+
+def test_who_is_touched_now_is_blocked_at_once():
+    own = way((0.0, 0.0), 0.0)
+    zone = only(own, way((2.0, 1.0), 0.0, reach=0.0))
+    assert (zone.own_in_m, zone.blocked_m) == (pytest.approx(0.0), pytest.approx(0.0))
+
+
+def test_a_body_that_drives_into_the_way_later_does_not_block_it_now():
+    """The standing body and the place where it blocks count alone; its way leads away along the own one."""
+    own = way((0.0, 0.0), 0.0)
+    s = np.arange(0.0, 80.0, 1.0)
+    points = np.stack((20.0 + np.maximum(s - 10.0, 0.0), np.maximum(10.0 - s, 0.0)), axis=-1)
+    zone = only(own, Way(points, 1.0, 0.0, 0.0, (20.0, 10.0, -0.5 * np.pi), 60.0, LENGTH, WIDTH))
+    assert np.isinf(zone.blocked_m)
+    assert not zone.leads
+    assert zone.merges
+
+
+@pytest.mark.parametrize(
+    ("heading", "cosine"), [(0.0, 1.0), (np.radians(30.0), np.cos(np.radians(30.0))), (np.pi, -1.0)]
+)
+def test_the_cosine_of_a_block_is_that_of_the_two_bodies_there(heading, cosine):
+    standing = way((20.0, 0.0), heading, reach=0.0)
+    assert only(way((0.0, 0.0), 0.0), standing).blocked_along == pytest.approx(cosine, abs=1e-6)
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_ways_of_two_others_do_not_mix(turn):
+    """Each other body has its own course and its own row."""
+    own = way((0.0, 0.0), 0.0, turn=turn)
+    others = [
+        way((30.0, -20.0), np.pi / 2.0, turn=turn, length=60.0),
+        way((0.0, 10.0), 0.0, turn=turn),
+        way((15.0, 25.0), -np.pi / 2.0, turn=turn, length=50.0),
+    ]
+    first, none, last = meeting_zones(own, others, 0.0)
+    assert none is None
+    assert (first, last) == (only(own, others[0]), only(own, others[2]))
+    assert last.own_in_m == pytest.approx(15.0 - LENGTH - WIDTH, abs=STEP_M / 4.0)
+    assert last.other_in_m == pytest.approx(25.0 - LENGTH - WIDTH, abs=STEP_M)

@@ -4,6 +4,8 @@ import math
 from dataclasses import replace
 from typing import Final
 
+import numpy as np
+
 from siren_ros.behaviour.civilians.making_room import makes_room, may_go_on
 from siren_ros.behaviour.civilians.rejoin import start_rejoin
 from siren_ros.behaviour.civilians.release import release_reason
@@ -24,11 +26,12 @@ from siren_ros.behaviour.driving.situation import StepView
 from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, lanes_along, neighbour_lane, path_on_lanes
 from siren_ros.behaviour.paths.nearest_on_lane import nearest_on_lane
 from siren_ros.behaviour.paths.path_blend import PEAK_CURVATURE, blend_length_m, path_onto
+from siren_ros.behaviour.paths.shoulder_way import shoulder_into_turn
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.movements import road_lane_of
 from siren_ros.roads.road_network import NO_LANE, LaneKind
-from siren_ros.world.actors import Mode
+from siren_ros.world.actors import Mode, rows_of_ids
 from siren_ros.world.events import Event, EventKind
 
 _PULL_OVER_MPS: Final = 1.5
@@ -60,7 +63,7 @@ def start_pull_over(unit: YieldUnit, view: StepView, row: int) -> Outcome:
     lane = int(view.traffic.lane[row])
     if road_lane_of(network, lane) == NO_LANE:
         return defer(unit, view, row, Refusal.JUNCTION.value)
-    side = unit.side or alignment_of(view, lane)
+    side = unit.side or (1 if _emv_takes_shoulder(view, lane, unit.emv_id) else alignment_of(view, lane))
     unit = replace(unit, side=side)
     path = pull_over_path(unit, view, row, lane)
     speed = float(view.seen.speed_mps[row])
@@ -89,6 +92,16 @@ def alignment_of(view: StepView, lane: int) -> int:
     driving_left = left != NO_LANE and network.lanes[left].kind is LaneKind.DRIVING
     driving_right = right != NO_LANE and network.lanes[right].kind is LaneKind.DRIVING
     return 1 if not driving_left and driving_right else -1
+
+
+def _emv_takes_shoulder(view: StepView, lane: int, emv_id: int) -> bool:
+    """Whether the way of the EMV, whose turn signal is on, is the shoulder: everybody there goes to the left."""
+    network = view.world.network
+    (row,) = rows_of_ids(view.seen.actor_id, np.array([emv_id], dtype=np.uint32)).tolist()
+    if row < 0:
+        return False
+    way = shoulder_into_turn(network, view.traffic.route_of_row(row), view.world.config.corridor.shoulder_reach_m)
+    return way is not None and network.lanes[road_lane_of(network, lane)].edge in way.edges
 
 
 def edge_offset_m(view: StepView, row: int, lane: int, side: int) -> float:

@@ -16,9 +16,10 @@ from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, lanes_along, path_on_lanes, road_limits
 from siren_ros.behaviour.paths.nearest_on_lane import nearest_on_lane
 from siren_ros.behaviour.paths.path_blend import along_reference, blend_length_m, quintic_offsets
+from siren_ros.behaviour.paths.shoulder_way import shoulder_into_turn
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import NEVER, steps_from_s
-from siren_ros.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
+from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
 from siren_ros.world.actors import Lights, Owner
 from siren_ros.world.events import EventKind
 from siren_ros.world.traffic_state import Indices
@@ -27,7 +28,6 @@ _STANDING_MPS: Final = 0.5
 _ROAD_HALF_WIDTH_M: Final = 8.0
 _SAME_DIRECTION: Final = 0.5
 """Cosine above which a vehicle counts as one of the EMV's own direction."""
-_RIGHT_TURNS: Final = frozenset({"r", "R"})
 _MERGE_S: Final = 1.5
 _MERGE_MIN_M: Final = 8.0
 
@@ -88,7 +88,7 @@ def corridor_path(unit: EmvUnit, view: StepView, row: int) -> EmvUnit:
     network, lane = view.world.network, present_lane(view, row, unit.navigator)
     if lane == NO_LANE:
         return unit
-    lane = corridor_lane(network, lane, view.traffic.route_of_row(row), config.length_m)
+    lane = corridor_lane(network, lane, view.traffic.route_of_row(row), config.shoulder_reach_m)
     planned = _along(unit, view, row, lane, straight_on=False)
     open_m = _open_m(planned, view, row)
     if open_m < config.straight_below_m:
@@ -142,42 +142,18 @@ def corridor_lane(network: RoadNetwork, lane: int, route: Indices, reach_m: floa
         route: Edges from the present one (or the one before the junction) on.
         reach_m: How far beyond the present edge the right turn may be.
     """
-    edge = network.edges[network.lanes[lane].edge]
-    if len(route) > 1 and int(route[0]) in _edges_before(network, lane):
-        for shoulder in (network.lanes[item] for item in network.edges[int(route[0])].lanes):
-            if shoulder.kind is LaneKind.SHOULDER and shoulder.emergency_allowed:
-                onward = _shoulder_onward(network, shoulder.index, route)
-                if onward is not None and _leads_into_turn(network, onward, route, reach_m):
-                    return shoulder.index if not edge.internal else onward.via[0] if onward.via else onward.to_lane
-    return best_lane(network, lane, route)
+    shoulder = shoulder_into_turn(network, route, reach_m)
+    if shoulder is None or int(route[0]) not in _edges_before(network, lane):
+        return best_lane(network, lane, route)
+    if not network.edges[network.lanes[lane].edge].internal:
+        return shoulder.lane
+    return shoulder.onward.via[0] if shoulder.onward.via else shoulder.onward.to_lane
 
 
 def _edges_before(network: RoadNetwork, lane: int) -> frozenset[int]:
     """The edge of a lane; of a path across a junction those from which it comes."""
     movements = network.connections_over.get(lane, ())
     return frozenset(network.lanes[one.from_lane].edge for one in movements) or frozenset((network.lanes[lane].edge,))
-
-
-def _shoulder_onward(network: RoadNetwork, shoulder: int, route: Indices) -> Connection | None:
-    """The movement from a shoulder of a route's first edge to the second one: a right turn, or on to its shoulder."""
-    for movement in network.connections_from.get(shoulder, ()):
-        target = network.lanes[movement.to_lane]
-        if target.edge == int(route[1]) and (movement.direction in _RIGHT_TURNS or target.kind is LaneKind.SHOULDER):
-            return movement
-    return None
-
-
-def _leads_into_turn(network: RoadNetwork, movement: Connection | None, route: Indices, reach_m: float) -> bool:
-    way_m = 0.0
-    for ahead in range(1, len(route)):
-        if movement is None or way_m > reach_m:
-            return False
-        if movement.direction in _RIGHT_TURNS:
-            return True
-        way_m += sum(network.lanes[item].length_m for item in (*movement.via, movement.to_lane))
-        rest = route[ahead:]
-        movement = _shoulder_onward(network, movement.to_lane, rest) if len(rest) > 1 else None
-    return False
 
 
 def corridor_offsets(

@@ -50,6 +50,32 @@ def test_leftmost_lane_goes_left_all_others_right(lab, lanes, shoulder, expected
     assert [alignment_of(view, lane) for lane in range(lanes)] == expected
 
 
+def test_everybody_before_the_turn_goes_left_where_the_emv_comes_on_the_shoulder(lab):
+    road = lab.RoadBuilder()
+    road.edge([[0, 0], [150, 0]], 3, ("W", "J"), shoulder=True)
+    road.edge([[160, -10], [160, -200]], 2, ("J", "S"), shoulder=True)
+    road.edge([[175, 0], [300, 0]], 3, ("J", "E"), shoulder=True)
+    road.connect(0, 3, direction="r")
+    road.connect(1, 4, direction="r")
+    for lane in (0, 1, 2):
+        road.connect(lane, 5 + lane)
+    network = road.built()
+    world = lab.world_of(network, lab.L3)
+
+    def sides(emv_route):
+        cars = [
+            lab.Car(1, 1, 40, 8, emv_route, AMBULANCE),
+            lab.Car(2, 1, 75, 5, (0, 2)),
+            lab.Car(3, 2, 75, 5, (0, 2)),
+            lab.Car(4, 4, 20, 5, (1,)),
+        ]
+        state, _, _ = steps(lab, world, cars, 30)
+        return {actor: unit.side for actor, unit in state.units.items() if unit.phase is Mode.YIELD_PULL_OVER}
+
+    assert sides((0, 1)) == {2: 1, 3: 1}
+    assert sides((0, 2)) == {2: -1, 3: 1}
+
+
 def test_stands_at_the_edge_and_over_it_where_the_lane_is_narrow(lab):
     wide = lab.straight_road()
     cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,)), lab.Car(3, 1, 80, 5, (0,), ActorClass.TRUCK)]

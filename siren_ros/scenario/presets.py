@@ -58,6 +58,8 @@ class Attention:
     """Share of the drivers who see an EMV that comes across their way against a signal or sign."""
     emv_horizon_s: float = 8.0
     """The EMV's driver counts with those who come to the crossing of the ways within this time."""
+    emv_red_mps: float = 0.0
+    """Speed down to which the EMV's driver brakes before a red light, where it is above that of the behaviour."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,11 @@ def load_preset(name_or_path: str, files: InputFiles = FILES_ON_DISK) -> DriverP
 
 
 def _attention(section: StrictMapping) -> Attention:
-    attention = Attention(section.number("civilians", 0.0, 1.0), section.number("emv_horizon_s", 0.0, 60.0))
+    attention = Attention(
+        section.number("civilians", 0.0, 1.0),
+        section.number("emv_horizon_s", 0.0, 60.0),
+        section.number("emv_red_mps", 0.0, 40.0) if section.has("emv_red_mps") else Attention.emv_red_mps,
+    )
     section.finish()
     return attention
 

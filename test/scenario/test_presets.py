@@ -59,7 +59,7 @@ def test_mistakes_name_file_and_line(tmp_path: Path, old: str, new: str, shown: 
 
 
 def test_unknown_preset_lists_the_presets() -> None:
-    assert available_presets() == ("inattentive", "paper", "realistic")
+    assert available_presets() == ("inattentive", "paper", "realistic", "reckless")
     with pytest.raises(InputError, match="paper, realistic"):
         load_preset("angry")
 
@@ -69,6 +69,7 @@ def test_everybody_looks_out_unless_a_preset_says_otherwise(tmp_path: Path) -> N
     assert Attention().civilians == 1.0
     text = (params_dir() / "presets" / "inattentive.yaml").read_text(encoding="utf-8")
     assert load_preset("inattentive").attention == Attention(0.2, 1.0)
+    assert load_preset("reckless").attention == Attention(0.0, 0.2, 11.111)
     file = tmp_path / "mine.yaml"
     file.write_text(text.replace("civilians: 0.2", "civilians: 1.2"), encoding="utf-8")
     with pytest.raises(InputError, match=r"mine\.yaml:\d+"):

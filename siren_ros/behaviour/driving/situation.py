@@ -74,11 +74,7 @@ class StepView:
         config, vehicle = self.world.config, self.vehicle(row)
         base = config.emv.navigator if self.seen.is_emv[row] else config.civilian_navigator
         rate = base.steer_rate_share * vehicle.max_steer_rate_radps / vehicle.wheelbase_m
-        conflicts = base.conflicts
-        if self.seen.is_emv[row]:
-            horizon = min(conflicts.horizon_s, self.world.preset.attention.emv_horizon_s)
-            conflicts = replace(conflicts, horizon_s=horizon)
-        return replace(base, curvature_rate_1pms=rate, conflicts=conflicts)
+        return replace(base, curvature_rate_1pms=rate)
 
     def vehicle(self, row: int) -> VehicleParameters:
         """Vehicle parameters of an actor."""

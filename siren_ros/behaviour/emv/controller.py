@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from siren_ros.behaviour.config import NavigatorConfig
 from siren_ros.behaviour.driving.navigator import DriveCommand, Situation, navigate
 from siren_ros.behaviour.driving.situation import BehaviourWorld, StepView
 from siren_ros.behaviour.driving.surroundings import ActorTable, Surroundings
@@ -104,7 +105,7 @@ def _step_unit(unit: EmvUnit, view: StepView, row: int) -> tuple[EmvUnit, DriveC
     for guard in guards:
         unit, happened = guard(unit, view, row)
         events += happened
-    config = view.world.config.emv.navigator
+    config = with_horizon(view.world.config.emv.navigator, view.world.preset.attention.emv_horizon_s)
     if view.world.policy.corridor:
         config = replace(config, standstill_gap_m=view.world.config.emv.escape_gap_m)
     between = unit.corridor or unit.gap_escape_active
@@ -121,6 +122,12 @@ def _step_unit(unit: EmvUnit, view: StepView, row: int) -> tuple[EmvUnit, DriveC
     )
     navigator, command, snapshot = navigate(unit.navigator, situation, config)
     return replace(unit, navigator=navigator, snapshot=passage_blocker(snapshot, limit)), command, events
+
+
+def with_horizon(config: NavigatorConfig, horizon_s: float) -> NavigatorConfig:
+    """The navigator of a driver who counts with crossing vehicles that come within a time."""
+    conflicts = config.conflicts
+    return replace(config, conflicts=replace(conflicts, horizon_s=min(conflicts.horizon_s, horizon_s)))
 
 
 def waypoints(unit: EmvUnit, view: StepView, row: int) -> Outcome:

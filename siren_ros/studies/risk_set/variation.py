@@ -33,7 +33,7 @@ _RISKY: Final[Mapping[str, tuple[float, float]]] = {
 LEANINGS: Final[Mapping[RiskClass, Leaning]] = {
     RiskClass.NORMAL: Leaning(("paper", "realistic"), {}),
     RiskClass.NEAR_MISS: Leaning(("realistic", "inattentive"), {**_RISKY, "emv.speed_mps": (0.3, 1.0)}),
-    RiskClass.COLLISION: Leaning(("inattentive",), _RISKY),
+    RiskClass.COLLISION: Leaning(("reckless",), _RISKY),
 }
 """What a search for each class draws from. The label alone decides what an episode is."""
 

@@ -96,6 +96,9 @@ class Population:
                 departPos=repr(vehicle.spot.front_m * self.length_scale[lane.lane_id]),
                 departSpeed=repr(min(vehicle.spot.speed_mps, allowed_mps)),
             )
+            if not vehicle.attentive:  # SUMO's drivers wait for whoever is on the junction already
+                emvs = " ".join(sorted({type_id(emv) for emv in self._plan.emvs}))
+                libsumo.vehicle.setParameter(vehicle.name, "junctionModel.ignoreTypes", emvs)
             libsumo.vehicle.subscribe(vehicle.name, SUBSCRIBED)
             self.vehicles[vehicle.name] = vehicle
 

@@ -12,7 +12,11 @@ from siren_ros.training.episode_plan import TEMPLATES, Split
 
 FIRST_SEED: Final = {Split.TRAIN: 500, Split.VALIDATION: 900}
 """Seeds of the draws. ``siren generate risk`` draws with seed 0 unless told otherwise."""
-_LOOKS_FOR: Final = (RiskClass.NORMAL, RiskClass.NEAR_MISS, RiskClass.COLLISION)
+_LOOKS_FOR: Final = (RiskClass.NORMAL, RiskClass.NEAR_MISS, RiskClass.COLLISION, RiskClass.COLLISION)
+_COLLISIONS_IN: Final = "S4"
+"""Where collisions are found most often; further films of it look for nothing else."""
+_FURTHER: Final = 1000
+"""From this number on."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +35,8 @@ class PlannedFilm:
     @property
     def request(self) -> EpisodeRequest:
         """Its episode: drawn like the candidates of a search, each class in turn."""
-        looking_for = _LOOKS_FOR[self.number % len(_LOOKS_FOR)]
+        turn = _LOOKS_FOR[self.number % len(_LOOKS_FOR)]
+        looking_for = RiskClass.COLLISION if self.number >= _FURTHER else turn
         template = load_template(self.template)
         return candidate_request(template, self.template, looking_for, FIRST_SEED[self.split], self.number, "")
 
@@ -40,14 +45,19 @@ class PlannedFilm:
 class FilmPlanSize:
     """Films of each template."""
 
-    train: int = 18
-    validation: int = 6
+    train: int = 7
+    validation: int = 4
 
 
 def plan_films(size: FilmPlanSize, templates: Sequence[str] = TEMPLATES) -> tuple[PlannedFilm, ...]:
-    """All films, so that any first part has all templates and classes, and both splits in their proportion."""
+    """All films, so that any first part has all templates and classes, and both splits.
+
+    To those of each template as many more of the template with most collisions are added.
+    """
     films = []
     for number in range(max(size.train, size.validation)):
         for split, count in ((Split.TRAIN, size.train), (Split.VALIDATION, size.validation)):
-            films += [PlannedFilm(split, template, number) for template in templates if number < count]
+            if number < count:
+                films += [PlannedFilm(split, template, number) for template in templates]
+                films.append(PlannedFilm(split, _COLLISIONS_IN, _FURTHER + number))
     return tuple(films)

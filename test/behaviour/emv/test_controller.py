@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from siren_ros.behaviour.driving.navigator import NavigatorState
+from siren_ros.behaviour.driving.navigator import NavigatorState, navigate
+from siren_ros.behaviour.emv import controller
 from siren_ros.behaviour.emv.controller import EmvState, mode_of, step_emv, target_speed_mps
 from siren_ros.behaviour.emv.forced_lane_change import forced_lane_change
 from siren_ros.behaviour.emv.route import RoutePlan
@@ -215,14 +216,19 @@ def test_no_lane_change_starts_while_the_emv_still_turns_onto_its_road(lab, radi
     assert kinds(events) == ["lane_change_requested", kind]
 
 
-def test_the_emv_looks_out_as_far_ahead_as_the_preset_says(lab):
+def test_the_emv_looks_out_as_far_ahead_as_the_preset_says(lab, monkeypatch):
     world = lab.world_of(lab.junction_road(), lab.L1)
     short = replace(world, preset=replace(world.preset, attention=Attention(emv_horizon_s=1.0)))
-    cars = [lab.Car(1, 0, 60, 10, (0, 2), AMBULANCE), lab.Car(2, 0, 20, 10, (0, 2))]
-    for seen, horizon_s in ((world, 8.0), (short, 1.0)):
-        view = lab.view_of(seen, lab.traffic_of(seen.network, cars))
-        assert view.navigator_config(0).conflicts.horizon_s == horizon_s
-        assert view.navigator_config(1).conflicts.horizon_s == 8.0
+    used = []
+
+    def noted(state, situation, config):
+        used.append(config.conflicts.horizon_s)
+        return navigate(state, situation, config)
+
+    monkeypatch.setattr(controller, "navigate", noted)
+    for seen in (world, short):
+        steps(lab, seen, [lab.Car(1, 0, 60, 10, (0, 2), AMBULANCE)], 1)
+    assert used == [8.0, 1.0]
 
 
 def test_path_reaches_through_the_junction_and_stays_the_same_while_it_serves(lab):

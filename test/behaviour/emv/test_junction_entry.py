@@ -7,6 +7,7 @@ import pytest
 from siren_ros.behaviour.config import JunctionEntryConfig
 from siren_ros.behaviour.emv.junction_entry import approach_mps, entry_limit_mps
 from siren_ros.conflicts.outlook import Outlook
+from siren_ros.scenario.presets import Attention
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.traffic_state import SignalState
 
@@ -14,10 +15,13 @@ CONFIG = JunctionEntryConfig()
 HALF = 0.5 * 6.5
 
 
-def limit(lab, network, front_m, state, speed=9.0):
+def limit(lab, network, front_m, state, speed=9.0, attention=None):
     cars = [lab.Car(1, 0, front_m - HALF, speed, (0, 2), ActorClass.AMBULANCE)]
     traffic = replace(lab.traffic_of(network, cars), signals=(SignalState("J", state),))
-    return entry_limit_mps(lab.view_of(lab.world_of(network, lab.L2), traffic), 0)
+    world = lab.world_of(network, lab.L2)
+    if attention is not None:
+        world = replace(world, preset=replace(world.preset, attention=attention))
+    return entry_limit_mps(lab.view_of(world, traffic), 0)
 
 
 def test_comes_to_the_entry_speed_at_the_line_by_constant_gentle_braking():
@@ -34,6 +38,12 @@ def test_red_counts_and_green_and_stop_signs_do_not(lab):
     assert math.isinf(limit(lab, network, 120.0, "g"))
     signed = (replace(one, signal_id=None, must_stop=True) for one in network.connections)
     assert math.isinf(limit(lab, replace(network, connections=tuple(signed)), 120.0, "G"))
+
+
+@pytest.mark.parametrize(("red_mps", "least_mps"), [(0.0, CONFIG.speed_mps), (3.0, CONFIG.speed_mps), (11.0, 11.0)])
+def test_a_driver_who_does_not_look_out_hardly_slows_down(lab, red_mps, least_mps):
+    found = limit(lab, lab.junction_road(), 120.0, "r", attention=Attention(emv_red_mps=red_mps))
+    assert found == pytest.approx(math.sqrt(least_mps**2 + 2.0 * CONFIG.brake_mps2 * 30.0), abs=0.05)
 
 
 def test_inside_the_junction_the_limit_is_over(lab):

@@ -74,7 +74,12 @@ DOCS = [
     "mkdocstrings-python>=1.16",  # the API pages, from the source text; nothing is imported
 ]
 
+CALIBRATION = [
+    "cma>=4,<5",  # CMA-ES by its author: `siren calibrate` fits the EMV's parameters to trajectories
+]
+
 DEVELOPMENT = [
+    *CALIBRATION,
     *DETECTION,
     *CLUSTER,  # its tests run two workers
     *VLM,  # its tests talk to a server of their own
@@ -154,6 +159,7 @@ setup(
         "cluster": CLUSTER,
         "vlm": VLM,
         "vlm-local": VLM_LOCAL,
+        "calibration": CALIBRATION,
         "docs": DOCS,
         "dev": DEVELOPMENT,
     },

@@ -15,6 +15,7 @@ LAYERS = {
         "training",
         "study_report",
         "studies",
+        "calibration",
         "generation",
         "evaluation",
         "pictures",

@@ -24,6 +24,7 @@ _VERBS: Final = {
     "evaluate": "score models on episodes",
     "report": "write a study as one HTML page: what was made, what was measured, how to make it again",
     "compare-paper": "put every number of the paper's tables next to ours",
+    "calibrate": "fit the EMV's parameters to trajectories",
     "train": "train the models that ship with the project",
 }
 """What the verbs do; each is a module of this package, loaded when it is asked for: some bring much with them."""

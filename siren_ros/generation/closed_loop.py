@@ -8,6 +8,7 @@ from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
+from siren_ros.behaviour.driving.situation import BehaviourWorld
 from siren_ros.behaviour.emv.controller import EmvState, step_emv
 from siren_ros.dynamics.fleet import step_fleet
 from siren_ros.dynamics.fleet_state import FleetState
@@ -41,7 +42,11 @@ class LoopStep:
 
 
 def closed_loop(
-    setup: EpisodeSetup, steps: int, residual_limit_m: float = RESIDUAL_LIMIT_M, answers: Sequence[VehicleCommands] = ()
+    setup: EpisodeSetup,
+    steps: int,
+    residual_limit_m: float = RESIDUAL_LIMIT_M,
+    answers: Sequence[VehicleCommands] = (),
+    world: BehaviourWorld | None = None,
 ) -> Generator[LoopStep, None, None]:
     """Runs an episode's behaviour, dynamics and traffic step by step.
 
@@ -50,11 +55,13 @@ def closed_loop(
         steps: Number of steps.
         residual_limit_m: Distance between SUMO's and the simulated pose above which the episode fails.
         answers: Commands of the AV's controller, one for each step; without a command the AV rolls.
+        world: What the controllers are given; None for what the episode's description says. With another one an
+            episode is not the one that its description makes again.
 
     Raises:
         EpisodeError: As in the node graph: SUMO teleported a vehicle, or the residual passed its limit.
     """
-    world = behaviour_world(setup.description, setup.compiled_map.read_bytes())
+    world = world or behaviour_world(setup.description, setup.compiled_map.read_bytes())
     vehicles = load_vehicle_parameters(setup.description.files)
     emv, civilians, fleet = EmvState.initial(), YieldState.initial(), FleetState.empty(vehicles)
     states: ActorStates | None = None

@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Final
 
 import matplotlib as mpl
-import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
 
-from siren_ros.pictures.video import Frame, write_video
+from siren_ros.pictures.video import Coding, Frame, write_video
 
 _JPEG_QUALITY: Final = 82
 
@@ -44,15 +43,9 @@ def drawn_uri(figure: Figure, width_px: int) -> str:
     return picture_uri(Image.open(out))
 
 
-def film_uri(frames: Iterable[Frame]) -> str:
+def film_uri(frames: Iterable[Frame], coding: Coding) -> str:
     """Frames as H.264 in MP4."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "film.mp4"
-        write_video(path, frames)
+        write_video(path, frames, coding)
         return data_uri("video/mp4", path.read_bytes())
-
-
-def shrunk(pixels: Image.Image, width_px: int) -> Frame:
-    """A frame at a smaller width."""
-    height_px = round(pixels.height * width_px / pixels.width)
-    return np.asarray(pixels.resize((width_px, height_px), Image.Resampling.LANCZOS))

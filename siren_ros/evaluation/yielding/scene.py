@@ -35,5 +35,11 @@ class YieldScene:
         return self.conflicts_of(self.record.emv_ids[0])
 
     def conflicts_of(self, actor_id: int) -> tuple[PairMeasures, ...]:
-        """Surrogate safety measures of an actor with everybody."""
-        return pair_measures(conflict_series(self.record, actor_id))
+        """Surrogate safety measures of an actor with everybody; worked out once for each actor."""
+        if actor_id not in self._conflicts:
+            self._conflicts[actor_id] = pair_measures(conflict_series(self.record, actor_id))
+        return self._conflicts[actor_id]
+
+    @cached_property
+    def _conflicts(self) -> dict[int, tuple[PairMeasures, ...]]:
+        return {}

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from PIL import Image
 
 from siren_ros.datasets.exporting.worker_pool import worker_pool
 from siren_ros.errors import SirenError
@@ -14,20 +13,21 @@ from siren_ros.numerics.units import STEP_S
 from siren_ros.pictures.birdseye import draw_episode, interaction_steps
 from siren_ros.pictures.moving_birdseye import BirdseyeFilm
 from siren_ros.pictures.palette import EMV_EVENTS
-from siren_ros.pictures.video import FRAME_RATE_HZ, FRAME_STEPS
+from siren_ros.pictures.video import FRAME_RATE_HZ, FRAME_STEPS, Coding
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.templates import load_template
 from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.study_report.commands import quoted
 from siren_ros.study_report.content import Clip, Figure, Section
-from siren_ros.study_report.inlined import drawn_uri, film_uri, picture_uri, shrunk
+from siren_ros.study_report.inlined import drawn_uri, film_uri, picture_uri
 from siren_ros.study_report.sections.generated import own_level
 from siren_ros.study_report.study_rows import StudyRows
 from siren_ros.world.events import EventKind
 
 _PICTURE_PX: Final = 1200
-_FILM_PX: Final = 640
+_CODING: Final = Coding(width_px=640, crf=24)
+_POSTER_PX: Final = (640, 360)
 _TOLD: Final = EMV_EVENTS | {EventKind.YIELD_STARTED, EventKind.YIELD_COMPLETED, EventKind.YIELD_HELD}
 """Events around which the film is."""
 
@@ -62,7 +62,8 @@ def scenes_section(study: StudyRows, jobs: int, film_s: float) -> Section:
         )
         commands.append(f"./env siren plot {bag} --out {row.template}.png")
         frames = f"--start-s {shown.from_s:g} --frames {round(film_s * FRAME_RATE_HZ)}"
-        commands.append(f"./env siren video {bag} {frames} --out {row.template}.mp4")
+        coding = f"--width {_CODING.width_px} --crf {_CODING.crf}"
+        commands.append(f"./env siren video {bag} {frames} {coding} --out {row.template}.mp4")
     text = (
         "Red: the emergency vehicle; other colours say what a driver who makes way is doing. In the pictures, lines "
         "are paths coloured by speed, numbers mark the EMV at the three moments below the map, and the bars say who "
@@ -92,10 +93,9 @@ def show_episode(bag: Path, film_s: float) -> Shown | None:
         record = read_episode(bag)
         steps = film_steps(record, film_s)
         film = BirdseyeFilm(record, steps)
-        frames = [shrunk(Image.fromarray(frame), _FILM_PX) for frame in film.frames()]
-        poster = picture_uri(Image.fromarray(frames[len(frames) // 2]))
+        poster = picture_uri(film.frame(steps[len(steps) // 2]).resize(_POSTER_PX))
         picture = drawn_uri(draw_episode(record), _PICTURE_PX)
-        return Shown(picture, film_uri(frames), poster, steps[0] * STEP_S)
+        return Shown(picture, film_uri(film.frames(), _CODING), poster, steps[0] * STEP_S)
     except SirenError:
         return None
 

@@ -1,0 +1,88 @@
+"""Does the calibration find parameters that are known? ``python -m siren_ros.benchmarks.calibration_recovery``.
+
+An EMV drives with drawn parameters; its trajectory, with noise as of a tracker, is all that the search gets.
+"""
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from siren_ros.calibration.fit import fit
+from siren_ros.calibration.parameters import Parameter, parameters_named
+from siren_ros.calibration.simulate import Situation, Target, driven
+from siren_ros.calibration.trajectory import Trajectory
+from siren_ros.calibration.tries import errors_over
+from siren_ros.errors import EXIT_FAILED, EXIT_OK
+from siren_ros.evaluation.aligned_text import aligned
+from siren_ros.generation.episode_setup import plan_length
+from siren_ros.numerics.random_streams import random_stream
+from siren_ros.numerics.units import STEP_S
+from siren_ros.scenario.request import EpisodeRequest
+
+TOLERANCE: Final = 0.05
+"""Of a parameter's range, within which a found value counts as recovered."""
+_INNER: Final = (0.15, 0.85)
+"""Part of each range that the true values are drawn from."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Prints truth, found values and their difference; exit code 1 where one is beyond the tolerance."""
+    line = argparse.ArgumentParser(description=__doc__)
+    line.add_argument("--template", default="S3")
+    line.add_argument("--level", default="L1")
+    line.add_argument("--seeds", type=int, nargs="+", default=[0], help="of the situations")
+    line.add_argument(
+        "--parameters", default="controller.target_speed_mps,controller.accel_mps2,controller.red_light_speed_mps"
+    )
+    line.add_argument("--truth-seed", type=int, default=1, help="of the true values")
+    line.add_argument("--noise-m", type=float, default=0.1, help="standard deviation of each place")
+    line.add_argument("--evaluations", type=int, default=120)
+    line.add_argument("--duration-s", type=float, default=0.0, help="0: the template's own")
+    line.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
+    asked = line.parse_args(argv)
+    parameters = parameters_named(asked.parameters.split(","))
+    truth = drawn_truth(parameters, asked.truth_seed)
+    targets = []
+    for seed in asked.seeds:
+        request = EpisodeRequest(asked.template, asked.level, seed, sensors="none", duration_s=asked.duration_s)
+        targets.append(target_with(request, truth, asked.noise_m))
+    began = time.perf_counter()
+    with errors_over(targets, asked.jobs) as errors:
+        found = fit(parameters, errors, asked.evaluations, told=lambda tries, error: print(f"{tries}: {error:.3f} m"))
+    rows = [["parameter", "truth", "found", "share of the range", "spread"]]
+    worst = 0.0
+    for one in parameters:
+        off = abs(found.values[one.name] - truth[one.name]) / (one.high - one.low)
+        worst = max(worst, off)
+        values = (truth[one.name], found.values[one.name])
+        rows.append([one.name, *(f"{value:.3f}" for value in values), f"{off:.1%}", f"{found.spread[one.name]:.3f}"])
+    print("\n".join(aligned(rows)))
+    print(
+        f"{found.evaluations} tries of {len(targets)} episodes in {time.perf_counter() - began:.0f} s; "
+        f"distance {found.error_m:.3f} m with {asked.noise_m:g} m of noise on each axis, {found.start_error_m:.2f} m "
+        f"at the start; worst parameter off by {worst:.1%} of its range (allowed {TOLERANCE:.0%})"
+    )
+    return EXIT_OK if worst <= TOLERANCE else EXIT_FAILED
+
+
+def drawn_truth(parameters: Sequence[Parameter], seed: int) -> dict[str, float]:
+    """True values, uniform over the inner part of each range."""
+    rng = random_stream(seed, "calibration/truth")
+    return {one.name: one.at(float(rng.uniform(*_INNER))) for one in parameters}
+
+
+def target_with(request: EpisodeRequest, truth: dict[str, float], noise_m: float) -> Target:
+    """The trajectory that an EMV with the true values drives, as a tracker sees it."""
+    situation = Situation(request)
+    way = driven(situation, truth, plan_length(request) * STEP_S)
+    noise = random_stream(request.seed, "calibration/noise").normal(0.0, noise_m, way.xy_m.shape)
+    return Target(f"seed{request.seed}", situation, Trajectory(way.time_s, np.asarray(way.xy_m + noise)))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Fits the EMV's parameters, SUMO's and the controller's, to trajectories."""

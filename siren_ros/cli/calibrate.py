@@ -1,0 +1,119 @@
+"""``siren calibrate BAG… --parameters NAMES``: the EMV's parameters that drive most like given trajectories."""
+
+import argparse
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from siren_ros.calibration.fit import Fitted, fit
+from siren_ros.calibration.parameters import PARAMETERS, Parameter, parameters_named
+from siren_ros.calibration.simulate import Situation, Target
+from siren_ros.calibration.trajectory import Trajectory
+from siren_ros.calibration.tries import errors_over
+from siren_ros.errors import EXIT_OK, InputError
+from siren_ros.evaluation.aligned_text import aligned
+from siren_ros.recording.bag_folders import bags_among
+from siren_ros.recording.bag_reader import read_episode
+
+DEFAULTS = "controller.target_speed_mps,controller.accel_mps2,controller.headway_s"
+
+
+def add_arguments(verb: argparse.ArgumentParser) -> None:
+    """Describe the verb, and what it takes."""
+    known = "; ".join(f"{one.name}, {one.low:g} to {one.high:g}: {one.meaning}" for one in PARAMETERS.values())
+    verb.description = (
+        "Simulates the situations of bags again and again with other parameters of the EMV, until it drives most like "
+        "the EMV of the bags, or like a given trajectory (CMA-ES). The error is the root mean square of the distance "
+        f"between both EMVs at the same times. Parameters: {known}."
+    )
+    verb.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="bags, or folders with bags at any depth")
+    verb.add_argument(
+        "--parameters", default=DEFAULTS, metavar="NAMES", help="what is fitted, by commas (default %(default)s)"
+    )
+    verb.add_argument(
+        "--trajectory",
+        type=Path,
+        metavar="FILE.csv",
+        help="time_s, x_m, y_m in the map's frame, in place of the bag's EMV; with one bag, which gives the situation",
+    )
+    verb.add_argument("--evaluations", type=int, default=120, metavar="N", help="tries, at most (default %(default)s)")
+    verb.add_argument("--seed", type=int, default=0, metavar="N", help="of the search (default 0)")
+    verb.add_argument("--out", type=Path, metavar="FILE.json", help="write what was found")
+    verb.add_argument(
+        "--jobs", type=int, default=len(os.sched_getaffinity(0)), metavar="N", help="processes (default: processors)"
+    )
+    verb.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Fits the parameters and prints them."""
+    if arguments.jobs < 1:
+        raise InputError("jobs", arguments.jobs, "1 or more")
+    parameters = parameters_named([name.strip() for name in arguments.parameters.split(",") if name.strip()])
+    targets = _targets(arguments)
+    total = arguments.evaluations * len(targets)
+    with (
+        tqdm(total=total, unit="episode", desc="calibrate", disable=None) as bar,
+        errors_over(targets, arguments.jobs, lambda: _advance(bar)) as errors,
+    ):
+        found = fit(parameters, errors, arguments.evaluations, arguments.seed)
+    print("\n".join(fitted_lines(parameters, found)))
+    if arguments.out is not None:
+        content = as_json(found) | {"targets": [target.name for target in targets], "seed": arguments.seed}
+        try:
+            arguments.out.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise InputError("out", str(arguments.out), f"a file that can be written ({error.strerror})") from error
+    return EXIT_OK
+
+
+def fitted_lines(parameters: tuple[Parameter, ...], found: Fitted) -> list[str]:
+    """What was found, for a terminal."""
+    rows = [["parameter", "value", "spread", "range", "meaning"]]
+    rows += [
+        [
+            one.name,
+            f"{found.values[one.name]:.3f}",
+            f"{found.spread[one.name]:.3f}",
+            f"{one.low:g} to {one.high:g}",
+            one.meaning,
+        ]
+        for one in parameters
+    ]
+    told = (
+        f"distance to the trajectories {found.error_m:.3f} m, {found.start_error_m:.3f} m in the middle of the ranges; "
+        f"{found.evaluations} tries"
+    )
+    return [*aligned(rows), told]
+
+
+def as_json(found: Fitted) -> dict[str, Any]:
+    """What was found, as JSON types."""
+    return {
+        "values": dict(found.values),
+        "spread": dict(found.spread),
+        "error_m": found.error_m,
+        "start_error_m": found.start_error_m,
+        "evaluations": found.evaluations,
+        "least_error_by_generation_m": list(found.history_m),
+    }
+
+
+def _targets(arguments: argparse.Namespace) -> list[Target]:
+    bags = bags_among(arguments.bags)
+    if arguments.trajectory is not None and len(bags) != 1:
+        raise InputError("trajectory", f"with {len(bags)} bags", "one bag, which gives the situation")
+    targets = []
+    for bag in bags:
+        record = read_episode(bag)
+        given = arguments.trajectory
+        way = Trajectory.of_record(record) if given is None else Trajectory.read(given)
+        targets.append(Target(bag.name, Situation.of_record(record), way))
+    return targets
+
+
+def _advance(bar: "tqdm[Any]") -> None:
+    bar.update(1)

@@ -1,0 +1,81 @@
+"""Each parameter changes what it names, and nothing else."""
+
+from dataclasses import fields, is_dataclass, replace
+from typing import Any
+
+import pytest
+
+from siren_ros.behaviour.config import BehaviourConfig
+from siren_ros.behaviour.driving.situation import BehaviourWorld
+from siren_ros.calibration.parameters import PARAMETERS, Parameter, parameters_named, with_drivers, with_world
+from siren_ros.errors import InputError
+from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.scenario.levels import LEVEL_POLICIES, EmergencyLevel
+from siren_ros.scenario.presets import load_preset
+from siren_ros.traffic.demand.driver_models import ClassDriving, DriverModel
+from siren_ros.traffic.demand.plan import PlannedVehicle, TrafficPlan
+from siren_ros.world.actors import ActorClass
+
+DRIVER = DriverModel("IDM", 1.1, 1.2, 1.0, 0.6, 1.0, ClassDriving(2.2, 3.5, 2.0, 42.0))
+CHANGED = {
+    "controller.target_speed_mps": {"emv_route_follow_mps", "emv_lane_change_mps"},
+    "controller.accel_mps2": {"emv.navigator.comfort_accel_mps2"},
+    "controller.lateral_accel_mps2": {"emv.navigator.lateral_accel_mps2"},
+    "controller.headway_s": {"anticipation.headway_s"},
+    "controller.approach_brake_mps2": {"anticipation.brake_mps2"},
+    "controller.approach_gap_m": {"anticipation.standstill_gap_m"},
+    "controller.red_light_speed_mps": {"junction_entry.speed_mps"},
+    "sumo.speed_factor": {"speed_factor"},
+    "sumo.tau_s": {"tau_s"},
+    "sumo.accel_mps2": {"driving.accel_mps2"},
+    "sumo.decel_mps2": {"driving.decel_mps2"},
+    "sumo.min_gap_m": {"driving.min_gap_m"},
+}
+
+
+def world() -> BehaviourWorld:
+    network = RoadNetwork((), (), (), {}, (0.0, 0.0), "!")
+    return BehaviourWorld(network, LEVEL_POLICIES[EmergencyLevel.L1], {}, load_preset("paper"), 0)
+
+
+def changes(one: Any, other: Any) -> dict[str, tuple[Any, Any]]:
+    """Dotted names of the fields that differ, with both values."""
+    found: dict[str, tuple[Any, Any]] = {}
+    for field in fields(one):
+        before, after = getattr(one, field.name), getattr(other, field.name)
+        if is_dataclass(before):
+            found |= {f"{field.name}.{name}": pair for name, pair in changes(before, after).items()}
+        elif before != after:
+            found[field.name] = before, after
+    return found
+
+
+@pytest.mark.parametrize("one", PARAMETERS.values(), ids=lambda one: one.name)
+def test_a_parameter_changes_its_own_fields(one: Parameter) -> None:
+    value = one.at(0.77)
+    assert one.share_of(value) == pytest.approx(0.77)
+    if one.driver is not None:
+        found = changes(DRIVER, one.driver(DRIVER, value))
+        assert with_world(world(), {one.name: value}).config == BehaviourConfig()
+    else:
+        before, after = world(), with_world(world(), {one.name: value})
+        found = changes(before.config, after.config) | changes(before.speeds, after.speeds)
+        assert all(one.low < present < one.high for present, _ in found.values()), "the present value is in the range"
+    assert set(found) == CHANGED[one.name]
+    assert {changed for _, changed in found.values()} == {value}
+
+
+def test_only_the_emvs_drivers_change() -> None:
+    nowhere: Any = None
+    vehicle = PlannedVehicle("emv", ActorClass.AMBULANCE, 6.0, 2.2, 2.6, (1, 1, 1), DRIVER, (), nowhere, is_emv=True)
+    civilian = replace(vehicle, name="c", is_emv=False)
+    plan = TrafficPlan((vehicle,), (civilian,), (), (), (), 1, 0, 40.0)
+    changed = with_drivers(plan, {"sumo.tau_s": 2.0, "controller.headway_s": 1.0})
+    assert changed.emvs[0].driver == replace(DRIVER, tau_s=2.0)
+    assert changed.groups == plan.groups
+
+
+@pytest.mark.parametrize("names", [[], ["sumo.tau_s", "sumo.tau_s"], ["sumo.mood"]])
+def test_unusable_names_are_refused(names: list[str]) -> None:
+    with pytest.raises(InputError, match="parameters"):
+        parameters_named(names)

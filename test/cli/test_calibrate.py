@@ -1,0 +1,57 @@
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from siren_ros.calibration.simulate import Situation, Target
+from siren_ros.cli import calibrate
+from siren_ros.cli.main import main
+from siren_ros.scenario.request import EpisodeRequest
+
+
+@pytest.fixture
+def bag(write_bag: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A bag whose situation needs no simulation: the error is the distance of the headway from 2 s."""
+
+    @contextmanager
+    def errors_over(targets: Sequence[Target], *_: object) -> Iterator[object]:
+        assert len(targets) == 1
+
+        def errors(tries: Sequence[Mapping[str, float]]) -> list[float]:
+            return [abs(values["controller.headway_s"] - 2.0) for values in tries]
+
+        yield errors
+
+    monkeypatch.setattr(calibrate, "errors_over", errors_over)
+    monkeypatch.setattr(Situation, "of_record", lambda _: Situation(EpisodeRequest()))
+    return write_bag(tmp_path / "bag", duration_s=2.0)
+
+
+def test_what_was_found_is_printed_and_written(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "found.json"
+    command = ["calibrate", str(bag), "--parameters", "controller.headway_s", "--evaluations", "60", "--jobs", "1"]
+    assert main([*command, "--out", str(out)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    name, value, *_ = lines[1].split()
+    assert name == "controller.headway_s"
+    assert float(value) == pytest.approx(2.0, abs=0.01)
+    written = json.loads(out.read_text(encoding="utf-8"))
+    assert written["values"]["controller.headway_s"] == pytest.approx(2.0, abs=0.01)
+    assert written["targets"] == ["bag"]
+    assert written["error_m"] <= written["start_error_m"]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [["--parameters", "mood"], ["--parameters", ""], ["--jobs", "0"], ["--evaluations", "2"], ["--trajectory", "no"]],
+)  # fmt: skip
+def test_bad_options_are_refused(bag: Path, options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", str(bag), *options]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_trajectory_belongs_to_one_bag(bag: Path, write_bag: Callable[..., Path], tmp_path: Path) -> None:
+    write_bag(tmp_path / "other", duration_s=1.0)
+    assert main(["calibrate", str(tmp_path), "--trajectory", str(bag / "x.csv")]) == 2

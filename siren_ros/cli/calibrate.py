@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from siren_ros.calibration.parameters import PARAMETERS, Parameter, parameters_n
 from siren_ros.calibration.simulate import Situation, Target
 from siren_ros.calibration.trajectory import Trajectory
 from siren_ros.calibration.tries import errors_over
+from siren_ros.cli.options.processes import add_processes
 from siren_ros.errors import EXIT_OK, InputError
 from siren_ros.evaluation.aligned_text import aligned
 from siren_ros.recording.bag_folders import bags_among
@@ -42,9 +42,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--evaluations", type=int, default=120, metavar="N", help="tries, at most (default %(default)s)")
     verb.add_argument("--seed", type=int, default=0, metavar="N", help="of the search (default 0)")
     verb.add_argument("--out", type=Path, metavar="FILE.json", help="write what was found")
-    verb.add_argument(
-        "--jobs", type=int, default=len(os.sched_getaffinity(0)), metavar="N", help="processes (default: processors)"
-    )
+    add_processes(verb)
     verb.set_defaults(run=run)
 
 

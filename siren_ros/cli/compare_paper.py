@@ -3,7 +3,6 @@
 import argparse
 import csv
 import json
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Never
 from tqdm import tqdm
 
 from siren_ros.cli.evaluation.named_path import named_path
+from siren_ros.cli.options.processes import add_processes
 from siren_ros.errors import EXIT_OK, InputError
 from siren_ros.evaluation.aligned_text import aligned
 from siren_ros.evaluation.paper_comparison.compared import HEAD, Compared, measured
@@ -31,7 +31,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     verb.description = (
         "Puts every number of the paper's tables next to ours: the errors of the trajectory predictors on the vehicles "
         "in the interaction region, numbers of samples, ranking of the templates, detection and the order of the "
-        "behaviour families, and the balance of the risk videos; with 95 %% intervals by bootstrap over episodes. Only "
+        "behaviour families, and the balance of the risk videos; with 95 % intervals by bootstrap over episodes. Only "
         "episodes at their template's own level count, as in the paper."
     )
     verb.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="bags, or folders with bags at any depth")
@@ -49,9 +49,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--risk-set", type=Path, metavar="SET", help="folder that `siren generate risk` made")
     verb.add_argument("--all", action="store_true", help="also print the paper's numbers that were not measured here")
     verb.add_argument("--out", type=Path, metavar="FILE", help="write all rows as .json or .csv")
-    verb.add_argument(
-        "--jobs", type=int, default=len(os.sched_getaffinity(0)), metavar="N", help="processes (default: processors)"
-    )
+    add_processes(verb)
     verb.set_defaults(run=run)
 
 

@@ -1,13 +1,13 @@
 """``siren export FORMAT BAG… --out DIR``: episodes as datasets that other programs read."""
 
 import argparse
-import os
 import sys
 from pathlib import Path
 from typing import Never
 
 from tqdm import tqdm
 
+from siren_ros.cli.options.processes import add_processes
 from siren_ros.datasets.export_job import ExportJob, run_export
 from siren_ros.datasets.exporting.format import Format, Option
 from siren_ros.datasets.exporting.splits import AUTO, SPLITS
@@ -39,9 +39,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
             help="folder of a recorded episode, or a folder of such folders",
         )
         parser.add_argument("--out", type=Path, metavar="DIR", required=True, help="dataset to write; new or empty")
-        parser.add_argument(
-            "--jobs", type=int, metavar="N", default=len(os.sched_getaffinity(0)), help="processors (default: all)"
-        )
+        add_processes(parser)
         parser.add_argument(
             "--split", choices=(AUTO, *SPLITS), default=AUTO, help="split of all episodes (default: by seed and map)"
         )

@@ -1,7 +1,6 @@
 """``siren generate``: many episodes from one description, with one table of what became of them."""
 
 import argparse
-import os
 import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -11,6 +10,7 @@ from typing import Any, Self
 
 from tqdm import tqdm
 
+from siren_ros.cli.options.processes import add_processes
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
 from siren_ros.params.params_files import named_params_file
 from siren_ros.scenario.templates import available_templates
@@ -39,7 +39,11 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--out", required=True, metavar="DIR", help="folder or fsspec URL, new or from before")
     matrix = verb.add_argument_group("the matrix")
     matrix.add_argument(
-        "--templates", nargs="+", metavar="ID", default=list(available_templates()), help="(default: all)"
+        "--templates",
+        nargs="+",
+        metavar="ID",
+        default=list(available_templates()),
+        help="S1 to S7, or template files (default: all)",
     )
     matrix.add_argument("--levels", nargs="+", metavar="L", default=[OWN_LEVEL], help="L0 to L3, or own (default)")
     matrix.add_argument("--seeds", nargs="+", metavar="N|A:B", default=["0"], help="seeds; 0:5 are 0 to 4 (default 0)")
@@ -47,7 +51,9 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     matrix.add_argument("--preset", default="paper", help="how civilians react (default paper)")
     matrix.add_argument("--sensors", default="none", help="suite of sensors (default none)")
     matrix.add_argument("--look", default="clear", help="weather and time of day (default clear)")
-    matrix.add_argument("--duration-s", type=float, default=0.0, metavar="S", help="of each episode (default: its own)")
+    matrix.add_argument(
+        "--duration-s", type=float, default=0.0, metavar="S", help="simulated time of each episode (default: its own)"
+    )
     draws = verb.add_argument_group("draws of the templates' parameters")
     draws.add_argument("--grid", nargs="+", metavar="PATH=V,V", help="every combination of these values")
     draws.add_argument("--random", type=int, metavar="N", help="N random draws")
@@ -57,14 +63,18 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     )
     draws.add_argument("--draw-seed", type=int, default=0, metavar="N", help="seed of the draws (default 0)")
     work = verb.add_argument_group("the work")
-    work.add_argument(
-        "--workers", type=int, default=len(os.sched_getaffinity(0)), metavar="N", help="processes (default: processors)"
-    )
+    add_processes(work, "--workers")
     work.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster that does the work: tcp://HOST:8786")
     work.add_argument("--slurm", action="store_true", help="start --workers Slurm jobs through Dask for the work")
-    work.add_argument("--retries", type=int, default=RETRIES, metavar="N", help="after a crash (default %(default)s)")
     work.add_argument(
-        "--timeout-s", type=float, default=TIMEOUT_S, metavar="S", help="of one episode's process (default %(default)g)"
+        "--retries", type=int, default=RETRIES, metavar="N", help="tries after a crash (default %(default)s)"
+    )
+    work.add_argument(
+        "--timeout-s",
+        type=float,
+        default=TIMEOUT_S,
+        metavar="S",
+        help="wall time of one episode's process (default %(default)g)",
     )
     verb.set_defaults(run=run)
 

@@ -15,13 +15,13 @@ _VERBS: Final = {
     "info": "show what an episode is and what its bag holds",
     "verify": "check that the interaction happened and that the record is sound",
     "recover": "complete a bag whose writer was killed",
-    "export": "write an episode in another format",
+    "export": "write episodes as a dataset in another format",
     "plot": "draw an episode from above",
     "sense": "draw what sensors see at an instant of an episode",
-    "video": "make a video of an episode, from above or through the front camera",
+    "video": "make a video of an episode, from above or through its cameras",
     "replay": "play an episode on its topics, or simulate it again and compare",
     "label": "derive the labels of risk videos again, with other thresholds",
-    "evaluate": "score models on episodes",
+    "evaluate": "score models, traffic and AVs on episodes",
     "report": "write a study as one HTML page: what was made, what was measured, how to make it again",
     "compare-paper": "put every number of the paper's tables next to ours",
     "calibrate": "fit the EMV's parameters to trajectories",
@@ -38,7 +38,7 @@ def parser(verb: str, word: str = "") -> argparse.ArgumentParser:
     """The command line, with the arguments of one verb, or of the command that the word after it makes."""
     top = argparse.ArgumentParser(
         prog="siren",
-        description="Works with recorded SIREN episodes: look into them, check them, export them, draw them.",
+        description="Makes SIREN episodes, looks into them, checks, draws and exports them, and scores models on them.",
         epilog="Exit codes: 0 all is well, 1 the check failed, 2 the input cannot be used.",
     )
     top.add_argument("--version", action="version", version=f"siren {siren_ros.__version__}")

@@ -20,7 +20,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
         metavar="BAG",
         help="folder of the bag, or the name that it was to have",
     )
-    verb.add_argument("--out", type=Path, metavar="FOLDER", help="new folder (BAG.partial beside the bag)")
+    verb.add_argument("--out", type=Path, metavar="FOLDER", help="new folder (default: BAG.partial next to the bag)")
     verb.set_defaults(run=run)
 
 

@@ -1,12 +1,12 @@
 """``siren report DIR --out FILE.html``: a study as one page."""
 
 import argparse
-import os
 from pathlib import Path
 from typing import Never
 
 from tqdm import tqdm
 
+from siren_ros.cli.options.processes import add_processes
 from siren_ros.errors import EXIT_OK, InputError
 from siren_ros.study_report.build import build_page
 from siren_ros.study_report.html import html_of
@@ -37,9 +37,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     verb.add_argument(
         "--risk", type=Path, metavar="DIR", help=f"what `siren evaluate risk --out` wrote (default: DIR/{RISK})"
     )
-    verb.add_argument(
-        "--jobs", type=int, default=len(os.sched_getaffinity(0)), metavar="N", help="processes (default: processors)"
-    )
+    add_processes(verb)
     verb.set_defaults(run=run)
 
 

@@ -1,8 +1,7 @@
 """The page of the command ``siren``: what ``--help`` prints, verb by verb."""
 
-import argparse
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 from siren_ros.cli.main import command_lines
 
@@ -18,6 +17,7 @@ def command_page() -> str:
     """The page as Markdown, with a heading for each command."""
     parts = [_INTRODUCTION]
     for line in command_lines():
-        line.formatter_class = partial(argparse.HelpFormatter, width=_WIDTH)
+        kind: Any = line.formatter_class
+        line.formatter_class = partial(kind, width=_WIDTH)
         parts.append(f"## `{line.prog}`\n\n```text\n{line.format_help().strip()}\n```\n")
     return "\n".join(parts)

@@ -2,11 +2,11 @@
 
 import argparse
 import json
-import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from siren_ros.cli.evaluation.evaluate_yield import scored_episodes
+from siren_ros.cli.options.processes import add_processes
 from siren_ros.errors import EXIT_FAILED, InputError
 from siren_ros.evaluation.yielding.counterfactual import OUTCOMES, Effect, effects
 from siren_ros.recording.bag_folders import bags_among
@@ -16,7 +16,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     """Describe the verb, and what it takes."""
     verb.description = (
         "Compares levels on the same seeds: map, demand, route, drivers and draws are the same, so that the difference "
-        "is the effect of the level. Prints mean differences with 95 %% intervals (bootstrap over pairs), the p-value "
+        "is the effect of the level. Prints mean differences with 95 % intervals (bootstrap over pairs), the p-value "
         "of a permutation test, adjusted for all comparisons of an outcome (Holm), and in how many pairs an episode "
         "ended before its value was complete. Exit code 1 where there is no pair."
     )
@@ -30,9 +30,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
         help=f"of {', '.join(OUTCOMES)}",
     )
     verb.add_argument("--out", type=Path, metavar="FILE", help="write the effects on all outcomes as JSON")
-    verb.add_argument(
-        "--jobs", type=int, default=len(os.sched_getaffinity(0)), metavar="N", help="processes (default: processors)"
-    )
+    add_processes(verb)
     verb.set_defaults(run=run)
 
 

@@ -2,13 +2,13 @@
 
 import argparse
 import json
-import os
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from siren_ros.cli.evaluation.named_path import named_path
+from siren_ros.cli.options.processes import add_processes
 from siren_ros.datasets.exporting.survey import in_dataset_order, survey_bag
 from siren_ros.datasets.exporting.worker_pool import Run, worker_pool
 from siren_ros.datasets.sources.needs import Need
@@ -79,9 +79,7 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
         "--resamples", type=int, metavar="N", default=RESAMPLES, help="of the episodes, for the intervals (%(default)s)"
     )
     task.add_argument("--out", type=Path, metavar="DIR", help="write tables, scores.json, curves and pictures there")
-    task.add_argument(
-        "--jobs", type=int, metavar="N", default=len(os.sched_getaffinity(0)), help="processors (default: all)"
-    )
+    add_processes(task)
     task.set_defaults(run=run)
 
 

@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
+from siren_ros.cli.options.processes import add_processes
 from siren_ros.datasets.exporting.worker_pool import worker_pool
 from siren_ros.errors import EXIT_OK, InputError, SirenError
 from siren_ros.evaluation.aligned_text import aligned
@@ -30,9 +30,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     )
     verb.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="bags, or folders with bags at any depth")
     verb.add_argument("--out", type=Path, metavar="FILE", help="write everything, with the curves, as JSON")
-    verb.add_argument(
-        "--jobs", type=int, default=len(os.sched_getaffinity(0)), metavar="N", help="processes (default: processors)"
-    )
+    add_processes(verb)
     verb.set_defaults(run=run)
 
 

@@ -1,7 +1,6 @@
 """``siren evaluate prediction BAG… --models cv,idm``: how well models predict where vehicles go."""
 
 import argparse
-import os
 import sys
 from collections import Counter
 from collections.abc import Sequence
@@ -11,6 +10,7 @@ from typing import Never
 from tqdm import tqdm
 
 from siren_ros.cli.evaluation.named_path import named_path
+from siren_ros.cli.options.processes import add_processes
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
 from siren_ros.evaluation.prediction.charts.chart_files import write_charts, write_sample_pictures
 from siren_ros.evaluation.prediction.predictors import PREDICTORS
@@ -78,9 +78,7 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
         action="store_true",
         help="also draw the best, the median and the worst sample of each template and model to --out",
     )
-    task.add_argument(
-        "--jobs", type=int, metavar="N", default=len(os.sched_getaffinity(0)), help="processors (default: all)"
-    )
+    add_processes(task)
     task.set_defaults(run=run)
 
 

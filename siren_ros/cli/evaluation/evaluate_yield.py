@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -12,6 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from tqdm import tqdm
 
+from siren_ros.cli.options.processes import add_processes
 from siren_ros.datasets.exporting.worker_pool import worker_pool
 from siren_ros.errors import EXIT_OK, InputError, SirenError
 from siren_ros.evaluation.statistics.interval import Interval
@@ -24,17 +24,17 @@ from siren_ros.recording.bag_reader import read_episode
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
     """Describe the verb, and what it takes."""
-    names = "; ".join(f"{metric.name}: {metric.meaning}" for metric in EPISODE_METRICS)
+    verb.formatter_class = argparse.RawDescriptionHelpFormatter
     verb.description = (
-        "Marks how traffic made way: means over the episodes of each template and level with 95 % intervals "
-        f"(bootstrap over episodes), and the marks of the AV under test. {names}."
+        "Marks how traffic made way: means over the episodes of each template and level,\n"
+        "with 95 % intervals (bootstrap over episodes), and the marks of the AV under test."
     )
+    width = max(len(metric.name) for metric in EPISODE_METRICS)
+    verb.epilog = "\n".join(["marks:", *(f"  {metric.name:{width}}  {metric.meaning}" for metric in EPISODE_METRICS)])
     verb.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="bags, or folders with bags at any depth")
     verb.add_argument("--out", type=Path, metavar="FILE", help="one row for each episode, as Parquet (or .json)")
     verb.add_argument("--drivers", type=Path, metavar="FILE", help="one row for each driver, as Parquet (or .json)")
-    verb.add_argument(
-        "--jobs", type=int, default=len(os.sched_getaffinity(0)), metavar="N", help="processes (default: processors)"
-    )
+    add_processes(verb)
     verb.set_defaults(run=run)
 
 

@@ -1,7 +1,6 @@
 """``siren generate risk --out DIR``: front-camera videos with risk labels, searched for a balance of classes."""
 
 import argparse
-import os
 from pathlib import Path
 from threading import Lock
 from typing import Any, Self
@@ -10,6 +9,7 @@ from tqdm import tqdm
 
 from siren_ros.cli.generation.positive import positive
 from siren_ros.cli.generation.risk_thresholds import add_thresholds, thresholds_of
+from siren_ros.cli.options.processes import add_processes
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
 from siren_ros.evaluation.risk.risk_class import TITLES, RiskClass
 from siren_ros.scenario.templates import available_templates
@@ -32,21 +32,24 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     )
     verb.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the set, new or from before")
     verb.add_argument(
-        "--templates", nargs="+", metavar="ID", choices=available_templates(), default=list(available_templates())
+        "--templates",
+        nargs="+",
+        metavar="ID",
+        choices=available_templates(),
+        default=list(available_templates()),
+        help="S1 to S7 (default: all)",
     )
     verb.add_argument("--per-template", type=positive, metavar="N", help=f"videos of each (default {_PER_TEMPLATE})")
     verb.add_argument(
         "--balance", type=_counts, metavar="N,N,N", help=f"{', '.join(TITLES)} of the whole set (default {_PAPER})"
     )
-    verb.add_argument("--seed", type=int, default=0, metavar="N", help="of the search (default 0)")
+    verb.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the search (default 0)")
     verb.add_argument("--map", default="", metavar="FILE", help="map file (default: the town)")
     verb.add_argument(
         "--budget", type=positive, default=90, metavar="N", help="most candidates of each template (default 90)"
     )
-    verb.add_argument(
-        "--workers", type=positive, default=len(os.sched_getaffinity(0)), metavar="N", help="(default: processors)"
-    )
-    verb.add_argument("--retries", type=int, default=2, metavar="N", help="after a crash (default %(default)s)")
+    add_processes(verb, "--workers", kind=positive)
+    verb.add_argument("--retries", type=int, default=2, metavar="N", help="tries after a crash (default %(default)s)")
     add_thresholds(verb)
     verb.set_defaults(run=run)
 

@@ -40,7 +40,9 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder of frames and checkpoint (default: FILE_training next to FILE)",
     )
-    task.add_argument("--steps", type=int, default=config.steps, metavar="N", help="(default %(default)s)")
+    task.add_argument(
+        "--steps", type=int, default=config.steps, metavar="N", help="of the optimiser (default %(default)s)"
+    )
     task.add_argument("--seed", type=int, default=config.seed, help="of the training (default %(default)s)")
     task.add_argument("--minutes", type=float, metavar="M", help="stop after M minutes, at the next checkpoint")
     task.add_argument("--threads", type=int, default=1, metavar="N", help="of the processor (default %(default)s)")

@@ -1,7 +1,6 @@
 """``siren train prediction``: the project's own predictor, from episodes to weights with figures."""
 
 import argparse
-import os
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Final, Never
 
 from tqdm import tqdm
 
+from siren_ros.cli.options.processes import add_processes
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
 from siren_ros.training.assessment import by_map, by_template, table_lines
 from siren_ros.training.data_making import MadeData, make_data
@@ -47,10 +47,14 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
             metavar="N",
             help=f"seeds of each template and map for {name} (default {default})",
         )
-    task.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), metavar="N", help="episodes at once")
-    task.add_argument("--seed", type=int, default=config.seed, help="of the training (default %(default)s)")
-    task.add_argument("--epochs", type=int, default=config.epochs, help="(default %(default)s)")
-    task.add_argument("--device", default=config.device, help="cpu (default) or cuda")
+    add_processes(task)
+    task.add_argument(
+        "--seed", type=int, default=config.seed, metavar="N", help="of the training (default %(default)s)"
+    )
+    task.add_argument(
+        "--epochs", type=int, default=config.epochs, metavar="N", help="passes over the samples (default %(default)s)"
+    )
+    task.add_argument("--device", default=config.device, metavar="NAME", help="cpu (default) or cuda")
     task.add_argument(
         "--variants",
         nargs="+",

@@ -1,7 +1,6 @@
 """``siren train risk``: the risk task's sequence model, from films to weights."""
 
 import argparse
-import os
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Final, Never
 from tqdm import tqdm
 
 from siren_ros.cli.generation.positive import positive
+from siren_ros.cli.options.processes import add_processes
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
 from siren_ros.training.risk.film_fit import FilmFitConfig
 from siren_ros.training.risk.film_plan import FilmPlanSize, PlannedFilm, plan_films
@@ -37,11 +37,15 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
     task.add_argument(
         "--validation", type=positive, default=size.validation, metavar="N", help="likewise (default %(default)s)"
     )
+    add_processes(task, kind=positive)
+    task.add_argument("--seed", type=int, default=config.seed, metavar="N", help="of the fitting (default %(default)s)")
     task.add_argument(
-        "--jobs", type=positive, default=len(os.sched_getaffinity(0)), metavar="N", help="films made at once"
+        "--epochs",
+        type=positive,
+        default=config.epochs,
+        metavar="N",
+        help="passes over the films (default %(default)s)",
     )
-    task.add_argument("--seed", type=int, default=config.seed, help="of the fitting (default %(default)s)")
-    task.add_argument("--epochs", type=positive, default=config.epochs, help="(default %(default)s)")
     task.set_defaults(run=run)
 
 

@@ -1,0 +1,18 @@
+"""The option that says how many processes a command works with: the same for every command."""
+
+import argparse
+import os
+from collections.abc import Callable
+
+
+def add_processes(
+    line: "argparse.ArgumentParser | argparse._ArgumentGroup", option: str = "--jobs", kind: Callable[[str], int] = int
+) -> None:
+    """Adds the option to a command, with the processors that this process may use as its default."""
+    line.add_argument(
+        option,
+        type=kind,
+        default=len(os.sched_getaffinity(0)),
+        metavar="N",
+        help="processes (default: one for each processor)",
+    )

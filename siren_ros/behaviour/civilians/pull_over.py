@@ -107,12 +107,15 @@ def _emv_takes_shoulder(view: StepView, lane: int, emv_id: int) -> bool:
 def edge_offset_m(view: StepView, row: int, lane: int, side: int) -> float:
     """Offset from the lane's centre line at which a vehicle stands at the lane's edge, left positive.
 
-    If that leaves too little width for an EMV on the inner side, the vehicle reaches over the edge.
+    If that leaves too little width for an EMV on the inner side, the vehicle reaches over the edge. It does not where
+    the EMV comes on the shoulder and others stand in the lane on the left.
     """
     network, config = view.world.network, view.world.config.pull_over
     beside = neighbour_lane(network, road_lane_of(network, lane), side)
     shoulder = beside != NO_LANE and network.lanes[beside].kind is LaneKind.SHOULDER
     most = config.shoulder_overhang_max_m if shoulder else config.overhang_max_m
+    if side > 0 and beside != NO_LANE and network.lanes[beside].kind is LaneKind.DRIVING:
+        most = 0.0
     half_lane, half_width = 0.5 * network.lanes[lane].width_m, float(view.seen.half_width_m[row])
     at_edge = half_lane - half_width
     wanted = config.corridor_half_m - half_lane + half_width

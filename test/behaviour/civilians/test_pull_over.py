@@ -83,6 +83,12 @@ def test_stands_at_the_edge_and_over_it_where_the_lane_is_narrow(lab):
     truck = lab.vehicles[ActorClass.TRUCK].width_m
     assert edge_offset_m(view, 1, 0, -1) == pytest.approx(-(1.65 - 0.915))
     assert edge_offset_m(view, 2, 1, 1) == pytest.approx(min(1.4 - 1.65 + truck / 2, 1.65 - truck / 2 + 0.5))
+    assert edge_offset_m(view, 1, 0, 1) == pytest.approx(1.65 - 0.915)
+    narrow = lab.straight_road()
+    trucks = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,), ActorClass.TRUCK)]
+    beside_others = lab.view_of(lab.world_of(narrow, lab.L3), lab.traffic_of(narrow, trucks))
+    assert edge_offset_m(beside_others, 1, 0, 1) == pytest.approx(1.65 - truck / 2), "not into the lane on the left"
+    assert edge_offset_m(beside_others, 1, 0, -1) < -(1.65 - truck / 2), "over the edge on the right"
 
 
 def test_every_lane_of_the_road_pulls_over(lab, world):

@@ -91,6 +91,25 @@ def test_pictures_and_films_are_small() -> None:
     assert not [f"{path}: {path.stat().st_size} bytes" for path in files if path.stat().st_size > largest[path.suffix]]
 
 
+def anchors_of(markdown: str) -> set[str]:
+    """The anchors of a document's headings, as GitHub and the site make them."""
+    text = re.sub(r"^```.*?^```", "", markdown, flags=re.MULTILINE | re.DOTALL)
+    headings = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
+
+
+@parametrized
+def test_headings_that_documents_link_to_exist(path: Path) -> None:
+    links = re.findall(r"\]\(([^)#:\s]*)#([^)\s]+)\)", path.read_text(encoding="utf-8"))
+    targets = [((path.parent / target).resolve() if target else path, anchor) for target, anchor in links]
+    missing = [
+        f"{target.name}#{anchor}"
+        for target, anchor in targets
+        if target.is_file() and anchor not in anchors_of(target.read_text(encoding="utf-8"))
+    ]
+    assert not missing
+
+
 @parametrized
 def test_modules_that_documents_run_exist(path: Path) -> None:
     modules = re.findall(r"-m (siren_ros[\w.]*\w)", path.read_text(encoding="utf-8"))
@@ -118,6 +137,11 @@ def test_packages_introduce_themselves_without_private_words(folder: str) -> Non
         for path in (REPOSITORY / folder).rglob("__init__.py")
     }
     assert not [name for name, text in introductions.items() if not text or PRIVATE_WORDS.search(text)]
+
+
+def test_the_search_for_headings_can_fail() -> None:
+    made = anchors_of("# A `b.py`, c: D-e\n```\n# no heading\n```\n### Frames of `/av/odom`\n")
+    assert made == {"a-bpy-c-d-e", "frames-of-avodom"}
 
 
 def test_the_search_for_files_can_fail() -> None:

@@ -44,3 +44,5 @@ class FittedDetector:
     parameters: int
     made_with: str
     """Library and version."""
+    processor_s: float
+    """Processor time of the fitting."""

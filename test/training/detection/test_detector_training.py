@@ -26,7 +26,7 @@ def test_weights_and_card_are_written(tmp_path) -> None:
     def fitter(draws, config, threads, checkpoint, told):
         assert (len(draws), config.steps, threads, checkpoint) == (6, 5, 1, tmp_path / "cache" / "checkpoint.pt")
         assert told("step 5")
-        return FittedDetector(b"weights", 7, "made")
+        return FittedDetector(b"weights", 7, "made", 12.4)
 
     lines = []
     card = train_detector(_training(tmp_path), fitter, lines.append)
@@ -39,12 +39,13 @@ def test_weights_and_card_are_written(tmp_path) -> None:
         "seeds_by_map": {"made": [1, 2]},
         "frames": 6,
     }
+    assert card["fitting"] == {"processor_s": 12}
     assert (card["form_version"], card["parameters"], card["figures"]) == (FORM_VERSION, 7, {})
 
 
 def test_a_training_without_time_stops(tmp_path) -> None:
     def fitter(_draws, _config, _threads, _checkpoint, told):
-        return None if not told("step 1") else FittedDetector(b"", 0, "")
+        return None if not told("step 1") else FittedDetector(b"", 0, "", 0.0)
 
     assert train_detector(_training(tmp_path, minutes=0.0), fitter, lambda _: None) is None
     assert not (tmp_path / "a").exists()

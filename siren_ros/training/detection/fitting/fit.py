@@ -38,25 +38,37 @@ class Progress:
     seconds: float
 
 
+@dataclass(frozen=True)
+class Fitted:
+    """What a training ends with."""
+
+    network: PillarNetwork
+    processor_s: float
+    """Processor time of all its steps."""
+
+
 @dataclass
 class _Run:
     network: PillarNetwork
     average: PillarNetwork
     optimizer: torch.optim.Optimizer
     step: int = 0
+    processor_s: float = 0.0
+    """Since the first step, over all programs that went on from a checkpoint."""
     sums: list[Tensor] = field(default_factory=list)
 
     def state(self, digest: str) -> dict[str, Any]:
         return {
             "digest": digest,
             "step": self.step,
+            "processor_s": self.processor_s,
             "network": self.network.state_dict(),
             "average": self.average.state_dict(),
             "optimizer": self.optimizer.state_dict(),
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        self.step = int(state["step"])
+        self.step, self.processor_s = int(state["step"]), float(state["processor_s"])
         self.network.load_state_dict(state["network"])
         self.average.load_state_dict(state["average"])
         self.optimizer.load_state_dict(state["optimizer"])
@@ -68,7 +80,7 @@ def fit(
     config: DetectionFit,
     checkpoint: Path | None,
     told: Callable[[Progress], bool],
-) -> PillarNetwork | None:
+) -> Fitted | None:
     """Trains a network, from its checkpoint where there is one.
 
     More frames and another number of steps may be asked for than when the checkpoint was written.
@@ -81,7 +93,7 @@ def fit(
         told: Called after every ``checkpoint_steps``; False stops the training there.
 
     Returns:
-        The network; None where the training was stopped.
+        The result; None where the training was stopped.
 
     Raises:
         InputError: The checkpoint is of another grid, size or seed, or no checkpoint at all.
@@ -91,18 +103,20 @@ def fit(
     if checkpoint is not None and checkpoint.exists():
         run.restore(_read(checkpoint, digest))
     device, start = torch.device(config.device), time.monotonic()
+    spent_s = run.processor_s - time.process_time()
     while run.step < config.steps:
         _train_step(run, draws.batch_of(run.step), config, device)
         run.step += 1
         if run.step % config.checkpoint_steps == 0 or run.step == config.steps:
             loss, heat, box, named = torch.stack(run.sums).mean(dim=0).tolist()
             run.sums.clear()
+            run.processor_s = spent_s + time.process_time()
             if checkpoint is not None:
                 _write(checkpoint, run.state(digest))
             goes_on = told(Progress(run.step, loss, heat, box, named, time.monotonic() - start))
             if not goes_on and run.step < config.steps:
                 return None
-    return run.average.cpu().eval()
+    return Fitted(run.average.cpu().eval(), run.processor_s)
 
 
 def _new_run(draws: FrameDraws, size: NetworkSize, config: DetectionFit) -> _Run:

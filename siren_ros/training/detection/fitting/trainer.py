@@ -34,11 +34,13 @@ def fitted_detector(
             f"boxes {progress.box:.3f}, classes {progress.named:.3f}), {progress.seconds:.0f} s"
         )
 
-    network = fit(draws, NetworkSize(), config, checkpoint, tell)
-    if network is None:
+    fitted = fit(draws, NetworkSize(), config, checkpoint, tell)
+    if fitted is None:
         return None
+    network = fitted.network
     return FittedDetector(
         onnx=onnx_bytes(network),
         parameters=sum(weights.numel() for weights in network.parameters()),
         made_with=f"torch {torch.__version__}",
+        processor_s=fitted.processor_s,
     )

@@ -1,4 +1,4 @@
-"""Labels, hits, misses and false alarms of one frame from above."""
+"""Labels, hits, misses and false alarms of one frame from above, and in the front camera's picture."""
 
 from pathlib import Path
 from typing import Final
@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from siren_ros.evaluation.detection.metrics.matching import DISTANCES_M
 from siren_ros.evaluation.detection.protocol.boxes import Boxes
 from siren_ros.evaluation.detection.protocol.frames import RANGE_M, Frames
+from siren_ros.evaluation.detection.reports.camera_view import draw_in_picture, front_picture
 from siren_ros.evaluation.detection.scoring import DetectorScores
 from siren_ros.numerics.arrays import Floats
 
@@ -39,17 +40,22 @@ def draw_worst_frame(scores: DetectorScores, frames: Frames, template: str, path
         np.argmax(np.where(of_template & (np.bincount(scores.truth.frame, minlength=len(frames)) > 0), errors, -1))
     )
     in_truth, in_found = scores.truth.frame == frame, (found.frame == frame) & shown
-    figure = Figure(figsize=(6.4, 6.8), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    place = frames.vehicle_m[frame]
-    for name, boxes in {
+    groups: dict[str, Boxes] = {
         "label, found": scores.truth.at(in_truth & taken),
         "label, missed": scores.truth.at(in_truth & ~taken),
         "hit": found.at(in_found & hit),
         "false alarm": found.at(in_found & ~hit),
-    }.items():
+    }
+    episode = int(frames.episode[frame])
+    picture = front_picture(frames.episodes[episode], frame - int(frames.first[episode]))
+    figure = Figure(figsize=(6.4 if picture is None else 13.6, 6.8), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot(1, 1 if picture is None else 2, 1)
+    place = frames.vehicle_m[frame]
+    for name, boxes in groups.items():
         _draw(axes, boxes, place, name)
+    if picture is not None:
+        draw_in_picture(figure.add_subplot(1, 2, 2), picture, groups, _COLOURS)
     axes.plot(0.0, 0.0, "k^", markersize=8)
     axes.set(xlim=(-RANGE_M, RANGE_M), ylim=(-RANGE_M, RANGE_M), xlabel="east of the sensor [m]", ylabel="north [m]")
     axes.set_aspect("equal")

@@ -13,8 +13,10 @@ from siren_ros.evaluation.detection.protocol.frames import Frames, frames_of
 
 @pytest.fixture(scope="session")
 def sensed_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three seconds with LiDAR and the front camera."""
-    return shared_recording(tmp_path_factory, "front", "template:=S2", "sensors:=front", "duration_s:=3.0")
+    """Three seconds with LiDAR and the front camera, watched by the detector that ships."""
+    return shared_recording(
+        tmp_path_factory, "front", "template:=S2", "sensors:=front", "duration_s:=3.0", "detector:=pillars"
+    )
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,36 @@
+"""The detector that ships, on the recorded sweeps and while they were recorded."""
+
+import numpy as np
+import pytest
+
+from siren_ros.evaluation.detection.detectors.table import run_detector
+from siren_ros.evaluation.detection.inputs.found_set import FoundSet
+from siren_ros.evaluation.detection.inputs.topic_results import read_topic
+from siren_ros.evaluation.detection.metrics.devkit_score import devkit_score
+from siren_ros.evaluation.detection.pillars.grid import SHIPPED_DETECTOR
+from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes
+from siren_ros.evaluation.detection.protocol.frames import Frames
+from siren_ros.evaluation.detection.scoring import VEHICLE_NAMES, counted_boxes
+from siren_ros.interfaces.topics import DETECTIONS
+
+
+@pytest.fixture(scope="module", name="found")
+def _found(frames: Frames) -> FoundBoxes:
+    return run_detector(SHIPPED_DETECTOR, frames.episodes[0], None).boxes
+
+
+def test_it_finds_vehicles_of_a_recorded_episode(frames: Frames, found: FoundBoxes) -> None:
+    boxes = FoundSet("p", "p", found, frames.scored, has_velocity=True)
+    score = devkit_score(*counted_boxes(frames, boxes, VEHICLE_NAMES))
+    assert score.mean_average_precision > 0.7
+    assert score.errors["ATE"] < 0.4
+    assert score.errors["AOE"] < 0.4
+
+
+def test_the_node_said_the_same_while_the_episode_ran(frames: Frames, found: FoundBoxes) -> None:
+    live = read_topic("live", DETECTIONS.name, frames).boxes
+    assert np.array_equal(live.frame, found.frame)
+    assert live.label.tolist() == found.label.tolist()
+    for name in ("centre_m", "size_m", "score"):
+        assert getattr(live, name) == pytest.approx(getattr(found, name), abs=1e-6)
+    assert np.cos(live.yaw_rad - found.yaw_rad) == pytest.approx(np.ones(len(found)), abs=1e-6)

@@ -31,6 +31,10 @@ class Detector(Participant[DetectorConfig]):
     inputs = (Input(topics.TF),)
     outputs = (topics.DETECTIONS, topics.DETECTION_LATENCY)
 
+    def __init__(self, name: str, **node_options: Any) -> None:
+        super().__init__(name, **node_options)
+        self._latencies_s: list[float] = []
+
     def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:  # noqa: ARG002 - the interface of all nodes
         """Load the network and subscribe to the first LiDAR."""
         suite = load_suite(episode.sensor_suite, episode.files)
@@ -41,7 +45,6 @@ class Detector(Participant[DetectorConfig]):
         self._base_from_lidar = lidar.mount.base_from_sensor
         self._frame_id = lidar.name
         self._detector = PillarDetector(load_detector(detector_file(self.config.weights)), lidar.mount.z_m)
-        self._latencies_s: list[float] = []
         self.join_more([Input(self._lidar)])
 
     def on_step(self, step: int, inputs: dict[str, Any]) -> None:

@@ -17,11 +17,14 @@ Run = Callable[..., "subprocess.CompletedProcess[str]"]
 Start = Callable[..., "subprocess.Popen[str]"]
 
 TELL = """#!/usr/bin/env python3
-import signal, sys, time
+import pathlib, signal, sys, time
 signal.signal(signal.SIGINT, lambda *_: sys.exit(int(sys.argv[1])))
+stays, said = sys.argv[2] == "stay", pathlib.Path(__file__ + ".said")
 sys.stdout.write(" ".join(sys.argv[1:]) + "\\n")
 sys.stdout.flush()
-while sys.argv[2] == "stay":
+if stays:
+    said.touch()
+while stays or not said.exists():
     time.sleep(0.01)
 """
 FILE = """

@@ -8,9 +8,12 @@ import pytest
 from live_episodes import EXAMPLES, Domain, Run, digest, finish
 
 from siren_ros.cli.main import main
+from siren_ros.generation.episode_setup import set_up_episode
+from siren_ros.generation.recorded_episode import record_episode
 from siren_ros.generation.replay_check import repeat_episode
 from siren_ros.judging.verify import verify_episode
 from siren_ros.recording.bag_reader import read_episode
+from siren_ros.scenario.request import EpisodeRequest
 
 DOMAIN = Domain()
 PREDICTOR = str(EXAMPLES / "live_predictor.py")
@@ -63,7 +66,7 @@ def test_a_bag_without_the_topic_is_refused(folder: Path, tmp_path: Path, capsys
     assert main(["evaluate", "prediction", str(folder / "bag"), "--predictions=a=/predictions",
                  "--predictions=b=/predictions"]) == 2  # fmt: skip
     assert "/predictions once" in capsys.readouterr().err
-    assert DOMAIN.run("sensors:=none", "duration_s:=1.0", "bag:=plain", cwd=tmp_path).code == 0
+    record_episode(set_up_episode(EpisodeRequest("S2", duration_s=1.0, sensors="none")), tmp_path / "plain")
     assert main(["evaluate", "prediction", str(tmp_path / "plain"), "--predictions=a=/predictions"]) == 2
     assert "a bag with the topic /predictions" in capsys.readouterr().err
 

@@ -5,7 +5,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
 from live_episodes import Domain, cosim, digest, finish, recording, wait_until
 
 from siren_ros.ros.transport.domain import LARGEST_DOMAIN
@@ -14,20 +13,21 @@ HERE, ELSEWHERE = Domain(), Domain()
 SHORT = ("sensors:=none", "duration_s:=1.0", "bag:=bag")
 
 
-@pytest.mark.parametrize("processes", ["false", "true"])
-def test_a_second_episode_in_one_domain_is_refused_and_harms_nothing(tmp_path: Path, processes: str) -> None:
-    first, second = tmp_path / "first", tmp_path / "second"
-    first.mkdir()
-    second.mkdir()
+def test_further_episodes_in_one_domain_are_refused_and_harm_nothing(tmp_path: Path) -> None:
+    first, *others = folders = [tmp_path / name for name in ("first", "second", "third")]
+    for folder in folders:
+        folder.mkdir()
     with HERE.episode("sensors:=none", "duration_s:=6.0", "bag:=bag", "realtime_factor:=1.0", cwd=first) as episode:
         wait_until(recording(first), episode)
-        refused = HERE.run(*SHORT, f"processes:={processes}", cwd=second)
+        with HERE.episode(*SHORT, cwd=others[0]) as one, HERE.episode(*SHORT, "processes:=true", cwd=others[1]) as two:
+            refusals = [finish(one), finish(two)]
         run = finish(episode)
-    assert refused.code == 2
-    (line,) = [line for line in refused.err.splitlines() if line.startswith("ROS_DOMAIN_ID")]
-    assert line.startswith(f"ROS_DOMAIN_ID: {HERE.number} cannot be used")
-    assert f"for example ROS_DOMAIN_ID={(HERE.number + 1) % (LARGEST_DOMAIN + 1)}" in line
-    assert list(second.iterdir()) == []
+    for refused in refusals:
+        assert refused.code == 2
+        (line,) = [line for line in refused.err.splitlines() if line.startswith("ROS_DOMAIN_ID")]
+        assert line.startswith(f"ROS_DOMAIN_ID: {HERE.number} cannot be used")
+        assert f"for example ROS_DOMAIN_ID={(HERE.number + 1) % (LARGEST_DOMAIN + 1)}" in line
+    assert [list(folder.iterdir()) for folder in others] == [[], []]
     assert run.code == 0, run.err
     assert "episode complete after 6.00 s" in run.out
 

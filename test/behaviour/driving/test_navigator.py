@@ -165,10 +165,12 @@ def test_without_a_path_it_brakes_to_a_stop(lab):
     table = ParameterTable.of([ActorClass.SEDAN], lab.vehicles)
     body = BodyState.moving(np.zeros(1), np.zeros(1), np.zeros(1), np.array([5.0]))
     situation = Situation(seen_of(body, table), 0, lab.vehicles[ActorClass.SEDAN], 10.0)
-    state, command, _ = navigate(NavigatorState(), situation, CONFIG)
-    assert command.throttle == 0.0
+    state, command, threat = navigate(NavigatorState(integral_mps2=2.0), situation, CONFIG)
+    assert (command.throttle, command.steer_rad, command.hand_brake) == (0.0, 0.0, False)
     assert command.brake > 0.35
+    assert threat is None
     assert state.done
+    assert state.integral_mps2 == 0.0
 
 
 def test_a_limit_counts_besides_target_and_path(lab):

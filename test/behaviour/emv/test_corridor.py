@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from siren_ros.behaviour.emv.corridor import (
 from siren_ros.behaviour.emv.forced_lane_change import forced_lane_change
 from siren_ros.behaviour.emv.unit import EmvUnit
 from siren_ros.behaviour.paths.lane_path import LaneEnd, path_on_lanes
+from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.world.actors import ActorClass, Lights, Owner
 
 
@@ -135,6 +138,28 @@ def test_the_corridor_is_on_the_shoulder_before_a_junction_beyond_which_it_turns
     assert corridor_lane(network, 1, route, 40.0) == 1, "the turn is 50 m beyond the present edge"
     assert corridor_lane(network, 1, route[:2], 80.0) == 1
     assert corridor_lane(network, 3, route[1:], 80.0) == 3, "SUMO has the EMV on the next edge already"
+
+
+@pytest.mark.parametrize("heading_deg", [0.0, 30.0, 135.0])
+@pytest.mark.parametrize(("left_m", "turned_rad"), [(0.0, 0.0), (-0.8, 0.15), (2.5, -0.2)])
+def test_the_path_begins_where_the_emv_is_as_it_points_and_ends_in_the_corridor(lab, heading_deg, left_m, turned_rad):
+    """The EMV drives in the right lane; the line between both lanes is 1.65 m to the left of that lane's."""
+    along = np.array([np.cos(np.radians(heading_deg)), np.sin(np.radians(heading_deg))])
+    road = lab.RoadBuilder()
+    road.edge([[0, 0], list(400.0 * along)], 2, ("A", "B"))
+    network = road.built()
+    car = lab.Car(1, 0, 100, 8, (0,), ActorClass.AMBULANCE, left=left_m)
+    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, [car]))
+    yaw = view.seen.yaw_rad + turned_rad
+    view = replace(view, seen=replace(view.seen, yaw_rad=yaw, cos=np.cos(yaw), sin=np.sin(yaw)))
+    curve = corridor_path(EmvUnit(1, corridor=True), view, 0).navigator.path.curve
+    s, left = curve.project_one(*view.pose(0)[:2])
+    assert left == pytest.approx(0.0, abs=0.01)
+    end = np.array([curve.length_m])
+    assert network.lanes[0].centre.project(curve.at(end)[0])[1] == pytest.approx(1.65, abs=0.02)
+    begins, goes_on = curve.heading_at(np.array([s, end[0]]))
+    assert wrap_angle(begins - yaw[0]) == pytest.approx(0.0, abs=0.03)
+    assert wrap_angle(goes_on - np.radians(heading_deg)) == pytest.approx(0.0, abs=0.01)
 
 
 def test_straight_on_starts_from_the_offset_at_hand(lab):

@@ -106,7 +106,7 @@ def test_a_killed_episode_leaves_its_record_and_nothing_else(episodes: list[Epis
     next_episode_starts(episode)
 
 
-def test_no_node_outlives_a_killed_episode_even_a_stopped_one(episodes: list[Episode], tmp_path: Path) -> None:
+def test_a_node_that_is_stopped_does_not_outlive_a_killed_episode(episodes: list[Episode], tmp_path: Path) -> None:
     episode = start(episodes, tmp_path, "processes:=true")
     episode.wait_until_recorded()
     os.kill(episode.process_of("vehicle_dynamics"), signal.SIGSTOP)

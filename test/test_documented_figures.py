@@ -1,17 +1,21 @@
 """Figures and parameters that one page shows and another page or the code has."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
 from repository import REPOSITORY
 
+from siren_ros.judging.verify import verify_episode
+from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.ros.parameters.node_configs import CosimConfig
 from siren_ros.ros.parameters.parameters import defaults_of
 
 README: Final = REPOSITORY / "README.md"
 BEHAVIOUR: Final = REPOSITORY / "docs" / "behaviour.md"
 PREDICTOR: Final = REPOSITORY / "docs" / "siren_predictor.md"
+RECORDING: Final = REPOSITORY / "docs" / "recording.md"
 EPISODE: Final = REPOSITORY / "docs" / "episode.md"
 
 
@@ -57,3 +61,11 @@ def test_the_page_of_the_episode_has_the_defaults_of_cosim() -> None:
     }
     kept = {name: value for name, value in numbers.items() if name != "duration_s"}  # 0: the template's own
     assert {name: said[name].strip("`").lower() for name in kept} == kept
+
+
+def test_the_page_of_the_recording_has_every_check_of_verify(record_of: Callable[..., EpisodeRecord]) -> None:
+    table = RECORDING.read_text(encoding="utf-8").partition("## What `verify` checks")[2].partition("\n## ")[0]
+    documented = re.findall(
+        r"`(\w+)`", " ".join(line.split("|")[1] for line in table.splitlines() if line.startswith("|"))
+    )
+    assert sorted(documented) == sorted(part.name for part in verify_episode(record_of()).checks)

@@ -38,7 +38,10 @@ def _head(record: EpisodeRecord, bag: Path, size_bytes: int) -> list[str]:
         ("actors", f"{len(record.actors)}: " + ", ".join(f"{count} {name}" for name, count in sorted(classes.items()))),
         ("EMV", ", ".join(str(emv_id) for emv_id in record.emv_ids) or "none"),
         ("versions", ", ".join(f"{name} {version}" for name, version in sorted(episode.versions.items())) or "unknown"),
-        ("site", ", ".join(f"{key} {value}" for key, value in sorted(episode.site.items())) or "unknown"),
+        (
+            "site",
+            ", ".join(f"{key} {_plain(value)}" for key, value in sorted(episode.site.items()) if value) or "unknown",
+        ),
     ]
     outcome = record.outcome
     if outcome is None:
@@ -47,8 +50,15 @@ def _head(record: EpisodeRecord, bag: Path, size_bytes: int) -> list[str]:
         held = {True: "interaction verified", False: "interaction not found", None: "not judged"}
         reason = f" ({outcome.reason})" if outcome.reason else ""
         lines.append(("outcome", f"{outcome.end}{reason}, {held[outcome.predicate_holds]}"))
-        lines += [("", f"{name} = {value}") for name, value in sorted(outcome.measures.items())]
+        lines += [("", f"{name} = {_plain(value)}") for name, value in sorted(outcome.measures.items())]
     return [f"{name:<10}{text}" for name, text in lines]
+
+
+def _plain(value: object) -> str:
+    """A value for people: numbers with six digits, lists as words."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return " ".join(str(part) for part in value) if isinstance(value, (list, tuple)) else str(value)
 
 
 def _topics(record: EpisodeRecord) -> list[str]:

@@ -74,7 +74,7 @@ def save_film(bag: Path, record: EpisodeRecord, path: Path) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Shows each template by its first episode whose predicate holds; draws what sensors see in S1 and S2."""
+    """Shows each template by its first episode whose predicate holds; with S1 and S2 also what sensors see in them."""
     line = argparse.ArgumentParser(description=__doc__)
     line.add_argument("study", type=Path, help="folder that siren generate made")
     line.add_argument("docs", type=Path, help="folder of the documents")
@@ -88,7 +88,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         shown[name] = metadata.parent
         save_picture(record, arguments.docs / "templates" / "pictures" / f"{name}.webp")
         save_film(metadata.parent, record, arguments.docs / "templates" / "films" / f"{name}.mp4")
-    draw_sensors(shown["S1"], shown["S2"], arguments.docs / "images")
+    if {"S1", "S2"} <= set(shown):
+        draw_sensors(shown["S1"], shown["S2"], arguments.docs / "images")
 
 
 if __name__ == "__main__":

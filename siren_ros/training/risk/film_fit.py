@@ -24,13 +24,13 @@ class FilmFitConfig:
     """How the sequence model is fitted."""
 
     seed: int = 0
-    epochs: int = 20
+    epochs: int = 14
     steps: int = 20
     """Batches of an epoch."""
-    batch: int = 10
+    batch: int = 12
     """Clips at once."""
-    clip_frames: int = 40
-    """Pictures of a training clip: 8 s."""
+    clip_frames: int = 24
+    """Pictures of a training clip: 4.8 s."""
     learning_rate: float = 2e-3
     weight_decay: float = 1e-2
     near_steps: int = 12

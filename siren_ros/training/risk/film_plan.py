@@ -45,7 +45,7 @@ class PlannedFilm:
 class FilmPlanSize:
     """Films of each template."""
 
-    train: int = 7
+    train: int = 4
     validation: int = 4
 
 

@@ -44,6 +44,7 @@ def test_rows_files_and_pictures(folder: Path, answers: Path, capsys: pytest.Cap
         "scores.json",
         "confusion_mine.png",
         "confusion_majority.png",
+        "confusion_sequence.png",
         "confusion_oracle.png",
     }
 
@@ -77,8 +78,8 @@ def films(folder: Path) -> Path:
     """The set with its pictures: grey films, and masks without vehicles."""
     folder.joinpath("masks").mkdir()
     for number, (key, video) in enumerate(sorted(read_set(folder).videos.items())):
-        write_video(folder / video.file, (np.full((16, 16, 3), 40 * number, np.uint8) for _ in range(video.frames)))
-        empty = {f"frame_{frame:03d}": np.zeros((16, 16), np.uint32) for frame in key_frames(video.frames)}
+        write_video(folder / video.file, (np.full((120, 160, 3), 40 * number, np.uint8) for _ in range(video.frames)))
+        empty = {f"frame_{frame:03d}": np.zeros((120, 160), np.uint32) for frame in key_frames(video.frames)}
         np.savez_compressed(folder / "masks" / f"{key}.npz", **empty)
     return folder
 

@@ -8,6 +8,9 @@ from typing import Any, Final
 PROGRAMS: Final = ("cli", "benchmarks")
 """Packages of programs: nobody imports them; they have other pages."""
 
+_FOUND_LAST: Final = "---\nsearch:\n  boost: 0.3\n---\n\n"
+"""The search shows documents before pages of the API."""
+
 
 def _packages(library: Path) -> Iterator[Path]:
     """Folders of the library with modules of their own, by path."""
@@ -49,7 +52,7 @@ def api_pages(library: Path) -> dict[str, str]:
         rows.append(f"| {f'[`{name}`]({name}.md)' if modules else f'`{name}`'} | {summary} |")
         if modules:
             blocks = "\n\n".join(f"::: {_dotted(library, module)}" for module in modules)
-            pages[f"api/{name}.md"] = f"# `{name}`\n\n{summary}\n\n{blocks}\n"
+            pages[f"api/{name}.md"] = f"{_FOUND_LAST}# `{name}`\n\n{summary}\n\n{blocks}\n"
     introduction = (
         "# API reference\n\nEverything public of the library, from its docstrings. "
         "The plan of the code says which package may import which.\n\n| package | content |\n|---|---|\n"

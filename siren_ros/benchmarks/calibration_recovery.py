@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.calibration.fit import fit
+from siren_ros.calibration.fit import EVALUATIONS_EACH, fit
 from siren_ros.calibration.parameters import Parameter, parameters_named
 from siren_ros.calibration.simulate import Situation, Target, driven
 from siren_ros.calibration.trajectory import Trajectory
@@ -41,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     line.add_argument("--truth-seed", type=int, default=1, help="of the true values")
     line.add_argument("--noise-m", type=float, default=0.1, help="standard deviation of each place")
-    line.add_argument("--evaluations", type=int, default=120)
+    line.add_argument("--evaluations", type=int, default=0, help=f"0: {EVALUATIONS_EACH} for each parameter")
     line.add_argument("--duration-s", type=float, default=0.0, help="0: the template's own")
     line.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
     asked = line.parse_args(argv)
@@ -53,7 +53,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         targets.append(target_with(request, truth, asked.noise_m))
     began = time.perf_counter()
     with errors_over(targets, asked.jobs) as errors:
-        found = fit(parameters, errors, asked.evaluations, told=lambda tries, error: print(f"{tries}: {error:.3f} m"))
+        evaluations = asked.evaluations or EVALUATIONS_EACH * len(parameters)
+        found = fit(parameters, errors, evaluations, told=lambda tries, error: print(f"{tries}: {error:.3f} m"))
     rows = [["parameter", "truth", "found", "share of the range", "spread"]]
     worst = 0.0
     for one in parameters:

@@ -13,6 +13,8 @@ from siren_ros.numerics.random_streams import random_stream
 
 START_STEP: Final = 0.25
 """First standard deviation, as a share of each range: the range is within two of them from its middle."""
+EVALUATIONS_EACH: Final = 60
+"""Tries for each parameter that leave a smooth error of three coupled parameters with about 1 % of their ranges."""
 CLOSE_SHARE: Final = 2e-3
 """The search ends where all its standard deviations are below this share of the ranges."""
 

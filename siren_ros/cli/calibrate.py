@@ -7,7 +7,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from siren_ros.calibration.fit import Fitted, fit
+from siren_ros.calibration.fit import EVALUATIONS_EACH, Fitted, fit
 from siren_ros.calibration.parameters import PARAMETERS, Parameter, parameters_named
 from siren_ros.calibration.simulate import Situation, Target
 from siren_ros.calibration.trajectory import Trajectory
@@ -39,7 +39,13 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
         metavar="FILE.csv",
         help="time_s, x_m, y_m in the map's frame, in place of the bag's EMV; with one bag, which gives the situation",
     )
-    verb.add_argument("--evaluations", type=int, default=120, metavar="N", help="tries, at most (default %(default)s)")
+    verb.add_argument(
+        "--evaluations",
+        type=int,
+        default=0,
+        metavar="N",
+        help=f"tries, at most (default: {EVALUATIONS_EACH} for each parameter)",
+    )
     verb.add_argument("--seed", type=int, default=0, metavar="N", help="of the search (default 0)")
     verb.add_argument("--out", type=Path, metavar="FILE.json", help="write what was found")
     add_processes(verb)
@@ -52,12 +58,12 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("jobs", arguments.jobs, "1 or more")
     parameters = parameters_named([name.strip() for name in arguments.parameters.split(",") if name.strip()])
     targets = _targets(arguments)
-    total = arguments.evaluations * len(targets)
+    evaluations = arguments.evaluations or EVALUATIONS_EACH * len(parameters)
     with (
-        tqdm(total=total, unit="episode", desc="calibrate", disable=None) as bar,
+        tqdm(total=evaluations * len(targets), unit="episode", desc="calibrate", disable=None) as bar,
         errors_over(targets, arguments.jobs, lambda: _advance(bar)) as errors,
     ):
-        found = fit(parameters, errors, arguments.evaluations, arguments.seed)
+        found = fit(parameters, errors, evaluations, arguments.seed)
     print("\n".join(fitted_lines(parameters, found)))
     if arguments.out is not None:
         content = as_json(found) | {"targets": [target.name for target in targets], "seed": arguments.seed}

@@ -197,6 +197,16 @@ def test_the_second_off_the_path_begins_again_when_the_emv_comes_back(lab, world
     assert not blocked_then(lab, world, (1, grace), (0, 1), (1, grace))
 
 
+@pytest.mark.parametrize(("emv_s", "reasons"), [(73.9, []), (78.9, []), (79.4, ["off_path"])])
+def test_the_emv_is_on_the_path_until_its_front_is_ahead_of_the_civilians_front(lab, world, emv_s, reasons):
+    """The civilian's front is at 82.375 m, the EMV's is 3.25 m ahead of its centre: ahead of it from 79.125 m on."""
+    cars = [lab.Car(2, 0, 80, 5, (0,), left=-1.0), lab.Car(3, 1, 81, 5, (0,))]
+    state, _, _ = steps(lab, world, [emv_at(lab), *cars])
+    grace = round(world.config.yielding.off_path_grace_s / 0.05)
+    _, _, events = steps(lab, world, [emv_at(lab, emv_s), *cars], grace + 5, state, 1)
+    assert [event.detail["reason"] for event in events if event.actor_id == 2] == reasons
+
+
 def test_a_yield_with_a_free_lane_starts_although_the_emv_has_just_left_the_lane(lab, world):
     cars = [lab.Car(2, 0, 80, 5, (0,)), lab.Car(3, 1, 81, 5, (0,))]
     state, _, _ = steps(lab, world, [emv_at(lab), *cars])

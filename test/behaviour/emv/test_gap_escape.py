@@ -182,3 +182,49 @@ def test_waits_where_the_path_ends_and_no_other_is_found(lab):
 def test_tight_paths_are_driven_slowly(lab, clearance, speed_mps):
     unit = EmvUnit(1, gap_escape_active=True, escape_offset_m=0.0, escape_clearance_m=clearance)
     assert escape_speed_mps(unit, view_at(lab)) == pytest.approx(speed_mps)
+
+
+def driving_around(lab, step=0):
+    """An EMV that has just found its way around a blocker, and its view."""
+    view = view_at(lab, others=[lab.Car(2, 0, 114, 0, (0,))], step=step)
+    return escape_path(EmvUnit(1, gap_escape_active=True), view, 0)[0], view
+
+
+def test_a_path_is_looked_at_again_after_half_a_second(lab):
+    unit, _ = driving_around(lab)
+    closed = [lab.Car(2, 0, 114, 0, (0,)), lab.Car(3, 1, 126, 0, (0,))]
+    assert escape_path(unit, view_at(lab, others=closed, step=9), 0) == (unit, ())
+    again, _ = escape_path(unit, view_at(lab, others=closed, step=10), 0)
+    assert again.escape_planned_step == 10
+    assert again.navigator.path is not unit.navigator.path
+
+
+@pytest.mark.parametrize(("moved_m", "told"), [(0.0, False), (0.4, False), (-0.4, False), (0.6, True), (-0.6, True)])
+def test_another_path_is_told_where_it_ends_half_a_metre_beside_the_last_one(lab, moved_m, told):
+    unit, view = driving_around(lab, step=20)
+    astray = replace(
+        unit,
+        escape_planned_step=0,
+        escape_offset_m=unit.escape_offset_m + moved_m,
+        navigator=replace(unit.navigator, left_m=1.0),
+    )
+    other, events = escape_path(astray, view, 0)
+    assert other.escape_offset_m == pytest.approx(unit.escape_offset_m)
+    assert [event.detail["left_m"] for event in events] == ([pytest.approx(unit.escape_offset_m)] if told else [])
+
+
+def test_a_path_to_the_other_side_is_told_although_it_ends_as_far_from_the_line(lab):
+    unit, view = driving_around(lab, step=20)
+    mirrored = replace(unit, escape_planned_step=0, escape_offset_m=-unit.escape_offset_m)
+    mirrored = replace(mirrored, navigator=replace(unit.navigator, left_m=1.0))
+    assert kinds(escape_path(mirrored, view, 0)[1]) == ["gap_escape_replanned"]
+
+
+@pytest.mark.parametrize(("centre_m", "goes_on"), [(108.5, True), (106.3, False)])
+def test_without_another_path_the_present_one_is_driven_while_a_metre_of_it_is_free(lab, centre_m, goes_on):
+    """The EMV's front is at 103.25 m, the rears of both others are 2.375 m behind their centres."""
+    unit, _ = driving_around(lab)
+    both = [lab.Car(2, 0, centre_m, 0, (0,)), lab.Car(3, 1, centre_m, 0, (0,))]
+    after, events = escape_path(unit, view_at(lab, others=both, step=10), 0)
+    assert (after.escape_offset_m == unit.escape_offset_m) is goes_on
+    assert kinds(events) == ([] if goes_on else ["gap_escape_waiting"])

@@ -7,7 +7,9 @@ from siren_ros.evaluation.detection.detectors.table import run_detector
 from siren_ros.evaluation.detection.inputs.found_set import FoundSet
 from siren_ros.evaluation.detection.inputs.topic_results import read_topic
 from siren_ros.evaluation.detection.metrics.devkit_score import devkit_score
-from siren_ros.evaluation.detection.pillars.grid import SHIPPED_DETECTOR
+from siren_ros.evaluation.detection.pillars.detector import detector_file
+from siren_ros.evaluation.detection.pillars.grid import CLASS_NAMES, SHIPPED_DETECTOR
+from siren_ros.evaluation.detection.pillars.network_file import load_detector
 from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes
 from siren_ros.evaluation.detection.protocol.frames import Frames
 from siren_ros.evaluation.detection.scoring import VEHICLE_NAMES, counted_boxes
@@ -34,3 +36,12 @@ def test_the_node_said_the_same_while_the_episode_ran(frames: Frames, found: Fou
     for name in ("centre_m", "size_m", "score"):
         assert getattr(live, name) == pytest.approx(getattr(found, name), abs=1e-6)
     assert np.cos(live.yaw_rad - found.yaw_rad) == pytest.approx(np.ones(len(found)), abs=1e-6)
+
+
+def test_its_card_says_what_it_was_trained_and_judged_on() -> None:
+    network = load_detector(detector_file(SHIPPED_DETECTOR))
+    assert network.class_names == CLASS_NAMES
+    trained, judged = network.card["training"]["seeds_by_map"], network.card["judged"]
+    assert set(judged) == {"test_seeds", "test_maps"}
+    assert not set(judged["test_maps"]["seeds_by_map"]) & set(trained)
+    assert all(not set(seeds) & set(trained[name]) for name, seeds in judged["test_seeds"]["seeds_by_map"].items())

@@ -61,6 +61,15 @@ def test_overtakings_lie_where_the_centres_are_abreast() -> None:
         assert item.side == (1 if item.actor_id < 20 else -1)
 
 
+def test_who_begins_abreast_or_ahead_of_a_vehicle_does_not_overtake_it() -> None:
+    for begins_m, passed in ((30.0, [11, 12, 13]), (29.99, [10, 11, 12, 13]), (38.5, [12, 13])):
+        emv = Driven(_northbound(LINE_X_M), at_speed(begins_m, 7.0, STEPS))
+        queue = {10 + k: Driven(_northbound(LEFT_X_M), np.full(STEPS, 30.0 + 8.0 * k)) for k in range(4)}
+        record = hand_made(NETWORK, {EMV: emv, **queue})
+        found = find_overtakings(record, places_of(record, record.rows), EMV)
+        assert [item.actor_id for item in found] == passed
+
+
 @pytest.mark.parametrize(("off_m", "holds"), [(0.95, True), (-0.95, True), (1.05, False), (-1.05, False)])
 def test_the_emv_has_to_be_within_a_metre_of_the_line(off_m: float, holds: bool) -> None:
     verdict = queues_split(_queues(emv_x_m=LINE_X_M + off_m), THRESHOLDS)

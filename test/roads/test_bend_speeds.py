@@ -23,6 +23,13 @@ def test_a_circle_is_driven_at_the_root_of_acceleration_times_radius(radius_m: f
     assert speeds[len(speeds) // 2] == pytest.approx(np.sqrt(3.0 * radius_m), rel=0.05)
 
 
+@pytest.mark.parametrize("radius_m", [6.0, 15.0])
+def test_at_its_ends_a_circle_is_as_curved_as_in_its_middle(radius_m: float) -> None:
+    path = circle(radius_m, 1.5)
+    places = np.array([0.0, 0.5, path.length_m - 0.5, path.length_m])
+    assert curvature_1pm(path, places) == pytest.approx(np.full(4, 1.0 / radius_m), rel=0.1)
+
+
 def test_a_straight_road_has_no_limit() -> None:
     assert bend_speeds_mps(Polyline.through([[0.0, 0.0], [100.0, 0.0]]), 3.0).min() > 1e3
 

@@ -1,14 +1,21 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from made_streets import A_LEFT, A_RIGHT, B_LEFT, B_RIGHT, FAR, NEAR, STRAIGHT_LEFT, TURN, streets
 
 from siren_ros.roads.maps.map_compiler import compile_map
 from siren_ros.roads.movements import (
     crossing_connections,
+    is_plain_joint,
     movement_path,
     paths_cross,
+    quiet_reach_m,
+    road_lane_of,
     same_direction_connections,
 )
 from siren_ros.roads.net_parser import parse_road_network
+from siren_ros.roads.road_network import NO_LANE
 
 
 @pytest.fixture(scope="module")
@@ -75,3 +82,41 @@ def test_paths_cross(first, second, crosses):
     a, b = np.array(first, dtype=float), np.array(second, dtype=float)
     assert paths_cross(a, b) is crosses
     assert paths_cross(b, a) is crosses
+
+
+def inside(network, connection):
+    """The internal lane of a movement."""
+    return network.connections[connection].via[0]
+
+
+def test_a_lane_of_a_plain_joint_belongs_to_the_lane_before_and_one_of_a_junction_to_none():
+    network = streets()
+    assert [road_lane_of(network, inside(network, joint)) for joint in (0, 1, 6)] == [A_RIGHT, A_LEFT, FAR]
+    for movement_at_signal in (STRAIGHT_LEFT, TURN):
+        assert road_lane_of(network, inside(network, movement_at_signal)) == NO_LANE
+    assert [road_lane_of(network, lane) for lane in (A_RIGHT, B_LEFT, NO_LANE)] == [A_RIGHT, B_LEFT, NO_LANE]
+
+
+def test_a_plain_joint_has_one_way_on_and_one_way_in_without_control():
+    network = streets()
+    joint, controlled = network.connections[0], network.connections[STRAIGHT_LEFT]
+    assert is_plain_joint(network, joint)
+    assert not is_plain_joint(network, controlled)
+    for changed in ({"signal_id": "K"}, {"must_stop": True}, {"direction": "r"}):
+        connections = (replace(joint, **changed), *network.connections[1:])
+        other = replace(network, connections=connections)
+        assert not is_plain_joint(other, other.connections[0])
+    forked = replace(network, connections=(*network.connections, replace(joint, to_lane=NEAR)))
+    assert not is_plain_joint(forked, forked.connections[0])
+    joined = replace(network, connections=(*network.connections, replace(joint, from_lane=FAR)))
+    assert not is_plain_joint(joined, joined.connections[0])
+
+
+def test_road_before_a_lanes_end_is_counted_over_plain_joints_until_it_is_enough():
+    """The lane up to J has 100 m, the joint before it 10 m, the lane before that 200 m."""
+    network = streets()
+    assert quiet_reach_m(network, B_RIGHT, 1000.0) == pytest.approx(310.0)
+    assert quiet_reach_m(network, B_RIGHT, 100.0) == pytest.approx(100.0)
+    assert quiet_reach_m(network, B_RIGHT, 100.1) == pytest.approx(310.0)
+    assert quiet_reach_m(network, NEAR, 1000.0) == pytest.approx(300.0)
+    assert quiet_reach_m(network, A_RIGHT, 1000.0) == pytest.approx(200.0)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from mcap.reader import make_reader
 
 from siren_ros.errors import BagError
 from siren_ros.recording.bag_guard import check_bag_files, storage_files
@@ -70,6 +71,34 @@ def test_a_file_without_an_end_is_refused(bag: Path) -> None:
     file.write_bytes(file.read_bytes()[:-1])
     with pytest.raises(BagError, match="the file has no end"):
         check_bag_files(bag)
+
+
+@pytest.mark.parametrize(
+    ("at", "byte"), [(0, 0x03), (1, 21), (9, 0), (36, 0x00)], ids=["another record", "its length", "start", "magic"]
+)
+def test_every_part_of_the_end_counts(bag: Path, at: int, byte: int) -> None:
+    """Opcode, length, start of the summary (here: made 0), of its offsets, checksum and magic: 37 bytes."""
+    (file,) = storage_files(bag)
+    data = bytearray(file.read_bytes())
+    end = len(data) - 37
+    assert data[end] == 0x02
+    if at == 9:
+        data[end + 9 : end + 17] = bytes(8)
+    data[end + at] = byte
+    file.write_bytes(bytes(data))
+    with pytest.raises(BagError, match="the file has no end"):
+        check_bag_files(bag)
+
+
+def test_definitions_are_those_of_ros_2(bag: Path) -> None:
+    """In ROS 1 times are built in, and the definition of a message names no package for them."""
+    (file,) = storage_files(bag)
+    with file.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    texts = [schema.data.decode() for schema in summary.schemas.values()]
+    assert any("builtin_interfaces/Time clock" in text for text in texts)
+    assert not any(line.startswith("time ") for text in texts for line in text.splitlines())
 
 
 def test_storage_files_are_files_in_the_order_of_their_names(tmp_path: Path) -> None:

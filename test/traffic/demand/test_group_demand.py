@@ -34,6 +34,7 @@ from siren_ros.traffic.demand.emv_start import EmvStart
 from siren_ros.traffic.demand.group_demand import GroupPlan, plan_groups
 from siren_ros.traffic.demand.plan import LaneInterval, PlannedVehicle
 from siren_ros.traffic.demand.vehicle_factory import VehicleFactory
+from siren_ros.world.actors import ActorClass
 
 NETWORK = streets()
 STARTS_M = {A_RIGHT: 0.0, A_LEFT: 0.0, B_RIGHT: 210.0, B_LEFT: 210.0, FAR: 0.0, NEAR: 200.0}
@@ -53,6 +54,13 @@ def platoon(vehicles: int = 3) -> DemandGroup:
 def fronts_m(vehicles: Sequence[PlannedVehicle]) -> list[float]:
     """Along the way to the stop line."""
     return [STARTS_M[vehicle.spot.lane] + vehicle.spot.front_m for vehicle in vehicles]
+
+
+def test_classes_are_drawn_by_their_shares_whatever_these_add_up_to() -> None:
+    factory = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS, CONFIG)
+    rng = np.random.default_rng(1)
+    drawn = [factory.draw_class(((ActorClass.SEDAN, 6.0), (ActorClass.BUS, 2.0)), rng) for _ in range(2000)]
+    assert drawn.count(ActorClass.SEDAN) == pytest.approx(1500, abs=80)
 
 
 def test_a_queue_at_the_stop_line() -> None:

@@ -1,7 +1,9 @@
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from made_streets import A_RIGHT, B_LEFT, B_RIGHT, STRAIGHT, A, B, C, D, streets
 from traffic_helpers import TOWN10, load_map
 
 from siren_ros.numerics.polyline import Polyline
@@ -126,3 +128,15 @@ def test_the_radius_is_that_of_the_bend(network: RoadNetwork) -> None:
     turns = [one for one in network.connections if one.direction in {"l", "r"} and one.via]
     radii = [radius_m(network, one) for one in turns if network.lanes[one.from_lane].civilian_allowed]
     assert 4.0 < min(radii) < np.median(radii) < 25.0
+
+
+@pytest.mark.parametrize(("vehicle_m", "edge"), [(CAR_M, D), (BUS_M, C)])
+def test_a_bus_in_a_lane_that_only_turns_tightly_goes_on_from_the_next_lane(vehicle_m: float, edge: int) -> None:
+    """The right lane leads south alone, round a corner; the left one goes straight on."""
+    roads = streets()
+    roads = replace(roads, connections=(*roads.connections[:STRAIGHT], *roads.connections[STRAIGHT + 1 :]))
+    chooser = RouteChooser(roads, EdgeGraph.of(roads), CONFIG)
+    for seed in range(5):
+        assert chooser.draw([A, B], 350.0, np.random.default_rng(seed), vehicle_m, B_RIGHT)[2] == edge
+        assert chooser.draw([A, B], 350.0, np.random.default_rng(seed), vehicle_m, B_LEFT)[2] == C
+    assert chooser.draw([A], 150.0, np.random.default_rng(1), vehicle_m, A_RIGHT) == (A,)

@@ -61,6 +61,16 @@ def test_the_road_has_its_lanes_and_its_shoulder() -> None:
     assert cells.sum() == pytest.approx(95, abs=3)
 
 
+def test_the_road_begins_and_ends_with_its_lanes() -> None:
+    record = record_of(arc((10.0, 12.0)), {})
+    line = EmvLine.of(record)
+    assert line is not None
+    first, second, last = road_cells(record.network, line, np.array([0.0, 0.3, line.line.length_m]))
+    assert first.tolist() == second.tolist()
+    assert first.sum() == pytest.approx(95, abs=3)
+    assert last.any()
+
+
 def test_a_car_in_the_lane_leaves_the_rest_of_the_road() -> None:
     """The road is 3.5 + 3.5 + 2.5 m wide; the way to the left of the car is 5.25 − 0.9 m."""
     record = record_of(arc((10.0, 12.0)), {CAR: Driven(IN_LANE, arc((0.0, 12.0), start_m=60.0))})

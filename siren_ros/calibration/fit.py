@@ -13,10 +13,11 @@ from siren_ros.numerics.random_streams import random_stream
 
 START_STEP: Final = 0.25
 """First standard deviation, as a share of each range: the range is within two of them from its middle."""
-EVALUATIONS_EACH: Final = 60
-"""Tries for each parameter that leave a smooth error of three coupled parameters with about 1 % of their ranges."""
+EVALUATIONS_EACH: Final = 150
+"""Tries for each parameter: one search to its end, and a second one with twice the population from elsewhere. An EMV's
+error has valleys, in which one search ends too early."""
 CLOSE_SHARE: Final = 2e-3
-"""The search ends where all its standard deviations are below this share of the ranges."""
+"""A search ends where all its standard deviations are below this share of the ranges."""
 
 Errors = Callable[[Sequence[Mapping[str, float]]], Sequence[float]]
 """Errors in metres of several tries, which may run at the same time."""
@@ -28,7 +29,7 @@ class Fitted:
 
     values: Mapping[str, float]
     spread: Mapping[str, float]
-    """Standard deviation of the search at its end: how far a value can move at about the same error."""
+    """Standard deviation of the search that found the values: how far one can move at about the same error."""
     error_m: float
     """With the values."""
     start_error_m: float
@@ -46,7 +47,7 @@ def fit(
     start: Mapping[str, float] | None = None,
     told: Callable[[int, float], None] = lambda _, __: None,
 ) -> Fitted:
-    """The parameters with the least error that CMA-ES finds (N. Hansen, arXiv:1604.00772).
+    """The parameters with the least error that CMA-ES finds (N. Hansen, arXiv:1604.00772) in all its tries.
 
     Args:
         parameters: What is fitted, each within its range.
@@ -76,20 +77,26 @@ def fit(
     if evaluations <= search.popsize:
         raise InputError("evaluations", evaluations, f"more than {search.popsize}, one generation")
     (start_error,) = errors([_values(parameters, begin)])
-    best, best_error, tries, history = begin, start_error, 1, [start_error]
-    while tries < evaluations and not search.stop():
+    best, best_error, tries, history, leading = begin, start_error, 1, [start_error], search
+    stds = np.full(len(begin), START_STEP)
+    while tries < evaluations:
+        if search.stop():  # again from elsewhere with twice the population (IPOP; Auger and Hansen, CEC 2005)
+            elsewhere = _padded(rng.uniform(size=len(begin)))
+            search = cma.CMAEvolutionStrategy(elsewhere, START_STEP, {**options, "popsize": 2 * search.popsize})
         asked = search.ask()
         found = list(errors([_values(parameters, shares) for shares in asked]))
         search.tell(asked, found)
         tries += len(found)
         least = int(np.argmin(found))
         if found[least] < best_error:
-            best, best_error = np.asarray(asked[least]), float(found[least])
+            best, best_error, leading = np.asarray(asked[least]), float(found[least]), search
+        if search is leading:
+            stds = search.result.stds
         history.append(best_error)
         told(tries, best_error)
     if best_error >= FAILED_M:
         raise InputError("bags", "every try failed", "situations in which the EMV can be simulated")
-    spread = dict(zip([one.name for one in parameters], search.result.stds, strict=False))
+    spread = dict(zip([one.name for one in parameters], stds, strict=False))
     return Fitted(
         _values(parameters, best),
         {one.name: float(spread[one.name]) * (one.high - one.low) for one in parameters},

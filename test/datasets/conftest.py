@@ -3,7 +3,9 @@
 from pathlib import Path
 
 import pytest
+from datasets.made_bag import Made, write_made_bag
 from recorded_episode import shared_recording
+from rosbags.typesys.store import Typestore
 from synthetic_episode import NET_XML
 
 from siren_ros.roads.net_parser import parse_road_network
@@ -26,3 +28,19 @@ def sensed_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def tracked_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Fourteen seconds without sensors, at a junction with signals."""
     return shared_recording(tmp_path_factory, "tracked", "template:=S3", "sensors:=none", "duration_s:=14.0")
+
+
+@pytest.fixture(scope="session")
+def made_bags(tmp_path_factory: pytest.TempPathFactory, typestore: Typestore) -> list[Path]:
+    """Three episodes of formulas with sensors, of three seeds: 19, 10 and 10 sweeps."""
+    folder = tmp_path_factory.mktemp("made")
+    return [
+        write_made_bag(folder / f"seed{seed}", typestore, Made(steps=42 if seed == 0 else 24, seed=seed))
+        for seed in (0, 1, 2)
+    ]
+
+
+@pytest.fixture(scope="session")
+def made_drive(tmp_path_factory: pytest.TempPathFactory, typestore: Typestore) -> Path:
+    """An episode of formulas of 13.1 s without sensors."""
+    return write_made_bag(tmp_path_factory.mktemp("made") / "drive", typestore, Made(steps=262, sensed=False))

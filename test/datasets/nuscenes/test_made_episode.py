@@ -1,0 +1,190 @@
+"""nuScenes' tables and files of an episode of formulas: times, chains, poses, boxes, visibility."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from datasets.made_bag import (
+    BUS,
+    CAR,
+    FRONT,
+    FRONT_M,
+    LIDAR_M,
+    REAR,
+    REAR_M,
+    jpeg_of,
+    place_of,
+    sweep_of,
+    truth_of,
+    yaw_of,
+)
+from scipy.spatial.transform import Rotation
+
+from siren_ros.cli.main import main
+from siren_ros.datasets.nuscenes.exporter import sweep_bytes
+from siren_ros.datasets.nuscenes.taxonomy import token
+
+ID = "S2_L2_seed0_straight"
+ORIGIN_M = np.array([-60.0, -66.0])
+"""60 m beyond the outermost centre lines, which begin at x = 0 and lie at y = −5.25, in whole metres."""
+KEY_STEPS = [10, 20, 30, 40]
+STEPS = list(range(10, 42, 2))
+CHANNELS = {"LIDAR_TOP", "CAM_FRONT", "CAM_BACK"}
+Tables = dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def dataset(made_bags: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("nuscenes") / "out"
+    assert main(["export", "nuscenes", str(made_bags[0]), "--out", str(out)]) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def tables(dataset: Path) -> Tables:
+    return {path.stem: json.loads(path.read_text()) for path in (dataset / "v1.0-siren").glob("*.json")}
+
+
+def rotation(wxyz: list[float]) -> Rotation:
+    return Rotation.from_quat([*wxyz[1:], wxyz[0]])
+
+
+def chain(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Rows in the order of their links; each points to the one after it, and that one back."""
+    by_token = {row["token"]: row for row in rows}
+    (first,) = [row for row in rows if not row["prev"]]
+    found = [first]
+    while found[-1]["next"]:
+        follower = by_token[found[-1]["next"]]
+        assert follower["prev"] == found[-1]["token"]
+        found.append(follower)
+    assert len(found) == len(rows)
+    return found
+
+
+def test_keyframes_are_at_2_hz_from_the_first_labelled_one(tables: Tables) -> None:
+    samples = chain(tables["sample"])
+    assert [row["timestamp"] for row in samples] == [500_000, 1_000_000, 1_500_000, 2_000_000]
+    (scene,) = tables["scene"]
+    assert {row["scene_token"] for row in samples} == {scene["token"]}
+    assert (scene["name"], scene["nbr_samples"]) == (ID, 4)
+    assert (scene["first_sample_token"], scene["last_sample_token"]) == (samples[0]["token"], samples[-1]["token"])
+    assert scene["description"].endswith("global frame = map frame − (-60, -66) m")
+
+
+@pytest.mark.parametrize("channel", sorted(CHANNELS))
+def test_every_sweep_and_picture_is_there_and_belongs_to_the_last_keyframe(
+    tables: Tables, dataset: Path, channel: str
+) -> None:
+    key_of_step = {step: token("sample", ID, step // 10 * 10) for step in STEPS}
+    rows = chain([row for row in tables["sample_data"] if f"__{channel}__" in row["filename"]])
+    assert [row["timestamp"] for row in rows] == [50_000 * step for step in STEPS]
+    for row, step in zip(rows, STEPS, strict=True):
+        key = step in KEY_STEPS
+        kind = "samples" if key else "sweeps"
+        suffix = "pcd.bin" if channel == "LIDAR_TOP" else "jpg"
+        assert row["is_key_frame"] is key
+        assert row["sample_token"] == key_of_step[step]
+        assert row["filename"] == f"{kind}/{channel}/{ID}__{channel}__{step:08d}.{suffix}"
+        camera = {"CAM_FRONT": FRONT, "CAM_BACK": REAR}.get(channel)
+        expected = sweep_bytes(sweep_of(step)) if camera is None else jpeg_of(step, camera)
+        assert (dataset / row["filename"]).read_bytes() == expected
+        size = (0, 0) if camera is None else (64, 48)
+        assert (row["width"], row["height"]) == size
+        assert row["fileformat"] == ("pcd" if camera is None else "jpg")
+        assert row["calibrated_sensor_token"] == token("calibrated_sensor", ID, channel)
+
+
+def test_poses_are_those_of_the_steps_from_the_maps_lower_left_corner(tables: Tables) -> None:
+    poses = {row["token"]: row for row in tables["ego_pose"]}
+    assert len(poses) == len(tables["sample_data"]) == 3 * len(STEPS)
+    for row in tables["sample_data"]:
+        pose, step = poses[row["ego_pose_token"]], row["timestamp"] // 50_000
+        assert pose["timestamp"] == row["timestamp"]
+        x_m, y_m, z_m = place_of(step)
+        assert pose["translation"] == pytest.approx([x_m - ORIGIN_M[0], y_m - ORIGIN_M[1], z_m])
+        assert rotation(pose["rotation"]).as_euler("ZYX") == pytest.approx([yaw_of(step), 0.0, 0.0])
+
+
+def test_boxes_are_where_the_labels_are_in_the_global_frame(tables: Tables) -> None:
+    poses = {row["timestamp"]: row for row in tables["ego_pose"]}
+    instances = {row["token"]: row for row in tables["instance"]}
+    assert len(tables["sample_annotation"]) == 2 * len(KEY_STEPS)
+    for actor, row_of_truth in ((CAR, 0), (BUS, 1)):
+        instance = instances[token("instance", ID, actor)]
+        rows = chain([row for row in tables["sample_annotation"] if row["instance_token"] == instance["token"]])
+        assert instance["nbr_annotations"] == len(rows) == len(KEY_STEPS)
+        assert instance["first_annotation_token"] == rows[0]["token"]
+        assert instance["last_annotation_token"] == rows[-1]["token"]
+        for row, step in zip(rows, KEY_STEPS, strict=True):
+            truth, pose = truth_of(step), poses[50_000 * step]
+            local = np.array([truth.x_m[row_of_truth], truth.y_m[row_of_truth], truth.z_m[row_of_truth]])
+            expected = rotation(pose["rotation"]).apply(local + LIDAR_M) + pose["translation"]
+            assert row["translation"] == pytest.approx(expected)
+            yaw = yaw_of(step) + truth.yaw_rad[row_of_truth]
+            assert rotation(row["rotation"]).as_euler("ZYX")[0] == pytest.approx(np.arctan2(np.sin(yaw), np.cos(yaw)))
+            sizes = (truth.width_m, truth.length_m, truth.height_m)
+            assert row["size"] == [float(values[row_of_truth]) for values in sizes]
+            assert (row["num_lidar_pts"], row["num_radar_pts"]) == (int(truth.lidar_points[row_of_truth]), 0)
+            assert row["sample_token"] == token("sample", ID, step)
+
+
+def test_categories_attributes_and_visibility(tables: Tables) -> None:
+    """The car moves and half of it is in the front picture; the bus stands and the rear camera sees nearly all."""
+    names = {row["token"]: row["name"] for row in (*tables["category"], *tables["attribute"])}
+    told = {
+        (names[instance["category_token"]], names[row["attribute_tokens"][0]], row["visibility_token"])
+        for instance in tables["instance"]
+        for row in tables["sample_annotation"]
+        if row["instance_token"] == instance["token"]
+    }
+    assert told == {("vehicle.car", "vehicle.moving", "2"), ("vehicle.bus.rigid", "vehicle.stopped", "4")}
+
+
+def test_sensors_stand_where_they_are_mounted(tables: Tables) -> None:
+    assert {row["channel"]: row["modality"] for row in tables["sensor"]} == {
+        "LIDAR_TOP": "lidar",
+        "CAM_FRONT": "camera",
+        "CAM_BACK": "camera",
+    }
+    rows = {row["token"]: row for row in tables["calibrated_sensor"]}
+    found = {channel: rows[token("calibrated_sensor", ID, channel)] for channel in CHANNELS}
+    for channel, place, ahead in (
+        ("LIDAR_TOP", LIDAR_M, (0.0, 1.0, 0.0)),
+        ("CAM_FRONT", FRONT_M, (0.0, 0.0, 1.0)),
+        ("CAM_BACK", REAR_M, (0.0, 0.0, -1.0)),
+    ):
+        assert found[channel]["translation"] == pytest.approx(place)
+        assert rotation(found[channel]["rotation"]).apply(ahead) == pytest.approx([1.0, 0.0, 0.0], abs=1e-9)
+        assert found[channel]["sensor_token"] == token("sensor", channel)
+    assert found["LIDAR_TOP"]["camera_intrinsic"] == []
+    assert found["CAM_BACK"]["camera_intrinsic"] == [[32.0, 0, 32], [0, 32, 24], [0, 0, 1]]
+
+
+def test_episodes_of_one_map_share_it(made_bags: list[Path], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert main(["export", "nuscenes", *map(str, made_bags), "--out", str(out), "--jobs", "1"]) == 0
+    tables = {path.stem: json.loads(path.read_text()) for path in (out / "v1.0-siren").glob("*.json")}
+    (area,) = tables["map"]
+    assert sorted(area["log_tokens"]) == sorted(row["token"] for row in tables["log"])
+    assert len(area["log_tokens"]) == 3
+    assert [str(path.relative_to(out)) for path in (out / "maps").iterdir()] == [area["filename"]]
+    assert area["category"] == "semantic_prior"
+    assert {row["location"] for row in tables["log"]} == {"straight"}
+    assert {name: len(episodes) for name, episodes in tables["splits"].items()} == {
+        "siren_train": 1,
+        "siren_val": 1,
+        "siren_test": 1,
+    }
+    card = json.loads((out / "dataset.json").read_text())
+    assert card["counts"] == {"keyframes": 4 + 2 + 2, "files": 3 * (16 + 7 + 7), "labels": 2 * (4 + 2 + 2)}
+    assert card["classes"] == {"vehicle.bus.rigid": 8, "vehicle.car": 8}
+
+
+def test_the_papers_categories_are_one(made_bags: list[Path], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    arguments = ["export", "nuscenes", str(made_bags[1]), "--out", str(out), "--vehicle-category", "vehicle.car"]
+    assert main(arguments) == 0
+    assert json.loads((out / "dataset.json").read_text())["classes"] == {"vehicle.car": 4}

@@ -30,6 +30,43 @@ def doubled(a):
     return 2 * a
 """
 )
+SHARED = """
+
+def first_of(values):
+    return values[0]
+
+
+def second_of(values):
+    return values[1]
+"""
+SHARED_TESTS = """
+import pytest
+
+from shop.prices import shared
+
+SECOND = shared.second_of((5, 7))
+
+
+@pytest.fixture(scope="module")
+def first():
+    return shared.first_of((5, 7))
+
+
+def test_of_neither():
+    assert shared.first_of((1, 2)) + shared.second_of((3, 4)) > 0
+
+
+def test_that_the_fixture_is_there(first):
+    assert first
+
+
+def test_first(first):
+    assert first == 5
+
+
+def test_second():
+    assert SECOND == 7
+"""
 TESTS = """
 from shop.prices import sums
 
@@ -63,6 +100,8 @@ def tiny(tmp_path_factory):
         "shop/prices/__init__.py": "",
         "shop/prices/sums.py": BEFORE,
         "test/prices/test_sums.py": TESTS,
+        "shop/prices/shared.py": SHARED,
+        "test/prices/test_shared.py": SHARED_TESTS,
         "tools/mutants/equivalent.yaml": (
             "- {file: shop/prices/sums.py, was: return 2 * a, becomes: return 2 / a, why: an example}\n"
         ),
@@ -147,6 +186,16 @@ def test_survivors_are_run_again_with_better_tests(tiny, whole):
     assert done.returncode == 0
     assert len(again) == sum(entry["verdict"] == "survived" for entry in found)
     assert verdicts(again, "return low < x and x < high")["return low < x or x < high"] == "caught"
+
+
+def test_what_tests_share_is_noticed_by_those_that_look_at_it(tiny):
+    """The fixture runs within the first test that uses it; the constant is made while the module is loaded."""
+    results = tiny / "shared.json"
+    done = run(tiny, "shop/prices/shared.py", "--results", str(results))
+    assert done.returncode == 0, done.stderr
+    found = {entry["becomes"]: entry["by"] for entry in json.loads(results.read_text())}
+    assert found["return values[ 1]"] == "test/prices/test_shared.py::test_first"
+    assert found["return values[ 0]"] == "test/prices/test_shared.py::test_second"
 
 
 def test_only_lines_of_the_change_are_looked_at(whole):

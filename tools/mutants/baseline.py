@@ -22,7 +22,7 @@ class Baseline:
     left_out: list[str]
     """Tests that are too slow, or fail in a copy of the repository."""
     lines: dict[str, dict[int, list[str]]]
-    """Per file and line the tests that run it; tests of the import count for each test."""
+    """Per file and line the tests that run it, themselves or by what they share; none for a line of an import."""
     loaded: list[str]
     """Modules that the tests loaded, without the project's own."""
     environment: dict[str, str]
@@ -50,18 +50,18 @@ def measure(places: Sequence[str], package: str) -> dict[str, Any]:
     """
     import coverage  # noqa: PLC0415 - it must trace the child alone
 
+    from mutants.noted_lines import LineNotes  # noqa: PLC0415 - it needs pytest, which the parent must not have loaded
+
     before = dict(os.environ)
     tracer = coverage.Coverage(data_file=None, source=[package], config_file=False, messages=False)
-    watch = Watch(coverage=tracer)
+    watch, notes = Watch(), LineNotes(tracer)
     tracer.start()
-    code = run_pytest(watch, places, stop=False)
+    code = run_pytest(watch, places, stop=False, also=[notes])
     tracer.stop()
     data = tracer.get_data()
     here = Path.cwd()
     lines = {
-        Path(file).relative_to(here).as_posix(): {
-            line: sorted(set(names) - {""}) for line, names in data.contexts_by_lineno(file).items()
-        }
+        Path(file).relative_to(here).as_posix(): notes.tests_by_line(Path(file), data.contexts_by_lineno(file))
         for file in data.measured_files()
     }
     return {

@@ -63,12 +63,11 @@ def fork(work: Callable[[], Any], answer: Path, folder: Path, cpu_s: float | Non
 
 
 class Watch:
-    """A pytest plugin: runs some tests in a given order and keeps what became of each, and the lines that it ran."""
+    """A pytest plugin: runs some tests in a given order and keeps what became of each."""
 
-    def __init__(self, chosen: Sequence[str] | None = None, coverage: Any = None) -> None:
-        """Take the tests to run by their ids (None: all), and what notes the lines."""
+    def __init__(self, chosen: Sequence[str] | None = None) -> None:
+        """Take the tests to run by their ids (None: all)."""
         self._order = None if chosen is None else {name: number for number, name in enumerate(chosen)}
-        self._coverage = coverage
         self.seconds: dict[str, float] = {}
         self.failed: list[str] = []
 
@@ -79,16 +78,12 @@ class Watch:
             items[:] = sorted((item for item in items if item.nodeid in order), key=lambda item: order[item.nodeid])
 
     def pytest_runtest_logstart(self, nodeid: str) -> None:
-        """From here on lines belong to this test."""
+        """Its time begins."""
         self.seconds[nodeid] = -time.process_time()
-        if self._coverage is not None:
-            self._coverage.switch_context(nodeid)
 
     def pytest_runtest_logfinish(self, nodeid: str) -> None:
         """Note the processor time."""
         self.seconds[nodeid] += time.process_time()
-        if self._coverage is not None:
-            self._coverage.switch_context("")
 
     def pytest_runtest_logreport(self, report: Any) -> None:
         """Note a failure."""
@@ -96,7 +91,7 @@ class Watch:
             self.failed.append(report.nodeid)
 
 
-def run_pytest(watch: Watch, places: Sequence[str], *, stop: bool) -> int:
+def run_pytest(watch: Watch, places: Sequence[str], *, stop: bool, also: Sequence[object] = ()) -> int:
     """Run pytest in this process over files or folders; properties are drawn alike every time and not shrunk."""
     import hypothesis  # noqa: PLC0415 - it must be loaded in the child, before the tests are
     import pytest  # noqa: PLC0415 - the same
@@ -121,4 +116,4 @@ def run_pytest(watch: Watch, places: Sequence[str], *, stop: bool) -> int:
         "--assert=plain",
         *(["-x"] if stop else []),
     ]
-    return int(pytest.main([*options, *places], plugins=[watch]))
+    return int(pytest.main([*options, *places], plugins=[watch, *also]))

@@ -37,7 +37,7 @@ def test_lines_are_in_the_lanes_direction_to_the_millimetre() -> None:
         assert np.ptp(np.diff(points[:, 1])) < 0.0021, "rounded to a millimetre"
     third = map_json(crossing())["lane_segments"][str(PATHS + 3)]["centerline"]
     assert all(round(one[axis], 3) == one[axis] for one in third for axis in ("x", "y"))
-    assert any(round(one[axis], 2) != one[axis] for one in third for axis in ("x", "y"))
+    assert all(any(round(one[axis], 2) != one[axis] for one in third) for axis in ("x", "y"))
     assert {one["z"] for one in third} == {0.0}
 
 
@@ -53,6 +53,15 @@ def test_the_drivable_area_covers_lanes_and_junctions() -> None:
         assert whole.buffer(0.05).contains(Polygon(np.vstack((lane.left, lane.right[::-1]))))
     assert whole.buffer(0.05).contains(Polygon([(-10, -20), (20, -20), (20, 10), (-10, 10)]))
     assert [one["id"] for one in MAP["drivable_areas"].values()] == list(range(len(areas)))
+
+
+def test_the_drivable_area_ends_where_lanes_and_junctions_end() -> None:
+    """All outlines are made 0.05 m wider, so that neighbours join, and simplified by as much."""
+    network = crossing()
+    shapes = [Polygon(np.vstack((lane.left, lane.right[::-1]))) for lane in lane_graph(network).values()]
+    shapes += [Polygon(junction.outline) for junction in network.junctions.values()]
+    whole = unary_union([Polygon(xy(one["area_boundary"])) for one in MAP["drivable_areas"].values()])
+    assert unary_union(shapes).buffer(0.15).contains(whole)
 
 
 def test_a_hole_is_cut_open_and_stays_a_hole() -> None:

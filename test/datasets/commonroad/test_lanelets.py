@@ -143,6 +143,22 @@ def test_the_problem_is_to_be_where_the_emv_was_at_the_end() -> None:
     assert (goal.findtext("time/intervalStart"), goal.findtext("time/intervalEnd")) == ("10", "20")
 
 
+def test_the_goal_lies_along_the_last_heading() -> None:
+    """Of a vehicle that drives at 1 rad and ends at frame 20."""
+    root, car = Element("root"), made_tracks()[1]
+    _add_problem(root, car)
+    goal = root.find("planningProblem/goalState")
+    start = root.find("planningProblem/initialState")
+    assert goal is not None
+    assert start is not None
+    rectangle = [float(goal.findtext(f"position/rectangle/{tag}", "nan")) for tag in ("orientation", "length", "width")]
+    assert rectangle == [1.0, 10.0, 4.0]
+    centre = [float(goal.findtext(f"position/rectangle/center/{tag}", "nan")) for tag in ("x", "y")]
+    assert centre == pytest.approx([car.x_m[-1], car.y_m[-1]], abs=1e-6)
+    assert (exact(start, "time"), exact(start, "acceleration"), exact(start, "orientation")) == (5.0, 0.5, 1.0)
+    assert (goal.findtext("time/intervalStart"), goal.findtext("time/intervalEnd")) == ("10", "20")
+
+
 def test_types_and_names() -> None:
     assert [obstacle_type(one) for one in (ActorClass.SEDAN, ActorClass.BUS, ActorClass.FIRE_TRUCK)] == [
         "car",

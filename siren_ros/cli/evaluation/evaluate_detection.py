@@ -162,12 +162,7 @@ def _remarks(frames: Frames, scores: Sequence[DetectorScores], costs: Mapping[st
         lines.append(f"no velocities, so AVE and AAE count as 1: {', '.join(without)}")
     if any(episode.camera_from_lidar is None for episode in frames.episodes):
         lines.append("no front camera in some bags, so these have no KITTI frames")
-    lines += [
-        f"{one.name}: clearance < stop sign < shoulder < red light in {one.order_share:.0%} of the resamples"
-        for one in scores
-        if one.order_share is not None
-    ]
-    return lines
+    return lines + [f"{one.name}: {one.order.told()}" for one in scores if one.order is not None]
 
 
 def _write(out: Path, frames: Frames, scores: Sequence[DetectorScores], tables: Sequence[Table]) -> None:

@@ -17,19 +17,32 @@ _NEAR_M: Final = 0.1
 _SIGNS: Final = np.array(
     [[x, y, z] for z in (-0.5, 0.5) for x, y in ((0.5, 0.5), (0.5, -0.5), (-0.5, -0.5), (-0.5, 0.5))]
 )
-_EDGES: Final = np.array(
+BOX_EDGES: Final = np.array(
     [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)]
 )
+"""Pairs of corners of ``box_corners`` that an edge joins."""
 
 
 def box_corners(truth: GroundTruth) -> Floats:
     """Corners of all boxes in the frame of the truth, shape ``(N, 8, 3)``; the four at the bottom first."""
+    centre = np.stack((truth.x_m, truth.y_m, truth.z_m), axis=-1)
     size = np.stack((truth.length_m, truth.width_m, truth.height_m), axis=-1)
-    local = _SIGNS * size[:, None]
-    cos, sin = np.cos(truth.yaw_rad)[:, None], np.sin(truth.yaw_rad)[:, None]
-    x = local[..., 0] * cos - local[..., 1] * sin + truth.x_m[:, None]
-    y = local[..., 0] * sin + local[..., 1] * cos + truth.y_m[:, None]
-    return np.stack((x, y, local[..., 2] + truth.z_m[:, None]), axis=-1)
+    return upright_corners(centre, size, truth.yaw_rad)
+
+
+def upright_corners(centre_m: Floats, size_m: Floats, yaw_rad: Floats) -> Floats:
+    """Corners of upright boxes, shape ``(N, 8, 3)``; the four at the bottom first.
+
+    Args:
+        centre_m: Of the volumes, shape ``(N, 3)``.
+        size_m: Length, width, height, shape ``(N, 3)``.
+        yaw_rad: Counter-clockwise from x, shape ``(N,)``.
+    """
+    local = _SIGNS * size_m[:, None]
+    cos, sin = np.cos(yaw_rad)[:, None], np.sin(yaw_rad)[:, None]
+    x = local[..., 0] * cos - local[..., 1] * sin
+    y = local[..., 0] * sin + local[..., 1] * cos
+    return np.stack((x, y, local[..., 2]), axis=-1) + centre_m[:, None]
 
 
 def lidar_visibility(points: npt.NDArray[np.void], truth: GroundTruth, rows: Rows) -> Floats:
@@ -77,7 +90,7 @@ def image_boxes(corners: Floats, camera_from_frame: Matrix, camera: CameraIntrin
         of the box's whole rectangle that lies outside, shape ``(N,)``, 1 for a box outside.
     """
     seen = corners @ camera_from_frame[:3, :3].T + camera_from_frame[:3, 3]
-    starts, ends = seen[:, _EDGES[:, 0]], seen[:, _EDGES[:, 1]]
+    starts, ends = seen[:, BOX_EDGES[:, 0]], seen[:, BOX_EDGES[:, 1]]
     # Edges that cross the near plane are cut there, so that what is behind the camera does not flip over.
     depth_change = ends[..., 2] - starts[..., 2]
     share = (_NEAR_M - starts[..., 2]) / np.where(depth_change == 0.0, 1.0, depth_change)

@@ -10,7 +10,9 @@ import numpy.typing as npt
 from siren_ros.evaluation.detection.inputs.found_set import FoundSet
 from siren_ros.evaluation.detection.metrics.average_precision import average_precision
 from siren_ros.evaluation.detection.metrics.devkit_score import DevkitScore
+from siren_ros.evaluation.detection.metrics.family_order import FAMILIES, FamilyOrder
 from siren_ros.evaluation.detection.metrics.matching import DISTANCES_M, Matches, match
+from siren_ros.evaluation.detection.metrics.named_classes import CLASS_NAMES, labels_named, names_kinds
 from siren_ros.evaluation.detection.metrics.subsets import SUBSETS, Subset, subsets_of_episodes
 from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes, TruthBoxes, attributes_of
 from siren_ros.evaluation.detection.protocol.frames import Frames, in_range
@@ -20,13 +22,7 @@ from siren_ros.numerics.arrays import Flags, Floats, Rows
 from siren_ros.world.actors import ActorClass
 
 RESAMPLES: Final = 1000
-FAMILIES: Final[Mapping[str, tuple[str, ...]]] = {
-    "clearance": ("S1", "S2"),
-    "stop sign": ("S5", "S6"),
-    "shoulder": ("S7",),
-    "red light": ("S3", "S4"),
-}
-"""The paper's families of templates, in its order of rising mAP."""
+_NAMED: Final = "found by name"
 VEHICLE_NAMES: Final = frozenset(
     {"car", "van", "truck", "bus", "trailer", "construction_vehicle", "misc", "vehicle", "emergency_vehicle"}
     | {member.name.lower() for member in ActorClass}
@@ -62,8 +58,8 @@ class DetectorScores:
     mean_ap: Interval
     """Mean over the templates, each counted once, as in the paper."""
     families: Mapping[str, Interval]
-    order_share: float | None
-    """Share of the resamples in which the families are in the paper's order; None without all of them."""
+    order: FamilyOrder | None
+    """Whether the families are in the paper's order; None without all of them or without intervals."""
     groups: tuple[GroupScore, ...]
     truth: TruthBoxes
     """Labels that count."""
@@ -112,7 +108,7 @@ def score_detector(
         for one in templates
     ]
     scores = dict(zip(templates, run(tables), strict=True))
-    resampled = _Resampled(frames, truth, boxes, of_episode, resamples)
+    resampled = _Resampled(frames, truth, boxes, of_episode, _weights(of_episode, resamples))
     draws = {one: resampled.mean_ap(template_of_frame, one) for one in templates}
     values = {one: score.mean_average_precision for one, score in scores.items()}
     mean = _mean_interval(values, draws, of_episode, templates)
@@ -126,8 +122,13 @@ def score_detector(
         template_ap={one: _mean_interval(values, draws, of_episode, [one]) for one in templates},
         mean_ap=mean,
         families={name: _mean_interval(values, draws, of_episode, members) for name, members in families.items()},
-        order_share=_order_share([_mean(draws, members) for members in families.values()]) if mean.bounded else None,
-        groups=tuple(resampled.group(subset) for subset in (*SUBSETS, *subsets_of_episodes(frames))),
+        order=FamilyOrder.of({name: _mean(draws, members) for name, members in families.items()})
+        if mean.bounded
+        else None,
+        groups=(
+            *(resampled.group(subset) for subset in (*SUBSETS, *subsets_of_episodes(frames))),
+            *(resampled.named(name) for name in (CLASS_NAMES if names_kinds(boxes) else ())),
+        ),
         truth=truth,
         found=boxes,
         matches=resampled.matches,
@@ -153,23 +154,21 @@ def _interval(value: float, resampled: Floats, of_episode: Names) -> Interval:
     return percentile_interval(value, known if len(known) else np.array([value]), stratum.astype(np.intp))
 
 
-def _order_share(families: Sequence[Floats]) -> float | None:
-    if len(families) < len(FAMILIES):
-        return None
-    return float((np.diff(np.array(families), axis=0) > 0.0).all(axis=0).mean())
+def _weights(template: Names, resamples: int) -> Floats:
+    """How often each episode counts: once, then as drawn within its template, shape ``(1 + R, E)``."""
+    _, stratum = np.unique(template, return_inverse=True)
+    drawn = times_drawn(stratum.astype(np.intp), resamples, np.random.default_rng(0))
+    return np.vstack((np.ones((1, len(template))), drawn))
 
 
 class _Resampled:
     """Average precisions over resampled episodes."""
 
-    def __init__(self, frames: Frames, truth: TruthBoxes, found: FoundBoxes, template: Names, resamples: int) -> None:
-        self._frames, self._truth = frames, truth
+    def __init__(self, frames: Frames, truth: TruthBoxes, found: FoundBoxes, template: Names, weight: Floats) -> None:
+        self._frames, self._truth, self._every = frames, truth, found
         self.matches = match(truth, found)
         self._found = found.at(self.matches.order)
-        self._template = template
-        _, stratum = np.unique(template, return_inverse=True)
-        weight = times_drawn(stratum.astype(np.intp), resamples, np.random.default_rng(0))
-        self._weight = np.vstack((np.ones((1, len(template))), weight))
+        self._template, self._weight = template, weight
         self._episode_of_found: Rows = frames.episode[self._found.frame]
         self._episode_of_label: Rows = frames.episode[truth.frame]
 
@@ -201,7 +200,20 @@ class _Resampled:
             counted.append(np.where(matched >= 0, inside, alarm))
         if not labels.any():
             return GroupScore(subset.group, subset.name, 0, NOTHING)
+        return self._scored(subset.group, subset.name, labels, counted)
+
+    def named(self, name: str) -> GroupScore:
+        """Of a class by its name: a detection with another name does not find its labels."""
+        own = labels_named(self._truth, name)
+        if not own.any():
+            return GroupScore(_NAMED, name, 0, NOTHING)
+        found = self._every.at(self._every.label == name)
+        alone = _Resampled(self._frames, self._truth.at(own), found, self._template, self._weight)
+        every = np.ones(len(found), dtype=np.bool_)
+        return alone._scored(_NAMED, name, np.ones(int(own.sum()), dtype=np.bool_), [every] * len(DISTANCES_M))
+
+    def _scored(self, group: str, name: str, labels: Flags, counted: Sequence[Flags]) -> GroupScore:
         values = self._mean_ap(labels, counted)
         episodes = np.unique(self._episode_of_label[labels])
         interval = _interval(float(values[0]), values[1:], self._template[episodes])
-        return GroupScore(subset.group, subset.name, int(labels.sum()), interval)
+        return GroupScore(group, name, int(labels.sum()), interval)

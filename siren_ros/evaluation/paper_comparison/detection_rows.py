@@ -6,8 +6,8 @@ from typing import Any, Final
 import numpy as np
 
 from siren_ros.evaluation.detection.metrics.devkit_score import ERRORS
+from siren_ros.evaluation.detection.metrics.family_order import FAMILIES
 from siren_ros.evaluation.detection.reports.paper_results import MEAN, PAPER, TEMPLATES
-from siren_ros.evaluation.detection.scoring import FAMILIES
 from siren_ros.evaluation.paper_comparison.compared import Compared
 from siren_ros.evaluation.paper_comparison.stored_scores import interval_in
 from siren_ros.evaluation.statistics.interval import NOTHING, Interval

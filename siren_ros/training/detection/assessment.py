@@ -13,14 +13,12 @@ from siren_ros.datasets.sources.needs import Need
 from siren_ros.evaluation.detection.inputs.found_set import FoundSet
 from siren_ros.evaluation.detection.metrics.average_precision import average_precision
 from siren_ros.evaluation.detection.metrics.matching import match
+from siren_ros.evaluation.detection.metrics.named_classes import CLASS_NAMES, labels_named
 from siren_ros.evaluation.detection.pillars.detector import detect_pillars
-from siren_ros.evaluation.detection.pillars.grid import CLASS_NAMES
 from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes, TruthBoxes, joined
 from siren_ros.evaluation.detection.protocol.episode_reading import read_frames
 from siren_ros.evaluation.detection.protocol.frames import EpisodeFrames, Frames, frames_of
 from siren_ros.evaluation.detection.scoring import VEHICLE_NAMES, counted_boxes
-from siren_ros.numerics.arrays import Flags
-from siren_ros.world.actors import ActorClass
 
 MEAN: Final = "mean"
 
@@ -88,17 +86,10 @@ def _by_kind(frames: Frames, truth: TruthBoxes, found: FoundBoxes) -> dict[str, 
     """The mAP of each class by its name, where there are labels of it."""
     result = {}
     for name in CLASS_NAMES:
-        own = _named(truth, name)
+        own = labels_named(truth, name)
         if own.any():
             result[name] = mean_ap(frames, truth.at(own), found.at(found.label == name))
     return result
-
-
-def _named(truth: TruthBoxes, name: str) -> Flags:
-    kinds = {member.name.lower(): member for member in ActorClass}
-    emergency = [int(kinds[one]) for one in CLASS_NAMES if one in kinds]
-    flags: Flags = truth.actor_class == kinds[name] if name in kinds else ~np.isin(truth.actor_class, emergency)
-    return flags
 
 
 def _rounded(values: dict[str, float]) -> dict[str, float]:

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from siren_ros.datasets.sources.episode_source import open_source
-from siren_ros.evaluation.detection.pillars.grid import CLASS_NAMES, PillarGrid
+from siren_ros.evaluation.detection.metrics.named_classes import CLASS_NAMES
+from siren_ros.evaluation.detection.pillars.grid import PillarGrid
 from siren_ros.evaluation.detection.pillars.network_file import FORM_VERSION
 from siren_ros.evaluation.network_file import write_network
 from siren_ros.recording.bag_folders import bags_among

@@ -77,11 +77,12 @@ def test_intervals_need_several_episodes_of_each_template() -> None:
 
 def test_the_order_of_the_families_is_tested_where_all_are_there() -> None:
     every = [f"S{number}" for number in range(1, 8)]
-    assert _scores(every).order_share is None, "one episode of each cannot tell"
-    share = _scores(every * 2).order_share
-    assert share is not None
-    assert 0.0 <= share <= 1.0
-    assert _scores(["S1", "S1"]).order_share is None
+    assert _scores(every).order is None, "one episode of each cannot tell"
+    order = _scores(every * 2).order
+    assert order is not None
+    assert list(order.steps) == ["clearance < stop sign", "stop sign < shoulder", "shoulder < red light"]
+    assert 0.0 <= order.whole <= min(order.steps.values()) <= 1.0
+    assert _scores(["S1", "S1"]).order is None
 
 
 def test_parts_hold_their_labels_and_the_whole_is_the_whole() -> None:
@@ -116,6 +117,36 @@ def test_a_part_whose_labels_are_all_found_scores_fully_without_false_alarms() -
     )
     parts = {one.name: one.mean_ap.value for one in scores.groups if one.group == "behaviour" and one.labels}
     assert parts == {"nominal": 0.0, "held": pytest.approx(1.0)}
+
+
+def test_kinds_have_rows_where_a_detector_names_them() -> None:
+    frames, found = _episodes(["S1", "S1", "S2"])
+    assert not [one for one in _scores(["S1", "S1", "S2"]).groups if one.group == "found by name"]
+    truth = frames.truth
+    police = truth.actor_class == ActorClass.POLICE
+    named = np.where(police, "police", "car")
+    exact = replace(
+        found.boxes.at(np.zeros(len(truth), dtype=np.intp)),
+        frame=truth.frame,
+        centre_m=truth.centre_m,
+        score=np.linspace(0.9, 0.5, len(truth)),
+        label=named,
+    )
+
+    def rows(label: np.ndarray) -> dict[str, tuple[int, float]]:
+        boxes = replace(found, boxes=replace(exact, label=label))
+        scores = score_detector(frames, boxes, VEHICLE_NAMES, lambda tables: [devkit_score(*one) for one in tables], 20)
+        groups = [one for one in scores.groups if one.group == "found by name"]
+        return {one.name: (one.labels, one.mean_ap.value) for one in groups}
+
+    right = rows(named)
+    assert list(right) == ["car", "ambulance", "fire_truck", "police"]
+    assert right["police"] == (police.sum(), pytest.approx(1.0))
+    assert right["car"] == ((~police).sum(), pytest.approx(1.0))
+    assert right["ambulance"] == (0, 0.0)
+    wrong = rows(np.where(police, "fire_truck", "car"))
+    assert wrong["police"] == (police.sum(), 0.0)
+    assert wrong["car"] == right["car"]
 
 
 def test_tables_have_the_papers_rows_where_asked() -> None:

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from siren_ros.evaluation.detection.pillars.grid import CLASS_NAMES, PillarGrid
+from siren_ros.evaluation.detection.metrics.named_classes import CLASS_NAMES
+from siren_ros.evaluation.detection.pillars.grid import PillarGrid
 from siren_ros.training.detection.targets import BOX_CHANNELS, gaussian_radius, targets_of
 
 GRID = PillarGrid(half_width_m=16.0, cells=64)

@@ -90,10 +90,12 @@ def _columns(path: Path, content: list[Any], numbers: Rows, frames: Frames, widt
         except (KeyError, ValueError, TypeError) as error:
             told = f"{path}: {frames.told(frame)}: {error}"
             raise InputError("detections", told, "name, score and boxes_lidar in each frame") from error
-        found = found if len(score) else boxes[0]
-        if found.shape != (len(name), max(width, 7)) or width not in {0, 7, _WITH_VELOCITY}:
-            told = f"{path}: {frames.told(frame)}: boxes_lidar of shape {found.shape}, {len(name)} names"
-            raise InputError("detections", told, "7 numbers for each box, or 9 with its velocity")
+        found = found if found.size else boxes[0]
+        usable = name.shape == score.shape == found.shape[:1] and width in {0, 7, _WITH_VELOCITY}
+        if not usable or found.shape[1:] != (max(width, 7),):
+            others = f"{name.size} names, {score.size} scores"
+            told = f"{path}: {frames.told(frame)}: boxes_lidar of shape {found.shape}, {others}"
+            raise InputError("detections", told, "a name, a score and 7 numbers for each box, or 9 with its velocity")
         boxes.append(found)
         scores.append(score)
         names.append(name)

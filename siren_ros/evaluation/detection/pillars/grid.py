@@ -5,14 +5,11 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final, Self
 
 from siren_ros.errors import InputError
-from siren_ros.world.actors import EMERGENCY_CLASSES, ActorClass
+from siren_ros.evaluation.detection.metrics.named_classes import CLASS_NAMES
+from siren_ros.world.actors import ActorClass
 
 SHIPPED_DETECTOR: Final = "pillars"
 """Name of the detector whose weights ship."""
-CLASS_NAMES: Final = ("car", *(one.name.lower() for one in sorted(EMERGENCY_CLASSES)))
-"""What a detection can be: ``car`` for every civilian vehicle, as in the paper, and the emergency vehicles by kind."""
-
-
 SENSOR_HEIGHT_M: Final = 1.93
 """Height above the ground of the LiDAR that networks see; sweeps from other heights are lifted to it."""
 

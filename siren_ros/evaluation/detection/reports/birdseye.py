@@ -15,6 +15,7 @@ from siren_ros.evaluation.detection.protocol.frames import RANGE_M, Frames
 from siren_ros.evaluation.detection.reports.camera_view import draw_in_picture, front_picture
 from siren_ros.evaluation.detection.scoring import DetectorScores
 from siren_ros.numerics.arrays import Floats
+from siren_ros.numerics.geometry import footprint_corners
 
 _AT_M: Final = 2.0
 """Distance of a match in the picture: that of nuScenes' true-positive errors."""
@@ -69,12 +70,8 @@ def draw_worst_frame(scores: DetectorScores, frames: Frames, template: str, path
 
 
 def _draw(axes: Axes, boxes: Boxes, place: Floats, name: str) -> None:
-    half = boxes.size_m[:, None, :2] / 2.0
-    local = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) * half
-    cos, sin = np.cos(boxes.yaw_rad)[:, None], np.sin(boxes.yaw_rad)[:, None]
-    x = local[..., 0] * cos - local[..., 1] * sin
-    y = local[..., 0] * sin + local[..., 1] * cos
-    corners = np.stack((x, y), axis=-1) + (boxes.centre_m[:, None, :2] - place)
+    x_m, y_m = (boxes.centre_m[:, :2] - place).T
+    corners = footprint_corners(x_m, y_m, boxes.yaw_rad, boxes.size_m[:, 0], boxes.size_m[:, 1])
     is_label = name.startswith("label")
     colour = _COLOURS[name]
     outlines = PolyCollection(

@@ -13,14 +13,12 @@ from matplotlib.collections import LineCollection
 from PIL import Image
 
 from siren_ros.datasets.sources.episode_source import open_source
+from siren_ros.datasets.sources.visibility import BOX_EDGES, upright_corners
 from siren_ros.evaluation.detection.protocol.boxes import Boxes
 from siren_ros.evaluation.detection.protocol.frames import EpisodeFrames
 from siren_ros.interfaces.images import CameraIntrinsics, from_compressed_image
 from siren_ros.numerics.arrays import Floats, Matrix
 
-_CORNERS: Final = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-_EDGES: Final = np.array([(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)])
-"""Corners whose numbers differ in one bit."""
 _NEAREST_M: Final = 0.5
 """Edges that come nearer to the camera's plane are left out."""
 
@@ -69,12 +67,9 @@ def draw_in_picture(axes: Axes, picture: FrontPicture, boxes: Mapping[str, Boxes
 
 def edges_in_picture(picture: FrontPicture, boxes: Boxes) -> Floats:
     """Ends of the edges before the camera, in pixels, shape ``(E, 2, 2)``."""
-    cos, sin = np.cos(boxes.yaw_rad)[:, None], np.sin(boxes.yaw_rad)[:, None]
-    local = _CORNERS * boxes.size_m[:, None]
-    turned = (cos * local[..., 0] - sin * local[..., 1], sin * local[..., 0] + cos * local[..., 1], local[..., 2])
-    corners = np.stack(turned, axis=-1) + boxes.centre_m[:, None]
+    corners = upright_corners(boxes.centre_m, boxes.size_m, boxes.yaw_rad)
     seen = corners @ picture.camera_from_map[:3, :3].T + picture.camera_from_map[:3, 3]
-    ends = seen[:, _EDGES].reshape(-1, 2, 3)
+    ends = seen[:, BOX_EDGES].reshape(-1, 2, 3)
     ends = ends[(ends[..., 2] > _NEAREST_M).all(axis=1)]
     model = picture.model
     columns = model.focal_x_px * ends[..., 0] / ends[..., 2] + model.centre_x_px

@@ -23,7 +23,8 @@ def _detector(one: DetectorScores) -> dict[str, Any]:
             for name, score in one.templates.items()
         },
         "families": {name: _interval(value) for name, value in one.families.items()},
-        "order_of_families_share": one.order_share,
+        "order_of_families_share": None if one.order is None else one.order.whole,
+        "order_of_families_steps": None if one.order is None else dict(one.order.steps),
         "parts": [
             {"of": part.group, "name": part.name, "labels": part.labels, "mAP": _interval(part.mean_ap)}
             for part in one.groups

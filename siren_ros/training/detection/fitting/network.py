@@ -5,7 +5,8 @@ from typing import Final
 import torch
 from torch import Tensor, nn
 
-from siren_ros.evaluation.detection.pillars.grid import CLASS_NAMES, PillarGrid
+from siren_ros.evaluation.detection.metrics.named_classes import CLASS_NAMES
+from siren_ros.evaluation.detection.pillars.grid import PillarGrid
 from siren_ros.evaluation.detection.pillars.pillars import FEATURES
 from siren_ros.training.detection.fit_config import NetworkSize
 from siren_ros.training.detection.targets import BOX_CHANNELS

@@ -12,7 +12,7 @@ torch = pytest.importorskip("torch", reason="the extra models is not installed")
 from made_training_frames import SMALL_GRID, made_episode
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.detection.pillars.grid import CLASS_NAMES
+from siren_ros.evaluation.detection.metrics.named_classes import CLASS_NAMES
 from siren_ros.evaluation.detection.pillars.network_file import FORM_VERSION, load_detector
 from siren_ros.evaluation.detection.pillars.pillars import pillars_of
 from siren_ros.training.detection.fit_config import DetectionFit, NetworkSize

@@ -107,6 +107,8 @@ def run(arguments: argparse.Namespace) -> int:
             sets.append(found)
         if arguments.self_test:
             sets += self_test_sets(frames, Path(scratch))
+        for found in sets:
+            _check_names(found, names)
         scores = [
             score_detector(frames, found, names, lambda tables: _scored(side_by_side, tables), arguments.resamples)
             for found in sets
@@ -124,6 +126,14 @@ def _named(text: str) -> tuple[str, str]:
     if not (name and equals and source):
         raise InputError("detections", text, "NAME=FILE")
     return name, source
+
+
+def _check_names(found: FoundSet, names: frozenset[str]) -> None:
+    """Refuses detections of which none would count: their score of 0 would say nothing about the detector."""
+    there = set(found.boxes.label.tolist())
+    if there and not there & names:
+        told = ", ".join(sorted(names)) if names != VEHICLE_NAMES else "names of vehicles"
+        raise InputError("names", told, f"names that {found.name} gives: {', '.join(sorted(there))}")
 
 
 def _frames(bags: Sequence[Path], side_by_side: Run, scratch: Path) -> Frames:

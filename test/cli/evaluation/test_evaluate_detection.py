@@ -1,0 +1,162 @@
+"""`siren evaluate detection` as a user calls it: on a recorded episode, and with files that mean nothing."""
+
+import csv
+import json
+import pickle
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from recorded_episode import shared_recording
+
+from siren_ros.cli.main import main
+from siren_ros.errors import EXIT_BAD_INPUT, EXIT_OK
+
+Box = dict[str, Any]
+GOOD: Box = {
+    "translation": [10.0, 5.0, 0.8],
+    "size": [1.8, 4.5, 1.5],
+    "rotation": [1.0, 0.0, 0.0, 0.0],
+    "velocity": [0.0, 0.0],
+    "detection_name": "car",
+    "detection_score": 0.5,
+    "attribute_name": "vehicle.moving",
+}
+
+
+@pytest.fixture(scope="module", name="bag")
+def _bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three seconds with LiDAR and the front camera, watched by the detector that ships."""
+    return shared_recording(
+        tmp_path_factory, "front", "template:=S2", "sensors:=front", "duration_s:=3.0", "detector:=pillars"
+    )
+
+
+@pytest.fixture(scope="module", name="tokens")
+def _tokens(bag: Path, tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """The keyframes of the export, in order."""
+    out = tmp_path_factory.mktemp("nuscenes") / "data"
+    assert main(["export", "nuscenes", str(bag), "--out", str(out), "--jobs", "1"]) == EXIT_OK
+    return [sample["token"] for sample in json.loads((out / "v1.0-siren" / "sample.json").read_text())]
+
+
+def evaluate(bag: Path, *arguments: str) -> int:
+    return main(["evaluate", "detection", str(bag), *arguments, "--jobs", "1", "--resamples", "5"])
+
+
+def rows(path: Path) -> dict[str, dict[str, str]]:
+    with path.open(encoding="utf-8") as file:
+        return {row["detector"]: row for row in csv.DictReader(file)}
+
+
+def test_labels_score_fully_through_every_format(bag: Path, tmp_path: Path) -> None:
+    assert evaluate(bag, "--self-test", "--out", str(tmp_path)) == EXIT_OK
+    found = rows(tmp_path / "by_template.csv")
+    assert len(found) == 5
+    assert {row["mean"].partition("/")[0] for row in found.values()} == {"1.000"}
+    errors = rows(tmp_path / "errors.csv")
+    for name, row in errors.items():
+        values = [float(row[column]) for column in ("ATE m", "ASE", "AOE rad")]
+        assert values == pytest.approx([0.0, 0.0, 0.0], abs=1e-3), name
+        if name != "labels, topic":
+            assert [float(row["AVE m/s"]), float(row["AAE"])] == pytest.approx([0.0, 0.0], abs=1e-3), name
+
+
+def test_what_the_node_said_live_scores_as_the_detector_on_the_recorded_sweeps(bag: Path, tmp_path: Path) -> None:
+    code = evaluate(bag, "--detections", "live=topic:/emv/detections", "--detectors", "pillars", "--out", str(tmp_path))
+    assert code == EXIT_OK
+    scores = json.loads((tmp_path / "scores.json").read_text(encoding="utf-8"))
+    live, offline = (scores[name]["templates"]["S2"] for name in ("live", "pillars"))
+    assert live["labels"] > 50
+    assert live["AP"] == pytest.approx(offline["AP"], abs=1e-9)
+    for name in ("ATE", "ASE", "AOE"):
+        assert live["errors"][name] == pytest.approx(offline["errors"][name], abs=1e-6)
+    assert (tmp_path / "birdseye_live_S2.png").stat().st_size > 10_000
+    assert (tmp_path / "curves_pillars.png").stat().st_size > 10_000
+
+
+def results(path: Path, tokens: Sequence[str], boxes: dict[int, list[Box]]) -> str:
+    path.write_text(json.dumps({"meta": {}, "results": {one: boxes.get(n, []) for n, one in enumerate(tokens)}}))
+    return f"bad={path}"
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"translation": [10.0, float("nan"), 0.8]}, "centre"),
+        ({"size": [1.8, -4.5, 1.5]}, "sizes above 0"),
+        ({"size": [1.8, 0.0, 1.5]}, "sizes above 0"),
+        ({"rotation": [1.0, 0.0, 0.0, 0.5]}, "quaternions of length 1"),
+        ({"detection_score": 1.5}, "scores from 0 to 1"),
+        ({"detection_score": -0.1}, "scores from 0 to 1"),
+        ({"velocity": [float("inf"), 0.0]}, "velocity"),
+        ({"translation": "here"}, "3 numbers"),
+        ({"detection_name": 7}, "detection_name"),
+    ],
+)
+def test_the_first_box_that_means_nothing_is_named(
+    bag: Path, tokens: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], change: Box, said: str
+) -> None:
+    given = results(tmp_path / "x.json", tokens, {1: [GOOD], 2: [GOOD, {**GOOD, **change}, {**GOOD, **change}]})
+    assert evaluate(bag, "--detections", given) == EXIT_BAD_INPUT
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert "step 20" in told
+    assert said in told
+
+
+def test_frames_and_their_numbers_of_boxes(
+    bag: Path, tokens: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refused(given: str, said: str) -> None:
+        assert evaluate(bag, "--detections", given) == EXIT_BAD_INPUT
+        assert said in capsys.readouterr().err
+
+    refused(results(tmp_path / "a.json", [*tokens, "f" * 32], {}), "sample_token " + "f" * 32)
+    refused(results(tmp_path / "b.json", tokens[:-1], {}), "nothing for")
+    refused(results(tmp_path / "c.json", tokens, {3: [GOOD] * 501}), "501 boxes")
+    refused(
+        results(tmp_path / "d.json", tokens, {3: [{**GOOD, "detection_name": "tree"}]}), "names that bad gives: tree"
+    )
+    (tmp_path / "e.json").write_text("{")
+    refused(f"bad={tmp_path / 'e.json'}", "a JSON file")
+    assert evaluate(bag, "--detections", results(tmp_path / "f.json", tokens, {3: [GOOD] * 500})) == EXIT_OK
+
+
+def test_a_pickle_whose_columns_differ_in_length_is_refused(
+    bag: Path, tokens: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    entries: list[Box] = [
+        {
+            "name": np.array(["car"] * 2),
+            "score": np.ones(3) / 2,
+            "boxes_lidar": np.ones((2, 9)),
+            "metadata": {"token": one},
+        }
+        for one in tokens
+    ]
+    path = tmp_path / "x.pkl"
+    path.write_bytes(pickle.dumps(entries))
+    assert evaluate(bag, "--detections", f"bad={path}") == EXIT_BAD_INPUT
+    assert "2 names, 3 scores" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ([], "--self-test"),
+        (["--detections", "x"], "NAME=FILE"),
+        (["--detections", "x=/nowhere.json"], "that exists"),
+        (["--detectors", "yolo"], "classical, pillars"),
+        (["--detectors", "pillars", "--names", "bicycle"], "names that pillars gives: "),
+        (["--detectors", "classical", "--checkpoint", "pillars=/x.onnx"], "one of --detectors: classical"),
+        (["--detectors", "pillars", "--detections", "pillars=/x.json"], "each name once"),
+        (["--detections", "x=topic:/emv/nothing"], "/emv/detections"),
+        (["--detectors", "pillars", "--resamples", "0"], "1 or more"),
+    ],
+)
+def test_what_cannot_be_asked_for(bag: Path, capsys: pytest.CaptureFixture[str], given: list[str], said: str) -> None:
+    assert main(["evaluate", "detection", str(bag), "--jobs", "1", *given]) == EXIT_BAD_INPUT
+    assert said in capsys.readouterr().err

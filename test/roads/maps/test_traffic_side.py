@@ -24,6 +24,15 @@ def roundabout(nodes: str, tags: str = "") -> str:
     return f'<way id="9">{refs}<tag k="junction" v="roundabout"/>{tags}</way>'
 
 
+def reason_of(found: MapSource, name: str) -> str:
+    """Why a map is refused; empty for one that is taken."""
+    try:
+        refuse_left_hand_traffic(found, name)
+    except MapError as error:
+        return str(error)
+    return ""
+
+
 LEFT = '<way id="8"><tag k="driving_side" v="left"/></way>'
 RIGHT = LEFT.replace("left", "right")
 
@@ -61,7 +70,8 @@ def test_cities_with_left_hand_traffic_are_known(name: str, lat: float, lon: flo
     ],
 )
 def test_cities_with_right_hand_traffic_are_taken(name: str, lat: float, lon: float) -> None:
-    refuse_left_hand_traffic(osm(lat, lon), name)
+    assert reason_of(osm(lat, lon), name) == ""
+    assert "driving_side" in reason_of(osm(lat, lon, LEFT), name), "not because of what the map says of itself"
 
 
 def test_what_the_map_says_counts_more_than_its_place() -> None:

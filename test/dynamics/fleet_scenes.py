@@ -1,0 +1,105 @@
+"""What SUMO says of a fleet, and commands to it, written in one line."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from siren_ros.dynamics.fleet import FleetState, step_fleet
+from siren_ros.dynamics.parameters import load_vehicle_parameters
+from siren_ros.world.actors import ActorClass, ActorDescription, ActorStates, Lights, Mode, Owner
+from siren_ros.world.commands import COMMAND_DTYPES, VehicleCommands
+from siren_ros.world.events import Event, EventKind
+from siren_ros.world.traffic_state import TrafficState
+
+PARAMETERS = load_vehicle_parameters()
+
+
+def description(actor_id: int, kind: ActorClass = ActorClass.SEDAN) -> ActorDescription:
+    vehicle = PARAMETERS[kind]
+    return ActorDescription(
+        actor_id, f"v{actor_id}", kind, vehicle.length_m, vehicle.width_m, vehicle.height_m, (200, 30, 30)
+    )
+
+
+def traffic_of(
+    step: int,
+    rows: Mapping[int, tuple[float, float, float, float]],
+    spawned: Sequence[ActorDescription] = (),
+    removed: Sequence[int] = (),
+    lights: Mapping[int, Lights] | None = None,
+    events: tuple[Event, ...] = (),
+) -> TrafficState:
+    """SUMO's rows by actor id: x, y, yaw, speed."""
+    ids = sorted(rows)
+    n = len(ids)
+    x, y, yaw, speed = np.array([rows[i] for i in ids], dtype=np.float64).reshape(n, 4).T
+    zero, codes, indices = np.zeros(n), np.zeros(n, np.uint8), np.zeros(n, np.int32)
+    return TrafficState(
+        step=step,
+        spawned=tuple(spawned),
+        removed=np.array(removed, dtype=np.uint32),
+        actor_id=np.array(ids, dtype=np.uint32),
+        owner=codes,
+        sumo_x_m=x,
+        sumo_y_m=y,
+        sumo_yaw_rad=yaw,
+        sumo_speed_mps=speed,
+        sumo_accel_mps2=zero,
+        x_m=x,
+        y_m=y,
+        yaw_rad=yaw,
+        speed_mps=speed,
+        lane=indices,
+        lane_position_m=zero,
+        lateral_offset_m=zero,
+        lights=np.array([int((lights or {}).get(i, 0)) for i in ids], dtype=np.uint8),
+        flags=codes,
+        route_offset=np.zeros(n + 1, np.int32),
+        route_edges=np.empty(0, np.int32),
+        emvs=(),
+        signals=(),
+        events=events,
+    )
+
+
+def command_of(
+    step: int,
+    actor_id: int,
+    owner: Owner = Owner.ROS,
+    throttle: float = 0.0,
+    brake: float = 0.0,
+    steer: float = 0.0,
+    mode: Mode = Mode.ROUTE_FOLLOW,
+    lights: Lights = Lights.NONE,
+    source: str = "emv_controller",
+    events: tuple[Event, ...] = (),
+) -> VehicleCommands:
+    return VehicleCommands(
+        step=step,
+        source=source,
+        actor_id=np.array([actor_id], np.uint32),
+        owner=np.array([owner], np.uint8),
+        throttle=np.array([throttle]),
+        brake=np.array([brake]),
+        steer_rad=np.array([steer]),
+        hand_brake=np.zeros(1, np.uint8),
+        mode=np.array([mode], np.uint8),
+        lights=np.array([lights], np.uint8),
+        events=events,
+    )
+
+
+def stacked(*commands: VehicleCommands) -> VehicleCommands:
+    arrays = {name: np.concatenate([getattr(command, name) for command in commands]) for name in COMMAND_DTYPES}
+    return VehicleCommands(step=commands[0].step, source=commands[0].source, events=(), **arrays)
+
+
+def kinds(events: Sequence[Event]) -> list[EventKind]:
+    return [event.kind for event in events]
+
+
+def started(count: int = 1, speed_mps: float = 10.0) -> tuple[FleetState, ActorStates]:
+    rows = {i: (0.0, 50.0 * i, 0.0, speed_mps) for i in range(1, count + 1)}
+    spawned = [description(i) for i in range(1, count + 1)]
+    state, states, _ = step_fleet(FleetState.empty(PARAMETERS), traffic_of(0, rows, spawned), ())
+    return state, states

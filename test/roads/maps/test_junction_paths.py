@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from defusedxml.ElementTree import fromstring
 
-from siren_ros.roads.maps.junction_paths import mend_junction_paths, points_of
+from siren_ros.roads.maps.junction_paths import mend_junction_paths, points_of, text_of
 
 NET = """<net>
   <edge id=":J_0" function="internal"><lane id=":J_0_0" shape="{path}"/></edge>
@@ -42,3 +42,43 @@ def test_a_turn_drawn_as_a_straight_line_becomes_nearly_a_circle(rest: str) -> N
 @pytest.mark.parametrize("path", ["0,0 5,0 9,1 10,5 10,10", "0,0 1,1.2"])
 def test_paths_without_corners_and_short_ones_stay(path: str) -> None:
     assert shapes_of(path)[":J_0_0"] == pytest.approx(points_of(path))
+
+
+def test_a_curve_is_a_beziers_with_handles_along_the_lanes() -> None:
+    """From the east-going lane at the origin onto one that goes north from (10, 10) moved to (24, 10)."""
+    net = fromstring(NET.format(path="0,0,1 24,10,3", rest="0,0 1,1", via="").replace("10,10 10,60", "24,10 24,60"))
+    mend_junction_paths(net)
+    curve = points_of(next(lane.attrib["shape"] for lane in net.iter("lane") if lane.attrib["id"] == ":J_0_0"))
+    share = np.linspace(0.0, 1.0, 17)[:, None]
+    handle_m = 0.39 * np.hypot(24.0, 10.0)
+    start, end = np.zeros(2), np.array([24.0, 10.0])
+    one, other = np.array([handle_m, 0.0]), end - np.array([0.0, handle_m])
+    bezier = (1 - share) ** 3 * start + 3 * share * (1 - share) ** 2 * one + 3 * share**2 * (1 - share) * other
+    assert curve[:, :2] == pytest.approx(bezier + share**3 * end, abs=1e-4)
+    assert curve[:, 2] == pytest.approx(1.0 + 2.0 * share[:, 0])
+
+
+@pytest.mark.parametrize(
+    ("path", "mended"),
+    [
+        ("0,0 5,0.8 9,4 10,10", False),
+        ("0,0 5,1.1 9,4 10,10", True),
+        ("0,0 5,0 9,4 9.5,7.5 10,10", True),
+        ("0,0 5,0 9,4 9.6,7.5 10,10", False),
+    ],
+)
+def test_ten_degrees_at_either_end_are_a_corner(path: str, mended: bool) -> None:
+    found = shapes_of(path)[":J_0_0"]
+    assert (len(found) == 17) is mended
+
+
+def test_where_a_lane_is_missing_nothing_changes() -> None:
+    text = NET.format(path="0,0 10,10", rest="0,0 1,1", via="").replace('<lane id="b_0" shape="10,10 10,60"/>', "")
+    net = fromstring(text)
+    mend_junction_paths(net)
+    assert next(net.iter("lane")).attrib["shape"] == "0,0 10,10"
+
+
+def test_numbers_are_written_to_a_tenth_of_a_millimetre() -> None:
+    assert text_of(np.array([[1.0, -2.5, 0.12344], [10.0, 0.0, 100.0]])) == "1,-2.5,0.1234 10,0,100"
+    assert points_of("1,2,3 4,5").tolist() == [[1.0, 2.0], [4.0, 5.0]]

@@ -1,3 +1,4 @@
+import os
 import re
 from importlib.metadata import PackageNotFoundError
 
@@ -31,6 +32,34 @@ def test_where_sumo_is_no_package_it_says_its_version_itself(monkeypatch):
     netconvert_version.cache_clear()
     assert re.fullmatch(r"Eclipse SUMO netconvert .*\d+\.\d+.*", netconvert_version())
     netconvert_version.cache_clear()
+
+
+NODES = '<nodes><node id="a" x="0" y="0"/><node id="b" x="100" y="0"/></nodes>'
+
+
+def test_a_net_comes_back_without_its_dated_header(tmp_path):
+    (tmp_path / "nodes.xml").write_text(NODES)
+    (tmp_path / "edges.xml").write_text('<edges><edge id="e" from="a" to="b" numLanes="2"/></edges>')
+    options = ["--node-files", str(tmp_path / "nodes.xml"), "--edge-files", str(tmp_path / "edges.xml")]
+    made = run_netconvert(options, tmp_path / "out.net.xml", "mymap")
+    assert made == without_header((tmp_path / "out.net.xml").read_bytes())
+    assert made.startswith(b'<?xml version="1.0" encoding="UTF-8"?>\n<net ')
+    assert made.count(b'<lane id="e_') == 2
+
+
+def test_what_is_no_utf8_in_netconverts_words_is_shown_all_the_same(tmp_path):
+    folder = os.fsencode(tmp_path) + b"/\xe4"
+    with pytest.raises(MapError, match="it said: "):
+        run_netconvert(["--opendrive-files", os.fsdecode(folder)], tmp_path / "out.net.xml", "mymap")
+
+
+def test_a_refusal_without_words_tells_the_exit_code(tmp_path, monkeypatch):
+    false = tmp_path / "netconvert"
+    false.write_text("#!/bin/sh\nexit 3\n")
+    false.chmod(0o755)
+    monkeypatch.setattr("siren_ros.roads.maps.netconvert.netconvert_path", lambda: false)
+    with pytest.raises(MapError, match=r"it said: exit code 3\)"):
+        run_netconvert([], tmp_path / "out.net.xml", "mymap")
 
 
 def test_a_refusal_carries_netconverts_first_error_line(tmp_path):

@@ -58,6 +58,55 @@ def test_the_shoulder_follows_right_turns_only():
     assert dict(connection.attrib) == {"from": "1", "to": "3", "fromLane": "2", "toLane": "2"}
 
 
+@pytest.mark.parametrize(
+    ("more", "added"),
+    [
+        ("", [("1", "3", "2", "2")]),
+        ('<connection from="1" to="3" fromLane="2" toLane="2" dir="r"/>', []),
+        ('<connection from="1" to="3" fromLane="2" toLane="1" dir="r"/>', [("1", "3", "2", "2")]),
+        ('<connection from="-2" to="3" fromLane="2" toLane="2" dir="l"/>', [("1", "3", "2", "2")]),
+    ],
+    ids=["none", "the same", "to another lane", "from another road"],
+)
+def test_a_shoulder_movement_that_is_there_is_not_added_again(more, added):
+    first = net().replace(b"</net>", more.encode() + b"</net>")
+    found = fromstring(opendrive_patches(first, b"<OpenDRIVE/>", "map.xodr").connections)
+    assert [tuple(one.get(key) for key in ("from", "to", "fromLane", "toLane")) for one in found] == added
+
+
+@pytest.mark.parametrize(("letter", "count"), [("s", 1), ("r", 1), ("R", 1), ("l", 0), ("L", 0), ("t", 0)])
+def test_the_shoulder_follows_straight_on_and_to_the_right(letter, count):
+    first = net().replace(b'toLane="3" dir="r"/><conn', f'toLane="3" dir="{letter}"/><conn'.encode())
+    assert len(fromstring(opendrive_patches(first, b"<OpenDRIVE/>", "map.xodr").connections)) == count
+
+
+@pytest.mark.parametrize(("index", "width", "open_to"), [(2, "1.8", "emergency"), (2, "1.79", None), (4, "2.5", None)])
+def test_wide_shoulders_right_of_the_driving_lanes_are_open(index, width, open_to):
+    text = net().decode().replace('index="2" disallow="all" speed="1.39" width="2.5"', f'index="2" width="{width}"')
+    lanes = lane_patches(opendrive_patches(text.encode(), b"<OpenDRIVE/>", "map.xodr").edges)
+    assert lanes[str(index)].get("allow") == open_to
+    assert (lanes[str(index)].get("disallow") == "all") is (open_to is None)
+
+
+def test_without_a_driving_lane_a_shoulder_is_open_to_nobody():
+    text = net().decode().replace('type="driving"', 'type="biking"')
+    lanes = lane_patches(opendrive_patches(text.encode(), b"<OpenDRIVE/>", "map.xodr").edges)
+    assert {lanes[index].get("disallow") for index in ("1", "2", "3", "4")} == {"all"}
+
+
+@pytest.mark.parametrize(("s_m", "length_m", "binds"), [("12", "20", True), ("4", "20", False), ("5", "20", True)])
+def test_a_sign_binds_the_junction_at_most_15_m_ahead(s_m, length_m, binds):
+    found = patches(sign("206", "+", road="1", junction="-1", s_m=s_m, length_m=length_m))
+    assert len(fromstring(found.nodes)) == int(binds)
+
+
+@pytest.mark.parametrize(("s_m", "binds"), [("14", True), ("16", False)])
+def test_a_sign_for_the_other_direction_is_measured_from_the_roads_start(s_m, binds):
+    road = sign("206", "-", road="-2", junction="-1", s_m=s_m, length_m="100").replace('road id="-2"', 'road id="2"')
+    road = road.replace("successor", "predecessor")
+    assert len(fromstring(patches(road).nodes)) == int(binds)
+
+
 def test_without_signs_no_junction_changes():
     assert len(fromstring(patches().nodes)) == 0
 

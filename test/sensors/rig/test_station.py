@@ -4,6 +4,8 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from hypothesis import assume, given
+from hypothesis import strategies as st
 
 from siren_ros.errors import InputError
 from siren_ros.roads.maps.map_compiler import compile_map
@@ -11,7 +13,7 @@ from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import JunctionKind, LaneKind, RoadNetwork
 from siren_ros.sensor_messages.carrier import static_transforms
 from siren_ros.sensors.rig.rig import SensorRig
-from siren_ros.sensors.rig.station import check_outdoors, station_mount
+from siren_ros.sensors.rig.station import _crossings_above, check_outdoors, station_mount
 from siren_ros.sensors.suite.mount import Mount
 from siren_ros.sensors.suite.suite import LidarSpec, SensorSuite, Station, load_suite
 from siren_ros.world.actors import ActorClass, ActorDescription
@@ -75,6 +77,35 @@ def test_a_sensor_inside_a_building_is_refused(boxes: Any) -> None:
     with pytest.raises(InputError, match="outside of buildings"):
         SensorRig(suite, NETWORK, 0, scene=scene)
     check_outdoors(scene, suite, Mount(35.0, 0.0, 0.0))
+
+
+@given(
+    corners=st.lists(st.tuples(*[st.integers(-8, 8)] * 9), min_size=1, max_size=6),
+    place=st.tuples(*[st.integers(-8, 8)] * 3),
+)
+def test_triangles_above_a_place_are_those_of_their_planes(
+    corners: list[tuple[int, ...]], place: tuple[int, int, int]
+) -> None:
+    """Of tilted triangles of either sense of rotation: the plane through the corners, where the outline holds it."""
+    x_m, y_m, z_m = (number + 0.37 for number in place)
+    triangles = np.array(corners, dtype=np.float64).reshape(-1, 3, 3)
+    expected = 0
+    for triangle in triangles:
+        normal = np.cross(triangle[1] - triangle[0], triangle[2] - triangle[0])
+        if abs(normal[2]) > 1e-9 and shapely.Polygon(triangle[:, :2]).contains(shapely.Point(x_m, y_m)):
+            height_m = triangle[0, 2] - (normal[:2] @ (np.array([x_m, y_m]) - triangle[0, :2])) / normal[2]
+            assume(abs(height_m - z_m) > 1e-2)
+            expected += bool(height_m > z_m)
+    assert _crossings_above(triangles, x_m, y_m, z_m) == expected
+
+
+def test_only_solid_bodies_are_indoors(boxes: Any) -> None:
+    """A roof over the street, of one surface, and a body below the sensor do not enclose it."""
+    suite = SensorSuite("pole", (LIDAR,), station=Station(Mount(50.0, 0.0, 0.0)))
+    low = boxes.scene(boxes.box((50.0, 0.0, 1.0), (20.0, 20.0, 2.0)))
+    check_outdoors(low, suite, Mount(50.0, 0.0, 0.0))
+    with pytest.raises(InputError, match=r"\(50\.0, 3\.0, 4\.0\) m in the map frame"):
+        check_outdoors(boxes.scene(boxes.box((50.0, 3.0, 5.0), (20.0, 1.0, 10.0))), suite, Mount(50.0, 3.0, 0.0))
 
 
 def test_a_station_sees_the_emergency_vehicle_and_stays_where_it_is(boxes: Any) -> None:

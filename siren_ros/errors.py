@@ -1,5 +1,7 @@
 """Typed errors. Library code raises them; only programs turn them into a line and an exit code."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, Final
 
 EXIT_OK: Final = 0
@@ -38,6 +40,24 @@ def _input_error(kind: type[InputError], parameter: str, value: object, allowed:
     error = kind.__new__(kind)
     InputError.__init__(error, parameter, value, allowed)
     return error
+
+
+@contextmanager
+def writing(place: object, kind: str = "file", parameter: str = "out") -> Iterator[None]:
+    """Around what writes to a place that the user named: what the system refuses there is an error of that input.
+
+    Args:
+        place: As the message shows it, usually a path.
+        kind: What is written there: a file, a folder, or either (a place).
+        parameter: The option that named it.
+
+    Raises:
+        InputError: An OSError, with what the system says.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise InputError(parameter, str(place), f"a {kind} that can be written ({error.strerror or error})") from error
 
 
 class MapError(InputError):

@@ -1,10 +1,11 @@
-"""Errors that cross from one process to another."""
+"""Errors that cross from one process to another, and those of places that cannot be written."""
 
 import pickle
+from pathlib import Path
 
 import pytest
 
-from siren_ros.errors import BagError, EpisodeError, InputError, MapError, SirenError
+from siren_ros.errors import BagError, EpisodeError, InputError, MapError, SirenError, writing
 
 
 @pytest.mark.parametrize(
@@ -23,3 +24,25 @@ def test_errors_of_workers_arrive_whole(error: SirenError) -> None:
     assert str(arrived) == str(error)
     assert arrived.exit_code == error.exit_code
     assert vars(arrived) == vars(error)
+
+
+@pytest.mark.parametrize(("kind", "parameter"), [("file", "out"), ("folder", "page")])
+def test_what_the_system_refuses_is_an_error_of_the_input(kind: str, parameter: str, tmp_path: Path) -> None:
+    below_a_file = tmp_path / "file" / "below"
+    below_a_file.parent.write_text("a file, not a folder", encoding="utf-8")
+    with pytest.raises(InputError) as raised, writing(below_a_file, kind, parameter):
+        below_a_file.write_text("", encoding="utf-8")
+    assert (raised.value.parameter, raised.value.value) == (parameter, str(below_a_file))
+    assert raised.value.allowed == f"a {kind} that can be written (Not a directory)"
+
+
+def test_what_was_written_stays(tmp_path: Path) -> None:
+    file = tmp_path / "file"
+    with writing(file):
+        file.write_text("whole", encoding="utf-8")
+    assert file.read_text(encoding="utf-8") == "whole"
+
+
+def test_errors_of_other_kinds_pass() -> None:
+    with pytest.raises(EpisodeError, match="SUMO has gone"), writing("file"):
+        raise EpisodeError("SUMO has gone")

@@ -12,8 +12,10 @@ from siren_ros.calibration.parameters import PARAMETERS, Parameter, parameters_n
 from siren_ros.calibration.simulate import Situation, Target
 from siren_ros.calibration.trajectory import Trajectory
 from siren_ros.calibration.tries import errors_over
-from siren_ros.cli.options.processes import add_processes
-from siren_ros.errors import EXIT_OK, InputError
+from siren_ros.cli.options.names import names_in
+from siren_ros.cli.options.processes import add_processes, processes_of
+from siren_ros.cli.options.steps import steps_of
+from siren_ros.errors import EXIT_OK, InputError, writing
 from siren_ros.evaluation.aligned_text import aligned
 from siren_ros.recording.bag_folders import bags_among
 from siren_ros.recording.bag_reader import read_episode
@@ -54,23 +56,20 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Fits the parameters and prints them."""
-    if arguments.jobs < 1:
-        raise InputError("jobs", arguments.jobs, "1 or more")
-    parameters = parameters_named([name.strip() for name in arguments.parameters.split(",") if name.strip()])
+    jobs = processes_of(arguments)
+    parameters = parameters_named(names_in(arguments.parameters))
     targets = _targets(arguments)
     evaluations = arguments.evaluations or EVALUATIONS_EACH * len(parameters)
     with (
         tqdm(total=evaluations * len(targets), unit="episode", desc="calibrate", disable=None) as bar,
-        errors_over(targets, arguments.jobs, lambda: _advance(bar)) as errors,
+        errors_over(targets, jobs, steps_of(bar)) as errors,
     ):
         found = fit(parameters, errors, evaluations, arguments.seed)
     print("\n".join(fitted_lines(parameters, found)))
     if arguments.out is not None:
         content = as_json(found) | {"targets": [target.name for target in targets], "seed": arguments.seed}
-        try:
+        with writing(arguments.out):
             arguments.out.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-        except OSError as error:
-            raise InputError("out", str(arguments.out), f"a file that can be written ({error.strerror})") from error
     return EXIT_OK
 
 
@@ -117,7 +116,3 @@ def _targets(arguments: argparse.Namespace) -> list[Target]:
         way = Trajectory.of_record(record) if given is None else Trajectory.read(given)
         targets.append(Target(bag.name, Situation.of_record(record), way))
     return targets
-
-
-def _advance(bar: "tqdm[Any]") -> None:
-    bar.update(1)

@@ -6,13 +6,14 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Never
 
 from tqdm import tqdm
 
 from siren_ros.cli.evaluation.named_path import named_path
-from siren_ros.cli.options.processes import add_processes
-from siren_ros.errors import EXIT_OK, InputError
+from siren_ros.cli.options.names import names_in
+from siren_ros.cli.options.processes import add_processes, processes_of
+from siren_ros.cli.options.steps import steps_of
+from siren_ros.errors import EXIT_OK, InputError, writing
 from siren_ros.evaluation.aligned_text import aligned
 from siren_ros.evaluation.paper_comparison.compared import HEAD, Compared, measured
 from siren_ros.evaluation.paper_comparison.detection_rows import detection_rows
@@ -57,8 +58,6 @@ def run(arguments: argparse.Namespace) -> int:
     """Scores the bags and prints the rows."""
     if arguments.out is not None and arguments.out.suffix not in {".json", ".csv"}:
         raise InputError("out", str(arguments.out), "a file name that ends in .json or .csv")
-    if arguments.jobs < 1:
-        raise InputError("jobs", arguments.jobs, "1 or more")
     rows = [
         *_prediction(arguments),
         *detection_rows(None if arguments.detection is None else _needed(arguments.detection)),
@@ -84,11 +83,11 @@ def _needed(folder: Path) -> dict[str, object]:
 
 
 def _prediction(arguments: argparse.Namespace) -> list[Compared]:
-    models = tuple(name.strip() for name in arguments.models.split(",") if name.strip())
-    job = ScoringJob(models, tuple(dict(arguments.checkpoint).items()), processes=arguments.jobs)
+    models = names_in(arguments.models)
+    job = ScoringJob(models, tuple(dict(arguments.checkpoint).items()), processes=processes_of(arguments))
     bags = bags_among(arguments.bags)
     with tqdm(total=len(bags), unit="bag", disable=None, leave=False, desc="compare-paper") as bar:
-        results = score_bags(job, bags, lambda: _advance(bar))
+        results = score_bags(job, bags, steps_of(bar))
     for result in results:
         if result.error is not None:
             print(f"siren compare-paper: {result.error}", file=sys.stderr)
@@ -101,13 +100,9 @@ def _prediction(arguments: argparse.Namespace) -> list[Compared]:
     return list(prediction_rows(score_table(counted)))
 
 
-def _advance(bar: "tqdm[Never]") -> None:
-    bar.update()
-
-
 def _write(file: Path, rows: Sequence[Compared]) -> None:
     content = [row.to_json() for row in rows]
-    try:
+    with writing(file):
         if file.suffix == ".json":
             file.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
         else:
@@ -115,5 +110,3 @@ def _write(file: Path, rows: Sequence[Compared]) -> None:
                 writer = csv.DictWriter(opened, list(content[0]), lineterminator="\n")
                 writer.writeheader()
                 writer.writerows(content)
-    except OSError as error:
-        raise InputError("out", str(file), f"a file that can be written ({error.strerror or error})") from error

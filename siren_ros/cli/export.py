@@ -7,12 +7,12 @@ from typing import Never
 
 from tqdm import tqdm
 
-from siren_ros.cli.options.processes import add_processes
+from siren_ros.cli.options.processes import add_processes, processes_of
 from siren_ros.datasets.export_job import ExportJob, run_export
 from siren_ros.datasets.exporting.format import Format, Option
 from siren_ros.datasets.exporting.splits import AUTO, SPLITS
 from siren_ros.datasets.registry import FORMATS
-from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
+from siren_ros.errors import EXIT_FAILED, EXIT_OK
 from siren_ros.recording.bag_folders import bags_among
 
 
@@ -65,12 +65,9 @@ def _add_option(parser: argparse.ArgumentParser, option: Option) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Exports the bags; exit code 1 where one of them is not whole."""
     made: Format = arguments.format
-    if arguments.jobs < 1:
-        raise InputError("jobs", arguments.jobs, "1 or more")
+    jobs = processes_of(arguments)
     options = {option.name: getattr(arguments, option.name.replace("-", "_")) for option in made.options}
-    job = ExportJob(
-        made, options, bags_among(arguments.bags), arguments.out, arguments.jobs, arguments.split, arguments.licence
-    )
+    job = ExportJob(made, options, bags_among(arguments.bags), arguments.out, jobs, arguments.split, arguments.licence)
     tqdm.monitor_interval = 0  # no thread of tqdm: workers are forked, which is sound without threads
     bar_format = "{l_bar}{bar}| {n:.0f}/{total:.0f} s of episodes [{elapsed}<{remaining}]"
     with tqdm(total=0, unit="s", bar_format=bar_format, disable=None, desc=f"export {made.name}") as bar:

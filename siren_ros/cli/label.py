@@ -5,7 +5,7 @@ from collections import Counter
 from pathlib import Path
 
 from siren_ros.cli.generation.risk_thresholds import add_thresholds, thresholds_of
-from siren_ros.errors import EXIT_OK, InputError
+from siren_ros.errors import EXIT_OK, writing
 from siren_ros.evaluation.risk.risk_class import TITLES, RiskClass
 from siren_ros.evaluation.risk.video_set import read_set, write_set
 
@@ -33,9 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
     counts = Counter(video.label.risk for video in again.videos.values())
     print(" / ".join(str(counts[risk]) for risk in RiskClass), f"({' / '.join(TITLES)})")
     if arguments.out is not None:
-        try:
+        with writing(arguments.out, "folder"):
             arguments.out.mkdir(parents=True, exist_ok=True)
             write_set(again.moved(arguments.out))
-        except OSError as error:
-            raise InputError("out", str(arguments.out), f"a folder that can be written ({error.strerror})") from error
     return EXIT_OK

@@ -2,12 +2,13 @@
 
 import argparse
 from pathlib import Path
-from typing import Never
 
 from tqdm import tqdm
 
-from siren_ros.cli.options.processes import add_processes
-from siren_ros.errors import EXIT_OK, InputError
+from siren_ros.cli.options.names import names_in
+from siren_ros.cli.options.processes import add_processes, processes_of
+from siren_ros.cli.options.steps import steps_of
+from siren_ros.errors import EXIT_OK, InputError, writing
 from siren_ros.study_report.build import build_page
 from siren_ros.study_report.html import html_of
 from siren_ros.study_report.options import DETECTION, MODELS, RISK, PageOptions
@@ -45,25 +46,16 @@ def run(arguments: argparse.Namespace) -> int:
     """Measures all bags and writes the page."""
     if arguments.out.suffix.lower() not in {".html", ".htm"}:
         raise InputError("out", str(arguments.out), "a file name that ends in .html")
-    if arguments.jobs < 1:
-        raise InputError("jobs", arguments.jobs, "1 or more")
-    models = tuple(name.strip() for name in arguments.models.split(",") if name.strip())
+    jobs = processes_of(arguments)
+    models = names_in(arguments.models)
     if not models:
         raise InputError("models", arguments.models, "one or several predictors, by commas")
-    options = PageOptions(models, arguments.detection, arguments.risk, arguments.jobs)
+    options = PageOptions(models, arguments.detection, arguments.risk, jobs)
     with tqdm(unit="bag", desc="report", disable=None) as bar:
-        page = build_page(arguments.dir, options, bar.reset, lambda: _advance(bar))
+        page = build_page(arguments.dir, options, bar.reset, steps_of(bar))
     content = html_of(page)
-    try:
+    with writing(arguments.out):
         arguments.out.parent.mkdir(parents=True, exist_ok=True)
         arguments.out.write_text(content, encoding="utf-8")
-    except OSError as error:
-        raise InputError(
-            "out", str(arguments.out), f"a file that can be written ({error.strerror or error})"
-        ) from error
     print(f"{arguments.out}: {len(page.sections)} sections, {len(content) / 1e6:.1f} MB")
     return EXIT_OK
-
-
-def _advance(bar: "tqdm[Never]") -> None:
-    bar.update(1)

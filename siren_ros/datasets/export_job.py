@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 import siren_ros
 from siren_ros.datasets.exporting.dataset_card import card, write_card
-from siren_ros.datasets.exporting.file_writer import FileWriter, no_place
+from siren_ros.datasets.exporting.file_writer import FileWriter
 from siren_ros.datasets.exporting.format import EpisodePart, EpisodeReport, Format
 from siren_ros.datasets.exporting.splits import AUTO, split_of_groups
 from siren_ros.datasets.exporting.staging import Staging
@@ -15,7 +15,7 @@ from siren_ros.datasets.exporting.survey import BagSurvey, in_dataset_order, rec
 from siren_ros.datasets.exporting.worker_pool import Progress, simulated_time, worker_pool
 from siren_ros.datasets.registry import load_exporter
 from siren_ros.datasets.sources.episode_source import open_source
-from siren_ros.errors import BagError, EpisodeError
+from siren_ros.errors import BagError, EpisodeError, writing
 
 _Result = TypeVar("_Result")
 
@@ -84,12 +84,10 @@ def run_export(
             report = EpisodeReport(found["counts"], found["classes"])
             parts.append(EpisodePart(episode_id, index, split, staging.part(index), report))
         content = card(job.format, job.options, surveys, parts, job.licence)
-        try:
+        with writing(staging.path, "place"):
             folder = staging.new_dataset()
             load_exporter(job.format, job.options).assemble(parts, folder)
             write_card(folder, content)
-        except OSError as error:
-            raise no_place(staging.path, error) from error
     staging.publish()
     return ExportResult(content, tuple(notes))
 

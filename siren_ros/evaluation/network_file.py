@@ -9,7 +9,7 @@ from typing import Any
 
 import onnxruntime
 
-from siren_ros.errors import InputError
+from siren_ros.errors import InputError, writing
 
 
 @dataclass(frozen=True)
@@ -55,9 +55,7 @@ def write_network(path: Path, weights: bytes, card: Mapping[str, Any]) -> None:
     Raises:
         InputError: The folder cannot be written.
     """
-    try:
+    with writing(path.parent, "folder"):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(weights)
         card_path(path).write_text(json.dumps(card, indent=2) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError("out", str(path.parent), f"a folder that can be written ({error.strerror})") from error

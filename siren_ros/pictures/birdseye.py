@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from siren_ros.errors import InputError, SirenError
+from siren_ros.errors import InputError, SirenError, writing
 from siren_ros.interfaces.markers import EMV_COLOUR, MODE_COLOURS
 from siren_ros.judging.predicates import evaluate_predicate
 from siren_ros.judging.verdict import Verdict
@@ -313,9 +313,7 @@ def save_episode_picture(record: EpisodeRecord, path: Path) -> Path:
     if path.suffix.lower() != ".png":
         raise InputError("out", str(path), "a file name that ends in .png")
     figure = draw_episode(record)
-    try:
+    with writing(path, "place"):
         path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path, format="png", metadata={"Software": None})
-    except OSError as error:
-        raise InputError("out", str(path), f"a place that can be written ({error.strerror or error})") from error
     return path

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 from uuid import uuid4
 
-from siren_ros.errors import InputError
+from siren_ros.errors import writing
 from siren_ros.recording.bag_guard import storage_files
 from siren_ros.recording.bag_metadata import METADATA_FILE
 from siren_ros.studies.episode_row import EpisodeRow, Status
@@ -160,7 +160,5 @@ def write_study(folder: StudyFolder, content: dict[str, Any]) -> None:
     Raises:
         InputError: The folder cannot be written.
     """
-    try:
+    with writing(folder.place, "folder"):
         folder.write(STUDY, json.dumps(content, indent=1, sort_keys=True).encode())
-    except OSError as error:
-        raise InputError("out", folder.place, f"a folder that can be written ({error.strerror or error})") from error

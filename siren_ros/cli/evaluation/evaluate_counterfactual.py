@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from siren_ros.cli.evaluation.evaluate_yield import scored_episodes
-from siren_ros.cli.options.processes import add_processes
-from siren_ros.errors import EXIT_FAILED, InputError
+from siren_ros.cli.options.processes import add_processes, processes_of
+from siren_ros.errors import EXIT_FAILED, writing
 from siren_ros.evaluation.yielding.counterfactual import OUTCOMES, Effect, effects
 from siren_ros.recording.bag_folders import bags_among
 
@@ -36,15 +36,13 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Scores every bag and compares the levels."""
-    episodes, worst = scored_episodes(bags_among(arguments.bags), arguments.jobs)
+    episodes, worst = scored_episodes(bags_among(arguments.bags), processes_of(arguments))
     found = effects(episodes)
     shown = [one for one in found if one.outcome in arguments.outcomes and one.found.difference.valid]
     print("\n".join(_table(shown)) or "no two episodes of one seed at different levels")
     if arguments.out is not None:
-        try:
+        with writing(arguments.out):
             arguments.out.write_text(json.dumps([as_json(one) for one in found], indent=1) + "\n", encoding="utf-8")
-        except OSError as error:
-            raise InputError("out", str(arguments.out), f"a file that can be written ({error.strerror})") from error
     return worst if shown else max(worst, EXIT_FAILED)
 
 

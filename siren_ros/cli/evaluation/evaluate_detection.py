@@ -8,11 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from siren_ros.cli.evaluation.named_path import named_path
-from siren_ros.cli.options.processes import add_processes
+from siren_ros.cli.options.names import names_in
+from siren_ros.cli.options.processes import add_processes, processes_of
 from siren_ros.datasets.exporting.survey import in_dataset_order, survey_bag
 from siren_ros.datasets.exporting.worker_pool import Run, worker_pool
 from siren_ros.datasets.sources.needs import Need
-from siren_ros.errors import EXIT_OK, InputError
+from siren_ros.errors import EXIT_OK, InputError, writing
 from siren_ros.evaluation.detection.detectors.table import DETECTORS, run_detector
 from siren_ros.evaluation.detection.inputs.formats import read_detections
 from siren_ros.evaluation.detection.inputs.found_set import FoundSet
@@ -86,7 +87,7 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Scores every detector on all bags."""
     named = [_named(text) for text in arguments.detections]
-    own = [name.strip() for name in arguments.detectors.split(",") if name.strip()]
+    own = list(names_in(arguments.detectors))
     for unknown in set(own) - set(DETECTORS):
         raise InputError("detectors", unknown, f"one of {', '.join(DETECTORS)}")
     if not named and not own and not arguments.self_test:
@@ -97,8 +98,8 @@ def run(arguments: argparse.Namespace) -> int:
     every = [*(name for name, _ in named), *own]
     if len(set(every)) < len(every):
         raise InputError("detections", ", ".join(every), "each name once")
-    names = frozenset(name.strip().lower() for name in arguments.names.split(",") if name.strip()) or VEHICLE_NAMES
-    with worker_pool(arguments.jobs, lambda _: None) as side_by_side, tempfile.TemporaryDirectory() as scratch:
+    names = frozenset(names_in(arguments.names.lower())) or VEHICLE_NAMES
+    with worker_pool(processes_of(arguments), lambda _: None) as side_by_side, tempfile.TemporaryDirectory() as scratch:
         frames = _frames(bags_among(arguments.bags), side_by_side, Path(scratch))
         sets = [read_detections(name, source, frames) for name, source in named]
         costs = {}
@@ -176,7 +177,7 @@ def _remarks(frames: Frames, scores: Sequence[DetectorScores], costs: Mapping[st
 
 
 def _write(out: Path, frames: Frames, scores: Sequence[DetectorScores], tables: Sequence[Table]) -> None:
-    try:
+    with writing(out, "place"):
         out.mkdir(parents=True, exist_ok=True)
         (out / "scores.json").write_text(json.dumps(scores_as_json(scores), indent=2) + "\n", encoding="utf-8")
         for table in tables:
@@ -187,5 +188,3 @@ def _write(out: Path, frames: Frames, scores: Sequence[DetectorScores], tables: 
             draw_curves(one, out / f"curves_{stem}.png")
             for template in one.templates:
                 draw_worst_frame(one, frames, template, out / f"birdseye_{stem}_{template}.png")
-    except OSError as error:
-        raise InputError("out", str(out), f"a place that can be written ({error.strerror or error})") from error

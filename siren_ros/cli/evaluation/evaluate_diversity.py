@@ -2,16 +2,13 @@
 
 import argparse
 import json
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
-from siren_ros.cli.options.processes import add_processes
-from siren_ros.datasets.exporting.worker_pool import worker_pool
-from siren_ros.errors import EXIT_OK, InputError, SirenError
+from siren_ros.cli.options.each_bag import of_each_bag
+from siren_ros.cli.options.processes import add_processes, processes_of
+from siren_ros.errors import writing
 from siren_ros.evaluation.aligned_text import aligned
 from siren_ros.evaluation.diversity.as_json import diversity_as_json
 from siren_ros.evaluation.diversity.drawn_ranges import drawn_ranges
@@ -36,45 +33,21 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Compares all episodes of a group with each other; a bag that cannot be read does not keep the others back."""
-    if arguments.jobs < 1:
-        raise InputError("jobs", arguments.jobs, "1 or more")
-    profiles, worst = _profiles(bags_among(arguments.bags), arguments.jobs)
+    profiles, worst = of_each_bag(profile_bag, bags_among(arguments.bags), processes_of(arguments))
     found = diversity(profiles, drawn_ranges(profiles))
     if found:
         print("\n".join(aligned([_HEAD, *map(_row, found)])))
         print("\n".join(_NOTES))
     if arguments.out is not None:
-        try:
-            content = json.dumps([diversity_as_json(one) for one in found], indent=1, allow_nan=False)
+        content = json.dumps([diversity_as_json(one) for one in found], indent=1, allow_nan=False)
+        with writing(arguments.out):
             arguments.out.write_text(content + "\n", encoding="utf-8")
-        except OSError as error:
-            raise InputError("out", str(arguments.out), f"a file that can be written ({error.strerror})") from error
     return worst
 
 
-def profile_bag(bag: Path) -> InteractionProfile | tuple[str, int]:
-    """The profile of a bag, or why it has none, with the exit code."""
-    try:
-        return profile_of(str(bag), read_episode(bag))
-    except SirenError as error:
-        return str(error), error.exit_code
-
-
-def _profiles(bags: Sequence[Path], jobs: int) -> tuple[list[InteractionProfile], int]:
-    worst, profiles = EXIT_OK, []
-    with (
-        worker_pool(min(jobs, len(bags)), lambda _: None) as pool,
-        tqdm(total=len(bags), unit="episode", desc="evaluate", disable=None) as bar,
-    ):
-        for _, found in pool(profile_bag, [(bag,) for bag in bags]):
-            bar.update(1)
-            if isinstance(found, InteractionProfile):
-                profiles.append(found)
-            else:
-                text, code = found
-                print(f"siren evaluate: {text}", file=sys.stderr)
-                worst = max(worst, code)
-    return profiles, worst
+def profile_bag(bag: Path) -> InteractionProfile:
+    """The profile of a bag."""
+    return profile_of(str(bag), read_episode(bag))
 
 
 _HEAD = [

@@ -5,12 +5,13 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Never
 
 from tqdm import tqdm
 
 from siren_ros.cli.evaluation.named_path import named_path
-from siren_ros.cli.options.processes import add_processes
+from siren_ros.cli.options.names import names_in
+from siren_ros.cli.options.processes import add_processes, processes_of
+from siren_ros.cli.options.steps import steps_of
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
 from siren_ros.evaluation.prediction.charts.chart_files import write_charts, write_sample_pictures
 from siren_ros.evaluation.prediction.predictors import PREDICTORS
@@ -84,8 +85,6 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Scores every bag; one that cannot be read does not keep the others from being scored."""
-    if arguments.jobs < 1:
-        raise InputError("jobs", arguments.jobs, "1 or more")
     if arguments.pictures and arguments.out is None:
         raise InputError("pictures", "--pictures", "together with --out DIR")
     job = _job(arguments)
@@ -93,7 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
         new_folder(arguments.out)
     bags = bags_among(arguments.bags)
     with tqdm(total=len(bags), unit="bag", disable=None, leave=False, desc="evaluate") as bar:
-        results = score_bags(job, bags, lambda: _advance(bar))
+        results = score_bags(job, bags, steps_of(bar))
     worst, scores = EXIT_OK, []
     for result in results:
         if result.error is not None:
@@ -109,17 +108,13 @@ def run(arguments: argparse.Namespace) -> int:
     return worst
 
 
-def _advance(bar: "tqdm[Never]") -> None:
-    bar.update()
-
-
 def _job(arguments: argparse.Namespace) -> ScoringJob:
     files = _by_name("predictions", arguments.predictions)
     recorded = [name for name, path in files.items() if str(path) == PREDICTIONS.name]
     if len(recorded) > 1:
         raise InputError("predictions", recorded[1], f"{PREDICTIONS.name} once")
     wanted = "" if arguments.models == "none" and files else arguments.models
-    models = tuple(name.strip() for name in wanted.split(",") if name.strip())
+    models = names_in(wanted)
     if not models and not files:
         raise InputError("models", arguments.models, f"one or several of {', '.join(PREDICTORS)}")
     for name in files:
@@ -136,7 +131,7 @@ def _job(arguments: argparse.Namespace) -> ScoringJob:
         recorded=next(iter(recorded), ""),
         allow_missing=arguments.allow_missing,
         population=Population(arguments.population),
-        processes=arguments.jobs,
+        processes=processes_of(arguments),
     )
 
 

@@ -2,18 +2,16 @@
 
 import argparse
 import json
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
-from tqdm import tqdm
 
-from siren_ros.cli.options.processes import add_processes
-from siren_ros.datasets.exporting.worker_pool import worker_pool
-from siren_ros.errors import EXIT_OK, InputError, SirenError
+from siren_ros.cli.options.each_bag import of_each_bag
+from siren_ros.cli.options.processes import add_processes, processes_of
+from siren_ros.errors import InputError, writing
 from siren_ros.evaluation.statistics.interval import Interval
 from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS
 from siren_ros.evaluation.yielding.scoring import DriverMarks, score_yielding
@@ -43,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     for file in (arguments.out, arguments.drivers):
         if file is not None and file.suffix not in {".parquet", ".json"}:
             raise InputError("out", str(file), "a file name that ends in .parquet or .json")
-    episodes, worst = scored_episodes(bags_among(arguments.bags), arguments.jobs)
+    episodes, worst = scored_episodes(bags_among(arguments.bags), processes_of(arguments))
     if episodes:
         print("\n".join((*_table(group_means(episodes)), *_under_test(episodes))))
     _write(arguments.out, [episode.row() for episode in episodes])
@@ -52,48 +50,25 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def scored_episodes(bags: Sequence[Path], jobs: int) -> tuple[list[ScoredEpisode], int]:
-    """The scores of all bags that can be read, and the worst exit code; the others are told on standard error.
-
-    Raises:
-        InputError: No process to work with.
-    """
-    if jobs < 1:
-        raise InputError("jobs", jobs, "1 or more")
-    worst, episodes = EXIT_OK, []
-    with (
-        worker_pool(min(jobs, len(bags)), lambda _: None) as pool,
-        tqdm(total=len(bags), unit="episode", desc="evaluate", disable=None) as bar,
-    ):
-        for _, found in pool(score_bag, [(bag,) for bag in bags]):
-            bar.update(1)
-            if isinstance(found, ScoredEpisode):
-                episodes.append(found)
-            else:
-                text, code = found
-                print(f"siren evaluate: {text}", file=sys.stderr)
-                worst = max(worst, code)
+    """The scores of all bags that can be read, and the worst exit code; the others are told on standard error."""
+    episodes, worst = of_each_bag(score_bag, bags, jobs)
     return sorted(episodes, key=lambda episode: (episode.group, episode.seed, episode.draw, episode.bag)), worst
 
 
-def score_bag(bag: Path) -> ScoredEpisode | tuple[str, int]:
-    """The scores of a bag, or why it has none, with the exit code."""
-    try:
-        record = read_episode(bag)
-        return ScoredEpisode.of(str(bag), record, score_yielding(record))
-    except SirenError as error:
-        return str(error), error.exit_code
+def score_bag(bag: Path) -> ScoredEpisode:
+    """The scores of a bag."""
+    record = read_episode(bag)
+    return ScoredEpisode.of(str(bag), record, score_yielding(record))
 
 
 def _write(file: Path | None, rows: list[dict[str, Any]]) -> None:
     if file is None:
         return
-    try:
+    with writing(file):
         if file.suffix == ".json":
             file.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
         else:
             pq.write_table(pa.Table.from_pylist(rows), file, compression="zstd")
-    except OSError as error:
-        raise InputError("out", str(file), f"a file that can be written ({error.strerror or error})") from error
 
 
 def _table(means: Mapping[tuple[str, str, str], Mapping[str, Interval]]) -> Iterator[str]:

@@ -4,6 +4,8 @@ import argparse
 import os
 from collections.abc import Callable
 
+from siren_ros.errors import InputError
+
 
 def add_processes(
     line: "argparse.ArgumentParser | argparse._ArgumentGroup", option: str = "--jobs", kind: Callable[[str], int] = int
@@ -16,3 +18,15 @@ def add_processes(
         metavar="N",
         help="processes (default: one for each processor)",
     )
+
+
+def processes_of(arguments: argparse.Namespace) -> int:
+    """What ``--jobs`` says.
+
+    Raises:
+        InputError: No process to work with.
+    """
+    jobs = int(arguments.jobs)
+    if jobs < 1:
+        raise InputError("jobs", jobs, "1 or more")
+    return jobs

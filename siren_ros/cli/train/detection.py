@@ -1,10 +1,10 @@
 """``siren train detection BAG… --out FILE.onnx``: the detector ``pillars``, from bags to weights with figures."""
 
 import argparse
-from importlib import import_module
 from pathlib import Path
 from typing import Final
 
+from siren_ros.cli.train.torch_part import torch_part
 from siren_ros.errors import EXIT_OK, InputError
 from siren_ros.training.detection.detector_training import DetectorTraining, Fitter, train_detector
 from siren_ros.training.detection.fit_config import DetectionFit
@@ -80,13 +80,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _fitter() -> Fitter:
-    module, name = _FITTER
-    try:
-        found: Fitter = getattr(import_module(module), name)
-    except ModuleNotFoundError as error:
-        runs = "./env --with models siren train detection …"
-        raise InputError("environment", f"no {error.name}", f"the extra models, as {runs} brings it") from error
-    return found
+    fitter: Fitter = torch_part("detection", *_FITTER)
+    return fitter
 
 
 def _tell(line: str) -> None:

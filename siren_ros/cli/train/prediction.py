@@ -2,13 +2,14 @@
 
 import argparse
 import sys
-from importlib import import_module
 from pathlib import Path
-from typing import Final, Never
+from typing import Final
 
 from tqdm import tqdm
 
-from siren_ros.cli.options.processes import add_processes
+from siren_ros.cli.options.processes import add_processes, processes_of
+from siren_ros.cli.options.steps import steps_of
+from siren_ros.cli.train.torch_part import torch_part
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
 from siren_ros.training.assessment import by_map, by_template, table_lines
 from siren_ros.training.data_making import MadeData, make_data
@@ -68,12 +69,12 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Makes the data, trains every variant, prints its figures."""
     fitter = _fitter()
-    for name in ("train_seeds", "jobs", "epochs"):
+    for name in ("train_seeds", "epochs"):
         if getattr(arguments, name) < 1:
             raise InputError(name, getattr(arguments, name), "1 or more")
     size = PlanSize(arguments.train_seeds, max(0, arguments.validation_seeds), max(0, arguments.test_seeds))
     plan = plan_episodes(_map_files(arguments.maps), _map_files(arguments.held_out_maps), size)
-    data = _made(plan, arguments.cache or arguments.out / "cache", arguments.jobs)
+    data = _made(plan, arguments.cache or arguments.out / "cache", processes_of(arguments))
     config = FitConfig(seed=arguments.seed, epochs=arguments.epochs, device=arguments.device)
     trained = {}
     for name in dict.fromkeys(arguments.variants):
@@ -85,13 +86,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _fitter() -> Fitter:
-    module, name = _FITTER
-    try:
-        found: Fitter = getattr(import_module(module), name)
-    except ModuleNotFoundError as error:
-        runs = "./env --with models siren train prediction …"
-        raise InputError("environment", f"no {error.name}", f"the extra models, as {runs} brings it") from error
-    return found
+    fitter: Fitter = torch_part("prediction", *_FITTER)
+    return fitter
 
 
 def _map_files(names: list[str]) -> list[str]:
@@ -100,15 +96,12 @@ def _map_files(names: list[str]) -> list[str]:
 
 def _made(plan: tuple[PlannedEpisode, ...], folder: Path, jobs: int) -> MadeData:
     with tqdm(total=len(plan), unit="episode", disable=not sys.stderr.isatty()) as bar:
-        data = make_data(plan, folder, jobs, lambda _: _advance(bar))
+        advance = steps_of(bar)
+        data = make_data(plan, folder, jobs, lambda _: advance())
     print(f"{folder}: {len(data.files)} of {len(plan)} episodes")
     for planned, reason in data.missing:
         print(f"siren train: {planned.name}: {reason}", file=sys.stderr)
     return data
-
-
-def _advance(bar: "tqdm[Never]") -> None:
-    bar.update()
 
 
 def _tell(line: str) -> None:

@@ -2,15 +2,16 @@
 
 import argparse
 import sys
-from importlib import import_module
 from pathlib import Path
-from typing import Final, Never
+from typing import Final
 
 from tqdm import tqdm
 
 from siren_ros.cli.generation.positive import positive
 from siren_ros.cli.options.processes import add_processes
-from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
+from siren_ros.cli.options.steps import steps_of
+from siren_ros.cli.train.torch_part import torch_part
+from siren_ros.errors import EXIT_FAILED, EXIT_OK
 from siren_ros.training.risk.film_fit import FilmFitConfig
 from siren_ros.training.risk.film_plan import FilmPlanSize, PlannedFilm, plan_films
 from siren_ros.training.risk.films import MadeFilms, make_films
@@ -64,26 +65,18 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _fitter() -> Fitter:
-    module, name = _FITTER
-    try:
-        found: Fitter = getattr(import_module(module), name)
-    except ModuleNotFoundError as error:
-        runs = "./env --with models siren train risk …"
-        raise InputError("environment", f"no {error.name}", f"the extra models, as {runs} brings it") from error
-    return found
+    fitter: Fitter = torch_part("risk", *_FITTER)
+    return fitter
 
 
 def _made(plan: tuple[PlannedFilm, ...], folder: Path, jobs: int) -> MadeFilms:
     with tqdm(total=len(plan), unit="film", disable=not sys.stderr.isatty()) as bar:
-        films = make_films(plan, folder, jobs, lambda _: _advance(bar))
+        advance = steps_of(bar)
+        films = make_films(plan, folder, jobs, lambda _: advance())
     print(f"{folder}: {len(films.files)} of {len(plan)} films")
     for planned, reason in films.missing:
         print(f"siren train: {planned.name}: {reason}", file=sys.stderr)
     return films
-
-
-def _advance(bar: "tqdm[Never]") -> None:
-    bar.update()
 
 
 def _tell(line: str) -> None:

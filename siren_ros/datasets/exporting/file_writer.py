@@ -9,15 +9,10 @@ from threading import BoundedSemaphore
 from types import TracebackType
 from typing import Final, Self
 
-from siren_ros.errors import InputError
+from siren_ros.errors import writing
 
 _QUEUE_PER_THREAD: Final = 4
 """Files that may wait for a thread: bounds the memory, however long the episode."""
-
-
-def no_place(path: Path, error: OSError) -> InputError:
-    """The error of a place that cannot be written: a full disk, a folder without permission."""
-    return InputError("out", str(path), f"a place that can be written ({error.strerror or error})")
 
 
 class FileWriter:
@@ -60,20 +55,16 @@ class FileWriter:
     def append(self, name: str, text: str) -> None:
         """Adds text to the end of a file, at once; the file stays open for more."""
         path = self.folder / name
-        try:
+        with writing(path, "place"):
             if name not in self._growing:
                 self._make_folder(path.parent)
                 self._growing[name] = path.open("ab")
             self._growing[name].write(text.encode())
             self._growing[name].flush()
-        except OSError as error:
-            raise no_place(path, error) from error
 
     def _make_folder(self, folder: Path) -> None:
-        try:
+        with writing(folder, "place"):
             folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise no_place(folder, error) from error
         self._made.add(folder)
 
     def _done(self, future: "Future[None]") -> None:
@@ -97,7 +88,5 @@ class FileWriter:
 
 def _write(path: Path, make: bytes | Callable[[], bytes]) -> None:
     content = make if isinstance(make, bytes) else make()
-    try:
+    with writing(path, "place"):
         path.write_bytes(content)
-    except OSError as error:
-        raise no_place(path, error) from error

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from siren_ros.errors import InputError
+from siren_ros.errors import InputError, writing
 
 
 def new_folder(path: Path) -> Path:
@@ -11,11 +11,9 @@ def new_folder(path: Path) -> Path:
     Raises:
         InputError: The folder is not empty, or cannot be written.
     """
-    try:
+    with writing(path, "folder"):
         path.mkdir(parents=True, exist_ok=True)
         occupied = any(path.iterdir())
-    except OSError as error:
-        raise InputError("out", str(path), f"a folder that can be written ({error.strerror or error})") from error
     if occupied:
         raise InputError("out", str(path), "a folder that is new or empty")
     return path

@@ -9,8 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
-from siren_ros.datasets.exporting.file_writer import no_place
-from siren_ros.errors import InputError
+from siren_ros.errors import InputError, writing
 
 _JOB: Final = "job.json"
 _DATASET: Final = "dataset"
@@ -29,10 +28,8 @@ class Staging:
         Raises:
             InputError: Something is there already that is not an empty folder.
         """
-        try:
+        with writing(self.out, "place"):
             taken = self.out.exists() and (not self.out.is_dir() or any(self.out.iterdir()))
-        except OSError as error:
-            raise no_place(self.out, error) from error
         if taken:
             raise InputError("out", str(self.out), "a folder that is new or empty")
 
@@ -45,16 +42,15 @@ class Staging:
         """
         new = not self.path.exists()
         try:
-            self.path.mkdir(parents=True, exist_ok=True)
-            with (self.path / ".lock").open("w") as file:
-                try:
-                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                except BlockingIOError as error:
-                    raise InputError("out", str(self.out), "a folder that no other export is writing") from error
-                self._check_job(job)
-                yield
-        except OSError as error:
-            raise no_place(self.path, error) from error
+            with writing(self.path, "place"):
+                self.path.mkdir(parents=True, exist_ok=True)
+                with (self.path / ".lock").open("w") as file:
+                    try:
+                        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    except BlockingIOError as error:
+                        raise InputError("out", str(self.out), "a folder that no other export is writing") from error
+                    self._check_job(job)
+                    yield
         finally:
             if new and not any(self.path.glob("parts/*.json")):
                 self.remove()
@@ -83,20 +79,16 @@ class Staging:
         """Notes that a part is finished."""
         file = self.part(index).with_suffix(".json")
         growing = file.with_suffix(".growing")
-        try:
+        with writing(file, "place"):
             growing.write_text(json.dumps(report), encoding="utf-8")
             growing.replace(file)
-        except OSError as error:
-            raise no_place(file, error) from error
 
     def new_part(self, index: int) -> Path:
         """An empty folder for a part; what an interrupted try left in it goes away."""
         folder = self.part(index)
-        try:
+        with writing(folder, "place"):
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)
-        except OSError as error:
-            raise no_place(folder, error) from error
         return folder
 
     def new_dataset(self) -> Path:
@@ -108,10 +100,8 @@ class Staging:
 
     def publish(self) -> None:
         """Gives the assembled dataset its final name; InputError where that has been taken meanwhile."""
-        try:
+        with writing(self.out, "place"):
             (self.path / _DATASET).rename(self.out)
-        except OSError as error:
-            raise no_place(self.out, error) from error
         self.remove()
 
     def remove(self) -> None:
@@ -124,7 +114,7 @@ def link(source: Path, target: Path) -> None:
     target.parent.mkdir(parents=True, exist_ok=True)
     try:
         target.hardlink_to(source)
-    except (OSError, NotImplementedError):
+    except (OSError, NotImplementedError):  # no links on this file system, or in this Python
         shutil.copyfile(source, target)
 
 

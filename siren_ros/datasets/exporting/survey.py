@@ -7,10 +7,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from siren_ros.datasets.exporting.file_writer import no_place
 from siren_ros.datasets.sources.episode_source import open_source
 from siren_ros.datasets.sources.needs import Need, check_needs, recording_command
-from siren_ros.errors import BagError, InputError
+from siren_ros.errors import BagError, InputError, writing
 from siren_ros.recording.bag_guard import storage_files
 from siren_ros.recording.bag_metadata import METADATA_FILE
 from siren_ros.recording.recover import recover_bag
@@ -124,10 +123,8 @@ def recovered(bag: Path, scratch: Path) -> tuple[Path, str]:
         BagError: Nothing can be saved.
     """
     target = scratch / f"{_sha256(bag)}.recovered"
-    try:
+    with writing(scratch, "place"):
         scratch.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise no_place(scratch, error) from error
     if target.exists():
         return target, "the bag was cut off"
     found = recover_bag(bag, target)

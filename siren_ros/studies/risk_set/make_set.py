@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from siren_ros.errors import InputError
+from siren_ros.errors import InputError, writing
 from siren_ros.evaluation.risk.labels import RiskThresholds
 from siren_ros.evaluation.risk.risk_class import RiskClass
 from siren_ros.evaluation.risk.video_set import VIDEO_FRAMES, RiskVideo, VideoSet, write_set
@@ -193,13 +193,11 @@ def _claim(request: RiskSetRequest, out: Path) -> None:
     """Notes in the folder whose it is; InputError where it is another request's."""
     path = out / "search" / "request.json"
     text = json.dumps(asdict(replace(request, retries=0)), indent=1) + "\n"
-    try:
+    with writing(out, "folder"):
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.is_file() and path.read_text(encoding="utf-8") != text:
             raise InputError("out", str(out), "a new folder, or one of the same request")
         path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError("out", str(out), f"a folder that can be written ({error.strerror or error})") from error
 
 
 def _drawn(

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from siren_ros.errors import InputError
+from siren_ros.errors import writing
 from siren_ros.pictures.palette import FAINT_TEXT, TEXT
 
 DPI: Final = 150
@@ -45,7 +45,5 @@ def save(figure: Figure, path: Path) -> None:
     Raises:
         InputError: The file cannot be written.
     """
-    try:
+    with writing(path):
         figure.savefig(path)
-    except OSError as error:
-        raise InputError("out", str(path), f"a file that can be written ({error.strerror or error})") from error

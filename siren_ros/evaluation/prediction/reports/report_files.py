@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from siren_ros.errors import InputError
+from siren_ros.errors import writing
 from siren_ros.evaluation.prediction.reports.csv_files import csv_files
 from siren_ros.evaluation.prediction.reports.differences import Difference
 from siren_ros.evaluation.prediction.reports.json_report import json_report
@@ -18,10 +18,8 @@ def new_folder(path: Path) -> None:
     Raises:
         InputError: It cannot be made.
     """
-    try:
+    with writing(path, "folder"):
         path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise _no_place(path, error) from error
 
 
 def write_report(path: Path, table: ScoreTable, found: Sequence[Difference], text: str, compare_paper: bool) -> None:
@@ -36,12 +34,6 @@ def write_report(path: Path, table: ScoreTable, found: Sequence[Difference], tex
         **csv_files(table, found),
         **latex_tables(table, compare_paper),
     }
-    try:
+    with writing(path, "folder"):
         for name, content in files.items():
             (path / name).write_text(content, encoding="utf-8")
-    except OSError as error:
-        raise _no_place(path, error) from error
-
-
-def _no_place(path: Path, error: OSError) -> InputError:
-    return InputError("out", str(path), f"a folder that can be written ({error.strerror or error})")

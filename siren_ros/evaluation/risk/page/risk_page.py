@@ -10,7 +10,7 @@ from urllib.parse import quote
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from siren_ros.errors import InputError
+from siren_ros.errors import writing
 from siren_ros.evaluation.risk.answers import Answers
 from siren_ros.evaluation.risk.labels import Reason
 from siren_ros.evaluation.risk.page.charts import HEIGHT, WIDTH, Chart, charts_of
@@ -92,11 +92,9 @@ def write_page(path: Path, videos: VideoSet, answers: Mapping[str, Answers], mod
         style=Markup((params_dir() / _PAGE / "page.css").read_text(encoding="utf-8")),  # noqa: S704 - own file
         script=Markup((params_dir() / _PAGE / "page.js").read_text(encoding="utf-8")),  # noqa: S704 - own file
     )
-    try:
+    with writing(path, parameter="page"):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError("page", str(path), f"a file that can be written ({error.strerror or error})") from error
 
 
 def card_of(videos: VideoSet, video_id: str, answers: Mapping[str, Answers], folder: Path) -> Card:

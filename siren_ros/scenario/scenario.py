@@ -56,8 +56,8 @@ class Placement(StrEnum):
     OTHER_LANES = "other_lanes"
     """In all other driving lanes of the EMV's approach, in turn."""
     SAME_DIRECTION = "same_direction"
-    """In the other lanes with the EMV's movement at the site's junction, in turn. Where there are none, moving vehicles
-    are in its own lane, and standing ones are left out."""
+    """In the other lanes with the EMV's movement at the site's junction, in turn. Where there are none, vehicles that
+    arrive with it are in its own lane, and others are left out."""
     CROSSING = "crossing"
     """In the lanes whose paths cross the EMV's at the site's junction, in turn."""
 

@@ -18,6 +18,8 @@ MOVING_MPS: Final = 1.0
 _DRIFT_SINE: Final = 0.035
 """Sideways drift of less than about 2° is noise of lane keeping."""
 _DRIFT_TIME_S: Final = 1.5
+_TURNING_SINE: Final = 0.17
+"""Who comes on at more than about 10° to the path turns across it."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +140,9 @@ def _leaders(
     inside = (beside < corridor) & ((gap > -0.5) | (beside < own_width))
     # Who comes on at an angle is turning out of the way or into it: the outlook knows, a straight line does not.
     drifting = (drifted < corridor) & (along_sin > _DRIFT_SINE) & (gap > 0.0) & (frame.along_share > 0.0)
-    picked = (frame.s_m > frame.progress_m) & ~crossing & (inside | drifting)
+    oncoming = (frame.along_share < 0.0) & (along_sin > _TURNING_SINE) & (speed > MOVING_MPS)
+    known = oncoming & (seen.outlook is not None)
+    picked = (frame.s_m > frame.progress_m) & ~crossing & ~known & (inside | drifting)
     lead = speed[picked] * frame.along_share[picked]
     return _Candidates(
         row=frame.rows[picked],

@@ -46,6 +46,8 @@ class DemandConfig:
     turn_weight: float = 0.35
     """Chance of a turn at a junction, per lane that leads there, relative to straight on: about three of four drivers
     go straight on where three lanes lead straight, left and right (typical value of urban turning counts)."""
+    emv_turn_weight: float = 0.1
+    """The same of an EMV beyond the site: the fastest way to where it is called follows main roads."""
     car_radius_m: float = 5.5
     """No vehicle takes a tighter bend than this where there is another way: the turning circle of cars."""
     long_vehicle_m: float = 8.0

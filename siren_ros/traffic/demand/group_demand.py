@@ -8,7 +8,7 @@ import numpy as np
 
 from siren_ros.errors import MapError
 from siren_ros.numerics.random_streams import random_stream
-from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.roads.road_network import LaneKind, RoadNetwork
 from siren_ros.roads.sites.site_finder import Site
 from siren_ros.scenario.scenario import DemandGroup, GroupAnchor, Placement, Template
 from siren_ros.traffic.demand.demand_config import DemandConfig
@@ -84,8 +84,8 @@ def _check_room(group: DemandGroup, rows: int, placed: int) -> None:
     crossing = group.placement is Placement.CROSSING
     one_is_enough = crossing or group.anchor is GroupAnchor.ARRIVAL
     least = min(1, group.vehicles) if one_is_enough else _LEAST_PLACED_SHARE * group.vehicles
-    if group.standing and group.placement is Placement.SAME_DIRECTION:
-        return  # they wait next to the EMV's lane, whose way is free without them
+    if group.placement is Placement.SAME_DIRECTION and group.anchor is not GroupAnchor.ARRIVAL:
+        return  # they wait or drive next to the EMV's lane, whose way is free without them
     if (rows or crossing) and placed < least:
         found = f"{group.vehicles} vehicles {_WHERE[group.placement]}"
         raise MapError(f"group {group.name}", f"a place with road for {found}; {placed} would fit")
@@ -112,7 +112,9 @@ class _GroupPlanner:
         self, group: DemandGroup, number: int, row: GroupRow, rng: np.random.Generator
     ) -> PlannedVehicle | None:
         """The next vehicle of a group in a row; None where the row is full."""
-        actor_class = self.factory.draw_class(self.template.demand.classes, rng)
+        kinds = {index: self.network.lanes[index].kind for index in row.chain.lanes}
+        driving = tuple(index for index, kind in kinds.items() if kind is LaneKind.DRIVING)
+        actor_class = self.factory.draw_class(self.template.demand.classes, rng, driving)
         length = self.factory.size(actor_class)[0]
         spacing = group.spacing_m * (1.0 + self.config.spacing_spread * rng.uniform(-1.0, 1.0))
         speed = group.speed_mps * (1.0 + self.config.speed_spread * rng.uniform(-1.0, 1.0))

@@ -25,6 +25,9 @@ _IN_STREAM: Final = 0.93
 _IN_TURN_M: Final = 8.0
 """By how much farther back every other queue at a stop sign begins. Drivers who stop and go then drive by turns from
 the two sides, about 4 s apart, and do not leave the junction empty for as long between them."""
+_OVERTAKEN: Final = 1.0 / 3.0
+"""Part of the EMV's way to the stop line on which those start who drive next to it: at 30 km/h instead of 50 they do
+not come to a queue at red before the EMV has passed them, and change into its lane."""
 _LATERAL_MPS2: Final = 3.0
 _BRAKE_MPS2: Final = 1.5
 """With which traffic drives through bends and brakes before them (``traffic/sumo/bend_limits.py``)."""
@@ -79,7 +82,7 @@ def group_rows(
     same = [network.connections[index].from_lane for index in site.connections]
     approach = travel_lane(network, site)
     lanes = _chosen(network, approach, site.site_edge, group.placement, same)
-    if group.standing and group.placement is Placement.SAME_DIRECTION:
+    if group.placement is Placement.SAME_DIRECTION and group.anchor is not GroupAnchor.ARRIVAL:
         lanes = [lane for lane in lanes if lane.index != approach.index]  # the EMV could not pass on one lane
     rows = [_approach_row(network, site, start, lane) for lane in lanes]
     if group.standing and group.placement is not Placement.EMV_LANE:
@@ -89,7 +92,10 @@ def group_rows(
         return rows
     way_m = way_to_stop_line_m(network, start)
     if group.anchor is GroupAnchor.EMV:
-        return [replace(row, anchor_m=row.anchor_m - way_m, forwards=True) for row in rows]
+        most_m = (_OVERTAKEN - 1.0) * way_m if group.placement is Placement.SAME_DIRECTION else math.inf
+        return [
+            replace(row, anchor_m=row.anchor_m - way_m, forwards=True, most_m=row.anchor_m + most_m) for row in rows
+        ]
     # Beyond the stop line a stream would only hold up its own vehicles that come after.
     together = [_together_m(network, row, start, group, arrival_s) for row in rows]
     return [

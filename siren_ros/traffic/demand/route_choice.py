@@ -25,7 +25,8 @@ class _Way:
     edge: int
     lanes: tuple[int, ...]
     """Driving lanes that lead there."""
-    weight: float
+    turns: bool
+    """Whether it is a turn, not the way straight on."""
     radius_m: float
     """Radius of the tightest bend, on the widest of the paths."""
 
@@ -38,6 +39,17 @@ class RouteChooser:
         self._graph = graph
         self._config = config
         self._ways: dict[int, tuple[_Way, ...]] = {}
+        self._lasting: dict[float, frozenset[int]] = {}
+
+    def leads_on(self, lane: int, vehicle_m: float) -> bool:
+        """Whether a long vehicle that begins in a driving lane never comes to where all ways on are too tight for it.
+
+        Other vehicles lead on from everywhere: what is too tight for them, they drive slowly.
+        """
+        edge = self._network.lanes[lane].edge
+        if vehicle_m <= self._config.long_vehicle_m or not self._ways_from(edge):
+            return True
+        return any(lane in way.lanes for way in self._wide_ways(edge, vehicle_m))
 
     def fits(self, edge: int, following: int, lane: int | None, vehicle_m: float) -> bool:
         """Whether a lane (None: any) leads from an edge to another one, without a bend too tight for a vehicle."""
@@ -53,24 +65,25 @@ class RouteChooser:
         """A random route of at least ``length_m``, or to where the map ends.
 
         At each junction a way is as likely as it has lanes, and turns less likely than straight on by
-        ``DemandConfig.turn_weight``. Long vehicles keep off tight bends, as bus lines and lorry routes do,
-        wherever there is another way.
+        ``DemandConfig.turn_weight``. Long vehicles keep off tight bends, and off roads that lead to nothing else, as
+        bus lines and lorry routes do, wherever there is another way.
 
         Args:
             start: Edges that the route begins with.
             length_m: Length wanted, the given edges included.
             rng: Generator.
-            vehicle_m: Length of the vehicle.
+            vehicle_m: Length of the vehicle; 0 for an EMV, which keeps off no bend but turns off more rarely.
             lane: Lane of the last given edge on which the vehicle stands; the way on begins in this lane, unless all
                 its ways are too tight for the vehicle.
         """
         route = list(start)
         driven_m = self._graph.route_length_m(start)
+        turn_weight = self._config.turn_weight if vehicle_m > 0.0 else self._config.emv_turn_weight
         while driven_m < length_m:
             ways = self._open_ways(route[-1], vehicle_m, lane)
             if not ways:
                 break
-            weights = np.array([way.weight for way in ways])
+            weights = np.array([len(way.lanes) * (turn_weight if way.turns else 1.0) for way in ways])
             route.append(ways[int(rng.choice(len(ways), p=weights / weights.sum()))].edge)
             driven_m += self._graph.length_m[route[-1]]
             lane = None
@@ -79,10 +92,36 @@ class RouteChooser:
     def _open_ways(self, edge: int, vehicle_m: float, lane: int | None) -> tuple[_Way, ...]:
         """The ways to choose from: wide enough and from the lane; where there is none, wide enough or from the lane."""
         ways, least_m = self._ways_from(edge), self._least_radius_m(vehicle_m)
-        roomy = tuple(way for way in ways if way.radius_m >= least_m)
         mine = tuple(way for way in ways if lane is None or lane in way.lanes)
-        both = tuple(way for way in roomy if way in mine)
-        return both or roomy or mine or ways
+        for wide in (self._wide_ways(edge, vehicle_m), tuple(way for way in ways if way.radius_m >= least_m)):
+            both = tuple(way for way in wide if way in mine)
+            if both or wide:
+                return both or wide
+        return mine or ways
+
+    def _wide_ways(self, edge: int, vehicle_m: float) -> tuple[_Way, ...]:
+        """The ways that are wide enough, and lead to others that are."""
+        least_m = self._least_radius_m(vehicle_m)
+        wide = tuple(way for way in self._ways_from(edge) if way.radius_m >= least_m)
+        if vehicle_m <= self._config.long_vehicle_m:
+            return wide
+        return tuple(way for way in wide if way.edge in self._lasting_edges(least_m))
+
+    def _lasting_edges(self, least_m: float) -> frozenset[int]:
+        """Edges from which one can drive on for ever, or off the map, without a bend tighter than that."""
+        if least_m not in self._lasting:
+            kept = set(range(len(self._graph.successors)))
+            gone = {-1}
+            while gone:
+                gone = {
+                    edge
+                    for edge in kept
+                    if self._ways_from(edge)
+                    and not any(way.radius_m >= least_m and way.edge in kept for way in self._ways_from(edge))
+                }
+                kept -= gone
+            self._lasting[least_m] = frozenset(kept)
+        return self._lasting[least_m]
 
     def _least_radius_m(self, vehicle_m: float) -> float:
         config = self._config
@@ -103,8 +142,8 @@ class RouteChooser:
             and self._network.lanes[movement.to_lane].civilian_allowed
         ]
         lanes = tuple(dict.fromkeys(movement.from_lane for movement in movements))
-        share = self._config.turn_weight if movements[0].direction in _TURNS else 1.0
-        return _Way(following, lanes, share * len(lanes), max(self._radius_m(movement) for movement in movements))
+        radius_m = max(self._radius_m(movement) for movement in movements)
+        return _Way(following, lanes, movements[0].direction in _TURNS, radius_m)
 
     def _radius_m(self, movement: Connection) -> float:
         before, after = (self._network.lanes[lane].centre for lane in (movement.from_lane, movement.to_lane))

@@ -61,8 +61,14 @@ class VehicleFactory:
             raise InputError("dimensions", actor_class.name, "length, width and height of every vehicle class")
         return self._dimensions[actor_class]
 
-    def draw_class(self, shares: Shares, rng: np.random.Generator) -> ActorClass:
-        """A vehicle class by its share."""
+    def suited_lanes(self, actor_class: ActorClass, lanes: Sequence[int]) -> tuple[int, ...]:
+        """The lanes from which a vehicle of a class can drive on without bends too tight for it."""
+        length_m = self.size(actor_class)[0]
+        return tuple(lane for lane in lanes if self._routes.leads_on(lane, length_m))
+
+    def draw_class(self, shares: Shares, rng: np.random.Generator, lanes: Sequence[int] = ()) -> ActorClass:
+        """A vehicle class by its share, of those that suit one of the driving lanes; of all where none does."""
+        shares = [one for one in shares if self.suited_lanes(one[0], lanes)] or shares
         weights = np.array([share for _, share in shares])
         return shares[int(rng.choice(len(shares), p=weights / weights.sum()))][0]
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -112,6 +113,20 @@ def test_towards_who_comes_along_the_path_the_gap_shrinks_by_their_way_in_one_an
     threat = watched(turn, 5.0, (40.0, 0.0, np.pi, 6.0))
     assert threat.snapshot.gap_m == pytest.approx(40.0 - LENGTHS - 1.5 * 6.0, abs=1e-6)
     assert threat.snapshot.speed_mps == 0.0
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_who_comes_on_turning_is_left_to_the_outlook_where_there_is_one(turn, side):
+    """15° to the path and 2.2 m aside: it goes on across. At 5°, or without its route, it is taken to come along."""
+    outlook = SimpleNamespace()
+    for degrees, leads in ((15.0, False), (5.0, True)):
+        path, seen = scene(turn, 8.0, (16.0, side * 2.2, np.pi + side * np.radians(degrees), 5.0))
+        assert watch_path(path, 10.0, 0, 10.0, seen, CONFIG) is not None
+        known = watch_path(path, 10.0, 0, 10.0, replace(seen, outlook=outlook), CONFIG)
+        assert (known is not None) is leads
+    path, seen = scene(turn, 8.0, (16.0, side * 2.2, np.pi + side * np.radians(15.0), 0.5))
+    assert watch_path(path, 10.0, 0, 10.0, replace(seen, outlook=outlook), CONFIG) is not None
 
 
 def test_the_slowest_of_several_leaders_counts_and_a_fast_one_is_no_threat():

@@ -17,6 +17,7 @@ from made_streets import (
     LIMIT_MPS,
     NEAR,
     STOP_LINE_M,
+    STRAIGHT,
     A,
     group,
     same_drivers,
@@ -61,6 +62,19 @@ def test_classes_are_drawn_by_their_shares_whatever_these_add_up_to() -> None:
     rng = np.random.default_rng(1)
     drawn = [factory.draw_class(((ActorClass.SEDAN, 6.0), (ActorClass.BUS, 2.0)), rng) for _ in range(2000)]
     assert drawn.count(ActorClass.SEDAN) == pytest.approx(1500, abs=80)
+
+
+def test_buses_start_only_in_lanes_from_which_they_can_drive_on() -> None:
+    """The right lane leads south alone, round a corner; the left one goes straight on."""
+    kept = (*NETWORK.connections[:STRAIGHT], *NETWORK.connections[STRAIGHT + 1 :])
+    factory = VehicleFactory(replace(NETWORK, connections=kept), same_drivers(), DIMENSIONS, CONFIG)
+    shares = ((ActorClass.SEDAN, 1.0), (ActorClass.BUS, 9.0))
+    assert factory.suited_lanes(ActorClass.BUS, (B_RIGHT, B_LEFT)) == (B_LEFT,)
+    assert factory.suited_lanes(ActorClass.SEDAN, (B_RIGHT, B_LEFT)) == (B_RIGHT, B_LEFT)
+    rng = np.random.default_rng(2)
+    drawn = {lane: {factory.draw_class(shares, rng, (lane,)) for _ in range(40)} for lane in (B_RIGHT, B_LEFT)}
+    assert drawn == {B_RIGHT: {ActorClass.SEDAN}, B_LEFT: {ActorClass.SEDAN, ActorClass.BUS}}
+    assert factory.draw_class(shares[1:], rng, (B_RIGHT,)) is ActorClass.BUS, "there is no other"
 
 
 def test_a_queue_at_the_stop_line() -> None:

@@ -142,13 +142,23 @@ def test_standing_neighbours_leave_the_emvs_lane_free() -> None:
     assert row.chain.lanes[0] == A_RIGHT
     alone = replace(signal_site(), connections=(3,))
 
-    def of(site: Site, standing: bool) -> list[GroupRow]:
-        wanted = group(Placement.SAME_DIRECTION, GroupAnchor.STOP_LINE, standing=standing)
+    def of(site: Site, anchor: GroupAnchor) -> list[GroupRow]:
+        wanted = group(Placement.SAME_DIRECTION, anchor, standing=anchor is GroupAnchor.STOP_LINE)
         return group_rows(NETWORK, site, start_at(90.0), wanted, 12.0, np.random.default_rng(0))
 
-    assert of(alone, standing=True) == []
-    (moving,) = of(alone, standing=False)
+    assert of(alone, GroupAnchor.STOP_LINE) == []
+    assert of(alone, GroupAnchor.EMV) == []
+    (moving,) = of(alone, GroupAnchor.ARRIVAL)
     assert moving.chain.lanes[0] == A_LEFT
+
+
+def test_traffic_next_to_the_emv_starts_on_the_first_third_of_its_way() -> None:
+    (row,) = rows(group(Placement.SAME_DIRECTION, GroupAnchor.EMV))
+    assert row.chain.lanes[0] == A_RIGHT
+    assert (row.anchor_m, row.forwards) == (pytest.approx(90.0), True)
+    assert row.most_m == pytest.approx(90.0 + (STOP_LINE_M - 90.0) / 3.0)
+    (ahead,) = rows(group(Placement.EMV_LANE, GroupAnchor.EMV))
+    assert ahead.most_m == np.inf
 
 
 def test_standing_rows_do_not_lie_on_the_emvs_way() -> None:

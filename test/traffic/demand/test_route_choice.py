@@ -3,7 +3,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from made_streets import A_RIGHT, B_LEFT, B_RIGHT, STRAIGHT, A, B, C, D, streets
+from made_streets import A_RIGHT, B_LEFT, B_RIGHT, C_LEFT, NEAR, SOUTH, STRAIGHT, A, B, C, D, N, streets
 from traffic_helpers import TOWN10, load_map
 
 from siren_ros.numerics.polyline import Polyline
@@ -100,6 +100,49 @@ def test_buses_take_a_tight_bend_only_where_there_is_no_other_way(
             if max(widest.values()) >= CONFIG.long_vehicle_radius_m:
                 assert widest[following] >= CONFIG.long_vehicle_radius_m
     assert refused > 0
+
+
+def test_long_vehicles_keep_off_roads_that_lead_to_a_tight_bend_alone() -> None:
+    """The road south ends in a corner of 5 m towards the east and is the only other way from B."""
+    roads = streets()
+    corner = Polyline.through([(10.0, -120.0), (10.0, -125.0), (15.0, -125.0)])
+    way_on = Polyline.through([(15.0, -125.0), (215.0, -125.0)])
+    last = roads.lanes[SOUTH]
+    edges, lanes = len(roads.edges), len(roads.lanes)
+    bent = replace(
+        roads,
+        lanes=(
+            *roads.lanes,
+            replace(last, index=lanes, lane_id="e_0", edge=edges, centre=way_on),
+            replace(last, index=lanes + 1, lane_id=":S_0", edge=edges + 1, centre=corner, kind=LaneKind.INTERNAL),
+        ),
+        edges=(
+            *roads.edges,
+            replace(roads.edges[D], index=edges, edge_id="e", lanes=(lanes,)),
+            replace(roads.edges[D], index=edges + 1, edge_id=":S", lanes=(lanes + 1,), internal=True),
+        ),
+        connections=(*roads.connections, Connection(SOUTH, lanes, (lanes + 1,), "l", None, -1, False, "S")),
+    )
+    chooser = RouteChooser(bent, EdgeGraph.of(bent), replace(CONFIG, long_vehicle_radius_m=8.0))
+    assert [chooser.leads_on(lane, BUS_M) for lane in (SOUTH, NEAR, B_LEFT, C_LEFT)] == [False, False, True, True]
+    assert all(chooser.leads_on(lane, CAR_M) for lane in (SOUTH, NEAR, B_LEFT))
+    wide = replace(CONFIG, long_vehicle_radius_m=1.0)
+    assert RouteChooser(bent, EdgeGraph.of(bent), wide).leads_on(NEAR, BUS_M)
+    assert {chooser.draw((B,), 250.0, np.random.default_rng(seed), BUS_M)[1] for seed in range(20)} == {C}
+    assert chooser.draw((N,), 250.0, np.random.default_rng(0), BUS_M) == (N, D, edges), "no other way"
+
+
+def test_an_emv_turns_off_more_rarely_than_civilians() -> None:
+    """From B two lanes lead on and one turns: 0.1 of 2.1 and 0.35 of 2.35 ways."""
+    roads = streets()
+    chooser = RouteChooser(roads, EdgeGraph.of(roads), CONFIG)
+    rng = np.random.default_rng(4)
+
+    def turning(vehicle_m: float) -> float:
+        return float(np.mean([chooser.draw((B,), 150.0, rng, vehicle_m)[1] == D for _ in range(3000)]))
+
+    assert turning(0.0) == pytest.approx(0.1 / 2.1, abs=0.012)
+    assert turning(CAR_M) == pytest.approx(0.35 / 2.35, abs=0.02)
 
 
 def test_most_drivers_go_straight_on(network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser) -> None:

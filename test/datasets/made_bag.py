@@ -14,7 +14,7 @@ from rosbags.typesys.store import Typestore
 from synthetic_episode import NET_XML
 
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.boxes import to_ground_truth
+from siren_ros.interfaces.boxes import boxes_of, to_boxes, to_ground_truth
 from siren_ros.interfaces.conversions import to_actor_states, to_events, to_traffic_state
 from siren_ros.interfaces.episode_conversions import to_episode_description, to_episode_outcome
 from siren_ros.interfaces.image_boxes import to_camera_truth
@@ -60,6 +60,8 @@ class Made:
     map_name: str = "straight"
     cut_off: bool = False
     """Without its outcome."""
+    boxes_frame: str = "lidar"
+    """Frame of the labels as ``Detection3DArray``, whose numbers are the same in any."""
 
 
 def made_tracks_of(steps: int) -> EpisodeRecord:
@@ -187,6 +189,7 @@ def _sensed(made: Made, step: int) -> Iterator[tuple[Topic, int, Any]]:
     if step % 2 or step < FIRST_SENSED:
         return
     yield topics.GROUND_TRUTH, step, to_ground_truth(truth_of(step))
+    yield topics.BOXES, step, to_boxes(boxes_of(truth_of(step), made.boxes_frame))
     yield topics.LIDAR.of_sensor("lidar", 2), step, to_point_cloud(step, "lidar", sweep_of(step))
     for camera, frame in ((FRONT, "front_frame"), (REAR, "rear_frame")):
         yield topics.CAMERA_INFO.of_sensor(camera, 2), step, to_camera_info(step, frame, MODEL)

@@ -1,14 +1,18 @@
 """Records of an MCAP file one after the other: to the last whole one, and no further."""
 
+import struct
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
+import zstandard
 from mcap.opcode import Opcode
 
 from siren_ros.recording.mcap_scan import (
     DamageError,
     RecordPlace,
+    _chunk,
     parse_content,
     read_chunk,
     read_chunks,
@@ -94,3 +98,61 @@ def test_what_does_not_begin_like_a_bag_is_none(tmp_path: Path) -> None:
     path.write_bytes(b"PK\x03\x04" * 20)
     with path.open("rb") as file, pytest.raises(DamageError):
         list(read_places(file))
+
+
+def packed_chunk(packed: bytes, plain_bytes: int, compression: bytes = b"zstd") -> bytes:
+    """The content of a chunk's record (MCAP's specification): times, size, checksum, compression, length, data."""
+    head = struct.pack("<QQQI", 0, 0, plain_bytes, 0)
+    return head + struct.pack("<I", len(compression)) + compression + struct.pack("<Q", len(packed)) + packed
+
+
+@pytest.mark.parametrize("checksum", [False, True])
+@pytest.mark.parametrize("plain", [b"", b"x", b"abc" * 1000, bytes(300_000)])
+def test_frames_of_any_length_are_measured(plain: bytes, checksum: bool) -> None:
+    """The frame of nothing ends with the head of its one block."""
+    packed = zstandard.ZstdCompressor(write_checksum=checksum).compress(plain)
+    chunk = _chunk(packed_chunk(packed, len(plain)), 7)
+    assert (chunk.offset, chunk.compression, chunk.packed) == (7, "zstd", packed)
+    if plain:
+        assert unpack(chunk) == plain
+
+
+@pytest.mark.parametrize(
+    ("packed", "told"),
+    [
+        (lambda frame: frame[:-1], "ends within its compressed data|more than one frame"),
+        (lambda frame: frame + b"\0", "more than one frame"),
+        (lambda frame: frame + frame, "more than one frame"),
+        (lambda frame: frame[:5], "not zstd's|ends within"),
+        (lambda _: b"no zstd at all", "not zstd's"),
+    ],
+    ids=["cut", "one byte more", "two frames", "a head", "none"],
+)
+def test_what_is_not_just_one_frame_is_refused(packed: Callable[[bytes], bytes], told: str) -> None:
+    frame = zstandard.ZstdCompressor().compress(b"abc" * 1000)
+    with pytest.raises(DamageError, match=told):
+        _chunk(packed_chunk(packed(frame), 3000), 7)
+
+
+@pytest.mark.parametrize("off", [-1, 1])
+def test_a_size_that_is_not_the_contents_is_refused(off: int) -> None:
+    frame = zstandard.ZstdCompressor().compress(b"abc" * 1000)
+    with pytest.raises(DamageError, match=f"claims {3000 + off} bytes and holds 3000"):
+        _chunk(packed_chunk(frame, 3000 + off), 7)
+    with pytest.raises(DamageError, match=f"claims {4 + off} bytes and holds 4"):
+        _chunk(packed_chunk(b"abcd", 4 + off, b""), 7)
+    assert _chunk(packed_chunk(b"abcd", 4, b""), 7).packed == b"abcd"
+
+
+@pytest.mark.parametrize("change", [-1, 1])
+def test_lengths_that_contradict_each_other_are_refused(change: int) -> None:
+    content = packed_chunk(b"abcd", 4, b"")
+    longer = content[:-12] + struct.pack("<Q", 4 + change) + content[-4:]
+    for broken in (longer, content[:-1], content + b"x"):
+        with pytest.raises(DamageError, match="contradict"):
+            _chunk(broken, 7)
+
+
+def test_other_compressions_are_refused() -> None:
+    with pytest.raises(DamageError, match="'lz4'; zstd and none"):
+        _chunk(packed_chunk(b"abcd", 4, b"lz4"), 7)

@@ -173,6 +173,33 @@ def test_the_radius_is_that_of_the_bend(network: RoadNetwork) -> None:
     assert 4.0 < min(radii) < np.median(radii) < 25.0
 
 
+def arc(radius_m: float, start_rad: float, end_rad: float) -> np.ndarray:
+    """To the left, from heading east at the origin on; points every 2 cm or so."""
+    angle = np.linspace(start_rad, end_rad, 1 + int(radius_m * (end_rad - start_rad) / 0.02))
+    return radius_m * np.stack((np.sin(angle), 1.0 - np.cos(angle)), axis=-1)
+
+
+@pytest.mark.parametrize("radius_of_bend_m", [5.0, 12.5, 60.0])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_an_arc_has_its_radius(radius_of_bend_m: float, side: float) -> None:
+    bend = arc(radius_of_bend_m, 0.0, 1.5) * (1.0, side)
+    assert tightest_radius_m(Polyline.through(bend)) == pytest.approx(radius_of_bend_m, rel=0.01)
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+def test_a_bend_at_either_end_counts(reverse: bool) -> None:
+    """20 m straight on and then 6 m, the length of the measure, with a radius of 8 m; also driven the other way."""
+    points = np.concatenate((np.array([(-20.0, 0.0)]), arc(8.0, 0.0, 6.0 / 8.0)))
+    assert tightest_radius_m(Polyline.through(points[::-1] if reverse else points)) == pytest.approx(8.0, rel=0.01)
+
+
+def test_half_a_measure_of_bend_is_a_bend_of_twice_the_radius() -> None:
+    points = np.concatenate((np.array([(-20.0, 0.0)]), arc(8.0, 0.0, 3.0 / 8.0)))
+    assert tightest_radius_m(Polyline.through(points)) == pytest.approx(16.0, rel=0.01)
+    short = arc(8.0, 0.0, 2.0 / 8.0)
+    assert tightest_radius_m(Polyline.through(short)) == pytest.approx(8.0, rel=0.01), "shorter than the measure"
+
+
 @pytest.mark.parametrize(("vehicle_m", "edge"), [(CAR_M, D), (BUS_M, C)])
 def test_a_bus_in_a_lane_that_only_turns_tightly_goes_on_from_the_next_lane(vehicle_m: float, edge: int) -> None:
     """The right lane leads south alone, round a corner; the left one goes straight on."""

@@ -13,6 +13,7 @@ from siren_ros.evaluation.prediction.reports.differences import differences
 from siren_ros.evaluation.prediction.reports.report_files import new_folder, write_report
 from siren_ros.evaluation.prediction.reports.score_table import score_table
 from siren_ros.evaluation.prediction.reports.text_report import text_report
+from siren_ros.evaluation.prediction.scoring.categories import Category
 from siren_ros.evaluation.prediction.scoring.episode_scores import EpisodeScores
 
 
@@ -98,6 +99,28 @@ def test_the_terminal_shows_all_nine_rows_of_the_paper(folder: Path) -> None:
     assert rows[2].split()[-1] == "50.0%"
     assert place
     assert any(line.startswith("cv - net:v_1") for line in lines)
+
+
+def test_intervals_are_the_ades_and_not_the_fdes() -> None:
+    """ADE 1.0 and 1.2 in two episodes, FDE 3.0 and 3.4; the first of two categories has them all."""
+    scores = []
+    for seed, ade_m, fde_m in ((0, 1.0, 3.0), (1, 1.2, 3.4)):
+        values = {"ade_m": np.full(2, ade_m), "fde_m": np.full(2, fde_m)}
+        scores.append(episode_scores("S1", {"cv": model_scores(values, Category.EMV)}, seed))
+    lines = text_report(score_table(scores), [], compare_paper=False)
+    (category,) = [number for number, line in enumerate(lines) if line.startswith("ADE/FDE in m by category")]
+    assert lines[category + 2].split() == ["emv", "4", "1.10/3.20", "[1.00,", "1.20]"]
+    (level,) = [number for number, line in enumerate(lines) if line.startswith("ADE/FDE in m by level")]
+    assert lines[level + 2].split() == ["L2", "4", "1.10/3.20", "[1.00,", "1.20]"]
+    (main,) = [number for number, line in enumerate(lines) if line.startswith("ADE/FDE in m by template")]
+    assert lines[main + 2].split() == ["cv", "1.10/3.20", "1.10/3.20", "[1.00,", "1.20]", "4", "all"]
+    (metrics,) = [number for number, line in enumerate(lines) if line.startswith("all metrics")]
+    assert lines[metrics + 2].split()[:3] == ["cv", "1.10", "3.20"]
+    (bags,) = [number for number, line in enumerate(lines) if line.startswith("bag")]
+    assert [line.split() for line in lines[bags + 1 : bags + 3]] == [
+        ["S1_seed0", "S1", "L2", "2", "1.00/3.00"],
+        ["S1_seed1", "S1", "L2", "2", "1.20/3.40"],
+    ]
 
 
 def test_without_the_comparison_there_is_nothing_of_the_paper() -> None:

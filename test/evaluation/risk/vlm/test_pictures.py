@@ -64,3 +64,33 @@ def test_masks_are_read_back(tmp_path: Path) -> None:
     for wanted, file in (((8,), path), ((7,), tmp_path / "none.npz")):
         with pytest.raises(InputError, match="masks"):
             masks_of(file, wanted)
+
+
+def test_each_number_has_its_colour_and_the_seventh_that_of_the_first() -> None:
+    mask = np.zeros((80, 320), np.uint32)
+    for number in range(8):
+        mask[40:70, 40 * number : 40 * number + 30] = 11 + number
+    drawn = outlined(np.full((80, 320, 3), 128, np.uint8), mask, {11 + number: number + 1 for number in range(8)})
+    edges = [tuple(drawn[68, 40 * number + 10].tolist()) for number in range(8)]
+    assert edges[0] == (230, 60, 40), "red"
+    assert len(set(edges[:6])) == 6
+    assert edges[6:] == edges[:2]
+
+
+def test_the_number_stands_above_the_vehicle() -> None:
+    """In a box of the contour's colour, around the middle of the columns; at the picture's edge it stays inside."""
+    for top, place in ((50, slice(30, 50)), (0, slice(0, 18))):
+        mask = np.zeros((100, 100), np.uint32)
+        mask[top : top + 40, 30:71] = 5
+        drawn = outlined(np.full((100, 100, 3), 128, np.uint8), mask, {5: 1})
+        assert (drawn[place, 45:56] == (255, 255, 255)).all(axis=2).any(), "the number is white"
+        assert (drawn[place, 40:60] == (230, 60, 40)).all(axis=2).any()
+
+
+def test_specks_have_no_contour() -> None:
+    mask = np.zeros((20, 20), np.uint32)
+    mask[5:11, 5:11] = 4
+    picture = np.full((20, 20, 3), 128, np.uint8)
+    assert (outlined(picture, mask, {4: 1}) == picture).all(), "36 pixels"
+    mask[5:11, 11] = 4
+    assert (outlined(picture, mask, {4: 1}) != picture).any(), "42 pixels"

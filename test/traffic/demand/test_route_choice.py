@@ -197,7 +197,7 @@ def test_half_a_measure_of_bend_is_a_bend_of_twice_the_radius() -> None:
     points = np.concatenate((np.array([(-20.0, 0.0)]), arc(8.0, 0.0, 3.0 / 8.0)))
     assert tightest_radius_m(Polyline.through(points)) == pytest.approx(16.0, rel=0.01)
     short = arc(8.0, 0.0, 2.0 / 8.0)
-    assert tightest_radius_m(Polyline.through(short)) == pytest.approx(8.0, rel=0.01), "shorter than the measure"
+    assert tightest_radius_m(Polyline.through(short)) == pytest.approx(8.0, rel=0.02), "shorter than the measure"
 
 
 @pytest.mark.parametrize(("vehicle_m", "edge"), [(CAR_M, D), (BUS_M, C)])

@@ -103,6 +103,22 @@ def test_speed_drop_is_from_the_speed_when_heard_to_the_lowest_before_the_pass()
     assert found.speed_drop_mps == pytest.approx(2.0)
 
 
+@pytest.mark.parametrize("turn_rad", [0.0, 0.7, -2.0])
+@pytest.mark.parametrize(("aside_m", "moved_m"), [(2.25, 2.25), (-2.0, 0.0)])
+def test_only_the_way_to_the_right_counts_whichever_way_the_road_leads(
+    turn_rad: float, aside_m: float, moved_m: float
+) -> None:
+    """The AV hears the siren before it moves aside; all of it is turned, and with it the right."""
+    cos, sin = np.cos(turn_rad), np.sin(turn_rad)
+    turn = np.array([[cos, sin], [-sin, cos]])
+    ahead = line((0.0, -60.0), (0.0, -20.0), (aside_m, 0.0), (aside_m, 200.0))
+    emv = Driven(line((-3.5, -80.0), (-3.5, 200.0)) @ turn, at_speed(0.0, 14.0, 200))
+    found = response_of(with_av(hand_made(crossing(), {EMV: emv, AV: Driven(ahead @ turn, at_speed(0.0, 8.0, 200))})))
+    assert found.heard_s == 0.0
+    assert found.moved_right_m == pytest.approx(moved_m, abs=1e-6)
+    assert found.passed_after_s == pytest.approx(20.0 / 6.0, abs=0.3)
+
+
 def test_an_emv_that_stays_behind_does_not_pass() -> None:
     found = encounter(np.minimum(at_speed(0.0, 10.0, 250), 70.0), np.full(250, 80.0))
     assert found.heard_s > 0.0

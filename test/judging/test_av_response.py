@@ -112,11 +112,11 @@ def test_only_the_way_to_the_right_counts_whichever_way_the_road_leads(
     cos, sin = np.cos(turn_rad), np.sin(turn_rad)
     turn = np.array([[cos, sin], [-sin, cos]])
     ahead = line((0.0, -60.0), (0.0, -20.0), (aside_m, 0.0), (aside_m, 200.0))
-    emv = Driven(line((-3.5, -80.0), (-3.5, 200.0)) @ turn, at_speed(0.0, 14.0, 200))
-    found = response_of(with_av(hand_made(crossing(), {EMV: emv, AV: Driven(ahead @ turn, at_speed(0.0, 8.0, 200))})))
+    emv = Driven(line((-3.5, -60.0), (-3.5, 200.0)) @ turn, at_speed(0.0, 14.0, 200))
+    found = response_of(with_av(hand_made(crossing(), {EMV: emv, AV: Driven(ahead @ turn, at_speed(35.0, 8.0, 200))})))
     assert found.heard_s == 0.0
     assert found.moved_right_m == pytest.approx(moved_m, abs=1e-6)
-    assert found.passed_after_s == pytest.approx(20.0 / 6.0, abs=0.3)
+    assert found.passed_after_s == pytest.approx(35.0 / 6.0, abs=0.3)
 
 
 def test_an_emv_that_stays_behind_does_not_pass() -> None:

@@ -1,3 +1,6 @@
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
@@ -69,6 +72,24 @@ def test_the_same_bag_gives_the_same_bytes(bag: Path, tmp_path: Path) -> None:
     for name in ("a.mp4", "b.mp4"):
         save_video(bag, View.BIRDSEYE, tmp_path / name, frames=8)
     assert (tmp_path / "a.mp4").read_bytes() == (tmp_path / "b.mp4").read_bytes()
+
+
+def test_the_bytes_do_not_depend_on_what_was_in_memory_before(tmp_path: Path) -> None:
+    program = (
+        "import sys, numpy as np\n"
+        "from pathlib import Path\n"
+        "from siren_ros.pictures.video import write_video\n"
+        "noise = np.random.default_rng(0).integers(0, 256, (76, 120, 3))\n"
+        "picture = np.kron(noise, np.ones((8, 8, 1))).astype(np.uint8)\n"
+        "write_video(Path(sys.argv[1]), (picture[3 * n :][:600, 5 * n :][:, :800] for n in range(3)))\n"
+    )
+    videos = set()
+    for filled in ("1", "85", "170"):
+        path = tmp_path / f"{filled}.mp4"
+        filling = os.environ | {"MALLOC_PERTURB_": filled, "MALLOC_MMAP_MAX_": "0"}  # glibc's: bytes of new memory
+        subprocess.run([sys.executable, "-c", program, str(path)], env=filling, check=True)
+        videos.add(path.read_bytes())
+    assert len(videos) == 1
 
 
 def test_the_front_video_shows_the_recorded_images(front_bag: Path, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from siren_ros.errors import EXIT_FAILED, EXIT_OK, SirenError
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import from_actor_states
 from siren_ros.interfaces.episode_conversions import from_episode_outcome
-from siren_ros.ros.parameters.node_configs import DEFAULT_PARTICIPANTS, CosimConfig
+from siren_ros.ros.parameters.node_configs import DEFAULT_PARTICIPANTS, OPTIONAL_PARTICIPANTS, CosimConfig
 from siren_ros.ros.parameters.parameter_overrides import check_names
 from siren_ros.ros.parameters.parameters import declare_config
 from siren_ros.ros.participants.hang_watch import HangWatch, limits_s
@@ -33,7 +33,7 @@ from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
 
 SPIN_S = 0.05
 STOP_S = 10.0
-MODULES: Final = {name: f"siren_nodes.{name}" for name in (*DEFAULT_PARTICIPANTS, "kitti_exporter", "detector")}
+MODULES: Final = {name: f"siren_nodes.{name}" for name in (*DEFAULT_PARTICIPANTS, *OPTIONAL_PARTICIPANTS)}
 """Module of every participant that this program starts: it holds the node, and runs it as a program."""
 FIRST_EMV = 1
 """Emergency vehicles have the first actor ids."""

@@ -13,7 +13,7 @@ from siren_ros.evaluation.risk.answers import Answers
 from siren_ros.evaluation.risk.reports.cost import account
 from siren_ros.evaluation.risk.video_set import VideoSet, missing_files
 from siren_ros.evaluation.risk.vlm.local_model import LocalModel
-from siren_ros.evaluation.risk.vlm.model import VisionLanguageModel
+from siren_ros.evaluation.risk.vlm.model import MOST_TOKENS, VisionLanguageModel
 from siren_ros.evaluation.risk.vlm.openai_server import OpenAiServer, key_from
 from siren_ros.evaluation.risk.vlm.pipeline import ask_about_all, write_answers
 from siren_ros.evaluation.risk.vlm.reply_cache import ReplyCache
@@ -40,7 +40,9 @@ def add_asking(task: argparse.ArgumentParser) -> None:
         help="folder of Hugging Face's format; its name is the model's; may be repeated",
     )
     local.add_argument("--device", default="cpu", help="cpu (default) or cuda")
-    local.add_argument("--most-tokens", type=positive, default=512, metavar="N", help="of an answer (default 512)")
+    local.add_argument(
+        "--most-tokens", type=positive, default=MOST_TOKENS, metavar="N", help="of an answer (default %(default)s)"
+    )
     both = task.add_argument_group("asking any model")
     both.add_argument("--raw", action="store_true", help="plain pictures instead of ones with outlined vehicles")
     both.add_argument("--cache", type=Path, metavar="DIR", help="where replies are kept (default: SET/replies)")

@@ -4,12 +4,13 @@ netconvert draws some turning movements of OpenDRIVE maps as straight lines from
 corners at their ends.
 """
 
-from collections.abc import Iterator
 from typing import Final
 from xml.etree.ElementTree import Element
 
 import numpy as np
 import numpy.typing as npt
+
+from siren_ros.roads.maps.junction_lanes import paths_across
 
 _CORNER_RAD: Final = 0.17
 """Change of direction from which the end of a path is a corner (10°)."""
@@ -25,24 +26,11 @@ Points = npt.NDArray[np.float64]
 def mend_junction_paths(net: Element) -> None:
     """Gives the paths with corners at their ends the shape of a Bézier curve, in place; heights stay linear."""
     lanes = {lane.attrib["id"]: lane for lane in net.iter("lane") if lane.get("shape")}
-    onward = {(one.get("from"), one.get("fromLane")): one for one in net.iterfind("connection")}
-    for connection in net.iterfind("connection"):
-        via = [] if connection.attrib["from"].startswith(":") else list(_via(connection, onward))
-        source = lanes.get(f"{connection.get('from')}_{connection.get('fromLane')}")
-        target = lanes.get(f"{connection.get('to')}_{connection.get('toLane')}")
-        path = [lanes[lane] for lane in via if lane in lanes]
+    for movement in paths_across(net):
+        source, target = lanes.get(movement.source), lanes.get(movement.target)
+        path = [lanes[lane] for lane in movement.via if lane in lanes]
         if path and source is not None and target is not None:
             _mend(source, path, target)
-
-
-def _via(connection: Element, onward: dict[tuple[str | None, str | None], Element]) -> Iterator[str]:
-    """The lanes of a connection's path; long ones wait in the middle and have two."""
-    lane = connection.get("via")
-    while lane is not None:
-        yield lane
-        edge, _, position = lane.rpartition("_")
-        following = onward.get((edge, position))
-        lane = None if following is None else following.get("via")
 
 
 def _mend(source: Element, path: list[Element], target: Element) -> None:

@@ -1,7 +1,7 @@
 """Speed limits of an OpenDRIVE map. netconvert gives 50 km/h to all roads whose limit is that of their type."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from itertools import pairwise
 from typing import Final
 from xml.etree.ElementTree import Element, tostring
@@ -10,6 +10,7 @@ from defusedxml.ElementTree import fromstring
 
 from siren_ros.roads.lane_permissions import permissions_of
 from siren_ros.roads.maps.junction_control import normal_edges
+from siren_ros.roads.maps.junction_lanes import paths_across
 
 _NETCONVERT_MPS: Final = 13.89
 _SAME_MPS: Final = 0.01
@@ -36,10 +37,11 @@ def with_stated_limits(net_xml: bytes, xodr: bytes) -> bytes:
                 lane.set("speed", f"{limit_mps:.2f}")
             speeds[lane.attrib["id"]] = float(lane.get("speed", "0"))
     across = {lane.attrib["id"]: lane for lane in net.iter("lane") if lane.attrib["id"].startswith(":")}
-    for via, joined in _joined_lanes(net):
-        path = across.get(via)
-        if path is not None and _has_default(path):
-            path.set("speed", f"{min(speeds.get(one, math.inf) for one in joined):.2f}")
+    for movement in paths_across(net):
+        slower_mps = min(speeds.get(one, math.inf) for one in (movement.source, movement.target))
+        for path in (across[lane] for lane in movement.via if lane in across):
+            if _has_default(path):
+                path.set("speed", f"{slower_mps:.2f}")
     document: bytes = tostring(net, encoding="utf-8", xml_declaration=True)
     return document
 
@@ -48,18 +50,6 @@ def _has_default(lane: Element) -> bool:
     allowed = permissions_of(lane.get("allow"), lane.get("disallow"))
     driven = allowed.civilian or allowed.emergency
     return driven and abs(float(lane.get("speed", "0")) - _NETCONVERT_MPS) < _SAME_MPS
-
-
-def _joined_lanes(net: Element) -> Iterator[tuple[str, tuple[str, str]]]:
-    """The lanes of paths across junctions, with the lanes that each path joins."""
-    movements = list(net.iterfind("connection"))
-    onward = {f"{one.get('from')}_{one.get('fromLane')}": one.get("via") for one in movements}
-    for movement in movements:
-        source, target = (f"{movement.get(end)}_{movement.get(end + 'Lane')}" for end in ("from", "to"))
-        via = None if source.startswith(":") else movement.get("via")
-        while via is not None:
-            yield via, (source, target)
-            via = onward.get(via)
 
 
 def _limits_mps(drive: Element) -> dict[str, float]:

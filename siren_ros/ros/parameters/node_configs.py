@@ -20,6 +20,8 @@ DEFAULT_PARTICIPANTS: Final = (
     "sensor_sim",
     "recorder",
 )
+OPTIONAL_PARTICIPANTS: Final = ("kitti_exporter", "detector")
+"""Nodes that take part where the episode asks for them."""
 
 
 @dataclass(frozen=True)

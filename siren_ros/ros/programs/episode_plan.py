@@ -10,14 +10,14 @@ from siren_ros.datasets.kitti.layout import Layout
 from siren_ros.errors import InputError
 from siren_ros.generation.episode_setup import default_bag_path, default_kitti_path, plan_length
 from siren_ros.lockstep.lockstep import LockstepConfig
-from siren_ros.ros.parameters.node_configs import DEFAULT_PARTICIPANTS, CosimConfig
+from siren_ros.ros.parameters.node_configs import DEFAULT_PARTICIPANTS, OPTIONAL_PARTICIPANTS, CosimConfig
 from siren_ros.ros.parameters.parameters import Value
 from siren_ros.ros.programs.composition import Overrides
 from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.sensors.suite.suite import EXPORTED_CAMERA, load_suite
 from siren_ros.world.commands import AV_SOURCE
 
-TRAILING: Final = frozenset({"sensor_sim", "recorder", "kitti_exporter", "detector"})
+TRAILING: Final = frozenset({"sensor_sim", "recorder", *OPTIONAL_PARTICIPANTS})
 """If no other program takes part in the lockstep, these may still work on a step while the next one runs: in their own
 processes, or in one process on the threads that cast rays and draw."""
 SETTLE_S: Final = 0.25
@@ -99,7 +99,7 @@ def _is_paper(layout: str) -> bool:
 
 
 def _checked_names(names: list[str]) -> tuple[str, ...]:
-    taken = {*DEFAULT_PARTICIPANTS, "kitti_exporter", "detector", AV_SOURCE}
+    taken = {*DEFAULT_PARTICIPANTS, *OPTIONAL_PARTICIPANTS, AV_SOURCE}
     for name in names:
         if not _NAME.fullmatch(name):
             raise InputError("external", name, "names of at most 64 letters, digits and underscores")

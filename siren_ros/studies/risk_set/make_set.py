@@ -10,6 +10,7 @@ from typing import Final
 from siren_ros.errors import InputError, writing
 from siren_ros.evaluation.risk.labels import RiskThresholds
 from siren_ros.evaluation.risk.risk_class import RiskClass
+from siren_ros.evaluation.risk.side_by_side import side_by_side
 from siren_ros.evaluation.risk.video_set import VIDEO_FRAMES, RiskVideo, VideoSet, write_set
 from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.scenario.templates import Template, load_template
@@ -17,9 +18,9 @@ from siren_ros.studies.risk_set.balance import Balance, Counts, Finding, quotas,
 from siren_ros.studies.risk_set.candidate import Candidate, Rejected
 from siren_ros.studies.risk_set.journal import Journal
 from siren_ros.studies.risk_set.render import Rendered
+from siren_ros.studies.risk_set.retried import in_own_process
 from siren_ros.studies.risk_set.search import PATIENCE, Outcome, Search, continue_search
 from siren_ros.studies.risk_set.set_card import write_set_card
-from siren_ros.studies.risk_set.side_by_side import in_own_process, side_by_side
 from siren_ros.studies.risk_set.variation import candidate_request
 from siren_ros.studies.risk_set.video_file import (
     UNSEEN,

@@ -14,6 +14,7 @@ from siren_ros.errors import InputError, SirenError
 from siren_ros.evaluation.risk.evidence import Camera, evidence_of
 from siren_ros.evaluation.risk.labels import RiskLabel, RiskThresholds, label_of
 from siren_ros.evaluation.risk.sequence.small_frames import EVERY, SmallFrames, reduced
+from siren_ros.evaluation.risk.side_by_side import side_by_side
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.sensors.rig.rig import SensorRig
@@ -21,7 +22,7 @@ from siren_ros.sensors.suite.look_file import load_look
 from siren_ros.sensors.suite.suite import SensorSuite
 from siren_ros.studies.risk_set.candidate import FRAME_STEPS, Candidate, front_camera, simulated
 from siren_ros.studies.risk_set.journal import outcome_as_json, outcome_of_json
-from siren_ros.studies.risk_set.side_by_side import in_own_process, side_by_side
+from siren_ros.studies.risk_set.retried import in_own_process
 from siren_ros.training.risk.film_plan import PlannedFilm
 
 FILM_STEPS: Final = EVERY * FRAME_STEPS

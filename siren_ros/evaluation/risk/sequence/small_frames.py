@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-import av
 import numpy as np
 import numpy.typing as npt
 
 from siren_ros.errors import InputError
+from siren_ros.evaluation.risk.film import film_frames
 
 SmallFrames = npt.NDArray[np.uint8]
 """Grey values of a film, shape ``(T, HEIGHT, WIDTH)``."""
@@ -44,18 +44,13 @@ def read_small_frames(path: Path, frames: int) -> SmallFrames:
     Raises:
         InputError: No such video, not a video, one of another length, or of a size that cannot be reduced.
     """
-    found, count = list[SmallFrames](), 0
-    try:
-        with av.open(str(path)) as container:
-            for frame in container.decode(video=0):
-                if count % EVERY == 0:
-                    found.append(_reduced_grey(frame.to_ndarray(format="gray").astype(np.float32)))
-                count += 1
-    except (OSError, IndexError, av.FFmpegError) as error:
-        raise InputError("video", str(path), f"an MP4 file ({error})") from error
-    if count != frames:
-        raise InputError("video", f"{path}: {count} frames", f"{frames} frames")
-    return np.stack(found)
+    return np.stack(
+        [
+            _reduced_grey(frame.to_ndarray(format="gray").astype(np.float32))
+            for number, frame in enumerate(film_frames(path, frames))
+            if number % EVERY == 0
+        ]
+    )
 
 
 def _reduced_grey(grey: npt.NDArray[np.float32]) -> SmallFrames:

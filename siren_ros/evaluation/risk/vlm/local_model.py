@@ -9,16 +9,15 @@ from typing import Any, Final
 from PIL import Image
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.risk.vlm.model import ModelUnavailableError, Question, Reply
+from siren_ros.evaluation.risk.vlm.model import MOST_TOKENS, ModelUnavailableError, Question, Reply
 
-_MOST_TOKENS: Final = 512
 _PARTS: Final = "a folder with a vision-language model that transformers knows, its processor and its chat template"
 
 
 class LocalModel:
     """A model of transformers' class for pictures and text to text; one question at a time."""
 
-    def __init__(self, folder: Path, device: str, most_tokens: int = _MOST_TOKENS) -> None:
+    def __init__(self, folder: Path, device: str, most_tokens: int = MOST_TOKENS) -> None:
         """Loads the model. Nothing is fetched from a network, and no code that lies in the folder is run.
 
         Args:

@@ -1,9 +1,12 @@
 """What the pipeline needs of a model."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Final, Protocol
 
 from siren_ros.errors import SirenError
+
+MOST_TOKENS: Final = 512
+"""Of an answer, where nobody says otherwise."""
 
 
 class ModelUnavailableError(SirenError):

@@ -6,9 +6,8 @@ from base64 import b64encode
 from typing import Any, Final
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.risk.vlm.model import ModelUnavailableError, Question, Reply
+from siren_ros.evaluation.risk.vlm.model import MOST_TOKENS, ModelUnavailableError, Question, Reply
 
-_MOST_TOKENS: Final = 512
 NO_KEY: Final = "none"
 """Sent to servers that ask for no key; their clients have to send something."""
 
@@ -52,7 +51,7 @@ class OpenAiServer:
         begin = time.monotonic()
         try:
             reply = self._client.chat.completions.create(
-                model=self._model, messages=messages, temperature=0.0, max_tokens=_MOST_TOKENS
+                model=self._model, messages=messages, temperature=0.0, max_tokens=MOST_TOKENS
             )
             text = reply.choices[0].message.content or ""
         except self._openai.APIStatusError as error:

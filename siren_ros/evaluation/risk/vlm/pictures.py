@@ -5,13 +5,13 @@ from io import BytesIO
 from pathlib import Path
 from typing import Final
 
-import av
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 from scipy.ndimage import binary_erosion
 
 from siren_ros.errors import InputError
+from siren_ros.evaluation.risk.film import film_frames
 
 Picture = npt.NDArray[np.uint8]
 _QUALITY: Final = 90
@@ -25,17 +25,11 @@ def video_frames(path: Path, wanted: Sequence[int], count: int) -> list[Picture]
     Raises:
         InputError: No such video, not a video, or one of another length.
     """
-    found: dict[int, Picture] = {}
-    number = -1
-    try:
-        with av.open(str(path)) as container:
-            for number, frame in enumerate(container.decode(video=0)):
-                if number in wanted:
-                    found[number] = np.asarray(frame.to_ndarray(format="rgb24"), dtype=np.uint8)
-    except (OSError, IndexError, av.FFmpegError) as error:
-        raise InputError("video", str(path), f"an MP4 file ({error})") from error
-    if number + 1 != count:
-        raise InputError("video", f"{path}: {number + 1} frames", f"{count} frames")
+    found = {
+        number: np.asarray(frame.to_ndarray(format="rgb24"), dtype=np.uint8)
+        for number, frame in enumerate(film_frames(path, count))
+        if number in wanted
+    }
     return [found[one] for one in wanted]
 
 

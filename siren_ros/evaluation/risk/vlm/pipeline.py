@@ -2,13 +2,14 @@
 
 import json
 from collections.abc import Callable
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from siren_ros.evaluation.risk.answers import UNREADABLE
 from siren_ros.evaluation.risk.key_frames import batches, key_frames
 from siren_ros.evaluation.risk.risk_class import RiskClass
+from siren_ros.evaluation.risk.side_by_side import side_by_side
 from siren_ros.evaluation.risk.video_set import RiskVideo, VideoSet
 from siren_ros.evaluation.risk.vlm.model import Question, Reply, VisionLanguageModel
 from siren_ros.evaluation.risk.vlm.pictures import as_jpeg, masks_of, numbers_of, outlined, video_frames
@@ -99,16 +100,7 @@ def ask_about_all(
         told(answer)
         return answer
 
-    with ThreadPoolExecutor(concurrency, "ask") as pool:
-        futures = {key: pool.submit(ask, video) for key, video in sorted(videos.videos.items())}
-        try:
-            done, _ = wait(futures.values(), return_when=FIRST_EXCEPTION)
-            for future in done:
-                future.result()
-        finally:
-            for future in futures.values():
-                future.cancel()
-        return {key: future.result() for key, future in futures.items()}
+    return side_by_side({key: partial(ask, video) for key, video in sorted(videos.videos.items())}, concurrency)
 
 
 def write_answers(path: Path, answers: dict[str, VideoAnswer]) -> None:

@@ -1,7 +1,6 @@
 """What a model is told and asked. The words are our own; SeeUnsafe's procedure is followed where the paper names it."""
 
 from collections.abc import Sequence
-from hashlib import sha256
 from typing import Final
 
 SYSTEM: Final = """You judge the risk of road traffic scenes. You are shown pictures from a camera that looks forward \
@@ -31,9 +30,3 @@ def question(frames: Sequence[int], *, marked: bool) -> str:
     times = ", ".join(f"{0.1 * frame:.1f}" for frame in frames)
     several = f"{len(frames)} pictures, taken at {times} s" if len(frames) > 1 else f"One picture, taken at {times} s"
     return f"{several} of the same drive; the video has a picture every 0.1 s.{_MARKED if marked else ''} Which class?"
-
-
-def prompt_version() -> str:
-    """Changes whenever the words do, so that answers to other words are not taken for answers to these."""
-    words = SYSTEM + question((0, 1), marked=True) + question((0,), marked=False)
-    return sha256(words.encode()).hexdigest()[:12]

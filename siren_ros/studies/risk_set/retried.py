@@ -1,7 +1,6 @@
-"""Independent tasks at the same time; each may call functions in processes of their own."""
+"""Calls of functions in processes of their own, again where a process dies."""
 
-from collections.abc import Callable, Mapping
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from collections.abc import Callable
 from typing import Any, Final, TypeVar
 
 from siren_ros.errors import EpisodeError, InputError
@@ -9,25 +8,6 @@ from siren_ros.studies.own_process import Died, Refused, call_in_own_process
 
 _TIMEOUT_S: Final = 900.0
 Result = TypeVar("Result")
-
-
-def side_by_side(tasks: Mapping[str, Callable[[], Result]], workers: int) -> dict[str, Result]:
-    """The results of all tasks, by name. The first error ends those that have not begun, and is raised.
-
-    Args:
-        tasks: By name. They run in threads.
-        workers: How many at once.
-    """
-    with ThreadPoolExecutor(workers, "task") as pool:
-        futures = {name: pool.submit(task) for name, task in tasks.items()}
-        try:
-            done, _ = wait(futures.values(), return_when=FIRST_EXCEPTION)
-            for future in done:
-                future.result()
-        finally:
-            for future in futures.values():
-                future.cancel()
-        return {name: future.result() for name, future in futures.items()}
 
 
 def in_own_process(retries: int, function: Callable[..., Result], *arguments: Any) -> Result:

@@ -7,7 +7,6 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from siren_ros.errors import InputError
 from siren_ros.interfaces.messages import header, make_message, time_ns_of
@@ -44,12 +43,16 @@ def yaw_of_quaternion(quaternion: Quaternion) -> float:
 
 def quaternion_of_matrix(rotation: npt.NDArray[np.float64]) -> Quaternion:
     """Unit quaternion with w ≥ 0 of a rotation matrix of shape ``(3, 3)``."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - a quarter of the time that a node needs to load
+
     x, y, z, w = Rotation.from_matrix(rotation).as_quat(canonical=True)
     return float(x), float(y), float(z), float(w)
 
 
 def matrix_of_quaternion(quaternion: Quaternion) -> npt.NDArray[np.float64]:
     """Rotation matrix, shape ``(3, 3)``."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - as above
+
     matrix: npt.NDArray[np.float64] = Rotation.from_quat(quaternion).as_matrix()
     return matrix
 

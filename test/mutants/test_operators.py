@@ -50,6 +50,7 @@ def test_mistakes_of_a_tired_programmer_are_made(source, changed):
         "raise ValueError(f'{a + 1}')",
         "def min(a): ...",
         "def number(a, *, b): ...",
+        "zip(a, b, strict=True)",
         "minimum = maximum",
         "LENGTH_M: Final = 3.5",
         "read(section.number('length_m', 0.5, 9.0))",

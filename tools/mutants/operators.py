@@ -142,8 +142,9 @@ def is_of_interest(name: str, node: Any) -> bool:
     """Whether a change of this node could be a defect.
 
     None is: another number of a setting (a constant of the module, the default of a field, a bound of a parameter), of
-    an annotation, of a decorator or of an error's message; and whether a limit itself counts as inside, where measured
-    numbers are compared (by their units or a decimal point): no measured number is just that.
+    an annotation, of a decorator or of an error's message; whether ``zip`` checks lengths; and whether a limit itself
+    counts as inside, where measured numbers are compared (by their units or a decimal point): no measured number is
+    just that.
     """
     if name == "AddNot" and _condition(node).type in {"comparison", "not_test", "and_test", "or_test"}:
         return False  # Other operators turn these.
@@ -160,9 +161,9 @@ def is_of_interest(name: str, node: Any) -> bool:
 def _is_no_decision(name: str, node: Any) -> bool:
     """Whether a node that the change lies in says how a program is written rather than what it does."""
     outside = node.parent
-    if node.type == "operator" and outside.type == "parameters":
-        return True  # The star before parameters that have to be named.
-    if node.type in {"decorator", "raise_stmt", "assert_stmt", "import_from", "tfpdef"}:
+    star = node.type == "operator" and outside.type == "parameters"  # Before parameters that have to be named.
+    checked = node.type == "argument" and node.get_code().strip() in {"strict=True", "strict=False"}  # Of ``zip``.
+    if star or checked or node.type in {"decorator", "raise_stmt", "assert_stmt", "import_from", "tfpdef"}:
         return True
     if (
         name == "NumberReplacer"

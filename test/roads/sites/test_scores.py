@@ -235,6 +235,72 @@ def test_a_route_has_an_approach_of_150_m_and_goes_on_in_a_loop() -> None:
     assert found.exit_m == pytest.approx(400.0)
 
 
+def test_a_route_takes_the_ways_in_turn() -> None:
+    """Two loops of 200 m begin with the same edge. The approach came over the straighter one: the other is next."""
+    corners = [[(0.0, 0.0), (100.0, 0.0)], [(100.0, 0.0), (0.0, 0.1)], [(100.0, 0.0), (0.0, -0.1)]]
+    lanes = tuple(
+        Lane(number, f"{number}_0", number, 0, LaneKind.DRIVING, Polyline.through(shape), 3.5, 14.0, True, True)
+        for number, shape in enumerate(corners)
+    )
+    edges = tuple(Edge(one, str(one), (one,), f"j{one}", f"j{one + 1}", internal=False) for one in range(3))
+    ways = ((0, 1, "s"), (0, 2, "l"), (1, 0, "s"), (2, 0, "s"))
+    connections = tuple(Connection(a, b, (), letter, None, -1, False, "j") for a, b, letter in ways)
+    found = route_through(EdgeGraph.of(RoadNetwork(lanes, edges, connections, {}, (0.0, 0.0), "!")), (0,))
+    after = found.edges[found.start :]
+    assert found.edges[: found.start] == (0, 1)
+    assert after[:6] == (0, 2, 0, 1, 0, 2)
+
+
+def test_the_wide_part_of_a_loop_ends_where_the_route_does() -> None:
+    """All edges of a loop have two lanes, also from the route's last edge to its first."""
+    shapes = [((0.0, 0.0), (100.0, 0.0)), ((100.0, 0.0), (100.0, 100.0)), ((100.0, 100.0), (0.0, 0.0))]
+    lanes = tuple(
+        Lane(
+            2 * number + side,
+            f"{number}_{side}",
+            number,
+            side,
+            LaneKind.DRIVING,
+            Polyline.through([(x, y + 3.5 * side) for x, y in shape]),
+            3.5,
+            14.0,
+            True,
+            True,
+        )
+        for number, shape in enumerate(shapes)
+        for side in (0, 1)
+    )
+    edges = tuple(
+        Edge(one, str(one), (2 * one, 2 * one + 1), f"j{one}", f"j{one + 1}", internal=False) for one in range(3)
+    )
+    connections = tuple(
+        Connection(2 * one + side, 2 * ((one + 1) % 3) + side, (), "s", None, -1, False, "j")
+        for one in range(3)
+        for side in (0, 1)
+    )
+    graph = EdgeGraph.of(RoadNetwork(lanes, edges, connections, {}, (0.0, 0.0), "!"))
+    whole_m = 200.0 + np.hypot(100.0, 100.0)
+    for position in range(3):
+        assert wide_length_m(graph, (0, 1, 2), position) == pytest.approx(whole_m)
+    assert wide_length_m(graph, (1, 2), 0) == pytest.approx(whole_m - 100.0)
+
+
+def test_a_shoulder_turn_without_a_lane_beside_it_hides_no_other() -> None:
+    """Two edges of a shoulder alone, whose turn comes first in the list of movements."""
+    network = crossing()
+    lanes, edges = list(network.lanes), list(network.edges)
+    first = len(lanes)
+    for name, shape in (("x", [(500.0, -60.0), (500.0, 0.0)]), ("y", [(505.0, 5.0), (565.0, 5.0)])):
+        index = len(lanes)
+        lanes.append(replace(lanes[0], index=index, edge=len(edges), centre=Polyline.through(shape)))
+        edges.append(Edge(len(edges), name, (index,), f"{name}0", f"{name}1", internal=False))
+    lonely = Connection(first, first + 1, (), "r", None, -1, must_stop=False, junction="x")
+    connections = (lonely, *network.connections)
+    more = replace(network, lanes=tuple(lanes), edges=tuple(edges), connections=connections)
+    (site,) = shoulder_turns(EdgeGraph.of(more))
+    assert site.connections == (1 + SHOULDER_RIGHT,)
+
+
 def test_a_straight_way_out_of_the_map_is_taken_only_where_it_completes_the_route() -> None:
     """300 m are behind the vehicle: 400 m are missing."""
     short = route_through(ring(4, dead_end_m=150.0), (0,))

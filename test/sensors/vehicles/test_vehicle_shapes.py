@@ -81,6 +81,25 @@ def test_only_emergency_vehicles_carry_beacons(actor_class: ActorClass) -> None:
     assert bool(carried) == actor_class.is_emergency
 
 
+@pytest.mark.parametrize("actor_class", [one for one in ActorClass if one.is_emergency], ids=lambda c: c.name.lower())
+def test_beacons_high_up_stand_on_the_roof_or_at_a_wall(actor_class: ActorClass) -> None:
+    """Below each one, or towards the middle of the vehicle, is the body."""
+    body = vehicle_shape(actor_class).body
+    corners = body.vertices_m[body.triangles]
+    middle = corners.mean(axis=1)
+    lit = np.isin(body.material, [int(Material.BEACON_BLUE), int(Material.BEACON_RED)])
+    high = middle[lit & (middle[:, 2] > 0.6 * middle[:, 2].max())].astype(np.float64)
+    assert len(high) > 10
+    none = np.zeros(len(high))
+    inward = np.stack((none, -np.sign(high[:, 1]), none), axis=-1)
+    lengthwise = np.stack((-np.sign(high[:, 0]), none, none), axis=-1)
+    nearest = np.full(len(high), np.inf)
+    for direction in (np.stack((none, none, none - 1.0), axis=-1), inward, lengthwise):
+        distance, _ = cast(body, np.concatenate((high + 0.001 * direction, direction), axis=1))
+        nearest = np.minimum(nearest, distance)
+    assert nearest.max() < 0.6
+
+
 @every_class
 def test_lamps_look_where_they_should(actor_class: ActorClass) -> None:
     body = vehicle_shape(actor_class).body

@@ -7,16 +7,16 @@ import argparse
 import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
 
-from siren_ros.calibration.fit import EVALUATIONS_EACH, fit
+from siren_ros.calibration.fit import EVALUATIONS_EACH, Fitted, fit
 from siren_ros.calibration.parameters import Parameter, parameters_named
 from siren_ros.calibration.simulate import Situation, Target, driven
 from siren_ros.calibration.trajectory import Trajectory
-from siren_ros.calibration.tries import errors_over
+from siren_ros.calibration.tries import residuals_over
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
 from siren_ros.evaluation.aligned_text import aligned
 from siren_ros.generation.episode_setup import plan_length
@@ -26,6 +26,7 @@ from siren_ros.scenario.request import EpisodeRequest
 
 TOLERANCE: Final = 0.05
 """Of a parameter's range, within which a found value counts as recovered."""
+_PARAMETERS: Final = "controller.target_speed_mps,controller.accel_mps2,controller.red_light_speed_mps"
 _INNER: Final = (0.15, 0.85)
 """Part of each range that the true values are drawn from."""
 
@@ -33,12 +34,10 @@ _INNER: Final = (0.15, 0.85)
 def main(argv: Sequence[str] | None = None) -> int:
     """Prints truth, found values and their difference; exit code 1 where one is beyond the tolerance."""
     line = argparse.ArgumentParser(description=__doc__)
-    line.add_argument("--template", default="S3")
+    line.add_argument("--templates", nargs="+", default=["S4"], metavar="ID")
     line.add_argument("--level", default="L1")
-    line.add_argument("--seeds", type=int, nargs="+", default=[0], help="of the situations")
-    line.add_argument(
-        "--parameters", default="controller.target_speed_mps,controller.accel_mps2,controller.red_light_speed_mps"
-    )
+    line.add_argument("--seeds", type=int, nargs="+", default=[0], help="of the situations; all are fitted together")
+    line.add_argument("--parameters", default=_PARAMETERS)
     line.add_argument("--truth-seed", type=int, default=1, help="of the true values")
     line.add_argument("--noise-m", type=float, default=0.1, help="standard deviation of each place")
     line.add_argument("--evaluations", type=int, default=0, help=f"0: {EVALUATIONS_EACH} for each parameter")
@@ -47,28 +46,45 @@ def main(argv: Sequence[str] | None = None) -> int:
     asked = line.parse_args(argv)
     parameters = parameters_named(asked.parameters.split(","))
     truth = drawn_truth(parameters, asked.truth_seed)
-    targets = []
-    for seed in asked.seeds:
-        request = EpisodeRequest(asked.template, asked.level, seed, sensors="none", duration_s=asked.duration_s)
-        targets.append(target_with(request, truth, asked.noise_m))
+    targets = [
+        target_with(
+            EpisodeRequest(one, asked.level, seed, sensors="none", duration_s=asked.duration_s), truth, asked.noise_m
+        )
+        for one in asked.templates
+        for seed in asked.seeds
+    ]
     began = time.perf_counter()
-    with errors_over(targets, asked.jobs) as errors:
+    with residuals_over(targets, asked.jobs) as residuals:
         evaluations = asked.evaluations or EVALUATIONS_EACH * len(parameters)
-        found = fit(parameters, errors, evaluations, told=lambda tries, error: print(f"{tries}: {error:.3f} m"))
-    rows = [["parameter", "truth", "found", "share of the range", "spread"]]
-    worst = 0.0
-    for one in parameters:
-        off = abs(found.values[one.name] - truth[one.name]) / (one.high - one.low)
-        worst = max(worst, off)
-        values = (truth[one.name], found.values[one.name])
-        rows.append([one.name, *(f"{value:.3f}" for value in values), f"{off:.1%}", f"{found.spread[one.name]:.3f}"])
-    print("\n".join(aligned(rows)))
+        found = fit(parameters, residuals, evaluations, told=_told)
+    worst = print_table(parameters, truth, found)
     print(
-        f"{found.evaluations} tries of {len(targets)} episodes in {time.perf_counter() - began:.0f} s; "
+        f"{found.evaluations} tries of {len(targets)} episodes in {time.perf_counter() - began:.0f} s, "
+        f"{'two rounds agree' if found.agreed else 'the tries were spent'}; "
         f"distance {found.error_m:.3f} m with {asked.noise_m:g} m of noise on each axis, {found.start_error_m:.2f} m "
         f"at the start; worst parameter off by {worst:.1%} of its range (allowed {TOLERANCE:.0%})"
     )
     return EXIT_OK if worst <= TOLERANCE else EXIT_FAILED
+
+
+def print_table(parameters: Sequence[Parameter], truth: Mapping[str, float], found: Fitted) -> float:
+    """Prints a row for each parameter and gives the greatest difference, as a share of the range."""
+    rows = [["parameter", "truth", "found", "off, of the range", "spread, of the range"]]
+    worst = 0.0
+    for one in parameters:
+        reach = one.high - one.low
+        off = abs(found.values[one.name] - truth[one.name]) / reach
+        worst = max(worst, off)
+        values = (truth[one.name], found.values[one.name])
+        rows.append(
+            [one.name, *(f"{value:.3f}" for value in values), f"{off:.1%}", f"{found.spread[one.name] / reach:.1%}"]
+        )
+    print("\n".join(aligned(rows)))
+    return worst
+
+
+def _told(tries: int, error_m: float) -> None:
+    print(f"{tries}: {error_m:.3f} m", flush=True)
 
 
 def drawn_truth(parameters: Sequence[Parameter], seed: int) -> dict[str, float]:
@@ -77,12 +93,14 @@ def drawn_truth(parameters: Sequence[Parameter], seed: int) -> dict[str, float]:
     return {one.name: one.at(float(rng.uniform(*_INNER))) for one in parameters}
 
 
-def target_with(request: EpisodeRequest, truth: dict[str, float], noise_m: float) -> Target:
+def target_with(request: EpisodeRequest, truth: Mapping[str, float], noise_m: float) -> Target:
     """The trajectory that an EMV with the true values drives, as a tracker sees it."""
     situation = Situation(request)
     way = driven(situation, truth, plan_length(request) * STEP_S)
-    noise = random_stream(request.seed, "calibration/noise").normal(0.0, noise_m, way.xy_m.shape)
-    return Target(f"seed{request.seed}", situation, Trajectory(way.time_s, np.asarray(way.xy_m + noise)))
+    noise = random_stream(request.seed, f"calibration/noise/{request.template}").normal(0.0, noise_m, way.xy_m.shape)
+    return Target(
+        f"{request.template}_seed{request.seed}", situation, Trajectory(way.time_s, np.asarray(way.xy_m + noise))
+    )
 
 
 if __name__ == "__main__":

@@ -1,26 +1,30 @@
-"""Fits parameters to trajectories by CMA-ES."""
+"""Fits parameters to trajectories: evolution finds the valley, least squares its bottom."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from siren_ros.calibration.parameters import Parameter
+from siren_ros.calibration.searches import descend, evolution, evolve, spread_out
 from siren_ros.calibration.simulate import FAILED_M
+from siren_ros.calibration.spread import spread_shares, tries_for
+from siren_ros.calibration.tried import Residuals, Spent, Told, Tried
 from siren_ros.errors import InputError
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.random_streams import random_stream
 
-START_STEP: Final = 0.25
-"""First standard deviation, as a share of each range: the range is within two of them from its middle."""
-EVALUATIONS_EACH: Final = 150
-"""Tries for each parameter: one search to its end, and a second one with twice the population from elsewhere. An EMV's
-error has valleys, in which one search ends too early."""
-CLOSE_SHARE: Final = 2e-3
-"""A search ends where all its standard deviations are below this share of the ranges."""
-
-Errors = Callable[[Sequence[Mapping[str, float]]], Sequence[float]]
-"""Errors in metres of several tries, which may run at the same time."""
+EVALUATIONS_EACH: Final = 100
+"""Tries for each parameter, at most: two rounds to their ends for three parameters, and half of a third one."""
+SPREAD_OUT_PART: Final = 6
+"""At most this part of the tries goes to places that are spread over the ranges."""
+AGREE_SHARE: Final = 0.02
+"""Two rounds agree where their errors differ by less than this share …"""
+AGREE_M: Final = 0.01
+"""… or by less than this."""
+UNDETERMINED_SHARE: Final = 0.1
+"""Spread above which the trajectories do not determine a parameter, as a share of its range."""
 
 
 @dataclass(frozen=True)
@@ -29,104 +33,78 @@ class Fitted:
 
     values: Mapping[str, float]
     spread: Mapping[str, float]
-    """Standard deviation of the search that found the values: how far one can move at about the same error."""
+    """How far each value can move, the others following, until the error has grown by a tenth."""
+    undetermined: tuple[str, ...]
+    """Parameters with a spread above ``UNDETERMINED_SHARE``."""
     error_m: float
     """With the values."""
     start_error_m: float
-    """With the values that the search began with."""
+    """In the middle of all ranges."""
     evaluations: int
     history_m: tuple[float, ...]
-    """Least error after each generation."""
+    """Least error after each group of tries."""
+    agreed: bool
+    """Whether two rounds from different places came to the same error before the tries were spent."""
 
 
 def fit(
     parameters: Sequence[Parameter],
-    errors: Errors,
+    residuals: Residuals,
     evaluations: int,
     seed: int = 0,
-    start: Mapping[str, float] | None = None,
-    told: Callable[[int, float], None] = lambda _, __: None,
+    told: Told = lambda _, __: None,
 ) -> Fitted:
-    """The parameters with the least error that CMA-ES finds (N. Hansen, arXiv:1604.00772) in all its tries.
+    """The parameters with the least error that is found.
+
+    A round is an evolution (CMA-ES) and least squares from its best place. The first begins at the best of some places
+    that are spread over the ranges, each further one at a random place with twice the population (IPOP; Auger and
+    Hansen, CEC 2005), until two rounds come to the least error or the tries are spent.
 
     Args:
         parameters: What is fitted, each within its range.
-        errors: Of several tries.
-        evaluations: At most so many tries; a generation that was begun is finished.
-        seed: Of the search. The same seed and errors give the same result.
-        start: Where the search begins; the middle of the range where a value is missing.
-        told: Called after each generation with the number of tries and the least error.
+        residuals: Of several tries.
+        evaluations: At most so many tries; a group that was begun is finished.
+        seed: Of the search. The same seed and residuals give the same result.
+        told: Called after each group of tries.
 
     Raises:
-        InputError: Too few evaluations, a start outside its range, the package is missing, or every try fails.
+        InputError: Too few evaluations, the package is missing, or every try fails.
     """
-    cma = _package()
-    begin = np.array([_share(one, (start or {}).get(one.name)) for one in parameters])
-    rng = random_stream(seed, "calibration/cma")
-    options = {
-        "bounds": [0.0, 1.0],
-        "seed": np.nan,  # its own seeding would change numpy's global generator
-        "randn": lambda *shape: rng.standard_normal(shape),
-        "tolx": CLOSE_SHARE,
-        "tolfun": 1e-4,
-        "verbose": -9,
-        "verb_log": 0,
-        "signals_filename": "",
-    }
-    search = cma.CMAEvolutionStrategy(_padded(begin), START_STEP, options)
-    if evaluations <= search.popsize:
-        raise InputError("evaluations", evaluations, f"more than {search.popsize}, one generation")
-    (start_error,) = errors([_values(parameters, begin)])
-    best, best_error, tries, history, leading = begin, start_error, 1, [start_error], search
-    stds = np.full(len(begin), START_STEP)
-    while tries < evaluations:
-        if search.stop():  # again from elsewhere with twice the population (IPOP; Auger and Hansen, CEC 2005)
-            elsewhere = _padded(rng.uniform(size=len(begin)))
-            search = cma.CMAEvolutionStrategy(elsewhere, START_STEP, {**options, "popsize": 2 * search.popsize})
-        asked = search.ask()
-        found = list(errors([_values(parameters, shares) for shares in asked]))
-        search.tell(asked, found)
-        tries += len(found)
-        least = int(np.argmin(found))
-        if found[least] < best_error:
-            best, best_error, leading = np.asarray(asked[least]), float(found[least]), search
-        if search is leading:
-            stds = search.result.stds
-        history.append(best_error)
-        told(tries, best_error)
-    if best_error >= FAILED_M:
+    count, rng = len(parameters), random_stream(seed, "calibration/search")
+    tried = Tried(parameters, residuals, told)
+    least = evolution(tried.best, rng).popsize + tries_for(count)
+    if evaluations <= least:
+        raise InputError("evaluations", evaluations, f"more than {least}: one generation, and the spread")
+    tried.budget = evaluations - tries_for(count)
+    places = 2 ** int(np.log2(max(evaluations / SPREAD_OUT_PART, 2.0))) - 1
+    begin, start_error = spread_out(tried, count, places)
+    agreed = _rounds(tried, begin, rng)
+    if tried.best_error_m >= FAILED_M:
         raise InputError("bags", "every try failed", "situations in which the EMV can be simulated")
-    spread = dict(zip([one.name for one in parameters], stds, strict=False))
+    tried.budget = evaluations + count  # the spread always gets its tries
+    shares = spread_shares(tried, tried.best, tried.best_error_m)
     return Fitted(
-        _values(parameters, best),
-        {one.name: float(spread[one.name]) * (one.high - one.low) for one in parameters},
-        best_error,
+        tried.values(tried.best),
+        {one.name: float(share) * (one.high - one.low) for one, share in zip(parameters, shares, strict=True)},
+        tuple(one.name for one, share in zip(parameters, shares, strict=True) if share > UNDETERMINED_SHARE),
+        tried.best_error_m,
         start_error,
-        tries,
-        tuple(history),
+        tried.count,
+        tuple(tried.history_m),
+        agreed,
     )
 
 
-def _padded(begin: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> list[float]:
-    """CMA-ES works from two dimensions on; a single parameter gets a companion that says nothing."""
-    return [*begin.tolist(), 0.5] if len(begin) == 1 else begin.tolist()
-
-
-def _values(parameters: Sequence[Parameter], shares: Iterable[float]) -> dict[str, float]:
-    return {one.name: one.at(float(share)) for one, share in zip(parameters, shares, strict=False)}
-
-
-def _share(parameter: Parameter, value: float | None) -> float:
-    if value is None:
-        return 0.5
-    if not parameter.low <= value <= parameter.high:
-        raise InputError(parameter.name, value, f"{parameter.low:g} to {parameter.high:g}")
-    return parameter.share_of(value)
-
-
-def _package() -> Any:
+def _rounds(tried: Tried, begin: Floats, rng: np.random.Generator) -> bool:
+    """Rounds until two of them agree on the least error; False where the tries are spent before."""
+    ends: list[float] = []
+    times = 1
     try:
-        import cma  # noqa: PLC0415 - an extra
-    except ModuleNotFoundError as error:
-        raise InputError("package", "cma", "./env --with calibration siren calibrate …") from error
-    return cma
+        while True:
+            ends.append(descend(tried, evolve(tried, begin, rng, times)))
+            close = max(min(ends) * (1.0 + AGREE_SHARE), min(ends) + AGREE_M)
+            if sum(end <= close for end in ends) > 1:
+                return True
+            begin, times = rng.uniform(size=len(begin)), 2 * times
+    except Spent:
+        return False

@@ -13,6 +13,7 @@ from siren_ros.generation.behaviour_setup import behaviour_world
 from siren_ros.generation.closed_loop import closed_loop
 from siren_ros.generation.episode_setup import EpisodeSetup, set_up_episode
 from siren_ros.generation.replay_check import request_of
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import STEP_S, steps_from_s
 from siren_ros.params.input_files import FILES_ON_DISK, InputFile, RecordedFiles, files_from_json
 from siren_ros.recording.episode_record import EpisodeRecord
@@ -91,10 +92,14 @@ def driven(situation: Situation, values: Mapping[str, float], until_s: float) ->
     return Trajectory(np.array(times), np.array(places, dtype=np.float64).reshape(-1, 2))
 
 
-def error_m(target: Target, values: Mapping[str, float]) -> float:
-    """Distance between the given trajectory and the one driven with some parameters; ``FAILED_M`` where that fails."""
+def residuals_m(target: Target, values: Mapping[str, float]) -> Floats:
+    """Between the given trajectory and the one driven with some parameters; of norm ``FAILED_M`` where that fails."""
+    failed = np.full(2 * len(target.trajectory.time_s), FAILED_M / np.sqrt(2 * len(target.trajectory.time_s)))
     try:
         found = driven(target.situation, values, target.trajectory.end_s)
     except SirenError:
-        return FAILED_M
-    return min(target.trajectory.distance_m(found), FAILED_M) if len(found.time_s) else FAILED_M
+        return failed
+    if not len(found.time_s):
+        return failed
+    apart = target.trajectory.residuals_m(found)
+    return apart if np.linalg.norm(apart) < FAILED_M else failed

@@ -56,14 +56,22 @@ class Trajectory:
         """Its last time."""
         return float(self.time_s[-1])
 
-    def distance_m(self, other: "Trajectory") -> float:
-        """Root mean square of the distance at this trajectory's times that the other one covers too.
+    def residuals_m(self, other: "Trajectory") -> Floats:
+        """Differences of x and y at this trajectory's times over the root of their number, shape ``(2T,)``.
 
-        Where the other one ends before this one, its last place counts: an EMV that left the map earlier is far ahead.
+        The Euclidean norm is the root mean square of the distance: the error whose minimum is the most likely way where
+        all places have the same noise. Times before the other one begins count nothing. Where the other one ends before
+        this one, its last place counts: an EMV that left the map earlier is far ahead.
+
+        Raises:
+            InputError: The other one covers no time of this one.
         """
         there = self.time_s >= other.time_s[0] - 1e-9
         if not there.any():
             raise InputError("trajectory", f"from {self.time_s[0]:g} to {self.end_s:g} s", "times of the episode")
-        x, y = (np.interp(self.time_s[there], other.time_s, other.xy_m[:, axis]) for axis in (0, 1))
-        apart = np.hypot(x - self.xy_m[there, 0], y - self.xy_m[there, 1])
-        return float(np.sqrt(np.mean(apart**2)))
+        apart = [np.interp(self.time_s, other.time_s, other.xy_m[:, axis]) - self.xy_m[:, axis] for axis in (0, 1)]
+        return np.concatenate(apart) * np.tile(there, 2) / np.sqrt(there.sum())
+
+    def distance_m(self, other: "Trajectory") -> float:
+        """Root mean square of the distance, as ``residuals_m`` has it."""
+        return float(np.linalg.norm(self.residuals_m(other)))

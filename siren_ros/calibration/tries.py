@@ -1,19 +1,23 @@
-"""Errors of several sets of parameters over all targets, in processes."""
+"""Residuals of several sets of parameters over all targets, in processes."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import cast
 
 import numpy as np
 
-from siren_ros.calibration.fit import Errors
-from siren_ros.calibration.simulate import Target, error_m
+from siren_ros.calibration.simulate import Target, residuals_m
+from siren_ros.calibration.tried import Residuals
 from siren_ros.datasets.exporting.worker_pool import worker_pool
+from siren_ros.numerics.arrays import Floats
 
 
 @contextmanager
-def errors_over(targets: Sequence[Target], jobs: int, told: Callable[[], None] = lambda: None) -> Iterator[Errors]:
-    """The error of a try is the mean over the targets; every try and target is a call of its own.
+def residuals_over(
+    targets: Sequence[Target], jobs: int, told: Callable[[], None] = lambda: None
+) -> Iterator[Residuals]:
+    """The residuals of a try are those of all targets, so that its error is the root mean square over the targets.
+
+    Every try and target is a call of its own.
 
     Args:
         targets: At least one.
@@ -22,12 +26,13 @@ def errors_over(targets: Sequence[Target], jobs: int, told: Callable[[], None] =
     """
     with worker_pool(jobs, lambda _: None) as pool:
 
-        def errors(tries: Sequence[Mapping[str, float]]) -> list[float]:
+        def residuals(tries: Sequence[Mapping[str, float]]) -> list[Floats]:
             calls = [(target, dict(values)) for values in tries for target in targets]
-            found = np.zeros(len(calls))
-            for number, error in pool(error_m, calls):
-                found[number] = error
+            found: dict[int, Floats] = {}
+            for number, apart in pool(residuals_m, calls):
+                found[number] = apart / np.sqrt(len(targets))
                 told()
-            return cast("list[float]", found.reshape(len(tries), len(targets)).mean(axis=1).tolist())
+            each = len(targets)
+            return [np.concatenate([found[one * each + other] for other in range(each)]) for one in range(len(tries))]
 
-        yield errors
+        yield residuals

@@ -7,11 +7,11 @@ from typing import Any
 
 from tqdm import tqdm
 
-from siren_ros.calibration.fit import EVALUATIONS_EACH, Fitted, fit
+from siren_ros.calibration.fit import EVALUATIONS_EACH, UNDETERMINED_SHARE, Fitted, fit
 from siren_ros.calibration.parameters import PARAMETERS, Parameter, parameters_named
 from siren_ros.calibration.simulate import Situation, Target
 from siren_ros.calibration.trajectory import Trajectory
-from siren_ros.calibration.tries import errors_over
+from siren_ros.calibration.tries import residuals_over
 from siren_ros.cli.options.names import names_in
 from siren_ros.cli.options.processes import add_processes, processes_of
 from siren_ros.cli.options.steps import steps_of
@@ -28,8 +28,9 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     known = "; ".join(f"{one.name}, {one.low:g} to {one.high:g}: {one.meaning}" for one in PARAMETERS.values())
     verb.description = (
         "Simulates the situations of bags again and again with other parameters of the EMV, until it drives most like "
-        "the EMV of the bags, or like a given trajectory (CMA-ES). The error is the root mean square of the distance "
-        f"between both EMVs at the same times. Parameters: {known}."
+        "the EMV of the bags, or like a given trajectory (CMA-ES, then least squares). The error is the root mean "
+        "square of the distance between both EMVs at the same times; the spread of a value is how far it can move, the "
+        f"others following, until the error has grown by a tenth. Parameters: {known}."
     )
     verb.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="bags, or folders with bags at any depth")
     verb.add_argument(
@@ -62,9 +63,9 @@ def run(arguments: argparse.Namespace) -> int:
     evaluations = arguments.evaluations or EVALUATIONS_EACH * len(parameters)
     with (
         tqdm(total=evaluations * len(targets), unit="episode", desc="calibrate", disable=None) as bar,
-        errors_over(targets, jobs, steps_of(bar)) as errors,
+        residuals_over(targets, jobs, steps_of(bar)) as residuals,
     ):
-        found = fit(parameters, errors, evaluations, arguments.seed)
+        found = fit(parameters, residuals, evaluations, arguments.seed)
     print("\n".join(fitted_lines(parameters, found)))
     if arguments.out is not None:
         content = as_json(found) | {"targets": [target.name for target in targets], "seed": arguments.seed}
@@ -90,7 +91,15 @@ def fitted_lines(parameters: tuple[Parameter, ...], found: Fitted) -> list[str]:
         f"distance to the trajectories {found.error_m:.3f} m, {found.start_error_m:.3f} m in the middle of the ranges; "
         f"{found.evaluations} tries"
     )
-    return [*aligned(rows), told]
+    lines = [*aligned(rows), told]
+    if found.undetermined:
+        lines.append(
+            f"not determined by these trajectories: {', '.join(found.undetermined)} "
+            f"(spread above {UNDETERMINED_SHARE:.0%} of the range)"
+        )
+    if not found.agreed:
+        lines.append("no second round came to the same error; more --evaluations may find a smaller one")
+    return lines
 
 
 def as_json(found: Fitted) -> dict[str, Any]:
@@ -98,10 +107,12 @@ def as_json(found: Fitted) -> dict[str, Any]:
     return {
         "values": dict(found.values),
         "spread": dict(found.spread),
+        "undetermined": list(found.undetermined),
         "error_m": found.error_m,
         "start_error_m": found.start_error_m,
         "evaluations": found.evaluations,
-        "least_error_by_generation_m": list(found.history_m),
+        "agreed": found.agreed,
+        "least_error_m": list(found.history_m),
     }
 
 

@@ -2,12 +2,13 @@
 
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 
 from siren_ros.calibration.fit import fit
 from siren_ros.calibration.parameters import parameters_named
 from siren_ros.calibration.simulate import FAILED_M, Situation, Target, driven
-from siren_ros.calibration.tries import errors_over
+from siren_ros.calibration.tries import residuals_over
 from siren_ros.errors import BagError, InputError
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.request import EpisodeRequest
@@ -21,11 +22,11 @@ def test_a_generation_of_tries_comes_closer_to_a_known_parameter() -> None:
     """The benchmark of the recovery searches to the end, with several parameters."""
     truth = 10.5
     target = Target("made", SITUATION, driven(SITUATION, {SPEED: truth}, UNTIL_S))
-    with errors_over([target], 1) as errors:
-        (at_the_truth,) = errors([{SPEED: truth}])
-        assert at_the_truth == 0.0, "the same parameters give the same trajectory"
-        found = fit(parameters_named([SPEED]), errors, 7)
-    assert found.evaluations == 7
+    with residuals_over([target], 1) as residuals:
+        (at_the_truth,) = residuals([{SPEED: truth}])
+        assert not at_the_truth.any(), "the same parameters give the same trajectory"
+        found = fit(parameters_named([SPEED]), residuals, 9)
+    assert found.evaluations == 9
     assert 0.0 < found.error_m < found.start_error_m
     assert abs(found.values[SPEED] - truth) < 1.5, "the middle of the range is 3.5 m/s off"
 
@@ -33,8 +34,9 @@ def test_a_generation_of_tries_comes_closer_to_a_known_parameter() -> None:
 def test_a_situation_that_cannot_be_set_up_is_far_away() -> None:
     target = Target("made", SITUATION, driven(SITUATION, {}, 0.2))
     nowhere = Target("no such", Situation(EpisodeRequest("S99", "L1", 0)), target.trajectory)
-    with errors_over([target, nowhere], 1) as errors:
-        assert errors([{}]) == [pytest.approx(0.5 * FAILED_M)]
+    with residuals_over([target, nowhere], 1) as residuals:
+        (found,) = residuals([{}])
+    assert np.linalg.norm(found) == pytest.approx(np.sqrt(0.5) * FAILED_M)
 
 
 def test_records_that_do_not_say_what_they_were_made_from_are_refused(record_of: Callable[..., EpisodeRecord]) -> None:

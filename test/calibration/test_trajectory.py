@@ -20,6 +20,13 @@ def test_the_distance_is_the_root_mean_square_at_the_given_times() -> None:
     assert given.distance_m(given) == 0.0
 
 
+def test_the_residuals_are_differences_of_places_and_their_norm_is_the_distance() -> None:
+    given, found = line(10.0, end_s=2.0, step_s=1.0, begin_s=0.0), line(13.0, begin_s=1.0)
+    apart = given.residuals_m(found)
+    assert apart == pytest.approx(np.array([0.0, 3.0, 6.0, 0.0, 0.0, 0.0]) / np.sqrt(2))
+    assert np.linalg.norm(apart) == given.distance_m(found)
+
+
 def test_an_emv_that_left_earlier_counts_at_its_last_place() -> None:
     given, found = line(10.0, end_s=3.0, step_s=1.0), line(10.0, end_s=2.0)
     assert given.distance_m(found) == pytest.approx(np.sqrt(10.0**2 / 4))

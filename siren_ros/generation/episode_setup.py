@@ -73,8 +73,7 @@ def default_bag_path(request: EpisodeRequest) -> Path:
 
 def default_bag_path_of(episode: EpisodeDescription) -> Path:
     """``default_bag_path`` of the request that the episode was made from."""
-    request = episode.parameters.get("request")
-    map_file = str(request.get("map", "")) if isinstance(request, Mapping) else ""
+    map_file = str(episode.asked.get("map", ""))
     return _bag_path(episode.template, episode.level, episode.seed, map_file, has_av=episode.av_id != NO_ACTOR)
 
 

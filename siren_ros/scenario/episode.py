@@ -60,16 +60,37 @@ class EpisodeDescription:
         return int(av["actor_id"]) if isinstance(av, Mapping) else NO_ACTOR
 
     @property
+    def asked(self) -> Mapping[str, object]:
+        """The request that the episode was made from; empty where the description does not say."""
+        request = self.parameters.get("request")
+        return request if isinstance(request, Mapping) else {}
+
+    @property
     def predictor(self) -> str:
         """The program whose predictions are recorded; empty in episodes without one."""
-        request = self.parameters.get("request")
-        return str(request.get("predictor", "")) if isinstance(request, Mapping) else ""
+        return str(self.asked.get("predictor", ""))
 
     @property
     def detector(self) -> str:
         """The detector whose boxes are recorded; empty in episodes without one."""
-        request = self.parameters.get("request")
-        return str(request.get("detector", "")) if isinstance(request, Mapping) else ""
+        return str(self.asked.get("detector", ""))
+
+    @property
+    def draw(self) -> str:
+        """Values of the template's parameters in place of the seed's own, as the request has them; empty without."""
+        return str(self.asked.get("values", ""))
+
+    @property
+    def template_values(self) -> Mapping[str, float]:
+        """Values of the template's parameters, by path; those alone that are numbers."""
+        values = self.parameters.get("template")
+        if not isinstance(values, Mapping):
+            return {}
+        return {
+            str(name): float(value)
+            for name, value in values.items()
+            if isinstance(value, int | float) and not isinstance(value, bool)
+        }
 
     @property
     def av_sensor_suite(self) -> str:

@@ -74,16 +74,14 @@ def profile_of(bag: str, record: EpisodeRecord) -> InteractionProfile:
         InputError: The episode has no EMV that was recorded.
     """
     described = record.description
-    request = described.parameters.get("request")
-    values = described.parameters.get("template")
     return InteractionProfile(
         bag,
         described.template,
         described.level.name,
         described.seed,
         described.map_name,
-        str(request.get("values", "")) if isinstance(request, Mapping) else "",
-        _numbers(values) if isinstance(values, Mapping) else {},
+        described.draw,
+        described.template_values,
         emv_way_m(record),
         tuple(_happenings(record)),
     )
@@ -114,11 +112,3 @@ def _happenings(record: EpisodeRecord) -> Iterator[str]:
         if name != before:
             yield name
             before = name
-
-
-def _numbers(values: Mapping[str, object]) -> dict[str, float]:
-    return {
-        str(name): float(value)
-        for name, value in values.items()
-        if isinstance(value, int | float) and not isinstance(value, bool)
-    }

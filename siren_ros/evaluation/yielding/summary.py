@@ -36,10 +36,8 @@ class ScoredEpisode:
     def of(cls, bag: str, record: EpisodeRecord, scores: YieldScores) -> Self:
         """The scores of a record with what names it."""
         described = record.description
-        request = described.parameters.get("request")
-        draw = str(request.get("values", "")) if isinstance(request, Mapping) else ""
         named = (described.template, described.level.name, described.seed, described.map_name)
-        return cls(bag, *named, draw, situation_sha256(record), scores)
+        return cls(bag, *named, described.draw, situation_sha256(record), scores)
 
     @property
     def group(self) -> tuple[str, str, str]:

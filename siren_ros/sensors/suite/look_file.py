@@ -1,6 +1,5 @@
 """Weather and time of day from YAML: ``params/looks/NAME.yaml`` or a file of the user's own."""
 
-from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -41,8 +40,7 @@ def look_names() -> tuple[str, ...]:
 
 def look_of(episode: EpisodeDescription) -> str:
     """Name or path of the look that an episode was asked for."""
-    request = episode.parameters.get("request")
-    return str(request.get("look", DEFAULT_LOOK)) if isinstance(request, Mapping) else DEFAULT_LOOK
+    return str(episode.asked.get("look", DEFAULT_LOOK))
 
 
 def load_look(name_or_path: str, files: InputFiles = FILES_ON_DISK) -> Look:

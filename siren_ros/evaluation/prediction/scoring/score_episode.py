@@ -16,7 +16,6 @@ from siren_ros.evaluation.prediction.scoring.categories import categories_of
 from siren_ros.evaluation.prediction.scoring.episode_scores import EpisodeScores, ModelScores
 from siren_ros.evaluation.prediction.submitted.submission import SubmittedPart
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.scenario.episode import EpisodeDescription
 
 
 def score_episode(
@@ -49,7 +48,7 @@ def score_episode(
         seed=episode.seed,
         map_name=episode.map_name,
         population=population,
-        parameters=_numbers(episode),
+        parameters=episode.template_values,
         models=models,
     )
 
@@ -105,14 +104,3 @@ def model_scores(record: EpisodeRecord, answers: Answers) -> ModelScores:
         reliability=reliability_of(hypotheses, truth),
         wanted=answers.wanted,
     )
-
-
-def _numbers(episode: EpisodeDescription) -> Mapping[str, float]:
-    values = episode.parameters.get("template")
-    if not isinstance(values, Mapping):
-        return {}
-    return {
-        str(name): float(value)
-        for name, value in values.items()
-        if isinstance(value, int | float) and not isinstance(value, bool)
-    }

@@ -1,7 +1,5 @@
 """The marks of the EMV's own way: delay, stops, time in gap escape, time until it has passed the site."""
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from siren_ros.evaluation.yielding.emv_line import EmvLine
@@ -26,10 +24,7 @@ def free_speed_mps(record: EpisodeRecord) -> Floats:
     It is the template's target speed, on paths across junctions at most the speed at which the turn can be driven. It
     is the same at all levels, so that the delay at L0 includes what obeying the limit and the signals costs.
     """
-    values = record.description.parameters.get("template")
-    target = PAPER_SPEEDS.emv_route_follow_mps
-    if isinstance(values, Mapping):
-        target = float(values.get("emv.speed_mps", target))
+    target = record.description.template_values.get("emv.speed_mps", PAPER_SPEEDS.emv_route_follow_mps)
     track = record.track(record.emv_ids[0])
     free = np.full(len(track), target)
     for row, lane in enumerate(places_of(record, track).lane.tolist()):

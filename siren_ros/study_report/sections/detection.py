@@ -4,24 +4,20 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from siren_ros.errors import InputError
 from siren_ros.evaluation.detection.metrics.devkit_score import ERRORS
-from siren_ros.evaluation.paper_comparison.stored_scores import interval_in, stored
+from siren_ros.evaluation.paper_comparison.stored_scores import interval_in
 from siren_ros.study_report.cells import number, with_interval
 from siren_ros.study_report.commands import command, quoted
 from siren_ros.study_report.content import Section, Table
+from siren_ros.study_report.stored_tables import stored_tables
 from siren_ros.study_report.study_rows import StudyRows
 
 
 def detection_section(study: StudyRows, folder: Path) -> Section | None:
     """The detectors' scores; None where there are none."""
-    content = stored(folder)
-    if content is None:
+    tables = stored_tables("detection", folder, _tables)
+    if tables is None:
         return None
-    try:
-        tables = tuple(_tables(content))
-    except (KeyError, TypeError, AttributeError) as error:
-        raise InputError("detection", str(folder), f"scores of `siren evaluate detection` ({error!r})") from error
     text = (
         "nuScenes' own code and the paper's protocol: one class for all vehicles, labels within 50 m with at least one "
         "LiDAR point. Intervals are 95 % by bootstrap over episodes."

@@ -4,12 +4,12 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from siren_ros.errors import InputError
-from siren_ros.evaluation.paper_comparison.stored_scores import interval_in, stored
+from siren_ros.evaluation.paper_comparison.stored_scores import interval_in
 from siren_ros.evaluation.statistics.interval import NOTHING, Interval
 from siren_ros.study_report.cells import with_interval
 from siren_ros.study_report.commands import quoted
 from siren_ros.study_report.content import Section, Table
+from siren_ros.study_report.stored_tables import stored_tables
 
 _SCORES: Final = (
     ("accuracy", "accuracy"),
@@ -23,13 +23,9 @@ _SCORES: Final = (
 
 def risk_section(folder: Path) -> Section | None:
     """The models' scores; None where there are none."""
-    content = stored(folder)
-    if content is None:
+    tables = stored_tables("risk", folder, _tables)
+    if tables is None:
         return None
-    try:
-        tables = tuple(_tables(content))
-    except (KeyError, TypeError, AttributeError) as error:
-        raise InputError("risk", str(folder), f"scores of `siren evaluate risk` ({error!r})") from error
     text = (
         "Each video is normal, a near-miss or a collision. Values are percentages, intervals 95 % by bootstrap over "
         "videos. The rows majority and oracle answer the commonest class and the label itself."

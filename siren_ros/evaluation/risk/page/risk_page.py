@@ -7,9 +7,6 @@ from pathlib import Path
 from typing import Final
 from urllib.parse import quote
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup
-
 from siren_ros.errors import writing
 from siren_ros.evaluation.risk.answers import Answers
 from siren_ros.evaluation.risk.labels import Reason
@@ -18,10 +15,9 @@ from siren_ros.evaluation.risk.page.curves import Dot, curves_of
 from siren_ros.evaluation.risk.risk_class import TITLES, RiskClass
 from siren_ros.evaluation.risk.scoring import ModelScores
 from siren_ros.evaluation.risk.video_set import RiskVideo, VideoSet
-from siren_ros.params.resources import params_dir
+from siren_ros.params.page_files import page_part, page_template
 
-_PAGE: Final = Path("pages", "risk")
-"""Folder of the page's parts below the parameter files."""
+_PAGE: Final = "risk"
 _REASONS: Final[Mapping[Reason, str]] = {
     Reason.NOTHING: "no conflict",
     Reason.TIME_TO_COLLISION: "TTC {value:.2f} s",
@@ -76,12 +72,9 @@ def write_page(path: Path, videos: VideoSet, answers: Mapping[str, Answers], mod
     Raises:
         InputError: The file cannot be written.
     """
-    environment = Environment(
-        loader=FileSystemLoader(params_dir() / _PAGE), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
     named = {model.name: answers[model.name] for model in models}
     cards = [card_of(videos, key, named, path.parent) for key in sorted(videos.videos)]
-    text = environment.get_template("page.html").render(
+    text = page_template(_PAGE, trim_blocks=True).render(
         cards=cards,
         classes=TITLES,
         counts=[sum(card.label == title for card in cards) for title in TITLES],
@@ -89,8 +82,8 @@ def write_page(path: Path, videos: VideoSet, answers: Mapping[str, Answers], mod
         models=models,
         width=WIDTH,
         height=HEIGHT,
-        style=Markup((params_dir() / _PAGE / "page.css").read_text(encoding="utf-8")),  # noqa: S704 - own file
-        script=Markup((params_dir() / _PAGE / "page.js").read_text(encoding="utf-8")),  # noqa: S704 - own file
+        style=page_part(_PAGE, "page.css"),
+        script=page_part(_PAGE, "page.js"),
     )
     with writing(path, parameter="page"):
         path.parent.mkdir(parents=True, exist_ok=True)

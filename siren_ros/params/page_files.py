@@ -1,0 +1,29 @@
+"""Parts of the HTML pages that commands write: templates of jinja2, styles and scripts in ``params/pages``."""
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
+from markupsafe import Markup
+
+from siren_ros.params.resources import params_dir
+
+
+def page_template(page: str, *, trim_blocks: bool = False, keep_trailing_newline: bool = False) -> Template:
+    """The template of a page; values are escaped, and one that is missing is an error.
+
+    Args:
+        page: Folder of its parts.
+        trim_blocks: Whether the end of a line after a block is left out.
+        keep_trailing_newline: Whether the page ends with the end of a line.
+    """
+    environment = Environment(
+        loader=FileSystemLoader(params_dir() / "pages" / page),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=trim_blocks,
+        keep_trailing_newline=keep_trailing_newline,
+    )
+    return environment.get_template("page.html")
+
+
+def page_part(page: str, name: str) -> Markup:
+    """A file of a page, such as its styles, to be put in as it is."""
+    return Markup((params_dir() / "pages" / page / name).read_text(encoding="utf-8"))  # noqa: S704 - our own file

@@ -81,7 +81,7 @@ def fit(
     agreed = _rounds(tried, begin, rng)
     if tried.best_error_m >= FAILED_M:
         raise InputError("bags", "every try failed", "situations in which the EMV can be simulated")
-    tried.budget = evaluations + count  # the spread always gets its tries
+    tried.budget = tried.count + 1  # the spread always gets its tries
     shares = spread_shares(tried, tried.best, tried.best_error_m)
     return Fitted(
         tried.values(tried.best),

@@ -3,35 +3,39 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from siren_ros.calibration.simulate import Situation, Target
 from siren_ros.cli import calibrate
 from siren_ros.cli.main import main
+from siren_ros.numerics.arrays import Floats
 from siren_ros.scenario.request import EpisodeRequest
+
+NOISE_M = 0.1
 
 
 @pytest.fixture
 def bag(write_bag: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A bag whose situation needs no simulation: the error is the distance of the headway from 2 s."""
+    """A bag whose situation needs no simulation: the error grows with the distance of the headway from 2 s."""
 
     @contextmanager
-    def errors_over(targets: Sequence[Target], *_: object) -> Iterator[object]:
+    def residuals_over(targets: Sequence[Target], *_: object) -> Iterator[object]:
         assert len(targets) == 1
 
-        def errors(tries: Sequence[Mapping[str, float]]) -> list[float]:
-            return [abs(values["controller.headway_s"] - 2.0) for values in tries]
+        def residuals(tries: Sequence[Mapping[str, float]]) -> list[Floats]:
+            return [np.array([values["controller.headway_s"] - 2.0, NOISE_M]) for values in tries]
 
-        yield errors
+        yield residuals
 
-    monkeypatch.setattr(calibrate, "errors_over", errors_over)
+    monkeypatch.setattr(calibrate, "residuals_over", residuals_over)
     monkeypatch.setattr(Situation, "of_record", lambda _: Situation(EpisodeRequest()))
     return write_bag(tmp_path / "bag", duration_s=2.0)
 
 
 def test_what_was_found_is_printed_and_written(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "found.json"
-    command = ["calibrate", str(bag), "--parameters", "controller.headway_s", "--evaluations", "60", "--jobs", "1"]
+    command = ["calibrate", str(bag), "--parameters", "controller.headway_s", "--evaluations", "100", "--jobs", "1"]
     assert main([*command, "--out", str(out)]) == 0
     lines = capsys.readouterr().out.splitlines()
     name, value, *_ = lines[1].split()
@@ -40,7 +44,22 @@ def test_what_was_found_is_printed_and_written(bag: Path, tmp_path: Path, capsys
     written = json.loads(out.read_text(encoding="utf-8"))
     assert written["values"]["controller.headway_s"] == pytest.approx(2.0, abs=0.01)
     assert written["targets"] == ["bag"]
-    assert written["error_m"] <= written["start_error_m"]
+    assert NOISE_M <= written["error_m"] <= written["start_error_m"]
+    assert written["undetermined"] == []
+    assert written["agreed"] is True
+    assert len(lines) == 3, "nothing to warn of"
+
+
+def test_what_the_trajectories_do_not_determine_is_said(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names = "controller.headway_s,controller.accel_mps2"
+    command = ["calibrate", str(bag), "--parameters", names, "--evaluations", "30", "--jobs", "1"]
+    assert main([*command, "--out", str(tmp_path / "found.json")]) == 0
+    *_, named, spent = capsys.readouterr().out.splitlines()
+    assert named.startswith("not determined by these trajectories: controller.accel_mps2 ")
+    assert "more --evaluations" in spent
+    assert json.loads((tmp_path / "found.json").read_text())["undetermined"] == ["controller.accel_mps2"]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,46 @@
+"""The benchmark's own arithmetic; its episodes and its search have tests of their own."""
+
+import pytest
+
+from siren_ros.benchmarks import calibration_recovery
+from siren_ros.benchmarks.calibration_recovery import TOLERANCE, drawn_truth, main, print_table
+from siren_ros.calibration.fit import Fitted
+from siren_ros.calibration.parameters import parameters_named
+
+SPEED, ACCEL = parameters_named(["controller.target_speed_mps", "controller.accel_mps2"])
+
+
+def fitted(speed: float, accel: float) -> Fitted:
+    values = {SPEED.name: speed, ACCEL.name: accel}
+    return Fitted(values, {SPEED.name: 0.6, ACCEL.name: 3.2}, (ACCEL.name,), 0.15, 9.0, 120, (9.0, 0.15), agreed=True)
+
+
+def test_the_table_gives_differences_and_spreads_as_shares_of_the_ranges(capsys: pytest.CaptureFixture[str]) -> None:
+    truth = {SPEED.name: 12.0, ACCEL.name: 2.0}
+    worst = print_table((SPEED, ACCEL), truth, fitted(12.3, 1.68))
+    assert worst == pytest.approx(0.32 / 3.2)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1].split() == [SPEED.name, "12.000", "12.300", "2.5%", "5.0%"]
+    assert lines[2].split() == [ACCEL.name, "2.000", "1.680", "10.0%", "100.0%"]
+
+
+@pytest.mark.parametrize(("off_share", "code"), [(0.9 * TOLERANCE, 0), (1.1 * TOLERANCE, 1)])
+def test_a_parameter_beyond_the_tolerance_fails_the_command(
+    off_share: float, code: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    truth = drawn_truth((SPEED, ACCEL), 1)
+    off = off_share * (ACCEL.high - ACCEL.low)
+    monkeypatch.setattr(
+        calibration_recovery, "fit", lambda *_, **__: fitted(truth[SPEED.name], truth[ACCEL.name] - off)
+    )
+    monkeypatch.setattr(calibration_recovery, "target_with", lambda *_: None)
+    arguments = ["--parameters", f"{SPEED.name},{ACCEL.name}", "--jobs", "1", "--templates", "S3", "S4"]
+    assert main(arguments) == code
+
+
+def test_true_values_are_within_the_ranges_and_the_same_again() -> None:
+    for seed in range(20):
+        truth = drawn_truth((SPEED, ACCEL), seed)
+        assert all(0.15 <= one.share_of(truth[one.name]) <= 0.85 for one in (SPEED, ACCEL))
+        assert truth == drawn_truth((SPEED, ACCEL), seed)
+    assert drawn_truth((SPEED, ACCEL), 0) != drawn_truth((SPEED, ACCEL), 1)

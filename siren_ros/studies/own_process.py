@@ -4,9 +4,10 @@ The processes are forked from one that has loaded the library already (multiproc
 some hundredths of a second.
 """
 
-import ctypes
 import multiprocessing
+import os
 import signal
+import threading
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
@@ -19,7 +20,6 @@ from siren_ros.errors import InputError, SirenError
 from siren_ros.numerics.arithmetic import pin_arithmetic
 
 _PRELOADED: Final = "siren_ros.studies.recorded_attempt"
-_PR_SET_PDEATHSIG: Final = 1
 _TERMINATE_S: Final = 5.0
 Result = TypeVar("Result")
 
@@ -86,10 +86,9 @@ def call_in_own_process(
 
 
 def _answer(there: Connection, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
-    # Ctrl-C reaches the whole group of processes; the one that started us ends us. Where it is gone, the kernel does.
+    # Ctrl-C reaches the whole group of processes; the one that started us ends us. Where it is gone, we end ourselves.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with suppress(OSError, AttributeError):
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     try:
         answer: Returned[Any] | Refused | Died = Returned(function(*arguments))
     except SirenError as error:
@@ -98,6 +97,14 @@ def _answer(there: Connection, function: Callable[..., Any], arguments: tuple[An
         last = traceback.extract_tb(error.__traceback__)[-1]
         answer = Died(f"{type(error).__name__}: {error} ({Path(last.filename).name}:{last.lineno})")
     there.send(answer)
+
+
+def _end_with_parent() -> None:
+    """The kernel's signal at a parent's death is of no use: our parent is the fork server, which lives on with us."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os.kill(os.getpid(), signal.SIGKILL)
 
 
 def _wait(process: Any, here: Connection, timeout_s: float) -> Returned[Any] | Refused | Died:

@@ -1,6 +1,8 @@
 import json
 import os
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -41,3 +43,20 @@ def test_a_hanging_process_is_killed() -> None:
     died = call_in_own_process(time.sleep, 600.0, timeout_s=0.5, started=seen.append)
     assert died == Died("its process gave no answer for 0.5 s")
     assert not Path(f"/proc/{seen[0]}").exists()
+
+
+CALLER = """
+import time
+from siren_ros.studies.own_process import call_in_own_process
+call_in_own_process(time.sleep, 600.0, timeout_s=600.0, started=lambda pid: print(pid, flush=True))
+"""
+
+
+def test_a_process_ends_when_the_one_that_called_is_killed() -> None:
+    with subprocess.Popen([sys.executable, "-c", CALLER], stdout=subprocess.PIPE, text=True) as caller:
+        assert caller.stdout is not None
+        called = Path(f"/proc/{int(caller.stdout.readline())}")
+        assert called.exists()
+        caller.kill()
+    while called.exists():  # until the time limit of the test
+        time.sleep(0.05)

@@ -21,7 +21,7 @@ SLOPE_SHARE: Final = 0.01
 """Step of the differences that the slope is taken from, as a share of each range: the error is smooth at this scale,
 while smaller steps see how a decision falls into one simulated step or the next."""
 _CLOSE: Final = 1e-4
-_DESCENTS: Final = 15
+_DESCENTS: Final = 10
 _PULL_M: Final = 1e-4
 
 
@@ -97,8 +97,8 @@ def evolution(begin: Floats, rng: np.random.Generator, times: int = 1) -> Any:
 def descend(tried: Tried, begin: Floats) -> float:
     """Goes down to the bottom by least squares (trust region, within the ranges); gives the error there.
 
-    Where several parameters change the way nearly alike, the errors form a narrow valley. An evolution comes to its
-    floor at once and then creeps along it; the residuals of all times say at once which way it falls.
+    Where several parameters change the way nearly alike, the errors form a narrow valley. An evolution soon comes to
+    its floor and then creeps along it; the residuals of all times say at once which way it falls.
 
     Raises:
         Spent: No tries are left.

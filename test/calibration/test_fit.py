@@ -90,9 +90,11 @@ def test_every_try_is_within_the_ranges() -> None:
 def test_the_same_seed_gives_the_same_search_and_leaves_numpys_generator_alone() -> None:
     np.random.seed(5)  # noqa: NPY002 - the one that must not be touched
     state = np.random.get_state()[1].tolist()  # noqa: NPY002 - the same
-    one, other = (fit(parameters_named(NAMES), Bowl(), 90, seed=3) for _ in range(2))
-    assert one == other
-    assert fit(parameters_named(NAMES), Bowl(), 90, seed=4) != one
+    bowls = [Bowl() for _ in range(3)]
+    one, same, other = (fit(parameters_named(NAMES), bowls[row], 90, seed=seed) for row, seed in enumerate((3, 3, 4)))
+    assert one == same
+    assert bowls[0].tries == bowls[1].tries != bowls[2].tries
+    assert other.values == pytest.approx(one.values), "the bowl has one bottom"
     assert np.random.get_state()[1].tolist() == state  # noqa: NPY002 - the same
 
 

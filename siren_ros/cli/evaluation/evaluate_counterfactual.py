@@ -36,7 +36,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Scores every bag and compares the levels."""
-    episodes, worst = scored_episodes(bags_among(arguments.bags), processes_of(arguments))
+    episodes, worst = scored_episodes(bags_among(arguments.bags), processes_of(arguments), OUTCOMES)
     found = effects(episodes)
     shown = [one for one in found if one.outcome in arguments.outcomes and one.found.difference.valid]
     print("\n".join(_table(shown)) or "no two episodes of one seed at different levels")

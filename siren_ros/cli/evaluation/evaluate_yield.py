@@ -2,7 +2,8 @@
 
 import argparse
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -49,16 +50,24 @@ def run(arguments: argparse.Namespace) -> int:
     return worst
 
 
-def scored_episodes(bags: Sequence[Path], jobs: int) -> tuple[list[ScoredEpisode], int]:
-    """The scores of all bags that can be read, and the worst exit code; the others are told on standard error."""
-    episodes, worst = of_each_bag(score_bag, bags, jobs)
+def scored_episodes(
+    bags: Sequence[Path], jobs: int, names: Collection[str] | None = None
+) -> tuple[list[ScoredEpisode], int]:
+    """The scores of all bags that can be read, and the worst exit code; the others are told on standard error.
+
+    Args:
+        bags: Of the episodes.
+        jobs: Processes.
+        names: Metrics of the episodes, where not all are wanted and no drivers.
+    """
+    episodes, worst = of_each_bag(partial(score_bag, names=names), bags, jobs)
     return sorted(episodes, key=lambda episode: (episode.group, episode.seed, episode.draw, episode.bag)), worst
 
 
-def score_bag(bag: Path) -> ScoredEpisode:
-    """The scores of a bag."""
+def score_bag(bag: Path, names: Collection[str] | None = None) -> ScoredEpisode:
+    """The scores of a bag; ``names`` as ``scored_episodes`` has them."""
     record = read_episode(bag)
-    return ScoredEpisode.of(str(bag), record, score_yielding(record))
+    return ScoredEpisode.of(str(bag), record, score_yielding(record, names=names))
 
 
 def _write(file: Path | None, rows: list[dict[str, Any]]) -> None:

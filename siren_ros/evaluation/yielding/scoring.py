@@ -1,5 +1,6 @@
 """The yield metrics of a record: of the episode, and of every driver that the EMV came up to."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,19 +49,28 @@ class YieldScores:
         ]
 
 
-def score_yielding(record: EpisodeRecord, limits: YieldThresholds | None = None) -> YieldScores:
+def score_yielding(
+    record: EpisodeRecord, limits: YieldThresholds | None = None, names: Collection[str] | None = None
+) -> YieldScores:
     """All yield metrics of an episode; where the EMV does not move none has a value.
+
+    Args:
+        record: The episode.
+        limits: What counts as what.
+        names: These metrics of the episode alone, and no drivers: corridor and encounters are most of the work.
 
     Raises:
         InputError: The episode has no EMV.
     """
     line = EmvLine.of(record)
+    wanted = [metric for metric in EPISODE_METRICS if names is None or metric.name in names]
     if line is None:
         nothing = Measure.lacking("the EMV did not move")
-        return YieldScores({metric.name: nothing for metric in EPISODE_METRICS}, ())
+        return YieldScores({metric.name: nothing for metric in wanted}, ())
     scene = YieldScene(record, line, limits or YieldThresholds())
-    metrics = {metric.name: metric.compute(scene) for metric in EPISODE_METRICS}
-    return YieldScores(metrics, tuple(_marks(scene, encounter) for encounter in scene.encounters))
+    metrics = {metric.name: metric.compute(scene) for metric in wanted}
+    drivers = scene.encounters if names is None else ()
+    return YieldScores(metrics, tuple(_marks(scene, encounter) for encounter in drivers))
 
 
 def _marks(scene: YieldScene, encounter: Encounter) -> DriverMarks:

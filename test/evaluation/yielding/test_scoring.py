@@ -54,3 +54,11 @@ def test_means_are_over_the_episodes_that_have_a_value() -> None:
     row = episodes[2].row()
     assert row["wake_length_m"] is None
     assert row["wake_length_m_lack"]
+
+
+def test_some_metrics_alone_are_the_same_and_need_no_drivers() -> None:
+    whole, some = score_yielding(passing()), score_yielding(passing(), names=("emv_stops", "civilian_delay_s"))
+    assert some.metrics == {name: whole.metrics[name] for name in ("emv_stops", "civilian_delay_s")}
+    assert some.drivers == ()
+    standing = score_yielding(record_of(arc((0.0, 2.0)), {}), names=("emv_stops",))
+    assert list(standing.metrics) == ["emv_stops"]

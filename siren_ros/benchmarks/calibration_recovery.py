@@ -41,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     line.add_argument("--truth-seed", type=int, default=1, help="of the true values")
     line.add_argument("--noise-m", type=float, default=0.1, help="standard deviation of each place")
     line.add_argument("--evaluations", type=int, default=0, help=f"0: {EVALUATIONS_EACH} for each parameter")
-    line.add_argument("--duration-s", type=float, default=0.0, help="0: the template's own")
+    line.add_argument("--duration-s", type=float, default=18.0, help="0: the template's own")
     line.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
     asked = line.parse_args(argv)
     parameters = parameters_named(asked.parameters.split(","))

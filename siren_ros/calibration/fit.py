@@ -17,9 +17,9 @@ from siren_ros.numerics.random_streams import random_stream
 
 EVALUATIONS_EACH: Final = 100
 """Tries for each parameter, at most: three rounds to their ends. The first two, which are enough where the errors have
-one valley, take 40 for each of three parameters."""
-SPREAD_OUT_PART: Final = 12
-"""At most a twelfth of the tries goes to places that are spread over the ranges."""
+one valley, take 40 to 50 for each of three parameters."""
+SPREAD_OUT_PART: Final = 8
+"""At most an eighth of the tries goes to places that are spread over the ranges."""
 AGREE_SHARE: Final = 0.02
 """Two rounds agree where their errors differ by less than this share …"""
 AGREE_M: Final = 0.01

@@ -83,3 +83,12 @@ def test_refuses_clouds_whose_sizes_do_not_fit(change: dict[str, object]) -> Non
 def test_refuses_fields_without_a_ros_type() -> None:
     with pytest.raises(InputError, match=r"points\.t"):
         to_point_cloud(0, "lidar", np.zeros(2, dtype=[("t", "<i8")]))
+
+
+@pytest.mark.parametrize("kind", ["f4", "f8", "u2", "i4"])
+def test_big_endian_numbers_are_refused_and_little_endian_ones_taken(kind: str) -> None:
+    """The message says once for all fields that it is little-endian."""
+    with pytest.raises(InputError, match=r"points\.x.*little-endian"):
+        to_point_cloud(0, "lidar", np.zeros(2, dtype=[("x", f">{kind}")]))
+    written = np.array([(1,), (3,)], dtype=[("x", f"<{kind}")])
+    assert from_point_cloud(to_point_cloud(0, "lidar", written))["x"].tolist() == [1, 3]

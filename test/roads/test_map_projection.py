@@ -16,6 +16,21 @@ def test_off_the_meridian_it_agrees_with_proj():
     assert (lat, lon) == pytest.approx((52.52, 13.40), abs=1e-8)
 
 
+def test_a_place_is_projected_as_proj_does() -> None:
+    """The same place the other way round."""
+    assert projected_from_geodetic(UTM_33, 52.52, 13.40) == pytest.approx((391_440.0321, 5_820_079.6668), abs=1e-3)
+    assert projected_from_geodetic(UTM_33, 45.0, 15.0) == pytest.approx((500_000.0, 4_984_944.378 * 0.9996), abs=1e-3)
+
+
+def test_scale_and_false_origin_are_the_projections() -> None:
+    plain = projected_from_geodetic("+proj=tmerc +lat_0=48 +lon_0=9", 48.5, 9.25)
+    scaled = projected_from_geodetic("+proj=tmerc +lat_0=48 +lon_0=9 +k_0=0.9 +x_0=100 +y_0=-200", 48.5, 9.25)
+    assert plain is not None
+    assert scaled == pytest.approx((0.9 * plain[0] + 100.0, 0.9 * plain[1] - 200.0))
+    # 0.25° of longitude at 48.5° are 18.5 km, 0.5° of latitude 55.6 km.
+    assert plain == pytest.approx((18_470.0, 55_600.0), rel=0.01)
+
+
 def test_the_southern_hemisphere_has_its_false_northing():
     north = geodetic_from_projected(UTM_33, 480_000.0, 1_000_000.0)
     south = geodetic_from_projected(f"{UTM_33} +south", 480_000.0, 9_000_000.0)

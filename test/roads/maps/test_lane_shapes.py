@@ -69,6 +69,40 @@ def test_a_corner_is_passed_closely_and_the_ends_stay() -> None:
     assert np.all(np.diff(points[:, 2]) > 0.0)
 
 
+@pytest.mark.parametrize(
+    ("before_m", "after_m", "turn_rad", "cut_m"),
+    [
+        (1.0, 30.0, np.pi / 2.0, 0.5),
+        (30.0, 0.8, np.pi / 2.0, 0.4),
+        (30.0, 30.0, np.pi / 2.0, 0.6 / np.sin(np.pi / 4.0)),
+        (30.0, 30.0, -1.0, 0.6 / np.sin(0.5)),
+        (30.0, 30.0, 0.1, 6.0),
+    ],
+)
+def test_a_corner_becomes_a_parabola_between_its_sides(
+    before_m: float, after_m: float, turn_rad: float, cut_m: float
+) -> None:
+    """It begins half a side, 6 m, or what keeps it 0.3 m from the corner before it; a point every 0.05 rad or less."""
+    ahead = np.array([np.cos(turn_rad), np.sin(turn_rad)])
+    points = rounded(np.array([(-before_m, 0.0), (0.0, 0.0), after_m * ahead]))
+    assert points[0].tolist() == [-before_m, 0.0]
+    assert points[-1] == pytest.approx(after_m * ahead)
+    bend = points[1:-1]
+    assert bend[0] == pytest.approx([-cut_m, 0.0])
+    assert bend[-1] == pytest.approx(cut_m * ahead)
+    count = int(np.ceil(abs(turn_rad) / 0.05)) + 2
+    share = np.linspace(0.0, 1.0, count)[:, None]
+    parabola = (1.0 - share) ** 2 * [-cut_m, 0.0] + share**2 * (cut_m * ahead)
+    near = np.min(np.hypot(*(parabola[:, None] - bend[None]).transpose(2, 0, 1)), axis=1)
+    assert near.max() < 0.05 if len(bend) < count else near.max() < 1e-9
+
+
+@pytest.mark.parametrize(("turn_rad", "count"), [(0.019, 3), (0.021, 5)])
+def test_corners_of_about_a_degree_stay(turn_rad: float, count: int) -> None:
+    ahead = np.array([np.cos(turn_rad), np.sin(turn_rad)])
+    assert len(rounded(np.array([(-30.0, 0.0), (0.0, 0.0), 30.0 * ahead]))) == count
+
+
 def test_straight_lines_and_repeated_points_stay() -> None:
     line = np.array([[0.0, 0.0], [10.0, 0.05], [20.0, 0.0]])
     assert np.array_equal(rounded(line), line)

@@ -77,7 +77,13 @@ def train_detector(training: DetectorTraining, fitter: Fitter, told: Callable[[s
         return None
     card = {
         **_card(fitted, grid, training.config),
-        "training": {**_episodes_json([one.about for one in trained]), "frames": len(draws)},
+        "command": f"siren train detection BAGS --held-out BAGS --steps {training.config.steps} "
+        f"--seed {training.config.seed} --out pillars.onnx",
+        "training": {
+            **_episodes_json([one.about for one in trained]),
+            "frames": len(draws),
+            "frames_sha256": hashlib.sha256(b"".join(one.digest() for one in trained)).hexdigest(),
+        },
         "fitting": {"processor_s": round(fitted.processor_s)},
     }
     write_network(training.out, fitted.onnx, card)

@@ -1,6 +1,7 @@
 """The whole training with a fitter that learns nothing: card, files, what is refused."""
 
 import json
+from hashlib import sha256
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from siren_ros.errors import InputError
 from siren_ros.evaluation.detection.pillars.network_file import FORM_VERSION
 from siren_ros.training.detection.detector_training import DetectorTraining, train_detector
 from siren_ros.training.detection.fit_config import DetectionFit, FittedDetector
-from siren_ros.training.detection.frame_store import write_frames
+from siren_ros.training.detection.frame_store import read_frames_file, write_frames
 
 
 def _training(folder, **changed) -> DetectorTraining:
@@ -38,9 +39,20 @@ def test_weights_and_card_are_written(tmp_path) -> None:
         "templates": {"S2": 2},
         "seeds_by_map": {"made": [1, 2]},
         "frames": 6,
+        "frames_sha256": sha256(made_episode(1, 3).digest() + made_episode(2, 3).digest()).hexdigest(),
     }
+    assert "--steps 5 --seed 0" in card["command"]
     assert card["fitting"] == {"processor_s": 12}
     assert (card["form_version"], card["parameters"], card["figures"]) == (FORM_VERSION, 7, {})
+
+
+def test_equal_frames_have_an_equal_digest(tmp_path) -> None:
+    write_frames(tmp_path / "1.npz", made_episode(1, 3))
+    assert read_frames_file(tmp_path / "1.npz").digest() == made_episode(1, 3).digest()
+    assert made_episode(1, 3).digest() != made_episode(2, 3).digest()
+    changed = made_episode(1, 3)
+    changed.boxes[0, 9] = 1.0
+    assert changed.digest() != made_episode(1, 3).digest()
 
 
 def test_a_training_without_time_stops(tmp_path) -> None:

@@ -6,15 +6,17 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 
 from siren_ros.evaluation.detection.metrics.matching import DISTANCES_M
-from siren_ros.evaluation.detection.protocol.boxes import Boxes
-from siren_ros.evaluation.detection.protocol.frames import RANGE_M, Frames
+from siren_ros.evaluation.detection.protocol.boxes import Boxes, FoundBoxes
+from siren_ros.evaluation.detection.protocol.frames import RANGE_M, EpisodeFrames, Frames
 from siren_ros.evaluation.detection.reports.camera_view import draw_in_picture, front_picture
+from siren_ros.evaluation.detection.reports.recorded_sweep import returns_from_above
 from siren_ros.evaluation.detection.scoring import DetectorScores
-from siren_ros.numerics.arrays import Floats
+from siren_ros.numerics.arrays import Floats, Rows
 from siren_ros.numerics.geometry import footprint_corners
 
 _AT_M: Final = 2.0
@@ -25,21 +27,18 @@ _COLOURS: Final = {"label, found": "#2a9d3a", "label, missed": "#d62828", "hit":
 
 
 def draw_worst_frame(scores: DetectorScores, frames: Frames, template: str, path: Path) -> None:
-    """Draws the frame of a template that has the most misses and false alarms, and the text says which it is."""
+    """Draws the frame of a template that has the most misses and false alarms, and the text says which it is.
+
+    Raises:
+        BagError: The bag is damaged.
+    """
     number = DISTANCES_M.index(_AT_M)
     matched = scores.matches.label[number]
     found = scores.found.at(scores.matches.order)
-    shown = found.score >= _SHOWN_SCORE
-    hit = matched >= 0
+    shown, hit = found.score >= _SHOWN_SCORE, matched >= 0
     taken = np.zeros(len(scores.truth), dtype=np.bool_)
     taken[matched[hit & shown]] = True
-    errors = np.bincount(scores.truth.frame[~taken], minlength=len(frames)) + np.bincount(
-        found.frame[~hit & shown], minlength=len(frames)
-    )
-    of_template = np.array([one.template == template for one in frames.episodes])[frames.episode]
-    frame = int(
-        np.argmax(np.where(of_template & (np.bincount(scores.truth.frame, minlength=len(frames)) > 0), errors, -1))
-    )
+    frame = _worst_frame(frames, template, scores.truth.frame, scores.truth.frame[~taken], found.frame[~hit & shown])
     in_truth, in_found = scores.truth.frame == frame, (found.frame == frame) & shown
     groups: dict[str, Boxes] = {
         "label, found": scores.truth.at(in_truth & taken),
@@ -47,31 +46,55 @@ def draw_worst_frame(scores: DetectorScores, frames: Frames, template: str, path
         "hit": found.at(in_found & hit),
         "false alarm": found.at(in_found & ~hit),
     }
-    episode = int(frames.episode[frame])
-    picture = front_picture(frames.episodes[episode], frame - int(frames.first[episode]))
-    figure = Figure(figsize=(6.4 if picture is None else 13.6, 6.8), layout="constrained")
+    episode = frames.episodes[int(frames.episode[frame])]
+    row = frame - int(frames.first[frames.episode[frame]])
+    picture = front_picture(episode, row)
+    figure = Figure(figsize=(7.0 if picture is None else 14.0, 7.8), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot(1, 1 if picture is None else 2, 1)
-    place = frames.vehicle_m[frame]
+    _draw_surroundings(axes, episode, row)
     for name, boxes in groups.items():
-        _draw(axes, boxes, place, name)
-    if picture is not None:
-        draw_in_picture(figure.add_subplot(1, 2, 2), picture, groups, _COLOURS)
-    axes.plot(0.0, 0.0, "k^", markersize=8)
-    axes.set(xlim=(-RANGE_M, RANGE_M), ylim=(-RANGE_M, RANGE_M), xlabel="east of the sensor [m]", ylabel="north [m]")
-    axes.set_aspect("equal")
-    axes.legend(fontsize=7, loc="upper right")
+        _draw(axes, boxes, episode.vehicle_m[row], name)
+    axes.legend(fontsize=7, loc="upper right", framealpha=1.0)
     axes.set_title(
-        f"{scores.name}: {frames.told(frame)}\nthe frame of {template} with the most errors "
-        f"(confidence from {_SHOWN_SCORE:g}, matches within {_AT_M:g} m)",
+        f"{scores.name}: {frames.told(frame)}\nthe frame of {template} with the most errors: detections with a "
+        f"confidence from {_SHOWN_SCORE:g} on, matches within {_AT_M:g} m",
         fontsize=8,
     )
+    if picture is not None:
+        other = figure.add_subplot(1, 2, 2)
+        draw_in_picture(other, picture, groups, _COLOURS)
+        other.set_title("the same boxes in the front camera", fontsize=8)
     figure.savefig(path, dpi=120, metadata={"Software": None})
 
 
+def _worst_frame(frames: Frames, template: str, labelled: Rows, missed: Rows, alarms: Rows) -> int:
+    """Of the frames with labels; the first of several."""
+    count = len(frames)
+    errors = np.bincount(missed, minlength=count) + np.bincount(alarms, minlength=count)
+    of_template = np.array([one.template == template for one in frames.episodes])[frames.episode]
+    usable = of_template & (np.bincount(labelled, minlength=count) > 0)
+    return int(np.argmax(np.where(usable, errors, -1)))
+
+
+def _draw_surroundings(axes: Axes, episode: EpisodeFrames, row: int) -> None:
+    """What the LiDAR saw, the range that counts, and the sensor with its direction."""
+    x_m, y_m = (returns_from_above(episode, row) - episode.vehicle_m[row]).T
+    axes.plot(x_m, y_m, ".", color="0.5", markersize=1.2, zorder=0, label="returns 0.3 to 3 m above the ground")
+    axes.add_patch(Circle((0.0, 0.0), RANGE_M, fill=False, color="0.7", linestyle="--"))
+    ahead = episode.map_from_lidar[row][:2, 0]
+    arrow = {"arrowstyle": "-|>", "color": "k", "shrinkA": 0.0, "shrinkB": 0.0}
+    axes.annotate("", 5.0 * ahead, (0.0, 0.0), arrowprops=arrow)
+    axes.plot(0.0, 0.0, "ko", markersize=4, label="sensor; lines point to the front")
+    limit = RANGE_M + 2.0
+    axes.set(xlim=(-limit, limit), ylim=(-limit, limit), xlabel="east of the sensor [m]", ylabel="north [m]")
+    axes.set_aspect("equal")
+
+
 def _draw(axes: Axes, boxes: Boxes, place: Floats, name: str) -> None:
-    x_m, y_m = (boxes.centre_m[:, :2] - place).T
-    corners = footprint_corners(x_m, y_m, boxes.yaw_rad, boxes.size_m[:, 0], boxes.size_m[:, 1])
+    """Boxes with a line from the centre to the front, and the confidence of what is wrong."""
+    centre = boxes.centre_m[:, :2] - place
+    corners = footprint_corners(centre[:, 0], centre[:, 1], boxes.yaw_rad, boxes.size_m[:, 0], boxes.size_m[:, 1])
     is_label = name.startswith("label")
     colour = _COLOURS[name]
     outlines = PolyCollection(
@@ -83,3 +106,8 @@ def _draw(axes: Axes, boxes: Boxes, place: Floats, name: str) -> None:
         label=f"{name}: {len(boxes)}",
     )
     axes.add_collection(outlines)
+    fronts = corners[:, (0, 3)].mean(axis=1)
+    axes.add_collection(LineCollection(list(np.stack((centre, fronts), axis=1)), colors=colour, linewidths=1.4))
+    if isinstance(boxes, FoundBoxes) and name == "false alarm":
+        for (x_m, y_m), score in zip(centre.tolist(), boxes.score.tolist(), strict=True):
+            axes.annotate(f"{score:.2f}", (x_m, y_m), (4, 4), textcoords="offset points", fontsize=6, color=colour)

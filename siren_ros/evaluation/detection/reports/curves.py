@@ -26,5 +26,5 @@ def draw_curves(scores: DetectorScores, path: Path) -> None:
         axes.set_title(f"{name}: mAP {score.mean_average_precision:.3f}", fontsize=9)
         axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.02), xlabel="recall", ylabel="precision")
         axes.legend(fontsize=6, loc="lower left")
-    figure.suptitle(f"{scores.name}: Car, by distance of the centres")
+    figure.suptitle(f"{scores.name}: Car, for each largest distance of a match", fontsize=9)
     figure.savefig(path, dpi=120, metadata={"Software": None})

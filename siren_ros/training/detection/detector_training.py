@@ -84,7 +84,10 @@ def train_detector(training: DetectorTraining, fitter: Fitter, told: Callable[[s
             "frames": len(draws),
             "frames_sha256": hashlib.sha256(b"".join(one.digest() for one in trained)).hexdigest(),
         },
-        "fitting": {"processor_s": round(fitted.processor_s)},
+        "fitting": {
+            "processor_s": round(fitted.processor_s),
+            "plans": [{"from_step": first, "steps": steps, "frames": frames} for first, steps, frames in fitted.plans],
+        },
     }
     write_network(training.out, fitted.onnx, card)
     card = {**card, **judged_card(training.out, judging, {one.about["map"] for one in trained}, told)}

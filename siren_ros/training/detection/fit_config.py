@@ -46,3 +46,5 @@ class FittedDetector:
     """Library and version."""
     processor_s: float
     """Processor time of the fitting."""
+    plans: tuple[tuple[int, int, int], ...] = ()
+    """From which step, of how many, on how many frames: several where a training went on with other numbers."""

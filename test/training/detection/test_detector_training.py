@@ -27,7 +27,7 @@ def test_weights_and_card_are_written(tmp_path) -> None:
     def fitter(draws, config, threads, checkpoint, told):
         assert (len(draws), config.steps, threads, checkpoint) == (6, 5, 1, tmp_path / "cache" / "checkpoint.pt")
         assert told("step 5")
-        return FittedDetector(b"weights", 7, "made", 12.4)
+        return FittedDetector(b"weights", 7, "made", 12.4, ((0, 5, 6),))
 
     lines = []
     card = train_detector(_training(tmp_path), fitter, lines.append)
@@ -42,7 +42,7 @@ def test_weights_and_card_are_written(tmp_path) -> None:
         "frames_sha256": sha256(made_episode(1, 3).digest() + made_episode(2, 3).digest()).hexdigest(),
     }
     assert "--steps 5 --seed 0" in card["command"]
-    assert card["fitting"] == {"processor_s": 12}
+    assert card["fitting"] == {"processor_s": 12, "plans": [{"from_step": 0, "steps": 5, "frames": 6}]}
     assert (card["form_version"], card["parameters"], card["figures"]) == (FORM_VERSION, 7, {})
 
 

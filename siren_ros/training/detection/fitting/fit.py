@@ -45,6 +45,8 @@ class Fitted:
     network: PillarNetwork
     processor_s: float
     """Processor time of all its steps."""
+    plans: tuple[tuple[int, int, int], ...]
+    """What the steps followed: from which step, of how many, on how many frames."""
 
 
 @dataclass
@@ -56,12 +58,14 @@ class _Run:
     processor_s: float = 0.0
     """Since the first step, over all programs that went on from a checkpoint."""
     sums: list[Tensor] = field(default_factory=list)
+    plans: list[tuple[int, int, int]] = field(default_factory=list)
 
     def state(self, digest: str) -> dict[str, Any]:
         return {
             "digest": digest,
             "step": self.step,
             "processor_s": self.processor_s,
+            "plans": [list(plan) for plan in self.plans],
             "network": self.network.state_dict(),
             "average": self.average.state_dict(),
             "optimizer": self.optimizer.state_dict(),
@@ -69,6 +73,7 @@ class _Run:
 
     def restore(self, state: dict[str, Any]) -> None:
         self.step, self.processor_s = int(state["step"]), float(state["processor_s"])
+        self.plans = [(first, steps, frames) for first, steps, frames in state["plans"]]
         self.network.load_state_dict(state["network"])
         self.average.load_state_dict(state["average"])
         self.optimizer.load_state_dict(state["optimizer"])
@@ -102,6 +107,8 @@ def fit(
     digest = repr((draws.grid, draws.seed, draws.batch, size))
     if checkpoint is not None and checkpoint.exists():
         run.restore(_read(checkpoint, digest))
+    if run.step < config.steps and (not run.plans or run.plans[-1][1:] != (config.steps, len(draws))):
+        run.plans.append((run.step, config.steps, len(draws)))
     device, start = torch.device(config.device), time.monotonic()
     spent_s = run.processor_s - time.process_time()
     while run.step < config.steps:
@@ -116,7 +123,7 @@ def fit(
             goes_on = told(Progress(run.step, loss, heat, box, named, time.monotonic() - start))
             if not goes_on and run.step < config.steps:
                 return None
-    return Fitted(run.average.cpu().eval(), run.processor_s)
+    return Fitted(run.average.cpu().eval(), run.processor_s, tuple(run.plans))
 
 
 def _new_run(draws: FrameDraws, size: NetworkSize, config: DetectionFit) -> _Run:
@@ -203,6 +210,6 @@ def _read(path: Path, digest: str) -> dict[str, Any]:
         state: dict[str, Any] = torch.load(path, weights_only=True, map_location="cpu")
     except Exception as error:  # torch has no common class of its errors
         raise InputError("checkpoint", str(path), f"a checkpoint of this training ({error})") from error
-    if state.get("digest") != digest:
+    if state.get("digest") != digest or "plans" not in state:
         raise InputError("checkpoint", str(path), "one of the same grid, size, seed and batch, or none")
     return state

@@ -43,4 +43,5 @@ def fitted_detector(
         parameters=sum(weights.numel() for weights in network.parameters()),
         made_with=f"torch {torch.__version__}",
         processor_s=fitted.processor_s,
+        plans=fitted.plans,
     )

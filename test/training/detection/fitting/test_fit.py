@@ -57,6 +57,18 @@ def test_a_stopped_training_ends_with_the_same_weights(draws, tmp_path) -> None:
     assert steps == [4]
     for name, values in whole.network.state_dict().items():
         assert torch.equal(values, rest.network.state_dict()[name]), name
+    assert whole.plans == rest.plans == ((0, 4, 12),)
+
+
+def test_a_training_that_was_made_longer_says_so_and_is_repeated_by_the_same_calls(draws, tmp_path) -> None:
+    found = []
+    for folder in ("a", "b"):
+        checkpoint = tmp_path / folder / "checkpoint.pt"
+        fit(draws, SIZE, CONFIG, checkpoint, lambda _: True)
+        found.append(fit(draws, SIZE, replace(CONFIG, steps=6), checkpoint, lambda _: True))
+    assert found[0].plans == found[1].plans == ((0, 4, 12), (4, 6, 12))
+    for name, values in found[0].network.state_dict().items():
+        assert torch.equal(values, found[1].network.state_dict()[name]), name
 
 
 def test_a_checkpoint_of_another_training_is_refused(draws, tmp_path) -> None:

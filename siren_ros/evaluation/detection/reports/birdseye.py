@@ -49,7 +49,7 @@ def draw_worst_frame(scores: DetectorScores, frames: Frames, template: str, path
     episode = frames.episodes[int(frames.episode[frame])]
     row = frame - int(frames.first[frames.episode[frame]])
     picture = front_picture(episode, row)
-    figure = Figure(figsize=(7.0 if picture is None else 14.0, 7.8), layout="constrained")
+    figure = Figure(figsize=(7.0, 7.4) if picture is None else (14.0, 7.8), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot(1, 1 if picture is None else 2, 1)
     _draw_surroundings(axes, episode, row)

@@ -50,9 +50,8 @@ def make_episode(
     wanted = options or WorkerOptions()
     reasons = list(earlier)
     while True:
-        row, died = _attempt(planned, folder, wanted, started)
+        row, died = _attempt(planned, folder, wanted, started, tuple(reasons))
         if not died or len(reasons) >= wanted.retries:
-            row = replace(row, attempts=len(reasons) + 1, retry_reasons=tuple(reasons))
             break
         reasons.append(row.reason)
     if row.status is not Status.COMPLETE:
@@ -61,14 +60,20 @@ def make_episode(
 
 
 def _attempt(
-    planned: PlannedEpisode, folder: StudyFolder, wanted: WorkerOptions, started: Callable[[int], None]
+    planned: PlannedEpisode,
+    folder: StudyFolder,
+    wanted: WorkerOptions,
+    started: Callable[[int], None],
+    before: tuple[str, ...],
 ) -> tuple[EpisodeRow, bool]:
-    """The row of one attempt, and whether its process died."""
+    """The row of one attempt, and whether its process died; ``before`` says why the earlier ones were in vain."""
     with ExitStack() as opened:
         began_s = time.monotonic()
         timing: dict[str, Any] = {
             "begun_at": datetime.now(UTC).isoformat(timespec="seconds"),
             "worker": f"{socket.gethostname()}:{os.getpid()}",
+            "attempts": len(before) + 1,
+            "retry_reasons": before,
         }
         try:
             bag = opened.enter_context(attempt_folder(folder)) / planned.name

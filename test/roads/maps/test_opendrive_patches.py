@@ -88,6 +88,13 @@ def test_wide_shoulders_right_of_the_driving_lanes_are_open(index, width, open_t
     assert (lanes[str(index)].get("disallow") == "all") is (open_to is None)
 
 
+def test_a_shoulder_between_driving_lanes_is_open_to_nobody():
+    more = '<lane id="1_5" index="5" speed="13.89" width="3.5" type="driving"/></edge>'
+    text = net().decode().replace("</edge>", more, 1)
+    lanes = lane_patches(opendrive_patches(text.encode(), b"<OpenDRIVE/>", "map.xodr").edges)
+    assert (lanes["2"].get("allow"), lanes["4"].get("disallow")) == ("emergency", "all")
+
+
 def test_without_a_driving_lane_a_shoulder_is_open_to_nobody():
     text = net().decode().replace('type="driving"', 'type="biking"')
     lanes = lane_patches(opendrive_patches(text.encode(), b"<OpenDRIVE/>", "map.xodr").edges)

@@ -9,7 +9,7 @@ from hand_made_record import crossing
 from shapely.geometry.base import BaseGeometry
 
 from siren_ros.numerics.polyline import Polyline
-from siren_ros.roads.road_network import JunctionKind, RoadNetwork
+from siren_ros.roads.road_network import Edge, JunctionKind, Lane, LaneKind, RoadNetwork
 from siren_ros.sensors.scene.config import SceneConfig
 from siren_ros.sensors.scene.markings import Markings, arrow, ribbon, road_markings
 from siren_ros.sensors.scene.surfaces import drawn_centres, road_surfaces
@@ -92,6 +92,49 @@ def test_arrows_show_the_movements_8_m_before_the_line() -> None:
     hook = (1.9 + 28.0, 0.75)
     assert painted(SIGNALLED.white, (5.25 + hook[1], -hook[0]), (1.75 + hook[1], -hook[0])) == [True, False]
     assert painted(SIGNALLED.white, (5.25 - hook[1], -hook[0])) == [False]
+
+
+def street(there: int, back: int) -> RoadNetwork:
+    """A road of 100 m to the east with some lanes, and the way back north of y = 0."""
+    lanes: list[Lane] = []
+    edges = []
+    for name, count, ends in (("there", there, ("A", "B")), ("back", back, ("B", "A"))):
+        first = len(lanes)
+        for position in range(count):
+            y_m = 3.5 * (count - position) - 1.75
+            points = [(0.0, -y_m), (100.0, -y_m)] if name == "there" else [(100.0, y_m), (0.0, y_m)]
+            kind, centre = LaneKind.DRIVING, Polyline.through(points)
+            lanes.append(
+                Lane(len(lanes), f"{name}_{position}", len(edges), position, kind, centre, 3.5, 14.0, True, True)
+            )
+        edges.append(Edge(len(edges), name, tuple(range(first, len(lanes))), *ends, internal=False))
+    return RoadNetwork(tuple(lanes), tuple(edges), (), {}, (0.0, 0.0), "!")
+
+
+def test_two_lanes_of_opposite_directions_share_one_dashed_line() -> None:
+    """3 m of paint and 6 m of gap on the line itself."""
+    found = markings_of(street(1, 1))
+    for start in (0.0, 9.0, 45.0, 90.0):
+        assert painted(
+            found.yellow, (start + 0.1, 0.0), (start + 2.9, 0.0), (start + 3.1, 0.0), (start + 8.9, 0.0)
+        ) == [
+            True,
+            True,
+            False,
+            False,
+        ]
+    assert painted(found.yellow, (1.0, 0.05), (1.0, -0.05), (1.0, 0.07), (1.0, -0.07)) == [True, True, False, False]
+    assert painted(found.white, (1.0, 0.0), (50.0, 0.15), (50.0, -0.15)) == [False] * 3
+    assert painted(found.white, (50.0, -3.35), (50.0, 3.35)) == [True, True], "edge lines"
+
+
+@pytest.mark.parametrize(("there", "back"), [(2, 1), (1, 2), (2, 2)])
+def test_where_one_direction_has_more_lanes_each_has_a_solid_line(there: int, back: int) -> None:
+    found = markings_of(street(there, back))
+    along_m = np.linspace(0.5, 99.5, 100)
+    for y_m in (0.15, -0.15):
+        assert all(shapely.contains_xy(found.yellow, x_m, y_m) for x_m in along_m)
+    assert painted(found.yellow, (1.0, 0.0), (5.0, 0.0)) == [False, False]
 
 
 def shifted(**changed: float) -> RoadNetwork:

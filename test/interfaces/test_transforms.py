@@ -77,6 +77,8 @@ def test_odometry_comes_back_with_its_time(round_trip: Callable[[object], Any]) 
     assert (back.x_m, back.y_m, back.forward_mps, back.left_mps, back.yaw_rate_radps) == (1.0, 2.0, 13.9, -0.1, 0.2)
     assert np.array_equal(back.pose_covariance, pose)
     assert np.array_equal(back.twist_covariance, 0.1 * pose)
+    place, speed, turn = message.pose.pose.position, message.twist.twist.linear, message.twist.twist.angular
+    assert (place.x, place.y, place.z, speed.z, turn.x, turn.y) == (1.0, 2.0, 0.0, 0.0, 0.0, 0.0), "on the plane"
     full = np.array(message.pose.covariance).reshape(6, 6)  # x, y, z, and rotations about x, y, z (REP 103)
     assert (full[0, 1], full[0, 5], full[5, 5]) == (0.1, 0.2, 6.0)
     assert np.all(np.linalg.eigvalsh(full) > 0.0)

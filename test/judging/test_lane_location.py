@@ -1,11 +1,14 @@
 """Lanes of poses on the hand-made crossing, and what can follow a lane."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hand_made_record import LEFT_X_M, RIGHT_X_M, SHOULDER_X_M, crossing
 
 from siren_ros.judging.lane_location import lanes_ahead, locate
-from siren_ros.roads.road_network import NO_LANE
+from siren_ros.numerics.polyline import Polyline
+from siren_ros.roads.road_network import NO_LANE, Connection
 
 NETWORK = crossing()
 INDEX = {lane.lane_id: lane.index for lane in NETWORK.lanes}
@@ -64,3 +67,14 @@ def test_a_lane_of_the_road_comes_before_a_path_across_the_junction():
 def test_what_can_follow_without_a_lane_change(lane, reach, names):
     found = lanes_ahead(NETWORK, INDEX[lane], reach)
     assert {NETWORK.lanes[index].lane_id for index in found} == names
+
+
+def test_a_way_that_is_too_far_hides_no_nearer_one():
+    """To the right the road is 200 m long; straight on, 130 m ahead, another lane begins."""
+    lanes = list(NETWORK.lanes)
+    right = INDEX["e_out_1"]
+    lanes[right] = replace(lanes[right], centre=Polyline.through([(20.0, -5.25), (220.0, -5.25)]))
+    onward = Connection(INDEX["n_out_0"], INDEX["w_in_0"], (), "s", None, -1, must_stop=False, junction="n_out")
+    network = replace(NETWORK, lanes=tuple(lanes), connections=(*NETWORK.connections, onward))
+    assert INDEX["w_in_0"] in lanes_ahead(network, INDEX["s_in_1"], 150.0)
+    assert INDEX["w_in_0"] not in lanes_ahead(network, INDEX["s_in_1"], 120.0)

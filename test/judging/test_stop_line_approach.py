@@ -1,5 +1,7 @@
 """The least speed over the last 15 m before the stop line at 100 m; the EMV's front is 3 m ahead of its centre."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hand_made_record import CAR_LENGTH_M, EMV, EMV_LENGTH_M, NORTHBOUND, PARALLEL, Driven, crossing, hand_made
@@ -56,3 +58,14 @@ def test_who_stands_behind_somebody_in_its_lane_has_not_stopped_for_the_line():
     assert least(arc, standing(100.0 + CAR_LENGTH_M / 2.0 + 0.2)) == pytest.approx(1.0, abs=0.05)
     assert least(arc, standing(98.0, PARALLEL)) == pytest.approx(1.0, abs=0.05)
     assert least(arc, standing(60.0)) == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_record_may_begin_later_than_step_0():
+    """Without its first 20 steps the record has the same approach."""
+    arc = profile((40.0, 8.0), (5.0, 2.0), (80.0, 8.0))
+    ahead = {2: Driven(NORTHBOUND, np.concatenate((np.full(60, 95.0), 95.0 + 0.5 * np.arange(200))))}
+    record = hand_made(NETWORK, {EMV: Driven(NORTHBOUND, arc), **ahead})
+    late = replace(record, states=record.states[20:], traffic=record.traffic[20:])
+    (whole,), (cut,) = ([one for one in find_traversals(item) if one.actor_id == EMV] for item in (record, late))
+    assert cut.enter_step == whole.enter_step
+    assert least_free_speed_mps(late, cut) == least_free_speed_mps(record, whole)

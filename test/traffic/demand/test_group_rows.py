@@ -31,8 +31,8 @@ from siren_ros.numerics.polyline import Polyline
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.roads.sites.site_finder import Site
 from siren_ros.scenario.scenario import DemandGroup, GroupAnchor, Placement
-from siren_ros.traffic.demand.emv_start import EmvStart
-from siren_ros.traffic.demand.group_rows import GroupRow, group_rows
+from siren_ros.traffic.demand.emv_start import EmvStart, _lane_before
+from siren_ros.traffic.demand.group_rows import GroupRow, _approach_row, group_rows
 
 NETWORK = streets()
 
@@ -201,3 +201,23 @@ def test_of_two_adjacent_lanes_the_left_one_is_taken() -> None:
     others = group(Placement.OTHER_LANES, GroupAnchor.EMV)
     found = group_rows(wide, road, start_at(90.0), others, 12.0, np.random.default_rng(0))
     assert [one.chain.lanes[0] for one in found] == [A_RIGHT, third.index]
+
+
+@pytest.mark.parametrize(("lane", "first"), [(C_LEFT, A_LEFT), (C_RIGHT, A_RIGHT)])
+def test_a_row_before_the_site_reaches_back_over_several_edges(lane: int, first: int) -> None:
+    """200 m, 10 m, 100 m, 20 m and 200 m: all of them lead to the end of the last edge."""
+    roads = streets()
+    start = EmvStart(A_LEFT, 30.0, (A, B, C), (A_LEFT,))
+    row = _approach_row(roads, replace(signal_site(), site_edge=C), start, roads.lanes[lane])
+    assert row.chain.lanes[0] == first
+    assert row.chain.lanes[-1] == lane
+    assert row.anchor_m == pytest.approx(530.0)
+    assert row.edges == (A, B, C)
+
+
+def test_without_a_lane_that_leads_there_the_leftmost_one_is_before() -> None:
+    roads = streets()
+    assert _lane_before(roads, roads.lanes[C_RIGHT], A) == (roads.lanes[A_LEFT], ())
+    lane, via = _lane_before(roads, roads.lanes[C_RIGHT], B)
+    assert lane.index == B_RIGHT
+    assert len(via) == 1

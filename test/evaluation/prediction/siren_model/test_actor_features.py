@@ -64,3 +64,12 @@ def test_siren_and_indicators_are_seen(straight_road: RoadNetwork) -> None:
     assert [seen[name][sample, 0] for name in ("siren", "beacon", "indicates_left", "brake")] == [1.0, 0.0, 1.0, 0.0]
     own = target_columns(batch)
     assert own["siren"].tolist() == (batch.actors.actor_id[batch.target] == 2).astype(float).tolist()
+
+
+def test_bodies_are_told_in_tens_of_metres_and_pairs_of_metres(straight_road: RoadNetwork) -> None:
+    batch = batch_of({1: moving(10.0, -5.0, 6.0, length_m=5.5), 2: moving(30.0, -5.0, 6.0, is_emv=True)}, straight_road)
+    own = target_columns(batch)
+    first, second = sample_of(batch, 1), sample_of(batch, 2)
+    assert own["length"][[first, second]] == pytest.approx([0.55, 0.46])
+    assert own["width"] == pytest.approx(0.9), "1.8 m"
+    assert own["is_emv"][[first, second]].tolist() == [0.0, 1.0]

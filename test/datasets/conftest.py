@@ -20,8 +20,8 @@ def straight_road_of_two_lanes() -> RoadNetwork:
 
 @pytest.fixture(scope="session")
 def sensed_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three seconds with LiDAR and four cameras."""
-    return shared_recording(tmp_path_factory, "full", "template:=S2", "sensors:=full", "duration_s:=3.0")
+    """Two seconds with LiDAR and four cameras: 20 sweeps, 4 keyframes."""
+    return shared_recording(tmp_path_factory, "full", "template:=S2", "sensors:=full", "duration_s:=2.0")
 
 
 @pytest.fixture(scope="session")

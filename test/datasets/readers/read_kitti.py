@@ -1,4 +1,4 @@
-"""Reads a KITTI dataset with Open3D-ML's own reader; prints boxes, sizes and points in its camera frame as JSON."""
+"""Reads a KITTI dataset with Open3D-ML's own reader; prints boxes and points of some frames as JSON."""
 
 import json
 import sys
@@ -14,19 +14,24 @@ for name in ("open3d._ml3d", "open3d._ml3d.datasets"):
     sys.modules[name] = package
 from open3d._ml3d.datasets.kitti import KITTI
 
-folder, number = Path(sys.argv[1]), sys.argv[2]
-calib = KITTI.read_calib(folder / "calib" / f"{number}.txt")
-boxes = KITTI.read_label(folder / "label_2" / f"{number}.txt", calib)
-points = KITTI.read_lidar(folder / "velodyne" / f"{number}.bin")
-found = [
-    {
-        "class": box.label_class,
-        "centre": [float(value) for value in box.center],
-        "size_whl": [float(value) for value in box.size],
-        "yaw": float(box.yaw),
-        "level": str(box.level),
-        "world_from_camera": calib["world_cam"].tolist(),
-    }
-    for box in boxes
-]
-print(json.dumps({"boxes": found, "points": len(points)}))
+
+def frame(folder: Path, number: str) -> dict[str, object]:
+    """Boxes and number of points of one frame."""
+    calib = KITTI.read_calib(folder / "calib" / f"{number}.txt")
+    boxes = KITTI.read_label(folder / "label_2" / f"{number}.txt", calib)
+    points = KITTI.read_lidar(folder / "velodyne" / f"{number}.bin")
+    found = [
+        {
+            "class": box.label_class,
+            "centre": [float(value) for value in box.center],
+            "size_whl": [float(value) for value in box.size],
+            "yaw": float(box.yaw),
+            "level": str(box.level),
+            "world_from_camera": calib["world_cam"].tolist(),
+        }
+        for box in boxes
+    ]
+    return {"boxes": found, "points": len(points)}
+
+
+print(json.dumps({number: frame(Path(sys.argv[1]), number) for number in sys.argv[2:]}))

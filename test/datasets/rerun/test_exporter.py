@@ -19,8 +19,8 @@ def read(sensed_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str
 def test_everything_is_on_the_timeline(read: dict[str, Any]) -> None:
     assert (read["code"], read["application"]) == (0, "siren")
     assert "episode" in read["timelines"]
-    assert (read["steps"], read["last_s"]) == (30, pytest.approx(2.9))
-    assert read["path"] == 29
+    assert (read["steps"], read["last_s"]) == (20, pytest.approx(1.9))
+    assert read["path"] == 19
 
 
 def test_map_boxes_lidar_cameras_and_events_are_there(read: dict[str, Any]) -> None:

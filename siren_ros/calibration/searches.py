@@ -21,7 +21,7 @@ SLOPE_SHARE: Final = 0.01
 """Step of the differences that the slope is taken from, as a share of each range: the error is smooth at this scale,
 while smaller steps see how a decision falls into one simulated step or the next."""
 _CLOSE: Final = 1e-4
-_DESCENTS: Final = 10
+_DESCENTS: Final = 25
 _PULL_M: Final = 1e-4
 
 

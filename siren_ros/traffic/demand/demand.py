@@ -175,13 +175,14 @@ class _Planner:
         lanes = self._background_lanes
         if not lanes:
             raise MapError("no driving lanes", "a map with connected driving lanes for civilians")
-        candidates = {lane.index: lane for lane in lanes}
+        by_index = {lane.index: lane for lane in lanes}
+        candidates = tuple(by_index)
         occupied: dict[int, list[tuple[float, float]]] = {}
         found = []
         for number in range(count):
-            actor_class = self._factory.draw_class(self._template.demand.classes, rng, tuple(candidates))
+            actor_class = self._factory.draw_class(self._template.demand.classes, rng, candidates)
             length = self._factory.size(actor_class)[0]
-            wide = [candidates[index] for index in self._factory.suited_lanes(actor_class, tuple(candidates))]
+            wide = [by_index[index] for index in self._factory.suited_lanes(actor_class, candidates)]
             lane, front = self._free_spot(wide or lanes, length, occupied, keep_off, rng)
             if disjoint:
                 occupied.setdefault(lane.index, []).append((front - length, front))

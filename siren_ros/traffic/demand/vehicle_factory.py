@@ -50,6 +50,7 @@ class VehicleFactory:
         self._dimensions = dimensions
         self._graph = EdgeGraph.of(network)
         self._routes = RouteChooser(network, self._graph, config)
+        self._suited: dict[tuple[ActorClass, tuple[int, ...]], tuple[int, ...]] = {}
 
     def leads_on(self, edge: int) -> bool:
         """Whether civilians can drive on from an edge."""
@@ -61,12 +62,16 @@ class VehicleFactory:
             raise InputError("dimensions", actor_class.name, "length, width and height of every vehicle class")
         return self._dimensions[actor_class]
 
-    def suited_lanes(self, actor_class: ActorClass, lanes: Sequence[int]) -> tuple[int, ...]:
+    def suited_lanes(self, actor_class: ActorClass, lanes: tuple[int, ...]) -> tuple[int, ...]:
         """The lanes from which a vehicle of a class can drive on without bends too tight for it."""
-        length_m = self.size(actor_class)[0]
-        return tuple(lane for lane in lanes if self._routes.leads_on(lane, length_m))
+        found = self._suited.get((actor_class, lanes))
+        if found is None:  # asked for every vehicle that is drawn, of the same lanes
+            length_m = self.size(actor_class)[0]
+            found = tuple(lane for lane in lanes if self._routes.leads_on(lane, length_m))
+            self._suited[actor_class, lanes] = found
+        return found
 
-    def draw_class(self, shares: Shares, rng: np.random.Generator, lanes: Sequence[int] = ()) -> ActorClass:
+    def draw_class(self, shares: Shares, rng: np.random.Generator, lanes: tuple[int, ...] = ()) -> ActorClass:
         """A vehicle class by its share, of those that suit one of the driving lanes; of all where none does."""
         shares = [one for one in shares if self.suited_lanes(one[0], lanes)] or shares
         weights = np.array([share for _, share in shares])

@@ -60,25 +60,33 @@ class RouteChooser:
         )
 
     def draw(
-        self, start: Sequence[int], length_m: float, rng: np.random.Generator, vehicle_m: float, lane: int | None = None
+        self,
+        start: Sequence[int],
+        length_m: float,
+        rng: np.random.Generator,
+        vehicle_m: float,
+        lane: int | None = None,
+        *,
+        turn_weight: float | None = None,
     ) -> tuple[int, ...]:
         """A random route of at least ``length_m``, or to where the map ends.
 
         At each junction a way is as likely as it has lanes, and turns less likely than straight on by
-        ``DemandConfig.turn_weight``. Long vehicles keep off tight bends, and off roads that lead to nothing else, as
+        the weight of a turn. Long vehicles keep off tight bends, and off roads that lead to nothing else, as
         bus lines and lorry routes do, wherever there is another way.
 
         Args:
             start: Edges that the route begins with.
             length_m: Length wanted, the given edges included.
             rng: Generator.
-            vehicle_m: Length of the vehicle; 0 for an EMV, which keeps off no bend but turns off more rarely.
+            vehicle_m: Length of the vehicle.
             lane: Lane of the last given edge on which the vehicle stands; the way on begins in this lane, unless all
                 its ways are too tight for the vehicle.
+            turn_weight: Of a turn; civilians' where it is not given.
         """
         route = list(start)
         driven_m = self._graph.route_length_m(start)
-        turn_weight = self._config.turn_weight if vehicle_m > 0.0 else self._config.emv_turn_weight
+        turn_weight = self._config.turn_weight if turn_weight is None else turn_weight
         while driven_m < length_m:
             ways = self._open_ways(route[-1], vehicle_m, lane)
             if not ways:

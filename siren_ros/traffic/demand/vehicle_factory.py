@@ -48,6 +48,7 @@ class VehicleFactory:
         self._network = network
         self._drivers = drivers
         self._dimensions = dimensions
+        self._config = config
         self._graph = EdgeGraph.of(network)
         self._routes = RouteChooser(network, self._graph, config)
         self._suited: dict[tuple[ActorClass, tuple[int, ...]], tuple[int, ...]] = {}
@@ -87,7 +88,7 @@ class VehicleFactory:
 
     def draw_way(self, start: Sequence[int], length_m: float, rng: np.random.Generator) -> tuple[int, ...]:
         """A random way for an EMV of at least ``length_m`` (or to a dead end) that begins with the given edges."""
-        return self._routes.draw(start, length_m, rng, 0.0)
+        return self._routes.draw(start, length_m, rng, 0.0, turn_weight=self._config.emv_turn_weight)
 
     def draw_route(
         self, start: Sequence[int], length_m: float, rng: np.random.Generator, lane: int, actor_class: ActorClass

@@ -1,9 +1,10 @@
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from made_streets import A_RIGHT, B_LEFT, B_RIGHT, C_LEFT, NEAR, SOUTH, STRAIGHT, A, B, C, D, N, streets
+from made_streets import A_RIGHT, B_LEFT, B_RIGHT, C_LEFT, NEAR, SOUTH, STRAIGHT, A, B, C, D, N, same_drivers, streets
 from traffic_helpers import TOWN10, load_map
 
 from siren_ros.numerics.polyline import Polyline
@@ -11,6 +12,7 @@ from siren_ros.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
 from siren_ros.roads.routing import EdgeGraph, connections_between, driving_lanes, route_path
 from siren_ros.traffic.demand.demand_config import DemandConfig
 from siren_ros.traffic.demand.route_choice import RouteChooser, tightest_radius_m
+from siren_ros.traffic.demand.vehicle_factory import VehicleFactory
 
 CAR_M, BUS_M = 4.5, 12.0
 CONFIG = DemandConfig()
@@ -136,13 +138,14 @@ def test_an_emv_turns_off_more_rarely_than_civilians() -> None:
     """From B two lanes lead on and one turns: 0.1 of 2.1 and 0.35 of 2.35 ways."""
     roads = streets()
     chooser = RouteChooser(roads, EdgeGraph.of(roads), CONFIG)
+    factory = VehicleFactory(roads, same_drivers(), {}, CONFIG)
     rng = np.random.default_rng(4)
 
-    def turning(vehicle_m: float) -> float:
-        return float(np.mean([chooser.draw((B,), 150.0, rng, vehicle_m)[1] == D for _ in range(3000)]))
+    def turning(way: Callable[[], tuple[int, ...]]) -> float:
+        return float(np.mean([way()[1] == D for _ in range(3000)]))
 
-    assert turning(0.0) == pytest.approx(0.1 / 2.1, abs=0.012)
-    assert turning(CAR_M) == pytest.approx(0.35 / 2.35, abs=0.02)
+    assert turning(lambda: factory.draw_way((B,), 150.0, rng)) == pytest.approx(0.1 / 2.1, abs=0.012)
+    assert turning(lambda: chooser.draw((B,), 150.0, rng, CAR_M)) == pytest.approx(0.35 / 2.35, abs=0.02)
 
 
 def test_most_drivers_go_straight_on(network: RoadNetwork, graph: EdgeGraph, chooser: RouteChooser) -> None:

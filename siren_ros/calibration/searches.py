@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import qmc
 
-from siren_ros.calibration.tried import Tried
+from siren_ros.calibration.tried import Tried, errors_m
 from siren_ros.errors import InputError
 from siren_ros.numerics.arrays import Floats
 
@@ -37,7 +37,7 @@ def spread_out(tried: Tried, dimensions: int, count: int) -> tuple[Floats, float
         The best place, and the error in the middle.
     """
     places = qmc.Sobol(dimensions, scramble=False).random(count + 1)[1:]
-    errors = [float(np.linalg.norm(one)) for one in tried(places)]
+    errors = errors_m(tried(places))
     return np.asarray(places[int(np.argmin(errors))]), errors[0]
 
 
@@ -57,7 +57,7 @@ def evolve(tried: Tried, begin: Floats, rng: np.random.Generator, times: int = 1
     best, best_error = begin, np.inf
     while not search.stop():
         asked = search.ask()
-        errors = [float(np.linalg.norm(one)) for one in tried(asked)]
+        errors = errors_m(tried(asked))
         search.tell(asked, errors)
         least = int(np.argmin(errors))
         if errors[least] < best_error:

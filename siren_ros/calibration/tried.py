@@ -14,6 +14,11 @@ Told = Callable[[int, float], None]
 """Told the number of tries and the least error."""
 
 
+def errors_m(residuals: Iterable[Floats]) -> list[float]:
+    """The errors of tries by their residuals."""
+    return [float(np.linalg.norm(one)) for one in residuals]
+
+
 class Spent(Exception):  # noqa: N818 - the end of a search, and no error
     """No tries are left."""
 
@@ -50,7 +55,7 @@ class Tried:
         asked = [np.array([*shares][: len(self._parameters)]) for shares in tries]
         found = [np.asarray(one) for one in self._residuals([self.values(shares) for shares in asked])]
         self.count += len(found)
-        errors = [float(np.linalg.norm(one)) for one in found]
+        errors = errors_m(found)
         least = int(np.argmin(errors))
         if errors[least] < self.best_error_m:
             self.best, self.best_error_m = asked[least], errors[least]

@@ -110,7 +110,7 @@ def wait_for(zone: Zone, own: Approach, other: Approach, config: YieldingConfig)
         return None
     leaving = max(min(other.speed_mps, other.top_mps), _LEAST_MPS)
     other_last = math.inf if zone.merges else zone.other_out_m / leaving
-    own_first = time_to_go_s(zone.own_in_m, own.speed_mps, own.top_mps, own.accel_mps2)
+    own_first = time_to_go_s(_own_way_m(zone, own, config), own.speed_mps, own.top_mps, own.accel_mps2)
     own_last = time_to_go_s(zone.own_out_m, own.speed_mps, own.top_mps, own.accel_mps2)
     if zone.merges:
         own_last = own_first + config.merge_s
@@ -122,6 +122,11 @@ def wait_for(zone: Zone, own: Approach, other: Approach, config: YieldingConfig)
     if _goes_first(zone, own, other, own_first < other_first, config):
         return None
     return _waiting(zone, own, other, other_last + config.after_s, config)
+
+
+def _own_way_m(zone: Zone, own: Approach, config: YieldingConfig) -> float:
+    """Way that the own vehicle may go; who is stopping keeps the distance of those who wait, not just out of touch."""
+    return zone.own_in_m - config.standoff_m if own.accel_mps2 < 0.0 and not zone.merges else zone.own_in_m
 
 
 def _goes_first(zone: Zone, own: Approach, other: Approach, own_earlier: bool, config: YieldingConfig) -> bool:

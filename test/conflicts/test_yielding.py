@@ -134,6 +134,13 @@ def test_waiting_speeds_in_closed_form():
     assert merging.brake_mps2 == pytest.approx(stop_brake_mps2(4.0, gap))
 
 
+@pytest.mark.parametrize(("own_in", "waits"), [(9.1, True), (9.9, True), (10.1, False)])
+def test_who_is_stopping_stops_at_the_distance_of_those_who_wait(own_in, waits):
+    """From 6 m/s with 2 m/s² the vehicle stands after 9 m: out of touch in each case, a metre away only in the last."""
+    found = wait_for(crossing(own_in, 16.0), car(6.0, Rank.GIVES_WAY, accel=-2.0), car(8.0), CONFIG)
+    assert (found is not None) == waits
+
+
 @pytest.mark.parametrize(("own_in", "waits"), [(23.9, False), (24.1, True)])
 def test_who_has_left_the_zone_a_second_before_the_other_one_comes_need_not_wait(own_in, waits):
     """At 5 m/s the zone of 6 m is left after (own_in + 6) / 5 s; the other one comes after 7 s."""

@@ -209,7 +209,8 @@ def pull_over(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> Outcom
     settled = path is None or unit.navigator.progress_m >= path.settled_m - _SETTLED_M
     reached = abs(offset - wanted) <= (config.reached_m if settled else _AT_EDGE_M)
     stopped = unit.stopped_steps + 1 if standing(view, row) else 0
-    unit = replace(unit, stopped_steps=stopped)
+    if stopped != unit.stopped_steps:
+        unit = replace(unit, stopped_steps=stopped)
     going_on = makes_room(unit, view) and not unit.navigator.done
     comes_straight = abs(turned) > _STRAIGHT_RAD and stopped == 0 and not unit.navigator.done
     if reached and aligned and not going_on and not comes_straight:
@@ -273,6 +274,6 @@ def _drive(unit: YieldUnit, view: StepView, row: int) -> Outcome:
         limit=manoeuvring_limit(unit.navigator, view, row),
     )
     if close or makes_room(unit, view):
-        config = replace(config, standstill_gap_m=view.world.config.pull_over.room_standstill_gap_m)
+        config = view.world.room_navigator
     navigator, command, _ = navigate(unit.navigator, situation, config)
     return Outcome(replace(unit, navigator=navigator), command)

@@ -152,14 +152,16 @@ def _step_unit(unit: YieldUnit, view: StepView, row: int, scenes: dict[int, _Emv
     if unit.phase is Mode.NOMINAL:
         return Outcome(None if release_reason(emv) else unit)
     waits = not emv.passed and emv_waits_behind(view, row, emv.row)
-    unit = replace(unit, emv_waits_steps=unit.emv_waits_steps + 1 if waits else 0)
+    if waits or unit.emv_waits_steps:
+        unit = replace(unit, emv_waits_steps=unit.emv_waits_steps + 1 if waits else 0)
     return _PHASES.get(unit.phase, _before_start)(unit, view, row, emv)
 
 
 def _before_start(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> Outcome:
     """Reacting or deferred: cancelled if there is nobody left to yield to, otherwise started once the driver reacts."""
     off_path = 0 if emv.on_path else unit.off_path_steps + 1
-    unit = replace(unit, off_path_steps=off_path)
+    if off_path != unit.off_path_steps:
+        unit = replace(unit, off_path_steps=off_path)
     grace = steps_from_s(view.world.config.yielding.off_path_grace_s)
     reason = release_reason(emv) or ("off_path" if off_path > grace else "")
     if reason:

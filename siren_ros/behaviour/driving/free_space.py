@@ -9,10 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.behaviour.driving.surroundings import Surroundings
+from siren_ros.behaviour.paths.curve import curve_place
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
 from siren_ros.numerics.arrays import Floats, Ids
 from siren_ros.numerics.boxes import box_gap_m
 from siren_ros.numerics.compiled import Array, compiled
+from siren_ros.numerics.scalars import wrapped_rad
 from siren_ros.world.actors import NO_ACTOR
 
 _PATH_STEP_M: Final = 0.25
@@ -66,6 +68,10 @@ class Obstacles:
             self.half_width_m[rows],
         )
 
+    def boxes(self) -> Floats:
+        """x, y, cosine, sine, half length and half width, shape ``(6, M)``, for compiled loops."""
+        return np.array((self.x_m, self.y_m, self.cos, self.sin, self.half_length_m, self.half_width_m))
+
     def __len__(self) -> int:
         """Number of boxes."""
         return len(self.x_m)
@@ -101,9 +107,7 @@ def separations_m(x_m: Floats, y_m: Floats, yaw_rad: Floats, body: Body, obstacl
     """
     x, y, yaw = np.broadcast_arrays(x_m, y_m, yaw_rad)
     poses = np.array((x.ravel(), y.ravel(), np.cos(yaw).ravel(), np.sin(yaw).ravel()))
-    boxes = np.array(
-        (obstacles.x_m, obstacles.y_m, obstacles.cos, obstacles.sin, obstacles.half_length_m, obstacles.half_width_m)
-    )
+    boxes = obstacles.boxes()
     gap = np.empty((poses.shape[1], boxes.shape[1]))
     _separate(poses, boxes, body.half_length_m, body.half_width_m, gap)
     return gap.reshape(*x.shape, len(obstacles))
@@ -188,17 +192,21 @@ class FreeWay:
         """
         progress, left, yaw = pose
         end = min(progress + reach_m, path.length_m)
-        s = np.arange(progress, max(end, progress) + _PATH_STEP_M, _PATH_STEP_M)
-        heading = path.curve.heading_at(s) - np.arctan(centre_ahead_m * path.curve.curvature_at(s))
-        fading = np.exp(-(s - progress) / _OFFSET_LENGTH_M)
-        place = path.curve.offset_at(s, left * fading)
-        heading = heading + math.remainder(yaw - float(heading[0]), 2.0 * math.pi) * fading
-        gap = separations_m(place[:, 0], place[:, 1], heading, body, obstacles)
-        return cls(s - progress, gap, credit_m, obstacles.actor_id)
+        way = _PATH_STEP_M * np.arange(max(math.ceil((end - progress) / _PATH_STEP_M), 0) + 1)
+        poses = np.empty((4, len(way)))
+        curve = path.curve
+        _poses_ahead(
+            curve.points, curve.heading_rad, curve.curvature_1pm, curve.spacing_m, progress, left, yaw, centre_ahead_m,
+            way, poses,
+        )  # fmt: skip
+        boxes = obstacles.boxes()
+        gap = np.empty((len(way), boxes.shape[1]))
+        _separate(poses, boxes, body.half_length_m, body.half_width_m, gap)
+        return cls(way, gap, credit_m, obstacles.actor_id)
 
     def until_m(self, clearance_m: float) -> float:
         """Distance before the body comes nearer than a clearance to an obstacle; infinite if it never does."""
-        return float(self._first_m(self.gap_m < clearance_m).min(initial=np.inf))
+        return float(self._first_m(np.full(len(self.credit_m), clearance_m)).min(initial=np.inf))
 
     @property
     def free_m(self) -> float:
@@ -209,11 +217,13 @@ class FreeWay:
         """Way to each obstacle that is too near; the tolerance ends where bodies touch, or many steps would add up."""
         present = self.gap_m[0]
         nearer = np.maximum(present - _TOLERANCE_M, np.minimum(present, _TOUCH_M))
-        return self._first_m(self.gap_m < np.minimum(clearance_m, nearer))
+        return self._first_m(np.minimum(clearance_m, nearer))
 
-    def _first_m(self, hits: npt.NDArray[np.bool_]) -> Floats:
-        """Distance to the first hit of each obstacle, shape ``(M,)``; infinite without one."""
-        return np.where(hits.any(axis=0), self.way_m[np.argmax(hits, axis=0)] + self.credit_m, np.inf)
+    def _first_m(self, clearance_m: Floats) -> Floats:
+        """Way to the first place that is nearer to each obstacle than its clearance ``(M,)``; infinite without one."""
+        first = np.empty(len(self.credit_m))
+        _first_nearer(self.way_m, self.gap_m, clearance_m, first)
+        return first + self.credit_m
 
     def limit(
         self,
@@ -248,3 +258,41 @@ class FreeWay:
         brake = speed_mps**2 / (2.0 * max(contact - min(stop_short_m, _RESERVE_M), _LEAST_WAY_M))
         blocker = int(self.actor_id[np.argmin(stopping)])
         return SpeedLimit(limit, brake if brake > brake_mps2 else 0.0, blocker, free)
+
+
+@compiled
+def _poses_ahead(
+    points: Array,
+    heading_rad: Array,
+    curvature_1pm: Array,
+    spacing_m: float,
+    progress_m: float,
+    left_m: float,
+    yaw_rad: float,
+    centre_ahead_m: float,
+    way_m: Array,
+    poses: Array,
+) -> None:
+    """Fill in x, y, cosine and sine (``(4, K)``) of a body after each way ``(K,)``; offset and yaw error fade."""
+    turned = 0.0
+    for k in range(way_m.shape[0]):
+        x, y, heading, curvature = curve_place(points, heading_rad, curvature_1pm, spacing_m, progress_m + way_m[k])
+        course = heading - np.arctan(centre_ahead_m * curvature)
+        if k == 0:
+            turned = wrapped_rad(yaw_rad - course)
+        fading = np.exp(-way_m[k] / _OFFSET_LENGTH_M)
+        poses[0, k] = x - left_m * fading * np.sin(heading)
+        poses[1, k] = y + left_m * fading * np.cos(heading)
+        course += turned * fading
+        poses[2, k], poses[3, k] = np.cos(course), np.sin(course)
+
+
+@compiled
+def _first_nearer(way_m: Array, gap_m: Array, clearance_m: Array, first_m: Array) -> None:
+    """Fill in the first way ``(K,)`` at which the gap ``(K, M)`` is below each clearance ``(M,)``."""
+    for m in range(gap_m.shape[1]):
+        first_m[m] = np.inf
+        for k in range(gap_m.shape[0]):
+            if gap_m[k, m] < clearance_m[m]:
+                first_m[m] = way_m[k]
+                break

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from siren_ros.behaviour.config import BehaviourConfig, NavigatorConfig
+from siren_ros.behaviour.config import BehaviourConfig, JunctionEntryConfig, NavigatorConfig
 from siren_ros.behaviour.driving.surroundings import ActorTable, Surroundings
 from siren_ros.conflicts.course import CourseBook
 from siren_ros.dynamics.parameters import VehicleParameters
@@ -43,6 +43,26 @@ class BehaviourWorld:
     def courses(self) -> CourseBook:
         """Courses along the lanes of the network."""
         return CourseBook(self.network)
+
+    @cached_property
+    def emv_navigator(self) -> NavigatorConfig:
+        """How EMVs drive at this level: with crossing vehicles of their time, and as close as the corridor is."""
+        emv, horizon_s = self.config.emv, self.preset.attention.emv_horizon_s
+        conflicts = emv.navigator.conflicts
+        nearer = replace(conflicts, horizon_s=min(conflicts.horizon_s, horizon_s))
+        gap_m = emv.escape_gap_m if self.policy.corridor else emv.navigator.standstill_gap_m
+        return replace(emv.navigator, conflicts=nearer, standstill_gap_m=gap_m)
+
+    @cached_property
+    def room_navigator(self) -> NavigatorConfig:
+        """How a civilian moves up close behind others to make room."""
+        return replace(self.config.civilian_navigator, standstill_gap_m=self.config.pull_over.room_standstill_gap_m)
+
+    @cached_property
+    def junction_entry(self) -> JunctionEntryConfig:
+        """How EMVs come to red lights, no slower than the preset's driver."""
+        config = self.config.junction_entry
+        return replace(config, speed_mps=max(config.speed_mps, self.preset.attention.emv_red_mps))
 
     @property
     def cooldown_steps(self) -> int:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -9,6 +10,7 @@ import numpy.typing as npt
 from siren_ros.conflicts.course import CourseBook
 from siren_ros.conflicts.outlook import Outlook
 from siren_ros.numerics.arrays import Floats, Ids
+from siren_ros.numerics.compiled import Array, compiled
 from siren_ros.world.actors import ActorClass, ActorDescription, rows_of_ids
 from siren_ros.world.traffic_state import TrafficState
 
@@ -105,8 +107,16 @@ class Surroundings:
 
     def near(self, x_m: float, y_m: float, radius_m: float, but: int = -1) -> npt.NDArray[np.intp]:
         """Rows of the actors within a radius, without row ``but``."""
-        dx, dy = self.x_m - x_m, self.y_m - y_m
-        inside = dx * dx + dy * dy < radius_m * radius_m
-        if but >= 0:
-            inside[but] = False
-        return np.flatnonzero(inside)
+        return cast("npt.NDArray[np.intp]", _near(self.x_m, self.y_m, x_m, y_m, radius_m, but))
+
+
+@compiled
+def _near(xs_m: Array, ys_m: Array, x_m: float, y_m: float, radius_m: float, but: int) -> Array:
+    rows = np.empty(xs_m.shape[0], np.intp)
+    count = 0
+    for row in range(xs_m.shape[0]):
+        dx, dy = xs_m[row] - x_m, ys_m[row] - y_m
+        if dx * dx + dy * dy < radius_m * radius_m and row != but:
+            rows[count] = row
+            count += 1
+    return rows[:count]

@@ -6,7 +6,6 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.behaviour.config import NavigatorConfig
 from siren_ros.behaviour.driving.navigator import DriveCommand, Situation, navigate
 from siren_ros.behaviour.driving.situation import BehaviourWorld, StepView
 from siren_ros.behaviour.driving.surroundings import ActorTable, Surroundings
@@ -105,9 +104,6 @@ def _step_unit(unit: EmvUnit, view: StepView, row: int) -> tuple[EmvUnit, DriveC
     for guard in guards:
         unit, happened = guard(unit, view, row)
         events += happened
-    config = with_horizon(view.world.config.emv.navigator, view.world.preset.attention.emv_horizon_s)
-    if view.world.policy.corridor:
-        config = replace(config, standstill_gap_m=view.world.config.emv.escape_gap_m)
     between = unit.corridor or unit.gap_escape_active
     limit = passage_limit(unit, view, row) if between else anticipated_limit(unit, view, row)
     limit = replace(limit, speed_mps=min(limit.speed_mps, entry_limit_mps(view, row)))
@@ -120,14 +116,8 @@ def _step_unit(unit: EmvUnit, view: StepView, row: int) -> tuple[EmvUnit, DriveC
         watch_leaders=not between,
         limit=limit,
     )
-    navigator, command, snapshot = navigate(unit.navigator, situation, config)
+    navigator, command, snapshot = navigate(unit.navigator, situation, view.world.emv_navigator)
     return replace(unit, navigator=navigator, snapshot=passage_blocker(snapshot, limit)), command, events
-
-
-def with_horizon(config: NavigatorConfig, horizon_s: float) -> NavigatorConfig:
-    """The navigator of a driver who counts with crossing vehicles that come within a time."""
-    conflicts = config.conflicts
-    return replace(config, conflicts=replace(conflicts, horizon_s=min(conflicts.horizon_s, horizon_s)))
 
 
 def waypoints(unit: EmvUnit, view: StepView, row: int) -> Outcome:

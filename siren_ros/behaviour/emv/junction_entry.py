@@ -1,7 +1,6 @@
 """The siren asks for the right of way and does not give it: the EMV enters on red slowly enough to stop."""
 
 import math
-from dataclasses import replace
 
 from siren_ros.behaviour.config import JunctionEntryConfig
 from siren_ros.behaviour.driving.situation import StepView
@@ -17,10 +16,9 @@ def entry_limit_mps(view: StepView, row: int) -> float:
     The EMV comes to the entry speed by gentle braking in good time. Where the light turns red late it slows down as
     far as gentle braking gets it.
     """
-    outlook, config = view.seen.outlook, view.world.config.junction_entry
+    outlook, config = view.seen.outlook, view.world.junction_entry
     if outlook is None:
         return math.inf
-    config = replace(config, speed_mps=max(config.speed_mps, view.world.preset.attention.emv_red_mps))
     front = outlook.centre_m(row) + float(view.seen.half_length_m[row])
     limit = math.inf
     for entry in outlook.course(row).entries:

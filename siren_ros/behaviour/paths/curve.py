@@ -1,8 +1,6 @@
 """A smooth curve through equally spaced points, with heading and curvature at every point."""
 
 from dataclasses import dataclass
-from math import cos as cos_of
-from math import sin as sin_of
 from typing import Any, Final
 
 import numpy as np
@@ -54,20 +52,9 @@ class Curve:
         """Length of the whole curve."""
         return self.spacing_m * (len(self.points) - 1)
 
-    def _cell(self, s_m: float) -> tuple[int, float]:
-        place = s_m / self.spacing_m
-        i = min(max(int(place), 0), len(self.points) - 2)
-        return i, place - i
-
     def place(self, s_m: float) -> tuple[float, float, float, float]:
         """``(x, y, heading, curvature)`` at an arc length; straight on before the start and after the end."""
-        i, fraction = self._cell(s_m)
-        x0, y0 = self.points[i].tolist()
-        x1, y1 = self.points[i + 1].tolist()
-        inside = min(max(fraction, 0.0), 1.0)
-        heading = _between(self.heading_rad, i, inside)
-        curvature = _between(self.curvature_1pm, i, inside) if inside == fraction else 0.0
-        return x0 + fraction * (x1 - x0), y0 + fraction * (y1 - y0), heading, curvature
+        return curve_place(self.points, self.heading_rad, self.curvature_1pm, self.spacing_m, s_m)
 
     def at(self, s_m: Floats) -> npt.NDArray[np.float64]:
         """Points at arc lengths, shape ``(..., 2)``; straight on before the start and after the end."""
@@ -79,10 +66,6 @@ class Curve:
     def heading_at(self, s_m: Floats) -> Floats:
         """Headings at arc lengths, unwrapped."""
         return np.interp(s_m, self.spacing_m * np.arange(len(self.points)), self.heading_rad)
-
-    def curvature_at(self, s_m: Floats) -> Floats:
-        """Curvatures at arc lengths."""
-        return np.interp(s_m, self.spacing_m * np.arange(len(self.points)), self.curvature_1pm)
 
     def offset_at(self, s_m: Floats, left_m: Floats) -> npt.NDArray[np.float64]:
         """Points at arc lengths moved sideways, left positive; shape ``(..., 2)``."""
@@ -96,15 +79,12 @@ class Curve:
 
         Only curve points ``first`` to ``last`` (excluded) are looked at; beyond them the curve goes straight on.
         """
-        nearest = np.empty(len(x_m), np.intp)
-        _nearest_points(np.ascontiguousarray(self.points[first:last]), np.array((x_m, y_m)), nearest)
-        nearest += first
-        dx, dy = x_m - self.points[nearest, 0], y_m - self.points[nearest, 1]
-        heading = self.heading_rad[nearest]
-        cos, sin = np.cos(heading), np.sin(heading)
-        left = cos * dy - sin * dx
-        along = (cos * dx + sin * dy) / np.maximum(1.0 - self.curvature_1pm[nearest] * left, 0.2)
-        return nearest * self.spacing_m + along, left, nearest
+        s, left, nearest = np.empty(len(x_m)), np.empty(len(x_m)), np.empty(len(x_m), np.intp)
+        end = len(self.points) if last is None else min(last, len(self.points))
+        _project(
+            self.points, self.heading_rad, self.curvature_1pm, self.spacing_m, x_m, y_m, first, end, s, left, nearest
+        )
+        return s, left, nearest
 
     def project_one(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Nearest place of one point on the whole curve: arc length and offset, left positive."""
@@ -114,24 +94,12 @@ class Curve:
 
     def nearest_to(self, guess_m: float, x_m: float, y_m: float) -> tuple[float, float]:
         """Arc length and offset (left positive) of the place nearest to a point, searched near a guess."""
-        s = guess_m
-        left = 0.0
-        for _ in range(_NEAREST_ITERATIONS):
-            px, py, heading, curvature = self.place(s)
-            cos, sin = cos_of(heading), sin_of(heading)
-            left = cos * (y_m - py) - sin * (x_m - px)
-            s += (cos * (x_m - px) + sin * (y_m - py)) / max(1.0 - curvature * left, 0.2)
-        return s, left
+        return _nearest(self.points, self.heading_rad, self.curvature_1pm, self.spacing_m, guess_m, x_m, y_m)
 
     def cut(self, from_m: float, to_m: float) -> "Curve":
         """The part between two arc lengths, extended straight on where they lie outside."""
         count = max(2, int(np.ceil((to_m - from_m) / SPACING_M)) + 1)
         return Curve.through(self.at(np.linspace(from_m, to_m, count)))
-
-
-def _between(values: Floats, i: int, fraction: float) -> float:
-    low, high = values[i : i + 2].tolist()
-    return float(low + fraction * (high - low))
 
 
 def _smoothed(points: npt.NDArray[np.float64], sigma_m: float) -> npt.NDArray[np.float64]:
@@ -143,13 +111,49 @@ def _smoothed(points: npt.NDArray[np.float64], sigma_m: float) -> npt.NDArray[np
 
 
 @compiled
-def _nearest_points(points: Any, places: Any, nearest: Any) -> None:
-    """Fill in the row of the point (K, 2) that is nearest to each place (2, N)."""
+def curve_place(
+    points: Any, heading_rad: Any, curvature_1pm: Any, spacing_m: float, s_m: float
+) -> tuple[float, float, float, float]:
+    """``Curve.place`` for compiled loops: x, y, heading and curvature at an arc length."""
+    place = s_m / spacing_m
+    i = min(max(int(place), 0), points.shape[0] - 2)
+    fraction = place - i
+    inside = min(max(fraction, 0.0), 1.0)
+    heading = heading_rad[i] + inside * (heading_rad[i + 1] - heading_rad[i])
+    curvature = curvature_1pm[i] + inside * (curvature_1pm[i + 1] - curvature_1pm[i]) if inside == fraction else 0.0
+    x = points[i, 0] + fraction * (points[i + 1, 0] - points[i, 0])
+    return x, points[i, 1] + fraction * (points[i + 1, 1] - points[i, 1]), heading, curvature
+
+
+@compiled
+def _nearest(
+    points: Any, heading_rad: Any, curvature_1pm: Any, spacing_m: float, guess_m: float, x_m: float, y_m: float
+) -> tuple[float, float]:
+    """Arc length and offset of the place nearest to a point, searched near a guess."""
+    s, left = guess_m, 0.0
+    for _ in range(_NEAREST_ITERATIONS):
+        px, py, heading, curvature = curve_place(points, heading_rad, curvature_1pm, spacing_m, s)
+        cos, sin = np.cos(heading), np.sin(heading)
+        left = cos * (y_m - py) - sin * (x_m - px)
+        s += (cos * (x_m - px) + sin * (y_m - py)) / max(1.0 - curvature * left, 0.2)
+    return s, left
+
+
+@compiled
+def _project(
+    points: Any, heading_rad: Any, curvature_1pm: Any, spacing_m: float, xs_m: Any, ys_m: Any, first: int, end: int,
+    s_m: Any, left_m: Any, nearest: Any,
+) -> None:  # fmt: skip
+    """Fill in arc length, offset and nearest curve point of each place; looks at the points ``first`` to ``end``."""
     for n in range(nearest.shape[0]):
-        best, best_square = 0, np.inf
-        for k in range(points.shape[0]):
-            dx, dy = places[0, n] - points[k, 0], places[1, n] - points[k, 1]
+        best, best_square = first, np.inf
+        for k in range(first, end):
+            dx, dy = xs_m[n] - points[k, 0], ys_m[n] - points[k, 1]
             square = dx * dx + dy * dy
             if square < best_square:
                 best, best_square = k, square
-        nearest[n] = best
+        dx, dy = xs_m[n] - points[best, 0], ys_m[n] - points[best, 1]
+        cos, sin = np.cos(heading_rad[best]), np.sin(heading_rad[best])
+        left = cos * dy - sin * dx
+        along = (cos * dx + sin * dy) / max(1.0 - curvature_1pm[best] * left, 0.2)
+        s_m[n], left_m[n], nearest[n] = best * spacing_m + along, left, best

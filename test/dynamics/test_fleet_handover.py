@@ -1,5 +1,7 @@
 """Who drives an actor: taken over, handed back, brought back in SUMO, without a jump."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from dynamics.fleet_scenes import PARAMETERS, command_of, description, kinds, started, traffic_of
@@ -122,3 +124,25 @@ def test_the_residual_is_the_distance_between_both_poses(yaw: float, ahead: floa
     _, states, _ = step_fleet(state, traffic_of(1, {1: (x, y, yaw, 0.0)}), ())
     assert states.residual_m[0] == pytest.approx(np.hypot(x - states.x_m[0], y - states.y_m[0]))
     assert states.residual_m[0] == pytest.approx(np.hypot(ahead, left), abs=0.05)
+
+
+@pytest.mark.parametrize("accel", [-6.0, 4.0])
+def test_at_the_step_of_release_sumos_acceleration_is_not_taken(accel: float) -> None:
+    """SUMO's acceleration of that step is still that of the mirror."""
+    state, _ = started(1, 10.0)
+    state, _, _ = step_fleet(state, traffic_of(1, {1: (0.5, 50.0, 0.0, 10.0)}), [command_of(1, 1, throttle=0.1)])
+    traffic = traffic_of(2, {1: (1.0, 50.0, 0.0, 10.0)})
+    _, plain, _ = step_fleet(state, traffic, ())
+    _, other, _ = step_fleet(state, replace(traffic, sumo_accel_mps2=np.array([accel])), ())
+    assert other.throttle[0] == plain.throttle[0]
+    assert other.brake[0] == plain.brake[0]
+
+
+def test_a_vehicle_brought_back_says_how_far_it_is_from_sumos_and_one_that_ros_drives_is_not_brought_back() -> None:
+    fleet, _ = started(2, 8.0)
+    rows = {1: (0.4, 51.0, 0.0, 8.0), 2: (0.4, 101.0, 0.0, 8.0)}
+    events = (Event(1, EventKind.REALIGNED, 1), Event(1, EventKind.REALIGNED, 2))
+    after, states, _ = step_fleet(fleet, traffic_of(1, rows, events=events), [command_of(1, 2)])
+    assert states.residual_m == pytest.approx([1.0, 0.0], abs=0.02)
+    assert after.tracker.y_m == pytest.approx([51.0, states.y_m[1]])
+    assert states.y_m == pytest.approx([50.0, 100.0], abs=1e-6)

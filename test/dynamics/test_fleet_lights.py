@@ -20,6 +20,9 @@ def test_a_siren_is_said_once_when_it_begins_and_ends() -> None:
     state, _, events = step_fleet(state, traffic_of(4, {1: rows[1]}, removed=[2]), ())
     assert said == [(1, EventKind.SIREN_ON, 1), (1, EventKind.SIREN_ON, 2), (3, EventKind.SIREN_OFF, 1)]
     assert [(event.kind, event.actor_id) for event in events] == [(EventKind.REMOVED, 2), (EventKind.SIREN_OFF, 2)]
+    assert [event.y_m for event in events] == pytest.approx([100.0, 100.0])
+    state, _, events = step_fleet(state, traffic_of(5, {1: rows[1]}), ())
+    assert events == ()
 
 
 def test_the_brake_light_is_the_vehicles_own() -> None:

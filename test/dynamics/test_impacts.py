@@ -85,7 +85,25 @@ def test_an_impact_from_the_side_leaves_the_sliding_along_the_side(turn: float) 
     _, after, table = struck(cars)
     assert after.forward_mps == pytest.approx([4.0, 5.0])
     assert after.lateral_mps == pytest.approx([0.0, -4.0])
+    assert after.accel_mps2 == pytest.approx([-4.0 / 0.05, 0.0])
+    assert after.lateral_accel_mps2 == pytest.approx([0.0, -4.0 / 0.05])
     assert depth_m(after, table) < 0.01
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("ahead", [True, False])
+def test_bodies_are_moved_apart_along_the_normal_the_lighter_one_farther(turn: float, ahead: bool) -> None:
+    """The truck stands ahead of the car or behind it; 5 mm of a contact of 0.5 m may be left."""
+    lengths = [VEHICLES[kind].length_m for kind in (ActorClass.SEDAN, ActorClass.TRUCK)]
+    place = (0.5 * sum(lengths) - 0.5) * (1.0 if ahead else -1.0)
+    speed = 1.0 if ahead else -1.0
+    x, y = rotate(np.array([place, 0.0]), turn)
+    before, after, table = struck([Car(0.0, 0.0, turn, speed), Car(float(x), float(y), turn, 0.0, ActorClass.TRUCK)])
+    moved = np.hypot(after.x_m - before.x_m, after.y_m - before.y_m)
+    assert moved @ np.ones(2) == pytest.approx(0.5, abs=0.005)
+    assert moved[0] * table.mass_kg[0] == pytest.approx(moved[1] * table.mass_kg[1])
+    car = (after.x_m[0] - before.x_m[0]) * np.cos(turn) + (after.y_m[0] - before.y_m[0]) * np.sin(turn)
+    assert np.sign(car) == -np.sign(place)
 
 
 def test_bodies_that_do_not_touch_are_left_alone() -> None:

@@ -158,3 +158,101 @@ def test_in_a_turn_nobody_is_faster_than_the_grip_allows(kind, side):
     expected = settled(push, vehicle.throttle_lag_s, GAINS.drive_factor * drive)
     assert controls.throttle[0] == pytest.approx(expected, abs=1e-6)
     assert np.sign(controls.steer_rad[0]) == side
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize(("way_m", "aside"), [(0.009, 0.25), (0.009, -0.25), (0.011, 0.25), (0.011, -0.25)])
+def test_who_hardly_moves_has_the_course_of_its_heading(turn, way_m, aside):
+    """SUMO's vehicle points along the line and moves a little to one side; from 1 cm on that is its course."""
+    cos, sin = np.cos(turn + aside), np.sin(turn + aside)
+    reference = Reference(one(way_m * cos), one(way_m * sin), one(turn + 0.1), one(way_m / STEP_S), one(0.0))
+    body = BodyState.moving(one(0.0), one(0.0), one(turn), one(0.2))
+    _, after = track(body, TrackerState.at(one(0.0), one(0.0), one(turn)), reference, TABLE, STEP_S)
+    swerve = aside if way_m > 0.01 else 0.1
+    turned = way_m * np.sin(swerve) / VEHICLE.centre_ahead_of_rear_axle_m
+    assert after.yaw_rad[0] == pytest.approx(turn + turned, abs=1e-12)
+
+
+LAWS = {
+    "behind in a left bend": {"behind": 0.3, "right": 0.1, "turned": 0.05, "swerve": 0.03, "accel": 0.4},
+    "ahead in a right bend": {"behind": -0.2, "right": -0.1, "turned": -0.04, "swerve": -0.03, "accel": -0.6},
+    "slower than SUMO's": {"speed": 6.0, "sumo": 8.0, "throttle": one(0.3), "accel": 0.8, "pace": 0.95},
+    "faster than SUMO's": {
+        "speed": 9.0,
+        "sumo": 8.0,
+        "brake": one(0.2),
+        "accel": -1.0,
+        "pace": 0.92,
+        "last_accel": -0.5,
+    },
+    "grip limits the wheels": {"speed": 14.0, "sumo": 14.0, "right": 2.0, "swerve": 0.05},
+    "grip limits the wheels to the right": {"speed": 14.0, "sumo": 14.0, "right": -2.0, "swerve": -0.05},
+    "creeps": {"speed": 0.3, "sumo": 0.4, "right": 0.05, "swerve": 0.05, "pace": 1.05, "last_accel": 0.3},
+    "comes to a stop": {
+        "speed": 0.4,
+        "sumo": 0.02,
+        "behind": -0.02,
+        "accel": -2.0,
+        "last_accel": -2.0,
+        "brake": one(0.5),
+    },
+    "on the brake, and SUMO's goes": {"speed": 5.0, "sumo": 6.5, "brake": one(0.4), "throttle": one(0.1), "accel": 1.0},
+}
+
+
+@pytest.mark.parametrize("turn", [*TURNS, 3.1, -3.1])
+@pytest.mark.parametrize("name", list(LAWS))
+def test_the_whole_law_in_the_axes_of_the_line(name, turn):
+    case = {"behind": 0.0, "right": 0.0, "turned": 0.0, "speed": 8.0, "sumo": 8.0, "accel": 0.0, "swerve": 0.0}
+    case |= {"throttle": one(0.0), "brake": one(0.0), "pace": 1.0, "last_accel": 0.0, **LAWS[name]}
+    along, left = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+    last = np.array([20.0, 30.0])
+    own = last - case["behind"] * along - case["right"] * left
+    swerve, sumo, speed = case["swerve"], case["sumo"], case["speed"]
+    to = last + sumo * STEP_S * (np.cos(swerve) * along + np.sin(swerve) * left)
+    yaw = np.arctan2(np.sin(turn + case["turned"]), np.cos(turn + case["turned"]))
+    body = replace(
+        BodyState.moving(one(own[0]), one(own[1]), one(yaw), one(speed)), throttle=case["throttle"], brake=case["brake"]
+    )
+    tracker = TrackerState(one(last[0]), one(last[1]), one(turn), one(case["pace"]), one(case["last_accel"]))
+    reference = Reference(one(to[0]), one(to[1]), one(turn + swerve), one(sumo), one(case["accel"]))
+    controls, after = track(body, tracker, reference, TABLE, STEP_S)
+
+    moves = sumo * STEP_S > 0.01
+    pull = VEHICLE.centre_ahead_of_rear_axle_m
+    curvature = np.tan(swerve) / pull
+    heading = np.arctan(VEHICLE.wheelbase_m * curvature)
+    front = np.array([REACH * np.cos(case["turned"]) - case["behind"], REACH * np.sin(case["turned"]) - case["right"]])
+    to_goal = np.array([REACH, 0.0]) - front
+    offset = to_goal[1] * np.cos(heading) - to_goal[0] * np.sin(heading)
+    asked = heading - case["turned"] + np.arctan2(GAINS.lateral_per_s * offset, speed + GAINS.lateral_soft_mps)
+    grip = GAINS.grip_share * GRAVITY_MPS2 * VEHICLE.friction_coefficient
+    tightest = min(np.tan(VEHICLE.max_steer_rad) / VEHICLE.wheelbase_m, grip / max(speed, 0.1) ** 2)
+    steered = np.clip(np.tan(asked) / VEHICLE.wheelbase_m, -tightest, tightest)
+    rear_share = 1.0 - VEHICLE.cg_to_front_axle_m / VEHICLE.wheelbase_m
+    slip = VEHICLE.mass_kg * rear_share / VEHICLE.cornering_stiffness_front_npr * speed**2 * curvature
+    assert controls.steer_rad[0] == pytest.approx(np.arctan(VEHICLE.wheelbase_m * steered) + slip, abs=1e-9)
+
+    ratio = 1.0 if moves else np.clip(sumo * STEP_S / 0.01, 0.85, 1.1)
+    pace = ratio + (case["pace"] - ratio) * np.exp(-STEP_S / GAINS.pace_time_s)
+    accel = case["accel"] + (case["last_accel"] - case["accel"]) * np.exp(-STEP_S / GAINS.accel_time_s)
+    assert (after.pace[0], after.accel_mps2[0]) == pytest.approx((pace, accel))
+    assert (after.x_m[0], after.y_m[0]) == tuple(to)
+    behind = case["behind"] * np.cos(swerve) + case["right"] * np.sin(swerve)
+    wanted = min(pace * sumo + np.clip(GAINS.along_per_s * behind, -3.0, 3.0), np.sqrt(grip / max(abs(steered), 1e-3)))
+    wanted = max(wanted, 0.0)
+    push = accel + (wanted - accel * STEP_S - speed) / GAINS.speed_time_s + resistance(speed)
+    drive = min(VEHICLE.max_drive_accel_mps2, VEHICLE.drive_power_w / (VEHICLE.mass_kg * speed))
+    share = push / (GAINS.drive_factor * drive)
+    throttle = led(share, case["throttle"][0], VEHICLE.throttle_lag_s)
+    brake = led(-push / VEHICLE.max_brake_decel_mps2, case["brake"][0], VEHICLE.brake_lag_s)
+    if wanted < 0.05:
+        throttle, brake = 0.0, max(brake, 0.3)
+    assert (controls.throttle[0], controls.brake[0]) == pytest.approx((throttle, brake), abs=1e-9)
+
+
+def led(wanted, present, lag_s):
+    """The pedal whose mean behind its lag is the wanted one: the mean of w + (p - w) e^(-t/T) over the step."""
+    lag_s /= GAINS.quickness
+    kept = lag_s / STEP_S * (1.0 - np.exp(-STEP_S / lag_s))
+    return float(np.clip((np.clip(wanted, 0.0, 1.0) - kept * present) / (1.0 - kept), 0.0, 1.0))

@@ -6,9 +6,17 @@ import numpy as np
 import pytest
 
 from siren_ros.behaviour.civilians.drivers import Compliance, Driver
-from siren_ros.behaviour.civilians.pull_over import alignment_of, edge_offset_m, pull_over_path
-from siren_ros.behaviour.civilians.unit import YieldUnit, aligned_within_rad
+from siren_ros.behaviour.civilians.pull_over import (
+    alignment_of,
+    edge_offset_m,
+    hold,
+    pull_over,
+    pull_over_path,
+    start_pull_over,
+)
+from siren_ros.behaviour.civilians.unit import EmvView, YieldUnit, aligned_within_rad
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
+from siren_ros.behaviour.driving.navigator import NavigatorState
 from siren_ros.behaviour.paths.path_blend import PEAK_CURVATURE
 from siren_ros.world.actors import ActorClass, Lights, Mode, Owner
 
@@ -373,3 +381,133 @@ def test_comes_straight_before_it_holds(lab, world):
         poses = np.array([[50.0, 0.0, 0.0, 8.0], [86.0, -0.72, -np.radians(degrees), speed]])
         _, _, events = steps(lab, world, cars, 1, state, 1, poses)
         assert ("yield_held" in kinds(events)) is held
+
+
+NEAR = EmvView(0, passed=False, in_region=True, on_path=True, on_road=True)
+"""The EMV is about, and has not passed."""
+
+
+def test_who_goes_on_after_a_partial_hold_counts_its_standstill_anew(lab, world):
+    """Nothing of the hold is left: a driver who then stands for a moment does not hold at once."""
+    cars = [emv_at(lab), lab.Car(2, 0, 83.2, 0, (0,), left=-0.2), lab.Car(3, 0, 110, 0, (0,))]
+    view = lab.view_of(world, lab.traffic_of(world.network, cars, step=2))
+    held = replace(UNIT, partial=True, stopped_steps=25)
+    gone = hold(held, view, 1, NEAR).unit
+    assert gone.phase is Mode.YIELD_PULL_OVER
+    assert (gone.partial, gone.stopped_steps) == (False, 0)
+    assert gone.navigator.path is not None
+    later = lab.view_of(world, lab.traffic_of(world.network, cars, step=3))
+    assert hold(held, later, 1, NEAR).unit.phase is Mode.YIELD_HOLD, "it looks again each ten steps"
+
+
+@pytest.mark.parametrize(
+    ("passed", "in_region", "phase", "events"),
+    [
+        (True, True, Mode.YIELD_HOLD, []),
+        (True, False, Mode.YIELD_HOLD, []),
+        (False, False, Mode.YIELD_HOLD, ["emv_gone"]),
+        (True, True, Mode.YIELD_PULL_OVER, ["emv_passed"]),
+        (False, False, Mode.YIELD_PULL_OVER, ["emv_gone"]),
+    ],
+)
+def test_a_yield_without_a_hold_or_whose_emv_is_gone_is_cancelled(lab, world, passed, in_region, phase, events):
+    cars = [emv_at(lab), lab.Car(2, 0, 90, 0, (0,), left=-0.735)]
+    view = lab.view_of(world, lab.traffic_of(world.network, cars))
+    emv = replace(NEAR, passed=passed, in_region=in_region)
+    step = hold if phase is Mode.YIELD_HOLD else pull_over
+    outcome = step(replace(UNIT, phase=phase), view, 1, emv)
+    assert outcome.unit.phase is Mode.REJOIN
+    assert [event.detail["reason"] for event in outcome.events] == events
+
+
+@pytest.mark.parametrize(("lane", "side"), [(0, -1), (1, 1)])
+@pytest.mark.parametrize(
+    ("progress", "miss", "holds"),
+    [(0.0, 0.04, True), (0.0, 0.06, False), (0.45, 0.14, True), (0.45, 0.16, False), (0.55, 0.14, False)],
+)
+def test_the_edge_counts_as_reached_within_5_cm_and_within_15_cm_where_the_lateral_move_ends(
+    lab, world, lane, side, progress, miss, holds
+):
+    """``progress`` is the way that is left of the lateral move (0: all of it); half a metre counts as none."""
+    car = lab.Car(2, lane, 80, 3.0, (0,))
+    start = lab.view_of(world, lab.traffic_of(world.network, [emv_at(lab), car]))
+    unit = replace(UNIT, side=side, phase=Mode.YIELD_PULL_OVER)
+    path = pull_over_path(unit, start, 1, lane)
+    done = path.settled_m - progress if progress else 2.0
+    unit = replace(unit, navigator=replace(NavigatorState().following(path, 80.0, 3.3 * lane), progress_m=done))
+    wanted = edge_offset_m(start, 1, lane, side)
+    there = replace(car, s=80.0 + done, left=wanted - side * miss)
+    view = lab.view_of(world, lab.traffic_of(world.network, [emv_at(lab), there], step=1))
+    outcome = pull_over(unit, view, 1, NEAR)
+    assert (outcome.unit.phase is Mode.YIELD_HOLD) is holds
+    if holds:
+        (event,) = outcome.events
+        assert (event.detail["side"], event.detail["partial"]) == (side, 0)
+        assert event.detail["offset_m"] == pytest.approx(wanted - side * miss, abs=1e-6)
+
+
+def test_a_pull_over_starts_where_the_way_of_a_stop_is_no_longer_than_the_path_and_a_little(lab):
+    """The path ends before the junction; from each place and speed the rule says whether it is long enough."""
+    network = lab.junction_road()
+    world = lab.world_of(network, lab.L3)
+    brake = world.config.civilian_navigator.comfort_brake_mps2
+    unit = replace(UNIT, phase=Mode.YIELD_REACTING, side=-1)
+    verdicts = set()
+    for s in (100.0, 115.0, 125.0, 132.0, 138.0):
+        for speed in (6.0, 8.0, 9.0, 10.0, 11.0, 12.5):
+            cars = [lab.Car(1, 0, 60, 8, (0, 2), AMBULANCE), lab.Car(2, 0, s, speed, (0, 2))]
+            view = lab.view_of(world, lab.traffic_of(network, cars))
+            path = pull_over_path(unit, view, 1, 0)
+            long_enough = path is not None and speed**2 / (2.0 * brake) <= path.length_m + 6.0
+            starts = start_pull_over(unit, view, 1).unit.phase is Mode.YIELD_PULL_OVER
+            assert starts is long_enough, (s, speed)
+            verdicts.add((starts, path is not None and speed**2 / brake > path.length_m + 6.0))
+    assert verdicts >= {(True, True), (True, False), (False, True)}
+
+
+def test_what_a_deferral_left_is_gone_when_the_pull_over_starts(lab, world):
+    view = lab.view_of(world, lab.traffic_of(world.network, [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]))
+    waiting = replace(UNIT, phase=Mode.YIELD_DEFERRED, deferred="no_room", stopped_steps=40)
+    started = start_pull_over(waiting, view, 1).unit
+    assert started.phase is Mode.YIELD_PULL_OVER
+    assert (started.deferred, started.stopped_steps) == ("", 0)
+
+
+@pytest.mark.parametrize(("step", "looks"), [(11, False), (12, True), (13, False), (22, True)])
+@pytest.mark.parametrize("speed", [0.0, 1.0])
+def test_a_deferred_driver_who_stands_looks_again_each_half_second(lab, world, step, looks, speed):
+    """Actor 2 at the steps 2, 12, 22 and so on; who drives looks at every step."""
+    cars = [emv_at(lab), lab.Car(2, 0, 80, speed, (0,))]
+    view = lab.view_of(world, lab.traffic_of(world.network, cars, step=step))
+    outcome = start_pull_over(replace(UNIT, phase=Mode.YIELD_DEFERRED, deferred="no_room"), view, 1)
+    assert (outcome.unit.phase is Mode.YIELD_PULL_OVER) is (looks or speed > 0.0)
+
+
+def test_beside_a_shoulder_a_wide_vehicle_reaches_a_metre_over_the_edge_at_most(lab):
+    """An EMV of 2.8 m and a fire engine need more than the lane has left; on the road's own edge 0.5 m is the most."""
+    engine = ActorClass.FIRE_TRUCK
+    half = 0.5 * lab.vehicles[engine].width_m
+    for shoulder, lane, most in ((True, 1, 1.0), (False, 0, 0.5)):
+        network = lab.straight_road(2 + shoulder, shoulder=shoulder)
+        narrow = tuple(replace(item, width_m=2.6) for item in network.lanes)
+        network = replace(network, lanes=narrow)
+        view = lab.view_of(
+            lab.world_of(network, lab.L3),
+            lab.traffic_of(network, [emv_at(lab), replace(lab.Car(2, lane, 80, 5, (0,)), kind=engine)]),
+        )
+        at_edge = 1.3 - half
+        wanted = 1.4 - 1.3 + half
+        assert wanted > at_edge + most
+        assert edge_offset_m(view, 1, lane, -1) == pytest.approx(-(at_edge + most))
+
+
+@pytest.mark.parametrize(("before_m", "goes"), [(0.3, False), (0.6, True)])
+def test_to_make_room_the_front_goes_4_m_over_the_line_if_that_is_2_m_of_way(lab, before_m, goes):
+    """The centre is ``before_m`` from the line: the way is that, the 4 m and not the half length."""
+    network = lab.junction_road()
+    view = lab.view_of(
+        lab.world_of(network, lab.L3), lab.traffic_of(network, [lab.Car(2, 1, 150.0 - before_m, 0, (0, 2))])
+    )
+    assert before_m + 4.0 - 0.5 * lab.vehicles[ActorClass.SEDAN].length_m == pytest.approx(2.0, abs=0.3)
+    path = pull_over_path(replace(UNIT, side=1, emv_waits_steps=30), view, 0, 1)
+    assert (path is not None) is goes

@@ -9,6 +9,7 @@ from siren_ros.behaviour.civilians.drivers import Compliance, Driver
 from siren_ros.behaviour.civilians.rejoin import rejoin, start_rejoin
 from siren_ros.behaviour.civilians.unit import YieldUnit
 from siren_ros.behaviour.driving.navigator import NavigatorState
+from siren_ros.behaviour.paths.path_blend import blend_length_m
 from siren_ros.world.actors import ActorClass, Mode
 
 UNIT = YieldUnit(2, 1, Driver(Compliance.COMPLIES, 0.0, 40.0), 0, phase=Mode.YIELD_HOLD, side=-1, stopped_steps=30)
@@ -117,3 +118,25 @@ def test_at_the_end_of_its_path_and_in_its_lane_a_vehicle_is_handed_back(lab):
     beside, _, _ = view_at(lab, -NEAR_M - 0.05, speed=3.0, s=110.0)
     assert rejoin(unit, beside, 0).unit is not None
     assert rejoin(replace(unit, navigator=NavigatorState()), beside, 0).unit is None
+
+
+@pytest.mark.parametrize(("left", "speed"), [(-0.8, 0.0), (0.9, 4.0), (-0.5, 9.0)])
+def test_the_way_back_is_laid_out_for_the_mean_of_the_present_and_the_wanted_speed(lab, left, speed):
+    view, _, _ = view_at(lab, left, speed=speed)
+    path = start_rejoin(UNIT, view, 0).unit.navigator.path
+    config = view.world.config.pull_over
+    expected = blend_length_m(
+        left, 0.5 * (speed + 5.0), config.duration_s, config.length_min_m, view.navigator_config(0)
+    )
+    assert path.settled_m == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize(("spare", "left_at_end"), [(0.1, 0.0), (-0.1, -0.8)])
+def test_the_middle_is_left_where_the_move_and_half_a_length_do_not_fit(lab, spare, left_at_end):
+    """The way ends where the front is a metre before the end of the lane."""
+    view, _, _ = view_at(lab, -0.8)
+    half = float(view.seen.half_length_m[0])
+    merge = start_rejoin(UNIT, view, 0).unit.navigator.path.settled_m
+    view, _, across = view_at(lab, -0.8, s=100.0, length=100.0 + merge + 2.0 * half + 1.0 + spare)
+    path = start_rejoin(UNIT, view, 0).unit.navigator.path
+    assert path.curve.points[-1] @ across == pytest.approx(left_at_end, abs=0.02)

@@ -215,3 +215,21 @@ def test_an_oncoming_vehicle_that_ends_its_turn_is_no_leader(turn, side):
     assert watched(turn, 8.0, (15.0, side * 3.5, ending, 5.4)) is None
     on_the_path = watched(turn, 8.0, (15.0, side * 1.5, ending, 5.4))
     assert on_the_path.safe_speed_mps == pytest.approx(krauss(0.0, 0.0), abs=2.0)
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("gap", "aside", "leads"), [(-0.4, 0.1, True), (-0.6, 0.1, False), (-0.6, -0.1, True)])
+def test_who_is_alongside_leads_only_where_the_bodies_would_meet(turn, side, gap, aside, leads):
+    """Half a metre behind the own front bumper it is no matter of the margin any more, but of the body itself."""
+    other = (LENGTHS + gap, side * (2.0 * HALF_WIDTH + aside), 0.0, 0.0)
+    assert (watched(turn, 5.0, other) is not None) is leads
+
+
+@pytest.mark.parametrize("degrees", [15.0, -15.0])
+def test_who_drives_ahead_at_an_angle_leads_although_its_way_is_known(degrees):
+    """The outlook is for those who come on."""
+    path, seen = scene(0.6, 8.0, (16.0, 0.3, np.radians(degrees), 5.0))
+    known = watch_path(path, 10.0, 0, 10.0, replace(seen, outlook=SimpleNamespace()), CONFIG)
+    assert known.snapshot.actor_id == 2
+    assert known.snapshot.speed_mps == pytest.approx(5.0 * np.cos(np.radians(degrees)))

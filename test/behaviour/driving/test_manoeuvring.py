@@ -60,3 +60,17 @@ def test_a_leader_that_drives_leaves_the_way_that_it_needs_to_stop(lab):
     near = 80.0 + length + 3.0
     standing, driving = (limit(lab, sideways(0.0), lab.Car(3, 0, near, speed, (0,))) for speed in (0.0, 4.0))
     assert driving.free_m - standing.free_m == pytest.approx(4.0**2 / (2.0 * CONFIG.leader_brake_mps2), abs=1e-6)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_flank_of_a_leader_in_the_next_lane_counts_as_far_as_it_reaches(lab, side):
+    """Its rear is just ahead of the own front; the own path leads into its side, some metres farther on."""
+    width = 0.5 * (lab.vehicles[SEDAN].width_m + lab.vehicles[ActorClass.BUS].width_m)
+    length = 0.5 * (lab.vehicles[SEDAN].length_m + lab.vehicles[ActorClass.BUS].length_m)
+    state = sideways(side * 0.2)
+    standing, driving = (
+        limit(lab, state, lab.Car(3, 0, 80.0 + length + 0.2, speed, (0,), ActorClass.BUS, left=side * (width + 0.8)))
+        for speed in (0.0, 4.0)
+    )
+    assert standing.free_m < 8.0
+    assert driving.free_m - standing.free_m == pytest.approx(4.0**2 / (2.0 * CONFIG.leader_brake_mps2), abs=1e-6)

@@ -157,6 +157,7 @@ def test_the_path_begins_where_the_emv_is_as_it_points_and_ends_in_the_corridor(
     assert left == pytest.approx(0.0, abs=0.01)
     end = np.array([curve.length_m])
     assert network.lanes[0].centre.project(curve.at(end)[0])[1] == pytest.approx(1.65, abs=0.02)
+    assert curve.at(end)[0] @ along == pytest.approx(180.0, abs=0.05), "80 m ahead"
     begins, goes_on = curve.heading_at(np.array([s, end[0]]))
     assert wrap_angle(begins - yaw[0]) == pytest.approx(0.0, abs=0.03)
     assert wrap_angle(goes_on - np.radians(heading_deg)) == pytest.approx(0.0, abs=0.01)
@@ -189,3 +190,22 @@ def test_goes_straight_on_where_a_vehicle_closes_the_way_to_a_lane_that_begins(l
     path = corridor_path(EmvUnit(1, corridor=True), view, 0).navigator.path
     _, left, _ = path.curve.project(np.array([162.0]), np.array([view.seen.y_m[0]]))
     assert (abs(float(left[0])) < 0.6) is straight
+
+
+@pytest.mark.parametrize("turned_rad", [0.9, -0.9])
+def test_an_emv_that_points_far_off_begins_at_half_a_radian(lab, turned_rad):
+    network = lab.straight_road()
+    car = lab.Car(1, 0, 100, 2, (0,), ActorClass.AMBULANCE, left=1.65)
+    poses = np.array([[100.0, 1.65, turned_rad, 2.0]])
+    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, [car], poses=poses))
+    curve = corridor_path(EmvUnit(1, corridor=True), view, 0).navigator.path.curve
+    assert curve.heading_at(np.array([0.0]))[0] == pytest.approx(np.sign(turned_rad) * 0.5, abs=0.05)
+
+
+@pytest.mark.parametrize("step", [7, 8])
+def test_the_corridor_is_planned_again_after_0_4_s(lab, step):
+    planned = corridor_path(EmvUnit(1, corridor=True), view_at(lab), 0)
+    again = corridor_path(planned, view_at(lab, step=step), 0)
+    assert (again is planned) is (step == 7)
+    assert again.corridor_planned_step == (0 if step == 7 else 8)
+    assert again.plan is None

@@ -81,15 +81,16 @@ def test_who_stands_off_the_road_has_nodes_up_to_there(left):
     assert found.start[0] == (0 if left < 0.0 else len(found.left_m) - 1)
 
 
-@pytest.mark.parametrize("bend", [0.0, 1.0 / 20.0, -1.0 / 20.0])
+@pytest.mark.parametrize("bend", [0.0, 1.0 / 20.0, -1.0 / 20.0, 0.2, -0.2, 0.25, -0.25])
 def test_the_change_of_slope_is_what_can_be_steered_less_the_bend_of_the_line(bend):
-    """From −0.16 − κ to 0.16 − κ per metre, times 1.5 m, in steps of 0.1; at least none at all."""
-    a = np.linspace(-10.0, 60.0, 400)
-    points = np.stack((a, np.zeros(400)), axis=-1)
+    """From −0.16 − κ to 0.16 − κ per metre, times 1.5 m, in steps of 0.1; going on as before is always one of them."""
+    a = np.linspace(-10.0, 60.0, 1400)
+    points = np.stack((a, np.zeros_like(a)), axis=-1)
     if bend:
         points = np.stack((np.sin(a * bend) / bend, (1.0 - np.cos(a * bend)) / bend), axis=-1)
     found = lattice(curve=Curve.through(points))
-    low, high = (int(np.trunc((sign * SHARPEST_1PM - bend) * 1.5 / 0.1)) for sign in (-1.0, 1.0))
+    low = min(int(np.ceil((-SHARPEST_1PM - bend) * 15.0)), 0)
+    high = max(int(np.floor((SHARPEST_1PM - bend) * 15.0)), 0)
     assert set(found.turns[3:-3]) == {range(low, high + 1)}
 
 

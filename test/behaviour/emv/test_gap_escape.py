@@ -1,10 +1,18 @@
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from siren_ros.behaviour.driving.collision_watch import CollisionSnapshot
 from siren_ros.behaviour.emv.escape_plan import search_gap
-from siren_ros.behaviour.emv.gap_escape import blocker_of, escape_path, escape_speed_mps, gap_escape_mode
+from siren_ros.behaviour.emv.gap_escape import (
+    blocker_of,
+    escape_path,
+    escape_speed_mps,
+    gap_escape_mode,
+    in_the_way,
+)
+from siren_ros.behaviour.emv.route import RoutePlan
 from siren_ros.behaviour.emv.unit import EmvUnit
 from siren_ros.behaviour.paths.lane_path import LaneEnd, path_on_lanes
 from siren_ros.world.actors import ActorClass
@@ -228,3 +236,62 @@ def test_without_another_path_the_present_one_is_driven_while_a_metre_of_it_is_f
     after, events = escape_path(unit, view_at(lab, others=both, step=10), 0)
     assert (after.escape_offset_m == unit.escape_offset_m) is goes_on
     assert kinds(events) == ([] if goes_on else ["gap_escape_waiting"])
+
+
+def test_an_escape_that_begins_plans_at_once_and_starts_without_a_path(lab):
+    """Whatever an escape before it has left behind."""
+    before = EmvUnit(1, snapshot=BLOCKED, stopped_s=5.0, escape_planned_step=95, escape_offset_m=1.0)
+    unit, _ = gap_escape_mode(before, view_at(lab, step=100), 0)
+    assert unit.gap_escape_active
+    assert unit.escape_offset_m is None
+    assert unit.escape_planned_step < 0
+    both = [lab.Car(2, 0, 108, 0, (0,)), lab.Car(3, 1, 108, 0, (0,))]
+    planned, events = escape_path(unit, view_at(lab, others=both, step=100), 0)
+    assert planned.escape_planned_step == 100
+    assert kinds(events) == ["gap_escape_waiting"]
+
+
+def test_an_escape_that_ends_leaves_neither_its_offset_nor_a_plan(lab):
+    view = view_at(lab)
+    active = EmvUnit(
+        1,
+        gap_escape_active=True,
+        escape_offset_m=1.2,
+        blocker_free_s=5.0,
+        plan=RoutePlan((0,), LaneEnd.HORIZON, 0),
+        corridor_planned_step=7,
+    )
+    unit, events = gap_escape_mode(active, view, 0)
+    assert kinds(events) == ["gap_escape_left"]
+    assert not unit.gap_escape_active
+    assert unit.escape_offset_m is None
+    assert unit.plan is None
+    assert unit.corridor_planned_step < 0
+
+
+@pytest.mark.parametrize(("speed", "counts"), [(0.51, False), (0.5, True)])
+def test_stopped_is_up_to_the_papers_speed(lab, speed, counts):
+    unit, _ = run(EmvUnit(1, snapshot=BLOCKED), view_at(lab, speed=speed), 1)
+    assert (unit.stopped_s > 0.0) is counts
+
+
+@pytest.mark.parametrize(("gap", "blocks"), [(14.9, True), (15.1, False)])
+def test_while_escaping_the_vehicle_ahead_in_the_lane_blocks_within_15_m(lab, gap, blocks):
+    centre = 100.0 + 0.5 * (lab.vehicles[ActorClass.AMBULANCE].length_m + lab.vehicles[ActorClass.SEDAN].length_m)
+    view = view_at(lab, others=[lab.Car(5, 0, centre + gap, 0, (0,))])
+    assert (blocker_of(EmvUnit(1, gap_escape_active=True), view, 0) == 5) is blocks
+    assert blocker_of(EmvUnit(1), view, 0) == 0, "outside an escape the navigator sees it"
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("turned", [0.0, 0.4, -0.4])
+def test_the_emv_would_meet_who_is_nearer_aside_than_both_bodies_and_a_margin(lab, side, turned):
+    body, other = lab.vehicles[ActorClass.AMBULANCE], lab.vehicles[ActorClass.SEDAN]
+    half = 0.5 * (body.width_m + other.width_m * np.cos(turned) + other.length_m * abs(np.sin(turned)))
+    network = lab.straight_road(3)
+    cars = [lab.Car(1, 1, 100, 3, (0,), ActorClass.AMBULANCE), lab.Car(2, 1, 112, 0, (0,))]
+    for apart, meets in ((-0.05, True), (0.05, False)):
+        poses = np.array([[100.0, 3.5, 0.0, 3.0], [112.0, 3.5 + side * (half + 0.1 + apart), turned, 0.0]])
+        view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars, poses=poses))
+        assert view.world.config.corridor.clearance_m == 0.1
+        assert in_the_way(view, 0, 1, 1) is meets

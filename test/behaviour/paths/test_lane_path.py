@@ -128,5 +128,71 @@ def test_an_internal_lane_belongs_to_the_movement_along_the_route_and_else_to_th
     assert connection_of_internal(network, 1, route(0, 2)).to_lane == 2
     assert connection_of_internal(network, 1, route(0, 3)).to_lane == 3
     assert connection_of_internal(network, 1, route(7)).to_lane == 2
+    assert connection_of_internal(network, 1, route(9, 0, 3)).to_lane == 3, "the third edge counts"
+    assert connection_of_internal(network, 1, route(9, 8, 0, 3)).to_lane == 2, "the fourth does not"
     assert connection_of_internal(network, 2, route(0, 2)) is None
     assert lanes_along(network, 1, 2.0, route(0, 3), 50.0)[0] == (1, 3)
+
+
+@pytest.mark.parametrize("civilian", [True, False])
+def test_a_lane_from_which_the_route_cannot_be_followed_is_missing(lab, civilian):
+    """Lane 0 ends in nothing and may be left; on the third road nothing leads on at all."""
+    road = lab.RoadBuilder()
+    road.edge([[0, 0], [100, 0]], 2, ("A", "B"))
+    road.edge([[100, 0], [200, 0]], 1, ("B", "C"))
+    road.edge([[0, 50], [100, 50]], 1, ("D", "E"))
+    road.connect(1, 2)
+    network = road.built()
+    assert changes_needed(network, route(0, 1), civilian) == [{0: 1, 1: 0}, {2: 0}]
+    assert changes_needed(network, route(2, 1), civilian) == [{}, {2: 0}]
+
+
+def test_of_several_movements_to_the_next_edge_the_fewest_changes_come_first_and_then_the_rightmost_lane(lab):
+    """Two movements lead straight on from one lane; beyond, the route needs the left or any lane."""
+    road = lab.RoadBuilder()
+    road.edge([[0, 0], [60, 0]], 1, ("A", "B"))
+    road.edge([[60, 0], [120, 0]], 2, ("B", "C"))
+    road.edge([[120, 3.3], [200, 3.3]], 1, ("C", "D"))
+    for to in (2, 1):
+        road.connect(0, to)
+    road.connect(2, 3)
+    network = road.built()
+    assert lanes_along(network, 0, 50.0, route(0, 1, 2), 40.0)[0] == (0, 2)
+    assert lanes_along(network, 0, 50.0, route(0, 1), 40.0)[0] == (0, 1)
+
+
+@pytest.mark.parametrize(("ahead", "expected"), [(49.9, (0,)), (50.1, (0, 2, 4)), (74.9, (0, 2, 4)), (275.1, None)])
+def test_lanes_are_added_while_less_than_the_way_ahead_is_left(lab, ahead, expected):
+    """100 m on the lane, 25 m over the junction, 225 m behind it."""
+    lanes, end = lanes_along(lab.junction_road(2), 0, 100.0, route(0, 2), ahead)
+    if expected is None:
+        assert ahead < 300.0
+        assert (lanes, end) == ((0, 2, 4), LaneEnd.HORIZON)
+        assert lanes_along(lab.junction_road(2), 0, 100.0, route(0, 2), 300.1)[1] is LaneEnd.ROUTE
+    else:
+        assert (lanes, end) == (expected, LaneEnd.HORIZON)
+
+
+@pytest.mark.parametrize(("ahead", "ends"), [(40.0, LaneEnd.HORIZON), (60.0, LaneEnd.ASTRAY)])
+def test_a_line_that_does_not_reach_the_end_of_its_lanes_ends_at_the_horizon(lab, ahead, ends):
+    network = lab.junction_road(2)
+    path = path_on_lanes(network, (1,), LaneEnd.ASTRAY, 100.0, ahead)
+    assert path.end is ends
+    assert path.curve.length_m == pytest.approx(min(ahead, 50.0), abs=0.01)
+    assert path_on_lanes(network, (1,), LaneEnd.ASTRAY, 149.0, 60.0).curve.length_m == pytest.approx(2.0, abs=0.01)
+    before = path_on_lanes(network, (1,), LaneEnd.HORIZON, -5.0, 20.0)
+    assert before.curve.points[0] == pytest.approx([-5.0, 3.3], abs=1e-6)
+    assert before.start_m.tolist() == pytest.approx([5.0])
+
+
+def test_the_opposite_road_is_as_wide_as_its_driving_lanes_and_the_nearest_of_them_is_the_leftmost(lab):
+    road = lab.RoadBuilder()
+    road.edge([[0, 0], [100, 0]], 2, ("A", "B"))
+    road.edge([[100, 30.0], [0, 30.0]], 3, ("B", "A"), shoulder=True, width=4.0)
+    road.edge([[0, 60], [100, 60]], 1, ("A", "C"))
+    network = road.built()
+    near, far = road_limits(network, 0), road_limits(network, 2)
+    assert (near.opposite_m, near.opposite_road_m) == pytest.approx((4.0, 8.0))
+    assert (far.opposite_m, far.opposite_road_m) == pytest.approx((3.3, 6.6))
+    assert (far.right_m, far.driving_right_m, far.left_m) == pytest.approx((-2.0, 2.0, 10.0))
+    assert road_limits(network, 5).opposite_m == 0.0

@@ -1,0 +1,201 @@
+"""The lane change out of the EMV's lane, guard by guard."""
+
+from dataclasses import replace
+
+import pytest
+
+from siren_ros.behaviour.civilians.drivers import Compliance, Driver
+from siren_ros.behaviour.civilians.unit import EmvView, YieldUnit
+from siren_ros.behaviour.civilians.yield_lane_change import (
+    change_lane,
+    intent_of,
+    keep_lane,
+    start_lane_change,
+    yield_speed_mps,
+)
+from siren_ros.behaviour.driving.navigator import NavigatorState
+from siren_ros.numerics.units import NEVER
+from siren_ros.roads.road_network import NO_LANE
+from siren_ros.world.actors import ActorClass, Mode
+from siren_ros.world.traffic_state import TrafficFlags
+
+UNIT = YieldUnit(2, 1, Driver(Compliance.COMPLIES, 0.0, 40.0), 0)
+NEAR = EmvView(0, passed=False, in_region=True, on_path=True, on_road=True)
+
+
+def view_at(lab, *others, lane=1, lanes=3, step=200, speed=5.0, flags=0, network=None, route=(0,), s=80.0):
+    network = network or lab.straight_road(lanes)
+    cars = [
+        lab.Car(1, lane, 50, 8, route, ActorClass.AMBULANCE),
+        lab.Car(2, lane, s, speed, route, flags=flags),
+        *others,
+    ]
+    return lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars, step=step))
+
+
+def kinds(outcome):
+    return [event.kind.value for event in outcome.events]
+
+
+@pytest.mark.parametrize(("since", "starts"), [(39, False), (40, True)])
+def test_the_cooldown_since_the_last_change_comes_first(lab, since, starts):
+    view = view_at(lab)
+    assert view.world.cooldown_steps == 40
+    outcome = start_lane_change(replace(UNIT, change_step=200 - since), view, 1)
+    assert kinds(outcome) == (["yield_started"] if starts else ["yield_deferred"])
+    assert outcome.unit.change_step == (200 if starts else 200 - since)
+
+
+def test_nothing_of_a_deferral_is_left_when_the_change_starts(lab):
+    waiting = replace(UNIT, phase=Mode.YIELD_DEFERRED, deferred="gap_rear", seek=1, side=1, change_step=NEVER)
+    outcome = start_lane_change(waiting, view_at(lab), 1)
+    unit = outcome.unit
+    assert (unit.phase, unit.side, unit.deferred, unit.seek) == (Mode.YIELD_LANE_CHANGE, -1, "", 0)
+    assert outcome.events[0].detail == {"side": -1, "from_lane": 1, "to_lane": 0}
+    assert unit.navigator.path.curve.points[-1, 1] == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("flags", "intent"),
+    [
+        (0, 0),
+        (TrafficFlags.WANTS_LEFT, 1),
+        (TrafficFlags.WANTS_RIGHT, -1),
+        (TrafficFlags.WANTS_LEFT | TrafficFlags.WANTS_RIGHT, 0),
+    ],
+)
+def test_sumos_intent_as_a_side(lab, flags, intent):
+    assert intent_of(view_at(lab, flags=int(flags)), 1) == intent
+
+
+def astray_road(lab):
+    """Three lanes of which the middle and the right one lead on."""
+    road = lab.RoadBuilder()
+    road.edge([[0, 0], [250, 0]], 3, ("A", "B"))
+    road.edge([[270, 0.0], [400, 0.0]], 2, ("B", "C"))
+    road.connect(0, 3, signal=True)
+    road.connect(1, 4, signal=True)
+    return road.built()
+
+
+def test_a_side_that_leads_on_comes_before_sumos_intent(lab):
+    view = view_at(lab, network=astray_road(lab), route=(0, 1), flags=int(TrafficFlags.WANTS_LEFT), s=160.0)
+    assert start_lane_change(UNIT, view, 1).unit.side == -1
+
+
+def test_off_the_lanes_the_speed_is_the_papers(lab):
+    view = view_at(lab)
+    assert yield_speed_mps(view, NO_LANE) == pytest.approx(10.0 / 3.6)
+
+
+def beside(lab, lane=2):
+    return lab.Car(3, lane, 81, 5, (0,))
+
+
+@pytest.mark.parametrize(
+    ("lane", "others", "reason"), [(0, [1], "vehicle_beside"), (0, [], None), (1, [0, 2], "vehicle_beside")]
+)
+def test_the_reason_of_a_deferral_is_what_keeps_the_driver_from_a_lane(lab, lane, others, reason):
+    """A missing lane on the other side is no reason."""
+    cars = [lab.Car(3 + k, at, 81, 5, (0,)) for k, at in enumerate(others)]
+    outcome = start_lane_change(UNIT, view_at(lab, *cars, lane=lane), 1)
+    assert outcome.unit.deferred == (reason or "")
+    if reason:
+        assert (outcome.unit.deferred_step, outcome.unit.phase) == (200, Mode.YIELD_DEFERRED)
+        assert outcome.events[0].detail["reason"] == reason
+
+
+def test_on_a_road_of_one_lane_there_is_no_lane(lab):
+    outcome = start_lane_change(UNIT, view_at(lab, lane=0, lanes=1), 1)
+    assert outcome.unit.deferred == "no_lane"
+
+
+@pytest.mark.parametrize(("side", "kept"), [(1, 1), (-1, -1), (0, -1)])
+def test_of_two_blocked_sides_the_driver_stays_with_its_own_and_begins_with_the_right_one(lab, side, kept):
+    cars = [beside(lab, 0), replace(beside(lab, 2), actor_id=4)]
+    waiting = replace(UNIT, side=side, phase=Mode.YIELD_DEFERRED, deferred_step=199)
+    assert start_lane_change(waiting, view_at(lab, *cars), 1).unit.side == kept
+
+
+@pytest.mark.parametrize(
+    ("waited", "seeks"),
+    [(9, False), (10, True), (89, True), (90, False), (169, False), (170, True), (249, True), (250, False)],
+)
+def test_a_gap_is_sought_for_4_s_after_half_a_second_and_again_after_4_s(lab, waited, seeks):
+    waiting = replace(UNIT, side=1, phase=Mode.YIELD_DEFERRED, deferred_step=200 - waited + 100)
+    view = view_at(lab, beside(lab, 0), replace(beside(lab, 2), actor_id=4), step=300)
+    outcome = start_lane_change(waiting, view, 1)
+    assert (outcome.command is not None) is seeks
+    assert (outcome.unit.seek != 0) is seeks
+    assert outcome.unit.deferred == "vehicle_beside"
+    assert outcome.unit.deferred_step == waiting.deferred_step
+
+
+def changing(lab, left=1.5, speed=5.0, **emv):
+    view = view_at(lab, speed=speed)
+    unit = start_lane_change(UNIT, view, 1).unit
+    network = lab.straight_road(3)
+    cars = [lab.Car(1, 1, 50, 8, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, 84, speed, (0,), left=left)]
+    later = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars, step=210))
+    return change_lane(replace(unit, off_path_steps=9, stopped_steps=30), later, 1, replace(NEAR, **emv)), unit
+
+
+def test_a_change_goes_on_until_the_vehicle_is_in_its_lane(lab):
+    outcome, _ = changing(lab)
+    assert outcome.unit.phase is Mode.YIELD_LANE_CHANGE
+    assert outcome.command is not None
+    outcome, _ = changing(lab, left=0.0)
+    assert kinds(outcome) == ["yield_completed"]
+    unit = outcome.unit
+    assert (unit.phase, unit.navigator.path, unit.off_path_steps) == (Mode.YIELD_KEEP_LANE, None, 0)
+    assert outcome.command is None
+    assert outcome.events[0].detail == {"lane": 0}
+
+
+@pytest.mark.parametrize(("emv", "reason"), [({"passed": True}, "emv_passed"), ({"in_region": False}, "emv_gone")])
+def test_a_change_is_cancelled_and_the_way_back_counts_its_standstill_anew(lab, emv, reason):
+    outcome, _ = changing(lab, **emv)
+    assert outcome.events[0].detail["reason"] == reason
+    assert (outcome.unit.phase, outcome.unit.stopped_steps) == (Mode.REJOIN, 0)
+
+
+@pytest.mark.parametrize(("passed", "reason"), [(False, "lane_ended"), (True, "emv_passed")])
+def test_who_stands_at_the_end_of_its_path_has_no_lane_left(lab, passed, reason):
+    view = view_at(lab, speed=0.0)
+    unit = replace(UNIT, phase=Mode.YIELD_LANE_CHANGE, side=-1, navigator=NavigatorState())
+    network = lab.straight_road(3)
+    cars = [lab.Car(1, 1, 50, 8, (0,), ActorClass.AMBULANCE), lab.Car(2, 1, 84, 0, (0,), left=-1.4)]
+    view = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars, step=210))
+    outcome = change_lane(unit, view, 1, replace(NEAR, passed=passed))
+    assert outcome.events[0].detail["reason"] == reason
+
+
+def keeping(lab, unit, **emv):
+    return keep_lane(unit, view_at(lab, lane=0), 1, replace(NEAR, **emv))
+
+
+def test_the_steps_in_which_the_emv_follows_are_counted_and_begin_again(lab):
+    unit = replace(UNIT, phase=Mode.YIELD_KEEP_LANE, in_lane_steps=18, off_path_steps=7)
+    assert keeping(lab, unit).unit.in_lane_steps == 19
+    assert keeping(lab, unit, on_path=False).unit.in_lane_steps == 0
+    asked = keeping(lab, replace(unit, in_lane_steps=19))
+    assert kinds(asked) == ["yield_requested"]
+    again = asked.unit
+    assert (again.phase, again.react_step, again.in_lane_steps, again.off_path_steps) == (
+        Mode.YIELD_REACTING,
+        200,
+        0,
+        0,
+    )
+
+
+def test_the_steps_off_the_road_are_counted_and_begin_again(lab):
+    unit = replace(UNIT, phase=Mode.YIELD_KEEP_LANE, off_path_steps=18)
+    assert keeping(lab, unit, on_path=False, on_road=False).unit.off_path_steps == 19
+    assert keeping(lab, unit, on_path=False).unit.off_path_steps == 0
+    gone = keeping(lab, replace(unit, off_path_steps=20), on_path=False, on_road=False)
+    assert gone.unit is None
+    assert gone.events[0].detail["reason"] == "emv_gone"
+    assert keeping(lab, replace(unit, off_path_steps=20)).unit is not None
+    for emv, reason in (({"passed": True}, "emv_passed"), ({"in_region": False}, "emv_gone")):
+        assert keeping(lab, unit, **emv).events[0].detail["reason"] == reason

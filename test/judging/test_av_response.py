@@ -147,3 +147,48 @@ def test_moving_right_is_measured_across_the_line_of_travel(aside_m: float, righ
     vehicles = {EMV: Driven(NORTHBOUND, at_speed(20.0, 12.0, 260)), AV: Driven(points, at_speed(45.0, 4.0, 260))}
     found = response_of(with_av(hand_made(crossing(), vehicles)))
     assert found.moved_right_m == pytest.approx(right_m, abs=0.02)
+
+
+def test_at_exactly_40_m_the_siren_is_heard() -> None:
+    """Both in one lane, the AV straight ahead."""
+    vehicles = {EMV: Driven(NORTHBOUND, np.full(20, 40.0)), AV: Driven(NORTHBOUND, np.full(20, 80.0))}
+    assert response_of(with_av(hand_made(crossing(), vehicles))).heard_s == 0.0
+    vehicles[AV] = Driven(NORTHBOUND, np.full(20, 80.01))
+    assert response_of(with_av(hand_made(crossing(), vehicles))).heard_s == -1.0
+
+
+def test_the_step_of_the_pass_itself_counts() -> None:
+    """The AV brakes and moves aside at the very step at which the EMV's centre is ahead, and no longer after it."""
+    record = with_av(
+        hand_made(
+            crossing(),
+            {EMV: Driven(NORTHBOUND, at_speed(50.0, 10.0, 60)), AV: Driven(BESIDE_NORTHBOUND, np.full(60, 60.2))},
+        )
+    )
+    passed = 21
+    assert response_of(record).passed_after_s == pytest.approx(passed * 0.05)
+
+    def at_step(step: int) -> AvResponse:
+        states = tuple(
+            replace(
+                state,
+                vy_mps=np.where(state.actor_id == AV, 3.0 if state.step != step else 1.0, state.vy_mps),
+                x_m=np.where(state.actor_id == AV, state.x_m + 0.4 * (state.step == step), state.x_m),
+            )
+            for state in record.states
+        )
+        return response_of(replace(record, states=states))
+
+    for step, counts in ((passed - 1, True), (passed, True), (passed + 1, False)):
+        found = at_step(step)
+        expected = (2.0, 0.4) if counts else (0.0, 0.0)
+        assert (found.speed_drop_mps, found.moved_right_m) == pytest.approx(expected)
+
+
+def test_of_several_encounters_the_first_counts() -> None:
+    """The EMV overtakes, waits, is overtaken and overtakes again."""
+    emv = np.concatenate((np.arange(40.0, 70.0, 0.5), np.full(200, 70.0), np.arange(70.0, 200.0, 0.5)))
+    av = np.concatenate((np.full(60, 60.2), np.arange(60.2, 90.0, 0.2), np.full(411 - 149, 90.0)))[: len(emv)]
+    found = encounter(emv[: len(av)], av)
+    assert found.heard_s == 0.0
+    assert found.passed_after_s == pytest.approx(41 * 0.05)

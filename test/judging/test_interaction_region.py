@@ -113,3 +113,14 @@ def test_rows_are_as_the_steps_say_whoever_is_there(seed: int, small_record: Epi
     inside, rows = rows_in_region(changed), changed.rows
     for state, members in zip(states, regions_of(states, (1, 2)), strict=True):
         assert set(rows.actor_id[inside & (rows.step == state.step)].tolist()) == set(members.tolist())
+
+
+@pytest.mark.parametrize(("first_m", "inside"), [(39.0, True), (45.0, False)])
+def test_who_comes_first_in_the_record_is_what_it_was_at_its_first_step(
+    first_m: float, inside: bool, record_of: Callable[..., EpisodeRecord]
+) -> None:
+    """The civilian has the smaller id; from its second step on it is between 40 and 50 m away."""
+    record = record_of(civilians=1)
+    states = tuple(at((x_m, 0.0), (0.0, 0.0), step=step) for step, x_m in enumerate((first_m, 45.0, 45.0)))
+    changed = replace(record, states=states, description=replace(record.description, emv_ids=(2,)))
+    assert rows_in_region(changed).tolist() == [inside, inside, inside, True, True, True]

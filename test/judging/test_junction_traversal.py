@@ -70,6 +70,7 @@ def test_on_the_wrong_side_of_the_road_the_lines_are_the_same() -> None:
     assert traversal.connection == STRAIGHT_LEFT
     assert traversal.enter_step == _step_at(100.0 - EMV_LENGTH_M / 2.0 + detour_m / 2.0, 40.0)
     assert traversal.leave_step == _step_at(130.0 + EMV_LENGTH_M / 2.0 + detour_m / 2.0, 40.0)
+    assert traversal.centre_steps == (_step_at(100.0 + detour_m / 2.0, 40.0), _step_at(130.0 + detour_m / 2.0, 40.0))
 
 
 def test_a_traversal_lasts_to_the_end_of_a_record_that_ends_inside() -> None:
@@ -90,3 +91,43 @@ def test_meeting_means_the_others_centre_inside_between_front_and_rear() -> None
     other = replace(own, actor_id=2, enter_step=0, leave_step=300)
     meets = {(40, 50): False, (40, 51): True, (60, 70): True, (99, 120): True, (100, 120): False, (70, 70): False}
     assert {steps: own.meets(replace(other, centre_steps=steps)) for steps in meets} == meets
+
+
+@pytest.mark.parametrize(("beyond", "found"), [(-1, 0), (0, 0), (1, 1), (2, 1)])
+def test_a_record_that_ends_at_the_line_has_a_traversal_from_the_first_step_with_the_centre_inside(
+    beyond: int, found: int
+) -> None:
+    """The front has been over the line for six steps already."""
+    first_inside = _step_at(100.05)
+    arc_m = at_speed(START_M, SPEED_MPS, first_inside + beyond)
+    traversals = find_traversals(hand_made(NETWORK, {EMV: Driven(NORTHBOUND, arc_m)}))
+    assert [item.connection for item in traversals] == [STRAIGHT] * found
+    for traversal in traversals:
+        assert traversal.enter_step == _step_at(100.0 - EMV_LENGTH_M / 2.0)
+        assert traversal.leave_step == first_inside + beyond
+
+
+def test_the_last_time_over_the_line_counts() -> None:
+    """The front is 1 m over the line, the vehicle is put back by 30 m, and then it drives across."""
+    there, back = np.full(20, 98.0), at_speed(68.0, SPEED_MPS, 200)
+    (traversal,) = find_traversals(hand_made(NETWORK, {EMV: Driven(NORTHBOUND, np.concatenate((there, back)))}))
+    assert traversal.enter_step == 20 + _step_at(100.0 - EMV_LENGTH_M / 2.0, 68.0)
+    assert traversal.approach_step == 0
+
+
+def test_vehicles_and_their_junctions_come_by_actor_and_then_by_time() -> None:
+    """The second vehicle starts later; ids are not in the order of arrival."""
+    vehicles = {
+        EMV: Driven(NORTHBOUND, at_speed(70.0, SPEED_MPS, 150)),
+        7: Driven(EASTBOUND, at_speed(70.0, SPEED_MPS, 150), first_step=10),
+        3: Driven(SOUTHBOUND, at_speed(60.0, SPEED_MPS, 150), first_step=30),
+    }
+    found = find_traversals(hand_made(NETWORK, vehicles))
+    assert [(item.actor_id, item.connection) for item in found] == [(EMV, STRAIGHT), (3, SOUTH), (7, EAST)]
+    assert [item.approach_step for item in found] == [0, 30, 10]
+    half = CAR_LENGTH_M / 2.0
+    assert [item.enter_step for item in found[1:]] == [
+        30 + _step_at(100.0 - half, 60.0),
+        10 + _step_at(100.0 - half),
+    ]
+    assert [item.exit_step for item in found] == [150, 180, 160]

@@ -3,7 +3,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_made_record import EMV, LEFT_X_M, NORTHBOUND, RIGHT_X_M, Driven, at_speed, crossing, hand_made, line
+from hand_made_record import (
+    EMV,
+    LEFT_X_M,
+    NORTHBOUND,
+    RIGHT_X_M,
+    SHOULDER_X_M,
+    Driven,
+    at_speed,
+    crossing,
+    hand_made,
+    line,
+)
 from synthetic_episode import LEFT_Y_M, RIGHT_Y_M, split_net
 
 from siren_ros.errors import BagError
@@ -171,9 +182,14 @@ def test_a_lane_is_clear_when_all_but_30_cm_of_the_turned_body_has_left_it(
         assert np.abs(track.yaw_rad[clearing.end_step]) > 0.01
 
 
-def changing(*places: tuple[int, float, list[tuple[float, float]], float], steps: int = 400) -> list[tuple[int, bool]]:
+def changing(
+    *places: tuple[int, float, list[tuple[float, float]], float],
+    steps: int = 400,
+    emv: np.ndarray = NORTHBOUND,
+    emv_mps: float = 9.0,
+) -> list[tuple[int, bool]]:
     """Clearings of cars by id: start, points and speed; the EMV drives north in the right lane with its siren on."""
-    vehicles = {EMV: Driven(NORTHBOUND, at_speed(5.0, 9.0, steps))}
+    vehicles = {EMV: Driven(emv, np.minimum(at_speed(5.0, emv_mps, steps), 225.0))}
     for actor_id, start_m, points, speed_mps in places:
         arc_m = np.minimum(at_speed(start_m, speed_mps, steps), 225.0)
         vehicles[actor_id] = Driven(line(*points), arc_m)
@@ -201,3 +217,75 @@ def test_a_car_that_leaves_the_lane_is_passed_and_one_that_comes_from_the_other_
 def test_a_car_that_changes_into_the_emvs_lane_has_not_left_it() -> None:
     into = [(LEFT_X_M, -120.0), (LEFT_X_M, -80.0), (RIGHT_X_M, -65.0), (RIGHT_X_M, 110.0)]
     assert changing((2, 25.0, into, 9.0)) == []
+
+
+def mirrored(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """The same about the line between the two lanes."""
+    return [(LEFT_X_M + RIGHT_X_M - x, y) for x, y in points]
+
+
+IN_THE_LEFT_LANE = line((LEFT_X_M, -120.0), (LEFT_X_M, 110.0))
+
+
+@pytest.mark.parametrize("to_the_right", [False, True])
+def test_a_lane_is_left_to_either_side(to_the_right: bool) -> None:
+    points = mirrored(LEAVES_LEFT) if to_the_right else LEAVES_LEFT
+    emv = IN_THE_LEFT_LANE if to_the_right else NORTHBOUND
+    assert changing((2, 30.0, points, 6.0), emv=emv) == [(2, True)]
+    assert changing((2, 30.0, points, 6.0), emv=NORTHBOUND if to_the_right else IN_THE_LEFT_LANE) == []
+
+
+def found_at(points: list[tuple[float, float]], put_at: int = 10**6) -> list[tuple[int, int]]:
+    """Last step in the old lane and first step clear of it, of a car ahead of the EMV; put to the left at a step."""
+    vehicles = {
+        EMV: Driven(NORTHBOUND, at_speed(5.0, 5.0, 150)),
+        2: Driven(line(*points), at_speed(30.0, 6.0, 150)),
+    }
+    record = hand_made(crossing(), vehicles)
+    states = tuple(
+        replace(
+            state,
+            lights=np.where(state.actor_id == EMV, int(Lights.SIREN), 0).astype(np.uint8),
+            x_m=np.where((state.actor_id == 2) & (state.step >= put_at), LEFT_X_M, state.x_m),
+        )
+        for state in record.states
+    )
+    return [(item.start_step, item.end_step) for item in find_clearings(replace(record, states=states))]
+
+
+def test_who_is_put_into_the_next_lane_is_clear_of_the_old_one_at_once() -> None:
+    """From one step to the next."""
+    straight = [(RIGHT_X_M, -120.0), (RIGHT_X_M, 110.0)]
+    assert found_at(straight) == []
+    assert found_at(straight, put_at=40) == [(39, 40)]
+
+
+@pytest.mark.parametrize("over_m", [0.1, 0.5])
+def test_who_swerves_over_the_line_and_back_has_not_left_the_lane(over_m: float) -> None:
+    """The centre is over the line, the body is not clear of the lane, and then the car is back in its middle."""
+    x = (RIGHT_X_M + LEFT_X_M) / 2.0 - over_m
+    swerve = [(RIGHT_X_M, -120.0), (RIGHT_X_M, -85.0), (x, -75.0), (RIGHT_X_M, -65.0), (RIGHT_X_M, 110.0)]
+    assert found_at(swerve) == []
+
+
+def test_an_emv_that_passes_in_another_lane_has_not_passed_in_the_cleared_one() -> None:
+    """It takes the shoulder next to the lane that the car has left."""
+    beside = line(
+        (RIGHT_X_M, -120.0),
+        (RIGHT_X_M, -96.0),
+        (SHOULDER_X_M, -90.0),
+        (SHOULDER_X_M, -30.0),
+        (RIGHT_X_M, -24.0),
+        (5.25, 110),
+    )
+    slow = [(RIGHT_X_M, -120.0), (RIGHT_X_M, -89.0), (LEFT_X_M, -80.0), (LEFT_X_M, 110.0)]
+    assert changing((2, 30.0, slow, 3.0), emv=beside) == [(2, False)]
+    assert changing((2, 30.0, slow, 3.0)) == [(2, True)]
+
+
+def test_an_emv_that_passes_in_the_lane_in_which_the_car_is_then_has_not_passed_it_in_the_cleared_lane() -> None:
+    """The car leaves the lane and comes back; the EMV passes it at its side, both in one lane."""
+    back = [(RIGHT_X_M, -120.0), (RIGHT_X_M, -89.0), (LEFT_X_M, -80.0), (LEFT_X_M, -75.0)]
+    back += [(RIGHT_X_M + 0.9, -70.0), (RIGHT_X_M + 0.9, 110.0)]
+    emv = line((RIGHT_X_M - 1.0, -120.0), (RIGHT_X_M - 1.0, 110.0))
+    assert changing((2, 30.0, back, 3.0), emv=emv, emv_mps=6.5) == [(2, False)]

@@ -4,9 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_made_record import LEFT_X_M, RIGHT_X_M, SHOULDER_X_M, crossing
+from hand_made_record import (
+    EASTBOUND,
+    EMV,
+    LEFT_X_M,
+    NORTHBOUND,
+    RIGHT_X_M,
+    SHOULDER_X_M,
+    SOUTHBOUND,
+    Driven,
+    at_speed,
+    crossing,
+    hand_made,
+)
 
-from siren_ros.judging.lane_location import lanes_ahead, locate
+from siren_ros.judging.lane_location import lanes_ahead, locate, sumo_lanes
 from siren_ros.numerics.polyline import Polyline
 from siren_ros.roads.road_network import NO_LANE, Connection
 
@@ -78,3 +90,24 @@ def test_a_way_that_is_too_far_hides_no_nearer_one():
     network = replace(NETWORK, lanes=tuple(lanes), connections=(*NETWORK.connections, onward))
     assert INDEX["w_in_0"] in lanes_ahead(network, INDEX["s_in_1"], 150.0)
     assert INDEX["w_in_0"] not in lanes_ahead(network, INDEX["s_in_1"], 120.0)
+
+
+def test_sumos_lane_is_that_of_the_actor_and_the_step():
+    """The rows are sorted by actor, SUMO's states by step; one actor is unknown to SUMO, one step has no state."""
+    driven = {
+        EMV: Driven(NORTHBOUND, at_speed(10.0, 5.0, 6)),
+        2: Driven(EASTBOUND, at_speed(10.0, 5.0, 4), first_step=2),
+        4: Driven(SOUTHBOUND, at_speed(10.0, 5.0, 6)),
+    }
+    record = hand_made(NETWORK, driven)
+    traffic = tuple(
+        replace(
+            state,
+            actor_id=np.array([EMV, 2] if state.step >= 2 else [EMV], np.uint32),
+            lane=np.array([10 + state.step, 20 + state.step] if state.step >= 2 else [10 + state.step], np.int32),
+        )
+        for state in record.traffic
+        if state.step != 4
+    )
+    found = sumo_lanes(replace(record, traffic=traffic), record.rows)
+    assert found.tolist() == [10, 11, 12, 13, NO_LANE, 15, 22, 23, NO_LANE, 25, *[NO_LANE] * 6]

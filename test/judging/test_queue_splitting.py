@@ -8,7 +8,7 @@ from siren_ros.judging.lane_location import places_of
 from siren_ros.judging.queue_splitting import find_holding, find_overtakings, queues_split
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.road_network import Connection, LaneKind
-from siren_ros.world.actors import Mode
+from siren_ros.world.actors import ACTOR_STATE_DTYPES, Mode
 
 NETWORK = crossing()
 THRESHOLDS = {"holding_min": 6, "overtaken_min": 6, "lateral_max_m": 1.0}
@@ -169,3 +169,53 @@ def test_an_episode_without_an_emv_has_no_verdict_that_holds() -> None:
     actors = {key: replace(actor, is_emv=False) for key, actor in record.actors.items()}
     alone = replace(record, actors=actors, description=replace(record.description, emv_ids=()))
     assert not queues_split(alone, {**THRESHOLDS, "overtaken_min": 1}).holds
+
+
+def test_a_hold_is_of_one_vehicle_and_without_a_gap_in_the_record() -> None:
+    """One civilian is away for a step; another one's record begins where the first one's ends."""
+    points = _northbound(RIGHT_X_M + PULLED_M)
+    vehicles = {
+        10: Driven(points, np.full(12, 40.0), Mode.YIELD_HOLD),
+        11: Driven(points, np.full(12, 60.0), Mode.YIELD_HOLD, first_step=12),
+        12: Driven(points, np.full(40, 80.0), Mode.YIELD_HOLD),
+    }
+    record = hand_made(NETWORK, vehicles)
+    gone = tuple(
+        replace(state, **{name: getattr(state, name)[state.actor_id != 12] for name in ACTOR_STATE_DTYPES})
+        if state.step == 15
+        else state
+        for state in record.states
+    )
+    for states, held in ((record.states, [(12, 0)]), (gone, [(12, 16)])):
+        changed = replace(record, states=states)
+        found = find_holding(changed, places_of(changed, changed.rows))
+        assert [(item.actor_id, item.step) for item in found] == held
+
+
+@pytest.mark.parametrize(("offset_m", "pulled"), [(0.29, False), (0.31, True), (-0.29, False), (-0.31, True)])
+def test_pulled_over_is_0_3_m_off_the_middle_to_either_side(offset_m: float, pulled: bool) -> None:
+    vehicles = {10: Driven(_northbound(RIGHT_X_M + offset_m), np.full(30, 40.0), Mode.YIELD_HOLD)}
+    record = hand_made(NETWORK, vehicles)
+    (held,) = find_holding(record, places_of(record, record.rows))
+    assert held.pulled_over is pulled
+
+
+def test_of_two_emvs_the_one_that_comes_closest_counts_and_neither_is_overtaken_as_a_civilian() -> None:
+    """The second one passes between the queues; the first one drives far from the line, and the second passes it."""
+    record = _queues(emv_x_m=LINE_X_M)
+    aside = Driven(_northbound(LEFT_X_M - 1.5), np.full(STEPS, 45.0))
+    vehicles = {2: aside}
+    both = hand_made(NETWORK, {EMV: Driven(_northbound(LINE_X_M), at_speed(5.12, 7.0, STEPS)), **vehicles})
+    actors = {**record.actors, 2: replace(both.actors[2], is_emv=True)}
+    states = tuple(
+        replace(
+            first,
+            **{name: np.insert(getattr(first, name), 1, getattr(second, name)[1]) for name in ACTOR_STATE_DTYPES},
+        )
+        for first, second in zip(record.states, both.states, strict=True)
+    )
+    for ids in ((EMV, 2), (2, EMV)):
+        changed = replace(record, actors=actors, states=states, description=replace(record.description, emv_ids=ids))
+        verdict = queues_split(changed, THRESHOLDS)
+        assert verdict.holds
+        assert verdict.measures()["overtaken"] == 8.0

@@ -111,3 +111,37 @@ def test_on_a_shoulder_is_within_its_width_its_length_and_90_degrees(
     rows = hand_made(NETWORK, {EMV: Driven(NORTHBOUND, at_speed(0.0, 1.0, 2))}).track(EMV)
     placed = replace(rows, x_m=np.full(2, x_m), y_m=np.full(2, y_m), yaw_rad=np.full(2, np.radians(degrees)))
     assert on_shoulder_area(NETWORK, placed).tolist() == [on, on]
+
+
+def test_a_record_that_ends_inside_the_turn_is_judged_as_far_as_it_goes() -> None:
+    """Five steps after half of the quarter circle on the shoulder."""
+    steps = round((60.0 + 11.75 * np.pi / 4.0) / 8.0 / 0.05)
+    verdict = shoulder_turn(hand_made(NETWORK, {EMV: Driven(ON_SHOULDER, at_speed(40.0, 8.0, steps))}), THRESHOLDS)
+    turned, shoulder = verdict.parts
+    assert turned.value == pytest.approx(45.0, abs=3.0)
+    assert shoulder.value == pytest.approx((50.0 + 3.0 + 11.75 * np.pi / 4.0) / 8.0, abs=0.5)
+
+
+def test_others_that_turn_right_on_the_shoulder_do_not_count() -> None:
+    vehicles = {
+        EMV: Driven(NORTHBOUND, at_speed(40.0, 8.0, 200)),
+        2: Driven(ON_SHOULDER, at_speed(40.0, 8.0, 300)),
+    }
+    assert "nowhere" in shoulder_turn(hand_made(NETWORK, vehicles), THRESHOLDS).parts[0].detail
+
+
+def test_the_intervals_on_the_shoulder_are_told() -> None:
+    """On it, off it, and on it again."""
+    twice = np.concatenate(
+        (
+            line((SHOULDER_X_M, -120.0), (SHOULDER_X_M, -45.0), (RIGHT_X_M, -42.0), (RIGHT_X_M, -35.0)),
+            line((SHOULDER_X_M, -32.0)),
+            SHOULDER_TURN,
+            line((120.0, -8.25)),
+        )
+    )
+    detail = _verdict(twice).parts[1].detail
+    assert detail.count(" s to ") == 2
+    first, second = (tuple(float(part.split()[0]) for part in text.split(" to ")) for text in detail.split(", "))
+    assert first[0] < first[1] < second[0] < second[1]
+    assert (first[1] - first[0]) + (second[1] - second[0]) == pytest.approx(_verdict(twice).parts[1].value, abs=0.15)

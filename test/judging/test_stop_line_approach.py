@@ -69,3 +69,27 @@ def test_a_record_may_begin_later_than_step_0():
     (whole,), (cut,) = ([one for one in find_traversals(item) if one.actor_id == EMV] for item in (record, late))
     assert cut.enter_step == whole.enter_step
     assert least_free_speed_mps(late, cut) == least_free_speed_mps(record, whole)
+
+
+LEFT_LANE = np.array([[1.75, -120.0], [1.75, 110.0]])
+"""The driving lane next to the EMV's."""
+
+
+def test_who_stands_in_the_next_lane_does_not_keep_the_vehicle_from_the_line():
+    arc = profile((45.0, 5.0), (10.0, 1.0), (60.0, 5.0))
+    assert least(arc, standing(98.0, LEFT_LANE)) == pytest.approx(1.0, abs=0.05)
+    aside = np.array([[5.25 + 1.7, -120.0], [5.25 + 1.7, 110.0]])
+    assert least(arc, standing(98.0, aside)) == pytest.approx(5.0, abs=0.1), "within half a lane's width it does"
+
+
+@pytest.mark.parametrize("cut", [0, 20])
+def test_the_way_is_free_from_the_very_step_at_which_the_one_ahead_has_left(cut):
+    """The EMV gains speed, so that its least free speed is that of the first free step."""
+    time = 0.05 * np.arange(160)
+    arc = 82.0 + 1.0 * time + 0.6 * time**2
+    gone = 60
+    ahead = {2: Driven(NORTHBOUND, np.concatenate((np.full(gone, 101.0), np.full(300, 130.0))))}
+    record = hand_made(NETWORK, {EMV: Driven(NORTHBOUND, arc), **ahead})
+    record = replace(record, states=record.states[cut:], traffic=record.traffic[cut:])
+    (traversal,) = [item for item in find_traversals(record) if item.actor_id == EMV]
+    assert least_free_speed_mps(record, traversal) == pytest.approx(1.0 + 1.2 * 0.05 * gone, abs=1e-6)

@@ -10,9 +10,11 @@ from siren_ros.errors import EpisodeError
 from siren_ros.judging.verify import (
     Verification,
     VerifyLimits,
+    check_message_counts,
     check_owners,
     check_position_jumps,
     check_speed,
+    check_stamps,
     check_yaw_jumps,
     verify_episode,
 )
@@ -316,3 +318,83 @@ def test_the_worst_case_is_named_with_a_change_of_its_owner(step: int, beyond: b
     assert part.holds is not beyond
     if beyond:
         assert (part.value, part.detail) == (pytest.approx(2.0), "actor 5 at step 3 as its owner changes")
+
+
+def test_a_record_without_moves_has_no_jumps_and_names_nobody() -> None:
+    two = hand_made(crossing(), {2: Driven(NORTHBOUND, np.zeros(2))})
+    one = replace(two, states=two.states[:1])
+    for check in (check_position_jumps, check_yaw_jumps, check_speed):
+        part = check(one, VerifyLimits())
+        assert (part.holds, part.value, part.detail) == (True, 0.0, "")
+    assert check_position_jumps(two, VerifyLimits()).detail == "actor 2 at step 1"
+
+
+@pytest.mark.parametrize(("planned_s", "holds"), [(0.0, True), (0.04, True), (0.06, False)])
+def test_a_complete_episode_has_the_steps_of_its_description(
+    record: EpisodeRecord, planned_s: float, holds: bool
+) -> None:
+    """More by a step than were planned are no fault, a step less is one."""
+    duration_s = record.steps * STEP_S + planned_s
+    longer = replace(record, description=replace(record.description, duration_s=duration_s))
+    (part,) = [part for part in verify_episode(longer).checks if part.name == "steps"]
+    assert (part.value, part.threshold) == (record.steps, round(duration_s / STEP_S))
+    assert part.holds is (part.value >= part.threshold)
+    assert part.holds is holds or planned_s == 0.04
+
+
+def test_stamps_off_the_grid_and_stamps_that_contradict_the_bag_are_counted_together(record: EpisodeRecord) -> None:
+    whole = record.topics["/siren/events"]
+    times_ns = whole.times_ns.copy()
+    times_ns[3] += 1
+    for mismatches, times, detail in (
+        (2, whole.times_ns, "/siren/events: 2"),
+        (0, times_ns, "/siren/events: 1"),
+        (1, times_ns, "/siren/events: 2"),
+    ):
+        wrong = replace(whole, times_ns=times, stamp_mismatches=mismatches)
+        part = check_stamps(replace(record, topics={**record.topics, "/siren/events": wrong}), VerifyLimits())
+        assert (part.holds, part.value, part.detail) == (False, 1.0, detail)
+
+
+@pytest.mark.parametrize("way", [(3.0, 4.0), (-3.0, 4.0), (0.0, -5.0)])
+@pytest.mark.parametrize(("beyond_m", "holds"), [(0.04, True), (0.06, False)])
+def test_a_step_is_no_longer_than_the_faster_of_both_speeds_allows(
+    way: tuple[float, float], beyond_m: float, holds: bool
+) -> None:
+    """From standstill to 5 m/s, or from there to standstill: 0.25 m and the margin of 5 cm."""
+    direction = np.array(way) / 5.0
+    for speeds in ((0.0, 5.0), (5.0, 0.0)):
+        record = hand_made(crossing(), {2: Driven(NORTHBOUND, np.zeros(2))})
+        states = tuple(
+            replace(
+                state,
+                x_m=np.array([direction[0] * (0.25 + beyond_m) * state.step]),
+                y_m=np.array([direction[1] * (0.25 + beyond_m) * state.step]),
+                vx_mps=np.array([direction[0] * speeds[state.step]]),
+                vy_mps=np.array([direction[1] * speeds[state.step]]),
+            )
+            for state in record.states
+        )
+        part = check_position_jumps(replace(record, states=states), VerifyLimits())
+        assert (part.holds, part.value) == (holds, pytest.approx(beyond_m))
+
+
+def test_a_sensors_topic_has_the_period_of_its_shortest_interval(record: EpisodeRecord) -> None:
+    """Two messages at one time have none; one message alone is a latched one."""
+    whole = record.topics["/emv/lidar/points"]
+    period_ns = int(np.diff(whole.times_ns).min())
+    assert np.diff(whole.times_ns).max() == period_ns
+
+    def faults(times_ns: np.ndarray) -> str:
+        changed = replace(whole, count=len(times_ns), times_ns=times_ns)
+        topics = {**record.topics, "/emv/lidar/points": changed}
+        return check_message_counts(replace(record, topics=topics), VerifyLimits()).detail
+
+    assert faults(whole.times_ns) == ""
+    assert faults(whole.times_ns[:1]) == ""
+    assert faults(np.sort(np.append(whole.times_ns, whole.times_ns[2]))).endswith("has two messages at one time")
+    halved = np.sort(np.append(whole.times_ns, whole.times_ns[2] + STEP_NS))
+    expected = len(range(0, record.steps * STEP_NS, STEP_NS))
+    assert f"has {len(halved)} messages instead of {expected}" in faults(halved)
+    assert "instead of" in faults(whole.times_ns[:-1])
+    assert "instead of" in faults(whole.times_ns[1:])

@@ -86,6 +86,8 @@ class YieldConfig:
     """Time for which a gap is sought. Then the driver does not hold up the EMV for a while."""
     seek_pause_s: float = 4.0
     """Time for which the driver then goes on at the pace of the road."""
+    seek_soon_s: float = 2.0
+    """Who will have the gap within this time goes on seeking it."""
     seek_speed_mps: float = 3.0
     """Difference of speed to the vehicle that is in the way while a gap is sought."""
     seek_least_mps: float = 2.0

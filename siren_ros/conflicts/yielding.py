@@ -64,9 +64,9 @@ def time_to_go_s(way_m: float, speed_mps: float, top_mps: float, accel_mps2: flo
     if way_m <= 0.0:
         return 0.0
     square = speed_mps * speed_mps + 2.0 * accel_mps2 * way_m
-    if math.isinf(way_m) or square < 0.0 or speed_mps == accel_mps2 == 0.0:
-        return math.inf
     top = max(top_mps, speed_mps)
+    if math.isinf(way_m) or square < 0.0 or speed_mps == accel_mps2 == 0.0 or top == 0.0:
+        return math.inf
     if accel_mps2 < 0.0:
         return (speed_mps - math.sqrt(square)) / -accel_mps2
     if accel_mps2 == 0.0 or speed_mps >= top:

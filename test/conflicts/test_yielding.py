@@ -36,6 +36,7 @@ def test_times_of_uniform_accelerated_and_slowing_motion():
     assert time_to_go_s(16.0, 10.0, 10.0, -2.0) == pytest.approx(2.0)
     assert time_to_go_s(26.0, 10.0, 10.0, -2.0) == INF
     assert time_to_go_s(5.0, 0.0, 10.0, 0.0) == INF
+    assert time_to_go_s(5.0, 0.0, 0.0, 1.5) == INF
     assert time_to_go_s(0.0, 0.0, 10.0, 0.0) == 0.0
     assert time_to_go_s(INF, 10.0, 10.0, 1.0) == INF
 

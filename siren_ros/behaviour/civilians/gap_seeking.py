@@ -87,6 +87,23 @@ def seek_speed_mps(seek: Seek, gaps: LaneGaps, config: YieldConfig, limit_mps: f
     return min(max(other - config.seek_speed_mps, config.seek_least_mps), limit_mps)
 
 
+def soon_free(seek: Seek, gaps: LaneGaps, speed_mps: float, margin_m: float, soon_s: float) -> bool:
+    """Whether the driver has left the vehicle in the way behind, or let it pass, within a time at the present speeds.
+
+    Args:
+        seek: How the gap is sought.
+        gaps: In the adjacent lane.
+        speed_mps: Of the driver.
+        margin_m: Free way that is needed to that vehicle.
+        soon_s: The time.
+    """
+    if seek is Seek.FALL_BACK:
+        gap, gain, others = gaps.front_m, gaps.front_mps - speed_mps, gaps.rear_m
+    else:
+        gap, gain, others = gaps.rear_m, speed_mps - gaps.rear_mps, gaps.front_m
+    return seek is not Seek.NOT and gap < margin_m <= gap + soon_s * gain and others > 0.0
+
+
 def _with_path(unit: YieldUnit, view: StepView, row: int) -> YieldUnit:
     if unit.navigator.path is not None:
         return unit

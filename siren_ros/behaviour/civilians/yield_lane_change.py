@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from siren_ros.behaviour.civilians.gap_seeking import GAP_REFUSALS, seek_gap
+from siren_ros.behaviour.civilians.gap_seeking import GAP_REFUSALS, Seek, seek_gap, soon_free
 from siren_ros.behaviour.civilians.rejoin import rejoin
 from siren_ros.behaviour.civilians.release import release_reason
 from siren_ros.behaviour.civilians.unit import EmvView, Outcome, YieldUnit, lane_of, standing, yield_event
@@ -11,7 +11,9 @@ from siren_ros.behaviour.driving.lane_change import (
     Refusal,
     assess,
     entered_lane,
+    gaps_in_lane,
     lane_change_path,
+    refusal_of_gaps,
 )
 from siren_ros.behaviour.driving.navigator import NavigatorState, Situation, navigate
 from siren_ros.behaviour.driving.situation import StepView
@@ -23,6 +25,8 @@ from siren_ros.world.events import Event, EventKind
 from siren_ros.world.traffic_state import TrafficFlags
 
 _RIGHT_FIRST = (-1, 1)
+_GOES_ON_MPS = 1.0
+"""Who is faster goes on with the lane change: a stop half-way would take both lanes."""
 _FOLLOWED_STEPS = steps_from_s(1.0)
 
 
@@ -98,7 +102,8 @@ def defer(unit: YieldUnit, view: StepView, row: int, reason: str) -> Outcome:
 def _wait_for_gap(unit: YieldUnit, view: StepView, row: int, refusals: list[tuple[int, Refusal]]) -> Outcome:
     """Defers the yield. After a while the driver makes a gap, if only other vehicles are in the way.
 
-    The driver tries for some seconds, then drives on under SUMO at the pace of the road, and tries again later.
+    The driver tries for some seconds, and longer while the gap is nearly there. Then the driver goes on under SUMO at
+    the pace of the road, and tries again later.
     """
     in_the_way = [(side, refusal) for side, refusal in refusals if refusal in GAP_REFUSALS]
     if not in_the_way:
@@ -110,9 +115,22 @@ def _wait_for_gap(unit: YieldUnit, view: StepView, row: int, refusals: list[tupl
     config = view.world.config.yielding
     waited = view.step - unit.deferred_step - steps_from_s(config.seek_after_s)
     seeks, pauses = steps_from_s(config.seek_for_s), steps_from_s(config.seek_pause_s)
-    if waited < 0 or waited % (seeks + pauses) >= seeks:
+    if waited < 0 or (waited % (seeks + pauses) >= seeks and not _has_it_soon(unit, view, row, side)):
         return Outcome(replace(unit, side=side, deferred=refusal.value, navigator=NavigatorState(), seek=0))
     return seek_gap(replace(unit, side=side), view, row, refusal)
+
+
+def _has_it_soon(unit: YieldUnit, view: StepView, row: int, side: int) -> bool:
+    target = neighbour_lane(view.world.network, lane_of(unit, view, row), side)
+    if unit.seek == Seek.NOT or target == NO_LANE:
+        return False
+    gaps, config = gaps_in_lane(view, row, target), view.world.config
+    margin = (
+        config.civilian_lane_change.front_gap_m
+        if unit.seek == Seek.FALL_BACK
+        else config.civilian_lane_change.rear_gap_m
+    )
+    return soon_free(Seek(unit.seek), gaps, float(view.seen.speed_mps[row]), margin, config.yielding.seek_soon_s)
 
 
 def drive(unit: YieldUnit, view: StepView, row: int, target_mps: float) -> Outcome:
@@ -135,7 +153,17 @@ def change_lane(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> Outc
         cancelled = yield_event(unit, view, row, EventKind.YIELD_CANCELLED, reason=reason)
         moved = rejoin(replace(unit, phase=Mode.REJOIN, stopped_steps=0), view, row)
         return replace(moved, events=(cancelled, *moved.events))
-    return drive(unit, view, row, yield_speed_mps(view, lane))
+    return drive(unit, view, row, 0.0 if _others_come(view, row, lane) else yield_speed_mps(view, lane))
+
+
+def _others_come(view: StepView, row: int, lane: int) -> bool:
+    """Whether a driver who had to stop on the way into a lane has to let others in it pass before going on."""
+    speed = float(view.seen.speed_mps[row])
+    if speed > _GOES_ON_MPS or int(view.traffic.lane[row]) == lane:
+        return False
+    gaps = gaps_in_lane(view, row, lane)
+    refusal = refusal_of_gaps(gaps, speed, speed, view.world.config.civilian_lane_change)
+    return refusal in {Refusal.GAP_REAR, Refusal.BESIDE}
 
 
 def keep_lane(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> Outcome:

@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from siren_ros.behaviour.civilians.gap_seeking import Seek, choose_seek, seek_speed_mps
+from siren_ros.behaviour.civilians.gap_seeking import Seek, choose_seek, seek_speed_mps, soon_free
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
 from siren_ros.behaviour.config import YieldConfig
 from siren_ros.behaviour.driving.lane_change import LaneGaps, Refusal
@@ -39,6 +39,24 @@ def test_speed_differs_from_the_vehicle_in_the_way_within_limits():
     assert seek_speed_mps(Seek.FALL_BACK, replace(AHEAD, front_mps=1.0), CONFIG, 13.9) == pytest.approx(
         CONFIG.seek_least_mps
     )
+
+
+@pytest.mark.parametrize(
+    ("seek", "gaps", "expected"),
+    [
+        (Seek.FALL_BACK, LaneGaps(-1.0, 8.0, math.inf, 0.0), True),  # 3 m are wanted, 2 s at 1.5 m/s give them
+        (Seek.FALL_BACK, LaneGaps(-1.1, 8.0, math.inf, 0.0), False),
+        (Seek.FALL_BACK, LaneGaps(-1.0, 5.0, math.inf, 0.0), False),
+        (Seek.FALL_BACK, LaneGaps(-1.0, 8.0, -0.5, 6.0), False),
+        (Seek.FALL_BACK, LaneGaps(30.0, 8.0, -0.5, 8.0), False),  # the one in the way has still to pass
+        (Seek.DRAW_AHEAD, LaneGaps(math.inf, 0.0, -1.0, 5.0), True),
+        (Seek.DRAW_AHEAD, LaneGaps(math.inf, 0.0, -1.0, 8.0), False),
+        (Seek.DRAW_AHEAD, LaneGaps(-0.5, 5.0, -1.0, 5.0), False),
+        (Seek.NOT, LaneGaps(-1.0, 8.0, math.inf, 0.0), False),
+    ],
+)
+def test_a_gap_is_soon_free_if_the_way_gained_until_then_is_enough(seek, gaps, expected):
+    assert soon_free(seek, gaps, 6.5, 2.0, 2.0) is expected
 
 
 def test_a_deferred_driver_falls_back_and_then_changes_lanes(lab):

@@ -152,6 +152,32 @@ def test_a_change_goes_on_until_the_vehicle_is_in_its_lane(lab):
     assert outcome.events[0].detail == {"lane": 0}
 
 
+def on_the_way(lab, speed, coming_mps, at_m, left=0.0, lane=1):
+    network = lab.straight_road(3)
+    unit = replace(start_lane_change(UNIT, view_at(lab), 1).unit, side=-1)
+    cars = [
+        lab.Car(1, 1, 50, 0, (0,), ActorClass.AMBULANCE),
+        lab.Car(2, lane, 84, speed, (0,), left=left),
+        lab.Car(3, 0, 84 + at_m, coming_mps, (0,)),
+    ]
+    view = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars, step=210))
+    return change_lane(unit, view, 1, NEAR).command
+
+
+def test_who_had_to_stop_on_the_way_lets_those_pass_who_come_in_the_new_lane(lab):
+    """The gap was free when the change began; whoever comes at 10 m/s from 20 m behind cannot stop for it now."""
+    assert on_the_way(lab, speed=0.0, coming_mps=10.0, at_m=-20.0).throttle == 0.0
+    assert on_the_way(lab, speed=0.0, coming_mps=10.0, at_m=-3.0).throttle == 0.0
+    assert on_the_way(lab, speed=0.0, coming_mps=10.0, at_m=-50.0).throttle > 0.0
+    assert on_the_way(lab, speed=0.0, coming_mps=10.0, at_m=20.0).throttle > 0.0
+    assert on_the_way(lab, speed=0.0, coming_mps=0.0, at_m=-20.0).throttle > 0.0
+
+
+def test_who_moves_or_is_over_the_marking_goes_on(lab):
+    assert on_the_way(lab, speed=2.0, coming_mps=10.0, at_m=-20.0).throttle > 0.0
+    assert on_the_way(lab, speed=0.0, coming_mps=10.0, at_m=-20.0, lane=0, left=1.5).throttle > 0.0
+
+
 @pytest.mark.parametrize(("emv", "reason"), [({"passed": True}, "emv_passed"), ({"in_region": False}, "emv_gone")])
 def test_a_change_is_cancelled_and_the_way_back_counts_its_standstill_anew(lab, emv, reason):
     outcome, _ = changing(lab, **emv)

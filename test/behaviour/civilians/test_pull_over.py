@@ -511,3 +511,39 @@ def test_to_make_room_the_front_goes_4_m_over_the_line_if_that_is_2_m_of_way(lab
     assert before_m + 4.0 - 0.5 * lab.vehicles[ActorClass.SEDAN].length_m == pytest.approx(2.0, abs=0.3)
     path = pull_over_path(replace(UNIT, side=1, emv_waits_steps=30), view, 0, 1)
     assert (path is not None) is goes
+
+
+def driven(lab, world, s, speed, path, progress, *, left, degrees=0.0):
+    """One step of a driver on a path of its own, at a place and at an angle to the lane."""
+    unit = replace(UNIT, phase=Mode.YIELD_PULL_OVER)
+    navigator = replace(NavigatorState().following(path, 80.0, 0.0), progress_m=progress)
+    poses = np.array([[20.0, 0.0, 0.0, 8.0], [s, left, np.radians(degrees), speed]])
+    cars = [emv_at(lab, 20.0), lab.Car(2, 0, s, speed, (0,))]
+    view = lab.view_of(world, lab.traffic_of(world.network, cars, poses=poses))
+    return pull_over(replace(unit, navigator=navigator), view, 1, NEAR)
+
+
+@pytest.mark.parametrize(("left_m", "extended"), [(0.9, True), (1.1, False)])
+def test_at_the_edge_and_not_straight_yet_the_path_goes_on_a_metre_before_its_end(lab, world, left_m, extended):
+    view = lab.view_of(world, lab.traffic_of(world.network, [emv_at(lab), lab.Car(2, 0, 80, 3, (0,))]))
+    path = pull_over_path(UNIT, view, 1, 0)
+    progress = path.length_m - left_m
+    s = float(path.curve.points[-1, 0]) - left_m
+    outcome = driven(lab, world, s, 2.0, path, progress, left=-0.735, degrees=-5.0)
+    assert outcome.unit.phase is Mode.YIELD_PULL_OVER
+    assert (outcome.unit.navigator.path is not path) is extended
+
+
+@pytest.mark.parametrize("speed", [2.0, 3.0])
+def test_on_a_way_with_a_straight_piece_at_its_end_the_driver_goes_at_the_papers_speed(lab, world, speed):
+    """On one that is only as long as the lateral move the driver creeps."""
+    view = lab.view_of(world, lab.traffic_of(world.network, [emv_at(lab), lab.Car(2, 0, 80, speed, (0,))]))
+    path = pull_over_path(UNIT, view, 1, 0)
+    assert path.length_m - path.settled_m > 1.0
+    start = path.curve.points[0]
+    command = driven(lab, world, float(start[0]), speed, path, 0.0, left=0.0).command
+    assert command.throttle > 0.0
+    short = replace(path, settled_m=path.length_m - 0.4)
+    command = driven(lab, world, float(start[0]), speed, short, 0.0, left=0.0).command
+    assert command.throttle == 0.0
+    assert command.brake > 0.0

@@ -136,3 +136,42 @@ def test_entered_needs_a_heading_within_eight_degrees(lab, degrees, expected):
     car = lab.Car(1, 1, 100, 5, (0,), ActorClass.HATCHBACK)
     view = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, [car], poses=poses))
     assert entered_lane(view, 0, 1) is expected
+
+
+@pytest.mark.parametrize(
+    ("own", "rear", "target"),
+    [(7.0, 9.0, 2.8), (9.0, 12.0, 13.9), (5.0, 12.0, 5.0), (8.0, 4.0, 2.8), (12.0, 12.5, 3.0)],
+)
+def test_the_gap_behind_is_that_of_both_who_brake(own, rear, target):
+    """v·t + v²/2b of the one behind, less what the own slowing takes; 2 m at least."""
+    slowest = min(own, target)
+    closing = max(rear - slowest, 0.0)
+    way = closing * CONFIG.rear_time_s + closing**2 / (2.0 * CONFIG.brake_mps2)
+    way -= (own - slowest) ** 2 / (2.0 * CONFIG.own_brake_mps2)
+    gap = CONFIG.rear_gap_m + max(way, 0.0)
+    for more, refusal in ((-0.01, Refusal.GAP_REAR), (0.01, None)):
+        assert refusal_of_gaps(LaneGaps(math.inf, 0.0, gap + more, rear), own, target, CONFIG) is refusal
+
+
+@pytest.mark.parametrize(("own", "lead"), [(8.0, 3.0), (12.0, 0.0), (5.0, 9.0), (6.0, 6.0)])
+def test_the_gap_ahead_is_that_of_one_who_brakes_after_a_moment(own, lead):
+    closing = max(own - lead, 0.0)
+    gap = CONFIG.front_gap_m + closing * CONFIG.front_time_s + closing**2 / (2.0 * CONFIG.front_brake_mps2)
+    for more, refusal in ((-0.01, Refusal.GAP_FRONT), (0.01, None)):
+        assert refusal_of_gaps(LaneGaps(gap + more, lead, math.inf, 0.0), own, own, CONFIG) is refusal
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("degrees", [0.0, 7.5, -7.5])
+def test_the_whole_footprint_is_in_the_lane_up_to_the_tolerance(lab, side, degrees):
+    """Half a lane less half of the turned body, and 15 cm over the edge."""
+    network, kind = lab.straight_road(), ActorClass.SEDAN
+    vehicle, turned = lab.vehicles[kind], np.radians(degrees)
+    half = 0.5 * (vehicle.width_m * np.cos(turned) + vehicle.length_m * abs(np.sin(turned)))
+    most = max(1.65 - half, 0.1) + 0.15
+    for more, inside in ((-0.005, True), (0.005, False)):
+        poses = np.array([[100.0, 3.3 + side * (most + more), turned, 5.0]])
+        view = lab.view_of(
+            lab.world_of(network, lab.L2), lab.traffic_of(network, [lab.Car(1, 1, 100, 5, (0,))], poses=poses)
+        )
+        assert entered_lane(view, 0, 1) is inside

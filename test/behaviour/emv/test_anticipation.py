@@ -80,3 +80,36 @@ def test_does_not_saw_behind_one_yielder_after_another(lab):
     assert np.percentile(accel, 1) > -2.5
     assert np.percentile(accel, 99) < 2.5
     assert not loop.touching()
+
+
+@pytest.mark.parametrize("turn", np.radians([0.0, 40.0, -110.0]))
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("turned", [0.0, 0.3, -0.3])
+def test_a_vehicle_is_in_the_way_up_to_both_half_bodies_and_a_margin_aside(lab, turn, side, turned):
+    along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+    road = lab.RoadBuilder()
+    road.edge([[0.0, 0.0], 400.0 * along], 1, ("A", "B"))
+    network = road.built()
+    sedan, ambulance = lab.vehicles[ActorClass.SEDAN], lab.vehicles[ActorClass.AMBULANCE]
+    side_m = 0.5 * (sedan.width_m * np.cos(turned) + sedan.length_m * abs(np.sin(turned)) + ambulance.width_m)
+    cars = [lab.Car(1, 0, 100, 13, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, 130, 0, (0,))]
+    for more, counts in ((-0.02, True), (0.02, False)):
+        left = side * (side_m + CONFIG.side_margin_m + more)
+        poses = np.array([[*(100.0 * along), turn, 13.0], [*(130.0 * along + left * across), turn + turned, 0.0]])
+        view = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars, poses=poses))
+        limit = anticipated_limit(follow_route(EmvUnit(1), view, 0)[0], view, 0)
+        assert math.isfinite(limit.speed_mps) is counts
+
+
+def test_the_gap_is_between_the_bumpers_also_of_a_vehicle_at_an_angle(lab):
+    """The speed is that of the formula, unless easing off is harder than the EMV does for anticipation alone."""
+    network = lab.straight_road()
+    sedan = lab.vehicles[ActorClass.SEDAN]
+    cars = [lab.Car(1, 0, 100, 6, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, 130, 2, (0,))]
+    for turned in (0.0, 0.3, -0.3):
+        poses = np.array([[100.0, 0.0, 0.0, 6.0], [130.0, 0.0, turned, 2.0]])
+        view = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars, poses=poses))
+        reach = 0.5 * (sedan.length_m * np.cos(turned) + sedan.width_m * abs(np.sin(turned)))
+        gap = 30.0 - reach - 0.5 * lab.vehicles[ActorClass.AMBULANCE].length_m
+        limit = anticipated_limit(follow_route(EmvUnit(1), view, 0)[0], view, 0)
+        assert limit.speed_mps == pytest.approx(approach(gap, 2.0 * np.cos(turned)), rel=1e-4)

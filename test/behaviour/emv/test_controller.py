@@ -284,3 +284,23 @@ def test_plans_anew_when_the_route_changes(lab):
     after = state.units[1].navigator.path
     assert after is not before
     assert after.curve.points[-1, 1] < -10.0
+
+
+@pytest.mark.parametrize(
+    ("mode", "used"),
+    [({}, "anticipated_limit"), ({"corridor": True}, "passage_limit"), ({"gap_escape_active": True}, "passage_limit")],
+)
+def test_between_others_the_footprint_limits_the_speed_and_elsewhere_anticipation(lab, emv, monkeypatch, mode, used):
+    """One of the two is asked, and the other is not."""
+    asked = []
+    for name in ("anticipated_limit", "passage_limit"):
+        known = getattr(controller, name)
+        monkeypatch.setattr(
+            controller, name, lambda *what, name=name, known=known: (asked.append(name), known(*what))[1]
+        )
+    world = lab.world_of(lab.straight_road(), lab.L3)
+    state, _, _ = steps(lab, world, [emv])
+    asked.clear()
+    unit = replace(state.units[1], corridor_seen_step=0, **mode)
+    steps(lab, world, [emv], 1, EmvState({1: unit}, state.actors), 1)
+    assert asked == [used]

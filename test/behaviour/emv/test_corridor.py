@@ -5,6 +5,7 @@ import pytest
 
 from siren_ros.behaviour.emv.controller import follow_route
 from siren_ros.behaviour.emv.corridor import (
+    _smooth,
     braking_ahead,
     corridor_lane,
     corridor_mode,
@@ -209,3 +210,60 @@ def test_the_corridor_is_planned_again_after_0_4_s(lab, step):
     assert (again is planned) is (step == 7)
     assert again.corridor_planned_step == (0 if step == 7 else 8)
     assert again.plan is None
+
+
+def test_a_vehicle_beside_the_road_or_beyond_the_corridor_leaves_it_as_it_is(lab):
+    """8 m from the line is off the road, on either side; 80 m ahead the corridor ends."""
+    on_the_right = lab.Car(2, 0, 140, 0, (0,), left=-0.8)
+    alone = offsets(view_at(lab, [on_the_right]), 0)
+    for other in (
+        lab.Car(3, 1, 140, 0, (0,), left=5.0),
+        lab.Car(3, 0, 140, 0, (0,), left=-8.3),
+        lab.Car(3, 1, 177.5, 0, (0,), left=-0.5),
+        lab.Car(3, 1, 99.0, 0, (0,), left=-0.5),
+    ):
+        np.testing.assert_allclose(offsets(view_at(lab, [on_the_right, other]), 0), alone)
+
+
+@pytest.mark.parametrize(("opposite", "most"), [(False, 1.65), (True, 0.915 + 1.05 + 0.2)])
+def test_on_one_lane_the_corridor_goes_to_the_free_side_as_far_as_the_road(lab, opposite, most):
+    """Past a car in the middle of the lane; the opposite lane may be used where there is one."""
+    road = lab.RoadBuilder()
+    road.edge([[0.0, 0.0], [400.0, 0.0]], 1, ("A", "B"))
+    if opposite:
+        road.edge([[400.0, 3.3], [0.0, 3.3]], 1, ("B", "A"))
+    view = view_at(lab, [lab.Car(2, 0, 140, 0, (0,), left=-0.01)], network=road.built())
+    assert offsets(view, 0)[40] == pytest.approx(min(most, 0.915 + 1.05 + 0.2 - 0.01), abs=0.01)
+
+
+def test_the_body_stays_on_the_road_beside_a_wide_vehicle_on_the_left(lab):
+    bus = lab.Car(2, 1, 140, 0, (0,), ActorClass.BUS, left=-1.6)
+    assert offsets(view_at(lab, [bus]), 0).min() == pytest.approx(-1.65 + 1.05, abs=1e-6)
+
+
+def test_the_line_between_two_lanes_goes_on_across_a_junction(lab):
+    network = lab.junction_road()
+    car = lab.Car(1, 0, 120, 8, (0, 2), ActorClass.AMBULANCE)
+    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, [car]))
+    reference = path_on_lanes(network, (0, 2, 4), LaneEnd.HORIZON, 118.0, 80.0)
+    found = corridor_offsets(reference, np.linspace(2.0, 78.0, 77), view, 0)
+    np.testing.assert_allclose(found, 1.65, atol=1e-6)
+    inside = path_on_lanes(network, (2,), LaneEnd.HORIZON, 2.0, 20.0)
+    np.testing.assert_allclose(corridor_offsets(inside, np.linspace(2.0, 18.0, 17), view, 0), 0.0)
+
+
+@pytest.mark.parametrize("radius", [1, 3])
+def test_smoothing_is_a_weighted_mean_of_so_many_neighbours_and_leaves_short_lines(radius):
+    values = np.zeros(30)
+    values[15] = 1.0
+    weights = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(1, 2 * radius + 2) / (2 * radius + 2))
+    found = _smooth(values, radius)
+    assert found[15 - radius : 16 + radius] == pytest.approx(weights / weights.sum())
+    assert np.count_nonzero(np.abs(found) > 1e-12) == 2 * radius + 1
+    assert _smooth(np.full(9, 2.5), radius) == pytest.approx(np.full(9, 2.5))
+    step = np.concatenate((np.zeros(radius), np.ones(radius)))
+    assert _smooth(step, radius) is step
+    assert _smooth(np.append(step, 1.0), radius) is not step
+    assert len(_smooth(np.append(step, 1.0), radius)) == 2 * radius + 1
+    assert 0.0 < _smooth(np.append(step, 1.0), radius)[radius] < 1.0
+    assert _smooth(values, 0) is values

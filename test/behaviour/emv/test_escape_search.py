@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from hypothesis import strategies as st
 from siren_ros.behaviour.config import GapEscapeConfig
 from siren_ros.behaviour.driving.free_space import Body, Obstacles, separations_m
 from siren_ros.behaviour.emv.escape_lattice import RoadSpace, Start
-from siren_ros.behaviour.emv.escape_search import search_lattice
+from siren_ros.behaviour.emv.escape_search import _moved, search_lattice
 from siren_ros.behaviour.paths.curve import Curve
 
 CONFIG = GapEscapeConfig()
@@ -128,3 +129,45 @@ def test_no_path_touches_anybody(cars, left, slope):
     if found is not None and cars:
         assert distance(found, obstacles) > -0.02
         assert math.isclose(found.left_m[0], left, abs_tol=1e-9)
+
+
+def moved_one_by_one(cost, turn, blocked):
+    """Each node for itself: slope j of n is j − (n − 1)/2 steps; an offset changes by the mean of both slopes."""
+    offsets, slopes = cost.shape
+    middle = slopes // 2
+    found = np.full(cost.shape, np.inf)
+    for i in range(offsets):
+        for j in range(slopes):
+            before = j - turn
+            if not 0 <= before < slopes:
+                continue
+            start = i - (before - middle) - (j - middle)
+            if not 0 <= start < offsets:
+                continue
+            half = min(max(start + before - middle, 0), offsets - 1)
+            low, high = before + math.floor(turn / 2), before + math.ceil(turn / 2)
+            if not blocked[half, low] and not blocked[half, high]:
+                found[i, j] = cost[start, before]
+    return found
+
+
+@pytest.mark.parametrize("turn", range(-4, 5))
+def test_costs_move_by_the_mean_of_both_slopes_where_it_is_free_half_way(turn):
+    rng = np.random.default_rng(turn + 10)
+    cost = rng.random((13, 7))
+    blocked = rng.random(cost.shape) < 0.2
+    np.testing.assert_array_equal(_moved(cost, turn, blocked), moved_one_by_one(cost, turn, blocked))
+    np.testing.assert_array_equal(
+        _moved(cost, turn, np.zeros_like(blocked)), moved_one_by_one(cost, turn, np.zeros_like(blocked))
+    )
+
+
+@pytest.mark.parametrize(("worth", "clearance"), [(0.01, 0.3), (6.0, 0.08)])
+def test_a_tight_margin_is_taken_for_as_much_way_as_it_costs(worth, clearance):
+    """With 0.3 m the path ends before two cars; between them 0.08 m are left, two steps of 6 m dearer."""
+    tight = boxes(car(18.0, -0.75), car(18.0, 3.45))
+    config = replace(CONFIG, way_worth=worth)
+    start = Start(0.0, 0.0, BODY, REAR_M, 3.9, 0.16)
+    found = search_lattice(LINE, road(), start, tight, config)
+    assert found.clearance_m == clearance
+    assert found.complete is (clearance < 0.1)

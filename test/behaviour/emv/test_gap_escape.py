@@ -295,3 +295,9 @@ def test_the_emv_would_meet_who_is_nearer_aside_than_both_bodies_and_a_margin(la
         view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars, poses=poses))
         assert view.world.config.corridor.clearance_m == 0.1
         assert in_the_way(view, 0, 1, 1) is meets
+
+
+@pytest.mark.parametrize("speed", [0.0, 4.0])
+def test_a_leader_of_sumo_that_nobody_knows_blocks_an_emv_under_way_too(lab, speed):
+    view = view_at(lab, speed, advice={"leader_id": 99, "leader_gap_m": 20.0})
+    assert blocker_of(EmvUnit(1, gap_escape_active=True), view, 0) == 99

@@ -3,14 +3,30 @@ from typing import Any
 
 import numpy as np
 import pytest
-from traffic_helpers import load_map, plan_s2
+from made_streets import (
+    A_LEFT,
+    A_RIGHT,
+    B_LEFT,
+    B_RIGHT,
+    FAR,
+    NEAR,
+    group,
+    same_drivers,
+    signal_site,
+    streets,
+    template_with,
+)
+from traffic_helpers import DIMENSIONS, load_map, plan_s2
 
 from siren_ros.errors import InputError
 from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.numerics.polyline import Polyline
 from siren_ros.roads.road_network import Lane, LaneKind
 from siren_ros.scenario.request import EpisodeRequest
+from siren_ros.scenario.scenario import GroupAnchor, Placement
 from siren_ros.traffic.demand.av_choice import _to_lane, av_way, choose_av
+from siren_ros.traffic.demand.demand import plan_traffic
+from siren_ros.traffic.demand.plan import Spot
 
 
 @pytest.fixture(scope="module", name="town")
@@ -90,3 +106,40 @@ def test_a_lane_change_on_the_way_is_half_a_cosine(turn: float) -> None:
         aside = start + (3.5 - 2.0 * start) * (0.5 - 0.5 * np.cos(np.pi * s / 80.0))
         assert way.points @ left == pytest.approx(aside, abs=1e-6)
         assert (s[0], s[-1]) == pytest.approx((0.0, 80.0))
+
+
+STREETS = streets()
+
+
+def chosen(*places: tuple[str, int, float]) -> str:
+    """Of vehicles on two streets that cross; the EMV's front is 110 m after the beginning of its lane."""
+    template = template_with(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=1), start_m=-200.0)
+    plan = plan_traffic(STREETS, signal_site(), template, 3, same_drivers(), DIMENSIONS)
+    (emv,), (one, *_) = plan.emvs, plan.groups
+    assert emv.spot.lane == A_LEFT
+    emv = replace(emv, spot=replace(emv.spot, front_m=110.0))
+    groups = tuple(replace(one, name=name, spot=Spot(lane, front_m, 5.0)) for name, lane, front_m in places)
+    return choose_av(STREETS, replace(plan, emvs=(emv,), groups=groups))
+
+
+@pytest.mark.parametrize(
+    ("places", "name"),
+    [
+        # The EMV's lane comes before the others of its way, however far ahead.
+        ([("a", A_RIGHT, 115.0), ("b", A_LEFT, 180.0)], "b"),
+        ([("a", B_RIGHT, 5.0), ("b", B_LEFT, 90.0)], "b"),
+        # In each of them the nearest counts, also on the next edge.
+        ([("a", B_LEFT, 60.0), ("b", B_LEFT, 20.0)], "b"),
+        ([("a", B_LEFT, 20.0), ("b", A_LEFT, 190.0)], "b"),
+        ([("a", A_RIGHT, 160.0), ("b", A_RIGHT, 130.0)], "b"),
+        # Who is behind or just abreast is not passed.
+        ([("a", A_LEFT, 110.0), ("b", A_LEFT, 150.0)], "b"),
+        ([("a", A_LEFT, 109.5), ("b", A_RIGHT, 190.0)], "b"),
+        ([("a", A_LEFT, 90.0), ("b", A_RIGHT, 111.0)], "b"),
+        # Where nobody is on the way, the nearest on the side road: it comes from the north, 190 m and then 100 m.
+        ([("a", FAR, 150.0), ("b", NEAR, 80.0)], "b"),
+        ([("a", NEAR, 80.0), ("b", FAR, 150.0)], "a"),
+    ],
+)
+def test_the_emvs_lane_comes_first_then_its_way_then_the_nearest(places: Any, name: str) -> None:
+    assert chosen(*places) == name

@@ -203,3 +203,37 @@ def test_routes_begin_at_the_lane_and_are_long_enough() -> None:
     queue = planned(group(Placement.CROSSING, GroupAnchor.STOP_LINE, vehicles=3, standing=True))
     assert {vehicle.route for vehicle in queue.vehicles} == {("n", "d")}
     assert NETWORK.edges[A].edge_id == "a"
+
+
+def test_of_a_stream_of_several_vehicles_one_is_enough() -> None:
+    """Two are wanted and one fits: the stream has 12 m of road, its vehicles 4.6 m and a gap of 5 m."""
+    for placement, anchor in (
+        (Placement.SAME_DIRECTION, GroupAnchor.ARRIVAL),
+        (Placement.CROSSING, GroupAnchor.STOP_LINE),
+    ):
+        wanted = replace(group(placement, anchor, vehicles=2), first_gap_m=7.0, spacing_m=400.0)
+        plan = planned(wanted)
+        assert len(plan.vehicles) == 1
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.2])
+def test_speeds_vary_to_both_sides_evenly(spread: float) -> None:
+    """From 8·(1 − spread) to 8·(1 + spread) m/s, whose middle is 8."""
+    config = DemandConfig(spacing_spread=0.0, speed_spread=spread)
+    moving = [
+        vehicle.spot.speed_mps
+        for seed in range(40)
+        for vehicle in plan_groups(
+            NETWORK,
+            signal_site(),
+            start_at(90.0),
+            template_with(platoon(8)),
+            seed,
+            VehicleFactory(NETWORK, same_drivers(), DIMENSIONS, config),
+            config,
+        ).vehicles
+    ]
+    low, high = 8.0 * (1.0 - spread), 8.0 * (1.0 + spread)
+    assert min(moving) == pytest.approx(low, abs=0.1)
+    assert max(moving) == pytest.approx(high, abs=0.1)
+    assert low <= min(moving) <= max(moving) <= high

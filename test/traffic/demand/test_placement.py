@@ -33,6 +33,7 @@ from siren_ros.scenario.scenario import GroupAnchor, Placement, SignalDemand, St
 from siren_ros.traffic.demand.demand import plan_traffic
 from siren_ros.traffic.demand.demand_config import DemandConfig
 from siren_ros.traffic.demand.emv_start import (
+    approach_rank,
     depart_speed_mps,
     emv_start,
     start_m_of,
@@ -91,7 +92,8 @@ def test_the_start_is_counted_from_the_sites_edge_or_from_the_stop_line() -> Non
 
 def test_an_approach_that_is_too_short_is_used_from_its_beginning() -> None:
     """210 m before the site's edge, of which the EMV's body takes 8 m."""
-    assert start_m_of(NETWORK, road_site(), emv_demand(-500.0)) == pytest.approx(-202.0)
+    for wanted_m in (-500.0, -600.0, -2000.0):
+        assert start_m_of(NETWORK, road_site(), emv_demand(wanted_m)) == pytest.approx(-202.0)
     assert emv_start(NETWORK, road_site(), -202.0).front_m == pytest.approx(8.0)
 
 
@@ -211,3 +213,51 @@ def test_next_to_a_shoulder_is_its_neighbour_on_either_side() -> None:
     network = replace(NETWORK, lanes=(*lanes, shoulder), edges=tuple(edges))
     assert travel_lane(network, replace(signal_site(), approach_lane=shoulder.index)).index == B_LEFT
     assert travel_lane(network, signal_site()).index == B_LEFT
+
+
+def test_groups_ahead_are_counted_from_the_foremost_emv(plan: Plan) -> None:
+    found = plan(replace(group(Placement.EMV_LANE, GroupAnchor.EMV, vehicles=1), first_gap_m=12.0), count=3)
+    assert [one.spot.front_m for one in found.emvs] == pytest.approx([160.0, 133.8, 107.6])
+    assert found.groups[0].spot.front_m == pytest.approx(160.0 + 12.0 + 4.6)
+
+
+def test_a_lane_is_near_the_emvs_way_where_its_middle_is(plan: Plan) -> None:
+    """The side road ends 12 m from the way, and its middle is 62 m away."""
+    near = replace(CONFIG, neighbourhood_m=20.0, background_spacing_m=10.0, reserve_factor=8.0)
+    for reach_m, edges in ((20.0, {"a", "b"}), (70.0, {"a", "b", "n"})):
+        found = plan(config=replace(near, neighbourhood_m=reach_m))
+        lanes = {NETWORK.lanes[one.spot.lane].edge for one in (*found.background, *found.reserve)}
+        assert {NETWORK.edges[edge].edge_id for edge in lanes} == edges
+
+
+def test_background_traffic_is_everywhere_where_the_lanes_near_the_way_are_too_short(plan: Plan) -> None:
+    """Two lanes of 200 m and two of 100 m are near; ten civilians want 59 m or 61 m each."""
+    config = replace(CONFIG, neighbourhood_m=5.0, reserve_factor=8.0)
+    for spacing_m, wide in ((59.0, False), (61.0, True)):
+        found = plan(config=replace(config, background_spacing_m=spacing_m))
+        lanes = {NETWORK.lanes[one.spot.lane].edge for one in (*found.background, *found.reserve)}
+        assert ({"m", "n"} <= {NETWORK.edges[edge].edge_id for edge in lanes}) is wide
+
+
+def test_the_arrival_takes_the_rest_of_the_way_at_the_end() -> None:
+    """A way of whole metres and a part of one; each at 10 m/s."""
+    for front_m in (110.0, 110.4, 299.7, 309.5):
+        start = start_at(min(front_m, 199.0))
+        shift = front_m - start.front_m
+        start = replace(start, front_m=start.front_m + shift)
+        arrival_s = unhindered_arrival_s(NETWORK, start, emv_demand(0.0, 10.0), CONFIG)
+        assert arrival_s == pytest.approx((310.0 - front_m) / 10.0, abs=1e-6)
+
+
+def test_a_site_with_a_quiet_way_is_best_then_one_behind_a_junction_then_one_behind_a_sharp_bend() -> None:
+    """From 60 m of quiet way on a conflict point is good; the road of 310 m before J has K in it, without traffic."""
+    site = signal_site()
+    assert approach_rank(NETWORK, site, emv_demand(-200.0), CONFIG) == 0
+    crossed = replace(NETWORK.connections[0], from_lane=6, to_lane=B_LEFT)
+    busy = replace(NETWORK, connections=(*NETWORK.connections, crossed))
+    assert approach_rank(busy, site, emv_demand(-200.0), CONFIG) in {0, 1}
+    assert approach_rank(NETWORK, replace(site, kind=SiteKind.QUEUED_APPROACH), emv_demand(-5000.0), CONFIG) == 0
+    slow = replace(CONFIG, emv_accel_mps2=0.05)
+    late = replace(emv_demand(-200.0, 20.0), depart_speed_mps=2.0)
+    assert approach_rank(NETWORK, site, late, slow) == 2
+    assert approach_rank(NETWORK, site, late, replace(CONFIG, emv_accel_mps2=8.0)) == 0

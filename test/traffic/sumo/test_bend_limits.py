@@ -183,3 +183,15 @@ def test_sumo_is_told_of_changes_that_matter(drive: Callable[..., Drive]) -> Non
     assert slow.told == [pytest.approx(0.5 * before_bend_mps(0.0), rel=0.01)]
     slow.limit_mps("a_0", 1.0)
     assert slow.told[1:] == [pytest.approx(0.5 * before_bend_mps(2.0), rel=0.01)]
+
+
+def test_a_place_before_the_lane_is_its_beginning(drive: Callable[..., Drive]) -> None:
+    """SUMO gives a large negative place to a vehicle that it has nowhere."""
+    limits = [drive("a", "b").limit_mps("ab_0", at_m) for at_m in (-1e9, -3.0, 0.0, 0.9)]
+    assert limits == [limits[2]] * 4
+
+
+def test_a_route_that_cannot_be_driven_on_has_no_bends_behind_the_break(drive: Callable[..., Drive]) -> None:
+    broken = drive("a", "z", "b")
+    assert broken.limit_mps("a_0", 90.0) == OWN_MPS
+    assert drive("a", "b").limit_mps("a_0", 90.0) < OWN_MPS

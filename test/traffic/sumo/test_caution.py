@@ -13,6 +13,7 @@ from siren_ros.numerics.geometry import rotate
 from siren_ros.numerics.polyline import Polyline
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import Edge, Lane, LaneKind, RoadNetwork
+from siren_ros.traffic.sumo import caution as caution_module
 from siren_ros.traffic.sumo.caution import _MOST_BRAKE_MPS2, Caution, CautiousDrivers, cautions
 from siren_ros.world.actors import Owner
 from siren_ros.world.traffic_state import TrafficFlags, TrafficState
@@ -30,6 +31,8 @@ class Car:
     owner: Owner = Owner.SUMO
     accel: float = 0.0
     flags: TrafficFlags = TrafficFlags.NONE
+    left: float = 0.0
+    """Of the lane's middle."""
 
 
 def network(turn: float) -> RoadNetwork:
@@ -55,7 +58,7 @@ def network(turn: float) -> RoadNetwork:
 
 def traffic_of(cars: list[Car], roads: RoadNetwork) -> TrafficState:
     n = len(cars)
-    pose = np.array([roads.lanes[car.edge].centre.at(car.front_m - HALF_LENGTH) for car in cars])
+    pose = np.array([roads.lanes[car.edge].centre.offset_points(car.front_m - HALF_LENGTH, car.left) for car in cars])
     yaw = np.array([float(roads.lanes[car.edge].centre.heading_rad(car.front_m)) for car in cars])
     speed = np.array([car.speed for car in cars])
     return TrafficState(
@@ -178,3 +181,64 @@ def test_imposed_speeds_brake_comfortably_where_that_is_enough_and_else_as_hard_
     expected = {None: max(needed, 0.0), "most": _MOST_BRAKE_MPS2}.get(brake_mps2, brake_mps2)  # type: ignore[arg-type]
     assert speeds == {"v1": pytest.approx(max(10.0 - float(expected) * STEP_S, 2.0))}
     assert (needed > decel_mps2) is (brake_mps2 != 50.0)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("turn", TURNS)
+def test_who_stands_aside_is_passed_with_a_margin_where_it_is_driven_from_outside(turn: float, side: float) -> None:
+    """Half widths of 0.9 m each; 0.2 m more towards those from outside."""
+    for owner, apart_m in ((Owner.SUMO, 1.8), (Owner.ROS, 2.0)):
+        for more_m, waits in ((-0.05, True), (0.05, False)):
+            aside = Car(0, 80.0, 0.0, owner, left=side * (apart_m + more_m))
+            assert bool(cautious([Car(0, 72.0, 8.0), aside], turn)) is waits
+
+
+@pytest.mark.parametrize(("apart_m", "owner", "waits"), [(27.5, Owner.SUMO, False), (27.5, Owner.ROS, True)])
+def test_a_body_of_sumo_far_ahead_is_sumos_own_business(apart_m: float, owner: Owner, waits: bool) -> None:
+    """Farther ahead than a second of way and 12 m. Of those from outside anybody within reach counts."""
+    cars = [Car(0, 50.0, 12.5), Car(0, 50.0 + apart_m, 0.0, owner)]
+    assert apart_m > 12.5 + 12.0
+    assert bool(cautious(cars)) is waits
+    near = [Car(0, 50.0, 12.5), Car(0, 50.0 + 24.0, 0.0, Owner.SUMO)]
+    assert cautious(near)
+
+
+class Told:
+    """libsumo's domain of vehicles, as far as cautious drivers use it."""
+
+    def __init__(self) -> None:
+        self.speeds: dict[str, float] = {}
+        self.modes: dict[str, int] = {}
+
+    def setSpeed(self, name: str, speed_mps: float) -> None:  # noqa: N802 - libsumo's name
+        self.speeds[name] = speed_mps
+
+    def setSpeedMode(self, name: str, mode: int) -> None:  # noqa: N802 - libsumo's name
+        self.modes[name] = mode
+
+
+def test_who_need_not_wait_any_more_gets_its_own_speed_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    told = Told()
+    monkeypatch.setattr(caution_module, "libsumo", SimpleNamespace(vehicle=told))
+    driver = SimpleNamespace(driving=SimpleNamespace(decel_mps2=3.0))
+    vehicles = {
+        key: SimpleNamespace(name=f"v{key}", length_m=4.6, width_m=1.8, attentive=True, driver=driver) for key in (1, 2)
+    }
+    drivers = CautiousDrivers(network(0.0), YieldingConfig())
+    near = traffic_of([Car(0, 70.0, 10.0), Car(0, 80.0, 2.0, Owner.ROS)], network(0.0))
+    free = traffic_of([Car(0, 20.0, 10.0), Car(0, 180.0, 2.0, Owner.ROS)], network(0.0))
+    drivers.apply(None, vehicles)  # type: ignore[arg-type] # what it reads
+    assert told.speeds == {}
+    drivers.apply(near, vehicles)  # type: ignore[arg-type]
+    assert told.modes == {"v1": 27}
+    assert 0.0 < told.speeds["v1"] < 10.0
+    drivers.apply(free, vehicles)  # type: ignore[arg-type]
+    assert (told.speeds, told.modes) == ({"v1": -1.0}, {"v1": 31})
+    told.speeds.clear()
+    drivers.apply(free, vehicles)  # type: ignore[arg-type]
+    assert told.speeds == {}, "it is told once"
+    drivers.apply(near, vehicles)  # type: ignore[arg-type]
+    drivers.forget("v1")
+    told.speeds.clear()
+    drivers.apply(free, vehicles)  # type: ignore[arg-type]
+    assert told.speeds == {}, "who has left, or is driven from outside, is not told anything"

@@ -108,3 +108,18 @@ def test_lanes_of_another_edge_need_no_margin() -> None:
     match = matcher.match((S_IN.index, n_out.index), front, np.pi / 2, RIGHT)
     assert CROSSING.lanes[match.lane].kind is LaneKind.INTERNAL
     assert match.lateral_m == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize(("outside_m", "found"), [(1.19, True), (1.21, False)])
+def test_a_point_belongs_to_a_lane_up_to_1_2_m_outside_its_edge(outside_m: float, found: bool) -> None:
+    """To the left of the leftmost lane, whose half width is 1.75 m."""
+    front = (LEFT_X_M - 1.75 - outside_m, -70.0)
+    match = LaneMatcher(CROSSING).match((S_IN.index,), front, np.pi / 2, NO_LANE)
+    assert (match.lane == LEFT) is found
+    assert match.lateral_m == pytest.approx(1.75 + outside_m if found else 0.0)
+
+
+@pytest.mark.parametrize("turned", [1.19, -1.19, 1.21, -1.21])
+def test_lanes_count_up_to_1_2_rad_off_the_heading(turned: float) -> None:
+    match = LaneMatcher(CROSSING).match((S_IN.index,), (LEFT_X_M, -70.0), np.pi / 2 + turned, NO_LANE)
+    assert (match.lane != NO_LANE) is (abs(turned) < 1.2)

@@ -1,9 +1,11 @@
 """What a vehicle of SUMO is set to while it is mirrored or bound, and that it gets its own settings back."""
 
 from collections import defaultdict
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from hand_made_record import NORTHBOUND, RIGHT_X_M, crossing
 from traffic_helpers import states_of
@@ -174,3 +176,64 @@ def test_a_mirrored_vehicle_is_put_one_step_ahead_with_its_front_in_its_lane(sum
     assert (edge, lane) == ("s_in", 1)
     assert (x, y) == pytest.approx((RIGHT_X_M, -120.0 + 20.0 + 0.5 + 2.0))
     assert angle_deg == pytest.approx(0.0, abs=1e-9)
+
+
+def placed(sumo: FakeVehicles, **state: float) -> tuple[float, float, float]:
+    """Where and at which angle a vehicle is put that turns and slides."""
+    drive = Driver()
+    row = {"actor_id": ACTOR, "x_m": RIGHT_X_M, "y_m": -100.0, "yaw_rad": 1.5, "vx_mps": 0.6, "vy_mps": 8.0}
+    states = states_of(0, [{**row, **state, "owner": Owner.ROS}])
+    drive.mirror.apply(states, drive.vehicles, {NAME: (S_IN,)})
+    _, _, x, y, angle_deg, _ = sumo.moved_to[-1]
+    return x, y, angle_deg
+
+
+@pytest.mark.parametrize("rate", [0.4, -0.4])
+def test_a_pose_is_extrapolated_by_a_step_in_place_and_heading(sumo: FakeVehicles, rate: float) -> None:
+    x, y, angle_deg = placed(sumo, yaw_rate_radps=rate)
+    yaw = 1.5 + 0.05 * rate
+    assert angle_deg == pytest.approx((90.0 - np.degrees(yaw)) % 360.0)
+    assert (x, y) == pytest.approx((RIGHT_X_M + 0.03 + 2.0 * np.cos(yaw), -100.0 + 0.4 + 2.0 * np.sin(yaw)))
+
+
+SHIFTED = replace(NETWORK, sumo_offset_m=(100.0, -40.0))
+
+
+class Realigned(FakeVehicles):
+    """A vehicle of SUMO that is somewhere else than the simulated one."""
+
+    def __init__(self, front: tuple[float, float]) -> None:
+        super().__init__()
+        self.front = front
+        self.back: list[tuple[str, float]] = []
+
+    def getPosition(self, _name: str) -> tuple[float, float]:  # noqa: N802 - libsumo's name
+        return self.front
+
+    def moveTo(self, name: str, lane: str, at_m: float) -> None:  # noqa: N802 - libsumo's name
+        assert name == NAME
+        self.back.append((lane, at_m))
+
+
+@pytest.mark.parametrize(
+    ("ahead_m", "aside_m", "brought"), [(3.0, 0.0, True), (0.9, 0.0, False), (0.0, 3.0, True), (-1.1, 0.0, True)]
+)
+def test_sumos_vehicle_is_brought_back_where_that_moves_it_by_a_metre(
+    monkeypatch: pytest.MonkeyPatch, ahead_m: float, aside_m: float, brought: bool
+) -> None:
+    """The simulated front is 22.5 m after the lane's beginning a step later; SUMO's frame is shifted."""
+    place = (RIGHT_X_M + aside_m, -120.0 + 22.5 + ahead_m)
+    vehicles = Realigned((place[0] + 100.0, place[1] - 40.0))
+    monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles))
+    population: Any = SimpleNamespace(length_scale=defaultdict(lambda: 2.0))
+    mirror = Mirror(SHIFTED, TrafficConfig(), population)
+    vehicle: Any = SimpleNamespace(name=NAME, length_m=4.0, route=("s_in", "n_out"))
+    row = {"actor_id": ACTOR, "x_m": RIGHT_X_M, "y_m": -100.0, "yaw_rad": 0.5 * np.pi, "vy_mps": 10.0}
+    other = {**row, "actor_id": 3, "residual_m": 9.0, "owner": Owner.SUMO}
+    for residual_m, far in ((1.6, True), (1.4, False)):
+        vehicles.back.clear()
+        states = states_of(0, [other, {**row, "owner": Owner.SUMO, "residual_m": residual_m}])
+        mirror.apply(states, {ACTOR: vehicle}, {NAME: (S_IN,)})
+        assert mirror.realigned == ({ACTOR: residual_m} if brought and far else {})
+        assert vehicles.back == ([("s_in_1", pytest.approx(45.0))] if brought and far else [])
+    assert vehicles.previous_speed_mps == (pytest.approx(20.0) if brought else 0.0)

@@ -1,0 +1,222 @@
+"""Which replacements enter, and who leaves the stage: with a stand-in for SUMO that only says where vehicles are."""
+
+from dataclasses import replace
+from typing import Any
+
+import libsumo
+import numpy as np
+import pytest
+from made_streets import (
+    A_LEFT,
+    A_RIGHT,
+    B_LEFT,
+    CAR_M,
+    NEAR,
+    group,
+    same_drivers,
+    signal_site,
+    streets,
+    template_with,
+)
+from traffic_helpers import DIMENSIONS
+
+from siren_ros.scenario.scenario import GroupAnchor, Placement
+from siren_ros.traffic.demand.demand import plan_traffic
+from siren_ros.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot, TrafficPlan
+from siren_ros.traffic.sumo.config import TrafficConfig
+from siren_ros.traffic.sumo.population import Population
+
+OFFSET = (500.0, -200.0)
+NETWORK = replace(streets(), sumo_offset_m=OFFSET)
+"""A runs from (−310, −5.25) and (−310, −1.75) eastwards."""
+CONFIG = TrafficConfig(replacement_distance_m=50.0, replacement_gap_m=15.0)
+PLAN = plan_traffic(
+    NETWORK,
+    signal_site(),
+    template_with(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=1)),
+    3,
+    same_drivers(),
+    DIMENSIONS,
+)
+
+
+class Sumo:
+    """Fronts of vehicles in SUMO's frame by name, with lane, place on it and angle."""
+
+    def __init__(self) -> None:
+        self.at: dict[str, tuple[str, float, float, tuple[float, float]]] = {}
+        self.added: list[str] = []
+        self.removed: list[str] = []
+        self.parameters: dict[str, Any] = {}
+
+    def put(self, name: str, lane: int, front_m: float, left_m: float = 0.0) -> None:
+        centre = NETWORK.lanes[lane].centre
+        x, y = centre.offset_points(front_m, left_m)
+        angle = 90.0 - float(np.degrees(centre.heading_rad(front_m)))
+        self.at[name] = (NETWORK.lanes[lane].lane_id, front_m, angle, (float(x) + OFFSET[0], float(y) + OFFSET[1]))
+
+
+@pytest.fixture(name="sumo")
+def _sumo(monkeypatch: pytest.MonkeyPatch) -> Sumo:
+    sumo = Sumo()
+    unknown = libsumo.INVALID_DOUBLE_VALUE
+    vehicle = {
+        "getPosition": lambda name: sumo.at[name][3] if name in sumo.at else (unknown, unknown),
+        "getLaneID": lambda name: sumo.at[name][0] if name in sumo.at else "",
+        "getLanePosition": lambda name: sumo.at[name][1],
+        "getAngle": lambda name: sumo.at[name][2],
+        "add": lambda name, *_, **more: (sumo.added.append(name), sumo.parameters.__setitem__(name, more)),
+        "subscribe": lambda *_: None,
+        "unsubscribe": lambda *_: None,
+        "remove": sumo.removed.append,
+        "setParameter": lambda name, key, value: sumo.parameters.__setitem__((name, key), value),
+    }
+    for name, function in vehicle.items():
+        monkeypatch.setattr(libsumo.vehicle, name, function)
+    monkeypatch.setattr(libsumo.route, "add", lambda *_: None)
+    monkeypatch.setattr(libsumo.vehicletype, "getSpeedFactor", lambda _: 1.0)
+    lengths = {lane.lane_id: 2.0 * lane.length_m for lane in NETWORK.lanes}
+    monkeypatch.setattr(libsumo.lane, "getLength", lengths.__getitem__)
+    monkeypatch.setattr(libsumo.simulation, "getArrivedIDList", lambda: ("b", "elsewhere"))
+    return sumo
+
+
+def vehicle(name: str, lane: int, front_m: float, **changes: Any) -> PlannedVehicle:
+    return replace(PLAN.groups[0], name=name, spot=Spot(lane, front_m, 5.0), **changes)
+
+
+def population(*reserve: PlannedVehicle, inside: tuple[PlannedVehicle, ...] = (), **plan: Any) -> Population:
+    changed: TrafficPlan = replace(PLAN, reserve=reserve, **plan)
+    found = Population(NETWORK, changed, CONFIG)
+    found.vehicles.update({one.name: one for one in inside})
+    return found
+
+
+@pytest.mark.parametrize("direction", [(1, 0), (-1, 0), (0, 1), (0, -1), (0.6, 0.8), (-0.6, -0.8)])
+@pytest.mark.parametrize(("away_m", "enters"), [(49.9, False), (50.1, True)])
+def test_a_replacement_enters_50_m_from_every_emv_or_more(
+    sumo: Sumo, direction: tuple[float, float], away_m: float, enters: bool
+) -> None:
+    x, y = NETWORK.lanes[A_LEFT].centre.at(100.0)
+    emv = (float(x) + direction[0] * away_m, float(y) + direction[1] * away_m)
+    population(vehicle("a", A_LEFT, 100.0)).refill({"far": (5000.0, 0.0), "emv": emv}, 1)
+    assert sumo.added == (["a"] if enters else [])
+
+
+@pytest.mark.parametrize(
+    ("front_m", "free"),
+    [
+        (100.0 + 15.0 + CAR_M - 0.1 + 15.0, False),
+        (100.0 + 15.0 + CAR_M + 0.1 + 15.0, True),
+        (100.0 - CAR_M - 15.0 - 15.0 + 0.1, False),
+        (100.0 - CAR_M - 15.0 - 15.0 - 0.1, True),
+        (100.0, False),
+    ],
+)
+@pytest.mark.parametrize("known", [True, False])
+def test_a_replacement_keeps_its_gap_to_fronts_and_rears_in_its_lane(
+    sumo: Sumo, front_m: float, free: bool, known: bool
+) -> None:
+    """The other's front may be 15 m behind the stretch that is looked at, or its rear beyond it.
+
+    ``known`` says whether SUMO has put the other in already; before that it will be at its own spot.
+    """
+    other = vehicle("other", A_LEFT, front_m if not known else 10.0)
+    if known:
+        sumo.put("other", A_LEFT, front_m)
+    limit = 100.0 + 15.0
+    expected = free if front_m < 100.0 or front_m == 100.0 else front_m >= limit + other.length_m
+    population(vehicle("a", A_LEFT, 100.0), inside=(other,)).refill({}, 2)
+    assert (sumo.added == ["a"]) is expected
+
+
+@pytest.mark.parametrize(("left_m", "free"), [(3.4, False), (-3.4, False), (3.6, True), (-3.6, True)])
+def test_a_replacement_looks_a_lanes_width_to_both_sides(sumo: Sumo, left_m: float, free: bool) -> None:
+    sumo.put("other", A_LEFT, 100.0, left_m)
+    population(vehicle("a", A_LEFT, 100.0), inside=(vehicle("other", A_LEFT, 10.0),)).refill({}, 2)
+    assert (sumo.added == ["a"]) is free
+
+
+def test_as_many_enter_as_are_missing_in_turn_and_who_finds_no_place_waits(sumo: Sumo) -> None:
+    crowded = vehicle("crowded", A_LEFT, 100.0)
+    reserve = [crowded, *(vehicle(f"r{k}", NEAR, 20.0 + 36.0 * k) for k in range(3))]
+    sumo.put("other", A_LEFT, 100.0)
+    emv = replace(PLAN.emvs[0], name="emv")
+    found = population(*reserve, inside=(vehicle("other", A_LEFT, 10.0), emv))
+    found.refill({}, 1)
+    assert sumo.added == [], "one civilian is there, and EMVs are none"
+    found.refill({}, 2)
+    assert sumo.added == ["r0"]
+    del sumo.at["other"]
+    del found.vehicles["other"]
+    sumo.put("r0", B_LEFT, 50.0)
+    sumo.put("emv", B_LEFT, 90.0)
+    found.refill({}, 3)
+    assert sumo.added == ["r0", "r1", "r2"]
+    found.refill({}, 4)
+    assert sumo.added == ["r0", "r1", "r2", "crowded"]
+    found.refill({}, 9)
+    assert len(sumo.added) == 4, "the reserve is empty"
+
+
+def test_who_has_arrived_is_forgotten_and_named_in_order_of_entry(sumo: Sumo) -> None:
+    del sumo
+    found = population(inside=tuple(vehicle(name, NEAR, 10.0) for name in ("a", "b", "c")))
+    assert found.drop_departed() == ("b",)
+    assert list(found.vehicles) == ["a", "c"]
+
+
+@pytest.mark.parametrize(
+    ("lane", "front_m", "cleared"),
+    [
+        (A_LEFT, 20.0 - 0.1, False),
+        (A_LEFT, 20.0 + 0.1, True),
+        (A_LEFT, 30.0 + CAR_M - 0.1, True),
+        (A_LEFT, 30.0 + CAR_M + 0.1, False),
+        (A_RIGHT, 25.0, False),
+    ],
+)
+def test_the_stage_is_cleared_of_whoever_is_on_it_with_any_part(
+    sumo: Sumo, lane: int, front_m: float, cleared: bool
+) -> None:
+    """From 20 to 30 m; SUMO's lanes are twice as long as their centre lines."""
+    sumo.put("one", lane, front_m)
+    lane_id, at_m, angle, place = sumo.at["one"]
+    sumo.at["one"] = (lane_id, 2.0 * at_m, angle, place)
+    stage = (LaneInterval(A_LEFT, 20.0, 30.0),)
+    far = replace(PLAN.emvs[0], spot=Spot(NEAR, 20.0, 5.0))
+    found = population(inside=(vehicle("one", lane, front_m),), stage=stage, emvs=(far,), groups=(), civilians=0)
+    found.enter_stage()
+    assert sumo.removed == (["one"] if cleared else [])
+    assert ("one" in found.vehicles) is not cleared
+
+
+@pytest.mark.parametrize(("apart_m", "cleared"), [(-0.1, True), (0.1, False)])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_who_may_overlap_one_that_enters_makes_way_on_whatever_lane(
+    sumo: Sumo, apart_m: float, cleared: bool, side: float
+) -> None:
+    """Their centres are as far apart as both half lengths together, an EMV of 6.2 m and a car, or a little more."""
+    emv = replace(PLAN.emvs[0], spot=Spot(A_LEFT, 100.0, 5.0))
+    reach = 0.5 * (emv.length_m + CAR_M) + apart_m
+    across = np.hypot(3.5, 0.0)
+    along = float(np.sqrt(reach**2 - across**2))
+    centre = 100.0 - 0.5 * emv.length_m + side * along
+    sumo.put("one", A_RIGHT, centre + 0.5 * CAR_M)
+    found = population(inside=(vehicle("one", A_RIGHT, 10.0),), stage=(), emvs=(emv,), groups=(), civilians=0)
+    found.enter_stage()
+    assert sumo.removed == (["one"] if cleared else [])
+    assert sumo.added == [emv.name]
+
+
+def test_vehicles_enter_at_their_place_in_sumos_length_no_faster_than_their_driver_may_go(sumo: Sumo) -> None:
+    found = population(vehicle("a", A_LEFT, 100.0), inside=())
+    found.refill({}, 1)
+    assert sumo.parameters["a"]["departPos"] == repr(200.0)
+    assert sumo.parameters["a"]["departLane"] == "1"
+    assert sumo.parameters["a"]["departSpeed"] == repr(5.0)
+    fast = replace(vehicle("b", A_RIGHT, 100.0), spot=Spot(A_RIGHT, 100.0, 99.0), attentive=False)
+    population(fast).refill({}, 1)
+    assert sumo.parameters["b"]["departSpeed"] == repr(NETWORK.lanes[A_RIGHT].speed_limit_mps)
+    assert ("b", "junctionModel.ignoreTypes") in sumo.parameters
+    assert ("a", "junctionModel.ignoreTypes") not in sumo.parameters

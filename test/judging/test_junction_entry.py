@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -197,3 +198,25 @@ def test_the_relation_of_movements_is_symmetric() -> None:
     same = np.array([[is_same_direction(SIGNAL, a, b) for b in range(count)] for a in range(count)])
     assert np.array_equal(same, same.T)
     assert same.diagonal().all()
+
+
+def test_who_crosses_another_junction_meanwhile_is_not_inside() -> None:
+    """The road of its own beside the EMV's crosses a junction K."""
+    record = _with(Driven(PARALLEL, INSIDE))
+    assert red_same_direction(record, {}).holds
+    connections = tuple(
+        replace(one, junction="K") if index == BESIDE else one for index, one in enumerate(record.network.connections)
+    )
+    other = replace(record, network=replace(record.network, connections=connections))
+    verdict = red_same_direction(other, {})
+    assert [part.name for part in verdict.failing] == ["same_direction_inside"]
+
+
+def test_other_emvs_are_neither_inside_nor_forgotten() -> None:
+    """Two EMVs pass together: neither counts for the other, and either one's entry counts."""
+    record = _with(Driven(LEFT_LANE, EMV_DRIVE.arc_m))
+    actors = {key: replace(actor, is_emv=True) for key, actor in record.actors.items()}
+    both = replace(record, actors=actors, description=replace(record.description, emv_ids=(EMV, 2)))
+    assert [part.name for part in red_same_direction(both, {}).failing] == ["same_direction_inside"]
+    swapped = replace(record, description=replace(record.description, emv_ids=(2,)))
+    assert [part.name for part in red_same_direction(swapped, {}).failing] == ["against_red"], "its own link is green"

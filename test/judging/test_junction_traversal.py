@@ -131,3 +131,10 @@ def test_vehicles_and_their_junctions_come_by_actor_and_then_by_time() -> None:
         10 + _step_at(100.0 - half),
     ]
     assert [item.exit_step for item in found] == [150, 180, 160]
+
+
+def test_who_starts_with_a_single_step_before_the_stretch_at_the_line_has_a_traversal() -> None:
+    """The search for the line begins 8 m before it; the first step is 8.1 m before it."""
+    traversal = _traversal_of(NORTHBOUND, start_m=91.9, steps=160)
+    assert traversal.enter_step == _step_at(100.0 - EMV_LENGTH_M / 2.0, 91.9)
+    assert traversal.approach_step == 0

@@ -32,6 +32,10 @@ def test_four_of_four_leave_and_are_passed(record_of: Callable[..., EpisodeRecor
     verdict = evaluate_predicate(record_of())
     assert verdict.holds
     assert verdict.measures() == {"lane_changes": 4.0, "passed": 4.0}
+    found = find_clearings(record_of())
+    changes, passed = (part.detail for part in verdict.parts)
+    assert changes == ", ".join(f"{item.actor_id} at {0.05 * item.end_step:.1f} s" for item in found)
+    assert passed == ", ".join(f"{item.actor_id} at {0.05 * (item.passed_step or 0):.1f} s" for item in found)
 
 
 def test_completion_and_pass_lie_where_the_poses_put_them(record_of: Callable[..., EpisodeRecord]) -> None:
@@ -289,3 +293,13 @@ def test_an_emv_that_passes_in_the_lane_in_which_the_car_is_then_has_not_passed_
     back += [(RIGHT_X_M + 0.9, -70.0), (RIGHT_X_M + 0.9, 110.0)]
     emv = line((RIGHT_X_M - 1.0, -120.0), (RIGHT_X_M - 1.0, 110.0))
     assert changing((2, 30.0, back, 3.0), emv=emv, emv_mps=6.5) == [(2, False)]
+
+
+def test_of_several_changes_the_one_that_the_emv_passes_counts() -> None:
+    """The car leaves the right lane; the EMV comes to the left one, which the car leaves too, and passes it there."""
+    there_and_back = [(RIGHT_X_M, -120.0), (RIGHT_X_M, -89.0), (LEFT_X_M, -81.0), (LEFT_X_M, -66.0)]
+    there_and_back += [(RIGHT_X_M, -58.0), (RIGHT_X_M, 110.0)]
+    emv = line((RIGHT_X_M, -120.0), (RIGHT_X_M, -96.0), (LEFT_X_M, -90.0), (LEFT_X_M, 110.0))
+    assert changing((2, 30.0, there_and_back, 5.0), emv=emv, emv_mps=7.0) == [(2, True)]
+    stays = [(RIGHT_X_M, -120.0), (RIGHT_X_M, -89.0), (LEFT_X_M, -81.0), (LEFT_X_M, 110.0)]
+    assert changing((2, 30.0, stays, 5.0), emv=emv, emv_mps=4.0) == [(2, False)]

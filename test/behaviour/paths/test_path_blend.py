@@ -86,3 +86,22 @@ def test_the_line_itself_as_a_path_ends_short_of_its_end_with_or_without_a_stop(
     assert path.length_m == pytest.approx(113.0)
     assert (path.speed_cap_mps(113.0) < 0.1) is slow
     assert on_reference(REFERENCE, NavigatorConfig(), stop_at_end=True, shorten_m=200.0).length_m == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("turned", [0.3, -0.3])
+@pytest.mark.parametrize("turn", [3.1, -3.1, 0.0])
+def test_the_angle_to_the_line_is_taken_across_half_a_turn(turn, turned):
+    """Headings of poses are within half a turn, those of lines go on."""
+    along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+    reference = LanePath((3,), np.array([0.0]), Curve.through(np.array([[0.0, 0.0], 120.0 * along])), LaneEnd.ROUTE)
+    yaw = np.arctan2(np.sin(turn + turned), np.cos(turn + turned))
+    path = path_onto(reference, (*(20.0 * along), yaw), 25.0, NavigatorConfig())
+    first = path.curve.points[1] - path.curve.points[0]
+    assert first @ across / (first @ along) == pytest.approx(np.tan(turned), abs=0.02)
+
+
+@pytest.mark.parametrize(("turned", "slope"), [(0.5, np.tan(0.5)), (0.8, 0.6), (1.4, 0.6), (-0.8, -0.6), (-1.4, -0.6)])
+def test_a_blend_begins_no_steeper_than_0_6(turned, slope):
+    path = path_onto(REFERENCE, (20.0, 0.0, turned), 60.0, NavigatorConfig())
+    first = path.curve.points[1] - path.curve.points[0]
+    assert first[1] / first[0] == pytest.approx(slope, abs=0.02)

@@ -57,3 +57,7 @@ def test_a_path_that_winds_faster_than_the_steering_follows_is_driven_slowly():
     slow = NavigatorConfig(lateral_accel_mps2=9.0, curvature_rate_1pms=0.03)
     path = TrackedPath.of(Curve.through(points), slow, stop_at_end=False)
     assert path.speed_cap_mps(6.0) == pytest.approx(0.03 / change, rel=0.05)
+
+
+def test_a_path_without_a_lateral_move_is_settled_from_its_beginning():
+    assert TrackedPath.of(STRAIGHT, CONFIG).settled_m == 0.0

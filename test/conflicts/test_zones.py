@@ -216,3 +216,21 @@ def test_ways_of_two_others_do_not_mix(turn):
     assert (first, last) == (only(own, others[0]), only(own, others[2]))
     assert last.own_in_m == pytest.approx(15.0 - LENGTH - WIDTH, abs=STEP_M / 4.0)
     assert last.other_in_m == pytest.approx(25.0 - LENGTH - WIDTH, abs=STEP_M)
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("beyond", [15.0, 15.4])
+def test_behind_a_bend_entries_are_as_exact_as_before_it(turn, side, beyond):
+    """20 m ahead and then 45° to one side; another one stands across the second leg."""
+    angle = side * np.radians(45.0)
+    leg = np.array([np.cos(angle), np.sin(angle)])
+    points = np.concatenate(
+        (np.stack((np.arange(20.0), np.zeros(20)), axis=-1), [20.0, 0.0] + np.arange(41.0)[:, None] * leg)
+    )
+    own = Way(rotate(points, turn), 1.0, 0.0, 0.0, (*rotate(np.zeros(2), turn), turn), 55.0, LENGTH, WIDTH)
+    standing = way(np.array([20.0, 0.0]) + beyond * leg, angle + np.pi / 2.0, reach=0.0, turn=turn)
+    touch = 20.0 + beyond - LENGTH - WIDTH
+    zone = only(own, standing)
+    for entry in (zone.own_in_m, zone.blocked_m):
+        assert touch - STEP_M / 8.0 - 1e-6 <= entry <= touch + 1e-6

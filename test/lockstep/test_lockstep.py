@@ -220,3 +220,77 @@ def test_nobody_is_ever_two_steps_behind(reports: list[tuple[str, int]]) -> None
         if isinstance(action, BeginStep):
             assert done["a"] >= action.step
             assert done["b"] >= action.step - 1
+
+
+def test_each_step_has_its_own_time() -> None:
+    """The second one begins at 4 s; 5 s are allowed for each."""
+    state, _ = report(stepping(), "a", Phase.STEP, 0, now_s=3.0)
+    state, action = report(state, "b", Phase.STEP, 0, now_s=4.0)
+    assert action == BeginStep(1)
+    assert on_time(state, CONFIG, 8.9) == (state, None)
+    _, action = on_time(state, CONFIG, 9.0)
+    assert action == EndEpisode(1, EpisodeEnd.FAILED, "a, b: did not finish step 1 within 5 s")
+
+
+def test_who_does_not_close_in_time_fails_the_episode_and_who_was_never_ready_is_not_waited_for() -> None:
+    state = stepping()
+    for step in range(2):
+        for name in ("a", "b"):
+            state, _ = report(state, name, Phase.STEP, step, now_s=10.0)
+    state, _ = report(state, "a", Phase.FINAL, 1, now_s=11.0)
+    assert on_time(state, CONFIG, 69.9) == (state, None)
+    state, action = on_time(state, CONFIG, 70.0)
+    assert action is None
+    expected = (Stage.CLOSED, EpisodeEnd.FAILED, "b: did not close within 60 s")
+    assert (state.stage, state.end, state.reason) == expected
+    assert on_time(state, CONFIG, 1e9) == (state, None)
+    unready, _ = report(start_lockstep(CONFIG, 0.0), "a", Phase.READY)
+    unready, _ = on_interrupt(unready, CONFIG, 5.0, "Ctrl-C")
+    assert unready.late == {"b"}
+    assert on_time(unready, CONFIG, 7.0) == (unready, None), "a was ready and may close"
+    unready, _ = report(unready, "a", Phase.FINAL, now_s=6.0)
+    assert on_time(unready, CONFIG, 6.9) == (unready, None)
+    unready, _ = on_time(unready, CONFIG, 7.0)
+    assert (unready.stage, unready.end, unready.reason) == (Stage.CLOSED, EpisodeEnd.FAILED, "Ctrl-C")
+
+
+def test_nobody_is_late_who_was_ready_when_a_step_was_interrupted() -> None:
+    state, _ = report(stepping(), "a", Phase.STEP, 0)
+    closing, _ = on_interrupt(state, CONFIG, 1.0, "Ctrl-C")
+    assert (closing.late, closing.waiting, closing.owing) == (frozenset(), {"a", "b"}, frozenset())
+
+
+def test_of_several_errors_while_closing_the_first_is_told() -> None:
+    state = stepping()
+    for step in range(2):
+        for name in ("a", "b"):
+            state, _ = report(state, name, Phase.STEP, step)
+    state, _ = report(state, "b", Phase.FINAL, 1, error="no space")
+    again, _ = report(state, "b", Phase.FINAL, 1, error="once more")
+    assert (again.waiting, again.reason) == ({"a"}, "b: no space")
+    state, _ = report(again, "a", Phase.FINAL, 1, error="no bag")
+    assert (state.stage, state.end, state.reason) == (Stage.CLOSED, EpisodeEnd.FAILED, "b: no space")
+    assert report(state, "a", Phase.FINAL, 1) == (state, None)
+
+
+def test_work_on_a_step_before_counts_as_work_too() -> None:
+    def did(state: LockstepState, name: str, step: int, busy_s: float) -> LockstepState:
+        return on_report(state, StepReport(step, name, Phase.STEP, busy_s=busy_s), TRAILING, 0.0)[0]
+
+    state = did(did(did(did(stepping(), "a", 0, 1.0), "a", 1, 2.0), "b", 0, 10.0), "b", 1, 20.0)
+    assert state.busy_s == {"a": 3.5, "b": 30.5}
+    assert (state.step, state.waiting, state.owing) == (2, {"a", "b"}, frozenset())
+
+
+def test_the_last_step_waits_for_everybody_and_a_failure_counts_what_all_have_done() -> None:
+    state = stepping()
+    for name, step in (("a", 0), ("a", 1), ("b", 0)):
+        state, _ = trailing(state, name, step)
+    assert (state.step, state.owing, state.steps_done) == (2, {"b"}, 1)
+    _, action = on_failure(state, TRAILING, 1.0, "a: killed")
+    assert action == EndEpisode(1, EpisodeEnd.FAILED, "a: killed")
+    state, _ = trailing(state, "b", 1)
+    assert (state.owing, state.steps_done) == (frozenset(), 2)
+    closing, action = on_failure(state, TRAILING, 1.0, "a: killed", frozenset({"a"}))
+    assert action == EndEpisode(2, EpisodeEnd.FAILED, "a: killed")
+    assert closing.steps_closed == 2

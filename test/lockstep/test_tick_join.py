@@ -51,3 +51,32 @@ def test_a_second_message_for_a_step_is_refused() -> None:
     list(join.offer("/slow", 0, "x"))
     with pytest.raises(EpisodeError, match="/slow: a second message for step 0"):
         list(join.offer("/slow", 0, "x"))
+
+
+@pytest.mark.parametrize(("name", "lag"), [("/fast", 0), ("/lagged", 1)])
+@pytest.mark.parametrize(("ahead", "kept"), [(64, True), (65, False)])
+def test_messages_for_up_to_64_steps_ahead_are_kept(name: str, lag: int, ahead: int, kept: bool) -> None:
+    """Counted from the step that is next, and with the lag of the topic."""
+    join = TickJoin(INPUTS)
+    assert [step for item in MESSAGES[:4] for step, _ in join.offer(*item, "x")] == [0, 1]
+    assert join.next_step == 2
+    if kept:
+        assert list(join.offer(name, 2 + ahead - lag, "x")) == []
+    else:
+        with pytest.raises(EpisodeError, match="which has not begun"):
+            list(join.offer(name, 2 + ahead - lag, "x"))
+
+
+def test_topics_that_are_added_later_are_waited_for_too() -> None:
+    join = TickJoin((Input(FAST),))
+    join.add((Input(SLOW),))
+    assert join.missing() == ("/fast", "/slow")
+    assert list(join.offer("/fast", 0, "x")) == []
+    assert [step for step, _ in join.offer("/slow", 0, "y")] == [0]
+    assert [step for step, _ in join.offer("/fast", 1, "x")] == [1]
+
+
+@pytest.mark.parametrize(("lag", "needed"), [(0, [True, False, False, True]), (1, [False, True, False, False])])
+def test_a_topic_is_needed_at_the_steps_of_its_period_after_its_lag(lag: int, needed: list[bool]) -> None:
+    topic = Topic("/third", "std_msgs/msg/String", "c", period_steps=3)
+    assert [Input(topic, lag).needed_at(step) for step in range(4)] == needed

@@ -1,7 +1,24 @@
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from made_streets import (
+    A_LEFT,
+    A_RIGHT,
+    B_LEFT,
+    B_RIGHT,
+    C_LEFT,
+    C_RIGHT,
+    SOUTH,
+    A,
+    B,
+    C,
+    D,
+    M,
+    N,
+    streets,
+)
 
 from siren_ros.errors import InputError
 from siren_ros.roads.maps.map_compiler import compile_map
@@ -131,3 +148,112 @@ def test_connections_between_are_ordered_from_the_right(town):
     edge, ahead = edges(town, "main_e_2 main_e_3")
     lanes = [town.lanes[connection.from_lane].position for connection in connections_between(town, edge, ahead)]
     assert lanes == [1, 2, 3]
+
+
+def graph_of(lengths_m, *ways):
+    """Edges by their lengths, and which of them follow which; no shapes."""
+    ahead = [tuple(sorted(b for a, b in ways if a == edge)) for edge in range(len(lengths_m))]
+    behind = [tuple(sorted(a for a, b in ways if b == edge)) for edge in range(len(lengths_m))]
+    return EdgeGraph(streets(), tuple(ahead), tuple(behind), tuple(lengths_m))
+
+
+DIAMOND = ((0, 1), (0, 2), (1, 3), (2, 3))
+
+
+@pytest.mark.parametrize(
+    ("lengths", "avoid", "route"),
+    [
+        ((10.0, 5.0, 4.0, 1.0), (), (0, 2, 3)),
+        ((10.0, 4.0, 5.0, 1.0), (), (0, 1, 3)),
+        ((10.0, 5.0, 5.0, 1.0), (), (0, 1, 3)),
+        ((10.0, 5.0, 4.0, 1.0), (2,), (0, 1, 3)),
+        ((10.0, 5.0, 4.0, 1.0), (1, 2), None),
+        ((10.0, 5.0, 4.0, 1.0), (3,), None),
+        ((10.0, 5.0, 4.0, 1.0), (0,), (0, 2, 3)),
+    ],
+)
+def test_the_shortest_of_two_ways_and_of_equals_the_one_with_the_smaller_index(lengths, avoid, route):
+    assert shortest_path(graph_of(lengths, *DIAMOND), 0, 3, avoid) == route
+
+
+def test_a_longer_first_edge_may_begin_the_shorter_way():
+    """By the short first edge 0-1-2-3-5 takes 8, by the long one 0-4-5 takes 7."""
+    graph = graph_of((1.0, 1.0, 3.0, 2.0, 5.0, 1.0), (0, 1), (1, 2), (2, 3), (3, 5), (0, 4), (4, 5))
+    assert shortest_path(graph, 0, 5) == (0, 4, 5)
+    assert shortest_path(graph, 2, 2) == (2,)
+    assert shortest_path(graph, 5, 0) is None
+
+
+def test_endless_are_the_edges_from_which_a_loop_can_be_reached():
+    """0 and 1 are a loop; 2 leads into it; 3 is a dead end, 4 leads there alone, 5 to both."""
+    graph = graph_of([1.0] * 7, (0, 1), (1, 0), (2, 0), (1, 3), (4, 3), (5, 4), (5, 0), (6, 4))
+    assert graph.endless_edges() == {0, 1, 2, 5}
+    assert graph_of([1.0] * 3, (0, 1), (1, 2)).endless_edges() == frozenset()
+
+
+NETWORK = streets()
+
+
+def test_a_path_keeps_its_lane_and_changes_as_soon_as_the_route_needs_it():
+    """To the south only the right lane leads; the paths across the junctions are lanes 9 and on."""
+    assert route_path(NETWORK, (A, B, C), A_RIGHT) == (A_RIGHT, 9, B_RIGHT, 11, C_RIGHT)
+    assert route_path(NETWORK, (A, B, C), A_LEFT) == (A_LEFT, 10, B_LEFT, 12, C_LEFT)
+    assert route_path(NETWORK, (A, B, D), A_LEFT) == (A_LEFT, A_RIGHT, 9, B_RIGHT, 13, SOUTH)
+    assert route_path(NETWORK, (B, D), B_LEFT) == (B_LEFT, B_RIGHT, 13, SOUTH)
+    assert route_path(NETWORK, (A,), A_LEFT) == (A_LEFT,)
+    with pytest.raises(InputError):
+        route_path(NETWORK, (A, C), A_LEFT)
+    with pytest.raises(InputError):
+        route_path(NETWORK, (), A_LEFT)
+
+
+@pytest.mark.parametrize("kinds", [(LaneKind.SHOULDER, LaneKind.DRIVING), (LaneKind.DRIVING, LaneKind.SHOULDER)])
+def test_a_lane_change_does_not_lead_over_a_shoulder(kinds):
+    """A third lane lies to the right of the two; where the one between is a shoulder it cannot be reached."""
+    lanes, edges = list(NETWORK.lanes), list(NETWORK.edges)
+    lanes[B_RIGHT], lanes[B_LEFT] = replace(lanes[B_RIGHT], kind=kinds[0]), replace(lanes[B_LEFT], kind=kinds[1])
+    network = replace(NETWORK, lanes=tuple(lanes), edges=tuple(edges))
+    if kinds[1] is LaneKind.DRIVING:
+        assert route_path(network, (B, C), B_LEFT) == (B_LEFT, 12, C_LEFT)
+        with pytest.raises(InputError):
+            route_path(network, (B, D), B_LEFT)
+    else:
+        assert route_path(network, (B, D), B_RIGHT) == (B_RIGHT, 13, SOUTH)
+        assert route_path(network, (B, C), B_LEFT) == (B_LEFT, 12, C_LEFT)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "start", "end"), [(A_LEFT, A_RIGHT, -1.75, -5.25), (A_RIGHT, A_LEFT, -5.25, -1.75)]
+)
+def test_a_lane_change_takes_the_middle_half_of_its_edge_along_half_a_cosine(first, second, start, end):
+    centre = path_centre(NETWORK, (first, second))
+    x, y = centre.points.T
+    share = np.clip((x + 310.0 - 50.0) / 100.0, 0.0, 1.0)
+    assert y == pytest.approx(start + (end - start) * (0.5 - 0.5 * np.cos(np.pi * share)), abs=1e-6)
+    assert (x[0], x[-1]) == pytest.approx((-310.0, -110.0))
+
+
+def test_the_centre_of_a_path_joins_lanes_changes_and_ways_across_junctions():
+    """A change on the second edge; the ways across the junctions count as they are."""
+    centre = path_centre(NETWORK, (A_LEFT, 10, B_LEFT, B_RIGHT, 11, C_RIGHT))
+    for x, y in (
+        (-310.0, -1.75),
+        (-110.0, -1.75),
+        (-100.0, -1.75),
+        (-76.0, -1.75),
+        (-50.0, -3.5),
+        (-24.0, -5.25),
+        (10.0, -5.25),
+    ):
+        assert centre.project([x, y])[1] == pytest.approx(0.0, abs=0.02)
+    assert tuple(centre.points[-1]) == pytest.approx((220.0, -5.25))
+
+
+def test_a_route_is_as_long_as_its_edges_and_the_straight_lines_between_them():
+    graph = EdgeGraph.of(NETWORK)
+    assert graph.route_length_m((A, B, C)) == pytest.approx(200.0 + 10.0 + 100.0 + 20.0 + 200.0)
+    assert graph.route_length_m((M, N, D)) == pytest.approx(190.0 + 10.0 + 100.0 + 30.0 + 100.0)
+    assert graph.route_length_m((B,)) == pytest.approx(100.0)
+    assert (graph.successors[B], graph.predecessors[D], graph.successors[C]) == ((C, D), (B, N), ())
+    turning = replace(NETWORK, connections=tuple(replace(one, direction="t") for one in NETWORK.connections[4:5]))
+    assert EdgeGraph.of(turning).successors[B] == (), "nobody turns round"

@@ -8,6 +8,7 @@ from siren_ros.behaviour.civilians.drivers import Compliance, Driver
 from siren_ros.behaviour.civilians.unit import EmvView, YieldUnit
 from siren_ros.behaviour.civilians.yield_lane_change import (
     change_lane,
+    defer,
     intent_of,
     keep_lane,
     start_lane_change,
@@ -225,3 +226,17 @@ def test_the_steps_off_the_road_are_counted_and_begin_again(lab):
     assert keeping(lab, replace(unit, off_path_steps=20)).unit is not None
     for emv, reason in (({"passed": True}, "emv_passed"), ({"in_region": False}, "emv_gone")):
         assert keeping(lab, unit, **emv).events[0].detail["reason"] == reason
+
+
+@pytest.mark.parametrize("phase", [Mode.YIELD_REACTING, Mode.YIELD_DEFERRED])
+def test_who_is_deferred_seeks_no_gap_any_more_and_has_no_path(lab, phase):
+    view = view_at(lab)
+    path = start_lane_change(UNIT, view, 1).unit.navigator
+    seeking = replace(UNIT, phase=phase, seek=1, side=1, navigator=path, deferred_step=150)
+    outcome = defer(seeking, view, 1, "no_room")
+    unit = outcome.unit
+    assert (unit.phase, unit.seek, unit.side, unit.navigator.path) == (Mode.YIELD_DEFERRED, 0, 1, None)
+    assert unit.deferred == "no_room"
+    assert unit.deferred_step == (200 if phase is Mode.YIELD_REACTING else 150)
+    assert kinds(outcome) == (["yield_deferred"] if phase is Mode.YIELD_REACTING else [])
+    assert outcome.command is None

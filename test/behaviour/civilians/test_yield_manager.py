@@ -311,3 +311,31 @@ def test_realistic_preset_draws_per_actor(lab):
     cars = [emv_at(lab), *(lab.Car(2 + i, 0, 62.0 + 6.5 * i, 5, (0,)) for i in range(3))]
     state, _, _ = steps(lab, world, cars)
     assert len({driver.delay_s for driver in state.drivers.values()}) == len(state.drivers) > 1
+
+
+def test_a_civilian_off_all_lanes_is_not_on_the_emvs_road(lab, world):
+    """It has changed lanes and then leaves the road; a second later it is released."""
+    state = started(lab, world)
+    there = [emv_at(lab), lab.Car(2, 1, 90, 3, (0,))]
+    state, _, _ = steps(lab, world, there, 1, state, 1)
+    grace = round(world.config.yielding.off_path_grace_s / 0.05)
+    reasons = []
+    for step in range(2, 3 + grace):
+        observed = lab.traffic_of(world.network, there, step=step, spawn=False)
+        lane = np.where(observed.actor_id == 2, -1, observed.lane).astype(np.int32)
+        state, commands = step_yield(state, replace(observed, lane=lane), world)
+        reasons += [(step, event.detail["reason"]) for event in commands.events]
+    assert reasons == [(2 + grace, "emv_gone")]
+
+
+def test_with_two_emvs_everybody_yields_to_the_one_that_comes(lab, world):
+    """One in each lane; a civilian ahead of each. What one does changes nothing for the other's civilian."""
+    second = lab.Car(9, 1, 40, 10, (0,), ActorClass.FIRE_TRUCK)
+    cars = [emv_at(lab), second, lab.Car(2, 0, 80, 5, (0,)), lab.Car(3, 1, 75, 5, (0,))]
+    state, _, events = steps(lab, world, cars)
+    asked = {event.actor_id: event.other_id for event in events if event.kind.value == "yield_requested"}
+    assert asked == {2: 1, 3: 9}
+    gone = [emv_at(lab, 110.0), second, *cars[2:]]
+    state, _, events = steps(lab, world, gone, 1, state, 1)
+    assert {event.actor_id for event in events if event.kind.value in {"yield_cancelled", "yield_released"}} == {2}
+    assert list(state.units) == [3]

@@ -233,3 +233,11 @@ def test_who_drives_ahead_at_an_angle_leads_although_its_way_is_known(degrees):
     known = watch_path(path, 10.0, 0, 10.0, replace(seen, outlook=SimpleNamespace()), CONFIG)
     assert known.snapshot.actor_id == 2
     assert known.snapshot.speed_mps == pytest.approx(5.0 * np.cos(np.radians(degrees)))
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("gap", "leads"), [(0.5, True), (0.1, True), (-0.1, False)])
+def test_who_drifts_towards_the_path_counts_where_its_rear_is_ahead(side, gap, leads):
+    turned = -side * np.radians(10.0)
+    extent = HALF_LENGTH * np.cos(turned) + HALF_WIDTH * abs(np.sin(turned))
+    assert (watched(0.6, 10.0, (HALF_LENGTH + extent + gap, side * 3.5, turned, 8.0)) is not None) is leads

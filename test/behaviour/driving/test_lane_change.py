@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,12 +10,15 @@ from siren_ros.behaviour.driving.lane_change import (
     LaneGaps,
     Refusal,
     assess,
+    change_length_m,
     entered_lane,
     gaps_in_lane,
     lane_change_path,
     refusal_of_gaps,
 )
 from siren_ros.behaviour.paths.lane_path import LanePath
+from siren_ros.behaviour.paths.path_blend import PEAK_CURVATURE, blend_length_m
+from siren_ros.roads.road_network import LaneKind
 from siren_ros.world.actors import ActorClass
 
 CONFIG = LaneChangeConfig()
@@ -175,3 +179,62 @@ def test_the_whole_footprint_is_in_the_lane_up_to_the_tolerance(lab, side, degre
             lab.world_of(network, lab.L2), lab.traffic_of(network, [lab.Car(1, 1, 100, 5, (0,))], poses=poses)
         )
         assert entered_lane(view, 0, 1) is inside
+
+
+@pytest.mark.parametrize("turn", np.radians([0.0, 50.0, -140.0]))
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("turned", [0.0, 0.4, -0.4])
+def test_who_is_in_a_lane_with_a_part_of_its_body_counts_as_far_as_the_own_body_reaches(lab, turn, side, turned):
+    """A body's half width and 10 cm from the middle of the lane; bodies across the lane do not count."""
+    along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+    road = lab.RoadBuilder()
+    road.edge([[0.0, 0.0], 400.0 * along], 1, ("A", "B"))
+    network = road.built()
+    sedan = lab.vehicles[ActorClass.SEDAN]
+    reach = 0.5 * (sedan.width_m + sedan.width_m * np.cos(turned) + sedan.length_m * abs(np.sin(turned))) + 0.1
+    cars = [lab.Car(1, 0, 100, 5, (0,)), lab.Car(2, 0, 120, 3, (0,))]
+    for more, counts in ((-0.02, True), (0.02, False)):
+        place = 120.0 * along + side * (reach + more) * across
+        poses = np.array([[*(100.0 * along), turn, 5.0], [*place, turn + turned, 3.0]])
+        view = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars, poses=poses))
+        assert gaps_in_lane(view, 0, 0).front_m == (pytest.approx(20.0 - sedan.length_m) if counts else math.inf)
+
+
+@pytest.mark.parametrize("kind", [ActorClass.HATCHBACK, ActorClass.BUS, ActorClass.FIRE_TRUCK])
+@pytest.mark.parametrize("civilian", [True, False])
+@pytest.mark.parametrize(
+    ("speed", "target"), [(0.0, 2.8), (1.0, 2.8), (4.0, 2.8), (8.0, 13.9), (13.0, 2.8), (13.0, 16.0)]
+)
+def test_a_change_is_as_long_as_time_steering_and_lock_ask(lab, kind, civilian, speed, target):
+    """On average the vehicle is as fast as it wants to be, gains 2.5 m/s at most, and loses a quarter at most."""
+    network = lab.straight_road()
+    view = view_with(lab, network, [lab.Car(1, 0, 100, speed, (0,), kind)])
+    asked = replace(query(view, civilian=civilian), target_mps=target)
+    config = view.world.config.civilian_lane_change if civilian else view.world.config.lane_change
+    vehicle = lab.vehicles[kind]
+    mean = max(min(target, speed + 2.5), 0.75 * speed)
+    lock = np.tan(0.7 * vehicle.max_steer_rad) / vehicle.wheelbase_m
+    expected = max(
+        config.length_min_m,
+        np.sqrt(PEAK_CURVATURE * 3.3 / lock),
+        config.duration_s * speed,
+        blend_length_m(3.3, mean, config.duration_s, config.length_min_m, view.navigator_config(0)),
+    )
+    assert change_length_m(view, asked) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("civilian", [True, False])
+@pytest.mark.parametrize(("civilians", "emergency"), [(True, True), (False, True), (True, False), (False, False)])
+@pytest.mark.parametrize("kind", [LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.SIDEWALK])
+def test_a_lane_is_open_to_those_who_may_use_it_and_to_civilians_where_it_is_a_driving_lane(
+    lab, civilian, civilians, emergency, kind
+):
+    network = lab.straight_road()
+    lanes = list(network.lanes)
+    lanes[1] = replace(lanes[1], kind=kind, civilian_allowed=civilians, emergency_allowed=emergency)
+    network = replace(network, lanes=tuple(lanes))
+    view = view_with(lab, network, [lab.Car(1, 0, 100, 8, (0,))])
+    usable = (civilians and kind is LaneKind.DRIVING) if civilian else emergency
+    found = assess(view, query(view, civilian=civilian))
+    if civilian or usable:
+        assert (found is not Refusal.NO_LANE) is usable

@@ -203,3 +203,8 @@ def test_leaders_can_be_left_to_the_limit(lab):
     assert watching.brake > 0.5
     assert nobody is None
     assert leaving.brake == 0.0
+
+
+def test_without_a_path_nothing_is_left_of_it_and_it_is_done():
+    assert NavigatorState().remaining_m == 0.0
+    assert NavigatorState().done

@@ -67,3 +67,11 @@ def test_a_light_that_turns_red_late_asks_for_gentle_braking_only(lab):
     network = lab.junction_road()
     gain = lab.world_of(network, lab.L2).config.emv.navigator.speed_gain_1ps
     assert limit(lab, network, 140.0, "r", speed=13.0) == pytest.approx(13.0 - CONFIG.ease_off_mps2 / gain)
+
+
+@pytest.mark.parametrize(("front", "counts"), [(149.2, True), (149.9, True), (150.1, False)])
+def test_a_red_light_counts_up_to_the_line(lab, front, counts):
+    found = limit(lab, lab.junction_road(), front, "r", speed=4.0)
+    assert math.isfinite(found) is counts
+    if counts:
+        assert found == pytest.approx(approach_mps(150.0 - front, CONFIG), abs=0.02)

@@ -56,7 +56,7 @@ def test_vehicles_ahead_that_move_leave_way_and_crossing_ones_count_only_in_the_
 def test_the_vehicle_that_cannot_be_passed_is_the_blocker(lab):
     unit, view = scene(lab, lab.Car(2, 0, 110, 0, (0,)))
     limit = passage_limit(unit, view, 0)
-    assert passage_blocker(None, limit).actor_id == 2
+    assert passage_blocker(None, limit) == CollisionSnapshot(2, limit.free_m, 0.0)
     seen = CollisionSnapshot(7, 1.0, 0.0)
     assert passage_blocker(seen, limit) is seen
     assert passage_blocker(None, UNLIMITED) is None

@@ -134,3 +134,27 @@ def test_the_edges_of_the_road_beside_a_line(lab):
     np.testing.assert_allclose(space.left_m, 1.5 * 3.3)
     np.testing.assert_allclose(space.opposite_left_m, 3.5 * 3.3)
     np.testing.assert_allclose(space.middle_m, 0.5 * 3.3)
+
+
+@pytest.mark.parametrize(
+    ("turned", "from_behind"), [(0.0, True), (0.29, True), (-0.29, True), (0.31, False), (-0.31, False), (np.pi, False)]
+)
+def test_an_emv_that_points_elsewhere_gets_a_path_from_its_own_pose(lab, turned, from_behind):
+    network = lab.straight_road()
+    poses = np.array([[100.0, 0.0, turned, 5.0]])
+    traffic = lab.traffic_of(network, [lab.Car(1, 0, 100, 5, (0,), AMBULANCE)], poses=poses)
+    view = lab.view_of(lab.world_of(network, lab.L1), traffic)
+    _, navigator = plan_route(view, 0, 0, NavigatorState())
+    begins = float(navigator.path.curve.points[0, 0])
+    assert begins == pytest.approx(90.0 if from_behind else 100.0, abs=0.01)
+
+
+def test_lanes_that_only_an_emv_may_use_count_for_it(lab):
+    """The turn to the right leads from the shoulder alone."""
+    road = lab.RoadBuilder()
+    road.edge([[0.0, 0.0], [150.0, 0.0]], 3, ("W", "J"), shoulder=True)
+    road.edge([[160.0, -10.0], [160.0, -100.0]], 1, ("J", "S"))
+    road.connect(0, 3, direction="r")
+    network = road.built()
+    assert [strategic_side(network, lane, route(0, 1)) for lane in (0, 1, 2)] == [0, -1, -1]
+    assert [best_lane(network, lane, route(0, 1)) for lane in (0, 1, 2)] == [0, 0, 0]

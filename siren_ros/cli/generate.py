@@ -6,10 +6,12 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Self
 
 from tqdm import tqdm
 
+from siren_ros.cli.generation.generate_risk import make_and_tell
 from siren_ros.cli.options.processes import add_processes
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
 from siren_ros.params.params_files import named_params_file
@@ -20,10 +22,15 @@ from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.studies.episode_worker import RETRIES, TIMEOUT_S, WorkerOptions
 from siren_ros.studies.matrix import OWN_LEVEL, TOWN, Study
 from siren_ros.studies.remote_folder import folder_at
+from siren_ros.studies.risk_set.balance import papers_balance
+from siren_ros.studies.risk_set.make_set import RiskSetRequest
 from siren_ros.studies.run_study import Told, run_study
 from siren_ros.studies.study_file import grid_of, levels_of, ranges_of, read_study, seeds_of
-from siren_ros.studies.study_folder import MANIFEST
+from siren_ros.studies.study_folder import MANIFEST, LocalFolder, StudyFolder
 from siren_ros.studies.workers import LocalWorkers, Workers
+
+RISK_VIDEOS = "risk_videos"
+"""Folder of the videos with risk labels, in the study's."""
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
@@ -54,6 +61,13 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     matrix.add_argument(
         "--duration-s", type=float, default=0.0, metavar="S", help="simulated time of each episode (default: its own)"
     )
+    matrix.add_argument(
+        "--risk-videos",
+        type=int,
+        default=0,
+        metavar="N",
+        help=f"risk videos of each template too, in DIR/{RISK_VIDEOS}",
+    )
     draws = verb.add_argument_group("draws of the templates' parameters")
     draws.add_argument("--grid", nargs="+", metavar="PATH=V,V", help="every combination of these values")
     draws.add_argument("--random", type=int, metavar="N", help="N random draws")
@@ -81,11 +95,12 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Runs the study; exit code 1 where an episode could not be made."""
-    for name, least in (("workers", 1), ("retries", 0), ("timeout_s", 1.0)):
+    for name, least in (("workers", 1), ("retries", 0), ("timeout_s", 1.0), ("risk_videos", 0)):
         if getattr(arguments, name) < least:
             raise InputError(name, getattr(arguments, name), f"{least:g} or more")
     study = _study_of(arguments)
     folder = folder_at(arguments.out)
+    risk_set = _risk_set_of(study, folder)
     options = WorkerOptions(arguments.retries, arguments.timeout_s)
     with _workers(arguments) as workers, _Bar() as bar:
         result = run_study(study, folder, workers, options, bar)
@@ -95,7 +110,25 @@ def run(arguments: argparse.Namespace) -> int:
     missing = [row for row in result.rows if row.status is not Status.COMPLETE]
     for row in missing[:20]:
         print(f"siren generate: {row.episode}: {row.status}: {row.reason}", file=sys.stderr)
-    return EXIT_FAILED if missing else EXIT_OK
+    complete = risk_set is None or make_and_tell(risk_set, Path(folder.place) / RISK_VIDEOS, arguments.workers)
+    return EXIT_FAILED if missing or not complete else EXIT_OK
+
+
+def _risk_set_of(study: Study, folder: StudyFolder) -> RiskSetRequest | None:
+    """The videos with risk labels that a study asks for, like its first episodes but for preset and sensors.
+
+    Raises:
+        InputError: They are asked for on several maps, or behind a URL.
+    """
+    if study.risk_videos == 0:
+        return None
+    if not isinstance(folder, LocalFolder):
+        raise InputError("risk_videos", f"in {folder.place}", "a local folder; then copy the set")
+    if len(study.maps) > 1:
+        raise InputError("risk_videos", f"on {len(study.maps)} maps", "one map")
+    map_file = "" if study.maps[0] == TOWN else study.maps[0]
+    balance = papers_balance(len(study.templates), study.risk_videos)
+    return RiskSetRequest(study.templates, balance, seed=study.seeds[0], map_file=map_file)
 
 
 @contextmanager
@@ -122,6 +155,7 @@ def _study_of(arguments: argparse.Namespace) -> Study:
         look=arguments.look,
         duration_s=arguments.duration_s,
         draws=_draws_of(arguments),
+        risk_videos=arguments.risk_videos,
     )
 
 

@@ -38,6 +38,8 @@ class Study:
     """Of every episode; 0: the template's own."""
     draws: DrawPlan | None = None
     """None: each seed has the values that it draws by itself."""
+    risk_videos: int = 0
+    """Front-camera videos of each template with risk labels besides the episodes, the classes in the paper's shares."""
 
     def to_json(self) -> dict[str, Any]:
         """The study as JSON types."""

@@ -32,6 +32,7 @@ def read_study(file: Path) -> Study:
         look=top.text("look") if top.has("look") else "clear",
         duration_s=top.number("duration_s", 0.0, 3600.0) if top.has("duration_s") else 0.0,
         draws=_draws(top.mapping("draw")) if top.has("draw") else None,
+        risk_videos=top.integer("risk_videos", 0, _MOST_SAMPLES) if top.has("risk_videos") else 0,
     )
     top.finish()
     return study

@@ -30,6 +30,8 @@ def _matrix(asked: Mapping[str, Any]) -> Iterator[str]:
             yield f"--{name} {quote(str(asked[name]))}"
     if asked.get("duration_s"):
         yield f"--duration-s {asked['duration_s']:g}"
+    if asked.get("risk_videos"):
+        yield f"--risk-videos {asked['risk_videos']}"
 
 
 def _draws(asked: Mapping[str, Any] | None) -> Iterator[str]:

@@ -2,7 +2,13 @@ from pathlib import Path
 
 import pytest
 
+from siren_ros.cli import generate
 from siren_ros.cli.main import main
+from siren_ros.params.params_files import named_params_file
+from siren_ros.studies.matrix import plan_study
+from siren_ros.studies.risk_set.balance import Balance, papers_balance
+from siren_ros.studies.risk_set.make_set import RiskSetRequest
+from siren_ros.studies.study_file import read_study
 from siren_ros.studies.study_folder import LocalFolder, read_table
 
 SHORT = ["--duration-s", "0.5", "--workers", "2"]
@@ -41,11 +47,41 @@ def test_a_study_file_with_draws(tmp_path: Path) -> None:
         ["--seeds", "a"],
         ["--range", "emv.speed_mps=12:13"],
         ["--grid", "emv.speed_mps=12", "--lhs", "4"],
+        ["--risk-videos", "-1"],
+        ["--risk-videos", "1", "--maps", "town", "other.xodr"],
     ],
 )
 def test_bad_input_is_one_line(words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["generate", "--out", str(tmp_path / "study"), *words]) == 2
     assert len(capsys.readouterr().err.strip().splitlines()[-1].split("siren generate: ")) == 2
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_study_with_risk_videos_makes_them_after_its_episodes(
+    whole: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = []
+
+    def make(request: RiskSetRequest, out: Path, workers: int) -> bool:
+        made.append((request, out, workers, len(read_table(LocalFolder(tmp_path)))))
+        return whole
+
+    monkeypatch.setattr(generate, "make_and_tell", make)
+    words = ["--templates", "S2", "S4", "--seeds", "7", "--risk-videos", "21"]
+    assert main(["generate", *words, "--out", str(tmp_path), *SHORT]) == (0 if whole else 1)
+    expected = RiskSetRequest(("S2", "S4"), Balance((30, 10, 2), 21), seed=7)
+    assert made == [(expected, tmp_path / "risk_videos", 2, 2)]
+
+
+def test_risk_videos_need_a_local_folder(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["generate", "--templates", "S2", "--risk-videos", "1", "--out", "memory://study", *SHORT]) == 2
+    assert "a local folder" in capsys.readouterr().err
+
+
+def test_the_papers_benchmark_is_seven_episodes_and_105_videos() -> None:
+    study = read_study(named_params_file("study", "studies", "v1"))
+    assert len(plan_study(study)) == 7
+    assert papers_balance(len(study.templates), study.risk_videos) == Balance((74, 25, 6), 15)
 
 
 def test_an_episode_that_is_missing_fails_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,6 +14,7 @@ levels: [L0, own]
 seeds: [0:3, 7]
 maps: [town, some.xodr]
 preset: realistic
+risk_videos: 2
 draw:
   method: latin_hypercube
   samples: 16
@@ -34,6 +35,7 @@ def test_a_file_says_what_the_command_line_says(tmp_path: Path) -> None:
         seeds=seeds_of(["0:3", "7"]),
         maps=("town", "some.xodr"),
         preset="realistic",
+        risk_videos=2,
         draws=DrawPlan(Method.LATIN_HYPERCUBE, samples=16, ranges=ranges_of(["emv.speed_mps=12:15.5"])),
     )
 
@@ -56,6 +58,8 @@ def test_a_grid_and_a_single_word(tmp_path: Path) -> None:
         "templates: [S1]\ndraw: {method: random}",
         "templates: [S1]\ndraw: {method: grid, values: {a: [x]}}",
         "templates: [S1]\ndraw: {method: random, samples: 3, ranges: {a: [1]}}",
+        "templates: [S1]\nrisk_videos: -1",
+        "templates: [S1]\nrisk_videos: [74, 25, 6]",
         "templates: {S1: 1}",
     ],
 )

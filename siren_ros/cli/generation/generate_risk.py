@@ -13,12 +13,11 @@ from siren_ros.cli.options.processes import add_processes
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
 from siren_ros.evaluation.risk.risk_class import TITLES, RiskClass
 from siren_ros.scenario.templates import available_templates
-from siren_ros.studies.risk_set.balance import Balance
+from siren_ros.studies.risk_set.balance import PAPER_COUNTS, PAPER_PER_TEMPLATE, Balance, Counts, papers_balance
 from siren_ros.studies.risk_set.make_set import MadeSet, Progress, RiskSetRequest, make_set
 from siren_ros.studies.risk_set.search import Search
 
-_PER_TEMPLATE = 15
-_PAPER = "74,25,6"
+_PAPER = ",".join(map(str, PAPER_COUNTS))
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
@@ -39,7 +38,9 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
         default=list(available_templates()),
         help="S1 to S7 (default: all)",
     )
-    verb.add_argument("--per-template", type=positive, metavar="N", help=f"videos of each (default {_PER_TEMPLATE})")
+    verb.add_argument(
+        "--per-template", type=positive, metavar="N", help=f"videos of each (default {PAPER_PER_TEMPLATE})"
+    )
     verb.add_argument(
         "--balance", type=_counts, metavar="N,N,N", help=f"{', '.join(TITLES)} of the whole set (default {_PAPER})"
     )
@@ -54,7 +55,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     verb.set_defaults(run=run)
 
 
-def _counts(text: str) -> tuple[int, int, int]:
+def _counts(text: str) -> Counts:
     parts = text.split(",")
     if len(parts) != len(TITLES) or not all(part.strip().isdigit() for part in parts):
         raise argparse.ArgumentTypeError(f"{text!r} is not three counts such as {_PAPER}")
@@ -73,12 +74,17 @@ def run(arguments: argparse.Namespace) -> int:
         retries=max(0, arguments.retries),
         thresholds=thresholds_of(arguments),
     )
+    return EXIT_OK if make_and_tell(request, arguments.out, arguments.workers) else EXIT_FAILED
+
+
+def make_and_tell(request: RiskSetRequest, out: Path, workers: int) -> bool:
+    """Makes a set with progress bars and prints what was found; whether it has the balance that was asked for."""
     with _Bars(request) as bars:
-        made = make_set(request, arguments.out, arguments.workers, bars)
+        made = make_set(request, out, workers, bars)
     print("\n".join(_summary(made)))
     counts = [sum(video.label.risk is risk for video in made.videos.videos.values()) for risk in RiskClass]
-    print(f"{arguments.out}: {sum(counts)} videos, {' / '.join(map(str, counts))} ({' / '.join(TITLES)})")
-    return EXIT_OK if tuple(counts) == request.balance.total else EXIT_FAILED
+    print(f"{out}: {sum(counts)} videos, {' / '.join(map(str, counts))} ({' / '.join(TITLES)})")
+    return tuple(counts) == request.balance.total
 
 
 def balance_of(arguments: argparse.Namespace) -> Balance:
@@ -87,10 +93,7 @@ def balance_of(arguments: argparse.Namespace) -> Balance:
     if arguments.balance is not None:
         per_template = arguments.per_template or max(1, sum(arguments.balance) // count)
         return Balance(arguments.balance, per_template)
-    per_template = arguments.per_template or _PER_TEMPLATE
-    paper = _counts(_PAPER)
-    near_miss, collision = (round(paper[risk] * count * per_template / sum(paper)) for risk in (1, 2))
-    return Balance((count * per_template - near_miss - collision, near_miss, collision), per_template)
+    return papers_balance(count, arguments.per_template or PAPER_PER_TEMPLATE)
 
 
 def _summary(made: MadeSet) -> list[str]:

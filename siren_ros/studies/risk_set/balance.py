@@ -2,12 +2,18 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from siren_ros.errors import InputError
 from siren_ros.evaluation.risk.risk_class import RiskClass
 
 Counts = tuple[int, int, int]
 """Normal, Near-Miss, Collision."""
+
+
+PAPER_PER_TEMPLATE: Final = 15
+PAPER_COUNTS: Final[Counts] = (74, 25, 6)
+"""Of the paper's 105 videos, implied by the scores in its table of risk understanding."""
 
 
 @dataclass(frozen=True)
@@ -21,6 +27,13 @@ class Balance:
     def videos(self) -> int:
         """Number of all videos."""
         return sum(self.total)
+
+
+def papers_balance(templates: int, per_template: int = PAPER_PER_TEMPLATE) -> Balance:
+    """The paper's shares of the classes, in whole numbers, for some templates with some videos of each."""
+    videos, all_counts = templates * per_template, sum(PAPER_COUNTS)
+    near_miss, collision = (round(PAPER_COUNTS[risk] * videos / all_counts) for risk in (1, 2))
+    return Balance((videos - near_miss - collision, near_miss, collision), per_template)
 
 
 def quotas(balance: Balance, templates: Sequence[str]) -> Mapping[str, Counts]:

@@ -130,3 +130,8 @@ def test_the_last_movement_that_has_begun_counts():
     )
     course = Course(np.zeros((61, 2)), 1.0, np.full(61, 9.0), (first, second))
     assert [course.entry_at(s) for s in (9.9, 10.0, 39.9, 40.0, 60.0)] == [None, first, first, second, second]
+
+
+def test_the_limit_is_that_of_the_nearest_point_whatever_the_points_distance():
+    course = Course(np.zeros((5, 2)), 0.5, np.array([10.0, 11.0, 12.0, 13.0, 14.0]))
+    assert [course.limit_at(s) for s in (-3.0, 0.0, 0.3, 0.6, 1.0, 2.0, 9.0)] == [10, 10, 11, 11, 12, 14, 14]

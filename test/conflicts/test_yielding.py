@@ -170,3 +170,40 @@ def test_who_would_have_to_brake_harder_than_3_mps2_goes_on(way, speed, stops):
 )
 def test_braking_to_be_later(way, speed, time, brake):
     assert later_brake_mps2(speed, way, time) == pytest.approx(brake)
+
+
+@pytest.mark.parametrize(("other_in", "waits"), [(0.0, True), (0.1, False), (5.0, False)])
+def test_who_stands_in_the_zone_is_waited_for_and_who_stands_before_it_is_not(other_in, waits):
+    """It leaves the zone at 0.5 m/s at the earliest; the own vehicle comes after 2.5 s."""
+    zone = Zone(25.0, 31.0, other_in, 6.0, 0.0, INF)
+    assert (wait_for(zone, car(10.0, Rank.RED), car(0.0), CONFIG) is not None) is waits
+
+
+@pytest.mark.parametrize(("own_in", "waits"), [(32.0, True), (36.5, False)])
+def test_who_is_faster_than_the_limit_is_taken_to_leave_at_the_limit(own_in, waits):
+    """20 m and 6 m at 8 m/s are over after 3.25 s and 0.4 s more; at 12 m/s they would be after 2.2 s."""
+    other = Approach(12.0, 8.0, 0.0, Rank.PRIORITY)
+    assert (wait_for(crossing(own_in, 20.0), car(10.0, Rank.RED), other, CONFIG) is not None) is waits
+
+
+@pytest.mark.parametrize(("way", "counts"), [(79.0, True), (81.0, False)])
+def test_who_comes_later_than_in_8_s_does_not_count_yet(way, counts):
+    found = wait_for(Zone(78.0, 86.0, way, way + 6.0, 0.0, INF), car(10.0, Rank.RED), car(10.0), CONFIG)
+    assert (found is not None) is counts
+
+
+@pytest.mark.parametrize(
+    ("own", "other", "own_in", "waits"),
+    [
+        (Rank.GIVES_WAY, Rank.PRIORITY, 30.0, True),
+        (Rank.PRIORITY, Rank.GIVES_WAY, 30.0, False),
+        (Rank.PRIORITY, Rank.PRIORITY, 29.0, False),
+        (Rank.PRIORITY, Rank.PRIORITY, 31.0, True),
+        (Rank.RED, Rank.RED, 31.0, False),
+        (Rank.STOP_SIGN, Rank.CLEARING, 29.0, True),
+        (Rank.CLEARING, Rank.STOP_SIGN, 31.0, False),
+    ],
+)
+def test_the_rank_decides_and_among_equals_who_comes_first(own, other, own_in, waits):
+    """Both at 10 m/s and able to stop; the other one has 30 m to the zone."""
+    assert (wait_for(crossing(own_in, 30.0), car(10.0, own), car(10.0, other), CONFIG) is not None) is waits

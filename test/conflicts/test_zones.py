@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from siren_ros.conflicts.zones import STEP_M, Way, meeting_zones
+from siren_ros.conflicts.zones import STEP_M, Way, _pose, _pose_after, _touches, meeting_zones
 from siren_ros.numerics.geometry import rotate
 
 TURNS = [0.0, np.radians(30.0), np.radians(45.0), np.radians(60.0)]
@@ -234,3 +234,51 @@ def test_behind_a_bend_entries_are_as_exact_as_before_it(turn, side, beyond):
     zone = only(own, standing)
     for entry in (zone.own_in_m, zone.blocked_m):
         assert touch - STEP_M / 8.0 - 1e-6 <= entry <= touch + 1e-6
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("left", [0.0, 0.8, -0.8])
+@pytest.mark.parametrize("spacing", [1.0, 0.5])
+def test_a_body_points_along_the_chord_of_half_a_wheelbase_before_and_behind_its_middle(turn, left, spacing):
+    """At a right angle to the left after 20 m: 2.5 m before and behind the corner, and well away from it."""
+    legs = np.arange(0.0, 20.0, spacing)
+    points = np.concatenate((np.stack((legs, 0.0 * legs), -1), np.stack((20.0 + 0.0 * legs, legs), -1)))
+    points = rotate(points, turn)
+    for s, middle, heading in (
+        (10.0, (10.0, 0.0), 0.0),
+        (20.0, (18.75, 1.25), np.pi / 4.0),
+        (21.5, (19.5, 2.0), np.arctan2(4.0, 1.0)),
+        (30.0, (20.0, 10.0), np.pi / 2.0),
+        (-5.0, (-5.0, 0.0), 0.0),
+        (45.0, (20.0, 25.0), np.pi / 2.0),
+    ):
+        x, y, cos, sin = _pose(points, 0, len(points), spacing, s, left)
+        expected = np.array(middle) + left * np.array([-np.sin(heading), np.cos(heading)])
+        assert rotate(np.array([x, y]), -turn) == pytest.approx(expected, abs=1e-6)
+        assert np.arctan2(sin, cos) == pytest.approx(
+            np.arctan2(np.sin(heading + turn), np.cos(heading + turn)), abs=1e-6
+        )
+
+
+@pytest.mark.parametrize("turn", [*TURNS, 3.0, -2.0])
+@pytest.mark.parametrize(("aside", "look"), [(0.9, 0.4), (-0.9, -0.4), (0.5, -0.3)])
+def test_what_a_body_differs_from_its_course_fades_within_6_m(turn, aside, look):
+    """Evenly with the way, aside and in yaw, also for a yaw that is given within half a turn."""
+    points = rotate(np.stack((np.arange(60.0), np.zeros(60)), axis=-1), turn)
+    place = rotate(np.array([10.0, aside]), turn)
+    yaw = np.arctan2(np.sin(turn + look), np.cos(turn + look))
+    body = np.array([*place, yaw, 1.0, 10.0, 0.0, 30.0, LENGTH, WIDTH])
+    for way_m, left in ((0.0, 1.0), (1.5, 0.75), (3.0, 0.5), (5.99, 0.01 / 6.0), (6.01, 0.0), (20.0, 0.0)):
+        x, y, cos, sin = _pose_after(points, 0, len(points), body, way_m)
+        assert rotate(np.array([x, y]), -turn) == pytest.approx((10.0 + way_m, left * aside), abs=1e-5)
+        turned = np.arctan2(sin, cos) - turn
+        assert np.arctan2(np.sin(turned), np.cos(turned)) == pytest.approx(left * look, abs=1e-5)
+
+
+@pytest.mark.parametrize(("ahead", "aside", "touches"), [(3.99, 2.59, True), (3.99, -2.59, True), (4.01, 2.59, False)])
+def test_wide_bodies_touch_with_their_corners(ahead, aside, touches):
+    """Two of 4 m by 2.6 m; nearer than their outer circles they are looked at as boxes."""
+    theirs = np.array([[ahead, aside, 1.0, 0.0], [ahead + 30.0, aside, 1.0, 0.0]])
+    begin, end, along = _touches((0.0, 0.0, 1.0, 0.0), theirs, (2.0, 1.3, 2.0, 1.3))
+    assert (begin == 0.0) is touches
+    assert (end, along) == (0.0, 1.0 if touches else 0.0)

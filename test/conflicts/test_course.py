@@ -135,3 +135,12 @@ def test_the_last_movement_that_has_begun_counts():
 def test_the_limit_is_that_of_the_nearest_point_whatever_the_points_distance():
     course = Course(np.zeros((5, 2)), 0.5, np.array([10.0, 11.0, 12.0, 13.0, 14.0]))
     assert [course.limit_at(s) for s in (-3.0, 0.0, 0.3, 0.6, 1.0, 2.0, 9.0)] == [10, 10, 11, 11, 12, 14, 14]
+
+
+def test_the_next_edge_of_a_route_is_the_one_after_the_present_one(network):
+    """A route that goes on to the north somewhere behind the road to the east."""
+    east = CourseBook(network).along(0, edges(0, 4, 2))
+    assert [entry.connection.to_lane for entry in east.entries] == [5]
+    assert east.points[-1] == pytest.approx((180.0, 0.0))
+    north = CourseBook(network).along(0, edges(0, 2, 4))
+    assert [entry.connection.to_lane for entry in north.entries] == [3]

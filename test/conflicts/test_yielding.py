@@ -179,7 +179,7 @@ def test_who_stands_in_the_zone_is_waited_for_and_who_stands_before_it_is_not(ot
     assert (wait_for(zone, car(10.0, Rank.RED), car(0.0), CONFIG) is not None) is waits
 
 
-@pytest.mark.parametrize(("own_in", "waits"), [(32.0, True), (36.5, False)])
+@pytest.mark.parametrize(("own_in", "waits"), [(36.0, True), (37.0, False)])
 def test_who_is_faster_than_the_limit_is_taken_to_leave_at_the_limit(own_in, waits):
     """20 m and 6 m at 8 m/s are over after 3.25 s and 0.4 s more; at 12 m/s they would be after 2.2 s."""
     other = Approach(12.0, 8.0, 0.0, Rank.PRIORITY)

@@ -282,3 +282,18 @@ def test_wide_bodies_touch_with_their_corners(ahead, aside, touches):
     begin, end, along = _touches((0.0, 0.0, 1.0, 0.0), theirs, (2.0, 1.3, 2.0, 1.3))
     assert (begin == 0.0) is touches
     assert (end, along) == (0.0, 1.0 if touches else 0.0)
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_who_is_ahead_leads_although_it_will_turn_off(turn, side):
+    """20 m ahead on the same way, and 10 m farther it turns to one side: what counts is how it points now."""
+    first = np.stack((np.arange(20.0, 30.0), np.zeros(10)), axis=-1)
+    then = np.stack((np.full(50, 30.0), side * np.arange(50.0)), axis=-1)
+    points = rotate(np.concatenate((first, then)), turn)
+    other = Way(points, 1.0, 0.0, 0.0, (*rotate(np.array([20.0, 0.0]), turn), turn), 50.0, LENGTH, WIDTH)
+    zone = only(way((0.0, 0.0), 0.0, turn=turn), other)
+    assert zone.blocked_along == pytest.approx(1.0, abs=1e-6)
+    assert zone.leads
+    assert zone.other_in_m == 0.0
+    assert zone.blocked_m == pytest.approx(20.0 - 2.0 * LENGTH, abs=STEP_M / 4.0)

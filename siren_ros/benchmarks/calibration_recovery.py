@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from siren_ros.calibration.fit import EVALUATIONS_EACH, Fitted, fit
+from siren_ros.calibration.horizons import horizons_of
 from siren_ros.calibration.parameters import Parameter, parameters_named
 from siren_ros.calibration.simulate import Situation, Target, driven
 from siren_ros.calibration.trajectory import Trajectory
@@ -34,9 +35,11 @@ _INNER: Final = (0.15, 0.85)
 def main(argv: Sequence[str] | None = None) -> int:
     """Prints truth, found values and their difference; exit code 1 where one is beyond the tolerance."""
     line = argparse.ArgumentParser(description=__doc__)
-    line.add_argument("--templates", nargs="+", default=["S4"], metavar="ID")
+    line.add_argument("--templates", nargs="+", default=["S2", "S4", "S7"], metavar="ID")
     line.add_argument("--level", default="L1")
-    line.add_argument("--seeds", type=int, nargs="+", default=[0], help="of the situations; all are fitted together")
+    line.add_argument(
+        "--seeds", type=int, nargs="+", default=[0], help="of each template's situations; all are fitted together"
+    )
     line.add_argument("--parameters", default=_PARAMETERS)
     line.add_argument("--truth-seed", type=int, default=1, help="of the true values")
     line.add_argument("--noise-m", type=float, default=0.1, help="standard deviation of each place")
@@ -56,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     began = time.perf_counter()
     with residuals_over(targets, asked.jobs) as residuals:
         evaluations = asked.evaluations or EVALUATIONS_EACH * len(parameters)
-        found = fit(parameters, residuals, evaluations, told=_told)
+        found = fit(parameters, residuals, evaluations, told=_told, horizons=horizons_of(targets))
     worst = print_table(parameters, truth, found)
     print(
         f"{found.evaluations} tries of {len(targets)} episodes in {time.perf_counter() - began:.0f} s, "
@@ -64,6 +67,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         f"distance {found.error_m:.3f} m with {asked.noise_m:g} m of noise on each axis, {found.start_error_m:.2f} m "
         f"at the start; worst parameter off by {worst:.1%} of its range (allowed {TOLERANCE:.0%})"
     )
+    if found.undetermined:
+        print(f"not determined by these trajectories: {', '.join(found.undetermined)}")
     return EXIT_OK if worst <= TOLERANCE else EXIT_FAILED
 
 
@@ -83,8 +88,8 @@ def print_table(parameters: Sequence[Parameter], truth: Mapping[str, float], fou
     return worst
 
 
-def _told(tries: int, error_m: float) -> None:
-    print(f"{tries}: {error_m:.3f} m", flush=True)
+def _told(tries: int, horizon_s: float, error_m: float) -> None:
+    print(f"{tries}: {error_m:.3f} m over {horizon_s:g} s", flush=True)
 
 
 def drawn_truth(parameters: Sequence[Parameter], seed: int) -> dict[str, float]:

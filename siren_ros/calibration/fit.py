@@ -6,13 +6,14 @@ from typing import Final
 
 import numpy as np
 
+from siren_ros.calibration.horizons import WHOLE
 from siren_ros.calibration.parameters import Parameter
-from siren_ros.calibration.searches import descend, evolution, evolve, spread_out
+from siren_ros.calibration.rounds import search_rounds
+from siren_ros.calibration.searches import evolution
 from siren_ros.calibration.simulate import FAILED_M
 from siren_ros.calibration.spread import spread_shares, tries_for
-from siren_ros.calibration.tried import Residuals, Spent, Told, Tried
+from siren_ros.calibration.tried import Residuals, Told, Tried, errors_m
 from siren_ros.errors import InputError
-from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.random_streams import random_stream
 
 EVALUATIONS_EACH: Final = 100
@@ -20,10 +21,8 @@ EVALUATIONS_EACH: Final = 100
 one valley, take 40 to 50 for each of three parameters."""
 SPREAD_OUT_PART: Final = 8
 """At most an eighth of the tries goes to places that are spread over the ranges."""
-AGREE_SHARE: Final = 0.02
-"""Two rounds agree where their errors differ by less than this share …"""
-AGREE_M: Final = 0.01
-"""… or by less than this."""
+_ENDS: Final = 2
+"""One try in the middle of the ranges, and one at the end where the tries are spent, over the whole trajectories."""
 UNDETERMINED_SHARE: Final = 0.1
 """Spread above which the trajectories do not determine a parameter, as a share of its range."""
 
@@ -43,7 +42,7 @@ class Fitted:
     """In the middle of all ranges."""
     evaluations: int
     history_m: tuple[float, ...]
-    """Least error after each group of tries."""
+    """Least error over the whole trajectories, after each group of tries that were that long."""
     agreed: bool
     """Whether two rounds from different places came to the same error before the tries were spent."""
 
@@ -53,14 +52,12 @@ def fit(
     residuals: Residuals,
     evaluations: int,
     seed: int = 0,
-    told: Told = lambda _, __: None,
+    told: Told = lambda *_: None,
+    horizons: Sequence[float] = (WHOLE,),
 ) -> Fitted:
     """The parameters with the least error that is found.
 
-    The first round is least squares from the best of some places that are spread over the ranges. Each further one is
-    an evolution (CMA-ES) from a random place, with twice the population of the one before (IPOP; Auger and Hansen, CEC
-    2005), and least squares from its best place. The search ends where two rounds come to the least error, or where the
-    tries are spent.
+    ``search_rounds`` says how. The search ends where two rounds come to the least error, or where the tries are spent.
 
     Args:
         parameters: What is fitted, each within its range.
@@ -68,22 +65,24 @@ def fit(
         evaluations: At most so many tries; a group that was begun is finished.
         seed: Of the search. The same seed and residuals give the same result.
         told: Called after each group of tries.
+        horizons: Lengths of the trajectories' beginnings that are fitted one after the other, the last one ``WHOLE``.
 
     Raises:
         InputError: Too few evaluations, the package is missing, or every try fails.
     """
     count, rng = len(parameters), random_stream(seed, "calibration/search")
     tried = Tried(parameters, residuals, told)
-    least = evolution(tried.best, rng).popsize + tries_for(count)
+    least = evolution(tried.best, rng).popsize + tries_for(count) + _ENDS
     if evaluations <= least:
         raise InputError("evaluations", evaluations, f"more than {least}: one generation, and the spread")
-    tried.budget = evaluations - tries_for(count)
-    places = 2 ** int(np.log2(max(evaluations / SPREAD_OUT_PART, 2.0))) - 1
-    begin, start_error = spread_out(tried, count, places)
-    agreed = _rounds(tried, begin, rng)
+    tried.budget = evaluations - tries_for(count) - 1
+    (start_error,) = errors_m(tried([tried.best]))
+    agreed = search_rounds(tried, horizons, 2 ** int(np.log2(max(evaluations / SPREAD_OUT_PART, 2.0))) - 1, rng)
+    tried.horizon_s, tried.budget = WHOLE, tried.count + 2  # these always get their tries
+    if not agreed:
+        tried([tried.farthest])
     if tried.best_error_m >= FAILED_M:
         raise InputError("bags", "every try failed", "situations in which the EMV can be simulated")
-    tried.budget = tried.count + 1  # the spread always gets its tries
     shares = spread_shares(tried, tried.best, tried.best_error_m)
     return Fitted(
         tried.values(tried.best),
@@ -95,18 +94,3 @@ def fit(
         tuple(tried.history_m),
         agreed,
     )
-
-
-def _rounds(tried: Tried, begin: Floats, rng: np.random.Generator) -> bool:
-    """Rounds until two of them agree on the least error; False where the tries are spent before."""
-    times = 1
-    try:
-        ends = [descend(tried, begin)]
-        while True:
-            ends.append(descend(tried, evolve(tried, rng.uniform(size=len(begin)), rng, times)))
-            close = max(min(ends) * (1.0 + AGREE_SHARE), min(ends) + AGREE_M)
-            if sum(end <= close for end in ends) > 1:
-                return True
-            times *= 2
-    except Spent:
-        return False

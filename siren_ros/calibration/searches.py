@@ -1,11 +1,13 @@
 """The three searches that a fit is made of: over the whole ranges, by evolution, and down the slope to the bottom."""
 
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import qmc
 
+from siren_ros.calibration.horizons import WHOLE
 from siren_ros.calibration.tried import Tried, errors_m
 from siren_ros.errors import InputError
 from siren_ros.numerics.arrays import Floats
@@ -20,28 +22,44 @@ least squares finds the bottom in a tenth of the tries that an evolution needs t
 SLOPE_SHARE: Final = 0.01
 """Step of the differences that the slope is taken from, as a share of each range: the error is smooth at this scale,
 while smaller steps see how a decision falls into one simulated step or the next."""
+LEAST_STEP: Final = 0.02
+"""Least first standard deviation."""
+_TOLX_PART: Final = 0.2
 _CLOSE: Final = 1e-4
+_CLOSE_BEFORE: Final = 2e-3
+"""Over horizons before the whole one: the next one moves the bottom in any case."""
 _DESCENTS: Final = 25
 _PULL_M: Final = 1e-4
 
 
-def spread_out(tried: Tried, dimensions: int, count: int) -> tuple[Floats, float]:
-    """Tries the middle of all ranges and more places spread evenly over them (Sobol).
+@dataclass(frozen=True)
+class Bottom:
+    """Where least squares ends."""
+
+    place: Floats
+    error_m: float
+    slopes: Floats
+    """Of the residuals there, a column for each parameter."""
+
+
+def spread_out(tried: Tried, dimensions: int, count: int) -> Floats:
+    """Tries the middle of all ranges and more places spread evenly over them (Sobol); gives the best one.
 
     Args:
         tried: What the search has tried.
         dimensions: Number of parameters.
         count: Places, a power of two less one.
 
-    Returns:
-        The best place, and the error in the middle.
+    Raises:
+        Spent: No tries are left.
     """
     places = qmc.Sobol(dimensions, scramble=False).random(count + 1)[1:]
-    errors = errors_m(tried(places))
-    return np.asarray(places[int(np.argmin(errors))]), errors[0]
+    return np.asarray(places[int(np.argmin(errors_m(tried(places))))])
 
 
-def evolve(tried: Tried, begin: Floats, rng: np.random.Generator, times: int = 1) -> Floats:
+def evolve(
+    tried: Tried, begin: Floats, rng: np.random.Generator, times: int = 1, steps: Floats | None = None
+) -> Floats:
     """CMA-ES (N. Hansen, arXiv:1604.00772) from a place; gives the best place that it has seen.
 
     Args:
@@ -49,11 +67,12 @@ def evolve(tried: Tried, begin: Floats, rng: np.random.Generator, times: int = 1
         begin: The mean of the first generation.
         rng: Of its samples.
         times: The population is so many times as large as the method's own.
+        steps: First standard deviation of each parameter, as a share of its range; None for ``START_STEP``.
 
     Raises:
         Spent: No tries are left.
     """
-    search = evolution(begin, rng, times)
+    search = evolution(begin, rng, times, steps)
     best, best_error = begin, np.inf
     while not search.stop():
         asked = search.ask()
@@ -65,7 +84,7 @@ def evolve(tried: Tried, begin: Floats, rng: np.random.Generator, times: int = 1
     return best
 
 
-def evolution(begin: Floats, rng: np.random.Generator, times: int = 1) -> Any:
+def evolution(begin: Floats, rng: np.random.Generator, times: int = 1, steps: Floats | None = None) -> Any:
     """The search of the package ``cma`` before its first generation, bounded to the ranges.
 
     Raises:
@@ -75,27 +94,29 @@ def evolution(begin: Floats, rng: np.random.Generator, times: int = 1) -> Any:
         import cma  # noqa: PLC0415 - an extra
     except ModuleNotFoundError as error:
         raise InputError("package", "cma", "./env --with calibration siren calibrate …") from error
+    first = np.full(len(begin), START_STEP) if steps is None else np.clip(steps, LEAST_STEP, START_STEP)
     # CMA-ES works from two dimensions on; a single parameter gets a companion that says nothing.
-    mean = [*begin.tolist(), 0.5] if len(begin) == 1 else begin.tolist()
+    mean, first = (begin, first) if len(begin) > 1 else (np.append(begin, 0.5), np.append(first, first))
     options = {
         "bounds": [0.0, 1.0],
         "seed": np.nan,  # its own seeding would change numpy's global generator
         "randn": lambda *shape: rng.standard_normal(shape),
-        "tolx": NEAR_SHARE,
+        "CMA_stds": (first / START_STEP).tolist(),
+        "tolx": min(NEAR_SHARE, _TOLX_PART * float(first.max())),
         "tolfun": _CLOSE,
         "maxfevals": times * EVOLUTION_EACH * len(begin),
         "verbose": -9,
         "verb_log": 0,
         "signals_filename": "",
     }
-    search = cma.CMAEvolutionStrategy(mean, START_STEP, options)
+    search = cma.CMAEvolutionStrategy(mean.tolist(), START_STEP, options)
     if times == 1:
         return search
-    return cma.CMAEvolutionStrategy(mean, START_STEP, {**options, "popsize": times * search.popsize})
+    return cma.CMAEvolutionStrategy(mean.tolist(), START_STEP, {**options, "popsize": times * search.popsize})
 
 
-def descend(tried: Tried, begin: Floats) -> float:
-    """Goes down to the bottom by least squares (trust region, within the ranges); gives the error there.
+def descend(tried: Tried, begin: Floats) -> Bottom:
+    """Goes down to the bottom by least squares (trust region, within the ranges).
 
     Where several parameters change the way nearly alike, the errors form a narrow valley. An evolution soon comes to
     its floor and then creeps along it; the residuals of all times say at once which way it falls.
@@ -104,24 +125,22 @@ def descend(tried: Tried, begin: Floats) -> float:
         Spent: No tries are left.
     """
     seen: dict[bytes, Floats] = {}
-    least = np.inf
 
     def at(place: Floats) -> Floats:
-        nonlocal least
         key = place.tobytes()
         if key not in seen:
             (seen[key],) = tried([place])
-            least = min(least, float(np.linalg.norm(seen[key])))
         return seen[key]
 
-    # A parameter that changes nothing stays where it is: a faint pull to the middle keeps the slopes independent.
+    close = _CLOSE if tried.horizon_s == WHOLE else _CLOSE_BEFORE
+    # A parameter that changes nothing stays where it is: a faint pull keeps the slopes independent.
     pull = _PULL_M * np.eye(len(begin))
-    least_squares(
-        lambda place: np.concatenate((at(place), pull @ (place - 0.5))), begin,
+    found = least_squares(
+        lambda place: np.concatenate((at(place), pull @ (place - begin))), begin,
         lambda place: np.concatenate((slope(tried, place, at(place)), pull)), bounds=(0.0, 1.0),
-        xtol=_CLOSE, ftol=_CLOSE, gtol=None, max_nfev=_DESCENTS,
+        xtol=close, ftol=close, gtol=None, max_nfev=_DESCENTS,
     )  # fmt: skip
-    return least
+    return Bottom(found.x, float(np.linalg.norm(at(found.x))), found.jac[: -len(begin)])
 
 
 def slope(tried: Tried, place: Floats, residuals: Floats) -> Floats:

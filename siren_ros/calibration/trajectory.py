@@ -56,6 +56,16 @@ class Trajectory:
         """Its last time."""
         return float(self.time_s[-1])
 
+    @property
+    def length_s(self) -> float:
+        """From its first time to its last one."""
+        return float(self.time_s[-1] - self.time_s[0])
+
+    def until(self, length_s: float) -> "Trajectory":
+        """Its first seconds, two places at least."""
+        places = max(2, int(np.searchsorted(self.time_s, self.time_s[0] + length_s + 1e-9)))
+        return Trajectory(self.time_s[:places], self.xy_m[:places])
+
     def residuals_m(self, other: "Trajectory") -> Floats:
         """Differences of x and y at this trajectory's times over the root of their number, shape ``(2T,)``.
 

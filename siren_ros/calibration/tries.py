@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,7 +18,8 @@ def residuals_over(
 ) -> Iterator[Residuals]:
     """The residuals of a try are those of all targets, so that its error is the root mean square over the targets.
 
-    Every try and target is a call of its own.
+    Every try and target is a call of its own. A horizon cuts all trajectories to their first seconds, and an episode
+    ends with its trajectory.
 
     Args:
         targets: At least one.
@@ -26,8 +28,9 @@ def residuals_over(
     """
     with worker_pool(jobs, lambda _: None) as pool:
 
-        def residuals(tries: Sequence[Mapping[str, float]]) -> list[Floats]:
-            calls = [(target, dict(values)) for values in tries for target in targets]
+        def residuals(tries: Sequence[Mapping[str, float]], horizon_s: float) -> list[Floats]:
+            cut = [replace(target, trajectory=target.trajectory.until(horizon_s)) for target in targets]
+            calls = [(target, dict(values)) for values in tries for target in cut]
             found: dict[int, Floats] = {}
             for number, apart in pool(residuals_m, calls):
                 found[number] = apart / np.sqrt(len(targets))

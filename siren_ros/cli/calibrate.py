@@ -8,6 +8,7 @@ from typing import Any
 from tqdm import tqdm
 
 from siren_ros.calibration.fit import EVALUATIONS_EACH, UNDETERMINED_SHARE, Fitted, fit
+from siren_ros.calibration.horizons import horizons_of
 from siren_ros.calibration.parameters import PARAMETERS, Parameter, parameters_named
 from siren_ros.calibration.simulate import Situation, Target
 from siren_ros.calibration.trajectory import Trajectory
@@ -65,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
         tqdm(total=evaluations * len(targets), unit="episode", desc="calibrate", disable=None) as bar,
         residuals_over(targets, jobs, steps_of(bar)) as residuals,
     ):
-        found = fit(parameters, residuals, evaluations, arguments.seed)
+        found = fit(parameters, residuals, evaluations, arguments.seed, horizons=horizons_of(targets))
     print("\n".join(fitted_lines(parameters, found)))
     if arguments.out is not None:
         content = as_json(found) | {"targets": [target.name for target in targets], "seed": arguments.seed}

@@ -5,6 +5,7 @@ import pytest
 from siren_ros.benchmarks import calibration_recovery
 from siren_ros.benchmarks.calibration_recovery import TOLERANCE, drawn_truth, main, print_table
 from siren_ros.calibration.fit import Fitted
+from siren_ros.calibration.horizons import WHOLE
 from siren_ros.calibration.parameters import parameters_named
 
 SPEED, ACCEL = parameters_named(["controller.target_speed_mps", "controller.accel_mps2"])
@@ -26,7 +27,7 @@ def test_the_table_gives_differences_and_spreads_as_shares_of_the_ranges(capsys:
 
 @pytest.mark.parametrize(("off_share", "code"), [(0.9 * TOLERANCE, 0), (1.1 * TOLERANCE, 1)])
 def test_a_parameter_beyond_the_tolerance_fails_the_command(
-    off_share: float, code: int, monkeypatch: pytest.MonkeyPatch
+    off_share: float, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     truth = drawn_truth((SPEED, ACCEL), 1)
     off = off_share * (ACCEL.high - ACCEL.low)
@@ -34,8 +35,11 @@ def test_a_parameter_beyond_the_tolerance_fails_the_command(
         calibration_recovery, "fit", lambda *_, **__: fitted(truth[SPEED.name], truth[ACCEL.name] - off)
     )
     monkeypatch.setattr(calibration_recovery, "target_with", lambda *_: None)
+    monkeypatch.setattr(calibration_recovery, "horizons_of", lambda _: (WHOLE,))
     arguments = ["--parameters", f"{SPEED.name},{ACCEL.name}", "--jobs", "1", "--templates", "S3", "S4"]
     assert main(arguments) == code
+    told = capsys.readouterr().out.splitlines()[-1]
+    assert told == f"not determined by these trajectories: {ACCEL.name}"
 
 
 def test_true_values_are_within_the_ranges_and_the_same_again() -> None:

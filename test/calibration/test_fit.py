@@ -21,8 +21,10 @@ class Bowl:
 
     def __init__(self) -> None:
         self.tries: list[Mapping[str, float]] = []
+        self.horizons_s: list[float] = []
 
-    def __call__(self, tries: Sequence[Mapping[str, float]]) -> list[Floats]:
+    def __call__(self, tries: Sequence[Mapping[str, float]], horizon_s: float) -> list[Floats]:
+        self.horizons_s.append(horizon_s)
         self.tries += tries
         return [self.residuals(values) for values in tries]
 
@@ -56,7 +58,7 @@ def test_the_minimum_is_found(count: int) -> None:
 def test_rounds_that_end_in_another_valley_are_followed_by_more_until_two_agree() -> None:
     names = NAMES[:2]
 
-    def two_valleys(tries: Sequence[Mapping[str, float]]) -> list[Floats]:
+    def two_valleys(tries: Sequence[Mapping[str, float]], _: float) -> list[Floats]:
         shares = [np.array([PARAMETERS[name].share_of(values[name]) for name in names]) for values in tries]
         wide = [np.array([1.0, *(3.0 * (share - 0.3))]) for share in shares]
         deep = [np.array([0.1, *(10.0 * (share - (0.85, 0.9)))]) for share in shares]
@@ -70,7 +72,7 @@ def test_rounds_that_end_in_another_valley_are_followed_by_more_until_two_agree(
 
 
 def test_a_parameter_that_changes_nothing_is_named() -> None:
-    def first_alone(tries: Sequence[Mapping[str, float]]) -> list[Floats]:
+    def first_alone(tries: Sequence[Mapping[str, float]], _: float) -> list[Floats]:
         return [np.array([values[NAMES[0]] - 17.0, 0.1]) for values in tries]
 
     found = fit(parameters_named(NAMES[:2]), first_alone, 200)
@@ -107,15 +109,15 @@ def test_the_search_begins_in_the_middle() -> None:
 
 
 def test_tries_that_fail_are_passed_over_and_failing_alone_is_refused() -> None:
-    def half(tries: Sequence[Mapping[str, float]]) -> list[Floats]:
+    def half(tries: Sequence[Mapping[str, float]], _: float) -> list[Floats]:
         errors = [FAILED_M if values["sumo.tau_s"] < 1.4 else values["sumo.tau_s"] - 2.2 for values in tries]
         return [np.array([error]) for error in errors]
 
     assert fit(parameters_named(["sumo.tau_s"]), half, 80).values["sumo.tau_s"] == pytest.approx(2.2, abs=0.05)
     with pytest.raises(InputError, match="every try failed"):
-        fit(parameters_named(["sumo.tau_s"]), lambda tries: [np.array([FAILED_M])] * len(tries), 20)
+        fit(parameters_named(["sumo.tau_s"]), lambda tries, _: [np.array([FAILED_M])] * len(tries), 20)
 
 
 def test_less_than_a_generation_and_the_spread_is_refused() -> None:
-    with pytest.raises(InputError, match="more than 13"):
-        fit(parameters_named(NAMES), Bowl(), 13)
+    with pytest.raises(InputError, match="more than 15"):
+        fit(parameters_named(NAMES), Bowl(), 15)

@@ -43,12 +43,12 @@ def test_an_error_of_nothing_counts_as_the_least_that_a_tracker_has() -> None:
 def test_the_slopes_are_taken_within_the_ranges(first: float, second: float) -> None:
     asked: list[Mapping[str, float]] = []
 
-    def line(tries: Sequence[Mapping[str, float]]) -> list[Floats]:
+    def line(tries: Sequence[Mapping[str, float]], _: float) -> list[Floats]:
         asked.extend(tries)
         shares = [[one.share_of(values[one.name]) for one in PARAMETERS] for values in tries]
         return [np.array([7.0 * share[0], 11.0 * share[1]]) for share in shares]
 
-    tried = Tried(PARAMETERS, line, lambda _, __: None)
+    tried = Tried(PARAMETERS, line, lambda *_: None)
     tried.budget = 1
     found = spread_shares(tried, np.array([first, second]), 0.3)
     assert found == pytest.approx(move_shares(np.diag([7.0, 11.0]), 0.3))

@@ -39,6 +39,15 @@ def test_times_before_the_episode_do_not_count_and_others_are_needed() -> None:
         given.distance_m(line(10.0, begin_s=5.0, end_s=9.0))
 
 
+@pytest.mark.parametrize(("length_s", "places"), [(1.0, 3), (1.2, 3), (0.1, 2), (9.0, 5), (float("inf"), 5)])
+def test_the_first_seconds_count_from_its_first_place_and_two_places_remain(length_s: float, places: int) -> None:
+    given = line(10.0, begin_s=2.0)
+    cut = given.until(length_s)
+    assert cut.time_s.tolist() == given.time_s[:places].tolist()
+    assert cut.xy_m.tolist() == given.xy_m[:places].tolist()
+    assert given.length_s == pytest.approx(2.0)
+
+
 def test_a_record_gives_its_emv(record_of: Callable[..., EpisodeRecord]) -> None:
     found = Trajectory.of_record(record_of(duration_s=2.0))
     assert len(found.time_s) == 40

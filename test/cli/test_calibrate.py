@@ -23,7 +23,7 @@ def bag(write_bag: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.Monk
     def residuals_over(targets: Sequence[Target], *_: object) -> Iterator[object]:
         assert len(targets) == 1
 
-        def residuals(tries: Sequence[Mapping[str, float]]) -> list[Floats]:
+        def residuals(tries: Sequence[Mapping[str, float]], _: float) -> list[Floats]:
             return [np.array([values["controller.headway_s"] - 2.0, NOISE_M]) for values in tries]
 
         yield residuals

@@ -126,9 +126,11 @@ def pull_over_path(unit: YieldUnit, view: StepView, row: int, lane: int) -> Trac
     """``BuildPullOverWaypoints``: to the lane's edge, and to a stop there before the next junction.
 
     Returns:
-        The path, or None where the lane ends before the vehicle can move sideways.
+        The path, or None on a junction and where the lane ends before the vehicle can move sideways.
     """
     network, config = view.world.network, view.world.config.pull_over
+    if road_lane_of(network, lane) == NO_LANE:
+        return None
     x, y, yaw = view.pose(row)
     speed = float(view.seen.speed_mps[row])
     position, left, _ = nearest_on_lane(network.lanes[lane].centre, x, y)

@@ -207,6 +207,17 @@ def test_stops_before_the_junction(lab):
     assert front < 150.0
 
 
+def test_the_head_of_a_queue_holds_with_its_front_over_the_line_and_never_on_the_junction(lab):
+    world = lab.world_of(lab.junction_road(), lab.L3)
+    cars = [lab.Car(1, 0, 105, 0, (0, 2), AMBULANCE), lab.Car(2, 0, 146, 0, (0, 2))]
+    loop = lab.Loop(world, cars, lambda _: {})
+    loop.world = replace(world, speeds=replace(world.speeds, emv_route_follow_mps=0.0, emv_copy_sumo_mps=0.0))
+    loop.run(400)
+    front = loop.body.x_m[1] + 4.75 / 2
+    assert loop.modes[2] == Mode.YIELD_HOLD
+    assert 151.0 < front <= 150.0 + world.config.pull_over.head_over_line_m + 0.1
+
+
 def test_partial_hold_behind_a_standing_vehicle_goes_on_when_the_way_is_free(lab, world):
     cars = [emv_at(lab), lab.Car(2, 0, 80, 0, (0,)), lab.Car(3, 0, 89.0, 0, (0,))]
     state, _, _ = steps(lab, world, cars)

@@ -15,7 +15,8 @@ AGREE_SHARE: Final = 0.02
 AGREE_M: Final = 0.01
 """… or by less than this."""
 SAME_PLACE: Final = 0.01
-"""Two rounds that are nearer to each other than this share of every range, over one horizon, go on alike."""
+"""Two rounds that are nearer to each other than this share of every range, over one horizon, go on alike, unless the
+error of the first one grew from there: then the second one may find what the first one did not."""
 GROWN_SHARE: Final = 0.25
 """An error that grows by more than this share from one horizon to the next is a decision that falls another way …"""
 GROWN_M: Final = 0.03
@@ -62,15 +63,19 @@ def _lengthen(
     for number, horizon_s in enumerate(horizons):
         tried.horizon_s = horizon_s
         bottom = descend(tried, way[-1].place if way else begin)
-        if way and bottom.error_m > max(way[-1].error_m * (1.0 + GROWN_SHARE), way[-1].error_m + GROWN_M):
+        if way and _grown(way[-1], bottom):
             steps = move_shares(way[-1].slopes, max(way[-1].error_m, OPEN_M))
             again = descend(tried, evolve(tried, way[-1].place, rng, steps=steps))
             bottom = min(bottom, again, key=lambda one: one.error_m)
         way.append(bottom)
         for other in before:
-            if np.abs(other[number].place - bottom.place).max() < SAME_PLACE:
+            if np.abs(other[number].place - bottom.place).max() < SAME_PLACE and not _grown(other[number], other[-1]):
                 return [*way, *other[number + 1 :]]
     return way
+
+
+def _grown(before: Bottom, after: Bottom) -> bool:
+    return after.error_m > max(before.error_m * (1.0 + GROWN_SHARE), before.error_m + GROWN_M)
 
 
 def _agreed(ways: Sequence[Sequence[Bottom]]) -> bool:

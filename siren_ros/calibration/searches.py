@@ -26,7 +26,8 @@ LEAST_STEP: Final = 0.02
 """Least first standard deviation."""
 _TOLX_PART: Final = 0.2
 _CLOSE: Final = 1e-4
-_CLOSE_BEFORE: Final = 2e-3
+_CLOSE_BEFORE: Final = 5e-3
+_DESCENTS_BEFORE: Final = 8
 """Over horizons before the whole one: the next one moves the bottom in any case."""
 _DESCENTS: Final = 25
 _PULL_M: Final = 1e-4
@@ -132,13 +133,14 @@ def descend(tried: Tried, begin: Floats) -> Bottom:
             (seen[key],) = tried([place])
         return seen[key]
 
-    close = _CLOSE if tried.horizon_s == WHOLE else _CLOSE_BEFORE
+    whole = tried.horizon_s == WHOLE
+    close, descents = (_CLOSE, _DESCENTS) if whole else (_CLOSE_BEFORE, _DESCENTS_BEFORE)
     # A parameter that changes nothing stays where it is: a faint pull keeps the slopes independent.
     pull = _PULL_M * np.eye(len(begin))
     found = least_squares(
         lambda place: np.concatenate((at(place), pull @ (place - begin))), begin,
         lambda place: np.concatenate((slope(tried, place, at(place)), pull)), bounds=(0.0, 1.0),
-        xtol=close, ftol=close, gtol=None, max_nfev=_DESCENTS,
+        xtol=close, ftol=close, gtol=None, max_nfev=descents,
     )  # fmt: skip
     return Bottom(found.x, float(np.linalg.norm(at(found.x))), found.jac[: -len(begin)])
 

@@ -89,3 +89,19 @@ def test_a_decision_that_falls_another_way_is_left_by_evolution(seed: int) -> No
     search_rounds(tried, (6.0, WHOLE), 15, np.random.default_rng(seed))
     assert tried.best == pytest.approx([TRUTH["a"], TRUTH["b"]], abs=1e-3)
     assert tried.best_error_m == pytest.approx(0.1, rel=1e-3)
+
+
+@pytest.mark.parametrize(("left", "goes_on"), [(0.1, False), (0.5, True)])
+def test_a_round_that_meets_another_whose_error_grew_looks_for_itself(left: float, goes_on: bool) -> None:
+    horizons: list[float] = []
+
+    def growing(tries: Sequence[Mapping[str, float]], horizon_s: float) -> list[Floats]:
+        horizons.append(horizon_s)
+        rest = 0.1 if horizon_s == 6.0 else left
+        return [np.array([30.0 * (values["a"] - 0.3), 30.0 * (values["b"] - 0.7), rest]) for values in tries]
+
+    tried = Tried(UNIT, growing, lambda *_: None)
+    tried.budget = 400
+    assert search_rounds(tried, (6.0, WHOLE), 15, np.random.default_rng(0))
+    assert tried.best == pytest.approx([0.3, 0.7], abs=1e-3)
+    assert (horizons[-1] == WHOLE) is goes_on

@@ -122,3 +122,20 @@ def test_the_front_is_where_the_vehicle_moves() -> None:
     # It moves against x; the box points to 0.3 rad + 60°, so that its other end is the front.
     assert np.cos(row[7]) < 0.0
     assert row[7] == pytest.approx(0.3 + LIDAR_YAW_RAD + np.pi)
+
+
+@pytest.mark.parametrize(
+    ("x_m", "y_m", "found"),
+    [
+        (15.0, 0.0, True),
+        (0.0, 15.0, True),
+        (-15.0, 0.0, True),
+        (58.0, 0.0, False),
+        (0.0, -58.0, False),
+        (1.0, 0.5, False),
+    ],
+)
+def test_range_and_the_own_vehicle_are_measured_along_both_axes(x_m: float, y_m: float, found: bool) -> None:
+    open3d = pytest.importorskip("open3d")
+    boxes = boxes_of_sweep(open3d, sweep_of(GROUND, block(x_m, y_m, 1.5, 1.5, 0.3, 1.5)))
+    assert len(boxes) == int(found)

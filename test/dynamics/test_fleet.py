@@ -160,3 +160,15 @@ def test_classes_have_their_own_motion(parameters: Mapping[ActorClass, VehiclePa
             state, traffic_of(step, rows), [stacked(*(command_of(step, i, throttle=1.0) for i in (1, 2)))]
         )
     assert states.speed_mps[0] > states.speed_mps[1] + 1.0
+
+
+@pytest.mark.parametrize("gone", [[1], [3], [1, 3], [3, 1], [2, 8]])
+def test_each_actor_that_leaves_is_told_at_its_last_place_wherever_its_row_was(gone: list[int]) -> None:
+    """Actors 1 to 3 are at y = 50, 100 and 150 m; nobody knows actor 8."""
+    state, _ = started(3)
+    rows = {i: (0.5, 50.0 * i, 0.0, 10.0) for i in (1, 2, 3) if i not in gone}
+    _, states, events = step_fleet(state, traffic_of(1, rows, removed=gone), ())
+    left = sorted(i for i in gone if i <= 3)
+    assert [(event.actor_id, event.y_m) for event in events] == [(i, 50.0 * i) for i in left]
+    assert set(kinds(events)) == {EventKind.REMOVED}
+    assert states.actor_id.tolist() == sorted(rows)

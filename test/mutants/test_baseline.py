@@ -22,13 +22,13 @@ BASELINE = Baseline(
     [
         ("lib/a/code.py", 4, [NAMES[1], NAMES[0]]),
         ("lib/a/code.py", 5, [NAMES[1]]),
-        ("lib/a/code.py", 1, [NAMES[1], NAMES[0]]),
-        ("lib/a/code.py", 9, [NAMES[1], NAMES[0]]),
+        ("lib/a/code.py", 1, [NAMES[2], NAMES[1], NAMES[0]]),
+        ("lib/a/code.py", 9, [NAMES[2], NAMES[1], NAMES[0]]),
         ("lib/a/loops.py", 7, [NAMES[2], NAMES[1], NAMES[0]]),
         ("lib/a/never_loaded.py", 7, [NAMES[2], NAMES[1], NAMES[0]]),
     ],
 )
-def test_the_mirrored_files_tests_come_first_and_compiled_lines_are_everybodys(file, line, tests):
+def test_the_mirrored_files_tests_come_first_and_count_always_for_lines_that_are_not_traced(file, line, tests):
     assert BASELINE.tests_for(file, line, "test/a/test_code.py") == tests
 
 

@@ -29,7 +29,9 @@ def recorded(path: Path | None, expected_path: Path) -> dict[str, bytes]:
         if topic != OUTCOME
     ]
     recorder.take(messages[0][0], messages[0][2])
+    assert recorder.steps_recorded == 0
     recorder.expect(wanted, expected_path)
+    assert recorder.steps_recorded == 0
     for topic, _, cdr in messages[1:]:
         recorder.take(topic, cdr)
     recorder.close(EpisodeClosing(recorder.steps_recorded, EpisodeEnd.COMPLETE, ""))

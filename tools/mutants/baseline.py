@@ -32,11 +32,14 @@ class Baseline:
         """The tests that can notice a change of a line, the mirrored file's first, then quick ones first.
 
         A line that no test was seen to run may be compiled (numba's code is not traced) or run while the module was
-        imported: then these are all tests that run anything of the file, or all tests of the folder.
+        imported: then these are all tests that run anything of the file, or all tests of the folder. A test that calls
+        a compiled loop directly runs nothing that is traced: the mirrored file's tests are always among them.
         """
         of_file = self.lines.get(file, {})
-        of_line = set(of_file.get(line, ()))
-        found = of_line or {name for names in of_file.values() for name in names} or set(self.seconds)
+        found = set(of_file.get(line, ()))
+        if not found:
+            found = {name for names in of_file.values() for name in names} or set(self.seconds)
+            found |= {name for name in self.seconds if name.startswith(mirror)}
         found &= self.seconds.keys()
         return sorted(found, key=lambda name: (not name.startswith(mirror), self.seconds[name], name))
 

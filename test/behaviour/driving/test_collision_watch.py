@@ -241,3 +241,14 @@ def test_who_drifts_towards_the_path_counts_where_its_rear_is_ahead(side, gap, l
     turned = -side * np.radians(10.0)
     extent = HALF_LENGTH * np.cos(turned) + HALF_WIDTH * abs(np.sin(turned))
     assert (watched(0.6, 10.0, (HALF_LENGTH + extent + gap, side * 3.5, turned, 8.0)) is not None) is leads
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_who_has_time_to_wait_for_who_crosses_needs_no_hard_braking_and_who_is_late_does(side):
+    """From 30 m ahead a gentle stop is enough; from 13 m ahead it is not."""
+    brakes = []
+    for ahead, other in ((30.0, 25.0), (13.5, 9.0)):
+        path, seen = scene(0.6, 8.0, (ahead, side * other, -side * np.pi / 2.0, 8.0))
+        brakes.append(watch_conflicts(path, 10.0, 0, 10.0, seen, CONFIG).must_brake_mps2)
+    assert brakes[0] == 0.0
+    assert brakes[1] > CONFIG.comfort_brake_mps2

@@ -267,3 +267,21 @@ def test_smoothing_is_a_weighted_mean_of_so_many_neighbours_and_leaves_short_lin
     assert len(_smooth(np.append(step, 1.0), radius)) == 2 * radius + 1
     assert 0.0 < _smooth(np.append(step, 1.0), radius)[radius] < 1.0
     assert _smooth(values, 0) is values
+
+
+@pytest.mark.parametrize(("left_m", "turned_rad"), [(1.2, 0.0), (1.9, 0.1), (0.6, -0.1)])
+def test_the_path_begins_as_the_emv_points_also_where_the_corridor_bends_at_once(lab, left_m, turned_rad):
+    """Vehicles stand next to the EMV and just ahead, so that the corridor moves aside from its first metre on."""
+    network = lab.straight_road()
+    cars = [
+        lab.Car(1, 0, 100, 6, (0,), ActorClass.AMBULANCE),
+        lab.Car(2, 0, 109, 0, (0,), left=-0.3),
+        lab.Car(3, 1, 118, 0, (0,), left=1.0),
+    ]
+    poses = np.array([[100.0, left_m, turned_rad, 6.0], [109.0, -0.3, 0.0, 0.0], [118.0, 4.3, 0.0, 0.0]])
+    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars, poses=poses))
+    reference = path_on_lanes(network, (0,), LaneEnd.HORIZON, 98.0, 82.0)
+    target = corridor_offsets(reference, np.linspace(2.0, 82.0, 81), view, 0)
+    assert abs(target[1] - target[0]) > 0.01
+    curve = corridor_path(EmvUnit(1, corridor=True), view, 0).navigator.path.curve
+    assert curve.heading_at(np.array([0.0]))[0] == pytest.approx(turned_rad, abs=0.012)

@@ -44,6 +44,25 @@ def test_paths_without_corners_and_short_ones_stay(path: str) -> None:
     assert shapes_of(path)[":J_0_0"] == pytest.approx(points_of(path))
 
 
+@pytest.mark.parametrize(
+    ("path", "rest", "mended"),
+    [
+        ("0,0 4,0 5,1 5,5", "5,5 10,10", True),
+        ("0,0 4,0 6,2", "6,2 10,6 10,10", False),
+        ("0,0 6,6", "6,6 10,7 10,10", True),
+    ],
+)
+def test_a_corner_at_either_end_of_a_path_in_two_parts_counts(path: str, rest: str, mended: bool) -> None:
+    """The end is that of the last part; a corner where the parts meet is none."""
+    shapes = shapes_of(path, rest)
+    curve = np.concatenate((shapes[":J_0_0"], shapes[":J_1_0"][1:]))
+    assert (len(curve) == 17) == mended
+    if mended:
+        assert np.hypot(curve[:, 0], curve[:, 1] - 10.0) == pytest.approx(10.0, abs=0.1)
+    else:
+        assert shapes[":J_1_0"] == pytest.approx(points_of(rest))
+
+
 def test_a_curve_is_a_beziers_with_handles_along_the_lanes() -> None:
     """From the east-going lane at the origin onto one that goes north from (10, 10) moved to (24, 10)."""
     net = fromstring(NET.format(path="0,0,1 24,10,3", rest="0,0 1,1", via="").replace("10,10 10,60", "24,10 24,60"))

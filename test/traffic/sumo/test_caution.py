@@ -242,3 +242,10 @@ def test_who_need_not_wait_any_more_gets_its_own_speed_back(monkeypatch: pytest.
     told.speeds.clear()
     drivers.apply(free, vehicles)  # type: ignore[arg-type]
     assert told.speeds == {}, "who has left, or is driven from outside, is not told anything"
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_also_the_slow_look_24_m_around(turn: float) -> None:
+    """Both creep at walking pace, 16 m from each other; the one from outside is about to cross."""
+    (caution,) = cautious([Car(0, 86.0, 0.5), Car(1, 100.0, 0.5, Owner.ROS)], turn)
+    assert (caution.actor_id, caution.other_id) == (1, 2)

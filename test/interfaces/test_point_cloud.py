@@ -64,6 +64,15 @@ def test_reads_big_endian_rows_with_padding() -> None:
     assert from_point_cloud(foreign)["x"].tolist() == [3.5, -7.0]
 
 
+@pytest.mark.parametrize("count", [2, 3])
+def test_a_field_of_several_numbers_has_an_axis(count: int) -> None:
+    message = to_point_cloud(
+        0, "lidar", np.array([(1.0, 2.0, 3.0), (4.0, 5.0, 6.0)], dtype=[(n, "<f4") for n in "xyz"])
+    )
+    merged = from_point_cloud(replace(message, fields=[replace(message.fields[0], count=count)]))
+    assert merged["x"].tolist() == [[1.0, 2.0, 3.0][:count], [4.0, 5.0, 6.0][:count]]
+
+
 @pytest.mark.parametrize(
     "change",
     [

@@ -5,6 +5,7 @@ import pytest
 
 from siren_ros.numerics.random_streams import random_stream
 from siren_ros.numerics.units import (
+    NEVER,
     STEP_NS,
     STEP_S,
     STEPS_PER_S,
@@ -13,6 +14,10 @@ from siren_ros.numerics.units import (
     steps_from_s,
     time_ns_of_step,
 )
+
+
+def test_never_lies_longer_before_a_start_than_an_episode_lasts():
+    assert NEVER + steps_from_s(3600.0 * 24.0) < 0
 
 
 def test_twenty_steps_make_a_second():

@@ -26,6 +26,15 @@ def refused(tmp_path: Path, old: str, new: str) -> tuple[InputError, int]:
     return caught.value, S2_TEXT[: S2_TEXT.index(old)].count("\n") + 1
 
 
+def test_a_range_may_be_a_single_value(tmp_path: Path) -> None:
+    old = "default: 45.0, range: [25.0, 45.0]"
+    assert S2_TEXT.count(old) == 1
+    file = tmp_path / "changed.yaml"
+    file.write_text(S2_TEXT.replace(old, "default: 45.0, range: [45.0, 45.0]"), encoding="utf-8")
+    limits = read_template(file).ranges["duration_s"]
+    assert (limits.minimum, limits.maximum) == (45.0, 45.0)
+
+
 def test_s2_is_the_papers() -> None:
     template = load_template("S2")
     assert "S2" in available_templates()

@@ -41,6 +41,27 @@ def test_held_is_who_stands_in_the_hold_now(straight_road: RoadNetwork) -> None:
     assert category.tolist() == [Category.YIELDING] * 5 + [Category.HELD] * 5 + [Category.OTHER] * 10
 
 
+def test_each_vehicles_window_is_its_own(straight_road: RoadNetwork) -> None:
+    """Every vehicle yields over another span; the categories are those that a loop over its own steps finds."""
+    spans = {1: range(0), 2: range(60, 65), 3: range(150, 153), 5: range(198, 199), 9: range(3)}
+    record = record_with({actor: moving(30.0 * actor, -5.25, 5.0, steps=199) for actor in spans}, straight_road)
+    for actor, span in spans.items():
+        record = with_modes(record, actor, {Mode.YIELD_PULL_OVER: span})
+    batch = samples_of(record, HistoryWindow(), Population.ALL).batch
+    steps = batch.step[batch.actors.frame[batch.target]].tolist()
+    actors = batch.actors.actor_id[batch.target].tolist()
+    expected = [
+        Category.YIELDING if set(range(step, step + 101)) & set(spans[actor]) else Category.OTHER
+        for step, actor in zip(steps, actors, strict=True)
+    ]
+    assert categories_of(record, batch).tolist() == expected
+    assert {actor for actor, category in zip(actors, expected, strict=True) if category is Category.YIELDING} == {
+        2,
+        3,
+        5,
+    }
+
+
 def test_an_emv_is_an_emv_whatever_it_does(straight_road: RoadNetwork) -> None:
     record = record_with({1: replace(moving(0.0, -5.25, 5.0, steps=199), is_emv=True)}, straight_road)
     record = with_modes(record, 1, {Mode.YIELD_HOLD: range(300)})

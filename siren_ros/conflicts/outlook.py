@@ -32,6 +32,11 @@ class Outlook:
         self._half_width_m = half_width_m
         self._courses: dict[int, Course] = {}
 
+    @property
+    def half_length_m(self) -> Floats:
+        """Half the length of each vehicle."""
+        return self._half_length_m
+
     @cached_property
     def signals(self) -> Mapping[str, str]:
         """State of each signal."""

@@ -84,7 +84,8 @@ def cautions(
     speed = np.where(inside, traffic.sumo_speed_mps, traffic.speed_mps)
     held = np.array([actor in waiting for actor in traffic.actor_id.tolist()], dtype=np.bool_)
     accel = np.where(held, np.maximum(traffic.sumo_accel_mps2, 0.0), traffic.sumo_accel_mps2)
-    near = _near(traffic, speed, ~inside | ((traffic.flags & TrafficFlags.ON_JUNCTION) != 0))[own]
+    counts = ~inside | ((traffic.flags & TrafficFlags.ON_JUNCTION) != 0)
+    near = _near(traffic, speed, outlook.half_length_m, counts)[own]
     ways = {
         other: _wide(outlook.way(other, _ahead_m(speed[other])), 0.0 if inside[other] else _MARGIN_M)
         for other in np.flatnonzero(near.any(axis=0)).tolist()
@@ -104,9 +105,10 @@ def cautions(
     return tuple(found)
 
 
-def _near(traffic: TrafficState, speed_mps: Floats, counts: Flags) -> Flags:
+def _near(traffic: TrafficState, speed_mps: Floats, half_length_m: Floats, counts: Flags) -> Flags:
     """Who may meet whom, shape ``(N, N)``: those that count or cross within reach, and everybody close ahead.
 
+    Long vehicles at an angle reach far aside: the tail of a bus that changes lanes.
     Maps have roads that cross before their junction begins; so crossing does not ask where it happens.
     """
     dx, dy = traffic.x_m - traffic.x_m[:, None], traffic.y_m - traffic.y_m[:, None]
@@ -114,11 +116,12 @@ def _near(traffic: TrafficState, speed_mps: Floats, counts: Flags) -> Flags:
     ahead = np.asarray(cos[:, None] * dx + sin[:, None] * dy, dtype=np.float64)
     aside = np.asarray(cos[:, None] * dy - sin[:, None] * dx, dtype=np.float64)
     along = np.abs(cos[:, None] * cos + sin[:, None] * sin)
+    beside = _BESIDE_M + half_length_m * np.abs(cos[:, None] * sin - sin[:, None] * cos)
     apart = np.hypot(dx, dy)
     reach = np.minimum(_AHEAD_S * (speed_mps[:, None] + speed_mps) + 2.0 * _MORE_M, _FAR_M)
     moving = speed_mps > _ROLLING_MPS
     cross = moving[:, None] & moving & (along < SAME_DIRECTION) & (ahead > -_MORE_M)
-    close = (ahead > 0.0) & (ahead < speed_mps[:, None] + _MORE_M) & (np.abs(aside) < _BESIDE_M)
+    close = (ahead > 0.0) & (ahead < speed_mps[:, None] + _MORE_M) & (np.abs(aside) < beside)
     near = np.asarray(((counts | cross) & (apart < reach)) | close, dtype=np.bool_)
     np.fill_diagonal(near, False)
     return near

@@ -1,6 +1,6 @@
 """SUMO's drivers wait for vehicles that are driven from outside, on a crossing of two roads."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -191,6 +191,24 @@ def test_who_stands_aside_is_passed_with_a_margin_where_it_is_driven_from_outsid
         for more_m, waits in ((-0.05, True), (0.05, False)):
             aside = Car(0, 80.0, 0.0, owner, left=side * (apart_m + more_m))
             assert bool(cautious([Car(0, 72.0, 8.0), aside], turn)) is waits
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize(("aside_m", "waits"), [(3.8, True), (4.6, False)])
+def test_the_tail_of_a_bus_that_changes_lanes_is_in_the_way(
+    turn: float, side: float, aside_m: float, waits: bool
+) -> None:
+    """At 20° its tail is 2.1 m nearer to the lane's middle than its centre, which is farther aside than any car's."""
+    roads = network(turn)
+    traffic = traffic_of([Car(0, 72.0, 5.0), Car(0, 84.0, 0.0)], roads)
+    place = rotate(np.array([[79.3, side * aside_m]]), turn)[0]
+    x, y, yaw = traffic.x_m.copy(), traffic.y_m.copy(), traffic.yaw_rad.copy()
+    x[1], y[1], yaw[1] = place[0], place[1], turn + side * np.radians(20.0)
+    traffic = replace(traffic, x_m=x, y_m=y, yaw_rad=yaw)
+    outlook = Outlook(traffic, CourseBook(roads), np.array([HALF_LENGTH, 6.0]), np.array([HALF_WIDTH, 1.275]))
+    found = cautions(traffic, outlook, YieldingConfig())
+    assert ([caution.actor_id for caution in found] == [1]) is waits
 
 
 @pytest.mark.parametrize(("apart_m", "owner", "waits"), [(27.5, Owner.SUMO, False), (27.5, Owner.ROS, True)])

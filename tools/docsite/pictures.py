@@ -23,7 +23,7 @@ from siren_ros.recording.episode_record import EpisodeRecord
 WIDTH_PX: Final = 1300
 QUALITY: Final = 72
 """WebP's; text stays sharp."""
-FILM: Final = Coding(width_px=800, crf=27)
+FILM: Final = Coding(width_px=800, crf=33)
 FILM_S: Final = 26.0
 AFTER_SITE_S: Final = 7.0
 """How long a film goes on after the EMV is at the middle of its site."""

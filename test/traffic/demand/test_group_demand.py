@@ -29,6 +29,7 @@ from made_streets import (
 from traffic_helpers import DIMENSIONS
 
 from siren_ros.errors import MapError
+from siren_ros.roads.road_network import LaneKind
 from siren_ros.scenario.scenario import DemandGroup, GroupAnchor, Placement
 from siren_ros.traffic.demand.demand_config import DemandConfig
 from siren_ros.traffic.demand.emv_start import EmvStart
@@ -75,6 +76,30 @@ def test_buses_start_only_in_lanes_from_which_they_can_drive_on() -> None:
     drawn = {lane: {factory.draw_class(shares, rng, (lane,)) for _ in range(40)} for lane in (B_RIGHT, B_LEFT)}
     assert drawn == {B_RIGHT: {ActorClass.SEDAN}, B_LEFT: {ActorClass.SEDAN, ActorClass.BUS}}
     assert factory.draw_class(shares[1:], rng, (B_RIGHT,)) is ActorClass.BUS, "there is no other"
+
+
+def test_a_class_is_drawn_for_the_driving_lanes_of_its_row() -> None:
+    """Of a row whose second lane is a shoulder only the first counts."""
+    asked: list[tuple[int, ...]] = []
+
+    class Listening(VehicleFactory):
+        def draw_class(
+            self,
+            shares: tuple[tuple[ActorClass, float], ...],
+            rng: np.random.Generator,
+            lanes: tuple[int, ...] = (),
+        ) -> ActorClass:
+            asked.append(lanes)
+            return super().draw_class(shares, rng, lanes)
+
+    lanes = list(NETWORK.lanes)
+    lanes[A_RIGHT] = replace(lanes[A_RIGHT], kind=LaneKind.SHOULDER)
+    queue = group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=2, standing=True)
+    for network, expected in ((NETWORK, {A_RIGHT, B_RIGHT}), (replace(NETWORK, lanes=tuple(lanes)), {B_RIGHT})):
+        asked.clear()
+        factory = Listening(network, same_drivers(), DIMENSIONS, CONFIG)
+        plan_groups(network, signal_site(), start_at(90.0), template_with(queue), 0, factory, CONFIG)
+        assert [set(lanes) & {A_LEFT, A_RIGHT, B_LEFT, B_RIGHT} for lanes in asked] == [expected] * 2
 
 
 def test_a_queue_at_the_stop_line() -> None:

@@ -81,6 +81,14 @@ def test_the_way_begins_at_the_rear_of_the_av(town: Any) -> None:
     assert way.points[0] == pytest.approx(rear, abs=1e-6)
 
 
+def test_the_way_of_an_av_that_reaches_back_over_its_lane_begins_with_the_lane(town: Any) -> None:
+    network, plan = town
+    av = next(vehicle for vehicle in plan.groups if vehicle.name == "platoon0")
+    early = replace(av, spot=replace(av.spot, front_m=0.5 * av.length_m))
+    way = av_way(network, replace(plan, av=av.name, groups=(early,)))
+    assert way.points[0] == pytest.approx(network.lanes[av.spot.lane].centre.points[0], abs=1e-6)
+
+
 @pytest.mark.parametrize("turn", [0.0, 0.8, -2.0])
 def test_a_lane_change_on_the_way_is_half_a_cosine(turn: float) -> None:
     """From 20 m of the right lane to the end of the left one, 3.5 m aside at 100 m."""

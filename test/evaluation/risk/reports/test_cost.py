@@ -12,9 +12,9 @@ ANSWERS = [
 
 
 def test_questions_tokens_time_and_cost_are_summed() -> None:
-    (line,) = account("m", ANSWERS, (2.0, 100.0))
+    (line,) = account("m", ANSWERS, (400.0, 10_000.0))
     assert line == (
-        "m: 3 questions, 1 of them answered before, 1 answers unreadable; 3000 tokens in, 60 out, cost 0.01; "
+        "m: 3 questions, 1 of them answered before, 1 answers unreadable; 3000 tokens in, 60 out, cost 1.80; "
         "2.00 s for an answer (median), 2.90 s at the 95th percentile"
     )
 

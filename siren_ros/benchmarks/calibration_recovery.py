@@ -14,7 +14,7 @@ import numpy as np
 
 from siren_ros.calibration.fit import EVALUATIONS_EACH, Fitted, fit
 from siren_ros.calibration.horizons import horizons_of
-from siren_ros.calibration.parameters import Parameter, parameters_named
+from siren_ros.calibration.parameters import Parameter, check_effect, parameters_named
 from siren_ros.calibration.simulate import Situation, Target, driven
 from siren_ros.calibration.trajectory import Trajectory
 from siren_ros.calibration.tries import residuals_over
@@ -23,11 +23,13 @@ from siren_ros.evaluation.aligned_text import aligned
 from siren_ros.generation.episode_setup import plan_length
 from siren_ros.numerics.random_streams import random_stream
 from siren_ros.numerics.units import STEP_S
+from siren_ros.scenario.levels import EmergencyLevel
 from siren_ros.scenario.request import EpisodeRequest
 
 TOLERANCE: Final = 0.05
 """Of a parameter's range, within which a found value counts as recovered."""
 _PARAMETERS: Final = "controller.target_speed_mps,controller.accel_mps2,controller.red_light_speed_mps"
+_PARAMETERS_L0: Final = "sumo.speed_factor,sumo.tau_s"
 _INNER: Final = (0.15, 0.85)
 """Part of each range that the true values are drawn from."""
 
@@ -40,14 +42,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     line.add_argument(
         "--seeds", type=int, nargs="+", default=[0], help="of each template's situations; all are fitted together"
     )
-    line.add_argument("--parameters", default=_PARAMETERS)
+    line.add_argument("--parameters", default="", help=f"by default {_PARAMETERS}, at L0 {_PARAMETERS_L0}")
     line.add_argument("--truth-seed", type=int, default=1, help="of the true values")
     line.add_argument("--noise-m", type=float, default=0.1, help="standard deviation of each place")
     line.add_argument("--evaluations", type=int, default=0, help=f"0: {EVALUATIONS_EACH} for each parameter")
     line.add_argument("--duration-s", type=float, default=18.0, help="0: the template's own")
     line.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
     asked = line.parse_args(argv)
-    parameters = parameters_named(asked.parameters.split(","))
+    usual = _PARAMETERS_L0 if asked.level == EmergencyLevel.L0.name else _PARAMETERS
+    parameters = parameters_named((asked.parameters or usual).split(","))
+    check_effect(parameters, [asked.level])
     truth = drawn_truth(parameters, asked.truth_seed)
     targets = [
         target_with(

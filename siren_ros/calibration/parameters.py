@@ -1,11 +1,12 @@
 """The table of parameters that can be fitted: between what, and where each is put in an episode."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 from siren_ros.behaviour.driving.situation import BehaviourWorld
 from siren_ros.errors import InputError
+from siren_ros.scenario.levels import EmergencyLevel
 from siren_ros.traffic.demand.driver_models import DriverModel
 from siren_ros.traffic.demand.plan import TrafficPlan
 
@@ -127,6 +128,24 @@ def parameters_named(names: Sequence[str]) -> tuple[Parameter, ...]:
     if not names or len(set(names)) < len(names):
         raise InputError("parameters", ",".join(names), "one or several names, each once")
     return tuple(PARAMETERS[name] for name in names)
+
+
+def check_effect(parameters: Sequence[Parameter], levels: Collection[str]) -> None:
+    """Refuse parameters that change nothing: SUMO's where ROS drives the EMV at all levels, and the other way round.
+
+    Args:
+        parameters: What is to be fitted.
+        levels: Of the situations, by name.
+
+    Raises:
+        InputError: Names the parameter, and those that have an effect.
+    """
+    sumo_drives = EmergencyLevel.L0.name in levels
+    ros_drives = any(level != EmergencyLevel.L0.name for level in levels)
+    works = [one.name for one in PARAMETERS.values() if (one.driver and sumo_drives) or (one.world and ros_drives)]
+    for one in parameters:
+        if one.name not in works:
+            raise InputError("parameters", one.name, f"at {', '.join(levels)} one or several of {', '.join(works)}")
 
 
 def with_drivers(plan: TrafficPlan, values: Mapping[str, float]) -> TrafficPlan:

@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from siren_ros.calibration.fit import EVALUATIONS_EACH, UNDETERMINED_SHARE, Fitted, fit
 from siren_ros.calibration.horizons import horizons_of
-from siren_ros.calibration.parameters import PARAMETERS, Parameter, parameters_named
+from siren_ros.calibration.parameters import PARAMETERS, Parameter, check_effect, parameters_named
 from siren_ros.calibration.simulate import Situation, Target
 from siren_ros.calibration.trajectory import Trajectory
 from siren_ros.calibration.tries import residuals_over
@@ -61,6 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
     jobs = processes_of(arguments)
     parameters = parameters_named(names_in(arguments.parameters))
     targets = _targets(arguments)
+    check_effect(parameters, sorted({target.situation.request.level for target in targets}))
     evaluations = arguments.evaluations or EVALUATIONS_EACH * len(parameters)
     with (
         tqdm(total=evaluations * len(targets), unit="episode", desc="calibrate", disable=None) as bar,

@@ -7,7 +7,14 @@ import pytest
 
 from siren_ros.behaviour.config import BehaviourConfig
 from siren_ros.behaviour.driving.situation import BehaviourWorld
-from siren_ros.calibration.parameters import PARAMETERS, Parameter, parameters_named, with_drivers, with_world
+from siren_ros.calibration.parameters import (
+    PARAMETERS,
+    Parameter,
+    check_effect,
+    parameters_named,
+    with_drivers,
+    with_world,
+)
 from siren_ros.errors import InputError
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.levels import LEVEL_POLICIES, EmergencyLevel
@@ -79,3 +86,23 @@ def test_only_the_emvs_drivers_change() -> None:
 def test_unusable_names_are_refused(names: list[str]) -> None:
     with pytest.raises(InputError, match="parameters"):
         parameters_named(names)
+
+
+@pytest.mark.parametrize(
+    ("name", "levels", "works"),
+    [
+        ("sumo.tau_s", ["L0"], True),
+        ("sumo.tau_s", ["L1", "L3"], False),
+        ("controller.headway_s", ["L0"], False),
+        ("controller.headway_s", ["L2"], True),
+        ("controller.headway_s", ["L0", "L1"], True),
+        ("sumo.tau_s", ["L0", "L1"], True),
+    ],
+)
+def test_a_parameter_without_effect_at_any_level_is_refused(name: str, levels: list[str], works: bool) -> None:
+    parameters = parameters_named([name])
+    if works:
+        check_effect(parameters, levels)
+        return
+    with pytest.raises(InputError, match=name):
+        check_effect(parameters, levels)

@@ -64,7 +64,8 @@ def test_what_the_trajectories_do_not_determine_is_said(
 
 @pytest.mark.parametrize(
     "options",
-    [["--parameters", "mood"], ["--parameters", ""], ["--jobs", "0"], ["--evaluations", "2"], ["--trajectory", "no"]],
+    [["--parameters", "mood"], ["--parameters", ""], ["--jobs", "0"], ["--evaluations", "2"], ["--trajectory", "no"],
+     ["--parameters", "sumo.tau_s"]],
 )  # fmt: skip
 def test_bad_options_are_refused(bag: Path, options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", str(bag), *options]) == 2

@@ -89,7 +89,11 @@ install() { # ARGUMENT...
 # ROS and what builds message packages.
 install_ros() {
     local ros_key
-    if [[ $ros != wheels ]]; then return; fi
+    if [[ $ros != wheels ]]; then
+        # Not replaced while the message packages, which need it, are built at the same time as the other packages come.
+        install "$(sed -n 's/^\(setuptools[^ ]*\).*/\1/p' "$here/ros_wheels.txt")" >>"$state/ros.log" 2>&1
+        return
+    fi
     if [[ ! -x $venv/bin/uv ]]; then
         run_step "uv, which installs the packages" "$state/uv.log" \
             "$venv/bin/python" -m pip install --disable-pip-version-check --no-input --progress-bar off 'uv>=0.5' ||

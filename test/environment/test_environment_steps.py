@@ -195,10 +195,20 @@ def test_the_extras_of_setup_are_found() -> None:
     assert "dev" in names
 
 
-def test_the_wheels_that_build_messages_bound_numpy_as_setup_does() -> None:
+@pytest.mark.parametrize("name", ["numpy", "setuptools"])
+def test_what_builds_messages_is_bounded_as_setup_does_it(name: str) -> None:
+    """It would else be replaced while the messages are built."""
     lines = (STEPS / "ros_wheels.txt").read_text().splitlines()
-    (bounds,) = [line.split("#")[0].strip() for line in lines if line.startswith("numpy")]
+    (bounds,) = [line.split("#")[0].strip() for line in lines if line.startswith(name)]
     assert f'"{bounds}"' in (REPOSITORY / "setup.py").read_text()
+
+
+def test_a_sourced_ros_has_setups_setuptools_before_the_messages_are_built(tmp_path: Path) -> None:
+    (tmp_path / "venv/.siren").mkdir(parents=True)
+    script = 'ros=sourced; install() { printf \'%s\\n\' "$@"; }; install_ros; cat "$state/ros.log"'
+    asked = run_shell(script, tmp_path).stdout.strip()
+    assert asked.startswith("setuptools>=")
+    assert f'"{asked}"' in (REPOSITORY / "setup.py").read_text()
 
 
 def test_pips_settings_are_those_of_install_and_of_variables() -> None:

@@ -107,6 +107,18 @@ def test_a_record_that_ends_at_the_line_has_a_traversal_from_the_first_step_with
         assert traversal.leave_step == first_inside + beyond
 
 
+@pytest.mark.parametrize("steps_after", [-3, -2, -1, 0, 1, 2])
+def test_a_record_that_ends_as_the_rear_reaches_the_exit_has_the_step_of_its_rear_or_of_its_end(
+    steps_after: int,
+) -> None:
+    """The centre is on the exit lane for six steps before."""
+    reaches = _step_at(130.0 + EMV_LENGTH_M / 2.0)
+    traversal = _traversal_of(NORTHBOUND, steps=reaches + steps_after)
+    assert traversal.leave_step == min(reaches, reaches + steps_after)
+    assert traversal.exit_step == reaches + steps_after
+    assert traversal.centre_steps == (_step_at(100.0), _step_at(130.0))
+
+
 def test_the_last_time_over_the_line_counts() -> None:
     """The front is 1 m over the line, the vehicle is put back by 30 m, and then it drives across."""
     there, back = np.full(20, 98.0), at_speed(68.0, SPEED_MPS, 200)

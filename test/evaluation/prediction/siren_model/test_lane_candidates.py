@@ -29,3 +29,39 @@ def test_paths_across_a_junction_are_told_apart_by_the_heading(crossroads: RoadN
 
 def test_nobody_is_in_no_lane(crossroads: RoadNetwork) -> None:
     assert len(lane_candidates(crossroads, np.empty((0, 2)), np.empty(0)).row) == 0
+
+
+@pytest.mark.parametrize(
+    ("x_m", "y_m", "turned_deg", "fits"),
+    [
+        (50.0, -5.25 - 1.75 - 1.45, 0, True),
+        (50.0, -5.25 - 1.75 - 1.55, 0, False),
+        (50.0, -5.25 + 1.75 + 1.45, 0, True),
+        (50.0, -5.25 + 1.75 + 1.55, 0, False),
+        (50.0, -5.25, 59, True),
+        (50.0, -5.25, -59, True),
+        (50.0, -5.25, 61, False),
+        (50.0, -5.25, -61, False),
+        (-0.45, -5.25, 0, True),
+        (-0.55, -5.25, 0, False),
+        (300.45, -5.25, 0, True),
+        (300.55, -5.25, 0, False),
+    ],
+)
+def test_how_far_a_lane_reaches(
+    straight_road: RoadNetwork, x_m: float, y_m: float, turned_deg: int, fits: bool
+) -> None:
+    """1.5 m to each side, 60 degrees, half a metre at each end."""
+    (lane,) = (lane.index for lane in straight_road.lanes if lane.centre.points[0, 1] == -5.25)
+    found = lane_candidates(straight_road, np.array([[x_m, y_m]]), np.array([np.radians(turned_deg)]))
+    assert (lane in found.lane.tolist()) is fits
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_radian_costs_as_much_as_three_metres(straight_road: RoadNetwork, side: float) -> None:
+    found = lane_candidates(straight_road, np.array([[50.0, -5.25 + 0.4 * side]]), np.array([-0.2 * side]))
+    (row,) = (row for row in range(len(found.row)) if abs(found.offset_m[row]) < 1.0)
+    assert found.offset_m[row] == pytest.approx(0.4 * side)
+    assert found.turned_rad[row] == pytest.approx(-0.2 * side)
+    assert found.cost[row] == pytest.approx(0.4 + 3.0 * 0.2)
+    assert row == 0, "the likeliest comes first"

@@ -44,3 +44,38 @@ def test_vehicles_behind_and_on_other_lanes_are_no_leaders(straight_road: RoadNe
     assert found["leader_speed"][0] * 10.0 == pytest.approx(7.0)
     assert found["leader_is_emv"][0] == 1.0
     assert found["second_speed"][0] * 10.0 == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(("aside_m", "there"), [(2.05, 1.0), (-2.05, 1.0), (2.15, 0.0), (-2.15, 0.0)])
+def test_the_strip_is_as_wide_as_both_bodies_and_a_margin(
+    straight_road: RoadNetwork, aside_m: float, there: float
+) -> None:
+    """Two halves of 1.8 m and 0.3 m."""
+    found = paths_of({1: moving(60.0, -5.25, 0.0), 2: moving(75.0, -5.25 + aside_m, 0.0)}, straight_road)
+    assert found["leader_there"][0] == there
+    assert found["leader_gap"][0] == pytest.approx(0.154 - 0.05 if there else 1.0)
+
+
+def test_the_second_leader_is_the_next_one(straight_road: RoadNetwork) -> None:
+    found = paths_of(
+        {
+            1: moving(60.0, -5.25, 0.0),
+            2: moving(76.0, -5.25, 3.0, length_m=9.0, is_emv=True),
+            3: moving(70.0, -5.25, 0.0),
+            4: moving(80.0, -9.0, 0.0),
+        },
+        straight_road,
+    )
+    assert [found[f"{name}_there"][0] for name in ("leader", "second")] == [1.0, 1.0]
+    assert found["leader_gap"][0] * 100.0 == pytest.approx(10.0 - 4.6, abs=0.01)
+    assert found["second_gap"][0] * 100.0 == pytest.approx(16.0 + 3.0 * 3.0 - 0.5 * (4.6 + 9.0), abs=0.01)
+    assert [found[f"{name}_is_emv"][0] for name in ("leader", "second")] == [0.0, 1.0]
+    assert [found[f"{name}_speed"][0] for name in ("leader", "second")] == pytest.approx([0.0, 0.3])
+
+
+@pytest.mark.parametrize(("length_m", "gap_m"), [(4.6, 1.0 - 4.6), (12.0, -5.0)])
+def test_gaps_of_overlapping_bodies_end_at_five_metres(
+    straight_road: RoadNetwork, length_m: float, gap_m: float
+) -> None:
+    tracks = {key: moving(x_m, -5.25, 0.0, length_m=length_m) for key, x_m in ((1, 60.0), (2, 61.0))}
+    assert paths_of(tracks, straight_road)["leader_gap"][0] * 100.0 == pytest.approx(gap_m)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_profiles import profile
-from made_records import moving, record_with
+from made_records import Track, moving, record_with
 
 from siren_ros.errors import InputError
 from siren_ros.evaluation.diversity.as_json import diversity_as_json
@@ -13,8 +13,10 @@ from siren_ros.evaluation.diversity.drawn_ranges import drawn_ranges
 from siren_ros.evaluation.diversity.parameter_coverage import DrawnRange
 from siren_ros.evaluation.diversity.profile import profile_of
 from siren_ros.evaluation.diversity.summary import diversity
+from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.world.events import Event, EventKind
 
 
 def test_a_record_gives_the_way_each_second_and_the_order_of_events(record_of: Callable[..., EpisodeRecord]) -> None:
@@ -67,3 +69,43 @@ def test_ranges_are_those_that_seeds_draw_from() -> None:
     whole_ranges = drawn_ranges([drawn])["S2"]
     assert whole_ranges["emv.speed_mps"] == DrawnRange(11.0, 16.7, whole=False)
     assert whole_ranges["demand.platoon.vehicles"].whole
+
+
+def test_the_way_is_ahead_and_to_the_left_of_the_first_pose(straight_road: RoadNetwork) -> None:
+    """It looks in the direction 2.0 at first, and drives a circle to the left from the first step on."""
+    rate, speed, first = 0.25, 5.0, 2.0
+    heading = first + rate * STEP_S * np.arange(101)
+    radius = speed / rate
+    place = 30.0 + radius * np.sin(heading), 20.0 - radius * np.cos(heading)
+    states = np.stack((*place, speed * np.cos(heading), speed * np.sin(heading), heading), axis=1)
+    way = profile_of("bag", record_with({1: Track(states, is_emv=True)}, straight_road)).way_m
+    turned = rate * np.arange(6.0)
+    assert way == pytest.approx(np.stack((radius * np.sin(turned), radius * (1.0 - np.cos(turned))), axis=1))
+
+
+def test_happenings_are_the_emvs_the_civilians_and_collisions(straight_road: RoadNetwork) -> None:
+    record = record_with(
+        {1: moving(0.0, -1.75, 10.0, is_emv=True, steps=20), 2: moving(30.0, -1.75, 5.0, steps=20)}, straight_road
+    )
+    events = (
+        Event(1, EventKind.SIREN_ON, 1),
+        Event(2, EventKind.STOP_LINE_CROSSED, 1),
+        Event(3, EventKind.STOP_LINE_CROSSED, 2),
+        Event(4, EventKind.YIELD_STARTED, 2),
+        Event(5, EventKind.YIELD_STARTED, 3),
+        Event(6, EventKind.COLLISION, 1, 2),
+        Event(7, EventKind.YIELD_STARTED, 2),
+    )
+    started = f"civilian {EventKind.YIELD_STARTED}"
+    found = profile_of("bag", replace(record, events=events)).happenings
+    assert found == (f"emv {EventKind.STOP_LINE_CROSSED}", started, str(EventKind.COLLISION), started)
+
+
+def test_mean_and_nearest_distance_of_three_episodes() -> None:
+    """At 0, 3 and 10 m: the pairs are 3, 7 and 10 m apart."""
+    (found,) = diversity([profile(seed, way=((x, 0.0),)) for seed, x in enumerate((0.0, 3.0, 10.0))], {})
+    assert found.ways.mean == pytest.approx(20.0 / 3.0)
+    assert found.ways.nearest.tolist() == [3.0, 3.0, 7.0]
+    # Of the two others, one drawn is 20/3 m away on average; of both the nearest is 13/3 m away.
+    assert found.ways.curve == pytest.approx([20.0 / 3.0, 13.0 / 3.0])
+    assert found.parameter_share is None

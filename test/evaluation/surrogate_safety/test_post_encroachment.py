@@ -1,5 +1,7 @@
 """PET of tracks that cross, follow and meet."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from evaluation.made_records import Track, moving, record_with
@@ -63,3 +65,30 @@ def test_a_contact_has_none_left(straight_road: RoadNetwork) -> None:
     found = between(straight_road, moving(-30.0, 0.0, 10.0), crossing(-30.0, 0.0))
     assert found is not None
     assert found.time_s == 0.0
+
+
+@pytest.mark.parametrize(("angle_deg", "counts"), [(29, False), (-29, False), (31, True), (-31, True), (331, False)])
+def test_thirty_degrees_are_a_crossing(straight_road: RoadNetwork, angle_deg: int, *, counts: bool) -> None:
+    """The second comes through the origin 3 s after the first."""
+    angle = np.radians(angle_deg)
+    first = moving(-20.0, 0.0, 10.0, steps=120)
+    second = moving(-50.0 * np.cos(angle), -50.0 * np.sin(angle), 10.0, yaw_rad=angle, steps=120)
+    assert (between(straight_road, first, second) is not None) is counts
+
+
+def test_of_equal_encroachments_the_earliest_counts(straight_road: RoadNetwork) -> None:
+    """One stands across the way and is gone at step 40; the other is there from step 60 on, for as long."""
+    stands = moving(0.0, 0.0, 0.0, yaw_rad=np.pi / 2.0, steps=40)
+    comes = moving(0.0, 0.0, 0.0, steps=30, first_step=60)
+    found = between(straight_road, stands, comes)
+    assert found is not None
+    assert (found.time_s, found.step, found.subject_first) == (pytest.approx(21 * 0.05), 60, True)
+    turned = between(straight_road, comes, stands)
+    assert turned is not None
+    assert (turned.step, turned.subject_first) == (60, False)
+    # There up to step 19 and from 50 on; the other from 24 to 30 and from 40 to 45: five steps each.
+    apart = replace(moving(0.0, 0.0, 0.0, yaw_rad=np.pi / 2.0, steps=70), without=frozenset(range(20, 50)))
+    twice = replace(moving(0.0, 0.0, 0.0, steps=46), without=frozenset({*range(24), *range(31, 40)}))
+    again = between(straight_road, apart, twice)
+    assert again is not None
+    assert (again.time_s, again.step, again.subject_first) == (pytest.approx(5 * 0.05), 24, True)

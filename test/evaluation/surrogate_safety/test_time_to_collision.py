@@ -124,3 +124,15 @@ def test_overlapping_footprints_have_no_time_left(straight_road: RoadNetwork) ->
     found = first_instant(straight_road, moving(0.0, 0.0, 10.0, steps=1), moving(4.0, 0.0, 4.0, steps=1))
     assert found.time_s[0] == 0.0
     assert found.gap_m[0] == pytest.approx(4.0 - LENGTH_M)
+
+
+@pytest.mark.parametrize("turned_rad", [0.0, 1.3, -2.0])
+@pytest.mark.parametrize(("ahead_mps", "closing_mps"), [(4.0, 6.0), (12.0, 0.0)])
+def test_overlapping_footprints_close_or_part(
+    straight_road: RoadNetwork, turned_rad: float, ahead_mps: float, closing_mps: float
+) -> None:
+    other = placed(4.0, 0.0, ahead_mps, 0.0, turned_rad)
+    found = first_instant(straight_road, placed(0.0, 0.0, 10.0, 0.0, turned_rad), other)
+    assert found.time_s[0] == 0.0
+    assert found.closing_mps[0] == pytest.approx(closing_mps)
+    assert found.required_deceleration_mps2[0] == (np.inf if closing_mps else 0.0)

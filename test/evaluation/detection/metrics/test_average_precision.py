@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from detection_boxes import made_boxes, random_boxes
+from detection_boxes import found_boxes, made_boxes, random_boxes, truth_boxes
 
 from siren_ros.evaluation.detection.metrics.average_precision import average_precision
 from siren_ros.evaluation.detection.metrics.devkit_score import devkit_score
@@ -72,3 +72,41 @@ def test_recalls_that_are_reached_exactly_count_as_in_the_devkit() -> None:
     hit = match(truth, found).label[2] >= 0
     (value,) = average_precision(hit, np.zeros(50, dtype=np.intp), np.array([25.0]), np.ones((1, 1)))
     assert value == pytest.approx(devkit_score(truth, found).average_precision[2.0], abs=1e-12)
+
+
+def test_labels_of_other_frames_are_not_taken_and_a_limit_is_no_match() -> None:
+    """Frames in no order; a detection 3 and 4 m away, one exactly 2 m away, one on a label of another frame."""
+    places = np.array([[10.0, 10.0, 1.0], [0.0, 0.0, 1.0], [-20.0, 5.0, 1.0]])
+    still, ahead = np.zeros((3, 2)), np.zeros(3)
+    truth = truth_boxes(np.array([2, 0, 1]), places, still, ahead)
+    found = found_boxes(
+        np.array([0, 1, 1]),
+        np.array([[0.0, 2.0, 0.0], [10.0, 10.0, 1.0], [-20.0 + 2.3, 5.0 - 3.2, 9.0]]),
+        still,
+        ahead,
+        np.array([0.3, 0.8, 0.5]),
+    )
+    matches = match(truth, found)
+    assert matches.order.tolist() == [1, 2, 0]
+    # The second is 3.94 m from the label of row 2, whatever its height; the third at 2 m is beyond 2 m.
+    assert matches.label.tolist() == [[-1, -1, -1], [-1, -1, -1], [-1, -1, -1], [-1, 2, 1]]
+
+
+def test_of_equal_confidences_the_later_one_comes_first() -> None:
+    truth, found = made_boxes(truth_x_m=[0.0], found_x_m=[0.1, 0.2, 0.3], score=[0.5, 0.5, 0.6])
+    matches = match(truth, found)
+    assert matches.order.tolist() == [2, 1, 0]
+    assert matches.label[1].tolist() == [0, -1, -1]
+
+
+def test_average_precision_by_hand() -> None:
+    """Four labels; hit, miss, hit: precision falls from 1 at recall 0.25 to 1/2 there, and rises to 2/3 at 0.5.
+
+    From recall 0.11 to 0.24 the precision is 1. Where a recall is reached twice, the last precision counts.
+    """
+    hit = np.array([True, False, True])
+    (value,) = average_precision(hit, np.zeros(3, dtype=np.intp), np.array([4.0]), np.ones((1, 1)))
+    recall = np.arange(11, 101) / 100.0
+    rising = 0.5 + (recall - 0.25) / 0.25 * (2.0 / 3.0 - 0.5)
+    precision = np.where(recall < 0.25, 1.0, np.where(recall <= 0.5, rising, 0.0))
+    assert value == pytest.approx(np.maximum(precision - 0.1, 0.0).mean() / 0.9)

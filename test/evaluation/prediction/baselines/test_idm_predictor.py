@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from made_records import Track, moving, record_with
 
+from siren_ros.evaluation.prediction.baselines.idm import IdmConfig, idm_travel
 from siren_ros.evaluation.prediction.baselines.idm_predictor import IdmPredictor
 from siren_ros.evaluation.prediction.baselines.lane_following import paths_from
 from siren_ros.evaluation.prediction.baselines.leaders import Leaders, leaders_of
@@ -112,3 +113,60 @@ def test_no_samples_no_answer(straight_road: RoadNetwork) -> None:
         record_with({1: moving(0.0, -5.25, 5.0, steps=20)}, straight_road), MODEL.window, Population.ALL
     ).batch
     assert MODEL.predict(batch).xy_m.shape == (0, 1, 25, 2)
+
+
+@pytest.mark.parametrize("turned_rad", [0.0, 0.6, -2.2])
+@pytest.mark.parametrize(
+    ("ahead_m", "aside_m", "heading_rad", "gap_m", "speed_mps"),
+    [
+        (20.0, 1.75, 1.0, 15.4, 6.0 * np.cos(1.0)),
+        (20.0, -1.75, -1.0, 15.4, 6.0 * np.cos(1.0)),
+        (20.0, 1.85, 0.0, np.inf, 0.0),
+        (20.0, -1.85, 0.0, np.inf, 0.0),
+        (20.0, 0.0, 2.5, 15.4, 0.0),
+        (2.0, 0.0, 0.0, 2.0 - 4.6, 6.0),
+        (-2.0, 0.0, 0.0, np.inf, 0.0),
+        (249.9, 0.0, 0.0, 245.3, 6.0),
+        (250.1, 0.0, 0.0, np.inf, 0.0),
+    ],
+)
+def test_off_the_lanes_gap_and_speed_are_along_the_own_heading(
+    straight_road: RoadNetwork,
+    turned_rad: float,
+    ahead_m: float,
+    aside_m: float,
+    heading_rad: float,
+    gap_m: float,
+    speed_mps: float,
+) -> None:
+    """The strip is as wide as both vehicles; one that comes towards the own one counts as standing."""
+    turn = np.array([[np.cos(turned_rad), -np.sin(turned_rad)], [np.sin(turned_rad), np.cos(turned_rad)]])
+    yaw = heading_rad + turned_rad
+    before_m = 3.0 * 6.0 * np.array([np.cos(yaw), np.sin(yaw)])
+    start = np.array([0.0, 500.0]) + turn @ (ahead_m, aside_m) - before_m
+    tracks = {1: moving(0.0, 500.0, 0.0, yaw_rad=turned_rad), 2: moving(*start, 6.0, yaw_rad=yaw)}
+    batch, sample = first_frame(tracks, straight_road)
+    found = leaders(batch)
+    assert found.gap_m[sample[1]] == pytest.approx(gap_m)
+    assert found.speed_mps[sample[1]] == pytest.approx(speed_mps)
+
+
+@pytest.mark.parametrize(("speed_mps", "desired_mps"), [(8.0, 50.0 / 3.6), (20.0, 20.0)])
+def test_off_the_lanes_the_limit_is_that_of_a_town(
+    straight_road: RoadNetwork, speed_mps: float, desired_mps: float
+) -> None:
+    batch, sample = first_frame({1: moving(0.0, 500.0, speed_mps, yaw_rad=-2.0)}, straight_road)
+    way = MODEL.predict(batch).xy_m[sample[1], 0] - batch.xy_m[sample[1]]
+    alone, there = np.full(1, np.inf), np.zeros(1)
+    times = 0.2 * np.arange(1, 26)
+    travelled = idm_travel(np.array([speed_mps]), np.array([desired_mps]), alone, there, times, IdmConfig())[0]
+    assert way == pytest.approx(travelled[:, None] * np.array([np.cos(-2.0), np.sin(-2.0)]))
+
+
+@pytest.mark.parametrize(("away_m", "seen"), [(249.9, True), (250.1, False)])
+def test_along_the_lanes_leaders_are_seen_up_to_the_range(
+    straight_road: RoadNetwork, away_m: float, *, seen: bool
+) -> None:
+    tracks = {1: moving(10.0, -5.25, 0.0), 2: moving(10.0 + away_m, -5.25, 0.0)}
+    batch, sample = first_frame(tracks, straight_road)
+    assert leaders(batch).gap_m[sample[1]] == pytest.approx(away_m - 4.6 if seen else np.inf)

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from made_scores import scored
@@ -68,3 +69,20 @@ def test_as_polygons_say(seed: int) -> None:
         for one in range(count)
     ]
     assert found(list(paths), [tuple(start) for start in starts], list(yaw), [0] * count) == expected
+
+
+@pytest.mark.parametrize(("leg_m", "expected"), [(0.09, 1.0), (0.11, 0.0)])
+def test_a_leg_of_a_decimetre_turns_the_vehicle(leg_m: float, expected: float) -> None:
+    """It heads north and creeps east: as long as it heads north it reaches 2 m to the north, and then 1 m."""
+    creeping = np.stack((leg_m * np.arange(1, 26), np.zeros(25)), axis=-1)
+    standing = straight(0.0, 2.5, 0.0, 0.0)
+    starts = [(0.0, 0.0), (0.0, 2.5)]
+    assert found([creeping, standing], starts, [np.pi / 2.0, 0.0], [0, 0]) == [expected, expected]
+
+
+def test_who_turned_keeps_the_heading_of_its_last_leg() -> None:
+    """From north to east within the first leg, then it stands; the other comes past 2.5 m to the north."""
+    stops = np.tile([5.0, 0.0], (25, 1))
+    passing = straight(-20.0, 2.5, 8.0, 0.0)
+    assert found([stops, passing], [(0.0, 0.0), (-20.0, 2.5)], [np.pi / 2.0, 0.0], [0, 0]) == [0.0, 0.0]
+    assert found([stops[:, ::-1], passing], [(0.0, 0.0), (-20.0, 2.5)], [0.0, 0.0], [0, 0]) == [1.0, 1.0]

@@ -84,3 +84,27 @@ def test_an_interval_without_bounds_is_a_value() -> None:
     assert not interval_in({"value": None}).valid
     single = interval_in({"value": 0.5, "low": None, "high": None})
     assert (single.valid, single.bounded) == (True, False)
+
+
+def test_an_error_is_the_mean_over_the_templates() -> None:
+    ap = {"value": 0.4, "low": 0.3, "high": 0.5, "episodes": 14}
+    templates = {
+        name: {"mAP": {**ap, "value": value}, "NDS": 2.0 * value, "errors": dict.fromkeys(ERRORS, value)}
+        for name, value in (("S1", 0.1), ("S2", 0.3), ("S3", 0.2))
+    }
+    given = detector(templates=templates, mean={"mAP": ap, "NDS": 0.7})
+    rows = {(row.table, row.row, row.column): row for row in detection_rows({"second": given})}
+    for error in ERRORS:
+        assert rows[f"error {error}", "SECOND", "mean"].ours.value == pytest.approx(0.2)
+    assert [rows["NDS", "SECOND", name].ours.value for name in ("S1", "S2", "mean")] == pytest.approx([0.2, 0.6, 0.7])
+    assert [rows["mAP", "SECOND", name].ours.value for name in ("S1", "S2", "mean")] == pytest.approx([0.1, 0.3, 0.4])
+    assert not rows["NDS", "SECOND", "S1"].ours.bounded
+
+
+def test_the_share_of_a_class_counts_its_videos(tmp_path: Path) -> None:
+    """Of three videos of each template: no collision in the first, so that resamples hold 0 to 3 of the six."""
+    rows = [row for row in risk_rows(small_video_set(tmp_path), None) if row.table == BALANCE]
+    assert [row.ours.blocks for row in rows] == [6, 6, 6]
+    assert rows[2].ours.low == 0.0
+    assert 2.0 / 6.0 <= rows[2].ours.high <= 3.0 / 6.0
+    assert not any(row.ours.valid for row in risk_rows(None, None))

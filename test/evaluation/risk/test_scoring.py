@@ -52,3 +52,46 @@ def test_tables_say_the_same(small_set: VideoSet, tmp_path: Path) -> None:
     assert confusion_lines(first)[2].split() == ["Near-Miss", "2", "0", "0", "0"]
     save_confusions(first, tmp_path / "confusion.png")
     assert tmp_path.joinpath("confusion.png").stat().st_size > 10_000
+
+
+def test_tables_by_hand(small_set: VideoSet) -> None:
+    """Of S4 normal, normal, near-miss; of S6 normal, near-miss, collision: one of each template is wrong."""
+    answers = {
+        "S4_000": RiskClass.NORMAL,
+        "S4_001": RiskClass.NEAR_MISS,
+        "S4_002": RiskClass.NEAR_MISS,
+        "S6_003": RiskClass.NORMAL,
+        "S6_004": RiskClass.NEAR_MISS,
+        "S6_005": None,
+    }
+    found = score_answers("m&1", small_set, answers)
+    lines = [line.split() for line in confusion_lines(found)]
+    assert lines[1:4] == [
+        ["all", "Normal", "2", "1", "0", "0"],
+        ["Near-Miss", "0", "2", "0", "0"],
+        ["Collision", "0", "0", "0", "1"],
+    ]
+    assert lines[4] == ["S4", "Normal", "1", "1", "0", "0"]
+    assert lines[9] == ["Collision", "0", "0", "0", "1"]
+    # Recalls 2/3, 1, 0; precisions 1, 2/3, none; F1 4/5, 4/5, 0.
+    assert latex_table([found], compare_paper=False).splitlines()[-3] == (
+        r"m\&1 & 66.67 & 100.00 & 80.00 & 66.67 & 80.00 & 0.00 & 0.00 \\"
+    )
+    rows = {(row["group"], row["score"]): row for row in csv.DictReader(csv_table([found]).splitlines())}
+    assert float(rows["S4", "accuracy"]["value"]) == pytest.approx(2 / 3, abs=1e-6)
+    assert (rows["S4", "accuracy"]["low"], rows["S4", "accuracy"]["videos"]) == ("", "3")
+    assert rows["all", "accuracy"]["videos"] == "6"
+    bounds = found.intervals["accuracy"]
+    assert [float(rows["all", "accuracy"][side]) for side in ("low", "high")] == pytest.approx(
+        [bounds.low, bounds.high], abs=1e-6
+    )
+    assert (rows["all", "precision_collision"]["value"], rows["all", "precision_collision"]["low"]) == ("", "")
+    assert float(rows["all", "balanced_accuracy"]["value"]) == pytest.approx(5 / 9, abs=1e-6)
+    (printed,) = text_table([found], compare_paper=False)[1:]
+    assert printed.split()[:3] == ["m&1", "6/6", "66.67"]
+    assert printed.split()[-3:] == ["-", "0.00", "0.00"]
+    shown = as_json([found])["models"]["m&1"]
+    assert shown["confusion"] == [[2, 1, 0, 0], [0, 2, 0, 0], [0, 0, 0, 1]]
+    assert shown["scores"]["precision_collision"] == {"value": None, "low": None, "high": None}
+    assert shown["scores"]["accuracy"]["low"] == bounds.low
+    assert shown["scores"]["accuracy"]["high"] == bounds.high > bounds.low

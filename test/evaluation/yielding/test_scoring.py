@@ -1,12 +1,17 @@
 from collections.abc import Callable
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 from hand_made_record import EMV
 from made_encounters import CAR, arc, blocking, passing, record_of
 
-from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS
+from siren_ros.evaluation.yielding.measure import Measure
+from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS, of_drivers
 from siren_ros.evaluation.yielding.scoring import score_yielding
-from siren_ros.evaluation.yielding.summary import ScoredEpisode, group_means
+from siren_ros.evaluation.yielding.summary import ScoredEpisode, group_means, situation_sha256
 from siren_ros.recording.episode_record import EpisodeRecord
 
 
@@ -62,3 +67,36 @@ def test_some_metrics_alone_are_the_same_and_need_no_drivers() -> None:
     assert some.drivers == ()
     standing = score_yielding(record_of(arc((0.0, 2.0)), {}), names=("emv_stops",))
     assert list(standing.metrics) == ["emv_stops"]
+
+
+def test_a_statistic_is_over_the_drivers_that_have_a_value() -> None:
+    marks = {1: Measure(2.0), 2: Measure.lacking("not asked"), 3: Measure(7.0), 4: Measure(3.0)}
+    scene: Any = SimpleNamespace(encounters=(1, 2, 3, 4))
+    assert of_drivers(scene, marks.__getitem__, max) == Measure(7.0)
+    assert of_drivers(scene, marks.__getitem__, sum) == Measure(12.0)
+    cut_off = {**marks, 3: Measure(7.0, at_least=True)}
+    assert of_drivers(scene, cut_off.__getitem__, min) == Measure(2.0, at_least=True)
+    nobody: Any = SimpleNamespace(encounters=(2,))
+    assert of_drivers(nobody, marks.__getitem__, max).lack == "no driver had to make way"
+
+
+def test_a_situation_is_everybodys_place_and_the_civilians_speed() -> None:
+    record = passing()
+    told = situation_sha256(record)
+    first = record.states[0]
+
+    def changed(column: str, row: int) -> str:
+        values = getattr(first, column).copy()
+        values[row] += 0.5
+        return situation_sha256(replace(record, states=(replace(first, **{column: values}), *record.states[1:])))
+
+    emv, civilian = (int(np.flatnonzero((first.actor_id == EMV) == is_emv)[0]) for is_emv in (True, False))
+    for column in ("x_m", "y_m", "yaw_rad"):
+        assert told not in {changed(column, emv), changed(column, civilian)}
+    for column in ("vx_mps", "vy_mps"):
+        assert changed(column, civilian) != told
+        assert changed(column, emv) == told
+    assert situation_sha256(replace(record, states=(first,))) == told, "what comes later is not the situation"
+    for name, value in (("map_sha256", "1"), ("preset", "other"), ("duration_s", 1.0), ("site", {"junction": "J"})):
+        described = replace(record.description, **{name: value})
+        assert situation_sha256(replace(record, description=described)) != told

@@ -118,3 +118,14 @@ def test_who_crosses_behind_the_camera_is_no_encroachment(straight_road: RoadNet
     crossing = moving(0.0, -30.0, 12.0, yaw_rad=np.pi / 2.0, steps=81)
     tracks = {EMV: moving(0.0, 0.0, 15.0, steps=81, is_emv=True), 5: crossing}
     assert evidence_of(record_with(tracks, straight_road), EMV, FRONT, (0, 81)).encroachments == ()
+
+
+@pytest.mark.parametrize(("step", "counts"), [(49, True), (50, True), (51, False)])
+def test_two_seconds_are_forty_steps(straight_road: RoadNetwork, step: int, *, counts: bool) -> None:
+    """A car is ahead up to step 9 and behind from step 10 on; the step of a contact may be the first of touching."""
+    states = np.zeros((60, 5))
+    states[:, 0] = np.where(np.arange(60) < 10, 20.0, -20.0)
+    tracks = {EMV: moving(0.0, 0.0, 0.0, steps=60, is_emv=True), 5: Track(states)}
+    event = Event(step, EventKind.COLLISION, 5, EMV, detail={"impact_speed_mps": 3.0})
+    record = replace(record_with(tracks, straight_road), events=(event,))
+    assert bool(evidence_of(record, EMV, FRONT, (0, 60)).contacts) is counts

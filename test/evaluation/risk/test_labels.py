@@ -110,3 +110,21 @@ def test_each_civilian_has_its_own_short_time() -> None:
     )
     label = label_of(Evidence(two, (), ()), LIMITS)
     assert (label.actor_id, label.step, label.value) == (9, 152, 0.9)
+
+
+@pytest.mark.parametrize(
+    "found",
+    [
+        Evidence(moments(8, 1.5, 5.0), (), ()),
+        Evidence(moments(8, 1.0, 1.0), (), ()),
+        Evidence(moments(1, 2.0, 8.0, 3.4, 5.0), (), ()),
+        Evidence(moments(1, 2.0, 8.0, 5.0, 10.0), (), ()),
+    ],
+    ids=["TTC", "closing speed", "deceleration", "gap"],
+)
+def test_at_the_limit_itself_nothing_is_near(found: Evidence) -> None:
+    assert label_of(found, LIMITS).risk is RiskClass.NORMAL
+
+
+def test_a_contact_at_walking_pace_is_a_near_miss() -> None:
+    assert label_of(Evidence(NOTHING, (), (SeenContact(3, 80, 1.4),)), LIMITS).risk is RiskClass.NEAR_MISS

@@ -4,6 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from siren_ros.errors import InputError
+from siren_ros.evaluation.statistics.block_bootstrap import times_drawn
 from siren_ros.evaluation.statistics.block_sums import BlockSums, block_sums
 from siren_ros.evaluation.statistics.paired_difference import paired_difference
 
@@ -74,3 +75,19 @@ def test_one_block_or_none_tells_nothing() -> None:
 def test_other_samples_cannot_be_paired() -> None:
     with pytest.raises(InputError, match="the same samples in every block"):
         paired_difference(one_each(1.0, np.nan), one_each(1.0, 2.0), rng())
+
+
+def test_random_exchanges_count_the_one_found_too() -> None:
+    """13 blocks are one more than are enumerated: the same 4096 exchanges, and the pair as it is."""
+    values = np.array([3.0, -1.0, 4.0, 1.0, -5.0, 9.0, 2.0, -6.0, 5.0, 3.0, 5.0, -8.0, 9.0])
+    found = paired_difference(one_each(*values), one_each(*np.zeros(13)), rng(7), resamples=50)
+    draws = rng(7)
+    times_drawn(np.zeros(13, dtype=np.intp), 50, draws)
+    signs = np.where(draws.random((4096, 13)) < 0.5, -1.0, 1.0)
+    as_far = np.count_nonzero(np.abs(signs @ values) >= abs(values.sum()) - 1e-9)
+    assert found.p_value == pytest.approx((as_far + 1) / 4097)
+    assert 0.1 < found.p_value < 0.5
+
+
+def test_twelve_blocks_are_enumerated() -> None:
+    assert paired_difference(one_each(*np.ones(12)), one_each(*np.zeros(12)), rng()).p_value == 2.0 / 4096.0

@@ -38,3 +38,11 @@ def test_a_certain_hypothesis_falls_into_the_last_bin() -> None:
 
 def test_single_hypotheses_state_nothing() -> None:
     assert not calibration_error(reliability_of(Hypotheses.certain(np.zeros((3, 25, 2))), np.zeros((3, 25, 2)))).valid
+
+
+def test_probabilities_are_counted_in_tenths() -> None:
+    """Four samples of two hypotheses with 0.75 and 0.25; in three of them the more probable is the best."""
+    found = reliability_of(*two_modes(4, 3, 0.75))
+    assert found.count.tolist() == [0, 0, 4, 0, 0, 0, 0, 4, 0, 0]
+    assert found.best.tolist() == [0, 0, 1, 0, 0, 0, 0, 3, 0, 0]
+    assert found.probability[[2, 7]] == pytest.approx([1.0, 3.0])

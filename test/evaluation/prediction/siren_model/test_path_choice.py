@@ -30,3 +30,18 @@ def test_samples_that_share_paths_get_them_at_their_own_places(crossroads: RoadN
         assert alone.there[0].tolist() == together.there[row].tolist()
         assert alone.points()[0] == pytest.approx(together.points()[row])
     assert not together.there[1].any()
+
+
+@pytest.mark.parametrize(("speed_mps", "reach_m"), [(0.0, 30.0), (5.0, 60.0), (14.0, 114.0), (16.0, 120.0)])
+def test_the_ways_beyond_the_lane_are_shown_where_the_reach_ends_behind_it(
+    crossroads: RoadNetwork, speed_mps: float, reach_m: float
+) -> None:
+    """6 s and 30 m, at most 120 m; the lane ends at x = 0."""
+    for beyond_m, ways in ((-0.1, 1), (0.1, 3)):
+        if reach_m - beyond_m > 100.0:
+            continue
+        xy = np.array([[beyond_m - reach_m, 0.0]])
+        choice = choose_paths(crossroads, xy, np.zeros(1), np.array([speed_mps]))
+        assert choice.there.sum() == ways
+    spacing = choose_paths(crossroads, np.array([[-50.0, 0.0]]), np.zeros(1), np.array([speed_mps])).spacing_m
+    assert spacing * (PATH_POINTS - 1) == pytest.approx([reach_m])

@@ -61,3 +61,24 @@ def test_pillars_of_the_newest_points_come_first() -> None:
     points = _points((0.5, 0.5, 0.0), (1.5, 0.5, 0.0), (2.5, 0.5, 0.0))
     found = pillars_of(points, replace(GRID, pillars=2))
     assert found.cell.tolist() == [8 * 16 + 8, 8 * 16 + 9]
+
+
+@pytest.mark.parametrize(
+    ("x_m", "y_m", "cell"),
+    [(-8.0, 0.0, 8 * 16), (0.0, -8.0, 8), (8.0, 0.0, None), (0.0, 8.0, None), (7.999, 0.0, 8 * 16 + 15)],
+)
+def test_the_grid_holds_its_lower_edges_and_not_its_upper_ones(x_m: float, y_m: float, cell: int | None) -> None:
+    assert sorted_points(_points((x_m, y_m, 0.0)), GRID).cell.tolist() == ([] if cell is None else [cell])
+
+
+@pytest.mark.parametrize("count", [4, 5, 6, 40])
+def test_a_full_pillar_leaves_the_next_one_alone(count: int) -> None:
+    """The pillars lie next to each other in memory: a point behind the last slot would be the first of the next."""
+    points = np.array(
+        [(0.5, 0.5, 0.0, 0.1, 0.0), (3.5, 0.5, 0.0, 0.9, 0.0), *[(0.6, 0.6, 0.0, 0.2, 0.0)] * (count - 1)]
+    )
+    found = sorted_points(points.astype(np.float32), GRID)
+    assert found.count.tolist() == [4, 1]
+    assert found.slots[1, 0] == pytest.approx([3.5, 0.5, 0.0, 0.9, 0.0])
+    assert not found.slots[1, 1:].any()
+    assert found.slots[0, :, 3].min() >= 0.1 - 1e-6

@@ -81,3 +81,18 @@ def test_it_is_the_published_tensor_up_to_the_order_of_graphs() -> None:
     assert np.array_equal(behaviours(in_that_order), known["behaviour"])
     in_order = behaviour_tensor(own, others, sample, cell)
     assert np.array_equal(np.sort(in_order[..., 3].sum(axis=-1), axis=0), np.sort(published.sum(axis=-1).T, axis=0))
+
+
+def test_columns_of_made_centralities() -> None:
+    """Closeness in hundredths stands in the last three, the mixed-up changes in the second, and nothing elsewhere."""
+    closeness = np.random.default_rng(0).uniform(0.0, 1.0, (2, 16, 39))
+    found = behaviours(closeness)
+    assert found.shape == (16, 2, 39, 6)
+    assert not found[..., [0, 2]].any()
+    for sample, point, cell in ((0, 0, 0), (1, 3, 7), (1, 15, 38), (0, 9, 20), (1, 0, 15), (0, 0, 16)):
+        expected = round(float(closeness[sample, point, cell]), 2)
+        assert found[point, sample, cell, 3:] == pytest.approx([expected] * 3)
+        vertex, graph = divmod(39 * point + cell, 16)
+        along = closeness[sample, graph]
+        change = 0.0 if vertex == 38 else float(along[vertex + 1] - along[vertex])
+        assert found[point, sample, cell, 1] == pytest.approx(round(change, 2), abs=1e-6)

@@ -33,3 +33,17 @@ def test_vehicles_are_kept_apart() -> None:
 def test_attributes_follow_from_speeds() -> None:
     codes = attributes_of(np.array([[0.0, 0.2], [0.3, 0.1], [np.nan, 0.0]]))
     assert [ATTRIBUTES[code] for code in codes.tolist()] == ["vehicle.stopped", "vehicle.moving", ""]
+
+
+def test_velocities_have_both_axes_whatever_the_height() -> None:
+    centre = np.array([[0.0, 0.0, 9.0], [1.5, -2.0, 0.0], [4.0, -3.0, -9.0]])
+    found = velocities_of_annotations(np.array([0, 10, 20]), np.full(3, 7, dtype=np.uint32), centre)
+    assert found == pytest.approx(np.array([[3.0, -4.0], [4.0, -3.0], [5.0, -2.0]]))
+
+
+@pytest.mark.parametrize(("steps", "known"), [((0, 30), True), ((0, 40), False), ((0, 30, 60), True)])
+def test_one_and_a_half_seconds_to_each_side_are_the_limit(steps: tuple[int, ...], *, known: bool) -> None:
+    found = _velocities(list(steps), [0.1 * step for step in steps])
+    assert np.isfinite(found).all() == known
+    if known:
+        assert found == pytest.approx([2.0] * len(steps))

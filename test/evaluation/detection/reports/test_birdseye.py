@@ -1,0 +1,107 @@
+"""Which frame is drawn, and what is a hit, a miss and a false alarm in it."""
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from detection_boxes import found_boxes, truth_boxes
+from evaluation.made_frames import made_frames, to_map
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+
+from siren_ros.evaluation.detection.metrics.matching import match
+from siren_ros.evaluation.detection.protocol.boxes import Boxes
+from siren_ros.evaluation.detection.protocol.frames import Frames, frames_of
+from siren_ros.evaluation.detection.reports import birdseye
+
+
+def two_templates() -> Frames:
+    """Frames 0 to 3 are of S2, 4 to 7 of S3."""
+    first, second = made_frames(camera=False).episodes
+    return frames_of([first, replace(second, template="S3")])
+
+
+def columns(rows: list[tuple[int, float]]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Boxes of frames at distances ahead of the LiDAR."""
+    places = np.array([to_map(frame, ahead, 0.0, -1.0) for frame, ahead in rows]).reshape(-1, 3)
+    return np.array([frame for frame, _ in rows], dtype=np.intp), places, np.zeros((len(rows), 2)), np.zeros(len(rows))
+
+
+def drawn(
+    labels: list[tuple[int, float]],
+    found: list[tuple[int, float, float]],
+    template: str,
+    path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> dict[str, tuple[int, list[float]]]:
+    """Frame and distances ahead of what is drawn, by its name."""
+    truth = truth_boxes(*columns(labels))
+    boxes = found_boxes(*columns([one[:2] for one in found]), np.array([one[2] for one in found]))
+    scores: Any = SimpleNamespace(name="made", truth=truth, found=boxes, matches=match(truth, boxes))
+    groups: dict[str, tuple[int, list[float]]] = {}
+
+    def kept(_axes: object, some: Boxes, place: np.ndarray, name: str) -> None:
+        away = np.hypot(*(some.centre_m[:, :2] - place).T)
+        if len(some):
+            groups[name] = int(some.frame[0]), np.round(away, 6).tolist()
+
+    monkeypatch.setattr(birdseye, "_draw", kept)
+    monkeypatch.setattr(birdseye, "returns_from_above", lambda *_: np.zeros((1, 2)))
+    birdseye.draw_worst_frame(scores, two_templates(), template, path)
+    assert path.stat().st_size > 1000
+    return groups
+
+
+def test_the_frame_with_the_most_errors_is_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Frame 1 has a miss and a false alarm, frame 2 one miss; frame 3 has no label; those of S3 do not count."""
+    labels = [(0, 10.0), (1, 10.0), (1, 20.0), (2, 10.0), (5, 10.0), (5, 20.0), (5, 30.0)]
+    found = [
+        (0, 10.0, 0.9),
+        (1, 10.5, 0.8),
+        (1, 30.0, 0.7),
+        (1, 40.0, 0.29),
+        *((3, 5.0 * place, 0.9) for place in range(1, 6)),
+        (5, 10.0, 0.31),
+        (5, 20.0, 0.29),
+    ]
+    assert drawn(labels, found, "S2", tmp_path / "a.png", monkeypatch) == {
+        "label, found": (1, [10.0]),
+        "label, missed": (1, [20.0]),
+        "hit": (1, [10.5]),
+        "false alarm": (1, [30.0]),
+    }
+    # A faint detection is left out, and the label that it would have taken is missed.
+    assert drawn(labels, found, "S3", tmp_path / "b.png", monkeypatch) == {
+        "label, found": (5, [10.0]),
+        "label, missed": (5, [20.0, 30.0]),
+        "hit": (5, [10.0]),
+    }
+
+
+def test_matches_are_within_two_metres_and_the_first_of_equal_frames_is_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    labels, found = [(6, 10.0), (7, 10.0)], [(6, 11.9, 0.9), (7, 12.1, 0.9)]
+    assert drawn(labels, found, "S3", tmp_path / "a.png", monkeypatch)["label, missed"] == (7, [10.0])
+    alike = [(4, 10.0), (6, 10.0), (7, 10.0)]
+    assert drawn(alike, [(7, 10.0, 0.9)], "S3", tmp_path / "b.png", monkeypatch) == {"label, missed": (4, [10.0])}
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 2.0])
+def test_a_line_leads_from_the_centre_to_the_front(yaw_rad: float) -> None:
+    """4.5 m long and 1.9 m wide, 10 m east and 5 m north of the sensor."""
+    frame, place = np.zeros(1, dtype=np.intp), np.array([100.0, 50.0])
+    box = found_boxes(frame, np.array([[110.0, 55.0, 1.0]]), np.zeros((1, 2)), np.array([yaw_rad]), np.array([0.456]))
+    axes = Figure().add_subplot()
+    birdseye._draw(axes, box, place, "false alarm")
+    (outline,) = (one for one in axes.collections if isinstance(one, PolyCollection))
+    (line,) = (one for one in axes.collections if isinstance(one, LineCollection))
+    ahead = np.array([np.cos(yaw_rad), np.sin(yaw_rad)])
+    assert line.get_segments()[0] == pytest.approx(np.array([[10.0, 5.0], [10.0, 5.0] + 2.25 * ahead]))
+    corners = outline.get_paths()[0].vertices[:4] - (10.0, 5.0)
+    assert np.hypot(*corners.T) == pytest.approx(np.full(4, np.hypot(2.25, 0.95)))
+    assert outline.get_label() == "false alarm: 1"
+    assert [text.get_text() for text in axes.texts] == ["0.46"]

@@ -110,3 +110,11 @@ def test_average_precision_by_hand() -> None:
     rising = 0.5 + (recall - 0.25) / 0.25 * (2.0 / 3.0 - 0.5)
     precision = np.where(recall < 0.25, 1.0, np.where(recall <= 0.5, rising, 0.0))
     assert value == pytest.approx(np.maximum(precision - 0.1, 0.0).mean() / 0.9)
+
+
+def test_a_resample_without_labels_leaves_the_others_their_scores() -> None:
+    """The second episode has no label."""
+    hit, episode, labels = np.array([True, False]), np.array([0, 1]), np.array([1.0, 0.0])
+    found = average_precision(hit, episode, labels, np.array([[0.0, 1.0], [1.0, 0.0], [0.0, 0.0], [2.0, 0.0]]))
+    assert np.isnan(found).tolist() == [True, False, True, False]
+    assert found[[1, 3]] == pytest.approx([1.0, 1.0])

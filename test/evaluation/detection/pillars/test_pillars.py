@@ -82,3 +82,9 @@ def test_a_full_pillar_leaves_the_next_one_alone(count: int) -> None:
     assert found.slots[1, 0] == pytest.approx([3.5, 0.5, 0.0, 0.9, 0.0])
     assert not found.slots[1, 1:].any()
     assert found.slots[0, :, 3].min() >= 0.1 - 1e-6
+
+
+@pytest.mark.parametrize(("x_m", "y_m", "there"), [(7.5, -4.0, 0), (3.0, 7.5, 0), (-2.0, 7.7, 1), (7.7, -2.0, 1)])
+def test_the_grid_holds_a_circle(x_m: float, y_m: float, there: int) -> None:
+    """Of 8 m: 8.5 m and 8.08 m are outside, 7.96 m is not."""
+    assert len(sorted_points(_points((x_m, y_m, 0.0)), GRID).cell) == there

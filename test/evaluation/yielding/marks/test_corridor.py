@@ -156,3 +156,13 @@ def test_share_and_median_are_of_the_contested_times() -> None:
     )
     assert corridor_width_m(series).value == pytest.approx(2.5)
     assert corridor_continuity(series).value == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(("start_m", "last"), [(1.5, 380), (0.5, 390)])
+def test_the_corridor_is_measured_while_the_line_goes_on_for_all_of_the_look_ahead(start_m: float, last: int) -> None:
+    """The line ends at 109 m, 227.5 m or 228.5 m after its start: from 195 m on, 3 m and 30 m ahead are 228 m."""
+    record = record_of(arc((10.0, 22.0 - 0.1 * start_m), start_m=start_m), {})
+    line = EmvLine.of(record)
+    assert line is not None
+    assert line.line.length_m == pytest.approx(229.0 - start_m)
+    assert corridor_series(record, line, LIMITS).step[-1] == last

@@ -68,10 +68,6 @@ class Obstacles:
             self.half_width_m[rows],
         )
 
-    def boxes(self) -> Floats:
-        """x, y, cosine, sine, half length and half width, shape ``(6, M)``, for compiled loops."""
-        return np.array((self.x_m, self.y_m, self.cos, self.sin, self.half_length_m, self.half_width_m))
-
     def __len__(self) -> int:
         """Number of boxes."""
         return len(self.x_m)
@@ -107,10 +103,17 @@ def separations_m(x_m: Floats, y_m: Floats, yaw_rad: Floats, body: Body, obstacl
     """
     x, y, yaw = np.broadcast_arrays(x_m, y_m, yaw_rad)
     poses = np.array((x.ravel(), y.ravel(), np.cos(yaw).ravel(), np.sin(yaw).ravel()))
-    boxes = obstacles.boxes()
+    return _gaps_m(poses, body, obstacles).reshape(*x.shape, len(obstacles))
+
+
+def _gaps_m(poses: Floats, body: Body, obstacles: Obstacles) -> Floats:
+    """``separations_m`` of poses as x, y, cosine and sine, shape ``(4, P)``; gives shape ``(P, M)``."""
+    boxes = np.array(
+        (obstacles.x_m, obstacles.y_m, obstacles.cos, obstacles.sin, obstacles.half_length_m, obstacles.half_width_m)
+    )
     gap = np.empty((poses.shape[1], boxes.shape[1]))
     _separate(poses, boxes, body.half_length_m, body.half_width_m, gap)
-    return gap.reshape(*x.shape, len(obstacles))
+    return gap
 
 
 @compiled
@@ -199,10 +202,7 @@ class FreeWay:
             curve.points, curve.heading_rad, curve.curvature_1pm, curve.spacing_m, progress, left, yaw, centre_ahead_m,
             way, poses,
         )  # fmt: skip
-        boxes = obstacles.boxes()
-        gap = np.empty((len(way), boxes.shape[1]))
-        _separate(poses, boxes, body.half_length_m, body.half_width_m, gap)
-        return cls(way, gap, credit_m, obstacles.actor_id)
+        return cls(way, _gaps_m(poses, body, obstacles), credit_m, obstacles.actor_id)
 
     def until_m(self, clearance_m: float) -> float:
         """Distance before the body comes nearer than a clearance to an obstacle; infinite if it never does."""

@@ -46,7 +46,7 @@ class BehaviourWorld:
 
     @cached_property
     def emv_navigator(self) -> NavigatorConfig:
-        """How EMVs drive at this level: with crossing vehicles of their time, and as close as the corridor is."""
+        """How EMVs drive at this level: how early they count with crossing vehicles, how close they follow."""
         emv, horizon_s = self.config.emv, self.preset.attention.emv_horizon_s
         conflicts = emv.navigator.conflicts
         nearer = replace(conflicts, horizon_s=min(conflicts.horizon_s, horizon_s))

@@ -195,27 +195,27 @@ def test_pulls_over_on_a_junction_that_nobody_crosses(lab, crossed):
     assert [state.units[actor].side for actor in (2, 3)] == ([0, 0] if crossed else [-1, 1])
 
 
-def test_stops_before_the_junction(lab):
-    network = lab.junction_road()
-    world = lab.world_of(network, lab.L3)
-    cars = [lab.Car(1, 0, 100, 0, (0, 2), AMBULANCE), lab.Car(2, 0, 130, 4, (0, 2))]
+def before_the_junction(lab, emv_s, car_s, car_mps):
+    """An EMV that stands, and the civilian 2 ahead of it; the stop line is at 150 m."""
+    world = lab.world_of(lab.junction_road(), lab.L3)
+    cars = [lab.Car(1, 0, emv_s, 0, (0, 2), AMBULANCE), lab.Car(2, 0, car_s, car_mps, (0, 2))]
     loop = lab.Loop(world, cars, lambda _: {})
     loop.world = replace(world, speeds=replace(world.speeds, emv_route_follow_mps=0.0, emv_copy_sumo_mps=0.0))
-    loop.run(200)
+    return loop
+
+
+def test_stops_before_the_junction(lab):
+    loop = before_the_junction(lab, 100, 130, 4).run(200)
     front = loop.body.x_m[1] + 4.75 / 2
     assert loop.modes[2] == Mode.YIELD_HOLD
     assert front < 150.0
 
 
 def test_the_head_of_a_queue_holds_with_its_front_over_the_line_and_never_on_the_junction(lab):
-    world = lab.world_of(lab.junction_road(), lab.L3)
-    cars = [lab.Car(1, 0, 105, 0, (0, 2), AMBULANCE), lab.Car(2, 0, 146, 0, (0, 2))]
-    loop = lab.Loop(world, cars, lambda _: {})
-    loop.world = replace(world, speeds=replace(world.speeds, emv_route_follow_mps=0.0, emv_copy_sumo_mps=0.0))
-    loop.run(400)
+    loop = before_the_junction(lab, 105, 146, 0).run(400)
     front = loop.body.x_m[1] + 4.75 / 2
     assert loop.modes[2] == Mode.YIELD_HOLD
-    assert 151.0 < front <= 150.0 + world.config.pull_over.head_over_line_m + 0.1
+    assert 151.0 < front <= 150.0 + loop.world.config.pull_over.head_over_line_m + 0.1
 
 
 def test_partial_hold_behind_a_standing_vehicle_goes_on_when_the_way_is_free(lab, world):

@@ -100,7 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
             raise InputError(name, getattr(arguments, name), f"{least:g} or more")
     study = _study_of(arguments)
     folder = folder_at(arguments.out)
-    risk_set = _risk_set_of(study, folder)
+    risk_set = _risk_set_of(study, folder, arguments.retries)
     options = WorkerOptions(arguments.retries, arguments.timeout_s)
     with _workers(arguments) as workers, _Bar() as bar:
         result = run_study(study, folder, workers, options, bar)
@@ -114,7 +114,7 @@ def run(arguments: argparse.Namespace) -> int:
     return EXIT_FAILED if missing or not complete else EXIT_OK
 
 
-def _risk_set_of(study: Study, folder: StudyFolder) -> RiskSetRequest | None:
+def _risk_set_of(study: Study, folder: StudyFolder, retries: int) -> RiskSetRequest | None:
     """The videos with risk labels that a study asks for, like its first episodes but for preset and sensors.
 
     Raises:
@@ -128,7 +128,7 @@ def _risk_set_of(study: Study, folder: StudyFolder) -> RiskSetRequest | None:
         raise InputError("risk_videos", f"on {len(study.maps)} maps", "one map")
     map_file = "" if study.maps[0] == TOWN else study.maps[0]
     balance = papers_balance(len(study.templates), study.risk_videos)
-    return RiskSetRequest(study.templates, balance, seed=study.seeds[0], map_file=map_file)
+    return RiskSetRequest(study.templates, balance, seed=study.seeds[0], map_file=map_file, retries=retries)
 
 
 @contextmanager

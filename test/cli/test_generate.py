@@ -67,9 +67,9 @@ def test_a_study_with_risk_videos_makes_them_after_its_episodes(
         return whole
 
     monkeypatch.setattr(generate, "make_and_tell", make)
-    words = ["--templates", "S2", "S4", "--seeds", "7", "--risk-videos", "21"]
+    words = ["--templates", "S2", "S4", "--seeds", "7", "--risk-videos", "21", "--retries", "5"]
     assert main(["generate", *words, "--out", str(tmp_path), *SHORT]) == (0 if whole else 1)
-    expected = RiskSetRequest(("S2", "S4"), Balance((30, 10, 2), 21), seed=7)
+    expected = RiskSetRequest(("S2", "S4"), Balance((30, 10, 2), 21), seed=7, retries=5)
     assert made == [(expected, tmp_path / "risk_videos", 2, 2)]
 
 

@@ -91,7 +91,8 @@ install_ros() {
     local ros_key
     if [[ $ros != wheels ]]; then
         # Not replaced while the message packages, which need it, are built at the same time as the other packages come.
-        install "$(sed -n 's/^\(setuptools[^ ]*\).*/\1/p' "$here/ros_wheels.txt")" >>"$state/ros.log" 2>&1
+        run_step "setuptools, which the message packages are built with" "$state/ros.log" \
+            install "$(sed -n 's/^\(setuptools[^ ]*\).*/\1/p' "$here/ros_wheels.txt")"
         return
     fi
     if [[ ! -x $venv/bin/uv ]]; then

@@ -1,0 +1,29 @@
+"""Steps of one civilian at L3, which the tests of its pull-over share."""
+
+from siren_ros.behaviour.civilians.drivers import Compliance, Driver
+from siren_ros.behaviour.civilians.unit import EmvView, YieldUnit
+from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
+from siren_ros.world.actors import ActorClass, Mode
+
+UNIT = YieldUnit(2, 1, Driver(Compliance.COMPLIES, 0.0, 40.0), 0, phase=Mode.YIELD_HOLD, side=-1)
+NEAR = EmvView(0, passed=False, in_region=True, on_path=True, on_road=True)
+"""The EMV is about, and has not passed."""
+
+
+def steps(lab, world, cars, count=1, state=None, start=0, poses=None):
+    state = state or YieldState.initial()
+    events = []
+    commands = None
+    for k in range(start, start + count):
+        observed = lab.traffic_of(world.network, cars, step=k, spawn=k == 0, poses=poses)
+        state, commands = step_yield(state, observed, world)
+        events += commands.events
+    return state, commands, events
+
+
+def kinds(events):
+    return [event.kind.value for event in events]
+
+
+def emv_at(lab, s=50.0):
+    return lab.Car(1, 0, s, 8, (0,), ActorClass.AMBULANCE)

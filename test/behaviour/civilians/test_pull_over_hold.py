@@ -1,0 +1,147 @@
+"""When a civilian holds at the end of its pull-over at L3, and when it goes on."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from behaviour.civilians.pull_over_steps import NEAR, UNIT, emv_at, kinds, steps
+
+from siren_ros.behaviour.civilians.pull_over import edge_offset_m, hold, pull_over, pull_over_path
+from siren_ros.behaviour.civilians.unit import aligned_within_rad
+from siren_ros.behaviour.driving.navigator import NavigatorState
+from siren_ros.world.actors import ActorClass, Mode
+
+AMBULANCE = ActorClass.AMBULANCE
+
+
+@pytest.fixture
+def world(lab):
+    return lab.world_of(lab.straight_road(), lab.L3)
+
+
+def test_holds_with_full_brake_and_hand_brake_when_reached_and_aligned(lab, world):
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
+    state, _, _ = steps(lab, world, cars)
+    arrived = [cars[0], lab.Car(2, 0, 90, 0, (0,), left=-0.735)]
+    state, commands, events = steps(lab, world, arrived, 1, state, 1)
+    assert kinds(events) == ["yield_held"]
+    assert events[0].detail["partial"] == 0
+    assert commands.mode.tolist() == [Mode.YIELD_HOLD]
+    assert (commands.brake[0], commands.throttle[0], commands.hand_brake[0]) == (1.0, 0.0, 1)
+
+
+def test_does_not_hold_while_the_heading_is_off_by_more_than_eight_degrees(lab, world):
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
+    state, _, _ = steps(lab, world, cars)
+    for degrees, held in ((9.0, False), (7.0, True)):
+        poses = np.array([[50.0, 0.0, 0.0, 8.0], [90.0, -0.735, -np.radians(degrees), 0.1]])
+        _, _, events = steps(lab, world, cars, 1, state, 1, poses)
+        assert ("yield_held" in kinds(events)) is held
+
+
+def test_partial_hold_behind_a_standing_vehicle_goes_on_when_the_way_is_free(lab, world):
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 0, (0,)), lab.Car(3, 0, 89.0, 0, (0,))]
+    state, _, _ = steps(lab, world, cars)
+    stuck = [cars[0], lab.Car(2, 0, 83.2, 0, (0,), left=-0.2), cars[2]]
+    state, _, events = steps(lab, world, stuck, 25, state, 1)
+    held = [event for event in events if event.kind.value == "yield_held" and event.actor_id == 2]
+    assert [event.detail["partial"] for event in held] == [1]
+    free = [cars[0], stuck[1], lab.Car(3, 0, 110, 0, (0,))]
+    state, commands, _ = steps(lab, world, free, 12, state, 26)
+    assert dict(zip(commands.actor_id.tolist(), commands.mode.tolist(), strict=True))[2] == Mode.YIELD_PULL_OVER
+
+
+def test_a_long_vehicle_has_to_stand_straighter_than_a_car(lab):
+    network = lab.straight_road()
+    cars = [lab.Car(2, 0, 80, 0, (0,)), lab.Car(3, 0, 120, 0, (0,), ActorClass.BUS)]
+    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars, 0))
+    car, bus = (aligned_within_rad(view, row) for row in range(2))
+    assert car == pytest.approx(np.radians(8.0), rel=0.05)
+    assert np.sin(bus) * view.seen.half_length_m[1] < 0.35
+    assert bus < 0.5 * car
+
+
+def test_the_standstill_before_a_partial_hold_is_counted_without_interruption(lab, world):
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 0, (0,)), lab.Car(3, 0, 89.0, 0, (0,))]
+    state, _, _ = steps(lab, world, cars)
+    stuck = [cars[0], lab.Car(2, 0, 83.2, 0, (0,), left=-0.2), cars[2]]
+    rolling = [cars[0], replace(stuck[1], speed=0.5), cars[2]]
+    needed = round(world.config.pull_over.blocked_hold_s / 0.05)
+    state, _, _ = steps(lab, world, stuck, needed - 1, state, 1)
+    state, _, _ = steps(lab, world, rolling, 1, state, needed)
+    state, _, events = steps(lab, world, stuck, needed - 1, state, needed + 1)
+    assert not [event for event in events if event.actor_id == 2]
+    _, _, events = steps(lab, world, stuck, 1, state, 2 * needed)
+    assert [event.kind.value for event in events if event.actor_id == 2] == ["yield_held"]
+
+
+def goes_on_after(lab, world, *phases):
+    """Step at which a driver who holds goes on to make room: the EMV behind stands or rolls for some steps each."""
+    car = lab.Car(2, 0, 80, 5, (0,))
+    held = lab.Car(2, 0, 90, 0, (0,), left=-0.735)
+    state, _, _ = steps(lab, world, [lab.Car(1, 0, 72, 8, (0,), AMBULANCE), car])
+    step = 1
+    for speed, count in phases:
+        for _ in range(count):
+            state, commands, _ = steps(lab, world, [lab.Car(1, 0, 72, speed, (0,), AMBULANCE), held], 1, state, step)
+            if step > 1 and commands.mode.tolist() == [Mode.YIELD_PULL_OVER]:
+                return step
+            step += 1
+    return None
+
+
+def test_room_is_made_when_the_emv_has_stood_behind_without_interruption(lab, world):
+    """For 1.5 s; the driver looks again every half a second."""
+    assert goes_on_after(lab, world, (0.0, 45)) == 32
+    assert goes_on_after(lab, world, (5.0, 60)) is None
+    assert goes_on_after(lab, world, (0.0, 20), (5.0, 1), (0.0, 30)) is None
+    assert goes_on_after(lab, world, (0.0, 20), (5.0, 1), (0.0, 45)) == 52
+
+
+def test_comes_straight_before_it_holds(lab, world):
+    """At the edge with 5°, which the paper accepts, the driver goes on until the vehicle is straight or has to stop."""
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
+    state, _, _ = steps(lab, world, cars)
+    for degrees, speed, held in ((5.0, 2.0, False), (2.0, 2.0, True), (5.0, 0.0, True)):
+        poses = np.array([[50.0, 0.0, 0.0, 8.0], [86.0, -0.72, -np.radians(degrees), speed]])
+        _, _, events = steps(lab, world, cars, 1, state, 1, poses)
+        assert ("yield_held" in kinds(events)) is held
+
+
+def test_who_goes_on_after_a_partial_hold_counts_its_standstill_anew(lab, world):
+    """Nothing of the hold is left: a driver who then stands for a moment does not hold at once."""
+    cars = [emv_at(lab), lab.Car(2, 0, 83.2, 0, (0,), left=-0.2), lab.Car(3, 0, 110, 0, (0,))]
+    view = lab.view_of(world, lab.traffic_of(world.network, cars, step=2))
+    held = replace(UNIT, partial=True, stopped_steps=25)
+    gone = hold(held, view, 1, NEAR).unit
+    assert gone.phase is Mode.YIELD_PULL_OVER
+    assert (gone.partial, gone.stopped_steps) == (False, 0)
+    assert gone.navigator.path is not None
+    later = lab.view_of(world, lab.traffic_of(world.network, cars, step=3))
+    assert hold(held, later, 1, NEAR).unit.phase is Mode.YIELD_HOLD, "it looks again each ten steps"
+
+
+@pytest.mark.parametrize(("lane", "side"), [(0, -1), (1, 1)])
+@pytest.mark.parametrize(
+    ("progress", "miss", "holds"),
+    [(0.0, 0.04, True), (0.0, 0.06, False), (0.45, 0.14, True), (0.45, 0.16, False), (0.55, 0.14, False)],
+)
+def test_the_edge_counts_as_reached_within_5_cm_and_within_15_cm_where_the_lateral_move_ends(
+    lab, world, lane, side, progress, miss, holds
+):
+    """``progress`` is the way that is left of the lateral move (0: all of it); half a metre counts as none."""
+    car = lab.Car(2, lane, 80, 3.0, (0,))
+    start = lab.view_of(world, lab.traffic_of(world.network, [emv_at(lab), car]))
+    unit = replace(UNIT, side=side, phase=Mode.YIELD_PULL_OVER)
+    path = pull_over_path(unit, start, 1, lane)
+    done = path.settled_m - progress if progress else 2.0
+    unit = replace(unit, navigator=replace(NavigatorState().following(path, 80.0, 3.3 * lane), progress_m=done))
+    wanted = edge_offset_m(start, 1, lane, side)
+    there = replace(car, s=80.0 + done, left=wanted - side * miss)
+    view = lab.view_of(world, lab.traffic_of(world.network, [emv_at(lab), there], step=1))
+    outcome = pull_over(unit, view, 1, NEAR)
+    assert (outcome.unit.phase is Mode.YIELD_HOLD) is holds
+    if holds:
+        (event,) = outcome.events
+        assert (event.detail["side"], event.detail["partial"]) == (side, 0)
+        assert event.detail["offset_m"] == pytest.approx(wanted - side * miss, abs=1e-6)

@@ -9,6 +9,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="torch is not installed: ./env --with models pytest")
 
 from made_records import Track, moving, record_with
+from plain_networks import drawn
 from published_files import WEIGHTS, weights
 
 from siren_ros.cli.main import main
@@ -17,10 +18,13 @@ from siren_ros.evaluation.prediction.protocol.hypotheses import Hypotheses, chec
 from siren_ros.evaluation.prediction.protocol.predictor import Predictor
 from siren_ros.evaluation.prediction.protocol.samples import Population, SampleBatch, samples_of
 from siren_ros.evaluation.prediction.published import predictors
+from siren_ros.evaluation.prediction.published.bat import Bat
+from siren_ros.evaluation.prediction.published.csp import Csp
+from siren_ros.evaluation.prediction.published.stdan import Stdan
 from siren_ros.roads.road_network import RoadNetwork
 
-torch.set_num_threads(1)  # the tests run next to each other
 MODES = {"csp": 6, "stdan": 1, "bat": 9}
+NETWORKS = {"csp": Csp, "stdan": Stdan, "bat": Bat}
 
 
 @pytest.fixture(params=WEIGHTS)
@@ -28,9 +32,18 @@ def model(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
 
+@pytest.fixture(scope="module")
+def drawn_weights(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Files of weights that nobody trained: what does not depend on the weights holds for them too."""
+    paths = {model: tmp_path_factory.mktemp("drawn") / f"{model}.pt" for model in NETWORKS}
+    for model, path in paths.items():
+        torch.save(drawn(NETWORKS[model]()).state_dict(), path)
+    return paths
+
+
 @pytest.fixture
-def predictor(model: str) -> Predictor:
-    return predictors_named([model], {model: weights(model)})[model]
+def predictor(model: str, drawn_weights: dict[str, Path]) -> Predictor:
+    return predictors_named([model], {model: drawn_weights[model]})[model]
 
 
 def turned(tracks: dict[int, Track], angle_rad: float) -> dict[int, Track]:
@@ -55,7 +68,8 @@ def off_the_lanes() -> dict[int, Track]:
     return {key: moving(x, y, speed, accel_mps2=0.1) for key, (x, y, speed) in enumerate(places, start=1)}
 
 
-def test_steady_traffic_is_predicted_to_go_on(model: str, predictor: Predictor, straight_road: RoadNetwork) -> None:
+def test_steady_traffic_is_predicted_to_go_on(model: str, straight_road: RoadNetwork) -> None:
+    predictor = predictors_named([model], {model: weights(model)})[model]
     tracks = {key: moving(-25.0 + 25.0 * key, -5.25 + 3.5 * (key % 2), 15.0) for key in range(1, 7)}
     scored = samples_of(record_with(tracks, straight_road), predictor.window, Population.ALL)
     found = checked(model, predictor.predict(scored.batch), len(scored))
@@ -89,9 +103,8 @@ def test_frames_are_predicted_one_by_one(
     assert np.abs(whole.probability - single.probability).max() < 1e-5
 
 
-def test_the_most_probable_manoeuvres_are_the_answer(straight_road: RoadNetwork) -> None:
-    batch = batch_of(off_the_lanes(), straight_road)
-    found = predictors_named(["csp"], {"csp": weights("csp")})["csp"].predict(batch)
+def test_the_most_probable_manoeuvres_are_the_answer(predictor: Predictor, straight_road: RoadNetwork) -> None:
+    found = predictor.predict(batch_of(off_the_lanes(), straight_road))
     assert (np.diff(found.probability, axis=1) <= 0.0).all()
     assert found.probability.sum(axis=1) == pytest.approx(1.0)
 

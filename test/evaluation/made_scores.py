@@ -1,10 +1,11 @@
 """Samples and scores made of formulas, for the tests of metrics and reports."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from siren_ros.evaluation.prediction.metrics.calibration import no_reliability
+from siren_ros.evaluation.prediction.metrics.calibration import BINS, Reliability, no_reliability
 from siren_ros.evaluation.prediction.metrics.table import METRICS
 from siren_ros.evaluation.prediction.protocol.samples import ObservedActors, Population, SampleBatch, ScoredSamples
 from siren_ros.evaluation.prediction.protocol.window import HistoryWindow
@@ -81,3 +82,42 @@ def episode_scores(
     """An episode of a template."""
     name = f"{template}_seed{seed}"
     return EpisodeScores(name, template, level, seed, "town", Population.REGION, parameters, models)
+
+
+def reported_scores() -> list[EpisodeScores]:
+    """Two models over four episodes of S1 at L3, S2 at L2 and a template of our own at L2, for whole reports.
+
+    FDE is three times ADE, the minima are half of both, the error at 5 s is four times ADE; more than 1.5 m of ADE is a
+    miss; Brier scores and collisions are unknown. The first sample is an EMV's, the next one another's, and so on. The
+    model ``net:v_1`` is twice as bad as ``cv`` and has no answer to the last sample of each episode; of its hypotheses
+    four were stated with 0.25 and four with 0.75, and half of each were the best.
+    """
+    return [
+        _reported("S1", EmergencyLevel.L3, 0, (1.0, 2.0)),
+        _reported("S1", EmergencyLevel.L3, 1, (1.5, 2.5, 3.5)),
+        _reported("S2", EmergencyLevel.L2, 0, (2.0, 4.0, 6.0)),
+        _reported("own", EmergencyLevel.L2, 0, (8.0, 8.0)),
+    ]
+
+
+def _reported(template: str, level: EmergencyLevel, seed: int, ade_m: Sequence[float]) -> EpisodeScores:
+    def scores(ade: Floats, wanted: int) -> ModelScores:
+        values = {
+            "ade_m": ade,
+            "fde_m": 3.0 * ade,
+            "min_ade_6_m": 0.5 * ade,
+            "min_fde_6_m": 1.5 * ade,
+            "rmse_5s_m": (4.0 * ade) ** 2,
+            "miss_rate_6": (ade > 1.5).astype(np.float64),
+        }
+        places = np.arange(len(ade)) % 2
+        category = np.where(places == 0, Category.EMV, Category.OTHER).astype(np.uint8)
+        grown = np.arange(25.0) * len(ade)
+        return replace(model_scores(values, wanted=wanted), category=category, distance_sum_m=grown)
+
+    ade = np.array(ade_m)
+    stated = Reliability(np.zeros(BINS), np.zeros(BINS), np.zeros(BINS))
+    for place, probability in ((2, 0.25), (7, 0.75)):
+        stated.count[place], stated.probability[place], stated.best[place] = 4.0, 4.0 * probability, 2.0
+    net = replace(scores(2.0 * ade[:-1], len(ade)), reliability=stated)
+    return episode_scores(template, {"cv": scores(ade, len(ade)), "net:v_1": net}, seed, level, speed_mps=8.0 + seed)

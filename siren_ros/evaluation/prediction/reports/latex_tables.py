@@ -1,6 +1,6 @@
 """Tables like the paper's, in LaTeX with booktabs."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 from siren_ros.evaluation.prediction.reports.groups import GroupKind
@@ -37,14 +37,19 @@ def _tabular(table: ScoreTable, metrics: Sequence[str], what: str, compare_paper
         lines.append(
             _row(_text(_shown(model)), [pair([table.value(model, name, one) for one in metrics]) for name in names])
         )
-    if compare_paper:
-        lines.append(r"\midrule")
-        for model, name in PAPER_NAMES.items():
-            rows = [row for metric in metrics if (row := paper_row(model, metric)) is not None]
-            if rows:
-                cells = [pair([row.by_template.get(template) for row in rows]) for template in templates]
-                lines.append(_row(f"{name} (paper)", [*cells, pair([row.mean for row in rows])]))
+    papers = list(_paper_lines(templates, metrics)) if compare_paper else []
+    if papers:
+        lines += [r"\midrule", *papers]
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+
+
+def _paper_lines(templates: Sequence[str], metrics: Sequence[str]) -> Iterator[str]:
+    """The paper's rows; none where it has no such metric."""
+    for model, name in PAPER_NAMES.items():
+        rows = [row for metric in metrics if (row := paper_row(model, metric)) is not None]
+        if rows:
+            cells = [pair([row.by_template.get(template) for row in rows]) for template in templates]
+            yield _row(f"{name} (paper)", [*cells, pair([row.mean for row in rows])])
 
 
 def _shown(model: str) -> str:

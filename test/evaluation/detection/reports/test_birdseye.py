@@ -11,6 +11,8 @@ from detection_boxes import found_boxes, truth_boxes
 from evaluation.made_frames import made_frames, to_map
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from matplotlib.text import Annotation
 
 from siren_ros.evaluation.detection.metrics.matching import match
 from siren_ros.evaluation.detection.protocol.boxes import Boxes
@@ -105,3 +107,71 @@ def test_a_line_leads_from_the_centre_to_the_front(yaw_rad: float) -> None:
     assert np.hypot(*corners.T) == pytest.approx(np.full(4, np.hypot(2.25, 0.95)))
     assert outline.get_label() == "false alarm: 1"
     assert [text.get_text() for text in axes.texts] == ["0.46"]
+
+
+def whole_picture(frames: Frames, picture: Any, monkeypatch: pytest.MonkeyPatch) -> Figure:
+    """Frame 5 is drawn: a label that is found by a box, one that is missed, a false alarm."""
+    truth = truth_boxes(*columns([(5, 10.0), (5, 20.0)]))
+    boxes = found_boxes(*columns([(5, 10.0), (5, 30.0)]), np.array([0.9, 0.456]))
+    scores: Any = SimpleNamespace(name="made", truth=truth, found=boxes, matches=match(truth, boxes))
+    east = frames.episodes[1].vehicle_m[1] + np.array([[7.0, 1.0], [8.0, 2.0]])
+    monkeypatch.setattr(birdseye, "returns_from_above", lambda *_: east)
+    monkeypatch.setattr(birdseye, "front_picture", lambda *_: picture)
+    kept: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: kept.append(figure))
+    birdseye.draw_worst_frame(scores, frames, "S3", Path("a.png"))
+    (figure,) = kept
+    return figure
+
+
+def test_the_whole_picture_from_above(monkeypatch: pytest.MonkeyPatch) -> None:
+    frames = two_templates()
+    (axes,) = whole_picture(frames, None, monkeypatch).axes
+    first, second = axes.get_title().splitlines()
+    assert first == "made: episode1 step 2"
+    assert second.endswith("a confidence from 0.3 on, matches within 2 m")
+    returns, sensor = axes.lines
+    assert np.asarray(returns.get_xydata()) == pytest.approx(np.array([[7.0, 1.0], [8.0, 2.0]]))
+    assert np.asarray(sensor.get_xydata()).tolist() == [[0.0, 0.0]]
+    (reach,) = axes.patches
+    assert isinstance(reach, Circle)
+    assert (reach.center, reach.radius, reach.get_fill()) == ((0.0, 0.0), 50.0, False)
+    for low, high in (axes.get_xlim(), axes.get_ylim()):
+        assert low == -high
+        assert high == pytest.approx(52.0), "the whole reach is in the picture"
+    assert axes.get_aspect() == 1.0
+    (arrow, confidence) = axes.texts
+    assert isinstance(arrow, Annotation)
+    # The LiDAR is turned by 60 degrees to the left of the east.
+    assert arrow.xy == pytest.approx((5.0 * np.cos(np.pi / 3.0), 5.0 * np.sin(np.pi / 3.0)))
+    assert arrow.get_position() == (0.0, 0.0)
+    assert isinstance(confidence, Annotation)
+    assert (confidence.get_text(), confidence.xy) == ("0.46", pytest.approx((15.0, 15.0 * np.sqrt(3.0))))
+
+
+def test_labels_are_filled_and_detections_are_outlines(monkeypatch: pytest.MonkeyPatch) -> None:
+    (axes,) = whole_picture(two_templates(), None, monkeypatch).axes
+    outlines = {str(one.get_label()): one for one in axes.collections if isinstance(one, PolyCollection)}
+    assert list(outlines) == ["label, found: 1", "label, missed: 1", "hit: 1", "false alarm: 1"]
+    for name, one in outlines.items():
+        is_label = name.startswith("label")
+        assert (len(one.get_facecolor()) > 0) == is_label
+        assert (one.get_alpha() or 0.0) < 1.0 if is_label else one.get_alpha() == 1.0
+    legend = axes.get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()][2:] == list(outlines)
+
+
+def test_the_front_cameras_picture_stands_to_the_right(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[Any] = []
+    monkeypatch.setattr(birdseye, "draw_in_picture", lambda *given: shown.append(given))
+    figure = whole_picture(two_templates(), "a picture", monkeypatch)
+    above, front = figure.axes
+    assert [axes.get_subplotspec().get_geometry() for axes in (above, front)] == [(1, 2, 0, 0), (1, 2, 1, 1)]
+    ((axes, picture, groups, _),) = shown
+    assert (axes, picture) == (front, "a picture")
+    assert {name: len(boxes) for name, boxes in groups.items()} == {
+        "label, found": 1, "label, missed": 1, "hit": 1, "false alarm": 1
+    }  # fmt: skip
+    alone = whole_picture(two_templates(), None, monkeypatch)
+    assert figure.get_size_inches()[0] == 2 * alone.get_size_inches()[0], "the other picture is as wide"

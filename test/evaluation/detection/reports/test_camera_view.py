@@ -4,10 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 
 from siren_ros.evaluation.detection.protocol.boxes import Boxes
 from siren_ros.evaluation.detection.protocol.frames import Frames
-from siren_ros.evaluation.detection.reports.camera_view import FrontPicture, edges_in_picture, front_picture
+from siren_ros.evaluation.detection.reports.camera_view import (
+    FrontPicture,
+    draw_in_picture,
+    edges_in_picture,
+    front_picture,
+)
 from siren_ros.interfaces.images import CameraIntrinsics
 
 CAMERA_FROM_MAP = np.array([[0, -1.0, 0, 0], [0, 0, -1.0, 1.0], [1.0, 0, 0, 0], [0, 0, 0, 1.0]])
@@ -51,3 +59,24 @@ def test_a_recorded_frame_has_its_picture(frames: Frames) -> None:
     assert picture is not None
     assert picture.rgb.shape == (picture.model.height, picture.model.width, 3)
     assert front_picture(replace(episode, pictured=np.zeros(len(episode), dtype=np.bool_)), 4) is None
+
+
+def test_edges_lie_over_the_picture_in_the_colours_of_their_groups() -> None:
+    axes = Figure().add_subplot()
+    boxes = {"one": _box(12.0, 3.0, 0.0), "other": _box(20.0, -3.0, 0.5)}
+    draw_in_picture(axes, PICTURE, boxes, {"one": "#112233", "other": "#445566"})
+    (image,) = axes.images
+    assert image.get_array().shape == (600, 800, 3)
+    # Rows are counted from the top.
+    assert (axes.get_xlim(), axes.get_ylim()) == ((0.0, 800.0), (600.0, 0.0))
+    lines = [one for one in axes.collections if isinstance(one, LineCollection)]
+    for found, name, colour in zip(lines, boxes, ("#112233", "#445566"), strict=True):
+        assert np.array(found.get_segments()) == pytest.approx(edges_in_picture(PICTURE, boxes[name]))
+        assert to_hex(found.get_colors()[0]) == colour
+    assert not axes.axison
+
+
+@pytest.mark.parametrize(("rear_m", "edges"), [(0.51, 12), (0.49, 4)])
+def test_edges_within_half_a_metre_of_the_lens_are_left_out(rear_m: float, edges: int) -> None:
+    """Where the rear is too near, its four edges go, and the four that lead to it."""
+    assert len(edges_in_picture(PICTURE, _box(rear_m + 2.0, 0.0, 0.0))) == edges

@@ -1,6 +1,10 @@
-"""The same cells for the terminal, as CSV and as LaTeX."""
+"""Which cells the tables have, and the same cells for the terminal, as CSV and as LaTeX."""
 
-from siren_ros.evaluation.detection.reports.tables import Table, as_csv, as_latex, as_text
+import pytest
+from made_detector_scores import detector_scores
+
+from siren_ros.evaluation.detection.reports.paper_results import MEAN, PAPER, TEMPLATES, paper_rows
+from siren_ros.evaluation.detection.reports.tables import Table, as_csv, as_latex, as_text, tables_of
 
 TABLE = Table("name", "a caption", ("detector", "S_1", "mean"), (("one & two", ".5", "-"), ("3", ".25", "50 %")))
 
@@ -26,3 +30,86 @@ def test_latex_has_as_many_columns_and_no_special_characters() -> None:
         r"\bottomrule",
         r"\end{tabular}",
     ]
+
+
+BOTH = (
+    detector_scores("mine", {"S1": 0.4, "S3": 0.6}),
+    detector_scores("second", {"S1": 0.25, "S3": 1.0}, bounded=False),
+)
+"""Means of 0.5 and 0.625; NDS is half of the mAP."""
+
+
+def cells(table: Table) -> dict[str, tuple[str, ...]]:
+    return {row[0]: row[1:] for row in table.rows}
+
+
+def test_map_and_nds_stand_by_template_with_the_intervals_below() -> None:
+    by_template, _, _ = tables_of(BOTH, compare_paper=False)
+    assert by_template.head == ("detector", "S1", "S3", "mean")
+    assert by_template.rows == (
+        ("mine", ".400/.200", ".600/.300", ".500/.250"),
+        ("second", ".250/.125", "1.000/.500", ".625/.312"),
+        ("mine, 95 % of mAP", ".350-.450", ".550-.650", ".450-.550"),
+        ("second, 95 % of mAP", "-", "-", "-"),
+    )
+
+
+def test_without_any_interval_there_are_no_rows_of_them() -> None:
+    by_template, _, _ = tables_of(BOTH[1:], compare_paper=False)
+    assert list(cells(by_template)) == ["second"]
+
+
+def test_the_papers_rows_stand_below_ours() -> None:
+    """The paper has a detector of one of the names: its row. For the other all of its four are of interest, once."""
+    by_template, errors, _ = tables_of(BOTH[1:], compare_paper=True)
+    assert cells(by_template)["SECOND (paper)"] == (".420/.420", ".631/.563", ".521/.510")
+    assert list(cells(by_template)) == list(cells(errors)) == ["second", "SECOND (paper)"]
+    assert cells(errors)["SECOND (paper)"] == ("0.565", "0.214", "0.207", "3.196", "0.514")
+    by_template, _, _ = tables_of(BOTH, compare_paper=True)
+    papers = [name for name in cells(by_template) if "(paper)" in name]
+    assert papers == [f"{row.name} (paper)" for row in PAPER.values()]
+
+
+def test_a_template_that_the_paper_does_not_have_is_a_dash() -> None:
+    by_template, _, _ = tables_of([detector_scores("second", {"S1": 0.4, "own": 0.6})], compare_paper=True)
+    assert cells(by_template)["SECOND (paper)"] == (".420/.420", "-", ".521/.510")
+
+
+def test_errors_are_means_over_the_templates() -> None:
+    """ATE of the made scores is the mAP, and each of the next errors one more."""
+    _, errors, _ = tables_of(BOTH, compare_paper=False)
+    assert errors.head == ("detector", "ATE m", "ASE", "AOE rad", "AVE m/s", "AAE")
+    assert cells(errors)["mine"] == ("0.500", "1.500", "2.500", "3.500", "4.500")
+
+
+def test_parts_have_a_row_where_somebody_has_labels_of_them() -> None:
+    _, _, parts = tables_of(BOTH, compare_paper=False)
+    assert parts.head == ("of", "labels that are", "labels", "mine", "second")
+    assert parts.rows == (
+        ("behaviour family", "clearance", "", ".500 .450-.550", ".625"),
+        ("behaviour family", "red light", "", "-", "-"),
+        ("behaviour", "held", "7", ".250 .200-.300", ".250"),
+        ("distance", "0-15 m", "8/9", "1.000 .950-1.050", "1.000"),
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "rows"),
+    [
+        ("PointPillars", ["PointPillars"]),
+        ("transfusion", ["TransFusion-L"]),
+        ("TransFusion_L", ["TransFusion-L"]),
+        ("voxelnext", ["VoxelNeXt"]),
+        ("mine", ["PointPillars", "SECOND", "VoxelNeXt", "TransFusion-L"]),
+    ],
+)
+def test_the_papers_row_of_a_detector(name: str, rows: list[str]) -> None:
+    assert [row.name for row in paper_rows(name)] == rows
+
+
+@pytest.mark.parametrize("name", PAPER)
+def test_the_papers_means_are_those_of_its_templates(name: str) -> None:
+    pairs = PAPER[name].ap_and_nds
+    for place in (0, 1):
+        mean = sum(pairs[template][place] for template in TEMPLATES) / len(TEMPLATES)
+        assert pairs[MEAN][place] == pytest.approx(mean, abs=0.0011)

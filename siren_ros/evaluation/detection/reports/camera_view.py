@@ -19,6 +19,7 @@ from siren_ros.evaluation.detection.protocol.frames import EpisodeFrames
 from siren_ros.interfaces.images import CameraIntrinsics, from_compressed_image
 from siren_ros.numerics.arrays import Floats, Matrix
 
+_LINE_PT: Final = 1.2
 _NEAREST_M: Final = 0.5
 """Edges that come nearer to the camera's plane are left out."""
 
@@ -60,7 +61,7 @@ def draw_in_picture(axes: Axes, picture: FrontPicture, boxes: Mapping[str, Boxes
     axes.imshow(picture.rgb)
     for name, some in boxes.items():
         lines = edges_in_picture(picture, some)
-        axes.add_collection(LineCollection(list(lines), colors=colours[name], linewidths=1.2))
+        axes.add_collection(LineCollection(list(lines), colors=colours[name], linewidths=_LINE_PT))
     axes.set(xlim=(0, width), ylim=(height, 0))
     axes.set_axis_off()
 

@@ -12,6 +12,10 @@ from siren_ros.errors import writing
 from siren_ros.pictures.palette import FAINT_TEXT, TEXT
 
 DPI: Final = 150
+SMALL_PT: Final = 8
+"""Text of legends, ticks and titles of panels."""
+TITLE_PT: Final = 9
+_GRID_PT: Final = 0.7
 _COLOURS: Final = ("#e08e1b", "#1a86b8", "#12855f", "#c2358f", "#6b4fc0", "#7a5230", "#4fb3bf", "#9aa51c", "#5c6b73")
 """Distinct from each other, from the roads and from the EMV's red."""
 
@@ -30,13 +34,18 @@ def new_figure(width_in: float, height_in: float) -> Figure:
 
 def quiet(axes: Axes) -> None:
     """Thin lines, no box."""
-    axes.grid(color="#e3e5e8", linewidth=0.7)
+    axes.grid(color="#e3e5e8", linewidth=_GRID_PT)
     axes.set_axisbelow(True)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
-    axes.tick_params(colors=FAINT_TEXT, labelsize=8)
+    axes.tick_params(colors=FAINT_TEXT, labelsize=SMALL_PT)
     axes.xaxis.label.set_color(TEXT)
     axes.yaxis.label.set_color(TEXT)
+
+
+def legend(axes: Axes) -> None:
+    """Small, without a box."""
+    axes.legend(frameon=False, fontsize=SMALL_PT)
 
 
 def save(figure: Figure, path: Path) -> None:

@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 
+from siren_ros.evaluation.prediction.charts.chart import SMALL_PT
 from siren_ros.evaluation.prediction.charts.sample_choice import ChosenSample
 from siren_ros.evaluation.prediction.protocol.hypotheses import Hypotheses
 from siren_ros.evaluation.prediction.protocol.samples import ScoredSamples
@@ -19,6 +20,18 @@ from siren_ros.recording.episode_record import EpisodeRecord
 
 TRUTH: Final = "#111418"
 PAST: Final = "#6b7178"
+TRUTH_PT: Final = 3.4
+PAST_PT: Final = 1.4
+PATH_PT: Final = 1.6
+_ROAD_PT: Final = 0.7
+_VEHICLE_PT: Final = 0.4
+_TRUTH_END_PT2: Final = 34
+_PATH_END_PT2: Final = 18
+_PAST_LAYER: Final = 7.0
+_TRUTH_LAYERS: Final = (7.2, 7.3)
+_PATH_LAYERS: Final = (7.4, 7.5)
+"""Above the roads and the vehicles; of a line, and of the mark at its end."""
+_FAINTEST: Final = 0.15
 _MARGIN_M: Final = 8.0
 _LEAST_M: Final = 40.0
 
@@ -41,21 +54,23 @@ def draw_sample(axes: Axes, panel: SamplePanel, colour: str) -> None:
     past = batch.actors.xy_m[batch.target[0]][batch.actors.observed[batch.target[0]]]
     paths, probability = panel.hypotheses.xy_m[0], panel.hypotheses.probability[0]
     _frame(axes, np.concatenate((past, truth, paths[0])))
-    draw_roads(axes, panel.record.network, line_width=0.7)
+    draw_roads(axes, panel.record.network, line_width=_ROAD_PT)
     state = next(one for one in panel.record.states if one.step == panel.chosen.step)
-    draw_vehicles(axes, state, panel.record.actors, line_width=0.4)
-    axes.plot(*past.T, color=PAST, linewidth=1.4, zorder=7)
-    axes.plot(*np.vstack((here, truth)).T, color=TRUTH, linewidth=3.4, zorder=7.2)
-    axes.scatter(truth[-1:, 0], truth[-1:, 1], s=34, color=TRUTH, zorder=7.3)
+    draw_vehicles(axes, state, panel.record.actors, line_width=_VEHICLE_PT)
+    axes.plot(*past.T, color=PAST, linewidth=PAST_PT, zorder=_PAST_LAYER)
+    line, end = _TRUTH_LAYERS
+    axes.plot(*np.vstack((here, truth)).T, color=TRUTH, linewidth=TRUTH_PT, zorder=line)
+    axes.scatter(truth[-1:, 0], truth[-1:, 1], s=_TRUTH_END_PT2, color=TRUTH, zorder=end)
+    line, end = _PATH_LAYERS
     for path, share in zip(paths[::-1], probability[::-1], strict=True):
-        alpha = float(np.clip(share / probability[0], 0.15, 1.0))
-        axes.plot(*np.vstack((here, path)).T, color=colour, linewidth=1.6, alpha=alpha, zorder=7.4)
-        axes.scatter(path[-1:, 0], path[-1:, 1], s=18, color=colour, alpha=alpha, marker="D", zorder=7.5)
+        alpha = max(float(share / probability[0]), _FAINTEST)
+        axes.plot(*np.vstack((here, path)).T, color=colour, linewidth=PATH_PT, alpha=alpha, zorder=line)
+        axes.scatter(path[-1:, 0], path[-1:, 1], s=_PATH_END_PT2, color=colour, alpha=alpha, marker="D", zorder=end)
     actor = panel.record.actors[panel.chosen.actor_id]
     kind = "EMV" if actor.is_emv else f"vehicle {panel.chosen.actor_id}"
     axes.set_title(
         f"{panel.chosen.rank}: ADE {panel.chosen.ade_m:.2f} m, {kind} at {panel.chosen.step * STEP_S:.1f} s",
-        fontsize=8,
+        fontsize=SMALL_PT,
         color=TEXT,
         loc="left",
     )

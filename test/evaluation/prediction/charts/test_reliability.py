@@ -23,6 +23,9 @@ def test_models_that_state_probabilities_are_drawn() -> None:
     assert line.get_xydata() == pytest.approx(np.array([[0.1, 0.25], [0.9, 0.75]]))
     assert line.get_label() == "net (error 0.15)"
     (dots,) = figure.axes[0].collections
+    assert (figure.axes[0].get_xlim(), figure.axes[0].get_ylim()) == ((0.0, 1.0), (0.0, 1.0))
+    assert figure.axes[0].get_aspect() == 1.0
+    assert np.asarray(dots.get_offsets()) == pytest.approx(line.get_xydata())
     assert dots.get_sizes() == pytest.approx(np.full(2, 8.0 + 90.0 * np.sqrt(0.5))), "half of the hypotheses each"
 
 

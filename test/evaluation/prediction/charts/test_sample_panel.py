@@ -51,8 +51,13 @@ def test_lines_are_the_past_the_truth_and_the_hypotheses(straight_road: RoadNetw
     assert aside[:, 1] == pytest.approx(-5.25 + 0.2 * 2.0 * np.arange(26))
     alphas = [line.get_alpha() for line in axes.lines if line.get_color() == COLOUR]
     assert alphas == pytest.approx([0.25, 1.0])
+    layers = {colour: max(line.get_zorder() for line in axes.lines if line.get_color() == colour)
+              for colour in (PAST, TRUTH, COLOUR)}  # fmt: skip
+    assert layers[PAST] < layers[TRUTH] < layers[COLOUR], "hypotheses lie over the truth"
     ends = [np.asarray(one.get_offsets())[0].tolist() for one in axes.collections if len(one.get_offsets()) == 1]
     assert any(end == pytest.approx([58.0, -5.25]) for end in ends), "the truth's end"
+    assert any(end == pytest.approx([53.0, -5.25]) for end in ends), "the first hypothesis' end"
+    assert any(end == pytest.approx([28.0, 4.75]) for end in ends), "the second one's"
 
 
 def test_the_frame_is_a_square_around_past_truth_and_first_hypothesis(straight_road: RoadNetwork, axes: Axes) -> None:

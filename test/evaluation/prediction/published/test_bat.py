@@ -39,8 +39,8 @@ def assert_as_written_out(scene: list[int], sample: list[int], cell: list[int]) 
 
 
 def test_scenes_of_different_sizes() -> None:
-    """The first sample has three neighbours, the second of its scene one; the second scene has nobody around."""
-    assert_as_written_out(scene=[0, 0, 1, 2, 2, 2], sample=[0, 0, 0, 1, 4], cell=[3, 19, 30, 21, 38])
+    """The first sample has three neighbours, the second of its scene one; the sample of the second scene has none."""
+    assert_as_written_out(scene=[0, 0, 1, 2], sample=[0, 0, 0, 1, 3], cell=[3, 19, 30, 21, 38])
 
 
 def test_nobody_has_a_neighbour() -> None:

@@ -66,6 +66,26 @@ def test_the_target_hides_a_neighbour_in_cell_20() -> None:
     assert (seen[..., 3] < 1.0).any()
 
 
+@pytest.mark.parametrize(("away_ft", "joined"), [(5.294, True), (5.296, False)])
+def test_positions_are_rounded_to_hundredths_of_a_foot(away_ft: float, *, joined: bool) -> None:
+    """Vertices join up to 5.298 feet; 5.296 counts as 5.30 and 5.294 as 5.29."""
+    own, other = np.zeros((1, 16, 2)), np.full((1, 16, 2), (away_ft, 0.0))
+    found = behaviour_tensor(own, other, np.array([0]), np.array([3]))
+    assert bool((found[..., 3:] == 1.0).all()) is joined
+
+
+def test_cells_and_points_are_listed_by_cell_and_read_by_point() -> None:
+    """Of one neighbour in cell 5 the list holds 16 points from place 80 on: graph 2 has the places 78 to 116."""
+    own, other = np.zeros((1, 16, 2)), np.full((1, 16, 2), FAR)
+    found = behaviour_tensor(own, other, np.array([0]), np.array([5]))[:, 0, :, 3]
+    apart = np.isclose(found, round(15 / 38, 2))
+    assert np.argwhere(apart).tolist() == [[2, vertex] for vertex in range(2, 18)]
+    # The others of that graph reach 22 of 38 at one hop, and nobody else's neighbours are missing.
+    rest = np.isclose(found[2], round(22 / 38, 2))
+    assert np.flatnonzero(rest).tolist() == [0, 1, *range(18, 39)]
+    assert (np.delete(found, 2, axis=0) == 1.0).all()
+
+
 def test_it_is_the_published_tensor_up_to_the_order_of_graphs() -> None:
     known = golden("bat")
     sample, cell = golden_cells(known)

@@ -83,10 +83,25 @@ def test_the_weights_of_another_model_are_refused(other: Any, network: Any, path
 
 def test_weights_that_are_not_finite_are_refused(path: Path) -> None:
     content = Csp().state_dict()
+    content["op.weight"][1, 2] = float("inf")
     content["op.bias"][2] = float("nan")
     torch.save(content, path)
-    with pytest.raises(InputError, match=r"1 of 22 are not, first op\.bias"):
+    with pytest.raises(InputError, match=r"2 of 22 are not, first op\.weight"):
         load_weights(Csp(), "csp", path)
+
+
+@pytest.mark.parametrize(
+    ("network", "shapes"),
+    [
+        (Stdan, {"gd.fc.weight": (64, 128), "g.Decoder.lat_linear.weight": (8, 3), "g.Decoder.lon_linear.bias": (8,)}),
+        (Bat, {"gd.qff.weight": (192, 64), "gd.second_glu.gated_layer.weight": (64, 192), "gd.fc.weight": (64, 128)}),
+        (Bat, {"gd.addAndNorm.normalize.weight": (64,), "gd.kt.bias": (192,), "g.manmapping": (16, 1)}),
+    ],
+)
+def test_weights_that_are_not_used_have_the_shapes_of_the_published_ones(network: Any, shapes: dict[str, Any]) -> None:
+    """Without them the authors' files would be refused."""
+    content = network().state_dict()
+    assert {name: tuple(content[name].shape) for name in shapes} == shapes
 
 
 class _Touching:

@@ -25,6 +25,9 @@ def test_an_episode_has_every_metric_and_a_row_for_each_driver() -> None:
     (row,) = scores.driver_rows()
     assert row["actor_id"] == CAR
     assert row["collisions"] == 0.0
+    # 46 m between the centres, 5 m/s of closing speed: 40 m between the bodies after 0.2 s.
+    assert row["began_s"] == pytest.approx(0.2, abs=0.051)
+    assert (row["in_the_way"], row["with_siren"], row["under_test"]) == (True, True, False)
     assert {metric.name for metric in DRIVER_METRICS} < set(row)
 
 
@@ -59,6 +62,29 @@ def test_means_are_over_the_episodes_that_have_a_value() -> None:
     row = episodes[2].row()
     assert row["wake_length_m"] is None
     assert row["wake_length_m_lack"]
+
+
+def test_a_row_of_an_episode_says_which_it_is_and_what_is_a_bound() -> None:
+    record = blocking()
+    scored = ScoredEpisode.of("a/bag", record, score_yielding(record))
+    row, (driver,) = scored.row(), scored.driver_rows()
+    for found in (row, driver):
+        assert [found[name] for name in ("bag", "template", "level", "seed")] == [
+            "a/bag", record.description.template, record.description.level.name, record.description.seed
+        ]  # fmt: skip
+    assert row["map"] == record.description.map_name
+    assert (row["clearance_time_s_at_least"], row["clearance_time_s_lack"]) == (True, "")
+    assert (row["compliance"], row["compliance_at_least"]) == (0.0, False)
+    assert driver["passing_gap_m"] is None
+    assert driver["compliance"] == 0.0
+    assert scored.group == (record.description.template, record.description.level.name, record.description.map_name)
+
+
+def test_the_av_under_test_is_told() -> None:
+    record = passing()
+    tested = replace(record, description=replace(record.description, parameters={"av": {"actor_id": CAR}}))
+    (row,) = score_yielding(tested).driver_rows()
+    assert row["under_test"] is True
 
 
 def test_some_metrics_alone_are_the_same_and_need_no_drivers() -> None:

@@ -9,6 +9,7 @@ from hand_made_record import EMV, IN_TURN_LANE, Driven, crossing, hand_made, lin
 
 from siren_ros.evaluation.yielding.way_ahead import REACH_M, way_ahead
 from siren_ros.numerics.arrays import Points
+from siren_ros.numerics.polyline import Polyline
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.road_network import RoadNetwork
 
@@ -79,6 +80,30 @@ def test_straight_on_where_nothing_is_known(crossroads: RoadNetwork) -> None:
 
 def test_on_to_the_end_of_the_road() -> None:
     assert ahead(northbound(5.25, 105.0))[:, 1] == pytest.approx([106.0, 107.0, 108.0, 109.0])
+
+
+@pytest.mark.parametrize(("end_y_m", "left_m"), [(107.5, [108.5, 109.5]), (108.5, list(np.arange(109.5, 152.6)))])
+def test_two_places_are_a_way_and_one_is_none(end_y_m: float, left_m: list[float]) -> None:
+    """The road ends at 110 m."""
+    assert ahead(northbound(5.25, end_y_m))[:, 1] == pytest.approx(left_m)
+
+
+def test_a_way_across_has_all_its_parts(crossroads: RoadNetwork) -> None:
+    """The path straight on is in two parts, of 15 and of 25 m; the EMV ends before it, or in the first part."""
+    lanes = list(crossroads.lanes)
+    lanes[5] = replace(lanes[5], centre=Polyline.through([(0.0, 0.0), (15.0, 0.0)]))
+    second = Polyline.through([(15.0, 0.0), (40.0, 0.0)])
+    lanes.append(replace(lanes[5], index=7, lane_id="l7", edge=7, centre=second))
+    edges = (*crossroads.edges, replace(crossroads.edges[5], index=7, edge_id="e7", lanes=(7,)))
+    straight = replace(crossroads.connections[1], via=(5, 7))
+    network = replace(crossroads, lanes=tuple(lanes), edges=edges, connections=(straight,))
+    for end_m in (-10.0, 6.0):
+        track = moving(end_m - 20.0, 0.0, 10.0, steps=41, is_emv=True)
+        found = ahead(record_with({EMV: track}, network))
+        assert found[:, 1] == pytest.approx(np.zeros(len(found)))
+        assert found[0, 0] == pytest.approx(end_m + 1.0)
+        assert np.diff(found[:, 0]).max() <= 1.0 + 1e-9, "without a hole"
+        assert found[-1, 0] >= end_m + REACH_M - 1.0
 
 
 @pytest.mark.parametrize(("start", "yaw_rad"), [((5.25, 108.5), np.pi / 2.0), ((60.0, 60.0), 0.7), ((60, 60), -2.4)])

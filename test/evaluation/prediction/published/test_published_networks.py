@@ -132,6 +132,10 @@ def test_groups_spread_rows_and_gather_them() -> None:
     assert spread[0, 1].tolist() == [2.0, 3.0]
     assert (spread[~groups.filled] == 0.0).all()
     assert torch.equal(groups.gather(spread), rows)
+    # There is always a slot, so that attention over it has a shape.
+    nobody = Groups.of(torch.zeros(0, dtype=torch.long), 0)
+    assert nobody.spread(torch.zeros(0, 2)).shape == (0, 1, 2)
+    assert Groups.of(torch.zeros(0, dtype=torch.long), 3).spread(torch.zeros(0, 2)).shape == (3, 1, 2)
 
 
 def test_modes_count_lateral_manoeuvres_first() -> None:

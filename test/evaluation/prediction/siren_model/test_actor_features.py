@@ -138,3 +138,15 @@ def test_neighbours_are_shown_up_to_eighty_metres(straight_road: RoadNetwork, aw
     turned = away_m * np.cos(2.5), away_m * np.sin(2.5)
     batch = batch_of({1: moving(100.0, -5.0, 0.0), 2: moving(100.0 + turned[0], -5.0 + turned[1], 0.0)}, straight_road)
     assert bool(choose_neighbours(batch).there[sample_of(batch, 1)].any()) is shown
+
+
+def test_a_neighbours_heading_is_that_of_the_present(straight_road: RoadNetwork) -> None:
+    """It turns on the spot by 0.2 rad/s from 0.7 on; the sample stands and looks in the direction 2.0."""
+    heading = 0.7 + 0.2 * STEP_S * np.arange(201)
+    spot = np.stack((np.full(201, 50.0), np.full(201, -20.0), *np.zeros((2, 201)), heading), axis=1)
+    batch = batch_of({1: moving(40.0, -30.0, 0.0, yaw_rad=2.0), 2: Track(spot)}, straight_road)
+    seen = neighbour_columns(batch, choose_neighbours(batch))
+    for frame in (0, 5):
+        sample = int(np.flatnonzero(batch.actors.actor_id[batch.target] == 1)[frame])
+        turned = 0.7 + 0.2 * (3.0 + 0.1 * frame) - 2.0
+        assert [seen[name][sample, 0] for name in ("cos", "sin")] == pytest.approx([np.cos(turned), np.sin(turned)])

@@ -1,7 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from siren_ros.evaluation.prediction.siren_model.path_choice import PATH_POINTS, choose_paths
+from siren_ros.numerics.polyline import Polyline
 from siren_ros.roads.road_network import RoadNetwork
 
 
@@ -45,3 +48,48 @@ def test_the_ways_beyond_the_lane_are_shown_where_the_reach_ends_behind_it(
         assert choice.there.sum() == ways
     spacing = choose_paths(crossroads, np.array([[-50.0, 0.0]]), np.zeros(1), np.array([speed_mps])).spacing_m
     assert spacing * (PATH_POINTS - 1) == pytest.approx([reach_m])
+
+
+def side_by_side(network: RoadNetwork, *aside_m: float) -> RoadNetwork:
+    """Lanes of 100 m to the east, at distances to the left of y = 0; nothing follows them."""
+    lanes = [
+        replace(network.lanes[0], index=number, edge=number, centre=Polyline.through([(0.0, y_m), (100.0, y_m)]))
+        for number, y_m in enumerate(aside_m)
+    ]
+    edges = tuple(replace(network.edges[0], index=number, lanes=(number,)) for number in range(len(lanes)))
+    return RoadNetwork(tuple(lanes), edges, (), {}, (0.0, 0.0), "!")
+
+
+def test_three_lanes_are_looked_at_the_nearest_first(crossroads: RoadNetwork) -> None:
+    network = side_by_side(crossroads, 1.0, -0.4, 0.2, -1.2, 0.7)
+    choice = choose_paths(network, np.array([[20.0, 0.0]]), np.zeros(1), np.zeros(1))
+    assert choice.there.tolist() == [[True, True, True, False]]
+    assert choice.offset_m[0, :3] == pytest.approx([-0.2, 0.4, -0.7])
+    assert choice.turned_rad[0, :3] == pytest.approx(np.zeros(3))
+    assert choice.arc_m[0, :3] == pytest.approx(np.full(3, 20.0))
+
+
+@pytest.mark.parametrize(("second_m", "first"), [(0.9997, -1.0), (0.998, 0.998)])
+def test_costs_that_differ_by_less_than_a_thousandth_are_alike(
+    crossroads: RoadNetwork, second_m: float, first: float
+) -> None:
+    """Of alike ones the first of the map comes first."""
+    choice = choose_paths(side_by_side(crossroads, -1.0, second_m), np.array([[20.0, 0.0]]), np.zeros(1), np.zeros(1))
+    assert -choice.offset_m[0, 0] == pytest.approx(first)
+
+
+def test_an_angle_costs_three_metres_for_each_radian(crossroads: RoadNetwork) -> None:
+    """A vehicle turned by 0.2 rad: 0.6 m. A lane along its heading is likelier up to that distance."""
+    for away_m, aligned in ((0.55, True), (0.65, False)):
+        network = side_by_side(crossroads, 0.0, 0.0)
+        cos, sin = np.cos(0.2), np.sin(0.2)
+        start = np.array([20.0, 0.0]) + away_m * np.array([-sin, cos])
+        lanes = list(network.lanes)
+        lanes[1] = replace(
+            lanes[1],
+            centre=Polyline.through([start - 10.0 * np.array([cos, sin]), start + 60.0 * np.array([cos, sin])]),
+        )
+        choice = choose_paths(
+            replace(network, lanes=tuple(lanes)), np.array([[20.0, 0.0]]), np.array([0.2]), np.zeros(1)
+        )
+        assert choice.turned_rad[0, 0] == pytest.approx(0.0 if aligned else 0.2)

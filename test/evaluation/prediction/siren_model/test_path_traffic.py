@@ -7,11 +7,11 @@ from siren_ros.evaluation.prediction.siren_model.features import features_and_na
 from siren_ros.roads.road_network import RoadNetwork
 
 
-def paths_of(tracks, network):
+def paths_of(tracks, network, of=1):
     batch = batch_of(tracks, network)
     features, names = features_and_names(batch)
     first = np.flatnonzero(batch.actors.frame[batch.target] == 0)
-    sample = first[batch.actors.actor_id[batch.target[first]] == 1][0]
+    sample = first[batch.actors.actor_id[batch.target[first]] == of][0]
     return dict(zip(names.paths, features.paths[sample].T, strict=True))
 
 
@@ -79,3 +79,19 @@ def test_gaps_of_overlapping_bodies_end_at_five_metres(
 ) -> None:
     tracks = {key: moving(x_m, -5.25, 0.0, length_m=length_m) for key, x_m in ((1, 60.0), (2, 61.0))}
     assert paths_of(tracks, straight_road)["leader_gap"][0] * 100.0 == pytest.approx(gap_m)
+
+
+def test_one_leader_is_not_the_second_too(straight_road: RoadNetwork) -> None:
+    """The leader is the first of all vehicles; it gets faster, and its speed is that of the present."""
+    found = paths_of({1: moving(80.0, -5.25, 2.0, accel_mps2=0.5), 2: moving(60.0, -5.25, 0.0)}, straight_road, of=2)
+    assert [found[f"{name}_there"][0] for name in ("leader", "second")] == [1.0, 0.0]
+    assert found["leader_speed"][0] * 10.0 == pytest.approx(2.0 + 0.5 * 3.0)
+    assert found["second_gap"][0] == 1.0
+
+
+@pytest.mark.parametrize(("ahead_m", "there"), [(-0.3, 0.0), (0.3, 1.0)])
+def test_a_vehicle_next_to_the_own_one_leads_where_its_centre_is_ahead(
+    straight_road: RoadNetwork, ahead_m: float, there: float
+) -> None:
+    found = paths_of({1: moving(60.0, -5.25, 0.0), 2: moving(60.0 + ahead_m, -4.0, 0.0)}, straight_road)
+    assert found["leader_there"][0] == there

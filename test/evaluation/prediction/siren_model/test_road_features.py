@@ -123,3 +123,11 @@ def test_a_shoulder_is_told_and_does_not_widen_the_carriageway(crossroads: RoadN
         assert found["shoulder_right"] == shoulder_right
         assert found["to_right_edge"] * 5.0 == pytest.approx(right_m)
         assert found["to_left_edge"] * 5.0 == pytest.approx(left_m)
+
+
+def test_a_path_that_is_none_is_in_no_lane(crossroads: RoadNetwork) -> None:
+    choice, _ = lines_of(at(-10.0, 0.0, crossroads, speed_mps=8.0))
+    assert choice.there[0].tolist() == [True, True, True, False]
+    found = lane_columns(crossroads, choice)
+    assert all(values[0, 3] == 0.0 for values in found.values())
+    assert found["limit"][0, 0] > 0.0

@@ -37,3 +37,9 @@ def shared_recording(tmp_path_factory: pytest.TempPathFactory, name: str, *param
         if not (folder / "bag").exists():
             record(folder, *parameters)
     return folder / "bag"
+
+
+def sensed_recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two seconds with LiDAR and four cameras, watched by the detector that ships: 20 sweeps, 4 keyframes."""
+    parameters = ("template:=S2", "sensors:=full", "duration_s:=2.0", "detector:=pillars")
+    return shared_recording(tmp_path_factory, "full", *parameters)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 from datasets.made_bag import Made, write_made_bag
-from recorded_episode import shared_recording
+from recorded_episode import sensed_recording, shared_recording
 from rosbags.typesys.store import Typestore
 from synthetic_episode import NET_XML
 
@@ -21,7 +21,7 @@ def straight_road_of_two_lanes() -> RoadNetwork:
 @pytest.fixture(scope="session")
 def sensed_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two seconds with LiDAR and four cameras: 20 sweeps, 4 keyframes."""
-    return shared_recording(tmp_path_factory, "full", "template:=S2", "sensors:=full", "duration_s:=2.0")
+    return sensed_recording(tmp_path_factory)
 
 
 @pytest.fixture(scope="session")

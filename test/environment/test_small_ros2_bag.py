@@ -154,7 +154,7 @@ def test_play_with_a_clock_of_its_own(start_ros2: Start, domain_id: str, bag: Pa
 def test_play_again_and_again(start_ros2: Start, domain_id: str, bag: Path) -> None:
     pytest.importorskip("rclpy", reason="needs ROS")
     with listening(domain_id) as hear:
-        player = start_ros2("bag", "play", str(bag), "-l", "-r", "10", "--topics", "/bag/count")
+        player = start_ros2("bag", "play", str(bag), "-l", "-r", "10", "--topics", "/bag/count", "--delay", "0.7")
         assert values(hear(2 * STEPS + 1), "count", 2) == [*range(STEPS), *range(STEPS), 0]
         player.send_signal(signal.SIGINT)
         player.communicate(timeout=TIMEOUT_S)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from recorded_episode import shared_recording
+from recorded_episode import sensed_recording
 
 from siren_ros.cli.main import main
 from siren_ros.errors import EXIT_BAD_INPUT, EXIT_OK
@@ -28,10 +28,8 @@ GOOD: Box = {
 
 @pytest.fixture(scope="module", name="bag")
 def _bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three seconds with LiDAR and the front camera, watched by the detector that ships."""
-    return shared_recording(
-        tmp_path_factory, "front", "template:=S2", "sensors:=front", "duration_s:=3.0", "detector:=pillars"
-    )
+    """Two seconds with LiDAR and cameras, watched by the detector that ships."""
+    return sensed_recording(tmp_path_factory)
 
 
 @pytest.fixture(scope="module", name="tokens")

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from recorded_episode import shared_recording
+from recorded_episode import sensed_recording
 
 from siren_ros.datasets.exporting.survey import in_dataset_order, survey_bag
 from siren_ros.datasets.sources.needs import Need
@@ -13,10 +13,8 @@ from siren_ros.evaluation.detection.protocol.frames import Frames, frames_of
 
 @pytest.fixture(scope="session")
 def sensed_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three seconds with LiDAR and the front camera, watched by the detector that ships."""
-    return shared_recording(
-        tmp_path_factory, "front", "template:=S2", "sensors:=front", "duration_s:=3.0", "detector:=pillars"
-    )
+    """Two seconds with LiDAR and cameras, watched by the detector that ships."""
+    return sensed_recording(tmp_path_factory)
 
 
 @pytest.fixture(scope="session")

@@ -129,7 +129,7 @@ def test_pickles_are_checked(frames: Frames, tmp_path: Path) -> None:
             read_detections("x", str(path), frames)
 
     refused({}, "a list of dictionaries")
-    refused(entries[:-1], "step 58")
+    refused(entries[:-1], "step 38")
     refused([*entries, entries[0]], "twice")
     refused([{**entries[0], "frame_id": "000030"}], "frame_id 000030")
     refused([{**entries[0], "boxes_lidar": np.zeros((1, 5))}, *entries[1:]], "boxes_lidar of shape")

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 from evaluation.made_records import Track, moving, record_with
 
-from siren_ros.evaluation.risk.evidence import SEEN_BEFORE_STEPS, Camera, Evidence, evidence_of
+from siren_ros.evaluation.risk.evidence import (
+    SEEN_BEFORE_STEPS,
+    Camera,
+    Evidence,
+    Moments,
+    SeenContact,
+    SeenEncroachment,
+    evidence_of,
+)
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.sensors.suite.mount import Mount
 from siren_ros.world.events import Event, EventKind
@@ -129,3 +137,17 @@ def test_two_seconds_are_forty_steps(straight_road: RoadNetwork, step: int, *, c
     event = Event(step, EventKind.COLLISION, 5, EMV, detail={"impact_speed_mps": 3.0})
     record = replace(record_with(tracks, straight_road), events=(event,))
     assert bool(evidence_of(record, EMV, FRONT, (0, 60)).contacts) is counts
+
+
+def test_a_part_of_the_evidence_ends_before_its_last_step() -> None:
+    steps = np.arange(10, 20)
+    numbers = (np.full(10, 5, np.uint32), *(np.arange(10.0) + number for number in range(4)))
+    found = Evidence(
+        Moments(steps, *numbers),
+        tuple(SeenEncroachment(5, step, 1.0) for step in (11, 12, 15, 16)),
+        tuple(SeenContact(5, step, 2.0) for step in (11, 12, 15, 16)),
+    ).within(12, 16)
+    assert found.moments.step.tolist() == [12, 13, 14, 15]
+    assert found.moments.time_to_collision_s.tolist() == [2.0, 3.0, 4.0, 5.0]
+    assert [one.step for one in found.encroachments] == [12, 15]
+    assert [one.step for one in found.contacts] == [12, 15]

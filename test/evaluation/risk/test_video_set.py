@@ -46,6 +46,7 @@ def test_labels_are_derived_again(small_set: VideoSet) -> None:
     found = small_set.relabelled(strict)
     labels = [video.label.risk for _, video in sorted(found.videos.items())]
     assert labels == [*[RiskClass.NORMAL] * 5, RiskClass.NEAR_MISS]
+    assert found.thresholds == strict
     again = found.relabelled(small_set.thresholds)
     assert [video.label for video in again.videos.values()] == [video.label for video in small_set.videos.values()]
 
@@ -64,3 +65,11 @@ def test_what_is_no_set_is_refused(small_set: VideoSet, broken: str, tmp_path: P
     small_set.folder.joinpath(broken).write_text('{"videos": [{"id": "x"}]}')
     with pytest.raises(InputError, match="siren generate risk"):
         read_set(small_set.folder)
+
+
+def test_a_set_is_told_from_another_folder(small_set: VideoSet) -> None:
+    found = small_set.moved(small_set.folder / "deep" / "other")
+    assert found.folder == small_set.folder / "deep" / "other"
+    assert found.videos["S4_000"].file == "../../videos/S4_000.mp4"
+    for key, video in found.videos.items():
+        assert (found.folder / video.file).resolve() == (small_set.folder / small_set.videos[key].file).resolve()

@@ -52,3 +52,11 @@ def test_two_pairs_are_no_ranking() -> None:
     assert rank_correlation([1.0, 2.0], [1.0, 2.0]) is None
     with pytest.raises(InputError, match="the same length"):
         rank_correlation([1.0, 2.0, 3.0], [1.0, 2.0])
+
+
+@pytest.mark.parametrize(("count", "p_value"), [(8, 2.0 / 40320.0), (9, 0.0)])
+def test_eight_pairs_are_counted_and_nine_are_not(count: int, p_value: float) -> None:
+    found = rank_correlation(list(range(count)), list(range(count)))
+    assert found is not None
+    assert found.p_value == pytest.approx(p_value, rel=1e-9)
+    assert found.pairs == count

@@ -7,6 +7,7 @@ import pytest
 from evaluation.made_records import Track, moving, record_with
 from hypothesis import given
 from hypothesis import strategies as st
+from shapely import Polygon
 
 from siren_ros.evaluation.surrogate_safety.encounters import encounters_of
 from siren_ros.evaluation.surrogate_safety.time_to_collision import (
@@ -14,6 +15,7 @@ from siren_ros.evaluation.surrogate_safety.time_to_collision import (
     PredictedContacts,
     predicted_contacts,
 )
+from siren_ros.numerics.geometry import footprint_corners
 from siren_ros.roads.road_network import RoadNetwork
 
 LENGTH_M, WIDTH_M = 4.6, 1.8
@@ -136,3 +138,60 @@ def test_overlapping_footprints_close_or_part(
     assert found.time_s[0] == 0.0
     assert found.closing_mps[0] == pytest.approx(closing_mps)
     assert found.required_deceleration_mps2[0] == (np.inf if closing_mps else 0.0)
+
+
+@pytest.mark.parametrize("gap_m", [0.02, 0.5, 0.98])
+def test_near_is_not_touching(straight_road: RoadNetwork, gap_m: float) -> None:
+    there = moving(LENGTH_M + gap_m, 0.0, 0.0, steps=1)
+    assert np.isinf(first_instant(straight_road, moving(0.0, 0.0, 0.0, steps=1), there).time_s[0])
+    found = first_instant(straight_road, moving(0.0, 0.0, 2.0, steps=1), there)
+    assert found.time_s[0] == pytest.approx(gap_m / 2.0)
+    assert found.closing_mps[0] == pytest.approx(2.0)
+
+
+def test_one_pair_touches_and_another_does_not(straight_road: RoadNetwork) -> None:
+    tracks = {
+        1: moving(0.0, 0.0, 10.0, steps=1),
+        2: moving(4.0, 0.0, 4.0, steps=1),
+        3: moving(16.0 + LENGTH_M, 0.0, 2.0, steps=1),
+        4: moving(0.0, 300.0, 2.0, steps=1),
+    }
+    found = predicted_contacts(encounters_of(record_with(tracks, straight_road), 1))
+    assert found.time_s == pytest.approx([0.0, 2.0, np.inf])
+    assert found.closing_mps == pytest.approx([6.0, 8.0, 0.0])
+    assert found.required_deceleration_mps2 == pytest.approx([np.inf, 2.0, 0.0])
+
+
+@pytest.mark.parametrize("hand", [1.0, -1.0])
+@pytest.mark.parametrize("heading_rad", [0.0, 2.2])
+@pytest.mark.parametrize("angle_rad", [0.5, 0.9])
+def test_in_a_bend_the_front_meets_what_stands_in_it(
+    straight_road: RoadNetwork, hand: float, heading_rad: float, angle_rad: float
+) -> None:
+    """A car stands in the bend, along it, some angle ahead: its rear is met by the front's outer or inner corner.
+
+    Both bodies are boxes on one circle; the time is that at which a search in steps of a millisecond finds them
+    overlapping.
+    """
+    speed_mps, radius_m = 9.0, 20.0
+
+    def pose(angle: float) -> tuple[float, float, float]:
+        """Place and heading on the circle after an angle."""
+        ahead, aside = radius_m * np.sin(angle), hand * radius_m * (1.0 - np.cos(angle))
+        cos, sin = np.cos(heading_rad), np.sin(heading_rad)
+        return cos * ahead - sin * aside, sin * ahead + cos * aside, heading_rad + hand * angle
+
+    def body(angle: float) -> Polygon:
+        x, y, yaw = pose(angle)
+        return Polygon(footprint_corners(*(np.array([value]) for value in (x, y, yaw, LENGTH_M, WIDTH_M)))[0])
+
+    x, y, yaw = pose(angle_rad)
+    there = moving(x, y, 0.0, yaw_rad=yaw, steps=1)
+    subject = moving(0.0, 0.0, speed_mps, yaw_rad=heading_rad, steps=1)
+    encounters = encounters_of(record_with({1: subject, 2: there}, straight_road), 1)
+    turning = replace(encounters.subject, yaw_rate_radps=np.full(1, hand * speed_mps / radius_m))
+    found = predicted_contacts(replace(encounters, subject=turning))
+    standing = body(angle_rad)
+    times = np.arange(0.0, 3.0, 0.001)
+    first = next(time for time in times if body(time * speed_mps / radius_m).intersects(standing))
+    assert found.time_s[0] == pytest.approx(first, abs=0.01)

@@ -170,3 +170,26 @@ def test_along_the_lanes_leaders_are_seen_up_to_the_range(
     tracks = {1: moving(10.0, -5.25, 0.0), 2: moving(10.0 + away_m, -5.25, 0.0)}
     batch, sample = first_frame(tracks, straight_road)
     assert leaders(batch).gap_m[sample[1]] == pytest.approx(away_m - 4.6 if seen else np.inf)
+
+
+@pytest.mark.parametrize(("ahead_m", "led"), [(0.3, True), (-0.3, False)])
+@pytest.mark.parametrize("y_m", [-5.25, 500.0])
+def test_who_is_next_to_the_own_vehicle_leads_where_its_centre_is_ahead(
+    straight_road: RoadNetwork, y_m: float, ahead_m: float, *, led: bool
+) -> None:
+    """In a lane and off all lanes."""
+    tracks = {1: moving(40.0, y_m, 0.0), 2: moving(40.0 + ahead_m, y_m + 1.0, 0.0)}
+    batch, sample = first_frame(tracks, straight_road)
+    assert leaders(batch).gap_m[sample[1]] == pytest.approx(ahead_m - 4.6 if led else np.inf)
+
+
+def test_straight_ahead_is_where_the_vehicle_looks_at_the_present(straight_road: RoadNetwork) -> None:
+    """It turns on the spot by 0.5 rad/s and looks north after 3 s; the others stand 12 m to the north and the east."""
+    heading = np.pi / 2.0 + 0.5 * (0.05 * np.arange(201) - 3.0)
+    spot = np.stack((np.zeros(201), np.full(201, 500.0), *np.zeros((2, 201)), heading), axis=1)
+    tracks = {1: Track(spot), 2: moving(0.0, 512.0, 0.0), 3: moving(5.0, 508.0, 0.0), 4: moving(1.0, 508.0, 0.0)}
+    batch, sample = first_frame(tracks, straight_road)
+    assert leaders(batch).gap_m[sample[1]] == pytest.approx(8.0 - 4.6)
+    del tracks[4]
+    batch, sample = first_frame(tracks, straight_road)
+    assert leaders(batch).gap_m[sample[1]] == pytest.approx(12.0 - 4.6)

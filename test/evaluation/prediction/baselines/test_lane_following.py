@@ -65,3 +65,16 @@ def test_points_keep_their_offset_and_go_straight_on_past_the_end(crossroads: Ro
     paths = paths_from(crossroads, np.array([0, 1], dtype=np.int32), 200.0)
     points = paths.points(np.array([1, 0]), np.array([[50.0, 150.0], [10.0, 260.0]]), np.array([0.5, -1.0]))
     assert np.allclose(points, [[(19.5, 70.0), (19.5, 170.0)], [(-90.0, -1.0), (160.0, -1.0)]])
+
+
+@pytest.mark.parametrize("angle_rad", [0.0, 0.7])
+def test_lanes_are_near_by_their_ends_and_not_by_their_middle(crossroads: RoadNetwork, angle_rad: float) -> None:
+    """Lane 0 comes from the side and bends; behind the crossing lane 3 begins nearer and then goes farther away."""
+    lines = {
+        0: [(-100.0, 9.0), (-50.0, 0.0), (0.0, 0.0)],
+        2: [(40.0, 3.0), (41.0, 3.0), (141.0, -20.0)],
+        3: [(40.0, -2.0), (41.0, -2.0), (141.0, -30.0)],
+    }
+    assert straight_successors(with_lane_ends(crossroads, angle_rad, lines))[0] == 6
+    lines[3] = [(40.0, -4.0), (41.0, -4.0), (141.0, 4.0)]
+    assert straight_successors(with_lane_ends(crossroads, angle_rad, lines))[0] == 5

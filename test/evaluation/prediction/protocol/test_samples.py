@@ -10,7 +10,7 @@ from made_records import moving, record_with
 
 from siren_ros.errors import BagError
 from siren_ros.evaluation.prediction.protocol.samples import Population, _signals, samples_of
-from siren_ros.evaluation.prediction.protocol.window import HistoryWindow, future_times_s
+from siren_ros.evaluation.prediction.protocol.window import ARGOVERSE_WINDOW, HistoryWindow, future_times_s
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.world.actors import ActorClass, Lights
@@ -145,3 +145,15 @@ def test_lights_are_those_of_the_present(straight_road: RoadNetwork) -> None:
     actors = samples_of(replace(record, states=states), HistoryWindow(), Population.ALL).batch
     step = actors.step[actors.actors.frame]
     assert (actors.actors.lights == np.where(step >= 70, Lights.BRAKE, 0)).all()
+
+
+def test_frames_behind_the_horizon_have_to_be_logged_where_the_window_says_so(straight_road: RoadNetwork) -> None:
+    """Argoverse's window: 5 s before and 6 s after the present, every tenth of a second of them."""
+    for frames, count in ((110, 1), (109, 0), (113, 4)):
+        record = record_with({1: moving(0.0, -5.25, 5.0, steps=2 * frames - 1)}, straight_road)
+        assert len(samples_of(record, ARGOVERSE_WINDOW, Population.ALL)) == count
+    # Of 4 samples, with presents at 49 to 52: frame 112 is needed by the last alone, frame 103 by all of them.
+    for missing, left in ((112, [49, 50, 51]), (103, [])):
+        track = moving(0.0, -5.25, 5.0, steps=225, without=frozenset({2 * missing}))
+        scored = samples_of(record_with({1: track}, straight_road), ARGOVERSE_WINDOW, Population.ALL)
+        assert (scored.batch.step // 2).tolist() == left

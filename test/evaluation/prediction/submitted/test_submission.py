@@ -121,3 +121,29 @@ def test_episodes_that_are_not_scored_are_refused(batch: SampleBatch) -> None:
     both(batch, allow_missing=True).check_episodes([("one",)])
     with pytest.raises(InputError, match=r"episode one.*a name that one bag alone has"):
         both(batch, allow_missing=True).check_episodes([("a", "one"), ("b", "one"), ("two",)])
+
+
+@pytest.mark.parametrize(
+    ("speed_mps", "away_m", "refused"), [(30.0, 0.0, False), (5.0, 90.0, False), (5.0, 110.0, True)]
+)
+def test_paths_begin_near_their_vehicle_and_may_end_anywhere(
+    straight_road: RoadNetwork, speed_mps: float, away_m: float, *, refused: bool
+) -> None:
+    """At 30 m/s they end 150 m away."""
+    tracks = {1: moving(0.0, -5.25, speed_mps, steps=199)}
+    batch = samples_of(record_with(tracks, straight_road), HistoryWindow(), Population.ALL).batch
+    rows = rows_for(batch, modes=1)
+    part = submission(replace(rows, xy_m=rows.xy_m + np.array([0.0, away_m]))).of_episode(["made"]).predictions
+    if refused:
+        with pytest.raises(InputError, match="begin farther than 110 m"):
+            part.meet(batch, allow_missing=False)
+    else:
+        assert len(part.meet(batch, allow_missing=False)[0]) == len(batch)
+
+
+def test_actor_0_and_step_0_may_be_predicted(batch: SampleBatch) -> None:
+    rows = rows_for(batch, modes=1)
+    zero = submission(replace(rows, actor_id=np.where(rows.actor_id == 1, 0, rows.actor_id))).of_episode(["made"])
+    assert set(zero.predictions.actor_id.tolist()) == {0, 12}
+    first = rows.step == rows.step.min()
+    submission(replace(rows, step=np.where(first, 0, rows.step)))

@@ -108,3 +108,12 @@ def test_the_share_of_a_class_counts_its_videos(tmp_path: Path) -> None:
     assert rows[2].ours.low == 0.0
     assert 2.0 / 6.0 <= rows[2].ours.high <= 3.0 / 6.0
     assert not any(row.ours.valid for row in risk_rows(None, None))
+
+
+def test_detections_have_three_digits_as_in_the_paper() -> None:
+    cells = {row.cells()[:3]: row.cells()[3:5] for row in detection_rows({"PointPillars": detector()})}
+    assert cells["mAP", "PointPillars", "S1"] == ("0.398", "0.400 [0.300, 0.500]")
+    assert cells["NDS", "PointPillars", "mean"] == ("0.492", "0.450")
+    assert cells["error ATE", "PointPillars", "mean"] == ("0.553", "0.500")
+    family = next(found for (table, _, column), found in cells.items() if (table, column) == (FAMILY, "clearance"))
+    assert family == ("0.417", "0.400 [0.300, 0.500]")

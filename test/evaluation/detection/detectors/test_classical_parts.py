@@ -1,12 +1,15 @@
 """The ground's plane, clusters that are taken for vehicles, and boxes in the map with their confidence."""
 
+from contextlib import nullcontext
 from importlib import import_module
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from evaluation.made_frames import LIDAR_YAW_RAD, map_from_lidar, to_map
 
+from siren_ros.evaluation.detection.detectors import classical
 from siren_ros.evaluation.detection.detectors.box_fitting import FittedBox
 from siren_ros.evaluation.detection.detectors.classical import _in_map, boxes_of_sweep, ground_heights
 from siren_ros.evaluation.detection.detectors.tracker import Tracker
@@ -139,3 +142,41 @@ def test_range_and_the_own_vehicle_are_measured_along_both_axes(x_m: float, y_m:
     open3d = pytest.importorskip("open3d")
     boxes = boxes_of_sweep(open3d, sweep_of(GROUND, block(x_m, y_m, 1.5, 1.5, 0.3, 1.5)))
     assert len(boxes) == int(found)
+
+
+def test_what_is_no_vehicle_keeps_no_other_from_being_found() -> None:
+    """Three clusters in any order: a hedge, a car, a wall."""
+    open3d = pytest.importorskip("open3d")
+    car, hedge = block(15.0, 5.0, 4.5, 1.8, 0.3, 1.5), block(-15.0, 5.0, 4.5, 1.8, 0.3, 0.7)
+    wall = block(0.0, -15.0, 15.0, 1.8, 0.3, 1.5)
+    for parts in ((car, hedge, wall), (hedge, wall, car), (wall, car, hedge)):
+        ((box, _),) = boxes_of_sweep(open3d, sweep_of(GROUND, *parts))
+        assert box.centre_m[:2] == pytest.approx([15.0, 5.0], abs=0.1)
+
+
+def test_boxes_of_labelled_sweeps_come_with_their_frames(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sweeps at steps 4, 6, 8 and 10, of which 4, 8 and 10 are labelled: the second has no box, the third two."""
+    boxes = {4: [(fitted(12.0, 3.0), 30)], 6: [(fitted(1.0, 1.0), 9)], 8: [], 10: [(fitted(5.0, 0.0), 60)] * 2}
+    messages = [(step, {"/lidar": SimpleNamespace(read=lambda step=step: step)}) for step in boxes]
+    source = SimpleNamespace(messages_by_step=lambda wanted: messages if wanted == {"/lidar"} else [])
+    replaced: dict[str, Any] = {
+        "_open3d": lambda: None,
+        "open_source": lambda _: nullcontext(source),
+        "lidar_of": lambda _: SimpleNamespace(topic="/lidar"),
+        "from_point_cloud": lambda step: step,
+        "boxes_of_sweep": lambda _, step: boxes[step],
+    }
+    for name, value in replaced.items():
+        monkeypatch.setattr(classical, name, value)
+    poses = np.array([map_from_lidar(frame) for frame in range(3)])
+    episode: Any = SimpleNamespace(step=np.array([4, 8, 10]), bag="bag", map_from_lidar=poses)
+    found = classical.detect_classical(episode)
+    assert found.frame.tolist() == [0, 2, 2]
+    assert found.centre_m[0] == pytest.approx(to_map(0, 12.0, 3.0, -1.0))
+    assert found.centre_m[1] == pytest.approx(to_map(2, 5.0, 0.0, -1.0))
+    assert found.size_m.tolist() == [[4.5, 1.9, 1.6]] * 3
+    assert found.yaw_rad == pytest.approx(np.full(3, 0.3 + LIDAR_YAW_RAD))
+    assert found.velocity_mps.tolist() == [[0.0, 0.0]] * 3
+    assert found.attribute.tolist() == [2] * 3, "they stand"
+    assert found.label.tolist() == ["car"] * 3
+    assert found.score[1] > found.score[0], "it has more returns"

@@ -3,11 +3,14 @@
 import json
 import pickle
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from detection_boxes import truth_boxes
+from evaluation.made_frames import made_frames, to_map
 
 from siren_ros.errors import InputError
 from siren_ros.evaluation.detection.inputs.formats import read_detections
@@ -15,9 +18,26 @@ from siren_ros.evaluation.detection.inputs.kitti_results import write_kitti
 from siren_ros.evaluation.detection.inputs.nuscenes_results import write_nuscenes
 from siren_ros.evaluation.detection.inputs.openpcdet_results import openpcdet_entries
 from siren_ros.evaluation.detection.metrics.devkit_score import devkit_score
-from siren_ros.evaluation.detection.protocol.frames import Frames
+from siren_ros.evaluation.detection.protocol.frames import Frames, frames_of
 from siren_ros.evaluation.detection.scoring import VEHICLE_NAMES, counted_boxes
 from siren_ros.evaluation.detection.self_test import labels_as_detections, self_test_sets
+
+
+@pytest.fixture
+def labelled() -> Frames:
+    """Eight frames of two episodes, each with three labels; of each episode the third frame is a keyframe, too."""
+    rows = [(frame, 8.0 + 6.0 * number, 2.0 * number) for frame in range(8) for number in range(3)]
+    centre = np.array([to_map(frame, ahead, left, -1.0) for frame, ahead, left in rows])
+    frame = np.array([frame for frame, *_ in rows])
+    velocity = np.tile([[3.0, 1.0], [0.0, 0.0], [-2.0, 5.0]], (8, 1))
+    truth = truth_boxes(frame, centre, velocity, np.linspace(-3.0, 3.0, len(rows)))
+    parts = [truth.at(frame // 4 == number) for number in range(2)]
+    return frames_of(
+        [
+            replace(episode, truth=replace(part, frame=part.frame % 4))
+            for episode, part in zip(made_frames().episodes, parts, strict=True)
+        ]
+    )
 
 
 def test_labels_score_fully_through_every_format(frames: Frames, tmp_path: Path) -> None:
@@ -39,10 +59,30 @@ def test_labels_score_fully_through_every_format(frames: Frames, tmp_path: Path)
         assert max(errors.values()) == pytest.approx(0.0, abs=1e-5)
 
 
-def _nuscenes(frames: Frames, path: Path, change: Callable[[dict[str, Any], list[str]], None]) -> Path:
-    write_nuscenes(path, labels_as_detections(frames), frames)
+def test_labels_come_back_from_every_file_as_they_were(labelled: Frames, tmp_path: Path) -> None:
+    """All frames in OpenPCDet's form, those with a picture in KITTI's, keyframes in nuScenes'."""
+    given = labels_as_detections(labelled)
+    write_nuscenes(tmp_path / "a.json", given, labelled)
+    write_kitti(tmp_path / "kitti", given, labelled)
+    for name, nuscenes in (("b.pkl", False), ("c.pickle", True)):
+        (tmp_path / name).write_bytes(pickle.dumps(openpcdet_entries(given, labelled, nuscenes=nuscenes)))
+    every, pictured, keyframes = np.ones(8, dtype=np.bool_), labelled.pictured, labelled.keyframe
+    for name, frames in (("a.json", keyframes), ("b.pkl", every), ("c.pickle", keyframes), ("kitti", pictured)):
+        found = read_detections("mine", str(tmp_path / name), labelled)
+        expected = given.at(frames[given.frame])
+        assert (found.name, found.scored.tolist(), found.has_velocity) == ("mine", frames.tolist(), True)
+        assert found.has_attributes is (name == "a.json")
+        assert found.boxes.frame.tolist() == expected.frame.tolist()
+        for column in ("centre_m", "size_m", "velocity_mps", "score"):
+            assert getattr(found.boxes, column) == pytest.approx(getattr(expected, column), abs=1e-6), name
+        assert np.exp(1j * found.boxes.yaw_rad) == pytest.approx(np.exp(1j * expected.yaw_rad))
+        assert found.boxes.attribute.tolist() == expected.attribute.tolist()
+
+
+def _nuscenes(labelled: Frames, path: Path, change: Callable[[dict[str, Any], list[str]], None]) -> Path:
+    write_nuscenes(path, labels_as_detections(labelled), labelled)
     content = json.loads(path.read_text())
-    change(content["results"], list(frames.by_token))
+    change(content["results"], list(labelled.by_token))
     path.write_text(json.dumps(content))
     return path
 
@@ -63,36 +103,36 @@ def _nuscenes(frames: Frames, path: Path, change: Callable[[dict[str, Any], list
     ],
 )
 def test_a_box_that_means_nothing_is_refused(
-    frames: Frames, tmp_path: Path, key: str, value: object, told: str
+    labelled: Frames, tmp_path: Path, key: str, value: object, told: str
 ) -> None:
     def change(results: dict[str, Any], tokens: list[str]) -> None:
-        results[tokens[2]][1][key] = value
-        results[tokens[3]][0][key] = value
+        results[tokens[1]][1][key] = value
+        results[tokens[2]][0][key] = value
 
     with pytest.raises(InputError, match=told) as refused:
-        read_detections("x", str(_nuscenes(frames, tmp_path / "x.json", change)), frames)
-    assert "step 20" in str(refused.value)
-    assert "step 30" not in str(refused.value)
+        read_detections("x", str(_nuscenes(labelled, tmp_path / "x.json", change)), labelled)
+    assert "episode0 step 10" in str(refused.value)
+    assert "episode1" not in str(refused.value)
 
 
-def test_frames_have_to_exist_and_to_be_there(frames: Frames, tmp_path: Path) -> None:
+def test_frames_have_to_exist_and_to_be_there(labelled: Frames, tmp_path: Path) -> None:
     def unknown(results: dict[str, Any], tokens: list[str]) -> None:
         results["f" * 32] = results.pop(tokens[0])
 
     def missing(results: dict[str, Any], tokens: list[str]) -> None:
         del results[tokens[1]]
 
-    for change, told in ((unknown, "sample_token f"), (missing, "step 10")):
+    for change, told in ((unknown, "sample_token f"), (missing, "episode0 step 10")):
         with pytest.raises(InputError, match=told):
-            read_detections("x", str(_nuscenes(frames, tmp_path / "x.json", change)), frames)
+            read_detections("x", str(_nuscenes(labelled, tmp_path / "x.json", change)), labelled)
 
 
-def test_more_than_500_boxes_in_a_frame_are_refused(frames: Frames, tmp_path: Path) -> None:
+def test_more_than_500_boxes_in_a_frame_are_refused(labelled: Frames, tmp_path: Path) -> None:
     def change(results: dict[str, Any], tokens: list[str]) -> None:
         results[tokens[0]] = results[tokens[0]][:1] * 501
 
-    with pytest.raises(InputError, match="step 0: 501 boxes"):
-        read_detections("x", str(_nuscenes(frames, tmp_path / "x.json", change)), frames)
+    with pytest.raises(InputError, match="episode0 step 0: 501 boxes"):
+        read_detections("x", str(_nuscenes(labelled, tmp_path / "x.json", change)), labelled)
 
 
 class Evil:
@@ -102,55 +142,55 @@ class Evil:
 
 @pytest.mark.parametrize("content", [[Evil()], [{"name": np.array([Evil()], dtype=object)}]])
 def test_a_pickle_that_would_run_code_is_refused(
-    frames: Frames, tmp_path: Path, content: object, capsys: pytest.CaptureFixture[str]
+    labelled: Frames, tmp_path: Path, content: object, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "x.pkl"
     path.write_bytes(pickle.dumps(content))
     with pytest.raises(InputError, match=r"builtins\.print"):
-        read_detections("x", str(path), frames)
+        read_detections("x", str(path), labelled)
     assert capsys.readouterr().out == ""
 
 
 @pytest.mark.parametrize("protocol", range(pickle.HIGHEST_PROTOCOL + 1))
-def test_every_protocol_of_pickles_is_read(frames: Frames, tmp_path: Path, protocol: int) -> None:
-    entries = openpcdet_entries(labels_as_detections(frames), frames, nuscenes=False)
+def test_every_protocol_of_pickles_is_read(labelled: Frames, tmp_path: Path, protocol: int) -> None:
+    entries = openpcdet_entries(labels_as_detections(labelled), labelled, nuscenes=False)
     path = tmp_path / "x.pkl"
     path.write_bytes(pickle.dumps(entries, protocol))
-    assert len(read_detections("x", str(path), frames).boxes) == (frames.truth.lidar_points > 0).sum()
+    assert len(read_detections("x", str(path), labelled).boxes) == (labelled.truth.lidar_points > 0).sum()
 
 
-def test_pickles_are_checked(frames: Frames, tmp_path: Path) -> None:
-    entries = openpcdet_entries(labels_as_detections(frames), frames, nuscenes=False)
+def test_pickles_are_checked(labelled: Frames, tmp_path: Path) -> None:
+    entries = openpcdet_entries(labels_as_detections(labelled), labelled, nuscenes=False)
     path = tmp_path / "x.pkl"
 
     def refused(content: object, told: str) -> None:
         path.write_bytes(pickle.dumps(content))
         with pytest.raises(InputError, match=told):
-            read_detections("x", str(path), frames)
+            read_detections("x", str(path), labelled)
 
     refused({}, "a list of dictionaries")
-    refused(entries[:-1], "step 38")
+    refused(entries[:-1], "episode1 step 12")
     refused([*entries, entries[0]], "twice")
     refused([{**entries[0], "frame_id": "000030"}], "frame_id 000030")
     refused([{**entries[0], "boxes_lidar": np.zeros((1, 5))}, *entries[1:]], "boxes_lidar of shape")
     path.write_bytes(b"\x80\x04 no pickle")
     with pytest.raises(InputError, match="a pickle of"):
-        read_detections("x", str(path), frames)
+        read_detections("x", str(path), labelled)
 
 
-def test_seven_numbers_are_boxes_without_velocity(frames: Frames, tmp_path: Path) -> None:
-    entries = openpcdet_entries(labels_as_detections(frames), frames, nuscenes=False)
+def test_seven_numbers_are_boxes_without_velocity(labelled: Frames, tmp_path: Path) -> None:
+    entries = openpcdet_entries(labels_as_detections(labelled), labelled, nuscenes=False)
     path = tmp_path / "x.pkl"
     path.write_bytes(pickle.dumps([{**entry, "boxes_lidar": entry["boxes_lidar"][:, :7]} for entry in entries]))
-    found = read_detections("x", str(path), frames)
+    found = read_detections("x", str(path), labelled)
     assert not found.has_velocity
     assert np.isnan(found.boxes.velocity_mps).all()
     assert (found.boxes.attribute == 0).all()
 
 
-def test_kitti_files_are_checked(frames: Frames, tmp_path: Path) -> None:
+def test_kitti_files_are_checked(labelled: Frames, tmp_path: Path) -> None:
     folder = tmp_path / "kitti"
-    write_kitti(folder, labels_as_detections(frames), frames)
+    write_kitti(folder, labels_as_detections(labelled), labelled)
     text = (folder / "000003.txt").read_text()
 
     def refused(name: str, content: str | None, told: str) -> None:
@@ -160,7 +200,7 @@ def test_kitti_files_are_checked(frames: Frames, tmp_path: Path) -> None:
         else:
             (folder / name).write_text(content)
         with pytest.raises(InputError, match=told):
-            read_detections("x", str(folder), frames)
+            read_detections("x", str(folder), labelled)
         if before is None:
             (folder / name).unlink()
         else:
@@ -172,8 +212,8 @@ def test_kitti_files_are_checked(frames: Frames, tmp_path: Path) -> None:
     refused("000003.txt", text.replace(" ", " x", 1), "could not convert")
 
 
-def test_what_is_no_file_of_detections_is_refused(frames: Frames, tmp_path: Path) -> None:
+def test_what_is_no_file_of_detections_is_refused(labelled: Frames, tmp_path: Path) -> None:
     (tmp_path / "x.txt").write_text("")
-    for source, told in ((str(tmp_path / "x.txt"), "json"), ("missing.json", "exists"), ("topic:/nothing", "boxes")):
+    for source, told in ((str(tmp_path / "x.txt"), "json"), ("missing.json", "exists")):
         with pytest.raises(InputError, match=told):
-            read_detections("x", source, frames)
+            read_detections("x", source, labelled)

@@ -10,6 +10,7 @@ from rosbags.typesys.store import Typestore
 from siren_ros.datasets.exporting.survey import in_dataset_order, survey_bag
 from siren_ros.datasets.sources.needs import Need
 from siren_ros.errors import InputError
+from siren_ros.evaluation.detection.inputs.formats import read_detections
 from siren_ros.evaluation.detection.inputs.topic_results import read_topic
 from siren_ros.evaluation.detection.protocol.episode_reading import read_frames
 from siren_ros.evaluation.detection.protocol.frames import Frames, frames_of
@@ -73,3 +74,5 @@ def test_another_frame_or_topic_is_refused(tmp_path: Path, typestore: Typestore)
     for topic in ("/nothing", GROUND_TRUTH.name):
         with pytest.raises(InputError, match=f"{topic} in .*{BOXES.name}"):
             read_topic("mine", topic, frames)
+    with pytest.raises(InputError, match=f"/nothing in .*{BOXES.name}"):
+        read_detections("mine", "topic:/nothing", frames)

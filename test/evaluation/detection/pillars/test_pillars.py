@@ -88,3 +88,15 @@ def test_a_full_pillar_leaves_the_next_one_alone(count: int) -> None:
 def test_the_grid_holds_a_circle(x_m: float, y_m: float, there: int) -> None:
     """Of 8 m: 8.5 m and 8.08 m are outside, 7.96 m is not."""
     assert len(sorted_points(_points((x_m, y_m, 0.0)), GRID).cell) == there
+
+
+def test_of_five_points_every_one_has_four_chances_in_five() -> None:
+    """In every pillar of the circle, whose centres lie within 7 m: the last point stays in four of five."""
+    middles = np.arange(-7.5, 8.0, 1.0)
+    places = [(x, y) for x in middles for y in middles if np.hypot(x, y) < 7.0]
+    points = np.array([(x, y, 0.0, number / 10.0, 0.0) for x, y in places for number in range(5)], dtype=np.float32)
+    slots = sorted_points(points, GRID).slots[..., 3]
+    assert len(slots) == 50, "no more pillars than the grid allows"
+    slots = sorted_points(points, replace(GRID, pillars=len(places))).slots[..., 3]
+    stays = [float(np.isclose(slots, number / 10.0).any(axis=1).mean()) for number in range(5)]
+    assert stays == pytest.approx([0.8] * 5, abs=0.12)

@@ -1,10 +1,14 @@
-"""Velocities of labels as the devkit computes them."""
+"""Frames of several episodes in one row, and velocities of labels as the devkit computes them."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from detection_boxes import truth_boxes
+from evaluation.made_frames import PICTURED, STEPS, made_frames
 
 from siren_ros.evaluation.detection.protocol.boxes import ATTRIBUTES, attributes_of
-from siren_ros.evaluation.detection.protocol.frames import velocities_of_annotations
+from siren_ros.evaluation.detection.protocol.frames import frames_of, in_range, velocities_of_annotations
 
 
 def _velocities(steps: list[int], x_m: list[float], actors: list[int] | None = None) -> list[float]:
@@ -47,3 +51,30 @@ def test_one_and_a_half_seconds_to_each_side_are_the_limit(steps: tuple[int, ...
     assert np.isfinite(found).all() == known
     if known:
         assert found == pytest.approx([2.0] * len(steps))
+
+
+def test_frames_of_two_episodes_are_one_row() -> None:
+    """Four frames each, at steps 0, 2, 10 and 12."""
+    first, second = made_frames().episodes
+    labels = truth_boxes(np.array([0, 3]), np.zeros((2, 3)), np.zeros((2, 2)), np.zeros(2))
+    frames = frames_of([replace(first, truth=labels), replace(second, truth=labels)])
+    assert (len(frames), frames.first.tolist()) == (8, [0, 4, 8])
+    assert frames.episode.tolist() == [0] * 4 + [1] * 4
+    assert frames.step.tolist() == list(STEPS) * 2
+    assert frames.keyframe.tolist() == [True, False, True, False] * 2
+    assert frames.pictured.tolist() == list(PICTURED) * 2
+    assert frames.truth.frame.tolist() == [0, 3, 4, 7]
+    assert list(frames.by_token.values()) == [0, 2, 4, 6]
+    assert frames.vehicle_m[5] == pytest.approx([105.0, 50.0])
+    assert frames.map_from_lidar[5][:2, 3] == pytest.approx([105.0, 50.0])
+    assert frames.global_from_map_m[[0, 7]].tolist() == [[1000.0, 2000.0], [2000.0, 4000.0]]
+    assert frames.told(6) == "episode1 step 10"
+    assert frames.scored.all()
+
+
+@pytest.mark.parametrize("direction_rad", [0.0, 2.0, -1.3])
+@pytest.mark.parametrize(("away_m", "inside"), [(49.9, True), (50.1, False)])
+def test_the_range_is_a_circle_around_the_vehicle(direction_rad: float, away_m: float, *, inside: bool) -> None:
+    frames = made_frames()
+    x_m, y_m = frames.vehicle_m[6] + away_m * np.array([np.cos(direction_rad), np.sin(direction_rad)])
+    assert in_range(frames, np.array([6]), np.array([[x_m, y_m, 30.0]])).tolist() == [inside]

@@ -1,4 +1,7 @@
+from dataclasses import replace
+
 import pytest
+from made_streets import B_LEFT, B_RIGHT, C_RIGHT, STRAIGHT, STRAIGHT_LEFT, streets
 from traffic_helpers import load_map
 
 from siren_ros.roads.road_network import Connection, LaneKind
@@ -109,3 +112,28 @@ def test_a_lane_change_on_the_road_crosses_nothing() -> None:
     watch = CrossingWatch(NETWORK)
     watch.watch(0, mover(edge.lanes[0]), {})
     assert watch.watch(1, mover(edge.lanes[1]), {}) == ()
+
+
+@pytest.mark.parametrize(("lane", "letter"), [(B_RIGHT, "r"), (B_LEFT, "G")])
+def test_where_two_lanes_lead_into_one_the_letter_is_that_of_the_own_lane(lane: int, letter: str) -> None:
+    """Also where the path across was missed between two steps."""
+    roads = streets()
+    connections = list(roads.connections)
+    connections[STRAIGHT_LEFT] = replace(connections[STRAIGHT_LEFT], to_lane=C_RIGHT)
+    network = replace(roads, connections=tuple(connections))
+    letters = "".join("G" if link == connections[STRAIGHT_LEFT].signal_link else "r" for link in range(8))
+    assert connections[STRAIGHT].to_lane == C_RIGHT
+    watch = CrossingWatch(network)
+    watch.watch(0, mover(lane), {})
+    (crossed,) = watch.watch(1, mover(C_RIGHT), {"J": letters})
+    assert crossed.detail["signal_state"] == letter
+
+
+def test_who_left_inside_a_junction_has_not_been_in_it_when_the_number_comes_again() -> None:
+    connection = movement(signal=True)
+    watch = CrossingWatch(NETWORK)
+    watch.watch(0, mover(connection.from_lane), {})
+    watch.watch(1, mover(connection.via[0]), {})
+    watch.forget(7)
+    assert watch.watch(2, mover(connection.via[0]), {}) == ()
+    assert watch.watch(3, mover(connection.to_lane), {}) == ()

@@ -102,7 +102,7 @@ def _summary(made: MadeSet) -> list[str]:
         chosen = [video.label.risk for video in made.videos.videos.values() if video.template == name]
         counts = " / ".join(str(chosen.count(risk)) for risk in RiskClass)
         found = " / ".join(map(str, search.found))
-        lines.append(f"{name}: {counts} of {found} found in {len(search.outcomes)} candidates")
+        lines.append(f"{name}: {counts} of {found} found in {len(search.trials)} candidates")
     return lines
 
 

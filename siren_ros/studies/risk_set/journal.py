@@ -14,17 +14,17 @@ from siren_ros.evaluation.risk.labels import Reason, RiskLabel
 from siren_ros.evaluation.risk.risk_class import risk_class
 from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.studies.risk_set.candidate import Candidate, Rejected
-from siren_ros.studies.risk_set.search import Outcome
+from siren_ros.studies.risk_set.search import Outcome, Trial
 
 
 class Journal:
-    """One template's outcomes in one file."""
+    """One template's candidates in one file."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
 
-    def read(self) -> list[Outcome]:
-        """The outcomes so far, in the order of the candidates. A last line that was not finished is left out.
+    def read(self) -> list[Trial]:
+        """The candidates so far, in their order. A last line that was not finished is left out.
 
         Raises:
             InputError: The file is not a journal.
@@ -32,25 +32,26 @@ class Journal:
         if not self._path.is_file():
             return []
         lines = self._path.read_text(encoding="utf-8").split("\n")
-        outcomes: dict[int, Outcome] = {}
+        trials: dict[int, Trial] = {}
         try:
             for line in lines[:-1]:  # what follows the last line end was not finished
                 entry = json.loads(line)
-                outcomes[entry["number"]] = outcome_of_json(entry)
+                trials[entry["number"]] = Trial(risk_class(entry["looking_for"]), outcome_of_json(entry))
         except (ValueError, KeyError, TypeError) as error:
             raise InputError("out", str(self._path), f"the journal of a search ({error})") from error
-        if sorted(outcomes) != list(range(len(outcomes))):
+        if sorted(trials) != list(range(len(trials))):
             raise InputError("out", str(self._path), "the journal of a search, with every candidate")
-        return [outcomes[number] for number in range(len(outcomes))]
+        return [trials[number] for number in range(len(trials))]
 
-    def note(self, number: int, outcome: Outcome) -> None:
-        """Adds the outcome of a candidate; a second one of the same number takes the place of the first."""
+    def note(self, number: int, trial: Trial) -> None:
+        """Adds the candidate of a number; a second one of the same number takes the place of the first."""
         self._path.parent.mkdir(parents=True, exist_ok=True)
         whole = self._path.read_bytes() if self._path.is_file() else b""
         with self._path.open("ab") as file:
             if whole and not whole.endswith(b"\n"):
                 file.truncate(whole.rfind(b"\n") + 1)
-            file.write(json.dumps({"number": number, **outcome_as_json(outcome)}).encode() + b"\n")
+            entry = {"number": number, "looking_for": trial.looking_for.title, **outcome_as_json(trial.outcome)}
+            file.write(json.dumps(entry).encode() + b"\n")
 
 
 def outcome_as_json(outcome: Outcome) -> dict[str, Any]:

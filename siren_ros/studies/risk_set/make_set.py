@@ -19,7 +19,7 @@ from siren_ros.studies.risk_set.candidate import Candidate, Rejected
 from siren_ros.studies.risk_set.journal import Journal
 from siren_ros.studies.risk_set.render import Rendered
 from siren_ros.studies.risk_set.retried import in_own_process
-from siren_ros.studies.risk_set.search import PATIENCE, Outcome, Search, continue_search
+from siren_ros.studies.risk_set.search import PATIENCE, Outcome, Search, Trial, continue_search
 from siren_ros.studies.risk_set.set_card import write_set_card
 from siren_ros.studies.risk_set.variation import candidate_request
 from siren_ros.studies.risk_set.video_file import (
@@ -108,7 +108,8 @@ def make_set(request: RiskSetRequest, out: Path, workers: int, progress: Progres
             break
         for key in unseen:
             name, number, candidate = numbers[key]
-            work[name].journal.note(number, Rejected(candidate.request, UNSEEN))
+            looking_for = searches[name].trials[number].looking_for
+            work[name].journal.note(number, Trial(looking_for, Rejected(candidate.request, UNSEEN)))
     remove_others(out, chosen)
     videos = _as_set(request, out, chosen)
     write_set(videos)
@@ -141,7 +142,7 @@ def _searched_in_rounds(
     while True:
         tasks = {name: partial(one.run, wanted[name], patience) for name, one in work.items()}
         searches = side_by_side(tasks, workers)
-        exhausted = {name for name, search in searches.items() if len(search.outcomes) >= search.budget}
+        exhausted = {name for name, search in searches.items() if len(search.trials) >= search.budget}
         findings = {
             name: Finding(search.found, frozenset(RiskClass) if name in exhausted else search.given_up)
             for name, search in searches.items()
@@ -172,8 +173,8 @@ class _TemplateSearch:
     def run(self, wanted: Counts, patience: int) -> Search:
         """Goes on until the search is finished."""
         search = Search(wanted, self._request.budget, patience)
-        for outcome in self.journal.read():
-            search = search.with_outcome(outcome)
+        for trial in self.journal.read():
+            search = search.with_trial(trial)
         return continue_search(search, self._candidate, self._run, self._told)
 
     def _candidate(self, looking_for: RiskClass, number: int) -> EpisodeRequest:
@@ -181,12 +182,12 @@ class _TemplateSearch:
         return candidate_request(self._template, self._name, looking_for, request.seed, number, request.map_file)
 
     def _run(self, search: Search, request: EpisodeRequest) -> Outcome:
-        place = VideoPlace(self._out, video_id(self._name, len(search.outcomes)))
+        place = VideoPlace(self._out, video_id(self._name, len(search.trials)))
         retries, thresholds = self._request.retries, self._request.thresholds
         return in_own_process(retries, try_candidate, request, thresholds, place, search.short_of)
 
     def _told(self, search: Search) -> None:
-        self.journal.note(len(search.outcomes) - 1, search.outcomes[-1])
+        self.journal.note(len(search.trials) - 1, search.trials[-1])
         self._progress.tried(self._name, search)
 
 

@@ -15,6 +15,19 @@ PATIENCE: Final = 25
 
 
 @dataclass(frozen=True)
+class Trial:
+    """One candidate: the class that the search looked for when it drew it, and what it came to."""
+
+    looking_for: RiskClass
+    outcome: Outcome
+
+    @property
+    def found(self) -> RiskClass | None:
+        """The class that it brought."""
+        return self.outcome.label.risk if isinstance(self.outcome, Candidate) else None
+
+
+@dataclass(frozen=True)
 class Search:
     """What a template's search has found so far, in the order of the candidates."""
 
@@ -22,22 +35,24 @@ class Search:
     budget: int
     """Most candidates."""
     patience: int = PATIENCE
-    outcomes: tuple[Outcome, ...] = field(default_factory=tuple)
+    trials: tuple[Trial, ...] = field(default_factory=tuple)
 
     @property
     def found(self) -> Counts:
         """Videos of each class."""
-        risks = [outcome.label.risk for outcome in self.outcomes if isinstance(outcome, Candidate)]
+        risks = [trial.found for trial in self.trials]
         return (risks.count(RiskClass.NORMAL), risks.count(RiskClass.NEAR_MISS), risks.count(RiskClass.COLLISION))
 
     @property
     def given_up(self) -> frozenset[RiskClass]:
-        """Classes that the last candidates, as many as patience allows, have not brought."""
-        last = self.outcomes[-self.patience :]
-        if len(last) < self.patience:
-            return frozenset()
-        found = {outcome.label.risk for outcome in last if isinstance(outcome, Candidate)}
-        return frozenset(RiskClass) - found
+        """Classes that the last candidates that looked for them, as many as patience allows, have not brought."""
+        return frozenset(risk for risk in RiskClass if self._in_vain(risk) >= self.patience)
+
+    def _in_vain(self, risk: RiskClass) -> int:
+        """How many candidates looked for a class since it was found last."""
+        since = next((number for number, one in enumerate(reversed(self.trials)) if one.found is risk), None)
+        last = self.trials[len(self.trials) - since :] if since is not None else self.trials
+        return sum(trial.looking_for is risk for trial in last)
 
     @property
     def lacking(self) -> dict[RiskClass, float]:
@@ -57,7 +72,7 @@ class Search:
     @property
     def finished(self) -> bool:
         """Whether nothing is lacking, or nothing more may be tried."""
-        return len(self.outcomes) >= self.budget or not any(self.lacking.values())
+        return len(self.trials) >= self.budget or not any(self.lacking.values())
 
     @property
     def looking_for(self) -> RiskClass:
@@ -65,15 +80,15 @@ class Search:
         lacking = self.lacking
         return max(RiskClass, key=lambda risk: (lacking[risk], risk))
 
-    def with_outcome(self, outcome: Outcome) -> "Search":
+    def with_trial(self, trial: Trial) -> "Search":
         """The search after one more candidate."""
-        return replace(self, outcomes=(*self.outcomes, outcome))
+        return replace(self, trials=(*self.trials, trial))
 
     def chosen(self, counts: Counts) -> dict[int, Candidate]:
         """The first candidates of each class, by their number."""
         left = list(counts)
         videos = {}
-        for number, outcome in enumerate(self.outcomes):
+        for number, outcome in enumerate(trial.outcome for trial in self.trials):
             if isinstance(outcome, Candidate) and left[outcome.label.risk] > 0:
                 left[outcome.label.risk] -= 1
                 videos[number] = outcome
@@ -95,6 +110,8 @@ def continue_search(
         told: Is told the search after each candidate, to keep its outcome.
     """
     while not search.finished:
-        search = search.with_outcome(run(search, request(search.looking_for, len(search.outcomes))))
+        looking_for = search.looking_for
+        outcome = run(search, request(looking_for, len(search.trials)))
+        search = search.with_trial(Trial(looking_for, outcome))
         told(search)
     return search

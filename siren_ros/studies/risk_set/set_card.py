@@ -34,7 +34,7 @@ def card_content(videos: VideoSet, searches: Mapping[str, Search], balance: Bala
         "asked_for": list(balance.total),
         "counts": [sum(row[risk] for row in counts.values()) for risk in RiskClass],
         "by_template": {
-            name: {"counts": counts[name], "candidates": len(search.outcomes), "found": list(search.found)}
+            name: {"counts": counts[name], "candidates": len(search.trials), "found": list(search.found)}
             for name, search in searches.items()
         },
         "thresholds": asdict(videos.thresholds),

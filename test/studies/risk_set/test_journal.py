@@ -12,7 +12,7 @@ from siren_ros.evaluation.risk.risk_class import RiskClass
 from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.studies.risk_set.candidate import Candidate, Rejected
 from siren_ros.studies.risk_set.journal import Journal, outcome_as_json, outcome_of_json
-from siren_ros.studies.risk_set.search import Outcome
+from siren_ros.studies.risk_set.search import Outcome, Trial
 
 
 def found() -> Candidate:
@@ -29,11 +29,14 @@ def found() -> Candidate:
     return Candidate(EpisodeRequest(template="S4", seed=12, values="emv.speed_mps=14.25"), 40, label, evidence)
 
 
-def noted(outcomes: list[Outcome]) -> list[dict[str, object]]:
-    return [outcome_as_json(outcome) for outcome in outcomes]
+def noted(trials: list[Trial]) -> list[tuple[RiskClass, dict[str, object]]]:
+    return [(trial.looking_for, outcome_as_json(trial.outcome)) for trial in trials]
 
 
 OUTCOMES: list[Outcome] = [found(), Rejected(EpisodeRequest(template="S6"), "SUMO failed")]
+
+
+TRIALS = [Trial(RiskClass.COLLISION, OUTCOMES[0]), Trial(RiskClass.NEAR_MISS, OUTCOMES[1])]
 
 
 @pytest.mark.parametrize("outcome", OUTCOMES)
@@ -46,22 +49,22 @@ def test_round_trip(outcome: Outcome) -> None:
 def test_outcomes_in_the_order_of_the_candidates(tmp_path: Path) -> None:
     journal = Journal(tmp_path / "search" / "S4.jsonl")
     assert journal.read() == []
-    for number, outcome in enumerate(OUTCOMES):
-        journal.note(number, outcome)
-    assert noted(journal.read()) == noted(OUTCOMES)
-    journal.note(0, OUTCOMES[1])
-    assert noted(journal.read()) == noted([OUTCOMES[1], OUTCOMES[1]])
+    for number, trial in enumerate(TRIALS):
+        journal.note(number, trial)
+    assert noted(journal.read()) == noted(TRIALS)
+    journal.note(0, TRIALS[1])
+    assert noted(journal.read()) == noted([TRIALS[1], TRIALS[1]])
 
 
 def test_a_line_that_was_cut_off_is_left_out_and_written_over(tmp_path: Path) -> None:
     path = tmp_path / "S4.jsonl"
     journal = Journal(path)
     for number in range(2):
-        journal.note(number, OUTCOMES[number])
+        journal.note(number, TRIALS[number])
     path.write_bytes(path.read_bytes()[:-20])
-    assert noted(journal.read()) == noted(OUTCOMES[:1])
-    journal.note(1, OUTCOMES[0])
-    assert noted(journal.read()) == noted([OUTCOMES[0], OUTCOMES[0]])
+    assert noted(journal.read()) == noted(TRIALS[:1])
+    journal.note(1, TRIALS[0])
+    assert noted(journal.read()) == noted([TRIALS[0], TRIALS[0]])
 
 
 def test_another_file_is_refused(tmp_path: Path) -> None:

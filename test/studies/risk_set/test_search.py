@@ -8,7 +8,7 @@ from siren_ros.evaluation.risk.labels import RiskLabel
 from siren_ros.evaluation.risk.risk_class import RiskClass
 from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.studies.risk_set.candidate import Candidate, Rejected
-from siren_ros.studies.risk_set.search import Outcome, Search, continue_search
+from siren_ros.studies.risk_set.search import Outcome, Search, Trial, continue_search
 
 NORMAL, NEAR_MISS, COLLISION = RiskClass
 EMPTY = Evidence(Moments(*(np.empty(0) for _ in range(6))), (), ())
@@ -21,7 +21,7 @@ def candidate(risk: RiskClass, seed: int = 0) -> Candidate:
 def after(wanted: tuple[int, int, int], *outcomes: Outcome, budget: int = 50, patience: int = 25) -> Search:
     search = Search(wanted, budget, patience)
     for outcome in outcomes:
-        search = search.with_outcome(outcome)
+        search = search.with_trial(Trial(search.looking_for, outcome))
     return search
 
 
@@ -52,6 +52,20 @@ def test_a_class_is_given_up_after_so_many_candidates_without_it() -> None:
     assert after((3, 1, 1), candidate(NEAR_MISS), normal, normal, normal, patience=3).finished
 
 
+def test_candidates_that_look_for_another_class_take_no_patience() -> None:
+    """A collision at once, and then many near-misses while normal videos are looked for."""
+    search = after((4, 0, 1), candidate(COLLISION), *[candidate(NEAR_MISS)] * 3, patience=3)
+    assert [trial.looking_for for trial in search.trials] == [COLLISION, NORMAL, NORMAL, NORMAL]
+    assert search.given_up == {NORMAL}
+
+
+def test_a_find_gives_patience_again() -> None:
+    rejected = Rejected(EpisodeRequest(), "no")
+    search = after((1, 1, 3), rejected, rejected, candidate(COLLISION), rejected, rejected, patience=3)
+    assert {trial.looking_for for trial in search.trials} == {COLLISION, NEAR_MISS}
+    assert COLLISION not in search.given_up
+
+
 def test_the_first_of_each_class_are_chosen() -> None:
     outcomes = [candidate(NORMAL, 0), Rejected(EpisodeRequest(), "no"), candidate(NEAR_MISS, 2), candidate(NORMAL, 3)]
     search = after((1, 1, 0), *outcomes, candidate(NEAR_MISS, 4))
@@ -71,7 +85,7 @@ def test_a_search_that_goes_on_asks_for_the_same_candidates(before: int) -> None
     start = after((2, 1, 1), *(candidate(risk, seed) for seed, risk in enumerate(found[:before])))
     told: list[int] = []
     search = continue_search(
-        start, request, lambda _, one: candidate(found[one.seed], one.seed), lambda one: told.append(len(one.outcomes))
+        start, request, lambda _, one: candidate(found[one.seed], one.seed), lambda one: told.append(len(one.trials))
     )
     assert [number for _, number in asked] == list(range(before, 4))
     assert told == list(range(before + 1, 5))

@@ -17,10 +17,8 @@ from siren_ros.evaluation.detection.inputs.formats import read_detections
 from siren_ros.evaluation.detection.inputs.kitti_results import write_kitti
 from siren_ros.evaluation.detection.inputs.nuscenes_results import write_nuscenes
 from siren_ros.evaluation.detection.inputs.openpcdet_results import openpcdet_entries
-from siren_ros.evaluation.detection.metrics.devkit_score import devkit_score
 from siren_ros.evaluation.detection.protocol.frames import Frames, frames_of
-from siren_ros.evaluation.detection.scoring import VEHICLE_NAMES, counted_boxes
-from siren_ros.evaluation.detection.self_test import labels_as_detections, self_test_sets
+from siren_ros.evaluation.detection.self_test import labels_as_detections
 
 
 @pytest.fixture
@@ -38,25 +36,6 @@ def labelled() -> Frames:
             for episode, part in zip(made_frames().episodes, parts, strict=True)
         ]
     )
-
-
-def test_labels_score_fully_through_every_format(frames: Frames, tmp_path: Path) -> None:
-    sets = self_test_sets(frames, tmp_path)
-    assert [one.format for one in sets] == [
-        "nuScenes results",
-        "OpenPCDet results",
-        "OpenPCDet results",
-        "KITTI results",
-        "recorded topic",
-    ]
-    for one in sets:
-        score = devkit_score(*counted_boxes(frames, one, VEHICLE_NAMES))
-        assert score.labels == score.detections > 10
-        assert score.mean_average_precision == pytest.approx(1.0)
-        errors = dict(score.errors)
-        if not one.has_velocity:
-            assert (errors.pop("AVE"), errors.pop("AAE")) == (1.0, 1.0)
-        assert max(errors.values()) == pytest.approx(0.0, abs=1e-5)
 
 
 def test_labels_come_back_from_every_file_as_they_were(labelled: Frames, tmp_path: Path) -> None:

@@ -1,6 +1,4 @@
-"""Boxes in a picture: where the formula of a pinhole puts them, and the picture of a recorded frame."""
-
-from dataclasses import replace
+"""Boxes in a picture: where the formula of a pinhole puts them."""
 
 import numpy as np
 import pytest
@@ -9,12 +7,10 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from siren_ros.evaluation.detection.protocol.boxes import Boxes
-from siren_ros.evaluation.detection.protocol.frames import Frames
 from siren_ros.evaluation.detection.reports.camera_view import (
     FrontPicture,
     draw_in_picture,
     edges_in_picture,
-    front_picture,
 )
 from siren_ros.interfaces.images import CameraIntrinsics
 
@@ -51,14 +47,6 @@ def test_corners_are_where_a_pinhole_sees_them(yaw_rad: float, half_length_m: fl
 def test_what_is_behind_the_camera_is_not_drawn() -> None:
     assert edges_in_picture(PICTURE, _box(-12.0, 0.0, 0.0)).shape == (0, 2, 2)
     assert edges_in_picture(PICTURE, _box(1.0, 0.0, 0.0)).shape == (4, 2, 2)
-
-
-def test_a_recorded_frame_has_its_picture(frames: Frames) -> None:
-    (episode,) = frames.episodes
-    picture = front_picture(episode, 4)
-    assert picture is not None
-    assert picture.rgb.shape == (picture.model.height, picture.model.width, 3)
-    assert front_picture(replace(episode, pictured=np.zeros(len(episode), dtype=np.bool_)), 4) is None
 
 
 def test_edges_lie_over_the_picture_in_the_colours_of_their_groups() -> None:

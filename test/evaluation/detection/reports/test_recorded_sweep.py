@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from siren_ros.evaluation.detection.protocol.frames import Frames
+from siren_ros.evaluation.detection.reports.camera_view import front_picture
 from siren_ros.evaluation.detection.reports.recorded_sweep import returns_from_above
 
 
@@ -29,3 +30,11 @@ def test_a_step_without_a_sweep_has_no_returns(frames: Frames) -> None:
     (episode,) = frames.episodes
     changed = replace(episode, step=episode.step + 1_000_001)
     assert returns_from_above(changed, 0).shape == (0, 2)
+
+
+def test_a_recorded_frame_has_its_picture(frames: Frames) -> None:
+    (episode,) = frames.episodes
+    picture = front_picture(episode, 4)
+    assert picture is not None
+    assert picture.rgb.shape == (picture.model.height, picture.model.width, 3)
+    assert front_picture(replace(episode, pictured=np.zeros(len(episode), dtype=np.bool_)), 4) is None

@@ -1,6 +1,6 @@
 """Bags of formulas: three vehicles on the road of two lanes, with a LiDAR and two cameras or without sensors."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -214,12 +214,19 @@ def described(made: Made) -> EpisodeRecord:
     return replace(record, description=description)
 
 
-def write_made_bag(path: Path, store: Typestore, made: Made | None = None) -> Path:
-    """A bag as the recorder writes them."""
+def write_made_bag(
+    path: Path,
+    store: Typestore,
+    made: Made | None = None,
+    lacking: Callable[[str, int], bool] = lambda _topic, _step: False,
+) -> Path:
+    """A bag as the recorder writes them, without the messages of some topics at some steps."""
     made = made or Made()
     latched = [topics.EPISODE.name, topics.MAP.name, topics.TF_STATIC.name, topics.OUTCOME.name]
     writer = EpisodeBagWriter(path, store, latched)
     for topic, step, message in messages_of(made, described(made)):
+        if lacking(topic.name, step):
+            continue
         cdr = bytes(store.serialize_cdr(message, topic.type_name))
         writer.write(topic.name, topic.type_name, cdr, time_ns_of_step(step))
     return writer.finish().path

@@ -1,5 +1,7 @@
 """Boxes around made returns, tracks of made vehicles, and a recorded episode."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -72,5 +74,7 @@ def test_it_finds_vehicles_of_a_recorded_episode(frames: Frames) -> None:
     score = devkit_score(*counted_boxes(frames, FoundSet("c", "c", boxes, frames.scored, True), VEHICLE_NAMES))
     assert score.average_precision[2.0] > 0.1
     assert score.errors["ATE"] < 1.0
-    again = detect_classical(frames.episodes[0])
-    assert np.array_equal(boxes.centre_m, again.centre_m)
+    # The same once more, of the first few sweeps.
+    (episode,) = frames.episodes
+    again = detect_classical(replace(episode, step=episode.step[:4]))
+    assert np.array_equal(boxes.at(boxes.frame < 4).centre_m, again.centre_m)

@@ -1,5 +1,9 @@
 """Frames and boxes out of a bag of formulas."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from datasets.made_bag import (
@@ -12,13 +16,17 @@ from datasets.made_bag import (
     write_made_bag,
     yaw_of,
 )
+from evaluation.made_records import moving, record_with
 from rosbags.typesys.store import Typestore
 
 from siren_ros.datasets.exporting.survey import survey_bag
 from siren_ros.datasets.sources.needs import Need
+from siren_ros.evaluation.detection.protocol import episode_reading
 from siren_ros.evaluation.detection.protocol.boxes import ATTRIBUTES
-from siren_ros.evaluation.detection.protocol.episode_reading import read_frames
+from siren_ros.evaluation.detection.protocol.episode_reading import _modes, read_frames
 from siren_ros.evaluation.detection.protocol.frames import EpisodeFrames
+from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.world.actors import Mode
 
 STEPS = list(range(4, 42, 2))
 
@@ -77,3 +85,30 @@ def test_velocities_are_differences_of_the_boxes_places(episode: EpisodeFrames) 
         for which in (0, 1):
             moved = truth.centre_m[rows[after] + which] - truth.centre_m[rows[before] + which]
             assert truth.velocity_mps[rows[at] + which] == pytest.approx(moved[:2] / (0.05 * (after - before)))
+
+
+def test_modes_are_those_of_each_actors_state(straight_road: RoadNetwork, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a label whose actor has no state nothing is known: before the first, between two, and behind the last."""
+    (there,) = record_with({key: moving(0.0, 0.0, 5.0, steps=1) for key in (3, 5, 9)}, straight_road).states
+    states = replace(there, mode=np.array([Mode.YIELD_HOLD, Mode.REJOIN, Mode.STOPPED], dtype=np.uint8))
+    monkeypatch.setattr(episode_reading, "from_actor_states", lambda _: states)
+    message: Any = SimpleNamespace(read=lambda: None)
+    asked = np.array([9, 1, 5, 4, 12, 3], dtype=np.uint32)
+    nothing = Mode.NOMINAL
+    assert _modes(asked, message).tolist() == [Mode.STOPPED, nothing, Mode.REJOIN, nothing, nothing, Mode.YIELD_HOLD]
+    assert _modes(asked, None).tolist() == [nothing] * 6
+
+
+@pytest.fixture(scope="module")
+def sparse(tmp_path_factory: pytest.TempPathFactory, typestore: Typestore) -> EpisodeFrames:
+    """Without the front camera's picture at steps 8 and 12, without labels at step 6."""
+    folder = tmp_path_factory.mktemp("sparse")
+    lacking = {8: "camera_front/image", 12: "camera_front/image", 6: "ground_truth"}
+    bag = write_made_bag(folder / "bag", typestore, Made(steps=16), lambda topic, step: lacking.get(step, "-") in topic)
+    return read_frames(survey_bag(bag, "detection", (Need.LIDAR,), folder), "mine")
+
+
+def test_sweeps_without_labels_are_no_frames_and_some_have_no_picture(sparse: EpisodeFrames) -> None:
+    assert sparse.step.tolist() == [4, 8, 10, 12, 14]
+    assert sparse.pictured.tolist() == [True, False, True, False, True]
+    assert sparse.truth.frame.tolist() == np.repeat(np.arange(5), 2).tolist()

@@ -82,3 +82,33 @@ def test_the_answer_is_the_same_at_the_same_times() -> None:
     fine = idm_travel(one(8.0), one(13.0), one(25.0), one(5.0), np.arange(1, 51) * 0.1, CONFIG)
     coarse = idm_travel(one(8.0), one(13.0), one(25.0), one(5.0), np.arange(1, 26) * 0.2, CONFIG)
     assert np.array_equal(fine[:, 1::2], coarse)
+
+
+def test_the_first_steps_by_hand() -> None:
+    """Two steps of a tenth of a second behind a leader at 5 m/s, 20 m ahead."""
+    speed, travelled, expected = 8.0, 0.0, []
+    for step in range(2):
+        gap = 20.0 + 5.0 * 0.1 * step - travelled
+        wanted = 2.0 + speed * 1.5 + speed * (speed - 5.0) / (2.0 * np.sqrt(3.0))
+        acceleration = 1.5 * (1.0 - (speed / 13.0) ** 4 - (wanted / gap) ** 2)
+        travelled += 0.1 * speed + 0.005 * acceleration
+        speed += 0.1 * acceleration
+        expected.append(travelled)
+    found = idm_travel(one(8.0), one(13.0), one(20.0), one(5.0), np.array([0.1, 0.2]), CONFIG)
+    assert found[0] == pytest.approx(expected)
+
+
+def test_who_stops_within_a_step_goes_no_further_than_braking_takes_it() -> None:
+    """0.3 m/s and half a metre behind a standing leader: −(0.5 · v²) / a, and there it stays."""
+    acceleration = float(idm_acceleration(one(0.3), one(13.0), one(0.5), one(0.3), CONFIG)[0])
+    assert 0.3 + 0.1 * acceleration < 0.0
+    found = idm_travel(one(0.3), one(13.0), one(0.5), one(0.0), np.array([0.1, 0.2, 1.0]), CONFIG)
+    assert found[0] == pytest.approx([0.5 * 0.3**2 / -acceleration] * 3)
+    # As one who drives backwards never does, the distance is that of a mean speed between 0.3 m/s and none.
+    assert 0.0 < found[0, 0] < 0.03
+
+
+def test_bumpers_that_overlap_brake_as_hard_as_the_least_gap_does() -> None:
+    overlap, least = (idm_acceleration(one(5.0), one(13.0), one(gap), one(0.0), CONFIG) for gap in (-2.0, 0.1))
+    assert overlap == pytest.approx(least)
+    assert idm_acceleration(one(5.0), one(13.0), one(0.2), one(0.0), CONFIG) > least

@@ -2,10 +2,12 @@ import numpy as np
 import pytest
 from hand_made_record import Driven
 from made_encounters import CAR, IN_LANE, arc, record_of
+from shapely import Point, Polygon
 
-from siren_ros.evaluation.yielding.emv_line import EmvLine
+from siren_ros.evaluation.yielding.emv_line import EmvLine, OnLine
 from siren_ros.evaluation.yielding.marks.corridor import (
     CorridorSeries,
+    _footprint,
     corridor_continuity,
     corridor_series,
     corridor_width_m,
@@ -13,6 +15,7 @@ from siren_ros.evaluation.yielding.marks.corridor import (
     widest_way_m,
 )
 from siren_ros.evaluation.yielding.thresholds import YieldThresholds
+from siren_ros.numerics.geometry import footprint_corners
 from siren_ros.recording.episode_record import EpisodeRecord
 
 ACROSS = np.arange(-10.0, 10.05, 0.1)
@@ -166,3 +169,22 @@ def test_the_corridor_is_measured_while_the_line_goes_on_for_all_of_the_look_ahe
     assert line is not None
     assert line.line.length_m == pytest.approx(229.0 - start_m)
     assert corridor_series(record, line, LIMITS).step[-1] == last
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 25.0, -40.0, 90.0, 135.0, -160.0])
+@pytest.mark.parametrize(("arc_m", "left_m"), [(12.0, 1.5), (9.5, -2.2)])
+def test_a_body_covers_the_cells_of_its_turned_rectangle(turn_deg: float, arc_m: float, left_m: float) -> None:
+    """A body of 4.6 m by 1.8 m, half a metre longer at each end: stations are 1 m apart."""
+    turn = np.radians(turn_deg)
+    track = record_of(arc((10.0, 1.0)), {}).track(1).select(np.arange(21) == 0)
+    numbers = (np.array([value]) for value in (arc_m, left_m, turn, 2.0, 1.0))
+    other = OnLine(track, *numbers)
+    stations = np.arange(0.0, 25.0, 1.0)
+    found = _footprint(other, 0, (4.6, 1.8), stations)
+    corners = footprint_corners(*(np.array([value]) for value in (arc_m, left_m, turn, 5.6, 1.8)))[0]
+    body = Polygon(corners)
+    for row, column in np.argwhere(np.ones_like(found)).tolist():
+        place = Point(stations[row], ACROSS[column])
+        if abs(body.exterior.distance(place)) > 1e-6:
+            assert found[row, column] == body.contains(place)
+    assert found.sum() > 10

@@ -193,3 +193,14 @@ def test_straight_ahead_is_where_the_vehicle_looks_at_the_present(straight_road:
     del tracks[4]
     batch, sample = first_frame(tracks, straight_road)
     assert leaders(batch).gap_m[sample[1]] == pytest.approx(12.0 - 4.6)
+
+
+def test_the_lane_is_that_of_the_present_heading(crossroads: RoadNetwork) -> None:
+    """Where the ways across part, it looked straight on until just now, and now to the left."""
+    heading = np.where(np.arange(201) < 60, 0.0, 0.6)
+    turned = np.stack((np.full(201, 7.0), np.full(201, 3.0), *np.zeros((2, 201)), heading), axis=1)
+    batch, sample = first_frame({1: Track(turned)}, crossroads)
+    way = MODEL.predict(batch).xy_m[sample[1], 0]
+    _, left = crossroads.lanes[4].centre.project(way)
+    assert np.abs(left).max() < 0.2
+    assert way[-1, 1] > 10.0

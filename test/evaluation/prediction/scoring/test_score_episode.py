@@ -13,6 +13,7 @@ from siren_ros.evaluation.prediction.metrics.table import METRICS
 from siren_ros.evaluation.prediction.predictors import PREDICTORS, Checkpoint, predictors_named
 from siren_ros.evaluation.prediction.protocol.samples import Population, samples_of
 from siren_ros.evaluation.prediction.protocol.window import HistoryWindow
+from siren_ros.evaluation.prediction.scoring.categories import Category
 from siren_ros.evaluation.prediction.scoring.episode_scores import EpisodeScores
 from siren_ros.evaluation.prediction.scoring.score_episode import score_episode
 from siren_ros.generation.closed_loop import closed_loop
@@ -135,3 +136,23 @@ def test_by_default_the_region_is_scored(straight_road: RoadNetwork) -> None:
     # The fourth is 50 m behind the EMV after 5 s: a neighbour in the samples of frames 30 to 49 up to then.
     assert set(batch.actors.actor_id.tolist()) == {1, 2, 4}
     assert not batch.actors.observed[batch.actors.frame == 0].sum(axis=1).tolist().count(0)
+
+
+def test_what_is_kept_of_each_sample(straight_road: RoadNetwork) -> None:
+    """Two samples each of a vehicle that gains speed, one that stands, and an EMV at constant speed."""
+    tracks = {
+        3: moving(0.0, -5.25, 5.0, accel_mps2=0.4, steps=163),
+        4: moving(60.0, -5.25, 0.0, steps=163),
+        9: replace(moving(0.0, 500.0, 6.0, yaw_rad=2.0, steps=163), is_emv=True),
+    }
+    record = record_with(tracks, straight_road)
+    found = score_episode("kept", record, predictors_named(["cv"]), Population.ALL).models["cv"]
+    assert found.step.tolist() == [60, 60, 60, 62, 62, 62]
+    assert found.actor_id.tolist() == [3, 4, 9] * 2
+    assert found.category.tolist() == [Category.OTHER, Category.OTHER, Category.EMV] * 2
+    # The first drives 6.2 m/s at 3 s: 5 s of that, and 0.2 times 25.
+    assert found.moved_m[:3] == pytest.approx([5.0 * 6.2 + 5.0, 0.0, 30.0])
+    assert found.wanted == len(found) == 6
+    # Constant velocity is off by 0.2 t², for each of the first one's two samples.
+    assert found.distance_sum_m == pytest.approx(2.0 * 0.2 * (0.2 * np.arange(1, 26)) ** 2)
+    assert found.values["fde_m"] == pytest.approx([5.0, 0.0, 0.0] * 2)

@@ -70,3 +70,34 @@ def test_the_site_is_reached_or_not() -> None:
 
 def test_an_emv_that_stands_has_no_line() -> None:
     assert EmvLine.of(record_of(arc((0.0, 3.0)), {})) is None
+
+
+@pytest.mark.parametrize(("time_s", "at_least"), [(9.5, True), (11.45, True), (11.6, False)])
+def test_a_site_that_the_emv_still_comes_nearer_to_is_not_passed(time_s: float, *, at_least: bool) -> None:
+    """The middle of its site is 115 m after the start; 9.5 s after it, it is 20 m away."""
+    record = record_of(arc((10.0, time_s)), {})
+    record = replace(record, description=replace(record.description, site={"junction": "J"}))
+    found = emv_marks.site_time_s(record, line_of(record), LIMITS)
+    assert found.at_least is at_least
+    assert found.value == pytest.approx(time_s + 0.05 if at_least else 11.5, abs=0.051)
+
+
+def test_an_emv_that_stops_behind_its_site_has_passed_it() -> None:
+    """It stands 10 m behind the middle until the end, and its time is that at the middle."""
+    record = record_of(arc((10.0, 12.5), (0.0, 5.0)), {})
+    record = replace(record, description=replace(record.description, site={"junction": "J"}))
+    assert emv_marks.site_time_s(record, line_of(record), LIMITS) == Measure(pytest.approx(11.5, abs=0.051))
+
+
+@pytest.mark.parametrize(("speed_mps", "stops"), [(0.49, 1.0), (0.51, 0.0)])
+def test_a_stop_is_slower_than_half_a_metre_a_second(speed_mps: float, stops: float) -> None:
+    record = record_of(arc((10.0, 3.0), (speed_mps, 2.0)), {})
+    assert emv_marks.emv_stops(record, line_of(record), LIMITS) == Measure(stops)
+    standing = emv_marks.emv_standstill_s(record, line_of(record), LIMITS).value
+    assert standing == pytest.approx(2.0 * stops, abs=0.051)
+
+
+@pytest.mark.parametrize(("again_mps", "stops"), [(1.9, 1.0), (2.1, 2.0)])
+def test_who_moves_faster_than_two_metres_a_second_stops_again(again_mps: float, stops: float) -> None:
+    record = record_of(arc((10.0, 3.0), (0.0, 1.0), (again_mps, 2.0), (0.0, 1.0)), {})
+    assert emv_marks.emv_stops(record, line_of(record), LIMITS) == Measure(stops)

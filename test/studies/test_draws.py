@@ -53,3 +53,20 @@ def test_random_draws_stay_the_same_when_more_are_asked_for() -> None:
 def test_what_the_template_does_not_allow_is_refused(plan: DrawPlan) -> None:
     with pytest.raises(InputError):
         draws_of(plan, S2)
+
+
+def test_values_go_to_their_own_parameters() -> None:
+    """Each one lies in its own range, and whole numbers are whole and reach both ends."""
+    ranges = {"emv.speed_mps": (12.0, 12.5), "demand.background_vehicles": (16.0, 18.0)}
+    found = draws_of(DrawPlan(Method.RANDOM, samples=60, ranges=ranges), S2)
+    speeds = [values["emv.speed_mps"] for values in found]
+    counts = [values["demand.background_vehicles"] for values in found]
+    assert 12.0 <= min(speeds) < 12.05
+    assert 12.45 < max(speeds) <= 12.5
+    assert set(counts) == {16.0, 17.0, 18.0}
+    assert np.corrcoef(speeds, counts)[0, 1] < 0.5, "each has numbers of its own"
+
+
+def test_a_range_of_one_value_is_that_value() -> None:
+    found = draws_of(DrawPlan(Method.RANDOM, samples=3, ranges={"emv.speed_mps": (13.0, 13.0)}), S2)
+    assert found == ({"emv.speed_mps": 13.0},) * 3

@@ -8,8 +8,10 @@ from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.generation.request_files import files_of_request
 from siren_ros.params.input_files import files_from_json
 from siren_ros.params.resources import params_dir
+from siren_ros.roads.maps.map_compiler import name_of_map
 from siren_ros.scenario.episode import FILES_PARAMETER
 from siren_ros.scenario.request import EpisodeRequest
+from siren_ros.studies import matrix
 from siren_ros.studies.draws import DrawPlan, Method
 from siren_ros.studies.matrix import Study, plan_study
 
@@ -61,3 +63,45 @@ def test_the_files_of_a_request_are_those_of_its_episode() -> None:
     request = EpisodeRequest("S4", sensors="lidar", preset="realistic", look="night")
     described = set_up_episode(request).description.parameters[FILES_PARAMETER]
     assert files_of_request(request) == files_from_json(described)
+
+
+def test_templates_change_first_then_levels_maps_draws_and_seeds_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A map has a name in the episode's, the town has none; draws are counted from 0."""
+    monkeypatch.setattr(matrix._Inputs, "sha256_of", lambda *_: "")
+    study = Study(
+        ("S2", "S1"), ("own", "L0"), (7, 3), ("town", "maps/Some Map.xodr"), duration_s=30.0, sensors="lidar", look="rain",
+        draws=DrawPlan(Method.GRID, values={"emv.speed_mps": (12.0, 13.0)}),
+    )  # fmt: skip
+    planned = plan_study(study)
+    names = [episode.name for episode in planned]
+    elsewhere = name_of_map(Path("maps/Some Map.xodr"))
+    assert names[:8] == [
+        "S2_L2_seed7_draw0",
+        "S1_L3_seed7_draw0",
+        "S2_L0_seed7_draw0",
+        "S1_L0_seed7_draw0",
+        f"S2_L2_{elsewhere}_seed7_draw0",
+        f"S1_L3_{elsewhere}_seed7_draw0",
+        f"S2_L0_{elsewhere}_seed7_draw0",
+        f"S1_L0_{elsewhere}_seed7_draw0",
+    ]
+    assert [name for name in names if name.startswith("S1_L0_seed")] == [
+        f"S1_L0_seed{seed}_draw{draw}" for seed in (7, 3) for draw in (0, 1)
+    ]
+    assert [episode.group for episode in planned[:5]] == ["S2_L2", "S1_L3", "S2_L0", "S1_L0", f"S2_L2_{elsewhere}"]
+    first, other = planned[0].request, planned[4].request
+    assert (first.map, other.map) == ("", "maps/Some Map.xodr")
+    assert (first.duration_s, first.sensors, first.look, first.preset) == (30.0, "lidar", "rain", "paper")
+    assert (first.values, planned[8].request.values) == ("emv.speed_mps=12.0", "emv.speed_mps=13.0")
+    assert {episode.draw for episode in planned} == {0, 1}
+
+
+def test_without_draws_none_is_counted() -> None:
+    (planned,) = plan_study(Study(("S2",), ("L1",)))
+    assert (planned.name, planned.draw, planned.request.values) == ("S2_L1_seed0", -1, "")
+
+
+@pytest.mark.parametrize("field", ["templates", "levels", "seeds", "maps"])
+def test_nothing_of_a_kind_is_no_study(field: str) -> None:
+    with pytest.raises(InputError, match=field):
+        plan_study(replace(STUDY, **{field: ()}))

@@ -83,3 +83,33 @@ def test_the_benchmark_is_a_study_of_the_seven_base_episodes() -> None:
         )
     ]
     assert {episode.request.sensors for episode in planned} == {"full"}
+
+
+def test_what_a_file_does_not_say_is_as_always(tmp_path: Path) -> None:
+    assert read_study(written(tmp_path, "templates: [S1]")) == Study(("S1",))
+
+
+def test_every_key_has_its_place(tmp_path: Path) -> None:
+    text = "templates: [S1]\nsensors: lidar\nlook: night\nduration_s: 30\ndraw: {method: random, samples: 5, seed: 9}"
+    study = read_study(written(tmp_path, text))
+    assert (study.sensors, study.look, study.duration_s) == ("lidar", "night", 30.0)
+    assert study.draws == DrawPlan(Method.RANDOM, samples=5, seed=9)
+
+
+@pytest.mark.parametrize(("word", "seeds"), [("0", (0,)), ("3", (3,)), ("2:5", (2, 3, 4)), ("4:5", (4,))])
+def test_seeds_by_words(word: str, seeds: tuple[int, ...]) -> None:
+    assert seeds_of([word]) == seeds
+    assert seeds_of(["9", word]) == (9, *seeds)
+
+
+@pytest.mark.parametrize("word", ["", "a", "1:", ":3", "3:3", "5:2", "-1:2", str(2**31)])
+def test_words_that_are_no_seeds(word: str) -> None:
+    with pytest.raises(InputError, match="seeds"):
+        seeds_of([word])
+    assert seeds_of([str(2**31 - 1)]) == (2**31 - 1,)
+
+
+@pytest.mark.parametrize("words", [["a=1:2", "a=1:2"], ["a=1"], ["a=1:2:3"], ["a=x:2"]])
+def test_words_of_a_range_that_make_no_sense_are_refused(words: list[str]) -> None:
+    with pytest.raises(InputError):
+        ranges_of(words)

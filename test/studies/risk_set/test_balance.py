@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from siren_ros.errors import InputError
 from siren_ros.evaluation.risk.risk_class import RiskClass
-from siren_ros.studies.risk_set.balance import Balance, Finding, quotas, settled, shifted
+from siren_ros.studies.risk_set.balance import Balance, Finding, papers_balance, quotas, settled, shifted
 
 TEMPLATES = ("S1", "S2", "S3", "S4", "S5", "S6", "S7")
 PAPER = Balance((74, 25, 6), 15)
@@ -62,3 +62,35 @@ def test_what_is_settled_was_found_and_is_never_too_much(found: list[tuple[int, 
 def test_a_surplus_makes_up_for_a_lack() -> None:
     wanted = {"A": (1, 1, 1), "B": (1, 1, 1)}
     assert settled(wanted, {"A": (5, 0, 3), "B": (5, 3, 0)}, 3) == {"A": (1, 0, 2), "B": (1, 2, 0)}
+
+
+def test_the_papers_shares_of_other_numbers() -> None:
+    assert papers_balance(7) == PAPER
+    # 2 templates of 15: 25/105 and 6/105 of 30 videos are 7.1 and 1.7.
+    assert papers_balance(2) == Balance((21, 7, 2), 15)
+    assert papers_balance(1, 3) == Balance((2, 1, 0), 3)
+
+
+def test_the_rare_ones_are_dealt_from_where_the_rarer_ones_end() -> None:
+    """Two collisions go to A and B; of four near-misses C has the first, and so on in turn."""
+    assert dict(quotas(Balance((3, 4, 2), 3), ("A", "B", "C"))) == {"A": (1, 1, 1), "B": (1, 1, 1), "C": (1, 2, 0)}
+
+
+def test_more_rare_ones_than_a_template_has_videos_are_refused() -> None:
+    with pytest.raises(InputError, match="at most 2 rare videos for A"):
+        quotas(Balance((0, 6, 0), 2), ("A", "B", "A"))
+
+
+def test_a_template_that_is_full_of_rare_ones_gets_no_more() -> None:
+    """B has given collisions up; A may have three videos, of which two are near-misses."""
+    wanted = {"A": (0, 2, 1), "B": (0, 1, 2)}
+    findings = {"A": Finding((3, 2, 3)), "B": Finding((3, 1, 1), frozenset({RiskClass.COLLISION}))}
+    assert shifted(wanted, findings, Balance((0, 3, 3), 3)) == {"A": (0, 2, 1), "B": (1, 1, 1)}
+    roomy = {"A": (2, 0, 1), "B": (0, 1, 2)}
+    assert shifted(roomy, findings, Balance((2, 1, 3), 3)) == {"A": (1, 0, 2), "B": (1, 1, 1)}
+
+
+def test_what_was_found_before_giving_up_is_kept() -> None:
+    wanted = {"A": (0, 0, 3)}
+    given_up = {"A": Finding((9, 0, 2), frozenset({RiskClass.COLLISION}))}
+    assert shifted(wanted, given_up, Balance((0, 0, 3), 3)) == {"A": (1, 0, 2)}

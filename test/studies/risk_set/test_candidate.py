@@ -1,10 +1,21 @@
 """The window of a video lies within the EMV's time, with the decisive moment inside."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
+from evaluation.made_records import Track, moving, record_with
 from hypothesis import given
 from hypothesis import strategies as st
+from synthetic_episode import NET_XML
 
-from siren_ros.studies.risk_set.candidate import FRAME_STEPS, WINDOW_STEPS, window_start
+from siren_ros.evaluation.risk.labels import RiskThresholds
+from siren_ros.evaluation.risk.risk_class import RiskClass
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.roads.net_parser import parse_road_network
+from siren_ros.scenario.request import EpisodeRequest
+from siren_ros.studies.risk_set.candidate import FRAME_STEPS, WINDOW_STEPS, Candidate, assessed, window_start
+from siren_ros.world.events import Event, EventKind
 
 
 @given(begin=st.integers(0, 50), length=st.integers(0, 600), share=st.floats(0.0, 1.0), seed=st.integers(0, 1000))
@@ -23,3 +34,65 @@ def test_the_moments_place_is_drawn_between_40_and_80_percent() -> None:
     assert 0.39 < min(places) < 0.45
     assert 0.75 < max(places) < 0.81
     assert sum(places) / len(places) == pytest.approx(0.6, abs=0.02)
+
+
+EMV, CAR = 1, 5
+LIMITS = RiskThresholds()
+
+
+def record(*events: Event, steps: int = WINDOW_STEPS + 120, car: Track | None = None) -> EpisodeRecord:
+    """An EMV at 10 m/s from step 10 on, and a car that stands 3 m to the left of its way, 200 m ahead."""
+    tracks = {
+        EMV: moving(0.0, -5.25, 10.0, is_emv=True, steps=steps, first_step=10),
+        CAR: car or moving(200.0, -2.25, 0.0, steps=steps + 10),
+    }
+    made = record_with(tracks, parse_road_network(NET_XML.encode()))
+    return replace(made, events=events, description=replace(made.description, emv_ids=(EMV,)))
+
+
+def found(made: EpisodeRecord, seed: int = 0) -> Candidate:
+    candidate = assessed(EpisodeRequest(seed=seed), made, LIMITS)
+    assert isinstance(candidate, Candidate)
+    return candidate
+
+
+@pytest.mark.parametrize(("steps", "long_enough"), [(WINDOW_STEPS - 1, False), (WINDOW_STEPS, True)])
+def test_the_emv_has_to_be_there_for_a_whole_video(steps: int, *, long_enough: bool) -> None:
+    assert isinstance(assessed(EpisodeRequest(), record(steps=steps), LIMITS), Candidate) is long_enough
+
+
+def test_nothing_happens_and_the_window_is_around_the_closest_moment() -> None:
+    """The EMV is next to the car 20 s after step 10, at step 410, of 510 steps in all."""
+    for seed in range(5):
+        candidate = found(record(), seed)
+        assert candidate.label.risk is RiskClass.NORMAL
+        assert candidate.first_step == window_start(410, 10, 510, seed)
+    # A car that is near while the EMV stands does not count: it stands until step 60, next to another one.
+    standing = np.concatenate(
+        (np.tile([0.0, -5.25, 0.0, 0.0, 0.0], (50, 1)), moving(0.0, -5.25, 10.0, steps=450).states)
+    )
+    near = {
+        EMV: Track(standing, is_emv=True),
+        CAR: moving(0.0, -2.25, 0.0, steps=50),
+        7: moving(100.0, 0.0, 0.0, steps=500),
+    }
+    made = record_with(near, parse_road_network(NET_XML.encode()))
+    made = replace(made, description=replace(made.description, emv_ids=(EMV,)))
+    assert found(made).first_step == window_start(50 + 200, 0, 500, 0)
+
+
+def test_a_contact_decides_and_the_window_is_around_it() -> None:
+    """The car stands ahead in view; the window's label is of what lies in it."""
+    contact = Event(385, EventKind.COLLISION, EMV, CAR, detail={"impact_speed_mps": 3.0})
+    candidate = found(record(contact), 4)
+    assert (candidate.label.risk, candidate.label.step) == (RiskClass.COLLISION, 385)
+    assert candidate.first_step == window_start(385, 10, 510, 4)
+    moments = candidate.evidence.moments.step
+    assert ((moments >= candidate.first_step) & (moments < candidate.first_step + WINDOW_STEPS)).all()
+
+
+def test_an_emv_that_never_moves_is_shown_in_the_middle_of_its_time() -> None:
+    still = moving(0.0, -5.25, 0.0, is_emv=True, steps=401)
+    made = record_with({EMV: still, CAR: moving(50.0, -5.25, 0.0, steps=401)}, parse_road_network(NET_XML.encode()))
+    made = replace(made, description=replace(made.description, emv_ids=(EMV,)))
+    assert found(made, 2).first_step == window_start(200, 0, 401, 2)

@@ -69,7 +69,8 @@ def test_templates_change_first_then_levels_maps_draws_and_seeds_last(monkeypatc
     """A map has a name in the episode's, the town has none; draws are counted from 0."""
     monkeypatch.setattr(matrix._Inputs, "sha256_of", lambda *_: "")
     study = Study(
-        ("S2", "S1"), ("own", "L0"), (7, 3), ("town", "maps/Some Map.xodr"), duration_s=30.0, sensors="lidar", look="rain",
+        ("S2", "S1"), ("own", "L0"), (7, 3), ("town", "maps/Some Map.xodr"),
+        duration_s=30.0, sensors="lidar", look="rain",
         draws=DrawPlan(Method.GRID, values={"emv.speed_mps": (12.0, 13.0)}),
     )  # fmt: skip
     planned = plan_study(study)

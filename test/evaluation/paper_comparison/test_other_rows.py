@@ -66,6 +66,7 @@ def test_scores_of_the_papers_models_are_found_by_name() -> None:
     content = {"models": {"Qwen3.5-9B": {"scores": {"accuracy": {"value": 0.6, "low": 0.5, "high": 0.8}}}}}
     rows = {(row.row, row.column): row for row in risk_rows(None, content)}
     assert rows["Qwen3.5-9B", "accuracy"].inside is True
+    assert rows["Qwen3.5-9B", "accuracy"].cells()[3] == "0.705"
     assert not rows["Gemma3-12B", "accuracy"].ours.valid
 
 

@@ -160,6 +160,7 @@ def test_labels_are_filled_and_detections_are_outlines(monkeypatch: pytest.Monke
     legend = axes.get_legend()
     assert legend is not None
     assert [text.get_text() for text in legend.get_texts()][2:] == list(outlines)
+    assert legend.get_frame().get_alpha() == 1.0, "returns do not shine through"
 
 
 def test_the_front_cameras_picture_stands_to_the_right(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,6 +5,7 @@ import pytest
 from made_records import moving, record_with
 
 from siren_ros.errors import InputError
+from siren_ros.evaluation.prediction.protocol.hypotheses import checked
 from siren_ros.evaluation.prediction.protocol.samples import Population, SampleBatch, samples_of
 from siren_ros.evaluation.prediction.protocol.window import HistoryWindow, future_times_s
 from siren_ros.evaluation.prediction.submitted.columns import SubmittedRows
@@ -111,7 +112,9 @@ def both(batch: SampleBatch, allow_missing: bool = False) -> Submission:
 def test_episodes_go_by_any_of_their_names(batch: SampleBatch) -> None:
     found = both(batch)
     assert len(found.of_episode(["folder", "two"]).predictions) == 40
-    assert len(found.of_episode(["folder"]).predictions) == 0
+    nothing = found.of_episode(["folder"]).predictions
+    assert len(nothing) == 0
+    assert len(checked("mine", nothing.hypotheses, 0)) == 0
     found.check_episodes([("one",), ("folder", "two")])
 
 

@@ -303,3 +303,30 @@ def test_of_several_changes_the_one_that_the_emv_passes_counts() -> None:
     assert changing((2, 30.0, there_and_back, 5.0), emv=emv, emv_mps=7.0) == [(2, True)]
     stays = [(RIGHT_X_M, -120.0), (RIGHT_X_M, -89.0), (LEFT_X_M, -81.0), (LEFT_X_M, 110.0)]
     assert changing((2, 30.0, stays, 5.0), emv=emv, emv_mps=4.0) == [(2, False)]
+
+
+def test_of_several_changes_that_the_emv_never_passes_the_first_counts() -> None:
+    """The EMV follows the car into the other lane and back, too slow to pass."""
+    weaving = [(RIGHT_X_M, -120.0), (RIGHT_X_M, -89.0), (LEFT_X_M, -81.0), (LEFT_X_M, -60.0), (RIGHT_X_M, -52.0)]
+    weaving += [(RIGHT_X_M, 110.0)]
+    emv = line((RIGHT_X_M, -120.0), (RIGHT_X_M, -100.0), (LEFT_X_M, -92.0), (LEFT_X_M, 110.0))
+    steps = 300
+    vehicles = {
+        EMV: Driven(emv, at_speed(0.0, 4.5, steps)),
+        2: Driven(line(*weaving), at_speed(30.0, 5.0, steps)),
+    }
+    record = hand_made(crossing(), vehicles)
+    lights = np.array([int(Lights.SIREN), 0], np.uint8)
+    record = replace(record, states=tuple(replace(state, lights=lights) for state in record.states))
+    network = record.network
+    (found,) = find_clearings(record)
+    assert found.passed_step is None
+    assert network.lanes[found.left_lane].centre.points[0][0] == RIGHT_X_M
+    assert float(record.track(2).y_m[found.start_step]) < -80.0
+
+
+def test_a_pass_before_the_lane_is_clear_is_none() -> None:
+    """The car takes 20 s to get over; the EMV squeezes past it while its tail is still in the lane."""
+    slow = [(RIGHT_X_M, -120.0), (RIGHT_X_M, -89.0), (LEFT_X_M, -30.0), (LEFT_X_M, 110.0)]
+    assert changing((2, 30.0, slow, 2.5), emv_mps=4.0) == [(2, False)]
+    assert changing((2, 30.0, slow, 2.5), emv_mps=3.5, steps=700) == [(2, True)]

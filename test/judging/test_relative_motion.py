@@ -29,7 +29,7 @@ def test_ahead_and_left_in_the_axes_of_a_vehicle_that_points_anywhere(yaw):
 @pytest.mark.parametrize(("turned", "same"), [(0.0, True), (0.98, True), (-0.98, True), (1.02, False), (-1.02, False)])
 @pytest.mark.parametrize("yaw", [0.0, 3.0, -3.0])
 def test_the_same_direction_is_within_60_degrees_on_both_sides_and_across_pi(turned, same, yaw):
-    other = rows_at(0.0, 0.0, yaw + turned * ALIGNED_RAD)
+    other = rows_at(0.0, 0.0, np.remainder(yaw + turned * ALIGNED_RAD + np.pi, 2.0 * np.pi) - np.pi)
     assert in_same_direction(rows_at(0.0, 0.0, yaw), other).tolist() == [same]
     assert np.degrees(ALIGNED_RAD) == pytest.approx(60.0)
 

@@ -17,7 +17,7 @@ from hand_made_record import (
     line,
 )
 
-from siren_ros.judging.shoulder_turn import on_shoulder_area, shoulder_turn, turned_right_rad
+from siren_ros.judging.shoulder_turn import _stretches, on_shoulder_area, shoulder_turn, turned_right_rad
 from siren_ros.judging.verdict import Verdict
 
 NETWORK = crossing()
@@ -145,3 +145,10 @@ def test_the_intervals_on_the_shoulder_are_told() -> None:
     first, second = (tuple(float(part.split()[0]) for part in text.split(" to ")) for text in detail.split(", "))
     assert first[0] < first[1] < second[0] < second[1]
     assert (first[1] - first[0]) + (second[1] - second[0]) == pytest.approx(_verdict(twice).parts[1].value, abs=0.15)
+
+
+def test_an_interval_ends_with_the_step_after_its_last_one() -> None:
+    rows = hand_made(NETWORK, {EMV: Driven(ON_SHOULDER, at_speed(0.0, 8.0, 40))}).track(EMV)
+    holds = np.zeros(40, dtype=np.bool_)
+    holds[4:8] = holds[20:22] = True
+    assert _stretches(rows, holds) == "0.2 s to 0.4 s, 1.0 s to 1.1 s"

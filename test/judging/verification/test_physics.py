@@ -74,6 +74,14 @@ def test_the_emvs_accelerations_from_the_1st_to_the_99th_percentile():
     assert emv_accel_range_mps2(record) == pytest.approx((-3.9, 5.9))
 
 
+def test_every_emvs_accelerations_count():
+    record = accelerated(np.linspace(-4.0, 6.0, 101), np.zeros(101))
+    both = replace(record, description=replace(record.description, emv_ids=(EMV, 2)))
+    assert emv_accel_range_mps2(both) == pytest.approx(
+        np.percentile(np.linspace(-4.0, 6.0, 101)[:, None] * [1, 100], [1, 99])
+    )
+
+
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_lateral_acceleration_to_both_sides_at_the_99_9th_percentile(side):
     lateral = np.zeros(501)

@@ -48,6 +48,14 @@ def test_a_growing_yaw_rate_pushes_a_sensor_ahead_of_the_origin_to_the_left() ->
     assert force[0] == pytest.approx(-2.0 * 0.1**2)
 
 
+def test_the_time_since_the_motion_before_counts() -> None:
+    """Three steps earlier: a third of what the same difference over one step is."""
+    before, now = PlanarMotion(4, 0.0, 2.0, -1.0, 0.0), PlanarMotion(7, 0.0, 2.6, -1.3, 0.09)
+    force = specific_force(before, now, np.array([2.0, 0.0, 0.0]))
+    assert force[0] == pytest.approx(0.6 / (3.0 * STEP_S) - 2.0 * 0.09**2)
+    assert force[1] == pytest.approx((-0.3 + 2.0 * 0.09) / (3.0 * STEP_S))
+
+
 def test_a_growing_yaw_rate_pushes_a_sensor_left_of_the_origin_backwards() -> None:
     before, now = PlanarMotion(0, 0.0, 0.0, 0.0, 0.0), PlanarMotion(1, 0.0, 0.0, 0.0, 0.1)
     force = specific_force(before, now, np.array([0.0, 1.5, 0.0]))

@@ -67,6 +67,17 @@ def test_a_missing_step_is_bridged() -> None:
     assert np.allclose(error_of(odometry, motions[0], motions[9]), 0.0, atol=1e-9)
 
 
+def test_the_gyroscopes_bias_turns_for_as_long_as_nobody_asked() -> None:
+    """0.15 s: three steps."""
+    wheels = WheelOdometry(5, WheelOdometrySpec(0.0, 0.0, 0.01, 0.0))
+    wheels.measure(2, START)
+    odometry = wheels.measure(5, START)
+    bias_radps = odometry.yaw_rate_radps - START.yaw_rate_radps
+    assert abs(bias_radps) > 1e-3
+    assert odometry.yaw_rad == pytest.approx(0.15 * bias_radps)
+    assert odometry.pose_covariance[2, 2] == pytest.approx((0.15 * 0.01) ** 2)
+
+
 def test_errors_are_as_large_as_the_covariance_says() -> None:
     """The mean of eᵀ P⁻¹ e is the number of dimensions, 3; its deviation over 150 seeds is √(6 / 150) = 0.2."""
     motions, squares, twists = drive(START, steps=100), [], []

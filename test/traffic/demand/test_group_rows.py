@@ -32,7 +32,7 @@ from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.roads.sites.site_finder import Site
 from siren_ros.scenario.scenario import DemandGroup, GroupAnchor, Placement
 from siren_ros.traffic.demand.emv_start import EmvStart, _lane_before
-from siren_ros.traffic.demand.group_rows import GroupRow, _approach_row, group_rows
+from siren_ros.traffic.demand.group_rows import GroupRow, _approach_row, _connection_from, group_rows
 
 NETWORK = streets()
 
@@ -221,3 +221,15 @@ def test_without_a_lane_that_leads_there_the_leftmost_one_is_before() -> None:
     lane, via = _lane_before(roads, roads.lanes[C_RIGHT], B)
     assert lane.index == B_RIGHT
     assert len(via) == 1
+
+
+def test_of_two_lanes_that_lead_into_one_the_leftmost_is_before() -> None:
+    roads = streets()
+    merging = replace(roads.connections[0], to_lane=B_LEFT)
+    for connections in ((*roads.connections, merging), (merging, *roads.connections)):
+        network = replace(roads, connections=connections)
+        assert {one.from_lane for one in network.connections_to[B_LEFT]} == {A_LEFT, A_RIGHT}
+        found = _connection_from(network, B_LEFT, A)
+        assert found is not None
+        assert found.from_lane == A_LEFT
+        assert _lane_before(network, network.lanes[B_LEFT], A)[0].index == A_LEFT

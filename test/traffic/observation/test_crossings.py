@@ -1,7 +1,7 @@
 from dataclasses import replace
 
 import pytest
-from made_streets import B_LEFT, B_RIGHT, C_RIGHT, STRAIGHT, STRAIGHT_LEFT, streets
+from made_streets import A_LEFT, B_LEFT, B_RIGHT, C_LEFT, C_RIGHT, STRAIGHT, STRAIGHT_LEFT, streets
 from traffic_helpers import load_map
 
 from siren_ros.roads.road_network import Connection, LaneKind
@@ -137,3 +137,14 @@ def test_who_left_inside_a_junction_has_not_been_in_it_when_the_number_comes_aga
     watch.forget(7)
     assert watch.watch(2, mover(connection.via[0]), {}) == ()
     assert watch.watch(3, mover(connection.to_lane), {}) == ()
+    watch.watch(4, mover(connection.from_lane), {})
+    watch.forget(7)
+    assert watch.watch(5, mover(connection.via[0]), {}) == ()
+
+
+def test_a_junction_is_left_once() -> None:
+    roads = streets()
+    watch = CrossingWatch(roads)
+    lanes = (B_LEFT, roads.connections[STRAIGHT_LEFT].via[0], C_LEFT, A_LEFT)
+    kinds = [event.kind for step, lane in enumerate(lanes) for event in watch.watch(step, mover(lane), {})]
+    assert kinds.count(EventKind.JUNCTION_LEFT) == 1

@@ -85,3 +85,13 @@ def test_who_is_ahead_on_the_emvs_route_within_reach_hears_it() -> None:
 
 def test_a_vehicle_without_a_route_is_on_nobodys_way() -> None:
     assert listening([[0, 1], []], [0.0, 20.0]) == []
+
+
+def test_an_emv_on_the_way_of_another_one_is_none_that_makes_way() -> None:
+    plan: Any = SimpleNamespace(
+        emvs=(SimpleNamespace(name="emv0"), SimpleNamespace(name="emv1")), response_distance_m=30.0
+    )
+    reactions = Reactions(NETWORK, plan, EmergencyLevel.L2, replace(CONFIG, bluelight_levels=frozenset()))
+    there: Any = SimpleNamespace(x_m=np.array([0.0, 10.0, 20.0]), y_m=np.zeros(3), yaw_rad=np.zeros(3))
+    found = reactions.rescued(["emv0", "emv1", "car"], there, [[0, 1]] * 3)
+    assert found == {"emv0": ["car"], "emv1": ["car"]}

@@ -235,6 +235,39 @@ class Told:
         self.modes[name] = mode
 
 
+@pytest.mark.parametrize("turn", TURNS)
+def test_an_outside_vehicle_is_taken_to_go_at_its_simulated_speed(turn: float) -> None:
+    """SUMO's own idea of it is the mirror's, a step late or none at all."""
+    roads = network(turn)
+    traffic = traffic_of([Car(0, 75.0, 13.0), Car(1, 85.0, 12.0, Owner.ROS)], roads)
+    late = replace(traffic, sumo_speed_mps=np.array([13.0, 0.0]), speed_mps=np.array([0.0, 12.0]))
+    for state in (traffic, late):
+        outlook = Outlook(state, CourseBook(roads), np.full(2, HALF_LENGTH), np.full(2, HALF_WIDTH))
+        (caution,) = cautions(state, outlook, YieldingConfig())
+        assert (caution.actor_id, caution.other_id) == (1, 2)
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_of_several_waits_the_strictest_is_kept(turn: float) -> None:
+    """A standing vehicle 3 m ahead is stricter than one that comes across 25 m on, whichever is looked at first."""
+    across = Car(1, 85.0, 12.0, Owner.ROS)
+    ahead = Car(0, 75.0 + 2.0 * HALF_LENGTH + 3.0, 0.0, Owner.ROS)
+    for others in ([across, ahead], [ahead, across]):
+        (caution,) = cautious([Car(0, 75.0, 13.0), *others], turn)
+        assert caution.other_id == 2 + others.index(ahead)
+        assert caution.wait.speed_mps == 0.0
+
+
+@pytest.mark.parametrize(("attentive", "slowed"), [(True, {"v1"}), (False, set())])
+def test_the_drivers_who_do_not_look_out_are_the_inattentive_ones(attentive: bool, slowed: set[str]) -> None:
+    driver = SimpleNamespace(driving=SimpleNamespace(decel_mps2=3.0))
+    size = {"length_m": 2.0 * HALF_LENGTH, "width_m": 2.0 * HALF_WIDTH}
+    vehicles = {key: SimpleNamespace(name=f"v{key}", attentive=attentive, driver=driver, **size) for key in (1, 2)}
+    drivers = CautiousDrivers(network(0.0), YieldingConfig())
+    traffic = traffic_of([Car(0, 75.0, 13.0), Car(1, 85.0, 12.0, Owner.ROS)], network(0.0))
+    assert set(drivers._speeds(traffic, vehicles)) == slowed  # type: ignore[arg-type] # what it reads
+
+
 def test_who_need_not_wait_any_more_gets_its_own_speed_back(monkeypatch: pytest.MonkeyPatch) -> None:
     told = Told()
     monkeypatch.setattr(caution_module, "libsumo", SimpleNamespace(vehicle=told))

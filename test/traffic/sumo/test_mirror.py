@@ -170,6 +170,17 @@ def test_a_vehicle_that_left_takes_its_binding_with_it(sumo: FakeVehicles) -> No
     assert sumo.settings == settings(SpeedFactor=1.1)
 
 
+def test_a_vehicle_that_left_while_ros_drove_it_is_not_handed_back(sumo: FakeVehicles) -> None:
+    drive = Driver()
+    drive(Owner.ROS, Mode.YIELD_PULL_OVER)
+    drive.mirror.forget(NAME)
+    sumo.settings.update(Speed=3.0)
+    drive(Owner.SUMO, Mode.NOMINAL)
+    assert sumo.settings == settings(Speed=3.0)
+    assert sumo.previous_speed_mps == 10.0, "of the step in which ROS drove"
+    assert NAME not in drive.mirror.places
+
+
 def test_a_mirrored_vehicle_is_put_one_step_ahead_with_its_front_in_its_lane(sumo: FakeVehicles) -> None:
     Driver()(Owner.ROS, Mode.YIELD_PULL_OVER)
     ((edge, lane, x, y, angle_deg, _),) = sumo.moved_to
@@ -237,3 +248,18 @@ def test_sumos_vehicle_is_brought_back_where_that_moves_it_by_a_metre(
         assert mirror.realigned == ({ACTOR: residual_m} if brought and far else {})
         assert vehicles.back == ([("s_in_1", pytest.approx(45.0))] if brought and far else [])
     assert vehicles.previous_speed_mps == (pytest.approx(20.0) if brought else 0.0)
+
+
+def test_nobody_is_brought_back_onto_a_lane_that_is_closed_to_civilians(monkeypatch: pytest.MonkeyPatch) -> None:
+    vehicles = Realigned((RIGHT_X_M + 5.0, -97.5))
+    monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles))
+    population: Any = SimpleNamespace(length_scale=defaultdict(lambda: 1.0))
+    vehicle: Any = SimpleNamespace(name=NAME, length_m=4.0, route=("s_in", "n_out"))
+    row = {"actor_id": ACTOR, "x_m": RIGHT_X_M, "y_m": -100.0, "yaw_rad": 0.5 * np.pi, "vy_mps": 10.0}
+    states = states_of(0, [{**row, "owner": Owner.SUMO, "residual_m": 9.0}])
+    closed = replace(NETWORK, lanes=tuple(replace(lane, civilian_allowed=False) for lane in NETWORK.lanes))
+    for network, realigned in ((NETWORK, {ACTOR: 9.0}), (closed, {})):
+        mirror = Mirror(network, TrafficConfig(), population)
+        mirror.apply(states, {ACTOR: vehicle}, {NAME: (S_IN,)})
+        assert mirror.realigned == realigned
+    assert len(vehicles.back) == 1

@@ -220,3 +220,36 @@ def test_boxes_may_lack_the_velocity_only_where_the_format_has_none(frames: Fram
     path = write_openpcdet(tmp_path / "z.pkl", {0: [[12.0, 3.0, -1.0, 4.5, 1.9, 1.6, 0.4, 1.0]]})
     with pytest.raises(InputError, match=r"shape \(1, 8\)"):
         read_detections("x", str(path), frames)
+
+
+def test_a_file_in_which_nothing_was_found(frames: Frames, tmp_path: Path) -> None:
+    """Whatever the shape of no box is."""
+    path = tmp_path / "x.pkl"
+    for nothing in (np.zeros((0, 7)), np.zeros((0, 9)), np.zeros(0), []):
+        entry = {"name": np.zeros(0, dtype=np.str_), "score": np.zeros(0), "boxes_lidar": nothing}
+        path.write_bytes(pickle.dumps([{**entry, "frame_id": f"{frame:06d}"} for frame in range(8)]))
+        found = read_detections("x", str(path), frames)
+        assert len(found.boxes) == 0
+        assert found.scored.all()
+
+
+def test_some_frames_may_have_no_box(frames: Frames, tmp_path: Path) -> None:
+    box = [12.0, 3.0, -1.0, 4.5, 1.9, 1.6, 0.4, 5.0, -2.0]
+    path = tmp_path / "x.pkl"
+    nothing = {"name": np.zeros(0, dtype=np.str_), "score": np.zeros(0), "boxes_lidar": np.zeros(0)}
+    one = {"name": np.array(["Car"]), "score": np.array([0.5]), "boxes_lidar": np.array([box])}
+    path.write_bytes(
+        pickle.dumps([{**(one if frame in (2, 7) else nothing), "frame_id": str(frame)} for frame in range(8)])
+    )
+    assert read_detections("x", str(path), frames).boxes.frame.tolist() == [2, 7]
+
+
+def test_a_frame_that_comes_twice_or_not_at_all_is_named(frames: Frames, tmp_path: Path) -> None:
+    path = write_openpcdet(tmp_path / "x.pkl", {0: [[12.0, 3.0, -1.0, 4.5, 1.9, 1.6, 0.4]]})
+    entries = pickle.loads(path.read_bytes())  # noqa: S301 - written above
+    path.write_bytes(pickle.dumps([*entries, entries[5]]))
+    with pytest.raises(InputError, match="episode1 step 2 twice"):
+        read_detections("x", str(path), frames)
+    path.write_bytes(pickle.dumps([*entries[:3], *entries[4:]]))
+    with pytest.raises(InputError, match="nothing for episode0 step 12"):
+        read_detections("x", str(path), frames)

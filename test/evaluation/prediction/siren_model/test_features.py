@@ -91,3 +91,12 @@ def test_no_sample_gives_empty_features(crossroads: RoadNetwork) -> None:
     features = features_of(batch_of({1: moving(0.0, 0.0, 5.0, steps=100)}, crossroads))
     assert len(features) == 0
     assert features.paths.ndim == 3
+
+
+def test_where_there_is_no_path_or_neighbour_all_values_are_none(crossroads: RoadNetwork) -> None:
+    features = features_of(scene(crossroads))
+    assert not features.path_there.all()
+    assert not features.neighbour_there.all()
+    assert not features.path_points_m[~features.path_there].any()
+    assert not features.paths[~features.path_there].any()
+    assert not features.neighbours[~features.neighbour_there].any()

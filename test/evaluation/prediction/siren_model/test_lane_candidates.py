@@ -65,3 +65,9 @@ def test_a_radian_costs_as_much_as_three_metres(straight_road: RoadNetwork, side
     assert found.turned_rad[row] == pytest.approx(-0.2 * side)
     assert found.cost[row] == pytest.approx(0.4 + 3.0 * 0.2)
     assert row == 0, "the likeliest comes first"
+
+
+@pytest.mark.parametrize("xy_m", [np.zeros((0, 2)), np.array([[5000.0, 5000.0], [-700.0, 0.0]])])
+def test_nobody_near_a_lane_has_no_candidate(straight_road: RoadNetwork, xy_m: np.ndarray) -> None:
+    found = lane_candidates(straight_road, xy_m, np.zeros(len(xy_m)))
+    assert {name: len(values) for name, values in vars(found).items()} == dict.fromkeys(vars(found), 0)

@@ -2,12 +2,16 @@ import hashlib
 import json
 
 import pytest
+from made_records import moving
+from scenes import batch_of
 
 from siren_ros.errors import InputError
 from siren_ros.evaluation.network_file import card_path
+from siren_ros.evaluation.prediction.siren_model.features import features_of
 from siren_ros.evaluation.prediction.siren_model.network_file import load_network
 from siren_ros.evaluation.prediction.siren_model.siren_predictor import SHIPPED
 from siren_ros.params.resources import params_dir
+from siren_ros.roads.road_network import RoadNetwork
 
 
 @pytest.fixture
@@ -55,3 +59,11 @@ def test_a_file_that_is_no_network_is_refused(copied) -> None:
     changed_card(copied, sha256=hashlib.sha256(content).hexdigest())
     with pytest.raises(InputError, match="checkpoint"):
         load_network(copied)
+
+
+def test_of_no_sample_there_is_no_answer_of_one_path(copied) -> None:
+    network = load_network(copied)
+    none = features_of(batch_of({1: moving(0.0, 0.0, 5.0, steps=100)}, RoadNetwork((), (), (), {}, (0.0, 0.0), "!")))
+    assert len(none) == 0
+    xy_m, probability = network.run(none)
+    assert (xy_m.shape, probability.shape) == ((0, 1, 25, 2), (0, 1))

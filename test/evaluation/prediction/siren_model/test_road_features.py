@@ -131,3 +131,12 @@ def test_a_path_that_is_none_is_in_no_lane(crossroads: RoadNetwork) -> None:
     found = lane_columns(crossroads, choice)
     assert all(values[0, 3] == 0.0 for values in found.values())
     assert found["limit"][0, 0] > 0.0
+
+
+def test_a_link_that_the_signal_did_not_show_is_unknown(crossroads: RoadNetwork) -> None:
+    """The signal of three links was recorded with two: the way to the right is the third."""
+    batch = showing(batch_of({1: moving(-40.0, 0.0, 8.0)}, with_signal(crossroads, "rGy")), "rG")
+    _, found = lines_of(batch)
+    assert found["line0_there"][0].tolist() == [1.0, 1.0, 1.0, 0.0]
+    assert found["line0_signal"][0].tolist() == [1.0, 1.0, 0.0, 0.0]
+    assert found["line0_yellow"][0].tolist() == [0.0] * 4

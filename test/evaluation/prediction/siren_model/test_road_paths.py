@@ -79,3 +79,16 @@ def test_no_more_than_four_ways_the_straightest(crossroads: RoadNetwork) -> None
     assert [path.turn_rad for path in paths] == pytest.approx([0.0, right, left, np.pi / 2.0])
     assert [line.arc_m for line in paths[1].stop_lines] == pytest.approx([100.0, 240.0])
     assert RoadPaths(network).ahead(0, 30.0)[0].curve.length_m == pytest.approx(240.0), "as far as is asked for"
+
+
+@pytest.mark.parametrize(("less_rad", "order"), [(0.0002, ["s", "l", "r"]), (0.002, ["s", "r", "l"])])
+def test_ways_that_turn_alike_come_in_the_order_of_their_lanes(
+    crossroads: RoadNetwork, less_rad: float, order: list[str]
+) -> None:
+    """The way to the right turns by a little less than the one to the left."""
+    lanes = list(crossroads.lanes)
+    angle = -np.pi / 2.0 + less_rad
+    end = (20.0 + 100.0 * np.cos(angle), -20.0 + 100.0 * np.sin(angle))
+    lanes[3] = replace(lanes[3], centre=Polyline.through([(20.0, -20.0), end]))
+    paths = RoadPaths(replace(crossroads, lanes=tuple(lanes))).ahead(0, 30.0)
+    assert [path.stop_lines[0].movement.direction for path in paths] == order

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hand_made_record import Driven
@@ -188,3 +190,37 @@ def test_a_body_covers_the_cells_of_its_turned_rectangle(turn_deg: float, arc_m:
         if abs(body.exterior.distance(place)) > 1e-6:
             assert found[row, column] == body.contains(place)
     assert found.sum() > 10
+
+
+def test_where_everything_is_free_the_way_is_as_wide_as_the_search() -> None:
+    """10 m to each side, and the cells at their ends."""
+    free = np.ones((5, len(ACROSS)), dtype=np.bool_)
+    assert widest_way_m(free, 0.0) == pytest.approx(20.1)
+    # From 8.95 m the way begins up to 0.3 m nearer to the middle, at 8.7 m: 14 cells from the end.
+    assert widest_way_m(free[:1], 8.95) == pytest.approx(2.7)
+    assert widest_way_m(free[:1], -8.95) == pytest.approx(2.7)
+
+
+def test_the_order_of_lanes_does_not_matter() -> None:
+    record = record_of(arc((10.0, 12.0)), {})
+    line = EmvLine.of(record)
+    assert line is not None
+    places, network = np.arange(0.0, 140.0, 5.0), record.network
+    expected = road_cells(network, line, places)
+    for first in range(len(network.lanes)):
+        turned = replace(network, lanes=network.lanes[first:] + network.lanes[:first])
+        assert np.array_equal(road_cells(turned, line, places), expected)
+
+
+def test_a_lane_reaches_half_a_metre_beyond_its_ends() -> None:
+    """The EMV's lane ends 100 m after its start; it is as wide as it is, up to the edge of the search."""
+    record = record_of(arc((10.0, 12.0)), {})
+    line = EmvLine.of(record)
+    assert line is not None
+    (lane,) = (one for one in record.network.lanes if one.lane_id == "s_in_1")
+    alone = replace(record.network, lanes=(lane,))
+    cells = road_cells(alone, line, np.array([0.0, 50.0, 99.0, 99.8, 100.3, 100.7]))
+    assert cells.any(axis=1).tolist() == [True] * 5 + [False]
+    assert ACROSS[cells[1]] == pytest.approx(np.arange(-1.8, 1.85, 0.1))
+    wide = replace(alone, lanes=(replace(lane, width_m=30.0),))
+    assert road_cells(wide, line, np.array([50.0])).all()

@@ -181,3 +181,11 @@ def test_oncoming_and_far_away_drivers_are_not_met() -> None:
     line = EmvLine.of(record)
     assert line is not None
     assert list(encounters_of(record, line, LIMITS)) == []
+
+
+def test_the_way_is_clear_from_the_first_step_out_of_the_strip() -> None:
+    one = only(passing())
+    out = int(np.argmin(one.in_the_way))
+    assert one.in_the_way[:out].all()
+    assert not one.in_the_way[out : one.passed_row].any()
+    assert marks.clearance_time_s(one) == Measure(out * STEP_S)

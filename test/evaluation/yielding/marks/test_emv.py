@@ -101,3 +101,9 @@ def test_a_stop_is_slower_than_half_a_metre_a_second(speed_mps: float, stops: fl
 def test_who_moves_faster_than_two_metres_a_second_stops_again(again_mps: float, stops: float) -> None:
     record = record_of(arc((10.0, 3.0), (0.0, 1.0), (again_mps, 2.0), (0.0, 1.0)), {})
     assert emv_marks.emv_stops(record, line_of(record), LIMITS) == Measure(stops)
+
+
+def test_who_stands_from_the_start_has_not_stopped() -> None:
+    record = record_of(arc((0.0, 2.0), (10.0, 3.0)), {})
+    assert emv_marks.emv_stops(record, line_of(record), LIMITS) == Measure(0.0)
+    assert emv_marks.emv_standstill_s(record, line_of(record), LIMITS).value == pytest.approx(2.0, abs=0.06)

@@ -1,19 +1,23 @@
 """What more seeds add: coverage of parameters, transitions seen, distance to what there is."""
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from siren_ros.evaluation.diversity.summary import GroupDiversity
-from siren_ros.evaluation.prediction.charts.chart import new_figure, quiet
-from siren_ros.study_report.charts.style import titled
+from siren_ros.evaluation.prediction.charts.chart import SMALL_PT, new_figure, quiet
+from siren_ros.study_report.charts.style import WIDTH_IN, titled
+
+_HEIGHT_IN: Final = 4.8
+_MARK_PT: Final = 2.5
 
 
 def draw_coverage(found: Sequence[GroupDiversity], colours: Sequence[str]) -> Figure:
     """A line for each group in four panels, against the number of episodes."""
-    figure = new_figure(9.0, 4.8)
+    figure = new_figure(WIDTH_IN, _HEIGHT_IN)
     panels = [figure.add_subplot(2, 2, number + 1) for number in range(4)]
     titles = (
         "share of the parameters' ranges tried",
@@ -35,9 +39,9 @@ def draw_coverage(found: Sequence[GroupDiversity], colours: Sequence[str]) -> Fi
             one.events.curve,
         )
         for axes, curve in zip(panels, curves, strict=True):
-            axes.plot(np.arange(1, len(curve) + 1), curve, marker="o", markersize=2.5, color=colour, label=name)
+            axes.plot(np.arange(1, len(curve) + 1), curve, marker="o", markersize=_MARK_PT, color=colour, label=name)
     panels[0].set_ylim(0.0, 1.0)
     for axes in panels[1:]:
         axes.set_ylim(bottom=0.0)
-    figure.legend(*panels[1].get_legend_handles_labels(), loc="outside right upper", frameon=False, fontsize=8)
+    figure.legend(*panels[1].get_legend_handles_labels(), loc="outside right upper", frameon=False, fontsize=SMALL_PT)
     return figure

@@ -1,6 +1,7 @@
 """Distributions of yield metrics: a point for each episode, a curve for the drivers of each level."""
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -9,29 +10,51 @@ from siren_ros.evaluation.prediction.charts.chart import new_figure, quiet
 from siren_ros.evaluation.yielding.metrics import EpisodeMetric
 from siren_ros.evaluation.yielding.summary import ScoredEpisode
 from siren_ros.numerics.arrays import Floats
-from siren_ros.study_report.charts.style import LEVEL_COLOURS, level_legend, titled
+from siren_ros.study_report.charts.style import (
+    HIGHEST_SHARE,
+    LEVEL_COLOURS,
+    OF_A_PLACE,
+    OTHER_LEVEL,
+    WIDTH_IN,
+    level_legend,
+    titled,
+)
+
+_METRIC_IN: Final = 2.3
+_DRIVERS_IN: Final = 2.8
+_POINT_PT2: Final = 11
+_OPAQUE: Final = 0.85
+_MEDIAN_PT: Final = 2
+_CURVE_PT: Final = 1.6
+_SPREAD: Final = 0.55
+_MEDIAN: Final = 0.42
+"""Shares of a level's part of a place: that its points are spread over, and half the length of the bar."""
 
 
 def draw_metric(episodes: Sequence[ScoredEpisode], metric: EpisodeMetric) -> Figure:
     """One metric: a point for each episode by template and level, a bar at the median."""
     templates = sorted({episode.template for episode in episodes})
     levels = sorted({episode.level for episode in episodes})
-    figure = new_figure(9.0, 2.3)
+    figure = new_figure(WIDTH_IN, _METRIC_IN)
     axes = figure.add_subplot()
     quiet(axes)
     axes.grid(visible=False, axis="x")
-    width = 0.8 / max(len(levels), 1)
+    width = OF_A_PLACE / max(len(levels), 1)
     for place, template in enumerate(templates):
         for number, level in enumerate(levels):
             values = _values(episodes, template, level, metric.name)
             if not len(values):
                 continue
             middle = place + (number - 0.5 * (len(levels) - 1)) * width
-            colour = LEVEL_COLOURS.get(level, "#5c6b73")
-            spread = (np.arange(len(values)) / max(len(values) - 1, 1) - 0.5) * 0.55 * width
-            axes.scatter(middle + spread, values, s=11, color=colour, linewidth=0, alpha=0.85)
+            colour = LEVEL_COLOURS.get(level, OTHER_LEVEL)
+            spread = (np.arange(len(values)) / max(len(values) - 1, 1) - 0.5) * _SPREAD * width
+            axes.scatter(middle + spread, values, s=_POINT_PT2, color=colour, edgecolors="none", alpha=_OPAQUE)
             axes.hlines(
-                float(np.median(values)), middle - 0.42 * width, middle + 0.42 * width, color=colour, linewidth=2
+                float(np.median(values)),
+                middle - _MEDIAN * width,
+                middle + _MEDIAN * width,
+                color=colour,
+                linewidth=_MEDIAN_PT,
             )
     axes.set_xticks(range(len(templates)), templates)
     axes.set_xlim(-0.5, len(templates) - 0.5)
@@ -58,7 +81,7 @@ def draw_drivers(episodes: Sequence[ScoredEpisode], marks: Sequence[tuple[str, s
         marks: Names of driver metrics in seconds, with their titles.
     """
     levels = sorted({episode.level for episode in episodes})
-    figure = new_figure(9.0, 2.8)
+    figure = new_figure(WIDTH_IN, _DRIVERS_IN)
     for column, (name, title) in enumerate(marks):
         axes = figure.add_subplot(1, len(marks), column + 1)
         quiet(axes)
@@ -73,9 +96,9 @@ def draw_drivers(episodes: Sequence[ScoredEpisode], marks: Sequence[tuple[str, s
             done = np.sort([mark.value for mark in found if not mark.at_least])
             if found:
                 share = np.arange(1, len(done) + 1) / len(found)
-                axes.step(done, share, where="post", color=LEVEL_COLOURS.get(level, "#5c6b73"), linewidth=1.6)
+                axes.step(done, share, where="post", color=LEVEL_COLOURS.get(level, OTHER_LEVEL), linewidth=_CURVE_PT)
         axes.set_xlabel(f"{name}")
-        axes.set_ylim(0.0, 1.02)
+        axes.set_ylim(0.0, HIGHEST_SHARE)
         axes.set_xlim(left=0.0)
         axes.set_ylabel("share of drivers")
         titled(axes, title)

@@ -58,7 +58,12 @@ def _tables(rows: Sequence[Compared]) -> Iterator[Table]:
             there = [cells.get(column) for column in columns]
             lines.append((f"{model}, paper", *(number_of(one.paper, one.digits) if one else NONE for one in there)))
             lines.append((f"{model}, here", *(_ours(one) if one else NONE for one in there)))
-        yield Table(f"paper_{number}", f"{name[:1].upper()}{name[1:]}", ("", *columns), tuple(lines))
+        yield Table(f"paper_{number}", _capitalised(name), ("", *columns), tuple(lines))
+
+
+def _capitalised(name: str) -> str:
+    """With a capital, where the first word has none anyway: not ``MAP`` for ``mAP``."""
+    return f"{name[:1].upper()}{name[1:]}" if name.partition(" ")[0].islower() else name
 
 
 def _ours(row: Compared) -> str:

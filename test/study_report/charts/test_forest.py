@@ -6,6 +6,7 @@ import pytest
 from siren_ros.evaluation.statistics.interval import Interval
 from siren_ros.evaluation.statistics.paired_difference import PairedDifference
 from siren_ros.evaluation.yielding.counterfactual import ALL, Effect
+from siren_ros.pictures.palette import TEXT
 from siren_ros.study_report.charts.forest import draw_forest
 
 
@@ -30,7 +31,8 @@ def test_effects_stand_in_the_rows_of_their_templates() -> None:
     none, *points = one.lines
     assert np.asarray(none.get_xdata()).tolist() == [0.0, 0.0]
     assert [tuple(np.asarray(line.get_xydata())[0]) for line in points] == [(-3.0, 1.0), (5.0, 0.0), (1.0, 2.0)]
-    assert points[2].get_color() != points[0].get_color() == points[1].get_color()
+    assert points[0].get_color() == points[1].get_color() == TEXT
+    assert points[2].get_color() != TEXT, "all templates together stand out"
     # Of a single pair there is no interval, and of none no effect.
     bounds = [np.asarray(part.get_segments()[0]) for part in one.collections]
     assert bounds == [
@@ -39,4 +41,6 @@ def test_effects_stand_in_the_rows_of_their_templates() -> None:
     ]
     assert len(other.lines) == 2
     assert len(other.collections) == 1
+    taller = draw_forest([*found, effect("S7", "L1", "L0", 1.0)], "emv_delay_s")
+    assert taller.get_figheight() == pytest.approx(figure.get_figheight() + 0.2), "a row more"
     assert figure.get_supxlabel() == "effect on emv_delay_s"

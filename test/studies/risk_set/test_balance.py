@@ -94,3 +94,23 @@ def test_what_was_found_before_giving_up_is_kept() -> None:
     wanted = {"A": (0, 0, 3)}
     given_up = {"A": Finding((9, 0, 2), frozenset({RiskClass.COLLISION}))}
     assert shifted(wanted, given_up, Balance((0, 0, 3), 3)) == {"A": (1, 0, 2)}
+
+
+def test_what_is_lacking_is_dealt_from_the_first_template_that_can() -> None:
+    """C has given one collision up; A and B can find them, and A comes first."""
+    wanted = {"A": (2, 0, 1), "B": (2, 0, 1), "C": (2, 0, 1)}
+    findings = {
+        "A": Finding((9, 0, 1)),
+        "B": Finding((9, 0, 1)),
+        "C": Finding((9, 0, 0), frozenset({RiskClass.COLLISION})),
+    }
+    assert shifted(wanted, findings, Balance((6, 0, 3), 3)) == {"A": (1, 0, 2), "B": (2, 0, 1), "C": (3, 0, 0)}
+
+
+def test_a_surplus_is_given_as_far_as_there_are_videos_left() -> None:
+    """A lacks two collisions; B has found five, and of its four videos one is a near-miss and one a collision."""
+    wanted = {"A": (0, 1, 3), "B": (2, 1, 1)}
+    assert settled(wanted, {"A": (9, 1, 0), "B": (9, 1, 5)}, 4) == {"A": (3, 1, 0), "B": (0, 1, 3)}
+    # Near-misses come after collisions: what these took is no more there.
+    lacking = {"A": (0, 3, 1), "B": (1, 1, 2)}
+    assert settled(lacking, {"A": (9, 0, 1), "B": (9, 5, 2)}, 4) == {"A": (3, 0, 1), "B": (0, 2, 2)}

@@ -149,6 +149,23 @@ def test_round_trip(value: Any) -> None:
     assert same(read(as_any_ros_program_reads_it), value)
 
 
+def test_every_part_of_a_traffic_state_keeps_its_place() -> None:
+    actor = ActorDescription(3, "a", ActorClass.VAN, 5.5, 2.0, 2.25, (1, 2, 3), is_emv=True)
+    event = Event(4, EventKind.COLLISION, 5, 6, 7.5, 8.25, {"impact_speed_mps": 1.5})
+    value = TrafficState(
+        step=9,
+        spawned=(actor, dataclasses.replace(actor, actor_id=4, is_emv=False)),
+        emvs=(EmvAdvice(1, -1, 7, 12.5, 3.25, 4), EmvAdvice(2, 1, 8, 0.5, 9.75, 6)),
+        signals=(SignalState("J1", "GGrr"), SignalState("J2", "y")),
+        events=(event, dataclasses.replace(event, actor_id=1)),
+        **arrays(TRAFFIC_STATE_DTYPES, 1, 3),
+    )
+    message = conversions.to_traffic_state(value)
+    assert same(conversions.from_traffic_state(message), value)
+    assert [one.leader_gap_m for one in message.emvs] == [12.5, 0.5]
+    assert [one.speed_without_control_mps for one in message.emvs] == [3.25, 9.75]
+
+
 def test_every_own_message_has_a_reader() -> None:
     folder = REPOSITORY / "msg_defs" / "msg"
     assert {f"siren_msgs/msg/{path.stem}" for path in folder.glob("*.msg")} == set(READERS)

@@ -209,6 +209,16 @@ def test_who_is_put_off_the_road_and_comes_back_has_crossed_nothing(stage: Stage
         assert state.events == ()
 
 
+def test_a_stop_line_that_is_passed_off_the_road_is_crossed(stage: Stage) -> None:
+    """From the approach over the verge onto the path across."""
+    stage.step(0)
+    found = []
+    for step, lane in enumerate((B_LEFT, -1, -1, STRAIGHT_INSIDE), start=1):
+        stage.private._mirror.places = {EMV: place(lane)}
+        found += [(step, event.kind) for event in stage.step(step, driven(step - 1)).events]
+    assert found == [(4, EventKind.STOP_LINE_CROSSED)]
+
+
 def test_whoever_was_brought_back_is_told_and_not_corrected_again(stage: Stage) -> None:
     stage.step(0)
     stage.private._mirror.realigned = {3: 2.5}

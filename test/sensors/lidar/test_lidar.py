@@ -224,6 +224,10 @@ def test_noise_depends_on_seed_sensor_and_step_alone(world: RaycastWorld, boxes:
     error = np.linalg.norm(positions(first), axis=1) - np.linalg.norm(positions(exact), axis=1)
     assert error.std() == pytest.approx(0.05, rel=0.1)
     assert abs(error.mean()) < 0.01
+    for ring in range(3):
+        in_ring = error[exact.points["ring"] == ring]
+        assert len(in_ring) > 100
+        assert in_ring.std() == pytest.approx(0.05, rel=0.2), "each column has errors of its own"
 
 
 @pytest.mark.parametrize(

@@ -50,6 +50,9 @@ def test_the_maps_own_reference_is_used_with_its_offset() -> None:
         projected_origin_m=(500_000.0, 0.0),
     )
     assert GeoReference.of(utm).geodetic(0.0, 0.0) == pytest.approx((0.0, 9.0), abs=1e-9)
+    shifted = replace(utm, projected_origin_m=(500_300.0, 5_000_400.0))
+    moved = replace(utm, projected_origin_m=(500_000.0, 5_000_000.0))
+    assert GeoReference.of(shifted).geodetic(-100.0, 50.0) == GeoReference.of(moved).geodetic(200.0, 450.0)
     with pytest.raises(InputError, match="projection"):
         GeoReference("+proj=merc", (0.0, 0.0)).geodetic(0.0, 0.0)
 

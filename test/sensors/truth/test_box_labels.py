@@ -39,6 +39,10 @@ def test_points_are_counted_by_actor(boxes: Any) -> None:
     sweep = LidarSweep("lidar", 0, np.empty(0, np.void), np.array([2], np.uint32), np.array([77]))
     truth = label_boxes(states, descriptions, 1, np.eye(4), sweep)
     assert truth.lidar_points.tolist() == [77, 0]
+    counted = np.array([11, 22, 33])
+    for seen, points in (([1, 2, 3], [22, 33]), ([1, 3, 9], [0, 22]), ([2, 3, 9], [11, 22]), ([4, 5, 6], [0, 0])):
+        sweep = LidarSweep("lidar", 0, np.empty(0, np.void), np.array(seen, np.uint32), counted)
+        assert label_boxes(states, descriptions, 1, np.eye(4), sweep).lidar_points.tolist() == points
 
 
 @pytest.mark.parametrize("turn", np.radians([0.0, 35.0, 130.0, -100.0]))

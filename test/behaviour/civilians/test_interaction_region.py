@@ -51,3 +51,35 @@ def test_road_is_kept_while_lane_and_route_stay(lab):
     assert EmvRoad.ahead_of(view, 0, road) is road
     other = view_of(lab, [lab.Car(1, 1, 100, 8, (0,), AMBULANCE)])
     assert EmvRoad.ahead_of(other, 0, road) is not road
+
+
+def test_between_both_distances_the_members_alone_belong_to_the_region(lab):
+    """Actors 2, 5 and 7 are 45 m away on every side, 3 and the EMV's fellow 4 are near."""
+    cars = [lab.Car(1, 0, 150, 8, (0,), AMBULANCE), lab.Car(4, 1, 140, 8, (0,), AMBULANCE)]
+    cars += [lab.Car(actor, 0, place, 2, (0,)) for actor, place in ((2, 195), (3, 180), (5, 105), (7, 195.5))]
+    view = view_of(lab, cars)
+
+    def members(*before):
+        return region_members(view.seen, 0, np.array(before, dtype=np.uint32), 40.0, 50.0).tolist()
+
+    assert members() == [3]
+    assert members(2) == [2, 3]
+    assert members(5, 6) == [3, 5]
+    assert members(1, 4, 7, 9) == [3, 7]
+    assert members(6, 8) == [3]
+
+
+def test_the_edge_of_the_emv_and_the_two_before_it_are_still_its_road(lab):
+    road = lab.RoadBuilder()
+    for place in range(5):
+        road.edge([[100.0 * place, 0.0], [100.0 * place + 100.0, 0.0]], 1, (f"N{place}", f"N{place + 1}"))
+    for place in range(4):
+        road.connect(place, place + 1)
+    network = road.built()
+    before = None
+    for edge in range(5):
+        car = lab.Car(1, edge, 10.0, 8, tuple(range(edge, 5)), AMBULANCE)
+        before = EmvRoad.ahead_of(view_of(lab, [car], network), 0, before)
+        assert before.left_edges == tuple(range(edge, max(edge - 3, -1), -1))
+        behind = [place for place in range(edge) if before.on_road[place]]
+        assert behind == [place for place in (edge - 2, edge - 1) if place >= 0]

@@ -7,6 +7,7 @@ import pytest
 
 from siren_ros.behaviour.civilians.yield_lane_change import yield_speed_mps
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
+from siren_ros.behaviour.driving.surroundings import ActorTable
 from siren_ros.scenario.presets import ComplianceShares, TruncatedNormal, load_preset
 from siren_ros.world.actors import ActorClass, Mode, Owner
 from siren_ros.world.traffic_state import TrafficFlags
@@ -96,6 +97,30 @@ def test_reaction_delay_comes_first(lab, world):
     assert commands.owner.tolist() == [Owner.SUMO]
     _, commands, events = steps(lab, slow, cars, 1, state, 20)
     assert kinds(events) == ["yield_started"]
+
+
+@pytest.mark.parametrize("first", [0, 300])
+def test_the_delay_counts_from_the_step_at_which_the_driver_notices(lab, world, first):
+    """Also late in an episode."""
+    slow = replace(world, preset=world.preset.for_scenario(40.0, 1.0, 1.0))
+    cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
+    known = YieldState(actors=ActorTable.empty().updated(lab.traffic_of(world.network, cars)))
+    state, _, events = steps(lab, slow, cars, 1, known, first)
+    assert kinds(events) == ["yield_requested"]
+    assert state.units[2].react_step == first + 20
+    state, _, events = steps(lab, slow, cars, 19, state, first + 1)
+    assert not events
+    _, _, events = steps(lab, slow, cars, 1, state, first + 20)
+    assert kinds(events) == ["yield_started"]
+
+
+@pytest.mark.parametrize("level", ["L2", "L3"])
+def test_the_av_under_test_and_other_emvs_are_asked_nothing(lab, level):
+    network = lab.straight_road()
+    cars = [emv_at(lab), lab.Car(2, 0, 75, 5, (0,)), lab.Car(3, 0, 85, 5, (0,)), lab.Car(4, 0, 65, 5, (0,), AMBULANCE)]
+    asked = lab.world_of(network, getattr(lab, level), av_id=3)
+    _, _, events = steps(lab, asked, cars)
+    assert {event.actor_id for event in events} == {2}
 
 
 def test_request_latches_when_the_emv_falls_back(lab, world):

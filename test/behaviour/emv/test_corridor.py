@@ -59,6 +59,15 @@ def test_yielding_vehicles_that_brake_ahead_open_a_corridor(lab, place, speed, l
     assert braking_ahead(on_route(view), view, 0) is brakes
 
 
+def test_neither_the_av_under_test_nor_another_emv_opens_a_corridor(lab):
+    view = view_at(lab, [lab.Car(2, 1, 150, 0, (0,))], owners=YIELDING)
+    assert braking_ahead(on_route(view), view, 0)
+    watched = replace(view, world=replace(view.world, av_id=2))
+    assert not braking_ahead(on_route(watched), watched, 0)
+    other = view_at(lab, [lab.Car(2, 1, 150, 0, (0,), ActorClass.AMBULANCE)], owners=YIELDING)
+    assert not braking_ahead(on_route(other), other, 0)
+
+
 def test_cancels_and_suppresses_forced_lane_changes(lab):
     view = view_at(lab, advice={"rescue_count": 1, "lane_change_intent": 1})
     unit, events = corridor_mode(EmvUnit(1, change_side=1), view, 0)

@@ -118,3 +118,12 @@ def test_detections_have_three_digits_as_in_the_paper() -> None:
     assert cells["error ATE", "PointPillars", "mean"] == ("0.553", "0.500")
     family = next(found for (table, _, column), found in cells.items() if (table, column) == (FAMILY, "clearance"))
     assert family == ("0.417", "0.400 [0.300, 0.500]")
+
+
+def test_bounds_belong_together_and_are_of_two_episodes_at_least() -> None:
+    both = interval_in({"value": 0.5, "low": 0.4, "high": 0.7})
+    assert (both.value, both.low, both.high, both.blocks) == (0.5, 0.4, 0.7, 2)
+    assert interval_in({"value": 0.5, "low": 0.4, "high": 0.7, "episodes": 9}).blocks == 9
+    for half in ({"low": 0.4, "high": None}, {"low": None, "high": 0.7}):
+        assert not interval_in({"value": 0.5, **half}).bounded
+    assert interval_in({"NDS": 0.3}, "NDS").value == 0.3

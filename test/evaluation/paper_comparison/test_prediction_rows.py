@@ -108,3 +108,39 @@ def test_a_row_says_nothing_that_it_cannot() -> None:
     single = Compared("t", "r", "c", 1.0, Interval(0.5, 0.5, 0.5, 1))
     assert (single.inside, single.deviation) == (None, -0.5)
     assert Compared("t", "r", "c", 1.0, NOTHING).to_json()["ours"] is None
+
+
+def unequal(template: str, cv: list[float], idm: list[float], seed: int = 0) -> EpisodeScores:
+    """An episode with an error for each sample of both."""
+    models = {"cv": model_scores(np.array(cv)), "idm": model_scores(np.array(idm))}
+    return episode_scores(template, models, seed, EmergencyLevel[own(template)])
+
+
+def test_the_ratio_is_that_of_means_over_templates_of_means_over_their_samples() -> None:
+    """CV: 2 in S1, and 4 in S2; IDM: 5 and 4. An episode in which IDM has no sample counts for neither."""
+    scores = [
+        unequal("S1", [1.0, 1.0], [4.0, 4.0]),
+        unequal("S1", [4.0], [7.0], 1),
+        unequal("S2", [4.0, 4.0, 4.0], [4.0, 4.0, 4.0]),
+        unequal("S2", [90.0], [], 1),
+    ]
+    rows = rows_of(scores)
+    ratio = rows[RATIO, "IDM", "mean"]
+    assert ratio.ours.value == pytest.approx((5.0 + 4.0) / (2.0 + 4.0))
+    assert ratio.ours.blocks == 3
+    assert not rows[RATIO, "CSP", "mean"].ours.valid
+    assert rows["ADE in m", "CV", "S1"].ours.value == pytest.approx(2.0)
+
+
+def test_a_ranking_that_is_the_papers_upside_down() -> None:
+    assert ROW is not None
+    scores = [
+        unequal(name, [10.0 - ROW.by_template[name]], [ROW.by_template[name] ** 2], seed)
+        for name in TEMPLATES[:4]
+        for seed in (0, 1)
+    ]
+    rows = rows_of(scores)
+    assert rows[RANKING, "CV", "Spearman"].ours.value == pytest.approx(-1.0)
+    # The paper's own IDM has S3 before S4, as CV has.
+    assert rows[RANKING, "IDM", "Spearman"].ours.value == pytest.approx(1.0)
+    assert rows[RANKING, "CV", "Spearman"].deviation is None

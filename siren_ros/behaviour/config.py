@@ -296,6 +296,8 @@ class EmvConfig:
     """Speed of the vehicle ahead below which traffic counts as slow."""
     shoulder_gain_m: float = 20.0
     """Free road that the shoulder must gain."""
+    shoulder_return_m: float = 30.0
+    """Shoulder left ahead of the slow traffic, where it does not lead on: 4 s at 30 km/h for the way back."""
     escape_gap_m: float = 6.0
     """Standstill gap at levels with gap escape: room to pull out past the vehicle ahead without reversing."""
     stop_before_route_end_m: float = 3.0

@@ -3,6 +3,8 @@
 from dataclasses import replace
 from typing import Final
 
+import numpy as np
+
 from siren_ros.behaviour.driving.lane_change import (
     LaneChangeQuery,
     Refusal,
@@ -15,7 +17,8 @@ from siren_ros.behaviour.driving.situation import StepView
 from siren_ros.behaviour.emv.guard import Outcome
 from siren_ros.behaviour.emv.route import plan_route, present_lane, strategic_side
 from siren_ros.behaviour.emv.unit import EmvUnit, LateralRequest, advice_of, event_of
-from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, neighbour_lane
+from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, lanes_along, neighbour_lane, path_on_lanes
+from siren_ros.behaviour.paths.nearest_on_lane import nearest_on_lane
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import NO_LANE, LaneKind
 from siren_ros.world.events import EventKind
@@ -46,7 +49,11 @@ def lateral_intent(unit: EmvUnit, view: StepView, row: int) -> tuple[int, str]:
 
 
 def shoulder_is_faster(unit: EmvUnit, view: StepView, row: int) -> bool:
-    """Whether slow traffic ahead holds up the EMV while the shoulder next to its lane is free."""
+    """Whether slow traffic ahead holds up the EMV while the shoulder next to its lane is free.
+
+    A shoulder that does not lead on along the route is of use only where it leads past the slow traffic and some way
+    on. At a stop line at which it ends, the EMV would stand next to the first vehicle of the queue.
+    """
     network, config = view.world.network, view.world.config.emv
     lane = present_lane(view, row, unit.navigator)
     if lane == NO_LANE or network.lanes[lane].kind is not LaneKind.DRIVING:
@@ -57,7 +64,27 @@ def shoulder_is_faster(unit: EmvUnit, view: StepView, row: int) -> bool:
     own = gaps_in_lane(view, row, lane)
     if own.front_m > config.shoulder_from_m or own.front_mps > config.shoulder_below_mps:
         return False
-    return gaps_in_lane(view, row, shoulder).front_m > own.front_m + config.shoulder_gain_m
+    if gaps_in_lane(view, row, shoulder).front_m <= own.front_m + config.shoulder_gain_m:
+        return False
+    return _comes_back(view, row, lane, shoulder)
+
+
+def _comes_back(view: StepView, row: int, lane: int, shoulder: int) -> bool:
+    """Whether the shoulder lasts, or leads past the slow traffic with enough of it left for the way back."""
+    network, config, seen = view.world.network, view.world.config.emv, view.seen
+    x, y, _ = view.pose(row)
+    position = nearest_on_lane(network.lanes[shoulder].centre, x, y)[0]
+    lanes, end = lanes_along(network, shoulder, position, view.traffic.route_of_row(row), config.path_ahead_m)
+    reference = path_on_lanes(network, lanes, end, position, config.path_ahead_m)
+    if reference.end is not LaneEnd.ASTRAY:
+        return True
+    others = seen.near(x, y, config.path_ahead_m, but=row)
+    s_m, left_m, _ = reference.curve.project(seen.x_m[others], seen.y_m[others])
+    edge_m = 0.5 * network.lanes[shoulder].width_m
+    slow = (seen.speed_mps[others] <= config.shoulder_below_mps) & (s_m > 0.0)
+    slow &= (left_m > edge_m) & (left_m < edge_m + network.lanes[lane].width_m)
+    head_m = float(np.max((s_m + seen.half_length_m[others])[slow], initial=0.0))
+    return reference.curve.length_m - head_m >= config.shoulder_return_m
 
 
 def forced_lane_change(unit: EmvUnit, view: StepView, row: int) -> Outcome:

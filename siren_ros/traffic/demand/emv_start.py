@@ -31,6 +31,8 @@ _LEAST_PACE: Final = 0.75
 """Least mean speed on a good way to the site, as a share of the target speed: no sharp bends."""
 _LEAST_QUIET_M: Final = 60.0
 """Before a single conflict point a way of this length is enough, whatever the template wants: 4 s at 50 km/h."""
+_LEAST_QUEUE_M: Final = 15.0
+"""Road between the junction before and the stop line that holds two cars that wait at the line."""
 _CONFLICT_POINTS: Final = frozenset({SiteKind.SIGNAL_JUNCTION, SiteKind.STOP_JUNCTION})
 
 
@@ -166,10 +168,12 @@ def approach_rank(network: RoadNetwork, site: Site, emv: EmvDemand, config: Dema
     """How well an EMV can drive up to a site, 0 is best.
 
     At a junction before the site others delay the EMV, and in sharp bends it meets oncoming vehicles late. It then
-    misses those whom it is to meet at a signal or a stop sign; elsewhere the vehicles that it meets wait.
+    misses those whom it is to meet at a signal or a stop sign; elsewhere the vehicles that it meets wait. A queue that
+    does not fit before the line waits at the junction before, and the EMV behind it.
 
     Returns:
-        0 for a way without junctions and sharp bends, 1 for one with junctions, 2 for one with sharp bends.
+        0 for a way without junctions and sharp bends, 1 for one with junctions, 2 for one with sharp bends or without
+        space for a queue.
 
     Raises:
         MapError: the site's approach or the site itself is too short.
@@ -179,6 +183,8 @@ def approach_rank(network: RoadNetwork, site: Site, emv: EmvDemand, config: Dema
     start = emv_start(network, site, start_m_of(network, site, emv))
     way_m = way_to_stop_line_m(network, start)
     pace_mps = way_m / max(unhindered_arrival_s(network, start, emv, config), SAMPLE_M)
+    if quiet_reach_m(network, travel_lane(network, site).index, _LEAST_QUEUE_M) < _LEAST_QUEUE_M:
+        return 2
     if pace_mps < _LEAST_PACE * emv.speed_mps or start.front_m < min(_ENTRY_M, network.lanes[start.lane].length_m):
         return 2
     return 1 if _quiet_start(network, site, emv) is None else 0

@@ -15,12 +15,14 @@ from siren_ros.traffic.demand.demand_config import DemandConfig
 from siren_ros.traffic.demand.emv_start import EmvStart, unhindered_arrival_s
 from siren_ros.traffic.demand.group_rows import GroupRow, group_rows
 from siren_ros.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot
-from siren_ros.traffic.demand.vehicle_factory import VehicleFactory
+from siren_ros.traffic.demand.vehicle_factory import Shares, VehicleFactory
 
 _SEARCH_STEP_M: Final = 1.0
 _LEAST_PLACED_SHARE: Final = 0.6
 """Least share of a group's vehicles with which the interaction may still happen; one vehicle is enough that crosses or
 arrives together with the EMV."""
+_THROUGH_M: Final = 60.0
+"""Road behind the site on which vehicles next to the EMV follow its route: 7 s at 30 km/h."""
 _WHERE: Final = {
     Placement.EMV_LANE: "in the EMV's lane",
     Placement.ADJACENT_LANE: "in the lane next to it",
@@ -60,7 +62,7 @@ def plan_groups(
     Raises:
         MapError: The lanes of a group are too short for most of its vehicles.
     """
-    planner = _GroupPlanner(network, start, template, factory, config)
+    planner = _GroupPlanner(network, start, template, factory, config, _through(network, site))
     vehicles: list[PlannedVehicle] = []
     crossing: dict[int, None] = {}
     arrival_s = unhindered_arrival_s(network, start, template.emv, config)
@@ -78,6 +80,15 @@ def plan_groups(
         if group.placement is Placement.CROSSING:
             planner.keep_crossing_free(rows)
     return GroupPlan(tuple(vehicles), planner.foremost_m, tuple(planner.crossing_stage), tuple(crossing))
+
+
+def _through(network: RoadNetwork, site: Site) -> tuple[int, ...]:
+    beyond_m = 0.0
+    for number, edge in enumerate(site.route[site.site_position + 1 :], site.site_position + 2):
+        beyond_m += network.lanes[network.edges[edge].lanes[0]].length_m
+        if beyond_m >= _THROUGH_M:
+            return site.route[site.site_position : number]
+    return site.route[site.site_position :]
 
 
 def _check_room(group: DemandGroup, rows: int, placed: int) -> None:
@@ -98,6 +109,8 @@ class _GroupPlanner:
     template: Template
     factory: VehicleFactory
     config: DemandConfig
+    through: tuple[int, ...]
+    """Edges from the site's on to some way behind it."""
     foremost_m: float = 0.0
     crossing_stage: list[LaneInterval] = field(default_factory=list)
     _reached_m: dict[tuple[tuple[int, ...], bool], tuple[float, float]] = field(default_factory=dict)
@@ -114,7 +127,7 @@ class _GroupPlanner:
         """The next vehicle of a group in a row; None where the row is full."""
         kinds = {index: self.network.lanes[index].kind for index in row.chain.lanes}
         driving = tuple(index for index, kind in kinds.items() if kind is LaneKind.DRIVING)
-        actor_class = self.factory.draw_class(self.template.demand.classes, rng, driving)
+        actor_class = self.factory.draw_class(self._classes(group), rng, driving)
         length = self.factory.size(actor_class)[0]
         spacing = group.spacing_m * (1.0 + self.config.spacing_spread * rng.uniform(-1.0, 1.0))
         speed = group.speed_mps * (1.0 + self.config.speed_spread * rng.uniform(-1.0, 1.0))
@@ -134,6 +147,17 @@ class _GroupPlanner:
         route = self.factory.draw_route(edges, self._route_m, rng, lane, actor_class)
         spot = Spot(lane, front, 0.0 if group.standing else speed)
         return self.factory.civilian(f"{group.name}{number}", actor_class, driver, route, spot, rng)
+
+    def _classes(self, group: DemandGroup) -> Shares:
+        """Classes to draw from.
+
+        A stream next to the EMV has no vehicles that must turn off right after the site: on the way to their lane they
+        would change in front of the EMV and delay it.
+        """
+        shares = self.template.demand.classes
+        if group.placement is not Placement.SAME_DIRECTION:
+            return shares
+        return [one for one in shares if self.factory.can_follow(one[0], self.through)] or shares
 
     def keep_crossing_free(self, rows: Sequence[GroupRow]) -> None:
         """Adds the lanes of crossing rows, from behind their last vehicle on, to the stage."""

@@ -72,6 +72,11 @@ class VehicleFactory:
             self._suited[actor_class, lanes] = found
         return found
 
+    def can_follow(self, actor_class: ActorClass, edges: Sequence[int]) -> bool:
+        """Whether a vehicle of a class can drive along edges without bends too tight for it."""
+        length_m = self.size(actor_class)[0]
+        return all(self._routes.fits(edge, following, None, length_m) for edge, following in pairwise(edges))
+
     def draw_class(self, shares: Shares, rng: np.random.Generator, lanes: tuple[int, ...] = ()) -> ActorClass:
         """A vehicle class by its share, of those that suit one of the driving lanes; of all where none does."""
         shares = [one for one in shares if self.suited_lanes(one[0], lanes)] or shares

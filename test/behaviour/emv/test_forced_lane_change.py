@@ -57,6 +57,35 @@ def test_only_from_the_lane_next_to_the_shoulder(lab, lane, faster):
     assert not shoulder_is_faster(EmvUnit(1), plain, 0)
 
 
+def ending_shoulder(lab, leads_on=False):
+    """An approach of 300 m whose shoulder ends at the line, unless it leads on."""
+    road = lab.RoadBuilder()
+    road.edge([[0.0, 0.0], [300.0, 0.0]], 3, ("W", "J"), shoulder=True)
+    road.edge([[310.0, 0.0], [510.0, 0.0]], 3, ("J", "E"), shoulder=True)
+    for lane in range(0 if leads_on else 1, 3):
+        road.connect(lane, 3 + lane)
+    return road.built()
+
+
+def before_line(lab, front_m, speed, lane=1, actor_id=9):
+    """A car with its front so far before the line."""
+    return lab.Car(actor_id, lane, 300.0 - front_m - 0.5 * lab.vehicles[SEDAN].length_m, speed, (0, 1))
+
+
+@pytest.mark.parametrize(
+    ("front_m", "speed", "lane", "faster"),
+    [(28.5, 0.0, 1, False), (31.5, 0.0, 1, True), (5.0, 2.9, 1, False), (5.0, 3.1, 1, True), (5.0, 0.0, 2, True)],
+    ids=["no way back", "way back", "rolls", "drives", "in the other lane"],
+)
+def test_a_shoulder_that_ends_has_to_lead_30_m_beyond_the_queue(lab, front_m, speed, lane, faster):
+    """The queue's tail is 10 m ahead. Its head decides, in the EMV's own lane."""
+    tail = replace(ahead(lab, 10.0, 1.0), s=ahead(lab, 10.0, 1.0).s + 120.0)
+    cars = tail, before_line(lab, front_m, speed, lane)
+    for leads_on in (False, True):
+        view = view_at(lab, *cars, network=ending_shoulder(lab, leads_on), s=220.0, route=(0, 1))
+        assert shoulder_is_faster(EmvUnit(1), view, 0) is (faster or leads_on)
+
+
 def test_the_route_comes_before_the_shoulder_and_this_before_sumos_wish(lab):
     slow = ahead(lab, 25.0, 1.0)
     wish = {"lane_change_intent": 1}

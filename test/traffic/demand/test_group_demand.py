@@ -19,6 +19,9 @@ from made_streets import (
     STOP_LINE_M,
     STRAIGHT,
     A,
+    B,
+    C,
+    D,
     group,
     same_drivers,
     signal_site,
@@ -100,6 +103,25 @@ def test_a_class_is_drawn_for_the_driving_lanes_of_its_row() -> None:
         factory = Listening(network, same_drivers(), DIMENSIONS, CONFIG)
         plan_groups(network, signal_site(), start_at(90.0), template_with(queue), 0, factory, CONFIG)
         assert [set(lanes) & {A_LEFT, A_RIGHT, B_LEFT, B_RIGHT} for lanes in asked] == [expected] * 2
+
+
+def test_a_stream_next_to_the_emv_has_no_buses_that_cannot_follow_its_route() -> None:
+    """They would have to turn off right behind the site. South the way is tight, straight on it is not."""
+    shares = ((ActorClass.SEDAN, 1.0), (ActorClass.BUS, 9.0))
+    factory = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS, CONFIG)
+    assert [factory.can_follow(one, (A, B, D)) for one, _ in shares] == [True, False]
+    assert [factory.can_follow(one, (A, B, C)) for one, _ in shares] == [True, True]
+    straight_on, south = signal_site(), replace(signal_site(), route=(A, B, D))
+    for site, placement, buses in (
+        (straight_on, Placement.SAME_DIRECTION, True),
+        (south, Placement.SAME_DIRECTION, False),
+        (south, Placement.ADJACENT_LANE, True),
+    ):
+        template = template_with(group(placement, GroupAnchor.STOP_LINE, vehicles=4, standing=True))
+        template = replace(template, demand=replace(template.demand, classes=shares))
+        plan = plan_groups(NETWORK, site, start_at(90.0), template, 0, factory, CONFIG)
+        assert plan.vehicles
+        assert any(one.actor_class is ActorClass.BUS for one in plan.vehicles) is buses
 
 
 def test_a_queue_at_the_stop_line() -> None:

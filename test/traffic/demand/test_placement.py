@@ -261,3 +261,15 @@ def test_a_site_with_a_quiet_way_is_best_then_one_behind_a_junction_then_one_beh
     late = replace(emv_demand(-200.0, 20.0), depart_speed_mps=2.0)
     assert approach_rank(NETWORK, site, late, slow) == 2
     assert approach_rank(NETWORK, site, late, replace(CONFIG, emv_accel_mps2=8.0)) == 0
+
+
+@pytest.mark.parametrize(("length_m", "rank"), [(14.9, 2), (15.1, 1)])
+def test_an_approach_without_space_for_two_cars_is_as_bad_as_a_sharp_bend(length_m: float, rank: int) -> None:
+    """The road up to the line is cut off; the junction before it has traffic of its own."""
+    lanes = list(NETWORK.lanes)
+    line = lanes[B_LEFT].centre
+    lanes[B_LEFT] = replace(lanes[B_LEFT], centre=line.cut(0.0, length_m))
+    crossed = replace(NETWORK.connections[0], from_lane=6, to_lane=B_LEFT)
+    short = replace(NETWORK, lanes=tuple(lanes), connections=(*NETWORK.connections, crossed))
+    assert approach_rank(short, signal_site(), emv_demand(-200.0), CONFIG) == rank
+    assert approach_rank(short, replace(signal_site(), kind=SiteKind.QUEUED_APPROACH), emv_demand(-200.0), CONFIG) == 0

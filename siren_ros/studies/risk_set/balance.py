@@ -99,7 +99,8 @@ def settled(wanted: Mapping[str, Counts], found: Mapping[str, Counts], per_templ
     """The classes that each template contributes when some could not find what they were to have.
 
     What one template lacks of a rare class another gives that found more than its share, in the order of the
-    templates; normal videos fill up. The totals stay as near to what is wanted as the findings allow.
+    templates; normal videos fill up. A template that has not found enough normal videos exchanges with one that has
+    more of them. The totals stay as near to what is wanted as the findings allow.
 
     Args:
         wanted: Quotas.
@@ -113,7 +114,24 @@ def settled(wanted: Mapping[str, Counts], found: Mapping[str, Counts], per_templ
             more = max(0, min(lacking, found[key][risk] - counts[risk], per_template - counts[1] - counts[2]))
             counts[risk] += more
             lacking -= more
+    _exchange(given, found, per_template)
     return {
         key: (min(found[key][0], per_template - counts[1] - counts[2]), counts[1], counts[2])
         for key, counts in given.items()
     }
+
+
+def _exchange(given: dict[str, list[int]], found: Mapping[str, Counts], per_template: int) -> None:
+    """Templates that lack normal videos show a rare one more, and others a normal one in its place."""
+    for risk in (RiskClass.NEAR_MISS, RiskClass.COLLISION):
+        for key, counts in given.items():
+            while counts[risk] < found[key][risk] and sum(counts[1:]) + found[key][0] < per_template:
+                others = [
+                    one
+                    for name, one in given.items()
+                    if one[risk] > 0 and sum(one[1:]) + found[name][0] > per_template and name != key
+                ]
+                if not others:
+                    break
+                max(others, key=lambda one: one[risk])[risk] -= 1
+                counts[risk] += 1

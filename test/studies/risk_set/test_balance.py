@@ -114,3 +114,26 @@ def test_a_surplus_is_given_as_far_as_there_are_videos_left() -> None:
     # Near-misses come after collisions: what these took is no more there.
     lacking = {"A": (0, 3, 1), "B": (1, 1, 2)}
     assert settled(lacking, {"A": (9, 0, 1), "B": (9, 5, 2)}, 4) == {"A": (3, 0, 1), "B": (0, 2, 2)}
+
+
+def test_who_lacks_normal_videos_exchanges_with_who_has_more() -> None:
+    wanted = {"A": (3, 1, 0), "B": (2, 2, 0), "C": (3, 1, 0)}
+    found = {"A": (1, 9, 0), "B": (9, 2, 0), "C": (3, 1, 0)}
+    assert settled(wanted, found, 4) == {"A": (1, 3, 0), "B": (4, 0, 0), "C": (3, 1, 0)}
+    nobody_has_more = found | {"B": (2, 2, 0)}
+    assert settled(wanted, nobody_has_more, 4) == {"A": (1, 1, 0), "B": (2, 2, 0), "C": (3, 1, 0)}
+
+
+def test_a_collision_is_exchanged_where_there_are_no_near_misses() -> None:
+    found = {"A": (1, 0, 5), "B": (9, 0, 1)}
+    assert settled({"A": (2, 0, 0), "B": (1, 0, 1)}, found, 2) == {"A": (1, 0, 1), "B": (2, 0, 0)}
+
+
+@given(st.lists(st.tuples(*[st.integers(0, 20)] * 3), min_size=7, max_size=7))
+def test_no_template_lacks_videos_that_another_could_exchange(found: list[tuple[int, int, int]]) -> None:
+    have = dict(zip(TEMPLATES, found, strict=True))
+    shares = settled(quotas(PAPER, TEMPLATES), have, 15)
+    for risk in (RiskClass.NEAR_MISS, RiskClass.COLLISION):
+        lack = [key for key, share in shares.items() if sum(share) < 15 and have[key][risk] > share[risk]]
+        spare = [key for key, share in shares.items() if share[risk] > 0 and have[key][0] > share[0]]
+        assert not (lack and spare)

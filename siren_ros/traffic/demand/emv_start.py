@@ -33,6 +33,8 @@ _LEAST_QUIET_M: Final = 60.0
 """Before a single conflict point a way of this length is enough, whatever the template wants: 4 s at 50 km/h."""
 _LEAST_QUEUE_M: Final = 15.0
 """Road between the junction before and the stop line that holds two cars that wait at the line."""
+_LEAST_EXIT_M: Final = 100.0
+"""Road behind the site without which the EMV soon stands at the end of its route: 7 s at 50 km/h."""
 _CONFLICT_POINTS: Final = frozenset({SiteKind.SIGNAL_JUNCTION, SiteKind.STOP_JUNCTION})
 
 
@@ -172,8 +174,8 @@ def approach_rank(network: RoadNetwork, site: Site, emv: EmvDemand, config: Dema
     does not fit before the line waits at the junction before, and the EMV behind it.
 
     Returns:
-        0 for a way without junctions and sharp bends, 1 for one with junctions, 2 for one with sharp bends or without
-        space for a queue.
+        0 for a way without junctions and sharp bends, 1 for one with junctions, 2 for one with sharp bends, without
+        space for a queue, or with hardly any road behind the site.
 
     Raises:
         MapError: the site's approach or the site itself is too short.
@@ -183,7 +185,10 @@ def approach_rank(network: RoadNetwork, site: Site, emv: EmvDemand, config: Dema
     start = emv_start(network, site, start_m_of(network, site, emv))
     way_m = way_to_stop_line_m(network, start)
     pace_mps = way_m / max(unhindered_arrival_s(network, start, emv, config), SAMPLE_M)
-    if quiet_reach_m(network, travel_lane(network, site).index, _LEAST_QUEUE_M) < _LEAST_QUEUE_M:
+    queue_m = quiet_reach_m(network, travel_lane(network, site).index, _LEAST_QUEUE_M)
+    beyond = site.route[site.site_position + 1 :]
+    exit_m = sum(driving_lanes(network, edge)[-1].length_m for edge in beyond)
+    if queue_m < _LEAST_QUEUE_M or exit_m < _LEAST_EXIT_M:
         return 2
     if pace_mps < _LEAST_PACE * emv.speed_mps or start.front_m < min(_ENTRY_M, network.lanes[start.lane].length_m):
         return 2

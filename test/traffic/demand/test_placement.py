@@ -10,6 +10,7 @@ from made_streets import (
     A_RIGHT,
     B_LEFT,
     C_LEFT,
+    C_RIGHT,
     CONFIG,
     LIMIT_MPS,
     STOP_LINE_M,
@@ -273,3 +274,13 @@ def test_an_approach_without_space_for_two_cars_is_as_bad_as_a_sharp_bend(length
     short = replace(NETWORK, lanes=tuple(lanes), connections=(*NETWORK.connections, crossed))
     assert approach_rank(short, signal_site(), emv_demand(-200.0), CONFIG) == rank
     assert approach_rank(short, replace(signal_site(), kind=SiteKind.QUEUED_APPROACH), emv_demand(-200.0), CONFIG) == 0
+
+
+@pytest.mark.parametrize(("length_m", "rank"), [(99.0, 2), (101.0, 0)])
+def test_a_site_with_hardly_any_road_behind_it_comes_last(length_m: float, rank: int) -> None:
+    """The road behind the junction ends after so many metres."""
+    lanes = list(NETWORK.lanes)
+    for lane in (C_RIGHT, C_LEFT):
+        lanes[lane] = replace(lanes[lane], centre=lanes[lane].centre.cut(0.0, length_m))
+    short = replace(NETWORK, lanes=tuple(lanes))
+    assert approach_rank(short, signal_site(), emv_demand(-200.0), CONFIG) == rank

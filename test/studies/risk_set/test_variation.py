@@ -21,6 +21,7 @@ def test_values_lie_where_the_class_leans_to(template: str, risk: RiskClass) -> 
         assert request.preset in LEANINGS[risk].presets
         values = values_of(request.values)
         loaded.with_values(values)
+        assert set(values) == set(loaded.ranges) & set(LEANINGS[risk].shares)
         for path, value in values.items():
             limits, (low, high) = loaded.ranges[path], LEANINGS[risk].shares[path]
             width = limits.maximum - limits.minimum

@@ -62,3 +62,16 @@ def test_a_side_alone_is_the_length(turn: float) -> None:
     box = fit_box(points, GROUND_M)
     assert box.size_m == pytest.approx([4.5, 1.9, 1.55], abs=0.06)
     assert box.centre_m[:2] @ rotation == pytest.approx([8.0 + 2.25, 4.0 + 0.95], abs=0.06)
+
+
+@pytest.mark.parametrize(("right_m", "left_m", "middle_m"), [(-1.2, 1.8, 1.05), (-1.8, 1.2, -1.05), (-1.4, 1.6, 0.85)])
+@pytest.mark.parametrize("turn", [0.0, 90.0, 180.0])
+def test_a_side_around_the_foot_of_the_sensor_grows_at_its_longer_part(
+    turn: float, right_m: float, left_m: float, middle_m: float
+) -> None:
+    """3 m of a side 4 m ahead: of 4.5 m what is missing lies where more of it was seen."""
+    angle = np.radians(turn)
+    side = np.stack((np.full(61, 4.0), np.linspace(right_m, left_m, 61)), axis=-1)
+    rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    box = fit_box(np.column_stack((side @ rotation.T, np.full(61, GROUND_M + 1.0))), GROUND_M)
+    assert box.centre_m[:2] @ rotation == pytest.approx([4.0 + 0.95, middle_m], abs=0.03)

@@ -253,3 +253,23 @@ def test_a_frame_that_comes_twice_or_not_at_all_is_named(frames: Frames, tmp_pat
     path.write_bytes(pickle.dumps([*entries[:3], *entries[4:]]))
     with pytest.raises(InputError, match="nothing for episode0 step 12"):
         read_detections("x", str(path), frames)
+
+
+def test_a_frame_behind_the_last_one_is_refused(frames: Frames, tmp_path: Path) -> None:
+    path = write_openpcdet(tmp_path / "x.pkl", {0: [[12.0, 3.0, -1.0, 4.5, 1.9, 1.6, 0.4]]}, 9)
+    with pytest.raises(InputError, match=r"frame_id 000008.*frames 000000 to 000007 of the given bags"):
+        read_detections("x", str(path), frames)
+
+
+@pytest.mark.parametrize(("first", "second", "named"), [(" -2.0 6.0", "", 1), ("", " -2.0 6.0", 0)])
+def test_where_a_line_of_kitti_has_a_velocity_all_need_one(
+    frames: Frames, tmp_path: Path, first: str, second: str, named: int
+) -> None:
+    folder = tmp_path / "kitti"
+    folder.mkdir()
+    for number in range(6):
+        (folder / f"{number:06d}.txt").write_text("")
+    line = "Car 0 0 0 1 2 3 4 1.5 1.8 4.2 -3.0 1.6 20.0 0.0 0.8"
+    (folder / "000004.txt").write_text(f"{line}{first}\n{line}{second}\n")
+    with pytest.raises(InputError, match=rf"box {named}: velocity \[nan, nan\]"):
+        read_detections("x", str(folder), frames)

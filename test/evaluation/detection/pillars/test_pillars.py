@@ -36,6 +36,17 @@ def test_features_are_places_and_ways_from_mean_and_middle() -> None:
     assert first == pytest.approx(expected, abs=1e-6)
 
 
+@pytest.mark.parametrize("cell_m", [0.5, 2.0])
+def test_middles_of_cells_of_another_width(cell_m: float) -> None:
+    """A point 0.1 m behind and 0.2 m left of the middle of a cell."""
+    grid = PillarGrid(half_width_m=8.0, cells=round(16 / cell_m), points=4, pillars=50)
+    column, row = round(10 / cell_m), round(4 / cell_m)
+    middle_x, middle_y = (column + 0.5) * cell_m - 8.0, (row + 0.5) * cell_m - 8.0
+    found = pillars_of(_points((middle_x - 0.1, middle_y + 0.2, 0.0)), grid)
+    assert found.cell.tolist() == [row * grid.cells + column]
+    assert found.points[0, 0, -2:] == pytest.approx([-0.1, 0.2], abs=1e-6)
+
+
 def test_free_slots_repeat_the_first_point() -> None:
     found = pillars_of(_points((2.2, -3.4, 1.0), (2.6, -3.8, 0.0)), GRID)
     assert np.array_equal(found.points[0, 2], found.points[0, 0])

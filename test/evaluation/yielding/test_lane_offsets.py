@@ -47,3 +47,13 @@ def test_ways_are_measured_from_the_first_state() -> None:
     offsets = lane_offsets(record, record.track(CAR))
     assert offsets.offset_m[[0, -1]] == pytest.approx([0.5, 0.0], abs=1e-6)
     assert offsets.lateral_m[[0, -1]] == pytest.approx([0.0, -4.0], abs=1e-6)
+
+
+def test_a_change_with_the_second_state() -> None:
+    """The lanes meet at 3.5 m."""
+    record = record_of(arc((1.0, 10.0)), {CAR: Driven(line((3.502, -120.0), (1.75, -90.0)), arc((2.0, 10.0)))})
+    track = record.track(CAR)
+    assert track.x_m[0] > 3.5 > track.x_m[1]
+    offsets = lane_offsets(record, track)
+    assert offsets.lateral_m == pytest.approx(3.502 - track.x_m)
+    assert offsets.offset_m[[0, 1]] == pytest.approx([5.25 - track.x_m[0], 1.75 - track.x_m[1]])

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from siren_ros.errors import EpisodeError
 from siren_ros.interfaces.topics import Topic
-from siren_ros.lockstep.tick_join import Input, TickJoin
+from siren_ros.lockstep.tick_join import MAX_STEPS_AHEAD, Input, TickJoin
 
 FAST = Topic("/fast", "std_msgs/msg/String", "a")
 LAGGED = Topic("/lagged", "std_msgs/msg/String", "b")
@@ -35,6 +35,14 @@ def test_a_step_waits_for_its_last_input() -> None:
         assert join.missing() == (second[0],)
         assert [step for step, _ in join.offer(*second, "y")] == [0]
         assert join.missing() == ("/fast", "/lagged")
+
+
+@pytest.mark.parametrize(("name", "lag_steps"), [("/fast", 0), ("/lagged", 1)])
+def test_a_message_is_taken_up_to_64_steps_before_it_is_used(name: str, lag_steps: int) -> None:
+    join = TickJoin(INPUTS)
+    assert list(join.offer(name, MAX_STEPS_AHEAD - lag_steps, "x")) == []
+    with pytest.raises(EpisodeError, match="which has not begun"):
+        list(join.offer(name, MAX_STEPS_AHEAD - lag_steps + 1, "x"))
 
 
 def test_a_message_for_a_step_far_ahead_is_refused() -> None:

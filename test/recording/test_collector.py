@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from siren_ros.errors import EpisodeError
 from siren_ros.interfaces import topics
-from siren_ros.recording.collector import StepCollector
+from siren_ros.recording.collector import MAX_STEPS_AHEAD, StepCollector
 
 SLOW = replace(topics.GROUND_TRUTH, period_steps=3)
 EXPECTED = (topics.EPISODE, topics.MAP, topics.CLOCK, topics.ACTORS, SLOW, topics.OUTCOME)
@@ -61,6 +61,18 @@ def test_nothing_is_recorded_before_the_latched_topics() -> None:
     assert str(collector.missing(0)[0]) == "/siren/episode of sumo_bridge before step 0"
     collector.add(topics.EPISODE.name, 0, b"")
     assert len(list(collector.ready())) == len(_arrivals())
+
+
+def test_a_message_64_steps_ahead_is_taken_and_one_further_on_is_not() -> None:
+    for done in range(2):
+        collector = StepCollector(EXPECTED)
+        for name, step in _arrivals()[: 2 + 3 * done]:
+            collector.add(name, step, b"")
+        list(collector.ready())
+        assert collector.next_step == done
+        collector.add(topics.CLOCK.name, done + MAX_STEPS_AHEAD, b"")
+        with pytest.raises(EpisodeError, match="which has not begun"):
+            collector.add(topics.CLOCK.name, done + MAX_STEPS_AHEAD + 1, b"")
 
 
 def test_a_dying_episode_keeps_incomplete_steps_in_order() -> None:

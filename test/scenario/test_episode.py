@@ -33,3 +33,9 @@ def test_the_templates_values_are_its_numbers() -> None:
     assert found == {"emv.speed_mps": 13.0, "response.compliance": 0.9}
     assert all(isinstance(value, float) for value in found.values())
     assert described({"template": [1.0]}).template_values == {}
+
+
+@pytest.mark.parametrize(("av", "number"), [({"actor_id": 4, "kind": "civilian"}, 4), (None, 0), ("civilian", 0)])
+def test_the_av_is_who_the_description_names(av: object, number: int) -> None:
+    assert described({"av": av}).av_id == number
+    assert described({}).av_id == 0

@@ -2,6 +2,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -97,3 +98,22 @@ def test_the_share_that_complies_late_shrinks_with_the_compliance() -> None:
     assert preset.compliance.late == pytest.approx(0.5 * before.late)
     assert preset.compliance.never == pytest.approx(1.0 - 0.5 * (before.complies + before.late))
     assert preset.reaction_delay_s == load_preset("realistic").reaction_delay_s
+
+
+@pytest.mark.parametrize(
+    ("section", "least", "most"),
+    [("reaction_delay_s", 0.0, 30.0), ("late_delay_s", 0.0, 60.0), ("response_distance_m", 1.0, 300.0)],
+)
+def test_distributions_lie_within_limits_that_are_allowed_themselves(
+    tmp_path: Path, section: str, least: float, most: float
+) -> None:
+    content = yaml.safe_load((params_dir() / "presets" / "paper.yaml").read_text(encoding="utf-8"))
+    file = tmp_path / "mine.yaml"
+    for low, high, allowed in ((least, most, True), (least - 0.01, most, False), (least, most + 0.01, False)):
+        content[section] = {"mean": 10.0, "std": 1.0, "min": low, "max": high}
+        file.write_text(yaml.safe_dump(content), encoding="utf-8")
+        if allowed:
+            assert getattr(load_preset(str(file)), section) == TruncatedNormal(10.0, 1.0, low, high)
+        else:
+            with pytest.raises(InputError, match=section):
+                load_preset(str(file))

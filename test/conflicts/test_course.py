@@ -144,3 +144,18 @@ def test_the_next_edge_of_a_route_is_the_one_after_the_present_one(network):
     assert east.points[-1] == pytest.approx((180.0, 0.0))
     north = CourseBook(network).along(0, edges(0, 2, 4))
     assert [entry.connection.to_lane for entry in north.entries] == [3]
+
+
+@pytest.mark.parametrize(
+    ("leading", "present", "taken"), [((0, 1), 2, 1), ((1, 2), 0, 1), ((0, 2), 2, 2), ((2,), 0, 2)]
+)
+def test_of_several_lanes_that_lead_on_the_nearest_is_taken(leading, present, taken):
+    """Whatever the order of the movements."""
+    lanes = [lane(place, 0, [[0, 3.3 * place], [100, 3.3 * place]], position=place) for place in range(3)]
+    lanes += [lane(3 + place, 1, [[100, 3.3 * place], [300, 3.3 * place]], position=place) for place in range(3)]
+    roads = (Edge(0, "a", (0, 1, 2), "A", "J", internal=False), Edge(1, "b", (3, 4, 5), "J", "B", internal=False))
+    movements = [Connection(one, 3 + one, (), "s", None, -1, must_stop=False, junction="J") for one in leading]
+    for connections in (movements, movements[::-1]):
+        three = RoadNetwork(tuple(lanes), roads, tuple(connections), {}, (0.0, 0.0), "!")
+        (entry,) = CourseBook(three).along(present, edges(0, 1)).entries
+        assert entry.connection.from_lane == taken

@@ -49,3 +49,9 @@ def test_other_texts_are_refused(text: str) -> None:
 def test_a_record_of_a_request_without_values_is_as_it_was_before_there_were_any() -> None:
     assert "values" not in EpisodeRequest("S1").to_json()
     assert EpisodeRequest(**EpisodeRequest("S1", values="duration_s=30").to_json()).values == "duration_s=30"
+
+
+@pytest.mark.parametrize("text", ["a.b=1,a.b=2", "a.b=1,a.b =2", " a.b =1, a.b=1", "a.b =1,a.b =2"])
+def test_a_parameter_is_given_once_however_it_is_spaced(text: str) -> None:
+    with pytest.raises(InputError, match="each parameter once"):
+        values_of(text)

@@ -113,3 +113,22 @@ def test_the_gap_is_between_the_bumpers_also_of_a_vehicle_at_an_angle(lab):
         gap = 30.0 - reach - 0.5 * lab.vehicles[ActorClass.AMBULANCE].length_m
         limit = anticipated_limit(follow_route(EmvUnit(1), view, 0)[0], view, 0)
         assert limit.speed_mps == pytest.approx(approach(gap, 2.0 * np.cos(turned)), rel=1e-4)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_who_turns_away_from_the_path_leaves_it_to_either_side(lab, side):
+    """A car that stands 0.5 m aside and points away leaves; one that points back to the path stays."""
+    network = lab.straight_road()
+    cars = [lab.Car(1, 0, 100, 3, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, 130, 3, (0,))]
+    found = {}
+    for turned in (0.3, -0.3):
+        poses = np.array([[100.0, 0.0, 0.0, 3.0], [130.0, 0.5 * side, side * turned, 3.0]])
+        view = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars, poses=poses))
+        found[turned] = anticipated_limit(follow_route(EmvUnit(1), view, 0)[0], view, 0).speed_mps
+    sedan, ambulance = lab.vehicles[ActorClass.SEDAN], lab.vehicles[ActorClass.AMBULANCE]
+    cos, sin = np.cos(0.3), np.sin(0.3)
+    gap = 30.0 - 0.5 * (sedan.length_m * cos + sedan.width_m * sin) - 0.5 * ambulance.length_m
+    inside = 0.5 * (sedan.length_m * sin + sedan.width_m * cos + ambulance.width_m) + CONFIG.side_margin_m
+    for turned, leaving in ((0.3, 3.0 * sin), (-0.3, -3.0 * sin)):
+        assert found[turned] == pytest.approx(approach(gap, 3.0 * cos, inside - 0.5, leaving), rel=1e-4)
+    assert found[0.3] > found[-0.3] + 0.5

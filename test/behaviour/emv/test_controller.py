@@ -304,3 +304,33 @@ def test_between_others_the_footprint_limits_the_speed_and_elsewhere_anticipatio
     unit = replace(state.units[1], corridor_seen_step=0, **mode)
     steps(lab, world, [emv], 1, EmvState({1: unit}, state.actors), 1)
     assert asked == [used]
+
+
+@pytest.mark.parametrize(("level", "first"), [("L1", []), ("L2", []), ("L3", ["gap_escape_mode", "corridor_mode"])])
+def test_guards_are_evaluated_in_the_papers_order(lab, monkeypatch, level, first):
+    """The gap escape has the highest priority; it and the corridor belong to levels with a corridor."""
+    asked = []
+    always = ["forced_lane_change", "waypoints", "complete_lane_change"]
+
+    def noted(name, guard):
+        return lambda unit, view, row: asked.append(name) or guard(unit, view, row)
+
+    for name in ("gap_escape_mode", "corridor_mode", *always):
+        monkeypatch.setattr(controller, name, noted(name, getattr(controller, name)))
+    world = lab.world_of(lab.straight_road(), getattr(lab, level))
+    steps(lab, world, [lab.Car(1, 0, 50, 8, (0,), AMBULANCE)], 2)
+    assert asked == 2 * [*first, *always]
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("more_m", "anew"), [(-0.05, False), (0.05, True)])
+def test_plans_anew_where_it_has_come_off_its_path_to_either_side(lab, emv, side, more_m, anew):
+    world = lab.world_of(lab.straight_road(), lab.L1)
+    state, _, _ = steps(lab, world, [emv], 1)
+    unit = state.units[1]
+    left_m = side * (world.config.emv.off_path_m + more_m)
+    off = replace(unit, navigator=replace(unit.navigator, left_m=left_m))
+    for step, planned in ((19, False), (20, anew)):
+        view = lab.view_of(world, lab.traffic_of(world.network, [emv], step=step))
+        found, _ = controller.follow_route(off, view, 0)
+        assert (found.navigator.path is not unit.navigator.path) is planned

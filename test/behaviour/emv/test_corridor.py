@@ -16,6 +16,7 @@ from siren_ros.behaviour.emv.forced_lane_change import forced_lane_change
 from siren_ros.behaviour.emv.unit import EmvUnit
 from siren_ros.behaviour.paths.lane_path import LaneEnd, path_on_lanes
 from siren_ros.numerics.geometry import wrap_angle
+from siren_ros.numerics.units import NEVER
 from siren_ros.world.actors import ActorClass, Lights, Owner
 
 
@@ -294,3 +295,12 @@ def test_the_path_begins_as_the_emv_points_also_where_the_corridor_bends_at_once
     assert abs(target[1] - target[0]) > 0.01
     curve = corridor_path(EmvUnit(1, corridor=True), view, 0).navigator.path.curve
     assert curve.heading_at(np.array([0.0]))[0] == pytest.approx(turned_rad, abs=0.012)
+
+
+def test_a_corridor_that_begins_again_is_planned_at_once(lab):
+    """Nothing of the last one is left."""
+    was = EmvUnit(1, corridor=True, corridor_seen_step=10, corridor_planned_step=28)
+    unit, _ = corridor_mode(was, view_at(lab, step=30), 0)
+    assert not unit.corridor
+    assert unit.corridor_planned_step == NEVER
+    assert unit.plan is None

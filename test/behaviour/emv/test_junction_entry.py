@@ -75,3 +75,22 @@ def test_a_red_light_counts_up_to_the_line(lab, front, counts):
     assert math.isfinite(found) is counts
     if counts:
         assert found == pytest.approx(approach_mps(150.0 - front, CONFIG), abs=0.02)
+
+
+@pytest.mark.parametrize(("front", "ahead"), [(70.0, 30.0), (125.0, 35.0)])
+def test_of_two_red_lights_the_nearer_one_ahead_limits(lab, front, ahead):
+    """Stop lines at 100 m and at 160 m."""
+    road = lab.RoadBuilder()
+    for begin, end in ((0, 100), (100, 120), (120, 160), (160, 180), (180, 400)):
+        road.edge([[begin, 0], [end, 0]], 1, ("A", "B"), internal=begin in {100, 160})
+    road.connect(0, 2, via=(1,), signal=True)
+    road.connect(2, 4, via=(3,), signal=True)
+    network = road.built()
+    cars = [
+        lab.Car(
+            1, 0 if front < 100.0 else 2, front % 120.0 - HALF, 9.0, (0, 2, 4)[front > 100.0 :], ActorClass.AMBULANCE
+        )
+    ]
+    traffic = replace(lab.traffic_of(network, cars), signals=(SignalState("J", "r"),))
+    found = entry_limit_mps(lab.view_of(lab.world_of(network, lab.L2), traffic), 0)
+    assert found == pytest.approx(approach_mps(ahead, CONFIG), abs=0.05)

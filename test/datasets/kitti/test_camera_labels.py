@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from siren_ros.datasets.kitti.calibration import KittiCamera, calibration_text
-from siren_ros.datasets.kitti.camera_labels import CameraLabels, camera_labels, label_lines
+from siren_ros.datasets.kitti.camera_labels import TYPE_OF_CLASS, CameraLabels, camera_labels, label_lines
 from siren_ros.interfaces.images import CameraIntrinsics
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.world.actors import ActorClass
@@ -110,3 +110,15 @@ def test_the_calibration_has_the_projection_four_times_and_the_lidars_mount() ->
     assert numbers["Tr_velo_to_cam"].reshape(3, 4) == pytest.approx(CAMERA.camera_from_lidar[:3])
     assert numbers["R0_rect"].reshape(3, 3).tolist() == np.eye(3).tolist()
     assert numbers["Tr_imu_to_velo"].reshape(3, 4).tolist() == np.eye(4)[:3].tolist()
+
+
+def test_every_class_has_kittis_nearest_one() -> None:
+    found: dict[str, set[str]] = {}
+    for kind in ActorClass:
+        found.setdefault(TYPE_OF_CLASS[kind], set()).add(kind.name)
+    assert found == {
+        "Car": {"HATCHBACK", "SEDAN", "ESTATE", "SUV", "PICKUP", "POLICE"},
+        "Van": {"VAN", "AMBULANCE"},
+        "Truck": {"TRUCK", "FIRE_TRUCK"},
+        "Misc": {"BUS"},
+    }

@@ -1,11 +1,13 @@
 """Where a road gets wider, vehicles need not slow down, on any map from OpenStreetMap."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from defusedxml.ElementTree import fromstring
+from made_streets import A_LEFT, A_RIGHT, B_LEFT, B_RIGHT, C_LEFT, C_RIGHT, streets
 
-from siren_ros.roads.maps.lane_tapers import taper_patches
+from siren_ros.roads.maps.lane_tapers import _only_joins, taper_patches
 from siren_ros.roads.maps.map_compiler import compile_map
 from siren_ros.roads.movements import movement_turn_rad
 from siren_ros.roads.net_parser import parse_road_network
@@ -53,3 +55,24 @@ def test_only_sharp_joints_are_lengthened(network: RoadNetwork) -> None:
 def test_yellow_is_as_long_as_in_towns_whatever_the_limit(net: bytes) -> None:
     phases = list(fromstring(net).iter("phase"))
     assert {float(phase.attrib["duration"]) for phase in phases if "y" in phase.attrib["state"]} == {3.0}
+
+
+@pytest.mark.parametrize(
+    ("joined", "only_joins"),
+    [
+        (((A_RIGHT, B_RIGHT), (A_LEFT, B_LEFT)), True),
+        (((A_RIGHT, B_RIGHT), (B_LEFT, A_LEFT)), True),
+        (((A_RIGHT, B_RIGHT), (A_LEFT, C_LEFT)), False),
+        (((A_RIGHT, C_RIGHT), (B_LEFT, C_LEFT)), False),
+    ],
+    ids=["one road", "both directions", "a fork", "a merge"],
+)
+def test_a_joint_neither_forks_nor_merges_nor_is_controlled(
+    joined: tuple[tuple[int, int], ...], only_joins: bool
+) -> None:
+    roads = streets()
+    plain = replace(roads.connections[0], direction="s", signal_id=None, must_stop=False)
+    movements = [replace(plain, from_lane=source, to_lane=target) for source, target in joined]
+    assert _only_joins(roads, movements) is only_joins
+    for change in ({"direction": "r"}, {"signal_id": "J"}, {"must_stop": True}):
+        assert not _only_joins(roads, [movements[0], replace(movements[1], **change)])

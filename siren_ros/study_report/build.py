@@ -38,6 +38,7 @@ def build_page(
     Raises:
         InputError: No study in the folder, no bag that can be read, or scores of a task that cannot be used.
     """
+    options.check()
     study = read_rows(folder)
     bags = bags_among([folder])
     plan(len(bags))

@@ -4,6 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from siren_ros.errors import InputError
+from siren_ros.evaluation.paper_comparison.stored_scores import stored
+
 MODELS: Final = ("cv", "idm", "siren")
 DETECTION: Final = "detection"
 RISK: Final = "risk"
@@ -31,3 +34,9 @@ class PageOptions:
     def risk_in(self, folder: Path) -> Path:
         """Where the risk task's scores of a study are."""
         return self.risk or folder / RISK
+
+    def check(self) -> None:
+        """InputError if a folder that was asked for has no scores: a page without them would not say so."""
+        for task, folder in ((DETECTION, self.detection), (RISK, self.risk)):
+            if folder is not None and stored(folder) is None:
+                raise InputError(task, str(folder), f"a folder that `siren evaluate {task} --out` wrote")

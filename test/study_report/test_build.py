@@ -151,6 +151,16 @@ def test_a_folder_without_study_is_refused(tmp_path: Path) -> None:
         build_page(tmp_path, PageOptions())
 
 
+@pytest.mark.parametrize("task", ["detection", "risk"])
+def test_a_folder_without_the_scores_that_were_asked_for_is_refused(study: Path, tmp_path: Path, task: str) -> None:
+    """Where nothing is asked for, the page has no such section."""
+    with pytest.raises(InputError, match=f"siren evaluate {task} --out"):
+        build_page(study, PageOptions(**{task: tmp_path}))
+    PageOptions().check()
+    (tmp_path / "scores.json").write_text("{}", encoding="utf-8")
+    PageOptions(**{task: tmp_path}).check()
+
+
 def test_scores_that_are_none_are_refused(study: Path, tmp_path: Path, made: SimpleNamespace) -> None:
     for content in ("[]", "nonsense", '{"a": {}}'):
         (tmp_path / "scores.json").write_text(content, encoding="utf-8")

@@ -1,6 +1,7 @@
 """A fleet steps: actors come and go, commands drive them, events are told in order, contradictions are refused."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -172,3 +173,23 @@ def test_each_actor_that_leaves_is_told_at_its_last_place_wherever_its_row_was(g
     assert [(event.actor_id, event.y_m) for event in events] == [(i, 50.0 * i) for i in left]
     assert set(kinds(events)) == {EventKind.REMOVED}
     assert states.actor_id.tolist() == sorted(rows)
+
+
+def test_a_drivers_pedals_lag_as_drivers_do_and_the_trackers_less() -> None:
+    """One step of 0.05 s behind a first-order lag."""
+    state, _ = started(2, 5.0)
+    rows = {1: (0.25, 50.0, 0.0, 5.0), 2: (0.25, 100.0, 0.0, 5.0)}
+    _, states, _ = step_fleet(state, traffic_of(1, rows), [command_of(1, 1, throttle=0.6)])
+    lag_s = PARAMETERS[ActorClass.SEDAN].throttle_lag_s
+    assert states.throttle[0] == pytest.approx(0.6 * (1.0 - np.exp(-STEP_S / lag_s)))
+
+
+@pytest.mark.parametrize("owner", [Owner.SUMO, Owner.ROS])
+def test_the_hand_brake_is_that_of_who_drives(owner: Owner) -> None:
+    """A vehicle of SUMO's follows SUMO whatever a controller says that watches it."""
+    state, _ = started(1, 5.0)
+    traffic = traffic_of(1, {1: (0.25, 50.0, 0.0, 5.0)})
+    pulled = replace(command_of(1, 1, owner=owner), hand_brake=np.ones(1, np.uint8))
+    speeds = [step_fleet(state, traffic, [one])[1].speed_mps[0] for one in (command_of(1, 1, owner=owner), pulled)]
+    assert bool(speeds[1] < speeds[0] - 0.1) is (owner is Owner.ROS)
+    assert bool(speeds[1] == speeds[0]) is (owner is Owner.SUMO)

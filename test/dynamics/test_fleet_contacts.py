@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from dynamics.fleet_scenes import PARAMETERS, command_of, description, started, traffic_of
+from dynamics.fleet_scenes import PARAMETERS, command_of, description, kinds, started, traffic_of
 
 from siren_ros.dynamics.fleet import FleetState, step_fleet
 from siren_ros.numerics.units import STEP_S
@@ -71,3 +71,16 @@ def test_commands_cannot_move_who_was_in_contact() -> None:
         speed.append(float(states.speed_mps[0]))
     assert speed[-1] == 0.0
     assert states.throttle[0] < 1e-3
+
+
+def test_after_a_contact_the_velocity_is_the_one_that_the_contact_left() -> None:
+    length = PARAMETERS[ActorClass.SEDAN].length_m
+    begin = {1: (0.0, 0.0, 0.0, 10.0), 2: (length + 0.3, 0.0, 0.0, 0.0)}
+    spawned = [description(actor) for actor in begin]
+    state, _, _ = step_fleet(FleetState.empty(PARAMETERS), traffic_of(0, begin, spawned), ())
+    rows = {1: (0.5, 0.0, 0.0, 10.0), 2: (length + 0.3, 0.0, 0.0, 0.0)}
+    state, states, events = step_fleet(state, traffic_of(1, rows), ())
+    assert EventKind.COLLISION in kinds(events)
+    vx, vy = state.bodies.velocity_mps(state.table)
+    assert (states.vx_mps.tolist(), states.vy_mps.tolist()) == (vx.tolist(), vy.tolist())
+    assert states.vx_mps == pytest.approx([5.0, 5.0], abs=0.3), "equal masses that stay together"

@@ -103,3 +103,17 @@ def test_refuses_what_it_does_not_expect(name: str, step: int) -> None:
     list(collector.ready())
     with pytest.raises(EpisodeError, match=name):
         collector.add(name, step, b"")
+
+
+def test_what_is_missing_is_counted_up_to_the_last_step_also_after_gaps() -> None:
+    collector = StepCollector(EXPECTED)
+    for name in (topics.EPISODE.name, topics.MAP.name):
+        collector.add(name, 0, b"")
+    list(collector.ready())
+    assert [item.step for item in collector.missing(1)] == [0, 0, 0, 1, 1]
+    assert [item.step for item in collector.missing(0)] == [0, 0, 0]
+    collector.add(topics.CLOCK.name, 2, b"")
+    collector.add(topics.CLOCK.name, 4, b"")
+    assert [item.step for item in collector.drain()] == [2, 4]
+    assert collector.next_step == 5
+    assert collector.pending_steps == ()

@@ -1,6 +1,8 @@
 """MCAP files of a few messages, read back with the ``mcap`` package and byte by byte."""
 
+from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import pytest
 from mcap.reader import SeekingReader
@@ -146,3 +148,20 @@ def test_rewinding_cuts_after_the_last_whole_chunk(tmp_path: Path, chunks: tuple
         stream.finish()
     plain, _ = tmp_path / "y.mcap", written(tmp_path / "y.mcap", *(chunks or ()), SECOND if chunks else FIRST)
     assert path.read_bytes() == plain.read_bytes()
+
+
+class Slow(BytesIO):
+    """Takes at most 7 bytes at a time, as a nearly full pipe or disk does."""
+
+    def write(self, data: Any) -> int:
+        return super().write(bytes(data[:7]))
+
+
+def test_a_stream_that_takes_a_part_at_a_time_gets_everything(tmp_path: Path) -> None:
+    written(tmp_path / "x.mcap", FIRST, SECOND)
+    file: Any = Slow()
+    stream = McapStream(file, 3)
+    for chunk in (FIRST, SECOND):
+        stream.write_chunk(chunk)
+    stream.finish()
+    assert file.getvalue() == (tmp_path / "x.mcap").read_bytes()

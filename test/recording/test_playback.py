@@ -1,5 +1,7 @@
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -65,3 +67,11 @@ def test_from_the_middle_what_is_latched_comes_first(bag: Path) -> None:
         assert [item.topic for item in messages_from(opened, 10**12)] == [
             item.topic for item in opened.messages() if item.topic in opened.latched
         ]
+
+
+def test_of_a_latched_topic_the_last_message_before_the_start_comes() -> None:
+    messages = [SimpleNamespace(topic="/latched", time_ns=10 * place, cdr=bytes([place])) for place in range(4)]
+    messages.insert(2, SimpleNamespace(topic="/other", time_ns=15, cdr=b"other"))
+    bag: Any = SimpleNamespace(latched=frozenset({"/latched"}), messages=lambda: iter(messages))
+    for start_ns, expected in ((20, [b"\1", b"\2", b"\3"]), (35, [b"\3"]), (15, [b"\1", b"other", b"\2", b"\3"])):
+        assert [item.cdr for item in messages_from(bag, start_ns)] == expected

@@ -54,3 +54,9 @@ def test_profiles_never_exceed_the_speeds_that_they_keep_to(
     assert np.all(braked <= limits)
     assert reached[0] <= first_mps
     assert np.all(np.abs(np.diff(reached**2)) <= 2.0 * accel_mps2 + 1e-6)
+
+
+def test_speeding_up_follows_the_constant_acceleration_up_to_the_speeds_allowed() -> None:
+    speeds = with_accelerating(np.full(101, 15.0), 5.0, 1.5)
+    assert speeds == pytest.approx(np.minimum(15.0, np.sqrt(25.0 + 2.0 * 1.5 * np.arange(101.0))))
+    assert with_accelerating(np.full(3, 4.0), 5.0, 1.5).tolist() == [4.0, 4.0, 4.0]

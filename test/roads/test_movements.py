@@ -2,10 +2,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_streets import A_LEFT, A_RIGHT, B_LEFT, B_RIGHT, FAR, NEAR, STRAIGHT_LEFT, TURN, streets
+from hand_made_record import BESIDE, EAST, SOUTH, STRAIGHT, crossing
+from hand_made_record import STRAIGHT_LEFT as STRAIGHT_IN_LEFT
+from made_streets import A_LEFT, A_RIGHT, B_LEFT, B_RIGHT, C_LEFT, FAR, NEAR, STRAIGHT_LEFT, TURN, streets
 
 from siren_ros.roads.maps.map_compiler import compile_map
 from siren_ros.roads.movements import (
+    comes_from_the_side,
     crossing_connections,
     is_plain_joint,
     movement_path,
@@ -120,3 +123,21 @@ def test_road_before_a_lanes_end_is_counted_over_plain_joints_until_it_is_enough
     assert quiet_reach_m(network, B_RIGHT, 100.1) == pytest.approx(310.0)
     assert quiet_reach_m(network, NEAR, 1000.0) == pytest.approx(300.0)
     assert quiet_reach_m(network, A_RIGHT, 1000.0) == pytest.approx(200.0)
+
+
+def test_from_the_side_comes_who_crosses_the_street_and_neither_who_is_ahead_nor_behind():
+    network = crossing()
+    own = network.connections[STRAIGHT]
+    others = (STRAIGHT_IN_LEFT, EAST, SOUTH, BESIDE)
+    found = [comes_from_the_side(network, own, network.connections[other]) for other in others]
+    assert found == [False, True, False, False]
+    assert comes_from_the_side(network, network.connections[EAST], own)
+
+
+@pytest.mark.parametrize("lane", [B_LEFT, C_LEFT])
+def test_a_movement_is_the_civilians_where_both_its_lanes_are(lane):
+    roads = streets()
+    assert same_direction_connections(roads, roads.connections[STRAIGHT_LEFT]) == (STRAIGHT_LEFT - 1, STRAIGHT_LEFT)
+    lanes = tuple(replace(one, civilian_allowed=one.index != lane) for one in roads.lanes)
+    closed = replace(roads, lanes=lanes)
+    assert same_direction_connections(closed, closed.connections[STRAIGHT_LEFT]) == (STRAIGHT_LEFT - 1,)

@@ -94,6 +94,9 @@ def test_the_route_comes_before_the_shoulder_and_this_before_sumos_wish(lab):
     assert lateral_intent(planned, view_at(lab, slow, advice=wish), 0) == (-1, SHOULDER)
     assert lateral_intent(planned, view_at(lab, advice=wish), 0) == (1, SUMO)
     assert lateral_intent(planned, view_at(lab), 0) == (0, SUMO)
+    view = view_at(lab, advice=wish)
+    unadvised = replace(view, traffic=replace(view.traffic, emvs=()))
+    assert lateral_intent(planned, unadvised, 0) == (0, SUMO), "SUMO says nothing of this EMV"
 
 
 @pytest.mark.parametrize(("left_m", "wants"), [(199.0, True), (201.0, False)])

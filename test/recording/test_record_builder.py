@@ -1,0 +1,49 @@
+"""When a record is complete: the episode ended as planned, and no step is missing."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+from synthetic_episode import Scene, SyntheticEpisode
+
+from siren_ros.interfaces import topics
+from siren_ros.interfaces.conversions import to_actor_states
+from siren_ros.interfaces.episode_conversions import to_episode_outcome
+from siren_ros.recording.record_builder import RecordBuilder
+from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
+
+EPISODE = SyntheticEpisode(Scene(duration_s=0.5))
+STEPS = 10
+
+
+def complete(outcome: EpisodeOutcome | None, steps: Callable[[int], int | None] = lambda step: step) -> bool:
+    """Of an episode of ten steps; ``steps`` renumbers or leaves out states."""
+    builder = RecordBuilder()
+    for topic, step, message in EPISODE.messages():
+        if topic == topics.OUTCOME:
+            continue
+        if topic == topics.ACTORS:
+            number = steps(step)
+            if number is not None:
+                builder.add(topic.name, to_actor_states(replace(EPISODE.states(step), step=number)))
+        else:
+            builder.add(topic.name, message)
+    if outcome is not None:
+        builder.add(topics.OUTCOME.name, to_episode_outcome(outcome))
+    return builder.build().complete
+
+
+@pytest.mark.parametrize("steps", [STEPS - 1, STEPS, STEPS + 1])
+@pytest.mark.parametrize("end", list(EpisodeEnd))
+def test_an_episode_is_complete_with_all_steps_of_its_outcome_and_a_planned_end(steps: int, end: EpisodeEnd) -> None:
+    outcome = EpisodeOutcome(end, "", steps, predicate_holds=True)
+    assert complete(outcome) is (steps == STEPS and end is EpisodeEnd.COMPLETE)
+    assert not complete(None)
+
+
+def test_a_step_that_is_left_out_or_comes_twice_makes_it_incomplete() -> None:
+    whole = EpisodeOutcome(EpisodeEnd.COMPLETE, "", STEPS, predicate_holds=None)
+    assert complete(whole)
+    assert not complete(replace(whole, steps=STEPS - 1), lambda step: None if step == 4 else step)
+    assert not complete(whole, lambda step: 3 if step == 4 else step)
+    assert not complete(whole, lambda step: step + 1)

@@ -29,7 +29,7 @@ def save_confusions(model: ModelScores, path: Path) -> None:
         panel.imshow(counts / totals.clip(1), vmin=0.0, vmax=1.0, cmap="Blues")
         for row, values in enumerate(counts.tolist()):
             for column, count in enumerate(values):
-                dark = count > _DARK * max(1, int(totals[row, 0]))
+                dark = count >= _DARK * max(1, int(totals[row, 0]))
                 panel.text(column, row, str(count), ha="center", va="center", color="white" if dark else "black")
         panel.set_title(f"{name} (n = {int(counts.sum())})", fontsize=_TITLE_PT)
         panel.set_xticks(range(len(TITLES) + 1), [*TITLES, "none"], fontsize=_ANSWERS_PT)

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from matplotlib.figure import Figure
 
@@ -12,11 +13,11 @@ from siren_ros.evaluation.risk.scoring import ModelScores
 COUNTS = np.array([[7, 3, 0, 0], [1, 1, 0, 2], [0, 0, 0, 0]])
 
 
-def drawn(monkeypatch: pytest.MonkeyPatch, templates: int) -> Figure:
+def drawn(monkeypatch: pytest.MonkeyPatch, templates: int, counts: npt.NDArray[np.intp] = COUNTS) -> Figure:
     kept: list[Figure] = []
     monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: kept.append(figure))
-    by_template = {f"S{number}": (number + 1) * COUNTS for number in range(templates)}
-    save_confusions(ModelScores("mine", 14, 14, COUNTS, by_template, {}), Path("a.png"))
+    by_template = {f"S{number}": (number + 1) * counts for number in range(templates)}
+    save_confusions(ModelScores("mine", 14, 14, counts, by_template, {}), Path("a.png"))
     (figure,) = kept
     return figure
 
@@ -41,6 +42,12 @@ def test_a_panel(monkeypatch: pytest.MonkeyPatch) -> None:
     assert [text.get_text() for text in first.get_yticklabels()] == ["Normal", "Near-Miss", "Collision"]
     assert (first.get_xlabel(), first.get_ylabel()) == ("answer", "label")
     assert figure.get_suptitle() == "mine"
+
+
+def test_numbers_are_white_from_sixty_percent_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    figure = drawn(monkeypatch, 0, np.array([[3, 2, 0, 0], [41, 59, 0, 0], [0, 0, 60, 40]]))
+    colours = {text.get_text(): text.get_color() for text in figure.axes[0].texts}
+    assert {text for text, colour in colours.items() if colour == "white"} == {"3", "60"}
 
 
 @pytest.mark.parametrize(("templates", "rows"), [(0, 1), (3, 1), (4, 2), (7, 2)])

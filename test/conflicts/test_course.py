@@ -159,3 +159,12 @@ def test_of_several_lanes_that_lead_on_the_nearest_is_taken(leading, present, ta
         three = RoadNetwork(tuple(lanes), roads, tuple(connections), {}, (0.0, 0.0), "!")
         (entry,) = CourseBook(three).along(present, edges(0, 1)).entries
         assert entry.connection.from_lane == taken
+
+
+def test_the_limit_of_a_lane_begins_with_the_lane():
+    lanes = (lane(0, 0, [[0, 0], [40, 0]], limit=10.0), lane(1, 1, [[40, 0], [80, 0]], limit=5.0))
+    roads = (Edge(0, "a", (0,), "A", "J", internal=False), Edge(1, "b", (1,), "J", "B", internal=False))
+    joint = Connection(0, 1, (), "s", None, -1, must_stop=False, junction="J")
+    course = CourseBook(RoadNetwork(lanes, roads, (joint,), {}, (0.0, 0.0), "!")).along(0, edges(0, 1))
+    assert course.spacing_m == 1.0
+    assert course.limit_mps.tolist() == [10.0] * 40 + [5.0] * 41

@@ -207,3 +207,26 @@ def test_who_comes_later_than_in_8_s_does_not_count_yet(way, counts):
 def test_the_rank_decides_and_among_equals_who_comes_first(own, other, own_in, waits):
     """Both at 10 m/s and able to stop; the other one has 30 m to the zone."""
     assert (wait_for(crossing(own_in, 30.0), car(10.0, own), car(10.0, other), CONFIG) is not None) is waits
+
+
+@pytest.mark.parametrize(("own_in", "waits"), [(18.0, True), (20.0, False)])
+def test_who_creeps_out_of_the_zone_is_taken_to_leave_it_at_walking_pace(own_in, waits):
+    """0.75 m at 0.5 m/s, though the other one rolls at 0.1 m/s only: 1.5 s, and 0.4 s more."""
+    zone = Zone(own_in, own_in + 6.0, -1.0, 0.75, 0.0, INF)
+    assert (wait_for(zone, car(10.0, Rank.RED), car(0.1), CONFIG) is not None) is waits
+
+
+def test_who_merges_stays_behind_however_late_it_comes():
+    """The other one leaves the place where the ways meet, but not the way."""
+    for own_in in (30.0, 60.0, 100.0):
+        zone = Zone(own_in, INF, 5.0, 11.0, 1.0, INF)
+        assert wait_for(zone, car(10.0, Rank.GIVES_WAY), car(8.0), CONFIG) is not None
+        assert wait_for(zone._replace(along=0.0), car(10.0, Rank.GIVES_WAY), car(8.0), CONFIG) is None
+
+
+@pytest.mark.parametrize("own_in", [0.2, 0.9, 1.0])
+def test_nearer_than_the_distance_that_is_kept_one_waits_where_one_is(own_in):
+    wait = wait_for(crossing(own_in, 10.0), car(0.5, Rank.RED), car(8.0), CONFIG)
+    assert wait is not None
+    assert (wait.speed_mps, wait.free_m) == (0.0, 0.0)
+    assert wait.brake_mps2 == stop_brake_mps2(0.5, 0.0)

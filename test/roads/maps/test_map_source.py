@@ -3,6 +3,7 @@ import gzip
 import pytest
 
 from siren_ros.errors import MapError
+from siren_ros.roads.maps import map_source
 from siren_ros.roads.maps.map_source import SourceKind, read_map_source
 
 
@@ -55,3 +56,15 @@ def test_missing_files_and_folders_are_refused(tmp_path):
         read_map_source(tmp_path / "absent.xodr")
     with pytest.raises(MapError, match="directory"):
         read_map_source(tmp_path)
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_a_map_may_be_as_large_as_the_limit(tmp_path, monkeypatch, packed):
+    content = b"<osm/>" + b" " * 94
+    path = tmp_path / ("city.osm.gz" if packed else "city.osm")
+    path.write_bytes(gzip.compress(content) if packed else content)
+    monkeypatch.setattr(map_source, "MAX_MAP_BYTES", 100)
+    assert read_map_source(path).content == content
+    monkeypatch.setattr(map_source, "MAX_MAP_BYTES", 99)
+    with pytest.raises(MapError, match="a map of at most"):
+        read_map_source(path)

@@ -66,6 +66,7 @@ def test_cities_with_left_hand_traffic_are_known(name: str, lat: float, lon: flo
             ("Miami", 25.76, -80.2),
             ("Port-au-Prince", 18.5, -72.3),
         ],
+        *[("Majuro", 7.1, 171.4), ("Nouméa", -22.3, 166.45)],
         *[("Oakland", 37.8, -122.3), ("Berlin", 52.5, 13.4), ("Cairo", 30.0, 31.2), ("Caracas", 10.5, -66.9)],
     ],
 )

@@ -213,3 +213,22 @@ def test_a_bus_in_a_lane_that_only_turns_tightly_goes_on_from_the_next_lane(vehi
         assert chooser.draw([A, B], 350.0, np.random.default_rng(seed), vehicle_m, B_RIGHT)[2] == edge
         assert chooser.draw([A, B], 350.0, np.random.default_rng(seed), vehicle_m, B_LEFT)[2] == C
     assert chooser.draw([A], 150.0, np.random.default_rng(1), vehicle_m, A_RIGHT) == (A,)
+
+
+@pytest.mark.parametrize("lane", [B_LEFT, C_LEFT])
+@pytest.mark.parametrize(("from_line_m", "tight"), [(2.0, True), (20.0, False)])
+def test_a_movements_bend_is_that_of_the_junction_and_6_m_on_both_sides(
+    lane: int, from_line_m: float, tight: bool
+) -> None:
+    """A right angle in the lane before or behind the junction."""
+    roads = streets()
+    corner = {B_LEFT: -from_line_m, C_LEFT: 20.0 + from_line_m}[lane]
+    side = (corner, 58.25)
+    points = {B_LEFT: [side, (corner, -1.75), (0.0, -1.75)], C_LEFT: [(20.0, -1.75), (corner, -1.75), side]}[lane]
+    lanes = list(roads.lanes)
+    lanes[lane] = replace(lanes[lane], centre=Polyline.through(points))
+    network = replace(roads, lanes=tuple(lanes))
+    chooser = RouteChooser(network, EdgeGraph.of(network), CONFIG)
+    radius_m = chooser._radius_m(network.connections[STRAIGHT + 1])
+    assert (radius_m < 10.0) is tight
+    assert np.isinf(radius_m) is not tight

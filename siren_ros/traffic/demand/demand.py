@@ -20,6 +20,7 @@ from siren_ros.traffic.demand.demand_config import DemandConfig
 from siren_ros.traffic.demand.driver_models import DriverPopulation
 from siren_ros.traffic.demand.emv_start import (
     EmvStart,
+    behind_queue_mps,
     depart_speed_mps,
     emv_start,
     long_enough_route,
@@ -97,10 +98,10 @@ class _Planner:
         self._route_m = config.route_speed_mps * (template.warm_up_s + template.duration_s + config.route_slack_s)
 
     def plan(self) -> TrafficPlan:
-        emvs = self._emvs()
         groups = plan_groups(
             self._network, self._site, self._start, self._template, self._seed, self._factory, self._config
         )
+        emvs = self._emvs(groups)
         stage = self._stage(groups)
         civilians = self._template.demand.background_vehicles
         spares = round(self._config.reserve_factor * civilians)
@@ -133,7 +134,7 @@ class _Planner:
         platoon = tuple(vehicle.name for vehicle in groups.vehicles if streams and vehicle.name.startswith(streams))
         return SignalTiming(movement.signal_id, movement.signal_link, red_from_s, crossing, platoon)
 
-    def _emvs(self) -> tuple[PlannedVehicle, ...]:
+    def _emvs(self, groups: GroupPlan) -> tuple[PlannedVehicle, ...]:
         rng = random_stream(self._seed, "demand/emv")
         demand = self._template.emv
         found = []
@@ -142,7 +143,10 @@ class _Planner:
             driver = self._factory.draw_driver(demand.actor_class, rng)
             limit = self._network.lanes[start.lane].speed_limit_mps
             driver = replace(driver, speed_factor=demand.speed_mps / limit)
-            depart_mps = depart_speed_mps(self._network, start, demand, self._config)
+            depart_mps = min(
+                depart_speed_mps(self._network, start, demand, self._config),
+                behind_queue_mps(self._network, start, groups.vehicles, self._config),
+            )
             spot = Spot(start.lane, start.front_m, depart_mps)
             found.append(self._factory.emv(f"emv{number}", demand.actor_class, driver, route, spot))
         return tuple(found)

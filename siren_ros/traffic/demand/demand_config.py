@@ -39,6 +39,10 @@ class DemandConfig:
     """With which an EMV comes to its target speed, for the time of its unhindered arrival."""
     emv_brake_mps2: float = 3.5
     """With which it brakes before bends, for the same."""
+    emv_queue_brake_mps2: float = 2.5
+    """With which it can stop behind vehicles that stand ahead of it at its start."""
+    emv_queue_gap_m: float = 4.0
+    """The gap that it leaves to them."""
     emv_lateral_accel_mps2: float = 3.0
     """With which it drives through bends, for the same."""
     emv_clearance_m: float = 10.0

@@ -1,7 +1,9 @@
 """The EMV's start: lane and place, the way from there to the site, and the time of its arrival."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Final
 
 import numpy as np
@@ -17,6 +19,7 @@ from siren_ros.roads.sites.site_finder import Site, SiteKind
 from siren_ros.scenario.scenario import EmvDemand, StartReference
 from siren_ros.traffic.demand.demand_config import DemandConfig
 from siren_ros.traffic.demand.lane_chains import chain_along
+from siren_ros.traffic.demand.plan import PlannedVehicle
 from siren_ros.traffic.demand.vehicle_factory import VehicleFactory
 
 _ROUTE_TRIES: Final = 12
@@ -154,6 +157,27 @@ def depart_speed_mps(network: RoadNetwork, start: EmvStart, emv: EmvDemand, conf
     if start.front_m >= way.length_m:
         return emv.depart_speed_mps
     return float(_speeds_mps(way, start, emv, config)[0])
+
+
+def behind_queue_mps(
+    network: RoadNetwork, start: EmvStart, standing: Sequence[PlannedVehicle], config: DemandConfig
+) -> float:
+    """The largest speed at the start from which an EMV stops gently behind vehicles that stand in its lanes.
+
+    Infinite where nobody stands ahead of it on the way to the site.
+    """
+    begins_m = dict(zip(start.lanes_to_site, _begins_m(network, start.lanes_to_site), strict=True))
+    rears_m = [
+        begins_m[one.spot.lane] + one.spot.front_m - one.length_m
+        for one in standing
+        if one.spot.lane in begins_m and one.spot.speed_mps == 0.0
+    ]
+    gap_m = min((rear_m - start.front_m for rear_m in rears_m if rear_m > start.front_m), default=math.inf)
+    return math.sqrt(2.0 * config.emv_queue_brake_mps2 * max(gap_m - config.emv_queue_gap_m, 0.0))
+
+
+def _begins_m(network: RoadNetwork, lanes: Sequence[int]) -> list[float]:
+    return list(accumulate((network.lanes[lane].length_m for lane in lanes[:-1]), initial=0.0))
 
 
 def _speeds_mps(way: Polyline, start: EmvStart, emv: EmvDemand, config: DemandConfig) -> Floats:

@@ -1,5 +1,6 @@
 """Starts of EMVs and places of background traffic on two streets that cross."""
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -35,6 +36,7 @@ from siren_ros.traffic.demand.demand import plan_traffic
 from siren_ros.traffic.demand.demand_config import DemandConfig
 from siren_ros.traffic.demand.emv_start import (
     approach_rank,
+    behind_queue_mps,
     depart_speed_mps,
     emv_start,
     start_m_of,
@@ -42,7 +44,9 @@ from siren_ros.traffic.demand.emv_start import (
     unhindered_arrival_s,
     way_to_stop_line_m,
 )
-from siren_ros.traffic.demand.plan import LaneInterval, SignalTiming, TrafficPlan
+from siren_ros.traffic.demand.plan import LaneInterval, SignalTiming, Spot, TrafficPlan
+from siren_ros.traffic.demand.vehicle_factory import VehicleFactory
+from siren_ros.world.actors import ActorClass
 
 NETWORK = streets()
 
@@ -284,3 +288,38 @@ def test_a_site_with_hardly_any_road_behind_it_comes_last(length_m: float, rank:
         lanes[lane] = replace(lanes[lane], centre=lanes[lane].centre.cut(0.0, length_m))
     short = replace(NETWORK, lanes=tuple(lanes))
     assert approach_rank(short, signal_site(), emv_demand(-200.0), CONFIG) == rank
+
+
+@pytest.mark.parametrize(
+    ("start_m", "lane", "front_m", "speed_mps", "expected_mps"),
+    [
+        (90.0, A_LEFT, 107.6, 0.0, 45.0**0.5),
+        (190.0, B_LEFT, 19.6, 0.0, 155.0**0.5),
+        (90.0, A_LEFT, 97.6, 0.0, 0.0),
+        (90.0, A_LEFT, 94.5, 0.0, math.inf),
+        (90.0, A_RIGHT, 107.6, 0.0, math.inf),
+        (90.0, A_LEFT, 107.6, 5.0, math.inf),
+    ],
+    ids=["13 m", "in the next lane of the way", "too near", "next to it", "another lane", "drives"],
+)
+def test_an_emv_starts_no_faster_than_it_can_stop_behind_a_queue(
+    start_m: float, lane: int, front_m: float, speed_mps: float, expected_mps: float
+) -> None:
+    """Braking with 2.5 m/s² to 4 m behind a car of 4.6 m."""
+    factory = VehicleFactory(NETWORK, same_drivers(), DIMENSIONS, CONFIG)
+    rng = np.random.default_rng(1)
+    driver = factory.draw_driver(ActorClass.SEDAN, rng)
+    car = factory.civilian("car", ActorClass.SEDAN, driver, ("a",), Spot(lane, front_m, speed_mps), rng)
+    assert car.length_m == pytest.approx(4.6)
+    assert behind_queue_mps(NETWORK, start_at(start_m), [car], CONFIG) == pytest.approx(expected_mps)
+
+
+def test_the_emv_of_a_plan_starts_at_that_speed(plan: Plan) -> None:
+    """The queue reaches back over K to the road on which the EMV starts at 160 m; a short one leaves it its 10 m/s."""
+    for vehicles, limited in ((14, True), (4, False)):
+        found = plan(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=vehicles, standing=True))
+        (emv,) = found.emvs
+        rear_m = min({A_LEFT: 0.0, B_LEFT: 210.0}[one.spot.lane] + one.spot.front_m - 4.6 for one in found.groups)
+        expected_mps = min((5.0 * (rear_m - 160.0 - 4.0)) ** 0.5, 10.0)
+        assert (expected_mps < 10.0) is limited
+        assert emv.spot.speed_mps == pytest.approx(expected_mps)

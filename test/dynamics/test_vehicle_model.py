@@ -12,7 +12,7 @@ from siren_ros.dynamics.parameters import (
     VehicleParameters,
     load_vehicle_parameters,
 )
-from siren_ros.dynamics.vehicle_model import BodyState, Controls, step_bodies
+from siren_ros.dynamics.vehicle_model import SUBSTEP_S, BodyState, Controls, step_bodies
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import GRAVITY_MPS2, STEP_S
 from siren_ros.world.actors import ActorClass
@@ -219,6 +219,18 @@ COMMANDS = st.lists(
 
 @settings(max_examples=30, deadline=None)
 @given(speed_mps=st.floats(0.0, 40.0), yaw_rad=st.floats(-3.1, 3.1), commands=COMMANDS)
+@example(
+    speed_mps=36.0,
+    yaw_rad=0.0,
+    commands=[
+        (0.0, 1.0, -1.0, False, 2),
+        (1.0, 0.0, -1.0, True, 4),
+        (1.0, 1.0, 0.0, True, 3),
+        (0.0, 0.0, 0.0, True, 4),
+        (1.0, 0.5, 1.0, True, 4),
+        (0.0, 1.0, 1.0, True, 5),
+    ],
+)
 def test_motion_is_continuous_and_finite(
     speed_mps: float, yaw_rad: float, commands: list[tuple[float, float, float, bool, int]]
 ) -> None:
@@ -232,9 +244,12 @@ def test_motion_is_continuous_and_finite(
             wx, wy = following.velocity_mps(TABLE)
             moved_x, moved_y = following.x_m - state.x_m, following.y_m - state.y_m
             assert np.all(np.hypot(moved_x, moved_y) <= np.hypot(vx, vy) * STEP_S + 0.05)
-            # the speed is the derivative of the position: displacement against the mean of both velocities
+            # The speed is the derivative of the position: displacement against the mean of both velocities. A body that
+            # spins while it slides is turned once in each substep, so that its displacement is half a substep late.
+            spin_radps = np.maximum(np.abs(state.yaw_rate_radps), np.abs(following.yaw_rate_radps))
+            late = STEP_S * np.hypot(vx, vy) * 0.5 * SUBSTEP_S * spin_radps
             error = np.hypot(moved_x - 0.5 * STEP_S * (vx + wx), moved_y - 0.5 * STEP_S * (vy + wy))
-            assert np.all(error < 0.03)
+            assert np.all(error < 0.03 + late)
             state = following
 
 

@@ -1,6 +1,8 @@
 """Whose lines are whose: what a shared fixture or a test module ran counts for every test that builds on it."""
 
 import ast
+import functools
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,6 +11,8 @@ from typing import Any
 import pytest
 
 _FIXTURE, _MODULE = "fixture ", "module "
+_PACKAGE = "siren_ros"
+_CACHED = type(functools.lru_cache(lambda: None))
 
 
 class LineNotes:
@@ -47,7 +51,8 @@ class LineNotes:
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Any:
-        """From here on lines belong to this test."""
+        """From here on lines belong to this test, also those whose results an earlier one has kept."""
+        forget_results()
         with self._within(item.nodeid):
             return (yield)
 
@@ -84,6 +89,15 @@ class LineNotes:
                     tests.update(test for test in self._scopes if test.startswith(f"{module}::"))
             found[line] = sorted(tests)
         return found
+
+
+def forget_results() -> None:
+    """Empties the caches of the project's functions: a test that takes a kept result could notice a change as well."""
+    for name, module in list(sys.modules.items()):
+        if name.split(".")[0] == _PACKAGE:
+            for value in list(vars(module).values()):
+                if isinstance(value, _CACHED):
+                    value.cache_clear()
 
 
 def lines_within_functions(source: str) -> set[int]:

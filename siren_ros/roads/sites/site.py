@@ -54,6 +54,11 @@ class Site:
     score: float
     """Higher is better, within a kind."""
 
+    @property
+    def beyond(self) -> tuple[int, ...]:
+        """Edges of the route after ``site_edge``."""
+        return self.route[self.site_position + 1 :]
+
 
 REQUIREMENTS: Final[Mapping[SiteKind, str]] = {
     SiteKind.MULTI_LANE_ROAD: (

@@ -210,8 +210,7 @@ def approach_rank(network: RoadNetwork, site: Site, emv: EmvDemand, config: Dema
     way_m = way_to_stop_line_m(network, start)
     pace_mps = way_m / max(unhindered_arrival_s(network, start, emv, config), SAMPLE_M)
     queue_m = quiet_reach_m(network, travel_lane(network, site).index, _LEAST_QUEUE_M)
-    beyond = site.route[site.site_position + 1 :]
-    exit_m = sum(driving_lanes(network, edge)[-1].length_m for edge in beyond)
+    exit_m = sum(driving_lanes(network, edge)[-1].length_m for edge in site.beyond)
     if queue_m < _LEAST_QUEUE_M or exit_m < _LEAST_EXIT_M:
         return 2
     if pace_mps < _LEAST_PACE * emv.speed_mps or start.front_m < min(_ENTRY_M, network.lanes[start.lane].length_m):
@@ -241,5 +240,5 @@ def long_enough_route(
 
 def _site_edges(site: Site) -> Sequence[int]:
     """Edges that make the interaction: the stretch, and beyond a junction the edge that the EMV's movement leads to."""
-    beyond = () if site.junction is None else site.route[site.site_position + 1 : site.site_position + 2]
+    beyond = () if site.junction is None else site.beyond[:1]
     return (site.site_edge, *site.stretch, *beyond)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import accumulate
 from typing import Final
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from siren_ros.errors import MapError
 from siren_ros.numerics.random_streams import random_stream
 from siren_ros.roads.road_network import LaneKind, RoadNetwork
+from siren_ros.roads.routing import driving_lanes
 from siren_ros.roads.sites.site_finder import Site
 from siren_ros.scenario.scenario import DemandGroup, GroupAnchor, Placement, Template
 from siren_ros.traffic.demand.demand_config import DemandConfig
@@ -83,12 +85,10 @@ def plan_groups(
 
 
 def _through(network: RoadNetwork, site: Site) -> tuple[int, ...]:
-    beyond_m = 0.0
-    for number, edge in enumerate(site.route[site.site_position + 1 :], site.site_position + 2):
-        beyond_m += network.lanes[network.edges[edge].lanes[0]].length_m
-        if beyond_m >= _THROUGH_M:
-            return site.route[site.site_position : number]
-    return site.route[site.site_position :]
+    """The site's edge and those behind it, until they are long enough."""
+    reached_m = accumulate(driving_lanes(network, edge)[-1].length_m for edge in site.beyond)
+    short = sum(way_m < _THROUGH_M for way_m in reached_m)
+    return (site.site_edge, *site.beyond[: short + 1])
 
 
 def _check_room(group: DemandGroup, rows: int, placed: int) -> None:

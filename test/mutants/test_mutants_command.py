@@ -31,6 +31,7 @@ def doubled(a):
 """
 )
 SHARED = """
+import functools
 
 def first_of(values):
     return values[0]
@@ -38,6 +39,11 @@ def first_of(values):
 
 def second_of(values):
     return values[1]
+
+
+@functools.cache
+def kept():
+    return 3
 """
 SHARED_TESTS = """
 import pytest
@@ -66,6 +72,14 @@ def test_first(first):
 
 def test_second():
     assert SECOND == 7
+
+
+def test_that_something_is_kept():
+    assert shared.kept() is not None
+
+
+def test_what_is_kept():
+    assert shared.kept() == 3
 """
 TESTS = """
 from shop.prices import sums
@@ -189,13 +203,18 @@ def test_survivors_are_run_again_with_better_tests(tiny, whole):
 
 
 def test_what_tests_share_is_noticed_by_those_that_look_at_it(tiny):
-    """The fixture runs within the first test that uses it; the constant is made while the module is loaded."""
+    """The fixture runs within the first test that uses it; the constant is made while the module is loaded.
+
+    The function that keeps its result runs within the first test that calls it.
+    """
     results = tiny / "shared.json"
     done = run(tiny, "shop/prices/shared.py", "--results", str(results))
     assert done.returncode == 0, done.stderr
     found = {entry["becomes"]: entry["by"] for entry in json.loads(results.read_text())}
     assert found["return values[ 1]"] == "test/prices/test_shared.py::test_first"
     assert found["return values[ 0]"] == "test/prices/test_shared.py::test_second"
+    kept = {becomes: by for becomes, by in found.items() if becomes.startswith("return ") and "values" not in becomes}
+    assert set(kept.values()) == {"test/prices/test_shared.py::test_what_is_kept"}
 
 
 def test_only_lines_of_the_change_are_looked_at(whole):

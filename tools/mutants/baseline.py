@@ -57,7 +57,7 @@ def measure(places: Sequence[str], package: str) -> dict[str, Any]:
 
     before = dict(os.environ)
     tracer = coverage.Coverage(data_file=None, source=[package], config_file=False, messages=False)
-    watch, notes = Watch(), LineNotes(tracer)
+    watch, notes = Watch(), LineNotes(tracer, package.split("/", maxsplit=1)[0])
     tracer.start()
     code = run_pytest(watch, places, stop=False, also=[notes])
     tracer.stop()

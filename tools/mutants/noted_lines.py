@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 
 _FIXTURE, _MODULE = "fixture ", "module "
-_PACKAGE = "siren_ros"
 _CACHED = type(functools.lru_cache(lambda: None))
 
 
@@ -22,9 +21,10 @@ class LineNotes:
     loaded within none: the line that made it could be noticed by all of them.
     """
 
-    def __init__(self, coverage: Any) -> None:
-        """Take what notes the lines: an instance of ``coverage.Coverage``."""
+    def __init__(self, coverage: Any, package: str) -> None:
+        """Take what notes the lines (a ``coverage.Coverage``), and the package whose kept results are forgotten."""
         self._coverage = coverage
+        self._package = package
         self._open = [""]
         self._users: dict[str, list[str]] = {}
         self._scopes: dict[str, list[str]] = {}
@@ -52,7 +52,7 @@ class LineNotes:
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Any:
         """From here on lines belong to this test, also those whose results an earlier one has kept."""
-        forget_results()
+        forget_results(self._package)
         with self._within(item.nodeid):
             return (yield)
 
@@ -91,10 +91,10 @@ class LineNotes:
         return found
 
 
-def forget_results() -> None:
-    """Empties the caches of the project's functions: a test that takes a kept result could notice a change as well."""
+def forget_results(package: str) -> None:
+    """Empties the caches of a package's functions: a test that takes a kept result could notice a change as well."""
     for name, module in list(sys.modules.items()):
-        if name.split(".")[0] == _PACKAGE:
+        if name.split(".")[0] == package:
             for value in list(vars(module).values()):
                 if isinstance(value, _CACHED):
                     value.cache_clear()

@@ -11,7 +11,10 @@ from siren_ros.world.commands import AV_SOURCE, COMMAND_DTYPES, AvControl, Vehic
 @pytest.mark.parametrize("lights", [0, 2, 4, 6])
 @pytest.mark.parametrize("pedal", [0.0, 0.5, 1.0])
 def test_pedals_from_0_to_1_and_both_indicators_can_be_asked_for(lights: int, pedal: float) -> None:
-    AvControl(3, throttle=pedal, brake=1.0 - pedal, steer_rad=-1.2, lights=lights).check()
+    control = AvControl(3, throttle=pedal, brake=1.0 - pedal, steer_rad=-1.2, lights=lights)
+    control.check()
+    command = av_commands(control, 4, 5)
+    assert (command.throttle[0], command.brake[0], command.lights[0]) == (pedal, 1.0 - pedal, lights)
 
 
 @pytest.mark.parametrize(

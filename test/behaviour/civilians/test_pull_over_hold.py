@@ -14,11 +14,6 @@ from siren_ros.world.actors import ActorClass, Mode
 AMBULANCE = ActorClass.AMBULANCE
 
 
-@pytest.fixture
-def world(lab):
-    return lab.world_of(lab.straight_road(), lab.L3)
-
-
 def test_holds_with_full_brake_and_hand_brake_when_reached_and_aligned(lab, world):
     cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
     state, _, _ = steps(lab, world, cars)

@@ -14,11 +14,6 @@ from siren_ros.world.actors import ActorClass, Mode
 AMBULANCE = ActorClass.AMBULANCE
 
 
-@pytest.fixture
-def world(lab):
-    return lab.world_of(lab.straight_road(), lab.L3)
-
-
 def test_stands_at_the_edge_and_over_it_where_the_lane_is_narrow(lab):
     wide = lab.straight_road()
     cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,)), lab.Car(3, 1, 80, 5, (0,), ActorClass.TRUCK)]

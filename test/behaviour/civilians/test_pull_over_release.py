@@ -12,11 +12,6 @@ from siren_ros.world.actors import ActorClass, Lights, Mode, Owner
 AMBULANCE = ActorClass.AMBULANCE
 
 
-@pytest.fixture
-def world(lab):
-    return lab.world_of(lab.straight_road(), lab.L3)
-
-
 def test_released_from_the_hold_by_way_of_the_lane(lab, world):
     cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]
     state, _, _ = steps(lab, world, cars)

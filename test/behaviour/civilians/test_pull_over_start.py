@@ -11,11 +11,6 @@ from siren_ros.world.actors import ActorClass, Mode, Owner
 AMBULANCE = ActorClass.AMBULANCE
 
 
-@pytest.fixture
-def world(lab):
-    return lab.world_of(lab.straight_road(), lab.L3)
-
-
 @pytest.mark.parametrize(
     ("lanes", "shoulder", "expected"),
     [(1, False, [-1]), (2, False, [-1, 1]), (3, False, [-1, -1, 1]), (3, True, [-1, -1, 1]), (2, True, [-1, -1])],

@@ -172,7 +172,7 @@ class CorridorConfig:
     replan_s: float = 0.4
     side_clearance_m: float = 0.2
     """Kept to the vehicles beside the corridor."""
-    shoulder_reach_m: float = 100.0
+    shoulder_reach_m: float = 160.0
     """How far beyond the present edge a right turn may be for which the EMV takes the shoulder that leads into it."""
     influence_m: float = 6.0
     """Distance along the road over which a vehicle shapes the corridor before and behind itself."""

@@ -56,8 +56,8 @@ class Placement(StrEnum):
     OTHER_LANES = "other_lanes"
     """In all other driving lanes of the EMV's approach, in turn."""
     SAME_DIRECTION = "same_direction"
-    """In the other lanes with the EMV's movement at the site's junction, in turn. Where there are none, vehicles that
-    arrive with it are in its own lane, and others are left out."""
+    """In the other lanes with the EMV's movement at the site's junction, in turn. Where there are none, in its own
+    lane, unless the group is optional."""
     CROSSING = "crossing"
     """In the lanes whose paths cross the EMV's at the site's junction, in turn."""
 
@@ -111,6 +111,8 @@ class DemandGroup:
     anchor: GroupAnchor = GroupAnchor.EMV
     standing: bool = False
     """Whether the vehicles stand at the start: a queue."""
+    optional: bool = False
+    """Whether the interaction also happens without the group: it is left out where it has no lane or no road."""
 
 
 @dataclass(frozen=True)

@@ -223,6 +223,7 @@ def _group(section: StrictMapping, name: str, parameters: _Parameters) -> Demand
         speed_mps=parameters.number(section, "speed_mps", 1.0, _MAX_SPEED_MPS),
         anchor=anchor,
         standing=section.flag("standing") if section.has("standing") else False,
+        optional=section.flag("optional") if section.has("optional") else False,
     )
     section.finish()
     return group

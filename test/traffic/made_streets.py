@@ -109,9 +109,11 @@ def emv_demand(start_m: float, speed_mps: float = 10.0) -> EmvDemand:
     return EmvDemand(ActorClass.AMBULANCE, 1, start_m, speed_mps, speed_mps, 2.0, StartReference.STOP_LINE)
 
 
-def group(placement: Placement, anchor: GroupAnchor, vehicles: int = 3, standing: bool = False) -> DemandGroup:
+def group(
+    placement: Placement, anchor: GroupAnchor, vehicles: int = 3, standing: bool = False, optional: bool = False
+) -> DemandGroup:
     """Gaps of 5 m after a first one of 7 m, at 8 m/s."""
-    return DemandGroup("group", placement, vehicles, 7.0, 5.0, 8.0, anchor, standing)
+    return DemandGroup("group", placement, vehicles, 7.0, 5.0, 8.0, anchor, standing, optional)
 
 
 def template_with(*groups: DemandGroup, start_m: float = -200.0) -> Template:

@@ -54,7 +54,8 @@ def start_pull_over(unit: YieldUnit, view: StepView, row: int) -> Outcome:
     """Starts the pull-over.
 
     It is deferred on a junction, where the vehicle cannot stop before the next one, and in a queue that stands too
-    close. A driver looks again every half second.
+    close. A driver looks again every half second. Who stands where the EMV has its way on the shoulder already stays
+    there.
     """
     network, config = view.world.network, view.world.config.pull_over
     looks = view.step % _LOOK_AGAIN_STEPS == unit.actor_id % _LOOK_AGAIN_STEPS
@@ -63,8 +64,10 @@ def start_pull_over(unit: YieldUnit, view: StepView, row: int) -> Outcome:
     lane = int(view.traffic.lane[row])
     if road_lane_of(network, lane) == NO_LANE:
         return defer(unit, view, row, Refusal.JUNCTION.value)
-    side = unit.side or (1 if _emv_takes_shoulder(view, lane, unit.emv_id) else alignment_of(view, lane))
-    unit = replace(unit, side=side)
+    shoulder = _emv_takes_shoulder(view, lane, unit.emv_id)
+    unit = replace(unit, side=unit.side or (1 if shoulder else alignment_of(view, lane)))
+    if shoulder and standing(view, row) and _leaves_shoulder_free(view, row, lane):
+        return _stay(unit, view, row, lane)
     path = pull_over_path(unit, view, row, lane)
     speed = float(view.seen.speed_mps[row])
     brake = view.world.config.civilian_navigator.comfort_brake_mps2
@@ -78,7 +81,7 @@ def start_pull_over(unit: YieldUnit, view: StepView, row: int) -> Outcome:
         stopped_steps=0,
         navigator=NavigatorState().following(path, x, y),
     )
-    started = yield_event(unit, view, row, EventKind.YIELD_STARTED, side=side, lane=lane)
+    started = yield_event(unit, view, row, EventKind.YIELD_STARTED, side=unit.side, lane=lane)
     moved = _drive(unit, view, row)
     return replace(moved, events=(started, *moved.events))
 
@@ -102,6 +105,27 @@ def _emv_takes_shoulder(view: StepView, lane: int, emv_id: int) -> bool:
         return False
     way = shoulder_into_turn(network, view.traffic.route_of_row(row), view.world.config.corridor.shoulder_reach_m)
     return way is not None and network.lanes[road_lane_of(network, lane)].edge in way.edges
+
+
+def _leaves_shoulder_free(view: StepView, row: int, lane: int) -> bool:
+    """Whether a vehicle leaves the width of a corridor between its right side and the outer edge of the shoulder."""
+    network = view.world.network
+    lane = road_lane_of(network, lane)
+    right = neighbour_lane(network, lane, -1)
+    if right == NO_LANE or network.lanes[right].kind is not LaneKind.SHOULDER:
+        return right != NO_LANE
+    offset, turned = offset_in_lane(view, row, lane)
+    if abs(turned) > aligned_within_rad(view, row):
+        return False
+    beyond = 0.5 * network.lanes[lane].width_m + offset - float(view.seen.half_width_m[row])
+    return network.lanes[right].width_m + beyond >= 2.0 * view.world.config.pull_over.corridor_half_m
+
+
+def _stay(unit: YieldUnit, view: StepView, row: int, lane: int) -> Outcome:
+    """Holds where the vehicle stands."""
+    started = yield_event(unit, view, row, EventKind.YIELD_STARTED, side=unit.side, lane=lane)
+    held = _hold_now(unit, view, row, offset_in_lane(view, row, lane)[0], partial=False)
+    return replace(held, events=(started, *held.events))
 
 
 def edge_offset_m(view: StepView, row: int, lane: int, side: int) -> float:

@@ -5,11 +5,12 @@ from dataclasses import replace
 from siren_ros.behaviour.civilians.unit import Outcome, YieldUnit, aligned_within_rad, lane_of, standing, yield_event
 from siren_ros.behaviour.driving.lane_change import offset_in_lane
 from siren_ros.behaviour.driving.manoeuvring import manoeuvring_limit
-from siren_ros.behaviour.driving.navigator import NavigatorState, Situation, navigate
+from siren_ros.behaviour.driving.navigator import FULL_BRAKE, NavigatorState, Situation, navigate
 from siren_ros.behaviour.driving.situation import StepView
 from siren_ros.behaviour.paths.lane_path import lanes_along, path_on_lanes
 from siren_ros.behaviour.paths.nearest_on_lane import nearest_on_lane
 from siren_ros.behaviour.paths.path_blend import blend_length_m, path_onto
+from siren_ros.conflicts.right_of_way import Rank, rank_of
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import NO_LANE
 from siren_ros.world.actors import Mode
@@ -19,7 +20,12 @@ _AHEAD_M = 60.0
 
 
 def start_rejoin(unit: YieldUnit, view: StepView, row: int) -> Outcome:
-    """Hands the vehicle back to SUMO if it is in its lane. Otherwise gives it a path back to the lane's centre."""
+    """Hands the vehicle back to SUMO if it is in its lane. Otherwise gives it a path back to the lane's centre.
+
+    A driver who stands over the stop line of a red light waits for green first.
+    """
+    if stands_over_red_line(view, row):
+        return Outcome(replace(unit, phase=Mode.REJOIN, navigator=NavigatorState(), stopped_steps=0), FULL_BRAKE)
     lane = lane_of(unit, view, row)
     if lane == NO_LANE or _in_lane(view, row, lane):
         return _hand_back(unit, view, row)
@@ -53,6 +59,8 @@ def start_rejoin(unit: YieldUnit, view: StepView, row: int) -> Outcome:
 
 def rejoin(unit: YieldUnit, view: StepView, row: int) -> Outcome:
     """One step back to the lane. SUMO takes over in the lane, at the path's end, or if the path stays blocked."""
+    if unit.navigator.path is None:
+        return start_rejoin(unit, view, row)
     config = view.world.config.yielding
     stopped = unit.stopped_steps + 1 if standing(view, row) else 0
     lane = lane_of(unit, view, row)
@@ -63,6 +71,19 @@ def rejoin(unit: YieldUnit, view: StepView, row: int) -> Outcome:
     situation = Situation(view.seen, row, view.vehicle(row), config.rejoin_speed_mps, limit=limit)
     navigator, command, _ = navigate(unit.navigator, situation, view.world.config.civilian_navigator)
     return Outcome(replace(unit, navigator=navigator, stopped_steps=stopped), command)
+
+
+def stands_over_red_line(view: StepView, row: int) -> bool:
+    """Whether a vehicle stands across a stop line whose light is red for its movement: SUMO would let it go on."""
+    outlook = view.seen.outlook
+    if outlook is None or not standing(view, row):
+        return False
+    half_length = float(view.seen.half_length_m[row])
+    front = outlook.centre_m(row) + half_length
+    entry = outlook.course(row).entry_at(front)
+    if entry is None or front - entry.start_m > 2.0 * half_length:
+        return False
+    return rank_of(entry.connection, outlook.signals) is Rank.RED
 
 
 def _in_lane(view: StepView, row: int, lane: int) -> bool:

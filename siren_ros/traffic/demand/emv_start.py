@@ -34,6 +34,10 @@ _LEAST_PACE: Final = 0.75
 """Least mean speed on a good way to the site, as a share of the target speed: no sharp bends."""
 _LEAST_QUIET_M: Final = 60.0
 """Before a single conflict point a way of this length is enough, whatever the template wants: 4 s at 50 km/h."""
+ONTO_SHOULDER_M: Final = 25.0
+"""Way on which the EMV changes to the shoulder behind a queue, from its start or the junction before on."""
+SHORT_QUEUE_M: Final = 50.0
+"""Length that a queue next to a shoulder has even where that way is missing."""
 _LEAST_QUEUE_M: Final = 15.0
 """Road between the junction before and the stop line that holds two cars that wait at the line."""
 _LEAST_EXIT_M: Final = 100.0
@@ -195,15 +199,20 @@ def approach_rank(network: RoadNetwork, site: Site, emv: EmvDemand, config: Dema
 
     At a junction before the site others delay the EMV, and in sharp bends it meets oncoming vehicles late. It then
     misses those whom it is to meet at a signal or a stop sign; elsewhere the vehicles that it meets wait. A queue that
-    does not fit before the line waits at the junction before, and the EMV behind it.
+    does not fit before the line waits at the junction before, and the EMV behind it. To a shoulder next to a queue the
+    EMV changes behind the queue and after the junction before.
 
     Returns:
         0 for a way without junctions and sharp bends, 1 for one with junctions, 2 for one with sharp bends, without
-        space for a queue, or with hardly any road behind the site.
+        space for a queue, or with hardly any road behind the site. Before a turn on a shoulder 0 with space for a
+        queue and the way onto the shoulder, else 1.
 
     Raises:
         MapError: the site's approach or the site itself is too short.
     """
+    if site.kind is SiteKind.SHOULDER_RIGHT_TURN:
+        needed_m = ONTO_SHOULDER_M + SHORT_QUEUE_M
+        return 0 if quiet_reach_m(network, travel_lane(network, site).index, needed_m) >= needed_m else 1
     if site.kind not in _CONFLICT_POINTS:
         return 0
     start = emv_start(network, site, start_m_of(network, site, emv))

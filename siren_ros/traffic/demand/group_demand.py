@@ -23,6 +23,8 @@ _SEARCH_STEP_M: Final = 1.0
 _LEAST_PLACED_SHARE: Final = 0.6
 """Least share of a group's vehicles with which the interaction may still happen; one vehicle is enough that crosses or
 arrives together with the EMV."""
+_LEAST_QUEUE: Final = 3
+"""Vehicles that are a queue, however many there should be."""
 _THROUGH_M: Final = 60.0
 """Road behind the site on which vehicles next to the EMV follow its route: 7 s at 30 km/h."""
 _WHERE: Final = {
@@ -95,9 +97,9 @@ def _check_room(group: DemandGroup, rows: int, placed: int) -> None:
     crossing = group.placement is Placement.CROSSING
     one_is_enough = crossing or group.anchor is GroupAnchor.ARRIVAL
     least = min(1, group.vehicles) if one_is_enough else _LEAST_PLACED_SHARE * group.vehicles
-    if group.placement is Placement.SAME_DIRECTION and group.anchor is not GroupAnchor.ARRIVAL:
-        return  # they wait or drive next to the EMV's lane, whose way is free without them
-    if (rows or crossing) and placed < least:
+    if group.standing:
+        least = min(least, _LEAST_QUEUE)
+    if not group.optional and (rows or crossing) and placed < least:
         found = f"{group.vehicles} vehicles {_WHERE[group.placement]}"
         raise MapError(f"group {group.name}", f"a place with road for {found}; {placed} would fit")
 

@@ -9,11 +9,18 @@ import numpy as np
 
 from siren_ros.numerics.polyline import Polyline
 from siren_ros.roads.bend_speeds import SAMPLE_M, bend_speeds_mps, with_braking
+from siren_ros.roads.movements import quiet_reach_m
 from siren_ros.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
 from siren_ros.roads.routing import driving_lanes
 from siren_ros.roads.sites.site_finder import Site
 from siren_ros.scenario.scenario import DemandGroup, GroupAnchor, Placement
-from siren_ros.traffic.demand.emv_start import EmvStart, travel_lane, way_to_stop_line_m
+from siren_ros.traffic.demand.emv_start import (
+    ONTO_SHOULDER_M,
+    SHORT_QUEUE_M,
+    EmvStart,
+    travel_lane,
+    way_to_stop_line_m,
+)
 from siren_ros.traffic.demand.lane_chains import LaneChain, chain_along
 
 _FOLLOWING_M: Final = 6.0
@@ -82,7 +89,7 @@ def group_rows(
     same = [network.connections[index].from_lane for index in site.connections]
     approach = travel_lane(network, site)
     lanes = _chosen(network, approach, site.site_edge, group.placement, same)
-    if group.placement is Placement.SAME_DIRECTION and group.anchor is not GroupAnchor.ARRIVAL:
+    if group.optional:
         lanes = [lane for lane in lanes if lane.index != approach.index]  # the EMV could not pass on one lane
     rows = [_approach_row(network, site, start, lane) for lane in lanes]
     if group.standing and group.placement is not Placement.EMV_LANE:
@@ -154,6 +161,9 @@ def _approach_row(network: RoadNetwork, site: Site, start: EmvStart, lane: Lane)
     least_m = 0.0
     if start.lane in lanes:
         least_m = stop_line_m - way_to_stop_line_m(network, start)
+    if network.lanes[site.approach_lane].kind is LaneKind.SHOULDER:
+        queue_m = max(quiet_reach_m(network, lane.index, stop_line_m) - ONTO_SHOULDER_M, SHORT_QUEUE_M)
+        least_m = max(least_m + ONTO_SHOULDER_M, stop_line_m - queue_m)
     return GroupRow(whole, start.route[first:], stop_line_m, forwards=False, least_m=least_m)
 
 

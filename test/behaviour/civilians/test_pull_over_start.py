@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from behaviour.civilians.pull_over_steps import UNIT, emv_at, kinds, steps
 
@@ -21,7 +22,8 @@ def test_leftmost_lane_goes_left_all_others_right(lab, lanes, shoulder, expected
     assert [alignment_of(view, lane) for lane in range(lanes)] == expected
 
 
-def test_everybody_before_the_turn_goes_left_where_the_emv_comes_on_the_shoulder(lab):
+def shoulder_road(lab, width=3.3):
+    """A shoulder (lane 0) and two lanes, from which the route (0, 1) turns right after 150 m."""
     road = lab.RoadBuilder()
     road.edge([[0, 0], [150, 0]], 3, ("W", "J"), shoulder=True)
     road.edge([[160, -10], [160, -200]], 2, ("J", "S"), shoulder=True)
@@ -31,7 +33,55 @@ def test_everybody_before_the_turn_goes_left_where_the_emv_comes_on_the_shoulder
     for lane in (0, 1, 2):
         road.connect(lane, 5 + lane)
     network = road.built()
-    world = lab.world_of(network, lab.L3)
+    lanes = (replace(network.lanes[0], width_m=width), *network.lanes[1:])
+    return lab.world_of(replace(network, lanes=lanes), lab.L3)
+
+
+def in_queue(lab, world, speed=0.0, left=0.0, turned=0.0):
+    """The first steps of a driver in lane 1 and one in lane 2, as an EMV comes that will turn right."""
+    cars = [
+        lab.Car(1, 1, 40, 8, (0, 1), AMBULANCE),
+        lab.Car(2, 1, 75, speed, (0, 2)),
+        lab.Car(3, 2, 75, speed, (0, 2)),
+    ]
+    poses = np.array([[40.0, 3.3, 0.0, 8.0], [75.0, 3.3 + left, turned, speed], [75.0, 6.6, 0.0, speed]])
+    return steps(lab, world, cars, 30, poses=poses)
+
+
+def test_who_stands_and_leaves_the_shoulder_free_stays_there(lab):
+    state, commands, events = in_queue(lab, shoulder_road(lab))
+    assert {actor: unit.phase for actor, unit in state.units.items()} == dict.fromkeys((2, 3), Mode.YIELD_HOLD)
+    assert commands.brake.tolist() == [1.0, 1.0]
+    told = {kind: sorted(e.actor_id for e in events if e.kind.value == kind) for kind in kinds(events)}
+    assert told == {kind: [2, 3] for kind in ("yield_requested", "yield_started", "yield_held")}
+    assert [event.detail["partial"] for event in events if event.kind.value == "yield_held"] == [0, 0]
+
+
+@pytest.mark.parametrize(
+    ("place", "phase"),
+    [
+        ({"left": -1.1}, Mode.YIELD_HOLD),
+        ({"left": -1.3}, Mode.YIELD_PULL_OVER),
+        ({"turned": -0.2}, Mode.YIELD_PULL_OVER),
+        ({"speed": 3.0}, Mode.YIELD_PULL_OVER),
+    ],
+)
+def test_who_stands_in_the_way_along_the_shoulder_or_drives_pulls_over(lab, place, phase):
+    # 3.3 m of shoulder and 1.65 m to the lane's middle, less half a width of 0.915 m, are 4.035 m; 2.8 m are needed.
+    state, _, _ = in_queue(lab, shoulder_road(lab), **place)
+    assert state.units[2].phase is phase
+    assert state.units[2].side == 1
+
+
+@pytest.mark.parametrize(("width", "phase"), [(2.1, Mode.YIELD_HOLD), (2.0, Mode.YIELD_PULL_OVER)])
+def test_a_narrow_shoulder_is_not_enough(lab, width, phase):
+    state, _, _ = in_queue(lab, shoulder_road(lab, width))
+    assert state.units[2].phase is phase
+    assert state.units[3].phase is Mode.YIELD_HOLD, "the lane on the left is not next to it"
+
+
+def test_everybody_before_the_turn_goes_left_where_the_emv_comes_on_the_shoulder(lab):
+    world = shoulder_road(lab)
 
     def sides(emv_route):
         cars = [

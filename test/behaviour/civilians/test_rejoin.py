@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from siren_ros.behaviour.civilians.drivers import Compliance, Driver
-from siren_ros.behaviour.civilians.rejoin import rejoin, start_rejoin
+from siren_ros.behaviour.civilians.rejoin import rejoin, stands_over_red_line, start_rejoin
 from siren_ros.behaviour.civilians.unit import YieldUnit
-from siren_ros.behaviour.driving.navigator import NavigatorState
+from siren_ros.behaviour.driving.navigator import FULL_BRAKE, NavigatorState
 from siren_ros.behaviour.paths.path_blend import blend_length_m
+from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.world.actors import ActorClass, Mode
+from siren_ros.world.traffic_state import SignalState
 
 UNIT = YieldUnit(2, 1, Driver(Compliance.COMPLIES, 0.0, 40.0), 0, phase=Mode.YIELD_HOLD, side=-1, stopped_steps=30)
 NEAR_M = 0.3
@@ -117,7 +119,10 @@ def test_at_the_end_of_its_path_and_in_its_lane_a_vehicle_is_handed_back(lab):
     assert rejoin(unit, inside, 0).unit is None
     beside, _, _ = view_at(lab, -NEAR_M - 0.05, speed=3.0, s=110.0)
     assert rejoin(unit, beside, 0).unit is not None
-    assert rejoin(replace(unit, navigator=NavigatorState()), beside, 0).unit is None
+    at_end = replace(unit.navigator, progress_m=unit.navigator.path.length_m)
+    assert rejoin(replace(unit, navigator=at_end), beside, 0).unit is None
+    laid_out = rejoin(replace(unit, navigator=NavigatorState()), beside, 0).unit
+    assert laid_out.navigator.path is not None, "who has waited at the line gets a path then"
 
 
 @pytest.mark.parametrize(("left", "speed"), [(-0.8, 0.0), (0.9, 4.0), (-0.5, 9.0)])
@@ -140,3 +145,41 @@ def test_the_middle_is_left_where_the_move_and_half_a_length_do_not_fit(lab, spa
     view, _, across = view_at(lab, -0.8, s=100.0, length=100.0 + merge + 2.0 * half + 1.0 + spare)
     path = start_rejoin(UNIT, view, 0).unit.navigator.path
     assert path.curve.points[-1] @ across == pytest.approx(left_at_end, abs=0.02)
+
+
+def over_the_line(lab, over_m, state, speed=0.0):
+    """A vehicle at the lane's edge whose front is over the stop line at 150 m."""
+    network = lab.junction_road()
+    half = 0.5 * load_vehicle_parameters()[ActorClass.SEDAN].length_m
+    car = lab.Car(2, 0, 100.0, speed, (0, 2))
+    poses = np.array([[150.0 + over_m - half, -0.7, 0.0, speed]])
+    traffic = replace(lab.traffic_of(network, [car], poses=poses), signals=(SignalState("J", state),))
+    return lab.view_of(lab.world_of(network, lab.L3), traffic), 2.0 * half
+
+
+@pytest.mark.parametrize("over_m", [0.2, 2.5, 4.3])
+def test_who_stands_over_the_line_at_red_stays_there_until_green(lab, over_m):
+    red, _ = over_the_line(lab, over_m, "r")
+    outcome = start_rejoin(UNIT, red, 0)
+    for _ in range(400):
+        assert outcome.unit.phase is Mode.REJOIN
+        assert (outcome.command, outcome.events) == (FULL_BRAKE, ())
+        outcome = rejoin(outcome.unit, red, 0)
+    green, _ = over_the_line(lab, over_m, "G")
+    moved = rejoin(outcome.unit, green, 0)
+    assert moved.unit is None or moved.command.throttle > 0.0, "on at green"
+
+
+def test_who_is_over_the_line_at_yellow_or_green_does_not_wait(lab):
+    for state in "Ggy":
+        assert not stands_over_red_line(over_the_line(lab, 2.0, state)[0], 0)
+    assert stands_over_red_line(over_the_line(lab, 2.0, "r")[0], 0)
+
+
+def test_only_who_stands_across_the_line_waits_there(lab):
+    _, length = over_the_line(lab, 0.0, "r")
+    across = {-0.2: False, 0.2: True, length - 0.2: True, length + 0.2: False}
+    assert {over: stands_over_red_line(over_the_line(lab, over, "r")[0], 0) for over in across} == across
+    assert not stands_over_red_line(over_the_line(lab, 2.0, "r", speed=1.0)[0], 0), "who moves is on the way"
+    free, _, _ = view_at(lab, -0.7)
+    assert not stands_over_red_line(free, 0), "no line ahead"

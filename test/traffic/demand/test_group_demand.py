@@ -195,6 +195,23 @@ def test_a_row_that_is_too_short_for_most_vehicles_is_refused() -> None:
         planned(group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=most + 2))
 
 
+@pytest.mark.parametrize(("start_m", "fits"), [(255.0, 4), (264.0, 3)])
+def test_three_standing_vehicles_are_a_queue(start_m: float, fits: int) -> None:
+    queue = group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, vehicles=12, standing=True)
+    assert len(planned(queue, start=start_at(start_m)).vehicles) == fits
+    with pytest.raises(MapError, match="12 vehicles in the EMV's lane; 2 would fit"):
+        planned(queue, start=start_at(275.0))
+    with pytest.raises(MapError):
+        planned(replace(queue, standing=False), start=start_at(start_m))
+
+
+def test_an_optional_group_is_left_out_where_it_has_no_road() -> None:
+    crowd = group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE, vehicles=200)
+    with pytest.raises(MapError):
+        planned(crowd)
+    assert 10 < len(planned(replace(crowd, optional=True)).vehicles) < 100
+
+
 def test_of_crossing_traffic_and_streams_one_is_enough() -> None:
     crowd = group(Placement.CROSSING, GroupAnchor.STOP_LINE, vehicles=200, standing=True)
     assert 1 < len(planned(crowd).vehicles) < 120

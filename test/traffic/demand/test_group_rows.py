@@ -28,8 +28,7 @@ from made_streets import (
 )
 
 from siren_ros.numerics.polyline import Polyline
-from siren_ros.roads.road_network import RoadNetwork
-from siren_ros.roads.sites.site_finder import Site
+from siren_ros.roads.road_network import LaneKind, RoadNetwork
 from siren_ros.scenario.scenario import DemandGroup, GroupAnchor, Placement
 from siren_ros.traffic.demand.emv_start import EmvStart, _lane_before
 from siren_ros.traffic.demand.group_rows import GroupRow, _approach_row, _connection_from, group_rows
@@ -55,6 +54,39 @@ def test_a_queue_grows_backwards_from_the_stop_line() -> None:
     (next_to,) = rows(group(Placement.ADJACENT_LANE, GroupAnchor.STOP_LINE))
     assert [lane for lane in next_to.chain.lanes if lane < 9] == [A_RIGHT, B_RIGHT, C_RIGHT]
     assert (next_to.anchor_m, next_to.least_m) == (pytest.approx(STOP_LINE_M), 0.0)
+
+
+def shoulder_rows(wanted: DemandGroup, start: EmvStart, signal_before: bool) -> list[GroupRow]:
+    """The right lane of the approach is a shoulder; the junction K before it is a joint, or has a signal."""
+    lanes = list(NETWORK.lanes)
+    lanes[B_RIGHT] = replace(lanes[B_RIGHT], kind=LaneKind.SHOULDER, civilian_allowed=False)
+    connections = list(NETWORK.connections)
+    (into,) = (index for index, one in enumerate(connections) if one.to_lane == B_LEFT)
+    if signal_before:
+        connections[into] = replace(connections[into], signal_id="K", signal_link=0)
+    network = replace(NETWORK, lanes=tuple(lanes), connections=tuple(connections))
+    site = replace(signal_site(), approach_lane=B_RIGHT)
+    return group_rows(network, site, start, wanted, 12.0, np.random.default_rng(0))
+
+
+def test_a_queue_next_to_a_shoulder_leaves_the_way_onto_it() -> None:
+    """25 m before it: from the junction K at 210 m on, or from the EMV's start on."""
+    queue = group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, standing=True)
+    for start_m, signal_before, least_m in ((90.0, True, 235.0), (90.0, False, 115.0), (190.0, True, 235.0)):
+        (row,) = shoulder_rows(queue, start_at(start_m), signal_before)
+        assert row.least_m == pytest.approx(least_m)
+    (late,) = shoulder_rows(queue, EmvStart(B_LEFT, 30.0, (B, C), (B_LEFT,)), signal_before=True)
+    assert late.least_m == pytest.approx(55.0)
+
+
+def test_a_queue_next_to_a_shoulder_has_50_m_at_least() -> None:
+    queue = group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, standing=True)
+    lanes = list(NETWORK.lanes)
+    lanes[B_LEFT] = replace(lanes[B_LEFT], centre=lanes[B_LEFT].centre.cut(40.0, 100.0))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(globals(), "NETWORK", replace(NETWORK, lanes=tuple(lanes)))
+        (row,) = shoulder_rows(queue, start_at(90.0), signal_before=True)
+    assert row.anchor_m - row.least_m == pytest.approx(50.0)
 
 
 def test_a_row_begins_on_the_edge_of_the_emvs_start() -> None:
@@ -137,19 +169,19 @@ def test_long_side_roads_are_enough_by_themselves() -> None:
 
 
 def test_standing_neighbours_leave_the_emvs_lane_free() -> None:
-    """With one lane in its direction nobody waits there: the EMV could not pass."""
-    (row,) = rows(group(Placement.SAME_DIRECTION, GroupAnchor.STOP_LINE, standing=True))
+    """With one lane in its direction an optional group is left out: the EMV could not pass."""
+    (row,) = rows(group(Placement.SAME_DIRECTION, GroupAnchor.STOP_LINE, standing=True, optional=True))
     assert row.chain.lanes[0] == A_RIGHT
     alone = replace(signal_site(), connections=(3,))
 
-    def of(site: Site, anchor: GroupAnchor) -> list[GroupRow]:
-        wanted = group(Placement.SAME_DIRECTION, anchor, standing=anchor is GroupAnchor.STOP_LINE)
-        return group_rows(NETWORK, site, start_at(90.0), wanted, 12.0, np.random.default_rng(0))
+    def of(anchor: GroupAnchor, optional: bool) -> list[int]:
+        wanted = group(Placement.SAME_DIRECTION, anchor, optional=optional)
+        found = group_rows(NETWORK, alone, start_at(90.0), wanted, 12.0, np.random.default_rng(0))
+        return [row.chain.lanes[0] for row in found]
 
-    assert of(alone, GroupAnchor.STOP_LINE) == []
-    assert of(alone, GroupAnchor.EMV) == []
-    (moving,) = of(alone, GroupAnchor.ARRIVAL)
-    assert moving.chain.lanes[0] == A_LEFT
+    for anchor in GroupAnchor:
+        assert of(anchor, optional=True) == []
+    assert of(GroupAnchor.ARRIVAL, optional=False) == [A_LEFT]
 
 
 def test_traffic_next_to_the_emv_starts_on_the_first_third_of_its_way() -> None:

@@ -10,6 +10,7 @@ from made_streets import (
     A_LEFT,
     A_RIGHT,
     B_LEFT,
+    B_RIGHT,
     C_LEFT,
     C_RIGHT,
     CONFIG,
@@ -278,6 +279,20 @@ def test_an_approach_without_space_for_two_cars_is_as_bad_as_a_sharp_bend(length
     short = replace(NETWORK, lanes=tuple(lanes), connections=(*NETWORK.connections, crossed))
     assert approach_rank(short, signal_site(), emv_demand(-200.0), CONFIG) == rank
     assert approach_rank(short, replace(signal_site(), kind=SiteKind.QUEUED_APPROACH), emv_demand(-200.0), CONFIG) == 0
+
+
+@pytest.mark.parametrize(("length_m", "rank"), [(74.0, 1), (76.0, 0)])
+def test_a_shoulder_turn_with_space_for_a_queue_and_the_way_onto_the_shoulder_comes_first(
+    length_m: float, rank: int
+) -> None:
+    """50 m for the queue and 25 m behind the junction before it."""
+    lanes = list(NETWORK.lanes)
+    lanes[B_RIGHT] = replace(lanes[B_RIGHT], kind=LaneKind.SHOULDER)
+    lanes[B_LEFT] = replace(lanes[B_LEFT], centre=lanes[B_LEFT].centre.cut(0.0, length_m))
+    crossed = replace(NETWORK.connections[0], from_lane=6, to_lane=B_LEFT)
+    short = replace(NETWORK, lanes=tuple(lanes), connections=(*NETWORK.connections, crossed))
+    site = replace(signal_site(), kind=SiteKind.SHOULDER_RIGHT_TURN, approach_lane=B_RIGHT)
+    assert approach_rank(short, site, emv_demand(-200.0), CONFIG) == rank
 
 
 @pytest.mark.parametrize(("length_m", "rank"), [(99.0, 2), (101.0, 0)])

@@ -113,6 +113,8 @@ class PullOverConfig:
 
     corridor_half_m: float = 1.4
     """Free width that a vehicle tries to leave on its inner side, where standing at the lane's edge leaves less."""
+    shoulder_free_m: float = 2.6
+    """Width up to the outer edge of a shoulder that an EMV, 2.2 m wide, needs next to a standing vehicle."""
     overhang_max_m: float = 0.5
     """How far a vehicle may reach beyond its lane's edge for it."""
     shoulder_overhang_max_m: float = 1.0

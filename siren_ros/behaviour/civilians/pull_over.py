@@ -45,6 +45,10 @@ _STRAIGHT_RAD: Final = 0.04
 """Heading against the lane below which a vehicle gets no straighter by driving on: an end then sticks out by 0.1 m."""
 _STANDS_MPS: Final = 1.0
 """Slower vehicles ahead stand, or are about to."""
+_STOPS_MPS: Final = 1.5
+"""Slower vehicles next to a shoulder that they leave free stop where they are."""
+_ALONGSIDE_M: Final = 15.0
+"""Distance along the road within which the driver next to a vehicle gives it space to move sideways."""
 _CREEP_MPS: Final = 1.0
 """Speed on a way that is only as long as the lateral move: slow enough for the steering."""
 _LOOK_AGAIN_STEPS: Final = steps_from_s(0.5)
@@ -66,7 +70,7 @@ def start_pull_over(unit: YieldUnit, view: StepView, row: int) -> Outcome:
         return defer(unit, view, row, Refusal.JUNCTION.value)
     shoulder = _emv_takes_shoulder(view, lane, unit.emv_id)
     unit = replace(unit, side=unit.side or (1 if shoulder else alignment_of(view, lane)))
-    if shoulder and standing(view, row) and _leaves_shoulder_free(view, row, lane):
+    if shoulder and view.seen.speed_mps[row] < _STOPS_MPS and _leaves_shoulder_free(view, row, lane):
         return _stay(unit, view, row, lane)
     path = pull_over_path(unit, view, row, lane)
     speed = float(view.seen.speed_mps[row])
@@ -108,17 +112,24 @@ def _emv_takes_shoulder(view: StepView, lane: int, emv_id: int) -> bool:
 
 
 def _leaves_shoulder_free(view: StepView, row: int, lane: int) -> bool:
-    """Whether a vehicle leaves the width of a corridor between its right side and the outer edge of the shoulder."""
+    """Whether a vehicle leaves an EMV's width between its right side and the outer edge of the shoulder.
+
+    In the lanes farther left the vehicles leave it free where those on their right do.
+    """
     network = view.world.network
     lane = road_lane_of(network, lane)
     right = neighbour_lane(network, lane, -1)
-    if right == NO_LANE or network.lanes[right].kind is not LaneKind.SHOULDER:
-        return right != NO_LANE
+    if right == NO_LANE:
+        return False
+    if network.lanes[right].kind is LaneKind.DRIVING:
+        apart = np.abs(view.traffic.lane_position_m - view.traffic.lane_position_m[row])
+        near = np.flatnonzero((view.traffic.lane == right) & (apart < _ALONGSIDE_M))
+        return all(_leaves_shoulder_free(view, other, right) for other in near.tolist())
     offset, turned = offset_in_lane(view, row, lane)
-    if abs(turned) > aligned_within_rad(view, row):
+    if network.lanes[right].kind is not LaneKind.SHOULDER or abs(turned) > aligned_within_rad(view, row):
         return False
     beyond = 0.5 * network.lanes[lane].width_m + offset - float(view.seen.half_width_m[row])
-    return network.lanes[right].width_m + beyond >= 2.0 * view.world.config.pull_over.corridor_half_m
+    return network.lanes[right].width_m + beyond >= view.world.config.pull_over.shoulder_free_m
 
 
 def _stay(unit: YieldUnit, view: StepView, row: int, lane: int) -> Outcome:

@@ -34,7 +34,7 @@ _LEAST_PACE: Final = 0.75
 """Least mean speed on a good way to the site, as a share of the target speed: no sharp bends."""
 _LEAST_QUIET_M: Final = 60.0
 """Before a single conflict point a way of this length is enough, whatever the template wants: 4 s at 50 km/h."""
-ONTO_SHOULDER_M: Final = 25.0
+ONTO_SHOULDER_M: Final = 40.0
 """Way on which the EMV changes to the shoulder behind a queue, from its start or the junction before on."""
 SHORT_QUEUE_M: Final = 50.0
 """Length that a queue next to a shoulder has even where that way is missing."""

@@ -37,14 +37,14 @@ def shoulder_road(lab, width=3.3):
     return lab.world_of(replace(network, lanes=lanes), lab.L3)
 
 
-def in_queue(lab, world, speed=0.0, left=0.0, turned=0.0):
+def in_queue(lab, world, speed=0.0, left=0.0, turned=0.0, apart_m=0.0):
     """The first steps of a driver in lane 1 and one in lane 2, as an EMV comes that will turn right."""
     cars = [
         lab.Car(1, 1, 40, 8, (0, 1), AMBULANCE),
         lab.Car(2, 1, 75, speed, (0, 2)),
-        lab.Car(3, 2, 75, speed, (0, 2)),
+        lab.Car(3, 2, 75 - apart_m, speed, (0, 2)),
     ]
-    poses = np.array([[40.0, 3.3, 0.0, 8.0], [75.0, 3.3 + left, turned, speed], [75.0, 6.6, 0.0, speed]])
+    poses = np.array([[40.0, 3.3, 0.0, 8.0], [75.0, 3.3 + left, turned, speed], [75.0 - apart_m, 6.6, 0.0, speed]])
     return steps(lab, world, cars, 30, poses=poses)
 
 
@@ -60,24 +60,30 @@ def test_who_stands_and_leaves_the_shoulder_free_stays_there(lab):
 @pytest.mark.parametrize(
     ("place", "phase"),
     [
-        ({"left": -1.1}, Mode.YIELD_HOLD),
-        ({"left": -1.3}, Mode.YIELD_PULL_OVER),
+        ({"left": -1.4}, Mode.YIELD_HOLD),
+        ({"left": -1.5}, Mode.YIELD_PULL_OVER),
         ({"turned": -0.2}, Mode.YIELD_PULL_OVER),
-        ({"speed": 3.0}, Mode.YIELD_PULL_OVER),
+        ({"speed": 1.4}, Mode.YIELD_HOLD),
+        ({"speed": 1.6}, Mode.YIELD_PULL_OVER),
     ],
 )
 def test_who_stands_in_the_way_along_the_shoulder_or_drives_pulls_over(lab, place, phase):
-    # 3.3 m of shoulder and 1.65 m to the lane's middle, less half a width of 0.915 m, are 4.035 m; 2.8 m are needed.
+    # 3.3 m of shoulder and 1.65 m to the lane's middle, less half a width of 0.915 m, are 4.035 m; 2.6 m are needed.
     state, _, _ = in_queue(lab, shoulder_road(lab), **place)
     assert state.units[2].phase is phase
     assert state.units[2].side == 1
 
 
-@pytest.mark.parametrize(("width", "phase"), [(2.1, Mode.YIELD_HOLD), (2.0, Mode.YIELD_PULL_OVER)])
-def test_a_narrow_shoulder_is_not_enough(lab, width, phase):
+@pytest.mark.parametrize(("width", "phase"), [(1.9, Mode.YIELD_HOLD), (1.83, Mode.YIELD_PULL_OVER)])
+def test_next_to_a_narrow_shoulder_all_lanes_go_to_the_left(lab, width, phase):
     state, _, _ = in_queue(lab, shoulder_road(lab, width))
-    assert state.units[2].phase is phase
-    assert state.units[3].phase is Mode.YIELD_HOLD, "the lane on the left is not next to it"
+    assert {state.units[actor].phase for actor in (2, 3)} == {phase}
+
+
+@pytest.mark.parametrize(("apart_m", "phase"), [(14.0, Mode.YIELD_PULL_OVER), (16.0, Mode.YIELD_HOLD)])
+def test_a_driver_gives_space_to_who_stands_near_on_the_right(lab, apart_m, phase):
+    state, _, _ = in_queue(lab, shoulder_road(lab, 1.83), apart_m=apart_m)
+    assert (state.units[2].phase, state.units[3].phase) == (Mode.YIELD_PULL_OVER, phase)
 
 
 def test_everybody_before_the_turn_goes_left_where_the_emv_comes_on_the_shoulder(lab):

@@ -70,13 +70,13 @@ def shoulder_rows(wanted: DemandGroup, start: EmvStart, signal_before: bool) -> 
 
 
 def test_a_queue_next_to_a_shoulder_leaves_the_way_onto_it() -> None:
-    """25 m before it: from the junction K at 210 m on, or from the EMV's start on."""
+    """40 m before it: from the junction K at 210 m on, or from the EMV's start on."""
     queue = group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, standing=True)
-    for start_m, signal_before, least_m in ((90.0, True, 235.0), (90.0, False, 115.0), (190.0, True, 235.0)):
+    for start_m, signal_before, least_m in ((90.0, True, 250.0), (90.0, False, 130.0), (190.0, True, 250.0)):
         (row,) = shoulder_rows(queue, start_at(start_m), signal_before)
         assert row.least_m == pytest.approx(least_m)
     (late,) = shoulder_rows(queue, EmvStart(B_LEFT, 30.0, (B, C), (B_LEFT,)), signal_before=True)
-    assert late.least_m == pytest.approx(55.0)
+    assert late.least_m == pytest.approx(70.0)
 
 
 def test_a_queue_next_to_a_shoulder_has_50_m_at_least() -> None:

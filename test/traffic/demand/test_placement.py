@@ -281,11 +281,11 @@ def test_an_approach_without_space_for_two_cars_is_as_bad_as_a_sharp_bend(length
     assert approach_rank(short, replace(signal_site(), kind=SiteKind.QUEUED_APPROACH), emv_demand(-200.0), CONFIG) == 0
 
 
-@pytest.mark.parametrize(("length_m", "rank"), [(74.0, 1), (76.0, 0)])
+@pytest.mark.parametrize(("length_m", "rank"), [(89.0, 1), (91.0, 0)])
 def test_a_shoulder_turn_with_space_for_a_queue_and_the_way_onto_the_shoulder_comes_first(
     length_m: float, rank: int
 ) -> None:
-    """50 m for the queue and 25 m behind the junction before it."""
+    """50 m for the queue and 40 m behind the junction before it."""
     lanes = list(NETWORK.lanes)
     lanes[B_RIGHT] = replace(lanes[B_RIGHT], kind=LaneKind.SHOULDER)
     lanes[B_LEFT] = replace(lanes[B_LEFT], centre=lanes[B_LEFT].centre.cut(0.0, length_m))

@@ -4,9 +4,8 @@ import math
 from dataclasses import replace
 from typing import Final
 
-import numpy as np
-
 from siren_ros.behaviour.civilians.making_room import makes_room, may_go_on
+from siren_ros.behaviour.civilians.next_to_shoulder import emv_takes_shoulder, may_stay
 from siren_ros.behaviour.civilians.rejoin import start_rejoin
 from siren_ros.behaviour.civilians.release import release_reason
 from siren_ros.behaviour.civilians.unit import (
@@ -26,12 +25,11 @@ from siren_ros.behaviour.driving.situation import StepView
 from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, lanes_along, neighbour_lane, path_on_lanes
 from siren_ros.behaviour.paths.nearest_on_lane import nearest_on_lane
 from siren_ros.behaviour.paths.path_blend import PEAK_CURVATURE, blend_length_m, path_onto
-from siren_ros.behaviour.paths.shoulder_way import shoulder_into_turn
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.movements import road_lane_of
 from siren_ros.roads.road_network import NO_LANE, LaneKind
-from siren_ros.world.actors import Mode, rows_of_ids
+from siren_ros.world.actors import Mode
 from siren_ros.world.events import Event, EventKind
 
 _PULL_OVER_MPS: Final = 1.5
@@ -45,10 +43,6 @@ _STRAIGHT_RAD: Final = 0.04
 """Heading against the lane below which a vehicle gets no straighter by driving on: an end then sticks out by 0.1 m."""
 _STANDS_MPS: Final = 1.0
 """Slower vehicles ahead stand, or are about to."""
-_STOPS_MPS: Final = 1.5
-"""Slower vehicles next to a shoulder that they leave free stop where they are."""
-_ALONGSIDE_M: Final = 15.0
-"""Distance along the road within which the driver next to a vehicle gives it space to move sideways."""
 _CREEP_MPS: Final = 1.0
 """Speed on a way that is only as long as the lateral move: slow enough for the steering."""
 _LOOK_AGAIN_STEPS: Final = steps_from_s(0.5)
@@ -68,9 +62,9 @@ def start_pull_over(unit: YieldUnit, view: StepView, row: int) -> Outcome:
     lane = int(view.traffic.lane[row])
     if road_lane_of(network, lane) == NO_LANE:
         return defer(unit, view, row, Refusal.JUNCTION.value)
-    shoulder = _emv_takes_shoulder(view, lane, unit.emv_id)
+    shoulder = emv_takes_shoulder(view, lane, unit.emv_id)
     unit = replace(unit, side=unit.side or (1 if shoulder else alignment_of(view, lane)))
-    if shoulder and view.seen.speed_mps[row] < _STOPS_MPS and _leaves_shoulder_free(view, row, lane):
+    if shoulder and may_stay(view, row, lane):
         return _stay(unit, view, row, lane)
     path = pull_over_path(unit, view, row, lane)
     speed = float(view.seen.speed_mps[row])
@@ -99,37 +93,6 @@ def alignment_of(view: StepView, lane: int) -> int:
     driving_left = left != NO_LANE and network.lanes[left].kind is LaneKind.DRIVING
     driving_right = right != NO_LANE and network.lanes[right].kind is LaneKind.DRIVING
     return 1 if not driving_left and driving_right else -1
-
-
-def _emv_takes_shoulder(view: StepView, lane: int, emv_id: int) -> bool:
-    """Whether the way of the EMV, whose turn signal is on, is the shoulder: everybody there goes to the left."""
-    network = view.world.network
-    (row,) = rows_of_ids(view.seen.actor_id, np.array([emv_id], dtype=np.uint32)).tolist()
-    if row < 0:
-        return False
-    way = shoulder_into_turn(network, view.traffic.route_of_row(row), view.world.config.corridor.shoulder_reach_m)
-    return way is not None and network.lanes[road_lane_of(network, lane)].edge in way.edges
-
-
-def _leaves_shoulder_free(view: StepView, row: int, lane: int) -> bool:
-    """Whether a vehicle leaves an EMV's width between its right side and the outer edge of the shoulder.
-
-    In the lanes farther left the vehicles leave it free where those on their right do.
-    """
-    network = view.world.network
-    lane = road_lane_of(network, lane)
-    right = neighbour_lane(network, lane, -1)
-    if right == NO_LANE:
-        return False
-    if network.lanes[right].kind is LaneKind.DRIVING:
-        apart = np.abs(view.traffic.lane_position_m - view.traffic.lane_position_m[row])
-        near = np.flatnonzero((view.traffic.lane == right) & (apart < _ALONGSIDE_M))
-        return all(_leaves_shoulder_free(view, other, right) for other in near.tolist())
-    offset, turned = offset_in_lane(view, row, lane)
-    if network.lanes[right].kind is not LaneKind.SHOULDER or abs(turned) > aligned_within_rad(view, row):
-        return False
-    beyond = 0.5 * network.lanes[lane].width_m + offset - float(view.seen.half_width_m[row])
-    return network.lanes[right].width_m + beyond >= view.world.config.pull_over.shoulder_free_m
 
 
 def _stay(unit: YieldUnit, view: StepView, row: int, lane: int) -> Outcome:

@@ -1,5 +1,7 @@
 """Steps of one civilian at L3, which the tests of its pull-over share."""
 
+from dataclasses import replace
+
 from siren_ros.behaviour.civilians.drivers import Compliance, Driver
 from siren_ros.behaviour.civilians.unit import EmvView, YieldUnit
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
@@ -27,3 +29,18 @@ def kinds(events):
 
 def emv_at(lab, s=50.0):
     return lab.Car(1, 0, s, 8, (0,), ActorClass.AMBULANCE)
+
+
+def shoulder_road(lab, width=3.3):
+    """A shoulder (lane 0) and two lanes, from which the route (0, 1) turns right after 150 m."""
+    road = lab.RoadBuilder()
+    road.edge([[0, 0], [150, 0]], 3, ("W", "J"), shoulder=True)
+    road.edge([[160, -10], [160, -200]], 2, ("J", "S"), shoulder=True)
+    road.edge([[175, 0], [300, 0]], 3, ("J", "E"), shoulder=True)
+    road.connect(0, 3, direction="r")
+    road.connect(1, 4, direction="r")
+    for lane in (0, 1, 2):
+        road.connect(lane, 5 + lane)
+    network = road.built()
+    lanes = (replace(network.lanes[0], width_m=width), *network.lanes[1:])
+    return lab.world_of(replace(network, lanes=lanes), lab.L3)

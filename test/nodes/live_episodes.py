@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -22,6 +22,10 @@ SMALL_SUITE = """
 lidars:
   lidar: {mount: {x_m: 0.0, y_m: 0.0, z_m: 1.93}, channels: 8, points_per_second: 40000, rate_hz: 20}
 """
+
+
+_END_S = 5.0
+"""Time that a program has to end before it is killed."""
 
 
 @dataclass(frozen=True)
@@ -66,13 +70,20 @@ class Domain:
 
     @contextmanager
     def running(self, *arguments: str, cwd: Path | None = None) -> Iterator["subprocess.Popen[str]"]:
-        """A program that is gone afterwards, however the test ends."""
+        """A program that is gone afterwards, however the test ends.
+
+        It is asked to end first: who is killed may have held a lock of the shared memory of DDS, and the domain's next
+        programs do not find each other.
+        """
         process = self.start(*arguments, cwd=cwd)
         try:
             yield process
         finally:
             if process.poll() is None:
                 process.send_signal(signal.SIGCONT)
+                process.terminate()
+                with suppress(subprocess.TimeoutExpired):
+                    process.communicate(timeout=_END_S)
                 process.kill()
             process.communicate()
 

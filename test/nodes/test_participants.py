@@ -6,8 +6,13 @@ from pathlib import Path
 import pytest
 from live_episodes import EXAMPLES, SMALL_SUITE, Domain, digest, finish, recording, wait_until
 
-DOMAIN = Domain()
 LISTENER = str(EXAMPLES / "av_listener.py")
+
+
+@pytest.fixture(name="domain")
+def _domain() -> Domain:
+    """One for each test: a program that hangs and is killed may leave the shared memory of its domain locked."""
+    return Domain()
 
 
 @pytest.fixture(scope="module", name="suite")
@@ -25,7 +30,7 @@ def short(suite: str, *more: str, duration_s: float = 1.5) -> tuple[str, ...]:
 def _alone(suite: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """The bytes of an episode that nobody listens to."""
     folder = tmp_path_factory.mktemp("alone")
-    run = DOMAIN.run(*short(suite), cwd=folder)
+    run = Domain().run(*short(suite), cwd=folder)
     assert run.code == 0, run.err
     return digest(folder)
 
@@ -34,11 +39,13 @@ def test_the_example_is_short() -> None:
     assert len(Path(LISTENER).read_text(encoding="utf-8").splitlines()) < 60
 
 
-def test_listeners_change_nothing_also_when_they_hang(alone: dict[str, str], suite: str, tmp_path: Path) -> None:
+def test_listeners_change_nothing_also_when_they_hang(
+    domain: Domain, alone: dict[str, str], suite: str, tmp_path: Path
+) -> None:
     with (
-        DOMAIN.running(LISTENER, cwd=tmp_path) as awake,
-        DOMAIN.running(LISTENER, cwd=tmp_path) as asleep,
-        DOMAIN.episode(*short(suite), cwd=tmp_path) as episode,
+        domain.running(LISTENER, cwd=tmp_path) as awake,
+        domain.running(LISTENER, cwd=tmp_path) as asleep,
+        domain.episode(*short(suite), cwd=tmp_path) as episode,
     ):
         wait_until(recording(tmp_path), episode)
         asleep.send_signal(signal.SIGSTOP)
@@ -50,10 +57,10 @@ def test_listeners_change_nothing_also_when_they_hang(alone: dict[str, str], sui
     assert heard.code == 0, heard.err
 
 
-def test_a_participant_hears_every_step(alone: dict[str, str], suite: str, tmp_path: Path) -> None:
+def test_a_participant_hears_every_step(domain: Domain, alone: dict[str, str], suite: str, tmp_path: Path) -> None:
     with (
-        DOMAIN.episode(*short(suite, "external:=[my_stack]"), cwd=tmp_path) as episode,
-        DOMAIN.running(LISTENER, "--participant", "my_stack", cwd=tmp_path) as stack,
+        domain.episode(*short(suite, "external:=[my_stack]"), cwd=tmp_path) as episode,
+        domain.running(LISTENER, "--participant", "my_stack", cwd=tmp_path) as stack,
     ):
         run, heard = finish(episode), finish(stack)
     assert run.code == 0, run.err
@@ -65,11 +72,11 @@ def test_a_participant_hears_every_step(alone: dict[str, str], suite: str, tmp_p
     assert all(int(line.split()[2]) > 100 for line in lines)
 
 
-def test_a_participant_that_hangs_ends_the_episode_under_its_name(suite: str, tmp_path: Path) -> None:
+def test_a_participant_that_hangs_ends_the_episode_under_its_name(domain: Domain, suite: str, tmp_path: Path) -> None:
     parameters = short(suite, "external:=[my_stack]", "step_timeout_s:=4.0", duration_s=40.0)
     with (
-        DOMAIN.episode(*parameters, cwd=tmp_path) as episode,
-        DOMAIN.running(LISTENER, "--participant", "my_stack", cwd=tmp_path) as stack,
+        domain.episode(*parameters, cwd=tmp_path) as episode,
+        domain.running(LISTENER, "--participant", "my_stack", cwd=tmp_path) as stack,
     ):
         wait_until(recording(tmp_path, 200_000), episode)
         stack.send_signal(signal.SIGSTOP)
@@ -80,8 +87,8 @@ def test_a_participant_that_hangs_ends_the_episode_under_its_name(suite: str, tm
     assert "within 4 s" in run.out
 
 
-def test_a_participant_that_never_comes_is_named(tmp_path: Path) -> None:
-    run = DOMAIN.run("sensors:=none", "bag:=bag", "external:=[my_stack]", "start_timeout_s:=8.0", cwd=tmp_path)
+def test_a_participant_that_never_comes_is_named(domain: Domain, tmp_path: Path) -> None:
+    run = domain.run("sensors:=none", "bag:=bag", "external:=[my_stack]", "start_timeout_s:=8.0", cwd=tmp_path)
     assert run.code == 1
     assert "my_stack: was not ready within 8 s" in run.out
     assert list(tmp_path.iterdir()) == []
@@ -90,8 +97,8 @@ def test_a_participant_that_never_comes_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("names", "named"), [("[recorder]", "'recorder'"), ("[a, a]", "'a'"), ("['no name']", "'no name'")]
 )
-def test_names_that_cannot_be_used_are_refused(tmp_path: Path, names: str, named: str) -> None:
-    run = DOMAIN.run(f"external:={names}", cwd=tmp_path)
+def test_names_that_cannot_be_used_are_refused(domain: Domain, tmp_path: Path, names: str, named: str) -> None:
+    run = domain.run(f"external:={names}", cwd=tmp_path)
     assert run.code == 2
     assert run.err.startswith(f"external: {named} cannot be used")
     assert list(tmp_path.iterdir()) == []

@@ -61,6 +61,10 @@ class Outlook:
         on_road = traffic.lane[row] >= 0
         return float(traffic.lane_position_m[row] - self._half_length_m[row]) if on_road else 0.0
 
+    def front_m(self, row: int) -> float:
+        """Arc length of a vehicle's front on its course."""
+        return self.centre_m(row) + float(self._half_length_m[row])
+
     def way(self, row: int, reach_m: float) -> Way:
         """A vehicle on its course, with what may be looked at ahead of it."""
         course = self.course(row)
@@ -71,7 +75,7 @@ class Outlook:
 
     def rank(self, row: int, way_m: float) -> Rank:
         """Right of way of a vehicle at a place, given by the way of its centre to it."""
-        front = self.centre_m(row) + float(self._half_length_m[row])
+        front = self.front_m(row)
         entry = self.course(row).entry_at(front + way_m)
         if entry is None:
             return Rank.PRIORITY

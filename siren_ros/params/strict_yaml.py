@@ -82,8 +82,10 @@ class StrictMapping:
             raise InputError(self.where(key), value, wanted)
         return value
 
-    def flag(self, key: str) -> bool:
-        """``true`` or ``false``."""
+    def flag(self, key: str, default: bool | None = None) -> bool:
+        """``true`` or ``false``; where the key is missing the default, if there is one."""
+        if default is not None and not self.has(key):
+            return default
         return self._scalar(key, ("bool",), "true or false").lower() in {"true", "yes", "on"}
 
     def text(self, key: str, allowed: Iterable[str] | None = None) -> str:

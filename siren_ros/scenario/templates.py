@@ -222,8 +222,8 @@ def _group(section: StrictMapping, name: str, parameters: _Parameters) -> Demand
         spacing_m=parameters.number(section, "spacing_m", 1.0, 200.0),
         speed_mps=parameters.number(section, "speed_mps", 1.0, _MAX_SPEED_MPS),
         anchor=anchor,
-        standing=section.flag("standing") if section.has("standing") else False,
-        optional=section.flag("optional") if section.has("optional") else False,
+        standing=section.flag("standing", default=False),
+        optional=section.flag("optional", default=False),
     )
     section.finish()
     return group

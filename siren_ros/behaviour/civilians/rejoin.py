@@ -78,10 +78,9 @@ def stands_over_red_line(view: StepView, row: int) -> bool:
     outlook = view.seen.outlook
     if outlook is None or not standing(view, row):
         return False
-    half_length = float(view.seen.half_length_m[row])
-    front = outlook.centre_m(row) + half_length
+    front = outlook.front_m(row)
     entry = outlook.course(row).entry_at(front)
-    if entry is None or front - entry.start_m > 2.0 * half_length:
+    if entry is None or front - entry.start_m > 2.0 * float(view.seen.half_length_m[row]):
         return False
     return rank_of(entry.connection, outlook.signals) is Rank.RED
 

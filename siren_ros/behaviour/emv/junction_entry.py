@@ -19,7 +19,7 @@ def entry_limit_mps(view: StepView, row: int) -> float:
     outlook, config = view.seen.outlook, view.world.junction_entry
     if outlook is None:
         return math.inf
-    front = outlook.centre_m(row) + float(view.seen.half_length_m[row])
+    front = outlook.front_m(row)
     limit = math.inf
     for entry in outlook.course(row).entries:
         ahead = entry.start_m - front

@@ -221,7 +221,7 @@ def load_suite(name_or_path: str, files: InputFiles = FILES_ON_DISK) -> SensorSu
     _check_names(top, [spec.name for specs in sensors.values() for spec in specs])
     suite = SensorSuite(
         name=Path(name_or_path).stem,
-        labels=top.flag("labels") if top.has("labels") else False,
+        labels=top.flag("labels", default=False),
         station=_station(top) if top.has("station") else None,
         **sensors,
     )

@@ -229,10 +229,14 @@ def test_missing_dimensions_and_too_many_vehicles_are_refused(network: RoadNetwo
         plan_traffic(network, site, crowded, 0, load_drivers(), DIMENSIONS)
 
 
-def test_standing_vehicles_leave_free_the_lanes_on_which_the_emv_comes(network: RoadNetwork) -> None:
-    traffic, template, site = planned(network, "S4")
+@pytest.mark.parametrize(("name", "group"), [("S4", "crossing"), ("S7", "queue")])
+def test_standing_vehicles_leave_free_the_lanes_on_which_the_emv_comes(
+    network: RoadNetwork, name: str, group: str
+) -> None:
+    traffic, template, site = planned(network, name)
     start = emv_start(network, site, start_m_of(network, site, template.emv))
-    waiting = [vehicle for vehicle in traffic.groups if vehicle.name.startswith("waiting")]
+    waiting = [vehicle for vehicle in traffic.groups if vehicle.name.startswith(group)]
+    assert waiting
     assert not {vehicle.spot.lane for vehicle in waiting} & set(start.lanes_to_site)
     cleared = {area.lane for area in traffic.stage}
     assert set(start.lanes_to_site) <= cleared

@@ -56,10 +56,14 @@ def test_a_queue_grows_backwards_from_the_stop_line() -> None:
     assert (next_to.anchor_m, next_to.least_m) == (pytest.approx(STOP_LINE_M), 0.0)
 
 
-def shoulder_rows(wanted: DemandGroup, start: EmvStart, signal_before: bool) -> list[GroupRow]:
-    """The right lane of the approach is a shoulder; the junction K before it is a joint, or has a signal."""
+def shoulder_rows(wanted: DemandGroup, start: EmvStart, signal_before: bool, from_m: float = 0.0) -> list[GroupRow]:
+    """The right lane of the approach is a shoulder; the junction K before it is a joint, or has a signal.
+
+    The approach may be cut off at its beginning.
+    """
     lanes = list(NETWORK.lanes)
     lanes[B_RIGHT] = replace(lanes[B_RIGHT], kind=LaneKind.SHOULDER, civilian_allowed=False)
+    lanes[B_LEFT] = replace(lanes[B_LEFT], centre=lanes[B_LEFT].centre.cut(from_m, 100.0))
     connections = list(NETWORK.connections)
     (into,) = (index for index, one in enumerate(connections) if one.to_lane == B_LEFT)
     if signal_before:
@@ -81,11 +85,7 @@ def test_a_queue_next_to_a_shoulder_leaves_the_way_onto_it() -> None:
 
 def test_a_queue_next_to_a_shoulder_has_50_m_at_least() -> None:
     queue = group(Placement.EMV_LANE, GroupAnchor.STOP_LINE, standing=True)
-    lanes = list(NETWORK.lanes)
-    lanes[B_LEFT] = replace(lanes[B_LEFT], centre=lanes[B_LEFT].centre.cut(40.0, 100.0))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(globals(), "NETWORK", replace(NETWORK, lanes=tuple(lanes)))
-        (row,) = shoulder_rows(queue, start_at(90.0), signal_before=True)
+    (row,) = shoulder_rows(queue, start_at(90.0), signal_before=True, from_m=40.0)
     assert row.anchor_m - row.least_m == pytest.approx(50.0)
 
 

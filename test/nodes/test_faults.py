@@ -179,7 +179,7 @@ def test_a_file_that_may_not_grow_is_named(episodes: list[Episode], tmp_path: Pa
 def test_a_bag_that_is_taken_away_is_named_and_saved(episodes: list[Episode], tmp_path: Path) -> None:
     episode = start(episodes, tmp_path)
     episode.wait_until_recorded()
-    episode.fault(lambda: shutil.rmtree(tmp_path / "bags"))
+    episode.fault(lambda: shutil.rmtree((tmp_path / "bags").rename(tmp_path / "taken")))
     episode.wait_until_gone()
     assert "its folder has disappeared" in error_of(episode)
     assert read_episode(tmp_path / "bags" / "bag.partial").steps >= 20

@@ -37,7 +37,8 @@ _CALLEE = """
 
 def _answer(folder: Path, factor: float, offset: float) -> float:
     (folder / "callee.py").write_text(textwrap.dedent(_CALLEE.format(factor=factor, offset=offset)))
-    done = subprocess.run([sys.executable, "caller.py"], cwd=folder, capture_output=True, text=True, check=True)
+    # -B: Python's own cache takes a source of the same second and size for the same source.
+    done = subprocess.run([sys.executable, "-B", "caller.py"], cwd=folder, capture_output=True, text=True, check=True)
     return float(done.stdout)
 
 

@@ -185,7 +185,11 @@ class CorridorConfig:
     clearance_m: float = 0.1
     """Places with less than this on a side are left to the gap escape."""
     straight_below_m: float = 25.0
-    """Free way along the corridor below which the EMV looks at the way straight on."""
+    """Free way along the corridor below which the EMV looks at its present path and at the way straight on."""
+    keep_gain_m: float = 3.0
+    """Free way that keeping the present path must gain: a new one turns into the corridor later."""
+    keep_above_mps: float = 1.0
+    """Slower, a new path is taken in any case: stopping for it needs no hard braking."""
     straight_gain_m: float = 8.0
     """Free way that going straight on must gain."""
     stop_short_m: float = 5.0

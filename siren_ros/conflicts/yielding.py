@@ -134,16 +134,30 @@ def _goes_first(zone: Zone, own: Approach, other: Approach, own_earlier: bool, c
         return math.isinf(zone.blocked_m)
     if stop_brake_mps2(other.speed_mps, zone.other_in_m - config.standoff_m) > config.commit_mps2:
         return False
-    if stop_brake_mps2(own.speed_mps, zone.own_in_m - config.standoff_m) > config.commit_mps2:
+    if _own_brake_mps2(zone, own, other, config) > config.commit_mps2:
         return True
     return own.rank > other.rank or (own.rank == other.rank and (own_earlier or other.rank is Rank.RED))
 
 
+def _own_brake_mps2(zone: Zone, own: Approach, other: Approach, config: YieldingConfig) -> float:
+    """Deceleration with which the own vehicle lets the other one go first: by a stop, or behind it on its way."""
+    if zone.merges:
+        return stop_brake_mps2(max(own.speed_mps - other.speed_mps, 0.0), _gap_m(zone) - config.standoff_m)
+    return stop_brake_mps2(own.speed_mps, zone.own_in_m - config.standoff_m)
+
+
+def _gap_m(zone: Zone) -> float:
+    """Way that is left to the body that merges ahead; negative beside it."""
+    return zone.own_in_m - zone.other_in_m - STEP_M
+
+
 def _waiting(zone: Zone, own: Approach, other: Approach, free_s: float, config: YieldingConfig) -> Wait:
     if zone.merges:
-        gap = max(zone.own_in_m - zone.other_in_m - STEP_M, 0.0)
-        speed = math.sqrt(other.speed_mps**2 + 2.0 * config.brake_mps2 * gap)
-        return Wait(speed, stop_brake_mps2(max(own.speed_mps - other.speed_mps, 0.0), gap), gap)
+        gap = _gap_m(zone)
+        spare = gap - config.standoff_m
+        speed = math.sqrt(other.speed_mps**2 + 2.0 * config.brake_mps2 * max(spare, 0.0))
+        speed = max(speed + min(spare, 0.0) / config.merge_s, 0.0)
+        return Wait(speed, stop_brake_mps2(max(own.speed_mps - other.speed_mps, 0.0), gap), max(gap, 0.0))
     way = zone.own_in_m if zone.own_in_m > 0.0 else zone.blocked_m
     free = max(way - config.standoff_m, 0.0)
     speed = max(free / free_s, math.sqrt(2.0 * config.brake_mps2 * free))

@@ -19,7 +19,9 @@ _BISECTIONS: Final = 3
 _STRAIGHT_AFTER_M: Final = 6.0
 """Way in which a vehicle that looks elsewhere has turned into its course."""
 _TRACK_M: Final = 2.5
-"""Half the distance between the two points of a course that give a body's heading: about half a wheelbase."""
+"""Half the distance between the two points of a course that give a body's heading."""
+_REAR_M: Final = 1.25
+"""From a body's centre back to the middle between these points: a body turns into a bend later than its centre."""
 
 
 class Way(NamedTuple):
@@ -38,6 +40,9 @@ class Way(NamedTuple):
     """How far to look ahead."""
     half_length_m: float
     half_width_m: float
+    cut_m: float = _TRACK_M
+    """The centre is in the middle between two points of the course, this far before and behind it: in bends it cuts the
+    corner, as SUMO's vehicles do. 0 for who keeps the centre on the course."""
 
 
 class Zone(NamedTuple):
@@ -86,25 +91,29 @@ def meeting_zones(own: Way, others: list[Way], margin_m: float) -> list[Zone | N
 
 
 @compiled
+def _point(points: Any, first: int, last: int, place: float) -> tuple[float, float]:
+    """X and y at a place of ``points[first:last]``, counted in their distance; straight on before and after them."""
+    i = min(max(int(place), 0), last - first - 2) + first
+    f = place - (i - first)
+    x, y = points[i, 0], points[i, 1]
+    return x + f * (points[i + 1, 0] - x), y + f * (points[i + 1, 1] - y)
+
+
+@compiled
 def _pose(
-    points: Any, first: int, last: int, spacing: float, s_m: float, left_m: float
+    points: Any, first: int, last: int, spacing: float, s_m: float, left_m: float, cut_m: float
 ) -> tuple[float, float, float, float]:
     """x, y and the direction's cosine and sine of a body whose centre is at an arc length of ``points[first:last]``."""
-    xs, ys, xe, ye = 0.0, 0.0, 0.0, 0.0
-    for end in range(2):
-        place = (s_m + (2 * end - 1) * _TRACK_M) / spacing
-        i = min(max(int(place), 0), last - first - 2) + first
-        f = place - (i - first)
-        x = points[i, 0] + f * (points[i + 1, 0] - points[i, 0])
-        y = points[i, 1] + f * (points[i + 1, 1] - points[i, 1])
-        if end == 0:
-            xs, ys = x, y
-        else:
-            xe, ye = x, y
+    xs, ys = _point(points, first, last, (s_m - _REAR_M - _TRACK_M) / spacing)
+    xe, ye = _point(points, first, last, (s_m - _REAR_M + _TRACK_M) / spacing)
     dx, dy = xe - xs, ye - ys
     norm = np.sqrt(dx * dx + dy * dy) + 1e-9
     cos, sin = dx / norm, dy / norm
-    return 0.5 * (xs + xe) - sin * left_m, 0.5 * (ys + ye) + cos * left_m, cos, sin
+    x, y = _point(points, first, last, (s_m - cut_m) / spacing)
+    if cut_m > 0.0:
+        ahead_x, ahead_y = _point(points, first, last, (s_m + cut_m) / spacing)
+        x, y = 0.5 * (x + ahead_x), 0.5 * (y + ahead_y)
+    return x - sin * left_m, y + cos * left_m, cos, sin
 
 
 @compiled
@@ -121,10 +130,10 @@ def _poses(points: Any, first: int, last: int, body: Any) -> Any:
 @compiled
 def _pose_after(points: Any, first: int, last: int, body: Any, way_m: float) -> tuple[float, float, float, float]:
     """Pose after a way: what the present one differs from the course, aside and in yaw, fades."""
-    x, y, cos, sin = _pose(points, first, last, body[3], body[4] + way_m, body[5])
+    x, y, cos, sin = _pose(points, first, last, body[3], body[4] + way_m, body[5], body[9])
     if way_m > _STRAIGHT_AFTER_M:
         return x, y, cos, sin
-    here_x, here_y, here_cos, here_sin = _pose(points, first, last, body[3], body[4], body[5])
+    here_x, here_y, here_cos, here_sin = _pose(points, first, last, body[3], body[4], body[5], body[9])
     left = 1.0 - way_m / _STRAIGHT_AFTER_M
     aside = left * (here_cos * (body[1] - here_y) - here_sin * (body[0] - here_x))
     turned = left * wrapped_rad(body[2] - np.arctan2(here_sin, here_cos))
@@ -180,7 +189,7 @@ def _search(own_points: Any, points: Any, offsets: Any, bodies: Any, margin_m: f
         own_points: The own course.
         points: The other courses, one after the other.
         offsets: Where each begins in ``points``, and the end of the last.
-        bodies: x, y, yaw, spacing, place, offset, reach, half length and half width of the own and each other body.
+        bodies: x, y, yaw, spacing, place, offset, reach, half length, half width and cut of the own and each other.
         margin_m: Free space wanted beside the own body.
         out: Result.
     """

@@ -95,9 +95,25 @@ def test_who_merges_behind_follows_at_the_other_ones_speed():
     wait = wait_for(zone, car(12.0, Rank.GIVES_WAY), car(8.0), CONFIG)
     assert wait is not None
     assert wait.speed_mps > 8.0
-    near = wait_for(Zone(21.0, INF, 20.0, 60.0, 1.0, INF), car(8.0, Rank.GIVES_WAY), car(8.0), CONFIG)
+    near = wait_for(Zone(22.0, INF, 20.0, 60.0, 1.0, INF), car(8.0, Rank.GIVES_WAY), car(8.0), CONFIG)
     assert near is not None
     assert near.speed_mps == pytest.approx(8.0)
+
+
+@pytest.mark.parametrize(("own_in", "slower"), [(21.5, 0.5), (21.0, 1.0), (20.5, 1.5)])
+def test_who_merges_falls_back_to_the_distance_that_is_kept(own_in, slower):
+    """1 m behind the other one, at a metre in 1.5 s for each metre that is missing, also where both are level."""
+    wait = wait_for(Zone(own_in, INF, 20.0, 60.0, 1.0, INF), car(8.0, Rank.GIVES_WAY), car(8.0), CONFIG)
+    assert wait is not None
+    assert wait.speed_mps == pytest.approx(8.0 - slower / 1.5)
+    assert wait.free_m == pytest.approx(max(own_in - 21.0, 0.0))
+
+
+def test_who_merges_brakes_to_the_other_ones_speed_and_need_not_be_able_to_stop():
+    """From 10 to 8 m/s within 1 m: 2 m/s². A stop before the zone would take 3.6 m/s²."""
+    own, other = car(10.0, Rank.GIVES_WAY), car(8.0)
+    assert wait_for(Zone(15.0, INF, 12.0, 60.0, 1.0, INF), own, other, CONFIG) is not None
+    assert wait_for(Zone(15.0, 21.0, 12.0, 18.0, 0.0, INF), own, other, CONFIG) is None
 
 
 def mirrored(zone):
@@ -131,7 +147,8 @@ def test_waiting_speeds_in_closed_form():
     merging = wait_for(Zone(40.0, INF, 20.0, 60.0, 1.0, INF), car(12.0, Rank.GIVES_WAY), car(8.0), CONFIG)
     gap = 40.0 - 20.0 - STEP_M
     assert merging.free_m == pytest.approx(gap)
-    assert merging.speed_mps == pytest.approx(math.sqrt(8.0**2 + 2.0 * CONFIG.brake_mps2 * gap))
+    spare = gap - CONFIG.standoff_m
+    assert merging.speed_mps == pytest.approx(math.sqrt(8.0**2 + 2.0 * CONFIG.brake_mps2 * spare))
     assert merging.brake_mps2 == pytest.approx(stop_brake_mps2(4.0, gap))
 
 

@@ -239,21 +239,24 @@ def test_behind_a_bend_entries_are_as_exact_as_before_it(turn, side, beyond):
 @pytest.mark.parametrize("turn", TURNS)
 @pytest.mark.parametrize("left", [0.0, 0.8, -0.8])
 @pytest.mark.parametrize("spacing", [1.0, 0.5])
-def test_a_body_points_along_the_chord_of_half_a_wheelbase_before_and_behind_its_middle(turn, left, spacing):
-    """At a right angle to the left after 20 m: 2.5 m before and behind the corner, and well away from it."""
+@pytest.mark.parametrize("cut", [2.5, 0.0])
+def test_a_body_turns_into_a_corner_late_and_cuts_it_or_not(turn, left, spacing, cut):
+    """At a right angle to the left after 20 m: a body points along a chord of 5 m whose middle is 1.25 m behind its
+    own; that is in the middle of another one, or on the course.
+    """
     legs = np.arange(0.0, 20.0, spacing)
     points = np.concatenate((np.stack((legs, 0.0 * legs), -1), np.stack((20.0 + 0.0 * legs, legs), -1)))
     points = rotate(points, turn)
-    for s, middle, heading in (
-        (10.0, (10.0, 0.0), 0.0),
-        (20.0, (18.75, 1.25), np.pi / 4.0),
-        (21.5, (19.5, 2.0), np.arctan2(4.0, 1.0)),
-        (30.0, (20.0, 10.0), np.pi / 2.0),
-        (-5.0, (-5.0, 0.0), 0.0),
-        (45.0, (20.0, 25.0), np.pi / 2.0),
+    for s, cutting, on_course, heading in (
+        (10.0, (10.0, 0.0), (10.0, 0.0), 0.0),
+        (20.0, (18.75, 1.25), (20.0, 0.0), np.arctan2(1.25, 3.75)),
+        (21.5, (19.5, 2.0), (20.0, 1.5), np.arctan2(2.75, 2.25)),
+        (30.0, (20.0, 10.0), (20.0, 10.0), np.pi / 2.0),
+        (-5.0, (-5.0, 0.0), (-5.0, 0.0), 0.0),
+        (45.0, (20.0, 25.0), (20.0, 25.0), np.pi / 2.0),
     ):
-        x, y, cos, sin = _pose(points, 0, len(points), spacing, s, left)
-        expected = np.array(middle) + left * np.array([-np.sin(heading), np.cos(heading)])
+        x, y, cos, sin = _pose(points, 0, len(points), spacing, s, left, cut)
+        expected = np.array(cutting if cut > 0.0 else on_course) + left * np.array([-np.sin(heading), np.cos(heading)])
         assert rotate(np.array([x, y]), -turn) == pytest.approx(expected, abs=1e-6)
         assert np.arctan2(sin, cos) == pytest.approx(
             np.arctan2(np.sin(heading + turn), np.cos(heading + turn)), abs=1e-6
@@ -267,7 +270,7 @@ def test_what_a_body_differs_from_its_course_fades_within_6_m(turn, aside, look)
     points = rotate(np.stack((np.arange(60.0), np.zeros(60)), axis=-1), turn)
     place = rotate(np.array([10.0, aside]), turn)
     yaw = np.arctan2(np.sin(turn + look), np.cos(turn + look))
-    body = np.array([*place, yaw, 1.0, 10.0, 0.0, 30.0, LENGTH, WIDTH])
+    body = np.array([*place, yaw, 1.0, 10.0, 0.0, 30.0, LENGTH, WIDTH, 2.5])
     for way_m, left in ((0.0, 1.0), (1.5, 0.75), (3.0, 0.5), (5.99, 0.01 / 6.0), (6.01, 0.0), (20.0, 0.0)):
         x, y, cos, sin = _pose_after(points, 0, len(points), body, way_m)
         assert rotate(np.array([x, y]), -turn) == pytest.approx((10.0 + way_m, left * aside), abs=1e-5)

@@ -48,7 +48,7 @@ def watch_conflicts(
         return None
     half_length, half_width = float(seen.half_length_m[row]), float(seen.half_width_m[row])
     pose = float(seen.x_m[row]), float(seen.y_m[row]), float(seen.yaw_rad[row])
-    own = Way(path.curve.points, path.curve.spacing_m, progress_m, 0.0, pose, reach, half_length, half_width)
+    own = Way(path.curve.points, path.curve.spacing_m, progress_m, 0.0, pose, reach, half_length, half_width, cut_m=0.0)
     reaches = _reach_m(seen.speed_mps[rows]).tolist()
     others = [_way(seen, other, far) for other, far in zip(rows.tolist(), reaches, strict=True)]
     worst: Threat | None = None

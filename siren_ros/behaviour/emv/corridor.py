@@ -79,8 +79,9 @@ def braking_ahead(unit: EmvUnit, view: StepView, row: int) -> bool:
 def corridor_path(unit: EmvUnit, view: StepView, row: int) -> EmvUnit:
     """The EMV with the copied corridor as its path, renewed as the vehicles next to it move.
 
-    Where a lane begins on the left, the corridor moves to its line. If a vehicle closes that way, the EMV goes straight
-    on between the lanes that it is between.
+    A present path that stays free for longer than a new one is kept: each new one begins to turn into the corridor
+    where the EMV is now. Where a lane begins on the left, the corridor moves to its line. If a vehicle closes that way,
+    the EMV goes straight on between the lanes that it is between.
     """
     config = view.world.config.corridor
     if view.step - unit.corridor_planned_step < steps_from_s(config.replan_s) and unit.navigator.path is not None:
@@ -92,6 +93,10 @@ def corridor_path(unit: EmvUnit, view: StepView, row: int) -> EmvUnit:
     planned = _along(unit, view, row, lane, straight_on=False)
     open_m = _open_m(planned, view, row)
     if open_m < config.straight_below_m:
+        kept = replace(unit, corridor_planned_step=view.step)
+        driven = unit.navigator.path is not None and float(view.seen.speed_mps[row]) > config.keep_above_mps
+        if driven and _open_m(kept, view, row) > open_m + config.keep_gain_m:
+            return kept
         other = _along(unit, view, row, lane, straight_on=True)
         if _open_m(other, view, row) > open_m + config.straight_gain_m:
             return other

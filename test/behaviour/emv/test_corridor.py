@@ -5,6 +5,7 @@ import pytest
 
 from siren_ros.behaviour.emv.controller import follow_route
 from siren_ros.behaviour.emv.corridor import (
+    _along,
     _smooth,
     braking_ahead,
     corridor_lane,
@@ -201,6 +202,26 @@ def test_goes_straight_on_where_a_vehicle_closes_the_way_to_a_lane_that_begins(l
     path = corridor_path(EmvUnit(1, corridor=True), view, 0).navigator.path
     _, left, _ = path.curve.project(np.array([162.0]), np.array([view.seen.y_m[0]]))
     assert (abs(float(left[0])) < 0.6) is straight
+
+
+@pytest.mark.parametrize(
+    ("straight_on", "where", "kept"),
+    [(True, 0.75, True), (True, None, False), (False, 0.75, False)],
+    ids=["the new one is closed", "the new one is free", "both are closed"],
+)
+def test_the_present_path_is_kept_where_it_stays_free_for_longer_than_a_new_one(lab, straight_on, where, kept):
+    cars = [lab.Car(1, 1, 135, 6, (0, 1), ActorClass.AMBULANCE, left=-1.65)]
+    network = pocket_road(lab)
+    world = lab.world_of(network, lab.L3)
+    before = lab.view_of(world, lab.traffic_of(network, cars))
+    unit = replace(
+        _along(EmvUnit(1, corridor=True), before, 0, 1, straight_on=straight_on), corridor_planned_step=NEVER
+    )
+    if where is not None:
+        cars.append(lab.Car(2, 3, 12, 0, (1,), left=where))
+    found = corridor_path(unit, lab.view_of(world, lab.traffic_of(network, cars)), 0)
+    assert (found.navigator.path is unit.navigator.path) is kept
+    assert found.corridor_planned_step == before.step
 
 
 @pytest.mark.parametrize("turned_rad", [0.9, -0.9])

@@ -142,8 +142,13 @@ def _goes_first(zone: Zone, own: Approach, other: Approach, own_earlier: bool, c
 def _own_brake_mps2(zone: Zone, own: Approach, other: Approach, config: YieldingConfig) -> float:
     """Deceleration with which the own vehicle lets the other one go first: by a stop, or behind it on its way."""
     if zone.merges:
-        return stop_brake_mps2(max(own.speed_mps - other.speed_mps, 0.0), _gap_m(zone) - config.standoff_m)
+        return _follow_brake_mps2(own, other, _gap_m(zone) - config.standoff_m)
     return stop_brake_mps2(own.speed_mps, zone.own_in_m - config.standoff_m)
+
+
+def _follow_brake_mps2(own: Approach, other: Approach, gap_m: float) -> float:
+    """Deceleration to the speed of the other vehicle within a gap behind it."""
+    return stop_brake_mps2(max(own.speed_mps - other.speed_mps, 0.0), gap_m)
 
 
 def _gap_m(zone: Zone) -> float:
@@ -157,7 +162,7 @@ def _waiting(zone: Zone, own: Approach, other: Approach, free_s: float, config: 
         spare = gap - config.standoff_m
         speed = math.sqrt(other.speed_mps**2 + 2.0 * config.brake_mps2 * max(spare, 0.0))
         speed = max(speed + min(spare, 0.0) / config.merge_s, 0.0)
-        return Wait(speed, stop_brake_mps2(max(own.speed_mps - other.speed_mps, 0.0), gap), max(gap, 0.0))
+        return Wait(speed, _follow_brake_mps2(own, other, gap), max(gap, 0.0))
     way = zone.own_in_m if zone.own_in_m > 0.0 else zone.blocked_m
     free = max(way - config.standoff_m, 0.0)
     speed = max(free / free_s, math.sqrt(2.0 * config.brake_mps2 * free))

@@ -93,10 +93,9 @@ def corridor_path(unit: EmvUnit, view: StepView, row: int) -> EmvUnit:
     planned = _along(unit, view, row, lane, straight_on=False)
     open_m = _open_m(planned, view, row)
     if open_m < config.straight_below_m:
-        kept = replace(unit, corridor_planned_step=view.step)
         driven = unit.navigator.path is not None and float(view.seen.speed_mps[row]) > config.keep_above_mps
-        if driven and _open_m(kept, view, row) > open_m + config.keep_gain_m:
-            return kept
+        if driven and _open_m(unit, view, row) > open_m + config.keep_gain_m:
+            return replace(unit, corridor_planned_step=view.step)
         other = _along(unit, view, row, lane, straight_on=True)
         if _open_m(other, view, row) > open_m + config.straight_gain_m:
             return other

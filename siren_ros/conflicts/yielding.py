@@ -1,6 +1,7 @@
 """Who waits where two ways meet: time windows, right of way, and who can still stop."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -11,6 +12,7 @@ _MOVING_MPS: Final = 0.3
 _LEAST_MPS: Final = 0.5
 """A vehicle that moves at all is taken to clear a zone at this speed or faster."""
 _LEAST_WAY_M: Final = 0.3
+_LEAST_TIME_S: Final = 0.1
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,10 @@ class YieldingConfig:
     """Vehicles that arrive later do not count yet."""
 
 
+def _no_bends(way_m: float) -> float:  # noqa: ARG001 - stands for a function of the way
+    return 0.0
+
+
 @dataclass(frozen=True)
 class Approach:
     """One of two vehicles whose ways meet."""
@@ -46,6 +52,12 @@ class Approach:
     accel_mps2: float
     """Acceleration that it may have up to that speed; negative where it slows down anyway."""
     rank: Rank
+    bend_time_s: Callable[[float], float] = _no_bends
+    """Time that a way takes at the least because of its bends."""
+
+    def time_s(self, way_m: float) -> float:
+        """Time for a way."""
+        return max(time_to_go_s(way_m, self.speed_mps, self.top_mps, self.accel_mps2), self.bend_time_s(way_m))
 
 
 @dataclass(frozen=True)
@@ -105,18 +117,16 @@ def wait_for(zone: Zone, own: Approach, other: Approach, config: YieldingConfig)
     standing = other.speed_mps < _MOVING_MPS
     if standing and zone.other_in_m > 0.0:
         return None
-    other_first = time_to_go_s(zone.other_in_m, other.speed_mps, other.top_mps, other.accel_mps2)
+    other_first = other.time_s(zone.other_in_m)
     if other_first > config.horizon_s:
         return None
     leaving = max(min(other.speed_mps, other.top_mps), _LEAST_MPS)
     other_last = math.inf if zone.merges else zone.other_out_m / leaving
-    own_first = time_to_go_s(_own_way_m(zone, own, config), own.speed_mps, own.top_mps, own.accel_mps2)
-    own_last = time_to_go_s(zone.own_out_m, own.speed_mps, own.top_mps, own.accel_mps2)
+    own_first = own.time_s(_own_way_m(zone, own, config))
     if zone.merges:
-        own_last = own_first + config.merge_s
-        ahead = own_last < other_first
+        ahead = own_first + config.merge_s < other_first
     else:
-        ahead = own_last + config.before_s < other_first
+        ahead = own.time_s(zone.own_out_m) + config.before_s < other_first
     if ahead or own_first > other_last + config.after_s:
         return None
     if _goes_first(zone, own, other, own_first < other_first, config):
@@ -132,37 +142,61 @@ def _own_way_m(zone: Zone, own: Approach, config: YieldingConfig) -> float:
 def _goes_first(zone: Zone, own: Approach, other: Approach, own_earlier: bool, config: YieldingConfig) -> bool:
     if zone.own_in_m <= 0.0:
         return math.isinf(zone.blocked_m)
-    if stop_brake_mps2(other.speed_mps, zone.other_in_m - config.standoff_m) > config.commit_mps2:
+    if _yield_brake_mps2((zone.other_in_m, other), (zone.own_in_m, own), zone.merges, config) > config.commit_mps2:
         return False
-    if _own_brake_mps2(zone, own, other, config) > config.commit_mps2:
+    if _yield_brake_mps2((zone.own_in_m, own), (zone.other_in_m, other), zone.merges, config) > config.commit_mps2:
         return True
     return own.rank > other.rank or (own.rank == other.rank and (own_earlier or other.rank is Rank.RED))
 
 
-def _own_brake_mps2(zone: Zone, own: Approach, other: Approach, config: YieldingConfig) -> float:
-    """Deceleration with which the own vehicle lets the other one go first: by a stop, or behind it on its way."""
-    if zone.merges:
-        return _follow_brake_mps2(own, other, _gap_m(zone) - config.standoff_m)
-    return stop_brake_mps2(own.speed_mps, zone.own_in_m - config.standoff_m)
+def _yield_brake_mps2(
+    second: tuple[float, Approach], first: tuple[float, Approach], merges: bool, config: YieldingConfig
+) -> float:
+    """Deceleration with which a vehicle lets another one go first: by a stop, or by falling in behind it.
+
+    Args:
+        second: Way to the zone, and approach, of who lets the other one go first.
+        first: The same of the other one.
+        merges: Whether both go on in one direction.
+        config: Margins.
+    """
+    way_m, own = second
+    if not merges:
+        return stop_brake_mps2(own.speed_mps, way_m - config.standoff_m)
+    first_way_m, other = first
+    gap_m = _gap_m(way_m, first_way_m) - config.standoff_m
+    return fall_in_brake_mps2(own.speed_mps - other.speed_mps, gap_m, other.time_s(first_way_m))
 
 
-def _follow_brake_mps2(own: Approach, other: Approach, gap_m: float) -> float:
-    """Deceleration to the speed of the other vehicle within a gap behind it."""
-    return stop_brake_mps2(max(own.speed_mps - other.speed_mps, 0.0), gap_m)
+def fall_in_brake_mps2(closing_mps: float, gap_m: float, time_s: float) -> float:
+    """Least constant deceleration with which a gap is kept behind another vehicle at a time.
+
+    Args:
+        closing_mps: Speed above the other one's.
+        gap_m: What is left of the way between the two; negative where it has to grow.
+        time_s: When the other vehicle merges; infinite where it never does.
+    """
+    if gap_m > 0.0 and 2.0 * gap_m < closing_mps * time_s:  # is as slow as the other one before
+        return stop_brake_mps2(closing_mps, gap_m)
+    if math.isinf(time_s):
+        return 0.0
+    time = max(time_s, _LEAST_TIME_S)
+    return max(2.0 * (closing_mps * time - gap_m) / (time * time), 0.0)
 
 
-def _gap_m(zone: Zone) -> float:
-    """Way that is left to the body that merges ahead; negative beside it."""
-    return zone.own_in_m - zone.other_in_m - STEP_M
+def _gap_m(way_m: float, first_way_m: float) -> float:
+    """Way that is left to the body that merges ahead, from both ways to the zone; negative beside it."""
+    return way_m - first_way_m - STEP_M
 
 
 def _waiting(zone: Zone, own: Approach, other: Approach, free_s: float, config: YieldingConfig) -> Wait:
     if zone.merges:
-        gap = _gap_m(zone)
+        gap = _gap_m(zone.own_in_m, zone.other_in_m)
         spare = gap - config.standoff_m
         speed = math.sqrt(other.speed_mps**2 + 2.0 * config.brake_mps2 * max(spare, 0.0))
         speed = max(speed + min(spare, 0.0) / config.merge_s, 0.0)
-        return Wait(speed, _follow_brake_mps2(own, other, gap), max(gap, 0.0))
+        brake = stop_brake_mps2(max(own.speed_mps - other.speed_mps, 0.0), gap)
+        return Wait(speed, brake, max(gap, 0.0))
     way = zone.own_in_m if zone.own_in_m > 0.0 else zone.blocked_m
     free = max(way - config.standoff_m, 0.0)
     speed = max(free / free_s, math.sqrt(2.0 * config.brake_mps2 * free))

@@ -10,6 +10,7 @@ from siren_ros.conflicts.right_of_way import Rank
 from siren_ros.conflicts.yielding import (
     Approach,
     YieldingConfig,
+    fall_in_brake_mps2,
     later_brake_mps2,
     stop_brake_mps2,
     time_to_go_s,
@@ -135,6 +136,87 @@ def test_of_two_that_would_meet_at_least_one_waits(ways, speeds, ranks):
     if meet and soon and not both_red and ways[0] / speeds[0] != ways[1] / speeds[1]:
         waits = [wait_for(zone, first, second, CONFIG), wait_for(mirrored(zone), second, first, CONFIG)]
         assert any(wait is not None for wait in waits)
+
+
+@given(
+    ways=st.tuples(st.floats(1.0, 60.0), st.floats(1.0, 60.0)),
+    speeds=st.tuples(st.floats(0.5, 15.0), st.floats(0.5, 15.0)),
+    ranks=st.tuples(*[st.sampled_from([Rank.STOP_SIGN, Rank.GIVES_WAY, Rank.PRIORITY])] * 2),
+)
+def test_of_two_that_merge_within_a_second_at_least_one_waits(ways, speeds, ranks):
+    zone = Zone(ways[0], ways[0] + 20.0, ways[1], ways[1] + 20.0, 1.0, INF)
+    first, second = car(speeds[0], ranks[0]), car(speeds[1], ranks[1])
+    times = [way / speed for way, speed in zip(ways, speeds, strict=True)]
+    if 0.0 < abs(times[0] - times[1]) < 1.0 and max(times) < CONFIG.horizon_s:
+        waits = [wait_for(zone, first, second, CONFIG), wait_for(mirrored(zone), second, first, CONFIG)]
+        assert any(wait is not None for wait in waits)
+
+
+@pytest.mark.parametrize(
+    ("closing", "gap", "time", "brake"),
+    [
+        (4.0, 8.0, 8.0, 1.0),
+        (4.0, 8.0, INF, 1.0),
+        (-1.0, -2.0, INF, 0.0),
+        (4.0, 20.0, 8.0, 0.375),
+        (0.0, -2.0, 2.0, 1.0),
+        (-3.0, -4.0, 2.0, 0.0),
+        (5.0, 30.0, 2.0, 0.0),
+    ],
+    ids=[
+        "as slow in time",
+        "of who never merges",
+        "never merges and is behind",
+        "still closing",
+        "has to open a gap",
+        "falls back anyway",
+        "far behind",
+    ],
+)
+def test_braking_to_fall_in_behind(closing, gap, time, brake):
+    assert fall_in_brake_mps2(closing, gap, time) == pytest.approx(brake)
+
+
+@given(st.floats(-10.0, 10.0), st.one_of(st.floats(-20.0, 0.0), st.floats(0.3, 40.0)), st.floats(0.2, 8.0))
+def test_who_brakes_to_fall_in_is_behind_when_the_other_one_merges(closing, gap, time):
+    brake = fall_in_brake_mps2(closing, gap, time)
+    slowed = brake > 0.0 and gap > 0.0 and closing / brake < time  # as slow as the other one before: it then follows
+    braking = closing / brake if slowed else time
+    assert closing * braking - 0.5 * brake * braking**2 <= gap + 1e-6
+
+
+@pytest.mark.parametrize(("own_in", "waits"), [(4.8, False), (7.1, True)])
+def test_at_a_merge_who_is_ahead_goes_first_where_the_other_one_can_fall_in(own_in, waits):
+    """The other one, with 8 m to go at 5.8 m/s, cannot stop gently, but is behind already; or it is level."""
+    other = car(5.8)
+    assert stop_brake_mps2(5.8, 8.0 - CONFIG.standoff_m) > CONFIG.brake_mps2
+    found = wait_for(Zone(own_in, 16.0, 8.0, 22.0, 0.96, INF), car(5.0), other, CONFIG)
+    assert (found is not None) is waits
+
+
+@pytest.mark.parametrize(("own_in", "waits"), [(9.0, False), (10.5, True)])
+def test_who_would_have_to_brake_harder_than_3_mps2_to_fall_in_goes_first(own_in, waits):
+    """Both at 10 m/s, the other one with the right of way and 10 m to go: in 1 s a gap of 1.5 m can be opened."""
+    found = wait_for(Zone(own_in, 30.0, 10.0, 30.0, 1.0, INF), car(10.0, Rank.GIVES_WAY), car(10.0), CONFIG)
+    assert (found is not None) is waits
+
+
+def test_behind_a_faster_one_nobody_brakes():
+    wait = wait_for(Zone(13.0, INF, 10.0, 60.0, 1.0, INF), car(5.0, Rank.GIVES_WAY), car(8.0), CONFIG)
+    assert wait is not None
+    assert wait.brake_mps2 == 0.0
+
+
+def test_without_bends_the_time_is_that_of_the_speed():
+    assert car(10.0).time_s(5.0) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(("bend_s", "waits"), [(1.0, False), (4.0, True)])
+def test_who_has_a_bend_ahead_arrives_later_than_its_speed_says(bend_s, waits):
+    """30 m at 10 m/s and 35 m at 10 m/s, of equal rank: without the bend the own vehicle is first."""
+    own = Approach(10.0, 10.0, 0.0, Rank.PRIORITY, lambda way_m: bend_s * way_m / 30.0)
+    assert own.time_s(30.0) == pytest.approx(max(3.0, bend_s))
+    assert (wait_for(crossing(30.0, 35.0), own, car(10.0), CONFIG) is not None) is waits
 
 
 def test_waiting_speeds_in_closed_form():

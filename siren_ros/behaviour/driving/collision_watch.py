@@ -50,6 +50,8 @@ class _Candidates:
     row: Rows
     gap_m: Floats
     lead_mps: Floats
+    met: npt.NDArray[np.bool_]
+    """Whether the own body would touch them, not only its margin."""
 
 
 def watch_path(
@@ -132,7 +134,8 @@ def _leaders(
     along_cos, along_sin = np.abs(frame.along_share), np.abs(frame.left_share)
     extent = along_cos * half_length + along_sin * half_width
     side = along_sin * half_length + along_cos * half_width
-    corridor = own_width + config.side_margin_m + 0.5 * frame.bend_1pm * own_length**2
+    swept = own_width + 0.5 * frame.bend_1pm * own_length**2
+    corridor = swept + config.side_margin_m
     speed = seen.speed_mps[frame.rows]
     gap = frame.s_m - extent - (frame.progress_m + own_length)
     beside = np.abs(frame.left_m) - side
@@ -148,6 +151,7 @@ def _leaders(
         row=frame.rows[picked],
         gap_m=np.maximum(gap[picked] + _DRIFT_TIME_S * np.minimum(lead, 0.0), 0.0),
         lead_mps=np.maximum(lead, 0.0),
+        met=(drifting | (beside < swept))[picked],
     )
 
 
@@ -167,7 +171,7 @@ def _worst(
     worst = int(np.argmin(safe))
     if safe[worst] >= target_mps:
         return None
-    closing = np.maximum(speed_mps - lead, 0.0)
+    closing = np.where(leaders.met, np.maximum(speed_mps - lead, 0.0), 0.0)
     needed = float(np.max(closing * closing / (2.0 * np.maximum(gap - 1.0, 0.3))))
     return Threat(
         snapshot=CollisionSnapshot(int(seen.actor_id[rows[worst]]), float(gap[worst]), float(lead[worst])),

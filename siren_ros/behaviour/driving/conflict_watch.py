@@ -36,10 +36,13 @@ def watch_conflicts(
     target_mps: float,
     seen: Surroundings,
     config: NavigatorConfig,
+    *,
+    leaders: bool = True,
 ) -> Threat | None:
     """The most restrictive of the vehicles that one lets pass first.
 
-    Arguments as for ``watch_path``; those who lead on the path are left to it.
+    Arguments as for ``watch_path``. Who leads on the path counts here too where ``leaders`` is set: one whose rear is
+    beside the own front already is no leader on the path, but may turn into it.
     """
     speed = float(seen.speed_mps[row])
     reach = watch_reach_m(speed, target_mps, config)
@@ -53,8 +56,8 @@ def watch_conflicts(
     others = [_way(seen, other, far) for other, far in zip(rows.tolist(), reaches, strict=True)]
     worst: Threat | None = None
     for other, zone in zip(rows.tolist(), meeting_zones(own, others, config.side_margin_m), strict=True):
-        if zone is not None and not zone.leads:
-            worst = stricter(worst, _threat(zone, (row, other), target_mps, seen, config))
+        if zone is not None and (not zone.leads or (leaders and zone.merges)):
+            worst = stricter(worst, _threat(zone, (row, other), (path, progress_m), target_mps, seen, config))
     return worst
 
 
@@ -86,9 +89,15 @@ def _way(seen: Surroundings, row: int, reach_m: float) -> Way:
 
 
 def _threat(
-    zone: Zone, rows: tuple[int, int], target_mps: float, seen: Surroundings, config: NavigatorConfig
+    zone: Zone,
+    rows: tuple[int, int],
+    place: tuple[TrackedPath, float],
+    target_mps: float,
+    seen: Surroundings,
+    config: NavigatorConfig,
 ) -> Threat | None:
     row, other = rows
+    path, progress_m = place
     outlook = seen.outlook
     own_speed, speed = float(seen.speed_mps[row]), float(seen.speed_mps[other])
     own_rank = rank = Rank.PRIORITY
@@ -96,7 +105,7 @@ def _threat(
     if outlook is not None:
         own_rank, rank = outlook.rank(row, zone.own_in_m), outlook.rank(other, zone.other_in_m)
         top = max(outlook.limit_mps(other, zone.other_in_m), _ROLLING_MPS)
-    own = Approach(own_speed, target_mps, _OWN_ACCEL_MPS2, own_rank)
+    own = Approach(own_speed, target_mps, _OWN_ACCEL_MPS2, own_rank, lambda way_m: path.least_time_s(progress_m, way_m))
     wait = wait_for(zone, own, Approach(speed, top, config.conflicts.early_mps2, rank), config.conflicts)
     if wait is None:
         return None

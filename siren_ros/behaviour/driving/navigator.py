@@ -94,8 +94,10 @@ def navigate(
     threat, must_brake = None, 0.0
     if situation.watch:
         target = situation.target_mps
-        led = watch_path(path, progress, row, target, seen, config) if situation.watch_leaders else None
-        threat = stricter(led, watch_conflicts(path, progress, row, target, seen, config))
+        leaders = situation.watch_leaders
+        led = watch_path(path, progress, row, target, seen, config) if leaders else None
+        met = watch_conflicts(path, progress, row, target, seen, config, leaders=leaders)
+        threat = stricter(led, met)
     if threat is not None:
         wanted, must_brake = min(wanted, threat.safe_speed_mps), threat.must_brake_mps2
     wanted = min(wanted, situation.limit.speed_mps)

@@ -169,7 +169,7 @@ def _waits(
             behind = _behind(zone, own_mps, float(speed_mps[other]), waits_already)
             waits += [(other, behind)] if behind is not None else []
             continue
-        if zone.merges:
+        if zone.merges and config is _AMONG_THEMSELVES:
             continue
         top = max(outlook.limit_mps(row, zone.own_in_m), own_mps)
         accel = slowing if slowing < _SLOWING_MPS2 else _ACCEL_MPS2

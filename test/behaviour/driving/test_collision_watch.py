@@ -144,6 +144,14 @@ def test_braking_that_is_needed_avoids_contact_by_a_metre(ahead, hard):
     assert threat.must_brake_mps2 == pytest.approx(needed if hard else 0.0)
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("aside", "hard"), [(-0.05, True), (0.05, False)])
+def test_who_is_only_within_the_margin_is_slowed_for_but_not_braked_for_hard(side, aside, hard):
+    threat = watched(0.6, 9.0, (14.0, side * (2.0 * HALF_WIDTH + aside), 0.0, 0.0))
+    assert threat.safe_speed_mps == pytest.approx(krauss(14.0 - LENGTHS, 0.0))
+    assert (threat.must_brake_mps2 > 0.0) is hard
+
+
 @pytest.mark.parametrize(
     ("speed", "target", "reach"), [(0.0, 0.0, 20.0), (9.0, 10.0, 81.0 / 6.0 + 25.0), (30.0, 30.0, 70.0)]
 )
@@ -184,6 +192,35 @@ def test_who_merely_follows_or_stands_is_no_conflict_and_who_joins_from_behind_a
         assert watch_conflicts(path, 10.0, 0, 10.0, seen, CONFIG) is None
     path, seen = scene(turn, 6.0, (-6.0, -12.0, np.radians(40.0), 13.0))
     assert watch_conflicts(path, 10.0, 0, 10.0, seen, CONFIG) is not None
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_who_turns_in_beside_the_own_front_counts_unless_the_leaders_are_watched_otherwise(side):
+    """Its rear is 0.6 m behind the own front, 1 cm beside the body, and it points 15° into the path."""
+    turned = -side * np.radians(15.0)
+    extent = HALF_LENGTH * np.cos(turned) + HALF_WIDTH * abs(np.sin(turned))
+    reach = HALF_LENGTH * abs(np.sin(turned)) + HALF_WIDTH * np.cos(turned)
+    path, seen = scene(0.6, 6.0, (HALF_LENGTH + extent - 0.6, side * (HALF_WIDTH + reach + 0.01), turned, 5.0))
+    assert watch_path(path, 10.0, 0, 15.0, seen, CONFIG) is None
+    threat = watch_conflicts(path, 10.0, 0, 15.0, seen, CONFIG)
+    assert threat.snapshot.actor_id == 2
+    assert 5.0 < threat.safe_speed_mps < 6.0
+    assert watch_conflicts(path, 10.0, 0, 15.0, seen, CONFIG, leaders=False) is None
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_before_a_bend_one_reckons_with_the_time_that_it_takes(side):
+    """40 m at 12 m/s take 3.4 s: who crosses after 2.7 s is still there. The bend takes so long that it is gone."""
+    a = np.linspace(0.0, np.pi / 2.0, 60)
+    bend = np.stack((20.0 + 8.0 * np.sin(a), side * 8.0 * (1.0 - np.cos(a))), axis=-1)
+    after = bend[-1] + np.array([[0.0, side * 30.0]])
+    curve = Curve.through(np.concatenate(([[0.0, 0.0]], bend, after)))
+    _, seen = scene(0.0, 12.0, (18.0 + 40.0, side * 20.0, np.pi, 10.0))
+    seen = replace(seen, x_m=seen.x_m - 10.0)
+    path = TrackedPath.of(curve, CONFIG, stop_at_end=False)
+    quick = TrackedPath.of(curve, replace(CONFIG, lateral_accel_mps2=40.0, curvature_rate_1pms=9.0), stop_at_end=False)
+    assert watch_conflicts(path, 0.0, 0, 12.0, seen, CONFIG) is None
+    assert watch_conflicts(quick, 0.0, 0, 12.0, seen, CONFIG) is not None
 
 
 @pytest.mark.parametrize("bend", [1.0, -1.0])

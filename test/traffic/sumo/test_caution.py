@@ -137,6 +137,17 @@ def test_leaders_are_sumos_own_business_while_there_is_room(owner: Owner) -> Non
 
 
 @pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_driver_lets_an_outside_vehicle_merge_and_leaves_sumos_own_ones_to_sumo(turn: float, side: float) -> None:
+    """It is 5 m ahead beside the lane and goes on in it."""
+    merging = Car(0, 98.0, 6.0, Owner.ROS, left=side * 2.6)
+    (caution,) = cautious([Car(0, 93.0, 8.0), merging], turn)
+    assert (caution.actor_id, caution.other_id) == (1, 2)
+    assert caution.wait.speed_mps < 8.0
+    assert cautious([Car(0, 93.0, 8.0), replace(merging, owner=Owner.SUMO, flags=TrafficFlags.ON_JUNCTION)], turn) == ()
+
+
+@pytest.mark.parametrize("turn", TURNS)
 def test_among_themselves_drivers_wait_where_their_bodies_would_touch(turn: float) -> None:
     first = Car(0, 93.0, 5.0)
     assert [caution.actor_id for caution in cautious([first, Car(1, 97.0, 6.0)], turn)] == [1]

@@ -28,8 +28,12 @@ _STANDING_MPS: Final = 0.5
 _ROAD_HALF_WIDTH_M: Final = 8.0
 _SAME_DIRECTION: Final = 0.5
 """Cosine above which a vehicle counts as one of the EMV's own direction."""
+_AMID_M: Final = 0.5
+"""A vehicle whose centre is nearer to the corridor's line stands in its middle."""
 _MERGE_S: Final = 1.5
 _MERGE_MIN_M: Final = 8.0
+_SAME_OFFSET_M: Final = 0.5
+"""Two corridors that lie nearer to each other than this lead to the same place."""
 
 
 def corridor_mode(unit: EmvUnit, view: StepView, row: int) -> Outcome:
@@ -93,8 +97,11 @@ def corridor_path(unit: EmvUnit, view: StepView, row: int) -> EmvUnit:
     planned = _along(unit, view, row, lane, straight_on=False)
     open_m = _open_m(planned, view, row)
     if open_m < config.straight_below_m:
-        driven = unit.navigator.path is not None and float(view.seen.speed_mps[row]) > config.keep_above_mps
-        if driven and _open_m(unit, view, row) > open_m + config.keep_gain_m:
+        speed = float(view.seen.speed_mps[row])
+        driven = unit.navigator.path is not None and speed > config.keep_above_mps
+        stops = speed * speed < 2.0 * view.world.config.gap_escape.brake_mps2 * open_m
+        gain_m = config.keep_gain_m if stops else 0.0
+        if driven and _open_m(unit, view, row) > open_m + gain_m:
             return replace(unit, corridor_planned_step=view.step)
         other = _along(unit, view, row, lane, straight_on=True)
         if _open_m(other, view, row) > open_m + config.straight_gain_m:
@@ -126,12 +133,24 @@ def _along(unit: EmvUnit, view: StepView, row: int, lane: int, *, straight_on: b
     navigator_config = view.navigator_config(row)
     speed = float(view.seen.speed_mps[row])
     merge = max(_MERGE_MIN_M, blend_length_m(d0 - float(target[0]), speed, _MERGE_S, 0.0, navigator_config))
+    merge = min(merge, max(_MERGE_MIN_M, _merging_m(unit, reference, s, target)))
     offsets = target + quintic_offsets((s - s0) / merge, d0 - float(target[0]), slope * merge, 0.0)
     curve = Curve.through(reference.curve.offset_at(s, offsets))
     stop = reference.end in {LaneEnd.ROUTE, LaneEnd.ASTRAY}
     path = along_reference(curve, reference, s, navigator_config, merge, stop)
     navigator = unit.navigator.following(path, x, y)
     return replace(unit, navigator=navigator, plan=None, corridor_planned_step=view.step)
+
+
+def _merging_m(unit: EmvUnit, reference: LanePath, s_m: Floats, target_m: Floats) -> float:
+    """What is left of the lateral move of the present path; infinite where that leads elsewhere than the new one."""
+    path = unit.navigator.path
+    if path is None or unit.corridor_planned_step < 0:
+        return math.inf
+    x, y = path.curve.at(np.array([min(path.settled_m, path.length_m)]))[0]
+    end_m, left_m = reference.curve.project_one(float(x), float(y))
+    same = abs(left_m - float(np.interp(end_m, s_m, target_m))) < _SAME_OFFSET_M
+    return path.settled_m - unit.navigator.progress_m if same else math.inf
 
 
 def corridor_lane(network: RoadNetwork, lane: int, route: Indices, reach_m: float) -> int:
@@ -167,7 +186,7 @@ def corridor_offsets(
 
     It starts from the line between the leftmost lane and its right neighbour (SUMO's rescue lane). From there it moves
     to the middle of the space between the vehicles on both sides, or away from vehicles on one side. On a road of one
-    lane it moves to the free side.
+    lane it moves to the free side. Who stands in its middle is passed on the side that has more room.
 
     Args:
         reference: Line along the EMV's lanes.
@@ -196,14 +215,16 @@ def corridor_offsets(
     extent = (cos * seen.half_length_m[rows] + sin * seen.half_width_m[rows])[near] + config.influence_m
     side = (sin * seen.half_length_m[rows] + cos * seen.half_width_m[rows])[near]
     beside = np.abs(s_m[:, None] - place) < extent
-    on_left = left > np.interp(place, s_m, base)
+    road, half_width = road_limits(view.world.network, reference.lanes[0]), float(seen.half_width_m[row])
+    line = np.interp(place, s_m, base)
+    wider_on_right = left - side - road.right_m > road.left_m + road.opposite_m - left - side
+    on_left = np.where(np.abs(left - line) < _AMID_M, wider_on_right, left > line)
     room = float(seen.half_width_m[row]) + config.side_clearance_m
     high = np.min(np.where(beside & on_left, left - side, np.inf), axis=1, initial=np.inf) - room
     low = np.max(np.where(beside & ~on_left, left + side, -np.inf), axis=1, initial=-np.inf) + room
     both = np.isfinite(high) & np.isfinite(low)
     middle = np.where(both, 0.5 * (np.where(both, high, 0.0) + np.where(both, low, 0.0)), 0.0)
     target = np.where(both, middle, np.maximum(np.minimum(base, high), low))
-    road, half_width = road_limits(view.world.network, reference.lanes[0]), float(seen.half_width_m[row])
     target = np.clip(target, road.right_m + half_width, road.left_m + max(road.opposite_m, half_width) - half_width)
     return _smooth(target, int(config.influence_m))
 

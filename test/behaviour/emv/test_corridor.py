@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from siren_ros.behaviour.emv import corridor
 from siren_ros.behaviour.emv.controller import follow_route
 from siren_ros.behaviour.emv.corridor import (
     _along,
@@ -224,6 +225,40 @@ def test_the_present_path_is_kept_where_it_stays_free_for_longer_than_a_new_one(
     assert found.corridor_planned_step == before.step
 
 
+@pytest.mark.parametrize("speed", [6.0, 3.0])
+def test_the_present_path_is_kept_for_less_where_the_emv_cannot_stop_gently_on_the_new_one(lab, monkeypatch, speed):
+    """With 2.5 m/s² it stops from 6 m/s in 7.2 m, from 3 m/s in 1.8 m; the present path gains a metre."""
+    network = lab.straight_road()
+    car = lab.Car(1, 0, 100, speed, (0,), ActorClass.AMBULANCE)
+    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, [car]))
+    unit = replace(_along(EmvUnit(1, corridor=True), view, 0, 0, straight_on=False), corridor_planned_step=NEVER)
+    monkeypatch.setattr(
+        corridor, "_open_m", lambda found, *_: 6.0 if found.navigator.path is unit.navigator.path else 5.0
+    )
+    assert (corridor_path(unit, view, 0).navigator.path is unit.navigator.path) is (speed == 6.0)
+
+
+@pytest.mark.parametrize("driven_m", [2.0, 10.0])
+def test_a_new_path_ends_its_lateral_move_where_the_present_one_does(lab, driven_m):
+    """Each path begins where the EMV is; planned from its speed anew, the corridor would be reached later each time."""
+    network = lab.straight_road()
+    world = lab.world_of(network, lab.L3)
+    cars = [lab.Car(1, 0, 100, 8, (0,), ActorClass.AMBULANCE)]
+    first = corridor_path(EmvUnit(1, corridor=True), lab.view_of(world, lab.traffic_of(network, cars)), 0)
+    start, path = first.navigator.progress_m, first.navigator.path
+    x, y = path.curve.at(np.array([start + driven_m]))[0]
+    yaw = float(path.curve.heading_at(np.array([start + driven_m]))[0])
+    cars = [replace(cars[0], s=float(x), speed=14.0)]
+    traffic = lab.traffic_of(network, cars, step=8, poses=np.array([[x, y, yaw, 14.0]]))
+    driving = replace(first, navigator=replace(first.navigator, progress_m=start + driven_m))
+    again = corridor_path(driving, lab.view_of(world, traffic), 0)
+    assert again.navigator.path is not path
+    left_m = path.settled_m - start - driven_m
+    assert again.navigator.path.settled_m == pytest.approx(max(left_m, 8.0), abs=0.3)
+    anew = corridor_path(EmvUnit(1, corridor=True), lab.view_of(world, traffic), 0)
+    assert anew.navigator.path.settled_m > again.navigator.path.settled_m + 2.0
+
+
 @pytest.mark.parametrize("turned_rad", [0.9, -0.9])
 def test_an_emv_that_points_far_off_begins_at_half_a_radian(lab, turned_rad):
     network = lab.straight_road()
@@ -265,6 +300,17 @@ def test_on_one_lane_the_corridor_goes_to_the_free_side_as_far_as_the_road(lab, 
         road.edge([[400.0, 3.3], [0.0, 3.3]], 1, ("B", "A"))
     view = view_at(lab, [lab.Car(2, 0, 140, 0, (0,), left=-0.01)], network=road.built())
     assert offsets(view, 0)[40] == pytest.approx(min(most, 0.915 + 1.05 + 0.2 - 0.01), abs=0.01)
+
+
+@pytest.mark.parametrize("left", [-0.3, -0.01, 0.0, 0.01, 0.3])
+def test_who_stands_in_the_middle_is_passed_on_the_side_with_more_room(lab, left):
+    """On a road of one lane with another one for the opposite direction that is the left one, wherever rounding puts
+    the vehicle."""
+    road = lab.RoadBuilder()
+    road.edge([[0.0, 0.0], [400.0, 0.0]], 1, ("A", "B"))
+    road.edge([[400.0, 3.3], [0.0, 3.3]], 1, ("B", "A"))
+    view = view_at(lab, [lab.Car(2, 0, 140, 0, (0,), left=left)], network=road.built())
+    assert offsets(view, 0)[40] == pytest.approx(0.915 + 1.05 + 0.2 + left, abs=0.01)
 
 
 def test_the_body_stays_on_the_road_beside_a_wide_vehicle_on_the_left(lab):

@@ -38,6 +38,19 @@ def separation_m(corners_a: Floats, corners_b: Floats) -> Floats:
     return np.asarray(gaps.max(axis=1))
 
 
+def overlapping_pairs(
+    x_m: Floats, y_m: Floats, yaw_rad: Floats, length_m: Floats, width_m: Floats
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], Floats]:
+    """Which of ``N`` oriented boxes overlap: rows of both, the smaller first, and the depth of each pair in metres."""
+    radius = 0.5 * np.hypot(length_m, width_m)
+    apart = np.hypot(x_m[:, None] - x_m, y_m[:, None] - y_m)
+    first, second = np.nonzero(np.triu(apart < radius[:, None] + radius, 1))
+    corners = footprint_corners(x_m, y_m, yaw_rad, length_m, width_m)
+    gap = separation_m(corners[first], corners[second])
+    inside = gap < 0.0
+    return first[inside], second[inside], -gap[inside]
+
+
 def rotate(points: Floats, yaw_rad: float) -> Floats:
     """Points (shape ``(..., 2)``) turned counter-clockwise about the origin."""
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)

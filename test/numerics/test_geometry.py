@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from siren_ros.numerics.geometry import footprint_corners, rotate, separation_m, wrap_angle
+from siren_ros.numerics.geometry import footprint_corners, overlapping_pairs, rotate, separation_m, wrap_angle
 
 
 @pytest.mark.parametrize(
@@ -58,6 +58,15 @@ def test_the_gap_of_two_boxes_of_4_by_2_m(turn, x, y, yaw, gap):
     first, second = boxes((0.0, 0.0, turn, 4.0, 2.0)), boxes((*at, yaw + turn, 4.0, 2.0))
     assert separation_m(first, second)[0] == pytest.approx(gap)
     assert separation_m(second, first)[0] == pytest.approx(gap)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7, -2.0])
+def test_of_several_boxes_those_that_overlap_are_found_with_their_depth(turn):
+    """Four boxes of 4 by 2 m in a row; the second reaches 0.5 m into the first, the third touches nobody."""
+    places = rotate(np.array([[0.0, 0.0], [3.5, 0.0], [8.0, 0.0], [3.5, 1.8]]), turn)
+    first, second, depth = overlapping_pairs(*places.T, np.full(4, turn), np.full(4, 4.0), np.full(4, 2.0))
+    assert list(zip(first.tolist(), second.tolist(), strict=True)) == [(0, 1), (0, 3), (1, 3)]
+    assert depth == pytest.approx([0.5, 0.2, 0.2])
 
 
 @given(st.floats(-np.pi, np.pi), st.floats(-9.0, 9.0), st.floats(-9.0, 9.0))

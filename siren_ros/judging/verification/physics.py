@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.numerics.geometry import footprint_corners, separation_m
+from siren_ros.numerics.geometry import overlapping_pairs
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import ActorStates
 from siren_ros.world.events import EventKind
@@ -75,10 +75,5 @@ def overlap_m(state: ActorStates, record: EpisodeRecord) -> float:
     if len(sizes) < 2:
         return 0.0
     length, width = sizes.T
-    radius = 0.5 * np.hypot(length, width)
-    apart = np.hypot(state.x_m[:, None] - state.x_m, state.y_m[:, None] - state.y_m)
-    first, second = np.nonzero(np.triu(apart < radius[:, None] + radius, 1))
-    if not len(first):
-        return 0.0
-    corners = footprint_corners(state.x_m, state.y_m, state.yaw_rad, length, width)
-    return max(0.0, -float(separation_m(corners[first], corners[second]).min()))
+    _, _, depth_m = overlapping_pairs(state.x_m, state.y_m, state.yaw_rad, length, width)
+    return float(depth_m.max(initial=0.0))

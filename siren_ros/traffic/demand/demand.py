@@ -161,7 +161,17 @@ class _Planner:
         found: list[LaneInterval] = []
         for lane in driving_lanes(self._network, rearmost.route[0]):
             found += chain_along(self._network, lane, rearmost.route).intervals(self._network, rear, reach)
+        found += self._sharing_junction_paths(found)
         return tuple(dict.fromkeys((*found, *self._way_to_site(), *groups.crossing_stage)))
+
+    def _sharing_junction_paths(self, stage: Sequence[LaneInterval]) -> list[LaneInterval]:
+        """The junction paths that begin or end with one of the stage: who turns off there is ahead of the EMV too."""
+        network = self._network
+        ways = [one for area in stage for one in network.connections_over.get(area.lane, ())]
+        leaving = [one for way in ways for one in network.connections_from.get(way.from_lane, ())]
+        joining = [one for way in ways for one in network.connections_to.get(way.to_lane, ())]
+        lanes = dict.fromkeys(lane for one in (*leaving, *joining) for lane in one.via)
+        return [LaneInterval(lane, 0.0, network.lanes[lane].length_m) for lane in lanes]
 
     def _way_to_site(self) -> tuple[LaneInterval, ...]:
         """The EMV's lanes up to the stop line, where the template wants nobody there but vehicles that drive."""

@@ -7,6 +7,7 @@ from functools import cached_property
 import libsumo
 import numpy as np
 
+from siren_ros.numerics.geometry import overlapping_pairs
 from siren_ros.numerics.polyline import Polyline
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot, TrafficPlan
@@ -47,9 +48,9 @@ class Population:
         entering = [self._centre_of(vehicle) for vehicle in (*self._plan.emvs, *self._plan.groups)]
         for name in list(self.vehicles):
             if self._on_stage(name, self._plan.stage) or self._touches(name, entering):
-                libsumo.vehicle.unsubscribe(name)
-                libsumo.vehicle.remove(name)
-                del self.vehicles[name]
+                self._remove(name)
+        for name in self._overlapping():
+            self._remove(name)
         self._enter_all(self._plan.emvs)
         self._enter_all(self._plan.groups)
         emv_points = {vehicle.name: self._point_of(vehicle.spot) for vehicle in self._plan.emvs}
@@ -102,6 +103,31 @@ class Population:
             libsumo.vehicle.subscribe(vehicle.name, SUBSCRIBED)
             self.vehicles[vehicle.name] = vehicle
 
+    def _remove(self, name: str) -> None:
+        libsumo.vehicle.unsubscribe(name)
+        libsumo.vehicle.remove(name)
+        del self.vehicles[name]
+
+    def _overlapping(self) -> list[str]:
+        """The vehicles without which no two bodies overlap: of each such pair the one that entered later.
+
+        SUMO's vehicles have the width of their lane: side by side, while one changes lanes, they may overlap.
+        """
+        names = [name for name in self.vehicles if libsumo.vehicle.getLaneID(name)]  # not those that wait to enter
+        if not names:
+            return []
+        poses = np.array([self._pose_of(name) for name in names])
+        sizes = np.array([(self.vehicles[name].length_m, self.vehicles[name].width_m) for name in names])
+        _, later, _ = overlapping_pairs(*poses.T, *sizes.T)
+        return [names[row] for row in dict.fromkeys(later.tolist())]
+
+    def _pose_of(self, name: str) -> tuple[float, float, float]:
+        """Centre and yaw of a vehicle that is in SUMO, in the ``map`` frame."""
+        front, angle_deg = libsumo.vehicle.getPosition(name), libsumo.vehicle.getAngle(name)
+        length_m, offset_m = self.vehicles[name].length_m, self._network.sumo_offset_m
+        x, y, yaw = map_from_sumo(front[0], front[1], angle_deg, length_m, offset_m)
+        return float(x), float(y), float(yaw)
+
     def _on_stage(self, name: str, stage: Iterable[LaneInterval]) -> bool:
         lane_id = libsumo.vehicle.getLaneID(name)
         lane = self._network.lane_by_id.get(lane_id)
@@ -113,9 +139,8 @@ class Population:
 
     def _touches(self, name: str, entering: Iterable[tuple[float, float, float]]) -> bool:
         """Whether a vehicle may overlap one that enters, on whatever lanes the two stand: by their outer circles."""
-        angle_deg, length_m = libsumo.vehicle.getAngle(name), self.vehicles[name].length_m
-        front = libsumo.vehicle.getPosition(name)
-        x, y, _ = map_from_sumo(front[0], front[1], angle_deg, length_m, self._network.sumo_offset_m)
+        length_m = self.vehicles[name].length_m
+        x, y, _ = self._pose_of(name)
         return any(np.hypot(x - ex, y - ey) < 0.5 * (length_m + other_m) for ex, ey, other_m in entering)
 
     def _centre_of(self, vehicle: PlannedVehicle) -> tuple[float, float, float]:

@@ -1,5 +1,7 @@
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,11 +14,11 @@ from siren_ros.roads.sites.site_finder import Site, require_site
 from siren_ros.scenario.levels import EmergencyLevel
 from siren_ros.scenario.scenario import Template
 from siren_ros.scenario.templates import load_template
-from siren_ros.traffic.demand.demand import plan_traffic
+from siren_ros.traffic.demand.demand import _Planner, plan_traffic
 from siren_ros.traffic.demand.demand_config import DemandConfig
 from siren_ros.traffic.demand.driver_models import load_drivers
 from siren_ros.traffic.demand.emv_start import emv_start, start_m_of, unhindered_arrival_s
-from siren_ros.traffic.demand.plan import PlannedVehicle, TrafficPlan
+from siren_ros.traffic.demand.plan import LaneInterval, PlannedVehicle, TrafficPlan
 from siren_ros.world.actors import ActorClass
 
 
@@ -253,6 +255,20 @@ def test_the_stage_begins_behind_the_rearmost_emv(network: RoadNetwork) -> None:
     expected = max(emv.spot.front_m - emv.length_m - DemandConfig().stage_behind_m, 0.0)
     begins = [area.from_m for area in traffic.stage if area.lane == emv.spot.lane]
     assert min(begins) == pytest.approx(expected)
+
+
+def test_the_stage_holds_the_junction_paths_on_which_others_turn_off_the_emvs_way_or_into_it(
+    network: RoadNetwork,
+) -> None:
+    planner: Any = SimpleNamespace(_network=network)
+    way = max(network.connections, key=lambda one: len(network.connections_from[one.from_lane]))
+    found = _Planner._sharing_junction_paths(planner, [LaneInterval(way.via[0], 2.0, 5.0)])
+    whole = {area.lane: (area.from_m, area.to_m) for area in found}
+    ends = {(one.from_lane, one.to_lane) for lane in whole for one in network.connections_over[lane]}
+    assert len(whole) > len(way.via), "others turn off there"
+    assert all(start == way.from_lane or end == way.to_lane for start, end in ends)
+    assert whole == {lane: (0.0, network.lanes[lane].length_m) for lane in whole}
+    assert _Planner._sharing_junction_paths(planner, [LaneInterval(way.from_lane, 0.0, 5.0)]) == []
 
 
 def test_routes_lead_through_the_episode_or_to_the_end_of_the_map(network: RoadNetwork) -> None:

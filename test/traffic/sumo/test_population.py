@@ -1,17 +1,28 @@
+from types import SimpleNamespace
+from typing import Any
+
 import libsumo
 import numpy as np
 import pytest
 from traffic_helpers import DIMENSIONS, TOWN10, load_map
 
-from siren_ros.numerics.geometry import footprint_corners, separation_m
+from siren_ros.generation.closed_loop import closed_loop
+from siren_ros.generation.episode_setup import set_up_episode
+from siren_ros.numerics.geometry import footprint_corners, overlapping_pairs, separation_m
 from siren_ros.roads.sites.site_finder import require_site
 from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.scenario.templates import load_template
 from siren_ros.traffic.demand.attention import with_attention
 from siren_ros.traffic.demand.demand import plan_traffic
 from siren_ros.traffic.demand.driver_models import load_drivers
 from siren_ros.traffic.simulation import SumoSimulation
+from siren_ros.traffic.sumo import population as population_module
+from siren_ros.traffic.sumo.config import TrafficConfig
+from siren_ros.traffic.sumo.population import Population
 from siren_ros.traffic.sumo.vehicle_types import type_id
+
+TOWN04 = TOWN10.with_name("Town04.xodr")
 
 
 @pytest.mark.parametrize("name", ["town", "Town10HD_Opt"])
@@ -30,6 +41,40 @@ def test_nobody_overlaps_when_the_episode_begins(name: str, seed: int) -> None:
     corners = footprint_corners(state.sumo_x_m, state.sumo_y_m, state.sumo_yaw_rad, size[:, 0], size[:, 1])
     first, second = np.triu_indices(len(corners), k=1)
     assert separation_m(corners[first], corners[second]).min() > 0.0
+
+
+def test_of_two_vehicles_that_overlap_the_later_one_leaves_before_the_episode_begins(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Fronts 0.5 m apart and 1.6 m aside; a third one is elsewhere, and two still wait to enter SUMO."""
+    fronts = {"a": (10.0, 0.0), "b": (10.5, 1.6), "c": (30.0, 0.0), "d": (-1e9, -1e9), "e": (-1e9, -1e9)}
+    vehicles = SimpleNamespace(
+        getLaneID=lambda name: "" if name in "de" else "lane",
+        getPosition=fronts.__getitem__,
+        getAngle=lambda _: 90.0,
+    )
+    monkeypatch.setattr(population_module, "libsumo", SimpleNamespace(vehicle=vehicles))
+    network: Any = SimpleNamespace(sumo_offset_m=(0.0, 0.0))
+    plan: Any = SimpleNamespace(reserve=())
+    population = Population(network, plan, TrafficConfig())
+    car: Any = SimpleNamespace(length_m=4.0, width_m=1.8)
+    population.vehicles = dict.fromkeys(fronts, car)
+    assert population._overlapping() == ["b"]
+    population.vehicles = dict.fromkeys("de", car)
+    assert population._overlapping() == []
+
+
+@pytest.mark.parametrize(("template", "seed"), [("S2", 3), ("S3", 0)])
+def test_nobody_touches_after_the_warm_up_on_a_crowded_map(template: str, seed: int) -> None:
+    """On Town04 the drivers of these seeds change lanes side by side when the episode begins."""
+    if not TOWN04.is_file():
+        pytest.skip("shared/maps is not there")
+    setup = set_up_episode(EpisodeRequest(template=template, seed=seed, map=str(TOWN04)))
+    (step,) = closed_loop(setup, 1)
+    size = {actor.actor_id: (actor.length_m, actor.width_m) for actor in step.traffic.spawned}
+    lengths, widths = np.array([size[int(actor_id)] for actor_id in step.states.actor_id]).T
+    states = step.states
+    assert len(overlapping_pairs(states.x_m, states.y_m, states.yaw_rad, lengths, widths)[0]) == 0
 
 
 def test_sumo_too_lets_inattentive_drivers_overlook_an_emv_on_the_junction() -> None:

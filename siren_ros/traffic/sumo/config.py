@@ -27,6 +27,8 @@ class TrafficConfig:
     """A mirrored actor has to stand within this of where it was put."""
     realign_m: float = 1.5
     """A simulated vehicle farther than this from its pose in SUMO cannot follow: SUMO's is brought back to it."""
+    realign_standing_m: float = 0.4
+    """The same where both stand: the simulated vehicle came to a stop later and will not make up for it."""
     jump_m: float = 1.0
     """A vehicle that moves further than its speed explains by more than this has been teleported."""
     route_edges_ahead: int = 6

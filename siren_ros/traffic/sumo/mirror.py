@@ -33,6 +33,7 @@ _KEEP_ROUTE_OFF_ROAD: Final = 3
 """``keepRoute`` of moveToXY: exact place, also off the road; the route always stays."""
 _LEAST_REALIGNED_M: Final = 1.0
 """A vehicle is not brought back by less: what is left then is its angle or its distance from the lane's middle."""
+_STANDING_MPS: Final = 0.05
 _EDGES_TO_MATCH: Final = 3
 _BINDING_MODES: Final = frozenset({Mode.YIELD_DEFERRED, Mode.YIELD_KEEP_LANE})
 """Phases of a yield in which SUMO drives, but not as the driver would."""
@@ -122,21 +123,28 @@ class Mirror:
     ) -> None:
         """Bring SUMO's vehicles back to simulated ones that cannot follow them, where these are on their route.
 
+        That are those that are too far off, and those that have stopped elsewhere.
         SUMO's vehicle gets the place along its lane, not the pose: SUMO might find an exact pose off the lane's course
         on the lane of the other direction.
         """
         self.realigned = {}
-        lagging = (states.owner == Owner.SUMO) & (states.residual_m > self._config.realign_m)
+        stands = states.speed_mps < _STANDING_MPS
+        most_m = np.where(stands, self._config.realign_standing_m, self._config.realign_m)
+        lagging = (states.owner == Owner.SUMO) & (states.residual_m > most_m)
         for row in np.flatnonzero(lagging).tolist():
             actor_id = int(states.actor_id[row])
             if actor_id not in vehicles:
                 continue
             vehicle = vehicles[actor_id]
+            far = states.residual_m[row] > self._config.realign_m
+            if not far and libsumo.vehicle.getSpeed(vehicle.name) > _STANDING_MPS:
+                continue
             match = self._place(states, row, vehicle, routes[vehicle.name], {}).match
             if match.lane == NO_LANE:
                 continue
             lane = self._network.lanes[match.lane]
-            if self._ahead_by_m(vehicle.name, lane, match.position_m) > _LEAST_REALIGNED_M and lane.civilian_allowed:
+            least_m = _LEAST_REALIGNED_M if far else self._config.realign_standing_m
+            if self._ahead_by_m(vehicle.name, lane, match.position_m) > least_m and lane.civilian_allowed:
                 at_m = min(match.position_m, lane.length_m) * self._population.length_scale[lane.lane_id]
                 libsumo.vehicle.moveTo(vehicle.name, lane.lane_id, at_m)
                 self._set_speed(vehicle.name, match.lane, float(states.speed_mps[row]))

@@ -216,7 +216,11 @@ class Realigned(FakeVehicles):
     def __init__(self, front: tuple[float, float]) -> None:
         super().__init__()
         self.front = front
+        self.speed_mps = 10.0
         self.back: list[tuple[str, float]] = []
+
+    def getSpeed(self, _name: str) -> float:  # noqa: N802 - libsumo's name
+        return self.speed_mps
 
     def getPosition(self, _name: str) -> tuple[float, float]:  # noqa: N802 - libsumo's name
         return self.front
@@ -248,6 +252,33 @@ def test_sumos_vehicle_is_brought_back_where_that_moves_it_by_a_metre(
         assert mirror.realigned == ({ACTOR: residual_m} if brought and far else {})
         assert vehicles.back == ([("s_in_1", pytest.approx(45.0))] if brought and far else [])
     assert vehicles.previous_speed_mps == (pytest.approx(20.0) if brought else 0.0)
+
+
+@pytest.mark.parametrize(
+    ("residual_m", "simulated_mps", "sumo_mps", "brought"),
+    [
+        (0.5, 0.0, 0.0, True),
+        (0.3, 0.0, 0.0, False),
+        (0.5, 0.2, 0.0, False),
+        (0.5, 0.0, 0.2, False),
+        (1.6, 0.0, 0.2, True),
+    ],
+    ids=["both stand", "near enough", "still rolls", "starts", "far off"],
+)
+def test_where_both_stand_sumos_vehicle_is_brought_to_where_the_simulated_one_stopped(
+    monkeypatch: pytest.MonkeyPatch, residual_m: float, simulated_mps: float, sumo_mps: float, brought: bool
+) -> None:
+    vehicles = Realigned((RIGHT_X_M, -98.0 - residual_m))
+    vehicles.speed_mps = sumo_mps
+    monkeypatch.setattr(mirror_module, "libsumo", SimpleNamespace(vehicle=vehicles))
+    population: Any = SimpleNamespace(length_scale=defaultdict(lambda: 1.0))
+    vehicle: Any = SimpleNamespace(name=NAME, length_m=4.0, route=("s_in", "n_out"))
+    row = {"actor_id": ACTOR, "x_m": RIGHT_X_M, "y_m": -100.0, "yaw_rad": 0.5 * np.pi, "vy_mps": simulated_mps}
+    mirror = Mirror(NETWORK, TrafficConfig(), population)
+    states = states_of(0, [{**row, "owner": Owner.SUMO, "residual_m": residual_m}])
+    mirror.apply(states, {ACTOR: vehicle}, {NAME: (S_IN,)})
+    assert mirror.realigned == ({ACTOR: residual_m} if brought else {})
+    assert vehicles.back == ([("s_in_1", pytest.approx(22.0))] if brought else [])
 
 
 def test_nobody_is_brought_back_onto_a_lane_that_is_closed_to_civilians(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -26,6 +26,9 @@ BRAKE_LIGHT_PEDAL: Final = 0.02
 """Brake pedal from which the brake light is on."""
 BRAKE_LIGHT_DECEL_MPS2: Final = 1.3
 """Deceleration from which the brake light is on whatever causes it (UN R13-H, 5.2.22.4)."""
+_ROS: Final = np.uint8(Owner.ROS)
+_BRAKE_LIGHT: Final = np.uint8(Lights.BRAKE)
+_SIREN: Final = np.uint8(Lights.SIREN)
 
 
 def step_fleet(
@@ -55,10 +58,10 @@ def step_fleet(
     _check_steps(state, traffic, commands)
     fleet, fresh = with_spawned(without_actors(state, traffic.removed), traffic)
     orders = stopped_orders(merge_commands(traffic, commands), fleet.actor_id, fleet.stopped, fleet.bodies.steer_rad)
-    driven = orders.owner == Owner.ROS
+    driven = orders.owner == _ROS
     realigned = [event.actor_id for event in traffic.events if event.kind is EventKind.REALIGNED]
     brought_back = np.isin(fleet.actor_id, realigned) & ~driven
-    handed_back = ((fleet.owner == Owner.ROS) & ~driven) | brought_back
+    handed_back = ((fleet.owner == _ROS) & ~driven) | brought_back
     bodies, tracker = _move(fleet, traffic, orders, driven, handed_back)
     if realigned:
         theirs = TrackerState.at(traffic.sumo_x_m, traffic.sumo_y_m, traffic.sumo_yaw_rad)
@@ -155,7 +158,7 @@ def _states(
         brake=bodies.brake,
         owner=orders.owner,
         mode=orders.mode,
-        lights=np.where(braking, orders.lights | np.uint8(Lights.BRAKE), orders.lights),
+        lights=np.where(braking, orders.lights | _BRAKE_LIGHT, orders.lights),
         residual_m=np.where(own_pose, 0.0, residual),
     )
 
@@ -191,6 +194,8 @@ def _collisions(step: int, contacts: Sequence[Contact]) -> tuple[Event, ...]:
 
 
 def _spawned(states: ActorStates, traffic: TrafficState) -> tuple[Event, ...]:
+    if not traffic.spawned:
+        return ()
     ids = np.array(sorted(item.actor_id for item in traffic.spawned), dtype=np.uint32)
     rows = rows_of_ids(states.actor_id, ids)
     return tuple(_event(traffic.step, EventKind.SPAWNED, states.actor_id, states, row) for row in rows)
@@ -198,6 +203,8 @@ def _spawned(states: ActorStates, traffic: TrafficState) -> tuple[Event, ...]:
 
 def _removed(before: FleetState, traffic: TrafficState) -> tuple[Event, ...]:
     """Removals, each at the actor's last simulated place."""
+    if not len(traffic.removed):
+        return ()
     rows = rows_of_ids(before.actor_id, np.sort(traffic.removed))
     present = rows[rows >= 0]
     return tuple(_event(traffic.step, EventKind.REMOVED, before.actor_id, before.bodies, row) for row in present)
@@ -219,7 +226,7 @@ def _owner_changes(fleet: FleetState, states: ActorStates) -> tuple[Event, ...]:
 
 def _siren_changes(before: FleetState, states: ActorStates) -> tuple[tuple[Event, ...], tuple[int, ...]]:
     """Sirens that begin or end to sound, also those of actors that have left, and the actors that sound now."""
-    sounding = tuple(states.actor_id[(states.lights & Lights.SIREN) != 0].tolist())
+    sounding = tuple(states.actor_id[(states.lights & _SIREN) != 0].tolist())
     changed = sorted(set(sounding) ^ set(before.sounding))
     events = []
     for actor_id in changed:

@@ -79,6 +79,8 @@ def with_spawned(fleet: FleetState, traffic: TrafficState) -> tuple[FleetState, 
     Raises:
         EpisodeError: the actors are then not those of ``traffic``.
     """
+    if not traffic.spawned and np.array_equal(fleet.actor_id, traffic.actor_id):
+        return fleet, np.zeros(len(traffic), dtype=bool)
     arrivals = tuple(sorted(traffic.spawned, key=lambda item: item.actor_id))
     ids = np.concatenate((fleet.actor_id, np.array([item.actor_id for item in arrivals], dtype=np.uint32)))
     order = np.argsort(ids, kind="stable")
@@ -86,8 +88,6 @@ def with_spawned(fleet: FleetState, traffic: TrafficState) -> tuple[FleetState, 
         odd = sorted(set(ids.tolist()) ^ set(traffic.actor_id.tolist()))
         raise EpisodeError(f"actors at step {traffic.step} are not those that were spawned and not removed: {odd}")
     fresh = order >= len(fleet.actor_id)
-    if not arrivals:
-        return fleet, fresh
     pose = traffic.sumo_x_m[fresh], traffic.sumo_y_m[fresh], traffic.sumo_yaw_rad[fresh]
     bodies = BodyState.moving(*pose, traffic.sumo_speed_mps[fresh])
     everyone = fleet.descriptions + arrivals

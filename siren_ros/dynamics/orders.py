@@ -14,6 +14,9 @@ from siren_ros.world.commands import VehicleCommands
 from siren_ros.world.traffic_state import TrafficState
 
 _HAZARD_LIGHTS: Final = Lights.INDICATOR_LEFT | Lights.INDICATOR_RIGHT
+_SUMO: Final = np.uint8(Owner.SUMO)
+_NOMINAL: Final = np.uint8(Mode.NOMINAL)
+"""numpy takes several times as long to fill an array with the member of an enumeration."""
 
 
 @dataclass(frozen=True)
@@ -40,12 +43,12 @@ def merge_commands(traffic: TrafficState, commands: Sequence[VehicleCommands]) -
     """
     n = len(traffic)
     orders = Orders(
-        owner=np.full(n, Owner.SUMO, np.uint8),
+        owner=np.full(n, _SUMO),
         throttle=np.zeros(n),
         brake=np.zeros(n),
         steer_rad=np.zeros(n),
         hand_brake=np.zeros(n, dtype=bool),
-        mode=np.full(n, Mode.NOMINAL, np.uint8),
+        mode=np.full(n, _NOMINAL),
         lights=traffic.lights.copy(),
     )
     source_of = np.full(n, NO_ACTOR, np.intp)

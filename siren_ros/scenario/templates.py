@@ -214,6 +214,9 @@ def _group(section: StrictMapping, name: str, parameters: _Parameters) -> Demand
     anchor = GroupAnchor(_option(section, "from", GroupAnchor.STOP_LINE if crossing else GroupAnchor.EMV))
     if crossing and anchor is not GroupAnchor.STOP_LINE:
         raise InputError(section.where("from"), anchor.value, "stop_line for a crossing group")
+    optional = section.flag("optional", default=False)
+    if optional and placement is Placement.EMV_LANE:
+        raise InputError(section.where("optional"), True, "false for emv_lane, a lane that there always is")
     group = DemandGroup(
         name=name,
         placement=placement,
@@ -223,7 +226,7 @@ def _group(section: StrictMapping, name: str, parameters: _Parameters) -> Demand
         speed_mps=parameters.number(section, "speed_mps", 1.0, _MAX_SPEED_MPS),
         anchor=anchor,
         standing=section.flag("standing", default=False),
-        optional=section.flag("optional", default=False),
+        optional=optional,
     )
     section.finish()
     return group

@@ -68,6 +68,7 @@ def test_s2_is_the_papers() -> None:
         ("class: ambulance", "class: sedan", "emv.class", "ambulance"),
         ("hatchback: 0.26", "hatchback: 0.36", "demand.classes", "add up to 1"),
         ("placement: emv_lane", "placement: roof", "platoon.placement", "emv_lane"),
+        ("placement: emv_lane", "placement: emv_lane\n      optional: true", "platoon.optional", "false"),
         ("name: lane_cleared", "name: all_well", "predicate.name", "lane_cleared"),
         ("lane_changes_min: 3", "lane_changes_min: 0", "predicate.lane_changes_min", "1 to 50"),
         ("passed_min: 3", "overtaken_min: 3", "predicate.passed_min", "missing"),

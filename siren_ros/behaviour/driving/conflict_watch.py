@@ -1,5 +1,7 @@
 """Collision handling where the ways of others meet the path: who waits, and how fast one may drive meanwhile."""
 
+from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -54,10 +56,11 @@ def watch_conflicts(
     own = Way(path.curve.points, path.curve.spacing_m, progress_m, 0.0, pose, reach, half_length, half_width, cut_m=0.0)
     reaches = _reach_m(seen.speed_mps[rows]).tolist()
     others = [_way(seen, other, far) for other, far in zip(rows.tolist(), reaches, strict=True)]
+    bend_time_s = partial(path.least_time_s, progress_m)
     worst: Threat | None = None
     for other, zone in zip(rows.tolist(), meeting_zones(own, others, config.side_margin_m), strict=True):
         if zone is not None and (not zone.leads or (leaders and zone.merges)):
-            worst = stricter(worst, _threat(zone, (row, other), (path, progress_m), target_mps, seen, config))
+            worst = stricter(worst, _threat(zone, (row, other), bend_time_s, target_mps, seen, config))
     return worst
 
 
@@ -91,13 +94,12 @@ def _way(seen: Surroundings, row: int, reach_m: float) -> Way:
 def _threat(
     zone: Zone,
     rows: tuple[int, int],
-    place: tuple[TrackedPath, float],
+    bend_time_s: Callable[[float], float],
     target_mps: float,
     seen: Surroundings,
     config: NavigatorConfig,
 ) -> Threat | None:
     row, other = rows
-    path, progress_m = place
     outlook = seen.outlook
     own_speed, speed = float(seen.speed_mps[row]), float(seen.speed_mps[other])
     own_rank = rank = Rank.PRIORITY
@@ -105,7 +107,7 @@ def _threat(
     if outlook is not None:
         own_rank, rank = outlook.rank(row, zone.own_in_m), outlook.rank(other, zone.other_in_m)
         top = max(outlook.limit_mps(other, zone.other_in_m), _ROLLING_MPS)
-    own = Approach(own_speed, target_mps, _OWN_ACCEL_MPS2, own_rank, lambda way_m: path.least_time_s(progress_m, way_m))
+    own = Approach(own_speed, target_mps, _OWN_ACCEL_MPS2, own_rank, bend_time_s)
     wait = wait_for(zone, own, Approach(speed, top, config.conflicts.early_mps2, rank), config.conflicts)
     if wait is None:
         return None

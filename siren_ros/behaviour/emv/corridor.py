@@ -132,8 +132,8 @@ def _along(unit: EmvUnit, view: StepView, row: int, lane: int, *, straight_on: b
     slope -= float(target[1] - target[0]) / float(s[1] - s[0])
     navigator_config = view.navigator_config(row)
     speed = float(view.seen.speed_mps[row])
-    merge = max(_MERGE_MIN_M, blend_length_m(d0 - float(target[0]), speed, _MERGE_S, 0.0, navigator_config))
-    merge = min(merge, max(_MERGE_MIN_M, _merging_m(unit, reference, s, target)))
+    blend = blend_length_m(d0 - float(target[0]), speed, _MERGE_S, 0.0, navigator_config)
+    merge = max(_MERGE_MIN_M, min(blend, _merging_m(unit, reference, s, target)))
     offsets = target + quintic_offsets((s - s0) / merge, d0 - float(target[0]), slope * merge, 0.0)
     curve = Curve.through(reference.curve.offset_at(s, offsets))
     stop = reference.end in {LaneEnd.ROUTE, LaneEnd.ASTRAY}
@@ -219,7 +219,7 @@ def corridor_offsets(
     line = np.interp(place, s_m, base)
     wider_on_right = left - side - road.right_m > road.left_m + road.opposite_m - left - side
     on_left = np.where(np.abs(left - line) < _AMID_M, wider_on_right, left > line)
-    room = float(seen.half_width_m[row]) + config.side_clearance_m
+    room = half_width + config.side_clearance_m
     high = np.min(np.where(beside & on_left, left - side, np.inf), axis=1, initial=np.inf) - room
     low = np.max(np.where(beside & ~on_left, left + side, -np.inf), axis=1, initial=-np.inf) + room
     both = np.isfinite(high) & np.isfinite(low)

@@ -152,7 +152,7 @@ def _waits(
 ) -> list[tuple[int, Wait]]:
     """Everybody for whom the driver in a row has to wait, and how.
 
-    Who merges is left to SUMO, and who leads while there is room.
+    Who merges among themselves is left to SUMO, and who leads while there is room.
 
     Args:
         row: Row of the driver.

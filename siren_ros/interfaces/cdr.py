@@ -8,7 +8,7 @@ from rosbags.typesys.store import Typestore
 
 from siren_ros.errors import EpisodeError
 from siren_ros.interfaces.topics import Topic
-from siren_ros.numerics.units import STEP_NS
+from siren_ros.numerics.units import NS_PER_S, STEP_NS
 
 _ENCAPSULATION_BYTES: Final = 4
 _WORD_BYTES: Final = 4
@@ -68,7 +68,7 @@ def step_of_cdr(topic: Topic, cdr: bytes) -> int:
     if len(cdr) < offset + 8:
         raise EpisodeError(f"{topic.name}: a message of {len(cdr)} bytes has no stamp")
     sec, nanosec = struct.unpack_from("<iI" if cdr[1] else ">iI", cdr, offset)
-    step, rest = divmod(sec * 1_000_000_000 + nanosec, STEP_NS)
-    if rest or step < 0:
-        raise EpisodeError(f"{topic.name}: the stamp {sec}.{nanosec:09d} s is not the time of a step")
+    step, rest = divmod(sec * NS_PER_S + nanosec, STEP_NS)
+    if rest or step < 0 or nanosec >= NS_PER_S:
+        raise EpisodeError(f"{topic.name}: the stamp {sec} s and {nanosec} ns is not the time of a step")
     return int(step)

@@ -12,7 +12,8 @@ import numpy.typing as npt
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from siren_ros.errors import InputError
+from siren_ros.errors import EpisodeError, InputError
+from siren_ros.numerics.units import NS_PER_S, exact_s, time_ns_of_step
 
 OWN_PACKAGE: Final = "siren_msgs"
 DEFINED_PACKAGES: Final = (OWN_PACKAGE, "vision_msgs")
@@ -70,13 +71,31 @@ def sequence(values: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
 
 def stamp(time_ns: int) -> Any:
     """``builtin_interfaces/Time`` of a simulated time."""
-    sec, nanosec = divmod(time_ns, 1_000_000_000)
+    sec, nanosec = divmod(time_ns, NS_PER_S)
     return make_message("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
 
 
 def time_ns_of(message: Any) -> int:
-    """Simulated time of a ``builtin_interfaces/Time``."""
-    return int(message.sec) * 1_000_000_000 + int(message.nanosec)
+    """Simulated time of a ``builtin_interfaces/Time``.
+
+    Raises:
+        InputError: Its nanoseconds make a second or more; another program made it.
+    """
+    sec, nanosec = int(message.sec), int(message.nanosec)
+    if nanosec >= NS_PER_S:
+        raise InputError("stamp", f"{sec} s and {nanosec} ns", "fewer nanoseconds than a second has")
+    return sec * NS_PER_S + nanosec
+
+
+def check_stamp(message: Any, step: int) -> None:
+    """Refuse a ``builtin_interfaces/Time`` that is not the time of a step.
+
+    Raises:
+        EpisodeError: Names both; another program may have made the message.
+    """
+    time_ns = time_ns_of(message)
+    if time_ns != time_ns_of_step(step):
+        raise EpisodeError(f"the stamp {exact_s(time_ns)} s is not the time of step {step}")
 
 
 def header(time_ns: int, frame_id: str) -> Any:

@@ -31,6 +31,13 @@ def step_of_time_ns(time_ns: int) -> int:
     return step
 
 
+def exact_s(time_ns: int) -> str:
+    """A time in seconds with every nanosecond: 2.05 and 2.050000001 differ."""
+    seconds, rest = divmod(abs(time_ns), NS_PER_S)
+    digits = f"{seconds}.{rest:09d}".rstrip("0").rstrip(".")
+    return f"-{digits}" if time_ns < 0 else digits
+
+
 def steps_from_s(duration_s: float) -> int:
     """Number of whole steps nearest to a duration."""
     return round(duration_s * STEPS_PER_S)

@@ -59,6 +59,8 @@ COMMAND_DTYPES: Final[dict[str, type[np.generic]]] = {
 
 AV_SOURCE: Final = "av_controller"
 """Name of the external controller of the AV under test, in the lockstep and in the record."""
+_LARGEST_STEER_RAD: Final = math.pi / 2.0
+"""Wheels do not turn further on any vehicle; the vehicle's own limit is far below it."""
 _AV_LIGHTS: Final = int(Lights.INDICATOR_LEFT | Lights.INDICATOR_RIGHT)
 
 
@@ -88,8 +90,12 @@ class AvControl:
                 raise EpisodeError(
                     f"{name} {value!r} of step {self.step} cannot be used; allowed: a number from 0 to 1"
                 )
-        if not math.isfinite(self.steer_rad):
-            raise EpisodeError(f"steer_rad {self.steer_rad!r} of step {self.step} cannot be used; allowed: an angle")
+        if self.throttle and self.brake:
+            pedals = f"throttle {self.throttle!r} and brake {self.brake!r}"
+            raise EpisodeError(f"{pedals} of step {self.step} cannot be used; allowed: one of the two pedals")
+        if not abs(self.steer_rad) <= _LARGEST_STEER_RAD:
+            allowed = f"an angle of the road wheels of at most {_LARGEST_STEER_RAD:.4f} rad"
+            raise EpisodeError(f"steer_rad {self.steer_rad!r} of step {self.step} cannot be used; allowed: {allowed}")
         if self.lights & ~_AV_LIGHTS:
             raise EpisodeError(f"lights {self.lights} of step {self.step} cannot be used; allowed: 0, 2, 4 or 6")
 

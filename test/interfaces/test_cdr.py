@@ -8,8 +8,10 @@ from siren_ros.errors import EpisodeError
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.cdr import decode_cdr, encode_cdr, step_of_cdr
 from siren_ros.interfaces.images import to_compressed_image, to_image
+from siren_ros.interfaces.messages import make_message, stamp
 from siren_ros.interfaces.point_cloud import to_point_cloud
 from siren_ros.interfaces.transforms import Transform, quaternion_of_yaw, to_tf
+from siren_ros.ros.transport.wire import step_of_message
 from siren_ros.sensors.lidar.lidar_points import LIDAR_POINT_DTYPE
 
 frames = st.text("abcé_/", max_size=9)
@@ -60,3 +62,24 @@ def test_foreign_bytes_are_refused_by_the_topics_name(typestore: Typestore) -> N
         decode_cdr(typestore, topics.IMAGE, b"\x00\x01\x00\x00nonsense")
     with pytest.raises(EpisodeError, match="no stamp"):
         step_of_cdr(topics.IMAGE, b"\x00\x01\x00\x00")
+
+
+def test_a_stamp_with_a_second_of_nanoseconds_is_no_stamp(typestore: Typestore) -> None:
+    for sec, nanosec, right in ((2, 0, True), (1, 10**9, False), (2, 1, False), (-1, 950_000_000, False)):
+        clock = make_message(topics.CLOCK.type_name, clock=stamp(0))
+        clock.clock.sec, clock.clock.nanosec = sec, nanosec
+        cdr = encode_cdr(typestore, topics.CLOCK, clock)
+        if right:
+            assert step_of_cdr(topics.CLOCK, cdr) == 40
+            assert step_of_message(topics.CLOCK, clock) == 40
+        else:
+            with pytest.raises(EpisodeError, match="/clock: the stamp"):
+                step_of_cdr(topics.CLOCK, cdr)
+            if sec >= 0:
+                with pytest.raises(EpisodeError, match=r"/clock: .*stamp"):
+                    step_of_message(topics.CLOCK, clock)
+
+
+def test_frames_without_a_frame_have_no_step() -> None:
+    with pytest.raises(EpisodeError, match="/tf: a message without frames"):
+        step_of_message(topics.TF, make_message(topics.TF.type_name, transforms=[]))

@@ -9,6 +9,7 @@ from siren_ros.numerics.units import (
     STEP_NS,
     STEP_S,
     STEPS_PER_S,
+    exact_s,
     mps_from_kmh,
     step_of_time_ns,
     steps_from_s,
@@ -35,6 +36,14 @@ def test_step_and_time_are_inverse(step):
 def test_a_time_beside_the_steps_is_refused(time_ns):
     with pytest.raises(ValueError, match="not a multiple"):
         step_of_time_ns(time_ns)
+
+
+@pytest.mark.parametrize(
+    ("time_ns", "text"),
+    [(0, "0"), (2_000_000_000, "2"), (2_000_000_001, "2.000000001"), (150_000_000, "0.15"), (-50_000_000, "-0.05")],
+)
+def test_seconds_are_told_to_the_nanosecond(time_ns, text):
+    assert exact_s(time_ns) == text
 
 
 def test_kilometres_per_hour():

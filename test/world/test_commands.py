@@ -9,12 +9,12 @@ from siren_ros.world.commands import AV_SOURCE, COMMAND_DTYPES, AvControl, Vehic
 
 
 @pytest.mark.parametrize("lights", [0, 2, 4, 6])
-@pytest.mark.parametrize("pedal", [0.0, 0.5, 1.0])
-def test_pedals_from_0_to_1_and_both_indicators_can_be_asked_for(lights: int, pedal: float) -> None:
-    control = AvControl(3, throttle=pedal, brake=1.0 - pedal, steer_rad=-1.2, lights=lights)
+@pytest.mark.parametrize(("throttle", "brake"), [(0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (0.0, 0.5), (0.0, 1.0)])
+def test_pedals_from_0_to_1_and_both_indicators_can_be_asked_for(lights: int, throttle: float, brake: float) -> None:
+    control = AvControl(3, throttle=throttle, brake=brake, steer_rad=-1.2, lights=lights)
     control.check()
     command = av_commands(control, 4, 5)
-    assert (command.throttle[0], command.brake[0], command.lights[0]) == (pedal, 1.0 - pedal, lights)
+    assert (command.throttle[0], command.brake[0], command.lights[0]) == (throttle, brake, lights)
 
 
 @pytest.mark.parametrize(
@@ -24,7 +24,12 @@ def test_pedals_from_0_to_1_and_both_indicators_can_be_asked_for(lights: int, pe
         ({"throttle": 1.01}, "throttle 1.01"),
         ({"brake": 1.01}, "brake 1.01"),
         ({"brake": float("nan")}, "brake nan"),
+        ({"throttle": 1.0, "brake": 1.0}, "throttle 1.0 and brake 1.0 of step 3"),
+        ({"throttle": 0.1, "brake": 0.1}, "one of the two pedals"),
         ({"steer_rad": float("inf")}, "steer_rad inf"),
+        ({"steer_rad": float("nan")}, "steer_rad nan"),
+        ({"steer_rad": 1e300}, r"steer_rad 1e\+300"),
+        ({"steer_rad": -1.571}, "steer_rad -1.571"),
         ({"lights": int(Lights.BRAKE)}, "lights 1"),
         ({"lights": int(Lights.SIREN)}, "lights 16"),
         ({"lights": int(Lights.BEACON | Lights.INDICATOR_LEFT)}, "lights 10"),

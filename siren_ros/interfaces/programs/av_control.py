@@ -2,12 +2,11 @@
 
 from typing import Any
 
-from siren_ros.errors import EpisodeError
 from siren_ros.interfaces.message_content import checks_content
-from siren_ros.interfaces.messages import header, make_message, stamp, time_ns_of
+from siren_ros.interfaces.messages import check_stamp, header, make_message, stamp
 from siren_ros.interfaces.transforms import quaternion_of_yaw, to_pose
 from siren_ros.numerics.polyline import Polyline
-from siren_ros.numerics.units import NS_PER_S, time_ns_of_step
+from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.world.commands import AvControl
 from siren_ros.world.frames import MAP_FRAME
 
@@ -39,9 +38,7 @@ def from_av_control(message: Any) -> AvControl:
         steer_rad=float(message.steer_rad),
         lights=int(message.lights),
     )
-    if time_ns_of(message.stamp) != time_ns_of_step(control.step):
-        stated_s = time_ns_of(message.stamp) / NS_PER_S
-        raise EpisodeError(f"the stamp {stated_s:.9g} s is not the time of step {control.step}")
+    check_stamp(message.stamp, control.step)
     return control
 
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from siren_ros.errors import EpisodeError
 from siren_ros.interfaces.message_content import checks_content
-from siren_ros.interfaces.messages import as_arrays, make_message, sequence, stamp, time_ns_of
-from siren_ros.numerics.units import NS_PER_S, time_ns_of_step
+from siren_ros.interfaces.messages import as_arrays, check_stamp, make_message, sequence, stamp
+from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.world.predicted_paths import PredictedPaths
 
 
@@ -33,9 +33,7 @@ def from_predicted_paths(message: Any) -> PredictedPaths:
             may have made the message.
     """
     step = int(message.step)
-    if time_ns_of(message.stamp) != time_ns_of_step(step):
-        stated_s = time_ns_of(message.stamp) / NS_PER_S
-        raise EpisodeError(f"the stamp {stated_s:.9g} s is not the time of step {step}")
+    check_stamp(message.stamp, step)
     arrays = as_arrays(
         message, {"actor_id": np.uint32, "probability": np.float64, "x_m": np.float64, "y_m": np.float64}
     )

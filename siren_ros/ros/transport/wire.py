@@ -10,10 +10,11 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, Final, TypeVar, cast
 
+from siren_ros.errors import EpisodeError, SirenError
 from siren_ros.interfaces.cdr import decode_cdr, encode_cdr
-from siren_ros.interfaces.messages import typestore
+from siren_ros.interfaces.messages import check_stamp, time_ns_of, typestore
 from siren_ros.interfaces.topics import Topic
-from siren_ros.numerics.units import step_of_time_ns
+from siren_ros.numerics.units import STEP_NS
 
 _decoded: Final[dict[str, tuple[bytes, Any]]] = {}
 """The last message of each topic that was decoded, with its bytes."""
@@ -66,16 +67,23 @@ def content(read: Callable[[Any], Content], message: Any) -> Content:
     return cast("Content", known[-1][1])
 
 
-def step_of_message(message: Any) -> int:
+def step_of_message(topic: Topic, message: Any) -> int:
     """The step a message belongs to, from its ``step`` field or its stamp; of frames, the first one's.
 
     Raises:
-        ValueError: The stamp does not lie on the step grid.
+        EpisodeError: The stamp is not the time of a step; another program may have made the message.
     """
     step = getattr(message, "step", None)
     if step is not None:
         return int(step)
     transforms = getattr(message, "transforms", None)
+    if transforms is not None and not len(transforms):
+        raise EpisodeError(f"{topic.name}: a message without frames has no stamp")
     stamped = message if transforms is None else transforms[0]
     time = getattr(stamped, "clock", None) or getattr(stamped, "stamp", None) or stamped.header.stamp
-    return step_of_time_ns(time.sec * 1_000_000_000 + time.nanosec)
+    try:
+        step = time_ns_of(time) // STEP_NS
+        check_stamp(time, step)
+    except SirenError as error:
+        raise EpisodeError(f"{topic.name}: {error}") from error
+    return step

@@ -6,15 +6,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from siren_ros.errors import EpisodeError
+from siren_ros.errors import EpisodeError, InputError
 from siren_ros.interfaces.messages import typestore
 from siren_ros.interfaces.programs.av_control import from_av_control, from_path, to_av_control, to_path
 from siren_ros.numerics.polyline import Polyline
 from siren_ros.world.commands import AvControl, av_commands
 
 STORE = typestore()
-pedals = st.floats(0.0, 1.0)
-controls = st.builds(AvControl, st.integers(0, 10**6), pedals, pedals, st.floats(-1.0, 1.0), st.sampled_from([0, 2, 4]))
+pedals = st.tuples(st.floats(0.0, 1.0), st.booleans()).map(lambda it: (it[0], 0.0) if it[1] else (0.0, it[0]))
+controls = st.builds(
+    lambda step, pressed, steer_rad, lights: AvControl(step, *pressed, steer_rad, lights),
+    st.integers(0, 10**6),
+    pedals,
+    st.floats(-1.0, 1.0),
+    st.sampled_from([0, 2, 4]),
+)
 
 
 def through_cdr(message: Any) -> Any:
@@ -32,6 +38,20 @@ def test_a_stamp_of_another_step_is_refused() -> None:
     message = to_av_control(AvControl(3))
     message.step = 4
     with pytest.raises(EpisodeError, match=r"the stamp 0.15 s is not the time of step 4"):
+        from_av_control(message)
+
+
+def test_a_stamp_that_is_off_by_a_nanosecond_is_shown_to_the_nanosecond() -> None:
+    message = to_av_control(AvControl(40))
+    message.stamp.nanosec += 1
+    with pytest.raises(EpisodeError, match=r"the stamp 2.000000001 s is not the time of step 40"):
+        from_av_control(message)
+
+
+def test_nanoseconds_of_a_second_or_more_are_refused_although_the_sum_is_right() -> None:
+    message = to_av_control(AvControl(40))
+    message.stamp.sec, message.stamp.nanosec = 1, 10**9
+    with pytest.raises(InputError, match=r"stamp: '1 s and 1000000000 ns' cannot be used"):
         from_av_control(message)
 
 

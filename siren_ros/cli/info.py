@@ -5,9 +5,13 @@ from collections import Counter
 from pathlib import Path
 
 from siren_ros.errors import EXIT_OK
+from siren_ros.interfaces.message_content import shown_text
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.recording.episode_record import EpisodeRecord, TopicRecord
 from siren_ros.world.actors import ActorClass
+
+LONGEST_LINE = 4000
+"""Characters; the description of a bag of another program may hold any."""
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
@@ -22,7 +26,8 @@ def run(arguments: argparse.Namespace) -> int:
     bag: Path = arguments.bag
     record = read_episode(bag)
     size = sum(file.stat().st_size for file in bag.iterdir() if file.is_file())
-    print("\n".join([*_head(record, bag, size), "", *_topics(record), "", *_events(record)]))
+    lines = [*_head(record, bag, size), "", *_topics(record), "", *_events(record)]
+    print("\n".join(shown_text(line, most=LONGEST_LINE) for line in lines))
     return EXIT_OK
 
 

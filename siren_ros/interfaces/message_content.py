@@ -1,13 +1,15 @@
-"""Content of messages that any program may have sent: JSON in text fields, one error for all that does not fit."""
+"""Content of messages that any program may have sent: texts, JSON in them, one error for all that does not fit."""
 
 import json
 from collections.abc import Callable
 from functools import wraps
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from siren_ros.errors import InputError
 
 Read = TypeVar("Read")
+LONGEST_TEXT: Final = 1000
+"""Characters of a text that is shown; another program's error may be of any length."""
 
 
 def checks_content(read: Callable[[Any], Read]) -> Callable[[Any], Read]:
@@ -22,6 +24,16 @@ def checks_content(read: Callable[[Any], Read]) -> Callable[[Any], Read]:
             raise InputError(name, str(error), "a message with the content that its definition names") from error
 
     return checked
+
+
+def shown_text(text: str, most: int = LONGEST_TEXT) -> str:
+    """A text of another program as one line for a terminal: without control characters, and not endless."""
+    if text.isprintable() and len(text) <= most:
+        return text
+    line = "".join(
+        letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text[:most]
+    )
+    return line if len(text) <= most else f"{line}… ({len(text)} characters)"
 
 
 def json_object(text: str) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -122,6 +123,14 @@ class EpisodeRecorder:
             return "the episode's description"
         return ", ".join(str(item) for item in self._collector.missing(step))
 
+    def _complete(self, closing: EpisodeClosing) -> EpisodeClosing:
+        """How the episode closed, held against the steps that are recorded: reports alone do not make it complete."""
+        if closing.end is not EpisodeEnd.COMPLETE or self._collector is None or self.steps_recorded >= closing.steps:
+            return closing
+        lacking = self.missing(self.steps_recorded)
+        reason = f"{closing.steps} steps were closed, and {self.steps_recorded} are recorded; missing: {lacking}"
+        return replace(closing, end=EpisodeEnd.FAILED, reason=reason)
+
     def close(self, closing: EpisodeClosing) -> tuple[EpisodeOutcome, BagSummary | None, Any]:
         """Judges the episode and closes its bag.
 
@@ -130,8 +139,10 @@ class EpisodeRecorder:
             as a message.
 
         Raises:
-            EpisodeError: The bag cannot be completed. The messages so far stay readable under a partial name.
+            EpisodeError: The bag cannot be completed, or steps that were closed are not in it. The messages so far
+                stay readable under a partial name.
         """
+        asked, closing = closing.end, self._complete(closing)
         if closing.steps == 0 and closing.end is not EpisodeEnd.COMPLETE:
             self.discard()
             outcome = EpisodeOutcome(closing.end, closing.reason, 0, None)
@@ -152,4 +163,7 @@ class EpisodeRecorder:
         except EpisodeError as error:
             self._bag.abandon(str(error))
             raise
-        return outcome, self._bag.abandon(closing.reason), message
+        summary = self._bag.abandon(closing.reason)
+        if closing.end is not asked:
+            raise EpisodeError(closing.reason)
+        return outcome, summary, message

@@ -4,6 +4,8 @@ import pytest
 from synthetic_episode import Scene, SyntheticEpisode
 
 from siren_ros.errors import EpisodeError
+from siren_ros.interfaces.cdr import decode_cdr
+from siren_ros.interfaces.episode_conversions import from_episode_end
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing
 from siren_ros.interfaces.messages import typestore
 from siren_ros.interfaces.topics import ACTORS, CLOCK, EPISODE, EPISODE_END, OUTCOME
@@ -105,6 +107,18 @@ def test_an_interrupted_episode_keeps_what_arrived_of_its_last_step(
     assert times[ACTORS.name] == [step * STEP_NS for step in range(4)]
     assert times[OUTCOME.name] == [3 * STEP_NS]
     assert (outcome.end, outcome.reason, outcome.steps) == (end, "why", 4)
+
+
+def test_a_bag_without_every_step_that_was_closed_is_not_complete(tmp_path: Path) -> None:
+    """Reports of steps alone, which another program can forge, do not make a bag complete."""
+    told = r"5 steps were closed, and 3 are recorded; missing: /clock of cosim at step 3, "
+    with pytest.raises(EpisodeError, match=told):
+        closed(tmp_path / "bag", 3, EpisodeClosing(5, EpisodeEnd.COMPLETE, ""))
+    assert [path.name for path in tmp_path.iterdir()] == ["bag.partial"]
+    with open_bag(tmp_path / "bag.partial") as bag:
+        (end,) = [message for message in bag.messages() if message.topic == EPISODE_END.name]
+        closing = from_episode_end(decode_cdr(typestore(), EPISODE_END, bytes(end.cdr)))
+    assert (closing.end, closing.steps) == (EpisodeEnd.FAILED, 5)
 
 
 def test_an_episode_that_ended_before_its_first_step_leaves_no_bag_and_no_folder(tmp_path: Path) -> None:

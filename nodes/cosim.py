@@ -15,6 +15,7 @@ from siren_ros.errors import EXIT_FAILED, EXIT_OK, SirenError
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import from_actor_states
 from siren_ros.interfaces.episode_conversions import from_episode_outcome
+from siren_ros.lockstep.tick_join import once
 from siren_ros.ros.parameters.node_configs import DEFAULT_PARTICIPANTS, OPTIONAL_PARTICIPANTS, CosimConfig
 from siren_ros.ros.parameters.parameter_overrides import check_names
 from siren_ros.ros.parameters.parameters import declare_config
@@ -29,6 +30,7 @@ from siren_ros.ros.programs.summary import closing_summary
 from siren_ros.ros.transport import wire
 from siren_ros.ros.transport.domain import check_alone, in_free_domain
 from siren_ros.ros.transport.endpoints import create_input
+from siren_ros.ros.transport.publisher_watch import PublisherWatch
 from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
 
 SPIN_S = 0.05
@@ -54,7 +56,7 @@ class Cosim(Node):
             self, self.plan.lockstep(self.config), self.config.realtime_factor, self.plan.settle_s
         )
         self.master.on_step_begun = self.progress.begin_step
-        create_input(self, topics.OUTCOME, self._on_outcome)
+        create_input(self, topics.OUTCOME, self._on_outcome, PublisherWatch(self, topics.OUTCOME, self.master.fail))
         create_input(self, topics.ACTORS, self._on_actors)
 
     def _on_actors(self, cdr: bytes) -> None:
@@ -64,6 +66,7 @@ class Cosim(Node):
 
     def _on_outcome(self, cdr: bytes) -> None:
         with self.master.failing_on_error():
+            once(topics.OUTCOME, self.outcome)
             self.outcome = from_episode_outcome(wire.decode(topics.OUTCOME, cdr))
 
 
@@ -89,6 +92,7 @@ def run_episode(cosim: Cosim, interrupt: Interrupt) -> int:
                 cosim.master.interrupt(f"stopped by {interrupt.signal_name}")
             if failure := composition.failure():
                 cosim.master.fail(failure, composition.gone())
+            cosim.master.learn_closed(composition.closed())
     finally:
         watch.stop()
         cosim.progress.close()

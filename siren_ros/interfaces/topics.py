@@ -141,6 +141,32 @@ DETECTIONS: Final = Topic(
 DETECTION_LATENCY: Final = Topic("/emv/detections/latency", "std_msgs/msg/Float64", "detector", (), LABEL_PERIOD_STEPS)
 """Seconds that it took. Not recorded: bags of the same episode have the same bytes."""
 
+DECISIVE_TOPICS: Final = frozenset(
+    topic.name
+    for topic in (
+        CLOCK,
+        EPISODE,
+        MAP,
+        TRAFFIC,
+        EMV_COMMANDS,
+        YIELD_COMMANDS,
+        ACTORS,
+        EVENTS,
+        STEP_DONE,
+        EPISODE_END,
+        OUTCOME,
+        SENSING,
+        AV_CONTROL,
+        AV_ROUTE,
+        PREDICTIONS,
+    )
+)
+"""What an episode does, and what is said of it, comes from these: each counts only while it has the publishers that
+the episode knows. A forged measurement is noticed when the true one arrives, so other programs may have publishers on
+``/tf`` and on the sensors' topics."""
+STEERED_FROM_OUTSIDE: Final = frozenset({AV_CONTROL.name, PREDICTIONS.name})
+"""Decisive topics that another program publishes: who that is shows when it is ready."""
+
 LAGGED_INPUTS: Final = frozenset({(ACTORS.name, "sumo_bridge"), (AV_CONTROL.name, "vehicle_dynamics")})
 """Topic and subscriber where a step needs the message of the step before."""
 

@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Final, NamedTuple
 
 from siren_ros.interfaces.lockstep_reports import Phase, StepReport
-from siren_ros.interfaces.topics import EPISODE_END, upstream_of
+from siren_ros.interfaces.topics import EPISODE_END, STEP_DONE, upstream_of
 from siren_ros.scenario.episode import EpisodeEnd
 
 STEP_TIMEOUT_S: Final = 20.0
@@ -42,6 +42,8 @@ class LockstepConfig:
     """For participants that were late already when the episode was ended because of them."""
     trailing: frozenset[str] = frozenset()
     """Participants that may still work on a step while the next one goes on."""
+    outside: tuple[str, ...] = ()
+    """Participants that other programs run."""
     display_names: Mapping[str, str] = field(default_factory=dict)
     """Names of participants in errors, where the participant's name does not say which program it is."""
 
@@ -103,17 +105,20 @@ def start_lockstep(config: LockstepConfig, now_s: float) -> LockstepState:
 def on_report(
     state: LockstepState, report: StepReport, config: LockstepConfig, now_s: float
 ) -> tuple[LockstepState, Action]:
-    """Take in one StepDone. Reports of unknown participants and of earlier steps change nothing."""
-    if report.participant not in config.participants or state.stage is Stage.CLOSED:
+    """Take in one StepDone.
+
+    A report that nobody owes, such as a second one of the same step, ends the episode: either it or the one that was
+    counted came from another program.
+    """
+    if state.stage is Stage.CLOSED:
         return state, None
-    if state.stage is not Stage.CLOSING and (report.error or report.phase is Phase.FINAL):
-        error = report.error or f"left the episode, which was not over; {EPISODE_END.name} came from another program"
-        who = config.display_names.get(report.participant, report.participant)
-        return _close(state, EpisodeEnd.FAILED, f"{who}: {error}", config, now_s)
-    expected = {Stage.GATHERING: Phase.READY, Stage.STEPPING: Phase.STEP, Stage.CLOSING: Phase.FINAL}[state.stage]
+    who = config.display_names.get(report.participant, report.participant)
+    if state.stage is Stage.CLOSING:
+        if report.phase is not Phase.FINAL or report.participant not in state.waiting:
+            return state, None
+    elif refusal := _refusal(state, report, config):
+        return _close(state, EpisodeEnd.FAILED, f"{who}: {refusal}", config, now_s)
     owes = state.stage is Stage.STEPPING and report.participant in state.owing
-    if report.phase is not expected or (report.phase is Phase.STEP and report.step != state.step - owes):
-        return state, None
     busy = {**state.busy_s, report.participant: state.busy_s.get(report.participant, 0.0) + report.busy_s}
     if owes:
         state = state._replace(owing=state.owing - {report.participant}, busy_s=busy)
@@ -122,6 +127,27 @@ def on_report(
     if report.error and not state.reason:
         state = state._replace(end=EpisodeEnd.FAILED, reason=f"{report.participant}: {report.error}")
     return _all_reported(state, config, now_s) if _may_go_on(state, config) else (state, None)
+
+
+def _refusal(state: LockstepState, report: StepReport, config: LockstepConfig) -> str:
+    """Why a report before the end of the episode ends it; empty: it is the one that the lockstep waits for."""
+    if report.participant not in config.participants:
+        return f"reports on {STEP_DONE.name}, but takes no part in this episode (parameter `external`)"
+    if report.error:
+        return report.error
+    if report.phase is Phase.FINAL:
+        return f"left the episode, which was not over; {EPISODE_END.name} came from another program"
+    if report.phase is Phase.READY:
+        unready = report.participant in state.waiting or report.participant in config.outside
+        return "" if state.stage is Stage.GATHERING and unready else "reported twice that it is ready"
+    return _step_refusal(state, report)
+
+
+def _step_refusal(state: LockstepState, report: StepReport) -> str:
+    owed = state.step - (report.participant in state.owing) + (report.participant not in state.waiting)
+    if state.stage is Stage.GATHERING or report.step > min(owed, state.step):
+        return f"reported step {report.step} before it was due"
+    return f"reported step {report.step} twice" if report.step < owed else ""
 
 
 def _may_go_on(state: LockstepState, config: LockstepConfig) -> bool:
@@ -188,11 +214,42 @@ def on_failure(
     if state.stage is not Stage.CLOSING:
         closing, action = _close(state, EpisodeEnd.FAILED, reason, config, now_s)
         return closing._replace(waiting=closing.waiting - gone), action
+    if not gone and state.end is EpisodeEnd.COMPLETE:
+        return state._replace(end=EpisodeEnd.FAILED, reason=reason), None
     if not state.waiting & gone:
         return state, None
     waiting = state.waiting - gone
     stage = state.stage if waiting else Stage.CLOSED
     return state._replace(stage=stage, waiting=waiting, end=EpisodeEnd.FAILED, reason=state.reason or reason), None
+
+
+def on_closed(state: LockstepState, closed: frozenset[str]) -> LockstepState:
+    """Participants of a failed episode that have closed, whether or not their reports arrived.
+
+    Where another program floods the topic of the reports, some are lost. A complete episode waits for each of them: it
+    may hold an error.
+    """
+    if state.stage is not Stage.CLOSING or state.end is not EpisodeEnd.FAILED or not state.waiting & closed:
+        return state
+    waiting = state.waiting - closed
+    return state._replace(waiting=waiting, stage=state.stage if waiting else Stage.CLOSED)
+
+
+def on_departure(
+    state: LockstepState, config: LockstepConfig, now_s: float, gone: frozenset[str], reason: str
+) -> tuple[LockstepState, Action]:
+    """Another program that takes part has ended. Until the first step it may come again.
+
+    Args:
+        state: The lockstep now.
+        config: Participants and time limits.
+        now_s: Wall time.
+        gone: The participants that it was.
+        reason: What ends the episode once that has begun, naming them.
+    """
+    if state.stage is Stage.GATHERING:
+        return state._replace(waiting=state.waiting | gone), None
+    return on_failure(state, config, now_s, reason, gone)
 
 
 def _begin_next(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple[LockstepState, Action]:

@@ -25,6 +25,20 @@ class Input:
         return source >= 0 and source % self.topic.period_steps == 0
 
 
+def once(topic: Topic, earlier: object) -> None:
+    """Refuse a second message on a topic that is published once.
+
+    Args:
+        topic: Where a message has come.
+        earlier: What came on it before; None where nothing did.
+
+    Raises:
+        EpisodeError: There was one before: another program publishes on the topic.
+    """
+    if earlier is not None:
+        raise EpisodeError(f"{topic.name}: a second message, although it is published once")
+
+
 class TickJoin:
     """Collects messages by step and hands out steps whose inputs are complete, in order."""
 

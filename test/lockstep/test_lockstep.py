@@ -1,5 +1,6 @@
 from dataclasses import replace
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -11,6 +12,8 @@ from siren_ros.lockstep.lockstep import (
     LockstepConfig,
     LockstepState,
     Stage,
+    on_closed,
+    on_departure,
     on_failure,
     on_interrupt,
     on_report,
@@ -49,21 +52,80 @@ def test_a_whole_episode() -> None:
     assert state.busy_s == {"a": 2.0, "b": 2.0}
 
 
-@given(st.lists(st.sampled_from(["a", "stranger"]), max_size=8), st.integers(0, 5))
-def test_no_step_begins_while_a_participant_is_missing(names: list[str], step: int) -> None:
+@given(st.lists(st.tuples(st.sampled_from(["a", "stranger"]), st.sampled_from(Phase), st.integers(0, 3)), max_size=8))
+def test_no_step_begins_while_a_participant_is_missing(reports: list[tuple[str, Phase, int]]) -> None:
     state = stepping()
-    for name in names:
-        state, action = report(state, name, Phase.STEP, step)
-        assert action is None
+    for name, phase, step in reports:
+        state, action = report(state, name, phase, step)
+        assert not isinstance(action, BeginStep)
     assert state.step == 0
 
 
-def test_reports_of_another_step_or_phase_do_not_count() -> None:
+@pytest.mark.parametrize(
+    ("phase", "step", "told"),
+    [
+        (Phase.STEP, 0, "a: reported step 0 twice"),
+        (Phase.STEP, 1, "a: reported step 1 before it was due"),
+        (Phase.READY, 0, "a: reported twice that it is ready"),
+    ],
+)
+def test_a_report_that_nobody_owes_ends_the_episode(phase: Phase, step: int, told: str) -> None:
+    state, action = report(stepping(), "a", Phase.STEP, 0)
+    assert action is None
+    state, action = report(state, "a", phase, step)
+    assert action == EndEpisode(0, EpisodeEnd.FAILED, told)
+    assert state.stage is Stage.CLOSING
+
+
+def test_nobody_reports_for_another_program_or_before_the_beginning() -> None:
+    _, action = report(stepping(), "stranger", Phase.STEP, 0)
+    assert isinstance(action, EndEpisode)
+    assert action.reason.startswith("stranger: reports on /siren/step_done, but takes no part")
+    _, action = report(start_lockstep(CONFIG, 0.0), "a", Phase.STEP, 0)
+    assert action == EndEpisode(0, EpisodeEnd.FAILED, "a: reported step 0 before it was due")
+    ready, _ = report(start_lockstep(CONFIG, 0.0), "a", Phase.READY)
+    _, action = report(ready, "a", Phase.READY)
+    assert action == EndEpisode(0, EpisodeEnd.FAILED, "a: reported twice that it is ready")
+
+
+OUTSIDE = replace(CONFIG, outside=("b",))
+
+
+def test_another_program_may_be_started_again_until_the_first_step() -> None:
+    state = start_lockstep(OUTSIDE, 0.0)
+    for again in range(2):
+        state, action = on_report(state, StepReport(0, "b", Phase.READY), OUTSIDE, 0.0)
+        assert (state.waiting, action) == ({"a"}, None)
+        if not again:
+            state, action = on_departure(state, OUTSIDE, 0.0, frozenset({"b"}), "b: gone")
+            assert (state.waiting, action) == ({"a", "b"}, None)
+    state, action = on_report(state, StepReport(0, "a", Phase.READY), OUTSIDE, 0.0)
+    assert action == BeginStep(0)
+    state, action = on_departure(state, OUTSIDE, 0.0, frozenset({"b"}), "b: gone")
+    assert action == EndEpisode(0, EpisodeEnd.FAILED, "b: gone")
+    assert state.waiting == {"a"}, "nobody waits for a program that is gone"
+
+
+def test_a_failed_episode_waits_for_no_report_of_a_participant_that_is_seen_to_have_closed() -> None:
+    failed, _ = on_failure(stepping(), CONFIG, 1.0, "a stranger")
+    assert on_closed(failed, frozenset()) == failed
+    one = on_closed(failed, frozenset({"a", "c"}))
+    assert (one.stage, one.waiting) == (Stage.CLOSING, {"b"})
+    both = on_closed(one, frozenset({"a", "b"}))
+    assert (both.stage, both.end, both.reason) == (Stage.CLOSED, EpisodeEnd.FAILED, "a stranger")
+    assert on_closed(both, frozenset({"a"})) == both
+    stopped, _ = on_interrupt(stepping(), CONFIG, 1.0, "Ctrl-C")
+    assert on_closed(stopped, frozenset({"a", "b"})) == stopped, "a report may still bring an error"
+    assert on_closed(stepping(), frozenset({"a"})) == stepping()
+
+
+def test_a_stranger_that_comes_while_the_episode_closes_fails_it() -> None:
     state = stepping()
-    for phase, step in ((Phase.STEP, 1), (Phase.READY, 0)):
-        state, action = report(state, "a", phase, step)
-        assert action is None
-        assert state.waiting == {"a", "b"}
+    for step in range(2):
+        for name in ("a", "b"):
+            state, _ = report(state, name, Phase.STEP, step)
+    state, action = on_failure(state, CONFIG, 1.0, "a stranger")
+    assert (state.stage, state.end, state.reason, action) == (Stage.CLOSING, EpisodeEnd.FAILED, "a stranger", None)
 
 
 def test_an_error_ends_the_episode_under_the_participants_name() -> None:
@@ -215,6 +277,8 @@ def test_who_trails_too_far_is_named_with_its_own_step() -> None:
 def test_nobody_is_ever_two_steps_behind(reports: list[tuple[str, int]]) -> None:
     state, done = stepping(), {"a": 0, "b": 0}
     for name, step in reports:
+        if state.stage is not Stage.STEPPING:
+            break
         state, action = trailing(state, name, step)
         done[name] += step == done[name] and step <= state.step
         if isinstance(action, BeginStep):

@@ -190,46 +190,83 @@ import sys, time
 import rclpy
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import to_actor_states
+from siren_ros.interfaces.episode_conversions import from_episode_description, to_episode_description, to_step_done
+from siren_ros.interfaces.lockstep_reports import Phase, StepReport
 from siren_ros.interfaces.messages import make_message, stamp
 from siren_ros.ros.transport import wire
-from siren_ros.ros.transport.endpoints import create_output
+from siren_ros.ros.transport.endpoints import create_input, create_output
+from siren_ros.scenario.levels import EmergencyLevel
 from siren_ros.world.actors import ActorStates
-def clock(seconds):
-    return wire.encode(topics.CLOCK, make_message(topics.CLOCK.type_name, clock=stamp(seconds * 10**9)))
-topic, payload = eval(sys.argv[1])
+def report(name, step):
+    return wire.encode(topics.STEP_DONE, to_step_done(StepReport(step, name, Phase.STEP)))
+def actors(step):
+    return wire.encode(topics.ACTORS, to_actor_states(ActorStates.empty(step)))
+def episode(**changed):
+    from dataclasses import replace
+    heard = []
+    create_input(node, topics.EPISODE, heard.append)
+    while not heard:
+        rclpy.spin_once(node, timeout_sec=0.1)
+    return wire.encode(topics.EPISODE, to_episode_description(
+        replace(from_episode_description(wire.decode(topics.EPISODE, heard[0])), **changed)))
 rclpy.init()
 node = rclpy.create_node("stranger")
+topic, payloads = eval(sys.argv[1])
 publisher = create_output(node, topic)
 while not publisher.get_subscription_count():
-    time.sleep(0.01)
-time.sleep(0.3)
-publisher.publish(payload)
+    time.sleep(0.001)
+for payload in payloads:
+    publisher.publish(payload)
+publisher.wait_for_all_acked()
 time.sleep(1.0)
 """
 """A program that nobody asked for; what it publishes is the test's own text."""
 
 
-@pytest.mark.parametrize(
-    ("topic", "payload", "named"),
-    [
-        ("topics.TRAFFIC", "b'\\0\\1\\0\\0' + b'\\xff' * 100", "/siren/traffic_state"),
-        ("topics.ACTORS", "b'x'", "/siren/actor_states"),
-        ("topics.CLOCK", "clock(500)", "for step 10000, which has not begun"),
-        ("topics.CLOCK", "clock(0)", "/clock"),
-        ("topics.STEP_DONE", "b'\\0\\1\\0\\0' + b'\\x07' * 64", "/siren/step_done"),
-        ("topics.EPISODE_END", "b'garbage'", "/siren/episode_end"),
-        ("topics.GROUND_TRUTH", "b'\\0\\1\\0\\0' + b'\\xff' * 9", "/emv/ground_truth"),
-        ("topics.EPISODE", "b'\\0\\1\\0\\0' + bytes(8)", "/siren/episode"),
-    ],
-)
-def test_a_strangers_message_ends_the_episode_and_names_the_topic(
-    topic: str, payload: str, named: str, episodes: list[Episode], tmp_path: Path
-) -> None:
-    episode = start(episodes, tmp_path)
+def attacked(episodes: list[Episode], folder: Path, attack: str, *parameters: str) -> Episode:
+    """An episode to which a stranger has come, at its end."""
+    episode = start(episodes, folder, *parameters)
     episode.wait_until_recorded()
-    with DOMAIN.running("-c", STRANGER, f"{topic}, {payload}", cwd=tmp_path) as stranger:
+    with DOMAIN.running("-c", STRANGER, attack, cwd=folder) as stranger:
         stranger.wait(60.0)
         episode.fault(lambda: None)
         episode.wait_until_gone()
-    assert named in error_of(episode)
-    assert read_episode(tmp_path / "bags" / "bag.partial").steps >= 20
+    assert not episode.bag.exists(), "a bag under its own name is complete"
+    assert read_episode(folder / "bags" / "bag.partial").steps >= 20
+    return episode
+
+
+@pytest.mark.parametrize("processes", ["false", "true"])
+@pytest.mark.parametrize(
+    ("attack", "topic"),
+    [
+        (
+            "topics.STEP_DONE, [report(name, step) for step in range(12000) for name in ('sensor_sim', 'recorder')]",
+            "step_done",
+        ),
+        ("topics.EPISODE, [episode(level=EmergencyLevel.L0, seed=4242)]", "episode"),
+        ("topics.ACTORS, [actors(0), actors(1)]", "actor_states"),
+        ("topics.STEP_DONE, [report('nobody', 0)] * 100_000", "step_done"),
+    ],
+    ids=["forged", "doubled", "stale", "flooded"],
+)
+def test_a_stranger_ends_the_episode_and_is_named(
+    attack: str, topic: str, processes: str, episodes: list[Episode], tmp_path: Path
+) -> None:
+    episode = attacked(episodes, tmp_path, attack, f"processes:={processes}")
+    error = error_of(episode)
+    assert f"/siren/{topic}: " in error
+    assert "that this episode does not know (node stranger)" in error
+
+
+@pytest.mark.parametrize(
+    ("attack", "named"),
+    [
+        ("topics.GROUND_TRUTH, [b'\\0\\1\\0\\0' + b'\\xff' * 9]", "/emv/ground_truth: a message of 13 bytes"),
+        ("topics.TF, [wire.encode(topics.TF, make_message(topics.TF.type_name, transforms=[]))]", "/tf"),
+    ],
+)
+def test_a_strangers_measurement_ends_the_episode_and_names_the_topic(
+    attack: str, named: str, episodes: list[Episode], tmp_path: Path
+) -> None:
+    assert named in error_of(attacked(episodes, tmp_path, attack))

@@ -8,25 +8,37 @@ from siren_ros.errors import SirenError
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.lockstep_reports import Phase, StepReport
 from siren_ros.interfaces.programs.av_control import from_av_control
-from siren_ros.lockstep.lockstep import LockstepState, Stage
 from siren_ros.ros.transport import wire
 from siren_ros.ros.transport.endpoints import create_input
+from siren_ros.ros.transport.publisher_watch import PublisherWatch
 from siren_ros.world.commands import AV_SOURCE
 
 
 class AvProxy:
     """Reports for the controller: ready when its publisher is there, a step done when its control command is."""
 
-    def __init__(self, node: Node, report: Callable[[StepReport], None]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        report: Callable[[StepReport], None],
+        depart: Callable[[frozenset[str], str], None],
+        fail: Callable[[str], None],
+    ) -> None:
         """Listen to the controller.
 
         Args:
             node: The master's node.
             report: Takes the reports.
+            depart: Learns that the controller is gone, and what shows it.
+            fail: Ends the episode because somebody else publishes too.
         """
         self._node = node
         self._report = report
-        create_input(node, topics.AV_CONTROL, self._on_control)
+        self._depart = depart
+        self._ready = False
+        self.publishers = PublisherWatch(node, topics.AV_CONTROL, fail)
+        self.publishers.on_left = self.watch
+        create_input(node, topics.AV_CONTROL, self._on_control, self.publishers)
 
     @property
     def called(self) -> str:
@@ -35,14 +47,18 @@ class AvProxy:
         names = sorted({publisher.node_name for publisher in publishers})
         return f"{AV_SOURCE} (node {', '.join(names)})" if names else AV_SOURCE
 
-    def watch(self, state: LockstepState) -> None:
+    def watch(self) -> None:
         """Look whether the controller is there."""
         there = bool(self._node.count_publishers(topics.AV_CONTROL.name))
-        if state.stage is Stage.GATHERING and there:
+        if there and not self._ready:
             self._report(StepReport(0, AV_SOURCE, Phase.READY))
-        elif state.stage is Stage.STEPPING and not there:
-            error = f"its publisher of {topics.AV_CONTROL.name} is gone"
-            self._report(StepReport(state.step, AV_SOURCE, Phase.STEP, error))
+        elif self._ready and not there:
+            self._depart(frozenset({AV_SOURCE}), f"its publisher of {topics.AV_CONTROL.name} is gone")
+        self._ready = there
+
+    def bind(self) -> None:
+        """From now on it is the only one."""
+        self.publishers.bind()
 
     def close(self, steps: int) -> None:
         """The controller has nothing to close."""

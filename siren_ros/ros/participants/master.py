@@ -11,6 +11,7 @@ from siren_ros.errors import SirenError
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.episode_conversions import from_step_done, to_episode_end
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing, StepReport
+from siren_ros.interfaces.message_content import shown_text
 from siren_ros.interfaces.messages import make_message, stamp
 from siren_ros.lockstep import lockstep
 from siren_ros.lockstep.lockstep import BeginStep, EndEpisode, LockstepConfig, LockstepState, Stage
@@ -18,7 +19,9 @@ from siren_ros.numerics.units import STEP_S, time_ns_of_step
 from siren_ros.ros.participants.av_proxy import AvProxy
 from siren_ros.ros.transport import wire
 from siren_ros.ros.transport.endpoints import create_input, create_output
+from siren_ros.ros.transport.publisher_watch import PublisherWatch
 from siren_ros.ros.transport.wall_timer import create_wall_timer
+from siren_ros.scenario.episode import EpisodeEnd
 from siren_ros.world.commands import AV_SOURCE
 
 WATCH_S = 0.1
@@ -45,11 +48,17 @@ class LockstepMaster:
         self._next_wall_s = 0.0
         self._clock = create_output(node, topics.CLOCK)
         self._end = create_output(node, topics.EPISODE_END)
-        create_input(node, topics.STEP_DONE, self._on_report)
+        own = [name for name in config.participants if name not in config.outside]
+        outside = [name for name in config.outside if name != AV_SOURCE]
+        self._reporters = PublisherWatch(node, topics.STEP_DONE, self.fail, own, len(outside))
+        self._reporters.on_left = self._on_reporter_left
+        create_input(node, topics.STEP_DONE, self._on_report, self._reporters)
         create_wall_timer(node, WATCH_S, self._on_watch)
         self._pacer = create_wall_timer(node, 0.001, self._on_pace) if self._pace_s or settle_s else None
         self._held: BeginStep | None = None
-        self._av_proxy = AvProxy(node, self._take) if AV_SOURCE in config.participants else None
+        self._av_proxy = (
+            AvProxy(node, self._take, self._take_departure, self.fail) if AV_SOURCE in config.participants else None
+        )
 
     @property
     def closed(self) -> bool:
@@ -64,6 +73,10 @@ class LockstepMaster:
         """End the episode for a reason that no report gives; participants that are gone get no more time."""
         self._advance(lockstep.on_failure(self.state, self.config, time.monotonic(), reason, frozenset(gone)))
 
+    def learn_closed(self, names: Iterable[str]) -> None:
+        """Take in that participants have closed, seen from outside; in a failed episode nobody waits for their word."""
+        self.state = lockstep.on_closed(self.state, frozenset(names))
+
     @contextmanager
     def failing_on_error(self) -> Iterator[None]:
         """A message that cannot be read ends the episode, as it does in the participants."""
@@ -72,18 +85,40 @@ class LockstepMaster:
         except SirenError as error:
             self.fail(str(error))
 
+    def _on_reporter_left(self) -> None:
+        """Another program has ended without a word; the processes of our own nodes are watched elsewhere."""
+        left = self._reporters.departed()
+        outside = {name for name in self.config.outside if name != AV_SOURCE}
+        gone = frozenset(outside & left or (outside if left - set(self.config.participants) else ()))
+        if gone:
+            self._take_departure(gone, f"its publisher of {topics.STEP_DONE.name} is gone")
+
+    def _take_departure(self, gone: frozenset[str], what: str) -> None:
+        names = ", ".join(self.config.display_names.get(name, name) for name in sorted(gone))
+        now_s = time.monotonic()
+        self._advance(lockstep.on_departure(self.state, self.config, now_s, gone, f"{names}: {what}"))
+
     def _on_report(self, cdr: bytes) -> None:
         with self.failing_on_error():
-            self._take(from_step_done(wire.decode(topics.STEP_DONE, cdr)))
+            report = from_step_done(wire.decode(topics.STEP_DONE, cdr))
+            name, error = shown_text(report.participant), shown_text(report.error)
+            self._take(replace(report, participant=name, error=error))
 
     def _take(self, report: StepReport) -> None:
-        self._advance(lockstep.on_report(self.state, report, self.config, time.monotonic()))
+        state, action = lockstep.on_report(self.state, report, self.config, time.monotonic())
+        ends = isinstance(action, EndEpisode) and action.end is EpisodeEnd.FAILED
+        proxy = self._av_proxy if report.participant == AV_SOURCE else None
+        publishers = self._reporters if proxy is None else proxy.publishers
+        if ends and (stranger := publishers.stranger()):
+            self.fail(stranger)
+        else:
+            self._advance((state, action))
 
     def _on_watch(self) -> None:
         if self._av_proxy is not None:
             if self.state.stage is Stage.GATHERING:
                 self.config = replace(self.config, display_names={AV_SOURCE: self._av_proxy.called})
-            self._av_proxy.watch(self.state)
+            self._av_proxy.watch()
         self._advance(lockstep.on_time(self.state, self.config, time.monotonic()))
 
     def _on_pace(self) -> None:
@@ -110,7 +145,17 @@ class LockstepMaster:
                 self._av_proxy.close(action.steps)
 
     def _begin(self, action: BeginStep) -> None:
+        if action.step == 0:
+            self._bind()
+            if self.state.stage is not Stage.STEPPING:
+                return
         self._next_wall_s = max(self._next_wall_s + self._pace_s, time.monotonic() - self._pace_s)
         self.on_step_begun(action.step)
         clock = make_message(topics.CLOCK.type_name, clock=stamp(time_ns_of_step(action.step)))
         self._clock.publish(wire.encode(topics.CLOCK, clock))
+
+    def _bind(self) -> None:
+        """From the first step on nobody else may report or drive."""
+        self._reporters.bind()
+        if self._av_proxy is not None:
+            self._av_proxy.bind()

@@ -9,17 +9,18 @@ from typing import Any, Generic, TypeVar
 from rclpy.duration import Duration
 from rclpy.node import Node
 
-from siren_ros.errors import SirenError
+from siren_ros.errors import EpisodeError, SirenError
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.episode_conversions import from_episode_description, from_episode_end, to_step_done
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing, Phase, StepReport
 from siren_ros.interfaces.topics import Topic
-from siren_ros.lockstep.tick_join import Input, TickJoin
+from siren_ros.lockstep.tick_join import Input, TickJoin, once
 from siren_ros.ros.parameters.node_configs import ParticipantConfig
 from siren_ros.ros.parameters.parameters import declare_config
 from siren_ros.ros.participants.hang_watch import Work, begin_work
 from siren_ros.ros.transport import wire
 from siren_ros.ros.transport.endpoints import create_input, create_output
+from siren_ros.ros.transport.publisher_watch import PublisherWatch
 from siren_ros.ros.transport.wall_timer import create_wall_timer
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd
 
@@ -50,6 +51,7 @@ class Participant(Node, Generic[Config]):
         self._failed = False
         self._prepared = False
         self._join = TickJoin(self.inputs)
+        self._watches: list[PublisherWatch] = []
         self._outputs: dict[str, tuple[Topic, Any]] = {}
         for topic in self.outputs:
             self.add_output(topic)
@@ -61,7 +63,7 @@ class Participant(Node, Generic[Config]):
         if self.needs_episode:
             self.add_input(topics.EPISODE, self._on_episode)
             self.add_input(topics.MAP, self._on_map)
-        create_input(self, topics.EPISODE_END, self._on_end)
+        create_input(self, topics.EPISODE_END, self._on_end, self._watch(topics.EPISODE_END))
         self._ready_sent = False
         self._until_ready = create_wall_timer(self, HOUSEKEEPING_S, self._housekeeping)
 
@@ -108,12 +110,35 @@ class Participant(Node, Generic[Config]):
 
     def add_raw_input(self, topic: Topic, callback: Callable[[bytes], None]) -> None:
         """Subscribe to a topic; the callback gets the serialised message."""
+        watch = self._watch(topic)
 
         def receive(cdr: bytes) -> None:
-            phase = Phase.STEP if self._ready_sent else Phase.READY
-            self._guarded(self._join.next_step, phase, lambda: callback(cdr))
+            try:
+                callback(cdr)
+            except SirenError as error:
+                if watch is not None and (stranger := watch.stranger()):
+                    raise EpisodeError(stranger) from error
+                raise
 
-        create_input(self, topic, receive)
+        create_input(self, topic, lambda cdr: self._receiving(lambda: receive(cdr)), watch)
+
+    def _watch(self, topic: Topic) -> PublisherWatch | None:
+        """What notices a stranger's publisher on a topic that decides; its error becomes this node's report."""
+        if topic.name not in topics.DECISIVE_TOPICS:
+            return None
+
+        def refuse(text: str) -> None:
+            raise EpisodeError(text)
+
+        watch = PublisherWatch(self, topic, lambda text: self._receiving(lambda: refuse(text)))
+        self._watches.append(watch)
+        return watch
+
+    def _receiving(self, action: Callable[[], None]) -> None:
+        if self.finished:
+            return
+        phase = Phase.STEP if self._ready_sent else Phase.READY
+        self._guarded(self._join.next_step, phase, action)
 
     def join_more(self, wanted: Sequence[Input]) -> None:
         """Join further topics into the steps, once the episode is known."""
@@ -153,10 +178,12 @@ class Participant(Node, Generic[Config]):
     # The protocol.
 
     def _on_episode(self, message: Any) -> None:
+        once(topics.EPISODE, self._episode)
         self._episode = from_episode_description(message)
         self._try_prepare()
 
     def _on_map(self, message: Any) -> None:
+        once(topics.MAP, self._map_xml)
         self._map_xml = message.data.encode()
         self._try_prepare()
 
@@ -171,12 +198,15 @@ class Participant(Node, Generic[Config]):
             self._until_ready.cancel()
         elif (self._prepared or not self.needs_episode) and self.is_connected():
             self._ready_sent = True
-            self.report(Phase.READY, 0)
+            for watch in self._watches:
+                watch.bind()
+            if not self._failed:
+                self.report(Phase.READY, 0)
 
     def _on_input(self, topic: Topic, message: Any) -> None:
         if self.finished:
             return
-        for step, inputs in self._join.offer(topic.name, wire.step_of_message(message), message):
+        for step, inputs in self._join.offer(topic.name, wire.step_of_message(topic, message), message):
             began = time.perf_counter()
             self.on_step(step, inputs)
             self.step_finished(step, time.perf_counter() - began)

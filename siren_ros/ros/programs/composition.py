@@ -37,6 +37,9 @@ class Composition(Protocol):
     def gone(self) -> tuple[str, ...]:
         """Participants that no longer answer."""
 
+    def closed(self) -> tuple[str, ...]:
+        """Participants that have closed in order."""
+
     def hanging(self, limits: Mapping[Phase, float]) -> str:
         """Which participant blocks the lockstep itself, and where; empty: none."""
 
@@ -91,6 +94,10 @@ class InProcess:
         """Empty: the nodes exist as long as this process."""
         return ()
 
+    def closed(self) -> tuple[str, ...]:
+        """Nodes that have finished."""
+        return tuple(node.get_name() for node in self.nodes if node.finished)
+
     def hanging(self, limits: Mapping[Phase, float]) -> str:
         """The node whose callback has not returned in time."""
         return overdue((node.work for node in tuple(self.nodes)), limits, time.monotonic())
@@ -141,6 +148,10 @@ class OutOfProcess:
     def gone(self) -> tuple[str, ...]:
         """Participants whose processes have ended with an error."""
         return tuple(name for name, process in self._processes.items() if process.poll())
+
+    def closed(self) -> tuple[str, ...]:
+        """Participants whose processes have ended without an error."""
+        return tuple(name for name, process in self._processes.items() if process.poll() == 0)
 
     def hanging(self, limits: Mapping[Phase, float]) -> str:  # noqa: ARG002 - the protocol
         """Empty: the lockstep has its own process."""

@@ -50,6 +50,7 @@ class EpisodePlan:
         """Participants and time limits."""
         return LockstepConfig(
             participants=(*self.nodes, *self.others),
+            outside=self.others,
             steps=self.steps,
             step_timeout_s=config.step_timeout_s,
             start_timeout_s=config.start_timeout_s,

@@ -9,6 +9,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from siren_ros.interfaces.topics import STEP_DONE, Topic
+from siren_ros.ros.transport.publisher_watch import PublisherWatch
 
 STREAM_DEPTH: Final = 8
 """The lockstep keeps at most two steps in flight, so a participant can never miss one. A passive
@@ -40,6 +41,10 @@ def create_output(node: Node, topic: Topic) -> Any:
     return node.create_publisher(message_class(topic.type_name), topic.name, qos_of(topic))
 
 
-def create_input(node: Node, topic: Topic, callback: Callable[[bytes], None]) -> Any:
-    """A subscription to a topic; the callback gets the encoded message."""
-    return node.create_subscription(message_class(topic.type_name), topic.name, callback, qos_of(topic), raw=True)
+def create_input(
+    node: Node, topic: Topic, callback: Callable[[bytes], None], watch: PublisherWatch | None = None
+) -> Any:
+    """A subscription to a topic; the callback gets the encoded message, and the watch learns of the publishers."""
+    callbacks = None if watch is None else watch.callbacks
+    kind, quality = message_class(topic.type_name), qos_of(topic)
+    return node.create_subscription(kind, topic.name, callback, quality, raw=True, event_callbacks=callbacks)

@@ -178,7 +178,7 @@ def on_time(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple
     names = ", ".join(config.display_names.get(name, name) for name in sorted(late))
     if state.stage is Stage.CLOSING:
         reason = state.reason or f"{names}: did not close within {limit_s:g} s"
-        return state._replace(stage=Stage.CLOSED, end=EpisodeEnd.FAILED, reason=reason), None
+        return state._replace(stage=Stage.CLOSED, end=_end_with_fault(state), reason=reason), None
     what = "was not ready" if gathering else f"did not finish step {state.step - bool(state.owing)}"
     return _close(state._replace(late=late), EpisodeEnd.FAILED, f"{names}: {what} within {limit_s:g} s", config, now_s)
 
@@ -220,7 +220,12 @@ def on_failure(
         return state, None
     waiting = state.waiting - gone
     stage = state.stage if waiting else Stage.CLOSED
-    return state._replace(stage=stage, waiting=waiting, end=EpisodeEnd.FAILED, reason=state.reason or reason), None
+    return state._replace(stage=stage, waiting=waiting, end=_end_with_fault(state), reason=state.reason or reason), None
+
+
+def _end_with_fault(state: LockstepState) -> EpisodeEnd:
+    """How an episode ends that a participant does not close: one that was interrupted stays interrupted."""
+    return EpisodeEnd.FAILED if state.end is EpisodeEnd.COMPLETE else state.end
 
 
 def on_closed(state: LockstepState, closed: frozenset[str]) -> LockstepState:

@@ -315,7 +315,7 @@ def test_who_does_not_close_in_time_fails_the_episode_and_who_was_never_ready_is
     unready, _ = report(unready, "a", Phase.FINAL, now_s=6.0)
     assert on_time(unready, CONFIG, 6.9) == (unready, None)
     unready, _ = on_time(unready, CONFIG, 7.0)
-    assert (unready.stage, unready.end, unready.reason) == (Stage.CLOSED, EpisodeEnd.FAILED, "Ctrl-C")
+    assert (unready.stage, unready.end, unready.reason) == (Stage.CLOSED, EpisodeEnd.INTERRUPTED, "Ctrl-C")
 
 
 def test_nobody_is_late_who_was_ready_when_a_step_was_interrupted() -> None:
@@ -358,3 +358,13 @@ def test_the_last_step_waits_for_everybody_and_a_failure_counts_what_all_have_do
     closing, action = on_failure(state, TRAILING, 1.0, "a: killed", frozenset({"a"}))
     assert action == EndEpisode(2, EpisodeEnd.FAILED, "a: killed")
     assert closing.steps_closed == 2
+
+
+def test_an_interrupt_before_step_0_is_no_failure_of_those_that_are_not_ready() -> None:
+    """They cannot close either, because they are not connected yet."""
+    closing, action = on_interrupt(start_lockstep(CONFIG, 0.0), CONFIG, 1.0, "Ctrl-C")
+    assert action == EndEpisode(0, EpisodeEnd.INTERRUPTED, "Ctrl-C")
+    closed, _ = on_time(closing, CONFIG, 1.0 + CONFIG.late_close_timeout_s)
+    assert (closed.stage, closed.end, closed.reason) == (Stage.CLOSED, EpisodeEnd.INTERRUPTED, "Ctrl-C")
+    gone, _ = on_failure(closing, CONFIG, 1.1, "a: killed", frozenset({"a", "b"}))
+    assert (gone.stage, gone.end, gone.reason) == (Stage.CLOSED, EpisodeEnd.INTERRUPTED, "Ctrl-C")

@@ -5,32 +5,37 @@ from pathlib import Path
 from typing import Any
 
 from siren_ros.datasets.exporting.file_writer import FileWriter
-from siren_ros.datasets.exporting.output_folder import new_folder
 from siren_ros.datasets.kitti.calibration import KittiCamera, camera_from_lidar
 from siren_ros.datasets.kitti.frame_files import KittiFrame, KittiFrames
 from siren_ros.datasets.kitti.layout import Layout
+from siren_ros.datasets.kitti.live_export import LiveExport
 from siren_ros.datasets.sources.episode_source import FRONT_CAMERA
 from siren_ros.errors import InputError
 from siren_ros.generation.episode_setup import default_bag_path_of, default_kitti_path
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.boxes import from_ground_truth
 from siren_ros.interfaces.images import from_compressed_image
+from siren_ros.interfaces.lockstep_reports import EpisodeClosing
 from siren_ros.interfaces.point_cloud import from_point_cloud
 from siren_ros.lockstep.tick_join import Input
 from siren_ros.ros.parameters.node_configs import KittiExporterConfig
 from siren_ros.ros.participants.participant import Participant
 from siren_ros.ros.programs.program import run_participant
-from siren_ros.scenario.episode import EpisodeDescription
+from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd
 from siren_ros.sensor_messages.carrier import optical_frame, static_transforms
 from siren_ros.sensor_messages.observation_messages import intrinsics
 from siren_ros.sensors.suite.suite import SensorSuite, load_suite, period_steps
 
 
 class KittiExporter(Participant[KittiExporterConfig]):
-    """Writes a frame at every step that brings both a sweep and ground truth."""
+    """Writes a frame at every step that brings both a sweep and ground truth.
+
+    The folder stays hidden: ``cosim`` gives it its name when the whole episode is complete.
+    """
 
     config_type = KittiExporterConfig
     inputs = (Input(topics.CLOCK), Input(topics.GROUND_TRUTH))
+    _export: LiveExport | None = None
 
     def prepare(self, episode: EpisodeDescription, map_xml: bytes) -> None:  # noqa: ARG002 - the interface of all nodes
         """Subscribe to the first LiDAR and, where the suite has one, the front camera."""
@@ -47,7 +52,9 @@ class KittiExporter(Participant[KittiExporterConfig]):
         if camera is None and layout is Layout.KITTI:
             raise InputError("sensors", episode.sensor_suite, f"a suite with {FRONT_CAMERA}, for KITTI's own layout")
         calibrated = _calibrated_camera(suite, lidar.name)
-        self._frames = KittiFrames(FileWriter(new_folder(self._folder(episode))), layout, calibrated)
+        export = LiveExport(self._folder(episode))
+        self._files, self._export = FileWriter(export.open()), export
+        self._frames = KittiFrames(self._files, layout, calibrated)
         self.join_more([Input(topic) for topic in (self._lidar, self._image) if topic is not None])
 
     def _folder(self, episode: EpisodeDescription) -> Path:
@@ -61,6 +68,13 @@ class KittiExporter(Participant[KittiExporterConfig]):
         image = inputs.get(self._image.name) if self._image is not None else None
         jpeg = None if image is None else from_compressed_image(image)
         self._frames.write(KittiFrame(step, from_point_cloud(sweep), from_ground_truth(truth), jpeg))
+
+    def close(self, closing: EpisodeClosing) -> None:
+        """Keep the files of a complete episode; remove those of another one."""
+        if self._export is not None:
+            with self._files:
+                whole = closing.end is EpisodeEnd.COMPLETE
+            self._export.close(whole=whole)
 
 
 def _calibrated_camera(suite: SensorSuite, lidar: str) -> KittiCamera | None:

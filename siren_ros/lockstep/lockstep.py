@@ -174,7 +174,7 @@ def on_time(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple
     if limit_s is None or now_s - state.since_s < limit_s:
         return state, None
     gathering = state.stage is Stage.GATHERING
-    late = state.waiting if state.stage is Stage.CLOSING else _first_late(state.owing or state.waiting, gathering)
+    late = state.waiting if state.stage is Stage.CLOSING else first_late(state.owing or state.waiting, gathering)
     names = ", ".join(config.display_names.get(name, name) for name in sorted(late))
     if state.stage is Stage.CLOSING:
         reason = state.reason or f"{names}: did not close within {limit_s:g} s"
@@ -183,8 +183,11 @@ def on_time(state: LockstepState, config: LockstepConfig, now_s: float) -> tuple
     return _close(state._replace(late=late), EpisodeEnd.FAILED, f"{names}: {what} within {limit_s:g} s", config, now_s)
 
 
-def _first_late(waiting: frozenset[str], gathering: bool) -> frozenset[str]:
-    """Participants that wait for no other late one: neither for its messages nor, before step 0, for its publisher."""
+def first_late(waiting: frozenset[str], gathering: bool) -> frozenset[str]:
+    """Participants that wait for no other late one: neither for its messages nor, before step 0, for its publisher.
+
+    Where each waits for another one, all of them.
+    """
     return frozenset(name for name in waiting if not upstream_of(name, lagged=gathering) & waiting) or waiting
 
 

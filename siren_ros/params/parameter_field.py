@@ -1,8 +1,12 @@
-"""Dataclass fields that are also parameters: a default with a description and what is allowed."""
+"""Dataclass fields that are also parameters: a default with a description and what is allowed, and its check."""
 
 import dataclasses
 from collections.abc import Sequence
 from typing import Any
+
+from siren_ros.errors import InputError
+
+Value = bool | int | float | str | list[str]
 
 
 def parameter(
@@ -26,3 +30,52 @@ def parameter(
     if isinstance(default, list):
         return dataclasses.field(default_factory=lambda: list(default), metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
+
+
+def allowed_text(field: "dataclasses.Field[Any]", kind: type) -> str:
+    """What a parameter accepts, in words."""
+    low, high, choices = (field.metadata.get(key) for key in ("minimum", "maximum", "choices"))
+    if choices:
+        return "one of " + ", ".join(repr(choice) for choice in choices)
+    name = {bool: "true or false", int: "an integer", float: "a number", str: "a string", list: "a list of strings"}[
+        kind
+    ]
+    if low is not None and high is not None:
+        return f"{name} from {low:.12g} to {high:.12g}"
+    if low is not None:
+        return f"{name} of at least {low:g}"
+    return name
+
+
+def checked_value(field: "dataclasses.Field[Any]", default: Value, value: Any) -> Value:
+    """A parameter's value in the type of its default.
+
+    Raises:
+        InputError: Wrong type, out of range, or not among the choices.
+    """
+    kind = type(default)
+    allowed = allowed_text(field, kind)
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    if kind is str and not isinstance(value, str) and isinstance(value, (int, float, bool)):
+        raise InputError(field.name, value, allowed)
+    if kind is list and (value is None or isinstance(value, (list, tuple))):
+        value = [str(item) for item in value or ()]  # ROS reads an empty list in a parameter file as nothing at all
+    if type(value) is not kind:
+        raise InputError(field.name, value, allowed)
+    low, high, choices = (field.metadata.get(key) for key in ("minimum", "maximum", "choices"))
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        too_low = low is not None and value < low
+        too_high = high is not None and value > high
+        if too_low or too_high or value != value:  # noqa: PLR0124 - NaN is the value that differs from itself
+            raise InputError(field.name, value, allowed)
+    if choices and value not in choices:
+        raise InputError(field.name, value, allowed)
+    return value
+
+
+def check_fields(config: Any) -> None:
+    """Checks every field of a dataclass of parameters, by its own name; InputError as ``checked_value``."""
+    defaults = type(config)()
+    for field in dataclasses.fields(config):
+        checked_value(field, getattr(defaults, field.name), getattr(config, field.name))

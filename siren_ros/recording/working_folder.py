@@ -28,10 +28,32 @@ def free_partial_path(bag: Path) -> Path:
     """The first of ``NAME.partial``, ``NAME.partial-2``, … that does not exist."""
     candidate = bag.with_name(bag.name + PARTIAL_SUFFIX)
     number = 2
-    while candidate.exists():
+    while os.path.lexists(candidate):
         candidate = bag.with_name(f"{bag.name}{PARTIAL_SUFFIX}-{number}")
         number += 1
     return candidate
+
+
+def check_new_bag(bag: Path) -> None:
+    """Refuses the path of a bag that could not be moved to its place at the end of the episode.
+
+    Raises:
+        BagError: Something is there already, be it a link that leads nowhere; or the system does not take the name, or
+            the longer names that the bag has while it grows.
+    """
+    try:
+        bag.name.encode()
+        for path in (bag, working_path(bag) / f"{bag.name}_0.mcap"):
+            with suppress(FileNotFoundError):
+                path.lstat()
+                if path == bag:
+                    there = "this one exists already" if bag.exists() else "a link that leads nowhere is there"
+                    raise BagError(str(bag), f"the path of a new folder; {there}")
+    except UnicodeEncodeError as error:
+        raise BagError(str(bag), "a path in UTF-8") from error
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise BagError(str(bag), f"a place that can be written ({reason})") from error
 
 
 def lock(file: FileIO) -> bool:
@@ -58,8 +80,7 @@ class WorkingFolder:
         self.path = working_path(bag)
         self._bag = bag
         self._file_path = self.path / file_name
-        if bag.exists():
-            raise BagError(str(bag), "the path of a new folder; this one exists already")
+        check_new_bag(bag)
         try:
             bag.parent.mkdir(parents=True, exist_ok=True)
             self._set_aside_orphan()
@@ -125,7 +146,7 @@ class WorkingFolder:
 
     def move_to(self, target: Path) -> Path:
         """Moves the folder; OSError where the target exists or cannot be made."""
-        if target.exists():
+        if os.path.lexists(target):
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target))
         self.path.rename(target)
         return target

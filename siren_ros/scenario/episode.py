@@ -110,3 +110,19 @@ class EpisodeOutcome:
     """None where the predicate could not be evaluated."""
     measures: Mapping[str, float | int | str] = field(default_factory=dict)
     """Numbers of the interaction: predicate parts, collisions, residual percentiles, travel time."""
+
+    @property
+    def shortcomings(self) -> tuple[str, ...]:
+        """What an episode that was made lacks, in words; empty where its interaction happened without a collision."""
+        return shortcomings(self.predicate_holds, int(self.measures.get("collisions", 0)))
+
+
+def shortcomings(predicate_holds: bool | None, collisions: int) -> tuple[str, ...]:
+    """As ``EpisodeOutcome.shortcomings``, of its two parts."""
+    happened = {
+        True: (),
+        False: ("the interaction did not happen",),
+        None: ("whether the interaction happened could not be judged",),
+    }[predicate_holds]
+    collided = (f"{collisions} collision{'s' if collisions > 1 else ''}",) if collisions else ()
+    return (*happened, *collided)

@@ -90,6 +90,20 @@ class Episode:
         file = self.working / "bag_0.mcap"
         self._wait(lambda: file.exists() and file.stat().st_size > size_bytes, PATIENCE_S)
 
+    def wait_until_told(self, text: str) -> None:
+        """Until a text is on standard error."""
+        self._wait(lambda: text in self.err, PATIENCE_S)
+
+    def wait_until_it_catches(self, number: signal.Signals) -> None:
+        """Until the program has a handler for a signal, other than Python's own for SIGINT."""
+        status = Path(f"/proc/{self.process.pid}/status")
+
+        def caught() -> bool:
+            masks = dict(line.split(":", 1) for line in status.read_text().splitlines())
+            return bool(int(masks["SigCgt"], 16) >> (number - 1) & 1)
+
+        self._wait(caught, PATIENCE_S)
+
     def wait_until_gone(self, limit_s: float = ANSWER_S) -> float:
         """Until no process is left; returns the seconds since ``fault``.
 

@@ -36,8 +36,8 @@ class Run:
 
     @property
     def error_lines(self) -> list[str]:
-        """Standard error without the progress."""
-        return [line for line in self.err.splitlines() if line and "steps," not in line]
+        """Standard error without the progress, and without what a slow machine waits for."""
+        return without_waiting([line for line in self.err.splitlines() if line and "steps," not in line])
 
 
 class Domain:
@@ -97,6 +97,11 @@ class Domain:
         """An episode from its start to its end."""
         with self.episode(*parameters, cwd=cwd) as process:
             return finish(process)
+
+
+def without_waiting(lines: Sequence[str]) -> list[str]:
+    """Lines of standard error but for those that say what an episode waits for, which depend on the machine."""
+    return [line for line in lines if not line.startswith("cosim: waiting for ")]
 
 
 def cosim(parameters: Sequence[str]) -> list[str]:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 from faulty_episodes import ANSWER_S, Episode, mounted, next_episode_starts
-from live_episodes import Domain, cosim, recording, wait_until
+from live_episodes import Domain, cosim, recording, wait_until, without_waiting
 
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.recording.recover import recover_bag
@@ -44,7 +44,7 @@ def error_of(episode: Episode) -> str:
     """The line on stderr that ``cosim`` ends with; nothing of Python's is beside it."""
     assert episode.process.returncode not in {0, None}
     assert "Traceback" not in episode.err
-    lines = [line for line in episode.err.splitlines() if line.startswith("cosim: ")]
+    lines = [line for line in without_waiting(episode.err.splitlines()) if line.startswith("cosim: ")]
     assert len(lines) == 1, episode.err
     return lines[0]
 
@@ -72,6 +72,29 @@ def test_a_second_ctrl_c_at_once_changes_nothing(processes: str, episodes: list[
     assert error_of(episode) == "cosim: stopped by SIGINT"
     assert read_episode(tmp_path / "bags" / "bag.partial").steps >= 20
     assert not episode.working.exists()
+
+
+def test_who_waits_is_told_for_what_and_may_stop_before_the_first_step(episodes: list[Episode], tmp_path: Path) -> None:
+    episode = start(episodes, tmp_path, "av:=civilian")
+    episode.wait_until_told("cosim: waiting for av_controller to publish /av/control_cmd, at most 120 s (")
+    episode.fault(lambda: episode.process.send_signal(signal.SIGINT))
+    episode.wait_until_gone()
+    assert episode.process.returncode == 1
+    assert error_of(episode) == "cosim: stopped by SIGINT"
+    assert "episode interrupted after 0.00 s (0 steps): stopped by SIGINT" in episode.out
+    assert episode.out.splitlines()[-1] == "exit code 1: the episode was interrupted"
+    assert list(episode.folder.rglob("*bag*")) == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_before_anything_is_loaded(number: signal.Signals, episodes: list[Episode], tmp_path: Path) -> None:
+    episode = start(episodes, tmp_path)
+    episode.wait_until_it_catches(signal.SIGTERM)
+    episode.process.send_signal(number)
+    assert episode.process.wait(90.0) == 1
+    assert error_of(episode) == f"cosim: stopped by {number.name}"
+    assert episode.out.splitlines()[-1] == "exit code 1: the episode was interrupted"
+    assert list(episode.folder.rglob("*bag*")) == []
 
 
 def test_a_closed_terminal_ends_the_episode_in_order(tmp_path: Path) -> None:

@@ -64,3 +64,26 @@ def _sum(values: npt.NDArray[np.float64]) -> float:
 def test_sums_stay_in_the_written_order() -> None:
     values = np.array([1e16, 1.0, -1e16, 1.0])
     assert _sum(values) == 1.0
+
+
+def test_it_is_known_while_a_loop_is_compiled_and_not_when_it_comes_from_the_cache(tmp_path: Path) -> None:
+    program = """
+        from siren_ros.numerics import compiled as module
+
+        seen = []
+        start = module._Compilations.on_start
+        module._Compilations.on_start = lambda self, event: (start(self, event), seen.append(module.is_compiling()))
+
+        @module.compiled
+        def doubled(x: float) -> float:
+            return 2.0 * x
+
+        doubled(1.0)
+        print(seen, module.is_compiling())
+    """
+    (tmp_path / "program.py").write_text(textwrap.dedent(program))
+    for expected in ("[True] False", "[] False"):
+        run = subprocess.run(
+            [sys.executable, "program.py"], check=True, cwd=tmp_path, capture_output=True, text=True, timeout=120
+        )
+        assert run.stdout.strip() == expected

@@ -9,6 +9,7 @@ from siren_ros.recording.working_folder import (
     RESERVE_BYTES,
     RESERVE_FILE,
     WorkingFolder,
+    check_new_bag,
     free_partial_path,
     lock,
     working_path,
@@ -129,3 +130,36 @@ def test_a_place_that_cannot_be_written_says_why(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(BagError, match=r"Not a directory|File exists"):
         WorkingFolder(tmp_path / "file" / "bag", FILE)
+
+
+@pytest.mark.parametrize(
+    ("name", "allowed"),
+    [
+        ("x" * 300, "a place that can be written (File name too long)"),
+        ("x" * 250, "a place that can be written (File name too long)"),
+        ("b\udcff", "a path in UTF-8"),
+        ("a\0b", "a place that can be written (embedded null byte)"),
+        ("link", "the path of a new folder; a link that leads nowhere is there"),
+        ("file", "the path of a new folder; this one exists already"),
+        ("file/bag", "a place that can be written (Not a directory)"),
+    ],
+    ids=["300 characters", "longer while it grows", "bytes", "null", "dangling link", "file", "below a file"],
+)
+def test_a_path_that_could_not_be_taken_at_the_end_is_refused_at_the_start(
+    tmp_path: Path, name: str, allowed: str
+) -> None:
+    (tmp_path / "file").touch()
+    (tmp_path / "link").symlink_to(tmp_path / "nowhere" / "at all")
+    for use in (check_new_bag, lambda bag: WorkingFolder(bag, FILE)):
+        with pytest.raises(BagError) as refused:
+            use(tmp_path / name)
+        assert refused.value.allowed == allowed
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "link"]
+
+
+def test_unusual_names_are_names(tmp_path: Path) -> None:
+    for name in ("a: b", "ä", "-p", "x" * 240):
+        check_new_bag(tmp_path / name)
+        folder = WorkingFolder(tmp_path / name, FILE)
+        folder.close("")
+        assert folder.move_to(tmp_path / name).is_dir()

@@ -29,7 +29,8 @@ class Staging:
             InputError: Something is there already that is not an empty folder.
         """
         with writing(self.out, "place"):
-            taken = self.out.exists() and (not self.out.is_dir() or any(self.out.iterdir()))
+            link = self.out.is_symlink()  # the move to the final name would not follow it
+            taken = link or (self.out.exists() and (not self.out.is_dir() or any(self.out.iterdir())))
         if taken:
             raise InputError("out", str(self.out), "a folder that is new or empty")
 
@@ -58,10 +59,11 @@ class Staging:
     def _check_job(self, job: Mapping[str, Any]) -> None:
         text = json.dumps(job, indent=2, sort_keys=True) + "\n"
         file = self.path / _JOB
-        if file.exists() and file.read_text(encoding="utf-8") != text:
+        if not file.exists():
+            file.write_text(text, encoding="utf-8")
+        elif file.read_text(encoding="utf-8") != text:
             allowed = f"a place without an unfinished export of other bags or options; remove {self.path} or finish it"
             raise InputError("out", str(self.out), allowed)
-        file.write_text(text, encoding="utf-8")
 
     def part(self, index: int) -> Path:
         """Folder of one episode's files."""
@@ -102,6 +104,12 @@ class Staging:
         """Gives the assembled dataset its final name; InputError where that has been taken meanwhile."""
         with writing(self.out, "place"):
             (self.path / _DATASET).rename(self.out)
+        self.remove()
+
+    def publish_part(self, index: int) -> None:
+        """Gives the files of one finished part the dataset's final name; InputError as ``publish``."""
+        with writing(self.out, "place"):
+            self.part(index).rename(self.out)
         self.remove()
 
     def remove(self) -> None:

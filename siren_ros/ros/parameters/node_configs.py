@@ -142,3 +142,6 @@ class CosimConfig(EpisodeRequest):
         minimum=0.1,
         maximum=3600.0,
     )
+    strict: bool = parameter(
+        False, "End with exit code 1 also where the interaction did not happen, or vehicles collided."
+    )

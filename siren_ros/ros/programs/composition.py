@@ -14,8 +14,8 @@ from rclpy.parameter import Parameter
 
 from siren_ros.errors import SirenError
 from siren_ros.interfaces.lockstep_reports import Phase
-from siren_ros.ros.parameters.parameters import Value
-from siren_ros.ros.participants.hang_watch import overdue
+from siren_ros.params.parameter_field import Value
+from siren_ros.ros.participants.hang_watch import Work, overdue
 from siren_ros.ros.programs.program import PARENT_VARIABLE
 
 TERMINATE_S = 1.0
@@ -42,6 +42,9 @@ class Composition(Protocol):
 
     def hanging(self, limits: Mapping[Phase, float]) -> str:
         """Which participant blocks the lockstep itself, and where; empty: none."""
+
+    def works(self) -> tuple[Work | None, ...]:
+        """What the participants of this process are doing now."""
 
     def exit_code(self) -> int:
         """Exit code of a participant that refused its input, 0 otherwise."""
@@ -100,7 +103,11 @@ class InProcess:
 
     def hanging(self, limits: Mapping[Phase, float]) -> str:
         """The node whose callback has not returned in time."""
-        return overdue((node.work for node in tuple(self.nodes)), limits, time.monotonic())
+        return overdue(self.works(), limits, time.monotonic())
+
+    def works(self) -> tuple[Work | None, ...]:
+        """Of each node the callback that has not returned yet."""
+        return tuple(node.work for node in tuple(self.nodes))
 
     def exit_code(self) -> int:
         """0: bad input raises when the nodes are made."""
@@ -156,6 +163,10 @@ class OutOfProcess:
     def hanging(self, limits: Mapping[Phase, float]) -> str:  # noqa: ARG002 - the protocol
         """Empty: the lockstep has its own process."""
         return ""
+
+    def works(self) -> tuple[Work | None, ...]:
+        """None: they are in other processes."""
+        return ()
 
     def exit_code(self) -> int:
         """The first exit code other than 0 of a process that ended by itself."""

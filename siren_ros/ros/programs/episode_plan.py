@@ -2,16 +2,18 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Final
 
 from siren_ros.datasets.kitti.layout import Layout
+from siren_ros.datasets.kitti.live_export import LiveExport
 from siren_ros.errors import InputError
 from siren_ros.generation.episode_setup import default_bag_path, default_kitti_path, plan_length
 from siren_ros.lockstep.lockstep import LockstepConfig
+from siren_ros.params.parameter_field import Value
+from siren_ros.recording.working_folder import check_new_bag
 from siren_ros.ros.parameters.node_configs import DEFAULT_PARTICIPANTS, OPTIONAL_PARTICIPANTS, CosimConfig
-from siren_ros.ros.parameters.parameters import Value
 from siren_ros.ros.programs.composition import Overrides
 from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.sensors.suite.suite import EXPORTED_CAMERA, load_suite
@@ -38,6 +40,8 @@ class EpisodePlan:
     others: tuple[str, ...]
     """Participants that other programs start; the lockstep waits for them."""
     steps: int
+    own_steps: int
+    """Of the template, without ``duration_s``."""
     bag: Path
     kitti: Path | None
     """Folder of the KITTI export, None without one."""
@@ -58,6 +62,11 @@ class EpisodePlan:
         )
 
     @property
+    def is_cut_short(self) -> bool:
+        """Whether ``duration_s`` ends the episode before the template does."""
+        return self.steps < self.own_steps
+
+    @property
     def settle_s(self) -> float:
         """Time for discovery before the first step, where other programs take part."""
         return SETTLE_S if self.others else 0.0
@@ -67,13 +76,17 @@ def plan_episode(config: CosimConfig) -> EpisodePlan:
     """Work out an episode from the parameters.
 
     Raises:
-        InputError: A template or suite that does not exist, or an external participant with a name that is not allowed.
+        InputError: A template or suite that does not exist, an external participant with a name that is not allowed, or
+            a place of the bag or of the export that is taken or cannot be written.
     """
     request = EpisodeRequest.within(config)
     suite = load_suite(config.sensors)
     bag = Path(config.bag) if config.bag else default_bag_path(request)
+    check_new_bag(bag)
     has_camera = any(camera.name == EXPORTED_CAMERA for camera in suite.cameras) or _is_paper(config.kitti_layout)
     kitti = default_kitti_path(bag) if config.kitti and suite.lidars and has_camera else None
+    if kitti:
+        LiveExport(kitti).check()
     no_kitti = _NO_CAMERA if config.kitti and suite.lidars and not has_camera else ""
     if config.detector and not suite.lidars:
         raise InputError("sensors", config.sensors, "a suite with a LiDAR, for the detector")
@@ -92,7 +105,8 @@ def plan_episode(config: CosimConfig) -> EpisodePlan:
     predictor = [config.predictor] if config.predictor and config.predictor not in config.external else []
     others = (*_checked_names([*config.external, *predictor]), *((AV_SOURCE,) if config.av else ()))
     told["sensor_sim"]["trails"] = not others and config.realtime_factor == 0.0
-    return EpisodePlan(nodes, others, plan_length(request), bag, kitti, no_kitti, told)
+    own_steps = plan_length(replace(request, duration_s=0.0))
+    return EpisodePlan(nodes, others, plan_length(request), own_steps, bag, kitti, no_kitti, told)
 
 
 def _is_paper(layout: str) -> bool:

@@ -15,6 +15,7 @@ from siren_ros.errors import EXIT_FAILED, EXIT_OK, SirenError
 from siren_ros.ros.participants.participant import Participant
 from siren_ros.ros.programs.interrupt import Interrupt
 from siren_ros.ros.programs.parent import Parent
+from siren_ros.ros.programs.ros_arguments import quoted, reading_arguments
 from siren_ros.ros.transport.fastdds_profile import choose_profile
 from siren_ros.ros.transport.shared_memory import remove_abandoned_segments
 
@@ -34,12 +35,16 @@ def start_ros(args: list[str] | None = None) -> None:
 
     Also removes the shared memory of killed programs, gives Fast DDS our profile unless the user has set one, and lets
     Python collect garbage less often.
+
+    Raises:
+        InputError: Arguments that ROS cannot read.
     """
     if PARENT_VARIABLE not in os.environ:
         remove_abandoned_segments()
     choose_profile()
     gc.set_threshold(_GARBAGE_AFTER)
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    with reading_arguments():
+        rclpy.init(args=quoted(sys.argv if args is None else args), signal_handler_options=SignalHandlerOptions.NO)
 
 
 class Program(Protocol):
@@ -67,10 +72,10 @@ def run_program(make_node: Callable[[str], Program], name: str) -> int:
 
     The process ends at most ``SHUTDOWN_S`` later, also if DDS does not shut down. The caller does nothing after it.
     """
-    start_ros()
     interrupt = Interrupt(name)
     parent = Parent(int(os.environ.get(PARENT_VARIABLE) or 0))
     try:
+        start_ros()
         node = make_node(name)
     except SirenError as error:
         print(f"{name}: {error}", file=sys.stderr)

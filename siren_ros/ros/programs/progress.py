@@ -20,6 +20,8 @@ class Progress:
     """A progress bar on a terminal, a line every few simulated seconds elsewhere."""
 
     def __init__(self, steps: int, stream: TextIO = sys.stderr) -> None:
+        self.step = -1
+        """The step that began last; −1 before the first."""
         self._steps = steps
         self._stream = stream
         self._began_s: float | None = None
@@ -55,6 +57,7 @@ class Progress:
 
     def begin_step(self, step: int) -> None:
         """A step begins."""
+        self.step = step
         if self._began_s is None:
             self._began_s = time.monotonic()
         factor = step * STEP_S / self.wall_s if step and self.wall_s else 0.0

@@ -8,7 +8,6 @@ import pytest
 from synthetic_episode import Scene, SyntheticEpisode
 
 from siren_ros.datasets.exporting.file_writer import FileWriter
-from siren_ros.datasets.exporting.output_folder import new_folder
 from siren_ros.datasets.kitti.calibration import KittiCamera, camera_from_lidar
 from siren_ros.datasets.kitti.frame_files import KittiFrame, KittiFrames, velodyne_bytes
 from siren_ros.datasets.kitti.layout import Layout
@@ -128,10 +127,3 @@ def test_the_papers_layout_needs_no_camera(tmp_path: Path) -> None:
 def test_kittis_own_layout_needs_a_camera(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="front camera"):
         _live(tmp_path / "out", Layout.KITTI, None, None)
-
-
-def test_a_folder_with_something_in_it_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "precious").write_text("mine")
-    with pytest.raises(InputError, match="new or empty"):
-        new_folder(tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["precious"]

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from siren_ros.errors import InputError
 from siren_ros.lockstep.lockstep import LockstepState
 from siren_ros.ros.parameters.node_configs import CosimConfig
 from siren_ros.ros.programs.episode_plan import plan_episode
@@ -26,6 +27,15 @@ def test_kitti_is_written_where_its_sensors_are(
     plan = plan_episode(CosimConfig(template="S2", sensors=suite, bag=str(tmp_path / "bag"), **more))  # type: ignore[arg-type] # forwarded
     assert ("kitti_exporter" in plan.nodes) == (plan.kitti is not None) == kitti
     assert bool(plan.no_kitti) == ((suite, more) == ("lidar", {}))
+
+
+def test_places_that_are_taken_are_refused_before_anything_starts(tmp_path: Path) -> None:
+    for name, parameter in (("bag", "bag"), ("bag_kitti", "out")):
+        (tmp_path / name).symlink_to(tmp_path / "nowhere")
+        with pytest.raises(InputError) as refused:
+            plan_episode(CosimConfig(template="S2", sensors="front", bag=str(tmp_path / "bag")))
+        assert refused.value.parameter == parameter
+        (tmp_path / name).unlink()
 
 
 def test_a_suite_that_lacks_the_camera_is_told_at_the_end(tmp_path: Path) -> None:

@@ -1,0 +1,60 @@
+"""The KITTI folder of a running episode: hidden while it grows, under its own name when the episode is complete."""
+
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import Final
+
+from siren_ros.datasets.exporting.staging import Staging
+from siren_ros.errors import InputError
+
+_JOB: Final = {"export": "of a running episode"}
+"""Tells its hidden folder from that of an unfinished ``siren export``, which the same command finishes."""
+_PART: Final = 0
+
+
+class LiveExport:
+    """The exporter opens and closes it; the program that knows how the episode ended publishes or drops it."""
+
+    def __init__(self, out: Path) -> None:
+        """An export with this final folder; nothing is made yet."""
+        self._staging = Staging(out)
+        self._opened = ExitStack()
+
+    def check(self) -> None:
+        """Refuses a final folder that could not be taken at the end; InputError as ``Staging.check_free``."""
+        self._staging.check_free()
+
+    def open(self) -> Path:
+        """The folder to write into, new and empty. What a killed episode left in its place goes away.
+
+        Raises:
+            InputError: As ``check``; another episode or an unfinished ``siren export`` has the place.
+        """
+        self.check()
+        self.drop()
+        self._opened.enter_context(self._staging.opened(_JOB))
+        return self._staging.new_part(_PART)
+
+    def close(self, *, whole: bool) -> None:
+        """Ends the writing. A whole export stays for ``publish``, another one is removed.
+
+        Raises:
+            InputError: The disk does not take the note that the export is whole; it is removed.
+        """
+        with self._opened:
+            if whole:
+                self._staging.finish_part(_PART, {})
+
+    def publish(self) -> None:
+        """Gives a closed export its final name.
+
+        Raises:
+            InputError: The name has been taken meanwhile, or nothing was closed.
+        """
+        self._staging.publish_part(_PART)
+
+    def drop(self) -> None:
+        """Removes what an exporter left that is gone: closed, but of an episode that failed later, or killed."""
+        if self._staging.path.is_dir():
+            with suppress(InputError), self._staging.opened(_JOB):
+                self._staging.remove()

@@ -1,0 +1,213 @@
+"""The program ``cosim``: starts the nodes of one episode, drives the lockstep, tells the user how it goes."""
+
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import fields
+from importlib import import_module
+from typing import Any, Final
+
+import rclpy
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from tqdm import tqdm
+
+from siren_ros.datasets.kitti.live_export import LiveExport
+from siren_ros.errors import EXIT_FAILED, InputError, SirenError
+from siren_ros.interfaces import topics
+from siren_ros.interfaces.conversions import from_actor_states
+from siren_ros.interfaces.episode_conversions import from_episode_outcome
+from siren_ros.lockstep.lockstep import LockstepState, Stage
+from siren_ros.lockstep.tick_join import once
+from siren_ros.numerics.compiled import is_compiling
+from siren_ros.ros.parameters.node_configs import CosimConfig
+from siren_ros.ros.parameters.parameter_overrides import check_names
+from siren_ros.ros.parameters.parameters import declare_config
+from siren_ros.ros.participants.hang_watch import HangWatch, limits_s
+from siren_ros.ros.participants.master import LockstepMaster
+from siren_ros.ros.programs.awaited import awaited_by
+from siren_ros.ros.programs.composition import Composition, InProcess, OutOfProcess
+from siren_ros.ros.programs.episode_plan import EpisodePlan, plan_episode
+from siren_ros.ros.programs.interrupt import Interrupt
+from siren_ros.ros.programs.program import start_ros
+from siren_ros.ros.programs.progress import Progress
+from siren_ros.ros.programs.summary import closing_summary, verdict
+from siren_ros.ros.programs.waiting import Awaited, Waiting
+from siren_ros.ros.transport import wire
+from siren_ros.ros.transport.domain import check_alone, in_free_domain
+from siren_ros.ros.transport.endpoints import create_input
+from siren_ros.ros.transport.publisher_watch import PublisherWatch
+from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
+
+SPIN_S: Final = 0.05
+STOP_S: Final = 10.0
+FIRST_EMV: Final = 1
+"""Emergency vehicles have the first actor ids."""
+_COMPILING: Final = "it compiles loops, for this and all later episodes"
+
+
+class StoppedError(SirenError):
+    """The user stopped the program before its nodes were there."""
+
+
+class Cosim(Node):
+    """The master of one episode; the participants run in this process or in their own."""
+
+    def __init__(self) -> None:
+        super().__init__("cosim")
+        self.began_s = time.monotonic()
+        check_names(self._parameter_overrides, [field.name for field in fields(CosimConfig)])
+        self.config = declare_config(self, CosimConfig)
+        self.plan = plan_episode(self.config)
+        self.outcome: EpisodeOutcome | None = None
+        self.progress = Progress(self.plan.steps)
+        self.master = LockstepMaster(
+            self, self.plan.lockstep(self.config), self.config.realtime_factor, self.plan.settle_s
+        )
+        self.master.on_step_begun = self.progress.begin_step
+        create_input(self, topics.OUTCOME, self._on_outcome, PublisherWatch(self, topics.OUTCOME, self.master.fail))
+        create_input(self, topics.ACTORS, self._on_actors)
+
+    def _on_actors(self, cdr: bytes) -> None:
+        if self.progress.wants_states(self.master.state.step):
+            with self.master.failing_on_error():
+                self.progress.show_states(from_actor_states(wire.decode(topics.ACTORS, cdr)), FIRST_EMV)
+
+    def _on_outcome(self, cdr: bytes) -> None:
+        with self.master.failing_on_error():
+            once(topics.OUTCOME, self.outcome)
+            self.outcome = from_episode_outcome(wire.decode(topics.OUTCOME, cdr))
+
+    def awaited(self, composition: Composition) -> Awaited:
+        """What the episode waits for; nothing while a step is held back for the wall clock."""
+        state = self.master.state
+        if state.stage is Stage.STEPPING and state.step > self.progress.step:
+            return Awaited("", state.step)
+        what = awaited_by(state, self.master.config, self.plan.nodes, composition.works())
+        closing = state.stage in {Stage.CLOSING, Stage.CLOSED}
+        return Awaited(what, "closing" if closing else state.step, _COMPILING if is_compiling() else "")
+
+
+def run_episode(
+    cosim: Cosim,
+    module_of: Callable[[str], str],
+    give_up: Callable[[str], None],
+    interrupt: Interrupt,
+    waiting: Waiting,
+) -> int:
+    """Run the episode of a master to its end; returns the program's exit code.
+
+    Args:
+        cosim: The master.
+        module_of: The module of a participant, which holds its node as ``NODE`` and runs it as a program.
+        give_up: Ends this process, and says why: a node hangs in it, and the executor with the node.
+        interrupt: Whether the user wants it to end.
+        waiting: Says what the episode waits for.
+
+    Raises:
+        InputError: The domain is taken, or a node refuses its parameters.
+        StoppedError: The user stopped it before all nodes were there.
+    """
+    executor = EventsExecutor()
+    executor.add_node(cosim)
+    composition = _composed(cosim, module_of, executor, interrupt, waiting)
+    waiting.ask = lambda: cosim.awaited(composition)
+    limits = limits_s(cosim.master.config)
+    watch = HangWatch(lambda: composition.hanging(limits), give_up)
+    try:
+        while not cosim.master.closed:
+            executor.spin_once(timeout_sec=SPIN_S)
+            if interrupt:
+                cosim.master.interrupt(_stopped_by(interrupt))
+            if failure := composition.failure():
+                cosim.master.fail(failure, composition.gone())
+            cosim.master.learn_closed(composition.closed())
+    finally:
+        watch.stop()
+        cosim.progress.close()
+        composition.stop(STOP_S, cosim.master.state.late)
+        executor.shutdown()
+    state = _with_export(cosim.plan, cosim.master.state)
+    print("\n".join(closing_summary(cosim.plan, state, cosim.outcome, cosim.progress.wall_s)), flush=True)
+    if state.end is not EpisodeEnd.COMPLETE:
+        print(f"cosim: {state.reason}", file=sys.stderr, flush=True)
+    failed = composition.exit_code() or EXIT_FAILED
+    code, line = verdict(state.end, cosim.outcome, strict=cosim.config.strict, failed=failed)
+    print(line)
+    return code
+
+
+def _composed(
+    cosim: Cosim, module_of: Callable[[str], str], executor: EventsExecutor, interrupt: Interrupt, waiting: Waiting
+) -> Composition:
+    """The participants of an episode, in this process or in their own."""
+    plan = cosim.plan
+    if cosim.config.processes:
+        ros_args = sys.argv[sys.argv.index("--ros-args") + 1 :] if "--ros-args" in sys.argv else []
+        check_alone(cosim, cosim.began_s)
+        return OutOfProcess({name: module_of(name) for name in plan.overrides}, plan.overrides, ros_args)
+
+    def part_of(name: str, make: Callable[..., Any]) -> Callable[..., Any]:
+        def made(*arguments: Any, **options: Any) -> Any:
+            _check_stopped(interrupt)
+            waiting.expect(f"{name} to be set up")
+            return make(*arguments, **options)
+
+        return made
+
+    node_types = {}
+    for name in plan.overrides:
+        _check_stopped(interrupt)
+        waiting.expect(f"{name} and its libraries to be loaded")
+        node_types[name] = part_of(name, import_module(module_of(name)).NODE)
+    check_alone(cosim, cosim.began_s)
+    return InProcess(executor, node_types, plan.overrides)
+
+
+def _check_stopped(interrupt: Interrupt) -> None:
+    if interrupt:
+        raise StoppedError(_stopped_by(interrupt))
+
+
+def _stopped_by(interrupt: Interrupt) -> str:
+    return f"stopped by {interrupt.signal_name}"
+
+
+def _with_export(plan: EpisodePlan, state: LockstepState) -> LockstepState:
+    """Give the KITTI folder of a complete episode its name; what another one left is removed."""
+    if plan.kitti is None:
+        return state
+    export = LiveExport(plan.kitti)
+    if state.end is not EpisodeEnd.COMPLETE:
+        export.drop()
+        return state
+    try:
+        export.publish()
+    except InputError as error:
+        return state._replace(end=EpisodeEnd.FAILED, reason=f"kitti_exporter: {error}")
+    return state
+
+
+def run(module_of: Callable[[str], str], give_up: Callable[[str], None], interrupt: Interrupt, waiting: Waiting) -> int:
+    """Run one episode as the parameters say; the arguments are those of ``run_episode``."""
+    waiting.say = lambda line: tqdm.write(line, file=sys.stderr)
+
+    def episode() -> int:
+        _check_stopped(interrupt)
+        start_ros()
+        try:
+            return run_episode(Cosim(), module_of, give_up, interrupt, waiting)
+        finally:
+            rclpy.try_shutdown()
+
+    try:
+        return in_free_domain(episode, lambda line: print(f"cosim: {line}", file=sys.stderr))
+    except StoppedError as error:
+        print(f"episode interrupted before its first step: {error}", flush=True)
+        print(f"cosim: {error}", file=sys.stderr, flush=True)
+        code, line = verdict(EpisodeEnd.INTERRUPTED, None, strict=False)
+        print(line)
+        return code
+    except SirenError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code

@@ -9,6 +9,7 @@ from hand_made_record import (
     EASTBOUND,
     EMV,
     EMV_LENGTH_M,
+    LEFT_X_M,
     NORTHBOUND,
     ON_SHOULDER,
     PARALLEL,
@@ -71,6 +72,19 @@ def test_on_the_wrong_side_of_the_road_the_lines_are_the_same() -> None:
     assert traversal.enter_step == _step_at(100.0 - EMV_LENGTH_M / 2.0 + detour_m / 2.0, 40.0)
     assert traversal.leave_step == _step_at(130.0 + EMV_LENGTH_M / 2.0 + detour_m / 2.0, 40.0)
     assert traversal.centre_steps == (_step_at(100.0 + detour_m / 2.0, 40.0), _step_at(130.0 + detour_m / 2.0, 40.0))
+
+
+def test_a_vehicle_that_turns_round_is_on_its_exit_only_when_it_heads_along_it() -> None:
+    """The exit lane lies beside the approach lane: front and rear pass its beginning on the way in, too."""
+    turn = replace(NETWORK.connections[SOUTH], from_lane=NETWORK.connections[STRAIGHT_LEFT].from_lane, via=())
+    network = replace(NETWORK, connections=(*NETWORK.connections, turn))
+    there_and_back = line((LEFT_X_M, -120.0), (LEFT_X_M, -10.0), (-1.75, -10.0), (-1.75, -120.0))
+    driven = Driven(there_and_back, at_speed(START_M, SPEED_MPS, 200))
+    (traversal,) = find_traversals(hand_made(network, {EMV: driven}))
+    across_m = 10.0 + 3.5 + 10.0
+    assert traversal.connection == len(NETWORK.connections)
+    assert traversal.centre_steps == (_step_at(100.0), _step_at(100.0 + across_m))
+    assert traversal.leave_step == _step_at(100.0 + across_m + EMV_LENGTH_M / 2.0)
 
 
 def test_a_traversal_lasts_to_the_end_of_a_record_that_ends_inside() -> None:

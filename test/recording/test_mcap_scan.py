@@ -10,6 +10,7 @@ import zstandard
 from mcap.opcode import Opcode
 
 from siren_ros.recording.mcap_scan import (
+    MAX_CHUNK_BYTES,
     DamageError,
     RecordPlace,
     _chunk,
@@ -132,6 +133,33 @@ def test_what_is_not_just_one_frame_is_refused(packed: Callable[[bytes], bytes],
     frame = zstandard.ZstdCompressor().compress(b"abc" * 1000)
     with pytest.raises(DamageError, match=told):
         _chunk(packed_chunk(packed(frame), 3000), 7)
+
+
+def frame_of_repeated_bytes(claimed: int, blocks: list[int]) -> bytes:
+    """A zstd frame (RFC 8878, section 3.1.1) that claims a size and repeats one byte so often in each block."""
+    head = (0xFD2FB528).to_bytes(4, "little") + bytes([0b1010_0000]) + claimed.to_bytes(4, "little")
+    heads = [(length << 3 | 1 << 1 | (number == len(blocks) - 1)) for number, length in enumerate(blocks)]
+    return head + b"".join(block.to_bytes(3, "little") + b"x" for block in heads)
+
+
+@pytest.mark.parametrize("claimed", [3000, MAX_CHUNK_BYTES])
+@pytest.mark.parametrize("over", [0, 1])
+def test_a_small_chunk_that_unpacks_to_more_than_is_allowed_is_refused_unread(claimed: int, over: int) -> None:
+    """Some 16 kB of blocks whose bytes are twice what a chunk may have; the frame's own claim is harmless."""
+    block_bytes = 1 << 17
+    blocks = [block_bytes] * (2 * MAX_CHUNK_BYTES // block_bytes) + [2 * MAX_CHUNK_BYTES % block_bytes + over]
+    content = packed_chunk(frame_of_repeated_bytes(claimed, blocks), claimed)
+    assert len(content) < 20_000
+    if over:
+        with pytest.raises(DamageError, match=f"more than one frame of at most {MAX_CHUNK_BYTES} bytes"):
+            _chunk(content, 7)
+    else:
+        assert _chunk(content, 7).plain_bytes == claimed
+
+
+def test_a_frame_of_repeated_bytes_is_read() -> None:
+    frame = frame_of_repeated_bytes(300_000, [131_072, 131_072, 37_856])
+    assert unpack(_chunk(packed_chunk(frame, 300_000), 7)) == b"x" * 300_000
 
 
 @pytest.mark.parametrize("off", [-1, 1])

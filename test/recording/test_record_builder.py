@@ -9,6 +9,7 @@ from synthetic_episode import Scene, SyntheticEpisode
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import to_actor_states
 from siren_ros.interfaces.episode_conversions import to_episode_outcome
+from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.recording.record_builder import RecordBuilder
 from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
 
@@ -47,3 +48,16 @@ def test_a_step_that_is_left_out_or_comes_twice_makes_it_incomplete() -> None:
     assert not complete(replace(whole, steps=STEPS - 1), lambda step: None if step == 4 else step)
     assert not complete(whole, lambda step: 3 if step == 4 else step)
     assert not complete(whole, lambda step: step + 1)
+
+
+def test_a_stamp_that_is_earlier_or_later_than_the_log_time_is_wrong() -> None:
+    """A message without a stamp has none to be wrong."""
+    builder = RecordBuilder()
+    for topic, step, message in EPISODE.messages():
+        builder.add(topic.name, message)
+        builder.count(topic.name, topic.type_name, time_ns_of_step(step), 1, time_ns_of_step(step))
+    for off_ns, name in ((-1, "/early"), (0, "/right"), (1, "/late"), (None, "/none")):
+        for time_ns in (0, 50_000_000):
+            builder.count(name, "T", time_ns, 10, None if off_ns is None else time_ns + off_ns)
+    found = {name: topic.stamp_mismatches for name, topic in builder.build().topics.items() if topic.type_name == "T"}
+    assert found == {"/early": 2, "/right": 0, "/late": 2, "/none": 0}

@@ -207,6 +207,23 @@ def test_a_path_keeps_its_lane_and_changes_as_soon_as_the_route_needs_it():
         route_path(NETWORK, (), A_LEFT)
 
 
+def test_where_a_road_gets_wider_a_path_keeps_its_place_counted_from_the_left():
+    """A third lane joins on the right; from the left lane one may go on in any of the three."""
+    lanes, edges = list(NETWORK.lanes), list(NETWORK.edges)
+    added = replace(lanes[C_RIGHT], index=len(lanes), lane_id="c_new", centre=lanes[C_RIGHT].centre)
+    lanes[C_RIGHT], lanes[C_LEFT] = replace(lanes[C_RIGHT], position=1), replace(lanes[C_LEFT], position=2)
+    edges[C] = replace(edges[C], lanes=(added.index, C_RIGHT, C_LEFT))
+    straight = NETWORK.connections[2]
+    ways = [
+        replace(straight, from_lane=source, to_lane=target, via=())
+        for source in (B_RIGHT, B_LEFT)
+        for target in (added.index, C_RIGHT, C_LEFT)
+    ]
+    network = replace(NETWORK, lanes=(*lanes, added), edges=tuple(edges), connections=tuple(ways))
+    assert route_path(network, (B, C), B_LEFT) == (B_LEFT, C_LEFT)
+    assert route_path(network, (B, C), B_RIGHT) == (B_RIGHT, C_RIGHT)
+
+
 @pytest.mark.parametrize("kinds", [(LaneKind.SHOULDER, LaneKind.DRIVING), (LaneKind.DRIVING, LaneKind.SHOULDER)])
 def test_a_lane_change_does_not_lead_over_a_shoulder(kinds):
     """A third lane lies to the right of the two; where the one between is a shoulder it cannot be reached."""

@@ -12,6 +12,7 @@ from made_streets import (
     B_RIGHT,
     CROSSING,
     NEAR,
+    SOUTH,
     STRAIGHT,
     STRAIGHT_LEFT,
     A,
@@ -83,6 +84,38 @@ def test_a_side_street_without_road_lets_all_crossing_movements_count() -> None:
     long = between(list(signal_junctions(GRAPH)), B, C)
     assert site.crossing == (CROSSING,)
     assert long.score - site.score == pytest.approx(1.0 - 20.0 / 60.0)
+
+
+def with_oncoming_turners(network: RoadNetwork) -> RoadNetwork:
+    """A road from the east whose vehicles turn left to the south, across the way of those who go straight on."""
+    oncoming = len(network.lanes)
+    lane = replace(
+        network.lanes[B_LEFT],
+        index=oncoming,
+        lane_id="o_0",
+        edge=len(network.edges),
+        position=0,
+        centre=Polyline.through([(220.0, 1.75), (20.0, 1.75)]),
+    )
+    edge = Edge(lane.edge, "o", (oncoming,), "from", "to", internal=False)
+    turn = Connection(oncoming, SOUTH, (), "l", "J", 9, must_stop=False, junction="J")
+    return replace(
+        network,
+        lanes=(*network.lanes, lane),
+        edges=(*network.edges, edge),
+        connections=(*network.connections, turn),
+    )
+
+
+@pytest.mark.parametrize(("side_m", "turners_count"), [(29.0, True), (31.0, False)])
+def test_oncoming_turners_count_where_the_side_street_has_no_queue(side_m: float, turners_count: bool) -> None:
+    """Where the side street has 30 m of road, its vehicles cross, and nobody else."""
+    network = with_lane(
+        with_oncoming_turners(NETWORK), NEAR, centre=Polyline.through([(10.0, 10.0 + side_m), (10.0, 10.0)])
+    )
+    network = with_connections(network, [6], must_stop=True)
+    site = between(list(signal_junctions(EdgeGraph.of(network))), B, C)
+    assert site.crossing == ((CROSSING, len(NETWORK.connections)) if turners_count else (CROSSING,))
 
 
 def test_only_signals_and_only_stop_signs() -> None:

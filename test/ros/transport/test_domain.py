@@ -3,12 +3,14 @@
 import os
 import subprocess
 import sys
+import time
 from contextlib import ExitStack, suppress
+from types import SimpleNamespace
 
 import pytest
 
 from siren_ros.errors import InputError
-from siren_ros.ros.transport.domain import VARIABLE, DomainTakenError, claimed_domain, in_free_domain
+from siren_ros.ros.transport.domain import VARIABLE, DomainTakenError, check_alone, claimed_domain, in_free_domain
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="abstract sockets are Linux's")
 HOLD = """
@@ -85,3 +87,35 @@ def test_a_killed_holder_leaves_no_claim(monkeypatch: pytest.MonkeyPatch) -> Non
         holder.wait()
     with claimed_domain():
         pass
+
+
+class GraphOf:
+    """A node that sees programs publish the clock: those of each call, and then for ever those of the last."""
+
+    def __init__(self, *calls: tuple[str, ...]) -> None:
+        self._calls = list(calls)
+
+    def get_publishers_info_by_topic(self, topic: str) -> list[SimpleNamespace]:
+        assert topic == "/clock"
+        names = self._calls.pop(0) if len(self._calls) > 1 else self._calls[0]
+        return [SimpleNamespace(node_name=name) for name in names]
+
+
+@pytest.mark.parametrize("calls", [((),), (("cosim",),), ((), ("cosim",))])
+def test_who_is_alone_with_the_clock_goes_on(calls: tuple[tuple[str, ...], ...]) -> None:
+    check_alone(GraphOf(*calls), time.monotonic())
+
+
+@pytest.mark.parametrize(
+    "calls", [(("cosim", "player"),), (("cosim",), ("player", "cosim")), (("cosim", "player", "player"),)]
+)
+def test_one_more_publisher_of_the_clock_is_refused_by_name(calls: tuple[tuple[str, ...], ...]) -> None:
+    told = rf"/clock has {len(calls[-1])} publishers: cosim, player\)"
+    with pytest.raises(DomainTakenError, match=told):
+        check_alone(GraphOf(*calls), time.monotonic())
+
+
+def test_a_publisher_that_is_found_after_the_time_of_discovery_is_refused_too() -> None:
+    """Loading modules may have taken longer than discovery does."""
+    with pytest.raises(DomainTakenError):
+        check_alone(GraphOf(("cosim", "player")), time.monotonic() - 10.0)

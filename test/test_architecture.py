@@ -35,6 +35,7 @@ LAYERS = {
         "world",
         "params",
         "numerics",
+        "user_folder",
         "errors",
     ],
     "evaluation": [

@@ -1,11 +1,21 @@
-"""Loops over arrays, compiled to machine code by numba. Its cache lies next to the source file."""
+"""Loops over arrays, compiled to machine code by numba.
+
+Its cache lies next to the source file, or in a folder of the user's where the package cannot be written.
+"""
 
 import hashlib
+import os
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any, Final, TypeVar, cast
 
+from siren_ros.user_folder import is_writable, user_folder
+
+if not is_writable(Path(__file__).with_name("__pycache__")):
+    os.environ.setdefault("NUMBA_CACHE_DIR", str(user_folder(".cache/siren/numba")))
+
+# isort: split
 import numba
 import numpy as np
 from numba import types

@@ -153,6 +153,25 @@ def next_episode_starts(episode: Episode) -> None:
     assert episode.bag.is_dir()
 
 
+def in_own_mounts(
+    prepare: str, command: list[str], environment: dict[str, str]
+) -> "subprocess.CompletedProcess[str] | None":
+    """Runs a program in a mount namespace of its own; None where the right to prepare one is missing.
+
+    Args:
+        prepare: Shell line that mounts what the program is to find.
+        command: The program.
+        environment: Its variables.
+    """
+    unshare = shutil.which("unshare")
+    if unshare is None:
+        return None
+    words = [unshare, "--mount", "sh", "-c", f'{prepare} && exec "$@"', "sh"]
+    if subprocess.run([*words, "true"], check=False, capture_output=True).returncode:
+        return None
+    return subprocess.run([*words, *command], env=environment, check=False, capture_output=True, text=True)
+
+
 def mounted(folder: Path, size: str) -> bool:
     """Whether a small disk of its own could be mounted there."""
     program = shutil.which("mount")

@@ -22,6 +22,7 @@ from siren_ros.roads.maps.opendrive_patches import opendrive_patches
 from siren_ros.roads.maps.openstreetmap_signs import drives_on, signed_edges
 from siren_ros.roads.maps.traffic_side import refuse_left_hand_traffic
 from siren_ros.roads.net_parser import parse_road_network
+from siren_ros.user_folder import user_folder
 
 TOWN_NAME: Final = "town"
 
@@ -90,7 +91,7 @@ def compile_map(source: Path | None, cache_dir: Path | None = None) -> CompiledM
     Args:
         source: A SUMO net, an OpenDRIVE or an OpenStreetMap file; None is the built-in town.
         cache_dir: Where compiled nets are kept; None is ``$SIREN_CACHE_DIR``, else
-            ``$XDG_CACHE_HOME/siren``, else ``~/.cache/siren``.
+            ``$XDG_CACHE_HOME/siren``, else ``~/.cache/siren``, or a temporary folder where there is no home.
 
     Raises:
         MapError: The map is missing, unreadable, not a map, refused by netconvert, without roads, or of a place where
@@ -131,7 +132,7 @@ def default_cache_dir() -> Path:
     if own:
         return Path(own)
     shared = os.environ.get("XDG_CACHE_HOME")
-    return (Path(shared) if shared else Path.home() / ".cache") / "siren"
+    return Path(shared) / "siren" if shared else user_folder(".cache/siren")
 
 
 def _town_source() -> MapSource:

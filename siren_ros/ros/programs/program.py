@@ -14,10 +14,11 @@ from rclpy.signals import SignalHandlerOptions
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, SirenError
 from siren_ros.ros.participants.participant import Participant
 from siren_ros.ros.programs.interrupt import Interrupt
+from siren_ros.ros.programs.log_folder import choose_log_folder
 from siren_ros.ros.programs.parent import Parent
 from siren_ros.ros.programs.ros_arguments import quoted, reading_arguments
-from siren_ros.ros.transport.fastdds_profile import choose_profile
-from siren_ros.ros.transport.shared_memory import remove_abandoned_segments
+from siren_ros.ros.transport.fastdds_profile import choose_profile, discovery_as_in_profile
+from siren_ros.ros.transport.shared_memory import lack_of_room, remove_abandoned_segments
 
 FLUSH_S = 2.0
 SPIN_S = 0.2
@@ -33,17 +34,20 @@ _GARBAGE_AFTER = 20_000
 def start_ros(args: list[str] | None = None) -> None:
     """Initialise rclpy without its own signal handlers: an episode must be closed before ROS shuts down.
 
-    Also removes the shared memory of killed programs, gives Fast DDS our profile unless the user has set one, and lets
-    Python collect garbage less often.
+    Also removes the shared memory of killed programs, gives Fast DDS our profile unless the user has set one, chooses
+    a folder for the log where there is no home, and lets Python collect garbage less often.
 
     Raises:
-        InputError: Arguments that ROS cannot read.
+        InputError: Arguments that ROS cannot read, or the user's folder for ROS's log files cannot be written.
     """
     if PARENT_VARIABLE not in os.environ:
         remove_abandoned_segments()
+        if lack := lack_of_room():
+            print(lack, file=sys.stderr)
     choose_profile()
+    choose_log_folder()
     gc.set_threshold(_GARBAGE_AFTER)
-    with reading_arguments():
+    with reading_arguments(), discovery_as_in_profile():
         rclpy.init(args=quoted(sys.argv if args is None else args), signal_handler_options=SignalHandlerOptions.NO)
 
 

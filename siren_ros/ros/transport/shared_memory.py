@@ -1,4 +1,4 @@
-"""Removes the shared memory that Fast DDS leaves behind when a process is killed.
+"""Room in the shared memory, and what Fast DDS leaves there when a process is killed.
 
 A participant owns one segment, ``fastrtps_`` and 16 hexadecimal digits in ``/dev/shm``, and locks the
 file of the same name with ``_el`` while it exists (Fast DDS 2, ``RobustExclusiveLock``; the kernel releases the lock
@@ -11,14 +11,53 @@ import fcntl
 import re
 import time
 from contextlib import suppress
-from os import geteuid
+from os import geteuid, statvfs
 from pathlib import Path
 from typing import Final
+
+from siren_ros.errors import InputError
 
 FOLDER: Final = Path("/dev/shm")  # noqa: S108 - where Linux has its shared memory
 OLD_S: Final = 60.0
 """A lock file exists for an instant before it is locked. One that is older than this is no longer in that state."""
+LEAST_BYTES: Final = 16_384
+"""ROS's tracing maps two pages when it is loaded, and SIGBUS ends the process where there is none left for them."""
+SEGMENT_BYTES: Final = 17_700_000
+"""Of one participant with the project's profile: its segment, two ports, their semaphores."""
 _LOCK_FILE: Final = re.compile(r"fastrtps_[0-9a-f]{16}_el")
+
+
+def free_bytes(folder: Path = FOLDER) -> float:
+    """Room in the shared memory; infinite where its size has no limit, and where there is no such folder."""
+    try:
+        state = statvfs(folder)
+    except OSError:
+        return float("inf")
+    return state.f_bavail * state.f_frsize if state.f_blocks else float("inf")
+
+
+def check_room(folder: Path = FOLDER) -> None:
+    """Make sure that ROS's libraries can be loaded.
+
+    Raises:
+        InputError: Too little shared memory is free.
+    """
+    free = free_bytes(folder)
+    if free < LEAST_BYTES:
+        raise InputError(
+            str(folder), f"{free / 1000.0:.0f} kB free", f"at least {LEAST_BYTES / 1000.0:.0f} kB, which ROS maps there"
+        )
+
+
+def lack_of_room(folder: Path = FOLDER) -> str:
+    """What the user is told where a participant's messages cannot go through shared memory; else empty."""
+    free = free_bytes(folder)
+    if free >= SEGMENT_BYTES:
+        return ""
+    return (
+        f"{folder} has {free / 1e3:,.0f} kB free and a process needs {SEGMENT_BYTES / 1e3:,.0f} kB: "
+        "its messages go over UDP instead"
+    )
 
 
 def abandoned_segments(older_than_s: float = OLD_S, folder: Path = FOLDER) -> list[Path]:

@@ -9,10 +9,16 @@ from pathlib import Path
 
 import pytest
 from dds_domains import own_domain
-from program_output import next_line
+from program_output import next_line, own_lines
 from repository import REPOSITORY
 
-from siren_ros.ros.transport.fastdds_profile import LOOPBACK, NETWORK, choose_profile, profile_name
+from siren_ros.ros.transport.fastdds_profile import (
+    LOOPBACK,
+    NETWORK,
+    choose_profile,
+    discovery_as_in_profile,
+    profile_name,
+)
 
 PARAMS = REPOSITORY / "params"
 INSIDE_IP, OUTSIDE_IP = "10.213.77.1", "10.213.77.2"
@@ -66,13 +72,72 @@ def test_our_profile_follows_the_range_and_a_users_own_stays(monkeypatch: pytest
     assert os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] == "/my/own.xml"
 
 
-def test_the_profiles_differ_in_the_interfaces_alone() -> None:
-    start, end = "        <interfaceWhiteList>\n", "        </interfaceWhiteList>\n"
-    limited = (PARAMS / LOOPBACK).read_text(encoding="utf-8")
-    before, rest = limited.split(start)
-    assert rest.startswith("          <address>127.0.0.1</address>\n")
-    without = before + rest.split(end)[1]
-    assert without.split("-->")[1] == (PARAMS / NETWORK).read_text(encoding="utf-8").split("-->")[1]
+def test_the_profiles_differ_in_interfaces_and_peers_alone() -> None:
+    limited, network = ((PARAMS / name).read_text(encoding="utf-8").split("-->")[1] for name in (LOOPBACK, NETWORK))
+    for start, end, holds in (
+        ("        <interfaceWhiteList>\n", "</interfaceWhiteList>\n", "<address>127.0.0.1</address>"),
+        ("        <maxInitialPeersRange>", "</maxInitialPeersRange>\n", "32"),
+        ("          <metatrafficUnicastLocatorList>\n", "</metatrafficUnicastLocatorList>\n", "<locator/>"),
+        ("          <initialPeersList>\n", "</initialPeersList>\n", "<address>127.0.0.1</address>"),
+    ):
+        before, rest = limited.split(start)
+        part, after = rest.split(end)
+        assert holds in part
+        assert part.count("<address>") == holds.count("<address>")
+        limited = before + after
+    assert limited == network
+
+
+SOCKETS = """
+import os
+from pathlib import Path
+from rclpy.node import Node
+from siren_ros.ros.programs.program import start_ros
+start_ros()
+node = Node("quiet")
+own = {os.readlink(entry) for entry in Path("/proc/self/fd").iterdir() if entry.is_symlink()}
+for table in ("udp", "udp6"):
+    for line in Path("/proc/self/net", table).read_text().splitlines()[1:]:
+        words = line.split()
+        if f"socket:[{words[9]}]" in own:
+            print(table, words[1].split(":")[0], flush=True)
+print(os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"], flush=True)
+"""
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("discovery", ["LOCALHOST", "SUBNET"])
+def test_while_discovery_stays_here_every_udp_socket_is_on_the_loopback_interface(discovery: str) -> None:
+    """Those that only send, too. What the program starts finds the range that the user chose."""
+    pytest.importorskip("rclpy", reason="needs ROS")
+    clean = {name: value for name, value in os.environ.items() if "PROFILES_FILE" not in name}
+    variables = {**clean, "ROS_DOMAIN_ID": str(own_domain()), "ROS_AUTOMATIC_DISCOVERY_RANGE": discovery}
+    run = subprocess.run([sys.executable, "-c", SOCKETS], env=variables, capture_output=True, text=True, check=True)
+    *sockets, inherited = own_lines(run.stdout).splitlines()
+    assert inherited == discovery
+    assert len(sockets) >= 3
+    if discovery == "LOCALHOST":
+        assert set(sockets) == {"udp 0100007F"}
+    else:
+        assert "udp 00000000" in sockets
+
+
+def test_only_the_range_of_this_machine_is_left_to_the_profile(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("rclpy", reason="needs ROS")
+    monkeypatch.delenv("FASTDDS_DEFAULT_PROFILES_FILE", raising=False)
+    variable = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+    for profile, given, during in (
+        (str(PARAMS / LOOPBACK), "LOCALHOST", "SYSTEM_DEFAULT"),
+        (str(PARAMS / LOOPBACK), "OFF", "OFF"),
+        (str(PARAMS / NETWORK), "LOCALHOST", "LOCALHOST"),
+        ("/my/own.xml", "LOCALHOST", "LOCALHOST"),
+        ("", "LOCALHOST", "LOCALHOST"),
+    ):
+        monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", profile)
+        monkeypatch.setenv(variable, given)
+        with discovery_as_in_profile():
+            assert os.environ[variable] == during
+        assert os.environ[variable] == given
 
 
 @pytest.fixture(scope="module", name="networks")

@@ -1,0 +1,43 @@
+"""Where the user's own files go: below the home, or in a temporary folder where there is no home to write to."""
+
+import os
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+
+from siren_ros.errors import InputError
+
+
+def user_folder(below_home: str) -> Path:
+    """A folder that can be written, for caches and logs; it is made where it is missing.
+
+    Args:
+        below_home: Where it lies below the user's home, such as ``.cache/siren``. Without a home, or with one that
+            cannot be written, it lies below ``siren_ros_UID`` in the folder for temporary files instead.
+
+    Raises:
+        InputError: There is no folder for temporary files either.
+    """
+    with suppress(RuntimeError):  # no HOME, and a user whom the system does not know
+        home = Path.home()
+        if home.is_dir() and is_writable(home / below_home):
+            return home / below_home
+    try:
+        own = Path(tempfile.gettempdir()) / f"siren_ros_{os.geteuid()}"
+        own.mkdir(mode=0o700, exist_ok=True)
+        if own.is_symlink() or own.stat().st_uid != os.geteuid() or not is_writable(own / below_home):
+            own = Path(tempfile.mkdtemp(prefix="siren_ros_"))  # somebody else has the name
+            (own / below_home).mkdir(parents=True)
+    except OSError as error:
+        why = f"the home of a user, or a folder for temporary files, that can be written ({error.strerror or error})"
+        raise InputError("HOME", os.environ.get("HOME", ""), why) from error
+    return own / below_home
+
+
+def is_writable(folder: Path) -> bool:
+    """Whether files can be written into a folder; it is made where it is missing."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(folder, os.W_OK | os.X_OK)

@@ -64,7 +64,7 @@ def test_ctrl_c_reaches_the_executable_once_and_its_exit_code_comes_back(
 
 def test_executables_are_listed(ros2: Run, index: Mapping[str, str]) -> None:
     everything = ros2("pkg", "executables", variables=index).stdout
-    assert everything == "other_pkg waiter\nsome_pkg tell\n"
+    assert everything == "other_pkg waiter\nsome_pkg tell\ntf2_ros tf2_echo\ntf2_tools view_frames\n"
     assert ros2("pkg", "executables", "other_pkg", variables=index).stdout == "other_pkg waiter\n"
 
 

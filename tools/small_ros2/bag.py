@@ -2,26 +2,11 @@
 
 import argparse
 import importlib
-import math
+
+from small_ros2.arguments import not_negative, positive
 
 DELAY_S = 0.5
 CLOCK_HZ = 40.0
-
-
-def positive(text: str) -> float:
-    """A finite number above zero."""
-    value = float(text)
-    if not (math.isfinite(value) and value > 0.0):
-        raise argparse.ArgumentTypeError(f"'{text}' cannot be used; allowed: a number above 0")
-    return value
-
-
-def not_negative(text: str) -> float:
-    """A finite number, zero or more."""
-    value = float(text)
-    if not (math.isfinite(value) and value >= 0.0):
-        raise argparse.ArgumentTypeError(f"'{text}' cannot be used; allowed: 0 and more")
-    return value
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -2,15 +2,27 @@
 
 import os
 from pathlib import Path
+from typing import Final
 
 from small_ros2.errors import CommandError
 
 MARKERS = Path("share/ament_index/resource_index/packages")
 
+BUILT_IN: Final = {
+    "tf2_ros": {"tf2_echo": "small_ros2.tf2_echo"},
+    "tf2_tools": {"view_frames": "small_ros2.view_frames"},
+}
+"""Executables of ROS's packages that the small ros2 brings itself, each with the module whose ``main`` it is."""
+
 
 def prefixes() -> list[Path]:
     """The prefixes, earlier ones win."""
     return [Path(prefix) for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix]
+
+
+def built_in(package: str) -> dict[str, str]:
+    """The executables of a package that the small ros2 brings, with their modules; none where it is installed."""
+    return {} if package in packages() else BUILT_IN.get(package, {})
 
 
 def packages() -> dict[str, Path]:
@@ -46,11 +58,13 @@ def executables(package: str) -> list[Path]:
 
 
 def executable(package: str, name: str) -> Path:
-    """One executable of a package.
+    """One executable of an installed package.
 
     Raises:
         CommandError: The package or the executable is not known; the message lists what there is.
     """
+    if brought := built_in(package):
+        raise CommandError(f"package '{package}' has no executable '{name}' here; it has: {', '.join(brought)}")
     known = executables(package)
     for path in known:
         if path.name == name:

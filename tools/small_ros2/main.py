@@ -5,24 +5,15 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
-from typing import Final, Never
+from typing import Final
 
+from small_ros2.arguments import Parser
 from small_ros2.errors import CommandError
 
-EXIT_USAGE: Final = 2
 EXIT_INTERRUPTED: Final = 130
 """What a shell reports for a program that Ctrl-C ended (128 + SIGINT)."""
 
 COMMANDS: Final = ("run", "launch", "pkg", "interface", "node", "param", "topic", "bag")
-
-
-class Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line and exit code 2."""
-
-    def error(self, message: str) -> Never:
-        """Says what is wrong with the call and where its help is."""
-        sys.stderr.write(f"{self.prog}: {message}; '{self.prog} --help' tells the usage\n")
-        sys.exit(EXIT_USAGE)
 
 
 def build_parser(command: str | None) -> argparse.ArgumentParser:

@@ -1,8 +1,9 @@
 """``ros2 pkg executables [PACKAGE]`` and ``ros2 pkg prefix PACKAGE``."""
 
 import argparse
+import importlib.util
 
-from small_ros2.index import executables, packages, prefix_of
+from small_ros2.index import BUILT_IN, built_in, executables, packages, prefix_of
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -19,8 +20,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def list_executables(arguments: argparse.Namespace) -> int:
     """Prints one executable per line."""
-    for package in [arguments.package] if arguments.package else packages():
-        for path in executables(package):
+    for package in [arguments.package] if arguments.package else sorted({*packages(), *BUILT_IN}):
+        brought = built_in(package)
+        for name, module in brought.items():
+            found = importlib.util.find_spec(module)
+            print(found.origin if arguments.full_path and found else f"{package} {name}")
+        for path in () if brought else executables(package):
             print(path if arguments.full_path else f"{package} {path.name}")
     return 0
 

@@ -2,7 +2,7 @@
 
 import importlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Final
 
@@ -11,6 +11,8 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
+from siren_ros.errors import InputError
+from siren_ros.ros.programs.log_folder import choose_log_folder
 from small_ros2.errors import CommandError
 
 DISCOVERY_S: Final = 4.0
@@ -22,12 +24,17 @@ DEPTH: Final = 100
 
 
 @contextmanager
-def observer(name: str) -> Iterator[Node]:
+def observer(name: str, words: Sequence[str] = ()) -> Iterator[Node]:
     """A node without topics of its own, so that it does not show up in what it lists.
 
-    Ctrl-C stays Python's KeyboardInterrupt; waiting in pieces of POLL_S lets it through.
+    ``words`` is the command line that its ``--ros-args`` are taken from. Ctrl-C stays Python's KeyboardInterrupt;
+    waiting in pieces of POLL_S lets it through.
     """
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        choose_log_folder()
+    except InputError as error:
+        raise CommandError(str(error), exit_code=error.exit_code) from error
+    rclpy.init(args=[name, *words], signal_handler_options=SignalHandlerOptions.NO)
     node = Node(name, enable_rosout=False, start_parameter_services=False)
     try:
         yield node

@@ -1,14 +1,21 @@
 """``ros2 topic list``, ``info``, ``echo`` and ``hz``."""
 
 import argparse
+import re
 import sys
 import time
 from collections import deque
 from typing import Any
 
 import numpy as np
+from rclpy.qos import HistoryPolicy
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rosidl_runtime_py import message_to_yaml
 
+from siren_ros.interfaces import topics
+from siren_ros.interfaces.topics import Topic
+from siren_ros.ros.parameters.node_configs import DEFAULT_PARTICIPANTS, OPTIONAL_PARTICIPANTS
+from siren_ros.ros.transport.endpoints import qos_of
 from small_ros2.errors import CommandError
 from small_ros2.ros_graph import (
     DISCOVERY_S,
@@ -24,6 +31,7 @@ REPORT_PERIOD_S = 1.0
 TRUNCATE_LENGTH = 128
 """Longer arrays and strings are cut, as the real ``ros2 topic echo`` does."""
 WINDOW = 10_000
+SIREN_NODES = frozenset({"cosim", *DEFAULT_PARTICIPANTS, *OPTIONAL_PARTICIPANTS})
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -74,6 +82,30 @@ def list_topics(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def with_depth(endpoint: TopicEndpointInfo, topic: str) -> TopicEndpointInfo:
+    """An endpoint with its history, where that is known.
+
+    Fast DDS does not tell others the history of an endpoint, so that the real ros2 prints UNKNOWN. What SIREN's own
+    nodes have is in their table of topics.
+    """
+    declared = declared_topic(topic, endpoint.topic_type)
+    if endpoint.qos_profile.history == HistoryPolicy.UNKNOWN and declared and endpoint.node_name in SIREN_NODES:
+        endpoint.qos_profile.history = HistoryPolicy.KEEP_LAST
+        endpoint.qos_profile.depth = qos_of(declared).depth
+    return endpoint
+
+
+def declared_topic(name: str, type_name: str) -> Topic | None:
+    """The topic of SIREN's table that has this name, with any sensor and any carrier."""
+    for declared in vars(topics).values():
+        if isinstance(declared, Topic) and declared.type_name == type_name:
+            words = (re.escape(word) for word in declared.name.split("{sensor}"))
+            pattern = "[^/]+".join(words).replace(f"/{topics.EMV_CARRIER}/", "/[^/]+/")
+            if re.fullmatch(pattern, name):
+                return declared
+    return None
+
+
 def print_info(arguments: argparse.Namespace) -> int:
     """Prints who publishes and subscribes, in the real ros2's layout."""
     topic = full_name(arguments.topic)
@@ -87,7 +119,7 @@ def print_info(arguments: argparse.Namespace) -> int:
         for title, endpoints in (("Publisher", publishers), ("Subscription", subscriptions)):
             print(f"{title} count: {len(endpoints)}")
             if arguments.verbose:
-                print("".join(f"\n{endpoint}\n" for endpoint in endpoints))
+                print("".join(f"\n{with_depth(endpoint, topic)}\n" for endpoint in endpoints))
     return 0
 
 

@@ -32,9 +32,11 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"{recovery.path}: complete as it is: {count}")
         return EXIT_OK
     print(f"{recovery.path}: saved {count}")
+    if recovery.restored:
+        print(f"  {recovery.restored} of them from their second copies at the end of the damaged file")
     if recovery.lost_messages:
         print(f"siren recover: {recovery.lost_messages} messages are lost: {recovery.lost}", file=sys.stderr)
-    elif recovery.lost:
+    elif recovery.lost and not recovery.restored:
         print(f"siren recover: the unfinished end is lost: {recovery.lost}", file=sys.stderr)
     if not recovery.described:
         print("siren recover: without its description or its map the bag is no episode any more", file=sys.stderr)

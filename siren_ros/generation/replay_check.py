@@ -95,7 +95,8 @@ def repeat_episode(record: EpisodeRecord) -> Difference | None:
             return difference
         answers = record.commands.get(AV_SOURCE, ())
         # The limit on the residual ends an episode; it changes no step before.
-        steps = list(closed_loop(setup, record.steps, residual_limit_m=math.inf, answers=answers))
+        last = max((state.step for state in record.states), default=-1)
+        steps = list(closed_loop(setup, last + 1, residual_limit_m=math.inf, answers=answers))
         return first_difference(record, steps) or _outcome_difference(record, setup, steps)
 
 
@@ -137,6 +138,8 @@ def _plain(description: EpisodeDescription) -> EpisodeDescription:
 def first_difference(record: EpisodeRecord, repeated: Sequence[LoopStep]) -> Difference | None:
     """The first step, actor and field of the simulation that are not the same to the last bit.
 
+    In a record that has lost steps, messages that are missing are not compared; ``record.lost_steps`` tells.
+
     Args:
         record: The record.
         repeated: The steps of the repetition.
@@ -159,6 +162,9 @@ def first_difference(record: EpisodeRecord, repeated: Sequence[LoopStep]) -> Dif
         here = again.state_hash
         pairs.append((EVENTS.name, {"state_hash": record.state_hashes.get(step, MISSING)}, {"state_hash": here}))
         pairs.append((EVENTS.name, _events_json(events.get(step, ())), _events_json(again.events)))
+        if record.lost_steps:
+            absent = EVENTS.name if step not in record.state_hashes else ""
+            pairs = [pair for pair in pairs if pair[1] is not MISSING and pair[0] != absent]
         for topic, before, after in pairs:
             difference = _difference(topic, first_mismatch(before, after), step, before)
             if difference is not None:

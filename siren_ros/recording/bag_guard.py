@@ -15,7 +15,7 @@ from mcap.summary import Summary
 
 from siren_ros.errors import BagError
 from siren_ros.recording.bag_metadata import METADATA_FILE, read_metadata
-from siren_ros.recording.mcap_scan import DamageError, read_chunks, unpack
+from siren_ros.recording.mcap_scan import DamageError, read_attachment, read_chunk, read_places, unpack
 from siren_ros.recording.mcap_stream import MAGIC
 
 MAX_SUMMARY_BYTES: Final = 100_000_000
@@ -36,7 +36,7 @@ def check_bag_files(bag: Path, content: bool = False) -> None:
 
     Args:
         bag: Folder of the bag.
-        content: Also unpack every chunk and compare its checksum, and read the summary.
+        content: Also unpack every chunk, compare its checksum and those of attachments, and read the summary.
 
     Raises:
         BagError: What is wrong, and where.
@@ -66,9 +66,13 @@ def _named_files(bag: Path) -> list[str]:
 def _check_storage(file: Path, content: bool) -> None:
     size = file.stat().st_size
     with file.open("rb") as stream:
-        for chunk in read_chunks(stream):
-            if content:
-                unpack(chunk)
+        for place in read_places(stream):
+            if place.opcode == Opcode.CHUNK:
+                chunk = read_chunk(stream, place)
+                if content:
+                    unpack(chunk)
+            elif content and place.opcode == Opcode.ATTACHMENT:
+                read_attachment(stream, place)
         _check_end(stream, size)
         if content:
             read_summary(stream, size)

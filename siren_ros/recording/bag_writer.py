@@ -13,13 +13,20 @@ from rosbags.typesys.store import Typestore
 from siren_ros.errors import EpisodeError
 from siren_ros.recording.background import BackgroundWorker
 from siren_ros.recording.bag_metadata import BagTopic, metadata_text, qos_text
-from siren_ros.recording.mcap_stream import ChannelMessage, ChunkContent, McapStream
+from siren_ros.recording.mcap_stream import (
+    ChannelMessage,
+    ChunkContent,
+    McapStream,
+    definitions_bytes,
+    message_bytes,
+)
 from siren_ros.recording.working_folder import WorkingFolder, free_partial_path
 
 END_KEY: Final = "siren_end"
 REASON_KEY: Final = "siren_reason"
-REPEAT_CHUNKS: Final = 8
-"""The second chunk and every eighth after it repeat all definitions, for cut-off bags with a damaged first chunk."""
+REPEAT_CHUNKS: Final = 64
+"""Every 64th chunk, and every chunk after one with new definitions, repeats all definitions: a damaged chunk of a
+cut-off bag then costs no other chunk."""
 _CAUSES: Final = {
     errno.ENOSPC: "the disk is full",
     errno.EDQUOT: "the disk's quota is used up",
@@ -31,14 +38,15 @@ _CAUSES: Final = {
 class BagOptions:
     """Chunk size, compression and memory of a bag's writer."""
 
-    chunk_bytes: int = 1_000_000
-    """Uncompressed size at which a chunk is closed and flushed. A killed writer loses at most two chunks."""
+    chunk_bytes: int = 64_000
+    """Largest uncompressed size of a chunk with several messages; a larger message is a chunk of its own. Damage costs
+    the messages of its chunk."""
     chunk_ns: int = 1_000_000_000
     """Simulated time after which a chunk is closed, even a small one."""
     compression_level: int = -2
-    """zstd's level. On LiDAR sweeps −2 packs 325 MB/s on one core; 1 takes a quarter longer for the same size, 3 twice
-    as long for a fifth less."""
-    queued_chunks: int = 4
+    """zstd's level for chunks above 256 kB. On LiDAR sweeps −2 packs 325 MB/s on one core; 1 takes a quarter longer for
+    the same size, 3 twice as long for a fifth less."""
+    queued_chunks: int = 8
     """Chunks that may wait for the writing thread; bounds the memory."""
 
 
@@ -69,6 +77,10 @@ class _PendingChunk:
     messages: list[ChannelMessage] = field(default_factory=list)
     size_bytes: int = 0
     first_ns: int = 0
+    defines: bool = False
+    """Whether it has definitions that no chunk before it has."""
+    latched: bool = False
+    """Whether its messages are latched ones; these have chunks of their own."""
 
 
 class EpisodeBagWriter:
@@ -99,8 +111,9 @@ class EpisodeBagWriter:
         self._file_name = f"{path.name}_0.mcap"
         self._folder = WorkingFolder(path, self._file_name)
         self._channels: dict[str, _OpenChannel] = {}
-        self._schemas: dict[str, tuple[Schema, str]] = {}
+        self._schemas: dict[str, Schema] = {}
         self._pending = _PendingChunk()
+        self._copies: list[ChannelMessage] = []
         self._latest_ns = -1
         self._chunks = 0
         self._stream = McapStream(self._folder.file, self._options.compression_level)
@@ -119,18 +132,33 @@ class EpisodeBagWriter:
         Raises:
             EpisodeError: An earlier message could not be written: the disk is full, or the folder is gone.
         """
-        channel = self._channels.get(topic) or self._add_channel(topic, type_name)
         data = cdr if isinstance(cdr, bytes) else bytes(cdr)
         if time_ns > self._latest_ns:
             self._check_folder()
-        if not self._pending.messages:
-            self._pending.first_ns = time_ns
-        self._pending.messages.append(ChannelMessage(channel.record.id, channel.count, time_ns, data))
-        self._pending.size_bytes += len(data)
+        channel = self._channels.get(topic) or self._new_channel(topic, type_name)
+        new_channels = () if topic in self._channels else (channel.record,)
+        new_schemas = () if type_name in self._schemas else (channel.schema,)
+        size = message_bytes(data) + (definitions_bytes(new_schemas, new_channels) if new_channels else 0)
+        beyond = self._pending.size_bytes + size > self._options.chunk_bytes
+        if self._pending.messages and (beyond or self._pending.latched != channel.latched):
+            self._hand_over()
+        pending = self._pending
+        if not pending.messages:
+            pending.first_ns, pending.latched = time_ns, channel.latched
+        if new_channels:
+            self._channels[topic], self._schemas[type_name] = channel, channel.schema
+            pending.schemas += new_schemas
+            pending.channels += new_channels
+            pending.defines = True
+        message = ChannelMessage(channel.record.id, channel.count, time_ns, data)
+        pending.messages.append(message)
+        pending.size_bytes += size
+        if channel.latched:
+            self._copies.append(message)
         channel.count += 1
         self._latest_ns = max(self._latest_ns, time_ns)
-        old = time_ns - self._pending.first_ns >= self._options.chunk_ns
-        if old or self._pending.size_bytes >= self._options.chunk_bytes:
+        old = time_ns - pending.first_ns >= self._options.chunk_ns
+        if old or pending.size_bytes >= self._options.chunk_bytes:
             self._hand_over()
 
     def _check_folder(self) -> None:
@@ -139,14 +167,12 @@ class EpisodeBagWriter:
         except OSError as error:
             raise self._lost(error) from error
 
-    def _add_channel(self, topic: str, type_name: str) -> _OpenChannel:
-        if type_name not in self._schemas:
+    def _new_channel(self, topic: str, type_name: str) -> _OpenChannel:
+        schema = self._schemas.get(type_name)
+        if schema is None:
             text, _ = self._store.generate_msgdef(type_name, ros_version=2)
             schema = Schema(id=len(self._schemas) + 1, name=type_name, encoding="ros2msg", data=text.encode())
-            self._schemas[type_name] = (schema, self._store.hash_rihs01(type_name))
-            self._pending.schemas.append(schema)
-        schema, type_hash = self._schemas[type_name]
-        latched = topic in self._latched
+        type_hash, latched = self._store.hash_rihs01(type_name), topic in self._latched
         record = Channel(
             id=len(self._channels) + 1,
             topic=topic,
@@ -154,22 +180,27 @@ class EpisodeBagWriter:
             schema_id=schema.id,
             metadata={"offered_qos_profiles": qos_text(latched), "topic_type_hash": type_hash},
         )
-        self._pending.channels.append(record)
-        self._channels[topic] = _OpenChannel(record, schema, type_hash, latched)
-        return self._channels[topic]
+        return _OpenChannel(record, schema, type_hash, latched)
 
     def _hand_over(self) -> None:
         pending, self._pending = self._pending, _PendingChunk()
-        schemas, channels = tuple(pending.schemas), tuple(pending.channels)
-        if self._chunks % REPEAT_CHUNKS == 1:
-            schemas = tuple(schema for schema, _ in self._schemas.values())
-            channels = tuple(channel.record for channel in self._channels.values())
+        if not pending.messages:
+            return
         self._chunks += 1
-        content = ChunkContent(schemas, channels, tuple(pending.messages))
+        if pending.defines or self._chunks % REPEAT_CHUNKS == 0:
+            self._pending.schemas += self._schemas.values()
+            self._pending.channels += (channel.record for channel in self._channels.values())
+            self._pending.size_bytes = definitions_bytes(self._pending.schemas, self._pending.channels)
+        content = ChunkContent(tuple(pending.schemas), tuple(pending.channels), tuple(pending.messages))
         try:
             self._worker.put(content)
         except OSError as error:
             raise self._lost(error) from error
+
+    def _end_with_copies(self) -> None:
+        written = self._stream.counts
+        self._stream.attach_copies([item for item in self._copies if item.sequence < written.get(item.channel_id, 0)])
+        self._stream.finish()
 
     def _lost(self, error: OSError) -> EpisodeError:
         cause = _CAUSES.get(error.errno or 0) or error.strerror or str(error)
@@ -184,7 +215,7 @@ class EpisodeBagWriter:
         try:
             self._hand_over()
             self._worker.close()
-            self._stream.finish()
+            self._end_with_copies()
             self._folder.check()
             self._folder.close(self._metadata({END_KEY: "complete"}))
             self._folder.move_to(self._path)
@@ -209,9 +240,11 @@ class EpisodeBagWriter:
         with suppress(OSError):
             self._worker.close()
         self._folder.free_reserve()
-        with suppress(OSError, ValueError):
-            self._stream.rewind()
-            self._stream.finish()
+        for end in (self._end_with_copies, self._stream.finish):
+            with suppress(OSError, ValueError):
+                self._stream.rewind()
+                end()
+                break
         with suppress(OSError, ValueError):
             self._folder.restore()
         with suppress(OSError, ValueError):

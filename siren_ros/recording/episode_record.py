@@ -99,11 +99,13 @@ class EpisodeRecord:
     events: tuple[Event, ...]
     outcome: EpisodeOutcome | None
     complete: bool
-    """Whether the episode ended as planned and every step has its actor states."""
+    """Whether the episode ended as planned and every step that was closed has its actor states."""
     topics: Mapping[str, TopicRecord]
     """By topic name; empty for a live episode, whose messages are not counted."""
     state_hashes: Mapping[int, int] = field(default_factory=dict)
     """Hash of the state by step, as the simulation computed it (``siren_ros.world.state_hash``)."""
+    lost_steps: int = 0
+    """Steps without actor states, before the last step or the end that the bag says was reached."""
     map_xml: bytes = b""
     """The compiled SUMO net; empty in a record that was made by hand."""
 

@@ -5,21 +5,21 @@ with the bytes of the file, so that a damaged or hostile file costs no more memo
 Format: https://mcap.dev/spec
 """
 
-import os
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
-from io import BytesIO
+from io import SEEK_END, BytesIO
 from typing import BinaryIO, Final, TypeVar, cast
 
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
-from mcap.records import Channel, Schema
+from mcap.records import Attachment, Channel, Schema
 
-from siren_ros.recording.mcap_stream import MAGIC, ChannelMessage, ChunkContent
+from siren_ros.recording.mcap_stream import COPIES_NAME, MAGIC, ChannelMessage, ChunkContent
 
 MAX_CHUNK_BYTES: Final = 256_000_000
 """Largest uncompressed chunk that is read; the recorder's have 1 MB and at most one message more."""
@@ -31,11 +31,12 @@ _RECORD: Final = struct.Struct("<BQ")
 _CHUNK: Final = struct.Struct("<QQQII")
 _MESSAGE: Final = struct.Struct("<HIQQ")
 _LENGTH: Final = struct.Struct("<Q")
+_CRC: Final = struct.Struct("<I")
 _INDEX_HEAD: Final = struct.Struct("<BQHI")
 _INDEX_FIELDS_BYTES: Final = 6
 _INDEX_ENTRY_BYTES: Final = 16
 _DATA: Final = frozenset({Opcode.HEADER, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.METADATA, Opcode.ATTACHMENT})
-Record = TypeVar("Record", Schema, Channel)
+Record = TypeVar("Record", Schema, Channel, Attachment)
 
 
 class DamageError(ValueError):
@@ -66,14 +67,19 @@ class PackedChunk:
     crc: int
 
 
-def read_places(file: BinaryIO) -> Iterator[RecordPlace]:
+def read_places(file: BinaryIO, named: bool = True) -> Iterator[RecordPlace]:
     """The places of a file's records, from its start to the end of its data.
+
+    Args:
+        file: The file.
+        named: Whether the file has to begin with the format's name.
 
     Raises:
         DamageError: The file is cut off, or a record's head is damaged. All places before have been returned.
     """
-    size = os.fstat(file.fileno()).st_size
-    if file.read(len(MAGIC)) != MAGIC:
+    size = file.seek(0, SEEK_END)
+    file.seek(0)
+    if file.read(len(MAGIC)) != MAGIC and named:
         raise DamageError("no MCAP file")
     offset = len(MAGIC)
     while True:
@@ -110,6 +116,38 @@ def read_chunks(file: BinaryIO) -> Iterator[PackedChunk]:
     for place in read_places(file):
         if place.opcode == Opcode.CHUNK:
             yield read_chunk(file, place)
+
+
+def read_attachment(file: BinaryIO, place: RecordPlace) -> Attachment:
+    """The attachment at a place.
+
+    Raises:
+        DamageError: The record is damaged, or larger than the largest chunk.
+    """
+    if place.length > MAX_CHUNK_BYTES:
+        raise DamageError(f"an attachment of {place.length} bytes; {MAX_CHUNK_BYTES} are allowed")
+    file.seek(place.offset + _RECORD.size)
+    data = file.read(place.length)
+    crc = _CRC.unpack(data[-_CRC.size :])[0] if len(data) >= _CRC.size else -1
+    if len(data) < place.length or crc not in {0, zlib.crc32(data[: -_CRC.size])}:
+        raise DamageError(f"the attachment at byte {place.offset} does not have its checksum")
+    return _parsed(Attachment, data)
+
+
+def read_copies(file: BinaryIO, places: Iterable[RecordPlace]) -> list[ChunkContent]:
+    """The second copies of latched messages, as far as they are undamaged (``McapStream.attach_copies``).
+
+    Args:
+        file: The file.
+        places: Of its attachments; those of other kinds are left out.
+    """
+    found = []
+    for place in places:
+        with suppress(DamageError):
+            attachment = read_attachment(file, place)
+            if attachment.name == COPIES_NAME:
+                found += [parse_content(unpack(chunk)) for chunk in read_chunks(BytesIO(attachment.data))]
+    return found
 
 
 def count_index_entries(file: BinaryIO, offset: int) -> int:

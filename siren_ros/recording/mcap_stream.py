@@ -9,13 +9,15 @@ import struct
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from io import RawIOBase
+from io import BytesIO, RawIOBase
 from typing import Final
 
 import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
+    Attachment,
+    AttachmentIndex,
     Channel,
     ChunkIndex,
     DataEnd,
@@ -31,10 +33,17 @@ from mcap.records import (
 MAGIC: Final = b"\x89MCAP0\r\n"
 PROFILE: Final = "ros2"
 LIBRARY: Final = "siren_ros"
+COPIES_NAME: Final = "published_once.mcap"
+"""Name of the attachment with the second copies of latched messages."""
+_COPIES_TYPE: Final = "application/mcap"
 _COMPRESSION: Final = "zstd"
 _MESSAGE_HEADER: Final = struct.Struct("<BQHIQQ")
 _MESSAGE_FIELDS_BYTES: Final = 22
 """Channel, sequence and two times; the format counts them as part of the message."""
+_SMALL_BYTES: Final = 256_000
+"""Uncompressed size up to which a chunk is compressed with ``_SMALL_LEVEL``; a larger one is a sweep or an image."""
+_SMALL_LEVEL: Final = 3
+"""zstd's default. It makes up for what small chunks cost: together they have the size of chunks of 1 MB at level −2."""
 
 
 @dataclass(frozen=True)
@@ -63,15 +72,23 @@ class McapStream:
     file of a killed writer can be read up to its last whole chunk.
     """
 
-    def __init__(self, stream: RawIOBase, compression_level: int) -> None:
+    def __init__(self, stream: RawIOBase | BytesIO, compression_level: int) -> None:
+        """Writes the head of the file.
+
+        Args:
+            stream: Empty.
+            compression_level: zstd's, for chunks above 256 kB; smaller ones have zstd's default.
+        """
         self._stream = stream
         self._position = 0
         self._whole = 0
         # One thread and no dictionary: the compressed bytes depend on the content alone.
-        self._compressor = zstandard.ZstdCompressor(level=compression_level, threads=0)
+        self._large = zstandard.ZstdCompressor(level=compression_level, threads=0)
+        self._small = zstandard.ZstdCompressor(level=_SMALL_LEVEL, threads=0)
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._chunks: list[ChunkIndex] = []
+        self._attachments: list[AttachmentIndex] = []
         self._counts: dict[int, int] = {}
         self._write(MAGIC + _bytes_of([Header(PROFILE, LIBRARY)]))
         self._whole = self._position
@@ -89,7 +106,8 @@ class McapStream:
         return first_ns, max((chunk.message_end_time for chunk in filled), default=0)
 
     def rewind(self) -> None:
-        """Cuts the file after its last whole chunk; a reader would stop at a chunk that the disk took only in part."""
+        """Cuts the file after its last whole chunk; a reader would stop at a record that the disk took only in part."""
+        self._attachments.clear()
         self._stream.truncate(self._whole)
         self._stream.seek(self._whole)
         self._position = self._whole
@@ -108,15 +126,15 @@ class McapStream:
         """Writes one chunk; ``packed`` is its content compressed before, None to compress it here."""
         if not content.messages and not content.channels and not content.schemas:
             return
-        offset = len(_bytes_of([*content.schemas, *content.channels]))
+        offset = definitions_bytes(content.schemas, content.channels)
         index: dict[int, list[tuple[int, int]]] = {}
         for message in content.messages:
             index.setdefault(message.channel_id, []).append((message.time_ns, offset))
-            offset += _MESSAGE_HEADER.size + len(message.data)
+            offset += message_bytes(message.data)
         times = [message.time_ns for message in content.messages]
         plain = plain_bytes(content)
         if packed is None:
-            packed = self._compressor.compress(plain)
+            packed = (self._small if len(plain) <= _SMALL_BYTES else self._large).compress(plain)
         self._write_packed(plain, packed, index, (min(times, default=0), max(times, default=0)))
         for schema in content.schemas:
             self._schemas.setdefault(schema.id, schema)
@@ -156,6 +174,31 @@ class McapStream:
             )
         )
 
+    def attach_copies(self, messages: Sequence[ChannelMessage]) -> None:
+        """Writes messages a second time, after all chunks: as an MCAP file in an attachment; none for no messages.
+
+        Readers of messages do not see attachments, so every count and every player stays as it is.
+
+        Args:
+            messages: Of latched topics, which are published once: without them the bag is no episode.
+
+        Raises:
+            OSError: The disk refuses it.
+        """
+        if not messages:
+            return
+        channels = [self._channels[key] for key in sorted({message.channel_id for message in messages})]
+        schemas = [self._schemas[key] for key in sorted({channel.schema_id for channel in channels})]
+        file = BytesIO()
+        copies = McapStream(file, _SMALL_LEVEL)
+        copies.write_chunk(ChunkContent(tuple(schemas), tuple(channels), tuple(messages)))
+        copies.finish()
+        data, time_ns, start = file.getvalue(), messages[0].time_ns, self._position
+        record = _bytes_of([Attachment(time_ns, time_ns, COPIES_NAME, _COPIES_TYPE, data)])
+        self._write(record)
+        index = AttachmentIndex(start, len(record), time_ns, time_ns, len(data), COPIES_NAME, _COPIES_TYPE)
+        self._attachments.append(index)
+
     def finish(self) -> None:
         """Writes the summary and the end of the file; the stream stays open."""
         self._write(_bytes_of([DataEnd(0)]))
@@ -165,6 +208,7 @@ class McapStream:
             (Opcode.CHANNEL, list(self._channels.values())),
             (Opcode.STATISTICS, [self._statistics()]),
             (Opcode.CHUNK_INDEX, self._chunks),
+            *([(Opcode.ATTACHMENT_INDEX, self._attachments)] if self._attachments else []),
         )
         summary, offsets = b"", []
         for opcode, records in groups:
@@ -180,7 +224,7 @@ class McapStream:
     def _statistics(self) -> Statistics:
         first_ns, last_ns = self.span_ns
         return Statistics(
-            attachment_count=0,
+            attachment_count=len(self._attachments),
             channel_count=len(self._channels),
             channel_message_counts=dict(sorted(self._counts.items())),
             chunk_count=len(self._chunks),
@@ -190,6 +234,16 @@ class McapStream:
             message_end_time=last_ns,
             schema_count=len(self._schemas),
         )
+
+
+def definitions_bytes(schemas: Sequence[Schema], channels: Sequence[Channel]) -> int:
+    """Size of some definitions in a chunk, uncompressed."""
+    return len(_bytes_of([*schemas, *channels]))
+
+
+def message_bytes(data: bytes) -> int:
+    """Size of a message in a chunk, uncompressed, with its head."""
+    return _MESSAGE_HEADER.size + len(data)
 
 
 def plain_bytes(content: ChunkContent) -> bytes:

@@ -7,12 +7,14 @@ import numpy as np
 
 from siren_ros.errors import BagError
 from siren_ros.interfaces import conversions, episode_conversions
+from siren_ros.interfaces.lockstep_reports import EpisodeClosing
 from siren_ros.interfaces.programs.av_control import from_av_control
 from siren_ros.interfaces.topics import (
     ACTORS,
     AV_CONTROL,
     EMV_COMMANDS,
     EPISODE,
+    EPISODE_END,
     EVENTS,
     MAP,
     OUTCOME,
@@ -20,7 +22,13 @@ from siren_ros.interfaces.topics import (
     YIELD_COMMANDS,
 )
 from siren_ros.recording.episode_record import EpisodeRecord, TopicRecord
-from siren_ros.recording.record_checks import check_commands, check_description, check_states, check_traffic
+from siren_ros.recording.record_checks import (
+    check_commands,
+    check_description,
+    check_states,
+    check_traffic,
+    outcome_of_what_is_held,
+)
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
@@ -29,7 +37,18 @@ from siren_ros.world.commands import AV_SOURCE, VehicleCommands, av_commands
 from siren_ros.world.events import Event
 from siren_ros.world.traffic_state import TrafficState
 
-RECORD_TOPICS: Final = (EPISODE, MAP, TRAFFIC, EMV_COMMANDS, YIELD_COMMANDS, AV_CONTROL, ACTORS, EVENTS, OUTCOME)
+RECORD_TOPICS: Final = (
+    EPISODE,
+    MAP,
+    TRAFFIC,
+    EMV_COMMANDS,
+    YIELD_COMMANDS,
+    AV_CONTROL,
+    ACTORS,
+    EVENTS,
+    EPISODE_END,
+    OUTCOME,
+)
 """The topics of a record; messages on other topics are only counted."""
 
 Reading: TypeAlias = Callable[[Callable[[Any], Any], Any], Any]
@@ -68,6 +87,7 @@ class RecordBuilder:
         self._commands: dict[str, list[VehicleCommands]] = {}
         self._events: list[Event] = []
         self._state_hashes: dict[int, int] = {}
+        self._closing: EpisodeClosing | None = None
         self._outcome: EpisodeOutcome | None = None
         self._counters: dict[str, _TopicCounter] = {}
         self._takers: dict[str, Callable[[Any], None]] = {
@@ -79,6 +99,7 @@ class RecordBuilder:
             AV_CONTROL.name: self._take_av_control,
             ACTORS.name: self._take_states,
             EVENTS.name: self._take_events,
+            EPISODE_END.name: self._take_end,
             OUTCOME.name: self._take_outcome,
         }
 
@@ -141,6 +162,9 @@ class RecordBuilder:
         self._state_hashes[step] = state_hash
         self._events.extend(events)
 
+    def _take_end(self, message: Any) -> None:
+        self._closing = episode_conversions.from_episode_end(message)
+
     def _take_outcome(self, message: Any) -> None:
         self.set_outcome(episode_conversions.from_episode_outcome(message))
 
@@ -162,8 +186,11 @@ class RecordBuilder:
         if self._network is None:
             raise BagError(name, f"a bag with the episode's map on {MAP.name}")
         steps = [state.step for state in self._states]
-        ended = self._outcome is not None and self._outcome.end is EpisodeEnd.COMPLETE
-        whole = steps == list(range(len(steps))) and self._outcome is not None and self._outcome.steps == len(steps)
+        outcome = outcome_of_what_is_held(self._outcome, self._closing, steps)
+        complete = outcome is not None and outcome.end is EpisodeEnd.COMPLETE
+        ended = self._closing is not None and self._closing.end is EpisodeEnd.COMPLETE
+        closed = self._closing.steps if self._closing is not None and ended else 0
+        closed = max([closed, *(step + 1 for step in steps)])
         return EpisodeRecord(
             description=self._description,
             network=self._network,
@@ -173,8 +200,9 @@ class RecordBuilder:
             traffic=tuple(self._traffic),
             commands={source: tuple(rows) for source, rows in sorted(self._commands.items())},
             events=tuple(self._events),
-            outcome=self._outcome,
-            complete=ended and whole,
+            outcome=outcome,
+            complete=complete,
+            lost_steps=closed - len(set(steps)),
             topics={topic: _topic_record(topic, counter) for topic, counter in sorted(self._counters.items())},
             state_hashes=dict(self._state_hashes),
         )

@@ -1,11 +1,13 @@
 """Checks the messages of a record before they are used, because a bag may come from an untrusted source."""
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 from typing import Final
 
 from siren_ros.errors import BagError
-from siren_ros.scenario.episode import EpisodeDescription
+from siren_ros.interfaces.lockstep_reports import EpisodeClosing
+from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorStates
 from siren_ros.world.commands import COMMAND_DTYPES, VehicleCommands
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficState
@@ -40,6 +42,28 @@ def check_description(description: EpisodeDescription) -> None:
     """Raises BagError unless the duration is finite, not negative and at most ``LONGEST_S``."""
     if not (math.isfinite(description.duration_s) and 0.0 <= description.duration_s <= LONGEST_S):
         raise BagError(f"duration_s {description.duration_s}", f"a number from 0 to {LONGEST_S:g}")
+
+
+def outcome_of_what_is_held(
+    outcome: EpisodeOutcome | None, closing: EpisodeClosing | None, steps: Sequence[int]
+) -> EpisodeOutcome | None:
+    """The recorded outcome; for a bag without every step that was closed, a failure that says so.
+
+    Args:
+        outcome: As recorded; None where the bag has none.
+        closing: Its ``EpisodeEnd``, likewise.
+        steps: Numbers of the steps whose actor states the bag holds, in its order.
+    """
+    if outcome is None or outcome.end is not EpisodeEnd.COMPLETE:
+        return outcome
+    closed = outcome.steps if closing is None else max(outcome.steps, closing.steps)
+    if list(steps) == list(range(closed)):
+        return outcome
+    held = len({step for step in steps if step < closed})
+    reason = f"the bag holds {held} of the {closed} steps that were closed"
+    if held == closed:
+        reason = f"the bag holds more than the {closed} steps that were closed"
+    return replace(outcome, end=EpisodeEnd.FAILED, reason=reason, predicate_holds=None)
 
 
 def _check(columns: ActorStates | TrafficState | VehicleCommands, names: Collection[str]) -> None:

@@ -1,7 +1,8 @@
 """Completes a bag whose writer was killed or whose storage file is damaged: all whole chunks, with a new summary."""
 
+import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,10 +23,11 @@ from siren_ros.recording.mcap_scan import (
     count_index_entries,
     parse_content,
     read_chunk,
+    read_copies,
     read_places,
     unpack,
 )
-from siren_ros.recording.mcap_stream import ChunkContent, McapStream, plain_bytes
+from siren_ros.recording.mcap_stream import ChannelMessage, ChunkContent, McapStream, plain_bytes
 from siren_ros.recording.working_folder import (
     PARTIAL_SUFFIX,
     RESERVE_FILE,
@@ -53,6 +55,8 @@ class Recovery:
     """What could not be saved, and why; empty where nothing was lost."""
     described: bool = True
     """Whether the episode's description and its map were saved; without them the bag is no episode."""
+    restored: int = 0
+    """Messages that were taken from their second copies, because their chunks cannot be read."""
 
 
 @dataclass
@@ -60,6 +64,7 @@ class _Chunks:
     """The chunks of a damaged file."""
 
     places: list[RecordPlace] = field(default_factory=list)
+    attachments: list[RecordPlace] = field(default_factory=list)
     indexed: Counter[int] = field(default_factory=Counter)
     """Number of messages by the offset of their chunk, from the message indices."""
     end: str = ""
@@ -80,6 +85,10 @@ class _Salvage:
     damages: list[str] = field(default_factory=list)
     """One for each chunk that could not be read."""
     lost_messages: int = 0
+    restored: int = 0
+    """Messages of unreadable chunks that were taken from their second copies."""
+    latched: list[ChannelMessage] = field(default_factory=list)
+    """The saved messages of latched topics."""
     undefined: int = 0
     """Of the lost messages, those in readable chunks whose channel is defined nowhere."""
 
@@ -104,6 +113,7 @@ class _Salvage:
         schemas = {self.channels[key].schema_id for key in lacking} - present
         self.written.update(item.id for item in channels)
         self.counts.update(item.channel_id for item in messages)
+        self.latched += (item for item in messages if _is_latched(self.channels[item.channel_id]))
         for item in messages:
             self.times_ns = [min([item.time_ns, *self.times_ns[:1]]), max([item.time_ns, *self.times_ns[1:]])]
         return ChunkContent((*(self.schemas[key] for key in sorted(schemas)), *content.schemas), channels, messages)
@@ -115,7 +125,7 @@ class _Salvage:
                 channel.topic,
                 self.schemas[channel.schema_id].name,
                 channel.metadata.get("topic_type_hash", ""),
-                "transient_local" in channel.metadata.get("offered_qos_profiles", ""),
+                _is_latched(channel),
                 self.counts[key],
             )
             for key, channel in self.channels.items()
@@ -127,8 +137,14 @@ class _Salvage:
         return sum(self.counts[key] for key, channel in self.channels.items() if channel.topic == topic)
 
 
+def _is_latched(channel: Channel) -> bool:
+    return "transient_local" in channel.metadata.get("offered_qos_profiles", "")
+
+
 def recover_bag(path: Path, out: Path | None = None) -> Recovery:
     """Writes a complete bag from what can be read of a damaged one.
+
+    Latched messages of damaged chunks, such as the description and the map, are taken from their second copies.
 
     Args:
         path: Folder of the bag: complete, partial, or the hidden ``.NAME.partial`` of a killed writer; also the
@@ -160,7 +176,7 @@ def recover_bag(path: Path, out: Path | None = None) -> Recovery:
         raise EpisodeError(f"the bag {target} cannot be written: {error.strerror or error}") from error
     described = salvage.count_of(EPISODE.name) > 0 and salvage.count_of(MAP.name) > 0
     saved, steps = sum(salvage.counts.values()), salvage.count_of(ACTORS.name)
-    return Recovery(target, saved, steps, False, salvage.lost_messages, lost, described)
+    return Recovery(target, saved, steps, False, salvage.lost_messages, lost, described, salvage.restored)
 
 
 def _folder_of(path: Path) -> Path:
@@ -210,20 +226,68 @@ def _write_storage(source: Path, target: Path) -> tuple[_Salvage, str]:
     with source.open("rb") as file, target.open("wb", buffering=0) as output:
         stream = McapStream(output, BagOptions().compression_level)
         chunks = _find_chunks(file, salvage)
-        for place in chunks.places:
+        copies = _lost_copies(file, chunks, salvage)
+        for number, place in enumerate(chunks.places):
             try:
                 _save_chunk(file, place, stream, salvage)
             except DamageError as error:
                 salvage.damages.append(str(error))
                 salvage.lost_messages += chunks.indexed[place.offset]
+                beyond = _first_time_ns(file, chunks.places[number + 1 :])
+                copies = _restore(copies, beyond, stream, salvage)
+        _restore(copies, math.inf, stream, salvage)
         if not salvage.counts:
             reasons = "; ".join([*salvage.damages[:1], *([chunks.end] if chunks.end else [])])
             raise BagError(str(source), f"a file with at least one whole chunk ({reasons or 'there is none'})")
+        stream.attach_copies(salvage.latched)
         stream.finish()
     with suppress(BagError):
         expected = sum(read_message_counts(source.parent).values())
         salvage.lost_messages = max(salvage.lost_messages, expected - sum(salvage.counts.values()))
     return salvage, _lost_text(salvage, chunks)
+
+
+def _lost_copies(file: BinaryIO, chunks: _Chunks, salvage: _Salvage) -> list[ChannelMessage]:
+    """The messages with second copies whose chunks cannot be read, in the order of the bag."""
+    contents = read_copies(file, chunks.attachments)
+    if not contents:
+        return []
+    present: set[tuple[int, int]] = set()
+    for place in chunks.places:
+        with suppress(DamageError):
+            content = parse_content(unpack(read_chunk(file, place)))
+            present.update((item.channel_id, item.sequence) for item in content.messages)
+    found = []
+    for content in contents:
+        salvage.learn(content.schemas, content.channels)
+        known = {channel.id for channel in content.channels if salvage.channels[channel.id] == channel}
+        found += [
+            item
+            for item in content.messages
+            if item.channel_id in known and (item.channel_id, item.sequence) not in present
+        ]
+    return found
+
+
+def _first_time_ns(file: BinaryIO, places: Sequence[RecordPlace]) -> float:
+    """Time of the first message in the first readable chunk; infinite without one."""
+    for place in places:
+        with suppress(DamageError):
+            messages = parse_content(unpack(read_chunk(file, place))).messages
+            if messages:
+                return messages[0].time_ns
+    return math.inf
+
+
+def _restore(
+    copies: list[ChannelMessage], beyond_ns: float, stream: McapStream, salvage: _Salvage
+) -> list[ChannelMessage]:
+    """Writes the copies up to a time in the place of a damaged chunk; returns the others."""
+    content = salvage.take(ChunkContent((), (), tuple(item for item in copies if item.time_ns <= beyond_ns)))
+    stream.adopt_chunk(content, None)
+    salvage.restored += len(content.messages)
+    salvage.lost_messages = max(0, salvage.lost_messages - len(content.messages))
+    return [item for item in copies if item.time_ns > beyond_ns]
 
 
 def _find_chunks(file: BinaryIO, salvage: _Salvage) -> _Chunks:
@@ -237,12 +301,19 @@ def _find_chunks(file: BinaryIO, salvage: _Salvage) -> _Chunks:
     if summary is not None:
         salvage.learn(summary.schemas.values(), summary.channels.values())
         _take_index(file, size, summary, chunks)
+        chunks.attachments = [
+            RecordPlace(Opcode.ATTACHMENT, index.offset, index.length - _RECORD_HEAD_BYTES)
+            for index in summary.attachment_indexes
+            if index.length >= _RECORD_HEAD_BYTES
+        ]
         return chunks
     try:
         file.seek(0)
-        for place in read_places(file):
+        for place in read_places(file, named=False):
             if place.opcode == Opcode.CHUNK:
                 chunks.places.append(place)
+            elif place.opcode == Opcode.ATTACHMENT:
+                chunks.attachments.append(place)
             elif place.opcode == Opcode.MESSAGE_INDEX and chunks.places:
                 chunks.indexed[chunks.places[-1].offset] += count_index_entries(file, place.offset)
     except DamageError as error:

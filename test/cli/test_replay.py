@@ -1,13 +1,21 @@
 """``siren replay``: which of its two jobs it does, and what it tells the player."""
 
 import os
+import struct
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 import pytest
+from rosbags.typesys.store import Typestore
 
 from siren_ros.cli.main import main
+from siren_ros.generation.episode_setup import set_up_episode
+from siren_ros.generation.recorded_episode import record_episode
+from siren_ros.numerics.units import step_of_time_ns
+from siren_ros.recording.bag_reader import open_bag
+from siren_ros.recording.bag_writer import EpisodeBagWriter
+from siren_ros.scenario.request import EpisodeRequest
 
 
 @pytest.fixture
@@ -71,3 +79,58 @@ def test_what_is_no_number_is_refused(bag: Path) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["replay", str(bag), "--rate", "fast"])
     assert ended.value.code == 2
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The bag of ten steps that the simulation made."""
+    bag = tmp_path_factory.mktemp("made") / "bag"
+    record_episode(set_up_episode(EpisodeRequest("S2", seed=3, sensors="none", duration_s=0.5)), bag)
+    return bag
+
+
+def without_steps(made: Path, bag: Path, typestore: Typestore, left_out: Collection[int]) -> Path:
+    """The bag without the messages of some steps; its end and its outcome stay as they are."""
+    with open_bag(made) as opened:
+        writer = EpisodeBagWriter(bag, typestore, opened.latched)
+        for message in opened.messages():
+            if message.topic in opened.latched or step_of_time_ns(message.time_ns) not in left_out:
+                writer.write(message.topic, message.type_name, message.cdr, message.time_ns)
+    return writer.finish().path
+
+
+@pytest.mark.parametrize(("left_out", "held"), [(range(3, 10), 3), ((0, 1, 6), 7)])
+def test_a_bag_that_lacks_steps_is_compared_as_far_as_it_goes_and_not_called_complete(
+    made: Path,
+    tmp_path: Path,
+    typestore: Typestore,
+    capsys: pytest.CaptureFixture[str],
+    left_out: Collection[int],
+    held: int,
+) -> None:
+    assert main(["replay", "--check", str(made)]) == 0
+    assert "over 10 steps" in capsys.readouterr().out
+    bag = without_steps(made, tmp_path / "bag", typestore, left_out)
+    assert main(["replay", "--check", str(bag)]) == 1
+    printed = capsys.readouterr()
+    assert f"the same, to the last bit, over {held} steps" in printed.out
+    assert printed.err == f"siren replay: {bag} is not complete: it holds {held} of 10 steps\n"
+    assert main(["info", str(bag)]) == 0
+    assert f"failed (the bag holds {held} of the 10 steps that were closed), not judged" in capsys.readouterr().out
+    assert main(["verify", str(bag)]) == 1
+    assert "complete, complete" not in capsys.readouterr().out
+
+
+def test_a_difference_in_a_step_that_is_there_is_still_found(
+    made: Path, tmp_path: Path, typestore: Typestore, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with open_bag(made) as opened:
+        writer = EpisodeBagWriter(tmp_path / "bag", typestore, opened.latched)
+        for message in opened.messages():
+            step, cdr = step_of_time_ns(message.time_ns), message.cdr
+            if message.topic == "/siren/actor_states" and step == 7:
+                cdr = cdr[:-8] + struct.pack("<d", 1e3)
+            if message.topic in opened.latched or step != 2:
+                writer.write(message.topic, message.type_name, cdr, message.time_ns)
+    assert main(["replay", "--check", str(writer.finish().path)]) == 1
+    assert "differs first at step 7" in capsys.readouterr().out

@@ -8,9 +8,11 @@ import sys
 import textwrap
 from collections.abc import Callable
 from contextlib import suppress
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 from mcap.exceptions import McapError
@@ -161,6 +163,11 @@ class FillingDisk:
         self.room_bytes -= taken
         return taken
 
+    def truncate(self, size: int) -> int:
+        before = self._file.seek(0, os.SEEK_END)
+        self.room_bytes += max(0, before - size)
+        return int(self._file.truncate(size))
+
     def __getattr__(self, name: str) -> Any:
         return getattr(self._file, name)
 
@@ -244,12 +251,12 @@ def test_a_chunk_is_closed_after_a_second(tmp_path: Path, typestore: Typestore, 
     assert len(summary.chunk_indexes) == 2
 
 
-def test_the_second_chunk_and_every_eighth_after_it_repeat_all_definitions(
+def test_the_chunk_after_new_definitions_and_every_64th_repeat_all_definitions(
     tmp_path: Path, typestore: Typestore, clock_cdr: bytes, text_cdr: bytes
 ) -> None:
     writer = EpisodeBagWriter(tmp_path / "bag", typestore, latched=[TEXT[0]], options=BagOptions(chunk_bytes=1))
     writer.write(*TEXT, text_cdr, 0)
-    for step in range(1, 20):
+    for step in range(1, 140):
         writer.write(*CLOCK, clock_cdr, step * 50_000_000)
     defined = []
     with (writer.finish().path / "bag_0.mcap").open("rb") as file:
@@ -257,9 +264,87 @@ def test_the_second_chunk_and_every_eighth_after_it_repeat_all_definitions(
             content = parse_content(unpack(chunk))
             defined.append((len(content.schemas), len(content.channels), len(content.messages)))
     assert defined[0] == (1, 1, 1)
-    assert defined[1] == (2, 2, 1)
-    assert [number for number, (schemas, _, _) in enumerate(defined) if schemas == 2] == [1, 9, 17]
-    assert all(row in {(0, 0, 1), (2, 2, 1)} for row in defined[1:20])
+    # The second defines the clock, next to the repeated text.
+    assert [number for number, (schemas, _, _) in enumerate(defined) if schemas == 2] == [1, 2, 64, 128]
+    assert all(row in {(0, 0, 1), (2, 2, 1)} for row in defined[1:])
+
+
+def contents(file: Path) -> list[tuple[int, list[int]]]:
+    """Uncompressed size of each chunk, and the sizes of its messages."""
+    with file.open("rb") as stream:
+        plain = [unpack(chunk) for chunk in read_chunks(stream)]
+    return [(len(one), [len(message.data) for message in parse_content(one).messages]) for one in plain]
+
+
+def test_a_chunk_has_at_most_64_kb_and_a_larger_message_is_a_chunk_of_its_own(
+    tmp_path: Path, typestore: Typestore
+) -> None:
+    writer = EpisodeBagWriter(tmp_path / "bag", typestore)
+    for step in range(60):
+        for number, size in enumerate((15_000, 200_000 if step % 10 == 5 else 3_000, 400)):
+            writer.write(f"/data{number}", "std_msgs/msg/String", bytes(size), step * 10_000_000)
+    found = contents(writer.finish().path / "bag_0.mcap")
+    assert [sizes for size, sizes in found if size > 64_000] == [[200_000]] * 6
+    together = [size for size, sizes in found if 200_000 not in sizes]
+    assert max(together) > 50_000
+    assert len(together) < 40
+
+
+def test_latched_messages_have_chunks_of_their_own(
+    tmp_path: Path, typestore: Typestore, clock_cdr: bytes, text_cdr: bytes
+) -> None:
+    writer = EpisodeBagWriter(tmp_path / "bag", typestore, latched=["/a", "/b", "/end"])
+    for topic in ("/a", "/b"):
+        writer.write(topic, TEXT[1], text_cdr, 0)
+    for step in range(3):
+        writer.write(*CLOCK, clock_cdr, step * 50_000_000)
+    writer.write("/end", TEXT[1], text_cdr, 100_000_000)
+    found = contents(writer.finish().path / "bag_0.mcap")
+    text, clock = len(text_cdr), len(clock_cdr)
+    assert [sizes for _, sizes in found] == [[text, text], [clock] * 3, [text]]
+
+
+def test_latched_messages_stand_a_second_time_as_a_file_that_readers_of_messages_skip(
+    tmp_path: Path, typestore: Typestore, clock_cdr: bytes, text_cdr: bytes
+) -> None:
+    writer = EpisodeBagWriter(tmp_path / "bag", typestore, latched=[TEXT[0]])
+    writer.write(*TEXT, text_cdr, 0)
+    for step in range(3):
+        writer.write(*CLOCK, clock_cdr, step * 50_000_000)
+    path = writer.finish().path
+    with (path / "bag_0.mcap").open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        (attachment,) = reader.iter_attachments()
+        summary = reader.get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        assert (summary.statistics.attachment_count, summary.statistics.message_count) == (1, 4)
+        assert len(list(reader.iter_messages())) == 4
+    assert (attachment.name, attachment.media_type) == ("published_once.mcap", "application/mcap")
+    inside = make_reader(BytesIO(attachment.data), validate_crcs=True)
+    ((schema, channel, message),) = inside.iter_messages()
+    assert schema is not None
+    assert (schema.name, channel.topic, message.data) == (TEXT[1], TEXT[0], text_cdr)
+    with AnyReader([path]) as rosbags_reader:
+        read = [(item.topic, cdr) for item, _, cdr in rosbags_reader.messages()]
+    assert read == [(TEXT[0], text_cdr), *[(CLOCK[0], clock_cdr)] * 3]
+
+
+def test_a_disk_without_room_for_the_second_copies_still_gets_the_end_of_the_bag(
+    tmp_path: Path, typestore: Typestore, clock_cdr: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    writer = EpisodeBagWriter(tmp_path / "bag", typestore, latched=[TEXT[0]])
+    noise = np.random.default_rng(0).bytes(100_000)
+    writer.write(*TEXT, noise, 0)
+    writer.write(*CLOCK, clock_cdr, 0)
+    disk = FillingDisk(writer._stream._stream, 150_000)
+    monkeypatch.setattr(writer._stream, "_stream", disk)
+    with pytest.raises(EpisodeError, match="disk is full"):
+        writer.finish()
+    monkeypatch.setattr(writer._folder, "free_reserve", lambda: setattr(disk, "room_bytes", 30_000))
+    summary = writer.abandon("the disk is full")
+    with open_bag(summary.path) as bag:
+        assert [message.topic for message in bag.messages()] == [TEXT[0], CLOCK[0]]
 
 
 def test_the_metadata_gives_the_time_of_the_first_message_and_the_span_to_the_last(
@@ -285,15 +370,6 @@ def test_the_summary_gives_the_size_of_all_files_and_the_number_of_messages(
     summary = writer.finish()
     assert summary.size_bytes == sum(file.stat().st_size for file in summary.path.iterdir())
     assert summary.message_counts == {TEXT[0]: 1, CLOCK[0]: 3}
-
-
-def test_a_chunk_is_closed_when_its_content_is_large_enough(tmp_path: Path, typestore: Typestore) -> None:
-    writer = EpisodeBagWriter(tmp_path / "bag", typestore, options=BagOptions(chunk_bytes=300))
-    for step in range(7):
-        writer.write("/data", "std_msgs/msg/String", bytes(100), step * 50_000_000)
-    with (writer.finish().path / "bag_0.mcap").open("rb") as file:
-        sizes = [len(parse_content(unpack(chunk)).messages) for chunk in read_chunks(file)]
-    assert [size for size in sizes if size] == [3, 3, 1]
 
 
 def test_a_folder_that_disappears_before_the_first_message_is_noticed_by_it(

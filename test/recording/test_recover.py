@@ -2,8 +2,10 @@ import shutil
 import struct
 import zlib
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
 import pytest
 import zstandard
 from hypothesis import given, settings
@@ -14,6 +16,7 @@ from rosbags.typesys.store import Typestore
 from siren_ros.cli.main import main
 from siren_ros.errors import BagError
 from siren_ros.interfaces.messages import make_message, stamp
+from siren_ros.judging.verify import verify_episode
 from siren_ros.recording.bag_reader import open_bag, read_episode
 from siren_ros.recording.bag_writer import BagOptions, EpisodeBagWriter
 from siren_ros.recording.mcap_scan import PackedChunk, parse_content, read_chunks, unpack
@@ -146,22 +149,84 @@ def with_flipped_bits(bag: Path, *numbers: int) -> list[int]:
     return lost
 
 
-def test_a_flipped_bit_in_the_first_chunk_costs_its_own_messages_only(
+def steps_of(bag: Path, number: int) -> list[tuple[str, int, bytes]]:
+    """The messages of a chunk, without those of latched topics, which stand a second time."""
+    latched = {"/siren/episode", "/siren/map", "/siren/outcome"}
+    with open_bag(bag) as opened:
+        names = {connection.id: connection.topic for connection in opened.reader.connections}
+    content = parse_content(unpack(chunks_of(next(bag.glob("*.mcap")))[number]))
+    found = [(names[item.channel_id], item.time_ns, item.data) for item in content.messages]
+    return [message for message in found if message[0] not in latched]
+
+
+def test_a_flipped_bit_in_the_first_chunk_costs_nothing_because_its_messages_stand_twice(
     episode: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     damaged = tmp_path / "damaged"
     shutil.copytree(episode, damaged)
     (lost,) = with_flipped_bits(damaged, 0)
-    assert main(["recover", str(damaged)]) == 1
+    assert main(["recover", str(damaged)]) == 0
     printed = capsys.readouterr()
-    assert f"saved {len(messages_of(episode)) - lost} messages" in printed.out
-    first, second = printed.err.splitlines()
-    assert f" {lost} messages are lost: 1 of {len(chunks_of(episode / 'bag_0.mcap'))} chunks" in first
-    assert "no episode any more" in second
-    saved = messages_of(tmp_path / "damaged.partial")
-    assert saved == messages_of(episode)[lost:]
-    with open_bag(tmp_path / "damaged.partial") as opened:
-        assert all(message.read() is not None for message in opened.messages())
+    whole = messages_of(episode)
+    assert f"saved {len(whole)} messages" in printed.out
+    assert f"{lost} of them from their second copies" in printed.out
+    assert printed.err == ""
+    saved = tmp_path / "damaged.partial"
+    assert messages_of(saved) == whole
+    assert verify_episode(read_episode(saved)) == verify_episode(read_episode(episode))
+    with_flipped_bits(saved, 0)
+    assert messages_of(recover_bag(saved, tmp_path / "again").path) == whole, "a recovered bag has copies too"
+
+
+def test_flipped_bits_in_the_first_chunk_and_others_cost_messages_of_steps_only(episode: Path, tmp_path: Path) -> None:
+    damaged = tmp_path / "damaged"
+    shutil.copytree(episode, damaged)
+    last = len(chunks_of(episode / "bag_0.mcap")) - 1
+    lost = [*steps_of(episode, 0), *steps_of(episode, 1), *steps_of(episode, last)]
+    assert lost
+    with_flipped_bits(damaged, 0, 1, last)
+    recovery = recover_bag(damaged)
+    assert (recovery.lost_messages, recovery.restored, recovery.described) == (len(lost), 3, True)
+    assert messages_of(recovery.path) == [message for message in messages_of(episode) if message not in lost]
+    record = read_episode(recovery.path)
+    assert (record.complete, record.steps + record.lost_steps) == (False, 60)
+
+
+def test_a_flipped_bit_in_the_second_copies_alone_costs_nothing(episode: Path, tmp_path: Path) -> None:
+    damaged = tmp_path / "damaged"
+    shutil.copytree(episode, damaged)
+    file = damaged / "bag_0.mcap"
+    data = bytearray(file.read_bytes())
+    data[data.index(b"published_once.mcap") + 200] ^= 1
+    file.write_bytes(data)
+    assert messages_of(damaged) == messages_of(episode)
+    recovery = recover_bag(damaged)
+    assert not recovery.healthy
+    assert (recovery.lost_messages, recovery.restored) == (0, 0)
+    assert (recovery.path / "damaged_0.mcap").read_bytes() == (episode / "bag_0.mcap").read_bytes()
+
+
+def test_a_flipped_bit_anywhere_costs_one_chunk_at_most_and_nothing_in_silence(
+    tmp_path: Path, write_bag: Callable[..., Path]
+) -> None:
+    episode = write_bag(tmp_path / "bag", duration_s=0.5)
+    whole = messages_of(episode)
+    file = episode / "bag_0.mcap"
+    data = file.read_bytes()
+    largest = max(len(steps_of(episode, number)) for number in range(len(chunks_of(file))))
+    places = np.linspace(0, len(data) - 1, 40).astype(int).tolist()
+    for number, place in enumerate(places):
+        changed = bytearray(data)
+        changed[place] ^= 1 << number % 8
+        file.write_bytes(changed)
+        with suppress(BagError):
+            assert messages_of(episode) == whole, f"byte {place}: read as if nothing were wrong"
+        saved = recover_bag(episode, tmp_path / f"saved{number}")
+        assert saved.described, f"byte {place}"
+        assert saved.messages + saved.lost_messages == len(whole)
+        assert saved.lost_messages <= largest
+        kept = messages_of(saved.path)
+        assert kept == [message for message in whole if message in set(kept)]
 
 
 def test_a_cut_off_bag_with_a_flipped_bit_in_its_first_chunk_keeps_all_others(episode: Path, tmp_path: Path) -> None:
@@ -172,7 +237,7 @@ def test_a_cut_off_bag_with_a_flipped_bit_in_its_first_chunk_keeps_all_others(ep
     data[first.offset + 9 + 100] ^= 0x10
     file.write_bytes(data)
     recovery = recover_bag(working)
-    lost = len(parse_content(unpack(first)).messages)
+    lost = len(parse_content(unpack(first)).messages)  # the second copies are cut off, with the end of the file
     assert recovery.lost_messages == lost
     saved = messages_of(recovery.path)
     assert 0 < len(saved) == recovery.messages

@@ -11,7 +11,11 @@ import numpy as np
 
 from siren_ros.errors import BagError
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.episode_conversions import from_episode_description, from_episode_outcome
+from siren_ros.interfaces.episode_conversions import (
+    from_episode_description,
+    from_episode_end,
+    from_episode_outcome,
+)
 from siren_ros.interfaces.images import CameraIntrinsics, from_camera_info
 from siren_ros.interfaces.topics import Topic
 from siren_ros.interfaces.transforms import from_tf, matrix_of_transform
@@ -20,6 +24,7 @@ from siren_ros.numerics.units import step_of_time_ns
 from siren_ros.recording.bag_reader import BagMessage, OpenBag, damage_refused, open_bag
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.recording.record_builder import RECORD_TOPICS, RecordBuilder
+from siren_ros.recording.record_checks import outcome_of_what_is_held
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeOutcome
@@ -76,10 +81,12 @@ class EpisodeSource:
 
     @cached_property
     def outcome(self) -> EpisodeOutcome | None:
-        """How the episode ended; None where the bag was cut off before."""
-        message = self._first(topics.OUTCOME.name)
+        """How the episode ended, as in its record; None where the bag was cut off before."""
+        message, end = self._first(topics.OUTCOME.name), self._first(topics.EPISODE_END.name)
+        steps = [step_of_time_ns(states.time_ns) for states in self.bag.messages({topics.ACTORS.name})]
         with damage_refused(self.path):
-            return None if message is None else from_episode_outcome(message)
+            outcome = None if message is None else from_episode_outcome(message)
+            return outcome_of_what_is_held(outcome, None if end is None else from_episode_end(end), steps)
 
     @property
     def has_states(self) -> bool:

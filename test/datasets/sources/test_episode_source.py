@@ -33,6 +33,10 @@ from siren_ros.datasets.sources.lidar_frames import lidar_frames, lidar_of
 from siren_ros.datasets.sources.needs import Need, check_needs, recording_command
 from siren_ros.errors import BagError
 from siren_ros.interfaces.topics import ACTORS, GROUND_TRUTH, TRAFFIC
+from siren_ros.numerics.units import step_of_time_ns
+from siren_ros.recording.bag_reader import open_bag
+from siren_ros.recording.bag_writer import EpisodeBagWriter
+from siren_ros.scenario.episode import EpisodeEnd
 
 
 @pytest.fixture(scope="module")
@@ -55,6 +59,19 @@ def test_who_it_is_and_how_it_ended(source: EpisodeSource, tmp_path: Path, types
     assert [edge.edge_id for edge in source.network.edges] == ["east", "west"]
     with open_source(write_made_bag(tmp_path / "cut", typestore, Made(steps=14, cut_off=True))) as cut:
         assert cut.outcome is None
+
+
+def test_an_end_of_more_steps_than_the_bag_holds_is_a_failure(tmp_path: Path, typestore: Typestore) -> None:
+    whole = write_made_bag(tmp_path / "whole", typestore, Made(steps=14))
+    with open_bag(whole) as opened:
+        writer = EpisodeBagWriter(tmp_path / "short", typestore, opened.latched)
+        for message in opened.messages():
+            if message.topic != ACTORS.name or step_of_time_ns(message.time_ns) < 5:
+                writer.write(message.topic, message.type_name, message.cdr, message.time_ns)
+    with open_source(writer.finish().path) as source:
+        assert source.outcome is not None
+        told = (source.outcome.end, source.outcome.reason)
+    assert told == (EpisodeEnd.FAILED, "the bag holds 5 of the 14 steps that were closed")
 
 
 def test_sensors_stand_where_the_tree_puts_them(source: EpisodeSource) -> None:

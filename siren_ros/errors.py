@@ -1,8 +1,11 @@
 """Typed errors. Library code raises them; only programs turn them into a line and an exit code."""
 
+import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any, Final
+from uuid import uuid4
 
 EXIT_OK: Final = 0
 EXIT_FAILED: Final = 1
@@ -58,6 +61,33 @@ def writing(place: object, kind: str = "file", parameter: str = "out") -> Iterat
         yield
     except OSError as error:
         raise InputError(parameter, str(place), f"a {kind} that can be written ({error.strerror or error})") from error
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """A new file next to a file's place, which takes that place once it is whole; nothing half written has its name.
+
+    Of a failure nothing stays, and what stood there before stays as it was. Devices and pipes are written themselves.
+
+    Args:
+        path: The file's place; its folder exists. A link leads to the file that is replaced.
+
+    Raises:
+        OSError: The new file cannot be written or moved.
+    """
+    target = path.resolve()
+    if target.exists() and not target.is_file():
+        yield target
+        return
+    # The suffix stays, because libraries choose the format by it.
+    new = target.with_name(f".{os.getpid()}-{uuid4().hex[:8]}{target.suffix}")
+    try:
+        yield new
+        new.replace(target)
+    except BaseException:
+        with suppress(OSError):
+            new.unlink()
+        raise
 
 
 class MapError(InputError):

@@ -16,7 +16,7 @@ from siren_ros.calibration.tries import residuals_over
 from siren_ros.cli.options.names import names_in
 from siren_ros.cli.options.processes import add_processes, processes_of
 from siren_ros.cli.options.steps import steps_of
-from siren_ros.errors import EXIT_OK, InputError, writing
+from siren_ros.errors import EXIT_OK, InputError, whole_file, writing
 from siren_ros.evaluation.aligned_text import aligned
 from siren_ros.recording.bag_folders import bags_among
 from siren_ros.recording.bag_reader import read_episode
@@ -71,8 +71,8 @@ def run(arguments: argparse.Namespace) -> int:
     print("\n".join(fitted_lines(parameters, found)))
     if arguments.out is not None:
         content = as_json(found) | {"targets": [target.name for target in targets], "seed": arguments.seed}
-        with writing(arguments.out):
-            arguments.out.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        with writing(arguments.out), whole_file(arguments.out) as file:
+            file.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     return EXIT_OK
 
 

@@ -13,13 +13,14 @@ from siren_ros.cli.evaluation.named_path import named_path
 from siren_ros.cli.options.names import names_in
 from siren_ros.cli.options.processes import add_processes, processes_of
 from siren_ros.cli.options.steps import steps_of
-from siren_ros.errors import EXIT_OK, InputError, writing
+from siren_ros.errors import EXIT_OK, InputError, whole_file, writing
 from siren_ros.evaluation.aligned_text import aligned
 from siren_ros.evaluation.paper_comparison.compared import HEAD, Compared, measured
 from siren_ros.evaluation.paper_comparison.detection_rows import detection_rows
 from siren_ros.evaluation.paper_comparison.prediction_rows import own_level_only, prediction_rows
 from siren_ros.evaluation.paper_comparison.risk_rows import risk_rows
 from siren_ros.evaluation.paper_comparison.stored_scores import stored
+from siren_ros.evaluation.prediction.reports.paper_results import PAPER_NAMES
 from siren_ros.evaluation.prediction.reports.score_table import score_table
 from siren_ros.evaluation.prediction.scoring.score_bags import ScoringJob, score_bags
 from siren_ros.evaluation.risk.video_set import read_set
@@ -68,6 +69,10 @@ def run(arguments: argparse.Namespace) -> int:
     ]
     shown = rows if arguments.all else measured(rows)
     print("\n".join(aligned([list(HEAD), *(list(row.cells()) for row in shown)])))
+    for model in names_in(arguments.models):
+        if model not in PAPER_NAMES:
+            command = f"siren evaluate prediction --models {model}"
+            print(f"{model} has no row in the paper's tables, and so none here; `{command}` prints its errors")
     if len(shown) < len(rows):
         print(f"{len(rows) - len(shown)} further numbers of the paper were not measured here; --all prints them")
     if arguments.out is not None:
@@ -102,11 +107,11 @@ def _prediction(arguments: argparse.Namespace) -> list[Compared]:
 
 def _write(file: Path, rows: Sequence[Compared]) -> None:
     content = [row.to_json() for row in rows]
-    with writing(file):
+    with writing(file), whole_file(file) as new:
         if file.suffix == ".json":
-            file.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+            new.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
         else:
-            with file.open("w", encoding="utf-8", newline="") as opened:
+            with new.open("w", encoding="utf-8", newline="") as opened:
                 writer = csv.DictWriter(opened, list(content[0]), lineterminator="\n")
                 writer.writeheader()
                 writer.writerows(content)

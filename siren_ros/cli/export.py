@@ -2,8 +2,9 @@
 
 import argparse
 import sys
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Never
+from typing import Any, Never
 
 from tqdm import tqdm
 
@@ -77,7 +78,25 @@ def run(arguments: argparse.Namespace) -> int:
     counts = ", ".join(f"{count} {name}" for name, count in result.card["counts"].items())
     episodes = len(result.card["episodes"])
     print(f"{arguments.out}: {episodes} episode{'s' if episodes != 1 else ''}, {counts}")
+    print(_splits_told(result.card, automatic=arguments.split == AUTO))
     return EXIT_FAILED if result.notes else EXIT_OK
+
+
+def _splits_told(card: Mapping[str, Any], *, automatic: bool) -> str:
+    """How the episodes are split, and what to do where a split is empty."""
+    unit = next(iter(card["counts"]), "")
+    parts, empty = [], []
+    for split, names in card["splits"].items():
+        inside = sum(one["counts"].get(unit, 0) for one in card["episodes"] if one["split"] == split)
+        parts.append(f"{split} {len(names)} ({inside} {unit})" if names and unit else f"{split} {len(names)}")
+        empty += [] if names else [split]
+    told = f"episodes by split: {', '.join(parts)}"
+    if not automatic or not empty:
+        return told
+    return (
+        f"{told}; {' and '.join(empty)} stay empty because episodes of one seed on one map stay together: val needs "
+        "two seeds or maps, test three. --split puts all episodes into one split"
+    )
 
 
 def _advance(bar: "tqdm[Never]", step_s: float) -> None:

@@ -8,7 +8,7 @@ from tqdm import tqdm
 from siren_ros.cli.options.names import names_in
 from siren_ros.cli.options.processes import add_processes, processes_of
 from siren_ros.cli.options.steps import steps_of
-from siren_ros.errors import EXIT_OK, InputError, writing
+from siren_ros.errors import EXIT_OK, InputError, whole_file, writing
 from siren_ros.study_report.build import build_page
 from siren_ros.study_report.html import html_of
 from siren_ros.study_report.options import DETECTION, MODELS, RISK, PageOptions
@@ -56,6 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     content = html_of(page)
     with writing(arguments.out):
         arguments.out.parent.mkdir(parents=True, exist_ok=True)
-        arguments.out.write_text(content, encoding="utf-8")
+        with whole_file(arguments.out) as file:
+            file.write_text(content, encoding="utf-8")
     print(f"{arguments.out}: {len(page.sections)} sections, {len(content) / 1e6:.1f} MB")
     return EXIT_OK

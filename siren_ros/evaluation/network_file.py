@@ -9,7 +9,7 @@ from typing import Any
 
 import onnxruntime
 
-from siren_ros.errors import InputError, writing
+from siren_ros.errors import InputError, whole_file, writing
 
 
 @dataclass(frozen=True)
@@ -57,5 +57,7 @@ def write_network(path: Path, weights: bytes, card: Mapping[str, Any]) -> None:
     """
     with writing(path.parent, "folder"):
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(weights)
-        card_path(path).write_text(json.dumps(card, indent=2) + "\n", encoding="utf-8")
+        with whole_file(path) as file:
+            file.write_bytes(weights)
+        with whole_file(card_path(path)) as file:
+            file.write_text(json.dumps(card, indent=2) + "\n", encoding="utf-8")

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from siren_ros.errors import InputError, SirenError, writing
+from siren_ros.errors import InputError, SirenError, whole_file, writing
 from siren_ros.interfaces.markers import EMV_COLOUR, MODE_COLOURS
 from siren_ros.judging.predicates import evaluate_predicate
 from siren_ros.judging.verdict import Verdict
@@ -315,5 +315,6 @@ def save_episode_picture(record: EpisodeRecord, path: Path) -> Path:
     figure = draw_episode(record)
     with writing(path, "place"):
         path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, format="png", metadata={"Software": None})
+        with whole_file(path) as file:
+            figure.savefig(file, format="png", metadata={"Software": None})
     return path

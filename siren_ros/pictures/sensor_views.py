@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from siren_ros.errors import InputError, writing
+from siren_ros.errors import InputError, whole_file, writing
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.sensors.camera.camera_model import Pinhole, optical_from_map
@@ -93,8 +93,8 @@ def save_sheet(seen: Observations, path: Path) -> Path:
     """
     if path.suffix.lower() not in {".png", ".jpg", ".jpeg"}:
         raise InputError("out", path, "a name that ends in .png or .jpg")
-    with writing(path):
-        Image.fromarray(sheet(seen)).save(path, optimize=True, quality=88)
+    with writing(path), whole_file(path) as file:
+        Image.fromarray(sheet(seen)).save(file, optimize=True, quality=88)
     return path
 
 

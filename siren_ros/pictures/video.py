@@ -1,7 +1,6 @@
 """Videos of recorded episodes: H.264 in MP4, ten frames a second of simulated time."""
 
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from fractions import Fraction
@@ -15,7 +14,7 @@ import numpy.typing as npt
 from PIL import Image, UnidentifiedImageError
 
 from siren_ros.datasets.sources.episode_source import FRONT_CAMERA
-from siren_ros.errors import BagError, InputError
+from siren_ros.errors import BagError, InputError, whole_file
 from siren_ros.interfaces.images import from_compressed_image
 from siren_ros.interfaces.topics import IMAGE_COMPRESSED
 from siren_ros.numerics.units import STEP_NS, STEP_S, step_of_time_ns, steps_from_s
@@ -163,18 +162,14 @@ def write_video(path: Path, frames: Iterable[Frame], coding: Coding = AS_DRAWN) 
     Raises:
         InputError: There is no frame, or the file cannot be written.
     """
-    partial = path.with_name(f".{path.name}.partial")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        count = _encode(partial, coding.scaled(frames), coding.crf)
-        if count == 0:
-            raise InputError("frames", 0, "at least one frame")
-        partial.replace(path)
+        with whole_file(path) as file:
+            count = _encode(file, coding.scaled(frames), coding.crf)
+            if count == 0:
+                raise InputError("frames", 0, "at least one frame")
     except (OSError, av.FFmpegError) as error:
         raise InputError("out", str(path), f"a place that can be written ({error.strerror or error})") from error
-    finally:
-        with suppress(OSError):
-            partial.unlink()
     return count
 
 

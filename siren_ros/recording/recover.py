@@ -236,6 +236,7 @@ def _write_storage(source: Path, target: Path) -> tuple[_Salvage, str]:
                 beyond = _first_time_ns(file, chunks.places[number + 1 :])
                 copies = _restore(copies, beyond, stream, salvage)
         _restore(copies, math.inf, stream, salvage)
+        salvage.lost_messages = max(0, salvage.lost_messages - salvage.restored)
         if not salvage.counts:
             reasons = "; ".join([*salvage.damages[:1], *([chunks.end] if chunks.end else [])])
             raise BagError(str(source), f"a file with at least one whole chunk ({reasons or 'there is none'})")
@@ -286,7 +287,6 @@ def _restore(
     content = salvage.take(ChunkContent((), (), tuple(item for item in copies if item.time_ns <= beyond_ns)))
     stream.adopt_chunk(content, None)
     salvage.restored += len(content.messages)
-    salvage.lost_messages = max(0, salvage.lost_messages - len(content.messages))
     return [item for item in copies if item.time_ns > beyond_ns]
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 from uuid import uuid4
 
-from siren_ros.errors import writing
+from siren_ros.errors import whole_file, writing
 from siren_ros.recording.bag_guard import storage_files
 from siren_ros.recording.bag_metadata import METADATA_FILE
 from siren_ros.studies.episode_row import EpisodeRow, Status
@@ -105,9 +105,8 @@ class LocalFolder:
         """As ``StudyFolder``."""
         target = self._root / name
         target.parent.mkdir(parents=True, exist_ok=True)
-        new = target.with_name(f".{target.name}.{os.getpid()}.new")
-        new.write_bytes(content)
-        new.replace(target)
+        with whole_file(target) as new:
+            new.write_bytes(content)
 
     def clear_scratch(self) -> None:
         """Removes what killed processes left; nobody else may work in the folder."""

@@ -47,3 +47,10 @@ def test_bad_options_are_refused(bags: Path, options: list[str], capsys: pytest.
 
 def test_without_an_episode_at_its_own_level_there_is_nothing_to_compare(bags: Path) -> None:
     assert main(["compare-paper", str(bags / "other"), "--models", "cv"]) == 2
+
+
+def test_a_predictor_that_the_paper_does_not_have_is_named(bags: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["compare-paper", str(bags / "own"), "--models", "cv,cv:mine", "--jobs", "1"]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    (line,) = [line for line in printed if "no row in the paper's tables" in line]
+    assert line.startswith("cv:mine has ")

@@ -52,6 +52,18 @@ def test_a_folder_of_bags_is_all_its_bags(bags: list[Path], tmp_path: Path) -> N
     assert card["made_with"]["command"] == "siren export csv --region no BAG… --out DIR"
 
 
+def test_how_the_episodes_are_split_is_said_with_what_is_empty_and_why(
+    bags: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert export("csv", bags, tmp_path / "auto", "--jobs", "1") == 0
+    line = capsys.readouterr().out.splitlines()[-1]
+    assert line.startswith("episodes by split: train 3 (240 rows), val 0, test 0; val and test stay empty because ")
+    assert "two seeds or maps" in line
+    assert "--split" in line
+    assert export("csv", bags, tmp_path / "all", "--jobs", "1", "--split", "val") == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "episodes by split: train 0, val 3 (240 rows), test 0"
+
+
 def test_the_licence_is_stated(bags: list[Path], tmp_path: Path) -> None:
     assert export("csv", bags[:1], tmp_path / "out", "--licence", "CC-BY-4.0", "--split", "test") == 0
     assert json.loads((tmp_path / "out" / "dataset.json").read_text())["splits"]["train"] == []

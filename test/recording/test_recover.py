@@ -178,6 +178,19 @@ def test_a_flipped_bit_in_the_first_chunk_costs_nothing_because_its_messages_sta
     assert messages_of(recover_bag(saved, tmp_path / "again").path) == whole, "a recovered bag has copies too"
 
 
+def test_description_and_map_in_two_damaged_chunks_cost_nothing(tmp_path: Path, typestore: Typestore) -> None:
+    writer = EpisodeBagWriter(tmp_path / "bag", typestore, ["/siren/episode", "/siren/map"], BagOptions(chunk_bytes=64))
+    for topic in ("/siren/episode", "/siren/map", "/clock"):
+        text = make_message("std_msgs/msg/String", data=topic * 20)
+        writer.write(topic, "std_msgs/msg/String", bytes(typestore.serialize_cdr(text, "std_msgs/msg/String")), 0)
+    bag = writer.finish().path
+    whole = messages_of(bag)
+    with_flipped_bits(bag, 0, 1)
+    recovery = recover_bag(bag)
+    assert (recovery.lost_messages, recovery.restored, recovery.described) == (0, 2, True)
+    assert messages_of(recovery.path) == whole
+
+
 def test_flipped_bits_in_the_first_chunk_and_others_cost_messages_of_steps_only(episode: Path, tmp_path: Path) -> None:
     damaged = tmp_path / "damaged"
     shutil.copytree(episode, damaged)

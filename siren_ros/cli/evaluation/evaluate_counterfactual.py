@@ -7,7 +7,7 @@ from pathlib import Path
 
 from siren_ros.cli.evaluation.evaluate_yield import scored_episodes
 from siren_ros.cli.options.processes import add_processes, processes_of
-from siren_ros.errors import EXIT_FAILED, writing
+from siren_ros.errors import EXIT_FAILED, whole_file, writing
 from siren_ros.evaluation.yielding.counterfactual import OUTCOMES, Effect, effects
 from siren_ros.recording.bag_folders import bags_among
 
@@ -41,8 +41,8 @@ def run(arguments: argparse.Namespace) -> int:
     shown = [one for one in found if one.outcome in arguments.outcomes and one.found.difference.valid]
     print("\n".join(_table(shown)) or "no two episodes of one seed at different levels")
     if arguments.out is not None:
-        with writing(arguments.out):
-            arguments.out.write_text(json.dumps([as_json(one) for one in found], indent=1) + "\n", encoding="utf-8")
+        with writing(arguments.out), whole_file(arguments.out) as file:
+            file.write_text(json.dumps([as_json(one) for one in found], indent=1) + "\n", encoding="utf-8")
     return worst if shown else max(worst, EXIT_FAILED)
 
 

@@ -13,7 +13,7 @@ from siren_ros.cli.options.processes import add_processes, processes_of
 from siren_ros.datasets.exporting.survey import in_dataset_order, survey_bag
 from siren_ros.datasets.exporting.worker_pool import Run, worker_pool
 from siren_ros.datasets.sources.needs import Need
-from siren_ros.errors import EXIT_OK, InputError, writing
+from siren_ros.errors import EXIT_OK, InputError, whole_file, writing
 from siren_ros.evaluation.detection.detectors.table import DETECTORS, run_detector
 from siren_ros.evaluation.detection.inputs.formats import read_detections
 from siren_ros.evaluation.detection.inputs.found_set import FoundSet
@@ -179,10 +179,12 @@ def _remarks(frames: Frames, scores: Sequence[DetectorScores], costs: Mapping[st
 def _write(out: Path, frames: Frames, scores: Sequence[DetectorScores], tables: Sequence[Table]) -> None:
     with writing(out, "place"):
         out.mkdir(parents=True, exist_ok=True)
-        (out / "scores.json").write_text(json.dumps(scores_as_json(scores), indent=2) + "\n", encoding="utf-8")
+        texts = {"scores.json": json.dumps(scores_as_json(scores), indent=2) + "\n"}
         for table in tables:
-            (out / f"{table.name}.csv").write_text(as_csv(table), encoding="utf-8")
-            (out / f"{table.name}.tex").write_text(as_latex(table), encoding="utf-8")
+            texts |= {f"{table.name}.csv": as_csv(table), f"{table.name}.tex": as_latex(table)}
+        for name, text in texts.items():
+            with whole_file(out / name) as file:
+                file.write_text(text, encoding="utf-8")
         for one in scores:
             stem = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in one.name)
             draw_curves(one, out / f"curves_{stem}.png")

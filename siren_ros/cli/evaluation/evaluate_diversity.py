@@ -8,7 +8,7 @@ import numpy as np
 
 from siren_ros.cli.options.each_bag import of_each_bag
 from siren_ros.cli.options.processes import add_processes, processes_of
-from siren_ros.errors import writing
+from siren_ros.errors import whole_file, writing
 from siren_ros.evaluation.aligned_text import aligned
 from siren_ros.evaluation.diversity.as_json import diversity_as_json
 from siren_ros.evaluation.diversity.drawn_ranges import drawn_ranges
@@ -40,8 +40,8 @@ def run(arguments: argparse.Namespace) -> int:
         print("\n".join(_NOTES))
     if arguments.out is not None:
         content = json.dumps([diversity_as_json(one) for one in found], indent=1, allow_nan=False)
-        with writing(arguments.out):
-            arguments.out.write_text(content + "\n", encoding="utf-8")
+        with writing(arguments.out), whole_file(arguments.out) as file:
+            file.write_text(content + "\n", encoding="utf-8")
     return worst
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from siren_ros.cli.evaluation.asked_models import add_asking, ask, file_name, models_asked
 from siren_ros.cli.evaluation.named_path import named_path
-from siren_ros.errors import EXIT_OK, InputError, writing
+from siren_ros.errors import EXIT_OK, InputError, whole_file, writing
 from siren_ros.evaluation.risk.answers import Answers, checked_answers, read_answers
 from siren_ros.evaluation.risk.page.risk_page import write_page
 from siren_ros.evaluation.risk.references import REFERENCES
@@ -78,8 +78,13 @@ def run(arguments: argparse.Namespace) -> int:
 def _write(folder: Path, models: list[ModelScores], *, compare_paper: bool) -> None:
     with writing(folder, "folder"):
         folder.mkdir(parents=True, exist_ok=True)
-        folder.joinpath("scores.csv").write_text(csv_table(models), encoding="utf-8")
-        folder.joinpath("scores.tex").write_text(latex_table(models, compare_paper=compare_paper), encoding="utf-8")
-        folder.joinpath("scores.json").write_text(json.dumps(as_json(models), indent=1) + "\n", encoding="utf-8")
+        tables = {
+            "scores.csv": csv_table(models),
+            "scores.tex": latex_table(models, compare_paper=compare_paper),
+            "scores.json": json.dumps(as_json(models), indent=1) + "\n",
+        }
+        for name, text in tables.items():
+            with whole_file(folder / name) as file:
+                file.write_text(text, encoding="utf-8")
         for model in models:
             save_confusions(model, folder / f"confusion_{file_name(model.name)}.png")

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 
 from siren_ros.cli.options.each_bag import of_each_bag
 from siren_ros.cli.options.processes import add_processes, processes_of
-from siren_ros.errors import InputError, writing
+from siren_ros.errors import InputError, whole_file, writing
 from siren_ros.evaluation.statistics.interval import Interval
 from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS
 from siren_ros.evaluation.yielding.scoring import DriverMarks, score_yielding
@@ -73,11 +73,11 @@ def score_bag(bag: Path, names: Collection[str] | None = None) -> ScoredEpisode:
 def _write(file: Path | None, rows: list[dict[str, Any]]) -> None:
     if file is None:
         return
-    with writing(file):
+    with writing(file), whole_file(file) as new:
         if file.suffix == ".json":
-            file.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+            new.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
         else:
-            pq.write_table(pa.Table.from_pylist(rows), file, compression="zstd")
+            pq.write_table(pa.Table.from_pylist(rows), new, compression="zstd")
 
 
 def _table(means: Mapping[tuple[str, str, str], Mapping[str, Interval]]) -> Iterator[str]:

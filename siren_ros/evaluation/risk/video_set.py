@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from siren_ros.errors import InputError
+from siren_ros.errors import InputError, whole_file
 from siren_ros.evaluation.risk.evidence import Evidence, Moments, SeenContact, SeenEncroachment
 from siren_ros.evaluation.risk.labels import Reason, RiskLabel, RiskThresholds, label_of
 from siren_ros.evaluation.risk.risk_class import risk_class
@@ -76,8 +76,10 @@ def write_set(videos: VideoSet) -> None:
         "thresholds": asdict(videos.thresholds),
         "videos": [_as_json(video) for _, video in sorted(videos.videos.items())],
     }
-    videos.folder.joinpath(SET_FILE).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-    pq.write_table(_evidence_table(list(videos.videos.values())), videos.folder / EVIDENCE_FILE)
+    with whole_file(videos.folder / SET_FILE) as file:
+        file.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    with whole_file(videos.folder / EVIDENCE_FILE) as file:
+        pq.write_table(_evidence_table(list(videos.videos.values())), file)
 
 
 def read_set(folder: Path) -> VideoSet:

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
+from siren_ros.errors import whole_file
 from siren_ros.evaluation.risk.risk_class import TITLES, RiskClass
 from siren_ros.evaluation.risk.video_set import EVIDENCE_FILE, SET_FILE, VIDEO_FRAMES, VideoSet
 from siren_ros.generation.episode_setup import present_versions
@@ -16,8 +17,9 @@ def write_set_card(videos: VideoSet, searches: Mapping[str, Search], balance: Ba
     """Writes dataset.json and README.md into the set's folder."""
     content = card_content(videos, searches, balance)
     text = json.dumps(content, indent=1, sort_keys=True) + "\n"
-    videos.folder.joinpath("dataset.json").write_text(text, encoding="utf-8")
-    videos.folder.joinpath("README.md").write_text(_readme(content), encoding="utf-8")
+    for name, written in (("dataset.json", text), ("README.md", _readme(content))):
+        with whole_file(videos.folder / name) as file:
+            file.write_text(written, encoding="utf-8")
 
 
 def card_content(videos: VideoSet, searches: Mapping[str, Search], balance: Balance) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
+from siren_ros.errors import whole_file
 from siren_ros.evaluation.detection.metrics.matching import DISTANCES_M
 from siren_ros.evaluation.detection.protocol.boxes import Boxes, FoundBoxes
 from siren_ros.evaluation.detection.protocol.frames import RANGE_M, EpisodeFrames, Frames
@@ -83,7 +84,8 @@ def draw_worst_frame(scores: DetectorScores, frames: Frames, template: str, path
         other = figure.add_subplot(1, columns, columns)
         draw_in_picture(other, picture, groups, _COLOURS)
         other.set_title("the same boxes in the front camera", fontsize=_TITLE_PT)
-    figure.savefig(path, dpi=_DPI, metadata={"Software": None})
+    with whole_file(path) as file:
+        figure.savefig(file, dpi=_DPI, metadata={"Software": None})
 
 
 def _worst_frame(frames: Frames, template: str, labelled: Rows, missed: Rows, alarms: Rows) -> int:

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from siren_ros.errors import whole_file
 from siren_ros.evaluation.detection.metrics.matching import DISTANCES_M
 from siren_ros.evaluation.detection.scoring import DetectorScores
 
@@ -34,4 +35,5 @@ def draw_curves(scores: DetectorScores, path: Path) -> None:
         axes.set(xlim=(0.0, 1.0), ylim=(0.0, _HIGHEST), xlabel="recall", ylabel="precision")
         axes.legend(fontsize=_LEGEND_PT, loc="lower left")
     figure.suptitle(f"{scores.name}: Car, for each largest distance of a match", fontsize=_TITLE_PT)
-    figure.savefig(path, dpi=_DPI, metadata={"Software": None})
+    with whole_file(path) as file:
+        figure.savefig(file, dpi=_DPI, metadata={"Software": None})

@@ -9,7 +9,7 @@ from siren_ros.evaluation.aligned_text import aligned
 from siren_ros.evaluation.detection.metrics.devkit_score import ERRORS
 from siren_ros.evaluation.detection.reports.paper_results import MEAN, PaperDetector, paper_rows
 from siren_ros.evaluation.detection.scoring import DetectorScores
-from siren_ros.evaluation.statistics.interval import Interval
+from siren_ros.evaluation.statistics.interval import NOTHING, Interval
 
 _NONE = "-"
 
@@ -72,16 +72,21 @@ def _errors(scores: Sequence[DetectorScores], paper: Sequence[PaperDetector]) ->
 
 
 def _groups(scores: Sequence[DetectorScores]) -> Table:
-    """Rows that the paper does not have: families of templates, and subsets of the labels."""
+    """Rows that the paper does not have: families of templates, and subsets of the labels.
+
+    Detectors may have different subsets: only one that names kinds of vehicles has those found by name.
+    """
     rows = [
-        ("behaviour family", family, "", *_cells([one.families[family] for one in scores]))
-        for family in scores[0].families
+        ("behaviour family", family, "", *_cells([one.families.get(family, NOTHING) for one in scores]))
+        for family in dict.fromkeys(family for one in scores for family in one.families)
     ]
-    for number, group in enumerate(scores[0].groups):
-        if any(one.groups[number].labels for one in scores):
-            cells = _cells([one.groups[number].mean_ap for one in scores])
-            labels = dict.fromkeys(str(one.groups[number].labels) for one in scores)
-            rows.append((group.group, group.name, "/".join(labels), *cells))
+    parts = [{(part.group, part.name): part for part in one.groups} for one in scores]
+    for group, name in dict.fromkeys(key for own in parts for key in own):
+        found = [own.get((group, name)) for own in parts]
+        labels = dict.fromkeys(str(part.labels) for part in found if part is not None)
+        if any(part is not None and part.labels for part in found):
+            cells = _cells([NOTHING if part is None else part.mean_ap for part in found])
+            rows.append((group, name, "/".join(labels), *cells))
     head = ("of", "labels that are", "labels", *(one.name for one in scores))
     caption = "mAP of parts of the labels, with the interval of 95 % over episodes where there are several"
     return Table("parts", caption, head, tuple(rows))

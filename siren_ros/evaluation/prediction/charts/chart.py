@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from siren_ros.errors import writing
+from siren_ros.errors import whole_file, writing
 from siren_ros.pictures.palette import FAINT_TEXT, TEXT
 
 DPI: Final = 150
@@ -54,5 +54,5 @@ def save(figure: Figure, path: Path) -> None:
     Raises:
         InputError: The file cannot be written.
     """
-    with writing(path):
-        figure.savefig(path)
+    with writing(path), whole_file(path) as file:
+        figure.savefig(file)

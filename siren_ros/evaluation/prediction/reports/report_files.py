@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from siren_ros.errors import writing
+from siren_ros.errors import whole_file, writing
 from siren_ros.evaluation.prediction.reports.csv_files import csv_files
 from siren_ros.evaluation.prediction.reports.differences import Difference
 from siren_ros.evaluation.prediction.reports.json_report import json_report
@@ -36,4 +36,5 @@ def write_report(path: Path, table: ScoreTable, found: Sequence[Difference], tex
     }
     with writing(path, "folder"):
         for name, content in files.items():
-            (path / name).write_text(content, encoding="utf-8")
+            with whole_file(path / name) as file:
+                file.write_text(content, encoding="utf-8")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 from urllib.parse import quote
 
-from siren_ros.errors import writing
+from siren_ros.errors import whole_file, writing
 from siren_ros.evaluation.risk.answers import Answers
 from siren_ros.evaluation.risk.labels import Reason
 from siren_ros.evaluation.risk.page.charts import HEIGHT, WIDTH, Chart, charts_of
@@ -87,7 +87,8 @@ def write_page(path: Path, videos: VideoSet, answers: Mapping[str, Answers], mod
     )
     with writing(path, parameter="page"):
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
+        with whole_file(path) as file:
+            file.write_text(text, encoding="utf-8")
 
 
 def card_of(videos: VideoSet, video_id: str, answers: Mapping[str, Answers], folder: Path) -> Card:

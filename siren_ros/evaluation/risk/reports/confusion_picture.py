@@ -5,6 +5,7 @@ from typing import Final
 
 from matplotlib.figure import Figure
 
+from siren_ros.errors import whole_file
 from siren_ros.evaluation.risk.risk_class import TITLES
 from siren_ros.evaluation.risk.scoring import ModelScores
 
@@ -39,4 +40,5 @@ def save_confusions(model: ModelScores, path: Path) -> None:
     for panel in panels[len(groups) :]:
         panel.set_visible(False)
     figure.suptitle(model.name)
-    figure.savefig(path, dpi=_DPI)
+    with whole_file(path) as file:
+        figure.savefig(file, dpi=_DPI)

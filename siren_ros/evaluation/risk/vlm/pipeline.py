@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from siren_ros.errors import whole_file
 from siren_ros.evaluation.risk.answers import UNREADABLE
 from siren_ros.evaluation.risk.key_frames import batches, key_frames
 from siren_ros.evaluation.risk.risk_class import RiskClass
@@ -108,4 +109,5 @@ def write_answers(path: Path, answers: dict[str, VideoAnswer]) -> None:
     titles = {
         key: UNREADABLE if answer.final is None else answer.final.title for key, answer in sorted(answers.items())
     }
-    path.write_text(json.dumps(titles, indent=1) + "\n", encoding="utf-8")
+    with whole_file(path) as file:
+        file.write_text(json.dumps(titles, indent=1) + "\n", encoding="utf-8")

@@ -1,10 +1,14 @@
 """Which cells the tables have, and the same cells for the terminal, as CSV and as LaTeX."""
 
+from dataclasses import replace
+
 import pytest
 from made_detector_scores import detector_scores
 
 from siren_ros.evaluation.detection.reports.paper_results import MEAN, PAPER, TEMPLATES, paper_rows
 from siren_ros.evaluation.detection.reports.tables import Table, as_csv, as_latex, as_text, tables_of
+from siren_ros.evaluation.detection.scoring import GroupScore
+from siren_ros.evaluation.statistics.interval import Interval
 
 TABLE = Table("name", "a caption", ("detector", "S_1", "mean"), (("one & two", ".5", "-"), ("3", ".25", "50 %")))
 
@@ -91,6 +95,28 @@ def test_parts_have_a_row_where_somebody_has_labels_of_them() -> None:
         ("behaviour", "held", "7", ".250 .200-.300", ".250"),
         ("distance", "0-15 m", "8/9", "1.000 .950-1.050", "1.000"),
     )
+
+
+@pytest.mark.parametrize("named_first", [True, False])
+def test_detectors_with_different_parts_have_the_rows_of_all(named_first: bool) -> None:
+    one = detector_scores("pillars", {"S1": 0.4})
+    named = replace(one, groups=(*one.groups, GroupScore("found by name", "bus", 3, Interval(0.5, 0.4, 0.6, 4))))
+    other = replace(detector_scores("classical", {"S1": 0.4}), families={})
+    given = [named, other] if named_first else [other, named]
+    _, _, parts = tables_of(given, compare_paper=False)
+    column = {name: place for place, name in enumerate(parts.head)}
+    rows = {row[:2]: row for row in parts.rows}
+    assert list(rows) == [
+        ("behaviour family", "clearance"),
+        ("behaviour family", "red light"),
+        ("behaviour", "held"),
+        ("distance", "0-15 m"),
+        ("found by name", "bus"),
+    ]
+    bus = rows["found by name", "bus"]
+    assert (bus[column["labels"]], bus[column["pillars"]], bus[column["classical"]]) == ("3", ".500 .400-.600", "-")
+    clearance = rows["behaviour family", "clearance"]
+    assert (clearance[column["pillars"]], clearance[column["classical"]]) == (".400 .350-.450", "-")
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Options of ``siren evaluate risk`` that ask vision-language models, and how they are asked."""
 
 import argparse
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,7 @@ def add_asking(task: argparse.ArgumentParser) -> None:
     served.add_argument("--api-key-env", default="", metavar="VAR", help="environment variable with the key (or none)")
     served.add_argument("--concurrency", type=positive, default=4, metavar="N", help="requests at once (default 4)")
     served.add_argument("--retries", type=int, default=5, metavar="N", help="of a failed request (default 5)")
-    served.add_argument("--timeout-s", type=float, default=120.0, metavar="S", help="of a request (default 120)")
+    served.add_argument("--timeout-s", type=float, default=120.0, metavar="S", help="for a whole reply (default 120)")
     local = task.add_argument_group("asking a model in this process: ./env --with vlm-local siren evaluate risk …")
     local.add_argument(
         "--local-model",
@@ -53,7 +54,9 @@ def _prices(text: str) -> tuple[float, float]:
     try:
         prompt, completion = (float(part) for part in text.split(","))
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not two prices such as 0.5,1.5") from None
+        prompt = completion = math.nan
+    if not (0.0 <= prompt < math.inf and 0.0 <= completion < math.inf):
+        raise argparse.ArgumentTypeError(f"{text!r} is not two prices such as 0.5,1.5")
     return prompt, completion
 
 

@@ -1,35 +1,120 @@
 """Reads a class from a model's text. What cannot be read is counted and never guessed."""
 
 import json
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final
 
 from siren_ros.errors import InputError
 from siren_ros.evaluation.risk.risk_class import RiskClass, most_severe, risk_class
+
+DEEPEST: Final = 20
+"""Objects and lists inside each other; the answer that is asked for is one object. A text with more is not read."""
+_BEGIN: Final = re.compile(r'\{(?=[ \t\n\r]*+["}])')
+_TOKEN: Final = re.compile(
+    r"""[ \t\n\r]*+(?:(?P<sign>[{}\[\],:])
+    |(?P<text>"[^"\\\x00-\x1f]*+(?:\\(?:["\\/bfnrt]|u[0-9a-fA-F]{4})[^"\\\x00-\x1f]*+)*+")
+    |(?P<value>-?(?:0|[1-9][0-9]*+)(?:\.[0-9]++)?(?:[eE][-+]?[0-9]++)?|true|false|null|NaN|-?Infinity))""",
+    re.VERBOSE,
+)
+"""The next token of a JSON text (RFC 8259, and the three numbers that Python's writer adds)."""
+
+
+_STATES: Final[Mapping[tuple[str, str], str]] = {
+    **{(state, kind): "open" for state in ("value", "first [") for kind in "{["},
+    **{(state, kind): "more" for state in ("value", "first [") for kind in ("text", "value")},
+    ("key", "text"): "colon",
+    ("first {", "text"): "colon",
+    ("first {", "}"): "close",
+    ("first [", "]"): "close",
+    ("colon", ":"): "value",
+    ("more {", ","): "key",
+    ("more {", "}"): "close",
+    ("more [", ","): "value",
+    ("more [", "]"): "close",
+}
+"""What is expected after a token, by what was expected before it; where a value ended, what it lies in decides."""
+
+
+class _TooDeepError(Exception):
+    """Nothing is read from such a text."""
 
 
 def class_in(text: str) -> RiskClass | None:
     """The class in the last JSON object of a text that has a ``class``; None where there is none or it is unknown.
 
-    A model may think aloud or put the object into a code fence; words outside an object are not read.
+    A model may think aloud or put the object into a code fence; words outside an object are not read. Takes a time
+    proportional to the length of the text, and little memory, whatever the text is.
     """
-    decoder = json.JSONDecoder()
     found: str | None = None
-    place = text.find("{")
-    while place >= 0:
-        try:
-            content, end = decoder.raw_decode(text, place)
-        except ValueError:
-            end = place + 1
-        else:
-            if isinstance(content, dict) and isinstance(content.get("class"), str):
+    try:
+        for part in _objects(text):
+            # Numbers become floats: an integer of many digits takes long, and Python refuses it.
+            content = json.loads(part, parse_int=float)
+            if isinstance(content.get("class"), str):
                 found = content["class"]
-        place = text.find("{", end)
+    except _TooDeepError:
+        return None
     if found is None:
         return None
     try:
         return risk_class(found)
     except InputError:
         return None
+
+
+def _objects(text: str) -> Iterator[str]:
+    """The JSON objects of a text that lie in no other one.
+
+    Raises:
+        _TooDeepError: One has more than ``DEEPEST`` levels.
+    """
+    known: dict[int, int | None] = {}
+    begins = _BEGIN.search(text)
+    while begins is not None:
+        begin = begins.start()
+        end = known[begin] if begin in known else _end_of_object(text, begin, known)
+        if end is not None:
+            yield text[begin:end]
+        begins = _BEGIN.search(text, end or begin + 1)
+
+
+def _end_of_object(text: str, begin: int, known: dict[int, int | None]) -> int | None:
+    """Where the JSON object ends that begins at a brace; None where that is none.
+
+    Args:
+        text: Around it.
+        begin: Of the object.
+        known: The same of objects inside others that were looked at before, so that no place is read again and again;
+            what is found is added.
+
+    Raises:
+        _TooDeepError: It has more than ``DEEPEST`` levels.
+    """
+    inside: list[tuple[str, int]] = []
+    state, place = "value", begin
+    while token := _TOKEN.match(text, place):
+        kind, place = token.group("sign") or str(token.lastgroup), token.end()
+        state = _STATES.get((state, kind), "")
+        if not state:
+            break
+        if state == "open":
+            end = known.get(place - 1, place)
+            if end is None:
+                break
+            if end == place:
+                inside.append((kind, place - 1))
+            state, place = (f"first {kind}" if end == place else "more"), end
+            if len(inside) > DEEPEST:
+                raise _TooDeepError
+        elif state == "close":
+            known[inside.pop()[1]] = place
+            state = "more"
+        if not inside:
+            return place
+        state += f" {inside[-1][0]}" if state == "more" else ""
+    known |= dict.fromkeys(at for _, at in inside)
+    return None
 
 
 def final_class(predictions: Sequence[RiskClass | None]) -> RiskClass | None:

@@ -1,11 +1,18 @@
 """Replies on disk, so that nothing is asked twice and an interrupted run goes on."""
 
 import json
+import os
+import threading
 from dataclasses import asdict
 from hashlib import sha256
 from pathlib import Path
+from typing import Final
 
-from siren_ros.evaluation.risk.vlm.model import Question, Reply
+from siren_ros.errors import writing
+from siren_ros.evaluation.risk.vlm.model import MOST_REPLY_BYTES, Question, Reply, checked_reply
+
+_MOST_BYTES: Final = 6 * MOST_REPLY_BYTES + 1_000
+"""Of a file: each byte of a text that is not ASCII takes up to six (``\\uXXXX``)."""
 
 
 class ReplyCache:
@@ -17,17 +24,25 @@ class ReplyCache:
     def get(self, model: str, question: Question) -> Reply | None:
         """The reply that is kept; None where there is none, or a damaged one."""
         try:
-            return Reply(**json.loads(self._path(model, question).read_text(encoding="utf-8")))
-        except (OSError, ValueError, TypeError):
+            with self._path(model, question).open("rb") as file:
+                kept = json.loads(file.read(_MOST_BYTES))
+            return checked_reply(**kept)
+        except (OSError, ValueError, TypeError, RecursionError):
             return None
 
     def put(self, model: str, question: Question, reply: Reply) -> None:
-        """Keeps a reply; readers see the whole file or none."""
+        """Keeps a reply; readers see the whole file or none.
+
+        Raises:
+            InputError: The folder cannot be written.
+        """
         path = self._path(model, question)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_suffix(".partial")
-        partial.write_text(json.dumps(asdict(reply)) + "\n", encoding="utf-8")
-        partial.replace(path)
+        with writing(self._folder, "folder", "cache"):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            # A name of its own: the same question may be asked twice at the same time.
+            partial = path.with_suffix(f".{os.getpid()}-{threading.get_ident()}.partial")
+            partial.write_text(json.dumps(asdict(reply)) + "\n", encoding="utf-8")
+            partial.replace(path)
 
     def _path(self, model: str, question: Question) -> Path:
         digest = sha256()

@@ -4,10 +4,10 @@ import json
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any
+from typing import Any, BinaryIO
 
 Answer = Callable[[dict[str, Any], int], "Behaviour"]
 
@@ -22,6 +22,20 @@ class Behaviour:
     """In place of a well-formed answer."""
     wait_s: float = 0.0
     hang_up: bool = False
+    raw: Callable[[BinaryIO], object] | None = None
+    """Writes the answer itself, headers included, until the client has gone."""
+
+
+def dripping(first: bytes, piece: bytes, every_s: float = 0.02) -> Behaviour:
+    """Some bytes at once, then a piece now and then, for ever."""
+
+    def write(to: BinaryIO) -> None:
+        to.write(first)
+        while True:
+            to.write(piece)
+            time.sleep(every_s)
+
+    return Behaviour(raw=write)
 
 
 @dataclass
@@ -50,6 +64,11 @@ def chat_server(answer: Answer) -> Iterator[ChatServer]:
             if behaviour.hang_up:
                 self.close_connection = True
                 return
+            if behaviour.raw is not None:
+                self.close_connection = True
+                with suppress(OSError):
+                    behaviour.raw(self.wfile)
+                return
             body = behaviour.body
             if body is None:
                 message = {"role": "assistant", "content": behaviour.text}
@@ -62,7 +81,8 @@ def chat_server(answer: Answer) -> Iterator[ChatServer]:
             self.send_header("Content-Length", str(len(body)))
             self.send_header("retry-after-ms", "10")
             self.end_headers()
-            self.wfile.write(body)
+            with suppress(OSError):  # a client that has heard enough
+                self.wfile.write(body)
 
         def log_message(self, *_: object) -> None:
             """Not into the test's output."""

@@ -1,13 +1,16 @@
 """The client against a real HTTP server that answers, refuses, hangs up and talks nonsense."""
 
+import gzip
+import json
 from base64 import b64decode
+from typing import Any
 
 import pytest
-from evaluation.risk.vlm.chat_server import Behaviour, chat_server
+from evaluation.risk.vlm.chat_server import Behaviour, chat_server, dripping
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.risk.vlm.model import ModelUnavailableError, Question
-from siren_ros.evaluation.risk.vlm.openai_server import NO_KEY, OpenAiServer, key_from
+from siren_ros.evaluation.risk.vlm.model import MOST_REPLY_BYTES, ModelUnavailableError, Question
+from siren_ros.evaluation.risk.vlm.openai_server import NO_KEY, OpenAiServer, key_from, reply_in
 
 pytest.importorskip("openai", reason="the extra vlm is not installed")
 ASKED = Question("You judge.", "Which class?", (b"first", b"second"))
@@ -61,6 +64,124 @@ def test_faults_that_stay_are_told_without_the_key(fault: Behaviour, said: str) 
     with chat_server(lambda _, __: fault) as server, pytest.raises(ModelUnavailableError, match=said) as caught:
         OpenAiServer(server.url, "m", KEY, 10.0, 1).answer(ASKED)
     assert KEY not in str(caught.value)
+
+
+def body_of(content: Any = "text", usage: Any = None) -> bytes:
+    return json.dumps({"choices": [{"message": {"content": content}}], "usage": usage}).encode()
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        ("text", "text"),
+        (None, ""),
+        ([], ""),
+        ([{"type": "text", "text": "a"}, {"type": "thinking", "thinking": []}, {"type": "text", "text": "b"}], "ab"),
+        ("half a character \ud800", "half a character \ud800"),
+    ],
+)
+def test_the_words_of_a_message(content: Any, text: str) -> None:
+    assert reply_in(body_of(content), 1.0).text == text
+
+
+@pytest.mark.parametrize(
+    ("usage", "counts"),
+    [
+        (None, (0, 0)),
+        ({}, (0, 0)),
+        ({"prompt_tokens": None, "completion_tokens": 3}, (0, 3)),
+        ({"prompt_tokens": 5, "more": "x"}, (5, 0)),
+    ],
+)
+def test_tokens_that_are_not_told_are_none(usage: Any, counts: tuple[int, int]) -> None:
+    reply = reply_in(body_of(usage=usage), 1.0)
+    assert (reply.prompt_tokens, reply.completion_tokens) == counts
+
+
+BAD_BODIES = {
+    "no choices": b'{"choices": null}',
+    "a choice of null": b'{"choices": [null]}',
+    "no message": b'{"choices": [{}]}',
+    "a message of text": b'{"choices": [{"message": "Normal"}]}',
+    "content of numbers": body_of(5),
+    "content of an object": body_of({"text": "a"}),
+    "a part of text": body_of(["text"]),
+    "a part without text": body_of([{"type": "text", "text": 5}]),
+    "usage of text": body_of(usage="many"),
+    "tokens of text": body_of(usage={"prompt_tokens": "12"}),
+    "tokens below 0": body_of(usage={"completion_tokens": -1}),
+    "tokens of truth": body_of(usage={"prompt_tokens": True}),
+    "NaN tokens": body_of(usage={"prompt_tokens": float("nan")}),
+    "infinite tokens": body_of(usage={"prompt_tokens": 7}).replace(b": 7", b": 1e400"),
+    "tokens of 5000 digits": body_of(usage={"prompt_tokens": 7}).replace(b": 7", b": " + b"7" * 5000),
+    "a list": b"[]",
+    "a number": b"3",
+    "nothing": b"",
+    "no UTF-8": b'{"choices": "\xff"}',
+    "deep": b'{"choices":' * 200_000,
+    "deep and closed": b"[" * 200_000 + b"]" * 200_000,
+    "packed": gzip.compress(body_of()),
+    "long": body_of("x" * MOST_REPLY_BYTES),
+}
+
+
+@pytest.mark.parametrize("body", BAD_BODIES.values(), ids=BAD_BODIES)
+def test_what_is_not_of_the_protocol_is_no_answer(body: bytes) -> None:
+    with (
+        chat_server(lambda _, __: Behaviour(body=body)) as server,
+        pytest.raises(ModelUnavailableError, match="m: the server's answer is not of the protocol: ") as caught,
+    ):
+        OpenAiServer(server.url, "m", KEY, 60.0, 0).answer(ASKED)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 150
+
+
+HEAD = b"HTTP/1.1 200 OK\r\nContent-Type: application/json\r\n"
+
+
+@pytest.mark.parametrize(
+    "slow",
+    [
+        dripping(HEAD + b"Content-Length: 100000\r\n\r\n", b" "),
+        dripping(HEAD + b"Transfer-Encoding: chunked\r\n\r\n", b"1\r\n \r\n"),
+        dripping(HEAD + b"X-Long: ", b"x"),
+        dripping(b"", b"HTTP/1.1 100 Continue\r\n\r\n"),
+    ],
+    ids=["body", "chunks", "head", "continue"],
+)
+def test_the_whole_reply_has_a_deadline(slow: Behaviour) -> None:
+    with (
+        chat_server(lambda _, number: slow if number < 1 else Behaviour("there")) as server,
+        pytest.raises(ModelUnavailableError, match="Timeout"),
+    ):
+        OpenAiServer(server.url, "m", KEY, 0.5, 0).answer(ASKED)
+
+
+def test_a_reply_without_end_is_not_read_to_its_end() -> None:
+    endless = dripping(HEAD + b"Transfer-Encoding: chunked\r\n\r\n", b"10000\r\n" + b" " * 65536 + b"\r\n", 0.0)
+    with (
+        chat_server(lambda _, __: endless) as server,
+        pytest.raises(ModelUnavailableError, match=f"more than {MOST_REPLY_BYTES} bytes"),
+    ):
+        OpenAiServer(server.url, "m", KEY, 60.0, 0).answer(ASKED)
+
+
+@pytest.mark.parametrize("url", ["localhost:8000", "", "http://", "http://[::1", "ftp://a/v1", "http://a\nb"])
+def test_what_is_no_address_is_refused(url: str) -> None:
+    with pytest.raises(InputError, match="base-url"):
+        OpenAiServer(url, "m", KEY, 2.0, 0)
+
+
+def test_what_cannot_be_sent_is_refused() -> None:
+    for timeout_s in (0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(InputError, match="timeout-s"):
+            OpenAiServer("http://localhost/v1", "m", KEY, timeout_s, 0)
+    with pytest.raises(InputError, match="model"):
+        OpenAiServer("http://localhost/v1", "m\udcff", KEY, 1.0, 0)
+    for key in ("a-secret\n", "a-secret-\u00e4"):
+        with pytest.raises(InputError, match="api-key-env") as caught:
+            OpenAiServer("http://localhost/v1", "m", key, 1.0, 0)
+        assert "a-secret" not in str(caught.value)
 
 
 def test_nobody_listens() -> None:

@@ -1,9 +1,13 @@
 """A reply is known again for the same model, words and pictures, and for no others."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
-from siren_ros.evaluation.risk.vlm.model import Question, Reply
+import pytest
+
+from siren_ros.errors import InputError
+from siren_ros.evaluation.risk.vlm.model import MOST_REPLY_BYTES, Question, Reply
 from siren_ros.evaluation.risk.vlm.reply_cache import ReplyCache
 
 ASKED = Question("system", "text", (b"first", b"second"))
@@ -30,12 +34,40 @@ def test_other_models_words_and_pictures_are_other_questions(tmp_path: Path) -> 
     assert [cache.get(*other) for other in others] == [None] * len(others)
 
 
+KEPT = '{"text": "Normal", "prompt_tokens": 3, "completion_tokens": 5, "seconds": 0.5}'
+DAMAGED = [
+    *("", "{", "[]", '{"text": "a", "unknown": 1}', "[" * 200_000, "null", '"Normal"'),
+    KEPT.replace('"Normal"', '[{"type": "text", "text": "Normal"}]'),
+    KEPT.replace("3", '"3"'),
+    KEPT.replace("3", "-3"),
+    KEPT.replace("5,", "1e400,"),
+    KEPT.replace("0.5", "NaN"),
+    KEPT.replace("0.5", '"0.5"'),
+    KEPT.replace("0.5", "1e400"),
+    '{"text": "Normal"}',
+]
+
+
 def test_a_damaged_reply_is_none_and_is_replaced(tmp_path: Path) -> None:
     cache = ReplyCache(tmp_path)
     cache.put("model", ASKED, REPLY)
     (file,) = tmp_path.iterdir()
-    for text in ("", "{", "[]", '{"text": "a", "unknown": 1}'):
+    for text in DAMAGED:
         file.write_text(text, encoding="utf-8")
         assert cache.get("model", ASKED) is None
     cache.put("model", ASKED, REPLY)
     assert cache.get("model", ASKED) == REPLY
+    assert json.loads(file.read_text(encoding="utf-8")) == json.loads(KEPT)
+
+
+def test_the_longest_reply_and_half_characters_come_back(tmp_path: Path) -> None:
+    cache = ReplyCache(tmp_path)
+    for text in ("\x00" * MOST_REPLY_BYTES, "a\ud800b\udfff\u2028"):
+        cache.put("model", ASKED, replace(REPLY, text=text))
+        assert cache.get("model", ASKED) == replace(REPLY, text=text)
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cache: "):
+        ReplyCache(tmp_path / "file" / "replies").put("model", ASKED, REPLY)

@@ -1,18 +1,30 @@
 """The episode's map as OpenDRIVE, made from the compiled net by SUMO's netconvert."""
 
-import re
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+from defusedxml.ElementTree import fromstring
+
 from siren_ros.datasets.exporting.file_writer import FileWriter
 from siren_ros.datasets.exporting.format import EpisodePart, EpisodeReport
 from siren_ros.datasets.exporting.staging import link
 from siren_ros.datasets.sources.episode_source import EpisodeSource
-from siren_ros.roads.maps.netconvert import run_netconvert, without_header
+from siren_ros.datasets.sources.xml_text import document
+from siren_ros.roads.maps.netconvert import run_netconvert
 
-_DATE: Final = re.compile(rb'(<header\b[^>]*\bdate=")[^"]*(")')
+_HEADER: Final = {"revMajor": "1", "revMinor": "5", "date": "1970-01-01T00:00:00"}
+_OBJECT: Final = {
+    "dynamic": "no",
+    "zOffset": "0",
+    "validLength": "0",
+    "orientation": "none",
+    "pitch": "0",
+    "roll": "0",
+    "height": "0",
+}
+"""What OpenDRIVE 1.5 asks of an object and netconvert leaves out: it stands still, upright, and on the road."""
 
 
 class OpenDriveExporter:
@@ -38,7 +50,9 @@ def map_name(source: EpisodeSource) -> str:
 
 
 def opendrive_of(source: EpisodeSource) -> bytes:
-    """The map as OpenDRIVE 1.4, in the ``map`` frame.
+    """The map as OpenDRIVE 1.5, in the ``map`` frame.
+
+    netconvert names its files 1.4, but the outlines of objects and the header's offset that it writes came with 1.5.
 
     Raises:
         MapError: netconvert cannot write it.
@@ -53,4 +67,9 @@ def opendrive_of(source: EpisodeSource) -> bytes:
         # Bends stay polygons: the curves that netconvert would fit leave the lanes by up to 0.4 m.
         plain = ["--opendrive-output.straight-threshold", "180"]
         run_netconvert([*options, *moved, *plain], Path(folder) / "again.net.xml", source.description.map_name)
-        return _DATE.sub(rb"\g<1>1970-01-01T00:00:00\g<2>", without_header(made.read_bytes()))
+        root = fromstring(made.read_bytes())
+    for header in root.iter("header"):
+        header.attrib.update(_HEADER)
+    for thing in root.iter("object"):
+        thing.attrib.update({**_OBJECT, **thing.attrib})
+    return document(root)

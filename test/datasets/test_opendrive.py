@@ -1,13 +1,19 @@
 """OpenDRIVE as CARLA reads it."""
 
 import json
+import re
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from defusedxml.ElementTree import parse
 from reader_environments import read_with
+from synthetic_episode import NET_XML
 
 from siren_ros.cli.main import main
+from siren_ros.datasets.opendrive import opendrive_of
 from siren_ros.datasets.sources.episode_source import open_source
 from siren_ros.roads.road_network import LaneKind
 
@@ -36,6 +42,46 @@ def test_carla_finds_the_lanes_where_they_are(dataset: Path, tracked_bag: Path) 
     ]
     assert min(turned) > 0.9, "lanes run in their direction"
     assert read["topology"] > len(lanes)
+
+
+def checked(file: Path) -> list[str]:
+    """What ASAM's checker has against a map."""
+    read = read_with("asam", "read_asam_checks.py", "qc_opendrive", file)
+    assert read["statuses"]["check_asam_xodr_xml_valid_schema"] == "completed"
+    assert "error" not in read["statuses"].values()
+    return [f"{check}: {text}" for check, _, text in read["issues"]]
+
+
+def test_asams_checker_finds_nothing_in_a_map_with_crossings(dataset: Path, tmp_path: Path) -> None:
+    (file,) = dataset.glob("*.xodr")
+    text = file.read_text(encoding="utf-8")
+    assert text.count("<outline ") > 10
+    assert checked(file) == []
+    earlier = tmp_path / "earlier.xodr"
+    earlier.write_text(text.replace('revMinor="5"', 'revMinor="4"'), encoding="utf-8")
+    assert any("'outline', attribute 'id'" in one for one in checked(earlier)), "what netconvert writes is not 1.4"
+    bare = tmp_path / "bare.xodr"
+    bare.write_text(re.sub(r' (dynamic|zOffset)="[^"]*"', "", text), encoding="utf-8")
+    assert any("'zOffset' is required but missing" in one for one in checked(bare)), "nor 1.5"
+
+
+def test_a_map_with_a_place_on_earth_keeps_it(tmp_path: Path) -> None:
+    """The header's offset leads from the map frame to the projection's coordinates."""
+    place = 'netOffset="-561653.57,-4185149.03" convBoundary="0.00,-7.00,320.00,7.00"'
+    utm = "+proj=utm +zone=10 +ellps=WGS84 +datum=WGS84 +units=m +no_defs"
+    net = re.sub(r"<location [^>]*>", f'<location {place} origBoundary="0,0,1,1" projParameter="{utm}"/>', NET_XML)
+    network = SimpleNamespace(sumo_offset_m=(100.0, 20.0))
+    source: Any = SimpleNamespace(net_xml=net, network=network, description=SimpleNamespace(map_name="far"))
+    file = tmp_path / "far.xodr"
+    file.write_bytes(opendrive_of(source))
+    header = parse(file).getroot().find("header")
+    assert header is not None
+    assert (header.attrib["revMajor"], header.attrib["revMinor"]) == ("1", "5")
+    assert str(header.findtext("geoReference")).strip() == utm
+    offset = header.find("offset")
+    assert offset is not None
+    assert [float(offset.attrib[axis]) for axis in "xy"] == [561753.57, 4185169.03]
+    assert checked(file) == []
 
 
 def test_the_same_map_gives_the_same_file(dataset: Path, tracked_bag: Path, tmp_path: Path) -> None:

@@ -37,6 +37,16 @@ def test_it_is_valid_openscenario_1_2(read: dict[str, Any]) -> None:
     assert read["errors"] == []
 
 
+def test_asams_checker_finds_nothing(dataset: Path, tmp_path: Path) -> None:
+    (file,) = dataset.glob("*.xosc")
+    read = read_with("asam", "read_asam_checks.py", "qc_openscenario", file)
+    assert (read["issues"], set(read["statuses"].values())) == ([], {"completed"})
+    wrong = tmp_path / "wrong.xosc"
+    wrong.write_text(file.read_text(encoding="utf-8").replace('"Ego"', '"Me"', 1), encoding="utf-8")
+    found = read_with("asam", "read_asam_checks.py", "qc_openscenario", wrong)["issues"]
+    assert found, "an entity that does not exist"
+
+
 def test_the_map_is_there(read: dict[str, Any], dataset: Path) -> None:
     assert (dataset / read["road"]).is_file()
 

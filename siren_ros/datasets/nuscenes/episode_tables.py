@@ -9,7 +9,7 @@ import numpy as np
 from siren_ros.datasets.exporting.file_writer import FileWriter
 from siren_ros.datasets.nuscenes.rig import rotation_wxyz
 from siren_ros.datasets.nuscenes.taxonomy import attribute_of, category_of, token, visibility_of
-from siren_ros.numerics.arrays import Floats, Matrix
+from siren_ros.numerics.arrays import Floats, Ids, Matrix
 from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.ground_truth import GroundTruth
@@ -88,14 +88,18 @@ class EpisodeTables:
         }
         self._linked("sample_data", channel, row)
 
-    def annotations(self, step: int, truth: GroundTruth, map_from_truth: Matrix, visible: Floats) -> None:
+    def annotations(self, step: int, truth: GroundTruth, map_from_truth: Matrix, visible: Floats, inside: Ids) -> None:
         """The boxes of the current keyframe.
+
+        nuScenes has no velocities: its devkit takes them from the boxes before and after, and gives NaN to a box
+        without either, which is that of a vehicle within range at one keyframe alone.
 
         Args:
             step: Of the keyframe.
             truth: Labels.
             map_from_truth: Places in nuScenes' global frame from places in the labels' frame.
             visible: Visible fraction of each box, shape ``(N,)``.
+            inside: Number of the sweep's points in each box, shape ``(N,)``.
         """
         for row, actor_id in enumerate(truth.actor_id.tolist()):
             category = category_of(ActorClass(int(truth.actor_class[row])), *self._categories)
@@ -117,7 +121,7 @@ class EpisodeTables:
                 "rotation": rotation_wxyz(turned),
                 "prev": "",
                 "next": "",
-                "num_lidar_pts": int(truth.lidar_points[row]),
+                "num_lidar_pts": int(inside[row]),
                 "num_radar_pts": 0,
             }
             self._linked("sample_annotation", actor_id, found)

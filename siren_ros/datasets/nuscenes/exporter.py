@@ -17,7 +17,7 @@ from siren_ros.datasets.nuscenes.rig import LIDAR, calibrated_sensors, channels
 from siren_ros.datasets.nuscenes.taxonomy import fixed_tables, token
 from siren_ros.datasets.sources.episode_source import EpisodeSource
 from siren_ros.datasets.sources.lidar_frames import LidarFrame, lidar_frames, lidar_of
-from siren_ros.datasets.sources.visibility import lidar_visibility
+from siren_ros.datasets.sources.visibility import lidar_visibility, points_in_boxes
 from siren_ros.errors import BagError
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import STEP_S
@@ -72,9 +72,9 @@ class NuscenesExporter:
                 name = f"{kind}/{channel}/{episode_id}__{channel}__{frame.step:08d}.jpg"
                 files.write(name, jpeg)
                 tables.data(channel, frame.step, name, key, (models[camera].width, models[camera].height), pose)
-            if key and frame.truth is not None:
-                place = pose @ lidar.base_from_sensor
-                tables.annotations(frame.step, frame.truth, place, visible_fractions(frame))
+            if key and frame.truth is not None and frame.points is not None:
+                place, inside = pose @ lidar.base_from_sensor, points_in_boxes(frame.points, frame.truth)
+                tables.annotations(frame.step, frame.truth, place, visible_fractions(frame), inside)
             files.progress(frame.step * STEP_S)
         if not tables.samples:
             raise BagError(str(source.path), "an episode with at least one sweep with its ground truth")

@@ -1,4 +1,4 @@
-"""How much of each labelled vehicle the LiDAR sees, and where boxes stand in a picture."""
+"""How much of each labelled vehicle the LiDAR sees, what lies in its box, and where boxes stand in a picture."""
 
 from typing import Final
 
@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.interfaces.images import CameraIntrinsics
-from siren_ros.numerics.arrays import Floats, Matrix, Rows
+from siren_ros.numerics.arrays import Floats, Ids, Matrix, Rows
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.world.ground_truth import GroundTruth
 
@@ -75,6 +75,28 @@ def lidar_visibility(points: npt.NDArray[np.void], truth: GroundTruth, rows: Row
         hidden = int(((turned >= side[number].min()) & (turned <= side[number].max())).sum())
         seen[number] = own / (own + hidden)
     return seen
+
+
+def points_in_boxes(points: npt.NDArray[np.void], truth: GroundTruth) -> Ids:
+    """How many points lie in each box, whatever they are returns of, shape ``(N,)``: nuScenes' ``num_lidar_pts``.
+
+    That is not ``lidar_points``, which counts the returns of the vehicle. Half of the returns of the ground under a
+    vehicle lie in its box, because the box stands on the ground and ranges are noisy; mirrors stick out of it.
+
+    Args:
+        points: Sweep in the frame of the truth.
+        truth: Labels.
+    """
+    xyz = np.stack((points["x"], points["y"], points["z"]), axis=-1).astype(np.float64)
+    half = np.stack((truth.length_m, truth.width_m, truth.height_m), axis=-1) / 2.0
+    found = np.zeros(len(truth), dtype=np.uint32)
+    for row, (x, y, z) in enumerate(zip(truth.x_m, truth.y_m, truth.z_m, strict=True)):
+        near = xyz[np.hypot(xyz[:, 0] - x, xyz[:, 1] - y) <= np.hypot(*half[row, :2]) + _CLEARANCE_M] - (x, y, z)
+        cos, sin = np.cos(truth.yaw_rad[row]), np.sin(truth.yaw_rad[row])
+        ahead, left = near[:, 0] * cos + near[:, 1] * sin, near[:, 1] * cos - near[:, 0] * sin
+        inside = (np.abs(ahead) <= half[row, 0]) & (np.abs(left) <= half[row, 1]) & (np.abs(near[:, 2]) <= half[row, 2])
+        found[row] = np.count_nonzero(inside)
+    return found
 
 
 def image_boxes(corners: Floats, camera_from_frame: Matrix, camera: CameraIntrinsics) -> tuple[Floats, Floats]:

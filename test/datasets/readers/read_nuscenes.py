@@ -19,17 +19,18 @@ scene = nusc.scene[0]
 samples = [sample for sample in nusc.sample if sample["scene_token"] == scene["token"]]
 last = max(samples, key=lambda sample: sample["timestamp"])
 
-inside = own = 0
+hits, without_velocity = [], []
+for sample in samples:
+    path, boxes, _ = nusc.get_sample_data(sample["data"]["LIDAR_TOP"])
+    cloud = LidarPointCloud.from_file(path)
+    for box in boxes:
+        found = nusc.get("sample_annotation", box.token)
+        hits.append([int(points_in_box(box, cloud.points[:3]).sum()), found["num_lidar_pts"]])
+        if np.isnan(nusc.box_velocity(box.token)).any():
+            without_velocity.append([found["prev"], found["next"]])
 lidar_token = last["data"]["LIDAR_TOP"]
-path, boxes, _ = nusc.get_sample_data(lidar_token)
+path = nusc.get_sample_data_path(lidar_token)
 cloud = LidarPointCloud.from_file(path)
-hits = []
-for box in boxes:
-    # Returns from the road lie on the box's lower face.
-    above = cloud.points[2] > box.center[2] - box.wlh[2] / 2 + 0.05
-    count = int((points_in_box(box, cloud.points[:3], wlh_factor=1.005) & above).sum())
-    told = nusc.get("sample_annotation", box.token)["num_lidar_pts"]
-    hits.append([count, told])
 raw = np.fromfile(path, dtype=np.float32)
 history, times = LidarPointCloud.from_file_multisweep(nusc, last, "LIDAR_TOP", "LIDAR_TOP", nsweeps=10)
 for channel in last["data"]:
@@ -77,6 +78,7 @@ print(
             "samples": len(samples),
             "channels": sorted(last["data"]),
             "hits": hits,
+            "without_velocity": without_velocity,
             "floats": len(raw) // 5 if len(raw) % 5 == 0 else -1,
             "points": cloud.nbr_points(),
             "sweeps": len(set(np.round(times[0], 3).tolist())),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from synthetic_episode import SyntheticEpisode
 
-from siren_ros.datasets.sources.visibility import box_corners, image_boxes, lidar_visibility
+from siren_ros.datasets.sources.visibility import box_corners, image_boxes, lidar_visibility, points_in_boxes
 from siren_ros.interfaces.images import CameraIntrinsics
 from siren_ros.sensors.lidar.lidar_points import LIDAR_POINT_DTYPE
 from siren_ros.world.ground_truth import GroundTruth
@@ -82,3 +82,15 @@ def test_a_box_that_reaches_behind_the_camera_does_not_flip() -> None:
     assert boxes[0, 0] == 0.0
     assert boxes[0, 2] < 400.0
     assert 0.5 < outside[0] < 1.0
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 0.7, -2.5])
+def test_what_lies_in_a_box_is_counted_whatever_it_is(yaw_rad: float) -> None:
+    """Corners and faces belong to the box; the number of returns of the vehicle says nothing."""
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    local = [(1.99, 0.99, 0.99), (-1.99, -0.99, -0.99), (0.0, 0.0, -1.0), (2.01, 0.0, 0.0), (0.0, 1.01, 0.0)]
+    outside = [(0.0, 0.0, -1.01), (0.0, 0.0, 1.01), (-2.01, 0.0, 0.0), (0.0, -1.01, 0.0), (1.5, 1.5, 0.0)]
+    placed = [(10.0 + x * cos - y * sin, 3.0 + x * sin + y * cos, z) for x, y, z in (*local, *outside)]
+    box = box_at(10.0, 3.0, points=99, yaw_rad=yaw_rad)
+    assert points_in_boxes(points_at(*placed), box).tolist() == [3]
+    assert points_in_boxes(points_at(), box).tolist() == [0]

@@ -2,12 +2,26 @@
 
 import ast
 import re
+from importlib.metadata import version
+from itertools import pairwise
 
 import pytest
 from repository import REPOSITORY
 from test_architecture import names_defined_in
 
+from siren_ros.behaviour.config import JunctionEntryConfig
+from siren_ros.evaluation.detection.reports.paper_results import PAPER as PAPER_DETECTORS
+from siren_ros.evaluation.prediction.metrics.table import METRICS
+from siren_ros.evaluation.prediction.protocol.window import HistoryWindow, future_times_s
+from siren_ros.evaluation.prediction.reports.paper_results import PAPER_NAMES
+from siren_ros.evaluation.risk.reports.paper_table import PAPER_BALANCE, PAPER_SCORES
+from siren_ros.numerics.units import STEP_S, mps_from_kmh
+from siren_ros.scenario.levels import LEVEL_POLICIES, CivilianResponse, EmergencyLevel
 from siren_ros.scenario.paper_constants import PAPER_CONSTANTS, PAPER_SPEEDS
+from siren_ros.scenario.presets import load_preset
+from siren_ros.scenario.templates import available_templates, load_template
+from siren_ros.traffic.sumo import caution
+from siren_ros.traffic.sumo.config import TrafficConfig
 
 TEXT = re.sub(r"\s+", " ", (REPOSITORY / "docs" / "paper.md").read_text(encoding="utf-8"))
 OWNERS = {
@@ -46,3 +60,104 @@ def test_every_line_of_an_algorithm_says_where_and_whether(algorithm: str) -> No
         assert re.search(r"`siren_ros/[\w/]+\.py`", row[1])
         if not row[0].startswith("**("):
             assert row[2] in {"same", "decided", "different", ""}
+
+
+def numbers_in(pattern: str) -> list[float]:
+    """The numbers of the one place of the page that a pattern fits."""
+    (found,) = re.findall(pattern, TEXT)
+    return [float(number) for number in ([found] if isinstance(found, str) else found)]
+
+
+@pytest.mark.parametrize("name", available_templates())
+def test_templates_have_the_numbers_of_the_page(name: str) -> None:
+    template = load_template(name)
+    vehicles = numbers_in(r"interaction, " + ", ".join([r"(\d+)"] * 7) + " background vehicles")
+    assert template.value("demand.background_vehicles") == vehicles[int(name[1]) - 1]
+    shortest_s, longest_s = numbers_in(r"\| (\d+) to (\d+) s, states at 10 Hz")
+    assert shortest_s <= template.duration_s <= longest_s
+    (limit_kmh,) = numbers_in(r"the templates lower all limits to (\d+) km/h")
+    assert template.value("demand.speed_limit_mps") == pytest.approx(mps_from_kmh(limit_kmh), abs=1e-3)
+    assert template.value("demand.speed_factor") == 1.0
+    assert template.value("emv.speed_mps") == pytest.approx(PAPER_SPEEDS.emv_route_follow_mps, abs=1e-3)
+    assert template.value("response.compliance") == 1.0
+    same = {"demand.background_vehicles", "demand.speed_limit_mps", "demand.speed_factor", "response.compliance"}
+    assert not same & template.drawn.keys(), "seeds draw what the page calls the paper's"
+
+
+@pytest.mark.parametrize("name", available_templates())
+def test_seeds_draw_what_the_page_says(name: str) -> None:
+    drawn = load_template(name).drawn
+    speeds_kmh = numbers_in(r"draws a speed from (\d+) to (\d+) km/h")
+    (delay_s, *distances_m) = numbers_in(r"each seed draws them, up to (\d+) s and from (\d+) to (\d+) m")
+    expected = {
+        "emv.speed_mps": pytest.approx([mps_from_kmh(speed) for speed in speeds_kmh], abs=0.05),
+        "response.extra_delay_s": [0.0, delay_s],
+        "response.response_distance_m": distances_m,
+    }
+    assert {path: [drawn[path].minimum, drawn[path].maximum] for path in expected} == expected
+
+
+def test_the_default_preset_is_what_the_page_says() -> None:
+    preset = load_preset("paper")
+    assert "all drivers of an episode comply, with one delay and one distance" in TEXT
+    assert (preset.compliance.complies, preset.reaction_delay_s.std, preset.response_distance_m.std) == (1.0, 0.0, 0.0)
+    assert (preset.reaction_delay_s.mean, preset.response_distance_m.mean) == (0.0, PAPER_CONSTANTS.region_enter_m)
+
+
+def test_levels_are_those_of_the_page() -> None:
+    rows = re.findall(r"\| (L\d) \| (on|off) \| [^|]+ \| ([^|]+) \| same \|", TEXT)
+    responses = {"SUMO": CivilianResponse.NOMINAL, "lane change": CivilianResponse.FEASIBLE_YIELD}
+    for name, siren, response in rows:
+        policy = LEVEL_POLICIES[EmergencyLevel[name]]
+        assert policy.siren == (siren == "on")
+        assert policy.response is responses.get(response, CivilianResponse.PULL_OVER)
+        assert policy.privileged == (name != "L0")
+        assert policy.corridor == (name == "L3")
+    assert [row[0] for row in rows] == list(EmergencyLevel.__members__)
+    assert "bluelight device, which makes the list, runs at L3 only" in TEXT
+    assert TrafficConfig().bluelight_levels == {EmergencyLevel.L3}
+
+
+def test_speeds_and_brakes_are_those_of_the_page() -> None:
+    assert numbers_in(r"brakes gently towards (\d+) km/h at the line") == [JunctionEntryConfig().speed_mps * 3.6]
+    assert numbers_in(r"their ways meet, with up to (\d+) m/s²") == [caution._MOST_BRAKE_MPS2]
+
+
+def test_versions_and_steps_are_those_of_the_page() -> None:
+    (sumo,) = re.findall(r"SUMO (\d+\.\d+) and no CARLA; the same step", TEXT)
+    assert version("libsumo").startswith(f"{sumo}.")
+    assert numbers_in(r"CARLA 0\.9\.16, steps of (0\.\d+) s") == [STEP_S]
+
+
+def test_the_protocol_is_that_of_the_page() -> None:
+    history_s, future_s, period_s = numbers_in(r"same: (\d) s of history, (\d) s of future, (0\.\d) s apart")
+    times_s = [*HistoryWindow().times_s, *future_times_s()]
+    assert (times_s[0], times_s[-1]) == pytest.approx((-history_s, future_s))
+    assert [after - before for before, after in pairwise(times_s)] == pytest.approx([period_s] * (len(times_s) - 1))
+    names = {"ade_m": "ADE", "fde_m": "FDE", "min_ade_6_m": "minADE", "min_fde_6_m": "minFDE", "rmse_5s_m": "RMSE"}
+    assert f"| {', '.join(names.values())} |" in TEXT
+    assert names.keys() <= {metric.name for metric in METRICS}
+
+
+def test_the_balance_of_the_videos_is_that_of_the_page() -> None:
+    assert tuple(numbers_in(r"(\d+) / (\d+) / (\d+) videos of the classes")) == PAPER_BALANCE
+    videos, each = numbers_in(r"(\d+) videos of 190 frames, (\d+) of each template")
+    assert (videos, each) == (sum(PAPER_BALANCE), sum(PAPER_BALANCE) / len(available_templates()))
+
+
+def test_the_learned_models_of_the_paper_are_counted_right() -> None:
+    learned = len(PAPER_NAMES.keys() - {"cv", "idm"}) + len(PAPER_DETECTORS) + len(PAPER_SCORES)
+    assert f"Of the paper's {learned} learned models, three were run here: CSP, STDAN and BAT." in TEXT
+    for page in ("README.md", "docs/limitations.md"):
+        text = re.sub(r"\s+", " ", (REPOSITORY / page).read_text(encoding="utf-8"))
+        either = rf"{learned - 3} of the paper's {learned} learned|{learned} learned models, {learned - 3} were"
+        assert re.search(either, text)
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/limitations.md", "docs/behaviour.md"])
+def test_pages_quote_the_two_maps_alike(page: str) -> None:
+    row = r"constant velocity \(CV\), mean of the templates \| " + r" \| ".join([r"([\d.]+)"] * 3)
+    (paper, town, own) = re.findall(row, TEXT)[0]
+    text = (REPOSITORY / page).read_text(encoding="utf-8")
+    for value in (paper, town, own):
+        assert f"{value} m" in text or f"and the paper {value}" in text or f"the town has {value}" in text

@@ -20,6 +20,7 @@ from siren_ros.evaluation.paper_comparison.detection_rows import detection_rows
 from siren_ros.evaluation.paper_comparison.prediction_rows import own_level_only, prediction_rows
 from siren_ros.evaluation.paper_comparison.risk_rows import risk_rows
 from siren_ros.evaluation.paper_comparison.stored_scores import stored
+from siren_ros.evaluation.prediction.reports.paper_comparison import maps_next_to_the_papers
 from siren_ros.evaluation.prediction.reports.paper_results import PAPER_NAMES
 from siren_ros.evaluation.prediction.reports.score_table import score_table
 from siren_ros.evaluation.prediction.scoring.score_bags import ScoringJob, score_bags
@@ -102,6 +103,7 @@ def _prediction(arguments: argparse.Namespace) -> list[Compared]:
         raise InputError("bags", f"{len(scores)} episodes", "episodes of S1 to S7 at their own levels")
     if len(counted) < len(scores):
         print(f"{len(scores) - len(counted)} of {len(scores)} episodes are at other levels and do not count")
+    print(maps_next_to_the_papers(counted))
     return list(prediction_rows(score_table(counted)))
 
 

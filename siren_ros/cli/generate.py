@@ -3,11 +3,11 @@
 import argparse
 import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Final, Self
 
 from tqdm import tqdm
 
@@ -20,7 +20,7 @@ from siren_ros.studies.dask_workers import DaskWorkers, connected, on_slurm
 from siren_ros.studies.draws import DrawPlan, Method
 from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.studies.episode_worker import RETRIES, TIMEOUT_S, WorkerOptions
-from siren_ros.studies.matrix import OWN_LEVEL, TOWN, Study
+from siren_ros.studies.matrix import TOWN, Study
 from siren_ros.studies.remote_folder import folder_at
 from siren_ros.studies.risk_set.balance import papers_balance
 from siren_ros.studies.risk_set.make_set import RiskSetRequest
@@ -32,39 +32,46 @@ from siren_ros.studies.workers import LocalWorkers, Workers
 RISK_VIDEOS = "risk_videos"
 """Folder of the videos with risk labels, in the study's."""
 
+_MATRIX: Final[Mapping[str, Callable[[Any], Any]]] = {
+    "templates": tuple,
+    "levels": levels_of,
+    "seeds": seeds_of,
+    "maps": tuple,
+    "preset": str,
+    "sensors": str,
+    "look": str,
+    "duration_s": float,
+    "risk_videos": int,
+}
+"""Options of the matrix, by the study's fields that they stand for, and how their words are read."""
+
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
     """Describe the verb, and what it takes."""
     verb.description = (
         "Makes all episodes of a study: templates x levels x seeds x maps x draws of parameters. Every episode has a "
         "process of its own. Called again with the same folder, it verifies the finished episodes by their hashes and "
-        "makes the others. The table of all episodes is DIR/manifest.parquet. Exit code 1 where an episode is missing."
+        "makes the others. The table of all episodes is DIR/manifest.parquet. Options of the matrix and of the draws "
+        "stand above what the study file says. Exit code 1 where an episode is missing."
     )
     verb.add_argument(
         "study", nargs="?", metavar="STUDY", help="study file (YAML), or a name in params/studies such as v1"
     )
     verb.add_argument("--out", required=True, metavar="DIR", help="folder or fsspec URL, new or from before")
     matrix = verb.add_argument_group("the matrix")
+    matrix.add_argument("--templates", nargs="+", metavar="ID", help="S1 to S7, or template files (default: all)")
+    matrix.add_argument("--levels", nargs="+", metavar="L", help="L0 to L3, or own (default)")
+    matrix.add_argument("--seeds", nargs="+", metavar="N|A:B", help="seeds; 0:5 are 0 to 4 (default 0)")
+    matrix.add_argument("--maps", nargs="+", metavar="FILE", help="map files, or town (default)")
+    matrix.add_argument("--preset", help="how civilians react (default paper)")
+    matrix.add_argument("--sensors", help="suite of sensors (default none)")
+    matrix.add_argument("--look", help="weather and time of day (default clear)")
     matrix.add_argument(
-        "--templates",
-        nargs="+",
-        metavar="ID",
-        default=list(available_templates()),
-        help="S1 to S7, or template files (default: all)",
-    )
-    matrix.add_argument("--levels", nargs="+", metavar="L", default=[OWN_LEVEL], help="L0 to L3, or own (default)")
-    matrix.add_argument("--seeds", nargs="+", metavar="N|A:B", default=["0"], help="seeds; 0:5 are 0 to 4 (default 0)")
-    matrix.add_argument("--maps", nargs="+", metavar="FILE", default=[TOWN], help="map files, or town (default)")
-    matrix.add_argument("--preset", default="paper", help="how civilians react (default paper)")
-    matrix.add_argument("--sensors", default="none", help="suite of sensors (default none)")
-    matrix.add_argument("--look", default="clear", help="weather and time of day (default clear)")
-    matrix.add_argument(
-        "--duration-s", type=float, default=0.0, metavar="S", help="simulated time of each episode (default: its own)"
+        "--duration-s", type=float, metavar="S", help="simulated time of each episode (default: its own)"
     )
     matrix.add_argument(
         "--risk-videos",
         type=int,
-        default=0,
         metavar="N",
         help=f"risk videos of each template too, in DIR/{RISK_VIDEOS}",
     )
@@ -96,8 +103,9 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Runs the study; exit code 1 where an episode could not be made."""
     for name, least in (("workers", 1), ("retries", 0), ("timeout_s", 1.0), ("risk_videos", 0)):
-        if getattr(arguments, name) < least:
-            raise InputError(name, getattr(arguments, name), f"{least:g} or more")
+        value = getattr(arguments, name)
+        if value is not None and value < least:
+            raise InputError(name, value, f"{least:g} or more")
     study = _study_of(arguments)
     folder = folder_at(arguments.out)
     risk_set = _risk_set_of(study, folder, arguments.retries)
@@ -106,7 +114,8 @@ def run(arguments: argparse.Namespace) -> int:
         result = run_study(study, folder, workers, options, bar)
     print("\n".join(_summary(result.rows)))
     kept = f", {result.kept} of them from before" if result.kept else ""
-    print(f"{folder.place}/{MANIFEST}: {len(result.rows)} episodes{kept}")
+    maps = ", ".join(dict.fromkeys(row.map_name for row in result.rows))
+    print(f"{folder.place}/{MANIFEST}: {len(result.rows)} episodes on {maps}{kept}")
     missing = [row for row in result.rows if row.status is not Status.COMPLETE]
     for row in missing[:20]:
         print(f"siren generate: {row.episode}: {row.status}: {row.reason}", file=sys.stderr)
@@ -143,20 +152,12 @@ def _workers(arguments: argparse.Namespace) -> Iterator[Workers]:
 
 
 def _study_of(arguments: argparse.Namespace) -> Study:
-    if arguments.study is not None:
-        return read_study(named_params_file("study", "studies", arguments.study))
-    return Study(
-        templates=tuple(arguments.templates),
-        levels=levels_of(arguments.levels),
-        seeds=seeds_of(arguments.seeds),
-        maps=tuple(arguments.maps),
-        preset=arguments.preset,
-        sensors=arguments.sensors,
-        look=arguments.look,
-        duration_s=arguments.duration_s,
-        draws=_draws_of(arguments),
-        risk_videos=arguments.risk_videos,
-    )
+    """The study file's, or all templates, with what the command line says in its place."""
+    named = arguments.study
+    study = Study(available_templates()) if named is None else read_study(named_params_file("study", "studies", named))
+    words = {name: getattr(arguments, name) for name in _MATRIX}
+    asked = {name: _MATRIX[name](word) for name, word in words.items() if word is not None}
+    return replace(study, **asked, draws=_draws_of(arguments) or study.draws)
 
 
 def _draws_of(arguments: argparse.Namespace) -> DrawPlan | None:

@@ -4,9 +4,11 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from enum import StrEnum
+from pathlib import Path
 from typing import Any, Self
 
 from siren_ros.errors import InputError
+from siren_ros.roads.maps.map_compiler import name_of_map
 from siren_ros.studies.matrix import PlannedEpisode
 
 
@@ -99,6 +101,11 @@ class EpisodeRow:
             reason=reason,
             **known,
         )
+
+    @property
+    def map_name(self) -> str:
+        """The map's name as in the episode's bag: without folder and suffix, ``town`` for the built-in one."""
+        return name_of_map(Path(self.map) if self.map else None)
 
     @property
     def path(self) -> str:

@@ -61,7 +61,8 @@ def assembled(study: StudyRows, measures: StudyMeasures, options: PageOptions) -
     ]
     templates = ", ".join(sorted({row.template for row in study.rows}))
     levels = ", ".join(sorted({row.level for row in study.rows}))
+    maps = ", ".join(sorted({row.map_name for row in study.rows}))
     episodes = count_of(len(study.rows), "episode")
-    lead = f"{episodes} of {templates} at {levels}. This page is one file and needs no network."
+    lead = f"{episodes} of {templates} at {levels} on {maps}. This page is one file and needs no network."
     title = f"SIREN study {study.folder.resolve().name}"
     return Page(title, lead, [section for section in sections if section is not None])

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -5,9 +6,13 @@ import pytest
 from siren_ros.cli import generate
 from siren_ros.cli.main import main
 from siren_ros.params.params_files import named_params_file
-from siren_ros.studies.matrix import plan_study
+from siren_ros.scenario.request import EpisodeRequest
+from siren_ros.studies.draws import DrawPlan, Method
+from siren_ros.studies.episode_row import EpisodeRow, Status
+from siren_ros.studies.matrix import PlannedEpisode, Study, plan_study
 from siren_ros.studies.risk_set.balance import Balance, papers_balance
 from siren_ros.studies.risk_set.make_set import RiskSetRequest
+from siren_ros.studies.run_study import StudyResult
 from siren_ros.studies.study_file import read_study
 from siren_ros.studies.study_folder import LocalFolder, read_table
 
@@ -20,10 +25,11 @@ def test_a_matrix_is_made_and_made_once(tmp_path: Path, capsys: pytest.CaptureFi
     assert main(words) == 0
     first = capsys.readouterr().out
     assert "S2_L0  1/1 complete, predicate holds in 0, at most " in first
-    assert first.splitlines()[-1] == f"{out}/manifest.parquet: 2 episodes"
+    assert first.splitlines()[-1] == f"{out}/manifest.parquet: 2 episodes on town"
     times = [row.begun_at for row in read_table(LocalFolder(out))]
     assert main(words) == 0
-    assert capsys.readouterr().out.splitlines()[-1] == f"{out}/manifest.parquet: 2 episodes, 2 of them from before"
+    kept = capsys.readouterr().out.splitlines()[-1]
+    assert kept == f"{out}/manifest.parquet: 2 episodes on town, 2 of them from before"
     assert [row.begun_at for row in read_table(LocalFolder(out))] == times
 
 
@@ -76,6 +82,29 @@ def test_a_study_with_risk_videos_makes_them_after_its_episodes(
 def test_risk_videos_need_a_local_folder(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["generate", "--templates", "S2", "--risk-videos", "1", "--out", "memory://study", *SHORT]) == 2
     assert "a local folder" in capsys.readouterr().err
+
+
+def test_the_command_line_stands_above_the_study_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked: list[Study] = []
+
+    def run(study: Study, *_: object) -> StudyResult:
+        asked.append(study)
+        rows = [
+            EpisodeRow.planned(PlannedEpisode("", "S1_L3", EpisodeRequest("S1", map=file), -1, ""), Status.COMPLETE)
+            for file in study.maps
+        ]
+        return StudyResult(tuple(rows), 0)
+
+    monkeypatch.setattr(generate, "run_study", run)
+    paper = read_study(named_params_file("study", "studies", "v1"))
+    words = ["--maps", "maps/Town10HD_Opt.xodr", "--seeds", "3:5", "--risk-videos", "0", "--sensors", "none"]
+    assert main(["generate", "v1", *words, "--lhs", "2", "--out", str(tmp_path)]) == 0
+    changed = {"maps": ("maps/Town10HD_Opt.xodr",), "seeds": (3, 4), "risk_videos": 0, "sensors": "none"}
+    draws = DrawPlan(Method.LATIN_HYPERCUBE, samples=2)
+    assert asked == [replace(paper, **changed, draws=draws)]
+    assert capsys.readouterr().out.splitlines()[-1] == f"{tmp_path}/manifest.parquet: 1 episodes on Town10HD_Opt"
 
 
 def test_the_papers_benchmark_is_seven_episodes_and_105_videos() -> None:

@@ -52,6 +52,12 @@ def test_what_is_written_into_the_page_stays_text(made: SimpleNamespace) -> None
     assert not re.search(r"(?:src|href)=\"(?!data:|#)", content), "everything is inside the file"
 
 
+def test_the_page_names_the_map_of_its_figures(made: SimpleNamespace) -> None:
+    assert made.page.lead.startswith("5 episodes of S2 at L1, L2, L3 on town. ")
+    (section,) = [section for section in made.page.sections if section.key == "next_to_the_paper"]
+    assert "; map: straight (2); the paper's is Town10HD_Opt. " in section.text[0]
+
+
 def test_the_sections_are_in_the_order_of_a_reader(made: SimpleNamespace) -> None:
     keys = [section.key for section in made.page.sections]
     assert keys[:4] == ["generated", "scenes", "making_way", "effects"]

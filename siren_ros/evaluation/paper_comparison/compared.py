@@ -23,6 +23,8 @@ class Compared:
     digits: int = 2
     relative: bool = True
     """Whether ours divided by the paper's says something, which it does not of a rank correlation."""
+    map: str = ""
+    """Of our episodes, several by commas; empty where the scores do not say."""
 
     @property
     def deviation(self) -> float | None:
@@ -50,6 +52,7 @@ class Compared:
             "table": self.table,
             "row": self.row,
             "column": self.column,
+            "map": self.map,
             "paper": self.paper,
             "ours": self.ours.value if self.ours.valid else None,
             "low": self.ours.low if self.ours.bounded else None,

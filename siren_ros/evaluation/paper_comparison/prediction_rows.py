@@ -1,6 +1,7 @@
 """Trajectory prediction: errors, samples, ratio of the references, ranking of the templates."""
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -53,6 +54,12 @@ def prediction_rows(table: ScoreTable, seed: int = 0) -> Iterator[Compared]:
         table: Episodes at their templates' own levels, with the paper's population.
         seed: Of the bootstrap.
     """
+    maps = ",".join(sorted({episode.map_name for episode in table.episodes}))
+    for row in _rows(table, seed):
+        yield replace(row, map=maps)
+
+
+def _rows(table: ScoreTable, seed: int) -> Iterator[Compared]:
     for metric, title in ERRORS.items():
         for model, name in PAPER_NAMES.items():
             yield from _errors(table, metric, title, model, name)

@@ -12,6 +12,7 @@ from siren_ros.evaluation.risk.labels import RiskThresholds
 from siren_ros.evaluation.risk.risk_class import RiskClass
 from siren_ros.evaluation.risk.side_by_side import side_by_side
 from siren_ros.evaluation.risk.video_set import VIDEO_FRAMES, RiskVideo, VideoSet, write_set
+from siren_ros.roads.maps.map_compiler import name_of_map
 from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.scenario.templates import Template, load_template
 from siren_ros.studies.risk_set.balance import Balance, Counts, Finding, quotas, settled, shifted
@@ -113,7 +114,7 @@ def make_set(request: RiskSetRequest, out: Path, workers: int, progress: Progres
     remove_others(out, chosen)
     videos = _as_set(request, out, chosen)
     write_set(videos)
-    write_set_card(videos, searches, request.balance)
+    write_set_card(videos, searches, request.balance, name_of_map(Path(request.map_file) if request.map_file else None))
     return MadeSet(videos, searches)
 
 

@@ -13,16 +13,16 @@ from siren_ros.studies.risk_set.balance import Balance
 from siren_ros.studies.risk_set.search import Search
 
 
-def write_set_card(videos: VideoSet, searches: Mapping[str, Search], balance: Balance) -> None:
+def write_set_card(videos: VideoSet, searches: Mapping[str, Search], balance: Balance, map_name: str) -> None:
     """Writes dataset.json and README.md into the set's folder."""
-    content = card_content(videos, searches, balance)
+    content = card_content(videos, searches, balance, map_name)
     text = json.dumps(content, indent=1, sort_keys=True) + "\n"
     for name, written in (("dataset.json", text), ("README.md", _readme(content))):
         with whole_file(videos.folder / name) as file:
             file.write_text(written, encoding="utf-8")
 
 
-def card_content(videos: VideoSet, searches: Mapping[str, Search], balance: Balance) -> dict[str, Any]:
+def card_content(videos: VideoSet, searches: Mapping[str, Search], balance: Balance, map_name: str) -> dict[str, Any]:
     """The card as JSON types; counts are Normal, Near-Miss, Collision."""
     counts = {name: [0, 0, 0] for name in searches}
     for video in videos.videos.values():
@@ -32,6 +32,7 @@ def card_content(videos: VideoSet, searches: Mapping[str, Search], balance: Bala
         "videos": len(videos.videos),
         "frames": VIDEO_FRAMES,
         "rate_hz": 10,
+        "map": map_name,
         "classes": list(TITLES),
         "asked_for": list(balance.total),
         "counts": [sum(row[risk] for row in counts.values()) for risk in RiskClass],
@@ -54,8 +55,8 @@ def _readme(content: Mapping[str, Any]) -> str:
     limits = [f"| `{name}` | {value:g} |" for name, value in content["thresholds"].items()]
     counts, asked = (" / ".join(str(count) for count in content[key]) for key in ("counts", "asked_for"))
     about = (
-        f"{content['videos']} videos of the EMV's front camera, {content['frames']} frames each at 10 Hz. Classes "
-        f"{', '.join(content['classes'])}: {counts}; asked for: {asked}."
+        f"{content['videos']} videos of the EMV's front camera, {content['frames']} frames each at 10 Hz, on the map "
+        f"{content['map']}. Classes {', '.join(content['classes'])}: {counts}; asked for: {asked}."
     )
     made = (
         "Nothing is scripted. Candidates were simulated without sensors, with drawn parameters (speed of the EMV, "

@@ -51,7 +51,7 @@ def generated_section(study: StudyRows, measures: StudyMeasures) -> Section:
 def _tables(study: StudyRows, measures: StudyMeasures) -> Iterator[Table]:
     groups: dict[tuple[str, str, str], list[EpisodeRow]] = {}
     for row in study.rows:
-        groups.setdefault((row.template, row.level, row.map), []).append(row)
+        groups.setdefault((row.template, row.level, row.map_name), []).append(row)
     head = (
         "template",
         "level",
@@ -79,7 +79,7 @@ def _tables(study: StudyRows, measures: StudyMeasures) -> Iterator[Table]:
 def _named(group: tuple[str, str, str]) -> tuple[str, str, str]:
     template, level, map_name = group
     own = own_level(template) == level
-    return template, f"{level} (own)" if own else level, map_name or TOWN
+    return template, f"{level} (own)" if own else level, map_name
 
 
 def own_level(template: str) -> str:

@@ -7,6 +7,7 @@ from siren_ros.evaluation.paper_comparison.detection_rows import detection_rows
 from siren_ros.evaluation.paper_comparison.prediction_rows import own_level_only, prediction_rows
 from siren_ros.evaluation.paper_comparison.risk_rows import risk_rows
 from siren_ros.evaluation.paper_comparison.stored_scores import stored
+from siren_ros.evaluation.prediction.reports.paper_comparison import maps_next_to_the_papers
 from siren_ros.evaluation.prediction.reports.paper_results import PAPER_NAMES
 from siren_ros.evaluation.prediction.reports.score_table import score_table
 from siren_ros.study_report.cells import NONE, with_interval
@@ -34,7 +35,8 @@ def paper_section(study: StudyRows, measures: StudyMeasures, options: PageOption
     )
     text = (
         f"Of the {len(measures.bags)} episodes, {len(counted)} are at their template's own level and count here, as in "
-        "the paper, which has one episode of each template. Samples are of the vehicles in the interaction region. "
+        "the paper, which has one episode of each template. Samples are of the vehicles in the interaction region; "
+        f"{maps_next_to_the_papers(counted)}. "
         "Intervals are 95 % by bootstrap over episodes; a star says that the paper's value lies in ours."
     )
     more = [

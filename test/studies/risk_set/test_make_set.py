@@ -110,6 +110,15 @@ def test_a_set_has_the_first_of_each_class_and_another_one_for_what_is_not_seen(
     assert [one["number"] for one in noted] == [0, 1, 2, 0, 3]
 
 
+@pytest.mark.usefixtures("processes")
+@pytest.mark.parametrize(("map_file", "name"), [("", "town"), ("maps/Town10HD_Opt.xodr", "Town10HD_Opt")])
+def test_the_card_of_a_set_names_its_map(tmp_path: Path, map_file: str, name: str) -> None:
+    make_set(replace(REQUEST, map_file=map_file), tmp_path, 1)
+    assert json.loads((tmp_path / "dataset.json").read_text(encoding="utf-8"))["map"] == name
+    card = (tmp_path / "README.md").read_text(encoding="utf-8")
+    assert f"190 frames each at 10 Hz, on the map {name}. Classes" in card
+
+
 @pytest.mark.parametrize("ends_at", ["S2_002", "S6_003", "S2_003"])
 def test_an_interrupted_set_goes_on_where_it_stopped(processes: Processes, tmp_path: Path, ends_at: str) -> None:
     processes.ends_at = ends_at

@@ -1,13 +1,25 @@
-"""Our scores against the paper's: deviation of the mean, ranking of the templates."""
+"""Our scores against the paper's: on which maps, deviation of the mean, ranking of the templates."""
 
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from siren_ros.evaluation.prediction.reports.groups import GroupKind
-from siren_ros.evaluation.prediction.reports.paper_results import PaperRow, paper_row
+from siren_ros.evaluation.prediction.reports.paper_results import PAPER_MAP, PaperRow, paper_row
 from siren_ros.evaluation.prediction.reports.score_table import ScoreTable
+from siren_ros.evaluation.prediction.scoring.episode_scores import EpisodeScores
 from siren_ros.evaluation.statistics.rank_correlation import RankCorrelation, rank_correlation
+
+
+def maps_next_to_the_papers(episodes: Iterable[EpisodeScores]) -> str:
+    """The maps of some episodes, with their numbers, and the paper's: other maps give other errors."""
+    counts = Counter(episode.map_name for episode in episodes)
+    if list(counts) == [PAPER_MAP]:
+        return f"map: {PAPER_MAP}, the paper's"
+    named = ", ".join(f"{name} ({count})" for name, count in sorted(counts.items()))
+    return f"{'map' if len(counts) == 1 else 'maps, pooled'}: {named}; the paper's is {PAPER_MAP}"
 
 
 @dataclass(frozen=True)

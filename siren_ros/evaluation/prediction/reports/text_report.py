@@ -9,7 +9,7 @@ from siren_ros.evaluation.prediction.metrics.table import METRICS
 from siren_ros.evaluation.prediction.protocol.samples import Population
 from siren_ros.evaluation.prediction.reports.differences import Difference
 from siren_ros.evaluation.prediction.reports.groups import Group, GroupKind
-from siren_ros.evaluation.prediction.reports.paper_comparison import compare_with_paper
+from siren_ros.evaluation.prediction.reports.paper_comparison import compare_with_paper, maps_next_to_the_papers
 from siren_ros.evaluation.prediction.reports.paper_results import PAPER_NAMES, TEMPLATES, paper_row
 from siren_ros.evaluation.prediction.reports.score_table import ScoreTable
 from siren_ros.evaluation.prediction.reports.text_table import bounds, number, pair
@@ -140,7 +140,8 @@ def _differences(found: Sequence[Difference]) -> list[str]:
 
 
 def _paper_lines(table: ScoreTable) -> Iterator[str]:
-    """For each model the mean ADE against the paper's, and the ranking of the templates."""
+    """The maps, and for each model the mean ADE against the paper's, and the ranking of the templates."""
+    yield maps_next_to_the_papers(table.episodes)
     for model in table.models:
         found = compare_with_paper(table, model, SHOWN[0])
         if found is None or found.mean is None or found.deviation is None:

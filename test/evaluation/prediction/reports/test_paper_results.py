@@ -6,6 +6,7 @@ from repository import SHARED
 
 from siren_ros.evaluation.prediction.reports.paper_results import (
     PAPER,
+    PAPER_MAP,
     PAPER_NAMES,
     PAPER_SAMPLES,
     TEMPLATES,
@@ -54,6 +55,11 @@ def test_the_values_are_the_papers(model: str) -> None:
     for metric, found in zip(names, tables, strict=False):
         row = PAPER[model, metric]
         assert [*row.by_template.values(), row.mean] == found
+
+
+@pytest.mark.skipif(not PAPER_SOURCE.is_file(), reason="the paper's source is not here")
+def test_the_map_is_the_papers() -> None:
+    assert rf"\texttt{{{PAPER_MAP}}}".replace("_", r"\_") in PAPER_SOURCE.read_text(encoding="utf-8")
 
 
 @pytest.mark.skipif(not PAPER_SOURCE.is_file(), reason="the paper's source is not here")

@@ -1,4 +1,4 @@
-"""The moving interaction region around the EMV: the vehicles that the paper's platform simulates and logs."""
+"""The moving interaction region around the EMV: the vehicles that the paper's CARLA controls."""
 
 from collections.abc import Iterable
 

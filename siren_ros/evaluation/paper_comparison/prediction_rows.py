@@ -51,7 +51,7 @@ def prediction_rows(table: ScoreTable, seed: int = 0) -> Iterator[Compared]:
     """All rows, those without a value of ours included.
 
     Args:
-        table: Episodes at their templates' own levels, with the paper's population.
+        table: Episodes at their templates' own levels, and the vehicles of the interaction region.
         seed: Of the bootstrap.
     """
     maps = ",".join(sorted({episode.map_name for episode in table.episodes}))

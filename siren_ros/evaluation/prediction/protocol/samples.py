@@ -22,7 +22,8 @@ class Population(StrEnum):
     """Whose windows are samples, and who is seen."""
 
     REGION = "region"
-    """Vehicles in the interaction region around the EMV (the paper's): nobody else was logged."""
+    """Vehicles in the interaction region around the EMV, as if nobody else was logged: taken for the paper's, which
+    does not say whom it logs."""
     ALL = "all"
     """Every vehicle, wherever on the map it is."""
 

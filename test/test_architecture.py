@@ -97,6 +97,7 @@ LAYERS = {
         "net_parser",
         "movements",
         "bend_speeds",
+        "junction_lanes",
         "lane_permissions",
         "map_projection",
         "routing",

@@ -12,6 +12,7 @@ from defusedxml.ElementTree import fromstring
 
 from siren_ros.errors import MapError
 from siren_ros.numerics.polyline import Polyline
+from siren_ros.roads.junction_lanes import way_across
 from siren_ros.roads.lane_permissions import Permissions, kind_of_lane, permissions_of
 from siren_ros.roads.map_projection import geodetic_from_projected
 from siren_ros.roads.road_network import Connection, Edge, Junction, JunctionKind, Lane, LaneKind, RoadNetwork
@@ -26,8 +27,8 @@ FARTHEST_M: Final = 1e8
 MAX_MAP_BYTES: Final = 200_000_000
 MAX_TAGS: Final = 3_000_000
 """An XML element takes some 200 bytes of memory. The net of a city of 100,000 lanes has half a million tags."""
-LONGEST_VIA: Final = 100
-"""netconvert cuts a movement into two or three junction lanes."""
+MOST_POINTS: Final = 50_000
+"""Of one shape: a lane of 100 km with a point every 2 m, as netconvert draws bends."""
 SHORTEST_LANE_M: Final = 0.01
 """Length given to the internal lanes that netconvert rounds down to a point."""
 
@@ -119,7 +120,14 @@ def _location(root: Element) -> _Location:
     return _Location(offset, projection, geodetic_from_projected(projection, *projected), projected)
 
 
+def check_shape(shape: str) -> None:
+    """Accept a ``shape`` attribute of at most ``MOST_POINTS`` points; ValueError otherwise."""
+    if shape.count(" ") >= MOST_POINTS or shape.count(",") > 2 * MOST_POINTS:
+        raise ValueError(f"a shape of more than {MOST_POINTS} points")
+
+
 def _points(shape: str, offset_m: tuple[float, float]) -> _Points:
+    check_shape(shape)
     values = [[float(number) for number in point.split(",")[:2]] for point in shape.split()]
     points = np.array(values, dtype=np.float64).reshape(-1, 2)
     if not (np.abs(points) <= FARTHEST_M).all():
@@ -201,18 +209,16 @@ def _connections(root: Element, lanes: tuple[Lane, ...], edges: tuple[Edge, ...]
         source, target = lanes[from_lane], lanes[to_lane]
         if edges[source.edge].internal or edges[target.edge].internal or not _usable(source, target):
             continue
-        via: list[int] = []
-        step = element.get("via")
-        while step is not None:
-            via.append(index_of[step])
-            if len(via) > LONGEST_VIA:
-                raise ValueError(f"a way through junction lanes from {source.lane_id} that does not end")
-            internal = lanes[via[-1]]
-            step = onward.get((edges[internal.edge].edge_id, internal.position, element.attrib["to"]))
+
+        def next_part(step: str, to: str = element.attrib["to"]) -> str | None:
+            internal = lanes[index_of[step]]
+            return onward.get((edges[internal.edge].edge_id, internal.position, to))
+
+        via = way_across(element.get("via"), next_part)
         yield Connection(
             from_lane=from_lane,
             to_lane=to_lane,
-            via=tuple(via),
+            via=tuple(index_of[step] for step in via),
             direction=element.get("dir", "s"),
             signal_id=element.get("tl"),
             signal_link=int(element.get("linkIndex", "-1")),

@@ -10,7 +10,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.roads.maps.junction_lanes import paths_across
+from siren_ros.roads.junction_lanes import paths_across
+from siren_ros.roads.net_parser import FARTHEST_M, check_shape
 
 _CORNER_RAD: Final = 0.17
 """Change of direction from which the end of a path is a corner (10°)."""
@@ -69,10 +70,14 @@ def _angle_rad(first: Points, second: Points) -> float:
 
 
 def points_of(shape: str) -> Points:
-    """The points of a ``shape`` attribute, shape ``(K, 2)`` or ``(K, 3)``."""
+    """The points of a ``shape`` attribute, shape ``(K, 2)`` or ``(K, 3)``; ValueError where it is none."""
+    check_shape(shape)
     points = [[float(number) for number in point.split(",")] for point in shape.split()]
     flat = min(len(point) for point in points)
-    return np.array([point[:flat] for point in points], dtype=np.float64)
+    found = np.array([point[:flat] for point in points], dtype=np.float64)
+    if not (np.abs(found) <= FARTHEST_M).all():
+        raise ValueError("a point that is not on Earth")
+    return found
 
 
 def text_of(points: Points) -> str:

@@ -13,6 +13,7 @@ from defusedxml.ElementTree import fromstring
 
 from siren_ros.roads.lane_permissions import permissions_of
 from siren_ros.roads.maps.junction_paths import mend_junction_paths, points_of, text_of
+from siren_ros.roads.net_parser import MAX_MAP_BYTES
 
 _SHARPEST_KEPT_RAD: Final = 0.02
 """A corner that turns less than this stays."""
@@ -41,14 +42,21 @@ def mended_lanes(net_xml: bytes) -> bytes:
 
     Args:
         net_xml: A SUMO net as netconvert writes it; anything else is given back unchanged.
+
+    Raises:
+        ValueError, LookupError: The net is damaged.
     """
     root = fromstring(net_xml, forbid_dtd=True)
     if root.tag != "net":
         return net_xml
     mend_junction_paths(root)
+    written = 0
     for edge in root.iterfind("edge"):
         if edge.get("function", "normal") in _MENDED_FUNCTIONS:
             _mend_edge(edge)
+        written += sum(len(lane.get("shape", "")) for lane in edge.iterfind("lane"))
+        if written > MAX_MAP_BYTES:
+            raise ValueError(f"a net of more than {MAX_MAP_BYTES // 1_000_000} MB once its corners are rounded")
     register_namespace("xsi", _SCHEMA)
     document: bytes = tostring(root, encoding="utf-8", xml_declaration=True)
     return document

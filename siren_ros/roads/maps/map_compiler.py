@@ -15,13 +15,16 @@ from siren_ros.params.resources import params_dir
 from siren_ros.roads.maps.junction_control import control_patches, document
 from siren_ros.roads.maps.lane_shapes import mended_lanes
 from siren_ros.roads.maps.lane_tapers import taper_patches
-from siren_ros.roads.maps.map_source import MapSource, SourceKind, map_stem, read_map_source
+from siren_ros.roads.maps.map_limits import refuse_costly_counts
+from siren_ros.roads.maps.map_source import MapSource, SourceKind, map_stem, read_map_source, shown_words
 from siren_ros.roads.maps.netconvert import netconvert_version, run_netconvert, without_header
 from siren_ros.roads.maps.opendrive_limits import with_stated_limits
 from siren_ros.roads.maps.opendrive_patches import opendrive_patches
 from siren_ros.roads.maps.openstreetmap_signs import drives_on, signed_edges
 from siren_ros.roads.maps.traffic_side import refuse_left_hand_traffic
+from siren_ros.roads.net_parser import ALLOWED as NET_ALLOWED
 from siren_ros.roads.net_parser import parse_road_network
+from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.user_folder import user_folder
 
 TOWN_NAME: Final = "town"
@@ -94,8 +97,8 @@ def compile_map(source: Path | None, cache_dir: Path | None = None) -> CompiledM
             ``$XDG_CACHE_HOME/siren``, else ``~/.cache/siren``, or a temporary folder where there is no home.
 
     Raises:
-        MapError: The map is missing, unreadable, not a map, refused by netconvert, without roads, or of a place where
-            traffic keeps left.
+        MapError: The map is missing, unreadable, not a map, refused by netconvert, without roads, of a place where
+            traffic keeps left, or with counts that no real place has.
         InputError: The cache folder cannot be written.
     """
     loaded = _town_source() if source is None else read_map_source(source)
@@ -107,12 +110,28 @@ def compile_map(source: Path | None, cache_dir: Path | None = None) -> CompiledM
         net = net_path.read_bytes()
     except OSError:
         refuse_left_hand_traffic(loaded, shown)
-        net = _compile(loaded, shown)
-        parse_road_network(net)  # refuses what is no map before anything is done with it
-        net = mended_lanes(net)
+        refuse_costly_counts(loaded, shown)
+        net = _mended(_compile(loaded, shown), shown)
         store_net(net_path, net)
     source_sha256 = hashlib.sha256(loaded.content).hexdigest()
     return CompiledMap(loaded.name, net_path, hashlib.sha256(net).hexdigest(), loaded.kind, source_sha256)
+
+
+def _mended(net: bytes, shown: str) -> bytes:
+    """The net with smooth lanes, where it is a net of which a road network can be made."""
+    _parsed(net, shown)
+    try:
+        return mended_lanes(net)
+    except (ValueError, LookupError, OverflowError) as error:
+        raise MapError(shown, f"{NET_ALLOWED}; this one is damaged ({shown_words(error)})") from error
+
+
+def _parsed(net: bytes, shown: str) -> RoadNetwork:
+    """The road network of a net; the error names the map."""
+    try:
+        return parse_road_network(net)
+    except MapError as error:
+        raise MapError(shown, f"{error.allowed}; this is {shown_words(error.value)}") from error
 
 
 def source_sha256_of(source: Path | None) -> str:
@@ -209,7 +228,7 @@ def _compile_openstreetmap(source: MapSource, folder: Path, output: Path, shown:
     except (KeyError, ValueError) as error:
         raise MapError(shown, f"an OpenStreetMap extract whose nodes are complete ({error!r})") from error
     nodes, priorities = control_patches(net, signs.stopping, signs.yielding, drives_on)
-    nodes += taper_patches(parse_road_network(first_net))
+    nodes += taper_patches(_parsed(first_net, shown))
     if not nodes and not priorities:
         return first_net
     edges = [Element("edge", id=edge, priority=str(priority)) for edge, priority in priorities.items()]

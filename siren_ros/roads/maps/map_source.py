@@ -19,6 +19,7 @@ ALLOWED: Final = (
     "a SUMO net (.net.xml, .net.xml.gz), an OpenDRIVE map (.xodr) or an OpenStreetMap extract (.osm, .osm.xml, "
     "gzipped too), or no map for the built-in town"
 )
+_SHOWN_CHARACTERS: Final = 300
 _GZIP_MAGIC: Final = b"\x1f\x8b"
 _SUFFIXES: Final = frozenset({".gz", ".xml", ".net", ".osm", ".xodr"})
 
@@ -84,6 +85,12 @@ def _open(path: Path) -> BinaryIO:
     if path.exists() and not path.is_file() and not path.is_dir():
         raise OSError("this is no file")
     return path.open("rb")
+
+
+def shown_words(text: object) -> str:
+    """Words that may quote a map, as one short line that a terminal can show."""
+    start = str(text)[:_SHOWN_CHARACTERS]
+    return "".join(letter if letter.isprintable() else "?" for letter in start)
 
 
 def map_stem(path: Path) -> str:

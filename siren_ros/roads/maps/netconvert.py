@@ -2,7 +2,9 @@
 
 import os
 import re
+import resource
 import shutil
+import signal
 import subprocess
 from collections.abc import Sequence
 from functools import cache
@@ -12,9 +14,14 @@ from pathlib import Path
 from typing import Final
 
 from siren_ros.errors import MapError, SirenError
+from siren_ros.roads.maps.map_source import shown_words
+from siren_ros.roads.net_parser import MAX_MAP_BYTES
 
 TIMEOUT_S: Final = 900.0
 """Longest that one import may take; a city of OpenStreetMap takes about a minute."""
+MOST_MEMORY_BYTES: Final = 8 * 2**30
+"""Of address space. A grid of streets whose net has 300 MB, more than is read, took 1.4 GB."""
+_MOST_OUTPUT_BYTES: Final = 2 * MAX_MAP_BYTES
 
 _PROLOGUE: Final = re.compile(rb"\s*(<\?xml[^>]*\?>)?(?:\s*<!--.*?-->)*\s*", re.DOTALL)
 _ERROR_LINE: Final = re.compile(r"^Error: *(.+)$", re.MULTILINE)
@@ -74,9 +81,10 @@ def run_netconvert(options: Sequence[str], output: Path, shown_source: str) -> b
         shown_source: What the error names as the map.
 
     Raises:
-        MapError: netconvert refused the input; the message carries its first error line.
+        MapError: netconvert refused the input, and the message carries its first error line; or it took too much time,
+            memory or disk.
     """
-    command = [str(netconvert_path()), *options, "--output-file", str(output)]
+    command = [*_bounds(), str(netconvert_path()), *options, "--output-file", str(output)]
     environment = {**os.environ, "SUMO_HOME": str(sumo_home()), "LC_ALL": "C"}
     try:
         answer = subprocess.run(  # noqa: S603 - SUMO's own program; file names are arguments, no shell
@@ -85,10 +93,38 @@ def run_netconvert(options: Sequence[str], output: Path, shown_source: str) -> b
     except subprocess.TimeoutExpired as error:
         raise MapError(shown_source, f"a map that netconvert imports within {TIMEOUT_S:.0f} s") from error
     if answer.returncode != 0 or not output.is_file():
-        found = _ERROR_LINE.search(answer.stderr) or _ERROR_LINE.search(answer.stdout)
-        reason = found.group(1).strip() if found else f"exit code {answer.returncode}"
-        raise MapError(shown_source, f"a map that netconvert can import (it said: {reason})")
+        raise MapError(shown_source, f"a map that netconvert can import (it said: {_reason(answer)})")
+    if output.stat().st_size > MAX_MAP_BYTES:
+        raise MapError(shown_source, f"a map whose net has at most {MAX_MAP_BYTES // 1_000_000} MB")
     return without_header(output.read_bytes())
+
+
+def _bounds() -> Sequence[str]:
+    """The programs (util-linux, which every Debian has) that start another one with limits, and end it with us.
+
+    Without the latter, netconvert would go on alone where this process is killed.
+    """
+    limits = {
+        "as": (resource.RLIMIT_AS, MOST_MEMORY_BYTES),
+        "cpu": (resource.RLIMIT_CPU, int(TIMEOUT_S)),
+        "fsize": (resource.RLIMIT_FSIZE, _MOST_OUTPUT_BYTES),
+    }
+    options = []
+    for name, (number, most) in limits.items():
+        _, allowed = resource.getrlimit(number)
+        options.append(f"--{name}={most if allowed == resource.RLIM_INFINITY else min(most, allowed)}")
+    return ("prlimit", *options, "setpriv", "--pdeathsig", "KILL", "--")
+
+
+def _reason(answer: subprocess.CompletedProcess[str]) -> str:
+    """Why netconvert failed, in one line that a terminal can show."""
+    found = _ERROR_LINE.search(answer.stderr) or _ERROR_LINE.search(answer.stdout)
+    if found is not None and "bad_alloc" not in found.group(1):
+        return shown_words(found.group(1).strip())
+    if found is not None:
+        return f"more than {MOST_MEMORY_BYTES // 2**30} GB of memory are needed"
+    code = answer.returncode
+    return f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
 
 
 def without_header(net_xml: bytes) -> bytes:

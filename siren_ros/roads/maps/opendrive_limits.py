@@ -8,9 +8,9 @@ from xml.etree.ElementTree import Element, tostring
 
 from defusedxml.ElementTree import fromstring
 
+from siren_ros.roads.junction_lanes import paths_across
 from siren_ros.roads.lane_permissions import permissions_of
 from siren_ros.roads.maps.junction_control import normal_edges
-from siren_ros.roads.maps.junction_lanes import paths_across
 
 _NETCONVERT_MPS: Final = 13.89
 _SAME_MPS: Final = 0.01

@@ -1,10 +1,16 @@
 import os
 import re
+import signal
+import subprocess
+import sys
+import time
 from importlib.metadata import PackageNotFoundError
+from pathlib import Path
 
 import pytest
 
 from siren_ros.errors import MapError
+from siren_ros.roads.maps import netconvert
 from siren_ros.roads.maps.netconvert import netconvert_path, netconvert_version, run_netconvert, without_header
 
 
@@ -65,3 +71,96 @@ def test_a_refusal_without_words_tells_the_exit_code(tmp_path, monkeypatch):
 def test_a_refusal_carries_netconverts_first_error_line(tmp_path):
     with pytest.raises(MapError, match=r"'mymap'.*it said: .*absent\.xodr"):
         run_netconvert(["--opendrive-files", str(tmp_path / "absent.xodr")], tmp_path / "out.net.xml", "mymap")
+
+
+def in_place_of_netconvert(path, lines):
+    """A shell script that runs as netconvert would."""
+    path.write_text(f"#!/bin/sh\n{lines}\n")
+    path.chmod(0o755)
+    return path
+
+
+TELLS_LIMITS = 'echo "Error: $(ulimit -v) $(ulimit -t) $(ulimit -f)"; exit 1'
+
+
+def test_netconvert_has_limits(tmp_path, monkeypatch):
+    tells = in_place_of_netconvert(tmp_path / "tells", TELLS_LIMITS)
+    monkeypatch.setattr(netconvert, "netconvert_path", lambda: tells)
+    with pytest.raises(MapError, match=f"it said: {8 * 2**20} 900 {400_000_000 // 512}"):
+        run_netconvert([], tmp_path / "out.net.xml", "mymap")
+
+
+def test_lower_limits_of_the_user_hold(tmp_path):
+    tells = in_place_of_netconvert(tmp_path / "tells", TELLS_LIMITS)
+    program = f"""
+import resource
+from pathlib import Path
+from siren_ros.roads.maps import netconvert
+netconvert.netconvert_path = lambda: Path({str(tells)!r})
+resource.setrlimit(resource.RLIMIT_AS, (5 * 2**30, 5 * 2**30))
+resource.setrlimit(resource.RLIMIT_CPU, (300, 300))
+resource.setrlimit(resource.RLIMIT_FSIZE, (100 * 512, 100 * 512))
+try:
+    netconvert.run_netconvert([], Path({str(tmp_path)!r}) / "out", "mymap")
+except netconvert.MapError as error:
+    print(error)
+"""
+    answer = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert f"it said: {5 * 2**20} 300 100)" in answer.stdout
+
+
+def test_a_map_that_takes_too_much_memory_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(netconvert, "MOST_MEMORY_BYTES", 2**30)
+    geometry = '<geometry s="0" x="0" y="0" hdg="0" length="1e9"><arc curvature="0.01"/></geometry>'
+    road = f'<road id="1" length="1e9" junction="-1"><planView>{geometry}</planView></road>'
+    (tmp_path / "long.xodr").write_text(f'<OpenDRIVE><header revMajor="1" revMinor="4"/>{road}</OpenDRIVE>')
+    with pytest.raises(MapError, match="it said: more than 1 GB of memory are needed"):
+        run_netconvert(["--opendrive-files", str(tmp_path / "long.xodr")], tmp_path / "out.net.xml", "mymap")
+
+
+def test_a_net_that_is_larger_than_what_is_read_is_refused(tmp_path, monkeypatch):
+    writes = in_place_of_netconvert(tmp_path / "writes", f"head -c 1000001 /dev/zero > {tmp_path}/out.net.xml")
+    monkeypatch.setattr(netconvert, "netconvert_path", lambda: writes)
+    monkeypatch.setattr(netconvert, "MAX_MAP_BYTES", 1_000_000)
+    with pytest.raises(MapError, match="a map whose net has at most 1 MB"):
+        run_netconvert([], tmp_path / "out.net.xml", "mymap")
+
+
+def test_what_netconvert_says_is_one_short_line_of_plain_characters(tmp_path, monkeypatch):
+    says = in_place_of_netconvert(
+        tmp_path / "says", "printf 'Error: \\033[2J'; head -c 100000 /dev/zero | tr '\\0' x; exit 1"
+    )
+    monkeypatch.setattr(netconvert, "netconvert_path", lambda: says)
+    with pytest.raises(MapError, match=r"it said: \?\[2Jxxx") as caught:
+        run_netconvert([], tmp_path / "out.net.xml", "mymap")
+    assert len(str(caught.value)) < 500
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_netconvert_does_not_outlive_who_waits_for_it(tmp_path, number):
+    note = tmp_path / "number"
+    lines = f"echo $$ > {note}.new; mv {note}.new {note}; exec sleep 300"
+    hangs = in_place_of_netconvert(tmp_path / "hangs", lines)
+    program = f"""
+from pathlib import Path
+from siren_ros.roads.maps import netconvert
+netconvert.netconvert_path = lambda: Path({str(hangs)!r})
+netconvert.run_netconvert([], Path({str(tmp_path)!r}) / "out", "mymap")
+"""
+    with subprocess.Popen([sys.executable, "-c", program]) as waits:
+        while not note.exists():
+            assert waits.poll() is None
+            time.sleep(0.01)
+        waits.send_signal(number)
+        assert waits.wait() == -number
+    child = int(note.read_text())
+    while is_running(child):
+        time.sleep(0.01)
+
+
+def is_running(process):
+    """Whether a process is there and no zombie."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    except OSError:
+        return False

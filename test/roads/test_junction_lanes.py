@@ -1,6 +1,7 @@
+import pytest
 from defusedxml.ElementTree import fromstring
 
-from siren_ros.roads.maps.junction_lanes import PathAcross, paths_across
+from siren_ros.roads.junction_lanes import PathAcross, paths_across
 
 NET = """<net>
   <connection from="west" fromLane="0" to="east" toLane="1" via=":j_0_0"/>
@@ -18,3 +19,13 @@ def test_each_movement_has_its_lanes_in_driving_order() -> None:
         PathAcross("west_1", "north_0", (":j_1_0", ":j_4_0")),
         PathAcross("south_0", "east_0", ()),
     ]
+
+
+@pytest.mark.parametrize("back_to", [":j_0_0", ":j_1_0"])
+def test_a_way_that_does_not_end_is_refused(back_to: str) -> None:
+    end = '<connection from=":j_4" fromLane="0" to="north" toLane="0"'
+    circle = NET.replace(end, f'{end} via="{back_to}"').replace(
+        'to="east" toLane="1"/>', 'to="east" toLane="1" via=":j_1_0"/>'
+    )
+    with pytest.raises(ValueError, match="does not end"):
+        list(paths_across(fromstring(circle)))

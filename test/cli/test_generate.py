@@ -98,6 +98,7 @@ def test_the_command_line_stands_above_the_study_file(
         return StudyResult(tuple(rows), 0)
 
     monkeypatch.setattr(generate, "run_study", run)
+    monkeypatch.setattr(generate, "make_and_tell", lambda *_: pytest.fail("no videos were asked for"))
     paper = read_study(named_params_file("study", "studies", "v1"))
     words = ["--maps", "maps/Town10HD_Opt.xodr", "--seeds", "3:5", "--risk-videos", "0", "--sensors", "none"]
     assert main(["generate", "v1", *words, "--lhs", "2", "--out", str(tmp_path)]) == 0

@@ -14,12 +14,14 @@ from siren_ros.calibration.simulate import Situation, Target
 from siren_ros.calibration.trajectory import Trajectory
 from siren_ros.calibration.tries import residuals_over
 from siren_ros.cli.options.names import names_in
+from siren_ros.cli.options.numbers import check_numbers
 from siren_ros.cli.options.processes import add_processes, processes_of
 from siren_ros.cli.options.steps import steps_of
 from siren_ros.errors import EXIT_OK, InputError, whole_file, writing
 from siren_ros.evaluation.aligned_text import aligned
 from siren_ros.recording.bag_folders import bags_among
 from siren_ros.recording.bag_reader import read_episode
+from siren_ros.scenario.request import MAX_SEED
 
 DEFAULTS = "controller.target_speed_mps,controller.accel_mps2,controller.headway_s"
 
@@ -59,6 +61,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Fits the parameters and prints them."""
     jobs = processes_of(arguments)
+    check_numbers(arguments, {"evaluations": (0, 10_000_000), "seed": (0, MAX_SEED)})
     parameters = parameters_named(names_in(arguments.parameters))
     targets = _targets(arguments)
     check_effect(parameters, sorted({target.situation.request.level for target in targets}))

@@ -6,15 +6,19 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any, Final, Self
 
 from tqdm import tqdm
 
 from siren_ros.cli.generation.generate_risk import make_and_tell
+from siren_ros.cli.options.numbers import check_numbers
 from siren_ros.cli.options.processes import add_processes
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
+from siren_ros.generation.episode_setup import plan_length
 from siren_ros.params.params_files import named_params_file
+from siren_ros.scenario.request import MAX_SEED, EpisodeRequest
 from siren_ros.scenario.templates import available_templates
 from siren_ros.studies.dask_workers import DaskWorkers, connected, on_slurm
 from siren_ros.studies.draws import DrawPlan, Method
@@ -25,12 +29,23 @@ from siren_ros.studies.remote_folder import folder_at
 from siren_ros.studies.risk_set.balance import papers_balance
 from siren_ros.studies.risk_set.make_set import RiskSetRequest
 from siren_ros.studies.run_study import Told, run_study
-from siren_ros.studies.study_file import grid_of, levels_of, ranges_of, read_study, seeds_of
+from siren_ros.studies.study_file import MOST_SAMPLES, grid_of, levels_of, ranges_of, read_study, seeds_of
 from siren_ros.studies.study_folder import MANIFEST, LocalFolder, StudyFolder
 from siren_ros.studies.workers import LocalWorkers, Workers
 
 RISK_VIDEOS = "risk_videos"
 """Folder of the videos with risk labels, in the study's."""
+_MOST_TOLD: Final = 20
+"""Episodes that standard error names."""
+_LIMITS: Final = {
+    "workers": (1, 10_000),
+    "retries": (0, 1000),
+    "timeout_s": (1.0, 1e6),
+    "risk_videos": (0, MOST_SAMPLES),
+    "random": (1, MOST_SAMPLES),
+    "lhs": (1, MOST_SAMPLES),
+    "draw_seed": (0, MAX_SEED),
+}
 
 _MATRIX: Final[Mapping[str, Callable[[Any], Any]]] = {
     "templates": tuple,
@@ -41,6 +56,7 @@ _MATRIX: Final[Mapping[str, Callable[[Any], Any]]] = {
     "sensors": str,
     "look": str,
     "duration_s": float,
+    "values": str,
     "risk_videos": int,
 }
 """Options of the matrix, by the study's fields that they stand for, and how their words are read."""
@@ -52,7 +68,8 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
         "Makes all episodes of a study: templates x levels x seeds x maps x draws of parameters. Every episode has a "
         "process of its own. Called again with the same folder, it verifies the finished episodes by their hashes and "
         "makes the others. The table of all episodes is DIR/manifest.parquet. Options of the matrix and of the draws "
-        "stand above what the study file says. Exit code 1 where an episode is missing."
+        "stand above what the study file says. Exit code 1 where an episode is missing; with --strict also where an "
+        "interaction did not happen, or vehicles collided."
     )
     verb.add_argument(
         "study", nargs="?", metavar="STUDY", help="study file (YAML), or a name in params/studies such as v1"
@@ -74,6 +91,11 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
         type=int,
         metavar="N",
         help=f"risk videos of each template too, in DIR/{RISK_VIDEOS}",
+    )
+    matrix.add_argument(
+        "--values",
+        metavar="PATH=N,…",
+        help="values of the templates' parameters in place of the seeds' own: emv.speed_mps=12.5,duration_s=60",
     )
     draws = verb.add_argument_group("draws of the templates' parameters")
     draws.add_argument("--grid", nargs="+", metavar="PATH=V,V", help="every combination of these values")
@@ -97,15 +119,17 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
         metavar="S",
         help="wall time of one episode's process (default %(default)g)",
     )
+    work.add_argument(
+        "--strict",
+        action="store_true",
+        help="exit code 1 also where an interaction did not happen, or vehicles collided",
+    )
     verb.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Runs the study; exit code 1 where an episode could not be made."""
-    for name, least in (("workers", 1), ("retries", 0), ("timeout_s", 1.0), ("risk_videos", 0)):
-        value = getattr(arguments, name)
-        if value is not None and value < least:
-            raise InputError(name, value, f"{least:g} or more")
+    """Runs the study; exit code 1 where an episode could not be made, or with ``--strict`` lacks something."""
+    check_numbers(arguments, _LIMITS)
     study = _study_of(arguments)
     folder = folder_at(arguments.out)
     risk_set = _risk_set_of(study, folder, arguments.retries)
@@ -117,10 +141,13 @@ def run(arguments: argparse.Namespace) -> int:
     maps = ", ".join(dict.fromkeys(row.map_name for row in result.rows))
     print(f"{folder.place}/{MANIFEST}: {len(result.rows)} episodes on {maps}{kept}")
     missing = [row for row in result.rows if row.status is not Status.COMPLETE]
-    for row in missing[:20]:
+    for row in missing[:_MOST_TOLD]:
         print(f"siren generate: {row.episode}: {row.status}: {row.reason}", file=sys.stderr)
+    lacking = [row for row in result.rows if row.status is Status.COMPLETE and row.shortcomings]
+    for row in lacking[: _MOST_TOLD if arguments.strict else 0]:
+        print(f"siren generate: {row.episode}: {' and '.join(row.shortcomings)}", file=sys.stderr)
     complete = risk_set is None or make_and_tell(risk_set, Path(folder.place) / RISK_VIDEOS, arguments.workers)
-    return EXIT_FAILED if missing or not complete else EXIT_OK
+    return EXIT_FAILED if missing or not complete or (arguments.strict and lacking) else EXIT_OK
 
 
 def _risk_set_of(study: Study, folder: StudyFolder, retries: int) -> RiskSetRequest | None:
@@ -133,6 +160,8 @@ def _risk_set_of(study: Study, folder: StudyFolder, retries: int) -> RiskSetRequ
         return None
     if not isinstance(folder, LocalFolder):
         raise InputError("risk_videos", f"in {folder.place}", "a local folder; then copy the set")
+    if study.values:
+        raise InputError("risk_videos", f"with values {study.values}", "none; the videos draw values of their own")
     if len(study.maps) > 1:
         raise InputError("risk_videos", f"on {len(study.maps)} maps", "one map")
     map_file = "" if study.maps[0] == TOWN else study.maps[0]
@@ -210,7 +239,11 @@ class _Bar(Told):
 
 
 def _summary(rows: Iterable[EpisodeRow]) -> Iterator[str]:
-    """One line for each template and level."""
+    """One line for each template and level.
+
+    An episode that ``duration_s`` ends before its template does is cut short where its interaction did not happen.
+    """
+    own_steps = cache(lambda template, values: plan_length(EpisodeRequest(template=template, values=values)))
     groups: dict[str, list[EpisodeRow]] = {}
     for row in rows:
         groups.setdefault(row.group, []).append(row)
@@ -218,11 +251,18 @@ def _summary(rows: Iterable[EpisodeRow]) -> Iterator[str]:
     for group, found in sorted(groups.items()):
         complete = [row for row in found if row.status is Status.COMPLETE]
         holds = sum(bool(row.predicate_holds) for row in complete)
+        cut = sum(not row.predicate_holds and row.steps < own_steps(row.template, row.values) for row in complete)
+        collided = sum(row.collisions > 0 for row in complete)
+        told = [
+            *([f"predicate holds in {holds}/{len(complete) - cut}"] if len(complete) > cut else []),
+            *([f"{cut} cut short by duration_s"] if cut else []),
+            *([f"collisions in {collided}"] if collided else []),
+        ]
         times = [row.process_s / row.simulated_s for row in complete if row.simulated_s]
         cpu = [row.cpu_s / row.simulated_s for row in complete if row.simulated_s]
         slowest = f", at most {max(times):.2f} s for a simulated second ({max(cpu):.2f} s of CPU)" if times else ""
         retried = sum(row.attempts - 1 for row in found)
         yield (
-            f"{group:<{width}}  {len(complete)}/{len(found)} complete, predicate holds in {holds}"
+            f"{group:<{width}}  {', '.join([f'{len(complete)}/{len(found)} complete', *told])}"
             f"{slowest}{f', {retried} retried' if retried else ''}"
         )

@@ -102,7 +102,7 @@ def save_video(
         raise InputError("out", str(path), "a file name that ends in .mp4")
     if frames is not None and frames < 1:
         raise InputError("frames", frames, "a number from 1 on")
-    if not start_s >= 0.0:
+    if not 0.0 <= start_s < float("inf"):
         raise InputError("start_s", start_s, "a time from 0 on")
     if view is View.FRONT:
         return write_video(path, _front_frames(bag, frames, steps_from_s(start_s)), coding)

@@ -110,7 +110,11 @@ def open_bag(path: Path) -> Iterator[OpenBag]:
     Raises:
         BagError: The folder is missing, is not a rosbag2 bag, or is damaged.
     """
-    if not path.is_dir():
+    try:
+        there = path.is_dir()
+    except OSError:  # a name that is too long
+        there = False
+    if not there:
         raise BagError(str(path), "a folder that exists, of a recorded episode")
     if not (path / METADATA_FILE).is_file():
         allowed = f"a rosbag2 folder with {METADATA_FILE}"

@@ -11,7 +11,7 @@ from siren_ros.scenario.levels import EmergencyLevel
 DEFAULT_LOOK: Final = "clear"
 _LEVELS: Final = ("", *EmergencyLevel.__members__)
 _AV_KINDS: Final = ("", "civilian")
-_MAX_SEED: Final = 2**31 - 1
+MAX_SEED: Final = 2**31 - 1
 _LEFT_OUT: Final = frozenset({"values", "predictor", "detector"})
 """Fields that records do not have where they are empty, so that records of episodes without them stay the same."""
 
@@ -22,7 +22,7 @@ class EpisodeRequest:
 
     template: str = parameter("S2", "Interaction template: an id such as S2 or the path of a template file.")
     level: str = parameter("", "Emergency level; empty: the template's own.", choices=_LEVELS)
-    seed: int = parameter(0, "Seed of everything random in the episode.", minimum=0, maximum=_MAX_SEED)
+    seed: int = parameter(0, "Seed of everything random in the episode.", minimum=0, maximum=MAX_SEED)
     map: str = parameter("", "Path of a SUMO net, OpenDRIVE or OpenStreetMap file; empty: the built-in town.")
     duration_s: float = parameter(0.0, "Simulated duration; 0: the template's own.", minimum=0.0, maximum=3600.0)
     preset: str = parameter("paper", "How civilians react: a name in params/presets or the path of a preset file.")

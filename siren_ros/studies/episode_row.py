@@ -9,6 +9,7 @@ from typing import Any, Self
 
 from siren_ros.errors import InputError
 from siren_ros.roads.maps.map_compiler import name_of_map
+from siren_ros.scenario.episode import shortcomings
 from siren_ros.studies.matrix import PlannedEpisode
 
 
@@ -106,6 +107,16 @@ class EpisodeRow:
     def map_name(self) -> str:
         """The map's name as in the episode's bag: without folder and suffix, ``town`` for the built-in one."""
         return name_of_map(Path(self.map) if self.map else None)
+
+    @property
+    def shortcomings(self) -> tuple[str, ...]:
+        """What a complete episode lacks, as ``EpisodeOutcome.shortcomings``."""
+        return shortcomings(self.predicate_holds, self.collisions)
+
+    @property
+    def collisions(self) -> int:
+        """Number of collisions."""
+        return int(json.loads(self.measures).get("collisions", 0))
 
     @property
     def path(self) -> str:

@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from hashlib import sha256
@@ -12,8 +12,9 @@ from typing import Any, Final
 from siren_ros.errors import InputError
 from siren_ros.generation.episode_setup import level_of, present_versions
 from siren_ros.generation.request_files import files_of_request
+from siren_ros.params.parameter_field import check_fields
 from siren_ros.roads.maps.map_compiler import name_of_map, source_sha256_of
-from siren_ros.scenario.request import EpisodeRequest, text_of_values
+from siren_ros.scenario.request import EpisodeRequest, text_of_values, values_of
 from siren_ros.scenario.templates import load_template
 from siren_ros.studies.draws import DrawPlan, draws_of
 
@@ -36,6 +37,8 @@ class Study:
     look: str = "clear"
     duration_s: float = 0.0
     """Of every episode; 0: the template's own."""
+    values: str = ""
+    """Of the templates' parameters in place of the seeds' own, as ``EpisodeRequest.values``."""
     draws: DrawPlan | None = None
     """None: each seed has the values that it draws by itself."""
     risk_videos: int = 0
@@ -81,13 +84,21 @@ def plan_study(study: Study) -> tuple[PlannedEpisode, ...]:
 
 def _cells(study: Study) -> Iterator[tuple[EpisodeRequest, str, int]]:
     """The requests, each with the id of its template and the number of its draw."""
-    templates = {name: load_template(name) for name in study.templates}
-    draws: dict[str, Sequence[tuple[int, str]]] = {name: [(-1, "")] for name in templates}
+    base = EpisodeRequest(
+        preset=study.preset,
+        sensors=study.sensors,
+        look=study.look,
+        duration_s=study.duration_s,
+        values=study.values,
+    )
+    check_fields(base)
+    fixed = values_of(study.values)
+    templates = {name: load_template(name).with_values(fixed) for name in study.templates}
+    draws: dict[str, Sequence[tuple[int, str]]] = {name: [(-1, study.values)] for name in templates}
     if study.draws is not None:
         for name, template in templates.items():
             drawn = draws_of(study.draws, template)
-            draws[name] = [(number, text_of_values(values)) for number, values in enumerate(drawn)]
-    base = EpisodeRequest(preset=study.preset, sensors=study.sensors, look=study.look, duration_s=study.duration_s)
+            draws[name] = [(number, _with_draw(fixed, values)) for number, values in enumerate(drawn)]
     longest = max(len(one) for one in draws.values())
     for seed in study.seeds:
         for number in range(longest):
@@ -99,6 +110,17 @@ def _cells(study: Study) -> Iterator[tuple[EpisodeRequest, str, int]]:
                             asked = replace(base, template=name, level="" if level == OWN_LEVEL else level, seed=seed)
                             asked = replace(asked, map="" if map_ == TOWN else map_, values=values)
                             yield replace(asked, level=level_of(asked, template).name), template.template_id, draw
+
+
+def _with_draw(fixed: Mapping[str, float], drawn: Mapping[str, float]) -> str:
+    """The values of a draw and those that all episodes share, as text.
+
+    Raises:
+        InputError: A parameter is in both.
+    """
+    if both := sorted(fixed.keys() & drawn.keys()):
+        raise InputError("values", f"{both[0]}={fixed[both[0]]:g}", "parameters that the study does not draw")
+    return text_of_values({**fixed, **drawn})
 
 
 def _named(request: EpisodeRequest, template_id: str, draw: int, inputs: "_Inputs") -> PlannedEpisode:

@@ -7,12 +7,12 @@ from typing import Final
 from siren_ros.errors import InputError
 from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
 from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.scenario.request import MAX_SEED
 from siren_ros.studies.draws import DrawPlan, Method
 from siren_ros.studies.matrix import OWN_LEVEL, TOWN, Study
 
 LEVELS: Final = (OWN_LEVEL, *EmergencyLevel.__members__)
-_MOST_SAMPLES: Final = 10_000_000
-_MOST_SEED: Final = 2**31 - 1
+MOST_SAMPLES: Final = 10_000_000
 
 
 def read_study(file: Path) -> Study:
@@ -31,8 +31,9 @@ def read_study(file: Path) -> Study:
         sensors=top.text("sensors") if top.has("sensors") else "none",
         look=top.text("look") if top.has("look") else "clear",
         duration_s=top.number("duration_s", 0.0, 3600.0) if top.has("duration_s") else 0.0,
+        values=top.text("values") if top.has("values") else "",
         draws=_draws(top.mapping("draw")) if top.has("draw") else None,
-        risk_videos=top.integer("risk_videos", 0, _MOST_SAMPLES) if top.has("risk_videos") else 0,
+        risk_videos=top.integer("risk_videos", 0, MOST_SAMPLES) if top.has("risk_videos") else 0,
     )
     top.finish()
     return study
@@ -49,9 +50,9 @@ def _draws(section: StrictMapping) -> DrawPlan:
     limits = section.mapping("ranges") if ranges else section
     plan = DrawPlan(
         method,
-        samples=section.integer("samples", 1, _MOST_SAMPLES),
+        samples=section.integer("samples", 1, MOST_SAMPLES),
         ranges={path: range_of(path, limits.words(path)) for path in ranges},
-        seed=section.integer("seed", 0, _MOST_SEED) if section.has("seed") else 0,
+        seed=section.integer("seed", 0, MAX_SEED) if section.has("seed") else 0,
     )
     section.finish()
     return plan
@@ -82,8 +83,8 @@ def seeds_of(words: Sequence[str]) -> tuple[int, ...]:
             seeds = range(int(first), int(end) if colon else int(first) + 1)
         except ValueError as error:
             raise InputError("seeds", word, "a seed, or FIRST:END for FIRST to END − 1") from error
-        if not seeds or seeds[0] < 0 or seeds[-1] > _MOST_SEED:
-            raise InputError("seeds", word, f"seeds from 0 to {_MOST_SEED}, at least one")
+        if not seeds or seeds[0] < 0 or seeds[-1] > MAX_SEED:
+            raise InputError("seeds", word, f"seeds from 0 to {MAX_SEED}, at least one")
         found.extend(seeds)
     return tuple(found)
 

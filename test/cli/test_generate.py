@@ -6,6 +6,7 @@ import pytest
 from siren_ros.cli import generate
 from siren_ros.cli.main import main
 from siren_ros.params.params_files import named_params_file
+from siren_ros.recording.bag_reader import read_episode
 from siren_ros.scenario.request import EpisodeRequest
 from siren_ros.studies.draws import DrawPlan, Method
 from siren_ros.studies.episode_row import EpisodeRow, Status
@@ -24,7 +25,7 @@ def test_a_matrix_is_made_and_made_once(tmp_path: Path, capsys: pytest.CaptureFi
     words = ["generate", "--templates", "S2", "--levels", "L0", "own", "--out", str(out), *SHORT]
     assert main(words) == 0
     first = capsys.readouterr().out
-    assert "S2_L0  1/1 complete, predicate holds in 0, at most " in first
+    assert "S2_L0  1/1 complete, 1 cut short by duration_s, at most " in first
     assert first.splitlines()[-1] == f"{out}/manifest.parquet: 2 episodes on town"
     times = [row.begun_at for row in read_table(LocalFolder(out))]
     assert main(words) == 0
@@ -55,11 +56,115 @@ def test_a_study_file_with_draws(tmp_path: Path) -> None:
         ["--grid", "emv.speed_mps=12", "--lhs", "4"],
         ["--risk-videos", "-1"],
         ["--risk-videos", "1", "--maps", "town", "other.xodr"],
+        ["--risk-videos", "1", "--templates", "S2", "--values", "emv.speed_mps=12"],
+        ["--values", "emv.speed_mps=12", "--grid", "emv.speed_mps=13", "--templates", "S2"],
     ],
 )
 def test_bad_input_is_one_line(words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["generate", "--out", str(tmp_path / "study"), *words]) == 2
     assert len(capsys.readouterr().err.strip().splitlines()[-1].split("siren generate: ")) == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["--duration-s", "nan"], "duration_s: nan cannot be used; allowed: a number from 0 to 3600"),
+        (["--duration-s", "1e12"], "duration_s: 1000000000000.0 cannot be used; allowed: a number from 0 to 3600"),
+        (["--duration-s", "-1"], "duration_s: -1.0 cannot be used; allowed: a number from 0 to 3600"),
+        (["--timeout-s", "nan"], "timeout_s: nan cannot be used; allowed: a number from 1 to 1000000"),
+        (["--timeout-s", "inf"], "timeout_s: inf cannot be used; allowed: a number from 1 to 1000000"),
+        (["--random", "0"], "random: 0 cannot be used; allowed: an integer from 1 to 10000000"),
+        (["--lhs", "1", "--draw-seed", "-1"], "draw_seed: -1 cannot be used; allowed: an integer from 0 to 2147483647"),
+        (
+            ["--values", "emv.speed_mps"],
+            "values: 'emv.speed_mps' cannot be used; allowed: PATH=NUMBER, several by commas",
+        ),
+        (["--values", "emv.speed_mps=nan"], "emv.speed_mps: nan cannot be used; allowed: a number from 11 to 16.7"),
+        (["--values", "emv.speed=12"], "emv.speed: 12.0 cannot be used; allowed: "),
+    ],
+)
+def test_numbers_are_refused_by_their_own_names_before_anything_is_made(
+    words: list[str], line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "study"
+    assert main(["generate", "--out", str(out), "--templates", "S2", *words]) == 2
+    assert capsys.readouterr().err.startswith(f"siren generate: {line}")
+    assert not out.exists()
+
+
+def test_values_are_those_of_cosim(tmp_path: Path) -> None:
+    out = tmp_path / "study"
+    values = "emv.speed_mps=12,demand.background_vehicles=20"
+    words = ["--templates", "S2", "--values", values, "--duration-s", "0.1", "--workers", "1"]
+    assert main(["generate", "--out", str(out), *words]) == 0
+    (row,) = read_table(LocalFolder(out))
+    assert row.values == values
+    described = read_episode(out / row.bag).description
+    assert described.asked["values"] == values
+    assert described.template_values["emv.speed_mps"] == 12.0
+
+
+def made(monkeypatch: pytest.MonkeyPatch, *judged: tuple[bool | None, int, int]) -> None:
+    """Puts rows in the place of a study: whether the predicate holds, the collisions, the steps."""
+    (episode,) = plan_study(Study(("S2",)))
+    rows = tuple(
+        replace(
+            EpisodeRow.planned(episode, Status.COMPLETE, predicate_holds=holds, steps=steps),
+            episode=f"e{number}",
+            measures=f'{{"collisions": {collisions}}}',
+        )
+        for number, (holds, collisions, steps) in enumerate(judged)
+    )
+    monkeypatch.setattr(generate, "run_study", lambda *_: StudyResult(rows, 0))
+
+
+WHOLE, CUT = 900, 80
+
+
+@pytest.mark.parametrize(
+    ("judged", "told"),
+    [
+        ([(True, 0, WHOLE), (False, 0, WHOLE), (None, 0, WHOLE)], "3/3 complete, predicate holds in 1/3"),
+        ([(True, 0, WHOLE), (True, 2, CUT)], "2/2 complete, predicate holds in 2/2, collisions in 1"),
+        ([(True, 0, CUT), (False, 0, CUT)], "2/2 complete, predicate holds in 1/1, 1 cut short by duration_s"),
+        ([(False, 0, CUT)], "1/1 complete, 1 cut short by duration_s"),
+    ],
+)
+def test_the_table_says_how_many_hold_and_how_many_could_not(
+    judged: list[tuple[bool | None, int, int]],
+    told: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    made(monkeypatch, *judged)
+    assert main(["generate", "--templates", "S2", "--out", str(tmp_path)]) == 0
+    assert capsys.readouterr().out.splitlines()[0] == f"S2_L2  {told}"
+
+
+@pytest.mark.parametrize(
+    ("judged", "code", "line"),
+    [
+        ((True, 0, WHOLE), 0, ""),
+        ((False, 0, CUT), 1, "siren generate: e0: the interaction did not happen\n"),
+        ((True, 3, WHOLE), 1, "siren generate: e0: 3 collisions\n"),
+        ((None, 0, WHOLE), 1, "siren generate: e0: whether the interaction happened could not be judged\n"),
+    ],
+)
+def test_what_happened_counts_where_the_command_is_strict(
+    judged: tuple[bool | None, int, int],
+    code: int,
+    line: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    made(monkeypatch, judged)
+    words = ["generate", "--templates", "S2", "--out", str(tmp_path)]
+    assert main(words) == 0
+    assert capsys.readouterr().err == ""
+    assert main([*words, "--strict"]) == code
+    assert capsys.readouterr().err == line
 
 
 @pytest.mark.parametrize("whole", [True, False])

@@ -1,5 +1,7 @@
+import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -36,6 +38,33 @@ def test_draws_are_part_of_the_request() -> None:
     assert planned[0].name.endswith("_draw0")
     same = {episode.request.values for episode in planned if episode.draw == 1 and episode.request.template == "S1"}
     assert len(same) == 1, "all levels and seeds of a draw share its values"
+
+
+def test_values_are_those_of_every_request_as_they_were_typed() -> None:
+    planned = plan_study(replace(STUDY, values="emv.speed_mps=12"))
+    assert {episode.request.values for episode in planned} == {"emv.speed_mps=12"}
+    drawn = DrawPlan(Method.GRID, values={"demand.background_vehicles": (20.0, 22.0)})
+    planned = plan_study(replace(STUDY, templates=("S2",), values="emv.speed_mps=12", draws=drawn))
+    assert {episode.request.values for episode in planned} == {
+        f"demand.background_vehicles={count},emv.speed_mps=12.0" for count in (20.0, 22.0)
+    }
+
+
+@pytest.mark.parametrize(
+    ("asked", "line"),
+    [
+        ({"values": "emv.speed_mps=12"}, "values: 'emv.speed_mps=12' cannot be used; allowed: parameters that"),
+        ({"values": "emv.speed_mps=99"}, "emv.speed_mps: 99.0 cannot be used; allowed: a number from"),
+        ({"values": "emv.speed_mps=a"}, "values: 'emv.speed_mps=a' cannot be used; allowed: PATH=NUMBER"),
+        ({"duration_s": math.nan}, "duration_s: nan cannot be used; allowed: a number from 0 to 3600"),
+        ({"duration_s": 1e12}, "duration_s: 1000000000000.0 cannot be used; allowed: a number from 0 to 3600"),
+    ],
+)
+def test_what_the_request_refuses_the_study_refuses(asked: dict[str, Any], line: str) -> None:
+    drawn = DrawPlan(Method.GRID, values={"emv.speed_mps": (12.0, 13.0)})
+    with pytest.raises(InputError) as refused:
+        plan_study(replace(STUDY, draws=drawn, **asked))
+    assert str(refused.value).startswith(line)
 
 
 def test_a_changed_file_changes_the_inputs(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ seeds: [0:3, 7]
 maps: [town, some.xodr]
 preset: realistic
 risk_videos: 2
+values: demand.background_vehicles=20,duration_s=40
 draw:
   method: latin_hypercube
   samples: 16
@@ -36,6 +37,7 @@ def test_a_file_says_what_the_command_line_says(tmp_path: Path) -> None:
         maps=("town", "some.xodr"),
         preset="realistic",
         risk_videos=2,
+        values="demand.background_vehicles=20,duration_s=40",
         draws=DrawPlan(Method.LATIN_HYPERCUBE, samples=16, ranges=ranges_of(["emv.speed_mps=12:15.5"])),
     )
 

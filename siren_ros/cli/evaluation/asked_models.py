@@ -9,6 +9,7 @@ from typing import Any
 from tqdm import tqdm
 
 from siren_ros.cli.generation.positive import positive
+from siren_ros.cli.options.numbers import check_numbers
 from siren_ros.errors import InputError
 from siren_ros.evaluation.risk.answers import Answers
 from siren_ros.evaluation.risk.reports.cost import account
@@ -64,13 +65,15 @@ def models_asked(arguments: argparse.Namespace) -> Iterator[VisionLanguageModel]
     """The models, one after another; a local one is loaded when its turn comes.
 
     Raises:
-        InputError: A server without address, a key that is not set, or a folder without a model.
+        InputError: A number outside its limits, a server without address, a key that is not set, or a folder without a
+            model.
     """
+    check_numbers(arguments, {"retries": (0, 1000), "timeout_s": (0.001, 1e6)})
     for name in arguments.model:
         if arguments.base_url is None:
             raise InputError("base-url", "", "the address of a server, such as http://localhost:8000/v1")
         key = key_from(arguments.api_key_env)
-        yield OpenAiServer(arguments.base_url, name, key, arguments.timeout_s, max(0, arguments.retries))
+        yield OpenAiServer(arguments.base_url, name, key, arguments.timeout_s, arguments.retries)
     for folder in arguments.local_model:
         yield LocalModel(folder, arguments.device, arguments.most_tokens)
 

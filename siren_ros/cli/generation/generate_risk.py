@@ -9,9 +9,11 @@ from tqdm import tqdm
 
 from siren_ros.cli.generation.positive import positive
 from siren_ros.cli.generation.risk_thresholds import add_thresholds, thresholds_of
+from siren_ros.cli.options.numbers import check_numbers
 from siren_ros.cli.options.processes import add_processes
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
 from siren_ros.evaluation.risk.risk_class import TITLES, RiskClass
+from siren_ros.scenario.request import MAX_SEED
 from siren_ros.scenario.templates import available_templates
 from siren_ros.studies.risk_set.balance import PAPER_COUNTS, PAPER_PER_TEMPLATE, Balance, Counts, papers_balance
 from siren_ros.studies.risk_set.make_set import MadeSet, Progress, RiskSetRequest, make_set
@@ -65,13 +67,14 @@ def _counts(text: str) -> Counts:
 
 def run(arguments: argparse.Namespace) -> int:
     """Makes the set, and says what was found."""
+    check_numbers(arguments, {"seed": (0, MAX_SEED), "retries": (0, 1000)})
     request = RiskSetRequest(
         templates=tuple(dict.fromkeys(arguments.templates)),
         balance=balance_of(arguments),
         seed=arguments.seed,
         map_file=arguments.map,
         budget=arguments.budget,
-        retries=max(0, arguments.retries),
+        retries=arguments.retries,
         thresholds=thresholds_of(arguments),
     )
     return EXIT_OK if make_and_tell(request, arguments.out, arguments.workers) else EXIT_FAILED

@@ -4,8 +4,10 @@ import argparse
 from pathlib import Path
 from typing import Final
 
+from siren_ros.cli.options.numbers import check_numbers
 from siren_ros.cli.train.torch_part import torch_part
 from siren_ros.errors import EXIT_OK, InputError
+from siren_ros.scenario.request import MAX_SEED
 from siren_ros.training.detection.detector_training import DetectorTraining, Fitter, train_detector
 from siren_ros.training.detection.fit_config import DetectionFit
 
@@ -52,10 +54,8 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Makes the frames, trains, prints the figures."""
+    check_numbers(arguments, {"steps": (1, 1e9), "threads": (1, 10_000), "seed": (0, MAX_SEED), "minutes": (0.0, 1e9)})
     fitter = _fitter()
-    for name in ("steps", "threads"):
-        if getattr(arguments, name) < 1:
-            raise InputError(name, getattr(arguments, name), "1 or more")
     out: Path = arguments.out
     if out.suffix != ".onnx":
         raise InputError("out", str(out), "a file that ends in .onnx")

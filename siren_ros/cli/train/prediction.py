@@ -7,10 +7,12 @@ from typing import Final
 
 from tqdm import tqdm
 
+from siren_ros.cli.options.numbers import check_numbers
 from siren_ros.cli.options.processes import add_processes, processes_of
 from siren_ros.cli.options.steps import steps_of
 from siren_ros.cli.train.torch_part import torch_part
-from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
+from siren_ros.errors import EXIT_FAILED, EXIT_OK
+from siren_ros.scenario.request import MAX_SEED
 from siren_ros.training.assessment import by_map, by_template, table_lines
 from siren_ros.training.data_making import MadeData, make_data
 from siren_ros.training.episode_plan import PlannedEpisode, PlanSize, plan_episodes
@@ -68,11 +70,14 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Makes the data, trains every variant, prints its figures."""
+    seeds = (0, 1_000_000)
+    check_numbers(
+        arguments,
+        {"train_seeds": (1, seeds[1]), "validation_seeds": seeds, "test_seeds": seeds, "epochs": (1, 1e9)}
+        | {"seed": (0, MAX_SEED)},
+    )
     fitter = _fitter()
-    for name in ("train_seeds", "epochs"):
-        if getattr(arguments, name) < 1:
-            raise InputError(name, getattr(arguments, name), "1 or more")
-    size = PlanSize(arguments.train_seeds, max(0, arguments.validation_seeds), max(0, arguments.test_seeds))
+    size = PlanSize(arguments.train_seeds, arguments.validation_seeds, arguments.test_seeds)
     plan = plan_episodes(_map_files(arguments.maps), _map_files(arguments.held_out_maps), size)
     data = _made(plan, arguments.cache or arguments.out / "cache", processes_of(arguments))
     config = FitConfig(seed=arguments.seed, epochs=arguments.epochs, device=arguments.device)

@@ -8,10 +8,12 @@ from typing import Final
 from tqdm import tqdm
 
 from siren_ros.cli.generation.positive import positive
+from siren_ros.cli.options.numbers import check_numbers
 from siren_ros.cli.options.processes import add_processes
 from siren_ros.cli.options.steps import steps_of
 from siren_ros.cli.train.torch_part import torch_part
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
+from siren_ros.scenario.request import MAX_SEED
 from siren_ros.training.risk.film_fit import FilmFitConfig
 from siren_ros.training.risk.film_plan import FilmPlanSize, PlannedFilm, plan_films
 from siren_ros.training.risk.films import MadeFilms, make_films
@@ -52,6 +54,7 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Makes the films, trains, says how it does on the validation films."""
+    check_numbers(arguments, {"seed": (0, MAX_SEED)})
     fitter = _fitter()
     plan = plan_films(FilmPlanSize(arguments.train, arguments.validation))
     films = _made(plan, arguments.cache or arguments.out / "cache", arguments.jobs)

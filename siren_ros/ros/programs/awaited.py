@@ -1,6 +1,6 @@
 """What the lockstep waits for, in words."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import Final
 
 from siren_ros.interfaces.topics import AV_CONTROL, STEP_DONE
@@ -30,22 +30,28 @@ def awaited_by(
     names = sorted(at_work or late)
     if not names:
         return ""
-    told = [_told(name, state, config, own) for name in names[:_MOST_NAMES]]
-    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+    by_act: dict[str, list[str]] = {}
+    for name in names:
+        by_act.setdefault(_act_of(name, state, own), []).append(config.display_names.get(name, name))
+    told = [f"{_listed(shown)} {act}" for act, shown in by_act.items()]
     limit_s = {
         Stage.GATHERING: config.start_timeout_s,
         Stage.STEPPING: config.step_timeout_s,
         Stage.CLOSING: config.close_timeout_s,
     }[state.stage]
-    return f"{', '.join(told)}{more}, at most {limit_s:g} s"
+    return f"{', '.join(told)}, at most {limit_s:g} s"
 
 
-def _told(name: str, state: LockstepState, config: LockstepConfig, own: Collection[str]) -> str:
-    shown = config.display_names.get(name, name)
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+    return ", ".join(names[:_MOST_NAMES]) + more
+
+
+def _act_of(name: str, state: LockstepState, own: Collection[str]) -> str:
     if state.stage is Stage.STEPPING:
-        return f"{shown} to finish step {state.step - bool(state.owing)}"
+        return f"to finish step {state.step - bool(state.owing)}"
     if state.stage is Stage.CLOSING:
-        return f"{shown} to close"
+        return "to close"
     if name == AV_SOURCE:
-        return f"{shown} to publish {AV_CONTROL.name}"
-    return f"{shown} to be ready" if name in own else f"{shown} to report READY on {STEP_DONE.name}"
+        return f"to publish {AV_CONTROL.name}"
+    return "to be ready" if name in own else f"to report READY on {STEP_DONE.name}"

@@ -32,7 +32,7 @@ def closing_summary(
         lines.append(f"KITTI export: {plan.kitti}")
     if plan.no_kitti:
         lines.append(f"no KITTI export: {plan.no_kitti}")
-    lines += _outcome_lines(outcome, _cut_short(plan))
+    lines += _outcome_lines(outcome, _cut_short(plan) if state.end is EpisodeEnd.COMPLETE else "")
     if wall_s and steps:
         lines.append(f"real-time factor {steps * STEP_S / wall_s:.2f} ({wall_s:.1f} s of wall time)")
         lines += time_table(state.busy_s, wall_s)

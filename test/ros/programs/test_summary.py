@@ -69,6 +69,12 @@ def test_an_episode_that_was_cut_short_says_so(tmp_path: Path) -> None:
     assert interaction(tmp_path, outcome(False), duration_s=100.0) == "interaction: did not happen (0 passed)"
 
 
+def test_an_episode_that_failed_was_not_cut_short_by_its_duration(tmp_path: Path) -> None:
+    plan = plan_episode(CosimConfig(template="S2", sensors="none", bag=str(tmp_path / "bag"), duration_s=4.0))
+    lines = closing_summary(plan, LockstepState(end=EpisodeEnd.FAILED), outcome(False), 1.0)
+    assert "interaction: did not happen (0 passed)" in lines
+
+
 def test_where_nothing_was_measured_nothing_is_judged(tmp_path: Path) -> None:
     nothing = EpisodeOutcome(EpisodeEnd.INTERRUPTED, "stopped by SIGINT", 0, None)
     assert interaction(tmp_path, nothing) == "interaction: not judged"

@@ -117,6 +117,7 @@ def test_a_camera_twice_as_fast_gives_every_second_image(tmp_path: Path, typesto
         ({"start_s": 4.0}, "start_s: 4"),
         ({"start_s": -1.0}, "start_s: -1"),
         ({"start_s": float("nan")}, "start_s: nan"),
+        ({"start_s": float("inf")}, "start_s: inf"),
     ],
 )
 def test_frames_that_are_not_there_are_refused(

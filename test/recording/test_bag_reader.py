@@ -72,9 +72,10 @@ def _copy(bag: Path, tmp_path: Path) -> tuple[Path, Path]:
     return copy, next(copy.glob("*.mcap"))
 
 
-def test_a_missing_bag_is_named(tmp_path: Path) -> None:
-    with pytest.raises(BagError, match=r"nowhere.*exists"):
-        read_episode(tmp_path / "nowhere")
+@pytest.mark.parametrize("name", ["nowhere", "nowhere" * 50])
+def test_a_missing_bag_is_named(tmp_path: Path, name: str) -> None:
+    with pytest.raises(BagError, match=rf"{name}.*exists"):
+        read_episode(tmp_path / name)
 
 
 def test_a_folder_without_metadata_is_no_bag(tmp_path: Path) -> None:

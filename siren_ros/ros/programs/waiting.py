@@ -107,4 +107,4 @@ class Waiting:
 
     def __exit__(self, *_: object) -> None:
         self._stopped.set()
-        self._thread.join()
+        self._thread.join(LOOK_S)

@@ -25,6 +25,7 @@ from siren_ros.evaluation.prediction.reports.paper_results import PAPER_NAMES
 from siren_ros.evaluation.prediction.reports.score_table import score_table
 from siren_ros.evaluation.prediction.scoring.score_bags import ScoringJob, score_bags
 from siren_ros.evaluation.risk.video_set import read_set
+from siren_ros.evaluation.statistics.interval import lack_of_bounds
 from siren_ros.recording.bag_folders import bags_among
 from siren_ros.scenario.templates import load_template
 
@@ -34,7 +35,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     verb.description = (
         "Puts every number of the paper's tables next to ours: the errors of the trajectory predictors on the vehicles "
         "in the interaction region, numbers of samples, ranking of the templates, detection and the order of the "
-        "behaviour families, and the balance of the risk videos; with 95 % intervals by bootstrap over episodes. Only "
+        "behaviour families, and the balance of the risk videos; with 95 % intervals over episodes. Only "
         "episodes at their template's own level count, as in the paper."
     )
     verb.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="bags, or folders with bags at any depth")
@@ -69,7 +70,9 @@ def run(arguments: argparse.Namespace) -> int:
         ),
     ]
     shown = rows if arguments.all else measured(rows)
-    print("\n".join(aligned([list(HEAD), *(list(row.cells()) for row in shown)])))
+    table = aligned([list(HEAD), *(list(row.cells()) for row in shown)])
+    lacking = [f"{line}; NDS and errors have none" for line in lack_of_bounds(row.ours for row in shown)]
+    print("\n".join([*table, *lacking]))
     for model in names_in(arguments.models):
         if model not in PAPER_NAMES:
             command = f"siren evaluate prediction --models {model}"

@@ -4,8 +4,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from siren_ros.evaluation.prediction.reports.score_table import score_table
+from siren_ros.evaluation.statistics.interval import WHY_NONE
 from siren_ros.recording.bag_folders import bags_among
-from siren_ros.study_report.cells import count_of
+from siren_ros.study_report.cells import NONE, count_of
 from siren_ros.study_report.content import Page, Section
 from siren_ros.study_report.measures import StudyMeasures, measure_study
 from siren_ros.study_report.options import PageOptions
@@ -63,6 +64,9 @@ def assembled(study: StudyRows, measures: StudyMeasures, options: PageOptions) -
     levels = ", ".join(sorted({row.level for row in study.rows}))
     maps = ", ".join(sorted({row.map_name for row in study.rows}))
     episodes = count_of(len(study.rows), "episode")
-    lead = f"{episodes} of {templates} at {levels} on {maps}. This page is one file and needs no network."
+    lead = (
+        f"{episodes} of {templates} at {levels} on {maps}. This page is one file and needs no network. "
+        f"{WHY_NONE.format(NONE)}."
+    )
     title = f"SIREN study {study.folder.resolve().name}"
     return Page(title, lead, [section for section in sections if section is not None])

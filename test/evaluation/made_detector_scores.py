@@ -21,10 +21,10 @@ def devkit_score_of(mean_ap: float, labels: int = 10) -> DevkitScore:
 
 
 def detector_scores(name: str, mean_ap: Mapping[str, float], *, bounded: bool = True) -> DetectorScores:
-    """A detector with a mean AP for each template; intervals are 0.05 wide to each side, of four episodes."""
+    """A detector with a mean AP for each template; intervals are 0.05 wide to each side, of six episodes."""
 
     def interval(value: float) -> Interval:
-        return Interval(value, value - 0.05, value + 0.05, 4) if bounded else Interval(value, value, value, 1)
+        return Interval(value, value - 0.05, value + 0.05, 6) if bounded else Interval(value, value, value, 1)
 
     truth, found = made_boxes([5.0, 15.0], [5.0, 40.0], [0.9, 0.5])
     mean = float(np.mean(list(mean_ap.values())))

@@ -13,7 +13,6 @@ from siren_ros.evaluation.detection.metrics.devkit_score import ERRORS, DevkitSc
 from siren_ros.evaluation.detection.reports.score_json import scores_as_json
 from siren_ros.evaluation.detection.scoring import DetectorScores, GroupScore
 from siren_ros.evaluation.risk.reports.tables import as_json
-from siren_ros.evaluation.risk.scores import SCORES
 from siren_ros.evaluation.risk.scoring import ModelScores
 from siren_ros.evaluation.statistics.interval import Interval
 from siren_ros.scenario.request import EpisodeRequest
@@ -37,7 +36,7 @@ def row_of(level: str, seed: int, status: Status = Status.COMPLETE, reason: str 
 def detector_scores() -> DetectorScores:
     """Scores as `siren evaluate detection` has them; what is not written to its file is left empty."""
     score = DevkitScore(40, 50, {0.5: 0.2, 4.0: 0.4}, dict.fromkeys(ERRORS, 0.25), 0.3125, 0.4375, np.zeros((2, 101)))
-    interval = Interval(0.3125, 0.25, 0.375, 3)
+    interval = Interval(0.3125, 0.25, 0.375, 6)
     nothing: Any = None
     parts = (GroupScore("EMV", "the EMV", 12, interval), GroupScore("EMV", "none", 0, interval))
     return DetectorScores(
@@ -48,8 +47,7 @@ def detector_scores() -> DetectorScores:
 def risk_scores() -> ModelScores:
     """Two of four videos right."""
     counts = np.array([[2, 0, 0, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
-    intervals = dict.fromkeys(SCORES, Interval(0.5, 0.25, 0.75, 4))
-    return ModelScores("made", 5, 4, counts, {"S2": counts}, intervals)
+    return ModelScores("made", 5, 4, counts, {"S2": counts})
 
 
 @pytest.fixture(scope="session")

@@ -77,8 +77,8 @@ def test_the_paper_is_held_against_the_episodes_at_their_own_level(made: SimpleN
 
 def test_every_episode_is_told_and_what_is_missing_has_its_reason(made: SimpleNamespace) -> None:
     rows = {row[:2]: row for row in made.tables["groups"].rows}
-    assert rows["S2", "L1"][3:6] == ("2", "2 of 2", "0 of 2")
-    assert rows["S2", "L2 (own)"][3:6] == ("2", "2 of 2", "2 of 2"), "with the row that the table lacks"
+    assert rows["S2", "L1"][3:6] == ("2", "2 of 2", "0 of 2 [–]")
+    assert rows["S2", "L2 (own)"][3:6] == ("2", "2 of 2", "2 of 2 [–]"), "with the row that the table lacks"
     assert rows["S2", "L3"][4] == "0 of 1"
     assert made.tables["missing"].rows == (("S2_L3_seed0", "refused", "no site on <this> map", "1"),)
 
@@ -137,7 +137,7 @@ def test_scores_of_other_commands_are_read(made: SimpleNamespace) -> None:
     assert made.tables["detection_templates"].rows == (("made", "0.312 / 0.438", "0.312 [0.250, 0.375] / 0.438"),)
     assert made.tables["detection_parts"].rows == (("made", "EMV", "the EMV", "12", "0.312 [0.250, 0.375]"),)
     (row,) = made.tables["risk_models"].rows
-    assert row[:3] == ("made", "4 of 5", "50.0 [25.0, 75.0]")
+    assert row[:3] == ("made", "4 of 5", "50.0 [–]")
     assert made.tables["risk_confusion"].rows[2] == ("made", "Collision", "0", "0", "0", "1")
 
 

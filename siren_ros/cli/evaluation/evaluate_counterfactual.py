@@ -8,6 +8,7 @@ from pathlib import Path
 from siren_ros.cli.evaluation.evaluate_yield import scored_episodes
 from siren_ros.cli.options.processes import add_processes, processes_of
 from siren_ros.errors import EXIT_FAILED, whole_file, writing
+from siren_ros.evaluation.statistics.interval import lack_of_bounds
 from siren_ros.evaluation.yielding.counterfactual import OUTCOMES, Effect, effects
 from siren_ros.recording.bag_folders import bags_among
 
@@ -16,7 +17,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     """Describe the verb, and what it takes."""
     verb.description = (
         "Compares levels on the same seeds: map, demand, route, drivers and draws are the same, so that the difference "
-        "is the effect of the level. Prints mean differences with 95 % intervals (bootstrap over pairs), the p-value "
+        "is the effect of the level. Prints mean differences with 95 % intervals over pairs, the p-value "
         "of a permutation test, adjusted for all comparisons of an outcome (Holm), and in how many pairs an episode "
         "ended before its value was complete. Exit code 1 where there is no pair."
     )
@@ -70,9 +71,10 @@ def _table(shown: Sequence[Effect]) -> Iterator[str]:
             yield head
             before = head
         difference = one.found.difference
-        bounds = f" [{difference.low:+.2f}, {difference.high:+.2f}]" if difference.bounded else ""
+        bounds = f" [{difference.low:+.2f}, {difference.high:+.2f}]" if difference.bounded else " [-]"
         cut = f", {one.cut_off} cut off" if one.cut_off else ""
         yield (
             f"  {one.template:<4} {difference.value:+8.2f}{bounds}  p {one.found.p_value:.3f}"
             f" (adjusted {one.adjusted_p:.3f})  {difference.blocks} pairs{cut}"
         )
+    yield from lack_of_bounds(one.found.difference for one in shown)

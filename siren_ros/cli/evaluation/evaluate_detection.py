@@ -26,12 +26,12 @@ from siren_ros.evaluation.detection.reports.curves import draw_curves
 from siren_ros.evaluation.detection.reports.score_json import scores_as_json
 from siren_ros.evaluation.detection.reports.tables import Table, as_csv, as_latex, as_text, tables_of
 from siren_ros.evaluation.detection.scoring import (
-    RESAMPLES,
     VEHICLE_NAMES,
     DetectorScores,
     score_detector,
 )
 from siren_ros.evaluation.detection.self_test import self_test_sets
+from siren_ros.evaluation.statistics.interval import lack_of_bounds
 from siren_ros.recording.bag_folders import bags_among
 
 
@@ -76,9 +76,6 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
         help="class names that count as vehicles, by commas (default: every name of a vehicle)",
     )
     task.add_argument("--compare-paper", action="store_true", help="print the paper's rows below")
-    task.add_argument(
-        "--resamples", type=int, metavar="N", default=RESAMPLES, help="of the episodes, for the intervals (%(default)s)"
-    )
     task.add_argument("--out", type=Path, metavar="DIR", help="write tables, scores.json, curves and pictures there")
     add_processes(task)
     task.set_defaults(run=run)
@@ -110,10 +107,7 @@ def run(arguments: argparse.Namespace) -> int:
             sets += self_test_sets(frames, Path(scratch))
         for found in sets:
             _check_names(found, names)
-        scores = [
-            score_detector(frames, found, names, lambda tables: _scored(side_by_side, tables), arguments.resamples)
-            for found in sets
-        ]
+        scores = [score_detector(frames, found, names, lambda tables: _scored(side_by_side, tables)) for found in sets]
     tables = tables_of(scores, compare_paper=arguments.compare_paper)
     print("\n\n".join("\n".join(as_text(table)) for table in tables))
     print("\n".join(["", *_remarks(frames, scores, costs)]))
@@ -173,6 +167,7 @@ def _remarks(frames: Frames, scores: Sequence[DetectorScores], costs: Mapping[st
         lines.append(f"no velocities, so AVE and AAE count as 1: {', '.join(without)}")
     if any(episode.camera_from_lidar is None for episode in frames.episodes):
         lines.append("no front camera in some bags, so these have no KITTI frames")
+    lines += lack_of_bounds(interval for one in scores for interval in one.intervals)
     return lines + [f"{one.name}: {one.order.told()}" for one in scores if one.order is not None]
 
 

@@ -20,7 +20,7 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
     """Describe the task, and what it takes."""
     task.description = (
         "Scores the answers of vision-language models, or of any other program, to a set of risk videos: accuracy, "
-        "precision, recall and F1 of each class, with 95 % intervals by bootstrap over videos, and confusion matrices "
+        "precision, recall and F1 of each class, with 95 % intervals over videos, and confusion matrices "
         "overall and by template. References to compare with: the most frequent class, a small network that sees each "
         "second frame, and the record's own measures."
     )

@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 from siren_ros.cli.options.each_bag import of_each_bag
 from siren_ros.cli.options.processes import add_processes, processes_of
 from siren_ros.errors import InputError, whole_file, writing
-from siren_ros.evaluation.statistics.interval import Interval
+from siren_ros.evaluation.statistics.interval import Interval, lack_of_bounds
 from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS
 from siren_ros.evaluation.yielding.scoring import DriverMarks, score_yielding
 from siren_ros.evaluation.yielding.summary import ScoredEpisode, group_means
@@ -26,7 +26,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
     verb.formatter_class = argparse.RawDescriptionHelpFormatter
     verb.description = (
         "Marks how traffic made way: means over the episodes of each template and level,\n"
-        "with 95 % intervals (bootstrap over episodes), and the marks of the AV under test."
+        "with 95 % intervals over episodes, and the marks of the AV under test."
     )
     width = max(len(metric.name) for metric in EPISODE_METRICS)
     verb.epilog = "\n".join(["marks:", *(f"  {metric.name:{width}}  {metric.meaning}" for metric in EPISODE_METRICS)])
@@ -93,12 +93,13 @@ def _table(means: Mapping[tuple[str, str, str], Mapping[str, Interval]]) -> Iter
     for row, metric in enumerate(EPISODE_METRICS):
         cells = (f"  {column[row]:>{size}}" for column, size in zip(columns, widths, strict=True))
         yield f"{metric.name:<{width}}" + "".join(cells)
+    yield from lack_of_bounds(found[metric.name] for found in means.values() for metric in EPISODE_METRICS)
 
 
 def _cell(mean: Interval) -> str:
     if not mean.valid:
         return "-"
-    return f"{mean.value:.2f} [{mean.low:.2f}, {mean.high:.2f}]" if mean.bounded else f"{mean.value:.2f}"
+    return f"{mean.value:.2f} [{mean.low:.2f}, {mean.high:.2f}]" if mean.bounded else f"{mean.value:.2f} [-]"
 
 
 def _under_test(episodes: Sequence[ScoredEpisode]) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Scores one detector on all episodes: nuScenes' code for the tables, resampled episodes for the intervals."""
+"""Scores one detector on all episodes: nuScenes' code for the tables, episodes left out for the intervals."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,12 +16,13 @@ from siren_ros.evaluation.detection.metrics.named_classes import CLASS_NAMES, la
 from siren_ros.evaluation.detection.metrics.subsets import SUBSETS, Subset, subsets_of_episodes
 from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes, TruthBoxes, attributes_of
 from siren_ros.evaluation.detection.protocol.frames import Frames, in_range
-from siren_ros.evaluation.statistics.block_bootstrap import times_drawn
-from siren_ros.evaluation.statistics.interval import NOTHING, Interval, percentile_interval
+from siren_ros.evaluation.statistics.interval import NOTHING, Interval
+from siren_ros.evaluation.statistics.jackknife import Estimate, jackknife
 from siren_ros.numerics.arrays import Flags, Floats, Rows
 from siren_ros.world.actors import ActorClass
 
-RESAMPLES: Final = 1000
+_DRAWS: Final = 1000
+"""For the order of the families."""
 _NAMED: Final = "found by name"
 VEHICLE_NAMES: Final = frozenset(
     {"car", "van", "truck", "bus", "trailer", "construction_vehicle", "misc", "vehicle", "emergency_vehicle"}
@@ -68,6 +69,12 @@ class DetectorScores:
     matches: Matches
 
     @property
+    def intervals(self) -> tuple[Interval, ...]:
+        """All that the tables show."""
+        groups = (group.mean_ap for group in self.groups)
+        return (*self.template_ap.values(), self.mean_ap, *self.families.values(), *groups)
+
+    @property
     def mean_nds(self) -> float:
         """Mean over the templates."""
         return float(np.mean([score.nds for score in self.templates.values()]))
@@ -87,9 +94,7 @@ def counted_boxes(frames: Frames, found: FoundSet, names: frozenset[str]) -> tup
     return truth.at(wanted), boxes.at(near & np.isin(boxes.label, sorted(names)))
 
 
-def score_detector(
-    frames: Frames, found: FoundSet, names: frozenset[str], run: Run, resamples: int = RESAMPLES
-) -> DetectorScores:
+def score_detector(frames: Frames, found: FoundSet, names: frozenset[str], run: Run) -> DetectorScores:
     """All scores of one detector.
 
     Args:
@@ -97,7 +102,6 @@ def score_detector(
         found: The detections.
         names: Class names that count.
         run: Scores tables by nuScenes' code.
-        resamples: Of the episodes, within their templates.
     """
     truth, boxes = counted_boxes(frames, found, names)
     of_episode = np.array([one.template for one in frames.episodes])
@@ -108,85 +112,72 @@ def score_detector(
         for one in templates
     ]
     scores = dict(zip(templates, run(tables), strict=True))
-    resampled = _Resampled(frames, truth, boxes, of_episode, _weights(of_episode, resamples))
-    draws = {one: resampled.mean_ap(template_of_frame, one) for one in templates}
+    jackknifed = _Jackknifed(frames, truth, boxes, of_episode)
+    left_out = {one: jackknifed.mean_ap(template_of_frame, one) for one in templates}
     values = {one: score.mean_average_precision for one, score in scores.items()}
-    mean = _mean_interval(values, draws, of_episode, templates)
-    families = {name: members for name, members in FAMILIES.items() if set(members) <= set(templates)}
+    mean = _mean(values, left_out, templates).interval()
+    families = {
+        name: _mean(values, left_out, members) for name, members in FAMILIES.items() if set(members) <= set(templates)
+    }
+    rng = np.random.default_rng(0)
     return DetectorScores(
         name=found.name,
         format=found.format,
         has_velocity=found.has_velocity,
         frames={one: int((found.scored & (template_of_frame == one)).sum()) for one in templates},
         templates=scores,
-        template_ap={one: _mean_interval(values, draws, of_episode, [one]) for one in templates},
+        template_ap={one: _mean(values, left_out, [one]).interval() for one in templates},
         mean_ap=mean,
-        families={name: _mean_interval(values, draws, of_episode, members) for name, members in families.items()},
-        order=FamilyOrder.of({name: _mean(draws, members) for name, members in families.items()})
+        families={name: estimate.interval() for name, estimate in families.items()},
+        order=FamilyOrder.of({name: estimate.draws(_DRAWS, rng) for name, estimate in families.items()})
         if mean.bounded
         else None,
         groups=(
-            *(resampled.group(subset) for subset in (*SUBSETS, *subsets_of_episodes(frames))),
-            *(resampled.named(name) for name in (CLASS_NAMES if names_kinds(boxes) else ())),
+            *(jackknifed.group(subset) for subset in (*SUBSETS, *subsets_of_episodes(frames))),
+            *(jackknifed.named(name) for name in (CLASS_NAMES if names_kinds(boxes) else ())),
         ),
         truth=truth,
         found=boxes,
-        matches=resampled.matches,
+        matches=jackknifed.matches,
     )
 
 
-def _mean(draws: Mapping[str, Floats], templates: Sequence[str]) -> Floats:
-    found: Floats = np.mean([draws[one] for one in templates], axis=0)
-    return found
-
-
-def _mean_interval(
-    values: Mapping[str, float], draws: Mapping[str, Floats], of_episode: Names, templates: Sequence[str]
-) -> Interval:
-    """Mean over some templates, from the episodes of these."""
+def _mean(values: Mapping[str, float], left_out: Mapping[str, Floats], templates: Sequence[str]) -> Estimate:
+    """Mean over some templates; an episode changes that of its own template."""
     value = float(np.mean([values[one] for one in templates]))
-    return _interval(value, _mean(draws, templates), of_episode[np.isin(of_episode, templates)])
+    changed = np.concatenate([left_out[one] / len(templates) for one in templates])
+    return jackknife(value, changed, np.repeat(np.arange(len(templates)), [len(left_out[one]) for one in templates]))
 
 
-def _interval(value: float, resampled: Floats, of_episode: Names) -> Interval:
-    known = resampled[np.isfinite(resampled)]
-    _, stratum = np.unique(of_episode, return_inverse=True)
-    return percentile_interval(value, known if len(known) else np.array([value]), stratum.astype(np.intp))
+class _Jackknifed:
+    """Average precisions without each episode."""
 
-
-def _weights(template: Names, resamples: int) -> Floats:
-    """How often each episode counts: once, then as drawn within its template, shape ``(1 + R, E)``."""
-    _, stratum = np.unique(template, return_inverse=True)
-    drawn = times_drawn(stratum.astype(np.intp), resamples, np.random.default_rng(0))
-    return np.vstack((np.ones((1, len(template))), drawn))
-
-
-class _Resampled:
-    """Average precisions over resampled episodes."""
-
-    def __init__(self, frames: Frames, truth: TruthBoxes, found: FoundBoxes, template: Names, weight: Floats) -> None:
+    def __init__(self, frames: Frames, truth: TruthBoxes, found: FoundBoxes, template: Names) -> None:
         self._frames, self._truth, self._every = frames, truth, found
         self.matches = match(truth, found)
         self._found = found.at(self.matches.order)
-        self._template, self._weight = template, weight
+        _, self._stratum = np.unique(template, return_inverse=True)
+        self._template = template
         self._episode_of_found: Rows = frames.episode[self._found.frame]
         self._episode_of_label: Rows = frames.episode[truth.frame]
 
-    def _mean_ap(self, labels: Flags, counted: Sequence[Flags]) -> Floats:
-        """Mean over the distances: first of all episodes, then of each resample, shape ``(1 + R,)``."""
+    def _mean_ap(self, labels: Flags, counted: Sequence[Flags], episodes: Rows) -> Floats:
+        """Mean over the distances: of all episodes, then without each of some, shape ``(1 + len(episodes),)``."""
+        weight = np.ones((1 + len(episodes), len(self._frames.episodes)))
+        weight[np.arange(1, len(weight)), episodes] = 0.0
         per_episode = np.bincount(self._episode_of_label[labels], minlength=len(self._frames.episodes)).astype(float)
         found = []
         for row, kept in enumerate(counted):
             hit = self.matches.label[row][kept] >= 0
-            found.append(average_precision(hit, self._episode_of_found[kept], per_episode, self._weight))
+            found.append(average_precision(hit, self._episode_of_found[kept], per_episode, weight))
         mean: Floats = np.mean(found, axis=0)
         return mean
 
     def mean_ap(self, template_of_frame: Names, template: str) -> Floats:
-        """Of one template, from each resample, shape ``(R,)``."""
+        """Of one template, without each of its episodes."""
         kept = template_of_frame[self._found.frame] == template
         labels = template_of_frame[self._truth.frame] == template
-        return self._mean_ap(labels, [kept] * len(DISTANCES_M))[1:]
+        return self._mean_ap(labels, [kept] * len(DISTANCES_M), np.flatnonzero(self._template == template))[1:]
 
     def group(self, subset: Subset) -> GroupScore:
         """Of a subset of the labels: detections of other labels do not count, false alarms do."""
@@ -208,12 +199,12 @@ class _Resampled:
         if not own.any():
             return GroupScore(_NAMED, name, 0, NOTHING)
         found = self._every.at(self._every.label == name)
-        alone = _Resampled(self._frames, self._truth.at(own), found, self._template, self._weight)
+        alone = _Jackknifed(self._frames, self._truth.at(own), found, self._template)
         every = np.ones(len(found), dtype=np.bool_)
         return alone._scored(_NAMED, name, np.ones(int(own.sum()), dtype=np.bool_), [every] * len(DISTANCES_M))
 
     def _scored(self, group: str, name: str, labels: Flags, counted: Sequence[Flags]) -> GroupScore:
-        values = self._mean_ap(labels, counted)
         episodes = np.unique(self._episode_of_label[labels])
-        interval = _interval(float(values[0]), values[1:], self._template[episodes])
-        return GroupScore(group, name, int(labels.sum()), interval)
+        value, *left_out = self._mean_ap(labels, counted, episodes).tolist()
+        estimate = jackknife(value, np.array(left_out), self._stratum[episodes])
+        return GroupScore(group, name, int(labels.sum()), estimate.interval())

@@ -40,8 +40,8 @@ class Compared:
         """The row as text."""
         shown = f".{self.digits}f"
         ours = f"{self.ours.value:{shown}}" if self.ours.valid else "-"
-        if self.ours.bounded:
-            ours += f" [{self.ours.low:{shown}}, {self.ours.high:{shown}}]"
+        if self.ours.valid:
+            ours += f" [{self.ours.low:{shown}}, {self.ours.high:{shown}}]" if self.ours.bounded else " [-]"
         deviation = "" if self.deviation is None else f"{self.deviation:+.0%}"
         inside = {None: "", True: "yes", False: "no"}[self.inside]
         return self.table, self.row, self.column, f"{self.paper:{shown}}", ours, deviation, inside

@@ -44,8 +44,8 @@ def _families(detector: str, one: Mapping[str, Any]) -> Iterator[Compared]:
     share = one.get("order_of_families_share")
     if share is not None:
         episodes = interval_in(one["mean"]["mAP"]).blocks
-        ours = Interval(share, share, share, episodes, single=True)
-        yield Compared(ORDER, detector, "share of the resamples", 1.0, ours, relative=False)
+        ours = Interval(share, share, share, episodes, scatter_known=False)
+        yield Compared(ORDER, detector, "share of the draws", 1.0, ours, relative=False)
 
 
 def _ap(one: Mapping[str, Any] | None, template: str) -> Interval:

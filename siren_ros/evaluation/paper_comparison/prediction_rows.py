@@ -18,12 +18,10 @@ from siren_ros.evaluation.prediction.reports.paper_results import (
 )
 from siren_ros.evaluation.prediction.reports.score_table import ScoreTable, strata, sums_of
 from siren_ros.evaluation.prediction.scoring.episode_scores import EpisodeScores
-from siren_ros.evaluation.statistics.block_bootstrap import interval_of, interval_of_mean
 from siren_ros.evaluation.statistics.block_sums import BlockSums, block_sums
 from siren_ros.evaluation.statistics.interval import NOTHING, Interval
-from siren_ros.evaluation.statistics.rank_correlation import RANKED_MIN, rank_rho
-from siren_ros.numerics.arrays import Floats, Rows
-from siren_ros.numerics.random_streams import random_stream
+from siren_ros.evaluation.statistics.jackknife import estimate_of_mean, interval_of_mean, jackknife
+from siren_ros.evaluation.statistics.rank_correlation import RANKED_MIN, ranking_interval
 
 ERRORS: Final = {
     "ade_m": "ADE in m",
@@ -47,25 +45,24 @@ def own_level_only(scores: Sequence[EpisodeScores], level_of: Callable[[str], st
     return [one for one in scores if one.template in TEMPLATES and one.level.name == level_of(one.template)]
 
 
-def prediction_rows(table: ScoreTable, seed: int = 0) -> Iterator[Compared]:
+def prediction_rows(table: ScoreTable) -> Iterator[Compared]:
     """All rows, those without a value of ours included.
 
     Args:
         table: Episodes at their templates' own levels, and the vehicles of the interaction region.
-        seed: Of the bootstrap.
     """
     maps = ",".join(sorted({episode.map_name for episode in table.episodes}))
-    for row in _rows(table, seed):
+    for row in _rows(table):
         yield replace(row, map=maps)
 
 
-def _rows(table: ScoreTable, seed: int) -> Iterator[Compared]:
+def _rows(table: ScoreTable) -> Iterator[Compared]:
     for metric, title in ERRORS.items():
         for model, name in PAPER_NAMES.items():
             yield from _errors(table, metric, title, model, name)
-    yield from _samples(table, seed)
-    yield from _ratios(table, seed)
-    yield from _rankings(table, seed)
+    yield from _samples(table)
+    yield from _ratios(table)
+    yield from _rankings(table)
 
 
 def _errors(table: ScoreTable, metric: str, title: str, model: str, name: str) -> Iterator[Compared]:
@@ -79,14 +76,14 @@ def _errors(table: ScoreTable, metric: str, title: str, model: str, name: str) -
     yield Compared(title, name, MEAN, row.mean, NOTHING if cell is None else cell.interval)
 
 
-def _samples(table: ScoreTable, seed: int) -> Iterator[Compared]:
+def _samples(table: ScoreTable) -> Iterator[Compared]:
     """Mean number of samples of an episode, with the interval over episodes."""
     template = np.array([episode.template for episode in table.episodes])
     counts = np.array([episode.samples for episode in table.episodes], dtype=np.float64)
     for name in TEMPLATES:
         here = counts[template == name]
         sums = block_sums(here, np.arange(len(here)), np.zeros(len(here), dtype=np.intp))
-        found = interval_of_mean(sums, random_stream(seed, f"paper/samples/{name}"))
+        found = interval_of_mean(sums)
         yield Compared(SAMPLES, "all vehicles", name, float(PAPER_SAMPLES[name]), found, digits=0)
 
 
@@ -104,48 +101,39 @@ def _sums(table: ScoreTable, *models: str) -> tuple[list[str], list[BlockSums]]:
     return [names[number] for number in kept.tolist()], sums
 
 
-def _means(sums: BlockSums, blocks: Rows) -> Floats:
-    """Mean of each stratum over the samples of some blocks, which are of every stratum."""
-    total = np.bincount(sums.stratum[blocks], weights=sums.total[blocks])
-    return np.asarray(total / np.bincount(sums.stratum[blocks], weights=sums.count[blocks]), dtype=np.float64)
-
-
-def _ratios(table: ScoreTable, seed: int) -> Iterator[Compared]:
+def _ratios(table: ScoreTable) -> Iterator[Compared]:
     reference = paper_row("cv", "ade_m")
     for model, name in PAPER_NAMES.items():
         row = paper_row(model, "ade_m")
         if row is not None and reference is not None and model != "cv":
-            yield Compared(RATIO, name, MEAN, row.mean / reference.mean, _ratio(table, model, seed))
+            yield Compared(RATIO, name, MEAN, row.mean / reference.mean, _ratio(table, model))
 
 
-def _ratio(table: ScoreTable, model: str, seed: int) -> Interval:
+def _ratio(table: ScoreTable, model: str) -> Interval:
     if model not in table.models or "cv" not in table.models:
         return NOTHING
     _, (own, reference) = _sums(table, model, "cv")
 
-    def ratio(blocks: Rows) -> float:
-        return float(_means(own, blocks).mean() / _means(reference, blocks).mean())
+    if len(own) == 0:
+        return NOTHING
+    ratio = own.value() / reference.value()
+    return jackknife(ratio, own.left_out() / reference.left_out(), own.stratum).interval()
 
-    return interval_of(ratio, own.stratum, random_stream(seed, f"paper/ratio/{model}"))
 
-
-def _rankings(table: ScoreTable, seed: int) -> Iterator[Compared]:
+def _rankings(table: ScoreTable) -> Iterator[Compared]:
     """Spearman's ρ between our templates and the paper's; the paper's own is 1."""
     for model, name in PAPER_NAMES.items():
         row = paper_row(model, "ade_m")
         if row is not None:
-            yield Compared(RANKING, name, "Spearman", 1.0, _ranking(table, model, row, seed), relative=False)
+            yield Compared(RANKING, name, "Spearman", 1.0, _ranking(table, model, row), relative=False)
 
 
-def _ranking(table: ScoreTable, model: str, paper: PaperRow, seed: int) -> Interval:
+def _ranking(table: ScoreTable, model: str, paper: PaperRow) -> Interval:
     if model not in table.models:
         return NOTHING
     names, (sums,) = _sums(table, model)
     if len(names) < RANKED_MIN:
         return NOTHING
+    estimates = [estimate_of_mean(sums.of(number)) for number in range(len(names))]
     there = [paper.by_template[name] for name in names]
-
-    def rho(blocks: Rows) -> float:
-        return rank_rho(_means(sums, blocks).tolist(), there)
-
-    return interval_of(rho, sums.stratum, random_stream(seed, f"paper/ranking/{model}"))
+    return ranking_interval(estimates, there)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.statistics.interval import NOTHING, Interval
+from siren_ros.evaluation.statistics.interval import BLOCKS_MIN, NOTHING, Interval
 
 FILE: Final = "scores.json"
 
@@ -35,5 +35,6 @@ def interval_in(content: Mapping[str, Any] | None, key: str = "value") -> Interv
         return NOTHING
     low, high = content.get("low"), content.get("high")
     if low is None or high is None:
-        return Interval(content[key], content[key], content[key], 1)
-    return Interval(content[key], low, high, int(content.get("episodes", 2)))
+        blocks = int(content.get("episodes", 1))
+        return Interval(content[key], content[key], content[key], blocks, scatter_known=False)
+    return Interval(content[key], low, high, int(content.get("episodes", BLOCKS_MIN)))

@@ -1,27 +1,22 @@
-"""Scores of three-class answers: confusion matrices and what is read from them."""
+"""Scores of three-class answers: confusion matrices and what is read from them, between 0 and 1, with intervals.
+
+A score that would divide by nothing is not valid, and 0 as in the paper.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from siren_ros.evaluation.risk.risk_class import RiskClass
+from siren_ros.evaluation.statistics.interval import Interval, mean_of_intervals, share_interval
 
 Confusion = npt.NDArray[np.int64]
 """Counts of videos, shape ``(3, 4)``: row the reference class, column the answer, the last one for no usable answer."""
 
 NO_ANSWER: Final = len(RiskClass)
 """Column of the videos whose answer could not be read. They count as wrong, and as no answer of any class."""
-
-
-@dataclass(frozen=True)
-class Score:
-    """A score between 0 and 1; 0 and not valid where it would divide by nothing. The paper prints 0 there, too."""
-
-    value: float
-    valid: bool = True
 
 
 def confusion(reference: Sequence[RiskClass], answers: Sequence[RiskClass | None]) -> Confusion:
@@ -32,41 +27,48 @@ def confusion(reference: Sequence[RiskClass], answers: Sequence[RiskClass | None
     return counts
 
 
-def accuracy(counts: Confusion) -> Score:
+def accuracy(counts: Confusion) -> Interval:
     """Share of right answers."""
-    return _share(int(np.trace(counts)), int(counts.sum()))
+    return share_interval(int(np.trace(counts)), int(counts.sum()))
 
 
-def precision(counts: Confusion, risk: RiskClass) -> Score:
+def precision(counts: Confusion, risk: RiskClass) -> Interval:
     """Share of the answers of a class that are right; not valid where the class was never answered."""
-    return _share(int(counts[risk, risk]), int(counts[:, risk].sum()))
+    return share_interval(int(counts[risk, risk]), int(counts[:, risk].sum()))
 
 
-def recall(counts: Confusion, risk: RiskClass) -> Score:
+def recall(counts: Confusion, risk: RiskClass) -> Interval:
     """Share of the videos of a class that were recognised; not valid where there are none."""
-    return _share(int(counts[risk, risk]), int(counts[risk].sum()))
+    return share_interval(int(counts[risk, risk]), int(counts[risk].sum()))
 
 
-def f1(counts: Confusion, risk: RiskClass) -> Score:
-    """Harmonic mean of precision and recall: 2·TP / (answers + videos) of the class."""
-    return _share(2 * int(counts[risk, risk]), int(counts[:, risk].sum() + counts[risk].sum()))
+def f1(counts: Confusion, risk: RiskClass) -> Interval:
+    """Harmonic mean of precision and recall: 2·TP / (answers + videos) of the class.
+
+    It rises with the share of right ones among the videos that are, or are said to be, of the class: 2·share /
+    (1 + share). So do its bounds.
+    """
+    right = int(counts[risk, risk])
+    share = share_interval(right, int(counts[:, risk].sum() + counts[risk].sum()) - right)
+    value, low, high = (2.0 * one / (1.0 + one) for one in (share.value, share.low, share.high))
+    return Interval(value, low, high, share.blocks)
 
 
-def balanced_accuracy(counts: Confusion) -> Score:
+def balanced_accuracy(counts: Confusion) -> Interval:
     """Mean recall of the classes that have videos."""
-    return _mean([recall(counts, risk) for risk in RiskClass])
+    return mean_of_intervals([recall(counts, risk) for risk in RiskClass], int(counts.sum()))
 
 
-def macro_f1(counts: Confusion) -> Score:
+def macro_f1(counts: Confusion) -> Interval:
     """Mean F1 of the classes that have videos or answers."""
-    return _mean([f1(counts, risk) for risk in RiskClass])
+    return mean_of_intervals([f1(counts, risk) for risk in RiskClass], int(counts.sum()))
 
 
-def _of_class(score: Callable[[Confusion, RiskClass], Score], risk: RiskClass) -> Callable[[Confusion], Score]:
+def _of_class(score: Callable[[Confusion, RiskClass], Interval], risk: RiskClass) -> Callable[[Confusion], Interval]:
     return lambda counts: score(counts, risk)
 
 
-SCORES: Final[Mapping[str, Callable[[Confusion], Score]]] = {
+SCORES: Final[Mapping[str, Callable[[Confusion], Interval]]] = {
     "accuracy": accuracy,
     "balanced_accuracy": balanced_accuracy,
     "macro_f1": macro_f1,
@@ -77,12 +79,3 @@ SCORES: Final[Mapping[str, Callable[[Confusion], Score]]] = {
     },
 }
 """Every score by its name in tables and files."""
-
-
-def _share(part: int, whole: int) -> Score:
-    return Score(part / whole) if whole else Score(0.0, valid=False)
-
-
-def _mean(scores: Sequence[Score]) -> Score:
-    known = [score.value for score in scores if score.valid]
-    return Score(float(np.mean(known))) if known else Score(0.0, valid=False)

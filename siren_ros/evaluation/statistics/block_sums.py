@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from siren_ros.numerics.arrays import Floats, Rows
+from siren_ros.numerics.arrays import Flags, Floats, Rows
 
 
 def identity(values: Floats) -> Floats:
@@ -29,23 +29,29 @@ class BlockSums:
 
     def with_values(self) -> "BlockSums":
         """Those blocks that have a value."""
-        there = self.count > 0
-        return BlockSums(self.total[there], self.count[there], self.stratum[there], self.of_stratum)
+        return self._at(self.count > 0)
 
-    def mean(self, weight: Floats) -> Floats:
-        """Mean over the strata, each counted once, of the means over all values of a stratum.
+    def value(self) -> float:
+        """Mean over the strata, each counted once, of the means over all values of a stratum."""
+        return float(self.mean_of(self.total[None], self.count[None])[0])
 
-        Args:
-            weight: How often each block counts, one row for each answer, shape ``(R, B)``. In each row every stratum
-                has a block with values.
+    def left_out(self) -> Floats:
+        """The same without each block, shape ``(B,)``; with all where a block is alone in its stratum."""
+        strata, stratum, blocks = np.unique(self.stratum, return_inverse=True, return_counts=True)
+        totals, counts = (np.bincount(stratum, weights=one)[stratum] for one in (self.total, self.count))
+        shared = blocks[stratum] > 1
+        others = self.of_stratum((totals - self.total * shared) / (counts - self.count * shared))
+        return self.value() + (others - self.of_stratum(totals / counts)) / len(strata)
 
-        Returns:
-            Shape ``(R,)``.
-        """
-        return self.mean_of(weight * self.total, weight * self.count)
+    def of(self, stratum: int) -> "BlockSums":
+        """The blocks of one stratum."""
+        return self._at(self.stratum == stratum)
+
+    def _at(self, chosen: Flags) -> "BlockSums":
+        return BlockSums(self.total[chosen], self.count[chosen], self.stratum[chosen], self.of_stratum)
 
     def mean_of(self, totals: Floats, counts: Floats) -> Floats:
-        """As ``mean``, of other sums over the same blocks; shapes ``(R, B)`` give ``(R,)``."""
+        """As ``value``, of other sums over the same blocks; shapes ``(R, B)`` give ``(R,)``."""
         of_strata = [
             self.of_stratum(totals[:, here].sum(axis=1) / counts[:, here].sum(axis=1))
             for here in (self.stratum == one for one in np.unique(self.stratum).tolist())

@@ -6,9 +6,9 @@ from typing import Final
 import numpy as np
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.statistics.block_bootstrap import times_drawn
 from siren_ros.evaluation.statistics.block_sums import BlockSums
-from siren_ros.evaluation.statistics.interval import CONFIDENCE, NOTHING, RESAMPLES, Interval, percentile_interval
+from siren_ros.evaluation.statistics.interval import CONFIDENCE, NOTHING, Interval
+from siren_ros.evaluation.statistics.jackknife import jackknife
 from siren_ros.numerics.arrays import Flags
 
 ENUMERATED_BLOCKS: Final = 12
@@ -31,15 +31,14 @@ def paired_difference(
     first: BlockSums,
     second: BlockSums,
     rng: np.random.Generator,
-    resamples: int = RESAMPLES,
     confidence: float = CONFIDENCE,
 ) -> PairedDifference:
     """Compares two models that were scored on the same samples.
 
-    The interval draws the blocks again, the same for both. The p-value is that of a permutation test: if the two
-    were alike, they could be exchanged within any block. It is the share of exchanges whose difference is at least
-    as far from 0 as the one found; all exchanges for few blocks, otherwise random ones (B. Phipson, G. Smyth,
-    Stat. Appl. Genet. Mol. Biol. 9 (2010) 39). With B blocks it is not below 2 / 2ᴮ.
+    The interval is the jackknife's, which leaves out a block of both at once. The p-value is that of a permutation
+    test: if the two were alike, they could be exchanged within any block. It is the share of exchanges whose difference
+    is at least as far from 0 as the one found; all exchanges for few blocks, otherwise random ones (B. Phipson,
+    G. Smyth, Stat. Appl. Genet. Mol. Biol. 9 (2010) 39). With B blocks it is not below 2 / 2ᴮ.
 
     Raises:
         InputError: The two do not have the same numbers of values in the same blocks.
@@ -49,10 +48,8 @@ def paired_difference(
     one, two = first.with_values(), second.with_values()
     if len(one) == 0:
         return PairedDifference(NOTHING, 1.0)
-    everyone = np.ones((1, len(one)))
-    found = float((one.mean(everyone) - two.mean(everyone))[0])
-    weight = times_drawn(one.stratum, resamples, rng)
-    interval = percentile_interval(found, one.mean(weight) - two.mean(weight), one.stratum, confidence)
+    found = one.value() - two.value()
+    interval = jackknife(found, one.left_out() - two.left_out(), one.stratum).interval(confidence)
     return PairedDifference(interval, _p_value(one, two, found, rng))
 
 

@@ -45,14 +45,14 @@ def effects(
 ) -> tuple[Effect, ...]:
     """Effects of the level, template by template and over all of them.
 
-    The blocks of the bootstrap are the pairs. A travel time is the one up to the episode's end where the EMV has not
+    The blocks of the intervals are the pairs. A travel time is the one up to the episode's end where the EMV has not
     arrived by then, so that effects on it are understated and never overstated by the end of the episode.
 
     Args:
         episodes: At several levels; episodes without a partner at the other level are left out.
         contrasts: Which levels are compared.
         outcomes: Names of episode metrics.
-        seed: Of the bootstrap and of the test.
+        seed: Of the permutation test.
 
     Raises:
         InputError: Two episodes of one pair differ in more than the level, or a pair has two episodes of one level.

@@ -8,12 +8,11 @@ from typing import Any, Self
 
 import numpy as np
 
-from siren_ros.evaluation.statistics.block_bootstrap import interval_of_mean
 from siren_ros.evaluation.statistics.block_sums import block_sums
 from siren_ros.evaluation.statistics.interval import Interval
+from siren_ros.evaluation.statistics.jackknife import interval_of_mean
 from siren_ros.evaluation.yielding.metrics import EPISODE_METRICS
 from siren_ros.evaluation.yielding.scoring import YieldScores
-from siren_ros.numerics.random_streams import random_stream
 from siren_ros.recording.episode_record import EpisodeRecord
 
 
@@ -81,25 +80,20 @@ def situation_sha256(record: EpisodeRecord) -> str:
     return digest.hexdigest()
 
 
-def group_means(episodes: Sequence[ScoredEpisode], seed: int = 0) -> Mapping[tuple[str, str, str], dict[str, Interval]]:
-    """Mean of every metric over the episodes of each group that have a value, with its bootstrap interval.
-
-    Args:
-        episodes: The episodes; each is a block.
-        seed: Of the bootstrap.
-    """
+def group_means(episodes: Sequence[ScoredEpisode]) -> Mapping[tuple[str, str, str], dict[str, Interval]]:
+    """Mean of every metric over the episodes of each group that have a value, with its interval over episodes."""
     groups: dict[tuple[str, str, str], list[ScoredEpisode]] = {}
     for episode in episodes:
         groups.setdefault(episode.group, []).append(episode)
-    return {group: _means(found, seed) for group, found in sorted(groups.items())}
+    return {group: _means(found) for group, found in sorted(groups.items())}
 
 
-def _means(episodes: Sequence[ScoredEpisode], seed: int) -> dict[str, Interval]:
+def _means(episodes: Sequence[ScoredEpisode]) -> dict[str, Interval]:
     means = {}
     for metric in EPISODE_METRICS:
         measures = [episode.scores.metrics[metric.name] for episode in episodes]
         values = np.array([measure.value if measure.valid else np.nan for measure in measures])
         blocks = np.arange(len(values))
         sums = block_sums(values, blocks, np.zeros(len(values), dtype=np.intp))
-        means[metric.name] = interval_of_mean(sums, random_stream(seed, f"yield/{metric.name}"))
+        means[metric.name] = interval_of_mean(sums)
     return means

@@ -20,7 +20,7 @@ def detection_section(study: StudyRows, folder: Path) -> Section | None:
         return None
     text = (
         "nuScenes' own code and the paper's protocol: one class for all vehicles, labels within 50 m with at least one "
-        "LiDAR point. Intervals are 95 % by bootstrap over episodes."
+        "LiDAR point. Intervals are 95 % over episodes."
     )
     call = command("evaluate detection", study.folder, f"--detections NAME=FILE --out {quoted(folder)}")
     return Section("detection", "Task: 3-D detection", (text,), tables=tables, commands=(call,))

@@ -23,7 +23,7 @@ def effects_section(study: StudyRows, measures: StudyMeasures) -> Section | None
     text = (
         "Map, demand, route, drivers and draws of one seed are the same at all levels, so a difference is the effect "
         "of the level. L1 − L0: the EMV's privileges; L2 − L1: siren and lane changes; L3 − L1: siren and corridor. "
-        "Intervals are 95 % by bootstrap over pairs; p-values come from a permutation test, adjusted for all "
+        "Intervals are 95 % over pairs; p-values come from a permutation test, adjusted for all "
         "comparisons of an outcome (Holm)."
     )
     figures = [

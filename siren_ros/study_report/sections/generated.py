@@ -10,7 +10,7 @@ from siren_ros.errors import SirenError
 from siren_ros.scenario.templates import load_template
 from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.studies.matrix import TOWN
-from siren_ros.study_report.cells import NONE, count_of
+from siren_ros.study_report.cells import NONE, count_of, share_of
 from siren_ros.study_report.charts.outcomes import draw_outcomes
 from siren_ros.study_report.commands import generate_command
 from siren_ros.study_report.content import Figure, Section, Table
@@ -97,7 +97,7 @@ def _counts(rows: Sequence[EpisodeRow]) -> tuple[str, ...]:
     return (
         str(len({row.seed for row in rows})),
         f"{len(complete)} of {len(rows)}",
-        f"{sum(bool(row.predicate_holds) for row in judged)} of {len(judged)}" if judged else NONE,
+        share_of(sum(bool(row.predicate_holds) for row in judged), len(judged)),
         f"{sum(row.simulated_s for row in complete):.0f}",
         f"{np.mean(cpu):.3f}" if cpu else NONE,
         str(sum(row.attempts - 1 for row in rows)),

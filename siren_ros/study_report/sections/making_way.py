@@ -42,7 +42,7 @@ def making_way_section(study: StudyRows, measures: StudyMeasures) -> Section:
     text = (
         "Each number comes from the record by a rule of its own. An episode that ended too early gives a lower bound. "
         "Points are episodes, bars are medians, curves are shares of all drivers in the EMV's way. Means are over "
-        "episodes, with 95 % intervals by bootstrap over episodes."
+        "episodes, with 95 % intervals over episodes."
     )
     return Section(
         "making_way",

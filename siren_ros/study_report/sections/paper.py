@@ -37,7 +37,7 @@ def paper_section(study: StudyRows, measures: StudyMeasures, options: PageOption
         f"Of the {len(measures.bags)} episodes, {len(counted)} are at their template's own level and count here, as in "
         "the paper, which has one episode of each template. Samples are of the vehicles in the interaction region; "
         f"{maps_next_to_the_papers(counted)}. "
-        "Intervals are 95 % by bootstrap over episodes; a star says that the paper's value lies in ours."
+        "Intervals are 95 % over episodes; a star says that the paper's value lies in ours."
     )
     more = [
         f"--{name} {quoted(folder)}"

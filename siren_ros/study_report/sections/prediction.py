@@ -23,7 +23,7 @@ def prediction_section(study: StudyRows, scores: ScoreTable) -> Section:
     text = (
         "Three seconds of history, five of future every 0.2 s, a sample for each vehicle and each frame at 10 Hz; "
         f"{POPULATION_TEXT[scores.episodes[0].population]}. A mean over templates counts each of them once; intervals "
-        "are 95 % by bootstrap over whole episodes."
+        "are 95 % over whole episodes."
     )
     figures = (Figure("horizon", "Error over the horizon", figure_uri(draw_horizon(scores))),)
     models = ",".join(scores.models)

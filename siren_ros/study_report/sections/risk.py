@@ -1,6 +1,7 @@
 """Section: risk understanding, from the scores that ``siren evaluate risk`` wrote."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,7 +28,7 @@ def risk_section(folder: Path) -> Section | None:
     if tables is None:
         return None
     text = (
-        "Each video is normal, a near-miss or a collision. Values are percentages, intervals 95 % by bootstrap over "
+        "Each video is normal, a near-miss or a collision. Values are percentages, intervals 95 % over "
         "videos. The rows majority and oracle answer the commonest class and the label itself."
     )
     call = f"./env siren evaluate risk SET --predictions NAME=FILE --out {quoted(folder)}"
@@ -60,4 +61,4 @@ def _percent(score: Mapping[str, Any] | None) -> Interval:
     found = interval_in(score)
     if not found.valid:
         return NOTHING
-    return Interval(100.0 * found.value, 100.0 * found.low, 100.0 * found.high, found.blocks)
+    return replace(found, value=100.0 * found.value, low=100.0 * found.low, high=100.0 * found.high)

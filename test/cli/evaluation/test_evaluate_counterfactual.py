@@ -13,7 +13,7 @@ from siren_ros.evaluation.yielding.summary import ScoredEpisode
 
 
 def scored(level: str, seed: int) -> ScoredEpisode:
-    metrics = {metric.name: Measure(20.0 + seed - 3.0 * (level == "L1")) for metric in EPISODE_METRICS}
+    metrics = {metric.name: Measure(20.0 + seed - (2.0 + 0.5 * seed) * (level == "L1")) for metric in EPISODE_METRICS}
     return ScoredEpisode(f"{level}{seed}", "S3", level, seed, "town", "", str(seed), YieldScores(metrics, ()))
 
 
@@ -26,7 +26,7 @@ def test_effects_are_printed_and_written(
     assert main(["evaluate", "counterfactual", "x", "--out", str(out), "--outcomes", "site_time_s"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "site_time_s, L1 minus L0"
-    assert lines[1].split()[:4] == ["S3", "-3.00", "[-3.00,", "-3.00]"]
+    assert lines[1].split()[:4] == ["S3", "-3.00", "[-3.98,", "-2.02]"]
     assert len(lines) == 2
     written = json.loads(out.read_text(encoding="utf-8"))
     assert {one["outcome"] for one in written} > {"site_time_s", "collisions"}

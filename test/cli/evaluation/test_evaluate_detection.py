@@ -41,7 +41,7 @@ def _tokens(bag: Path, tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 
 
 def evaluate(bag: Path, *arguments: str) -> int:
-    return main(["evaluate", "detection", str(bag), *arguments, "--jobs", "1", "--resamples", "5"])
+    return main(["evaluate", "detection", str(bag), *arguments, "--jobs", "1"])
 
 
 def rows(path: Path) -> dict[str, dict[str, str]]:
@@ -152,7 +152,6 @@ def test_a_pickle_whose_columns_differ_in_length_is_refused(
         (["--detectors", "classical", "--checkpoint", "pillars=/x.onnx"], "one of --detectors: classical"),
         (["--detectors", "pillars", "--detections", "pillars=/x.json"], "each name once"),
         (["--detections", "x=topic:/emv/nothing"], "/emv/detections"),
-        (["--detectors", "pillars", "--resamples", "0"], "1 or more"),
     ],
 )
 def test_what_cannot_be_asked_for(bag: Path, capsys: pytest.CaptureFixture[str], given: list[str], said: str) -> None:

@@ -60,11 +60,11 @@ def found_set(boxes: FoundBoxes, frames: Frames) -> FoundSet:
     return FoundSet("made", "made", boxes, frames.scored, has_velocity=True)
 
 
-def scored(frames: Frames, boxes: FoundBoxes, resamples: int = 20) -> DetectorScores:
+def scored(frames: Frames, boxes: FoundBoxes) -> DetectorScores:
     def run(tables: Sequence[tuple[TruthBoxes, FoundBoxes]]) -> list[DevkitScore]:
         return [devkit_score(*one) for one in tables]
 
-    return score_detector(frames, found_set(boxes, frames), VEHICLE_NAMES, run, resamples)
+    return score_detector(frames, found_set(boxes, frames), VEHICLE_NAMES, run)
 
 
 def part(scores: DetectorScores, name: str) -> GroupScore:
@@ -158,18 +158,28 @@ def test_a_family_has_a_row_where_all_of_its_templates_are_there() -> None:
     assert scores.order is None
 
 
-def test_an_interval_is_of_the_resamples_alone() -> None:
-    """One resample of six episodes, of which every second one is found: both bounds are its score."""
+def test_an_interval_is_students_over_the_episodes() -> None:
+    """Of six episodes every second one is found: AP is 40/90, 50/90 without a missed one and 30/90 without a found one.
+
+    Precision is 1 up to the recall of 3/6, 3/5 or 2/5, which counts from 0.1 on.
+    """
     places = [(4 * number, 10.0) for number in range(6)]
-    scores = scored(frames_with(labels(*places), ["S1"] * 6), detections(*places[::2]), resamples=1)
+    scores = scored(frames_with(labels(*places), ["S1"] * 6), detections(*places[::2]))
     ap = scores.template_ap["S1"]
-    assert ap.value == pytest.approx(40 / 90)
-    assert ap.low == ap.high != pytest.approx(ap.value)
+    left_out = np.array([30 / 90, 50 / 90] * 3)
+    half = 2.5706 * np.sqrt(5 / 6 * ((left_out - left_out.mean()) ** 2).sum())
+    assert (ap.value, ap.low, ap.high) == pytest.approx((40 / 90, 40 / 90 - half, 40 / 90 + half), abs=1e-4)
     assert ap.blocks == 6
-    many = scored(frames_with(labels(*places), ["S1"] * 6), detections(*places[::2]), resamples=200).mean_ap
-    assert many.low < many.value < many.high
-    held = part(scored(frames_with(labels(*places), ["S1"] * 6), detections(*places[::2]), 1), "nominal").mean_ap
-    assert (held.low, held.high) == pytest.approx((ap.low, ap.low))
+    assert scores.mean_ap == ap
+    held = part(scores, "nominal").mean_ap
+    assert (held.low, held.high) == pytest.approx((ap.low, ap.high))
+
+
+def test_a_template_that_one_episode_holds_all_labels_of_has_no_interval() -> None:
+    """Without it nothing is left to find."""
+    frames = frames_with(labels((0, 10.0), (0, 20.0)), ["S1"] * 6)
+    ap = scored(frames, detections((0, 10.0), (4, 30.0))).template_ap["S1"]
+    assert (ap.blocks, ap.bounded) == (6, False)
 
 
 def test_labels_as_detections_are_those_with_a_return_the_nearer_the_surer() -> None:

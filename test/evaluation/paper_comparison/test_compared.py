@@ -31,7 +31,7 @@ def test_cells_have_the_rows_digits() -> None:
     assert row(2.0).cells() == ("ADE in m", "CV", "S1", "2.00", "3.00 [1.50, 4.50]", "+50%", "yes")
     assert row(5.0, digits=1).cells()[3:] == ("5.0", "3.0 [1.5, 4.5]", "-40%", "no")
     alone = Interval(3.0, 3.0, 3.0, 1)
-    assert row(2.0, alone).cells()[4:] == ("3.00", "+50%", "")
+    assert row(2.0, alone).cells()[4:] == ("3.00 [-]", "+50%", "")
     assert row(2.0, NOTHING).cells()[4:] == ("-", "", "")
 
 
@@ -39,8 +39,8 @@ def test_without_bounds_or_value_json_says_nothing() -> None:
     told = row(2.0).to_json()
     assert (told["paper"], told["ours"], told["low"], told["high"], told["episodes"]) == (2.0, 3.0, 1.5, 4.5, 6)
     assert (told["deviation"], told["paper_inside"]) == (pytest.approx(0.5), True)
-    single = row(2.0, Interval(3.0, 3.0, 3.0, 4, single=True)).to_json()
-    assert (single["ours"], single["low"], single["high"], single["episodes"]) == (3.0, None, None, 4)
+    single = row(2.0, Interval(3.0, 3.0, 3.0, 14, scatter_known=False)).to_json()
+    assert (single["ours"], single["low"], single["high"], single["episodes"]) == (3.0, None, None, 14)
     nothing = row(2.0, NOTHING).to_json()
     assert [nothing[name] for name in ("ours", "low", "high", "deviation", "paper_inside")] == [None] * 5
 

@@ -1,3 +1,4 @@
+from collections.abc import Sequence
 from itertools import permutations
 
 import numpy as np
@@ -7,7 +8,9 @@ from hypothesis import strategies as st
 from scipy.stats import spearmanr
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.statistics.rank_correlation import rank_correlation
+from siren_ros.evaluation.statistics.interval import Interval
+from siren_ros.evaluation.statistics.jackknife import Estimate
+from siren_ros.evaluation.statistics.rank_correlation import rank_correlation, ranking_interval
 
 
 @given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=3, max_size=10))
@@ -60,3 +63,33 @@ def test_eight_pairs_are_counted_and_nine_are_not(count: int, p_value: float) ->
     assert found is not None
     assert found.p_value == pytest.approx(p_value, rel=1e-9)
     assert found.pairs == count
+
+
+def interval_between(error: float, *values: float, other: Sequence[float] = (1.0, 2.0, 3.0, 9.0)) -> Interval:
+    return ranking_interval([Estimate(value, error, 4.0, 5, True) for value in values], other)
+
+
+def test_the_order_of_sure_estimates_is_sure() -> None:
+    found = interval_between(0.01, 1.0, 2.0, 3.0, 4.0)
+    assert (found.value, found.low, found.high) == pytest.approx((1.0, 1.0, 1.0))
+    assert (found.blocks, found.bounded) == (20, True)
+
+
+def test_neighbours_whose_intervals_overlap_may_stand_the_other_way_round() -> None:
+    """Intervals of 98.7 % for all four at once: t of 4 degrees of freedom is 4.28, so 0.13 m is 0.56 m to each side."""
+    found = interval_between(0.13, 1.0, 2.0, 3.0, 4.0)
+    swapped = 1.0 - 6.0 * 4.0 / (4.0 * 15.0)
+    assert (found.value, found.low, found.high) == pytest.approx((1.0, swapped, 1.0)), "1 with 2, and 3 with 4"
+
+
+def test_estimates_that_say_nothing_allow_every_order() -> None:
+    found = interval_between(9.0, 1.0, 2.0, 3.0, 4.0)
+    assert (found.value, found.low, found.high) == pytest.approx((1.0, -1.0, 1.0))
+    assert interval_between(9.0, 2.0, 2.0, 2.0, 2.0).value == 0.0, "of equal values it says nothing"
+
+
+def test_a_ranking_with_a_template_of_one_episode_or_with_too_many_has_no_bounds() -> None:
+    estimates = [Estimate(1.0, 0.1, 4.0, 5, True), Estimate(2.0, 0.0, 0.0, 1, False), Estimate(3.0, 0.1, 4.0, 5, True)]
+    assert not ranking_interval(estimates, [1.0, 2.0, 3.0]).bounded
+    assert interval_between(0.1, *range(8), other=range(8)).bounded
+    assert not interval_between(0.1, *range(9), other=range(9)).bounded

@@ -10,7 +10,7 @@ from siren_ros.pictures.palette import TEXT
 from siren_ros.study_report.charts.forest import draw_forest
 
 
-def effect(template: str, first: str, second: str, value: float, blocks: int = 4) -> Effect:
+def effect(template: str, first: str, second: str, value: float, blocks: int = 5) -> Effect:
     interval = Interval(value, value - 1.0, value + 2.0, blocks)
     return Effect(template, "emv_delay_s", first, second, PairedDifference(interval, 0.1), 0, 0.2)
 

@@ -47,7 +47,7 @@ def test_groups() -> None:
     assert table.rows == (
         ("S2", "L0", "Town04", "1", "0 of 1", "–", "0", "–", "0"),
         # 0.2, 0.1 and no processor time for a simulated second; one and two attempts in vain.
-        ("S2", "L2 (own)", "town", "3", "3 of 4", "1 of 2", "60", "0.100", "3"),
+        ("S2", "L2 (own)", "town", "3", "3 of 4", "1 of 2 [–]", "60", "0.100", "3"),
     )
     assert not table.folded
     many = tuple(row("L2", 0, map=f"m{number}") for number in range(13))

@@ -12,7 +12,7 @@ STUDY = StudyRows(Path("a study"), {}, (), "")
 
 
 def template(mean_ap: float, labels: int = 10) -> dict[str, Any]:
-    interval = {"value": mean_ap, "low": mean_ap - 0.05, "high": mean_ap + 0.05, "episodes": 4}
+    interval = {"value": mean_ap, "low": mean_ap - 0.05, "high": mean_ap + 0.05, "episodes": 6}
     return {"mAP": interval, "NDS": mean_ap / 2.0, "labels": labels, "errors": {"ATE": 0.5, "AOE": 0.25}}
 
 
@@ -50,7 +50,7 @@ def test_detectors_with_different_templates(tmp_path: Path) -> None:
 
 
 def test_models_that_judge_risk(tmp_path: Path) -> None:
-    score = {"value": 0.5, "low": 0.25, "high": 0.75, "episodes": 4}
+    score = {"value": 0.5, "low": 0.25, "high": 0.75, "episodes": 6}
     model = {
         "videos": 5, "answered": 4, "scores": {"accuracy": score, "f1_collision": {"value": None}},
         "confusion": [[2, 0, 0, 0], [1, 0, 0, 0], [0, 0, 0, 1]],

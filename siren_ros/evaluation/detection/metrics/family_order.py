@@ -1,4 +1,4 @@
-"""Whether families of templates are in the paper's order of rising mAP, in resampled episodes."""
+"""How probable it is that families of templates are in the paper's order of rising mAP."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ FAMILIES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
 
 @dataclass(frozen=True)
 class FamilyOrder:
-    """Shares of the resamples."""
+    """Shares of values drawn about each family's mAP, as far from it as its episodes leave open."""
 
     steps: Mapping[str, float]
     """In which a family is below the next one, by ``clearance < stop sign`` and so on."""
@@ -27,7 +27,7 @@ class FamilyOrder:
 
     @classmethod
     def of(cls, families: Mapping[str, Floats]) -> Self | None:
-        """From the mAP of each family in each resample, shape ``(R,)``; None where a family is missing."""
+        """From the mAP of each family in each draw, shape ``(R,)``; None where a family is missing."""
         if set(families) != set(FAMILIES):
             return None
         rises = {f"{low} < {high}": families[low] < families[high] for low, high in pairwise(FAMILIES)}
@@ -37,4 +37,4 @@ class FamilyOrder:
     def told(self) -> str:
         """For a reader of the tables."""
         steps = ", ".join(f"{name} in {share:.0%}" for name, share in self.steps.items())
-        return f"{steps} of the resamples; the paper's whole order in {self.whole:.0%}, by chance 4%"
+        return f"{steps} of the draws; the paper's whole order in {self.whole:.0%}, by chance 4%"

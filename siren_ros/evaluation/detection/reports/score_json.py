@@ -9,7 +9,7 @@ from siren_ros.evaluation.statistics.interval import Interval
 
 
 def scores_as_json(scores: Sequence[DetectorScores]) -> dict[str, Any]:
-    """By the detectors' names; intervals are null with fewer than two episodes."""
+    """By the detectors' names; intervals are null where there are too few episodes."""
     return {one.name: _detector(one) for one in scores}
 
 

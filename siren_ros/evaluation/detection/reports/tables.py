@@ -47,15 +47,10 @@ def _by_template(scores: Sequence[DetectorScores], paper: Sequence[PaperDetector
         )
         for one in scores
     ]
-    if any(one.mean_ap.bounded for one in scores):
-        rows += [
-            (
-                f"{one.name}, 95 % of mAP",
-                *(_bounds(one.template_ap[name]) for name in templates),
-                _bounds(one.mean_ap),
-            )
-            for one in scores
-        ]
+    rows += [
+        (f"{one.name}, 95 % of mAP", *(_bounds(one.template_ap[name]) for name in templates), _bounds(one.mean_ap))
+        for one in scores
+    ]
     for row in paper:
         pairs = [row.ap_and_nds.get(name) for name in (*templates, MEAN)]
         cells = (_NONE if pair is None else f"{_3(pair[0])}/{_3(pair[1])}" for pair in pairs)
@@ -88,18 +83,16 @@ def _groups(scores: Sequence[DetectorScores]) -> Table:
             cells = _cells([NOTHING if part is None else part.mean_ap for part in found])
             rows.append((group, name, "/".join(labels), *cells))
     head = ("of", "labels that are", "labels", *(one.name for one in scores))
-    caption = "mAP of parts of the labels, with the interval of 95 % over episodes where there are several"
+    caption = "mAP of parts of the labels, with the interval of 95 % over episodes"
     return Table("parts", caption, head, tuple(rows))
 
 
 def _cells(values: Sequence[Interval]) -> list[str]:
-    return [
-        (f"{_3(one.value)} {_bounds(one)}" if one.bounded else _3(one.value)) if one.valid else _NONE for one in values
-    ]
+    return [f"{_3(one.value)} {_bounds(one)}" if one.valid else _NONE for one in values]
 
 
 def _bounds(interval: Interval) -> str:
-    return f"{_3(interval.low)}-{_3(interval.high)}" if interval.bounded else _NONE
+    return f"{_3(interval.low)}-{_3(interval.high)}" if interval.bounded else f"[{_NONE}]"
 
 
 def _3(value: float) -> str:

@@ -12,7 +12,7 @@ from siren_ros.evaluation.prediction.reports.paper_comparison import compare_wit
 from siren_ros.evaluation.prediction.reports.paper_results import paper_value
 from siren_ros.evaluation.prediction.reports.score_table import Cell, ScoreTable
 from siren_ros.evaluation.prediction.scoring.episode_scores import EpisodeScores
-from siren_ros.evaluation.statistics.interval import CONFIDENCE, RESAMPLES, Interval
+from siren_ros.evaluation.statistics.interval import CONFIDENCE, Interval
 
 
 def json_report(table: ScoreTable, found: Sequence[Difference]) -> dict[str, Any]:
@@ -20,7 +20,7 @@ def json_report(table: ScoreTable, found: Sequence[Difference]) -> dict[str, Any
     return {
         "task": "prediction",
         "population": table.episodes[0].population.value,
-        "intervals": {"confidence": CONFIDENCE, "resamples": RESAMPLES, "block": "episode", "stratum": "template"},
+        "intervals": {"confidence": CONFIDENCE, "method": "jackknife", "block": "episode", "stratum": "template"},
         "episodes": [_episode(episode) for episode in table.episodes],
         "models": {model: _model(table, model) for model in table.models},
         "differences": [_difference(one) for one in found],

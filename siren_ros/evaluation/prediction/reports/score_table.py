@@ -1,4 +1,4 @@
-"""Scores of all models in all groups, with intervals by block bootstrap over the episodes."""
+"""Scores of all models in all groups, with intervals over the episodes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,9 +11,9 @@ from siren_ros.evaluation.prediction.metrics.table import METRICS
 from siren_ros.evaluation.prediction.reports.groups import Group, GroupKind, groups_of
 from siren_ros.evaluation.prediction.reports.sample_table import SampleTable, sample_table
 from siren_ros.evaluation.prediction.scoring.episode_scores import EpisodeScores
-from siren_ros.evaluation.statistics.block_bootstrap import interval_of_mean
 from siren_ros.evaluation.statistics.block_sums import BlockSums, block_sums
 from siren_ros.evaluation.statistics.interval import Interval
+from siren_ros.evaluation.statistics.jackknife import interval_of_mean
 from siren_ros.numerics.arrays import Flags, Rows
 
 PARAMETER_METRICS: Final = frozenset({"ade_m", "fde_m"})
@@ -51,12 +51,11 @@ class ScoreTable:
         return cell.interval.value if cell is not None and cell.interval.valid else None
 
 
-def score_table(scores: Sequence[EpisodeScores], seed: int = 0) -> ScoreTable:
+def score_table(scores: Sequence[EpisodeScores]) -> ScoreTable:
     """All scores of some episodes.
 
     Args:
         scores: At least one episode, all with the same models.
-        seed: Of the bootstrap; every interval begins anew from it, so that one does not change with another.
     """
     models = tuple(scores[0].models)
     samples = {model: sample_table(scores, model) for model in models}
@@ -70,8 +69,7 @@ def score_table(scores: Sequence[EpisodeScores], seed: int = 0) -> ScoreTable:
                 if group.kind is GroupKind.PARAMETER and metric.name not in PARAMETER_METRICS:
                     continue
                 sums = sums_of(table, metric, chosen, stratum)
-                interval = interval_of_mean(sums, np.random.default_rng(seed))
-                cells[model, group.name, metric.name] = Cell(interval, int(sums.count.sum()))
+                cells[model, group.name, metric.name] = Cell(interval_of_mean(sums), int(sums.count.sum()))
     return ScoreTable(tuple(scores), models, groups, samples, cells)
 
 

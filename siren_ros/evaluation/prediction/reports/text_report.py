@@ -13,7 +13,7 @@ from siren_ros.evaluation.prediction.reports.paper_comparison import compare_wit
 from siren_ros.evaluation.prediction.reports.paper_results import PAPER_NAMES, TEMPLATES, paper_row
 from siren_ros.evaluation.prediction.reports.score_table import ScoreTable
 from siren_ros.evaluation.prediction.reports.text_table import bounds, number, pair
-from siren_ros.evaluation.statistics.interval import CONFIDENCE, RESAMPLES
+from siren_ros.evaluation.statistics.interval import CONFIDENCE, lack_of_bounds
 from siren_ros.evaluation.statistics.rank_correlation import RANKED_MIN
 
 SHOWN: Final = ("ade_m", "fde_m")
@@ -38,7 +38,7 @@ def text_report(table: ScoreTable, found: Sequence[Difference], compare_paper: b
     sections = [
         [
             POPULATION_TEXT[table.episodes[0].population],
-            f"{len(table.episodes)} episodes; [{CONFIDENCE:.0%} intervals] by {RESAMPLES} resamples of whole episodes",
+            f"{len(table.episodes)} episodes; [{CONFIDENCE:.0%} intervals] over whole episodes",
         ],
         _bags(table) if 1 < len(table.episodes) <= BAGS_MAX else [],
         ["ADE/FDE in m by template", *_main_table(table, compare_paper)],
@@ -48,7 +48,8 @@ def text_report(table: ScoreTable, found: Sequence[Difference], compare_paper: b
         list(_paper_lines(table)) if compare_paper else [],
     ]
     lines = [line for section in sections if section for line in (*section, "")]
-    return lines[:-1]
+    every = [*(cell.interval for cell in table.cells.values()), *(one.difference for one in found)]
+    return [*lines, *lack_of_bounds(every)] if lack_of_bounds(every) else lines[:-1]
 
 
 def _bags(table: ScoreTable) -> list[str]:

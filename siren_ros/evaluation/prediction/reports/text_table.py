@@ -20,5 +20,7 @@ def pair(values: Sequence[float | None]) -> str:
 
 
 def bounds(interval: Interval) -> str:
-    """``[1.20, 1.66]``, a dash where one episode says nothing about others."""
-    return f"[{interval.low:.2f}, {interval.high:.2f}]" if interval.bounded else NONE
+    """``[1.20, 1.66]``, a dash where episodes are too few."""
+    if not interval.valid:
+        return NONE
+    return f"[{interval.low:.2f}, {interval.high:.2f}]" if interval.bounded else f"[{NONE}]"

@@ -10,6 +10,7 @@ from siren_ros.evaluation.risk.reports.paper_table import PAPER_SCORES
 from siren_ros.evaluation.risk.risk_class import TITLES, RiskClass
 from siren_ros.evaluation.risk.scores import SCORES
 from siren_ros.evaluation.risk.scoring import ModelScores
+from siren_ros.evaluation.statistics.interval import Interval, lack_of_bounds
 
 _COLUMNS: Final = {
     "Acc.": "accuracy",
@@ -22,6 +23,8 @@ _COLUMNS: Final = {
     },
 }
 """Heading and score of the printed columns."""
+_BOUNDED: Final = ("accuracy", "macro_f1")
+"""Printed with their intervals."""
 
 
 def text_table(models: Sequence[ModelScores], *, compare_paper: bool) -> list[str]:
@@ -30,15 +33,15 @@ def text_table(models: Sequence[ModelScores], *, compare_paper: bool) -> list[st
     for model in models:
         scores = model.scores
         cells = [
-            f"{100.0 * scores[name].value:.2f}" + _bounds(model, name) if scores[name].valid else "-"
-            for name in _COLUMNS.values()
+            f"{100.0 * score.value:.2f}" + (_bounds(score) if name in _BOUNDED else "") if score.valid else "-"
+            for name, score in ((name, scores[name]) for name in _COLUMNS.values())
         ]
         rows.append([model.name, f"{model.answered}/{model.videos}", *cells])
     if compare_paper:
         for name, paper in PAPER_SCORES.items():
             cells = [f"{100.0 * paper[score]:.2f}" if score in paper else "" for score in _COLUMNS.values()]
             rows.append([f"{name} (paper)", "105", *cells])
-    return aligned(rows)
+    return [*aligned(rows), *lack_of_bounds(model.scores[name] for model in models for name in _BOUNDED)]
 
 
 def confusion_lines(model: ModelScores) -> list[str]:
@@ -62,8 +65,8 @@ def csv_table(models: Sequence[ModelScores]) -> str:
                 found = score(counts)
                 value = f"{found.value:.6f}" if found.valid else ""
                 bounds = ["", ""]
-                if group == "all" and found.valid:
-                    bounds = [f"{model.intervals[name].low:.6f}", f"{model.intervals[name].high:.6f}"]
+                if group == "all" and found.bounded:
+                    bounds = [f"{found.low:.6f}", f"{found.high:.6f}"]
                 writer.writerow([model.name, group, name, value, *bounds, int(counts.sum())])
     return text.getvalue()
 
@@ -100,8 +103,9 @@ def as_json(models: Sequence[ModelScores]) -> dict[str, Any]:
                 "scores": {
                     name: {
                         "value": score.value if score.valid else None,
-                        "low": model.intervals[name].low if score.valid else None,
-                        "high": model.intervals[name].high if score.valid else None,
+                        "low": score.low if score.bounded else None,
+                        "high": score.high if score.bounded else None,
+                        "episodes": score.blocks,
                     }
                     for name, score in model.scores.items()
                 },
@@ -113,11 +117,8 @@ def as_json(models: Sequence[ModelScores]) -> dict[str, Any]:
     }
 
 
-def _bounds(model: ModelScores, name: str) -> str:
-    if name not in {"accuracy", "macro_f1"}:
-        return ""
-    interval = model.intervals[name]
-    return f" [{100.0 * interval.low:.0f}, {100.0 * interval.high:.0f}]" if interval.bounded else ""
+def _bounds(score: Interval) -> str:
+    return f" [{100.0 * score.low:.0f}, {100.0 * score.high:.0f}]" if score.bounded else " [-]"
 
 
 def _latex_row(name: str, values: Sequence[float]) -> str:

@@ -5,7 +5,7 @@ import io
 from collections.abc import Mapping
 
 import pytest
-from made_scores import reported_scores
+from made_scores import five_episodes, reported_scores
 
 from siren_ros.evaluation.prediction.reports.csv_files import csv_files
 from siren_ros.evaluation.prediction.reports.differences import differences
@@ -26,10 +26,10 @@ def test_scores(files: Mapping[str, str]) -> None:
     lines = files["scores.csv"].splitlines()
     assert lines[0] == "model,rows,name,metric,value,low,high,samples,episodes,paper"
     assert "cv,all,all,ade_m,4.7,,,10,4,1.44" in lines
-    assert "cv,template,S1,ade_m,2.1,1.5,2.5,5,2,1.63" in lines
+    assert "cv,template,S1,ade_m,2.1,,,5,2,1.63" in lines
     assert "cv,template,own,ade_m,8.0,,,2,1," in lines
     assert "cv,all,all,brier_score,,,,0,0," in lines
-    assert "net:v_1,level,L3,fde_m,10.0,6.0,12.0,3,2," in lines
+    assert "net:v_1,level,L3,fde_m,10.0,,,3,2," in lines
     # Of a part of the samples the paper says nothing.
     assert "cv,category,emv,ade_m,4.666666666666667,,,6,4," in lines
 
@@ -48,10 +48,24 @@ def test_differences(files: Mapping[str, str]) -> None:
     assert len(rows) == 4 * 4
     row = rows["fde_m", "S1"]
     assert (row["first"], row["second"], row["samples"]) == ("cv", "net:v_1", "3")
-    # Of the samples that both have, the second is worse by ADE itself: 1.0; 1.5 and 2.5.
-    assert [float(row[name]) for name in ("difference", "low", "high")] == pytest.approx([-5.0, -6.0, -3.0])
+    # Of the samples that both have, the second is worse by ADE itself: 1.0; 1.5 and 2.5. Two episodes have no bounds.
+    assert float(row["difference"]) == pytest.approx(-5.0)
+    assert (row["low"], row["high"]) == ("", "")
     assert (row["p"], row["p_holm"]) == ("0.5", "0.5")
     assert [rows["ade_m", "own"][name] for name in ("difference", "low", "high", "p")] == ["-8.0", "", "", "1.0"]
+
+
+def test_five_episodes_have_bounds() -> None:
+    table = score_table(five_episodes())
+    files = csv_files(table, differences(table))
+    (own,) = [
+        row for row in rows_of(files["scores.csv"]) if tuple(row.values())[:4] == ("cv", "template", "S1", "ade_m")
+    ]
+    assert [float(own[name]) for name in ("value", "low", "high")] == pytest.approx([3.0, 1.0368, 4.9632], abs=1e-4)
+    (row, *_) = rows_of(files["differences.csv"])
+    assert [float(row[name]) for name in ("difference", "low", "high")] == pytest.approx(
+        [-3.0, -4.9632, -1.0368], abs=1e-4
+    )
 
 
 def test_the_error_over_the_horizon_is_a_mean(files: Mapping[str, str]) -> None:

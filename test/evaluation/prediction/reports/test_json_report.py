@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_scores import episode_scores, model_scores, reported_scores
+from made_scores import episode_scores, five_episodes, model_scores, reported_scores
 
 from siren_ros.evaluation.prediction.reports.differences import differences
 from siren_ros.evaluation.prediction.reports.json_report import json_report
@@ -20,7 +20,7 @@ def report() -> dict[str, Any]:
 def test_an_episode(report: dict[str, Any]) -> None:
     assert report["task"] == "prediction"
     assert report["population"] == "region"
-    assert report["intervals"] == {"confidence": 0.95, "resamples": 2000, "block": "episode", "stratum": "template"}
+    assert report["intervals"] == {"confidence": 0.95, "method": "jackknife", "block": "episode", "stratum": "template"}
     one = report["episodes"][1]
     assert {name: one[name] for name in ("name", "template", "level", "seed", "map", "parameters")} == {
         "name": "S1_seed1", "template": "S1", "level": "L3", "seed": 1, "map": "town", "parameters": {"speed_mps": 9.0}
@@ -46,7 +46,7 @@ def test_a_model(report: dict[str, Any]) -> None:
     assert cv["distance_over_time_m"]["5.0"] == pytest.approx(24.0)
     assert len(net["distance_over_time_m"]) == 25
     assert cv["rows"]["template"]["S1"]["ade_m"] == {
-        "value": pytest.approx(2.1), "low": pytest.approx(1.5), "high": pytest.approx(2.5), "samples": 5, "episodes": 2
+        "value": pytest.approx(2.1), "low": None, "high": None, "samples": 5, "episodes": 2
     }  # fmt: skip
     alone = {"value": 8.0, "low": None, "high": None, "samples": 2, "episodes": 1}
     assert cv["rows"]["template"]["own"]["ade_m"] == alone
@@ -64,10 +64,18 @@ def test_a_difference(report: dict[str, Any]) -> None:
     found = {(one["metric"], one["name"]): one for one in report["differences"]}
     one = found["ade_m", "S1"]
     assert (one["first"], one["second"], one["samples"]) == ("cv", "net:v_1", 3)
-    assert [one[name] for name in ("value", "low", "high")] == pytest.approx([-5 / 3, -2.0, -1.0])
+    assert [one[name] for name in ("value", "low", "high")] == [pytest.approx(-5 / 3), None, None]
     assert (one["p"], one["p_holm"]) == (0.5, 0.5)
     alone = found["ade_m", "own"]
     assert [alone[name] for name in ("value", "low", "high")] == [-8.0, None, None]
+
+
+def test_five_episodes_have_bounds() -> None:
+    table = score_table(five_episodes())
+    found = json_report(table, differences(table))
+    one = found["models"]["cv"]["rows"]["template"]["S1"]["ade_m"]
+    assert [one[name] for name in ("value", "low", "high")] == pytest.approx([3.0, 1.0368, 4.9632], abs=1e-4)
+    assert [found["differences"][0][name] for name in ("low", "high")] == pytest.approx([-4.9632, -1.0368], abs=1e-4)
 
 
 def test_a_model_without_an_answer() -> None:

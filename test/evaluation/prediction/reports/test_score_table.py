@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from made_scores import episode_scores, model_scores
+from made_scores import episode_scores, five_episodes, model_scores
 
 from siren_ros.evaluation.prediction.reports.paper_comparison import compare_with_paper
 from siren_ros.evaluation.prediction.reports.paper_results import PAPER, TEMPLATES
@@ -21,8 +21,13 @@ def test_samples_are_pooled_within_templates_and_templates_count_once() -> None:
     assert table.value("cv", "all", "ade_m") == pytest.approx(6.0)
     cell = table.cells["cv", "all", "ade_m"]
     assert (cell.samples, cell.interval.blocks) == (5, 3)
-    assert (cell.interval.low, cell.interval.high) == pytest.approx((5.5, 7.5))
+    assert not cell.interval.bounded, "S2 has one episode"
     assert not table.cells["cv", "S2", "ade_m"].interval.bounded, "one episode"
+
+
+def test_an_interval_is_over_episodes() -> None:
+    found = score_table(five_episodes()).cells["cv", "S1", "ade_m"].interval
+    assert (found.low, found.high) == pytest.approx((1.0368, 4.9632), abs=1e-4)
 
 
 def test_roots_are_taken_by_template() -> None:

@@ -12,6 +12,7 @@ def test_numbers_have_two_digits_and_nothing_is_a_dash() -> None:
 
 
 def test_bounds_need_several_episodes() -> None:
-    assert bounds(Interval(1.4, 1.196, 1.664, 2)) == "[1.20, 1.66]"
-    assert bounds(Interval(1.4, 1.4, 1.4, 1)) == bounds(NOTHING) == "-"
-    assert bounds(Interval(1.4, 1.2, 1.6, 3, single=True)) == "-"
+    assert bounds(Interval(1.4, 1.196, 1.664, 5)) == "[1.20, 1.66]"
+    assert bounds(NOTHING) == "-"
+    assert bounds(Interval(1.4, 1.2, 1.6, 4)) == "[-]", "of four episodes"
+    assert bounds(Interval(1.4, 1.2, 1.6, 9, scatter_known=False)) == "[-]"

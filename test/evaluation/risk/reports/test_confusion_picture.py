@@ -17,7 +17,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch, templates: int, counts: npt.NDArray[n
     kept: list[Figure] = []
     monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: kept.append(figure))
     by_template = {f"S{number}": (number + 1) * counts for number in range(templates)}
-    save_confusions(ModelScores("mine", 14, 14, counts, by_template, {}), Path("a.png"))
+    save_confusions(ModelScores("mine", 14, 14, counts, by_template), Path("a.png"))
     (figure,) = kept
     return figure
 

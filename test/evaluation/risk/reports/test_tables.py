@@ -1,7 +1,5 @@
 """Tables of made counts, cell by cell."""
 
-from collections.abc import Mapping
-
 import numpy as np
 import pytest
 
@@ -9,19 +7,14 @@ from siren_ros.evaluation.risk.reports.paper_table import PAPER_BALANCE, PAPER_S
 from siren_ros.evaluation.risk.reports.tables import as_json, confusion_lines, csv_table, latex_table, text_table
 from siren_ros.evaluation.risk.scores import SCORES
 from siren_ros.evaluation.risk.scoring import ModelScores
-from siren_ros.evaluation.statistics.interval import Interval
 
 FIRST = np.array([[6, 2, 0, 0], [1, 3, 0, 1], [0, 0, 0, 0]])
 SECOND = np.array([[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 4, 0]])
 
 
-def scores(name: str, *, bounded: bool = True) -> ModelScores:
-    """Of S1 and S6; bounds of a score are a tenth and a fifth away from it."""
-    by_template: Mapping[str, np.ndarray] = {"S1": FIRST, "S6": SECOND}
-    values = {key: score(FIRST + SECOND).value for key, score in SCORES.items()}
-    blocks = 20 if bounded else 1
-    intervals = {key: Interval(value, value - 0.1, value + 0.2, blocks) for key, value in values.items()}
-    return ModelScores(name, 24, 20, FIRST + SECOND, by_template, intervals)
+def scores(name: str, first: np.ndarray = FIRST, second: np.ndarray = SECOND) -> ModelScores:
+    """Of S1 and S6."""
+    return ModelScores(name, 24, int((first + second).sum()), first + second, {"S1": first, "S6": second})
 
 
 def test_text() -> None:
@@ -29,11 +22,13 @@ def test_text() -> None:
     head, row = (line.split("  ") for line in text_table([scores("m")], compare_paper=False))
     assert [cell.strip() for cell in head if cell][:5] == ["model", "videos", "Acc.", "bal. Acc.", "macro F1"]
     assert [cell.strip() for cell in row if cell] == [
-        "m", "20/24", "80.00 [70, 100]", "82.22", "83.63 [74, 104]",
+        "m", "20/24", "80.00 [58, 92]", "82.22", "83.63 [67, 92]",
         "88.89", "80.00", "84.21", "66.67", "66.67", "66.67", "100.00", "100.00", "100.00",
     ]  # fmt: skip
-    (_, alone) = text_table([scores("m", bounded=False)], compare_paper=False)
-    assert "[" not in alone
+    none = np.zeros_like(FIRST)
+    (_, row, why) = text_table([scores("m", none, np.diag([2, 1, 1, 0])[:3])], compare_paper=False)
+    assert "100.00 [-]" in row, "four videos"
+    assert why.startswith("[-] is no interval: it takes 5 episodes")
 
 
 def test_text_next_to_the_papers() -> None:
@@ -46,7 +41,7 @@ def test_text_next_to_the_papers() -> None:
 def test_csv() -> None:
     lines = csv_table([scores("m"), scores("n")]).splitlines()
     assert lines[0] == "model,group,score,value,low,high,videos"
-    assert "m,all,accuracy,0.800000,0.700000,1.000000,20" in lines
+    assert "m,all,accuracy,0.800000,0.583983,0.919342,20" in lines
     assert "n,S1,accuracy,0.692308,,,13" in lines
     assert "m,S1,recall_collision,,,,13" in lines, "there are none"
     assert "m,S6,precision_collision,1.000000,,,7" in lines
@@ -72,7 +67,9 @@ def test_json() -> None:
     assert found["classes"] == ["Normal", "Near-Miss", "Collision"]
     model = found["models"]["m"]
     assert (model["videos"], model["answered"]) == (24, 20)
-    assert model["scores"]["accuracy"] == pytest.approx({"value": 0.8, "low": 0.7, "high": 1.0})
+    assert model["scores"]["accuracy"] == pytest.approx(
+        {"value": 0.8, "low": 0.583983, "high": 0.919342, "episodes": 20}
+    )
     assert model["confusion"] == [[8, 2, 0, 0], [1, 4, 0, 1], [0, 0, 4, 0]]
     assert model["confusion_by_template"] == {"S1": FIRST.tolist(), "S6": SECOND.tolist()}
 

@@ -14,7 +14,6 @@ _MEANINGS: Final = {
     "post_encroachment_s": "near-miss: a PET below this",
     "required_deceleration_mps2": "near-miss: a required deceleration above this",
     "gap_m": "near-miss: at a gap below this, for the deceleration",
-    "impact_mps": "collision: a contact faster than this; a slower one is a near-miss",
 }
 
 

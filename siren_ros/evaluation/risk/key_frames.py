@@ -10,7 +10,9 @@ BATCH: Final = 8
 
 
 def key_frames(frames: int) -> tuple[int, ...]:
-    """Nine uniform key frames, first and last included: 0, 23, 47, …, 189 of 190 (after SeeUnsafe).
+    """Nine uniform key frames, first and last included: 0, 23, 47, …, 189 of 190.
+
+    Their number and places are this project's choice; the paper does not say which frames its models see.
 
     Raises:
         InputError: A video with fewer frames than that.
@@ -21,5 +23,5 @@ def key_frames(frames: int) -> tuple[int, ...]:
 
 
 def batches(frames: Sequence[int]) -> tuple[tuple[int, ...], ...]:
-    """The key frames of each question: eight and one, hence the paper's two predictions for each video."""
+    """The key frames of each question: eight and one, this project's way to the paper's two predictions for a video."""
     return tuple(tuple(frames[first : first + BATCH]) for first in range(0, len(frames), BATCH))

@@ -12,7 +12,11 @@ from siren_ros.evaluation.surrogate_safety.conflict_measures import longest_run_
 
 @dataclass(frozen=True)
 class RiskThresholds:
-    """From when on an interaction is a near-miss or a collision. The paper publishes none; each has its source."""
+    """From when on an interaction is a near-miss. The paper publishes none; each has its source.
+
+    A collision has no threshold: every contact is one, as the paper derives its labels from collision events and the
+    models are told that touching is a collision.
+    """
 
     time_to_collision_s: float = 1.5
     """TTC below which a conflict is serious (Hayward 1972; van der Horst 1990: 1.5 s)."""
@@ -26,8 +30,6 @@ class RiskThresholds:
     """DRAC above which a driver brakes uncomfortably (AASHTO Green Book: 3.4 m/s² is what most drivers accept)."""
     gap_m: float = 10.0
     """Farther away a high DRAC still leaves a way out."""
-    impact_mps: float = 1.4
-    """Walking pace; a slower contact counts as a near-miss."""
 
 
 class Reason(StrEnum):
@@ -57,7 +59,7 @@ class RiskLabel:
 def label_of(evidence: Evidence, thresholds: RiskThresholds) -> RiskLabel:
     """The label of a window: the most severe finding, and of equal ones the earliest."""
     findings = [
-        *_contacts(evidence, thresholds),
+        *_contacts(evidence),
         *_short_times(evidence.moments, thresholds),
         *_encroachments(evidence, thresholds),
         *_hard_decelerations(evidence.moments, thresholds),
@@ -65,15 +67,9 @@ def label_of(evidence: Evidence, thresholds: RiskThresholds) -> RiskLabel:
     return min(findings, key=lambda label: (-label.risk, label.step), default=RiskLabel(RiskClass.NORMAL))
 
 
-def _contacts(evidence: Evidence, thresholds: RiskThresholds) -> list[RiskLabel]:
+def _contacts(evidence: Evidence) -> list[RiskLabel]:
     return [
-        RiskLabel(
-            RiskClass.COLLISION if contact.impact_mps > thresholds.impact_mps else RiskClass.NEAR_MISS,
-            Reason.CONTACT,
-            contact.actor_id,
-            contact.step,
-            contact.impact_mps,
-        )
+        RiskLabel(RiskClass.COLLISION, Reason.CONTACT, contact.actor_id, contact.step, contact.impact_mps)
         for contact in evidence.contacts
     ]
 

@@ -92,7 +92,9 @@ def read_set(folder: Path) -> VideoSet:
     try:
         content = json.loads(folder.joinpath(SET_FILE).read_text(encoding="utf-8"))
         moments = _moments_by_video(pq.read_table(folder / EVIDENCE_FILE))
-        thresholds = RiskThresholds(**content["thresholds"])
+        # Sets of earlier versions have the speed from which on a contact was a collision.
+        known = {name: value for name, value in content["thresholds"].items() if name != "impact_mps"}
+        thresholds = RiskThresholds(**known)
         videos = [_video(entry, moments.get(entry["id"], _moments({}))) for entry in content["videos"]]
     except (OSError, ValueError, KeyError, TypeError, pa.ArrowException) as error:
         raise InputError("set", str(folder), f"{allowed} ({error})") from error

@@ -83,11 +83,12 @@ def test_a_set_is_made_and_goes_on(
 
 def test_labels_are_derived_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_set(small_video_set(tmp_path))
-    assert main(["label", str(tmp_path), "--impact-mps", "5", "--out", str(tmp_path / "other")]) == 0
+    assert main(["label", str(tmp_path), "--time-to-collision-s", "0.8", "--out", str(tmp_path / "other")]) == 0
     out = capsys.readouterr().out
-    assert "S6_005: Collision -> Near-Miss" in out
-    assert out.splitlines()[-1].startswith("3 / 3 / 0")
+    assert "S4_002: Near-Miss -> Normal" in out
+    assert "S6_005" not in out, "touching is a collision whatever the thresholds"
+    assert out.splitlines()[-1].startswith("5 / 0 / 1")
     other = read_set(tmp_path / "other")
-    assert other.thresholds.impact_mps == 5.0
+    assert other.thresholds.time_to_collision_s == 0.8
     assert other.videos["S6_005"].file == "../videos/S6_005.mp4"
-    assert main(["label", str(tmp_path), "--impact-mps", "-1"]) == 2
+    assert main(["label", str(tmp_path), "--time-to-collision-s", "-1"]) == 2

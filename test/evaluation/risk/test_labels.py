@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from siren_ros.evaluation.risk.evidence import Evidence, Moments, SeenContact, SeenEncroachment
-from siren_ros.evaluation.risk.labels import Reason, RiskThresholds, label_of
+from siren_ros.evaluation.risk.labels import Reason, RiskLabel, RiskThresholds, label_of
 from siren_ros.evaluation.risk.risk_class import RiskClass
+from siren_ros.evaluation.risk.vlm.prompts import SYSTEM
 
 LIMITS = RiskThresholds()
 
@@ -63,10 +64,12 @@ def test_hard_braking_needed_nearby(drac_mps2: float, gap_m: float, near: bool) 
     assert label.risk is (RiskClass.NEAR_MISS if near else RiskClass.NORMAL)
 
 
-@pytest.mark.parametrize(("impact_mps", "risk"), [(1.5, RiskClass.COLLISION), (1.3, RiskClass.NEAR_MISS)])
-def test_contacts_by_their_speed(impact_mps: float, risk: RiskClass) -> None:
+@pytest.mark.parametrize("impact_mps", [0.0, 0.1, 1.3, 1.5])
+def test_touching_is_a_collision_however_slow_as_the_models_are_told(impact_mps: float) -> None:
     label = label_of(Evidence(NOTHING, (), (SeenContact(3, 80, impact_mps),)), LIMITS)
-    assert (label.risk, label.reason, label.actor_id, label.value) == (risk, Reason.CONTACT, 3, impact_mps)
+    assert label == RiskLabel(RiskClass.COLLISION, Reason.CONTACT, 3, 80, impact_mps)
+    assert "Collision: the emergency vehicle and another vehicle touch." in SYSTEM
+    assert "they do not touch" in SYSTEM.partition("- Near-Miss")[2].partition("- Collision")[0]
 
 
 def test_the_most_severe_decides_and_then_the_earliest() -> None:
@@ -124,7 +127,3 @@ def test_each_civilian_has_its_own_short_time() -> None:
 )
 def test_at_the_limit_itself_nothing_is_near(found: Evidence) -> None:
     assert label_of(found, LIMITS).risk is RiskClass.NORMAL
-
-
-def test_a_contact_at_walking_pace_is_a_near_miss() -> None:
-    assert label_of(Evidence(NOTHING, (), (SeenContact(3, 80, 1.4),)), LIMITS).risk is RiskClass.NEAR_MISS

@@ -1,5 +1,6 @@
 """A set is read back as it was written, and its labels can be derived again."""
 
+import json
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -42,13 +43,28 @@ def test_the_same_set_is_the_same_bytes(small_set: VideoSet) -> None:
 
 
 def test_labels_are_derived_again(small_set: VideoSet) -> None:
-    strict = replace(small_set.thresholds, time_to_collision_s=0.8, impact_mps=5.0)
+    strict = replace(small_set.thresholds, time_to_collision_s=0.8)
     found = small_set.relabelled(strict)
     labels = [video.label.risk for _, video in sorted(found.videos.items())]
-    assert labels == [*[RiskClass.NORMAL] * 5, RiskClass.NEAR_MISS]
+    assert labels == [*[RiskClass.NORMAL] * 5, RiskClass.COLLISION]
     assert found.thresholds == strict
     again = found.relabelled(small_set.thresholds)
     assert [video.label for video in again.videos.values()] == [video.label for video in small_set.videos.values()]
+
+
+def test_a_set_with_the_threshold_of_an_earlier_version(small_set: VideoSet) -> None:
+    """Slow contacts were near-misses; its labels stay until they are derived again."""
+    write_set(small_set)
+    file = small_set.folder / SET_FILE
+    content = json.loads(file.read_text())
+    content["thresholds"]["impact_mps"] = 1.4
+    content["videos"][5]["contacts"][0]["impact_mps"] = 0.5
+    content["videos"][5]["label"]["risk"] = "Near-Miss"
+    file.write_text(json.dumps(content))
+    read = read_set(small_set.folder)
+    assert read.thresholds == small_set.thresholds
+    assert read.videos["S6_005"].label.risk is RiskClass.NEAR_MISS
+    assert read.relabelled(read.thresholds).videos["S6_005"].label.risk is RiskClass.COLLISION
 
 
 def test_videos_without_their_file(small_set: VideoSet) -> None:

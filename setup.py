@@ -1,5 +1,6 @@
 """How the package installs: under colcon as the ROS 2 package ``siren_ros``, under pip the same, editable or not."""
 
+import sys
 from pathlib import Path
 
 from setuptools import find_packages, setup
@@ -121,6 +122,18 @@ NODES = [
     "player",
 ]
 
+COMMANDS_OF_PIP = {"bdist_wheel", "dist_info", "editable_wheel"}
+
+
+def executables(arguments: list[str]) -> list[str]:
+    """The entry points: colcon installs them in lib/siren_ros under the nodes' names, where `ros2 run` looks for them.
+
+    pip installs them in bin/, next to everybody else's programs: there their names begin with the project's.
+    """
+    in_bin = COMMANDS_OF_PIP.intersection(arguments)
+    names = {node: f"siren-{node.replace('_', '-')}" if in_bin else node for node in NODES}
+    return ["siren = siren_ros.cli.main:main", *(f"{names[node]} = siren_nodes.{node}:main" for node in NODES)]
+
 
 def data_files_below(folder: str) -> list[tuple[str, list[str]]]:
     """One entry per subfolder: (where it is installed, the files in it)."""
@@ -164,10 +177,5 @@ setup(
         "dev": DEVELOPMENT,
     },
     zip_safe=False,
-    entry_points={
-        "console_scripts": [
-            "siren = siren_ros.cli.main:main",
-            *(f"{node} = siren_nodes.{node}:main" for node in NODES),
-        ],
-    },
+    entry_points={"console_scripts": executables(sys.argv)},
 )

@@ -21,6 +21,7 @@ check() { # INSTALL_FOLDER
     for name in siren "${nodes[@]}"; do
         [[ -x $package/lib/siren_ros/$name ]] || fail "no executable lib/siren_ros/$name"
     done
+    [[ -z $(compgen -G "$package/lib/siren_ros/siren-*") ]] || fail "lib/siren_ros has names that pip gives"
     for name in share/siren_ros/package.xml share/siren_ros/launch/cosim.launch.py \
         share/ament_index/resource_index/packages/siren_ros; do
         [[ -e $package/$name ]] || fail "$name is not installed"

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from environment_support import REPOSITORY, STEPS, clean_environment, run_shell
@@ -240,3 +241,58 @@ def test_uv_gets_what_is_set_for_pip_and_keeps_what_is_set_for_itself() -> None:
         "UV_NO_INDEX": "1",
         "UV_INDEX_STRATEGY": "unsafe-best-match",
     }
+
+
+NODES = sorted(path.stem for path in (REPOSITORY / "nodes").glob("[a-z]*.py"))
+
+
+def declared_executables(*arguments: str) -> dict[str, str]:
+    """What setup.py declares when it is called with these commands: the function behind each name."""
+    found: dict[str, str] = {}
+
+    def setup(**keywords: Any) -> None:
+        found.update(line.split(" = ") for line in keywords["entry_points"]["console_scripts"])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("setuptools.setup", setup)
+        patch.setattr(sys, "argv", ["setup.py", *arguments])
+        patch.chdir(REPOSITORY)
+        runpy.run_path("setup.py")
+    return found
+
+
+@pytest.mark.parametrize("command", ["editable_wheel", "bdist_wheel", "dist_info"])
+def test_programs_that_pip_puts_into_bin_bear_the_projects_name(command: str) -> None:
+    found = declared_executables("-q", command, "--dist-dir", "x")
+    assert all(name == "siren" or name.startswith("siren-") for name in found)
+    assert found["siren-emv-controller"] == "siren_nodes.emv_controller:main"
+    assert len(found) == len(NODES) + 1
+
+
+@pytest.mark.parametrize("command", ["install", "develop", "egg_info"])
+def test_colcon_installs_the_nodes_under_their_own_names(command: str) -> None:
+    assert sorted(declared_executables(command)) == sorted(["siren", *NODES])
+
+
+def test_ros2_run_finds_the_nodes_that_pip_has_installed(tmp_path: Path) -> None:
+    metadata = tmp_path / "venv/lib/python3.11/site-packages/siren_ros-0.1.0.dist-info"
+    metadata.mkdir(parents=True)
+    lines = [f"{name} = {function}" for name, function in declared_executables("editable_wheel").items()]
+    (metadata / "entry_points.txt").write_text("\n".join(["[console_scripts]", *lines, ""]))
+    old = tmp_path / "venv/lib/siren_ros/gone"
+    old.parent.mkdir()
+    old.touch()
+    result = run_shell("ros=sourced; mkdir -p $venv/bin $state; install_runnables", tmp_path)
+    assert result.returncode == 0, result.stderr
+    links = {path.name: path.readlink().as_posix() for path in old.parent.iterdir()}
+    assert sorted(links) == sorted(["siren", *NODES])
+    assert links["siren"] == "../../bin/siren"
+    assert links["kitti_exporter"] == "../../bin/siren-kitti-exporter"
+
+
+def test_this_environment_has_no_common_words_in_its_bin() -> None:
+    binaries = {path.name for path in Path(sys.prefix, "bin").iterdir()}
+    if "siren" not in binaries:
+        pytest.skip("pip has not installed siren_ros here")
+    assert binaries.isdisjoint(NODES)
+    assert {f"siren-{name.replace('_', '-')}" for name in NODES} <= binaries

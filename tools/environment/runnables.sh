@@ -2,12 +2,15 @@
 # What `ros2 run` finds in the environment, and the variables that ./env sets.
 
 # The executables of siren_ros and the entries of the ament index, where colcon would put them; and the small ros2 where no real one
-# is. pip has put the executables into bin/.
+# is. pip has put the executables into bin/, under names that begin with the project's.
 install_runnables() {
-    local name executables=$venv/lib/siren_ros index=$venv/share/ament_index/resource_index/packages
+    local name node executables=$venv/lib/siren_ros index=$venv/share/ament_index/resource_index/packages
     mkdir -p "$executables" "$index" "$venv/share/siren_ros"
     find "$executables" -mindepth 1 -delete
-    entry_points | while IFS= read -r name; do ln -sfn "../../bin/$name" "$executables/$name"; done
+    entry_points | while IFS= read -r name; do
+        node=${name#siren-}
+        ln -sfn "../../bin/$name" "$executables/${node//-/_}"
+    done
     : >"$index/siren_ros"
     ln -sfn "$root/package.xml" "$venv/share/siren_ros/package.xml"
     ln -sfn "$root/params" "$venv/share/siren_ros/params"
@@ -24,7 +27,7 @@ install_runnables() {
 }
 
 entry_points() {
-    sed -n '/^\[console_scripts\]/,/^\[/s/^\([A-Za-z_][A-Za-z0-9_]*\) *=.*/\1/p' \
+    sed -n '/^\[console_scripts\]/,/^\[/s/^\([A-Za-z_][A-Za-z0-9_-]*\) *=.*/\1/p' \
         "$venv"/lib/python3.*/site-packages/siren_ros-*.dist-info/entry_points.txt
 }
 

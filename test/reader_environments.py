@@ -29,6 +29,8 @@ PACKAGES: dict[str, tuple[str, ...]] = {
     # ASAM's checker bundles for OpenDRIVE and OpenSCENARIO.
     "asam": ("asam-qc-opendrive==1.0.0", "asam-qc-openscenarioxml==1.0.0"),
     "commonroad": ("commonroad-io==2026.1", "xmlschema"),
+    # The checker imports what commonroad-io had up to 2024.3.
+    "commonroad_drivability": ("commonroad-drivability-checker==2025.4.0", "commonroad-io==2024.3"),
     "scenariogeneration": ("scenariogeneration==0.16.7", "xmlschema"),
     "metadrive": ("metadrive-simulator==0.4.3",),
     "carla": ("carla==0.9.16",),

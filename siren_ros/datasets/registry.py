@@ -84,6 +84,14 @@ FORMATS: Final = {
             "CommonRoad 2020a: lanelets, lights, dynamic obstacles; the EMV is the planning problem",
             (Need.TRACKS, Need.MAP, Need.EMV),
             f"{_PACKAGE}.commonroad.exporter:CommonRoadExporter",
+            (
+                Option(
+                    "intersections",
+                    "outgoing",
+                    ("outgoing", "successors"),
+                    "how the lanelets behind an arm are named: as commonroad-io 2026.1 reads them, or 2024.3 and older",
+                ),
+            ),
         ),
         Format(
             "opendrive",

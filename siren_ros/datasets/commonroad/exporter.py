@@ -32,6 +32,9 @@ _UNKNOWN_PLACE: Final = {"geoNameId": -999, "gpsLatitude": 999, "gpsLongitude": 
 class CommonRoadExporter:
     """One XML file for each episode."""
 
+    def __init__(self, intersections: str) -> None:
+        self._arm_names = intersections
+
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:
         """Writes the scenario; all tracks of the episode are in memory."""
         record = source.record()
@@ -40,7 +43,7 @@ class CommonRoadExporter:
         emv = next((track for track in tracks if track.actor.actor_id == emv_id), None)
         if emv is None or len(emv) < 2:
             raise BagError(str(source.path), "an episode in which the EMV drives")
-        root = _root(record, source.description)
+        root = _root(record, source.description, self._arm_names)
         others = [track for track in tracks if track is not emv and len(track) > 1]
         for track in others:
             _add_obstacle(root, track)
@@ -69,7 +72,7 @@ def benchmark_id(description: EpisodeDescription) -> str:
     return f"ZAM_Siren{letters}-{description.seed + 1}_1_T-1"
 
 
-def _root(record: EpisodeRecord, description: EpisodeDescription) -> Element:
+def _root(record: EpisodeRecord, description: EpisodeDescription, arm_names: str = "outgoing") -> Element:
     root = Element(
         "commonRoad",
         {
@@ -90,7 +93,7 @@ def _root(record: EpisodeRecord, description: EpisodeDescription) -> Element:
     tags = child(root, "scenarioTags")
     child(tags, "urban")
     child(tags, "simulated")
-    add_network(root, record)
+    add_network(root, record, arm_names)
     return root
 
 

@@ -1,6 +1,7 @@
 """CommonRoad's lanelet network: lanelets with adjacency, speed limits, traffic lights, intersections.
 
-Format: CommonRoad 2020a, https://commonroad.in.tum.de.
+Format: CommonRoad 2020a, https://commonroad.in.tum.de. Intersections follow commonroad-io 2026.1, which calls the
+``successors`` of an arm its ``outgoing`` lanelets and warns of each older name.
 """
 
 from collections.abc import Iterator, Mapping
@@ -11,6 +12,12 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from siren_ros.datasets.commonroad.road_surface import (
+    Bounds,
+    border_strips,
+    junction_surfaces,
+    lanelet_bounds,
+)
 from siren_ros.datasets.sources.lane_graph import GraphLane, lane_graph
 from siren_ros.datasets.sources.sampling import LOG_PERIOD_STEPS
 from siren_ros.datasets.sources.xml_text import child
@@ -18,12 +25,14 @@ from siren_ros.numerics.arrays import Points
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.road_network import Connection, LaneKind, RoadNetwork
 
+_BORDERS, _SURFACES = 600_000, 800_000
 _SIGNS, _LIGHTS, _JUNCTIONS, _INCOMINGS = 1_000_000, 2_000_000, 3_000_000, 4_000_000
 """First ids of each kind; all ids of a scenario differ."""
 _COLOUR: Final = {"r": "red", "u": "redYellow", "y": "yellow", "g": "green", "s": "green", "o": "inactive"}
 """Of SUMO's letters, capital or not; ``s`` is a green arrow."""
 _DIRECTION: Final = {"s": "straight", "l": "left", "L": "left", "t": "left", "r": "right", "R": "right"}
 _KIND: Final = {LaneKind.INTERNAL: "intersection", LaneKind.SHOULDER: "shoulder"}
+_UNMARKED: Final = ("no_marking", "no_marking")
 _OPPOSITE_M: Final = 1.0
 """Left boundaries of opposite lanes that are this near each other are one line."""
 
@@ -39,16 +48,28 @@ class _Light:
     connection: Connection
 
 
-def add_network(root: Element, record: EpisodeRecord) -> None:
-    """Adds lanelets, signs, lights and intersections, in the order of the schema."""
+def add_network(root: Element, record: EpisodeRecord, arm_names: str) -> None:
+    """Adds lanelets, signs, lights and intersections, in the order of the schema.
+
+    Args:
+        root: The scenario.
+        record: The episode.
+        arm_names: Head of the names of the lanelets that leave an arm of an intersection.
+    """
     network = record.network
     graph = lane_graph(network)
     limits = sorted({lane.lane.speed_limit_mps for lane in graph.values()})
     signs = {limit: _SIGNS + number for number, limit in enumerate(limits)}
     lights = _lights(network, graph)
     opposite = _opposite_lanes(network, graph)
+    bounds = lanelet_bounds(graph, opposite)
     for index, lane in graph.items():
-        _add_lanelet(root, index, lane, signs[lane.lane.speed_limit_mps], lights.get(index, []), opposite.get(index))
+        made = _add_lanelet(root, lanelet_id(index), bounds[index], _markings(lane))
+        _describe(made, lane, signs[lane.lane.speed_limit_mps], lights.get(index, []), opposite.get(index))
+    for number, strip in enumerate(border_strips(graph, bounds, opposite)):
+        child(_add_lanelet(root, _BORDERS + number, strip, _UNMARKED), "laneletType", "border")
+    for number, surface in enumerate(junction_surfaces(network, bounds)):
+        child(_add_lanelet(root, _SURFACES + number, surface, _UNMARKED), "laneletType", "intersection")
     for limit, number in signs.items():
         first = next(lane for lane in graph.values() if lane.lane.speed_limit_mps == limit)
         sign = child(root, "trafficSign", id=number)
@@ -61,23 +82,28 @@ def add_network(root: Element, record: EpisodeRecord) -> None:
     for found in lights.values():
         for light in found:
             _add_light(root, light, graph, cycles)
-    _add_intersections(root, network, graph)
+    _add_intersections(root, network, graph, arm_names)
 
 
-def _add_lanelet(
-    root: Element, index: int, lane: GraphLane, sign: int, lights: list[_Light], opposite: int | None
-) -> None:
-    made = child(root, "lanelet", id=lanelet_id(index))
-    solid = "no_marking" if lane.in_junction else "solid"
-    dashed = "no_marking" if lane.in_junction else "dashed"
-    for tag, points, neighbour in (
-        ("leftBound", lane.left, lane.left_neighbour),
-        ("rightBound", lane.right, lane.right_neighbour),
-    ):
+def _add_lanelet(root: Element, number: int, bounds: Bounds, markings: tuple[str, str]) -> Element:
+    made = child(root, "lanelet", id=number)
+    for tag, points, marking in zip(("leftBound", "rightBound"), (bounds.left, bounds.right), markings, strict=True):
         bound = child(made, tag)
         for place in points:
             _add_point(bound, place)
-        child(bound, "lineMarking", solid if neighbour is None else dashed)
+        child(bound, "lineMarking", marking)
+    return made
+
+
+def _markings(lane: GraphLane) -> tuple[str, str]:
+    """Of the left and the right boundary."""
+    if lane.in_junction:
+        return _UNMARKED
+    left, right = ("solid" if one is None else "dashed" for one in (lane.left_neighbour, lane.right_neighbour))
+    return left, right
+
+
+def _describe(made: Element, lane: GraphLane, sign: int, lights: list[_Light], opposite: int | None) -> None:
     for tag, others in (("predecessor", lane.predecessors), ("successor", lane.successors)):
         for other in others:
             child(made, tag, ref=lanelet_id(other))
@@ -162,7 +188,7 @@ def _opposite_lanes(network: RoadNetwork, graph: Mapping[int, GraphLane]) -> dic
     return found
 
 
-def _add_intersections(root: Element, network: RoadNetwork, graph: Mapping[int, GraphLane]) -> None:
+def _add_intersections(root: Element, network: RoadNetwork, graph: Mapping[int, GraphLane], arm_names: str) -> None:
     number = _INCOMINGS
     for junction, (_, arms) in enumerate(_arms(network, graph)):
         made = child(root, "intersection", id=_JUNCTIONS + junction)
@@ -173,7 +199,7 @@ def _add_intersections(root: Element, network: RoadNetwork, graph: Mapping[int, 
                 child(incoming, "incomingLanelet", ref=lanelet_id(lane))
             for tag in ("Right", "Straight", "Left"):
                 for lane in sorted(successors.get(tag.lower(), set())):
-                    child(incoming, f"successors{tag}", ref=lanelet_id(lane))
+                    child(incoming, f"{arm_names}{tag}", ref=lanelet_id(lane))
 
 
 def _arms(

@@ -20,11 +20,31 @@ def tracks(tracked_bag: Path) -> dict[int, Track]:
 
 
 @pytest.fixture(scope="module")
-def read(tracked_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+def file(tracked_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("commonroad") / "out"
     assert main(["export", "commonroad", str(tracked_bag), "--out", str(out)]) == 0
-    found: dict[str, Any] = read_with("commonroad", "read_commonroad.py", out / "train" / "S3_L1_seed0_town.xml")
+    return out / "train" / "S3_L1_seed0_town.xml"
+
+
+@pytest.fixture(scope="module")
+def read(file: Path) -> dict[str, Any]:
+    found: dict[str, Any] = read_with("commonroad", "read_commonroad.py", file)
     return found
+
+
+def test_the_library_warns_of_nothing(read: dict[str, Any], file: Path, tmp_path: Path) -> None:
+    assert read["warnings"] == []
+    assert min(read["behind_arms"]) > 10
+    earlier = tmp_path / "earlier.xml"
+    earlier.write_text(file.read_text(encoding="utf-8").replace("<outgoing", "<successors"), encoding="utf-8")
+    again = read_with("commonroad", "read_commonroad.py", earlier)
+    assert again["behind_arms"] == read["behind_arms"]
+    assert len(again["warnings"]) == sum(read["behind_arms"])
+    assert "deprecated" in again["warnings"][0]
+
+
+def test_no_lanelet_crosses_itself(read: dict[str, Any]) -> None:
+    assert read["crossed"] == []
 
 
 def test_the_schema_is_kept_but_for_vehicles_that_come_later(read: dict[str, Any]) -> None:

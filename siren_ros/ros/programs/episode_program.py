@@ -28,7 +28,7 @@ from siren_ros.ros.participants.master import LockstepMaster
 from siren_ros.ros.programs.awaited import awaited_by
 from siren_ros.ros.programs.composition import Composition, InProcess, OutOfProcess
 from siren_ros.ros.programs.episode_plan import EpisodePlan, plan_episode
-from siren_ros.ros.programs.interrupt import Interrupt
+from siren_ros.ros.programs.interrupt import Interrupt, PreparationInterruptedError
 from siren_ros.ros.programs.program import start_ros
 from siren_ros.ros.programs.progress import Progress
 from siren_ros.ros.programs.summary import closing_summary, verdict
@@ -44,10 +44,6 @@ STOP_S: Final = 10.0
 FIRST_EMV: Final = 1
 """Emergency vehicles have the first actor ids."""
 _COMPILING: Final = "it compiles loops, for this and all later episodes"
-
-
-class StoppedError(SirenError):
-    """The user stopped the program before its nodes were there."""
 
 
 class Cosim(Node):
@@ -106,7 +102,7 @@ def run_episode(
 
     Raises:
         InputError: The domain is taken, or a node refuses its parameters.
-        StoppedError: The user stopped it before all nodes were there.
+        PreparationInterruptedError: The user stopped it before all nodes were there.
     """
     executor = EventsExecutor()
     executor.add_node(cosim)
@@ -161,12 +157,13 @@ def _composed(
         waiting.expect(f"{name} and its libraries to be loaded")
         node_types[name] = part_of(name, import_module(module_of(name)).NODE)
     check_alone(cosim, cosim.began_s)
-    return InProcess(executor, node_types, plan.overrides)
+    with interrupt.ending_at_once():
+        return InProcess(executor, node_types, plan.overrides)
 
 
 def _check_stopped(interrupt: Interrupt) -> None:
     if interrupt:
-        raise StoppedError(_stopped_by(interrupt))
+        raise PreparationInterruptedError(_stopped_by(interrupt))
 
 
 def _stopped_by(interrupt: Interrupt) -> str:
@@ -202,7 +199,7 @@ def run(module_of: Callable[[str], str], give_up: Callable[[str], None], interru
 
     try:
         return in_free_domain(episode, lambda line: print(f"cosim: {line}", file=sys.stderr))
-    except StoppedError as error:
+    except PreparationInterruptedError as error:
         print(f"episode interrupted before its first step: {error}", flush=True)
         print(f"cosim: {error}", file=sys.stderr, flush=True)
         code, line = verdict(EpisodeEnd.INTERRUPTED, None, strict=False)

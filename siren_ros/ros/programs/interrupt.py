@@ -4,12 +4,20 @@ import os
 import signal
 import stat
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Final
+
+from siren_ros.errors import SirenError
 
 SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 SAME_S: Final = 1.0
 """Signals that come within this time of the first count as one: a second press, or a shell that passes Ctrl-C on."""
 _OUTPUTS: Final = (1, 2)
+
+
+class PreparationInterruptedError(SirenError):
+    """A signal came while something was prepared that has no step at which it could end in order."""
 
 
 class Interrupt:
@@ -24,9 +32,25 @@ class Interrupt:
         self.signal_name = ""
         self._program = program
         self._since_s = 0.0
+        self._at_once = False
         for number in SIGNALS:
             if number is not signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, self._take)
+
+    @contextmanager
+    def ending_at_once(self) -> Iterator[None]:
+        """Within it, and where it begins after one, a signal raises: a map may take minutes to compile.
+
+        Raises:
+            PreparationInterruptedError: A signal came.
+        """
+        self._at_once = True
+        try:
+            if self.signal_name:
+                raise self._early()
+            yield
+        finally:
+            self._at_once = False
 
     def _take(self, number: int, _frame: object) -> None:
         now_s = time.monotonic()
@@ -34,11 +58,16 @@ class Interrupt:
             _leave_terminal()
         if not self.signal_name:
             self.signal_name, self._since_s = signal.Signals(number).name, now_s
+            if self._at_once:
+                raise self._early()
         elif now_s - self._since_s > SAME_S:
             line = f"{self._program}: ended at once by a second signal; `siren recover` completes a bag\n"
             os.write(_OUTPUTS[-1], line.encode())
             signal.signal(number, signal.SIG_DFL)  # the kernel ends this process, wherever it is
             os.kill(os.getpid(), number)
+
+    def _early(self) -> SirenError:
+        return PreparationInterruptedError(f"stopped by {self.signal_name}")
 
     def __bool__(self) -> bool:
         return bool(self.signal_name)

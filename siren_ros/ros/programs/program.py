@@ -80,7 +80,8 @@ def run_program(make_node: Callable[[str], Program], name: str) -> int:
     parent = Parent(int(os.environ.get(PARENT_VARIABLE) or 0))
     try:
         start_ros()
-        node = make_node(name)
+        with interrupt.ending_at_once():
+            node = make_node(name)
     except SirenError as error:
         print(f"{name}: {error}", file=sys.stderr)
         rclpy.try_shutdown()

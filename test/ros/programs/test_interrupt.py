@@ -90,3 +90,45 @@ def test_after_a_hangup_nothing_is_written_to_a_program_that_is_gone() -> None:
         finally:
             process.kill()
     assert process.returncode == 0
+
+
+PREPARING = """
+import sys, time
+from siren_ros.ros.programs.interrupt import Interrupt, PreparationInterruptedError
+asked = Interrupt("program")
+if sys.argv[1] == "before":
+    print("ready", flush=True)
+    while not asked:
+        time.sleep(0.01)
+try:
+    with asked.ending_at_once():
+        print("ready", flush=True)
+        while True:
+            time.sleep(0.01)
+except PreparationInterruptedError as error:
+    sys.exit(str(error))
+"""
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("when", ["before", "within"])
+def test_what_is_prepared_ends_at_the_first_signal(when: str) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", PREPARING, when], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert next_line(process.stdout) == "ready\n"
+        process.send_signal(signal.SIGTERM)
+        _, err = process.communicate(timeout=50)
+    assert (err, process.returncode) == ("stopped by SIGTERM\n", 1)
+
+
+def test_after_the_preparation_a_signal_is_only_remembered() -> None:
+    preparation = "with asked.ending_at_once():\n    pass\n"
+    program = PROGRAM.replace('print("ready"', preparation + 'print("ready"')
+    with subprocess.Popen(
+        [sys.executable, "-c", program, "60"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert next_line(process.stdout) == "ready\n"
+        process.send_signal(signal.SIGTERM)
+        out, _ = process.communicate("\n", timeout=50)
+    assert (out, process.returncode) == ("asked\nSIGTERM\n", 0)

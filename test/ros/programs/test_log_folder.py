@@ -55,14 +55,20 @@ def without_home(home: str | None) -> dict[str, str]:
 WORDS = [sys.executable, "-c", PROGRAM, "--ros-args", "-p", "no_such:=1"]
 
 
+def assert_refused_by_name(run: "subprocess.CompletedProcess[str]") -> None:
+    """One line beside those that say what a slow machine waits for."""
+    lines = [line for line in run.stderr.splitlines() if not line.startswith("cosim: waiting for ")]
+    assert (run.returncode, len(lines)) == (2, 1), run.stderr
+    assert "no_such" in lines[0]
+
+
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize("home", [None, "/nonexistent/home"])
 def test_a_program_starts_without_a_home(home: str | None) -> None:
     """It comes as far as the user's mistake."""
     pytest.importorskip("rclpy", reason="needs ROS")
     run = subprocess.run(WORDS, env=without_home(home), capture_output=True, text=True, check=False)
-    assert (run.returncode, run.stderr.count("\n")) == (2, 1), run.stderr
-    assert "no_such" in run.stderr
+    assert_refused_by_name(run)
     assert not Path("/nonexistent").exists()
 
 
@@ -72,5 +78,4 @@ def test_a_program_starts_with_a_home_that_is_read_only(tmp_path: Path) -> None:
     run = in_own_mounts(f"mount -t tmpfs -o ro tmpfs '{tmp_path}'", WORDS, without_home(str(tmp_path)))
     if run is None:
         pytest.skip("mount namespaces with a small disk cannot be made here")
-    assert (run.returncode, run.stderr.count("\n")) == (2, 1), run.stderr
-    assert "no_such" in run.stderr
+    assert_refused_by_name(run)

@@ -12,6 +12,7 @@ from siren_ros.ros.programs.waiting import Waiting
 def give_up(reason: str) -> None:
     """End this process: a node hangs in it, and the executor with the node."""
     print(f"cosim: {reason}; `siren recover` completes the bag", file=sys.stderr, flush=True)
+    print(f"exit code {EXIT_FAILED}: the episode failed", flush=True)
     os._exit(EXIT_FAILED)
 
 

@@ -168,6 +168,7 @@ def test_a_node_that_hangs_in_the_one_process_is_named(episodes: list[Episode], 
     episode.fault(lambda: None)
     episode.wait_until_gone(50 * 0.025 + 3.0 + ANSWER_S)
     assert error_of(episode).startswith("cosim: emv_controller: did not finish step 50 within 3 s; ")
+    assert episode.out.splitlines()[-1] == "exit code 1: the episode failed"
     assert recover_bag(episode.bag).steps >= 20
 
 

@@ -2,8 +2,11 @@
 
 import argparse
 import os
+import signal
 import sys
+import threading
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Final
 
@@ -82,13 +85,39 @@ def _with_tasks(line: argparse.ArgumentParser) -> Iterator[argparse.ArgumentPars
         yield from _with_tasks(below)
 
 
+class _TerminatedError(KeyboardInterrupt):
+    """SIGTERM: what is under way ends and cleans up as with Ctrl-C."""
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """Makes SIGTERM an exception of the main thread; children that are forked end at once, as without it."""
+    here = os.getpid()
+
+    def end(number: int, _frame: object) -> None:
+        signal.signal(number, signal.SIG_DFL)  # a second one forces the end
+        if os.getpid() != here:
+            os.kill(os.getpid(), number)
+        raise _TerminatedError
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs one command and returns its exit code; an error is one line on stderr."""
     words = sys.argv[1:] if argv is None else argv
     verb, word, *_ = [*(word for word in words if not word.startswith("-")), "", ""]
     arguments = parser(verb, word).parse_args(words)
     try:
-        return int(arguments.run(arguments))
+        with _terminable():
+            return int(arguments.run(arguments))
     except SirenError as error:
         print(f"siren {arguments.verb}: {error}", file=sys.stderr)
         return error.exit_code
@@ -96,6 +125,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         # The reader of our output has gone, as `siren info BAG | head -1` does; nothing is left to say.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_FAILED
+    except _TerminatedError:
+        print(f"siren {arguments.verb}: terminated", file=sys.stderr)
+        return 128 + signal.SIGTERM
     except KeyboardInterrupt:
         print(f"siren {arguments.verb}: interrupted", file=sys.stderr)
         return 130

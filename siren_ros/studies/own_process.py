@@ -8,6 +8,7 @@ import multiprocessing
 import os
 import signal
 import threading
+import time
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
@@ -21,6 +22,10 @@ from siren_ros.numerics.arithmetic import pin_arithmetic
 
 _PRELOADED: Final = "siren_ros.studies.recorded_attempt"
 _TERMINATE_S: Final = 5.0
+_SERVER_GONE: Final = 255
+"""What multiprocessing gives as the exit code of a process whose fork server was killed."""
+_SERVER_ENDS_S: Final = 0.5
+"""Wall time after which a killed fork server is gone; before that the next process would be asked of it again."""
 Result = TypeVar("Result")
 
 
@@ -72,8 +77,12 @@ def call_in_own_process(
     here, there = context.Pipe(duplex=False)
     process = context.Process(target=_answer, args=(there, function, arguments), name="episode")
     with here:
-        with there:
-            process.start()
+        try:
+            with there:
+                process.start()
+        except (EOFError, OSError) as error:
+            time.sleep(_SERVER_ENDS_S)
+            return Died(f"the server of new processes is gone ({type(error).__name__})")
         try:
             started(process.pid or 0)
             return _wait(process, here, timeout_s)
@@ -83,6 +92,9 @@ def call_in_own_process(
                 process.join(_TERMINATE_S)
                 process.kill()
             process.join()
+            if process.exitcode == _SERVER_GONE:  # then nobody watches the process any more
+                with suppress(ProcessLookupError):
+                    os.kill(process.pid or 0, signal.SIGKILL)
 
 
 def _answer(there: Connection, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
@@ -116,6 +128,8 @@ def _wait(process: Any, here: Connection, timeout_s: float) -> Returned[Any] | R
     process.join(_TERMINATE_S)
     if process.exitcode is None:
         return Died(f"its process gave no answer for {timeout_s:g} s")
+    if process.exitcode == _SERVER_GONE:
+        return Died("the server of its process was killed")
     if process.exitcode < 0:
         return Died(f"its process was killed by {signal.Signals(-process.exitcode).name}")
     return Died(f"its process ended with exit code {process.exitcode}")

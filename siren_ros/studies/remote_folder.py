@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 import shutil
 import tempfile
 from functools import cached_property
@@ -12,7 +13,7 @@ from typing import Any, Final
 from siren_ros.errors import InputError
 from siren_ros.recording.bag_metadata import METADATA_FILE
 from siren_ros.studies.episode_row import EpisodeRow
-from siren_ros.studies.study_folder import LocalFolder, StudyFolder
+from siren_ros.studies.study_folder import LocalFolder, StudyFolder, clear_scratch_in, new_scratch, row_in
 
 _BLOCK_BYTES: Final = 1 << 22
 
@@ -64,7 +65,15 @@ class RemoteFolder:
 
     def scratch(self) -> Path:
         """As ``StudyFolder``."""
-        return Path(tempfile.mkdtemp(prefix="siren-episode-"))
+        return new_scratch(self._scratches())
+
+    def clear_scratch(self) -> None:
+        """As ``StudyFolder``."""
+        clear_scratch_in(self._scratches())
+
+    @staticmethod
+    def _scratches() -> Path:
+        return Path(tempfile.gettempdir()) / f"siren-episodes-{os.getuid()}"
 
     def take(self, bag: Path, row: EpisodeRow) -> None:
         """As ``StudyFolder``."""
@@ -82,8 +91,7 @@ class RemoteFolder:
 
     def row_of(self, path: str) -> EpisodeRow | None:
         """As ``StudyFolder``."""
-        content = self.read(f"{path}.json")
-        return None if content is None else EpisodeRow.from_json(json.loads(content))
+        return row_in(self.read(f"{path}.json"))
 
     def hashes_of(self, path: str) -> tuple[str, str]:
         """As ``StudyFolder``: the bag is read once and not kept."""

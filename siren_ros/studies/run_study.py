@@ -61,6 +61,7 @@ def run_study(
     teller.plan(len(planned))
     known = {row.episode: row for row in read_table(folder)}
     write_study(folder, study.to_json())
+    folder.clear_scratch()
     found: dict[str, EpisodeRow] = {}
     todo = []
     for episode in planned:
@@ -79,6 +80,7 @@ def run_study(
             saver.now_and_then()
     finally:
         saver.save()
+        folder.clear_scratch()
     return StudyResult(tuple(found[episode.name] for episode in planned), kept)
 
 

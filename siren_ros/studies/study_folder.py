@@ -4,21 +4,27 @@ import json
 import os
 import shutil
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from hashlib import file_digest
+from io import FileIO
 from pathlib import Path
 from typing import Any, Final, Protocol
 from uuid import uuid4
 
-from siren_ros.errors import whole_file, writing
+from siren_ros.errors import InputError, whole_file, writing
 from siren_ros.recording.bag_guard import storage_files
 from siren_ros.recording.bag_metadata import METADATA_FILE
+from siren_ros.recording.working_folder import lock
 from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.studies.manifest import manifest_bytes, rows_of_manifest
 
 MANIFEST: Final = "manifest.parquet"
 STUDY: Final = "study.json"
 _WORK: Final = ".work"
+_OWNER: Final = ".owner"
+"""A file in each scratch folder; the process that works there holds its lock."""
+_held: Final[dict[Path, FileIO]] = {}
+"""The locked files of this process's scratch folders."""
 
 
 class StudyFolder(Protocol):
@@ -41,8 +47,11 @@ class StudyFolder(Protocol):
     def note(self, row: EpisodeRow) -> None:
         """Writes the row of an episode that has no bag."""
 
+    def clear_scratch(self) -> None:
+        """Removes the local folders of attempts whose processes are gone; those under way stay."""
+
     def row_of(self, path: str) -> EpisodeRow | None:
-        """The row next to a bag; None where there is none."""
+        """The row next to a bag; None where there is none, or a damaged one: its episode is made again."""
 
     def hashes_of(self, path: str) -> tuple[str, str]:
         """SHA-256 of a bag's storage file and of its metadata, from their bytes; empty where they are missing."""
@@ -67,9 +76,11 @@ class LocalFolder:
 
     def scratch(self) -> Path:
         """As ``StudyFolder``: on the same file system, so that finished bags are renamed and not copied."""
-        folder = self._root / _WORK / f"{os.getpid()}-{uuid4().hex[:12]}"
-        folder.mkdir(parents=True)
-        return folder
+        return new_scratch(self._root / _WORK)
+
+    def clear_scratch(self) -> None:
+        """As ``StudyFolder``."""
+        clear_scratch_in(self._root / _WORK)
 
     def take(self, bag: Path, row: EpisodeRow) -> None:
         """As ``StudyFolder``."""
@@ -86,8 +97,7 @@ class LocalFolder:
 
     def row_of(self, path: str) -> EpisodeRow | None:
         """As ``StudyFolder``."""
-        content = self.read(f"{path}.json")
-        return None if content is None else EpisodeRow.from_json(json.loads(content))
+        return row_in(self.read(f"{path}.json"))
 
     def hashes_of(self, path: str) -> tuple[str, str]:
         """As ``StudyFolder``."""
@@ -108,9 +118,47 @@ class LocalFolder:
         with whole_file(target) as new:
             new.write_bytes(content)
 
-    def clear_scratch(self) -> None:
-        """Removes what killed processes left; nobody else may work in the folder."""
-        shutil.rmtree(self._root / _WORK, ignore_errors=True)
+
+def row_in(content: bytes | None) -> EpisodeRow | None:
+    """The row in a file's content; None without one, or where it is damaged."""
+    try:
+        return None if content is None else EpisodeRow.from_json(dict(json.loads(content)))
+    except (InputError, ValueError, TypeError, RecursionError):
+        return None
+
+
+def new_scratch(parent: Path) -> Path:
+    """A new folder with a lock that this process holds until it ends, in any way."""
+    while True:
+        folder = parent / f"{os.getpid()}-{uuid4().hex[:12]}"
+        folder.mkdir(parents=True)
+        file = (folder / _OWNER).open("wb", buffering=0)
+        if lock(file):
+            _held[folder] = file
+            return folder
+        file.close()  # somebody took the folder, which nobody held yet, for an abandoned one
+
+
+def clear_scratch_in(parent: Path) -> None:
+    """Removes the folders below one that no process holds, and it where it is empty then."""
+    for folder in sorted(parent.iterdir()) if parent.is_dir() else ():
+        if folder not in _held:
+            _remove_abandoned(folder)
+    with suppress(OSError):
+        parent.rmdir()
+
+
+def _remove_abandoned(folder: Path) -> None:
+    try:
+        with (folder / _OWNER).open("rb", buffering=0) as file:
+            if lock(file):
+                shutil.rmtree(folder, ignore_errors=True)
+    except FileNotFoundError:  # of a version without locks, or of a process that makes it at this moment
+        owner, _, _ = folder.name.partition("-")
+        if owner.isdecimal() and not Path(f"/proc/{owner}").exists():
+            shutil.rmtree(folder, ignore_errors=True)
+    except OSError:
+        return
 
 
 def hashes_of_bag(bag: Path) -> tuple[str, str]:
@@ -151,6 +199,8 @@ def attempt_folder(folder: StudyFolder) -> Iterator[Path]:
         yield scratch
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
+        if (file := _held.pop(scratch, None)) is not None:
+            file.close()
 
 
 def write_study(folder: StudyFolder, content: dict[str, Any]) -> None:

@@ -1,3 +1,6 @@
+import subprocess
+import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -223,3 +226,17 @@ def test_an_episode_that_is_missing_fails_the_command(tmp_path: Path, capsys: py
     words = ["--templates", "S2", "--timeout-s", "1", "--retries", "0", "--duration-s", "3000"]
     assert main(["generate", "--out", str(tmp_path), *words]) == 1
     assert "S2_L2_seed0: crashed: its process gave no answer for 1 s" in capsys.readouterr().err
+
+
+def test_a_study_that_is_terminated_says_so_in_a_line_and_leaves_nothing_half_made(tmp_path: Path) -> None:
+    words = ["--templates", "S5", "--duration-s", "3000", "--workers", "1", "--out", str(tmp_path / "study")]
+    command = [sys.executable, "-m", "siren_ros.cli.main", "generate", *words]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as running:
+        while not list(tmp_path.glob("study/.work/*/.*.partial/*.mcap")):
+            assert running.poll() is None
+            time.sleep(0.05)
+        running.terminate()
+        _, printed = running.communicate()
+    assert (running.returncode, printed.splitlines()[-1]) == (143, "siren generate: terminated")
+    assert "Traceback" not in printed
+    assert sorted(path.name for path in (tmp_path / "study").iterdir()) == ["manifest.parquet", "study.json"]

@@ -5,12 +5,22 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import zstandard
+from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 from mcap.records import Channel, ChunkIndex, Schema
 from mcap.summary import Summary
 
-from siren_ros.recording.mcap_scan import parse_content, read_chunks, unpack
-from siren_ros.recording.mcap_stream import ChannelMessage, ChunkContent, McapStream, plain_bytes
+from siren_ros.recording.mcap_scan import (
+    DamageError,
+    parse_content,
+    read_attachment,
+    read_chunks,
+    read_copies,
+    read_places,
+    unpack,
+)
+from siren_ros.recording.mcap_stream import COPIES_NAME, ChannelMessage, ChunkContent, McapStream, plain_bytes
 
 SCHEMAS = tuple(
     Schema(id=number, name=name, encoding="ros2msg", data=data)
@@ -165,3 +175,39 @@ def test_a_stream_that_takes_a_part_at_a_time_gets_everything(tmp_path: Path) ->
         stream.write_chunk(chunk)
     stream.finish()
     assert file.getvalue() == (tmp_path / "x.mcap").read_bytes()
+
+
+@pytest.mark.parametrize(("size", "level"), [(200_000, 3), (300_000, -2)])
+def test_small_chunks_are_packed_with_more_effort_than_sweeps(tmp_path: Path, size: int, level: int) -> None:
+    data = b"".join(number.to_bytes(4, "little") for number in range(size // 4))
+    with (tmp_path / "x.mcap").open("w+b", buffering=0) as file:
+        stream = McapStream(file, -2)
+        stream.write_chunk(ChunkContent(SCHEMAS, CHANNELS, (ChannelMessage(1, 0, 0, data),)))
+        stream.finish()
+        file.seek(0)
+        (chunk,) = read_chunks(file)
+    assert chunk.packed == zstandard.ZstdCompressor(level=level).compress(unpack(chunk))
+
+
+def test_second_copies_are_a_file_of_their_own_with_the_definitions_that_they_need(tmp_path: Path) -> None:
+    with (tmp_path / "x.mcap").open("w+b", buffering=0) as file:
+        stream = McapStream(file, 3)
+        stream.write_chunk(FIRST)
+        stream.attach_copies([])
+        stream.attach_copies(FIRST.messages[:1])
+        stream.finish()
+        file.seek(0)
+        (place,) = (one for one in read_places(file) if one.opcode == Opcode.ATTACHMENT)
+        (copies,) = read_copies(file, [place])
+        assert copies == ChunkContent(SCHEMAS[1:], CHANNELS[1:2], FIRST.messages[:1])
+    with (tmp_path / "x.mcap").open("rb") as opened:
+        summary = SeekingReader(opened, validate_crcs=True).get_summary()
+    assert summary is not None
+    (index,) = summary.attachment_indexes
+    assert (index.offset, index.length, index.name) == (place.offset, place.length + 9, COPIES_NAME)
+    data = bytearray((tmp_path / "x.mcap").read_bytes())
+    data[place.offset + place.length // 2] ^= 1
+    damaged = BytesIO(data)
+    with pytest.raises(DamageError, match=f"attachment at byte {place.offset} does not have its checksum"):
+        read_attachment(damaged, place)
+    assert read_copies(damaged, [place]) == []

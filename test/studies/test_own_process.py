@@ -1,4 +1,5 @@
 import json
+import multiprocessing.forkserver
 import os
 import signal
 import subprocess
@@ -6,6 +7,8 @@ import sys
 import time
 from pathlib import Path
 from typing import Any
+
+import pytest
 
 from siren_ros.scenario.templates import load_template
 from siren_ros.studies.own_process import Died, Refused, Returned, call_in_own_process
@@ -43,6 +46,46 @@ def test_a_hanging_process_is_killed() -> None:
     died = call_in_own_process(time.sleep, 600.0, timeout_s=0.5, started=seen.append)
     assert died == Died("its process gave no answer for 0.5 s")
     assert not Path(f"/proc/{seen[0]}").exists()
+
+
+def kill_fork_server() -> int:
+    server = multiprocessing.forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined] # nobody else knows it
+    os.kill(server, signal.SIGKILL)
+    return int(server)
+
+
+def test_a_killed_fork_server_is_told_and_the_next_call_has_another() -> None:
+    assert isinstance(call(os.getpid), Returned)
+    seen: list[int] = []
+
+    def started(process_id: int) -> None:
+        seen.append(process_id)
+        kill_fork_server()
+
+    died = call_in_own_process(time.sleep, 600.0, timeout_s=60.0, started=started)
+    assert died == Died("the server of its process was killed")
+    while Path(f"/proc/{seen[0]}/exe").exists():  # until the time limit of the test; a zombie has none
+        time.sleep(0.05)
+    assert isinstance(call(os.getpid), Returned)
+
+
+def test_a_fork_server_that_is_killed_while_it_starts_a_process_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert isinstance(call(os.getpid), Returned)
+    connect = multiprocessing.forkserver.connect_to_new_process
+
+    def killing(fds: Any) -> Any:
+        answer = connect(fds)
+        os.kill(server, signal.SIGKILL)
+        return answer
+
+    server = multiprocessing.forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined] # as above
+    os.kill(server, signal.SIGSTOP)  # it takes the connection, and answers no more
+    monkeypatch.setattr(multiprocessing.forkserver, "connect_to_new_process", killing)
+    died = call(os.getpid)
+    assert isinstance(died, Died)
+    assert died.reason.startswith("the server of new processes is gone (")
+    monkeypatch.undo()
+    assert isinstance(call(os.getpid), Returned)
 
 
 CALLER = """

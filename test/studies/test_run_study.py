@@ -85,6 +85,21 @@ def test_a_study_is_resumed_without_its_table(made: tuple[StudyResult, LocalFold
     assert len(read_table(folder)) == len(before.rows)
 
 
+def test_a_damaged_row_without_its_table_is_made_again_and_what_killed_processes_left_goes(
+    made: tuple[StudyResult, LocalFolder, Path],
+) -> None:
+    before, folder, root = made
+    (root / MANIFEST).unlink()
+    damaged = before.rows[0]
+    (root / f"{damaged.path}.json").write_text('{"episode": ', encoding="utf-8")
+    (root / ".work" / f"{2**22 + 1}-0123456789ab" / ".bag.partial").mkdir(parents=True)
+    workers = Counted()
+    again = run_study(STUDY, folder, workers)
+    assert workers.asked == [damaged.episode]
+    assert [row.mcap_sha256 for row in again.rows] == [row.mcap_sha256 for row in before.rows]
+    assert not (root / ".work").exists()
+
+
 def test_a_study_grows_and_keeps_what_it_had(made: tuple[StudyResult, LocalFolder, Path]) -> None:
     _, folder, _ = made
     workers = Counted()

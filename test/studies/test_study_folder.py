@@ -1,5 +1,7 @@
 """A study on disk: rows next to bags, hashes, what counts as finished, and what is replaced."""
 
+import subprocess
+import sys
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -112,9 +114,40 @@ def test_a_scratch_folder_is_gone_however_the_attempt_ends(study: LocalFolder, t
     with pytest.raises(RuntimeError):
         fail()
     assert not kept[0].exists()
-    left = study.scratch()
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from siren_ros.studies.study_folder import LocalFolder
+print(LocalFolder(Path(sys.argv[1])).scratch(), flush=True)
+sys.stdin.read()
+"""
+
+
+def test_what_killed_processes_left_is_removed_and_what_is_under_way_stays(study: LocalFolder, tmp_path: Path) -> None:
+    command = [sys.executable, "-c", KILLED, str(tmp_path / "study")]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout is not None
+        theirs = Path(other.stdout.readline().strip())
+        (theirs / ".bag.partial").mkdir()
+        older = theirs.with_name(f"{2**22 + 1}-0123456789ab")
+        older.mkdir()
+        with attempt_folder(study) as ours:
+            study.clear_scratch()
+            assert (ours.exists(), theirs.exists(), older.exists()) == (True, True, False)
+        other.kill()
     study.clear_scratch()
-    assert not left.exists()
+    assert not theirs.parent.exists()
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"{", b"[1]", b"7", b"{}", b"\xff", b"[" * 100_000, b'{"status": "complete"}']
+)
+def test_a_damaged_row_is_none(study: LocalFolder, content: bytes) -> None:
+    study.note(ROW)
+    study.write(f"{ROW.path}.json", content)
+    assert study.row_of(ROW.path) is None
 
 
 def test_files_are_replaced_as_a_whole(study: LocalFolder, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from siren_ros.datasets.exporting.file_writer import FileWriter
 from siren_ros.datasets.exporting.format import EpisodePart, EpisodeReport
 from siren_ros.datasets.exporting.staging import link_tree
 from siren_ros.datasets.nuscenes.episode_tables import EpisodeTables
+from siren_ros.datasets.nuscenes.map_expansion import map_json
 from siren_ros.datasets.nuscenes.map_mask import map_corners, mask_png
 from siren_ros.datasets.nuscenes.rig import LIDAR, calibrated_sensors, channels
 from siren_ros.datasets.nuscenes.taxonomy import fixed_tables, token
@@ -80,6 +81,7 @@ class NuscenesExporter:
             raise BagError(str(source.path), "an episode with at least one sweep with its ground truth")
         map_name = f"maps/{token('map', source.description.map_sha256)}.png"
         files.write(map_name, mask_png(source.network))
+        files.write(f"maps/expansion/{location(source)}.json", map_json(source.network, location(source)))
         tables.finish(self._small_tables(source, episode_id, tables.samples, low, map_name))
         counts = {name: tables.counts[table] for name, table in (("keyframes", "sample"), ("files", "sample_data"))}
         return EpisodeReport({**counts, "labels": tables.classes.total()}, dict(tables.classes))
@@ -103,7 +105,7 @@ class NuscenesExporter:
             "logfile": episode_id,
             "vehicle": "emv",
             "date_captured": "1970-01-01",
-            "location": description.map_name,
+            "location": location(source),
             "map_file": map_name,
         }
         return {"scene": [scene], "log": [log], "calibrated_sensor": calibrated_sensors(source, episode_id)}
@@ -113,9 +115,9 @@ class NuscenesExporter:
         home = folder / VERSION
         home.mkdir()
         for part in parts:
+            for path in sorted(part.folder.glob("maps/**/*.*")):
+                (folder / path.relative_to(part.folder)).unlink(missing_ok=True)
             for kind in ("samples", "sweeps", "maps"):
-                for path in sorted((part.folder / kind).glob("*.png")) if kind == "maps" else ():
-                    (folder / kind / path.name).unlink(missing_ok=True)
                 link_tree(part.folder / kind, folder / kind)
         for table in _TABLES:
             _write_table(home / f"{table}.json", _rows(parts, table))
@@ -138,6 +140,13 @@ class NuscenesExporter:
             for split in ("train", "val", "test")
         }
         (home / "splits.json").write_text(json.dumps(splits, indent=2) + "\n", encoding="utf-8")
+
+
+def location(source: EpisodeSource) -> str:
+    """Name of the map: its own with the beginning of its hash, so that two maps of one name stay apart."""
+    description = source.description
+    name = "".join(letter if letter.isalnum() else "-" for letter in description.map_name)
+    return f"{name}-{description.map_sha256[:8]}"
 
 
 def visible_fractions(frame: LidarFrame) -> Floats:

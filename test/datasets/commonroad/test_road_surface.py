@@ -15,6 +15,8 @@ from siren_ros.datasets.commonroad.exporter import _add_obstacle, _add_problem, 
 from siren_ros.datasets.commonroad.road_surface import (
     BORDER_M,
     Bounds,
+    _as_bounds,
+    _without_holes,
     border_strips,
     junction_surfaces,
     lanelet_bounds,
@@ -137,6 +139,18 @@ def test_a_junction_is_paved_between_its_paths() -> None:
     for one in surfaces(outline):
         assert len(one.left) == len(one.right)
         assert one.polygon().is_valid
+
+
+def test_an_island_is_no_part_of_the_surface() -> None:
+    """A lanelet has no holes, so the area around one is cut in two."""
+    ring = Point(0.0, 0.0).buffer(10.0).difference(Point(1.0, 2.0).buffer(3.0))
+    pieces = _without_holes(ring)
+    assert (len(pieces), sum(len(piece.interiors) for piece in pieces)) == (2, 0)
+    assert sum(piece.area for piece in pieces) == pytest.approx(ring.area)
+    for piece in pieces:
+        found = _as_bounds(piece)
+        assert len(found.left) == len(found.right)
+        assert found.polygon().symmetric_difference(piece).area == pytest.approx(0.0, abs=1e-6)
 
 
 def scenario_file(folder: Path, *dropped: str) -> Path:

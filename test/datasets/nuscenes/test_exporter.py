@@ -67,6 +67,22 @@ def test_the_vehicle_stands_on_the_drivable_map(read: dict[str, Any]) -> None:
     assert read["on_road"]
 
 
+def test_the_devkits_map_and_prediction_tools_read_the_vector_map(dataset: Path) -> None:
+    read = read_with("nuscenes", "read_nuscenes_map.py", dataset)
+    assert read["refused"], "the devkit takes the names of its own four maps, until its list is changed"
+    assert read["name"].startswith("town-")
+    assert min(count for layer, count in read["rows"].items() if layer != "carpark_area") > 0
+    assert [layer for layer, there in read["layers"].items() if there][:4] == [
+        *("drivable_area", "road_segment", "road_block", "lane"),
+    ]
+    assert (read["on_road"], read["known"], read["cues"]) == (1.0, True, ["VERTICAL"])
+    assert read["off_lane_m"] < 1.0
+    assert max(read["steps_m"]) < 0.5, "a lane begins where the one before it ends"
+    assert all(0.0 < share < 1.0 for share in read["shares"])
+    assert read["picture"][:3] == [500, 500, 3]
+    assert read["picture"][3] > 10.0
+
+
 def test_velocities_are_those_of_the_record(read: dict[str, Any], sensed_bag: Path) -> None:
     with open_source(sensed_bag) as source:
         truth = next(frame.truth for frame in lidar_frames(source) if frame.step == 10)

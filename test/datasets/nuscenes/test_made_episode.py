@@ -170,9 +170,10 @@ def test_episodes_of_one_map_share_it(made_bags: list[Path], tmp_path: Path) -> 
     (area,) = tables["map"]
     assert sorted(area["log_tokens"]) == sorted(row["token"] for row in tables["log"])
     assert len(area["log_tokens"]) == 3
-    assert [str(path.relative_to(out)) for path in (out / "maps").iterdir()] == [area["filename"]]
+    files = sorted(str(path.relative_to(out)) for path in (out / "maps").rglob("*.*"))
+    assert files == sorted([area["filename"], "maps/expansion/straight-73747261.json"])
     assert area["category"] == "semantic_prior"
-    assert {row["location"] for row in tables["log"]} == {"straight"}
+    assert {row["location"] for row in tables["log"]} == {"straight-73747261"}, "name and beginning of the hash"
     assert {name: len(episodes) for name, episodes in tables["splits"].items()} == {
         "siren_train": 1,
         "siren_val": 1,
@@ -188,3 +189,26 @@ def test_the_papers_categories_are_one(made_bags: list[Path], tmp_path: Path) ->
     arguments = ["export", "nuscenes", str(made_bags[1]), "--out", str(out), "--vehicle-category", "vehicle.car"]
     assert main(arguments) == 0
     assert json.loads((out / "dataset.json").read_text())["classes"] == {"vehicle.car": 4}
+
+
+def test_the_vector_map_has_the_lanes_in_the_global_frame(dataset: Path, tables: Tables) -> None:
+    """Two lanes of 300 m each way; the right one eastwards lies at y = -5.25."""
+    (log,) = tables["log"]
+    made = json.loads((dataset / "maps" / "expansion" / f"{log['location']}.json").read_text())
+    assert (made["version"], made["canvas_edge"]) == ("1.3", [420.0, 132.0])
+    counts = {layer: len(made[layer]) for layer in ("lane", "lane_divider", "road_block", "road_divider", "stop_line")}
+    assert counts == {"lane": 4, "lane_divider": 2, "road_block": 2, "road_divider": 2, "stop_line": 0}
+    paths = [path for lane in made["lane"] for path in made["arcline_path_3"][lane["token"]]]
+    starts = {tuple(np.round(path["start_pose"][:2] + ORIGIN_M, 6)): path for path in paths}
+    east = starts[0.0, -5.25]
+    assert (east["end_pose"][:2] + ORIGIN_M).tolist() == pytest.approx([300.0, -5.25])
+    assert (east["start_pose"][2], sum(east["segment_length"])) == (0.0, 300.0)
+    nodes = {node["token"]: (node["x"] + ORIGIN_M[0], node["y"] + ORIGIN_M[1]) for node in made["node"]}
+    polygons = {one["token"]: one for one in made["polygon"]}
+    outlines = [{nodes[key] for key in polygons[one["polygon_token"]]["exterior_node_tokens"]} for one in made["lane"]]
+    assert {(0.0, -7.0), (300.0, -7.0), (300.0, -3.5), (0.0, -3.5)} in outlines
+    segments = [one["left_lane_divider_segments"] for one in made["lane"]]
+    assert sorted({one["segment_type"] for segment in segments for one in segment}) == [
+        "DOUBLE_DASHED_WHITE",
+        "SINGLE_SOLID_WHITE",
+    ]

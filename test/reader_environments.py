@@ -26,10 +26,10 @@ PACKAGES: dict[str, tuple[str, ...]] = {
     # av2 asks for torch and more, which its readers of scenarios and maps do not import. pandas reads csv files, too.
     "av2": ("--no-deps", "av2==0.3.6", "pandas<3", "pytz", "tzdata", "polars", "polars-runtime-32", "rich", "pyproj",
             "certifi", "universal-pathlib", "fsspec", "pathlib-abc", "joblib", "opencv-python-headless<4.12"),
-    # ASAM's checker bundles for OpenDRIVE and OpenSCENARIO.
+    # ASAM's checker bundles for OpenDRIVE and OpenSCENARIO; their pyclothoids is built here, with a C++ compiler.
     "asam": ("asam-qc-opendrive==1.0.0", "asam-qc-openscenarioxml==1.0.0"),
     "commonroad": ("commonroad-io==2026.1", "xmlschema"),
-    # The checker imports what commonroad-io had up to 2024.3.
+    # The checker imports what commonroad-io had up to 2024.3; its polygon3 is built here, with a C compiler.
     "commonroad_drivability": ("commonroad-drivability-checker==2025.4.0", "commonroad-io==2024.3"),
     "scenariogeneration": ("scenariogeneration==0.16.7", "xmlschema"),
     "metadrive": ("metadrive-simulator==0.4.3",),

@@ -118,7 +118,7 @@ def test_prediction_is_what_the_command_prints(made: SimpleNamespace) -> None:
     for row, line in zip(made.tables["prediction_templates"].rows, lines[start + 2 :], strict=False):
         model, by_template, mean, interval, samples = row
         assert line.split()[:3] == [model, by_template, mean]
-        assert interval.partition(" ")[2] in line
+        assert interval.partition(" ")[2].replace("–", "-") in line
         assert samples.replace(",", "") in line.split()
 
 

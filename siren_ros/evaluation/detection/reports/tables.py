@@ -47,10 +47,11 @@ def _by_template(scores: Sequence[DetectorScores], paper: Sequence[PaperDetector
         )
         for one in scores
     ]
-    rows += [
-        (f"{one.name}, 95 % of mAP", *(_bounds(one.template_ap[name]) for name in templates), _bounds(one.mean_ap))
-        for one in scores
-    ]
+    if any(interval.bounded for one in scores for interval in (one.mean_ap, *one.template_ap.values())):
+        rows += [
+            (f"{one.name}, 95 % of mAP", *(_bounds(one.template_ap[name]) for name in templates), _bounds(one.mean_ap))
+            for one in scores
+        ]
     for row in paper:
         pairs = [row.ap_and_nds.get(name) for name in (*templates, MEAN)]
         cells = (_NONE if pair is None else f"{_3(pair[0])}/{_3(pair[1])}" for pair in pairs)

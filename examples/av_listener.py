@@ -16,7 +16,7 @@ from siren_msgs.msg import EpisodeEnd, GroundTruth, StepDone
 class AvListener(Node):
     def __init__(self, participant: str) -> None:
         super().__init__(participant or "av_listener")
-        self.participant, self.over, self.ready, self.waiting = participant, False, False, {}
+        self.over, self.ready, self.waiting = False, False, {}
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.report = self.create_publisher(StepDone, "/siren/step_done", 8) if participant else None
         self.create_subscription(PointCloud2, "/emv/lidar/points", self.on_message, 8)
@@ -29,8 +29,8 @@ class AvListener(Node):
         if len(self.waiting[step]) == (2 if step % 2 == 0 else 1):  # the ground truth comes at every second step
             parts = self.waiting.pop(step)
             if step % 20 == 0:  # here a real stack would perceive and plan
-                seen = f"{parts[PointCloud2].width} points, {len(parts[GroundTruth].actor_id)} vehicles"
-                print(f"{step // 20} s: {seen}", flush=True)
+                points, vehicles = parts[PointCloud2].width, len(parts[GroundTruth].actor_id)
+                print(f"{step // 20} s: {points} points, {vehicles} vehicles", flush=True)
             self.say(StepDone.STEP, step)
 
     def on_end(self, message: EpisodeEnd) -> None:
@@ -38,12 +38,12 @@ class AvListener(Node):
         self.over = True
 
     def say(self, phase: int, step: int) -> None:
-        if self.report is not None:
-            self.report.publish(StepDone(step=step, participant=self.participant, phase=phase))
+        if self.report:
+            self.report.publish(StepDone(step=step, participant=self.get_name(), phase=phase))
 
     def say_ready(self) -> None:  # until everything that we wait for has a publisher, and the lockstep hears us
         heard = all(self.count_publishers(name) for name in ("/emv/lidar/points", "/emv/ground_truth"))
-        if not self.ready and heard and self.report is not None and self.report.get_subscription_count():
+        if not self.ready and heard and self.report and self.report.get_subscription_count():
             self.ready = True
             self.say(StepDone.READY, 0)
 
@@ -56,5 +56,4 @@ if __name__ == "__main__":
     while not node.over:
         node.say_ready()
         rclpy.spin_once(node, timeout_sec=0.05)
-    if node.report is not None:
-        node.report.wait_for_all_acked()
+    _ = node.report and node.report.wait_for_all_acked()

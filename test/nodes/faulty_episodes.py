@@ -85,8 +85,8 @@ class Episode:
     def process_of(self, node: str) -> int:
         return next(number for number, command in self.processes().items() if f"siren_nodes.{node}" in command)
 
-    def wait_until_recorded(self, size_bytes: int = 1000) -> None:
-        """Until the first chunks of the bag are on the disk."""
+    def wait_until_recorded(self, size_bytes: int = 150_000) -> None:
+        """Until more than a simulated second is on the disk: the map has 50 kB, a second without sensors 60 kB."""
         file = self.working / "bag_0.mcap"
         self._wait(lambda: file.exists() and file.stat().st_size > size_bytes, PATIENCE_S)
 

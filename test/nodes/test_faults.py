@@ -105,7 +105,7 @@ def test_a_closed_terminal_ends_the_episode_in_order(tmp_path: Path) -> None:
     )
     try:
         os.close(inside)
-        wait_until(recording(tmp_path, 20_000), process)
+        wait_until(recording(tmp_path, 150_000), process)
         os.close(terminal)
         process.send_signal(signal.SIGHUP)
         assert process.wait(timeout=ANSWER_S + 30.0) == 1

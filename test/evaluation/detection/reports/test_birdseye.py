@@ -20,6 +20,11 @@ from siren_ros.evaluation.detection.protocol.frames import Frames, frames_of
 from siren_ros.evaluation.detection.reports import birdseye
 
 
+@pytest.fixture(autouse=True)
+def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
 def two_templates() -> Frames:
     """Frames 0 to 3 are of S2, 4 to 7 of S3."""
     first, second = made_frames(camera=False).episodes
@@ -69,7 +74,7 @@ def test_the_frame_with_the_most_errors_is_drawn(tmp_path: Path, monkeypatch: py
         (5, 10.0, 0.31),
         (5, 20.0, 0.29),
     ]
-    assert drawn(labels, found, "S2", tmp_path / "a.png", monkeypatch) == {
+    assert drawn(labels, found, "S2", Path("a.png"), monkeypatch) == {
         "label, found": (1, [10.0]),
         "label, missed": (1, [20.0]),
         "hit": (1, [10.5]),
@@ -87,7 +92,7 @@ def test_matches_are_within_two_metres_and_the_first_of_equal_frames_is_drawn(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     labels, found = [(6, 10.0), (7, 10.0)], [(6, 11.9, 0.9), (7, 12.1, 0.9)]
-    assert drawn(labels, found, "S3", tmp_path / "a.png", monkeypatch)["label, missed"] == (7, [10.0])
+    assert drawn(labels, found, "S3", Path("a.png"), monkeypatch)["label, missed"] == (7, [10.0])
     alike = [(4, 10.0), (6, 10.0), (7, 10.0)]
     assert drawn(alike, [(7, 10.0, 0.9)], "S3", tmp_path / "b.png", monkeypatch) == {"label, missed": (4, [10.0])}
 
@@ -118,7 +123,7 @@ def whole_picture(frames: Frames, picture: Any, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(birdseye, "returns_from_above", lambda *_: east)
     monkeypatch.setattr(birdseye, "front_picture", lambda *_: picture)
     kept: list[Figure] = []
-    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: kept.append(figure))
+    monkeypatch.setattr(Figure, "savefig", lambda figure, path, **_: (kept.append(figure), path.touch()))
     birdseye.draw_worst_frame(scores, frames, "S3", Path("a.png"))
     (figure,) = kept
     return figure

@@ -8,7 +8,7 @@ from made_detector_scores import detector_scores
 from siren_ros.evaluation.detection.reports.paper_results import MEAN, PAPER, TEMPLATES, paper_rows
 from siren_ros.evaluation.detection.reports.tables import Table, as_csv, as_latex, as_text, tables_of
 from siren_ros.evaluation.detection.scoring import GroupScore
-from siren_ros.evaluation.statistics.interval import Interval
+from siren_ros.evaluation.statistics.interval import BLOCKS_MIN, Interval
 
 TABLE = Table("name", "a caption", ("detector", "S_1", "mean"), (("one & two", ".5", "-"), ("3", ".25", "50 %")))
 
@@ -100,7 +100,9 @@ def test_parts_have_a_row_where_somebody_has_labels_of_them() -> None:
 @pytest.mark.parametrize("named_first", [True, False])
 def test_detectors_with_different_parts_have_the_rows_of_all(named_first: bool) -> None:
     one = detector_scores("pillars", {"S1": 0.4})
-    named = replace(one, groups=(*one.groups, GroupScore("found by name", "bus", 3, Interval(0.5, 0.4, 0.6, 4))))
+    named = replace(
+        one, groups=(*one.groups, GroupScore("found by name", "bus", 3, Interval(0.5, 0.4, 0.6, BLOCKS_MIN)))
+    )
     other = replace(detector_scores("classical", {"S1": 0.4}), families={})
     given = [named, other] if named_first else [other, named]
     _, _, parts = tables_of(given, compare_paper=False)

@@ -13,9 +13,14 @@ from siren_ros.evaluation.risk.scoring import ModelScores
 COUNTS = np.array([[7, 3, 0, 0], [1, 1, 0, 2], [0, 0, 0, 0]])
 
 
+@pytest.fixture(autouse=True)
+def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
 def drawn(monkeypatch: pytest.MonkeyPatch, templates: int, counts: npt.NDArray[np.intp] = COUNTS) -> Figure:
     kept: list[Figure] = []
-    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: kept.append(figure))
+    monkeypatch.setattr(Figure, "savefig", lambda figure, path, **_: (kept.append(figure), path.touch()))
     by_template = {f"S{number}": (number + 1) * counts for number in range(templates)}
     save_confusions(ModelScores("mine", 14, 14, counts, by_template), Path("a.png"))
     (figure,) = kept

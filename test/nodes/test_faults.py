@@ -286,7 +286,10 @@ def test_a_stranger_ends_the_episode_and_is_named(
 @pytest.mark.parametrize(
     ("attack", "named"),
     [
-        ("topics.GROUND_TRUTH, [b'\\0\\1\\0\\0' + b'\\xff' * 9]", "/emv/ground_truth: a message of 13 bytes"),
+        (
+            "topics.GROUND_TRUTH, [b'\\0\\1\\0\\0' + b'\\xff' * 9]",
+            "recorder: /emv/ground_truth: the stamp -1 s and 4294967295 ns",
+        ),
         ("topics.TF, [wire.encode(topics.TF, make_message(topics.TF.type_name, transforms=[]))]", "/tf"),
     ],
 )

@@ -8,6 +8,7 @@ from contextlib import ExitStack, suppress
 from types import SimpleNamespace
 
 import pytest
+from dds_domains import own_domain
 
 from siren_ros.errors import InputError
 from siren_ros.ros.transport.domain import VARIABLE, DomainTakenError, check_alone, claimed_domain, in_free_domain
@@ -66,11 +67,12 @@ def test_a_chosen_domain_that_is_taken_is_refused(monkeypatch: pytest.MonkeyPatc
 
 
 def test_two_domains_are_two_claims(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(VARIABLE, "100")
+    numbers = [str(own_domain()) for _ in range(2)]
+    monkeypatch.setenv(VARIABLE, numbers[0])
     with claimed_domain():
-        monkeypatch.setenv(VARIABLE, "101")
+        monkeypatch.setenv(VARIABLE, numbers[1])
         with claimed_domain():
-            for number in ("100", "101"):
+            for number in numbers:
                 monkeypatch.setenv(VARIABLE, number)
                 with pytest.raises(InputError), claimed_domain():
                     pytest.fail("claimed twice")

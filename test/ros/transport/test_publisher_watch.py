@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
+from functools import cache
 from typing import Any
 
 import pytest
@@ -19,11 +20,17 @@ PATIENCE_S = 20.0
 QUIET_S = 0.3
 
 
+@cache
+def _domain() -> int:
+    """One for all tests here: a test ends its nodes before the next one begins."""
+    return own_domain()
+
+
 class Graph:
     """Nodes of several programs in one process, each with its own DDS participant."""
 
     def __init__(self) -> None:
-        self.domain = own_domain()
+        self.domain = _domain()
         self.contexts: dict[str, Context] = {}
         self.nodes: dict[str, Node] = {}
         self.told: list[str] = []

@@ -84,6 +84,7 @@ DEVELOPMENT = [
     *DETECTION,
     *CLUSTER,  # its tests run two workers
     *VLM,  # its tests talk to a server of their own
+    "import-linter>=2.7,<3",  # holds the order of imports (.importlinter)
     "pytest>=8",  # runs the tests
     "pytest-timeout>=2.3",  # a test that hangs fails instead
     "pytest-xdist>=3.5",  # shares the tests between two processes

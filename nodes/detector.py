@@ -7,8 +7,12 @@ from typing import Any
 import numpy as np
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.detection.pillars.detector import PillarDetector, detector_file, no_boxes
-from siren_ros.evaluation.detection.pillars.network_file import load_detector
+from siren_ros.evaluation.detection.detectors.pillar_detector import (
+    PillarDetector,
+    detector_file,
+    load_detector,
+    no_boxes,
+)
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.detections import DetectedBoxes, to_detections
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing
@@ -21,7 +25,7 @@ from siren_ros.ros.participants.participant import Participant
 from siren_ros.ros.programs.program import run_participant
 from siren_ros.scenario.episode import EpisodeDescription
 from siren_ros.sensors.suite.suite import load_suite, period_steps
-from siren_ros.world.frames import BASE_FRAME, MAP_FRAME
+from siren_ros.world.carrier import BASE_FRAME, MAP_FRAME
 
 
 class Detector(Participant[DetectorConfig]):

@@ -4,12 +4,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from siren_ros.datasets.exporting.file_writer import FileWriter
-from siren_ros.datasets.kitti.calibration import KittiCamera, camera_from_lidar
+from siren_ros.datasets.files import FileWriter
 from siren_ros.datasets.kitti.frame_files import KittiFrame, KittiFrames
-from siren_ros.datasets.kitti.layout import Layout
-from siren_ros.datasets.kitti.live_export import LiveExport
-from siren_ros.datasets.sources.episode_source import FRONT_CAMERA
+from siren_ros.datasets.kitti.labels import KittiCamera, camera_from_lidar
+from siren_ros.datasets.kitti.live_export import Layout, LiveExport
 from siren_ros.errors import InputError
 from siren_ros.generation.episode_setup import default_bag_path_of, default_kitti_path
 from siren_ros.interfaces import topics
@@ -18,6 +16,7 @@ from siren_ros.interfaces.images import from_compressed_image
 from siren_ros.interfaces.lockstep_reports import EpisodeClosing
 from siren_ros.interfaces.point_cloud import from_point_cloud
 from siren_ros.lockstep.tick_join import Input
+from siren_ros.record.episode_source import FRONT_CAMERA
 from siren_ros.ros.parameters.node_configs import KittiExporterConfig
 from siren_ros.ros.participants.participant import Participant
 from siren_ros.ros.programs.program import run_participant

@@ -15,9 +15,9 @@ from siren_ros.ros.parameters.node_configs import SumoBridgeConfig
 from siren_ros.ros.participants.participant import Participant
 from siren_ros.ros.programs.program import run_participant
 from siren_ros.ros.transport import wire
-from siren_ros.scenario.request import EpisodeRequest
-from siren_ros.traffic.demand.av_choice import av_way
-from siren_ros.traffic.observation.checks import check_no_teleport, check_residual
+from siren_ros.scenario.episode import EpisodeRequest
+from siren_ros.traffic.demand.demand import av_way
+from siren_ros.traffic.observation import check_no_teleport, check_residual
 from siren_ros.traffic.simulation import SumoSimulation
 
 

@@ -3,8 +3,7 @@
 import sys
 from typing import Any
 
-from siren_ros.dynamics.fleet import step_fleet
-from siren_ros.dynamics.fleet_state import FleetState
+from siren_ros.dynamics.fleet import FleetState, step_fleet
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import (
@@ -22,7 +21,7 @@ from siren_ros.ros.transport import wire
 from siren_ros.scenario.episode import EpisodeDescription
 from siren_ros.world.actors import NO_ACTOR
 from siren_ros.world.commands import AvControl, av_commands
-from siren_ros.world.state_hash import hash_state
+from siren_ros.world.traffic_state import hash_state
 
 
 class VehicleDynamics(Participant[VehicleDynamicsConfig]):

@@ -17,14 +17,12 @@ from siren_ros.interfaces.point_cloud import to_point_cloud
 from siren_ros.numerics.geometry import rotate
 from siren_ros.numerics.units import STEP_S, time_ns_of_step
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
-from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.sensors.lidar.lidar_points import LIDAR_POINT_DTYPE
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates, Lights, Mode, Owner
+from siren_ros.world.carrier import GroundTruth
 from siren_ros.world.commands import COMMAND_DTYPES, VehicleCommands
-from siren_ros.world.events import Event, EventKind
-from siren_ros.world.ground_truth import GroundTruth
-from siren_ros.world.state_hash import hash_state
-from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficState
+from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, Event, EventKind, TrafficState, hash_state
 
 EMV = 1
 LIDAR_TOPIC = topics.LIDAR.of_sensor("lidar", 2)

@@ -10,18 +10,17 @@ from repository import REPOSITORY
 from test_architecture import names_defined_in
 
 from siren_ros.behaviour.config import JunctionEntryConfig
-from siren_ros.evaluation.detection.reports.paper_results import PAPER as PAPER_DETECTORS
-from siren_ros.evaluation.prediction.metrics.table import METRICS
-from siren_ros.evaluation.prediction.protocol.window import HistoryWindow, future_times_s
+from siren_ros.evaluation.detection.tables import PAPER as PAPER_DETECTORS
+from siren_ros.evaluation.prediction.metrics import METRICS
 from siren_ros.evaluation.prediction.reports.paper_results import PAPER_NAMES
-from siren_ros.evaluation.risk.reports.paper_table import PAPER_BALANCE, PAPER_SCORES
+from siren_ros.evaluation.prediction.samples import HistoryWindow, future_times_s
+from siren_ros.evaluation.risk.tables import PAPER_BALANCE, PAPER_SCORES
 from siren_ros.numerics.units import STEP_S, mps_from_kmh
-from siren_ros.scenario.levels import LEVEL_POLICIES, CivilianResponse, EmergencyLevel
-from siren_ros.scenario.paper_constants import PAPER_CONSTANTS, PAPER_SPEEDS
+from siren_ros.scenario.paper import LEVEL_POLICIES, PAPER_CONSTANTS, PAPER_SPEEDS, CivilianResponse, EmergencyLevel
 from siren_ros.scenario.presets import load_preset
 from siren_ros.scenario.templates import available_templates, load_template
+from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.sumo import caution
-from siren_ros.traffic.sumo.config import TrafficConfig
 
 TEXT = re.sub(r"\s+", " ", (REPOSITORY / "docs" / "paper.md").read_text(encoding="utf-8"))
 OWNERS = {

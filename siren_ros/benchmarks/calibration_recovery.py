@@ -13,18 +13,16 @@ from typing import Final
 import numpy as np
 
 from siren_ros.calibration.fit import EVALUATIONS_EACH, Fitted, fit
-from siren_ros.calibration.horizons import horizons_of
 from siren_ros.calibration.parameters import Parameter, check_effect, parameters_named
-from siren_ros.calibration.simulate import Situation, Target, driven
-from siren_ros.calibration.trajectory import Trajectory
-from siren_ros.calibration.tries import residuals_over
+from siren_ros.calibration.searches import residuals_over
+from siren_ros.calibration.targets import Situation, Target, Trajectory, driven, horizons_of
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
 from siren_ros.evaluation.aligned_text import aligned
 from siren_ros.generation.episode_setup import plan_length
-from siren_ros.numerics.random_streams import random_stream
+from siren_ros.numerics.arrays import random_stream
 from siren_ros.numerics.units import STEP_S
-from siren_ros.scenario.levels import EmergencyLevel
-from siren_ros.scenario.request import EpisodeRequest
+from siren_ros.scenario.episode import EpisodeRequest
+from siren_ros.scenario.paper import EmergencyLevel
 
 TOLERANCE: Final = 0.05
 """Of a parameter's range, within which a found value counts as recovered."""

@@ -12,15 +12,14 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from siren_ros.datasets.sources.episode_source import open_source
 from siren_ros.errors import EXIT_BAD_INPUT, EXIT_OK
+from siren_ros.evaluation.prediction.episode_scores import score_episode
 from siren_ros.evaluation.prediction.predictors import predictors_named
-from siren_ros.evaluation.prediction.protocol.samples import Population
-from siren_ros.evaluation.prediction.reports.differences import differences
-from siren_ros.evaluation.prediction.reports.score_table import score_table
-from siren_ros.evaluation.prediction.scoring.score_bags import ScoringJob, score_bags
-from siren_ros.evaluation.prediction.scoring.score_episode import score_episode
-from siren_ros.recording.bag_folders import bags_among
+from siren_ros.evaluation.prediction.reports.score_table import differences, score_table
+from siren_ros.evaluation.prediction.samples import Population
+from siren_ros.evaluation.prediction.score_bags import ScoringJob, score_bags
+from siren_ros.record.episode_source import open_source
+from siren_ros.recording.bag_reader import bags_among
 from siren_ros.recording.episode_record import EpisodeRecord
 
 

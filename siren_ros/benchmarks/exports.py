@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from siren_ros.datasets.export_job import ExportJob, run_export
-from siren_ros.datasets.registry import format_named
+from siren_ros.datasets.formats import format_named
 from siren_ros.errors import EXIT_OK
 
 LIDAR_FORMATS: Final = ("kitti", "openpcdet", "nuscenes")

@@ -14,12 +14,9 @@ from pathlib import Path
 from typing import Final
 
 from siren_ros.errors import EXIT_OK
-from siren_ros.evaluation.prediction.predictors import PREDICTORS, predictors_named
-from siren_ros.evaluation.prediction.protocol.predictor import Predictor
-from siren_ros.evaluation.prediction.protocol.samples import Population, ScoredSamples, samples_of
-from siren_ros.evaluation.prediction.protocol.window import HistoryWindow
-from siren_ros.recording.bag_folders import bags_among
-from siren_ros.recording.bag_reader import read_episode
+from siren_ros.evaluation.prediction.predictors import PREDICTORS, Predictor, predictors_named
+from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, ScoredSamples, samples_of
+from siren_ros.recording.bag_reader import bags_among, read_episode
 from siren_ros.recording.episode_record import EpisodeRecord
 
 SAMPLES: Final = 100_000

@@ -7,21 +7,258 @@ left behind, and the resident memory of a long-lived worker. Exit code 1 where a
 """
 
 import argparse
+import gc
+import hashlib
+import os
+import signal
+import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+import uuid
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass, field
 from multiprocessing import get_context
 from pathlib import Path
 from shutil import rmtree
 from typing import Final
 
-from siren_ros.benchmarks.soak_episode import SoakResult, mixed_cases, run_case
-from siren_ros.benchmarks.worker_memory import FLAT_MB_PER_EPISODE, WorkerMemory, measure_worker
-from siren_ros.errors import EXIT_FAILED, EXIT_OK
-from siren_ros.scenario.request import EpisodeRequest
+import numpy as np
+
+from siren_ros.errors import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_OK, SirenError
+from siren_ros.generation.closed_loop import closed_loop
+from siren_ros.generation.episode_setup import plan_length, set_up_episode
+from siren_ros.judging.physics import VerifyLimits
+from siren_ros.judging.verify import check_complete, check_message_counts, check_stamps
+from siren_ros.recording.bag_reader import read_episode
+from siren_ros.ros.transport.shared_memory import abandoned_segments
+from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.scenario.templates import available_templates
+
+FLAT_MB_PER_EPISODE: Final = 0.1
+"""Growth below which memory counts as flat: 100 MB in a thousand episodes, far below what an episode needs."""
+_PAGES_COLUMN: Final = 1
+
+
+@dataclass(frozen=True)
+class WorkerMemory:
+    """Resident memory after each episode, in MB, and where the warm-up ends."""
+
+    resident_mb: tuple[float, ...]
+    warm_up: int
+
+    @property
+    def settled_mb(self) -> tuple[float, ...]:
+        """After the warm-up."""
+        return self.resident_mb[self.warm_up :]
+
+    @property
+    def slope_mb(self) -> float:
+        """Growth per episode after the warm-up: the median of the slopes between all pairs (Theil and Sen).
+
+        One episode with more vehicles than all before it lifts the level once; that is no leak.
+        """
+        values = np.array(self.settled_mb)
+        first, second = np.triu_indices(len(values), 1)
+        return float(np.median((values[second] - values[first]) / (second - first))) if len(first) else 0.0
+
+    @property
+    def flat(self) -> bool:
+        """Whether it does not grow."""
+        return self.slope_mb <= FLAT_MB_PER_EPISODE
+
+
+def resident_mb() -> float:
+    """Resident memory of this process."""
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[_PAGES_COLUMN])
+    return pages * 4096 / 1e6
+
+
+def measure_worker(requests: Sequence[EpisodeRequest], warm_up: int) -> WorkerMemory:
+    """Run episodes one after the other in this process.
+
+    Args:
+        requests: The episodes.
+        warm_up: So many are run before the memory counts.
+    """
+    found = []
+    for request in requests:
+        for _ in closed_loop(set_up_episode(request), plan_length(request)):
+            pass
+        gc.collect()
+        found.append(resident_mb())
+        print(f"  worker: {len(found)}/{len(requests)} episodes, {found[-1]:.1f} MB", file=sys.stderr, flush=True)
+    return WorkerMemory(tuple(found), warm_up)
+
+
+MARK: Final = "SIREN_SOAK_MARK"
+"""Environment variable by which all processes of an episode are found, whoever their parent is now."""
+LIMIT_S: Final = 600.0
+_LINES: Final = 3
+
+
+@dataclass(frozen=True)
+class SoakCase:
+    """What is run."""
+
+    template: str
+    level: str
+    seed: int
+    duration_s: float
+    sensors: str = "none"
+    map: str = ""
+    processes: tuple[bool, bool] = (False, False)
+    """Of the first and of the second run: one process for each node."""
+
+    @property
+    def name(self) -> str:
+        """Name of the case in one word."""
+        suite, town = Path(self.sensors).stem, Path(self.map).stem or "town"
+        modes = "+".join("many" if many else "one" for many in self.processes)
+        return f"{self.template}/{self.level}/seed{self.seed}/{suite}/{town}/{modes}"
+
+    def parameters(self, bag: Path, run: int) -> list[str]:
+        """The parameters of ``cosim``."""
+        asked = [f"template:={self.template}", f"level:={self.level}", f"seed:={self.seed}", f"bag:={bag}"]
+        asked += [f"duration_s:={self.duration_s}", f"sensors:={self.sensors}", "kitti:=false"]
+        asked += [f"map:={self.map}"] if self.map else []
+        return [*asked, f"processes:={str(self.processes[run]).lower()}"]
+
+
+@dataclass(frozen=True)
+class SoakResult:
+    """What was found; empty tuples where all is well."""
+
+    case: SoakCase
+    refused: bool = False
+    """Both runs refused the input: the map has no site of the template's kind."""
+    failures: tuple[str, ...] = ()
+    hashes_differ: bool = False
+    lost: tuple[str, ...] = ()
+    processes: tuple[str, ...] = ()
+    segments: int = 0
+    locks: tuple[str, ...] = ()
+    details: tuple[str, ...] = field(default=())
+
+    @property
+    def clean(self) -> bool:
+        """Whether nothing is wrong with it."""
+        found = (self.failures, self.hashes_differ, self.lost, self.processes, self.segments, self.locks)
+        return not any(found)
+
+
+def run_case(case: SoakCase, folder: Path) -> SoakResult:
+    """Run a case twice in folders of its own."""
+    mark = uuid.uuid4().hex
+    before = set(abandoned_segments(0.0))
+    runs = [_run(case, run, folder / str(run), mark) for run in range(2)]
+    codes = [code for code, _ in runs]
+    left = end_marked(mark)
+    segments = len(set(abandoned_segments(0.0)) - before)
+    if codes == [EXIT_BAD_INPUT] * 2:
+        return SoakResult(case, refused=True, processes=left, segments=segments, details=(runs[0][1],))
+    bags = [folder / str(run) / "bag" for run in range(2)]
+    return SoakResult(
+        case,
+        failures=tuple(f"run {run + 1}: exit code {code}: {said}" for run, (code, said) in enumerate(runs) if code),
+        hashes_differ=codes == [EXIT_OK] * 2 and digest(bags[0]) != digest(bags[1]),
+        lost=tuple(text for bag in bags for text in lost_messages(bag)),
+        processes=left,
+        segments=segments,
+        locks=tuple(str(path.name) for bag in bags for path in left_behind(bag)),
+    )
+
+
+def _run(case: SoakCase, run: int, folder: Path, mark: str) -> tuple[int, str]:
+    folder.mkdir(parents=True)
+    flags = [part for item in case.parameters(folder / "bag", run) for part in ("-p", item)]
+    command = [sys.executable, "-m", "siren_nodes.cosim", "--ros-args", *flags]
+    try:
+        done = subprocess.run(  # noqa: S603 - our own module, no shell
+            command,
+            env={**os.environ, MARK: mark},
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=LIMIT_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return 1, f"not done after {LIMIT_S:g} s"
+    return done.returncode, " | ".join(done.stderr.strip().splitlines()[-_LINES:])
+
+
+def digest(bag: Path) -> dict[str, str]:
+    """SHA-256 of every file of a bag."""
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(bag.glob("*"))}
+
+
+def lost_messages(bag: Path) -> list[str]:
+    """What the record lacks against the rates of its topics, or why it cannot be read."""
+    if not bag.is_dir():
+        return []
+    try:
+        record, limits = read_episode(bag), VerifyLimits()
+    except SirenError as error:
+        return [str(error)]
+    checks = (check_complete, check_message_counts, check_stamps)
+    return [str(part) for part in (check(record, limits) for check in checks) if not part.holds]
+
+
+def left_behind(bag: Path) -> list[Path]:
+    """Files next to a finished bag, or in it, that do not belong there."""
+    around = [path for path in sorted(bag.parent.iterdir()) if path != bag]
+    within = [path for path in sorted(bag.glob("*")) if path.name != "metadata.yaml" and path.suffix != ".mcap"]
+    return around + within
+
+
+def marked_processes(mark: str, processes: Path = Path("/proc")) -> Mapping[int, str]:
+    """Command lines of the live processes with a mark in their environment, by process id."""
+    found = {}
+    for entry in sorted(processes.glob("[0-9]*")):
+        with suppress(OSError):
+            carries = f"{MARK}={mark}".encode() in (entry / "environ").read_bytes().split(b"\0")
+            if carries and "\nState:\tZ" not in (entry / "status").read_text(encoding="utf-8"):
+                found[int(entry.name)] = (entry / "cmdline").read_text(encoding="utf-8").replace("\0", " ").strip()
+    return found
+
+
+def end_marked(mark: str) -> tuple[str, ...]:
+    """End what an episode has left running; returns the command lines."""
+    left = marked_processes(mark)
+    for number in left:
+        with suppress(OSError):
+            os.kill(number, signal.SIGKILL)
+    return tuple(left.values())
+
+
+def mixed_cases(count: int, duration_s: float, templates: Sequence[str], lidar_suite: str, town: str) -> list[SoakCase]:
+    """Cases that go through templates, levels, seeds, process modes, and now and then a LiDAR or another map.
+
+    Args:
+        count: Number of cases.
+        duration_s: Simulated time of each.
+        templates: Ids of the templates.
+        lidar_suite: Path of the suite with a LiDAR, for every fifth case.
+        town: Path of another map, for every tenth case; empty for none.
+    """
+    levels = ("L2", "L0", "L3", "L1")
+    modes = ((False, False), (False, True), (True, True))
+    return [
+        SoakCase(
+            templates[number % len(templates)],
+            levels[number // len(templates) % len(levels)],
+            number,
+            duration_s,
+            lidar_suite if number % 5 == 3 else "none",
+            town if number % 10 == 6 else "",
+            modes[number % len(modes)],
+        )
+        for number in range(count)
+    ]
+
 
 SMALL_SUITE: Final = """
 lidars:

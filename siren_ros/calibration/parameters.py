@@ -4,11 +4,10 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from siren_ros.behaviour.driving.situation import BehaviourWorld
+from siren_ros.behaviour.driving.step_view import BehaviourWorld
 from siren_ros.errors import InputError
-from siren_ros.scenario.levels import EmergencyLevel
-from siren_ros.traffic.demand.driver_models import DriverModel
-from siren_ros.traffic.demand.plan import TrafficPlan
+from siren_ros.scenario.paper import EmergencyLevel
+from siren_ros.traffic.demand.plan import DriverModel, TrafficPlan
 
 PutDriver = Callable[[DriverModel, float], DriverModel]
 PutWorld = Callable[[BehaviourWorld, float], BehaviourWorld]

@@ -1,16 +1,129 @@
-"""The three searches that a fit is made of: over the whole ranges, by evolution, and down the slope to the bottom."""
+"""Searches for the least error: even places, CMA-ES and least squares, what they have tried, and the spread there."""
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import qmc
 
-from siren_ros.calibration.horizons import WHOLE
-from siren_ros.calibration.tried import Tried, errors_m
+from siren_ros.calibration.parameters import Parameter
+from siren_ros.calibration.targets import WHOLE, Target, residuals_m
 from siren_ros.errors import InputError
 from siren_ros.numerics.arrays import Floats
+from siren_ros.processes.worker_pool import worker_pool
+
+Residuals = Callable[[Sequence[Mapping[str, float]], float], Sequence[Floats]]
+"""Vectors of several tries, which may be simulated at the same time, over the trajectories' first seconds. Over one
+horizon all have the same length, and the Euclidean norm of one is the error of its try in metres."""
+Told = Callable[[int, float, float], None]
+"""Told the number of tries, the horizon and the least error there."""
+
+
+def errors_m(residuals: Iterable[Floats]) -> list[float]:
+    """The errors of tries by their residuals."""
+    return [float(np.linalg.norm(one)) for one in residuals]
+
+
+class Spent(Exception):  # noqa: N818 - the end of a search, and no error
+    """No tries are left."""
+
+
+class Tried:
+    """Runs the tries of a search. Parameters are shares of their ranges, 0 to 1."""
+
+    def __init__(self, parameters: Sequence[Parameter], residuals: Residuals, told: Told) -> None:
+        """Nothing has been tried."""
+        self._parameters = parameters
+        self._residuals = residuals
+        self._told = told
+        self._best: dict[float, tuple[Floats, float]] = {}
+        self.budget = 0
+        """Tries at which the search ends."""
+        self.count = 0
+        self.horizon_s = WHOLE
+        """Of the next tries."""
+        self.history_m: list[float] = []
+        """Least error over the whole trajectories, after each call with the whole horizon."""
+
+    @property
+    def left(self) -> int:
+        """Tries that are left."""
+        return max(self.budget - self.count, 0)
+
+    @property
+    def best(self) -> Floats:
+        """The place with the least error over the whole trajectories; the middle before the first try."""
+        return self._at(WHOLE)[0]
+
+    @property
+    def best_error_m(self) -> float:
+        """Its error; infinite before the first try."""
+        return self._at(WHOLE)[1]
+
+    @property
+    def farthest(self) -> Floats:
+        """The best place over the longest horizon short of the whole one; the best of all where there is none."""
+        return self._at(max((horizon for horizon in self._best if horizon != WHOLE), default=WHOLE))[0]
+
+    def _at(self, horizon_s: float) -> tuple[Floats, float]:
+        return self._best.get(horizon_s, (np.full(len(self._parameters), 0.5), np.inf))
+
+    def __call__(self, tries: Iterable[Iterable[float]]) -> list[Floats]:
+        """The residuals of several tries over the horizon; those that were begun are finished.
+
+        Raises:
+            Spent: No tries are left.
+        """
+        if not self.left:
+            raise Spent
+        asked = [np.array([*shares][: len(self._parameters)]) for shares in tries]
+        found = [np.asarray(one) for one in self._residuals([self.values(shares) for shares in asked], self.horizon_s)]
+        self.count += len(found)
+        errors = errors_m(found)
+        least = int(np.argmin(errors))
+        if errors[least] < self._at(self.horizon_s)[1]:
+            self._best[self.horizon_s] = asked[least], errors[least]
+        if self.horizon_s == WHOLE:
+            self.history_m.append(self.best_error_m)
+        self._told(self.count, self.horizon_s, self._at(self.horizon_s)[1])
+        return found
+
+    def values(self, shares: Floats) -> dict[str, float]:
+        """The parameters' values at shares of their ranges."""
+        return {one.name: one.at(float(share)) for one, share in zip(self._parameters, shares, strict=True)}
+
+
+@contextmanager
+def residuals_over(
+    targets: Sequence[Target], jobs: int, told: Callable[[], None] = lambda: None
+) -> Iterator[Residuals]:
+    """The residuals of a try are those of all targets, so that its error is the root mean square over the targets.
+
+    Every try and target is a call of its own. A horizon cuts all trajectories to their first seconds, and an episode
+    ends with its trajectory.
+
+    Args:
+        targets: At least one.
+        jobs: Processes.
+        told: Called after each simulated episode.
+    """
+    with worker_pool(jobs, lambda _: None) as pool:
+
+        def residuals(tries: Sequence[Mapping[str, float]], horizon_s: float) -> list[Floats]:
+            cut = [replace(target, trajectory=target.trajectory.until(horizon_s)) for target in targets]
+            calls = [(target, dict(values)) for values in tries for target in cut]
+            found: dict[int, Floats] = {}
+            for number, apart in pool(residuals_m, calls):
+                found[number] = apart / np.sqrt(len(targets))
+                told()
+            each = len(targets)
+            return [np.concatenate([found[one * each + other] for other in range(each)]) for one in range(len(tries))]
+
+        yield residuals
+
 
 START_STEP: Final = 0.25
 """First standard deviation of the evolution, as a share of each range: two of them reach from its middle to its end."""
@@ -150,3 +263,49 @@ def slope(tried: Tried, place: Floats, residuals: Floats) -> Floats:
     steps = np.where(place > 0.5, -SLOPE_SHARE, SLOPE_SHARE)  # always within the ranges
     found = tried(place + np.diag(steps))
     return np.stack([(one - residuals) / step for one, step in zip(found, steps, strict=True)], axis=1)
+
+
+GROWTH: Final = 0.1
+"""A parameter may move as far as lets the error grow by this share."""
+LEAST_ERROR_M: Final = 0.05
+"""Errors are taken to be at least so large: no tracker knows an EMV's places better."""
+STEP_SHARE: Final = 0.02
+"""Step of the differences, as a share of each range."""
+
+
+def tries_for(dimensions: int) -> int:
+    """So many tries ``spread_shares`` makes."""
+    return 2 * dimensions
+
+
+def spread_shares(tried: Tried, place: Floats, error_m: float) -> Floats:
+    """How far each parameter can move from a place until the error has grown by a tenth, as shares of the ranges.
+
+    The other parameters follow so that the error grows as little as possible: with the slopes J of the residuals, the
+    squared error grows by dᵀJᵀJd for a move d, and the farthest move of one parameter on such an ellipsoid is the root
+    of the diagonal of (JᵀJ)⁻¹. A parameter on which the way does not depend gets 1, its whole range.
+
+    Args:
+        tried: What the search has tried.
+        place: The parameters found.
+        error_m: There.
+    """
+    count = len(place)
+    below, above = np.clip(place - STEP_SHARE, 0.0, 1.0), np.clip(place + STEP_SHARE, 0.0, 1.0)
+    places = [np.where(np.arange(count) == number, side, place) for number in range(count) for side in (below, above)]
+    found = tried(places)
+    slopes = [(found[2 * one + 1] - found[2 * one]) / (above[one] - below[one]) for one in range(count)]
+    return move_shares(np.stack(slopes, axis=1), error_m)
+
+
+def move_shares(slopes: Floats, error_m: float) -> Floats:
+    """The farthest moves on the ellipsoid of a tenth more error; see ``spread_shares``.
+
+    Args:
+        slopes: Of the residuals, a column for each parameter.
+        error_m: At the place.
+    """
+    grown = ((1.0 + GROWTH) ** 2 - 1.0) * max(error_m, LEAST_ERROR_M) ** 2
+    # A move over the whole range adds at least `grown`, so that no direction is without an end.
+    inverse = np.linalg.inv(slopes.T @ slopes + grown * np.eye(slopes.shape[1]))
+    return np.minimum(np.sqrt(grown * np.diag(inverse)), 1.0)

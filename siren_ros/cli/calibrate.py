@@ -8,20 +8,14 @@ from typing import Any
 from tqdm import tqdm
 
 from siren_ros.calibration.fit import EVALUATIONS_EACH, UNDETERMINED_SHARE, Fitted, fit
-from siren_ros.calibration.horizons import horizons_of
 from siren_ros.calibration.parameters import PARAMETERS, Parameter, check_effect, parameters_named
-from siren_ros.calibration.simulate import Situation, Target
-from siren_ros.calibration.trajectory import Trajectory
-from siren_ros.calibration.tries import residuals_over
-from siren_ros.cli.options.names import names_in
-from siren_ros.cli.options.numbers import check_numbers
-from siren_ros.cli.options.processes import add_processes, processes_of
-from siren_ros.cli.options.steps import steps_of
+from siren_ros.calibration.searches import residuals_over
+from siren_ros.calibration.targets import Situation, Target, Trajectory, horizons_of
+from siren_ros.cli.options import add_processes, check_numbers, names_in, processes_of, steps_of
 from siren_ros.errors import EXIT_OK, InputError, whole_file, writing
 from siren_ros.evaluation.aligned_text import aligned
-from siren_ros.recording.bag_folders import bags_among
-from siren_ros.recording.bag_reader import read_episode
-from siren_ros.scenario.request import MAX_SEED
+from siren_ros.recording.bag_reader import bags_among, read_episode
+from siren_ros.scenario.episode import MAX_SEED
 
 DEFAULTS = "controller.target_speed_mps,controller.accel_mps2,controller.headway_s"
 

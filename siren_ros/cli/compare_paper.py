@@ -9,24 +9,25 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from siren_ros.cli.evaluation.named_path import named_path
-from siren_ros.cli.options.names import names_in
-from siren_ros.cli.options.processes import add_processes, processes_of
-from siren_ros.cli.options.steps import steps_of
+from siren_ros.cli.options import add_processes, named_path, names_in, processes_of, steps_of
 from siren_ros.errors import EXIT_OK, InputError, whole_file, writing
 from siren_ros.evaluation.aligned_text import aligned
-from siren_ros.evaluation.paper_comparison.compared import HEAD, Compared, measured
-from siren_ros.evaluation.paper_comparison.detection_rows import detection_rows
-from siren_ros.evaluation.paper_comparison.prediction_rows import own_level_only, prediction_rows
-from siren_ros.evaluation.paper_comparison.risk_rows import risk_rows
-from siren_ros.evaluation.paper_comparison.stored_scores import stored
-from siren_ros.evaluation.prediction.reports.paper_comparison import maps_next_to_the_papers
-from siren_ros.evaluation.prediction.reports.paper_results import PAPER_NAMES
+from siren_ros.evaluation.paper_comparison import (
+    HEAD,
+    Compared,
+    detection_rows,
+    measured,
+    own_level_only,
+    prediction_rows,
+    risk_rows,
+    stored,
+)
+from siren_ros.evaluation.prediction.reports.paper_results import PAPER_NAMES, maps_next_to_the_papers
 from siren_ros.evaluation.prediction.reports.score_table import score_table
-from siren_ros.evaluation.prediction.scoring.score_bags import ScoringJob, score_bags
+from siren_ros.evaluation.prediction.score_bags import ScoringJob, score_bags
 from siren_ros.evaluation.risk.video_set import read_set
 from siren_ros.evaluation.statistics.interval import lack_of_bounds
-from siren_ros.recording.bag_folders import bags_among
+from siren_ros.recording.bag_reader import bags_among
 from siren_ros.scenario.templates import load_template
 
 

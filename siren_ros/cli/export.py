@@ -8,13 +8,11 @@ from typing import Any, Never
 
 from tqdm import tqdm
 
-from siren_ros.cli.options.processes import add_processes, processes_of
-from siren_ros.datasets.export_job import ExportJob, run_export
-from siren_ros.datasets.exporting.format import Format, Option
-from siren_ros.datasets.exporting.splits import AUTO, SPLITS
-from siren_ros.datasets.registry import FORMATS
+from siren_ros.cli.options import add_processes, processes_of
+from siren_ros.datasets.export_job import AUTO, SPLITS, ExportJob, run_export
+from siren_ros.datasets.formats import FORMATS, Format, Option
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
-from siren_ros.recording.bag_folders import bags_among
+from siren_ros.recording.bag_reader import bags_among
 
 
 class _ListFormats(argparse.Action):

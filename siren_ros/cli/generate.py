@@ -13,25 +13,31 @@ from typing import Any, Final, Self
 from tqdm import tqdm
 
 from siren_ros.cli.generation.generate_risk import make_and_tell
-from siren_ros.cli.options.numbers import check_numbers
-from siren_ros.cli.options.processes import add_processes
+from siren_ros.cli.options import add_processes, check_numbers
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
 from siren_ros.generation.episode_setup import plan_length
-from siren_ros.params.params_files import named_params_file
-from siren_ros.scenario.request import MAX_SEED, EpisodeRequest
+from siren_ros.params.resources import named_params_file
+from siren_ros.scenario.episode import MAX_SEED, EpisodeRequest
 from siren_ros.scenario.templates import available_templates
 from siren_ros.studies.dask_workers import DaskWorkers, connected, on_slurm
-from siren_ros.studies.draws import DrawPlan, Method
 from siren_ros.studies.episode_row import EpisodeRow, Status
-from siren_ros.studies.episode_worker import RETRIES, TIMEOUT_S, WorkerOptions
-from siren_ros.studies.matrix import TOWN, Study
-from siren_ros.studies.remote_folder import folder_at
-from siren_ros.studies.risk_set.balance import papers_balance
+from siren_ros.studies.matrix import (
+    MOST_SAMPLES,
+    TOWN,
+    DrawPlan,
+    Method,
+    Study,
+    grid_of,
+    levels_of,
+    ranges_of,
+    read_study,
+    seeds_of,
+)
 from siren_ros.studies.risk_set.make_set import RiskSetRequest
+from siren_ros.studies.risk_set.search import papers_balance
 from siren_ros.studies.run_study import Told, run_study
-from siren_ros.studies.study_file import MOST_SAMPLES, grid_of, levels_of, ranges_of, read_study, seeds_of
-from siren_ros.studies.study_folder import MANIFEST, LocalFolder, StudyFolder
-from siren_ros.studies.workers import LocalWorkers, Workers
+from siren_ros.studies.study_folder import MANIFEST, LocalFolder, StudyFolder, folder_at
+from siren_ros.studies.workers import RETRIES, TIMEOUT_S, LocalWorkers, WorkerOptions, Workers
 
 RISK_VIDEOS = "risk_videos"
 """Folder of the videos with risk labels, in the study's."""

@@ -5,13 +5,11 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from siren_ros.cli.options.names import names_in
-from siren_ros.cli.options.processes import add_processes, processes_of
-from siren_ros.cli.options.steps import steps_of
+from siren_ros.cli.options import add_processes, names_in, processes_of, steps_of
 from siren_ros.errors import EXIT_OK, InputError, whole_file, writing
 from siren_ros.study_report.build import build_page
-from siren_ros.study_report.html import html_of
-from siren_ros.study_report.options import DETECTION, MODELS, RISK, PageOptions
+from siren_ros.study_report.page import html_of
+from siren_ros.study_report.study import DETECTION, MODELS, RISK, PageOptions
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:

@@ -5,9 +5,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.numerics.boxes import box_gap_m
-from siren_ros.numerics.compiled import compiled
-from siren_ros.numerics.scalars import wrapped_rad
+from siren_ros.numerics.compiled import box_gap_m, compiled, wrapped_rad
 
 STEP_M: Final = 1.0
 """Distance between the places that are looked at."""

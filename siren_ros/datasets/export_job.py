@@ -1,21 +1,161 @@
-"""Exports many bags into one dataset: processes side by side, finished episodes kept, the whole moved at the end."""
+"""Exports many bags at once as one dataset, with splits and a card that says what it was made of."""
 
-from collections.abc import Callable, Iterator, Mapping
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 import siren_ros
-from siren_ros.datasets.exporting.dataset_card import card, write_card
-from siren_ros.datasets.exporting.file_writer import FileWriter
-from siren_ros.datasets.exporting.format import EpisodePart, EpisodeReport, Format
-from siren_ros.datasets.exporting.splits import AUTO, split_of_groups
-from siren_ros.datasets.exporting.staging import Staging
-from siren_ros.datasets.exporting.survey import BagSurvey, in_dataset_order, recovered, survey_bag
-from siren_ros.datasets.exporting.worker_pool import Progress, simulated_time, worker_pool
-from siren_ros.datasets.registry import load_exporter
-from siren_ros.datasets.sources.episode_source import open_source
+from siren_ros.datasets.files import FileWriter, Staging
+from siren_ros.datasets.formats import EpisodePart, EpisodeReport, Format, load_exporter
 from siren_ros.errors import BagError, EpisodeError, writing
+from siren_ros.processes.worker_pool import Progress, simulated_time, worker_pool
+from siren_ros.record.bag_survey import BagSurvey, in_dataset_order, recovered, survey_bag
+from siren_ros.record.episode_source import open_source
+
+SPLITS: Final = ("train", "val", "test")
+AUTO: Final = "auto"
+_SHARE: Final = {"test": 0.15, "val": 0.15}
+_LEAST_GROUPS: Final = {"test": 3, "val": 2}
+"""With fewer groups than these a split stays empty, so that training always has something."""
+
+
+def split_of_groups(groups: Sequence[tuple[str, int]], wanted: str = AUTO) -> dict[tuple[str, int], str]:
+    """The split of every group of episodes that share map and seed.
+
+    Groups are ordered by a hash of map and seed. The first 15 % are for test, the next 15 % for validation, at least
+    one group each from three and two groups on; the others are for training. The same groups always give the same
+    answer, in whatever order they come.
+
+    Args:
+        groups: Hash of the map, and seed.
+        wanted: One split for all, or ``auto``.
+    """
+    ordered = sorted(set(groups), key=lambda group: hashlib.sha256(f"{group[0]}/{group[1]}".encode()).digest())
+    if wanted != AUTO:
+        return dict.fromkeys(ordered, wanted)
+    count, found, first = len(ordered), {}, 0
+    for split, share in _SHARE.items():
+        size = max(1, round(share * count)) if count >= _LEAST_GROUPS[split] else 0
+        found.update(dict.fromkeys(ordered[first : first + size], split))
+        first += size
+    found.update(dict.fromkeys(ordered[first:], "train"))
+    return found
+
+
+CARD_FILE: Final = "dataset.json"
+README_FILE: Final = "README.md"
+NO_LICENCE: Final = (
+    "not stated by whoever made this dataset (--licence states it); SIREN is Apache-2.0, and a map that was not made "
+    "by SIREN keeps its own licence"
+)
+
+
+def card(
+    made: Format,
+    options: Mapping[str, str],
+    surveys: Sequence[BagSurvey],
+    parts: Sequence[EpisodePart],
+    licence: str,
+) -> dict[str, Any]:
+    """The card as JSON types. No time, no host, no path: the same bags give the same card."""
+    words = [f"--{name} {value}" for name, value in options.items()]
+    counts: Counter[str] = Counter()
+    classes: Counter[str] = Counter()
+    for part in parts:
+        counts.update(part.report.counts)
+        classes.update(part.report.classes)
+    return {
+        "format": made.name,
+        "what": made.summary,
+        "made_with": {
+            "command": " ".join(["siren export", made.name, *words, "BAG…", "--out", "DIR"]),
+            "siren_ros": siren_ros.__version__,
+            "options": dict(options),
+        },
+        "licence": licence or NO_LICENCE,
+        "episodes": [
+            {
+                "id": part.episode_id,
+                "split": part.split,
+                **survey.episode,
+                "bag_sha256": survey.sha256,
+                "lost": survey.note,
+                "counts": dict(part.report.counts),
+            }
+            for survey, part in zip(surveys, parts, strict=True)
+        ],
+        "splits": {split: [part.episode_id for part in parts if part.split == split] for split in SPLITS},
+        "counts": dict(counts),
+        "classes": dict(sorted(classes.items())),
+    }
+
+
+def readme(content: Mapping[str, Any]) -> str:
+    """The same for people."""
+    lines = [
+        f"# SIREN dataset, format {content['format']}",
+        "",
+        f"{content['what']}.",
+        "",
+        f"Made by SIREN {content['made_with']['siren_ros']} with `{content['made_with']['command']}`.",
+        "The episodes are recorded simulations of an emergency vehicle in traffic, not measurements of real traffic.",
+        "",
+        f"Licence: {content['licence']}.",
+        "",
+        "## Counts",
+        "",
+        "| | |",
+        "|---|---|",
+        f"| episodes | {len(content['episodes'])} |",
+        *(f"| {name} | {count} |" for name, count in content["counts"].items()),
+        "",
+    ]
+    if content["classes"]:
+        lines += ["| class | labels |", "|---|---|"]
+        lines += [f"| {name} | {count} |" for name, count in content["classes"].items()]
+        lines.append("")
+    lines += [
+        "## Splits",
+        "",
+        "Whole episodes; those of one seed on one map are in one split.",
+        "",
+        *(f"* {split}: {', '.join(names) or 'none'}" for split, names in content["splits"].items()),
+        "",
+        "## Episodes",
+        "",
+        "| episode | map (SHA-256) | suite | ended | bag (SHA-256) |",
+        "|---|---|---|---|---|",
+        *map(_row, content["episodes"]),
+        "",
+        "The first episode is recorded again with",
+        "",
+        f"    {content['episodes'][0]['recorded_with']}",
+        "",
+        f"`{CARD_FILE}` holds all of this for programs, with whole hashes, versions and every command.",
+    ]
+    lost = [f"* {one['id']}: {one['lost']}" for one in content["episodes"] if one["lost"]]
+    if lost:
+        lines += ["", "## Not whole", "", *lost]
+    return "\n".join(lines) + "\n"
+
+
+def _row(one: Mapping[str, Any]) -> str:
+    hashes = [f"{one[key][:12]}…" for key in ("map_sha256", "bag_sha256")]
+    return f"| {one['id']} | {one['map']} ({hashes[0]}) | {one['sensor_suite']} | {one['ended']} | {hashes[1]} |"
+
+
+def write_card(folder: Path, content: Mapping[str, Any]) -> None:
+    """Writes both files into a dataset's folder; a README that the format wrote there stays at its head."""
+    (folder / CARD_FILE).write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    file = folder / README_FILE
+    own = file.read_text(encoding="utf-8") + "\n" if file.exists() else ""
+    file.unlink(missing_ok=True)
+    file.write_text(own + readme(content), encoding="utf-8")
+
 
 _Result = TypeVar("_Result")
 

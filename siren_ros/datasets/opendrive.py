@@ -7,11 +7,9 @@ from typing import Final
 
 from defusedxml.ElementTree import fromstring
 
-from siren_ros.datasets.exporting.file_writer import FileWriter
-from siren_ros.datasets.exporting.format import EpisodePart, EpisodeReport
-from siren_ros.datasets.exporting.staging import link
-from siren_ros.datasets.sources.episode_source import EpisodeSource
-from siren_ros.datasets.sources.xml_text import document
+from siren_ros.datasets.files import FileWriter, document, link
+from siren_ros.datasets.formats import EpisodePart, EpisodeReport
+from siren_ros.record.episode_source import EpisodeSource
 from siren_ros.roads.maps.netconvert import run_netconvert
 
 _HEADER: Final = {"revMajor": "1", "revMinor": "5", "date": "1970-01-01T00:00:00"}

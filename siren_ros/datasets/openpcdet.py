@@ -13,16 +13,14 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.datasets.exporting.file_writer import FileWriter
-from siren_ros.datasets.exporting.format import EpisodePart, EpisodeReport
-from siren_ros.datasets.exporting.staging import link
+from siren_ros.datasets.files import FileWriter, link
+from siren_ros.datasets.formats import EpisodePart, EpisodeReport
 from siren_ros.datasets.kitti.frame_files import velodyne_bytes
-from siren_ros.datasets.sources.episode_source import EpisodeSource
-from siren_ros.datasets.sources.lidar_frames import lidar_frames
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.units import STEP_S
+from siren_ros.record.episode_source import EpisodeSource, lidar_frames
 from siren_ros.world.actors import ActorClass
-from siren_ros.world.ground_truth import GroundTruth
+from siren_ros.world.carrier import GroundTruth
 
 NAME_OF_CLASS: Final = {
     ActorClass.HATCHBACK: "Car",

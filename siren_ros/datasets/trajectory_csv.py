@@ -11,17 +11,16 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.datasets.exporting.file_writer import FileWriter
-from siren_ros.datasets.exporting.format import EpisodePart, EpisodeReport
-from siren_ros.datasets.exporting.staging import link
-from siren_ros.datasets.sources.episode_source import EpisodeSource
-from siren_ros.datasets.sources.sampling import LOG_PERIOD_STEPS
+from siren_ros.datasets.files import FileWriter, link
+from siren_ros.datasets.formats import EpisodePart, EpisodeReport
 from siren_ros.errors import BagError
 from siren_ros.interfaces.conversions import from_actor_states, from_traffic_state
 from siren_ros.interfaces.topics import ACTORS, TRAFFIC
-from siren_ros.judging.interaction_region import region_members
 from siren_ros.numerics.arrays import Floats, Ids
 from siren_ros.numerics.units import STEP_S
+from siren_ros.record.episode_source import EpisodeSource
+from siren_ros.record.interaction_region import region_members
+from siren_ros.record.tracks import LOG_PERIOD_STEPS
 from siren_ros.recording.bag_reader import damage_refused
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import ActorClass, ActorDescription, ActorStates

@@ -1,14 +1,18 @@
-"""Contacts between vehicles: oriented boxes that overlap, each lasting contact reported once."""
+"""Contacts between vehicles: oriented boxes that overlap, each lasting contact reported once, and what it does.
 
-from dataclasses import dataclass
+Two vehicles in contact go on together along the contact's normal, and do not overlap.
+"""
+
+from dataclasses import dataclass, replace
 from typing import Any, Final, TypeAlias
 
 import numpy as np
 import shapely
 
+from siren_ros.dynamics.parameters import ParameterTable
+from siren_ros.dynamics.vehicle_model import BodyState
 from siren_ros.numerics.arrays import Floats, Ids
-from siren_ros.numerics.boxes import box_gap_m
-from siren_ros.numerics.compiled import compiled
+from siren_ros.numerics.compiled import box_gap_m, compiled
 from siren_ros.numerics.geometry import footprint_corners, separation_m
 
 SEPARATION_GAP_M: Final = 0.1
@@ -153,3 +157,66 @@ def contact_normal(boxes: Footprints, corners: Floats, a: int, b: int) -> Floats
         since_s = np.where(closing > _CLOSING_MPS, depth / np.maximum(closing, _CLOSING_MPS), np.inf)
         return np.asarray(axes[np.argmin(since_s)])
     return np.asarray(axes[np.argmin(depth)])
+
+
+RowPairs = tuple[tuple[int, int], ...]
+"""Pairs of rows, the smaller first."""
+_ROUNDS: Final = 8
+"""Passes over all pairs: who is pushed may be pushed into the next one."""
+_TOUCHING_M: Final = 1e-3
+"""Overlap that is left, so that bodies in contact stay so."""
+
+
+def collide(bodies: BodyState, boxes: Footprints, table: ParameterTable, pairs: RowPairs, dt_s: float) -> BodyState:
+    """Bodies after the impacts of a step.
+
+    Args:
+        bodies: Vehicles at the end of the step, as if they could pass through each other.
+        boxes: The same as oriented boxes in motion.
+        table: Parameters, rows as in ``bodies``.
+        pairs: Rows that overlap.
+        dt_s: The step: a change of velocity counts into its mean acceleration.
+    """
+    place = np.stack((boxes.x_m, boxes.y_m), axis=-1)
+    velocity = np.stack((boxes.vx_mps, boxes.vy_mps), axis=-1)
+    before = velocity.copy()
+    for _ in range(_ROUNDS):
+        moved = [_separate(a, b, place, velocity, boxes, table.mass_kg) for a, b in pairs]
+        if not any(moved):
+            break
+    return _with_motion(bodies, place, velocity - before, dt_s)
+
+
+def _separate(a: int, b: int, place: Floats, velocity: Floats, boxes: Footprints, mass_kg: Floats) -> bool:
+    """Apply one impact to ``place`` and ``velocity`` (shape ``(N, 2)``); whether the pair still overlapped."""
+    present = replace(boxes, x_m=place[:, 0], y_m=place[:, 1], vx_mps=velocity[:, 0], vy_mps=velocity[:, 1])
+    corners = footprint_corners(present.x_m, present.y_m, present.yaw_rad, present.length_m, present.width_m)
+    if separation_m(corners[[a]], corners[[b]])[0] > -_TOUCHING_M:
+        return False
+    normal = contact_normal(present, corners, a, b)
+    depth = float((corners[a] @ normal).max() - (corners[b] @ normal).min())
+    share = mass_kg[b] / (mass_kg[a] + mass_kg[b])
+    apart = (depth - 0.5 * _TOUCHING_M) * normal
+    place[a] -= share * apart
+    place[b] += (1.0 - share) * apart
+    closing = float((velocity[a] - velocity[b]) @ normal)
+    if closing > 0.0:
+        velocity[a] -= share * closing * normal
+        velocity[b] += (1.0 - share) * closing * normal
+    return True
+
+
+def _with_motion(bodies: BodyState, place: Floats, gained: Floats, dt_s: float) -> BodyState:
+    """Bodies at other places, with velocities gained in the ``map`` frame."""
+    cos, sin = np.cos(bodies.yaw_rad), np.sin(bodies.yaw_rad)
+    forward = cos * gained[:, 0] + sin * gained[:, 1]
+    left = cos * gained[:, 1] - sin * gained[:, 0]
+    return replace(
+        bodies,
+        x_m=place[:, 0],
+        y_m=place[:, 1],
+        forward_mps=bodies.forward_mps + forward,
+        lateral_mps=bodies.lateral_mps + left,
+        accel_mps2=bodies.accel_mps2 + forward / dt_s,
+        lateral_accel_mps2=bodies.lateral_accel_mps2 + left / dt_s,
+    )

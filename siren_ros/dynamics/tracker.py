@@ -1,24 +1,168 @@
 """Controls that make vehicles follow the poses that SUMO gives them, with the same vehicle model as all others.
 
-SUMO moves a rigid rod with both bumpers on the lane's polyline. Its heading jumps, and its course differs from its
-heading. The reference is therefore a car whose footprint centre takes SUMO's path. Its yaw is that of a trailer pulled
-by the centre (a tractrix). Its front axle gives point and course for a Stanley law (Hoffmann et al., "Autonomous
-Automobile Trajectory Tracking for Off-Road Driving", ACC 2007) with feed-forward of the front slip angle. Along the
-path, SUMO's speed is fed forward and the distance is fed back. The actuators lag less than a driver's; tyres, steering
-range and steering rate are the vehicle's.
+The law runs for one vehicle after the other in a compiled loop.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.dynamics.parameters import ParameterTable
-from siren_ros.dynamics.tracker_loops import TrackerGains, follow
-from siren_ros.dynamics.vehicle_model import BodyState, Controls
+from siren_ros.dynamics.parameters import AIR_DENSITY_KGPM3, ParameterTable
+from siren_ros.dynamics.vehicle_model import BodyState, Controls, Record
 from siren_ros.numerics.arrays import Floats
+from siren_ros.numerics.compiled import Array, compiled, within, wrapped_rad
+from siren_ros.numerics.units import GRAVITY_MPS2
+
+_SLOWEST_STEP_M: Final = 0.01
+"""A centre that moved less than this in one step has no course of its own."""
+_SLOWEST_MPS: Final = 0.1
+_LEAST_PACE: Final = 0.85
+_MOST_PACE: Final = 1.1
+"""Ratios of the centre's and the front bumper's speed that a vehicle can drive; beyond, SUMO's rod swings or jumps."""
+_STRAIGHT_PM: Final = 1e-3
+"""Curvatures below this, in 1/m, limit no speed."""
+_FULL_LOCK_RAD: Final = 1.4
+"""Beyond any steering angle, and below the right angle at which the tangent ends."""
+
+
+class TrackerGains(NamedTuple):
+    """Tuning of the tracker."""
+
+    lateral_per_s: float = 3.5
+    """Stanley gain: lateral error is worked off with this rate."""
+    lateral_soft_mps: float = 1.0
+    """Added to the speed in the Stanley law, so that steering stays calm near standstill."""
+    along_per_s: float = 2.0
+    """Speed correction per metre of distance along the path."""
+    along_most_mps: float = 3.0
+    """Largest speed correction."""
+    speed_time_s: float = 0.2
+    """Time in which a difference of speeds is to be closed."""
+    quickness: float = 3.0
+    """How much quicker than a driver's the pedals and the steering are: SUMO's path is not known ahead."""
+    drive_factor: float = 1.5
+    """How much more than full throttle the drive may give: SUMO's acceleration knows no engine power."""
+    pace_time_s: float = 0.2
+    """Time constant of the ratio between the centre's speed and SUMO's speed of the front bumper."""
+    accel_time_s: float = 0.2
+    """Time constant by which SUMO's acceleration is smoothed before it is fed forward."""
+    grip_share: float = 0.8
+    """Part of the tyres' grip that steering and speed may ask for in a turn."""
+    standing_mps: float = 0.05
+    """Wanted speeds below this mean: hold the vehicle with the brake."""
+    holding_brake: float = 0.3
+
+
+@compiled
+def _steer(
+    vehicle: Record, pose: tuple[float, float, float, float], goal: tuple[float, float, float, float], gains: Any
+) -> tuple[float, float]:
+    """Wanted road-wheel angle, and the curvature that it steers.
+
+    Args:
+        vehicle: Parameters.
+        pose: x, y, yaw and forward speed.
+        goal: x, y and yaw of the reference, and its curvature.
+        gains: ``TrackerGains``.
+    """
+    x_m, y_m, yaw, speed = pose
+    goal_x, goal_y, goal_yaw, curvature = goal
+    wheelbase = vehicle.wheelbase_m
+    reach = wheelbase - vehicle.centre_ahead_of_rear_axle_m
+    heading = goal_yaw + np.arctan(wheelbase * curvature)
+    gap_x = goal_x - x_m + reach * (np.cos(goal_yaw) - np.cos(yaw))
+    gap_y = goal_y - y_m + reach * (np.sin(goal_yaw) - np.sin(yaw))
+    offset = gap_y * np.cos(heading) - gap_x * np.sin(heading)
+    correction = np.arctan2(gains.lateral_per_s * offset, abs(speed) + gains.lateral_soft_mps)
+    grip = gains.grip_share * GRAVITY_MPS2 * vehicle.friction_coefficient
+    tightest = min(np.tan(vehicle.max_steer_rad) / wheelbase, grip / max(speed * speed, _SLOWEST_MPS * _SLOWEST_MPS))
+    turn = within(wrapped_rad(heading - yaw) + correction, -_FULL_LOCK_RAD, _FULL_LOCK_RAD)
+    steered = within(np.tan(turn) / wheelbase, -tightest, tightest)
+    rear_share = vehicle.cg_to_rear_axle_m / wheelbase
+    front_slip = vehicle.mass_kg * rear_share / vehicle.cornering_stiffness_front_npr * speed * speed * curvature
+    return np.arctan(steered * wheelbase) + front_slip, steered
+
+
+@compiled
+def _before_lag(wanted: float, present: float, lag_s: float, dt_s: float) -> float:
+    """Command whose mean response over a step, behind a first-order lag, is the wanted value; within 0–1."""
+    kept = lag_s / dt_s * -np.expm1(-dt_s / lag_s)
+    return within((within(wanted, 0.0, 1.0) - kept * present) / (1.0 - kept), 0.0, 1.0)
+
+
+@compiled
+def _pedals(
+    vehicle: Record, motion: tuple[float, float, float], wanted_mps: float, accel_mps2: float, dt_s: float, gains: Any
+) -> tuple[float, float]:
+    """Pedals that reach the wanted speed within ``speed_time_s`` while it changes; the brake holds who waits.
+
+    Args:
+        vehicle: Parameters.
+        motion: Forward speed, throttle and brake.
+        wanted_mps: Speed at the end of the step.
+        accel_mps2: How it changes.
+        dt_s: Step.
+        gains: ``TrackerGains``.
+    """
+    speed, throttle, brake = motion
+    drag = 0.5 * AIR_DENSITY_KGPM3 * vehicle.drag_area_m2 / vehicle.mass_kg * speed * speed
+    closing = (wanted_mps - accel_mps2 * dt_s - speed) / gains.speed_time_s
+    push = accel_mps2 + closing + drag + vehicle.rolling_resistance * GRAVITY_MPS2
+    drive = min(vehicle.max_drive_accel_mps2, vehicle.drive_power_w / (vehicle.mass_kg * max(speed, 0.1)))
+    braking = _before_lag(-push / vehicle.max_brake_decel_mps2, brake, vehicle.brake_lag_s / gains.quickness, dt_s)
+    if wanted_mps < gains.standing_mps:
+        return 0.0, max(braking, gains.holding_brake)
+    lag_s = vehicle.throttle_lag_s / gains.quickness
+    return _before_lag(push / (gains.drive_factor * drive), throttle, lag_s, dt_s), braking
+
+
+@compiled
+def follow(
+    bodies: Array, tracker: Array, reference: Array, records: Array, dt_s: float, gains: Any, out: Array
+) -> None:
+    """The controls of all vehicles for one step.
+
+    Args:
+        bodies: ``BodyState.columns``, shape ``(11, N)``.
+        tracker: ``TrackerState.columns``, shape ``(5, N)``.
+        reference: ``Reference.columns``, shape ``(5, N)``.
+        records: ``ParameterTable.records``, shape ``(N,)``.
+        dt_s: Step.
+        gains: ``TrackerGains``.
+        out: Result: throttle, brake, steering angle, and the tracker's yaw, pace and acceleration at the end of the
+            step, shape ``(6, N)``.
+    """
+    pace_share, accel_share = -np.expm1(-dt_s / gains.pace_time_s), -np.expm1(-dt_s / gains.accel_time_s)
+    for n in range(records.shape[0]):
+        vehicle = records[n]
+        x_m, y_m, yaw, speed = bodies[0, n], bodies[1, n], bodies[2, n], bodies[3, n]
+        last_x, last_y, last_yaw, last_pace, last_accel = (
+            tracker[0, n], tracker[1, n], tracker[2, n], tracker[3, n], tracker[4, n],
+        )  # fmt: skip
+        dx, dy, sumo_mps = reference[0, n] - last_x, reference[1, n] - last_y, reference[3, n]
+        moved = np.sqrt(dx * dx + dy * dy)
+        pull = vehicle.centre_ahead_of_rear_axle_m
+        course = np.arctan2(dy, dx) if moved > _SLOWEST_STEP_M else reference[2, n]
+        most = np.arctan(pull / vehicle.wheelbase_m * np.tan(vehicle.max_steer_rad))
+        swerve = within(wrapped_rad(course - last_yaw), -most, most)
+        goal = last_x, last_y, last_yaw, np.tan(swerve) / pull
+        steer, steered = _steer(vehicle, (x_m, y_m, yaw, speed), goal, gains)
+        ratio = within(moved / (dt_s * max(sumo_mps, _SLOWEST_STEP_M / dt_s)), _LEAST_PACE, _MOST_PACE)
+        pace = last_pace + (ratio - last_pace) * pace_share
+        accel = last_accel + (reference[4, n] - last_accel) * accel_share
+        course = last_yaw + swerve
+        gap = (last_x - x_m) * np.cos(course) + (last_y - y_m) * np.sin(course)
+        correction = within(gains.along_per_s * gap, -gains.along_most_mps, gains.along_most_mps)
+        grip = gains.grip_share * GRAVITY_MPS2 * vehicle.friction_coefficient
+        fastest = np.sqrt(grip / max(abs(steered), _STRAIGHT_PM))
+        wanted = min(max(pace * sumo_mps + correction, 0.0), fastest)
+        motion = speed, bodies[9, n], bodies[10, n]
+        out[0, n], out[1, n] = _pedals(vehicle, motion, wanted, accel, dt_s, gains)
+        out[2, n] = steer
+        out[3, n], out[4, n], out[5, n] = last_yaw + moved * np.sin(swerve) / pull, pace, accel
 
 
 @dataclass(frozen=True)

@@ -4,12 +4,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import cast
 
-from siren_ros.behaviour.driving.situation import BehaviourWorld
+from siren_ros.behaviour.driving.step_view import BehaviourWorld
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.scenario.episode import EpisodeDescription
-from siren_ros.scenario.levels import LEVEL_POLICIES
-from siren_ros.scenario.paper_constants import PAPER_SPEEDS
+from siren_ros.scenario.paper import LEVEL_POLICIES, PAPER_SPEEDS
 from siren_ros.scenario.presets import load_preset
 
 

@@ -8,21 +8,18 @@ from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
-from siren_ros.behaviour.driving.situation import BehaviourWorld
+from siren_ros.behaviour.driving.step_view import BehaviourWorld
 from siren_ros.behaviour.emv.controller import EmvState, step_emv
-from siren_ros.dynamics.fleet import step_fleet
-from siren_ros.dynamics.fleet_state import FleetState
+from siren_ros.dynamics.fleet import FleetState, step_fleet
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.generation.behaviour_setup import behaviour_world
 from siren_ros.generation.episode_setup import EpisodeSetup
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.traffic.observation.checks import RESIDUAL_LIMIT_M, check_no_teleport, check_residual
+from siren_ros.traffic.observation import RESIDUAL_LIMIT_M, check_no_teleport, check_residual
 from siren_ros.traffic.simulation import SumoSimulation
 from siren_ros.world.actors import ActorDescription, ActorStates
 from siren_ros.world.commands import AV_SOURCE, AvControl, VehicleCommands, av_commands
-from siren_ros.world.events import Event
-from siren_ros.world.state_hash import hash_state
-from siren_ros.world.traffic_state import TrafficState
+from siren_ros.world.traffic_state import Event, TrafficState, hash_state
 
 
 @dataclass(frozen=True)

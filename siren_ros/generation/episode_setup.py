@@ -8,28 +8,99 @@ from typing import Final
 
 from siren_ros import __version__
 from siren_ros.dynamics.parameters import load_vehicle_parameters
-from siren_ros.generation.site_choice import plan_at_best_site
-from siren_ros.numerics.random_streams import random_stream
+from siren_ros.errors import MapError
+from siren_ros.numerics.arrays import random_stream
 from siren_ros.numerics.units import steps_from_s
-from siren_ros.params.input_files import FILES_ON_DISK, InputFiles, NotedFiles, files_to_json
-from siren_ros.roads.maps.map_compiler import CompiledMap, compile_map
-from siren_ros.roads.maps.speed_limit import with_speed_limit
+from siren_ros.params.input_files import FILES_ON_DISK, InputFile, InputFiles, NotedFiles, files_to_json
+from siren_ros.roads.maps.map_compiler import CompiledMap, compile_map, with_speed_limit
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
-from siren_ros.roads.sites.site_finder import Site
-from siren_ros.scenario.episode import FILES_PARAMETER, MAP_SOURCE_PARAMETER, EpisodeDescription
-from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.roads.site_finder import REQUIREMENTS, Site, find_sites
+from siren_ros.scenario.episode import (
+    FILES_PARAMETER,
+    MAP_SOURCE_PARAMETER,
+    EpisodeDescription,
+    EpisodeRequest,
+    values_of,
+)
+from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.scenario.presets import DriverPreset, load_preset
-from siren_ros.scenario.request import EpisodeRequest, values_of
 from siren_ros.scenario.scenario import Template
 from siren_ros.scenario.templates import load_template, realised
 from siren_ros.sensors.suite.look_file import load_look
 from siren_ros.sensors.suite.suite import load_suite
-from siren_ros.traffic.demand.attention import with_attention
-from siren_ros.traffic.demand.av_choice import choose_av
-from siren_ros.traffic.demand.driver_models import load_drivers
-from siren_ros.traffic.demand.plan import TrafficPlan
-from siren_ros.world.actors import NO_ACTOR
+from siren_ros.traffic.config import DemandConfig
+from siren_ros.traffic.demand.demand import choose_av, plan_traffic
+from siren_ros.traffic.demand.emv_start import approach_rank
+from siren_ros.traffic.demand.plan import DriverPopulation, TrafficPlan, load_drivers, with_attention
+from siren_ros.traffic.demand.vehicle_factory import Dimensions
+from siren_ros.world.actors import NO_ACTOR, ActorClass
+
+
+def files_of_request(request: EpisodeRequest, files: InputFiles = FILES_ON_DISK) -> tuple[InputFile, ...]:
+    """The files that ``set_up_episode`` reads and puts into the episode's description.
+
+    Raises:
+        InputError: One of them cannot be used.
+    """
+    noted = NotedFiles(files)
+    load_template(request.template, noted)
+    load_preset(request.preset, noted)
+    for suite in (request.sensors, request.av_sensors):
+        load_suite(suite, noted)
+    load_look(request.look, noted)
+    load_vehicle_parameters(noted)
+    load_drivers(files=noted)
+    return noted.seen
+
+
+_UNREACHABLE: Final = 3
+"""Rank of sites whose approach is too short."""
+
+
+def plan_at_best_site(
+    network: RoadNetwork,
+    template: Template,
+    seed: int,
+    drivers: DriverPopulation,
+    dimensions: Mapping[ActorClass, Dimensions],
+    shown_map: str,
+) -> tuple[Site, TrafficPlan]:
+    """The best site of the template's kind at which its EMVs and groups can start, and the traffic there.
+
+    Sites up to which the EMV drives without a junction on the way come first, then those without sharp bends.
+
+    Args:
+        network: The map.
+        template: The scenario with its values.
+        seed: The episode's seed.
+        drivers: Population from which drivers are drawn.
+        dimensions: Length, width and height of each vehicle class in metres.
+        shown_map: What an error names as the map.
+
+    Raises:
+        MapError: No site of the map will do. It says what the map lacks, and what the best site does.
+    """
+    sites = find_sites(network, template.site_kind)
+    if not sites:
+        raise MapError(shown_map, REQUIREMENTS[template.site_kind])
+    reasons = []
+    for site in sorted(sites, key=lambda site: _rank(network, site, template)):
+        try:
+            return site, plan_traffic(network, site, template, seed, drivers, dimensions)
+        except MapError as error:
+            reasons.append(error.allowed)
+    places = "the only place of this kind" if len(sites) == 1 else f"the best of {len(sites)} places of this kind"
+    allowed = f"{REQUIREMENTS[template.site_kind]}, and that is {reasons[0]} ({places} is {sites[0].name})"
+    raise MapError(shown_map, allowed)
+
+
+def _rank(network: RoadNetwork, site: Site, template: Template) -> int:
+    try:
+        return approach_rank(network, site, template.emv, DemandConfig())
+    except MapError:
+        return _UNREACHABLE
+
 
 _PACKAGES: Final = ("eclipse-sumo", "numpy", "embreex")
 

@@ -11,7 +11,7 @@ from siren_ros.interfaces.transforms import from_quaternion, quaternion_of_yaw, 
 from siren_ros.numerics.arrays import Floats, Ids
 from siren_ros.numerics.units import step_of_time_ns, time_ns_of_step
 from siren_ros.world.actors import ActorClass
-from siren_ros.world.ground_truth import GROUND_TRUTH_DTYPES, GroundTruth
+from siren_ros.world.carrier import GROUND_TRUTH_DTYPES, GroundTruth
 
 
 def to_ground_truth(truth: GroundTruth) -> Any:

@@ -12,8 +12,7 @@ from siren_ros.interfaces.messages import as_arrays, as_sequences, make_message,
 from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
 from siren_ros.world.commands import COMMAND_DTYPES, VehicleCommands
-from siren_ros.world.events import Event, EventKind
-from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, EmvAdvice, SignalState, TrafficState
+from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, EmvAdvice, Event, EventKind, SignalState, TrafficState
 
 
 def to_event(event: Event) -> Any:

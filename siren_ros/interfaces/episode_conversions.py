@@ -12,7 +12,7 @@ from siren_ros.interfaces.message_content import checks_content, json_object, js
 from siren_ros.interfaces.messages import make_message, sequence, stamp
 from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
-from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.scenario.paper import EmergencyLevel
 
 
 def to_step_done(report: StepReport) -> Any:

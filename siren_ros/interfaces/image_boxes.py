@@ -8,7 +8,7 @@ from siren_ros.interfaces.messages import as_arrays, as_sequences, header, make_
 from siren_ros.interfaces.transforms import to_pose
 from siren_ros.numerics.units import step_of_time_ns, time_ns_of_step
 from siren_ros.world.actors import ActorClass
-from siren_ros.world.camera_truth import CAMERA_TRUTH_DTYPES, CameraTruth
+from siren_ros.world.carrier import CAMERA_TRUTH_DTYPES, CameraTruth
 
 
 def to_camera_truth(truth: CameraTruth, frame_id: str) -> Any:

@@ -19,7 +19,7 @@ from siren_ros.interfaces.transforms import (
 )
 from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.world.actors import ActorDescription, ActorStates, Mode
-from siren_ros.world.frames import MAP_FRAME
+from siren_ros.world.carrier import MAP_FRAME
 
 Colour = tuple[float, float, float, float]
 """Red, green, blue, opacity, 0–1 each."""

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+from siren_ros.world.carrier import LABEL_PERIOD_STEPS
 from siren_ros.world.commands import AV_SOURCE
-from siren_ros.world.ground_truth import LABEL_PERIOD_STEPS
 
 EMV_CARRIER: Final = "emv"
 AV_CARRIER: Final = "av"

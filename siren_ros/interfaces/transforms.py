@@ -12,8 +12,7 @@ from siren_ros.errors import InputError
 from siren_ros.interfaces.messages import header, make_message, time_ns_of
 from siren_ros.numerics.arrays import Floats, Matrix
 from siren_ros.numerics.units import time_ns_of_step
-from siren_ros.world.frames import BASE_FRAME, ODOM_FRAME
-from siren_ros.world.odometry import Odometry
+from siren_ros.world.carrier import BASE_FRAME, ODOM_FRAME, Odometry
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]

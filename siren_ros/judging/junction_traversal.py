@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.judging.lane_location import LanePlaces, places_of
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.geometry import wrap_angle
+from siren_ros.record.vehicle_location import LanePlaces, places_of
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 from siren_ros.roads.road_network import NO_LANE, Connection, Lane, LaneKind, RoadNetwork
 from siren_ros.world.traffic_state import Indices

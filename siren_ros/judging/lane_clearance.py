@@ -8,11 +8,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.judging.lane_location import LanePlaces, lanes_ahead, places_of
-from siren_ros.judging.relative_motion import ahead_and_left_m, in_same_direction
 from siren_ros.judging.verdict import Verdict, at_least, verdict_of
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.units import STEP_S
+from siren_ros.record.vehicle_location import LanePlaces, ahead_and_left_m, in_same_direction, lanes_ahead, places_of
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.world.actors import ActorDescription, Lights

@@ -5,18 +5,18 @@ from dataclasses import dataclass
 from typing import Final
 
 from siren_ros.errors import BagError
-from siren_ros.judging.junction_entry import (
+from siren_ros.judging.junction_templates import (
     red_crossing,
     red_same_direction,
+    shoulder_turn,
     stop_crossing,
     stop_same_direction,
 )
 from siren_ros.judging.lane_clearance import lane_cleared
 from siren_ros.judging.queue_splitting import queues_split
-from siren_ros.judging.shoulder_turn import shoulder_turn
 from siren_ros.judging.verdict import Verdict
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.scenario import predicates as declared
+from siren_ros.scenario import scenario as declared
 from siren_ros.scenario.templates import load_template
 
 Predicate = Callable[[EpisodeRecord, Mapping[str, float]], Verdict]

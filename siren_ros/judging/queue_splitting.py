@@ -7,11 +7,10 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.judging.lane_location import LanePlaces, places_of
-from siren_ros.judging.relative_motion import ahead_and_left_m, in_same_direction
 from siren_ros.judging.verdict import Verdict, at_least, closest_of, verdict_of
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import STEP_S, steps_from_s
+from siren_ros.record.vehicle_location import LanePlaces, ahead_and_left_m, in_same_direction, places_of
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 from siren_ros.roads.movements import road_lane_of
 from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork

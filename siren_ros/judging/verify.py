@@ -9,23 +9,22 @@ import numpy.typing as npt
 
 from siren_ros.errors import EpisodeError
 from siren_ros.interfaces import topics
-from siren_ros.judging.predicates import evaluate_predicate
-from siren_ros.judging.residuals import summarise_residuals
-from siren_ros.judging.verdict import Part, Verdict, at_least, at_most, equals
-from siren_ros.judging.verification.limits import VerifyLimits
-from siren_ros.judging.verification.physics_checks import (
+from siren_ros.judging.outcome import summarise_residuals
+from siren_ros.judging.physics import (
+    VerifyLimits,
     check_emv_accel,
     check_emv_braking,
     check_impact_speed,
     check_lateral_accel,
     check_overlap,
 )
+from siren_ros.judging.predicates import evaluate_predicate
+from siren_ros.judging.verdict import Part, Verdict, at_least, at_most, equals
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.units import STEP_NS, STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows, TopicRecord
 from siren_ros.world.actors import Owner
-from siren_ros.world.events import EventKind
-from siren_ros.world.state_hash import hash_state
+from siren_ros.world.traffic_state import EventKind, hash_state
 
 
 @dataclass(frozen=True)

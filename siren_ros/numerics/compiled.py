@@ -1,6 +1,6 @@
-"""Loops over arrays, compiled to machine code by numba.
+"""Loops over arrays, compiled to machine code by numba, and the scalar arithmetic and box distances that they call.
 
-Its cache lies next to the source file, or in a folder of the user's where the package cannot be written.
+``geometry`` has the same for arrays.
 """
 
 import hashlib
@@ -10,17 +10,18 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final, TypeVar, cast
 
+import numba
+import numpy as np
+from numba import types
+from numba.core import event
+from numba.core.dispatcher import Dispatcher
+
 from siren_ros.user_folder import is_writable, user_folder
 
 if not is_writable(Path(__file__).with_name("__pycache__")):
     os.environ.setdefault("NUMBA_CACHE_DIR", str(user_folder(".cache/siren/numba")))
 
 # isort: split
-import numba
-import numpy as np
-from numba import types
-from numba.core import event
-from numba.core.dispatcher import Dispatcher
 
 Array = Any
 """A numpy array; numba compiles for the element types that it is given."""
@@ -79,3 +80,34 @@ def _taken(function: Callable[..., Any]) -> list[str]:
 @cache
 def _content(file: str) -> str:
     return hashlib.blake2b(Path(file).read_bytes()).hexdigest()
+
+
+@compiled
+def wrapped_rad(angle_rad: float) -> float:
+    """The same direction within (−π, π]."""
+    angle = (angle_rad + np.pi) % (2.0 * np.pi) - np.pi
+    return np.pi if angle == -np.pi else angle
+
+
+@compiled
+def within(value: float, low: float, high: float) -> float:
+    """The nearest value between two bounds."""
+    return min(max(value, low), high)
+
+
+Pose = tuple[float, float, float, float]
+"""x and y of the centre, and the cosine and sine of the yaw."""
+
+
+@compiled
+def box_gap_m(a: Pose, b: Pose, a_length: float, a_width: float, b_length: float, b_width: float) -> float:
+    """Largest gap along a separating axis of two boxes with half lengths and half widths (separating axis theorem).
+
+    It is negative where they overlap, then by the depth, and else a lower bound of their distance.
+    """
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    cos, sin = abs(a[2] * b[2] + a[3] * b[3]), abs(a[2] * b[3] - a[3] * b[2])
+    gap = abs(a[2] * dx + a[3] * dy) - (a_length + cos * b_length + sin * b_width)
+    gap = max(gap, abs(a[2] * dy - a[3] * dx) - (a_width + sin * b_length + cos * b_width))
+    gap = max(gap, abs(b[2] * dx + b[3] * dy) - (b_length + cos * a_length + sin * a_width))
+    return max(gap, abs(b[2] * dy - b[3] * dx) - (b_width + sin * a_length + cos * a_width))

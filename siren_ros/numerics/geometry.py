@@ -1,9 +1,12 @@
-"""Plane geometry of poses and vehicle footprints."""
+"""Plane geometry: poses, vehicle footprints, and curves given by points and addressed by arc length."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.numerics.arrays import Floats
+from siren_ros.numerics.arrays import Floats, Points
 
 
 def wrap_angle(angle_rad: npt.ArrayLike) -> Floats:
@@ -55,3 +58,96 @@ def rotate(points: Floats, yaw_rad: float) -> Floats:
     """Points (shape ``(..., 2)``) turned counter-clockwise about the origin."""
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     return points @ np.array([[cos, sin], [-sin, cos]])
+
+
+@dataclass(frozen=True, eq=False)
+class Polyline:
+    """A curve through ``points`` (shape ``(K, 2)``, K ≥ 2, consecutive points distinct), in metres.
+
+    Arc lengths outside ``[0, length_m]`` extend the first or last segment straight on.
+    """
+
+    points: Points
+    arc_m: npt.NDArray[np.float64]
+    """Arc length at each point, shape ``(K,)``, starting at 0."""
+
+    @classmethod
+    def through(cls, points: npt.ArrayLike) -> "Polyline":
+        """The curve through points, repeated ones dropped; ValueError with fewer than two distinct points."""
+        array = np.asarray(points, dtype=np.float64)
+        if array.ndim != 2 or array.shape[1] != 2:
+            msg = f"points of shape (K, 2) are needed, not {array.shape}"
+            raise ValueError(msg)
+        steps = np.linalg.norm(np.diff(array, axis=0), axis=1)
+        array = array[np.concatenate(([True], steps > 1e-6))]
+        if len(array) < 2:
+            msg = "a polyline needs two distinct points"
+            raise ValueError(msg)
+        arc = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(array, axis=0), axis=1))))
+        return cls(points=array, arc_m=arc)
+
+    @classmethod
+    def joined(cls, parts: Sequence["Polyline"]) -> "Polyline":
+        """One curve through all points of the parts, in order."""
+        return cls.through(np.concatenate([part.points for part in parts]))
+
+    @property
+    def length_m(self) -> float:
+        """Length of the whole curve."""
+        return float(self.arc_m[-1])
+
+    def _segment(self, s_m: npt.ArrayLike) -> npt.NDArray[np.intp]:
+        return np.clip(np.searchsorted(self.arc_m, s_m, side="right") - 1, 0, len(self.points) - 2)
+
+    def at(self, s_m: npt.ArrayLike) -> Points:
+        """Points at arc lengths; shape of ``s_m`` plus a last axis of 2."""
+        s = np.asarray(s_m, dtype=np.float64)
+        i = self._segment(s)
+        start, arc = self.points[i], self.arc_m[i]
+        fraction = (s - arc) / (self.arc_m[i + 1] - arc)
+        return start + fraction[..., None] * (self.points[i + 1] - start)
+
+    def heading_rad(self, s_m: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Direction of travel at arc lengths, counter-clockwise from the x axis."""
+        i = self._segment(np.asarray(s_m, dtype=np.float64))
+        delta = self.points[i + 1] - self.points[i]
+        return np.arctan2(delta[..., 1], delta[..., 0])
+
+    def offset_points(self, s_m: npt.ArrayLike, left_m: npt.ArrayLike) -> Points:
+        """Points at arc lengths, moved sideways by ``left_m``."""
+        heading = self.heading_rad(s_m)
+        normal = np.stack((-np.sin(heading), np.cos(heading)), axis=-1)
+        return self.at(s_m) + np.asarray(left_m, dtype=np.float64)[..., None] * normal
+
+    def project(self, points: npt.ArrayLike) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Nearest place on the curve of each point (shape ``(..., 2)``): arc length and offset, left positive.
+
+        Before the start and past the end the first and last segments are extended.
+        """
+        query = np.asarray(points, dtype=np.float64)
+        start, delta = self.points[:-1], np.diff(self.points, axis=0)
+        relative = query[..., None, :] - start
+        fraction = np.einsum("...kj,kj->...k", relative, delta) / np.einsum("kj,kj->k", delta, delta)
+        low = np.zeros(len(start))
+        high = np.ones(len(start))
+        low[0], high[-1] = -np.inf, np.inf
+        fraction = np.clip(fraction, low, high)
+        miss = relative - fraction[..., None] * delta
+        best = np.argmin(np.einsum("...kj,...kj->...k", miss, miss), axis=-1)[..., None]
+        length = np.diff(self.arc_m)
+        fraction_best = np.take_along_axis(fraction, best, axis=-1)[..., 0]
+        best = best[..., 0]
+        miss_best = np.take_along_axis(miss, best[..., None, None], axis=-2)[..., 0, :]
+        d = delta[best]
+        left = (d[..., 0] * miss_best[..., 1] - d[..., 1] * miss_best[..., 0]) / length[best]
+        return self.arc_m[best] + fraction_best * length[best], left
+
+    def cut(self, from_m: float, to_m: float) -> "Polyline":
+        """The part between two arc lengths (extended straight on where they lie outside)."""
+        inside = (self.arc_m > from_m + 1e-6) & (self.arc_m < to_m - 1e-6)
+        return Polyline.through(np.concatenate((self.at([from_m]), self.points[inside], self.at([to_m]))))
+
+    def resampled(self, spacing_m: float) -> "Polyline":
+        """The same curve through equally spaced points, at most ``spacing_m`` apart, ends kept."""
+        count = max(2, int(np.ceil(self.length_m / spacing_m)) + 1)
+        return Polyline.through(self.at(np.linspace(0.0, self.length_m, count)))

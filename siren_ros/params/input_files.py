@@ -7,7 +7,7 @@ from typing import Any, Final, Protocol
 
 from siren_ros.errors import BagError, InputError
 from siren_ros.params import plain_yaml
-from siren_ros.params.params_files import named_params_file
+from siren_ros.params.resources import named_params_file
 from siren_ros.params.strict_yaml import StrictMapping, parse_strict_yaml, read_input_text
 
 

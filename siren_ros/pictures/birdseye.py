@@ -17,14 +17,21 @@ from siren_ros.interfaces.markers import EMV_COLOUR, MODE_COLOURS
 from siren_ros.judging.predicates import evaluate_predicate
 from siren_ros.judging.verdict import Verdict
 from siren_ros.numerics.units import STEP_S
-from siren_ros.pictures.annotations import LabelPlacer, draw_scale_bar
 from siren_ros.pictures.palette import CIVILIAN, EMV_EVENTS, EVENT_STYLES, FAINT_TEXT, STATE_NAMES, TEXT
-from siren_ros.pictures.roads import draw_roads
-from siren_ros.pictures.timeline import draw_speeds, draw_states, yielding_actors
-from siren_ros.pictures.vehicles import KMH, draw_path, draw_vehicles
+from siren_ros.pictures.plot_parts import (
+    KMH,
+    LabelPlacer,
+    draw_path,
+    draw_roads,
+    draw_scale_bar,
+    draw_speeds,
+    draw_states,
+    draw_vehicles,
+    yielding_actors,
+)
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import Mode
-from siren_ros.world.events import EventKind
+from siren_ros.world.traffic_state import EventKind
 
 SNAPSHOTS = 3
 WIDTH_IN = 13.0

@@ -1,21 +1,149 @@
-"""An episode from above, frame by frame: the camera follows the EMV over the roads."""
+"""An episode from above, frame by frame: the camera follows the EMV over roads that are drawn once.
+
+Shapes are drawn larger and then reduced to get smooth edges, because Pillow draws without antialiasing.
+"""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
+import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
-from PIL import Image, ImageDraw
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image, ImageDraw, ImageFont
 
 from siren_ros.errors import InputError
 from siren_ros.interfaces.markers import MODE_COLOURS
+from siren_ros.numerics.arrays import Points
 from siren_ros.numerics.geometry import footprint_corners
 from siren_ros.numerics.units import STEP_S
-from siren_ros.pictures.map_image import MapImage, draw_map_image, stop_bar
-from siren_ros.pictures.painter import Colour, font, paint_polygons, rgb_of, ribbon
 from siren_ros.pictures.palette import CIVILIAN, EMV_MODE_COLOURS, STATE_NAMES, TEXT, colour_of
+from siren_ros.pictures.plot_parts import draw_roads
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.roads.road_network import Lane, RoadNetwork
 from siren_ros.world.actors import Lights, Mode
+
+Colour = tuple[int, ...]
+"""Red, green, blue and, where it has one, opacity, 0 to 255 each."""
+_OVERSAMPLING: Final = 4
+
+
+def rgb_of(colour: str | Sequence[float]) -> Colour:
+    """``#rrggbb`` or components from 0 to 1 as components from 0 to 255."""
+    if isinstance(colour, str):
+        return tuple(int(colour[start : start + 2], 16) for start in (1, 3, 5))
+    return tuple(round(255 * component) for component in colour)
+
+
+def font(size_px: int, bold: bool = False) -> ImageFont.FreeTypeFont:
+    """The typeface of matplotlib, so that pictures are the same on every machine."""
+    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
+    return ImageFont.truetype(str(Path(mpl.get_data_path()) / "fonts" / "ttf" / name), size_px)
+
+
+def paint_polygons(picture: Image.Image, shapes: Sequence[tuple[Points, Colour]]) -> None:
+    """Fills polygons with smooth edges, later ones over earlier ones.
+
+    Args:
+        picture: RGB; is changed.
+        shapes: Corners in pixels, shape ``(K, 2)``, each with its colour. Shapes of one call should lie close together.
+    """
+    corners = np.concatenate([points for points, _ in shapes])
+    low = np.maximum(np.floor(corners.min(axis=0)).astype(int) - 1, 0)
+    high = np.minimum(np.ceil(corners.max(axis=0)).astype(int) + 2, picture.size)
+    if (high <= low).any():
+        return
+    size = (int(high[0] - low[0]), int(high[1] - low[1]))
+    box = (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
+    patch = picture.crop(box).resize((size[0] * _OVERSAMPLING, size[1] * _OVERSAMPLING), Image.Resampling.NEAREST)
+    draw = ImageDraw.Draw(patch, "RGBA")
+    for points, colour in shapes:
+        draw.polygon([(float(x), float(y)) for x, y in (points - low) * _OVERSAMPLING], fill=colour)
+    picture.paste(patch.resize(size, Image.Resampling.BOX), box[:2])
+
+
+def ribbon(points: Points, width_px: float) -> Points:
+    """Outline of a line of some width through points, shape ``(2K, 2)``."""
+    along = np.gradient(points, axis=0)
+    along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
+    normal = np.stack((-along[:, 1], along[:, 0]), axis=-1) * width_px / 2.0
+    return np.concatenate((points + normal, (points - normal)[::-1]))
+
+
+_DPI: Final = 100
+_MARKING_M: Final = 0.13
+"""Width of lane markings: 12 cm on urban roads in most of Europe."""
+_STOP_BAR_M: Final = 0.5
+"""Thickness of a stop line: 50 cm in most of Europe."""
+_STOP_BAR: Final = rgb_of("#a8323a")
+MOST_PIXELS: Final = 36_000_000
+"""Largest image (144 MB while it is drawn); larger areas are drawn at a smaller scale."""
+
+
+@dataclass(frozen=True)
+class MapImage:
+    """The roads from above, north up."""
+
+    pixels: Image.Image
+    west_m: float
+    north_m: float
+    px_per_m: float
+
+    def to_px(self, xy_m: npt.ArrayLike) -> Points:
+        """Places of the map (shape ``(..., 2)``) in the image, in pixels from its top left corner."""
+        offset = np.asarray(xy_m, dtype=np.float64) - (self.west_m, self.north_m)
+        scaled: Points = offset * (self.px_per_m, -self.px_per_m)
+        return scaled
+
+
+def draw_map_image(network: RoadNetwork, low_m: Points, high_m: Points, px_per_m: float) -> MapImage:
+    """Draws the roads between two corners, with the stop lines of stop signs.
+
+    Args:
+        network: The map.
+        low_m: South-west corner, shape ``(2,)``.
+        high_m: North-east corner.
+        px_per_m: Wanted scale; it becomes smaller where the image would pass ``MOST_PIXELS``.
+    """
+    size_m = high_m - low_m
+    scale = min(px_per_m, float(np.sqrt(MOST_PIXELS / np.prod(size_m))))
+    width, height = (int(np.ceil(side * scale)) for side in size_m)
+    figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI)
+    canvas = FigureCanvasAgg(figure)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set_xlim(low_m[0], low_m[0] + width / scale)
+    axes.set_ylim(high_m[1] - height / scale, high_m[1])
+    axes.set_xticks([])
+    axes.set_yticks([])
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    draw_roads(axes, network, line_width=max(_MARKING_M * scale, 0.8) * 72.0 / _DPI)
+    canvas.draw()  # type: ignore[no-untyped-call] # matplotlib's canvas has no annotations
+    rgba = canvas.buffer_rgba()  # type: ignore[no-untyped-call] # the same
+    pixels = Image.fromarray(np.ascontiguousarray(np.asarray(rgba)[..., :3]))
+    image = MapImage(pixels, float(low_m[0]), float(high_m[1]), scale)
+    stops = sorted({connection.from_lane for connection in network.connections if connection.must_stop})
+    for lane in stops:
+        paint_polygons(image.pixels, [(image.to_px(stop_bar(network.lanes[lane], 0.0, 1.0)), _STOP_BAR)])
+    return image
+
+
+def stop_bar(lane: Lane, from_share: float, to_share: float) -> Points:
+    """Corners of a bar across the end of a lane, shape ``(4, 2)``, or of a part of it.
+
+    Args:
+        lane: The lane.
+        from_share: Where the part begins, as a share of the lane's width from its left border.
+        to_share: Where the part ends.
+    """
+    end = lane.length_m
+    left, right = ((0.5 - share) * lane.width_m for share in (from_share, to_share))
+    along = np.array([end - _STOP_BAR_M, end, end, end - _STOP_BAR_M])
+    return lane.centre.offset_points(along, np.array([left, left, right, right]))
+
 
 SIZE_PX: Final = (1280, 720)
 PX_PER_M: Final = 9.0

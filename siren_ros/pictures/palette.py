@@ -5,7 +5,7 @@ from typing import Final
 from siren_ros.interfaces.markers import EMV_COLOUR, MODE_COLOURS
 from siren_ros.roads.road_network import LaneKind
 from siren_ros.world.actors import Mode
-from siren_ros.world.events import EventKind
+from siren_ros.world.traffic_state import EventKind
 
 Rgba = tuple[float, float, float, float]
 

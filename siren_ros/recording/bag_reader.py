@@ -1,21 +1,129 @@
-"""Reads an episode's bag with the message definitions in the bag."""
+"""Reads bags with the message definitions in them: messages in the order of time, the record, the playhead.
+
+A bag's files are checked before they are read, because a bag may come from an untrusted source. Refused are files
+outside the folder, compressed files and databases, metadata with aliases, and chunks that claim or unpack to more
+memory than a recorder writes.
+"""
 
 import struct
-from collections.abc import Collection, Iterator
+import zlib
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, BinaryIO, Final
 
+from mcap.opcode import Opcode
+from mcap.reader import SeekingReader
+from mcap.summary import Summary
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, Nodetype
 from rosbags.typesys.store import Typestore
 
 from siren_ros.errors import BagError, SirenError
-from siren_ros.recording.bag_guard import check_bag_files
-from siren_ros.recording.bag_metadata import METADATA_FILE
+from siren_ros.numerics.units import STEP_NS
+from siren_ros.recording.bag_folder import METADATA_FILE, read_metadata
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.recording.mcap_scan import DamageError, read_attachment, read_chunk, read_places, unpack
+from siren_ros.recording.mcap_stream import MAGIC
 from siren_ros.recording.record_builder import RECORD_TOPICS, RecordBuilder
+
+MAX_SUMMARY_BYTES: Final = 100_000_000
+"""An index of a million messages has 30 MB."""
+_FOOTER: Final = struct.Struct("<BQQQI8s")
+"""Code, length, start of the summary, start of the offsets, checksum; then the magic bytes at the end of the file."""
+_FOOTER_FIELDS_BYTES: Final = 20
+_AFTER_CRC_BYTES: Final = 12
+
+
+def storage_files(bag: Path) -> list[Path]:
+    """The MCAP files in a bag's folder, in the order of their names."""
+    return sorted(file for file in bag.glob("*.mcap") if file.is_file())
+
+
+def check_bag_files(bag: Path, content: bool = False) -> None:
+    """Refuses a bag whose files are damaged, misplaced or too large.
+
+    Args:
+        bag: Folder of the bag.
+        content: Also unpack every chunk, compare its checksum and those of attachments, and read the summary.
+
+    Raises:
+        BagError: What is wrong, and where.
+    """
+    for name in _named_files(bag):
+        file = bag / name
+        if Path(name).name != name or file.suffix != ".mcap" or not file.is_file():
+            raise BagError(str(bag), f"a bag whose files are .mcap files in its folder, unlike {name!r}")
+        try:
+            _check_storage(file, content)
+        except DamageError as error:
+            raise BagError(str(bag), f"an undamaged episode ({name}: {error})") from error
+        except OSError as error:
+            raise BagError(str(bag), f"a bag that can be read ({error.strerror or error})") from error
+
+
+def _named_files(bag: Path) -> list[str]:
+    information = read_metadata(bag)
+    names = information.get("relative_file_paths")
+    if information.get("compression_mode") or information.get("storage_identifier") != "mcap":
+        raise BagError(str(bag), "a bag in MCAP storage, its file not compressed as a whole")
+    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
+        raise BagError(str(bag), f"a bag whose {METADATA_FILE} names its files")
+    return names
+
+
+def _check_storage(file: Path, content: bool) -> None:
+    size = file.stat().st_size
+    with file.open("rb") as stream:
+        for place in read_places(stream):
+            if place.opcode == Opcode.CHUNK:
+                chunk = read_chunk(stream, place)
+                if content:
+                    unpack(chunk)
+            elif content and place.opcode == Opcode.ATTACHMENT:
+                read_attachment(stream, place)
+        _check_end(stream, size)
+        if content:
+            read_summary(stream, size)
+
+
+def read_summary(stream: BinaryIO, size: int) -> Summary:
+    """The summary of a file: definitions, statistics and the index of chunks.
+
+    Args:
+        stream: The file.
+        size: Its length in bytes.
+
+    Raises:
+        DamageError: The file has no end, or its summary is damaged.
+    """
+    _check_end(stream, size)
+    try:
+        stream.seek(0)
+        summary = SeekingReader(stream, validate_crcs=True).get_summary()
+    except Exception as error:  # mcap raises struct.error, McapError and others on a damaged summary
+        raise DamageError(f"a broken summary ({type(error).__name__}: {error})") from error
+    if summary is None:
+        raise DamageError("the file has no summary")
+    return summary
+
+
+def _check_end(stream: BinaryIO, size: int) -> None:
+    """A reader begins at the footer. The footer must lead to an undamaged summary inside the file."""
+    stream.seek(max(0, size - _FOOTER.size))
+    end = stream.read()
+    if len(end) < _FOOTER.size:
+        raise DamageError("the file has no end")
+    code, length, start, _, crc, magic = _FOOTER.unpack(end)
+    if code != Opcode.FOOTER or length != _FOOTER_FIELDS_BYTES or magic != MAGIC or not 0 < start < size:
+        raise DamageError("the file has no end")
+    if size - start > MAX_SUMMARY_BYTES:
+        raise DamageError(f"a summary of {size - start} bytes; {MAX_SUMMARY_BYTES} are allowed")
+    stream.seek(start)
+    if crc and zlib.crc32(stream.read(size - start - _AFTER_CRC_BYTES)) != crc:
+        raise DamageError("the summary does not have its checksum")
+
 
 _STAMPED_FIRST: Final = frozenset({"std_msgs/msg/Header", "builtin_interfaces/msg/Time"})
 _STAMP: Final = struct.Struct("<iI")
@@ -153,3 +261,71 @@ def read_episode(path: Path) -> EpisodeRecord:
                 with damage_refused(path):
                     builder.add(message.topic, decoded)
         return builder.build(str(path))
+
+
+def bags_among(paths: Iterable[Path]) -> tuple[Path, ...]:
+    """The bags among some folders: themselves, or those at any depth below them, sorted by path.
+
+    Hidden folders are left out: there bags are under way. A folder without any bag stays as it is, so that reading it
+    says what is wrong.
+    """
+    found: list[Path] = []
+    for path in paths:
+        inside = set() if storage_files(path) else {file.parent for file in path.rglob("*.mcap")}
+        bags = sorted(bag for bag in inside if not any(part[0] == "." for part in bag.relative_to(path).parts))
+        found += bags or [path]
+    return tuple(found)
+
+
+MAX_BURST_NS: Final = 4 * STEP_NS
+"""Most simulated time that is published at once; a subscriber keeps 8 messages of a topic."""
+NS_PER_S: Final = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Playhead:
+    """A position in simulated time. It moves with the wall clock unless it is paused."""
+
+    position_ns: int
+    """Simulated time at ``since_s``."""
+    since_s: float
+    """Wall time."""
+    rate: float
+    """Simulated seconds per wall second."""
+    paused: bool = False
+
+    def advance(self, now_s: float) -> "Playhead":
+        """The playhead at a later wall time. It advances by at most ``MAX_BURST_NS``, also after a long delay."""
+        if self.paused:
+            return replace(self, since_s=now_s)
+        moved_ns = round((now_s - self.since_s) * self.rate * NS_PER_S)
+        return replace(self, position_ns=self.position_ns + min(moved_ns, MAX_BURST_NS), since_s=now_s)
+
+    def held_at(self, time_ns: int) -> "Playhead":
+        """The playhead, at most at the time of a message that cannot be published yet."""
+        return replace(self, position_ns=min(self.position_ns, time_ns))
+
+    def pause(self, now_s: float, paused: bool) -> "Playhead":
+        """The playhead paused at its present position, or resumed from there."""
+        return replace(self.advance(now_s), paused=paused)
+
+
+def messages_from(bag: OpenBag, start_ns: int) -> Iterator[BagMessage]:
+    """The messages for a subscriber that joins at a time: latched ones from before, then all from there on.
+
+    Raises:
+        BagError: The bag is damaged after the last message that was returned.
+    """
+    earlier: dict[str, BagMessage] = {}
+    began = False
+    for message in bag.messages():
+        if message.time_ns < start_ns:
+            if message.topic in bag.latched:
+                earlier[message.topic] = message
+            continue
+        if not began:
+            began = True
+            yield from earlier.values()
+        yield message
+    if not began:
+        yield from earlier.values()

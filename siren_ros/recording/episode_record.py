@@ -14,8 +14,7 @@ from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeOutcome
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorDescription, ActorStates
 from siren_ros.world.commands import VehicleCommands
-from siren_ros.world.events import Event, EventKind
-from siren_ros.world.traffic_state import TrafficState
+from siren_ros.world.traffic_state import Event, EventKind, TrafficState
 
 Steps = npt.NDArray[np.int64]
 
@@ -103,7 +102,7 @@ class EpisodeRecord:
     topics: Mapping[str, TopicRecord]
     """By topic name; empty for a live episode, whose messages are not counted."""
     state_hashes: Mapping[int, int] = field(default_factory=dict)
-    """Hash of the state by step, as the simulation computed it (``siren_ros.world.state_hash``)."""
+    """Hash of the state by step, as the simulation computed it (``siren_ros.world.traffic_state``)."""
     lost_steps: int = 0
     """Steps without actor states, before the last step or the end that the bag says was reached."""
     map_xml: bytes = b""

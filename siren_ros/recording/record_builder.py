@@ -1,6 +1,11 @@
-"""Builds an ``EpisodeRecord`` message by message, from a bag or while the recorder writes one."""
+"""Builds an ``EpisodeRecord`` message by message, from a bag or while the recorder writes one.
 
-from collections.abc import Callable
+The messages are checked before they are used, because a bag may come from an untrusted source.
+"""
+
+import math
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -22,20 +27,74 @@ from siren_ros.interfaces.topics import (
     YIELD_COMMANDS,
 )
 from siren_ros.recording.episode_record import EpisodeRecord, TopicRecord
-from siren_ros.recording.record_checks import (
-    check_commands,
-    check_description,
-    check_states,
-    check_traffic,
-    outcome_of_what_is_held,
-)
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
-from siren_ros.world.actors import NO_ACTOR, ActorDescription, ActorStates
-from siren_ros.world.commands import AV_SOURCE, VehicleCommands, av_commands
-from siren_ros.world.events import Event
-from siren_ros.world.traffic_state import TrafficState
+from siren_ros.world.actors import ACTOR_STATE_DTYPES, NO_ACTOR, ActorDescription, ActorStates
+from siren_ros.world.commands import AV_SOURCE, COMMAND_DTYPES, VehicleCommands, av_commands
+from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, Event, TrafficState
+
+LAST_STEP: Final = 2**31
+"""Three years of simulated time."""
+LONGEST_S: Final = 1e8
+_OF_OTHER_LENGTH: Final = frozenset({"removed", "route_offset", "route_edges"})
+_TRAFFIC_COLUMNS: Final = tuple(name for name in TRAFFIC_STATE_DTYPES if name not in _OF_OTHER_LENGTH)
+
+
+def check_states(states: ActorStates) -> None:
+    """Raises BagError unless all columns have one length and the step is in range."""
+    _check(states, ACTOR_STATE_DTYPES)
+
+
+def check_traffic(traffic: TrafficState) -> None:
+    """As ``check_states``; the routes must also lie within their list."""
+    _check(traffic, _TRAFFIC_COLUMNS)
+    ends = traffic.route_offset
+    bounded = len(ends) == 0 or (ends[0] >= 0 and ends[-1] <= len(traffic.route_edges))
+    if len(ends) not in {0, len(traffic.actor_id) + 1} or not bounded or (ends[1:] < ends[:-1]).any():
+        raise BagError(f"TrafficState of step {traffic.step}", "routes that lie within route_edges")
+
+
+def check_commands(commands: VehicleCommands) -> None:
+    """As ``check_states``."""
+    _check(commands, COMMAND_DTYPES)
+
+
+def check_description(description: EpisodeDescription) -> None:
+    """Raises BagError unless the duration is finite, not negative and at most ``LONGEST_S``."""
+    if not (math.isfinite(description.duration_s) and 0.0 <= description.duration_s <= LONGEST_S):
+        raise BagError(f"duration_s {description.duration_s}", f"a number from 0 to {LONGEST_S:g}")
+
+
+def outcome_of_what_is_held(
+    outcome: EpisodeOutcome | None, closing: EpisodeClosing | None, steps: Sequence[int]
+) -> EpisodeOutcome | None:
+    """The recorded outcome; for a bag without every step that was closed, a failure that says so.
+
+    Args:
+        outcome: As recorded; None where the bag has none.
+        closing: Its ``EpisodeEnd``, likewise.
+        steps: Numbers of the steps whose actor states the bag holds, in its order.
+    """
+    if outcome is None or outcome.end is not EpisodeEnd.COMPLETE:
+        return outcome
+    closed = outcome.steps if closing is None else max(outcome.steps, closing.steps)
+    if list(steps) == list(range(closed)):
+        return outcome
+    held = len({step for step in steps if step < closed})
+    reason = f"the bag holds {held} of the {closed} steps that were closed"
+    if held == closed:
+        reason = f"the bag holds more than the {closed} steps that were closed"
+    return replace(outcome, end=EpisodeEnd.FAILED, reason=reason, predicate_holds=None)
+
+
+def _check(columns: ActorStates | TrafficState | VehicleCommands, names: Collection[str]) -> None:
+    what = f"{type(columns).__name__} of step {columns.step}"
+    if not 0 <= columns.step < LAST_STEP:
+        raise BagError(what, f"steps from 0 to {LAST_STEP - 1}")
+    if len({len(getattr(columns, name)) for name in names}) > 1:
+        raise BagError(what, "columns of one length")
+
 
 RECORD_TOPICS: Final = (
     EPISODE,

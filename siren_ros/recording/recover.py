@@ -14,8 +14,18 @@ from mcap.summary import Summary
 
 from siren_ros.errors import BagError, EpisodeError
 from siren_ros.interfaces.topics import ACTORS, EPISODE, MAP
-from siren_ros.recording.bag_guard import check_bag_files, read_summary, storage_files
-from siren_ros.recording.bag_metadata import METADATA_FILE, BagTopic, metadata_text, read_message_counts
+from siren_ros.recording.bag_folder import (
+    METADATA_FILE,
+    PARTIAL_SUFFIX,
+    RESERVE_FILE,
+    BagTopic,
+    free_partial_path,
+    lock,
+    metadata_text,
+    read_message_counts,
+    working_path,
+)
+from siren_ros.recording.bag_reader import check_bag_files, read_summary, storage_files
 from siren_ros.recording.bag_writer import END_KEY, REASON_KEY, BagOptions
 from siren_ros.recording.mcap_scan import (
     DamageError,
@@ -28,13 +38,6 @@ from siren_ros.recording.mcap_scan import (
     unpack,
 )
 from siren_ros.recording.mcap_stream import ChannelMessage, ChunkContent, McapStream, plain_bytes
-from siren_ros.recording.working_folder import (
-    PARTIAL_SUFFIX,
-    RESERVE_FILE,
-    free_partial_path,
-    lock,
-    working_path,
-)
 
 _REASON: Final = "recovered after its writer was cut off"
 _RECORD_HEAD_BYTES: Final = 9

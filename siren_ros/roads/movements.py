@@ -6,8 +6,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.numerics.geometry import wrap_angle
-from siren_ros.numerics.polyline import Polyline
+from siren_ros.numerics.geometry import Polyline, wrap_angle
 from siren_ros.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
 
 _SIDE_STREET_RAD: Final = (np.pi / 4.0, 3.0 * np.pi / 4.0)

@@ -1,8 +1,8 @@
-"""Reads a SUMO net (``.net.xml``) into a ``RoadNetwork``."""
+"""Reads a SUMO net (``.net.xml``) into a ``RoadNetwork``: lanes, who may use them, and the paths across junctions."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 from xml.etree.ElementTree import Element, ParseError
 
 import numpy as np
@@ -11,11 +11,111 @@ from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from siren_ros.errors import MapError
-from siren_ros.numerics.polyline import Polyline
-from siren_ros.roads.junction_lanes import way_across
-from siren_ros.roads.lane_permissions import Permissions, kind_of_lane, permissions_of
+from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.map_projection import geodetic_from_projected
 from siren_ros.roads.road_network import Connection, Edge, Junction, JunctionKind, Lane, LaneKind, RoadNetwork
+
+LONGEST_VIA: Final = 100
+"""netconvert cuts a movement into two or three junction lanes."""
+
+
+class PathAcross(NamedTuple):
+    """One movement across a junction, by the ids of its lanes."""
+
+    source: str
+    target: str
+    via: tuple[str, ...]
+    """In driving order. Long paths wait in the middle and have two; a movement without a path of its own has none."""
+
+
+def way_across(first: str | None, onward: Callable[[str], str | None]) -> tuple[str, ...]:
+    """The junction lanes of one movement in driving order.
+
+    Args:
+        first: The lane with which it begins; None where it has none.
+        onward: The junction lane that follows on one; None after the last.
+
+    Raises:
+        ValueError: They lead on for ever, as those of a damaged net do.
+    """
+    via: list[str] = []
+    lane = first
+    while lane is not None:
+        via.append(lane)
+        if len(via) > LONGEST_VIA:
+            raise ValueError(f"a way through junction lanes from {first} that does not end")
+        lane = onward(lane)
+    return tuple(via)
+
+
+def paths_across(net: Element) -> Iterator[PathAcross]:
+    """All movements of a net, in its order.
+
+    Args:
+        net: The root of a net file. A path's second part is the ``via`` of the connection that leaves its first.
+
+    Raises:
+        ValueError: A path does not end.
+    """
+    connections = list(net.iterfind("connection"))
+    onward = {_lane_id(one, "from"): one.get("via") for one in connections}
+    for one in connections:
+        source = _lane_id(one, "from")
+        if source.startswith(":"):
+            continue
+        yield PathAcross(source, _lane_id(one, "to"), way_across(one.get("via"), onward.get))
+
+
+def _lane_id(connection: Element, end: str) -> str:
+    return f"{connection.get(end)}_{connection.get(f'{end}Lane')}"
+
+
+_CIVILIAN_CLASSES: Final = frozenset({"passenger", "bus", "taxi", "delivery", "truck", "private", "coach", "trailer"})
+"""Vehicle classes whose lane is a driving lane, even where passenger cars may not use it (a bus lane)."""
+_FOOT_TYPES: Final = frozenset({"sidewalk", "walking"})
+
+
+@dataclass(frozen=True)
+class Permissions:
+    """Who may use a lane."""
+
+    civilian: bool
+    """Passenger cars."""
+    emergency: bool
+    pedestrian: bool
+    other_motor: bool = False
+    """Some class of motor traffic, whether or not passenger cars are among it."""
+
+
+def permissions_of(allow: str | None, disallow: str | None) -> Permissions:
+    """Permissions of a lane by its attributes; a lane with neither is open to every class.
+
+    ``allow`` wins where both are given, as in SUMO.
+    """
+    if allow is not None:
+        allowed = frozenset(allow.split())
+        open_to = (lambda _: True) if "all" in allowed else allowed.__contains__
+    else:
+        refused = frozenset((disallow or "").split())
+        open_to = (lambda _: False) if "all" in refused else (lambda name: name not in refused)
+    return Permissions(
+        civilian=bool(open_to("passenger")),
+        emergency=bool(open_to("emergency")),
+        pedestrian=bool(open_to("pedestrian")),
+        other_motor=any(open_to(name) for name in sorted(_CIVILIAN_CLASSES)),
+    )
+
+
+def kind_of_lane(permissions: Permissions, lane_type: str) -> LaneKind:
+    """Kind of a lane outside junctions, from who may use it and from the type that the map gave it."""
+    if lane_type in _FOOT_TYPES:
+        return LaneKind.SIDEWALK
+    if permissions.civilian or permissions.other_motor:
+        return LaneKind.DRIVING
+    if permissions.emergency:
+        return LaneKind.SHOULDER
+    return LaneKind.SIDEWALK if permissions.pedestrian else LaneKind.KERB
+
 
 ALLOWED: Final = "a SUMO net as netconvert writes it (.net.xml)"
 DEFAULT_LANE_WIDTH_M: Final = 3.2

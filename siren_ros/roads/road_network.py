@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.numerics.polyline import Polyline
+from siren_ros.numerics.geometry import Polyline
 
 NO_LANE = -1
 

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from siren_ros.errors import InputError
-from siren_ros.numerics.polyline import Polyline
+from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
 
 _TURNAROUND: Final = "t"

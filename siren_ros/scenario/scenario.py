@@ -1,20 +1,15 @@
-"""Scenario templates: what is set up, how it may vary, and which predicate tells that it happened.
-
-A template is data (``params/templates/S2.yaml``). Every scenario parameter has a default and a range
-of what studies may set; some are drawn anew for every seed. ``load_template`` gives the template with its
-defaults, ``realised`` what a seed draws, ``draw_values`` and ``with_values`` any other values.
-"""
+"""Scenario templates: what is set up, how it may vary, and which predicate tells that it happened."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from siren_ros.errors import InputError
-from siren_ros.roads.sites.site_finder import SiteKind
-from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.roads.site_finder import SiteKind
+from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.world.actors import ActorClass
 
 
@@ -240,3 +235,43 @@ def _uniform(ranges: Mapping[str, ValueRange], rng: np.random.Generator) -> dict
         else:
             drawn[path] = float(rng.uniform(limits.minimum, limits.maximum))
     return drawn
+
+
+@dataclass(frozen=True)
+class PredicateDeclaration:
+    """A predicate as templates and records name it; ``siren_ros.judging`` evaluates it."""
+
+    name: str
+    thresholds: Mapping[str, tuple[float, float]]
+    """Smallest and largest value that a template may give each threshold."""
+    needs: EmergencyLevel = EmergencyLevel.L1
+    """Least level at which the cause of the interaction exists; below it the predicate must not hold."""
+
+
+_SPEED_MIN: Final = {"speed_min_mps": (0.1, 20.0)}
+
+QUEUES_SPLIT: Final = PredicateDeclaration(
+    "queues_split", {"holding_min": (1, 50), "overtaken_min": (1, 50), "lateral_max_m": (0.1, 5.0)}, EmergencyLevel.L3
+)
+LANE_CLEARED: Final = PredicateDeclaration(
+    "lane_cleared", {"lane_changes_min": (1, 50), "passed_min": (1, 50)}, EmergencyLevel.L2
+)
+RED_SAME_DIRECTION: Final = PredicateDeclaration("red_same_direction", {})
+RED_CROSSING: Final = PredicateDeclaration("red_crossing", {})
+STOP_SAME_DIRECTION: Final = PredicateDeclaration("stop_same_direction", _SPEED_MIN)
+STOP_CROSSING: Final = PredicateDeclaration("stop_crossing", _SPEED_MIN)
+SHOULDER_TURN: Final = PredicateDeclaration("shoulder_turn", {"shoulder_min_s": (0.1, 60.0)})
+
+DECLARED_PREDICATES: Final[dict[str, PredicateDeclaration]] = {
+    declared.name: declared
+    for declared in (
+        QUEUES_SPLIT,
+        LANE_CLEARED,
+        RED_SAME_DIRECTION,
+        RED_CROSSING,
+        STOP_SAME_DIRECTION,
+        STOP_CROSSING,
+        SHOULDER_TURN,
+    )
+}
+"""By name."""

@@ -8,14 +8,12 @@ import numpy as np
 from siren_ros.errors import EpisodeError
 from siren_ros.interfaces.topics import AV_CARRIER, EMV_CARRIER
 from siren_ros.interfaces.transforms import Transform, quaternion_of_matrix, quaternion_of_yaw
-from siren_ros.numerics.arrays import Matrix
-from siren_ros.numerics.random_streams import random_stream
+from siren_ros.numerics.arrays import Matrix, random_stream
 from siren_ros.sensors.navigation.wheel_odometry import VehicleMotion
 from siren_ros.sensors.suite.mount import OPTICAL_FROM_BODY, Mount
 from siren_ros.sensors.suite.suite import SensorSuite
 from siren_ros.world.actors import ActorStates
-from siren_ros.world.frames import BASE_FRAME, MAP_FRAME, ODOM_FRAME, STATION_FRAME
-from siren_ros.world.odometry import Odometry
+from siren_ros.world.carrier import BASE_FRAME, MAP_FRAME, ODOM_FRAME, STATION_FRAME, Odometry
 
 
 @dataclass(frozen=True)

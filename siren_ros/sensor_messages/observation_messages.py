@@ -27,10 +27,7 @@ from siren_ros.sensors.rig.observations import Observations
 from siren_ros.sensors.suite.suite import CameraSpec, SensorSuite, period_steps
 from siren_ros.sensors.suite.wanted_labels import WantedLabels
 from siren_ros.world.actors import ActorDescription, ActorStates
-from siren_ros.world.camera_truth import CameraTruth
-from siren_ros.world.frames import BASE_FRAME, ODOM_FRAME
-from siren_ros.world.ground_truth import GroundTruth
-from siren_ros.world.odometry import Odometry
+from siren_ros.world.carrier import BASE_FRAME, ODOM_FRAME, CameraTruth, GroundTruth, Odometry
 
 Published = tuple[Topic, Any]
 

@@ -13,9 +13,9 @@ from uuid import uuid4
 
 from siren_ros.errors import InputError, SirenError
 from siren_ros.studies.episode_row import EpisodeRow, Status
-from siren_ros.studies.episode_worker import WorkerOptions, make_episode
 from siren_ros.studies.matrix import PlannedEpisode
 from siren_ros.studies.study_folder import StudyFolder
+from siren_ros.studies.workers import WorkerOptions, make_episode
 
 PROLOGUE: Final = "export DASK_DISTRIBUTED__WORKER__DAEMON=False"
 """What a worker's environment needs: it starts processes itself."""

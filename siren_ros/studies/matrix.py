@@ -1,22 +1,117 @@
-"""The matrix of a study: templates × levels × seeds × maps × draws, each cell an episode with a name of its own."""
+"""What a study asks for: a YAML file or options; templates × levels × seeds × maps × draws; its episodes."""
 
+import itertools
 import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
+from enum import StrEnum
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import qmc
+
 from siren_ros.errors import InputError
-from siren_ros.generation.episode_setup import level_of, present_versions
-from siren_ros.generation.request_files import files_of_request
+from siren_ros.generation.episode_setup import files_of_request, level_of, present_versions
+from siren_ros.numerics.arrays import random_stream
 from siren_ros.params.parameter_field import check_fields
+from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
 from siren_ros.roads.maps.map_compiler import name_of_map, source_sha256_of
-from siren_ros.scenario.request import EpisodeRequest, text_of_values, values_of
+from siren_ros.scenario.episode import MAX_SEED, EpisodeRequest, text_of_values, values_of
+from siren_ros.scenario.paper import EmergencyLevel
+from siren_ros.scenario.scenario import Template, ValueRange
 from siren_ros.scenario.templates import load_template
-from siren_ros.studies.draws import DrawPlan, draws_of
+
+_NOT_DRAWN: Final = frozenset({"duration_s"})
+"""How long an episode lasts is drawn only where the study names it."""
+
+
+class Method(StrEnum):
+    """How values are chosen."""
+
+    GRID = "grid"
+    RANDOM = "random"
+    LATIN_HYPERCUBE = "latin_hypercube"
+
+
+@dataclass(frozen=True)
+class DrawPlan:
+    """Which values of a template's parameters a study runs."""
+
+    method: Method
+    values: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    """Of a grid: the values of each parameter."""
+    samples: int = 0
+    """Of the other methods: number of draws."""
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Of the other methods: the parameters and between what they are drawn; empty: all of the template, over the
+    ranges in its file."""
+    seed: int = 0
+
+
+def draws_of(plan: DrawPlan, template: Template) -> tuple[dict[str, float], ...]:
+    """The values of each draw, in a fixed order.
+
+    A template's draws do not depend on which other templates are in the study.
+
+    Raises:
+        InputError: A parameter that the template does not have, or a value outside its range.
+    """
+    found = _grid(plan) if plan.method is Method.GRID else _sampled(plan, template)
+    for values in found:
+        template.with_values(values)
+    return found
+
+
+def _grid(plan: DrawPlan) -> tuple[dict[str, float], ...]:
+    names = sorted(plan.values)
+    return tuple(
+        dict(zip(names, values, strict=True)) for values in itertools.product(*(plan.values[name] for name in names))
+    )
+
+
+def _sampled(plan: DrawPlan, template: Template) -> tuple[dict[str, float], ...]:
+    if plan.samples < 1:
+        raise InputError("samples", plan.samples, "1 or more")
+    ranges = _ranges(plan, template)
+    rng = random_stream(plan.seed, f"study/{template.template_id}")
+    unit = (
+        qmc.LatinHypercube(len(ranges), seed=rng).random(plan.samples)
+        if plan.method is Method.LATIN_HYPERCUBE
+        else rng.random((plan.samples, len(ranges)))
+    )
+    columns = {path: _scaled(unit[:, column], limits) for column, (path, limits) in enumerate(sorted(ranges.items()))}
+    return tuple({path: float(values[row]) for path, values in columns.items()} for row in range(plan.samples))
+
+
+def _ranges(plan: DrawPlan, template: Template) -> dict[str, ValueRange]:
+    if not plan.ranges:
+        return {path: limits for path, limits in template.ranges.items() if path not in _NOT_DRAWN}
+    ranges = {}
+    for path, (low, high) in plan.ranges.items():
+        limits = template.ranges.get(path)
+        if limits is None:
+            raise InputError(path, template.template_id, f"a parameter of the template: {', '.join(template.ranges)}")
+        if not limits.minimum <= low <= high <= limits.maximum:
+            allowed = (
+                f"[low, high] within [{limits.minimum:g}, {limits.maximum:g}], the range of {template.template_id}"
+            )
+            raise InputError(path, f"[{low:g}, {high:g}]", allowed)
+        ranges[path] = ValueRange(low, high, limits.integer)
+    return ranges
+
+
+def _scaled(unit: npt.NDArray[np.float64], limits: ValueRange) -> npt.NDArray[np.float64]:
+    """Numbers of [0, 1) on a range; whole numbers are all equally likely."""
+    if limits.integer:
+        low, high = round(limits.minimum), round(limits.maximum)
+        return np.floor(low + unit * (high - low + 1)).clip(low, high)
+    return limits.minimum + unit * (limits.maximum - limits.minimum)
+
 
 OWN_LEVEL: Final = "own"
 """Stands for the level in the template's file."""
@@ -69,10 +164,10 @@ def plan_study(study: Study) -> tuple[PlannedEpisode, ...]:
     Raises:
         InputError: A template, level, map, preset, suite or draw that cannot be used; two maps of one name.
     """
-    for field in ("templates", "levels", "seeds", "maps"):
-        repeated = [value for value, count in Counter(getattr(study, field)).items() if count > 1]
-        if repeated or not getattr(study, field):
-            raise InputError(field, repeated[0] if repeated else "", "one or more, each of them once")
+    for part in ("templates", "levels", "seeds", "maps"):
+        repeated = [value for value, count in Counter(getattr(study, part)).items() if count > 1]
+        if repeated or not getattr(study, part):
+            raise InputError(part, repeated[0] if repeated else "", "one or more, each of them once")
     inputs = _Inputs()
     planned = tuple(_named(request, template, draw, inputs) for request, template, draw in _cells(study))
     counts = Counter(episode.name for episode in planned)
@@ -154,3 +249,129 @@ class _Inputs:
 
 def _sha256(content: object) -> str:
     return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+LEVELS: Final = (OWN_LEVEL, *EmergencyLevel.__members__)
+MOST_SAMPLES: Final = 10_000_000
+
+
+def read_study(file: Path) -> Study:
+    """A study from its file.
+
+    Raises:
+        InputError: An unknown or missing key, or a value that is not allowed; names file, line and key.
+    """
+    top = read_strict_yaml(file)
+    study = Study(
+        templates=top.words("templates"),
+        levels=levels_of(top.words("levels")) if top.has("levels") else (OWN_LEVEL,),
+        seeds=seeds_of(top.words("seeds")) if top.has("seeds") else (0,),
+        maps=top.words("maps") if top.has("maps") else (TOWN,),
+        preset=top.text("preset") if top.has("preset") else "paper",
+        sensors=top.text("sensors") if top.has("sensors") else "none",
+        look=top.text("look") if top.has("look") else "clear",
+        duration_s=top.number("duration_s", 0.0, 3600.0) if top.has("duration_s") else 0.0,
+        values=top.text("values") if top.has("values") else "",
+        draws=_draws(top.mapping("draw")) if top.has("draw") else None,
+        risk_videos=top.integer("risk_videos", 0, MOST_SAMPLES) if top.has("risk_videos") else 0,
+    )
+    top.finish()
+    return study
+
+
+def _draws(section: StrictMapping) -> DrawPlan:
+    method = Method(section.text("method", [one.value for one in Method]))
+    if method is Method.GRID:
+        values = section.mapping("values")
+        grid = {path: tuple(_number(path, word) for word in values.words(path)) for path in values.values}
+        section.finish()
+        return DrawPlan(method, values=grid)
+    ranges = section.mapping("ranges").values if section.has("ranges") else {}
+    limits = section.mapping("ranges") if ranges else section
+    plan = DrawPlan(
+        method,
+        samples=section.integer("samples", 1, MOST_SAMPLES),
+        ranges={path: range_of(path, limits.words(path)) for path in ranges},
+        seed=section.integer("seed", 0, MAX_SEED) if section.has("seed") else 0,
+    )
+    section.finish()
+    return plan
+
+
+def levels_of(words: Sequence[str]) -> tuple[str, ...]:
+    """Levels by name, or ``own``.
+
+    Raises:
+        InputError: Another word.
+    """
+    for word in words:
+        if word not in LEVELS:
+            raise InputError("levels", word, f"of {', '.join(LEVELS)}")
+    return tuple(words)
+
+
+def seeds_of(words: Sequence[str]) -> tuple[int, ...]:
+    """Seeds from words: ``3``, or ``0:5`` for 0 to 4.
+
+    Raises:
+        InputError: Another word.
+    """
+    found: list[int] = []
+    for word in words:
+        first, colon, end = word.partition(":")
+        try:
+            seeds = range(int(first), int(end) if colon else int(first) + 1)
+        except ValueError as error:
+            raise InputError("seeds", word, "a seed, or FIRST:END for FIRST to END − 1") from error
+        if not seeds or seeds[0] < 0 or seeds[-1] > MAX_SEED:
+            raise InputError("seeds", word, f"seeds from 0 to {MAX_SEED}, at least one")
+        found.extend(seeds)
+    return tuple(found)
+
+
+def grid_of(words: Sequence[str]) -> DrawPlan:
+    """A grid from words ``PATH=VALUE,VALUE,…``.
+
+    Raises:
+        InputError: Another word.
+    """
+    values: dict[str, tuple[float, ...]] = {}
+    for word in words:
+        path, _, texts = word.partition("=")
+        if not texts or path in values:
+            raise InputError("grid", word, "PATH=VALUE,VALUE,…, each path once")
+        values[path] = tuple(_number(path, text) for text in texts.split(","))
+    return DrawPlan(Method.GRID, values=values)
+
+
+def range_of(path: str, words: Sequence[str]) -> tuple[float, float]:
+    """Two numbers, least first.
+
+    Raises:
+        InputError: Something else.
+    """
+    if len(words) != 2:
+        raise InputError(path, " ".join(words), "two numbers, the least first")
+    return _number(path, words[0]), _number(path, words[1])
+
+
+def ranges_of(words: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Ranges from words ``PATH=LOW:HIGH``.
+
+    Raises:
+        InputError: Another word.
+    """
+    found: dict[str, tuple[float, float]] = {}
+    for word in words:
+        path, _, limits = word.partition("=")
+        if path in found:
+            raise InputError("range", word, "each path once")
+        found[path] = range_of(path, limits.split(":"))
+    return found
+
+
+def _number(path: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError as error:
+        raise InputError(path, text, "a number") from error

@@ -8,10 +8,9 @@ from typing import Final
 
 from siren_ros.errors import InputError
 from siren_ros.studies.episode_row import EpisodeRow, path_of
-from siren_ros.studies.episode_worker import WorkerOptions
 from siren_ros.studies.matrix import PlannedEpisode, Study, plan_study
 from siren_ros.studies.study_folder import StudyFolder, is_finished, read_table, write_study, write_table
-from siren_ros.studies.workers import Workers
+from siren_ros.studies.workers import WorkerOptions, Workers
 
 TABLE_EVERY_S: Final = 60.0
 """Wall time between two writes of the table; the row next to each bag is written at once."""

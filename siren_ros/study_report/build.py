@@ -5,21 +5,12 @@ from pathlib import Path
 
 from siren_ros.evaluation.prediction.reports.score_table import score_table
 from siren_ros.evaluation.statistics.interval import WHY_NONE
-from siren_ros.recording.bag_folders import bags_among
-from siren_ros.study_report.cells import NONE, count_of
-from siren_ros.study_report.content import Page, Section
-from siren_ros.study_report.measures import StudyMeasures, measure_study
-from siren_ros.study_report.options import PageOptions
-from siren_ros.study_report.sections.detection import detection_section
-from siren_ros.study_report.sections.diversity import diversity_section
-from siren_ros.study_report.sections.effects import effects_section
-from siren_ros.study_report.sections.generated import generated_section
-from siren_ros.study_report.sections.making_way import making_way_section
-from siren_ros.study_report.sections.paper import paper_section
-from siren_ros.study_report.sections.prediction import prediction_section
-from siren_ros.study_report.sections.risk import risk_section
-from siren_ros.study_report.sections.scenes import scenes_section
-from siren_ros.study_report.study_rows import StudyRows, read_rows
+from siren_ros.recording.bag_reader import bags_among
+from siren_ros.study_report.episode_sections import generated_section, scenes_section
+from siren_ros.study_report.page import NONE, Page, Section, count_of
+from siren_ros.study_report.study import PageOptions, StudyMeasures, StudyRows, measure_study, read_rows
+from siren_ros.study_report.task_sections import detection_section, paper_section, prediction_section, risk_section
+from siren_ros.study_report.traffic_sections import diversity_section, effects_section, making_way_section
 
 
 def build_page(

@@ -14,25 +14,18 @@ from siren_ros.numerics.arrays import Codes, Floats
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.maps.map_compiler import CompiledMap
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
-from siren_ros.scenario.levels import LEVEL_POLICIES, EmergencyLevel
+from siren_ros.scenario.paper import LEVEL_POLICIES, EmergencyLevel
+from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.demand.plan import PlannedVehicle, TrafficPlan
-from siren_ros.traffic.observation.crossings import CrossingWatch, Mover
-from siren_ros.traffic.observation.reactions import Reactions
-from siren_ros.traffic.observation.teleports import find_teleports
-from siren_ros.traffic.sumo.advice import emv_advice
-from siren_ros.traffic.sumo.bend_limits import BendLimits
+from siren_ros.traffic.observation import CrossingWatch, Mover, Reactions, find_teleports
 from siren_ros.traffic.sumo.caution import CautiousDrivers
-from siren_ros.traffic.sumo.config import TrafficConfig
-from siren_ros.traffic.sumo.lane_continuity import LaneContinuity
+from siren_ros.traffic.sumo.driving_corrections import BendLimits, LaneContinuity, SidewaysLimits
 from siren_ros.traffic.sumo.mirror import Mirror
-from siren_ros.traffic.sumo.population import Population, route_id
-from siren_ros.traffic.sumo.readings import Readings, joined_rows, read_vehicles
-from siren_ros.traffic.sumo.sideways import SidewaysLimits
+from siren_ros.traffic.sumo.population import Population, route_id, vehicle_types_xml
+from siren_ros.traffic.sumo.readings import Readings, emv_advice, joined_rows, read_vehicles
 from siren_ros.traffic.sumo.signal_timing import GapOut, time_signal
-from siren_ros.traffic.sumo.vehicle_types import vehicle_types_xml
 from siren_ros.world.actors import ActorDescription, ActorStates, Lights, Owner, rows_of_ids
-from siren_ros.world.events import Event, EventKind
-from siren_ros.world.traffic_state import EmvAdvice, SignalState, TrafficState
+from siren_ros.world.traffic_state import EmvAdvice, Event, EventKind, SignalState, TrafficState
 
 _LARGEST_SEED: Final = 2**31 - 1
 

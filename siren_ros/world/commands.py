@@ -9,7 +9,7 @@ import numpy as np
 from siren_ros.errors import EpisodeError
 from siren_ros.numerics.arrays import Codes, Floats, Ids
 from siren_ros.world.actors import Lights, Mode, Owner
-from siren_ros.world.events import Event
+from siren_ros.world.traffic_state import Event
 
 
 @dataclass(frozen=True)

@@ -1,15 +1,70 @@
-"""What SUMO says at one step: poses, lanes, routes, signals and advice, as structures of arrays."""
+"""What SUMO says at one step, as structures of arrays, and the discrete events of an episode.
 
-from dataclasses import dataclass, fields
-from enum import IntFlag
+Two episodes that have the state hash in common at every step are the same.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from enum import IntFlag, StrEnum
+from hashlib import blake2b
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from siren_ros.numerics.arrays import Codes, Floats, Ids
-from siren_ros.world.actors import ActorDescription
-from siren_ros.world.events import Event
+from siren_ros.world.actors import ACTOR_STATE_DTYPES, NO_ACTOR, ActorDescription, ActorStates
+
+
+class EventKind(StrEnum):
+    """The closed list of what can be recorded as an event."""
+
+    SIREN_ON = "siren_on"
+    SIREN_OFF = "siren_off"
+    YIELD_REQUESTED = "yield_requested"
+    YIELD_DEFERRED = "yield_deferred"
+    YIELD_STARTED = "yield_started"
+    YIELD_COMPLETED = "yield_completed"
+    """A lane change out of the EMV's lane reached its target lane."""
+    YIELD_HELD = "yield_held"
+    YIELD_CANCELLED = "yield_cancelled"
+    YIELD_RELEASED = "yield_released"
+    LANE_CHANGE_REQUESTED = "lane_change_requested"
+    LANE_CHANGE_DEFERRED = "lane_change_deferred"
+    LANE_CHANGE_STARTED = "lane_change_started"
+    LANE_CHANGE_COMPLETED = "lane_change_completed"
+    LANE_CHANGE_CANCELLED = "lane_change_cancelled"
+    CORRIDOR_ENTERED = "corridor_entered"
+    CORRIDOR_LEFT = "corridor_left"
+    GAP_ESCAPE_ENTERED = "gap_escape_entered"
+    GAP_ESCAPE_REPLANNED = "gap_escape_replanned"
+    GAP_ESCAPE_WAITING = "gap_escape_waiting"
+    GAP_ESCAPE_LEFT = "gap_escape_left"
+    STOP_LINE_CROSSED = "stop_line_crossed"
+    JUNCTION_LEFT = "junction_left"
+    COLLISION = "collision"
+    OWNER_CHANGED = "owner_changed"
+    SPAWNED = "spawned"
+    REMOVED = "removed"
+    REALIGNED = "realigned"
+    """A vehicle in SUMO was brought back to the simulated one, which could not follow it."""
+    TELEPORT = "teleport"
+
+
+@dataclass(frozen=True)
+class Event:
+    """One happening at one step, in the ``map`` frame."""
+
+    step: int
+    kind: EventKind
+    actor_id: int
+    other_id: int = NO_ACTOR
+    """The second actor where there is one: the EMV that is yielded to, the collision's partner."""
+    x_m: float = 0.0
+    y_m: float = 0.0
+    detail: Mapping[str, float | int | str] = field(default_factory=dict)
+    """What belongs to this kind: ``impact_speed_mps``, ``signal_state``, ``junction``, ``reason``, …"""
+
 
 Indices = npt.NDArray[np.int32]
 
@@ -114,3 +169,25 @@ TRAFFIC_STATE_DTYPES: Final[dict[str, type[np.generic]]] = {
     field.name: _dtype_of(field.name) for field in fields(TrafficState) if field.name not in _OTHER
 }
 """Array fields of TrafficState and their element types, in declaration order."""
+
+
+HASH_BYTES: Final = 8
+
+
+def hash_state(states: ActorStates, signals: Sequence[SignalState]) -> int:
+    """64-bit BLAKE2b (RFC 7693) over every field of every actor and the state of every traffic light.
+
+    The fields are taken to the last bit, in declaration order, little-endian on every platform; lengths go in as well,
+    so that no two states share their bytes.
+
+    Args:
+        states: All actors at the step.
+        signals: All traffic lights at the same step.
+    """
+    digest = blake2b(digest_size=HASH_BYTES)
+    digest.update(np.array([states.step, len(states), len(signals)], dtype="<u8").tobytes())
+    for name, kind in ACTOR_STATE_DTYPES.items():
+        digest.update(np.asarray(getattr(states, name)).astype(np.dtype(kind).newbyteorder("<"), copy=False).tobytes())
+    for signal in signals:
+        digest.update(f"{signal.signal_id}\0{signal.state}\0".encode())
+    return int.from_bytes(digest.digest(), "little")

@@ -10,15 +10,13 @@ import pytest
 
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
 from siren_ros.behaviour.config import BehaviourConfig
-from siren_ros.behaviour.driving.situation import BehaviourWorld, StepView
-from siren_ros.behaviour.driving.surroundings import ActorTable, Surroundings
+from siren_ros.behaviour.driving.step_view import ActorTable, BehaviourWorld, StepView, Surroundings
 from siren_ros.behaviour.emv.controller import EmvState, step_emv
 from siren_ros.dynamics.parameters import ParameterTable, load_vehicle_parameters
 from siren_ros.dynamics.vehicle_model import BodyState, Controls, step_bodies
-from siren_ros.numerics.geometry import footprint_corners, separation_m
-from siren_ros.numerics.polyline import Polyline
+from siren_ros.numerics.geometry import Polyline, footprint_corners, separation_m
 from siren_ros.roads.road_network import Connection, Edge, Lane, LaneKind, RoadNetwork
-from siren_ros.scenario.levels import LEVEL_POLICIES, EmergencyLevel
+from siren_ros.scenario.paper import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.scenario.presets import load_preset
 from siren_ros.world.actors import ActorClass, ActorDescription, Lights, Mode, Owner
 from siren_ros.world.commands import VehicleCommands

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from siren_ros.numerics.geometry import rotate
-from siren_ros.numerics.polyline import Polyline
+from siren_ros.numerics.geometry import Polyline, rotate
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.world.actors import ActorClass
 

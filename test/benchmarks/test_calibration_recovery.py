@@ -5,8 +5,8 @@ import pytest
 from siren_ros.benchmarks import calibration_recovery
 from siren_ros.benchmarks.calibration_recovery import TOLERANCE, drawn_truth, main, print_table
 from siren_ros.calibration.fit import Fitted
-from siren_ros.calibration.horizons import WHOLE
 from siren_ros.calibration.parameters import parameters_named
+from siren_ros.calibration.targets import WHOLE
 
 SPEED, ACCEL = parameters_named(["controller.target_speed_mps", "controller.accel_mps2"])
 

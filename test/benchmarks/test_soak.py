@@ -10,19 +10,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from siren_ros.benchmarks.soak import lines_of, totals_of
-from siren_ros.benchmarks.soak_episode import (
+from siren_ros.benchmarks.soak import (
     MARK,
     SoakCase,
     SoakResult,
+    WorkerMemory,
     digest,
     end_marked,
     left_behind,
+    lines_of,
     lost_messages,
     marked_processes,
     mixed_cases,
+    totals_of,
 )
-from siren_ros.benchmarks.worker_memory import WorkerMemory
 
 CASE = SoakCase("S2", "L2", 0, 5.0)
 TEMPLATES = tuple(f"S{number}" for number in range(1, 8))

@@ -3,8 +3,16 @@
 import numpy as np
 import pytest
 
-from siren_ros.benchmarks.ssm_device import LENGTH_M, Conflict, DeviceRun, run_device, tracks_of
-from siren_ros.benchmarks.surrogate_safety import agreement_of, compare, lines_of
+from siren_ros.benchmarks.surrogate_safety import (
+    LENGTH_M,
+    Conflict,
+    DeviceRun,
+    agreement_of,
+    compare,
+    lines_of,
+    run_device,
+    tracks_of,
+)
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import StateRows
 from siren_ros.roads.maps.map_compiler import compile_map

@@ -4,17 +4,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from siren_ros.benchmarks.template_episode import EpisodeFigures, longest_standstill_s, travel_times_s
 from siren_ros.benchmarks.templates import (
+    EpisodeFigures,
     comparison_of,
     details_of,
+    longest_standstill_s,
     placebo_levels,
     placebo_row,
     row_of,
     seeds_of,
     spread_of,
+    travel_times_s,
 )
-from siren_ros.judging.realisation import Realisation
+from siren_ros.judging.outcome import Realisation
 from siren_ros.scenario.templates import available_templates
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from siren_ros.behaviour.config import BehaviourConfig
-from siren_ros.behaviour.driving.situation import BehaviourWorld
+from siren_ros.behaviour.driving.step_view import BehaviourWorld
 from siren_ros.calibration.parameters import (
     PARAMETERS,
     Parameter,
@@ -17,10 +17,9 @@ from siren_ros.calibration.parameters import (
 )
 from siren_ros.errors import InputError
 from siren_ros.roads.road_network import RoadNetwork
-from siren_ros.scenario.levels import LEVEL_POLICIES, EmergencyLevel
+from siren_ros.scenario.paper import LEVEL_POLICIES, EmergencyLevel
 from siren_ros.scenario.presets import load_preset
-from siren_ros.traffic.demand.driver_models import ClassDriving, DriverModel
-from siren_ros.traffic.demand.plan import PlannedVehicle, TrafficPlan
+from siren_ros.traffic.demand.plan import ClassDriving, DriverModel, PlannedVehicle, TrafficPlan
 from siren_ros.world.actors import ActorClass
 
 DRIVER = DriverModel("IDM", 1.1, 1.2, 1.0, 0.6, 1.0, ClassDriving(2.2, 3.5, 2.0, 42.0))

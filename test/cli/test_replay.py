@@ -15,7 +15,7 @@ from siren_ros.generation.recorded_episode import record_episode
 from siren_ros.numerics.units import step_of_time_ns
 from siren_ros.recording.bag_reader import open_bag
 from siren_ros.recording.bag_writer import EpisodeBagWriter
-from siren_ros.scenario.request import EpisodeRequest
+from siren_ros.scenario.episode import EpisodeRequest
 
 
 @pytest.fixture

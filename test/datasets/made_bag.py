@@ -30,11 +30,8 @@ from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
 from siren_ros.sensors.lidar.lidar_points import LIDAR_POINT_DTYPE
 from siren_ros.world.actors import ActorClass
-from siren_ros.world.camera_truth import CameraTruth
-from siren_ros.world.events import Event, EventKind
-from siren_ros.world.frames import BASE_FRAME, MAP_FRAME, ODOM_FRAME
-from siren_ros.world.ground_truth import GroundTruth
-from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficState
+from siren_ros.world.carrier import BASE_FRAME, MAP_FRAME, ODOM_FRAME, CameraTruth, GroundTruth
+from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, Event, EventKind, TrafficState
 
 EMV, CAR, BUS = 1, 5, 9
 RIGHT_Y_M, LEFT_Y_M = -5.25, -1.75

@@ -5,7 +5,7 @@ from dataclasses import replace
 from evaluation.made_records import moving, record_with
 from hand_made_record import STRAIGHT, crossing, traffic_of
 
-from siren_ros.datasets.sources.tracks import Track, tracks_of
+from siren_ros.record.tracks import Track, tracks_of
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.traffic_state import TrafficState

@@ -11,7 +11,7 @@ from datasets.made_bag import BUS, CAR, EMV
 from defusedxml.ElementTree import parse
 
 from siren_ros.cli.main import main
-from siren_ros.datasets.openscenario.entities import REAR_AXLE
+from siren_ros.datasets.openscenario import REAR_AXLE
 
 ID = "S2_L2_seed0_straight"
 ROAD = "straight-73747261.xodr"

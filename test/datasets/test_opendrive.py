@@ -14,7 +14,7 @@ from synthetic_episode import NET_XML
 
 from siren_ros.cli.main import main
 from siren_ros.datasets.opendrive import opendrive_of
-from siren_ros.datasets.sources.episode_source import open_source
+from siren_ros.record.episode_source import open_source
 from siren_ros.roads.road_network import LaneKind
 
 

@@ -8,8 +8,7 @@ from siren_ros.dynamics.fleet import FleetState, step_fleet
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.world.actors import ActorClass, ActorDescription, ActorStates, Lights, Mode, Owner
 from siren_ros.world.commands import COMMAND_DTYPES, VehicleCommands
-from siren_ros.world.events import Event, EventKind
-from siren_ros.world.traffic_state import TrafficState
+from siren_ros.world.traffic_state import Event, EventKind, TrafficState
 
 PARAMETERS = load_vehicle_parameters()
 

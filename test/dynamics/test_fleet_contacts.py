@@ -10,8 +10,7 @@ from dynamics.fleet_scenes import PARAMETERS, command_of, description, kinds, st
 from siren_ros.dynamics.fleet import FleetState, step_fleet
 from siren_ros.numerics.units import STEP_S
 from siren_ros.world.actors import ActorClass, ActorDescription, Lights, Mode, Owner
-from siren_ros.world.events import Event, EventKind
-from siren_ros.world.traffic_state import TrafficState
+from siren_ros.world.traffic_state import Event, EventKind, TrafficState
 
 
 def test_collisions_become_events_once() -> None:

@@ -9,7 +9,7 @@ from dynamics.fleet_scenes import PARAMETERS, command_of, description, kinds, st
 from siren_ros.dynamics.fleet import FleetState, step_fleet
 from siren_ros.numerics.units import STEP_S
 from siren_ros.world.actors import Lights, Mode, Owner
-from siren_ros.world.events import Event, EventKind
+from siren_ros.world.traffic_state import Event, EventKind
 
 
 def test_an_actor_may_belong_to_ros_from_its_first_step() -> None:

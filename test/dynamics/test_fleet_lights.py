@@ -6,7 +6,7 @@ from dynamics.fleet_scenes import PARAMETERS, command_of, description, started, 
 
 from siren_ros.dynamics.fleet import FleetState, step_fleet
 from siren_ros.world.actors import ActorClass, Lights
-from siren_ros.world.events import EventKind
+from siren_ros.world.traffic_state import EventKind
 
 
 def test_a_siren_is_said_once_when_it_begins_and_ends() -> None:

@@ -8,7 +8,7 @@ import pytest
 from siren_ros.dynamics.parameters import ParameterTable, VehicleParameters, read_vehicle_parameters
 from siren_ros.errors import InputError
 from siren_ros.numerics.units import GRAVITY_MPS2
-from siren_ros.params.params_files import params_dir
+from siren_ros.params.resources import params_dir
 from siren_ros.world.actors import ActorClass
 
 

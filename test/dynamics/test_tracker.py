@@ -12,7 +12,7 @@ from siren_ros.dynamics.parameters import ParameterTable, VehicleParameters, loa
 from siren_ros.dynamics.tracker import Reference, TrackerState, track
 from siren_ros.dynamics.vehicle_model import BodyState, step_bodies
 from siren_ros.numerics.arrays import Floats
-from siren_ros.numerics.polyline import Polyline
+from siren_ros.numerics.geometry import Polyline
 from siren_ros.numerics.units import STEP_S
 from siren_ros.world.actors import ActorClass
 

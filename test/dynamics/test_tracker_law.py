@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from siren_ros.dynamics.parameters import ParameterTable, load_vehicle_parameters
-from siren_ros.dynamics.tracker import Reference, TrackerState, track
-from siren_ros.dynamics.tracker_loops import TrackerGains
+from siren_ros.dynamics.tracker import Reference, TrackerGains, TrackerState, track
 from siren_ros.dynamics.vehicle_model import BodyState
 from siren_ros.numerics.units import GRAVITY_MPS2, STEP_S
 from siren_ros.world.actors import ActorClass

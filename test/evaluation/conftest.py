@@ -3,7 +3,7 @@
 import pytest
 from synthetic_episode import NET_XML
 
-from siren_ros.numerics.polyline import Polyline
+from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import Connection, Edge, Lane, LaneKind, RoadNetwork
 

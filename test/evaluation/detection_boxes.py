@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes, TruthBoxes, attributes_of
+from siren_ros.evaluation.detection.boxes import FoundBoxes, TruthBoxes, attributes_of
 
 
 def _shared(

@@ -5,10 +5,10 @@ from collections.abc import Mapping
 import numpy as np
 from detection_boxes import made_boxes
 
-from siren_ros.evaluation.detection.metrics.devkit_score import ERRORS, DevkitScore
-from siren_ros.evaluation.detection.metrics.family_order import FamilyOrder
-from siren_ros.evaluation.detection.metrics.matching import DISTANCES_M, match
+from siren_ros.evaluation.detection.average_precision import DISTANCES_M, match
+from siren_ros.evaluation.detection.devkit_score import ERRORS, DevkitScore
 from siren_ros.evaluation.detection.scoring import DetectorScores, GroupScore
+from siren_ros.evaluation.detection.subsets import FamilyOrder
 from siren_ros.evaluation.statistics.interval import NOTHING, Interval
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 from detection_boxes import truth_boxes
 
-from siren_ros.evaluation.detection.protocol.frames import EpisodeFrames, Frames, frames_of
+from siren_ros.evaluation.detection.frames import EpisodeFrames, Frames, frames_of
 from siren_ros.numerics.arrays import Matrix
 
 LIDAR_YAW_RAD = np.pi / 3.0

@@ -11,7 +11,7 @@ from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.episode import EpisodeDescription
-from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
 
 

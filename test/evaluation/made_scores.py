@@ -5,15 +5,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from siren_ros.evaluation.prediction.metrics.calibration import BINS, Reliability, no_reliability
-from siren_ros.evaluation.prediction.metrics.table import METRICS
-from siren_ros.evaluation.prediction.protocol.samples import ObservedActors, Population, SampleBatch, ScoredSamples
-from siren_ros.evaluation.prediction.protocol.window import HistoryWindow
-from siren_ros.evaluation.prediction.scoring.categories import Category
-from siren_ros.evaluation.prediction.scoring.episode_scores import EpisodeScores, ModelScores
+from siren_ros.evaluation.prediction.episode_scores import Category, EpisodeScores, ModelScores
+from siren_ros.evaluation.prediction.metrics import BINS, METRICS, Reliability, no_reliability
+from siren_ros.evaluation.prediction.samples import (
+    HistoryWindow,
+    ObservedActors,
+    Population,
+    SampleBatch,
+    ScoredSamples,
+)
 from siren_ros.numerics.arrays import Floats
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
-from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.world.actors import ActorClass
 
 

@@ -7,9 +7,9 @@ from repository import REPOSITORY
 from siren_ros.errors import MapError
 from siren_ros.generation.closed_loop import LoopStep, closed_loop
 from siren_ros.generation.episode_setup import set_up_episode
-from siren_ros.scenario.request import EpisodeRequest
+from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.world.actors import Owner
-from siren_ros.world.events import EventKind
+from siren_ros.world.traffic_state import EventKind
 
 MAPS = REPOSITORY / "test" / "maps"
 

@@ -3,11 +3,11 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from siren_ros.behaviour.civilians.drivers import draw_driver
+from siren_ros.behaviour.civilians.unit import draw_driver
 from siren_ros.generation.behaviour_setup import behaviour_world
 from siren_ros.generation.closed_loop import LoopStep, closed_loop
 from siren_ros.generation.episode_setup import EpisodeSetup, set_up_episode
-from siren_ros.scenario.request import EpisodeRequest
+from siren_ros.scenario.episode import EpisodeRequest
 
 LEVELS = ("L0", "L1", "L2", "L3")
 PRIVILEGED_MPS = 10.0

@@ -9,11 +9,10 @@ from siren_ros.generation import closed_loop as loop
 from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.generation.recorded_episode import record_episode
 from siren_ros.generation.replay_check import repeat_episode, request_of
-from siren_ros.judging.verification.limits import VerifyLimits
+from siren_ros.judging.physics import VerifyLimits
 from siren_ros.judging.verify import check_message_counts, check_state_hashes
 from siren_ros.recording.bag_reader import read_episode
-from siren_ros.scenario.episode import EpisodeEnd
-from siren_ros.scenario.request import EpisodeRequest
+from siren_ros.scenario.episode import EpisodeEnd, EpisodeRequest
 
 REQUEST = EpisodeRequest("S3", seed=4, duration_s=1.5, sensors="none", values="demand.background_vehicles=18.0")
 

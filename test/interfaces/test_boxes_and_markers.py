@@ -16,7 +16,7 @@ from siren_ros.interfaces.markers import (
     vehicle_markers,
 )
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates, Mode
-from siren_ros.world.ground_truth import GROUND_TRUTH_DTYPES, GroundTruth
+from siren_ros.world.carrier import GROUND_TRUTH_DTYPES, GroundTruth
 
 
 def _truth(count: int) -> GroundTruth:

@@ -19,12 +19,11 @@ from siren_ros.interfaces.lockstep_reports import EpisodeClosing, Phase, StepRep
 from siren_ros.interfaces.messages import typestore
 from siren_ros.ros.transport.endpoints import message_class
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
-from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
+from siren_ros.world.carrier import GROUND_TRUTH_DTYPES, GroundTruth
 from siren_ros.world.commands import COMMAND_DTYPES, VehicleCommands
-from siren_ros.world.events import Event, EventKind
-from siren_ros.world.ground_truth import GROUND_TRUTH_DTYPES, GroundTruth
-from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, EmvAdvice, SignalState, TrafficState
+from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, EmvAdvice, Event, EventKind, SignalState, TrafficState
 
 STORE = typestore()
 

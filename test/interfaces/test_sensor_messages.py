@@ -14,7 +14,7 @@ from siren_ros.interfaces.navigation import (
     to_nav_sat_fix,
 )
 from siren_ros.world.actors import ActorClass
-from siren_ros.world.camera_truth import CAMERA_TRUTH_DTYPES, CameraTruth
+from siren_ros.world.carrier import CAMERA_TRUTH_DTYPES, CameraTruth
 
 STORE = typestore()
 

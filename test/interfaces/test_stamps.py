@@ -15,9 +15,7 @@ from siren_ros.interfaces.markers import to_markers, vehicle_markers
 from siren_ros.interfaces.navigation import ImuReading, SatelliteFix, to_imu, to_nav_sat_fix
 from siren_ros.interfaces.transforms import Transform, to_odometry, to_tf
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
-from siren_ros.world.camera_truth import CAMERA_TRUTH_DTYPES, CameraTruth
-from siren_ros.world.ground_truth import GROUND_TRUTH_DTYPES, GroundTruth
-from siren_ros.world.odometry import Odometry
+from siren_ros.world.carrier import CAMERA_TRUTH_DTYPES, GROUND_TRUTH_DTYPES, CameraTruth, GroundTruth, Odometry
 
 STEP = 27
 FRAME = "somewhere"

@@ -19,8 +19,8 @@ from synthetic_episode import LEFT_Y_M, RIGHT_Y_M, split_net
 
 from siren_ros.errors import BagError
 from siren_ros.judging.lane_clearance import BODY_MARGIN_M, find_clearings, lane_cleared
-from siren_ros.judging.lane_location import lanes_ahead, locate
 from siren_ros.judging.predicates import evaluate_predicate
+from siren_ros.record.vehicle_location import lanes_ahead, locate
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, Lights

@@ -10,8 +10,8 @@ from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.judging.predicates import PREDICATES, evaluate_predicate, predicate_of
 from siren_ros.judging.verdict import Part, at_least, at_most, closest_of, equals, more_than, verdict_of
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.scenario.predicates import DECLARED_PREDICATES
-from siren_ros.scenario.request import EpisodeRequest
+from siren_ros.scenario.episode import EpisodeRequest
+from siren_ros.scenario.scenario import DECLARED_PREDICATES
 from siren_ros.scenario.templates import available_templates, load_template
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hand_made_record import EMV, LEFT_X_M, RIGHT_X_M, Driven, at_speed, crossing, hand_made, line
 
-from siren_ros.judging.lane_location import places_of
 from siren_ros.judging.queue_splitting import find_holding, find_overtakings, queues_split
+from siren_ros.record.vehicle_location import places_of
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.road_network import Connection, LaneKind
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, Mode

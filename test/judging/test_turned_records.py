@@ -18,15 +18,13 @@ from hand_made_record import (
     line,
 )
 
-from siren_ros.judging.av_response import av_response
-from siren_ros.judging.junction_entry import red_crossing, red_same_direction, stop_crossing
+from siren_ros.judging.junction_templates import red_crossing, red_same_direction, shoulder_turn, stop_crossing
 from siren_ros.judging.lane_clearance import lane_cleared
+from siren_ros.judging.outcome import av_response
+from siren_ros.judging.physics import summarise_physics
 from siren_ros.judging.queue_splitting import queues_split
-from siren_ros.judging.shoulder_turn import shoulder_turn
-from siren_ros.judging.verification.physics import summarise_physics
 from siren_ros.judging.verify import STATE_CHECKS, VerifyLimits
-from siren_ros.numerics.geometry import rotate, wrap_angle
-from siren_ros.numerics.polyline import Polyline
+from siren_ros.numerics.geometry import Polyline, rotate, wrap_angle
 from siren_ros.roads.road_network import JunctionKind, RoadNetwork
 from siren_ros.world.actors import Mode
 

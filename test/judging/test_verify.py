@@ -25,8 +25,7 @@ from siren_ros.recording.bag_reader import read_episode
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorStates, Owner
 from siren_ros.world.commands import VehicleCommands
-from siren_ros.world.events import Event, EventKind
-from siren_ros.world.state_hash import hash_state
+from siren_ros.world.traffic_state import Event, EventKind, hash_state
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from siren_ros.interfaces.lockstep_reports import Phase, StepReport
 from siren_ros.interfaces.topics import Topic
 from siren_ros.lockstep.lockstep import BeginStep, EndEpisode, LockstepConfig, LockstepState, on_report, start_lockstep
 from siren_ros.lockstep.tick_join import MAX_STEPS_AHEAD, Input, TickJoin, once
-from siren_ros.recording.collector import StepCollector
+from siren_ros.recording.recorder import StepCollector
 
 NOW: Final = 4
 """Steps 0 to 3 are over; this one is under way."""

@@ -219,7 +219,7 @@ from siren_ros.interfaces.lockstep_reports import Phase, StepReport
 from siren_ros.interfaces.messages import make_message, stamp
 from siren_ros.ros.transport import wire
 from siren_ros.ros.transport.endpoints import create_input, create_output
-from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.world.actors import ActorStates
 def report(name, step):
     return wire.encode(topics.STEP_DONE, to_step_done(StepReport(step, name, Phase.STEP)))

@@ -13,7 +13,7 @@ from siren_ros.generation.recorded_episode import record_episode
 from siren_ros.generation.replay_check import repeat_episode
 from siren_ros.judging.verify import verify_episode
 from siren_ros.recording.bag_reader import read_episode
-from siren_ros.scenario.request import EpisodeRequest
+from siren_ros.scenario.episode import EpisodeRequest
 
 DOMAIN = Domain()
 PREDICTOR = str(EXAMPLES / "live_predictor.py")

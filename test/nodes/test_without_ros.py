@@ -7,7 +7,7 @@ from live_episodes import Domain, digest
 
 from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.generation.recorded_episode import record_episode
-from siren_ros.scenario.request import EpisodeRequest
+from siren_ros.scenario.episode import EpisodeRequest
 
 DOMAIN = Domain()
 

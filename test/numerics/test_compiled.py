@@ -1,5 +1,6 @@
 """Compiled loops are compiled anew when something that they hold changes, in whichever file."""
 
+import math
 import subprocess
 import sys
 import textwrap
@@ -7,8 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from siren_ros.numerics.compiled import compiled
+from siren_ros.numerics.compiled import box_gap_m, compiled, within, wrapped_rad
+from siren_ros.numerics.geometry import footprint_corners, separation_m, wrap_angle
 
 _CALLER = """
     from callee import OFFSET, doubled
@@ -87,3 +92,32 @@ def test_it_is_known_while_a_loop_is_compiled_and_not_when_it_comes_from_the_cac
             [sys.executable, "program.py"], check=True, cwd=tmp_path, capture_output=True, text=True, timeout=120
         )
         assert run.stdout.strip() == expected
+
+
+@given(st.floats(-50.0, 50.0))
+def test_it_is_that_of_arrays(angle_rad: float) -> None:
+    assert wrapped_rad(angle_rad) == wrap_angle(angle_rad)
+
+
+@pytest.mark.parametrize("turns", [-3, -1, 1, 5])
+def test_half_a_turn_is_positive(turns: int) -> None:
+    assert wrapped_rad(turns * math.pi) == pytest.approx(math.pi, abs=1e-12)
+
+
+@given(st.floats(-5.0, 5.0), st.floats(-3.0, 0.0), st.floats(0.0, 3.0))
+def test_bounds_are_kept_as_for_arrays(value: float, low: float, high: float) -> None:
+    assert within(value, low, high) == np.clip(value, low, high)
+
+
+POSES = st.tuples(st.floats(-6.0, 6.0), st.floats(-6.0, 6.0), st.floats(-np.pi, np.pi))
+SIZES = st.tuples(st.floats(1.0, 5.0), st.floats(0.5, 1.5))
+
+
+@given(POSES, POSES, SIZES, SIZES)
+def test_the_gap_is_that_of_the_corners(a, b, a_size, b_size):
+    pair = []
+    for (x, y, yaw), (length, width) in ((a, a_size), (b, b_size)):
+        columns = (np.array([value]) for value in (x, y, yaw, 2.0 * length, 2.0 * width))
+        pair.append(footprint_corners(*columns))
+    poses = [(x, y, np.cos(yaw), np.sin(yaw)) for x, y, yaw in (a, b)]
+    assert box_gap_m(*poses, *a_size, *b_size) == pytest.approx(float(separation_m(*pair)[0]), abs=1e-9)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from siren_ros.numerics.random_streams import random_stream
+from siren_ros.numerics.arrays import random_stream
 from siren_ros.numerics.units import (
     NEVER,
     STEP_NS,

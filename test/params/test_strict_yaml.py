@@ -7,14 +7,13 @@ import pytest
 from siren_ros.dynamics.parameters import read_vehicle_parameters
 from siren_ros.errors import InputError
 from siren_ros.params import plain_yaml
-from siren_ros.params.params_files import named_params_file
-from siren_ros.params.resources import params_dir
+from siren_ros.params.resources import named_params_file, params_dir
 from siren_ros.params.strict_yaml import read_strict_yaml
 from siren_ros.scenario.presets import load_preset
 from siren_ros.scenario.templates import load_template
 from siren_ros.sensors.suite.look_file import load_look
 from siren_ros.sensors.suite.suite import load_suite
-from siren_ros.traffic.demand.driver_models import load_drivers
+from siren_ros.traffic.demand.plan import load_drivers
 
 READERS = {
     "templates": load_template,

@@ -11,13 +11,11 @@ from PIL import Image
 
 from siren_ros.errors import InputError
 from siren_ros.interfaces.markers import EMV_COLOUR
-from siren_ros.pictures.annotations import LabelPlacer
 from siren_ros.pictures.birdseye import draw_episode, interaction_box, interaction_steps, save_episode_picture
-from siren_ros.pictures.roads import lane_outline
-from siren_ros.pictures.timeline import mode_runs, yielding_actors
+from siren_ros.pictures.plot_parts import LabelPlacer, lane_outline, mode_runs, yielding_actors
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import Mode
-from siren_ros.world.events import Event, EventKind
+from siren_ros.world.traffic_state import Event, EventKind
 
 
 @pytest.fixture(scope="module")

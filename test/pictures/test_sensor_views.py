@@ -10,7 +10,7 @@ from siren_ros.generation.closed_loop import closed_loop, record_of
 from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.pictures.sensor_views import cloud_by_instance, observe_at, save_sheet, sheet
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.scenario.request import EpisodeRequest
+from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.sensors.rig.observations import Observations
 from siren_ros.sensors.suite.look import Look
 from siren_ros.sensors.suite.suite import SensorSuite, load_suite

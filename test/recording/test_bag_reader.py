@@ -1,34 +1,148 @@
+"""What is checked of a bag's files before they are read: always its form, on request every byte."""
+
 import io
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.reader import make_reader
 from rosbags.typesys.store import Typestore
 from synthetic_episode import EMV, Scene, SyntheticEpisode
 
 from siren_ros.errors import BagError
+from siren_ros.interfaces import topics
 from siren_ros.interfaces.messages import make_message
 from siren_ros.interfaces.topics import ACTORS, MAP
-from siren_ros.recording.bag_guard import read_summary
-from siren_ros.recording.bag_reader import open_bag, read_episode
+from siren_ros.recording.bag_folder import METADATA_FILE
+from siren_ros.recording.bag_reader import (
+    MAX_BURST_NS,
+    Playhead,
+    bags_among,
+    check_bag_files,
+    messages_from,
+    open_bag,
+    read_episode,
+    read_summary,
+    storage_files,
+)
 from siren_ros.recording.bag_writer import EpisodeBagWriter
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.recording.mcap_scan import DamageError
+from siren_ros.recording.mcap_scan import DamageError, read_chunks
 from siren_ros.world.actors import ACTOR_STATE_DTYPES
-from siren_ros.world.events import EventKind
+from siren_ros.world.traffic_state import EventKind
+
+
+@pytest.fixture
+def bag(tmp_path: Path, write_bag: Callable[..., Path]) -> Path:
+    return write_bag(tmp_path / "bag", duration_s=1.0)
+
+
+def test_a_flipped_bit_is_found_where_the_content_is_asked_for(bag: Path) -> None:
+    check_bag_files(bag, content=True)
+    (file,) = storage_files(bag)
+    with file.open("rb") as stream:
+        chunk = next(iter(read_chunks(stream)))
+    data = bytearray(file.read_bytes())
+    data[chunk.offset + 200] ^= 1
+    file.write_bytes(bytes(data))
+    check_bag_files(bag)
+    with pytest.raises(BagError, match="undamaged"):
+        check_bag_files(bag, content=True)
+
+
+def test_a_summary_is_held_against_its_checksum(bag: Path) -> None:
+    (file,) = storage_files(bag)
+    data = bytearray(file.read_bytes())
+    data[-60] ^= 1
+    file.write_bytes(bytes(data))
+    with pytest.raises(BagError, match="summary does not have its checksum"):
+        check_bag_files(bag)
+
+
+def change(bag: Path, **values: object) -> None:
+    path = bag / METADATA_FILE
+    content = yaml.safe_load(path.read_text())
+    content["rosbag2_bagfile_information"].update(values)
+    path.write_text(yaml.safe_dump(content))
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        ({"relative_file_paths": ["../bag_0.mcap"]}, "in its folder"),
+        ({"relative_file_paths": ["other.mcap"]}, "in its folder"),
+        ({"relative_file_paths": ["metadata.yaml"]}, "in its folder"),
+        ({"relative_file_paths": []}, "names its files"),
+        ({"relative_file_paths": [3]}, "names its files"),
+        ({"relative_file_paths": "bag_0.mcap"}, "names its files"),
+        ({"compression_mode": "file"}, "not compressed as a whole"),
+        ({"storage_identifier": "sqlite3"}, "MCAP storage"),
+    ],
+)
+def test_metadata_that_leads_elsewhere_is_refused(bag: Path, values: dict[str, object], reason: str) -> None:
+    change(bag, **values)
+    with pytest.raises(BagError, match=reason):
+        check_bag_files(bag)
+
+
+def test_a_file_without_an_end_is_refused(bag: Path) -> None:
+    (file,) = storage_files(bag)
+    file.write_bytes(file.read_bytes()[:-1])
+    with pytest.raises(BagError, match="the file has no end"):
+        check_bag_files(bag)
+
+
+@pytest.mark.parametrize(
+    ("at", "byte"), [(0, 0x03), (1, 21), (9, 0), (36, 0x00)], ids=["another record", "its length", "start", "magic"]
+)
+def test_every_part_of_the_end_counts(bag: Path, at: int, byte: int) -> None:
+    """Opcode, length, start of the summary (here: made 0), of its offsets, checksum and magic: 37 bytes."""
+    (file,) = storage_files(bag)
+    data = bytearray(file.read_bytes())
+    end = len(data) - 37
+    assert data[end] == 0x02
+    if at == 9:
+        data[end + 9 : end + 17] = bytes(8)
+    data[end + at] = byte
+    file.write_bytes(bytes(data))
+    with pytest.raises(BagError, match="the file has no end"):
+        check_bag_files(bag)
+
+
+def test_definitions_are_those_of_ros_2(bag: Path) -> None:
+    """In ROS 1 times are built in, and the definition of a message names no package for them."""
+    (file,) = storage_files(bag)
+    with file.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    texts = [schema.data.decode() for schema in summary.schemas.values()]
+    assert any("builtin_interfaces/Time clock" in text for text in texts)
+    assert not any(line.startswith("time ") for text in texts for line in text.splitlines())
+
+
+def test_storage_files_are_files_in_the_order_of_their_names(tmp_path: Path) -> None:
+    for name in ("b_1.mcap", "b_0.mcap", "notes.txt"):
+        (tmp_path / name).touch()
+    (tmp_path / "folder.mcap").mkdir()
+    assert [path.name for path in storage_files(tmp_path)] == ["b_0.mcap", "b_1.mcap"]
 
 
 @pytest.fixture(scope="module")
-def bag(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Path]) -> Path:
+def bag_of_bag_reader(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Path]) -> Path:
     return write_bag(tmp_path_factory.mktemp("bags") / "S2_L2_seed0", lidar=True)
 
 
-def test_the_record_is_what_was_recorded(bag: Path) -> None:
+def test_the_record_is_what_was_recorded(bag_of_bag_reader: Path) -> None:
     made = SyntheticEpisode(Scene(lidar=True))
-    record = read_episode(bag)
+    record = read_episode(bag_of_bag_reader)
     assert record.description == made.description
     assert record.actors == made.actors
     assert record.outcome == made.outcome()
@@ -45,23 +159,25 @@ def test_the_record_is_what_was_recorded(bag: Path) -> None:
     assert record.emv_ids == (EMV,)
 
 
-def test_a_track_is_one_actor_in_the_order_of_time(bag: Path) -> None:
-    record = read_episode(bag)
+def test_a_track_is_one_actor_in_the_order_of_time(bag_of_bag_reader: Path) -> None:
+    record = read_episode(bag_of_bag_reader)
     track = record.track(3)
     assert np.array_equal(track.step, np.arange(record.steps))
     assert np.allclose(track.xy_m, SyntheticEpisode().paths[3][:, :2])
     assert len(record.track(999)) == 0
 
 
-def test_topics_are_counted_with_their_times(bag: Path) -> None:
-    topics = read_episode(bag).topics
+def test_topics_are_counted_with_their_times(bag_of_bag_reader: Path) -> None:
+    topics = read_episode(bag_of_bag_reader).topics
     assert topics["/emv/lidar/points"].count == 160
     assert np.array_equal(topics["/emv/lidar/points"].times_ns, np.arange(160) * 100_000_000)
     assert sum(topic.stamp_mismatches for topic in topics.values()) == 0
 
 
-def test_a_live_record_equals_the_one_that_is_read(bag: Path, record_of: Callable[..., EpisodeRecord]) -> None:
-    live, read = record_of(lidar=True), read_episode(bag)
+def test_a_live_record_equals_the_one_that_is_read(
+    bag_of_bag_reader: Path, record_of: Callable[..., EpisodeRecord]
+) -> None:
+    live, read = record_of(lidar=True), read_episode(bag_of_bag_reader)
     assert live.events == read.events
     assert np.array_equal(live.rows.xy_m, read.rows.xy_m)
 
@@ -83,24 +199,24 @@ def test_a_folder_without_metadata_is_no_bag(tmp_path: Path) -> None:
         read_episode(tmp_path)
 
 
-def test_a_bag_that_was_cut_off_says_so(bag: Path, tmp_path: Path) -> None:
-    copy, _ = _copy(bag, tmp_path)
+def test_a_bag_that_was_cut_off_says_so(bag_of_bag_reader: Path, tmp_path: Path) -> None:
+    copy, _ = _copy(bag_of_bag_reader, tmp_path)
     (copy / "metadata.yaml").unlink()
     with pytest.raises(BagError, match="cut off"):
         read_episode(copy)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.9, 0.999])
-def test_a_truncated_bag_is_refused(bag: Path, tmp_path: Path, share: float) -> None:
-    copy, mcap = _copy(bag, tmp_path)
+def test_a_truncated_bag_is_refused(bag_of_bag_reader: Path, tmp_path: Path, share: float) -> None:
+    copy, mcap = _copy(bag_of_bag_reader, tmp_path)
     mcap.write_bytes(mcap.read_bytes()[: int(mcap.stat().st_size * share)])
     with pytest.raises(BagError, match="undamaged"):
         read_episode(copy)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.4, 0.7, 0.999])
-def test_a_flipped_bit_is_refused(bag: Path, tmp_path: Path, share: float) -> None:
-    copy, mcap = _copy(bag, tmp_path)
+def test_a_flipped_bit_is_refused(bag_of_bag_reader: Path, tmp_path: Path, share: float) -> None:
+    copy, mcap = _copy(bag_of_bag_reader, tmp_path)
     data = bytearray(mcap.read_bytes())
     data[int((len(data) - 1) * share)] ^= 0x10
     mcap.write_bytes(data)
@@ -108,8 +224,8 @@ def test_a_flipped_bit_is_refused(bag: Path, tmp_path: Path, share: float) -> No
         read_episode(copy)
 
 
-def test_damaged_metadata_is_refused(bag: Path, tmp_path: Path) -> None:
-    copy, _ = _copy(bag, tmp_path)
+def test_damaged_metadata_is_refused(bag_of_bag_reader: Path, tmp_path: Path) -> None:
+    copy, _ = _copy(bag_of_bag_reader, tmp_path)
     (copy / "metadata.yaml").write_text("rosbag2_bagfile_information: [")
     with pytest.raises(BagError):
         read_episode(copy)
@@ -132,8 +248,8 @@ def test_a_known_topic_of_another_type_is_refused(tmp_path: Path, typestore: Typ
         read_episode(writer.finish().path)
 
 
-def test_only_the_topics_that_are_asked_for_are_read(bag: Path) -> None:
-    with open_bag(bag) as opened:
+def test_only_the_topics_that_are_asked_for_are_read(bag_of_bag_reader: Path) -> None:
+    with open_bag(bag_of_bag_reader) as opened:
         found = list(opened.messages({"/emv/lidar/points"}))
         assert {message.topic for message in found} == {"/emv/lidar/points"}
         assert [message.time_ns for message in found] == [opened.stamp_ns(message) for message in found]
@@ -146,9 +262,9 @@ def test_a_file_shorter_than_its_end_has_none(length: int) -> None:
         read_summary(io.BytesIO(bytes(length)), length)
 
 
-def test_a_stamp_is_read_from_the_first_bytes_of_a_stamped_message(bag: Path) -> None:
+def test_a_stamp_is_read_from_the_first_bytes_of_a_stamped_message(bag_of_bag_reader: Path) -> None:
     """Of another byte order, of another type and of fewer bytes there is none."""
-    with open_bag(bag) as opened:
+    with open_bag(bag_of_bag_reader) as opened:
         states, text = (
             next(message for message in opened.messages({topic}) if message.time_ns > 0 or topic == MAP.name)
             for topic in (ACTORS.name, MAP.name)
@@ -158,3 +274,93 @@ def test_a_stamp_is_read_from_the_first_bytes_of_a_stamped_message(bag: Path) ->
         assert opened.stamp_ns(replace(states, cdr=bytes(states.cdr[:11]))) is None
         assert opened.stamp_ns(replace(states, cdr=bytes(states.cdr[:12]))) == states.time_ns
         assert opened.stamp_ns(replace(states, type_name=text.type_name)) == opened.stamp_ns(text)
+
+
+def made(folder: Path) -> Path:
+    folder.mkdir(parents=True)
+    (folder / "0.mcap").touch()
+    return folder
+
+
+def test_a_folder_of_bags_stands_for_them(tmp_path: Path) -> None:
+    single, second, first = made(tmp_path / "x"), made(tmp_path / "many" / "b"), made(tmp_path / "many" / "a")
+    made(tmp_path / "many" / ".unfinished")
+    (tmp_path / "many" / "notes").mkdir()
+    assert bags_among([single, tmp_path / "many"]) == (single, first, second)
+
+
+def test_what_holds_no_bag_stays_as_it_is(tmp_path: Path) -> None:
+    assert bags_among([tmp_path, tmp_path / "none"]) == (tmp_path, tmp_path / "none")
+
+
+def test_bags_are_found_at_any_depth_and_not_in_hidden_folders(tmp_path: Path) -> None:
+    for name in ("b/deep/er", "a", ".work/half", "b/.x.partial"):
+        (tmp_path / name).mkdir(parents=True)
+        (tmp_path / name / "x_0.mcap").touch()
+    assert bags_among([tmp_path]) == (tmp_path / "a", tmp_path / "b" / "deep" / "er")
+
+
+STEP_NS = 50_000_000
+
+
+@pytest.fixture(scope="module")
+def bag_of_playback(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Path]) -> Path:
+    return write_bag(tmp_path_factory.mktemp("bags") / "bag", duration_s=1.0)
+
+
+def test_the_playhead_keeps_the_rate() -> None:
+    head = Playhead(0, 10.0, 2.0)
+    for tick in range(1, 101):
+        head = head.advance(10.0 + tick * 0.01)
+    assert head.position_ns == pytest.approx(2e9, abs=100)
+
+
+@given(st.lists(st.floats(0.0, 10.0), min_size=1), st.floats(0.01, 100.0))
+def test_the_playhead_never_runs_back_and_never_jumps(pauses_s: list[float], rate: float) -> None:
+    head, now_s = Playhead(0, 0.0, rate), 0.0
+    for pause_s in pauses_s:
+        now_s += pause_s
+        before, head = head.position_ns, head.advance(now_s)
+        assert 0 <= head.position_ns - before <= MAX_BURST_NS
+
+
+def test_a_paused_playhead_stands_still_and_goes_on_from_there() -> None:
+    head = Playhead(0, 0.0, 1.0).pause(0.1, paused=True)
+    assert head.position_ns == 100_000_000
+    head = head.advance(50.0)
+    assert head.position_ns == 100_000_000
+    assert head.pause(60.0, paused=False).advance(60.05).position_ns == 150_000_000
+
+
+def test_held_at_a_message_that_cannot_go_out_it_goes_on_from_there() -> None:
+    head = Playhead(0, 0.0, 1.0).advance(0.1).held_at(50_000_000)
+    assert head.position_ns == 50_000_000
+    assert head.advance(0.15).position_ns == pytest.approx(100_000_000, abs=1)
+    assert head.held_at(90_000_000) == head
+
+
+def test_from_the_start_every_message_comes_in_the_order_of_the_bag(bag_of_playback: Path) -> None:
+    with open_bag(bag_of_playback) as opened:
+        assert [item.cdr for item in messages_from(opened, 0)] == [item.cdr for item in opened.messages()]
+
+
+def test_from_the_middle_what_is_latched_comes_first(bag_of_playback: Path) -> None:
+    with open_bag(bag_of_playback) as opened:
+        played = list(messages_from(opened, 10 * STEP_NS))
+        latched = [item.topic for item in played if item.time_ns < 10 * STEP_NS]
+        assert set(latched) == {topics.EPISODE.name, topics.MAP.name}
+        assert len(latched) == 2
+        rest = [item for item in played if item.time_ns >= 10 * STEP_NS]
+        assert played[2:] == rest
+        assert [item.cdr for item in rest] == [item.cdr for item in opened.messages() if item.time_ns >= 10 * STEP_NS]
+        assert [item.topic for item in messages_from(opened, 10**12)] == [
+            item.topic for item in opened.messages() if item.topic in opened.latched
+        ]
+
+
+def test_of_a_latched_topic_the_last_message_before_the_start_comes() -> None:
+    messages = [SimpleNamespace(topic="/latched", time_ns=10 * place, cdr=bytes([place])) for place in range(4)]
+    messages.insert(2, SimpleNamespace(topic="/other", time_ns=15, cdr=b"other"))
+    bag: Any = SimpleNamespace(latched=frozenset({"/latched"}), messages=lambda: iter(messages))
+    for start_ns, expected in ((20, [b"\1", b"\2", b"\3"]), (35, [b"\3"]), (15, [b"\1", b"other", b"\2", b"\3"])):
+        assert [item.cdr for item in messages_from(bag, start_ns)] == expected

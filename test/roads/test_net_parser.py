@@ -2,9 +2,10 @@ import re
 
 import numpy as np
 import pytest
+from defusedxml.ElementTree import fromstring
 
 from siren_ros.errors import MapError
-from siren_ros.roads.net_parser import parse_road_network
+from siren_ros.roads.net_parser import PathAcross, kind_of_lane, parse_road_network, paths_across, permissions_of
 from siren_ros.roads.road_network import JunctionKind, LaneKind
 
 NET = """<net version="1.20">
@@ -189,3 +190,62 @@ def test_the_default_width_is_sumos(network):
 def test_what_is_no_usable_net_is_refused(document, reason):
     with pytest.raises(MapError, match=re.escape(reason)):
         parse_road_network(document)
+
+
+NET_JUNCTION_LANES = """<net>
+  <connection from="west" fromLane="0" to="east" toLane="1" via=":j_0_0"/>
+  <connection from="west" fromLane="1" to="north" toLane="0" via=":j_1_0"/>
+  <connection from="south" fromLane="0" to="east" toLane="0"/>
+  <connection from=":j_0" fromLane="0" to="east" toLane="1"/>
+  <connection from=":j_1" fromLane="0" to="north" toLane="0" via=":j_4_0"/>
+  <connection from=":j_4" fromLane="0" to="north" toLane="0"/>
+</net>"""
+
+
+def test_each_movement_has_its_lanes_in_driving_order() -> None:
+    assert list(paths_across(fromstring(NET_JUNCTION_LANES))) == [
+        PathAcross("west_0", "east_1", (":j_0_0",)),
+        PathAcross("west_1", "north_0", (":j_1_0", ":j_4_0")),
+        PathAcross("south_0", "east_0", ()),
+    ]
+
+
+@pytest.mark.parametrize("back_to", [":j_0_0", ":j_1_0"])
+def test_a_way_that_does_not_end_is_refused(back_to: str) -> None:
+    end = '<connection from=":j_4" fromLane="0" to="north" toLane="0"'
+    circle = NET_JUNCTION_LANES.replace(end, f'{end} via="{back_to}"').replace(
+        'to="east" toLane="1"/>', 'to="east" toLane="1" via=":j_1_0"/>'
+    )
+    with pytest.raises(ValueError, match="does not end"):
+        list(paths_across(fromstring(circle)))
+
+
+@pytest.mark.parametrize(
+    ("allow", "disallow", "civilian", "emergency", "pedestrian"),
+    [
+        (None, None, True, True, True),
+        ("all", None, True, True, True),
+        (None, "all", False, False, False),
+        ("emergency", None, False, True, False),
+        ("pedestrian", "pedestrian", False, False, True),
+        (None, "passenger", False, True, True),
+    ],
+)
+def test_permissions(allow, disallow, civilian, emergency, pedestrian):
+    permissions = permissions_of(allow, disallow)
+    assert (permissions.civilian, permissions.emergency, permissions.pedestrian) == (civilian, emergency, pedestrian)
+
+
+@pytest.mark.parametrize(
+    ("allow", "lane_type", "kind"),
+    [
+        ("bus", "", LaneKind.DRIVING),
+        ("emergency authority", "", LaneKind.SHOULDER),
+        ("bicycle", "", LaneKind.KERB),
+        ("bicycle pedestrian", "", LaneKind.SIDEWALK),
+        (None, "sidewalk", LaneKind.SIDEWALK),
+        ("tram", "", LaneKind.KERB),
+    ],
+)
+def test_kind(allow, lane_type, kind):
+    assert kind_of_lane(permissions_of(allow, None), lane_type) is kind

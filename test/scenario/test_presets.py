@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from siren_ros.errors import InputError
-from siren_ros.params.params_files import params_dir
+from siren_ros.params.resources import params_dir
 from siren_ros.scenario.presets import Attention, TruncatedNormal, available_presets, load_preset
 
 

@@ -10,7 +10,7 @@ from siren_ros.sensor_messages.carrier import AV, EMV, frames_of, motion_of, noi
 from siren_ros.sensors.navigation.wheel_odometry import VehicleMotion
 from siren_ros.sensors.suite.mount import map_from_base, transform
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorStates
-from siren_ros.world.odometry import Odometry
+from siren_ros.world.carrier import Odometry
 
 places, angles = st.floats(-500.0, 500.0), st.floats(-3.1, 3.1)
 

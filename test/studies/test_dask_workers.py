@@ -15,10 +15,10 @@ from siren_ros.cli.main import main  # noqa: E402
 from siren_ros.errors import InputError  # noqa: E402
 from siren_ros.studies.dask_workers import DaskWorkers, connected, make_on_worker  # noqa: E402
 from siren_ros.studies.episode_row import EpisodeRow, Status  # noqa: E402
-from siren_ros.studies.episode_worker import WorkerOptions  # noqa: E402
 from siren_ros.studies.matrix import Study, plan_study  # noqa: E402
 from siren_ros.studies.run_study import Told, run_study  # noqa: E402
 from siren_ros.studies.study_folder import LocalFolder, read_table  # noqa: E402
+from siren_ros.studies.workers import WorkerOptions  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 STUDY = Study(("S2", "S5"), ("L0", "own"), seeds=(0, 1), duration_s=1.0)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from siren_ros.errors import InputError
-from siren_ros.scenario.request import EpisodeRequest
+from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.studies.matrix import PlannedEpisode
 from siren_ros.studies.run_study import finished_row

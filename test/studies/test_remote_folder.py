@@ -10,9 +10,8 @@ from siren_ros.errors import InputError
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.studies.episode_row import Status
 from siren_ros.studies.matrix import Study
-from siren_ros.studies.remote_folder import RemoteFolder, folder_at
 from siren_ros.studies.run_study import run_study
-from siren_ros.studies.study_folder import LocalFolder, read_table
+from siren_ros.studies.study_folder import LocalFolder, RemoteFolder, folder_at, read_table
 from siren_ros.studies.workers import LocalWorkers
 
 STUDY = Study(("S2",), ("L0", "own"), duration_s=0.5)

@@ -13,11 +13,10 @@ import pytest
 from siren_ros.errors import InputError
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.studies.episode_row import EpisodeRow, Status
-from siren_ros.studies.episode_worker import WorkerOptions, make_episode
 from siren_ros.studies.matrix import PlannedEpisode, Study
 from siren_ros.studies.run_study import StudyResult, Told, run_study
 from siren_ros.studies.study_folder import MANIFEST, LocalFolder, StudyFolder, read_table
-from siren_ros.studies.workers import LocalWorkers
+from siren_ros.studies.workers import LocalWorkers, WorkerOptions, make_episode
 
 STUDY = Study(("S2", "S5"), ("L0", "own"), duration_s=1.0)
 

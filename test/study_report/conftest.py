@@ -9,21 +9,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from siren_ros.evaluation.detection.metrics.devkit_score import ERRORS, DevkitScore
-from siren_ros.evaluation.detection.reports.score_json import scores_as_json
+from siren_ros.evaluation.detection.devkit_score import ERRORS, DevkitScore
 from siren_ros.evaluation.detection.scoring import DetectorScores, GroupScore
-from siren_ros.evaluation.risk.reports.tables import as_json
+from siren_ros.evaluation.detection.tables import scores_as_json
 from siren_ros.evaluation.risk.scoring import ModelScores
+from siren_ros.evaluation.risk.tables import as_json
 from siren_ros.evaluation.statistics.interval import Interval
-from siren_ros.scenario.request import EpisodeRequest
+from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.studies.matrix import PlannedEpisode, Study
 from siren_ros.studies.study_folder import LocalFolder, write_study, write_table
 from siren_ros.study_report.build import assembled
-from siren_ros.study_report.html import html_of
-from siren_ros.study_report.measures import measure_study
-from siren_ros.study_report.options import PageOptions
-from siren_ros.study_report.study_rows import read_rows
+from siren_ros.study_report.page import html_of
+from siren_ros.study_report.study import PageOptions, measure_study, read_rows
 
 
 def row_of(level: str, seed: int, status: Status = Status.COMPLETE, reason: str = "") -> EpisodeRow:

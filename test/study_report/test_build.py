@@ -13,18 +13,16 @@ from siren_ros.cli.evaluation import evaluate_yield
 from siren_ros.cli.evaluation.evaluate_yield import score_bag
 from siren_ros.cli.main import main
 from siren_ros.errors import InputError
-from siren_ros.evaluation.prediction.reports.differences import differences
-from siren_ros.evaluation.prediction.reports.score_table import score_table
+from siren_ros.evaluation.prediction.reports.score_table import differences, score_table
 from siren_ros.evaluation.prediction.reports.text_report import text_report
-from siren_ros.evaluation.prediction.scoring.score_bags import ScoringJob, score_bags
+from siren_ros.evaluation.prediction.score_bags import ScoringJob, score_bags
 from siren_ros.evaluation.yielding.metrics import EPISODE_METRICS
-from siren_ros.evaluation.yielding.summary import ScoredEpisode, group_means
+from siren_ros.evaluation.yielding.scoring import ScoredEpisode, group_means
 from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.study_report.build import build_page
-from siren_ros.study_report.measures import measure_study
-from siren_ros.study_report.options import PageOptions
-from siren_ros.study_report.sections.detection import detection_section
-from siren_ros.study_report.sections.scenes import chosen_episodes
+from siren_ros.study_report.episode_sections import chosen_episodes
+from siren_ros.study_report.study import PageOptions, measure_study
+from siren_ros.study_report.task_sections import detection_section
 
 
 def test_the_page_opens_in_a_browser_without_network_or_complaint(made: SimpleNamespace, browser: PageBrowser) -> None:

@@ -10,14 +10,14 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.numerics.polyline import Polyline
+from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.road_network import Connection, Edge, Junction, JunctionKind, Lane, LaneKind, RoadNetwork
-from siren_ros.roads.sites.site_finder import Site, SiteKind
+from siren_ros.roads.site_finder import Site, SiteKind
 from siren_ros.scenario.scenario import DemandGroup, EmvDemand, GroupAnchor, Placement, StartReference, Template
 from siren_ros.scenario.templates import load_template
-from siren_ros.traffic.demand.demand_config import DemandConfig
-from siren_ros.traffic.demand.driver_models import DriverPopulation, load_drivers
+from siren_ros.traffic.config import DemandConfig
 from siren_ros.traffic.demand.emv_start import EmvStart
+from siren_ros.traffic.demand.plan import DriverPopulation, load_drivers
 from siren_ros.world.actors import ActorClass
 
 LIMIT_MPS: Final = 14.0

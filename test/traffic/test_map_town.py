@@ -10,8 +10,8 @@ from siren_ros.roads.maps.netconvert import sumo_home
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import JunctionKind, LaneKind
 from siren_ros.roads.routing import EdgeGraph, driving_lanes
-from siren_ros.traffic.demand.demand_config import DemandConfig
-from siren_ros.traffic.demand.route_choice import RouteChooser
+from siren_ros.traffic.config import DemandConfig
+from siren_ros.traffic.demand.vehicle_factory import RouteChooser
 
 
 @pytest.fixture(scope="module")

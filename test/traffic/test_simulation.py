@@ -8,19 +8,18 @@ import pytest
 from traffic_helpers import TOWN10, load_map, plan_s2, states_of
 
 from siren_ros.errors import EpisodeError, InputError
-from siren_ros.numerics.polyline import Polyline
+from siren_ros.numerics.geometry import Polyline
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.maps.map_compiler import CompiledMap
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
 from siren_ros.roads.routing import path_centre, route_path
-from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.scenario.paper import EmergencyLevel
+from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.demand.plan import TrafficPlan
 from siren_ros.traffic.simulation import SumoSimulation
-from siren_ros.traffic.sumo.config import TrafficConfig
 from siren_ros.traffic.sumo.mirror import DEFAULT_LANE_CHANGE_MODE, KEEP_LANE_CHANGE_MODE
 from siren_ros.world.actors import ActorStates, Lights, Mode, Owner, rows_of_ids
-from siren_ros.world.events import EventKind
-from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, TrafficFlags, TrafficState
+from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, EventKind, TrafficFlags, TrafficState
 
 EMV = 1
 SUMO_JUMP_M = 0.3

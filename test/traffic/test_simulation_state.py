@@ -10,16 +10,15 @@ import pytest
 from made_streets import A_LEFT, A_RIGHT, B_LEFT, C_LEFT, CAR_M, STRAIGHT_LEFT, A, B, C, D, streets
 from traffic_helpers import states_of
 
-from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.traffic import simulation as simulation_module
-from siren_ros.traffic.observation.crossings import CrossingWatch
+from siren_ros.traffic.config import TrafficConfig
+from siren_ros.traffic.observation import CrossingWatch
 from siren_ros.traffic.simulation import SumoSimulation
-from siren_ros.traffic.sumo.config import TrafficConfig
-from siren_ros.traffic.sumo.lane_matcher import LaneMatch
-from siren_ros.traffic.sumo.mirror import Place
+from siren_ros.traffic.sumo.mirror import LaneMatch, Place
 from siren_ros.traffic.sumo.population import route_id
 from siren_ros.world.actors import ActorClass, ActorStates, Lights, Owner
-from siren_ros.world.events import Event, EventKind
+from siren_ros.world.traffic_state import Event, EventKind
 
 NETWORK = streets()
 EMV, AV, CAR, OTHER = "emv0", "av0", "car", "other"

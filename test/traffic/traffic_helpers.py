@@ -10,12 +10,11 @@ from repository import SHARED
 from siren_ros.roads.maps.map_compiler import CompiledMap, compile_map
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
-from siren_ros.roads.sites.site_finder import require_site
+from siren_ros.roads.site_finder import require_site
 from siren_ros.scenario.scenario import Template
 from siren_ros.scenario.templates import load_template
 from siren_ros.traffic.demand.demand import plan_traffic
-from siren_ros.traffic.demand.driver_models import load_drivers
-from siren_ros.traffic.demand.plan import TrafficPlan
+from siren_ros.traffic.demand.plan import TrafficPlan, load_drivers
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorStates
 
 TOWN10 = SHARED / "maps" / "Town10HD_Opt.xodr"

@@ -7,8 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.behaviour.config import YieldConfig
-from siren_ros.behaviour.driving.situation import StepView
-from siren_ros.behaviour.driving.surroundings import Surroundings
+from siren_ros.behaviour.driving.step_view import StepView, Surroundings
 from siren_ros.behaviour.paths.lane_path import lanes_along
 from siren_ros.numerics.arrays import Floats, Ids
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork

@@ -1,36 +1,125 @@
-"""L3: pull-over to the lane's edge, then braking hold (paper, Algorithm 2, ``npc_behavior_lvl = 2``)."""
+"""L3: pull-over to the lane's edge, then braking hold (paper, Algorithm 2, ``npc_behavior_lvl = 2``).
+
+Civilians move up along the lane's edge if an EMV stands behind them, over the stop line if necessary. A civilian
+next to a shoulder on which an EMV comes stays where it is if the shoulder is free there.
+"""
 
 import math
 from dataclasses import replace
 from typing import Final
 
-from siren_ros.behaviour.civilians.making_room import makes_room, may_go_on
-from siren_ros.behaviour.civilians.next_to_shoulder import emv_takes_shoulder, may_stay
+import numpy as np
+
 from siren_ros.behaviour.civilians.rejoin import start_rejoin
-from siren_ros.behaviour.civilians.release import release_reason
 from siren_ros.behaviour.civilians.unit import (
     EmvView,
-    Outcome,
+    YieldStep,
     YieldUnit,
     aligned_within_rad,
     lane_of,
+    release_reason,
     standing,
     yield_event,
 )
 from siren_ros.behaviour.civilians.yield_lane_change import defer
 from siren_ros.behaviour.driving.lane_change import Refusal, gaps_in_lane, offset_in_lane
-from siren_ros.behaviour.driving.manoeuvring import manoeuvring_limit
-from siren_ros.behaviour.driving.navigator import FULL_BRAKE, DriveCommand, NavigatorState, Situation, navigate
-from siren_ros.behaviour.driving.situation import StepView
-from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, lanes_along, neighbour_lane, path_on_lanes
-from siren_ros.behaviour.paths.nearest_on_lane import nearest_on_lane
-from siren_ros.behaviour.paths.path_blend import PEAK_CURVATURE, blend_length_m, path_onto
-from siren_ros.behaviour.paths.tracked_path import TrackedPath
+from siren_ros.behaviour.driving.navigator import (
+    FULL_BRAKE,
+    DriveCommand,
+    DriveInputs,
+    NavigatorState,
+    manoeuvring_limit,
+    navigate,
+)
+from siren_ros.behaviour.driving.step_view import StepView
+from siren_ros.behaviour.paths.lane_path import (
+    LaneEnd,
+    LanePath,
+    lanes_along,
+    nearest_on_lane,
+    neighbour_lane,
+    path_on_lanes,
+    shoulder_into_turn,
+)
+from siren_ros.behaviour.paths.tracked_path import PEAK_CURVATURE, TrackedPath, blend_length_m, path_onto
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.movements import road_lane_of
 from siren_ros.roads.road_network import NO_LANE, LaneKind
-from siren_ros.world.actors import Mode
-from siren_ros.world.events import Event, EventKind
+from siren_ros.world.actors import Mode, rows_of_ids
+from siren_ros.world.traffic_state import Event, EventKind
+
+_BEHIND: Final = 0.5
+"""Cosine between a vehicle's direction and the one from the EMV to it above which the EMV counts as behind."""
+
+
+def emv_waits_behind(view: StepView, row: int, emv_row: int) -> bool:
+    """Whether an EMV stands close behind a vehicle and points towards it."""
+    seen = view.seen
+    if emv_row < 0 or float(seen.speed_mps[emv_row]) > view.world.constants.gap_escape.blocked_speed_mps:
+        return False
+    dx, dy = float(seen.x_m[row] - seen.x_m[emv_row]), float(seen.y_m[row] - seen.y_m[emv_row])
+    distance = math.hypot(dx, dy)
+    if distance > view.world.config.pull_over.room_range_m:
+        return False
+    ahead = float(seen.cos[emv_row]) * dx + float(seen.sin[emv_row]) * dy
+    along = float(seen.cos[row]) * dx + float(seen.sin[row]) * dy
+    return min(ahead, along) > _BEHIND * distance
+
+
+def makes_room(unit: YieldUnit, view: StepView) -> bool:
+    """Whether the EMV has been waiting behind a driver for long enough."""
+    return unit.emv_waits_steps >= steps_from_s(view.world.config.pull_over.room_after_s)
+
+
+def may_go_on(unit: YieldUnit, view: StepView, row: int, lane: int) -> bool:
+    """Whether a driver who holds has the space to finish the pull-over, or to make room."""
+    config = view.world.config.pull_over
+    to_finish = config.resume_gap_m if unit.partial else math.inf
+    needed_m = min(to_finish, config.room_gap_m if makes_room(unit, view) else math.inf)
+    return needed_m < math.inf and gaps_in_lane(view, row, lane).front_m > needed_m
+
+
+_STOPS_MPS: Final = 1.5
+"""Slower vehicles next to a shoulder that they leave free stop where they are."""
+_ALONGSIDE_M: Final = 15.0
+"""Distance along the road within which the driver next to a vehicle gives it space to move sideways."""
+
+
+def may_stay(view: StepView, row: int, lane: int) -> bool:
+    """Whether a vehicle in a lane before the EMV's shoulder stands, or nearly, and leaves the EMV its way."""
+    return bool(view.seen.speed_mps[row] < _STOPS_MPS) and _leaves_shoulder_free(view, row, lane)
+
+
+def emv_takes_shoulder(view: StepView, lane: int, emv_id: int) -> bool:
+    """Whether the way of the EMV, whose turn signal is on, is the shoulder: everybody there goes to the left."""
+    network = view.world.network
+    (row,) = rows_of_ids(view.seen.actor_id, np.array([emv_id], dtype=np.uint32)).tolist()
+    if row < 0:
+        return False
+    way = shoulder_into_turn(network, view.traffic.route_of_row(row), view.world.config.corridor.shoulder_reach_m)
+    return way is not None and network.lanes[road_lane_of(network, lane)].edge in way.edges
+
+
+def _leaves_shoulder_free(view: StepView, row: int, lane: int) -> bool:
+    """Whether a vehicle leaves an EMV's width between its right side and the outer edge of the shoulder.
+
+    In the lanes farther left the vehicles leave it free where those on their right do.
+    """
+    network = view.world.network
+    lane = road_lane_of(network, lane)
+    right = neighbour_lane(network, lane, -1)
+    if right == NO_LANE:
+        return False
+    if network.lanes[right].kind is LaneKind.DRIVING:
+        apart = np.abs(view.traffic.lane_position_m - view.traffic.lane_position_m[row])
+        near = np.flatnonzero((view.traffic.lane == right) & (apart < _ALONGSIDE_M))
+        return all(_leaves_shoulder_free(view, other, right) for other in near.tolist())
+    offset, turned = offset_in_lane(view, row, lane)
+    if network.lanes[right].kind is not LaneKind.SHOULDER or abs(turned) > aligned_within_rad(view, row):
+        return False
+    beyond = 0.5 * network.lanes[lane].width_m + offset - float(view.seen.half_width_m[row])
+    return network.lanes[right].width_m + beyond >= view.world.config.pull_over.shoulder_free_m
+
 
 _PULL_OVER_MPS: Final = 1.5
 """Speed that a vehicle at rest gets up to on its way to the edge."""
@@ -48,7 +137,7 @@ _CREEP_MPS: Final = 1.0
 _LOOK_AGAIN_STEPS: Final = steps_from_s(0.5)
 
 
-def start_pull_over(unit: YieldUnit, view: StepView, row: int) -> Outcome:
+def start_pull_over(unit: YieldUnit, view: StepView, row: int) -> YieldStep:
     """Starts the pull-over.
 
     It is deferred on a junction, where the vehicle cannot stop before the next one, and in a queue that stands too
@@ -58,7 +147,7 @@ def start_pull_over(unit: YieldUnit, view: StepView, row: int) -> Outcome:
     network, config = view.world.network, view.world.config.pull_over
     looks = view.step % _LOOK_AGAIN_STEPS == unit.actor_id % _LOOK_AGAIN_STEPS
     if unit.deferred and not looks and standing(view, row):
-        return Outcome(unit)
+        return YieldStep(unit)
     lane = int(view.traffic.lane[row])
     if road_lane_of(network, lane) == NO_LANE:
         return defer(unit, view, row, Refusal.JUNCTION.value)
@@ -95,7 +184,7 @@ def alignment_of(view: StepView, lane: int) -> int:
     return 1 if not driving_left and driving_right else -1
 
 
-def _stay(unit: YieldUnit, view: StepView, row: int, lane: int) -> Outcome:
+def _stay(unit: YieldUnit, view: StepView, row: int, lane: int) -> YieldStep:
     """Holds where the vehicle stands."""
     started = yield_event(unit, view, row, EventKind.YIELD_STARTED, side=unit.side, lane=lane)
     held = _hold_now(unit, view, row, offset_in_lane(view, row, lane)[0], partial=False)
@@ -196,7 +285,7 @@ def _line_ahead(
     return path_on_lanes(network, lanes, end, position - 2.0, 2.0 + ahead)
 
 
-def pull_over(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> Outcome:
+def pull_over(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> YieldStep:
     """Drives to the lane's edge. Holds when there and aligned, or when stopped behind another vehicle."""
     if release_reason(emv):
         return _release(unit, view, row, emv)
@@ -225,7 +314,7 @@ def pull_over(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> Outcom
     return _drive(unit, view, row)
 
 
-def hold(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> Outcome:
+def hold(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> YieldStep:
     """Stands with full brake and hand brake. Goes on if the pull-over was cut short and there is space again."""
     if release_reason(emv):
         return _release(unit, view, row, emv)
@@ -237,24 +326,24 @@ def hold(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> Outcome:
             navigator = unit.navigator.following(path, x, y)
             unit = replace(unit, phase=Mode.YIELD_PULL_OVER, navigator=navigator, partial=False, stopped_steps=0)
             return _drive(unit, view, row)
-    return Outcome(unit, _braked(unit, view, row))
+    return YieldStep(unit, _braked(unit, view, row))
 
 
-def _hold_now(unit: YieldUnit, view: StepView, row: int, offset_m: float, partial: bool) -> Outcome:
+def _hold_now(unit: YieldUnit, view: StepView, row: int, offset_m: float, partial: bool) -> YieldStep:
     unit = replace(unit, phase=Mode.YIELD_HOLD, partial=partial)
     held = yield_event(unit, view, row, EventKind.YIELD_HELD, side=unit.side, offset_m=offset_m, partial=int(partial))
-    return Outcome(unit, _braked(unit, view, row), (held,))
+    return YieldStep(unit, _braked(unit, view, row), (held,))
 
 
 def _braked(unit: YieldUnit, view: StepView, row: int) -> DriveCommand:
     if standing(view, row):
         return FULL_BRAKE
-    situation = Situation(view.seen, row, view.vehicle(row), 0.0, watch=False)
+    situation = DriveInputs(view.seen, row, view.vehicle(row), 0.0, watch=False)
     _, command, _ = navigate(unit.navigator, situation, view.world.config.civilian_navigator)
     return replace(FULL_BRAKE, steer_rad=command.steer_rad)
 
 
-def _release(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> Outcome:
+def _release(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> YieldStep:
     """Sends the vehicle back to its lane. A yield without a hold, or whose EMV is gone, counts as cancelled."""
     events: tuple[Event, ...] = ()
     if unit.phase is Mode.YIELD_PULL_OVER or not emv.passed:
@@ -263,10 +352,10 @@ def _release(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> Outcome
     return replace(back, events=(*events, *back.events))
 
 
-def _drive(unit: YieldUnit, view: StepView, row: int) -> Outcome:
+def _drive(unit: YieldUnit, view: StepView, row: int) -> YieldStep:
     path, config = unit.navigator.path, view.world.config.civilian_navigator
     close = path is not None and path.length_m - path.settled_m < _SETTLED_M
-    situation = Situation(
+    situation = DriveInputs(
         view.seen,
         row,
         view.vehicle(row),
@@ -276,4 +365,4 @@ def _drive(unit: YieldUnit, view: StepView, row: int) -> Outcome:
     if close or makes_room(unit, view):
         config = view.world.room_navigator
     navigator, command, _ = navigate(unit.navigator, situation, config)
-    return Outcome(replace(unit, navigator=navigator), command)
+    return YieldStep(replace(unit, navigator=navigator), command)

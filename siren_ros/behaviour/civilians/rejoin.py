@@ -2,30 +2,28 @@
 
 from dataclasses import replace
 
-from siren_ros.behaviour.civilians.unit import Outcome, YieldUnit, aligned_within_rad, lane_of, standing, yield_event
+from siren_ros.behaviour.civilians.unit import YieldStep, YieldUnit, aligned_within_rad, lane_of, standing, yield_event
 from siren_ros.behaviour.driving.lane_change import offset_in_lane
-from siren_ros.behaviour.driving.manoeuvring import manoeuvring_limit
-from siren_ros.behaviour.driving.navigator import FULL_BRAKE, NavigatorState, Situation, navigate
-from siren_ros.behaviour.driving.situation import StepView
-from siren_ros.behaviour.paths.lane_path import lanes_along, path_on_lanes
-from siren_ros.behaviour.paths.nearest_on_lane import nearest_on_lane
-from siren_ros.behaviour.paths.path_blend import blend_length_m, path_onto
-from siren_ros.conflicts.right_of_way import Rank, rank_of
+from siren_ros.behaviour.driving.navigator import FULL_BRAKE, DriveInputs, NavigatorState, manoeuvring_limit, navigate
+from siren_ros.behaviour.driving.step_view import StepView
+from siren_ros.behaviour.paths.lane_path import lanes_along, nearest_on_lane, path_on_lanes
+from siren_ros.behaviour.paths.tracked_path import blend_length_m, path_onto
+from siren_ros.conflicts.yielding import Rank, rank_of
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import NO_LANE
 from siren_ros.world.actors import Mode
-from siren_ros.world.events import EventKind
+from siren_ros.world.traffic_state import EventKind
 
 _AHEAD_M = 60.0
 
 
-def start_rejoin(unit: YieldUnit, view: StepView, row: int) -> Outcome:
+def start_rejoin(unit: YieldUnit, view: StepView, row: int) -> YieldStep:
     """Hands the vehicle back to SUMO if it is in its lane. Otherwise gives it a path back to the lane's centre.
 
     A driver who stands over the stop line of a red light waits for green first.
     """
     if stands_over_red_line(view, row):
-        return Outcome(replace(unit, phase=Mode.REJOIN, navigator=NavigatorState(), stopped_steps=0), FULL_BRAKE)
+        return YieldStep(replace(unit, phase=Mode.REJOIN, navigator=NavigatorState(), stopped_steps=0), FULL_BRAKE)
     lane = lane_of(unit, view, row)
     if lane == NO_LANE or _in_lane(view, row, lane):
         return _hand_back(unit, view, row)
@@ -57,7 +55,7 @@ def start_rejoin(unit: YieldUnit, view: StepView, row: int) -> Outcome:
     return rejoin(replace(unit, phase=Mode.REJOIN, navigator=navigator, stopped_steps=0, side=side), view, row)
 
 
-def rejoin(unit: YieldUnit, view: StepView, row: int) -> Outcome:
+def rejoin(unit: YieldUnit, view: StepView, row: int) -> YieldStep:
     """One step back to the lane. SUMO takes over in the lane, at the path's end, or if the path stays blocked."""
     if unit.navigator.path is None:
         return start_rejoin(unit, view, row)
@@ -68,9 +66,9 @@ def rejoin(unit: YieldUnit, view: StepView, row: int) -> Outcome:
     if blocked or unit.navigator.done or lane == NO_LANE or _in_lane(view, row, lane):
         return _hand_back(unit, view, row)
     limit = manoeuvring_limit(unit.navigator, view, row)
-    situation = Situation(view.seen, row, view.vehicle(row), config.rejoin_speed_mps, limit=limit)
+    situation = DriveInputs(view.seen, row, view.vehicle(row), config.rejoin_speed_mps, limit=limit)
     navigator, command, _ = navigate(unit.navigator, situation, view.world.config.civilian_navigator)
-    return Outcome(replace(unit, navigator=navigator, stopped_steps=stopped), command)
+    return YieldStep(replace(unit, navigator=navigator, stopped_steps=stopped), command)
 
 
 def stands_over_red_line(view: StepView, row: int) -> bool:
@@ -96,5 +94,5 @@ def _straight(view: StepView, row: int, lane: int) -> bool:
     return abs(turned) <= aligned_within_rad(view, row)
 
 
-def _hand_back(unit: YieldUnit, view: StepView, row: int) -> Outcome:
-    return Outcome(None, None, (yield_event(unit, view, row, EventKind.YIELD_RELEASED),))
+def _hand_back(unit: YieldUnit, view: StepView, row: int) -> YieldStep:
+    return YieldStep(None, None, (yield_event(unit, view, row, EventKind.YIELD_RELEASED),))

@@ -1,16 +1,57 @@
-"""The latched state of one civilian that yields."""
+"""The state of one civilian that yields: its driver, its latched flags, and when it is released.
 
+Each driver is one draw from the episode's seed. The release rule is the paper's (Algorithm 2, "Release (both
+levels)"): a yield ends when the EMV has fully passed.
+"""
+
+import math
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 import numpy as np
 
-from siren_ros.behaviour.civilians.drivers import Driver
 from siren_ros.behaviour.driving.navigator import DriveCommand, NavigatorState
-from siren_ros.behaviour.driving.situation import StepView
+from siren_ros.behaviour.driving.step_view import StepView
+from siren_ros.behaviour.paths.lane_path import lane_heading
+from siren_ros.numerics.arrays import random_stream
 from siren_ros.numerics.units import NEVER
 from siren_ros.roads.road_network import NO_LANE
+from siren_ros.scenario.presets import DriverPreset
 from siren_ros.world.actors import Mode
-from siren_ros.world.events import Event, EventKind
+from siren_ros.world.traffic_state import Event, EventKind
+
+
+class Compliance(StrEnum):
+    """Whether a driver yields."""
+
+    COMPLIES = "complies"
+    LATE = "late"
+    NEVER = "never"
+
+
+@dataclass(frozen=True)
+class Driver:
+    """One driver's response."""
+
+    compliance: Compliance
+    delay_s: float
+    """From noticing the siren to the start of the manoeuvre, the extra delay of late drivers included."""
+    response_distance_m: float
+    """Free way between the EMV's front and the vehicle's rear at which the driver notices the siren."""
+
+
+def draw_driver(preset: DriverPreset, seed: int, actor_id: int) -> Driver:
+    """The driver of one actor; the same for the same preset, seed and actor whatever else is drawn."""
+    rng = random_stream(seed, "driver", actor_id)
+    delay = preset.reaction_delay_s.draw(rng)
+    late = preset.late_delay_s.draw(rng)
+    distance = preset.response_distance_m.draw(rng)
+    share = float(rng.random())
+    if share < preset.compliance.complies:
+        return Driver(Compliance.COMPLIES, delay, distance)
+    if share < preset.compliance.complies + preset.compliance.late:
+        return Driver(Compliance.LATE, delay + late, distance)
+    return Driver(Compliance.NEVER, delay, distance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +102,7 @@ class EmvView:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class YieldStep:
     """What one step does to a civilian; ``unit`` is None once SUMO drives it as before."""
 
     unit: YieldUnit | None
@@ -95,3 +136,27 @@ def aligned_within_rad(view: StepView, row: int) -> float:
     """Heading error within which a vehicle counts as aligned: the paper's, and less for long vehicles."""
     sideways = view.world.config.pull_over.stick_out_m / float(view.seen.half_length_m[row])
     return min(view.world.constants.heading_aligned_rad, sideways)
+
+
+def release_reason(emv: EmvView) -> str:
+    """Why a civilian is released: the EMV has passed, or has left the interaction region; empty while neither holds."""
+    if emv.passed:
+        return "emv_passed"
+    return "" if emv.in_region else "emv_gone"
+
+
+def emv_fully_passed(view: StepView, row: int, emv_row: int) -> bool:
+    """``EmvFullyPassed``: the EMV's rear is ahead of a vehicle's front along the vehicle's lane, by a clearance."""
+    seen, traffic = view.seen, view.traffic
+    x, y, heading = view.pose(row)
+    lane = int(traffic.lane[row])
+    if lane != NO_LANE:
+        centre = view.world.network.lanes[lane].centre
+        heading = lane_heading(centre, float(traffic.lane_position_m[row]))
+    cos, sin = math.cos(heading), math.sin(heading)
+    ahead = cos * (float(seen.x_m[emv_row]) - x) + sin * (float(seen.y_m[emv_row]) - y)
+    turned = float(seen.yaw_rad[emv_row]) - heading
+    rear = abs(math.cos(turned)) * float(seen.half_length_m[emv_row])
+    rear += abs(math.sin(turned)) * float(seen.half_width_m[emv_row])
+    own = float(seen.half_length_m[row])
+    return ahead - rear - own >= view.world.constants.emv_passed_clearance_m

@@ -1,13 +1,26 @@
-"""L2: the feasible-yield lane change out of the EMV's lane (paper, Algorithm 2, ``npc_behavior_lvl = 1``)."""
+"""L2: the feasible-yield lane change out of the EMV's lane (paper, Algorithm 2, ``npc_behavior_lvl = 1``).
+
+A driver who finds no gap makes one, by falling back or drawing ahead in the present lane.
+"""
 
 from dataclasses import replace
+from enum import IntEnum
+from typing import Final
 
-from siren_ros.behaviour.civilians.gap_seeking import GAP_REFUSALS, Seek, seek_gap, soon_free
 from siren_ros.behaviour.civilians.rejoin import rejoin
-from siren_ros.behaviour.civilians.release import release_reason
-from siren_ros.behaviour.civilians.unit import EmvView, Outcome, YieldUnit, lane_of, standing, yield_event
+from siren_ros.behaviour.civilians.unit import (
+    EmvView,
+    YieldStep,
+    YieldUnit,
+    lane_of,
+    release_reason,
+    standing,
+    yield_event,
+)
+from siren_ros.behaviour.config import YieldConfig
 from siren_ros.behaviour.driving.lane_change import (
     LaneChangeQuery,
+    LaneGaps,
     Refusal,
     assess,
     entered_lane,
@@ -15,14 +28,126 @@ from siren_ros.behaviour.driving.lane_change import (
     lane_change_path,
     refusal_of_gaps,
 )
-from siren_ros.behaviour.driving.navigator import NavigatorState, Situation, navigate
-from siren_ros.behaviour.driving.situation import StepView
-from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, neighbour_lane
+from siren_ros.behaviour.driving.navigator import DriveInputs, NavigatorState, navigate
+from siren_ros.behaviour.driving.step_view import StepView
+from siren_ros.behaviour.paths.lane_path import (
+    LaneEnd,
+    LanePath,
+    lanes_along,
+    nearest_on_lane,
+    neighbour_lane,
+    path_on_lanes,
+)
+from siren_ros.behaviour.paths.tracked_path import on_reference
 from siren_ros.numerics.units import steps_from_s
+from siren_ros.roads.movements import road_lane_of
 from siren_ros.roads.road_network import NO_LANE
 from siren_ros.world.actors import Mode
-from siren_ros.world.events import Event, EventKind
-from siren_ros.world.traffic_state import TrafficFlags
+from siren_ros.world.traffic_state import Event, EventKind, TrafficFlags
+
+GAP_REFUSALS: Final = frozenset({Refusal.BESIDE, Refusal.GAP_FRONT, Refusal.GAP_REAR})
+_AHEAD_M: Final = 80.0
+
+
+class Seek(IntEnum):
+    """How a gap is sought."""
+
+    FALL_BACK = -1
+    NOT = 0
+    DRAW_AHEAD = 1
+
+
+def seek_gap(unit: YieldUnit, view: StepView, row: int, refusal: Refusal) -> YieldStep:
+    """One step of a deferred vehicle in its own lane, towards a gap in the lane next to it.
+
+    The vehicle must still be able to stop and change lanes before the next junction; elsewhere SUMO keeps driving.
+
+    Args:
+        unit: A deferred civilian whose ``side`` says where it wants to go.
+        view: The step.
+        row: Its row.
+        refusal: Why the lane change is not feasible now.
+    """
+    unit = _with_path(unit, view, row)
+    config = view.world.config
+    speed = float(view.seen.speed_mps[row])
+    stop = speed * speed / (2.0 * config.civilian_navigator.comfort_brake_mps2)
+    if unit.navigator.remaining_m < max(stop, config.yielding.seek_room_m):
+        return YieldStep(replace(unit, navigator=NavigatorState(), seek=Seek.NOT))
+    lane = lane_of(unit, view, row)
+    target = neighbour_lane(view.world.network, lane, unit.side)
+    if target == NO_LANE:
+        return YieldStep(replace(unit, navigator=NavigatorState(), seek=Seek.NOT))
+    gaps = gaps_in_lane(view, row, target)
+    limit = view.world.network.lanes[lane].speed_limit_mps
+    again = (view.step - unit.deferred_step) % steps_from_s(config.yielding.seek_again_s) == 0
+    if unit.seek == Seek.NOT or again:
+        seek = choose_seek(gaps, gaps_in_lane(view, row, lane), refusal, config.yielding, limit)
+        unit = replace(unit, seek=seek, deferred=refusal.value)
+    wanted = seek_speed_mps(Seek(unit.seek), gaps, config.yielding, limit)
+    situation = DriveInputs(view.seen, row, view.vehicle(row), wanted)
+    navigator, command, _ = navigate(unit.navigator, situation, config.civilian_navigator)
+    return YieldStep(replace(unit, navigator=navigator), command)
+
+
+def choose_seek(gaps: LaneGaps, own: LaneGaps, refusal: Refusal, config: YieldConfig, limit_mps: float) -> Seek:
+    """Whether to fall back or to draw ahead.
+
+    The driver draws ahead of a vehicle that is behind, or alongside and further back, if the own lane is free and the
+    speed limit lets the driver gain on that vehicle. In all other cases the driver falls back and lets the others pass.
+
+    Args:
+        gaps: In the adjacent lane.
+        own: In the own lane.
+        refusal: Why the gap cannot be entered.
+        config: Free way and gain of speed that drawing ahead needs.
+        limit_mps: Speed limit.
+    """
+    behind = refusal is Refusal.GAP_REAR or (refusal is Refusal.BESIDE and gaps.front_m > 0.0)
+    gains = limit_mps - gaps.rear_mps >= config.seek_gain_mps
+    return Seek.DRAW_AHEAD if behind and gains and own.front_m > config.seek_free_m else Seek.FALL_BACK
+
+
+def seek_speed_mps(seek: Seek, gaps: LaneGaps, config: YieldConfig, limit_mps: float) -> float:
+    """Speed while seeking: faster or slower than the vehicle in the way, between a least speed and the limit."""
+    other = gaps.front_mps if gaps.front_m < gaps.rear_m else gaps.rear_mps
+    if seek is Seek.DRAW_AHEAD:
+        return min(other + config.seek_speed_mps, limit_mps)
+    return min(max(other - config.seek_speed_mps, config.seek_least_mps), limit_mps)
+
+
+def soon_free(seek: Seek, gaps: LaneGaps, speed_mps: float, margin_m: float, soon_s: float) -> bool:
+    """Whether the driver has left the vehicle in the way behind, or let it pass, within a time at the present speeds.
+
+    Args:
+        seek: How the gap is sought.
+        gaps: In the adjacent lane.
+        speed_mps: Of the driver.
+        margin_m: Free way that is needed to that vehicle.
+        soon_s: The time.
+    """
+    if seek is Seek.FALL_BACK:
+        gap, gain, others = gaps.front_m, gaps.front_mps - speed_mps, gaps.rear_m
+    else:
+        gap, gain, others = gaps.rear_m, speed_mps - gaps.rear_mps, gaps.front_m
+    return seek is not Seek.NOT and gap < margin_m <= gap + soon_s * gain and others > 0.0
+
+
+def _with_path(unit: YieldUnit, view: StepView, row: int) -> YieldUnit:
+    if unit.navigator.path is not None:
+        return unit
+    world, lane = view.world, int(view.traffic.lane[row])
+    if road_lane_of(world.network, lane) == NO_LANE:
+        return unit
+    x, y, _ = view.pose(row)
+    position = nearest_on_lane(world.network.lanes[lane].centre, x, y)[0]
+    route = view.traffic.route_of_row(row)
+    lanes, end = lanes_along(world.network, lane, position, route, _AHEAD_M, civilian=True, through_junctions=False)
+    reference = path_on_lanes(world.network, lanes, end, position - 2.0, _AHEAD_M)
+    shorten = float(view.seen.half_length_m[row]) + 1.0
+    path = on_reference(reference, view.navigator_config(row), stop_at_end=True, shorten_m=shorten)
+    return replace(unit, navigator=NavigatorState().following(path, x, y))
+
 
 _RIGHT_FIRST = (-1, 1)
 _GOES_ON_MPS = 1.0
@@ -30,7 +155,7 @@ _GOES_ON_MPS = 1.0
 _FOLLOWED_STEPS = steps_from_s(1.0)
 
 
-def start_lane_change(unit: YieldUnit, view: StepView, row: int) -> Outcome:
+def start_lane_change(unit: YieldUnit, view: StepView, row: int) -> YieldStep:
     """Starts the lane change if it is feasible, and defers the yield if it is not.
 
     Of the feasible sides, one on which the vehicle can follow its route is preferred, then the side that SUMO's
@@ -87,7 +212,7 @@ def yield_speed_mps(view: StepView, lane: int) -> float:
     return min(speeds.civilian_yield_lane_change_mps, slowed)
 
 
-def defer(unit: YieldUnit, view: StepView, row: int, reason: str) -> Outcome:
+def defer(unit: YieldUnit, view: StepView, row: int, reason: str) -> YieldStep:
     """The yield waits. The event is recorded where the wait begins."""
     events: tuple[Event, ...] = ()
     if unit.phase is not Mode.YIELD_DEFERRED:
@@ -96,10 +221,10 @@ def defer(unit: YieldUnit, view: StepView, row: int, reason: str) -> Outcome:
     waiting = replace(
         unit, phase=Mode.YIELD_DEFERRED, deferred=reason, navigator=NavigatorState(), seek=0, side=unit.side
     )
-    return Outcome(waiting, None, events)
+    return YieldStep(waiting, None, events)
 
 
-def _wait_for_gap(unit: YieldUnit, view: StepView, row: int, refusals: list[tuple[int, Refusal]]) -> Outcome:
+def _wait_for_gap(unit: YieldUnit, view: StepView, row: int, refusals: list[tuple[int, Refusal]]) -> YieldStep:
     """Defers the yield. After a while the driver makes a gap, if only other vehicles are in the way.
 
     The driver tries for some seconds, and longer while the gap is nearly there. Then the driver goes on under SUMO at
@@ -116,7 +241,7 @@ def _wait_for_gap(unit: YieldUnit, view: StepView, row: int, refusals: list[tupl
     waited = view.step - unit.deferred_step - steps_from_s(config.seek_after_s)
     seeks, pauses = steps_from_s(config.seek_for_s), steps_from_s(config.seek_pause_s)
     if waited < 0 or (waited % (seeks + pauses) >= seeks and not _has_it_soon(unit, view, row, side)):
-        return Outcome(replace(unit, side=side, deferred=refusal.value, navigator=NavigatorState(), seek=0))
+        return YieldStep(replace(unit, side=side, deferred=refusal.value, navigator=NavigatorState(), seek=0))
     return seek_gap(replace(unit, side=side), view, row, refusal)
 
 
@@ -133,20 +258,20 @@ def _has_it_soon(unit: YieldUnit, view: StepView, row: int, side: int) -> bool:
     return soon_free(Seek(unit.seek), gaps, float(view.seen.speed_mps[row]), margin, config.yielding.seek_soon_s)
 
 
-def drive(unit: YieldUnit, view: StepView, row: int, target_mps: float) -> Outcome:
+def drive(unit: YieldUnit, view: StepView, row: int, target_mps: float) -> YieldStep:
     """One step along the planner's path."""
-    situation = Situation(view.seen, row, view.vehicle(row), target_mps)
+    situation = DriveInputs(view.seen, row, view.vehicle(row), target_mps)
     navigator, command, _ = navigate(unit.navigator, situation, view.world.config.civilian_navigator)
-    return Outcome(replace(unit, navigator=navigator), command)
+    return YieldStep(replace(unit, navigator=navigator), command)
 
 
-def change_lane(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> Outcome:
+def change_lane(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> YieldStep:
     """Drives the lane change until the vehicle is wholly in its new lane, or is released."""
     lane = lane_of(unit, view, row)
     if entered_lane(view, row, lane):
         done = yield_event(unit, view, row, EventKind.YIELD_COMPLETED, lane=lane)
         kept = replace(unit, phase=Mode.YIELD_KEEP_LANE, navigator=NavigatorState(), off_path_steps=0)
-        return Outcome(kept, None, (done,))
+        return YieldStep(kept, None, (done,))
     ended = unit.navigator.done and standing(view, row)
     if release_reason(emv) or ended:
         reason = "lane_ended" if ended and not emv.passed else release_reason(emv)
@@ -166,18 +291,18 @@ def _others_come(view: StepView, row: int, lane: int) -> bool:
     return refusal in {Refusal.GAP_REAR, Refusal.BESIDE}
 
 
-def keep_lane(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> Outcome:
+def keep_lane(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> YieldStep:
     """Stays in the new lane under SUMO until it is released. Yields again if the EMV follows into that lane."""
     if release_reason(emv) or _strayed(unit, emv, view):
         reason = release_reason(emv) or "emv_gone"
-        return Outcome(None, None, (yield_event(unit, view, row, EventKind.YIELD_RELEASED, reason=reason),))
+        return YieldStep(None, None, (yield_event(unit, view, row, EventKind.YIELD_RELEASED, reason=reason),))
     followed = unit.in_lane_steps + 1 if emv.on_path else 0
     unit = replace(unit, in_lane_steps=followed, off_path_steps=0 if emv.on_road else unit.off_path_steps + 1)
     if followed < _FOLLOWED_STEPS:
-        return Outcome(unit)
+        return YieldStep(unit)
     asked = yield_event(unit, view, row, EventKind.YIELD_REQUESTED, reason="emv_followed")
     again = replace(unit, phase=Mode.YIELD_REACTING, react_step=view.step, in_lane_steps=0, off_path_steps=0)
-    return Outcome(again, None, (asked,))
+    return YieldStep(again, None, (asked,))
 
 
 def _strayed(unit: YieldUnit, emv: EmvView, view: StepView) -> bool:

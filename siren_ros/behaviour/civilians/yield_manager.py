@@ -8,24 +8,29 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.behaviour.civilians.drivers import Compliance, Driver, draw_driver
 from siren_ros.behaviour.civilians.interaction_region import EmvRoad, InteractionRegion, region_members, way_from_emv_m
-from siren_ros.behaviour.civilians.making_room import emv_waits_behind
-from siren_ros.behaviour.civilians.pull_over import hold, pull_over, start_pull_over
+from siren_ros.behaviour.civilians.pull_over import emv_waits_behind, hold, pull_over, start_pull_over
 from siren_ros.behaviour.civilians.rejoin import rejoin
-from siren_ros.behaviour.civilians.release import emv_fully_passed, release_reason
-from siren_ros.behaviour.civilians.unit import EmvView, Outcome, YieldUnit, yield_event
+from siren_ros.behaviour.civilians.unit import (
+    Compliance,
+    Driver,
+    EmvView,
+    YieldStep,
+    YieldUnit,
+    draw_driver,
+    emv_fully_passed,
+    release_reason,
+    yield_event,
+)
 from siren_ros.behaviour.civilians.yield_lane_change import change_lane, keep_lane, start_lane_change
 from siren_ros.behaviour.driving.navigator import DriveCommand
-from siren_ros.behaviour.driving.situation import BehaviourWorld, StepView
-from siren_ros.behaviour.driving.surroundings import ActorTable, Surroundings
+from siren_ros.behaviour.driving.step_view import ActorTable, BehaviourWorld, StepView, Surroundings
 from siren_ros.numerics.arrays import Floats, Ids
 from siren_ros.numerics.units import steps_from_s
-from siren_ros.scenario.levels import CivilianResponse
+from siren_ros.scenario.paper import CivilianResponse
 from siren_ros.world.actors import Lights, Mode, Owner, rows_of_ids
 from siren_ros.world.commands import VehicleCommands
-from siren_ros.world.events import Event, EventKind
-from siren_ros.world.traffic_state import TrafficState
+from siren_ros.world.traffic_state import Event, EventKind, TrafficState
 
 SOURCE: Final = "yield_manager"
 _COAST: Final = DriveCommand(throttle=0.0, brake=0.0, steer_rad=0.0, hand_brake=False)
@@ -147,17 +152,17 @@ def _notice(
     return events
 
 
-def _step_unit(unit: YieldUnit, view: StepView, row: int, scenes: dict[int, _EmvScene]) -> Outcome:
+def _step_unit(unit: YieldUnit, view: StepView, row: int, scenes: dict[int, _EmvScene]) -> YieldStep:
     emv = _emv_of(unit, view, row, scenes)
     if unit.phase is Mode.NOMINAL:
-        return Outcome(None if release_reason(emv) else unit)
+        return YieldStep(None if release_reason(emv) else unit)
     waits = not emv.passed and emv_waits_behind(view, row, emv.row)
     if waits or unit.emv_waits_steps:
         unit = replace(unit, emv_waits_steps=unit.emv_waits_steps + 1 if waits else 0)
     return _PHASES.get(unit.phase, _before_start)(unit, view, row, emv)
 
 
-def _before_start(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> Outcome:
+def _before_start(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> YieldStep:
     """Reacting or deferred: cancelled if there is nobody left to yield to, otherwise started once the driver reacts."""
     off_path = 0 if emv.on_path else unit.off_path_steps + 1
     if off_path != unit.off_path_steps:
@@ -165,15 +170,15 @@ def _before_start(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> Ou
     grace = steps_from_s(view.world.config.yielding.off_path_grace_s)
     reason = release_reason(emv) or ("off_path" if off_path > grace else "")
     if reason:
-        return Outcome(None, None, (yield_event(unit, view, row, EventKind.YIELD_CANCELLED, reason=reason),))
+        return YieldStep(None, None, (yield_event(unit, view, row, EventKind.YIELD_CANCELLED, reason=reason),))
     if view.step < unit.react_step:
-        return Outcome(unit)
+        return YieldStep(unit)
     if view.world.policy.response is CivilianResponse.PULL_OVER:
         return start_pull_over(unit, view, row)
     return start_lane_change(unit, view, row)
 
 
-_PHASES: Final[Mapping[Mode, Callable[[YieldUnit, StepView, int, EmvView], Outcome]]] = {
+_PHASES: Final[Mapping[Mode, Callable[[YieldUnit, StepView, int, EmvView], YieldStep]]] = {
     Mode.YIELD_LANE_CHANGE: change_lane,
     Mode.YIELD_KEEP_LANE: keep_lane,
     Mode.YIELD_PULL_OVER: pull_over,

@@ -8,13 +8,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.behaviour.driving.surroundings import Surroundings
+from siren_ros.behaviour.driving.step_view import Surroundings
 from siren_ros.behaviour.paths.curve import curve_place
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
 from siren_ros.numerics.arrays import Floats, Ids
-from siren_ros.numerics.boxes import box_gap_m
-from siren_ros.numerics.compiled import Array, compiled
-from siren_ros.numerics.scalars import wrapped_rad
+from siren_ros.numerics.compiled import Array, box_gap_m, compiled, wrapped_rad
 from siren_ros.world.actors import NO_ACTOR
 
 _PATH_STEP_M: Final = 0.25

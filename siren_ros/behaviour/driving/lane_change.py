@@ -8,11 +8,16 @@ from typing import Final
 import numpy as np
 
 from siren_ros.behaviour.config import LaneChangeConfig
-from siren_ros.behaviour.driving.situation import StepView
-from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, lanes_along, neighbour_lane, path_on_lanes
-from siren_ros.behaviour.paths.nearest_on_lane import nearest_on_lane
-from siren_ros.behaviour.paths.path_blend import PEAK_CURVATURE, blend_length_m, path_onto
-from siren_ros.behaviour.paths.tracked_path import TrackedPath
+from siren_ros.behaviour.driving.step_view import StepView
+from siren_ros.behaviour.paths.lane_path import (
+    LaneEnd,
+    LanePath,
+    lanes_along,
+    nearest_on_lane,
+    neighbour_lane,
+    path_on_lanes,
+)
+from siren_ros.behaviour.paths.tracked_path import PEAK_CURVATURE, TrackedPath, blend_length_m, path_onto
 from siren_ros.roads.movements import road_lane_of
 from siren_ros.roads.road_network import NO_LANE, LaneKind
 from siren_ros.world.actors import NO_ACTOR

@@ -6,29 +6,23 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.behaviour.driving.navigator import DriveCommand, Situation, navigate
-from siren_ros.behaviour.driving.situation import BehaviourWorld, StepView
-from siren_ros.behaviour.driving.surroundings import ActorTable, Surroundings
-from siren_ros.behaviour.emv.anticipation import anticipated_limit
-from siren_ros.behaviour.emv.corridor import corridor_mode, corridor_path
+from siren_ros.behaviour.driving.navigator import DriveCommand, DriveInputs, navigate
+from siren_ros.behaviour.driving.step_view import ActorTable, BehaviourWorld, StepView, Surroundings
 from siren_ros.behaviour.emv.forced_lane_change import (
     cancel_lane_change,
     complete_lane_change,
     forced_lane_change,
 )
 from siren_ros.behaviour.emv.gap_escape import escape_path, escape_speed_mps, gap_escape_mode
-from siren_ros.behaviour.emv.guard import Guard, Outcome
-from siren_ros.behaviour.emv.junction_entry import entry_limit_mps
-from siren_ros.behaviour.emv.passage import passage_blocker, passage_limit
-from siren_ros.behaviour.emv.route import plan_route, present_lane
-from siren_ros.behaviour.emv.unit import EmvUnit
+from siren_ros.behaviour.emv.rescue_corridor import corridor_mode, corridor_path
+from siren_ros.behaviour.emv.speed_limits import anticipated_limit, entry_limit_mps, passage_blocker, passage_limit
+from siren_ros.behaviour.emv.unit import EmvUnit, Guard, GuardResult, plan_route, present_lane
 from siren_ros.behaviour.paths.lane_path import LaneEnd
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import NO_LANE
 from siren_ros.world.actors import Lights, Mode, Owner
 from siren_ros.world.commands import VehicleCommands
-from siren_ros.world.events import Event
-from siren_ros.world.traffic_state import TrafficState
+from siren_ros.world.traffic_state import Event, TrafficState
 
 SOURCE: Final = "emv_controller"
 _REPLAN_STEPS: Final = steps_from_s(1.0)
@@ -107,7 +101,7 @@ def _step_unit(unit: EmvUnit, view: StepView, row: int) -> tuple[EmvUnit, DriveC
     between = unit.corridor or unit.gap_escape_active
     limit = passage_limit(unit, view, row) if between else anticipated_limit(unit, view, row)
     limit = replace(limit, speed_mps=min(limit.speed_mps, entry_limit_mps(view, row)))
-    situation = Situation(
+    situation = DriveInputs(
         seen=view.seen,
         row=row,
         vehicle=view.vehicle(row),
@@ -120,7 +114,7 @@ def _step_unit(unit: EmvUnit, view: StepView, row: int) -> tuple[EmvUnit, DriveC
     return replace(unit, navigator=navigator, snapshot=passage_blocker(snapshot, limit)), command, events
 
 
-def waypoints(unit: EmvUnit, view: StepView, row: int) -> Outcome:
+def waypoints(unit: EmvUnit, view: StepView, row: int) -> GuardResult:
     """Guard 4: the path comes from the gap escape, the corridor, or the route, in this order."""
     if unit.gap_escape_active:
         return escape_path(unit, view, row)
@@ -129,7 +123,7 @@ def waypoints(unit: EmvUnit, view: StepView, row: int) -> Outcome:
     return follow_route(unit, view, row)
 
 
-def follow_route(unit: EmvUnit, view: StepView, row: int) -> Outcome:
+def follow_route(unit: EmvUnit, view: StepView, row: int) -> GuardResult:
     """The EMV with a path along its route: the present one while it serves, else a new one from the present pose."""
     config, navigator = view.world.config.emv, unit.navigator
     plan, path = unit.plan, navigator.path

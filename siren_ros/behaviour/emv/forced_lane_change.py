@@ -13,15 +13,28 @@ from siren_ros.behaviour.driving.lane_change import (
     entered_lane,
     gaps_in_lane,
 )
-from siren_ros.behaviour.driving.situation import StepView
-from siren_ros.behaviour.emv.guard import Outcome
-from siren_ros.behaviour.emv.route import plan_route, present_lane, strategic_side
-from siren_ros.behaviour.emv.unit import EmvUnit, LateralRequest, advice_of, event_of
-from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath, lanes_along, neighbour_lane, path_on_lanes
-from siren_ros.behaviour.paths.nearest_on_lane import nearest_on_lane
+from siren_ros.behaviour.driving.step_view import StepView
+from siren_ros.behaviour.emv.unit import (
+    EmvUnit,
+    GuardResult,
+    LateralRequest,
+    advice_of,
+    event_of,
+    plan_route,
+    present_lane,
+    strategic_side,
+)
+from siren_ros.behaviour.paths.lane_path import (
+    LaneEnd,
+    LanePath,
+    lanes_along,
+    nearest_on_lane,
+    neighbour_lane,
+    path_on_lanes,
+)
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import NO_LANE, LaneKind
-from siren_ros.world.events import EventKind
+from siren_ros.world.traffic_state import EventKind
 
 _INTENT_PAUSE_STEPS: Final = steps_from_s(1.0)
 """SUMO's intent comes and goes from step to step; a request ends after a pause of this length."""
@@ -87,7 +100,7 @@ def _comes_back(view: StepView, row: int, lane: int, shoulder: int) -> bool:
     return reference.curve.length_m - head_m >= config.shoulder_return_m
 
 
-def forced_lane_change(unit: EmvUnit, view: StepView, row: int) -> Outcome:
+def forced_lane_change(unit: EmvUnit, view: StepView, row: int) -> GuardResult:
     """Starts the requested lane change if it is feasible, and defers it if it is not.
 
     The cooldown is the least time between the starts of two forced lane changes. A deferred request is reconsidered at
@@ -124,7 +137,7 @@ def forced_lane_change(unit: EmvUnit, view: StepView, row: int) -> Outcome:
     return unit, (*events, started)
 
 
-def complete_lane_change(unit: EmvUnit, view: StepView, row: int) -> Outcome:
+def complete_lane_change(unit: EmvUnit, view: StepView, row: int) -> GuardResult:
     """``RestoreLaneChange`` when the footprint has entered the target lane or the path has been driven."""
     if not unit.lane_change_forced:
         return unit, ()
@@ -135,7 +148,7 @@ def complete_lane_change(unit: EmvUnit, view: StepView, row: int) -> Outcome:
     return replace(unit, change_side=0), (done,)
 
 
-def cancel_lane_change(unit: EmvUnit, view: StepView, row: int, reason: str) -> Outcome:
+def cancel_lane_change(unit: EmvUnit, view: StepView, row: int, reason: str) -> GuardResult:
     """``RestoreLaneChange`` before the change is finished: the next waypoints replace its path."""
     if not unit.lane_change_forced:
         return unit, ()
@@ -167,7 +180,7 @@ def _query(unit: EmvUnit, view: StepView, row: int) -> LaneChangeQuery:
     )
 
 
-def _note_intent(unit: EmvUnit, view: StepView, row: int) -> Outcome:
+def _note_intent(unit: EmvUnit, view: StepView, row: int) -> GuardResult:
     side, reason = lateral_intent(unit, view, row)
     request = unit.request
     if side == 0:
@@ -181,7 +194,7 @@ def _note_intent(unit: EmvUnit, view: StepView, row: int) -> Outcome:
     return replace(unit, request=LateralRequest(side, reason, view.step)), (*events, asked)
 
 
-def _drop_request(unit: EmvUnit, view: StepView, row: int, reason: str) -> Outcome:
+def _drop_request(unit: EmvUnit, view: StepView, row: int, reason: str) -> GuardResult:
     if unit.request.side == 0:
         return unit, ()
     dropped = event_of(view, row, EventKind.LANE_CHANGE_CANCELLED, side=unit.request.side, reason=reason)

@@ -1,4 +1,7 @@
-"""Guard 1 of the EMV: ``gap_escape``, a path through free space around a blocker."""
+"""Guard 1 of the EMV: ``gap_escape``, a path through free space around a blocker.
+
+The search looks at the road beside the route and at the vehicles on it.
+"""
 
 import math
 from dataclasses import replace
@@ -6,29 +9,103 @@ from typing import Final
 
 import numpy as np
 
+from siren_ros.behaviour.driving.free_space import Body, Obstacles
 from siren_ros.behaviour.driving.lane_change import gaps_in_lane
-from siren_ros.behaviour.driving.situation import StepView
-from siren_ros.behaviour.emv.escape_plan import reference_line, search_gap
-from siren_ros.behaviour.emv.escape_search import FoundPath
+from siren_ros.behaviour.driving.step_view import StepView
+from siren_ros.behaviour.emv.escape_search import FoundPath, RoadSpace, Start, search_lattice
 from siren_ros.behaviour.emv.forced_lane_change import cancel_lane_change
-from siren_ros.behaviour.emv.guard import Outcome
-from siren_ros.behaviour.emv.passage import free_way
-from siren_ros.behaviour.emv.route import present_lane
-from siren_ros.behaviour.emv.unit import EmvUnit, advice_of, event_of
+from siren_ros.behaviour.emv.speed_limits import free_way, rows_around
+from siren_ros.behaviour.emv.unit import EmvUnit, GuardResult, advice_of, best_lane, event_of, present_lane
 from siren_ros.behaviour.paths.curve import Curve
-from siren_ros.behaviour.paths.lane_path import LanePath
-from siren_ros.behaviour.paths.path_blend import along_reference
+from siren_ros.behaviour.paths.lane_path import LanePath, lanes_along, nearest_on_lane, path_on_lanes, road_limits
+from siren_ros.behaviour.paths.tracked_path import along_reference
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import NEVER, STEP_S, steps_from_s
-from siren_ros.roads.road_network import NO_LANE
+from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
 from siren_ros.world.actors import NO_ACTOR
-from siren_ros.world.events import EventKind
+from siren_ros.world.traffic_state import EventKind
+
+_STEER_SHARE: Final = 0.85
+"""Part of the steering range that an escape path may use."""
+_BEHIND_M: Final = 5.0
+"""The reference line begins this far behind the EMV's centre, beyond its rear axle."""
+
+
+def reference_line(view: StepView, row: int, lane: int) -> LanePath:
+    """The line along the lanes of the route that the search measures from."""
+    config, network = view.world.config.gap_escape, view.world.network
+    route = view.traffic.route_of_row(row)
+    lane = best_lane(network, lane, route)
+    x, y, _ = view.pose(row)
+    position = nearest_on_lane(network.lanes[lane].centre, x, y)[0]
+    length = config.horizon_m + 10.0
+    lanes, end = lanes_along(network, lane, position, route, length)
+    return path_on_lanes(network, lanes, end, position - _BEHIND_M, length)
+
+
+def search_gap(reference: LanePath, view: StepView, row: int) -> FoundPath | None:
+    """The best path beside a reference line that the EMV's footprint clears with a margin.
+
+    Vehicles are swept along their motion, those that do not move in the EMV's direction for longer.
+
+    Returns:
+        The path, or None where no path is long enough to be worth driving.
+    """
+    config, vehicle = view.world.config.gap_escape, view.vehicle(row)
+    body, rear = Body.of(view.seen, row), vehicle.centre_ahead_of_rear_axle_m
+    x, y, yaw = view.pose(row)
+    curve = reference.curve
+    s0, left = curve.project_one(x - rear * math.cos(yaw), y - rear * math.sin(yaw))
+    room = min(config.horizon_m, curve.length_m - s0 - body.half_length_m - rear)
+    count = int(room / config.station_m) + 1
+    if count < 3:
+        return None
+    turned = math.remainder(yaw - curve.place(s0)[2], 2.0 * math.pi)
+    start = Start(
+        left_m=left,
+        slope=math.tan(max(-0.7, min(0.7, turned))),
+        body=body,
+        centre_ahead_m=rear,
+        wheelbase_m=vehicle.wheelbase_m,
+        sharpest_1pm=math.tan(_STEER_SHARE * vehicle.max_steer_rad) / vehicle.wheelbase_m,
+    )
+    road = road_space(view.world.network, reference, s0 + config.station_m * np.arange(count))
+    return search_lattice(curve, road, start, _obstacles(view, row), config)
+
+
+def _obstacles(view: StepView, row: int) -> Obstacles:
+    config = view.world.config.gap_escape
+    rows, along = rows_around(view, row)
+    return Obstacles.swept(view.seen, rows, np.where(along, 1.0, config.oncoming_factor) * config.sweep_s)
+
+
+def road_space(network: RoadNetwork, reference: LanePath, s_m: Floats) -> RoadSpace:
+    """The edges of the road beside a reference line, bridged across junctions."""
+    lane_of = reference.lane_at(s_m)
+    edges = np.full((5, len(s_m)), np.nan)
+    for lane in dict.fromkeys(lane_of.tolist()):
+        found = network.lanes[lane]
+        if found.kind is LaneKind.INTERNAL:
+            continue
+        road = road_limits(network, lane)
+        middle = 0.5 * (road.driving_right_m + road.left_m)
+        values = (road.right_m, road.driving_right_m, road.left_m, road.left_m + road.opposite_road_m, middle)
+        edges[:, lane_of == lane] = np.array(values)[:, None]
+    known = np.isfinite(edges[0])
+    if not known.any():
+        width = network.lanes[int(lane_of[0])].width_m
+        edges[:] = np.array([-1.5, -1.5, 1.5, 1.5, 0.0])[:, None] * width
+    else:
+        edges = np.stack([np.interp(s_m, s_m[known], line[known]) for line in edges])
+    return RoadSpace(s_m, *edges)
+
 
 _SAME_OFFSET_M: Final = 0.5
 _SMOOTHING_M: Final = 0.7
 """Standard deviation of the Gaussian that rounds the steps in a path's curvature."""
 
 
-def gap_escape_mode(unit: EmvUnit, view: StepView, row: int) -> Outcome:
+def gap_escape_mode(unit: EmvUnit, view: StepView, row: int) -> GuardResult:
     """Latches the gap escape: begun after a sustained stop behind a blocker, ended some time after the last one."""
     constants = view.world.constants.gap_escape
     stopped = float(view.seen.speed_mps[row]) <= constants.blocked_speed_mps
@@ -88,7 +165,7 @@ def in_the_way(view: StepView, row: int, other: int, lane: int) -> bool:
     return bool(abs(left[1] - left[0]) < half.sum() + view.world.config.corridor.clearance_m)
 
 
-def escape_path(unit: EmvUnit, view: StepView, row: int) -> Outcome:
+def escape_path(unit: EmvUnit, view: StepView, row: int) -> GuardResult:
     """``BuildGapEscapeWaypoints``: the EMV with a path through free space, planned again from time to time.
 
     A path that is free to its end and still long enough is kept. If no other path is found, the present one is driven
@@ -115,7 +192,7 @@ def escape_path(unit: EmvUnit, view: StepView, row: int) -> Outcome:
     return replace(unit, escape_offset_m=None), waiting
 
 
-def _following(unit: EmvUnit, found: FoundPath, reference: LanePath, view: StepView, row: int) -> Outcome:
+def _following(unit: EmvUnit, found: FoundPath, reference: LanePath, view: StepView, row: int) -> GuardResult:
     x, y, _ = view.pose(row)
     ahead = view.vehicle(row).centre_ahead_of_rear_axle_m
     curve = Curve.through(found.centre_line(reference.curve, ahead), _SMOOTHING_M)

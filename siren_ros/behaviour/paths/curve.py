@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.compiled import compiled
-from siren_ros.numerics.polyline import Polyline
+from siren_ros.numerics.geometry import Polyline
 
 SPACING_M: Final = 1.0
 """Distance between the points of a curve."""

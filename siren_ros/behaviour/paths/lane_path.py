@@ -1,5 +1,9 @@
-"""Reference lines along the lanes of a route, through junctions."""
+"""Reference lines along the lanes of a route, through junctions, and where one vehicle stands on a lane.
 
+The shoulder is an EMV's way where it leads into the next right turn; the other vehicles leave it free.
+"""
+
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
@@ -8,7 +12,7 @@ import numpy as np
 
 from siren_ros.behaviour.paths.curve import SMOOTHING_M, Curve
 from siren_ros.numerics.arrays import Floats
-from siren_ros.numerics.polyline import Polyline
+from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.movements import is_plain_joint, movement_turn_rad
 from siren_ros.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
 from siren_ros.world.traffic_state import Indices
@@ -230,3 +234,94 @@ def road_limits(network: RoadNetwork, lane: int) -> RoadLimits:
     )
     shoulders = sum(item.width_m for item in lanes if item.kind is LaneKind.SHOULDER)
     return RoadLimits(right, right + shoulders, left, opposite[-1] if opposite else 0.0, sum(opposite))
+
+
+def nearest_on_lane(centre: Polyline, x_m: float, y_m: float) -> tuple[float, float, float]:
+    """Arc length, offset (left positive) and heading at the place of a centre line nearest to a point.
+
+    The first and last segments are extended straight on, as by ``Polyline.project``.
+    """
+    points, arc = centre.points, centre.arc_m
+    start = points[:-1]
+    length = arc[1:] - arc[:-1]
+    along_x, along_y = (points[1:, 0] - start[:, 0]) / length, (points[1:, 1] - start[:, 1]) / length
+    dx, dy = x_m - start[:, 0], y_m - start[:, 1]
+    along = dx * along_x + dy * along_y
+    inside = np.minimum(np.maximum(along, 0.0), length)
+    inside[0] = min(along[0], inside[0])
+    inside[-1] = max(along[-1], inside[-1])
+    miss_x, miss_y = dx - inside * along_x, dy - inside * along_y
+    i = int((miss_x * miss_x + miss_y * miss_y).argmin())
+    tangent_x, tangent_y = float(along_x[i]), float(along_y[i])
+    left = tangent_x * float(miss_y[i]) - tangent_y * float(miss_x[i])
+    return float(arc[i] + inside[i]), left, math.atan2(tangent_y, tangent_x)
+
+
+def lane_heading(centre: Polyline, s_m: float) -> float:
+    """Direction of a centre line at an arc length."""
+    i = min(max(int(centre.arc_m.searchsorted(s_m, side="right")) - 1, 0), len(centre.points) - 2)
+    (x0, y0), (x1, y1) = centre.points[i : i + 2].tolist()
+    return math.atan2(y1 - y0, x1 - x0)
+
+
+_RIGHT_TURNS: Final = frozenset({"r", "R"})
+
+
+@dataclass(frozen=True)
+class ShoulderWay:
+    """A way along a shoulder into a right turn."""
+
+    lane: int
+    """The shoulder of the route's first edge."""
+    onward: Connection
+    """The movement out of it."""
+    edges: tuple[int, ...]
+    """Edges on whose shoulders the way leads, up to the turn."""
+
+
+def shoulder_into_turn(network: RoadNetwork, route: Indices, reach_m: float) -> ShoulderWay | None:
+    """The shoulder of a route's first edge that leads into the next right turn, here or along the next edges.
+
+    Args:
+        network: The map.
+        route: Edges ahead.
+        reach_m: How far beyond the first edge the right turn may be.
+
+    Returns:
+        The way; None where no shoulder leads there.
+    """
+    if len(route) < 2:
+        return None
+    for lane in network.edges[int(route[0])].lanes:
+        found = network.lanes[lane]
+        if found.kind is LaneKind.SHOULDER and found.emergency_allowed:
+            onward = _onward(network, lane, route)
+            edges = _edges_to_turn(network, onward, route, reach_m)
+            if onward is not None and edges:
+                return ShoulderWay(lane, onward, edges)
+    return None
+
+
+def _onward(network: RoadNetwork, shoulder: int, route: Indices) -> Connection | None:
+    """The movement from a shoulder of a route's first edge to the second one: a right turn, or on to its shoulder."""
+    for movement in network.connections_from.get(shoulder, ()):
+        target = network.lanes[movement.to_lane]
+        if target.edge == int(route[1]) and (movement.direction in _RIGHT_TURNS or target.kind is LaneKind.SHOULDER):
+            return movement
+    return None
+
+
+def _edges_to_turn(
+    network: RoadNetwork, movement: Connection | None, route: Indices, reach_m: float
+) -> tuple[int, ...]:
+    """Edges before the right turn; empty where the shoulder ends, or the turn is too far away."""
+    way_m = 0.0
+    for ahead in range(1, len(route)):
+        if movement is None or way_m > reach_m:
+            return ()
+        if movement.direction in _RIGHT_TURNS:
+            return tuple(route[:ahead].tolist())
+        way_m += sum(network.lanes[item].length_m for item in (*movement.via, movement.to_lane))
+        rest = route[ahead:]
+        movement = _onward(network, movement.to_lane, rest) if len(rest) > 1 else None
+    return ()

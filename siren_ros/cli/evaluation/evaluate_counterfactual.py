@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from siren_ros.cli.evaluation.evaluate_yield import scored_episodes
-from siren_ros.cli.options.processes import add_processes, processes_of
+from siren_ros.cli.options import add_processes, processes_of
 from siren_ros.errors import EXIT_FAILED, whole_file, writing
 from siren_ros.evaluation.statistics.interval import lack_of_bounds
 from siren_ros.evaluation.yielding.counterfactual import OUTCOMES, Effect, effects
-from siren_ros.recording.bag_folders import bags_among
+from siren_ros.recording.bag_reader import bags_among
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:

@@ -7,32 +7,25 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from siren_ros.cli.evaluation.named_path import named_path
-from siren_ros.cli.options.names import names_in
-from siren_ros.cli.options.processes import add_processes, processes_of
-from siren_ros.datasets.exporting.survey import in_dataset_order, survey_bag
-from siren_ros.datasets.exporting.worker_pool import Run, worker_pool
-from siren_ros.datasets.sources.needs import Need
+from siren_ros.cli.options import add_processes, named_path, names_in, processes_of
 from siren_ros.errors import EXIT_OK, InputError, whole_file, writing
+from siren_ros.evaluation.detection.boxes import FoundBoxes, TruthBoxes, joined
 from siren_ros.evaluation.detection.detectors.table import DETECTORS, run_detector
-from siren_ros.evaluation.detection.inputs.formats import read_detections
-from siren_ros.evaluation.detection.inputs.found_set import FoundSet
-from siren_ros.evaluation.detection.metrics.devkit_score import DevkitScore, devkit_score
-from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes, TruthBoxes, joined
-from siren_ros.evaluation.detection.protocol.episode_reading import read_frames
-from siren_ros.evaluation.detection.protocol.frames import Frames, frames_of
-from siren_ros.evaluation.detection.reports.birdseye import draw_worst_frame
-from siren_ros.evaluation.detection.reports.curves import draw_curves
-from siren_ros.evaluation.detection.reports.score_json import scores_as_json
-from siren_ros.evaluation.detection.reports.tables import Table, as_csv, as_latex, as_text, tables_of
+from siren_ros.evaluation.detection.devkit_score import DevkitScore, devkit_score
+from siren_ros.evaluation.detection.frames import Frames, frames_of, read_frames
+from siren_ros.evaluation.detection.inputs.formats import read_detections, self_test_sets
+from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet
+from siren_ros.evaluation.detection.pictures import draw_curves, draw_worst_frame
 from siren_ros.evaluation.detection.scoring import (
     VEHICLE_NAMES,
     DetectorScores,
     score_detector,
 )
-from siren_ros.evaluation.detection.self_test import self_test_sets
+from siren_ros.evaluation.detection.tables import Table, as_csv, as_latex, as_text, scores_as_json, tables_of
 from siren_ros.evaluation.statistics.interval import lack_of_bounds
-from siren_ros.recording.bag_folders import bags_among
+from siren_ros.processes.worker_pool import Run, worker_pool
+from siren_ros.record.bag_survey import Need, in_dataset_order, survey_bag
+from siren_ros.recording.bag_reader import bags_among
 
 
 def add_arguments(task: argparse.ArgumentParser) -> None:

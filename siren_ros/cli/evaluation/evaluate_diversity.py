@@ -6,16 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from siren_ros.cli.options.each_bag import of_each_bag
-from siren_ros.cli.options.processes import add_processes, processes_of
+from siren_ros.cli.options import add_processes, of_each_bag, processes_of
 from siren_ros.errors import whole_file, writing
 from siren_ros.evaluation.aligned_text import aligned
-from siren_ros.evaluation.diversity.as_json import diversity_as_json
-from siren_ros.evaluation.diversity.drawn_ranges import drawn_ranges
+from siren_ros.evaluation.diversity.coverage import drawn_ranges
 from siren_ros.evaluation.diversity.profile import InteractionProfile, profile_of
-from siren_ros.evaluation.diversity.summary import GroupDiversity, diversity
-from siren_ros.recording.bag_folders import bags_among
-from siren_ros.recording.bag_reader import read_episode
+from siren_ros.evaluation.diversity.summary import GroupDiversity, diversity, diversity_as_json
+from siren_ros.recording.bag_reader import bags_among, read_episode
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:

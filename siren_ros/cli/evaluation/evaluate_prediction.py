@@ -8,24 +8,20 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from siren_ros.cli.evaluation.named_path import named_path
-from siren_ros.cli.options.names import names_in
-from siren_ros.cli.options.processes import add_processes, processes_of
-from siren_ros.cli.options.steps import steps_of
+from siren_ros.cli.options import add_processes, named_path, names_in, processes_of, steps_of
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
-from siren_ros.evaluation.prediction.charts.chart_files import write_charts, write_sample_pictures
+from siren_ros.evaluation.prediction.episode_scores import EpisodeScores
+from siren_ros.evaluation.prediction.prediction_file import read_prediction_file
 from siren_ros.evaluation.prediction.predictors import PREDICTORS
-from siren_ros.evaluation.prediction.protocol.samples import Population
-from siren_ros.evaluation.prediction.reports.differences import differences
 from siren_ros.evaluation.prediction.reports.report_files import new_folder, write_report
-from siren_ros.evaluation.prediction.reports.score_table import score_table
+from siren_ros.evaluation.prediction.reports.score_table import differences, score_table
 from siren_ros.evaluation.prediction.reports.text_report import no_samples_text, text_report
-from siren_ros.evaluation.prediction.scoring.episode_scores import EpisodeScores
-from siren_ros.evaluation.prediction.scoring.score_bags import ScoringJob, score_bags
-from siren_ros.evaluation.prediction.submitted.prediction_file import read_prediction_file
-from siren_ros.evaluation.prediction.submitted.submission import submission
+from siren_ros.evaluation.prediction.sample_pictures import write_charts, write_sample_pictures
+from siren_ros.evaluation.prediction.samples import Population
+from siren_ros.evaluation.prediction.score_bags import ScoringJob, score_bags
+from siren_ros.evaluation.prediction.submission import submission
 from siren_ros.interfaces.topics import PREDICTIONS
-from siren_ros.recording.bag_folders import bags_among
+from siren_ros.recording.bag_reader import bags_among
 
 
 def add_arguments(task: argparse.ArgumentParser) -> None:

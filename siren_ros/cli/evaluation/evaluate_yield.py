@@ -10,15 +10,12 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from siren_ros.cli.options.each_bag import of_each_bag
-from siren_ros.cli.options.processes import add_processes, processes_of
+from siren_ros.cli.options import add_processes, of_each_bag, processes_of
 from siren_ros.errors import InputError, whole_file, writing
 from siren_ros.evaluation.statistics.interval import Interval, lack_of_bounds
 from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS
-from siren_ros.evaluation.yielding.scoring import DriverMarks, score_yielding
-from siren_ros.evaluation.yielding.summary import ScoredEpisode, group_means
-from siren_ros.recording.bag_folders import bags_among
-from siren_ros.recording.bag_reader import read_episode
+from siren_ros.evaluation.yielding.scoring import DriverMarks, ScoredEpisode, group_means, score_yielding
+from siren_ros.recording.bag_reader import bags_among, read_episode
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:

@@ -7,17 +7,14 @@ from typing import Any, Self
 
 from tqdm import tqdm
 
-from siren_ros.cli.generation.positive import positive
-from siren_ros.cli.generation.risk_thresholds import add_thresholds, thresholds_of
-from siren_ros.cli.options.numbers import check_numbers
-from siren_ros.cli.options.processes import add_processes
+from siren_ros.cli.label import add_thresholds, thresholds_of
+from siren_ros.cli.options import add_processes, check_numbers, positive
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
-from siren_ros.evaluation.risk.risk_class import TITLES, RiskClass
-from siren_ros.scenario.request import MAX_SEED
+from siren_ros.evaluation.risk.labels import TITLES, RiskClass
+from siren_ros.scenario.episode import MAX_SEED
 from siren_ros.scenario.templates import available_templates
-from siren_ros.studies.risk_set.balance import PAPER_COUNTS, PAPER_PER_TEMPLATE, Balance, Counts, papers_balance
 from siren_ros.studies.risk_set.make_set import MadeSet, Progress, RiskSetRequest, make_set
-from siren_ros.studies.risk_set.search import Search
+from siren_ros.studies.risk_set.search import PAPER_COUNTS, PAPER_PER_TEMPLATE, Balance, Counts, Search, papers_balance
 
 _PAPER = ",".join(map(str, PAPER_COUNTS))
 

@@ -4,14 +4,14 @@ import argparse
 from pathlib import Path
 from typing import Final
 
-from siren_ros.cli.options.numbers import check_numbers
+from siren_ros.cli.options import check_numbers
 from siren_ros.cli.train.torch_part import torch_part
 from siren_ros.errors import EXIT_OK, InputError
-from siren_ros.scenario.request import MAX_SEED
-from siren_ros.training.detection.detector_training import DetectorTraining, Fitter, train_detector
-from siren_ros.training.detection.fit_config import DetectionFit
+from siren_ros.scenario.episode import MAX_SEED
+from siren_ros.training.detection.training import DetectorTraining, Fitter, train_detector
+from siren_ros.training.settings import DetectionFit
 
-_FITTER: Final = ("siren_ros.training.detection.fitting.trainer", "fitted_detector")
+_FITTER: Final = ("siren_ros.training.fitting.detection", "fitted_detector")
 """Loaded by name, because it needs torch."""
 
 

@@ -7,20 +7,24 @@ from typing import Final
 
 from tqdm import tqdm
 
-from siren_ros.cli.options.numbers import check_numbers
-from siren_ros.cli.options.processes import add_processes, processes_of
-from siren_ros.cli.options.steps import steps_of
+from siren_ros.cli.options import add_processes, check_numbers, processes_of, steps_of
 from siren_ros.cli.train.torch_part import torch_part
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
-from siren_ros.scenario.request import MAX_SEED
-from siren_ros.training.assessment import by_map, by_template, table_lines
-from siren_ros.training.data_making import MadeData, make_data
-from siren_ros.training.episode_plan import PlannedEpisode, PlanSize, plan_episodes
-from siren_ros.training.fit_config import FitConfig
-from siren_ros.training.prediction_training import Fitter, TrainedVariant, train_variant, with_ablations
-from siren_ros.training.variants import FULL, VARIANTS
+from siren_ros.scenario.episode import MAX_SEED
+from siren_ros.training.prediction.plan import FULL, VARIANTS, PlannedEpisode, PlanSize, plan_episodes
+from siren_ros.training.prediction.samples import MadeData, make_data
+from siren_ros.training.prediction.training import (
+    Fitter,
+    TrainedVariant,
+    by_map,
+    by_template,
+    table_lines,
+    train_variant,
+    with_ablations,
+)
+from siren_ros.training.settings import FitConfig
 
-_FITTER: Final = ("siren_ros.training.fitting.trainer", "fitted_network")
+_FITTER: Final = ("siren_ros.training.fitting.prediction", "fitted_network")
 """Loaded by name, because it needs torch."""
 _TOWN: Final = "town"
 

@@ -7,19 +7,16 @@ from typing import Final
 
 from tqdm import tqdm
 
-from siren_ros.cli.generation.positive import positive
-from siren_ros.cli.options.numbers import check_numbers
-from siren_ros.cli.options.processes import add_processes
-from siren_ros.cli.options.steps import steps_of
+from siren_ros.cli.options import add_processes, check_numbers, positive, steps_of
 from siren_ros.cli.train.torch_part import torch_part
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
-from siren_ros.scenario.request import MAX_SEED
-from siren_ros.training.risk.film_fit import FilmFitConfig
-from siren_ros.training.risk.film_plan import FilmPlanSize, PlannedFilm, plan_films
-from siren_ros.training.risk.films import MadeFilms, make_films
-from siren_ros.training.risk.risk_training import Fitter, train_sequence_model
+from siren_ros.scenario.episode import MAX_SEED
+from siren_ros.training.risk.batches import FilmFitConfig
+from siren_ros.training.risk.plan import FilmPlanSize, PlannedFilm, plan_films
+from siren_ros.training.risk.samples import MadeFilms, make_films
+from siren_ros.training.risk.training import Fitter, train_sequence_model
 
-_FITTER: Final = ("siren_ros.training.risk.fitting.film_fit", "fitted_film_network")
+_FITTER: Final = ("siren_ros.training.fitting.risk", "fitted_film_network")
 """Loaded by name, because it needs torch."""
 
 

@@ -4,10 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from siren_ros.datasets.exporting.file_writer import FileWriter
-from siren_ros.datasets.exporting.format import EpisodePart, EpisodeReport
-from siren_ros.datasets.exporting.staging import link
-from siren_ros.datasets.kitti.calibration import KittiCamera
+from siren_ros.datasets.files import FileWriter, link
+from siren_ros.datasets.formats import EpisodePart, EpisodeReport
 from siren_ros.datasets.kitti.frame_files import (
     FRAMES_FILE,
     OBJECTS_FILE,
@@ -15,14 +13,15 @@ from siren_ros.datasets.kitti.frame_files import (
     KittiFrame,
     KittiFrames,
 )
-from siren_ros.datasets.kitti.layout import Layout
-from siren_ros.datasets.sources.episode_source import EpisodeSource
+from siren_ros.datasets.kitti.labels import KittiCamera
+from siren_ros.datasets.kitti.live_export import Layout
 from siren_ros.errors import BagError
 from siren_ros.interfaces.boxes import from_ground_truth
 from siren_ros.interfaces.images import from_compressed_image
 from siren_ros.interfaces.point_cloud import from_point_cloud
 from siren_ros.interfaces.topics import GROUND_TRUTH
 from siren_ros.numerics.units import STEP_S
+from siren_ros.record.episode_source import EpisodeSource
 from siren_ros.recording.bag_reader import damage_refused
 
 _TESTING: Final = "testing"

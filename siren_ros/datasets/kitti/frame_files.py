@@ -5,23 +5,62 @@ The standard layout is that of the object benchmark, below ``training/``: ``velo
 The paper's layout has ``velodyne/`` and ``label_2/`` with the paper's lines, and pictures as JPEG where there are any.
 """
 
+import struct
+import zlib
 from collections import Counter
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+import simplejpeg
 from numpy.lib.recfunctions import structured_to_unstructured
 
-from siren_ros.datasets.exporting.file_writer import FileWriter
-from siren_ros.datasets.exporting.png import png_of_jpeg
-from siren_ros.datasets.kitti.calibration import KittiCamera, calibration_text
-from siren_ros.datasets.kitti.camera_labels import camera_labels, label_lines
-from siren_ros.datasets.kitti.layout import Layout
-from siren_ros.datasets.kitti.paper_labels import OBJECT_TYPE, PAPER_README, label_text
+from siren_ros.datasets.files import FileWriter
+from siren_ros.datasets.kitti.labels import (
+    OBJECT_TYPE,
+    PAPER_README,
+    KittiCamera,
+    calibration_text,
+    camera_labels,
+    label_lines,
+    label_text,
+)
+from siren_ros.datasets.kitti.live_export import Layout
 from siren_ros.errors import InputError
 from siren_ros.numerics.units import STEP_S
-from siren_ros.world.ground_truth import GroundTruth
+from siren_ros.world.carrier import GroundTruth
+
+_SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
+_HEADER: Final = struct.Struct(">IIBBBBB")
+_TRUE_COLOUR: Final = 2
+_UP: Final = 2
+"""Filter of every row: the difference to the row above (PNG specification, section 9)."""
+_FASTEST: Final = 1
+
+
+def png_of_jpeg(jpeg: bytes) -> bytes:
+    """A recorded picture, decoded, as PNG."""
+    return png_bytes(simplejpeg.decode_jpeg(jpeg, colorspace="RGB"))
+
+
+def png_bytes(rgb: npt.NDArray[np.uint8]) -> bytes:
+    """A picture of shape ``(height, width, 3)`` as PNG (ISO/IEC 15948)."""
+    height, width, _ = rgb.shape
+    rows = np.ascontiguousarray(rgb).reshape(height, width * 3)
+    filtered = np.empty((height, 1 + width * 3), dtype=np.uint8)
+    filtered[:, 0] = _UP
+    filtered[0, 1:] = rows[0]
+    np.subtract(rows[1:], rows[:-1], out=filtered[1:, 1:])
+    packer = zlib.compressobj(_FASTEST, zlib.DEFLATED, zlib.MAX_WBITS, 9, zlib.Z_RLE)
+    packed = packer.compress(filtered.data) + packer.flush()
+    header = _HEADER.pack(width, height, 8, _TRUE_COLOUR, 0, 0, 0)
+    return _SIGNATURE + _chunk(b"IHDR", header) + _chunk(b"IDAT", packed) + _chunk(b"IEND", b"")
+
+
+def _chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(data, zlib.crc32(kind)))
+
 
 POINT_FIELDS: Final = ("x", "y", "z", "intensity")
 FRAMES_FILE: Final = "frames.csv"

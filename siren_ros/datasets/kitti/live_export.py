@@ -1,11 +1,21 @@
 """The KITTI folder of a running episode: hidden while it grows, under its own name when the episode is complete."""
 
 from contextlib import ExitStack, suppress
+from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
-from siren_ros.datasets.exporting.staging import Staging
+from siren_ros.datasets.files import Staging
 from siren_ros.errors import InputError
+
+
+class Layout(StrEnum):
+    """Which layout."""
+
+    KITTI = "kitti"
+    """The object benchmark's own."""
+    PAPER = "paper"
+
 
 _JOB: Final = {"export": "of a running episode"}
 """Tells its hidden folder from that of an unfinished ``siren export``, which the same command finishes."""

@@ -1,18 +1,145 @@
-"""The rows of nuScenes' tables for one episode, written as they come."""
+"""nuScenes' tables of one episode: categories, attributes, sensors and their mounts, and rows written as they come.
 
+The LiDAR frame of nuScenes has x to the right and y ahead. Source: https://github.com/nutonomy/nuscenes-devkit,
+``docs/instructions_nuscenes.md`` and ``docs/schema_nuscenes.md``.
+"""
+
+import hashlib
 import json
 from collections import Counter
 from typing import Any, Final
 
 import numpy as np
 
-from siren_ros.datasets.exporting.file_writer import FileWriter
-from siren_ros.datasets.nuscenes.rig import rotation_wxyz
-from siren_ros.datasets.nuscenes.taxonomy import attribute_of, category_of, token, visibility_of
+from siren_ros.datasets.files import FileWriter
+from siren_ros.interfaces.transforms import quaternion_of_matrix
 from siren_ros.numerics.arrays import Floats, Ids, Matrix
 from siren_ros.numerics.units import time_ns_of_step
-from siren_ros.world.actors import ActorClass
-from siren_ros.world.ground_truth import GroundTruth
+from siren_ros.record.episode_source import EpisodeSource, MountedCamera
+from siren_ros.world.actors import EMERGENCY_CLASSES, ActorClass
+from siren_ros.world.carrier import GroundTruth
+
+CAR: Final = "vehicle.car"
+EMERGENCY: Final = "vehicle.emergency"
+"""Value of the option that gives emergency vehicles categories of their own."""
+CATEGORY_OF_CLASS: Final = {
+    ActorClass.HATCHBACK: "vehicle.car",
+    ActorClass.SEDAN: "vehicle.car",
+    ActorClass.ESTATE: "vehicle.car",
+    ActorClass.SUV: "vehicle.car",
+    ActorClass.VAN: "vehicle.car",
+    ActorClass.PICKUP: "vehicle.car",
+    ActorClass.BUS: "vehicle.bus.rigid",
+    ActorClass.TRUCK: "vehicle.truck",
+    ActorClass.AMBULANCE: "vehicle.emergency.ambulance",
+    ActorClass.FIRE_TRUCK: "vehicle.emergency.fire_truck",
+    ActorClass.POLICE: "vehicle.emergency.police",
+}
+"""nuScenes counts vans and pick-ups among cars, and has no fire trucks."""
+ATTRIBUTES: Final = ("vehicle.moving", "vehicle.stopped", "vehicle.parked")
+VISIBILITIES: Final = {"1": "v0-40", "2": "v40-60", "3": "v60-80", "4": "v80-100"}
+_STOPPED_MPS: Final = 0.3
+
+
+def category_of(actor_class: ActorClass, emergency: str, others: str = "nuscenes") -> str:
+    """The category of a class; emergency vehicles are ``vehicle.car`` (the paper) unless they have their own.
+
+    Args:
+        actor_class: Of the vehicle.
+        emergency: Category of emergency vehicles, or the head of their own ones.
+        others: ``vehicle.car`` for all other vehicles, as in the paper, or nuScenes' own categories.
+    """
+    if actor_class in EMERGENCY_CLASSES and emergency != EMERGENCY:
+        return CAR
+    if actor_class not in EMERGENCY_CLASSES and others == CAR:
+        return CAR
+    return CATEGORY_OF_CLASS[actor_class]
+
+
+def attribute_of(speed_mps: float) -> str:
+    """Whether a vehicle moves; no recorded vehicle is parked."""
+    return ATTRIBUTES[0] if speed_mps > _STOPPED_MPS else ATTRIBUTES[1]
+
+
+def visibility_of(fraction: float) -> str:
+    """Token of the level that a visible fraction lies in."""
+    return str(1 + int(np.searchsorted([0.4, 0.6, 0.8], fraction, side="right")))
+
+
+def token(*parts: object) -> str:
+    """A token of 32 hexadecimal digits, the same for the same parts."""
+    return hashlib.md5("/".join(map(str, parts)).encode(), usedforsecurity=False).hexdigest()
+
+
+def fixed_tables() -> dict[str, list[dict[str, Any]]]:
+    """The tables that are the same in every dataset."""
+    names = sorted(set(CATEGORY_OF_CLASS.values()))
+    return {
+        "category": [
+            {"token": token("category", name), "name": name, "description": f"{name}, simulated", "index": index}
+            for index, name in enumerate(names, start=1)
+        ],
+        "attribute": [
+            {"token": token("attribute", name), "name": name, "description": name.replace(".", " ")}
+            for name in ATTRIBUTES
+        ],
+        "visibility": [
+            {"token": key, "level": level, "description": f"visible fraction {level[1:]} %"}
+            for key, level in VISIBILITIES.items()
+        ],
+    }
+
+
+LIDAR: Final = "LIDAR_TOP"
+NUSCENES_FROM_LIDAR: Final = np.array([[0.0, -1.0, 0, 0], [1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, 0, 0, 1.0]])
+"""Points with x to the right and y ahead from points with x ahead and y to the left."""
+_SECTORS: Final = (
+    (30.0, "CAM_FRONT"),
+    (85.0, "CAM_FRONT_{side}"),
+    (150.0, "CAM_BACK_{side}"),
+    (181.0, "CAM_BACK"),
+)
+"""Largest angle from straight ahead in degrees, and the channel; nuScenes' own stand at 0, 55, 110 and 180."""
+
+
+def channels(cameras: tuple[MountedCamera, ...]) -> dict[str, str]:
+    """NuScenes' channel of each camera by the camera's name, from where it looks; a second one there is numbered."""
+    found: dict[str, str] = {}
+    for camera in cameras:
+        ahead = camera.base_from_sensor[:3, 2]
+        angle_deg = float(np.degrees(np.arctan2(ahead[1], ahead[0])))
+        name = next(name for limit, name in _SECTORS if abs(angle_deg) < limit)
+        name = name.format(side="LEFT" if angle_deg > 0.0 else "RIGHT")
+        number = sum(taken.rstrip("_0123456789") == name for taken in found.values())
+        found[camera.name] = name if number == 0 else f"{name}_{number + 1}"
+    return found
+
+
+def rotation_wxyz(matrix: Matrix) -> list[float]:
+    """Rotation of a transform as nuScenes writes it."""
+    x, y, z, w = quaternion_of_matrix(matrix[:3, :3])
+    return [w, x, y, z]
+
+
+def calibrated_sensors(source: EpisodeSource, episode_id: str) -> list[dict[str, Any]]:
+    """The table's rows of one episode."""
+    lidar = source.lidar
+    mounts: list[tuple[str, Matrix, list[list[float]]]] = []
+    if lidar is not None:
+        mounts.append((LIDAR, lidar.base_from_sensor @ np.linalg.inv(NUSCENES_FROM_LIDAR), []))
+    names = channels(source.cameras)
+    mounts += [(names[one.name], one.base_from_sensor, one.model.matrix.tolist()) for one in source.cameras]
+    return [
+        {
+            "token": token("calibrated_sensor", episode_id, channel),
+            "sensor_token": token("sensor", channel),
+            "translation": mount[:3, 3].tolist(),
+            "rotation": rotation_wxyz(mount),
+            "camera_intrinsic": intrinsic,
+        }
+        for channel, mount, intrinsic in mounts
+    ]
+
 
 LARGE_TABLES: Final = ("sample", "sample_data", "ego_pose", "sample_annotation")
 """Tables that grow with the episode: rows go to a file of JSON lines at once."""

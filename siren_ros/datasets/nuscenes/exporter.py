@@ -8,20 +8,22 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.datasets.exporting.file_writer import FileWriter
-from siren_ros.datasets.exporting.format import EpisodePart, EpisodeReport
-from siren_ros.datasets.exporting.staging import link_tree
-from siren_ros.datasets.nuscenes.episode_tables import EpisodeTables
-from siren_ros.datasets.nuscenes.map_expansion import map_json
-from siren_ros.datasets.nuscenes.map_mask import map_corners, mask_png
-from siren_ros.datasets.nuscenes.rig import LIDAR, calibrated_sensors, channels
-from siren_ros.datasets.nuscenes.taxonomy import fixed_tables, token
-from siren_ros.datasets.sources.episode_source import EpisodeSource
-from siren_ros.datasets.sources.lidar_frames import LidarFrame, lidar_frames, lidar_of
-from siren_ros.datasets.sources.visibility import lidar_visibility, points_in_boxes
+from siren_ros.datasets.files import FileWriter, link_tree
+from siren_ros.datasets.formats import EpisodePart, EpisodeReport
+from siren_ros.datasets.nuscenes.episode_tables import (
+    LIDAR,
+    EpisodeTables,
+    calibrated_sensors,
+    channels,
+    fixed_tables,
+    token,
+)
+from siren_ros.datasets.nuscenes.map_expansion import map_corners, map_json, mask_png
+from siren_ros.datasets.visibility import lidar_visibility, points_in_boxes
 from siren_ros.errors import BagError
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import STEP_S
+from siren_ros.record.episode_source import EpisodeSource, LidarFrame, lidar_frames, lidar_of
 
 VERSION: Final = "v1.0-siren"
 KEYFRAME_STEPS: Final = 10

@@ -1,9 +1,11 @@
-"""nuScenes' vector map (its "map expansion", version 1.3) as ``nuscenes.map_expansion.map_api.NuScenesMap`` reads it.
+"""nuScenes' map: the picture of the drivable area, and the vector map (its "map expansion", version 1.3).
 
-Source: https://github.com/nutonomy/nuscenes-devkit, ``python-sdk/nuscenes/map_expansion``. Edge lines, polygons and
-neighbours name the same node where they meet.
+The picture has 0.1 m a pixel; its lower left corner is the frame's origin. ``NuScenesMap`` of
+``nuscenes.map_expansion.map_api`` reads the vector map, in which edge lines, polygons and neighbours name the same node
+where they meet. Source: https://github.com/nutonomy/nuscenes-devkit, ``python-sdk/nuscenes/map_expansion``.
 """
 
+import io
 import json
 from collections.abc import Iterable
 from itertools import pairwise
@@ -11,13 +13,54 @@ from typing import Any, Final
 
 import numpy as np
 import shapely
-from shapely.geometry import Polygon
+from PIL import Image, ImageDraw
+from shapely.geometry import LineString, Polygon
 
-from siren_ros.datasets.nuscenes.map_mask import map_corners
-from siren_ros.datasets.nuscenes.taxonomy import token
-from siren_ros.datasets.sources.lane_graph import GraphLane, lane_graph, offset_line
+from siren_ros.datasets.lane_graph import GraphLane, lane_graph, offset_line
+from siren_ros.datasets.nuscenes.episode_tables import token
 from siren_ros.numerics.arrays import Floats, Points
 from siren_ros.roads.road_network import LaneKind, RoadNetwork
+
+RESOLUTION_M: Final = 0.1
+_MARGIN_M: Final = 60.0
+_DRIVEN: Final = frozenset({LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL})
+
+
+def map_corners(network: RoadNetwork) -> tuple[Floats, Floats]:
+    """Lower left and upper right corner of a map with a margin, whole metres in the ``map`` frame, shape ``(2,)``.
+
+    The lower left corner is the origin of nuScenes' global frame, which has no negative places.
+    """
+    points = np.concatenate([lane.centre.points for lane in network.lanes])
+    low: Floats = np.floor(points.min(axis=0) - _MARGIN_M)
+    high: Floats = np.ceil(points.max(axis=0) + _MARGIN_M)
+    return low, high
+
+
+def mask_png(network: RoadNetwork) -> bytes:
+    """The mask as PNG: 255 on lanes, shoulders and junctions."""
+    low, high = map_corners(network)
+    width, height = np.round((high - low) / RESOLUTION_M).astype(int).tolist()
+    image = Image.new("L", (width, height), 0)
+    draw = ImageDraw.Draw(image)
+
+    def pixels(xy: Floats) -> list[tuple[float, float]]:
+        place = (np.asarray(xy) - low) / RESOLUTION_M
+        return [(float(x), float(height - y)) for x, y in place]
+
+    for lane in network.lanes:
+        if lane.kind in _DRIVEN:
+            body = LineString(lane.centre.points).buffer(lane.width_m / 2.0, cap_style="flat")
+            for polygon in getattr(body, "geoms", [body]):
+                if not polygon.is_empty:
+                    draw.polygon(pixels(np.array(polygon.exterior.coords)), fill=255)
+    for junction in network.junctions.values():
+        if len(junction.outline) >= 3:
+            draw.polygon(pixels(junction.outline), fill=255)
+    packed = io.BytesIO()
+    image.save(packed, "PNG")
+    return packed.getvalue()
+
 
 _LAYERS: Final = (
     *("node", "line", "polygon", "drivable_area", "road_segment", "road_block", "lane", "lane_connector"),

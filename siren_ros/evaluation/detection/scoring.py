@@ -7,17 +7,21 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.evaluation.detection.inputs.found_set import FoundSet
-from siren_ros.evaluation.detection.metrics.average_precision import average_precision
-from siren_ros.evaluation.detection.metrics.devkit_score import DevkitScore
-from siren_ros.evaluation.detection.metrics.family_order import FAMILIES, FamilyOrder
-from siren_ros.evaluation.detection.metrics.matching import DISTANCES_M, Matches, match
-from siren_ros.evaluation.detection.metrics.named_classes import CLASS_NAMES, labels_named, names_kinds
-from siren_ros.evaluation.detection.metrics.subsets import SUBSETS, Subset, subsets_of_episodes
-from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes, TruthBoxes, attributes_of
-from siren_ros.evaluation.detection.protocol.frames import Frames, in_range
+from siren_ros.evaluation.detection.average_precision import DISTANCES_M, Matches, average_precision, match
+from siren_ros.evaluation.detection.boxes import (
+    CLASS_NAMES,
+    FoundBoxes,
+    TruthBoxes,
+    attributes_of,
+    labels_named,
+    names_kinds,
+)
+from siren_ros.evaluation.detection.devkit_score import DevkitScore
+from siren_ros.evaluation.detection.frames import Frames, in_range
+from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet
+from siren_ros.evaluation.detection.subsets import FAMILIES, SUBSETS, FamilyOrder, Subset, subsets_of_episodes
+from siren_ros.evaluation.statistics.block_means import Estimate, jackknife
 from siren_ros.evaluation.statistics.interval import NOTHING, Interval
-from siren_ros.evaluation.statistics.jackknife import Estimate, jackknife
 from siren_ros.numerics.arrays import Flags, Floats, Rows
 from siren_ros.world.actors import ActorClass
 

@@ -1,6 +1,6 @@
-"""What an episode is compared with others by: drawn parameters, the EMV's way, the order of what happened."""
+"""What an episode is compared with others by: drawn parameters, the EMV's way, the order of events; and distances."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
@@ -11,7 +11,7 @@ from siren_ros.errors import InputError
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.world.events import EventKind
+from siren_ros.world.traffic_state import EventKind
 
 POINT_STEPS: Final = round(1.0 / STEP_S)
 """Steps between two points of a way: one second."""
@@ -112,3 +112,42 @@ def _happenings(record: EpisodeRecord) -> Iterator[str]:
         if name != before:
             yield name
             before = name
+
+
+def way_distance_m(one: InteractionProfile, other: InteractionProfile) -> float:
+    """Mean distance between the places of both EMVs at the same times, as far as both were recorded.
+
+    The mean over pairs is the average self distance of Y. Yuan and K. Kitani (DLow, ECCV 2020), of whole episodes.
+    """
+    points = min(len(one.way_m), len(other.way_m))
+    return float(np.hypot(*(one.way_m[:points] - other.way_m[:points]).T).mean())
+
+
+def event_distance(one: InteractionProfile, other: InteractionProfile) -> float:
+    """Edits that turn one order of events into the other, as a share of the longer one (Levenshtein); 0 to 1."""
+    first, second = one.happenings, other.happenings
+    if not first and not second:
+        return 0.0
+    return _edits(first, second) / max(len(first), len(second))
+
+
+def _edits(first: Sequence[str], second: Sequence[str]) -> int:
+    row = list(range(len(second) + 1))
+    for count, left in enumerate(first, start=1):
+        before, row[0] = row[0], count
+        for place, right in enumerate(second, start=1):
+            kept = before + (left != right)
+            before = row[place]
+            row[place] = min(kept, before + 1, row[place - 1] + 1)
+    return row[-1]
+
+
+def distance_matrix(
+    profiles: Sequence[InteractionProfile], distance: Callable[[InteractionProfile, InteractionProfile], float]
+) -> Floats:
+    """Distances between all pairs, shape ``(N, N)``, zero on the diagonal."""
+    matrix = np.zeros((len(profiles), len(profiles)))
+    for row, one in enumerate(profiles):
+        for column in range(row):
+            matrix[row, column] = matrix[column, row] = distance(one, profiles[column])
+    return matrix

@@ -1,14 +1,20 @@
-"""Diversity of the episodes of each template, level and map."""
+"""Diversity of the episodes of each template, level and map, also as JSON."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from siren_ros.evaluation.diversity.curves import KindCoverage, expected_nearest, kind_coverage
-from siren_ros.evaluation.diversity.distances import distance_matrix, event_distance, way_distance_m
-from siren_ros.evaluation.diversity.parameter_coverage import DrawnRange, ParameterCoverage, parameter_coverage
-from siren_ros.evaluation.diversity.profile import InteractionProfile
+from siren_ros.evaluation.diversity.coverage import (
+    DrawnRange,
+    KindCoverage,
+    ParameterCoverage,
+    expected_nearest,
+    kind_coverage,
+    parameter_coverage,
+)
+from siren_ros.evaluation.diversity.profile import InteractionProfile, distance_matrix, event_distance, way_distance_m
 from siren_ros.numerics.arrays import Floats
 
 
@@ -79,3 +85,46 @@ def _distances(matrix: Floats) -> Distances:
         return Distances(0.0, np.full(count, np.nan), np.zeros(0))
     others = matrix + np.diag(np.full(count, np.inf))
     return Distances(float(matrix.sum() / (count * (count - 1))), others.min(axis=1), expected_nearest(matrix))
+
+
+def diversity_as_json(found: GroupDiversity) -> dict[str, Any]:
+    """One group, with the novelty of each of its episodes."""
+    template, level, map_name = found.group
+    return {
+        "template": template,
+        "level": level,
+        "map": map_name,
+        "episodes": len(found.profiles),
+        "parameters": {
+            one.path: {"share": one.share, "episodes_by_part": list(one.counts), "share_by_episodes": _list(one.curve)}
+            for one in found.parameters
+        },
+        "ways_m": _distances_as_json(found.ways),
+        "events": _distances_as_json(found.events),
+        "transitions": {
+            "seen": found.transitions.seen,
+            "in_one_episode": found.transitions.once,
+            "next_episode_adds": found.transitions.next_adds,
+            "coverage": found.transitions.coverage,
+            "seen_by_episodes": _list(found.transitions.curve),
+        },
+        "novelty": [
+            {"bag": profile.bag, "seed": profile.seed, "draw": profile.draw, "way_m": _one(way), "events": _one(event)}
+            for profile, way, event in zip(found.profiles, found.ways.nearest, found.events.nearest, strict=True)
+        ],
+    }
+
+
+def _distances_as_json(found: Distances) -> dict[str, Any]:
+    return {
+        "mean": found.mean if len(found.curve) else None,
+        "nearest_by_episodes": _list(found.curve),
+    }
+
+
+def _list(values: Floats) -> list[float]:
+    return [float(value) for value in values]
+
+
+def _one(value: np.float64) -> float | None:
+    return None if np.isnan(value) else float(value)

@@ -1,12 +1,17 @@
-"""Answers of a model to a set of videos, as a file that any program can write."""
+"""Answers to a set of videos: of a file that any program can write, and of references that need no language model."""
 
 import csv
 import json
-from collections.abc import Collection, Mapping
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.risk.risk_class import RiskClass, risk_class
+from siren_ros.evaluation.risk.labels import RiskClass, label_of, risk_class
+from siren_ros.evaluation.risk.sequence_model import load_sequence_model
+from siren_ros.evaluation.risk.video_set import VideoSet, missing_files
 
 Answers = Mapping[str, RiskClass | None]
 """Final answer by video; None where the model answered and nothing could be read from it."""
@@ -67,3 +72,30 @@ def _csv_pairs(text: str) -> list[tuple[str, str]]:
     if not {"video", "class"} <= set(rows.fieldnames or ()):
         raise ValueError("no columns video and class")
     return [(row["video"], row["class"] or "") for row in rows]
+
+
+def majority(videos: VideoSet) -> Answers:
+    """The most frequent class of the set for every video; of equally frequent ones the least severe."""
+    counts = Counter(video.label.risk for video in videos.videos.values())
+    answer = min(counts, key=lambda risk: (-counts[risk], risk), default=RiskClass.NORMAL)
+    return dict.fromkeys(videos.videos, answer)
+
+
+def oracle(videos: VideoSet) -> Answers:
+    """The class that the recorded measures give: the upper bound, which sees the simulator's state."""
+    return {key: label_of(video.evidence, videos.thresholds).risk for key, video in videos.videos.items()}
+
+
+def sequence(videos: VideoSet) -> Answers:
+    """What the shipped network sees in the pictures; videos whose file is missing have no answer."""
+    lost = set(missing_files(videos))
+    there = {key: video for key, video in videos.videos.items() if key not in lost}
+    return load_sequence_model().answers(replace(videos, videos=there))
+
+
+REFERENCES: Final[Mapping[str, Callable[[VideoSet], Answers]]] = {
+    "majority": majority,
+    "sequence": sequence,
+    "oracle": oracle,
+}
+"""Rows of every table, by name."""

@@ -13,8 +13,7 @@ import pyarrow.parquet as pq
 
 from siren_ros.errors import InputError, whole_file
 from siren_ros.evaluation.risk.evidence import Evidence, Moments, SeenContact, SeenEncroachment
-from siren_ros.evaluation.risk.labels import Reason, RiskLabel, RiskThresholds, label_of
-from siren_ros.evaluation.risk.risk_class import risk_class
+from siren_ros.evaluation.risk.labels import Reason, RiskLabel, RiskThresholds, label_of, risk_class
 
 VIDEO_FRAMES: Final = 190
 """Of each video, at 10 Hz (paper, "Risk understanding")."""

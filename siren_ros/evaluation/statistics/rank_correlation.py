@@ -10,8 +10,8 @@ from scipy.stats import rankdata
 from scipy.stats import t as student
 
 from siren_ros.errors import InputError
+from siren_ros.evaluation.statistics.block_means import Estimate
 from siren_ros.evaluation.statistics.interval import CONFIDENCE, Interval
-from siren_ros.evaluation.statistics.jackknife import Estimate
 from siren_ros.numerics.arrays import Floats
 
 RANKED_MIN: Final = 3

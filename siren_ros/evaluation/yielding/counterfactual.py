@@ -7,11 +7,9 @@ from typing import Final
 import numpy as np
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.statistics.block_sums import BlockSums, block_sums
-from siren_ros.evaluation.statistics.holm import holm
-from siren_ros.evaluation.statistics.paired_difference import PairedDifference, paired_difference
-from siren_ros.evaluation.yielding.summary import ScoredEpisode
-from siren_ros.numerics.random_streams import random_stream
+from siren_ros.evaluation.statistics.block_means import BlockSums, PairedDifference, block_sums, holm, paired_difference
+from siren_ros.evaluation.yielding.scoring import ScoredEpisode
+from siren_ros.numerics.arrays import random_stream
 
 OUTCOMES: Final = ("site_time_s", "emv_delay_s", "emv_stops", "civilian_delay_s", "min_ttc_s", "collisions")
 """What the level has an effect on."""

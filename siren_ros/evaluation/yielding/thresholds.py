@@ -1,8 +1,9 @@
-"""Thresholds of the yield metrics, each with its reason."""
+"""Thresholds of the yield metrics, each with its reason, and the type of a measured value, which may be missing."""
 
 from dataclasses import dataclass
+from typing import Self
 
-from siren_ros.scenario.paper_constants import PAPER_CONSTANTS
+from siren_ros.scenario.paper import PAPER_CONSTANTS
 
 
 @dataclass(frozen=True)
@@ -36,3 +37,23 @@ class YieldThresholds:
     """Length of the corridor that is measured: the way of 2 s at 50 km/h."""
     corridor_margin_m: float = 0.2
     """Free space that the EMV needs on each side: the least margin of its own gap search."""
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A number of an episode. Where nothing could be measured ``value`` is 0, means nothing, and ``lack`` says why."""
+
+    value: float
+    lack: str = ""
+    at_least: bool = False
+    """Whether the episode ended before the value was complete: it is a lower bound."""
+
+    @property
+    def valid(self) -> bool:
+        """Whether there is a value."""
+        return not self.lack
+
+    @classmethod
+    def lacking(cls, reason: str) -> Self:
+        """No value."""
+        return cls(0.0, reason)

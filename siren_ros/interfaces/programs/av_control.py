@@ -5,10 +5,10 @@ from typing import Any
 from siren_ros.interfaces.message_content import checks_content
 from siren_ros.interfaces.messages import check_stamp, header, make_message, stamp
 from siren_ros.interfaces.transforms import quaternion_of_yaw, to_pose
-from siren_ros.numerics.polyline import Polyline
+from siren_ros.numerics.geometry import Polyline
 from siren_ros.numerics.units import time_ns_of_step
+from siren_ros.world.carrier import MAP_FRAME
 from siren_ros.world.commands import AvControl
-from siren_ros.world.frames import MAP_FRAME
 
 
 def to_av_control(control: AvControl) -> Any:

@@ -8,7 +8,7 @@ from siren_ros.errors import EpisodeError
 from siren_ros.interfaces.message_content import checks_content
 from siren_ros.interfaces.messages import as_arrays, check_stamp, make_message, sequence, stamp
 from siren_ros.numerics.units import time_ns_of_step
-from siren_ros.world.predicted_paths import PredictedPaths
+from siren_ros.world.carrier import PredictedPaths
 
 
 def to_predicted_paths(paths: PredictedPaths) -> Any:

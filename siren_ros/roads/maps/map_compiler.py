@@ -1,26 +1,38 @@
-"""Compiles a map of any supported kind into a SUMO net. The result is cached by the map's content."""
+"""Compiles a map of any supported kind into a SUMO net. The result is cached by the map's content.
+
+The speed limits of a compiled map can be lowered, so that a scenario has the same traffic on every map.
+"""
 
 import hashlib
 import os
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
-from xml.etree.ElementTree import Element
+from xml.etree.ElementTree import Element, tostring
 
 from defusedxml.ElementTree import fromstring
 
 from siren_ros.errors import InputError, MapError
 from siren_ros.params.resources import params_dir
-from siren_ros.roads.maps.junction_control import control_patches, document
-from siren_ros.roads.maps.lane_shapes import mended_lanes
-from siren_ros.roads.maps.lane_tapers import taper_patches
-from siren_ros.roads.maps.map_limits import refuse_costly_counts
-from siren_ros.roads.maps.map_source import MapSource, SourceKind, map_stem, read_map_source, shown_words
-from siren_ros.roads.maps.netconvert import netconvert_version, run_netconvert, without_header
-from siren_ros.roads.maps.opendrive_limits import with_stated_limits
-from siren_ros.roads.maps.opendrive_patches import opendrive_patches
-from siren_ros.roads.maps.openstreetmap_signs import drives_on, signed_edges
+from siren_ros.roads.maps.lane_shapes import mended_lanes, taper_patches
+from siren_ros.roads.maps.map_source import (
+    MapSource,
+    SourceKind,
+    map_stem,
+    read_map_source,
+    refuse_costly_counts,
+    shown_words,
+)
+from siren_ros.roads.maps.netconvert import (
+    control_patches,
+    document,
+    netconvert_version,
+    run_netconvert,
+    without_header,
+)
+from siren_ros.roads.maps.opendrive import opendrive_patches, with_stated_limits
+from siren_ros.roads.maps.openstreetmap import drives_on, signed_edges
 from siren_ros.roads.maps.traffic_side import refuse_left_hand_traffic
 from siren_ros.roads.net_parser import ALLOWED as NET_ALLOWED
 from siren_ros.roads.net_parser import parse_road_network
@@ -249,3 +261,42 @@ def store_net(net_path: Path, net: bytes) -> None:
         Path(partial.name).replace(net_path)
     except OSError as error:
         raise InputError("SIREN_CACHE_DIR", str(net_path.parent), f"a folder that can be written ({error})") from error
+
+
+_SLOWER_RECIPE: Final = "1"
+"""Part of the cache key: raised whenever the way in which limits are lowered changes."""
+
+
+def with_speed_limit(compiled: CompiledMap, limit_mps: float) -> CompiledMap:
+    """The map with no lane's speed limit above a limit; the map itself where none is.
+
+    The paper's traffic drives at the limit that CARLA gives to roads without a sign, 30 km/h. Higher limits of a map
+    would leave nothing for an EMV at 50 km/h to pass. The lowered net is kept in the cache of compiled maps.
+
+    Args:
+        compiled: A compiled map.
+        limit_mps: The highest limit that remains.
+
+    Raises:
+        InputError: The cache folder cannot be written.
+    """
+    key = hashlib.sha256(f"{_SLOWER_RECIPE} {limit_mps:.2f} {compiled.sha256}".encode()).hexdigest()
+    path = compiled.net_path.with_name(f"{compiled.name}-{key[:20]}.net.xml")
+    try:
+        net = path.read_bytes()
+    except OSError:
+        net = lowered_limits(compiled.read_bytes(), limit_mps)
+        store_net(path, net)
+    digest = hashlib.sha256(net).hexdigest()
+    return compiled if digest == compiled.sha256 else replace(compiled, net_path=path, sha256=digest)
+
+
+def lowered_limits(net: bytes, limit_mps: float) -> bytes:
+    """A SUMO net with no lane's limit above ``limit_mps``; the same bytes where none was above."""
+    root = fromstring(net)
+    fast = [lane for lane in root.iter("lane") if float(lane.get("speed", "0")) > limit_mps]
+    if not fast:
+        return net
+    for lane in fast:
+        lane.set("speed", f"{limit_mps:.2f}")
+    return bytes(tostring(root, encoding="utf-8", xml_declaration=True))

@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 from typing import Final
 
-from siren_ros.datasets.kitti.layout import Layout
-from siren_ros.evaluation.detection.pillars.grid import SHIPPED_DETECTOR
+from siren_ros.datasets.kitti.live_export import Layout
+from siren_ros.evaluation.detection.detectors.pillars import SHIPPED_DETECTOR
 from siren_ros.lockstep.lockstep import START_TIMEOUT_S, STEP_TIMEOUT_S
 from siren_ros.params.parameter_field import parameter
-from siren_ros.scenario.request import EpisodeRequest
-from siren_ros.traffic.observation.checks import RESIDUAL_LIMIT_M
+from siren_ros.scenario.episode import EpisodeRequest
+from siren_ros.traffic.observation import RESIDUAL_LIMIT_M
 
 KITTI_LAYOUTS: Final = tuple(layout.value for layout in Layout)
 

@@ -10,8 +10,7 @@ from rclpy.node import Node
 
 from siren_ros.errors import BagError, InputError
 from siren_ros.interfaces.topics import CLOCK, EVERY_STEP, ONCE, Topic
-from siren_ros.recording.bag_reader import BagMessage, open_bag
-from siren_ros.recording.playback import NS_PER_S, Playhead, messages_from
+from siren_ros.recording.bag_reader import NS_PER_S, BagMessage, Playhead, messages_from, open_bag
 from siren_ros.ros.parameters.node_configs import PlayerConfig
 from siren_ros.ros.parameters.parameters import declare_config
 from siren_ros.ros.programs.player_services import offer_services

@@ -6,16 +6,15 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from siren_ros.datasets.kitti.layout import Layout
-from siren_ros.datasets.kitti.live_export import LiveExport
+from siren_ros.datasets.kitti.live_export import Layout, LiveExport
 from siren_ros.errors import InputError
 from siren_ros.generation.episode_setup import default_bag_path, default_kitti_path, plan_length
 from siren_ros.lockstep.lockstep import LockstepConfig
 from siren_ros.params.parameter_field import Value
-from siren_ros.recording.working_folder import check_new_bag
+from siren_ros.recording.bag_folder import check_new_bag
 from siren_ros.ros.parameters.node_configs import DEFAULT_PARTICIPANTS, OPTIONAL_PARTICIPANTS, CosimConfig
 from siren_ros.ros.programs.composition import Overrides
-from siren_ros.scenario.request import EpisodeRequest
+from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.sensors.suite.suite import EXPORTED_CAMERA, load_suite
 from siren_ros.world.commands import AV_SOURCE
 

@@ -5,8 +5,7 @@ from pathlib import Path
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
 from siren_ros.lockstep.lockstep import LockstepState
 from siren_ros.numerics.units import STEP_S
-from siren_ros.recording.bag_metadata import read_message_counts
-from siren_ros.recording.working_folder import working_path
+from siren_ros.recording.bag_folder import read_message_counts, working_path
 from siren_ros.ros.programs.episode_plan import EpisodePlan
 from siren_ros.ros.programs.progress import time_table
 from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome

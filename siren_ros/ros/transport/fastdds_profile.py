@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from siren_ros.params.params_files import params_dir
+from siren_ros.params.resources import params_dir
 
 PROFILE_VARIABLES: Final = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 """Environment variables that name Fast DDS's profile: of the release in Jazzy, and of later ones."""

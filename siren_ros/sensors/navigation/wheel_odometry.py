@@ -8,7 +8,7 @@ from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.units import STEP_S
 from siren_ros.sensors.suite.noise import sensor_generator
-from siren_ros.world.odometry import Odometry
+from siren_ros.world.carrier import Odometry
 
 
 @dataclass(frozen=True)

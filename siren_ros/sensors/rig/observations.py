@@ -8,8 +8,7 @@ from siren_ros.sensors.hearing.microphone import AudioChunk
 from siren_ros.sensors.lidar.lidar import LidarSweep
 from siren_ros.sensors.navigation.gnss import GnssFix
 from siren_ros.sensors.navigation.imu import ImuSample
-from siren_ros.world.camera_truth import CameraTruth
-from siren_ros.world.ground_truth import GroundTruth
+from siren_ros.world.carrier import CameraTruth, GroundTruth
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,9 +35,7 @@ from siren_ros.sensors.truth.box_labels import label_boxes
 from siren_ros.sensors.truth.image_labels import ImageLabeller
 from siren_ros.sensors.vehicles.vehicle_shapes import vehicle_shape
 from siren_ros.world.actors import NO_ACTOR, ActorClass, ActorDescription, ActorStates, rows_of_ids
-from siren_ros.world.camera_truth import CameraTruth
-from siren_ros.world.frames import BASE_FRAME, STATION_FRAME
-from siren_ros.world.ground_truth import LABEL_PERIOD_STEPS, GroundTruth
+from siren_ros.world.carrier import BASE_FRAME, LABEL_PERIOD_STEPS, STATION_FRAME, CameraTruth, GroundTruth
 from siren_ros.world.traffic_state import SignalState
 
 

@@ -9,7 +9,7 @@ import shapely
 
 from siren_ros.errors import InputError
 from siren_ros.roads.road_network import LaneKind, RoadNetwork
-from siren_ros.roads.sites.site_middle import middle_of_site
+from siren_ros.roads.sites import middle_of_site
 from siren_ros.sensors.meshes.material import Material
 from siren_ros.sensors.meshes.mesh import StaticScene
 from siren_ros.sensors.suite.mount import Mount

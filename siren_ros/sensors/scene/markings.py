@@ -16,7 +16,7 @@ from shapely.affinity import scale
 from shapely.geometry import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from siren_ros.numerics.polyline import Polyline
+from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.road_network import Edge, Junction, JunctionKind, Lane, LaneKind, RoadNetwork
 from siren_ros.sensors.scene.config import SceneConfig
 from siren_ros.sensors.scene.surfaces import Surfaces, difference, intersection, union

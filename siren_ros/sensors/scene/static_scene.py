@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from siren_ros.numerics.random_streams import random_stream
+from siren_ros.numerics.arrays import random_stream
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.sensors.meshes.mesh import Mesh, StaticScene
 from siren_ros.sensors.scene.config import SceneConfig

@@ -5,10 +5,9 @@ from typing import Any, Final
 import numpy as np
 
 from siren_ros.params.input_files import FILES_ON_DISK, InputFiles
-from siren_ros.params.params_files import names_in_params
+from siren_ros.params.resources import names_in_params
 from siren_ros.params.strict_yaml import StrictMapping
-from siren_ros.scenario.episode import EpisodeDescription
-from siren_ros.scenario.request import DEFAULT_LOOK
+from siren_ros.scenario.episode import DEFAULT_LOOK, EpisodeDescription
 from siren_ros.sensors.suite.look import LOWEST_SUN_RAD, Look
 
 _COLOURS: Final = ("sun_colour", "zenith_colour", "horizon_colour")

@@ -12,7 +12,7 @@ import numpy as np
 from siren_ros.errors import InputError
 from siren_ros.numerics.units import STEPS_PER_S
 from siren_ros.params.input_files import FILES_ON_DISK, InputFiles
-from siren_ros.params.params_files import names_in_params
+from siren_ros.params.resources import names_in_params
 from siren_ros.params.strict_yaml import StrictMapping
 from siren_ros.sensors.suite.mount import Mount
 

@@ -10,7 +10,7 @@ from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.sensors.lidar.lidar import LidarSweep
 from siren_ros.sensors.suite.mount import inverse
 from siren_ros.world.actors import ActorDescription, ActorStates, rows_of_ids
-from siren_ros.world.ground_truth import GroundTruth
+from siren_ros.world.carrier import GroundTruth
 
 LABEL_RANGE_M: Final = 120.0
 """Actors whose centre is further away than the paper's LiDAR reaches are not labelled."""

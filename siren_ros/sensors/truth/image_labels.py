@@ -16,7 +16,7 @@ from siren_ros.sensors.meshes.mesh import VehicleShape
 from siren_ros.sensors.meshes.placement import Placement
 from siren_ros.sensors.truth.box_labels import LABEL_RANGE_M
 from siren_ros.world.actors import ActorClass
-from siren_ros.world.camera_truth import CameraTruth
+from siren_ros.world.carrier import CameraTruth
 
 _NEAR_M: Final = 0.1
 _SMALLEST_PX: Final = 4.0

@@ -1,23 +1,27 @@
-"""Plans the traffic of an episode from a template and a site. The seed alone decides who drives where."""
+"""Plans the traffic of an episode from a template and a site. The seed alone decides who drives where.
+
+One civilian becomes the AV under test where an episode has one.
+"""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import takewhile
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 from shapely import LineString, Point
 
-from siren_ros.errors import MapError
-from siren_ros.numerics.random_streams import random_stream
+from siren_ros.errors import InputError, MapError
+from siren_ros.numerics.arrays import random_stream
+from siren_ros.numerics.geometry import Polyline
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import Lane, RoadNetwork
-from siren_ros.roads.routing import driving_lanes
-from siren_ros.roads.sites.site_finder import Site
+from siren_ros.roads.routing import driving_lanes, path_centre, route_path
+from siren_ros.roads.site_finder import Site
 from siren_ros.scenario.scenario import GroupAnchor, Placement, Template
-from siren_ros.traffic.demand.demand_config import DemandConfig
-from siren_ros.traffic.demand.driver_models import DriverPopulation
+from siren_ros.traffic.config import DemandConfig
 from siren_ros.traffic.demand.emv_start import (
     EmvStart,
     behind_queue_mps,
@@ -28,8 +32,15 @@ from siren_ros.traffic.demand.emv_start import (
     unhindered_arrival_s,
 )
 from siren_ros.traffic.demand.group_demand import GroupPlan, plan_groups
-from siren_ros.traffic.demand.lane_chains import chain_along
-from siren_ros.traffic.demand.plan import LaneInterval, PlannedVehicle, SignalTiming, Spot, TrafficPlan
+from siren_ros.traffic.demand.plan import (
+    DriverPopulation,
+    LaneInterval,
+    PlannedVehicle,
+    SignalTiming,
+    Spot,
+    TrafficPlan,
+    chain_along,
+)
 from siren_ros.traffic.demand.vehicle_factory import Dimensions, VehicleFactory
 from siren_ros.world.actors import ActorClass
 
@@ -256,3 +267,71 @@ class _Planner:
                 return lane, front
         value = f"{self._template.demand.background_vehicles} civilians"
         raise MapError(value, f"a map with room for them at gaps of {gap:g} m, or a smaller volume")
+
+
+_SPACING_M: Final = 1.0
+
+
+@dataclass(frozen=True, order=True)
+class _Nearness:
+    """Sorts vehicles: in the EMV's lane first, then on its route, then elsewhere; the nearest first in each."""
+
+    rank: int
+    distance_m: float
+    name: str
+
+
+def choose_av(network: RoadNetwork, plan: TrafficPlan) -> str:
+    """The civilian that the EMV has to pass: the first one ahead in its lane.
+
+    Where a template puts nobody into the EMV's lane it is the nearest vehicle ahead on the EMV's route, and where
+    nobody is there either (cross traffic) the group vehicle nearest to the EMV. Background vehicles have moved
+    on by the time that the EMV starts, and are not taken.
+
+    Returns:
+        The vehicle's name.
+
+    Raises:
+        InputError: the template has no vehicles around its EMV.
+    """
+    if not plan.groups:
+        raise InputError("av", "civilian", "a template with civilians around its emergency vehicle")
+    return min(_nearness(network, plan.emvs[0], vehicle) for vehicle in plan.groups).name
+
+
+def _nearness(network: RoadNetwork, emv: PlannedVehicle, vehicle: PlannedVehicle) -> _Nearness:
+    route = [network.edge_by_id[edge].index for edge in emv.route]
+    chain = chain_along(network, network.lanes[emv.spot.lane], route)
+    start = dict(zip(chain.lanes, chain.start_m, strict=True))
+    edge_start: dict[int, float] = {}
+    for index, start_m in zip(chain.lanes, chain.start_m, strict=True):
+        edge_start.setdefault(network.lanes[index].edge, start_m)
+    lane = network.lanes[vehicle.spot.lane]
+    ahead_m = edge_start.get(lane.edge, -np.inf) + vehicle.spot.front_m - emv.spot.front_m
+    if ahead_m > 0.0:
+        return _Nearness(0 if lane.index in start else 1, float(ahead_m), vehicle.name)
+    points = [network.lanes[one.spot.lane].centre.at(one.spot.front_m) for one in (emv, vehicle)]
+    return _Nearness(2, float(np.linalg.norm(points[1] - points[0])), vehicle.name)
+
+
+def av_way(network: RoadNetwork, plan: TrafficPlan) -> Polyline:
+    """The way of a plan's AV along its route from its start: lane centres, and the lane changes that the route needs.
+
+    Raises:
+        InputError: the route cannot be driven from the lane that the AV starts in.
+    """
+    av = next(vehicle for vehicle in plan.groups if vehicle.name == plan.av)
+    lanes = route_path(network, [network.edge_by_id[edge].index for edge in av.route], av.spot.lane)
+    first_edge = network.lanes[lanes[0]].edge
+    own = [network.lanes[lane] for lane in takewhile(lambda lane: network.lanes[lane].edge == first_edge, lanes)]
+    begun = _to_lane(own[0], own[-1], max(av.spot.front_m - av.length_m, 0.0))
+    onward = lanes[len(own) :]
+    return Polyline.joined([begun, path_centre(network, onward)]) if onward else begun
+
+
+def _to_lane(origin: Lane, target: Lane, from_m: float) -> Polyline:
+    """The way from a place on a lane to the end of another lane of the edge, the change along a half cosine."""
+    rest = origin.centre.cut(from_m, origin.length_m).resampled(_SPACING_M)
+    share = 0.5 - 0.5 * np.cos(np.pi * rest.arc_m / rest.length_m)
+    along, _ = target.centre.project(rest.points)
+    return Polyline.through(rest.points + share[:, None] * (target.centre.at(along) - rest.points))

@@ -10,16 +10,15 @@ import numpy as np
 
 from siren_ros.errors import MapError
 from siren_ros.numerics.arrays import Floats
-from siren_ros.numerics.polyline import Polyline
-from siren_ros.roads.bend_speeds import SAMPLE_M, bend_speeds_mps, with_accelerating, with_braking
+from siren_ros.numerics.braking import SAMPLE_M, bend_speeds_mps, with_accelerating, with_braking
+from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.movements import quiet_reach_m
 from siren_ros.roads.road_network import Lane, LaneKind, RoadNetwork
 from siren_ros.roads.routing import driving_lanes
-from siren_ros.roads.sites.site_finder import Site, SiteKind
+from siren_ros.roads.site_finder import Site, SiteKind
 from siren_ros.scenario.scenario import EmvDemand, StartReference
-from siren_ros.traffic.demand.demand_config import DemandConfig
-from siren_ros.traffic.demand.lane_chains import chain_along
-from siren_ros.traffic.demand.plan import PlannedVehicle
+from siren_ros.traffic.config import DemandConfig
+from siren_ros.traffic.demand.plan import PlannedVehicle, chain_along
 from siren_ros.traffic.demand.vehicle_factory import VehicleFactory
 
 _ROUTE_TRIES: Final = 12

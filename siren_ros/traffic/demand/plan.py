@@ -1,9 +1,105 @@
-"""A traffic plan: every vehicle of an episode, decided before SUMO starts."""
+"""A traffic plan: every vehicle of an episode and its driver, decided before SUMO starts.
 
-from dataclasses import dataclass
+The lanes along a route are addressed by one distance.
+"""
 
-from siren_ros.traffic.demand.driver_models import DriverModel
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from siren_ros.numerics.arrays import random_stream
+from siren_ros.params.input_files import FILES_ON_DISK, InputFiles
+from siren_ros.params.strict_yaml import StrictMapping
+from siren_ros.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
+from siren_ros.scenario.presets import TruncatedNormal, read_distribution
 from siren_ros.world.actors import ActorClass
+
+CAR_FOLLOWING_MODELS: Final = ("IDM", "EIDM", "Krauss", "ACC")
+
+
+@dataclass(frozen=True)
+class ClassDriving:
+    """What a vehicle class can do and its drivers use in traffic."""
+
+    accel_mps2: float
+    decel_mps2: float
+    min_gap_m: float
+    max_speed_mps: float
+
+
+@dataclass(frozen=True)
+class DriverPopulation:
+    """Distributions and constants from which drivers are drawn."""
+
+    car_following: str
+    speed_factor: TruncatedNormal
+    tau_s: TruncatedNormal
+    max_lateral_speed_mps: float
+    speed_gain_eagerness: float
+    cooperation: float
+    classes: Mapping[ActorClass, ClassDriving]
+
+    def draw(self, actor_class: ActorClass, rng: np.random.Generator, speed_scale: float = 1.0) -> "DriverModel":
+        """One driver of a vehicle of the given class; ``speed_scale`` scales the wished speed."""
+        return DriverModel(
+            car_following=self.car_following,
+            speed_factor=self.speed_factor.draw(rng) * speed_scale,
+            tau_s=self.tau_s.draw(rng),
+            max_lateral_speed_mps=self.max_lateral_speed_mps,
+            speed_gain_eagerness=self.speed_gain_eagerness,
+            cooperation=self.cooperation,
+            driving=self.classes[actor_class],
+        )
+
+
+@dataclass(frozen=True)
+class DriverModel:
+    """SUMO's parameters of one driver."""
+
+    car_following: str
+    speed_factor: float
+    """Wished speed over the speed limit."""
+    tau_s: float
+    max_lateral_speed_mps: float
+    speed_gain_eagerness: float
+    cooperation: float
+    driving: ClassDriving
+
+
+def load_drivers(name_or_path: str = "urban", files: InputFiles = FILES_ON_DISK) -> DriverPopulation:
+    """A population of drivers by its name in ``params/drivers`` or from a YAML file.
+
+    Raises:
+        InputError: unknown name, or a mistake in the file (names file and line).
+    """
+    top = files.read("drivers", "drivers", name_or_path).mapping()
+    top.text("title")
+    classes = top.mapping("classes")
+    population = DriverPopulation(
+        car_following=top.text("car_following", CAR_FOLLOWING_MODELS),
+        speed_factor=read_distribution(top.mapping("speed_factor"), 0.1, 2.0),
+        tau_s=read_distribution(top.mapping("tau_s"), 0.3, 5.0),
+        max_lateral_speed_mps=top.number("max_lateral_speed_mps", 0.1, 3.0),
+        speed_gain_eagerness=top.number("speed_gain_eagerness", 0.0, 10.0),
+        cooperation=top.number("cooperation", 0.0, 1.0),
+        classes={member: _class_driving(classes.mapping(member.name.lower())) for member in ActorClass},
+    )
+    classes.finish()
+    top.finish()
+    return population
+
+
+def _class_driving(section: StrictMapping) -> ClassDriving:
+    driving = ClassDriving(
+        accel_mps2=section.number("accel_mps2", 0.2, 8.0),
+        decel_mps2=section.number("decel_mps2", 0.5, 9.0),
+        min_gap_m=section.number("min_gap_m", 0.5, 10.0),
+        max_speed_mps=section.number("max_speed_mps", 5.0, 100.0),
+    )
+    section.finish()
+    return driving
 
 
 @dataclass(frozen=True)
@@ -82,3 +178,90 @@ class TrafficPlan:
     """None where all signals run as the map says."""
     av: str = ""
     """Name of the civilian that an external controller drives; empty for none. It has the first id after the EMVs'."""
+
+
+def with_attention(plan: TrafficPlan, share: float, seed: int) -> TrafficPlan:
+    """The plan with a share of attentive drivers; each driver has a draw of its own, whatever else is drawn."""
+    if share >= 1.0:
+        return plan
+
+    def drawn(vehicles: tuple[PlannedVehicle, ...], purpose: str) -> tuple[PlannedVehicle, ...]:
+        return tuple(
+            replace(vehicle, attentive=bool(random_stream(seed, f"attention/{purpose}", index).random() < share))
+            for index, vehicle in enumerate(vehicles)
+        )
+
+    return replace(
+        plan,
+        groups=drawn(plan.groups, "groups"),
+        background=drawn(plan.background, "background"),
+        reserve=drawn(plan.reserve, "reserve"),
+    )
+
+
+@dataclass(frozen=True)
+class LaneChain:
+    """Lanes that follow each other, junction paths included; distances count from the first lane's start."""
+
+    lanes: tuple[int, ...]
+    start_m: tuple[float, ...]
+    """Distance at which each lane starts."""
+    end_m: float
+
+    def place(self, network: RoadNetwork, distance_m: float) -> tuple[int, float] | None:
+        """Lane and position at a distance; None beyond the ends and inside junctions."""
+        if not 0.0 <= distance_m < self.end_m:
+            return None
+        last = max(i for i, start in enumerate(self.start_m) if start <= distance_m)
+        lane = network.lanes[self.lanes[last]]
+        if lane.kind is LaneKind.INTERNAL:
+            return None
+        return lane.index, distance_m - self.start_m[last]
+
+    def intervals(self, network: RoadNetwork, from_m: float, to_m: float) -> tuple[LaneInterval, ...]:
+        """The stretches of lanes between two distances."""
+        found = []
+        for lane, start in zip(self.lanes, self.start_m, strict=True):
+            low, high = max(from_m - start, 0.0), min(to_m - start, network.lanes[lane].length_m)
+            if low < high:
+                found.append(LaneInterval(lane, low, high))
+        return tuple(found)
+
+
+def chain_along(network: RoadNetwork, lane: Lane, edges: Sequence[int]) -> LaneChain:
+    """The chain from a lane along a route's edges; ``edges[0]`` is the lane's own edge.
+
+    Where a lane does not lead to the next edge, the chain goes on from the nearest lane of the edge that does.
+    """
+    lanes: list[int] = []
+    starts: list[float] = []
+    end = 0.0
+    current = lane
+    for following in [*edges[1:], None]:
+        lanes.append(current.index)
+        starts.append(end)
+        end += current.length_m
+        if following is None:
+            break
+        step = connection_onward(network, current, following)
+        if step is None:
+            break
+        for via in step.via:
+            lanes.append(via)
+            starts.append(end)
+            end += network.lanes[via].length_m
+        current = network.lanes[step.to_lane]
+    return LaneChain(tuple(lanes), tuple(starts), end)
+
+
+def connection_onward(network: RoadNetwork, lane: Lane, following: int) -> Connection | None:
+    """The movement from a lane to an edge; where there is none, from the nearest driving lane of the same edge."""
+    siblings = [network.lanes[index] for index in network.edges[lane.edge].lanes]
+    for source in sorted(siblings, key=lambda other: (abs(other.position - lane.position), other.position)):
+        if source.kind is not LaneKind.DRIVING:
+            continue
+        for connection in network.connections_from.get(source.index, ()):
+            target = network.lanes[connection.to_lane]
+            if target.edge == following and target.kind is LaneKind.DRIVING:
+                return connection
+    return None

@@ -1,19 +1,180 @@
-"""Makes planned vehicles: body, paint, driver and route drawn from a generator."""
+"""Makes planned vehicles: body, paint, driver and route drawn from a generator.
+
+At junctions civilians go mostly straight on, from their own lane, on bends that the vehicle can take.
+"""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
 from siren_ros.errors import InputError
-from siren_ros.roads.road_network import RoadNetwork
-from siren_ros.roads.routing import EdgeGraph
-from siren_ros.traffic.demand.demand_config import DemandConfig
-from siren_ros.traffic.demand.driver_models import DriverModel, DriverPopulation
-from siren_ros.traffic.demand.plan import PlannedVehicle, Spot
-from siren_ros.traffic.demand.route_choice import RouteChooser
+from siren_ros.numerics.geometry import Polyline, wrap_angle
+from siren_ros.roads.road_network import Connection, RoadNetwork
+from siren_ros.roads.routing import EdgeGraph, connections_between
+from siren_ros.traffic.config import DemandConfig
+from siren_ros.traffic.demand.plan import DriverModel, DriverPopulation, PlannedVehicle, Spot
 from siren_ros.world.actors import ActorClass
+
+_BEND_M: Final = 6.0
+"""Length over which the bend of a lane is measured: a wheelbase of the longest vehicles."""
+_TURNS: Final = frozenset({"l", "r", "t"})
+"""SUMO's letters of left turns, right turns and turnarounds; partial turns follow the road."""
+
+
+@dataclass(frozen=True)
+class _Way:
+    """The way from an edge to a following one."""
+
+    edge: int
+    lanes: tuple[int, ...]
+    """Driving lanes that lead there."""
+    turns: bool
+    """Whether it is a turn, not the way straight on."""
+    radius_m: float
+    """Radius of the tightest bend, on the widest of the paths."""
+
+
+class RouteChooser:
+    """Draws routes; the ways from each edge are looked up once."""
+
+    def __init__(self, network: RoadNetwork, graph: EdgeGraph, config: DemandConfig) -> None:
+        self._network = network
+        self._graph = graph
+        self._config = config
+        self._ways: dict[int, tuple[_Way, ...]] = {}
+        self._lasting: dict[float, frozenset[int]] = {}
+
+    def leads_on(self, lane: int, vehicle_m: float) -> bool:
+        """Whether a long vehicle that begins in a driving lane never comes to where all ways on are too tight for it.
+
+        Other vehicles lead on from everywhere: what is too tight for them, they drive slowly.
+        """
+        edge = self._network.lanes[lane].edge
+        if vehicle_m <= self._config.long_vehicle_m or not self._ways_from(edge):
+            return True
+        return any(lane in way.lanes for way in self._wide_ways(edge, vehicle_m))
+
+    def fits(self, edge: int, following: int, lane: int | None, vehicle_m: float) -> bool:
+        """Whether a lane (None: any) leads from an edge to another one, without a bend too tight for a vehicle."""
+        least_m = self._least_radius_m(vehicle_m)
+        return any(
+            way.edge == following and (lane is None or lane in way.lanes) and way.radius_m >= least_m
+            for way in self._ways_from(edge)
+        )
+
+    def draw(
+        self,
+        start: Sequence[int],
+        length_m: float,
+        rng: np.random.Generator,
+        vehicle_m: float,
+        lane: int | None = None,
+        *,
+        turn_weight: float | None = None,
+    ) -> tuple[int, ...]:
+        """A random route of at least ``length_m``, or to where the map ends.
+
+        At each junction a way is as likely as it has lanes, and turns less likely than straight on by
+        the weight of a turn. Long vehicles keep off tight bends, and off roads that lead to nothing else, as
+        bus lines and lorry routes do, wherever there is another way.
+
+        Args:
+            start: Edges that the route begins with.
+            length_m: Length wanted, the given edges included.
+            rng: Generator.
+            vehicle_m: Length of the vehicle.
+            lane: Lane of the last given edge on which the vehicle stands; the way on begins in this lane, unless all
+                its ways are too tight for the vehicle.
+            turn_weight: Of a turn; civilians' where it is not given.
+        """
+        route = list(start)
+        driven_m = self._graph.route_length_m(start)
+        turn_weight = self._config.turn_weight if turn_weight is None else turn_weight
+        while driven_m < length_m:
+            ways = self._open_ways(route[-1], vehicle_m, lane)
+            if not ways:
+                break
+            weights = np.array([len(way.lanes) * (turn_weight if way.turns else 1.0) for way in ways])
+            route.append(ways[int(rng.choice(len(ways), p=weights / weights.sum()))].edge)
+            driven_m += self._graph.length_m[route[-1]]
+            lane = None
+        return tuple(route)
+
+    def _open_ways(self, edge: int, vehicle_m: float, lane: int | None) -> tuple[_Way, ...]:
+        """The ways to choose from: wide enough and from the lane; where there is none, wide enough or from the lane."""
+        ways, least_m = self._ways_from(edge), self._least_radius_m(vehicle_m)
+        mine = tuple(way for way in ways if lane is None or lane in way.lanes)
+        for wide in (self._wide_ways(edge, vehicle_m), tuple(way for way in ways if way.radius_m >= least_m)):
+            both = tuple(way for way in wide if way in mine)
+            if both or wide:
+                return both or wide
+        return mine or ways
+
+    def _wide_ways(self, edge: int, vehicle_m: float) -> tuple[_Way, ...]:
+        """The ways that are wide enough, and lead to others that are."""
+        least_m = self._least_radius_m(vehicle_m)
+        wide = tuple(way for way in self._ways_from(edge) if way.radius_m >= least_m)
+        if vehicle_m <= self._config.long_vehicle_m:
+            return wide
+        return tuple(way for way in wide if way.edge in self._lasting_edges(least_m))
+
+    def _lasting_edges(self, least_m: float) -> frozenset[int]:
+        """Edges from which one can drive on for ever, or off the map, without a bend tighter than that."""
+        if least_m not in self._lasting:
+            kept = set(range(len(self._graph.successors)))
+            gone = {-1}
+            while gone:
+                gone = {
+                    edge
+                    for edge in kept
+                    if self._ways_from(edge)
+                    and not any(way.radius_m >= least_m and way.edge in kept for way in self._ways_from(edge))
+                }
+                kept -= gone
+            self._lasting[least_m] = frozenset(kept)
+        return self._lasting[least_m]
+
+    def _least_radius_m(self, vehicle_m: float) -> float:
+        config = self._config
+        return config.long_vehicle_radius_m if vehicle_m > config.long_vehicle_m else config.car_radius_m
+
+    def _ways_from(self, edge: int) -> tuple[_Way, ...]:
+        found = self._ways.get(edge)
+        if found is None:
+            found = tuple(self._way(edge, following) for following in self._graph.successors[edge])
+            self._ways[edge] = found
+        return found
+
+    def _way(self, edge: int, following: int) -> _Way:
+        movements = [
+            movement
+            for movement in connections_between(self._network, edge, following)
+            if self._network.lanes[movement.from_lane].civilian_allowed
+            and self._network.lanes[movement.to_lane].civilian_allowed
+        ]
+        lanes = tuple(dict.fromkeys(movement.from_lane for movement in movements))
+        radius_m = max(self._radius_m(movement) for movement in movements)
+        return _Way(following, lanes, movements[0].direction in _TURNS, radius_m)
+
+    def _radius_m(self, movement: Connection) -> float:
+        before, after = (self._network.lanes[lane].centre for lane in (movement.from_lane, movement.to_lane))
+        across = [self._network.lanes[lane].centre for lane in movement.via]
+        parts = [before.cut(max(before.length_m - _BEND_M, 0.0), before.length_m), *across]
+        return tightest_radius_m(Polyline.joined([*parts, after.cut(0.0, min(_BEND_M, after.length_m))]))
+
+
+def tightest_radius_m(path: Polyline) -> float:
+    """Radius of a path's tightest bend, measured over the length of a wheelbase; infinite where it is straight."""
+    end_m = path.length_m
+    from_m = np.arange(0.0, max(end_m - _BEND_M, 0.0) + 1.0)
+    to_m = np.minimum(from_m + _BEND_M, end_m)
+    turned = np.abs(wrap_angle(path.heading_rad(to_m) - path.heading_rad(from_m)))
+    bend_1pm = np.max(turned / np.maximum(to_m - from_m, 1e-6))
+    return float(1.0 / bend_1pm) if bend_1pm > 0.0 else np.inf
+
 
 Dimensions = tuple[float, float, float]
 """Length, width and height in metres."""

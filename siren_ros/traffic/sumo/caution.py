@@ -12,8 +12,7 @@ from typing import Final
 import libsumo
 import numpy as np
 
-from siren_ros.conflicts.course import CourseBook
-from siren_ros.conflicts.outlook import Outlook
+from siren_ros.conflicts.course import CourseBook, Outlook
 from siren_ros.conflicts.yielding import Approach, Wait, YieldingConfig, stop_brake_mps2, wait_for
 from siren_ros.conflicts.zones import SAME_DIRECTION, Way, Zone, meeting_zones
 from siren_ros.numerics.arrays import Flags, Floats

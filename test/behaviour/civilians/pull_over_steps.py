@@ -2,8 +2,7 @@
 
 from dataclasses import replace
 
-from siren_ros.behaviour.civilians.drivers import Compliance, Driver
-from siren_ros.behaviour.civilians.unit import EmvView, YieldUnit
+from siren_ros.behaviour.civilians.unit import Compliance, Driver, EmvView, YieldUnit
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
 from siren_ros.world.actors import ActorClass, Mode
 

@@ -8,7 +8,7 @@ from behaviour.civilians.pull_over_steps import NEAR, UNIT, emv_at
 
 from siren_ros.behaviour.civilians.pull_over import edge_offset_m, pull_over, pull_over_path
 from siren_ros.behaviour.driving.navigator import NavigatorState
-from siren_ros.behaviour.paths.path_blend import PEAK_CURVATURE
+from siren_ros.behaviour.paths.tracked_path import PEAK_CURVATURE
 from siren_ros.world.actors import ActorClass, Mode
 
 AMBULANCE = ActorClass.AMBULANCE

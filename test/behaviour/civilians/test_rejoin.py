@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from siren_ros.behaviour.civilians.drivers import Compliance, Driver
 from siren_ros.behaviour.civilians.rejoin import rejoin, stands_over_red_line, start_rejoin
-from siren_ros.behaviour.civilians.unit import YieldUnit
+from siren_ros.behaviour.civilians.unit import Compliance, Driver, YieldUnit
 from siren_ros.behaviour.driving.navigator import FULL_BRAKE, NavigatorState
-from siren_ros.behaviour.paths.path_blend import blend_length_m
+from siren_ros.behaviour.paths.tracked_path import blend_length_m
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.world.actors import ActorClass, Mode
 from siren_ros.world.traffic_state import SignalState

@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from siren_ros.behaviour.civilians.drivers import Compliance, Driver
-from siren_ros.behaviour.civilians.gap_seeking import Seek, seek_gap
-from siren_ros.behaviour.civilians.unit import YieldUnit
+from siren_ros.behaviour.civilians.unit import Compliance, Driver, YieldUnit
+from siren_ros.behaviour.civilians.yield_lane_change import Seek, seek_gap
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
 from siren_ros.behaviour.driving.lane_change import LaneChangeQuery, Refusal, assess, change_length_m
 from siren_ros.behaviour.paths.lane_path import LanePath

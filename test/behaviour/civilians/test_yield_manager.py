@@ -7,7 +7,7 @@ import pytest
 
 from siren_ros.behaviour.civilians.yield_lane_change import yield_speed_mps
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
-from siren_ros.behaviour.driving.surroundings import ActorTable
+from siren_ros.behaviour.driving.step_view import ActorTable
 from siren_ros.scenario.presets import ComplianceShares, TruncatedNormal, load_preset
 from siren_ros.world.actors import ActorClass, Mode, Owner
 from siren_ros.world.traffic_state import TrafficFlags

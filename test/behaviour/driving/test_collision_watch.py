@@ -12,11 +12,11 @@ from siren_ros.behaviour.driving.collision_watch import (
     CollisionSnapshot,
     Threat,
     stricter,
+    watch_conflicts,
     watch_path,
     watch_reach_m,
 )
-from siren_ros.behaviour.driving.conflict_watch import watch_conflicts
-from siren_ros.behaviour.driving.surroundings import Surroundings
+from siren_ros.behaviour.driving.step_view import Surroundings
 from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
 

@@ -17,7 +17,7 @@ from siren_ros.behaviour.driving.lane_change import (
     refusal_of_gaps,
 )
 from siren_ros.behaviour.paths.lane_path import LanePath
-from siren_ros.behaviour.paths.path_blend import PEAK_CURVATURE, blend_length_m
+from siren_ros.behaviour.paths.tracked_path import PEAK_CURVATURE, blend_length_m
 from siren_ros.roads.road_network import LaneKind
 from siren_ros.world.actors import ActorClass
 

@@ -1,14 +1,22 @@
-"""Closed loops of the navigator with the vehicle model."""
+"""The wheel angle: closed form on lines and circles that point anywhere."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from siren_ros.behaviour.config import NavigatorConfig
+from siren_ros.behaviour.config import ManoeuvringConfig, NavigatorConfig
 from siren_ros.behaviour.driving.free_space import SpeedLimit
-from siren_ros.behaviour.driving.navigator import NavigatorState, Situation, navigate
-from siren_ros.behaviour.driving.surroundings import Surroundings
+from siren_ros.behaviour.driving.navigator import (
+    DriveInputs,
+    NavigatorState,
+    manoeuvring_limit,
+    navigate,
+    press_pedals,
+    steer_along,
+)
+from siren_ros.behaviour.driving.step_view import Surroundings
 from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
 from siren_ros.dynamics.parameters import ParameterTable
@@ -16,6 +24,154 @@ from siren_ros.dynamics.vehicle_model import BodyState, Controls, step_bodies
 from siren_ros.world.actors import ActorClass
 
 CONFIG = NavigatorConfig()
+TURNS = np.radians([0.0, 50.0, 175.0, -120.0])
+
+
+@pytest.fixture
+def vehicle(lab):
+    return lab.vehicles[ActorClass.AMBULANCE]
+
+
+def line(turn):
+    return TrackedPath.of(Curve.through(np.array([[0.0, 0.0], [100.0 * np.cos(turn), 100.0 * np.sin(turn)]])), CONFIG)
+
+
+def expected(vehicle, left, turned, speed):
+    length = max(CONFIG.preview_min_m, CONFIG.preview_time_s * speed)
+    wanted = -max(-1.0, min(1.0, left)) / length**2 - 2.0 * CONFIG.damping * math.sin(turned) / length
+    return math.atan(vehicle.wheelbase_m * wanted) + vehicle.understeer_gradient_s2pm * wanted * speed**2
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize(
+    ("left", "turned", "speed"),
+    [(0.5, 0.0, 10.0), (-0.5, 0.0, 10.0), (0.0, 0.1, 3.0), (0.0, -0.1, 12.0), (0.8, 0.2, 8.0)],
+)
+def test_on_a_line_offset_and_heading_are_steered_back(vehicle, turn, left, turned, speed):
+    steer = steer_along(line(turn), 40.0, left, turn + turned, speed, vehicle, CONFIG)
+    assert steer == pytest.approx(expected(vehicle, left, turned, speed), abs=1e-9)
+    if left * turned >= 0.0:
+        assert np.sign(steer) == -np.sign(left + turned)
+
+
+@pytest.mark.parametrize("speed", [3.0, 9.0])
+def test_large_offsets_are_corrected_no_more_steeply_than_one_metre(vehicle, speed):
+    for left in (4.0, -4.0):
+        one = steer_along(line(0.3), 40.0, math.copysign(1.0, left), 0.3, speed, vehicle, CONFIG)
+        assert steer_along(line(0.3), 40.0, left, 0.3, speed, vehicle, CONFIG) == one
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_wheels_turn_no_farther_than_they_can(vehicle, side):
+    steer = steer_along(line(0.0), 40.0, 0.0, -side * 1.4, 0.5, vehicle, CONFIG)
+    assert steer == side * vehicle.max_steer_rad
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("speed", [4.0, 9.0])
+def test_on_a_circle_the_steady_cornering_angle_and_sideslip(vehicle, side, speed):
+    """The footprint's centre runs on the circle; its heading differs from the path's by the sideslip."""
+    radius = 40.0
+    a = np.linspace(0.0, 2.0, 800)
+    circle = np.stack((radius * np.sin(a), side * radius * (1.0 - np.cos(a))), axis=-1)
+    path = TrackedPath.of(Curve.through(circle), CONFIG)
+    bend = side / radius
+    slip = vehicle.mass_kg * vehicle.cg_to_front_axle_m / (vehicle.wheelbase_m * vehicle.cornering_stiffness_rear_npr)
+    sideslip = math.atan(vehicle.centre_ahead_of_rear_axle_m * bend) - slip * bend * speed**2
+    yaw = side * 40.0 / radius - sideslip
+    steer = steer_along(path, 40.0, 0.0, yaw, speed, vehicle, CONFIG)
+    steady = math.atan(vehicle.wheelbase_m * bend) + vehicle.understeer_gradient_s2pm * bend * speed**2
+    assert steer == pytest.approx(steady, abs=2e-3)
+
+
+CONFIG_SPEED_CONTROL = NavigatorConfig()
+
+
+def test_never_both_pedals(vehicle):
+    for speed in (0.0, 3.0, 14.0):
+        for wanted in (0.0, 2.0, 14.0, 20.0):
+            pedals = press_pedals(speed, wanted, 0.0, 0.0, vehicle, CONFIG_SPEED_CONTROL)
+            assert pedals.throttle == 0.0 or pedals.brake == 0.0
+            assert 0.0 <= pedals.throttle <= 1.0
+            assert 0.0 <= pedals.brake <= 1.0
+
+
+def test_holds_still_with_brake_and_without_integral(vehicle):
+    pedals = press_pedals(0.05, 0.0, 0.0, 0.5, vehicle, CONFIG_SPEED_CONTROL)
+    assert (pedals.throttle, pedals.integral_mps2) == (0.0, 0.0)
+    assert pedals.brake > 0.4
+
+
+def test_integral_does_not_wind_up(vehicle):
+    integral = 0.0
+    for _ in range(400):
+        integral = press_pedals(0.0, 14.0, 0.0, integral, vehicle, CONFIG_SPEED_CONTROL).integral_mps2
+    assert integral == 0.0
+    for _ in range(4000):
+        integral = press_pedals(13.5, 14.0, 0.0, integral, vehicle, CONFIG_SPEED_CONTROL).integral_mps2
+    assert integral <= 0.8
+
+
+def test_necessary_braking_wins(vehicle):
+    soft = press_pedals(10.0, 9.5, 0.0, 0.0, vehicle, CONFIG_SPEED_CONTROL)
+    hard = press_pedals(10.0, 9.5, 6.0, 0.0, vehicle, CONFIG_SPEED_CONTROL)
+    assert hard.brake > soft.brake + 0.4
+    assert press_pedals(10.0, 0.0, 50.0, 0.0, vehicle, CONFIG_SPEED_CONTROL).brake == 1.0
+
+
+@pytest.mark.parametrize(("speed", "wanted", "holds"), [(0.3, 0.0, True), (0.31, 0.0, False), (0.1, 0.06, False)])
+def test_the_brake_holds_only_at_a_standstill_that_is_wanted(vehicle, speed, wanted, holds):
+    assert (press_pedals(speed, wanted, 0.0, 0.0, vehicle, CONFIG_SPEED_CONTROL).brake == 0.6) is holds
+
+
+def accel_of(pedals, speed, vehicle):
+    """What the pedals do to the speed: drive and brakes against drag and rolling resistance."""
+    most = min(vehicle.max_drive_accel_mps2, vehicle.drive_power_w / (vehicle.mass_kg * max(speed, 1.0)))
+    drag = 0.5 * 1.225 * vehicle.drag_area_m2 * speed**2 / vehicle.mass_kg
+    resistance = drag + vehicle.rolling_resistance * 9.80665
+    return pedals.throttle * most - pedals.brake * vehicle.max_brake_decel_mps2 - resistance
+
+
+@pytest.mark.parametrize(
+    ("wanted", "must", "accel"),
+    [
+        (6.3, 0.0, 0.6 + 0.1),
+        (5.4, 0.0, -1.2 + 0.1),
+        (9.0, 0.0, 2.5),
+        (0.0, 0.0, -1.3 * 3.0),
+        (6.3, 2.0, -2.0),
+        (0.0, 2.0, -1.3 * 3.0),
+    ],
+)
+def test_pedals_give_the_acceleration_that_is_asked_for_within_comfort(vehicle, wanted, must, accel):
+    pedals = press_pedals(6.0, wanted, must, 0.1, vehicle, CONFIG_SPEED_CONTROL)
+    assert accel_of(pedals, 6.0, vehicle) == pytest.approx(accel, abs=1e-9)
+
+
+@pytest.mark.parametrize(("wanted", "grows"), [(6.5, 0.3 * 0.5 * 0.05), (5.5, -0.3 * 0.5 * 0.05)])
+def test_the_integral_grows_with_the_error(vehicle, wanted, grows):
+    assert press_pedals(6.0, wanted, 0.0, 0.2, vehicle, CONFIG_SPEED_CONTROL).integral_mps2 == pytest.approx(
+        0.2 + grows
+    )
+    assert press_pedals(6.0, wanted, 1.0, 0.2, vehicle, CONFIG_SPEED_CONTROL).integral_mps2 == 0.2
+    assert press_pedals(6.0, wanted + np.sign(grows), 0.0, 0.2, vehicle, CONFIG_SPEED_CONTROL).integral_mps2 == 0.0
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_integral_is_bounded_on_both_sides(vehicle, side):
+    assert (
+        press_pedals(6.0, 6.0 + 0.5 * side, 0.0, 0.8 * side, vehicle, CONFIG_SPEED_CONTROL).integral_mps2 == 0.8 * side
+    )
+
+
+def test_feed_forward_covers_the_resistances_at_steady_speed(vehicle):
+    pedals = press_pedals(13.89, 13.89, 0.0, 0.0, vehicle, CONFIG_SPEED_CONTROL)
+    drive = pedals.throttle * min(vehicle.max_drive_accel_mps2, vehicle.drive_power_w / vehicle.mass_kg / 13.89)
+    resistance = 0.5 * 1.225 * vehicle.drag_area_m2 * 13.89**2 / vehicle.mass_kg + vehicle.rolling_resistance * 9.80665
+    assert drive == pytest.approx(resistance, rel=1e-6)
+
+
+CONFIG_NAVIGATOR = NavigatorConfig()
 CLASSES = [ActorClass.AMBULANCE, ActorClass.SEDAN, ActorClass.FIRE_TRUCK, ActorClass.POLICE]
 
 
@@ -41,11 +197,11 @@ def drive(lab, kind, points, speed, target, seconds, start=(0.0, 0.0, 0.0), othe
     table = ParameterTable.of([kind, *[ActorClass.SEDAN] * len(others)], lab.vehicles)
     first = np.array([(*start, speed), *others], dtype=float)
     body = BodyState.moving(*(first[:, i].copy() for i in range(4)))
-    state = NavigatorState().following(TrackedPath.of(curve, CONFIG, stop_at_end=stop), *start[:2])
+    state = NavigatorState().following(TrackedPath.of(curve, CONFIG_NAVIGATOR, stop_at_end=stop), *start[:2])
     rows, snapshots = [], []
     for _ in range(round(seconds / 0.05)):
         state, command, snapshot = navigate(
-            state, Situation(seen_of(body, table), 0, lab.vehicles[kind], target), CONFIG
+            state, DriveInputs(seen_of(body, table), 0, lab.vehicles[kind], target), CONFIG_NAVIGATOR
         )
         n = len(body)
         own = np.arange(n) == 0
@@ -108,7 +264,7 @@ def test_stops_behind_a_standing_vehicle_and_reports_it(lab):
     )
     gap = 100.0 - 4.75 / 2.0 - (rows[-1, 0] + 6.5 / 2.0)
     assert rows[-1, 3] < 0.05
-    assert CONFIG.standstill_gap_m - 0.6 < gap < CONFIG.standstill_gap_m + 1.5
+    assert CONFIG_NAVIGATOR.standstill_gap_m - 0.6 < gap < CONFIG_NAVIGATOR.standstill_gap_m + 1.5
     assert snapshots[-1] is not None
     assert snapshots[-1].actor_id == 2
     decel = -np.diff(rows[:, 3]) / 0.05
@@ -149,14 +305,14 @@ def test_a_crossing_vehicle_that_has_passed_is_no_reason_to_brake(lab):
 def test_without_watch_nobody_is_seen(lab):
     table = ParameterTable.of([ActorClass.AMBULANCE, ActorClass.SEDAN], lab.vehicles)
     body = BodyState.moving(np.array([0.0, 10.0]), np.zeros(2), np.zeros(2), np.array([5.0, 0.0]))
-    path = TrackedPath.of(Curve.through(np.array([[0.0, 0.0], [100.0, 0.0]])), CONFIG)
+    path = TrackedPath.of(Curve.through(np.array([[0.0, 0.0], [100.0, 0.0]])), CONFIG_NAVIGATOR)
     state = NavigatorState().following(path, 0.0, 0.0)
     vehicle = lab.vehicles[ActorClass.AMBULANCE]
-    situation = Situation(seen_of(body, table), 0, vehicle, 5.0, watch=False)
-    _, command, snapshot = navigate(state, situation, CONFIG)
+    situation = DriveInputs(seen_of(body, table), 0, vehicle, 5.0, watch=False)
+    _, command, snapshot = navigate(state, situation, CONFIG_NAVIGATOR)
     assert snapshot is None
     assert command.brake == 0.0
-    _, command, snapshot = navigate(state, Situation(seen_of(body, table), 0, vehicle, 5.0), CONFIG)
+    _, command, snapshot = navigate(state, DriveInputs(seen_of(body, table), 0, vehicle, 5.0), CONFIG_NAVIGATOR)
     assert snapshot is not None
     assert command.brake > 0.1
 
@@ -164,8 +320,8 @@ def test_without_watch_nobody_is_seen(lab):
 def test_without_a_path_it_brakes_to_a_stop(lab):
     table = ParameterTable.of([ActorClass.SEDAN], lab.vehicles)
     body = BodyState.moving(np.zeros(1), np.zeros(1), np.zeros(1), np.array([5.0]))
-    situation = Situation(seen_of(body, table), 0, lab.vehicles[ActorClass.SEDAN], 10.0)
-    state, command, threat = navigate(NavigatorState(integral_mps2=2.0), situation, CONFIG)
+    situation = DriveInputs(seen_of(body, table), 0, lab.vehicles[ActorClass.SEDAN], 10.0)
+    state, command, threat = navigate(NavigatorState(integral_mps2=2.0), situation, CONFIG_NAVIGATOR)
     assert (command.throttle, command.steer_rad, command.hand_brake) == (0.0, 0.0, False)
     assert command.brake > 0.35
     assert threat is None
@@ -177,11 +333,11 @@ def test_a_limit_counts_besides_target_and_path(lab):
     vehicle = lab.vehicles[ActorClass.SEDAN]
     table = ParameterTable.of([ActorClass.SEDAN], lab.vehicles)
     body = BodyState.moving(*(np.array([value]) for value in (0.0, 0.0, 0.0, 6.0)))
-    path = TrackedPath.of(Curve.through(np.array([[0.0, 0.0], [80.0, 0.0]])), CONFIG)
+    path = TrackedPath.of(Curve.through(np.array([[0.0, 0.0], [80.0, 0.0]])), CONFIG_NAVIGATOR)
     state = NavigatorState().following(path, 0.0, 0.0)
 
     def command(limit):
-        return navigate(state, Situation(seen_of(body, table), 0, vehicle, 10.0, limit=limit), CONFIG)[1]
+        return navigate(state, DriveInputs(seen_of(body, table), 0, vehicle, 10.0, limit=limit), CONFIG_NAVIGATOR)[1]
 
     assert command(SpeedLimit()).throttle > 0.0
     assert command(SpeedLimit(6.0)).throttle < command(SpeedLimit(8.0)).throttle
@@ -194,11 +350,11 @@ def test_leaders_can_be_left_to_the_limit(lab):
     table = ParameterTable.of([ActorClass.AMBULANCE, ActorClass.SEDAN], lab.vehicles)
     start = np.array([[0.0, 0.0, 0.0, 10.0], [15.0, 0.0, 0.0, 0.0]])
     body = BodyState.moving(*(start[:, i].copy() for i in range(4)))
-    path = TrackedPath.of(Curve.through(np.array([[0.0, 0.0], [200.0, 0.0]])), CONFIG)
+    path = TrackedPath.of(Curve.through(np.array([[0.0, 0.0], [200.0, 0.0]])), CONFIG_NAVIGATOR)
     state = NavigatorState().following(path, 0.0, 0.0)
-    situation = Situation(seen_of(body, table), 0, lab.vehicles[ActorClass.AMBULANCE], 10.0)
-    _, watching, snapshot = navigate(state, situation, CONFIG)
-    _, leaving, nobody = navigate(state, replace(situation, watch_leaders=False), CONFIG)
+    situation = DriveInputs(seen_of(body, table), 0, lab.vehicles[ActorClass.AMBULANCE], 10.0)
+    _, watching, snapshot = navigate(state, situation, CONFIG_NAVIGATOR)
+    _, leaving, nobody = navigate(state, replace(situation, watch_leaders=False), CONFIG_NAVIGATOR)
     assert snapshot.actor_id == 2
     assert watching.brake > 0.5
     assert nobody is None
@@ -208,3 +364,73 @@ def test_leaders_can_be_left_to_the_limit(lab):
 def test_without_a_path_nothing_is_left_of_it_and_it_is_done():
     assert NavigatorState().remaining_m == 0.0
     assert NavigatorState().done
+
+
+CONFIG_MANOEUVRING = ManoeuvringConfig()
+SEDAN, SUV = ActorClass.SEDAN, ActorClass.SUV
+
+
+def state_on(*points):
+    path = TrackedPath.of(Curve.through(np.array(points, dtype=float)), NavigatorConfig())
+    return NavigatorState(path, 0.0, 0.0)
+
+
+def limit(lab, state, *cars, kind=SEDAN, speed=1.5):
+    network = lab.straight_road()
+    own = lab.Car(2, 0, 80.0, speed, (0,), kind)
+    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, [own, *cars]))
+    return manoeuvring_limit(state, view, 0)
+
+
+def sideways(slope):
+    return state_on(*((80.0 + s, slope * s) for s in np.arange(0.0, 20.0, 0.5)))
+
+
+def test_nobody_near_or_no_path_leaves_the_speed_free(lab):
+    assert math.isinf(limit(lab, sideways(0.0)).speed_mps)
+    assert math.isinf(limit(lab, NavigatorState(), lab.Car(3, 1, 81.0, 0.0, (0,))).speed_mps)
+
+
+def test_a_vehicle_alongside_is_not_driven_into_sideways(lab):
+    """The strip ahead is free, and the vehicle alongside is behind the own front bumper."""
+    width = 0.5 * (lab.vehicles[SEDAN].width_m + lab.vehicles[SUV].width_m)
+    beside = lab.Car(3, 1, 82.0, 0.0, (0,), SUV, left=width + 0.6 - 3.3)
+    found = limit(lab, sideways(0.2), beside)
+    assert found.blocker_id == 3
+    assert 0.0 < found.free_m < (0.6 - 0.1) / 0.2 + 0.3
+    assert found.speed_mps == pytest.approx(
+        math.sqrt(2.0 * CONFIG_MANOEUVRING.brake_mps2 * (found.free_m - CONFIG_MANOEUVRING.stop_short_m))
+    )
+    assert math.isinf(limit(lab, sideways(0.0), beside).speed_mps)
+
+
+def test_who_comes_on_at_the_side_counts_where_it_will_be_in_a_moment(lab):
+    """An EMV 12 m behind in the next lane at 10 m/s will be alongside in a second; a standing one stays behind."""
+    coming, standing = (lab.Car(3, 1, 68.0, speed, (0,), ActorClass.AMBULANCE, left=-1.0) for speed in (10.0, 0.0))
+    assert limit(lab, sideways(0.25), coming).blocker_id == 3
+    assert math.isinf(limit(lab, sideways(0.25), standing).free_m)
+
+
+def test_a_leader_that_drives_leaves_the_way_that_it_needs_to_stop(lab):
+    length = lab.vehicles[SEDAN].length_m
+    near = 80.0 + length + 3.0
+    standing, driving = (limit(lab, sideways(0.0), lab.Car(3, 0, near, speed, (0,))) for speed in (0.0, 4.0))
+    assert driving.free_m - standing.free_m == pytest.approx(
+        4.0**2 / (2.0 * CONFIG_MANOEUVRING.leader_brake_mps2), abs=1e-6
+    )
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_flank_of_a_leader_in_the_next_lane_counts_as_far_as_it_reaches(lab, side):
+    """Its rear is just ahead of the own front; the own path leads into its side, some metres farther on."""
+    width = 0.5 * (lab.vehicles[SEDAN].width_m + lab.vehicles[ActorClass.BUS].width_m)
+    length = 0.5 * (lab.vehicles[SEDAN].length_m + lab.vehicles[ActorClass.BUS].length_m)
+    state = sideways(side * 0.2)
+    standing, driving = (
+        limit(lab, state, lab.Car(3, 0, 80.0 + length + 0.2, speed, (0,), ActorClass.BUS, left=side * (width + 0.8)))
+        for speed in (0.0, 4.0)
+    )
+    assert standing.free_m < 8.0
+    assert driving.free_m - standing.free_m == pytest.approx(
+        4.0**2 / (2.0 * CONFIG_MANOEUVRING.leader_brake_mps2), abs=1e-6
+    )

@@ -9,8 +9,7 @@ from siren_ros.behaviour.driving.navigator import NavigatorState, navigate
 from siren_ros.behaviour.emv import controller
 from siren_ros.behaviour.emv.controller import EmvState, mode_of, step_emv, target_speed_mps
 from siren_ros.behaviour.emv.forced_lane_change import forced_lane_change
-from siren_ros.behaviour.emv.route import RoutePlan
-from siren_ros.behaviour.emv.unit import EmvUnit
+from siren_ros.behaviour.emv.unit import EmvUnit, RoutePlan
 from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.behaviour.paths.lane_path import LaneEnd
 from siren_ros.behaviour.paths.tracked_path import TrackedPath

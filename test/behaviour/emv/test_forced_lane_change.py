@@ -16,8 +16,7 @@ from siren_ros.behaviour.emv.forced_lane_change import (
     lateral_intent,
     shoulder_is_faster,
 )
-from siren_ros.behaviour.emv.route import RoutePlan
-from siren_ros.behaviour.emv.unit import EmvUnit, LateralRequest, advice_of
+from siren_ros.behaviour.emv.unit import EmvUnit, LateralRequest, RoutePlan, advice_of
 from siren_ros.behaviour.paths.lane_path import LaneEnd
 from siren_ros.world.actors import ActorClass
 

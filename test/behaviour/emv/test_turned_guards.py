@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from siren_ros.behaviour.civilians.interaction_region import EmvRoad, region_members, way_from_emv_m
-from siren_ros.behaviour.civilians.making_room import emv_waits_behind
-from siren_ros.behaviour.civilians.pull_over import edge_offset_m
-from siren_ros.behaviour.civilians.release import emv_fully_passed
+from siren_ros.behaviour.civilians.pull_over import edge_offset_m, emv_waits_behind
+from siren_ros.behaviour.civilians.unit import emv_fully_passed
 from siren_ros.behaviour.driving.lane_change import (
     LaneChangeQuery,
     assess,
@@ -16,12 +15,10 @@ from siren_ros.behaviour.driving.lane_change import (
     lane_change_path,
     offset_in_lane,
 )
-from siren_ros.behaviour.emv.anticipation import anticipated_limit
 from siren_ros.behaviour.emv.controller import follow_route
-from siren_ros.behaviour.emv.corridor import braking_ahead, corridor_offsets, corridor_path
-from siren_ros.behaviour.emv.escape_plan import reference_line, search_gap
-from siren_ros.behaviour.emv.gap_escape import blocker_of, in_the_way
-from siren_ros.behaviour.emv.passage import free_way, passage_limit
+from siren_ros.behaviour.emv.gap_escape import blocker_of, in_the_way, reference_line, search_gap
+from siren_ros.behaviour.emv.rescue_corridor import braking_ahead, corridor_offsets, corridor_path
+from siren_ros.behaviour.emv.speed_limits import anticipated_limit, free_way, passage_limit
 from siren_ros.behaviour.emv.unit import EmvUnit
 from siren_ros.behaviour.paths.lane_path import LaneEnd, path_on_lanes
 from siren_ros.world.actors import ActorClass, Owner

@@ -5,11 +5,15 @@ from siren_ros.behaviour.paths.lane_path import (
     LaneEnd,
     changes_needed,
     connection_of_internal,
+    lane_heading,
     lanes_along,
+    nearest_on_lane,
     neighbour_lane,
     path_on_lanes,
     road_limits,
+    shoulder_into_turn,
 )
+from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.road_network import NO_LANE
 
 
@@ -196,3 +200,74 @@ def test_the_opposite_road_is_as_wide_as_its_driving_lanes_and_the_nearest_of_th
     assert (far.opposite_m, far.opposite_road_m) == pytest.approx((3.3, 6.6))
     assert (far.right_m, far.driving_right_m, far.left_m) == pytest.approx((-2.0, 2.0, 10.0))
     assert road_limits(network, 5).opposite_m == 0.0
+
+
+@pytest.mark.parametrize(
+    "point",
+    [
+        (-5.0, 2.0),
+        (12.5, 25.0),
+        (6.0, -1.0),
+        (-9.0, -20.0),
+        (30.0, 15.1),
+        (4.0, 1.0),
+        (9.0, 0.5),
+        (11.0, 3.0),
+        (12.0, 20.0),
+    ],
+)
+def test_nearest_place_agrees_with_the_polyline(point):
+    line = Polyline.through(np.array([[0.0, 0.0], [10.0, 0.0], [12.0, 6.0], [12.0, 15.0]]))
+    s, left, heading = nearest_on_lane(line, *point)
+    expected_s, expected_left = line.project(point)
+    assert (s, left) == pytest.approx((float(expected_s), float(expected_left)))
+    if 0.1 < s < line.length_m - 0.1 and min(abs(s - line.arc_m)) > 0.01:
+        assert heading == pytest.approx(float(line.heading_rad(s)))
+    assert lane_heading(line, 11.0) == pytest.approx(float(line.heading_rad(11.0)))
+
+
+@pytest.mark.parametrize(("s", "heading"), [(-3.0, 0.0), (5.0, 0.0), (13.0, np.arctan2(6.0, 2.0)), (20.0, np.pi / 2.0)])
+def test_the_heading_at_an_arc_length_is_that_of_its_segment(s, heading):
+    line = Polyline.through(np.array([[0.0, 0.0], [10.0, 0.0], [12.0, 6.0], [12.0, 15.0]]))
+    assert lane_heading(line, s) == pytest.approx(heading)
+    assert lane_heading(line, 99.0) == pytest.approx(np.pi / 2.0)
+
+
+def test_the_last_segment_goes_straight_on():
+    line = Polyline.through(np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 5.0]]))
+    s, left, heading = nearest_on_lane(line, 7.0, 12.0)
+    assert (s, left, heading) == pytest.approx((22.0, 3.0, np.pi / 2.0))
+    s, left, heading = nearest_on_lane(line, -4.0, -2.0)
+    assert (s, left, heading) == pytest.approx((-4.0, -2.0, 0.0))
+
+
+def road_with_shoulder(lab):
+    """West (edge 0), a junction path (1), the edge before the turn (2) of 30 m, the road to the south (3)."""
+    road = lab.RoadBuilder()
+    road.edge([[0, 0], [100, 0]], 2, ("W", "I"), shoulder=True)
+    road.edge([[100, 0], [120, 0]], 2, ("I", "I"), internal=True)
+    road.edge([[120, 0], [150, 0]], 2, ("I", "J"), shoulder=True)
+    road.edge([[160, -10], [160, -200]], 1, ("J", "S"))
+    for lane in (0, 1):
+        road.connect(lane, 4 + lane, via=(2 + lane,))
+        road.connect(4 + lane, 6, direction="r")
+    return road.built()
+
+
+def route_of_shoulder_way(*edges):
+    return np.array(edges, dtype=np.int32)
+
+
+def test_the_way_is_the_shoulders_up_to_the_turn(lab):
+    network = road_with_shoulder(lab)
+    far = shoulder_into_turn(network, route_of_shoulder_way(0, 2, 3), 100.0)
+    assert (far.lane, far.onward.to_lane, far.edges) == (0, 4, (0, 2))
+    near = shoulder_into_turn(network, route_of_shoulder_way(2, 3), 0.0)
+    assert (near.lane, near.onward.to_lane, near.edges) == (4, 6, (2,))
+
+
+@pytest.mark.parametrize(
+    ("edges", "reach_m"), [((0, 2, 3), 49.0), ((0, 2), 100.0), ((3,), 100.0), ((2,), 100.0), ((0, 3), 100.0)]
+)
+def test_no_way_where_the_turn_is_far_or_not_on_the_route(lab, edges, reach_m):
+    assert shoulder_into_turn(road_with_shoulder(lab), route_of_shoulder_way(*edges), reach_m) is None

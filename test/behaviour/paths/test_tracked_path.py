@@ -1,9 +1,19 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from siren_ros.behaviour.config import NavigatorConfig
 from siren_ros.behaviour.paths.curve import Curve
-from siren_ros.behaviour.paths.tracked_path import TrackedPath
+from siren_ros.behaviour.paths.lane_path import LaneEnd, LanePath
+from siren_ros.behaviour.paths.tracked_path import (
+    PEAK_CURVATURE,
+    TrackedPath,
+    blend_length_m,
+    on_reference,
+    path_onto,
+    quintic_offsets,
+)
 from siren_ros.roads.road_network import NO_LANE
 
 CONFIG = NavigatorConfig(lateral_accel_mps2=3.0, path_brake_mps2=2.0)
@@ -93,3 +103,96 @@ def test_a_path_that_winds_faster_than_the_steering_follows_is_driven_slowly():
 
 def test_a_path_without_a_lateral_move_is_settled_from_its_beginning():
     assert TrackedPath.of(STRAIGHT, CONFIG).settled_m == 0.0
+
+
+REFERENCE = LanePath((3,), np.array([0.0]), Curve.through(np.array([[0.0, 0.0], [120.0, 0.0]])), LaneEnd.ROUTE)
+
+
+@given(start=st.floats(-5, 5), slope=st.floats(-5, 5), end=st.floats(-5, 5))
+def test_quintic_meets_its_boundary_conditions(start: float, slope: float, end: float):
+    h = 1e-4
+    u = np.array([0.0, h, 2 * h, 1.0 - 2 * h, 1.0 - h, 1.0, 1.7])
+    d = quintic_offsets(u, start, slope, end)
+    assert d[0] == pytest.approx(start)
+    assert d[5] == pytest.approx(end)
+    assert d[6] == pytest.approx(end)
+    assert (d[1] - d[0]) / h == pytest.approx(slope, abs=1e-2)
+    assert (d[5] - d[4]) / h == pytest.approx(0.0, abs=1e-2)
+    assert (d[2] - 2 * d[1] + d[0]) / h**2 == pytest.approx(0.0, abs=0.5)
+
+
+def test_peak_curvature_of_a_level_blend():
+    u = np.linspace(0.0, 1.0, 2001)
+    second = np.gradient(np.gradient(quintic_offsets(u, 0.0, 0.0, 1.0), u), u)
+    assert np.abs(second).max() == pytest.approx(PEAK_CURVATURE, rel=1e-3)
+
+
+def test_path_starts_at_the_pose_and_ends_on_the_offset_line():
+    path = path_onto(REFERENCE, (20.0, -3.3, 0.1), 25.0, NavigatorConfig(), offset_m=0.5)
+    np.testing.assert_allclose(path.curve.points[0], [20.0, -3.3], atol=1e-9)
+    assert path.curve.heading_rad[0] == pytest.approx(0.1, abs=0.03)
+    np.testing.assert_allclose(path.curve.points[-1], [120.0, 0.5], atol=1e-6)
+    assert path.lane_at(50.0) == 3
+    assert np.abs(path.curve.curvature_1pm).max() < 0.06
+
+
+def test_path_can_be_cut_short_at_its_end():
+    path = path_onto(REFERENCE, (20.0, 0.0, 0.0), 25.0, NavigatorConfig(), shorten_m=10.0)
+    assert path.curve.points[-1, 0] == pytest.approx(110.0)
+
+
+@pytest.mark.parametrize("left", [1.0, -1.0])
+def test_the_length_of_a_blend_follows_from_time_least_length_and_steering(left):
+    config = NavigatorConfig(curvature_rate_1pms=0.2)
+    assert blend_length_m(left * 3.5, 10.0, 4.0, 6.0, config) == pytest.approx(40.0)
+    assert blend_length_m(left * 0.875, 10.0, 4.0, 6.0, config) == pytest.approx(20.0)
+    assert blend_length_m(left * 3.5, 1.0, 1.0, 30.0, config) == pytest.approx(30.0)
+    assert blend_length_m(left * 7.0, 1.0, 20.0, 0.0, config) == pytest.approx(20.0)
+    assert blend_length_m(left * 2.0, 10.0, 0.0, 0.0, config) == pytest.approx((40.0 * 2.0 * 10.0 / 0.2) ** (1 / 3))
+    assert blend_length_m(0.0, 10.0, 4.0, 6.0, config) == 3.0
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.9, 3.0, -2.2])
+def test_a_blend_beside_a_line_that_points_elsewhere(turn):
+    along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+    curve = Curve.through(np.array([[0.0, 0.0], 120.0 * along]))
+    reference = LanePath((3,), np.array([0.0]), curve, LaneEnd.ROUTE)
+    start = 20.0 * along + 2.0 * across
+    path = path_onto(reference, (*start, turn - 0.2), 25.0, NavigatorConfig(), offset_m=-0.5)
+    np.testing.assert_allclose(path.curve.points[0], start, atol=1e-6)
+    np.testing.assert_allclose(path.curve.points[-1], 120.0 * along - 0.5 * across, atol=1e-6)
+    first = path.curve.points[1] - path.curve.points[0]
+    assert first @ across / (first @ along) == pytest.approx(np.tan(-0.2), abs=0.02)
+    assert path.settled_m == 25.0
+
+
+def test_near_the_end_of_the_line_the_path_still_has_two_metres():
+    path = path_onto(REFERENCE, (119.0, 0.0, 0.0), 25.0, NavigatorConfig(), shorten_m=10.0)
+    assert path.curve.points[-1, 0] == pytest.approx(121.0)
+
+
+@pytest.mark.parametrize(("stop", "slow"), [(True, True), (False, False)])
+def test_the_line_itself_as_a_path_ends_short_of_its_end_with_or_without_a_stop(stop, slow):
+    path = on_reference(REFERENCE, NavigatorConfig(), stop_at_end=stop, shorten_m=7.0)
+    assert path.length_m == pytest.approx(113.0)
+    assert (path.speed_cap_mps(113.0) < 0.1) is slow
+    assert on_reference(REFERENCE, NavigatorConfig(), stop_at_end=True, shorten_m=200.0).length_m == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("turned", [0.3, -0.3])
+@pytest.mark.parametrize("turn", [3.1, -3.1, 0.0])
+def test_the_angle_to_the_line_is_taken_across_half_a_turn(turn, turned):
+    """Headings of poses are within half a turn, those of lines go on."""
+    along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+    reference = LanePath((3,), np.array([0.0]), Curve.through(np.array([[0.0, 0.0], 120.0 * along])), LaneEnd.ROUTE)
+    yaw = np.arctan2(np.sin(turn + turned), np.cos(turn + turned))
+    path = path_onto(reference, (*(20.0 * along), yaw), 25.0, NavigatorConfig())
+    first = path.curve.points[1] - path.curve.points[0]
+    assert first @ across / (first @ along) == pytest.approx(np.tan(turned), abs=0.02)
+
+
+@pytest.mark.parametrize(("turned", "slope"), [(0.5, np.tan(0.5)), (0.8, 0.6), (1.4, 0.6), (-0.8, -0.6), (-1.4, -0.6)])
+def test_a_blend_begins_no_steeper_than_0_6(turned, slope):
+    path = path_onto(REFERENCE, (20.0, 0.0, turned), 60.0, NavigatorConfig())
+    first = path.curve.points[1] - path.curve.points[0]
+    assert first[1] / first[0] == pytest.approx(slope, abs=0.02)

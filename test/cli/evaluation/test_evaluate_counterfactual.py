@@ -6,10 +6,9 @@ import pytest
 
 from siren_ros.cli.evaluation import evaluate_counterfactual
 from siren_ros.cli.main import main
-from siren_ros.evaluation.yielding.measure import Measure
 from siren_ros.evaluation.yielding.metrics import EPISODE_METRICS
-from siren_ros.evaluation.yielding.scoring import YieldScores
-from siren_ros.evaluation.yielding.summary import ScoredEpisode
+from siren_ros.evaluation.yielding.scoring import ScoredEpisode, YieldScores
+from siren_ros.evaluation.yielding.thresholds import Measure
 
 
 def scored(level: str, seed: int) -> ScoredEpisode:

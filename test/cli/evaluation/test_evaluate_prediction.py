@@ -9,8 +9,7 @@ import pytest
 
 from siren_ros.cli.main import main
 from siren_ros.evaluation.prediction.predictors import PREDICTORS
-from siren_ros.evaluation.prediction.protocol.samples import Population, samples_of
-from siren_ros.evaluation.prediction.protocol.window import HistoryWindow
+from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, samples_of
 from siren_ros.recording.bag_reader import read_episode
 
 

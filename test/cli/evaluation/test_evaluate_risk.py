@@ -9,7 +9,7 @@ from evaluation.made_video_sets import small_video_set
 from evaluation.risk.vlm.chat_server import Behaviour, chat_server
 
 from siren_ros.cli.main import main
-from siren_ros.evaluation.risk.key_frames import key_frames
+from siren_ros.evaluation.risk.video_frames import key_frames
 from siren_ros.evaluation.risk.video_set import read_set, write_set
 from siren_ros.pictures.video import write_video
 

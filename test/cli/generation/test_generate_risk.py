@@ -8,15 +8,13 @@ from evaluation.made_video_sets import small_video_set
 
 from siren_ros.cli.generation.generate_risk import balance_of
 from siren_ros.cli.main import main, parser
-from siren_ros.evaluation.risk.labels import RiskThresholds
-from siren_ros.evaluation.risk.risk_class import RiskClass
+from siren_ros.evaluation.risk.labels import RiskClass, RiskThresholds
 from siren_ros.evaluation.risk.video_set import read_set, write_set
-from siren_ros.evaluation.risk.vlm.pictures import masks_of, video_frames
+from siren_ros.evaluation.risk.vlm.question import masks_of, video_frames
 from siren_ros.studies.risk_set import make_set
-from siren_ros.studies.risk_set.balance import Balance
 from siren_ros.studies.risk_set.candidate import Candidate
-from siren_ros.studies.risk_set.render import Rendered
-from siren_ros.studies.risk_set.video_file import VideoPlace, make_video
+from siren_ros.studies.risk_set.search import Balance
+from siren_ros.studies.risk_set.video_file import Rendered, VideoPlace, make_video
 
 
 def asked(*words: str) -> Balance:

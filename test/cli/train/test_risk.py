@@ -8,9 +8,9 @@ from siren_ros.cli.main import main
 from siren_ros.cli.train import risk
 from siren_ros.errors import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_OK
 from siren_ros.evaluation.network_file import NetworkFile
-from siren_ros.evaluation.risk.sequence.sequence_model import SequenceModel
-from siren_ros.training.risk.film_fit import FilmFitConfig
-from siren_ros.training.risk.films import MadeFilms
+from siren_ros.evaluation.risk.sequence_model import SequenceModel
+from siren_ros.training.risk.batches import FilmFitConfig
+from siren_ros.training.risk.samples import MadeFilms
 
 
 def test_without_torch_the_command_says_what_brings_it(

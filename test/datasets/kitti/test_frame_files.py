@@ -1,20 +1,36 @@
-"""KITTI files frame by frame: the standard layout and the paper's, on formulas."""
-
+import io
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import simplejpeg
+from PIL import Image
 from synthetic_episode import Scene, SyntheticEpisode
 
-from siren_ros.datasets.exporting.file_writer import FileWriter
-from siren_ros.datasets.kitti.calibration import KittiCamera, camera_from_lidar
-from siren_ros.datasets.kitti.frame_files import KittiFrame, KittiFrames, velodyne_bytes
-from siren_ros.datasets.kitti.layout import Layout
-from siren_ros.datasets.kitti.paper_labels import label_text
+from siren_ros.datasets.files import FileWriter
+from siren_ros.datasets.kitti.frame_files import KittiFrame, KittiFrames, png_bytes, png_of_jpeg, velodyne_bytes
+from siren_ros.datasets.kitti.labels import KittiCamera, camera_from_lidar, label_text
+from siren_ros.datasets.kitti.live_export import Layout
 from siren_ros.errors import InputError
 from siren_ros.interfaces.images import CameraIntrinsics
 from siren_ros.interfaces.transforms import Transform, quaternion_of_matrix
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 3), (5, 7, 3), (60, 80, 3)])
+def test_another_reader_sees_the_same_pixels(shape: tuple[int, int, int]) -> None:
+    rgb = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
+    with Image.open(io.BytesIO(png_bytes(rgb))) as picture:
+        picture.load()
+        assert np.array_equal(np.asarray(picture), rgb)
+
+
+def test_a_jpeg_is_decoded_once_and_kept() -> None:
+    rgb = np.full((16, 16, 3), (200, 30, 90), dtype=np.uint8)
+    jpeg = simplejpeg.encode_jpeg(rgb, quality=95)
+    with Image.open(io.BytesIO(png_of_jpeg(jpeg))) as picture:
+        assert np.array_equal(np.asarray(picture), simplejpeg.decode_jpeg(jpeg))
+
 
 CAMERA = CameraIntrinsics(800, 600, 335.64, 335.64, 400.0, 300.0)
 BASE_FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])

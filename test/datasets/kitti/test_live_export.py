@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from siren_ros.datasets.exporting.staging import Staging
+from siren_ros.datasets.files import Staging
 from siren_ros.datasets.kitti.live_export import LiveExport
 from siren_ros.errors import InputError
 

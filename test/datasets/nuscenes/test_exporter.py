@@ -1,32 +1,277 @@
-"""nuScenes as nuscenes-devkit reads it."""
+"""Bytes of nuScenes' sweeps, and how visible a box is."""
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from datasets.made_bag import (
+    BUS,
+    CAR,
+    FRONT,
+    FRONT_M,
+    LIDAR_M,
+    REAR,
+    REAR_M,
+    jpeg_of,
+    place_of,
+    sweep_of,
+    truth_of,
+    yaw_of,
+)
 from reader_environments import read_with
+from scipy.spatial.transform import Rotation
 
 from siren_ros.cli.main import main
-from siren_ros.datasets.nuscenes.rig import NUSCENES_FROM_LIDAR
-from siren_ros.datasets.nuscenes.taxonomy import CATEGORY_OF_CLASS, category_of, visibility_of
-from siren_ros.datasets.sources.episode_source import open_source
-from siren_ros.datasets.sources.lidar_frames import lidar_frames
+from siren_ros.datasets.nuscenes.episode_tables import (
+    CATEGORY_OF_CLASS,
+    NUSCENES_FROM_LIDAR,
+    category_of,
+    token,
+    visibility_of,
+)
+from siren_ros.datasets.nuscenes.exporter import sweep_bytes, visible_fractions
+from siren_ros.record.episode_source import lidar_frames, open_source
 from siren_ros.world.actors import ActorClass
+
+POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("ring", "<u2"), ("instance", "<u2")])
+
+
+def test_points_have_x_to_the_right_and_y_ahead() -> None:
+    points = np.array([(5.0, 2.0, -1.0, 0.2, 7, 0), (-3.0, -4.0, 0.5, 1.0, 31, 9)], dtype=POINT)
+    read = np.frombuffer(sweep_bytes(points), dtype="<f4").reshape(-1, 5)
+    assert read == pytest.approx(np.array([(-2.0, 5.0, -1.0, 51.0, 7.0), (4.0, -3.0, 0.5, 255.0, 31.0)]))
+
+
+def labels(**shares: tuple[float, float]) -> Any:
+    """A camera's labels by actor: visible share of what is in the picture, and how much is cut off."""
+    return SimpleNamespace(
+        actor_id=np.array([int(name[1:]) for name in shares]),
+        visible_fraction=np.array([share for share, _ in shares.values()]),
+        truncation=np.array([cut for _, cut in shares.values()]),
+    )
+
+
+class Truth(SimpleNamespace):
+    def __len__(self) -> int:
+        return len(self.actor_id)
+
+
+def test_of_several_cameras_the_one_that_sees_most_counts() -> None:
+    frame: Any = SimpleNamespace(
+        truth=Truth(actor_id=np.array([3, 5, 8])),
+        points=np.zeros(0, dtype=POINT),
+        image_truths={"front": labels(a3=(0.9, 0.5), a5=(0.2, 0.0)), "rear": labels(a5=(0.8, 0.25), a3=(0.4, 0.0))},
+    )
+    assert visible_fractions(frame) == pytest.approx([0.45, 0.6, 0.0])
+
+
+def test_nothing_is_visible_without_a_sweep() -> None:
+    frame: Any = SimpleNamespace(truth=Truth(actor_id=np.array([3])), points=None, image_truths={})
+    assert len(visible_fractions(frame)) == 0
+
+
+ID = "S2_L2_seed0_straight"
+ORIGIN_M = np.array([-60.0, -66.0])
+"""60 m beyond the outermost centre lines, which begin at x = 0 and lie at y = −5.25, in whole metres."""
+KEY_STEPS = [10, 20, 30, 40]
+STEPS = list(range(10, 42, 2))
+CHANNELS = {"LIDAR_TOP", "CAM_FRONT", "CAM_BACK"}
+Tables = dict[str, Any]
 
 
 @pytest.fixture(scope="module")
-def dataset(sensed_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def dataset(made_bags: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("nuscenes") / "out"
+    assert main(["export", "nuscenes", str(made_bags[0]), "--out", str(out)]) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def tables(dataset: Path) -> Tables:
+    return {path.stem: json.loads(path.read_text()) for path in (dataset / "v1.0-siren").glob("*.json")}
+
+
+def rotation(wxyz: list[float]) -> Rotation:
+    return Rotation.from_quat([*wxyz[1:], wxyz[0]])
+
+
+def chain(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Rows in the order of their links; each points to the one after it, and that one back."""
+    by_token = {row["token"]: row for row in rows}
+    (first,) = [row for row in rows if not row["prev"]]
+    found = [first]
+    while found[-1]["next"]:
+        follower = by_token[found[-1]["next"]]
+        assert follower["prev"] == found[-1]["token"]
+        found.append(follower)
+    assert len(found) == len(rows)
+    return found
+
+
+def test_keyframes_are_at_2_hz_from_the_first_labelled_one(tables: Tables) -> None:
+    samples = chain(tables["sample"])
+    assert [row["timestamp"] for row in samples] == [500_000, 1_000_000, 1_500_000, 2_000_000]
+    (scene,) = tables["scene"]
+    assert {row["scene_token"] for row in samples} == {scene["token"]}
+    assert (scene["name"], scene["nbr_samples"]) == (ID, 4)
+    assert (scene["first_sample_token"], scene["last_sample_token"]) == (samples[0]["token"], samples[-1]["token"])
+    assert scene["description"].endswith("global frame = map frame − (-60, -66) m")
+
+
+@pytest.mark.parametrize("channel", sorted(CHANNELS))
+def test_every_sweep_and_picture_is_there_and_belongs_to_the_last_keyframe(
+    tables: Tables, dataset: Path, channel: str
+) -> None:
+    key_of_step = {step: token("sample", ID, step // 10 * 10) for step in STEPS}
+    rows = chain([row for row in tables["sample_data"] if f"__{channel}__" in row["filename"]])
+    assert [row["timestamp"] for row in rows] == [50_000 * step for step in STEPS]
+    for row, step in zip(rows, STEPS, strict=True):
+        key = step in KEY_STEPS
+        kind = "samples" if key else "sweeps"
+        suffix = "pcd.bin" if channel == "LIDAR_TOP" else "jpg"
+        assert row["is_key_frame"] is key
+        assert row["sample_token"] == key_of_step[step]
+        assert row["filename"] == f"{kind}/{channel}/{ID}__{channel}__{step:08d}.{suffix}"
+        camera = {"CAM_FRONT": FRONT, "CAM_BACK": REAR}.get(channel)
+        expected = sweep_bytes(sweep_of(step)) if camera is None else jpeg_of(step, camera)
+        assert (dataset / row["filename"]).read_bytes() == expected
+        size = (0, 0) if camera is None else (64, 48)
+        assert (row["width"], row["height"]) == size
+        assert row["fileformat"] == ("pcd" if camera is None else "jpg")
+        assert row["calibrated_sensor_token"] == token("calibrated_sensor", ID, channel)
+
+
+def test_poses_are_those_of_the_steps_from_the_maps_lower_left_corner(tables: Tables) -> None:
+    poses = {row["token"]: row for row in tables["ego_pose"]}
+    assert len(poses) == len(tables["sample_data"]) == 3 * len(STEPS)
+    for row in tables["sample_data"]:
+        pose, step = poses[row["ego_pose_token"]], row["timestamp"] // 50_000
+        assert pose["timestamp"] == row["timestamp"]
+        x_m, y_m, z_m = place_of(step)
+        assert pose["translation"] == pytest.approx([x_m - ORIGIN_M[0], y_m - ORIGIN_M[1], z_m])
+        assert rotation(pose["rotation"]).as_euler("ZYX") == pytest.approx([yaw_of(step), 0.0, 0.0])
+
+
+def test_boxes_are_where_the_labels_are_in_the_global_frame(tables: Tables) -> None:
+    poses = {row["timestamp"]: row for row in tables["ego_pose"]}
+    instances = {row["token"]: row for row in tables["instance"]}
+    assert len(tables["sample_annotation"]) == 2 * len(KEY_STEPS)
+    for actor, row_of_truth in ((CAR, 0), (BUS, 1)):
+        instance = instances[token("instance", ID, actor)]
+        rows = chain([row for row in tables["sample_annotation"] if row["instance_token"] == instance["token"]])
+        assert instance["nbr_annotations"] == len(rows) == len(KEY_STEPS)
+        assert instance["first_annotation_token"] == rows[0]["token"]
+        assert instance["last_annotation_token"] == rows[-1]["token"]
+        for row, step in zip(rows, KEY_STEPS, strict=True):
+            truth, pose = truth_of(step), poses[50_000 * step]
+            local = np.array([truth.x_m[row_of_truth], truth.y_m[row_of_truth], truth.z_m[row_of_truth]])
+            expected = rotation(pose["rotation"]).apply(local + LIDAR_M) + pose["translation"]
+            assert row["translation"] == pytest.approx(expected)
+            yaw = yaw_of(step) + truth.yaw_rad[row_of_truth]
+            assert rotation(row["rotation"]).as_euler("ZYX")[0] == pytest.approx(np.arctan2(np.sin(yaw), np.cos(yaw)))
+            sizes = (truth.width_m, truth.length_m, truth.height_m)
+            assert row["size"] == [float(values[row_of_truth]) for values in sizes]
+            assert (row["num_lidar_pts"], row["num_radar_pts"]) == (int(truth.lidar_points[row_of_truth]), 0)
+            assert row["sample_token"] == token("sample", ID, step)
+
+
+def test_categories_attributes_and_visibility(tables: Tables) -> None:
+    """The car moves and half of it is in the front picture; the bus stands and the rear camera sees nearly all."""
+    names = {row["token"]: row["name"] for row in (*tables["category"], *tables["attribute"])}
+    told = {
+        (names[instance["category_token"]], names[row["attribute_tokens"][0]], row["visibility_token"])
+        for instance in tables["instance"]
+        for row in tables["sample_annotation"]
+        if row["instance_token"] == instance["token"]
+    }
+    assert told == {("vehicle.car", "vehicle.moving", "2"), ("vehicle.bus.rigid", "vehicle.stopped", "4")}
+
+
+def test_sensors_stand_where_they_are_mounted(tables: Tables) -> None:
+    assert {row["channel"]: row["modality"] for row in tables["sensor"]} == {
+        "LIDAR_TOP": "lidar",
+        "CAM_FRONT": "camera",
+        "CAM_BACK": "camera",
+    }
+    rows = {row["token"]: row for row in tables["calibrated_sensor"]}
+    found = {channel: rows[token("calibrated_sensor", ID, channel)] for channel in CHANNELS}
+    for channel, place, ahead in (
+        ("LIDAR_TOP", LIDAR_M, (0.0, 1.0, 0.0)),
+        ("CAM_FRONT", FRONT_M, (0.0, 0.0, 1.0)),
+        ("CAM_BACK", REAR_M, (0.0, 0.0, -1.0)),
+    ):
+        assert found[channel]["translation"] == pytest.approx(place)
+        assert rotation(found[channel]["rotation"]).apply(ahead) == pytest.approx([1.0, 0.0, 0.0], abs=1e-9)
+        assert found[channel]["sensor_token"] == token("sensor", channel)
+    assert found["LIDAR_TOP"]["camera_intrinsic"] == []
+    assert found["CAM_BACK"]["camera_intrinsic"] == [[32.0, 0, 32], [0, 32, 24], [0, 0, 1]]
+
+
+def test_episodes_of_one_map_share_it(made_bags: list[Path], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert main(["export", "nuscenes", *map(str, made_bags), "--out", str(out), "--jobs", "1"]) == 0
+    tables = {path.stem: json.loads(path.read_text()) for path in (out / "v1.0-siren").glob("*.json")}
+    (area,) = tables["map"]
+    assert sorted(area["log_tokens"]) == sorted(row["token"] for row in tables["log"])
+    assert len(area["log_tokens"]) == 3
+    files = sorted(str(path.relative_to(out)) for path in (out / "maps").rglob("*.*"))
+    assert files == sorted([area["filename"], "maps/expansion/straight-73747261.json"])
+    assert area["category"] == "semantic_prior"
+    assert {row["location"] for row in tables["log"]} == {"straight-73747261"}, "name and beginning of the hash"
+    assert {name: len(episodes) for name, episodes in tables["splits"].items()} == {
+        "siren_train": 1,
+        "siren_val": 1,
+        "siren_test": 1,
+    }
+    card = json.loads((out / "dataset.json").read_text())
+    assert card["counts"] == {"keyframes": 4 + 2 + 2, "files": 3 * (16 + 7 + 7), "labels": 2 * (4 + 2 + 2)}
+    assert card["classes"] == {"vehicle.bus.rigid": 8, "vehicle.car": 8}
+
+
+def test_the_papers_categories_are_one(made_bags: list[Path], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    arguments = ["export", "nuscenes", str(made_bags[1]), "--out", str(out), "--vehicle-category", "vehicle.car"]
+    assert main(arguments) == 0
+    assert json.loads((out / "dataset.json").read_text())["classes"] == {"vehicle.car": 4}
+
+
+def test_the_vector_map_has_the_lanes_in_the_global_frame(dataset: Path, tables: Tables) -> None:
+    """Two lanes of 300 m each way; the right one eastwards lies at y = -5.25."""
+    (log,) = tables["log"]
+    made = json.loads((dataset / "maps" / "expansion" / f"{log['location']}.json").read_text())
+    assert (made["version"], made["canvas_edge"]) == ("1.3", [420.0, 132.0])
+    counts = {layer: len(made[layer]) for layer in ("lane", "lane_divider", "road_block", "road_divider", "stop_line")}
+    assert counts == {"lane": 4, "lane_divider": 2, "road_block": 2, "road_divider": 2, "stop_line": 0}
+    paths = [path for lane in made["lane"] for path in made["arcline_path_3"][lane["token"]]]
+    starts = {tuple(np.round(path["start_pose"][:2] + ORIGIN_M, 6)): path for path in paths}
+    east = starts[0.0, -5.25]
+    assert (east["end_pose"][:2] + ORIGIN_M).tolist() == pytest.approx([300.0, -5.25])
+    assert (east["start_pose"][2], sum(east["segment_length"])) == (0.0, 300.0)
+    nodes = {node["token"]: (node["x"] + ORIGIN_M[0], node["y"] + ORIGIN_M[1]) for node in made["node"]}
+    polygons = {one["token"]: one for one in made["polygon"]}
+    outlines = [{nodes[key] for key in polygons[one["polygon_token"]]["exterior_node_tokens"]} for one in made["lane"]]
+    assert {(0.0, -7.0), (300.0, -7.0), (300.0, -3.5), (0.0, -3.5)} in outlines
+    segments = [one["left_lane_divider_segments"] for one in made["lane"]]
+    assert sorted({one["segment_type"] for segment in segments for one in segment}) == [
+        "DOUBLE_DASHED_WHITE",
+        "SINGLE_SOLID_WHITE",
+    ]
+
+
+@pytest.fixture(scope="module")
+def dataset_of_exporter(sensed_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("nuscenes") / "out"
     assert main(["export", "nuscenes", str(sensed_bag), "--out", str(out)]) == 0
     return out
 
 
 @pytest.fixture(scope="module")
-def read(dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+def read(dataset_of_exporter: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     found: dict[str, Any] = read_with(
-        "nuscenes", "read_nuscenes.py", dataset, "siren_train", tmp_path_factory.mktemp("drawn")
+        "nuscenes", "read_nuscenes.py", dataset_of_exporter, "siren_train", tmp_path_factory.mktemp("drawn")
     )
     return found
 
@@ -67,8 +312,8 @@ def test_the_vehicle_stands_on_the_drivable_map(read: dict[str, Any]) -> None:
     assert read["on_road"]
 
 
-def test_the_devkits_map_and_prediction_tools_read_the_vector_map(dataset: Path) -> None:
-    read = read_with("nuscenes", "read_nuscenes_map.py", dataset)
+def test_the_devkits_map_and_prediction_tools_read_the_vector_map(dataset_of_exporter: Path) -> None:
+    read = read_with("nuscenes", "read_nuscenes_map.py", dataset_of_exporter)
     assert read["refused"], "the devkit takes the names of its own four maps, until its list is changed"
     assert read["name"].startswith("town-")
     assert min(count for layer, count in read["rows"].items() if layer != "carpark_area") > 0
@@ -91,8 +336,8 @@ def test_velocities_are_those_of_the_record(read: dict[str, Any], sensed_bag: Pa
     assert sorted(speed for speed, _ in read["speeds"]) == pytest.approx(recorded, abs=0.6)
 
 
-def test_tables_name_only_what_is_there(dataset: Path) -> None:
-    tables = {path.stem: json.loads(path.read_text()) for path in (dataset / "v1.0-siren").glob("*.json")}
+def test_tables_name_only_what_is_there(dataset_of_exporter: Path) -> None:
+    tables = {path.stem: json.loads(path.read_text()) for path in (dataset_of_exporter / "v1.0-siren").glob("*.json")}
     tokens = {name: {row["token"] for row in rows} for name, rows in tables.items() if name != "splits"}
     for name, rows in tables.items():
         if name == "splits":
@@ -105,7 +350,11 @@ def test_tables_name_only_what_is_there(dataset: Path) -> None:
                 if key in {"prev", "next"} and value:
                     assert value in tokens[name]
     names = {row["filename"] for row in tables["sample_data"]}
-    there = {str(path.relative_to(dataset)) for kind in ("samples", "sweeps") for path in (dataset / kind).rglob("*.*")}
+    there = {
+        str(path.relative_to(dataset_of_exporter))
+        for kind in ("samples", "sweeps")
+        for path in (dataset_of_exporter / kind).rglob("*.*")
+    }
     assert names == there
     assert tables["splits"]["siren_train"] == [tables["scene"][0]["name"]]
 

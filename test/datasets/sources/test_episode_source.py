@@ -28,12 +28,11 @@ from datasets.made_bag import (
 from rosbags.typesys.store import Typestore
 from synthetic_episode import NET_XML
 
-from siren_ros.datasets.sources.episode_source import EpisodeSource, open_source
-from siren_ros.datasets.sources.lidar_frames import lidar_frames, lidar_of
-from siren_ros.datasets.sources.needs import Need, check_needs, recording_command
 from siren_ros.errors import BagError
 from siren_ros.interfaces.topics import ACTORS, GROUND_TRUTH, TRAFFIC
 from siren_ros.numerics.units import step_of_time_ns
+from siren_ros.record.bag_survey import Need, check_needs, recording_command
+from siren_ros.record.episode_source import EpisodeSource, lidar_frames, lidar_of, open_source
 from siren_ros.recording.bag_reader import open_bag
 from siren_ros.recording.bag_writer import EpisodeBagWriter
 from siren_ros.scenario.episode import EpisodeEnd

@@ -5,10 +5,8 @@ from pathlib import Path
 import pytest
 from recorded_episode import sensed_recording
 
-from siren_ros.datasets.exporting.survey import in_dataset_order, survey_bag
-from siren_ros.datasets.sources.needs import Need
-from siren_ros.evaluation.detection.protocol.episode_reading import read_frames
-from siren_ros.evaluation.detection.protocol.frames import Frames, frames_of
+from siren_ros.evaluation.detection.frames import Frames, frames_of, read_frames
+from siren_ros.record.bag_survey import Need, in_dataset_order, survey_bag
 
 
 @pytest.fixture(scope="session")

@@ -10,10 +10,10 @@ from nuscenes.eval.common.config import config_factory
 from nuscenes.eval.detection.evaluate import DetectionEval
 
 from siren_ros.cli.main import main
+from siren_ros.evaluation.detection.boxes import FoundBoxes
+from siren_ros.evaluation.detection.frames import Frames
+from siren_ros.evaluation.detection.inputs.formats import labels_as_detections
 from siren_ros.evaluation.detection.inputs.nuscenes_results import write_nuscenes
-from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes
-from siren_ros.evaluation.detection.protocol.frames import Frames
-from siren_ros.evaluation.detection.self_test import labels_as_detections
 
 
 def _with_errors(found: FoundBoxes, rng: np.random.Generator) -> FoundBoxes:

@@ -8,10 +8,11 @@ import pytest
 from detection_boxes import found_boxes, truth_boxes
 from evaluation.made_frames import STEPS, made_frames, to_map
 
-from siren_ros.evaluation.detection.inputs.found_set import FoundSet
-from siren_ros.evaluation.detection.metrics.devkit_score import DevkitScore, devkit_score
-from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes, TruthBoxes
-from siren_ros.evaluation.detection.protocol.frames import Frames, frames_of
+from siren_ros.evaluation.detection.boxes import FoundBoxes, TruthBoxes
+from siren_ros.evaluation.detection.devkit_score import DevkitScore, devkit_score
+from siren_ros.evaluation.detection.frames import Frames, frames_of
+from siren_ros.evaluation.detection.inputs.formats import labels_as_detections
+from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet
 from siren_ros.evaluation.detection.scoring import (
     VEHICLE_NAMES,
     DetectorScores,
@@ -19,7 +20,6 @@ from siren_ros.evaluation.detection.scoring import (
     counted_boxes,
     score_detector,
 )
-from siren_ros.evaluation.detection.self_test import labels_as_detections
 from siren_ros.world.actors import Mode
 
 Place = tuple[int, float]

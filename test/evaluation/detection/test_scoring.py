@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from detection_boxes import random_boxes
 
-from siren_ros.evaluation.detection.inputs.found_set import FoundSet
-from siren_ros.evaluation.detection.metrics.devkit_score import devkit_score
-from siren_ros.evaluation.detection.metrics.subsets import subsets_of_episodes
-from siren_ros.evaluation.detection.protocol.frames import EpisodeFrames, Frames, frames_of
-from siren_ros.evaluation.detection.reports.score_json import scores_as_json
-from siren_ros.evaluation.detection.reports.tables import as_csv, as_latex, as_text, tables_of
+from siren_ros.evaluation.detection.devkit_score import devkit_score
+from siren_ros.evaluation.detection.frames import EpisodeFrames, Frames, frames_of
+from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet
 from siren_ros.evaluation.detection.scoring import VEHICLE_NAMES, DetectorScores, score_detector
+from siren_ros.evaluation.detection.subsets import subsets_of_episodes
+from siren_ros.evaluation.detection.tables import as_csv, as_latex, as_text, scores_as_json, tables_of
 from siren_ros.world.actors import ActorClass, Mode
 
 FRAMES = 10

@@ -3,16 +3,14 @@
 import numpy as np
 import pytest
 
+from siren_ros.evaluation.detection.boxes import CLASS_NAMES, FoundBoxes
+from siren_ros.evaluation.detection.detectors.pillar_detector import detector_file, load_detector
+from siren_ros.evaluation.detection.detectors.pillars import SHIPPED_DETECTOR
 from siren_ros.evaluation.detection.detectors.table import run_detector
-from siren_ros.evaluation.detection.inputs.found_set import FoundSet
+from siren_ros.evaluation.detection.devkit_score import devkit_score
+from siren_ros.evaluation.detection.frames import Frames
+from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet
 from siren_ros.evaluation.detection.inputs.topic_results import read_topic
-from siren_ros.evaluation.detection.metrics.devkit_score import devkit_score
-from siren_ros.evaluation.detection.metrics.named_classes import CLASS_NAMES
-from siren_ros.evaluation.detection.pillars.detector import detector_file
-from siren_ros.evaluation.detection.pillars.grid import SHIPPED_DETECTOR
-from siren_ros.evaluation.detection.pillars.network_file import load_detector
-from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes
-from siren_ros.evaluation.detection.protocol.frames import Frames
 from siren_ros.evaluation.detection.scoring import VEHICLE_NAMES, counted_boxes
 from siren_ros.interfaces.topics import DETECTIONS
 

@@ -1,4 +1,5 @@
 import json
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -8,15 +9,13 @@ from made_profiles import profile
 from made_records import Track, moving, record_with
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.diversity.as_json import diversity_as_json
-from siren_ros.evaluation.diversity.drawn_ranges import drawn_ranges
-from siren_ros.evaluation.diversity.parameter_coverage import DrawnRange
-from siren_ros.evaluation.diversity.profile import profile_of
-from siren_ros.evaluation.diversity.summary import diversity
+from siren_ros.evaluation.diversity.coverage import DrawnRange, drawn_ranges
+from siren_ros.evaluation.diversity.profile import distance_matrix, event_distance, profile_of, way_distance_m
+from siren_ros.evaluation.diversity.summary import diversity, diversity_as_json
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.road_network import RoadNetwork
-from siren_ros.world.events import Event, EventKind
+from siren_ros.world.traffic_state import Event, EventKind
 
 
 def test_a_record_gives_the_way_each_second_and_the_order_of_events(record_of: Callable[..., EpisodeRecord]) -> None:
@@ -109,3 +108,29 @@ def test_mean_and_nearest_distance_of_three_episodes() -> None:
     # Of the two others, one drawn is 20/3 m away on average; of both the nearest is 13/3 m away.
     assert found.ways.curve == pytest.approx([20.0 / 3.0, 13.0 / 3.0])
     assert found.parameter_share is None
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "edits"),
+    [("abc", "abc", 0), ("abc", "", 3), ("kitten", "sitting", 3), ("ab", "ba", 2), ("abcd", "acd", 1)],
+)
+def test_event_distance_is_the_share_of_edits(one: str, other: str, edits: int) -> None:
+    assert event_distance(profile(0, *one), profile(1, *other)) == pytest.approx(edits / max(len(one), len(other)))
+    assert event_distance(profile(0, *other), profile(1, *one)) == pytest.approx(edits / max(len(one), len(other)))
+
+
+def test_two_episodes_without_events_are_alike() -> None:
+    assert event_distance(profile(0), profile(1)) == 0.0
+
+
+def test_way_distance_is_the_mean_over_the_common_time() -> None:
+    one = profile(0, way=((0.0, 0.0), (10.0, 0.0), (20.0, 0.0)))
+    other = profile(1, way=((0.0, 0.0), (10.0, 6.0)))
+    assert way_distance_m(one, other) == pytest.approx(3.0)
+
+
+def test_the_matrix_is_symmetric_with_zeros() -> None:
+    places = [profile(seed, way=((3.0 * seed, 4.0 * seed),)) for seed in range(3)]
+    matrix = distance_matrix(places, way_distance_m)
+    assert matrix.tolist() == [[0, 5, 10], [5, 0, 5], [10, 5, 0]]
+    assert math.isclose(matrix.trace(), 0.0)

@@ -9,7 +9,7 @@ import pytest
 
 from siren_ros.errors import InputError
 from siren_ros.evaluation.risk.evidence import Moments
-from siren_ros.evaluation.risk.risk_class import RiskClass
+from siren_ros.evaluation.risk.labels import RiskClass
 from siren_ros.evaluation.risk.video_set import (
     EVIDENCE_FILE,
     SET_FILE,

@@ -9,12 +9,16 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from siren_ros.evaluation.detection.metrics.average_precision import average_precision
-from siren_ros.evaluation.risk.scores import balanced_accuracy, f1, macro_f1
-from siren_ros.evaluation.statistics.block_sums import BlockSums
+from siren_ros.evaluation.detection.average_precision import average_precision
+from siren_ros.evaluation.risk.scoring import balanced_accuracy, f1, macro_f1
+from siren_ros.evaluation.statistics.block_means import (
+    BlockSums,
+    estimate_of_mean,
+    interval_of_mean,
+    jackknife,
+    paired_difference,
+)
 from siren_ros.evaluation.statistics.interval import Interval
-from siren_ros.evaluation.statistics.jackknife import estimate_of_mean, interval_of_mean, jackknife
-from siren_ros.evaluation.statistics.paired_difference import paired_difference
 from siren_ros.evaluation.statistics.rank_correlation import ranking_interval
 
 TRIALS = 600

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from scipy.stats import spearmanr
 
 from siren_ros.errors import InputError
+from siren_ros.evaluation.statistics.block_means import Estimate
 from siren_ros.evaluation.statistics.interval import Interval
-from siren_ros.evaluation.statistics.jackknife import Estimate
 from siren_ros.evaluation.statistics.rank_correlation import rank_correlation, ranking_interval
 
 

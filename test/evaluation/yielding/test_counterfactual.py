@@ -7,10 +7,9 @@ from made_encounters import arc, passing, record_of
 
 from siren_ros.errors import InputError
 from siren_ros.evaluation.yielding.counterfactual import ALL, Effect, effects, pairs_of
-from siren_ros.evaluation.yielding.measure import Measure
 from siren_ros.evaluation.yielding.metrics import EPISODE_METRICS
-from siren_ros.evaluation.yielding.scoring import YieldScores, score_yielding
-from siren_ros.evaluation.yielding.summary import ScoredEpisode, situation_sha256
+from siren_ros.evaluation.yielding.scoring import ScoredEpisode, YieldScores, score_yielding, situation_sha256
+from siren_ros.evaluation.yielding.thresholds import Measure
 from siren_ros.roads.road_network import NO_LANE
 
 NOTHING = {metric.name: Measure.lacking("not measured") for metric in EPISODE_METRICS}

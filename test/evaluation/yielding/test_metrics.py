@@ -7,14 +7,17 @@ import pytest
 from hand_made_record import EMV, Driven
 from made_encounters import CAR, IN_LANE, PULLS_RIGHT, arc, record_of
 
+from siren_ros.evaluation.yielding import corridor
+from siren_ros.evaluation.yielding import marks as civilians
+from siren_ros.evaluation.yielding import marks as driver
+from siren_ros.evaluation.yielding import marks as emv
+from siren_ros.evaluation.yielding import marks as safety
+from siren_ros.evaluation.yielding import marks as wake
 from siren_ros.evaluation.yielding.emv_line import EmvLine
 from siren_ros.evaluation.yielding.encounters import Encounter
-from siren_ros.evaluation.yielding.marks import civilians, corridor, driver, emv, safety, wake
-from siren_ros.evaluation.yielding.measure import Measure
-from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS
-from siren_ros.evaluation.yielding.scene import YieldScene
-from siren_ros.evaluation.yielding.thresholds import YieldThresholds
-from siren_ros.world.events import Event, EventKind
+from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS, YieldScene
+from siren_ros.evaluation.yielding.thresholds import Measure, YieldThresholds
+from siren_ros.world.traffic_state import Event, EventKind
 
 LIMITS = YieldThresholds()
 

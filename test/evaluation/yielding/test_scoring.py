@@ -8,10 +8,9 @@ import pytest
 from hand_made_record import EMV
 from made_encounters import CAR, arc, blocking, passing, record_of
 
-from siren_ros.evaluation.yielding.measure import Measure
 from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS, of_drivers
-from siren_ros.evaluation.yielding.scoring import score_yielding
-from siren_ros.evaluation.yielding.summary import ScoredEpisode, group_means, situation_sha256
+from siren_ros.evaluation.yielding.scoring import ScoredEpisode, group_means, score_yielding, situation_sha256
+from siren_ros.evaluation.yielding.thresholds import Measure
 from siren_ros.recording.episode_record import EpisodeRecord
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from siren_ros.errors import EpisodeError, InputError
 from siren_ros.interfaces.messages import typestore
 from siren_ros.interfaces.programs.av_control import from_av_control, from_path, to_av_control, to_path
-from siren_ros.numerics.polyline import Polyline
+from siren_ros.numerics.geometry import Polyline
 from siren_ros.world.commands import AvControl, av_commands
 
 STORE = typestore()

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from siren_ros.errors import EpisodeError
 from siren_ros.interfaces.messages import stamp, typestore
 from siren_ros.interfaces.programs.predictions import from_predicted_paths, to_predicted_paths
-from siren_ros.world.predicted_paths import PredictedPaths
+from siren_ros.world.carrier import PredictedPaths
 
 STORE = typestore()
 

@@ -5,7 +5,7 @@ import math
 import pytest
 from defusedxml.ElementTree import fromstring
 
-from siren_ros.roads.maps.openstreetmap_signs import SignedEdges, drives_on, signed_edges
+from siren_ros.roads.maps.openstreetmap import SignedEdges, drives_on, signed_edges
 
 LAT, LON = 52.0, 13.0
 NORTH_M = math.radians(1.0) * 6_364_900.0

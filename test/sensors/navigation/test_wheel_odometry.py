@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.sensors.navigation.wheel_odometry import VehicleMotion, WheelOdometry, WheelOdometrySpec
-from siren_ros.world.odometry import Odometry
+from siren_ros.world.carrier import Odometry
 
 EXACT = WheelOdometrySpec(0.0, 0.0, 0.0, 0.0)
 LARGE = WheelOdometrySpec(0.01, 0.1, 2e-3, 5e-3)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from siren_ros.numerics.polyline import Polyline
+from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.road_network import Connection, Edge, Junction, JunctionKind, Lane, LaneKind, RoadNetwork
 from siren_ros.sensors.meshes.mesh import StaticScene
 from siren_ros.sensors.scene.static_scene import static_scene

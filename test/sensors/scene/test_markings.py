@@ -8,7 +8,7 @@ import shapely
 from hand_made_record import crossing
 from shapely.geometry.base import BaseGeometry
 
-from siren_ros.numerics.polyline import Polyline
+from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.road_network import Edge, JunctionKind, Lane, LaneKind, RoadNetwork
 from siren_ros.sensors.scene.config import SceneConfig
 from siren_ros.sensors.scene.markings import Markings, arrow, ribbon, road_markings

@@ -7,7 +7,7 @@ from hand_made_record import crossing
 from shapely.geometry import LineString, Point
 
 from siren_ros.errors import InputError
-from siren_ros.numerics.polyline import Polyline
+from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.road_network import LaneKind, RoadNetwork
 from siren_ros.sensors.scene.config import SceneConfig
 from siren_ros.sensors.scene.markings import arrow, ribbon, road_markings

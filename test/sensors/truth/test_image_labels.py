@@ -9,7 +9,7 @@ from siren_ros.sensors.camera.renderer import Renderer
 from siren_ros.sensors.suite.mount import map_from_base, transform
 from siren_ros.sensors.truth.image_labels import ImageLabeller, pixel_boxes
 from siren_ros.world.actors import ActorClass
-from siren_ros.world.camera_truth import CameraTruth
+from siren_ros.world.carrier import CameraTruth
 
 CAMERA = Pinhole(400, 300, 200.0)
 EYE = transform(np.eye(3), (0.0, 0.0, 1.5))

@@ -1,4 +1,4 @@
-"""The window of a video lies within the EMV's time, with the decisive moment inside."""
+"""Candidates are drawn from the seed, the template and their number alone, within the template's ranges."""
 
 from dataclasses import replace
 
@@ -9,13 +9,53 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic_episode import NET_XML
 
-from siren_ros.evaluation.risk.labels import RiskThresholds
-from siren_ros.evaluation.risk.risk_class import RiskClass
+from siren_ros.evaluation.risk.labels import RiskClass, RiskThresholds
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.net_parser import parse_road_network
-from siren_ros.scenario.request import EpisodeRequest
-from siren_ros.studies.risk_set.candidate import FRAME_STEPS, WINDOW_STEPS, Candidate, assessed, window_start
-from siren_ros.world.events import Event, EventKind
+from siren_ros.scenario.episode import EpisodeRequest, values_of
+from siren_ros.scenario.templates import available_templates, load_template
+from siren_ros.studies.risk_set.candidate import (
+    FRAME_STEPS,
+    LEANINGS,
+    WINDOW_STEPS,
+    Candidate,
+    assessed,
+    candidate_request,
+    window_start,
+)
+from siren_ros.world.traffic_state import Event, EventKind
+
+
+def drawn(template: str, risk: RiskClass, number: int, seed: int = 0) -> EpisodeRequest:
+    return candidate_request(load_template(template), template, risk, seed, number, "")
+
+
+@pytest.mark.parametrize("template", available_templates())
+@pytest.mark.parametrize("risk", RiskClass)
+def test_values_lie_where_the_class_leans_to(template: str, risk: RiskClass) -> None:
+    loaded = load_template(template)
+    for number in range(20):
+        request = drawn(template, risk, number)
+        assert request.preset in LEANINGS[risk].presets
+        values = values_of(request.values)
+        loaded.with_values(values)
+        assert set(values) == set(loaded.ranges) & set(LEANINGS[risk].shares)
+        for path, value in values.items():
+            limits, (low, high) = loaded.ranges[path], LEANINGS[risk].shares[path]
+            width = limits.maximum - limits.minimum
+            slack = 0.5 if limits.integer else 1e-3
+            assert limits.minimum + low * width - slack <= value <= limits.minimum + high * width + slack
+
+
+def test_the_same_candidate_is_the_same_request() -> None:
+    assert drawn("S4", RiskClass.NEAR_MISS, 7) == drawn("S4", RiskClass.NEAR_MISS, 7)
+    seeds = {drawn("S4", RiskClass.NEAR_MISS, number, seed).seed for number in range(30) for seed in range(3)}
+    assert len(seeds) == 90
+    assert drawn("S4", RiskClass.NEAR_MISS, 7).seed != drawn("S6", RiskClass.NEAR_MISS, 7).seed
+
+
+def test_normal_episodes_keep_the_templates_own_draws() -> None:
+    assert drawn("S2", RiskClass.NORMAL, 3).values == ""
 
 
 @given(begin=st.integers(0, 50), length=st.integers(0, 600), share=st.floats(0.0, 1.0), seed=st.integers(0, 1000))

@@ -11,15 +11,13 @@ import pytest
 
 from siren_ros.errors import EpisodeError, InputError
 from siren_ros.evaluation.risk.evidence import Evidence, Moments
-from siren_ros.evaluation.risk.labels import Reason, RiskLabel
-from siren_ros.evaluation.risk.risk_class import RiskClass
+from siren_ros.evaluation.risk.labels import Reason, RiskClass, RiskLabel
 from siren_ros.evaluation.risk.video_set import read_set
 from siren_ros.studies.risk_set import make_set as making
-from siren_ros.studies.risk_set.balance import Balance
 from siren_ros.studies.risk_set.candidate import Candidate
 from siren_ros.studies.risk_set.make_set import Progress, RiskSetRequest, make_set
-from siren_ros.studies.risk_set.render import Rendered
-from siren_ros.studies.risk_set.video_file import try_candidate
+from siren_ros.studies.risk_set.search import Balance
+from siren_ros.studies.risk_set.video_file import Rendered, try_candidate
 
 NONE = np.zeros(0)
 EVIDENCE = Evidence(Moments(NONE.astype(np.int64), NONE.astype(np.uint32), NONE, NONE, NONE, NONE), (), ())

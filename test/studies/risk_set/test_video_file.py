@@ -10,16 +10,17 @@ import pytest
 
 from siren_ros.errors import EpisodeError
 from siren_ros.evaluation.risk.evidence import Evidence, Moments
-from siren_ros.evaluation.risk.labels import Reason, RiskLabel, RiskThresholds
-from siren_ros.evaluation.risk.risk_class import RiskClass
-from siren_ros.evaluation.risk.vlm.pictures import video_frames
+from siren_ros.evaluation.risk.labels import Reason, RiskClass, RiskLabel, RiskThresholds
+from siren_ros.evaluation.risk.vlm.question import video_frames
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.scenario.request import EpisodeRequest
-from siren_ros.studies.risk_set import render, video_file
+from siren_ros.scenario.episode import EpisodeRequest
+from siren_ros.studies.risk_set import video_file
+from siren_ros.studies.risk_set import video_file as render
 from siren_ros.studies.risk_set.candidate import Candidate, Rejected
-from siren_ros.studies.risk_set.render import SEEN_PIXELS, Rendered
 from siren_ros.studies.risk_set.video_file import (
+    SEEN_PIXELS,
     UNSEEN,
+    Rendered,
     VideoPlace,
     is_seen,
     made_before,

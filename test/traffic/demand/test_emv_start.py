@@ -5,10 +5,10 @@ import pytest
 from traffic_helpers import TOWN10, load_map
 
 from siren_ros.roads.road_network import LaneKind, RoadNetwork
-from siren_ros.roads.sites.site_finder import SiteKind, require_site
+from siren_ros.roads.site_finder import SiteKind, require_site
 from siren_ros.scenario.scenario import EmvDemand
 from siren_ros.scenario.templates import load_template
-from siren_ros.traffic.demand.demand_config import DemandConfig
+from siren_ros.traffic.config import DemandConfig
 from siren_ros.traffic.demand.emv_start import EmvStart, emv_start, start_m_of, unhindered_arrival_s, way_to_stop_line_m
 
 

@@ -31,10 +31,10 @@ from traffic_helpers import DIMENSIONS
 
 from siren_ros.errors import MapError
 from siren_ros.roads.road_network import LaneKind
-from siren_ros.roads.sites.site import Site, SiteKind
+from siren_ros.roads.sites import Site, SiteKind
 from siren_ros.scenario.scenario import GroupAnchor, Placement, SignalDemand, StartReference
+from siren_ros.traffic.config import DemandConfig
 from siren_ros.traffic.demand.demand import plan_traffic
-from siren_ros.traffic.demand.demand_config import DemandConfig
 from siren_ros.traffic.demand.emv_start import (
     approach_rank,
     behind_queue_mps,

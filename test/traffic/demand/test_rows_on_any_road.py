@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from siren_ros.numerics.polyline import Polyline
+from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.road_network import Connection, Edge, Lane, LaneKind, RoadNetwork
-from siren_ros.roads.sites.site import Site, SiteKind
+from siren_ros.roads.sites import Site, SiteKind
 from siren_ros.scenario.scenario import DemandGroup, GroupAnchor, Placement
 from siren_ros.scenario.templates import load_template
 from siren_ros.traffic.demand.emv_start import EmvStart
-from siren_ros.traffic.demand.group_rows import GroupRow, group_rows
+from siren_ros.traffic.demand.group_demand import GroupRow, group_rows
 
 WIDTH_M = 3.5
 

@@ -6,11 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from siren_ros.conflicts.course import CourseBook
-from siren_ros.conflicts.outlook import Outlook
+from siren_ros.conflicts.course import CourseBook, Outlook
 from siren_ros.conflicts.yielding import YieldingConfig
-from siren_ros.numerics.geometry import rotate
-from siren_ros.numerics.polyline import Polyline
+from siren_ros.numerics.geometry import Polyline, rotate
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import Edge, Lane, LaneKind, RoadNetwork
 from siren_ros.traffic.sumo import caution as caution_module

@@ -1,5 +1,3 @@
-"""What a vehicle of SUMO is set to while it is mirrored or bound, and that it gets its own settings back."""
-
 from collections import defaultdict
 from dataclasses import replace
 from types import SimpleNamespace
@@ -7,22 +5,143 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hand_made_record import NORTHBOUND, RIGHT_X_M, crossing
-from traffic_helpers import states_of
+from hand_made_record import LEFT_X_M, NORTHBOUND, RIGHT_X_M, crossing
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from traffic_helpers import load_map, states_of
 
-from siren_ros.numerics.polyline import Polyline
+from siren_ros.numerics.geometry import Polyline
+from siren_ros.roads.road_network import NO_LANE, LaneKind
+from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.sumo import mirror as mirror_module
-from siren_ros.traffic.sumo.config import TrafficConfig
 from siren_ros.traffic.sumo.mirror import (
     DEFAULT_LANE_CHANGE_MODE,
     DEFAULT_SPEED_MODE,
     KEEP_LANE_CHANGE_MODE,
+    LaneMatcher,
     Mirror,
 )
 from siren_ros.world.actors import Mode, Owner
 
-NETWORK = crossing()
-S_IN = next(edge.index for edge in NETWORK.edges if edge.edge_id == "s_in")
+NETWORK = load_map(None)[1]
+WAYS = [
+    (connection, network_lane)
+    for connection in NETWORK.connections
+    if (network_lane := NETWORK.lanes[connection.from_lane]).kind is LaneKind.DRIVING and connection.via
+]
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, len(WAYS) - 1), st.floats(0.05, 0.95), st.floats(-1.0, 1.0))
+def test_points_on_a_lane_are_matched_to_it_at_their_place(number: int, share: float, left: float) -> None:
+    connection, lane = WAYS[number]
+    edges = (lane.edge, NETWORK.lanes[connection.to_lane].edge)
+    matcher = LaneMatcher(NETWORK)
+    arc = share * lane.length_m
+    x, y = lane.centre.offset_points(arc, left)
+    match = matcher.match(edges, (float(x), float(y)), float(lane.centre.heading_rad(arc)), lane.index)
+    assert match.lane == lane.index
+    assert match.position_m == pytest.approx(arc, abs=1.0)
+    assert match.lateral_m == pytest.approx(left, abs=0.2)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, len(WAYS) - 1), st.floats(0.1, 0.9))
+def test_paths_across_junctions_are_those_of_the_route(number: int, share: float) -> None:
+    connection, lane = WAYS[number]
+    target = NETWORK.lanes[connection.to_lane].edge
+    via = NETWORK.lanes[connection.via[0]]
+    arc = share * via.length_m
+    x, y = via.centre.at(arc)
+    match = LaneMatcher(NETWORK).match(
+        (lane.edge, target), (float(x), float(y)), float(via.centre.heading_rad(arc)), via.index
+    )
+    paths = [one for one in NETWORK.connections if NETWORK.lanes[one.to_lane].edge == target]
+    assert match.lane in {index for one in paths for index in one.via} | set(NETWORK.edges[target].lanes)
+    assert abs(match.lateral_m) < 1.0
+
+
+def test_far_beside_the_road_or_against_it_there_is_no_lane() -> None:
+    _, lane = WAYS[0]
+    matcher = LaneMatcher(NETWORK)
+    x, y = lane.centre.at(lane.length_m / 2.0)
+    heading = float(lane.centre.heading_rad(lane.length_m / 2.0))
+    assert matcher.match((lane.edge,), (float(x) + 500.0, float(y)), heading, NO_LANE).lane == NO_LANE
+    assert matcher.match((lane.edge,), (float(x), float(y)), heading + np.pi, NO_LANE).lane == NO_LANE
+
+
+def test_beside_the_paths_a_junction_is_road_still() -> None:
+    connection, lane = next((way, source) for way, source in WAYS if way.direction == "r")
+    via = NETWORK.lanes[connection.via[0]]
+    x, y = via.centre.offset_points(via.length_m / 2.0, 3.5)
+    heading = float(via.centre.heading_rad(via.length_m / 2.0))
+    edges = (lane.edge, NETWORK.lanes[connection.to_lane].edge)
+    assert LaneMatcher(NETWORK).match(edges, (float(x), float(y)), heading, via.index).lane in connection.via
+    lost = LaneMatcher(NETWORK, junction_sideways_m=0.5).match(edges, (float(x), float(y)), heading, via.index)
+    assert lost.lane not in connection.via
+
+
+CROSSING = crossing()
+S_IN = next(edge for edge in CROSSING.edges if edge.edge_id == "s_in")
+SHOULDER, RIGHT, LEFT = S_IN.lanes
+LINE_X_M = (LEFT_X_M + RIGHT_X_M) / 2.0
+
+
+@pytest.mark.parametrize(
+    ("past_the_line_m", "present", "found"),
+    [
+        (0.03, RIGHT, RIGHT),
+        (0.07, RIGHT, LEFT),
+        (0.03, LEFT, LEFT),
+        (-0.03, LEFT, LEFT),
+        (-0.07, LEFT, RIGHT),
+        (-0.03, RIGHT, RIGHT),
+        (0.03, NO_LANE, LEFT),
+        (-0.03, NO_LANE, RIGHT),
+        (0.03, SHOULDER, LEFT),
+        (-0.03, SHOULDER, RIGHT),
+    ],
+)
+def test_a_vehicle_stays_in_its_lane_until_the_neighbour_is_nearer_by_a_margin(
+    past_the_line_m: float, present: int, found: int
+) -> None:
+    """At d past the line between two equal lanes the neighbour is nearer by 2 d; the margin is 0.1 m."""
+    match = LaneMatcher(CROSSING, stay_m=0.1).match(
+        (S_IN.index,), (LINE_X_M - past_the_line_m, -70.0), np.pi / 2, present
+    )
+    assert match.lane == found
+    centre_x_m = {RIGHT: RIGHT_X_M, LEFT: LEFT_X_M}[found]
+    assert match.lateral_m == pytest.approx(centre_x_m - (LINE_X_M - past_the_line_m))
+    assert match.position_m == pytest.approx(50.0)
+
+
+def test_lanes_of_another_edge_need_no_margin() -> None:
+    """Just beyond the stop line the path is nearest, and the lane that ended is left at once."""
+    n_out = next(edge for edge in CROSSING.edges if edge.edge_id == "n_out")
+    matcher = LaneMatcher(CROSSING, stay_m=5.0)
+    front = (RIGHT_X_M, -19.5)
+    match = matcher.match((S_IN.index, n_out.index), front, np.pi / 2, RIGHT)
+    assert CROSSING.lanes[match.lane].kind is LaneKind.INTERNAL
+    assert match.lateral_m == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize(("outside_m", "found"), [(1.19, True), (1.21, False)])
+def test_a_point_belongs_to_a_lane_up_to_1_2_m_outside_its_edge(outside_m: float, found: bool) -> None:
+    """To the left of the leftmost lane, whose half width is 1.75 m."""
+    front = (LEFT_X_M - 1.75 - outside_m, -70.0)
+    match = LaneMatcher(CROSSING).match((S_IN.index,), front, np.pi / 2, NO_LANE)
+    assert (match.lane == LEFT) is found
+    assert match.lateral_m == pytest.approx(1.75 + outside_m if found else 0.0)
+
+
+@pytest.mark.parametrize("turned", [1.19, -1.19, 1.21, -1.21])
+def test_lanes_count_up_to_1_2_rad_off_the_heading(turned: float) -> None:
+    match = LaneMatcher(CROSSING).match((S_IN.index,), (LEFT_X_M, -70.0), np.pi / 2 + turned, NO_LANE)
+    assert (match.lane != NO_LANE) is (abs(turned) < 1.2)
+
+
+NETWORK_MIRROR = crossing()
+S_IN_MIRROR = next(edge.index for edge in NETWORK_MIRROR.edges if edge.edge_id == "s_in")
 OWN_SPEED_FACTOR = 0.87
 NAME, ACTOR = "car", 5
 
@@ -72,7 +191,7 @@ class Driver:
 
     def __init__(self) -> None:
         population: Any = SimpleNamespace(length_scale=defaultdict(lambda: 1.0))
-        self.mirror = Mirror(NETWORK, TrafficConfig(), population)
+        self.mirror = Mirror(NETWORK_MIRROR, TrafficConfig(), population)
         self.step = 0
         vehicle: Any = SimpleNamespace(name=NAME, length_m=4.0, route=("s_in", "n_out"))
         self.vehicles = {ACTOR: vehicle}
@@ -81,11 +200,11 @@ class Driver:
         x, y = Polyline.through(NORTHBOUND).at(20.0 + 0.5 * self.step)
         row = {"actor_id": ACTOR, "x_m": float(x), "y_m": float(y), "yaw_rad": 1.5707963267948966, "vy_mps": 10.0}
         states = states_of(self.step, [{**row, "owner": owner, "mode": mode, "residual_m": residual_m}])
-        self.mirror.apply(states, self.vehicles, {NAME: (S_IN,)})
+        self.mirror.apply(states, self.vehicles, {NAME: (S_IN_MIRROR,)})
         self.step += 1
 
 
-def settings(**changed: Any) -> dict[str, Any]:
+def settings_in_mirror(**changed: Any) -> dict[str, Any]:
     own = {
         "SpeedFactor": OWN_SPEED_FACTOR,
         "LaneChangeMode": DEFAULT_LANE_CHANGE_MODE,
@@ -110,23 +229,23 @@ def test_a_vehicle_gets_its_own_settings_back_after_a_yield(sumo: FakeVehicles, 
     drive = Driver()
     for _ in range(2):
         drive(Owner.SUMO, Mode.NOMINAL)
-        assert sumo.settings == settings()
+        assert sumo.settings == settings_in_mirror()
         for phase in phases:
             drive(Owner.SUMO, phase)
-            assert sumo.settings != settings()
+            assert sumo.settings != settings_in_mirror()
     drive(Owner.SUMO, Mode.NOMINAL)
-    assert sumo.settings == settings()
+    assert sumo.settings == settings_in_mirror()
     drive(Owner.SUMO, Mode.NOMINAL)
-    assert sumo.settings == settings()
+    assert sumo.settings == settings_in_mirror()
 
 
 def test_a_deferred_yield_hurries_and_a_cleared_lane_is_kept(sumo: FakeVehicles) -> None:
     drive, factor = Driver(), TrafficConfig().deferred_speed_factor
     assert factor > OWN_SPEED_FACTOR
     drive(Owner.SUMO, Mode.YIELD_DEFERRED)
-    assert sumo.settings == settings(SpeedFactor=factor)
+    assert sumo.settings == settings_in_mirror(SpeedFactor=factor)
     drive(Owner.SUMO, Mode.YIELD_KEEP_LANE)
-    assert sumo.settings == settings(LaneChangeMode=KEEP_LANE_CHANGE_MODE)
+    assert sumo.settings == settings_in_mirror(LaneChangeMode=KEEP_LANE_CHANGE_MODE)
 
 
 def test_a_fast_driver_is_not_slowed_down_by_a_deferred_yield(sumo: FakeVehicles) -> None:
@@ -145,7 +264,7 @@ def test_a_vehicle_that_ros_drove_is_handed_back_with_its_own_settings(sumo: Fak
     assert len(sumo.moved_to) == 1
     sumo.settings.update(Speed=3.0, SpeedMode=0, LateralAlignment="right", LaneChangeMode=0)
     drive(Owner.SUMO, Mode.REJOIN)
-    assert sumo.settings == settings()
+    assert sumo.settings == settings_in_mirror()
     assert sumo.previous_speed_mps == pytest.approx(10.0)
     assert len(sumo.moved_to) == 1
 
@@ -156,18 +275,18 @@ def test_a_binding_outlasts_a_stretch_in_which_ros_drives(sumo: FakeVehicles) ->
     for _ in range(3):
         drive(Owner.ROS, Mode.YIELD_LANE_CHANGE)
     drive(Owner.SUMO, Mode.YIELD_KEEP_LANE)
-    assert sumo.settings == settings(LaneChangeMode=KEEP_LANE_CHANGE_MODE)
+    assert sumo.settings == settings_in_mirror(LaneChangeMode=KEEP_LANE_CHANGE_MODE)
     drive(Owner.SUMO, Mode.NOMINAL)
-    assert sumo.settings == settings()
+    assert sumo.settings == settings_in_mirror()
 
 
 def test_a_vehicle_that_left_takes_its_binding_with_it(sumo: FakeVehicles) -> None:
     drive = Driver()
     drive(Owner.SUMO, Mode.YIELD_DEFERRED)
     drive.mirror.forget(NAME)
-    sumo.settings.update(settings(SpeedFactor=1.1))
+    sumo.settings.update(settings_in_mirror(SpeedFactor=1.1))
     drive(Owner.SUMO, Mode.NOMINAL)
-    assert sumo.settings == settings(SpeedFactor=1.1)
+    assert sumo.settings == settings_in_mirror(SpeedFactor=1.1)
 
 
 def test_a_vehicle_that_left_while_ros_drove_it_is_not_handed_back(sumo: FakeVehicles) -> None:
@@ -176,7 +295,7 @@ def test_a_vehicle_that_left_while_ros_drove_it_is_not_handed_back(sumo: FakeVeh
     drive.mirror.forget(NAME)
     sumo.settings.update(Speed=3.0)
     drive(Owner.SUMO, Mode.NOMINAL)
-    assert sumo.settings == settings(Speed=3.0)
+    assert sumo.settings == settings_in_mirror(Speed=3.0)
     assert sumo.previous_speed_mps == 10.0, "of the step in which ROS drove"
     assert NAME not in drive.mirror.places
 
@@ -194,7 +313,7 @@ def placed(sumo: FakeVehicles, **state: float) -> tuple[float, float, float]:
     drive = Driver()
     row = {"actor_id": ACTOR, "x_m": RIGHT_X_M, "y_m": -100.0, "yaw_rad": 1.5, "vx_mps": 0.6, "vy_mps": 8.0}
     states = states_of(0, [{**row, **state, "owner": Owner.ROS}])
-    drive.mirror.apply(states, drive.vehicles, {NAME: (S_IN,)})
+    drive.mirror.apply(states, drive.vehicles, {NAME: (S_IN_MIRROR,)})
     _, _, x, y, angle_deg, _ = sumo.moved_to[-1]
     return x, y, angle_deg
 
@@ -207,7 +326,7 @@ def test_a_pose_is_extrapolated_by_a_step_in_place_and_heading(sumo: FakeVehicle
     assert (x, y) == pytest.approx((RIGHT_X_M + 0.03 + 2.0 * np.cos(yaw), -100.0 + 0.4 + 2.0 * np.sin(yaw)))
 
 
-SHIFTED = replace(NETWORK, sumo_offset_m=(100.0, -40.0))
+SHIFTED = replace(NETWORK_MIRROR, sumo_offset_m=(100.0, -40.0))
 
 
 class Realigned(FakeVehicles):
@@ -248,7 +367,7 @@ def test_sumos_vehicle_is_brought_back_where_that_moves_it_by_a_metre(
     for residual_m, far in ((1.6, True), (1.4, False)):
         vehicles.back.clear()
         states = states_of(0, [other, {**row, "owner": Owner.SUMO, "residual_m": residual_m}])
-        mirror.apply(states, {ACTOR: vehicle}, {NAME: (S_IN,)})
+        mirror.apply(states, {ACTOR: vehicle}, {NAME: (S_IN_MIRROR,)})
         assert mirror.realigned == ({ACTOR: residual_m} if brought and far else {})
         assert vehicles.back == ([("s_in_1", pytest.approx(45.0))] if brought and far else [])
     assert vehicles.previous_speed_mps == (pytest.approx(20.0) if brought else 0.0)
@@ -274,9 +393,9 @@ def test_where_both_stand_sumos_vehicle_is_brought_to_where_the_simulated_one_st
     population: Any = SimpleNamespace(length_scale=defaultdict(lambda: 1.0))
     vehicle: Any = SimpleNamespace(name=NAME, length_m=4.0, route=("s_in", "n_out"))
     row = {"actor_id": ACTOR, "x_m": RIGHT_X_M, "y_m": -100.0, "yaw_rad": 0.5 * np.pi, "vy_mps": simulated_mps}
-    mirror = Mirror(NETWORK, TrafficConfig(), population)
+    mirror = Mirror(NETWORK_MIRROR, TrafficConfig(), population)
     states = states_of(0, [{**row, "owner": Owner.SUMO, "residual_m": residual_m}])
-    mirror.apply(states, {ACTOR: vehicle}, {NAME: (S_IN,)})
+    mirror.apply(states, {ACTOR: vehicle}, {NAME: (S_IN_MIRROR,)})
     assert mirror.realigned == ({ACTOR: residual_m} if brought else {})
     assert vehicles.back == ([("s_in_1", pytest.approx(22.0))] if brought else [])
 
@@ -288,9 +407,11 @@ def test_nobody_is_brought_back_onto_a_lane_that_is_closed_to_civilians(monkeypa
     vehicle: Any = SimpleNamespace(name=NAME, length_m=4.0, route=("s_in", "n_out"))
     row = {"actor_id": ACTOR, "x_m": RIGHT_X_M, "y_m": -100.0, "yaw_rad": 0.5 * np.pi, "vy_mps": 10.0}
     states = states_of(0, [{**row, "owner": Owner.SUMO, "residual_m": 9.0}])
-    closed = replace(NETWORK, lanes=tuple(replace(lane, civilian_allowed=False) for lane in NETWORK.lanes))
-    for network, realigned in ((NETWORK, {ACTOR: 9.0}), (closed, {})):
+    closed = replace(
+        NETWORK_MIRROR, lanes=tuple(replace(lane, civilian_allowed=False) for lane in NETWORK_MIRROR.lanes)
+    )
+    for network, realigned in ((NETWORK_MIRROR, {ACTOR: 9.0}), (closed, {})):
         mirror = Mirror(network, TrafficConfig(), population)
-        mirror.apply(states, {ACTOR: vehicle}, {NAME: (S_IN,)})
+        mirror.apply(states, {ACTOR: vehicle}, {NAME: (S_IN_MIRROR,)})
         assert mirror.realigned == realigned
     assert len(vehicles.back) == 1

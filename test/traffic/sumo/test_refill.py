@@ -21,9 +21,9 @@ from made_streets import (
 from traffic_helpers import DIMENSIONS
 
 from siren_ros.scenario.scenario import GroupAnchor, Placement
+from siren_ros.traffic.config import TrafficConfig
 from siren_ros.traffic.demand.demand import plan_traffic
 from siren_ros.traffic.demand.plan import LaneInterval, PlannedVehicle, Spot, TrafficPlan
-from siren_ros.traffic.sumo.config import TrafficConfig
 from siren_ros.traffic.sumo.population import Population
 
 OFFSET = (500.0, -200.0)

@@ -6,11 +6,11 @@ from hypothesis import strategies as st
 from traffic_helpers import DIMENSIONS, load_map
 
 from siren_ros.numerics.units import STEP_S
-from siren_ros.roads.sites.site_finder import require_site
-from siren_ros.scenario.levels import EmergencyLevel
+from siren_ros.roads.site_finder import require_site
+from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.scenario.templates import load_template
 from siren_ros.traffic.demand.demand import plan_traffic
-from siren_ros.traffic.demand.driver_models import load_drivers
+from siren_ros.traffic.demand.plan import load_drivers
 from siren_ros.traffic.simulation import SumoSimulation
 from siren_ros.traffic.sumo.signal_timing import (
     SignalPhase,
@@ -20,7 +20,7 @@ from siren_ros.traffic.sumo.signal_timing import (
     red_interval_s,
     yellow_after,
 )
-from siren_ros.world.events import EventKind
+from siren_ros.world.traffic_state import EventKind
 
 PHASES = (
     SignalPhase(10.0, "rG"),

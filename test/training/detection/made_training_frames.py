@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from siren_ros.evaluation.detection.pillars.grid import PillarGrid
-from siren_ros.training.detection.frame_store import BagFrames, joined_frames
+from siren_ros.evaluation.detection.detectors.pillars import PillarGrid
+from siren_ros.training.detection.samples import BagFrames, joined_frames
 
 SMALL_GRID = PillarGrid(half_width_m=16.0, cells=64, points=6, pillars=500)
 

@@ -7,15 +7,13 @@ import pytest
 torch = pytest.importorskip("torch", reason="the extra models is not installed")
 pytest.importorskip("onnx", reason="the extra models is not installed")
 
-from siren_ros.evaluation.prediction.protocol.window import FUTURE_POINTS, future_times_s
+from siren_ros.evaluation.prediction.samples import FUTURE_POINTS, future_times_s
 from siren_ros.evaluation.prediction.siren_model.features import Features
-from siren_ros.evaluation.prediction.siren_model.network_file import OUTPUTS
-from siren_ros.training.episode_plan import Split
-from siren_ros.training.fit_config import FitConfig
-from siren_ros.training.fitting.fit import fit, losses, tensors
-from siren_ros.training.fitting.network import MODES, NetworkSize, PathNetwork
-from siren_ros.training.fitting.onnx_export import onnx_bytes
-from siren_ros.training.sample_store import read_store
+from siren_ros.evaluation.prediction.siren_model.siren_predictor import OUTPUTS
+from siren_ros.training.fitting.prediction import MODES, NetworkSize, PathNetwork, fit, losses, onnx_bytes, tensors
+from siren_ros.training.prediction.plan import Split
+from siren_ros.training.prediction.samples import read_store
+from siren_ros.training.settings import FitConfig
 
 CONFIG = FitConfig(epochs=3, batch=64, width=16, layers=1)
 

@@ -10,17 +10,15 @@ pytest.importorskip("onnx", reason="the extra models is not installed")
 from hand_made import made_record
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.prediction.protocol.hypotheses import checked
-from siren_ros.evaluation.prediction.protocol.predictor import PredictorOptions
-from siren_ros.evaluation.prediction.protocol.samples import Population, samples_of
-from siren_ros.evaluation.prediction.protocol.window import HistoryWindow
+from siren_ros.evaluation.prediction.predictors import PredictorOptions, checked
+from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, samples_of
 from siren_ros.evaluation.prediction.siren_model.siren_predictor import make
-from siren_ros.scenario.request import EpisodeRequest
-from siren_ros.training.data_making import MadeData
-from siren_ros.training.episode_plan import PlannedEpisode, Split
-from siren_ros.training.fit_config import FitConfig
-from siren_ros.training.fitting.trainer import fitted_network
-from siren_ros.training.prediction_training import train_variant, with_ablations
+from siren_ros.scenario.episode import EpisodeRequest
+from siren_ros.training.fitting.prediction import fitted_network
+from siren_ros.training.prediction.plan import PlannedEpisode, Split
+from siren_ros.training.prediction.samples import MadeData
+from siren_ros.training.prediction.training import train_variant, with_ablations
+from siren_ros.training.settings import FitConfig
 
 CONFIG = FitConfig(epochs=2, batch=64, width=16, layers=1)
 

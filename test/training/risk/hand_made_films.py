@@ -3,12 +3,11 @@
 import numpy as np
 
 from siren_ros.evaluation.risk.evidence import Evidence, Moments, SeenContact
-from siren_ros.evaluation.risk.labels import RiskThresholds, label_of
-from siren_ros.evaluation.risk.risk_class import RiskClass
-from siren_ros.evaluation.risk.sequence.small_frames import HEIGHT, WIDTH
-from siren_ros.scenario.request import EpisodeRequest
+from siren_ros.evaluation.risk.labels import RiskClass, RiskThresholds, label_of
+from siren_ros.evaluation.risk.sequence_model import HEIGHT, WIDTH
+from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.studies.risk_set.candidate import Candidate
-from siren_ros.training.risk.films import FILM_STEPS, Film
+from siren_ros.training.risk.samples import FILM_STEPS, Film
 
 FIRST_STEP = 8
 

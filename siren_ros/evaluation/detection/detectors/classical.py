@@ -1,22 +1,144 @@
-"""A detector without learning: the ground by RANSAC, clusters by DBSCAN (Open3D's), fitted boxes, a tracker."""
+"""The reference detector without learning: ground removal, clusters, fitted boxes, and a tracker for the velocity."""
 
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import linear_sum_assignment
 
-from siren_ros.datasets.sources.episode_source import open_source
-from siren_ros.datasets.sources.lidar_frames import lidar_of
 from siren_ros.errors import InputError
-from siren_ros.evaluation.detection.detectors.box_fitting import FittedBox, fit_box
-from siren_ros.evaluation.detection.detectors.tracker import Tracker, directed_yaw
-from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes, attributes_of
-from siren_ros.evaluation.detection.protocol.frames import EpisodeFrames
+from siren_ros.evaluation.detection.boxes import FoundBoxes, attributes_of
+from siren_ros.evaluation.detection.frames import EpisodeFrames
 from siren_ros.interfaces.point_cloud import from_point_cloud
-from siren_ros.numerics.arrays import Floats, Matrix
+from siren_ros.numerics.arrays import Floats, Matrix, Rows
 from siren_ros.numerics.units import STEP_S
+from siren_ros.record.episode_source import lidar_of, open_source
+
+_TURNS: Final = np.radians(np.arange(0.0, 90.0, 1.0))
+_NEAREST_M: Final = 0.05
+"""Distances to the edge below this count alike."""
+_WIDEST_REAR_M: Final = 2.3
+_TYPICAL_M: Final = (4.5, 1.9, 1.55)
+"""Length, width, height that a box has at least: a LiDAR sees one or two sides of a vehicle."""
+
+
+@dataclass(frozen=True)
+class FittedBox:
+    """In the frame of the points."""
+
+    centre_m: Floats
+    """Shape ``(3,)``."""
+    size_m: Floats
+    """Length, width, height."""
+    yaw_rad: float
+    """Of the longer side; its direction is not known, so within a quarter turn of x."""
+    seen_m: Floats
+    """Length and width of the part that was seen."""
+
+
+def fit_box(points: Floats, ground_m: float) -> FittedBox:
+    """The rectangle whose edges lie closest to the points, made as large as a car away from the sensor.
+
+    Source of the criterion: X. Zhang, W. Xu, C. Dong, J. Dolan, "Efficient L-shape fitting for vehicle detection using
+    laser scanners", IV 2017, "closeness".
+
+    Args:
+        points: Returns of one vehicle, shape ``(N, 3)``, in a frame with the sensor at the origin.
+        ground_m: Height of the ground below them.
+    """
+    cos, sin = np.cos(_TURNS)[:, None], np.sin(_TURNS)[:, None]
+    along = cos * points[:, 0] + sin * points[:, 1]
+    across = -sin * points[:, 0] + cos * points[:, 1]
+    edges = [np.minimum(side.max(axis=1)[:, None] - side, side - side.min(axis=1)[:, None]) for side in (along, across)]
+    best = int((1.0 / np.maximum(np.minimum(*edges), _NEAREST_M)).sum(axis=1).argmax())
+    low = np.array([along[best].min(), across[best].min()])
+    high = np.array([along[best].max(), across[best].max()])
+    yaw, seen = float(_TURNS[best]), high - low
+    # A side that is no longer than a car is wide is taken for its front or rear.
+    along_first = (seen[0] >= seen[1]) != (seen.max() < _WIDEST_REAR_M)
+    wanted = np.array(_TYPICAL_M[:2]) if along_first else np.array(_TYPICAL_M[1::-1])
+    grown = np.maximum(seen, wanted)
+    # The side that faces the sensor was seen; what is missing lies behind it.
+    middle = np.where(low + high >= 0.0, low + grown / 2.0, high - grown / 2.0)
+    if grown[1] > grown[0]:
+        grown, seen, yaw, middle = grown[::-1], seen[::-1], yaw + np.pi / 2.0, np.array([middle[1], -middle[0]])
+    height = max(float(points[:, 2].max()) - ground_m, _TYPICAL_M[2])
+    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    centre = np.array([*(turn @ middle), ground_m + height / 2.0])
+    yaw = float(np.arctan(np.tan(yaw)))
+    return FittedBox(centre, np.array([*grown, height]), yaw, seen)
+
+
+_GATE_M: Final = 2.5
+"""A box farther from where a track is expected belongs to another one."""
+_FORGET_STEPS: Final = 20
+_GAIN_PLACE: Final = 0.5
+_GAIN_VELOCITY: Final = 0.15
+_TURNING_MPS: Final = 1.0
+"""From this speed on a vehicle's front is where it moves."""
+
+
+@dataclass
+class Tracker:
+    """An alpha-beta filter for each vehicle, in the ``map`` frame."""
+
+    place_m: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+    velocity_mps: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+    sweeps: Rows = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    """How many sweeps each track has been seen in."""
+    last_step: Rows = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    step: int = 0
+
+    def follow(self, step: int, place_m: Floats, step_s: float) -> tuple[Floats, Rows]:
+        """Takes the boxes of a sweep.
+
+        Args:
+            step: Of the sweep.
+            place_m: Centres, shape ``(N, 2)``.
+            step_s: Duration of a step.
+
+        Returns:
+            Velocities, shape ``(N, 2)``, and in how many sweeps each vehicle has been seen, shape ``(N,)``.
+        """
+        passed_s = (step - self.step) * step_s
+        self.step = step
+        kept = step - self.last_step <= _FORGET_STEPS
+        self.place_m, self.velocity_mps = (
+            self.place_m[kept] + self.velocity_mps[kept] * passed_s,
+            self.velocity_mps[kept],
+        )
+        self.sweeps, self.last_step = self.sweeps[kept], self.last_step[kept]
+        track, box, away = self._pairs(place_m)
+        if passed_s > 0.0:
+            self.place_m[track] += _GAIN_PLACE * away
+            self.velocity_mps[track] += _GAIN_VELOCITY * away / passed_s
+        self.sweeps[track] += 1
+        self.last_step[track] = step
+        new = np.setdiff1d(np.arange(len(place_m)), box)
+        rows = np.zeros(len(place_m), dtype=np.intp)
+        rows[box], rows[new] = track, len(self.sweeps) + np.arange(len(new))
+        self.place_m = np.vstack((self.place_m, place_m[new]))
+        self.velocity_mps = np.vstack((self.velocity_mps, np.zeros((len(new), 2))))
+        self.sweeps = np.r_[self.sweeps, np.ones(len(new), dtype=np.intp)]
+        self.last_step = np.r_[self.last_step, np.full(len(new), step, dtype=np.intp)]
+        return self.velocity_mps[rows], self.sweeps[rows]
+
+    def _pairs(self, place_m: Floats) -> tuple[Rows, Rows, Floats]:
+        way = place_m[None] - self.place_m[:, None]
+        distance = np.hypot(way[..., 0], way[..., 1])
+        track, box = linear_sum_assignment(np.minimum(distance, _GATE_M))
+        near = distance[track, box] < _GATE_M
+        return track[near], box[near], way[track[near], box[near]]
+
+
+def directed_yaw(yaw_rad: Floats, velocity_mps: Floats) -> Floats:
+    """Headings turned round where a vehicle moves backwards along them, shape ``(N,)``."""
+    forward = np.cos(yaw_rad) * velocity_mps[:, 0] + np.sin(yaw_rad) * velocity_mps[:, 1]
+    return np.where(forward < -_TURNING_MPS, yaw_rad + np.pi, yaw_rad)
+
 
 _RANGE_M: Final = 55.0
 _OWN_M: Final = 3.5

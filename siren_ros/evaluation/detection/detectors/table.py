@@ -8,10 +8,10 @@ from types import MappingProxyType
 from typing import Final
 
 from siren_ros.errors import InputError
+from siren_ros.evaluation.detection.boxes import FoundBoxes
 from siren_ros.evaluation.detection.detectors.classical import detect_classical
-from siren_ros.evaluation.detection.pillars.detector import detect_pillars
-from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes
-from siren_ros.evaluation.detection.protocol.frames import EpisodeFrames
+from siren_ros.evaluation.detection.detectors.pillar_detector import detect_pillars
+from siren_ros.evaluation.detection.frames import EpisodeFrames
 
 Detect = Callable[[EpisodeFrames, Path | None], FoundBoxes]
 """Vehicles in all labelled sweeps of an episode; the file holds weights in place of the detector's own."""

@@ -12,10 +12,15 @@ from typing import Final
 import numpy as np
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.detection.inputs.found_set import FoundSet
-from siren_ros.evaluation.detection.inputs.stated_boxes import StatedBoxes, check_boxes, in_map, quaternions_of_yaw
-from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes
-from siren_ros.evaluation.detection.protocol.frames import Frames
+from siren_ros.evaluation.detection.boxes import FoundBoxes
+from siren_ros.evaluation.detection.frames import Frames
+from siren_ros.evaluation.detection.inputs.stated_boxes import (
+    FoundSet,
+    StatedBoxes,
+    check_boxes,
+    in_map,
+    quaternions_of_yaw,
+)
 from siren_ros.numerics.arrays import Floats, Matrix, Rows
 
 _FORMAT: Final = "KITTI results"

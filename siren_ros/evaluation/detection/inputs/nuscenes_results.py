@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.detection.inputs.found_set import FoundSet
-from siren_ros.evaluation.detection.inputs.stated_boxes import StatedBoxes, check_boxes, in_map
-from siren_ros.evaluation.detection.protocol.boxes import ATTRIBUTES, FoundBoxes
-from siren_ros.evaluation.detection.protocol.frames import Frames
+from siren_ros.evaluation.detection.boxes import ATTRIBUTES, FoundBoxes
+from siren_ros.evaluation.detection.frames import Frames
+from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet, StatedBoxes, check_boxes, in_map
 from siren_ros.numerics.arrays import Floats
 
 _FORMAT = "nuScenes results"

@@ -1,24 +1,76 @@
-"""OpenPCDet's ``result.pkl``: a list with ``name``, ``score`` and ``boxes_lidar`` of each frame.
+"""Detections of OpenPCDet: ``result.pkl``, read without running code that it may hold."""
 
-Source: https://github.com/open-mmlab/OpenPCDet, ``pcdet/datasets/dataset.py`` (``generate_prediction_dicts``). Frames
-of the custom dataset have the numbers of ``siren export openpcdet`` and boxes ``x y z dx dy dz heading`` in its LiDAR
-frame. Frames of the nuScenes dataset have the keyframe's token in ``metadata`` and boxes with two velocities in
-``LIDAR_TOP``'s frame.
-"""
-
+import io
+import pickle
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, Literal
 
 import numpy as np
+from numpy.core import multiarray
 
-from siren_ros.datasets.nuscenes.rig import NUSCENES_FROM_LIDAR
+from siren_ros.datasets.nuscenes.episode_tables import NUSCENES_FROM_LIDAR
 from siren_ros.errors import InputError
-from siren_ros.evaluation.detection.inputs.found_set import FoundSet
-from siren_ros.evaluation.detection.inputs.restricted_pickle import load_numbers
-from siren_ros.evaluation.detection.inputs.stated_boxes import StatedBoxes, check_boxes, in_map, quaternions_of_yaw
-from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes
-from siren_ros.evaluation.detection.protocol.frames import Frames
+from siren_ros.evaluation.detection.boxes import FoundBoxes
+from siren_ros.evaluation.detection.frames import Frames
+from siren_ros.evaluation.detection.inputs.stated_boxes import (
+    FoundSet,
+    StatedBoxes,
+    check_boxes,
+    in_map,
+    quaternions_of_yaw,
+)
 from siren_ros.numerics.arrays import Flags, Floats, Rows
+
+
+def _array_of_buffer(buffer: Any, dtype: Any, shape: tuple[int, ...], order: Literal["C", "F", "A"]) -> Any:
+    """How pickles of protocol 5 hold arrays of numbers."""
+    return np.frombuffer(buffer, dtype=dtype).reshape(shape, order=order)
+
+
+_KNOWN: Final[dict[tuple[str, str], Any]] = {
+    **{
+        (f"{core}.multiarray", name): getattr(multiarray, name)
+        for core in ("numpy.core", "numpy._core")
+        for name in ("_reconstruct", "scalar")
+    },
+    **{(f"{core}.numeric", "_frombuffer"): _array_of_buffer for core in ("numpy.core", "numpy._core")},
+    ("numpy", "ndarray"): np.ndarray,
+    ("numpy", "dtype"): np.dtype,
+}
+
+
+class _NumbersOnly(pickle.Unpickler):
+    def find_class(self, module: str, name: str) -> Any:
+        """A function that rebuilds an array; UnpicklingError for anything else."""
+        known = _KNOWN.get((module, name))
+        if known is not None:
+            return known
+        if (module, name) == ("_codecs", "encode"):
+            return _latin_bytes
+        raise pickle.UnpicklingError(f"it asks for {module}.{name}")
+
+
+def _latin_bytes(text: object, encoding: object) -> bytes:
+    """How old pickles hold bytes."""
+    if not isinstance(text, str) or encoding != "latin1":
+        raise pickle.UnpicklingError(f"it asks for an encoding {encoding!r}")
+    return text.encode("latin1")
+
+
+def load_numbers(path: Path) -> Any:
+    """The content of a pickle of lists, dictionaries, texts, numbers and numpy arrays.
+
+    Raises:
+        InputError: It holds anything else, is damaged, or cannot be read.
+    """
+    try:
+        return _NumbersOnly(io.BytesIO(path.read_bytes())).load()
+    except OSError as error:
+        raise InputError("detections", str(path), f"a file that can be read ({error.strerror or error})") from error
+    except Exception as error:  # a damaged pickle raises any of a dozen kinds
+        told = f"a pickle of lists, dictionaries, texts and numpy arrays alone ({error})"
+        raise InputError("detections", str(path), told) from error
+
 
 _FORMAT = "OpenPCDet results"
 _WITH_VELOCITY = 9

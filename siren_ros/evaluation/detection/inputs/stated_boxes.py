@@ -1,4 +1,4 @@
-"""Boxes as a file states them, what is refused in all formats, and their way into the ``map`` frame."""
+"""Detections of other programs: their boxes as a file or a topic states them, checked and turned into the map frame."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,8 +8,25 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes, attributes_of
+from siren_ros.evaluation.detection.boxes import FoundBoxes, attributes_of
 from siren_ros.numerics.arrays import Codes, Flags, Floats, Rows
+
+
+@dataclass(frozen=True)
+class FoundSet:
+    """Detections, and the frames that they are detections of."""
+
+    name: str
+    """The user's name for the detector."""
+    format: str
+    boxes: FoundBoxes
+    scored: Flags
+    """Frames that count: those that the format has, shape ``(F,)``."""
+    has_velocity: bool
+    """Whether velocities are known; without them the devkit takes 1 m/s as the velocity error."""
+    has_attributes: bool = False
+    """Whether the format states attributes; else those of labels and detections follow from their velocities."""
+
 
 MOST_BOXES: Final = 500
 """nuScenes' limit for one frame."""

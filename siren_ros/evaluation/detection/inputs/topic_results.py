@@ -6,14 +6,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from siren_ros.datasets.sources.episode_source import open_source
 from siren_ros.errors import InputError
-from siren_ros.evaluation.detection.inputs.found_set import FoundSet
-from siren_ros.evaluation.detection.inputs.stated_boxes import StatedBoxes, check_boxes, in_map
-from siren_ros.evaluation.detection.protocol.frames import EpisodeFrames, Frames
+from siren_ros.evaluation.detection.frames import EpisodeFrames, Frames
+from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet, StatedBoxes, check_boxes, in_map
 from siren_ros.numerics.arrays import Matrix
+from siren_ros.record.episode_source import open_source
 from siren_ros.recording.bag_reader import damage_refused
-from siren_ros.world.frames import BASE_FRAME, MAP_FRAME
+from siren_ros.world.carrier import BASE_FRAME, MAP_FRAME
 
 TOPIC_PREFIX: Final = "topic:"
 _TYPE: Final = "vision_msgs/msg/Detection3DArray"

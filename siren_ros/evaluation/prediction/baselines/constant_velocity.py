@@ -2,10 +2,8 @@
 
 from dataclasses import dataclass, field
 
-from siren_ros.evaluation.prediction.protocol.hypotheses import Hypotheses
-from siren_ros.evaluation.prediction.protocol.predictor import PredictorOptions
-from siren_ros.evaluation.prediction.protocol.samples import SampleBatch
-from siren_ros.evaluation.prediction.protocol.window import HistoryWindow, future_times_s
+from siren_ros.evaluation.prediction.predictors import Hypotheses, PredictorOptions
+from siren_ros.evaluation.prediction.samples import HistoryWindow, SampleBatch, future_times_s
 
 
 @dataclass(frozen=True)

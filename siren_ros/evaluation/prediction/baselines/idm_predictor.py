@@ -1,18 +1,244 @@
-"""IDM as a trajectory predictor: every vehicle follows its present leader along its lane."""
+"""IDM as a trajectory predictor: every vehicle follows its present leader along its lane.
+
+A vehicle keeps its lane and goes straight on at every junction. Its leader is the next vehicle along the successors
+of its lane, or the next one straight ahead where it is in no lane. The Intelligent Driver Model: M. Treiber,
+A. Hennecke, D. Helbing, Phys. Rev. E 62 (2000) 1805, eqs. 2 to 4.
+"""
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
+import numpy.typing as npt
 
-from siren_ros.evaluation.prediction.baselines.idm import IdmConfig, idm_travel
-from siren_ros.evaluation.prediction.baselines.lane_following import paths_from
-from siren_ros.evaluation.prediction.baselines.leaders import leaders_of
-from siren_ros.evaluation.prediction.protocol.hypotheses import Hypotheses
-from siren_ros.evaluation.prediction.protocol.predictor import PredictorOptions
-from siren_ros.evaluation.prediction.protocol.samples import SampleBatch
-from siren_ros.evaluation.prediction.protocol.window import HistoryWindow, future_times_s
-from siren_ros.judging.lane_location import locate
-from siren_ros.roads.road_network import NO_LANE
+from siren_ros.evaluation.prediction.predictors import Hypotheses, PredictorOptions
+from siren_ros.evaluation.prediction.samples import HistoryWindow, SampleBatch, future_times_s
+from siren_ros.numerics.arrays import Floats, Rows
+from siren_ros.numerics.geometry import Polyline, wrap_angle
+from siren_ros.record.vehicle_location import LanePlaces, locate
+from siren_ros.roads.road_network import NO_LANE, Connection, Lane, RoadNetwork
+from siren_ros.world.traffic_state import Indices
+
+
+@dataclass(frozen=True)
+class IdmConfig:
+    """Parameters of the model and of its application to roads."""
+
+    time_headway_s: float = 1.5
+    standstill_gap_m: float = 2.0
+    acceleration_mps2: float = 1.5
+    comfortable_braking_mps2: float = 2.0
+    exponent: float = 4.0
+    """Exponent of the free-road term, as in the original."""
+    integration_s: float = 0.1
+    range_m: float = 250.0
+    """Largest distance to a leader."""
+    off_lane_limit_mps: float = 50.0 / 3.6
+    """Speed limit of vehicles in no lane: that of an urban road."""
+    least_gap_m: float = 0.1
+    """Least gap that the model gets; the measured gap is negative where the bumpers overlap."""
+
+
+def idm_acceleration(
+    speed_mps: Floats, desired_mps: Floats, gap_m: Floats, closing_mps: Floats, config: IdmConfig
+) -> Floats:
+    """Acceleration of the model; all arrays of shape ``(N,)``, the gap inf on a free road.
+
+    Args:
+        speed_mps: Own speed.
+        desired_mps: Speed on a free road.
+        gap_m: From the own front bumper to the leader's rear bumper.
+        closing_mps: Own speed minus the leader's.
+        config: Parameters.
+    """
+    braking_term = 2.0 * np.sqrt(config.acceleration_mps2 * config.comfortable_braking_mps2)
+    dynamic = speed_mps * config.time_headway_s + speed_mps * closing_mps / braking_term
+    wanted_gap = config.standstill_gap_m + np.maximum(dynamic, 0.0)
+    free = (speed_mps / desired_mps) ** config.exponent
+    return config.acceleration_mps2 * (1.0 - free - (wanted_gap / np.maximum(gap_m, config.least_gap_m)) ** 2)
+
+
+def idm_travel(
+    speed_mps: Floats, desired_mps: Floats, gap_m: Floats, leader_mps: Floats, times_s: Floats, config: IdmConfig
+) -> Floats:
+    """Distances travelled behind leaders of constant speed, shape ``(N, T)``.
+
+    Ballistic update: a vehicle whose speed would become negative stops within the step
+    (M. Treiber, V. Kanagaraj, Physica A 419 (2015) 183, eqs. 10 and 11).
+
+    Args:
+        speed_mps: Present speeds, shape ``(N,)``.
+        desired_mps: Speeds on a free road, shape ``(N,)``.
+        gap_m: Present bumper gaps, inf without a leader, shape ``(N,)``.
+        leader_mps: Leaders' speeds, shape ``(N,)``.
+        times_s: Times of the answer, multiples of the integration step, shape ``(T,)``.
+        config: Parameters.
+    """
+    dt = config.integration_s
+    wanted = np.round(times_s / dt).astype(np.intp)
+    speed, travelled = speed_mps, np.zeros(len(speed_mps))
+    after = [travelled]
+    for step in range(int(wanted.max())):
+        gap = gap_m + leader_mps * (step * dt) - travelled
+        acceleration = idm_acceleration(speed, desired_mps, gap, speed - leader_mps, config)
+        stops = speed + acceleration * dt < 0.0
+        to_stop = 0.5 * speed**2 / np.where(stops, -acceleration, 1.0)
+        travelled = travelled + np.where(stops, to_stop, speed * dt + 0.5 * acceleration * dt**2)
+        speed = np.where(stops, 0.0, speed + acceleration * dt)
+        after.append(travelled)
+    return np.stack(after, axis=-1)[:, wanted]
+
+
+_SAME_TURN_RAD = 0.1
+"""Movements count as equally straight where their turns differ by less; the smaller lateral shift then decides."""
+
+
+def straight_successors(network: RoadNetwork) -> Indices:
+    """The lane that follows each lane without a lane change, NO_LANE at an end; shape ``(L,)``.
+
+    Where several movements leave a lane, the straightest is taken, because an observer does not know the driver's
+    turn. Lanes of the same kind come first, so that a shoulder leads to a shoulder. A path across a junction is
+    followed to its end.
+    """
+    successor = np.full(len(network.lanes), NO_LANE, dtype=np.int32)
+    for lane in network.lanes:
+        movements = network.connections_from.get(lane.index, ())
+        if movements:
+            best = min(movements, key=lambda movement: _bend(network, lane, movement))
+            successor[lane.index] = (*best.via, best.to_lane)[0]
+    for movement in network.connections:
+        chain = (*movement.via, movement.to_lane)
+        for inside, following in pairwise(chain):
+            successor[inside] = following
+    return successor
+
+
+def _bend(network: RoadNetwork, lane: Lane, movement: Connection) -> tuple[bool, int, float, int]:
+    target = network.lanes[movement.to_lane]
+    heading = float(lane.centre.heading_rad(lane.length_m))
+    turn = abs(float(wrap_angle(target.centre.heading_rad(0.0) - heading)))
+    ahead = target.centre.points[0] - lane.centre.points[-1]
+    sideways = abs(float(ahead[1] * np.cos(heading) - ahead[0] * np.sin(heading)))
+    return target.kind is not lane.kind, round(turn / _SAME_TURN_RAD), sideways, target.index
+
+
+@dataclass(frozen=True)
+class LanePaths:
+    """P paths, each straight on from one lane."""
+
+    path_of_lane: npt.NDArray[np.intp]
+    """Path that starts at each lane of the network, −1 where there is none; shape ``(L,)``."""
+    curves: tuple[Polyline, ...]
+    """Centre line of each path, from its first lane's start."""
+    start_m: Floats
+    """Distance along path p at which lane l starts, inf where p does not use it; shape ``(P, L)``."""
+
+    def points(self, path: npt.NDArray[np.intp], arc_m: Floats, offset_m: Floats) -> Floats:
+        """Places along paths.
+
+        Args:
+            path: Path of each of N vehicles, shape ``(N,)``.
+            arc_m: Distances along it, shape ``(N, T)``; the path continues straight past its end.
+            offset_m: Offset to keep from the centre line, left positive, shape ``(N,)``.
+
+        Returns:
+            Shape ``(N, T, 2)``.
+        """
+        found = np.zeros((*arc_m.shape, 2))
+        for index in np.unique(path).tolist():
+            rows = path == index
+            found[rows] = self.curves[index].offset_points(arc_m[rows], offset_m[rows, None])
+        return found
+
+
+def paths_from(network: RoadNetwork, lanes: npt.NDArray[np.int32], reach_m: float) -> LanePaths:
+    """Paths straight on from lanes.
+
+    Args:
+        network: The map.
+        lanes: Lanes to start from, each once.
+        reach_m: Length of each path beyond the end of its first lane, as far as lanes follow.
+    """
+    successor = straight_successors(network)
+    path_of_lane = np.full(len(network.lanes), -1, dtype=np.intp)
+    start_m = np.full((len(lanes), len(network.lanes)), np.inf)
+    curves = []
+    for path, first in enumerate(lanes.tolist()):
+        path_of_lane[first] = path
+        chain, lane, end = [], first, 0.0
+        end_of_reach = network.lanes[first].length_m + reach_m
+        while lane != NO_LANE and end < end_of_reach:
+            chain.append(network.lanes[lane].centre)
+            start_m[path, lane] = min(start_m[path, lane], end)
+            end += network.lanes[lane].length_m
+            lane = int(successor[lane])
+        curves.append(Polyline.joined(chain))
+    return LanePaths(path_of_lane, tuple(curves), start_m)
+
+
+@dataclass(frozen=True)
+class Leaders:
+    """The leader of each of N samples at the present; arrays of shape ``(N,)``."""
+
+    gap_m: Floats
+    """From the own front bumper to the leader's rear bumper, inf without a leader.
+
+    It is negative where the two overlap lengthwise: the leader's centre is ahead, its rear behind the own front.
+    """
+    speed_mps: Floats
+    """The leader's, in the own direction and not negative; 0 without a leader."""
+
+
+def leaders_of(batch: SampleBatch, places: LanePlaces, paths: LanePaths, range_m: float) -> Leaders:
+    """The nearest vehicle whose centre is ahead within the range.
+
+    The leader of a sample in a lane is in this lane or in those that follow straight on. The leader of a sample in
+    no lane overlaps the strip that the sample sweeps straight ahead; its heading does not matter.
+
+    Args:
+        batch: The samples.
+        places: Lanes of the rows of ``batch.actors``.
+        paths: Paths from every sample's lane.
+        range_m: Greatest distance between the centres.
+    """
+    sample, other = batch.neighbours()
+    own = batch.target[sample]
+    in_lane = places.lane[own] != NO_LANE
+    distance, speed = np.full(len(sample), np.inf), np.zeros(len(sample))
+    for pairs, (ahead_m, speed_mps) in (
+        (in_lane, _along_lanes(batch, places, paths, own[in_lane], other[in_lane])),
+        (~in_lane, _straight_ahead(batch, own[~in_lane], other[~in_lane])),
+    ):
+        distance[pairs], speed[pairs] = ahead_m, speed_mps
+    half_lengths = 0.5 * (batch.actors.length_m[own] + batch.actors.length_m[other])
+    ahead = np.flatnonzero((distance > 0.0) & (distance <= range_m))
+    gap = distance[ahead] - half_lengths[ahead]
+    order = np.lexsort((gap, sample[ahead]))
+    led, first = np.unique(sample[ahead][order], return_index=True)
+    nearest = order[first]
+    gap_m, speed_mps = np.full(len(batch), np.inf), np.zeros(len(batch))
+    gap_m[led], speed_mps[led] = gap[nearest], speed[ahead][nearest]
+    return Leaders(gap_m, speed_mps)
+
+
+def _along_lanes(
+    batch: SampleBatch, places: LanePlaces, paths: LanePaths, own: Rows, other: Rows
+) -> tuple[Floats, Floats]:
+    """Distances along the lanes to the others' centres, inf in other lanes, and the others' speeds."""
+    path, lane = paths.path_of_lane[places.lane[own]], places.lane[other]
+    start_m = np.where(lane == NO_LANE, np.inf, paths.start_m[path, lane])
+    velocity = batch.actors.velocity_mps[other, -1]
+    return start_m + places.arc_m[other] - places.arc_m[own], np.hypot(velocity[:, 0], velocity[:, 1])
+
+
+def _straight_ahead(batch: SampleBatch, own: Rows, other: Rows) -> tuple[Floats, Floats]:
+    """Distances along the headings to the others' centres, inf outside the strip, and their speeds along them."""
+    actors = batch.actors
+    cos, sin = np.cos(actors.yaw_rad[own, -1]), np.sin(actors.yaw_rad[own, -1])
+    x, y = (actors.xy_m[other, -1] - actors.xy_m[own, -1]).T
+    vx, vy = actors.velocity_mps[other, -1].T
+    in_strip = np.abs(cos * y - sin * x) < 0.5 * (actors.width_m[own] + actors.width_m[other])
+    return np.where(in_strip, cos * x + sin * y, np.inf), np.maximum(cos * vx + sin * vy, 0.0)
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,8 @@ from typing import Final
 import torch
 from torch import Tensor, nn
 
-from siren_ros.datasets.ngsim.grid import CELLS
-from siren_ros.evaluation.prediction.published.gated import (
+from siren_ros.datasets.ngsim_frame import CELLS
+from siren_ros.evaluation.prediction.published.layers import (
     ATTENDED,
     EMBEDDED,
     ENCODED,
@@ -26,10 +26,11 @@ from siren_ros.evaluation.prediction.published.gated import (
     LONGITUDINAL,
     AddAndNorm,
     GatedLinear,
+    Groups,
     ManoeuvreGenerator,
+    Neighbours,
+    one_hot_modes,
 )
-from siren_ros.evaluation.prediction.published.manoeuvres import one_hot_modes
-from siren_ros.evaluation.prediction.published.social_grid import Groups, Neighbours
 
 _VEHICLE: Final = 16
 _BEHAVIOURS: Final = 6

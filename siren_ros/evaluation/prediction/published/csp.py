@@ -9,9 +9,8 @@ from typing import Final
 import torch
 from torch import Tensor, nn
 
-from siren_ros.datasets.ngsim.grid import CELLS, CELLS_ALONG, COLUMNS
-from siren_ros.evaluation.prediction.published.manoeuvres import gaussian, one_hot_modes
-from siren_ros.evaluation.prediction.published.social_grid import Neighbours
+from siren_ros.datasets.ngsim_frame import CELLS, CELLS_ALONG, COLUMNS
+from siren_ros.evaluation.prediction.published.layers import Neighbours, gaussian, one_hot_modes
 
 LATERAL: Final = 3
 LONGITUDINAL: Final = 2

@@ -1,36 +1,124 @@
-"""CSP, STDAN and BAT as predictors of the protocol."""
+"""CSP, STDAN and BAT as predictors of the protocol.
 
-from collections.abc import Callable
+Published weights are loaded without running anything that is in the file, and are held against the network.
+"""
+
+import pickle
+import warnings
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
-from siren_ros.datasets.ngsim.conventions import FOOT_M
+from siren_ros.datasets.ngsim_frame import FOOT_M
 from siren_ros.errors import InputError
-from siren_ros.evaluation.prediction.protocol.hypotheses import Hypotheses
-from siren_ros.evaluation.prediction.protocol.predictor import PredictorOptions
-from siren_ros.evaluation.prediction.protocol.samples import SampleBatch
-from siren_ros.evaluation.prediction.protocol.window import FUTURE_POINTS, HistoryWindow
+from siren_ros.evaluation.prediction.predictors import Hypotheses, PredictorOptions
 from siren_ros.evaluation.prediction.published.bat import Bat, BatInput
-from siren_ros.evaluation.prediction.published.behaviour import behaviour_tensor
-from siren_ros.evaluation.prediction.published.checkpoints import load_weights
 from siren_ros.evaluation.prediction.published.csp import Csp, CspInput
-from siren_ros.evaluation.prediction.published.features import (
+from siren_ros.evaluation.prediction.published.inputs import (
+    NgsimView,
     bat_features,
+    behaviour_tensor,
     csp_features,
     from_polar,
+    ngsim_view,
     polar,
     positions_ft,
     stdan_features,
 )
-from siren_ros.evaluation.prediction.published.manoeuvres import mode_probabilities
-from siren_ros.evaluation.prediction.published.ngsim_view import NgsimView, ngsim_view
-from siren_ros.evaluation.prediction.published.social_grid import Neighbours
+from siren_ros.evaluation.prediction.published.layers import Neighbours, mode_probabilities
 from siren_ros.evaluation.prediction.published.stdan import Stdan, StdanInput
+from siren_ros.evaluation.prediction.samples import FUTURE_POINTS, HistoryWindow, SampleBatch
 from siren_ros.numerics.arrays import Floats
+
+_UNREADABLE: Final = (RuntimeError, ValueError, KeyError, IndexError, AttributeError, TypeError, EOFError, ImportError)
+"""What torch raises for files that are damaged or are something else."""
+_RENAMED: Final = {"soc_conv_3x1.": "conv_3x1."}
+"""A layer of CSP, as another of the published repositories calls it."""
+
+
+def load_weights(network: nn.Module, model: str, path: Path) -> None:
+    """Loads the weights of a file into a network, and makes it ready for prediction.
+
+    The file holds a state dict, alone or under ``state_dict``, or one for each part of the network by the part's name.
+    Where the authors published a file for each part (``epoch9_gd.tar`` and ``epoch9_g.tar``), the path is that of one
+    and the others lie next to it.
+
+    Raises:
+        InputError: The file cannot be read, holds code, or is not of this model; with counts and the first offender.
+    """
+    given = _with_parts(network, path)
+    wanted = network.state_dict()
+    missing = [name for name in wanted if name not in given]
+    unknown = [name for name in given if name not in wanted]
+    reshaped = [name for name in wanted if name in given and given[name].shape != wanted[name].shape]
+    wrong = []
+    if missing:
+        wrong.append(f"{len(missing)} of {len(wanted)} missing, first {missing[0]}")
+    if reshaped:
+        first = reshaped[0]
+        shapes = f"{tuple(given[first].shape)} instead of {tuple(wanted[first].shape)}"
+        wrong.append(f"{len(reshaped)} of another shape, first {first}: {shapes}")
+    if unknown:
+        wrong.append(f"{len(unknown)} unknown, first {unknown[0]}")
+    if wrong:
+        raise InputError("checkpoint", str(path), f"weights of {model} ({'; '.join(wrong)})")
+    infinite = [name for name in wanted if not bool(torch.isfinite(given[name]).all())]
+    if infinite:
+        what = f"finite weights ({len(infinite)} of {len(wanted)} are not, first {infinite[0]})"
+        raise InputError("checkpoint", str(path), what)
+    network.load_state_dict(given)
+    network.eval()
+
+
+def _with_parts(network: nn.Module, path: Path) -> dict[str, Tensor]:
+    """All weights by their names in the network."""
+    parts = [name for name, _ in network.named_children()]
+    content = _read(path)
+    own = next((part for part in parts if path.stem.endswith(f"_{part}")), None)
+    if own is not None and not any(name in parts for name in content):
+        prefix = path.stem.removesuffix(own)
+        content = {part: _read(path.with_name(f"{prefix}{part}{path.suffix}")) for part in parts}
+    return _flat(content, str(path))
+
+
+def _read(path: Path) -> Mapping[str, Any]:
+    try:
+        with warnings.catch_warnings():
+            # What torch doubts about a file, the refusals here say.
+            warnings.simplefilter("ignore")
+            content = torch.load(path, map_location="cpu", weights_only=True)
+    except OSError as error:
+        raise InputError("checkpoint", str(path), f"a file that can be read ({error.strerror or error})") from error
+    except pickle.UnpicklingError as error:
+        raise InputError("checkpoint", str(path), "weights alone; the file holds code or is none of torch's") from error
+    except _UNREADABLE as error:
+        raise InputError("checkpoint", str(path), f"weights that torch saved ({type(error).__name__})") from error
+    if isinstance(content, Mapping) and "state_dict" in content:
+        content = content["state_dict"]
+    if not isinstance(content, Mapping):
+        raise InputError("checkpoint", str(path), f"a state dict, not {type(content).__name__}")
+    return content
+
+
+def _flat(content: Mapping[str, Any], path: str, prefix: str = "") -> dict[str, Tensor]:
+    found: dict[str, Tensor] = {}
+    for name, value in content.items():
+        full = f"{prefix}{name}"
+        if isinstance(value, Mapping):
+            found.update(_flat(value, path, f"{full}."))
+        elif isinstance(value, Tensor):
+            for old, new in _RENAMED.items():
+                full = full.replace(old, new)
+            found[full] = value
+        else:
+            raise InputError("checkpoint", path, f"tensors alone; {full} is of type {type(value).__name__}")
+    return found
+
 
 _PART: Final = 1024
 """Samples that a network handles at once."""

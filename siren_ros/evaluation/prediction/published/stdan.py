@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from siren_ros.datasets.ngsim.grid import CELLS
-from siren_ros.evaluation.prediction.published.gated import (
+from siren_ros.datasets.ngsim_frame import CELLS
+from siren_ros.evaluation.prediction.published.layers import (
     ATTENDED,
     EMBEDDED,
     ENCODED,
@@ -21,10 +21,11 @@ from siren_ros.evaluation.prediction.published.gated import (
     HEADS,
     AddAndNorm,
     GatedLinear,
+    Groups,
     ManoeuvreGenerator,
+    Neighbours,
     most_probable,
 )
-from siren_ros.evaluation.prediction.published.social_grid import Groups, Neighbours
 
 
 @dataclass(frozen=True)

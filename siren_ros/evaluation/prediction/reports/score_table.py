@@ -1,20 +1,148 @@
-"""Scores of all models in all groups, with intervals over the episodes."""
+"""Scores of all models in all groups of samples, with intervals over the episodes, and the differences of models."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
+from itertools import combinations
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
-from siren_ros.evaluation.prediction.metrics.metric import Metric
-from siren_ros.evaluation.prediction.metrics.table import METRICS
-from siren_ros.evaluation.prediction.reports.groups import Group, GroupKind, groups_of
-from siren_ros.evaluation.prediction.reports.sample_table import SampleTable, sample_table
-from siren_ros.evaluation.prediction.scoring.episode_scores import EpisodeScores
-from siren_ros.evaluation.statistics.block_sums import BlockSums, block_sums
+from siren_ros.evaluation.prediction.episode_scores import Category, EpisodeScores
+from siren_ros.evaluation.prediction.metrics import METRIC_OF, METRICS, Metric, Reliability, no_reliability
+from siren_ros.evaluation.prediction.samples import FUTURE_POINTS
+from siren_ros.evaluation.statistics.block_means import (
+    BlockSums,
+    PairedDifference,
+    block_sums,
+    holm,
+    interval_of_mean,
+    paired_difference,
+)
 from siren_ros.evaluation.statistics.interval import Interval
-from siren_ros.evaluation.statistics.jackknife import interval_of_mean
-from siren_ros.numerics.arrays import Flags, Rows
+from siren_ros.numerics.arrays import Codes, Flags, Floats, Rows
+
+_PARTS: Final = 3
+"""Ranges of a parameter with many values: low, middle, high, with equally many episodes."""
+_EACH_MAX: Final = 4
+"""A parameter with at most so many values has a row for each."""
+
+
+class GroupKind(StrEnum):
+    """What the rows of a table differ in."""
+
+    ALL = "all"
+    TEMPLATE = "template"
+    CATEGORY = "category"
+    LEVEL = "level"
+    PARAMETER = "parameter"
+
+
+@dataclass(frozen=True)
+class Group:
+    """One row."""
+
+    kind: GroupKind
+    name: str
+    """``S2``, ``held``, ``L3``, ``S2 emv.speed_mps 8.3 to 11.2``."""
+    episodes: Flags
+    """Which episodes belong to it, shape ``(B,)``."""
+    category: Category | None = None
+    """Of the samples; None for all."""
+
+
+def groups_of(scores: Sequence[EpisodeScores]) -> tuple[Group, ...]:
+    """Every group of some episodes, in the order of reports."""
+    everything = np.ones(len(scores), dtype=np.bool_)
+    found = [Group(GroupKind.ALL, "all", everything)]
+    found += _by_name(GroupKind.TEMPLATE, [episode.template for episode in scores])
+    found += [Group(GroupKind.CATEGORY, one.name.lower(), everything, one) for one in Category]
+    found += _by_name(GroupKind.LEVEL, [episode.level.name for episode in scores])
+    return (*found, *_by_parameter(scores))
+
+
+def _by_name(kind: GroupKind, names: Sequence[str]) -> list[Group]:
+    return [Group(kind, name, np.array([one == name for one in names])) for name in sorted(set(names))]
+
+
+def _by_parameter(scores: Sequence[EpisodeScores]) -> Iterator[Group]:
+    """Ranges of each number of each template that differs between its episodes."""
+    for template in sorted({episode.template for episode in scores}):
+        of_template = np.array([episode.template == template for episode in scores])
+        for name in sorted({name for episode in scores if episode.template == template for name in episode.parameters}):
+            values = np.array([episode.parameters.get(name, np.nan) for episode in scores])
+            values[~of_template] = np.nan
+            yield from _ranges(f"{template} {name}", values)
+
+
+def _ranges(name: str, values: Floats) -> Iterator[Group]:
+    there = values[~np.isnan(values)]
+    different = np.unique(there)
+    if len(different) < 2:
+        return
+    if len(different) <= _EACH_MAX:
+        for value in different.tolist():
+            yield Group(GroupKind.PARAMETER, f"{name} {value:g}", values == value)
+        return
+    bounds = np.quantile(there, np.linspace(0.0, 1.0, _PARTS + 1))
+    part = np.searchsorted(bounds[1:-1], values, side="left")
+    for number in range(_PARTS):
+        inside = (part == number) & ~np.isnan(values)
+        if inside.any():
+            low, high = values[inside].min(), values[inside].max()
+            yield Group(GroupKind.PARAMETER, f"{name} {low:.4g} to {high:.4g}", inside)
+
+
+@dataclass(frozen=True)
+class SampleTable:
+    """One model's samples; columns of shape ``(N,)``."""
+
+    episode: Rows
+    """Position of the sample's episode among all episodes."""
+    key: npt.NDArray[np.int64]
+    """Tells the samples of an episode apart, whatever the model: ``step << 32 | actor_id``."""
+    category: Codes
+    moved_m: Floats
+    values: Mapping[str, Floats]
+    """By metric."""
+    wanted: int
+    """Samples of the population; more than there are where predictions are missing."""
+    distance_sum_m: Floats
+    """Over all samples, at each time of the grid; shape ``(FUTURE_POINTS,)``."""
+    reliability: Reliability
+
+    def __len__(self) -> int:
+        return len(self.episode)
+
+    @property
+    def coverage(self) -> float:
+        """Share of the population's samples that were scored; 1 without any sample."""
+        return len(self) / self.wanted if self.wanted else 1.0
+
+    def of_episodes(self, episodes: Flags) -> Flags:
+        """Which samples are of some episodes."""
+        return episodes[self.episode]
+
+
+def sample_table(scores: Sequence[EpisodeScores], model: str) -> SampleTable:
+    """The samples of one model."""
+    parts = [episode.models[model] for episode in scores]
+    counts = [len(part) for part in parts]
+    reliability = no_reliability()
+    for part in parts:
+        reliability += part.reliability
+    return SampleTable(
+        episode=np.repeat(np.arange(len(parts)), counts),
+        key=np.concatenate([(part.step << 32) | part.actor_id for part in parts]).astype(np.int64),
+        category=np.concatenate([part.category for part in parts]),
+        moved_m=np.concatenate([part.moved_m for part in parts]),
+        values={metric.name: np.concatenate([part.values[metric.name] for part in parts]) for metric in METRICS},
+        wanted=sum(part.wanted for part in parts),
+        distance_sum_m=sum((part.distance_sum_m for part in parts), np.zeros(FUTURE_POINTS)),
+        reliability=reliability,
+    )
+
 
 PARAMETER_METRICS: Final = frozenset({"ade_m", "fde_m"})
 """Of the many rows by parameter."""
@@ -87,3 +215,71 @@ def chosen_samples(table: SampleTable, group: Group) -> Flags:
 def sums_of(table: SampleTable, metric: Metric, chosen: Flags, stratum: Rows) -> BlockSums:
     """Sums of a metric over the episodes."""
     return block_sums(table.values[metric.name][chosen], table.episode[chosen], stratum, metric.of_mean)
+
+
+COMPARED: Final = ("ade_m", "fde_m", "min_ade_6_m", "min_fde_6_m")
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The first model minus the second, on their common samples."""
+
+    metric: str
+    group: str
+    """``all`` or a template."""
+    first: str
+    second: str
+    difference: Interval
+    p_value: float
+    adjusted_p_value: float
+    """By Holm's correction over all pairs of the same metric and group."""
+    samples: int
+
+
+def differences(table: ScoreTable, seed: int = 0) -> tuple[Difference, ...]:
+    """All pairs of models, with all compared metrics, over all templates and in each."""
+    stratum = strata(table.episodes)
+    pairs = list(combinations(table.models, 2))
+    common = {pair: common_rows(*(table.samples[model] for model in pair)) for pair in pairs}
+    found = []
+    for metric in COMPARED:
+        for group in (*table.of_kind(GroupKind.ALL), *table.of_kind(GroupKind.TEMPLATE)):
+            results = [
+                _compare(table, pair, common[pair], METRIC_OF[metric], group.episodes, stratum, seed) for pair in pairs
+            ]
+            adjusted = holm([result.p_value for result, _ in results])
+            found += [
+                Difference(metric, group.name, *pair, result.difference, result.p_value, together, samples)
+                for pair, (result, samples), together in zip(pairs, results, adjusted, strict=True)
+            ]
+    return tuple(found)
+
+
+def common_rows(one: SampleTable, two: SampleTable) -> tuple[Rows, Rows]:
+    """Rows of the samples that both models have, in the same order."""
+    keys = [np.stack((table.episode, table.key), axis=1) for table in (one, two)]
+    both, inverse = np.unique(np.concatenate(keys), axis=0, return_inverse=True)
+    place = np.full((2, len(both)), -1, dtype=np.intp)
+    inverse = inverse.ravel()
+    place[0, inverse[: len(one)]] = np.arange(len(one))
+    place[1, inverse[len(one) :]] = np.arange(len(two))
+    there = (place >= 0).all(axis=0)
+    return place[0, there], place[1, there]
+
+
+def _compare(
+    table: ScoreTable,
+    pair: tuple[str, str],
+    rows: tuple[Rows, Rows],
+    metric: Metric,
+    episodes: Flags,
+    stratum: Rows,
+    seed: int,
+) -> tuple[PairedDifference, int]:
+    sums = []
+    for model, own in zip(pair, rows, strict=True):
+        samples = table.samples[model]
+        chosen = own[episodes[samples.episode[own]]]
+        sums.append(block_sums(samples.values[metric.name][chosen], samples.episode[chosen], stratum, metric.of_mean))
+    first, second = sums
+    return paired_difference(first, second, np.random.default_rng(seed)), int(first.count.sum())

@@ -4,17 +4,39 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from siren_ros.evaluation.aligned_text import aligned
-from siren_ros.evaluation.prediction.metrics.calibration import calibration_error
-from siren_ros.evaluation.prediction.metrics.table import METRICS
-from siren_ros.evaluation.prediction.protocol.samples import Population
-from siren_ros.evaluation.prediction.reports.differences import Difference
-from siren_ros.evaluation.prediction.reports.groups import Group, GroupKind
-from siren_ros.evaluation.prediction.reports.paper_comparison import compare_with_paper, maps_next_to_the_papers
-from siren_ros.evaluation.prediction.reports.paper_results import PAPER_NAMES, TEMPLATES, paper_row
-from siren_ros.evaluation.prediction.reports.score_table import ScoreTable
-from siren_ros.evaluation.prediction.reports.text_table import bounds, number, pair
-from siren_ros.evaluation.statistics.interval import CONFIDENCE, lack_of_bounds
+from siren_ros.evaluation.prediction.metrics import METRICS, calibration_error
+from siren_ros.evaluation.prediction.reports.paper_results import (
+    PAPER_NAMES,
+    TEMPLATES,
+    compare_with_paper,
+    maps_next_to_the_papers,
+    paper_row,
+)
+from siren_ros.evaluation.prediction.reports.score_table import Difference, Group, GroupKind, ScoreTable
+from siren_ros.evaluation.prediction.samples import Population
+from siren_ros.evaluation.statistics.interval import CONFIDENCE, Interval, lack_of_bounds
 from siren_ros.evaluation.statistics.rank_correlation import RANKED_MIN
+
+NONE: Final = "-"
+"""Where there is no value."""
+
+
+def number(value: float | None, digits: int = 2) -> str:
+    """A value, or a dash."""
+    return NONE if value is None else f"{value:.{digits}f}"
+
+
+def pair(values: Sequence[float | None]) -> str:
+    """``1.44/3.73``."""
+    return "/".join(number(value) for value in values)
+
+
+def bounds(interval: Interval) -> str:
+    """``[1.20, 1.66]``, a dash where episodes are too few."""
+    if not interval.valid:
+        return NONE
+    return f"[{interval.low:.2f}, {interval.high:.2f}]" if interval.bounded else f"[{NONE}]"
+
 
 SHOWN: Final = ("ade_m", "fde_m")
 """Metrics of the tables by group, as in the paper."""

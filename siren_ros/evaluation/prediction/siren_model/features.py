@@ -6,18 +6,19 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.evaluation.prediction.protocol.samples import SampleBatch
-from siren_ros.evaluation.prediction.siren_model.actor_features import (
+from siren_ros.evaluation.prediction.samples import SampleBatch
+from siren_ros.evaluation.prediction.siren_model.columns import (
     NEIGHBOURS,
     NeighbourChoice,
     choose_neighbours,
     in_frame_of,
+    lane_columns,
     neighbour_columns,
+    stop_line_columns,
     target_columns,
+    traffic_columns,
 )
-from siren_ros.evaluation.prediction.siren_model.path_choice import PATH_POINTS, PATHS, PathChoice, choose_paths
-from siren_ros.evaluation.prediction.siren_model.path_traffic import traffic_columns
-from siren_ros.evaluation.prediction.siren_model.road_features import lane_columns, stop_line_columns
+from siren_ros.evaluation.prediction.siren_model.paths import PATH_POINTS, PATHS, PathChoice, choose_paths
 from siren_ros.numerics.arrays import Flags, Floats, Floats32, Rows
 
 FEATURES_VERSION: Final = 1

@@ -1,18 +1,75 @@
-"""SIREN's own predictor: paths along the road network, chosen and driven by a network trained on its episodes."""
+"""SIREN's own predictor: paths along the road network, chosen and driven by a network trained on its episodes.
 
-from dataclasses import dataclass, field
+The network is an ONNX file with its card next to it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
-from siren_ros.evaluation.prediction.protocol.hypotheses import Hypotheses
-from siren_ros.evaluation.prediction.protocol.predictor import PredictorOptions
-from siren_ros.evaluation.prediction.protocol.samples import SampleBatch
-from siren_ros.evaluation.prediction.protocol.window import HistoryWindow
-from siren_ros.evaluation.prediction.siren_model.features import features_and_names, without
-from siren_ros.evaluation.prediction.siren_model.network_file import TrainedNetwork, load_network
+from siren_ros.errors import InputError
+from siren_ros.evaluation.network_file import open_network
+from siren_ros.evaluation.prediction.predictors import Hypotheses, PredictorOptions
+from siren_ros.evaluation.prediction.samples import FUTURE_POINTS, HistoryWindow, SampleBatch
+from siren_ros.evaluation.prediction.siren_model.features import (
+    FEATURES_VERSION,
+    Ablation,
+    Features,
+    features_and_names,
+    without,
+)
+from siren_ros.numerics.arrays import Floats
 from siren_ros.params.resources import params_dir
+
+OUTPUTS: Final = ("xy_m", "probability")
+_SAMPLES_AT_ONCE: Final = 2048
+"""Bounds the memory of a run."""
+
+
+@dataclass(frozen=True)
+class TrainedNetwork:
+    """A network that can be run, and what is known about it."""
+
+    session: Any
+    card: Mapping[str, Any]
+
+    @property
+    def ablation(self) -> Ablation:
+        """Input that the network was trained without."""
+        return Ablation(self.card["ablation"])
+
+    def run(self, features: Features) -> tuple[Floats, Floats]:
+        """Paths in the samples' frames, ``(N, k, FUTURE_POINTS, 2)``, and probabilities, ``(N, k)``; not sorted."""
+        parts = [
+            self.session.run(OUTPUTS, _inputs(features, slice(start, start + _SAMPLES_AT_ONCE)))
+            for start in range(0, len(features), _SAMPLES_AT_ONCE)
+        ]
+        if not parts:
+            return np.empty((0, 1, FUTURE_POINTS, 2)), np.empty((0, 1))
+        xy_m, probability = (np.concatenate(arrays).astype(np.float64) for arrays in zip(*parts, strict=True))
+        return xy_m, probability
+
+
+def _inputs(features: Features, rows: slice) -> dict[str, Any]:
+    return {field.name: getattr(features, field.name)[rows] for field in fields(Features)}
+
+
+def load_network(path: Path) -> TrainedNetwork:
+    """Loads a network of the prediction task.
+
+    Raises:
+        InputError: No such file, no card, weights that are not the card's, or of another version of the features.
+    """
+    network = open_network(path)
+    card = network.card
+    if card.get("features_version") != FEATURES_VERSION or card.get("ablation") not in set(Ablation):
+        version = card.get("features_version")
+        raise InputError("checkpoint", str(path), f"features of version {FEATURES_VERSION}, not {version}")
+    return TrainedNetwork(network.session, card)
+
 
 SHIPPED: Final = Path("predictors", "siren.onnx")
 """Place of the weights below the parameter files."""

@@ -1,22 +1,30 @@
-"""Asks a model about every video of a set, several at once."""
+"""Asks a model about every video of a set, several at once, and sums up what that took."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from siren_ros.errors import whole_file
 from siren_ros.evaluation.risk.answers import UNREADABLE
-from siren_ros.evaluation.risk.key_frames import batches, key_frames
-from siren_ros.evaluation.risk.risk_class import RiskClass
-from siren_ros.evaluation.risk.side_by_side import side_by_side
+from siren_ros.evaluation.risk.labels import RiskClass
+from siren_ros.evaluation.risk.video_frames import batches, key_frames
 from siren_ros.evaluation.risk.video_set import RiskVideo, VideoSet
-from siren_ros.evaluation.risk.vlm.model import Question, Reply, VisionLanguageModel
-from siren_ros.evaluation.risk.vlm.pictures import as_jpeg, masks_of, numbers_of, outlined, video_frames
-from siren_ros.evaluation.risk.vlm.prompts import SYSTEM, question
+from siren_ros.evaluation.risk.vlm.model import Question, Reply, ReplyCache, VisionLanguageModel
+from siren_ros.evaluation.risk.vlm.question import (
+    SYSTEM,
+    as_jpeg,
+    masks_of,
+    numbers_of,
+    outlined,
+    question,
+    video_frames,
+)
 from siren_ros.evaluation.risk.vlm.reading import class_in, final_class
-from siren_ros.evaluation.risk.vlm.reply_cache import ReplyCache
+from siren_ros.processes.side_by_side import side_by_side
 
 
 @dataclass(frozen=True)
@@ -111,3 +119,26 @@ def write_answers(path: Path, answers: dict[str, VideoAnswer]) -> None:
     }
     with whole_file(path) as file:
         file.write_text(json.dumps(titles, indent=1) + "\n", encoding="utf-8")
+
+
+def account(name: str, answers: Collection[VideoAnswer], prices: tuple[float, float] | None) -> list[str]:
+    """Lines for a terminal.
+
+    Args:
+        name: The model.
+        answers: To all videos.
+        prices: Per million tokens of questions and of answers; without them no cost is printed.
+    """
+    replies = [reply for answer in answers for reply in answer.replies]
+    unreadable = sum(prediction is None for answer in answers for prediction in answer.predictions)
+    cached = sum(answer.cached for answer in answers)
+    tokens = sum(reply.prompt_tokens for reply in replies), sum(reply.completion_tokens for reply in replies)
+    line = f"{name}: {len(replies)} questions, {cached} of them answered before, {unreadable} answers unreadable"
+    line += f"; {tokens[0]} tokens in, {tokens[1]} out"
+    if prices is not None:
+        line += f", cost {(tokens[0] * prices[0] + tokens[1] * prices[1]) / 1e6:.2f}"
+    timed = [reply.seconds for reply in replies if reply.seconds > 0.0]
+    if timed:
+        middle, late = np.percentile(timed, (50.0, 95.0))
+        line += f"; {middle:.2f} s for an answer (median), {late:.2f} s at the 95th percentile"
+    return [line]

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.risk.risk_class import RiskClass, most_severe, risk_class
+from siren_ros.evaluation.risk.labels import RiskClass, most_severe, risk_class
 
 DEEPEST: Final = 20
 """Objects and lists inside each other; the answer that is asked for is one object. A text with more is not read."""

@@ -13,12 +13,13 @@ from detection_boxes import truth_boxes
 from evaluation.made_frames import made_frames, to_map
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.detection.inputs.formats import read_detections
+from siren_ros.evaluation.detection.devkit_score import devkit_score
+from siren_ros.evaluation.detection.frames import Frames, frames_of
+from siren_ros.evaluation.detection.inputs.formats import labels_as_detections, read_detections, self_test_sets
 from siren_ros.evaluation.detection.inputs.kitti_results import write_kitti
 from siren_ros.evaluation.detection.inputs.nuscenes_results import write_nuscenes
 from siren_ros.evaluation.detection.inputs.openpcdet_results import openpcdet_entries
-from siren_ros.evaluation.detection.protocol.frames import Frames, frames_of
-from siren_ros.evaluation.detection.self_test import labels_as_detections
+from siren_ros.evaluation.detection.scoring import VEHICLE_NAMES, counted_boxes
 
 
 @pytest.fixture
@@ -196,3 +197,22 @@ def test_what_is_no_file_of_detections_is_refused(labelled: Frames, tmp_path: Pa
     for source, told in ((str(tmp_path / "x.txt"), "json"), ("missing.json", "exists")):
         with pytest.raises(InputError, match=told):
             read_detections("x", source, labelled)
+
+
+def test_labels_score_fully_through_every_format(frames: Frames, tmp_path: Path) -> None:
+    sets = self_test_sets(frames, tmp_path)
+    assert [one.format for one in sets] == [
+        "nuScenes results",
+        "OpenPCDet results",
+        "OpenPCDet results",
+        "KITTI results",
+        "recorded topic",
+    ]
+    for one in sets:
+        score = devkit_score(*counted_boxes(frames, one, VEHICLE_NAMES))
+        assert score.labels == score.detections > 10
+        assert score.mean_average_precision == pytest.approx(1.0)
+        errors = dict(score.errors)
+        if not one.has_velocity:
+            assert (errors.pop("AVE"), errors.pop("AAE")) == (1.0, 1.0)
+        assert max(errors.values()) == pytest.approx(0.0, abs=1e-5)

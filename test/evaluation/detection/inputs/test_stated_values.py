@@ -10,13 +10,13 @@ import pytest
 from evaluation.made_frames import GLOBAL_M, LIDAR_YAW_RAD, made_frames, to_map
 
 from siren_ros.errors import InputError
+from siren_ros.evaluation.detection.boxes import FoundBoxes
+from siren_ros.evaluation.detection.frames import Frames
 from siren_ros.evaluation.detection.inputs.formats import read_detections
 from siren_ros.evaluation.detection.inputs.kitti_results import write_kitti
 from siren_ros.evaluation.detection.inputs.nuscenes_results import write_nuscenes
 from siren_ros.evaluation.detection.inputs.openpcdet_results import openpcdet_entries
 from siren_ros.evaluation.detection.inputs.stated_boxes import quaternions_of_yaw, yaws_of_quaternions
-from siren_ros.evaluation.detection.protocol.boxes import FoundBoxes
-from siren_ros.evaluation.detection.protocol.frames import Frames
 
 TURNED = np.array([[np.cos(LIDAR_YAW_RAD), -np.sin(LIDAR_YAW_RAD)], [np.sin(LIDAR_YAW_RAD), np.cos(LIDAR_YAW_RAD)]])
 

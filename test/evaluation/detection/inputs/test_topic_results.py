@@ -7,14 +7,12 @@ import pytest
 from datasets.made_bag import LIDAR_M, Made, place_of, truth_of, write_made_bag, yaw_of
 from rosbags.typesys.store import Typestore
 
-from siren_ros.datasets.exporting.survey import in_dataset_order, survey_bag
-from siren_ros.datasets.sources.needs import Need
 from siren_ros.errors import InputError
+from siren_ros.evaluation.detection.frames import Frames, frames_of, read_frames
 from siren_ros.evaluation.detection.inputs.formats import read_detections
 from siren_ros.evaluation.detection.inputs.topic_results import read_topic
-from siren_ros.evaluation.detection.protocol.episode_reading import read_frames
-from siren_ros.evaluation.detection.protocol.frames import Frames, frames_of
 from siren_ros.interfaces.topics import BOXES, GROUND_TRUTH
+from siren_ros.record.bag_survey import Need, in_dataset_order, survey_bag
 
 SWEEPS = (8, 4)
 """Of two episodes: at every second step from 4 on."""

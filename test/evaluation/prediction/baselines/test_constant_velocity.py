@@ -3,8 +3,8 @@ import pytest
 from made_records import moving, record_with
 
 from siren_ros.evaluation.prediction.baselines.constant_velocity import ConstantVelocity
-from siren_ros.evaluation.prediction.metrics.displacement import ade, fde
-from siren_ros.evaluation.prediction.protocol.samples import Population, samples_of
+from siren_ros.evaluation.prediction.metrics import ade, fde
+from siren_ros.evaluation.prediction.samples import Population, samples_of
 from siren_ros.roads.road_network import RoadNetwork
 
 

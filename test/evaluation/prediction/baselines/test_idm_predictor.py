@@ -1,14 +1,134 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from made_records import Track, moving, record_with
 
-from siren_ros.evaluation.prediction.baselines.idm import IdmConfig, idm_travel
-from siren_ros.evaluation.prediction.baselines.idm_predictor import IdmPredictor
-from siren_ros.evaluation.prediction.baselines.lane_following import paths_from
-from siren_ros.evaluation.prediction.baselines.leaders import Leaders, leaders_of
-from siren_ros.evaluation.prediction.protocol.samples import Population, SampleBatch, samples_of
-from siren_ros.judging.lane_location import locate
-from siren_ros.roads.road_network import NO_LANE, RoadNetwork
+from siren_ros.evaluation.prediction.baselines.idm_predictor import (
+    IdmConfig,
+    IdmPredictor,
+    Leaders,
+    idm_acceleration,
+    idm_travel,
+    leaders_of,
+    paths_from,
+    straight_successors,
+)
+from siren_ros.evaluation.prediction.samples import Population, SampleBatch, samples_of
+from siren_ros.numerics.geometry import Polyline
+from siren_ros.record.vehicle_location import locate
+from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
+
+CONFIG = IdmConfig()
+LONG_S = np.arange(1, 1201) * 0.1
+
+
+def one(value: float) -> np.ndarray:
+    return np.array([value])
+
+
+def test_parameters_are_the_protocols() -> None:
+    values = (CONFIG.time_headway_s, CONFIG.standstill_gap_m, CONFIG.acceleration_mps2, CONFIG.comfortable_braking_mps2)
+    assert values == (1.5, 2.0, 1.5, 2.0)
+    assert CONFIG.integration_s == 0.1
+
+
+def test_acceleration_on_a_free_road() -> None:
+    speed = np.array([0.0, 5.0, 10.0])
+    acceleration = idm_acceleration(speed, np.full(3, 10.0), np.full(3, np.inf), speed, CONFIG)
+    assert acceleration == pytest.approx([1.5, 1.5 * (1 - 0.5**4), 0.0])
+
+
+def test_acceleration_behind_a_leader_by_hand() -> None:
+    # s* = 2 + 10 · 1.5 + 10 · 2 / (2 √3) = 22.7735 m
+    acceleration = idm_acceleration(one(10.0), one(15.0), one(30.0), one(2.0), CONFIG)
+    assert acceleration == pytest.approx(1.5 * (1 - (2 / 3) ** 4 - (22.773502691896 / 30.0) ** 2))
+
+
+def test_a_leader_that_pulls_away_does_not_repel() -> None:
+    # v T + v Δv / (2 √(a b)) is negative here and counts as 0: s* = s0.
+    acceleration = idm_acceleration(one(10.0), one(20.0), one(10.0), one(-20.0), CONFIG)
+    assert acceleration == pytest.approx(1.5 * (1 - 0.5**4 - (2.0 / 10.0) ** 2))
+
+
+def test_free_road_speed_converges_to_the_desired_speed() -> None:
+    travelled = idm_travel(one(0.0), one(13.89), one(np.inf), one(0.0), LONG_S, CONFIG)[0]
+    speed = np.diff(travelled) / 0.1
+    assert speed[-1] == pytest.approx(13.89, abs=1e-3)
+    assert (speed <= 13.89 + 1e-6).all()
+
+
+@pytest.mark.parametrize("leader_mps", [3.0, 8.0])
+def test_gap_behind_a_moving_leader_converges_to_the_equilibrium(leader_mps: float) -> None:
+    travelled = idm_travel(one(12.0), one(13.89), one(60.0), one(leader_mps), LONG_S, CONFIG)[0]
+    gap = 60.0 + leader_mps * LONG_S - travelled
+    equilibrium = (2.0 + 1.5 * leader_mps) / np.sqrt(1 - (leader_mps / 13.89) ** 4)
+    assert gap[-1] == pytest.approx(equilibrium, abs=0.01)
+    assert (gap > 0.0).all()
+
+
+def test_it_stops_behind_a_standing_leader_with_the_standstill_gap() -> None:
+    travelled = idm_travel(one(12.0), one(13.89), one(60.0), one(0.0), LONG_S, CONFIG)[0]
+    gap = 60.0 - travelled
+    assert gap[-1] == pytest.approx(2.0, abs=0.25)
+    assert gap.min() > 1.5
+    assert (np.diff(travelled) >= 0.0).all()
+
+
+@given(
+    speed=st.floats(0.0, 30.0),
+    desired=st.floats(5.0, 30.0),
+    gap=st.floats(-3.0, 300.0),
+    leader=st.floats(0.0, 30.0),
+)
+def test_nobody_drives_backwards_or_through_a_leader_that_it_can_stop_behind(
+    speed: float, desired: float, gap: float, leader: float
+) -> None:
+    times = np.arange(1, 26) * 0.2
+    travelled = idm_travel(one(speed), one(max(speed, desired)), one(gap), one(leader), times, CONFIG)[0]
+    assert np.isfinite(travelled).all()
+    assert (np.diff(travelled, prepend=0.0) >= 0.0).all()
+    if gap > 2.0 + speed * CONFIG.time_headway_s:
+        assert (gap + leader * times - travelled > 0.0).all()
+
+
+def test_the_answer_is_the_same_at_the_same_times() -> None:
+    fine = idm_travel(one(8.0), one(13.0), one(25.0), one(5.0), np.arange(1, 51) * 0.1, CONFIG)
+    coarse = idm_travel(one(8.0), one(13.0), one(25.0), one(5.0), np.arange(1, 26) * 0.2, CONFIG)
+    assert np.array_equal(fine[:, 1::2], coarse)
+
+
+def test_the_first_steps_by_hand() -> None:
+    """Two steps of a tenth of a second behind a leader at 5 m/s, 20 m ahead."""
+    speed, travelled, expected = 8.0, 0.0, []
+    for step in range(2):
+        gap = 20.0 + 5.0 * 0.1 * step - travelled
+        wanted = 2.0 + speed * 1.5 + speed * (speed - 5.0) / (2.0 * np.sqrt(3.0))
+        acceleration = 1.5 * (1.0 - (speed / 13.0) ** 4 - (wanted / gap) ** 2)
+        travelled += 0.1 * speed + 0.005 * acceleration
+        speed += 0.1 * acceleration
+        expected.append(travelled)
+    found = idm_travel(one(8.0), one(13.0), one(20.0), one(5.0), np.array([0.1, 0.2]), CONFIG)
+    assert found[0] == pytest.approx(expected)
+
+
+def test_who_stops_within_a_step_goes_no_further_than_braking_takes_it() -> None:
+    """0.3 m/s and half a metre behind a standing leader: −(0.5 · v²) / a, and there it stays."""
+    acceleration = float(idm_acceleration(one(0.3), one(13.0), one(0.5), one(0.3), CONFIG)[0])
+    assert 0.3 + 0.1 * acceleration < 0.0
+    found = idm_travel(one(0.3), one(13.0), one(0.5), one(0.0), np.array([0.1, 0.2, 1.0]), CONFIG)
+    assert found[0] == pytest.approx([0.5 * 0.3**2 / -acceleration] * 3)
+    # As one who drives backwards never does, the distance is that of a mean speed between 0.3 m/s and none.
+    assert 0.0 < found[0, 0] < 0.03
+
+
+def test_bumpers_that_overlap_brake_as_hard_as_the_least_gap_does() -> None:
+    overlap, least = (idm_acceleration(one(5.0), one(13.0), one(gap), one(0.0), CONFIG) for gap in (-2.0, 0.1))
+    assert overlap == pytest.approx(least)
+    assert idm_acceleration(one(5.0), one(13.0), one(0.2), one(0.0), CONFIG) > least
+
 
 MODEL = IdmPredictor()
 
@@ -204,3 +324,75 @@ def test_the_lane_is_that_of_the_present_heading(crossroads: RoadNetwork) -> Non
     _, left = crossroads.lanes[4].centre.project(way)
     assert np.abs(left).max() < 0.2
     assert way[-1, 1] > 10.0
+
+
+def test_the_straightest_movement_follows_and_junction_paths_lead_out(crossroads: RoadNetwork) -> None:
+    assert straight_successors(crossroads).tolist() == [5, NO_LANE, NO_LANE, NO_LANE, 1, 2, 3]
+
+
+def with_lane_ends(network: RoadNetwork, angle_rad: float, lines: dict[int, list[tuple[float, float]]]) -> RoadNetwork:
+    """The crossroads with other centre lines, all turned about the origin."""
+    turn = np.array([[np.cos(angle_rad), np.sin(angle_rad)], [-np.sin(angle_rad), np.cos(angle_rad)]])
+    lanes = [
+        replace(lane, centre=Polyline.through(np.asarray(lines.get(lane.index, lane.centre.points)) @ turn))
+        for lane in network.lanes
+    ]
+    return replace(network, lanes=tuple(lanes))
+
+
+@pytest.mark.parametrize("angle_rad", [0.0, 0.7, 3.0])
+@pytest.mark.parametrize(
+    ("lines", "straightest"),
+    [
+        ({2: [(40.0, 3.5), (140.0, 3.5)], 3: [(40.0, -1.0), (140.0, -1.0)]}, 3),
+        ({2: [(40.0, 1.0), (140.0, 1.0)], 3: [(40.0, -3.5), (140.0, -3.5)]}, 2),
+        ({2: [(40.0, 0.0), (140.0, 40.0)], 3: [(40.0, -9.0), (140.0, -12.0)]}, 3),
+        ({2: [(40.0, 0.0), (140.0, -40.0)], 3: [(40.0, -9.0), (140.0, -12.0)]}, 3),
+        ({2: [(40.0, 0.0), (40.0, 0.7), (140.0, 0.7)], 3: [(40.0, -9.0), (140.0, -12.0)]}, 3),
+    ],
+    ids=["right nearer", "left nearer", "left turn", "right turn", "turns at its start"],
+)
+def test_the_straightest_and_then_the_nearest_follows(
+    crossroads: RoadNetwork, angle_rad: float, lines: dict[int, list[tuple[float, float]]], straightest: int
+) -> None:
+    assert straight_successors(with_lane_ends(crossroads, angle_rad, lines))[0] == straightest + 3
+
+
+def test_a_lane_of_the_same_kind_comes_before_a_straighter_one(crossroads: RoadNetwork) -> None:
+    lanes = list(crossroads.lanes)
+    lanes[0] = replace(lanes[0], kind=LaneKind.SHOULDER)
+    lanes[1] = replace(lanes[1], kind=LaneKind.SHOULDER)
+    assert straight_successors(replace(crossroads, lanes=tuple(lanes)))[0] == 4
+
+
+def test_paths_know_where_their_lanes_start(crossroads: RoadNetwork) -> None:
+    paths = paths_from(crossroads, np.array([0, 4], dtype=np.int32), 200.0)
+    assert paths.path_of_lane.tolist() == [0, -1, -1, -1, 1, -1, -1]
+    assert paths.start_m[0, [0, 5, 2]].tolist() == [0.0, 100.0, 140.0]
+    assert np.isinf(paths.start_m[0, [1, 3, 4, 6]]).all()
+    assert paths.start_m[1, 1] == pytest.approx(crossroads.lanes[4].length_m)
+
+
+def test_the_reach_ends_the_path(crossroads: RoadNetwork) -> None:
+    paths = paths_from(crossroads, np.array([0], dtype=np.int32), 30.0)
+    assert np.isfinite(paths.start_m[0, 5])
+    assert np.isinf(paths.start_m[0, 2])
+
+
+def test_points_keep_their_offset_and_go_straight_on_past_the_end(crossroads: RoadNetwork) -> None:
+    paths = paths_from(crossroads, np.array([0, 1], dtype=np.int32), 200.0)
+    points = paths.points(np.array([1, 0]), np.array([[50.0, 150.0], [10.0, 260.0]]), np.array([0.5, -1.0]))
+    assert np.allclose(points, [[(19.5, 70.0), (19.5, 170.0)], [(-90.0, -1.0), (160.0, -1.0)]])
+
+
+@pytest.mark.parametrize("angle_rad", [0.0, 0.7])
+def test_lanes_are_near_by_their_ends_and_not_by_their_middle(crossroads: RoadNetwork, angle_rad: float) -> None:
+    """Lane 0 comes from the side and bends; behind the crossing lane 3 begins nearer and then goes farther away."""
+    lines = {
+        0: [(-100.0, 9.0), (-50.0, 0.0), (0.0, 0.0)],
+        2: [(40.0, 3.0), (41.0, 3.0), (141.0, -20.0)],
+        3: [(40.0, -2.0), (41.0, -2.0), (141.0, -30.0)],
+    }
+    assert straight_successors(with_lane_ends(crossroads, angle_rad, lines))[0] == 6
+    lines[3] = [(40.0, -4.0), (41.0, -4.0), (141.0, 4.0)]
+    assert straight_successors(with_lane_ends(crossroads, angle_rad, lines))[0] == 5

@@ -8,7 +8,7 @@ from plain_networks import chosen, drawn, plain_bat_encoder, plain_generator
 from torch import Tensor
 
 from siren_ros.evaluation.prediction.published.bat import Bat, BatInput
-from siren_ros.evaluation.prediction.published.social_grid import Neighbours
+from siren_ros.evaluation.prediction.published.layers import Neighbours
 
 
 def assert_as_written_out(scene: list[int], sample: list[int], cell: list[int]) -> None:

@@ -8,8 +8,8 @@ torch = pytest.importorskip("torch", reason="torch is not installed: ./env --wit
 
 from siren_ros.errors import InputError
 from siren_ros.evaluation.prediction.published.bat import Bat
-from siren_ros.evaluation.prediction.published.checkpoints import load_weights
 from siren_ros.evaluation.prediction.published.csp import Csp
+from siren_ros.evaluation.prediction.published.predictors import load_weights
 from siren_ros.evaluation.prediction.published.stdan import Stdan
 
 

@@ -7,7 +7,7 @@ torch = pytest.importorskip("torch", reason="torch is not installed: ./env --wit
 from plain_networks import drawn, plain_csp
 
 from siren_ros.evaluation.prediction.published.csp import Csp, CspInput
-from siren_ros.evaluation.prediction.published.social_grid import Neighbours
+from siren_ros.evaluation.prediction.published.layers import Neighbours
 
 
 def test_samples_together_are_answered_as_each_alone() -> None:

@@ -12,28 +12,28 @@ from made_records import moving, record_with
 from plain_networks import drawn
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.prediction.protocol.predictor import PredictorOptions
-from siren_ros.evaluation.prediction.protocol.samples import Population, SampleBatch, samples_of
-from siren_ros.evaluation.prediction.protocol.window import HistoryWindow
+from siren_ros.evaluation.prediction.predictors import PredictorOptions
 from siren_ros.evaluation.prediction.published.bat import Bat, BatInput
-from siren_ros.evaluation.prediction.published.behaviour import behaviour_tensor
 from siren_ros.evaluation.prediction.published.csp import Csp, CspInput
-from siren_ros.evaluation.prediction.published.features import (
+from siren_ros.evaluation.prediction.published.inputs import (
+    NgsimView,
     bat_features,
+    behaviour_tensor,
     csp_features,
+    ngsim_view,
     polar,
     positions_ft,
     stdan_features,
 )
-from siren_ros.evaluation.prediction.published.ngsim_view import NgsimView, ngsim_view
+from siren_ros.evaluation.prediction.published.layers import Neighbours
 from siren_ros.evaluation.prediction.published.predictors import (
     PublishedPredictor,
     make_bat,
     make_csp,
     make_stdan,
 )
-from siren_ros.evaluation.prediction.published.social_grid import Neighbours
 from siren_ros.evaluation.prediction.published.stdan import Stdan, StdanInput
+from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, SampleBatch, samples_of
 from siren_ros.roads.road_network import RoadNetwork
 
 FOOT_M = 0.3048

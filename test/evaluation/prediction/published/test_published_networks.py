@@ -10,10 +10,9 @@ torch = pytest.importorskip("torch", reason="torch is not installed: ./env --wit
 from published_files import golden, golden_cells, weights
 
 from siren_ros.evaluation.prediction.published.bat import Bat, BatInput
-from siren_ros.evaluation.prediction.published.checkpoints import load_weights
 from siren_ros.evaluation.prediction.published.csp import Csp, CspInput
-from siren_ros.evaluation.prediction.published.manoeuvres import mode_probabilities, one_hot_modes
-from siren_ros.evaluation.prediction.published.social_grid import Groups, Neighbours
+from siren_ros.evaluation.prediction.published.layers import Groups, Neighbours, mode_probabilities, one_hot_modes
+from siren_ros.evaluation.prediction.published.predictors import load_weights
 from siren_ros.evaluation.prediction.published.stdan import Stdan, StdanInput
 
 TOLERANCE = 1e-4

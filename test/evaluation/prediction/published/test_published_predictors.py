@@ -13,14 +13,12 @@ from plain_networks import drawn
 from published_files import WEIGHTS, weights
 
 from siren_ros.cli.main import main
-from siren_ros.evaluation.prediction.predictors import predictors_named
-from siren_ros.evaluation.prediction.protocol.hypotheses import Hypotheses, checked
-from siren_ros.evaluation.prediction.protocol.predictor import Predictor
-from siren_ros.evaluation.prediction.protocol.samples import Population, SampleBatch, samples_of
+from siren_ros.evaluation.prediction.predictors import Hypotheses, Predictor, checked, predictors_named
 from siren_ros.evaluation.prediction.published import predictors
 from siren_ros.evaluation.prediction.published.bat import Bat
 from siren_ros.evaluation.prediction.published.csp import Csp
 from siren_ros.evaluation.prediction.published.stdan import Stdan
+from siren_ros.evaluation.prediction.samples import Population, SampleBatch, samples_of
 from siren_ros.roads.road_network import RoadNetwork
 
 MODES = {"csp": 6, "stdan": 1, "bat": 9}

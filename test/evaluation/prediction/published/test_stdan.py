@@ -6,7 +6,7 @@ torch = pytest.importorskip("torch", reason="torch is not installed: ./env --wit
 
 from plain_networks import drawn, plain_stdan
 
-from siren_ros.evaluation.prediction.published.social_grid import Neighbours
+from siren_ros.evaluation.prediction.published.layers import Neighbours
 from siren_ros.evaluation.prediction.published.stdan import Stdan, StdanInput
 
 

@@ -1,20 +1,219 @@
-"""All files of a report, from scores made by hand."""
+"""Lines of the CSV files; ``reported_scores`` says what their numbers follow from."""
 
 import csv
+import io
 import json
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from made_scores import episode_scores, model_scores
+from made_scores import episode_scores, five_episodes, model_scores, reported_scores
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.prediction.reports.differences import differences
-from siren_ros.evaluation.prediction.reports.report_files import new_folder, write_report
-from siren_ros.evaluation.prediction.reports.score_table import score_table
+from siren_ros.evaluation.prediction.episode_scores import Category, EpisodeScores
+from siren_ros.evaluation.prediction.reports.report_files import (
+    csv_files,
+    json_report,
+    latex_tables,
+    new_folder,
+    write_report,
+)
+from siren_ros.evaluation.prediction.reports.score_table import differences, score_table
 from siren_ros.evaluation.prediction.reports.text_report import text_report
-from siren_ros.evaluation.prediction.scoring.categories import Category
-from siren_ros.evaluation.prediction.scoring.episode_scores import EpisodeScores
+
+
+@pytest.fixture(scope="module")
+def files() -> Mapping[str, str]:
+    table = score_table(reported_scores())
+    return csv_files(table, differences(table))
+
+
+def rows_of(text: str) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+def test_scores(files: Mapping[str, str]) -> None:
+    lines = files["scores.csv"].splitlines()
+    assert lines[0] == "model,rows,name,metric,value,low,high,samples,episodes,paper"
+    assert "cv,all,all,ade_m,4.7,,,10,4,1.44" in lines
+    assert "cv,template,S1,ade_m,2.1,,,5,2,1.63" in lines
+    assert "cv,template,own,ade_m,8.0,,,2,1," in lines
+    assert "cv,all,all,brier_score,,,,0,0," in lines
+    assert "net:v_1,level,L3,fde_m,10.0,,,3,2," in lines
+    # Of a part of the samples the paper says nothing.
+    assert "cv,category,emv,ade_m,4.666666666666667,,,6,4," in lines
+
+
+def test_episodes(files: Mapping[str, str]) -> None:
+    lines = files["episodes.csv"].splitlines()
+    assert lines[0] == "episode,template,level,seed,map,model,metric,value,samples"
+    assert lines[1] == "S1_seed0,S1,L3,0,town,cv,ade_m,1.5,2"
+    assert "S1_seed1,S1,L3,1,town,net:v_1,fde_m,12.0,2" in lines
+    assert "S2_seed0,S2,L2,0,town,cv,brier_score,,0" in lines
+    assert len(lines) == 1 + 4 * 2 * 9
+
+
+def test_differences(files: Mapping[str, str]) -> None:
+    rows = {(row["metric"], row["name"]): row for row in rows_of(files["differences.csv"])}
+    assert len(rows) == 4 * 4
+    row = rows["fde_m", "S1"]
+    assert (row["first"], row["second"], row["samples"]) == ("cv", "net:v_1", "3")
+    # Of the samples that both have, the second is worse by ADE itself: 1.0; 1.5 and 2.5. Two episodes have no bounds.
+    assert float(row["difference"]) == pytest.approx(-5.0)
+    assert (row["low"], row["high"]) == ("", "")
+    assert (row["p"], row["p_holm"]) == ("0.5", "0.5")
+    assert [rows["ade_m", "own"][name] for name in ("difference", "low", "high", "p")] == ["-8.0", "", "", "1.0"]
+
+
+def test_five_episodes_have_bounds() -> None:
+    table = score_table(five_episodes())
+    files = csv_files(table, differences(table))
+    (own,) = [
+        row for row in rows_of(files["scores.csv"]) if tuple(row.values())[:4] == ("cv", "template", "S1", "ade_m")
+    ]
+    assert [float(own[name]) for name in ("value", "low", "high")] == pytest.approx([3.0, 1.0368, 4.9632], abs=1e-4)
+    (row, *_) = rows_of(files["differences.csv"])
+    assert [float(row[name]) for name in ("difference", "low", "high")] == pytest.approx(
+        [-3.0, -4.9632, -1.0368], abs=1e-4
+    )
+
+
+def test_the_error_over_the_horizon_is_a_mean(files: Mapping[str, str]) -> None:
+    """All samples of ``cv`` and ``net:v_1`` are off by 0 at the first point, 1 m at the second, and so on."""
+    rows = rows_of(files["horizon.csv"])
+    assert [row["time_s"] for row in rows[:3]] == ["0.2", "0.4", "0.6"]
+    for model in ("cv", "net:v_1"):
+        own = [row for row in rows if row["model"] == model]
+        assert own[-1]["time_s"] == "5.0"
+        assert [float(row["distance_m"]) for row in own] == pytest.approx(range(25))
+
+
+def test_calibration_is_by_bins_of_a_tenth(files: Mapping[str, str]) -> None:
+    assert files["calibration.csv"].splitlines() == [
+        "model,from,to,hypotheses,mean_probability,share_best",
+        "net:v_1,0.2,0.3,16,0.25,0.5",
+        "net:v_1,0.7,0.8,16,0.75,0.5",
+    ]
+
+
+@pytest.fixture(scope="module")
+def report() -> dict[str, Any]:
+    table = score_table(reported_scores())
+    return json_report(table, differences(table))
+
+
+def test_an_episode(report: dict[str, Any]) -> None:
+    assert report["task"] == "prediction"
+    assert report["population"] == "region"
+    assert report["intervals"] == {"confidence": 0.95, "method": "jackknife", "block": "episode", "stratum": "template"}
+    one = report["episodes"][1]
+    assert {name: one[name] for name in ("name", "template", "level", "seed", "map", "parameters")} == {
+        "name": "S1_seed1", "template": "S1", "level": "L3", "seed": 1, "map": "town", "parameters": {"speed_mps": 9.0}
+    }  # fmt: skip
+    cv, net = one["models"]["cv"], one["models"]["net:v_1"]
+    assert (cv["samples"], cv["wanted"], net["samples"], net["wanted"]) == (3, 3, 2, 3)
+    assert (cv["ade_m"], cv["miss_rate_6"], net["fde_m"]) == pytest.approx((2.5, 2 / 3, 12.0))
+    assert cv["brier_score"] is None
+    # The paper has no best of six of its own for CV, and says that it is the ADE.
+    expected = {"ade_m": 1.63, "fde_m": 4.30, "rmse_5s_m": 5.61, "min_ade_6_m": 1.63, "min_fde_6_m": 4.30}
+    assert cv["paper"] == expected
+    assert net["paper"] == {}
+    assert report["episodes"][3]["models"]["cv"]["paper"] == {}
+
+
+def test_a_model(report: dict[str, Any]) -> None:
+    assert list(report["models"]) == ["cv", "net:v_1"]
+    cv, net = report["models"]["cv"], report["models"]["net:v_1"]
+    assert (net["samples"], net["wanted"], net["coverage"]) == (6, 10, pytest.approx(0.6))
+    assert cv["calibration_error"] is None
+    assert net["calibration_error"] == pytest.approx(0.25)
+    assert cv["distance_over_time_m"]["0.2"] == 0.0
+    assert cv["distance_over_time_m"]["5.0"] == pytest.approx(24.0)
+    assert len(net["distance_over_time_m"]) == 25
+    assert cv["rows"]["template"]["S1"]["ade_m"] == {
+        "value": pytest.approx(2.1), "low": None, "high": None, "samples": 5, "episodes": 2
+    }  # fmt: skip
+    alone = {"value": 8.0, "low": None, "high": None, "samples": 2, "episodes": 1}
+    assert cv["rows"]["template"]["own"]["ade_m"] == alone
+    assert cv["rows"]["category"]["held"]["ade_m"]["value"] is None
+    assert set(cv["rows"]["parameter"]["S1 speed_mps 9"]) == {"ade_m", "fde_m"}
+    assert net["paper"] == {}
+    paper = cv["paper"]["ade_m"]
+    assert (paper["mean"], paper["deviation"]) == pytest.approx((4.7, 4.7 / 1.44 - 1.0))
+    assert paper["deviation_same_templates"] == pytest.approx(3.05 / 1.40 - 1.0)
+    assert paper["ranking"] is None
+    assert set(cv["paper"]) == {"ade_m", "fde_m", "rmse_5s_m", "min_ade_6_m", "min_fde_6_m"}
+
+
+def test_a_difference(report: dict[str, Any]) -> None:
+    found = {(one["metric"], one["name"]): one for one in report["differences"]}
+    one = found["ade_m", "S1"]
+    assert (one["first"], one["second"], one["samples"]) == ("cv", "net:v_1", 3)
+    assert [one[name] for name in ("value", "low", "high")] == [pytest.approx(-5 / 3), None, None]
+    assert (one["p"], one["p_holm"]) == (0.5, 0.5)
+    alone = found["ade_m", "own"]
+    assert [alone[name] for name in ("value", "low", "high")] == [-8.0, None, None]
+
+
+def test_five_episodes_have_bounds_of_json_report() -> None:
+    table = score_table(five_episodes())
+    found = json_report(table, differences(table))
+    one = found["models"]["cv"]["rows"]["template"]["S1"]["ade_m"]
+    assert [one[name] for name in ("value", "low", "high")] == pytest.approx([3.0, 1.0368, 4.9632], abs=1e-4)
+    assert [found["differences"][0][name] for name in ("low", "high")] == pytest.approx([-4.9632, -1.0368], abs=1e-4)
+
+
+def test_a_model_without_an_answer() -> None:
+    table = score_table([episode_scores("S1", {"cv": model_scores(np.ones(0), wanted=4)})])
+    found = json_report(table, [])["models"]["cv"]
+    assert (found["samples"], found["coverage"], found["distance_over_time_m"]) == (0, 0.0, {})
+
+
+def test_a_ranking_is_written_with_its_numbers() -> None:
+    scores = [episode_scores(name, {"cv": model_scores(np.array([value]))}) for name, value in
+              (("S1", 1.6), ("S2", 1.1), ("S3", 1.0), ("S4", 0.7))]  # fmt: skip
+    ranking = json_report(score_table(scores), [])["models"]["cv"]["paper"]["ade_m"]["ranking"]
+    # Two of the 24 orders of four are as far from 0.
+    assert ranking == {"rho": pytest.approx(1.0), "p_value": pytest.approx(2 / 24), "pairs": 4}
+
+
+OWN = r"""
+% RMSE (m) at the 5-s horizon; population: region; 4 episodes
+\begin{tabular}{lcccc}
+\toprule
+Model & S1 & S2 & own & Mean \\
+\midrule
+CV & 9.08 & 17.28 & 32.00 & 19.45 \\
+net v\_1 & 14.24 & 25.30 & 64.00 & 34.51 \\
+\bottomrule
+\end{tabular}
+"""
+
+
+def test_without_the_paper() -> None:
+    tables = latex_tables(score_table(reported_scores()), compare_paper=False)
+    assert list(tables) == ["prediction.tex", "rmse.tex", "best_of_six.tex", "miss_rate.tex"]
+    assert tables["rmse.tex"] == OWN.lstrip()
+    assert "\nCV & 2.10/6.30 & 4.00/12.00 & 8.00/24.00 & 4.70/14.10 \\\\\n" in tables["prediction.tex"]
+    assert "\nCV & 1.05/3.15 & 2.00/6.00 & 4.00/12.00 & 2.35/7.05 \\\\\n" in tables["best_of_six.tex"]
+    assert "\nCV & 0.60 & 1.00 & 1.00 & 0.87 \\\\\n" in tables["miss_rate.tex"]
+
+
+def test_with_the_paper() -> None:
+    tables = latex_tables(score_table(reported_scores()), compare_paper=True)
+    lines = tables["prediction.tex"].splitlines()
+    assert lines[1] == r"\begin{tabular}{lccccccccc}"
+    assert lines[3] == r"Model & S1 & S2 & S3 & S4 & S5 & S6 & S7 & own & Mean \\"
+    assert lines[5] == r"CV & 2.10/6.30 & 4.00/12.00 & -/- & -/- & -/- & -/- & -/- & 8.00/24.00 & 4.70/14.10 \\"
+    assert lines[7] == r"\midrule"
+    values = "1.63/4.30 1.17/3.11 0.96/2.40 0.68/1.65 1.95/5.03 2.86/7.56 0.85/2.08 -/- 1.44/3.73"
+    assert lines[8] == " & ".join(["CV (paper)", *values.split()]) + r" \\"
+    assert lines[17:] == [r"\bottomrule", r"\end{tabular}"]
+    assert r"DeMo (paper) & 0.53/1.12 & 0.47/1.24 &" in tables["best_of_six.tex"]
+    # The paper has no miss rates: nothing stands between our rows and the end.
+    assert tables["miss_rate.tex"].splitlines()[-3].startswith(r"net v\_1 &")
 
 
 def some_scores() -> list[EpisodeScores]:
@@ -38,13 +237,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def rows_of(path: Path) -> list[dict[str, str]]:
+def rows_in_files(path: Path) -> list[dict[str, str]]:
     with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
 
 
 def test_csv_has_a_row_for_each_value(folder: Path) -> None:
-    rows = {(row["model"], row["name"], row["metric"]): row for row in rows_of(folder / "scores.csv")}
+    rows = {(row["model"], row["name"], row["metric"]): row for row in rows_in_files(folder / "scores.csv")}
     row = rows["cv", "S1", "ade_m"]
     assert float(row["value"]) == pytest.approx(1.55)
     assert (row["low"], row["high"]) == ("", ""), "of two episodes"
@@ -52,8 +251,8 @@ def test_csv_has_a_row_for_each_value(folder: Path) -> None:
     assert rows["cv", "emv", "ade_m"]["value"] == ""
     assert float(rows["cv", "S1 speed_mps 9", "ade_m"]["value"]) == pytest.approx(1.6)
     assert ("cv", "S1 speed_mps 9", "brier_score") not in rows
-    assert len(rows_of(folder / "episodes.csv")) == 6 * 2 * 9
-    assert {row["group"] if "group" in row else row["name"] for row in rows_of(folder / "differences.csv")} == {
+    assert len(rows_in_files(folder / "episodes.csv")) == 6 * 2 * 9
+    assert {row["group"] if "group" in row else row["name"] for row in rows_in_files(folder / "differences.csv")} == {
         "all", "S1", "S2", "my_own"
     }  # fmt: skip
 

@@ -2,11 +2,57 @@ import numpy as np
 import pytest
 from made_scores import episode_scores, five_episodes, model_scores
 
-from siren_ros.evaluation.prediction.reports.paper_comparison import compare_with_paper
-from siren_ros.evaluation.prediction.reports.paper_results import PAPER, TEMPLATES
-from siren_ros.evaluation.prediction.reports.score_table import score_table
-from siren_ros.evaluation.prediction.scoring.categories import Category
-from siren_ros.evaluation.prediction.scoring.episode_scores import EpisodeScores
+from siren_ros.evaluation.prediction.episode_scores import Category, EpisodeScores
+from siren_ros.evaluation.prediction.reports.paper_results import PAPER, TEMPLATES, compare_with_paper
+from siren_ros.evaluation.prediction.reports.score_table import (
+    Difference,
+    GroupKind,
+    common_rows,
+    differences,
+    groups_of,
+    sample_table,
+    score_table,
+)
+from siren_ros.scenario.paper import EmergencyLevel
+
+ONE = {"cv": model_scores(np.ones(3))}
+
+
+def names(scores: list[EpisodeScores], kind: GroupKind) -> dict[str, list[bool]]:
+    return {group.name: group.episodes.tolist() for group in groups_of(scores) if group.kind is kind}
+
+
+def test_templates_and_levels_part_the_episodes() -> None:
+    scores = [
+        episode_scores("S2", ONE, level=EmergencyLevel.L2),
+        episode_scores("S1", ONE, level=EmergencyLevel.L3),
+        episode_scores("S2", ONE, 1, EmergencyLevel.L1),
+    ]
+    assert names(scores, GroupKind.TEMPLATE) == {"S1": [False, True, False], "S2": [True, False, True]}
+    assert list(names(scores, GroupKind.LEVEL)) == ["L1", "L2", "L3"]
+    assert list(names(scores, GroupKind.CATEGORY)) == ["emv", "yielding", "held", "other"]
+
+
+def test_a_parameter_with_few_values_has_a_row_for_each() -> None:
+    scores = [episode_scores("S2", ONE, seed, vehicles=value) for seed, value in enumerate((3.0, 4.0, 3.0))]
+    scores.append(episode_scores("S1", ONE, vehicles=9.0))
+    assert names(scores, GroupKind.PARAMETER) == {
+        "S2 vehicles 3": [True, False, True, False],
+        "S2 vehicles 4": [False, True, False, False],
+    }
+
+
+def test_a_parameter_with_many_values_has_three_ranges() -> None:
+    scores = [episode_scores("S2", ONE, seed, speed_mps=float(seed)) for seed in range(9)]
+    found = names(scores, GroupKind.PARAMETER)
+    assert list(found) == ["S2 speed_mps 0 to 2", "S2 speed_mps 3 to 5", "S2 speed_mps 6 to 8"]
+    assert np.sum(list(found.values()), axis=0).tolist() == [1] * 9
+
+
+@pytest.mark.parametrize("values", [(4.0, 4.0, 4.0), (4.0,)])
+def test_a_parameter_that_does_not_vary_has_none(values: tuple[float, ...]) -> None:
+    scores = [episode_scores("S2", ONE, seed, speed_mps=value) for seed, value in enumerate(values)]
+    assert names(scores, GroupKind.PARAMETER) == {}
 
 
 def with_ade(template: str, *values: float, seed: int = 0) -> EpisodeScores:
@@ -75,3 +121,53 @@ def test_templates_that_the_paper_does_not_have() -> None:
     assert found.deviation_same_templates == pytest.approx(3.5 / 1.4 - 1.0)
     assert found.ranking is None, "two templates in common are no ranking"
     assert compare_with_paper(table, "cv", "miss_rate_6") is None
+
+
+def found(values: dict[str, list[list[float]]], metric: str = "ade_m", group: str = "all") -> list[Difference]:
+    """Differences of models, whose values are given by episode."""
+    count = len(next(iter(values.values())))
+    scores = [
+        episode_scores("S1", {model: model_scores(np.array(given[number])) for model, given in values.items()}, number)
+        for number in range(count)
+    ]
+    return [one for one in differences(score_table(scores)) if one.metric == metric and one.group == group]
+
+
+def test_a_model_that_is_always_better() -> None:
+    base = [[float(seed), seed + 2.0] for seed in range(8)]
+    (one,) = found({"a": base, "b": [[value + 0.5 for value in row] for row in base]})
+    assert (one.first, one.second, one.samples) == ("a", "b", 16)
+    assert (one.difference.value, one.difference.low, one.difference.high) == pytest.approx((-0.5, -0.5, -0.5))
+    assert one.p_value == pytest.approx(2.0 / 256.0)
+
+
+def test_models_are_compared_on_the_samples_that_both_have() -> None:
+    """The second has no more than the first sample of each episode."""
+    (one,) = found({"a": [[1.0, 9.0], [1.0, 9.0]], "b": [[2.0], [2.0]]})
+    assert one.difference.value == pytest.approx(-1.0)
+    assert one.samples == 2
+
+
+def test_without_common_samples_there_is_no_difference() -> None:
+    (one,) = found({"a": [[1.0], [1.0]], "b": [[], []]})
+    assert not one.difference.valid
+    assert one.p_value == 1.0
+
+
+def test_three_models_are_three_tests() -> None:
+    base = np.arange(10.0)
+    models = {name: [[value + shift] for value in base] for name, shift in (("a", 0.0), ("b", 1.0), ("c", 2.0))}
+    pairs = found(models)
+    assert [(one.first, one.second) for one in pairs] == [("a", "b"), ("a", "c"), ("b", "c")]
+    assert all(one.adjusted_p_value == pytest.approx(3.0 * one.p_value) for one in pairs)
+
+
+def test_rows_of_common_samples_are_in_the_same_order() -> None:
+    scores = [
+        episode_scores("S1", {"a": model_scores(np.arange(3.0)), "b": model_scores(np.arange(2.0))}, 0),
+        episode_scores("S1", {"a": model_scores(np.arange(1.0)), "b": model_scores(np.arange(4.0))}, 1),
+    ]
+    one, two = sample_table(scores, "a"), sample_table(scores, "b")
+    rows = common_rows(one, two)
+    assert [side.tolist() for side in rows] == [[0, 1, 3], [0, 1, 2]]
+    assert np.array_equal(one.key[rows[0]], two.key[rows[1]])

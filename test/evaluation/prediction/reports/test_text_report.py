@@ -1,4 +1,4 @@
-"""The whole text, cell by cell; ``reported_scores`` says what its numbers follow from."""
+"""Numbers, pairs and bounds as text."""
 
 from dataclasses import replace
 
@@ -6,12 +6,34 @@ import numpy as np
 import pytest
 from made_scores import episode_scores, model_scores, reported_scores
 
-from siren_ros.evaluation.prediction.protocol.samples import Population
-from siren_ros.evaluation.prediction.reports.differences import differences
+from siren_ros.evaluation.prediction.episode_scores import EpisodeScores
 from siren_ros.evaluation.prediction.reports.paper_results import PAPER, TEMPLATES
-from siren_ros.evaluation.prediction.reports.score_table import score_table
-from siren_ros.evaluation.prediction.reports.text_report import BAGS_MAX, no_samples_text, text_report
-from siren_ros.evaluation.prediction.scoring.episode_scores import EpisodeScores
+from siren_ros.evaluation.prediction.reports.score_table import differences, score_table
+from siren_ros.evaluation.prediction.reports.text_report import (
+    BAGS_MAX,
+    bounds,
+    no_samples_text,
+    number,
+    pair,
+    text_report,
+)
+from siren_ros.evaluation.prediction.samples import Population
+from siren_ros.evaluation.statistics.interval import NOTHING, Interval
+
+
+def test_numbers_have_two_digits_and_nothing_is_a_dash() -> None:
+    assert [number(value) for value in (0.0, 1.005, -2.0, None)] == ["0.00", "1.00", "-2.00", "-"]
+    assert number(1.26, 1) == "1.3"
+    assert pair([1.444, None]) == "1.44/-"
+    assert pair([2.0]) == "2.00"
+
+
+def test_bounds_need_several_episodes() -> None:
+    assert bounds(Interval(1.4, 1.196, 1.664, 5)) == "[1.20, 1.66]"
+    assert bounds(NOTHING) == "-"
+    assert bounds(Interval(1.4, 1.2, 1.6, 4)) == "[-]", "of four episodes"
+    assert bounds(Interval(1.4, 1.2, 1.6, 9, scatter_known=False)) == "[-]"
+
 
 REPORT = """
 population: region (vehicles within 40 m in, 50 m out around the EMV for the whole window)

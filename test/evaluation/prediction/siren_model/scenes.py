@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 from made_records import Track, record_with
 
-from siren_ros.evaluation.prediction.protocol.samples import Population, SampleBatch, samples_of
-from siren_ros.evaluation.prediction.protocol.window import HistoryWindow
+from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, SampleBatch, samples_of
 from siren_ros.numerics.arrays import Floats
-from siren_ros.numerics.polyline import Polyline
+from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.world.actors import Lights
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from made_records import moving
 from scenes import batch_of, lit, moved, showing, with_signal
 
-from siren_ros.evaluation.prediction.protocol.samples import SampleBatch
+from siren_ros.evaluation.prediction.samples import SampleBatch
 from siren_ros.evaluation.prediction.siren_model.features import (
     Ablation,
     Features,

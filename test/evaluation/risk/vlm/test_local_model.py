@@ -14,11 +14,11 @@ from evaluation.risk.vlm.tiny_model import save_tiny_model
 
 from siren_ros.cli.main import main
 from siren_ros.errors import InputError
-from siren_ros.evaluation.risk.key_frames import key_frames
+from siren_ros.evaluation.risk.video_frames import key_frames
 from siren_ros.evaluation.risk.video_set import read_set, write_set
 from siren_ros.evaluation.risk.vlm.local_model import LocalModel
 from siren_ros.evaluation.risk.vlm.model import ModelUnavailableError, Question
-from siren_ros.evaluation.risk.vlm.pictures import as_jpeg
+from siren_ros.evaluation.risk.vlm.question import as_jpeg
 from siren_ros.pictures.video import write_video
 
 PICTURES = tuple(as_jpeg(np.full((60, 80, 3), 30 * number, np.uint8)) for number in range(8))

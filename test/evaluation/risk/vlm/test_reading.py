@@ -8,7 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.risk.risk_class import RiskClass, risk_class
+from siren_ros.evaluation.risk.labels import RiskClass, risk_class
 from siren_ros.evaluation.risk.vlm import reading
 from siren_ros.evaluation.risk.vlm.reading import DEEPEST, class_in, final_class
 

@@ -12,14 +12,12 @@ torch = pytest.importorskip("torch", reason="the extra models is not installed")
 from made_training_frames import SMALL_GRID, made_episode
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.detection.metrics.named_classes import CLASS_NAMES
-from siren_ros.evaluation.detection.pillars.network_file import FORM_VERSION, load_detector
-from siren_ros.evaluation.detection.pillars.pillars import pillars_of
-from siren_ros.training.detection.fit_config import DetectionFit, NetworkSize
-from siren_ros.training.detection.fitting.fit import fit, pillar_tensors, rate_at
-from siren_ros.training.detection.fitting.losses import box_loss, heat_loss
-from siren_ros.training.detection.fitting.onnx_export import BoxesOf, onnx_bytes
-from siren_ros.training.detection.frame_draws import FrameDraws
+from siren_ros.evaluation.detection.boxes import CLASS_NAMES
+from siren_ros.evaluation.detection.detectors.pillar_detector import FORM_VERSION, load_detector
+from siren_ros.evaluation.detection.detectors.pillars import pillars_of
+from siren_ros.training.detection.batches import FrameDraws
+from siren_ros.training.fitting.detection import BoxesOf, box_loss, fit, heat_loss, onnx_bytes, pillar_tensors, rate_at
+from siren_ros.training.settings import DetectionFit, NetworkSize
 
 SIZE = NetworkSize(pillar=8, stages=(8, 12, 12), layers=1, neck=8, head=12)
 CONFIG = DetectionFit(steps=4, checkpoint_steps=2, averaging=0.5, half=False)

@@ -8,15 +8,14 @@ from training.risk.hand_made_films import hand_made_film
 torch = pytest.importorskip("torch", reason="the extra models is not installed")
 pytest.importorskip("onnx", reason="the extra models is not installed")
 
-from siren_ros.evaluation.risk.risk_class import RiskClass
-from siren_ros.evaluation.risk.sequence.small_frames import HEIGHT, WIDTH
-from siren_ros.training.episode_plan import Split
-from siren_ros.training.risk.film_fit import FilmFitConfig, labelled
-from siren_ros.training.risk.film_plan import PlannedFilm
-from siren_ros.training.risk.films import MadeFilms, write_film
-from siren_ros.training.risk.fitting.film_fit import fitted_film_network
-from siren_ros.training.risk.fitting.film_network import FilmNetwork
-from siren_ros.training.risk.risk_training import train_sequence_model
+from siren_ros.evaluation.risk.labels import RiskClass
+from siren_ros.evaluation.risk.sequence_model import HEIGHT, WIDTH
+from siren_ros.training.fitting.risk import FilmNetwork, fitted_film_network
+from siren_ros.training.prediction.plan import Split
+from siren_ros.training.risk.batches import FilmFitConfig, labelled
+from siren_ros.training.risk.plan import PlannedFilm
+from siren_ros.training.risk.samples import MadeFilms, write_film
+from siren_ros.training.risk.training import train_sequence_model
 
 CONFIG = FilmFitConfig(epochs=1, steps=2, batch=3, clip_frames=12)
 

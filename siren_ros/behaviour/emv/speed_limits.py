@@ -1,0 +1,186 @@
+"""How fast the EMV may go: between other vehicles, towards the vehicles ahead, and onto a junction on red.
+
+* Passage: how near the EMV's footprint comes to the vehicles beside it decides the speed.
+* Anticipation: the EMV adapts early to the vehicles ahead, before its collision handling has to brake.
+* Junction entry: the siren asks for the right of way and does not give it, so the EMV enters on red slowly enough
+  to stop.
+"""
+
+import math
+from typing import Final
+
+import numpy as np
+
+from siren_ros.behaviour.config import AnticipationConfig, JunctionEntryConfig
+from siren_ros.behaviour.driving.collision_watch import CollisionSnapshot
+from siren_ros.behaviour.driving.free_space import Body, FreeWay, Obstacles, SpeedLimit
+from siren_ros.behaviour.driving.lane_change import gaps_in_lane
+from siren_ros.behaviour.driving.step_view import StepView
+from siren_ros.behaviour.emv.forced_lane_change import ROUTE
+from siren_ros.behaviour.emv.unit import EmvUnit, present_lane
+from siren_ros.behaviour.paths.lane_path import neighbour_lane
+from siren_ros.conflicts.yielding import Rank, rank_of
+from siren_ros.numerics.arrays import Flags, Floats, Rows
+from siren_ros.roads.road_network import NO_LANE
+from siren_ros.world.actors import NO_ACTOR
+
+UNLIMITED: Final = SpeedLimit()
+_ALONG: Final = 0.7
+"""Cosine above which a vehicle counts as one of the EMV's own direction."""
+_CROSSING_MPS: Final = 1.0
+"""Faster vehicles that cross the EMV's path are the collision handling's, where that is on."""
+_BESIDE_M: Final = 30.0
+
+
+def rows_around(view: StepView, row: int) -> tuple[Rows, Flags]:
+    """Rows of the vehicles around the EMV, and which of them point in its direction."""
+    seen = view.seen
+    x, y, yaw = view.pose(row)
+    rows = seen.near(x, y, view.world.config.gap_escape.horizon_m + _BESIDE_M, but=row)
+    return rows, np.cos(seen.yaw_rad[rows] - yaw) > _ALONG
+
+
+def free_way(unit: EmvUnit, view: StepView, row: int) -> FreeWay | None:
+    """How near the EMV's footprint comes to others along its path; None without a path.
+
+    In the corridor, vehicles ahead are expected to keep moving. During a gap escape they may stop at once.
+    """
+    navigator, config = unit.navigator, view.world.config.gap_escape
+    if navigator.path is None:
+        return None
+    rows, along = rows_around(view, row)
+    speed = view.seen.speed_mps[rows]
+    counts = along | (speed < _CROSSING_MPS) | unit.gap_escape_active
+    rows, along, speed = rows[counts], along[counts], speed[counts]
+    time_s = np.where(along, 0.0, config.watch_s)
+    credit = np.where(along & (not unit.gap_escape_active), speed**2 / (2.0 * config.leader_brake_mps2), 0.0)
+    obstacles, body = Obstacles.swept(view.seen, rows, time_s), Body.of(view.seen, row)
+    x, y, yaw = view.pose(row)
+    progress, left = navigator.path.curve.nearest_to(navigator.progress_m, x, y)
+    rear = view.vehicle(row).centre_ahead_of_rear_axle_m
+    return FreeWay.along(navigator.path, (progress, left, yaw), rear, config.horizon_m, body, obstacles, credit)
+
+
+def passage_blocker(snapshot: CollisionSnapshot | None, limit: SpeedLimit) -> CollisionSnapshot | None:
+    """The navigator's snapshot, or else the actor whom the EMV cannot pass."""
+    if snapshot is None and limit.blocker_id != NO_ACTOR:
+        return CollisionSnapshot(limit.blocker_id, limit.free_m, 0.0)
+    return snapshot
+
+
+def passage_limit(unit: EmvUnit, view: StepView, row: int) -> SpeedLimit:
+    """How fast the EMV may go between others in the corridor and during a gap escape.
+
+    The collision handling would keep too much distance from vehicles that the EMV squeezes past, or is off. This limit
+    follows from the footprint itself along the path.
+    """
+    if not (unit.gap_escape_active or unit.corridor):
+        return UNLIMITED
+    way, config = free_way(unit, view, row), view.world.config
+    if way is None:
+        return UNLIMITED
+    speed, brake = float(view.seen.speed_mps[row]), config.gap_escape.brake_mps2
+    if unit.gap_escape_active:
+        escape = config.gap_escape
+        return way.limit(speed, escape.squeezes, escape.stop_short_m, brake, escape.touch_m)
+    corridor = config.corridor
+    return way.limit(speed, corridor.squeezes, corridor.stop_short_m, brake, corridor.clearance_m)
+
+
+"""Cosine above which a vehicle counts as one of the EMV's own direction."""
+
+
+def anticipated_limit(unit: EmvUnit, view: StepView, row: int) -> SpeedLimit:
+    """How fast the EMV drives towards the vehicles ahead on its path, with gentle braking and in good time.
+
+    In the corridor and during a gap escape the passage limit stands in its place.
+    """
+    path, config = unit.navigator.path, view.world.config.anticipation
+    if path is None:
+        return UNLIMITED
+    seen = view.seen
+    x, y, _ = view.pose(row)
+    rows = seen.near(x, y, view.world.constants.leader_query_m, but=row)
+    if len(rows) == 0:
+        return UNLIMITED
+    s, left, nearest = path.curve.project(seen.x_m[rows], seen.y_m[rows])
+    turned = seen.yaw_rad[rows] - path.curve.heading_rad[nearest]
+    cos, sin = np.cos(turned), np.sin(turned)
+    half_length, half_width = seen.half_length_m[rows], seen.half_width_m[rows]
+    reach = np.abs(cos) * half_length + np.abs(sin) * half_width
+    gap = s - reach - unit.navigator.progress_m - float(seen.half_length_m[row])
+    inside = np.abs(sin) * half_length + np.abs(cos) * half_width + float(seen.half_width_m[row]) + config.side_margin_m
+    overlap = inside - np.abs(left)
+    ahead = (cos > _ALONG) & (overlap > 0.0) & (gap > 0.0) & (s < path.length_m)
+    leaving = (seen.speed_mps[rows] * sin * np.sign(left))[ahead]
+    allowed = approach_speed_mps(gap[ahead], (seen.speed_mps[rows] * cos)[ahead], overlap[ahead], leaving, config)
+    least = min(float(allowed.min(initial=np.inf)), _needed_lane_mps(unit, view, row))
+    easing = float(seen.speed_mps[row]) - config.ease_off_mps2 / view.world.config.emv.navigator.speed_gain_1ps
+    return SpeedLimit(max(least, easing))
+
+
+def _needed_lane_mps(unit: EmvUnit, view: StepView, row: int) -> float:
+    """Speed towards the vehicle ahead in the lane that the route needs, while the change to it is not yet feasible."""
+    request = unit.request
+    if request.side == 0 or request.reason != ROUTE:
+        return math.inf
+    target = neighbour_lane(view.world.network, present_lane(view, row, unit.navigator), request.side)
+    if target == NO_LANE:
+        return math.inf
+    gaps = gaps_in_lane(view, row, target)
+    if not 0.0 < gaps.front_m < math.inf:
+        return math.inf
+    one = np.ones(1)
+    config = view.world.config.anticipation
+    return float(approach_speed_mps(gaps.front_m * one, gaps.front_mps * one, one, 0.0 * one, config)[0])
+
+
+def approach_speed_mps(
+    gap_m: Floats, lead_mps: Floats, overlap_m: Floats, leaving_mps: Floats, config: AnticipationConfig
+) -> Floats:
+    """Speed towards each vehicle ahead.
+
+    The speed is Krauss's safe speed (1998), ``−bτ + sqrt((bτ)² + v_l² + 2b·gap)``, with a gentle deceleration b. A
+    vehicle that leaves the path sideways may be approached faster: with the mean speed that brings the EMV to the
+    standstill gap behind it at the moment at which it has left.
+
+    Args:
+        gap_m: From bumper to bumper.
+        lead_mps: Speed of the vehicle ahead along the path.
+        overlap_m: Lateral distance by which it still overlaps the way of the EMV.
+        leaving_mps: Its lateral speed away from the path.
+        config: Deceleration, time gap, standstill gap.
+    """
+    brake, headway = config.brake_mps2, config.headway_s
+    free = np.maximum(gap_m - config.standstill_gap_m, 0.0)
+    safe = np.sqrt((brake * headway) ** 2 + lead_mps**2 + 2.0 * brake * free) - brake * headway
+    time_s = np.maximum(overlap_m / config.leaving_mps, config.headway_s)
+    cleared = np.where(leaving_mps > config.leaving_min_mps, lead_mps + free / time_s, 0.0)
+    return np.maximum(safe, cleared)
+
+
+def entry_limit_mps(view: StepView, row: int) -> float:
+    """Speed towards the red lights ahead; infinite where there is none.
+
+    Crossing traffic has green there and does not slow down. At a stop sign it starts from the line or is seen to come,
+    and the collision handling is enough, as inside the junction.
+
+    The EMV comes to the entry speed by gentle braking in good time. Where the light turns red late it slows down as
+    far as gentle braking gets it.
+    """
+    outlook, config = view.seen.outlook, view.world.junction_entry
+    if outlook is None:
+        return math.inf
+    front = outlook.front_m(row)
+    limit = math.inf
+    for entry in outlook.course(row).entries:
+        ahead = entry.start_m - front
+        if ahead > 0.0 and rank_of(entry.connection, outlook.signals) is Rank.RED:
+            limit = min(limit, approach_mps(ahead, config))
+    easing = float(view.seen.speed_mps[row]) - config.ease_off_mps2 / view.world.config.emv.navigator.speed_gain_1ps
+    return max(limit, easing)
+
+
+def approach_mps(ahead_m: float, config: JunctionEntryConfig) -> float:
+    """Speed at a distance before the line from which the entry speed is reached at the line."""
+    return math.sqrt(config.speed_mps**2 + 2.0 * config.brake_mps2 * ahead_m)

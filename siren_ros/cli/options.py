@@ -1,0 +1,116 @@
+"""Options that several commands share: numbers, names, processes, bars, and one measurement on many bags."""
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from tqdm import tqdm
+
+from siren_ros.errors import EXIT_OK, InputError, SirenError
+from siren_ros.processes.worker_pool import worker_pool
+
+Found = TypeVar("Found")
+
+
+def of_each_bag(measure: Callable[[Path], Found], bags: Sequence[Path], jobs: int) -> tuple[list[Found], int]:
+    """What was measured on the bags that can be read, and the worst exit code; standard error says what is wrong.
+
+    Args:
+        measure: A function of a module, because other processes call it.
+        bags: In the order in which they are begun.
+        jobs: Processes at once.
+    """
+    worst, results = EXIT_OK, []
+    with (
+        worker_pool(min(jobs, len(bags)), lambda _: None) as pool,
+        tqdm(total=len(bags), unit="episode", desc="evaluate", disable=None) as bar,
+    ):
+        for _, (found, error) in pool(_tried, [(measure, bag) for bag in bags]):
+            bar.update(1)
+            if error is None:
+                results.append(found)
+            else:
+                print(f"siren evaluate: {error}", file=sys.stderr)
+                worst = max(worst, error.exit_code)
+    return results, worst
+
+
+def _tried(measure: Callable[[Path], Found], bag: Path) -> tuple[Found, None] | tuple[None, SirenError]:
+    try:
+        return measure(bag), None
+    except SirenError as error:
+        return None, error
+
+
+def names_in(text: str) -> tuple[str, ...]:
+    """Names separated by commas, without the spaces around them; empty ones do not count."""
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def check_numbers(arguments: argparse.Namespace, limits: Mapping[str, tuple[float, float]]) -> None:
+    """Checks options against the least and the largest number that they may have; those that are not given are fine.
+
+    Raises:
+        InputError: A number outside its limits, or none at all (nan).
+    """
+    for name, (least, most) in limits.items():
+        value = getattr(arguments, name)
+        if value is not None and not least <= value <= most:
+            kind = "an integer" if isinstance(value, int) else "a number"
+            raise InputError(name, value, f"{kind} from {least:.12g} to {most:.12g}")
+
+
+def steps_of(bar: "tqdm[Any]") -> Callable[[], None]:
+    """What moves a bar on by one each time it is called."""
+
+    def step() -> None:
+        bar.update()
+
+    return step
+
+
+def add_processes(
+    line: "argparse.ArgumentParser | argparse._ArgumentGroup", option: str = "--jobs", kind: Callable[[str], int] = int
+) -> None:
+    """Adds the option to a command, with the processors that this process may use as its default."""
+    line.add_argument(
+        option,
+        type=kind,
+        default=len(os.sched_getaffinity(0)),
+        metavar="N",
+        help="processes (default: one for each processor)",
+    )
+
+
+def processes_of(arguments: argparse.Namespace) -> int:
+    """What ``--jobs`` says.
+
+    Raises:
+        InputError: No process to work with.
+    """
+    jobs = int(arguments.jobs)
+    if jobs < 1:
+        raise InputError("jobs", jobs, "1 or more")
+    return jobs
+
+
+def positive(text: str) -> int:
+    """The type of such an argument; argparse prints the error."""
+    try:
+        value = int(text)
+    except ValueError:
+        value = 0
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 on")
+    return value
+
+
+def named_path(text: str) -> tuple[str, Path]:
+    """The type of an argument ``NAME=PATH``; argparse prints the error."""
+    name, equals, path = text.partition("=")
+    if not (name and equals and path):
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=PATH")
+    return name, Path(path)

@@ -1,0 +1,355 @@
+"""CommonRoad scenarios: the EMV is the planning problem, all other vehicles are obstacles on the lanelet network.
+
+Format: CommonRoad 2020a, https://commonroad.in.tum.de. Intersections follow commonroad-io 2026.1, which calls the
+``successors`` of an arm its ``outgoing`` lanelets and warns of each older name.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import Final
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from siren_ros.datasets.commonroad_surface import Bounds, border_strips, junction_surfaces, lanelet_bounds
+from siren_ros.datasets.files import FileWriter, child, document, link
+from siren_ros.datasets.formats import EpisodePart, EpisodeReport
+from siren_ros.datasets.lane_graph import GraphLane, lane_graph
+from siren_ros.errors import BagError
+from siren_ros.numerics.arrays import Points
+from siren_ros.record.episode_source import EpisodeSource
+from siren_ros.record.tracks import FRAME_S, LOG_PERIOD_STEPS, Track, tracks_of
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.roads.road_network import Connection, LaneKind, RoadNetwork
+from siren_ros.scenario.episode import EpisodeDescription
+from siren_ros.world.actors import EMERGENCY_CLASSES, ActorClass
+
+_BORDERS, _SURFACES = 600_000, 800_000
+_SIGNS, _LIGHTS, _JUNCTIONS, _INCOMINGS = 1_000_000, 2_000_000, 3_000_000, 4_000_000
+"""First ids of each kind; all ids of a scenario differ."""
+_COLOUR: Final = {"r": "red", "u": "redYellow", "y": "yellow", "g": "green", "s": "green", "o": "inactive"}
+"""Of SUMO's letters, capital or not; ``s`` is a green arrow."""
+_DIRECTION: Final = {"s": "straight", "l": "left", "L": "left", "t": "left", "r": "right", "R": "right"}
+_KIND: Final = {LaneKind.INTERNAL: "intersection", LaneKind.SHOULDER: "shoulder"}
+_UNMARKED: Final = ("no_marking", "no_marking")
+_OPPOSITE_M: Final = 1.0
+"""Left boundaries of opposite lanes that are this near each other are one line."""
+
+
+def lanelet_id(lane: int) -> int:
+    """Id of a lane's lanelet."""
+    return lane + 1
+
+
+@dataclass(frozen=True)
+class _Light:
+    number: int
+    connection: Connection
+
+
+def add_network(root: Element, record: EpisodeRecord, arm_names: str) -> None:
+    """Adds lanelets, signs, lights and intersections, in the order of the schema.
+
+    Args:
+        root: The scenario.
+        record: The episode.
+        arm_names: Head of the names of the lanelets that leave an arm of an intersection.
+    """
+    network = record.network
+    graph = lane_graph(network)
+    limits = sorted({lane.lane.speed_limit_mps for lane in graph.values()})
+    signs = {limit: _SIGNS + number for number, limit in enumerate(limits)}
+    lights = _lights(network, graph)
+    opposite = _opposite_lanes(network, graph)
+    bounds = lanelet_bounds(graph, opposite)
+    for index, lane in graph.items():
+        made = _add_lanelet(root, lanelet_id(index), bounds[index], _markings(lane))
+        _describe(made, lane, signs[lane.lane.speed_limit_mps], lights.get(index, []), opposite.get(index))
+    for number, strip in enumerate(border_strips(graph, bounds, opposite)):
+        child(_add_lanelet(root, _BORDERS + number, strip, _UNMARKED), "laneletType", "border")
+    for number, surface in enumerate(junction_surfaces(network, bounds)):
+        child(_add_lanelet(root, _SURFACES + number, surface, _UNMARKED), "laneletType", "intersection")
+    for limit, number in signs.items():
+        first = next(lane for lane in graph.values() if lane.lane.speed_limit_mps == limit)
+        sign = child(root, "trafficSign", id=number)
+        element = child(sign, "trafficSignElement")
+        child(element, "trafficSignID", "274")
+        child(element, "additionalValue", limit)
+        _add_point(child(sign, "position"), first.right[0])
+        child(sign, "virtual", text=True)
+    cycles = _cycles(record)
+    for found in lights.values():
+        for light in found:
+            _add_light(root, light, graph, cycles)
+    _add_intersections(root, network, graph, arm_names)
+
+
+def _add_lanelet(root: Element, number: int, bounds: Bounds, markings: tuple[str, str]) -> Element:
+    made = child(root, "lanelet", id=number)
+    for tag, points, marking in zip(("leftBound", "rightBound"), (bounds.left, bounds.right), markings, strict=True):
+        bound = child(made, tag)
+        for place in points:
+            _add_point(bound, place)
+        child(bound, "lineMarking", marking)
+    return made
+
+
+def _markings(lane: GraphLane) -> tuple[str, str]:
+    """Of the left and the right boundary."""
+    if lane.in_junction:
+        return _UNMARKED
+    left, right = ("solid" if one is None else "dashed" for one in (lane.left_neighbour, lane.right_neighbour))
+    return left, right
+
+
+def _describe(made: Element, lane: GraphLane, sign: int, lights: list[_Light], opposite: int | None) -> None:
+    for tag, others in (("predecessor", lane.predecessors), ("successor", lane.successors)):
+        for other in others:
+            child(made, tag, ref=lanelet_id(other))
+    _add_neighbours(made, lane, opposite)
+    if lights:
+        line = child(made, "stopLine")
+        _add_point(line, lane.left[-1])
+        _add_point(line, lane.right[-1])
+        child(line, "lineMarking", "solid")
+        for light in lights:
+            child(line, "trafficLightRef", ref=light.number)
+    child(made, "laneletType", _KIND.get(lane.lane.kind, "urban"))
+    child(made, "userOneWay", "vehicle" if lane.lane.civilian_allowed else "priorityVehicle")
+    child(made, "trafficSignRef", ref=sign)
+    for light in lights:
+        child(made, "trafficLightRef", ref=light.number)
+
+
+def _add_neighbours(made: Element, lane: GraphLane, opposite: int | None) -> None:
+    if lane.left_neighbour is not None:
+        child(made, "adjacentLeft", ref=lanelet_id(lane.left_neighbour), drivingDir="same")
+    elif opposite is not None:
+        child(made, "adjacentLeft", ref=lanelet_id(opposite), drivingDir="opposite")
+    if lane.right_neighbour is not None:
+        child(made, "adjacentRight", ref=lanelet_id(lane.right_neighbour), drivingDir="same")
+
+
+def _lights(network: RoadNetwork, graph: Mapping[int, GraphLane]) -> dict[int, list[_Light]]:
+    """Lights by the lane that they stand at, one for each direction."""
+    found: dict[int, dict[str, _Light]] = {}
+    number = _LIGHTS
+    for connection in network.connections:
+        direction = _DIRECTION.get(connection.direction, "all")
+        at = found.setdefault(connection.from_lane, {})
+        if connection.signal_id is None or connection.from_lane not in graph or direction in at:
+            continue
+        at[direction] = _Light(number, connection)
+        number += 1
+    return {lane: list(lights.values()) for lane, lights in found.items() if lights}
+
+
+def _cycles(record: EpisodeRecord) -> dict[str, list[str]]:
+    """State strings of each signal at 10 Hz."""
+    found: dict[str, list[str]] = {}
+    for traffic in record.traffic:
+        if traffic.step % LOG_PERIOD_STEPS == 0:
+            for signal in traffic.signals:
+                found.setdefault(signal.signal_id, []).append(signal.state)
+    return found
+
+
+def _add_light(root: Element, light: _Light, graph: Mapping[int, GraphLane], cycles: Mapping[str, list[str]]) -> None:
+    """A light whose cycle is what was recorded, from the start of the episode to its end."""
+    connection = light.connection
+    states = cycles.get(str(connection.signal_id), [])
+    colours = [_COLOUR.get(state[connection.signal_link].lower(), "inactive") for state in states] or ["inactive"]
+    made = child(root, "trafficLight", id=light.number)
+    cycle = child(made, "cycle")
+    for colour, same in groupby(colours):
+        element = child(cycle, "cycleElement")
+        child(element, "duration", len(list(same)))
+        child(element, "color", colour)
+    _add_point(child(made, "position"), graph[connection.from_lane].right[-1])
+    child(made, "direction", _DIRECTION.get(connection.direction, "all"))
+    child(made, "active", text=True)
+
+
+def _opposite_lanes(network: RoadNetwork, graph: Mapping[int, GraphLane]) -> dict[int, int]:
+    """The lane of the other direction that shares the left boundary of each leftmost lane."""
+    outer: dict[tuple[str, str], list[int]] = {}
+    for index, lane in graph.items():
+        edge = network.edges[lane.lane.edge]
+        if lane.left_neighbour is None and not edge.internal:
+            outer.setdefault((edge.from_junction, edge.to_junction), []).append(index)
+    found = {}
+    for (start, end), lanes in outer.items():
+        for index in lanes:
+            for other in outer.get((end, start), []):
+                one, two = graph[index].left, graph[other].left
+                if max(np.hypot(*(one[0] - two[-1])), np.hypot(*(one[-1] - two[0]))) < _OPPOSITE_M:
+                    found[index] = other
+    return found
+
+
+def _add_intersections(root: Element, network: RoadNetwork, graph: Mapping[int, GraphLane], arm_names: str) -> None:
+    number = _INCOMINGS
+    for junction, (_, arms) in enumerate(_arms(network, graph)):
+        made = child(root, "intersection", id=_JUNCTIONS + junction)
+        for lanes, successors in arms:
+            incoming = child(made, "incoming", id=number)
+            number += 1
+            for lane in lanes:
+                child(incoming, "incomingLanelet", ref=lanelet_id(lane))
+            for tag in ("Right", "Straight", "Left"):
+                for lane in sorted(successors.get(tag.lower(), set())):
+                    child(incoming, f"{arm_names}{tag}", ref=lanelet_id(lane))
+
+
+def _arms(
+    network: RoadNetwork, graph: Mapping[int, GraphLane]
+) -> Iterator[tuple[str, list[tuple[list[int], dict[str, set[int]]]]]]:
+    """For each junction with paths across it: lanes of each road into it, and first lanelets by direction."""
+    by_junction: dict[str, dict[int, list[Connection]]] = {}
+    for connection in network.connections:
+        if connection.via and connection.from_lane in graph and connection.via[0] in graph:
+            edge = network.lanes[connection.from_lane].edge
+            if not network.edges[edge].internal:
+                by_junction.setdefault(connection.junction, {}).setdefault(edge, []).append(connection)
+    for junction, edges in by_junction.items():
+        arms = []
+        for connections in edges.values():
+            successors: dict[str, set[int]] = {}
+            for connection in connections:
+                direction = _DIRECTION.get(connection.direction, "straight")
+                successors.setdefault(direction, set()).add(connection.via[0])
+            arms.append((sorted({connection.from_lane for connection in connections}), successors))
+        yield junction, arms
+
+
+def _add_point(parent: Element, place: Points) -> None:
+    point = child(parent, "point")
+    child(point, "x", float(place[0]))
+    child(point, "y", float(place[1]))
+
+
+VERSION: Final = "2020a"
+_TYPE_OF_CLASS: Final = {ActorClass.TRUCK: "truck", ActorClass.BUS: "bus"}
+_PROBLEM: Final = 5_000_000
+_OBSTACLES: Final = 6_000_000
+_GOAL_LENGTH_M: Final = 10.0
+_GOAL_WIDTH_M: Final = 4.0
+_UNKNOWN_PLACE: Final = {"geoNameId": -999, "gpsLatitude": 999, "gpsLongitude": 999}
+"""What CommonRoad writes where a map has no place on earth."""
+
+
+class CommonRoadExporter:
+    """One XML file for each episode."""
+
+    def __init__(self, intersections: str) -> None:
+        self._arm_names = intersections
+
+    def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:
+        """Writes the scenario; all tracks of the episode are in memory."""
+        record = source.record()
+        tracks = tracks_of(record)
+        emv_id = min(record.emv_ids)
+        emv = next((track for track in tracks if track.actor.actor_id == emv_id), None)
+        if emv is None or len(emv) < 2:
+            raise BagError(str(source.path), "an episode in which the EMV drives")
+        root = _root(record, source.description, self._arm_names)
+        others = [track for track in tracks if track is not emv and len(track) > 1]
+        for track in others:
+            _add_obstacle(root, track)
+        _add_problem(root, emv)
+        files.write(f"{episode_id}.xml", document(root))
+        types = Counter(obstacle_type(track.actor.actor_class) for track in others)
+        return EpisodeReport({"scenarios": 1, "obstacles": len(others)}, dict(types))
+
+    def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
+        """A folder for each split."""
+        for part in parts:
+            for path in part.folder.glob("*.xml"):
+                link(path, folder / part.split / path.name)
+
+
+def obstacle_type(actor_class: ActorClass) -> str:
+    """CommonRoad's type of a vehicle; emergency vehicles are ``priorityVehicle``."""
+    if actor_class in EMERGENCY_CLASSES:
+        return "priorityVehicle"
+    return _TYPE_OF_CLASS.get(actor_class, "car")
+
+
+def benchmark_id(description: EpisodeDescription) -> str:
+    """CommonRoad's name: ``ZAM_SirenS2town-1_1_T-1``; ZAM is its country of what is nowhere."""
+    letters = "".join(letter for letter in f"{description.template}{description.map_name}" if letter.isalnum())
+    return f"ZAM_Siren{letters}-{description.seed + 1}_1_T-1"
+
+
+def _root(record: EpisodeRecord, description: EpisodeDescription, arm_names: str = "outgoing") -> Element:
+    root = Element(
+        "commonRoad",
+        {
+            "timeStepSize": f"{FRAME_S:g}",
+            "commonRoadVersion": VERSION,
+            "author": "SIREN",
+            "affiliation": "SIREN",
+            "source": f"SIREN, template {description.template}, level {description.level.name}",
+            "benchmarkID": benchmark_id(description),
+            "date": "1970-01-01",
+        },
+    )
+    place = child(root, "location")
+    origin = record.network.origin_lat_lon_deg
+    known = {} if origin is None else {"gpsLatitude": origin[0], "gpsLongitude": origin[1]}
+    for tag, value in {**_UNKNOWN_PLACE, **known}.items():
+        child(place, tag, value)
+    tags = child(root, "scenarioTags")
+    child(tags, "urban")
+    child(tags, "simulated")
+    add_network(root, record, arm_names)
+    return root
+
+
+def _add_obstacle(root: Element, track: Track) -> None:
+    made = child(root, "dynamicObstacle", id=_OBSTACLES + track.actor.actor_id)
+    child(made, "type", obstacle_type(track.actor.actor_class))
+    rectangle = child(child(made, "shape"), "rectangle")
+    child(rectangle, "length", track.actor.length_m)
+    child(rectangle, "width", track.actor.width_m)
+    _add_state(child(made, "initialState"), track, 0)
+    trajectory = child(made, "trajectory")
+    for row in range(1, len(track)):
+        _add_state(child(trajectory, "state"), track, row)
+
+
+def _add_state(state: Element, track: Track, row: int) -> None:
+    point = child(child(state, "position"), "point")
+    child(point, "x", float(track.x_m[row]))
+    child(point, "y", float(track.y_m[row]))
+    values = {
+        "orientation": float(track.yaw_rad[row]),
+        "time": int(track.frame[row]),
+        "velocity": float(track.speed_mps[row]),
+        "acceleration": float(track.accel_mps2[row]),
+    }
+    for tag, value in values.items():
+        child(child(state, tag), "exact", value)
+
+
+def _add_problem(root: Element, emv: Track) -> None:
+    """From where the EMV starts to where it is at the end."""
+    problem = child(root, "planningProblem", id=_PROBLEM + emv.actor.actor_id)
+    state = child(problem, "initialState")
+    _add_state(state, emv, 0)
+    for tag in ("yawRate", "slipAngle"):
+        child(child(state, tag), "exact", 0.0)
+    goal = child(problem, "goalState")
+    rectangle = child(child(goal, "position"), "rectangle")
+    child(rectangle, "length", _GOAL_LENGTH_M)
+    child(rectangle, "width", _GOAL_WIDTH_M)
+    child(rectangle, "orientation", float(emv.yaw_rad[-1]))
+    centre = child(rectangle, "center")
+    child(centre, "x", float(emv.x_m[-1]))
+    child(centre, "y", float(emv.y_m[-1]))
+    time = child(goal, "time")
+    child(time, "intervalStart", max(1, int(emv.frame[-1]) // 2))
+    child(time, "intervalEnd", int(emv.frame[-1]))

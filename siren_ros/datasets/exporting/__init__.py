@@ -1,1 +1,0 @@
-"""What all formats share: which there are, many bags at once, staged folders, the dataset's card."""

@@ -1,0 +1,236 @@
+"""The table of dataset formats: one entry for each; its writer is loaded when it is asked for."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Final, Protocol, cast
+
+from siren_ros.datasets.files import FileWriter
+from siren_ros.errors import InputError
+from siren_ros.record.bag_survey import Need
+from siren_ros.record.episode_source import EpisodeSource
+from siren_ros.record.tracks import POPULATIONS
+
+
+@dataclass(frozen=True)
+class Option:
+    """One option of a format, ``--name VALUE`` on the command line."""
+
+    name: str
+    default: str
+    allowed: tuple[str, ...]
+    """Values; empty where any text is taken."""
+    help: str
+    waives: Mapping[str, tuple[Need, ...]] = field(default_factory=dict)
+    """By value: what a bag then need not have."""
+
+    @property
+    def is_flag(self) -> bool:
+        """Whether the option may stand alone: ``--region``."""
+        return self.allowed == FLAG
+
+
+FLAG: Final = ("no", "yes")
+
+
+@dataclass(frozen=True)
+class Format:
+    """One line of the table of formats."""
+
+    name: str
+    summary: str
+    needs: tuple[Need, ...]
+    exporter: str
+    """Where its writer is: ``module:class``, loaded when it is asked for."""
+    options: tuple[Option, ...] = ()
+    extra: str = ""
+    """Extra of the package that brings what the writer imports; empty where nothing more is needed."""
+
+    def needs_with(self, options: Mapping[str, str]) -> tuple[Need, ...]:
+        """What a bag must hold for a set of options."""
+        waived = {need for one in self.options for need in one.waives.get(options.get(one.name, one.default), ())}
+        return tuple(need for need in self.needs if need not in waived)
+
+
+@dataclass(frozen=True)
+class EpisodeReport:
+    """What was written of one episode."""
+
+    counts: Mapping[str, int]
+    """Number of things by their name: frames, boxes, scenarios."""
+    classes: Mapping[str, int] = field(default_factory=dict)
+    """Class balance: number of labels by class, in the format's names."""
+
+
+@dataclass(frozen=True)
+class EpisodePart:
+    """One finished episode of a dataset."""
+
+    episode_id: str
+    """Unique in the dataset: ``S2_L2_seed0_town``."""
+    index: int
+    """Place in the order of the dataset."""
+    split: str
+    """``train``, ``val`` or ``test``."""
+    folder: Path
+    report: EpisodeReport
+
+
+class Exporter(Protocol):
+    """Writes one format. Made with the format's options; one object serves one process."""
+
+    def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:
+        """Writes one episode into a folder of its own, in any layout that ``assemble`` knows.
+
+        Raises:
+            BagError: The bag is damaged at the place that has been reached.
+        """
+
+    def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
+        """Makes the dataset of all parts, which stay as they are: files are linked, not moved."""
+
+
+_PACKAGE: Final = "siren_ros.datasets"
+FORMATS: Final = {
+    made.name: made
+    for made in (
+        Format(
+            "csv",
+            "Tracks as the paper has them: trajectory.csv, 10 Hz, CARLA's world frame",
+            (Need.TRACKS,),
+            f"{_PACKAGE}.trajectory_csv:CsvExporter",
+            (Option("region", "no", FLAG, "only who is in the region of 40 m in, 50 m out around the EMV"),),
+        ),
+        Format(
+            "kitti",
+            "KITTI's 3-D object benchmark: sweeps, front camera, labels, calibration",
+            (Need.LIDAR, Need.FRONT_CAMERA),
+            f"{_PACKAGE}.kitti.exporter:KittiExporter",
+            (
+                Option(
+                    "layout",
+                    "kitti",
+                    ("kitti", "paper"),
+                    "KITTI's own, or exactly the paper's (labels in the LiDAR frame, which KITTI readers misread)",
+                    {"paper": (Need.FRONT_CAMERA,)},
+                ),
+            ),
+        ),
+        Format(
+            "openpcdet",
+            "OpenPCDet's custom dataset: points, labels in the LiDAR frame, ImageSets",
+            (Need.LIDAR,),
+            f"{_PACKAGE}.openpcdet:OpenPcdetExporter",
+            (Option("least-points", "1", (), "boxes with fewer LiDAR points are left out"),),
+        ),
+        Format(
+            "nuscenes",
+            "nuScenes: scenes with all sweeps, pictures of all cameras and annotated keyframes at 2 Hz",
+            (Need.LIDAR, Need.CAMERA, Need.MAP),
+            f"{_PACKAGE}.nuscenes.exporter:NuscenesExporter",
+            (
+                Option(
+                    "emv-category",
+                    "vehicle.car",
+                    ("vehicle.car", "vehicle.emergency"),
+                    "category of emergency vehicles: the paper's, or nuScenes' own",
+                ),
+                Option(
+                    "vehicle-category",
+                    "nuscenes",
+                    ("nuscenes", "vehicle.car"),
+                    "category of all other vehicles: nuScenes' car, truck and bus, or the paper's one class",
+                ),
+            ),
+        ),
+        Format(
+            "argoverse2",
+            "Argoverse 2 motion forecasting: a scenario of 11 s for each vehicle and frame, with the map",
+            (Need.TRACKS, Need.MAP, Need.EMV),
+            f"{_PACKAGE}.argoverse2.exporter:Argoverse2Exporter",
+            (
+                Option("population", "region", POPULATIONS, "whose windows are scenarios; everybody is in them"),
+                Option("stride", "1", (), "frames of 0.1 s from one scenario of a vehicle to the next"),
+            ),
+        ),
+        Format(
+            "ngsim",
+            "NGSIM as CSP, STDAN and BAT read it: tracks in feet, 13 x 3 grid, manoeuvre classes",
+            (Need.TRACKS, Need.MAP, Need.EMV),
+            f"{_PACKAGE}.ngsim.exporter:NgsimExporter",
+            (Option("population", "region", POPULATIONS, "whose windows are samples, and who is a neighbour"),),
+        ),
+        Format(
+            "commonroad",
+            "CommonRoad 2020a: lanelets, lights, dynamic obstacles; the EMV is the planning problem",
+            (Need.TRACKS, Need.MAP, Need.EMV),
+            f"{_PACKAGE}.commonroad.exporter:CommonRoadExporter",
+            (
+                Option(
+                    "intersections",
+                    "outgoing",
+                    ("outgoing", "successors"),
+                    "how the lanelets behind an arm are named: as commonroad-io 2026.1 reads them, or 2024.3 and older",
+                ),
+            ),
+        ),
+        Format(
+            "opendrive",
+            "OpenDRIVE: the episode's map",
+            (Need.MAP,),
+            f"{_PACKAGE}.opendrive:OpenDriveExporter",
+        ),
+        Format(
+            "openscenario",
+            "OpenSCENARIO 1.2: everybody follows the recorded trajectory on the OpenDRIVE map",
+            (Need.TRACKS, Need.MAP),
+            f"{_PACKAGE}.openscenario.exporter:OpenScenarioExporter",
+        ),
+        Format(
+            "scenarionet",
+            "ScenarioNet: tracks, map features and dynamic map states that MetaDrive replays",
+            (Need.TRACKS, Need.MAP, Need.EMV),
+            f"{_PACKAGE}.scenarionet.exporter:ScenarioNetExporter",
+        ),
+        Format(
+            "rerun",
+            "Rerun: map, boxes, path, events, and LiDAR and cameras where they were recorded, on a timeline",
+            (Need.TRACKS, Need.MAP),
+            f"{_PACKAGE}.rerun.exporter:RerunExporter",
+            extra="rerun",
+        ),
+    )
+}
+"""By name, in the order in which they are listed."""
+
+
+def format_named(name: str) -> Format:
+    """A format by its name; InputError for an unknown one."""
+    if name not in FORMATS:
+        raise InputError("format", name, f"one of {', '.join(FORMATS)}")
+    return FORMATS[name]
+
+
+def load_exporter(made: Format, options: Mapping[str, str]) -> Exporter:
+    """The writer of a format.
+
+    Raises:
+        InputError: An option is unknown or has a value that is not allowed, or the extra is not installed.
+    """
+    known = {option.name: option for option in made.options}
+    for name, value in options.items():
+        if name not in known:
+            raise InputError("option", name, f"one of {', '.join(known)}" if known else f"none for {made.name}")
+        if known[name].allowed and value not in known[name].allowed:
+            raise InputError(name, value, f"one of {', '.join(known[name].allowed)}")
+    values = {name: options.get(name, option.default) for name, option in known.items()}
+    module, _, exporter = made.exporter.partition(":")
+    try:
+        loaded = getattr(import_module(module), exporter)
+    except ModuleNotFoundError as error:
+        if not made.extra or str(error.name).startswith("siren_ros"):
+            raise
+        command = f"`./env --with {made.extra} siren export {made.name} …`"
+        raise InputError("format", made.name, f"{command}, which installs {error.name}") from error
+    return cast("Exporter", loaded(**{name.replace("-", "_"): value for name, value in values.items()}))

@@ -1,1 +1,0 @@
-"""NGSIM: tracks that the loaders of NGSIM-trained predictors read."""

@@ -1,1 +1,0 @@
-"""OpenSCENARIO: everybody follows the recorded trajectory on the exported OpenDRIVE map."""

@@ -1,1 +1,0 @@
-"""Rerun: one file that shows an episode on a timeline."""

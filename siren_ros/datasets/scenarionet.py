@@ -1,0 +1,224 @@
+"""ScenarioNet databases: scenario descriptions with tracks, map features and dynamic map states, in Python and numpy.
+
+Format: https://github.com/metadriverse/metadrive, ``metadrive/scenario/scenario_description.py``.
+"""
+
+import pickle
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.datasets.files import FileWriter, link
+from siren_ros.datasets.formats import EpisodePart, EpisodeReport
+from siren_ros.datasets.lane_graph import lane_graph
+from siren_ros.numerics.arrays import Points
+from siren_ros.record.episode_source import EpisodeSource
+from siren_ros.record.tracks import FRAME_S, LOG_PERIOD_STEPS, Track, tracks_of
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.roads.road_network import RoadNetwork
+
+VERSION: Final = "1.0"
+VEHICLE: Final = "VEHICLE"
+_LIGHT: Final = {
+    "r": "LANE_STATE_STOP",
+    "u": "LANE_STATE_STOP",
+    "y": "LANE_STATE_CAUTION",
+    "g": "LANE_STATE_GO",
+    "s": "LANE_STATE_ARROW_GO",
+    "o": "LANE_STATE_FLASHING_CAUTION",
+}
+"""Of SUMO's letters, capital or not."""
+
+
+def description(record: EpisodeRecord, tracks: Sequence[Track], scenario_id: str, emv_id: int) -> dict[str, Any]:
+    """The whole scenario.
+
+    Args:
+        record: The episode, for map and signals.
+        tracks: Everybody's.
+        scenario_id: Unique in the dataset.
+        emv_id: The vehicle that MetaDrive gives to the agent.
+    """
+    length = max(int(track.frame[-1]) for track in tracks) + 1
+    told = record.description
+    return {
+        "id": scenario_id,
+        "version": VERSION,
+        "length": length,
+        "tracks": {str(track.actor.actor_id): _track(track, length) for track in tracks},
+        "dynamic_map_states": _lights(record, length),
+        "map_features": map_features(record.network),
+        "metadata": {
+            "dataset": "siren",
+            "scenario_id": scenario_id,
+            "coordinate": "right-handed",
+            "metadrive_processed": False,
+            "sdc_id": str(emv_id),
+            "ts": np.arange(length) * FRAME_S,
+            "sample_rate": FRAME_S,
+            "map": told.map_name,
+            "template": told.template,
+            "level": told.level.name,
+            "seed": told.seed,
+        },
+    }
+
+
+def _track(track: Track, length: int) -> dict[str, Any]:
+    """Arrays over the whole scenario, 0 where the vehicle is not there."""
+
+    def spread(values: npt.ArrayLike, dtype: type = np.float32) -> Any:
+        found = np.asarray(values)
+        whole: npt.NDArray[Any] = np.zeros((length, *found.shape[1:]), dtype=dtype)
+        whole[track.frame] = found
+        return whole
+
+    actor, there = track.actor, np.ones(len(track))
+    state = {
+        "position": spread(np.stack((track.x_m, track.y_m, track.z_m), axis=-1)),
+        "heading": spread(track.yaw_rad),
+        "velocity": spread(np.stack((track.vx_mps, track.vy_mps), axis=-1)),
+        "length": spread(there * actor.length_m),
+        "width": spread(there * actor.width_m),
+        "height": spread(there * actor.height_m),
+        "valid": spread(there, np.bool_),
+    }
+    name = str(actor.actor_id)
+    metadata = {
+        "type": VEHICLE,
+        "track_length": length,
+        "object_id": name,
+        "class": actor.actor_class.name.lower(),
+        "is_emv": actor.is_emv,
+    }
+    return {"type": VEHICLE, "state": state, "metadata": metadata}
+
+
+def _lights(record: EpisodeRecord, length: int) -> dict[str, Any]:
+    """One light for each lane that a signal controls, over time."""
+    letters: dict[int, list[str]] = {}
+    for traffic in record.traffic:
+        frame, odd = divmod(traffic.step, LOG_PERIOD_STEPS)
+        if odd or frame >= length:
+            continue
+        states = {signal.signal_id: signal.state for signal in traffic.signals}
+        for connection in record.network.connections:
+            state = states.get(str(connection.signal_id), "")
+            if connection.signal_link < len(state) and connection.signal_link >= 0:
+                seen = letters.setdefault(connection.from_lane, [""] * length)
+                # The friendliest movement out of a lane is what it shows.
+                seen[frame] = max(seen[frame], state[connection.signal_link].lower(), key="ouryg".find)
+    found = {}
+    for lane, seen in letters.items():
+        name, stop = str(lane), record.network.lanes[lane].centre.points[-1]
+        found[name] = {
+            "type": "TRAFFIC_LIGHT",
+            "state": {"object_state": [_LIGHT.get(letter, "LANE_STATE_UNKNOWN") for letter in seen]},
+            "lane": name,
+            "stop_point": np.array([*stop, 0.0], dtype=np.float32),
+            "metadata": {"type": "TRAFFIC_LIGHT", "track_length": length, "object_id": name, "dataset": "siren"},
+        }
+    return found
+
+
+def map_features(network: RoadNetwork) -> dict[str, Any]:
+    """Lanes with their areas, the lines between and beside them, and crossings."""
+    graph = lane_graph(network)
+    found: dict[str, Any] = {}
+    for index, lane in graph.items():
+        left, right = lane.left_neighbour, lane.right_neighbour
+        found[str(index)] = {
+            "type": "LANE_SURFACE_UNSTRUCTURE" if lane.in_junction else "LANE_SURFACE_STREET",
+            "polyline": _with_height(lane.lane.centre.points),
+            "polygon": np.vstack((lane.left, lane.right[::-1])).astype(np.float32),
+            "entry_lanes": [str(one) for one in lane.predecessors],
+            "exit_lanes": [str(one) for one in lane.successors],
+            "left_neighbor": [] if left is None else [str(left)],
+            "right_neighbor": [] if right is None else [str(right)],
+            "speed_limit_kmh": lane.lane.speed_limit_mps * 3.6,
+        }
+        if lane.in_junction:
+            continue
+        left_line = "ROAD_LINE_SOLID_SINGLE_YELLOW" if left is None else "ROAD_LINE_BROKEN_SINGLE_WHITE"
+        found[f"{index}_left"] = {"type": left_line, "polyline": _with_height(lane.left)}
+        if right is None:
+            found[f"{index}_right"] = {"type": "ROAD_EDGE_BOUNDARY", "polyline": _with_height(lane.right)}
+    for number, outline in enumerate(network.crossings):
+        found[f"crossing_{number}"] = {"type": "CROSSWALK", "polygon": outline.astype(np.float32)}
+    return found
+
+
+def _with_height(points: Points) -> npt.NDArray[np.float32]:
+    return np.hstack((points, np.zeros((len(points), 1)))).astype(np.float32)
+
+
+def summary_of(scenario: Mapping[str, Any]) -> dict[str, Any]:
+    """What a dataset's summary says of a scenario: plain numbers and text."""
+    tracks = scenario["tracks"]
+    moved = {
+        name: float(np.hypot(*np.diff(one["state"]["position"][one["state"]["valid"], :2], axis=0).T).sum())
+        for name, one in tracks.items()
+    }
+    moving = sum(distance > 1.0 for distance in moved.values())
+    metadata = {key: value for key, value in scenario["metadata"].items() if key != "ts"}
+    return {
+        **metadata,
+        "ts": scenario["metadata"]["ts"].tolist(),
+        "object_summary": {
+            name: {
+                "type": VEHICLE,
+                "object_id": name,
+                "track_length": scenario["length"],
+                "moving_distance": moved[name],
+                "valid_length": int(one["state"]["valid"].sum()),
+                "continuous_valid_length": int(one["state"]["valid"].sum()),
+            }
+            for name, one in tracks.items()
+        },
+        "number_summary": {
+            "num_objects": len(tracks),
+            "object_types": [VEHICLE],
+            "num_objects_each_type": {VEHICLE: len(tracks)},
+            "num_moving_objects": moving,
+            "num_moving_objects_each_type": {VEHICLE: moving},
+            "num_traffic_lights": len(scenario["dynamic_map_states"]),
+            "num_map_features": len(scenario["map_features"]),
+            "map_height_diff": 0.0,
+        },
+    }
+
+
+_FILE: Final = "sd_siren_1.0_{}.pkl"
+"""How MetaDrive tells a scenario's file: its name begins with ``sd_`` and ends with the scenario's id."""
+_SUMMARY: Final = "dataset_summary.pkl"
+_MAPPING: Final = "dataset_mapping.pkl"
+_PROTOCOL: Final = 4
+
+
+class ScenarioNetExporter:
+    """One pickled description for each episode, and a database for each split."""
+
+    def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:
+        """Writes the description; all tracks of the episode are in memory."""
+        record = source.record()
+        tracks = [track for track in tracks_of(record) if len(track) > 1]
+        scenario = description(record, tracks, episode_id, min(record.emv_ids))
+        files.write(_FILE.format(episode_id), pickle.dumps(scenario, _PROTOCOL))
+        files.write("summary.pkl", pickle.dumps(summary_of(scenario), _PROTOCOL))
+        classes = Counter(track.actor.actor_class.name.lower() for track in tracks)
+        return EpisodeReport({"scenarios": 1, "tracks": len(tracks)}, dict(classes))
+
+    def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
+        """Writes the summary and the mapping of each split."""
+        for split in sorted({part.split for part in parts}):
+            summary: dict[str, Any] = {}
+            for part in [part for part in parts if part.split == split]:
+                name = _FILE.format(part.episode_id)
+                link(part.folder / name, folder / split / name)
+                summary[name] = pickle.loads((part.folder / "summary.pkl").read_bytes())  # noqa: S301 - written by this export
+            (folder / split / _SUMMARY).write_bytes(pickle.dumps(summary, _PROTOCOL))
+            (folder / split / _MAPPING).write_bytes(pickle.dumps(dict.fromkeys(summary, ""), _PROTOCOL))

@@ -1,1 +1,0 @@
-"""ScenarioNet: scenario descriptions that MetaDrive replays."""

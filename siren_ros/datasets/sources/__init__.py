@@ -1,1 +1,0 @@
-"""What exporters read: an episode's bag, frame by frame."""

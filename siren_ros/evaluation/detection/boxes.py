@@ -1,0 +1,101 @@
+"""Boxes of vehicles as arrays: labels and detections, nuScenes' attributes, and the class names that count."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Final, Self, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.numerics.arrays import Codes, Flags, Floats, Ids, Rows
+from siren_ros.world.actors import EMERGENCY_CLASSES
+
+ATTRIBUTES: Final = ("", "vehicle.moving", "vehicle.stopped", "vehicle.parked")
+"""nuScenes' attributes of vehicles by code; 0 says nothing."""
+MOVING_MPS: Final = 0.3
+"""Above this speed a vehicle moves, as in the nuScenes export."""
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """Boxes of many frames, one row each."""
+
+    frame: Rows
+    """Number of the frame, shape ``(N,)``."""
+    centre_m: Floats
+    """Centre of the volume, shape ``(N, 3)``."""
+    size_m: Floats
+    """Length, width, height, shape ``(N, 3)``."""
+    yaw_rad: Floats
+    """Counter-clockwise from x, shape ``(N,)``."""
+    velocity_mps: Floats
+    """Over ground, x and y, shape ``(N, 2)``; NaN where it is not known."""
+    attribute: Codes
+    """Index into ``ATTRIBUTES``, shape ``(N,)``."""
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    def at(self, rows: Rows | Flags) -> Self:
+        """Some of the boxes."""
+        return type(self)(**{field.name: getattr(self, field.name)[rows] for field in fields(self)})
+
+
+@dataclass(frozen=True)
+class TruthBoxes(Boxes):
+    """Labelled vehicles. All further arrays have shape ``(N,)``."""
+
+    actor_id: Ids
+    actor_class: Codes
+    lidar_points: Ids
+    visible: Floats
+    """Visible fraction, 0 to 1."""
+    mode: Codes
+    """The vehicle's behaviour at that step (``siren_ros.world.actors.Mode``)."""
+
+
+@dataclass(frozen=True)
+class FoundBoxes(Boxes):
+    """Boxes that a detector found. All further arrays have shape ``(N,)``."""
+
+    score: Floats
+    """Confidence, 0 to 1."""
+    label: npt.NDArray[np.str_]
+    """Name of the class, in lower case."""
+
+
+Kind = TypeVar("Kind", bound=Boxes)
+
+
+def joined(parts: Sequence[Kind]) -> Kind:
+    """Boxes of several tables in one; there is at least one."""
+    first = parts[0]
+    return type(first)(
+        **{field.name: np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(first)}
+    )
+
+
+def attributes_of(velocity_mps: Floats) -> Codes:
+    """Attributes from velocities of shape ``(N, 2)``: moving above 0.3 m/s, else stopped; none without a velocity."""
+    speed = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1])
+    return np.select([np.isnan(speed), speed > MOVING_MPS], [0, 1], 2).astype(np.uint8)
+
+
+CAR: Final = "car"
+_EMERGENCY: Final = {one.name.lower(): one for one in sorted(EMERGENCY_CLASSES)}
+CLASS_NAMES: Final = (CAR, *_EMERGENCY)
+"""Names that a detection can have: ``car`` for every civilian vehicle, as in the paper, and the emergency vehicles."""
+
+
+def labels_named(truth: TruthBoxes, name: str) -> Flags:
+    """Which labels should get that one of ``CLASS_NAMES``, shape ``(N,)``."""
+    of_kind = _EMERGENCY.get(name)
+    wanted: Flags = (
+        truth.actor_class == of_kind if of_kind is not None else ~np.isin(truth.actor_class, [*EMERGENCY_CLASSES])
+    )
+    return wanted
+
+
+def names_kinds(found: FoundBoxes) -> bool:
+    """Whether any detection has the name of an emergency vehicle."""
+    return bool(np.isin(found.label, [*_EMERGENCY]).any())

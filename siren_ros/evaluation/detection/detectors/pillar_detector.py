@@ -1,0 +1,254 @@
+"""The project's learned detector: its network's file, its memory of sweeps, and boxes from the network's output."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.errors import InputError
+from siren_ros.evaluation.detection.boxes import FoundBoxes, attributes_of, joined
+from siren_ros.evaluation.detection.detectors.pillars import (
+    FEATURES,
+    SENSOR_HEIGHT_M,
+    SHIPPED_DETECTOR,
+    PillarGrid,
+    Pillars,
+    pillars_of,
+)
+from siren_ros.evaluation.detection.frames import EpisodeFrames
+from siren_ros.evaluation.network_file import open_network
+from siren_ros.numerics.arrays import Flags, Floats, Floats32, Matrix
+from siren_ros.numerics.units import STEP_S
+from siren_ros.params.resources import params_dir
+from siren_ros.record.episode_source import lidar_frames, lidar_of, open_source
+
+FORM_VERSION: Final = 1
+"""Of inputs and outputs; a file of another form is refused."""
+INPUTS: Final = ("points", "cell")
+OUTPUTS: Final = ("box", "score", "class_share")
+BOX_COLUMNS: Final = ("x", "y", "z", "length", "width", "height", "sin", "cos", "vx", "vy")
+"""Of ``box``: in the LiDAR's frame, with the centre of the volume and the velocity over ground."""
+
+
+@dataclass(frozen=True)
+class DetectorNetwork:
+    """A network that finds boxes, and what is known about it."""
+
+    session: Any
+    card: Mapping[str, Any]
+    grid: PillarGrid
+    class_names: tuple[str, ...]
+
+    def run(self, pillars: Pillars) -> tuple[Floats, Floats, Floats]:
+        """Boxes ``(K, 10)``, scores ``(K,)`` and shares of the classes ``(K, C)``, the highest scores first."""
+        if not len(pillars):
+            return np.zeros((0, len(BOX_COLUMNS))), np.zeros(0), np.zeros((0, len(self.class_names)))
+        box, score, share = self.session.run(OUTPUTS, {"points": pillars.points, "cell": pillars.cell})
+        return box.astype(np.float64), score.astype(np.float64), share.astype(np.float64)
+
+
+def load_detector(path: Path) -> DetectorNetwork:
+    """Loads a detector, which runs on one processor.
+
+    Raises:
+        InputError: No such file, no card, weights that are not the card's, or another form.
+    """
+    network = open_network(path)
+    card, inputs = network.card, network.session.get_inputs()
+    if card.get("form_version") != FORM_VERSION or not isinstance(card.get("grid"), dict):
+        raise InputError("checkpoint", str(path), f"a detector of form {FORM_VERSION}, not {card.get('form_version')}")
+    grid = PillarGrid.from_json(card["grid"])
+    if [one.name for one in inputs] != list(INPUTS) or inputs[0].shape[1:] != [grid.points, len(FEATURES)]:
+        raise InputError("checkpoint", str(path), f"inputs {', '.join(INPUTS)} as the card's grid has them")
+    return DetectorNetwork(network.session, card, grid, tuple(card["class_names"]))
+
+
+_OWN_HALF_M: Final = (4.2, 1.35)
+"""Half length and half width of a box that holds every emergency vehicle: returns inside come from the carrier."""
+
+
+@dataclass(frozen=True)
+class _Sweep:
+    step: int
+    xyzi: Floats32
+    map_from_lidar: Matrix
+
+
+@dataclass
+class SweepMemory:
+    """Keeps the last sweeps of one sensor."""
+
+    sweeps: int
+    """How many, the newest included."""
+    _held: list[_Sweep] = field(default_factory=list)
+
+    def add(self, step: int, points: npt.NDArray[np.void], map_from_lidar: Matrix) -> None:
+        """Takes the sweep of a step; of a step that is not after the last one, the memory begins anew.
+
+        Args:
+            step: Of the sweep.
+            points: With the fields x, y, z and intensity, in the LiDAR's frame.
+            map_from_lidar: Pose at that step, shape ``(4, 4)``.
+        """
+        if self._held and step <= self._held[0].step:
+            self._held.clear()
+        columns = [points[name].astype(np.float32) for name in ("x", "y", "z", "intensity")]
+        xyzi = np.stack(columns, axis=-1)
+        own = (abs(xyzi[:, 0]) < _OWN_HALF_M[0]) & (abs(xyzi[:, 1]) < _OWN_HALF_M[1])
+        self._held.insert(0, _Sweep(step, xyzi[~own], map_from_lidar))
+        del self._held[self.sweeps :]
+
+    def points(self) -> Floats32:
+        """All points in the frame of the newest sweep, newest sweep first: x, y, z, intensity, age in seconds."""
+        if not self._held:
+            return np.zeros((0, 5), dtype=np.float32)
+        newest = self._held[0]
+        lidar_from_map = np.linalg.inv(newest.map_from_lidar)
+        parts = []
+        for sweep in self._held:
+            age_s = (newest.step - sweep.step) * STEP_S
+            table = np.empty((len(sweep.xyzi), 5), dtype=np.float32)
+            table[:, :3] = sweep.xyzi[:, :3]
+            if sweep is not newest:
+                moved = lidar_from_map @ sweep.map_from_lidar
+                table[:, :3] = sweep.xyzi[:, :3] @ moved[:3, :3].T.astype(np.float32) + moved[:3, 3].astype(np.float32)
+            table[:, 3], table[:, 4] = sweep.xyzi[:, 3], age_s
+            parts.append(table)
+        return np.concatenate(parts)
+
+
+SHIPPED: Final = Path("detectors", "pillars.onnx")
+"""Place of the weights below the parameter files."""
+_LEAST_SCORE: Final = 0.03
+_APART_M: Final = 1.8
+"""Centres of two vehicles are farther apart than this, the width of a car."""
+
+
+def detector_file(name: str) -> Path:
+    """The ONNX file of a detector that a user names: ``pillars``, which ships, or a path."""
+    return params_dir() / SHIPPED if name == SHIPPED_DETECTOR else Path(name)
+
+
+@dataclass(frozen=True)
+class SweepBoxes:
+    """What was found in one sweep, in the LiDAR's frame."""
+
+    centre_m: Floats
+    """Shape ``(N, 3)``."""
+    size_m: Floats
+    """Length, width, height, shape ``(N, 3)``."""
+    yaw_rad: Floats
+    velocity_mps: Floats
+    """Over ground, in the axes of the LiDAR's frame, shape ``(N, 2)``."""
+    score: Floats
+    label: npt.NDArray[np.str_]
+
+    def __len__(self) -> int:
+        return len(self.score)
+
+
+@dataclass
+class PillarDetector:
+    """Finds vehicles in the sweeps of one LiDAR, each with those before it."""
+
+    network: DetectorNetwork
+    height_m: float = SENSOR_HEIGHT_M
+    """Of the LiDAR above the ground."""
+    memory: SweepMemory = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.memory = SweepMemory(self.network.grid.sweeps)
+
+    def add(self, step: int, points: npt.NDArray[np.void], map_from_lidar: Matrix) -> None:
+        """Takes the sweep of a step; see ``SweepMemory.add``."""
+        self.memory.add(step, points, map_from_lidar)
+
+    def boxes(self) -> SweepBoxes:
+        """Vehicles in the newest sweep."""
+        grid, names = self.network.grid, np.array(self.network.class_names)
+        points, lift_m = self.memory.points(), self.height_m - SENSOR_HEIGHT_M
+        points[:, 2] += np.float32(lift_m)
+        table, score, share = self.network.run(pillars_of(points, grid))
+        table[:, 2] -= lift_m
+        kept = (score >= _LEAST_SCORE) & np.isfinite(table).all(axis=1)
+        kept[kept] = apart(table[kept, :2], score[kept], _APART_M)
+        table = table[kept]
+        return SweepBoxes(
+            centre_m=table[:, :3],
+            size_m=table[:, 3:6],
+            yaw_rad=np.arctan2(table[:, 6], table[:, 7]),
+            velocity_mps=table[:, 8:10],
+            score=score[kept],
+            label=names[share[kept].argmax(axis=1)],
+        )
+
+
+def apart(centre_m: Floats, score: Floats, least_m: float) -> Flags:
+    """Which boxes stay: those that no box with a higher score is nearer to (CenterPoint's circle NMS)."""
+    order = np.argsort(-score, kind="stable")
+    stays: Flags = np.zeros(len(score), dtype=np.bool_)
+    for row in order:
+        away = centre_m[stays] - centre_m[row]
+        stays[row] = not (np.hypot(away[:, 0], away[:, 1]) < least_m).any()
+    return stays
+
+
+def detect_pillars(episode: EpisodeFrames, weights: Path | None = None) -> FoundBoxes:
+    """Vehicles in all labelled sweeps of an episode, in the ``map`` frame.
+
+    Args:
+        episode: Its frames.
+        weights: An ONNX file with its card; None for those that ship.
+
+    Raises:
+        InputError: The weights cannot be used.
+        BagError: The bag is damaged.
+    """
+    network = load_detector(weights or detector_file(SHIPPED_DETECTOR))
+    frame_of_step = {step: frame for frame, step in enumerate(episode.step.tolist())}
+    parts: list[FoundBoxes] = []
+    with open_source(Path(episode.bag)) as source:
+        base_from_lidar = lidar_of(source).base_from_sensor
+        detector = PillarDetector(network, float(base_from_lidar[2, 3]))
+        for frame in lidar_frames(source, pose=True):
+            if frame.points is None or frame.map_from_base is None:
+                continue
+            map_from_lidar = frame.map_from_base @ base_from_lidar
+            detector.add(frame.step, frame.points, map_from_lidar)
+            if frame.step in frame_of_step:
+                parts.append(_in_map(frame_of_step[frame.step], detector.boxes(), map_from_lidar))
+    return _joined(parts)
+
+
+def _in_map(frame: int, found: SweepBoxes, map_from_lidar: Matrix) -> FoundBoxes:
+    turn, shift = map_from_lidar[:3, :3], map_from_lidar[:3, 3]
+    velocity = found.velocity_mps @ turn[:2, :2].T
+    return FoundBoxes(
+        frame=np.full(len(found), frame, dtype=np.intp),
+        centre_m=found.centre_m @ turn.T + shift,
+        size_m=found.size_m,
+        yaw_rad=found.yaw_rad + np.arctan2(turn[1, 0], turn[0, 0]),
+        velocity_mps=velocity,
+        attribute=attributes_of(velocity),
+        score=found.score,
+        label=found.label,
+    )
+
+
+def no_boxes() -> SweepBoxes:
+    """What is found where there is no sweep."""
+    return SweepBoxes(
+        centre_m=np.zeros((0, 3)),
+        size_m=np.zeros((0, 3)),
+        yaw_rad=np.zeros(0),
+        velocity_mps=np.zeros((0, 2)),
+        score=np.zeros(0),
+        label=np.zeros(0, dtype=np.str_),
+    )
+
+
+def _joined(parts: list[FoundBoxes]) -> FoundBoxes:
+    return joined([*parts, _in_map(0, no_boxes(), np.eye(4))])

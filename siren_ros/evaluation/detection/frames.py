@@ -1,0 +1,304 @@
+"""Frames of episodes with their labels by nuScenes' protocol, read from the bags."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from siren_ros.datasets.nuscenes.episode_tables import token
+from siren_ros.datasets.nuscenes.exporter import KEYFRAME_STEPS, visible_fractions
+from siren_ros.datasets.nuscenes.map_expansion import map_corners
+from siren_ros.errors import BagError
+from siren_ros.evaluation.detection.boxes import TruthBoxes, attributes_of, joined
+from siren_ros.interfaces.boxes import from_ground_truth
+from siren_ros.interfaces.conversions import from_actor_states
+from siren_ros.interfaces.image_boxes import from_camera_truth
+from siren_ros.interfaces.point_cloud import from_point_cloud
+from siren_ros.interfaces.topics import ACTORS, GROUND_TRUTH, TF
+from siren_ros.interfaces.transforms import from_tf, matrix_between
+from siren_ros.numerics.arrays import Codes, Flags, Floats, Ids, Matrix, Rows
+from siren_ros.numerics.units import STEP_S
+from siren_ros.record.bag_survey import BagSurvey
+from siren_ros.record.episode_source import EpisodeSource, LidarFrame, MountedSensor, lidar_of, open_source
+from siren_ros.recording.bag_reader import BagMessage, damage_refused
+from siren_ros.sensors.suite.look_file import look_of
+from siren_ros.world.actors import Mode
+from siren_ros.world.carrier import BASE_FRAME, MAP_FRAME, GroundTruth
+
+RANGE_M: Final = 50.0
+"""nuScenes' range for cars (and the paper's)."""
+
+
+@dataclass(frozen=True)
+class EpisodeFrames:
+    """The labelled sweeps of one episode; arrays have one row for each frame."""
+
+    bag: str
+    episode_id: str
+    template: str
+    seed: int
+    step: Rows
+    map_from_lidar: Floats
+    """Shape ``(F, 4, 4)``."""
+    vehicle_m: Floats
+    """Place of the vehicle with the LiDAR, x and y in the ``map`` frame, shape ``(F, 2)``."""
+    pictured: Flags
+    """Whether the front camera took a picture at that step: only these are frames of the KITTI export."""
+    lidar_frame: str
+    base_from_lidar: Matrix
+    camera_from_lidar: Matrix | None
+    """To the front camera's optical frame; None without one."""
+    global_from_map_m: Floats
+    """What the nuScenes export adds to x and y, shape ``(2,)``."""
+    truth: TruthBoxes
+    """With frames counted from 0 in this episode."""
+    look: str = ""
+    """Weather and time of day."""
+    suite: str = ""
+    """The sensors."""
+
+    def __len__(self) -> int:
+        return len(self.step)
+
+    @property
+    def keyframe(self) -> Flags:
+        """Which frames are keyframes of the nuScenes export, at 2 Hz."""
+        flags: Flags = self.step % KEYFRAME_STEPS == 0
+        return flags
+
+
+@dataclass(frozen=True)
+class Frames:
+    """All frames in the order of the exported datasets: episode by episode, step by step."""
+
+    episodes: tuple[EpisodeFrames, ...]
+    scored: Flags = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
+    """Which frames count, shape ``(F,)``."""
+
+    def __len__(self) -> int:
+        return int(self.first[-1])
+
+    @cached_property
+    def first(self) -> Rows:
+        """Number of the first frame of each episode, and the number of all frames, shape ``(E + 1,)``."""
+        return np.cumsum([0, *map(len, self.episodes)]).astype(np.intp)
+
+    @cached_property
+    def episode(self) -> Rows:
+        """Number of the episode of each frame, shape ``(F,)``."""
+        return np.repeat(np.arange(len(self.episodes)), [len(one) for one in self.episodes]).astype(np.intp)
+
+    @cached_property
+    def step(self) -> Rows:
+        """Step of each frame, shape ``(F,)``."""
+        return np.concatenate([one.step for one in self.episodes])
+
+    @cached_property
+    def keyframe(self) -> Flags:
+        """Which frames are keyframes of the nuScenes export, shape ``(F,)``."""
+        return np.concatenate([one.keyframe for one in self.episodes])
+
+    @cached_property
+    def pictured(self) -> Flags:
+        """Which frames have a picture of the front camera, shape ``(F,)``."""
+        return np.concatenate([one.pictured for one in self.episodes])
+
+    @cached_property
+    def map_from_lidar(self) -> Floats:
+        """Shape ``(F, 4, 4)``."""
+        return np.concatenate([one.map_from_lidar for one in self.episodes])
+
+    @cached_property
+    def vehicle_m(self) -> Floats:
+        """Place of the vehicle with the LiDAR, shape ``(F, 2)``."""
+        return np.concatenate([one.vehicle_m for one in self.episodes])
+
+    @cached_property
+    def global_from_map_m(self) -> Floats:
+        """What the nuScenes export adds to x and y, shape ``(F, 2)``."""
+        return np.concatenate([np.tile(one.global_from_map_m, (len(one), 1)) for one in self.episodes])
+
+    @cached_property
+    def by_token(self) -> dict[str, int]:
+        """Frames by their ``sample_token`` in the nuScenes export."""
+        found = {}
+        for first, one in zip(self.first.tolist(), self.episodes, strict=False):
+            for number in np.flatnonzero(one.keyframe).tolist():
+                found[token("sample", one.episode_id, int(one.step[number]))] = first + number
+        return found
+
+    @cached_property
+    def truth(self) -> TruthBoxes:
+        """All labelled boxes."""
+        parts = [
+            replace(one.truth, frame=one.truth.frame + first)
+            for one, first in zip(self.episodes, self.first.tolist(), strict=False)
+        ]
+        return joined(parts)
+
+    def told(self, frame: int) -> str:
+        """A frame for an error message: ``S2_L2_seed0_town step 40``."""
+        return f"{self.episodes[self.episode[frame]].episode_id} step {self.step[frame]}"
+
+
+def in_range(frames: Frames, frame: Rows, centre_m: Floats) -> Flags:
+    """Which boxes are nearer than 50 m to the vehicle with the LiDAR, shape ``(N,)``."""
+    away = centre_m[:, :2] - frames.vehicle_m[frame]
+    near: Flags = np.hypot(away[:, 0], away[:, 1]) < RANGE_M
+    return near
+
+
+def velocities_of_annotations(step: Rows, actor_id: Ids, centre_m: Floats) -> Floats:
+    """Velocities of labelled boxes as nuscenes-devkit computes them, shape ``(N, 2)``.
+
+    A velocity is the way from the label of the same vehicle 0.5 s before to that 0.5 s after, by the time between
+    (``NuScenes.box_velocity``); where one of them is missing, from or to this label; NaN where both are, and over more
+    than 3 s (1.5 s with one).
+
+    Args:
+        step: Of each box, shape ``(N,)``.
+        actor_id: Of each box.
+        centre_m: Shape ``(N, 3)``.
+    """
+    phase = step % KEYFRAME_STEPS
+    order = np.lexsort((step, phase, actor_id))
+    same = (np.diff(actor_id[order].astype(np.int64)) == 0) & (np.diff(phase[order]) == 0)
+    before, after = np.r_[False, same], np.r_[same, False]
+    place = np.arange(len(order))
+    first, last = order[place - before], order[place + after]
+    time_s = (step[last] - step[first]) * STEP_S
+    limit_s = np.where(before & after, 3.0, 1.5)
+    known = (before | after) & (time_s <= limit_s + 1e-9)
+    way = centre_m[last, :2] - centre_m[first, :2]
+    velocity = np.full((len(order), 2), np.nan)
+    velocity[order[known]] = way[known] / time_s[known, None]
+    return velocity
+
+
+def frames_of(episodes: Sequence[EpisodeFrames]) -> Frames:
+    """Frames of several episodes, of which all count."""
+    every = Frames(tuple(episodes))
+    return replace(every, scored=np.ones(len(every), dtype=np.bool_))
+
+
+_NO_POINTS: Final = np.zeros(0, dtype=[("x", "<f4")])
+_EMPTY: Final = TruthBoxes(
+    frame=np.zeros(0, dtype=np.intp),
+    centre_m=np.zeros((0, 3)),
+    size_m=np.zeros((0, 3)),
+    yaw_rad=np.zeros(0),
+    velocity_mps=np.zeros((0, 2)),
+    attribute=np.zeros(0, dtype=np.uint8),
+    actor_id=np.zeros(0, dtype=np.uint32),
+    actor_class=np.zeros(0, dtype=np.uint8),
+    lidar_points=np.zeros(0, dtype=np.uint32),
+    visible=np.zeros(0),
+    mode=np.zeros(0, dtype=np.uint8),
+)
+
+
+def read_frames(survey: BagSurvey, episode_id: str) -> EpisodeFrames:
+    """The labelled sweeps of an episode and their boxes.
+
+    Raises:
+        BagError: The bag is damaged, or lacks the vehicle's pose, the map or every sweep.
+    """
+    with open_source(Path(survey.readable)) as source:
+        return _Reading(source).frames(survey.bag, episode_id)
+
+
+class _Reading:
+    def __init__(self, source: EpisodeSource) -> None:
+        self._source = source
+        self._lidar: MountedSensor = lidar_of(source)
+        self._pictures = {camera.topic for camera in source.cameras if camera == source.front_camera}
+        self._lidar_frame = ""
+        self._labels = {camera.truth_topic: camera.name for camera in source.cameras if camera.truth_topic}
+
+    def frames(self, bag: str, episode_id: str) -> EpisodeFrames:
+        source, parts = self._source, [_EMPTY]
+        steps: list[int] = []
+        poses: list[Matrix] = []
+        pictured: list[bool] = []
+        wanted = {self._lidar.topic, GROUND_TRUTH.name, TF.name, ACTORS.name, *self._pictures, *self._labels}
+        for step, held in source.messages_by_step(wanted):
+            if self._lidar.topic not in held or GROUND_TRUTH.name not in held:
+                continue
+            with damage_refused(source.path):
+                truth = from_ground_truth(held[GROUND_TRUTH.name].read())
+                poses.append(self._pose(held))
+                parts.append(self._boxes(len(steps), truth, poses[-1] @ self._lidar.base_from_sensor, held))
+            steps.append(step)
+            pictured.append(bool(self._pictures & held.keys()))
+        if not steps:
+            raise BagError(str(source.path), "an episode with at least one sweep with its ground truth")
+        numbers = np.array(steps, dtype=np.intp)
+        boxes = joined(parts)
+        boxes.velocity_mps[:] = velocities_of_annotations(numbers[boxes.frame], boxes.actor_id, boxes.centre_m)
+        places = np.array(poses)
+        front = source.front_camera
+        return EpisodeFrames(
+            bag=bag,
+            episode_id=episode_id,
+            template=source.description.template,
+            seed=source.description.seed,
+            step=numbers,
+            map_from_lidar=places @ self._lidar.base_from_sensor,
+            vehicle_m=places[:, :2, 3],
+            pictured=np.array(pictured, dtype=np.bool_),
+            lidar_frame=self._lidar_frame,
+            base_from_lidar=self._lidar.base_from_sensor,
+            camera_from_lidar=None if front is None else front.from_lidar(self._lidar),
+            global_from_map_m=-map_corners(source.network)[0],
+            truth=boxes,
+            look=look_of(source.description),
+            suite=source.description.sensor_suite,
+        )
+
+    def _pose(self, held: Mapping[str, BagMessage]) -> Matrix:
+        if self._source.station is not None:
+            return self._source.station
+        place = matrix_between(from_tf(held[TF.name].read()), MAP_FRAME, BASE_FRAME) if TF.name in held else None
+        if place is None:
+            raise BagError(str(self._source.path), "an episode with the EMV's odometry")
+        return place
+
+    def _boxes(
+        self, frame: int, truth: GroundTruth, map_from_lidar: Matrix, held: Mapping[str, BagMessage]
+    ) -> TruthBoxes:
+        self._lidar_frame = truth.frame_id
+        turn, shift = map_from_lidar[:3, :3], map_from_lidar[:3, 3]
+        speeds = np.stack((truth.vx_mps, truth.vy_mps), axis=-1)
+        return TruthBoxes(
+            frame=np.full(len(truth), frame, dtype=np.intp),
+            centre_m=np.stack((truth.x_m, truth.y_m, truth.z_m), axis=-1) @ turn.T + shift,
+            size_m=np.stack((truth.length_m, truth.width_m, truth.height_m), axis=-1),
+            yaw_rad=truth.yaw_rad + np.arctan2(turn[1, 0], turn[0, 0]),
+            velocity_mps=speeds,
+            attribute=attributes_of(speeds),
+            actor_id=truth.actor_id,
+            actor_class=truth.actor_class,
+            lidar_points=truth.lidar_points,
+            visible=self._visible(frame, truth, held),
+            mode=_modes(truth.actor_id, held.get(ACTORS.name)),
+        )
+
+    def _visible(self, frame: int, truth: GroundTruth, held: Mapping[str, BagMessage]) -> Floats:
+        seen = {name: from_camera_truth(held[topic].read()) for topic, name in self._labels.items() if topic in held}
+        points = _NO_POINTS if seen else from_point_cloud(held[self._lidar.topic].read())
+        return visible_fractions(LidarFrame(frame, points, truth, {}, seen, None))
+
+
+def _modes(actor_id: Ids, message: BagMessage | None) -> Codes:
+    """Modes of some actors at a step; nominal for one without a recorded state."""
+    modes = np.full(len(actor_id), Mode.NOMINAL, dtype=np.uint8)
+    if message is None:
+        return modes
+    states = from_actor_states(message.read())
+    row = np.searchsorted(states.actor_id, actor_id)
+    there = (row < len(states)) & (states.actor_id[np.minimum(row, len(states) - 1)] == actor_id)
+    modes[there] = states.mode[row[there]]
+    return modes

@@ -1,1 +1,0 @@
-"""Scores: nuScenes' own code for the tables; the same matching, compiled, for subsets and intervals."""

@@ -1,1 +1,0 @@
-"""A learned detector: ten sweeps as pillars, a network with a centre head that onnxruntime runs."""

@@ -1,1 +1,0 @@
-"""Tables, curves and pictures of the scores."""

@@ -1,0 +1,332 @@
+"""Everything that the paper's tables say, next to what was measured here."""
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from siren_ros.errors import InputError
+from siren_ros.evaluation.detection.devkit_score import ERRORS
+from siren_ros.evaluation.detection.subsets import FAMILIES
+from siren_ros.evaluation.detection.tables import MEAN, PAPER, PAPER_TEMPLATES
+from siren_ros.evaluation.prediction.episode_scores import EpisodeScores
+from siren_ros.evaluation.prediction.metrics import METRIC_OF
+from siren_ros.evaluation.prediction.reports.paper_results import (
+    PAPER_NAMES,
+    PAPER_SAMPLES,
+    TEMPLATES,
+    PaperRow,
+    paper_row,
+)
+from siren_ros.evaluation.prediction.reports.score_table import GroupKind, ScoreTable, strata, sums_of
+from siren_ros.evaluation.risk.labels import TITLES, RiskClass
+from siren_ros.evaluation.risk.tables import PAPER_BALANCE, PAPER_SCORES
+from siren_ros.evaluation.risk.video_set import VideoSet
+from siren_ros.evaluation.statistics.block_means import (
+    BlockSums,
+    block_sums,
+    estimate_of_mean,
+    interval_of_mean,
+    jackknife,
+)
+from siren_ros.evaluation.statistics.interval import BLOCKS_MIN, NOTHING, Interval, share_interval
+from siren_ros.evaluation.statistics.rank_correlation import RANKED_MIN, ranking_interval
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One row."""
+
+    table: str
+    """Of the paper, or what the paper says in its text: ``ADE in m``."""
+    row: str
+    """``CV``, ``PointPillars``."""
+    column: str
+    """``S1``, ``mean``."""
+    paper: float
+    ours: Interval = NOTHING
+    """Not valid where it was not measured."""
+    digits: int = 2
+    relative: bool = True
+    """Whether ours divided by the paper's says something, which it does not of a rank correlation."""
+    map: str = ""
+    """Of our episodes, several by commas; empty where the scores do not say."""
+
+    @property
+    def deviation(self) -> float | None:
+        """Of ours from the paper's: +0.4 is 40 % above; None where that says nothing, or the paper has 0."""
+        return self.ours.value / self.paper - 1.0 if self.relative and self.ours.valid and self.paper else None
+
+    @property
+    def inside(self) -> bool | None:
+        """Whether the paper's value lies in our interval; None without one."""
+        return self.ours.low <= self.paper <= self.ours.high if self.ours.bounded else None
+
+    def cells(self) -> tuple[str, ...]:
+        """The row as text."""
+        shown = f".{self.digits}f"
+        ours = f"{self.ours.value:{shown}}" if self.ours.valid else "-"
+        if self.ours.valid:
+            ours += f" [{self.ours.low:{shown}}, {self.ours.high:{shown}}]" if self.ours.bounded else " [-]"
+        deviation = "" if self.deviation is None else f"{self.deviation:+.0%}"
+        inside = {None: "", True: "yes", False: "no"}[self.inside]
+        return self.table, self.row, self.column, f"{self.paper:{shown}}", ours, deviation, inside
+
+    def to_json(self) -> dict[str, Any]:
+        """The row as JSON types; null where there is no value."""
+        return {
+            "table": self.table,
+            "row": self.row,
+            "column": self.column,
+            "map": self.map,
+            "paper": self.paper,
+            "ours": self.ours.value if self.ours.valid else None,
+            "low": self.ours.low if self.ours.bounded else None,
+            "high": self.ours.high if self.ours.bounded else None,
+            "episodes": self.ours.blocks,
+            "deviation": self.deviation,
+            "paper_inside": self.inside,
+        }
+
+
+HEAD = ("table", "row", "column", "paper", "ours [95 %]", "deviation", "paper inside")
+"""Of the cells."""
+
+
+def measured(rows: Sequence[Compared]) -> list[Compared]:
+    """Those rows that have a value of ours."""
+    return [row for row in rows if row.ours.valid]
+
+
+FILE: Final = "scores.json"
+
+
+def stored(folder: Path) -> Mapping[str, Any] | None:
+    """The scores in a folder, or of a file; None where there are none.
+
+    Raises:
+        InputError: Something else than a JSON object.
+    """
+    file = folder if folder.is_file() else folder / FILE
+    if not file.is_file():
+        return None
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError("scores", str(file), f"the scores that `siren evaluate` wrote ({error})") from error
+    if not isinstance(content, dict):
+        raise InputError("scores", str(file), "the scores that `siren evaluate` wrote, a JSON object")
+    return content
+
+
+def interval_in(content: Mapping[str, Any] | None, key: str = "value") -> Interval:
+    """An interval as the reports write it: ``value``, ``low``, ``high``; null where there is none."""
+    if content is None or content.get(key) is None:
+        return NOTHING
+    low, high = content.get("low"), content.get("high")
+    if low is None or high is None:
+        blocks = int(content.get("episodes", 1))
+        return Interval(content[key], content[key], content[key], blocks, scatter_known=False)
+    return Interval(content[key], low, high, int(content.get("episodes", BLOCKS_MIN)))
+
+
+PREDICTION_ERRORS: Final = {
+    "ade_m": "ADE in m",
+    "fde_m": "FDE in m",
+    "rmse_5s_m": "RMSE at 5 s in m",
+    "min_ade_6_m": "minADE6 in m",
+    "min_fde_6_m": "minFDE6 in m",
+}
+"""The paper's three tables of prediction."""
+_SINGLE_PATH: Final = {"min_ade_6_m": "ade_m", "min_fde_6_m": "fde_m"}
+"""What the minimum over paths is for a predictor with one path; the paper's table leaves such rows out."""
+MEAN_COLUMN: Final = "mean"
+RANKING: Final = "rank correlation of the templates' ADE"
+RATIO: Final = "mean ADE over that of CV"
+SAMPLES: Final = "samples of an episode"
+_ALL: Final = GroupKind.ALL.value
+
+
+def own_level_only(scores: Sequence[EpisodeScores], level_of: Callable[[str], str]) -> list[EpisodeScores]:
+    """The episodes at their templates' own levels, of which the paper has one each."""
+    return [one for one in scores if one.template in TEMPLATES and one.level.name == level_of(one.template)]
+
+
+def prediction_rows(table: ScoreTable) -> Iterator[Compared]:
+    """All rows, those without a value of ours included.
+
+    Args:
+        table: Episodes at their templates' own levels, and the vehicles of the interaction region.
+    """
+    maps = ",".join(sorted({episode.map_name for episode in table.episodes}))
+    for row in _rows(table):
+        yield replace(row, map=maps)
+
+
+def _rows(table: ScoreTable) -> Iterator[Compared]:
+    for metric, title in PREDICTION_ERRORS.items():
+        for model, name in PAPER_NAMES.items():
+            yield from _errors(table, metric, title, model, name)
+    yield from _samples(table)
+    yield from _ratios(table)
+    yield from _rankings(table)
+
+
+def _errors(table: ScoreTable, metric: str, title: str, model: str, name: str) -> Iterator[Compared]:
+    row = paper_row(model, metric)
+    if row is None or row is paper_row(model, _SINGLE_PATH.get(metric, "")):
+        return
+    for template in TEMPLATES:
+        cell = table.cells.get((model, template, metric))
+        yield Compared(title, name, template, row.by_template[template], NOTHING if cell is None else cell.interval)
+    cell = table.cells.get((model, _ALL, metric))
+    yield Compared(title, name, MEAN_COLUMN, row.mean, NOTHING if cell is None else cell.interval)
+
+
+def _samples(table: ScoreTable) -> Iterator[Compared]:
+    """Mean number of samples of an episode, with the interval over episodes."""
+    template = np.array([episode.template for episode in table.episodes])
+    counts = np.array([episode.samples for episode in table.episodes], dtype=np.float64)
+    for name in TEMPLATES:
+        here = counts[template == name]
+        sums = block_sums(here, np.arange(len(here)), np.zeros(len(here), dtype=np.intp))
+        found = interval_of_mean(sums)
+        yield Compared(SAMPLES, "all vehicles", name, float(PAPER_SAMPLES[name]), found, digits=0)
+
+
+def _sums(table: ScoreTable, *models: str) -> tuple[list[str], list[BlockSums]]:
+    """Sums of the ADE over the episodes in which all of some models have a sample, with the names of their strata."""
+    stratum = strata(table.episodes)
+    found = []
+    for model in models:
+        samples = table.samples[model]
+        found.append(sums_of(samples, METRIC_OF["ade_m"], np.ones(len(samples), dtype=np.bool_), stratum))
+    there = np.logical_and.reduce([one.count > 0 for one in found])
+    names = sorted({episode.template for episode in table.episodes})
+    kept, of_kept = np.unique(stratum[there], return_inverse=True)
+    sums = [BlockSums(one.total[there], one.count[there], of_kept.astype(np.intp)) for one in found]
+    return [names[number] for number in kept.tolist()], sums
+
+
+def _ratios(table: ScoreTable) -> Iterator[Compared]:
+    reference = paper_row("cv", "ade_m")
+    for model, name in PAPER_NAMES.items():
+        row = paper_row(model, "ade_m")
+        if row is not None and reference is not None and model != "cv":
+            yield Compared(RATIO, name, MEAN_COLUMN, row.mean / reference.mean, _ratio(table, model))
+
+
+def _ratio(table: ScoreTable, model: str) -> Interval:
+    if model not in table.models or "cv" not in table.models:
+        return NOTHING
+    _, (own, reference) = _sums(table, model, "cv")
+
+    if len(own) == 0:
+        return NOTHING
+    ratio = own.value() / reference.value()
+    return jackknife(ratio, own.left_out() / reference.left_out(), own.stratum).interval()
+
+
+def _rankings(table: ScoreTable) -> Iterator[Compared]:
+    """Spearman's ρ between our templates and the paper's; the paper's own is 1."""
+    for model, name in PAPER_NAMES.items():
+        row = paper_row(model, "ade_m")
+        if row is not None:
+            yield Compared(RANKING, name, "Spearman", 1.0, _ranking(table, model, row), relative=False)
+
+
+def _ranking(table: ScoreTable, model: str, paper: PaperRow) -> Interval:
+    if model not in table.models:
+        return NOTHING
+    names, (sums,) = _sums(table, model)
+    if len(names) < RANKED_MIN:
+        return NOTHING
+    estimates = [estimate_of_mean(sums.of(number)) for number in range(len(names))]
+    there = [paper.by_template[name] for name in names]
+    return ranking_interval(estimates, there)
+
+
+FAMILY: Final = "mAP of a family; paper: mean of its four"
+ORDER: Final = "order of the families by mAP as in the paper"
+
+
+def detection_rows(content: Mapping[str, Any] | None) -> Iterator[Compared]:
+    """All rows, those without a value of ours included.
+
+    Args:
+        content: ``scores.json`` of ``siren evaluate detection``; None where it was not run.
+    """
+    ours = {name.lower(): one for name, one in (content or {}).items()}
+    for key, paper in PAPER.items():
+        one = ours.get(key)
+        for template in (*PAPER_TEMPLATES, MEAN):
+            mean_ap, nds = paper.ap_and_nds[template]
+            yield Compared("mAP", paper.name, template, mean_ap, _ap(one, template), digits=3)
+            yield Compared("NDS", paper.name, template, nds, _nds(one, template), digits=3)
+        for name, value in paper.errors.items():
+            yield Compared(f"error {name}", paper.name, MEAN, value, _error(one, name), digits=3)
+    for name, one in (content or {}).items():
+        yield from _families(name, one)
+
+
+def _families(detector: str, one: Mapping[str, Any]) -> Iterator[Compared]:
+    """A detector of any name against the mean of the paper's four."""
+    for family, templates in FAMILIES.items():
+        values = [paper.ap_and_nds[template][0] for paper in PAPER.values() for template in templates]
+        found = interval_in(one["families"].get(family))
+        yield Compared(FAMILY, detector, family, float(np.mean(values)), found, digits=3)
+    share = one.get("order_of_families_share")
+    if share is not None:
+        episodes = interval_in(one["mean"]["mAP"]).blocks
+        ours = Interval(share, share, share, episodes, scatter_known=False)
+        yield Compared(ORDER, detector, "share of the draws", 1.0, ours, relative=False)
+
+
+def _ap(one: Mapping[str, Any] | None, template: str) -> Interval:
+    if one is None:
+        return NOTHING
+    return interval_in(one["mean"]["mAP"] if template == MEAN else one["templates"].get(template, {}).get("mAP"))
+
+
+def _nds(one: Mapping[str, Any] | None, template: str) -> Interval:
+    found = None if one is None else one["mean"] if template == MEAN else one["templates"].get(template)
+    return _single(None if found is None else found["NDS"])
+
+
+def _error(one: Mapping[str, Any] | None, name: str) -> Interval:
+    if one is None or name not in ERRORS:
+        return NOTHING
+    return _single(float(np.mean([of_template["errors"][name] for of_template in one["templates"].values()])))
+
+
+def _single(value: float | None) -> Interval:
+    return NOTHING if value is None else Interval(value, value, value, 1)
+
+
+BALANCE: Final = "share of the videos"
+
+
+def risk_rows(videos: VideoSet | None, content: Mapping[str, Any] | None) -> Iterator[Compared]:
+    """All rows, those without a value of ours included.
+
+    Args:
+        videos: The set; None where there is none.
+        content: ``scores.json`` of ``siren evaluate risk``; None where it was not run.
+    """
+    total = sum(PAPER_BALANCE)
+    for risk, count in zip(RiskClass, PAPER_BALANCE, strict=True):
+        yield Compared(BALANCE, "labels", TITLES[risk], count / total, _share(videos, risk))
+    models = {} if content is None else content["models"]
+    for name, scores in PAPER_SCORES.items():
+        one = models.get(name)
+        for score, value in scores.items():
+            found = NOTHING if one is None else interval_in(one["scores"].get(score))
+            yield Compared("risk scores", name, score, value, found, digits=3)
+
+
+def _share(videos: VideoSet | None, risk: RiskClass) -> Interval:
+    labels = [] if videos is None else [video.label.risk for video in videos.videos.values()]
+    return share_interval(labels.count(risk), len(labels))

@@ -1,1 +1,0 @@
-"""Metrics of trajectory prediction, one function each."""

@@ -1,0 +1,175 @@
+"""Reads predictions from a Parquet file: our schema, or that of Argoverse 2's challenge."""
+
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from siren_ros.errors import InputError
+from siren_ros.evaluation.prediction.samples import ARGOVERSE_WINDOW, WINDOWS
+from siren_ros.evaluation.prediction.submission import PERIODS_S, SubmittedRows, on_grid, refuse
+from siren_ros.numerics.arrays import Floats
+from siren_ros.record.tracks import LOG_PERIOD_STEPS
+
+WINDOW_KEY: Final = b"window"
+"""Key of the file's metadata that says which samples the model answers: a name of ``WINDOWS``."""
+_OWN: Final = ("episode", "actor", "step", "mode", "probability", "x", "y")
+_ARGOVERSE: Final = ("scenario_id", "track_id", "probability", "predicted_trajectory_x", "predicted_trajectory_y")
+_SCENARIO: Final = re.compile(r"(?P<episode>.+)-v(?P<actor>\d+)-f(?P<frame>\d+)")
+"""As ``siren export argoverse2`` names scenarios: ``S2-L2-seed0-town-v12-f000049``."""
+_AV: Final = "AV"
+"""Track id of the EMV with the sensors."""
+
+
+def read_prediction_file(path: Path) -> SubmittedRows:
+    """The hypotheses of a file, on the common grid. Nothing is known yet of the episodes that they belong to.
+
+    Raises:
+        InputError: The file cannot be read, lacks columns or has empty cells; paths of different or unknown lengths.
+    """
+    try:
+        table = pq.read_table(path)
+    except (OSError, pa.ArrowException) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError("predictions", str(path), f"a Parquet file ({reason})") from error
+    for needed, read in _SCHEMAS.items():
+        if set(needed) <= set(table.column_names):
+            for name in needed:
+                empty = pc.is_null(table[name]).to_numpy()
+                refuse(str(path), empty, f"rows without {name}", lambda row: f"row {row}", "a value in each row")
+            return read(str(path), table)
+    wanted = " or ".join(", ".join(needed) for needed in _SCHEMAS)
+    raise InputError("predictions", f"{path} with the columns {', '.join(table.column_names)}", f"columns {wanted}")
+
+
+def _read_own(source: str, table: pa.Table) -> SubmittedRows:
+    name = (table.schema.metadata or {}).get(WINDOW_KEY, b"ngsim").decode(errors="replace")
+    if name not in WINDOWS:
+        raise InputError("predictions", f"{source} with the window {name}", f"one of {', '.join(WINDOWS)}")
+    integers = {key: _integers(source, table, key) for key in ("actor", "step", "mode")}
+    episode = np.asarray(table["episode"].cast(pa.string()).to_numpy(zero_copy_only=False), dtype=object)
+
+    def named(row: int) -> str:
+        numbers = ", ".join(f"{key} {values[row]}" for key, values in integers.items())
+        return f"episode {episode[row]}, {numbers}"
+
+    return SubmittedRows(
+        source=source,
+        episode=episode,
+        actor_id=integers["actor"],
+        step=integers["step"],
+        mode=integers["mode"],
+        probability=_numbers(source, table, "probability"),
+        xy_m=_paths(source, table, "x", "y", named),
+        window=WINDOWS[name],
+    )
+
+
+def _read_argoverse(source: str, table: pa.Table) -> SubmittedRows:
+    """As ``av2`` writes a ``ChallengeSubmission``. Tracks other than a scenario's focal one are not read."""
+    scenario = table["scenario_id"].cast(pa.string()).to_pylist()
+    found = [_SCENARIO.fullmatch(name) for name in scenario]
+    foreign = np.array([one is None for one in found], dtype=np.bool_)
+    refuse(
+        source,
+        foreign,
+        "rows with a scenario_id of another origin",
+        lambda row: scenario[row],
+        "ids of siren export argoverse2, as S2-L2-seed0-town-v12-f000049",
+    )
+    parts = [one for one in found if one is not None]
+    track = table["track_id"].cast(pa.string()).to_pylist()
+    own = np.array([name == part["actor"] for name, part in zip(track, parts, strict=True)], dtype=np.bool_)
+    with_own = {name for name, is_own in zip(scenario, own, strict=True) if is_own}
+    focal = np.array(
+        [
+            is_own or (name == _AV and one not in with_own)
+            for one, name, is_own in zip(scenario, track, own, strict=True)
+        ],
+        dtype=np.bool_,
+    )
+    xy_m = _paths(
+        source,
+        table,
+        "predicted_trajectory_x",
+        "predicted_trajectory_y",
+        lambda row: f"scenario {scenario[row]}, track {track[row]}",
+    )
+    rows = SubmittedRows(
+        source=source,
+        episode=np.array([part["episode"] for part in parts], dtype=object),
+        actor_id=np.array([int(part["actor"]) for part in parts], dtype=np.int64),
+        step=np.array([int(part["frame"]) * LOG_PERIOD_STEPS for part in parts], dtype=np.int64),
+        mode=np.zeros(len(parts), dtype=np.int64),
+        probability=_numbers(source, table, "probability"),
+        xy_m=xy_m,
+        window=ARGOVERSE_WINDOW,
+    ).select(focal)
+    return _numbered(rows)
+
+
+def _numbered(rows: SubmittedRows) -> SubmittedRows:
+    """The hypotheses of each sample numbered in the order of the file."""
+    _, sample = np.unique(
+        np.stack((np.unique(rows.episode, return_inverse=True)[1], rows.actor_id, rows.step)),
+        axis=1,
+        return_inverse=True,
+    )
+    sample = sample.ravel()
+    order = np.argsort(sample, kind="stable")
+    first = np.concatenate(([0], np.flatnonzero(np.diff(sample[order])) + 1)) if len(order) else order
+    counts = np.diff(np.concatenate((first, [len(order)])))
+    mode = np.empty(len(rows), dtype=np.int64)
+    mode[order] = np.arange(len(order)) - np.repeat(first, counts)
+    return SubmittedRows(**{**vars(rows), "mode": mode})
+
+
+_SCHEMAS: Final[Mapping[tuple[str, ...], Callable[[str, pa.Table], SubmittedRows]]] = {
+    _OWN: _read_own,
+    _ARGOVERSE: _read_argoverse,
+}
+"""Readers by the columns that a file must have; further columns are ignored."""
+
+
+def _integers(source: str, table: pa.Table, name: str) -> "np.ndarray[tuple[int], np.dtype[np.int64]]":
+    if not pa.types.is_integer(table[name].type):
+        raise InputError("predictions", f"{source}: {name} of type {table[name].type}", "integers")
+    return np.asarray(table[name].to_numpy(), dtype=np.int64)
+
+
+def _numbers(source: str, table: pa.Table, name: str) -> Floats:
+    if not pa.types.is_floating(table[name].type) and not pa.types.is_integer(table[name].type):
+        raise InputError("predictions", f"{source}: {name} of type {table[name].type}", "numbers")
+    return np.asarray(table[name].to_numpy(), dtype=np.float64)
+
+
+def _paths(source: str, table: pa.Table, x: str, y: str, named: Callable[[int], str]) -> Floats:
+    """Paths on the common grid, shape ``(R, FUTURE_POINTS, 2)``."""
+    for name in (x, y):
+        kind = table[name].type
+        is_list = pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind)
+        if not is_list or not pa.types.is_floating(kind.value_type):
+            raise InputError("predictions", f"{source}: {name} of type {kind}", "lists of floating-point numbers")
+    lengths = np.stack([pc.list_value_length(table[name]).to_numpy().astype(np.int64) for name in (x, y)])
+    if not lengths.size:
+        raise InputError("predictions", f"{source} without rows", "a row for each hypothesis")
+    expected = int(np.bincount(lengths[0]).argmax())
+    known = ", ".join(f"{count} points ({count * period:.0f} s at {period:g} s)" for count, period in PERIODS_S.items())
+    wrong = (lengths != (expected if expected in PERIODS_S else -1)).any(axis=0)
+    refuse(
+        source,
+        wrong,
+        "paths of another horizon",
+        lambda row: f"{named(row)} with {lengths[0, row]} values in {x} and {lengths[1, row]} in {y}",
+        f"{known}, the same for all",
+    )
+    columns = []
+    for name in (x, y):
+        flat = pc.list_flatten(table[name])
+        columns.append(np.asarray(flat.to_numpy(), dtype=np.float64).reshape(-1, expected))
+    return on_grid(np.stack(columns, axis=-1))

@@ -1,1 +1,0 @@
-"""What a predictor gets and gives: windows, samples, hypotheses."""

@@ -1,1 +1,0 @@
-"""Predictors scored on episodes: a value for each metric and sample."""

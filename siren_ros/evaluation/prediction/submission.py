@@ -1,0 +1,310 @@
+"""Predictions that a user hands in: checked rows of hypotheses, from a file or a topic of a bag, sample by sample."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.errors import BagError, InputError
+from siren_ros.evaluation.prediction.predictors import SUM_TOLERANCE, Hypotheses
+from siren_ros.evaluation.prediction.samples import FUTURE_POINTS, HistoryWindow, SampleBatch, future_times_s
+from siren_ros.interfaces.programs.predictions import from_predicted_paths
+from siren_ros.interfaces.topics import PREDICTIONS
+from siren_ros.numerics.arrays import Flags, Floats, Rows
+from siren_ros.record.episode_source import EpisodeSource
+
+Integers = npt.NDArray[np.int64]
+
+PERIODS_S: Final = {25: 0.2, 30: 0.2, 50: 0.1, 60: 0.1, 80: 0.1}
+"""Time between the points of a path, by their number: 5 or 6 s at 0.2 s, 5, 6 or 8 s at 0.1 s."""
+
+
+@dataclass(frozen=True)
+class SubmittedRows:
+    """R hypotheses, one row each."""
+
+    source: str
+    """File or topic, for errors."""
+    episode: npt.NDArray[np.object_]
+    """Name of the episode, shape ``(R,)``."""
+    actor_id: Integers
+    step: Integers
+    """The present."""
+    mode: Integers
+    """Number of the hypothesis within its sample."""
+    probability: Floats
+    xy_m: Floats
+    """On the common grid, frame ``map``, shape ``(R, FUTURE_POINTS, 2)``."""
+    window: HistoryWindow
+    """Which samples the model answers."""
+
+    def __len__(self) -> int:
+        return len(self.episode)
+
+    def named(self, row: int) -> str:
+        """A row in words."""
+        return f"episode {self.episode[row]}, actor {self.actor_id[row]}, step {self.step[row]}, mode {self.mode[row]}"
+
+    def select(self, rows: Rows | Flags) -> "SubmittedRows":
+        """Some of the rows."""
+        arrays: dict[str, Any] = {
+            name: values[rows] for name, values in vars(self).items() if isinstance(values, np.ndarray)
+        }
+        return SubmittedRows(source=self.source, window=self.window, **arrays)
+
+
+def refuse(source: str, wrong: Flags, what: str, named: Callable[[int], str], allowed: str) -> None:
+    """Refuses rows that are wrong.
+
+    Args:
+        source: File or topic.
+        wrong: Which rows are, shape ``(R,)``.
+        what: What is wrong with them.
+        named: A row in words.
+        allowed: What would be right.
+
+    Raises:
+        InputError: With their number and the first, where there is one.
+    """
+    if wrong.any():
+        told = f"{source}: {wrong.sum()} of {len(wrong)} {what}; the first is {named(int(np.argmax(wrong)))}"
+        raise InputError("predictions", told, allowed)
+
+
+def on_grid(xy_m: Floats) -> Floats:
+    """Paths on the common grid, from paths of a length of ``PERIODS_S``.
+
+    Every time of the grid is a time of these paths, so nothing is interpolated: of 60 points at 0.1 s, every second
+    up to 5 s.
+
+    Args:
+        xy_m: Shape ``(R, L, 2)``; the first point lies one period after the present.
+
+    Returns:
+        Shape ``(R, FUTURE_POINTS, 2)``.
+    """
+    period_s = PERIODS_S[xy_m.shape[1]]
+    points = np.round(future_times_s() / period_s).astype(np.intp) - 1
+    return np.ascontiguousarray(xy_m[:, points[:FUTURE_POINTS]])
+
+
+FAR_M: Final = 100.0
+"""Farther than this nobody is 0.2 s later: such positions are not in the frame ``map``."""
+
+
+@dataclass(frozen=True)
+class EpisodePredictions:
+    """S samples of one episode with their hypotheses, sorted by step and then by actor."""
+
+    source: str
+    actor_id: Integers
+    step: Integers
+    hypotheses: Hypotheses
+
+    def __len__(self) -> int:
+        return len(self.step)
+
+    def meet(self, batch: SampleBatch, allow_missing: bool, allow_unknown: bool = False) -> tuple[Rows, Hypotheses]:
+        """The samples of an episode that are predicted, and their hypotheses.
+
+        Raises:
+            InputError: Predictions of samples that the episode does not have, samples without a prediction, unless
+                that is allowed; positions that are not on the map.
+        """
+        actor = batch.actors.actor_id[batch.target].astype(np.int64)
+        step = batch.step[batch.actors.frame[batch.target]].astype(np.int64)
+        wanted, given = (step << 32) | actor, (self.step << 32) | self.actor_id
+        if not allow_unknown:
+            refuse(
+                self.source,
+                ~np.isin(given, wanted),
+                "predicted samples are not in the population",
+                lambda row: f"actor {self.actor_id[row]} at step {self.step[row]}",
+                "samples of the population: (vehicle, frame) with a whole window",
+            )
+        missing = ~np.isin(wanted, given)
+        if not allow_missing:
+            refuse(
+                self.source,
+                missing,
+                "samples have no prediction",
+                lambda row: f"actor {actor[row]} at step {step[row]}",
+                "a prediction for each sample, or --allow-missing",
+            )
+        rows = np.flatnonzero(~missing)
+        order = np.searchsorted(given, wanted[rows])
+        found = self.hypotheses.select(order)
+        away = np.hypot(*(found.xy_m[:, 0, 0] - batch.xy_m[rows]).T)
+        if len(away) and np.median(away) > FAR_M:
+            where = f"{self.source}: half of the paths begin farther than {np.median(away):.0f} m from their vehicle"
+            raise InputError("predictions", where, "positions in metres in the frame map")
+        return rows, found
+
+
+@dataclass(frozen=True)
+class SubmittedPart:
+    """What a submission says of one episode, and how it is to be scored."""
+
+    predictions: EpisodePredictions
+    window: HistoryWindow
+    allow_missing: bool
+    allow_unknown: bool
+
+    def meet(self, batch: SampleBatch) -> tuple[Rows, Hypotheses]:
+        """As ``EpisodePredictions.meet``."""
+        return self.predictions.meet(batch, self.allow_missing, self.allow_unknown)
+
+
+@dataclass(frozen=True)
+class Submission:
+    """Everything that one model predicted, by the name of the episode."""
+
+    source: str
+    window: HistoryWindow
+    episodes: dict[str, EpisodePredictions]
+    allow_missing: bool = False
+    allow_unknown: bool = False
+    """Whether predictions of vehicles outside the population are left out, instead of refused."""
+
+    def of_episode(self, names: Iterable[str]) -> SubmittedPart:
+        """The part of an episode that has several names; empty where there are no predictions."""
+        nothing = np.zeros(0, dtype=np.int64)
+        none = Hypotheses(np.zeros((0, 1, FUTURE_POINTS, 2)), np.zeros((0, 1)))
+        found = next((self.episodes[name] for name in names if name in self.episodes), None)
+        return SubmittedPart(
+            found or EpisodePredictions(self.source, nothing, nothing, none),
+            self.window,
+            self.allow_missing,
+            self.allow_unknown,
+        )
+
+    def check_episodes(self, known: Sequence[Iterable[str]]) -> None:
+        """Refuses predictions of episodes that are not scored, unless missing ones are allowed, too.
+
+        Args:
+            known: The names of each scored episode.
+
+        Raises:
+            InputError: There are such, or two scored episodes have the same name in the file.
+        """
+        every = [name for names in known for name in set(names)]
+        for name in self.episodes:
+            if every.count(name) > 1:
+                raise InputError("predictions", f"{self.source}: episode {name}", "a name that one bag alone has")
+        foreign = np.array([name not in every for name in self.episodes], dtype=np.bool_)
+        if not self.allow_missing:
+            refuse(
+                self.source,
+                foreign,
+                "episodes are not among the bags",
+                lambda row: list(self.episodes)[row],
+                "names of the given bags, or --allow-missing",
+            )
+
+
+def submission(rows: SubmittedRows, allow_missing: bool = False, allow_unknown: bool = False) -> Submission:
+    """Checks submitted hypotheses, and puts those of each sample together.
+
+    Samples may have different numbers of hypotheses; the lacking ones get the probability 0.
+
+    Raises:
+        InputError: Values that are not finite, negative probabilities, sums that are not 1, hypotheses given twice;
+            with their number and the first.
+    """
+    _check_values(rows)
+    _, code = np.unique(rows.episode.astype(str), return_inverse=True)
+    order = np.lexsort((rows.mode, rows.actor_id, rows.step, code))
+    rows, code = rows.select(order), code[order]
+    key = np.stack((code, rows.step, rows.actor_id))
+    new = np.concatenate(([True], (np.diff(key, axis=1) != 0).any(axis=0))) if len(rows) else np.zeros(0, dtype=bool)
+    sample = np.cumsum(new) - 1
+    twice = np.concatenate(([False], (np.diff(rows.mode) == 0) & ~new[1:])) if len(rows) else new
+    refuse(rows.source, twice, "hypotheses are given twice", rows.named, "each mode of a sample once")
+    first = np.flatnonzero(new)
+    place = np.arange(len(rows)) - first[sample]
+    modes = int(place.max()) + 1 if len(rows) else 1
+    probability = np.zeros((len(first), modes))
+    probability[sample, place] = rows.probability
+    total = probability.sum(axis=1)
+    wrong = np.abs(total - 1.0) > SUM_TOLERANCE
+    refuse(
+        rows.source,
+        wrong,
+        "samples have probabilities of another sum",
+        lambda row: f"{rows.named(first[row])} with {total[row]:.4g}",
+        "probabilities of the sum 1",
+    )
+    xy_m = np.repeat(rows.xy_m[first][:, None], modes, axis=1)
+    xy_m[sample, place] = rows.xy_m
+    return Submission(
+        rows.source,
+        rows.window,
+        _by_episode(rows.select(first), code[first], Hypotheses.ranked(xy_m, probability)),
+        allow_missing,
+        allow_unknown,
+    )
+
+
+def _check_values(rows: SubmittedRows) -> None:
+    for wrong, what, allowed in (
+        (~np.isfinite(rows.xy_m).all(axis=(1, 2)), "paths are not finite", "finite values"),
+        (~np.isfinite(rows.probability), "probabilities are not finite", "finite values"),
+        (rows.probability < 0.0, "probabilities are negative", "0 or more"),
+        ((rows.actor_id < 0) | (rows.step < 0), "actors or steps are negative", "0 or more"),
+    ):
+        refuse(rows.source, wrong, what, rows.named, allowed)
+
+
+def _by_episode(
+    samples: SubmittedRows, code: npt.NDArray[np.intp], hypotheses: Hypotheses
+) -> dict[str, EpisodePredictions]:
+    found = {}
+    for one in np.unique(code).tolist():
+        here = np.flatnonzero(code == one)
+        found[str(samples.episode[here[0]])] = EpisodePredictions(
+            samples.source, samples.actor_id[here], samples.step[here], hypotheses.select(here)
+        )
+    return found
+
+
+_EPISODE: Final = "recorded"
+
+
+def read_recorded_predictions(source: EpisodeSource, allow_missing: bool) -> SubmittedPart:
+    """The predictions of an episode, checked.
+
+    A program in the loop does not know who will stay in the population: samples of others are left out.
+
+    Raises:
+        BagError: The bag has no such topic.
+        InputError: Paths of another horizon, and whatever ``submission`` refuses.
+    """
+    if PREDICTIONS.name not in source.bag.type_names:
+        raise BagError(str(source.path), f"a bag with the topic {PREDICTIONS.name}, of an episode with a predictor")
+    said = [from_predicted_paths(message.read()) for message in source.bag.messages({PREDICTIONS.name})]
+    paths = [one for one in said if len(one)]
+    counts = [len(one) for one in paths]
+    step = np.repeat(np.array([one.step for one in paths], dtype=np.int64), counts)
+    actor = np.concatenate([one.actor_id for one in paths]).astype(np.int64) if paths else step
+    lengths = np.repeat(np.array([one.xy_m.shape[1] for one in paths], dtype=np.int64), counts)
+    name = f"{PREDICTIONS.name} of {source.path}"
+    refuse(
+        name,
+        ~np.isin(lengths, list(PERIODS_S)),
+        "paths of another horizon",
+        lambda row: f"actor {actor[row]} at step {step[row]} with {lengths[row]} points",
+        f"paths of {', '.join(map(str, PERIODS_S))} points",
+    )
+    rows = SubmittedRows(
+        source=name,
+        episode=np.full(len(step), _EPISODE, dtype=object),
+        actor_id=actor,
+        step=step,
+        mode=np.concatenate([np.arange(count) for count in counts]) if paths else step,
+        probability=np.concatenate([one.probability for one in paths]) if paths else np.zeros(0),
+        xy_m=np.concatenate([on_grid(one.xy_m) for one in paths]) if paths else np.zeros((0, FUTURE_POINTS, 2)),
+        window=HistoryWindow(),
+    )
+    return submission(rows, allow_missing, allow_unknown=True).of_episode([_EPISODE])

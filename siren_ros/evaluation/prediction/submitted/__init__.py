@@ -1,1 +1,0 @@
-"""Predictions that other programs made: files, messages."""

@@ -1,0 +1,276 @@
+"""One HTML page of a set of risk videos: each plays next to its label, its measures over time and the answers."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from os.path import relpath
+from pathlib import Path
+from typing import Final
+from urllib.parse import quote
+
+import numpy as np
+
+from siren_ros.errors import whole_file, writing
+from siren_ros.evaluation.risk.answers import Answers
+from siren_ros.evaluation.risk.labels import TITLES, Reason, RiskClass, RiskThresholds
+from siren_ros.evaluation.risk.scoring import ModelScores
+from siren_ros.evaluation.risk.video_set import RiskVideo, VideoSet
+from siren_ros.numerics.arrays import Floats
+from siren_ros.numerics.units import STEP_S
+from siren_ros.params.page_files import page_part, page_template
+
+FRAME_S: Final = 0.1
+"""From one frame of a video to the next."""
+
+
+@dataclass(frozen=True)
+class Dot:
+    """One event: a time in the video and a value."""
+
+    at_s: float
+    value: float
+    actor_id: int
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Measures at each step of a video's window; NaN where nobody is on a collision course."""
+
+    time_s: Floats
+    """Shape ``(N,)``, from 0 at the first frame."""
+    time_to_collision_s: Floats
+    """Least of all civilians that count, shape ``(N,)``."""
+    required_deceleration_mps2: Floats
+    """Greatest of those that are near enough to count, shape ``(N,)``."""
+    encroachments: tuple[Dot, ...]
+    """PET of each civilian whose place the EMV came through, or the other way round."""
+    contacts: tuple[Dot, ...]
+    """Impact speeds in m/s."""
+    moment_s: float | None
+    """When that happened which decided the label."""
+
+
+def curves_of(video: RiskVideo, thresholds: RiskThresholds) -> Curves:
+    """The curves of a video.
+
+    Args:
+        video: The video with its evidence.
+        thresholds: Of the labels: slower closing and farther vehicles do not count, and are left out.
+    """
+    count = round(video.frames * FRAME_S / STEP_S)
+    moments, first = video.evidence.moments, video.first_step
+    inside = (moments.step >= first) & (moments.step < first + count)
+    closing = inside & (moments.closing_mps > thresholds.closing_mps)
+    near = inside & (moments.gap_m < thresholds.gap_m)
+    least, most = np.full(count, np.nan), np.full(count, np.nan)
+    np.fmin.at(least, moments.step[closing] - first, moments.time_to_collision_s[closing])
+    np.fmax.at(most, moments.step[near] - first, moments.required_deceleration_mps2[near])
+
+    def second(step: int) -> float:
+        return (step - first) * STEP_S
+
+    return Curves(
+        np.arange(count) * STEP_S,
+        least,
+        most,
+        tuple(Dot(second(one.step), one.time_s, one.actor_id) for one in video.evidence.encroachments),
+        tuple(Dot(second(one.step), one.impact_mps, one.actor_id) for one in video.evidence.contacts),
+        second(video.label.step) if video.label.actor_id else None,
+    )
+
+
+WIDTH: Final = 380.0
+HEIGHT: Final = 64.0
+_TIME_TO_COLLISION_MAX_S: Final = 5.0
+_DECELERATION_MAX_MPS2: Final = 10.0
+_ENCROACHMENT_MAX_S: Final = 5.0
+
+
+@dataclass(frozen=True)
+class Chart:
+    """One measure over the time of a video; coordinates in a box of WIDTH by HEIGHT, y downwards."""
+
+    title: str
+    unit: str
+    top: float
+    """Value at the upper edge; greater ones are drawn there."""
+    limit: float
+    """From where on the measure counts as a near-miss."""
+    limit_y: float
+    path: str
+    """Of the SVG path; empty without a value."""
+    dots: tuple[tuple[float, float, str], ...]
+    """x, y and what to say of it."""
+    extreme: str
+    """The most critical value and its time, in words."""
+
+
+def charts_of(curves: Curves, thresholds: RiskThresholds) -> tuple[Chart, ...]:
+    """TTC, PET and DRAC of a video."""
+    length_s = len(curves.time_s) * (curves.time_s[1] - curves.time_s[0])
+    across = WIDTH / length_s
+    dots = [(dot.at_s, dot.value) for dot in curves.encroachments]
+    return (
+        _line(
+            "TTC",
+            "s",
+            curves.time_s,
+            curves.time_to_collision_s,
+            across,
+            _TIME_TO_COLLISION_MAX_S,
+            thresholds.time_to_collision_s,
+            least=True,
+        ),
+        Chart(
+            "PET",
+            "s",
+            _ENCROACHMENT_MAX_S,
+            thresholds.post_encroachment_s,
+            _y(thresholds.post_encroachment_s, _ENCROACHMENT_MAX_S),
+            "",
+            tuple((at * across, _y(value, _ENCROACHMENT_MAX_S), f"{value:.2f} s at {at:.1f} s") for at, value in dots),
+            _said(*min(dots, key=lambda dot: dot[1]), "s") if dots else "",
+        ),
+        _line(
+            "DRAC",
+            "m/s²",
+            curves.time_s,
+            curves.required_deceleration_mps2,
+            across,
+            _DECELERATION_MAX_MPS2,
+            thresholds.required_deceleration_mps2,
+            least=False,
+        ),
+    )
+
+
+def _line(
+    title: str, unit: str, time_s: Floats, values: Floats, across: float, top: float, limit: float, *, least: bool
+) -> Chart:
+    known = np.flatnonzero(np.isfinite(values))
+    extreme = ""
+    if len(known):
+        at = known[np.argmin(values[known]) if least else np.argmax(values[known])]
+        extreme = _said(time_s[at], values[at], unit)
+    return Chart(title, unit, top, limit, _y(limit, top), _svg_path(time_s * across, values, top), (), extreme)
+
+
+def _said(at_s: float, value: float, unit: str) -> str:
+    return f"{value:.2f} {unit} at {at_s:.1f} s"
+
+
+def _svg_path(x: Floats, values: Floats, top: float) -> str:
+    """Moves and lines; the pen is lifted where a value is missing. Single values become a short stroke."""
+    parts, drawing = [], False
+    for at, value in zip(x.tolist(), values.tolist(), strict=True):
+        if not np.isfinite(value):
+            drawing = False
+            continue
+        place = f"{at:.1f} {_y(value, top):.1f}"
+        parts.append(f"L{place}" if drawing else f"M{place}h0.6")
+        drawing = True
+    return "".join(parts)
+
+
+def _y(value: float, top: float) -> float:
+    return HEIGHT * (1.0 - min(max(value, 0.0), top) / top)
+
+
+_PAGE: Final = "risk"
+_REASONS: Final[Mapping[Reason, str]] = {
+    Reason.NOTHING: "no conflict",
+    Reason.TIME_TO_COLLISION: "TTC {value:.2f} s",
+    Reason.POST_ENCROACHMENT: "PET {value:.2f} s",
+    Reason.REQUIRED_DECELERATION: "DRAC {value:.1f} m/s²",
+    Reason.CONTACT: "contact at {value:.1f} m/s",
+}
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A model's answer to one video."""
+
+    model: str
+    title: str
+    """Of the class; "unreadable", or "none" where the model has not answered."""
+    right: bool
+
+
+@dataclass(frozen=True)
+class Card:
+    """Everything that the page shows of one video."""
+
+    video_id: str
+    template: str
+    label: str
+    reason: str
+    source: str
+    """Address of the file from the page; empty where it is missing."""
+    length_s: float
+    moment_s: float | None
+    charts: tuple[Chart, ...]
+    contacts: tuple[Dot, ...]
+    answers: tuple[Answer, ...]
+    preset: str
+
+    @property
+    def right(self) -> str:
+        """Numbers of the models that are right, for the filter."""
+        return " ".join(str(number) for number, answer in enumerate(self.answers) if answer.right)
+
+
+def write_page(path: Path, videos: VideoSet, answers: Mapping[str, Answers], models: Sequence[ModelScores]) -> None:
+    """Writes the page: one HTML file that needs no network; the videos stay where they are.
+
+    Args:
+        path: HTML file to write.
+        videos: The set.
+        answers: Of each model, by its name.
+        models: Their scores, in the order of the page.
+
+    Raises:
+        InputError: The file cannot be written.
+    """
+    named = {model.name: answers[model.name] for model in models}
+    cards = [card_of(videos, key, named, path.parent) for key in sorted(videos.videos)]
+    text = page_template(_PAGE, trim_blocks=True).render(
+        cards=cards,
+        classes=TITLES,
+        counts=[sum(card.label == title for card in cards) for title in TITLES],
+        templates=sorted({card.template for card in cards}),
+        models=models,
+        width=WIDTH,
+        height=HEIGHT,
+        style=page_part(_PAGE, "page.css"),
+        script=page_part(_PAGE, "page.js"),
+    )
+    with writing(path, parameter="page"):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path) as file:
+            file.write_text(text, encoding="utf-8")
+
+
+def card_of(videos: VideoSet, video_id: str, answers: Mapping[str, Answers], folder: Path) -> Card:
+    """What the page in a folder shows of a video."""
+    video = videos.videos[video_id]
+    curves = curves_of(video, videos.thresholds)
+    file = videos.folder / video.file
+    return Card(
+        video_id=video_id,
+        template=video.template,
+        label=video.label.risk.title,
+        reason=_REASONS[video.label.reason].format(value=video.label.value),
+        source=quote(Path(relpath(file, folder)).as_posix()) if file.is_file() else "",
+        length_s=len(curves.time_s) * float(curves.time_s[1] - curves.time_s[0]),
+        moment_s=curves.moment_s,
+        charts=charts_of(curves, videos.thresholds),
+        contacts=curves.contacts,
+        answers=tuple(_answer(name, given, video) for name, given in answers.items()),
+        preset=str(video.request.get("preset", "")),
+    )
+
+
+def _answer(name: str, given: Answers, video: RiskVideo) -> Answer:
+    if video.video_id not in given:
+        return Answer(name, "none", right=False)
+    answer: RiskClass | None = given[video.video_id]
+    return Answer(name, "unreadable" if answer is None else answer.title, right=answer is video.label.risk)

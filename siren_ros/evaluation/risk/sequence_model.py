@@ -1,0 +1,135 @@
+"""The reference that sees pictures and is no language model: a small network on each second frame of a video.
+
+It sees grey pictures, five a second, without the sky, a fifth of the size.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.errors import InputError
+from siren_ros.evaluation.network_file import NetworkFile, open_network
+from siren_ros.evaluation.risk.labels import RiskClass
+from siren_ros.evaluation.risk.video_frames import film_frames
+from siren_ros.evaluation.risk.video_set import VideoSet
+from siren_ros.params.resources import params_dir
+
+SmallFrames = npt.NDArray[np.uint8]
+"""Grey values of a film, shape ``(T, HEIGHT, WIDTH)``."""
+
+EVERY: Final = 2
+"""Of the video's frames at 10 Hz each second one is used."""
+WIDTH: Final = 160
+HEIGHT: Final = 60
+_VIEW: Final = (800, 600)
+"""Width and height that the share below is stated for: those of the paper's front camera."""
+_ROWS: Final = (200, 500)
+"""Rows of it that are used: from above the horizon at 300 to where the road is 1.7 m ahead of the camera."""
+_GREY: Final = np.array([0.299, 0.587, 0.114], dtype=np.float32)
+"""Luma of ITU-R BT.601, as H.264 stores it."""
+
+
+def reduced(rgb: npt.NDArray[np.uint8]) -> SmallFrames:
+    """One picture of the front camera, shape ``(height, width, 3)``, as one of shape ``(HEIGHT, WIDTH)``.
+
+    Raises:
+        InputError: A picture whose size is no multiple of the small one in the camera's proportions.
+    """
+    return _reduced_grey(rgb.astype(np.float32) @ _GREY)
+
+
+def read_small_frames(path: Path, frames: int) -> SmallFrames:
+    """Each second frame of a video, reduced.
+
+    Args:
+        path: MP4 file.
+        frames: That it must have.
+
+    Raises:
+        InputError: No such video, not a video, one of another length, or of a size that cannot be reduced.
+    """
+    return np.stack(
+        [
+            _reduced_grey(frame.to_ndarray(format="gray").astype(np.float32))
+            for number, frame in enumerate(film_frames(path, frames))
+            if number % EVERY == 0
+        ]
+    )
+
+
+def _reduced_grey(grey: npt.NDArray[np.float32]) -> SmallFrames:
+    height, width = grey.shape
+    if width % WIDTH or width * _VIEW[1] != height * _VIEW[0]:
+        raise InputError("video", f"{width} x {height} pixels", "a multiple of 160 x 120")
+    first, last = (row * height // _VIEW[1] for row in _ROWS)
+    block = width // WIDTH
+    parts = grey[first:last].reshape(HEIGHT, block, WIDTH, block)
+    return np.rint(parts.mean(axis=(1, 3))).astype(np.uint8)
+
+
+def stacked(films: Sequence[SmallFrames]) -> SmallFrames:
+    """Films of equal length as one array, shape ``(N, T, HEIGHT, WIDTH)``."""
+    return np.stack(list(films))
+
+
+SHIPPED: Final = Path("risk", "sequence.onnx")
+"""Place of the weights below the parameter files."""
+INPUT: Final = "frames"
+OUTPUT: Final = "probability"
+FRAMES_VERSION: Final = 1
+"""Of what the network is given; weights of another version are refused."""
+
+
+@dataclass(frozen=True)
+class SequenceModel:
+    """Tells how likely a film shows a near-miss or worse, and how likely a collision."""
+
+    network: NetworkFile
+
+    def probabilities(self, frames: SmallFrames) -> tuple[float, float]:
+        """Of one film, shape ``(T, HEIGHT, WIDTH)``: of a near-miss or worse, and of a collision."""
+        (found,) = self.network.session.run([OUTPUT], {INPUT: frames[None]})
+        return float(found[0, 0]), float(found[0, 1])
+
+    def answer(self, frames: SmallFrames) -> RiskClass:
+        """The more severe class first: each probability is held against one half."""
+        near, hit = self.probabilities(frames)
+        if hit > 0.5:
+            return RiskClass.COLLISION
+        return RiskClass.NEAR_MISS if near > 0.5 else RiskClass.NORMAL
+
+    def answers(self, videos: VideoSet, told: Callable[[str], None] = lambda _: None) -> dict[str, RiskClass | None]:
+        """The answers to all videos of a set.
+
+        Args:
+            videos: The set; it holds the files.
+            told: Called with each video's id.
+
+        Raises:
+            InputError: A video is missing or of another length.
+        """
+        found: dict[str, RiskClass | None] = {}
+        for key, video in sorted(videos.videos.items()):
+            found[key] = self.answer(read_small_frames(videos.folder / video.file, video.frames))
+            told(key)
+        return found
+
+
+def load_sequence_model(path: Path | None = None) -> SequenceModel:
+    """The model that ships with the project, or one of ``siren train risk``.
+
+    Raises:
+        InputError: No such file, or not a network of this task.
+    """
+    file = path or params_dir() / SHIPPED
+    network = open_network(file)
+    if network.card.get("frames_version") != FRAMES_VERSION:
+        version = network.card.get("frames_version")
+        raise InputError(
+            "checkpoint", str(file), f"a sequence model for frames of version {FRAMES_VERSION}, not {version}"
+        )
+    return SequenceModel(network)

@@ -1,0 +1,341 @@
+"""Surrogate safety measures of one vehicle with everybody it meets: time to collision and post-encroachment time.
+
+Time to collision (TTC): when two footprints would touch if both drivers went on as they do now. Post-encroachment
+time (PET): how long after one vehicle another one was at the same place.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from siren_ros.errors import InputError
+from siren_ros.numerics.arrays import Flags, Floats, Ids, Rows
+from siren_ros.numerics.geometry import footprint_corners, separation_m, wrap_angle
+from siren_ros.numerics.units import STEP_S
+from siren_ros.recording.episode_record import EpisodeRecord, StateRows, Steps
+
+
+@dataclass(frozen=True)
+class Encounters:
+    """The states of a subject and of others at the same steps: N pairs, sorted by the other actor and then by step."""
+
+    subject: StateRows
+    """The subject's state of each pair."""
+    other: StateRows
+    """The other's state of each pair."""
+    subject_size_m: tuple[float, float]
+    """Length and width."""
+    other_size_m: Floats
+    """Length and width of each pair's other, shape ``(N, 2)``."""
+
+    def __len__(self) -> int:
+        return len(self.other)
+
+    @property
+    def step(self) -> Steps:
+        """Step of each pair."""
+        return self.other.step
+
+    @property
+    def actor_id(self) -> Ids:
+        """The other actor of each pair."""
+        return self.other.actor_id
+
+    @property
+    def reach_m(self) -> Floats:
+        """Distance of the centres beyond which the two footprints cannot touch, shape ``(N,)``."""
+        return np.asarray(0.5 * (np.hypot(*self.subject_size_m) + np.hypot(*self.other_size_m.T)))
+
+
+def encounters_of(record: EpisodeRecord, subject_id: int) -> Encounters:
+    """One actor together with every other actor at every step at which both are there.
+
+    Raises:
+        InputError: The record has no state of the subject, or does not describe it.
+    """
+    rows = record.rows
+    mine = record.rows_of(subject_id)
+    if not len(mine) or subject_id not in record.actors:
+        raise InputError("actor", subject_id, "an actor of the episode")
+    others = np.flatnonzero(np.isin(rows.actor_id, [key for key in record.actors if key != subject_id]))
+    place = np.searchsorted(rows.step[mine], rows.step[others])
+    together = place < len(mine)
+    together[together] = rows.step[mine][place[together]] == rows.step[others[together]]
+    others, place = others[together], place[together]
+    subject = record.actors[subject_id]
+    return Encounters(
+        rows.select(mine[place]), rows.select(others), (subject.length_m, subject.width_m), _sizes(record, others)
+    )
+
+
+def _sizes(record: EpisodeRecord, rows: Rows) -> Floats:
+    ids, column = np.unique(record.rows.actor_id[rows], return_inverse=True)
+    known = [record.actors[int(key)] for key in ids]
+    sizes = np.array([(actor.length_m, actor.width_m) for actor in known], dtype=np.float64).reshape(-1, 2)
+    return np.asarray(sizes[column])
+
+
+CROSSING_MIN_RAD: Final = float(np.radians(30.0))
+"""Ways that meet at a smaller angle are one behind the other: their time gap is headway, not encroachment."""
+
+
+@dataclass(frozen=True)
+class Encroachment:
+    """The closest encroachment of two tracks."""
+
+    time_s: float
+    """PET: from the moment at which the first left a place to the moment at which the second reached it."""
+    step: int
+    """Step at which the second reached the place."""
+    subject_first: bool
+    """Whether the subject was there first."""
+
+
+def post_encroachment(
+    subject: StateRows,
+    other: StateRows,
+    subject_size_m: tuple[float, float],
+    other_size_m: tuple[float, float],
+    crossing_min_rad: float = CROSSING_MIN_RAD,
+) -> Encroachment | None:
+    """Least PET of two tracks whose ways cross or meet head-on, from their footprints; None where none overlap.
+
+    PET after Allen, Shin and Cooper (1978), with the places that both footprints covered instead of one conflict area,
+    so that long vehicles and shallow angles count as they are.
+
+    Args:
+        subject: Track of one actor.
+        other: Track of the other.
+        subject_size_m: Length and width.
+        other_size_m: The same of the other.
+        crossing_min_rad: Least angle between the two headings; below it the two follow each other.
+    """
+    if not len(subject) or not len(other):
+        return None
+    reach = 0.5 * float(np.hypot(*subject_size_m) + np.hypot(*other_size_m))
+    pairs = cKDTree(subject.xy_m).sparse_distance_matrix(cKDTree(other.xy_m), reach, output_type="ndarray")
+    mine, theirs = pairs["i"], pairs["j"]
+    crossing = np.abs(wrap_angle(subject.yaw_rad[mine] - other.yaw_rad[theirs])) >= crossing_min_rad
+    mine, theirs = mine[crossing], theirs[crossing]
+    apart = (
+        separation_m(_corners(subject.select(mine), subject_size_m), _corners(other.select(theirs), other_size_m))
+        if len(mine)
+        else np.empty(0)
+    )
+    both = apart < 0.0
+    if not both.any():
+        return None
+    first, second = subject.step[mine[both]], other.step[theirs[both]]
+    delay = np.abs(first - second)
+    # Of equal delays the earliest.
+    best = int(np.lexsort((np.maximum(first, second), delay))[0])
+    return Encroachment(
+        float(delay[best] * STEP_S), int(max(first[best], second[best])), bool(first[best] < second[best])
+    )
+
+
+def _corners(states: StateRows, size_m: tuple[float, float]) -> Floats:
+    length, width = (np.full(len(states), side) for side in size_m)
+    return footprint_corners(states.x_m, states.y_m, states.yaw_rad, length, width)
+
+
+HORIZON_S: Final = 3.0
+"""How far ahead a contact is looked for; a TTC above it is no conflict by any threshold in use."""
+INTERVAL_S: Final = 0.05
+_TURN_MIN_RADPS: Final = 1e-6
+"""Below this rate of turn the motion is a straight line."""
+
+
+@dataclass(frozen=True)
+class PredictedContacts:
+    """What the present motion of each pair leads to; arrays of shape ``(N,)`` like the encounters."""
+
+    time_s: Floats
+    """TTC; infinite where the swept footprints do not touch within the horizon, 0 where they overlap already."""
+    closing_mps: Floats
+    """How fast the gap shrinks along the contact's normal just before the contact; 0 without one."""
+    gap_m: Floats
+    """Present gap of the two footprints along their best separating axis, negative where they overlap."""
+
+    @property
+    def required_deceleration_mps2(self) -> Floats:
+        """Deceleration to avoid the crash (DRAC), 0 where none is ahead.
+
+        The closing speed has to vanish over the gap that is left: v² / (2·gap) with gap = v·TTC, hence v / (2·TTC)
+        (Cooper and Ferguson 1976; Archer 2005).
+        """
+        ahead = np.isfinite(self.time_s)
+        needed = np.zeros(len(self.time_s))
+        with np.errstate(divide="ignore", invalid="ignore"):  # 0 s are left where they touch already
+            needed[ahead] = np.where(
+                self.closing_mps[ahead] > 0.0, self.closing_mps[ahead] / (2.0 * self.time_s[ahead]), 0.0
+            )
+        return needed
+
+
+def predicted_contacts(encounters: Encounters) -> PredictedContacts:
+    """TTC of each pair by swept oriented boxes.
+
+    Both vehicles keep their speed and their rate of turn, so that one that follows a bend is not expected to leave it.
+    The footprints are compared every 0.05 s; between two instants the gap is taken as linear.
+    """
+    count = len(encounters)
+    time, closing = np.full(count, np.inf), np.zeros(count)
+    gap = _gaps(encounters, np.arange(count), 0.0, exact=True)
+    touching = gap <= 0.0
+    time[touching] = 0.0
+    candidates = np.flatnonzero(~touching & _can_meet(encounters))
+    before = gap[candidates]
+    for instant in np.arange(INTERVAL_S, HORIZON_S + 0.5 * INTERVAL_S, INTERVAL_S):
+        if not len(candidates):
+            break
+        after = _gaps(encounters, candidates, float(instant))
+        met = after <= 0.0
+        change = before[met] - after[met]
+        time[candidates[met]] = instant - INTERVAL_S * (-after[met] / change)
+        closing[candidates[met]] = change / INTERVAL_S
+        candidates, before = candidates[~met], after[~met]
+    if touching.any():
+        closing[touching] = _closing_now(encounters, np.flatnonzero(touching), gap[touching])
+    return PredictedContacts(time, closing, gap)
+
+
+def _can_meet(encounters: Encounters) -> Flags:
+    """Pairs that are near enough for a contact within the horizon, whatever way they turn."""
+    a, b = encounters.subject, encounters.other
+    distance = np.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
+    return np.asarray(distance <= encounters.reach_m + (a.speed_mps + b.speed_mps) * HORIZON_S)
+
+
+def _closing_now(encounters: Encounters, rows: Rows, gap: Floats) -> Floats:
+    later = _gaps(encounters, rows, INTERVAL_S)
+    return np.asarray(np.maximum(0.0, (gap - later) / INTERVAL_S))
+
+
+def _gaps(encounters: Encounters, rows: Rows, after_s: float, *, exact: bool = False) -> Floats:
+    """Gap of each pair after some time of unchanged motion.
+
+    Unless exact, a lower bound serves for pairs that are too far apart to touch within the next interval.
+    """
+    a, b = _moved(encounters.subject, rows, after_s), _moved(encounters.other, rows, after_s)
+    gap = np.hypot(a[0] - b[0], a[1] - b[1]) - encounters.reach_m[rows]
+    speed = encounters.subject.speed_mps[rows] + encounters.other.speed_mps[rows]
+    near = np.flatnonzero(exact | (gap <= speed * INTERVAL_S + 1.0))
+    length, width = encounters.subject_size_m
+    (ax, ay, a_yaw), (bx, by, b_yaw) = (tuple(part[near] for part in pose) for pose in (a, b))
+    mine = footprint_corners(ax, ay, a_yaw, np.full(len(near), length), np.full(len(near), width))
+    theirs = footprint_corners(bx, by, b_yaw, *encounters.other_size_m[rows[near]].T)
+    gap[near] = separation_m(mine, theirs)
+    return np.asarray(gap)
+
+
+def _moved(states: StateRows, rows: Rows, after_s: float) -> tuple[Floats, Floats, Floats]:
+    """Position and yaw after a time of constant speed and rate of turn; the velocity turns with the yaw."""
+    vx, vy, rate = states.vx_mps[rows], states.vy_mps[rows], states.yaw_rate_radps[rows]
+    turn = rate * after_s
+    straight = np.abs(rate) < _TURN_MIN_RADPS
+    safe = np.where(straight, 1.0, rate)
+    along = np.where(straight, after_s, np.sin(turn) / safe)
+    aside = np.where(straight, 0.0, (1.0 - np.cos(turn)) / safe)
+    x = states.x_m[rows] + vx * along - vy * aside
+    y = states.y_m[rows] + vx * aside + vy * along
+    return x, y, states.yaw_rad[rows] + turn
+
+
+@dataclass(frozen=True)
+class Extreme:
+    """The extreme value of a measure, and the step at which it occurred."""
+
+    value: float
+    step: int
+
+
+@dataclass(frozen=True)
+class PairMeasures:
+    """How close a subject and one other actor came; None where a measure has no value."""
+
+    actor_id: int
+    time_to_collision_s: Extreme | None
+    """Least TTC within the horizon."""
+    required_deceleration_mps2: Extreme | None
+    """Greatest DRAC."""
+    encroachment: Encroachment | None
+    gap_m: Extreme
+    """Least gap of the two footprints; negative where they overlap."""
+
+
+@dataclass(frozen=True)
+class ConflictSeries:
+    """The measures of all pairs step by step, for thresholds that combine them."""
+
+    encounters: Encounters
+    contacts: PredictedContacts
+
+
+def conflict_series(record: EpisodeRecord, subject_id: int, steps: tuple[int, int] | None = None) -> ConflictSeries:
+    """TTC, closing speed and gap between a subject and everybody else, step by step.
+
+    Args:
+        record: The episode.
+        subject_id: The vehicle that the measures are about.
+        steps: First step and the one after the last; the whole episode without it.
+
+    Raises:
+        InputError: The subject is no actor of the episode.
+    """
+    encounters = encounters_of(record, subject_id)
+    if steps is not None:
+        encounters = _select(encounters, (encounters.step >= steps[0]) & (encounters.step < steps[1]))
+    return ConflictSeries(encounters, predicted_contacts(encounters))
+
+
+def pair_measures(series: ConflictSeries) -> tuple[PairMeasures, ...]:
+    """The extremes for each other actor of a series, by actor id."""
+    encounters = series.encounters
+    ids, first = np.unique(encounters.actor_id, return_index=True)
+    bounds = np.append(first, len(encounters))
+    return tuple(
+        _measures(series, int(actor), np.arange(bounds[place], bounds[place + 1])) for place, actor in enumerate(ids)
+    )
+
+
+def longest_run_s(flags: Flags, steps: Steps) -> float:
+    """Longest time for which a condition held without interruption: number of consecutive steps times the step.
+
+    Args:
+        flags: The condition at each step, shape ``(M,)``.
+        steps: Increasing step numbers, shape ``(M,)``; a missing step interrupts.
+    """
+    held = steps[flags]
+    if not len(held):
+        return 0.0
+    runs = np.split(held, np.flatnonzero(np.diff(held) != 1) + 1)
+    return max(len(run) for run in runs) * STEP_S
+
+
+def _measures(series: ConflictSeries, actor_id: int, rows: Rows) -> PairMeasures:
+    encounters, contacts = series.encounters, series.contacts
+    step = encounters.step[rows]
+    time, needed, gap = contacts.time_s[rows], contacts.required_deceleration_mps2[rows], contacts.gap_m[rows]
+    soonest, hardest, closest = int(np.argmin(time)), int(np.argmax(needed)), int(np.argmin(gap))
+    length, width = encounters.other_size_m[rows[0]].tolist()
+    return PairMeasures(
+        actor_id,
+        Extreme(float(time[soonest]), int(step[soonest])) if np.isfinite(time[soonest]) else None,
+        Extreme(float(needed[hardest]), int(step[hardest])) if needed[hardest] > 0.0 else None,
+        post_encroachment(
+            encounters.subject.select(rows), encounters.other.select(rows), encounters.subject_size_m, (length, width)
+        ),
+        Extreme(float(gap[closest]), int(step[closest])),
+    )
+
+
+def _select(encounters: Encounters, chosen: Flags) -> Encounters:
+    return Encounters(
+        encounters.subject.select(chosen),
+        encounters.other.select(chosen),
+        encounters.subject_size_m,
+        encounters.other_size_m[chosen],
+    )

@@ -1,0 +1,143 @@
+"""Whether recorded motion is physically possible: measured extremes, their limits, and the checks of both."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from siren_ros.judging.verdict import Part, at_least, at_most
+from siren_ros.numerics.geometry import overlapping_pairs
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.world.actors import ActorStates
+from siren_ros.world.traffic_state import EventKind
+
+
+@dataclass(frozen=True)
+class VerifyLimits:
+    """Bounds of the checks."""
+
+    jump_m: float = 0.05
+    """Position change between two steps beyond ``v · dt``."""
+    turn_rad: float = 0.01
+    """Yaw change between two steps beyond the limits of steering and grip."""
+    steer_max_rad: float = 0.7
+    """Largest road-wheel angle of any class (40°)."""
+    wheelbase_share: float = 0.5
+    """Smallest wheelbase of any class as a share of its length: that of buses and fire engines."""
+    lateral_accel_mps2: float = 12.0
+    """Dry tyres give 1 g, plus a margin for the transient."""
+    speed_error_mps: float = 0.5
+    """Between the mean velocity of two steps and the position change between them."""
+    residual_p99_m: float = 0.5
+    residual_max_m: float = 2.0
+    overlap_m: float = 0.3
+    """Of two footprints: bodies do not pass through each other; real ones crumple by as much at walking speed."""
+    impact_speed_mps: float = 2.0
+    """With drivers of the paper, who all react: touches of manoeuvring at most."""
+    comfort_lateral_mps2: float = 4.0
+    """Everybody's, 99.9th percentile: what drivers use in urban bends at most (Hugemann and Nickel, "Longitudinal and
+    lateral accelerations in normal day driving", ITAI 2003)."""
+    emv_brake_mps2: float = 4.0
+    """An EMV's, 1st percentile: what an anticipating driver brakes with (same source, urban roads)."""
+    emv_accel_mps2: float = 2.5
+    """An EMV's, 99th percentile: a brisk start of a van (same source)."""
+
+
+LATERAL_PERCENTILE: Final = 99.9
+EMV_PERCENTILES: Final = (1.0, 99.0)
+
+
+@dataclass(frozen=True)
+class PhysicsSummary:
+    """Over all actors and steps of an episode; zeros where there is nothing to measure."""
+
+    contacts: int = 0
+    impact_mps: float = 0.0
+    """Greatest impact speed."""
+    overlap_m: float = 0.0
+    """Greatest penetration of two footprints."""
+    lateral_accel_mps2: float = 0.0
+    """99.9th percentile of everybody's."""
+    emv_accel_low_mps2: float = 0.0
+    """1st percentile of the longitudinal acceleration of all EMVs."""
+    emv_accel_high_mps2: float = 0.0
+    """99th percentile of the same."""
+
+
+def summarise_physics(record: EpisodeRecord) -> PhysicsSummary:
+    """Contacts, overlap and accelerations of an episode."""
+    low, high = emv_accel_range_mps2(record)
+    speeds = impact_speeds_mps(record)
+    return PhysicsSummary(
+        contacts=len(speeds),
+        impact_mps=max(speeds, default=0.0),
+        overlap_m=largest_overlap_m(record),
+        lateral_accel_mps2=lateral_accel_mps2(record),
+        emv_accel_low_mps2=low,
+        emv_accel_high_mps2=high,
+    )
+
+
+def impact_speeds_mps(record: EpisodeRecord) -> tuple[float, ...]:
+    """Impact speed of each contact."""
+    return tuple(float(event.detail["impact_speed_mps"]) for event in record.events_of(EventKind.COLLISION))
+
+
+def lateral_accel_mps2(record: EpisodeRecord) -> float:
+    """99.9th percentile of everybody's lateral acceleration."""
+    lateral = np.abs(record.rows.lateral_accel_mps2)
+    return float(np.percentile(lateral, LATERAL_PERCENTILE)) if len(lateral) else 0.0
+
+
+def emv_accel_range_mps2(record: EpisodeRecord) -> tuple[float, float]:
+    """1st and 99th percentile of the longitudinal acceleration of all EMVs."""
+    rows = record.rows
+    accel = rows.accel_mps2[np.isin(rows.actor_id, np.array(record.emv_ids, dtype=np.uint32))]
+    low, high = np.percentile(accel, EMV_PERCENTILES) if len(accel) else (0.0, 0.0)
+    return float(low), float(high)
+
+
+def largest_overlap_m(record: EpisodeRecord) -> float:
+    """Greatest penetration of two footprints at any step."""
+    return max((overlap_m(state, record) for state in record.states), default=0.0)
+
+
+def overlap_m(state: ActorStates, record: EpisodeRecord) -> float:
+    """Greatest penetration depth of two footprints at a step, 0 where none overlap (separating axis theorem)."""
+    sizes = np.array([(record.actors[int(i)].length_m, record.actors[int(i)].width_m) for i in state.actor_id])
+    if len(sizes) < 2:
+        return 0.0
+    length, width = sizes.T
+    _, _, depth_m = overlapping_pairs(state.x_m, state.y_m, state.yaw_rad, length, width)
+    return float(depth_m.max(initial=0.0))
+
+
+PAPER_PRESET: Final = "paper"
+"""The preset in which every driver reacts."""
+
+
+def check_overlap(record: EpisodeRecord, limits: VerifyLimits) -> Part:
+    """No two bodies pass through each other."""
+    return at_most("overlap_m", largest_overlap_m(record), limits.overlap_m)
+
+
+def check_impact_speed(record: EpisodeRecord, limits: VerifyLimits) -> Part:
+    """With the paper's drivers nobody is hit at speed; drawn drivers may crash."""
+    speeds = impact_speeds_mps(record)
+    limit = limits.impact_speed_mps if record.description.preset == PAPER_PRESET else np.inf
+    return at_most("impact_speed_mps", max(speeds, default=0.0), limit, f"{len(speeds)} contacts")
+
+
+def check_lateral_accel(record: EpisodeRecord, limits: VerifyLimits) -> Part:
+    """Everybody takes bends and changes lanes as drivers do."""
+    return at_most("lateral_accel_p99_9_mps2", lateral_accel_mps2(record), limits.comfort_lateral_mps2)
+
+
+def check_emv_braking(record: EpisodeRecord, limits: VerifyLimits) -> Part:
+    """The EMV anticipates instead of arriving and braking."""
+    return at_least("emv_accel_p1_mps2", emv_accel_range_mps2(record)[0], -limits.emv_brake_mps2)
+
+
+def check_emv_accel(record: EpisodeRecord, limits: VerifyLimits) -> Part:
+    """The EMV accelerates as its engine and its crew do."""
+    return at_most("emv_accel_p99_mps2", emv_accel_range_mps2(record)[1], limits.emv_accel_mps2)

@@ -1,1 +1,0 @@
-"""Bounds of an episode's checks, and its physics: contacts, overlap, accelerations."""

@@ -1,0 +1,332 @@
+"""Parts of plots: roads, vehicles, annotations beside points, and the timeline of events."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import Normalize
+from matplotlib.patches import Rectangle
+from matplotlib.transforms import Bbox
+
+from siren_ros.numerics.arrays import Points
+from siren_ros.numerics.geometry import footprint_corners
+from siren_ros.numerics.units import STEP_S
+from siren_ros.pictures.palette import (
+    EMV_MODE_COLOURS,
+    EVENT_STYLES,
+    FAINT_TEXT,
+    GROUND,
+    JUNCTION,
+    LANE_FILL,
+    MARKING,
+    ROAD_EDGE,
+    SPEED_MAP,
+    TEXT,
+    colour_of,
+)
+from siren_ros.recording.episode_record import EpisodeRecord, StateRows
+from siren_ros.roads.road_network import Lane, LaneKind, RoadNetwork
+from siren_ros.world.actors import ActorDescription, ActorStates, Lights, Mode
+from siren_ros.world.traffic_state import EventKind
+
+_PAVED = (LaneKind.DRIVING, LaneKind.SHOULDER)
+
+
+def draw_roads(axes: Axes, network: RoadNetwork, line_width: float) -> None:
+    """Draws lane surfaces, junctions, crossings and markings.
+
+    Args:
+        axes: Where to draw; its background becomes the ground.
+        network: The map.
+        line_width: Width of lane markings in points; edges of the carriageway are drawn a little wider.
+    """
+    axes.set_facecolor(GROUND)
+    order = (LaneKind.SIDEWALK, LaneKind.KERB, LaneKind.SHOULDER, LaneKind.DRIVING)
+    for level, kind in enumerate(order):
+        outlines = [lane_outline(lane) for lane in network.lanes if lane.kind is kind]
+        axes.add_collection(
+            PolyCollection(outlines, facecolors=LANE_FILL[kind], edgecolors="none", zorder=1 + level / 10)
+        )
+    junctions = [junction.outline for junction in network.junctions.values() if len(junction.outline) >= 3]
+    axes.add_collection(PolyCollection(junctions, facecolors=JUNCTION, edgecolors="none", zorder=1.5))
+    axes.add_collection(
+        PolyCollection(
+            list(network.crossings), facecolors="none", edgecolors=MARKING, hatch="|||", linewidths=0.0, zorder=1.6
+        )
+    )
+    _draw_markings(axes, network, line_width)
+
+
+def lane_outline(lane: Lane) -> Points:
+    """Corners of a lane's surface, shape ``(2K, 2)``: along its left border and back along the right one."""
+    return np.concatenate((_border(lane, 1), _border(lane, -1)[::-1]))
+
+
+def _border(lane: Lane, side: int) -> Points:
+    """The left (+1) or right (−1) border of a lane; at inner points along the mean of both headings."""
+    points = lane.centre.points
+    headings = lane.centre.heading_rad(lane.centre.arc_m)
+    before = np.concatenate((headings[:1], headings[:-1]))
+    normal = np.stack((-np.sin(headings) - np.sin(before), np.cos(headings) + np.cos(before)), axis=-1)
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    return points + side * lane.width_m / 2.0 * normal / np.maximum(length, 1e-6)
+
+
+def _draw_markings(axes: Axes, network: RoadNetwork, line_width: float) -> None:
+    dashed: list[Points] = []
+    solid: list[Points] = []
+    for edge in network.edges:
+        lanes = [network.lanes[index] for index in edge.lanes if network.lanes[index].kind in _PAVED]
+        if edge.internal:
+            continue
+        for right, left in pairwise(lanes):
+            both_driven = right.kind is left.kind is LaneKind.DRIVING
+            (dashed if both_driven else solid).append(_border(right, 1))
+        if lanes:
+            solid += [_border(lanes[0], -1), _border(lanes[-1], 1)]
+    axes.add_collection(LineCollection(solid, colors=ROAD_EDGE, linewidths=line_width * 0.8, zorder=1.7))
+    dashes = (0, (6, 6))
+    axes.add_collection(LineCollection(dashed, colors=MARKING, linewidths=line_width, linestyles=[dashes], zorder=1.7))
+
+
+_CHARACTER_WIDTH = 0.56
+"""Mean width of a character relative to the font size."""
+
+
+@dataclass
+class LabelPlacer:
+    """Places small labels next to points without overlaps; leaves a label out where no place is free."""
+
+    axes: Axes
+    font_size: float
+    taken: list[Bbox] = field(default_factory=list)
+
+    def place(self, x_m: float, y_m: float, text: str, colour: str) -> bool:
+        """Draws a label near a point with a thin leader line; False where no place is free."""
+        dots = self.axes.figure.dpi / 72.0
+        width, height = _CHARACTER_WIDTH * self.font_size * len(text) * dots, 1.25 * self.font_size * dots
+        anchor_x, anchor_y = self.axes.transData.transform((x_m, y_m))
+        frame = self.axes.bbox
+        for radius in (11.0, 19.0, 28.0, 38.0, 50.0, 64.0):
+            for direction in (90, -90, 60, 120, -60, -120, 30, 150, -30, -150):
+                dx = radius * math.cos(math.radians(direction)) * 1.3
+                dy = radius * math.sin(math.radians(direction))
+                centre_x, centre_y = anchor_x + dx * dots, anchor_y + dy * dots
+                half = (width / 2.0, height / 2.0)
+                box = Bbox.from_extents(centre_x - half[0], centre_y - half[1], centre_x + half[0], centre_y + half[1])
+                inside = frame.x0 <= box.x0 and box.x1 <= frame.x1 and frame.y0 <= box.y0 and box.y1 <= frame.y1
+                if not inside or any(box.overlaps(other) for other in self.taken):
+                    continue
+                self.taken.append(box)
+                self._draw((x_m, y_m), (dx, dy), text, colour)
+                return True
+        return False
+
+    def block(self, x_m: float, y_m: float, radius_points: float) -> None:
+        """Keeps labels off a marker."""
+        reach = radius_points * self.axes.figure.dpi / 72.0
+        x, y = self.axes.transData.transform((x_m, y_m))
+        self.taken.append(Bbox.from_extents(x - reach, y - reach, x + reach, y + reach))
+
+    def _draw(self, point: tuple[float, float], offset: tuple[float, float], text: str, colour: str) -> None:
+        self.axes.annotate(
+            text,
+            point,
+            xytext=offset,
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            fontsize=self.font_size,
+            color=colour,
+            zorder=9,
+            bbox={"boxstyle": "round,pad=0.12", "facecolor": "white", "edgecolor": "none", "alpha": 0.78},
+            arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.5, "shrinkA": 0.0, "shrinkB": 2.0},
+        )
+
+
+def draw_scale_bar(axes: Axes) -> None:
+    """A bar of 1, 2 or 5 × 10ⁿ m, about a sixth of the picture wide, in the lower left corner."""
+    (x0, x1), (y0, _) = axes.get_xlim(), axes.get_ylim()
+    wanted = (x1 - x0) / 6.0
+    power = 10.0 ** math.floor(math.log10(wanted))
+    length = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= wanted)
+    dots_per_m = axes.bbox.width / (x1 - x0)
+    point_m = axes.figure.dpi / 72.0 / dots_per_m
+    left, bottom = x0 + 12 * point_m, y0 + 10 * point_m
+    for part, colour in ((0, TEXT), (1, "white")):
+        axes.add_patch(
+            Rectangle(
+                (left + part * length / 2.0, bottom),
+                length / 2.0,
+                3.5 * point_m,
+                facecolor=colour,
+                edgecolor=TEXT,
+                linewidth=0.6,
+                zorder=10,
+            )
+        )
+    box = {"boxstyle": "round,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.7}
+    axes.text(
+        left + length + 4 * point_m,
+        bottom + 1.75 * point_m,
+        f"{length:g} m",
+        fontsize=7,
+        color=FAINT_TEXT,
+        va="center",
+        zorder=10,
+        bbox=box,
+    )
+
+
+KMH = 3.6
+
+
+def draw_vehicles(axes: Axes, states: ActorStates, actors: Mapping[int, ActorDescription], line_width: float) -> None:
+    """Draws footprints at one step, each with its windscreen to show which way it faces; EMVs on top."""
+    described = [actors[int(key)] for key in states.actor_id]
+    length = np.array([actor.length_m for actor in described])
+    width = np.array([actor.width_m for actor in described])
+    colours = [colour_of(int(mode), actor.is_emv) for mode, actor in zip(states.mode, described, strict=True)]
+    bodies = footprint_corners(states.x_m, states.y_m, states.yaw_rad, length, width)
+    ahead = 0.18 * length
+    glass_x, glass_y = states.x_m + ahead * np.cos(states.yaw_rad), states.y_m + ahead * np.sin(states.yaw_rad)
+    glass = footprint_corners(glass_x, glass_y, states.yaw_rad, 0.14 * length, 0.78 * width)
+    axes.add_collection(
+        PolyCollection(list(bodies), facecolors=colours, edgecolors=TEXT, linewidths=line_width, zorder=6)
+    )
+    axes.add_collection(PolyCollection(list(glass), facecolors=(1.0, 1.0, 1.0, 0.75), edgecolors="none", zorder=6.1))
+    sounding = (states.lights & Lights.SIREN) != 0
+    axes.scatter(states.x_m[sounding], states.y_m[sounding], s=14, marker="*", c="white", linewidths=0.0, zorder=6.2)
+
+
+def draw_path(
+    axes: Axes, track: StateRows, speeds: Normalize, width: float, casing: str | None = None, level: float = 3.0
+) -> LineCollection | None:
+    """Draws one path coloured by speed in km/h; None where there are fewer than two states.
+
+    Args:
+        axes: Where to draw.
+        track: One actor's states in the order of time.
+        speeds: Range of the colour scale, km/h.
+        width: Line width in points.
+        casing: Colour of an outline that sets the path off from others.
+        level: Drawing order.
+    """
+    if len(track) < 2:
+        return None
+    segments = segments_of(track.xy_m)
+    if casing is not None:
+        axes.add_collection(
+            LineCollection(segments, colors=casing, linewidths=width + 1.8, capstyle="round", zorder=level - 0.1)
+        )
+    lines = LineCollection(segments, cmap=SPEED_MAP, norm=speeds, linewidths=width, capstyle="round", zorder=level)
+    lines.set_array(track.speed_mps[1:] * KMH)
+    axes.add_collection(lines)
+    return lines
+
+
+def segments_of(xy_m: npt.NDArray[np.float64]) -> Sequence[npt.NDArray[np.float64]]:
+    """Consecutive pairs of points, each of shape ``(2, 2)``."""
+    return list(np.stack((xy_m[:-1], xy_m[1:]), axis=1))
+
+
+def yielding_actors(record: EpisodeRecord) -> tuple[int, ...]:
+    """The civilians that yield, in the order in which they begin."""
+    rows = record.rows
+    mode = rows.mode
+    yielding = (mode >= Mode.YIELD_REACTING) & (mode <= Mode.YIELD_HOLD)
+    first: dict[int, int] = {}
+    for actor_id, step in zip(rows.actor_id[yielding].tolist(), rows.step[yielding].tolist(), strict=True):
+        first.setdefault(actor_id, step)
+    return tuple(sorted(first, key=lambda actor_id: (first[actor_id], actor_id)))
+
+
+def mode_runs(track: StateRows) -> list[tuple[int, int, Mode]]:
+    """First and last step of every stretch of equal mode."""
+    if len(track) == 0:
+        return []
+    edges = np.flatnonzero(np.diff(track.mode.astype(np.int64)) != 0)
+    starts, ends = np.concatenate(([0], edges + 1)), np.concatenate((edges, [len(track) - 1]))
+    return [
+        (int(track.step[first]), int(track.step[last]), Mode(int(track.mode[first])))
+        for first, last in zip(starts, ends, strict=True)
+    ]
+
+
+def draw_states(axes: Axes, record: EpisodeRecord, actors: Sequence[int], moments: Sequence[int]) -> None:
+    """One bar per vehicle with its mode over time; markers for events, lines for the snapshots.
+
+    Args:
+        axes: Where to draw.
+        record: The episode.
+        actors: Rows from top to bottom, EMVs among them.
+        moments: Steps of the snapshots.
+    """
+    for row, actor_id in enumerate(actors):
+        is_emv = record.actors[actor_id].is_emv
+        for first, last, mode in mode_runs(record.track(actor_id)):
+            colour = EMV_MODE_COLOURS.get(mode, "#b9bec4") if is_emv else colour_of(mode, False)
+            nominal = not is_emv and mode is Mode.NOMINAL
+            axes.barh(
+                row,
+                (last + 1 - first) * STEP_S,
+                left=first * STEP_S,
+                height=0.24 if nominal else 0.62,
+                color="#d5d8dc" if nominal else colour,
+                linewidth=0.0,
+            )
+    position = {actor_id: row for row, actor_id in enumerate(actors)}
+    for event in record.events:
+        style = EVENT_STYLES.get(event.kind)
+        if style is not None and event.actor_id in position:
+            at = (event.step * STEP_S, position[event.actor_id])
+            axes.plot(
+                *at, marker=style[0], color=style[1], markersize=4.5, markeredgecolor="white", markeredgewidth=0.5
+            )
+    for number, step in enumerate(moments, start=1):
+        axes.axvline(step * STEP_S, color=FAINT_TEXT, linewidth=0.7, linestyle=":", zorder=0)
+        axes.annotate(
+            str(number), (step * STEP_S, 1.0), xycoords=("data", "axes fraction"), ha="center", va="bottom", fontsize=7
+        )
+    axes.set_yticks(range(len(actors)), [_name(record, actor_id) for actor_id in actors], fontsize=7)
+    axes.set_ylim(len(actors) - 0.45, -0.55)
+    _plain(axes)
+
+
+def _name(record: EpisodeRecord, actor_id: int) -> str:
+    actor = record.actors[actor_id]
+    return "EMV" if actor.is_emv else f"#{actor_id} {actor.actor_class.name.lower()}"
+
+
+def draw_speeds(axes: Axes, record: EpisodeRecord, actors: Sequence[int]) -> None:
+    """Speeds over time, the EMV's in red and prominent, and collisions as crosses."""
+    for actor_id in actors:
+        track, is_emv = record.track(actor_id), record.actors[actor_id].is_emv
+        axes.plot(
+            track.time_s,
+            track.speed_mps * KMH,
+            color="#d41a1f" if is_emv else "#7d838b",
+            linewidth=1.8 if is_emv else 0.8,
+            alpha=1.0 if is_emv else 0.7,
+            zorder=3 if is_emv else 2,
+        )
+    for event in record.events_of(EventKind.COLLISION):
+        axes.axvline(event.step * STEP_S, color="#d40000", linewidth=1.0)
+    axes.set_ylabel("speed, km/h", fontsize=7.5, color=TEXT)
+    axes.set_xlabel("simulated time, s", fontsize=7.5, color=TEXT)
+    axes.set_ylim(bottom=0.0)
+    axes.grid(axis="y", linewidth=0.4, color="#dcdfe3")
+    _plain(axes)
+
+
+def _plain(axes: Axes) -> None:
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        axes.spines[side].set_color("#9aa0a7")
+    axes.tick_params(labelsize=7, colors=TEXT, length=2.5)

@@ -1,0 +1,194 @@
+"""Looks through bags before work on them begins: which ones are whole episodes and hold what the work needs."""
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from hashlib import file_digest
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final
+
+from siren_ros.errors import BagError, InputError, writing
+from siren_ros.record.episode_source import EpisodeSource, open_source
+from siren_ros.recording.bag_folder import METADATA_FILE
+from siren_ros.recording.bag_reader import storage_files
+from siren_ros.recording.recover import recover_bag
+from siren_ros.scenario.episode import EpisodeDescription
+
+
+class Need(StrEnum):
+    """One thing that a bag must hold."""
+
+    TRACKS = "tracks"
+    MAP = "map"
+    EMV = "EMV"
+    LIDAR = "lidar"
+    FRONT_CAMERA = "front camera"
+    CAMERA = "camera"
+
+
+_LACKS: Final = {
+    Need.TRACKS: lambda source: not source.has_states,
+    Need.MAP: lambda source: not source.has_map,
+    Need.EMV: lambda source: not source.description.emv_ids,
+    Need.LIDAR: lambda source: source.lidar is None or not source.has_ground_truth,
+    Need.FRONT_CAMERA: lambda source: source.front_camera is None,
+    Need.CAMERA: lambda source: not source.cameras,
+}
+_WHAT: Final = {
+    Need.TRACKS: "the actors' states",
+    Need.MAP: "the map",
+    Need.EMV: "an emergency vehicle",
+    Need.LIDAR: "a LiDAR with its ground truth",
+    Need.FRONT_CAMERA: "a front camera",
+    Need.CAMERA: "a camera",
+}
+_SUITE: Final = {Need.LIDAR: "lidar", Need.FRONT_CAMERA: "front", Need.CAMERA: "full"}
+"""The smallest shipped suite that records it; a later one in this order has what the earlier ones have."""
+
+
+def check_needs(source: EpisodeSource, format_name: str, needs: Sequence[Need]) -> None:
+    """Refuses a bag that lacks what a format needs.
+
+    Raises:
+        BagError: What is missing, and the command that records this episode with it.
+    """
+    missing = [need for need in needs if _LACKS[need](source)]
+    if missing:
+        what = " and ".join(_WHAT[need] for need in missing)
+        suites = [_SUITE[need] for need in _SUITE if need in missing]
+        command = recording_command(source.description, suites[-1] if suites else source.description.sensor_suite)
+        raise BagError(str(source.path), f"an episode with {what}, for {format_name}; `{command}` records one")
+
+
+def recording_command(description: EpisodeDescription, sensors: str) -> str:
+    """The command that records an episode again, with a suite of sensors."""
+    values = {
+        "template": description.template,
+        "level": description.level.name,
+        "seed": str(description.seed),
+        "duration_s": f"{description.duration_s:.1f}",
+        "preset": description.preset,
+        "sensors": sensors,
+    }
+    if (path := str(description.parameters.get("map", ""))) or description.map_name != "town":
+        values["map"] = path or description.map_name
+    arguments = " ".join(f"-p {name}:={shlex.quote(value)}" for name, value in values.items())
+    return f"ros2 run siren_ros cosim --ros-args {arguments}"
+
+
+@dataclass(frozen=True)
+class BagSurvey:
+    """What is known of a bag before its export; JSON types, so that processes can exchange it."""
+
+    bag: str
+    """Path as it was given."""
+    readable: str
+    """Path that is read: the bag's own, or that of what could be recovered of it."""
+    sha256: str
+    """Of the bag's storage file as it was given."""
+    note: str
+    """What is lost; empty where the bag is whole."""
+    episode: dict[str, Any]
+    """What the card says of the episode."""
+
+    @property
+    def group(self) -> tuple[str, int]:
+        """Map and seed: episodes that share both stay in one split."""
+        return str(self.episode["map_sha256"]), int(self.episode["seed"])
+
+    @property
+    def name(self) -> str:
+        """``S2_L2_seed0_town``."""
+        return episode_name(*(self.episode[key] for key in ("template", "level", "seed", "map")))
+
+
+def episode_name(template: str, level: str, seed: int, map_name: str) -> str:
+    """What datasets call an episode; letters, digits, ``-`` and ``_``."""
+    text = f"{template}_{level}_seed{seed}_{map_name}"
+    return "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in text)
+
+
+def in_dataset_order(surveys: Sequence[BagSurvey]) -> list[tuple[BagSurvey, str]]:
+    """Episodes in the order of every dataset of these bags, each with its id there.
+
+    Raises:
+        InputError: Two of them are the same bag.
+    """
+    ordered = sorted(surveys, key=lambda survey: (survey.name, survey.sha256))
+    for before, after in pairwise(ordered):
+        if before.sha256 == after.sha256:
+            raise InputError("bag", after.bag, f"bags that differ; {before.bag} is the same one")
+    names = [survey.name for survey in ordered]
+    return [
+        (survey, survey.name if names.count(survey.name) == 1 else f"{survey.name}-{survey.sha256[:8]}")
+        for survey in ordered
+    ]
+
+
+def survey_bag(bag: Path, format_name: str, needs: Sequence[Need], scratch: Path) -> BagSurvey:
+    """Looks at a bag; one that was cut off is recovered into ``scratch`` first.
+
+    Raises:
+        BagError: No episode, nothing that could be recovered, or not what the format needs.
+    """
+    sha256 = _sha256(bag)
+    readable, lost = bag, ""
+    try:
+        if not (bag / METADATA_FILE).is_file():
+            readable, lost = recovered(bag, scratch)
+        return _look(bag, readable, sha256, lost, format_name, needs)
+    except BagError as error:
+        if lost or not storage_files(bag) or "undamaged" not in str(error):
+            raise
+    readable, lost = recovered(bag, scratch)
+    return _look(bag, readable, sha256, lost, format_name, needs)
+
+
+def _look(bag: Path, readable: Path, sha256: str, lost: str, format_name: str, needs: Sequence[Need]) -> BagSurvey:
+    with open_source(readable) as source:
+        check_needs(source, format_name, needs)
+        description, outcome = source.description, source.outcome
+    if outcome is None and not lost:
+        lost = "the bag has no outcome: its writer was cut off"
+    episode = {
+        "template": description.template,
+        "level": description.level.name,
+        "seed": description.seed,
+        "map": description.map_name,
+        "map_sha256": description.map_sha256,
+        "planned_duration_s": description.duration_s,
+        "sensor_suite": description.sensor_suite,
+        "preset": description.preset,
+        "versions": dict(description.versions),
+        "ended": "cut off" if outcome is None else outcome.end.value,
+        "recorded_with": recording_command(description, description.sensor_suite),
+    }
+    return BagSurvey(str(bag), str(readable), sha256, lost, episode)
+
+
+def _sha256(bag: Path) -> str:
+    files = storage_files(bag)
+    if len(files) != 1:
+        raise BagError(str(bag), "a folder of a recorded episode, with one .mcap file")
+    try:
+        with files[0].open("rb") as file:
+            return file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise BagError(str(bag), f"a bag that can be read ({error.strerror or error})") from error
+
+
+def recovered(bag: Path, scratch: Path) -> tuple[Path, str]:
+    """What can be read of a damaged bag, as a bag of its own, and what was lost.
+
+    Raises:
+        BagError: Nothing can be saved.
+    """
+    target = scratch / f"{_sha256(bag)}.recovered"
+    with writing(scratch, "place"):
+        scratch.mkdir(parents=True, exist_ok=True)
+    if target.exists():
+        return target, "the bag was cut off"
+    found = recover_bag(bag, target)
+    return found.path, f"the bag was cut off: {found.lost or 'its end is missing'}"

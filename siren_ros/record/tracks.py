@@ -1,0 +1,111 @@
+"""Tracks of an episode at 10 Hz, the rate at which the paper logs, and the windows of frames that lie in them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from siren_ros.errors import BagError
+from siren_ros.numerics.arrays import Flags, Floats, Rows
+from siren_ros.numerics.units import STEP_S
+from siren_ros.record.interaction_region import rows_in_region
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.world.actors import ActorDescription
+
+LOG_PERIOD_STEPS: Final = 2
+"""10 Hz (paper: "actor states are logged at 10 Hz")."""
+FRAME_S: Final = LOG_PERIOD_STEPS * STEP_S
+"""A *frame* is one logged step."""
+REGION: Final = "region"
+"""Vehicles in the interaction region around the EMV for the whole window."""
+POPULATIONS: Final = (REGION, "all")
+"""As in the evaluation of predictors."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """One vehicle over the frames at which it is there; arrays of shape ``(K,)`` in the ``map`` frame."""
+
+    actor: ActorDescription
+    frame: Rows
+    """Numbers of 10 Hz frames, increasing."""
+    x_m: Floats
+    y_m: Floats
+    z_m: Floats
+    yaw_rad: Floats
+    vx_mps: Floats
+    vy_mps: Floats
+    accel_mps2: Floats
+    in_region: Flags
+    """Whether it is in the interaction region around the EMV."""
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    @property
+    def speed_mps(self) -> Floats:
+        """Speed over ground."""
+        return np.hypot(self.vx_mps, self.vy_mps)
+
+    def window(self, first: int, count: int) -> "Track":
+        """The part within some frames."""
+        start, end = np.searchsorted(self.frame, [first, first + count])
+        arrays: dict[str, Any] = {
+            name: values[start:end] for name, values in vars(self).items() if isinstance(values, np.ndarray)
+        }
+        return Track(actor=self.actor, **arrays)
+
+
+def tracks_of(record: EpisodeRecord) -> tuple[Track, ...]:
+    """The tracks of everybody, in the order of actor ids.
+
+    Raises:
+        BagError: The record holds states of an actor that it does not describe.
+    """
+    rows, inside = record.rows, rows_in_region(record)
+    logged = np.flatnonzero(rows.step % LOG_PERIOD_STEPS == 0)
+    found = []
+    for actor_id in np.unique(rows.actor_id[logged]).tolist():
+        actor = record.actors.get(actor_id)
+        if actor is None:
+            raise BagError(record.description.template, f"an episode that describes its actors; {actor_id} is not")
+        own = logged[rows.actor_id[logged] == actor_id]
+        found.append(
+            Track(
+                actor=actor,
+                frame=rows.step[own] // LOG_PERIOD_STEPS,
+                x_m=rows.x_m[own],
+                y_m=rows.y_m[own],
+                z_m=rows.z_m[own],
+                yaw_rad=rows.yaw_rad[own],
+                vx_mps=rows.vx_mps[own],
+                vy_mps=rows.vy_mps[own],
+                accel_mps2=rows.accel_mps2[own],
+                in_region=inside[own],
+            )
+        )
+    return tuple(found)
+
+
+def whole_windows(track: Track, count: int, population: str) -> Rows:
+    """First frames of all windows of ``count`` frames at each of which the vehicle is there, and in the population."""
+    frames = track.frame[track.in_region] if population == REGION else track.frame
+    if len(frames) < count:
+        return np.empty(0, dtype=np.intp)
+    whole = frames[count - 1 :] - frames[: len(frames) - count + 1] == count - 1
+    return frames[: len(frames) - count + 1][whole].astype(np.intp)
+
+
+def lane_signals(record: EpisodeRecord, step: int) -> Mapping[int, str]:
+    """State of the signal at the end of each lane at a step: one of SUMO's letters, by the lane's index."""
+    traffic = next((one for one in record.traffic if one.step == step), None)
+    states = {} if traffic is None else {signal.signal_id: signal.state for signal in traffic.signals}
+    found: dict[int, str] = {}
+    for connection in record.network.connections:
+        if connection.signal_id in states and connection.signal_link < len(states[connection.signal_id]):
+            letter = states[connection.signal_id][connection.signal_link]
+            # A green movement shows that the lane may be left.
+            if found.get(connection.from_lane, "r").lower() in "ryus":
+                found[connection.from_lane] = letter
+    return found

@@ -1,0 +1,142 @@
+"""Where recorded vehicles are: in which lane and how far along it, and ahead of or beside one another."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.numerics.arrays import Floats
+from siren_ros.numerics.geometry import wrap_angle
+from siren_ros.recording.episode_record import EpisodeRecord, StateRows
+from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
+from siren_ros.world.actors import rows_of_ids
+from siren_ros.world.traffic_state import Indices
+
+_DRIVEN_KINDS: Final = frozenset({LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL})
+_END_MARGIN_M: Final = 0.05
+"""Lanes of consecutive edges meet with rounding gaps of SUMO's two decimals."""
+_HINT_BONUS_M: Final = 100.0
+"""Puts SUMO's lane first where a pose lies in several lanes (paths across a junction overlap)."""
+_INTERNAL_PENALTY_M: Final = 10.0
+
+
+@dataclass(frozen=True)
+class LanePlaces:
+    """Lane of each of M poses; arrays of shape ``(M,)``."""
+
+    lane: Indices
+    """Index into ``RoadNetwork.lanes``; NO_LANE where the pose is in no lane of its direction."""
+    arc_m: Floats
+    """Arc length of the footprint's centre on the lane's centre line."""
+    offset_m: Floats
+    """Of the centre from the lane's centre line, left positive."""
+
+
+def locate(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats, hint: Indices) -> LanePlaces:
+    """The lane of each pose: its area holds the footprint's centre, its direction is within 90° of the heading.
+
+    Args:
+        network: The map.
+        xy_m: Footprint centres, shape ``(M, 2)``.
+        yaw_rad: Headings, shape ``(M,)``.
+        hint: Preferred lane index where a pose lies in several lanes, NO_LANE for none; shape ``(M,)``.
+    """
+    count = len(xy_m)
+    lane = np.full(count, NO_LANE, dtype=np.int32)
+    arc, offset, cost = np.zeros(count), np.zeros(count), np.full(count, np.inf)
+    for candidate in network.lanes:
+        if candidate.kind not in _DRIVEN_KINDS:
+            continue
+        low = candidate.centre.points.min(axis=0) - candidate.width_m
+        high = candidate.centre.points.max(axis=0) + candidate.width_m
+        near = np.flatnonzero(((xy_m >= low) & (xy_m <= high)).all(axis=1))
+        if len(near) == 0:
+            continue
+        s, left = candidate.centre.project(xy_m[near])
+        turned = np.abs(wrap_angle(candidate.centre.heading_rad(s) - yaw_rad[near]))
+        inside = np.abs(left) <= candidate.width_m / 2.0
+        inside &= (s >= -_END_MARGIN_M) & (s <= candidate.length_m + _END_MARGIN_M) & (turned < np.pi / 2.0)
+        penalty = _INTERNAL_PENALTY_M if candidate.kind is LaneKind.INTERNAL else 0.0
+        price = np.abs(left) + penalty - _HINT_BONUS_M * (hint[near] == candidate.index)
+        better = inside & (price < cost[near])
+        rows = near[better]
+        lane[rows], arc[rows], offset[rows], cost[rows] = candidate.index, s[better], left[better], price[better]
+    return LanePlaces(lane, arc, offset)
+
+
+def sumo_lanes(record: EpisodeRecord, rows: StateRows) -> Indices:
+    """SUMO's lane of each row's actor at the row's step, NO_LANE where it is unknown; shape ``(M,)``."""
+    hint = np.full(len(rows), NO_LANE, dtype=np.int32)
+    order = np.argsort(rows.step, kind="stable")
+    edges = np.searchsorted(rows.step[order], [traffic.step for traffic in record.traffic])
+    ends = np.searchsorted(rows.step[order], [traffic.step for traffic in record.traffic], side="right")
+    for traffic, first, last in zip(record.traffic, edges, ends, strict=True):
+        at_step = order[first:last]
+        found = rows_of_ids(traffic.actor_id, rows.actor_id[at_step])
+        known = found >= 0
+        hint[at_step[known]] = traffic.lane[found[known]]
+    return hint
+
+
+def places_of(record: EpisodeRecord, rows: StateRows) -> LanePlaces:
+    """Lanes of some rows of a record."""
+    return locate(record.network, rows.xy_m, rows.yaw_rad, sumo_lanes(record, rows))
+
+
+def lanes_ahead(network: RoadNetwork, lane: int, reach_m: float) -> frozenset[int]:
+    """The lane and all lanes that can follow it without a lane change, paths across junctions included.
+
+    Args:
+        network: The map.
+        lane: Index of the lane to start from; may be a path across a junction.
+        reach_m: How far to follow, measured from the end of the first lane.
+    """
+    nearest = {lane: 0.0}
+    queue = [lane]
+    while queue:
+        current = queue.pop()
+        if nearest[current] > reach_m:
+            continue
+        for following in _followings(network, current):
+            along = nearest[current]
+            for step in following:
+                along += network.lanes[step].length_m
+                if along < nearest.get(step, np.inf):
+                    nearest[step] = along
+                    if step == following[-1]:
+                        queue.append(step)
+    return frozenset(nearest)
+
+
+def _followings(network: RoadNetwork, lane: int) -> list[tuple[int, ...]]:
+    """The lanes of each movement out of a lane, or of the rest of a path across a junction."""
+    if network.lanes[lane].kind is LaneKind.INTERNAL:
+        on_path = [connection for connection in network.connections if lane in connection.via]
+        return [(*item.via[item.via.index(lane) + 1 :], item.to_lane) for item in on_path]
+    return [(*connection.via, connection.to_lane) for connection in network.connections_from.get(lane, ())]
+
+
+ALIGNED_RAD: Final = np.pi / 3.0
+"""Two vehicles drive in the same direction where their headings differ by less."""
+
+
+def common_rows(first: StateRows, second: StateRows) -> tuple[StateRows, StateRows]:
+    """The rows of two tracks at the steps that both have, in the order of time."""
+    _, in_first, in_second = np.intersect1d(first.step, second.step, assume_unique=True, return_indices=True)
+    return first.select(in_first), second.select(in_second)
+
+
+def ahead_and_left_m(observer: StateRows, other: StateRows) -> tuple[Floats, Floats]:
+    """The other's centre in the observer's axes; rows of the same steps, arrays of shape ``(M,)``."""
+    delta = other.xy_m - observer.xy_m
+    cos, sin = np.cos(observer.yaw_rad), np.sin(observer.yaw_rad)
+    ahead_m: Floats = delta[:, 0] * cos + delta[:, 1] * sin
+    left_m: Floats = delta[:, 1] * cos - delta[:, 0] * sin
+    return ahead_m, left_m
+
+
+def in_same_direction(observer: StateRows, other: StateRows) -> npt.NDArray[np.bool_]:
+    """Whether the headings differ by less than ``ALIGNED_RAD``; rows of the same steps."""
+    aligned: npt.NDArray[np.bool_] = np.abs(wrap_angle(other.yaw_rad - observer.yaw_rad)) < ALIGNED_RAD
+    return aligned

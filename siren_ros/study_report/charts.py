@@ -1,0 +1,252 @@
+"""The charts of the page."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from siren_ros.evaluation.diversity.summary import GroupDiversity
+from siren_ros.evaluation.prediction.charts import SMALL_PT, TITLE_PT, new_figure, quiet
+from siren_ros.evaluation.yielding.counterfactual import ALL, Effect
+from siren_ros.evaluation.yielding.metrics import EpisodeMetric
+from siren_ros.evaluation.yielding.scoring import ScoredEpisode
+from siren_ros.numerics.arrays import Floats
+from siren_ros.pictures.palette import FAINT_TEXT, TEXT
+from siren_ros.studies.episode_row import EpisodeRow, Status
+
+LEVEL_COLOURS: Final = {"L0": "#8a9099", "L1": "#e08e1b", "L2": "#1a86b8", "L3": "#12855f"}
+"""One colour for each level, in every chart."""
+
+
+WIDTH_IN: Final = 9.0
+"""Of every chart: the page's."""
+OTHER_LEVEL: Final = "#5c6b73"
+OF_A_PLACE: Final = 0.8
+"""Share of a template's place that the bars of its levels take."""
+HIGHEST_SHARE: Final = 1.02
+"""A line at 1 is seen."""
+_LEGEND_MARK_PT: Final = 5
+
+
+def level_legend(axes: Axes, levels: Sequence[str]) -> None:
+    """Names the levels' colours above the axes, at the right."""
+    handles = [
+        Line2D(
+            [],
+            [],
+            color=LEVEL_COLOURS.get(level, TEXT),
+            marker="o",
+            linestyle="",
+            markersize=_LEGEND_MARK_PT,
+            label=level,
+        )
+        for level in levels
+    ]
+    axes.legend(
+        handles=handles,
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
+        ncols=len(levels),
+        frameon=False,
+        fontsize=SMALL_PT,
+    )
+
+
+def titled(axes: Axes, title: str) -> None:
+    """A title above the axes, at the left."""
+    axes.set_title(title, fontsize=TITLE_PT, color=TEXT, loc="left")
+
+
+_HEAD_IN: Final = 0.9
+_ROW_IN: Final = 0.2
+_MARK_PT: Final = 4
+_LINE_PT: Final = 1.4
+_ZERO_PT: Final = 0.8
+_ALL_TEMPLATES: Final = "#b3121a"
+
+
+def draw_forest(found: Sequence[Effect], outcome: str) -> Figure:
+    """Effects on one outcome: a panel for each pair of levels, a row for each template."""
+    contrasts = list(dict.fromkeys((one.first, one.second) for one in found))
+    templates = sorted({one.template for one in found} - {ALL}) + [ALL] * any(one.template == ALL for one in found)
+    figure = new_figure(WIDTH_IN, _HEAD_IN + _ROW_IN * len(templates))
+    first = None
+    for column, (one, other) in enumerate(contrasts):
+        axes = figure.add_subplot(1, len(contrasts), column + 1, sharey=first)
+        first = first or axes
+        quiet(axes)
+        axes.axvline(0.0, color=FAINT_TEXT, linewidth=_ZERO_PT)
+        for effect in found:
+            if (effect.first, effect.second) != (one, other) or not effect.found.difference.valid:
+                continue
+            difference, row = effect.found.difference, templates.index(effect.template)
+            colour = _ALL_TEMPLATES if effect.template == ALL else TEXT
+            axes.plot(difference.value, row, "o", markersize=_MARK_PT, color=colour)
+            if difference.bounded:
+                axes.hlines(row, difference.low, difference.high, color=colour, linewidth=_LINE_PT)
+        axes.set_ylim(len(templates) - 0.5, -0.5)
+        axes.set_yticks(range(len(templates)), templates)
+        axes.tick_params(labelleft=column == 0)
+        titled(axes, f"{one} − {other}")
+    figure.supxlabel(f"effect on {outcome}", fontsize=TITLE_PT, color=TEXT)
+    return figure
+
+
+_METRIC_IN: Final = 2.3
+_DRIVERS_IN: Final = 2.8
+_POINT_PT2: Final = 11
+_OPAQUE: Final = 0.85
+_MEDIAN_PT: Final = 2
+_CURVE_PT: Final = 1.6
+_SPREAD: Final = 0.55
+_MEDIAN: Final = 0.42
+"""Shares of a level's part of a place: that its points are spread over, and half the length of the bar."""
+
+
+def draw_metric(episodes: Sequence[ScoredEpisode], metric: EpisodeMetric) -> Figure:
+    """One metric: a point for each episode by template and level, a bar at the median."""
+    templates = sorted({episode.template for episode in episodes})
+    levels = sorted({episode.level for episode in episodes})
+    figure = new_figure(WIDTH_IN, _METRIC_IN)
+    axes = figure.add_subplot()
+    quiet(axes)
+    axes.grid(visible=False, axis="x")
+    width = OF_A_PLACE / max(len(levels), 1)
+    for place, template in enumerate(templates):
+        for number, level in enumerate(levels):
+            values = _values(episodes, template, level, metric.name)
+            if not len(values):
+                continue
+            middle = place + (number - 0.5 * (len(levels) - 1)) * width
+            colour = LEVEL_COLOURS.get(level, OTHER_LEVEL)
+            spread = (np.arange(len(values)) / max(len(values) - 1, 1) - 0.5) * _SPREAD * width
+            axes.scatter(middle + spread, values, s=_POINT_PT2, color=colour, edgecolors="none", alpha=_OPAQUE)
+            axes.hlines(
+                float(np.median(values)),
+                middle - _MEDIAN * width,
+                middle + _MEDIAN * width,
+                color=colour,
+                linewidth=_MEDIAN_PT,
+            )
+    axes.set_xticks(range(len(templates)), templates)
+    axes.set_xlim(-0.5, len(templates) - 0.5)
+    axes.set_ylabel(metric.name)
+    titled(axes, metric.meaning)
+    level_legend(axes, levels)
+    return figure
+
+
+def _values(episodes: Sequence[ScoredEpisode], template: str, level: str, metric: str) -> Floats:
+    found = [
+        episode.scores.metrics[metric] for episode in episodes if (episode.template, episode.level) == (template, level)
+    ]
+    return np.array([one.value for one in found if one.valid])
+
+
+def draw_drivers(episodes: Sequence[ScoredEpisode], marks: Sequence[tuple[str, str]]) -> Figure:
+    """Share of the drivers in the EMV's way who have done something within a time, a curve for each level.
+
+    Drivers who had not by the end of the episode count in the share's denominator.
+
+    Args:
+        episodes: The episodes.
+        marks: Names of driver metrics in seconds, with their titles.
+    """
+    levels = sorted({episode.level for episode in episodes})
+    figure = new_figure(WIDTH_IN, _DRIVERS_IN)
+    for column, (name, title) in enumerate(marks):
+        axes = figure.add_subplot(1, len(marks), column + 1)
+        quiet(axes)
+        for level in levels:
+            found = [
+                driver.marks[name]
+                for episode in episodes
+                if episode.level == level
+                for driver in episode.scores.drivers
+                if driver.in_the_way and driver.marks[name].valid
+            ]
+            done = np.sort([mark.value for mark in found if not mark.at_least])
+            if found:
+                share = np.arange(1, len(done) + 1) / len(found)
+                axes.step(done, share, where="post", color=LEVEL_COLOURS.get(level, OTHER_LEVEL), linewidth=_CURVE_PT)
+        axes.set_xlabel(f"{name}")
+        axes.set_ylim(0.0, HIGHEST_SHARE)
+        axes.set_xlim(left=0.0)
+        axes.set_ylabel("share of drivers")
+        titled(axes, title)
+        if column == len(marks) - 1:
+            level_legend(axes, levels)
+    return figure
+
+
+_COVERAGE_IN: Final = 4.8
+_CURVE_MARK_PT: Final = 2.5
+
+
+def draw_coverage(found: Sequence[GroupDiversity], colours: Sequence[str]) -> Figure:
+    """A line for each group in four panels, against the number of episodes."""
+    figure = new_figure(WIDTH_IN, _COVERAGE_IN)
+    panels = [figure.add_subplot(2, 2, number + 1) for number in range(4)]
+    titles = (
+        "share of the parameters' ranges tried",
+        "transitions between events seen",
+        "distance of one more way to the nearest, m",
+        "distance of one more order of events",
+    )
+    for axes, title in zip(panels, titles, strict=True):
+        quiet(axes)
+        titled(axes, title)
+        axes.set_xlabel("episodes there are")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    for one, colour in zip(found, colours, strict=True):
+        name = " ".join(one.group[:2])
+        curves = (
+            np.mean([part.curve for part in one.parameters], axis=0) if one.parameters else np.zeros(0),
+            one.transitions.curve,
+            one.ways.curve,
+            one.events.curve,
+        )
+        for axes, curve in zip(panels, curves, strict=True):
+            axes.plot(
+                np.arange(1, len(curve) + 1), curve, marker="o", markersize=_CURVE_MARK_PT, color=colour, label=name
+            )
+    panels[0].set_ylim(0.0, 1.0)
+    for axes in panels[1:]:
+        axes.set_ylim(bottom=0.0)
+    figure.legend(*panels[1].get_legend_handles_labels(), loc="outside right upper", frameon=False, fontsize=SMALL_PT)
+    return figure
+
+
+_OUTCOMES_IN: Final = 2.5
+_BAR: Final = 0.86
+"""Share of a level's part of a place that its bar is wide."""
+_OUTLINE_PT: Final = 0.8
+
+
+def draw_outcomes(rows: Sequence[EpisodeRow]) -> Figure:
+    """Bars by template and level: filled where the predicate holds, an outline for all complete episodes."""
+    complete = [row for row in rows if row.status is Status.COMPLETE]
+    templates = sorted({row.template for row in rows})
+    levels = sorted({row.level for row in rows})
+    figure = new_figure(WIDTH_IN, _OUTCOMES_IN)
+    axes = figure.add_subplot()
+    quiet(axes)
+    width = OF_A_PLACE / max(len(levels), 1)
+    for number, level in enumerate(levels):
+        here = [[row for row in complete if (row.template, row.level) == (name, level)] for name in templates]
+        places = np.arange(len(templates)) + (number - 0.5 * (len(levels) - 1)) * width
+        colour = LEVEL_COLOURS.get(level, OTHER_LEVEL)
+        axes.bar(
+            places, [len(one) for one in here], width * _BAR, color="none", edgecolor=colour, linewidth=_OUTLINE_PT
+        )
+        axes.bar(places, [sum(bool(row.predicate_holds) for row in one) for one in here], width * _BAR, color=colour)
+    axes.set_xticks(range(len(templates)), templates)
+    axes.grid(visible=False, axis="x")
+    axes.set_ylabel("episodes")
+    titled(axes, "filled: the predicate holds; outline: complete episodes")
+    level_legend(axes, levels)
+    return figure

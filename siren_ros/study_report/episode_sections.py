@@ -1,0 +1,242 @@
+"""Sections of the page about the episodes: what was generated, and a picture and a short film of each template."""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from siren_ros.errors import SirenError
+from siren_ros.numerics.units import STEP_S
+from siren_ros.pictures.birdseye import draw_episode, interaction_steps
+from siren_ros.pictures.moving_birdseye import BirdseyeFilm
+from siren_ros.pictures.palette import EMV_EVENTS
+from siren_ros.pictures.video import FRAME_RATE_HZ, FRAME_STEPS, Coding
+from siren_ros.processes.worker_pool import worker_pool
+from siren_ros.recording.bag_reader import read_episode
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.scenario.templates import load_template
+from siren_ros.studies.episode_row import EpisodeRow, Status
+from siren_ros.studies.matrix import TOWN
+from siren_ros.study_report.charts import draw_outcomes
+from siren_ros.study_report.page import (
+    NONE,
+    Clip,
+    Picture,
+    Section,
+    Table,
+    count_of,
+    drawn_uri,
+    figure_uri,
+    film_uri,
+    generate_command,
+    picture_uri,
+    quoted,
+    share_of,
+)
+from siren_ros.study_report.study import StudyMeasures, StudyRows
+from siren_ros.world.traffic_state import EventKind
+
+_NAMED_MAX: Final = 50
+"""Episodes that are named because they are missing."""
+
+
+def generated_section(study: StudyRows, measures: StudyMeasures) -> Section:
+    """What ``siren generate`` made."""
+    rows = study.rows
+    complete = [row for row in rows if row.status is Status.COMPLETE]
+    simulated_s = sum(row.simulated_s for row in complete)
+    made = (
+        f"{count_of(len(rows), 'episode')} in the study, {len(complete):,} of them complete: "
+        f"{simulated_s / 60.0:,.0f} simulated minutes, {sum(row.bag_bytes for row in rows) / 1e6:,.0f} MB. "
+        f"The numbers below come from the {count_of(len(measures.bags), 'bag')} that could be read."
+    )
+    judged = (
+        "A predicate decides from the record alone whether the template's interaction happened. It should hold at the "
+        "template's own level, and fail where its cause is missing."
+    )
+    caption = "Episodes whose predicate holds, by template and level"
+    figures = (Picture("outcomes", caption, figure_uri(draw_outcomes(rows))),)
+    return Section(
+        "generated",
+        "What was generated",
+        text=(made, judged),
+        figures=figures,
+        tables=tuple(_tables(study, measures)),
+        commands=(generate_command(study.asked, study.folder),) if study.asked else (),
+    )
+
+
+def _tables(study: StudyRows, measures: StudyMeasures) -> Iterator[Table]:
+    groups: dict[tuple[str, str, str], list[EpisodeRow]] = {}
+    for row in study.rows:
+        groups.setdefault((row.template, row.level, row.map_name), []).append(row)
+    head = (
+        "template",
+        "level",
+        "map",
+        "seeds",
+        "complete",
+        "predicate holds",
+        "simulated s",
+        "CPU s per simulated s",
+        "retried",
+    )
+    found = [(*_named(group), *_counts(members)) for group, members in sorted(groups.items())]
+    yield Table("groups", "Episodes by template, level and map", head, tuple(found), folded=len(found) > 12)
+    yield _asked(study)
+    missing = [row for row in study.rows if row.status is not Status.COMPLETE]
+    if missing:
+        cells = tuple((row.episode, str(row.status), row.reason, str(row.attempts)) for row in missing[:_NAMED_MAX])
+        caption = f"Episodes that are missing: {len(missing)}"
+        yield Table("missing", caption, ("episode", "status", "reason", "attempts"), cells)
+    if measures.unread:
+        named = tuple((one.bag.name, one.reason) for one in measures.unread[:_NAMED_MAX])
+        yield Table("unread", f"Bags that could not be read: {len(measures.unread)}", ("bag", "reason"), named)
+
+
+def _named(group: tuple[str, str, str]) -> tuple[str, str, str]:
+    template, level, map_name = group
+    own = own_level(template) == level
+    return template, f"{level} (own)" if own else level, map_name
+
+
+def own_level(template: str) -> str:
+    """The level in a template's file; empty where the template is not ours."""
+    try:
+        return load_template(template).level.name
+    except SirenError:
+        return ""
+
+
+def _counts(rows: Sequence[EpisodeRow]) -> tuple[str, ...]:
+    complete = [row for row in rows if row.status is Status.COMPLETE]
+    judged = [row for row in complete if row.predicate_holds is not None]
+    cpu = [row.cpu_s / row.simulated_s for row in complete if row.simulated_s]
+    return (
+        str(len({row.seed for row in rows})),
+        f"{len(complete)} of {len(rows)}",
+        share_of(sum(bool(row.predicate_holds) for row in judged), len(judged)),
+        f"{sum(row.simulated_s for row in complete):.0f}",
+        f"{np.mean(cpu):.3f}" if cpu else NONE,
+        str(sum(row.attempts - 1 for row in rows)),
+    )
+
+
+def _asked(study: StudyRows) -> Table:
+    """What the episodes share or differ in."""
+    names = ("map", "preset", "sensors", "look", "draw")
+    rows = []
+    for name in names:
+        counts = Counter(str(getattr(row, name)) for row in study.rows)
+        told = ", ".join(f"{_said(name, value)} ({count})" for value, count in sorted(counts.items()))
+        rows.append((name, told))
+    versions = {(name, version) for row in study.rows for name, version in row.versions.items()}
+    rows.append(("versions", ", ".join(f"{name} {version}" for name, version in sorted(versions))))
+    rows.append(("SHA-256 of manifest.parquet", study.manifest_sha256))
+    return Table("asked", "What the episodes were made from, with the number of episodes", ("", ""), tuple(rows))
+
+
+def _said(name: str, value: str) -> str:
+    if name == "map":
+        return value or TOWN
+    return "none" if name == "draw" and value == "-1" else value
+
+
+_PICTURE_PX: Final = 1200
+_CODING: Final = Coding(width_px=640, crf=24)
+_POSTER_PX: Final = (640, 360)
+_TOLD: Final = EMV_EVENTS | {EventKind.YIELD_STARTED, EventKind.YIELD_COMPLETED, EventKind.YIELD_HELD}
+"""Events around which the film is."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What is shown of one episode."""
+
+    picture: str
+    film: str
+    poster: str
+    from_s: float
+
+
+def scenes_section(study: StudyRows, jobs: int, film_s: float) -> Section:
+    """An episode of each template: at its own level if there is one, with a predicate that holds if there is one."""
+    chosen = chosen_episodes(study.rows)
+    figures, clips, commands = [], [], []
+    with worker_pool(min(jobs, len(chosen)), lambda _: None) as pool:
+        found = dict(pool(show_episode, [(study.folder / row.bag, film_s) for row in chosen]))
+    for number, row in enumerate(chosen):
+        shown = found[number]
+        if shown is None:
+            continue
+        bag = quoted(study.folder / row.bag)
+        title = f"{row.template} {row.level}, seed {row.seed}: {_title(row.template)}"
+        clips.append(Clip(f"film_{row.template}", f"{title}. From {shown.from_s:.1f} s on.", shown.film, shown.poster))
+        figures.append(
+            Picture(
+                f"picture_{row.template}", f"{title}. {row.predicate[:1].upper()}{row.predicate[1:]}.", shown.picture
+            )
+        )
+        commands.append(f"./env siren plot {bag} --out {row.template}.png")
+        frames = f"--start-s {shown.from_s:g} --frames {round(film_s * FRAME_RATE_HZ)}"
+        coding = f"--width {_CODING.width_px} --crf {_CODING.crf}"
+        commands.append(f"./env siren video {bag} {frames} {coding} --out {row.template}.mp4")
+    text = (
+        "Red: the emergency vehicle; other colours say what a driver who makes way is doing. In the pictures, lines "
+        "are paths coloured by speed, numbers mark the EMV at the three moments below the map, and the bars say who "
+        "did what when."
+    )
+    return Section("scenes", "The templates", (text,), tuple(figures), tuple(clips), commands=tuple(commands))
+
+
+def chosen_episodes(rows: Sequence[EpisodeRow]) -> tuple[EpisodeRow, ...]:
+    """One complete episode of each template, by template."""
+    found: dict[str, EpisodeRow] = {}
+    for row in rows:
+        if row.status is Status.COMPLETE and row.bag:
+            before = found.get(row.template)
+            if before is None or _preference(row) > _preference(before):
+                found[row.template] = row
+    return tuple(found[name] for name in sorted(found))
+
+
+def _preference(row: EpisodeRow) -> tuple[bool, bool, int]:
+    return row.level == own_level(row.template), bool(row.predicate_holds), -row.seed
+
+
+def show_episode(bag: Path, film_s: float) -> Shown | None:
+    """The picture and the film; None where the bag cannot be read or drawn."""
+    try:
+        record = read_episode(bag)
+        steps = film_steps(record, film_s)
+        film = BirdseyeFilm(record, steps)
+        poster = picture_uri(film.frame(steps[len(steps) // 2]).resize(_POSTER_PX))
+        picture = drawn_uri(draw_episode(record), _PICTURE_PX)
+        return Shown(picture, film_uri(film.frames(), _CODING), poster, steps[0] * STEP_S)
+    except SirenError:
+        return None
+
+
+def film_steps(record: EpisodeRecord, film_s: float) -> range:
+    """The frames around the median event of the interaction; around its middle where there is no event."""
+    emvs = frozenset(record.emv_ids)
+    told = [
+        event.step
+        for event in record.events
+        if event.kind in _TOLD and (event.kind not in EMV_EVENTS or event.actor_id in emvs)
+    ]
+    middle = float(np.median(told)) if told else float(np.mean(interaction_steps(record)))
+    length = round(film_s / STEP_S)
+    last = max(record.steps - length, 0)
+    first = int(np.clip(round(middle - 0.5 * length), 0, last)) // FRAME_STEPS * FRAME_STEPS
+    return range(first, min(first + length, record.steps), FRAME_STEPS)
+
+
+def _title(template: str) -> str:
+    try:
+        return load_template(template).title
+    except SirenError:
+        return "a template that is not among the project's"

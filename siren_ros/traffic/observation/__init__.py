@@ -1,1 +1,0 @@
-"""Conclusions from SUMO's states: stop lines crossed, reactions to the EMV, teleports, bounds on residuals."""

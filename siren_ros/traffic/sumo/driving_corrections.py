@@ -1,0 +1,255 @@
+"""Corrections of how SUMO's vehicles move.
+
+* They slow down for bends: SUMO knows a lane's speed limit, not its shape.
+* They stay where they are when they change to a lane of another length.
+* They move sideways by driving, also where a lane change is urgent.
+"""
+
+from collections import deque
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Final, NamedTuple
+
+import libsumo
+import numpy as np
+
+from siren_ros.numerics.braking import SAMPLE_M, Speeds, bend_speeds_mps, with_braking
+from siren_ros.numerics.geometry import Polyline
+from siren_ros.numerics.units import STEP_S
+from siren_ros.roads.road_network import NO_LANE, Lane, LaneKind, RoadNetwork
+from siren_ros.traffic.demand.plan import PlannedVehicle, connection_onward
+
+LATERAL_ACCEL_MPS2: Final = 3.0
+"""With which drivers take bends: the 85th percentile of drivers in urban turns is 2.5 to 3 m/s² (AASHTO, A Policy on
+Geometric Design, side friction at low speeds); the drivers of the behaviour model have the same limit."""
+BRAKING_MPS2: Final = 1.5
+"""With which they slow down before a bend (Treiber and Kesting, comfortable deceleration of the IDM in towns)."""
+_AHEAD_M: Final = 90.0
+"""How far ahead a bend counts: 16 m/s come down to walking speed within it."""
+_EDGES_AHEAD: Final = 4
+_STEP_MPS: Final = 0.05
+"""A limit is told to SUMO when it has changed by this much."""
+
+
+class _Profile(NamedTuple):
+    """Speeds at each metre of a lane."""
+
+    bend_mps: Speeds
+    """Of the place itself."""
+    allowed_mps: Speeds
+    """From which a vehicle still slows down in time for what follows."""
+
+
+class _Passed(NamedTuple):
+    """A place where a vehicle's front bumper was: distance driven until there, and the speed of the bend."""
+
+    at_m: float
+    bend_mps: float
+
+
+class BendLimits:
+    """Sets the greatest speed of SUMO's vehicles, step by step, from the shapes of the lanes ahead."""
+
+    def __init__(self, network: RoadNetwork, length_scale: Mapping[str, float]) -> None:
+        """Prepare the limits.
+
+        Args:
+            network: The map.
+            length_scale: SUMO's length of each lane over that of its centre line.
+        """
+        self._network = network
+        self._length_scale = length_scale
+        self._onward = _ways_across_junctions(network)
+        self._profiles: dict[tuple[int, tuple[int, ...]], _Profile] = {}
+        self._routes: dict[str, tuple[int, ...]] = {}
+        self._passed: dict[str, deque[_Passed]] = {}
+        self._limits: dict[str, float] = {}
+
+    def apply(
+        self,
+        results: Mapping[str, Mapping[int, Any]],
+        vehicles: Mapping[str, PlannedVehicle],
+        mirrored: Container[str],
+    ) -> None:
+        """Set the limits for SUMO's next step.
+
+        Args:
+            results: SUMO's subscription results by vehicle.
+            vehicles: The vehicles by name.
+            mirrored: Vehicles that are moved from outside; they have no limit.
+        """
+        limits = {}
+        for name, result in results.items():
+            vehicle = vehicles[name]
+            own_mps = vehicle.driver.driving.max_speed_mps
+            lane = self._network.lane_by_id.get(result[libsumo.VAR_LANE_ID])
+            limit = own_mps
+            if lane is not None and name not in mirrored:
+                scale = self._length_scale[lane.lane_id]
+                profile = self._profile(lane, self._route_ahead(name, vehicle, result[libsumo.VAR_ROUTE_INDEX]))
+                at = min(max(int(result[libsumo.VAR_LANEPOSITION] / scale / SAMPLE_M), 0), len(profile.bend_mps) - 1)
+                moved_m = result[libsumo.VAR_SPEED] / scale * STEP_S
+                held = self._held(name, vehicle.length_m, moved_m, float(profile.bend_mps[at]))
+                limit = min(own_mps, scale * min(held, float(profile.allowed_mps[at])))
+            before = self._limits.get(name, own_mps)
+            changed = abs(limit - before) >= _STEP_MPS or (limit != before and own_mps in {limit, before})
+            limits[name] = limit if changed else before
+            if changed:
+                libsumo.vehicle.setMaxSpeed(name, limit)
+        self._limits = limits
+        self._passed = {name: passed for name, passed in self._passed.items() if name in results}
+
+    def _held(self, name: str, length_m: float, moved_m: float, bend_mps: float) -> float:
+        """The slowest bend that some part of a vehicle is in, when its front bumper has come to another place."""
+        passed = self._passed.setdefault(name, deque())
+        at_m = (passed[-1].at_m if passed else 0.0) + moved_m
+        # Earlier places that are no slower leave the outline first and never count again: speeds ascend.
+        while passed and passed[-1].bend_mps >= bend_mps:
+            passed.pop()
+        passed.append(_Passed(at_m, bend_mps))
+        while passed[0].at_m < at_m - length_m:
+            passed.popleft()
+        return passed[0].bend_mps
+
+    def _route_ahead(self, name: str, vehicle: PlannedVehicle, index: int) -> tuple[int, ...]:
+        """The edge that a vehicle is on, or comes from inside a junction, and the next ones of its route."""
+        if name not in self._routes:
+            self._routes[name] = tuple(self._network.edge_by_id[edge].index for edge in vehicle.route)
+        first = max(index, 0)
+        return self._routes[name][first : first + _EDGES_AHEAD]
+
+    def _profile(self, lane: Lane, edges: tuple[int, ...]) -> _Profile:
+        """The speeds of a lane, with regard to what follows it on the route."""
+        key = (lane.index, edges)
+        if key not in self._profiles:
+            path = Polyline.joined([self._network.lanes[index].centre for index in self._lanes_ahead(lane, edges)])
+            reach = path.cut(0.0, min(path.length_m, lane.length_m + _AHEAD_M))
+            bend, own = bend_speeds_mps(reach, LATERAL_ACCEL_MPS2), int(np.ceil(lane.length_m / SAMPLE_M)) + 1
+            self._profiles[key] = _Profile(bend[:own], with_braking(bend, BRAKING_MPS2)[:own])
+        return self._profiles[key]
+
+    def _lanes_ahead(self, lane: Lane, edges: Sequence[int]) -> list[int]:
+        """The lane and those that follow it on the route, at least as far as a bend counts."""
+        lanes, ahead_m, current = [lane.index], 0.0, lane
+        while current.kind is LaneKind.INTERNAL and current.index in self._onward:
+            current = self._network.lanes[self._onward[current.index]]
+            lanes.append(current.index)
+            ahead_m += current.length_m
+        left = list(edges[edges.index(current.edge) + 1 :]) if current.edge in edges else []
+        while left and ahead_m < _AHEAD_M:
+            step = connection_onward(self._network, current, left.pop(0))
+            if step is None:
+                break
+            current = self._network.lanes[step.to_lane]
+            lanes += [*step.via, current.index]
+            ahead_m += sum(self._network.lanes[index].length_m for index in (*step.via, current.index))
+        return lanes
+
+
+def _ways_across_junctions(network: RoadNetwork) -> dict[int, int]:
+    """The lane that follows each internal lane."""
+    onward: dict[int, int] = {}
+    for connection in network.connections:
+        lanes = (*connection.via, connection.to_lane)
+        onward.update(pairwise(lanes))
+    return onward
+
+
+_TOLERANCE_M: Final = 0.05
+
+
+@dataclass(frozen=True)
+class _Front:
+    lane: int
+    x_m: float
+    y_m: float
+
+
+class LaneContinuity:
+    """Remembers front bumpers of one step, and corrects the next one's where a lane change moved them."""
+
+    def __init__(self, network: RoadNetwork, length_scale: Mapping[str, float]) -> None:
+        self._network = network
+        self._length_scale = length_scale
+        self._fronts: dict[str, _Front] = {}
+
+    def correct(self, results: Mapping[str, dict[int, Any]], skip: Container[str]) -> None:
+        """Put vehicles that changed lanes in the last step where their motion leads, in SUMO and in the results.
+
+        Args:
+            results: SUMO's subscription results of this step by vehicle; position and lane position of
+                corrected vehicles are replaced in place.
+            skip: Vehicles that are moved from outside; they stand right already.
+        """
+        fronts = {}
+        offset_x, offset_y = self._network.sumo_offset_m
+        for name, result in results.items():
+            lane = self._network.lane_by_id.get(result[libsumo.VAR_LANE_ID])
+            index = NO_LANE if lane is None else lane.index
+            before = self._fronts.get(name)
+            if before is not None and name not in skip and self._changed_beside(before.lane, index):
+                self._correct_one(name, before, index, result)
+            x, y = result[libsumo.VAR_POSITION]
+            fronts[name] = _Front(index, x - offset_x, y - offset_y)
+        self._fronts = fronts
+
+    def _changed_beside(self, before: int, now: int) -> bool:
+        if NO_LANE in (before, now) or before == now:
+            return False
+        return self._network.lanes[before].edge == self._network.lanes[now].edge
+
+    def _correct_one(self, name: str, before: _Front, now: int, result: dict[int, Any]) -> None:
+        lane = self._network.lanes[now]
+        scale = self._length_scale[lane.lane_id]
+        along, _ = lane.centre.project([before.x_m, before.y_m])
+        wanted = float(along) + result[libsumo.VAR_SPEED] / scale * STEP_S
+        jump = result[libsumo.VAR_LANEPOSITION] / scale - wanted
+        if abs(jump) < _TOLERANCE_M or not 0.0 < wanted < lane.length_m:
+            return
+        libsumo.vehicle.moveTo(name, lane.lane_id, wanted * scale)
+        x, y = lane.centre.offset_points(wanted, result[libsumo.VAR_LANEPOSITION_LAT])
+        offset_x, offset_y = self._network.sumo_offset_m
+        result[libsumo.VAR_POSITION] = (float(x) + offset_x, float(y) + offset_y)
+        result[libsumo.VAR_LANEPOSITION] = wanted * scale
+
+
+SIDEWAYS_SHARE: Final = 0.3
+"""Lateral speed at most, as a share of the speed: a course 17° off the lane's."""
+_LEAST_MPS: Final = 1e-3
+"""SUMO divides by the lateral speed."""
+_SIDEWAYS_STEP_MPS: Final = 0.1
+"""Limits are multiples of this, so that they are seldom set."""
+
+
+class SidewaysLimits:
+    """The limits that are in force in SUMO."""
+
+    def __init__(self) -> None:
+        self._limits: dict[str, float] = {}
+
+    def apply(
+        self,
+        results: Mapping[str, Mapping[int, Any]],
+        vehicles: Mapping[str, PlannedVehicle],
+        mirrored: Container[str],
+    ) -> None:
+        """Set the limits for SUMO's next step.
+
+        Args:
+            results: SUMO's subscription results by vehicle.
+            vehicles: The vehicles by name.
+            mirrored: Vehicles that are moved from outside.
+        """
+        limits = {}
+        for name, result in results.items():
+            own = vehicles[name].driver.max_lateral_speed_mps
+            limit = (
+                0.0
+                if name in mirrored
+                else _SIDEWAYS_STEP_MPS * int(SIDEWAYS_SHARE * result[libsumo.VAR_SPEED] / _SIDEWAYS_STEP_MPS)
+            )
+            limits[name] = min(max(limit, _LEAST_MPS), own)
+            if limits[name] != self._limits.get(name, own):
+                libsumo.vehicle.setMaxSpeedLat(name, limits[name])
+        self._limits = limits

@@ -1,1 +1,0 @@
-"""The detector's network, its fitting and its export as ONNX; needs torch."""

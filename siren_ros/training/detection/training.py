@@ -1,0 +1,227 @@
+"""The whole training of the detector: frames, weights, figures as of ``siren evaluate detection``, card."""
+
+import hashlib
+import platform
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from siren_ros.evaluation.detection.average_precision import average_precision, match
+from siren_ros.evaluation.detection.boxes import CLASS_NAMES, FoundBoxes, TruthBoxes, joined, labels_named
+from siren_ros.evaluation.detection.detectors.pillar_detector import FORM_VERSION, detect_pillars
+from siren_ros.evaluation.detection.detectors.pillars import PillarGrid
+from siren_ros.evaluation.detection.frames import EpisodeFrames, Frames, frames_of, read_frames
+from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet
+from siren_ros.evaluation.detection.scoring import VEHICLE_NAMES, counted_boxes
+from siren_ros.evaluation.network_file import write_network
+from siren_ros.record.bag_survey import BagSurvey, Need, survey_bag
+from siren_ros.record.episode_source import open_source
+from siren_ros.recording.bag_reader import bags_among
+from siren_ros.training.detection.batches import FrameDraws
+from siren_ros.training.detection.samples import check_apart, frames_among
+from siren_ros.training.settings import DetectionFit, FittedDetector
+
+MEAN: Final = "mean"
+
+
+@dataclass(frozen=True)
+class JudgedEpisode:
+    """One episode, with what was found in it."""
+
+    survey: BagSurvey
+    frames: EpisodeFrames
+    found: FoundBoxes
+    processor_s: float
+    """For all its frames, reading the bag included."""
+
+
+def judged_episode(bag: Path, weights: Path, scratch: Path) -> JudgedEpisode:
+    """Runs a detector on an episode.
+
+    Raises:
+        BagError: The bag is damaged or has no LiDAR.
+        InputError: The weights cannot be used.
+    """
+    survey = survey_bag(bag, "detection", (Need.LIDAR, Need.MAP), scratch)
+    frames = read_frames(survey, survey.name)
+    start = time.process_time()
+    found = detect_pillars(frames, weights)
+    return JudgedEpisode(survey, frames, found, time.process_time() - start)
+
+
+def figures_of(episodes: Sequence[JudgedEpisode]) -> dict[str, Any]:
+    """The mAP of the one class, by template and the mean over them; by kind of emergency vehicle; the cost."""
+    frames = frames_of([one.frames for one in episodes])
+    parts = [
+        replace(one.found, frame=one.found.frame + first)
+        for one, first in zip(episodes, frames.first.tolist(), strict=False)
+    ]
+    found = FoundSet("pillars", "run here", joined(parts), frames.scored, has_velocity=True)
+    truth, boxes = counted_boxes(frames, found, VEHICLE_NAMES)
+    template = np.array([one.template for one in frames.episodes])[frames.episode]
+    by_template = {
+        name: mean_ap(frames, truth.at(template[truth.frame] == name), boxes.at(template[boxes.frame] == name))
+        for name in sorted(set(template.tolist()))
+    }
+    return {
+        "episodes": len(episodes),
+        "frames": len(frames),
+        "labels": len(truth),
+        "mAP": {**_rounded(by_template), MEAN: round(float(np.mean(list(by_template.values()))), 3)},
+        "mAP_of_kind": _rounded(_by_kind(frames, truth, boxes)),
+        "processor_s_per_frame": round(sum(one.processor_s for one in episodes) / len(frames), 4),
+    }
+
+
+def mean_ap(frames: Frames, truth: TruthBoxes, found: FoundBoxes) -> float:
+    """NuScenes' mAP of some labels and detections; NaN without labels."""
+    matches = match(truth, found)
+    ordered = found.at(matches.order)
+    labels = np.bincount(frames.episode[truth.frame], minlength=len(frames.episodes)).astype(np.float64)
+    every = np.ones((1, len(frames.episodes)))
+    values = [average_precision(label >= 0, frames.episode[ordered.frame], labels, every)[0] for label in matches.label]
+    return float(np.mean(values))
+
+
+def _by_kind(frames: Frames, truth: TruthBoxes, found: FoundBoxes) -> dict[str, float]:
+    """The mAP of each class by its name, where there are labels of it."""
+    result = {}
+    for name in CLASS_NAMES:
+        own = labels_named(truth, name)
+        if own.any():
+            result[name] = mean_ap(frames, truth.at(own), found.at(found.label == name))
+    return result
+
+
+def _rounded(values: dict[str, float]) -> dict[str, float]:
+    return {name: round(value, 3) for name, value in values.items()}
+
+
+Fitter = Callable[[FrameDraws, DetectionFit, int, Path, Callable[[str], bool]], FittedDetector | None]
+CHECKPOINT: Final = "checkpoint.pt"
+TEST_SEEDS: Final = "test_seeds"
+TEST_MAPS: Final = "test_maps"
+_PACKAGES: Final = ("siren_ros", "numpy", "onnxruntime")
+
+
+@dataclass(frozen=True)
+class DetectorTraining:
+    """What is trained on what."""
+
+    bags: tuple[Path, ...]
+    held_out: tuple[Path, ...]
+    out: Path
+    """The ONNX file."""
+    cache: Path
+    """Folder of frames and checkpoint."""
+    config: DetectionFit
+    threads: int = 1
+    minutes: float | None = None
+    """Stops the fitting at the first checkpoint after this time; the same training then goes on from there."""
+
+
+def train_detector(training: DetectorTraining, fitter: Fitter, told: Callable[[str], None]) -> dict[str, Any] | None:
+    """Trains a detector, and writes the ONNX file and its card.
+
+    Args:
+        training: What is trained on what.
+        fitter: Fits and exports a network.
+        told: Called with lines on the progress.
+
+    Returns:
+        The card; None where the time was up before.
+
+    Raises:
+        InputError: Training and judging share an episode's seed and map, or a file cannot be used.
+        BagError: A bag is damaged or has no LiDAR.
+    """
+    grid = PillarGrid()
+    judging = bags_among(training.held_out)
+    trained = frames_among(training.bags, training.cache, grid, told)
+    check_apart([one.about for one in trained], [_about(bag) for bag in judging])
+    draws = FrameDraws(trained, grid, training.config.seed, training.config.batch)
+    told(f"{len(draws)} frames of {len(trained)} episodes")
+    start = time.monotonic()
+
+    def tell(line: str) -> bool:
+        told(line)
+        return training.minutes is None or time.monotonic() - start < 60.0 * training.minutes
+
+    fitted = fitter(draws, training.config, training.threads, training.cache / CHECKPOINT, tell)
+    if fitted is None:
+        return None
+    card = {
+        **_card(fitted, grid, training.config),
+        "command": f"siren train detection BAGS --held-out BAGS --steps {training.config.steps} "
+        f"--seed {training.config.seed} --out pillars.onnx",
+        "training": {
+            **_episodes_json([one.about for one in trained]),
+            "frames": len(draws),
+            "frames_sha256": hashlib.sha256(b"".join(one.digest() for one in trained)).hexdigest(),
+        },
+        "fitting": {
+            "processor_s": round(fitted.processor_s),
+            "plans": [{"from_step": first, "steps": steps, "frames": frames} for first, steps, frames in fitted.plans],
+        },
+    }
+    write_network(training.out, fitted.onnx, card)
+    card = {**card, **judged_card(training.out, judging, {one.about["map"] for one in trained}, told)}
+    write_network(training.out, fitted.onnx, card)
+    return card
+
+
+def judged_card(
+    weights: Path, bags: Sequence[Path], trained_maps: set[str], told: Callable[[str], None]
+) -> dict[str, Any]:
+    """The parts of a card that say how the detector does on bags that it was not trained on."""
+    splits: dict[str, list[JudgedEpisode]] = {TEST_SEEDS: [], TEST_MAPS: []}
+    with tempfile.TemporaryDirectory() as scratch:
+        for bag in bags:
+            one = judged_episode(bag, weights, Path(scratch))
+            splits[TEST_SEEDS if one.survey.episode["map"] in trained_maps else TEST_MAPS].append(one)
+            told(f"{bag}: mAP {figures_of([one])['mAP']['mean']:.3f}")
+    made = {name: episodes for name, episodes in splits.items() if episodes}
+    return {
+        "judged": {name: _episodes_json([one.survey.episode for one in episodes]) for name, episodes in made.items()},
+        "figures": {name: figures_of(episodes) for name, episodes in made.items()},
+    }
+
+
+def _about(bag: Path) -> dict[str, Any]:
+    with open_source(bag) as source:
+        description = source.description
+    return {"template": description.template, "map": description.map_name, "seed": description.seed}
+
+
+def _card(fitted: FittedDetector, grid: PillarGrid, config: DetectionFit) -> dict[str, Any]:
+    return {
+        "model": "pillars",
+        "summary": "PointPillars with a centre head: ten sweeps in, boxes with velocities out",
+        "form_version": FORM_VERSION,
+        "sha256": hashlib.sha256(fitted.onnx).hexdigest(),
+        "parameters": fitted.parameters,
+        "grid": grid.to_json(),
+        "class_names": list(CLASS_NAMES),
+        "made_with": {"fitting": fitted.made_with, "python": platform.python_version()}
+        | {package: version(package) for package in _PACKAGES},
+        "fit": asdict(config),
+    }
+
+
+def _episodes_json(abouts: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """How many episodes of which templates, maps and seeds."""
+    seeds: dict[str, set[int]] = {}
+    for about in abouts:
+        seeds.setdefault(str(about["map"]), set()).add(int(about["seed"]))
+    return {
+        "episodes": len(abouts),
+        "templates": dict(sorted(Counter(str(about["template"]) for about in abouts).items())),
+        "seeds_by_map": {name: sorted(found) for name, found in sorted(seeds.items())},
+    }

@@ -1,0 +1,444 @@
+"""The detector's network and its fitting: the same frames, settings and seed give the same weights on one machine."""
+
+import io
+import math
+import time
+import warnings
+from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import onnx
+import torch
+from torch import Tensor, nn
+
+from siren_ros.errors import InputError
+from siren_ros.evaluation.detection.boxes import CLASS_NAMES
+from siren_ros.evaluation.detection.detectors.pillar_detector import INPUTS, OUTPUTS
+from siren_ros.evaluation.detection.detectors.pillars import FEATURES, PillarGrid, Pillars
+from siren_ros.training.detection.batches import BOX_CHANNELS, STRIDE, FrameDraws, Targets
+from siren_ros.training.settings import DetectionFit, FittedDetector, NetworkSize
+
+_PRIOR_LOGIT: Final = -4.0
+"""Before training, a cell holds a vehicle with a probability of 2 %."""
+_SPEED_SCALE_MPS: Final = 5.0
+
+
+class PillarFeatures(nn.Module):
+    """PointPillars' feature net: each point through one layer, the largest of each channel over the pillar.
+
+    The largest comes before normalisation and rectifier, which are monotonic: the same family of functions, at a small
+    part of the cost.
+    """
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.layer = nn.Linear(len(FEATURES), width, bias=False)
+        self.norm = nn.BatchNorm1d(width)
+
+    def forward(self, points: Tensor) -> Tensor:
+        """Pillars ``(P, N, 10)`` to features ``(P, width)``."""
+        return torch.relu(self.norm(self.layer(points).max(dim=1).values.float()))
+
+
+class PillarNetwork(nn.Module):
+    """Pillars to a map of heat, boxes and classes."""
+
+    def __init__(self, grid: PillarGrid, size: NetworkSize) -> None:
+        super().__init__()
+        self.grid, self.size = grid, size
+        self.pillars = PillarFeatures(size.pillar)
+        self.stem = _convolution(size.pillar, size.pillar, stride=2)
+        widths = (size.pillar, *size.stages)
+        self.stages = nn.ModuleList(
+            nn.Sequential(
+                _convolution(before, width, stride=2),
+                *(_convolution(width, width) for _ in range(size.layers - 1)),
+            )
+            for before, width in zip(widths, size.stages, strict=False)
+        )
+        self.neck = nn.ModuleList(
+            nn.Sequential(
+                nn.ConvTranspose2d(width, size.neck, 2**level, stride=2**level, bias=False),
+                nn.BatchNorm2d(size.neck),
+                nn.ReLU(inplace=True),
+            )
+            for level, width in enumerate(size.stages)
+        )
+        self.shared = _convolution(size.neck * len(size.stages), size.head)
+        self.heat = nn.Sequential(_convolution(size.head, size.head), nn.Conv2d(size.head, 1 + len(CLASS_NAMES), 1))
+        self.box = nn.Sequential(_convolution(size.head, size.head), nn.Conv2d(size.head, len(BOX_CHANNELS), 1))
+        last = self.heat[-1]
+        nn.init.zeros_(last.bias)
+        with torch.no_grad():
+            last.bias[0] = _PRIOR_LOGIT
+
+    def forward(self, points: Tensor, cell: Tensor, frames: int = 1) -> tuple[Tensor, Tensor, Tensor]:
+        """Logits of a vehicle ``(B, R, R)``, logits of the classes ``(B, C, R, R)``, boxes ``(B, 10, R, R)``.
+
+        Args:
+            points: As in ``Pillars``, those of all frames one after the other.
+            cell: Likewise, plus ``cells²`` for every frame before.
+            frames: B, how many.
+        """
+        features = self.pillars(points)
+        side = self.grid.cells
+        canvas = features.new_zeros((frames * side * side, features.shape[1]))
+        canvas = canvas.index_put((cell,), features)
+        seen = self.stem(canvas.reshape(frames, side, side, -1).permute(0, 3, 1, 2))
+        parts = []
+        for stage, up in zip(self.stages, self.neck, strict=True):
+            seen = stage(seen)
+            parts.append(up(seen))
+        shared = self.shared(torch.cat(parts, dim=1))
+        heat, box = self.heat(shared).float(), self.box(shared).float()
+        scale = box.new_tensor([1.0] * 8 + [_SPEED_SCALE_MPS] * 2)[None, :, None, None]
+        return heat[:, 0], heat[:, 1:], box * scale
+
+
+def _convolution(before: int, after: int, stride: int = 1) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Conv2d(before, after, 3, stride=stride, padding=1, bias=False),
+        nn.BatchNorm2d(after),
+        nn.ReLU(inplace=True),
+    )
+
+
+_CHANNEL_WEIGHT: Final = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.2, 0.2)
+"""As CenterPoint: velocities, which are larger numbers, weigh 0.2."""
+
+
+def heat_loss(logit: Tensor, heat: Tensor, counts: Tensor) -> Tensor:
+    """The focal loss of CornerNet for a heatmap, over the number of vehicles.
+
+    Args:
+        logit: Of a vehicle, shape ``(B, R, R)``.
+        heat: 1 at centres, falling around them.
+        counts: 0 at cells that teach nothing.
+    """
+    share = torch.sigmoid(logit)
+    sure, unsure = torch.nn.functional.logsigmoid(logit), torch.nn.functional.logsigmoid(-logit)
+    centre = (heat > 0.999).to(logit.dtype)
+    hit = centre * (1.0 - share) ** 2 * sure
+    alarm = (1.0 - centre) * (1.0 - heat) ** 4 * share**2 * unsure
+    return -((hit + alarm) * counts).sum() / centre.sum().clamp(min=1.0)
+
+
+def box_loss(found: Tensor, box: Tensor, weight: Tensor) -> Tensor:
+    """Absolute differences, over the weights of the cells; arguments have shapes ``(T, 10)``, ``(T, 10)``, ``(T,)``."""
+    channels = found.new_tensor(_CHANNEL_WEIGHT)
+    return ((found - box).abs() * channels * weight[:, None]).sum() / weight.sum().clamp(min=1.0)
+
+
+def losses(
+    answer: tuple[Tensor, Tensor, Tensor],
+    maps: tuple[Tensor, Tensor],
+    boxes: tuple[Tensor, Tensor, Tensor, Tensor],
+    config: DetectionFit,
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """The whole loss, and its parts: heat, boxes, classes.
+
+    Args:
+        answer: Of the network.
+        maps: ``heat`` and ``counts`` of the targets, shape ``(B, R, R)``.
+        boxes: ``cell``, ``box``, ``weight``, ``label`` of the targets of all frames; cells counted on over the frames.
+        config: Weights of the parts.
+    """
+    logit, classes, found = answer
+    cell, box, weight, label = boxes
+    heat = heat_loss(logit, *maps)
+    at_cells = found.permute(0, 2, 3, 1).reshape(-1, found.shape[1])[cell]
+    of_class = classes.permute(0, 2, 3, 1).reshape(-1, classes.shape[1])[cell]
+    boxed = box_loss(at_cells, box, weight)
+    surprise = torch.nn.functional.cross_entropy(of_class, label, reduction="none")
+    named = (surprise * weight).sum() / weight.sum().clamp(min=1.0)
+    return heat + config.box_weight * boxed + config.class_weight * named, heat, boxed, named
+
+
+_GRADIENT_MAX: Final = 10.0
+_WARM_UP: Final = 0.03
+_DECAY: Final = 0.5
+"""The last share of the steps, in which the rate falls to 0: until then a run may be made longer."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Means since the last report."""
+
+    step: int
+    loss: float
+    heat: float
+    box: float
+    named: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """What a training ends with."""
+
+    network: PillarNetwork
+    processor_s: float
+    """Processor time of all its steps."""
+    plans: tuple[tuple[int, int, int], ...]
+    """What the steps followed: from which step, of how many, on how many frames."""
+
+
+@dataclass
+class _Run:
+    network: PillarNetwork
+    average: PillarNetwork
+    optimizer: torch.optim.Optimizer
+    step: int = 0
+    processor_s: float = 0.0
+    """Since the first step, over all programs that went on from a checkpoint."""
+    sums: list[Tensor] = field(default_factory=list)
+    plans: list[tuple[int, int, int]] = field(default_factory=list)
+
+    def state(self, digest: str) -> dict[str, Any]:
+        return {
+            "digest": digest,
+            "step": self.step,
+            "processor_s": self.processor_s,
+            "plans": [list(plan) for plan in self.plans],
+            "network": self.network.state_dict(),
+            "average": self.average.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        self.step, self.processor_s = int(state["step"]), float(state["processor_s"])
+        self.plans = [(first, steps, frames) for first, steps, frames in state["plans"]]
+        self.network.load_state_dict(state["network"])
+        self.average.load_state_dict(state["average"])
+        self.optimizer.load_state_dict(state["optimizer"])
+
+
+def fit(
+    draws: FrameDraws,
+    size: NetworkSize,
+    config: DetectionFit,
+    checkpoint: Path | None,
+    told: Callable[[Progress], bool],
+) -> Fitted | None:
+    """Trains a network, from its checkpoint where there is one.
+
+    More frames and another number of steps may be asked for than when the checkpoint was written.
+
+    Args:
+        draws: The frames.
+        size: Of the network.
+        config: Settings.
+        checkpoint: File that the state is kept in; None keeps none.
+        told: Called after every ``checkpoint_steps``; False stops the training there.
+
+    Returns:
+        The result; None where the training was stopped.
+
+    Raises:
+        InputError: The checkpoint is of another grid, size or seed, or no checkpoint at all.
+    """
+    run = _new_run(draws, size, config)
+    digest = repr((draws.grid, draws.seed, draws.batch, size))
+    if checkpoint is not None and checkpoint.exists():
+        run.restore(_read(checkpoint, digest))
+    if run.step < config.steps and (not run.plans or run.plans[-1][1:] != (config.steps, len(draws))):
+        run.plans.append((run.step, config.steps, len(draws)))
+    device, start = torch.device(config.device), time.monotonic()
+    spent_s = run.processor_s - time.process_time()
+    while run.step < config.steps:
+        _train_step(run, draws.batch_of(run.step), config, device)
+        run.step += 1
+        if run.step % config.checkpoint_steps == 0 or run.step == config.steps:
+            loss, heat, box, named = torch.stack(run.sums).mean(dim=0).tolist()
+            run.sums.clear()
+            run.processor_s = spent_s + time.process_time()
+            if checkpoint is not None:
+                _write(checkpoint, run.state(digest))
+            goes_on = told(Progress(run.step, loss, heat, box, named, time.monotonic() - start))
+            if not goes_on and run.step < config.steps:
+                return None
+    return Fitted(run.average.cpu().eval(), run.processor_s, tuple(run.plans))
+
+
+def _new_run(draws: FrameDraws, size: NetworkSize, config: DetectionFit) -> _Run:
+    torch.manual_seed(config.seed)
+    network = PillarNetwork(draws.grid, size).to(config.device, memory_format=torch.channels_last)
+    average = deepcopy(network)
+    optimizer = torch.optim.AdamW(
+        network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay, betas=(0.9, 0.99)
+    )
+    return _Run(network, average, optimizer)
+
+
+def _train_step(run: _Run, frames: list[tuple[Pillars, Targets]], config: DetectionFit, device: torch.device) -> None:
+    for group in run.optimizer.param_groups:
+        group["lr"] = config.learning_rate * rate_at(run.step / config.steps)
+    run.network.train()
+    points, cell = (part.to(device) for part in pillar_tensors([pillars for pillars, _ in frames], run.network))
+    maps, boxes = _target_tensors([targets for _, targets in frames], device)
+    with torch.autocast(device.type, torch.bfloat16, enabled=config.half):
+        answer = run.network(points, cell, len(frames))
+    parts = losses(answer, maps, boxes, config)
+    run.optimizer.zero_grad()
+    parts[0].backward()
+    torch.nn.utils.clip_grad_norm_(run.network.parameters(), _GRADIENT_MAX)
+    run.optimizer.step()
+    _follow(run.average, run.network, min(config.averaging, (1.0 + run.step) / (10.0 + run.step)))
+    run.sums.append(torch.stack([part.detach().cpu() for part in parts]))
+
+
+def rate_at(share: float) -> float:
+    """The learning rate after a share of the steps, over the highest: rises, stays, and falls as a cosine."""
+    if share < _WARM_UP:
+        return 0.1 + 0.9 * share / _WARM_UP
+    fallen = max(0.0, (share - (1.0 - _DECAY)) / _DECAY)
+    return 0.5 * (1.0 + math.cos(math.pi * fallen))
+
+
+def pillar_tensors(frames: list[Pillars], network: PillarNetwork) -> tuple[Tensor, Tensor]:
+    """The arguments of the network for some frames."""
+    side = network.grid.cells**2
+    cell = np.concatenate([pillars.cell + number * side for number, pillars in enumerate(frames)])
+    return torch.from_numpy(np.concatenate([pillars.points for pillars in frames])), torch.from_numpy(cell)
+
+
+def _target_tensors(
+    targets: list[Targets], device: torch.device
+) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor, Tensor, Tensor]]:
+    side = targets[0].heat.size
+    cell = np.concatenate([each.cell + number * side for number, each in enumerate(targets)])
+    heat, counts = (np.stack([getattr(each, name) for each in targets]) for name in ("heat", "counts"))
+    box, weight, label = (np.concatenate([getattr(each, name) for each in targets]) for name in _BOX_ARRAYS)
+    maps = torch.from_numpy(heat).to(device), torch.from_numpy(counts).to(device)
+    at_cells = (torch.from_numpy(values).to(device) for values in (cell, box, weight, label))
+    first, second, third, fourth = at_cells
+    return maps, (first, second, third, fourth)
+
+
+_BOX_ARRAYS: Final = ("box", "weight", "label")
+
+
+def _follow(average: PillarNetwork, network: PillarNetwork, kept: float) -> None:
+    """Moves the running mean of the weights, and of the statistics of the normalisations."""
+    own, others = average.state_dict(), network.state_dict()
+    with torch.no_grad():
+        for name, values in own.items():
+            if values.is_floating_point():
+                values.lerp_(others[name], 1.0 - kept)
+            else:
+                values.copy_(others[name])
+
+
+def _write(path: Path, state: dict[str, Any]) -> None:
+    unfinished = path.with_suffix(".part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        torch.save(state, unfinished)
+        unfinished.replace(path)
+    except OSError as error:
+        raise InputError("checkpoint", str(path), f"a place that can be written ({error.strerror})") from error
+
+
+def _read(path: Path, digest: str) -> dict[str, Any]:
+    try:
+        state: dict[str, Any] = torch.load(path, weights_only=True, map_location="cpu")
+    except Exception as error:  # torch has no common class of its errors
+        raise InputError("checkpoint", str(path), f"a checkpoint of this training ({error})") from error
+    if state.get("digest") != digest or "plans" not in state:
+        raise InputError("checkpoint", str(path), "one of the same grid, size, seed and batch, or none")
+    return state
+
+
+_OPSET: Final = 17
+_MOST_BOXES: Final = 150
+
+
+class BoxesOf(nn.Module):
+    """The network with CenterPoint's decoding: cells that are the highest among their neighbours."""
+
+    def __init__(self, network: PillarNetwork) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, points: Tensor, cell: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """One frame's pillars, to the outputs of ``DetectorNetwork``."""
+        logit, classes, box = self.network(points, cell)
+        heat = torch.sigmoid(logit)
+        highest = nn.functional.max_pool2d(heat[:, None], 3, stride=1, padding=1)[:, 0]
+        peaks = torch.where(heat == highest, heat, torch.zeros_like(heat)).reshape(-1)
+        rows = logit.shape[-1]
+        score, place = torch.topk(peaks, min(_MOST_BOXES, rows * rows))
+        values = box.reshape(box.shape[1], -1)[:, place].T
+        share = torch.softmax(classes.reshape(classes.shape[1], -1)[:, place].T, dim=-1)
+        grid = self.network.grid
+        at = torch.stack((place % rows, torch.div(place, rows, rounding_mode="floor")), dim=-1)
+        middle = (at.to(values.dtype) + 0.5) * (STRIDE * grid.cell_m) - grid.half_width_m
+        centre = torch.cat((middle + values[:, :2], values[:, 2:3]), dim=-1)
+        table = torch.cat((centre, torch.exp(values[:, 3:6]), values[:, 6:]), dim=-1)
+        return table, score, share
+
+
+def onnx_bytes(network: PillarNetwork) -> bytes:
+    """The network for one frame with any number of pillars."""
+    grid, pillars = network.grid, 7
+    example = (
+        torch.rand(pillars, grid.points, len(FEATURES)),
+        torch.arange(pillars, dtype=torch.int64) * 3 % grid.cells**2,
+    )
+    buffer = io.BytesIO()
+    with warnings.catch_warnings():
+        # The exporter that traces is announced to go; its successor needs three packages more.
+        warnings.simplefilter("ignore")
+        torch.onnx.export(
+            BoxesOf(network).cpu().eval(),
+            example,
+            buffer,
+            dynamo=False,
+            opset_version=_OPSET,
+            input_names=list(INPUTS),
+            output_names=list(OUTPUTS),
+            dynamic_axes={name: {0: "pillars"} for name in INPUTS},
+        )
+    written = buffer.getvalue()
+    onnx.checker.check_model(onnx.load_from_string(written))
+    return written
+
+
+def fitted_detector(
+    draws: FrameDraws, config: DetectionFit, threads: int, checkpoint: Path, told: Callable[[str], bool]
+) -> FittedDetector | None:
+    """Fits a network and exports it.
+
+    Args:
+        draws: The frames.
+        config: Settings.
+        threads: Of the processor.
+        checkpoint: Where the state is kept, and taken from.
+        told: Called with one line at each checkpoint; False stops the training there.
+
+    Returns:
+        The network; None where the training was stopped.
+    """
+    torch.set_num_threads(threads)
+
+    def tell(progress: Progress) -> bool:
+        return told(
+            f"step {progress.step}/{config.steps}: loss {progress.loss:.3f} (heat {progress.heat:.3f}, "
+            f"boxes {progress.box:.3f}, classes {progress.named:.3f}), {progress.seconds:.0f} s"
+        )
+
+    fitted = fit(draws, NetworkSize(), config, checkpoint, tell)
+    if fitted is None:
+        return None
+    network = fitted.network
+    return FittedDetector(
+        onnx=onnx_bytes(network),
+        parameters=sum(weights.numel() for weights in network.parameters()),
+        made_with=f"torch {torch.__version__}",
+        processor_s=fitted.processor_s,
+        plans=fitted.plans,
+    )

@@ -1,0 +1,200 @@
+"""The sequence model's network and its fitting: the same films, settings and seed give the same weights."""
+
+import io
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import numpy as np
+import onnx
+import torch
+from torch import Tensor, nn
+
+from siren_ros.evaluation.risk.labels import RiskClass
+from siren_ros.evaluation.risk.sequence_model import HEIGHT, INPUT, OUTPUT, WIDTH
+from siren_ros.training.risk.batches import (
+    CLIP_FRAMES,
+    Clip,
+    FilmFitConfig,
+    FittedFilmNetwork,
+    LabelledFilm,
+    brightness,
+    clip_of,
+    drawn_first,
+    films_with,
+    operating_point,
+    validation_clips,
+)
+
+_STACK: Final = 3
+_CHANNELS: Final = (12, 16, 24, 32)
+_WIDTH: Final = 48
+
+
+class FilmNetwork(nn.Module):
+    """Two ordered questions about a film: is there a near-miss or worse, and is there a collision?"""
+
+    def __init__(self) -> None:
+        """Weights are drawn from torch's generator."""
+        super().__init__()
+        layers: list[nn.Module] = []
+        before, rows, columns = _STACK, HEIGHT, WIDTH
+        for number, channels in enumerate(_CHANNELS):
+            size = 5 if number == 0 else 3
+            layers += [
+                nn.Conv2d(before, channels, size, stride=2, padding=size // 2, bias=False),
+                nn.BatchNorm2d(channels),
+                nn.ReLU(),
+            ]
+            before, rows, columns = channels, (rows + 1) // 2, (columns + 1) // 2
+        self.pictures = nn.Sequential(
+            *layers, nn.Flatten(), nn.Dropout(0.2), nn.Linear(before * rows * columns, _WIDTH)
+        )
+        self.time = nn.Sequential(
+            nn.ReLU(),
+            nn.Conv1d(_WIDTH, _WIDTH, 5, padding=2),
+            nn.ReLU(),
+            nn.Conv1d(_WIDTH, _WIDTH, 5, padding=4, dilation=2),
+            nn.ReLU(),
+        )
+        self.moments = nn.Conv1d(_WIDTH, 2, 1)
+
+    def forward(self, frames: Tensor) -> tuple[Tensor, Tensor]:
+        """Logits of each picture ``(N, 2, T)`` and of the film ``(N, 2)``.
+
+        Args:
+            frames: Grey values 0 … 255, shape ``(N, T, HEIGHT, WIDTH)``.
+        """
+        values = (frames.float() - 128.0) / 64.0
+        first = torch.cat((values[:, :1], values[:, :1], values), dim=1)
+        # A picture, and how it differs from the two before it: what comes nearer grows.
+        stack = torch.stack((values, values - first[:, 1:-1], values - first[:, :-2]), dim=2)
+        count, length = frames.shape[0], frames.shape[1]
+        seen = self.pictures(stack.reshape(count * length, _STACK, HEIGHT, WIDTH))
+        moments = self.moments(self.time(seen.reshape(count, length, _WIDTH).transpose(1, 2)))
+        smooth = nn.functional.avg_pool1d(moments, 3, stride=1, padding=1, count_include_pad=False)
+        return moments, smooth.amax(dim=2)
+
+
+_OPSET: Final = 17
+_SHARES: Final = (0.4, 0.35, 0.25)
+"""Of the clips that are drawn for each class."""
+
+
+def fitted_film_network(
+    train: Sequence[LabelledFilm],
+    validation: Sequence[LabelledFilm],
+    config: FilmFitConfig,
+    told: Callable[[str], None],
+) -> FittedFilmNetwork:
+    """Fits and exports a network whose two probabilities are to be held against one half.
+
+    Args:
+        train: Films to learn from.
+        validation: Films that decide where the halves lie, and nothing else.
+        config: Settings.
+        told: Called with one line after each epoch.
+    """
+    network = _fit(train, config, told)
+    clips = validation_clips(validation, config.thresholds)
+    offset = operating_point(_logits(network, clips), np.array([clip.label for clip in clips], dtype=np.int64))
+    return FittedFilmNetwork(
+        onnx=_onnx_bytes(network, torch.from_numpy(offset)),
+        parameters=sum(weights.numel() for weights in network.parameters()),
+        made_with=f"torch {torch.__version__}",
+    )
+
+
+def _fit(films: Sequence[LabelledFilm], config: FilmFitConfig, told: Callable[[str], None]) -> FilmNetwork:
+    torch.manual_seed(config.seed)
+    torch.set_num_threads(1)
+    network = FilmNetwork()
+    optimizer = torch.optim.AdamW(network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(
+        optimizer, config.learning_rate, total_steps=config.epochs * config.steps, pct_start=0.2
+    )
+    having = [films_with(films, risk) for risk in RiskClass]
+    random, start = np.random.default_rng(config.seed), time.monotonic()
+    for epoch in range(config.epochs):
+        network.train()
+        total = 0.0
+        for _ in range(config.steps):
+            frames, severity, label = _batch(having, config, random)
+            moments, whole = network(frames)
+            loss = _focal(whole, label, config.focus)
+            loss = loss + config.frame_weight * _focal(
+                moments.transpose(1, 2).reshape(-1, 2), severity.reshape(-1), 0.0
+            )
+            optimizer.zero_grad()
+            loss.backward()
+            torch.nn.utils.clip_grad_norm_(network.parameters(), 5.0)
+            optimizer.step()
+            schedule.step()
+            total += float(loss.detach())
+        told(f"epoch {epoch + 1}/{config.epochs}: loss {total / config.steps:.3f}, {time.monotonic() - start:.0f} s")
+    return network.eval()
+
+
+def _batch(
+    having: Sequence[Sequence[LabelledFilm]], config: FilmFitConfig, random: np.random.Generator
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Clips with a moment of a drawn class; ``having`` are the films of each class."""
+    shares = np.array([share if some else 0.0 for share, some in zip(_SHARES, having, strict=True)])
+    frames, severity, label = [], [], []
+    for risk in random.choice(len(RiskClass), config.batch, p=shares / shares.sum()):
+        one = having[risk][int(random.integers(len(having[risk])))]
+        first = drawn_first(one, RiskClass(risk), config.clip_frames, random)
+        clip = clip_of(one, first, config.clip_frames, config.thresholds)
+        pictures = brightness(clip.frames, random)
+        if random.random() < 0.5:
+            pictures = pictures[..., ::-1].copy()
+        frames.append(torch.from_numpy(pictures))
+        severity.append(torch.from_numpy(clip.severity))
+        label.append(int(clip.label))
+    return torch.stack(frames), torch.stack(severity), torch.tensor(label)
+
+
+def _focal(logits: Tensor, severity: Tensor, focus: float) -> Tensor:
+    """Binary losses of both questions, shape of the logits ``(N, 2)``, of the classes ``(N,)``."""
+    truth = torch.stack((severity >= RiskClass.NEAR_MISS, severity >= RiskClass.COLLISION), dim=1).float()
+    loss = torch.nn.functional.binary_cross_entropy_with_logits(logits, truth, reduction="none")
+    return ((1.0 - torch.exp(-loss)) ** focus * loss).sum(dim=1).mean()
+
+
+def _logits(network: FilmNetwork, clips: Sequence[Clip]) -> "np.ndarray[tuple[int, int], np.dtype[np.float32]]":
+    with torch.no_grad():
+        parts = [network(torch.from_numpy(clip.frames[None]))[1] for clip in clips]
+    return torch.cat(parts).numpy()
+
+
+class _Answer(torch.nn.Module):
+    """Probabilities in place of logits, with the operating point at one half."""
+
+    def __init__(self, network: FilmNetwork, offset: Tensor) -> None:
+        super().__init__()
+        self.network = network
+        self.register_buffer("offset", offset.float())
+
+    def forward(self, frames: Tensor) -> Tensor:
+        whole: Tensor = self.network(frames)[1]
+        return torch.sigmoid(whole - self.offset)
+
+
+def _onnx_bytes(network: FilmNetwork, offset: Tensor) -> bytes:
+    buffer = io.BytesIO()
+    with warnings.catch_warnings():
+        # The exporter that traces is announced to go; its successor needs three packages more.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        torch.onnx.export(
+            _Answer(network, offset).eval(),
+            (torch.zeros((1, CLIP_FRAMES, HEIGHT, WIDTH), dtype=torch.uint8),),
+            buffer,
+            dynamo=False,
+            opset_version=_OPSET,
+            input_names=[INPUT],
+            output_names=[OUTPUT],
+        )
+    written = buffer.getvalue()
+    onnx.checker.check_model(onnx.load_from_string(written))
+    return written

@@ -1,0 +1,1 @@
+"""Training of the trajectory predictor: the plan of episodes, samples out of bags, figures."""

@@ -1,0 +1,132 @@
+"""Which episodes a predictor is trained on, watched on and judged on, and with which inputs.
+
+The splits differ by seed; the last one also by map.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+from siren_ros.evaluation.prediction.siren_model.features import Ablation
+from siren_ros.scenario.episode import EpisodeRequest
+from siren_ros.scenario.paper import EmergencyLevel
+
+TEMPLATES: Final = ("S1", "S2", "S3", "S4", "S5", "S6", "S7")
+_LEVELS: Final = ("", "L0", "", "L1", "", "L0", "", "L2", "", "L3")
+"""Half of the training episodes at the template's own level, a fifth without emergency driving."""
+
+
+class Split(StrEnum):
+    """What an episode is for. Seeds of two splits are never the same."""
+
+    TRAIN = "train"
+    VALIDATION = "validation"
+    """Looked at during training; chooses nothing."""
+    TEST_SEEDS = "test_seeds"
+    """Maps of the training, other seeds."""
+    TEST_MAPS = "test_maps"
+    """Maps that were not trained on."""
+
+
+FIRST_SEED: Final = {Split.TRAIN: 100, Split.VALIDATION: 900, Split.TEST_SEEDS: 1000, Split.TEST_MAPS: 1000}
+
+_SEEDS_APART: Final = 3
+"""Of one template on one map; the next map begins one seed later, so that maps seldom share one."""
+
+
+@dataclass(frozen=True)
+class PlannedEpisode:
+    """One episode of the data."""
+
+    split: Split
+    request: EpisodeRequest
+
+    @property
+    def name(self) -> str:
+        """Name of its file."""
+        request = self.request
+        parts = (request.template, request.level or "own", _map_name(request.map), f"seed{request.seed}")
+        return "_".join(parts)
+
+
+@dataclass(frozen=True)
+class PlanSize:
+    """Seeds of each template and map in each split."""
+
+    train: int = 8
+    validation: int = 1
+    test: int = 3
+
+
+def plan_episodes(maps: Sequence[str], held_out: Sequence[str], size: PlanSize) -> tuple[PlannedEpisode, ...]:
+    """All episodes, so that any first part of the training episodes has all templates, maps and levels.
+
+    Args:
+        maps: Map files to train on; "" is the built-in town.
+        held_out: Map files that only judge.
+        size: How many.
+    """
+    train = [
+        PlannedEpisode(Split.TRAIN, _request(template, Split.TRAIN, turn, place, maps, _level(turn, place, number)))
+        for turn in range(size.train)
+        for place in range(len(maps))
+        for number, template in enumerate(TEMPLATES)
+    ]
+    judged = [
+        PlannedEpisode(split, _request(template, split, turn, place, among, ""))
+        for split, among, turns in (
+            (Split.VALIDATION, maps, size.validation),
+            (Split.TEST_SEEDS, maps, size.test),
+            (Split.TEST_MAPS, held_out, size.test),
+        )
+        for turn in range(turns)
+        for place in range(len(among))
+        for template in TEMPLATES
+    ]
+    return (*train, *judged)
+
+
+def _request(template: str, split: Split, turn: int, place: int, maps: Sequence[str], level: str) -> EpisodeRequest:
+    seed = FIRST_SEED[split] + _SEEDS_APART * turn + place
+    return EpisodeRequest(template=template, level=level, seed=seed, map=maps[place], sensors="none")
+
+
+def _level(turn: int, place: int, number: int) -> str:
+    return _LEVELS[(turn + 3 * number + 7 * place) % len(_LEVELS)]
+
+
+def _map_name(path: str) -> str:
+    return Path(path).name.split(".")[0] if path else "town"
+
+
+def is_ordinary(request: EpisodeRequest) -> bool:
+    """Whether nobody drives as in an emergency in the episode."""
+    return request.level == EmergencyLevel.L0.name
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One way to train."""
+
+    summary: str
+    ablation: Ablation = Ablation.NONE
+    ordinary_only: bool = False
+    """Whether only episodes without emergency driving (L0) are trained on."""
+    as_few_as_ordinary: bool = False
+    """Whether no more episodes are trained on than there are ordinary ones."""
+
+
+FULL: Final = "full"
+VARIANTS: Final = MappingProxyType(
+    {
+        FULL: Variant("everything"),
+        "no_siren": Variant("without beacon and siren", Ablation.SIREN),
+        "no_map": Variant("without lanes, stop lines and signals", Ablation.MAP),
+        "ordinary": Variant("trained on ordinary traffic only (L0)", ordinary_only=True),
+        "few": Variant("trained on as many episodes as ordinary, of all levels", as_few_as_ordinary=True),
+    }
+)
+"""By name. ``few`` tells what of the loss of ``ordinary`` is due to fewer episodes."""

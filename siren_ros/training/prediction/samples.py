@@ -1,0 +1,270 @@
+"""Samples of the predictor: made by the closed loop in processes, kept in files, and read into memory."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass, fields
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros import __version__
+from siren_ros.errors import SirenError
+from siren_ros.evaluation.prediction.baselines.constant_velocity import ConstantVelocity
+from siren_ros.evaluation.prediction.baselines.idm_predictor import IdmPredictor
+from siren_ros.evaluation.prediction.predictors import Predictor
+from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, ScoredSamples, samples_of
+from siren_ros.evaluation.prediction.siren_model.columns import in_frame_of
+from siren_ros.evaluation.prediction.siren_model.features import (
+    FEATURES_VERSION,
+    Ablation,
+    FeatureNames,
+    Features,
+    features_and_names,
+    without,
+)
+from siren_ros.generation.closed_loop import closed_loop, record_of
+from siren_ros.generation.episode_setup import plan_length, set_up_episode
+from siren_ros.numerics.arrays import Floats32, Rows, random_stream
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.training.prediction.plan import PlannedEpisode, Split
+
+REGION_SAMPLES: Final = 400
+"""Samples of a training episode in the interaction region, drawn at random: the others overlap with them."""
+OTHER_SAMPLES: Final = 100
+"""Samples of a training episode from the whole map."""
+_REFERENCES: Final[dict[str, Predictor]] = {"cv": ConstantVelocity(), "idm": IdmPredictor()}
+
+
+@dataclass(frozen=True)
+class EpisodeFeatures:
+    """Samples of one episode, as they are stored."""
+
+    template: str
+    level: str
+    seed: int
+    map_name: str
+    split: Split
+    names: FeatureNames
+    features: Features
+    truth_m: Floats32
+    """True future in the frames of the samples, shape ``(N, FUTURE_POINTS, 2)``."""
+    reference_ade_m: dict[str, Floats32]
+    """Error of the reference models on each sample, shape ``(N,)``; only of episodes that are not trained on."""
+
+    def __len__(self) -> int:
+        return len(self.truth_m)
+
+
+def features_path(folder: Path, planned: PlannedEpisode) -> Path:
+    """Where the features of an episode are kept; another version of features or package has another place."""
+    return folder / f"v{FEATURES_VERSION}_{__version__}" / planned.split.value / f"{planned.name}.npz"
+
+
+def simulate(planned: PlannedEpisode) -> EpisodeFeatures:
+    """Runs an episode without ROS and without sensors, and takes its samples.
+
+    Raises:
+        SirenError: The map has no site for the template, or the episode fails.
+    """
+    setup = set_up_episode(planned.request)
+    record = record_of(setup, list(closed_loop(setup, plan_length(planned.request))))
+    return features_of_record(record, planned.split)
+
+
+def features_of_record(record: EpisodeRecord, split: Split) -> EpisodeFeatures:
+    """The samples of a record: of a training episode a draw of all vehicles, else all of the interaction region."""
+    episode = record.description
+    region = samples_of(record, HistoryWindow(), Population.REGION)
+    parts = [(region, np.arange(len(region)))]
+    if split is Split.TRAIN:
+        random = random_stream(episode.seed, f"training/{episode.template}/{episode.level.name}")
+        every = samples_of(record, HistoryWindow(), Population.ALL)
+        parts = [
+            (samples, np.sort(random.permutation(len(samples))[:most]))
+            for samples, most in ((region, REGION_SAMPLES), (every, OTHER_SAMPLES))
+        ]
+    made = [features_and_names(samples.batch) for samples, _ in parts]
+    chosen = [features.select(rows) for (features, _), (_, rows) in zip(made, parts, strict=True)]
+    return EpisodeFeatures(
+        template=episode.template,
+        level=episode.level.name,
+        seed=episode.seed,
+        map_name=episode.map_name,
+        split=split,
+        names=made[0][1],
+        features=joined(chosen),
+        truth_m=np.concatenate([_truth(samples)[rows] for samples, rows in parts]),
+        reference_ade_m={} if split is Split.TRAIN else {name: _ade(one, region) for name, one in _REFERENCES.items()},
+    )
+
+
+def joined(parts: list[Features]) -> Features:
+    """The samples of all parts, one after the other."""
+    columns: dict[str, Any] = {
+        field.name: np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Features)
+    }
+    return Features(**columns)
+
+
+def _truth(samples: ScoredSamples) -> Floats32:
+    batch = samples.batch
+    return in_frame_of(batch, samples.future_xy_m - batch.xy_m[:, None]).astype(np.float32)
+
+
+def _ade(model: Predictor, samples: ScoredSamples) -> Floats32:
+    miss = model.predict(samples.batch).xy_m[:, 0] - samples.future_xy_m
+    return np.hypot(miss[..., 0], miss[..., 1]).mean(axis=-1).astype(np.float32)
+
+
+def write_features(path: Path, episode: EpisodeFeatures) -> None:
+    """Writes a file whole or not at all."""
+    about = {
+        **{name: getattr(episode, name) for name in ("template", "level", "seed", "map_name", "split")},
+        "names": asdict(episode.names),
+    }
+    arrays = {f"features.{field.name}": getattr(episode.features, field.name) for field in fields(Features)}
+    arrays |= {f"reference.{name}": values for name, values in episode.reference_ade_m.items()}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = path.with_suffix(".part")
+    with unfinished.open("wb") as file:
+        np.savez_compressed(file, about=np.array(json.dumps(about)), truth_m=episode.truth_m, **arrays)
+    unfinished.replace(path)
+
+
+def read_features(path: Path) -> EpisodeFeatures:
+    """An episode that ``write_features`` wrote."""
+    with np.load(path) as file:
+        about = json.loads(str(file["about"]))
+        features: dict[str, Any] = {field.name: file[f"features.{field.name}"] for field in fields(Features)}
+        references = {key.removeprefix("reference."): file[key] for key in file.files if key.startswith("reference.")}
+        truth = file["truth_m"]
+    names = FeatureNames(**{kind: tuple(values) for kind, values in about.pop("names").items()})
+    split = Split(about.pop("split"))
+    return EpisodeFeatures(
+        **about,
+        split=split,
+        names=names,
+        features=Features(**features),
+        truth_m=truth,
+        reference_ade_m=references,
+    )
+
+
+@dataclass(frozen=True)
+class EpisodeKey:
+    """Which episode samples are of."""
+
+    template: str
+    level: str
+    seed: int
+    map_name: str
+
+
+@dataclass(frozen=True)
+class SampleStore:
+    """Samples of several episodes."""
+
+    features: Features
+    """Of half precision, which halves the memory; speed and spacing are single."""
+    truth_m: Floats32
+    episode: npt.NDArray[np.int32]
+    """Position in ``episodes`` of each sample."""
+    episodes: tuple[EpisodeKey, ...]
+    names: FeatureNames
+    reference_ade_m: Mapping[str, Floats32]
+    """Of the reference models, shape ``(N,)``; empty for episodes that are trained on."""
+
+    def __len__(self) -> int:
+        return len(self.truth_m)
+
+    def batch(self, rows: Rows | slice) -> Features:
+        """Some samples in single precision."""
+        part = self.features.select(rows)
+        arrays: dict[str, Any] = {field.name: _single(getattr(part, field.name)) for field in fields(Features)}
+        return Features(**arrays)
+
+
+def read_store(paths: Sequence[Path], ablation: Ablation = Ablation.NONE) -> SampleStore:
+    """Reads episodes in their order; those without a sample are left out.
+
+    Args:
+        paths: Files of ``write_features``, at least one with a sample.
+        ablation: Input that is hidden.
+    """
+    episodes = [read_features(path) for path in paths]
+    filled = [episode for episode in episodes if len(episode)]
+    names = filled[0].names
+    columns: dict[str, Any] = {}
+    for field in fields(Features):
+        parts = [_compact(field.name, getattr(without(each.features, names, ablation), field.name)) for each in filled]
+        columns[field.name] = np.concatenate(parts)
+    references = set.intersection(*(set(episode.reference_ade_m) for episode in filled))
+    return SampleStore(
+        features=Features(**columns),
+        truth_m=np.concatenate([episode.truth_m for episode in filled]),
+        episode=np.repeat(np.arange(len(filled), dtype=np.int32), [len(episode) for episode in filled]),
+        episodes=tuple(EpisodeKey(each.template, each.level, each.seed, each.map_name) for each in filled),
+        names=names,
+        reference_ade_m={
+            name: np.concatenate([episode.reference_ade_m[name] for episode in filled]) for name in sorted(references)
+        },
+    )
+
+
+def _compact(name: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    keep = values.dtype == np.bool_ or name in {"speed_mps", "path_spacing_m"}
+    return values if keep else values.astype(np.float16)
+
+
+def _single(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    return values if values.dtype == np.bool_ else values.astype(np.float32)
+
+
+@dataclass(frozen=True)
+class MadeData:
+    """What became of a plan."""
+
+    files: tuple[tuple[PlannedEpisode, Path], ...]
+    missing: tuple[tuple[PlannedEpisode, str], ...]
+    """Episodes that could not be made, and why: a map without a site, a failed episode."""
+
+
+def make_data(
+    plan: Sequence[PlannedEpisode], folder: Path, jobs: int, told: Callable[[PlannedEpisode], None]
+) -> MadeData:
+    """Makes what is not there yet.
+
+    Args:
+        plan: The episodes.
+        folder: Where features are kept.
+        jobs: Processes at once.
+        told: Called after each episode.
+    """
+    paths = {planned: features_path(folder, planned) for planned in plan}
+    missing: dict[PlannedEpisode, str] = {}
+    wanted = [planned for planned, path in paths.items() if not path.exists()]
+    if wanted:
+        with ProcessPoolExecutor(min(jobs, len(wanted)), mp_context=get_context("spawn")) as pool:
+            running = {pool.submit(_make, planned, paths[planned]): planned for planned in wanted}
+            for done in as_completed(running):
+                reason = done.result()
+                if reason:
+                    missing[running[done]] = reason
+                told(running[done])
+    return MadeData(
+        tuple((planned, path) for planned, path in paths.items() if planned not in missing),
+        tuple((planned, missing[planned]) for planned in plan if planned in missing),
+    )
+
+
+def _make(planned: PlannedEpisode, path: Path) -> str:
+    """Makes one file; why it cannot be made, else an empty text."""
+    try:
+        write_features(path, simulate(planned))
+    except SirenError as error:
+        return str(error)
+    return ""

@@ -1,0 +1,223 @@
+"""The whole training of the trajectory predictor: data, variants, figures next to the reference models, files."""
+
+import hashlib
+import platform
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from siren_ros.errors import InputError
+from siren_ros.evaluation.network_file import write_network
+from siren_ros.evaluation.prediction.siren_model.features import FEATURES_VERSION
+from siren_ros.evaluation.prediction.siren_model.siren_predictor import TrainedNetwork, load_network
+from siren_ros.numerics.arrays import Floats, Floats32
+from siren_ros.training.prediction.plan import VARIANTS, PlannedEpisode, Split, is_ordinary
+from siren_ros.training.prediction.samples import EpisodeKey, MadeData, SampleStore, read_store
+from siren_ros.training.settings import FitConfig, FittedNetwork
+
+MEAN: Final = "mean"
+_OWN: Final = ("siren", "siren_min6", "siren_fde")
+
+
+@dataclass(frozen=True)
+class EpisodeErrors:
+    """Mean errors over the samples of one episode, in metres."""
+
+    episode: EpisodeKey
+    samples: int
+    errors_m: Mapping[str, float]
+    """ADE of ``cv``, ``idm`` and ``siren`` (most probable hypothesis); ``siren_min6`` and ``siren_fde``."""
+
+
+def assess(network: TrainedNetwork, store: SampleStore) -> tuple[EpisodeErrors, ...]:
+    """Errors of each episode of a split."""
+    columns: dict[str, Floats | Floats32] = {**_own_errors(network, store), **store.reference_ade_m}
+    found = []
+    for number, key in enumerate(store.episodes):
+        rows = np.flatnonzero(store.episode == number)
+        means = {name: float(values[rows].mean()) for name, values in columns.items()}
+        found.append(EpisodeErrors(key, len(rows), means))
+    return tuple(found)
+
+
+def _own_errors(network: TrainedNetwork, store: SampleStore) -> dict[str, Floats]:
+    xy_m, probability = network.run(store.batch(slice(None)))
+    miss = xy_m - store.truth_m[:, None]
+    distance = np.hypot(miss[..., 0], miss[..., 1])
+    ade = distance.mean(axis=-1)
+    likeliest = probability.argmax(axis=1)
+    rows = np.arange(len(store))
+    return dict(zip(_OWN, (ade[rows, likeliest], ade.min(axis=1), distance[rows, likeliest, -1]), strict=True))
+
+
+def by_template(errors: Sequence[EpisodeErrors]) -> dict[str, dict[str, float]]:
+    """Means over the samples of each template, and under ``MEAN`` over the templates, as the evaluation does."""
+    names = sorted({each.episode.template for each in errors})
+    table = {}
+    for name in names:
+        own = [each for each in errors if each.episode.template == name]
+        means = _mean([each.errors_m for each in own], [each.samples for each in own])
+        table[name] = {"episodes": float(len(own)), **means}
+    if not table:
+        return {}
+    mean = _mean(list(table.values()), [1] * len(table))
+    return {**table, MEAN: {**mean, "episodes": float(len(errors))}}
+
+
+def by_map(errors: Sequence[EpisodeErrors]) -> dict[str, dict[str, float]]:
+    """Of each map, the mean over its templates."""
+    names = sorted({each.episode.map_name for each in errors})
+    return {name: by_template([each for each in errors if each.episode.map_name == name])[MEAN] for name in names}
+
+
+def _mean(rows: Sequence[Mapping[str, float]], weights: Sequence[int]) -> dict[str, float]:
+    return {name: float(np.average([row[name] for row in rows], weights=weights)) for name in rows[0]}
+
+
+def table_lines(table: Mapping[str, Mapping[str, float]]) -> list[str]:
+    """The table as text: ADE of the models, minADE of six, and how both compare with constant velocity."""
+    lines = [f"{'':<14}{'episodes':>9}{'cv':>8}{'idm':>8}{'siren':>8}{'':>7}{'minADE6':>9}{'':>7}"]
+    for name, row in table.items():
+        gains = [f"{row[own] / row['cv'] - 1.0:+.0%}" for own in _OWN[:2]]
+        lines.append(
+            f"{name:<14}{row['episodes']:>9.0f}{row['cv']:8.2f}{row['idm']:8.2f}{row['siren']:8.2f}{gains[0]:>7}"
+            f"{row['siren_min6']:9.2f}{gains[1]:>7}"
+        )
+    return lines
+
+
+def errors_json(errors: Sequence[EpisodeErrors]) -> dict[str, Any]:
+    """Everything as JSON types, rounded to millimetres."""
+    return {
+        "samples": sum(each.samples for each in errors),
+        "by_template": _rounded(by_template(errors)),
+        "by_map": _rounded(by_map(errors)),
+    }
+
+
+def _rounded(table: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
+    return {name: {key: round(value, 3) for key, value in row.items()} for name, row in table.items()}
+
+
+Fitter = Callable[[SampleStore, FitConfig, Callable[[str], None]], FittedNetwork]
+_JUDGED: Final = (Split.VALIDATION, Split.TEST_SEEDS, Split.TEST_MAPS)
+_PACKAGES: Final = ("siren_ros", "eclipse-sumo", "numpy", "onnxruntime")
+
+
+@dataclass(frozen=True)
+class TrainedVariant:
+    """One trained network and its figures."""
+
+    path: Path
+    card: Mapping[str, Any]
+    errors: Mapping[Split, tuple[EpisodeErrors, ...]]
+
+
+def train_variant(
+    name: str, data: MadeData, folder: Path, config: FitConfig, fitter: Fitter, told: Callable[[str], None]
+) -> TrainedVariant:
+    """Trains one variant, and writes ``NAME.onnx`` and its card ``NAME.json``.
+
+    Args:
+        name: One of ``VARIANTS``.
+        data: Episodes of all splits.
+        folder: Where the files go.
+        config: Settings.
+        fitter: Fits and exports a network.
+        told: Called with lines on the progress.
+
+    Raises:
+        InputError: No training episode, or the folder cannot be written.
+    """
+    variant = VARIANTS[name]
+    files = _training_files(name, data)
+    if not files:
+        raise InputError("episodes", name, "at least one that could be made for training")
+    store = read_store([path for _, path in files], variant.ablation)
+    told(f"{name} ({variant.summary}): {len(store)} samples of {len(store.episodes)} episodes")
+    wall, processor = time.monotonic(), time.process_time()
+    fitted = fitter(store, config, told)
+    card = {
+        "model": "siren",
+        "variant": name,
+        "summary": variant.summary,
+        "ablation": variant.ablation.value,
+        "features_version": FEATURES_VERSION,
+        "sha256": hashlib.sha256(fitted.onnx).hexdigest(),
+        "parameters": fitted.parameters,
+        "made_with": {"fitting": fitted.made_with, "python": platform.python_version()}
+        | {package: version(package) for package in _PACKAGES},
+        "fit": asdict(config),
+        "training": {
+            "episodes": len(store.episodes),
+            "samples": len(store),
+            "wall_s": round(time.monotonic() - wall),
+            "processor_s": round(time.process_time() - processor),
+        },
+        "data": _data_json(data),
+    }
+    path = folder / f"{name}.onnx"
+    write_network(path, fitted.onnx, card)
+    network = load_network(path)
+    errors = {}
+    for split in _JUDGED:
+        judged = [file for planned, file in data.files if planned.split is split]
+        if judged:
+            errors[split] = assess(network, read_store(judged, variant.ablation))
+    card = {**card, "figures": {split.value: errors_json(found) for split, found in errors.items()}}
+    write_network(path, fitted.onnx, card)
+    return TrainedVariant(path, card, errors)
+
+
+def with_ablations(full: TrainedVariant, others: Sequence[TrainedVariant]) -> TrainedVariant:
+    """The whole predictor, its card with the figures of the others."""
+    compared = {
+        other.card["variant"]: {
+            "summary": other.card["summary"],
+            "episodes": other.card["training"]["episodes"],
+            **{split: figures["by_template"] for split, figures in other.card["figures"].items()},
+        }
+        for other in others
+    }
+    extended = replace(full, card={**full.card, "ablations": compared})
+    write_network(full.path, full.path.read_bytes(), extended.card)
+    return extended
+
+
+def _training_files(name: str, data: MadeData) -> list[tuple[PlannedEpisode, Path]]:
+    files = [(planned, path) for planned, path in data.files if planned.split is Split.TRAIN]
+    ordinary = [(planned, path) for planned, path in files if is_ordinary(planned.request)]
+    if VARIANTS[name].ordinary_only:
+        return ordinary
+    if VARIANTS[name].as_few_as_ordinary and ordinary:
+        step = len(files) / len(ordinary)
+        return [files[int(number * step)] for number in range(len(ordinary))]
+    return files
+
+
+def _data_json(data: MadeData) -> dict[str, Any]:
+    splits = {}
+    for split in Split:
+        made = [planned.request for planned, _ in data.files if planned.split is split]
+        left_out = [
+            f"{planned.name}: {_reason(planned, why)}" for planned, why in data.missing if planned.split is split
+        ]
+        seeds = [request.seed for request in made]
+        splits[split.value] = {
+            "episodes": len(made),
+            "maps": sorted({Path(request.map).name or "town" for request in made}),
+            "seeds": [min(seeds), max(seeds)] if seeds else [],
+            "left_out": sorted(left_out),
+        }
+    return splits
+
+
+def _reason(planned: PlannedEpisode, reason: str) -> str:
+    """Why an episode is missing, with the name of the map in place of its path."""
+    path = planned.request.map
+    return reason.replace(path, Path(path).name) if path else reason

@@ -1,0 +1,101 @@
+"""The whole training of the sequence model: films, fitting, figures, files."""
+
+import hashlib
+import platform
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from siren_ros.errors import InputError
+from siren_ros.evaluation.network_file import write_network
+from siren_ros.evaluation.risk.labels import TITLES, RiskClass
+from siren_ros.evaluation.risk.scoring import accuracy, confusion, macro_f1
+from siren_ros.evaluation.risk.sequence_model import FRAMES_VERSION, SequenceModel, load_sequence_model
+from siren_ros.training.prediction.plan import Split
+from siren_ros.training.risk.batches import FilmFitConfig, FittedFilmNetwork, LabelledFilm, labelled, validation_clips
+from siren_ros.training.risk.plan import FIRST_SEED
+from siren_ros.training.risk.samples import MadeFilms, read_film
+
+Fitter = Callable[
+    [Sequence[LabelledFilm], Sequence[LabelledFilm], FilmFitConfig, Callable[[str], None]], FittedFilmNetwork
+]
+_PACKAGES: Final = ("siren_ros", "eclipse-sumo", "numpy", "onnxruntime")
+
+
+def train_sequence_model(
+    films: MadeFilms, path: Path, config: FilmFitConfig, fitter: Fitter, told: Callable[[str], None]
+) -> SequenceModel:
+    """Trains the model, and writes it with its card.
+
+    Args:
+        films: Of both splits.
+        path: ONNX file to write; the card goes next to it.
+        config: Settings.
+        fitter: Fits and exports a network.
+        told: Called with lines on the progress.
+
+    Raises:
+        InputError: No film of a split, or the folder cannot be written.
+    """
+    splits = {split: _of_split(films, split, config) for split in (Split.TRAIN, Split.VALIDATION)}
+    for split, some in splits.items():
+        if not some:
+            raise InputError("films", split.value, "at least one that could be made")
+        told(f"{split.value}: {len(some)} films, pictures of {' / '.join(TITLES)}: {_pictures(some)}")
+    wall, processor = time.monotonic(), time.process_time()
+    fitted = fitter(splits[Split.TRAIN], splits[Split.VALIDATION], config, told)
+    card = {
+        "model": "sequence",
+        "task": "risk",
+        "frames_version": FRAMES_VERSION,
+        "sha256": hashlib.sha256(fitted.onnx).hexdigest(),
+        "parameters": fitted.parameters,
+        "made_with": {"fitting": fitted.made_with, "python": platform.python_version()}
+        | {package: version(package) for package in _PACKAGES},
+        "fit": asdict(config),
+        "films": {split.value: _split_json(some, films, split) for split, some in splits.items()},
+        "fitting_wall_s": round(time.monotonic() - wall),
+        "fitting_processor_s": round(time.process_time() - processor),
+    }
+    write_network(path, fitted.onnx, card)
+    model = load_sequence_model(path)
+    card["validation"] = _figures(model, splits[Split.VALIDATION], config)
+    write_network(path, fitted.onnx, card)
+    return load_sequence_model(path)
+
+
+def _of_split(films: MadeFilms, split: Split, config: FilmFitConfig) -> list[LabelledFilm]:
+    return [labelled(read_film(path), config) for planned, path in films.files if planned.split is split]
+
+
+def _pictures(films: Sequence[LabelledFilm]) -> list[int]:
+    counts = np.bincount(np.concatenate([one.severity for one in films]), minlength=len(RiskClass))
+    return [int(count) for count in counts]
+
+
+def _split_json(some: Sequence[LabelledFilm], films: MadeFilms, split: Split) -> dict[str, Any]:
+    episodes = [one.film.episode.label.risk for one in some]
+    return {
+        "films": len(some),
+        "seed": FIRST_SEED[split],
+        "episodes": [episodes.count(risk) for risk in RiskClass],
+        "pictures": _pictures(some),
+        "left_out": sorted(f"{planned.name}: {why}" for planned, why in films.missing if planned.split is split),
+    }
+
+
+def _figures(model: SequenceModel, films: Sequence[LabelledFilm], config: FilmFitConfig) -> dict[str, Any]:
+    """Of the clips that the operating point was chosen on: not what a test set will show."""
+    clips = validation_clips(films, config.thresholds)
+    counts = confusion([clip.label for clip in clips], [model.answer(clip.frames) for clip in clips])
+    return {
+        "clips": len(clips),
+        "confusion": counts[:, : len(RiskClass)].tolist(),
+        "accuracy": round(accuracy(counts).value, 4),
+        "macro_f1": round(macro_f1(counts).value, 4),
+    }

@@ -1,0 +1,308 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from siren_ros.behaviour.config import AnticipationConfig, JunctionEntryConfig
+from siren_ros.behaviour.driving.collision_watch import CollisionSnapshot
+from siren_ros.behaviour.driving.navigator import NavigatorState
+from siren_ros.behaviour.emv.controller import follow_route
+from siren_ros.behaviour.emv.forced_lane_change import ROUTE
+from siren_ros.behaviour.emv.gap_escape import reference_line, road_space
+from siren_ros.behaviour.emv.speed_limits import (
+    UNLIMITED,
+    anticipated_limit,
+    approach_mps,
+    approach_speed_mps,
+    entry_limit_mps,
+    free_way,
+    passage_blocker,
+    passage_limit,
+)
+from siren_ros.behaviour.emv.unit import EmvUnit, LateralRequest
+from siren_ros.behaviour.paths.curve import Curve
+from siren_ros.behaviour.paths.tracked_path import TrackedPath
+from siren_ros.conflicts.course import Outlook
+from siren_ros.scenario.presets import Attention
+from siren_ros.world.actors import ActorClass
+from siren_ros.world.traffic_state import SignalState
+
+
+def scene(lab, *others, speed=5.0, corridor=True):
+    network = lab.straight_road()
+    cars = [lab.Car(1, 0, 100, speed, (0,), ActorClass.AMBULANCE), *others]
+    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars))
+    path = TrackedPath.of(Curve.through(np.array([[95.0, 0.0], [180.0, 0.0]])), view.navigator_config(0))
+    return EmvUnit(1, NavigatorState().following(path, 100.0, 0.0), corridor=corridor), view
+
+
+def test_only_the_corridor_and_the_gap_escape_are_limited(lab):
+    unit, view = scene(lab, lab.Car(2, 0, 120, 0, (0,)), corridor=False)
+    assert passage_limit(unit, view, 0) == UNLIMITED
+    assert passage_limit(EmvUnit(1, corridor=True), view, 0) == UNLIMITED
+    for mode in ({"corridor": True}, {"gap_escape_active": True}):
+        assert passage_limit(replace(unit, **mode), view, 0).speed_mps < 10.0
+
+
+def test_stops_before_a_vehicle_that_stands_on_the_path(lab):
+    unit, view = scene(lab, lab.Car(2, 0, 120, 0, (0,)))
+    bumpers = 20.0 - 0.5 * (lab.vehicles[ActorClass.AMBULANCE].length_m + lab.vehicles[ActorClass.SEDAN].length_m)
+    assert free_way(unit, view, 0).free_m == pytest.approx(bumpers, abs=0.6)
+    limit = passage_limit(unit, view, 0)
+    assert limit.blocker_id == 2
+    free = limit.free_m - view.world.config.corridor.stop_short_m
+    assert limit.speed_mps == pytest.approx(math.sqrt(2.0 * view.world.config.gap_escape.brake_mps2 * free))
+
+
+def test_vehicles_ahead_that_move_leave_way_and_crossing_ones_count_only_in_the_gap_escape(lab):
+    standing, view = scene(lab, lab.Car(2, 0, 120, 0, (0,)))
+    moving, moving_view = scene(lab, lab.Car(2, 0, 120, 6, (0,)))
+    gain = free_way(moving, moving_view, 0).free_m - free_way(standing, view, 0).free_m
+    assert gain == pytest.approx(6.0**2 / 8.0)
+    network = lab.straight_road()
+    cars = [lab.Car(1, 0, 100, 5, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, 115, 5, (0,))]
+    poses = np.array([[100.0, 0.0, 0.0, 5.0], [115.0, -3.0, math.pi / 2.0, 5.0]])
+    crossing = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars, poses=poses))
+    assert math.isinf(free_way(standing, crossing, 0).free_m)
+    assert free_way(replace(standing, gap_escape_active=True), crossing, 0).free_m < 12.0
+
+
+def test_the_vehicle_that_cannot_be_passed_is_the_blocker(lab):
+    unit, view = scene(lab, lab.Car(2, 0, 110, 0, (0,)))
+    limit = passage_limit(unit, view, 0)
+    assert passage_blocker(None, limit) == CollisionSnapshot(2, limit.free_m, 0.0)
+    seen = CollisionSnapshot(7, 1.0, 0.0)
+    assert passage_blocker(seen, limit) is seen
+    assert passage_blocker(None, UNLIMITED) is None
+
+
+def test_road_space_bridges_a_junction(lab):
+    network = lab.junction_road()
+    cars = [lab.Car(1, 0, 140, 0, (0, 2), ActorClass.AMBULANCE)]
+    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars))
+    reference = reference_line(view, 0, 0)
+    s = np.arange(0.0, 40.0, 1.0)
+    space = road_space(network, reference, s)
+    np.testing.assert_allclose(space.right_m, -1.65)
+    np.testing.assert_allclose(space.left_m, 4.95)
+    np.testing.assert_allclose(space.opposite_left_m, 4.95)
+    np.testing.assert_allclose(space.middle_m, 1.65)
+
+
+CONFIG = AnticipationConfig()
+HALF = 0.5 * (6.5 + 4.75)
+
+
+def approach(gap, lead, overlap=2.0, leaving=0.0):
+    return float(approach_speed_mps(*(np.array([value]) for value in (gap, lead, overlap, leaving)), CONFIG)[0])
+
+
+def scene_of_anticipation(lab, *others, speed=13.0):
+    network = lab.straight_road()
+    cars = [lab.Car(1, 0, 100, speed, (0,), ActorClass.AMBULANCE), *others]
+    view = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars))
+    return follow_route(EmvUnit(1), view, 0)[0], view
+
+
+def test_stops_gently_behind_a_standing_vehicle():
+    """With the headway's distance in hand, the speed is that of a stop at the constant gentle deceleration."""
+    brake, headway, standstill = CONFIG.brake_mps2, CONFIG.headway_s, CONFIG.standstill_gap_m
+    speed = 8.0
+    gap = standstill + speed * headway + speed**2 / (2.0 * brake)
+    assert approach(gap, 0.0) == pytest.approx(speed)
+    assert approach(standstill, 0.0) == 0.0
+
+
+def test_follows_at_the_same_speed_after_the_headway():
+    assert approach(CONFIG.standstill_gap_m + 7.0 * CONFIG.headway_s, 7.0) == pytest.approx(7.0)
+
+
+def test_a_vehicle_that_leaves_the_path_is_approached_so_as_to_arrive_when_it_has_left():
+    staying, leaving = approach(26.0, 3.0), approach(26.0, 3.0, overlap=1.2, leaving=1.0)
+    assert leaving == pytest.approx(3.0 + (26.0 - CONFIG.standstill_gap_m) / (1.2 / CONFIG.leaving_mps))
+    assert leaving > staying
+    assert approach(26.0, 3.0, overlap=1.2, leaving=0.1) == staying
+    assert approach(26.0, 3.0, overlap=9.0, leaving=1.0) == staying
+    assert approach(26.0, 3.0, overlap=2.0, leaving=-1.0) == staying
+
+
+def test_only_vehicles_on_the_path_in_the_same_direction_count(lab):
+    assert math.isinf(anticipated_limit(*scene_of_anticipation(lab, lab.Car(2, 1, 130, 0, (0,))), 0).speed_mps)
+    assert math.isinf(anticipated_limit(*scene_of_anticipation(lab, lab.Car(2, 0, 70, 0, (0,))), 0).speed_mps)
+    assert anticipated_limit(*scene_of_anticipation(lab, lab.Car(2, 0, 130, 0, (0,))), 0).speed_mps < 13.0
+
+
+def test_slows_down_no_more_than_gently_and_leaves_braking_to_the_collision_handling(lab):
+    unit, view = scene_of_anticipation(lab, lab.Car(2, 0, 100 + HALF + 7.0, 0, (0,)))
+    limit = anticipated_limit(unit, view, 0)
+    gain = view.world.config.emv.navigator.speed_gain_1ps
+    assert limit.speed_mps == pytest.approx(13.0 - CONFIG.ease_off_mps2 / gain)
+    assert limit.brake_mps2 == 0.0
+
+
+def test_adapts_to_the_lane_that_the_route_needs_before_it_can_change(lab):
+    unit, view = scene_of_anticipation(lab, lab.Car(2, 1, 100 + HALF + 20.0, 5, (0,)), speed=8.0)
+    asked = replace(unit, request=LateralRequest(1, ROUTE, 0))
+    assert math.isinf(anticipated_limit(unit, view, 0).speed_mps)
+    expected = max(approach(20.0, 5.0), 8.0 - CONFIG.ease_off_mps2 / view.world.config.emv.navigator.speed_gain_1ps)
+    assert anticipated_limit(asked, view, 0).speed_mps == pytest.approx(expected)
+
+
+def test_does_not_saw_behind_one_yielder_after_another(lab):
+    """Three vehicles at 20 km/h leave the lane one after the other; the EMV brakes for all of them together once."""
+    cars = [lab.Car(1, 0, 60, 12, (0,), ActorClass.AMBULANCE)]
+    cars += [lab.Car(2 + i, 0, 96 + 14 * i, 5.5, (0,), desired=5.5) for i in range(3)]
+    loop = lab.Loop(lab.world_of(lab.straight_road(2, length=700), lab.L2), cars).run(600)
+    speed = np.array([row[1][3] for row in loop.log])
+    accel = np.diff(speed) / 0.05
+    assert np.percentile(accel, 1) > -2.5
+    assert np.percentile(accel, 99) < 2.5
+    assert not loop.touching()
+
+
+@pytest.mark.parametrize("turn", np.radians([0.0, 40.0, -110.0]))
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("turned", [0.0, 0.3, -0.3])
+def test_a_vehicle_is_in_the_way_up_to_both_half_bodies_and_a_margin_aside(lab, turn, side, turned):
+    along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+    road = lab.RoadBuilder()
+    road.edge([[0.0, 0.0], 400.0 * along], 1, ("A", "B"))
+    network = road.built()
+    sedan, ambulance = lab.vehicles[ActorClass.SEDAN], lab.vehicles[ActorClass.AMBULANCE]
+    side_m = 0.5 * (sedan.width_m * np.cos(turned) + sedan.length_m * abs(np.sin(turned)) + ambulance.width_m)
+    cars = [lab.Car(1, 0, 100, 13, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, 130, 0, (0,))]
+    for more, counts in ((-0.02, True), (0.02, False)):
+        left = side * (side_m + CONFIG.side_margin_m + more)
+        poses = np.array([[*(100.0 * along), turn, 13.0], [*(130.0 * along + left * across), turn + turned, 0.0]])
+        view = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars, poses=poses))
+        limit = anticipated_limit(follow_route(EmvUnit(1), view, 0)[0], view, 0)
+        assert math.isfinite(limit.speed_mps) is counts
+
+
+def test_the_gap_is_between_the_bumpers_also_of_a_vehicle_at_an_angle(lab):
+    """The speed is that of the formula, unless easing off is harder than the EMV does for anticipation alone."""
+    network = lab.straight_road()
+    sedan = lab.vehicles[ActorClass.SEDAN]
+    cars = [lab.Car(1, 0, 100, 6, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, 130, 2, (0,))]
+    for turned in (0.0, 0.3, -0.3):
+        poses = np.array([[100.0, 0.0, 0.0, 6.0], [130.0, 0.0, turned, 2.0]])
+        view = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars, poses=poses))
+        reach = 0.5 * (sedan.length_m * np.cos(turned) + sedan.width_m * abs(np.sin(turned)))
+        gap = 30.0 - reach - 0.5 * lab.vehicles[ActorClass.AMBULANCE].length_m
+        limit = anticipated_limit(follow_route(EmvUnit(1), view, 0)[0], view, 0)
+        assert limit.speed_mps == pytest.approx(approach(gap, 2.0 * np.cos(turned)), rel=1e-4)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_who_turns_away_from_the_path_leaves_it_to_either_side(lab, side):
+    """A car that stands 0.5 m aside and points away leaves; one that points back to the path stays."""
+    network = lab.straight_road()
+    cars = [lab.Car(1, 0, 100, 3, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, 130, 3, (0,))]
+    found = {}
+    for turned in (0.3, -0.3):
+        poses = np.array([[100.0, 0.0, 0.0, 3.0], [130.0, 0.5 * side, side * turned, 3.0]])
+        view = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars, poses=poses))
+        found[turned] = anticipated_limit(follow_route(EmvUnit(1), view, 0)[0], view, 0).speed_mps
+    sedan, ambulance = lab.vehicles[ActorClass.SEDAN], lab.vehicles[ActorClass.AMBULANCE]
+    cos, sin = np.cos(0.3), np.sin(0.3)
+    gap = 30.0 - 0.5 * (sedan.length_m * cos + sedan.width_m * sin) - 0.5 * ambulance.length_m
+    inside = 0.5 * (sedan.length_m * sin + sedan.width_m * cos + ambulance.width_m) + CONFIG.side_margin_m
+    for turned, leaving in ((0.3, 3.0 * sin), (-0.3, -3.0 * sin)):
+        assert found[turned] == pytest.approx(approach(gap, 3.0 * cos, inside - 0.5, leaving), rel=1e-4)
+    assert found[0.3] > found[-0.3] + 0.5
+
+
+CONFIG_JUNCTION_ENTRY = JunctionEntryConfig()
+HALF_JUNCTION_ENTRY = 0.5 * 6.5
+
+
+def limit(lab, network, front_m, state, speed=9.0, attention=None):
+    cars = [lab.Car(1, 0, front_m - HALF_JUNCTION_ENTRY, speed, (0, 2), ActorClass.AMBULANCE)]
+    traffic = replace(lab.traffic_of(network, cars), signals=(SignalState("J", state),))
+    world = lab.world_of(network, lab.L2)
+    if attention is not None:
+        world = replace(world, preset=replace(world.preset, attention=attention))
+    return entry_limit_mps(lab.view_of(world, traffic), 0)
+
+
+def test_comes_to_the_entry_speed_at_the_line_by_constant_gentle_braking():
+    assert approach_mps(0.0, CONFIG_JUNCTION_ENTRY) == pytest.approx(20.0 / 3.6)
+    way = np.linspace(0.0, 60.0, 25)
+    energy = np.array([approach_mps(ahead, CONFIG_JUNCTION_ENTRY) for ahead in way]) ** 2
+    assert np.allclose(np.diff(energy) / np.diff(way), 2.0 * CONFIG_JUNCTION_ENTRY.brake_mps2)
+
+
+def test_red_counts_and_green_and_stop_signs_do_not(lab):
+    network = lab.junction_road()
+    assert limit(lab, network, 120.0, "r") == pytest.approx(approach_mps(30.0, CONFIG_JUNCTION_ENTRY), abs=0.05)
+    assert math.isinf(limit(lab, network, 120.0, "G"))
+    assert math.isinf(limit(lab, network, 120.0, "g"))
+    signed = (replace(one, signal_id=None, must_stop=True) for one in network.connections)
+    assert math.isinf(limit(lab, replace(network, connections=tuple(signed)), 120.0, "G"))
+
+
+@pytest.mark.parametrize(
+    ("red_mps", "least_mps"),
+    [(0.0, CONFIG_JUNCTION_ENTRY.speed_mps), (3.0, CONFIG_JUNCTION_ENTRY.speed_mps), (11.0, 11.0)],
+)
+def test_a_driver_who_does_not_look_out_hardly_slows_down(lab, red_mps, least_mps):
+    found = limit(lab, lab.junction_road(), 120.0, "r", attention=Attention(emv_red_mps=red_mps))
+    assert found == pytest.approx(math.sqrt(least_mps**2 + 2.0 * CONFIG_JUNCTION_ENTRY.brake_mps2 * 30.0), abs=0.05)
+
+
+def test_inside_the_junction_the_limit_is_over(lab):
+    assert math.isinf(limit(lab, lab.junction_road(), 151.0, "r"))
+
+
+def test_the_emv_drives_so_and_enters_without_stopping(lab, monkeypatch):
+    network = lab.junction_road()
+    monkeypatch.setattr(Outlook, "signals", {"J": "r"})
+    loop = lab.Loop(lab.world_of(network, lab.L1), [lab.Car(1, 0, 40.0, 13.0, (0, 2), ActorClass.AMBULANCE)]).run(300)
+    front = np.array([row[1][0] for row in loop.log]) + HALF_JUNCTION_ENTRY
+    speed = np.array([row[1][3] for row in loop.log])
+    line = int(np.searchsorted(front, 150.0))
+    assert speed[line] == pytest.approx(CONFIG_JUNCTION_ENTRY.speed_mps, abs=0.4)
+    assert speed.min() > CONFIG_JUNCTION_ENTRY.speed_mps - 0.5
+    assert np.diff(speed[: line + 1]).min() / 0.05 > -1.6
+    assert speed[-1] > 10.0
+
+
+def test_a_light_that_turns_red_late_asks_for_gentle_braking_only(lab):
+    network = lab.junction_road()
+    gain = lab.world_of(network, lab.L2).config.emv.navigator.speed_gain_1ps
+    assert limit(lab, network, 140.0, "r", speed=13.0) == pytest.approx(
+        13.0 - CONFIG_JUNCTION_ENTRY.ease_off_mps2 / gain
+    )
+
+
+@pytest.mark.parametrize(("front", "counts"), [(149.2, True), (149.9, True), (150.1, False)])
+def test_a_red_light_counts_up_to_the_line(lab, front, counts):
+    found = limit(lab, lab.junction_road(), front, "r", speed=4.0)
+    assert math.isfinite(found) is counts
+    if counts:
+        assert found == pytest.approx(approach_mps(150.0 - front, CONFIG_JUNCTION_ENTRY), abs=0.02)
+
+
+@pytest.mark.parametrize(("front", "ahead"), [(70.0, 30.0), (125.0, 35.0)])
+def test_of_two_red_lights_the_nearer_one_ahead_limits(lab, front, ahead):
+    """Stop lines at 100 m and at 160 m."""
+    road = lab.RoadBuilder()
+    for begin, end in ((0, 100), (100, 120), (120, 160), (160, 180), (180, 400)):
+        road.edge([[begin, 0], [end, 0]], 1, ("A", "B"), internal=begin in {100, 160})
+    road.connect(0, 2, via=(1,), signal=True)
+    road.connect(2, 4, via=(3,), signal=True)
+    network = road.built()
+    cars = [
+        lab.Car(
+            1,
+            0 if front < 100.0 else 2,
+            front % 120.0 - HALF_JUNCTION_ENTRY,
+            9.0,
+            (0, 2, 4)[front > 100.0 :],
+            ActorClass.AMBULANCE,
+        )
+    ]
+    traffic = replace(lab.traffic_of(network, cars), signals=(SignalState("J", "r"),))
+    found = entry_limit_mps(lab.view_of(lab.world_of(network, lab.L2), traffic), 0)
+    assert found == pytest.approx(approach_mps(ahead, CONFIG_JUNCTION_ENTRY), abs=0.05)

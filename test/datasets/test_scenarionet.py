@@ -1,0 +1,104 @@
+"""ScenarioNet's description of three vehicles at a signal, and its summary."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from datasets.made_tracks import FRAMES, LANE, made_record, made_tracks
+from hand_made_record import crossing
+from reader_environments import read_with
+
+from siren_ros.cli.main import main
+from siren_ros.datasets.scenarionet import description, map_features, summary_of
+from siren_ros.record.episode_source import open_source
+from siren_ros.record.tracks import tracks_of
+
+FOUND = description(made_record(), made_tracks(), "one", 1)
+PATHS = 12
+
+
+def test_tracks_fill_the_frames_at_which_they_are_there() -> None:
+    assert FOUND["length"] == FRAMES
+    car, bus = FOUND["tracks"]["5"]["state"], FOUND["tracks"]["9"]["state"]
+    assert np.flatnonzero(car["valid"]).tolist() == list(range(5, 21))
+    assert np.flatnonzero(bus["valid"]).tolist() == list(range(10))
+    time = 0.1 * np.arange(16)
+    way = 8.0 * time + 0.25 * time**2
+    assert car["position"][5:, :2] == pytest.approx(
+        np.stack((20.0 + way * np.cos(1.0), 3.0 + way * np.sin(1.0)), axis=-1), abs=1e-4
+    )
+    assert car["velocity"][5] == pytest.approx([8.0 * np.cos(1.0), 8.0 * np.sin(1.0)], abs=1e-5)
+    assert not car["position"][:5].any()
+    assert (car["length"][5], car["width"][5], car["height"][5]) == pytest.approx((4.0, 1.8, 1.5))
+    assert set(car["heading"][5:].tolist()) == {1.0}
+    assert FOUND["tracks"]["1"]["metadata"]["is_emv"] is True
+    assert FOUND["tracks"]["9"]["metadata"]["class"] == "bus"
+    assert FOUND["metadata"]["ts"] == pytest.approx(0.1 * np.arange(FRAMES))
+    assert FOUND["metadata"]["sdc_id"] == "1"
+
+
+def test_a_light_shows_the_friendliest_movement_of_its_lane() -> None:
+    """Straight on is yellow, and green from step 20 on, which is frame 10; to the right is red."""
+    light = FOUND["dynamic_map_states"][str(LANE)]
+    states = light["state"]["object_state"]
+    assert states[:10] == ["LANE_STATE_CAUTION"] * 10
+    assert states[10:] == ["LANE_STATE_GO"] * 11
+    assert light["stop_point"].tolist() == [5.25, -20.0, 0.0]
+    assert FOUND["dynamic_map_states"]["2"]["state"]["object_state"] == ["LANE_STATE_STOP"] * FRAMES
+
+
+def test_lanes_have_their_lines_and_neighbours() -> None:
+    found = map_features(crossing())
+    lane = found[str(LANE)]
+    assert lane["type"] == "LANE_SURFACE_STREET"
+    assert (lane["left_neighbor"], lane["right_neighbor"]) == (["2"], ["0"])
+    assert lane["polygon"].tolist() == [[3.5, -120.0], [3.5, -20.0], [7.0, -20.0], [7.0, -120.0]]
+    assert lane["speed_limit_kmh"] == pytest.approx(13.9 * 3.6)
+    assert found["1_left"]["type"] == "ROAD_LINE_BROKEN_SINGLE_WHITE"
+    assert found["2_left"]["type"] == "ROAD_LINE_SOLID_SINGLE_YELLOW"
+    assert "1_right" not in found
+    assert found["0_right"]["polyline"].tolist() == [[9.5, -120.0, 0.0], [9.5, -20.0, 0.0]]
+    assert found[str(PATHS)]["type"] == "LANE_SURFACE_UNSTRUCTURE"
+    assert f"{PATHS}_left" not in found
+    assert found[str(PATHS)]["entry_lanes"] == ["1"]
+    assert found[str(PATHS)]["exit_lanes"] == ["3"]
+
+
+def test_the_summary_counts_ways_and_vehicles() -> None:
+    found = summary_of(FOUND)
+    moved = {name: one["moving_distance"] for name, one in found["object_summary"].items()}
+    assert moved == pytest.approx({"1": 20.0, "5": 8.0 * 1.5 + 0.25 * 1.5**2, "9": 4.5}, abs=1e-3)
+    assert {name: one["valid_length"] for name, one in found["object_summary"].items()} == {"1": 21, "5": 16, "9": 10}
+    assert found["number_summary"]["num_objects"] == found["number_summary"]["num_moving_objects"] == 3
+    assert found["number_summary"]["num_traffic_lights"] == len(FOUND["dynamic_map_states"])
+    assert found["ts"] == pytest.approx((0.1 * np.arange(FRAMES)).tolist())
+
+
+def test_who_moves_less_than_a_metre_stands() -> None:
+    still = description(made_record(), [track.window(0, 2) for track in made_tracks() if track.frame[0] == 0], "x", 1)
+    found = summary_of(still)["number_summary"]
+    assert (found["num_objects"], found["num_moving_objects"]) == (2, 0)
+
+
+@pytest.fixture(scope="module")
+def read(tracked_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    out = tmp_path_factory.mktemp("scenarionet") / "out"
+    assert main(["export", "scenarionet", str(tracked_bag), "--out", str(out)]) == 0
+    found: dict[str, Any] = read_with("metadrive", "read_scenarionet.py", out / "train")
+    return found
+
+
+def test_metadrives_sanity_check_passes(read: dict[str, Any], tracked_bag: Path) -> None:
+    with open_source(tracked_bag) as source:
+        tracks = [track for track in tracks_of(source.record()) if len(track) > 1]
+    assert (read["scenarios"], read["length"]) == (1, 140)
+    assert read["tracks"] == len(tracks)
+    assert read["features"] > 200
+    assert read["lights"] > 10
+
+
+def test_metadrive_replays_the_episode(read: dict[str, Any]) -> None:
+    assert read["steps"] > 100
+    assert read["travelled"] == pytest.approx(read["recorded"], rel=0.02)
+    assert read["others"] > 5

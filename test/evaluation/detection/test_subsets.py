@@ -1,0 +1,99 @@
+"""Which labels belong to which part, at the parts' limits."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from detection_boxes import truth_boxes
+from evaluation.made_frames import made_frames, to_map
+
+from siren_ros.evaluation.detection.boxes import TruthBoxes
+from siren_ros.evaluation.detection.frames import in_range
+from siren_ros.evaluation.detection.subsets import FAMILIES, SUBSETS, FamilyOrder, Subset, distance_m
+from siren_ros.world.actors import ActorClass, Mode
+
+FRAMES = made_frames()
+OF = {(subset.group, subset.name): subset for subset in SUBSETS}
+
+
+def labels_at(ahead_m: list[float], frame: int = 5) -> TruthBoxes:
+    count = len(ahead_m)
+    places = np.array([to_map(frame, one, 0.0, -1.0) for one in ahead_m])
+    return truth_boxes(np.full(count, frame), places, np.zeros((count, 2)), np.zeros(count))
+
+
+def holds(subset: Subset, **columns: np.ndarray) -> list[bool]:
+    (count,) = {len(values) for values in columns.values()}
+    return np.asarray(subset.labels(FRAMES, replace(labels_at([10.0] * count), **columns))).tolist()
+
+
+def test_each_mode_belongs_to_one_behaviour() -> None:
+    modes = np.array(list(Mode), dtype=np.uint8)
+    parts = {
+        name: set(modes[holds(OF["behaviour", name], mode=modes)].tolist()) for name in ("nominal", "yielding", "held")
+    }
+    assert parts["held"] == {Mode.YIELD_HOLD, Mode.STOPPED}
+    assert Mode.REJOIN in parts["yielding"]
+    assert all(mode in parts["yielding"] for mode in Mode if mode.is_yielding and mode is not Mode.YIELD_HOLD)
+    assert {Mode.NOMINAL, Mode.ROUTE_FOLLOW} <= parts["nominal"]
+    assert sum(map(len, parts.values())) == len(set.union(*parts.values())) == len(Mode)
+
+
+def test_distances_are_from_the_vehicle_with_the_lidar() -> None:
+    boxes = labels_at([0.0, 14.9, 15.1, 29.9, 30.1, 49.9, 50.1, -29.9])
+    assert distance_m(FRAMES, boxes) == pytest.approx([0.0, 14.9, 15.1, 29.9, 30.1, 49.9, 50.1, 29.9])
+    parts = [OF["distance", name] for name in ("0-15 m", "15-30 m", "30-50 m")]
+    inside = np.array([part.labels(FRAMES, boxes) for part in parts])
+    assert inside.argmax(axis=0)[[0, 1, 2, 3, 4, 5, 7]].tolist() == [0, 0, 1, 1, 2, 2, 1]
+    assert inside.sum(axis=0).tolist() == [1, 1, 1, 1, 1, 1, 0, 1]
+    assert in_range(FRAMES, boxes.frame, boxes.centre_m).tolist() == [True] * 6 + [False, True]
+    for part in parts:
+        assert part.detections is not None
+        assert np.array_equal(part.detections(FRAMES, boxes), part.labels(FRAMES, boxes))
+
+
+def test_numbers_of_points() -> None:
+    points = np.array([0, 1, 4, 5, 19, 20, 99, 100, 5000], dtype=np.uint32)
+    names = ["1 to 4", "5 to 19", "20 to 99", "100 and more"]
+    inside = np.array([holds(OF["LiDAR points", name], lidar_points=points) for name in names])
+    assert inside.sum(axis=0).tolist() == [0] + [1] * 8
+    assert inside.argmax(axis=0)[1:].tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
+
+
+def test_shares_that_are_visible() -> None:
+    visible = np.array([0.0, 0.39, 0.4, 0.59, 0.6, 0.79, 0.8, 1.0])
+    names = ["0-40 %", "40-60 %", "60-80 %", "80-100 %"]
+    inside = np.array([holds(OF["visible", name], visible=visible) for name in names])
+    assert inside.sum(axis=0).tolist() == [1] * 8
+    assert inside.argmax(axis=0).tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
+
+
+def test_emergency_vehicles_by_their_class() -> None:
+    classes = np.array(list(ActorClass), dtype=np.uint8)
+    for name, member in (
+        ("ambulance", ActorClass.AMBULANCE),
+        ("fire truck", ActorClass.FIRE_TRUCK),
+        ("police", ActorClass.POLICE),
+    ):
+        assert classes[holds(OF["emergency vehicles", name], actor_class=classes)].tolist() == [member]
+
+
+def test_shares_of_four_resamples() -> None:
+    values = {
+        "clearance": np.array([0.1, 0.1, 0.5, 0.1]),
+        "stop sign": np.array([0.2, 0.2, 0.4, 0.2]),
+        "shoulder": np.array([0.3, 0.1, 0.6, 0.3]),
+        "red light": np.array([0.4, 0.4, 0.7, 0.3]),
+    }
+    order = FamilyOrder.of(values)
+    assert order is not None
+    assert list(order.steps.values()) == pytest.approx([0.75, 0.75, 0.75]), "equal is not below"
+    assert order.whole == pytest.approx(0.25)
+    assert "whole order in 25%" in order.told()
+    # The order of the dictionary says nothing.
+    assert FamilyOrder.of(dict(reversed(values.items()))) == order
+
+
+def test_a_missing_family_has_no_order() -> None:
+    assert FamilyOrder.of({name: np.ones(3) for name in list(FAMILIES)[:3]}) is None
+    assert len([one for members in FAMILIES.values() for one in members]) == 7

@@ -1,0 +1,182 @@
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from made_records import moving, record_with
+
+from siren_ros.errors import BagError
+from siren_ros.evaluation.prediction.samples import (
+    ARGOVERSE_WINDOW,
+    HistoryWindow,
+    Population,
+    _signals,
+    future_offsets,
+    future_times_s,
+    samples_of,
+)
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.roads.road_network import NO_LANE, RoadNetwork
+from siren_ros.world.actors import ActorClass, Lights
+from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, SignalState, TrafficState
+
+
+def test_the_future_is_5_s_every_200_ms() -> None:
+    assert np.allclose(future_times_s(), np.arange(1, 26) * 0.2)
+    assert len(future_offsets()) == 25
+
+
+def test_the_history_is_3_s_every_200_ms_with_the_present() -> None:
+    times = HistoryWindow().times_s
+    assert np.allclose(times, np.arange(-15, 1) * 0.2)
+
+
+def test_other_histories_are_possible() -> None:
+    times = HistoryWindow(points=50, stride_frames=1).times_s
+    assert np.allclose(times, np.arange(-49, 1) * 0.1)
+
+
+WINDOW = HistoryWindow()
+
+
+def sumo_lane_of(actor_id: int, lane: int, step: int) -> TrafficState:
+    """SUMO says the lane of one vehicle, and nothing else."""
+    columns: dict[str, Any] = {name: np.zeros(1, dtype) for name, dtype in TRAFFIC_STATE_DTYPES.items()}
+    columns.update(actor_id=np.array([actor_id], np.uint32), lane=np.array([lane], np.int32))
+    return TrafficState(step=step, spawned=(), emvs=(), signals=(), **columns)
+
+
+@given(frames=st.integers(1, 110), late=st.integers(0, 7))
+def test_a_gapless_track_gives_one_sample_for_each_frame_with_a_full_window(
+    frames: int, late: int, straight_road: RoadNetwork
+) -> None:
+    track = moving(0.0, -5.25, 5.0, steps=2 * frames - 1, first_step=2 * late)
+    assert len(samples_of(record_with({1: track}, straight_road), WINDOW, Population.ALL)) == max(0, frames - 80)
+
+
+def test_a_longer_history_leaves_fewer_samples(straight_road: RoadNetwork) -> None:
+    record = record_with({1: moving(0.0, -5.25, 5.0, steps=2 * 120 - 1)}, straight_road)
+    assert len(samples_of(record, HistoryWindow(points=50, stride_frames=1), Population.ALL)) == 120 - 49 - 50
+
+
+def test_every_vehicle_is_scored_the_emv_too(straight_road: RoadNetwork) -> None:
+    tracks = {
+        1: moving(0.0, -5.25, 9.0, is_emv=True),
+        2: moving(50.0, -1.75, 5.0),
+        3: moving(90.0, 1.75, 0.0, first_step=20),
+    }
+    scored = samples_of(record_with(tracks, straight_road), WINDOW, Population.ALL)
+    batch = scored.batch
+    ids = batch.actors.actor_id[batch.target]
+    assert {key: int((ids == key).sum()) for key in (1, 2, 3)} == {1: 21, 2: 21, 3: 21}
+    assert batch.actors.is_emv[batch.target].sum() == 21
+
+
+def test_a_window_with_a_missing_point_is_no_sample(straight_road: RoadNetwork) -> None:
+    whole = moving(0.0, -5.25, 5.0, steps=2 * 90 - 1)
+    gap = replace(whole, without=frozenset({80}))
+    assert len(samples_of(record_with({1: whole}, straight_road), WINDOW, Population.ALL)) == 10
+    scored = samples_of(record_with({1: gap}, straight_road), WINDOW, Population.ALL)
+    # Frame 40 is missing: it is a grid point of the windows of every second frame.
+    assert (scored.batch.step // 2).tolist() == [31, 33, 35, 37, 39]
+
+
+def test_history_and_future_are_the_log(straight_road: RoadNetwork) -> None:
+    record = record_with({1: moving(0.0, -5.25, 5.0, accel_mps2=0.4)}, straight_road)
+    scored = samples_of(record, WINDOW, Population.ALL)
+    now = scored.batch.step * 0.05
+
+    def x(time: np.ndarray) -> np.ndarray:
+        return 5.0 * time + 0.2 * time**2
+
+    actors = scored.batch.actors
+    assert np.allclose(actors.xy_m[scored.batch.target, :, 0], x(now[:, None] + WINDOW.times_s))
+    assert np.allclose(scored.future_xy_m[..., 0], x(now[:, None] + future_times_s()))
+    assert np.allclose(scored.batch.velocity_mps[:, 0], 5.0 + 0.4 * now)
+    assert np.allclose(scored.future_xy_m[..., 1], -5.25)
+    assert (actors.accel_mps2 == 0.4).all()
+
+
+def test_actors_have_their_class_and_sumos_lanes(straight_road: RoadNetwork) -> None:
+    tracks = {1: moving(0.0, -5.25, 5.0), 4: moving(40.0, -5.25, 5.0, actor_class=ActorClass.BUS, first_step=40)}
+    record = record_with(tracks, straight_road)
+    said = tuple(sumo_lane_of(4, 1, step) for step in range(61))
+    actors = samples_of(replace(record, traffic=said), WINDOW, Population.ALL).batch.actors
+    assert {*zip(actors.actor_id.tolist(), actors.actor_class.tolist(), strict=True)} == {
+        (1, ActorClass.SEDAN),
+        (4, ActorClass.BUS),
+    }
+    # The first sample's present is step 60; the bus is there from step 40 on, SUMO knows it up to step 60.
+    bus = np.flatnonzero(actors.actor_id == 4)
+    assert actors.past_sumo_lane[bus[0]].tolist() == [NO_LANE] * 10 + [1] * 6
+    assert actors.past_sumo_lane[bus[1]].tolist() == [NO_LANE] * 10 + [1] * 5 + [NO_LANE]
+    assert actors.sumo_lane[bus[:2]].tolist() == [1, NO_LANE]
+
+
+def test_neighbours_are_the_others_of_the_frame_even_with_a_short_past(straight_road: RoadNetwork) -> None:
+    tracks = {
+        1: moving(0.0, -5.25, 5.0),
+        2: moving(40.0, -5.25, 5.0),
+        7: moving(70.0, -1.75, 0.0, first_step=70, steps=40),
+    }
+    batch = samples_of(record_with(tracks, straight_road), WINDOW, Population.ALL).batch
+    sample, other = batch.neighbours()
+    own = batch.target[sample]
+    assert (batch.actors.frame[own] == batch.actors.frame[other]).all()
+    assert (own != other).all()
+    last = batch.step[batch.actors.frame[batch.target]] == 80
+    ids = {
+        int(batch.actors.actor_id[batch.target[row]]): batch.actors.actor_id[other[sample == row]].tolist()
+        for row in np.flatnonzero(last)
+    }
+    assert ids == {1: [2, 7], 2: [1, 7]}
+    short = (batch.actors.actor_id == 7) & (batch.step[batch.actors.frame] == 80)
+    assert batch.actors.observed[short].sum() == 3
+    assert (batch.actors.xy_m[short][:, :13] == 0.0).all()
+
+
+def test_a_short_episode_gives_no_samples(straight_road: RoadNetwork) -> None:
+    scored = samples_of(record_with({1: moving(0.0, -5.25, 5.0, steps=20)}, straight_road), WINDOW, Population.ALL)
+    assert len(scored) == 0
+    assert scored.future_xy_m.shape == (0, 25, 2)
+
+
+def test_states_of_an_unknown_actor_are_refused(straight_road: RoadNetwork) -> None:
+    record = record_with({1: moving(0.0, -5.25, 5.0), 2: moving(0.0, -1.75, 5.0)}, straight_road)
+    with pytest.raises(BagError, match=r"\[2\]"):
+        samples_of(replace(record, actors={1: record.actors[1]}), WINDOW, Population.ALL)
+
+
+def test_signals_are_those_of_the_frames() -> None:
+    shown = {1: "rr", 2: "rG", 4: "yG", 6: "Gr"}
+    traffic = tuple(
+        SimpleNamespace(step=step, signals=(SignalState("crossing", letters),)) for step, letters in shown.items()
+    )
+    found = _signals(cast("EpisodeRecord", SimpleNamespace(traffic=traffic)), np.array([2, 4, 5]))
+    assert [bytes(row) for row in found["crossing"]] == [b"rG", b"yG", b"\0\0"]
+
+
+def test_lights_are_those_of_the_present(straight_road: RoadNetwork) -> None:
+    record = record_with({1: moving(0.0, -5.0, 8.0)}, straight_road)
+    states = tuple(
+        replace(state, lights=np.full(len(state), Lights.BRAKE if state.step >= 70 else 0, dtype=np.uint8))
+        for state in record.states
+    )
+    actors = samples_of(replace(record, states=states), HistoryWindow(), Population.ALL).batch
+    step = actors.step[actors.actors.frame]
+    assert (actors.actors.lights == np.where(step >= 70, Lights.BRAKE, 0)).all()
+
+
+def test_frames_behind_the_horizon_have_to_be_logged_where_the_window_says_so(straight_road: RoadNetwork) -> None:
+    """Argoverse's window: 5 s before and 6 s after the present, every tenth of a second of them."""
+    for frames, count in ((110, 1), (109, 0), (113, 4)):
+        record = record_with({1: moving(0.0, -5.25, 5.0, steps=2 * frames - 1)}, straight_road)
+        assert len(samples_of(record, ARGOVERSE_WINDOW, Population.ALL)) == count
+    # Of 4 samples, with presents at 49 to 52: frame 112 is needed by the last alone, frame 103 by all of them.
+    for missing, left in ((112, [49, 50, 51]), (103, [])):
+        track = moving(0.0, -5.25, 5.0, steps=225, without=frozenset({2 * missing}))
+        scored = samples_of(record_with({1: track}, straight_road), ARGOVERSE_WINDOW, Population.ALL)
+        assert (scored.batch.step // 2).tolist() == left

@@ -1,0 +1,293 @@
+"""Paths of every known length on the common grid, and rows in words."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from made_records import moving, record_with
+
+from siren_ros.errors import BagError, InputError
+from siren_ros.evaluation.prediction.predictors import checked
+from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, SampleBatch, future_times_s, samples_of
+from siren_ros.evaluation.prediction.submission import (
+    Submission,
+    SubmittedRows,
+    on_grid,
+    read_recorded_predictions,
+    refuse,
+    submission,
+)
+from siren_ros.interfaces.programs.predictions import to_predicted_paths
+from siren_ros.record.episode_source import EpisodeSource
+from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.world.carrier import PredictedPaths
+
+
+@pytest.mark.parametrize(("points", "period_s"), [(25, 0.2), (30, 0.2), (50, 0.1), (60, 0.1), (80, 0.1)])
+def test_the_grid_holds_the_places_at_its_own_times(points: int, period_s: float) -> None:
+    """Two vehicles at 10 m/s eastwards and 5 m/s southwards."""
+    time = period_s * np.arange(1, points + 1)
+    paths = np.stack((np.stack((10.0 * time, 0.0 * time), -1), np.stack((0.0 * time, -5.0 * time), -1)))
+    grid = 0.2 * np.arange(1, 26)
+    found = on_grid(paths)
+    assert found.shape == (2, 25, 2)
+    assert found[0] == pytest.approx(np.stack((10.0 * grid, 0.0 * grid), -1))
+    assert found[1] == pytest.approx(np.stack((0.0 * grid, -5.0 * grid), -1))
+
+
+def rows() -> SubmittedRows:
+    names = np.array(["a", "b", "c"], dtype=object)
+    numbers = np.array([4, 5, 6])
+    return SubmittedRows(
+        "file", names, numbers, 10 * numbers, np.arange(3), 0.1 * numbers, np.zeros((3, 25, 2)), HistoryWindow()
+    )
+
+
+def test_some_rows_keep_their_columns() -> None:
+    some = rows().select(np.array([True, False, True]))
+    assert (len(some), some.source, some.window) == (2, "file", HistoryWindow())
+    assert some.named(1) == "episode c, actor 6, step 60, mode 2"
+    assert some.probability == pytest.approx([0.4, 0.6])
+    assert some.xy_m.shape == (2, 25, 2)
+
+
+def test_the_first_wrong_row_is_named_with_their_number() -> None:
+    refuse("file", np.zeros(3, dtype=np.bool_), "rows", rows().named, "none")
+    with pytest.raises(InputError, match="file: 2 of 3 rows; the first is episode b, actor 5, step 50, mode 1"):
+        refuse("file", np.array([False, True, True]), "rows", rows().named, "none")
+
+
+def rows_for(batch: SampleBatch, modes: int = 2, episode: str = "made") -> SubmittedRows:
+    """Hypotheses of constant velocity for all samples, the later ones further to the left; shuffled."""
+    actor = np.repeat(batch.actors.actor_id[batch.target].astype(np.int64), modes)
+    step = np.repeat(batch.step[batch.actors.frame[batch.target]], modes)
+    mode = np.tile(np.arange(modes), len(batch))
+    path = batch.xy_m[:, None] + future_times_s()[:, None] * batch.velocity_mps[:, None]
+    xy_m = np.repeat(path, modes, axis=0)
+    xy_m[..., 1] += mode[:, None]
+    probability = np.tile(np.arange(1.0, modes + 1.0) / np.arange(1.0, modes + 1.0).sum(), len(batch))
+    names = np.full(len(actor), episode, dtype=object)
+    rows = SubmittedRows("mine.parquet", names, actor, step, mode, probability, xy_m, HistoryWindow())
+    return rows.select(np.random.default_rng(0).permutation(len(rows)))
+
+
+@pytest.fixture(scope="module")
+def batch(straight_road: RoadNetwork) -> SampleBatch:
+    tracks = {1: moving(0.0, -5.25, 5.0, steps=199), 12: moving(30.0, -1.75, 6.0, steps=199)}
+    return samples_of(record_with(tracks, straight_road), HistoryWindow(), Population.ALL).batch
+
+
+def test_every_sample_meets_its_hypotheses(batch: SampleBatch) -> None:
+    part = submission(rows_for(batch)).of_episode(["made"])
+    found, hypotheses = part.predictions.meet(batch, allow_missing=False)
+    assert found.tolist() == list(range(len(batch)))
+    assert np.allclose(hypotheses.xy_m[:, 0, 0], batch.xy_m + 0.2 * batch.velocity_mps + [0.0, 1.0])
+    assert np.allclose(hypotheses.probability, [2.0 / 3.0, 1.0 / 3.0]), "the most probable first"
+
+
+def test_samples_may_have_fewer_hypotheses(batch: SampleBatch) -> None:
+    rows = rows_for(batch)
+    first = (rows.actor_id == 12) & (rows.step == 60)
+    one = rows.select(~(first & (rows.mode == 0)))
+    one = replace(one, probability=np.where((one.actor_id == 12) & (one.step == 60), 1.0, one.probability))
+    _, hypotheses = submission(one).of_episode(["made"]).predictions.meet(batch, allow_missing=False)
+    assert hypotheses.probability[1].tolist() == [1.0, 0.0]
+    assert np.array_equal(hypotheses.xy_m[1, 0], hypotheses.xy_m[1, 1])
+
+
+def test_missing_samples_are_refused_or_left_out(batch: SampleBatch) -> None:
+    rows = rows_for(batch)
+    part = submission(rows.select((rows.step > 62) | (rows.actor_id == 1))).of_episode(["made"]).predictions
+    with pytest.raises(InputError, match="2 of 40 samples have no prediction; the first is actor 12 at step 60"):
+        part.meet(batch, allow_missing=False)
+    found, hypotheses = part.meet(batch, allow_missing=True)
+    assert len(found) == len(hypotheses) == 38
+    assert {1, 3}.isdisjoint(found.tolist())
+
+
+@pytest.mark.parametrize("allow_missing", [False, True])
+def test_unknown_samples_are_refused(batch: SampleBatch, allow_missing: bool) -> None:
+    rows = rows_for(batch)
+    moved = replace(rows, step=np.where((rows.actor_id == 12) & (rows.step == 98), 61, rows.step))
+    with pytest.raises(InputError, match=r"1 of 40 predicted samples are not in .*; the first is actor 12 at step 61"):
+        submission(moved).of_episode(["made"]).predictions.meet(batch, allow_missing)
+
+
+def test_positions_in_a_vehicles_frame_are_refused(batch: SampleBatch) -> None:
+    rows = replace(rows_for(batch), xy_m=rows_for(batch).xy_m + 4000.0)
+    with pytest.raises(InputError, match="positions in metres in the frame map"):
+        submission(rows).of_episode(["made"]).predictions.meet(batch, allow_missing=False)
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "told"),
+    [
+        ("probability", np.nan, "1 of 80 probabilities are not finite; the first is episode made, actor"),
+        ("probability", -0.1, "1 of 80 probabilities are negative"),
+        ("probability", 0.9, "1 of 40 samples have probabilities of another sum; the first is .* with 1"),
+        ("xy_m", np.inf, "1 of 80 paths are not finite"),
+        ("step", -2, "1 of 80 actors or steps are negative"),
+    ],
+)
+def test_wrong_values_are_refused_with_their_number(batch: SampleBatch, column: str, value: float, told: str) -> None:
+    rows = rows_for(batch)
+    values = getattr(rows, column).copy()
+    values[5] = value
+    with pytest.raises(InputError, match=told):
+        submission(replace(rows, **{column: values}))
+
+
+def test_hypotheses_given_twice_are_refused(batch: SampleBatch) -> None:
+    rows = rows_for(batch)
+    with pytest.raises(InputError, match="1 of 81 hypotheses are given twice; the first is episode made, actor"):
+        submission(rows.select(np.append(np.arange(len(rows)), 3)))
+
+
+def both(batch: SampleBatch, allow_missing: bool = False) -> Submission:
+    one, two = rows_for(batch, episode="one"), rows_for(batch, episode="two")
+    columns = {
+        name: np.concatenate([getattr(one, name), getattr(two, name)])
+        for name, value in vars(one).items()
+        if isinstance(value, np.ndarray)
+    }
+    return submission(SubmittedRows(source="mine.parquet", window=HistoryWindow(), **columns), allow_missing)
+
+
+def test_episodes_go_by_any_of_their_names(batch: SampleBatch) -> None:
+    found = both(batch)
+    assert len(found.of_episode(["folder", "two"]).predictions) == 40
+    nothing = found.of_episode(["folder"]).predictions
+    assert len(nothing) == 0
+    assert len(checked("mine", nothing.hypotheses, 0)) == 0
+    found.check_episodes([("one",), ("folder", "two")])
+
+
+def test_episodes_that_are_not_scored_are_refused(batch: SampleBatch) -> None:
+    with pytest.raises(InputError, match="1 of 2 episodes are not among the bags; the first is two"):
+        both(batch).check_episodes([("one",)])
+    both(batch, allow_missing=True).check_episodes([("one",)])
+    with pytest.raises(InputError, match=r"episode one.*a name that one bag alone has"):
+        both(batch, allow_missing=True).check_episodes([("a", "one"), ("b", "one"), ("two",)])
+
+
+@pytest.mark.parametrize(
+    ("speed_mps", "away_m", "refused"), [(30.0, 0.0, False), (5.0, 90.0, False), (5.0, 110.0, True)]
+)
+def test_paths_begin_near_their_vehicle_and_may_end_anywhere(
+    straight_road: RoadNetwork, speed_mps: float, away_m: float, *, refused: bool
+) -> None:
+    """At 30 m/s they end 150 m away."""
+    tracks = {1: moving(0.0, -5.25, speed_mps, steps=199)}
+    batch = samples_of(record_with(tracks, straight_road), HistoryWindow(), Population.ALL).batch
+    rows = rows_for(batch, modes=1)
+    part = submission(replace(rows, xy_m=rows.xy_m + np.array([0.0, away_m]))).of_episode(["made"]).predictions
+    if refused:
+        with pytest.raises(InputError, match="begin farther than 110 m"):
+            part.meet(batch, allow_missing=False)
+    else:
+        assert len(part.meet(batch, allow_missing=False)[0]) == len(batch)
+
+
+def test_actor_0_and_step_0_may_be_predicted(batch: SampleBatch) -> None:
+    rows = rows_for(batch, modes=1)
+    zero = submission(replace(rows, actor_id=np.where(rows.actor_id == 1, 0, rows.actor_id))).of_episode(["made"])
+    assert set(zero.predictions.actor_id.tolist()) == {0, 12}
+    first = rows.step == rows.step.min()
+    submission(replace(rows, step=np.where(first, 0, rows.step)))
+
+
+@dataclass(frozen=True)
+class Message:
+    content: Any
+
+    def read(self) -> Any:
+        return self.content
+
+
+@dataclass(frozen=True)
+class Bag:
+    """A bag that holds predictions alone."""
+
+    said: list[PredictedPaths]
+    topic: str = "/predictions"
+    path: Path = Path("bags/judged")
+
+    @property
+    def bag(self) -> "Bag":
+        return self
+
+    @property
+    def type_names(self) -> dict[str, str]:
+        return {self.topic: "siren_msgs/msg/PredictedPaths"}
+
+    def messages(self, topics: set[str]) -> Iterator[Message]:
+        assert topics == {self.topic}
+        return (Message(to_predicted_paths(one)) for one in self.said)
+
+
+def everything_said(points: int = 60) -> list[PredictedPaths]:
+    """Two paths for each vehicle at each frame of the episode, those without a whole window included."""
+    times = 0.1 * np.arange(1, points + 1)
+    found = []
+    for step in range(0, 200, 2):
+        now = 0.05 * step
+        start = np.array([[5.0 * now, -5.25], [30.0 + 6.0 * now, -1.75]])
+        velocity = np.array([[5.0, 0.0], [6.0, 0.0]])
+        path = start[:, None] + times[:, None] * velocity[:, None]
+        xy_m = np.repeat(path, 2, axis=0)
+        xy_m[1::2, :, 1] += 1.0
+        ids = np.array([1, 1, 12, 12], dtype=np.uint32)
+        found.append(PredictedPaths(step, ids, np.array([0.25, 0.75, 0.5, 0.5]), xy_m))
+    return found
+
+
+def read(said: list[PredictedPaths], allow_missing: bool = False) -> Any:
+    return read_recorded_predictions(cast("EpisodeSource", Bag(said)), allow_missing)
+
+
+def test_samples_are_taken_and_others_left_out(batch: SampleBatch) -> None:
+    rows, hypotheses = read(everything_said()).meet(batch)
+    assert rows.tolist() == list(range(len(batch)))
+    first = hypotheses.select(batch.actors.actor_id[batch.target] == 1)
+    assert np.allclose(first.probability, [0.75, 0.25])
+    assert np.allclose(first.xy_m[:, 0, :, 1], -4.25)
+    assert np.allclose(first.xy_m[:, 0, -1, 0] - batch.xy_m[batch.actors.actor_id[batch.target] == 1, 0], 25.0)
+
+
+def test_a_frame_without_predictions_is_missing(batch: SampleBatch) -> None:
+    said = everything_said()
+    at = next(number for number, one in enumerate(said) if one.step == 70)
+    said[at] = replace(said[at], actor_id=said[at].actor_id[:0], probability=np.zeros(0), xy_m=np.zeros((0, 60, 2)))
+    with pytest.raises(InputError, match=r"/predictions of bags/judged: 2 of 40 samples .* is actor 1 at step 70"):
+        read(said).meet(batch)
+    assert len(read(said, allow_missing=True).meet(batch)[0]) == 38
+
+
+def test_a_program_that_said_nothing(batch: SampleBatch) -> None:
+    with pytest.raises(InputError, match="40 of 40 samples have no prediction"):
+        read([]).meet(batch)
+    assert len(read([], allow_missing=True).meet(batch)[0]) == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"probability": np.array([0.25, 0.25, 0.5, 0.5])}, "1 of 200 samples have probabilities of another sum"),
+        ({"probability": np.array([np.nan, 0.75, 0.5, 0.5])}, "1 of 400 probabilities are not finite"),
+        ({"xy_m": np.full((4, 60, 2), np.inf)}, "4 of 400 paths are not finite.* actor 1, step 6"),
+        ({"xy_m": np.zeros((4, 31, 2))}, "4 of 400 paths of another horizon; .* actor 1 at step 6 with 31 points"),
+    ],
+)
+def test_wrong_messages_are_refused_with_their_number(change: dict[str, Any], told: str) -> None:
+    said = everything_said()
+    said[3] = replace(said[3], **change)
+    with pytest.raises(InputError, match=told):
+        read(said)
+
+
+def test_a_bag_without_the_topic() -> None:
+    with pytest.raises(BagError, match="a bag with the topic /predictions"):
+        read_recorded_predictions(cast("EpisodeSource", Bag(everything_said(), topic="/other")), allow_missing=False)

@@ -1,0 +1,320 @@
+"""The paper's numbers next to ours."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_scores import episode_scores, model_scores
+from made_video_sets import small_video_set
+
+from siren_ros.errors import InputError
+from siren_ros.evaluation.detection.devkit_score import ERRORS
+from siren_ros.evaluation.paper_comparison import (
+    BALANCE,
+    FAMILY,
+    HEAD,
+    ORDER,
+    RANKING,
+    RATIO,
+    SAMPLES,
+    Compared,
+    detection_rows,
+    interval_in,
+    measured,
+    own_level_only,
+    prediction_rows,
+    risk_rows,
+    stored,
+)
+from siren_ros.evaluation.prediction.episode_scores import EpisodeScores
+from siren_ros.evaluation.prediction.reports.paper_results import PAPER_SAMPLES, TEMPLATES, paper_row
+from siren_ros.evaluation.prediction.reports.score_table import score_table
+from siren_ros.evaluation.statistics.interval import NOTHING, Interval
+from siren_ros.scenario.paper import EmergencyLevel
+from siren_ros.scenario.templates import load_template
+
+AROUND = Interval(3.0, 1.5, 4.5, 6)
+
+
+def row(paper: float, ours: Interval = AROUND, digits: int = 2, *, relative: bool = True) -> Compared:
+    return Compared("ADE in m", "CV", "S1", paper, ours, digits, relative)
+
+
+@pytest.mark.parametrize(
+    ("paper", "inside"), [(1.5, True), (4.5, True), (1.49, False), (4.51, False), (-3.0, False), (3.0, True)]
+)
+def test_the_bounds_belong_to_the_interval(paper: float, *, inside: bool) -> None:
+    assert row(paper).inside is inside
+
+
+def test_the_deviation_is_a_share_of_the_papers() -> None:
+    assert row(2.0).deviation == pytest.approx(0.5)
+    assert row(4.0).deviation == pytest.approx(-0.25)
+    assert row(0.0).deviation is None
+    assert row(2.0, relative=False).deviation is None
+    assert row(2.0, NOTHING).deviation is None
+
+
+def test_cells_have_the_rows_digits() -> None:
+    assert row(2.0).cells() == ("ADE in m", "CV", "S1", "2.00", "3.00 [1.50, 4.50]", "+50%", "yes")
+    assert row(5.0, digits=1).cells()[3:] == ("5.0", "3.0 [1.5, 4.5]", "-40%", "no")
+    alone = Interval(3.0, 3.0, 3.0, 1)
+    assert row(2.0, alone).cells()[4:] == ("3.00 [-]", "+50%", "")
+    assert row(2.0, NOTHING).cells()[4:] == ("-", "", "")
+
+
+def test_without_bounds_or_value_json_says_nothing() -> None:
+    told = row(2.0).to_json()
+    assert (told["paper"], told["ours"], told["low"], told["high"], told["episodes"]) == (2.0, 3.0, 1.5, 4.5, 6)
+    assert (told["deviation"], told["paper_inside"]) == (pytest.approx(0.5), True)
+    single = row(2.0, Interval(3.0, 3.0, 3.0, 14, scatter_known=False)).to_json()
+    assert (single["ours"], single["low"], single["high"], single["episodes"]) == (3.0, None, None, 14)
+    nothing = row(2.0, NOTHING).to_json()
+    assert [nothing[name] for name in ("ours", "low", "high", "deviation", "paper_inside")] == [None] * 5
+
+
+def test_rows_with_a_value_of_ours() -> None:
+    rows = [row(2.0), row(2.0, NOTHING), row(3.0, Interval(1.0, 1.0, 1.0, 1))]
+    assert measured(rows) == [rows[0], rows[2]]
+
+
+ROW = paper_row("cv", "ade_m")
+
+
+def own(template: str) -> str:
+    return load_template(template).level.name
+
+
+def episode(template: str, value: float, seed: int, samples: int = 4) -> EpisodeScores:
+    """CV with one error everywhere, IDM with twice that."""
+    models = {name: model_scores(np.full(samples, factor * value)) for name, factor in (("cv", 1.0), ("idm", 2.0))}
+    return episode_scores(template, models, seed, EmergencyLevel[own(template)])
+
+
+def rows_of(scores: list[EpisodeScores]) -> dict[tuple[str, str, str], Compared]:
+    return {(row.table, row.row, row.column): row for row in prediction_rows(score_table(scores))}
+
+
+def test_the_papers_own_values_give_no_deviation_and_its_ranking() -> None:
+    assert ROW is not None
+    rows = rows_of(
+        [
+            episode(name, ROW.by_template[name] + shift, seed)
+            for name in TEMPLATES
+            for seed, shift in enumerate((-0.1, -0.05, 0.0, 0.05, 0.1))
+        ]
+    )
+    for name in TEMPLATES:
+        row = rows["ADE in m", "CV", name]
+        assert row.ours.value == pytest.approx(row.paper)
+        assert row.inside is True
+        assert row.deviation == pytest.approx(0.0, abs=1e-9)
+    ranking = rows[RANKING, "CV", "Spearman"].ours
+    assert ranking.value == pytest.approx(1.0)
+    assert ranking.high == pytest.approx(1.0)
+    assert ranking.low < 1.0, "S3's and S7's means are 0.11 m apart, and their intervals overlap"
+    ratio = rows[RATIO, "IDM", "mean"]
+    assert ratio.paper == pytest.approx(1.86 / 1.44)
+    assert (ratio.ours.value, ratio.ours.low, ratio.ours.high) == pytest.approx((2.0, 2.0, 2.0))
+
+
+def test_samples_are_those_of_an_episode() -> None:
+    rows = rows_of([episode("S2", 1.0, seed, 900 + 50 * seed) for seed in range(5)])
+    row = rows[SAMPLES, "all vehicles", "S2"]
+    assert (row.paper, row.ours.value) == (PAPER_SAMPLES["S2"], 1000.0)
+    assert row.cells()[3:6] == ("1371", "1000 [902, 1098]", "-27%"), "t of 4 is 2.776, the error 50·√(2.5 / 5)"
+    assert not rows[SAMPLES, "all vehicles", "S1"].ours.valid
+
+
+def test_what_was_not_measured_is_still_told() -> None:
+    rows = rows_of([episode("S2", 1.0, 0)])
+    assert rows["ADE in m", "BAT", "S1"].cells()[3:] == ("9.14", "-", "", "")
+    assert rows["minADE6 in m", "EMP-M", "mean"].paper == 0.74
+    assert ("minADE6 in m", "CV", "mean") not in rows, "the paper's table has the predictors with several paths only"
+    assert not rows[RANKING, "CV", "Spearman"].ours.valid, "one template has no rank"
+    shown = measured(list(rows.values()))
+    assert {row.column for row in shown} == {"S2", "mean"}
+    assert len(HEAD) == len(shown[0].cells())
+
+
+def test_the_papers_numbers_of_all_tables_are_there() -> None:
+    rows = rows_of([episode("S2", 1.0, 0)])
+    tables = [key[0] for key in rows]
+    # Nine models with seven templates and a mean; four models in the tables of minima.
+    assert [tables.count(name) for name in ("ADE in m", "FDE in m", "RMSE at 5 s in m")] == [72, 72, 72]
+    assert [tables.count(name) for name in ("minADE6 in m", "minFDE6 in m")] == [32, 32]
+    assert sum(PAPER_SAMPLES.values()) == 7062
+
+
+def test_an_episode_without_samples_does_not_count() -> None:
+    scores = [episode(name, 1.0 + place, seed) for place, name in enumerate(TEMPLATES[:3]) for seed in (0, 1)]
+    found = rows_of([*scores, episode("S4", 9.0, 0, samples=0)])
+    assert found[RANKING, "IDM", "Spearman"].ours.blocks == 6
+    assert found[RATIO, "IDM", "mean"].ours.value == pytest.approx(2.0)
+
+
+def test_only_episodes_at_their_own_level_count() -> None:
+    at_other = episode_scores("S2", {"cv": model_scores(np.ones(2))}, 0, EmergencyLevel.L3)
+    not_in_the_paper = episode_scores("S9", {"cv": model_scores(np.ones(2))}, 0, EmergencyLevel.L2)
+    kept = episode("S2", 1.0, 0)
+    assert own_level_only([at_other, kept, not_in_the_paper], own) == [kept]
+
+
+def test_a_row_says_nothing_that_it_cannot() -> None:
+    assert Compared("t", "r", "c", 0.0, Interval(1.0, 0.5, 1.5, 3)).deviation is None
+    assert Compared("t", "r", "c", 1.0, Interval(0.5, 0.4, 0.6, 3), relative=False).deviation is None
+    single = Compared("t", "r", "c", 1.0, Interval(0.5, 0.5, 0.5, 1))
+    assert (single.inside, single.deviation) == (None, -0.5)
+    assert Compared("t", "r", "c", 1.0, NOTHING).to_json()["ours"] is None
+
+
+def unequal(template: str, cv: list[float], idm: list[float], seed: int = 0) -> EpisodeScores:
+    """An episode with an error for each sample of both."""
+    models = {"cv": model_scores(np.array(cv)), "idm": model_scores(np.array(idm))}
+    return episode_scores(template, models, seed, EmergencyLevel[own(template)])
+
+
+def test_the_ratio_is_that_of_means_over_templates_of_means_over_their_samples() -> None:
+    """CV: 2 in S1, and 4 in S2; IDM: 5 and 4. An episode in which IDM has no sample counts for neither."""
+    scores = [
+        unequal("S1", [1.0, 1.0], [4.0, 4.0]),
+        unequal("S1", [4.0], [7.0], 1),
+        unequal("S2", [4.0, 4.0, 4.0], [4.0, 4.0, 4.0]),
+        unequal("S2", [90.0], [], 1),
+    ]
+    rows = rows_of(scores)
+    ratio = rows[RATIO, "IDM", "mean"]
+    assert ratio.ours.value == pytest.approx((5.0 + 4.0) / (2.0 + 4.0))
+    assert ratio.ours.blocks == 3
+    assert not rows[RATIO, "CSP", "mean"].ours.valid
+    assert rows["ADE in m", "CV", "S1"].ours.value == pytest.approx(2.0)
+
+
+def test_a_ranking_that_is_the_papers_upside_down() -> None:
+    assert ROW is not None
+    scores = [
+        unequal(name, [10.0 - ROW.by_template[name]], [ROW.by_template[name] ** 2], seed)
+        for name in TEMPLATES[:4]
+        for seed in (0, 1)
+    ]
+    rows = rows_of(scores)
+    assert rows[RANKING, "CV", "Spearman"].ours.value == pytest.approx(-1.0)
+    # The paper's own IDM has S3 before S4, as CV has.
+    assert rows[RANKING, "IDM", "Spearman"].ours.value == pytest.approx(1.0)
+    assert rows[RANKING, "CV", "Spearman"].deviation is None
+
+
+def detector(**more: object) -> dict[str, object]:
+    ap = {"value": 0.4, "low": 0.3, "high": 0.5, "episodes": 14}
+    template = {"mAP": ap, "NDS": 0.45, "errors": dict.fromkeys(ERRORS, 0.5)}
+    return {
+        "mean": {"mAP": ap, "NDS": 0.45},
+        "templates": {"S1": template, "S2": template},
+        "families": {"clearance": ap},
+        "order_of_families_share": None,
+        **more,
+    }
+
+
+def test_a_detector_of_the_papers_name_stands_next_to_it() -> None:
+    rows = {(row.table, row.row, row.column): row for row in detection_rows({"PointPillars": detector()})}
+    row = rows["mAP", "PointPillars", "S1"]
+    assert (row.paper, row.ours.value, row.inside) == (0.398, 0.4, True)
+    assert rows["NDS", "PointPillars", "mean"].ours.value == 0.45
+    assert not rows["mAP", "SECOND", "S1"].ours.valid
+    assert not rows["mAP", "PointPillars", "S7"].ours.valid
+    assert {row.ours.value for row in rows.values() if row.table.startswith("error") and row.ours.valid} == {0.5}
+
+
+def test_any_detector_is_held_against_the_families() -> None:
+    rows = {
+        (row.table, row.column): row
+        for row in detection_rows({"mine": detector(order_of_families_share=0.25)})
+        if row.row == "mine"
+    }
+    clearance = rows[FAMILY, "clearance"]
+    assert clearance.paper == pytest.approx(np.mean([0.398, 0.434, 0.420, 0.388, 0.438, 0.413, 0.424, 0.423]))
+    assert clearance.ours.value == 0.4
+    order = rows[ORDER, "share of the draws"]
+    assert (order.paper, order.ours.value, order.deviation, order.inside) == (1.0, 0.25, None, None)
+
+
+def test_without_scores_the_papers_numbers_remain() -> None:
+    rows = list(detection_rows(None))
+    assert len(rows) == 4 * (2 * 8 + 5)
+    assert not any(row.ours.valid for row in rows)
+
+
+def test_the_balance_is_that_of_the_labels(tmp_path: Path) -> None:
+    rows = [row for row in risk_rows(small_video_set(tmp_path), None) if row.table == BALANCE]
+    assert [row.paper for row in rows] == pytest.approx([74 / 105, 25 / 105, 6 / 105])
+    assert [row.ours.value for row in rows] == pytest.approx([3 / 6, 2 / 6, 1 / 6])
+    assert rows[0].ours.low < 0.5 < rows[0].ours.high
+
+
+def test_scores_of_the_papers_models_are_found_by_name() -> None:
+    content = {"models": {"Qwen3.5-9B": {"scores": {"accuracy": {"value": 0.6, "low": 0.5, "high": 0.8}}}}}
+    rows = {(row.row, row.column): row for row in risk_rows(None, content)}
+    assert rows["Qwen3.5-9B", "accuracy"].inside is True
+    assert rows["Qwen3.5-9B", "accuracy"].cells()[3] == "0.705"
+    assert not rows["Gemma3-12B", "accuracy"].ours.valid
+
+
+def test_stored_scores_are_a_json_object(tmp_path: Path) -> None:
+    assert stored(tmp_path) is None
+    file = tmp_path / "scores.json"
+    file.write_text("[1]", encoding="utf-8")
+    with pytest.raises(InputError, match="siren evaluate"):
+        stored(tmp_path)
+    file.write_text(json.dumps({"a": 1}), encoding="utf-8")
+    assert stored(file) == stored(tmp_path) == {"a": 1}
+
+
+def test_an_interval_without_bounds_is_a_value() -> None:
+    assert not interval_in(None).valid
+    assert not interval_in({"value": None}).valid
+    single = interval_in({"value": 0.5, "low": None, "high": None})
+    assert (single.valid, single.bounded) == (True, False)
+
+
+def test_an_error_is_the_mean_over_the_templates() -> None:
+    ap = {"value": 0.4, "low": 0.3, "high": 0.5, "episodes": 14}
+    templates = {
+        name: {"mAP": {**ap, "value": value}, "NDS": 2.0 * value, "errors": dict.fromkeys(ERRORS, value)}
+        for name, value in (("S1", 0.1), ("S2", 0.3), ("S3", 0.2))
+    }
+    given = detector(templates=templates, mean={"mAP": ap, "NDS": 0.7})
+    rows = {(row.table, row.row, row.column): row for row in detection_rows({"second": given})}
+    for error in ERRORS:
+        assert rows[f"error {error}", "SECOND", "mean"].ours.value == pytest.approx(0.2)
+    assert [rows["NDS", "SECOND", name].ours.value for name in ("S1", "S2", "mean")] == pytest.approx([0.2, 0.6, 0.7])
+    assert [rows["mAP", "SECOND", name].ours.value for name in ("S1", "S2", "mean")] == pytest.approx([0.1, 0.3, 0.4])
+    assert not rows["NDS", "SECOND", "S1"].ours.bounded
+
+
+def test_the_share_of_a_class_counts_its_videos(tmp_path: Path) -> None:
+    """One of six is a collision: Wilson's bounds."""
+    rows = [row for row in risk_rows(small_video_set(tmp_path), None) if row.table == BALANCE]
+    assert [row.ours.blocks for row in rows] == [6, 6, 6]
+    assert (rows[2].ours.low, rows[2].ours.high) == pytest.approx((0.0301, 0.5635), abs=1e-4)
+    assert not any(row.ours.valid for row in risk_rows(None, None))
+
+
+def test_detections_have_three_digits_as_in_the_paper() -> None:
+    cells = {row.cells()[:3]: row.cells()[3:5] for row in detection_rows({"PointPillars": detector()})}
+    assert cells["mAP", "PointPillars", "S1"] == ("0.398", "0.400 [0.300, 0.500]")
+    assert cells["NDS", "PointPillars", "mean"] == ("0.492", "0.450 [-]")
+    assert cells["error ATE", "PointPillars", "mean"] == ("0.553", "0.500 [-]")
+    family = next(found for (table, _, column), found in cells.items() if (table, column) == (FAMILY, "clearance"))
+    assert family == ("0.417", "0.400 [0.300, 0.500]")
+
+
+def test_bounds_belong_together_and_are_of_five_episodes_at_least() -> None:
+    both = interval_in({"value": 0.5, "low": 0.4, "high": 0.7})
+    assert (both.value, both.low, both.high, both.blocks) == (0.5, 0.4, 0.7, 5)
+    assert interval_in({"value": 0.5, "low": 0.4, "high": 0.7, "episodes": 9}).blocks == 9
+    assert not interval_in({"value": 0.5, "low": 0.4, "high": 0.7, "episodes": 4}).bounded, "of an older command"
+    for half in ({"low": 0.4, "high": None}, {"low": None, "high": 0.7}):
+        assert not interval_in({"value": 0.5, **half}).bounded
+    assert interval_in({"NDS": 0.3}, "NDS").value == 0.3

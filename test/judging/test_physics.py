@@ -1,0 +1,104 @@
+"""Contacts, overlap and accelerations of records made by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hand_made_record import CAR_LENGTH_M, EMV, EMV_LENGTH_M, NORTHBOUND, Driven, crossing, hand_made
+
+from siren_ros.judging.physics import (
+    PhysicsSummary,
+    emv_accel_range_mps2,
+    lateral_accel_mps2,
+    overlap_m,
+    summarise_physics,
+)
+from siren_ros.world.traffic_state import Event, EventKind
+
+
+def record_of(count=2, cars=(2,)):
+    return hand_made(
+        crossing(), {key: Driven(NORTHBOUND, np.full(count, 20.0 * place)) for place, key in enumerate((EMV, *cars))}
+    )
+
+
+def placed(record, *poses):
+    x, y, yaw = np.array(poses, dtype=float).T
+    return replace(record.states[0], x_m=x, y_m=y, yaw_rad=yaw)
+
+
+@pytest.mark.parametrize("turn", np.radians([0.0, 35.0, -110.0]))
+@pytest.mark.parametrize(
+    ("ahead", "left", "yaw", "overlap"),
+    [
+        (4.8, 0.0, 0.0, 0.5 * (EMV_LENGTH_M + CAR_LENGTH_M) - 4.8),
+        (5.1, 0.0, 0.0, 0.0),
+        (0.0, 1.85, 0.0, 0.5 * (2.1 + 1.8) - 1.85),
+        (0.0, -1.85, 0.0, 0.5 * (2.1 + 1.8) - 1.85),
+        (0.0, 2.0, 0.0, 0.0),
+        (3.5, 0.0, np.pi / 2.0, 0.5 * (EMV_LENGTH_M + 1.8) - 3.5),
+        (5.0, 2.5, 0.0, 0.0),
+    ],
+)
+def test_overlap_is_the_depth_along_the_nearest_axis_whichever_way_they_point(ahead, left, yaw, overlap, turn):
+    cos, sin = np.cos(turn), np.sin(turn)
+    other = (5.0 + cos * ahead - sin * left, -3.0 + sin * ahead + cos * left, turn + yaw)
+    record = record_of()
+    assert overlap_m(placed(record, (5.0, -3.0, turn), other), record) == pytest.approx(overlap, abs=1e-9)
+    assert overlap_m(placed(record, other, (5.0, -3.0, turn)), record_of()) >= 0.0
+
+
+def test_the_deepest_of_several_overlaps_counts():
+    record = record_of(cars=(2, 3))
+    state = placed(record, (0.0, 0.0, 0.0), (4.9, 0.0, 0.0), (-4.6, 0.0, 0.0))
+    assert overlap_m(state, record) == pytest.approx(0.4)
+    assert overlap_m(placed(record_of(cars=()), (0.0, 0.0, 0.0)), record_of(cars=())) == 0.0
+
+
+def accelerated(accel_mps2, lateral_mps2):
+    """The EMV's accelerations over the steps; the other car has a hundred times as much along its way."""
+    record = record_of(count=len(accel_mps2))
+    states = tuple(
+        replace(
+            state,
+            accel_mps2=np.array([accel, 100.0 * accel]),
+            lateral_accel_mps2=np.array([lateral, 0.0]),
+        )
+        for state, accel, lateral in zip(record.states, accel_mps2, lateral_mps2, strict=True)
+    )
+    return replace(record, states=states)
+
+
+def test_the_emvs_accelerations_from_the_1st_to_the_99th_percentile():
+    record = accelerated(np.linspace(-4.0, 6.0, 101), np.zeros(101))
+    assert emv_accel_range_mps2(record) == pytest.approx((-3.9, 5.9))
+
+
+def test_every_emvs_accelerations_count():
+    record = accelerated(np.linspace(-4.0, 6.0, 101), np.zeros(101))
+    both = replace(record, description=replace(record.description, emv_ids=(EMV, 2)))
+    assert emv_accel_range_mps2(both) == pytest.approx(
+        np.percentile(np.linspace(-4.0, 6.0, 101)[:, None] * [1, 100], [1, 99])
+    )
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_lateral_acceleration_to_both_sides_at_the_99_9th_percentile(side):
+    lateral = np.zeros(501)
+    lateral[:2] = side * np.array([5.0, 4.0])
+    assert lateral_accel_mps2(accelerated(np.zeros(501), lateral)) == pytest.approx(
+        np.percentile([5.0, 4.0, *[0.0] * 1000], 99.9)
+    )
+
+
+def test_the_summary_holds_the_numbers_and_zeros_where_there_is_nothing():
+    record = accelerated(np.linspace(-1.0, 1.0, 101), np.full(101, -2.0))
+    contacts = tuple(
+        Event(step, EventKind.COLLISION, 1, 2, detail={"impact_speed_mps": speed})
+        for step, speed in ((3, 1.5), (9, 0.5))
+    )
+    found = summarise_physics(replace(record, events=contacts))
+    assert (found.contacts, found.impact_mps, found.overlap_m) == (2, 1.5, 0.0)
+    assert (found.emv_accel_low_mps2, found.emv_accel_high_mps2) == pytest.approx((-0.98, 0.98))
+    assert found.lateral_accel_mps2 == pytest.approx(2.0)
+    assert summarise_physics(replace(record, states=())) == PhysicsSummary()

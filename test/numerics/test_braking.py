@@ -1,0 +1,62 @@
+"""Speeds in bends and before them, in closed form."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from siren_ros.numerics.braking import bend_speeds_mps, curvature_1pm, with_accelerating, with_braking
+from siren_ros.numerics.geometry import Polyline
+
+
+def circle(radius_m: float, turn_rad: float) -> Polyline:
+    angle = np.linspace(0.0, turn_rad, int(turn_rad * radius_m / 0.2) + 2)
+    return Polyline.through(np.stack((radius_m * np.sin(angle), radius_m * (1.0 - np.cos(angle))), axis=-1))
+
+
+@pytest.mark.parametrize("radius_m", [6.0, 15.0, 80.0])
+def test_a_circle_is_driven_at_the_root_of_acceleration_times_radius(radius_m: float) -> None:
+    path = circle(radius_m, 1.5)
+    middle = np.array([path.length_m / 2.0])
+    assert curvature_1pm(path, middle)[0] == pytest.approx(1.0 / radius_m, rel=0.05)
+    speeds = bend_speeds_mps(path, 3.0)
+    assert speeds[len(speeds) // 2] == pytest.approx(np.sqrt(3.0 * radius_m), rel=0.05)
+
+
+@pytest.mark.parametrize("radius_m", [6.0, 15.0])
+def test_at_its_ends_a_circle_is_as_curved_as_in_its_middle(radius_m: float) -> None:
+    path = circle(radius_m, 1.5)
+    places = np.array([0.0, 0.5, path.length_m - 0.5, path.length_m])
+    assert curvature_1pm(path, places) == pytest.approx(np.full(4, 1.0 / radius_m), rel=0.1)
+
+
+def test_a_straight_road_has_no_limit() -> None:
+    assert bend_speeds_mps(Polyline.through([[0.0, 0.0], [100.0, 0.0]]), 3.0).min() > 1e3
+
+
+def test_braking_before_a_bend_is_as_strong_as_it_may_be_and_no_stronger() -> None:
+    wanted = np.full(101, 20.0)
+    wanted[60:] = 5.0
+    speeds = with_braking(wanted, 2.0)
+    assert speeds[60] == 5.0
+    assert speeds[0] == pytest.approx(np.sqrt(5.0**2 + 2.0 * 2.0 * 60.0))
+    assert np.all(np.diff(speeds[:61] ** 2) >= -2.0 * 2.0 - 1e-9)
+
+
+@given(st.lists(st.floats(0.5, 40.0), min_size=1, max_size=60), st.floats(0.0, 30.0), st.floats(0.1, 5.0))
+def test_profiles_never_exceed_the_speeds_that_they_keep_to(
+    wanted: list[float], first_mps: float, accel_mps2: float
+) -> None:
+    limits = np.array(wanted)
+    braked = with_braking(limits, accel_mps2)
+    reached = with_accelerating(braked, first_mps, accel_mps2)
+    assert np.all(reached <= braked)
+    assert np.all(braked <= limits)
+    assert reached[0] <= first_mps
+    assert np.all(np.abs(np.diff(reached**2)) <= 2.0 * accel_mps2 + 1e-6)
+
+
+def test_speeding_up_follows_the_constant_acceleration_up_to_the_speeds_allowed() -> None:
+    speeds = with_accelerating(np.full(101, 15.0), 5.0, 1.5)
+    assert speeds == pytest.approx(np.minimum(15.0, np.sqrt(25.0 + 2.0 * 1.5 * np.arange(101.0))))
+    assert with_accelerating(np.full(3, 4.0), 5.0, 1.5).tolist() == [4.0, 4.0, 4.0]

@@ -1,0 +1,82 @@
+"""Figures in documents: marks such as ``{{ town.S1.holds }}`` and ``{{ prediction.S1.cv.ade_m:.2f }}``."""
+
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Final
+
+from siren_ros.errors import InputError, whole_file
+from siren_ros.reproduction.results import Figure, PartResult
+
+_MARK: Final = re.compile(r"\{\{ *([\w-]+)\.([^\s:{}]+?)(?::([^\s{}]+))? *\}\}")
+_BLOCK: Final = re.compile(r"(<!-- results: (\S+) -->\n).*?(<!-- end of results -->)", re.DOTALL)
+_LITERAL: Final = re.compile(r"(?<![\w.,/-])\d+\.\d+(?![\w.]|\d)")
+_LEAST_DIGITS: Final = 3
+"""Numbers with fewer digits are equal by chance too often."""
+
+
+def filled(text: str, results: Mapping[str, PartResult], document: str) -> str:
+    """A document with the figures in place of the marks.
+
+    Raises:
+        InputError: A mark names no figure, or its format does not fit; with the document and the line.
+    """
+
+    def figure(mark: re.Match[str]) -> str:
+        part, name, form = mark.groups()
+        where = f"{document}:{text.count(chr(10), 0, mark.start()) + 1}"
+        if part not in results or name not in results[part].figures:
+            raise InputError(where, mark.group(0), "a figure of docs/results.json")
+        try:
+            return _shown(results[part].figures[name], form)
+        except ValueError as error:
+            raise InputError(where, mark.group(0), f"a format that fits; {error}") from error
+
+    return _MARK.sub(figure, text)
+
+
+def _shown(value: Figure, form: str | None) -> str:
+    return format(value, form) if form else str(value)
+
+
+def marks_in(text: str) -> Iterator[tuple[str, str, str | None]]:
+    """The marks of a document: part, name, format."""
+    for mark in _MARK.finditer(text):
+        yield mark.group(1), mark.group(2), mark.group(3)
+
+
+def write_blocks(document: Path, results: Mapping[str, PartResult]) -> bool:
+    """Fills the blocks of a document that is read outside the site; returns whether it changed.
+
+    A block stands between ``<!-- results: FILE -->`` and ``<!-- end of results -->``. FILE, relative to the document,
+    holds its text with marks.
+    """
+    text = document.read_text(encoding="utf-8")
+
+    def block(found: re.Match[str]) -> str:
+        source = document.parent / found.group(2)
+        return found.group(1) + filled(source.read_text(encoding="utf-8"), results, found.group(2)) + found.group(3)
+
+    written = _BLOCK.sub(block, text)
+    if written != text:
+        with whole_file(document) as path:
+            path.write_text(written, encoding="utf-8")
+    return written != text
+
+
+def unmarked_figures(text: str, marked: Mapping[str, str]) -> list[str]:
+    """Numbers of a document that are written by hand although they are measured.
+
+    Args:
+        text: The document without its blocks of code.
+        marked: The figures that documents show, as they show them, with the mark of each.
+
+    Returns:
+        ``LINE: NUMBER, write MARK`` for each number with at least three digits and a decimal point that equals one.
+    """
+    return [
+        f"{number}: {literal.group(0)}, write {marked[literal.group(0)]}"
+        for number, line in enumerate(text.splitlines(), 1)
+        for literal in _LITERAL.finditer(line)
+        if len(literal.group(0)) > _LEAST_DIGITS and literal.group(0) in marked
+    ]

@@ -1,0 +1,162 @@
+"""Makes the parts: says what it will do, runs the commands, keeps each part's figures as soon as it is done."""
+
+import json
+import shlex
+import shutil
+import subprocess
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+from siren_ros.errors import InputError, SirenError
+from siren_ros.reproduction.parts import Part, inputs_sha256, shown_minutes
+from siren_ros.reproduction.results import Figure, PartResult, figures_in, machine, read_results, write_results
+
+_LAST_LINES: Final = 5
+"""Of a failed command's output, in the message."""
+_STAMP: Final = "inputs_sha256"
+"""File of a part's folder: the inputs that the work in it is for."""
+Say = Callable[[str], None]
+
+
+class PartError(SirenError):
+    """A command of a part failed, or did not write what the part's figures are read from."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A part, and what becomes of it."""
+
+    part: Part
+    inputs_sha256: str
+    missing: tuple[str, ...]
+    """Files that it needs and that are not there; it is skipped."""
+    due: bool
+
+    def __str__(self) -> str:
+        what = shown_minutes(self.part.minutes) if self.due else "unchanged"
+        if self.missing:
+            what = f"skipped, as {', '.join(self.missing)} is not there"
+        return f"{self.part.name:16} {self.part.about}: {what}"
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """Where parts are made: the repository, a folder for the work, the file of results."""
+
+    repository: Path
+    out: Path
+    results: Path
+    workers: int
+
+    def plan(self, parts: Mapping[str, Part], only: Sequence[str] = ()) -> list[Step]:
+        """The parts in their order, with those that they need.
+
+        A part is due when its inputs are not those of its figures, or when a part that is due reads its folder and the
+        folder is gone.
+
+        Raises:
+            InputError: ``only`` names a part that is not there.
+        """
+        for name in only:
+            if name not in parts:
+                raise InputError("only", name, f"one or several of {', '.join(parts)}")
+        asked = set(only or parts)
+        for part in reversed(list(parts.values())):
+            if part.name in asked:
+                asked.update(part.needs)
+        results = read_results(self.results)
+        steps: dict[str, Step] = {}
+        for part in (part for part in parts.values() if part.name in asked):
+            above = [steps[need] for need in part.needs]
+            missing = (*part.missing(self.repository), *(step.part.name for step in above if step.missing))
+            sha = "" if missing else inputs_sha256(part, self.repository, [step.inputs_sha256 for step in above])
+            made = part.name in results and results[part.name].inputs_sha256 == sha
+            steps[part.name] = Step(part, sha, missing, not missing and not made)
+        read = {need for step in steps.values() if step.due for need in step.part.needs}
+        for name in reversed(steps):
+            if name in read and not self._work_of(steps[name]):
+                steps[name] = replace(steps[name], due=True)
+                read.update(steps[name].part.needs)
+        return list(steps.values())
+
+    def _work_of(self, step: Step) -> bool:
+        """Whether the part's folder holds the work on these very inputs."""
+        stamp = self.out / step.part.name / _STAMP
+        return stamp.is_file() and stamp.read_text(encoding="utf-8") == step.inputs_sha256
+
+    def make(self, steps: Sequence[Step], say: Say) -> list[str]:
+        """Makes what is due; a part that fails does not stop those that do not need it.
+
+        Returns:
+            A line for each part that failed.
+        """
+        for step in steps:
+            say(str(step))
+        due = [step for step in steps if step.due]
+        total = shown_minutes(sum(step.part.minutes for step in due))
+        say(f"{len(due)} of {len(steps)} parts to make, {total} on two cores")
+        failed: dict[str, str] = {}
+        for step in due:
+            name = step.part.name
+            say(f"{name} ...")
+            try:
+                lost = [need for need in step.part.needs if need in failed]
+                if lost:
+                    raise PartError(f"it needs {', '.join(lost)}")
+                result = self._make(step)
+            except SirenError as error:
+                failed[name] = str(error)
+                say(f"{name}: {error}")
+                continue
+            write_results(self.results, {**read_results(self.results), name: result})
+            say(f"{name}: {len(result.figures)} figures, {shown_minutes(result.minutes)}")
+        return [f"{name}: {why}" for name, why in failed.items()]
+
+    def _make(self, step: Step) -> PartResult:
+        """Runs the commands of a part, reads its figures and puts its files into the repository.
+
+        Work on the same inputs that was interrupted goes on: the commands themselves resume.
+        """
+        part, folder = step.part, self.out / step.part.name
+        if folder.exists() and not self._work_of(step):
+            shutil.rmtree(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / _STAMP).write_text(step.inputs_sha256, encoding="utf-8")
+        places = {"out": folder, "workers": self.workers, **{need: self.out / need for need in part.needs}}
+        begin = time.monotonic()
+        for command in part.commands:
+            self._run(command.format(**places), folder / "log.txt")
+        minutes = (time.monotonic() - begin) / 60.0
+        figures: dict[str, Figure] = {}
+        for source in part.figures:
+            figures |= figures_in(_json(folder / source.path), source.keep, source.prefix)
+        for made in part.made:
+            if not (folder / made.source).is_file():
+                raise PartError(f"{made.source} was not written")
+        for made in part.made:
+            shutil.copyfile(folder / made.source, self.repository / made.target)
+        return PartResult(step.inputs_sha256, part.commands, machine(), round(minutes, 1), figures)
+
+    def _run(self, command: str, log: Path) -> None:
+        with log.open("a", encoding="utf-8") as output:
+            output.write(f"$ {command}\n")
+            output.flush()
+            try:
+                done = subprocess.run(  # noqa: S603 - commands of params/reproduction.yaml
+                    shlex.split(command), cwd=self.repository, check=False, stdout=output, stderr=subprocess.STDOUT
+                )
+            except OSError as error:
+                raise PartError(f"`{command}`: {error.strerror}") from error
+        if done.returncode:
+            last = log.read_text(encoding="utf-8", errors="replace").splitlines()[-_LAST_LINES:]
+            raise PartError(f"`{command}` ended with exit code {done.returncode}: {' / '.join(last)}")
+
+
+def _json(file: Path) -> Any:
+    try:
+        return json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise PartError(f"{file.name} cannot be read: {error}") from error

@@ -1,0 +1,119 @@
+"""The file of results: the figures of each part with the commands, the code and the machine that made them."""
+
+import json
+import os
+import platform
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from fnmatch import fnmatchcase
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Final
+
+from siren_ros.errors import InputError, whole_file
+
+Figure = float | int | str
+_VERSIONS: Final = ("numpy", "libsumo", "numba", "onnxruntime")
+_LABELS: Final = ("name", "template", "model", "metric", "group", "class", "map", "level", "kind")
+"""Keys whose texts name a row of a list, in the order in which they stand in the figure's name."""
+
+
+@dataclass(frozen=True)
+class PartResult:
+    """What one part has given."""
+
+    inputs_sha256: str
+    """Of what decides the part; empty for figures that were typed in before the command existed."""
+    commands: tuple[str, ...]
+    machine: Mapping[str, str]
+    minutes: float
+    figures: Mapping[str, Figure] = field(default_factory=dict)
+
+
+def read_results(file: Path) -> dict[str, PartResult]:
+    """The results by part; none where the file is not there.
+
+    Raises:
+        InputError: The file is damaged.
+    """
+    if not file.exists():
+        return {}
+    try:
+        stored = json.loads(file.read_text(encoding="utf-8"))
+        return {
+            name: PartResult(
+                str(part["inputs_sha256"]),
+                tuple(part["commands"]),
+                dict(part["machine"]),
+                float(part["minutes"]),
+                dict(part["figures"]),
+            )
+            for name, part in stored["parts"].items()
+        }
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError("results", str(file), f"a file of results; {error!r}") from error
+
+
+def write_results(file: Path, results: Mapping[str, PartResult]) -> None:
+    """Writes the results whole; names are sorted, so that a change shows as few lines."""
+    content = {"parts": {name: asdict(part) for name, part in sorted(results.items())}}
+    with whole_file(file) as path:
+        path.write_text(json.dumps(content, indent=1, sort_keys=True, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def machine() -> dict[str, str]:
+    """What a reader must know of the machine: cores, processor, Python, versions of what computes."""
+    found = {"cores": str(os.cpu_count()), "processor": _processor(), "python": platform.python_version()}
+    for package in _VERSIONS:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.machine()
+    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())
+
+
+def figures_in(content: Any, keep: tuple[str, ...], prefix: str = "") -> dict[str, Figure]:
+    """The numbers and texts of a JSON document by dotted names, as far as a pattern of ``keep`` matches.
+
+    An item of a list is named by its texts under the keys ``name``, ``template``, ``model`` and so on, otherwise by its
+    place: ``[{"template": "S1", "model": "cv", "ade_m": 1.99}]`` gives ``S1.cv.ade_m``.
+
+    Raises:
+        InputError: Two numbers have one name, or a pattern matches nothing.
+    """
+    figures: dict[str, Figure] = {}
+    matched: set[str] = set()
+    for name, value in _leaves(content, ()):
+        hits = {pattern for pattern in keep if fnmatchcase(name, pattern)}
+        if not hits:
+            continue
+        matched |= hits
+        full = f"{prefix}.{name}" if prefix else name
+        if full in figures:
+            raise InputError("figures", full, "one number of each name")
+        figures[full] = value
+    for pattern in keep:
+        if pattern not in matched:
+            raise InputError("figures", pattern, "a pattern that matches a number of the file")
+    return figures
+
+
+def _leaves(content: Any, above: tuple[str, ...]) -> Iterator[tuple[str, Figure]]:
+    if isinstance(content, Mapping):
+        for key, value in content.items():
+            yield from _leaves(value, (*above, str(key)))
+    elif isinstance(content, list):
+        for place, item in enumerate(content):
+            labels = [str(item[key]) for key in _LABELS if isinstance(item, Mapping) and isinstance(item.get(key), str)]
+            rest = {key: value for key, value in item.items() if key not in _LABELS} if labels else item
+            yield from _leaves(rest, (*above, *(labels or [str(place)])))
+    elif isinstance(content, int | float | str):
+        yield ".".join(above), content

@@ -148,7 +148,7 @@ FORMATS: Final = {
             "argoverse2",
             "Argoverse 2 motion forecasting: a scenario of 11 s for each vehicle and frame, with the map",
             (Need.TRACKS, Need.MAP, Need.EMV),
-            f"{_PACKAGE}.argoverse2.exporter:Argoverse2Exporter",
+            f"{_PACKAGE}.argoverse2:Argoverse2Exporter",
             (
                 Option("population", "region", POPULATIONS, "whose windows are scenarios; everybody is in them"),
                 Option("stride", "1", (), "frames of 0.1 s from one scenario of a vehicle to the next"),
@@ -158,14 +158,14 @@ FORMATS: Final = {
             "ngsim",
             "NGSIM as CSP, STDAN and BAT read it: tracks in feet, 13 x 3 grid, manoeuvre classes",
             (Need.TRACKS, Need.MAP, Need.EMV),
-            f"{_PACKAGE}.ngsim.exporter:NgsimExporter",
+            f"{_PACKAGE}.ngsim:NgsimExporter",
             (Option("population", "region", POPULATIONS, "whose windows are samples, and who is a neighbour"),),
         ),
         Format(
             "commonroad",
             "CommonRoad 2020a: lanelets, lights, dynamic obstacles; the EMV is the planning problem",
             (Need.TRACKS, Need.MAP, Need.EMV),
-            f"{_PACKAGE}.commonroad.exporter:CommonRoadExporter",
+            f"{_PACKAGE}.commonroad:CommonRoadExporter",
             (
                 Option(
                     "intersections",
@@ -185,19 +185,19 @@ FORMATS: Final = {
             "openscenario",
             "OpenSCENARIO 1.2: everybody follows the recorded trajectory on the OpenDRIVE map",
             (Need.TRACKS, Need.MAP),
-            f"{_PACKAGE}.openscenario.exporter:OpenScenarioExporter",
+            f"{_PACKAGE}.openscenario:OpenScenarioExporter",
         ),
         Format(
             "scenarionet",
             "ScenarioNet: tracks, map features and dynamic map states that MetaDrive replays",
             (Need.TRACKS, Need.MAP, Need.EMV),
-            f"{_PACKAGE}.scenarionet.exporter:ScenarioNetExporter",
+            f"{_PACKAGE}.scenarionet:ScenarioNetExporter",
         ),
         Format(
             "rerun",
             "Rerun: map, boxes, path, events, and LiDAR and cameras where they were recorded, on a timeline",
             (Need.TRACKS, Need.MAP),
-            f"{_PACKAGE}.rerun.exporter:RerunExporter",
+            f"{_PACKAGE}.rerun:RerunExporter",
             extra="rerun",
         ),
     )

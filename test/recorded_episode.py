@@ -43,3 +43,8 @@ def sensed_recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two seconds with LiDAR and four cameras, watched by the detector that ships: 20 sweeps, 4 keyframes."""
     parameters = ("template:=S2", "sensors:=full", "duration_s:=2.0", "detector:=pillars")
     return shared_recording(tmp_path_factory, "full", *parameters)
+
+
+def tracked_recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Fourteen seconds without sensors: long enough for windows of prediction."""
+    return shared_recording(tmp_path_factory, "tracked", "template:=S3", "sensors:=none", "duration_s:=14.0")

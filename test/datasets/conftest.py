@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 from datasets.made_bag import Made, write_made_bag
-from recorded_episode import sensed_recording, shared_recording
+from recorded_episode import sensed_recording, tracked_recording
 from rosbags.typesys.store import Typestore
 from synthetic_episode import NET_XML
 
@@ -27,7 +27,7 @@ def sensed_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def tracked_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Fourteen seconds without sensors, at a junction with signals."""
-    return shared_recording(tmp_path_factory, "tracked", "template:=S3", "sensors:=none", "duration_s:=14.0")
+    return tracked_recording(tmp_path_factory)
 
 
 @pytest.fixture(scope="session")

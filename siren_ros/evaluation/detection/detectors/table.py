@@ -23,7 +23,12 @@ def _classical(episode: EpisodeFrames, weights: Path | None) -> FoundBoxes:
     return detect_classical(episode)
 
 
-DETECTORS: Final[Mapping[str, Detect]] = MappingProxyType({"classical": _classical, "pillars": detect_pillars})
+DETECTORS: Final[Mapping[str, Detect]] = MappingProxyType(
+    {
+        "classical": _classical,
+        "pillars": detect_pillars,
+    }
+)
 
 
 @dataclass(frozen=True)

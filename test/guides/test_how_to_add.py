@@ -1,0 +1,71 @@
+"""Each guide of ``docs/how_to_add``, followed to the letter in a copy of the repository."""
+
+import csv
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from followed_guide import FollowedGuide, apply, follow
+from recorded_episode import sensed_recording, tracked_recording
+
+
+@pytest.fixture
+def followed(request: pytest.FixtureRequest, tmp_path: Path) -> FollowedGuide:
+    """A copy in which the guide of this name was followed."""
+    return follow(request.param, tmp_path / "siren")
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An episode with LiDAR and front camera."""
+    return sensed_recording(tmp_path_factory)
+
+
+def of(guide: str) -> pytest.MarkDecorator:
+    return pytest.mark.parametrize("followed", [guide], indirect=True)
+
+
+def output_of(followed: FollowedGuide, bag: Path | None = None) -> str:
+    """The output of the guide's commands, all of which end well; ``bags/S2_L2_seed0`` is the given bag."""
+    if bag is not None:
+        (followed.root / "bags").mkdir()
+        (followed.root / "bags" / "S2_L2_seed0").symlink_to(bag)
+    done = [followed.run(command) for command in followed.commands]
+    assert [(each.args, each.stderr) for each in done if each.returncode] == []
+    return "".join(each.stdout for each in done)
+
+
+@of("dataset_format")
+def test_a_dataset_format(followed: FollowedGuide, bag: Path) -> None:
+    output_of(followed, bag)
+    (written,) = (followed.root / "speeds").rglob("speeds.csv")
+    with written.open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) > 5
+    assert all(0.0 <= float(row["mean_speed_mps"]) < 40.0 for row in rows)
+
+
+@of("predictor")
+def test_a_predictor(followed: FollowedGuide, tmp_path_factory: pytest.TempPathFactory) -> None:
+    assert "standstill" in output_of(followed, tracked_recording(tmp_path_factory))
+
+
+@of("detector")
+def test_a_detector(followed: FollowedGuide, bag: Path) -> None:
+    assert "ten_metres_ahead" in output_of(followed, bag)
+
+
+@of("template")
+def test_a_template(followed: FollowedGuide) -> None:
+    output_of(followed)
+    rows = pq.read_table(followed.root / "studies" / "S8" / "manifest.parquet").to_pylist()
+    assert {(row["template"], row["level"]) for row in rows} == {("S8", "L1"), ("S8", "L0")}
+
+
+def test_a_diff_whose_lines_are_gone_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "table.py"
+    file.write_text("a\nb\nc\n", encoding="utf-8")
+    apply(file, " a\n+new\n b\n-c\n")
+    assert file.read_text(encoding="utf-8") == "a\nnew\nb\n"
+    with pytest.raises(AssertionError, match="0 times"):
+        apply(file, " gone\n+new\n")

@@ -5,8 +5,7 @@ import sys
 from importlib import import_module
 
 from siren_ros.errors import EXIT_FAILED
-from siren_ros.ros.programs.interrupt import Interrupt
-from siren_ros.ros.programs.waiting import Waiting
+from siren_ros.ros.programs.processes import Interrupt, Waiting
 
 
 def give_up(reason: str) -> None:

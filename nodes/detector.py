@@ -14,17 +14,17 @@ from siren_ros.evaluation.detection.detectors.pillar_detector import (
     no_boxes,
 )
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.detections import DetectedBoxes, to_detections
-from siren_ros.interfaces.lockstep_reports import EpisodeClosing
+from siren_ros.interfaces.boxes import DetectedBoxes, to_detections
+from siren_ros.interfaces.episode_conversions import EpisodeClosing
+from siren_ros.interfaces.measurements import from_point_cloud
 from siren_ros.interfaces.messages import make_message
-from siren_ros.interfaces.point_cloud import from_point_cloud
 from siren_ros.interfaces.transforms import from_tf, matrix_between
-from siren_ros.lockstep.tick_join import Input
-from siren_ros.ros.parameters.node_configs import DetectorConfig
+from siren_ros.lockstep import Input
+from siren_ros.ros.node_configs import DetectorConfig
 from siren_ros.ros.participants.participant import Participant
 from siren_ros.ros.programs.program import run_participant
 from siren_ros.scenario.episode import EpisodeDescription
-from siren_ros.sensors.suite.suite import load_suite, period_steps
+from siren_ros.sensors.suite import load_suite, period_steps
 from siren_ros.world.carrier import BASE_FRAME, MAP_FRAME
 
 

@@ -7,8 +7,8 @@ from siren_ros.behaviour.emv.controller import EmvState, step_emv
 from siren_ros.generation.behaviour_setup import behaviour_world
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import from_traffic_state, to_vehicle_commands
-from siren_ros.lockstep.tick_join import Input
-from siren_ros.ros.parameters.node_configs import EmvControllerConfig
+from siren_ros.lockstep import Input
+from siren_ros.ros.node_configs import EmvControllerConfig
 from siren_ros.ros.participants.participant import Participant
 from siren_ros.ros.programs.program import run_participant
 from siren_ros.ros.transport import wire

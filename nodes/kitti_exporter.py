@@ -12,18 +12,17 @@ from siren_ros.errors import InputError
 from siren_ros.generation.episode_setup import default_bag_path_of, default_kitti_path
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.boxes import from_ground_truth
-from siren_ros.interfaces.images import from_compressed_image
-from siren_ros.interfaces.lockstep_reports import EpisodeClosing
-from siren_ros.interfaces.point_cloud import from_point_cloud
-from siren_ros.lockstep.tick_join import Input
+from siren_ros.interfaces.episode_conversions import EpisodeClosing
+from siren_ros.interfaces.measurements import from_compressed_image, from_point_cloud
+from siren_ros.lockstep import Input
 from siren_ros.record.episode_source import FRONT_CAMERA
-from siren_ros.ros.parameters.node_configs import KittiExporterConfig
+from siren_ros.ros.node_configs import KittiExporterConfig
 from siren_ros.ros.participants.participant import Participant
 from siren_ros.ros.programs.program import run_participant
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd
-from siren_ros.sensor_messages.carrier import optical_frame, static_transforms
 from siren_ros.sensor_messages.observation_messages import intrinsics
-from siren_ros.sensors.suite.suite import SensorSuite, load_suite, period_steps
+from siren_ros.sensor_messages.sensor_topics import optical_frame, static_transforms
+from siren_ros.sensors.suite import SensorSuite, load_suite, period_steps
 
 
 class KittiExporter(Participant[KittiExporterConfig]):

@@ -8,12 +8,12 @@ from typing import Any
 
 from siren_ros.generation.episode_setup import default_bag_path_of
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.lockstep_reports import EpisodeClosing
+from siren_ros.interfaces.episode_conversions import EpisodeClosing
 from siren_ros.interfaces.messages import typestore
 from siren_ros.interfaces.topics import Topic
 from siren_ros.judging.outcome import judge
 from siren_ros.recording.recorder import EpisodeRecorder
-from siren_ros.ros.parameters.node_configs import RecorderConfig
+from siren_ros.ros.node_configs import RecorderConfig
 from siren_ros.ros.participants.participant import Participant
 from siren_ros.ros.programs.program import run_participant
 from siren_ros.ros.transport import wire

@@ -5,17 +5,16 @@ from typing import Any, Final
 
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import from_actor_states, from_traffic_state
-from siren_ros.interfaces.lockstep_reports import Phase
-from siren_ros.lockstep.tick_join import Input
+from siren_ros.interfaces.episode_conversions import Phase
+from siren_ros.lockstep import Input
 from siren_ros.roads.net_parser import parse_road_network
-from siren_ros.ros.parameters.node_configs import SensorSimConfig
+from siren_ros.ros.node_configs import SensorSimConfig
 from siren_ros.ros.participants.participant import Participant
 from siren_ros.ros.programs.program import run_participant
 from siren_ros.ros.transport import wire
-from siren_ros.ros.transport.wall_timer import create_wall_timer
+from siren_ros.ros.transport.endpoints import create_wall_timer
 from siren_ros.scenario.episode import EpisodeDescription
-from siren_ros.sensor_messages.mounted_suite import mounted_suites, setup_messages
-from siren_ros.sensor_messages.trailing_sensing import TrailingSensing
+from siren_ros.sensor_messages.mounted_suite import TrailingSensing, mounted_suites, setup_messages
 from siren_ros.world.actors import ActorDescription
 
 LATE_S: Final = 0.1

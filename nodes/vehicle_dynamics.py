@@ -12,9 +12,9 @@ from siren_ros.interfaces.conversions import (
     to_actor_states,
     to_events,
 )
-from siren_ros.interfaces.programs.av_control import from_av_control
-from siren_ros.lockstep.tick_join import Input
-from siren_ros.ros.parameters.node_configs import VehicleDynamicsConfig
+from siren_ros.interfaces.programs import from_av_control
+from siren_ros.lockstep import Input
+from siren_ros.ros.node_configs import VehicleDynamicsConfig
 from siren_ros.ros.participants.participant import Participant
 from siren_ros.ros.programs.program import run_participant
 from siren_ros.ros.transport import wire

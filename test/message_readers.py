@@ -3,8 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from siren_ros.interfaces.audio import from_audio
-from siren_ros.interfaces.boxes import from_ground_truth
+from siren_ros.interfaces.boxes import from_camera_truth, from_ground_truth
 from siren_ros.interfaces.conversions import (
     from_actor_description,
     from_actor_states,
@@ -21,9 +20,8 @@ from siren_ros.interfaces.episode_conversions import (
     from_episode_outcome,
     from_step_done,
 )
-from siren_ros.interfaces.image_boxes import from_camera_truth
-from siren_ros.interfaces.programs.av_control import from_av_control
-from siren_ros.interfaces.programs.predictions import from_predicted_paths
+from siren_ros.interfaces.measurements import from_audio
+from siren_ros.interfaces.programs import from_av_control, from_predicted_paths
 
 READERS: dict[str, Callable[[Any], Any]] = {
     "siren_msgs/msg/Event": from_event,

@@ -12,13 +12,13 @@ from siren_ros.interfaces import topics
 from siren_ros.interfaces.boxes import to_ground_truth
 from siren_ros.interfaces.conversions import to_actor_states, to_events, to_traffic_state, to_vehicle_commands
 from siren_ros.interfaces.episode_conversions import to_episode_description, to_episode_outcome
+from siren_ros.interfaces.measurements import to_point_cloud
 from siren_ros.interfaces.messages import make_message, stamp
-from siren_ros.interfaces.point_cloud import to_point_cloud
 from siren_ros.numerics.geometry import rotate
 from siren_ros.numerics.units import STEP_S, time_ns_of_step
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
 from siren_ros.scenario.paper import EmergencyLevel
-from siren_ros.sensors.lidar.lidar_points import LIDAR_POINT_DTYPE
+from siren_ros.sensors.lidar.lidar import LIDAR_POINT_DTYPE
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates, Lights, Mode, Owner
 from siren_ros.world.carrier import GroundTruth
 from siren_ros.world.commands import COMMAND_DTYPES, VehicleCommands

@@ -9,8 +9,8 @@ from repository import REPOSITORY
 
 from siren_ros.judging.verify import verify_episode
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.ros.parameters.node_configs import CosimConfig
-from siren_ros.ros.parameters.parameters import defaults_of
+from siren_ros.ros.node_configs import CosimConfig
+from siren_ros.ros.parameters import defaults_of
 
 README: Final = REPOSITORY / "README.md"
 BEHAVIOUR: Final = REPOSITORY / "docs" / "behaviour.md"

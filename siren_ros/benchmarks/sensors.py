@@ -15,17 +15,14 @@ from siren_ros.numerics.arrays import Matrix
 from siren_ros.roads.maps.map_compiler import compile_map
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import LaneKind, RoadNetwork
-from siren_ros.sensors.camera.camera_model import Pinhole
-from siren_ros.sensors.camera.rendered_image import RenderedImage
+from siren_ros.sensors.camera.camera_model import Pinhole, RenderedImage
 from siren_ros.sensors.camera.renderer import Renderer
-from siren_ros.sensors.lidar.embree import RayHits, TriangleTree, tiles
+from siren_ros.sensors.lidar.embree import RaycastWorld, RayHits, TriangleTree, tiles
 from siren_ros.sensors.lidar.lidar import Lidar
-from siren_ros.sensors.lidar.raycast_world import RaycastWorld
 from siren_ros.sensors.meshes.mesh import Mesh, StaticScene, VehicleShape
 from siren_ros.sensors.meshes.placement import Catalogue, Placement
 from siren_ros.sensors.scene.static_scene import static_scene
-from siren_ros.sensors.suite.mount import map_from_base
-from siren_ros.sensors.suite.suite import load_suite
+from siren_ros.sensors.suite import load_suite, map_from_base
 from siren_ros.sensors.vehicles.vehicle_shapes import vehicle_shape
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
 

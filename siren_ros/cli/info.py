@@ -5,7 +5,7 @@ from collections import Counter
 from pathlib import Path
 
 from siren_ros.errors import EXIT_OK
-from siren_ros.interfaces.message_content import shown_text
+from siren_ros.interfaces.messages import shown_text
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.recording.episode_record import EpisodeRecord, TopicRecord
 from siren_ros.world.actors import ActorClass

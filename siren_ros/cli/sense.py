@@ -6,8 +6,8 @@ from pathlib import Path
 from siren_ros.errors import EXIT_OK
 from siren_ros.pictures.sensor_views import observe_at, save_sheet
 from siren_ros.recording.bag_reader import read_episode
-from siren_ros.sensors.suite.look_file import load_look, look_of
-from siren_ros.sensors.suite.suite import load_suite
+from siren_ros.sensors.look import load_look, look_of
+from siren_ros.sensors.suite import load_suite
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:

@@ -13,8 +13,7 @@ from siren_ros.datasets.files import FileWriter, link
 from siren_ros.datasets.formats import EpisodePart, EpisodeReport
 from siren_ros.datasets.lane_graph import lane_graph
 from siren_ros.interfaces.conversions import from_actor_states, from_events, from_traffic_state
-from siren_ros.interfaces.images import from_compressed_image
-from siren_ros.interfaces.point_cloud import from_point_cloud
+from siren_ros.interfaces.measurements import from_compressed_image, from_point_cloud
 from siren_ros.interfaces.topics import ACTORS, TRAFFIC
 from siren_ros.interfaces.topics import EVENTS as EVENTS_TOPIC
 from siren_ros.numerics.units import STEP_S

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.interfaces.images import CameraIntrinsics
+from siren_ros.interfaces.measurements import CameraIntrinsics
 from siren_ros.numerics.arrays import Floats, Ids, Matrix, Rows
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.world.carrier import GroundTruth

@@ -27,8 +27,8 @@ from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.scenario.presets import DriverPreset, load_preset
 from siren_ros.scenario.scenario import Template
 from siren_ros.scenario.templates import load_template, realised
-from siren_ros.sensors.suite.look_file import load_look
-from siren_ros.sensors.suite.suite import load_suite
+from siren_ros.sensors.look import load_look
+from siren_ros.sensors.suite import load_suite
 from siren_ros.traffic.config import DemandConfig
 from siren_ros.traffic.demand.demand import choose_av, plan_traffic
 from siren_ros.traffic.demand.emv_start import approach_rank

@@ -10,20 +10,17 @@ from siren_ros.errors import EpisodeError, InputError, SirenError
 from siren_ros.generation.closed_loop import LoopStep, closed_loop
 from siren_ros.generation.episode_setup import EpisodeSetup
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.cdr import encode_cdr
 from siren_ros.interfaces.conversions import to_actor_states, to_events, to_traffic_state, to_vehicle_commands
-from siren_ros.interfaces.episode_conversions import to_episode_description
-from siren_ros.interfaces.lockstep_reports import EpisodeClosing
-from siren_ros.interfaces.messages import make_message, stamp, typestore
+from siren_ros.interfaces.episode_conversions import EpisodeClosing, to_episode_description
+from siren_ros.interfaces.messages import encode_cdr, make_message, stamp, typestore
 from siren_ros.interfaces.topics import Topic
 from siren_ros.judging.outcome import judge
 from siren_ros.numerics.units import steps_from_s, time_ns_of_step
 from siren_ros.recording.bag_writer import BagSummary
 from siren_ros.recording.recorder import EpisodeRecorder
 from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
-from siren_ros.sensor_messages.mounted_suite import mounted_suites, setup_messages
+from siren_ros.sensor_messages.mounted_suite import TrailingSensing, mounted_suites, setup_messages
 from siren_ros.sensor_messages.sensor_topics import topics_of
-from siren_ros.sensor_messages.trailing_sensing import TrailingSensing
 from siren_ros.world.actors import ActorDescription
 
 Published = tuple[Topic, Any]

@@ -13,8 +13,8 @@ import numpy as np
 from siren_ros.errors import BagError, SirenError
 from siren_ros.generation.closed_loop import LoopStep, closed_loop, record_of
 from siren_ros.generation.episode_setup import EpisodeSetup, present_versions, set_up_episode
-from siren_ros.interfaces.lockstep_reports import EpisodeClosing
-from siren_ros.interfaces.message_content import json_object, json_text
+from siren_ros.interfaces.episode_conversions import EpisodeClosing
+from siren_ros.interfaces.messages import json_object, json_text
 from siren_ros.interfaces.topics import ACTORS, EPISODE, EVENTS, OUTCOME, TRAFFIC
 from siren_ros.judging.outcome import outcome_of
 from siren_ros.params.input_files import FILES_ON_DISK, files_from_json

@@ -1,17 +1,20 @@
-"""Labels in space: ``siren_msgs/GroundTruth``, and ``vision_msgs/Detection3DArray`` for standard tools."""
+"""Labels and detections as messages: ``siren_msgs/GroundTruth`` and ``siren_msgs/CameraTruth`` with boxes.
+
+For standard tools they are also ``vision_msgs/Detection3DArray`` and ``vision_msgs/Detection2DArray``. A detector's
+boxes are a ``vision_msgs/Detection3DArray`` with confidences.
+"""
 
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from siren_ros.interfaces.message_content import checks_content
-from siren_ros.interfaces.messages import as_arrays, as_sequences, header, make_message, time_ns_of
+from siren_ros.interfaces.messages import as_arrays, as_sequences, checks_content, header, make_message, time_ns_of
 from siren_ros.interfaces.transforms import from_quaternion, quaternion_of_yaw, to_pose, to_vector, yaw_of_quaternion
 from siren_ros.numerics.arrays import Floats, Ids
 from siren_ros.numerics.units import step_of_time_ns, time_ns_of_step
 from siren_ros.world.actors import ActorClass
-from siren_ros.world.carrier import GROUND_TRUTH_DTYPES, GroundTruth
+from siren_ros.world.carrier import CAMERA_TRUTH_DTYPES, GROUND_TRUTH_DTYPES, CameraTruth, GroundTruth
 
 
 def to_ground_truth(truth: GroundTruth) -> Any:
@@ -77,12 +80,12 @@ def to_boxes(boxes: LabelledBoxes) -> Any:
     unknown = np.zeros(36)
     return make_message(
         "vision_msgs/msg/Detection3DArray",
-        detections=[_to_detection(boxes, row, unknown, shared) for row in range(len(boxes.actor_id))],
+        detections=[_to_label(boxes, row, unknown, shared) for row in range(len(boxes.actor_id))],
         **shared,
     )
 
 
-def _to_detection(boxes: LabelledBoxes, row: int, covariance: Floats, shared: dict[str, Any]) -> Any:
+def _to_label(boxes: LabelledBoxes, row: int, covariance: Floats, shared: dict[str, Any]) -> Any:
     centre = (boxes.x_m[row], boxes.y_m[row], boxes.z_m[row])
     pose = to_pose(centre, quaternion_of_yaw(float(boxes.yaw_rad[row])))
     hypothesis = make_message("vision_msgs/msg/ObjectHypothesis", class_id=boxes.class_names[row], score=1.0)
@@ -114,4 +117,118 @@ def from_boxes(message: Any) -> LabelledBoxes:
         length_m=np.array([size.x for size in sizes]),
         width_m=np.array([size.y for size in sizes]),
         height_m=np.array([size.z for size in sizes]),
+    )
+
+
+def to_camera_truth(truth: CameraTruth, frame_id: str) -> Any:
+    """``siren_msgs/CameraTruth`` in the camera's optical frame."""
+    return make_message(
+        "siren_msgs/msg/CameraTruth",
+        header=header(time_ns_of_step(truth.step), frame_id),
+        step=truth.step,
+        **as_sequences(truth, list(CAMERA_TRUTH_DTYPES)),
+    )
+
+
+def from_camera_truth(message: Any) -> CameraTruth:
+    """Inverse of ``to_camera_truth``."""
+    step = step_of_time_ns(time_ns_of(message.header.stamp))
+    return CameraTruth(step=step, **as_arrays(message, CAMERA_TRUTH_DTYPES))
+
+
+def to_image_boxes(truth: CameraTruth, frame_id: str) -> Any:
+    """``vision_msgs/Detection2DArray`` of the visible vehicles.
+
+    A detection's ``id`` is the actor's id, its score the visible fraction.
+    """
+    stamped = header(time_ns_of_step(truth.step), frame_id)
+    nowhere = make_message(
+        "geometry_msgs/msg/PoseWithCovariance",
+        pose=to_pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)),
+        covariance=np.zeros(36),
+    )
+    return make_message(
+        "vision_msgs/msg/Detection2DArray",
+        header=stamped,
+        detections=[_detection(truth, int(row), stamped, nowhere) for row in np.flatnonzero(truth.visible_px)],
+    )
+
+
+def _detection(truth: CameraTruth, row: int, stamped: Any, nowhere: Any) -> Any:
+    u, v = (
+        float(truth.u_min_px[row] + truth.u_max_px[row]) / 2.0,
+        float(truth.v_min_px[row] + truth.v_max_px[row]) / 2.0,
+    )
+    hypothesis = make_message(
+        "vision_msgs/msg/ObjectHypothesis",
+        class_id=ActorClass(int(truth.actor_class[row])).name.lower(),
+        score=float(truth.visible_fraction[row]),
+    )
+    position = make_message("vision_msgs/msg/Point2D", x=u, y=v)
+    return make_message(
+        "vision_msgs/msg/Detection2D",
+        header=stamped,
+        results=[make_message("vision_msgs/msg/ObjectHypothesisWithPose", hypothesis=hypothesis, pose=nowhere)],
+        bbox=make_message(
+            "vision_msgs/msg/BoundingBox2D",
+            center=make_message("vision_msgs/msg/Pose2D", position=position, theta=0.0),
+            size_x=float(truth.u_max_px[row] - truth.u_min_px[row]),
+            size_y=float(truth.v_max_px[row] - truth.v_min_px[row]),
+        ),
+        id=str(int(truth.actor_id[row])),
+    )
+
+
+@dataclass(frozen=True)
+class DetectedBoxes:
+    """Boxes of one step in a sensor frame, one row per detection."""
+
+    step: int
+    frame_id: str
+    class_names: tuple[str, ...]
+    score: Floats
+    """Confidence, 0 to 1."""
+    centre_m: Floats
+    """Centre of the volume, shape ``(N, 3)``."""
+    size_m: Floats
+    """Length, width, height, shape ``(N, 3)``."""
+    yaw_rad: Floats
+
+
+def to_detections(boxes: DetectedBoxes) -> Any:
+    """``vision_msgs/Detection3DArray``; it has no place for velocities."""
+    shared = {"header": header(time_ns_of_step(boxes.step), boxes.frame_id)}
+    return make_message(
+        "vision_msgs/msg/Detection3DArray",
+        detections=[_to_detection(boxes, row, shared) for row in range(len(boxes.score))],
+        **shared,
+    )
+
+
+def _to_detection(boxes: DetectedBoxes, row: int, shared: dict[str, Any]) -> Any:
+    pose = to_pose(boxes.centre_m[row], quaternion_of_yaw(float(boxes.yaw_rad[row])))
+    name, score = boxes.class_names[row], float(boxes.score[row])
+    result = make_message(
+        "vision_msgs/msg/ObjectHypothesisWithPose",
+        hypothesis=make_message("vision_msgs/msg/ObjectHypothesis", class_id=name, score=score),
+        pose=make_message("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
+    )
+    box = make_message("vision_msgs/msg/BoundingBox3D", center=pose, size=to_vector(boxes.size_m[row].tolist()))
+    return make_message("vision_msgs/msg/Detection3D", results=[result], bbox=box, id="", **shared)
+
+
+def from_detections(message: Any) -> DetectedBoxes:
+    """Inverse of ``to_detections``."""
+    found = message.detections
+    centres = [detection.bbox.center for detection in found]
+    sizes = [detection.bbox.size for detection in found]
+    best = [detection.results[0].hypothesis for detection in found]
+    return DetectedBoxes(
+        step=step_of_time_ns(time_ns_of(message.header.stamp)),
+        frame_id=str(message.header.frame_id),
+        class_names=tuple(str(one.class_id) for one in best),
+        score=np.array([float(one.score) for one in best]),
+        centre_m=np.array([(one.position.x, one.position.y, one.position.z) for one in centres]).reshape(-1, 3),
+        size_m=np.array([(size.x, size.y, size.z) for size in sizes]).reshape(-1, 3),
+        yaw_rad=np.array([yaw_of_quaternion(from_quaternion(one.orientation)) for one in centres]),
     )

@@ -7,8 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from siren_ros.interfaces.message_content import checks_content, json_object, json_text
-from siren_ros.interfaces.messages import as_arrays, as_sequences, make_message, stamp
+from siren_ros.interfaces.messages import (
+    as_arrays,
+    as_sequences,
+    checks_content,
+    json_object,
+    json_text,
+    make_message,
+    stamp,
+)
 from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
 from siren_ros.world.commands import COMMAND_DTYPES, VehicleCommands

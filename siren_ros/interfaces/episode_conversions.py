@@ -1,18 +1,47 @@
-"""The lockstep's reports and an episode's description, end and outcome as messages, in pairs like ``conversions``.
+"""The lockstep's reports and an episode's description, end and outcome, with paired conversions.
 
 Only the wall time in StepDone is not simulated data.
 """
 
+from dataclasses import dataclass
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
 
-from siren_ros.interfaces.lockstep_reports import EpisodeClosing, Phase, StepReport
-from siren_ros.interfaces.message_content import checks_content, json_object, json_text
-from siren_ros.interfaces.messages import make_message, sequence, stamp
+from siren_ros.interfaces.messages import checks_content, json_object, json_text, make_message, sequence, stamp
 from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
 from siren_ros.scenario.paper import EmergencyLevel
+
+
+class Phase(IntEnum):
+    """Which part of the protocol a report belongs to."""
+
+    READY = 0
+    STEP = 1
+    FINAL = 2
+
+
+@dataclass(frozen=True)
+class StepReport:
+    """One participant's StepDone."""
+
+    step: int
+    participant: str
+    phase: Phase
+    error: str = ""
+    busy_s: float = 0.0
+    """Wall time the participant spent on the step, for the closing summary only."""
+
+
+@dataclass(frozen=True)
+class EpisodeClosing:
+    """The master's message that the episode is over."""
+
+    steps: int
+    end: EpisodeEnd
+    reason: str
 
 
 def to_step_done(report: StepReport) -> Any:

@@ -1,11 +1,18 @@
-"""Message objects of the types that this installation defines, without rclpy: what all conversions build on."""
+"""Message objects of the types that this installation defines, without rclpy: what all conversions build on.
 
+Messages are encoded and decoded as CDR with errors that name the topic, and their stamps are read without decoding.
+Any program may have sent a message, so its texts and numbers are checked, with one error for all that does not fit.
+"""
+
+import json
 import os
+import struct
 import sys
-from collections.abc import Sequence
-from functools import cache
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cache, wraps
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +20,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from siren_ros.errors import EpisodeError, InputError
-from siren_ros.numerics.units import NS_PER_S, exact_s, time_ns_of_step
+from siren_ros.interfaces.topics import Topic
+from siren_ros.numerics.units import NS_PER_S, STEP_NS, exact_s, time_ns_of_step
 
 OWN_PACKAGE: Final = "siren_msgs"
 DEFINED_PACKAGES: Final = (OWN_PACKAGE, "vision_msgs")
@@ -114,3 +122,113 @@ def as_arrays(message: Any, dtypes: dict[str, type[np.generic]]) -> dict[str, An
 def as_sequences(source: object, names: Sequence[str]) -> dict[str, Any]:
     """Array attributes of a dataclass as primitive sequence fields."""
     return {name: sequence(getattr(source, name)) for name in names}
+
+
+Read = TypeVar("Read")
+LONGEST_TEXT: Final = 1000
+"""Characters of a text that is shown; another program's error may be of any length."""
+
+
+def checks_content(read: Callable[[Any], Read]) -> Callable[[Any], Read]:
+    """Decorate a reading function: errors of a message's content (an unknown code, bad JSON) become an InputError."""
+
+    @wraps(read)
+    def checked(message: Any) -> Read:
+        try:
+            return read(message)
+        except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
+            name = str(getattr(message, "__msgtype__", type(message).__name__))
+            raise InputError(name, str(error), "a message with the content that its definition names") from error
+
+    return checked
+
+
+def shown_text(text: str, most: int = LONGEST_TEXT) -> str:
+    """A text of another program as one line for a terminal: without control characters, and not endless."""
+    if text.isprintable() and len(text) <= most:
+        return text
+    line = "".join(
+        letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text[:most]
+    )
+    return line if len(text) <= most else f"{line}… ({len(text)} characters)"
+
+
+def json_object(text: str) -> dict[str, Any]:
+    """The JSON object in a text field.
+
+    Raises:
+        ValueError, TypeError: The text is no JSON, or no object.
+    """
+    value = json.loads(text)
+    if not isinstance(value, dict):
+        raise TypeError(f"a JSON object is wanted, not {type(value).__name__}")
+    return value
+
+
+def json_text(value: object) -> str:
+    """The JSON of a value, the same bytes for the same value."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+
+
+_ENCAPSULATION_BYTES: Final = 4
+_WORD_BYTES: Final = 4
+_SEQUENCE_OF_STAMPED: Final = frozenset({"tf2_msgs/msg/TFMessage", "visualization_msgs/msg/MarkerArray"})
+"""Types that begin with a sequence whose elements begin with a header; the others begin with their stamp."""
+_BYTES_AFTER_DATA: Final = {
+    "sensor_msgs/msg/PointCloud2": 1,
+    "sensor_msgs/msg/Image": 0,
+    "sensor_msgs/msg/CompressedImage": 0,
+}
+"""Types whose megabytes lie in ``data``, a sequence of bytes: how many bytes follow it."""
+_LENGTH: Final = struct.Struct("<I")
+
+
+def encode_cdr(store: Typestore, topic: Topic, message: Any) -> bytes:
+    """CDR of a message, padded to whole words.
+
+    DDS pads a payload between processes but not within a process. A payload of whole words is the same bytes
+    everywhere. Points and pictures are copied once.
+    """
+    after = _BYTES_AFTER_DATA.get(topic.type_name)
+    if after is None:
+        return _filled(store.serialize_cdr(message, topic.type_name, little_endian=True))
+    data = message.data
+    shell = store.serialize_cdr(replace(message, data=data[:0]), topic.type_name, little_endian=True)
+    head, tail = shell[: len(shell) - after - _LENGTH.size], shell[len(shell) - after :]
+    return _filled(head, _LENGTH.pack(len(data)), memoryview(data), tail)
+
+
+def _filled(*parts: bytes | memoryview) -> bytes:
+    return b"".join((*parts, bytes(-sum(map(len, parts)) % _WORD_BYTES)))
+
+
+def decode_cdr(store: Typestore, topic: Topic, cdr: bytes) -> Any:
+    """The message in a CDR; its arrays are views of the bytes.
+
+    Raises:
+        EpisodeError: The bytes are no message of the topic's type; names the topic.
+    """
+    try:
+        return store.deserialize_cdr(cdr, topic.type_name)
+    except Exception as error:  # rosbags' reader raises a dozen kinds, asserts among them, on foreign bytes
+        what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+        text = f"{topic.name}: a message of {len(cdr)} bytes that is no {topic.type_name} ({what})"
+        raise EpisodeError(text) from error
+
+
+def step_of_cdr(topic: Topic, cdr: bytes) -> int:
+    """The step that a message of a periodic topic belongs to.
+
+    All message types of the node graph begin with a stamp, a header, or a sequence of headers.
+
+    Raises:
+        EpisodeError: Too short, or a stamp that is no step.
+    """
+    offset = _ENCAPSULATION_BYTES + (4 if topic.type_name in _SEQUENCE_OF_STAMPED else 0)
+    if len(cdr) < offset + 8:
+        raise EpisodeError(f"{topic.name}: a message of {len(cdr)} bytes has no stamp")
+    sec, nanosec = struct.unpack_from("<iI" if cdr[1] else ">iI", cdr, offset)
+    step, rest = divmod(sec * NS_PER_S + nanosec, STEP_NS)
+    if rest or step < 0 or nanosec >= NS_PER_S:
+        raise EpisodeError(f"{topic.name}: the stamp {sec} s and {nanosec} ns is not the time of a step")
+    return int(step)

@@ -6,7 +6,7 @@ from typing import Any, Final
 import numpy as np
 
 from siren_ros.errors import SirenError
-from siren_ros.interfaces.lockstep_reports import EpisodeClosing
+from siren_ros.interfaces.episode_conversions import EpisodeClosing
 from siren_ros.judging.predicates import evaluate_predicate
 from siren_ros.numerics.units import STEP_S, steps_from_s
 from siren_ros.record.vehicle_location import ahead_and_left_m, common_rows

@@ -16,11 +16,9 @@ from siren_ros.numerics.units import steps_from_s
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.sensors.camera.camera_model import Pinhole, optical_from_map
 from siren_ros.sensors.lidar.lidar import LidarSweep
-from siren_ros.sensors.rig.observations import Observations
-from siren_ros.sensors.rig.rig import SensorRig
-from siren_ros.sensors.suite.look import Look
-from siren_ros.sensors.suite.mount import Mount
-from siren_ros.sensors.suite.suite import SensorSuite
+from siren_ros.sensors.look import Look
+from siren_ros.sensors.rig import Observations, SensorRig
+from siren_ros.sensors.suite import Mount, SensorSuite
 
 _PANEL: Final = (800, 600)
 _COLUMNS: Final = 2

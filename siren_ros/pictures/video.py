@@ -18,7 +18,7 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont, UnidentifiedImageError
 
 from siren_ros.errors import BagError, InputError, whole_file
-from siren_ros.interfaces.images import from_compressed_image
+from siren_ros.interfaces.measurements import from_compressed_image
 from siren_ros.interfaces.topics import IMAGE_COMPRESSED
 from siren_ros.numerics.units import STEP_NS, STEP_S, step_of_time_ns, steps_from_s
 from siren_ros.pictures.moving_birdseye import BirdseyeFilm

@@ -11,11 +11,10 @@ from typing import Any, Final
 from rosbags.typesys.store import Typestore
 
 from siren_ros.errors import EpisodeError, SirenError
-from siren_ros.interfaces.cdr import decode_cdr, encode_cdr, step_of_cdr
-from siren_ros.interfaces.episode_conversions import to_episode_end, to_episode_outcome
-from siren_ros.interfaces.lockstep_reports import EpisodeClosing
+from siren_ros.interfaces.episode_conversions import EpisodeClosing, to_episode_end, to_episode_outcome
+from siren_ros.interfaces.messages import decode_cdr, encode_cdr, step_of_cdr
 from siren_ros.interfaces.topics import EPISODE_END, OUTCOME, Topic
-from siren_ros.lockstep.tick_join import MAX_STEPS_AHEAD
+from siren_ros.lockstep import MAX_STEPS_AHEAD
 from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.recording.bag_writer import BagSummary, EpisodeBagWriter
 from siren_ros.recording.record_builder import RECORD_TOPICS, Reading, RecordBuilder, read_anew

@@ -7,25 +7,27 @@ from typing import Any
 import numpy as np
 
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.audio import to_audio
-from siren_ros.interfaces.boxes import boxes_of, to_boxes, to_ground_truth
-from siren_ros.interfaces.image_boxes import to_camera_truth, to_image_boxes
-from siren_ros.interfaces.images import CameraIntrinsics, to_camera_info, to_compressed_image, to_image
+from siren_ros.interfaces.boxes import boxes_of, to_boxes, to_camera_truth, to_ground_truth, to_image_boxes
 from siren_ros.interfaces.markers import to_markers, vehicle_markers
-from siren_ros.interfaces.navigation import ImuReading, SatelliteFix, to_imu, to_nav_sat_fix
-from siren_ros.interfaces.point_cloud import to_point_cloud
+from siren_ros.interfaces.measurements import (
+    CameraIntrinsics,
+    ImuReading,
+    SatelliteFix,
+    to_audio,
+    to_camera_info,
+    to_compressed_image,
+    to_image,
+    to_imu,
+    to_nav_sat_fix,
+    to_point_cloud,
+)
 from siren_ros.interfaces.topics import Topic
 from siren_ros.interfaces.transforms import Transform, to_odometry, to_tf
-from siren_ros.sensor_messages.carrier import (
-    EMV,
-    Carrier,
-    optical_frame,
-)
+from siren_ros.sensor_messages.sensor_topics import EMV, Carrier, optical_frame
 from siren_ros.sensors.camera.camera import CameraFrame
 from siren_ros.sensors.camera.camera_model import Pinhole
-from siren_ros.sensors.rig.observations import Observations
-from siren_ros.sensors.suite.suite import CameraSpec, SensorSuite, period_steps
-from siren_ros.sensors.suite.wanted_labels import WantedLabels
+from siren_ros.sensors.rig import Observations
+from siren_ros.sensors.suite import CameraSpec, SensorSuite, WantedLabels, period_steps
 from siren_ros.world.actors import ActorDescription, ActorStates
 from siren_ros.world.carrier import BASE_FRAME, ODOM_FRAME, CameraTruth, GroundTruth, Odometry
 

@@ -12,8 +12,7 @@ from siren_ros.dynamics.fleet import FleetState
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.generation.episode_setup import present_versions, set_up_episode
 from siren_ros.generation.recorded_episode import record_episode
-from siren_ros.interfaces.message_content import json_text
-from siren_ros.interfaces.messages import typestore
+from siren_ros.interfaces.messages import json_text, typestore
 from siren_ros.numerics.units import STEP_S
 from siren_ros.params.input_files import FILES_ON_DISK
 from siren_ros.scenario.episode import EpisodeEnd, EpisodeRequest

@@ -14,13 +14,11 @@ from rosbags.typesys.store import Typestore
 from synthetic_episode import NET_XML
 
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.boxes import boxes_of, to_boxes, to_ground_truth
+from siren_ros.interfaces.boxes import boxes_of, to_boxes, to_camera_truth, to_ground_truth
 from siren_ros.interfaces.conversions import to_actor_states, to_events, to_traffic_state
 from siren_ros.interfaces.episode_conversions import to_episode_description, to_episode_outcome
-from siren_ros.interfaces.image_boxes import to_camera_truth
-from siren_ros.interfaces.images import CameraIntrinsics, to_camera_info, to_compressed_image
+from siren_ros.interfaces.measurements import CameraIntrinsics, to_camera_info, to_compressed_image, to_point_cloud
 from siren_ros.interfaces.messages import make_message
-from siren_ros.interfaces.point_cloud import to_point_cloud
 from siren_ros.interfaces.topics import Topic
 from siren_ros.interfaces.transforms import Transform, quaternion_of_matrix, quaternion_of_yaw, to_tf
 from siren_ros.numerics.units import time_ns_of_step
@@ -28,7 +26,7 @@ from siren_ros.recording.bag_writer import EpisodeBagWriter
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
-from siren_ros.sensors.lidar.lidar_points import LIDAR_POINT_DTYPE
+from siren_ros.sensors.lidar.lidar import LIDAR_POINT_DTYPE
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.carrier import BASE_FRAME, MAP_FRAME, ODOM_FRAME, CameraTruth, GroundTruth
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, Event, EventKind, TrafficState

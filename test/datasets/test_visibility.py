@@ -7,8 +7,8 @@ import pytest
 from synthetic_episode import SyntheticEpisode
 
 from siren_ros.datasets.visibility import box_corners, image_boxes, lidar_visibility, points_in_boxes
-from siren_ros.interfaces.images import CameraIntrinsics
-from siren_ros.sensors.lidar.lidar_points import LIDAR_POINT_DTYPE
+from siren_ros.interfaces.measurements import CameraIntrinsics
+from siren_ros.sensors.lidar.lidar import LIDAR_POINT_DTYPE
 from siren_ros.world.carrier import GroundTruth
 
 CAMERA = CameraIntrinsics(801, 601, 400.0, 400.0, 400.0, 300.0)

@@ -17,7 +17,7 @@ from synthetic_episode import Scene, SyntheticEpisode
 
 from siren_ros.errors import BagError, EpisodeError, InputError, SirenError
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.cdr import decode_cdr, step_of_cdr
+from siren_ros.interfaces.messages import decode_cdr, step_of_cdr
 from siren_ros.judging.verify import verify_episode
 from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.recording.bag_reader import read_episode

@@ -21,8 +21,8 @@ from siren_ros.params.strict_yaml import read_strict_yaml
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.scenario.presets import load_preset
 from siren_ros.scenario.templates import load_template
-from siren_ros.sensors.suite.look_file import load_look
-from siren_ros.sensors.suite.suite import load_suite
+from siren_ros.sensors.look import load_look
+from siren_ros.sensors.suite import load_suite
 from siren_ros.traffic.demand.plan import load_drivers
 from siren_ros.world.actors import ActorClass
 

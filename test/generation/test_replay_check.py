@@ -28,8 +28,7 @@ from siren_ros.generation.replay_check import (
     repeat_episode,
     request_of,
 )
-from siren_ros.interfaces.episode_conversions import from_episode_description, to_episode_description
-from siren_ros.interfaces.lockstep_reports import EpisodeClosing
+from siren_ros.interfaces.episode_conversions import EpisodeClosing, from_episode_description, to_episode_description
 from siren_ros.judging.outcome import outcome_of
 from siren_ros.params.resources import params_dir
 from siren_ros.recording.episode_record import EpisodeRecord

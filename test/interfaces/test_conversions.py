@@ -15,7 +15,7 @@ from repository import REPOSITORY
 
 from siren_ros.errors import InputError
 from siren_ros.interfaces import boxes, conversions, episode_conversions
-from siren_ros.interfaces.lockstep_reports import EpisodeClosing, Phase, StepReport
+from siren_ros.interfaces.episode_conversions import EpisodeClosing, Phase, StepReport
 from siren_ros.interfaces.messages import typestore
 from siren_ros.ros.transport.endpoints import message_class
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome

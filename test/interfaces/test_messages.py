@@ -1,13 +1,47 @@
 """Message types of the installation, and what all conversions build on."""
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from repository import REPOSITORY
+from rosbags.typesys.store import Typestore
+from synthetic_episode import Scene, SyntheticEpisode
 
-from siren_ros.errors import InputError
-from siren_ros.interfaces import messages
+from siren_ros.errors import EpisodeError, InputError
+from siren_ros.interfaces import messages, topics
+from siren_ros.interfaces.boxes import boxes_of, to_boxes, to_camera_truth, to_ground_truth, to_image_boxes
+from siren_ros.interfaces.markers import to_markers, vehicle_markers
+from siren_ros.interfaces.measurements import (
+    CameraIntrinsics,
+    ImuReading,
+    SatelliteFix,
+    to_audio,
+    to_camera_info,
+    to_compressed_image,
+    to_image,
+    to_imu,
+    to_nav_sat_fix,
+    to_point_cloud,
+)
+from siren_ros.interfaces.messages import (
+    LONGEST_TEXT,
+    decode_cdr,
+    encode_cdr,
+    make_message,
+    shown_text,
+    stamp,
+    step_of_cdr,
+)
+from siren_ros.interfaces.transforms import Transform, quaternion_of_yaw, to_odometry, to_tf
+from siren_ros.ros.transport.wire import step_of_message
+from siren_ros.sensors.lidar.lidar import LIDAR_POINT_DTYPE
+from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
+from siren_ros.world.carrier import CAMERA_TRUTH_DTYPES, GROUND_TRUTH_DTYPES, CameraTruth, GroundTruth, Odometry
 
 
 @pytest.mark.parametrize("time_ns", [0, 50_000_000, 1_000_000_000, 2_999_999_999])
@@ -52,3 +86,156 @@ def test_a_sequence_lies_in_one_piece() -> None:
     columns = np.arange(6).reshape(3, 2)[:, 0]
     assert messages.sequence(columns).flags.c_contiguous
     assert messages.sequence(columns).tolist() == [0, 2, 4]
+
+
+@given(st.text(max_size=2 * LONGEST_TEXT))
+def test_what_is_shown_is_one_printable_line_of_bounded_length(text: str) -> None:
+    shown = shown_text(text)
+    assert shown.isprintable()
+    assert len(shown) <= 10 * LONGEST_TEXT + 40
+    if text.isprintable() and len(text) <= LONGEST_TEXT:
+        assert shown == text
+
+
+def test_escape_codes_are_spelled_out_and_a_long_text_says_how_long_it_was() -> None:
+    assert shown_text("red \x1b[31m\nnext") == "red \\x1b[31m\\nnext"
+    assert shown_text("é\ud800") == "é\\ud800"
+    assert shown_text("x" * 100_000) == "x" * LONGEST_TEXT + "… (100000 characters)"
+    assert shown_text("abcd", most=3) == "abc… (4 characters)"
+
+
+frames = st.text("abcé_/", max_size=9)
+"""Names of every length shift what follows them against the alignment."""
+
+
+def assert_plain(store: Typestore, topic: topics.Topic, message: object) -> None:
+    """The bytes are the store's own, filled up to whole words, and say the same."""
+    cdr = encode_cdr(store, topic, message)
+    plain = bytes(store.serialize_cdr(message, topic.type_name))
+    assert len(cdr) % 4 == 0
+    assert cdr == plain + bytes(len(cdr) - len(plain))
+    assert len(cdr) - len(plain) < 4
+    decoded = decode_cdr(store, topic, cdr)
+    assert bytes(decoded.data) == bytes(message.data)  # type: ignore[attr-defined] # of every type here
+
+
+@given(frames, st.integers(0, 5), st.integers(0, 1000))
+def test_points_are_encoded_as_the_store_would(typestore: Typestore, frame: str, points: int, step: int) -> None:
+    cloud = np.frombuffer(bytes(range(24)) * points, LIDAR_POINT_DTYPE)
+    message = to_point_cloud(step, frame, cloud)
+    assert_plain(typestore, topics.LIDAR, message)
+    assert step_of_cdr(topics.LIDAR, encode_cdr(typestore, topics.LIDAR, message)) == step
+
+
+@given(frames, st.integers(1, 5), st.integers(1, 5))
+def test_pictures_are_encoded_as_the_store_would(typestore: Typestore, frame: str, rows: int, columns: int) -> None:
+    rgb = np.arange(rows * columns * 3, dtype=np.uint8).reshape(rows, columns, 3)
+    assert_plain(typestore, topics.IMAGE, to_image(3, frame, rgb))
+    assert_plain(typestore, topics.IMAGE, to_image(3, frame, rgb[..., 0].astype(np.float32)))
+
+
+@given(frames, st.binary(max_size=9))
+def test_jpegs_are_encoded_as_the_store_would(typestore: Typestore, frame: str, jpeg: bytes) -> None:
+    message = to_compressed_image(3, frame, jpeg)
+    assert_plain(typestore, topics.IMAGE_COMPRESSED, message)
+
+
+@pytest.mark.parametrize("step", [0, 1, 400, 123_456])
+def test_the_step_of_a_sequence_is_that_of_its_first_element(typestore: Typestore, step: int) -> None:
+    transform = Transform("map", "base", (1.0, 2.0, 3.0), quaternion_of_yaw(0.5))
+    message = to_tf(step, [transform, transform])
+    assert step_of_cdr(topics.TF, bytes(typestore.serialize_cdr(message, topics.TF.type_name))) == step
+
+
+def test_foreign_bytes_are_refused_by_the_topics_name(typestore: Typestore) -> None:
+    with pytest.raises(EpisodeError, match=topics.IMAGE.name):
+        decode_cdr(typestore, topics.IMAGE, b"\x00\x01\x00\x00nonsense")
+    with pytest.raises(EpisodeError, match="no stamp"):
+        step_of_cdr(topics.IMAGE, b"\x00\x01\x00\x00")
+
+
+def test_a_stamp_with_a_second_of_nanoseconds_is_no_stamp(typestore: Typestore) -> None:
+    for sec, nanosec, right in ((2, 0, True), (1, 10**9, False), (2, 1, False), (-1, 950_000_000, False)):
+        clock = make_message(topics.CLOCK.type_name, clock=stamp(0))
+        clock.clock.sec, clock.clock.nanosec = sec, nanosec
+        cdr = encode_cdr(typestore, topics.CLOCK, clock)
+        if right:
+            assert step_of_cdr(topics.CLOCK, cdr) == 40
+            assert step_of_message(topics.CLOCK, clock) == 40
+        else:
+            with pytest.raises(EpisodeError, match="/clock: the stamp"):
+                step_of_cdr(topics.CLOCK, cdr)
+            if sec >= 0:
+                with pytest.raises(EpisodeError, match=r"/clock: .*stamp"):
+                    step_of_message(topics.CLOCK, clock)
+
+
+def test_frames_without_a_frame_have_no_step() -> None:
+    with pytest.raises(EpisodeError, match="/tf: a message without frames"):
+        step_of_message(topics.TF, make_message(topics.TF.type_name, transforms=[]))
+
+
+STEP = 27
+FRAME = "somewhere"
+ONE = np.ones(1)
+TRUTH = GroundTruth(
+    step=STEP,
+    carrier_id=9,
+    frame_id=FRAME,
+    **{name: np.ones(1, dtype) for name, dtype in GROUND_TRUTH_DTYPES.items()},  # type: ignore[arg-type] # by name
+)
+PICTURE = CameraTruth(
+    step=STEP,
+    **{name: np.ones(1, dtype) for name, dtype in CAMERA_TRUTH_DTYPES.items()},  # type: ignore[arg-type] # by name
+)
+STATES = ActorStates(
+    step=STEP,
+    **{name: np.ones(1, dtype) for name, dtype in ACTOR_STATE_DTYPES.items()},  # type: ignore[arg-type] # by name
+)
+ACTOR = ActorDescription(1, "v1", ActorClass.SEDAN, 4.6, 1.8, 1.4, (51, 102, 204), is_emv=True)
+MESSAGES = {
+    "audio": to_audio(STEP, FRAME, 16_000, np.zeros(4, np.int16)),
+    "picture": to_image(STEP, FRAME, np.zeros((2, 2), np.uint8)),
+    "compressed picture": to_compressed_image(STEP, FRAME, b"jpeg"),
+    "camera": to_camera_info(STEP, FRAME, CameraIntrinsics(8, 6, 3.0, 3.0, 4.0, 3.0)),
+    "imu": to_imu(ImuReading(STEP, FRAME, np.zeros(3), np.zeros(3), 0.0, 0.0)),
+    "fix": to_nav_sat_fix(SatelliteFix(STEP, FRAME, 49.0, 8.0, 1.0, np.ones(3))),
+    "odometry": to_odometry(STEP, Odometry(*[0.0] * 6, np.eye(3), np.eye(3)), FRAME, "base"),
+    "labels in space": to_ground_truth(TRUTH),
+    "boxes in space": to_boxes(boxes_of(TRUTH, FRAME)),
+    "labels of a picture": to_camera_truth(PICTURE, FRAME),
+    "boxes in a picture": to_image_boxes(PICTURE, FRAME),
+    "transform": to_tf(STEP, (Transform(FRAME, "child", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)),)).transforms[0],
+    "box": to_boxes(boxes_of(TRUTH, FRAME)).detections[0],
+    "box in a picture": to_image_boxes(PICTURE, FRAME).detections[0],
+}
+
+
+def time_of(message: Any) -> tuple[int, int]:
+    stamp = message.header.stamp if hasattr(message, "header") else message.stamp
+    return int(stamp.sec), int(stamp.nanosec)
+
+
+@pytest.mark.parametrize("name", list(MESSAGES))
+def test_a_message_has_the_time_of_its_step_and_the_frame(name: str) -> None:
+    assert time_of(MESSAGES[name]) == (1, 350_000_000)
+    assert MESSAGES[name].header.frame_id == FRAME
+
+
+def test_markers_have_the_time_of_their_step() -> None:
+    markers = to_markers(STEP, vehicle_markers(replace(STATES, step=STEP), {1: ACTOR})).markers
+    drawn = [marker for marker in markers if marker.action == 0]
+    assert drawn
+    assert {time_of(marker) for marker in drawn} == {(1, 350_000_000)}
+
+
+def test_all_messages_of_an_episode_have_the_time_of_their_step() -> None:
+    episode = SyntheticEpisode(Scene(duration_s=1.5, lidar=True))
+    seen = set()
+    for topic, step, message in episode.messages():
+        if hasattr(message, "header") or hasattr(message, "stamp"):
+            seen.add(topic.name)
+            assert time_of(message) == divmod(step * 50_000_000, 1_000_000_000), (topic.name, step)
+        if hasattr(message, "step") and not hasattr(message, "encoding"):
+            assert message.step == step
+    assert len(seen) >= 6

@@ -7,7 +7,7 @@ import pytest
 from hand_made_record import EASTBOUND, EMV, LEFT_X_M, NORTHBOUND, Driven, at_speed, crossing, hand_made, line
 
 from siren_ros.errors import EpisodeError
-from siren_ros.interfaces.lockstep_reports import EpisodeClosing
+from siren_ros.interfaces.episode_conversions import EpisodeClosing
 from siren_ros.judging.outcome import AvResponse, av_response, judge, outcome_of, realisation_of, summarise_residuals
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import Owner

@@ -7,10 +7,20 @@ import pytest
 
 from siren_ros.errors import EpisodeError
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.lockstep_reports import Phase, StepReport
+from siren_ros.interfaces.episode_conversions import Phase, StepReport
 from siren_ros.interfaces.topics import Topic
-from siren_ros.lockstep.lockstep import BeginStep, EndEpisode, LockstepConfig, LockstepState, on_report, start_lockstep
-from siren_ros.lockstep.tick_join import MAX_STEPS_AHEAD, Input, TickJoin, once
+from siren_ros.lockstep import (
+    MAX_STEPS_AHEAD,
+    BeginStep,
+    EndEpisode,
+    Input,
+    LockstepConfig,
+    LockstepState,
+    TickJoin,
+    on_report,
+    once,
+    start_lockstep,
+)
 from siren_ros.recording.recorder import StepCollector
 
 NOW: Final = 4

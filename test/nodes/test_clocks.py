@@ -11,10 +11,9 @@ from live_episodes import EXAMPLES, SMALL_SUITE, Domain, finish
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.topics import Topic
 from siren_ros.numerics.units import STEP_NS
-from siren_ros.sensor_messages.carrier import AV
-from siren_ros.sensor_messages.sensor_topics import recorded_topics, suite_topics
-from siren_ros.sensors.camera.context import DrawingContext, RendererUnavailableError
-from siren_ros.sensors.suite.suite import load_suite
+from siren_ros.sensor_messages.sensor_topics import AV, recorded_topics, suite_topics
+from siren_ros.sensors.camera.renderer import DrawingContext, RendererUnavailableError
+from siren_ros.sensors.suite import load_suite
 
 DOMAIN = Domain()
 STEPS = 30

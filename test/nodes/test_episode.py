@@ -15,12 +15,12 @@ from rosbags.highlevel import AnyReader
 from siren_ros.cli.main import main
 from siren_ros.generation.replay_check import repeat_episode
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.point_cloud import from_point_cloud
+from siren_ros.interfaces.measurements import from_point_cloud
 from siren_ros.numerics.units import STEP_NS
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.scenario.episode import EpisodeEnd
 from siren_ros.sensor_messages.sensor_topics import recorded_topics
-from siren_ros.sensors.suite.suite import load_suite
+from siren_ros.sensors.suite import load_suite
 from siren_ros.world.actors import Owner
 
 SHORT = ("template:=S2", "duration_s:=2.0")

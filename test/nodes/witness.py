@@ -16,8 +16,7 @@ import rclpy
 from rclpy.node import Node
 
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.episode_conversions import from_episode_end, to_step_done
-from siren_ros.interfaces.lockstep_reports import Phase, StepReport
+from siren_ros.interfaces.episode_conversions import Phase, StepReport, from_episode_end, to_step_done
 from siren_ros.interfaces.messages import time_ns_of
 from siren_ros.interfaces.topics import Topic
 from siren_ros.ros.transport import wire

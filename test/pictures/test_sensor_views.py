@@ -11,9 +11,9 @@ from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.pictures.sensor_views import cloud_by_instance, observe_at, save_sheet, sheet
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.episode import EpisodeRequest
-from siren_ros.sensors.rig.observations import Observations
-from siren_ros.sensors.suite.look import Look
-from siren_ros.sensors.suite.suite import SensorSuite, load_suite
+from siren_ros.sensors.look import Look
+from siren_ros.sensors.rig import Observations
+from siren_ros.sensors.suite import SensorSuite, load_suite
 
 LIDAR = load_suite("lidar")
 

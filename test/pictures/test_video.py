@@ -16,8 +16,8 @@ from rosbags.typesys.store import Typestore
 
 from siren_ros.cli.main import main
 from siren_ros.errors import BagError, InputError
-from siren_ros.interfaces.images import CameraIntrinsics, to_compressed_image
 from siren_ros.interfaces.markers import EMV_COLOUR
+from siren_ros.interfaces.measurements import CameraIntrinsics, to_compressed_image
 from siren_ros.interfaces.topics import IMAGE_COMPRESSED
 from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.pictures.moving_birdseye import SIZE_PX, BirdseyeFilm, paint_polygons, rgb_of

@@ -12,8 +12,7 @@ from synthetic_episode import Scene, SyntheticEpisode
 from siren_ros.errors import BagError
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import to_actor_states
-from siren_ros.interfaces.episode_conversions import to_episode_end, to_episode_outcome
-from siren_ros.interfaces.lockstep_reports import EpisodeClosing
+from siren_ros.interfaces.episode_conversions import EpisodeClosing, to_episode_end, to_episode_outcome
 from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.recording.record_builder import (
     LAST_STEP,

@@ -9,10 +9,8 @@ from synthetic_episode import Scene, SyntheticEpisode
 
 from siren_ros.errors import EpisodeError
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.cdr import decode_cdr
-from siren_ros.interfaces.episode_conversions import from_episode_end
-from siren_ros.interfaces.lockstep_reports import EpisodeClosing
-from siren_ros.interfaces.messages import typestore
+from siren_ros.interfaces.episode_conversions import EpisodeClosing, from_episode_end
+from siren_ros.interfaces.messages import decode_cdr, typestore
 from siren_ros.interfaces.topics import ACTORS, CLOCK, EPISODE, EPISODE_END, OUTCOME
 from siren_ros.numerics.units import STEP_NS
 from siren_ros.recording.bag_reader import open_bag

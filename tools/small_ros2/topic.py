@@ -14,7 +14,7 @@ from rosidl_runtime_py import message_to_yaml
 
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.topics import Topic
-from siren_ros.ros.parameters.node_configs import DEFAULT_PARTICIPANTS, OPTIONAL_PARTICIPANTS
+from siren_ros.ros.node_configs import DEFAULT_PARTICIPANTS, OPTIONAL_PARTICIPANTS
 from siren_ros.ros.transport.endpoints import qos_of
 from small_ros2.errors import CommandError
 from small_ros2.ros_graph import (

@@ -17,8 +17,7 @@ from siren_ros.datasets.kitti.labels import KittiCamera
 from siren_ros.datasets.kitti.live_export import Layout
 from siren_ros.errors import BagError
 from siren_ros.interfaces.boxes import from_ground_truth
-from siren_ros.interfaces.images import from_compressed_image
-from siren_ros.interfaces.point_cloud import from_point_cloud
+from siren_ros.interfaces.measurements import from_compressed_image, from_point_cloud
 from siren_ros.interfaces.topics import GROUND_TRUTH
 from siren_ros.numerics.units import STEP_S
 from siren_ros.record.episode_source import EpisodeSource

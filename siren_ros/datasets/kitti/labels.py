@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from siren_ros.datasets.visibility import box_corners, image_boxes, lidar_visibility
 from siren_ros.errors import InputError
-from siren_ros.interfaces.images import CameraIntrinsics
+from siren_ros.interfaces.measurements import CameraIntrinsics
 from siren_ros.interfaces.transforms import Transform, matrix_of_quaternion
 from siren_ros.numerics.arrays import Codes, Floats, Matrix, Rows
 from siren_ros.numerics.geometry import wrap_angle

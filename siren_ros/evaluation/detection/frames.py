@@ -13,10 +13,9 @@ from siren_ros.datasets.nuscenes.exporter import KEYFRAME_STEPS, visible_fractio
 from siren_ros.datasets.nuscenes.map_expansion import map_corners
 from siren_ros.errors import BagError
 from siren_ros.evaluation.detection.boxes import TruthBoxes, attributes_of, joined
-from siren_ros.interfaces.boxes import from_ground_truth
+from siren_ros.interfaces.boxes import from_camera_truth, from_ground_truth
 from siren_ros.interfaces.conversions import from_actor_states
-from siren_ros.interfaces.image_boxes import from_camera_truth
-from siren_ros.interfaces.point_cloud import from_point_cloud
+from siren_ros.interfaces.measurements import from_point_cloud
 from siren_ros.interfaces.topics import ACTORS, GROUND_TRUTH, TF
 from siren_ros.interfaces.transforms import from_tf, matrix_between
 from siren_ros.numerics.arrays import Codes, Flags, Floats, Ids, Matrix, Rows
@@ -24,7 +23,7 @@ from siren_ros.numerics.units import STEP_S
 from siren_ros.record.bag_survey import BagSurvey
 from siren_ros.record.episode_source import EpisodeSource, LidarFrame, MountedSensor, lidar_of, open_source
 from siren_ros.recording.bag_reader import BagMessage, damage_refused
-from siren_ros.sensors.suite.look_file import look_of
+from siren_ros.sensors.look import look_of
 from siren_ros.world.actors import Mode
 from siren_ros.world.carrier import BASE_FRAME, MAP_FRAME, GroundTruth
 

@@ -11,17 +11,21 @@ from rclpy.node import Node
 
 from siren_ros.errors import EpisodeError, SirenError
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.episode_conversions import from_episode_description, from_episode_end, to_step_done
-from siren_ros.interfaces.lockstep_reports import EpisodeClosing, Phase, StepReport
+from siren_ros.interfaces.episode_conversions import (
+    EpisodeClosing,
+    Phase,
+    StepReport,
+    from_episode_description,
+    from_episode_end,
+    to_step_done,
+)
 from siren_ros.interfaces.topics import Topic
-from siren_ros.lockstep.tick_join import Input, TickJoin, once
-from siren_ros.ros.parameters.node_configs import ParticipantConfig
-from siren_ros.ros.parameters.parameters import declare_config
+from siren_ros.lockstep import Input, TickJoin, once
+from siren_ros.ros.node_configs import ParticipantConfig
+from siren_ros.ros.parameters import declare_config
 from siren_ros.ros.participants.hang_watch import Work, begin_work
 from siren_ros.ros.transport import wire
-from siren_ros.ros.transport.endpoints import create_input, create_output
-from siren_ros.ros.transport.publisher_watch import PublisherWatch
-from siren_ros.ros.transport.wall_timer import create_wall_timer
+from siren_ros.ros.transport.endpoints import PublisherWatch, create_input, create_output, create_wall_timer
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd
 
 Config = TypeVar("Config", bound=ParticipantConfig)

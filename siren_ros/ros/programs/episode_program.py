@@ -17,26 +17,19 @@ from siren_ros.errors import EXIT_FAILED, InputError, SirenError
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.conversions import from_actor_states
 from siren_ros.interfaces.episode_conversions import from_episode_outcome
-from siren_ros.lockstep.lockstep import LockstepState, Stage
-from siren_ros.lockstep.tick_join import once
+from siren_ros.lockstep import LockstepState, Stage, once
 from siren_ros.numerics.compiled import is_compiling
-from siren_ros.ros.parameters.node_configs import CosimConfig
-from siren_ros.ros.parameters.parameter_overrides import check_names
-from siren_ros.ros.parameters.parameters import declare_config
-from siren_ros.ros.participants.hang_watch import HangWatch, limits_s
+from siren_ros.ros.node_configs import CosimConfig
+from siren_ros.ros.parameters import check_names, declare_config
+from siren_ros.ros.participants.hang_watch import HangWatch, awaited_by, limits_s
 from siren_ros.ros.participants.master import LockstepMaster
-from siren_ros.ros.programs.awaited import awaited_by
-from siren_ros.ros.programs.composition import Composition, InProcess, OutOfProcess
-from siren_ros.ros.programs.episode_plan import EpisodePlan, plan_episode
-from siren_ros.ros.programs.interrupt import Interrupt, PreparationInterruptedError
+from siren_ros.ros.programs.composition import Composition, EpisodePlan, InProcess, OutOfProcess, plan_episode
+from siren_ros.ros.programs.processes import Awaited, Interrupt, PreparationInterruptedError, Waiting
 from siren_ros.ros.programs.program import start_ros
-from siren_ros.ros.programs.progress import Progress
-from siren_ros.ros.programs.summary import closing_summary, verdict
-from siren_ros.ros.programs.waiting import Awaited, Waiting
+from siren_ros.ros.programs.progress import Progress, closing_summary, verdict
 from siren_ros.ros.transport import wire
 from siren_ros.ros.transport.domain import check_alone, in_free_domain
-from siren_ros.ros.transport.endpoints import create_input
-from siren_ros.ros.transport.publisher_watch import PublisherWatch
+from siren_ros.ros.transport.endpoints import PublisherWatch, create_input
 from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
 
 SPIN_S: Final = 0.05

@@ -1,24 +1,94 @@
-"""How a node becomes a program: start ROS, spin, turn errors into one line and an exit code."""
+"""How a node becomes a program: start ROS, spin, turn errors into one line and an exit code.
+
+What stands after ``--ros-args`` is quoted where ROS's YAML would take a text for something else.
+"""
 
 import gc
+import json
 import os
+import re
 import signal
 import sys
-from collections.abc import Callable
-from typing import Any, Protocol
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final, Protocol
 
 import rclpy
+from rclpy._rclpy_pybind11 import UnknownROSArgsError
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 
-from siren_ros.errors import EXIT_FAILED, EXIT_OK, SirenError
+from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, SirenError
 from siren_ros.ros.participants.participant import Participant
-from siren_ros.ros.programs.interrupt import Interrupt
-from siren_ros.ros.programs.log_folder import choose_log_folder
-from siren_ros.ros.programs.parent import Parent
-from siren_ros.ros.programs.ros_arguments import quoted, reading_arguments
-from siren_ros.ros.transport.fastdds_profile import choose_profile, discovery_as_in_profile
-from siren_ros.ros.transport.shared_memory import lack_of_room, remove_abandoned_segments
+from siren_ros.ros.programs.processes import Interrupt, Parent
+from siren_ros.ros.transport.shared_memory import (
+    choose_profile,
+    discovery_as_in_profile,
+    lack_of_room,
+    remove_abandoned_segments,
+)
+from siren_ros.user_folder import is_writable, user_folder
+
+LOG_VARIABLE: Final = "ROS_LOG_DIR"
+
+
+def choose_log_folder() -> None:
+    """Choose a folder for rclpy, which does not start without one, unless the user names one.
+
+    rclpy knows ``ROS_LOG_DIR``, ``ROS_HOME`` and the variable ``HOME``, and no other place.
+
+    Raises:
+        InputError: The folder that the user names cannot be written.
+    """
+    for variable, below in ((LOG_VARIABLE, ""), ("ROS_HOME", "log")):
+        if named := os.environ.get(variable):
+            if not is_writable(Path(named).expanduser() / below):
+                raise InputError(variable, named, "a folder that can be written, for ROS's log files")
+            return
+    os.environ[LOG_VARIABLE] = str(user_folder(".ros/log"))
+
+
+_FLAGS: Final = ("-p", "--param")
+_STRUCTURE: Final = re.compile(r"(?![\[{\"']).*(:(\s|$)|\s#)", re.DOTALL)
+"""A text without quotes that YAML takes for a mapping, or for a text with a comment behind it."""
+_PLACE: Final = re.compile(r", at /.*")
+_UNREADABLE: Final = "Couldn't parse"
+
+
+def quoted(arguments: Sequence[str]) -> list[str]:
+    """Arguments whose parameters reach the node as they were typed: ``bag:=a: b`` is a text.
+
+    >>> quoted(["cosim", "--ros-args", "-p", "bag:=a: b", "-p", "seed:=3"])
+    ['cosim', '--ros-args', '-p', 'bag:="a: b"', '-p', 'seed:=3']
+    """
+    return [
+        f"{name}:={json.dumps(value)}" if before in _FLAGS and _STRUCTURE.match(value) else argument
+        for before, argument in pairwise(("", *arguments))
+        for name, _, value in [argument.partition(":=")]
+    ]
+
+
+@contextmanager
+def reading_arguments() -> Iterator[None]:
+    """Around ``rclpy.init``, which reads the arguments.
+
+    Raises:
+        InputError: Arguments that ROS cannot read.
+    """
+    try:
+        yield
+    except UnicodeEncodeError as error:
+        raise InputError("arguments", str(error.object), "text in UTF-8") from error
+    except UnknownROSArgsError as error:
+        raise InputError("arguments", str(error), "arguments that ROS knows, after --ros-args") from error
+    except RuntimeError as error:  # rclpy's RCLError, for whatever goes wrong
+        _, found, reason = _PLACE.sub("", str(error)).partition(_UNREADABLE)
+        if not found:
+            raise
+        raise InputError("arguments", reason.strip(), "what ROS can read, such as -p NAME:=VALUE") from error
+
 
 FLUSH_S = 2.0
 SPIN_S = 0.2

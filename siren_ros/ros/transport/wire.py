@@ -11,8 +11,7 @@ from collections.abc import Callable
 from typing import Any, Final, TypeVar, cast
 
 from siren_ros.errors import EpisodeError, SirenError
-from siren_ros.interfaces.cdr import decode_cdr, encode_cdr
-from siren_ros.interfaces.messages import check_stamp, time_ns_of, typestore
+from siren_ros.interfaces.messages import check_stamp, decode_cdr, encode_cdr, time_ns_of, typestore
 from siren_ros.interfaces.topics import Topic
 from siren_ros.numerics.units import STEP_NS
 

@@ -11,14 +11,11 @@ import simplejpeg
 from scipy.ndimage import gaussian_filter
 
 from siren_ros.numerics.arrays import Matrix
-from siren_ros.sensors.camera.camera_model import Pinhole
+from siren_ros.sensors.camera.camera_model import Pinhole, RenderedImage
 from siren_ros.sensors.camera.raycast_renderer import RaycastRenderer
-from siren_ros.sensors.camera.rendered_image import RenderedImage
 from siren_ros.sensors.camera.renderer import Renderer
 from siren_ros.sensors.meshes.placement import Placement
-from siren_ros.sensors.suite.noise import sensor_generator
-from siren_ros.sensors.suite.suite import CameraSpec
-from siren_ros.sensors.suite.wanted_labels import WantedLabels
+from siren_ros.sensors.suite import CameraSpec, WantedLabels, sensor_generator
 
 
 @dataclass(frozen=True, eq=False)

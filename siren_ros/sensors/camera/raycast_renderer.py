@@ -11,16 +11,20 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.numerics.arrays import Floats, Matrix
-from siren_ros.sensors.camera.camera_model import Pinhole, optical_from_map
-from siren_ros.sensors.camera.rendered_image import RenderedImage
-from siren_ros.sensors.camera.shading.surface_light import ambient_light
-from siren_ros.sensors.lidar.embree import tiles
-from siren_ros.sensors.lidar.raycast_world import RaycastWorld
-from siren_ros.sensors.meshes.material import SEMANTIC_CLASS_OF_MATERIAL, SemanticClass, semantic_class_of_actor
-from siren_ros.sensors.meshes.mesh import Material, StaticScene, VehicleShape
+from siren_ros.sensors.camera.camera_model import Pinhole, RenderedImage, optical_from_map
+from siren_ros.sensors.camera.surface_light import ambient_light
+from siren_ros.sensors.lidar.embree import RaycastWorld, tiles
+from siren_ros.sensors.look import Look
+from siren_ros.sensors.meshes.mesh import (
+    SEMANTIC_CLASS_OF_MATERIAL,
+    Material,
+    SemanticClass,
+    StaticScene,
+    VehicleShape,
+    semantic_class_of_actor,
+)
 from siren_ros.sensors.meshes.placement import Placement
-from siren_ros.sensors.suite.look import Look
-from siren_ros.sensors.suite.mount import inverse, map_from_base
+from siren_ros.sensors.suite import inverse, map_from_base
 from siren_ros.world.actors import ActorClass
 
 _REACH_M: Final = 450.0

@@ -1,31 +1,114 @@
-"""Draws the scene from a camera and returns the pixels."""
+"""Draws the scene from a camera and returns the pixels, through an OpenGL context without a window.
 
-from collections.abc import Callable, Mapping
+It draws to framebuffers of its own, while the caller does something else.
+"""
+
+import ctypes
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
 from typing import Any, Final
 
+import glcontext
 import moderngl
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.errors import SirenError
 from siren_ros.numerics.arrays import Matrix
 from siren_ros.numerics.units import STEP_S
-from siren_ros.sensors.camera.camera_model import Pinhole, optical_from_map
-from siren_ros.sensors.camera.context import DrawingContext
-from siren_ros.sensors.camera.effects.ground_light import GroundLight, LightMap
-from siren_ros.sensors.camera.effects.lamp_light import LampLight
-from siren_ros.sensors.camera.effects.rain import Rain
-from siren_ros.sensors.camera.geometry.static_geometry import StaticGeometry
-from siren_ros.sensors.camera.geometry.vehicle_geometry import VehicleGeometry
-from siren_ros.sensors.camera.rendered_image import RenderedImage
-from siren_ros.sensors.camera.shading import sky_shaders
-from siren_ros.sensors.camera.shading.preamble import defined, preamble
-from siren_ros.sensors.camera.target import Target
-from siren_ros.sensors.meshes.material import SemanticClass
-from siren_ros.sensors.meshes.mesh import StaticScene, VehicleShape
+from siren_ros.sensors.camera import shaders as sky_shaders
+from siren_ros.sensors.camera.camera_model import Pinhole, RenderedImage, optical_from_map
+from siren_ros.sensors.camera.ground_light import GroundLight, LightMap
+from siren_ros.sensors.camera.night_and_rain import LampLight, Rain
+from siren_ros.sensors.camera.static_geometry import StaticGeometry
+from siren_ros.sensors.camera.surface_light import defined, preamble
+from siren_ros.sensors.camera.vehicle_geometry import VehicleGeometry
+from siren_ros.sensors.look import Look
+from siren_ros.sensors.meshes.mesh import SemanticClass, StaticScene, VehicleShape
 from siren_ros.sensors.meshes.placement import Placement
-from siren_ros.sensors.suite.look import Look
 from siren_ros.world.actors import ActorClass
+
+_MESA: Final = {"mesa_glthread": "true", "MESA_DEBUG": "silent"}
+"""Mesa's own thread for the commands (docs.mesa3d.org/envvars.html): without it, software drawing transforms the scene
+in the calling thread, with the interpreter's lock held. Mesa would say on stderr that the option is not its default."""
+
+
+class RendererUnavailableError(SirenError):
+    """This machine has no OpenGL 3.3 through EGL."""
+
+
+class DrawingContext:
+    """A context of its own. Everything that uses it must run in the thread that makes it."""
+
+    def __init__(self) -> None:
+        """Open it.
+
+        Raises:
+            RendererUnavailableError: EGL or OpenGL is missing; the message says what to install.
+        """
+        try:
+            with _set_where_unset(_MESA):
+                own = glcontext.get_backend_by_name("egl")(mode="standalone", glversion=330)
+            options: dict[str, Any] = {"require": 330, "context": own}
+            self.gl: moderngl.Context = moderngl.create_context(**options)
+        except Exception as error:  # moderngl and glcontext raise bare Exception where libEGL is absent
+            message = f"cameras need OpenGL 3.3 through EGL (Debian: libegl1 and libgl1-mesa-dri): {error}"
+            raise RendererUnavailableError(message) from error
+        self._flush = ctypes.CFUNCTYPE(None)(own.load("glFlush"))
+        self._present = ctypes.CFUNCTYPE(ctypes.c_void_p)(own.load("eglGetCurrentContext"))
+        self._handle = self._present()
+
+    def use(self) -> None:
+        """Make it the thread's current context, unless it is already: a change would wait for all drawing."""
+        if self._present() != self._handle:
+            self.gl.mglo.__enter__()
+
+    def flush(self) -> None:
+        """Start all pending drawing and do not wait for it."""
+        self._flush()
+
+
+@contextmanager
+def _set_where_unset(variables: dict[str, str]) -> Iterator[None]:
+    added = [name for name in variables if name not in os.environ]
+    os.environ.update({name: variables[name] for name in added})
+    try:
+        yield
+    finally:
+        for name in added:
+            del os.environ[name]
+
+
+class Target:
+    """Framebuffers of one picture size; labels are attached only where they are asked for."""
+
+    def __init__(self, context: moderngl.Context, width: int, height: int) -> None:
+        """Allocate memory for a picture and its labels."""
+        size = (width, height)
+        self._colour = context.texture(size, 4)
+        self._actor = context.texture(size, 1, dtype="u4")
+        self._depth = context.texture(size, 1, dtype="f4")
+        buffer = context.depth_renderbuffer(size)
+        self.plain = context.framebuffer([self._colour], buffer)
+        self.instances = context.framebuffer([self._colour, self._actor], buffer)
+        self.labelled = context.framebuffer([self._colour, self._actor, self._depth], buffer)
+        self._shape = (height, width)
+
+    def read(self, *, instances: bool, depth: bool) -> RenderedImage:
+        """Wait for the drawing; return its pixels, with the labels that were drawn."""
+        rgba = np.empty((*self._shape, 4), np.uint8)
+        self.plain.read_into(rgba, components=4, alignment=1)
+        actor = depth_m = None
+        if instances:
+            actor = np.empty(self._shape, np.uint32)
+            self.instances.read_into(actor, components=1, attachment=1, dtype="u4", alignment=1)
+        if depth:
+            depth_m = np.empty(self._shape, np.float32)
+            self.labelled.read_into(depth_m, components=1, attachment=2, dtype="f4", alignment=1)
+        return RenderedImage(rgba, actor, depth_m)
+
 
 NEAR_M: Final = 0.1
 FAR_M: Final = 700.0

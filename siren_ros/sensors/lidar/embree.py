@@ -3,11 +3,16 @@
 Neighbouring rays travel through the tree together, which costs a fifth of casting them one by one, as Open3D's
 ``cast_rays`` and the Python bindings of Embree do. So the library inside the ``embreex`` wheel is called directly:
 its C interface (Embree 4 API reference, "RTCRayHit", "rtcIntersect4/8/16", "rtcGetDeviceProperty",
-"rtcSetSharedGeometryBuffer").
+"rtcSetSharedGeometryBuffer"). Compiled loops run without the interpreter's lock, so that all cores take part.
+
+Static triangles are in one tree, and the shape of each vehicle class is in another. A vehicle moves by casting rays in
+its own frame, so nothing is rebuilt between steps.
 """
 
 import ctypes
-from collections.abc import Sequence
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import files
@@ -23,7 +28,54 @@ from numba import types
 from siren_ros.errors import SirenError
 from siren_ros.numerics.arrays import Floats32
 from siren_ros.numerics.compiled import compiled
-from siren_ros.sensors.lidar.thread_pool import ThreadPool, shared_pool
+from siren_ros.sensors.meshes.mesh import StaticScene, VehicleShape
+from siren_ros.world.actors import ActorClass
+
+_MOST: Final = 8
+"""With more threads the parts of a loop become too small to gain anything."""
+
+
+class ThreadPool:
+    """The calling thread and further threads, which share loops."""
+
+    def __init__(self, size: int) -> None:
+        """Prepare the threads; ``size`` counts the calling thread too."""
+        self.size = max(1, size)
+        self._executor = ThreadPoolExecutor(self.size, "rays")  # makes a thread only when it is needed
+
+    def run(self, work: Callable[[int, int, int], None], count: int, grain: int) -> None:
+        """Run a loop in parts: a thread that is free takes the next part. Returns when all parts are done.
+
+        Args:
+            work: Called with the number of the thread (0 is the calling one) and the first and the end index of a part.
+                Parts run in any order and at the same time; those of one thread run one after the other.
+            count: Length of the loop.
+            grain: Length of a part; a loop of one part stays in the calling thread.
+        """
+        starts = iter(range(0, count, grain))
+        workers = min(self.size, -(-count // grain))
+        futures = [
+            self._executor.submit(_take_parts, work, worker, starts, count, grain) for worker in range(1, workers)
+        ]
+        try:
+            _take_parts(work, 0, starts, count, grain)
+        finally:
+            for future in futures:
+                future.result()
+
+
+def _take_parts(
+    work: Callable[[int, int, int], None], worker: int, starts: Iterator[int], count: int, grain: int
+) -> None:
+    for first in starts:
+        work(worker, first, min(first + grain, count))
+
+
+@cache
+def shared_pool() -> ThreadPool:
+    """The pool of this process: a thread for each processor that it may use."""
+    return ThreadPool(min(len(os.sched_getaffinity(0)), _MOST))
+
 
 _NATIVE: Final = {16: 34, 8: 33, 4: 32}
 """Rays of a packet, and the device property that says whether the processor has registers of that width: where it has
@@ -257,3 +309,54 @@ def _lanes() -> int:
     intersect = getattr(library, f"rtcIntersect{lanes}")
     llvmlite.binding.add_symbol(_SYMBOL, ctypes.cast(intersect, ctypes.c_void_p).value)
     return lanes
+
+
+SHAPE_SPACING_M: Final = 1024.0
+"""Distance between the classes' shapes in their common tree. A power of two, so that shifting a ray adds no rounding
+beyond float32's, and more than twice any sensor's range, so that a ray aimed at one shape meets no other within it."""
+_SHAPES_PER_ROW: Final = 4
+
+
+class RaycastWorld:
+    """Static scene and vehicle shapes, ready for rays."""
+
+    def __init__(self, static: StaticScene, shapes: Mapping[ActorClass, VehicleShape]) -> None:
+        """Build both trees."""
+        self._static = TriangleTree([(static.mesh.vertices_m, static.mesh.triangles)])
+        self.static_material = static.mesh.material
+        self.classes = tuple(sorted(shapes))
+        meshes = [shapes[actor_class].at_rest for actor_class in self.classes]
+        columns = np.array([[i % _SHAPES_PER_ROW, i // _SHAPES_PER_ROW, 0] for i in range(len(self.classes))])
+        self.shape_offset_m = (columns.reshape(-1, 3) * SHAPE_SPACING_M).astype(np.float32)
+        placed = zip(meshes, self.shape_offset_m, strict=True)
+        self._shapes = TriangleTree([(mesh.vertices_m + offset, mesh.triangles) for mesh, offset in placed])
+        self.shape_bounds_m = np.array([mesh.bounds_m for mesh in meshes], dtype=np.float32).reshape(-1, 2, 3)
+        """Lowest and highest corner of each shape in its own frame, shape ``(classes, 2, 3)``."""
+        self.shape_start = np.concatenate(([0], np.cumsum([len(mesh) for mesh in meshes]))).astype(np.int64)
+        """First triangle of each shape in ``shape_material``, shape ``(classes + 1,)``."""
+        self.shape_material = np.concatenate([np.empty(0, np.uint8), *(mesh.material for mesh in meshes)])
+        self._row_of_class = np.full(max((int(c) for c in ActorClass), default=0) + 1, -1, dtype=np.int32)
+        self._row_of_class[[int(c) for c in self.classes]] = np.arange(len(self.classes))
+        self.cast_static(np.zeros((1, 6), np.float32))
+        self.cast_shapes(np.zeros((1, 6), np.float32))
+
+    def shape_rows(self, actor_class: npt.NDArray[np.uint8]) -> npt.NDArray[np.int32]:
+        """Row of each actor's shape in the ``shape_*`` arrays, shape of ``actor_class``."""
+        return self._row_of_class[actor_class]
+
+    def cast_static(
+        self, rays: Floats32, hits: RayHits | None = None, order: npt.NDArray[np.int32] | None = None
+    ) -> RayHits:
+        """Cast rays (origin and direction, shape ``(N, 6)``, ``map`` frame) at the static scene.
+
+        ``hits`` and ``order`` as ``TriangleTree.cast`` takes them.
+        """
+        return self._static.cast(rays, hits, order)
+
+    def packets(self) -> tuple[PacketTree, PacketTree]:
+        """Both trees for compiled loops, the static scene's first; they live no longer than this object."""
+        return self._static.packets(), self._shapes.packets()
+
+    def cast_shapes(self, rays: Floats32) -> RayHits:
+        """Cast rays at the shapes, given in a shape's own frame plus its ``shape_offset_m``, shape ``(N, 6)``."""
+        return self._shapes.cast(rays)

@@ -1,26 +1,154 @@
-"""A rotating LiDAR: one sweep of the scene at one instant."""
+"""A rotating LiDAR: one sweep of the scene at one instant.
+
+A whole sweep is one compiled loop: it takes the interpreter's lock once to begin and once to end.
+"""
 
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from threading import Event
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from siren_ros.numerics.arrays import Matrix
+from siren_ros.numerics.compiled import Array, compiled
 from siren_ros.sensors.lidar import lidar_loops as loops
-from siren_ros.sensors.lidar.embree import RayHits, tiles
-from siren_ros.sensors.lidar.lidar_points import LIDAR_POINT_DTYPE
-from siren_ros.sensors.lidar.lidar_sweep import Optics, Rotation, Scratch, complete_sweep, measure_sweep
-from siren_ros.sensors.lidar.raycast_world import RaycastWorld
-from siren_ros.sensors.lidar.reflectivity import REFLECTIVITY
+from siren_ros.sensors.lidar.embree import PacketTree, RaycastWorld, RayHits, cast_packets, tiles
+from siren_ros.sensors.lidar.lidar_loops import select_candidates
+from siren_ros.sensors.look import Look
+from siren_ros.sensors.meshes.mesh import Material
 from siren_ros.sensors.meshes.placement import Placement
-from siren_ros.sensors.suite.look import Look
-from siren_ros.sensors.suite.mount import inverse
-from siren_ros.sensors.suite.noise import sensor_generator
-from siren_ros.sensors.suite.suite import LidarSpec
+from siren_ros.sensors.suite import LidarSpec, inverse, sensor_generator
+
+LIDAR_POINT_DTYPE: Final = np.dtype(
+    [
+        ("x", "<f4"),
+        ("y", "<f4"),
+        ("z", "<f4"),
+        ("intensity", "<f4"),
+        ("time", "<f4"),
+        ("ring", "<u2"),
+        ("instance", "<u2"),
+    ]
+)
+"""One LiDAR return, 24 bytes: metres in the sensor frame, intensity 0–1, seconds since the stamp, beam, actor id."""
+
+
+_aim, _merge, _pack = loops.aim, loops.merge_vehicles, loops.pack_points
+
+
+class Optics(NamedTuple):
+    """Inputs that are the same for every sweep of a sensor."""
+
+    pattern: loops.Pattern
+    order: Array
+    """As ``TriangleTree.cast`` takes it, int32 (R,)."""
+    trees: tuple[PacketTree, PacketTree]
+    """Of the static scene and of the vehicles' shapes."""
+    surfaces: loops.Surfaces
+
+
+class Scratch(NamedTuple):
+    """Memory of one sensor, written anew by every sweep."""
+
+    poses: Array
+    """Of the sensor at each column, float32 (C, 3, 4); the caller fills it."""
+    rays: Array
+    """float32 (R, 6)."""
+    hits: loops.Hits
+    candidates: loops.Candidates
+    """Memory for the rays that may hit a vehicle."""
+
+
+class Rotation(NamedTuple):
+    """Inputs of one sweep, and memory for its points."""
+
+    lidar_from_map: Array
+    """float64 (4, 4)."""
+    vehicles: loops.Vehicles
+    receiver: loops.Receiver
+    step: int
+    out: loops.Records
+    count_on: Array
+    """Points on each vehicle, int64 (N,); zero at first."""
+
+
+@compiled
+def measure_sweep(optics: Optics, scratch: Scratch, rotation: Rotation) -> int:
+    """Aim, cast at the static scene and go on as ``complete_sweep``; returns the same."""
+    _aim(optics.pattern.directions, scratch.poses, scratch.rays)
+    hits = scratch.hits
+    cast_packets(optics.trees[0], scratch.rays, optics.order, (hits.distance, hits.static_triangle, hits.normal))
+    return complete_sweep(optics, scratch, rotation)
+
+
+@compiled
+def complete_sweep(optics: Optics, scratch: Scratch, rotation: Rotation) -> int:
+    """Cast those rays at vehicles that may hit one, and pack the points.
+
+    Args:
+        optics: The beams, and what they can hit.
+        scratch: With the rays and what they hit of the static scene.
+        rotation: The vehicles, and where the points go.
+
+    Returns:
+        Number of points written. Where ``scratch.candidates`` is too short: minus the length that is needed, and
+        nothing is written.
+    """
+    pattern, hits, memory, vehicles = optics.pattern, scratch.hits, scratch.candidates, rotation.vehicles
+    hits.vehicle[:] = 0
+    found = select_candidates(scratch.rays, pattern, hits.distance, rotation.lidar_from_map, vehicles, memory)
+    if found > memory.ray.shape[0]:
+        return -found
+    candidates = loops.Candidates(memory.rays[:found], memory.ray[:found], memory.vehicle[:found])
+    distance, triangle = np.empty(found, np.float32), np.empty(found, np.uint32)
+    normal = np.empty((found, 3), np.float32)
+    cast_packets(optics.trees[1], candidates.rays, np.arange(found).astype(np.int32), (distance, triangle, normal))
+    _merge(candidates, distance, normal, triangle, vehicles, hits)
+    receiver, out, count_on = rotation.receiver, rotation.out, rotation.count_on
+    return _pack(scratch.poses, pattern, hits, vehicles, optics.surfaces, receiver, out, count_on)
+
+
+_DEFAULT: Final = 0.4
+_REFLECTIVITY: Final[dict[Material, float]] = {
+    Material.GROUND: 0.25,
+    Material.GRASS: 0.45,
+    Material.ASPHALT: 0.17,
+    Material.SHOULDER_ASPHALT: 0.2,
+    Material.MARKING_WHITE: 0.75,
+    Material.MARKING_YELLOW: 0.6,
+    Material.KERB: 0.4,
+    Material.SIDEWALK: 0.35,
+    Material.MEDIAN: 0.4,
+    Material.BUILDING_WALL: 0.45,
+    Material.BUILDING_ROOF: 0.3,
+    Material.BUILDING_GLASS: 0.1,
+    Material.TREE_TRUNK: 0.3,
+    Material.FOLIAGE: 0.5,
+    Material.METAL_POLE: 0.5,
+    Material.SIGNAL_HOUSING: 0.15,
+    Material.STOP_SIGN: 1.0,
+    Material.CAR_PAINT: 0.6,
+    Material.FLEET_PAINT: 0.6,
+    Material.CAR_GLASS: 0.08,
+    Material.TYRE: 0.07,
+    Material.RIM: 0.6,
+    Material.PLASTIC: 0.12,
+    Material.LIVERY: 1.0,
+    Material.PLATE: 1.0,
+}
+
+REFLECTIVITY: Final = np.array([_REFLECTIVITY.get(material, _DEFAULT) for material in Material], dtype=np.float32)
+"""Share of the light sent back at normal incidence by material code, 0–1, near infrared (about 905 nm).
+
+Orders of magnitude after the ASTER/ECOSTRESS spectral library: asphalt 0.1–0.2, vegetation 0.4–0.5, concrete 0.3–0.4,
+rubber below 0.1; retro-reflective sheeting saturates a receiver and is 1; glass mostly lets light through or
+mirrors it.
+"""
+REFLECTIVITY.setflags(write=False)
+
 
 _ATTENUATION_STEPS_PER_M: Final = 16.0
 _GRID_OF_UNIT: Final = 1.5 * 2.0**23

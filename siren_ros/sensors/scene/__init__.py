@@ -1,4 +1,4 @@
 """The static scene, generated from the road network: ground, markings, signals, buildings, plants.
 
-Import order inside: ``config`` < ``surfaces`` < builders < ``static_scene``.
+Import order inside: ``config`` < ``surfaces`` < ``ground``, ``signals`` < ``static_scene``.
 """

@@ -1,28 +1,36 @@
-"""Shapes of bus and box truck, and what they share with other large vehicles.
+"""Shapes of bus, box truck, ambulance and fire truck, with liveries, light bars and beacons.
 
-Drawn in metres after published side views of a 12 m city bus (Mercedes-Benz Citaro) and a 12 t box truck (MAN TGL);
-scaled to their classes' exact sizes afterwards.
+Drawn in metres after published side views of a 12 m city bus (Mercedes-Benz Citaro), a 12 t box truck (MAN TGL), a
+box-bodied ambulance on a van chassis (EN 1789 type C) and a two-axle municipal fire engine (HLF 20); scaled to their
+classes' exact sizes afterwards.
 """
 
 import itertools
 
-from siren_ros.sensors.meshes.loft import Axle, Band, BodyProfile, EndFinish, Finish, Knots, ShellFinish, loft
-from siren_ros.sensors.meshes.material import Material
-from siren_ros.sensors.meshes.mesh import Mesh, Wheel
-from siren_ros.sensors.meshes.primitives import box
+from siren_ros.sensors.meshes.mesh import Material, Mesh, Wheel
+from siren_ros.sensors.meshes.solids import Axle, Band, BodyProfile, EndFinish, Finish, Knots, ShellFinish, box, loft
 from siren_ros.sensors.vehicles.vehicle_parts import (
+    BLUE_LIVERY,
     BRAKE_LAMP,
     GLASS,
     GRILLE,
     HEAD_LAMP,
     PAINT,
     PLASTIC,
+    RED_LIVERY,
+    RED_PAINT,
     STEEL,
+    WHITE_LIVERY,
+    WHITE_PAINT,
+    YELLOW_LIVERY,
+    axle_wheels,
+    beacon,
     indicator,
+    light_bar,
     mirrors,
     plates,
+    side_panels,
 )
-from siren_ros.sensors.vehicles.wheels import axle_wheels
 
 Drawn = tuple[Mesh, tuple[Wheel, ...]]
 
@@ -182,3 +190,167 @@ def truck() -> Drawn:
         ]
     )
     return body, vehicle_wheels(axles, length, 0.97 * half)
+
+
+def _battenburg(
+    x_m: tuple[float, float], z_m: tuple[float, float], half_width_m: float, finishes: tuple[Finish, Finish], count: int
+) -> Mesh:
+    """Two rows of alternating squares along both sides."""
+    step = (x_m[1] - x_m[0]) / count
+    middle = (z_m[0] + z_m[1]) / 2
+    rows = ((z_m[0], middle), (middle, z_m[1]))
+    return Mesh.concatenate(
+        [
+            side_panels((x_m[0] + k * step, x_m[0] + (k + 1) * step), rows[row], half_width_m, finishes[(k + row) % 2])
+            for row in (0, 1)
+            for k in range(count)
+        ]
+    )
+
+
+def _ambulance_cab(length_m: float, axles: tuple[Axle, ...]) -> BodyProfile:
+    return BodyProfile(
+        length_m=length_m,
+        top_m=knots(0, 0.88, 0.06, 0.98, 0.25, 1.1, 0.85, 1.27, 0.97, 1.3, 1.72, 2.05, 1.95, 2.2, 2.3, 2.25, 2.6, 2.25),
+        belt_m=knots(0, 0.76, 0.06, 0.84, 0.25, 0.96, 0.85, 1.1, 0.97, 1.14, 1.72, 1.22, 2.6, 1.24),
+        bottom_m=knots(0, 0.38, 0.1, 0.3, 0.4, 0.27, 2.6, 0.28),
+        half_width_m=knots(0, 0.76, 0.07, 0.86, 0.25, 0.94, 0.7, 0.975, 1.2, 0.985, 2.6, 0.985),
+        roof_half_width_m=knots(0, 0.64, 0.1, 0.74, 0.85, 0.85, 0.97, 0.86, 1.72, 0.82, 2.6, 0.82),
+        axles=axles[:1],
+        roof_drop_m=0.12,
+        extra_stations_m=(1.3, 2.1),
+        zone_splits=(0.52, 0.86),
+    )
+
+
+def ambulance() -> Drawn:
+    """An ambulance with a box body, chequered flanks and light bars at both ends of the roof."""
+    length, half = 6.5, 1.05
+    x = length / 2
+    axles = (Axle(1.0, 0.35, 0.225), Axle(4.9, 0.35, 0.3))
+
+    def side(band: Band, s_m: float, hand: int) -> Finish:
+        if band is Band.UPPER_SIDE and s_m < 0.22:
+            return indicator(hand) if s_m < 0.07 else HEAD_LAMP
+        if band is Band.UPPER_SIDE and s_m > 1.3:
+            return YELLOW_LIVERY
+        return flat_shell(WHITE_PAINT, ((1.3, 2.1),), (0.97, 1.72))(band, s_m, hand)
+
+    def front(band: Band, zone: int) -> Finish:
+        if band is Band.UPPER_SIDE:
+            return GRILLE if zone == 0 else HEAD_LAMP if abs(zone) == 1 else indicator(zone)
+        return GRILLE if band is Band.LOWER_SIDE and abs(zone) < 2 else WHITE_PAINT
+
+    cab = loft(_ambulance_cab(length, axles), side, front, plain_end(WHITE_PAINT))
+    wall, back = half - 0.006, -x + 0.02
+    green: Finish = (Material.LIVERY, (16, 124, 62))
+    body = Mesh.concatenate(
+        [
+            cab,
+            box((back, -wall, 0.78), (x - 2.3, wall, 2.6), *WHITE_PAINT),
+            _bevelled_nose(x - 2.3, wall),
+            box((back + 0.2, -0.6, 0.42), (x - 2.2, 0.6, 0.82), *PLASTIC),
+            *[box((x0, y0, 0.34), (x1, y0 + 0.05, 0.8), *WHITE_PAINT) for x0, x1 in _skirts(x, axles[1], 2.35)
+              for y0 in (-wall, wall - 0.05)],
+            _battenburg((back + 0.1, x - 2.4), (1.0, 1.5), wall, (YELLOW_LIVERY, green), 7),
+            side_panels((back + 0.1, x - 2.4), (2.28, 2.38), wall, RED_LIVERY),
+            side_panels((back + 1.0, back + 2.3), (1.65, 2.15), wall, GLASS),
+            *_ambulance_rear(back, wall),
+            light_bar(x - 2.2, 2.24, 0.72, 0.34, 0.17),
+            box((x - 2.62, -0.95, 2.6), (x - 2.32, 0.95, 2.72), *WHITE_PAINT),
+            light_bar(x - 2.62, 2.6, 0.9, 0.3, 0.2),
+            light_bar(back + 0.3, 2.6, 0.9, 0.3, 0.2),
+            *[beacon(x - 0.02, y, 0.98, 0.07, Material.BEACON_BLUE) for y in (-0.25, 0.25)],
+            *[beacon(x0, y, 2.5, 0.09, Material.BEACON_RED) for x0 in (back + 0.6, x - 2.9) for y in (-1.0, 1.0)],
+            plates(x, back, 0.56, 0.62),
+            mirrors(x - 1.45, 0.85, half, 1.24, WHITE_PAINT, 0.26),
+        ]
+    )  # fmt: skip
+    return body, vehicle_wheels(axles, length, 0.985 * half)
+
+
+def _bevelled_nose(x_m: float, half_m: float) -> Mesh:
+    """The part of the box body that reaches over the cab's roof."""
+    from_x, to_x = x_m - 0.01, x_m + 0.32
+    return box((from_x, -0.8 * half_m, 2.2), (to_x, 0.8 * half_m, 2.42), *WHITE_PAINT)
+
+
+def _skirts(x_m: float, rear: Axle, front_s_m: float) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Sills between the cab and the rear wheel, and behind it."""
+    hub, reach = x_m - rear.s_m, rear.wheel_radius_m + 0.06
+    return (-x_m + 0.04, hub - reach), (hub + reach, x_m - front_s_m)
+
+
+def _ambulance_rear(back_m: float, half_m: float) -> list[Mesh]:
+    stripes = [
+        box((back_m - 0.008, y0, 0.95), (back_m + 0.02, y0 + 0.24, 1.5), *(RED_LIVERY if k % 2 else YELLOW_LIVERY))
+        for k, y0 in enumerate(-0.84 + 0.24 * k for k in range(7))
+    ]
+    windows = [box((back_m - 0.008, y0, 1.6), (back_m + 0.02, y0 + 0.55, 2.2), *GLASS) for y0 in (-0.62, 0.07)]
+    seam = box((back_m - 0.01, -0.015, 0.85), (back_m + 0.02, 0.015, 2.45), *PLASTIC)
+    bumper = box((back_m - 0.02, -half_m, 0.4), (back_m + 0.2, half_m, 0.56), *PLASTIC)
+    return [*stripes, *windows, seam, bumper, rear_lamps(back_m, half_m, 0.62, 0.16)]
+
+
+def fire_truck() -> Drawn:
+    """A fire engine: crew cab, lockers behind roller shutters, ladder and light bars."""
+    length, half = 8.3, 1.25
+    x = length / 2
+    axles = (Axle(1.45, 0.5, 0.32), Axle(5.95, 0.5, 0.5))
+    cab = loft(
+        forward_cab(length, 3.2, 2.85, 1.22, axles[0]),
+        flat_shell(RED_PAINT, ((0.45, 1.35), (1.5, 2.7))),
+        cab_front(RED_PAINT, glazed=True),
+        plain_end(RED_PAINT),
+    )
+    wall, back, nose = half - 0.006, -x + 0.02, x - 3.25
+    hub = x - axles[1].s_m
+    shutter: Finish = (Material.RIM, (176, 180, 184))
+    lockers = ((back + 0.12, hub - 0.62), (hub - 0.5, hub + 0.5), (hub + 0.62, nose - 0.08))
+    body = Mesh.concatenate(
+        [
+            cab,
+            box((back, -wall, 1.12), (nose, wall, 2.95), *RED_PAINT),
+            *[box((x0, -wall, 0.5), (x1, wall, 1.14), *RED_PAINT) for x0, x1 in _skirts(x, axles[1], 3.25)],
+            box((back + 0.2, -0.7, 0.55), (x - 2.0, 0.7, 1.14), *PLASTIC),
+            *[side_panels(span, (1.25 if k == 1 else 0.85, 2.5), wall, shutter) for k, span in enumerate(lockers)],
+            side_panels((back + 0.05, nose), (2.6, 2.74), wall, WHITE_LIVERY),
+            side_panels((back + 0.05, hub - 0.62), (0.6, 0.76), wall, YELLOW_LIVERY),
+            side_panels((hub + 0.62, nose), (0.6, 0.76), wall, YELLOW_LIVERY),
+            side_panels((x - 3.1, x - 2.0), (0.86, 1.02), 1.215, WHITE_LIVERY),
+            box((x - 0.02, -1.02, 0.98), (x + 0.008, 1.02, 1.1), *WHITE_LIVERY),
+            *_fire_rear(back),
+            *_ladder(back, nose),
+            light_bar(x - 0.75, 2.84, 0.95, 0.36, 0.24),
+            *[beacon(back + 0.15, y, 3.02, 0.16, Material.BEACON_BLUE) for y in (-1.05, 1.05)],
+            *[beacon(x, y, 1.28, 0.08, Material.BEACON_BLUE) for y in (-0.4, 0.4)],
+            box((-0.4, -0.5, 2.9), (0.2, 0.5, 3.2), *RED_PAINT),
+            plates(x, back, 0.66, 0.7),
+            mirrors(x - 0.25, 1.08, half, 1.8, PLASTIC, 0.45),
+        ]
+    )
+    return body, vehicle_wheels(axles, length, 0.975 * half)
+
+
+def _fire_rear(back_m: float) -> list[Mesh]:
+    stripes = [
+        box((back_m - 0.008, y0, 0.8), (back_m + 0.02, y0 + 0.29, 1.25), *(YELLOW_LIVERY if k % 2 else RED_LIVERY))
+        for k, y0 in enumerate(-1.02 + 0.29 * k for k in range(7))
+    ]
+    shutter = box((back_m - 0.008, -0.8, 1.35), (back_m + 0.02, 0.8, 2.65), *STEEL)
+    bumper = box((back_m - 0.02, -1.2, 0.5), (back_m + 0.2, 1.2, 0.62), *PLASTIC)
+    blue = box((back_m - 0.008, -0.8, 2.72), (back_m + 0.02, 0.8, 2.82), *BLUE_LIVERY)
+    return [*stripes, shutter, bumper, blue, rear_lamps(back_m, 1.24, 0.64, 0.14)]
+
+
+def _ladder(back_m: float, nose_m: float) -> list[Mesh]:
+    low, high = 3.0, 3.08
+    rails = [box((back_m + 0.3, y0, low), (nose_m - 0.1, y0 + 0.06, high), *STEEL) for y0 in (-0.95, -0.55)]
+    count = 9
+    step = (nose_m - back_m - 0.6) / count
+    rungs = [
+        box((back_m + 0.4 + k * step, -0.93, low + 0.02), (back_m + 0.45 + k * step, -0.5, high - 0.02), *STEEL)
+        for k in range(count)
+    ]
+    feet = [box((x0, -0.9, 2.94), (x0 + 0.1, -0.55, low), *STEEL) for x0 in (back_m + 0.5, nose_m - 0.5)]
+    return [*rails, *rungs, *feet]

@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from siren_ros.dynamics.parameters import VehicleParameters, load_vehicle_parameters
 from siren_ros.sensors.meshes.mesh import Mesh, VehicleShape, Wheel
-from siren_ros.sensors.vehicles import cars, emergency_vehicles, large_vehicles
+from siren_ros.sensors.vehicles import cars, large_vehicles
+from siren_ros.sensors.vehicles import large_vehicles as emergency_vehicles
 from siren_ros.world.actors import ActorClass
 
 Drawn = tuple[Mesh, tuple[Wheel, ...]]

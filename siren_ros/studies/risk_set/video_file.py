@@ -17,9 +17,9 @@ from siren_ros.evaluation.risk.video_set import VIDEO_FRAMES
 from siren_ros.pictures.video import write_video
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.episode import EpisodeRequest
-from siren_ros.sensors.rig.rig import SensorRig
-from siren_ros.sensors.suite.look_file import load_look
-from siren_ros.sensors.suite.suite import SensorSuite
+from siren_ros.sensors.look import load_look
+from siren_ros.sensors.rig import SensorRig
+from siren_ros.sensors.suite import SensorSuite
 from siren_ros.studies.risk_set.candidate import (
     FRAME_STEPS,
     Candidate,

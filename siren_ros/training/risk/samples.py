@@ -18,9 +18,9 @@ from siren_ros.processes.own_process import in_own_process
 from siren_ros.processes.side_by_side import side_by_side
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.episode import EpisodeRequest
-from siren_ros.sensors.rig.rig import SensorRig
-from siren_ros.sensors.suite.look_file import load_look
-from siren_ros.sensors.suite.suite import SensorSuite
+from siren_ros.sensors.look import load_look
+from siren_ros.sensors.rig import SensorRig
+from siren_ros.sensors.suite import SensorSuite
 from siren_ros.studies.risk_set.candidate import FRAME_STEPS, Candidate, front_camera, simulated
 from siren_ros.studies.risk_set.search import outcome_as_json, outcome_of_json
 from siren_ros.training.risk.plan import PlannedFilm

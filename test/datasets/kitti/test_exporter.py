@@ -16,7 +16,7 @@ from reader_environments import read_with
 from siren_ros.cli.main import main
 from siren_ros.datasets.kitti.labels import label_text
 from siren_ros.interfaces.boxes import from_ground_truth
-from siren_ros.interfaces.point_cloud import from_point_cloud
+from siren_ros.interfaces.measurements import from_point_cloud
 from siren_ros.interfaces.topics import GROUND_TRUTH
 from siren_ros.record.episode_source import open_source
 from siren_ros.world.carrier import GroundTruth

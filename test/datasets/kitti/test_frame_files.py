@@ -13,7 +13,7 @@ from siren_ros.datasets.kitti.frame_files import KittiFrame, KittiFrames, png_by
 from siren_ros.datasets.kitti.labels import KittiCamera, camera_from_lidar, label_text
 from siren_ros.datasets.kitti.live_export import Layout
 from siren_ros.errors import InputError
-from siren_ros.interfaces.images import CameraIntrinsics
+from siren_ros.interfaces.measurements import CameraIntrinsics
 from siren_ros.interfaces.transforms import Transform, quaternion_of_matrix
 
 

@@ -11,7 +11,7 @@ from siren_ros.datasets.kitti.labels import (
     camera_labels,
     label_lines,
 )
-from siren_ros.interfaces.images import CameraIntrinsics
+from siren_ros.interfaces.measurements import CameraIntrinsics
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.carrier import GroundTruth

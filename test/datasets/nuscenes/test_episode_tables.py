@@ -21,9 +21,9 @@ from siren_ros.datasets.nuscenes.episode_tables import (
     visibility_of,
 )
 from siren_ros.datasets.nuscenes.map_expansion import map_corners, mask_png
-from siren_ros.interfaces.images import CameraIntrinsics
+from siren_ros.interfaces.measurements import CameraIntrinsics
 from siren_ros.record.episode_source import MountedCamera
-from siren_ros.sensors.suite.mount import Mount
+from siren_ros.sensors.suite import Mount
 from siren_ros.world.actors import ActorClass
 
 

@@ -19,7 +19,7 @@ from siren_ros.evaluation.detection.pictures import (
     front_picture,
     returns_from_above,
 )
-from siren_ros.interfaces.images import CameraIntrinsics
+from siren_ros.interfaces.measurements import CameraIntrinsics
 from siren_ros.record.bag_survey import Need, survey_bag
 
 

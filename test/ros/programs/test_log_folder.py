@@ -10,7 +10,7 @@ from faulty_episodes import in_own_mounts
 from live_episodes import Domain
 
 from siren_ros.errors import InputError
-from siren_ros.ros.programs.log_folder import choose_log_folder
+from siren_ros.ros.programs.program import choose_log_folder
 
 PROGRAM = """
 import sys

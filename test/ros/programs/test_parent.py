@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from siren_ros.ros.programs.parent import Parent
+from siren_ros.ros.programs.processes import Parent
 
 PARENT = """
 import os, subprocess, sys
@@ -20,7 +20,7 @@ input()
 """
 STOPPED = """
 import os, signal, sys, time
-from siren_ros.ros.programs.parent import Parent
+from siren_ros.ros.programs.processes import Parent
 parent = Parent(int(sys.argv[1]))
 print("ready", flush=True)
 os.kill(os.getpid(), signal.SIGSTOP)

@@ -8,7 +8,7 @@ rclpy = pytest.importorskip("rclpy", reason="needs ROS")
 from rclpy.context import Context  # noqa: E402
 
 from siren_ros.errors import InputError  # noqa: E402
-from siren_ros.ros.programs.ros_arguments import quoted, reading_arguments  # noqa: E402
+from siren_ros.ros.programs.program import quoted, reading_arguments  # noqa: E402
 
 
 def test_texts_that_yaml_would_change_are_quoted() -> None:

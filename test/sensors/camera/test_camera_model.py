@@ -4,8 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from siren_ros.sensors.camera.camera_model import Pinhole, optical_from_map
-from siren_ros.sensors.suite.mount import map_from_base
-from siren_ros.sensors.suite.suite import load_suite
+from siren_ros.sensors.suite import load_suite, map_from_base
 
 CAMERA = Pinhole(800, 600, 335.64)
 coordinate = st.floats(-20.0, 20.0)

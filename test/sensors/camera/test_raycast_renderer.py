@@ -5,15 +5,13 @@ import numpy as np
 import pytest
 
 from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.sensors import rig as rig_module
 from siren_ros.sensors.camera.camera_model import Pinhole
-from siren_ros.sensors.camera.context import RendererUnavailableError
 from siren_ros.sensors.camera.raycast_renderer import RaycastRenderer
-from siren_ros.sensors.camera.renderer import Renderer
+from siren_ros.sensors.camera.renderer import Renderer, RendererUnavailableError
 from siren_ros.sensors.meshes.mesh import LampColour, Material, SignalLamp
-from siren_ros.sensors.rig import rig as rig_module
-from siren_ros.sensors.rig.rig import SensorRig
-from siren_ros.sensors.suite.mount import Mount, map_from_base, transform
-from siren_ros.sensors.suite.suite import CameraSpec, SensorSuite
+from siren_ros.sensors.rig import SensorRig
+from siren_ros.sensors.suite import CameraSpec, Mount, SensorSuite, map_from_base, transform
 from siren_ros.world.actors import ActorClass
 
 CAMERA = Pinhole(160, 120, 80.0)

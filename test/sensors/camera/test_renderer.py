@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 
 from siren_ros.sensors.camera.camera_model import Pinhole, optical_from_map
-from siren_ros.sensors.camera.context import DrawingContext, RendererUnavailableError
-from siren_ros.sensors.camera.renderer import RenderedImage, Renderer
-from siren_ros.sensors.lidar.raycast_world import RaycastWorld
-from siren_ros.sensors.meshes.material import SemanticClass
-from siren_ros.sensors.meshes.mesh import LampColour, Material, Mesh, SignalLamp, StaticScene
-from siren_ros.sensors.suite.mount import map_from_base, transform
+from siren_ros.sensors.camera.renderer import DrawingContext, RenderedImage, Renderer, RendererUnavailableError
+from siren_ros.sensors.lidar.embree import RaycastWorld
+from siren_ros.sensors.meshes.mesh import LampColour, Material, Mesh, SemanticClass, SignalLamp, StaticScene
+from siren_ros.sensors.suite import map_from_base, transform
 from siren_ros.world.actors import ActorClass
 
 CAMERA = Pinhole(320, 240, 160.0)

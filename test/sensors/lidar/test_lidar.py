@@ -7,13 +7,11 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from siren_ros.sensors.lidar.embree import RaycastWorld
 from siren_ros.sensors.lidar.lidar import CarrierMotion, Lidar, LidarSweep
-from siren_ros.sensors.lidar.raycast_world import RaycastWorld
-from siren_ros.sensors.meshes.material import Material
-from siren_ros.sensors.meshes.mesh import Mesh, VehicleShape
-from siren_ros.sensors.suite.look import Look
-from siren_ros.sensors.suite.mount import Mount, map_from_base
-from siren_ros.sensors.suite.suite import LidarSpec
+from siren_ros.sensors.look import Look
+from siren_ros.sensors.meshes.mesh import Material, Mesh, VehicleShape
+from siren_ros.sensors.suite import LidarSpec, Mount, map_from_base
 from siren_ros.world.actors import ActorClass
 
 SPEC = LidarSpec("lidar", Mount(0.0, 0.0, 1.93), channels=16, points_per_second=16 * 360 * 20, resolution_m=0.0)

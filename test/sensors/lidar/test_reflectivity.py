@@ -2,8 +2,8 @@
 
 import pytest
 
-from siren_ros.sensors.lidar.reflectivity import REFLECTIVITY
-from siren_ros.sensors.meshes.material import Material
+from siren_ros.sensors.lidar.lidar import REFLECTIVITY
+from siren_ros.sensors.meshes.mesh import Material
 
 
 def test_there_is_a_share_for_every_material_and_retroreflectors_send_back_all() -> None:

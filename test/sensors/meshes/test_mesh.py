@@ -5,9 +5,15 @@ from hypothesis import strategies as st
 from shapely.geometry import box as rectangle
 from solids import volume
 
-from siren_ros.sensors.meshes.material import SEMANTIC_CLASS_OF_MATERIAL, LampColour, Material, SemanticClass
-from siren_ros.sensors.meshes.mesh import Mesh, SignalLamp
-from siren_ros.sensors.meshes.primitives import box, frustum, sphere_points, triangulated
+from siren_ros.sensors.meshes.mesh import (
+    SEMANTIC_CLASS_OF_MATERIAL,
+    LampColour,
+    Material,
+    Mesh,
+    SemanticClass,
+    SignalLamp,
+)
+from siren_ros.sensors.meshes.solids import box, frustum, sphere_points, triangulated
 
 
 def test_a_box_has_its_volume_and_outward_normals() -> None:

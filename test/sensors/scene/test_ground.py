@@ -1,17 +1,19 @@
 """The ground's triangles: heights and materials at places of a small crossing, areas without gaps."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 import shapely
 from hand_made_record import crossing
 from shapely.geometry import Polygon
+from shapely.geometry.base import BaseGeometry
 
-from siren_ros.roads.road_network import RoadNetwork
-from siren_ros.sensors.meshes.material import Material
-from siren_ros.sensors.meshes.mesh import Mesh
+from siren_ros.numerics.geometry import Polyline
+from siren_ros.roads.road_network import Edge, JunctionKind, Lane, LaneKind, RoadNetwork
+from siren_ros.sensors.meshes.mesh import Material, Mesh
 from siren_ros.sensors.scene.config import SceneConfig
-from siren_ros.sensors.scene.ground import _cut, ground_mesh
-from siren_ros.sensors.scene.markings import road_markings
+from siren_ros.sensors.scene.ground import Markings, _cut, arrow, ground_mesh, ribbon, road_markings
 from siren_ros.sensors.scene.surfaces import Surfaces, drawn_centres, road_surfaces
 
 CONFIG = SceneConfig(ground_margin_m=20.0, tile_m=40.0)
@@ -102,3 +104,165 @@ def test_areas_are_cut_along_a_grid_without_loss() -> None:
     assert len(tiles) == 3 + 3 + 4 + 3
     inside = Polygon([(1.0, 1.0), (9.0, 1.0), (9.0, 9.0)])
     assert _cut(inside, 10.0) == [inside]
+
+
+def markings_of(network: RoadNetwork) -> Markings:
+    config, centres = SceneConfig(), drawn_centres(network, 0.0)
+    return road_markings(network, centres, road_surfaces(network, centres, config), config)
+
+
+SIGNALLED = markings_of(crossing())
+SIGNED = markings_of(crossing(JunctionKind.PRIORITY_STOP))
+"""The stop sign is for those from the south alone. Their lanes: shoulder 7 to 9.5 m, right to 7 m, left 0 to 3.5 m."""
+
+
+def painted(area: BaseGeometry, *places: tuple[float, float]) -> list[bool]:
+    return [bool(shapely.contains_xy(area, *place)) for place in places]
+
+
+def along(area: BaseGeometry, x_m: float, ys_m: Sequence[float]) -> float:
+    """The painted share of a line to the north."""
+    return float(np.mean([shapely.contains_xy(area, x_m, y_m) for y_m in ys_m]))
+
+
+def test_stop_lines_are_half_a_metre_deep_over_driving_lanes_that_wait() -> None:
+    across = [(0.4, -20.25), (5.25, -20.25), (6.8, -20.25), (5.25, -20.45), (5.25, -20.05)]
+    assert painted(SIGNALLED.white, *across) == painted(SIGNED.white, *across) == [True] * 5
+    beyond = [(5.25, -20.6), (5.25, -19.9), (8.25, -20.25), (5.25, 109.75), (5.25, -119.75)]
+    assert painted(SIGNALLED.white, *beyond) == [False] * 5, "not on the shoulder, not where nobody waits"
+    from_the_west = [(-10.25, -5.25), (-10.25, -6.7), (-10.25, -3.8)]
+    assert painted(SIGNALLED.white, *from_the_west) == [True] * 3
+    assert painted(SIGNED.white, *from_the_west) == [False] * 3
+
+
+def test_dashes_are_3_m_with_gaps_of_6_m_and_solid_for_20_m_before_the_line() -> None:
+    """Between the two lanes from the south, at x = 3.5 m, from y = −120 m on."""
+    for number in range(8):
+        start = -120.0 + 9.0 * number
+        assert along(SIGNALLED.white, 3.5, np.linspace(start + 0.05, start + 2.95, 20)) == 1.0
+        assert along(SIGNALLED.white, 3.5, np.linspace(start + 3.05, start + 8.95, 20)) == 0.0
+    assert along(SIGNALLED.white, 3.5, np.linspace(-39.95, -20.05, 60)) == 1.0
+    assert painted(SIGNALLED.white, (3.45, -30.0), (3.55, -30.0)) == [True, True]
+    assert painted(SIGNALLED.white, (3.42, -30.0), (3.58, -30.0)) == [False, False]
+    # Northwards nobody waits: dashes up to the end.
+    assert along(SIGNALLED.white, 3.5, np.linspace(10.05, 99.95, 900)) == pytest.approx(1.0 / 3.0, abs=0.01)
+    assert along(SIGNALLED.white, 3.5, np.linspace(103.1, 108.9, 20)) == 0.0
+
+
+def test_edge_lines_stand_at_the_shoulder_or_15_cm_inside() -> None:
+    assert painted(SIGNALLED.white, (7.0, -70.0), (6.9, -70.0), (7.1, -70.0)) == [True, False, False]
+    # From the west there is no shoulder: the lane's right side is y = −7 m.
+    assert painted(SIGNALLED.white, (-60.0, -6.85), (-60.0, -6.95), (-60.0, -6.75)) == [True, False, False]
+
+
+def test_towards_oncoming_traffic_the_line_is_yellow() -> None:
+    """Those who come from the north drive at x = −1.75 m; both directions have a line 15 cm inside their lane."""
+    for y_m in (-70.0, 60.0):
+        assert painted(SIGNALLED.yellow, (0.15, y_m), (-0.15, y_m)) == [True, True]
+        assert painted(SIGNALLED.white, (0.15, y_m), (-0.15, y_m)) == [False, False]
+    # The road from the west has no oncoming traffic, and the one to the north at x = 14 m runs with its neighbours.
+    assert painted(SIGNALLED.white, (-60.0, -3.65), (12.4, -70.0)) == [True, True]
+    assert painted(SIGNALLED.yellow, (-60.0, -3.65), (12.4, -70.0)) == [False, False]
+    assert not shapely.intersects(SIGNALLED.white, SIGNALLED.yellow.buffer(-0.001))
+
+
+def test_nothing_but_stop_lines_and_crossings_is_painted_within_the_junction() -> None:
+    inside = shapely.box(-9.5, -19.5, 19.5, 9.5)
+    assert SIGNALLED.white.intersection(inside).area == SIGNALLED.yellow.intersection(inside).area == 0.0
+
+
+def test_arrows_show_the_movements_8_m_before_the_line() -> None:
+    """The right lane leads on and to the right, the left one on alone; shafts are 18 cm wide and end 4 m before."""
+    for x_m in (1.75, 5.25):
+        assert painted(SIGNALLED.white, (x_m, -28.2), (x_m, -31.9), (x_m, -27.9), (x_m, -32.2)) == [
+            True,
+            True,
+            False,
+            False,
+        ]
+    hook = (1.9 + 28.0, 0.75)
+    assert painted(SIGNALLED.white, (5.25 + hook[1], -hook[0]), (1.75 + hook[1], -hook[0])) == [True, False]
+    assert painted(SIGNALLED.white, (5.25 - hook[1], -hook[0])) == [False]
+
+
+def street(there: int, back: int) -> RoadNetwork:
+    """A road of 100 m to the east with some lanes, and the way back north of y = 0."""
+    lanes: list[Lane] = []
+    edges = []
+    for name, count, ends in (("there", there, ("A", "B")), ("back", back, ("B", "A"))):
+        first = len(lanes)
+        for position in range(count):
+            y_m = 3.5 * (count - position) - 1.75
+            points = [(0.0, -y_m), (100.0, -y_m)] if name == "there" else [(100.0, y_m), (0.0, y_m)]
+            kind, centre = LaneKind.DRIVING, Polyline.through(points)
+            lanes.append(
+                Lane(len(lanes), f"{name}_{position}", len(edges), position, kind, centre, 3.5, 14.0, True, True)
+            )
+        edges.append(Edge(len(edges), name, tuple(range(first, len(lanes))), *ends, internal=False))
+    return RoadNetwork(tuple(lanes), tuple(edges), (), {}, (0.0, 0.0), "!")
+
+
+def test_two_lanes_of_opposite_directions_share_one_dashed_line() -> None:
+    """3 m of paint and 6 m of gap on the line itself."""
+    found = markings_of(street(1, 1))
+    for start in (0.0, 9.0, 45.0, 90.0):
+        assert painted(
+            found.yellow, (start + 0.1, 0.0), (start + 2.9, 0.0), (start + 3.1, 0.0), (start + 8.9, 0.0)
+        ) == [
+            True,
+            True,
+            False,
+            False,
+        ]
+    assert painted(found.yellow, (1.0, 0.05), (1.0, -0.05), (1.0, 0.07), (1.0, -0.07)) == [True, True, False, False]
+    assert painted(found.white, (1.0, 0.0), (50.0, 0.15), (50.0, -0.15)) == [False] * 3
+    assert painted(found.white, (50.0, -3.35), (50.0, 3.35)) == [True, True], "edge lines"
+
+
+@pytest.mark.parametrize(("there", "back"), [(2, 1), (1, 2), (2, 2)])
+def test_where_one_direction_has_more_lanes_each_has_a_solid_line(there: int, back: int) -> None:
+    found = markings_of(street(there, back))
+    along_m = np.linspace(0.5, 99.5, 100)
+    for y_m in (0.15, -0.15):
+        assert all(shapely.contains_xy(found.yellow, x_m, y_m) for x_m in along_m)
+    assert painted(found.yellow, (1.0, 0.0), (5.0, 0.0)) == [False, False]
+
+
+def shifted(**changed: float) -> RoadNetwork:
+    """The crossing with a shorter approach from the south."""
+    network = crossing()
+    length_m = changed["length_m"]
+    lanes = list(network.lanes)
+    for index in range(3):
+        end = lanes[index].centre.points[-1]
+        object.__setattr__(lanes[index], "centre", Polyline.through(np.array([end - (0.0, length_m), end])))
+    return network
+
+
+@pytest.mark.parametrize(("length_m", "there"), [(12.5, False), (13.5, True)])
+def test_lanes_shorter_than_13_m_have_no_arrows(length_m: float, there: bool) -> None:
+    found = markings_of(shifted(length_m=length_m))
+    assert painted(found.white, (1.75, -28.5)) == [there]
+    assert painted(found.white, (1.75, -20.25)) == [True]
+    assert along(found.white, 3.5, np.linspace(-20.0 - length_m + 0.1, -20.1, 40)) == 1.0, "all of it is solid"
+
+
+def test_arrows_of_two_directions_and_turnarounds() -> None:
+    centre = Polyline.through([(0.0, 0.0), (0.0, 50.0)])
+    left, straight = arrow(centre, 30.0, {"t", "s", "x"})
+    assert straight.bounds == pytest.approx((-0.36, 26.0, 0.36, 30.0))
+    assert left.bounds[0] == pytest.approx(-1.05)
+    assert left.bounds[2] < 0.1
+    assert list(arrow(centre, 30.0, set())) == []
+
+
+@pytest.mark.parametrize("left_m", [1.0, -2.0])
+def test_a_ribbon_turns_corners_on_the_bisector(left_m: float) -> None:
+    """East, then north: a strip 0.2 m wide beside the line has mitred corners and the parts' lengths."""
+    centre = Polyline.through([(0.0, 0.0), (10.0, 0.0), (10.0, 10.0)])
+    found = ribbon(centre, 2.0, 15.0, left_m, 0.2)
+    corner = np.array([10.0 - left_m, left_m])
+    expected = shapely.LineString([(2.0, left_m), corner, (corner[0], 5.0)]).buffer(
+        0.1, cap_style="flat", join_style="mitre"
+    )
+    assert found.symmetric_difference(expected).area < 1e-6

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from siren_ros.sensors.meshes.material import Material
+from siren_ros.sensors.meshes.mesh import Material
 from siren_ros.sensors.vehicles.vehicle_shapes import vehicle_shape
 from siren_ros.world.actors import ActorClass
 

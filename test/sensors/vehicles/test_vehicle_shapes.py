@@ -6,8 +6,7 @@ import pytest
 from solids import one_sidedness, volume
 
 from siren_ros.dynamics.parameters import load_vehicle_parameters
-from siren_ros.sensors.meshes.material import Material
-from siren_ros.sensors.meshes.mesh import Mesh
+from siren_ros.sensors.meshes.mesh import Material, Mesh
 from siren_ros.sensors.vehicles.vehicle_shapes import vehicle_shape
 from siren_ros.world.actors import ActorClass
 

@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from siren_ros.errors import InputError
 from siren_ros.evaluation.detection.boxes import FoundBoxes, attributes_of
 from siren_ros.evaluation.detection.frames import EpisodeFrames
-from siren_ros.interfaces.point_cloud import from_point_cloud
+from siren_ros.interfaces.measurements import from_point_cloud
 from siren_ros.numerics.arrays import Floats, Matrix, Rows
 from siren_ros.numerics.units import STEP_S
 from siren_ros.record.episode_source import lidar_of, open_source

@@ -4,17 +4,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from siren_ros.sensors.camera.camera_model import Pinhole
-from siren_ros.sensors.camera.context import RendererUnavailableError
-from siren_ros.sensors.camera.effects.lamp_light import beacon_colour, luminaires
-from siren_ros.sensors.camera.rendered_image import RenderedImage
-from siren_ros.sensors.camera.renderer import Renderer
-from siren_ros.sensors.meshes.material import SemanticClass
-from siren_ros.sensors.meshes.mesh import Material
+from siren_ros.sensors.camera.camera_model import Pinhole, RenderedImage
+from siren_ros.sensors.camera.night_and_rain import beacon_colour, luminaires
+from siren_ros.sensors.camera.renderer import Renderer, RendererUnavailableError
+from siren_ros.sensors.look import Look
+from siren_ros.sensors.meshes.mesh import Material, SemanticClass
 from siren_ros.sensors.meshes.placement import EgoVehicle, Placement
-from siren_ros.sensors.scene.poles import street_lamp, turned
-from siren_ros.sensors.suite.look import Look
-from siren_ros.sensors.suite.mount import transform
+from siren_ros.sensors.scene.signals import street_lamp, turned
+from siren_ros.sensors.suite import transform
 from siren_ros.world.actors import ActorClass, Lights
 
 CAMERA = Pinhole(320, 240, 160.0)

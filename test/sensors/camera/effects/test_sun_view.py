@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from siren_ros.sensors.camera.effects.ground_light import LIGHT_GRID_M, LIGHT_HALF_M, cell_of, light_from_map
-from siren_ros.sensors.camera.effects.shadows import sun_view
+from siren_ros.sensors.camera.ground_light import LIGHT_GRID_M, LIGHT_HALF_M, cell_of, light_from_map, sun_view
 
 CENTRE = (30.0, -12.0)
 

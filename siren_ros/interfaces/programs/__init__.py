@@ -1,1 +1,0 @@
-"""Messages of programs that take part: the AV's controller, a predictor."""

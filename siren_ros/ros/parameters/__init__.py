@@ -1,1 +1,0 @@
-"""ROS parameters, declared from one frozen dataclass per node."""

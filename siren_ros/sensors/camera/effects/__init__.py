@@ -1,1 +1,0 @@
-"""Shadows, lamps on ground and walls, rain."""

@@ -1,1 +1,0 @@
-"""Vertex buffers of the static scene and of vehicles."""

@@ -1,1 +1,0 @@
-"""GLSL of surfaces, sky and vehicles."""

@@ -1,1 +1,0 @@
-"""The microphone and the sound of a siren."""

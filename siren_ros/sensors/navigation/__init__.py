@@ -1,1 +1,0 @@
-"""The GNSS receiver and the inertial measurement unit (IMU)."""

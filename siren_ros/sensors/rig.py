@@ -1,0 +1,325 @@
+"""All sensors of one carrier in one world, and their measurements at one step, finished or still under way."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+
+from siren_ros.numerics.arrays import Matrix
+from siren_ros.numerics.units import STEP_S
+from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.sensors.camera.camera import Camera, CameraFrame
+from siren_ros.sensors.camera.raycast_renderer import RaycastRenderer
+from siren_ros.sensors.camera.renderer import Renderer, RendererUnavailableError
+from siren_ros.sensors.lidar.embree import RaycastWorld
+from siren_ros.sensors.lidar.lidar import CarrierMotion, Lidar, LidarSweep
+from siren_ros.sensors.look import Look
+from siren_ros.sensors.meshes.mesh import StaticScene, VehicleShape
+from siren_ros.sensors.meshes.placement import Catalogue, Placement
+from siren_ros.sensors.microphone import AudioChunk, Microphone
+from siren_ros.sensors.navigation import GeoReference, Gnss, GnssFix, Imu, ImuSample, Odometers, PlanarMotion
+from siren_ros.sensors.scene.config import SceneConfig
+from siren_ros.sensors.scene.static_scene import static_scene
+from siren_ros.sensors.station import check_outdoors, station_mount
+from siren_ros.sensors.suite import CameraSpec, SensorSuite, WantedLabels, map_from_base, period_steps
+from siren_ros.sensors.truth import ImageLabeller, label_boxes
+from siren_ros.sensors.vehicles.vehicle_shapes import vehicle_shape
+from siren_ros.world.actors import NO_ACTOR, ActorClass, ActorDescription, ActorStates, rows_of_ids
+from siren_ros.world.carrier import BASE_FRAME, LABEL_PERIOD_STEPS, STATION_FRAME, CameraTruth, GroundTruth
+from siren_ros.world.traffic_state import SignalState
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """Measurements of the sensors that were due at a step."""
+
+    step: int
+    sweeps: tuple[LidarSweep, ...]
+    frames: tuple[CameraFrame, ...]
+    truth: GroundTruth | None
+    """Every ``LABEL_PERIOD_STEPS``."""
+    labels: Mapping[str, CameraTruth] = field(default_factory=dict)
+    """Labels of the pictures by camera, where they are wanted."""
+    fixes: tuple[GnssFix, ...] = ()
+    inertial: tuple[ImuSample, ...] = ()
+    sounds: tuple[AudioChunk, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Sensing:
+    """A step whose measurements have begun."""
+
+    under_way: bool
+    """Whether other threads are still making pictures or sweeps."""
+    finish: Callable[[], Observations]
+    """Waits for them and returns all measurements. Call it once, and before the next step's measurements begin."""
+
+
+class SensorRig:
+    """The sensors of a suite on a map. The thread that first calls ``observe`` or ``prepare`` draws the pictures."""
+
+    def __init__(
+        self,
+        suite: SensorSuite,
+        network: RoadNetwork,
+        seed: int,
+        config: SceneConfig | None = None,
+        look: Look | None = None,
+        scene: StaticScene | None = None,
+        noise_seed: int | None = None,
+        site: Mapping[str, object] | None = None,
+        wanted: Callable[[CameraSpec], WantedLabels] | None = None,
+        in_background: bool = False,
+    ) -> None:
+        """Build the scene that the sensors see.
+
+        Args:
+            suite: The sensors.
+            network: The map.
+            seed: Of the episode: buildings and trees.
+            config: Numbers of the generated world; defaults where None.
+            look: Sun, sky and haze; a clear morning where None.
+            scene: A static scene in place of the generated one.
+            noise_seed: Of all sensor noise; ``seed`` where None.
+            site: Where the episode happens, as its description gives it; for roadside suites.
+            wanted: Labels that go with a camera's pictures; what the suite records where None.
+            in_background: Whether a background thread makes the sweeps while the caller goes on until it calls
+                ``finish``. Otherwise all processors share a sweep, and the caller waits.
+
+        Raises:
+            InputError: A suite that stands at a site, and there is none; or sensors inside a building.
+        """
+        self.suite = suite
+        self._seed = seed if noise_seed is None else noise_seed
+        self._look = look or Look()
+        self._shapes: Mapping[ActorClass, VehicleShape] = {kind: vehicle_shape(kind) for kind in ActorClass}
+        self._static = scene
+        if self._static is None and (suite.lidars or suite.cameras):
+            self._static = static_scene(network, seed, config)
+        self._lidars: tuple[Lidar, ...] = ()
+        if self._static is not None and suite.lidars:
+            world = RaycastWorld(self._static, self._shapes)
+            self._lidars = tuple(Lidar(spec, world, self._seed, self._look) for spec in suite.lidars)
+        self._background = ThreadPoolExecutor(1, "sweep") if in_background and self._lidars else None
+        self._cameras: tuple[Camera, ...] | None = None
+        self._catalogue = Catalogue(self._shapes)
+        self._odometers = Odometers()
+        self._wanted = wanted or partial(WantedLabels.of, suite)
+        self._labeller = ImageLabeller(self._shapes)
+        reference = GeoReference.of(network)
+        self._receivers = tuple(Gnss(spec, reference, self._seed) for spec in suite.gnss)
+        self._units = tuple(Imu(spec, self._seed) for spec in suite.imus)
+        self._microphones = tuple(Microphone(spec, self._seed) for spec in suite.microphones)
+        self.notes: tuple[str, ...] = ()
+        """What the user should know of how this machine simulates the sensors; known after ``prepare``."""
+        self._device = ""
+        self.station = None if suite.station is None else station_mount(suite.station, network, site)
+        """Where the suite stands in the ``map`` frame; None on a vehicle."""
+        if self.station is not None and self._static is not None:
+            check_outdoors(self._static, suite, self.station)
+
+    @property
+    def scene(self) -> StaticScene | None:
+        """The static scene, for a second rig in the same world; None without LiDARs and cameras."""
+        return self._static
+
+    @property
+    def truth_frame(self) -> str:
+        """Frame of the labels: the first LiDAR, or the carrier's ``base_link`` where there is none."""
+        if self.suite.lidars:
+            return self.suite.lidars[0].name
+        return BASE_FRAME if self.suite.station is None else STATION_FRAME
+
+    @property
+    def base_from_truth(self) -> Matrix:
+        """Pose of the labels' frame on the carrier, shape ``(4, 4)``."""
+        return self.suite.lidars[0].mount.base_from_sensor if self.suite.lidars else np.eye(4)
+
+    @property
+    def account(self) -> dict[str, object]:
+        """How this machine simulates the sensors, for the record; complete after ``prepare``."""
+        return {"suite": self.suite.name, "pictures_by": self._device, "notes": list(self.notes)}
+
+    def prepare(self) -> None:
+        """Compile the shaders and load the loops over rays now, in the thread that will observe.
+
+        Where this machine cannot draw, the cameras cast rays instead, and ``notes`` says so.
+        """
+        if self._cameras is None:
+            self._cameras = ()
+            if self._static is not None and self.suite.cameras:
+                renderer = self._renderer(self._static)
+                self._device = renderer.device
+                encoder = ThreadPoolExecutor(1, "jpeg")
+                self._cameras = tuple(Camera(spec, renderer, self._seed, encoder) for spec in self.suite.cameras)
+            no_vehicles = self._catalogue.place(ActorStates.empty(0), {})
+            for sweep in [*self._sweeps(0, np.eye(4), no_vehicles, CarrierMotion())]:
+                sweep()
+
+    def _renderer(self, static: StaticScene) -> Renderer | RaycastRenderer:
+        try:
+            return Renderer(static, self._shapes, self._look)
+        except RendererUnavailableError as error:
+            self.notes = (f"{error}; the cameras cast rays instead: slower, without shadows and textures",)
+            return RaycastRenderer(static, self._shapes, self._look)
+
+    def observe(
+        self,
+        states: ActorStates,
+        descriptions: Mapping[int, ActorDescription],
+        signals: Iterable[SignalState],
+        carrier_id: int,
+    ) -> Observations:
+        """Measure with the sensors that are due at the states' step; arguments as ``begin``."""
+        return self.begin(states, descriptions, signals, carrier_id).finish()
+
+    def begin(
+        self,
+        states: ActorStates,
+        descriptions: Mapping[int, ActorDescription],
+        signals: Iterable[SignalState],
+        carrier_id: int,
+    ) -> Sensing:
+        """Begin to measure with the sensors that are due at the states' step; ``finish`` before the next call.
+
+        A vehicle that is not among the actors measures nothing. A suite at a station always measures.
+
+        Args:
+            states: All actors at this step.
+            descriptions: What they are, by id.
+            signals: The traffic lights.
+            carrier_id: The vehicle with the sensors.
+        """
+        self.prepare()
+        step = states.step
+        rolled_m = self._odometers.advance(states)
+        hidden = NO_ACTOR if self.station is not None else carrier_id
+        motion = self._motion(states, carrier_id)
+        if motion is None:
+            truth = self._truth(ActorStates.empty(step), descriptions, hidden, np.eye(4), ())
+            nothing = Observations(step, (), (), truth)
+            return Sensing(under_way=False, finish=lambda: nothing)
+        base, velocity = motion
+        placement = self._catalogue.place(states, descriptions, hidden_id=hidden)
+        others = states.actor_id != hidden
+        exposed = tuple(self._expose(step, base, placement, rolled_m[others], signals))
+        swept = tuple(self._sweeps(step, base, placement, velocity))
+        measured = Observations(
+            step=step,
+            sweeps=(),
+            frames=(),
+            truth=None,
+            fixes=tuple(
+                receiver.measure(step, base, step * STEP_S)
+                for receiver in self._receivers
+                if step % period_steps(receiver.spec.rate_hz) == 0
+            ),
+            inertial=self._inertial(states, carrier_id),
+            sounds=tuple(microphone.hear(states, base) for microphone in self._microphones),
+        )
+
+        def finish() -> Observations:
+            sweeps = tuple(sweep() for sweep in swept)
+            frames = tuple(develop() for develop in exposed)
+            return replace(
+                measured,
+                sweeps=sweeps,
+                frames=frames,
+                truth=self._truth(states, descriptions, hidden, base, sweeps),
+                labels=self._labels(frames, base, placement, descriptions),
+            )
+
+        return Sensing(under_way=bool(exposed or swept), finish=finish)
+
+    def _motion(self, states: ActorStates, carrier_id: int) -> tuple[Matrix, CarrierMotion] | None:
+        """Pose and motion of the vehicle or station with the sensors; None where the vehicle has left the map."""
+        if self.station is not None:
+            return self.station.base_from_sensor, CarrierMotion()
+        row = int(rows_of_ids(states.actor_id, np.array([carrier_id], np.uint32))[0])
+        if row < 0:
+            return None
+        x_m, y_m, z_m, yaw_rad = (float(values[row]) for values in (states.x_m, states.y_m, states.z_m, states.yaw_rad))
+        vx_mps, vy_mps, turn = (float(values[row]) for values in (states.vx_mps, states.vy_mps, states.yaw_rate_radps))
+        return map_from_base(x_m, y_m, z_m, yaw_rad), CarrierMotion(vx_mps, vy_mps, turn)
+
+    def _inertial(self, states: ActorStates, carrier_id: int) -> tuple[ImuSample, ...]:
+        """Readings of the IMUs that are due; every IMU sees every step, since it differentiates the motion."""
+        if not self._units:
+            return ()
+        row = int(rows_of_ids(states.actor_id, np.array([carrier_id], np.uint32))[0])
+        now = PlanarMotion(
+            states.step,
+            float(states.yaw_rad[row]),
+            float(states.vx_mps[row]),
+            float(states.vy_mps[row]),
+            float(states.yaw_rate_radps[row]),
+        )
+        samples = ((unit.spec, unit.measure(now)) for unit in self._units)
+        return tuple(sample for spec, sample in samples if states.step % period_steps(spec.rate_hz) == 0)
+
+    def _labels(
+        self,
+        frames: tuple[CameraFrame, ...],
+        base: Matrix,
+        placement: Placement,
+        descriptions: Mapping[int, ActorDescription],
+    ) -> dict[str, CameraTruth]:
+        cameras = {spec.name: spec for spec in self.suite.cameras}
+        wanted = [frame for frame in frames if self._wanted(cameras[frame.sensor]).boxes]
+        if not wanted:
+            return {}
+        is_emv = np.array([descriptions[int(actor_id)].is_emv for actor_id in placement.actor_id], dtype=np.bool_)
+        return {
+            frame.sensor: self._labeller.label(
+                frame.step,
+                frame.camera,
+                base @ cameras[frame.sensor].mount.base_from_sensor,
+                placement,
+                frame.image.instance,
+                is_emv,
+            )
+            for frame in wanted
+            if frame.image.instance is not None
+        }
+
+    def _truth(
+        self,
+        states: ActorStates,
+        descriptions: Mapping[int, ActorDescription],
+        carrier_id: int,
+        base: Matrix,
+        sweeps: Sequence[LidarSweep],
+    ) -> GroundTruth | None:
+        if states.step % LABEL_PERIOD_STEPS:
+            return None
+        sweep = next((sweep for sweep in sweeps if sweep.sensor == self.truth_frame), None)
+        truth = label_boxes(states, descriptions, carrier_id, base @ self.base_from_truth, sweep)
+        return replace(truth, frame_id=self.truth_frame)
+
+    def _sweeps(
+        self, step: int, base: Matrix, placement: Placement, motion: CarrierMotion
+    ) -> Iterable[Callable[[], LidarSweep]]:
+        for lidar in self._lidars:
+            if step % period_steps(lidar.spec.rate_hz) == 0:
+                pose = base @ lidar.spec.mount.base_from_sensor
+                if self._background is not None:
+                    yield lidar.begin(step, pose, placement, motion, self._background)
+                else:
+                    yield partial(lidar.scan, step, pose, placement, motion)
+
+    def _expose(
+        self,
+        step: int,
+        base: Matrix,
+        placement: Placement,
+        rolled_m: npt.NDArray[np.float64],
+        signals: Iterable[SignalState],
+    ) -> Iterable[Callable[[], CameraFrame]]:
+        states = {signal.signal_id: signal.state for signal in signals}
+        for camera in self._cameras or ():
+            if step % period_steps(camera.spec.rate_hz) == 0:
+                pose = base @ camera.spec.mount.base_from_sensor
+                yield camera.expose(step, pose, placement, rolled_m, states, self._wanted(camera.spec))

@@ -1,1 +1,0 @@
-"""A whole suite in one world: all measurements that are due at a step; roadside stations."""

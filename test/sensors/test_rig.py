@@ -1,0 +1,132 @@
+import io
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.sensors.camera.renderer import RendererUnavailableError
+from siren_ros.sensors.navigation import Odometers
+from siren_ros.sensors.rig import SensorRig
+from siren_ros.sensors.suite import CameraSpec, LidarSpec, Mount, SensorSuite
+from siren_ros.sensors.vehicles.vehicle_shapes import vehicle_shape
+from siren_ros.world.actors import ActorClass, ActorDescription, ActorStates
+from siren_ros.world.traffic_state import SignalState
+
+LIDAR = LidarSpec("lidar", Mount(0.0, 0.0, 1.93), channels=16, points_per_second=16 * 360 * 20)
+CAMERA = CameraSpec("camera_front", Mount(2.5, 0.0, 1.0), width=160, height=120, instance=True)
+SUITE = SensorSuite("test", (LIDAR,), (CAMERA,))
+NETWORK = RoadNetwork((), (), (), {}, (0.0, 0.0), "!")
+
+
+def described(actor_id: int, kind: ActorClass, is_emv: bool) -> ActorDescription:
+    shape = vehicle_shape(kind)
+    size = (shape.length_m, shape.width_m, shape.height_m)
+    return ActorDescription(actor_id, f"v{actor_id}", kind, *size, (30, 60, 200), is_emv)
+
+
+@pytest.fixture(name="traffic")
+def _traffic(boxes: Any) -> tuple[ActorStates, dict[int, ActorDescription]]:
+    states, _ = boxes.actors((ActorClass.SEDAN, 0.0, 0.0, 0.0), (ActorClass.SEDAN, 12.0, 0.5, 0.1))
+    return states, {1: described(1, ActorClass.AMBULANCE, True), 2: described(2, ActorClass.SEDAN, False)}
+
+
+def make(boxes: Any, suite: SensorSuite = SUITE) -> SensorRig:
+    rig = SensorRig(suite, NETWORK, 0, scene=boxes.scene())
+    try:
+        rig.prepare()
+    except RendererUnavailableError as error:
+        pytest.skip(str(error))
+    return rig
+
+
+def test_a_step_with_everything_due(boxes: Any, traffic: Any) -> None:
+    states, descriptions = traffic
+    seen = make(boxes).observe(states, descriptions, (SignalState("s", "r"),), 1)
+    sweep, frame = seen.sweeps[0], seen.frames[0]
+    assert set(np.unique(sweep.points["instance"])) == {0, 2}
+    assert seen.truth.actor_id.tolist() == [2]
+    assert seen.truth.lidar_points[0] == (sweep.points["instance"] == 2).sum() > 10
+    assert set(np.unique(frame.image.instance)) == {0, 2}
+    decoded = np.asarray(Image.open(io.BytesIO(frame.jpeg)))
+    assert decoded.shape == (120, 160, 3)
+    assert np.abs(decoded.astype(int) - frame.rgb).mean() < 4
+    assert len(sweep.payload) == sweep.points.nbytes
+
+
+def test_measurements_in_the_background_are_the_same(boxes: Any, traffic: Any) -> None:
+    states, descriptions = traffic
+    here, background = make(boxes), SensorRig(SUITE, NETWORK, 0, scene=boxes.scene(), in_background=True)
+    for step in range(3):
+        now = replace(states, step=step, x_m=states.x_m + 0.4 * step)
+        sensing = background.begin(now, descriptions, (), 1)
+        expected = here.observe(now, descriptions, (), 1)
+        assert sensing.under_way
+        seen = sensing.finish()
+        assert [bytes(sweep.payload) for sweep in seen.sweeps] == [bytes(sweep.payload) for sweep in expected.sweeps]
+        assert [frame.jpeg for frame in seen.frames] == [frame.jpeg for frame in expected.frames]
+        assert (seen.truth is None) == (expected.truth is None)
+        if seen.truth is not None:
+            assert seen.truth.lidar_points.tolist() == expected.truth.lidar_points.tolist()
+
+
+def test_nothing_is_under_way_without_a_carrier(boxes: Any, traffic: Any) -> None:
+    states, descriptions = traffic
+    sensing = make(boxes).begin(states, descriptions, (), 9)
+    assert not sensing.under_way
+    assert sensing.finish().sweeps == ()
+
+
+def test_sensors_measure_when_they_are_due(boxes: Any, traffic: Any) -> None:
+    states, descriptions = traffic
+    rig = make(boxes)
+    found = [rig.observe(replace(states, step=step), descriptions, (), 1) for step in range(3)]
+    assert [len(seen.sweeps) for seen in found] == [1, 1, 1]
+    assert [len(seen.frames) for seen in found] == [1, 0, 1]
+
+
+def test_each_sensor_has_its_own_rate(boxes: Any, traffic: Any) -> None:
+    states, descriptions = traffic
+    slow = replace(LIDAR, name="slow", rate_hz=5.0)
+    rig = make(boxes, SensorSuite("two", (LIDAR, slow)))
+    found = [rig.observe(replace(states, step=step), descriptions, (), 1) for step in range(5)]
+    names = [[sweep.sensor for sweep in seen.sweeps] for seen in found]
+    assert names == [["lidar", "slow"], ["lidar"], ["lidar"], ["lidar"], ["lidar", "slow"]]
+
+
+def test_the_same_seed_gives_the_same_bytes(boxes: Any, traffic: Any) -> None:
+    states, descriptions = traffic
+    noisy = SensorSuite("noisy", (replace(LIDAR, noise_stddev_m=0.02),), (replace(CAMERA, noise_stddev=4.0),))
+    first = make(boxes, noisy).observe(states, descriptions, (), 1)
+    second = make(boxes, noisy).observe(states, descriptions, (), 1)
+    assert first.sweeps[0].points.tobytes() == second.sweeps[0].points.tobytes()
+    assert first.frames[0].jpeg == second.frames[0].jpeg
+    clean = make(boxes).observe(states, descriptions, (), 1)
+    difference = first.frames[0].rgb.astype(int) - clean.frames[0].rgb
+    assert 2.0 < difference.std() < 5.0
+
+
+def test_without_its_carrier_nothing_is_measured(boxes: Any, traffic: Any) -> None:
+    states, descriptions = traffic
+    seen = make(boxes).observe(states, descriptions, (), 9)
+    assert (seen.sweeps, seen.frames, len(seen.truth)) == ((), (), 0)
+
+
+def test_an_empty_suite_still_labels(traffic: Any) -> None:
+    states, descriptions = traffic
+    rig = SensorRig(SensorSuite("none"), NETWORK, 0)
+    seen = rig.observe(states, descriptions, (), 1)
+    assert (seen.sweeps, seen.frames) == ((), ())
+    assert rig.truth_frame == "base_link"
+    assert seen.truth.z_m[0] == pytest.approx(descriptions[2].height_m / 2)
+
+
+def test_odometers_count_from_where_an_actor_was_first_seen(boxes: Any) -> None:
+    states, _ = boxes.actors((ActorClass.SEDAN, 0.0, 0.0, np.pi / 2), vy_mps=[10.0])
+    odometers = Odometers()
+    assert odometers.advance(states).tolist() == [0.0]
+    assert odometers.advance(replace(states, step=1)) == pytest.approx([0.5])
+    two, _ = boxes.actors((ActorClass.SEDAN, 0, 0, np.pi / 2), (ActorClass.SEDAN, 0, 0, 0), vy_mps=[-2.0, 0.0])
+    assert odometers.advance(replace(two, step=3)) == pytest.approx([0.3, 0.0])

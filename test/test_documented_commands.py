@@ -50,7 +50,7 @@ def faults_of(words: list[str]) -> Iterator[str]:
         yield from _faults_of_siren(words)
     elif words[:3] == ["ros2", "run", "siren_ros"] and len(words) > 3 and re.fullmatch("[a-z_]+", words[3]):
         yield from _faults_of_node(words[3], words[4:])
-    elif words[0] == "python" and len(words) > 1 and words[1].startswith("examples/"):
+    elif words[0] in {"python", "bash"} and len(words) > 1 and words[1].startswith("examples/"):
         yield from (f"{words[1]} does not exist" for _ in "x" if not (REPOSITORY / words[1]).is_file())
 
 
@@ -93,6 +93,13 @@ def test_commands_in_documents_exist(path: Path) -> None:
     assert not [fault for words in commands(path.read_text(encoding="utf-8")) for fault in faults_of(words)]
 
 
+@pytest.mark.parametrize("path", sorted((REPOSITORY / "examples").glob("*.sh")), ids=lambda path: path.name)
+def test_commands_in_example_scripts_exist(path: Path) -> None:
+    found = list(commands(f"```\n{path.read_text(encoding='utf-8')}```\n"))
+    assert [words for words in found if words[0] == "siren"]
+    assert not [fault for words in found for fault in faults_of(words)]
+
+
 def missing_names(markdown: str) -> list[str]:
     """What Python blocks import from the library that is not there."""
     blocks = re.findall(r"^```python\n(.*?)^```", markdown, re.MULTILINE | re.DOTALL)
@@ -128,6 +135,7 @@ def test_a_name_that_does_not_exist_is_found() -> None:
         ),
         ("    ./env ros2 run siren_ros sensor", "there is no node sensor"),
         ("    ./env python examples/none.py", "examples/none.py does not exist"),
+        ("    bash examples/none.sh", "examples/none.sh does not exist"),
         ("```\nsiren export nuscenes a \\\n    --colour red\n```", "siren export nuscenes has no option --colour"),
     ],
 )

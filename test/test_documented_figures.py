@@ -7,6 +7,7 @@ from typing import Final
 
 from repository import REPOSITORY
 
+from docsite.code_tables import TABLES
 from siren_ros.judging.verify import verify_episode
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.ros.node_configs import CosimConfig
@@ -38,29 +39,21 @@ def test_the_results_of_the_readme_are_those_of_the_pages() -> None:
     )
 
 
+def parameters_of_cosim() -> dict[str, str]:
+    """The default that the page of the episode shows for each parameter, where its table of ``cosim`` is filled in."""
+    assert "<!-- table of cosim -->" in EPISODE.read_text(encoding="utf-8")
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in TABLES["cosim"]().splitlines()[2:]]
+    return {name.strip("`"): default.strip("`") for name, default, meaning in cells if meaning}
+
+
 def test_the_page_of_the_episode_has_every_parameter_of_cosim() -> None:
-    documented = {
-        name
-        for cells in rows(EPISODE)
-        if len(cells) == 3 and cells[0] != "parameter"
-        for name in re.findall(r"`(\w+)`", cells[0])
-    }
-    assert documented == set(defaults_of(CosimConfig))
+    assert set(parameters_of_cosim()) == set(defaults_of(CosimConfig))
 
 
 def test_the_page_of_the_episode_has_the_defaults_of_cosim() -> None:
-    said = {
-        name: default
-        for cells in rows(EPISODE)
-        if len(cells) == 3
-        for name, default in zip(re.findall(r"`(\w+)`", cells[0]), cells[1].split(", "), strict=False)
-    }
     defaults = {name: str(value).lower() for name, value in defaults_of(CosimConfig).items() if value not in ("", [])}
-    numbers = {
-        name: f"{float(value):g}" if re.fullmatch(r"[\d.]+", value) else value for name, value in defaults.items()
-    }
-    kept = {name: value for name, value in numbers.items() if name != "duration_s"}  # 0: the template's own
-    assert {name: said[name].strip("`").lower() for name in kept} == kept
+    said = {name: default.lower() for name, default in parameters_of_cosim().items() if default}
+    assert said == defaults
 
 
 def test_the_page_of_the_recording_has_every_check_of_verify(record_of: Callable[..., EpisodeRecord]) -> None:

@@ -14,6 +14,7 @@ from mkdocs.structure.pages import Page
 
 from docsite.api_pages import api_navigation, api_pages
 from docsite.built_pages import faults_of_site
+from docsite.code_tables import with_tables
 from docsite.command_page import command_page
 from docsite.links import ROOT_PAGES, for_the_site
 from docsite.message_page import message_page
@@ -45,13 +46,13 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, *, page: Page, **_: Any) -> str:
-    """Turns links between documents into links between pages, and fills in the tables of the templates."""
+    """Turns links between documents into links between pages, and fills in the tables that the code has."""
     path = page.file.src_uri
     document = next((root for root, made in ROOT_PAGES.items() if made == path), f"docs/{path}")
     filled = _TEMPLATE_MARK.sub(
         lambda mark: template_table(REPOSITORY / "params" / "templates" / f"{mark[1]}.yaml"), markdown
     )
-    return for_the_site(filled, PurePosixPath(document))
+    return for_the_site(with_tables(filled), PurePosixPath(document))
 
 
 def on_post_build(config: MkDocsConfig) -> None:

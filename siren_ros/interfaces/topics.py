@@ -64,46 +64,62 @@ _CONTROLLERS: Final = ("emv_controller", "yield_manager", "vehicle_dynamics")
 _EVERYBODY: Final = (*_CONTROLLERS, "sensor_sim", "recorder", "kitti_exporter", "detector")
 
 CLOCK: Final = Topic("/clock", "rosgraph_msgs/msg/Clock", "cosim", ("sumo_bridge", "recorder", "kitti_exporter"))
+"""Simulated time; begins a step."""
 EPISODE: Final = Topic("/siren/episode", "siren_msgs/msg/EpisodeDescription", "sumo_bridge", _EVERYBODY, ONCE)
+"""Template, level, seed, map, drawn values, parameter files."""
 MAP: Final = Topic("/siren/map", "std_msgs/msg/String", "sumo_bridge", _EVERYBODY, ONCE)
 """The compiled SUMO net, as XML text."""
 TRAFFIC: Final = Topic(
     "/siren/traffic_state", "siren_msgs/msg/TrafficState", "sumo_bridge", (*_CONTROLLERS, "sensor_sim", "recorder")
 )
+"""SUMO's vehicles and signals, SUMO's advice to the EMV."""
 EMV_COMMANDS: Final = Topic(
     "/siren/emv_commands", "siren_msgs/msg/VehicleCommands", "emv_controller", ("vehicle_dynamics", "recorder")
 )
+"""Pedals and steering of the emergency vehicles."""
 YIELD_COMMANDS: Final = Topic(
     "/siren/yield_commands", "siren_msgs/msg/VehicleCommands", "yield_manager", ("vehicle_dynamics", "recorder")
 )
+"""Pedals and steering of the civilians that yield."""
 ACTORS: Final = Topic(
     "/siren/actor_states",
     "siren_msgs/msg/ActorStates",
     "vehicle_dynamics",
     ("sumo_bridge", "sensor_sim", "recorder"),
 )
+"""The simulated state of everybody: the truth."""
 EVENTS: Final = Topic("/siren/events", "siren_msgs/msg/Events", "vehicle_dynamics", ("recorder",))
+"""What happened in the step, and the hash of the state."""
 STEP_DONE: Final = Topic("/siren/step_done", "siren_msgs/msg/StepDone", "")
+"""The participant has finished step k."""
 EPISODE_END: Final = Topic("/siren/episode_end", "siren_msgs/msg/EpisodeEnd", "cosim", period_steps=ONCE)
+"""Why the episode ended. The recorder writes it and the outcome as the last messages of the bag."""
 OUTCOME: Final = Topic("/siren/outcome", "siren_msgs/msg/EpisodeOutcome", "recorder", ("recorder",), ONCE)
-"""The recorder writes the end and the outcome itself, as the last messages of the bag."""
+"""Whether the interaction happened, with numbers."""
 TF: Final = Topic("/tf", "tf2_msgs/msg/TFMessage", "sensor_sim", ("recorder", "detector"))
+"""``map`` → ``odom`` → ``base_link`` of each carrier."""
 TF_STATIC: Final = Topic("/tf_static", "tf2_msgs/msg/TFMessage", "sensor_sim", ("recorder",), ONCE)
+"""Mounts of the sensors."""
 SENSING: Final = Topic("/siren/sensing", "std_msgs/msg/String", "sensor_sim", ("recorder",), ONCE)
 """How the sensors of each carrier were simulated on this machine, as a JSON object."""
 ODOMETRY: Final = Topic("/emv/odom", "nav_msgs/msg/Odometry", "sensor_sim", ("recorder",))
+"""Wheel odometry: pose in ``odom``, velocity in ``base_link``, with errors and covariances."""
 GROUND_TRUTH: Final = Topic(
     "/emv/ground_truth", "siren_msgs/msg/GroundTruth", "sensor_sim", ("recorder", "kitti_exporter"), LABEL_PERIOD_STEPS
 )
+"""Boxes in space in the frame of the carrier's first LiDAR, or its ``base_link`` without one; LiDAR points on each."""
 BOXES: Final = Topic(
     "/emv/ground_truth/boxes", "vision_msgs/msg/Detection3DArray", "sensor_sim", ("recorder",), LABEL_PERIOD_STEPS
 )
+"""The same boxes for standard tools."""
 MARKERS: Final = Topic("/siren/markers", "visualization_msgs/msg/MarkerArray", "sensor_sim", ("recorder",), 4)
+"""Roads, vehicles and modes for RViz and Foxglove."""
 LIDAR: Final = Topic(
     "/emv/{sensor}/points", "sensor_msgs/msg/PointCloud2", "sensor_sim", ("recorder", "kitti_exporter", "detector")
 )
+"""LiDAR: x, y, z, intensity, time, ring, instance."""
 IMAGE: Final = Topic("/emv/{sensor}/image_raw", "sensor_msgs/msg/Image", "sensor_sim", (), 2)
-"""Published while somebody listens; the bag holds the compressed image."""
+"""Camera, ``rgb8``, while somebody subscribes; the bag holds the compressed image."""
 IMAGE_COMPRESSED: Final = Topic(
     "/emv/{sensor}/image_raw/compressed",
     "sensor_msgs/msg/CompressedImage",
@@ -111,35 +127,42 @@ IMAGE_COMPRESSED: Final = Topic(
     ("recorder", "kitti_exporter"),
     2,
 )
+"""Camera: JPEG."""
 IMAGE_DEPTH: Final = Topic("/emv/{sensor}/depth/image_raw", "sensor_msgs/msg/Image", "sensor_sim", (), 2)
-"""Metres along the optical axis, ``32FC1``; like the next two recorded where the suite says so."""
+"""``32FC1``, metres along the optical axis, 0 in the sky; like the next two recorded where the suite says so."""
 IMAGE_SEMANTIC: Final = Topic("/emv/{sensor}/semantic/image_raw", "sensor_msgs/msg/Image", "sensor_sim", (), 2)
-"""CARLA's semantic classes, ``mono8``."""
+"""``mono8``, CARLA's semantic classes."""
 IMAGE_INSTANCE: Final = Topic("/emv/{sensor}/instance/image_raw", "sensor_msgs/msg/Image", "sensor_sim", (), 2)
-"""Actor ids, ``mono16``."""
+"""``mono16``, actor ids."""
 IMAGE_TRUTH: Final = Topic("/emv/{sensor}/ground_truth", "siren_msgs/msg/CameraTruth", "sensor_sim", ("recorder",), 2)
+"""Boxes in the image, visible fraction, truncation, class, EMV; with ``labels: true``."""
 IMAGE_BOXES: Final = Topic(
     "/emv/{sensor}/ground_truth/boxes", "vision_msgs/msg/Detection2DArray", "sensor_sim", ("recorder",), 2
 )
+"""The same boxes for standard tools."""
 GNSS: Final = Topic("/emv/{sensor}/fix", "sensor_msgs/msg/NavSatFix", "sensor_sim", ("recorder",), 2)
+"""GNSS."""
 IMU: Final = Topic("/emv/{sensor}/data", "sensor_msgs/msg/Imu", "sensor_sim", ("recorder",))
+"""IMU: specific force, angular rate."""
 AUDIO: Final = Topic("/emv/{sensor}/audio", "siren_msgs/msg/AudioChunk", "sensor_sim", ("recorder",))
+"""Microphone: 16-bit PCM, a chunk per step."""
 CAMERA_INFO: Final = Topic("/emv/{sensor}/camera_info", "sensor_msgs/msg/CameraInfo", "sensor_sim", ("recorder",), 2)
+"""Intrinsics, exact to the pixel."""
 
 AV_CONTROL: Final = Topic("/av/control_cmd", "siren_msgs/msg/AvControl", AV_SOURCE, ("vehicle_dynamics", "recorder"))
 """The answer of the AV's controller to a step; it drives the AV from this step to the next."""
 AV_ROUTE: Final = Topic("/av/route", "nav_msgs/msg/Path", "sumo_bridge", ("recorder",), ONCE)
-"""The lane centres along which the AV would get to where it wants to go."""
+"""The path along its route: lane centres and the necessary lane changes."""
 
 PREDICTIONS: Final = Topic("/predictions", "siren_msgs/msg/PredictedPaths", "", ("recorder",), 2)
-"""What a predictor under test says at every frame; only in episodes with one, which is then the publisher."""
+"""Where vehicles will be, by a predictor under test, at every frame."""
 
 DETECTIONS: Final = Topic(
     "/emv/detections", "vision_msgs/msg/Detection3DArray", "detector", ("recorder",), LABEL_PERIOD_STEPS
 )
-"""What the detector finds in the sweeps of labelled steps; only in episodes with one."""
+"""Boxes of vehicles in the frame of the first LiDAR, with class and confidence."""
 DETECTION_LATENCY: Final = Topic("/emv/detections/latency", "std_msgs/msg/Float64", "detector", (), LABEL_PERIOD_STEPS)
-"""Seconds that it took. Not recorded: bags of the same episode have the same bytes."""
+"""Wall time that they took, in seconds. Not recorded: bags of the same episode have the same bytes."""
 
 DECISIVE_TOPICS: Final = frozenset(
     topic.name

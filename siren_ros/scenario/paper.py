@@ -80,11 +80,17 @@ class TargetSpeeds:
     """Paper, table "Per-mode target speeds enforced by the shared waypoint navigator"."""
 
     emv_route_follow_mps: float = mps_from_kmh(50.0)
+    """EMV, next-link route following."""
     emv_lane_change_mps: float = mps_from_kmh(50.0)
+    """EMV, intent-override lane change."""
     emv_copy_sumo_mps: float = mps_from_kmh(30.0)
+    """EMV, ``copy_sumo`` corridor."""
     emv_gap_escape_mps: float = mps_from_kmh(20.0)
+    """EMV, ``gap_escape`` recovery."""
     civilian_yield_lane_change_mps: float = mps_from_kmh(10.0)
+    """Civilian, L2 lane change."""
     civilian_pull_over_mps: float = mps_from_kmh(15.0)
+    """Civilian, L3 pull-over."""
     civilian_yield_speed_difference: float = 0.5
     """Share by which an L2 civilian stays below the speed limit."""
 

@@ -1,0 +1,45 @@
+import re
+
+import pytest
+from repository import REPOSITORY
+
+from docsite.code_tables import TABLES, node_table, with_tables
+from docsite.topic_tables import texts_of
+from siren_ros.calibration.parameters import PARAMETERS
+from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS
+
+
+def rows(table: str) -> list[list[str]]:
+    """The cells of the rows that begin with a name in backticks."""
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines() if "| `" in line]
+
+
+def test_the_table_of_the_calibration_has_every_parameter_with_its_range() -> None:
+    table = rows(TABLES["calibrate"]())
+    assert [row[0].strip("`") for row in table] == list(PARAMETERS)
+    assert ["`controller.accel_mps2`", "0.8 to 4", "acceleration"] in table
+
+
+def test_the_table_of_yielding_has_every_metric_of_episodes_then_of_drivers() -> None:
+    names = [row[0].strip("`") for row in rows(TABLES["yield"]())]
+    assert names == [metric.name for metric in (*EPISODE_METRICS, *DRIVER_METRICS)]
+
+
+def test_a_node_that_does_not_exist_has_no_table() -> None:
+    with pytest.raises(KeyError):
+        node_table("no_such_node")
+
+
+def test_a_document_that_asks_for_a_table_that_does_not_exist_is_refused() -> None:
+    with pytest.raises(KeyError):
+        with_tables("<!-- table of nothing -->")
+
+
+def test_the_text_of_a_topic_is_the_one_below_it() -> None:
+    source = 'A: int = 1\n"""One."""\nB: int = 2\nC: int = 3\n"""Three."""\n'
+    assert texts_of(source) == {"A": "One.", "C": "Three."}
+
+
+def test_every_table_stands_in_a_document_and_documents_ask_for_no_other() -> None:
+    pages = [path.read_text(encoding="utf-8") for path in (REPOSITORY / "docs").rglob("*.md")]
+    assert sorted(re.findall(r"<!-- table of (\w+) -->", "\n".join(pages))) == sorted(TABLES)

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from siren_ros.errors import InputError
+from siren_ros.evaluation.detection.boxes import FoundBoxes
 from siren_ros.evaluation.detection.detectors.pillar_detector import (
     PillarDetector,
     detector_file,
     load_detector,
-    no_boxes,
 )
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.boxes import DetectedBoxes, to_detections
@@ -60,7 +60,7 @@ class Detector(Participant[DetectorConfig]):
             self._detector.add(step, from_point_cloud(sweep), map_from_base @ self._base_from_lidar)
         if step % topics.DETECTIONS.period_steps:
             return
-        found = no_boxes() if sweep is None else self._detector.boxes()
+        found = FoundBoxes.none() if sweep is None else self._detector.boxes()
         names = tuple(found.label.tolist())
         boxes = DetectedBoxes(step, self._frame_id, names, found.score, found.centre_m, found.size_m, found.yaw_rad)
         self.send(topics.DETECTIONS, to_detections(boxes))

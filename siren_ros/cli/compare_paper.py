@@ -11,10 +11,9 @@ from tqdm import tqdm
 
 from siren_ros.cli.options import add_processes, named_path, names_in, processes_of, steps_of
 from siren_ros.errors import EXIT_OK, InputError, whole_file, writing
-from siren_ros.evaluation.aligned_text import aligned
 from siren_ros.evaluation.paper_comparison import (
-    HEAD,
     Compared,
+    comparison_tables,
     detection_rows,
     measured,
     own_level_only,
@@ -26,9 +25,9 @@ from siren_ros.evaluation.prediction.reports.paper_results import PAPER_NAMES, m
 from siren_ros.evaluation.prediction.reports.score_table import score_table
 from siren_ros.evaluation.prediction.score_bags import ScoringJob, score_bags
 from siren_ros.evaluation.risk.video_set import read_set
-from siren_ros.evaluation.statistics.interval import lack_of_bounds
 from siren_ros.recording.bag_reader import bags_among
 from siren_ros.scenario.templates import load_template
+from siren_ros.tables.table import text_of
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
@@ -71,9 +70,8 @@ def run(arguments: argparse.Namespace) -> int:
         ),
     ]
     shown = rows if arguments.all else measured(rows)
-    table = aligned([list(HEAD), *(list(row.cells()) for row in shown)])
-    lacking = [f"{line}; NDS and errors have none" for line in lack_of_bounds(row.ours for row in shown)]
-    print("\n".join([*table, *lacking]))
+    print("\n".join(text_of(comparison_tables(shown))))
+    print("a star: the paper's value lies in our interval; NDS and errors of detection have none")
     for model in names_in(arguments.models):
         if model not in PAPER_NAMES:
             command = f"siren evaluate prediction --models {model}"

@@ -32,8 +32,9 @@ from siren_ros.evaluation.statistics.block_means import (
     interval_of_mean,
     jackknife,
 )
-from siren_ros.evaluation.statistics.interval import BLOCKS_MIN, NOTHING, Interval, share_interval
 from siren_ros.evaluation.statistics.rank_correlation import RANKED_MIN, ranking_interval
+from siren_ros.tables.interval import NOTHING, Bounds, Interval, interval_of_json, share_interval
+from siren_ros.tables.table import Row, Table
 
 
 @dataclass(frozen=True)
@@ -65,40 +66,57 @@ class Compared:
         """Whether the paper's value lies in our interval; None without one."""
         return self.ours.low <= self.paper <= self.ours.high if self.ours.bounded else None
 
-    def cells(self) -> tuple[str, ...]:
-        """The row as text."""
-        shown = f".{self.digits}f"
-        ours = f"{self.ours.value:{shown}}" if self.ours.valid else "-"
-        if self.ours.valid:
-            ours += f" [{self.ours.low:{shown}}, {self.ours.high:{shown}}]" if self.ours.bounded else " [-]"
-        deviation = "" if self.deviation is None else f"{self.deviation:+.0%}"
-        inside = {None: "", True: "yes", False: "no"}[self.inside]
-        return self.table, self.row, self.column, f"{self.paper:{shown}}", ours, deviation, inside
+    @property
+    def deviation_text(self) -> str | None:
+        """``+4%``, with a star where the paper's value lies in our interval; None where there is nothing to say."""
+        text = f"{'' if self.deviation is None else f'{self.deviation:+.0%}'}{' *' if self.inside else ''}".strip()
+        return text or None
 
     def to_json(self) -> dict[str, Any]:
         """The row as JSON types; null where there is no value."""
+        interval = self.ours.json()
         return {
             "table": self.table,
             "row": self.row,
             "column": self.column,
             "map": self.map,
             "paper": self.paper,
-            "ours": self.ours.value if self.ours.valid else None,
-            "low": self.ours.low if self.ours.bounded else None,
-            "high": self.ours.high if self.ours.bounded else None,
-            "episodes": self.ours.blocks,
+            "ours": interval.pop("value"),
+            **interval,
             "deviation": self.deviation,
             "paper_inside": self.inside,
         }
 
 
-HEAD = ("table", "row", "column", "paper", "ours [95 %]", "deviation", "paper inside")
-"""Of the cells."""
-
-
 def measured(rows: Sequence[Compared]) -> list[Compared]:
     """Those rows that have a value of ours."""
     return [row for row in rows if row.ours.valid]
+
+
+def comparison_tables(rows: Sequence[Compared]) -> tuple[Table, ...]:
+    """A table for each of the paper's; below each row of the paper ours, its interval, and the deviation.
+
+    A star behind the deviation says that the paper's value lies in our interval.
+    """
+    tables = []
+    for number, name in enumerate(dict.fromkeys(row.table for row in rows)):
+        of_table = [row for row in rows if row.table == name]
+        columns = dict.fromkeys(row.column for row in of_table)
+        lines: list[Row] = []
+        for model in dict.fromkeys(row.row for row in of_table):
+            by_column = {row.column: row for row in of_table if row.row == model}
+            there = [by_column.get(column) for column in columns]
+            ours = [row.ours if row else NOTHING for row in there]
+            lines.append((f"{model}, paper", *(row.paper if row else None for row in there)))
+            lines.append((f"{model}, here", *(one.value if one.valid else None for one in ours)))
+            if any(one.valid for one in ours):
+                lines.append((f"{model}, 95 %", *map(Bounds, ours)))
+                lines.append((f"{model}, deviation", *(row.deviation_text if row else None for row in there)))
+        lead, space, others = name.partition(" ")
+        title = f"{lead.capitalize()}{space}{others}" if lead.islower() else name
+        spec = f".{of_table[0].digits}f"
+        tables.append(Table(f"paper_{number}", title, ("", *columns), tuple(lines), spec=spec))
+    return tuple(tables)
 
 
 FILE: Final = "scores.json"
@@ -120,17 +138,6 @@ def stored(folder: Path) -> Mapping[str, Any] | None:
     if not isinstance(content, dict):
         raise InputError("scores", str(file), "the scores that `siren evaluate` wrote, a JSON object")
     return content
-
-
-def interval_in(content: Mapping[str, Any] | None, key: str = "value") -> Interval:
-    """An interval as the reports write it: ``value``, ``low``, ``high``; null where there is none."""
-    if content is None or content.get(key) is None:
-        return NOTHING
-    low, high = content.get("low"), content.get("high")
-    if low is None or high is None:
-        blocks = int(content.get("episodes", 1))
-        return Interval(content[key], content[key], content[key], blocks, scatter_known=False)
-    return Interval(content[key], low, high, int(content.get("episodes", BLOCKS_MIN)))
 
 
 PREDICTION_ERRORS: Final = {
@@ -276,11 +283,11 @@ def _families(detector: str, one: Mapping[str, Any]) -> Iterator[Compared]:
     """A detector of any name against the mean of the paper's four."""
     for family, templates in FAMILIES.items():
         values = [paper.ap_and_nds[template][0] for paper in PAPER.values() for template in templates]
-        found = interval_in(one["families"].get(family))
+        found = interval_of_json(one["families"].get(family))
         yield Compared(FAMILY, detector, family, float(np.mean(values)), found, digits=3)
     share = one.get("order_of_families_share")
     if share is not None:
-        episodes = interval_in(one["mean"]["mAP"]).blocks
+        episodes = interval_of_json(one["mean"]["mAP"]).blocks
         ours = Interval(share, share, share, episodes, scatter_known=False)
         yield Compared(ORDER, detector, "share of the draws", 1.0, ours, relative=False)
 
@@ -288,7 +295,7 @@ def _families(detector: str, one: Mapping[str, Any]) -> Iterator[Compared]:
 def _ap(one: Mapping[str, Any] | None, template: str) -> Interval:
     if one is None:
         return NOTHING
-    return interval_in(one["mean"]["mAP"] if template == MEAN else one["templates"].get(template, {}).get("mAP"))
+    return interval_of_json(one["mean"]["mAP"] if template == MEAN else one["templates"].get(template, {}).get("mAP"))
 
 
 def _nds(one: Mapping[str, Any] | None, template: str) -> Interval:
@@ -323,7 +330,7 @@ def risk_rows(videos: VideoSet | None, content: Mapping[str, Any] | None) -> Ite
     for name, scores in PAPER_SCORES.items():
         one = models.get(name)
         for score, value in scores.items():
-            found = NOTHING if one is None else interval_in(one["scores"].get(score))
+            found = NOTHING if one is None else interval_of_json(one["scores"].get(score))
             yield Compared("risk scores", name, score, value, found, digits=3)
 
 

@@ -4,13 +4,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from siren_ros.evaluation.prediction.reports.score_table import score_table
-from siren_ros.evaluation.statistics.interval import WHY_NONE
 from siren_ros.recording.bag_reader import bags_among
 from siren_ros.study_report.episode_sections import generated_section, scenes_section
-from siren_ros.study_report.page import NONE, Page, Section, count_of
+from siren_ros.study_report.page import Page, Section
 from siren_ros.study_report.study import PageOptions, StudyMeasures, StudyRows, measure_study, read_rows
 from siren_ros.study_report.task_sections import detection_section, paper_section, prediction_section, risk_section
 from siren_ros.study_report.traffic_sections import diversity_section, effects_section, making_way_section
+from siren_ros.tables.table import UNBOUNDED_NOTE, counted
 
 
 def build_page(
@@ -54,10 +54,10 @@ def assembled(study: StudyRows, measures: StudyMeasures, options: PageOptions) -
     templates = ", ".join(sorted({row.template for row in study.rows}))
     levels = ", ".join(sorted({row.level for row in study.rows}))
     maps = ", ".join(sorted({row.map_name for row in study.rows}))
-    episodes = count_of(len(study.rows), "episode")
+    episodes = counted(len(study.rows), "episode")
     lead = (
         f"{episodes} of {templates} at {levels} on {maps}. This page is one file and needs no network. "
-        f"{WHY_NONE.format(NONE)}."
+        f"{UNBOUNDED_NOTE}."
     )
     title = f"SIREN study {study.folder.resolve().name}"
     return Page(title, lead, [section for section in sections if section is not None])

@@ -1,7 +1,8 @@
 """The charts of the page."""
 
 from collections.abc import Sequence
-from typing import Final
+from dataclasses import dataclass
+from typing import Any, Final, Self
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,11 +21,9 @@ from siren_ros.studies.episode_row import EpisodeRow, Status
 
 LEVEL_COLOURS: Final = {"L0": "#8a9099", "L1": "#e08e1b", "L2": "#1a86b8", "L3": "#12855f"}
 """One colour for each level, in every chart."""
-
-
+OTHER_LEVEL: Final = "#5c6b73"
 WIDTH_IN: Final = 9.0
 """Of every chart: the page's."""
-OTHER_LEVEL: Final = "#5c6b73"
 OF_A_PLACE: Final = 0.8
 """Share of a template's place that the bars of its levels take."""
 HIGHEST_SHARE: Final = 1.02
@@ -32,33 +31,50 @@ HIGHEST_SHARE: Final = 1.02
 _LEGEND_MARK_PT: Final = 5
 
 
+def _colour(level: str) -> str:
+    return LEVEL_COLOURS.get(level, OTHER_LEVEL)
+
+
 def level_legend(axes: Axes, levels: Sequence[str]) -> None:
     """Names the levels' colours above the axes, at the right."""
-    handles = [
-        Line2D(
-            [],
-            [],
-            color=LEVEL_COLOURS.get(level, TEXT),
-            marker="o",
-            linestyle="",
-            markersize=_LEGEND_MARK_PT,
-            label=level,
-        )
-        for level in levels
-    ]
-    axes.legend(
-        handles=handles,
-        loc="lower right",
-        bbox_to_anchor=(1.0, 1.0),
-        ncols=len(levels),
-        frameon=False,
-        fontsize=SMALL_PT,
-    )
+    dot: dict[str, Any] = {"marker": "o", "linestyle": "", "markersize": _LEGEND_MARK_PT}
+    handles = [Line2D([], [], color=_colour(level), label=level, **dot) for level in levels]
+    place: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0)}
+    axes.legend(handles=handles, ncols=len(levels), frameon=False, fontsize=SMALL_PT, **place)
 
 
-def titled(axes: Axes, title: str) -> None:
-    """A title above the axes, at the left."""
+def titled_axes(figure: Figure, title: str, rows: int = 1, columns: int = 1, place: int = 1, **options: Any) -> Axes:
+    """Axes in a grid of panels, with a title above them at the left; ``options`` are those of ``add_subplot``."""
+    axes: Axes = figure.add_subplot(rows, columns, place, **options)
+    quiet(axes)
     axes.set_title(title, fontsize=TITLE_PT, color=TEXT, loc="left")
+    return axes
+
+
+@dataclass(frozen=True)
+class _Places:
+    """Where the levels of each template stand on an axis of templates."""
+
+    templates: list[str]
+    levels: list[str]
+
+    @classmethod
+    def of(cls, rows: Sequence[EpisodeRow] | Sequence[ScoredEpisode]) -> Self:
+        return cls(sorted({row.template for row in rows}), sorted({row.level for row in rows}))
+
+    @property
+    def width(self) -> float:
+        return OF_A_PLACE / max(len(self.levels), 1)
+
+    def middles(self, level: str) -> Floats:
+        """Of a level at each template."""
+        aside = (self.levels.index(level) - 0.5 * (len(self.levels) - 1)) * self.width
+        return np.arange(len(self.templates)) + aside
+
+    def label(self, axes: Axes) -> None:
+        axes.grid(visible=False, axis="x")
+        axes.set_xticks(range(len(self.templates)), self.templates)
+        level_legend(axes, self.levels)
 
 
 _HEAD_IN: Final = 0.9
@@ -76,9 +92,8 @@ def draw_forest(found: Sequence[Effect], outcome: str) -> Figure:
     figure = new_figure(WIDTH_IN, _HEAD_IN + _ROW_IN * len(templates))
     first = None
     for column, (one, other) in enumerate(contrasts):
-        axes = figure.add_subplot(1, len(contrasts), column + 1, sharey=first)
+        axes = titled_axes(figure, f"{one} − {other}", 1, len(contrasts), column + 1, sharey=first)
         first = first or axes
-        quiet(axes)
         axes.axvline(0.0, color=FAINT_TEXT, linewidth=_ZERO_PT)
         for effect in found:
             if (effect.first, effect.second) != (one, other) or not effect.found.difference.valid:
@@ -91,7 +106,6 @@ def draw_forest(found: Sequence[Effect], outcome: str) -> Figure:
         axes.set_ylim(len(templates) - 0.5, -0.5)
         axes.set_yticks(range(len(templates)), templates)
         axes.tick_params(labelleft=column == 0)
-        titled(axes, f"{one} − {other}")
     figure.supxlabel(f"effect on {outcome}", fontsize=TITLE_PT, color=TEXT)
     return figure
 
@@ -109,42 +123,26 @@ _MEDIAN: Final = 0.42
 
 def draw_metric(episodes: Sequence[ScoredEpisode], metric: EpisodeMetric) -> Figure:
     """One metric: a point for each episode by template and level, a bar at the median."""
-    templates = sorted({episode.template for episode in episodes})
-    levels = sorted({episode.level for episode in episodes})
+    places = _Places.of(episodes)
+    half = _MEDIAN * places.width
     figure = new_figure(WIDTH_IN, _METRIC_IN)
-    axes = figure.add_subplot()
-    quiet(axes)
-    axes.grid(visible=False, axis="x")
-    width = OF_A_PLACE / max(len(levels), 1)
-    for place, template in enumerate(templates):
-        for number, level in enumerate(levels):
-            values = _values(episodes, template, level, metric.name)
+    axes = titled_axes(figure, metric.meaning)
+    for place, template in enumerate(places.templates):
+        for level in places.levels:
+            here = [one for one in episodes if (one.template, one.level) == (template, level)]
+            measures = [one.scores.metrics[metric.name] for one in here]
+            values = np.array([measure.value for measure in measures if measure.valid])
             if not len(values):
                 continue
-            middle = place + (number - 0.5 * (len(levels) - 1)) * width
-            colour = LEVEL_COLOURS.get(level, OTHER_LEVEL)
-            spread = (np.arange(len(values)) / max(len(values) - 1, 1) - 0.5) * _SPREAD * width
-            axes.scatter(middle + spread, values, s=_POINT_PT2, color=colour, edgecolors="none", alpha=_OPAQUE)
-            axes.hlines(
-                float(np.median(values)),
-                middle - _MEDIAN * width,
-                middle + _MEDIAN * width,
-                color=colour,
-                linewidth=_MEDIAN_PT,
-            )
-    axes.set_xticks(range(len(templates)), templates)
-    axes.set_xlim(-0.5, len(templates) - 0.5)
+            middle = places.middles(level)[place]
+            spread = (np.arange(len(values)) / max(len(values) - 1, 1) - 0.5) * _SPREAD * places.width
+            axes.scatter(middle + spread, values, s=_POINT_PT2, color=_colour(level), edgecolors="none", alpha=_OPAQUE)
+            median = float(np.median(values))
+            axes.hlines(median, middle - half, middle + half, color=_colour(level), linewidth=_MEDIAN_PT)
+    places.label(axes)
+    axes.set_xlim(-0.5, len(places.templates) - 0.5)
     axes.set_ylabel(metric.name)
-    titled(axes, metric.meaning)
-    level_legend(axes, levels)
     return figure
-
-
-def _values(episodes: Sequence[ScoredEpisode], template: str, level: str, metric: str) -> Floats:
-    found = [
-        episode.scores.metrics[metric] for episode in episodes if (episode.template, episode.level) == (template, level)
-    ]
-    return np.array([one.value for one in found if one.valid])
 
 
 def draw_drivers(episodes: Sequence[ScoredEpisode], marks: Sequence[tuple[str, str]]) -> Figure:
@@ -159,8 +157,7 @@ def draw_drivers(episodes: Sequence[ScoredEpisode], marks: Sequence[tuple[str, s
     levels = sorted({episode.level for episode in episodes})
     figure = new_figure(WIDTH_IN, _DRIVERS_IN)
     for column, (name, title) in enumerate(marks):
-        axes = figure.add_subplot(1, len(marks), column + 1)
-        quiet(axes)
+        axes = titled_axes(figure, title, 1, len(marks), column + 1)
         for level in levels:
             found = [
                 driver.marks[name]
@@ -172,12 +169,9 @@ def draw_drivers(episodes: Sequence[ScoredEpisode], marks: Sequence[tuple[str, s
             done = np.sort([mark.value for mark in found if not mark.at_least])
             if found:
                 share = np.arange(1, len(done) + 1) / len(found)
-                axes.step(done, share, where="post", color=LEVEL_COLOURS.get(level, OTHER_LEVEL), linewidth=_CURVE_PT)
-        axes.set_xlabel(f"{name}")
-        axes.set_ylim(0.0, HIGHEST_SHARE)
+                axes.step(done, share, where="post", color=_colour(level), linewidth=_CURVE_PT)
+        axes.set(xlabel=name, ylabel="share of drivers", ylim=(0.0, HIGHEST_SHARE))
         axes.set_xlim(left=0.0)
-        axes.set_ylabel("share of drivers")
-        titled(axes, title)
         if column == len(marks) - 1:
             level_legend(axes, levels)
     return figure
@@ -190,16 +184,14 @@ _CURVE_MARK_PT: Final = 2.5
 def draw_coverage(found: Sequence[GroupDiversity], colours: Sequence[str]) -> Figure:
     """A line for each group in four panels, against the number of episodes."""
     figure = new_figure(WIDTH_IN, _COVERAGE_IN)
-    panels = [figure.add_subplot(2, 2, number + 1) for number in range(4)]
     titles = (
         "share of the parameters' ranges tried",
         "transitions between events seen",
         "distance of one more way to the nearest, m",
         "distance of one more order of events",
     )
-    for axes, title in zip(panels, titles, strict=True):
-        quiet(axes)
-        titled(axes, title)
+    panels = [titled_axes(figure, title, 2, 2, place) for place, title in enumerate(titles, start=1)]
+    for axes in panels:
         axes.set_xlabel("episodes there are")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     for one, colour in zip(found, colours, strict=True):
@@ -210,10 +202,9 @@ def draw_coverage(found: Sequence[GroupDiversity], colours: Sequence[str]) -> Fi
             one.ways.curve,
             one.events.curve,
         )
+        style: dict[str, Any] = {"marker": "o", "markersize": _CURVE_MARK_PT, "color": colour, "label": name}
         for axes, curve in zip(panels, curves, strict=True):
-            axes.plot(
-                np.arange(1, len(curve) + 1), curve, marker="o", markersize=_CURVE_MARK_PT, color=colour, label=name
-            )
+            axes.plot(np.arange(1, len(curve) + 1), curve, **style)
     panels[0].set_ylim(0.0, 1.0)
     for axes in panels[1:]:
         axes.set_ylim(bottom=0.0)
@@ -230,23 +221,15 @@ _OUTLINE_PT: Final = 0.8
 def draw_outcomes(rows: Sequence[EpisodeRow]) -> Figure:
     """Bars by template and level: filled where the predicate holds, an outline for all complete episodes."""
     complete = [row for row in rows if row.status is Status.COMPLETE]
-    templates = sorted({row.template for row in rows})
-    levels = sorted({row.level for row in rows})
+    places = _Places.of(rows)
     figure = new_figure(WIDTH_IN, _OUTCOMES_IN)
-    axes = figure.add_subplot()
-    quiet(axes)
-    width = OF_A_PLACE / max(len(levels), 1)
-    for number, level in enumerate(levels):
-        here = [[row for row in complete if (row.template, row.level) == (name, level)] for name in templates]
-        places = np.arange(len(templates)) + (number - 0.5 * (len(levels) - 1)) * width
-        colour = LEVEL_COLOURS.get(level, OTHER_LEVEL)
-        axes.bar(
-            places, [len(one) for one in here], width * _BAR, color="none", edgecolor=colour, linewidth=_OUTLINE_PT
-        )
-        axes.bar(places, [sum(bool(row.predicate_holds) for row in one) for one in here], width * _BAR, color=colour)
-    axes.set_xticks(range(len(templates)), templates)
-    axes.grid(visible=False, axis="x")
+    axes = titled_axes(figure, "filled: the predicate holds; outline: complete episodes")
+    bar = places.width * _BAR
+    for level in places.levels:
+        here = [[row for row in complete if (row.template, row.level) == (name, level)] for name in places.templates]
+        middles, colour = places.middles(level), _colour(level)
+        axes.bar(middles, [len(one) for one in here], bar, color="none", edgecolor=colour, linewidth=_OUTLINE_PT)
+        axes.bar(middles, [sum(bool(row.predicate_holds) for row in one) for one in here], bar, color=colour)
+    places.label(axes)
     axes.set_ylabel("episodes")
-    titled(axes, "filled: the predicate holds; outline: complete episodes")
-    level_legend(axes, levels)
     return figure

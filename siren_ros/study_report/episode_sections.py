@@ -22,21 +22,19 @@ from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.studies.matrix import TOWN
 from siren_ros.study_report.charts import draw_outcomes
 from siren_ros.study_report.page import (
-    NONE,
     Clip,
     Picture,
     Section,
-    Table,
-    count_of,
     drawn_uri,
     figure_uri,
     film_uri,
     generate_command,
     picture_uri,
     quoted,
-    share_of,
 )
 from siren_ros.study_report.study import StudyMeasures, StudyRows
+from siren_ros.tables.interval import Bounds, share_interval
+from siren_ros.tables.table import Row, Table, counted
 from siren_ros.world.traffic_state import EventKind
 
 _NAMED_MAX: Final = 50
@@ -49,9 +47,9 @@ def generated_section(study: StudyRows, measures: StudyMeasures) -> Section:
     complete = [row for row in rows if row.status is Status.COMPLETE]
     simulated_s = sum(row.simulated_s for row in complete)
     made = (
-        f"{count_of(len(rows), 'episode')} in the study, {len(complete):,} of them complete: "
+        f"{counted(len(rows), 'episode')} in the study, {len(complete):,} of them complete: "
         f"{simulated_s / 60.0:,.0f} simulated minutes, {sum(row.bag_bytes for row in rows) / 1e6:,.0f} MB. "
-        f"The numbers below come from the {count_of(len(measures.bags), 'bag')} that could be read."
+        f"The numbers below come from the {counted(len(measures.bags), 'bag')} that could be read."
     )
     judged = (
         "A predicate decides from the record alone whether the template's interaction happened. It should hold at the "
@@ -73,34 +71,51 @@ def _tables(study: StudyRows, measures: StudyMeasures) -> Iterator[Table]:
     groups: dict[tuple[str, str, str], list[EpisodeRow]] = {}
     for row in study.rows:
         groups.setdefault((row.template, row.level, row.map_name), []).append(row)
-    head = (
-        "template",
-        "level",
-        "map",
-        "seeds",
-        "complete",
-        "predicate holds",
-        "simulated s",
-        "CPU s per simulated s",
-        "retried",
+    yield Table(
+        "groups",
+        "Episodes by template, level and map",
+        (
+            "template",
+            "level",
+            "map",
+            "seeds",
+            "complete",
+            "predicate holds",
+            "simulated s",
+            "CPU s per simulated s",
+            "retried",
+        ),
+        tuple(_group_row(*group, rows) for group, rows in sorted(groups.items())),
+        specs={"predicate holds": ".0%", "simulated s": ".0f", "CPU s per simulated s": ".3f"},
+        folded=len(groups) > 12,
     )
-    found = [(*_named(group), *_counts(members)) for group, members in sorted(groups.items())]
-    yield Table("groups", "Episodes by template, level and map", head, tuple(found), folded=len(found) > 12)
     yield _asked(study)
     missing = [row for row in study.rows if row.status is not Status.COMPLETE]
     if missing:
-        cells = tuple((row.episode, str(row.status), row.reason, str(row.attempts)) for row in missing[:_NAMED_MAX])
+        named = tuple((row.episode, str(row.status), row.reason, row.attempts) for row in missing[:_NAMED_MAX])
         caption = f"Episodes that are missing: {len(missing)}"
-        yield Table("missing", caption, ("episode", "status", "reason", "attempts"), cells)
+        yield Table("missing", caption, ("episode", "status", "reason", "attempts"), named)
     if measures.unread:
-        named = tuple((one.bag.name, one.reason) for one in measures.unread[:_NAMED_MAX])
-        yield Table("unread", f"Bags that could not be read: {len(measures.unread)}", ("bag", "reason"), named)
+        bags = tuple((one.bag.name, one.reason) for one in measures.unread[:_NAMED_MAX])
+        yield Table("unread", f"Bags that could not be read: {len(measures.unread)}", ("bag", "reason"), bags)
 
 
-def _named(group: tuple[str, str, str]) -> tuple[str, str, str]:
-    template, level, map_name = group
-    own = own_level(template) == level
-    return template, f"{level} (own)" if own else level, map_name
+def _group_row(template: str, level: str, map_name: str, rows: Sequence[EpisodeRow]) -> Row:
+    complete = [row for row in rows if row.status is Status.COMPLETE]
+    judged = [row for row in complete if row.predicate_holds is not None]
+    holds = sum(bool(row.predicate_holds) for row in judged)
+    cpu = [row.cpu_s / row.simulated_s for row in complete if row.simulated_s]
+    return (
+        template,
+        f"{level} (own)" if own_level(template) == level else level,
+        map_name,
+        len({row.seed for row in rows}),
+        f"{len(complete)} of {len(rows)}",
+        (f"{holds} of {len(judged)}", Bounds(share_interval(holds, len(judged)))) if judged else None,
+        sum(row.simulated_s for row in complete),
+        float(np.mean(cpu)) if cpu else None,
+        sum(row.attempts - 1 for row in rows),
+    )
 
 
 def own_level(template: str) -> str:
@@ -109,20 +124,6 @@ def own_level(template: str) -> str:
         return load_template(template).level.name
     except SirenError:
         return ""
-
-
-def _counts(rows: Sequence[EpisodeRow]) -> tuple[str, ...]:
-    complete = [row for row in rows if row.status is Status.COMPLETE]
-    judged = [row for row in complete if row.predicate_holds is not None]
-    cpu = [row.cpu_s / row.simulated_s for row in complete if row.simulated_s]
-    return (
-        str(len({row.seed for row in rows})),
-        f"{len(complete)} of {len(rows)}",
-        share_of(sum(bool(row.predicate_holds) for row in judged), len(judged)),
-        f"{sum(row.simulated_s for row in complete):.0f}",
-        f"{np.mean(cpu):.3f}" if cpu else NONE,
-        str(sum(row.attempts - 1 for row in rows)),
-    )
 
 
 def _asked(study: StudyRows) -> Table:

@@ -18,7 +18,7 @@ from siren_ros.processes.worker_pool import worker_pool
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.studies.episode_row import EpisodeRow
 from siren_ros.studies.study_folder import MANIFEST, STUDY, LocalFolder, read_table
-from siren_ros.study_report.page import Table
+from siren_ros.tables.table import Table
 
 
 @dataclass(frozen=True)

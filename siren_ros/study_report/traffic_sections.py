@@ -1,19 +1,16 @@
 """Sections of the page about the traffic: how it made way, the effects of siren and level, and diversity."""
 
-from collections.abc import Iterator, Sequence
 from typing import Final
 
-import numpy as np
-
 from siren_ros.evaluation.diversity.coverage import drawn_ranges
-from siren_ros.evaluation.diversity.summary import GroupDiversity, diversity
+from siren_ros.evaluation.diversity.summary import diversity, diversity_tables
 from siren_ros.evaluation.prediction.charts import colour_of_model
-from siren_ros.evaluation.yielding.counterfactual import OUTCOMES, Effect, effects
+from siren_ros.evaluation.yielding.counterfactual import effect_tables, effects
 from siren_ros.evaluation.yielding.metrics import EPISODE_METRICS
-from siren_ros.evaluation.yielding.scoring import group_means
+from siren_ros.evaluation.yielding.scoring import yield_tables
 from siren_ros.study_report.charts import draw_coverage, draw_drivers, draw_forest, draw_metric
 from siren_ros.study_report.episode_sections import own_level
-from siren_ros.study_report.page import NONE, Picture, Section, Table, command, figure_uri, number, with_interval
+from siren_ros.study_report.page import Picture, Section, command, figure_uri
 from siren_ros.study_report.study import StudyMeasures, StudyRows
 
 DRAWN: Final = (
@@ -52,26 +49,9 @@ def making_way_section(study: StudyRows, measures: StudyMeasures) -> Section:
         "How traffic made way",
         (text,),
         tuple(figures),
-        tables=tuple(_yield_tables(measures)),
+        tables=yield_tables(episodes),
         commands=(command("evaluate yield", study.folder, "--out yield.parquet --drivers drivers.parquet"),),
     )
-
-
-def _yield_tables(measures: StudyMeasures) -> Iterator[Table]:
-    means = group_means(measures.yielding)
-    places = dict.fromkeys((template, map_name) for template, _, map_name in means)
-    several_maps = len({map_name for _, map_name in places}) > 1
-    for template, map_name in places:
-        levels = [level for name, level, place in means if (name, place) == (template, map_name)]
-        of_levels = [means[template, level, map_name] for level in levels]
-        rows = tuple(
-            (metric.name, *(with_interval(found[metric.name]) for found in of_levels), metric.meaning)
-            for metric in EPISODE_METRICS
-        )
-        where = f" on {map_name}" if several_maps else ""
-        key = f"yield_{template}_{map_name}" if several_maps else f"yield_{template}"
-        head = ("metric", *levels, "meaning")
-        yield Table(key, f"Yield metrics of {template}{where}", head, rows, folded=True)
 
 
 _DRAWN_EFFECTS: Final = ("emv_delay_s", "civilian_delay_s")
@@ -98,29 +78,9 @@ def effects_section(study: StudyRows, measures: StudyMeasures) -> Section | None
         "What siren and level are worth",
         (text,),
         tuple(figures),
-        tables=tuple(_effect_tables(found)),
+        tables=effect_tables(found),
         commands=(command("evaluate counterfactual", study.folder, "--out effects.json"),),
     )
-
-
-def _effect_tables(found: Sequence[Effect]) -> Iterator[Table]:
-    head = ("levels", "template", "difference", "p", "p (Holm)", "pairs", "cut off")
-    for outcome in OUTCOMES:
-        rows = tuple(
-            (
-                f"{one.first} − {one.second}",
-                one.template,
-                with_interval(one.found.difference, sign="+"),
-                f"{one.found.p_value:.3f}",
-                f"{one.adjusted_p:.3f}",
-                str(one.found.difference.blocks),
-                str(one.cut_off),
-            )
-            for one in found
-            if one.outcome == outcome
-        )
-        if rows:
-            yield Table(f"effects_{outcome}", f"Effects on {outcome}", head, rows, folded=True)
 
 
 def diversity_section(study: StudyRows, measures: StudyMeasures) -> Section:
@@ -143,53 +103,6 @@ def diversity_section(study: StudyRows, measures: StudyMeasures) -> Section:
         "Diversity: what more seeds still add",
         (text,),
         (Picture("coverage", caption, figure_uri(draw_coverage(drawn, colours))),),
-        tables=tuple(_diversity_tables(found)),
+        tables=diversity_tables(found),
         commands=(command("evaluate diversity", study.folder, "--out diversity.json"),),
     )
-
-
-def _diversity_tables(found: Sequence[GroupDiversity]) -> Iterator[Table]:
-    head = (
-        "template",
-        "level",
-        "map",
-        "episodes",
-        "ranges tried",
-        "ways apart, m",
-        "nearest, m",
-        "events apart",
-        "nearest",
-        "transitions",
-        "next adds",
-        "coverage",
-    )
-    yield Table("diversity", "Diversity by template, level and map", head, tuple(map(_row, found)))
-    rows = tuple(
-        (*profile.group, str(profile.seed), profile.draw, number(_known(way), 1), number(_known(event)))
-        for one in found
-        for profile, way, event in zip(one.profiles, one.ways.nearest, one.events.nearest, strict=True)
-    )
-    caption = "Novelty of each episode: distance to the nearest other one"
-    columns = ("template", "level", "map", "seed", "draw", "nearest way, m", "nearest order of events")
-    yield Table("novelty", caption, columns, rows, folded=True)
-
-
-def _row(one: GroupDiversity) -> tuple[str, ...]:
-    several = len(one.profiles) > 1
-    share = one.parameter_share
-    return (
-        *one.group,
-        str(len(one.profiles)),
-        NONE if share is None else f"{share:.0%}",
-        number(one.ways.mean if several else None, 1),
-        number(float(np.mean(one.ways.nearest)) if several else None, 1),
-        number(one.events.mean if several else None),
-        number(float(np.mean(one.events.nearest)) if several else None),
-        str(one.transitions.seen),
-        number(one.transitions.next_adds if several else None, 1),
-        f"{one.transitions.coverage:.0%}" if several else NONE,
-    )
-
-
-def _known(value: np.float64) -> float | None:
-    return None if np.isnan(value) else float(value)

@@ -9,7 +9,7 @@ from siren_ros.evaluation.detection.average_precision import DISTANCES_M, match
 from siren_ros.evaluation.detection.devkit_score import ERRORS, DevkitScore
 from siren_ros.evaluation.detection.scoring import DetectorScores, GroupScore
 from siren_ros.evaluation.detection.subsets import FamilyOrder
-from siren_ros.evaluation.statistics.interval import NOTHING, Interval
+from siren_ros.tables.interval import NOTHING, Interval
 
 
 def devkit_score_of(mean_ap: float, labels: int = 10) -> DevkitScore:

@@ -13,14 +13,13 @@ from siren_ros.evaluation.detection.devkit_score import ERRORS
 from siren_ros.evaluation.paper_comparison import (
     BALANCE,
     FAMILY,
-    HEAD,
     ORDER,
     RANKING,
     RATIO,
     SAMPLES,
     Compared,
+    comparison_tables,
     detection_rows,
-    interval_in,
     measured,
     own_level_only,
     prediction_rows,
@@ -30,9 +29,9 @@ from siren_ros.evaluation.paper_comparison import (
 from siren_ros.evaluation.prediction.episode_scores import EpisodeScores
 from siren_ros.evaluation.prediction.reports.paper_results import PAPER_SAMPLES, TEMPLATES, paper_row
 from siren_ros.evaluation.prediction.reports.score_table import score_table
-from siren_ros.evaluation.statistics.interval import NOTHING, Interval
 from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.scenario.templates import load_template
+from siren_ros.tables.interval import NOTHING, Interval
 
 AROUND = Interval(3.0, 1.5, 4.5, 6)
 
@@ -56,12 +55,47 @@ def test_the_deviation_is_a_share_of_the_papers() -> None:
     assert row(2.0, NOTHING).deviation is None
 
 
-def test_cells_have_the_rows_digits() -> None:
-    assert row(2.0).cells() == ("ADE in m", "CV", "S1", "2.00", "3.00 [1.50, 4.50]", "+50%", "yes")
-    assert row(5.0, digits=1).cells()[3:] == ("5.0", "3.0 [1.5, 4.5]", "-40%", "no")
+def test_cells_have_the_rows_digits_and_a_star_where_the_papers_value_lies_inside() -> None:
+    def cells(one: Compared) -> list[str]:
+        (table,) = comparison_tables([one])
+        assert (table.key, table.caption, table.head) == ("paper_0", "ADE in m", ("", "S1"))
+        return [value for _, value in table.cells()]
+
+    assert cells(row(2.0)) == ["2.00", "3.00", "[1.50, 4.50]", "+50% *"]
+    assert cells(row(5.0, digits=1)) == ["5.0", "3.0", "[1.5, 4.5]", "-40%"]
+    assert cells(row(2.0, relative=False)) == ["2.00", "3.00", "[1.50, 4.50]", "*"]
     alone = Interval(3.0, 3.0, 3.0, 1)
-    assert row(2.0, alone).cells()[4:] == ("3.00 [-]", "+50%", "")
-    assert row(2.0, NOTHING).cells()[4:] == ("-", "", "")
+    assert cells(row(2.0, alone)) == ["2.00", "3.00", "[–]", "+50%"]
+    assert cells(row(2.0, NOTHING)) == ["2.00", "–"]
+
+
+def test_the_papers_rows_and_ours() -> None:
+    rows = [
+        Compared("ADE in m", "CV", "S1", 1.63, Interval(1.5, 1.4, 1.7, 5)),
+        Compared("ADE in m", "CV", "mean", 1.44, Interval(2.0, 1.9, 2.1, 5)),
+        Compared("ADE in m", "IDM", "S1", 2.23, Interval(2.23, 2.23, 2.23, 1)),
+        Compared("mAP", "SECOND", "S3", 0.631, Interval(0.6, 0.5, 0.7, 6), digits=3),
+        Compared("error ATE", "SECOND", "mean", 0.565, digits=3),
+    ]
+    first, second, third = comparison_tables(rows)
+    assert (third.caption, third.cells()[1]) == ("Error ATE", ("SECOND, here", "–"))
+    assert (first.key, first.caption, first.head) == ("paper_0", "ADE in m", ("", "S1", "mean"))
+    assert first.cells() == [
+        ("CV, paper", "1.63", "1.44"),
+        ("CV, here", "1.50", "2.00"),
+        ("CV, 95 %", "[1.40, 1.70]", "[1.90, 2.10]"),
+        ("CV, deviation", "-8% *", "+39%"),
+        ("IDM, paper", "2.23", "–"),
+        ("IDM, here", "2.23", "–"),
+        ("IDM, 95 %", "[–]", "–"),
+        ("IDM, deviation", "+0%", "–"),
+    ]
+    assert (second.key, second.caption, second.head) == ("paper_1", "mAP", ("", "S3"))
+    assert second.cells()[:3] == [
+        ("SECOND, paper", "0.631"),
+        ("SECOND, here", "0.600"),
+        ("SECOND, 95 %", "[0.500, 0.700]"),
+    ]
 
 
 def test_without_bounds_or_value_json_says_nothing() -> None:
@@ -123,19 +157,21 @@ def test_samples_are_those_of_an_episode() -> None:
     rows = rows_of([episode("S2", 1.0, seed, 900 + 50 * seed) for seed in range(5)])
     row = rows[SAMPLES, "all vehicles", "S2"]
     assert (row.paper, row.ours.value) == (PAPER_SAMPLES["S2"], 1000.0)
-    assert row.cells()[3:6] == ("1371", "1000 [902, 1098]", "-27%"), "t of 4 is 2.776, the error 50·√(2.5 / 5)"
+    cells = [value for _, value in comparison_tables([row])[0].cells()]
+    assert cells == ["1371", "1000", "[902, 1098]", "-27%"], "t of 4 is 2.776, the error 50·√(2.5 / 5)"
     assert not rows[SAMPLES, "all vehicles", "S1"].ours.valid
 
 
 def test_what_was_not_measured_is_still_told() -> None:
     rows = rows_of([episode("S2", 1.0, 0)])
-    assert rows["ADE in m", "BAT", "S1"].cells()[3:] == ("9.14", "-", "", "")
+    (table,) = comparison_tables([rows["ADE in m", "BAT", "S1"]])
+    assert table.cells() == [("BAT, paper", "9.14"), ("BAT, here", "–")]
     assert rows["minADE6 in m", "EMP-M", "mean"].paper == 0.74
     assert ("minADE6 in m", "CV", "mean") not in rows, "the paper's table has the predictors with several paths only"
     assert not rows[RANKING, "CV", "Spearman"].ours.valid, "one template has no rank"
     shown = measured(list(rows.values()))
     assert {row.column for row in shown} == {"S2", "mean"}
-    assert len(HEAD) == len(shown[0].cells())
+    assert {table.head for table in comparison_tables(shown)} <= {("", "S2", "mean"), ("", "S2"), ("", "mean")}
 
 
 def test_the_papers_numbers_of_all_tables_are_there() -> None:
@@ -257,7 +293,8 @@ def test_scores_of_the_papers_models_are_found_by_name() -> None:
     content = {"models": {"Qwen3.5-9B": {"scores": {"accuracy": {"value": 0.6, "low": 0.5, "high": 0.8}}}}}
     rows = {(row.row, row.column): row for row in risk_rows(None, content)}
     assert rows["Qwen3.5-9B", "accuracy"].inside is True
-    assert rows["Qwen3.5-9B", "accuracy"].cells()[3] == "0.705"
+    (table,) = comparison_tables([rows["Qwen3.5-9B", "accuracy"]])
+    assert table.cells()[0] == ("Qwen3.5-9B, paper", "0.705")
     assert not rows["Gemma3-12B", "accuracy"].ours.valid
 
 
@@ -269,13 +306,6 @@ def test_stored_scores_are_a_json_object(tmp_path: Path) -> None:
         stored(tmp_path)
     file.write_text(json.dumps({"a": 1}), encoding="utf-8")
     assert stored(file) == stored(tmp_path) == {"a": 1}
-
-
-def test_an_interval_without_bounds_is_a_value() -> None:
-    assert not interval_in(None).valid
-    assert not interval_in({"value": None}).valid
-    single = interval_in({"value": 0.5, "low": None, "high": None})
-    assert (single.valid, single.bounded) == (True, False)
 
 
 def test_an_error_is_the_mean_over_the_templates() -> None:
@@ -302,19 +332,13 @@ def test_the_share_of_a_class_counts_its_videos(tmp_path: Path) -> None:
 
 
 def test_detections_have_three_digits_as_in_the_paper() -> None:
-    cells = {row.cells()[:3]: row.cells()[3:5] for row in detection_rows({"PointPillars": detector()})}
-    assert cells["mAP", "PointPillars", "S1"] == ("0.398", "0.400 [0.300, 0.500]")
-    assert cells["NDS", "PointPillars", "mean"] == ("0.492", "0.450 [-]")
-    assert cells["error ATE", "PointPillars", "mean"] == ("0.553", "0.500 [-]")
-    family = next(found for (table, _, column), found in cells.items() if (table, column) == (FAMILY, "clearance"))
-    assert family == ("0.417", "0.400 [0.300, 0.500]")
+    tables = {table.caption: table for table in comparison_tables([*detection_rows({"PointPillars": detector()})])}
 
+    def column(caption: str, title: str) -> list[str]:
+        table = tables[caption]
+        return [row[table.head.index(title)] for row in table.cells() if row[0].startswith("PointPillars")]
 
-def test_bounds_belong_together_and_are_of_five_episodes_at_least() -> None:
-    both = interval_in({"value": 0.5, "low": 0.4, "high": 0.7})
-    assert (both.value, both.low, both.high, both.blocks) == (0.5, 0.4, 0.7, 5)
-    assert interval_in({"value": 0.5, "low": 0.4, "high": 0.7, "episodes": 9}).blocks == 9
-    assert not interval_in({"value": 0.5, "low": 0.4, "high": 0.7, "episodes": 4}).bounded, "of an older command"
-    for half in ({"low": 0.4, "high": None}, {"low": None, "high": 0.7}):
-        assert not interval_in({"value": 0.5, **half}).bounded
-    assert interval_in({"NDS": 0.3}, "NDS").value == 0.3
+    assert column("mAP", "S1")[:3] == ["0.398", "0.400", "[0.300, 0.500]"]
+    assert column("NDS", "mean")[:3] == ["0.492", "0.450", "[–]"]
+    assert column("Error ATE", "mean")[:3] == ["0.553", "0.500", "[–]"]
+    assert column(FAMILY, "clearance")[:3] == ["0.417", "0.400", "[0.300, 0.500]"]

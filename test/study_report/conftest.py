@@ -13,8 +13,7 @@ from siren_ros.evaluation.detection.devkit_score import ERRORS, DevkitScore
 from siren_ros.evaluation.detection.scoring import DetectorScores, GroupScore
 from siren_ros.evaluation.detection.tables import scores_as_json
 from siren_ros.evaluation.risk.scoring import ModelScores
-from siren_ros.evaluation.risk.tables import as_json
-from siren_ros.evaluation.statistics.interval import Interval
+from siren_ros.evaluation.risk.tables import scores_as_json as risk_scores_as_json
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.studies.matrix import PlannedEpisode, Study
@@ -22,6 +21,7 @@ from siren_ros.studies.study_folder import LocalFolder, write_study, write_table
 from siren_ros.study_report.build import assembled
 from siren_ros.study_report.page import html_of
 from siren_ros.study_report.study import PageOptions, measure_study, read_rows
+from siren_ros.tables.interval import Interval
 
 
 def row_of(level: str, seed: int, status: Status = Status.COMPLETE, reason: str = "") -> EpisodeRow:
@@ -61,7 +61,10 @@ def study(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Pat
     write_study(folder, Study(("S2",), ("L1", "L2"), (0, 1)).to_json())
     write_table(folder, [*rows[:-1], row_of("L3", 0, Status.REFUSED, "no site on <this> map")])
     folder.note(rows[-1])
-    for task, scores in (("detection", scores_as_json([detector_scores()])), ("risk", as_json([risk_scores()]))):
+    for task, scores in (
+        ("detection", scores_as_json([detector_scores()])),
+        ("risk", risk_scores_as_json([risk_scores()])),
+    ):
         (root / task).mkdir()
         (root / task / "scores.json").write_text(json.dumps(scores), encoding="utf-8")
     return root
@@ -75,5 +78,5 @@ def made(study: Path, tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespa
     page = assembled(rows, measures, PageOptions(("cv", "idm"), film_s=1.0))
     file = tmp_path_factory.mktemp("page") / "page.html"
     file.write_text(html_of(page), encoding="utf-8")
-    tables = {table.key: table for section in page.sections for table in section.tables}
+    tables = {f"{section.key}_{table.key}": table for section in page.sections for table in section.tables}
     return SimpleNamespace(rows=rows, measures=measures, page=page, file=file, tables=tables)

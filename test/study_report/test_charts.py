@@ -9,7 +9,6 @@ from matplotlib.patches import Rectangle
 from siren_ros.evaluation.diversity.coverage import DrawnRange
 from siren_ros.evaluation.diversity.summary import diversity
 from siren_ros.evaluation.statistics.block_means import PairedDifference
-from siren_ros.evaluation.statistics.interval import Interval
 from siren_ros.evaluation.yielding.counterfactual import ALL, Effect
 from siren_ros.evaluation.yielding.metrics import EPISODE_METRICS
 from siren_ros.evaluation.yielding.scoring import DriverMarks, ScoredEpisode, YieldScores
@@ -26,6 +25,7 @@ from siren_ros.study_report.charts import (
     draw_metric,
     draw_outcomes,
 )
+from siren_ros.tables.interval import Interval
 
 
 def effect(template: str, first: str, second: str, value: float, blocks: int = 5) -> Effect:

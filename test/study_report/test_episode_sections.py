@@ -13,8 +13,8 @@ from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.studies.matrix import PlannedEpisode
 from siren_ros.study_report.episode_sections import film_steps, generated_section, own_level
-from siren_ros.study_report.page import Table
 from siren_ros.study_report.study import StudyMeasures, StudyRows, UnreadBag
+from siren_ros.tables.table import Table
 from siren_ros.world.traffic_state import Event, EventKind
 
 
@@ -48,11 +48,11 @@ def test_the_text_counts_what_is_complete() -> None:
 
 def test_groups() -> None:
     table = tables_of(ROWS)["groups"]
-    assert table.rows == (
+    assert table.cells() == [
         ("S2", "L0", "Town04", "1", "0 of 1", "–", "0", "–", "0"),
         # 0.2, 0.1 and no processor time for a simulated second; one and two attempts in vain.
         ("S2", "L2 (own)", "town", "3", "3 of 4", "1 of 2 [–]", "60", "0.100", "3"),
-    )
+    ]
     assert not table.folded
     many = tuple(row("L2", 0, map=f"m{number}") for number in range(13))
     assert tables_of(many)["groups"].folded
@@ -61,10 +61,10 @@ def test_groups() -> None:
 
 def test_what_is_missing_and_what_cannot_be_read() -> None:
     found = tables_of(ROWS, (UnreadBag(Path("a/b"), "damaged"),))
-    assert found["missing"].rows == (
+    assert found["missing"].cells() == [
         ("S2_L2_seed2", "crashed", "it hung", "3"),
         ("S2_L0_seed0", "refused", "no site", "1"),
-    )
+    ]
     assert found["missing"].caption == "Episodes that are missing: 2"
     assert found["unread"].rows == (("b", "damaged"),)
     assert {"missing", "unread"}.isdisjoint(tables_of(ROWS[:3]))

@@ -49,12 +49,12 @@ def test_means_by_level_and_map() -> None:
     study = StudyRows(Path("s"), {}, (), "")
     given = measures(*(("L2", "town", delay_s) for delay_s in (1.0, 1.5, 2.0, 2.5, 3.0)), ("L0", "town", 9.0))
     (table,) = making_way_section(study, given).tables
-    assert (table.key, table.head) == ("yield_S2", ("metric", "L0", "L2", "meaning"))
-    rows = {row[0]: row[1:3] for row in table.rows}
+    assert (table.key, table.head) == ("S2", ("metric", "L0", "L2", "meaning"))
+    rows = {row[0]: row[1:3] for row in table.cells()}
     assert rows["emv_delay_s"] == ("9.00 [–]", "2.00 [1.02, 2.98]")
     assert rows["compliance"] == ("–", "–")
     assert len(rows) == len(EPISODE_METRICS)
     one, other = making_way_section(study, measures(("L2", "town", 1.0), ("L2", "Town04", 5.0))).tables
-    assert [one.key, other.key] == ["yield_S2_Town04", "yield_S2_town"]
+    assert [one.key, other.key] == ["S2_Town04", "S2_town"]
     assert one.caption == "Yield metrics of S2 on Town04"
-    assert {row[0]: row[1] for row in one.rows}["emv_delay_s"] == "5.00 [–]"
+    assert {row[0]: row[1] for row in one.cells()}["emv_delay_s"] == "5.00 [–]"

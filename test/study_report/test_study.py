@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from siren_ros.errors import InputError
-from siren_ros.study_report.page import Table
 from siren_ros.study_report.study import stored_tables
+from siren_ros.tables.table import Table
 
 
 def tables(content: Mapping[str, Any]) -> Iterator[Table]:

@@ -26,7 +26,7 @@ def test_groups_and_the_novelty_of_their_episodes(monkeypatch: pytest.MonkeyPatc
     bags: Any = tuple(SimpleNamespace(profile=one) for one in profiles)
     section = diversity_section(StudyRows(Path("s"), {}, (), ""), StudyMeasures(bags, ()))
     groups, novelty = section.tables
-    several, single = groups.rows
+    several, single = groups.cells()
     # Ways: 3, 7 and 10 m apart, the nearest 3, 3 and 7 m; orders of events: 0, 1/2 and 1/2 apart.
     assert several[:4] == ("S2", "L2", "town", "3")
     assert several[4] == "–", "the made parameters are none of S2's"
@@ -34,7 +34,7 @@ def test_groups_and_the_novelty_of_their_episodes(monkeypatch: pytest.MonkeyPatc
     # begin a, a b, b end, a end: the last one is of a single episode.
     assert several[9:11] == ("4", "0.3")
     assert single == ("S2", "L3", "town", "1", "–", "–", "–", "–", "–", "1", "–", "–")
-    assert [row[3:] for row in novelty.rows] == [
+    assert [row[3:] for row in novelty.cells()] == [
         ("0", "", "3.0", "0.00"),
         ("1", "", "3.0", "0.00"),
         ("2", "", "7.0", "0.50"),

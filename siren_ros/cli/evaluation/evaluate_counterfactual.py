@@ -2,15 +2,14 @@
 
 import argparse
 import json
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from siren_ros.cli.evaluation.evaluate_yield import scored_episodes
 from siren_ros.cli.options import add_processes, processes_of
 from siren_ros.errors import EXIT_FAILED, whole_file, writing
-from siren_ros.evaluation.statistics.interval import lack_of_bounds
-from siren_ros.evaluation.yielding.counterfactual import OUTCOMES, Effect, effects
+from siren_ros.evaluation.yielding.counterfactual import OUTCOMES, Effect, effect_tables, effects
 from siren_ros.recording.bag_reader import bags_among
+from siren_ros.tables.table import text_of
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
@@ -40,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     episodes, worst = scored_episodes(bags_among(arguments.bags), processes_of(arguments), OUTCOMES)
     found = effects(episodes)
     shown = [one for one in found if one.outcome in arguments.outcomes and one.found.difference.valid]
-    print("\n".join(_table(shown)) or "no two episodes of one seed at different levels")
+    print("\n".join(text_of(effect_tables(shown))) or "no two episodes of one seed at different levels")
     if arguments.out is not None:
         with writing(arguments.out), whole_file(arguments.out) as file:
             file.write_text(json.dumps([as_json(one) for one in found], indent=1) + "\n", encoding="utf-8")
@@ -61,20 +60,3 @@ def as_json(effect: Effect) -> dict[str, object]:
         "p_value": effect.found.p_value,
         "adjusted_p_value": effect.adjusted_p,
     }
-
-
-def _table(shown: Sequence[Effect]) -> Iterator[str]:
-    before = ""
-    for one in shown:
-        head = f"{one.outcome}, {one.first} minus {one.second}"
-        if head != before:
-            yield head
-            before = head
-        difference = one.found.difference
-        bounds = f" [{difference.low:+.2f}, {difference.high:+.2f}]" if difference.bounded else " [-]"
-        cut = f", {one.cut_off} cut off" if one.cut_off else ""
-        yield (
-            f"  {one.template:<4} {difference.value:+8.2f}{bounds}  p {one.found.p_value:.3f}"
-            f" (adjusted {one.adjusted_p:.3f})  {difference.blocks} pairs{cut}"
-        )
-    yield from lack_of_bounds(one.found.difference for one in shown)

@@ -21,11 +21,11 @@ from siren_ros.evaluation.detection.scoring import (
     DetectorScores,
     score_detector,
 )
-from siren_ros.evaluation.detection.tables import Table, as_csv, as_latex, as_text, scores_as_json, tables_of
-from siren_ros.evaluation.statistics.interval import lack_of_bounds
+from siren_ros.evaluation.detection.tables import scores_as_json, tables_of
 from siren_ros.processes.worker_pool import Run, worker_pool
 from siren_ros.record.bag_survey import Need, in_dataset_order, survey_bag
 from siren_ros.recording.bag_reader import bags_among
+from siren_ros.tables.table import text_of
 
 
 def add_arguments(task: argparse.ArgumentParser) -> None:
@@ -101,11 +101,14 @@ def run(arguments: argparse.Namespace) -> int:
         for found in sets:
             _check_names(found, names)
         scores = [score_detector(frames, found, names, lambda tables: _scored(side_by_side, tables)) for found in sets]
-    tables = tables_of(scores, compare_paper=arguments.compare_paper)
-    print("\n\n".join("\n".join(as_text(table)) for table in tables))
-    print("\n".join(["", *_remarks(frames, scores, costs)]))
+    content = scores_as_json(scores)
+    tables = tables_of(content, compare_paper=arguments.compare_paper)
+    print("\n".join([*text_of(tables), "", *_remarks(frames, scores, costs)]))
     if arguments.out is not None:
-        _write(arguments.out, frames, scores, tables)
+        files = {"scores.json": json.dumps(content, indent=2) + "\n"}
+        for table in tables:
+            files |= {f"{table.key}.csv": table.csv(), f"{table.key}.tex": table.latex()}
+        _write(arguments.out, files, frames, scores)
     return EXIT_OK
 
 
@@ -160,17 +163,13 @@ def _remarks(frames: Frames, scores: Sequence[DetectorScores], costs: Mapping[st
         lines.append(f"no velocities, so AVE and AAE count as 1: {', '.join(without)}")
     if any(episode.camera_from_lidar is None for episode in frames.episodes):
         lines.append("no front camera in some bags, so these have no KITTI frames")
-    lines += lack_of_bounds(interval for one in scores for interval in one.intervals)
     return lines + [f"{one.name}: {one.order.told()}" for one in scores if one.order is not None]
 
 
-def _write(out: Path, frames: Frames, scores: Sequence[DetectorScores], tables: Sequence[Table]) -> None:
+def _write(out: Path, files: Mapping[str, str], frames: Frames, scores: Sequence[DetectorScores]) -> None:
     with writing(out, "place"):
         out.mkdir(parents=True, exist_ok=True)
-        texts = {"scores.json": json.dumps(scores_as_json(scores), indent=2) + "\n"}
-        for table in tables:
-            texts |= {f"{table.name}.csv": as_csv(table), f"{table.name}.tex": as_latex(table)}
-        for name, text in texts.items():
+        for name, text in files.items():
             with whole_file(out / name) as file:
                 file.write_text(text, encoding="utf-8")
         for one in scores:

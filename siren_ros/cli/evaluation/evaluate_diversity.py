@@ -4,14 +4,11 @@ import argparse
 import json
 from pathlib import Path
 
-import numpy as np
-
 from siren_ros.cli.options import add_processes, of_each_bag, processes_of
 from siren_ros.errors import whole_file, writing
-from siren_ros.evaluation.aligned_text import aligned
 from siren_ros.evaluation.diversity.coverage import drawn_ranges
 from siren_ros.evaluation.diversity.profile import InteractionProfile, profile_of
-from siren_ros.evaluation.diversity.summary import GroupDiversity, diversity, diversity_as_json
+from siren_ros.evaluation.diversity.summary import diversity, diversity_as_json, diversity_tables
 from siren_ros.recording.bag_reader import bags_among, read_episode
 
 
@@ -33,7 +30,8 @@ def run(arguments: argparse.Namespace) -> int:
     profiles, worst = of_each_bag(profile_bag, bags_among(arguments.bags), processes_of(arguments))
     found = diversity(profiles, drawn_ranges(profiles))
     if found:
-        print("\n".join(aligned([_HEAD, *map(_row, found)])))
+        groups, _ = diversity_tables(found)
+        print("\n".join(groups.text()))
         print("\n".join(_NOTES))
     if arguments.out is not None:
         content = json.dumps([diversity_as_json(one) for one in found], indent=1, allow_nan=False)
@@ -47,38 +45,9 @@ def profile_bag(bag: Path) -> InteractionProfile:
     return profile_of(str(bag), read_episode(bag))
 
 
-_HEAD = [
-    "",
-    "episodes",
-    "ranges tried",
-    "ways apart",
-    "nearest",
-    "events apart",
-    "nearest",
-    "transitions",
-    "next adds",
-    "coverage",
-]
 _NOTES = (
     "ranges tried: share of the parts (tenths) of the parameters' ranges with an episode; ways: mean distance of the",
     "EMVs at the same times, over all pairs and to the nearest episode; events: edits between orders, as a share;",
     "next adds: transitions between events that one more episode is expected to add (Good-Turing); coverage: estimated",
     "share of the next episode's transitions that has been seen.",
 )
-
-
-def _row(one: GroupDiversity) -> list[str]:
-    several = len(one.profiles) > 1
-    share = one.parameter_share
-    return [
-        " ".join(one.group),
-        str(len(one.profiles)),
-        "-" if share is None else f"{share:.0%}",
-        f"{one.ways.mean:.1f} m" if several else "-",
-        f"{np.mean(one.ways.nearest):.1f} m" if several else "-",
-        f"{one.events.mean:.2f}" if several else "-",
-        f"{np.mean(one.events.nearest):.2f}" if several else "-",
-        str(one.transitions.seen),
-        f"{one.transitions.next_adds:.1f}" if several else "-",
-        f"{one.transitions.coverage:.0%}" if several else "-",
-    ]

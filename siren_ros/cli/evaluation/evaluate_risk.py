@@ -3,51 +3,40 @@
 import argparse
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from tqdm import tqdm
 
-from siren_ros.cli.options import check_numbers, named_path, positive
+from siren_ros.cli.options import check_numbers, named_path, positive, steps_of
 from siren_ros.errors import EXIT_OK, InputError, whole_file, writing
 from siren_ros.evaluation.risk.answers import REFERENCES, Answers, checked_answers, read_answers
 from siren_ros.evaluation.risk.confusion_picture import save_confusions
 from siren_ros.evaluation.risk.risk_page import write_page
 from siren_ros.evaluation.risk.scoring import ModelScores, score_answers
-from siren_ros.evaluation.risk.tables import as_json, confusion_lines, csv_table, latex_table, text_table
+from siren_ros.evaluation.risk.tables import csv_of_scores, scores_as_json, tables_of
 from siren_ros.evaluation.risk.video_set import VideoSet, missing_files, read_set
-from siren_ros.evaluation.risk.vlm.local_model import LocalModel
-from siren_ros.evaluation.risk.vlm.model import MOST_TOKENS, ReplyCache, VisionLanguageModel
-from siren_ros.evaluation.risk.vlm.openai_server import OpenAiServer, key_from
+from siren_ros.evaluation.risk.vlm.clients import CLIENTS
+from siren_ros.evaluation.risk.vlm.model import ReplyCache, VisionLanguageModel
 from siren_ros.evaluation.risk.vlm.pipeline import account, ask_about_all, write_answers
+from siren_ros.tables.table import text_of
 
 
 def add_asking(task: argparse.ArgumentParser) -> None:
     """The options."""
-    served = task.add_argument_group("asking a model behind a server that speaks OpenAI's protocol")
-    served.add_argument("--base-url", metavar="URL", help="of the server, such as http://localhost:8000/v1")
-    served.add_argument(
-        "--model", action="append", default=[], metavar="NAME", help="the server's name; may be repeated"
-    )
-    served.add_argument("--api-key-env", default="", metavar="VAR", help="environment variable with the key (or none)")
-    served.add_argument("--concurrency", type=positive, default=4, metavar="N", help="requests at once (default 4)")
-    served.add_argument("--retries", type=int, default=5, metavar="N", help="of a failed request (default 5)")
-    served.add_argument("--timeout-s", type=float, default=120.0, metavar="S", help="for a whole reply (default 120)")
-    local = task.add_argument_group("asking a model in this process: ./env --with vlm-local siren evaluate risk …")
-    local.add_argument(
-        "--local-model",
-        type=Path,
-        action="append",
-        default=[],
-        metavar="DIR",
-        help="folder of Hugging Face's format; its name is the model's; may be repeated",
-    )
-    local.add_argument("--device", default="cpu", help="cpu (default) or cuda")
-    local.add_argument(
-        "--most-tokens", type=positive, default=MOST_TOKENS, metavar="N", help="of an answer (default %(default)s)"
-    )
+    for client in CLIENTS:
+        group = task.add_argument_group(client.title)
+        for name, setting in client.settings.items():
+            group.add_argument(
+                f"--{name.replace('_', '-')}",
+                type=setting.kind,
+                action="append" if setting.repeated else "store",
+                default=[] if setting.repeated else setting.default,
+                metavar=setting.metavar,
+                help=setting.help,
+            )
     both = task.add_argument_group("asking any model")
+    both.add_argument("--concurrency", type=positive, default=4, metavar="N", help="questions at once (default 4)")
     both.add_argument("--raw", action="store_true", help="plain pictures instead of ones with outlined vehicles")
     both.add_argument("--cache", type=Path, metavar="DIR", help="where replies are kept (default: SET/replies)")
     both.add_argument("--price", type=_prices, metavar="IN,OUT", help="per million tokens, to print what it cost")
@@ -70,14 +59,10 @@ def models_asked(arguments: argparse.Namespace) -> Iterator[VisionLanguageModel]
         InputError: A number outside its limits, a server without address, a key that is not set, or a folder without a
             model.
     """
-    check_numbers(arguments, {"retries": (0, 1000), "timeout_s": (0.001, 1e6)})
-    for name in arguments.model:
-        if arguments.base_url is None:
-            raise InputError("base-url", "", "the address of a server, such as http://localhost:8000/v1")
-        key = key_from(arguments.api_key_env)
-        yield OpenAiServer(arguments.base_url, name, key, arguments.timeout_s, arguments.retries)
-    for folder in arguments.local_model:
-        yield LocalModel(folder, arguments.device, arguments.most_tokens)
+    settings = {name: setting for client in CLIENTS for name, setting in client.settings.items()}
+    check_numbers(arguments, {name: setting.limits for name, setting in settings.items() if setting.limits})
+    for client in CLIENTS:
+        yield from client.models(vars(arguments))
 
 
 def ask(arguments: argparse.Namespace, videos: VideoSet, model: VisionLanguageModel) -> Answers:
@@ -86,23 +71,20 @@ def ask(arguments: argparse.Namespace, videos: VideoSet, model: VisionLanguageMo
         raise InputError("set", f"{len(missing)} videos without their file, first {missing[0]}", "a complete set")
     cache = ReplyCache(arguments.cache or videos.folder / "replies")
     with tqdm(total=len(videos.videos), desc=model.name, unit="video", disable=None) as bar:
+        step = steps_of(bar)
         answers = ask_about_all(
             videos,
             model,
             cache,
             marked=not arguments.raw,
             concurrency=arguments.concurrency,
-            told=lambda _: _count(bar),
+            told=lambda _: step(),
         )
     print("\n".join(account(model.name, answers.values(), arguments.price)))
     if arguments.out is not None:
         arguments.out.mkdir(parents=True, exist_ok=True)
         write_answers(arguments.out / f"answers_{file_name(model.name)}.json", answers)
     return {key: answer.final for key, answer in answers.items()}
-
-
-def _count(bar: "tqdm[Any]") -> None:
-    bar.update(1)
 
 
 def file_name(model: str) -> str:
@@ -157,27 +139,26 @@ def run(arguments: argparse.Namespace) -> int:
             raise InputError("model", model.name, "each name once")
         answers[model.name] = ask(arguments, videos, model)
     models = [score_answers(name, videos, given) for name, given in answers.items()]
-    print("\n".join(text_table(models, compare_paper=arguments.compare_paper)))
-    for scored in models:
-        if scored.name not in {"majority", "oracle"}:
-            print("\n" + "\n".join(confusion_lines(scored)))
+    content = scores_as_json(models)
+    tables = tables_of(content, compare_paper=arguments.compare_paper)
+    print("\n".join(text_of(tables)))
     if arguments.out is not None:
-        _write(arguments.out, models, compare_paper=arguments.compare_paper)
+        files = {
+            "scores.csv": csv_of_scores(models),
+            "scores.tex": "\n".join(table.latex() for table in tables if not table.folded),
+            "scores.json": json.dumps(content, indent=1) + "\n",
+        }
+        _write(arguments.out, files, models)
     if arguments.page is not None:
         write_page(arguments.page, videos, answers, models)
         print(f"\n{arguments.page}")
     return EXIT_OK
 
 
-def _write(folder: Path, models: list[ModelScores], *, compare_paper: bool) -> None:
+def _write(folder: Path, files: Mapping[str, str], models: Sequence[ModelScores]) -> None:
     with writing(folder, "folder"):
         folder.mkdir(parents=True, exist_ok=True)
-        tables = {
-            "scores.csv": csv_table(models),
-            "scores.tex": latex_table(models, compare_paper=compare_paper),
-            "scores.json": json.dumps(as_json(models), indent=1) + "\n",
-        }
-        for name, text in tables.items():
+        for name, text in files.items():
             with whole_file(folder / name) as file:
                 file.write_text(text, encoding="utf-8")
         for model in models:

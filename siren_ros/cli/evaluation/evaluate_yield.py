@@ -2,7 +2,7 @@
 
 import argparse
 import json
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,10 +12,15 @@ import pyarrow.parquet as pq
 
 from siren_ros.cli.options import add_processes, of_each_bag, processes_of
 from siren_ros.errors import InputError, whole_file, writing
-from siren_ros.evaluation.statistics.interval import Interval, lack_of_bounds
-from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS
-from siren_ros.evaluation.yielding.scoring import DriverMarks, ScoredEpisode, group_means, score_yielding
+from siren_ros.evaluation.yielding.metrics import EPISODE_METRICS
+from siren_ros.evaluation.yielding.scoring import (
+    ScoredEpisode,
+    score_yielding,
+    under_test_tables,
+    yield_tables,
+)
 from siren_ros.recording.bag_reader import bags_among, read_episode
+from siren_ros.tables.table import text_of
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
@@ -40,8 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
         if file is not None and file.suffix not in {".parquet", ".json"}:
             raise InputError("out", str(file), "a file name that ends in .parquet or .json")
     episodes, worst = scored_episodes(bags_among(arguments.bags), processes_of(arguments))
-    if episodes:
-        print("\n".join((*_table(group_means(episodes)), *_under_test(episodes))))
+    print("\n".join(text_of([*yield_tables(episodes), *under_test_tables(episodes)])))
     _write(arguments.out, [episode.row() for episode in episodes])
     _write(arguments.drivers, [row for episode in episodes for row in episode.driver_rows()])
     return worst
@@ -75,40 +79,3 @@ def _write(file: Path | None, rows: list[dict[str, Any]]) -> None:
             new.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
         else:
             pq.write_table(pa.Table.from_pylist(rows), new, compression="zstd")
-
-
-def _table(means: Mapping[tuple[str, str, str], Mapping[str, Interval]]) -> Iterator[str]:
-    """The metrics as rows, the groups as columns."""
-    heads = [f"{template} {level}" for template, level, _ in means]
-    maps = {name for _, _, name in means}
-    if len(maps) > 1:
-        heads = [f"{head} {name}" for head, (_, _, name) in zip(heads, means, strict=True)]
-    width = max(len(metric.name) for metric in EPISODE_METRICS)
-    columns = [[_cell(found[metric.name]) for metric in EPISODE_METRICS] for found in means.values()]
-    widths = [max(len(head), *map(len, column)) for head, column in zip(heads, columns, strict=True)]
-    yield " " * width + "".join(f"  {head:>{size}}" for head, size in zip(heads, widths, strict=True))
-    for row, metric in enumerate(EPISODE_METRICS):
-        cells = (f"  {column[row]:>{size}}" for column, size in zip(columns, widths, strict=True))
-        yield f"{metric.name:<{width}}" + "".join(cells)
-    yield from lack_of_bounds(found[metric.name] for found in means.values() for metric in EPISODE_METRICS)
-
-
-def _cell(mean: Interval) -> str:
-    if not mean.valid:
-        return "-"
-    return f"{mean.value:.2f} [{mean.low:.2f}, {mean.high:.2f}]" if mean.bounded else f"{mean.value:.2f} [-]"
-
-
-def _under_test(episodes: Sequence[ScoredEpisode]) -> Iterator[str]:
-    for episode in episodes:
-        for driver in episode.scores.drivers:
-            if driver.under_test:
-                yield f"{episode.bag}: the AV under test (actor {driver.actor_id}), from {driver.began_s:.2f} s on"
-                yield from _marks(driver)
-
-
-def _marks(driver: DriverMarks) -> Iterator[str]:
-    for metric in DRIVER_METRICS:
-        mark = driver.marks[metric.name]
-        value = f"{'at least ' if mark.at_least else ''}{mark.value:.2f}" if mark.valid else f"- ({mark.lack})"
-        yield f"  {metric.name:<16} {value:<14} {metric.meaning}"

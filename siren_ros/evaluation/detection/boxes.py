@@ -1,6 +1,6 @@
 """Boxes of vehicles as arrays: labels and detections, nuScenes' attributes, and the class names that count."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Final, Self, TypeVar
 
@@ -14,6 +14,15 @@ ATTRIBUTES: Final = ("", "vehicle.moving", "vehicle.stopped", "vehicle.parked")
 """nuScenes' attributes of vehicles by code; 0 says nothing."""
 MOVING_MPS: Final = 0.3
 """Above this speed a vehicle moves, as in the nuScenes export."""
+
+_WIDTH: Final[Mapping[str, tuple[int]]] = {"centre_m": (3,), "size_m": (3,), "velocity_mps": (2,)}
+_TYPES: Final[Mapping[str, type]] = {
+    "frame": np.intp,
+    **dict.fromkeys(("attribute", "actor_class", "mode"), np.uint8),
+    **dict.fromkeys(("actor_id", "lidar_points"), np.uint32),
+    "label": np.str_,
+}
+"""Of the columns of boxes that hold no floats."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +41,16 @@ class Boxes:
     """Over ground, x and y, shape ``(N, 2)``; NaN where it is not known."""
     attribute: Codes
     """Index into ``ATTRIBUTES``, shape ``(N,)``."""
+
+    @classmethod
+    def none(cls) -> Self:
+        """A table without boxes."""
+        return cls(
+            **{
+                field.name: np.zeros((0, *_WIDTH.get(field.name, ())), dtype=_TYPES.get(field.name, np.float64))
+                for field in fields(cls)
+            }
+        )
 
     def __len__(self) -> int:
         return len(self.frame)

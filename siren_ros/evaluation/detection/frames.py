@@ -63,6 +63,11 @@ class EpisodeFrames:
         return len(self.step)
 
     @property
+    def frame_of_step(self) -> dict[int, int]:
+        """Numbers of the frames by their steps."""
+        return {step: frame for frame, step in enumerate(self.step.tolist())}
+
+    @property
     def keyframe(self) -> Flags:
         """Which frames are keyframes of the nuScenes export, at 2 Hz."""
         flags: Flags = self.step % KEYFRAME_STEPS == 0
@@ -184,19 +189,6 @@ def frames_of(episodes: Sequence[EpisodeFrames]) -> Frames:
 
 
 _NO_POINTS: Final = np.zeros(0, dtype=[("x", "<f4")])
-_EMPTY: Final = TruthBoxes(
-    frame=np.zeros(0, dtype=np.intp),
-    centre_m=np.zeros((0, 3)),
-    size_m=np.zeros((0, 3)),
-    yaw_rad=np.zeros(0),
-    velocity_mps=np.zeros((0, 2)),
-    attribute=np.zeros(0, dtype=np.uint8),
-    actor_id=np.zeros(0, dtype=np.uint32),
-    actor_class=np.zeros(0, dtype=np.uint8),
-    lidar_points=np.zeros(0, dtype=np.uint32),
-    visible=np.zeros(0),
-    mode=np.zeros(0, dtype=np.uint8),
-)
 
 
 def read_frames(survey: BagSurvey, episode_id: str) -> EpisodeFrames:
@@ -218,7 +210,7 @@ class _Reading:
         self._labels = {camera.truth_topic: camera.name for camera in source.cameras if camera.truth_topic}
 
     def frames(self, bag: str, episode_id: str) -> EpisodeFrames:
-        source, parts = self._source, [_EMPTY]
+        source, parts = self._source, [TruthBoxes.none()]
         steps: list[int] = []
         poses: list[Matrix] = []
         pictured: list[bool] = []

@@ -21,8 +21,8 @@ from siren_ros.evaluation.detection.frames import Frames, in_range
 from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet
 from siren_ros.evaluation.detection.subsets import FAMILIES, SUBSETS, FamilyOrder, Subset, subsets_of_episodes
 from siren_ros.evaluation.statistics.block_means import Estimate, jackknife
-from siren_ros.evaluation.statistics.interval import NOTHING, Interval
 from siren_ros.numerics.arrays import Flags, Floats, Rows
+from siren_ros.tables.interval import NOTHING, Interval
 from siren_ros.world.actors import ActorClass
 
 _DRAWS: Final = 1000
@@ -73,19 +73,9 @@ class DetectorScores:
     matches: Matches
 
     @property
-    def intervals(self) -> tuple[Interval, ...]:
-        """All that the tables show."""
-        groups = (group.mean_ap for group in self.groups)
-        return (*self.template_ap.values(), self.mean_ap, *self.families.values(), *groups)
-
-    @property
     def mean_nds(self) -> float:
         """Mean over the templates."""
         return float(np.mean([score.nds for score in self.templates.values()]))
-
-    def mean_error(self, name: str) -> float:
-        """A true-positive error, mean over the templates."""
-        return float(np.mean([score.errors[name] for score in self.templates.values()]))
 
 
 def counted_boxes(frames: Frames, found: FoundSet, names: frozenset[str]) -> tuple[TruthBoxes, FoundBoxes]:

@@ -1,19 +1,20 @@
 """Tables of the detectors' scores next to the paper's, and all scores as JSON."""
 
-import csv
-import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final
 
-from siren_ros.evaluation.aligned_text import aligned
+import numpy as np
+
 from siren_ros.evaluation.detection.devkit_score import ERRORS, DevkitScore
 from siren_ros.evaluation.detection.scoring import DetectorScores
-from siren_ros.evaluation.statistics.interval import NOTHING, Interval
+from siren_ros.tables.interval import Bounds, Interval, interval_of_json
+from siren_ros.tables.table import Row, Table
 
 PAPER_TEMPLATES: Final = ("S1", "S2", "S3", "S4", "S5", "S6", "S7")
 MEAN: Final = "mean"
+_ERROR_TITLES: Final = ("ATE m", "ASE", "AOE rad", "AVE m/s", "AAE")
 
 
 @dataclass(frozen=True)
@@ -67,125 +68,102 @@ def paper_rows(name: str) -> tuple[PaperDetector, ...]:
     return (PAPER[key],) if key in PAPER else tuple(PAPER.values())
 
 
-_NONE = "-"
+def tables_of(content: Mapping[str, Any], *, compare_paper: bool = False) -> tuple[Table, ...]:
+    """The paper's two tables, and those that the paper does not have.
 
-
-@dataclass(frozen=True)
-class Table:
-    """Cells as text; every row has as many as the head."""
-
-    name: str
-    """Of its file."""
-    caption: str
-    head: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-
-def tables_of(scores: Sequence[DetectorScores], *, compare_paper: bool) -> tuple[Table, ...]:
-    """The paper's two tables, and the rows that it does not have.
+    They are made from the content of ``scores.json``, so that a page of stored scores shows the tables of the terminal.
 
     Args:
-        scores: One entry for each detector, over the same templates.
+        content: As ``scores_as_json`` makes it.
         compare_paper: Whether the paper's rows stand below ours.
     """
-    paper = list({row.name: row for one in scores for row in paper_rows(one.name)}.values()) if compare_paper else []
-    found = [_by_template(scores, paper), _errors(scores, paper), _groups(scores)]
-    return tuple(table for table in found if table.rows)
+    paper = list({row.name: row for name in content for row in paper_rows(name)}.values()) if compare_paper else []
+    tables = [_by_template(content, paper), _errors(content, paper), _errors_by_template(content), _parts(content)]
+    return tuple(table for table in tables if table.rows)
 
 
-def _by_template(scores: Sequence[DetectorScores], paper: Sequence[PaperDetector]) -> Table:
-    templates = list(scores[0].templates)
-    rows = [
-        (
-            one.name,
-            *(f"{_3(one.templates[name].mean_average_precision)}/{_3(one.templates[name].nds)}" for name in templates),
-            f"{_3(one.mean_ap.value)}/{_3(one.mean_nds)}",
-        )
-        for one in scores
-    ]
-    if any(interval.bounded for one in scores for interval in (one.mean_ap, *one.template_ap.values())):
-        rows += [
-            (f"{one.name}, 95 % of mAP", *(_bounds(one.template_ap[name]) for name in templates), _bounds(one.mean_ap))
-            for one in scores
-        ]
-    for row in paper:
-        pairs = [row.ap_and_nds.get(name) for name in (*templates, MEAN)]
-        cells = (_NONE if pair is None else f"{_3(pair[0])}/{_3(pair[1])}" for pair in pairs)
-        rows.append((f"{row.name} (paper)", *cells))
-    caption = "mAP/NDS of the class Car by template, and the mean over the templates"
-    return Table("by_template", caption, ("detector", *templates, "mean"), tuple(rows))
+def _by_template(content: Mapping[str, Any], paper: Sequence[PaperDetector]) -> Table:
+    templates = list(dict.fromkeys(template for scores in content.values() for template in scores["templates"]))
+    values: list[Row] = []
+    bounds: list[Row] = []
+    for name, scores in content.items():
+        columns = [*(scores["templates"].get(template) for template in templates), scores["mean"]]
+        mean_ap = [interval_of_json(column and column["mAP"]) for column in columns]
+        pairs = [column and (one.value, column["NDS"]) for column, one in zip(columns, mean_ap, strict=True)]
+        values.append((name, *pairs))
+        bounds.append((f"{name}, 95 % of mAP", *map(Bounds, mean_ap)))
+    some_bounded = any(isinstance(cell, Bounds) and cell.interval.bounded for row in bounds for cell in row)
+    return Table(
+        "by_template",
+        "mAP/NDS of the class Car by template, and the mean over the templates",
+        ("detector", *templates, MEAN),
+        tuple(values + bounds * some_bounded),
+        spec=".3f",
+        reference=tuple(
+            (f"{row.name} (paper)", *(row.ap_and_nds.get(name) for name in (*templates, MEAN))) for row in paper
+        ),
+    )
 
 
-def _errors(scores: Sequence[DetectorScores], paper: Sequence[PaperDetector]) -> Table:
-    rows = [(one.name, *(f"{one.mean_error(name):.3f}" for name in ERRORS)) for one in scores]
-    rows += [(f"{row.name} (paper)", *(f"{row.errors[name]:.3f}" for name in ERRORS)) for row in paper]
-    head = ("detector", "ATE m", "ASE", "AOE rad", "AVE m/s", "AAE")
-    return Table("errors", "True-positive errors, mean over the templates; lower is better", head, tuple(rows))
+def _errors(content: Mapping[str, Any], paper: Sequence[PaperDetector]) -> Table:
+    errors = {name: [one["errors"] for one in scores["templates"].values()] for name, scores in content.items()}
+    return Table(
+        "errors",
+        "True-positive errors, mean over the templates; lower is better",
+        ("detector", *_ERROR_TITLES),
+        tuple(
+            (name, *(_mean(one.get(error) for one in of_templates) for error in ERRORS))
+            for name, of_templates in errors.items()
+        ),
+        spec=".3f",
+        reference=tuple((f"{row.name} (paper)", *(row.errors[error] for error in ERRORS)) for row in paper),
+    )
 
 
-def _groups(scores: Sequence[DetectorScores]) -> Table:
-    """Rows that the paper does not have: families of templates, and subsets of the labels.
+def _mean(values: Iterable[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known else None
+
+
+def _errors_by_template(content: Mapping[str, Any]) -> Table:
+    return Table(
+        "errors_by_template",
+        "True-positive errors by template",
+        ("detector", "template", *_ERROR_TITLES),
+        tuple(
+            (name, template, *(one["errors"].get(error) for error in ERRORS))
+            for name, scores in content.items()
+            for template, one in scores["templates"].items()
+        ),
+        spec=".3f",
+        folded=True,
+    )
+
+
+def _parts(content: Mapping[str, Any]) -> Table:
+    """Families of templates, and subsets of the labels.
 
     Detectors may have different subsets: only one that names kinds of vehicles has those found by name.
     """
-    rows = [
-        ("behaviour family", family, "", *_cells([one.families.get(family, NOTHING) for one in scores]))
-        for family in dict.fromkeys(family for one in scores for family in one.families)
+    families = dict.fromkeys(family for scores in content.values() for family in scores["families"])
+    rows: list[Row] = [
+        ("behaviour family", family, "", *(interval_of_json(one["families"].get(family)) for one in content.values()))
+        for family in families
     ]
-    parts = [{(part.group, part.name): part for part in one.groups} for one in scores]
-    for group, name in dict.fromkeys(key for own in parts for key in own):
-        found = [own.get((group, name)) for own in parts]
-        labels = dict.fromkeys(str(part.labels) for part in found if part is not None)
-        if any(part is not None and part.labels for part in found):
-            cells = _cells([NOTHING if part is None else part.mean_ap for part in found])
-            rows.append((group, name, "/".join(labels), *cells))
-    head = ("of", "labels that are", "labels", *(one.name for one in scores))
-    caption = "mAP of parts of the labels, with the interval of 95 % over episodes"
-    return Table("parts", caption, head, tuple(rows))
-
-
-def _cells(values: Sequence[Interval]) -> list[str]:
-    return [f"{_3(one.value)} {_bounds(one)}" if one.valid else _NONE for one in values]
-
-
-def _bounds(interval: Interval) -> str:
-    return f"{_3(interval.low)}-{_3(interval.high)}" if interval.bounded else f"[{_NONE}]"
-
-
-def _3(value: float) -> str:
-    return f"{value:.3f}".removeprefix("0") if 0.0 <= value < 1.0 else f"{value:.3f}"
-
-
-def as_text(table: Table) -> list[str]:
-    """Lines for a terminal."""
-    return [f"{table.caption}:", "", *aligned((table.head, *table.rows))]
-
-
-def as_csv(table: Table) -> str:
-    """The table as CSV with its head."""
-    out = io.StringIO()
-    csv.writer(out, lineterminator="\n").writerows((table.head, *table.rows))
-    return out.getvalue()
-
-
-def as_latex(table: Table) -> str:
-    """The table as LaTeX's ``tabular`` with the rules of ``booktabs``."""
-    lines = [
-        f"% {table.caption}",
-        rf"\begin{{tabular}}{{l{'c' * (len(table.head) - 1)}}}",
-        r"\toprule",
-        _latex_row(table.head),
-        r"\midrule",
-        *map(_latex_row, table.rows),
-        r"\bottomrule",
-        r"\end{tabular}",
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def _latex_row(cells: Sequence[str]) -> str:
-    escaped = [cell.replace("%", r"\%").replace("_", r"\_").replace("&", r"\&") for cell in cells]
-    return " & ".join(escaped) + r" \\"
+    parts = [{(part["of"], part["name"]): part for part in scores["parts"]} for scores in content.values()]
+    for key in dict.fromkeys(key for of_detector in parts for key in of_detector):
+        of_detectors = [of_detector.get(key) for of_detector in parts]
+        labels = dict.fromkeys(part["labels"] for part in of_detectors if part)
+        if any(labels):
+            rows.append((*key, tuple(labels), *(interval_of_json(part and part["mAP"]) for part in of_detectors)))
+    return Table(
+        "parts",
+        "mAP of parts of the labels, with the interval of 95 % over episodes",
+        ("of", "labels that are", "labels", *content),
+        tuple(rows),
+        spec=".3f",
+        folded=True,
+    )
 
 
 def scores_as_json(scores: Sequence[DetectorScores]) -> dict[str, Any]:
@@ -224,7 +202,4 @@ def _score(score: DevkitScore) -> Mapping[str, Any]:
 
 
 def _interval(value: Interval) -> dict[str, Any] | None:
-    if not value.valid:
-        return None
-    bounds = (value.low, value.high) if value.bounded else (None, None)
-    return {"value": value.value, "low": bounds[0], "high": bounds[1], "episodes": value.blocks}
+    return value.json() if value.valid else None

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from siren_ros.evaluation.diversity.coverage import (
 )
 from siren_ros.evaluation.diversity.profile import InteractionProfile, distance_matrix, event_distance, way_distance_m
 from siren_ros.numerics.arrays import Floats
+from siren_ros.tables.table import Row, Table
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,71 @@ def _distances(matrix: Floats) -> Distances:
         return Distances(0.0, np.full(count, np.nan), np.zeros(0))
     others = matrix + np.diag(np.full(count, np.inf))
     return Distances(float(matrix.sum() / (count * (count - 1))), others.min(axis=1), expected_nearest(matrix))
+
+
+_GROUP: Final = ("template", "level", "map")
+
+
+def diversity_tables(found: Sequence[GroupDiversity]) -> tuple[Table, Table]:
+    """The groups, and the novelty of each episode. A group of one episode has no distances and no forecast."""
+    groups = Table(
+        "groups",
+        "Diversity by template, level and map",
+        (
+            *_GROUP,
+            "episodes",
+            "ranges tried",
+            "ways apart, m",
+            "nearest way, m",
+            "events apart",
+            "nearest events",
+            "transitions",
+            "next adds",
+            "coverage",
+        ),
+        tuple(map(_row, found)),
+        specs={
+            "ranges tried": ".0%",
+            "ways apart, m": ".1f",
+            "nearest way, m": ".1f",
+            "next adds": ".1f",
+            "coverage": ".0%",
+        },
+    )
+    novelty = Table(
+        "novelty",
+        "Novelty of each episode: distance to the nearest other one",
+        (*_GROUP, "seed", "draw", "nearest way, m", "nearest order of events"),
+        tuple(
+            (*profile.group, str(profile.seed), profile.draw, float(way), float(event))
+            for one in found
+            for profile, way, event in zip(one.profiles, one.ways.nearest, one.events.nearest, strict=True)
+        ),
+        specs={"nearest way, m": ".1f"},
+        folded=True,
+    )
+    return groups, novelty
+
+
+def _row(one: GroupDiversity) -> Row:
+    alone = len(one.profiles) == 1
+    return (
+        *one.group,
+        len(one.profiles),
+        one.parameter_share,
+        *(
+            None if alone else value
+            for value in (
+                one.ways.mean,
+                float(np.mean(one.ways.nearest)),
+                one.events.mean,
+                float(np.mean(one.events.nearest)),
+            )
+        ),
+        one.transitions.seen,
+        None if alone else one.transitions.next_adds,
+        None if alone else one.transitions.coverage,
+    )
 
 
 def diversity_as_json(found: GroupDiversity) -> dict[str, Any]:

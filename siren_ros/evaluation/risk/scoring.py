@@ -14,7 +14,7 @@ import numpy.typing as npt
 from siren_ros.evaluation.risk.answers import Answers
 from siren_ros.evaluation.risk.labels import RiskClass
 from siren_ros.evaluation.risk.video_set import VideoSet
-from siren_ros.evaluation.statistics.interval import Interval, mean_of_intervals, share_interval
+from siren_ros.tables.interval import Interval, mean_of_intervals, share_interval
 
 Confusion = npt.NDArray[np.int64]
 """Counts of videos, shape ``(3, 4)``: row the reference class, column the answer, the last one for no usable answer."""

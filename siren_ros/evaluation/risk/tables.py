@@ -1,14 +1,12 @@
-"""The risk task's tables next to the paper's: for the terminal, as CSV, as LaTeX and as JSON."""
+"""The risk task's tables next to the paper's, all scores as JSON, and as CSV."""
 
-import csv
-import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
-from siren_ros.evaluation.aligned_text import aligned
 from siren_ros.evaluation.risk.labels import TITLES, RiskClass
 from siren_ros.evaluation.risk.scoring import SCORES, ModelScores
-from siren_ros.evaluation.statistics.interval import Interval, lack_of_bounds
+from siren_ros.tables.interval import interval_of_json
+from siren_ros.tables.table import Cell, Row, Table, csv_text
 
 PAPER_SCORES: Final[Mapping[str, Mapping[str, float]]] = {
     name: dict(
@@ -39,88 +37,115 @@ PAPER_SCORES: Final[Mapping[str, Mapping[str, float]]] = {
 PAPER_BALANCE: Final = (74, 25, 6)
 """Normal, Near-Miss, Collision. The paper does not print it; no other balance of 105 videos gives all its numbers."""
 
-
-_COLUMNS: Final = {
-    "Acc.": "accuracy",
-    "bal. Acc.": "balanced_accuracy",
-    "macro F1": "macro_f1",
-    **{
-        f"{short} {title}": f"{score}_{risk.name.lower()}"
-        for risk, title in zip(RiskClass, TITLES, strict=True)
-        for short, score in (("P", "precision"), ("R", "recall"), ("F1", "f1"))
-    },
+_OVERALL: Final = {"accuracy": "accuracy", "balanced accuracy": "balanced_accuracy", "macro F1": "macro_f1"}
+_OF_CLASSES: Final = {
+    f"{short} {risk.title}": f"{score}_{risk.name.lower()}"
+    for risk in RiskClass
+    for short, score in (("P", "precision"), ("R", "recall"), ("F1", "f1"))
 }
-"""Heading and score of the printed columns."""
-_BOUNDED: Final = ("accuracy", "macro_f1")
-"""Printed with their intervals."""
+"""Title and score of the columns."""
+_PAPER_VIDEOS: Final = "105"
+_TRIVIAL: Final = frozenset({"majority", "oracle"})
+"""References whose matrices follow from the labels."""
 
 
-def text_table(models: Sequence[ModelScores], *, compare_paper: bool) -> list[str]:
-    """Lines for a terminal: percentages, with the interval of the accuracy and of macro F1; - where not valid."""
-    rows = [["model", "videos", *_COLUMNS]]
-    for model in models:
-        scores = model.scores
-        cells = [
-            f"{100.0 * score.value:.2f}" + (_bounds(score) if name in _BOUNDED else "") if score.valid else "-"
-            for name, score in ((name, scores[name]) for name in _COLUMNS.values())
-        ]
-        rows.append([model.name, f"{model.answered}/{model.videos}", *cells])
-    if compare_paper:
-        for name, paper in PAPER_SCORES.items():
-            cells = [f"{100.0 * paper[score]:.2f}" if score in paper else "" for score in _COLUMNS.values()]
-            rows.append([f"{name} (paper)", "105", *cells])
-    return [*aligned(rows), *lack_of_bounds(model.scores[name] for model in models for name in _BOUNDED)]
+def tables_of(content: Mapping[str, Any], *, compare_paper: bool = False) -> tuple[Table, ...]:
+    """Scores in percent and confusion matrices.
+
+    They are made from the content of ``scores.json``, so that a page of stored scores shows the tables of the terminal.
+
+    Args:
+        content: As ``scores_as_json`` makes it.
+        compare_paper: Whether the paper's rows stand below ours.
+    """
+    models, paper = content["models"], PAPER_SCORES if compare_paper else {}
+    answers = ("label", *(f"answered {title}" for title in content["classes"]), "unreadable")
+    matrices = [(name, "", model["confusion"]) for name, model in models.items()]
+    of_templates = [
+        (name, template, counts)
+        for name, model in models.items()
+        if name not in _TRIVIAL
+        for template, counts in model["confusion_by_template"].items()
+    ]
+    tables = (
+        Table(
+            "scores",
+            "Scores in percent",
+            ("model", "videos", *_OVERALL),
+            tuple(
+                (name, (model["answered"], model["videos"]), *_percent(model, _OVERALL))
+                for name, model in models.items()
+            ),
+            reference=tuple(
+                (f"{name} (paper)", _PAPER_VIDEOS, *_paper_percent(scores, _OVERALL)) for name, scores in paper.items()
+            ),
+        ),
+        Table(
+            "classes",
+            "Precision (P), recall (R) and F1 of the classes in percent",
+            ("model", *_OF_CLASSES),
+            tuple((name, *_percent(model, _OF_CLASSES)) for name, model in models.items()),
+            reference=tuple(
+                (f"{name} (paper)", *_paper_percent(scores, _OF_CLASSES)) for name, scores in paper.items()
+            ),
+        ),
+        Table(
+            "confusion",
+            "Confusion matrices",
+            ("model", *answers),
+            tuple((name, *row) for name, _, counts in matrices for row in _labelled(content["classes"], counts)),
+            folded=True,
+        ),
+        Table(
+            "confusion_by_template",
+            "Confusion matrices by template",
+            ("model", "template", *answers),
+            tuple(
+                (name, template, *row)
+                for name, template, counts in of_templates
+                for row in _labelled(content["classes"], counts)
+            ),
+            folded=True,
+        ),
+    )
+    return tuple(table for table in tables if table.rows)
 
 
-def confusion_lines(model: ModelScores) -> list[str]:
-    """A model's confusion matrices, overall and by template; rows are the labels, columns the answers."""
-    rows = [[model.name, "label", *TITLES, "unreadable"]]
-    for name, counts in (("all", model.overall), *model.by_template.items()):
-        rows += [
-            [name if risk == 0 else "", TITLES[risk], *(str(value) for value in counts[risk])] for risk in RiskClass
-        ]
-    return aligned(rows)
+def _percent(model: Mapping[str, Any], columns: Mapping[str, str]) -> Iterator[Cell]:
+    """Scores of a model; precision and recall, from which F1 follows, have no interval there."""
+    for title, score in columns.items():
+        percent = interval_of_json(model["scores"].get(score)).scaled(100.0)
+        without_interval = title.startswith(("P ", "R "))
+        yield (percent.value if percent.valid else None) if without_interval else percent
 
 
-def csv_table(models: Sequence[ModelScores]) -> str:
+def _paper_percent(scores: Mapping[str, float], columns: Mapping[str, str]) -> Iterator[float | None]:
+    for score in columns.values():
+        yield 100.0 * scores[score] if score in scores else None
+
+
+def _labelled(classes: Sequence[str], counts: Sequence[Sequence[int]]) -> Iterator[Row]:
+    """Rows of a confusion matrix behind their labels."""
+    for title, row in zip(classes, counts, strict=True):
+        yield (title, *row)
+
+
+def csv_of_scores(models: Sequence[ModelScores]) -> str:
     """One row for each model, group (all or a template) and score; without value where not valid."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["model", "group", "score", "value", "low", "high", "videos"])
+    rows = []
     for model in models:
         for group, counts in (("all", model.overall), *model.by_template.items()):
             for name, score in SCORES.items():
-                found = score(counts)
-                value = f"{found.value:.6f}" if found.valid else ""
-                bounds = ["", ""]
-                if group == "all" and found.bounded:
-                    bounds = [f"{found.low:.6f}", f"{found.high:.6f}"]
-                writer.writerow([model.name, group, name, value, *bounds, int(counts.sum())])
-    return text.getvalue()
+                interval = score(counts)
+                value = f"{interval.value:.6f}" if interval.valid else None
+                bounds: tuple[str | None, str | None] = (None, None)
+                if group == "all" and interval.bounded:
+                    bounds = (f"{interval.low:.6f}", f"{interval.high:.6f}")
+                rows.append((model.name, group, name, value, *bounds, int(counts.sum())))
+    return csv_text(("model", "group", "score", "value", "low", "high", "videos"), rows)
 
 
-def latex_table(models: Sequence[ModelScores], *, compare_paper: bool) -> str:
-    """The paper's table: accuracy, and precision and F1 of each class, in percent."""
-    names = ["accuracy", *(f"{score}_{risk.name.lower()}" for risk in RiskClass for score in ("precision", "f1"))]
-    lines = [
-        r"\begin{tabular}{@{}lccccccc@{}}",
-        r"\toprule",
-        " & & " + " & ".join(rf"\multicolumn{{2}}{{c}}{{{title}}}" for title in TITLES) + r" \\",
-        "Model & Acc. & " + " & ".join(["Prec. & F1"] * len(TITLES)) + r" \\",
-        r"\midrule",
-    ]
-    for model in models:
-        scores = model.scores
-        lines.append(_latex_row(model.name, [scores[name].value for name in names]))
-    if compare_paper:
-        lines.append(r"\midrule")
-        lines += [
-            _latex_row(f"{name} (paper)", [paper[score] for score in names]) for name, paper in PAPER_SCORES.items()
-        ]
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
-
-
-def as_json(models: Sequence[ModelScores]) -> dict[str, Any]:
+def scores_as_json(models: Sequence[ModelScores]) -> dict[str, Any]:
     """Everything: scores with intervals, and the confusion matrices (rows labels; columns answers, then unreadable)."""
     return {
         "classes": list(TITLES),
@@ -128,27 +153,10 @@ def as_json(models: Sequence[ModelScores]) -> dict[str, Any]:
             model.name: {
                 "videos": model.videos,
                 "answered": model.answered,
-                "scores": {
-                    name: {
-                        "value": score.value if score.valid else None,
-                        "low": score.low if score.bounded else None,
-                        "high": score.high if score.bounded else None,
-                        "episodes": score.blocks,
-                    }
-                    for name, score in model.scores.items()
-                },
+                "scores": {name: score.json() for name, score in model.scores.items()},
                 "confusion": model.overall.tolist(),
                 "confusion_by_template": {key: counts.tolist() for key, counts in model.by_template.items()},
             }
             for model in models
         },
     }
-
-
-def _bounds(score: Interval) -> str:
-    return f" [{100.0 * score.low:.0f}, {100.0 * score.high:.0f}]" if score.bounded else " [-]"
-
-
-def _latex_row(name: str, values: Sequence[float]) -> str:
-    escaped = name.replace("_", r"\_").replace("%", r"\%").replace("&", r"\&")
-    return " & ".join([escaped, *(f"{100.0 * value:.2f}" for value in values)]) + r" \\"

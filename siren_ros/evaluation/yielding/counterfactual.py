@@ -1,7 +1,7 @@
 """Paired counterfactuals: two levels of a seed differ in nothing but the level, so the difference is its effect."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -10,6 +10,7 @@ from siren_ros.errors import InputError
 from siren_ros.evaluation.statistics.block_means import BlockSums, PairedDifference, block_sums, holm, paired_difference
 from siren_ros.evaluation.yielding.scoring import ScoredEpisode
 from siren_ros.numerics.arrays import random_stream
+from siren_ros.tables.table import Table
 
 OUTCOMES: Final = ("site_time_s", "emv_delay_s", "emv_stops", "civilian_delay_s", "min_ttc_s", "collisions")
 """What the level has an effect on."""
@@ -66,11 +67,37 @@ def effects(
                 chosen = {key: levels for key, levels in here.items() if template in (ALL, key[0])}
                 of_outcome.append(_effect(template, outcome, first, second, chosen, seed))
         adjusted = holm([effect.found.p_value for effect in of_outcome])
-        found += [
-            Effect(one.template, one.outcome, one.first, one.second, one.found, one.cut_off, p_value)
-            for one, p_value in zip(of_outcome, adjusted, strict=True)
-        ]
+        found += [replace(effect, adjusted_p=p_value) for effect, p_value in zip(of_outcome, adjusted, strict=True)]
     return tuple(found)
+
+
+def effect_tables(found: Sequence[Effect]) -> tuple[Table, ...]:
+    """A table for each outcome that has an effect; levels are written as ``L2 − L1``."""
+    tables = (
+        Table(
+            outcome,
+            f"Effects on {outcome}",
+            ("levels", "template", "difference", "p", "p (Holm)", "pairs", "cut off"),
+            tuple(
+                (
+                    f"{one.first} − {one.second}",
+                    one.template,
+                    one.found.difference,
+                    one.found.p_value,
+                    one.adjusted_p,
+                    one.found.difference.blocks,
+                    one.cut_off,
+                )
+                for one in found
+                if one.outcome == outcome
+            ),
+            spec=".3f",
+            specs={"difference": "+.2f"},
+            folded=True,
+        )
+        for outcome in OUTCOMES
+    )
+    return tuple(table for table in tables if table.rows)
 
 
 def pairs_of(episodes: Iterable[ScoredEpisode]) -> Mapping[Pair, Mapping[str, ScoredEpisode]]:

@@ -45,7 +45,7 @@ def response_time_s(encounter: Encounter, limits: YieldThresholds) -> Measure:
     return Measure(int(np.argmax(responded)) * STEP_S)
 
 
-def clearance_time_s(encounter: Encounter) -> Measure:
+def clearance_time_s(encounter: Encounter, _limits: YieldThresholds) -> Measure:
     """Time from the beginning of the encounter until the driver has left the strip that the EMV drives through.
 
     A driver that drives on ahead of the EMV until its line ends has not cleared it.
@@ -78,13 +78,13 @@ def held_up_s(encounter: Encounter, limits: YieldThresholds) -> Measure:
     return Measure(float(np.count_nonzero(close & slow & encounter.in_the_way)) * STEP_S)
 
 
-def made_way_m(encounter: Encounter) -> Measure:
+def made_way_m(encounter: Encounter, _limits: YieldThresholds) -> Measure:
     """Largest lateral shift on the road until the EMV has passed, in metres; left or right."""
     lateral = encounter.offsets.lateral_m[encounter.until_passed]
     return Measure(float(np.abs(lateral - lateral[0]).max()))
 
 
-def passing_gap_m(encounter: Encounter) -> Measure:
+def passing_gap_m(encounter: Encounter, _limits: YieldThresholds) -> Measure:
     """Least lateral gap between the two bodies while the EMV passes the driver."""
     next_to = np.abs(encounter.driver.arc_m - encounter.emv.arc_m) <= (
         encounter.driver.half_along_m + encounter.emv.half_along_m

@@ -1,7 +1,7 @@
 """The yield metrics of a record (of the episode, and of every driver that the EMV came up to), and means of groups."""
 
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from typing import Any, Self
@@ -9,12 +9,13 @@ from typing import Any, Self
 import numpy as np
 
 from siren_ros.evaluation.statistics.block_means import block_sums, interval_of_mean
-from siren_ros.evaluation.statistics.interval import Interval
 from siren_ros.evaluation.yielding.emv_line import EmvLine
 from siren_ros.evaluation.yielding.encounters import Encounter
 from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS, YieldScene
 from siren_ros.evaluation.yielding.thresholds import Measure, YieldThresholds
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.tables.interval import Interval
+from siren_ros.tables.table import Table
 
 
 @dataclass(frozen=True)
@@ -169,3 +170,38 @@ def _means(episodes: Sequence[ScoredEpisode]) -> dict[str, Interval]:
         sums = block_sums(values, blocks, np.zeros(len(values), dtype=np.intp))
         means[metric.name] = interval_of_mean(sums)
     return means
+
+
+def yield_tables(episodes: Sequence[ScoredEpisode]) -> tuple[Table, ...]:
+    """A table for each template and map: the metrics as rows, the levels as columns."""
+    means = group_means(episodes)
+    places = dict.fromkeys((template, map_name) for template, _, map_name in means)
+    several_maps = len({map_name for _, map_name in places}) > 1
+    tables = []
+    for template, map_name in places:
+        of_levels = {
+            level: found for (name, level, place), found in means.items() if (name, place) == (template, map_name)
+        }
+        tables.append(
+            Table(
+                f"{template}_{map_name}" if several_maps else template,
+                f"Yield metrics of {template}{f' on {map_name}' if several_maps else ''}",
+                ("metric", *of_levels, "meaning"),
+                tuple(
+                    (metric.name, *(found[metric.name] for found in of_levels.values()), metric.meaning)
+                    for metric in EPISODE_METRICS
+                ),
+                folded=True,
+            )
+        )
+    return tuple(tables)
+
+
+def under_test_tables(episodes: Sequence[ScoredEpisode]) -> Iterator[Table]:
+    """A table for each AV under test: its marks, with the reason where there is no value."""
+    for episode in episodes:
+        for driver in episode.scores.drivers:
+            if driver.under_test:
+                named = f"{episode.bag}: the AV under test (actor {driver.actor_id}), from {driver.began_s:.2f} s on"
+                rows = tuple((metric.name, driver.marks[metric.name].text, metric.meaning) for metric in DRIVER_METRICS)
+                yield Table(f"driver_{driver.actor_id}", named, ("metric", "value", "meaning"), rows)

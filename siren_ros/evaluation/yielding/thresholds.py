@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Self
 
 from siren_ros.scenario.paper import PAPER_CONSTANTS
+from siren_ros.tables.interval import NONE
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,11 @@ class Measure:
     def valid(self) -> bool:
         """Whether there is a value."""
         return not self.lack
+
+    @property
+    def text(self) -> str:
+        """For a table: the value, ``at least`` before a lower bound, and the reason where there is none."""
+        return f"{'at least ' * self.at_least}{self.value:.2f}" if self.valid else f"{NONE} ({self.lack})"
 
     @classmethod
     def lacking(cls, reason: str) -> Self:

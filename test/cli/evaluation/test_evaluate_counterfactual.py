@@ -24,9 +24,9 @@ def test_effects_are_printed_and_written(
     out = tmp_path / "effects.json"
     assert main(["evaluate", "counterfactual", "x", "--out", str(out), "--outcomes", "site_time_s"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == "site_time_s, L1 minus L0"
-    assert lines[1].split()[:4] == ["S3", "-3.00", "[-3.98,", "-2.02]"]
-    assert len(lines) == 2
+    assert lines[0] == "Effects on site_time_s"
+    assert lines[2].split()[:6] == ["L1", "−", "L0", "S3", "-3.00", "[-3.98,"]
+    assert len(lines) == 3
     written = json.loads(out.read_text(encoding="utf-8"))
     assert {one["outcome"] for one in written} > {"site_time_s", "collisions"}
     assert written[0]["difference"] == pytest.approx(-3.0)

@@ -17,7 +17,8 @@ def test_a_folder_of_bags_is_scored(
     words = ["evaluate", "yield", str(tmp_path / "study"), "--out", str(out), "--drivers", str(drivers), "--jobs", "1"]
     assert main(words) == 0
     table = capsys.readouterr().out
-    assert table.splitlines()[0].split() == ["S2", "L2"]
+    caption, head, *_ = table.splitlines()
+    assert (caption, head.split()) == ("Yield metrics of S2", ["metric", "L2", "meaning"])
     assert "emv_delay_s" in table
     rows = json.loads(out.read_text(encoding="utf-8"))
     assert [row["bag"] for row in rows] == [str(tmp_path / "study" / "group" / f"bag{number}") for number in range(2)]

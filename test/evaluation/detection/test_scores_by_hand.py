@@ -144,7 +144,6 @@ def test_frames_labels_and_detections_of_each_template() -> None:
     assert second == pytest.approx((89 + (0.5 - 0.1) / 0.9) / 90 / 4)
     assert scores.mean_ap.value == pytest.approx((first + second) / 2)
     assert scores.mean_nds == pytest.approx(np.mean([scores.templates[name].nds for name in ("S1", "S2")]))
-    assert scores.mean_error("AVE") == pytest.approx(np.mean([one.errors["AVE"] for one in scores.templates.values()]))
 
 
 def test_a_family_has_a_row_where_all_of_its_templates_are_there() -> None:

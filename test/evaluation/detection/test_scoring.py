@@ -11,7 +11,7 @@ from siren_ros.evaluation.detection.frames import EpisodeFrames, Frames, frames_
 from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet
 from siren_ros.evaluation.detection.scoring import VEHICLE_NAMES, DetectorScores, score_detector
 from siren_ros.evaluation.detection.subsets import subsets_of_episodes
-from siren_ros.evaluation.detection.tables import as_csv, as_latex, as_text, scores_as_json, tables_of
+from siren_ros.evaluation.detection.tables import scores_as_json, tables_of
 from siren_ros.world.actors import ActorClass, Mode
 
 FRAMES = 10
@@ -148,22 +148,23 @@ def test_kinds_have_rows_where_a_detector_names_them() -> None:
 
 def test_tables_have_the_papers_rows_where_asked() -> None:
     scores = [_scores(["S1", "S3"])]
-    tables = {table.name: table for table in tables_of(scores, compare_paper=True)}
-    rows = {row[0]: row for row in tables["by_template"].rows}
+    content = scores_as_json(scores)
+    tables = {table.key: table for table in tables_of(content, compare_paper=True)}
+    rows = {row[0]: row for row in tables["by_template"].cells()}
     assert tables["by_template"].head == ("detector", "S1", "S3", "mean")
-    assert rows["SECOND (paper)"] == ("SECOND (paper)", ".420/.420", ".631/.563", ".521/.510")
-    assert [row[0] for row in tables["errors"].rows][1:] == [
+    assert rows["SECOND (paper)"] == ("SECOND (paper)", "0.420/0.420", "0.631/0.563", "0.521/0.510")
+    assert [row[0] for row in tables["errors"].cells()][1:] == [
         f"{name} (paper)" for name in ("PointPillars", "SECOND", "VoxelNeXt", "TransFusion-L")
     ]
-    named = tables_of([replace(scores[0], name="transfusion_l")], compare_paper=True)[1]
-    assert [row[0] for row in named.rows] == ["transfusion_l", "TransFusion-L (paper)"]
-    plain = tables_of(scores, compare_paper=False)
-    assert not any("paper" in row[0] for table in plain for row in table.rows)
+    named = tables_of(scores_as_json([replace(scores[0], name="transfusion_l")]), compare_paper=True)[1]
+    assert [row[0] for row in named.cells()] == ["transfusion_l", "TransFusion-L (paper)"]
+    plain = tables_of(content)
+    assert not any("paper" in row[0] for table in plain for row in table.cells())
     for table in plain:
-        assert len(as_text(table)) == len(table.rows) + 3
-        assert as_csv(table).count("\n") == len(table.rows) + 1
-        assert as_latex(table).count(r"\\") == len(table.rows) + 1
-        assert "%" not in as_latex(table).replace(r"\%", "").splitlines()[-3]
+        assert len(table.text()) == len(table.rows) + 2
+        assert table.csv().count("\n") == len(table.rows) + 1
+        assert table.latex().count(r"\\") == len(table.rows) + 1
+        assert "%" not in table.latex().replace(r"\%", "").splitlines()[-3]
     assert set(scores_as_json(scores)["made"]["templates"]) == {"S1", "S3"}
 
 

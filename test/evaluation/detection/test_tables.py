@@ -1,4 +1,4 @@
-"""Which cells the tables have, and the same cells for the terminal, as CSV and as LaTeX."""
+"""Which cells the tables have."""
 
 import json
 from dataclasses import replace
@@ -6,46 +6,17 @@ from dataclasses import replace
 import pytest
 from made_detector_scores import detector_scores
 
-from siren_ros.evaluation.detection.scoring import GroupScore
+from siren_ros.evaluation.detection.scoring import DetectorScores, GroupScore
 from siren_ros.evaluation.detection.tables import (
     MEAN,
     PAPER,
     PAPER_TEMPLATES,
-    Table,
-    as_csv,
-    as_latex,
-    as_text,
     paper_rows,
     scores_as_json,
     tables_of,
 )
-from siren_ros.evaluation.statistics.interval import BLOCKS_MIN, Interval
-
-TABLE = Table("name", "a caption", ("detector", "S_1", "mean"), (("one & two", ".5", "-"), ("3", ".25", "50 %")))
-
-
-def test_text_has_a_column_for_each_of_the_head() -> None:
-    lines = ["a caption:", "", "detector   S_1  mean", "one & two  .5   -", "3          .25  50 %"]
-    assert as_text(TABLE) == lines
-
-
-def test_csv_has_the_head_first() -> None:
-    assert as_csv(TABLE) == "detector,S_1,mean\none & two,.5,-\n3,.25,50 %\n"
-
-
-def test_latex_has_as_many_columns_and_no_special_characters() -> None:
-    assert as_latex(TABLE).splitlines() == [
-        "% a caption",
-        r"\begin{tabular}{lcc}",
-        r"\toprule",
-        r"detector & S\_1 & mean \\",
-        r"\midrule",
-        r"one \& two & .5 & - \\",
-        r"3 & .25 & 50 \% \\",
-        r"\bottomrule",
-        r"\end{tabular}",
-    ]
-
+from siren_ros.tables.interval import BLOCKS_MIN, Interval
+from siren_ros.tables.table import Table
 
 BOTH = (
     detector_scores("mine", {"S1": 0.4, "S3": 0.6}),
@@ -54,58 +25,64 @@ BOTH = (
 """Means of 0.5 and 0.625; NDS is half of the mAP."""
 
 
+def tables(*scores: DetectorScores, compare_paper: bool = False) -> tuple[Table, ...]:
+    """By template, errors, errors by template, parts."""
+    return tables_of(scores_as_json(scores), compare_paper=compare_paper)
+
+
 def cells(table: Table) -> dict[str, tuple[str, ...]]:
-    return {row[0]: row[1:] for row in table.rows}
+    return {row[0]: row[1:] for row in table.cells()}
 
 
 def test_map_and_nds_stand_by_template_with_the_intervals_below() -> None:
-    by_template, _, _ = tables_of(BOTH, compare_paper=False)
+    by_template, _, *_ = tables(*BOTH)
     assert by_template.head == ("detector", "S1", "S3", "mean")
-    assert by_template.rows == (
-        ("mine", ".400/.200", ".600/.300", ".500/.250"),
-        ("second", ".250/.125", "1.000/.500", ".625/.312"),
-        ("mine, 95 % of mAP", ".350-.450", ".550-.650", ".450-.550"),
-        ("second, 95 % of mAP", "[-]", "[-]", "[-]"),
-    )
+    assert by_template.cells() == [
+        ("mine", "0.400/0.200", "0.600/0.300", "0.500/0.250"),
+        ("second", "0.250/0.125", "1.000/0.500", "0.625/0.312"),
+        ("mine, 95 % of mAP", "[0.350, 0.450]", "[0.550, 0.650]", "[0.450, 0.550]"),
+        ("second, 95 % of mAP", "[–]", "[–]", "[–]"),
+    ]
 
 
 def test_without_any_interval_there_are_no_rows_of_them() -> None:
-    by_template, _, _ = tables_of(BOTH[1:], compare_paper=False)
+    by_template, _, *_ = tables(*BOTH[1:])
     assert list(cells(by_template)) == ["second"]
 
 
 def test_the_papers_rows_stand_below_ours() -> None:
     """The paper has a detector of one of the names: its row. For the other all of its four are of interest, once."""
-    by_template, errors, _ = tables_of(BOTH[1:], compare_paper=True)
-    assert cells(by_template)["SECOND (paper)"] == (".420/.420", ".631/.563", ".521/.510")
+    by_template, errors, *_ = tables(*BOTH[1:], compare_paper=True)
+    assert cells(by_template)["SECOND (paper)"] == ("0.420/0.420", "0.631/0.563", "0.521/0.510")
     assert list(cells(by_template)) == list(cells(errors)) == ["second", "SECOND (paper)"]
     assert cells(errors)["SECOND (paper)"] == ("0.565", "0.214", "0.207", "3.196", "0.514")
-    by_template, _, _ = tables_of(BOTH, compare_paper=True)
+    by_template, _, *_ = tables(*BOTH, compare_paper=True)
     papers = [name for name in cells(by_template) if "(paper)" in name]
     assert papers == [f"{row.name} (paper)" for row in PAPER.values()]
 
 
 def test_a_template_that_the_paper_does_not_have_is_a_dash() -> None:
-    by_template, _, _ = tables_of([detector_scores("second", {"S1": 0.4, "own": 0.6})], compare_paper=True)
-    assert cells(by_template)["SECOND (paper)"] == (".420/.420", "-", ".521/.510")
+    by_template, *_ = tables(detector_scores("second", {"S1": 0.4, "own": 0.6}), compare_paper=True)
+    assert cells(by_template)["SECOND (paper)"] == ("0.420/0.420", "–", "0.521/0.510")
 
 
 def test_errors_are_means_over_the_templates() -> None:
     """ATE of the made scores is the mAP, and each of the next errors one more."""
-    _, errors, _ = tables_of(BOTH, compare_paper=False)
+    _, errors, by_template, _ = tables(*BOTH)
     assert errors.head == ("detector", "ATE m", "ASE", "AOE rad", "AVE m/s", "AAE")
     assert cells(errors)["mine"] == ("0.500", "1.500", "2.500", "3.500", "4.500")
+    assert by_template.cells()[0] == ("mine", "S1", "0.400", "1.400", "2.400", "3.400", "4.400")
 
 
 def test_parts_have_a_row_where_somebody_has_labels_of_them() -> None:
-    _, _, parts = tables_of(BOTH, compare_paper=False)
+    *_, parts = tables(*BOTH)
     assert parts.head == ("of", "labels that are", "labels", "mine", "second")
-    assert parts.rows == (
-        ("behaviour family", "clearance", "", ".500 .450-.550", ".625 [-]"),
-        ("behaviour family", "red light", "", "-", "-"),
-        ("behaviour", "held", "7", ".250 .200-.300", ".250 [-]"),
-        ("distance", "0-15 m", "8/9", "1.000 .950-1.050", "1.000 [-]"),
-    )
+    assert parts.cells() == [
+        ("behaviour family", "clearance", "", "0.500 [0.450, 0.550]", "0.625 [–]"),
+        ("behaviour family", "red light", "", "–", "–"),
+        ("behaviour", "held", "7", "0.250 [0.200, 0.300]", "0.250 [–]"),
+        ("distance", "0-15 m", "8/9", "1.000 [0.950, 1.050]", "1.000 [–]"),
+    ]
 
 
 @pytest.mark.parametrize("named_first", [True, False])
@@ -116,9 +93,9 @@ def test_detectors_with_different_parts_have_the_rows_of_all(named_first: bool) 
     )
     other = replace(detector_scores("classical", {"S1": 0.4}), families={})
     given = [named, other] if named_first else [other, named]
-    _, _, parts = tables_of(given, compare_paper=False)
+    *_, parts = tables(*given)
     column = {name: place for place, name in enumerate(parts.head)}
-    rows = {row[:2]: row for row in parts.rows}
+    rows = {row[:2]: row for row in parts.cells()}
     assert list(rows) == [
         ("behaviour family", "clearance"),
         ("behaviour family", "red light"),
@@ -127,9 +104,13 @@ def test_detectors_with_different_parts_have_the_rows_of_all(named_first: bool) 
         ("found by name", "bus"),
     ]
     bus = rows["found by name", "bus"]
-    assert (bus[column["labels"]], bus[column["pillars"]], bus[column["classical"]]) == ("3", ".500 .400-.600", "-")
+    assert (bus[column["labels"]], bus[column["pillars"]], bus[column["classical"]]) == (
+        "3",
+        "0.500 [0.400, 0.600]",
+        "–",
+    )
     clearance = rows["behaviour family", "clearance"]
-    assert (clearance[column["pillars"]], clearance[column["classical"]]) == (".400 .350-.450", "-")
+    assert (clearance[column["pillars"]], clearance[column["classical"]]) == ("0.400 [0.350, 0.450]", "–")
 
 
 @pytest.mark.parametrize(

@@ -25,11 +25,9 @@ from siren_ros.evaluation.risk.scoring import (
 from siren_ros.evaluation.risk.tables import (
     PAPER_BALANCE,
     PAPER_SCORES,
-    as_json,
-    confusion_lines,
-    csv_table,
-    latex_table,
-    text_table,
+    csv_of_scores,
+    scores_as_json,
+    tables_of,
 )
 from siren_ros.evaluation.risk.video_set import VideoSet
 
@@ -110,20 +108,24 @@ def test_only_answered_videos_count(small_set: VideoSet) -> None:
 def test_tables_say_the_same(small_set: VideoSet, tmp_path: Path) -> None:
     first, second = (score_answers(name, small_set, of(small_set)) for name, of in (("m_1", majority), ("o", oracle)))
     models = [first, second]
-    printed = text_table(models, compare_paper=True)
-    assert len(printed) == 1 + 2 + 5
-    assert "50.00 [" in printed[1]
-    assert "6/6" in printed[2]
-    assert any("49.52" in line and "paper" in line for line in printed)
-    rows = {(row["model"], row["group"], row["score"]): row for row in csv.DictReader(csv_table(models).splitlines())}
+    content = json.loads(json.dumps(scores_as_json(models)))
+    scores, classes, confusion_table, *_ = tables_of(content, compare_paper=True)
+    assert len(scores.cells()) == len(classes.cells()) == 2 + 5
+    assert "50.00 [" in scores.cells()[0][2]
+    assert scores.cells()[1][1] == "6/6"
+    assert any("49.52" in row and "(paper)" in row[0] for row in scores.cells())
+    rows = {
+        (row["model"], row["group"], row["score"]): row for row in csv.DictReader(csv_of_scores(models).splitlines())
+    }
     assert float(rows["m_1", "all", "accuracy"]["value"]) == 0.5
     assert {group for _, group, _ in rows} == {"all", "S4", "S6"}
     assert rows["o", "S4", "recall_collision"]["value"] == ""
-    assert r"m\_1 & 50.00 & 50.00 & 66.67 & 0.00" in latex_table(models, compare_paper=False)
-    content = json.loads(json.dumps(as_json(models)))
+    assert r"m\_1 & 6/6 & 50.00 [" in scores.latex()
+    assert classes.cells()[0][1:4] == ("50.00", "100.00", classes.cells()[0][3])
+    assert classes.cells()[0][3].startswith("66.67 [")
     assert content["models"]["o"]["scores"]["macro_f1"]["value"] == 1.0
     assert content["models"]["m_1"]["scores"]["precision_near_miss"]["value"] is None
-    assert confusion_lines(first)[2].split() == ["Near-Miss", "2", "0", "0", "0"]
+    assert confusion_table.cells()[1] == ("m_1", "Near-Miss", "2", "0", "0", "0")
     save_confusions(first, tmp_path / "confusion.png")
     assert tmp_path.joinpath("confusion.png").stat().st_size > 10_000
 
@@ -139,19 +141,19 @@ def test_tables_by_hand(small_set: VideoSet) -> None:
         "S6_005": None,
     }
     found = score_answers("m&1", small_set, answers)
-    lines = [line.split() for line in confusion_lines(found)]
-    assert lines[1:4] == [
-        ["all", "Normal", "2", "1", "0", "0"],
-        ["Near-Miss", "0", "2", "0", "0"],
-        ["Collision", "0", "0", "0", "1"],
+    scores, classes, overall, by_template = tables_of(scores_as_json([found]))
+    assert overall.cells() == [
+        ("m&1", "Normal", "2", "1", "0", "0"),
+        ("m&1", "Near-Miss", "0", "2", "0", "0"),
+        ("m&1", "Collision", "0", "0", "0", "1"),
     ]
-    assert lines[4] == ["S4", "Normal", "1", "1", "0", "0"]
-    assert lines[9] == ["Collision", "0", "0", "0", "1"]
+    assert by_template.cells()[0] == ("m&1", "S4", "Normal", "1", "1", "0", "0")
+    assert by_template.cells()[5] == ("m&1", "S6", "Collision", "0", "0", "0", "1")
     # Recalls 2/3, 1, 0; precisions 1, 2/3, none; F1 4/5, 4/5, 0.
-    assert latex_table([found], compare_paper=False).splitlines()[-3] == (
-        r"m\&1 & 66.67 & 100.00 & 80.00 & 66.67 & 80.00 & 0.00 & 0.00 \\"
-    )
-    rows = {(row["group"], row["score"]): row for row in csv.DictReader(csv_table([found]).splitlines())}
+    values = [cell.split()[0] for cell in classes.cells()[0][1:]]
+    assert values == ["100.00", "66.67", "80.00", "66.67", "100.00", "80.00", "–", "0.00", "0.00"]
+    assert scores.latex().splitlines()[-3].startswith(r"m\&1 & 6/6 & 66.67 [")
+    rows = {(row["group"], row["score"]): row for row in csv.DictReader(csv_of_scores([found]).splitlines())}
     assert float(rows["S4", "accuracy"]["value"]) == pytest.approx(2 / 3, abs=1e-6)
     assert (rows["S4", "accuracy"]["low"], rows["S4", "accuracy"]["videos"]) == ("", "3")
     assert rows["all", "accuracy"]["videos"] == "6"
@@ -161,10 +163,7 @@ def test_tables_by_hand(small_set: VideoSet) -> None:
     )
     assert (rows["all", "precision_collision"]["value"], rows["all", "precision_collision"]["low"]) == ("", "")
     assert float(rows["all", "balanced_accuracy"]["value"]) == pytest.approx(5 / 9, abs=1e-6)
-    (printed,) = text_table([found], compare_paper=False)[1:]
-    assert printed.split()[:3] == ["m&1", "6/6", "66.67"]
-    assert printed.split()[-3:] == ["-", "0.00", "0.00"]
-    shown = as_json([found])["models"]["m&1"]
+    shown = scores_as_json([found])["models"]["m&1"]
     assert shown["confusion"] == [[2, 1, 0, 0], [0, 2, 0, 0], [0, 0, 0, 1]]
     assert shown["scores"]["precision_collision"] == {"value": None, "low": None, "high": None, "episodes": 0}
     assert shown["scores"]["accuracy"]["low"] == bounds.low

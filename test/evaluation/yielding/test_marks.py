@@ -10,8 +10,6 @@ from made_encounters import CAR, IN_LANE, PULLS_RIGHT, arc, blocking, passing, r
 
 from siren_ros.evaluation.surrogate_safety import Encroachment, Extreme, PairMeasures
 from siren_ros.evaluation.yielding import marks
-from siren_ros.evaluation.yielding import marks as emv_marks
-from siren_ros.evaluation.yielding import marks as safety
 from siren_ros.evaluation.yielding.emv_line import EmvLine
 from siren_ros.evaluation.yielding.encounters import Encounter, encounters_of
 from siren_ros.evaluation.yielding.marks import civilian_delay_s, recovery_time_s, wake_duration_s, wake_length_m
@@ -52,11 +50,11 @@ def test_the_driver_responds_clears_and_is_passed() -> None:
     assert marks.response_time_s(one, LIMITS).value == pytest.approx(
         bend_s + 0.3 / 2.6 * bent_m / 5.0 - began_s, abs=0.1
     )
-    cleared = marks.clearance_time_s(one)
+    cleared = marks.clearance_time_s(one, LIMITS)
     assert bend_s + bent_m / 5.0 - began_s - 1.0 < cleared.value < bend_s + bent_m / 5.0 - began_s + 0.5
     assert marks.complied(one, LIMITS) == Measure(1.0)
-    assert marks.made_way_m(one).value == pytest.approx(2.6, abs=0.01)
-    assert marks.passing_gap_m(one).value == pytest.approx(2.6 - 0.5 * (2.1 + 1.8), abs=0.02)
+    assert marks.made_way_m(one, LIMITS).value == pytest.approx(2.6, abs=0.01)
+    assert marks.passing_gap_m(one, LIMITS).value == pytest.approx(2.6 - 0.5 * (2.1 + 1.8), abs=0.02)
     assert marks.held_up_s(one, LIMITS).value == 0.0
 
 
@@ -79,9 +77,9 @@ def test_a_driver_that_stays_holds_the_emv_up() -> None:
     one = only(blocking())
     assert marks.response_time_s(one, LIMITS).lack == "the driver did not respond"
     assert marks.complied(one, LIMITS) == Measure(0.0)
-    assert marks.clearance_time_s(one).at_least
+    assert marks.clearance_time_s(one, LIMITS).at_least
     assert marks.held_up_s(one, LIMITS).value == pytest.approx(6.0, abs=0.1)
-    assert marks.passing_gap_m(one).lack
+    assert marks.passing_gap_m(one, LIMITS).lack
     assert marks.recovery_time_s(one, LIMITS).lack
 
 
@@ -103,7 +101,7 @@ def test_a_shift_to_either_side_is_a_response(side: float) -> None:
     bends = line((5.25, -120.0), (5.25, -74.0), (5.25 + 1.6 * side, -58.0), (5.25 + 1.6 * side, 110.0))
     one = in_front([(8.0, 10.0)], bends)
     assert marks.response_time_s(one, LIMITS).value == pytest.approx((16.0 + 3.0) / 8.0, abs=0.06)
-    assert marks.made_way_m(one).value == pytest.approx(1.6, abs=0.01)
+    assert marks.made_way_m(one, LIMITS).value == pytest.approx(1.6, abs=0.01)
 
 
 def test_who_comes_back_into_the_way_has_not_cleared_it() -> None:
@@ -111,7 +109,7 @@ def test_who_comes_back_into_the_way_has_not_cleared_it() -> None:
     returns = line((5.25, -120.0), (5.25, -85.0), (7.85, -75.0), (7.85, -65.0), (5.25, -55.0), (5.25, 110.0))
     one = in_front([(8.0, 10.0)], returns, emv_mps=9.0)
     assert not one.in_the_way.all()
-    assert marks.clearance_time_s(one) == Measure((len(one.gap_m) - 1) * STEP_S, at_least=True)
+    assert marks.clearance_time_s(one, LIMITS) == Measure((len(one.gap_m) - 1) * STEP_S, at_least=True)
     assert marks.complied(one, LIMITS).lack == "the EMV did not come up to the driver"
 
 
@@ -143,7 +141,7 @@ def test_only_the_way_made_before_the_passing_counts() -> None:
     later = line((5.25, -120.0), (5.25, -88.0), (7.75, -84.0), (7.75, -70.0), (8.25, -66.0), (8.25, 110.0))
     one = only(record_of(arc((10.0, 30.0)), {CAR: Driven(later, arc((2.0, 30.0), start_m=30.0))}))
     assert one.passed_row > 0
-    assert marks.made_way_m(one).value == pytest.approx(2.5, abs=0.01)
+    assert marks.made_way_m(one, LIMITS).value == pytest.approx(2.5, abs=0.01)
     assert np.abs(one.offsets.lateral_m).max() == pytest.approx(3.0, abs=0.01)
 
 
@@ -166,7 +164,7 @@ def test_back_at_speed_is_four_fifths(after_mps: float, *, disturbed: bool) -> N
     "mark",
     [
         lambda one: marks.response_time_s(one, LIMITS),
-        marks.clearance_time_s,
+        lambda one: marks.clearance_time_s(one, LIMITS),
         lambda one: marks.complied(one, LIMITS),
     ],
 )
@@ -179,7 +177,7 @@ def test_a_driver_in_the_next_lane_is_met_but_not_in_the_way() -> None:
     one = only(record_of(arc((10.0, 10.0)), {CAR: Driven(left, arc((2.0, 10.0), start_m=40.0))}))
     assert not one.was_in_the_way
     assert marks.response_time_s(one, LIMITS).lack == "the driver was not in the EMV's way"
-    assert marks.passing_gap_m(one).value == pytest.approx(3.5 - 1.95, abs=0.01)
+    assert marks.passing_gap_m(one, LIMITS).value == pytest.approx(3.5 - 1.95, abs=0.01)
 
 
 def test_oncoming_and_far_away_drivers_are_not_met() -> None:
@@ -196,7 +194,7 @@ def test_the_way_is_clear_from_the_first_step_out_of_the_strip() -> None:
     out = int(np.argmin(one.in_the_way))
     assert one.in_the_way[:out].all()
     assert not one.in_the_way[out : one.passed_row].any()
-    assert marks.clearance_time_s(one) == Measure(out * STEP_S)
+    assert marks.clearance_time_s(one, LIMITS) == Measure(out * STEP_S)
 
 
 def line_of(record: EpisodeRecord) -> EmvLine:
@@ -212,17 +210,17 @@ def with_target(record: EpisodeRecord, speed_mps: float) -> EpisodeRecord:
 
 def test_an_emv_at_its_target_speed_loses_nothing() -> None:
     record = with_target(record_of(arc((10.0, 12.0)), {}), 10.0)
-    assert emv_marks.emv_delay_s(record, line_of(record), LIMITS).value == pytest.approx(0.0, abs=1e-6)
+    assert marks.emv_delay_s(record, line_of(record), LIMITS).value == pytest.approx(0.0, abs=1e-6)
 
 
 def test_the_delay_is_the_time_lost_against_the_target_speed() -> None:
     record = with_target(record_of(arc((10.0, 6.0), (0.0, 3.0), (5.0, 4.0)), {}), 10.0)
-    assert emv_marks.emv_delay_s(record, line_of(record), LIMITS).value == pytest.approx(3.0 + 2.0, abs=0.1)
+    assert marks.emv_delay_s(record, line_of(record), LIMITS).value == pytest.approx(3.0 + 2.0, abs=0.1)
 
 
 def test_turns_are_free_flow_at_the_speed_of_the_turn() -> None:
     record = with_target(record_of(arc((10.0, 20.0)), {}), 20.0)
-    free = emv_marks.free_speed_mps(record)
+    free = marks.free_speed_mps(record)
     on_junction = (record.track(EMV).y_m > -19.5) & (record.track(EMV).y_m < 9.5)
     assert set(np.unique(free[on_junction])) == {13.9}
     assert set(np.unique(free[record.track(EMV).y_m < -21.0])) == {20.0}
@@ -230,26 +228,26 @@ def test_turns_are_free_flow_at_the_speed_of_the_turn() -> None:
 
 def test_creeping_up_is_no_second_stop() -> None:
     record = record_of(arc((10.0, 3.0), (0.0, 2.0), (1.0, 3.0), (0.0, 2.0), (8.0, 2.0), (0.0, 1.0)), {})
-    assert emv_marks.emv_stops(record, line_of(record), LIMITS) == Measure(2.0)
-    assert emv_marks.emv_standstill_s(record, line_of(record), LIMITS).value == pytest.approx(5.0, abs=0.15)
+    assert marks.emv_stops(record, line_of(record), LIMITS) == Measure(2.0)
+    assert marks.emv_standstill_s(record, line_of(record), LIMITS).value == pytest.approx(5.0, abs=0.15)
 
 
 def test_time_in_gap_escape() -> None:
     steps = arc((10.0, 10.0))
     mode = np.where(np.arange(len(steps)) < 50, Mode.GAP_ESCAPE, Mode.ROUTE_FOLLOW).astype(np.uint8)
     record = hand_made(crossing(), {EMV: Driven(NORTHBOUND, steps, mode)})
-    assert emv_marks.emv_gap_escape_s(record, line_of(record), LIMITS) == Measure(2.5)
+    assert marks.emv_gap_escape_s(record, line_of(record), LIMITS) == Measure(2.5)
 
 
 def test_the_site_is_reached_or_not() -> None:
     record = record_of(arc((10.0, 20.0)), {})
     site = {"junction": "J"}
     there = replace(record, description=replace(record.description, site=site))
-    assert emv_marks.site_time_s(there, line_of(there), LIMITS).value == pytest.approx(11.5, abs=0.05)
+    assert marks.site_time_s(there, line_of(there), LIMITS).value == pytest.approx(11.5, abs=0.05)
     short = record_of(arc((10.0, 5.0)), {})
     short = replace(short, description=replace(short.description, site=site))
-    assert emv_marks.site_time_s(short, line_of(short), LIMITS).at_least
-    assert emv_marks.site_time_s(record, line_of(record), LIMITS).lack
+    assert marks.site_time_s(short, line_of(short), LIMITS).at_least
+    assert marks.site_time_s(record, line_of(record), LIMITS).lack
 
 
 def test_an_emv_that_stands_has_no_line() -> None:
@@ -261,7 +259,7 @@ def test_a_site_that_the_emv_still_comes_nearer_to_is_not_passed(time_s: float, 
     """The middle of its site is 115 m after the start; 9.5 s after it, it is 20 m away."""
     record = record_of(arc((10.0, time_s)), {})
     record = replace(record, description=replace(record.description, site={"junction": "J"}))
-    found = emv_marks.site_time_s(record, line_of(record), LIMITS)
+    found = marks.site_time_s(record, line_of(record), LIMITS)
     assert found.at_least is at_least
     assert found.value == pytest.approx(time_s + 0.05 if at_least else 11.5, abs=0.051)
 
@@ -270,27 +268,27 @@ def test_an_emv_that_stops_behind_its_site_has_passed_it() -> None:
     """It stands 10 m behind the middle until the end, and its time is that at the middle."""
     record = record_of(arc((10.0, 12.5), (0.0, 5.0)), {})
     record = replace(record, description=replace(record.description, site={"junction": "J"}))
-    assert emv_marks.site_time_s(record, line_of(record), LIMITS) == Measure(pytest.approx(11.5, abs=0.051))
+    assert marks.site_time_s(record, line_of(record), LIMITS) == Measure(pytest.approx(11.5, abs=0.051))
 
 
 @pytest.mark.parametrize(("speed_mps", "stops"), [(0.49, 1.0), (0.51, 0.0)])
 def test_a_stop_is_slower_than_half_a_metre_a_second(speed_mps: float, stops: float) -> None:
     record = record_of(arc((10.0, 3.0), (speed_mps, 2.0)), {})
-    assert emv_marks.emv_stops(record, line_of(record), LIMITS) == Measure(stops)
-    standing = emv_marks.emv_standstill_s(record, line_of(record), LIMITS).value
+    assert marks.emv_stops(record, line_of(record), LIMITS) == Measure(stops)
+    standing = marks.emv_standstill_s(record, line_of(record), LIMITS).value
     assert standing == pytest.approx(2.0 * stops, abs=0.051)
 
 
 @pytest.mark.parametrize(("again_mps", "stops"), [(1.9, 1.0), (2.1, 2.0)])
 def test_who_moves_faster_than_two_metres_a_second_stops_again(again_mps: float, stops: float) -> None:
     record = record_of(arc((10.0, 3.0), (0.0, 1.0), (again_mps, 2.0), (0.0, 1.0)), {})
-    assert emv_marks.emv_stops(record, line_of(record), LIMITS) == Measure(stops)
+    assert marks.emv_stops(record, line_of(record), LIMITS) == Measure(stops)
 
 
 def test_who_stands_from_the_start_has_not_stopped() -> None:
     record = record_of(arc((0.0, 2.0), (10.0, 3.0)), {})
-    assert emv_marks.emv_stops(record, line_of(record), LIMITS) == Measure(0.0)
-    assert emv_marks.emv_standstill_s(record, line_of(record), LIMITS).value == pytest.approx(2.0, abs=0.06)
+    assert marks.emv_stops(record, line_of(record), LIMITS) == Measure(0.0)
+    assert marks.emv_standstill_s(record, line_of(record), LIMITS).value == pytest.approx(2.0, abs=0.06)
 
 
 LEFT_LANE = IN_LANE - np.array([3.5, 0.0])
@@ -393,12 +391,12 @@ def pair(ttc_s: float | None, pet_s: float | None, gap_m: float) -> PairMeasures
 
 def test_the_least_of_all_pairs_that_have_a_value() -> None:
     pairs = [pair(2.0, None, 5.0), pair(None, 3.0, -0.2), pair(1.5, 1.2, 7.0)]
-    assert safety.min_ttc_s(pairs) == Measure(1.5)
-    assert safety.min_pet_s(pairs) == Measure(1.2)
-    assert safety.min_gap_m(pairs) == Measure(-0.2)
-    assert safety.min_ttc_s([pair(None, None, 1.0)]).lack == "no contact was ahead within 3 s"
-    assert safety.min_pet_s([pair(None, None, 1.0)]).lack
-    assert safety.min_gap_m([]).lack
+    assert marks.min_ttc_s(pairs) == Measure(1.5)
+    assert marks.min_pet_s(pairs) == Measure(1.2)
+    assert marks.min_gap_m(pairs) == Measure(-0.2)
+    assert marks.min_ttc_s([pair(None, None, 1.0)]).lack == "no contact was ahead within 3 s"
+    assert marks.min_pet_s([pair(None, None, 1.0)]).lack
+    assert marks.min_gap_m([]).lack
 
 
 def test_collisions_of_everybody_and_of_one() -> None:
@@ -408,5 +406,5 @@ def test_collisions_of_everybody_and_of_one() -> None:
         Event(5, EventKind.SIREN_ON, CAR),
     )
     record = replace(record_of(arc((10.0, 1.0)), {}), events=events)
-    assert safety.collisions(record) == Measure(2.0)
-    assert [safety.collisions(record, key).value for key in (EMV, CAR, CAR + 1, CAR + 2)] == [1.0, 2.0, 1.0, 0.0]
+    assert marks.collisions(record) == Measure(2.0)
+    assert [marks.collisions(record, key).value for key in (EMV, CAR, CAR + 1, CAR + 2)] == [1.0, 2.0, 1.0, 0.0]

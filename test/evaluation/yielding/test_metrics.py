@@ -7,12 +7,8 @@ import pytest
 from hand_made_record import EMV, Driven
 from made_encounters import CAR, IN_LANE, PULLS_RIGHT, arc, record_of
 
-from siren_ros.evaluation.yielding import corridor
-from siren_ros.evaluation.yielding import marks as civilians
-from siren_ros.evaluation.yielding import marks as driver
-from siren_ros.evaluation.yielding import marks as emv
-from siren_ros.evaluation.yielding import marks as safety
-from siren_ros.evaluation.yielding import marks as wake
+from siren_ros.evaluation.yielding import marks
+from siren_ros.evaluation.yielding.corridor import corridor_continuity, corridor_width_m
 from siren_ros.evaluation.yielding.emv_line import EmvLine
 from siren_ros.evaluation.yielding.encounters import Encounter
 from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS, YieldScene
@@ -45,16 +41,16 @@ def scene() -> YieldScene:
 def of_driver(scene: YieldScene, one: Encounter) -> dict[str, Measure]:
     conflicts = scene.conflicts_of(one.actor_id)
     return {
-        "response_time_s": driver.response_time_s(one, LIMITS),
-        "clearance_time_s": driver.clearance_time_s(one),
-        "compliance": driver.complied(one, LIMITS),
-        "held_up_s": driver.held_up_s(one, LIMITS),
-        "made_way_m": driver.made_way_m(one),
-        "passing_gap_m": driver.passing_gap_m(one),
-        "recovery_time_s": driver.recovery_time_s(one, LIMITS),
-        "min_ttc_s": safety.min_ttc_s(conflicts),
-        "min_pet_s": safety.min_pet_s(conflicts),
-        "collisions": safety.collisions(scene.record, one.actor_id),
+        "response_time_s": marks.response_time_s(one, LIMITS),
+        "clearance_time_s": marks.clearance_time_s(one, LIMITS),
+        "compliance": marks.complied(one, LIMITS),
+        "held_up_s": marks.held_up_s(one, LIMITS),
+        "made_way_m": marks.made_way_m(one, LIMITS),
+        "passing_gap_m": marks.passing_gap_m(one, LIMITS),
+        "recovery_time_s": marks.recovery_time_s(one, LIMITS),
+        "min_ttc_s": marks.min_ttc_s(conflicts),
+        "min_pet_s": marks.min_pet_s(conflicts),
+        "collisions": marks.collisions(scene.record, one.actor_id),
     }
 
 
@@ -70,25 +66,25 @@ def test_metrics_of_the_episode(scene: YieldScene) -> None:
     record, line = scene.record, scene.line
     asked = [one for one in scene.encounters if one.was_in_the_way]
     assert len(asked) == 3
-    marks = [of_driver(scene, one) for one in asked]
+    of_drivers = [of_driver(scene, one) for one in asked]
 
     def values(name: str) -> list[float]:
-        return [mark[name].value for mark in marks if mark[name].valid]
+        return [found[name].value for found in of_drivers if found[name].valid]
 
     expected = {
-        "site_time_s": emv.site_time_s(record, line, LIMITS),
-        "emv_delay_s": emv.emv_delay_s(record, line, LIMITS),
+        "site_time_s": marks.site_time_s(record, line, LIMITS),
+        "emv_delay_s": marks.emv_delay_s(record, line, LIMITS),
         "emv_stops": Measure(1.0),
-        "emv_standstill_s": emv.emv_standstill_s(record, line, LIMITS),
+        "emv_standstill_s": marks.emv_standstill_s(record, line, LIMITS),
         "emv_gap_escape_s": Measure(0.0),
-        "corridor_width_m": corridor.corridor_width_m(scene.corridor),
-        "corridor_continuity": corridor.corridor_continuity(scene.corridor),
+        "corridor_width_m": corridor_width_m(scene.corridor),
+        "corridor_continuity": corridor_continuity(scene.corridor),
         "drivers_in_the_way": Measure(3.0),
-        "wake_duration_s": wake.wake_duration_s(scene.encounters, LIMITS),
-        "wake_length_m": wake.wake_length_m(scene.encounters, LIMITS),
-        "civilian_delay_s": civilians.civilian_delay_s(record),
-        "min_ttc_s": safety.min_ttc_s(scene.conflicts_of(EMV)),
-        "min_pet_s": safety.min_pet_s(scene.conflicts_of(EMV)),
+        "wake_duration_s": marks.wake_duration_s(scene.encounters, LIMITS),
+        "wake_length_m": marks.wake_length_m(scene.encounters, LIMITS),
+        "civilian_delay_s": marks.civilian_delay_s(record),
+        "min_ttc_s": marks.min_ttc_s(scene.conflicts_of(EMV)),
+        "min_pet_s": marks.min_pet_s(scene.conflicts_of(EMV)),
         "collisions": Measure(2.0),
     }
     assert {name: found[name] for name in expected} == expected

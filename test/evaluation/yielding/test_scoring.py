@@ -96,13 +96,17 @@ def test_some_metrics_alone_are_the_same_and_need_no_drivers() -> None:
 
 def test_a_statistic_is_over_the_drivers_that_have_a_value() -> None:
     marks = {1: Measure(2.0), 2: Measure.lacking("not asked"), 3: Measure(7.0), 4: Measure(3.0)}
-    scene: Any = SimpleNamespace(encounters=(1, 2, 3, 4))
-    assert of_drivers(scene, marks.__getitem__, max) == Measure(7.0)
-    assert of_drivers(scene, marks.__getitem__, sum) == Measure(12.0)
-    cut_off = {**marks, 3: Measure(7.0, at_least=True)}
-    assert of_drivers(scene, cut_off.__getitem__, min) == Measure(2.0, at_least=True)
-    nobody: Any = SimpleNamespace(encounters=(2,))
-    assert of_drivers(nobody, marks.__getitem__, max).lack == "no driver had to make way"
+    scene: Any = SimpleNamespace(encounters=(1, 2, 3, 4), limits=None)
+
+    def mark(encounter: Any, _: object) -> Measure:
+        return marks[encounter]
+
+    assert of_drivers(scene, mark, max) == Measure(7.0)
+    assert of_drivers(scene, mark, sum) == Measure(12.0)
+    marks[3] = Measure(7.0, at_least=True)
+    assert of_drivers(scene, mark, min) == Measure(2.0, at_least=True)
+    nobody: Any = SimpleNamespace(encounters=(2,), limits=None)
+    assert of_drivers(nobody, mark, max).lack == "no driver had to make way"
 
 
 def test_a_situation_is_everybodys_place_and_the_civilians_speed() -> None:

@@ -174,7 +174,7 @@ def detect_classical(episode: EpisodeFrames) -> FoundBoxes:
         BagError: The bag is damaged.
     """
     open3d = _open3d()
-    frame_of_step = {step: frame for frame, step in enumerate(episode.step.tolist())}
+    frame_of_step = episode.frame_of_step
     tracker, rows = Tracker(), [np.zeros((0, 11))]
     with open_source(Path(episode.bag)) as source:
         topic = lidar_of(source).topic

@@ -1,7 +1,7 @@
 """The project's learned detector: its network's file, its memory of sweeps, and boxes from the network's output."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -132,24 +132,6 @@ def detector_file(name: str) -> Path:
     return params_dir() / SHIPPED if name == SHIPPED_DETECTOR else Path(name)
 
 
-@dataclass(frozen=True)
-class SweepBoxes:
-    """What was found in one sweep, in the LiDAR's frame."""
-
-    centre_m: Floats
-    """Shape ``(N, 3)``."""
-    size_m: Floats
-    """Length, width, height, shape ``(N, 3)``."""
-    yaw_rad: Floats
-    velocity_mps: Floats
-    """Over ground, in the axes of the LiDAR's frame, shape ``(N, 2)``."""
-    score: Floats
-    label: npt.NDArray[np.str_]
-
-    def __len__(self) -> int:
-        return len(self.score)
-
-
 @dataclass
 class PillarDetector:
     """Finds vehicles in the sweeps of one LiDAR, each with those before it."""
@@ -166,8 +148,8 @@ class PillarDetector:
         """Takes the sweep of a step; see ``SweepMemory.add``."""
         self.memory.add(step, points, map_from_lidar)
 
-    def boxes(self) -> SweepBoxes:
-        """Vehicles in the newest sweep."""
+    def boxes(self) -> FoundBoxes:
+        """Vehicles in the newest sweep, in the LiDAR's frame of reference; the frame's number is 0."""
         grid, names = self.network.grid, np.array(self.network.class_names)
         points, lift_m = self.memory.points(), self.height_m - SENSOR_HEIGHT_M
         points[:, 2] += np.float32(lift_m)
@@ -176,11 +158,13 @@ class PillarDetector:
         kept = (score >= _LEAST_SCORE) & np.isfinite(table).all(axis=1)
         kept[kept] = apart(table[kept, :2], score[kept], _APART_M)
         table = table[kept]
-        return SweepBoxes(
+        return FoundBoxes(
+            frame=np.zeros(len(table), dtype=np.intp),
             centre_m=table[:, :3],
             size_m=table[:, 3:6],
             yaw_rad=np.arctan2(table[:, 6], table[:, 7]),
             velocity_mps=table[:, 8:10],
+            attribute=attributes_of(table[:, 8:10]),
             score=score[kept],
             label=names[share[kept].argmax(axis=1)],
         )
@@ -208,8 +192,8 @@ def detect_pillars(episode: EpisodeFrames, weights: Path | None = None) -> Found
         BagError: The bag is damaged.
     """
     network = load_detector(weights or detector_file(SHIPPED_DETECTOR))
-    frame_of_step = {step: frame for frame, step in enumerate(episode.step.tolist())}
-    parts: list[FoundBoxes] = []
+    frame_of_step = episode.frame_of_step
+    parts = [FoundBoxes.none()]
     with open_source(Path(episode.bag)) as source:
         base_from_lidar = lidar_of(source).base_from_sensor
         detector = PillarDetector(network, float(base_from_lidar[2, 3]))
@@ -220,35 +204,15 @@ def detect_pillars(episode: EpisodeFrames, weights: Path | None = None) -> Found
             detector.add(frame.step, frame.points, map_from_lidar)
             if frame.step in frame_of_step:
                 parts.append(_in_map(frame_of_step[frame.step], detector.boxes(), map_from_lidar))
-    return _joined(parts)
+    return joined(parts)
 
 
-def _in_map(frame: int, found: SweepBoxes, map_from_lidar: Matrix) -> FoundBoxes:
+def _in_map(frame: int, boxes: FoundBoxes, map_from_lidar: Matrix) -> FoundBoxes:
     turn, shift = map_from_lidar[:3, :3], map_from_lidar[:3, 3]
-    velocity = found.velocity_mps @ turn[:2, :2].T
-    return FoundBoxes(
-        frame=np.full(len(found), frame, dtype=np.intp),
-        centre_m=found.centre_m @ turn.T + shift,
-        size_m=found.size_m,
-        yaw_rad=found.yaw_rad + np.arctan2(turn[1, 0], turn[0, 0]),
-        velocity_mps=velocity,
-        attribute=attributes_of(velocity),
-        score=found.score,
-        label=found.label,
+    return replace(
+        boxes,
+        frame=np.full(len(boxes), frame, dtype=np.intp),
+        centre_m=boxes.centre_m @ turn.T + shift,
+        yaw_rad=boxes.yaw_rad + np.arctan2(turn[1, 0], turn[0, 0]),
+        velocity_mps=boxes.velocity_mps @ turn[:2, :2].T,
     )
-
-
-def no_boxes() -> SweepBoxes:
-    """What is found where there is no sweep."""
-    return SweepBoxes(
-        centre_m=np.zeros((0, 3)),
-        size_m=np.zeros((0, 3)),
-        yaw_rad=np.zeros(0),
-        velocity_mps=np.zeros((0, 2)),
-        score=np.zeros(0),
-        label=np.zeros(0, dtype=np.str_),
-    )
-
-
-def _joined(parts: list[FoundBoxes]) -> FoundBoxes:
-    return joined([*parts, _in_map(0, no_boxes(), np.eye(4))])

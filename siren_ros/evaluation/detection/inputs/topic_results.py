@@ -29,7 +29,7 @@ def read_topic(name: str, topic: str, frames: Frames) -> FoundSet:
     rows: list[tuple[Any, ...]] = []
     matrices: list[Matrix] = []
     for first, episode in zip(frames.first.tolist(), frames.episodes, strict=False):
-        row_of_step = {step: row for row, step in enumerate(episode.step.tolist())}
+        row_of_step = episode.frame_of_step
         for step, message in _messages(episode, topic):
             if step not in row_of_step or not message.detections:
                 continue

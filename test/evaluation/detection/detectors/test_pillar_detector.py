@@ -232,7 +232,7 @@ def test_boxes_of_labelled_sweeps_come_in_the_map(monkeypatch: pytest.MonkeyPatc
     }
     for name, value in replaced.items():
         monkeypatch.setattr(module, name, value)
-    episode: Any = SimpleNamespace(step=np.array([0, 4, 6, 8]), bag="bag")
+    episode: Any = SimpleNamespace(frame_of_step={0: 0, 4: 1, 6: 2, 8: 3}, bag="bag")
     found = detect_pillars(episode, Path("made.onnx"))
     assert found.frame.tolist() == [1, 3]
     ahead, left = np.array([cos, sin]), np.array([-sin, cos])

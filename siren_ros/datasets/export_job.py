@@ -55,11 +55,7 @@ NO_LICENCE: Final = (
 
 
 def card(
-    made: Format,
-    options: Mapping[str, str],
-    surveys: Sequence[BagSurvey],
-    parts: Sequence[EpisodePart],
-    licence: str,
+    made: Format, options: Mapping[str, str], surveys: Sequence[BagSurvey], parts: Sequence[EpisodePart], licence: str
 ) -> dict[str, Any]:
     """The card as JSON types. No time, no host, no path: the same bags give the same card."""
     words = [f"--{name} {value}" for name, value in options.items()]

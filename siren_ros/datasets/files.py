@@ -4,7 +4,7 @@ import fcntl
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from io import BufferedWriter
@@ -221,6 +221,18 @@ def link_tree(source: Path, target: Path) -> None:
             (target / path.relative_to(source)).mkdir(parents=True, exist_ok=True)
 
 
+def write_image_sets(folder: Path, sets: Mapping[str, Sequence[int]]) -> None:
+    """Writes ``ImageSets/NAME.txt`` with the frame numbers of each set, as KITTI and OpenPCDet have them."""
+    (folder / "ImageSets").mkdir(exist_ok=True)
+    for name, numbers in sets.items():
+        (folder / "ImageSets" / f"{name}.txt").write_text("".join(f"{number:06d}\n" for number in numbers))
+
+
+def number_text(value: float, decimals: int) -> str:
+    """A number with fixed decimals, without a negative zero."""
+    return f"{round(value, decimals) + 0.0:.{decimals}f}"
+
+
 def child(parent: Element, tag: str, text: object = None, **attributes: object) -> Element:
     """Adds an element; numbers are written with at most six decimals."""
     made = SubElement(parent, tag, {name: value_text(value) for name, value in attributes.items()})
@@ -234,7 +246,7 @@ def value_text(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float):
-        return f"{round(value, 6) + 0.0:.6f}".rstrip("0").rstrip(".")
+        return number_text(value, 6).rstrip("0").rstrip(".")
     return str(value)
 
 

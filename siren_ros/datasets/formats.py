@@ -11,6 +11,7 @@ from siren_ros.errors import InputError
 from siren_ros.record.bag_survey import Need
 from siren_ros.record.episode_source import EpisodeSource
 from siren_ros.record.tracks import POPULATIONS
+from siren_ros.scenario.interaction_region import REGION_TEXT
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,7 @@ FORMATS: Final = {
             "Tracks as the paper has them: trajectory.csv, 10 Hz, CARLA's world frame",
             (Need.TRACKS,),
             f"{_PACKAGE}.trajectory_csv:CsvExporter",
-            (Option("region", "no", FLAG, "only who is in the region of 40 m in, 50 m out around the EMV"),),
+            (Option("region", "no", FLAG, f"only who is in the region of {REGION_TEXT} around the EMV"),),
         ),
         Format(
             "kitti",
@@ -175,12 +176,7 @@ FORMATS: Final = {
                 ),
             ),
         ),
-        Format(
-            "opendrive",
-            "OpenDRIVE: the episode's map",
-            (Need.MAP,),
-            f"{_PACKAGE}.opendrive:OpenDriveExporter",
-        ),
+        Format("opendrive", "OpenDRIVE: the episode's map", (Need.MAP,), f"{_PACKAGE}.opendrive:OpenDriveExporter"),
         Format(
             "openscenario",
             "OpenSCENARIO 1.2: everybody follows the recorded trajectory on the OpenDRIVE map",

@@ -30,7 +30,7 @@ class OpenDriveExporter:
 
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:  # noqa: ARG002 - the interface of all formats
         """Writes the map."""
-        files.write(f"{map_name(source)}.xodr", opendrive_of(source))
+        files.write(f"{source.map_label}.xodr", opendrive_of(source))
         return EpisodeReport({"lanes": len(source.network.lanes)})
 
     def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
@@ -39,12 +39,6 @@ class OpenDriveExporter:
             for path in part.folder.glob("*.xodr"):
                 if not (folder / path.name).exists():
                     link(path, folder / path.name)
-
-
-def map_name(source: EpisodeSource) -> str:
-    """Name of a map's file: its own with the beginning of its hash."""
-    name = "".join(letter if letter.isalnum() else "-" for letter in source.description.map_name)
-    return f"{name}-{source.description.map_sha256[:8]}"
 
 
 def opendrive_of(source: EpisodeSource) -> bytes:

@@ -13,28 +13,18 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.datasets.files import FileWriter, link
+from siren_ros.datasets.files import FileWriter, link, number_text, write_image_sets
 from siren_ros.datasets.formats import EpisodePart, EpisodeReport
 from siren_ros.datasets.kitti.frame_files import velodyne_bytes
+from siren_ros.datasets.kitti.labels import TYPE_OF_CLASS
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.units import STEP_S
 from siren_ros.record.episode_source import EpisodeSource, lidar_frames
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.carrier import GroundTruth
 
-NAME_OF_CLASS: Final = {
-    ActorClass.HATCHBACK: "Car",
-    ActorClass.SEDAN: "Car",
-    ActorClass.ESTATE: "Car",
-    ActorClass.SUV: "Car",
-    ActorClass.PICKUP: "Car",
-    ActorClass.POLICE: "Car",
-    ActorClass.VAN: "Van",
-    ActorClass.AMBULANCE: "Van",
-    ActorClass.TRUCK: "Truck",
-    ActorClass.FIRE_TRUCK: "Truck",
-    ActorClass.BUS: "Bus",
-}
+NAME_OF_CLASS: Final = {**TYPE_OF_CLASS, ActorClass.BUS: "Bus"}
+"""KITTI's classes, and a class for buses."""
 _FRAMES: Final = "frames.csv"
 
 
@@ -62,7 +52,7 @@ class OpenPcdetExporter:
     def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
         """Numbers the frames of all episodes in one row."""
         first = 0
-        sets: dict[str, list[str]] = {"train": [], "val": [], "test": []}
+        sets: dict[str, list[int]] = {"train": [], "val": [], "test": []}
         table = ["frame,episode,step,timestamp\n"]
         for part in parts:
             for kind, suffix in (("points", "npy"), ("labels", "txt")):
@@ -70,11 +60,9 @@ class OpenPcdetExporter:
                     link(path, folder / kind / f"{int(path.stem) + first:06d}.{suffix}")
             lines = (part.folder / _FRAMES).read_text(encoding="utf-8").splitlines(keepends=True)
             table += [f"{int(line[:6]) + first:06d}{line[6:]}" for line in lines]
-            sets[part.split] += [f"{number:06d}\n" for number in range(first, first + len(lines))]
+            sets[part.split] += range(first, first + len(lines))
             first += len(lines)
-        (folder / "ImageSets").mkdir()
-        for name, numbers in sets.items():
-            (folder / "ImageSets" / f"{name}.txt").write_text("".join(numbers), encoding="utf-8")
+        write_image_sets(folder, sets)
         (folder / _FRAMES).write_text("".join(table), encoding="utf-8")
 
 
@@ -91,7 +79,7 @@ def label_lines(truth: GroundTruth, least_points: int) -> list[str]:
             truth.height_m[row],
             float(wrap_angle(truth.yaw_rad[row])),
         )
-        text = " ".join(f"{round(float(value), 4) + 0.0:.4f}" for value in numbers)
+        text = " ".join(number_text(float(value), 4) for value in numbers)
         lines.append(f"{text} {NAME_OF_CLASS[ActorClass(int(truth.actor_class[row]))]}\n")
     return lines
 

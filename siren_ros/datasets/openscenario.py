@@ -13,7 +13,7 @@ import numpy as np
 
 from siren_ros.datasets.files import FileWriter, child, document, link
 from siren_ros.datasets.formats import EpisodePart, EpisodeReport
-from siren_ros.datasets.opendrive import map_name, opendrive_of
+from siren_ros.datasets.opendrive import opendrive_of
 from siren_ros.numerics.arrays import Floats
 from siren_ros.record.episode_source import EpisodeSource
 from siren_ros.record.tracks import FRAME_S, Track, tracks_of
@@ -86,7 +86,7 @@ class OpenScenarioExporter:
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:
         """Writes scenario and map; all tracks of the episode are in memory."""
         tracks = [track for track in tracks_of(source.record()) if len(track) > 1]
-        road = f"{map_name(source)}.xodr"
+        road = f"{source.map_label}.xodr"
         told = f"SIREN {source.description.template}, level {source.description.level.name}"
         files.write(road, opendrive_of(source))
         files.write(f"{episode_id}.xosc", document(scenario(tracks, road, f"{told}, seed {source.description.seed}")))

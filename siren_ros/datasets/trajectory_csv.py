@@ -19,26 +19,13 @@ from siren_ros.interfaces.topics import ACTORS, TRAFFIC
 from siren_ros.numerics.arrays import Floats, Ids
 from siren_ros.numerics.units import STEP_S
 from siren_ros.record.episode_source import EpisodeSource
-from siren_ros.record.interaction_region import region_members
 from siren_ros.record.tracks import LOG_PERIOD_STEPS
 from siren_ros.recording.bag_reader import damage_refused
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.scenario.interaction_region import region_members
 from siren_ros.world.actors import ActorClass, ActorDescription, ActorStates
 
-COLUMNS: Final = (
-    "step",
-    "timestamp",
-    "actor_id",
-    "type_id",
-    "x",
-    "y",
-    "z",
-    "yaw",
-    "vx",
-    "vy",
-    "speed_mps",
-    "is_emv",
-)
+COLUMNS: Final = ("step", "timestamp", "actor_id", "type_id", "x", "y", "z", "yaw", "vx", "vy", "speed_mps", "is_emv")
 _DECIMALS: Final = 4
 HEAD: Final = ",".join(COLUMNS) + "\n"
 FILE_NAME: Final = "trajectory.csv"

@@ -11,16 +11,10 @@ import numpy as np
 from siren_ros.errors import InputError
 from siren_ros.evaluation.detection.devkit_score import ERRORS
 from siren_ros.evaluation.detection.subsets import FAMILIES
-from siren_ros.evaluation.detection.tables import MEAN, PAPER, PAPER_TEMPLATES
+from siren_ros.evaluation.detection.tables import MEAN, PAPER
 from siren_ros.evaluation.prediction.episode_scores import EpisodeScores
 from siren_ros.evaluation.prediction.metrics import METRIC_OF
-from siren_ros.evaluation.prediction.reports.paper_results import (
-    PAPER_NAMES,
-    PAPER_SAMPLES,
-    TEMPLATES,
-    PaperRow,
-    paper_row,
-)
+from siren_ros.evaluation.prediction.reports.paper_results import PAPER_NAMES, PAPER_SAMPLES, PaperRow, paper_row
 from siren_ros.evaluation.prediction.reports.score_table import GroupKind, ScoreTable, strata, sums_of
 from siren_ros.evaluation.risk.labels import TITLES, RiskClass
 from siren_ros.evaluation.risk.tables import PAPER_BALANCE, PAPER_SCORES
@@ -33,6 +27,7 @@ from siren_ros.evaluation.statistics.block_means import (
     jackknife,
 )
 from siren_ros.evaluation.statistics.rank_correlation import RANKED_MIN, ranking_interval
+from siren_ros.scenario.paper import TEMPLATES
 from siren_ros.tables.interval import NOTHING, Bounds, Interval, interval_of_json, share_interval
 from siren_ros.tables.table import Row, Table
 
@@ -269,7 +264,7 @@ def detection_rows(content: Mapping[str, Any] | None) -> Iterator[Compared]:
     ours = {name.lower(): one for name, one in (content or {}).items()}
     for key, paper in PAPER.items():
         one = ours.get(key)
-        for template in (*PAPER_TEMPLATES, MEAN):
+        for template in (*TEMPLATES, MEAN):
             mean_ap, nds = paper.ap_and_nds[template]
             yield Compared("mAP", paper.name, template, mean_ap, _ap(one, template), digits=3)
             yield Compared("NDS", paper.name, template, nds, _nds(one, template), digits=3)

@@ -32,7 +32,7 @@ def least_free_speed_mps(record: EpisodeRecord, traversal: Traversal) -> float:
     """
     track = record.track(traversal.actor_id)
     enter = int(np.searchsorted(track.step, traversal.enter_step))
-    driven = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(track.x_m), np.diff(track.y_m)))))
+    driven = track.driven_m
     first = int(np.searchsorted(driven, driven[min(enter, len(driven) - 1)] - APPROACH_M))
     free = [row for row in range(first, enter) if not _is_blocked(record, traversal, int(track.step[row]))]
     return min([traversal.enter_speed_mps, *(float(track.speed_mps[row]) for row in free)])
@@ -242,7 +242,7 @@ def turned_right_rad(yaw_rad: Floats) -> float:
 def _turn_rows(record: EpisodeRecord, traversal: Traversal) -> StateRows:
     """The EMV's states from the approach edge to the exit edge, not further than ``NEAR_M`` from the junction."""
     track = record.track(traversal.actor_id)
-    driven = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(track.x_m), np.diff(track.y_m)))))
+    driven = track.driven_m
     enter, leave = np.searchsorted(track.step, [traversal.enter_step, traversal.leave_step])
     leave = min(leave, len(track) - 1)
     on_edges = (track.step >= traversal.approach_step) & (track.step < traversal.exit_step)

@@ -12,9 +12,9 @@ from siren_ros.judging.verdict import Verdict, at_least, verdict_of
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.units import STEP_S
 from siren_ros.record.vehicle_location import LanePlaces, ahead_and_left_m, in_same_direction, lanes_ahead, places_of
-from siren_ros.recording.episode_record import EpisodeRecord, StateRows
-from siren_ros.roads.road_network import NO_LANE, RoadNetwork
-from siren_ros.world.actors import ActorDescription, Lights
+from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.roads.road_network import NO_LANE
+from siren_ros.world.actors import Lights
 
 REACH_M: Final = 200.0
 """Vehicles up to here along the lane count as ahead in the EMV's lane; more than the range of any siren."""
@@ -62,30 +62,22 @@ def lane_cleared(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verd
 
 def find_clearings(record: EpisodeRecord) -> tuple[LaneClearing, ...]:
     """Every civilian's first lane change out of an EMV's lane, in the order of completion."""
-    rows = record.rows
-    places = places_of(record, rows)
-    spans = {actor_id: record.rows_of(actor_id) for actor_id in record.actors}
-    found = []
-    for emv_id in record.emv_ids:
-        if emv_id not in record.actors:
-            continue
-        emv = _Mover(record.actors[emv_id], rows, places, spans[emv_id])
-        for actor_id, actor in record.actors.items():
-            if not actor.is_emv and len(spans[actor_id]):
-                clearing = _clearing(record.network, emv, _Mover(actor, rows, places, spans[actor_id]))
-                if clearing is not None:
-                    found.append(clearing)
-    return tuple(sorted(found, key=lambda item: (item.end_step, item.actor_id)))
+    places = places_of(record, record.rows)
+    drives = {key: _Drive(record, places, key) for key in record.actors if len(record.rows_of(key))}
+    civilians = [drive for drive in drives.values() if not drive.actor.is_emv]
+    changes = [civilian.clearing(drives[emv]) for emv in record.emv_ids if emv in drives for civilian in civilians]
+    clearings = [change for change in changes if change is not None]
+    return tuple(sorted(clearings, key=lambda item: (item.end_step, item.actor_id)))
 
 
-class _Mover:
+class _Drive:
     """One actor's rows with their lanes."""
 
-    def __init__(
-        self, actor: ActorDescription, rows: StateRows, places: LanePlaces, span: npt.NDArray[np.intp]
-    ) -> None:
-        self.actor = actor
-        self.rows = rows.select(span)
+    def __init__(self, record: EpisodeRecord, places: LanePlaces, actor_id: int) -> None:
+        span = record.rows_of(actor_id)
+        self.actor = record.actors[actor_id]
+        self.network = record.network
+        self.rows = record.rows.select(span)
         self.lane = places.lane[span]
         self.arc_m = places.arc_m[span]
         self.offset_m = places.offset_m[span]
@@ -95,104 +87,94 @@ class _Mover:
         row = int(np.searchsorted(self.rows.step, step))
         return row if row < len(self.rows) and self.rows.step[row] == step else None
 
+    def clearing(self, emv: "_Drive") -> LaneClearing | None:
+        """This civilian's first change out of the EMV's lane after which the EMV passes it; else the first one."""
+        unpassed = None
+        for start, end in self._lane_changes():
+            siren_on = all(emv.has_siren_on(int(self.rows.step[row])) for row in (start, end))
+            if not siren_on or not self._is_ahead_of(emv, start):
+                continue
+            left_lane = int(self.lane[start])
+            start_step, end_step = (int(self.rows.step[row]) for row in (start, end))
+            passed = self._passed_step(emv, left_lane, end_step)
+            clearing = LaneClearing(self.actor.actor_id, emv.actor.actor_id, left_lane, start_step, end_step, passed)
+            if passed is not None:
+                return clearing
+            unpassed = unpassed or clearing
+        return unpassed
 
-def _clearing(network: RoadNetwork, emv: _Mover, civilian: _Mover) -> LaneClearing | None:
-    """The civilian's first change out of the EMV's lane after which the EMV passes it; else the first one."""
-    unpassed = None
-    for start, end in _lane_changes(network, civilian):
-        left_lane = int(civilian.lane[start])
-        siren_on = all(_siren(emv, int(civilian.rows.step[row])) for row in (start, end))
-        if not siren_on or not _is_ahead(network, emv, civilian, start):
-            continue
-        start_step, end_step = int(civilian.rows.step[start]), int(civilian.rows.step[end])
-        passed = _passed_step(network, emv, civilian, left_lane, end_step)
-        ids = (civilian.actor.actor_id, emv.actor.actor_id)
-        clearing = LaneClearing(*ids, left_lane, start_step, end_step, passed)
-        if passed is not None:
-            return clearing
-        unpassed = unpassed or clearing
-    return unpassed
+    def has_siren_on(self, step: int) -> bool:
+        """Whether the actor is there at a step with its siren on."""
+        row = self.row_at(step)
+        return row is not None and bool(int(self.rows.lights[row]) & Lights.SIREN)
 
+    def _lane_changes(self) -> list[tuple[int, int]]:
+        """Rows (last in the old lane, first clear of it) of each completed lane change.
 
-def _lane_changes(network: RoadNetwork, mover: _Mover) -> list[tuple[int, int]]:
-    """Rows (last in the old lane, first clear of it) of each completed lane change of one actor.
+        The change may also cross the end of an edge or happen inside a junction: the new lane is then a neighbour of
+        a lane that follows the old one.
+        """
+        changes = []
+        inside = np.flatnonzero(self.lane != NO_LANE)
+        for before, after in pairwise(inside[_ends_of_runs(self.lane[inside])].tolist()):
+            old, new = int(self.lane[before]), self.network.lanes[self.lane[after]]
+            follows = lanes_ahead(self.network, old, SEAM_M)
+            neighbours = {side: self.network.neighbour(new, side) for side in (1, -1)}
+            old_sides = [side for side, lane in neighbours.items() if lane is not None and lane.index in follows]
+            if new.index in follows or not old_sides:
+                continue
+            first_new = int(inside[np.searchsorted(inside, before) + 1])
+            clear = self._first_clear_row(first_new, float(old_sides[0]))
+            if clear is not None:
+                changes.append((before, clear))
+        return changes
 
-    The change may also cross the end of an edge or happen inside a junction: the new lane is then a neighbour of a
-    lane that follows the old one.
-    """
-    changes = []
-    inside = np.flatnonzero(mover.lane != NO_LANE)
-    for before, after in pairwise(inside[_ends_of_runs(mover.lane[inside])].tolist()):
-        old, new = int(mover.lane[before]), network.lanes[mover.lane[after]]
-        follows = lanes_ahead(network, old, SEAM_M)
-        neighbours = {side: network.neighbour(new, side) for side in (1, -1)}
-        old_sides = [side for side, lane in neighbours.items() if lane is not None and lane.index in follows]
-        if new.index in follows or not old_sides:
-            continue
-        first_new = int(inside[np.searchsorted(inside, before) + 1])
-        clear = _first_clear_row(network, mover, first_new, float(old_sides[0]))
-        if clear is not None:
-            changes.append((before, clear))
-    return changes
+    def _first_clear_row(self, first: int, old_side: float) -> int | None:
+        """First row from which the body is clear of the lane on ``old_side`` (+1 left), before any further change."""
+        lane = self.network.lanes[self.lane[first]]
+        for row in range(first, len(self.lane)):
+            current = int(self.lane[row])
+            if current != lane.index:
+                if current == NO_LANE or self.network.lanes[current].edge == lane.edge:
+                    return None
+                lane = self.network.lanes[current]
+            heading = float(lane.centre.heading_rad(self.arc_m[row]))
+            turned = abs(float(wrap_angle(self.rows.yaw_rad[row] - heading)))
+            half = self.actor.width_m / 2.0 * np.cos(turned) + self.actor.length_m / 2.0 * np.sin(turned)
+            if self.offset_m[row] * old_side + half <= lane.width_m / 2.0 + BODY_MARGIN_M:
+                return row
+        return None
+
+    def _is_ahead_of(self, emv: "_Drive", row: int) -> bool:
+        """Whether this civilian is ahead in the EMV's lane or its continuation, at the civilian's row."""
+        emv_row = emv.row_at(int(self.rows.step[row]))
+        if emv_row is None or emv.lane[emv_row] == NO_LANE:
+            return False
+        emv_lane, lane = int(emv.lane[emv_row]), int(self.lane[row])
+        if emv_lane == lane:
+            return bool(self.arc_m[row] > emv.arc_m[emv_row])
+        return lane in lanes_ahead(self.network, emv_lane, REACH_M)
+
+    def _passed_step(self, emv: "_Drive", left_lane: int, from_step: int) -> int | None:
+        """First step with the EMV's rear ahead of this civilian's front; None unless it passed in the cleared lane."""
+        steps, emv_rows, rows = np.intersect1d(emv.rows.step, self.rows.step, return_indices=True)
+        later = steps > from_step
+        steps, emv_rows, rows = steps[later], emv_rows[later], rows[later]
+        emv_then, then = emv.rows.select(emv_rows), self.rows.select(rows)
+        ahead_m, left_m = ahead_and_left_m(emv_then, then)
+        near = in_same_direction(emv_then, then) & (np.abs(left_m) < LATERAL_REACH_M)
+        line = lanes_ahead(self.network, left_lane, REACH_M)
+        reach = (emv.actor.length_m + self.actor.length_m) / 2.0
+        for crossing in np.flatnonzero((ahead_m[:-1] > 0.0) & (ahead_m[1:] <= 0.0) & near[:-1] & near[1:]):
+            lane = int(emv.lane[emv_rows[crossing + 1]])
+            if lane not in line or lane == int(self.lane[rows[crossing + 1]]):
+                continue
+            done = np.flatnonzero(ahead_m[crossing:] <= -reach)
+            if len(done):
+                return int(steps[crossing + done[0]])
+        return None
 
 
 def _ends_of_runs(values: npt.NDArray[np.int32]) -> npt.NDArray[np.intp]:
     """Index of the last entry of every stretch of equal values."""
     return np.append(np.flatnonzero(np.diff(values)), len(values) - 1)[: len(values)]
-
-
-def _first_clear_row(network: RoadNetwork, mover: _Mover, row: int, old_side: float) -> int | None:
-    """First row from which the body is clear of the lane on ``old_side`` (+1 left), before any further change."""
-    lane = network.lanes[mover.lane[row]]
-    while row < len(mover.lane):
-        current = int(mover.lane[row])
-        if current != lane.index:
-            if current == NO_LANE or network.lanes[current].edge == lane.edge:
-                return None
-            lane = network.lanes[current]
-        heading = float(lane.centre.heading_rad(mover.arc_m[row]))
-        turned = abs(float(wrap_angle(mover.rows.yaw_rad[row] - heading)))
-        half = mover.actor.width_m / 2.0 * np.cos(turned) + mover.actor.length_m / 2.0 * np.sin(turned)
-        if mover.offset_m[row] * old_side + half <= lane.width_m / 2.0 + BODY_MARGIN_M:
-            return row
-        row += 1
-    return None
-
-
-def _siren(emv: _Mover, step: int) -> bool:
-    row = emv.row_at(step)
-    return row is not None and bool(int(emv.rows.lights[row]) & Lights.SIREN)
-
-
-def _is_ahead(network: RoadNetwork, emv: _Mover, civilian: _Mover, row: int) -> bool:
-    """Whether the civilian is ahead in the EMV's lane or its continuation, at the civilian's row."""
-    emv_row = emv.row_at(int(civilian.rows.step[row]))
-    if emv_row is None or emv.lane[emv_row] == NO_LANE:
-        return False
-    lane, other = int(emv.lane[emv_row]), int(civilian.lane[row])
-    if lane == other:
-        return bool(civilian.arc_m[row] > emv.arc_m[emv_row])
-    return other in lanes_ahead(network, lane, REACH_M)
-
-
-def _passed_step(network: RoadNetwork, emv: _Mover, civilian: _Mover, left_lane: int, from_step: int) -> int | None:
-    """First step with the EMV's rear ahead of the civilian's front; None unless it passed in the cleared lane."""
-    steps, emv_rows, rows = np.intersect1d(emv.rows.step, civilian.rows.step, return_indices=True)
-    later = steps > from_step
-    steps, emv_rows, rows = steps[later], emv_rows[later], rows[later]
-    if len(steps) == 0:
-        return None
-    emv_then, civilian_then = emv.rows.select(emv_rows), civilian.rows.select(rows)
-    ahead_m, left_m = ahead_and_left_m(emv_then, civilian_then)
-    near = in_same_direction(emv_then, civilian_then) & (np.abs(left_m) < LATERAL_REACH_M)
-    crossings = np.flatnonzero((ahead_m[:-1] > 0.0) & (ahead_m[1:] <= 0.0) & near[:-1] & near[1:])
-    line = lanes_ahead(network, left_lane, REACH_M)
-    for crossing in crossings:
-        lane = int(emv.lane[emv_rows[crossing + 1]])
-        if lane not in line or lane == int(civilian.lane[rows[crossing + 1]]):
-            continue
-        reach = (emv.actor.length_m + civilian.actor.length_m) / 2.0
-        done = np.flatnonzero(ahead_m[crossing:] <= -reach)
-        if len(done):
-            return int(steps[crossing + done[0]])
-    return None

@@ -20,6 +20,7 @@ from siren_ros.judging.physics import (
 )
 from siren_ros.judging.predicates import evaluate_predicate
 from siren_ros.judging.verdict import Part, Verdict, at_least, at_most, equals
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.units import STEP_NS, STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows, TopicRecord
@@ -51,57 +52,54 @@ class _Moves:
 
     before: StateRows
     after: StateRows
-    length_m: npt.NDArray[np.float64]
+    length_m: Floats
 
     @property
-    def distance_m(self) -> npt.NDArray[np.float64]:
+    def distance_m(self) -> Floats:
         return np.hypot(self.after.x_m - self.before.x_m, self.after.y_m - self.before.y_m)
 
     @property
-    def speed_mps(self) -> npt.NDArray[np.float64]:
+    def speed_mps(self) -> Floats:
         return np.maximum(self.before.speed_mps, self.after.speed_mps)
 
-    def where(self, worst: npt.NDArray[np.float64]) -> str:
-        """Actor and step of the largest value."""
-        if len(worst) == 0:
-            return ""
-        row = int(np.argmax(worst))
+    def check(self, name: str, values: Floats, limit: float) -> Part:
+        """That the largest value is at most a limit; the detail names the actor and the step of that value."""
+        if len(values) == 0:
+            return at_most(name, 0.0, limit)
+        row = int(np.argmax(values))
         changed = " as its owner changes" if self.before.owner[row] != self.after.owner[row] else ""
-        return f"actor {self.after.actor_id[row]} at step {self.after.step[row]}{changed}"
+        detail = f"actor {self.after.actor_id[row]} at step {self.after.step[row]}{changed}"
+        return at_most(name, values[row], limit, detail)
 
 
 def _moves(record: EpisodeRecord) -> _Moves:
     rows = record.rows
     pairs = np.flatnonzero((rows.actor_id[1:] == rows.actor_id[:-1]) & (rows.step[1:] == rows.step[:-1] + 1))
     after = rows.select(pairs + 1)
-    ids = np.array(sorted(record.actors), dtype=np.uint32)
-    lengths = np.array([record.actors[int(key)].length_m for key in ids])
-    position = np.searchsorted(ids, after.actor_id)
-    known = position < len(ids)
-    if not known.all() or not np.array_equal(ids[position], after.actor_id):
+    if not set(after.actor_id.tolist()) <= record.actors.keys():
         raise EpisodeError("the record has states of an actor that was never described")
-    return _Moves(rows.select(pairs), after, lengths[position])
+    lengths = np.array([record.actors[key].length_m for key in after.actor_id.tolist()])
+    return _Moves(rows.select(pairs), after, lengths)
 
 
-def _velocity_jumps(moves: _Moves, record: EpisodeRecord) -> npt.NDArray[np.float64]:
+def _velocity_jumps(moves: _Moves, record: EpisodeRecord) -> Floats:
     """Change of velocity of actors that a contact strikes between two steps, 0 for all others; shape ``(P,)``."""
     struck = {
-        (one.step, actor) for one in record.events_of(EventKind.COLLISION) for actor in (one.actor_id, one.other_id)
+        (event.step, actor)
+        for event in record.events_of(EventKind.COLLISION)
+        for actor in (event.actor_id, event.other_id)
     }
-    hit = [key in struck for key in zip(moves.after.step.tolist(), moves.after.actor_id.tolist(), strict=True)]
-    change = np.hypot(moves.after.vx_mps - moves.before.vx_mps, moves.after.vy_mps - moves.before.vy_mps)
+    after, before = moves.after, moves.before
+    hit = [key in struck for key in zip(after.step.tolist(), after.actor_id.tolist(), strict=True)]
+    change = np.hypot(after.vx_mps - before.vx_mps, after.vy_mps - before.vy_mps)
     return np.where(np.array(hit, dtype=np.bool_), change, 0.0)
-
-
-def _largest(values: npt.NDArray[np.float64]) -> float:
-    return float(values.max()) if len(values) else 0.0
 
 
 def check_position_jumps(record: EpisodeRecord, limits: VerifyLimits) -> Part:
     """No position change between two steps exceeds ``v · dt`` plus the margin; v is the larger of both speeds."""
     moves = _moves(record)
     excess = moves.distance_m - moves.speed_mps * STEP_S
-    return at_most("position_jump_m", _largest(excess), limits.jump_m, moves.where(excess))
+    return moves.check("position_jump_m", excess, limits.jump_m)
 
 
 def check_yaw_jumps(record: EpisodeRecord, limits: VerifyLimits) -> Part:
@@ -111,7 +109,7 @@ def check_yaw_jumps(record: EpisodeRecord, limits: VerifyLimits) -> Part:
     by_steering = moves.speed_mps * np.tan(limits.steer_max_rad) / (limits.wheelbase_share * moves.length_m)
     by_grip = limits.lateral_accel_mps2 / np.maximum(moves.speed_mps, 0.1)
     excess = turned - np.minimum(by_steering, by_grip) * STEP_S
-    return at_most("yaw_jump_rad", _largest(excess), limits.turn_rad, moves.where(excess))
+    return moves.check("yaw_jump_rad", excess, limits.turn_rad)
 
 
 def check_speed(record: EpisodeRecord, limits: VerifyLimits) -> Part:
@@ -123,7 +121,7 @@ def check_speed(record: EpisodeRecord, limits: VerifyLimits) -> Part:
     error_x = (moves.after.x_m - moves.before.x_m) / STEP_S - (moves.before.vx_mps + moves.after.vx_mps) / 2.0
     error_y = (moves.after.y_m - moves.before.y_m) / STEP_S - (moves.before.vy_mps + moves.after.vy_mps) / 2.0
     error = np.hypot(error_x, error_y) - 0.5 * _velocity_jumps(moves, record)
-    return at_most("speed_error_mps", _largest(error), limits.speed_error_mps, moves.where(error))
+    return moves.check("speed_error_mps", error, limits.speed_error_mps)
 
 
 def check_owners(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
@@ -144,15 +142,15 @@ def check_owners(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
 
 def check_teleports(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
     """SUMO teleported no vehicle."""
-    found = record.events_of(EventKind.TELEPORT)
-    detail = ", ".join(f"actor {event.actor_id} at step {event.step}" for event in found)
-    return equals("teleports", len(found), 0, detail)
+    teleports = record.events_of(EventKind.TELEPORT)
+    detail = ", ".join(f"actor {event.actor_id} at step {event.step}" for event in teleports)
+    return equals("teleports", len(teleports), 0, detail)
 
 
 def check_residual_p99(record: EpisodeRecord, limits: VerifyLimits) -> Part:
     """99th percentile of the distance between SUMO's and the simulated pose of actors that SUMO owns."""
-    found = summarise_residuals(record)
-    return at_most("residual_p99_m", found.p99_m, limits.residual_p99_m, f"median {found.median_m:.3f} m")
+    residuals = summarise_residuals(record)
+    return at_most("residual_p99_m", residuals.p99_m, limits.residual_p99_m, f"median {residuals.median_m:.3f} m")
 
 
 def check_residual_max(record: EpisodeRecord, limits: VerifyLimits) -> Part:
@@ -162,11 +160,11 @@ def check_residual_max(record: EpisodeRecord, limits: VerifyLimits) -> Part:
 
 def check_complete(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
     """The episode ended as planned and has the number of steps of its description."""
-    wanted = round(record.description.duration_s / STEP_S)
+    planned = round(record.description.duration_s / STEP_S)
     if record.complete:
-        return at_least("steps", record.steps, wanted)
+        return at_least("steps", record.steps, planned)
     ended = "no outcome" if record.outcome is None else f"{record.outcome.end}: {record.outcome.reason}"
-    return Part("steps", float(record.steps), float(wanted), False, ">=", f"the episode is not complete, {ended}")
+    return Part("steps", float(record.steps), float(planned), False, ">=", f"the episode is not complete, {ended}")
 
 
 def check_message_counts(record: EpisodeRecord, _limits: VerifyLimits) -> Part:

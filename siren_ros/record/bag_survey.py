@@ -1,7 +1,7 @@
 """Looks through bags before work on them begins: which ones are whole episodes and hold what the work needs."""
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from hashlib import file_digest
@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from siren_ros.errors import BagError, InputError, writing
+from siren_ros.interfaces.topics import ACTORS, GROUND_TRUTH, MAP
 from siren_ros.record.episode_source import EpisodeSource, open_source
 from siren_ros.recording.bag_folder import METADATA_FILE
 from siren_ros.recording.bag_reader import storage_files
@@ -28,24 +29,20 @@ class Need(StrEnum):
     CAMERA = "camera"
 
 
-_LACKS: Final = {
-    Need.TRACKS: lambda source: not source.has_states,
-    Need.MAP: lambda source: not source.has_map,
-    Need.EMV: lambda source: not source.description.emv_ids,
-    Need.LIDAR: lambda source: source.lidar is None or not source.has_ground_truth,
-    Need.FRONT_CAMERA: lambda source: source.front_camera is None,
-    Need.CAMERA: lambda source: not source.cameras,
+_NEEDS: Final[dict[Need, tuple[Callable[[EpisodeSource], bool], str, str]]] = {
+    Need.TRACKS: (lambda source: source.has(ACTORS), "the actors' states", ""),
+    Need.MAP: (lambda source: source.has(MAP), "the map", ""),
+    Need.EMV: (lambda source: bool(source.description.emv_ids), "an emergency vehicle", ""),
+    Need.LIDAR: (
+        lambda source: source.lidar is not None and source.has(GROUND_TRUTH),
+        "a LiDAR with its ground truth",
+        "lidar",
+    ),
+    Need.FRONT_CAMERA: (lambda source: source.front_camera is not None, "a front camera", "front"),
+    Need.CAMERA: (lambda source: bool(source.cameras), "a camera", "full"),
 }
-_WHAT: Final = {
-    Need.TRACKS: "the actors' states",
-    Need.MAP: "the map",
-    Need.EMV: "an emergency vehicle",
-    Need.LIDAR: "a LiDAR with its ground truth",
-    Need.FRONT_CAMERA: "a front camera",
-    Need.CAMERA: "a camera",
-}
-_SUITE: Final = {Need.LIDAR: "lidar", Need.FRONT_CAMERA: "front", Need.CAMERA: "full"}
-"""The smallest shipped suite that records it; a later one in this order has what the earlier ones have."""
+"""Whether a bag has it, what messages call it, and the smallest shipped suite that records it; a later suite has what
+the earlier ones have."""
 
 
 def check_needs(source: EpisodeSource, format_name: str, needs: Sequence[Need]) -> None:
@@ -54,11 +51,11 @@ def check_needs(source: EpisodeSource, format_name: str, needs: Sequence[Need]) 
     Raises:
         BagError: What is missing, and the command that records this episode with it.
     """
-    missing = [need for need in needs if _LACKS[need](source)]
+    missing = [need for need in needs if not _NEEDS[need][0](source)]
     if missing:
-        what = " and ".join(_WHAT[need] for need in missing)
-        suites = [_SUITE[need] for need in _SUITE if need in missing]
-        command = recording_command(source.description, suites[-1] if suites else source.description.sensor_suite)
+        what = " and ".join(_NEEDS[need][1] for need in missing)
+        suites = [suite for need, (_, _, suite) in _NEEDS.items() if suite and need in missing]
+        command = recording_command(source.description, [source.description.sensor_suite, *suites][-1])
         raise BagError(str(source.path), f"an episode with {what}, for {format_name}; `{command}` records one")
 
 
@@ -134,25 +131,28 @@ def survey_bag(bag: Path, format_name: str, needs: Sequence[Need], scratch: Path
         BagError: No episode, nothing that could be recovered, or not what the format needs.
     """
     sha256 = _sha256(bag)
-    readable, lost = bag, ""
+
+    def survey(readable: Path, lost: str) -> BagSurvey:
+        with open_source(readable) as source:
+            check_needs(source, format_name, needs)
+            if source.outcome is None:
+                lost = lost or "the bag has no outcome: its writer was cut off"
+            return BagSurvey(str(bag), str(readable), sha256, lost, _episode(source))
+
+    if not (bag / METADATA_FILE).is_file():
+        return survey(*recovered(bag, scratch))
     try:
-        if not (bag / METADATA_FILE).is_file():
-            readable, lost = recovered(bag, scratch)
-        return _look(bag, readable, sha256, lost, format_name, needs)
+        return survey(bag, "")
     except BagError as error:
-        if lost or not storage_files(bag) or "undamaged" not in str(error):
+        if not storage_files(bag) or "undamaged" not in str(error):
             raise
-    readable, lost = recovered(bag, scratch)
-    return _look(bag, readable, sha256, lost, format_name, needs)
+    return survey(*recovered(bag, scratch))
 
 
-def _look(bag: Path, readable: Path, sha256: str, lost: str, format_name: str, needs: Sequence[Need]) -> BagSurvey:
-    with open_source(readable) as source:
-        check_needs(source, format_name, needs)
-        description, outcome = source.description, source.outcome
-    if outcome is None and not lost:
-        lost = "the bag has no outcome: its writer was cut off"
-    episode = {
+def _episode(source: EpisodeSource) -> dict[str, Any]:
+    """What the card of a dataset says of an episode."""
+    description, outcome = source.description, source.outcome
+    return {
         "template": description.template,
         "level": description.level.name,
         "seed": description.seed,
@@ -165,7 +165,6 @@ def _look(bag: Path, readable: Path, sha256: str, lost: str, format_name: str, n
         "ended": "cut off" if outcome is None else outcome.end.value,
         "recorded_with": recording_command(description, description.sensor_suite),
     }
-    return BagSurvey(str(bag), str(readable), sha256, lost, episode)
 
 
 def _sha256(bag: Path) -> str:

@@ -1,9 +1,10 @@
 """An episode's bag, opened: what it holds, its sensors and how they stand, its record, its frames of sensor data."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import groupby
 from pathlib import Path
 from typing import Any, Final
 
@@ -26,7 +27,7 @@ from siren_ros.numerics.arrays import Matrix
 from siren_ros.numerics.units import step_of_time_ns
 from siren_ros.recording.bag_reader import BagMessage, OpenBag, damage_refused, open_bag
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.recording.record_builder import RECORD_TOPICS, RecordBuilder, outcome_of_what_is_held
+from siren_ros.recording.record_builder import outcome_of_what_is_held
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeOutcome
@@ -90,20 +91,15 @@ class EpisodeSource:
             outcome = None if message is None else from_episode_outcome(message)
             return outcome_of_what_is_held(outcome, None if end is None else from_episode_end(end), steps)
 
-    @property
-    def has_states(self) -> bool:
-        """Whether the actors' states were recorded."""
-        return topics.ACTORS.name in self.bag.type_names
+    def has(self, topic: Topic) -> bool:
+        """Whether messages of a topic were recorded."""
+        return topic.name in self.bag.type_names
 
     @property
-    def has_ground_truth(self) -> bool:
-        """Whether labelled boxes were recorded."""
-        return topics.GROUND_TRUTH.name in self.bag.type_names
-
-    @property
-    def has_map(self) -> bool:
-        """Whether the map is in the bag."""
-        return topics.MAP.name in self.bag.type_names
+    def map_label(self) -> str:
+        """What datasets call the map: its name with the beginning of its hash, so that maps of one name stay apart."""
+        name = "".join(letter if letter.isalnum() else "-" for letter in self.description.map_name)
+        return f"{name}-{self.description.map_sha256[:8]}"
 
     @cached_property
     def net_xml(self) -> str:
@@ -176,31 +172,12 @@ class EpisodeSource:
         Raises:
             BagError: The bag is damaged at the place that has been reached.
         """
-        held: dict[str, BagMessage] = {}
-        for message in self.bag.messages(wanted):
-            if held and next(iter(held.values())).time_ns != message.time_ns:
-                yield _step_of(held), held
-                held = {}
-            held[message.topic] = message
-        if held:
-            yield _step_of(held), held
+        for time_ns, messages in groupby(self.bag.messages(wanted), lambda message: message.time_ns):
+            yield step_of_time_ns(time_ns), {message.topic: message for message in messages}
 
     def record(self) -> EpisodeRecord:
-        """The episode's tracks and events, without sensors. Holds all states in memory.
-
-        Raises:
-            BagError: The bag is damaged, or no episode.
-        """
-        builder = RecordBuilder()
-        for message in self.bag.messages({topic.name for topic in RECORD_TOPICS}):
-            decoded = message.read()
-            with damage_refused(self.path):
-                builder.add(message.topic, decoded)
-        return builder.build(str(self.path))
-
-
-def _step_of(held: dict[str, BagMessage]) -> int:
-    return step_of_time_ns(next(iter(held.values())).time_ns)
+        """The episode's tracks and events, without sensors; raises as ``OpenBag.record``."""
+        return self.bag.record()
 
 
 @contextmanager
@@ -231,21 +208,22 @@ def lidar_of(source: EpisodeSource) -> MountedSensor:
     return source.lidar
 
 
-def lidar_frames(source: EpisodeSource, *, cameras: bool = False, pose: bool = False) -> Iterator[LidarFrame]:
+def lidar_frames(
+    source: EpisodeSource, *, cameras: Sequence[MountedCamera] = (), pose: bool = False
+) -> Iterator[LidarFrame]:
     """The steps of an episode that hold a sweep, labels or pictures, one after the other.
 
     Args:
         source: The bag.
-        cameras: Also the pictures of all cameras and their labels.
+        cameras: Also the pictures of these cameras and their labels.
         pose: Also the pose of the vehicle or of the station.
 
     Raises:
         BagError: The bag is damaged at the place that has been reached.
     """
     lidar = lidar_of(source)
-    shown = source.cameras if cameras else ()
-    pictures = {camera.topic: camera.name for camera in shown}
-    labels = {camera.truth_topic: camera.name for camera in shown if camera.truth_topic}
+    pictures = {camera.topic: camera.name for camera in cameras}
+    labels = {camera.truth_topic: camera.name for camera in cameras if camera.truth_topic}
     wanted = {lidar.topic, GROUND_TRUTH.name, *pictures, *labels, *((TF.name,) if pose else ())}
     for step, held in source.messages_by_step(wanted):
         if not held.keys() - {TF.name}:

@@ -5,12 +5,13 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
 from siren_ros.errors import BagError
-from siren_ros.numerics.arrays import Flags, Floats, Rows
+from siren_ros.numerics.arrays import Flags, Floats, Ids, Rows
 from siren_ros.numerics.units import STEP_S
-from siren_ros.record.interaction_region import rows_in_region
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.scenario.interaction_region import region_members
 from siren_ros.world.actors import ActorDescription
 
 LOG_PERIOD_STEPS: Final = 2
@@ -55,6 +56,19 @@ class Track:
             name: values[start:end] for name, values in vars(self).items() if isinstance(values, np.ndarray)
         }
         return Track(actor=self.actor, **arrays)
+
+
+def rows_in_region(record: EpisodeRecord) -> Flags:
+    """Which of ``record.rows`` are of vehicles in the interaction region at that step, shape ``(M,)``."""
+    members, inside = np.empty(0, dtype=np.uint32), [np.empty(0, dtype=np.int64)]
+    for state in record.states:
+        members = region_members(members, state, record.emv_ids)
+        inside.append(_row_keys(members, state.step))
+    return np.isin(_row_keys(record.rows.actor_id, record.rows.step), np.concatenate(inside))
+
+
+def _row_keys(actor_id: Ids, step: Any) -> npt.NDArray[np.int64]:
+    return np.asarray(actor_id.astype(np.int64) << 32 | step, dtype=np.int64)
 
 
 def tracks_of(record: EpisodeRecord) -> tuple[Track, ...]:

@@ -73,24 +73,34 @@ def metadata_text(
         custom: Further entries; ``ros2 bag info`` shows them as custom data.
     """
     count = sum(topic.message_count for topic in topics)
-    span: dict[str, Any] = {
-        "duration": {"nanoseconds": last_ns - first_ns},
-        "starting_time": {"nanoseconds_since_epoch": first_ns},
-        "message_count": count,
-    }
+    start, duration = {"nanoseconds_since_epoch": first_ns}, {"nanoseconds": last_ns - first_ns}
+    entries = [
+        {
+            "topic_metadata": {
+                "name": topic.name,
+                "type": topic.type_name,
+                "serialization_format": "cdr",
+                "offered_qos_profiles": qos_profiles(topic.latched),
+                "type_description_hash": topic.type_hash,
+            },
+            "message_count": topic.message_count,
+        }
+        for topic in topics
+    ]
     information = {
         "version": VERSION,
         "storage_identifier": "mcap",
-        **span,
-        "topics_with_message_count": [_topic_entry(topic) for topic in topics],
+        "duration": duration,
+        "starting_time": start,
+        "message_count": count,
+        "topics_with_message_count": entries,
         "compression_format": "",
         "compression_mode": "",
         "relative_file_paths": [file_name],
-        "files": [{"path": file_name, "starting_time": span["starting_time"], "duration": span["duration"]}],
+        "files": [{"path": file_name, "starting_time": start, "duration": duration, "message_count": count}],
         "custom_data": dict(sorted(custom.items())) or None,
         "ros_distro": "jazzy",
     }
-    information["files"][0]["message_count"] = count
     return _yaml({"rosbag2_bagfile_information": information})
 
 
@@ -126,19 +136,6 @@ def read_metadata(bag: Path) -> dict[str, Any]:
     if not isinstance(information, dict):
         raise BagError(str(bag), f"a bag with a readable {METADATA_FILE}")
     return information
-
-
-def _topic_entry(topic: BagTopic) -> dict[str, Any]:
-    return {
-        "topic_metadata": {
-            "name": topic.name,
-            "type": topic.type_name,
-            "serialization_format": "cdr",
-            "offered_qos_profiles": qos_profiles(topic.latched),
-            "type_description_hash": topic.type_hash,
-        },
-        "message_count": topic.message_count,
-    }
 
 
 class _PlainDumper(yaml.SafeDumper):

@@ -197,6 +197,30 @@ class OpenBag:
         sec, nanosec = _STAMP.unpack_from(message.cdr, _ENCAPSULATION_BYTES)
         return int(sec) * 1_000_000_000 + int(nanosec)
 
+    def record(self, *, counted: bool = False) -> EpisodeRecord:
+        """The record of the episode in the bag; all states are in memory.
+
+        Args:
+            counted: Also count the messages of all topics, which reads all of them.
+
+        Raises:
+            BagError: The bag is damaged, holds no SIREN episode, or lacks the map.
+        """
+        builder = RecordBuilder()
+        types = {topic.name: topic.type_name for topic in RECORD_TOPICS}
+        for topic, type_name in types.items():
+            if self.type_names.get(topic, type_name) != type_name:
+                raise BagError(str(self.path), f"{topic} of type {type_name}, not {self.type_names[topic]}")
+        for message in self.messages(None if counted else types):
+            if counted:
+                stamp_ns, size_bytes = self.stamp_ns(message), len(message.cdr)
+                builder.count(message.topic, message.type_name, message.time_ns, size_bytes, stamp_ns)
+            if message.topic in types:
+                decoded = message.read()
+                with damage_refused(self.path):
+                    builder.add(message.topic, decoded)
+        return builder.build(str(self.path))
+
 
 def _is_latched(connection: Connection) -> bool:
     offers = connection.ext.offered_qos_profiles if isinstance(connection.ext, ConnectionExtRosbag2) else []
@@ -243,24 +267,13 @@ def open_bag(path: Path) -> Iterator[OpenBag]:
 
 
 def read_episode(path: Path) -> EpisodeRecord:
-    """The record of an episode.
+    """The record of an episode, with the counts of its messages.
 
     Raises:
-        BagError: As ``open_bag``; or the bag holds no SIREN episode, or lacks the map.
+        BagError: As ``open_bag`` and ``OpenBag.record``.
     """
-    builder = RecordBuilder()
-    record_topics = {topic.name: topic.type_name for topic in RECORD_TOPICS}
     with open_bag(path) as bag:
-        for topic, type_name in record_topics.items():
-            if bag.type_names.get(topic, type_name) != type_name:
-                raise BagError(str(path), f"{topic} of type {type_name}, not {bag.type_names[topic]}")
-        for message in bag.messages():
-            builder.count(message.topic, message.type_name, message.time_ns, len(message.cdr), bag.stamp_ns(message))
-            if message.topic in record_topics:
-                decoded = message.read()
-                with damage_refused(path):
-                    builder.add(message.topic, decoded)
-        return builder.build(str(path))
+        return bag.record(counted=True)
 
 
 def bags_among(paths: Iterable[Path]) -> tuple[Path, ...]:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, Generic, TypeVar
+from typing import Any, Final
 
 from mcap.records import Channel, Schema
 from rosbags.typesys.store import Typestore
@@ -19,19 +19,17 @@ from siren_ros.errors import EpisodeError
 from siren_ros.recording.bag_folder import BagTopic, WorkingFolder, free_partial_path, metadata_text, qos_text
 from siren_ros.recording.mcap_stream import ChannelMessage, ChunkContent, McapStream, definitions_bytes, message_bytes
 
-T = TypeVar("T")
 
-
-class BackgroundWorker(Generic[T]):
+class BackgroundWorker:
     """Calls ``work(item)`` for every item, one after the other, in a thread of its own.
 
     ``put`` waits while the queue is full, so that memory stays bounded. The first exception that
     ``work`` raises is raised again by the next ``put`` or by ``close``; items after it are dropped.
     """
 
-    def __init__(self, work: Callable[[T], None], capacity: int, name: str) -> None:
+    def __init__(self, work: Callable[[Any], None], capacity: int, name: str) -> None:
         self._work = work
-        self._queue: queue.Queue[tuple[T] | None] = queue.Queue(capacity)
+        self._queue: queue.Queue[tuple[Any] | None] = queue.Queue(capacity)
         self._error: BaseException | None = None
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
@@ -45,7 +43,7 @@ class BackgroundWorker(Generic[T]):
             except BaseException as error:  # noqa: BLE001 # handed over to the caller's thread
                 self._error = error
 
-    def put(self, item: T) -> None:
+    def put(self, item: Any) -> None:
         """Hands an item over; raises what an earlier item raised."""
         self._raise()
         self._queue.put((item,))
@@ -174,7 +172,10 @@ class EpisodeBagWriter:
         """
         data = cdr if isinstance(cdr, bytes) else bytes(cdr)
         if time_ns > self._latest_ns:
-            self._check_folder()
+            try:
+                self._folder.check()
+            except OSError as error:
+                raise self._lost(error) from error
         channel = self._channels.get(topic) or self._new_channel(topic, type_name)
         new_channels = () if topic in self._channels else (channel.record,)
         new_schemas = () if type_name in self._schemas else (channel.schema,)
@@ -200,12 +201,6 @@ class EpisodeBagWriter:
         old = time_ns - pending.first_ns >= self._options.chunk_ns
         if old or pending.size_bytes >= self._options.chunk_bytes:
             self._hand_over()
-
-    def _check_folder(self) -> None:
-        try:
-            self._folder.check()
-        except OSError as error:
-            raise self._lost(error) from error
 
     def _new_channel(self, topic: str, type_name: str) -> _OpenChannel:
         schema = self._schemas.get(type_name)

@@ -78,6 +78,11 @@ class StateRows:
         """Positions, shape ``(M, 2)``."""
         return np.stack((self.x_m, self.y_m), axis=-1)
 
+    @property
+    def driven_m(self) -> Floats:
+        """Way driven up to each row of one actor's track."""
+        return np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(self.x_m), np.diff(self.y_m)))))
+
     def select(self, rows: npt.NDArray[np.bool_] | npt.NDArray[np.intp]) -> "StateRows":
         """Some of the rows, given as a mask or as indices."""
         arrays: dict[str, Any] = {name: getattr(self, name)[rows] for name in ACTOR_STATE_DTYPES}

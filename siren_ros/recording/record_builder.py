@@ -126,6 +126,10 @@ class _TopicCounter:
         self.size_bytes = 0
         self.stamp_mismatches = 0
 
+    def record(self, name: str) -> TopicRecord:
+        times_ns = np.array(self.times_ns, dtype=np.int64)
+        return TopicRecord(name, self.type_name, len(times_ns), self.size_bytes, times_ns, self.stamp_mismatches)
+
 
 class RecordBuilder:
     """Collects an episode's messages; ``build`` gives the record of what has been added so far."""
@@ -225,11 +229,7 @@ class RecordBuilder:
         self._closing = episode_conversions.from_episode_end(message)
 
     def _take_outcome(self, message: Any) -> None:
-        self.set_outcome(episode_conversions.from_episode_outcome(message))
-
-    def set_outcome(self, outcome: EpisodeOutcome) -> None:
-        """Takes the outcome."""
-        self._outcome = outcome
+        self._outcome = episode_conversions.from_episode_outcome(message)
 
     def build(self, name: str = "episode") -> EpisodeRecord:
         """The record of all messages so far.
@@ -262,17 +262,6 @@ class RecordBuilder:
             outcome=outcome,
             complete=complete,
             lost_steps=closed - len(set(steps)),
-            topics={topic: _topic_record(topic, counter) for topic, counter in sorted(self._counters.items())},
+            topics={topic: counter.record(topic) for topic, counter in sorted(self._counters.items())},
             state_hashes=dict(self._state_hashes),
         )
-
-
-def _topic_record(topic: str, counter: _TopicCounter) -> TopicRecord:
-    return TopicRecord(
-        name=topic,
-        type_name=counter.type_name,
-        count=len(counter.times_ns),
-        size_bytes=counter.size_bytes,
-        times_ns=np.array(counter.times_ns, dtype=np.int64),
-        stamp_mismatches=counter.stamp_mismatches,
-    )

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -63,28 +63,24 @@ class Recovery:
 
 
 @dataclass
-class _Chunks:
-    """The chunks of a damaged file."""
+class _Salvage:
+    """What can be saved of one damaged file, and what is lost."""
 
-    places: list[RecordPlace] = field(default_factory=list)
+    file: BinaryIO
+    stream: McapStream
+    """The new file."""
+    chunks: list[RecordPlace] = field(default_factory=list)
     attachments: list[RecordPlace] = field(default_factory=list)
     indexed: Counter[int] = field(default_factory=Counter)
     """Number of messages by the offset of their chunk, from the message indices."""
     end: str = ""
     """Why the file could not be read to its end; empty where it could."""
-
-
-@dataclass
-class _Salvage:
-    """Definitions, counts and losses of the chunks saved so far."""
-
     schemas: dict[int, Schema] = field(default_factory=dict)
     """All known ones by id, written or not; likewise the channels."""
     channels: dict[int, Channel] = field(default_factory=dict)
     written: set[int] = field(default_factory=set)
     """Ids of the channels whose definition is in the new file."""
     counts: Counter[int] = field(default_factory=Counter)
-    times_ns: list[int] = field(default_factory=list)
     damages: list[str] = field(default_factory=list)
     """One for each chunk that could not be read."""
     lost_messages: int = 0
@@ -95,34 +91,123 @@ class _Salvage:
     undefined: int = 0
     """Of the lost messages, those in readable chunks whose channel is defined nowhere."""
 
-    def learn(self, schemas: Iterable[Schema], channels: Iterable[Channel]) -> None:
+    def find_chunks(self) -> None:
+        """Finds the chunks by the summary, or else as far as the records follow each other; learns all definitions."""
+        size = self.file.seek(0, 2)
+        try:
+            summary = read_summary(self.file, size)
+        except DamageError:
+            self._scan()
+            return
+        self._learn(summary.schemas.values(), summary.channels.values())
+        self._take_index(size, summary)
+        self.attachments = [
+            RecordPlace(Opcode.ATTACHMENT, index.offset, index.length - _RECORD_HEAD_BYTES)
+            for index in summary.attachment_indexes
+            if index.length >= _RECORD_HEAD_BYTES
+        ]
+
+    def _scan(self) -> None:
+        try:
+            self.file.seek(0)
+            for place in read_places(self.file, named=False):
+                if place.opcode == Opcode.CHUNK:
+                    self.chunks.append(place)
+                elif place.opcode == Opcode.ATTACHMENT:
+                    self.attachments.append(place)
+                elif place.opcode == Opcode.MESSAGE_INDEX and self.chunks:
+                    self.indexed[self.chunks[-1].offset] += count_index_entries(self.file, place.offset)
+        except DamageError as error:
+            self.end = str(error)
+        for content in self._readable(self.chunks):
+            self._learn(content.schemas, content.channels)
+
+    def _take_index(self, size: int, summary: Summary) -> None:
+        """Takes the chunks of a summary's index, without those that overlap or lie outside the file."""
+        end = 0
+        for index in sorted(summary.chunk_indexes, key=lambda item: item.chunk_start_offset):
+            beyond = index.chunk_start_offset + index.chunk_length
+            if index.chunk_start_offset < end or beyond > size or index.chunk_length < _RECORD_HEAD_BYTES:
+                continue
+            end = beyond
+            place = RecordPlace(Opcode.CHUNK, index.chunk_start_offset, index.chunk_length - _RECORD_HEAD_BYTES)
+            self.chunks.append(place)
+            for offset in index.message_index_offsets.values():
+                self.indexed[place.offset] += count_index_entries(self.file, offset)
+
+    def _readable(self, places: Iterable[RecordPlace]) -> Iterator[ChunkContent]:
+        """The contents of those chunks that can be read."""
+        for place in places:
+            with suppress(DamageError):
+                yield parse_content(unpack(read_chunk(self.file, place)))
+
+    def _learn(self, schemas: Iterable[Schema], channels: Iterable[Channel]) -> None:
         """Takes definitions; the first one of an id counts."""
         for schema in schemas:
             self.schemas.setdefault(schema.id, schema)
         for channel in channels:
             self.channels.setdefault(channel.id, channel)
 
-    def take(self, content: ChunkContent) -> ChunkContent:
+    def save(self) -> None:
+        """Writes everything that can be saved to the new file."""
+        copies = self._lost_copies()
+        for number, place in enumerate(self.chunks):
+            try:
+                chunk = read_chunk(self.file, place)
+                plain = unpack(chunk)
+                content = self._take(parse_content(plain))
+            except DamageError as error:
+                self.damages.append(str(error))
+                self.lost_messages += self.indexed[place.offset]
+                later = self._readable(self.chunks[number + 1 :])
+                first_times_ns = (content.messages[0].time_ns for content in later if content.messages)
+                copies = self._restore(copies, next(first_times_ns, math.inf))
+            else:
+                unchanged = chunk.compression == "zstd" and plain_bytes(content) == plain
+                self.stream.adopt_chunk(content, chunk.packed if unchanged else None)
+        self._restore(copies, math.inf)
+        self.lost_messages = max(0, self.lost_messages - self.restored)
+
+    def _lost_copies(self) -> list[ChannelMessage]:
+        """The messages with second copies whose chunks cannot be read, in the order of the bag."""
+        contents = read_copies(self.file, self.attachments)
+        readable = self._readable(self.chunks) if contents else ()
+        present = {(item.channel_id, item.sequence) for content in readable for item in content.messages}
+        copies: list[ChannelMessage] = []
+        for content in contents:
+            self._learn(content.schemas, content.channels)
+            known = {channel.id for channel in content.channels if self.channels[channel.id] == channel}
+            lost = (item for item in content.messages if (item.channel_id, item.sequence) not in present)
+            copies += (item for item in lost if item.channel_id in known)
+        return copies
+
+    def _restore(self, copies: list[ChannelMessage], beyond_ns: float) -> list[ChannelMessage]:
+        """Writes the copies up to a time in the place of a damaged chunk; returns the others."""
+        content = self._take(ChunkContent((), (), tuple(item for item in copies if item.time_ns <= beyond_ns)))
+        self.stream.adopt_chunk(content, None)
+        self.restored += len(content.messages)
+        return [item for item in copies if item.time_ns > beyond_ns]
+
+    def _take(self, content: ChunkContent) -> ChunkContent:
         """The part of a chunk that can be written, with the definitions that the new file still lacks."""
-        self.learn(content.schemas, content.channels)
+        self._learn(content.schemas, content.channels)
         known = {key for key, channel in self.channels.items() if channel.schema_id in self.schemas}
         messages = tuple(item for item in content.messages if item.channel_id in known)
         self.undefined += len(content.messages) - len(messages)
         self.lost_messages += len(content.messages) - len(messages)
-        own = tuple(item for item in content.channels if item.id in known)
-        lacking = {item.channel_id for item in messages} - self.written - {item.id for item in own}
-        channels = (*(self.channels[key] for key in sorted(lacking)), *own)
+        defined = tuple(item for item in content.channels if item.id in known)
+        lacking = {item.channel_id for item in messages} - self.written - {item.id for item in defined}
+        channels = (*(self.channels[key] for key in sorted(lacking)), *defined)
         present = {item.id for item in content.schemas} | {self.channels[key].schema_id for key in self.written}
         schemas = {self.channels[key].schema_id for key in lacking} - present
         self.written.update(item.id for item in channels)
         self.counts.update(item.channel_id for item in messages)
         self.latched += (item for item in messages if _is_latched(self.channels[item.channel_id]))
-        for item in messages:
-            self.times_ns = [min([item.time_ns, *self.times_ns[:1]]), max([item.time_ns, *self.times_ns[1:]])]
         return ChunkContent((*(self.schemas[key] for key in sorted(schemas)), *content.schemas), channels, messages)
 
     def topics(self) -> list[BagTopic]:
         """The saved topics as the metadata lists them."""
+        saved = [(key, channel) for key, channel in self.channels.items() if key in self.written]
         return [
             BagTopic(
                 channel.topic,
@@ -131,13 +216,22 @@ class _Salvage:
                 _is_latched(channel),
                 self.counts[key],
             )
-            for key, channel in self.channels.items()
-            if key in self.written
+            for key, channel in saved
         ]
 
     def count_of(self, topic: str) -> int:
         """Number of saved messages of a topic."""
         return sum(self.counts[key] for key, channel in self.channels.items() if channel.topic == topic)
+
+    def lost_text(self) -> str:
+        """What could not be saved, and why."""
+        reasons = []
+        if self.damages:
+            first = self.damages[0] if len(self.damages) == 1 else f"the first: {self.damages[0]}"
+            reasons.append(f"{len(self.damages)} of {len(self.chunks)} chunks cannot be read ({first})")
+        if self.undefined:
+            reasons.append(f"{self.undefined} messages are of topics that are defined nowhere")
+        return "; ".join([*reasons, self.end] if self.end else reasons)
 
 
 def _is_latched(channel: Channel) -> bool:
@@ -172,14 +266,16 @@ def recover_bag(path: Path, out: Path | None = None) -> Recovery:
         with files[0].open("rb", buffering=0) as held:
             if not lock(held):
                 raise BagError(str(path), "a bag that no episode is writing now")
-            salvage, lost = _write(files[0], target)
+            salvage = _write(files[0], target)
         if out is None and folder == working_path(_final_path(folder)):
             _remove_working_folder(folder)
     except OSError as error:
         raise EpisodeError(f"the bag {target} cannot be written: {error.strerror or error}") from error
     described = salvage.count_of(EPISODE.name) > 0 and salvage.count_of(MAP.name) > 0
     saved, steps = sum(salvage.counts.values()), salvage.count_of(ACTORS.name)
-    return Recovery(target, saved, steps, False, salvage.lost_messages, lost, described, salvage.restored)
+    return Recovery(
+        target, saved, steps, False, salvage.lost_messages, salvage.lost_text(), described, salvage.restored
+    )
 
 
 def _folder_of(path: Path) -> Path:
@@ -204,16 +300,15 @@ def _as_it_is(folder: Path) -> Recovery | None:
     return Recovery(folder, sum(counts.values()), counts.get(ACTORS.name, 0), True)
 
 
-def _write(source: Path, target: Path) -> tuple[_Salvage, str]:
-    """Writes the new bag; returns what was saved, and what was lost as text."""
+def _write(source: Path, target: Path) -> _Salvage:
+    """Writes the new bag."""
     working = target.with_name(f".{target.name.removeprefix('.')}.recovering")
     working.mkdir(parents=True)
     name = f"{_final_path(target).name}_0.mcap"
     try:
-        salvage, lost = _write_storage(source, working / name)
-        first_ns, last_ns = (salvage.times_ns or [0, 0])[:2]
+        salvage = _write_storage(source, working / name)
         custom = {END_KEY: "partial", REASON_KEY: _REASON}
-        text = metadata_text(name, salvage.topics(), first_ns, last_ns, custom)
+        text = metadata_text(name, salvage.topics(), *salvage.stream.span_ns, custom)
         (working / METADATA_FILE).write_text(text, encoding="utf-8")
         working.rename(target)
     except BaseException:
@@ -221,146 +316,23 @@ def _write(source: Path, target: Path) -> tuple[_Salvage, str]:
             (working / file_name).unlink(missing_ok=True)
         working.rmdir()
         raise
-    return salvage, lost
+    return salvage
 
 
-def _write_storage(source: Path, target: Path) -> tuple[_Salvage, str]:
-    salvage = _Salvage()
+def _write_storage(source: Path, target: Path) -> _Salvage:
     with source.open("rb") as file, target.open("wb", buffering=0) as output:
-        stream = McapStream(output, BagOptions().compression_level)
-        chunks = _find_chunks(file, salvage)
-        copies = _lost_copies(file, chunks, salvage)
-        for number, place in enumerate(chunks.places):
-            try:
-                _save_chunk(file, place, stream, salvage)
-            except DamageError as error:
-                salvage.damages.append(str(error))
-                salvage.lost_messages += chunks.indexed[place.offset]
-                beyond = _first_time_ns(file, chunks.places[number + 1 :])
-                copies = _restore(copies, beyond, stream, salvage)
-        _restore(copies, math.inf, stream, salvage)
-        salvage.lost_messages = max(0, salvage.lost_messages - salvage.restored)
+        salvage = _Salvage(file, McapStream(output, BagOptions().compression_level))
+        salvage.find_chunks()
+        salvage.save()
         if not salvage.counts:
-            reasons = "; ".join([*salvage.damages[:1], *([chunks.end] if chunks.end else [])])
+            reasons = "; ".join([*salvage.damages[:1], *([salvage.end] if salvage.end else [])])
             raise BagError(str(source), f"a file with at least one whole chunk ({reasons or 'there is none'})")
-        stream.attach_copies(salvage.latched)
-        stream.finish()
+        salvage.stream.attach_copies(salvage.latched)
+        salvage.stream.finish()
     with suppress(BagError):
         expected = sum(read_message_counts(source.parent).values())
         salvage.lost_messages = max(salvage.lost_messages, expected - sum(salvage.counts.values()))
-    return salvage, _lost_text(salvage, chunks)
-
-
-def _lost_copies(file: BinaryIO, chunks: _Chunks, salvage: _Salvage) -> list[ChannelMessage]:
-    """The messages with second copies whose chunks cannot be read, in the order of the bag."""
-    contents = read_copies(file, chunks.attachments)
-    if not contents:
-        return []
-    present: set[tuple[int, int]] = set()
-    for place in chunks.places:
-        with suppress(DamageError):
-            content = parse_content(unpack(read_chunk(file, place)))
-            present.update((item.channel_id, item.sequence) for item in content.messages)
-    found = []
-    for content in contents:
-        salvage.learn(content.schemas, content.channels)
-        known = {channel.id for channel in content.channels if salvage.channels[channel.id] == channel}
-        found += [
-            item
-            for item in content.messages
-            if item.channel_id in known and (item.channel_id, item.sequence) not in present
-        ]
-    return found
-
-
-def _first_time_ns(file: BinaryIO, places: Sequence[RecordPlace]) -> float:
-    """Time of the first message in the first readable chunk; infinite without one."""
-    for place in places:
-        with suppress(DamageError):
-            messages = parse_content(unpack(read_chunk(file, place))).messages
-            if messages:
-                return messages[0].time_ns
-    return math.inf
-
-
-def _restore(
-    copies: list[ChannelMessage], beyond_ns: float, stream: McapStream, salvage: _Salvage
-) -> list[ChannelMessage]:
-    """Writes the copies up to a time in the place of a damaged chunk; returns the others."""
-    content = salvage.take(ChunkContent((), (), tuple(item for item in copies if item.time_ns <= beyond_ns)))
-    stream.adopt_chunk(content, None)
-    salvage.restored += len(content.messages)
-    return [item for item in copies if item.time_ns > beyond_ns]
-
-
-def _find_chunks(file: BinaryIO, salvage: _Salvage) -> _Chunks:
-    """The chunks by the summary, or else as far as the records follow each other; learns all definitions."""
-    chunks = _Chunks()
-    size = file.seek(0, 2)
-    try:
-        summary = read_summary(file, size)
-    except DamageError:
-        summary = None
-    if summary is not None:
-        salvage.learn(summary.schemas.values(), summary.channels.values())
-        _take_index(file, size, summary, chunks)
-        chunks.attachments = [
-            RecordPlace(Opcode.ATTACHMENT, index.offset, index.length - _RECORD_HEAD_BYTES)
-            for index in summary.attachment_indexes
-            if index.length >= _RECORD_HEAD_BYTES
-        ]
-        return chunks
-    try:
-        file.seek(0)
-        for place in read_places(file, named=False):
-            if place.opcode == Opcode.CHUNK:
-                chunks.places.append(place)
-            elif place.opcode == Opcode.ATTACHMENT:
-                chunks.attachments.append(place)
-            elif place.opcode == Opcode.MESSAGE_INDEX and chunks.places:
-                chunks.indexed[chunks.places[-1].offset] += count_index_entries(file, place.offset)
-    except DamageError as error:
-        chunks.end = str(error)
-    for place in chunks.places:
-        with suppress(DamageError):
-            content = parse_content(unpack(read_chunk(file, place)))
-            salvage.learn(content.schemas, content.channels)
-    return chunks
-
-
-def _take_index(file: BinaryIO, size: int, summary: Summary, chunks: _Chunks) -> None:
-    """Takes the chunks of a summary's index, without those that overlap or lie outside the file."""
-    end = 0
-    for index in sorted(summary.chunk_indexes, key=lambda item: item.chunk_start_offset):
-        beyond = index.chunk_start_offset + index.chunk_length
-        if index.chunk_start_offset < end or beyond > size or index.chunk_length < _RECORD_HEAD_BYTES:
-            continue
-        end = beyond
-        place = RecordPlace(Opcode.CHUNK, index.chunk_start_offset, index.chunk_length - _RECORD_HEAD_BYTES)
-        chunks.places.append(place)
-        for offset in index.message_index_offsets.values():
-            chunks.indexed[place.offset] += count_index_entries(file, offset)
-
-
-def _lost_text(salvage: _Salvage, chunks: _Chunks) -> str:
-    reasons = []
-    if salvage.damages:
-        number = f"{len(salvage.damages)} of {len(chunks.places)} chunks"
-        first = "" if len(salvage.damages) == 1 else "the first: "
-        reasons.append(f"{number} cannot be read ({first}{salvage.damages[0]})")
-    if salvage.undefined:
-        reasons.append(f"{salvage.undefined} messages are of topics that are defined nowhere")
-    if chunks.end:
-        reasons.append(chunks.end)
-    return "; ".join(reasons)
-
-
-def _save_chunk(file: BinaryIO, place: RecordPlace, stream: McapStream, salvage: _Salvage) -> None:
-    chunk = read_chunk(file, place)
-    plain = unpack(chunk)
-    content = salvage.take(parse_content(plain))
-    unchanged = chunk.compression == "zstd" and plain_bytes(content) == plain
-    stream.adopt_chunk(content, chunk.packed if unchanged else None)
+    return salvage
 
 
 def _remove_working_folder(folder: Path) -> None:

@@ -7,6 +7,9 @@ from typing import Final
 
 from siren_ros.numerics.units import mps_from_kmh
 
+TEMPLATES: Final = ("S1", "S2", "S3", "S4", "S5", "S6", "S7")
+"""Names of the paper's templates."""
+
 
 class EmergencyLevel(IntEnum):
     """The configuration axis of the behaviour model."""

@@ -12,8 +12,8 @@ from reader_environments import read_with
 
 from siren_ros.cli.main import main
 from siren_ros.datasets.trajectory_csv import COLUMNS, trajectory_csv, type_id_of
-from siren_ros.record.interaction_region import region_members
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.scenario.interaction_region import region_members
 from siren_ros.world.actors import ActorClass
 
 

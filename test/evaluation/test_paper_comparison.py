@@ -27,9 +27,9 @@ from siren_ros.evaluation.paper_comparison import (
     stored,
 )
 from siren_ros.evaluation.prediction.episode_scores import EpisodeScores
-from siren_ros.evaluation.prediction.reports.paper_results import PAPER_SAMPLES, TEMPLATES, paper_row
+from siren_ros.evaluation.prediction.reports.paper_results import PAPER_SAMPLES, paper_row
 from siren_ros.evaluation.prediction.reports.score_table import score_table
-from siren_ros.scenario.paper import EmergencyLevel
+from siren_ros.scenario.paper import TEMPLATES, EmergencyLevel
 from siren_ros.scenario.templates import load_template
 from siren_ros.tables.interval import NOTHING, Interval
 

@@ -428,10 +428,7 @@ def test_a_record_that_ends_inside_the_turn_is_judged_as_far_as_it_goes() -> Non
 
 
 def test_others_that_turn_right_on_the_shoulder_do_not_count() -> None:
-    vehicles = {
-        EMV: Driven(NORTHBOUND, at_speed(40.0, 8.0, 200)),
-        2: Driven(ON_SHOULDER, at_speed(40.0, 8.0, 300)),
-    }
+    vehicles = {EMV: Driven(NORTHBOUND, at_speed(40.0, 8.0, 200)), 2: Driven(ON_SHOULDER, at_speed(40.0, 8.0, 300))}
     assert "nowhere" in shoulder_turn(hand_made(NETWORK_SHOULDER_TURN, vehicles), THRESHOLDS).parts[0].detail
 
 

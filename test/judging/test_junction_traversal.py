@@ -54,8 +54,7 @@ def test_front_centre_and_rear_cross_the_lines_where_the_poses_put_them() -> Non
 
 
 @pytest.mark.parametrize(
-    ("points", "movement"),
-    [(EASTBOUND, EAST), (SOUTHBOUND, SOUTH), (PARALLEL, BESIDE), (ON_SHOULDER, SHOULDER_RIGHT)],
+    ("points", "movement"), [(EASTBOUND, EAST), (SOUTHBOUND, SOUTH), (PARALLEL, BESIDE), (ON_SHOULDER, SHOULDER_RIGHT)]
 )
 def test_the_movement_is_that_of_the_edges_and_the_path(points: np.ndarray, movement: int) -> None:
     assert _traversal_of(points).connection == movement
@@ -152,10 +151,7 @@ def test_vehicles_and_their_junctions_come_by_actor_and_then_by_time() -> None:
     assert [(item.actor_id, item.connection) for item in found] == [(EMV, STRAIGHT), (3, SOUTH), (7, EAST)]
     assert [item.approach_step for item in found] == [0, 30, 10]
     half = CAR_LENGTH_M / 2.0
-    assert [item.enter_step for item in found[1:]] == [
-        30 + _step_at(100.0 - half, 60.0),
-        10 + _step_at(100.0 - half),
-    ]
+    assert [item.enter_step for item in found[1:]] == [30 + _step_at(100.0 - half, 60.0), 10 + _step_at(100.0 - half)]
     assert [item.exit_step for item in found] == [150, 180, 160]
 
 

@@ -241,10 +241,7 @@ def test_a_lane_is_left_to_either_side(to_the_right: bool) -> None:
 
 def found_at(points: list[tuple[float, float]], put_at: int = 10**6) -> list[tuple[int, int]]:
     """Last step in the old lane and first step clear of it, of a car ahead of the EMV; put to the left at a step."""
-    vehicles = {
-        EMV: Driven(NORTHBOUND, at_speed(5.0, 5.0, 150)),
-        2: Driven(line(*points), at_speed(30.0, 6.0, 150)),
-    }
+    vehicles = {EMV: Driven(NORTHBOUND, at_speed(5.0, 5.0, 150)), 2: Driven(line(*points), at_speed(30.0, 6.0, 150))}
     record = hand_made(crossing(), vehicles)
     states = tuple(
         replace(
@@ -311,10 +308,7 @@ def test_of_several_changes_that_the_emv_never_passes_the_first_counts() -> None
     weaving += [(RIGHT_X_M, 110.0)]
     emv = line((RIGHT_X_M, -120.0), (RIGHT_X_M, -100.0), (LEFT_X_M, -92.0), (LEFT_X_M, 110.0))
     steps = 300
-    vehicles = {
-        EMV: Driven(emv, at_speed(0.0, 4.5, steps)),
-        2: Driven(line(*weaving), at_speed(30.0, 5.0, steps)),
-    }
+    vehicles = {EMV: Driven(emv, at_speed(0.0, 4.5, steps)), 2: Driven(line(*weaving), at_speed(30.0, 5.0, steps))}
     record = hand_made(crossing(), vehicles)
     lights = np.array([int(Lights.SIREN), 0], np.uint8)
     record = replace(record, states=tuple(replace(state, lights=lights) for state in record.states))

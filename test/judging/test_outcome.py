@@ -256,10 +256,7 @@ def _at_junction(vehicles: dict[int, Driven]) -> EpisodeRecord:
 def _standing_near(record: EpisodeRecord, steps: set[int]) -> EpisodeRecord:
     """Actor 2 stands at these steps alone; at all others it drives."""
     states = tuple(
-        replace(
-            state,
-            vx_mps=np.where((state.actor_id == 2) & (state.step not in steps), 5.0, state.vx_mps),
-        )
+        replace(state, vx_mps=np.where((state.actor_id == 2) & (state.step not in steps), 5.0, state.vx_mps))
         for state in record.states
     )
     return replace(record, states=states)
@@ -328,8 +325,7 @@ def test_an_outcome_has_the_verdict_its_parts_and_the_episodes_numbers(record_of
 
 def test_way_and_mean_speed_are_those_of_the_first_emv() -> None:
     record = hand_made(
-        crossing(),
-        {EMV: Driven(NORTHBOUND, at_speed(10.0, 8.0, 101)), 2: Driven(NORTHBOUND, at_speed(60.0, 2.0, 101))},
+        crossing(), {EMV: Driven(NORTHBOUND, at_speed(10.0, 8.0, 101)), 2: Driven(NORTHBOUND, at_speed(60.0, 2.0, 101))}
     )
     for ids, speed in (((EMV, 2), 8.0), ((2, EMV), 2.0)):
         changed = replace(record, description=replace(record.description, emv_ids=ids))

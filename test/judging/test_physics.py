@@ -59,11 +59,7 @@ def accelerated(accel_mps2, lateral_mps2):
     """The EMV's accelerations over the steps; the other car has a hundred times as much along its way."""
     record = record_of(count=len(accel_mps2))
     states = tuple(
-        replace(
-            state,
-            accel_mps2=np.array([accel, 100.0 * accel]),
-            lateral_accel_mps2=np.array([lateral, 0.0]),
-        )
+        replace(state, accel_mps2=np.array([accel, 100.0 * accel]), lateral_accel_mps2=np.array([lateral, 0.0]))
         for state, accel, lateral in zip(record.states, accel_mps2, lateral_mps2, strict=True)
     )
     return replace(record, states=states)

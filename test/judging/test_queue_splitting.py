@@ -209,8 +209,7 @@ def test_of_two_emvs_the_one_that_comes_closest_counts_and_neither_is_overtaken_
     actors = {**record.actors, 2: replace(both.actors[2], is_emv=True)}
     states = tuple(
         replace(
-            first,
-            **{name: np.insert(getattr(first, name), 1, getattr(second, name)[1]) for name in ACTOR_STATE_DTYPES},
+            first, **{name: np.insert(getattr(first, name), 1, getattr(second, name)[1]) for name in ACTOR_STATE_DTYPES}
         )
         for first, second in zip(record.states, both.states, strict=True)
     )

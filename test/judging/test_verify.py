@@ -120,10 +120,7 @@ def test_two_actors_far_apart_have_not_jumped() -> None:
     """The last state of one and the first of the next follow each other in the rows."""
     record = hand_made(
         crossing(),
-        {
-            2: Driven(NORTHBOUND, at_speed(10.0, 10.0, 5)),
-            3: Driven(NORTHBOUND, at_speed(150.0, 10.0, 5), first_step=5),
-        },
+        {2: Driven(NORTHBOUND, at_speed(10.0, 10.0, 5)), 3: Driven(NORTHBOUND, at_speed(150.0, 10.0, 5), first_step=5)},
     )
     assert check_position_jumps(record, VerifyLimits()).holds
 

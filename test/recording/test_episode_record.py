@@ -6,10 +6,7 @@ from hand_made_record import EASTBOUND, EMV, NORTHBOUND, Driven, at_speed, cross
 
 RECORD = hand_made(
     crossing(),
-    {
-        EMV: Driven(NORTHBOUND, at_speed(10.0, 8.0, 6)),
-        2: Driven(EASTBOUND, at_speed(5.0, 4.0, 3), first_step=2),
-    },
+    {EMV: Driven(NORTHBOUND, at_speed(10.0, 8.0, 6)), 2: Driven(EASTBOUND, at_speed(5.0, 4.0, 3), first_step=2)},
     lambda step: "rG" if step < 4 else "Gr",
 )
 

@@ -11,6 +11,8 @@ from siren_ros.behaviour.driving.step_view import StepView, Surroundings
 from siren_ros.behaviour.paths.lane_path import lanes_along
 from siren_ros.numerics.arrays import Floats, Ids
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork
+from siren_ros.scenario.interaction_region import in_region
+from siren_ros.scenario.paper import ControlConstants
 from siren_ros.world.traffic_state import Indices
 
 _EDGES_KEPT: Final = 3
@@ -95,19 +97,14 @@ def way_from_emv_m(view: StepView, emv_row: int, starts_m: Floats) -> Floats:
     return np.asarray(rear - traffic.lane_position_m[emv_row], dtype=np.float64)
 
 
-def region_members(seen: Surroundings, emv_row: int, before: Ids, enter_m: float, leave_m: float) -> Ids:
+def region_members(seen: Surroundings, emv_row: int, before: Ids, constants: ControlConstants) -> Ids:
     """Ids of the civilians in an EMV's interaction region, with hysteresis.
 
     Args:
         seen: All actors.
         emv_row: The EMV's row.
         before: Members at the step before, sorted.
-        enter_m: Distance between centres at which an actor enters.
-        leave_m: Distance between centres at which an actor leaves.
+        constants: Distances between centres at which an actor enters and leaves.
     """
     distance = np.hypot(seen.x_m - seen.x_m[emv_row], seen.y_m - seen.y_m[emv_row])
-    inside = distance < enter_m
-    if len(before):
-        place = np.minimum(np.searchsorted(before, seen.actor_id), len(before) - 1)
-        inside |= (before[place] == seen.actor_id) & (distance <= leave_m)
-    return seen.actor_id[inside & ~seen.is_emv]
+    return seen.actor_id[in_region(distance, np.isin(seen.actor_id, before), constants) & ~seen.is_emv]

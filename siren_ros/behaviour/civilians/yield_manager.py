@@ -108,7 +108,7 @@ def _regions(state: YieldState, view: StepView) -> tuple[dict[int, InteractionRe
         before = state.regions.get(emv_id)
         road = EmvRoad.ahead_of(view, row, before.road if before is not None else None)
         known = before.members if before is not None else np.empty(0, dtype=np.uint32)
-        members = region_members(seen, row, known, constants.region_enter_m, constants.region_leave_m)
+        members = region_members(seen, row, known, constants)
         regions[emv_id] = InteractionRegion(road, members)
         if road is None:
             continue

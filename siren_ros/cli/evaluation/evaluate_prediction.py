@@ -22,6 +22,7 @@ from siren_ros.evaluation.prediction.score_bags import ScoringJob, score_bags
 from siren_ros.evaluation.prediction.submission import submission
 from siren_ros.interfaces.topics import PREDICTIONS
 from siren_ros.recording.bag_reader import bags_among
+from siren_ros.scenario.interaction_region import REGION_TEXT
 
 
 def add_arguments(task: argparse.ArgumentParser) -> None:
@@ -65,7 +66,7 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
         "--population",
         choices=[one.value for one in Population],
         default=Population.REGION.value,
-        help="whose windows count: vehicles in the region of 40 m in, 50 m out around the EMV, as in the paper, or all "
+        help=f"whose windows count: vehicles in the region of {REGION_TEXT} around the EMV, as in the paper, or all "
         "(default %(default)s)",
     )
     task.add_argument("--compare-paper", action="store_true", help="show the paper's nine rows next to ours")

@@ -4,24 +4,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from siren_ros.datasets.files import FileWriter, link
+from siren_ros.datasets.files import FileWriter, link, write_image_sets
 from siren_ros.datasets.formats import EpisodePart, EpisodeReport
-from siren_ros.datasets.kitti.frame_files import (
-    FRAMES_FILE,
-    OBJECTS_FILE,
-    TRAINING,
-    KittiFrame,
-    KittiFrames,
-)
+from siren_ros.datasets.kitti.frame_files import FRAMES_FILE, OBJECTS_FILE, TRAINING, KittiFrame, KittiFrames
 from siren_ros.datasets.kitti.labels import KittiCamera
 from siren_ros.datasets.kitti.live_export import Layout
-from siren_ros.errors import BagError
-from siren_ros.interfaces.boxes import from_ground_truth
-from siren_ros.interfaces.measurements import from_compressed_image, from_point_cloud
-from siren_ros.interfaces.topics import GROUND_TRUTH
 from siren_ros.numerics.units import STEP_S
-from siren_ros.record.episode_source import EpisodeSource
-from siren_ros.recording.bag_reader import damage_refused
+from siren_ros.record.episode_source import FRONT_CAMERA, EpisodeSource, lidar_frames, lidar_of
 
 _TESTING: Final = "testing"
 """Where KITTI has the frames of its split ``test``."""
@@ -35,27 +24,19 @@ class KittiExporter:
 
     def write_episode(self, source: EpisodeSource, episode_id: str, files: FileWriter) -> EpisodeReport:  # noqa: ARG002 - the interface of all formats
         """Writes the frames, numbered from 0 on."""
-        lidar, camera = source.lidar, source.front_camera
-        if lidar is None:
-            raise BagError(str(source.path), "an episode recorded with a LiDAR")
+        lidar, camera = lidar_of(source), source.front_camera
         kitti_camera = None if camera is None else KittiCamera(camera.model, camera.from_lidar(lidar))
         frames = KittiFrames(files, self._layout, kitti_camera)
-        image = "" if camera is None else camera.topic
-        for step, held in source.messages_by_step({lidar.topic, GROUND_TRUTH.name, image}):
-            if lidar.topic not in held or GROUND_TRUTH.name not in held:
-                continue
-            with damage_refused(source.path):
-                points = from_point_cloud(held[lidar.topic].read())
-                truth = from_ground_truth(held[GROUND_TRUTH.name].read())
-                jpeg = from_compressed_image(held[image].read()) if image in held else None
-            frames.write(KittiFrame(step, points, truth, jpeg))
-            files.progress(step * STEP_S)
+        for frame in lidar_frames(source, cameras=() if camera is None else (camera,)):
+            if frame.points is not None and frame.truth is not None:
+                frames.write(KittiFrame(frame.step, frame.points, frame.truth, frame.jpegs.get(FRONT_CAMERA)))
+                files.progress(frame.step * STEP_S)
         return EpisodeReport({"frames": frames.frames, "labels": frames.classes.total()}, dict(frames.classes))
 
     def assemble(self, parts: Sequence[EpisodePart], folder: Path) -> None:
         """Numbers the frames of all episodes in one row; ``test`` goes below ``testing/``."""
         first = 0
-        sets: dict[str, list[str]] = {"train": [], "val": [], "test": []}
+        sets: dict[str, list[int]] = {"train": [], "val": [], "test": []}
         for part in parts:
             for path in sorted(part.folder.rglob("*.*")):
                 place = path.relative_to(part.folder)
@@ -67,15 +48,13 @@ class KittiExporter:
             _append_table(part, folder / FRAMES_FILE, first, episode=True)
             _append_table(part, folder / OBJECTS_FILE, first, episode=False)
             count = part.report.counts["frames"]
-            sets[part.split] += [f"{number:06d}\n" for number in range(first, first + count)]
+            sets[part.split] += range(first, first + count)
             first += count
         if self._layout is Layout.PAPER:
             (folder / "README.md").write_bytes((parts[0].folder / "README.md").read_bytes())
             return
         sets["trainval"] = sorted(sets["train"] + sets["val"])
-        (folder / "ImageSets").mkdir(exist_ok=True)
-        for name, numbers in sets.items():
-            (folder / "ImageSets" / f"{name}.txt").write_text("".join(numbers), encoding="utf-8")
+        write_image_sets(folder, sets)
 
 
 def _append_table(part: EpisodePart, target: Path, first: int, *, episode: bool) -> None:

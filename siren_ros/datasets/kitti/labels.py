@@ -16,6 +16,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from siren_ros.datasets.files import number_text
 from siren_ros.datasets.visibility import box_corners, image_boxes, lidar_visibility
 from siren_ros.errors import InputError
 from siren_ros.interfaces.measurements import CameraIntrinsics
@@ -58,11 +59,6 @@ def label_text(truth: GroundTruth) -> str:
         numbers = (alpha[row], 0.0, 0.0, 0.0, 0.0, *size, *place, heading[row])
         lines.append(f"{OBJECT_TYPE} 0.00 0 " + " ".join(number_text(float(value), 4) for value in numbers) + "\n")
     return "".join(lines)
-
-
-def number_text(value: float, decimals: int) -> str:
-    """A number as KITTI writes it, without a negative zero."""
-    return f"{round(value, decimals) + 0.0:.{decimals}f}"
 
 
 @dataclass(frozen=True)

@@ -93,12 +93,7 @@ def fixed_tables() -> dict[str, list[dict[str, Any]]]:
 LIDAR: Final = "LIDAR_TOP"
 NUSCENES_FROM_LIDAR: Final = np.array([[0.0, -1.0, 0, 0], [1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, 0, 0, 1.0]])
 """Points with x to the right and y ahead from points with x ahead and y to the left."""
-_SECTORS: Final = (
-    (30.0, "CAM_FRONT"),
-    (85.0, "CAM_FRONT_{side}"),
-    (150.0, "CAM_BACK_{side}"),
-    (181.0, "CAM_BACK"),
-)
+_SECTORS: Final = ((30.0, "CAM_FRONT"), (85.0, "CAM_FRONT_{side}"), (150.0, "CAM_BACK_{side}"), (181.0, "CAM_BACK"))
 """Largest angle from straight ahead in degrees, and the channel; nuScenes' own stand at 0, 55, 110 and 180."""
 
 

@@ -55,7 +55,7 @@ class NuscenesExporter:
         models = {camera.name: camera.model for camera in source.cameras}
         low, _ = map_corners(source.network)
         tables = EpisodeTables(files, episode_id, self._categories)
-        for frame in lidar_frames(source, cameras=True, pose=True):
+        for frame in lidar_frames(source, cameras=source.cameras, pose=True):
             if frame.map_from_base is None:
                 raise BagError(str(source.path), "an episode with the EMV's odometry")
             pose = frame.map_from_base.copy()
@@ -83,7 +83,7 @@ class NuscenesExporter:
             raise BagError(str(source.path), "an episode with at least one sweep with its ground truth")
         map_name = f"maps/{token('map', source.description.map_sha256)}.png"
         files.write(map_name, mask_png(source.network))
-        files.write(f"maps/expansion/{location(source)}.json", map_json(source.network, location(source)))
+        files.write(f"maps/expansion/{source.map_label}.json", map_json(source.network, source.map_label))
         tables.finish(self._small_tables(source, episode_id, tables.samples, low, map_name))
         counts = {name: tables.counts[table] for name, table in (("keyframes", "sample"), ("files", "sample_data"))}
         return EpisodeReport({**counts, "labels": tables.classes.total()}, dict(tables.classes))
@@ -107,7 +107,7 @@ class NuscenesExporter:
             "logfile": episode_id,
             "vehicle": "emv",
             "date_captured": "1970-01-01",
-            "location": location(source),
+            "location": source.map_label,
             "map_file": map_name,
         }
         return {"scene": [scene], "log": [log], "calibrated_sensor": calibrated_sensors(source, episode_id)}
@@ -142,13 +142,6 @@ class NuscenesExporter:
             for split in ("train", "val", "test")
         }
         (home / "splits.json").write_text(json.dumps(splits, indent=2) + "\n", encoding="utf-8")
-
-
-def location(source: EpisodeSource) -> str:
-    """Name of the map: its own with the beginning of its hash, so that two maps of one name stay apart."""
-    description = source.description
-    name = "".join(letter if letter.isalnum() else "-" for letter in description.map_name)
-    return f"{name}-{description.map_sha256[:8]}"
 
 
 def visible_fractions(frame: LidarFrame) -> Floats:

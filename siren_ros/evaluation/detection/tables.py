@@ -9,10 +9,10 @@ import numpy as np
 
 from siren_ros.evaluation.detection.devkit_score import ERRORS, DevkitScore
 from siren_ros.evaluation.detection.scoring import DetectorScores
+from siren_ros.scenario.paper import TEMPLATES
 from siren_ros.tables.interval import Bounds, Interval, interval_of_json
 from siren_ros.tables.table import Row, Table
 
-PAPER_TEMPLATES: Final = ("S1", "S2", "S3", "S4", "S5", "S6", "S7")
 MEAN: Final = "mean"
 _ERROR_TITLES: Final = ("ATE m", "ASE", "AOE rad", "AVE m/s", "AAE")
 
@@ -30,7 +30,7 @@ class PaperDetector:
 
 def _row(name: str, pairs: str, errors: str) -> PaperDetector:
     cells = [tuple(map(float, pair.split("/"))) for pair in pairs.split()]
-    both = {column: (cell[0], cell[1]) for column, cell in zip((*PAPER_TEMPLATES, MEAN), cells, strict=True)}
+    both = {column: (cell[0], cell[1]) for column, cell in zip((*TEMPLATES, MEAN), cells, strict=True)}
     values = dict(zip(ERRORS, map(float, errors.split()), strict=True))
     return PaperDetector(name, MappingProxyType(both), MappingProxyType(values))
 

@@ -14,8 +14,7 @@ import numpy.typing as npt
 from siren_ros.errors import BagError
 from siren_ros.numerics.arrays import Codes, Flags, Floats, Ids, Rows
 from siren_ros.numerics.units import STEP_S
-from siren_ros.record.interaction_region import rows_in_region
-from siren_ros.record.tracks import LOG_PERIOD_STEPS
+from siren_ros.record.tracks import LOG_PERIOD_STEPS, rows_in_region
 from siren_ros.record.vehicle_location import sumo_lanes
 from siren_ros.recording.episode_record import EpisodeRecord, StateRows
 from siren_ros.roads.road_network import NO_LANE, RoadNetwork

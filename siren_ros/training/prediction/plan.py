@@ -12,9 +12,8 @@ from typing import Final
 
 from siren_ros.evaluation.prediction.siren_model.features import Ablation
 from siren_ros.scenario.episode import EpisodeRequest
-from siren_ros.scenario.paper import EmergencyLevel
+from siren_ros.scenario.paper import TEMPLATES, EmergencyLevel
 
-TEMPLATES: Final = ("S1", "S2", "S3", "S4", "S5", "S6", "S7")
 _LEVELS: Final = ("", "L0", "", "L1", "", "L0", "", "L2", "", "L3")
 """Half of the training episodes at the template's own level, a fifth without emergency driving."""
 

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from siren_ros.behaviour.civilians.interaction_region import EmvRoad, region_members, way_from_emv_m
+from siren_ros.scenario.paper import PAPER_CONSTANTS
 from siren_ros.world.actors import ActorClass
 
 AMBULANCE = ActorClass.AMBULANCE
@@ -15,7 +16,7 @@ def view_of(lab, cars, network=None):
 def test_region_has_hysteresis(lab):
     def members(distance, before):
         view = view_of(lab, [lab.Car(1, 0, 50, 8, (0,), AMBULANCE), lab.Car(2, 0, 50 + distance, 2, (0,))])
-        return region_members(view.seen, 0, np.array(before, dtype=np.uint32), 40.0, 50.0).tolist()
+        return region_members(view.seen, 0, np.array(before, dtype=np.uint32), PAPER_CONSTANTS).tolist()
 
     assert members(39.9, []) == [2]
     assert members(40.1, []) == []
@@ -60,7 +61,7 @@ def test_between_both_distances_the_members_alone_belong_to_the_region(lab):
     view = view_of(lab, cars)
 
     def members(*before):
-        return region_members(view.seen, 0, np.array(before, dtype=np.uint32), 40.0, 50.0).tolist()
+        return region_members(view.seen, 0, np.array(before, dtype=np.uint32), PAPER_CONSTANTS).tolist()
 
     assert members() == [3]
     assert members(2) == [2, 3]

@@ -21,6 +21,7 @@ from siren_ros.behaviour.emv.rescue_corridor import braking_ahead, corridor_offs
 from siren_ros.behaviour.emv.speed_limits import anticipated_limit, free_way, passage_limit
 from siren_ros.behaviour.emv.unit import EmvUnit
 from siren_ros.behaviour.paths.lane_path import LaneEnd, path_on_lanes
+from siren_ros.scenario.paper import ControlConstants
 from siren_ros.world.actors import ActorClass, Owner
 
 TURNS = np.radians([35.0, 125.0, -100.0])
@@ -81,7 +82,7 @@ def numbers(lab, turn):
         "offsets": [offset_in_lane(view, row, lane) for row in range(5) for lane in range(2)],
         "entered": [entered_lane(view, row, lane) for row in range(5) for lane in range(2)],
         "way": way_from_emv_m(view, 0, road.road_start_m),
-        "members": region_members(view.seen, 0, np.empty(0, np.uint32), 30.0, 50.0),
+        "members": region_members(view.seen, 0, np.empty(0, np.uint32), ControlConstants(region_enter_m=30.0)),
         "waits": [emv_waits_behind(view, row, 2) for row in range(5)],
         "passed": [emv_fully_passed(view, row, 0) for row in range(1, 5)],
         "edges": [edge_offset_m(view, row, row % 2, side) for row in range(1, 5) for side in (1, -1)],

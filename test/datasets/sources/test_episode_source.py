@@ -29,7 +29,7 @@ from rosbags.typesys.store import Typestore
 from synthetic_episode import NET_XML
 
 from siren_ros.errors import BagError
-from siren_ros.interfaces.topics import ACTORS, GROUND_TRUTH, TRAFFIC
+from siren_ros.interfaces.topics import ACTORS, GROUND_TRUTH, MAP, TRAFFIC
 from siren_ros.numerics.units import step_of_time_ns
 from siren_ros.record.bag_survey import Need, check_needs, recording_command
 from siren_ros.record.episode_source import EpisodeSource, lidar_frames, lidar_of, open_source
@@ -93,7 +93,7 @@ def test_sensors_stand_where_the_tree_puts_them(source: EpisodeSource) -> None:
 
 def test_without_sensors_there_are_none(bare: EpisodeSource) -> None:
     assert (bare.lidar, bare.cameras, bare.front_camera, bare.station) == (None, (), None, None)
-    assert (bare.has_states, bare.has_map, bare.has_ground_truth) == (True, True, False)
+    assert [bare.has(topic) for topic in (ACTORS, MAP, GROUND_TRUTH)] == [True, True, False]
     with pytest.raises(BagError, match="with a LiDAR"):
         lidar_of(bare)
 
@@ -101,7 +101,7 @@ def test_without_sensors_there_are_none(bare: EpisodeSource) -> None:
 def test_a_camera_without_labels_has_no_topic_for_them(tmp_path: Path, typestore: Typestore) -> None:
     with open_source(write_made_bag(tmp_path / "bag", typestore, Made(steps=14, image_labels=False))) as found:
         assert [camera.truth_topic for camera in found.cameras] == ["", ""]
-        assert all(not frame.image_truths for frame in lidar_frames(found, cameras=True))
+        assert all(not frame.image_truths for frame in lidar_frames(found, cameras=found.cameras))
 
 
 def test_messages_come_step_by_step(source: EpisodeSource) -> None:
@@ -117,7 +117,7 @@ def test_messages_come_step_by_step(source: EpisodeSource) -> None:
 
 
 def test_a_frame_has_sweep_labels_pictures_and_pose_of_its_step(source: EpisodeSource) -> None:
-    frames = list(lidar_frames(source, cameras=True, pose=True))
+    frames = list(lidar_frames(source, cameras=source.cameras, pose=True))
     assert [frame.step for frame in frames] == list(range(4, 42, 2))
     for frame in frames[::6]:
         step = frame.step

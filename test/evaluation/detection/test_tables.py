@@ -10,11 +10,11 @@ from siren_ros.evaluation.detection.scoring import DetectorScores, GroupScore
 from siren_ros.evaluation.detection.tables import (
     MEAN,
     PAPER,
-    PAPER_TEMPLATES,
     paper_rows,
     scores_as_json,
     tables_of,
 )
+from siren_ros.scenario.paper import TEMPLATES
 from siren_ros.tables.interval import BLOCKS_MIN, Interval
 from siren_ros.tables.table import Table
 
@@ -131,7 +131,7 @@ def test_the_papers_row_of_a_detector(name: str, rows: list[str]) -> None:
 def test_the_papers_means_are_those_of_its_templates(name: str) -> None:
     pairs = PAPER[name].ap_and_nds
     for place in (0, 1):
-        mean = sum(pairs[template][place] for template in PAPER_TEMPLATES) / len(PAPER_TEMPLATES)
+        mean = sum(pairs[template][place] for template in TEMPLATES) / len(TEMPLATES)
         assert pairs[MEAN][place] == pytest.approx(mean, abs=0.0011)
 
 

@@ -12,8 +12,7 @@ from siren_ros.evaluation.prediction.episode_scores import EpisodeScores
 from siren_ros.evaluation.prediction.predictors import LABEL
 from siren_ros.evaluation.prediction.reports.score_table import GroupKind, ScoreTable
 from siren_ros.evaluation.statistics.rank_correlation import RankCorrelation, rank_correlation
-
-TEMPLATES: Final = ("S1", "S2", "S3", "S4", "S5", "S6", "S7")
+from siren_ros.scenario.paper import TEMPLATES
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ from siren_ros.evaluation.prediction.episode_scores import EpisodeScores
 from siren_ros.evaluation.prediction.metrics import BINS, METRICS, MetricValue, calibration_error
 from siren_ros.evaluation.prediction.reports.paper_results import (
     PAPER_NAMES,
-    TEMPLATES,
     compare_with_paper,
     paper_row,
     paper_value,
@@ -21,6 +20,7 @@ from siren_ros.evaluation.prediction.reports.score_table import Cell, Difference
 from siren_ros.evaluation.prediction.reports.text_report import pair
 from siren_ros.evaluation.prediction.samples import future_times_s
 from siren_ros.evaluation.statistics.interval import CONFIDENCE, Interval
+from siren_ros.scenario.paper import TEMPLATES
 
 
 def csv_files(table: ScoreTable, found: Sequence[Difference]) -> dict[str, str]:

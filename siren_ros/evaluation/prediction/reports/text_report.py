@@ -7,7 +7,6 @@ from siren_ros.evaluation.aligned_text import aligned
 from siren_ros.evaluation.prediction.metrics import METRICS, calibration_error
 from siren_ros.evaluation.prediction.reports.paper_results import (
     PAPER_NAMES,
-    TEMPLATES,
     compare_with_paper,
     maps_next_to_the_papers,
     paper_row,
@@ -16,6 +15,8 @@ from siren_ros.evaluation.prediction.reports.score_table import Difference, Grou
 from siren_ros.evaluation.prediction.samples import Population
 from siren_ros.evaluation.statistics.interval import CONFIDENCE, Interval, lack_of_bounds
 from siren_ros.evaluation.statistics.rank_correlation import RANKED_MIN
+from siren_ros.scenario.interaction_region import REGION_TEXT
+from siren_ros.scenario.paper import TEMPLATES
 
 NONE: Final = "-"
 """Where there is no value."""
@@ -43,7 +44,7 @@ SHOWN: Final = ("ade_m", "fde_m")
 BAGS_MAX: Final = 20
 """With more bags than this, only the files have a row for each."""
 POPULATION_TEXT: Final = {
-    Population.REGION: "population: region (vehicles within 40 m in, 50 m out around the EMV for the whole window)",
+    Population.REGION: f"population: region (vehicles within {REGION_TEXT} around the EMV for the whole window)",
     Population.ALL: "population: all vehicles on the map",
 }
 _ALL: Final = GroupKind.ALL.value

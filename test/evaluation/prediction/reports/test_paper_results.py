@@ -13,10 +13,10 @@ from siren_ros.evaluation.prediction.reports.paper_results import (
     PAPER_MAP,
     PAPER_NAMES,
     PAPER_SAMPLES,
-    TEMPLATES,
     maps_next_to_the_papers,
     paper_value,
 )
+from siren_ros.scenario.paper import TEMPLATES
 
 
 @pytest.mark.parametrize(

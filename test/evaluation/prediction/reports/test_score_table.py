@@ -3,7 +3,7 @@ import pytest
 from made_scores import episode_scores, five_episodes, model_scores
 
 from siren_ros.evaluation.prediction.episode_scores import Category, EpisodeScores
-from siren_ros.evaluation.prediction.reports.paper_results import PAPER, TEMPLATES, compare_with_paper
+from siren_ros.evaluation.prediction.reports.paper_results import PAPER, compare_with_paper
 from siren_ros.evaluation.prediction.reports.score_table import (
     Difference,
     GroupKind,
@@ -13,7 +13,7 @@ from siren_ros.evaluation.prediction.reports.score_table import (
     sample_table,
     score_table,
 )
-from siren_ros.scenario.paper import EmergencyLevel
+from siren_ros.scenario.paper import TEMPLATES, EmergencyLevel
 
 ONE = {"cv": model_scores(np.ones(3))}
 

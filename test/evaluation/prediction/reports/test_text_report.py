@@ -7,7 +7,7 @@ import pytest
 from made_scores import episode_scores, model_scores, reported_scores
 
 from siren_ros.evaluation.prediction.episode_scores import EpisodeScores
-from siren_ros.evaluation.prediction.reports.paper_results import PAPER, TEMPLATES
+from siren_ros.evaluation.prediction.reports.paper_results import PAPER
 from siren_ros.evaluation.prediction.reports.score_table import differences, score_table
 from siren_ros.evaluation.prediction.reports.text_report import (
     BAGS_MAX,
@@ -19,6 +19,7 @@ from siren_ros.evaluation.prediction.reports.text_report import (
 )
 from siren_ros.evaluation.prediction.samples import Population
 from siren_ros.evaluation.statistics.interval import NOTHING, Interval
+from siren_ros.scenario.paper import TEMPLATES
 
 
 def test_numbers_have_two_digits_and_nothing_is_a_dash() -> None:

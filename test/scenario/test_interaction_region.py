@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from siren_ros.record.interaction_region import region_members, rows_in_region
+from siren_ros.record.tracks import rows_in_region
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.scenario.interaction_region import region_members
 from siren_ros.world.actors import ActorStates
 
 EMV = 1

@@ -5,6 +5,7 @@ time (PET): how long after one vehicle another one was at the same place.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -48,6 +49,11 @@ class Encounters:
         """Distance of the centres beyond which the two footprints cannot touch, shape ``(N,)``."""
         return np.asarray(0.5 * (np.hypot(*self.subject_size_m) + np.hypot(*self.other_size_m.T)))
 
+    def select(self, pairs: Flags) -> "Encounters":
+        """Some of the pairs."""
+        subject, other = self.subject.select(pairs), self.other.select(pairs)
+        return Encounters(subject, other, self.subject_size_m, self.other_size_m[pairs])
+
 
 def encounters_of(record: EpisodeRecord, subject_id: int) -> Encounters:
     """One actor together with every other actor at every step at which both are there.
@@ -64,17 +70,12 @@ def encounters_of(record: EpisodeRecord, subject_id: int) -> Encounters:
     together = place < len(mine)
     together[together] = rows.step[mine][place[together]] == rows.step[others[together]]
     others, place = others[together], place[together]
-    subject = record.actors[subject_id]
+    ids, column = np.unique(rows.actor_id[others], return_inverse=True)
+    subject, *actors = (record.actors[key] for key in (subject_id, *ids.tolist()))
+    sizes_m = np.array([(actor.length_m, actor.width_m) for actor in actors], dtype=np.float64).reshape(-1, 2)
     return Encounters(
-        rows.select(mine[place]), rows.select(others), (subject.length_m, subject.width_m), _sizes(record, others)
+        rows.select(mine[place]), rows.select(others), (subject.length_m, subject.width_m), sizes_m[column]
     )
-
-
-def _sizes(record: EpisodeRecord, rows: Rows) -> Floats:
-    ids, column = np.unique(record.rows.actor_id[rows], return_inverse=True)
-    known = [record.actors[int(key)] for key in ids]
-    sizes = np.array([(actor.length_m, actor.width_m) for actor in known], dtype=np.float64).reshape(-1, 2)
-    return np.asarray(sizes[column])
 
 
 CROSSING_MIN_RAD: Final = float(np.radians(30.0))
@@ -119,12 +120,10 @@ def post_encroachment(
     mine, theirs = pairs["i"], pairs["j"]
     crossing = np.abs(wrap_angle(subject.yaw_rad[mine] - other.yaw_rad[theirs])) >= crossing_min_rad
     mine, theirs = mine[crossing], theirs[crossing]
-    apart = (
-        separation_m(_corners(subject.select(mine), subject_size_m), _corners(other.select(theirs), other_size_m))
-        if len(mine)
-        else np.empty(0)
-    )
-    both = apart < 0.0
+    if not len(mine):
+        return None
+    footprints = _corners(subject.select(mine), subject_size_m), _corners(other.select(theirs), other_size_m)
+    both = separation_m(*footprints) < 0.0
     if not both.any():
         return None
     first, second = subject.step[mine[both]], other.step[theirs[both]]
@@ -186,7 +185,10 @@ def predicted_contacts(encounters: Encounters) -> PredictedContacts:
     gap = _gaps(encounters, np.arange(count), 0.0, exact=True)
     touching = gap <= 0.0
     time[touching] = 0.0
-    candidates = np.flatnonzero(~touching & _can_meet(encounters))
+    a, b = encounters.subject, encounters.other
+    # Pairs that are near enough for a contact within the horizon, whatever way they turn.
+    reach_m = encounters.reach_m + (a.speed_mps + b.speed_mps) * HORIZON_S
+    candidates = np.flatnonzero(~touching & (np.hypot(a.x_m - b.x_m, a.y_m - b.y_m) <= reach_m))
     before = gap[candidates]
     for instant in np.arange(INTERVAL_S, HORIZON_S + 0.5 * INTERVAL_S, INTERVAL_S):
         if not len(candidates):
@@ -198,20 +200,9 @@ def predicted_contacts(encounters: Encounters) -> PredictedContacts:
         closing[candidates[met]] = change / INTERVAL_S
         candidates, before = candidates[~met], after[~met]
     if touching.any():
-        closing[touching] = _closing_now(encounters, np.flatnonzero(touching), gap[touching])
+        later = _gaps(encounters, np.flatnonzero(touching), INTERVAL_S)
+        closing[touching] = np.maximum(0.0, (gap[touching] - later) / INTERVAL_S)
     return PredictedContacts(time, closing, gap)
-
-
-def _can_meet(encounters: Encounters) -> Flags:
-    """Pairs that are near enough for a contact within the horizon, whatever way they turn."""
-    a, b = encounters.subject, encounters.other
-    distance = np.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
-    return np.asarray(distance <= encounters.reach_m + (a.speed_mps + b.speed_mps) * HORIZON_S)
-
-
-def _closing_now(encounters: Encounters, rows: Rows, gap: Floats) -> Floats:
-    later = _gaps(encounters, rows, INTERVAL_S)
-    return np.asarray(np.maximum(0.0, (gap - later) / INTERVAL_S))
 
 
 def _gaps(encounters: Encounters, rows: Rows, after_s: float, *, exact: bool = False) -> Floats:
@@ -287,18 +278,35 @@ def conflict_series(record: EpisodeRecord, subject_id: int, steps: tuple[int, in
     """
     encounters = encounters_of(record, subject_id)
     if steps is not None:
-        encounters = _select(encounters, (encounters.step >= steps[0]) & (encounters.step < steps[1]))
+        encounters = encounters.select((encounters.step >= steps[0]) & (encounters.step < steps[1]))
     return ConflictSeries(encounters, predicted_contacts(encounters))
 
 
 def pair_measures(series: ConflictSeries) -> tuple[PairMeasures, ...]:
     """The extremes for each other actor of a series, by actor id."""
-    encounters = series.encounters
+    encounters, contacts = series.encounters, series.contacts
+    time, needed, gap = contacts.time_s, contacts.required_deceleration_mps2, contacts.gap_m
+
+    def extreme(values: Floats, row: np.intp) -> Extreme:
+        return Extreme(float(values[row]), int(encounters.step[row]))
+
     ids, first = np.unique(encounters.actor_id, return_index=True)
-    bounds = np.append(first, len(encounters))
-    return tuple(
-        _measures(series, int(actor), np.arange(bounds[place], bounds[place + 1])) for place, actor in enumerate(ids)
-    )
+    measures = []
+    for actor_id, bounds in zip(ids.tolist(), pairwise((*first.tolist(), len(encounters))), strict=True):
+        rows = np.arange(*bounds)
+        soonest, hardest, closest = rows[[time[rows].argmin(), needed[rows].argmax(), gap[rows].argmin()]]
+        length, width = encounters.other_size_m[rows[0]].tolist()
+        subject, other = encounters.subject.select(rows), encounters.other.select(rows)
+        measures.append(
+            PairMeasures(
+                actor_id,
+                extreme(time, soonest) if np.isfinite(time[soonest]) else None,
+                extreme(needed, hardest) if needed[hardest] > 0.0 else None,
+                post_encroachment(subject, other, encounters.subject_size_m, (length, width)),
+                extreme(gap, closest),
+            )
+        )
+    return tuple(measures)
 
 
 def longest_run_s(flags: Flags, steps: Steps) -> float:
@@ -313,29 +321,3 @@ def longest_run_s(flags: Flags, steps: Steps) -> float:
         return 0.0
     runs = np.split(held, np.flatnonzero(np.diff(held) != 1) + 1)
     return max(len(run) for run in runs) * STEP_S
-
-
-def _measures(series: ConflictSeries, actor_id: int, rows: Rows) -> PairMeasures:
-    encounters, contacts = series.encounters, series.contacts
-    step = encounters.step[rows]
-    time, needed, gap = contacts.time_s[rows], contacts.required_deceleration_mps2[rows], contacts.gap_m[rows]
-    soonest, hardest, closest = int(np.argmin(time)), int(np.argmax(needed)), int(np.argmin(gap))
-    length, width = encounters.other_size_m[rows[0]].tolist()
-    return PairMeasures(
-        actor_id,
-        Extreme(float(time[soonest]), int(step[soonest])) if np.isfinite(time[soonest]) else None,
-        Extreme(float(needed[hardest]), int(step[hardest])) if needed[hardest] > 0.0 else None,
-        post_encroachment(
-            encounters.subject.select(rows), encounters.other.select(rows), encounters.subject_size_m, (length, width)
-        ),
-        Extreme(float(gap[closest]), int(step[closest])),
-    )
-
-
-def _select(encounters: Encounters, chosen: Flags) -> Encounters:
-    return Encounters(
-        encounters.subject.select(chosen),
-        encounters.other.select(chosen),
-        encounters.subject_size_m,
-        encounters.other_size_m[chosen],
-    )

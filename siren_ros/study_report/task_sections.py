@@ -18,7 +18,7 @@ from siren_ros.evaluation.prediction.charts import draw_horizon
 from siren_ros.evaluation.prediction.metrics import METRICS
 from siren_ros.evaluation.prediction.reports.paper_results import PAPER_NAMES, maps_next_to_the_papers
 from siren_ros.evaluation.prediction.reports.score_table import GroupKind, ScoreTable, score_table
-from siren_ros.evaluation.prediction.reports.text_report import POPULATION_TEXT
+from siren_ros.evaluation.prediction.reports.tables import POPULATION_TEXT
 from siren_ros.evaluation.risk.tables import tables_of as risk_tables_of
 from siren_ros.study_report.episode_sections import own_level
 from siren_ros.study_report.page import (

@@ -14,7 +14,7 @@ from siren_ros.cli.evaluation.evaluate_yield import score_bag
 from siren_ros.cli.main import main
 from siren_ros.errors import InputError
 from siren_ros.evaluation.prediction.reports.score_table import differences, score_table
-from siren_ros.evaluation.prediction.reports.text_report import text_report
+from siren_ros.evaluation.prediction.reports.tables import prediction_tables, text_report
 from siren_ros.evaluation.prediction.score_bags import ScoringJob, score_bags
 from siren_ros.evaluation.yielding.metrics import EPISODE_METRICS
 from siren_ros.evaluation.yielding.scoring import ScoredEpisode, group_means
@@ -111,12 +111,12 @@ def test_yield_metrics_are_those_that_the_command_prints(
 
 def test_prediction_is_what_the_command_prints(made: SimpleNamespace) -> None:
     scores = score_table(made.measures.prediction)
-    lines = text_report(scores, differences(scores), compare_paper=False)
-    start = lines.index("ADE/FDE in m by template")
+    lines = text_report(scores, prediction_tables(scores, differences(scores)))
+    start = lines.index("ADE/FDE in m by template, [ADE's interval]")
     for row, line in zip(made.tables["prediction_templates"].cells(), lines[start + 2 :], strict=False):
         model, by_template, mean, interval, samples = row
         assert line.split()[:3] == [model, by_template, mean]
-        assert interval.replace("–", "-") in line
+        assert interval.partition(" ")[2] in line
         assert samples.replace(",", "") in line.split()
 
 

@@ -15,7 +15,7 @@ from siren_ros.evaluation.prediction.prediction_file import read_prediction_file
 from siren_ros.evaluation.prediction.predictors import PREDICTORS
 from siren_ros.evaluation.prediction.reports.report_files import new_folder, write_report
 from siren_ros.evaluation.prediction.reports.score_table import differences, score_table
-from siren_ros.evaluation.prediction.reports.text_report import no_samples_text, text_report
+from siren_ros.evaluation.prediction.reports.tables import no_samples_text, prediction_tables, text_report
 from siren_ros.evaluation.prediction.sample_pictures import write_charts, write_sample_pictures
 from siren_ros.evaluation.prediction.samples import Population
 from siren_ros.evaluation.prediction.score_bags import ScoringJob, score_bags
@@ -142,10 +142,11 @@ def _by_name(parameter: str, given: Sequence[tuple[str, Path]]) -> dict[str, Pat
 def _report(arguments: argparse.Namespace, job: ScoringJob, scores: Sequence[EpisodeScores]) -> None:
     table = score_table(scores)
     found = differences(table)
-    text = "\n".join(text_report(table, found, arguments.compare_paper))
+    tables = prediction_tables(table, found, compare_paper=arguments.compare_paper)
+    text = "\n".join(text_report(table, tables, compare_paper=arguments.compare_paper))
     print(text)
     if arguments.out is not None:
-        write_report(arguments.out, table, found, text, arguments.compare_paper)
+        write_report(arguments.out, table, found, tables, text)
         write_charts(arguments.out, table)
         if arguments.pictures:
             write_sample_pictures(arguments.out, table, job)

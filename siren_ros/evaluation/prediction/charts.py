@@ -83,9 +83,8 @@ def draw_horizon(table: ScoreTable) -> Figure:
     axes.set_ylim(0.0)
     axes.set_xlabel("time after the present, s")
     axes.set_ylabel("mean distance, m")
-    axes.set_title(
-        f"error over the horizon, all samples of {len(table.episodes)} episodes", fontsize=TITLE_PT, loc="left"
-    )
+    title = f"error over the horizon, all samples of {len(table.episodes)} episodes"
+    axes.set_title(title, fontsize=TITLE_PT, loc="left")
     if axes.lines:
         legend(axes)
     return figure
@@ -111,13 +110,13 @@ def draw_reliability(table: ScoreTable) -> Figure | None:
     for model in stating:
         counts = table.samples[model].reliability
         there = counts.count > 0
-        stated, found = counts.probability[there] / counts.count[there], counts.best[there] / counts.count[there]
+        stated, best = counts.probability[there] / counts.count[there], counts.best[there] / counts.count[there]
         colour = colour_of_model(table.models, model)
         label = f"{model} (error {calibration_error(counts).value:.2f})"
-        axes.plot(stated, found, color=colour, linewidth=_RELIABILITY_LINE_PT, label=label)
+        axes.plot(stated, best, color=colour, linewidth=_RELIABILITY_LINE_PT, label=label)
         # The area of a dot says how many hypotheses it stands for.
         areas = _DOT_PT2 + _DOTS_PT2 * np.sqrt(counts.count[there] / counts.count.sum())
-        axes.scatter(stated, found, s=areas, color=colour)
+        axes.scatter(stated, best, s=areas, color=colour)
     axes.set_xlim(0.0, 1.0)
     axes.set_ylim(0.0, 1.0)
     axes.set_aspect("equal")

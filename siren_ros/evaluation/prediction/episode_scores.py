@@ -6,6 +6,7 @@ A sample has a category: what its vehicle does in the window.
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -21,13 +22,12 @@ from siren_ros.evaluation.prediction.metrics import (
 from siren_ros.evaluation.prediction.predictors import Hypotheses, Predictor, checked
 from siren_ros.evaluation.prediction.samples import (
     LAST_FUTURE_STEP,
-    HistoryWindow,
     Population,
     SampleBatch,
     ScoredSamples,
     samples_of,
 )
-from siren_ros.evaluation.prediction.submission import SubmittedPart
+from siren_ros.evaluation.prediction.submission import EpisodePredictions
 from siren_ros.numerics.arrays import Codes, Floats, Ids
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.paper import EmergencyLevel
@@ -51,8 +51,7 @@ def categories_of(record: EpisodeRecord, batch: SampleBatch) -> Codes:
     category = np.full(len(batch), Category.OTHER, dtype=np.uint8)
     if not len(batch):
         return category
-    actor = batch.actors.actor_id[batch.target].astype(np.int64)
-    step = batch.step[batch.actors.frame[batch.target]]
+    actor, step = batch.actor_id, batch.sample_step
     span = int(rows.step.max()) + LAST_FUTURE_STEP + 1
     keys = rows.actor_id.astype(np.int64) * span + rows.step
     now = np.searchsorted(keys, actor * span + step)
@@ -118,7 +117,7 @@ def score_episode(
     record: EpisodeRecord,
     predictors: Mapping[str, Predictor],
     population: Population = Population.REGION,
-    submitted: Mapping[str, SubmittedPart] | None = None,
+    submitted: Mapping[str, EpisodePredictions] | None = None,
 ) -> EpisodeScores:
     """Scores every predictor, and every submission, on an episode.
 
@@ -132,9 +131,7 @@ def score_episode(
     Raises:
         InputError: The record does not describe its actors, or a model's hypotheses cannot be scored.
     """
-    models = {
-        one.model: model_scores(record, one) for one in answers_of(record, predictors, population, submitted or {})
-    }
+    answers = answers_of(record, predictors, population, submitted or {})
     episode = record.description
     return EpisodeScores(
         name=name,
@@ -144,7 +141,7 @@ def score_episode(
         map_name=episode.map_name,
         population=population,
         parameters=episode.template_values,
-        models=models,
+        models={each.model: model_scores(record, each) for each in answers},
     )
 
 
@@ -165,23 +162,17 @@ def answers_of(
     record: EpisodeRecord,
     predictors: Mapping[str, Predictor],
     population: Population,
-    submitted: Mapping[str, SubmittedPart],
+    submitted: Mapping[str, EpisodePredictions],
 ) -> Iterator[Answers]:
     """The hypotheses of all models, one model after the other; arguments and errors as those of ``score_episode``."""
-    windows: dict[HistoryWindow, ScoredSamples] = {}
-
-    def samples_with(window: HistoryWindow) -> ScoredSamples:
-        if window not in windows:
-            windows[window] = samples_of(record, window, population)
-        return windows[window]
-
+    samples_with = cache(lambda window: samples_of(record, window, population))
     for model, predictor in predictors.items():
         samples = samples_with(predictor.window)
         hypotheses = checked(model, predictor.predict(samples.batch), len(samples))
         yield Answers(model, samples, hypotheses, len(samples))
-    for model, part in submitted.items():
-        samples = samples_with(part.window)
-        rows, hypotheses = part.meet(samples.batch)
+    for model, predictions in submitted.items():
+        samples = samples_with(predictions.window)
+        rows, hypotheses = predictions.meet(samples.batch)
         yield Answers(model, samples.select(rows), hypotheses, len(samples))
 
 
@@ -190,7 +181,7 @@ def model_scores(record: EpisodeRecord, answers: Answers) -> ModelScores:
     samples, hypotheses = answers.samples, answers.hypotheses
     batch, truth = samples.batch, samples.future_xy_m
     return ModelScores(
-        step=batch.step[batch.actors.frame[batch.target]],
+        step=batch.sample_step,
         actor_id=batch.actors.actor_id[batch.target],
         category=categories_of(record, batch),
         moved_m=np.hypot(*(truth[:, -1] - batch.xy_m).T),

@@ -31,6 +31,11 @@ class MetricValue:
         """Whether there was a sample."""
         return self.samples > 0
 
+    @property
+    def known(self) -> float | None:
+        """The value, None without samples."""
+        return self.value if self.valid else None
+
 
 @dataclass(frozen=True)
 class Metric:
@@ -48,10 +53,6 @@ class Metric:
         there = of_samples[~np.isnan(of_samples)]
         mean = self.of_mean(np.array([there.mean()]))[0] if len(there) else 0.0
         return MetricValue(float(mean), len(there))
-
-    def compute(self, hypotheses: Hypotheses, samples: ScoredSamples) -> MetricValue:
-        """The metric over all samples."""
-        return self.value(self.of_samples(hypotheses, samples))
 
 
 BEST_OF: Final = 6

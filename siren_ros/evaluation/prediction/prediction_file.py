@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -73,33 +74,19 @@ def _read_own(source: str, table: pa.Table) -> SubmittedRows:
 def _read_argoverse(source: str, table: pa.Table) -> SubmittedRows:
     """As ``av2`` writes a ``ChallengeSubmission``. Tracks other than a scenario's focal one are not read."""
     scenario = table["scenario_id"].cast(pa.string()).to_pylist()
-    found = [_SCENARIO.fullmatch(name) for name in scenario]
-    foreign = np.array([one is None for one in found], dtype=np.bool_)
+    matches = [_SCENARIO.fullmatch(name) for name in scenario]
     refuse(
         source,
-        foreign,
+        np.array([match is None for match in matches], dtype=np.bool_),
         "rows with a scenario_id of another origin",
         lambda row: scenario[row],
         "ids of siren export argoverse2, as S2-L2-seed0-town-v12-f000049",
     )
-    parts = [one for one in found if one is not None]
+    parts = [match for match in matches if match is not None]
     track = table["track_id"].cast(pa.string()).to_pylist()
-    own = np.array([name == part["actor"] for name, part in zip(track, parts, strict=True)], dtype=np.bool_)
-    with_own = {name for name, is_own in zip(scenario, own, strict=True) if is_own}
-    focal = np.array(
-        [
-            is_own or (name == _AV and one not in with_own)
-            for one, name, is_own in zip(scenario, track, own, strict=True)
-        ],
-        dtype=np.bool_,
-    )
-    xy_m = _paths(
-        source,
-        table,
-        "predicted_trajectory_x",
-        "predicted_trajectory_y",
-        lambda row: f"scenario {scenario[row]}, track {track[row]}",
-    )
+    by_id = [name == part["actor"] for name, part in zip(track, parts, strict=True)]
+    with_id = {name for name, is_focal in zip(scenario, by_id, strict=True) if is_focal}
+    by_av = [name == _AV and of not in with_id for of, name in zip(scenario, track, strict=True)]
     rows = SubmittedRows(
         source=source,
         episode=np.array([part["episode"] for part in parts], dtype=object),
@@ -107,26 +94,20 @@ def _read_argoverse(source: str, table: pa.Table) -> SubmittedRows:
         step=np.array([int(part["frame"]) * LOG_PERIOD_STEPS for part in parts], dtype=np.int64),
         mode=np.zeros(len(parts), dtype=np.int64),
         probability=_numbers(source, table, "probability"),
-        xy_m=xy_m,
+        xy_m=_paths(source, table, *_ARGOVERSE[-2:], lambda row: f"scenario {scenario[row]}, track {track[row]}"),
         window=ARGOVERSE_WINDOW,
-    ).select(focal)
+    ).select(np.array(by_id, dtype=np.bool_) | np.array(by_av, dtype=np.bool_))
     return _numbered(rows)
 
 
 def _numbered(rows: SubmittedRows) -> SubmittedRows:
     """The hypotheses of each sample numbered in the order of the file."""
-    _, sample = np.unique(
-        np.stack((np.unique(rows.episode, return_inverse=True)[1], rows.actor_id, rows.step)),
-        axis=1,
-        return_inverse=True,
-    )
-    sample = sample.ravel()
+    episode = np.unique(rows.episode, return_inverse=True)[1]
+    sample = np.unique(np.stack((episode, rows.actor_id, rows.step)), axis=1, return_inverse=True)[1].ravel()
     order = np.argsort(sample, kind="stable")
-    first = np.concatenate(([0], np.flatnonzero(np.diff(sample[order])) + 1)) if len(order) else order
-    counts = np.diff(np.concatenate((first, [len(order)])))
     mode = np.empty(len(rows), dtype=np.int64)
-    mode[order] = np.arange(len(order)) - np.repeat(first, counts)
-    return SubmittedRows(**{**vars(rows), "mode": mode})
+    mode[order] = np.arange(len(order)) - np.searchsorted(sample[order], sample[order])
+    return replace(rows, mode=mode)
 
 
 _SCHEMAS: Final[Mapping[tuple[str, ...], Callable[[str, pa.Table], SubmittedRows]]] = {
@@ -168,8 +149,5 @@ def _paths(source: str, table: pa.Table, x: str, y: str, named: Callable[[int], 
         lambda row: f"{named(row)} with {lengths[0, row]} values in {x} and {lengths[1, row]} in {y}",
         f"{known}, the same for all",
     )
-    columns = []
-    for name in (x, y):
-        flat = pc.list_flatten(table[name])
-        columns.append(np.asarray(flat.to_numpy(), dtype=np.float64).reshape(-1, expected))
-    return on_grid(np.stack(columns, axis=-1))
+    flat = (np.asarray(pc.list_flatten(table[name]).to_numpy(), dtype=np.float64) for name in (x, y))
+    return on_grid(np.stack([values.reshape(-1, expected) for values in flat], axis=-1))

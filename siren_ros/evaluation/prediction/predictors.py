@@ -68,15 +68,15 @@ def checked(model: str, hypotheses: Hypotheses, samples: int) -> Hypotheses:
         raise InputError(f"model {model}", shape, f"hypotheses of shape ({samples}, k, {FUTURE_POINTS}, 2)")
     if probability.shape != shape[:2]:
         raise InputError(f"model {model}", probability.shape, f"probabilities of shape {shape[:2]}")
-    for wrong, what, allowed in (
+    for refused, what, allowed in (
         (~np.isfinite(xy_m).all(axis=(1, 2, 3)), "positions that are not finite", "finite values"),
         (~np.isfinite(probability).all(axis=1), "probabilities that are not finite", "finite values"),
         ((probability < 0.0).any(axis=1), "negative probabilities", "0 or more"),
         ((np.diff(probability, axis=1) > 0.0).any(axis=1), "probabilities that increase", "the most probable first"),
         (np.abs(probability.sum(axis=1) - 1.0) > SUM_TOLERANCE, "probabilities of another sum", "a sum of 1"),
     ):
-        if wrong.any():
-            where = f"{what} in {wrong.sum()} of {samples} samples, first in {int(np.argmax(wrong))}"
+        if refused.any():
+            where = f"{what} in {refused.sum()} of {samples} samples, first in {int(np.argmax(refused))}"
             raise InputError(f"model {model}", where, allowed)
     return Hypotheses(xy_m, probability)
 
@@ -90,14 +90,6 @@ class Predictor(Protocol):
 
     def predict(self, batch: SampleBatch) -> Hypotheses:
         """The hypotheses of every sample of the batch, in its order."""
-
-
-@dataclass(frozen=True)
-class PredictorOptions:
-    """What a user gives to one predictor."""
-
-    checkpoint: Path | None = None
-    """File of trained weights."""
 
 
 LABEL: Final = ":"
@@ -118,40 +110,41 @@ class PredictorKind:
 
     summary: str
     maker: str
-    """Where its constructor is: ``module:name``, loaded when it is asked for; it takes ``PredictorOptions``."""
+    """Where its constructor is: ``module:name``, loaded when the predictor is asked for. It takes the file of the
+    weights, or None for its own ones; the constructor of a predictor without weights takes nothing."""
     checkpoint: Checkpoint = Checkpoint.NONE
     extra: str = ""
     """Extra of the package that brings what the constructor imports; empty where nothing more is needed."""
 
-    def make(self, name: str, options: PredictorOptions) -> Predictor:
+    def make(self, name: str, checkpoint: Path | None = None) -> Predictor:
         """The predictor.
 
         Raises:
             InputError: It takes no checkpoint, needs one, or the packages of its extra are not installed.
         """
-        given = options.checkpoint
-        if given is not None and self.checkpoint is Checkpoint.NONE:
-            raise InputError("checkpoint", f"{name}={given}", f"a model that has weights, unlike {name}")
-        if given is None and self.checkpoint is Checkpoint.REQUIRED:
+        if checkpoint is not None and self.checkpoint is Checkpoint.NONE:
+            raise InputError("checkpoint", f"{name}={checkpoint}", f"a model that has weights, unlike {name}")
+        if checkpoint is None and self.checkpoint is Checkpoint.REQUIRED:
             raise InputError("models", name, f"{name} together with --checkpoint {name}=PATH")
         module, _, attribute = self.maker.partition(":")
+        arguments = () if self.checkpoint is Checkpoint.NONE else (checkpoint,)
         try:
-            found: Predictor = getattr(import_module(module), attribute)(options)
+            predictor: Predictor = getattr(import_module(module), attribute)(*arguments)
         except ModuleNotFoundError as error:
             if not self.extra:
                 raise
             runs = f"./env --with {self.extra} siren evaluate prediction …"
             raise InputError("models", name, f"the package {error.name}, as {runs} brings it") from error
-        return found
+        return predictor
 
 
 _BASELINES: Final = "siren_ros.evaluation.prediction.baselines"
+_SIREN: Final = "siren_ros.evaluation.prediction.siren_model.siren_predictor:make"
 _PUBLISHED: Final = "siren_ros.evaluation.prediction.published.predictors"
-_OWN: Final = "siren_ros.evaluation.prediction.siren_model.siren_predictor"
 PREDICTORS: Final[Mapping[str, PredictorKind]] = {
-    "cv": PredictorKind("constant velocity", f"{_BASELINES}.constant_velocity:make"),
-    "idm": PredictorKind("Intelligent Driver Model along the lane", f"{_BASELINES}.idm_predictor:make"),
-    "siren": PredictorKind("SIREN's own, trained on its episodes", f"{_OWN}:make", Checkpoint.OPTIONAL),
+    "cv": PredictorKind("constant velocity", f"{_BASELINES}:ConstantVelocity"),
+    "idm": PredictorKind("Intelligent Driver Model along the lane", f"{_BASELINES}:IdmPredictor"),
+    "siren": PredictorKind("SIREN's own, trained on its episodes", _SIREN, Checkpoint.OPTIONAL),
     "csp": PredictorKind("convolutional social pooling", f"{_PUBLISHED}:make_csp", Checkpoint.REQUIRED, "models"),
     "stdan": PredictorKind("dynamic attention", f"{_PUBLISHED}:make_stdan", Checkpoint.REQUIRED, "models"),
     "bat": PredictorKind("behaviour-aware", f"{_PUBLISHED}:make_bat", Checkpoint.REQUIRED, "models"),
@@ -181,6 +174,4 @@ def predictors_named(names: Sequence[str], checkpoints: Mapping[str, Path] | Non
     for name, path in checkpoints.items():
         if name not in names:
             raise InputError("checkpoint", f"{name}={path}", f"a name among the models: {', '.join(names)}")
-    return {
-        name: PREDICTORS[name.partition(LABEL)[0]].make(name, PredictorOptions(checkpoints.get(name))) for name in names
-    }
+    return {name: PREDICTORS[name.partition(LABEL)[0]].make(name, checkpoints.get(name)) for name in names}

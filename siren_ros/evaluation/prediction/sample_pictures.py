@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from siren_ros.evaluation.prediction.charts import DPI, SMALL_PT, colour_of_model, draw_horizon, draw_reliability, save
-from siren_ros.evaluation.prediction.episode_scores import Answers
 from siren_ros.evaluation.prediction.predictors import Hypotheses
 from siren_ros.evaluation.prediction.reports.score_table import GroupKind, ScoreTable
 from siren_ros.evaluation.prediction.samples import ScoredSamples
@@ -48,7 +47,7 @@ def chosen_samples(table: ScoreTable) -> Iterator[ChosenSample]:
     for group in table.of_kind(GroupKind.TEMPLATE):
         for model in table.models:
             samples = table.samples[model]
-            rows = np.flatnonzero(samples.of_episodes(group.episodes) & (samples.moved_m >= MOVED_MIN_M))
+            rows = np.flatnonzero(group.episodes[samples.episode] & (samples.moved_m >= MOVED_MIN_M))
             if not len(rows):
                 continue
             ade = samples.values["ade_m"][rows]
@@ -104,7 +103,7 @@ def draw_sample(axes: Axes, panel: SamplePanel, colour: str) -> None:
     paths, probability = panel.hypotheses.xy_m[0], panel.hypotheses.probability[0]
     _frame(axes, np.concatenate((past, truth, paths[0])))
     draw_roads(axes, panel.record.network, line_width=_ROAD_PT)
-    state = next(one for one in panel.record.states if one.step == panel.chosen.step)
+    state = next(state for state in panel.record.states if state.step == panel.chosen.step)
     draw_vehicles(axes, state, panel.record.actors, line_width=_VEHICLE_PT)
     axes.plot(*past.T, color=PAST, linewidth=PAST_PT, zorder=_PAST_LAYER)
     line, end = _TRUTH_LAYERS
@@ -223,21 +222,18 @@ def write_charts(folder: Path, table: ScoreTable) -> None:
 def write_sample_pictures(folder: Path, table: ScoreTable, job: ScoringJob) -> None:
     """A picture for each template; reads the bags of the chosen samples again, each once."""
     by_episode: dict[int, list[ChosenSample]] = defaultdict(list)
-    for one in chosen_samples(table):
-        by_episode[one.episode].append(one)
+    for sample in chosen_samples(table):
+        by_episode[sample.episode].append(sample)
     panels: dict[str, list[SamplePanel]] = defaultdict(list)
-    for episode, wanted in sorted(by_episode.items()):
+    for episode, chosen in sorted(by_episode.items()):
         bag = Path(table.episodes[episode].name)
-        record, answers = answers_for(job, bag, {one.model for one in wanted})
-        for one in wanted:
-            panels[one.template].append(_panel(one, record, answers[one.model]))
-    for template, found in sorted(panels.items()):
-        found.sort(key=lambda panel: (table.models.index(panel.chosen.model), RANKS.index(panel.chosen.rank)))
-        save(draw_template(template, found, table.models), folder / SAMPLES_FILE.format(template=template))
-
-
-def _panel(chosen: ChosenSample, record: EpisodeRecord, answers: Answers) -> SamplePanel:
-    batch = answers.samples.batch
-    step, actor = batch.step[batch.actors.frame[batch.target]], batch.actors.actor_id[batch.target]
-    row = np.flatnonzero((step == chosen.step) & (actor == chosen.actor_id))
-    return SamplePanel(chosen, record, answers.samples.select(row), answers.hypotheses.select(row))
+        record, answers_of_model = answers_for(job, bag, {sample.model for sample in chosen})
+        for sample in chosen:
+            answers = answers_of_model[sample.model]
+            batch = answers.samples.batch
+            row = np.flatnonzero((batch.sample_step == sample.step) & (batch.actor_id == sample.actor_id))
+            panel = SamplePanel(sample, record, answers.samples.select(row), answers.hypotheses.select(row))
+            panels[sample.template].append(panel)
+    for template, drawn in sorted(panels.items()):
+        drawn.sort(key=lambda panel: (table.models.index(panel.chosen.model), RANKS.index(panel.chosen.rank)))
+        save(draw_template(template, drawn, table.models), folder / SAMPLES_FILE.format(template=template))

@@ -29,8 +29,6 @@ FUTURE_STRIDE_FRAMES: Final = 2
 LAST_FUTURE_STEP: Final = FUTURE_POINTS * FUTURE_STRIDE_FRAMES * LOG_PERIOD_STEPS
 """Steps from the present to the horizon."""
 
-FrameOffsets = npt.NDArray[np.int64]
-
 
 @dataclass(frozen=True)
 class HistoryWindow:
@@ -45,12 +43,12 @@ class HistoryWindow:
     """Frames after the present that must be logged: a sample whose truth ends earlier is none."""
 
     @property
-    def offsets(self) -> FrameOffsets:
+    def offsets(self) -> npt.NDArray[np.int64]:
         """Frames of the points relative to the present, shape ``(points,)``, the last one 0."""
         return np.arange(1 - self.points, 1, dtype=np.int64) * self.stride_frames
 
     @property
-    def times_s(self) -> npt.NDArray[np.float64]:
+    def times_s(self) -> Floats:
         """Times of the points relative to the present, shape ``(points,)``."""
         return self.offsets * FRAME_PERIOD_S
 
@@ -61,12 +59,12 @@ WINDOWS: Final = {"ngsim": HistoryWindow(), "argoverse2": ARGOVERSE_WINDOW}
 """By name."""
 
 
-def future_offsets() -> FrameOffsets:
+def future_offsets() -> npt.NDArray[np.int64]:
     """Frames of the scored points relative to the present, shape ``(FUTURE_POINTS,)``."""
     return np.arange(1, FUTURE_POINTS + 1, dtype=np.int64) * FUTURE_STRIDE_FRAMES
 
 
-def future_times_s() -> npt.NDArray[np.float64]:
+def future_times_s() -> Floats:
     """Times of the scored points relative to the present, shape ``(FUTURE_POINTS,)``: 0.2 s … 5 s."""
     return future_offsets() * FRAME_PERIOD_S
 
@@ -145,6 +143,16 @@ class SampleBatch:
         return len(self.target)
 
     @property
+    def sample_step(self) -> npt.NDArray[np.int64]:
+        """Step of the present of the samples, shape ``(N,)``."""
+        return self.step[self.actors.frame[self.target]]
+
+    @property
+    def actor_id(self) -> npt.NDArray[np.int64]:
+        """Actors of the samples, shape ``(N,)``."""
+        return self.actors.actor_id[self.target].astype(np.int64)
+
+    @property
     def xy_m(self) -> Floats:
         """Present positions of the samples, shape ``(N, 2)``."""
         return self.actors.xy_m[self.target, -1]
@@ -153,6 +161,11 @@ class SampleBatch:
     def velocity_mps(self) -> Floats:
         """Present velocities of the samples, shape ``(N, 2)``."""
         return self.actors.velocity_mps[self.target, -1]
+
+    @property
+    def speed_mps(self) -> Floats:
+        """Present speeds of the samples, shape ``(N,)``."""
+        return np.hypot(self.velocity_mps[:, 0], self.velocity_mps[:, 1])
 
     @property
     def yaw_rad(self) -> Floats:
@@ -253,25 +266,25 @@ def _present_frames(table: Rows, offsets: npt.NDArray[np.int64]) -> Flags:
 
 def _points(table: Rows, actor: Rows, frame: Rows, offsets: npt.NDArray[np.int64]) -> Rows:
     """Rows of the points at offsets from actors' frames, −1 where nothing is logged; ``(len(actor), len(offsets))``."""
-    wanted = frame[:, None] + offsets
-    inside = (wanted >= 0) & (wanted < table.shape[1])
-    found = table[actor[:, None], np.where(inside, wanted, 0)] if table.size else np.full(wanted.shape, -1)
-    return np.where(inside, found, -1)
+    frames = frame[:, None] + offsets
+    inside = (frames >= 0) & (frames < table.shape[1])
+    rows = table[actor[:, None], np.where(inside, frames, 0)] if table.size else np.full(frames.shape, -1)
+    return np.where(inside, rows, -1)
 
 
 def _observed(record: EpisodeRecord, rows: StateRows, points: Rows, frame: Rows, ids: Ids) -> ObservedActors:
     observed = points >= 0
     present = rows.select(points[:, -1])
-    known = [record.actors[key] for key in ids.tolist()]
+    actors = [record.actors[key] for key in ids.tolist()]
     column = np.searchsorted(ids, present.actor_id)
     velocity = np.stack((rows.vx_mps, rows.vy_mps), axis=-1)
     return ObservedActors(
         frame=frame,
         actor_id=present.actor_id,
-        actor_class=np.array([actor.actor_class for actor in known], dtype=np.uint8)[column],
-        is_emv=np.array([actor.is_emv for actor in known], dtype=np.bool_)[column],
-        length_m=np.array([actor.length_m for actor in known], dtype=np.float64)[column],
-        width_m=np.array([actor.width_m for actor in known], dtype=np.float64)[column],
+        actor_class=np.array([actor.actor_class for actor in actors], dtype=np.uint8)[column],
+        is_emv=np.array([actor.is_emv for actor in actors], dtype=np.bool_)[column],
+        length_m=np.array([actor.length_m for actor in actors], dtype=np.float64)[column],
+        width_m=np.array([actor.width_m for actor in actors], dtype=np.float64)[column],
         lights=present.lights,
         observed=observed,
         xy_m=np.where(observed[..., None], rows.xy_m[points], 0.0),
@@ -284,13 +297,13 @@ def _observed(record: EpisodeRecord, rows: StateRows, points: Rows, frame: Rows,
 
 def _signals(record: EpisodeRecord, steps: npt.NDArray[np.int64]) -> dict[str, Codes]:
     """States of all traffic lights at some steps (increasing), as in ``SampleBatch.signals``."""
-    found: dict[str, Codes] = {}
+    letters_of: dict[str, Codes] = {}
     for traffic in record.traffic:
         frame = int(np.searchsorted(steps, traffic.step))
         if frame == len(steps) or steps[frame] != traffic.step:
             continue
         for signal in traffic.signals:
             letters = np.frombuffer(signal.state.encode("ascii"), dtype=np.uint8)
-            codes = found.setdefault(signal.signal_id, np.zeros((len(steps), len(letters)), dtype=np.uint8))
+            codes = letters_of.setdefault(signal.signal_id, np.zeros((len(steps), len(letters)), dtype=np.uint8))
             codes[frame] = letters
-    return found
+    return letters_of

@@ -9,10 +9,10 @@ from siren_ros.errors import SirenError
 from siren_ros.evaluation.prediction.episode_scores import Answers, EpisodeScores, answers_of, score_episode
 from siren_ros.evaluation.prediction.predictors import Predictor, predictors_named
 from siren_ros.evaluation.prediction.samples import Population
-from siren_ros.evaluation.prediction.submission import Submission, SubmittedPart, read_recorded_predictions
+from siren_ros.evaluation.prediction.submission import EpisodePredictions, Submission, read_recorded_predictions
 from siren_ros.processes.worker_pool import worker_pool
 from siren_ros.record.bag_survey import episode_name
-from siren_ros.record.episode_source import EpisodeSource, open_source
+from siren_ros.record.episode_source import open_source
 from siren_ros.recording.episode_record import EpisodeRecord
 
 
@@ -55,14 +55,13 @@ def score_bags(
     """
     submissions = job.submissions or {}
     names = [_names(bag) if submissions else (bag.name,) for bag in bags]
-    for one in submissions.values():
-        one.check_episodes(names)
-    if job.models:
-        _predictors(job.models, job.checkpoints)
+    for submission in submissions.values():
+        submission.check_episodes(names)
+    _predictors(job.models, job.checkpoints)
     results: list[BagResult] = [BagResult(bag, None) for bag in bags]
     with worker_pool(min(job.processes, len(bags) // 2), lambda _: None) as run:
-        told = replace(job, submissions=None)  # each worker gets the part of its bag alone
-        calls = [(bag, told, _parts(submissions, own)) for bag, own in zip(bags, names, strict=True)]
+        rest = replace(job, submissions=None)  # each worker gets the part of its bag alone
+        calls = [(bag, rest, _parts(submissions, of_bag)) for bag, of_bag in zip(bags, names, strict=True)]
         for number, result in run(_score_bag, calls):
             results[number] = result
             progress()
@@ -75,14 +74,11 @@ def answers_for(job: ScoringJob, bag: Path, models: Collection[str]) -> tuple[Ep
     Raises:
         SirenError: As for ``BagResult.error``.
     """
-    predictors = _predictors(job.models, job.checkpoints) if job.models else {}
-    submissions = {name: one for name, one in (job.submissions or {}).items() if name in models}
-    wanted = {name: predictor for name, predictor in predictors.items() if name in models}
-    with open_source(bag) as source:
-        record = source.record()
-        recorded = job.recorded if job.recorded in models else ""
-        parts = _with_recorded(source, _parts(submissions, _names(bag)), recorded, job.allow_missing)
-    return record, {one.model: one for one in answers_of(record, wanted, job.population, parts)}
+    submissions = {model: submission for model, submission in (job.submissions or {}).items() if model in models}
+    job = replace(job, recorded=job.recorded if job.recorded in models else "")
+    record, predictors, submitted = _opened(job, bag, _parts(submissions, _names(bag)))
+    predictors = {model: predictor for model, predictor in predictors.items() if model in models}
+    return record, {each.model: each for each in answers_of(record, predictors, job.population, submitted)}
 
 
 def _names(bag: Path) -> tuple[str, ...]:
@@ -96,28 +92,30 @@ def _names(bag: Path) -> tuple[str, ...]:
     return tuple(dict.fromkeys((bag.name, exported, exported.replace("_", "-"))))
 
 
-def _parts(submissions: Mapping[str, Submission], names: tuple[str, ...]) -> Mapping[str, SubmittedPart]:
-    return {model: one.of_episode(names) for model, one in submissions.items()}
-
-
-def _with_recorded(
-    source: EpisodeSource, submitted: Mapping[str, SubmittedPart], recorded: str, allow_missing: bool
-) -> Mapping[str, SubmittedPart]:
-    return {**submitted, recorded: read_recorded_predictions(source, allow_missing)} if recorded else submitted
+def _parts(submissions: Mapping[str, Submission], names: tuple[str, ...]) -> Mapping[str, EpisodePredictions]:
+    return {model: submission.of_episode(names) for model, submission in submissions.items()}
 
 
 @cache
 def _predictors(models: tuple[str, ...], checkpoints: tuple[tuple[str, Path], ...]) -> Mapping[str, Predictor]:
     """Made once in each process: some load weights."""
-    return predictors_named(models, dict(checkpoints))
+    return predictors_named(models, dict(checkpoints)) if models else {}
 
 
-def _score_bag(bag: Path, job: ScoringJob, submitted: Mapping[str, SubmittedPart]) -> BagResult:
-    predictors = _predictors(job.models, job.checkpoints) if job.models else {}
+def _opened(
+    job: ScoringJob, bag: Path, submitted: Mapping[str, EpisodePredictions]
+) -> tuple[EpisodeRecord, Mapping[str, Predictor], Mapping[str, EpisodePredictions]]:
+    """An episode, the predictors, and what was submitted for it, the predictions that the bag holds included."""
+    predictors = _predictors(job.models, job.checkpoints)
+    with open_source(bag) as source:
+        if job.recorded:
+            submitted = {**submitted, job.recorded: read_recorded_predictions(source, job.allow_missing)}
+        return source.record(), predictors, submitted
+
+
+def _score_bag(bag: Path, job: ScoringJob, submitted: Mapping[str, EpisodePredictions]) -> BagResult:
     try:
-        with open_source(bag) as source:
-            record = source.record()
-            parts = _with_recorded(source, submitted, job.recorded, job.allow_missing)
-        return BagResult(bag, score_episode(str(bag), record, predictors, job.population, parts))
+        record, predictors, submitted = _opened(job, bag, submitted)
+        return BagResult(bag, score_episode(str(bag), record, predictors, job.population, submitted))
     except SirenError as error:
         return BagResult(bag, None, error)

@@ -1,6 +1,6 @@
 """Predictions that a user hands in: checked rows of hypotheses, from a file or a topic of a bag, sample by sample."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -69,8 +69,8 @@ def refuse(source: str, wrong: Flags, what: str, named: Callable[[int], str], al
         InputError: With their number and the first, where there is one.
     """
     if wrong.any():
-        told = f"{source}: {wrong.sum()} of {len(wrong)} {what}; the first is {named(int(np.argmax(wrong)))}"
-        raise InputError("predictions", told, allowed)
+        where = f"{source}: {wrong.sum()} of {len(wrong)} {what}; the first is {named(int(np.argmax(wrong)))}"
+        raise InputError("predictions", where, allowed)
 
 
 def on_grid(xy_m: Floats) -> Floats:
@@ -96,36 +96,42 @@ FAR_M: Final = 100.0
 
 @dataclass(frozen=True)
 class EpisodePredictions:
-    """S samples of one episode with their hypotheses, sorted by step and then by actor."""
+    """What a submission says of one episode: S samples with their hypotheses, sorted by step and then by actor."""
 
     source: str
+    """File or topic, for errors."""
+    window: HistoryWindow
+    """Which samples the model answers."""
     actor_id: Integers
     step: Integers
     hypotheses: Hypotheses
+    allow_missing: bool = False
+    """Whether samples without a prediction are left out, instead of refused."""
+    allow_unknown: bool = False
+    """Whether predictions of vehicles outside the population are left out, instead of refused."""
 
     def __len__(self) -> int:
         return len(self.step)
 
-    def meet(self, batch: SampleBatch, allow_missing: bool, allow_unknown: bool = False) -> tuple[Rows, Hypotheses]:
+    def meet(self, batch: SampleBatch) -> tuple[Rows, Hypotheses]:
         """The samples of an episode that are predicted, and their hypotheses.
 
         Raises:
             InputError: Predictions of samples that the episode does not have, samples without a prediction, unless
                 that is allowed; positions that are not on the map.
         """
-        actor = batch.actors.actor_id[batch.target].astype(np.int64)
-        step = batch.step[batch.actors.frame[batch.target]].astype(np.int64)
-        wanted, given = (step << 32) | actor, (self.step << 32) | self.actor_id
-        if not allow_unknown:
+        actor, step = batch.actor_id, batch.sample_step
+        asked, given = (step << 32) | actor, (self.step << 32) | self.actor_id
+        if not self.allow_unknown:
             refuse(
                 self.source,
-                ~np.isin(given, wanted),
+                ~np.isin(given, asked),
                 "predicted samples are not in the population",
                 lambda row: f"actor {self.actor_id[row]} at step {self.step[row]}",
                 "samples of the population: (vehicle, frame) with a whole window",
             )
-        missing = ~np.isin(wanted, given)
-        if not allow_missing:
+        missing = ~np.isin(asked, given)
+        if not self.allow_missing:
             refuse(
                 self.source,
                 missing,
@@ -134,51 +140,26 @@ class EpisodePredictions:
                 "a prediction for each sample, or --allow-missing",
             )
         rows = np.flatnonzero(~missing)
-        order = np.searchsorted(given, wanted[rows])
-        found = self.hypotheses.select(order)
-        away = np.hypot(*(found.xy_m[:, 0, 0] - batch.xy_m[rows]).T)
+        hypotheses = self.hypotheses.select(np.searchsorted(given, asked[rows]))
+        away = np.hypot(*(hypotheses.xy_m[:, 0, 0] - batch.xy_m[rows]).T)
         if len(away) and np.median(away) > FAR_M:
             where = f"{self.source}: half of the paths begin farther than {np.median(away):.0f} m from their vehicle"
             raise InputError("predictions", where, "positions in metres in the frame map")
-        return rows, found
-
-
-@dataclass(frozen=True)
-class SubmittedPart:
-    """What a submission says of one episode, and how it is to be scored."""
-
-    predictions: EpisodePredictions
-    window: HistoryWindow
-    allow_missing: bool
-    allow_unknown: bool
-
-    def meet(self, batch: SampleBatch) -> tuple[Rows, Hypotheses]:
-        """As ``EpisodePredictions.meet``."""
-        return self.predictions.meet(batch, self.allow_missing, self.allow_unknown)
+        return rows, hypotheses
 
 
 @dataclass(frozen=True)
 class Submission:
-    """Everything that one model predicted, by the name of the episode."""
+    """Everything that one model predicted."""
 
-    source: str
-    window: HistoryWindow
-    episodes: dict[str, EpisodePredictions]
-    allow_missing: bool = False
-    allow_unknown: bool = False
-    """Whether predictions of vehicles outside the population are left out, instead of refused."""
+    episodes: Mapping[str, EpisodePredictions]
+    """By the name of the episode."""
+    elsewhere: EpisodePredictions
+    """What the model says of every other episode: nothing."""
 
-    def of_episode(self, names: Iterable[str]) -> SubmittedPart:
+    def of_episode(self, names: Iterable[str]) -> EpisodePredictions:
         """The part of an episode that has several names; empty where there are no predictions."""
-        nothing = np.zeros(0, dtype=np.int64)
-        none = Hypotheses(np.zeros((0, 1, FUTURE_POINTS, 2)), np.zeros((0, 1)))
-        found = next((self.episodes[name] for name in names if name in self.episodes), None)
-        return SubmittedPart(
-            found or EpisodePredictions(self.source, nothing, nothing, none),
-            self.window,
-            self.allow_missing,
-            self.allow_unknown,
-        )
+        return next((self.episodes[name] for name in names if name in self.episodes), self.elsewhere)
 
     def check_episodes(self, known: Sequence[Iterable[str]]) -> None:
         """Refuses predictions of episodes that are not scored, unless missing ones are allowed, too.
@@ -189,15 +170,14 @@ class Submission:
         Raises:
             InputError: There are such, or two scored episodes have the same name in the file.
         """
-        every = [name for names in known for name in set(names)]
+        source, names = self.elsewhere.source, [name for of_episode in known for name in set(of_episode)]
         for name in self.episodes:
-            if every.count(name) > 1:
-                raise InputError("predictions", f"{self.source}: episode {name}", "a name that one bag alone has")
-        foreign = np.array([name not in every for name in self.episodes], dtype=np.bool_)
-        if not self.allow_missing:
+            if names.count(name) > 1:
+                raise InputError("predictions", f"{source}: episode {name}", "a name that one bag alone has")
+        if not self.elsewhere.allow_missing:
             refuse(
-                self.source,
-                foreign,
+                source,
+                np.array([name not in names for name in self.episodes], dtype=np.bool_),
                 "episodes are not among the bags",
                 lambda row: list(self.episodes)[row],
                 "names of the given bags, or --allow-missing",
@@ -213,7 +193,13 @@ def submission(rows: SubmittedRows, allow_missing: bool = False, allow_unknown: 
         InputError: Values that are not finite, negative probabilities, sums that are not 1, hypotheses given twice;
             with their number and the first.
     """
-    _check_values(rows)
+    for wrong, what, allowed in (
+        (~np.isfinite(rows.xy_m).all(axis=(1, 2)), "paths are not finite", "finite values"),
+        (~np.isfinite(rows.probability), "probabilities are not finite", "finite values"),
+        (rows.probability < 0.0, "probabilities are negative", "0 or more"),
+        ((rows.actor_id < 0) | (rows.step < 0), "actors or steps are negative", "0 or more"),
+    ):
+        refuse(rows.source, wrong, what, rows.named, allowed)
     _, code = np.unique(rows.episode.astype(str), return_inverse=True)
     order = np.lexsort((rows.mode, rows.actor_id, rows.step, code))
     rows, code = rows.select(order), code[order]
@@ -228,51 +214,32 @@ def submission(rows: SubmittedRows, allow_missing: bool = False, allow_unknown: 
     probability = np.zeros((len(first), modes))
     probability[sample, place] = rows.probability
     total = probability.sum(axis=1)
-    wrong = np.abs(total - 1.0) > SUM_TOLERANCE
     refuse(
         rows.source,
-        wrong,
+        np.abs(total - 1.0) > SUM_TOLERANCE,
         "samples have probabilities of another sum",
         lambda row: f"{rows.named(first[row])} with {total[row]:.4g}",
         "probabilities of the sum 1",
     )
     xy_m = np.repeat(rows.xy_m[first][:, None], modes, axis=1)
     xy_m[sample, place] = rows.xy_m
-    return Submission(
-        rows.source,
-        rows.window,
-        _by_episode(rows.select(first), code[first], Hypotheses.ranked(xy_m, probability)),
-        allow_missing,
-        allow_unknown,
-    )
+    hypotheses, samples, code = Hypotheses.ranked(xy_m, probability), rows.select(first), code[first]
 
-
-def _check_values(rows: SubmittedRows) -> None:
-    for wrong, what, allowed in (
-        (~np.isfinite(rows.xy_m).all(axis=(1, 2)), "paths are not finite", "finite values"),
-        (~np.isfinite(rows.probability), "probabilities are not finite", "finite values"),
-        (rows.probability < 0.0, "probabilities are negative", "0 or more"),
-        ((rows.actor_id < 0) | (rows.step < 0), "actors or steps are negative", "0 or more"),
-    ):
-        refuse(rows.source, wrong, what, rows.named, allowed)
-
-
-def _by_episode(
-    samples: SubmittedRows, code: npt.NDArray[np.intp], hypotheses: Hypotheses
-) -> dict[str, EpisodePredictions]:
-    found = {}
-    for one in np.unique(code).tolist():
-        here = np.flatnonzero(code == one)
-        found[str(samples.episode[here[0]])] = EpisodePredictions(
-            samples.source, samples.actor_id[here], samples.step[here], hypotheses.select(here)
+    def part(of: Rows) -> EpisodePredictions:
+        actor, step = samples.actor_id[of], samples.step[of]
+        return EpisodePredictions(
+            rows.source, rows.window, actor, step, hypotheses.select(of), allow_missing, allow_unknown
         )
-    return found
+
+    members = [np.flatnonzero(code == number) for number in np.unique(code).tolist()]
+    episodes = {str(samples.episode[of[0]]): part(of) for of in members}
+    return Submission(episodes, part(np.zeros(0, dtype=np.intp)))
 
 
 _EPISODE: Final = "recorded"
 
 
-def read_recorded_predictions(source: EpisodeSource, allow_missing: bool) -> SubmittedPart:
+def read_recorded_predictions(source: EpisodeSource, allow_missing: bool) -> EpisodePredictions:
     """The predictions of an episode, checked.
 
     A program in the loop does not know who will stay in the population: samples of others are left out.
@@ -283,12 +250,12 @@ def read_recorded_predictions(source: EpisodeSource, allow_missing: bool) -> Sub
     """
     if PREDICTIONS.name not in source.bag.type_names:
         raise BagError(str(source.path), f"a bag with the topic {PREDICTIONS.name}, of an episode with a predictor")
-    said = [from_predicted_paths(message.read()) for message in source.bag.messages({PREDICTIONS.name})]
-    paths = [one for one in said if len(one)]
-    counts = [len(one) for one in paths]
-    step = np.repeat(np.array([one.step for one in paths], dtype=np.int64), counts)
-    actor = np.concatenate([one.actor_id for one in paths]).astype(np.int64) if paths else step
-    lengths = np.repeat(np.array([one.xy_m.shape[1] for one in paths], dtype=np.int64), counts)
+    messages = (from_predicted_paths(message.read()) for message in source.bag.messages({PREDICTIONS.name}))
+    frames = [paths for paths in messages if len(paths)]
+    counts = [len(paths) for paths in frames]
+    step = np.repeat(np.array([paths.step for paths in frames], dtype=np.int64), counts)
+    actor = np.concatenate([paths.actor_id for paths in frames]).astype(np.int64) if frames else step
+    lengths = np.repeat(np.array([paths.xy_m.shape[1] for paths in frames], dtype=np.int64), counts)
     name = f"{PREDICTIONS.name} of {source.path}"
     refuse(
         name,
@@ -302,9 +269,9 @@ def read_recorded_predictions(source: EpisodeSource, allow_missing: bool) -> Sub
         episode=np.full(len(step), _EPISODE, dtype=object),
         actor_id=actor,
         step=step,
-        mode=np.concatenate([np.arange(count) for count in counts]) if paths else step,
-        probability=np.concatenate([one.probability for one in paths]) if paths else np.zeros(0),
-        xy_m=np.concatenate([on_grid(one.xy_m) for one in paths]) if paths else np.zeros((0, FUTURE_POINTS, 2)),
+        mode=np.concatenate([np.arange(count) for count in counts]) if frames else step,
+        probability=np.concatenate([paths.probability for paths in frames]) if frames else np.zeros(0),
+        xy_m=np.concatenate([on_grid(paths.xy_m) for paths in frames]) if frames else np.zeros((0, FUTURE_POINTS, 2)),
         window=HistoryWindow(),
     )
     return submission(rows, allow_missing, allow_unknown=True).of_episode([_EPISODE])

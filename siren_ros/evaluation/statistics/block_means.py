@@ -13,8 +13,8 @@ import numpy as np
 from scipy.stats import t as student
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.statistics.interval import CONFIDENCE, NOTHING, Interval
 from siren_ros.numerics.arrays import Flags, Floats, Rows
+from siren_ros.tables.interval import CONFIDENCE, NOTHING, Interval
 
 
 def identity(values: Floats) -> Floats:

@@ -11,8 +11,8 @@ from scipy.stats import t as student
 
 from siren_ros.errors import InputError
 from siren_ros.evaluation.statistics.block_means import Estimate
-from siren_ros.evaluation.statistics.interval import CONFIDENCE, Interval
 from siren_ros.numerics.arrays import Floats
+from siren_ros.tables.interval import CONFIDENCE, Interval
 
 RANKED_MIN: Final = 3
 """Fewest pairs of a rank correlation."""

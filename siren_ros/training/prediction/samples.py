@@ -13,8 +13,7 @@ import numpy.typing as npt
 
 from siren_ros import __version__
 from siren_ros.errors import SirenError
-from siren_ros.evaluation.prediction.baselines.constant_velocity import ConstantVelocity
-from siren_ros.evaluation.prediction.baselines.idm_predictor import IdmPredictor
+from siren_ros.evaluation.prediction.baselines import ConstantVelocity, IdmPredictor
 from siren_ros.evaluation.prediction.predictors import Predictor
 from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, ScoredSamples, samples_of
 from siren_ros.evaluation.prediction.siren_model.columns import in_frame_of

@@ -36,11 +36,11 @@ def test_prediction_prints_tables_and_writes_files(
     assert scores["population"] == "all"
     cv = scores["episodes"][0]["models"]["cv"]
     row = next(line.split() for line in printed.splitlines() if line.startswith("cv "))
-    assert row[:4] == ["cv", "-/-", f"{cv['ade_m']:.2f}/{cv['fde_m']:.2f}", "-/-"]
+    assert row[:4] == ["cv", "–/–", f"{cv['ade_m']:.2f}/{cv['fde_m']:.2f}", "–/–"]
     assert row[-2:] == ["50", "all"]
     assert "the paper's 1.44 m" in printed
     assert "needs 3 templates" in printed
-    assert sum("(paper)" in line for line in printed.splitlines()) == 7
+    assert sum("(paper)" in line for line in printed.splitlines()) == 9
     assert (out / "prediction.tex").is_file()
 
 
@@ -102,7 +102,7 @@ def test_bag_without_a_whole_window(short_bag: Path, bag: Path, capsys: pytest.C
     captured = capsys.readouterr()
     assert "short: no vehicle was in the region around the EMV for a whole window" in captured.err
     (row,) = [line.split() for line in captured.out.splitlines() if line.startswith("short")]
-    assert row[3:] == ["0", "-/-", "-/-", "-/-"]
+    assert row[3:] == ["0", "–/–", "–/–", "–/–"]
 
 
 def test_a_folder_that_cannot_be_written(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:

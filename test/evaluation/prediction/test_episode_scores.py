@@ -39,7 +39,7 @@ def test_a_window_that_holds_a_yield_is_yielding(straight_road: RoadNetwork) -> 
     record = with_modes(record, 2, {Mode.YIELD_LANE_CHANGE: range(180, 190)})
     batch = samples_of(record, HistoryWindow(), Population.ALL).batch
     category = categories_of(record, batch)
-    step, actor = batch.step[batch.actors.frame[batch.target]], batch.actors.actor_id[batch.target]
+    step, actor = batch.sample_step, batch.actor_id
     assert set(category[actor == 1]) == {Category.OTHER}
     assert np.array_equal(category[actor == 2] == Category.YIELDING, step[actor == 2] >= 80)
 
@@ -58,8 +58,8 @@ def test_each_vehicles_window_is_its_own(straight_road: RoadNetwork) -> None:
     for actor, span in spans.items():
         record = with_modes(record, actor, {Mode.YIELD_PULL_OVER: span})
     batch = samples_of(record, HistoryWindow(), Population.ALL).batch
-    steps = batch.step[batch.actors.frame[batch.target]].tolist()
-    actors = batch.actors.actor_id[batch.target].tolist()
+    steps = batch.sample_step.tolist()
+    actors = batch.actor_id.tolist()
     expected = [
         Category.YIELDING if set(range(step, step + 101)) & set(spans[actor]) else Category.OTHER
         for step, actor in zip(steps, actors, strict=True)
@@ -190,7 +190,7 @@ def test_by_default_the_region_is_scored(straight_road: RoadNetwork) -> None:
     assert (scores.population, scores.samples) == (Population.REGION, 40)
     assert score_episode("all", record, models, Population.ALL).samples == 80
     batch = samples_of(record, HistoryWindow(), Population.REGION).batch
-    assert set(batch.actors.actor_id[batch.target].tolist()) == {1, 2}
+    assert set(batch.actor_id.tolist()) == {1, 2}
     # The fourth is 50 m behind the EMV after 5 s: a neighbour in the samples of frames 30 to 49 up to then.
     assert set(batch.actors.actor_id.tolist()) == {1, 2, 4}
     assert not batch.actors.observed[batch.actors.frame == 0].sum(axis=1).tolist().count(0)

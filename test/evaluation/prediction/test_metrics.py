@@ -94,7 +94,7 @@ def test_a_hypothesis_within_two_metres_is_no_miss() -> None:
     assert missed_6(hypotheses, np.zeros((4, 25, 2))).tolist() == [1.0, 0.0, 1.0, 1.0], "the seventh does not count"
 
 
-TRUTH_MODE_PROBABILITY = np.zeros((1, 25, 2))
+ONE_TRUTH = np.zeros((1, 25, 2))
 
 
 def ending(*ends_m: float, probability: tuple[float, ...]) -> Hypotheses:
@@ -104,28 +104,28 @@ def ending(*ends_m: float, probability: tuple[float, ...]) -> Hypotheses:
     return Hypotheses(paths, np.array([probability]))
 
 
-def test_by_hand() -> None:
+def test_brier_scores_by_hand() -> None:
     hypotheses = ending(3.0, 1.0, probability=(0.75, 0.25))
-    assert brier_min_fde_6(hypotheses, TRUTH_MODE_PROBABILITY)[0] == pytest.approx(1.0 + 0.75**2)
-    assert brier_score(hypotheses, TRUTH_MODE_PROBABILITY)[0] == pytest.approx(2.0 * 0.75**2)
+    assert brier_min_fde_6(hypotheses, ONE_TRUTH)[0] == pytest.approx(1.0 + 0.75**2)
+    assert brier_score(hypotheses, ONE_TRUTH)[0] == pytest.approx(2.0 * 0.75**2)
 
 
 def test_to_be_sure_and_right_costs_nothing() -> None:
     hypotheses = ending(0.5, 9.0, probability=(1.0, 0.0))
-    assert brier_min_fde_6(hypotheses, TRUTH_MODE_PROBABILITY)[0] == pytest.approx(0.5)
-    assert brier_score(hypotheses, TRUTH_MODE_PROBABILITY)[0] == 0.0
+    assert brier_min_fde_6(hypotheses, ONE_TRUTH)[0] == pytest.approx(0.5)
+    assert brier_score(hypotheses, ONE_TRUTH)[0] == 0.0
 
 
 def test_six_hypotheses_are_scaled_to_the_sum_one() -> None:
     hypotheses = ending(*range(1, 9), probability=(0.125,) * 8)
-    assert brier_min_fde_6(hypotheses, TRUTH_MODE_PROBABILITY)[0] == pytest.approx(1.0 + (5.0 / 6.0) ** 2)
-    assert brier_score(hypotheses, TRUTH_MODE_PROBABILITY)[0] == pytest.approx((5.0 / 6.0) ** 2 + 5.0 / 36.0)
+    assert brier_min_fde_6(hypotheses, ONE_TRUTH)[0] == pytest.approx(1.0 + (5.0 / 6.0) ** 2)
+    assert brier_score(hypotheses, ONE_TRUTH)[0] == pytest.approx((5.0 / 6.0) ** 2 + 5.0 / 36.0)
 
 
 def test_a_single_hypothesis_states_nothing() -> None:
     hypotheses = ending(2.0, probability=(1.0,))
-    assert np.isnan(brier_score(hypotheses, TRUTH_MODE_PROBABILITY)).all()
-    assert brier_min_fde_6(hypotheses, TRUTH_MODE_PROBABILITY).tolist() == [2.0]
+    assert np.isnan(brier_score(hypotheses, ONE_TRUTH)).all()
+    assert brier_min_fde_6(hypotheses, ONE_TRUTH).tolist() == [2.0]
 
 
 def two_modes(samples: int, first_best: int, probability: float) -> tuple[Hypotheses, np.ndarray]:
@@ -274,7 +274,7 @@ def random_hypotheses(seed: int, samples: int, modes: int) -> tuple[Hypotheses, 
 
 @pytest.mark.parametrize("metric", METRICS, ids=lambda metric: metric.name)
 def test_without_samples_there_is_no_value(metric) -> None:
-    value = metric.compute(Hypotheses.certain(np.zeros((0, 25, 2))), scored(np.zeros((0, 25, 2))))
+    value = metric.value(metric.of_samples(Hypotheses.certain(np.zeros((0, 25, 2))), scored(np.zeros((0, 25, 2)))))
     assert not value.valid
     assert value.samples == 0
     assert np.isfinite(value.value)
@@ -292,9 +292,10 @@ def test_a_sample_counts_alone(metric) -> None:
 @given(seed=st.integers(0, 1000), modes=st.integers(1, 9))
 def test_the_mean_of_squares_is_rooted_at_the_end(seed: int, modes: int) -> None:
     hypotheses, truth = random_hypotheses(seed, 9, modes)
-    rmse = METRIC_OF["rmse_5s_m"].compute(hypotheses, scored(truth)).value
-    assert rmse >= METRIC_OF["fde_m"].compute(hypotheses, scored(truth)).value - 1e-12
-    assert rmse == pytest.approx(np.sqrt((METRIC_OF["fde_m"].of_samples(hypotheses, scored(truth)) ** 2).mean()))
+    metrics = (METRIC_OF["rmse_5s_m"], METRIC_OF["fde_m"])
+    rmse, fde_m = (metric.value(metric.of_samples(hypotheses, scored(truth))).value for metric in metrics)
+    assert rmse >= fde_m - 1e-12
+    assert rmse == pytest.approx(np.sqrt((fde(hypotheses, truth) ** 2).mean()))
 
 
 SAMPLES, MODES, TIMES = 12, 8, 25

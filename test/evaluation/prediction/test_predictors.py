@@ -7,14 +7,13 @@ from hypothesis import strategies as st
 
 from siren_ros.errors import InputError
 from siren_ros.evaluation.prediction import predictors
-from siren_ros.evaluation.prediction.baselines.constant_velocity import ConstantVelocity
+from siren_ros.evaluation.prediction.baselines import ConstantVelocity
 from siren_ros.evaluation.prediction.predictors import (
     PREDICTORS,
     Checkpoint,
     Hypotheses,
     Predictor,
     PredictorKind,
-    PredictorOptions,
     checked,
     predictors_named,
 )
@@ -103,9 +102,9 @@ def test_wrong_names_are_refused_with_what_is_known(names: list[str]) -> None:
 GIVEN: list[Path | None] = []
 
 
-def make(options: PredictorOptions) -> Predictor:
+def make(checkpoint: Path | None) -> Predictor:
     """A constructor as the table names them; remembers what it was given."""
-    GIVEN.append(options.checkpoint)
+    GIVEN.append(checkpoint)
     return ConstantVelocity()
 
 
@@ -129,6 +128,6 @@ def test_a_checkpoint_that_fits_no_model_is_refused(name: str, told: str) -> Non
 def test_a_missing_package_is_told_with_the_command_that_brings_it() -> None:
     kind = PredictorKind("a net", "package_that_nobody_has:make", extra="models")
     with pytest.raises(InputError, match=r"package_that_nobody_has, as \./env --with models siren evaluate"):
-        kind.make("net", PredictorOptions())
+        kind.make("net")
     with pytest.raises(ModuleNotFoundError):
-        PredictorKind("a net", "package_that_nobody_has:make").make("net", PredictorOptions())
+        PredictorKind("a net", "package_that_nobody_has:make").make("net")

@@ -70,7 +70,7 @@ def test_every_vehicle_is_scored_the_emv_too(straight_road: RoadNetwork) -> None
     }
     scored = samples_of(record_with(tracks, straight_road), WINDOW, Population.ALL)
     batch = scored.batch
-    ids = batch.actors.actor_id[batch.target]
+    ids = batch.actor_id
     assert {key: int((ids == key).sum()) for key in (1, 2, 3)} == {1: 21, 2: 21, 3: 21}
     assert batch.actors.is_emv[batch.target].sum() == 21
 
@@ -127,7 +127,7 @@ def test_neighbours_are_the_others_of_the_frame_even_with_a_short_past(straight_
     own = batch.target[sample]
     assert (batch.actors.frame[own] == batch.actors.frame[other]).all()
     assert (own != other).all()
-    last = batch.step[batch.actors.frame[batch.target]] == 80
+    last = batch.sample_step == 80
     ids = {
         int(batch.actors.actor_id[batch.target[row]]): batch.actors.actor_id[other[sample == row]].tolist()
         for row in np.flatnonzero(last)

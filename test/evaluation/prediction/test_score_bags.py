@@ -38,15 +38,13 @@ def _samples(bags: list[Path]) -> ScoredSamples:
 def off_by(metres: Mapping[str, float], samples: ScoredSamples) -> Submission:
     """The truth of each episode, moved aside."""
     batch = samples.batch
-    actor = batch.actors.actor_id[batch.target].astype(np.int64)
-    step = batch.step[batch.actors.frame[batch.target]].astype(np.int64)
-    order = np.lexsort((actor, step))
-    episodes = {}
-    for name, aside_m in metres.items():
-        paths = samples.future_xy_m[order, None] + np.array([0.0, aside_m])
-        hypotheses = Hypotheses(paths, np.ones((len(paths), 1)))
-        episodes[name] = EpisodePredictions("made", actor[order], step[order], hypotheses)
-    return Submission("made", HistoryWindow(), episodes)
+    order = np.lexsort((batch.actor_id, batch.sample_step))
+
+    def part(rows: np.ndarray, aside_m: float) -> EpisodePredictions:
+        hypotheses = Hypotheses.certain(samples.future_xy_m[rows] + np.array([0.0, aside_m]))
+        return EpisodePredictions("made", HistoryWindow(), batch.actor_id[rows], batch.sample_step[rows], hypotheses)
+
+    return Submission({name: part(order, aside_m) for name, aside_m in metres.items()}, part(order[:0], 0.0))
 
 
 def test_every_bag_gets_its_result_in_order_and_one_that_cannot_be_read_does_not_stop_the_others(

@@ -62,8 +62,7 @@ def test_the_first_wrong_row_is_named_with_their_number() -> None:
 
 def rows_for(batch: SampleBatch, modes: int = 2, episode: str = "made") -> SubmittedRows:
     """Hypotheses of constant velocity for all samples, the later ones further to the left; shuffled."""
-    actor = np.repeat(batch.actors.actor_id[batch.target].astype(np.int64), modes)
-    step = np.repeat(batch.step[batch.actors.frame[batch.target]], modes)
+    actor, step = np.repeat(batch.actor_id, modes), np.repeat(batch.sample_step, modes)
     mode = np.tile(np.arange(modes), len(batch))
     path = batch.xy_m[:, None] + future_times_s()[:, None] * batch.velocity_mps[:, None]
     xy_m = np.repeat(path, modes, axis=0)
@@ -82,7 +81,7 @@ def batch(straight_road: RoadNetwork) -> SampleBatch:
 
 def test_every_sample_meets_its_hypotheses(batch: SampleBatch) -> None:
     part = submission(rows_for(batch)).of_episode(["made"])
-    found, hypotheses = part.predictions.meet(batch, allow_missing=False)
+    found, hypotheses = part.meet(batch)
     assert found.tolist() == list(range(len(batch)))
     assert np.allclose(hypotheses.xy_m[:, 0, 0], batch.xy_m + 0.2 * batch.velocity_mps + [0.0, 1.0])
     assert np.allclose(hypotheses.probability, [2.0 / 3.0, 1.0 / 3.0]), "the most probable first"
@@ -93,17 +92,17 @@ def test_samples_may_have_fewer_hypotheses(batch: SampleBatch) -> None:
     first = (rows.actor_id == 12) & (rows.step == 60)
     one = rows.select(~(first & (rows.mode == 0)))
     one = replace(one, probability=np.where((one.actor_id == 12) & (one.step == 60), 1.0, one.probability))
-    _, hypotheses = submission(one).of_episode(["made"]).predictions.meet(batch, allow_missing=False)
+    _, hypotheses = submission(one).of_episode(["made"]).meet(batch)
     assert hypotheses.probability[1].tolist() == [1.0, 0.0]
     assert np.array_equal(hypotheses.xy_m[1, 0], hypotheses.xy_m[1, 1])
 
 
 def test_missing_samples_are_refused_or_left_out(batch: SampleBatch) -> None:
     rows = rows_for(batch)
-    part = submission(rows.select((rows.step > 62) | (rows.actor_id == 1))).of_episode(["made"]).predictions
+    part = submission(rows.select((rows.step > 62) | (rows.actor_id == 1))).of_episode(["made"])
     with pytest.raises(InputError, match="2 of 40 samples have no prediction; the first is actor 12 at step 60"):
-        part.meet(batch, allow_missing=False)
-    found, hypotheses = part.meet(batch, allow_missing=True)
+        part.meet(batch)
+    found, hypotheses = replace(part, allow_missing=True).meet(batch)
     assert len(found) == len(hypotheses) == 38
     assert {1, 3}.isdisjoint(found.tolist())
 
@@ -113,13 +112,13 @@ def test_unknown_samples_are_refused(batch: SampleBatch, allow_missing: bool) ->
     rows = rows_for(batch)
     moved = replace(rows, step=np.where((rows.actor_id == 12) & (rows.step == 98), 61, rows.step))
     with pytest.raises(InputError, match=r"1 of 40 predicted samples are not in .*; the first is actor 12 at step 61"):
-        submission(moved).of_episode(["made"]).predictions.meet(batch, allow_missing)
+        submission(moved, allow_missing).of_episode(["made"]).meet(batch)
 
 
 def test_positions_in_a_vehicles_frame_are_refused(batch: SampleBatch) -> None:
     rows = replace(rows_for(batch), xy_m=rows_for(batch).xy_m + 4000.0)
     with pytest.raises(InputError, match="positions in metres in the frame map"):
-        submission(rows).of_episode(["made"]).predictions.meet(batch, allow_missing=False)
+        submission(rows).of_episode(["made"]).meet(batch)
 
 
 @pytest.mark.parametrize(
@@ -158,8 +157,8 @@ def both(batch: SampleBatch, allow_missing: bool = False) -> Submission:
 
 def test_episodes_go_by_any_of_their_names(batch: SampleBatch) -> None:
     found = both(batch)
-    assert len(found.of_episode(["folder", "two"]).predictions) == 40
-    nothing = found.of_episode(["folder"]).predictions
+    assert len(found.of_episode(["folder", "two"])) == 40
+    nothing = found.of_episode(["folder"])
     assert len(nothing) == 0
     assert len(checked("mine", nothing.hypotheses, 0)) == 0
     found.check_episodes([("one",), ("folder", "two")])
@@ -183,18 +182,18 @@ def test_paths_begin_near_their_vehicle_and_may_end_anywhere(
     tracks = {1: moving(0.0, -5.25, speed_mps, steps=199)}
     batch = samples_of(record_with(tracks, straight_road), HistoryWindow(), Population.ALL).batch
     rows = rows_for(batch, modes=1)
-    part = submission(replace(rows, xy_m=rows.xy_m + np.array([0.0, away_m]))).of_episode(["made"]).predictions
+    part = submission(replace(rows, xy_m=rows.xy_m + np.array([0.0, away_m]))).of_episode(["made"])
     if refused:
         with pytest.raises(InputError, match="begin farther than 110 m"):
-            part.meet(batch, allow_missing=False)
+            part.meet(batch)
     else:
-        assert len(part.meet(batch, allow_missing=False)[0]) == len(batch)
+        assert len(part.meet(batch)[0]) == len(batch)
 
 
 def test_actor_0_and_step_0_may_be_predicted(batch: SampleBatch) -> None:
     rows = rows_for(batch, modes=1)
     zero = submission(replace(rows, actor_id=np.where(rows.actor_id == 1, 0, rows.actor_id))).of_episode(["made"])
-    assert set(zero.predictions.actor_id.tolist()) == {0, 12}
+    assert set(zero.actor_id.tolist()) == {0, 12}
     first = rows.step == rows.step.min()
     submission(replace(rows, step=np.where(first, 0, rows.step)))
 
@@ -251,10 +250,10 @@ def read(said: list[PredictedPaths], allow_missing: bool = False) -> Any:
 def test_samples_are_taken_and_others_left_out(batch: SampleBatch) -> None:
     rows, hypotheses = read(everything_said()).meet(batch)
     assert rows.tolist() == list(range(len(batch)))
-    first = hypotheses.select(batch.actors.actor_id[batch.target] == 1)
+    first = hypotheses.select(batch.actor_id == 1)
     assert np.allclose(first.probability, [0.75, 0.25])
     assert np.allclose(first.xy_m[:, 0, :, 1], -4.25)
-    assert np.allclose(first.xy_m[:, 0, -1, 0] - batch.xy_m[batch.actors.actor_id[batch.target] == 1, 0], 25.0)
+    assert np.allclose(first.xy_m[:, 0, -1, 0] - batch.xy_m[batch.actor_id == 1, 0], 25.0)
 
 
 def test_a_frame_without_predictions_is_missing(batch: SampleBatch) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hand_made import made_record
 
-from siren_ros.evaluation.prediction.baselines.constant_velocity import ConstantVelocity
+from siren_ros.evaluation.prediction.baselines import ConstantVelocity
 from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, samples_of
 from siren_ros.evaluation.prediction.siren_model.features import Ablation, Features
 from siren_ros.training.prediction.plan import Split

@@ -20,15 +20,13 @@ from torch import Tensor, nn
 from siren_ros.datasets.ngsim_frame import CELLS
 from siren_ros.evaluation.prediction.published.layers import (
     ATTENDED,
-    EMBEDDED,
     ENCODED,
     LATERAL,
     LONGITUDINAL,
-    AddAndNorm,
-    GatedLinear,
+    GatedEncoder,
     Groups,
     ManoeuvreGenerator,
-    Neighbours,
+    NetworkInput,
     one_hot_modes,
 )
 
@@ -38,16 +36,11 @@ _BEHAVIOUR_EMBEDDED: Final = 4
 
 
 @dataclass(frozen=True)
-class BatInput:
-    """Features by vehicle and point: r (feet), φ, displacement x and y (feet), class, speed, acceleration, lane."""
+class BatInput(NetworkInput):
+    """Features: r (feet), φ, displacement x and y (feet), class, speed (ft/s), acceleration (ft/s²), lane."""
 
-    history: Tensor
-    """Shape ``(16, B, 8)``."""
-    neighbour_history: Tensor
-    """Shape ``(16, P, 8)``."""
     behaviour: Tensor
     """Shape ``(16, B, 39, 6)``."""
-    neighbours: Neighbours
     scene: Tensor
     """Scene of each sample, from 0 and ascending, shape ``(B,)``."""
 
@@ -73,40 +66,21 @@ class _Attention(nn.Module):
         return torch.nan_to_num(torch.softmax(scores, dim=-1)) @ self.linear_value(vehicles)
 
 
-class BatEncoder(nn.Module):
+class BatEncoder(GatedEncoder):
     """The target's past, the mean of its neighbours after attention, and the behaviour of all cells."""
 
     def __init__(self) -> None:
-        super().__init__()
-        self.linear1 = nn.Linear(8, EMBEDDED)
+        super().__init__(features=8, encoded=_VEHICLE)
         self.linear_behavior = nn.Linear(_BEHAVIOURS, _BEHAVIOUR_EMBEDDED)
         self.lstm_behavior = nn.LSTM(_BEHAVIOUR_EMBEDDED * CELLS, ENCODED)
-        self.lstm = nn.LSTM(EMBEDDED, _VEHICLE)
         self.pre_glu_proj = nn.Linear(ATTENDED // 2, ATTENDED)
-        self.qff = nn.Linear(ENCODED, ATTENDED)
-        self.kff = nn.Linear(ENCODED, ATTENDED)
-        self.vff = nn.Linear(ENCODED, ATTENDED)
-        self.first_glu = GatedLinear()
-        self.second_glu = GatedLinear()
-        self.qt = nn.Linear(ENCODED, ATTENDED)
-        self.kt = nn.Linear(ENCODED, ATTENDED)
-        self.vt = nn.Linear(ENCODED, ATTENDED)
-        self.addAndNorm = AddAndNorm()
-        self.fc = nn.Linear(2 * ENCODED, ENCODED)
         self.attention = _Attention()
-        self.activation = nn.ELU()
         self.behaviour_activation = nn.LeakyReLU(0.1)
 
     def forward(self, given: BatInput) -> Tensor:
         """The encoded past, shape ``(B, 16, 64)``."""
-        own = self._encoded(given.history)
-        encoded = torch.cat((own, self._pooled(given), self._behaviour(given)), dim=-1)
+        encoded = torch.cat((self.encoded(given.history), self._pooled(given), self._behaviour(given)), dim=-1)
         return self.first_glu(self.pre_glu_proj(encoded))
-
-    def _encoded(self, features: Tensor) -> Tensor:
-        """Shape ``(16, V, 8)`` to ``(V, 16, 16)``."""
-        hidden, _ = self.lstm(self.activation(self.linear1(features)))
-        return hidden.permute(1, 0, 2)
 
     def _pooled(self, given: BatInput) -> Tensor:
         """Mean over the neighbours of each sample, zero without neighbours; shape ``(B, 16, 16)``."""
@@ -115,7 +89,7 @@ class BatEncoder(nn.Module):
         if neighbours.sample.numel() == 0:
             return pooled
         groups = Groups.of(given.scene[neighbours.sample], int(given.scene[-1]) + 1)
-        spread = groups.spread(self._encoded(given.neighbour_history)).transpose(1, 2)
+        spread = groups.spread(self.encoded(given.neighbour_history)).transpose(1, 2)
         attended = groups.gather(self.attention(spread, groups.filled).transpose(1, 2))
         count = torch.bincount(neighbours.sample, minlength=neighbours.samples).clamp(min=1)
         return pooled.index_add(0, neighbours.sample, attended) / count.view(-1, 1, 1)

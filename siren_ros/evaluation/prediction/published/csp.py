@@ -3,14 +3,13 @@
 The names of the layers are those of the published weights.
 """
 
-from dataclasses import dataclass
 from typing import Final
 
 import torch
 from torch import Tensor, nn
 
 from siren_ros.datasets.ngsim_frame import CELLS, CELLS_ALONG, COLUMNS
-from siren_ros.evaluation.prediction.published.layers import Neighbours, gaussian, one_hot_modes
+from siren_ros.evaluation.prediction.published.layers import NetworkInput, gaussian, one_hot_modes
 
 LATERAL: Final = 3
 LONGITUDINAL: Final = 2
@@ -25,19 +24,11 @@ _SOCIAL: Final = 5 * _POOLED
 """13 cells along, after convolutions of 3 and 3: 9; pooled by two, with one more at either end: 5."""
 
 
-@dataclass(frozen=True)
-class CspInput:
-    """Positions in feet, relative to the target at the present: x to the right, y ahead."""
-
-    history: Tensor
-    """Shape ``(16, B, 2)``."""
-    neighbour_history: Tensor
-    """Shape ``(16, P, 2)``."""
-    neighbours: Neighbours
-
-
 class Csp(nn.Module):
-    """An LSTM for every vehicle, convolutions over the social grid, an LSTM that decodes each manoeuvre."""
+    """An LSTM for every vehicle, convolutions over the social grid, an LSTM that decodes each manoeuvre.
+
+    Features: x to the right and y ahead of the target at the present, in feet.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -53,7 +44,7 @@ class Csp(nn.Module):
         self.op_lon = nn.Linear(_SOCIAL + _DYNAMICS, LONGITUDINAL)
         self.activation = nn.LeakyReLU(0.1)
 
-    def forward(self, given: CspInput) -> tuple[Tensor, Tensor, Tensor]:
+    def forward(self, given: NetworkInput) -> tuple[Tensor, Tensor, Tensor]:
         """Modes ``(6, 25, B, 5)``, and the probabilities of lateral ``(B, 3)`` and longitudinal ``(B, 2)`` manoeuvres.
 
         Mode l + 3 k has the lateral manoeuvre l and the longitudinal manoeuvre k.
@@ -70,7 +61,7 @@ class Csp(nn.Module):
         _, (last, _) = self.enc_lstm(self.activation(self.ip_emb(history)))
         return last[0]
 
-    def _pooled(self, given: CspInput) -> Tensor:
+    def _pooled(self, given: NetworkInput) -> Tensor:
         grid = given.history.new_zeros((given.neighbours.samples * CELLS, _ENCODED))
         if given.neighbour_history.shape[1]:
             grid[given.neighbours.place] = self._encoded(given.neighbour_history)

@@ -126,39 +126,32 @@ def ngsim_view(batch: SampleBatch) -> NgsimView:
     return NgsimView(batch.network, actors, target, road.tangent_rad, sample[kept], other[kept], cell[kept])
 
 
-_CLASSES = np.array([vehicle_class(one) for one in ActorClass], dtype=np.float64)
-
-
-@dataclass(frozen=True)
-class Features:
-    """Features of F values by point and vehicle."""
-
-    own: Floats32
-    """Of the samples' targets, shape ``(16, B, F)``."""
-    neighbours: Floats32
-    """Of their neighbours, shape ``(16, P, F)``."""
+_CLASSES = np.array([vehicle_class(actor_class) for actor_class in ActorClass], dtype=np.float64)
+Features = tuple[Floats32, Floats32]
+"""F values by point and vehicle: of the targets ``(16, B, F)``, and of their neighbours ``(16, P, F)``."""
 
 
 def csp_features(view: NgsimView) -> Features:
     """Position: x and y."""
-    return Features(*(_time_first(positions) for positions in positions_ft(view)))
+    targets, neighbours = positions_ft(view)
+    return _time_first(targets), _time_first(neighbours)
 
 
 def stdan_features(view: NgsimView) -> Features:
     """Position, class, speed, acceleration."""
-    pairs = zip(positions_ft(view), _class_and_motion(view), strict=True)
-    return Features(*(_time_first(positions, motion) for positions, motion in pairs))
+    columns = zip(positions_ft(view), _class_and_motion(view), strict=True)
+    targets, neighbours = (_time_first(*vehicles) for vehicles in columns)
+    return targets, neighbours
 
 
 def bat_features(view: NgsimView) -> Features:
     """Polar position, displacement along x and y since the point before, class, speed, acceleration, lane."""
-    pairs = zip(positions_ft(view), _class_and_motion(view), _lane_numbers(view), strict=True)
-    return Features(
-        *(
-            _time_first(polar(positions), np.diff(positions, axis=1, prepend=positions[:, :1]), motion, lanes)
-            for positions, motion, lanes in pairs
-        )
+    columns = zip(positions_ft(view), _class_and_motion(view), _lane_numbers(view), strict=True)
+    targets, neighbours = (
+        _time_first(polar(positions), np.diff(positions, axis=1, prepend=positions[:, :1]), motion, lanes)
+        for positions, motion, lanes in columns
     )
+    return targets, neighbours
 
 
 def positions_ft(view: NgsimView) -> tuple[Floats, Floats]:
@@ -236,10 +229,10 @@ def behaviours(closeness: Floats) -> Floats32:
     change = np.zeros_like(closeness)
     change[..., :-1] = np.diff(closeness, axis=-1)
     mixed = np.round(change, 2).swapaxes(1, 2).reshape(closeness.shape)
-    found = np.zeros((_POINTS, len(closeness), CELLS, 6), dtype=np.float32)
-    found[..., 1] = mixed.swapaxes(0, 1)
-    found[..., 3:] = np.round(closeness, 2).swapaxes(0, 1)[..., None]
-    return found
+    behaviour = np.zeros((_POINTS, len(closeness), CELLS, 6), dtype=np.float32)
+    behaviour[..., 1] = mixed.swapaxes(0, 1)
+    behaviour[..., 3:] = np.round(closeness, 2).swapaxes(0, 1)[..., None]
+    return behaviour
 
 
 def closeness_centralities(points: Floats) -> Floats:
@@ -261,7 +254,7 @@ def closeness_centralities(points: Floats) -> Floats:
 @compiled
 def _closeness(graphs: Array, joined_squared: float) -> Array:
     count, vertices = graphs.shape[0], graphs.shape[1]
-    found = np.zeros((count, vertices))
+    closeness = np.zeros((count, vertices))
     joined = np.zeros(vertices, dtype=np.uint64)
     one = np.uint64(1)
     for graph in range(count):
@@ -274,8 +267,8 @@ def _closeness(graphs: Array, joined_squared: float) -> Array:
                     joined[i] |= one << np.uint64(j)
                     joined[j] |= one << np.uint64(i)
         for start in range(vertices):
-            found[graph, start] = _closeness_of(joined, start)
-    return found
+            closeness[graph, start] = _closeness_of(joined, start)
+    return closeness
 
 
 @compiled

@@ -74,6 +74,31 @@ class AddAndNorm(nn.Module):
         return self.normalize(first + second)
 
 
+class GatedEncoder(nn.Module):
+    """The layers that the encoders of STDAN and BAT have in common.
+
+    Args:
+        features: Features of a vehicle at a point.
+        encoded: Size of a vehicle's encoded point.
+    """
+
+    def __init__(self, features: int, encoded: int) -> None:
+        super().__init__()
+        self.linear1 = nn.Linear(features, EMBEDDED)
+        self.lstm = nn.LSTM(EMBEDDED, encoded)
+        self.qff, self.kff, self.vff = (nn.Linear(ENCODED, ATTENDED) for _ in range(3))
+        self.first_glu, self.second_glu = GatedLinear(), GatedLinear()
+        self.qt, self.kt, self.vt = (nn.Linear(ENCODED, ATTENDED) for _ in range(3))
+        self.addAndNorm = AddAndNorm()
+        self.fc = nn.Linear(2 * ENCODED, ENCODED)
+        self.activation = nn.ELU()
+
+    def encoded(self, features: Tensor) -> Tensor:
+        """Features ``(16, V, F)`` as encoded points ``(V, 16, encoded)``."""
+        hidden, _ = self.lstm(self.activation(self.linear1(features)))
+        return hidden.permute(1, 0, 2)
+
+
 class _Decoder(nn.Module):
     """An LSTM over the points of the future; ``lat_linear`` and ``lon_linear`` have weights and are not used."""
 
@@ -150,6 +175,17 @@ class Neighbours:
     def place(self) -> Tensor:
         """Place of each neighbour in all cells of all samples."""
         return self.sample * CELLS + self.cell
+
+
+@dataclass(frozen=True)
+class NetworkInput:
+    """Features of B samples and P neighbours by point and vehicle; each network says which F features it takes."""
+
+    history: Tensor
+    """Shape ``(16, B, F)``."""
+    neighbour_history: Tensor
+    """Shape ``(16, P, F)``."""
+    neighbours: Neighbours
 
 
 @dataclass(frozen=True)

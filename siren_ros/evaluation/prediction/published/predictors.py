@@ -16,10 +16,11 @@ from torch import Tensor, nn
 
 from siren_ros.datasets.ngsim_frame import FOOT_M
 from siren_ros.errors import InputError
-from siren_ros.evaluation.prediction.predictors import Hypotheses, PredictorOptions
+from siren_ros.evaluation.prediction.predictors import Hypotheses
 from siren_ros.evaluation.prediction.published.bat import Bat, BatInput
-from siren_ros.evaluation.prediction.published.csp import Csp, CspInput
+from siren_ros.evaluation.prediction.published.csp import Csp
 from siren_ros.evaluation.prediction.published.inputs import (
+    Features,
     NgsimView,
     bat_features,
     behaviour_tensor,
@@ -30,8 +31,8 @@ from siren_ros.evaluation.prediction.published.inputs import (
     positions_ft,
     stdan_features,
 )
-from siren_ros.evaluation.prediction.published.layers import Neighbours, mode_probabilities
-from siren_ros.evaluation.prediction.published.stdan import Stdan, StdanInput
+from siren_ros.evaluation.prediction.published.layers import Neighbours, NetworkInput, mode_probabilities
+from siren_ros.evaluation.prediction.published.stdan import Stdan
 from siren_ros.evaluation.prediction.samples import FUTURE_POINTS, HistoryWindow, SampleBatch
 from siren_ros.numerics.arrays import Floats
 
@@ -41,16 +42,19 @@ _RENAMED: Final = {"soc_conv_3x1.": "conv_3x1."}
 """A layer of CSP, as another of the published repositories calls it."""
 
 
-def load_weights(network: nn.Module, model: str, path: Path) -> None:
-    """Loads the weights of a file into a network, and makes it ready for prediction.
+def load_weights(network: nn.Module, model: str, path: Path | None) -> nn.Module:
+    """Loads the weights of a file into a network, makes it ready for prediction, and returns it.
 
     The file holds a state dict, alone or under ``state_dict``, or one for each part of the network by the part's name.
     Where the authors published a file for each part (``epoch9_gd.tar`` and ``epoch9_g.tar``), the path is that of one
     and the others lie next to it.
 
     Raises:
-        InputError: The file cannot be read, holds code, or is not of this model; with counts and the first offender.
+        InputError: There is no file, or it cannot be read, holds code, or is not of this model; with counts and the
+            first offender.
     """
+    if path is None:
+        raise InputError("checkpoint", model, f"{model}=PATH of its weights")
     given = _with_parts(network, path)
     wanted = network.state_dict()
     missing = [name for name in wanted if name not in given]
@@ -73,6 +77,7 @@ def load_weights(network: nn.Module, model: str, path: Path) -> None:
         raise InputError("checkpoint", str(path), what)
     network.load_state_dict(given)
     network.eval()
+    return network
 
 
 def _with_parts(network: nn.Module, path: Path) -> dict[str, Tensor]:
@@ -106,18 +111,18 @@ def _read(path: Path) -> Mapping[str, Any]:
 
 
 def _flat(content: Mapping[str, Any], path: str, prefix: str = "") -> dict[str, Tensor]:
-    found: dict[str, Tensor] = {}
+    weights: dict[str, Tensor] = {}
     for name, value in content.items():
         full = f"{prefix}{name}"
         if isinstance(value, Mapping):
-            found.update(_flat(value, path, f"{full}."))
+            weights.update(_flat(value, path, f"{full}."))
         elif isinstance(value, Tensor):
             for old, new in _RENAMED.items():
                 full = full.replace(old, new)
-            found[full] = value
+            weights[full] = value
         else:
             raise InputError("checkpoint", path, f"tensors alone; {full} is of type {type(value).__name__}")
-    return found
+    return weights
 
 
 _PART: Final = 1024
@@ -146,69 +151,48 @@ class PublishedPredictor:
         return view.on_map(right_ahead_ft * FOOT_M), probability
 
 
-def make_csp(options: PredictorOptions) -> PublishedPredictor:
+def make_csp(checkpoint: Path | None) -> PublishedPredictor:
     """CSP with six modes."""
-    network = Csp()
-    _load(network, "csp", options)
+    network = load_weights(Csp(), "csp", checkpoint)
 
     def answer(view: NgsimView) -> Answer:
-        features = csp_features(view)
-        given = CspInput(torch.from_numpy(features.own), torch.from_numpy(features.neighbours), _neighbours(view))
-        modes, lateral, longitudinal = network(given)
-        return _by_sample(modes), _doubles(mode_probabilities(lateral, longitudinal))
+        modes, lateral, longitudinal = network(NetworkInput(*_tensors(csp_features(view), view)))
+        return _by_sample(modes), mode_probabilities(lateral, longitudinal).double().numpy()
 
     return PublishedPredictor(answer)
 
 
-def make_stdan(options: PredictorOptions) -> PublishedPredictor:
+def make_stdan(checkpoint: Path | None) -> PublishedPredictor:
     """STDAN, whose own manoeuvres choose the one hypothesis."""
-    network = Stdan()
-    _load(network, "stdan", options)
+    network = load_weights(Stdan(), "stdan", checkpoint)
 
     def answer(view: NgsimView) -> Answer:
-        features = stdan_features(view)
-        given = StdanInput(torch.from_numpy(features.own), torch.from_numpy(features.neighbours), _neighbours(view))
-        path, _, _ = network(given)
+        path, _, _ = network(NetworkInput(*_tensors(stdan_features(view), view)))
         return _by_sample(path[None]), np.ones((len(view), 1))
 
     return PublishedPredictor(answer)
 
 
-def make_bat(options: PredictorOptions) -> PublishedPredictor:
+def make_bat(checkpoint: Path | None) -> PublishedPredictor:
     """BAT with nine modes; the vehicles of one frame are a scene."""
-    network = Bat()
-    _load(network, "bat", options)
+    network = load_weights(Bat(), "bat", checkpoint)
 
     def answer(view: NgsimView) -> Answer:
-        features = bat_features(view)
-        own, others = (polar(positions) for positions in positions_ft(view))
-        given = BatInput(
-            torch.from_numpy(features.own),
-            torch.from_numpy(features.neighbours),
-            torch.from_numpy(behaviour_tensor(own, others, view.sample, view.cell)),
-            _neighbours(view),
-            torch.from_numpy(view.scene),
-        )
+        targets, others = (polar(positions) for positions in positions_ft(view))
+        behaviour = torch.from_numpy(behaviour_tensor(targets, others, view.sample, view.cell))
+        given = BatInput(*_tensors(bat_features(view), view), behaviour, torch.from_numpy(view.scene))
         modes, lateral, longitudinal = network(given)
-        return from_polar(_by_sample(modes)), _doubles(mode_probabilities(lateral, longitudinal))
+        return from_polar(_by_sample(modes)), mode_probabilities(lateral, longitudinal).double().numpy()
 
     return PublishedPredictor(answer)
 
 
-def _load(network: torch.nn.Module, model: str, options: PredictorOptions) -> None:
-    if options.checkpoint is None:
-        raise InputError("checkpoint", model, f"{model}=PATH of its weights")
-    load_weights(network, model, options.checkpoint)
-
-
-def _neighbours(view: NgsimView) -> Neighbours:
-    return Neighbours(torch.from_numpy(view.sample), torch.from_numpy(view.cell), len(view))
+def _tensors(features: Features, view: NgsimView) -> tuple[Tensor, Tensor, Neighbours]:
+    """The parts of ``NetworkInput``."""
+    targets, neighbours = (torch.from_numpy(values) for values in features)
+    return targets, neighbours, Neighbours(torch.from_numpy(view.sample), torch.from_numpy(view.cell), len(view))
 
 
 def _by_sample(modes: Tensor) -> Floats:
     """Means of ``(k, 25, B, 5)`` as ``(B, k, 25, 2)``."""
-    return _doubles(modes[..., :2].permute(2, 0, 1, 3))
-
-
-def _doubles(values: Tensor) -> Floats:
-    return values.double().numpy()
+    return modes[..., :2].permute(2, 0, 1, 3).double().numpy()

@@ -7,69 +7,39 @@ The names of the layers are those of the published weights; ``fc`` of the encode
 """
 
 import math
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
 
 from siren_ros.datasets.ngsim_frame import CELLS
 from siren_ros.evaluation.prediction.published.layers import (
-    ATTENDED,
-    EMBEDDED,
     ENCODED,
     HEAD_SIZE,
     HEADS,
-    AddAndNorm,
-    GatedLinear,
+    GatedEncoder,
     Groups,
     ManoeuvreGenerator,
-    Neighbours,
+    NetworkInput,
     most_probable,
 )
 
 
-@dataclass(frozen=True)
-class StdanInput:
-    """Features by vehicle and point: x, y (feet), class, speed (ft/s), acceleration (ft/s²)."""
+class StdanEncoder(GatedEncoder):
+    """Attention over the cells at each point of the past, then over the points.
 
-    history: Tensor
-    """Shape ``(16, B, 5)``."""
-    neighbour_history: Tensor
-    """Shape ``(16, P, 5)``."""
-    neighbours: Neighbours
-
-
-class StdanEncoder(nn.Module):
-    """Attention over the cells at each point of the past, then over the points."""
+    Features: x, y (feet), class, speed (ft/s), acceleration (ft/s²).
+    """
 
     def __init__(self) -> None:
-        super().__init__()
-        self.linear1 = nn.Linear(5, EMBEDDED)
-        self.lstm = nn.LSTM(EMBEDDED, ENCODED)
-        self.qff = nn.Linear(ENCODED, ATTENDED)
-        self.kff = nn.Linear(ENCODED, ATTENDED)
-        self.vff = nn.Linear(ENCODED, ATTENDED)
-        self.first_glu = GatedLinear()
-        self.second_glu = GatedLinear()
-        self.qt = nn.Linear(ENCODED, ATTENDED)
-        self.kt = nn.Linear(ENCODED, ATTENDED)
-        self.vt = nn.Linear(ENCODED, ATTENDED)
-        self.addAndNorm = AddAndNorm()
-        self.fc = nn.Linear(2 * ENCODED, ENCODED)
-        self.activation = nn.ELU()
+        super().__init__(features=5, encoded=ENCODED)
 
-    def forward(self, given: StdanInput) -> Tensor:
+    def forward(self, given: NetworkInput) -> Tensor:
         """The encoded past, shape ``(B, 16, 64)``."""
-        own = self._encoded(given.history)
+        own = self.encoded(given.history)
         social = self.addAndNorm(own, self.first_glu(self._over_cells(own, given)))
         return self.addAndNorm(own, self.second_glu(self._over_time(social)))
 
-    def _encoded(self, features: Tensor) -> Tensor:
-        """Shape ``(16, V, 5)`` to ``(V, 16, 64)``."""
-        hidden, _ = self.lstm(self.activation(self.linear1(features)))
-        return hidden.permute(1, 0, 2)
-
-    def _over_cells(self, own: Tensor, given: StdanInput) -> Tensor:
+    def _over_cells(self, own: Tensor, given: NetworkInput) -> Tensor:
         """Attention of the target to the 39 cells, shape ``(B, 16, 192)``.
 
         An empty cell is a vector of zeros, so that all empty cells have one key and one value, the biases: they are one
@@ -77,7 +47,7 @@ class StdanEncoder(nn.Module):
         """
         groups = Groups.of(given.neighbours.sample, given.neighbours.samples)
         query = _heads(self.qff(own)).unsqueeze(-2)
-        seen = groups.spread(self._encoded(given.neighbour_history)) if groups.group.numel() else None
+        seen = groups.spread(self.encoded(given.neighbour_history)) if groups.group.numel() else None
         count = groups.count.to(own.dtype)
         empty = (query @ self.kff.bias.view(HEADS, HEAD_SIZE, 1)) / math.sqrt(ENCODED)
         empty = empty + torch.log(CELLS - count).view(-1, 1, 1, 1, 1)
@@ -107,7 +77,7 @@ class Stdan(nn.Module):
         self.gd = StdanEncoder()
         self.g = ManoeuvreGenerator()
 
-    def forward(self, given: StdanInput) -> tuple[Tensor, Tensor, Tensor]:
+    def forward(self, given: NetworkInput) -> tuple[Tensor, Tensor, Tensor]:
         """Gaussians ``(25, B, 5)``, and the probabilities of lateral and longitudinal manoeuvres, each ``(B, 3)``.
 
         The most probable manoeuvres choose the mapping; the decoder gets all probabilities.

@@ -20,8 +20,8 @@ from siren_ros.evaluation.statistics.block_means import (
     interval_of_mean,
     paired_difference,
 )
-from siren_ros.evaluation.statistics.interval import Interval
 from siren_ros.numerics.arrays import Codes, Flags, Floats, Rows
+from siren_ros.tables.interval import Interval
 
 _PARTS: Final = 3
 """Ranges of a parameter with many values: low, middle, high, with equally many episodes."""
@@ -55,15 +55,14 @@ class Group:
 def groups_of(scores: Sequence[EpisodeScores]) -> tuple[Group, ...]:
     """Every group of some episodes, in the order of reports."""
     everything = np.ones(len(scores), dtype=np.bool_)
-    found = [Group(GroupKind.ALL, "all", everything)]
-    found += _by_name(GroupKind.TEMPLATE, [episode.template for episode in scores])
-    found += [Group(GroupKind.CATEGORY, one.name.lower(), everything, one) for one in Category]
-    found += _by_name(GroupKind.LEVEL, [episode.level.name for episode in scores])
-    return (*found, *_by_parameter(scores))
-
-
-def _by_name(kind: GroupKind, names: Sequence[str]) -> list[Group]:
-    return [Group(kind, name, np.array([one == name for one in names])) for name in sorted(set(names))]
+    templates, levels = ([getattr(episode, kind) for episode in scores] for kind in ("template", "level"))
+    return (
+        Group(GroupKind.ALL, "all", everything),
+        *(Group(GroupKind.TEMPLATE, name, np.array(templates) == name) for name in sorted(set(templates))),
+        *(Group(GroupKind.CATEGORY, category.name.lower(), everything, category) for category in Category),
+        *(Group(GroupKind.LEVEL, level.name, np.array(levels) == level) for level in sorted(set(levels))),
+        *_by_parameter(scores),
+    )
 
 
 def _by_parameter(scores: Sequence[EpisodeScores]) -> Iterator[Group]:
@@ -120,10 +119,6 @@ class SampleTable:
         """Share of the population's samples that were scored; 1 without any sample."""
         return len(self) / self.wanted if self.wanted else 1.0
 
-    def of_episodes(self, episodes: Flags) -> Flags:
-        """Which samples are of some episodes."""
-        return episodes[self.episode]
-
 
 def sample_table(scores: Sequence[EpisodeScores], model: str) -> SampleTable:
     """The samples of one model."""
@@ -149,7 +144,7 @@ PARAMETER_METRICS: Final = frozenset({"ade_m", "fde_m"})
 
 
 @dataclass(frozen=True)
-class Cell:
+class Score:
     """One metric of one model in one group."""
 
     interval: Interval
@@ -166,7 +161,7 @@ class ScoreTable:
     groups: tuple[Group, ...]
     samples: Mapping[str, SampleTable]
     """By model."""
-    cells: Mapping[tuple[str, str, str], Cell]
+    cells: Mapping[tuple[str, str, str], Score]
     """By model, name of the group, and metric."""
 
     def of_kind(self, kind: GroupKind) -> tuple[Group, ...]:
@@ -189,15 +184,17 @@ def score_table(scores: Sequence[EpisodeScores]) -> ScoreTable:
     samples = {model: sample_table(scores, model) for model in models}
     groups = groups_of(scores)
     stratum = strata(scores)
-    cells: dict[tuple[str, str, str], Cell] = {}
+    cells: dict[tuple[str, str, str], Score] = {}
     for model, table in samples.items():
         for group in groups:
-            chosen = chosen_samples(table, group)
+            chosen = group.episodes[table.episode]
+            if group.category is not None:
+                chosen &= table.category == group.category
             for metric in METRICS:
                 if group.kind is GroupKind.PARAMETER and metric.name not in PARAMETER_METRICS:
                     continue
                 sums = sums_of(table, metric, chosen, stratum)
-                cells[model, group.name, metric.name] = Cell(interval_of_mean(sums), int(sums.count.sum()))
+                cells[model, group.name, metric.name] = Score(interval_of_mean(sums), int(sums.count.sum()))
     return ScoreTable(tuple(scores), models, groups, samples, cells)
 
 
@@ -206,14 +203,8 @@ def strata(scores: Sequence[EpisodeScores]) -> Rows:
     return np.unique([episode.template for episode in scores], return_inverse=True)[1].astype(np.intp)
 
 
-def chosen_samples(table: SampleTable, group: Group) -> Flags:
-    """Which of a model's samples a group counts, shape ``(N,)``."""
-    chosen = table.of_episodes(group.episodes)
-    return chosen if group.category is None else chosen & (table.category == group.category)
-
-
-def sums_of(table: SampleTable, metric: Metric, chosen: Flags, stratum: Rows) -> BlockSums:
-    """Sums of a metric over the episodes."""
+def sums_of(table: SampleTable, metric: Metric, chosen: Flags | Rows, stratum: Rows) -> BlockSums:
+    """Sums of a metric over the episodes, of some samples."""
     return block_sums(table.values[metric.name][chosen], table.episode[chosen], stratum, metric.of_mean)
 
 
@@ -241,45 +232,35 @@ def differences(table: ScoreTable, seed: int = 0) -> tuple[Difference, ...]:
     stratum = strata(table.episodes)
     pairs = list(combinations(table.models, 2))
     common = {pair: common_rows(*(table.samples[model] for model in pair)) for pair in pairs}
-    found = []
+
+    def compared(pair: tuple[str, str], metric: str, group: Group) -> tuple[PairedDifference, int]:
+        sums = []
+        for model, rows in zip(pair, common[pair], strict=True):
+            samples = table.samples[model]
+            chosen = rows[group.episodes[samples.episode[rows]]]
+            sums.append(sums_of(samples, METRIC_OF[metric], chosen, stratum))
+        first, second = sums
+        return paired_difference(first, second, np.random.default_rng(seed)), int(first.count.sum())
+
+    rows: list[Difference] = []
     for metric in COMPARED:
         for group in (*table.of_kind(GroupKind.ALL), *table.of_kind(GroupKind.TEMPLATE)):
-            results = [
-                _compare(table, pair, common[pair], METRIC_OF[metric], group.episodes, stratum, seed) for pair in pairs
-            ]
+            results = [compared(pair, metric, group) for pair in pairs]
             adjusted = holm([result.p_value for result, _ in results])
-            found += [
+            rows += [
                 Difference(metric, group.name, *pair, result.difference, result.p_value, together, samples)
                 for pair, (result, samples), together in zip(pairs, results, adjusted, strict=True)
             ]
-    return tuple(found)
+    return tuple(rows)
 
 
-def common_rows(one: SampleTable, two: SampleTable) -> tuple[Rows, Rows]:
+def common_rows(first: SampleTable, second: SampleTable) -> tuple[Rows, Rows]:
     """Rows of the samples that both models have, in the same order."""
-    keys = [np.stack((table.episode, table.key), axis=1) for table in (one, two)]
+    keys = [np.stack((table.episode, table.key), axis=1) for table in (first, second)]
     both, inverse = np.unique(np.concatenate(keys), axis=0, return_inverse=True)
     place = np.full((2, len(both)), -1, dtype=np.intp)
     inverse = inverse.ravel()
-    place[0, inverse[: len(one)]] = np.arange(len(one))
-    place[1, inverse[len(one) :]] = np.arange(len(two))
+    place[0, inverse[: len(first)]] = np.arange(len(first))
+    place[1, inverse[len(first) :]] = np.arange(len(second))
     there = (place >= 0).all(axis=0)
     return place[0, there], place[1, there]
-
-
-def _compare(
-    table: ScoreTable,
-    pair: tuple[str, str],
-    rows: tuple[Rows, Rows],
-    metric: Metric,
-    episodes: Flags,
-    stratum: Rows,
-    seed: int,
-) -> tuple[PairedDifference, int]:
-    sums = []
-    for model, own in zip(pair, rows, strict=True):
-        samples = table.samples[model]
-        chosen = own[episodes[samples.episode[own]]]
-        sums.append(block_sums(samples.values[metric.name][chosen], samples.episode[chosen], stratum, metric.of_mean))
-    first, second = sums
-    return paired_difference(first, second, np.random.default_rng(seed)), int(first.count.sum())

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from siren_ros.evaluation.prediction.samples import SampleBatch
-from siren_ros.evaluation.prediction.siren_model.paths import PathChoice
+from siren_ros.evaluation.prediction.siren_model.paths import PathChoice, rank_within
 from siren_ros.numerics.arrays import Codes, Flags, Floats, Rows
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
@@ -49,7 +49,7 @@ def choose_neighbours(batch: SampleBatch) -> NeighbourChoice:
     sample, other, distance = sample[near], other[near], distance[near]
     order = np.lexsort((distance, ~is_emv[other], sample))
     sample, other = sample[order], other[order]
-    place = np.arange(len(sample)) - np.searchsorted(sample, sample)
+    place = rank_within(sample)
     few = place < NEIGHBOURS
     actor, there = np.zeros((len(batch), NEIGHBOURS), dtype=np.intp), np.zeros((len(batch), NEIGHBOURS), dtype=np.bool_)
     actor[sample[few], place[few]], there[sample[few], place[few]] = other[few], True
@@ -77,7 +77,12 @@ def target_columns(batch: SampleBatch) -> dict[str, Floats]:
         **{f"vx{point - points}": velocity[:, point, 0] for point in range(points)},
         **{f"vy{point - points}": velocity[:, point, 1] for point in range(points)},
         **{f"turned{point - points}": turned[:, point] for point in range(0, points - 1, 2)},
-        **_gains(velocity),
+        # Change of the velocity over the last 0.2, 0.6 and 1.4 s, per second.
+        **{
+            f"{axis}_gained_in{steps}": (velocity[:, -1, number] - velocity[:, -1 - steps, number]) / (0.2 * steps)
+            for steps in (1, 3, 7)
+            for number, axis in enumerate("xy")
+        },
         **_body_columns(batch, rows),
     }
 
@@ -101,7 +106,7 @@ def neighbour_columns(batch: SampleBatch, choice: NeighbourChoice) -> dict[str, 
         "sin": np.sin(turned),
         "vx": velocity[:, :, 0, 0],
         "vy": velocity[:, :, 0, 1],
-        "closing_x": velocity[:, :, 0, 0] - _speed(batch)[:, None],
+        "closing_x": velocity[:, :, 0, 0] - batch.speed_mps[:, None] / SPEED_SCALE_MPS,
         **{f"moved_x{at}": moved[:, :, number, 0] for number, at in enumerate(_PAST, 1)},
         **{f"moved_y{at}": moved[:, :, number, 1] for number, at in enumerate(_PAST, 1)},
         **{f"gained_x{at}": gained[:, :, number, 0] for number, at in enumerate(_PAST, 1)},
@@ -109,19 +114,6 @@ def neighbour_columns(batch: SampleBatch, choice: NeighbourChoice) -> dict[str, 
         **_body_columns(batch, rows),
     }
     return {name: np.where(choice.there, values, 0.0) for name, values in columns.items()}
-
-
-def _speed(batch: SampleBatch) -> Floats:
-    return np.hypot(batch.velocity_mps[:, 0], batch.velocity_mps[:, 1]) / SPEED_SCALE_MPS
-
-
-def _gains(velocity: Floats) -> dict[str, Floats]:
-    """Change of the velocity over the last 0.2, 0.6 and 1.4 s, per second."""
-    return {
-        f"{axis}_gained_in{steps}": (velocity[:, -1, number] - velocity[:, -1 - steps, number]) / (0.2 * steps)
-        for steps in (1, 3, 7)
-        for number, axis in enumerate("xy")
-    }
 
 
 def _body_columns(batch: SampleBatch, rows: Rows) -> dict[str, Floats]:
@@ -169,18 +161,18 @@ def traffic_columns(
     key = row * points_m.shape[1] + path
     order = np.lexsort((gap, key))
     row, path, other, gap, key = row[order], path[order], other[order], gap[order], key[order]
-    place_in_line = np.arange(len(key)) - np.searchsorted(key, key)
+    place_in_line = rank_within(key)
     velocity = actors.velocity_mps[:, -1]
     speed = np.hypot(velocity[:, 0], velocity[:, 1]) / SPEED_SCALE_MPS
     columns = {name: np.zeros(points_m.shape[:2]) for name in _NAMES}
     for number, prefix in enumerate(_LEADERS):
         columns[f"{prefix}_gap"][:] = 1.0
-        found = np.flatnonzero(place_in_line == number)
-        at = row[found], path[found]
-        columns[f"{prefix}_gap"][at] = np.clip(gap[found], -_OVERLAP_M, _FAR_M) / _FAR_M
+        pairs = np.flatnonzero(place_in_line == number)
+        at = row[pairs], path[pairs]
+        columns[f"{prefix}_gap"][at] = np.clip(gap[pairs], -_OVERLAP_M, _FAR_M) / _FAR_M
         columns[f"{prefix}_there"][at] = 1.0
-        columns[f"{prefix}_speed"][at] = speed[other[found]]
-        columns[f"{prefix}_is_emv"][at] = actors.is_emv[other[found]]
+        columns[f"{prefix}_speed"][at] = speed[other[pairs]]
+        columns[f"{prefix}_is_emv"][at] = actors.is_emv[other[pairs]]
     return columns
 
 
@@ -297,10 +289,10 @@ def _rule(batch: SampleBatch, movement: Connection, frame: Rows) -> Floats:
 
 
 def _link_codes(batch: SampleBatch, movement: Connection) -> Codes:
-    known = batch.signals.get(movement.signal_id or "")
-    if known is None or not 0 <= movement.signal_link < known.shape[1]:
+    codes = batch.signals.get(movement.signal_id or "")
+    if codes is None or not 0 <= movement.signal_link < codes.shape[1]:
         return np.zeros(len(batch.step), dtype=np.uint8)
-    return known[:, movement.signal_link]
+    return codes[:, movement.signal_link]
 
 
 _LANE_NAMES: Final = ("limit", "width", "right", "left", "shoulder_right", *_KINDS.values())

@@ -9,7 +9,6 @@ import numpy as np
 from siren_ros.evaluation.prediction.samples import SampleBatch
 from siren_ros.evaluation.prediction.siren_model.columns import (
     NEIGHBOURS,
-    NeighbourChoice,
     choose_neighbours,
     in_frame_of,
     lane_columns,
@@ -18,7 +17,7 @@ from siren_ros.evaluation.prediction.siren_model.columns import (
     target_columns,
     traffic_columns,
 )
-from siren_ros.evaluation.prediction.siren_model.paths import PATH_POINTS, PATHS, PathChoice, choose_paths
+from siren_ros.evaluation.prediction.siren_model.paths import PATH_POINTS, PATHS, choose_paths
 from siren_ros.numerics.arrays import Flags, Floats, Floats32, Rows
 
 FEATURES_VERSION: Final = 1
@@ -81,33 +80,28 @@ def features_of(batch: SampleBatch) -> Features:
 
 def features_and_names(batch: SampleBatch) -> tuple[Features, FeatureNames]:
     """The arrays of all samples of a batch, and the names of their columns."""
-    speed = np.hypot(batch.velocity_mps[:, 0], batch.velocity_mps[:, 1])
     others = choose_neighbours(batch)
-    choice = choose_paths(batch.network, batch.xy_m, batch.yaw_rad, speed)
+    choice = choose_paths(batch.network, batch.xy_m, batch.yaw_rad, batch.speed_mps)
     points = in_frame_of(batch, choice.points() - batch.xy_m[:, None, None])
     points = np.where(choice.there[..., None, None], points, 0.0)
-    own, seen = target_columns(batch), neighbour_columns(batch, others)
-    road = _road_columns(batch, choice, others, points)
+    target, neighbours = target_columns(batch), neighbour_columns(batch, others)
+    road = {
+        **lane_columns(batch.network, choice),
+        **stop_line_columns(batch, choice),
+        **traffic_columns(batch, others, choice, points),
+    }
+    road = {name: np.where(choice.there, values, 0.0) for name, values in road.items()}
     features = Features(
-        target=_stacked(own),
-        speed_mps=speed.astype(np.float32),
-        neighbours=_stacked(seen),
+        target=_stacked(target),
+        speed_mps=batch.speed_mps.astype(np.float32),
+        neighbours=_stacked(neighbours),
         neighbour_there=others.there,
         path_points_m=points.astype(np.float32),
         path_spacing_m=choice.spacing_m.astype(np.float32),
         paths=_stacked(road),
         path_there=choice.there,
     )
-    return features, FeatureNames(tuple(own), tuple(seen), tuple(road))
-
-
-def _road_columns(batch: SampleBatch, choice: PathChoice, others: NeighbourChoice, points: Floats) -> dict[str, Floats]:
-    columns = {
-        **lane_columns(batch.network, choice),
-        **stop_line_columns(batch, choice),
-        **traffic_columns(batch, others, choice, points),
-    }
-    return {name: np.where(choice.there, values, 0.0) for name, values in columns.items()}
+    return features, FeatureNames(tuple(target), tuple(neighbours), tuple(road))
 
 
 def _stacked(columns: dict[str, Floats]) -> Floats32:

@@ -47,11 +47,10 @@ def lane_candidates(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats) -> Lane
         xy_m: Footprint centres, shape ``(M, 2)``.
         yaw_rad: Headings, shape ``(M,)``.
     """
-    found: list[tuple[Rows, Floats, Floats, Floats]] = []
-    lanes: list[int] = []
-    if len(xy_m):
-        low, high = xy_m.min(axis=0), xy_m.max(axis=0)
-    for lane in network.lanes if len(xy_m) else ():
+    nothing = np.empty(0)
+    parts = [(np.empty(0, dtype=np.intp), np.empty(0, dtype=np.int32), nothing, nothing, nothing)]
+    low, high = xy_m.min(axis=0, initial=np.inf), xy_m.max(axis=0, initial=-np.inf)
+    for lane in network.lanes:
         reach = 0.5 * lane.width_m + _MARGIN_M
         corner_low, corner_high = lane.centre.points.min(axis=0) - reach, lane.centre.points.max(axis=0) + reach
         if lane.kind not in _DRIVEN_KINDS or (corner_low > high).any() or (corner_high < low).any():
@@ -63,15 +62,9 @@ def lane_candidates(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats) -> Lane
         turned = wrap_angle(yaw_rad[near] - lane.centre.heading_rad(arc))
         fits = (np.abs(left) <= reach) & (np.abs(turned) <= _TURNED_MAX_RAD)
         fits &= (arc >= -_END_MARGIN_M) & (arc <= lane.length_m + _END_MARGIN_M)
-        found.append((near[fits], arc[fits], left[fits], turned[fits]))
-        lanes.append(lane.index)
-    if not found:
-        nothing = np.empty(0)
-        return LaneCandidates(
-            np.empty(0, dtype=np.intp), np.empty(0, dtype=np.int32), nothing, nothing, nothing, nothing
-        )
-    row, arc, left, turned = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    lane_of = np.repeat(np.array(lanes, dtype=np.int32), [len(part[0]) for part in found])
+        lanes = np.full(len(near), lane.index, dtype=np.int32)
+        parts.append((near[fits], lanes[fits], arc[fits], left[fits], turned[fits]))
+    row, lane_of, arc, left, turned = (np.concatenate(part) for part in zip(*parts, strict=True))
     cost = _OFFSET_COST_PER_M * np.abs(left) + _HEADING_COST_PER_RAD * np.abs(turned)
     order = np.lexsort((cost, row))
     return LaneCandidates(row[order], lane_of[order], arc[order], left[order], turned[order], cost[order])
@@ -217,12 +210,12 @@ class PathChoice:
 
     def points(self) -> Points:
         """Points along the paths in the frame ``map``, 0 where there is no path; ``(N, PATHS, PATH_POINTS, 2)``."""
-        found = np.zeros((*self.index.shape, PATH_POINTS, 2))
+        points = np.zeros((*self.index.shape, PATH_POINTS, 2))
         steps = np.arange(PATH_POINTS)
         for path, row, column in self.groups():
             arc = self.arc_m[row, column, None] + self.spacing_m[row, None] * steps
-            found[row, column] = path.curve.offset_points(arc, self.offset_m[row, column, None])
-        return found
+            points[row, column] = path.curve.offset_points(arc, self.offset_m[row, column, None])
+        return points
 
     def groups(self) -> list[tuple[RoadPath, Rows, Rows]]:
         """Each path that occurs, with the samples and columns that it stands in."""
@@ -249,9 +242,9 @@ def choose_paths(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats, speed_mps:
     """
     count = len(xy_m)
     reach = np.minimum(_HORIZON_S * speed_mps + _STANDING_REACH_M, _REACH_MAX_M)
-    found = lane_candidates(network, xy_m, yaw_rad)
-    kept = np.flatnonzero(_rank_within(found.row) < _LANES)
-    row, lane, arc = found.row[kept], found.lane[kept], found.arc_m[kept]
+    candidates = lane_candidates(network, xy_m, yaw_rad)
+    kept = np.flatnonzero(rank_within(candidates.row) < _LANES)
+    row, lane, arc = candidates.row[kept], candidates.lane[kept], candidates.arc_m[kept]
     lengths = np.array([each.length_m for each in network.lanes])
     beyond = arc + reach[row] - lengths[lane]
     step = np.searchsorted(_REACHES_M, np.minimum(beyond, _REACHES_M[-1]))
@@ -275,18 +268,18 @@ def choose_paths(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats, speed_mps:
     if pairs:
         member, path_index, turn = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
         # Rounded, so that the order of paths of equal cost does not depend on where the scene is.
-        cost = np.round(found.cost[kept][member] + _TURN_COST_PER_RAD * turn, 3)
+        cost = np.round(candidates.cost[kept][member] + _TURN_COST_PER_RAD * turn, 3)
         order = np.lexsort((path_index, cost, row[member]))
         member, path_index = member[order], path_index[order]
-        place = _rank_within(row[member])
+        place = rank_within(row[member])
         few = place < PATHS
         member, path_index, at = member[few], path_index[few], (row[member[few]], place[few])
         choice.index[at], choice.arc_m[at] = path_index, arc[member]
-        choice.offset_m[at], choice.turned_rad[at] = found.offset_m[kept][member], found.turned_rad[kept][member]
+        chosen = kept[member]
+        choice.offset_m[at], choice.turned_rad[at] = candidates.offset_m[chosen], candidates.turned_rad[chosen]
     return choice
 
 
-def _rank_within(group: Rows) -> Rows:
-    """Position of each element within its group; equal numbers stand next to each other."""
-    first = np.flatnonzero(np.concatenate(([True], group[1:] != group[:-1]))) if len(group) else np.empty(0, np.intp)
-    return np.arange(len(group)) - np.repeat(first, np.diff(np.concatenate((first, [len(group)]))))
+def rank_within(group: Rows) -> Rows:
+    """Position of each element within its group, from groups in ascending order."""
+    return np.arange(len(group)) - np.searchsorted(group, group)

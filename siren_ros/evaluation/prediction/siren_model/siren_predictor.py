@@ -3,16 +3,15 @@
 The network is an ONNX file with its card next to it.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.network_file import open_network
-from siren_ros.evaluation.prediction.predictors import Hypotheses, PredictorOptions
+from siren_ros.evaluation.network_file import NetworkFile, open_network
+from siren_ros.evaluation.prediction.predictors import Hypotheses
 from siren_ros.evaluation.prediction.samples import FUTURE_POINTS, HistoryWindow, SampleBatch
 from siren_ros.evaluation.prediction.siren_model.features import (
     FEATURES_VERSION,
@@ -29,12 +28,8 @@ _SAMPLES_AT_ONCE: Final = 2048
 """Bounds the memory of a run."""
 
 
-@dataclass(frozen=True)
-class TrainedNetwork:
-    """A network that can be run, and what is known about it."""
-
-    session: Any
-    card: Mapping[str, Any]
+class TrainedNetwork(NetworkFile):
+    """A network of the prediction task."""
 
     @property
     def ablation(self) -> Ablation:
@@ -44,17 +39,13 @@ class TrainedNetwork:
     def run(self, features: Features) -> tuple[Floats, Floats]:
         """Paths in the samples' frames, ``(N, k, FUTURE_POINTS, 2)``, and probabilities, ``(N, k)``; not sorted."""
         parts = [
-            self.session.run(OUTPUTS, _inputs(features, slice(start, start + _SAMPLES_AT_ONCE)))
+            self.session.run(OUTPUTS, vars(features.select(slice(start, start + _SAMPLES_AT_ONCE))))
             for start in range(0, len(features), _SAMPLES_AT_ONCE)
         ]
         if not parts:
             return np.empty((0, 1, FUTURE_POINTS, 2)), np.empty((0, 1))
         xy_m, probability = (np.concatenate(arrays).astype(np.float64) for arrays in zip(*parts, strict=True))
         return xy_m, probability
-
-
-def _inputs(features: Features, rows: slice) -> dict[str, Any]:
-    return {field.name: getattr(features, field.name)[rows] for field in fields(Features)}
 
 
 def load_network(path: Path) -> TrainedNetwork:
@@ -95,6 +86,6 @@ class SirenPredictor:
         return Hypotheses.ranked(batch.xy_m[:, None, None] + moved, probability)
 
 
-def make(options: PredictorOptions) -> SirenPredictor:
+def make(checkpoint: Path | None = None) -> SirenPredictor:
     """The constructor of the table of predictors: the weights that ship, or those of ``siren train prediction``."""
-    return SirenPredictor(load_network(options.checkpoint or params_dir() / SHIPPED))
+    return SirenPredictor(load_network(checkpoint or params_dir() / SHIPPED))

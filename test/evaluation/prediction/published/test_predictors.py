@@ -12,9 +12,8 @@ from made_records import moving, record_with
 from plain_networks import drawn
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.prediction.predictors import PredictorOptions
 from siren_ros.evaluation.prediction.published.bat import Bat, BatInput
-from siren_ros.evaluation.prediction.published.csp import Csp, CspInput
+from siren_ros.evaluation.prediction.published.csp import Csp
 from siren_ros.evaluation.prediction.published.inputs import (
     NgsimView,
     bat_features,
@@ -25,14 +24,14 @@ from siren_ros.evaluation.prediction.published.inputs import (
     positions_ft,
     stdan_features,
 )
-from siren_ros.evaluation.prediction.published.layers import Neighbours
+from siren_ros.evaluation.prediction.published.layers import Neighbours, NetworkInput
 from siren_ros.evaluation.prediction.published.predictors import (
     PublishedPredictor,
     make_bat,
     make_csp,
     make_stdan,
 )
-from siren_ros.evaluation.prediction.published.stdan import Stdan, StdanInput
+from siren_ros.evaluation.prediction.published.stdan import Stdan
 from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, SampleBatch, samples_of
 from siren_ros.roads.road_network import RoadNetwork
 
@@ -68,14 +67,14 @@ def on_the_road(batch: SampleBatch, right_ahead_ft: Any) -> Any:
     return batch.xy_m[:, None, None] + np.stack((metres[..., 1], -metres[..., 0]), axis=-1)
 
 
-def saved(network: Any, path: Path) -> PredictorOptions:
+def saved(network: Any, path: Path) -> Path:
     torch.save(network.state_dict(), path / "weights.pt")
-    return PredictorOptions(checkpoint=path / "weights.pt")
+    return path / "weights.pt"
 
 
 def tensors(features: Any, view: NgsimView) -> tuple[Any, Any, Neighbours]:
     around = Neighbours(torch.from_numpy(view.sample), torch.from_numpy(view.cell), len(view))
-    return torch.from_numpy(features.own), torch.from_numpy(features.neighbours), around
+    return *(torch.from_numpy(values) for values in features), around
 
 
 def assert_ranked(found: Any, batch: SampleBatch, modes_ft: Any, lateral: Any, longitudinal: Any) -> None:
@@ -93,7 +92,7 @@ def assert_ranked(found: Any, batch: SampleBatch, modes_ft: Any, lateral: Any, l
 def test_csp_on_the_map(batch: SampleBatch, tmp_path: Path) -> None:
     network, view = drawn(Csp()), ngsim_view(batch)
     with torch.inference_mode():
-        modes, lateral, longitudinal = network(CspInput(*tensors(csp_features(view), view)))
+        modes, lateral, longitudinal = network(NetworkInput(*tensors(csp_features(view), view)))
     found = make_csp(saved(network, tmp_path)).predict(batch)
     modes_ft = np.array([[modes[mode, :, sample, :2].numpy() for mode in range(6)] for sample in range(len(batch))])
     assert_ranked(found, batch, modes_ft, lateral, longitudinal)
@@ -102,7 +101,7 @@ def test_csp_on_the_map(batch: SampleBatch, tmp_path: Path) -> None:
 def test_stdan_on_the_map(batch: SampleBatch, tmp_path: Path) -> None:
     network, view = drawn(Stdan()), ngsim_view(batch)
     with torch.inference_mode():
-        path, _, _ = network(StdanInput(*tensors(stdan_features(view), view)))
+        path, _, _ = network(NetworkInput(*tensors(stdan_features(view), view)))
     found = make_stdan(saved(network, tmp_path)).predict(batch)
     assert (found.probability == 1.0).all()
     assert found.probability.shape == (len(batch), 1)
@@ -116,7 +115,7 @@ def test_bat_on_the_map(batch: SampleBatch, tmp_path: Path) -> None:
     past, around, neighbours = tensors(bat_features(view), view)
     with torch.inference_mode():
         scene = torch.from_numpy(view.scene)
-        modes, lateral, longitudinal = network(BatInput(past, around, behaviour, neighbours, scene))
+        modes, lateral, longitudinal = network(BatInput(past, around, neighbours, behaviour, scene))
     found = make_bat(saved(network, tmp_path)).predict(batch)
     # Its means are a distance and an angle from the right towards ahead.
     r, phi = (modes[..., column].double().numpy().transpose(2, 0, 1) for column in (0, 1))
@@ -126,4 +125,4 @@ def test_bat_on_the_map(batch: SampleBatch, tmp_path: Path) -> None:
 @pytest.mark.parametrize("make", [make_csp, make_stdan, make_bat])
 def test_without_weights_the_models_are_none(make: Any) -> None:
     with pytest.raises(InputError, match="checkpoint"):
-        make(PredictorOptions())
+        make(None)

@@ -10,10 +10,16 @@ torch = pytest.importorskip("torch", reason="torch is not installed: ./env --wit
 from published_files import golden, golden_cells, weights
 
 from siren_ros.evaluation.prediction.published.bat import Bat, BatInput
-from siren_ros.evaluation.prediction.published.csp import Csp, CspInput
-from siren_ros.evaluation.prediction.published.layers import Groups, Neighbours, mode_probabilities, one_hot_modes
+from siren_ros.evaluation.prediction.published.csp import Csp
+from siren_ros.evaluation.prediction.published.layers import (
+    Groups,
+    Neighbours,
+    NetworkInput,
+    mode_probabilities,
+    one_hot_modes,
+)
 from siren_ros.evaluation.prediction.published.predictors import load_weights
-from siren_ros.evaluation.prediction.published.stdan import Stdan, StdanInput
+from siren_ros.evaluation.prediction.published.stdan import Stdan
 
 TOLERANCE = 1e-4
 
@@ -27,13 +33,8 @@ def stacked(known: dict[str, Any], *names: str) -> Any:
     return torch.from_numpy(np.concatenate([known[name] for name in names], axis=-1))
 
 
-def loaded(network: Any, model: str) -> Any:
-    load_weights(network, model, weights(model))
-    return network
-
-
-def stdan_input(known: dict[str, Any]) -> StdanInput:
-    return StdanInput(
+def stdan_input(known: dict[str, Any]) -> NetworkInput:
+    return NetworkInput(
         stacked(known, "hist", "cls", "va"), stacked(known, "nbrs", "nbrscls", "nbrsva"), neighbours_of(known)
     )
 
@@ -42,8 +43,8 @@ def bat_input(known: dict[str, Any], scene: Any) -> BatInput:
     return BatInput(
         stacked(known, "hist", "hist_rel", "cls", "va", "lane"),
         stacked(known, "nbrs", "feat_self", "nbrscls", "nbrsva", "nbrslane"),
-        stacked(known, "behaviour"),
         neighbours_of(known),
+        stacked(known, "behaviour"),
         scene,
     )
 
@@ -56,8 +57,8 @@ def assert_equal(found: Any, known: Any) -> None:
 def test_csp_answers_as_published() -> None:
     known = golden("csp")
     with torch.inference_mode():
-        given = CspInput(stacked(known, "hist"), stacked(known, "nbrs"), neighbours_of(known))
-        modes, lateral, longitudinal = loaded(Csp(), "csp")(given)
+        given = NetworkInput(stacked(known, "hist"), stacked(known, "nbrs"), neighbours_of(known))
+        modes, lateral, longitudinal = load_weights(Csp(), "csp", weights("csp"))(given)
     assert_equal(modes, known["out_modes"])
     assert_equal(lateral, known["lat_prob"])
     assert_equal(longitudinal, known["lon_prob"])
@@ -65,7 +66,7 @@ def test_csp_answers_as_published() -> None:
 
 def test_stdan_answers_as_published() -> None:
     known = golden("stdan")
-    network = loaded(Stdan(), "stdan")
+    network = load_weights(Stdan(), "stdan", weights("stdan"))
     with torch.inference_mode():
         path, lateral, longitudinal = network(stdan_input(known))
         encoded = network.gd(stdan_input(known))
@@ -77,7 +78,7 @@ def test_stdan_answers_as_published() -> None:
 
 def test_bat_answers_as_published_where_the_batch_is_one_scene() -> None:
     known = golden("bat")
-    network = loaded(Bat(), "bat")
+    network = load_weights(Bat(), "bat", weights("bat"))
     given = bat_input(known, torch.zeros(24, dtype=torch.long))
     with torch.inference_mode():
         modes, lateral, longitudinal = network(given)
@@ -90,7 +91,7 @@ def test_bat_answers_as_published_where_the_batch_is_one_scene() -> None:
 
 def test_scenes_of_bat_know_nothing_of_each_other() -> None:
     known = golden("bat")
-    network = loaded(Bat(), "bat")
+    network = load_weights(Bat(), "bat", weights("bat"))
     sample, _ = golden_cells(known)
     alone = {name: value for name, value in known.items() if name != "fut"}
     for name in ("hist", "hist_rel", "va", "lane", "cls", "behaviour"):
@@ -112,13 +113,12 @@ def test_a_sample_is_answered_alone_as_among_others(network: Any) -> None:
     width = 2 if isinstance(network, Csp) else 5
     history = torch.randn((16, 3, width), generator=generator)
     others = torch.randn((16, 2, width), generator=generator)
-    kind = CspInput if isinstance(network, Csp) else StdanInput
-    both = kind(history, others, Neighbours(torch.tensor([0, 2]), torch.tensor([5, 30]), 3))
+    both = NetworkInput(history, others, Neighbours(torch.tensor([0, 2]), torch.tensor([5, 30]), 3))
     with torch.inference_mode():
         together = network(both)[0]
         for sample, (rows, cell) in enumerate([([0], [5]), ([], []), ([1], [30])]):
             at = Neighbours(torch.zeros(len(cell), dtype=torch.long), torch.tensor(cell, dtype=torch.long), 1)
-            alone = network(kind(history[:, [sample]], others[:, rows], at))[0]
+            alone = network(NetworkInput(history[:, [sample]], others[:, rows], at))[0]
             assert torch.allclose(alone[..., 0, :], together[..., sample, :], atol=1e-5)
 
 

@@ -1,4 +1,4 @@
-"""Lines of the CSV files; ``reported_scores`` says what their numbers follow from."""
+"""The files of a report; ``reported_scores`` says what their numbers follow from."""
 
 import csv
 import io
@@ -12,16 +12,16 @@ import pytest
 from made_scores import episode_scores, five_episodes, model_scores, reported_scores
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.prediction.episode_scores import Category, EpisodeScores
+from siren_ros.evaluation.prediction.episode_scores import EpisodeScores
 from siren_ros.evaluation.prediction.reports.report_files import (
     csv_files,
     json_report,
-    latex_tables,
+    latex_files,
     new_folder,
     write_report,
 )
 from siren_ros.evaluation.prediction.reports.score_table import differences, score_table
-from siren_ros.evaluation.prediction.reports.text_report import text_report
+from siren_ros.evaluation.prediction.reports.tables import prediction_tables, text_report
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,9 @@ def files() -> Mapping[str, str]:
     return csv_files(table, differences(table))
 
 
-def rows_of(text: str) -> list[dict[str, str]]:
+def rows_of(content: str | Path) -> list[dict[str, str]]:
+    """The rows of a CSV file or of its content."""
+    text = content if isinstance(content, str) else content.read_text(encoding="utf-8")
     return list(csv.DictReader(io.StringIO(text)))
 
 
@@ -179,41 +181,43 @@ def test_a_ranking_is_written_with_its_numbers() -> None:
     assert ranking == {"rho": pytest.approx(1.0), "p_value": pytest.approx(2 / 24), "pairs": 4}
 
 
-OWN = r"""
-% RMSE (m) at the 5-s horizon; population: region; 4 episodes
-\begin{tabular}{lcccc}
+RMSE = r"""
+% RMSE in m at the 5-s horizon by template; 4 episodes
+\begin{tabular}{lcccccc}
 \toprule
-Model & S1 & S2 & own & Mean \\
+model & S1 & S2 & own & mean & samples & coverage \\
 \midrule
-CV & 9.08 & 17.28 & 32.00 & 19.45 \\
-net v\_1 & 14.24 & 25.30 & 64.00 & 34.51 \\
+CV & 9.08 & 17.28 & 32.00 & 19.45 [--] & 10 & all \\
+net v\_1 & 14.24 & 25.30 & 64.00 & 34.51 [--] & 6 & 60.0\% \\
 \bottomrule
 \end{tabular}
 """
 
 
-def test_without_the_paper() -> None:
-    tables = latex_tables(score_table(reported_scores()), compare_paper=False)
-    assert list(tables) == ["prediction.tex", "rmse.tex", "best_of_six.tex", "miss_rate.tex"]
-    assert tables["rmse.tex"] == OWN.lstrip()
-    assert "\nCV & 2.10/6.30 & 4.00/12.00 & 8.00/24.00 & 4.70/14.10 \\\\\n" in tables["prediction.tex"]
-    assert "\nCV & 1.05/3.15 & 2.00/6.00 & 4.00/12.00 & 2.35/7.05 \\\\\n" in tables["best_of_six.tex"]
-    assert "\nCV & 0.60 & 1.00 & 1.00 & 0.87 \\\\\n" in tables["miss_rate.tex"]
+def test_latex_without_the_paper() -> None:
+    files = latex_files(prediction_tables(score_table(reported_scores())), "4 episodes")
+    assert list(files) == ["prediction.tex", "rmse.tex", "best_of_six.tex", "miss_rate.tex"]
+    assert files["rmse.tex"] == RMSE.lstrip()
+    assert "\nCV & 2.10/6.30 & 4.00/12.00 & 8.00/24.00 & 4.70/14.10 [--] & 10 & all \\\\\n" in files["prediction.tex"]
+    assert "\nCV & 1.05/3.15 & 2.00/6.00 & 4.00/12.00 & 2.35/7.05 [--] &" in files["best_of_six.tex"]
+    assert "\nCV & 0.60 & 1.00 & 1.00 & 0.87 [--] &" in files["miss_rate.tex"]
 
 
-def test_with_the_paper() -> None:
-    tables = latex_tables(score_table(reported_scores()), compare_paper=True)
-    lines = tables["prediction.tex"].splitlines()
-    assert lines[1] == r"\begin{tabular}{lccccccccc}"
-    assert lines[3] == r"Model & S1 & S2 & S3 & S4 & S5 & S6 & S7 & own & Mean \\"
-    assert lines[5] == r"CV & 2.10/6.30 & 4.00/12.00 & -/- & -/- & -/- & -/- & -/- & 8.00/24.00 & 4.70/14.10 \\"
+def test_latex_with_the_paper() -> None:
+    files = latex_files(prediction_tables(score_table(reported_scores()), compare_paper=True), "4 episodes")
+    lines = files["prediction.tex"].splitlines()
+    assert lines[1] == r"\begin{tabular}{lccccccccccc}"
+    assert lines[3] == r"model & S1 & S2 & S3 & S4 & S5 & S6 & S7 & own & mean & samples & coverage \\"
+    assert lines[5].startswith(
+        "CV & 2.10/6.30 & 4.00/12.00 & --/-- & --/-- & --/-- & --/-- & --/-- & 8.00/24.00 & 4.70"
+    )
     assert lines[7] == r"\midrule"
-    values = "1.63/4.30 1.17/3.11 0.96/2.40 0.68/1.65 1.95/5.03 2.86/7.56 0.85/2.08 -/- 1.44/3.73"
-    assert lines[8] == " & ".join(["CV (paper)", *values.split()]) + r" \\"
+    values = "1.63/4.30 1.17/3.11 0.96/2.40 0.68/1.65 1.95/5.03 2.86/7.56 0.85/2.08 --/-- 1.44/3.73"
+    assert lines[8] == " & ".join(["CV (paper)", *values.split()]) + r" &  &  \\"
     assert lines[17:] == [r"\bottomrule", r"\end{tabular}"]
-    assert r"DeMo (paper) & 0.53/1.12 & 0.47/1.24 &" in tables["best_of_six.tex"]
+    assert r"DeMo (paper) & 0.53/1.12 & 0.47/1.24 &" in files["best_of_six.tex"]
     # The paper has no miss rates: nothing stands between our rows and the end.
-    assert tables["miss_rate.tex"].splitlines()[-3].startswith(r"net v\_1 &")
+    assert files["miss_rate.tex"].splitlines()[-3].startswith(r"net v\_1 &")
 
 
 def some_scores() -> list[EpisodeScores]:
@@ -231,19 +235,15 @@ def some_scores() -> list[EpisodeScores]:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("report") / "deep" / "out"
     table = score_table(some_scores())
-    found = differences(table)
+    pairs = differences(table)
+    tables = prediction_tables(table, pairs, compare_paper=True)
     new_folder(path)
-    write_report(path, table, found, "\n".join(text_report(table, found, compare_paper=True)), compare_paper=True)
+    write_report(path, table, pairs, tables, "\n".join(text_report(table, tables, compare_paper=True)))
     return path
 
 
-def rows_in_files(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def test_csv_has_a_row_for_each_value(folder: Path) -> None:
-    rows = {(row["model"], row["name"], row["metric"]): row for row in rows_in_files(folder / "scores.csv")}
+    rows = {(row["model"], row["name"], row["metric"]): row for row in rows_of(folder / "scores.csv")}
     row = rows["cv", "S1", "ade_m"]
     assert float(row["value"]) == pytest.approx(1.55)
     assert (row["low"], row["high"]) == ("", ""), "of two episodes"
@@ -251,10 +251,9 @@ def test_csv_has_a_row_for_each_value(folder: Path) -> None:
     assert rows["cv", "emv", "ade_m"]["value"] == ""
     assert float(rows["cv", "S1 speed_mps 9", "ade_m"]["value"]) == pytest.approx(1.6)
     assert ("cv", "S1 speed_mps 9", "brier_score") not in rows
-    assert len(rows_in_files(folder / "episodes.csv")) == 6 * 2 * 9
-    assert {row["group"] if "group" in row else row["name"] for row in rows_in_files(folder / "differences.csv")} == {
-        "all", "S1", "S2", "my_own"
-    }  # fmt: skip
+    assert len(rows_of(folder / "episodes.csv")) == 6 * 2 * 9
+    groups = {row["name"] for row in rows_of(folder / "differences.csv")}
+    assert groups == {"all", "S1", "S2", "my_own"}
 
 
 def test_json_is_strict_and_says_all(folder: Path) -> None:
@@ -273,59 +272,29 @@ def test_json_is_strict_and_says_all(folder: Path) -> None:
 
 def test_latex_tables_are_like_the_papers(folder: Path) -> None:
     lines = (folder / "prediction.tex").read_text(encoding="utf-8").splitlines()
-    assert r"Model & S1 & S2 & S3 & S4 & S5 & S6 & S7 & my\_own & Mean \\" in lines
+    assert lines[0].endswith("; population: region; 6 episodes")
+    assert r"model & S1 & S2 & S3 & S4 & S5 & S6 & S7 & my\_own & mean & samples & coverage \\" in lines
     (own,) = [line for line in lines if line.startswith("CV &")]
-    assert own.startswith("CV & 1.55/1.55 & 2.55/2.55 & -/- &")
+    assert own.startswith("CV & 1.55/1.55 & 2.55/2.55 & --/-- &")
     assert r"net v\_1 & 1.05/1.05" in "\n".join(lines)
     papers = [line for line in lines if "(paper)" in line]
     assert len(papers) == 9
     assert papers[0].startswith("CV (paper) & 1.63/4.30 & 1.17/3.11")
-    assert papers[-1].endswith(r"1.88/5.42 \\")
-    assert all(line.count("&") == 9 for line in [own, *papers])
+    assert r"& 1.88/5.42 &" in papers[-1]
+    assert all(line.count("&") == 11 for line in [own, *papers])
     assert (folder / "best_of_six.tex").read_text(encoding="utf-8").count("(paper)") == 9
     assert (folder / "miss_rate.tex").read_text(encoding="utf-8").count("(paper)") == 0
 
 
 def test_the_terminal_shows_all_nine_rows_of_the_paper(folder: Path) -> None:
     lines = (folder / "report.txt").read_text(encoding="utf-8").splitlines()
-    assert sum("(paper)" in line for line in lines) == 8, "the ninth stands below ours"
-    place = next(number for number, line in enumerate(lines) if line.startswith("cv "))
+    assert sum("(paper)" in line for line in lines) == 9
     (main,) = [number for number, line in enumerate(lines) if line.startswith("ADE/FDE in m by template")]
-    rows = lines[main + 2 :]
-    assert rows[0].split()[:3] == ["cv", "1.55/1.55", "2.55/2.55"]
-    assert rows[1].split()[:3] == ["paper", "1.63/4.30", "1.17/3.11"]
-    assert rows[2].split()[0] == "net:v_1"
-    assert rows[2].split()[-1] == "50.0%"
-    assert place
+    rows = [line.split() for line in lines[main + 2 :]]
+    assert rows[0][:3] == ["cv", "1.55/1.55", "2.55/2.55"]
+    assert (rows[1][0], rows[1][-1]) == ("net:v_1", "50.0%")
+    assert rows[2][:4] == ["CV", "(paper)", "1.63/4.30", "1.17/3.11"]
     assert any(line.startswith("cv - net:v_1") for line in lines)
-
-
-def test_intervals_are_the_ades_and_not_the_fdes() -> None:
-    """Mean ADE 1.1 with the error 0.05·√(2.5 / 5), FDE 3.2; the first of two categories has them all."""
-    scores = []
-    for seed in range(5):
-        ade_m, fde_m = 1.0 + 0.05 * seed, 3.0 + 0.1 * seed
-        values = {"ade_m": np.full(2, ade_m), "fde_m": np.full(2, fde_m)}
-        scores.append(episode_scores("S1", {"cv": model_scores(values, Category.EMV)}, seed))
-    lines = text_report(score_table(scores), [], compare_paper=False)
-    (category,) = [number for number, line in enumerate(lines) if line.startswith("ADE/FDE in m by category")]
-    assert lines[category + 2].split() == ["emv", "10", "1.10/3.20", "[1.00,", "1.20]"]
-    (level,) = [number for number, line in enumerate(lines) if line.startswith("ADE/FDE in m by level")]
-    assert lines[level + 2].split() == ["L2", "10", "1.10/3.20", "[1.00,", "1.20]"]
-    (main,) = [number for number, line in enumerate(lines) if line.startswith("ADE/FDE in m by template")]
-    assert lines[main + 2].split() == ["cv", "1.10/3.20", "1.10/3.20", "[1.00,", "1.20]", "10", "all"]
-    (metrics,) = [number for number, line in enumerate(lines) if line.startswith("all metrics")]
-    assert lines[metrics + 2].split()[:3] == ["cv", "1.10", "3.20"]
-    (bags,) = [number for number, line in enumerate(lines) if line.startswith("bag")]
-    assert [line.split() for line in lines[bags + 1 : bags + 3]] == [
-        ["S1_seed0", "S1", "L2", "2", "1.00/3.00"],
-        ["S1_seed1", "S1", "L2", "2", "1.05/3.10"],
-    ]
-
-
-def test_without_the_comparison_there_is_nothing_of_the_paper() -> None:
-    table = score_table(some_scores())
-    assert "paper" not in "\n".join(text_report(table, differences(table), compare_paper=False))
 
 
 def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:

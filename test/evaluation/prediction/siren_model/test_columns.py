@@ -24,7 +24,7 @@ from siren_ros.world.actors import Lights
 
 
 def sample_of(batch, actor_id):
-    return int(np.flatnonzero(batch.actors.actor_id[batch.target] == actor_id)[0])
+    return int(np.flatnonzero(batch.actor_id == actor_id)[0])
 
 
 def test_the_own_past_lies_behind(straight_road: RoadNetwork) -> None:
@@ -71,7 +71,7 @@ def test_siren_and_indicators_are_seen(straight_road: RoadNetwork) -> None:
     sample = sample_of(batch, 1)
     assert [seen[name][sample, 0] for name in ("siren", "beacon", "indicates_left", "brake")] == [1.0, 0.0, 1.0, 0.0]
     own = target_columns(batch)
-    assert own["siren"].tolist() == (batch.actors.actor_id[batch.target] == 2).astype(float).tolist()
+    assert own["siren"].tolist() == (batch.actor_id == 2).astype(float).tolist()
 
 
 def test_bodies_are_told_in_tens_of_metres_and_pairs_of_metres(straight_road: RoadNetwork) -> None:
@@ -154,7 +154,7 @@ def test_a_neighbours_heading_is_that_of_the_present(straight_road: RoadNetwork)
     batch = batch_of({1: moving(40.0, -30.0, 0.0, yaw_rad=2.0), 2: Track(spot)}, straight_road)
     seen = neighbour_columns(batch, choose_neighbours(batch))
     for frame in (0, 5):
-        sample = int(np.flatnonzero(batch.actors.actor_id[batch.target] == 1)[frame])
+        sample = int(np.flatnonzero(batch.actor_id == 1)[frame])
         turned = 0.7 + 0.2 * (3.0 + 0.1 * frame) - 2.0
         assert [seen[name][sample, 0] for name in ("cos", "sin")] == pytest.approx([np.cos(turned), np.sin(turned)])
 

@@ -9,7 +9,7 @@ from scenes import batch_of, moved, showing, with_signal
 
 from siren_ros.errors import InputError
 from siren_ros.evaluation.network_file import card_path
-from siren_ros.evaluation.prediction.predictors import PredictorOptions, checked
+from siren_ros.evaluation.prediction.predictors import checked
 from siren_ros.evaluation.prediction.samples import future_times_s
 from siren_ros.evaluation.prediction.siren_model.features import features_of
 from siren_ros.evaluation.prediction.siren_model.siren_predictor import SHIPPED, load_network, make
@@ -72,7 +72,7 @@ def test_of_no_sample_there_is_no_answer_of_one_path(copied) -> None:
     assert (xy_m.shape, probability.shape) == ((0, 1, 25, 2), (0, 1))
 
 
-MODEL = make(PredictorOptions())
+MODEL = make()
 
 
 def scene(network: RoadNetwork):

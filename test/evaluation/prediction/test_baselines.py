@@ -6,22 +6,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_records import Track, moving, record_with
 
-from siren_ros.evaluation.prediction.baselines.idm_predictor import (
-    IdmConfig,
+from siren_ros.evaluation.prediction.baselines import (
+    ConstantVelocity,
+    Idm,
     IdmPredictor,
-    Leaders,
-    idm_acceleration,
-    idm_travel,
     leaders_of,
     paths_from,
     straight_successors,
 )
+from siren_ros.evaluation.prediction.metrics import ade, fde
 from siren_ros.evaluation.prediction.samples import Population, SampleBatch, samples_of
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.record.vehicle_location import locate
 from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
 
-CONFIG = IdmConfig()
+IDM = Idm()
 LONG_S = np.arange(1, 1201) * 0.1
 
 
@@ -30,31 +29,31 @@ def one(value: float) -> np.ndarray:
 
 
 def test_parameters_are_the_protocols() -> None:
-    values = (CONFIG.time_headway_s, CONFIG.standstill_gap_m, CONFIG.acceleration_mps2, CONFIG.comfortable_braking_mps2)
+    values = (IDM.time_headway_s, IDM.standstill_gap_m, IDM.acceleration_mps2, IDM.comfortable_braking_mps2)
     assert values == (1.5, 2.0, 1.5, 2.0)
-    assert CONFIG.integration_s == 0.1
+    assert IDM.integration_s == 0.1
 
 
 def test_acceleration_on_a_free_road() -> None:
     speed = np.array([0.0, 5.0, 10.0])
-    acceleration = idm_acceleration(speed, np.full(3, 10.0), np.full(3, np.inf), speed, CONFIG)
+    acceleration = IDM.acceleration(speed, np.full(3, 10.0), np.full(3, np.inf), speed)
     assert acceleration == pytest.approx([1.5, 1.5 * (1 - 0.5**4), 0.0])
 
 
 def test_acceleration_behind_a_leader_by_hand() -> None:
     # s* = 2 + 10 · 1.5 + 10 · 2 / (2 √3) = 22.7735 m
-    acceleration = idm_acceleration(one(10.0), one(15.0), one(30.0), one(2.0), CONFIG)
+    acceleration = IDM.acceleration(one(10.0), one(15.0), one(30.0), one(2.0))
     assert acceleration == pytest.approx(1.5 * (1 - (2 / 3) ** 4 - (22.773502691896 / 30.0) ** 2))
 
 
 def test_a_leader_that_pulls_away_does_not_repel() -> None:
     # v T + v Δv / (2 √(a b)) is negative here and counts as 0: s* = s0.
-    acceleration = idm_acceleration(one(10.0), one(20.0), one(10.0), one(-20.0), CONFIG)
+    acceleration = IDM.acceleration(one(10.0), one(20.0), one(10.0), one(-20.0))
     assert acceleration == pytest.approx(1.5 * (1 - 0.5**4 - (2.0 / 10.0) ** 2))
 
 
 def test_free_road_speed_converges_to_the_desired_speed() -> None:
-    travelled = idm_travel(one(0.0), one(13.89), one(np.inf), one(0.0), LONG_S, CONFIG)[0]
+    travelled = IDM.travel(one(0.0), one(13.89), one(np.inf), one(0.0), LONG_S)[0]
     speed = np.diff(travelled) / 0.1
     assert speed[-1] == pytest.approx(13.89, abs=1e-3)
     assert (speed <= 13.89 + 1e-6).all()
@@ -62,7 +61,7 @@ def test_free_road_speed_converges_to_the_desired_speed() -> None:
 
 @pytest.mark.parametrize("leader_mps", [3.0, 8.0])
 def test_gap_behind_a_moving_leader_converges_to_the_equilibrium(leader_mps: float) -> None:
-    travelled = idm_travel(one(12.0), one(13.89), one(60.0), one(leader_mps), LONG_S, CONFIG)[0]
+    travelled = IDM.travel(one(12.0), one(13.89), one(60.0), one(leader_mps), LONG_S)[0]
     gap = 60.0 + leader_mps * LONG_S - travelled
     equilibrium = (2.0 + 1.5 * leader_mps) / np.sqrt(1 - (leader_mps / 13.89) ** 4)
     assert gap[-1] == pytest.approx(equilibrium, abs=0.01)
@@ -70,7 +69,7 @@ def test_gap_behind_a_moving_leader_converges_to_the_equilibrium(leader_mps: flo
 
 
 def test_it_stops_behind_a_standing_leader_with_the_standstill_gap() -> None:
-    travelled = idm_travel(one(12.0), one(13.89), one(60.0), one(0.0), LONG_S, CONFIG)[0]
+    travelled = IDM.travel(one(12.0), one(13.89), one(60.0), one(0.0), LONG_S)[0]
     gap = 60.0 - travelled
     assert gap[-1] == pytest.approx(2.0, abs=0.25)
     assert gap.min() > 1.5
@@ -87,16 +86,16 @@ def test_nobody_drives_backwards_or_through_a_leader_that_it_can_stop_behind(
     speed: float, desired: float, gap: float, leader: float
 ) -> None:
     times = np.arange(1, 26) * 0.2
-    travelled = idm_travel(one(speed), one(max(speed, desired)), one(gap), one(leader), times, CONFIG)[0]
+    travelled = IDM.travel(one(speed), one(max(speed, desired)), one(gap), one(leader), times)[0]
     assert np.isfinite(travelled).all()
     assert (np.diff(travelled, prepend=0.0) >= 0.0).all()
-    if gap > 2.0 + speed * CONFIG.time_headway_s:
+    if gap > 2.0 + speed * IDM.time_headway_s:
         assert (gap + leader * times - travelled > 0.0).all()
 
 
 def test_the_answer_is_the_same_at_the_same_times() -> None:
-    fine = idm_travel(one(8.0), one(13.0), one(25.0), one(5.0), np.arange(1, 51) * 0.1, CONFIG)
-    coarse = idm_travel(one(8.0), one(13.0), one(25.0), one(5.0), np.arange(1, 26) * 0.2, CONFIG)
+    fine = IDM.travel(one(8.0), one(13.0), one(25.0), one(5.0), np.arange(1, 51) * 0.1)
+    coarse = IDM.travel(one(8.0), one(13.0), one(25.0), one(5.0), np.arange(1, 26) * 0.2)
     assert np.array_equal(fine[:, 1::2], coarse)
 
 
@@ -110,24 +109,24 @@ def test_the_first_steps_by_hand() -> None:
         travelled += 0.1 * speed + 0.005 * acceleration
         speed += 0.1 * acceleration
         expected.append(travelled)
-    found = idm_travel(one(8.0), one(13.0), one(20.0), one(5.0), np.array([0.1, 0.2]), CONFIG)
+    found = IDM.travel(one(8.0), one(13.0), one(20.0), one(5.0), np.array([0.1, 0.2]))
     assert found[0] == pytest.approx(expected)
 
 
 def test_who_stops_within_a_step_goes_no_further_than_braking_takes_it() -> None:
     """0.3 m/s and half a metre behind a standing leader: −(0.5 · v²) / a, and there it stays."""
-    acceleration = float(idm_acceleration(one(0.3), one(13.0), one(0.5), one(0.3), CONFIG)[0])
+    acceleration = float(IDM.acceleration(one(0.3), one(13.0), one(0.5), one(0.3))[0])
     assert 0.3 + 0.1 * acceleration < 0.0
-    found = idm_travel(one(0.3), one(13.0), one(0.5), one(0.0), np.array([0.1, 0.2, 1.0]), CONFIG)
+    found = IDM.travel(one(0.3), one(13.0), one(0.5), one(0.0), np.array([0.1, 0.2, 1.0]))
     assert found[0] == pytest.approx([0.5 * 0.3**2 / -acceleration] * 3)
     # As one who drives backwards never does, the distance is that of a mean speed between 0.3 m/s and none.
     assert 0.0 < found[0, 0] < 0.03
 
 
 def test_bumpers_that_overlap_brake_as_hard_as_the_least_gap_does() -> None:
-    overlap, least = (idm_acceleration(one(5.0), one(13.0), one(gap), one(0.0), CONFIG) for gap in (-2.0, 0.1))
+    overlap, least = (IDM.acceleration(one(5.0), one(13.0), one(gap), one(0.0)) for gap in (-2.0, 0.1))
     assert overlap == pytest.approx(least)
-    assert idm_acceleration(one(5.0), one(13.0), one(0.2), one(0.0), CONFIG) > least
+    assert IDM.acceleration(one(5.0), one(13.0), one(0.2), one(0.0)) > least
 
 
 MODEL = IdmPredictor()
@@ -140,7 +139,7 @@ def first_frame(tracks: dict[int, Track], network: RoadNetwork) -> tuple[SampleB
     return batch, dict(zip(batch.actors.actor_id[batch.target[rows]].tolist(), rows.tolist(), strict=True))
 
 
-def leaders(batch: SampleBatch) -> Leaders:
+def leaders(batch: SampleBatch) -> tuple[np.ndarray, np.ndarray]:
     places = locate(batch.network, batch.actors.xy_m[:, -1], batch.actors.yaw_rad[:, -1], batch.actors.sumo_lane)
     lanes = np.unique(places.lane[batch.target])
     return leaders_of(batch, places, paths_from(batch.network, lanes[lanes != NO_LANE], 250.0), 250.0)
@@ -155,21 +154,21 @@ def test_the_leader_is_the_nearest_in_the_own_lane(straight_road: RoadNetwork) -
         5: moving(45.0, -5.25, 3.0, yaw_rad=np.pi),
     }
     batch, sample = first_frame(tracks, straight_road)
-    found = leaders(batch)
+    gap_m, speed_mps = leaders(batch)
     # 3 s of history lie before the first sample: 50 m apart at the start, 53 m then.
-    assert found.gap_m[sample[1]] == pytest.approx(53.0 - 6.3)
-    assert found.speed_mps[sample[1]] == pytest.approx(5.0)
-    assert np.isinf(found.gap_m[sample[3]])
-    assert np.isinf(found.gap_m[sample[4]])
-    assert found.speed_mps[sample[4]] == 0.0
+    assert gap_m[sample[1]] == pytest.approx(53.0 - 6.3)
+    assert speed_mps[sample[1]] == pytest.approx(5.0)
+    assert np.isinf(gap_m[sample[3]])
+    assert np.isinf(gap_m[sample[4]])
+    assert speed_mps[sample[4]] == 0.0
 
 
 def test_the_leader_may_be_beyond_a_junction(crossroads: RoadNetwork) -> None:
     tracks = {1: moving(-50.0, 0.0, 0.0), 2: moving(60.0, 0.0, 0.0), 3: moving(20.0, 40.0, 0.0, yaw_rad=np.pi / 2)}
     batch, sample = first_frame(tracks, crossroads)
-    found = leaders(batch)
-    assert found.gap_m[sample[1]] == pytest.approx(110.0 - 4.6)
-    assert np.isinf(found.gap_m[sample[3]])
+    gap_m, _ = leaders(batch)
+    assert gap_m[sample[1]] == pytest.approx(110.0 - 4.6)
+    assert np.isinf(gap_m[sample[3]])
 
 
 def test_off_the_lanes_the_leader_is_whoever_is_straight_ahead(straight_road: RoadNetwork) -> None:
@@ -180,12 +179,12 @@ def test_off_the_lanes_the_leader_is_whoever_is_straight_ahead(straight_road: Ro
         4: moving(-30.0, 50.0, 2.0),
     }
     batch, sample = first_frame(tracks, straight_road)
-    found = leaders(batch)
+    gap_m, speed_mps = leaders(batch)
     gone = tracks[2].states[60]
     assert abs(gone[1] - 50.0) > 1.8
-    assert np.isinf(found.gap_m[sample[1]])
-    assert found.gap_m[sample[4]] == pytest.approx(30.0 - 4.6)
-    assert found.speed_mps[sample[4]] == pytest.approx(2.0)
+    assert np.isinf(gap_m[sample[1]])
+    assert gap_m[sample[4]] == pytest.approx(30.0 - 4.6)
+    assert speed_mps[sample[4]] == pytest.approx(2.0)
 
 
 def test_on_a_free_lane_the_limit_is_kept(straight_road: RoadNetwork) -> None:
@@ -266,9 +265,7 @@ def test_off_the_lanes_gap_and_speed_are_along_the_own_heading(
     start = np.array([0.0, 500.0]) + turn @ (ahead_m, aside_m) - before_m
     tracks = {1: moving(0.0, 500.0, 0.0, yaw_rad=turned_rad), 2: moving(*start, 6.0, yaw_rad=yaw)}
     batch, sample = first_frame(tracks, straight_road)
-    found = leaders(batch)
-    assert found.gap_m[sample[1]] == pytest.approx(gap_m)
-    assert found.speed_mps[sample[1]] == pytest.approx(speed_mps)
+    assert [values[sample[1]] for values in leaders(batch)] == pytest.approx([gap_m, speed_mps])
 
 
 @pytest.mark.parametrize(("speed_mps", "desired_mps"), [(8.0, 50.0 / 3.6), (20.0, 20.0)])
@@ -279,7 +276,7 @@ def test_off_the_lanes_the_limit_is_that_of_a_town(
     way = MODEL.predict(batch).xy_m[sample[1], 0] - batch.xy_m[sample[1]]
     alone, there = np.full(1, np.inf), np.zeros(1)
     times = 0.2 * np.arange(1, 26)
-    travelled = idm_travel(np.array([speed_mps]), np.array([desired_mps]), alone, there, times, IdmConfig())[0]
+    travelled = IDM.travel(np.array([speed_mps]), np.array([desired_mps]), alone, there, times)[0]
     assert way == pytest.approx(travelled[:, None] * np.array([np.cos(-2.0), np.sin(-2.0)]))
 
 
@@ -289,7 +286,7 @@ def test_along_the_lanes_leaders_are_seen_up_to_the_range(
 ) -> None:
     tracks = {1: moving(10.0, -5.25, 0.0), 2: moving(10.0 + away_m, -5.25, 0.0)}
     batch, sample = first_frame(tracks, straight_road)
-    assert leaders(batch).gap_m[sample[1]] == pytest.approx(away_m - 4.6 if seen else np.inf)
+    assert leaders(batch)[0][sample[1]] == pytest.approx(away_m - 4.6 if seen else np.inf)
 
 
 @pytest.mark.parametrize(("ahead_m", "led"), [(0.3, True), (-0.3, False)])
@@ -300,7 +297,7 @@ def test_who_is_next_to_the_own_vehicle_leads_where_its_centre_is_ahead(
     """In a lane and off all lanes."""
     tracks = {1: moving(40.0, y_m, 0.0), 2: moving(40.0 + ahead_m, y_m + 1.0, 0.0)}
     batch, sample = first_frame(tracks, straight_road)
-    assert leaders(batch).gap_m[sample[1]] == pytest.approx(ahead_m - 4.6 if led else np.inf)
+    assert leaders(batch)[0][sample[1]] == pytest.approx(ahead_m - 4.6 if led else np.inf)
 
 
 def test_straight_ahead_is_where_the_vehicle_looks_at_the_present(straight_road: RoadNetwork) -> None:
@@ -309,10 +306,10 @@ def test_straight_ahead_is_where_the_vehicle_looks_at_the_present(straight_road:
     spot = np.stack((np.zeros(201), np.full(201, 500.0), *np.zeros((2, 201)), heading), axis=1)
     tracks = {1: Track(spot), 2: moving(0.0, 512.0, 0.0), 3: moving(5.0, 508.0, 0.0), 4: moving(1.0, 508.0, 0.0)}
     batch, sample = first_frame(tracks, straight_road)
-    assert leaders(batch).gap_m[sample[1]] == pytest.approx(8.0 - 4.6)
+    assert leaders(batch)[0][sample[1]] == pytest.approx(8.0 - 4.6)
     del tracks[4]
     batch, sample = first_frame(tracks, straight_road)
-    assert leaders(batch).gap_m[sample[1]] == pytest.approx(12.0 - 4.6)
+    assert leaders(batch)[0][sample[1]] == pytest.approx(12.0 - 4.6)
 
 
 def test_the_lane_is_that_of_the_present_heading(crossroads: RoadNetwork) -> None:
@@ -396,3 +393,24 @@ def test_lanes_are_near_by_their_ends_and_not_by_their_middle(crossroads: RoadNe
     assert straight_successors(with_lane_ends(crossroads, angle_rad, lines))[0] == 6
     lines[3] = [(40.0, -4.0), (41.0, -4.0), (141.0, 4.0)]
     assert straight_successors(with_lane_ends(crossroads, angle_rad, lines))[0] == 5
+
+
+def test_no_error_at_constant_velocity_whatever_the_heading(straight_road: RoadNetwork) -> None:
+    tracks = {1: moving(0.0, 0.0, 9.0, yaw_rad=0.7), 2: moving(30.0, 0.0, 0.0), 3: moving(0.0, 5.0, 14.0, yaw_rad=-2.5)}
+    model = ConstantVelocity()
+    scored = samples_of(record_with(tracks, straight_road), model.window, Population.ALL)
+    answer = model.predict(scored.batch)
+    assert answer.xy_m.shape == (63, 1, 25, 2)
+    assert fde(answer, scored.future_xy_m) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("accel_mps2", [1.2, -0.8])
+def test_error_at_constant_acceleration(accel_mps2: float, straight_road: RoadNetwork) -> None:
+    model = ConstantVelocity()
+    record = record_with({1: moving(0.0, -5.25, 10.0, accel_mps2=accel_mps2)}, straight_road)
+    scored = samples_of(record, model.window, Population.ALL)
+    answer = model.predict(scored.batch)
+    # The miss after t is |a| t² / 2; the mean of t² over 0.2 s … 5 s is 0.04 · (26 · 51 / 6) = 8.84 s².
+    assert ade(answer, scored.future_xy_m) == pytest.approx(abs(accel_mps2) / 2.0 * 8.84)
+    assert fde(answer, scored.future_xy_m) == pytest.approx(abs(accel_mps2) / 2.0 * 25.0)
+    assert np.ptp(answer.xy_m[:, 0, :, 1]) == pytest.approx(0.0, abs=1e-9)

@@ -1,8 +1,7 @@
-"""IDM as a trajectory predictor: every vehicle follows its present leader along its lane.
+"""Predictors that are not learned: constant velocity, and the Intelligent Driver Model along the lane.
 
-A vehicle keeps its lane and goes straight on at every junction. Its leader is the next vehicle along the successors
-of its lane, or the next one straight ahead where it is in no lane. The Intelligent Driver Model: M. Treiber,
-A. Hennecke, D. Helbing, Phys. Rev. E 62 (2000) 1805, eqs. 2 to 4.
+With IDM a vehicle keeps its lane and goes straight on at every junction. Its leader is the next vehicle along the
+successors of its lane, or the next one straight ahead where it is in no lane.
 """
 
 from dataclasses import dataclass, field
@@ -11,8 +10,8 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.evaluation.prediction.predictors import Hypotheses, PredictorOptions
-from siren_ros.evaluation.prediction.samples import HistoryWindow, SampleBatch, future_times_s
+from siren_ros.evaluation.prediction.predictors import Hypotheses
+from siren_ros.evaluation.prediction.samples import HistoryWindow, ObservedActors, SampleBatch, future_times_s
 from siren_ros.numerics.arrays import Floats, Rows
 from siren_ros.numerics.geometry import Polyline, wrap_angle
 from siren_ros.record.vehicle_location import LanePlaces, locate
@@ -21,8 +20,26 @@ from siren_ros.world.traffic_state import Indices
 
 
 @dataclass(frozen=True)
-class IdmConfig:
-    """Parameters of the model and of its application to roads."""
+class ConstantVelocity:
+    """Every vehicle keeps its present velocity.
+
+    The velocity is the recorded one (columns ``vx, vy`` of ``trajectory.csv``). The difference of the last two points
+    of the history would be the velocity half a grid period earlier.
+    """
+
+    window: HistoryWindow = field(default_factory=HistoryWindow)
+
+    def predict(self, batch: SampleBatch) -> Hypotheses:
+        """One hypothesis for each sample."""
+        return Hypotheses.certain(batch.xy_m[:, None] + future_times_s()[:, None] * batch.velocity_mps[:, None])
+
+
+@dataclass(frozen=True)
+class Idm:
+    """The Intelligent Driver Model with the parameters of its application to roads.
+
+    Source: M. Treiber, A. Hennecke, D. Helbing, Phys. Rev. E 62 (2000) 1805, eqs. 2 to 4.
+    """
 
     time_headway_s: float = 1.5
     standstill_gap_m: float = 2.0
@@ -38,55 +55,49 @@ class IdmConfig:
     least_gap_m: float = 0.1
     """Least gap that the model gets; the measured gap is negative where the bumpers overlap."""
 
+    def acceleration(self, speed_mps: Floats, desired_mps: Floats, gap_m: Floats, closing_mps: Floats) -> Floats:
+        """Acceleration of the model; all arrays of shape ``(N,)``, the gap inf on a free road.
 
-def idm_acceleration(
-    speed_mps: Floats, desired_mps: Floats, gap_m: Floats, closing_mps: Floats, config: IdmConfig
-) -> Floats:
-    """Acceleration of the model; all arrays of shape ``(N,)``, the gap inf on a free road.
+        Args:
+            speed_mps: Speed of the follower.
+            desired_mps: Its speed on a free road.
+            gap_m: From the follower's front bumper to the leader's rear bumper.
+            closing_mps: The follower's speed minus the leader's.
+        """
+        braking_term = 2.0 * np.sqrt(self.acceleration_mps2 * self.comfortable_braking_mps2)
+        dynamic = speed_mps * self.time_headway_s + speed_mps * closing_mps / braking_term
+        desired_gap = self.standstill_gap_m + np.maximum(dynamic, 0.0)
+        free = (speed_mps / desired_mps) ** self.exponent
+        return self.acceleration_mps2 * (1.0 - free - (desired_gap / np.maximum(gap_m, self.least_gap_m)) ** 2)
 
-    Args:
-        speed_mps: Own speed.
-        desired_mps: Speed on a free road.
-        gap_m: From the own front bumper to the leader's rear bumper.
-        closing_mps: Own speed minus the leader's.
-        config: Parameters.
-    """
-    braking_term = 2.0 * np.sqrt(config.acceleration_mps2 * config.comfortable_braking_mps2)
-    dynamic = speed_mps * config.time_headway_s + speed_mps * closing_mps / braking_term
-    wanted_gap = config.standstill_gap_m + np.maximum(dynamic, 0.0)
-    free = (speed_mps / desired_mps) ** config.exponent
-    return config.acceleration_mps2 * (1.0 - free - (wanted_gap / np.maximum(gap_m, config.least_gap_m)) ** 2)
+    def travel(
+        self, speed_mps: Floats, desired_mps: Floats, gap_m: Floats, leader_mps: Floats, times_s: Floats
+    ) -> Floats:
+        """Distances travelled behind leaders of constant speed, shape ``(N, T)``.
 
+        Ballistic update: a vehicle whose speed would become negative stops within the step
+        (M. Treiber, V. Kanagaraj, Physica A 419 (2015) 183, eqs. 10 and 11).
 
-def idm_travel(
-    speed_mps: Floats, desired_mps: Floats, gap_m: Floats, leader_mps: Floats, times_s: Floats, config: IdmConfig
-) -> Floats:
-    """Distances travelled behind leaders of constant speed, shape ``(N, T)``.
-
-    Ballistic update: a vehicle whose speed would become negative stops within the step
-    (M. Treiber, V. Kanagaraj, Physica A 419 (2015) 183, eqs. 10 and 11).
-
-    Args:
-        speed_mps: Present speeds, shape ``(N,)``.
-        desired_mps: Speeds on a free road, shape ``(N,)``.
-        gap_m: Present bumper gaps, inf without a leader, shape ``(N,)``.
-        leader_mps: Leaders' speeds, shape ``(N,)``.
-        times_s: Times of the answer, multiples of the integration step, shape ``(T,)``.
-        config: Parameters.
-    """
-    dt = config.integration_s
-    wanted = np.round(times_s / dt).astype(np.intp)
-    speed, travelled = speed_mps, np.zeros(len(speed_mps))
-    after = [travelled]
-    for step in range(int(wanted.max())):
-        gap = gap_m + leader_mps * (step * dt) - travelled
-        acceleration = idm_acceleration(speed, desired_mps, gap, speed - leader_mps, config)
-        stops = speed + acceleration * dt < 0.0
-        to_stop = 0.5 * speed**2 / np.where(stops, -acceleration, 1.0)
-        travelled = travelled + np.where(stops, to_stop, speed * dt + 0.5 * acceleration * dt**2)
-        speed = np.where(stops, 0.0, speed + acceleration * dt)
-        after.append(travelled)
-    return np.stack(after, axis=-1)[:, wanted]
+        Args:
+            speed_mps: Present speeds, shape ``(N,)``.
+            desired_mps: Speeds on a free road, shape ``(N,)``.
+            gap_m: Present bumper gaps, inf without a leader, shape ``(N,)``.
+            leader_mps: Leaders' speeds, shape ``(N,)``.
+            times_s: Times of the answer, multiples of the integration step, shape ``(T,)``.
+        """
+        dt = self.integration_s
+        steps = np.round(times_s / dt).astype(np.intp)
+        speed, travelled = speed_mps, np.zeros(len(speed_mps))
+        after = [travelled]
+        for step in range(int(steps.max())):
+            gap = gap_m + leader_mps * (step * dt) - travelled
+            acceleration = self.acceleration(speed, desired_mps, gap, speed - leader_mps)
+            stops = speed + acceleration * dt < 0.0
+            to_stop = 0.5 * speed**2 / np.where(stops, -acceleration, 1.0)
+            travelled = travelled + np.where(stops, to_stop, speed * dt + 0.5 * acceleration * dt**2)
+            speed = np.where(stops, 0.0, speed + acceleration * dt)
+            after.append(travelled)
+        return np.stack(after, axis=-1)[:, steps]
 
 
 _SAME_TURN_RAD = 0.1
@@ -144,11 +155,11 @@ class LanePaths:
         Returns:
             Shape ``(N, T, 2)``.
         """
-        found = np.zeros((*arc_m.shape, 2))
+        points = np.zeros((*arc_m.shape, 2))
         for index in np.unique(path).tolist():
             rows = path == index
-            found[rows] = self.curves[index].offset_points(arc_m[rows], offset_m[rows, None])
-        return found
+            points[rows] = self.curves[index].offset_points(arc_m[rows], offset_m[rows, None])
+        return points
 
 
 def paths_from(network: RoadNetwork, lanes: npt.NDArray[np.int32], reach_m: float) -> LanePaths:
@@ -176,21 +187,8 @@ def paths_from(network: RoadNetwork, lanes: npt.NDArray[np.int32], reach_m: floa
     return LanePaths(path_of_lane, tuple(curves), start_m)
 
 
-@dataclass(frozen=True)
-class Leaders:
-    """The leader of each of N samples at the present; arrays of shape ``(N,)``."""
-
-    gap_m: Floats
-    """From the own front bumper to the leader's rear bumper, inf without a leader.
-
-    It is negative where the two overlap lengthwise: the leader's centre is ahead, its rear behind the own front.
-    """
-    speed_mps: Floats
-    """The leader's, in the own direction and not negative; 0 without a leader."""
-
-
-def leaders_of(batch: SampleBatch, places: LanePlaces, paths: LanePaths, range_m: float) -> Leaders:
-    """The nearest vehicle whose centre is ahead within the range.
+def leaders_of(batch: SampleBatch, places: LanePlaces, paths: LanePaths, range_m: float) -> tuple[Floats, Floats]:
+    """The nearest vehicle of each sample whose centre is ahead within the range.
 
     The leader of a sample in a lane is in this lane or in those that follow straight on. The leader of a sample in
     no lane overlaps the strip that the sample sweeps straight ahead; its heading does not matter.
@@ -200,44 +198,38 @@ def leaders_of(batch: SampleBatch, places: LanePlaces, paths: LanePaths, range_m
         places: Lanes of the rows of ``batch.actors``.
         paths: Paths from every sample's lane.
         range_m: Greatest distance between the centres.
+
+    Returns:
+        Gaps in metres from the sample's front bumper to the leader's rear bumper, inf without a leader, and the
+        leaders' speeds in m/s in the sample's direction, not negative, 0 without a leader; shapes ``(N,)``. A gap is
+        negative where the two overlap lengthwise: the leader's centre is ahead, its rear behind the sample's front.
     """
+    actors = batch.actors
     sample, other = batch.neighbours()
-    own = batch.target[sample]
-    in_lane = places.lane[own] != NO_LANE
-    distance, speed = np.full(len(sample), np.inf), np.zeros(len(sample))
-    for pairs, (ahead_m, speed_mps) in (
-        (in_lane, _along_lanes(batch, places, paths, own[in_lane], other[in_lane])),
-        (~in_lane, _straight_ahead(batch, own[~in_lane], other[~in_lane])),
-    ):
-        distance[pairs], speed[pairs] = ahead_m, speed_mps
-    half_lengths = 0.5 * (batch.actors.length_m[own] + batch.actors.length_m[other])
+    follower = batch.target[sample]
+    distance, speed = _straight_ahead(actors, follower, other)
+    in_lane = np.flatnonzero(places.lane[follower] != NO_LANE)
+    behind, leading = follower[in_lane], other[in_lane]
+    start_m = paths.start_m[paths.path_of_lane[places.lane[behind]], places.lane[leading]]
+    start_m = np.where(places.lane[leading] == NO_LANE, np.inf, start_m)
+    distance[in_lane] = start_m + places.arc_m[leading] - places.arc_m[behind]
+    speed[in_lane] = np.hypot(*actors.velocity_mps[leading, -1].T)
     ahead = np.flatnonzero((distance > 0.0) & (distance <= range_m))
-    gap = distance[ahead] - half_lengths[ahead]
+    gap = (distance - 0.5 * (actors.length_m[follower] + actors.length_m[other]))[ahead]
     order = np.lexsort((gap, sample[ahead]))
     led, first = np.unique(sample[ahead][order], return_index=True)
     nearest = order[first]
     gap_m, speed_mps = np.full(len(batch), np.inf), np.zeros(len(batch))
     gap_m[led], speed_mps[led] = gap[nearest], speed[ahead][nearest]
-    return Leaders(gap_m, speed_mps)
+    return gap_m, speed_mps
 
 
-def _along_lanes(
-    batch: SampleBatch, places: LanePlaces, paths: LanePaths, own: Rows, other: Rows
-) -> tuple[Floats, Floats]:
-    """Distances along the lanes to the others' centres, inf in other lanes, and the others' speeds."""
-    path, lane = paths.path_of_lane[places.lane[own]], places.lane[other]
-    start_m = np.where(lane == NO_LANE, np.inf, paths.start_m[path, lane])
-    velocity = batch.actors.velocity_mps[other, -1]
-    return start_m + places.arc_m[other] - places.arc_m[own], np.hypot(velocity[:, 0], velocity[:, 1])
-
-
-def _straight_ahead(batch: SampleBatch, own: Rows, other: Rows) -> tuple[Floats, Floats]:
+def _straight_ahead(actors: ObservedActors, follower: Rows, other: Rows) -> tuple[Floats, Floats]:
     """Distances along the headings to the others' centres, inf outside the strip, and their speeds along them."""
-    actors = batch.actors
-    cos, sin = np.cos(actors.yaw_rad[own, -1]), np.sin(actors.yaw_rad[own, -1])
-    x, y = (actors.xy_m[other, -1] - actors.xy_m[own, -1]).T
+    cos, sin = np.cos(actors.yaw_rad[follower, -1]), np.sin(actors.yaw_rad[follower, -1])
+    x, y = (actors.xy_m[other, -1] - actors.xy_m[follower, -1]).T
     vx, vy = actors.velocity_mps[other, -1].T
-    in_strip = np.abs(cos * y - sin * x) < 0.5 * (actors.width_m[own] + actors.width_m[other])
+    in_strip = np.abs(cos * y - sin * x) < 0.5 * (actors.width_m[follower] + actors.width_m[other])
     return np.where(in_strip, cos * x + sin * y, np.inf), np.maximum(cos * vx + sin * vy, 0.0)
 
 
@@ -249,31 +241,25 @@ class IdmPredictor:
     A vehicle in no lane goes straight ahead. The predictor knows neither routes nor signals.
     """
 
-    config: IdmConfig = field(default_factory=IdmConfig)
+    idm: Idm = field(default_factory=Idm)
     window: HistoryWindow = field(default_factory=HistoryWindow)
 
     def predict(self, batch: SampleBatch) -> Hypotheses:
         """One hypothesis for each sample."""
-        actors, config, times_s = batch.actors, self.config, future_times_s()
+        actors, idm = batch.actors, self.idm
         places = locate(batch.network, actors.xy_m[:, -1], actors.yaw_rad[:, -1], actors.sumo_lane)
         lane = places.lane[batch.target]
         in_lane = lane != NO_LANE
-        paths = paths_from(batch.network, np.unique(lane[in_lane]), config.range_m)
-        leaders = leaders_of(batch, places, paths, config.range_m)
-        limit = np.array([found.speed_limit_mps for found in batch.network.lanes] + [config.off_lane_limit_mps])
-        speed = np.hypot(batch.velocity_mps[:, 0], batch.velocity_mps[:, 1])
+        paths = paths_from(batch.network, np.unique(lane[in_lane]), idm.range_m)
+        gap_m, leader_mps = leaders_of(batch, places, paths, idm.range_m)
+        limit = np.array([each.speed_limit_mps for each in batch.network.lanes] + [idm.off_lane_limit_mps])
+        speed = batch.speed_mps
         # NO_LANE is −1 and takes the last limit, that of vehicles in no lane.
         desired = np.maximum(speed, limit[lane])
-        travelled = idm_travel(speed, desired, leaders.gap_m, leaders.speed_mps, times_s, config)
+        travelled = idm.travel(speed, desired, gap_m, leader_mps, future_times_s())
         heading = np.stack((np.cos(batch.yaw_rad), np.sin(batch.yaw_rad)), axis=-1)
         path = batch.xy_m[:, None] + travelled[..., None] * heading[:, None]
         rows = batch.target[in_lane]
         arc_m = places.arc_m[rows, None] + travelled[in_lane]
         path[in_lane] = paths.points(paths.path_of_lane[lane[in_lane]], arc_m, places.offset_m[rows])
         return Hypotheses.certain(path)
-
-
-def make(options: PredictorOptions) -> IdmPredictor:
-    """The constructor of the table of predictors."""
-    del options
-    return IdmPredictor()

@@ -1,1 +1,0 @@
-"""Predictors that are not learned: constant velocity, IDM."""

@@ -61,7 +61,7 @@ class Track:
 def rows_in_region(record: EpisodeRecord) -> Flags:
     """Which of ``record.rows`` are of vehicles in the interaction region at that step, shape ``(M,)``."""
     members, inside = np.empty(0, dtype=np.uint32), [np.empty(0, dtype=np.int64)]
-    for state in record.states:
+    for state in sorted(record.states, key=lambda state: state.step):
         members = region_members(members, state, record.emv_ids)
         inside.append(_row_keys(members, state.step))
     return np.isin(_row_keys(record.rows.actor_id, record.rows.step), np.concatenate(inside))

@@ -326,7 +326,7 @@ def test_boxes_of_labelled_sweeps_come_with_their_frames(monkeypatch: pytest.Mon
     for name, value in replaced.items():
         monkeypatch.setattr(classical, name, value)
     poses = np.array([map_from_lidar(frame) for frame in range(3)])
-    episode: Any = SimpleNamespace(step=np.array([4, 8, 10]), bag="bag", map_from_lidar=poses)
+    episode: Any = SimpleNamespace(frame_of_step={4: 0, 8: 1, 10: 2}, bag="bag", map_from_lidar=poses)
     found = classical.detect_classical(episode)
     assert found.frame.tolist() == [0, 2, 2]
     assert found.centre_m[0] == pytest.approx(to_map(0, 12.0, 3.0, -1.0))

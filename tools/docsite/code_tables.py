@@ -13,6 +13,7 @@ from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRIC
 from siren_ros.scenario import paper
 from siren_ros.scenario.paper import PAPER_CONSTANTS, PAPER_SPEEDS
 
+_PLAIN_TYPES: Final = re.compile(r" Allowed: (a string|a list of strings|true or false)\.$")
 _NODES_FILE: Final = Path(__file__).resolve().parents[2] / "params" / "nodes.yaml"
 
 
@@ -26,7 +27,10 @@ def node_table(node: str) -> str:
     found = [entry for entry in entries(_NODES_FILE.read_text(encoding="utf-8")) if entry.path.startswith(head)]
     if not found:
         raise KeyError(node)
-    rows = [f"| `{entry.path.removeprefix(head)}` | {_shown(entry.value)} | {entry.comment} |" for entry in found]
+    rows = [
+        f"| `{entry.path.removeprefix(head)}` | {_shown(entry.value)} | {_PLAIN_TYPES.sub('', entry.comment)} |"
+        for entry in found
+    ]
     return "\n".join(["| parameter | default | meaning |", "|---|---|---|", *rows])
 
 

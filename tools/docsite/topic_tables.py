@@ -48,7 +48,7 @@ _OTHER_PUBLISHERS: Final = {
     "AV_CONTROL": "**your controller**",
     "PREDICTIONS": "**your predictor**",
 }
-_HEAD: Final = "| topic | type | published by | rate | in the bag | content |\n|---|---|---|---|---|---|"
+_HEAD: Final = "| topic | content | type | published by | rate | in the bag |\n|---|---|---|---|---|---|"
 
 
 def texts_of(source: str, owner: str = "") -> dict[str, str]:
@@ -79,11 +79,11 @@ def _row(section: str, name: str, text: str) -> str:
         topic = topic.of_carrier(topics.AV_CARRIER)
     cells = (
         f"`{topic.name.format(sensor='SENSOR')}`",
+        text.replace("``", "`").removesuffix("."),
         f"`{topic.type_name.replace('/msg/', '/')}`",
         _OTHER_PUBLISHERS.get(name, f"`{topic.publisher}`"),
         "once" if topic.latched else f"{20 // topic.period_steps} Hz",
         _in_the_bag(name, topic),
-        text.replace("``", "`").removesuffix("."),
     )
     return f"| {' | '.join(cells)} |"
 

@@ -3,10 +3,8 @@
 import sys
 
 from siren_ros.errors import InputError
-from siren_ros.numerics.arithmetic import pin_arithmetic
 from siren_ros.ros.transport.shared_memory import check_room
 
-pin_arithmetic()
 try:
     check_room()  # before rclpy is loaded
 except InputError as error:

@@ -1,3 +1,56 @@
-"""Emergency-vehicle interactions: generated from behaviour, sensed, recorded and scored."""
+"""Emergency-vehicle interactions: generated from behaviour, sensed, recorded and scored.
+
+The names in ``__all__`` are public; each is loaded when it is first used. Everything else is private. The import fixes
+the arithmetic of numpy (``siren_ros/numerics/arithmetic.py``), so it stands before that of numpy.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final
+
+from siren_ros.numerics.arithmetic import pin_before_numpy
+
+if TYPE_CHECKING:
+    from siren_ros.api import export as export
+    from siren_ros.api import generate_study as generate_study
+    from siren_ros.api import iterate_frames as iterate_frames
+    from siren_ros.api import iterate_samples as iterate_samples
+    from siren_ros.api import judge as judge
+    from siren_ros.api import make_episode as make_episode
+    from siren_ros.api import read_record as read_record
+    from siren_ros.api import score_predictions as score_predictions
+    from siren_ros.api import verify as verify
+    from siren_ros.errors import BagError as BagError
+    from siren_ros.errors import EpisodeError as EpisodeError
+    from siren_ros.errors import InputError as InputError
+    from siren_ros.errors import SirenError as SirenError
+    from siren_ros.scenario.episode import EpisodeRequest as EpisodeRequest
+    from siren_ros.studies.matrix import Study as Study
 
 __version__ = "0.1.0"
+
+_MODULES: Final = {
+    "siren_ros.api": (
+        *("make_episode", "read_record", "judge", "verify", "score_predictions", "export"),
+        *("generate_study", "iterate_samples", "iterate_frames"),
+    ),
+    "siren_ros.errors": ("SirenError", "InputError", "BagError", "EpisodeError"),
+    "siren_ros.scenario.episode": ("EpisodeRequest",),
+    "siren_ros.studies.matrix": ("Study",),
+}
+_MODULE_OF: Final = {name: module for module, names in _MODULES.items() for name in names}
+__all__ = sorted(_MODULE_OF)  # noqa: PLE0605 - a list of strings
+
+pin_before_numpy()
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name (PEP 562)."""
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(_MODULE_OF[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,6 +1,6 @@
 """Fixtures that several folders of tests share: messages without ROS, and a synthetic episode; who runs the tests."""
 
-import siren_nodes  # noqa: F401 - the arithmetic of the programs, before numpy is loaded
+import siren_ros  # noqa: F401 - the arithmetic of the library, before numpy is loaded
 
 # isort: split
 import os

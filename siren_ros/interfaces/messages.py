@@ -22,6 +22,7 @@ from rosbags.typesys.store import Typestore
 from siren_ros.errors import EpisodeError, InputError
 from siren_ros.interfaces.topics import Topic
 from siren_ros.numerics.units import NS_PER_S, STEP_NS, exact_s, time_ns_of_step
+from siren_ros.params.resources import params_dir
 
 OWN_PACKAGE: Final = "siren_msgs"
 DEFINED_PACKAGES: Final = (OWN_PACKAGE, "vision_msgs")
@@ -29,14 +30,14 @@ DEFINED_PACKAGES: Final = (OWN_PACKAGE, "vision_msgs")
 
 
 def message_folder(package: str) -> Path:
-    """Folder of an installed package's ``.msg`` files.
+    """Folder of a package's ``.msg`` files: of an installed package, or those that came with this library.
 
     Raises:
         InputError: The package is not installed.
     """
     prefixes = [Path(prefix) for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix]
-    for prefix in (*prefixes, Path(sys.prefix)):
-        folder = prefix / "share" / package / "msg"
+    folders = [prefix / "share" / package / "msg" for prefix in (*prefixes, Path(sys.prefix))]
+    for folder in (*folders, params_dir().parent / "interfaces" / package / "msg"):
         if folder.is_dir():
             return folder
     raise InputError("package", package, "an installed interface package (share/PACKAGE/msg in AMENT_PREFIX_PATH)")

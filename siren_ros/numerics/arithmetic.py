@@ -1,15 +1,19 @@
 """The same arithmetic on every x86-64 processor with AVX2 and FMA, so that the same episode has the same bytes there.
 
-numpy and OpenBLAS choose among implementations by the processor, and their results differ in the last bit. The packages
-of programs call ``pin_arithmetic`` before numpy is loaded; the library itself leaves its user's numpy alone.
+numpy and OpenBLAS choose among implementations by the processor, and their results differ in the last bit. They read
+environment variables when numpy is loaded; ``import siren_ros`` sets these variables.
 """
 
+import importlib.util
 import os
-from collections.abc import Collection, MutableMapping
+import re
+import sys
+import warnings
+from collections.abc import Collection, Mapping, MutableMapping
 from pathlib import Path
 from typing import Final
 
-_AVX512_OF_NUMPY: Final = {
+_GROUPS_BY_GENERATION: Final = {
     "AVX512F": ("avx512f",),
     "AVX512CD": ("avx512cd",),
     "AVX512_KNL": ("avx512er", "avx512pf"),
@@ -19,24 +23,87 @@ _AVX512_OF_NUMPY: Final = {
     "AVX512_CNL": ("avx512ifma", "avx512vbmi"),
     "AVX512_ICL": ("avx512_vbmi2", "avx512_bitalg", "avx512_vpopcntdq"),
 }
-"""numpy's groups of instructions beyond AVX2 (numpy's reference, "CPU/SIMD optimizations"), and the processor flags in
-Linux's names that each one needs. numpy warns about a disabled group that the processor does not have."""
+_SAPPHIRE_RAPIDS: Final = {"AVX512_SPR": ("avx512_fp16",)}
+_GROUPS_BY_LEVEL: Final = {
+    "X86_V4": ("avx512f", "avx512cd", "avx512vl", "avx512bw", "avx512dq"),
+    "AVX512_ICL": (
+        *("avx512_vnni", "avx512ifma", "avx512vbmi"),
+        *("avx512_vbmi2", "avx512_bitalg", "avx512_vpopcntdq"),
+    ),
+    **_SAPPHIRE_RAPIDS,
+}
+_SINCE_2_3: Final = (2, 3)
+_SINCE_2_4: Final = (2, 4)
 
 
-def pin_arithmetic(environment: MutableMapping[str, str] = os.environ, flags: Collection[str] | None = None) -> None:
+class UnpinnedArithmeticWarning(UserWarning):
+    """numpy was loaded before ``siren_ros``, with arithmetic that depends on this processor."""
+
+
+def pin_arithmetic(
+    environment: MutableMapping[str, str] = os.environ,
+    flags: Collection[str] | None = None,
+    numpy_version: tuple[int, int] | None = None,
+) -> dict[str, str]:
     """Set the variables that numpy and OpenBLAS read when they load; those that are set already stay.
 
     Args:
         environment: Of this process.
         flags: What the processor can do, in Linux's names; read from ``/proc/cpuinfo`` where None.
+        numpy_version: Major and minor version of numpy; that of the installed one where None.
+
+    Returns:
+        The variables that were not set before, with their values.
     """
     able = set(_processor_flags() if flags is None else flags)
     # Idle threads of OpenBLAS spin after every large product and take a core from the cameras.
-    environment.setdefault("OPENBLAS_NUM_THREADS", "1")
+    pinned = {"OPENBLAS_NUM_THREADS": "1"}
     if able >= {"avx2", "fma"}:
-        environment.setdefault("OPENBLAS_CORETYPE", "Haswell")
-    if beyond := [group for group, needed in _AVX512_OF_NUMPY.items() if able.issuperset(needed)]:
-        environment.setdefault("NPY_DISABLE_CPU_FEATURES", " ".join(beyond))
+        pinned["OPENBLAS_CORETYPE"] = "Haswell"
+    groups = _groups_beyond_avx2(numpy_version or _installed_numpy())
+    if beyond := [group for group, needed in groups.items() if able.issuperset(needed)]:
+        pinned["NPY_DISABLE_CPU_FEATURES"] = " ".join(beyond)
+    missing = {name: value for name, value in pinned.items() if name not in environment}
+    environment.update(missing)
+    return missing
+
+
+def pin_before_numpy() -> None:
+    """Pin the arithmetic of this process, and warn where numpy is loaded already and did not see the variables."""
+    loaded = "numpy" in sys.modules
+    missing = pin_arithmetic()
+    if loaded and missing:
+        variables = " ".join(f"{name}='{value}'" for name, value in missing.items())
+        warnings.warn(
+            "numpy was loaded before siren_ros and computes as this processor does it fastest: an episode made in this "
+            "process can differ in the last bit from the same episode on another machine, so that their hashes differ. "
+            f"Import siren_ros before numpy, or start Python with {variables}.",
+            UnpinnedArithmeticWarning,
+            stacklevel=3,
+        )
+
+
+def _groups_beyond_avx2(numpy_version: tuple[int, int]) -> Mapping[str, tuple[str, ...]]:
+    """Groups of instructions beyond AVX2 in numpy's names, and the processor flags in Linux's names that each needs.
+
+    numpy's reference, "CPU/SIMD optimizations". numpy warns about a disabled group that the processor does not have and
+    about a group that this version of numpy does not know.
+    """
+    if numpy_version >= _SINCE_2_4:
+        return _GROUPS_BY_LEVEL
+    if numpy_version >= _SINCE_2_3:
+        return {**_GROUPS_BY_GENERATION, **_SAPPHIRE_RAPIDS}
+    return _GROUPS_BY_GENERATION
+
+
+def _installed_numpy() -> tuple[int, int]:
+    """Major and minor version of the numpy that would be loaded, without loading it; (1, 26) where it is unknown."""
+    spec = importlib.util.find_spec("numpy")
+    if spec is not None and spec.origin is not None:
+        text = Path(spec.origin).with_name("version.py").read_text(encoding="utf-8")
+        if number := re.search(r"""^\s*(?:full_)?version = ["'](\d+)\.(\d+)""", text, re.MULTILINE):
+            return int(number[1]), int(number[2])
+    return 1, 26
 
 
 def _processor_flags(cpuinfo: Path = Path("/proc/cpuinfo")) -> list[str]:

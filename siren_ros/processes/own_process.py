@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
 
 from siren_ros.errors import EpisodeError, InputError, SirenError
-from siren_ros.numerics.arithmetic import pin_arithmetic
 
 _PRELOADED: Final = "siren_ros.studies.recorded_attempt"
 _TERMINATE_S: Final = 5.0
@@ -71,7 +70,6 @@ def call_in_own_process(
             "a worker that may start processes: set DASK_DISTRIBUTED__WORKER__DAEMON=False, or start it --no-nanny"
         )
         raise InputError("worker", multiprocessing.current_process().name, allowed)
-    pin_arithmetic()  # the fork server reads the variables when it loads numpy
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([_PRELOADED])
     here, there = context.Pipe(duplex=False)

@@ -1,5 +1,1 @@
 """Studies: many episodes from one description, run side by side, kept with one row each in one table."""
-
-from siren_ros.numerics.arithmetic import pin_arithmetic
-
-pin_arithmetic()

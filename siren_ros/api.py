@@ -1,0 +1,216 @@
+"""The public functions of the library: make, read, judge, score and export episodes, and generate studies, without ROS.
+
+``import siren_ros`` offers all of them. Everything else in the package is private: it can change in any release. All
+quantities are in SI units, angles in radians, poses in the frame ``map``. Input that cannot be used raises
+``InputError``, a bag that cannot be read ``BagError``, an episode that fails ``EpisodeError``; all are ``SirenError``.
+Functions print nothing. Each function loads what it needs when it is called, so that ``import siren_ros`` stays fast.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from siren_ros.datasets.export_job import ExportResult
+    from siren_ros.evaluation.prediction.predictors import Predictor
+    from siren_ros.evaluation.prediction.reports.score_table import ScoreTable
+    from siren_ros.evaluation.prediction.samples import Population, ScoredSamples
+    from siren_ros.generation.recorded_episode import RecordedEpisode
+    from siren_ros.judging.verdict import Verdict
+    from siren_ros.judging.verify import Verification
+    from siren_ros.record.episode_source import LidarFrame
+    from siren_ros.recording.episode_record import EpisodeRecord
+    from siren_ros.scenario.episode import EpisodeRequest
+    from siren_ros.studies.matrix import Study
+    from siren_ros.studies.run_study import StudyResult
+
+
+def make_episode(request: EpisodeRequest, bag: Path) -> RecordedEpisode:
+    """Simulate an episode and record it.
+
+    The bag has the same bytes as that of ``ros2 run siren_ros cosim`` with the same request and package versions.
+
+    Args:
+        request: Template, level, seed, map, sensors and the other choices.
+        bag: Folder of the bag; it must not exist.
+
+    Returns:
+        How the episode ended, and what its bag holds. An episode that fails on the way leaves a partial bag.
+
+    Raises:
+        InputError: A choice cannot be used, or the bag cannot be written. An AV under test, a predictor or a detector
+            take part over ROS and need ``cosim``.
+        EpisodeError: The disk is full.
+    """
+    from siren_ros.generation.episode_setup import set_up_episode
+    from siren_ros.generation.recorded_episode import record_episode
+
+    return record_episode(set_up_episode(request), bag)
+
+
+def read_record(bag: Path) -> EpisodeRecord:
+    """Read what happened in an episode: states of all actors at 20 Hz, signals, events and the map; no sensor data.
+
+    Args:
+        bag: Folder of a recorded episode.
+
+    Raises:
+        BagError: The folder holds no episode of SIREN, or the bag is damaged.
+    """
+    from siren_ros.recording.bag_reader import read_episode
+
+    return read_episode(bag)
+
+
+def judge(record: EpisodeRecord) -> Verdict:
+    """Decide whether the interaction of the episode's template happened, from the record alone.
+
+    Raises:
+        BagError: The record names a predicate that this version does not know.
+    """
+    from siren_ros.judging.predicates import evaluate_predicate
+
+    return evaluate_predicate(record)
+
+
+def verify(record: EpisodeRecord) -> Verification:
+    """Judge the interaction and check that the record is sound: motion, contacts, completeness, stamps and hashes.
+
+    Raises:
+        EpisodeError: The record contradicts itself.
+        BagError: The record names a predicate that this version does not know.
+    """
+    from siren_ros.judging.verify import verify_episode
+
+    return verify_episode(record)
+
+
+def score_predictions(
+    bags: Sequence[Path], predictors: Mapping[str, Predictor] | Sequence[str] = ("cv",), population: str = "region"
+) -> ScoreTable:
+    """Score trajectory predictors on recorded episodes: 3 s of past, 5 s of future, every 0.1 s.
+
+    Args:
+        bags: Folders of recorded episodes, or folders that hold such folders, as a study does.
+        predictors: Predictors by name, or names of the project's own: ``cv``, ``idm``, ``siren``.
+        population: ``region`` for vehicles in the interaction region around the EMV, ``all`` for every vehicle.
+
+    Returns:
+        Each metric of each predictor, by template, level and category, with 95 % intervals over the episodes.
+
+    Raises:
+        InputError: A name is unknown, or a predictor's answer cannot be scored.
+        BagError: A bag cannot be read.
+    """
+    from siren_ros.evaluation.prediction.episode_scores import score_episode
+    from siren_ros.evaluation.prediction.predictors import predictors_named
+    from siren_ros.evaluation.prediction.reports.score_table import score_table
+    from siren_ros.recording.bag_reader import bags_among
+
+    loaded = predictors if isinstance(predictors, Mapping) else predictors_named(list(predictors))
+    chosen = _population(population)
+    return score_table([score_episode(str(bag), read_record(bag), loaded, chosen) for bag in bags_among(bags)])
+
+
+def export(
+    format_name: str, bags: Sequence[Path], out: Path, options: Mapping[str, str] | None = None, processes: int = 1
+) -> ExportResult:
+    """Write recorded episodes as a dataset in another format.
+
+    Args:
+        format_name: Such as ``kitti``, ``nuscenes`` or ``csv``; ``siren export --list`` shows all formats.
+        bags: Folders of recorded episodes, or folders that hold such folders, as a study does.
+        out: Folder of the dataset, new or empty. It appears when the whole dataset is written.
+        options: Options of the format by name, as ``{"layout": "paper"}``.
+        processes: Number of processes that work side by side.
+
+    Returns:
+        The dataset's card, and notes about bags that are not whole.
+
+    Raises:
+        InputError: The format, an option or the folder cannot be used, or a bag lacks what the format needs.
+    """
+    from siren_ros.datasets.export_job import ExportJob, run_export
+    from siren_ros.datasets.formats import format_named
+    from siren_ros.recording.bag_reader import bags_among
+
+    return run_export(ExportJob(format_named(format_name), options or {}, bags_among(bags), out, processes))
+
+
+def generate_study(study: Study, out: Path, workers: int = 1) -> StudyResult:
+    """Make all episodes of a study, several at once; a call with the same folder goes on where the last one stopped.
+
+    Each episode has a process of its own. Programs that call this function keep it under
+    ``if __name__ == "__main__":``, because these processes import the program's file.
+
+    Args:
+        study: Templates, levels, seeds, maps and the other choices.
+        out: Folder of the study; its table is ``manifest.parquet``.
+        workers: Number of processes.
+
+    Returns:
+        A row for each episode.
+
+    Raises:
+        InputError: The study or the folder cannot be used. Videos with risk labels need ``siren generate``.
+    """
+    from siren_ros.errors import InputError
+    from siren_ros.studies.run_study import run_study
+    from siren_ros.studies.study_folder import LocalFolder
+    from siren_ros.studies.workers import LocalWorkers
+
+    if study.risk_videos:
+        raise InputError("risk_videos", study.risk_videos, "0; `siren generate` makes the videos")
+    return run_study(study, LocalFolder(out), LocalWorkers(workers))
+
+
+def iterate_samples(bags: Sequence[Path], window: str = "ngsim", population: str = "region") -> Iterator[ScoredSamples]:
+    """Yield the prediction samples of recorded episodes, those of one episode at a time, as arrays.
+
+    Args:
+        bags: Folders of recorded episodes, or folders that hold such folders.
+        window: The past of a sample: ``ngsim`` (3 s, a point every 0.2 s) or ``argoverse2`` (5 s, every 0.1 s).
+        population: As in ``score_predictions``.
+
+    Raises:
+        InputError: The window or the population is unknown.
+        BagError: A bag cannot be read.
+    """
+    from siren_ros.errors import InputError
+    from siren_ros.evaluation.prediction.samples import WINDOWS, samples_of
+    from siren_ros.recording.bag_reader import bags_among
+
+    if window not in WINDOWS:
+        raise InputError("window", window, f"one of {', '.join(WINDOWS)}")
+    chosen = _population(population)
+    for bag in bags_among(bags):
+        yield samples_of(read_record(bag), WINDOWS[window], chosen)
+
+
+def iterate_frames(bag: Path, *, cameras: bool = False, pose: bool = False) -> Iterator[LidarFrame]:
+    """Yield the steps of an episode that hold a LiDAR sweep, labels or pictures.
+
+    Args:
+        bag: Folder of an episode that was recorded with a LiDAR.
+        cameras: Also the pictures of all cameras and their labels.
+        pose: Also the pose of the vehicle or of the station at the roadside.
+
+    Raises:
+        BagError: The bag cannot be read, or holds no LiDAR.
+    """
+    from siren_ros.record.episode_source import lidar_frames, open_source
+
+    with open_source(bag) as source:
+        yield from lidar_frames(source, cameras=cameras, pose=pose)
+
+
+def _population(name: str) -> Population:
+    from siren_ros.errors import InputError
+    from siren_ros.evaluation.prediction.samples import Population
+
+    try:
+        return Population(name)
+    except ValueError as error:
+        raise InputError("population", name, f"one of {', '.join(Population)}") from error

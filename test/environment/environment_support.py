@@ -62,7 +62,7 @@ class Checkout:
 
     def __init__(self, root: Path) -> None:
         self.root = root
-        for name in ("env", "setup.py", "setup.cfg"):
+        for name in ("env", "pyproject.toml", "setup.py", "setup.cfg"):
             shutil.copy(REPOSITORY / name, root / name)
         for name in ("tools/environment", "msg_defs"):
             shutil.copytree(REPOSITORY / name, root / name)

@@ -25,14 +25,23 @@ def test_sources_what_the_environment_sets(checkout: Checkout) -> None:
     assert checkout.env("bash", "-c", "echo $MADE").stdout == "yes\n"
 
 
-@pytest.mark.parametrize(
-    "name", ["env", "setup.py", "setup.cfg", "tools/environment/ros_wheels.txt", "msg_defs/package.xml"]
-)
+@pytest.mark.parametrize("name", ["env", "setup.py", "setup.cfg", "tools/environment/lock.txt", "msg_defs/package.xml"])
 def test_a_changed_definition_makes_it_again(checkout: Checkout, name: str) -> None:
     checkout.env("true")
     with (checkout.root / name).open("a") as file:
         file.write("# changed\n")
     checkout.env("true")
+    checkout.env("true")
+    assert len(checkout.calls()) == 2
+
+
+def test_changed_ranges_of_packages_make_it_again_and_settings_of_tools_do_not(checkout: Checkout) -> None:
+    checkout.env("true")
+    project = checkout.root / "pyproject.toml"
+    project.write_text(project.read_text().replace("line-length = 120", "line-length = 100"))
+    checkout.env("true")
+    assert len(checkout.calls()) == 1
+    project.write_text(project.read_text().replace("numpy>=1.26", "numpy>=1.27"))
     checkout.env("true")
     assert len(checkout.calls()) == 2
 

@@ -163,9 +163,9 @@ def test_cmake_exports_lose_only_missing_include_folders(tmp_path: Path) -> None
 
 
 def collected_extras(tmp_path: Path, installed: str | None, *asked: str) -> "subprocess.CompletedProcess[str]":
-    """The extras that the next environment will have, of a setup.py with ``dev`` and ``models``."""
-    (tmp_path / "setup.py").write_text(
-        "setup(name='x', extras_require={'dev': A, 'models': ['torch']}, zip_safe=False)"
+    """The extras that the next environment will have, of a pyproject.toml with ``dev`` and ``models``."""
+    (tmp_path / "pyproject.toml").write_text(
+        '[project]\nname = "x"\n[project.optional-dependencies]\ndev = ["a"]\nmodels = ["torch"]\n'
     )
     state = tmp_path / "venv/.siren"
     state.mkdir(parents=True)
@@ -192,7 +192,7 @@ def test_an_unknown_extra_is_refused_with_those_there_are(tmp_path: Path) -> Non
 
 
 def test_the_extras_of_setup_are_found() -> None:
-    names = runpy.run_path(str(STEPS / "extras.py"))["extra_names"]((REPOSITORY / "setup.py").read_text())
+    names = runpy.run_path(str(STEPS / "extras.py"))["extra_names"]((REPOSITORY / "pyproject.toml").read_text())
     assert "dev" in names
 
 
@@ -201,7 +201,7 @@ def test_what_builds_messages_is_bounded_as_setup_does_it(name: str) -> None:
     """It would else be replaced while the messages are built."""
     lines = (STEPS / "ros_wheels.txt").read_text().splitlines()
     (bounds,) = [line.split("#")[0].strip() for line in lines if line.startswith(name)]
-    assert f'"{bounds}"' in (REPOSITORY / "setup.py").read_text()
+    assert f'"{bounds}"' in (REPOSITORY / "pyproject.toml").read_text()
 
 
 def test_a_sourced_ros_has_setups_setuptools_before_the_messages_are_built(tmp_path: Path) -> None:
@@ -209,7 +209,7 @@ def test_a_sourced_ros_has_setups_setuptools_before_the_messages_are_built(tmp_p
     script = 'ros=sourced; install() { printf \'%s\\n\' "$@"; }; install_ros; cat "$state/ros.log"'
     asked = run_shell(script, tmp_path).stdout.strip()
     assert asked.startswith("setuptools>=")
-    assert f'"{asked}"' in (REPOSITORY / "setup.py").read_text()
+    assert f'"{asked}"' in (REPOSITORY / "pyproject.toml").read_text()
 
 
 def test_pips_settings_are_those_of_install_and_of_variables() -> None:

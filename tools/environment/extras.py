@@ -1,22 +1,16 @@
-"""Prints the names of the extras that setup.py declares, one per line; setup.py is read, not run.
+"""Prints the names of the extras that pyproject.toml declares, one per line.
 
-extras.py SETUP_PY
+extras.py PYPROJECT_TOML
 """
 
-import ast
 import sys
+import tomllib
 from pathlib import Path
 
 
-def extra_names(source: str) -> list[str]:
-    """The keys of the literal ``extras_require={...}`` in a setup.py's text."""
-    return [
-        ast.literal_eval(key)
-        for node in ast.walk(ast.parse(source))
-        if isinstance(node, ast.keyword) and node.arg == "extras_require" and isinstance(node.value, ast.Dict)
-        for key in node.value.keys
-        if key is not None
-    ]
+def extra_names(text: str) -> list[str]:
+    """The keys of ``[project.optional-dependencies]`` in a pyproject.toml's text."""
+    return list(tomllib.loads(text)["project"]["optional-dependencies"])
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@
 #   make.sh ROOT VENV wheels|sourced KEY [EXTRA...]
 #
 # Steps that are done are skipped, so an interrupted run is taken up where it stopped. KEY, the key of everything that defines the
-# environment, goes into the last stamp, the one that ./env compares. Each EXTRA of setup.py is added to those that are installed.
+# environment, goes into the last stamp, the one that ./env compares. Each EXTRA of pyproject.toml is added to those that are installed.
 set -euo pipefail
 
 root=$1

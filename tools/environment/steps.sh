@@ -50,11 +50,11 @@ make_venv() { # sets fresh=1 where it made a new one
     fresh=1
 }
 
-# Which extras of setup.py the environment will have: those it has and those that were asked for. One that setup.py does not
-# declare is refused where it was asked for, and left out where an older setup.py had it.
+# Which extras of pyproject.toml the environment will have: those it has and those that were asked for. One that pyproject.toml does
+# not declare is refused where it was asked for, and left out where an older pyproject.toml had it.
 collect_extras() { # sets $extras
     local extra declared
-    declared=$("$venv/bin/python" "$here/extras.py" setup.py)
+    declared=$("$venv/bin/python" "$here/extras.py" pyproject.toml)
     for extra in "${asked_extras[@]}"; do
         if ! grep -qxF -- "$extra" <<<"$declared"; then
             say "--with: '$extra' cannot be used; allowed: $(paste -sd, <<<"$declared" | sed 's/,/, /g')"
@@ -76,14 +76,24 @@ forget_half_installed() {
     done
 }
 
-# uv installs in a fraction of pip's time. It does not see the packages of a sourced ROS's system, so pip serves there, and where uv
-# cannot be had.
+# Installs the versions of the lock. uv does it in a fraction of pip's time. It does not see the packages of a sourced ROS's system, so
+# pip serves there, and where uv cannot be had.
 install() { # ARGUMENT...
     if [[ $ros == wheels && -x $venv/bin/uv ]]; then
-        "$venv/bin/python" "$here/uv_like_pip.py" pip install --python "$venv/bin/python" --override "$here/overrides.txt" "$@"
+        "$venv/bin/python" "$here/uv_like_pip.py" pip install --python "$venv/bin/python" --override "$here/overrides.txt" \
+            --constraint "$here/lock.txt" "$@"
     else
-        "$venv/bin/python" -m pip install --disable-pip-version-check --no-input --progress-bar off "$@"
+        lock_for_pip >"$state/lock_for_pip.txt"
+        "$venv/bin/python" -m pip install --disable-pip-version-check --no-input --progress-bar off \
+            --constraint "$state/lock_for_pip.txt" "$@"
     fi
+}
+
+# The lock without the packages of overrides.txt: pip, which cannot override, would find no version that all accept.
+lock_for_pip() {
+    local overridden
+    overridden=$(sed -n 's/^\([A-Za-z0-9._-]*\).*/\1/p' "$here/overrides.txt" | sed '/^$/d' | paste -sd'|')
+    grep -Ev "^($overridden)==" "$here/lock.txt"
 }
 
 # ROS and what builds message packages.
@@ -100,7 +110,7 @@ install_ros() {
             "$venv/bin/python" -m pip install --disable-pip-version-check --no-input --progress-bar off 'uv>=0.5' ||
             say "  without uv, pip installs them"
     fi
-    ros_key=$(hash_of tools/environment/ros_wheels.txt tools/environment/mend_cmake_exports.py)
+    ros_key=$(hash_of tools/environment/ros_wheels.txt tools/environment/lock.txt tools/environment/mend_cmake_exports.py)
     if stamped ros "$ros_key"; then return; fi
     forget_half_installed
     rm -f "$state/ros.stamp"
@@ -109,12 +119,15 @@ install_ros() {
     stamp ros "$ros_key"
 }
 
-# The Python packages that setup.py names, with the extras, and siren_ros itself.
+# pyproject.toml without the settings of tools.
+project_metadata() { sed '/^\[tool\.ruff\]/,$d' "$root/pyproject.toml"; }
+
+# The Python packages that pyproject.toml names, with the extras, and siren_ros itself.
 install_packages() {
     local names requirements=() package_key
     names=$(IFS=,; printf '%s' "${extras[*]}")
     if [[ $ros == wheels ]]; then requirements=(-r "$here/ros_wheels.txt"); fi
-    package_key=$({ printf '%s\n' "$names"; hash_of setup.py setup.cfg tools/environment/ros_wheels.txt tools/environment/overrides.txt; } | hash_of)
+    package_key=$({ printf '%s\n' "$names"; project_metadata | hash_of; hash_of setup.py setup.cfg tools/environment/{ros_wheels,overrides,lock}.txt; } | hash_of)
     if stamped packages "$package_key"; then return; fi
     forget_half_installed
     rm -f "$state/packages.stamp"

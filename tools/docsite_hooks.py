@@ -28,7 +28,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """The pages of the API go where the navigation names their section."""
     for section in config.nav or []:
         if isinstance(section, dict) and section.get("API reference") == "api/":
-            section["API reference"] = api_navigation(REPOSITORY / "siren_ros")
+            section["API reference"] = api_navigation()
     return config
 
 

@@ -1,27 +1,36 @@
+import ast
 from pathlib import Path
 
 import pytest
 
-from docsite.api_pages import api_navigation, api_pages
+from docsite.api_pages import api_navigation, api_pages, public_types
+
+FUNCTIONS = '''"""Public functions."""
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from lib.roads.lanes import Lane
+    from lib.roads.ends import End, Inside
+    from other import Foreign
+
+
+def read(path: str, lane: Lane | None = None) -> Iterator[End]:
+    from lib.roads.read import found
+
+    return found(path)
+
+
+def close(end: End, foreign: Foreign) -> None: ...
+
+
+def _hidden(inside: Inside) -> Inside: ...
+'''
 
 
 @pytest.fixture
 def library(tmp_path: Path) -> Path:
-    files = {
-        "__init__.py": '"""The library."""',
-        "errors.py": '"""Errors."""',
-        "cli/__init__.py": '"""Programs."""',
-        "cli/main.py": "",
-        "roads/__init__.py": '"""The roads,\nand lanes.\n\nMore."""',
-        "roads/lanes.py": "",
-        "roads/ends.py": "",
-        "roads/maps/__init__.py": '"""Maps."""',
-        "roads/maps/read.py": "",
-        "world/__init__.py": '"""Only a package."""',
-        "world/deep/__init__.py": '"""Below it."""',
-        "world/deep/inside.py": "",
-        "no_package/data.py": "",
-    }
+    files = {"__init__.py": '"""The library."""', "errors.py": "class Bad(Exception): ...", "api.py": FUNCTIONS}
     for name, text in files.items():
         path = tmp_path / "lib" / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -29,31 +38,21 @@ def library(tmp_path: Path) -> Path:
     return tmp_path / "lib"
 
 
-def test_each_package_with_modules_has_a_page_that_names_all_of_them(library: Path) -> None:
-    pages = api_pages(library)
-    assert list(pages) == [
-        "api/index.md",
-        "api/lib.md",
-        "api/lib.roads.md",
-        "api/lib.roads.maps.md",
-        "api/lib.world.deep.md",
-    ]
-    head, _, body = pages["api/lib.roads.md"].partition("---\n\n")
+def test_the_first_page_has_the_public_functions_in_the_order_of_the_file(library: Path) -> None:
+    assert api_pages(library)["api/index.md"].endswith("\n\n::: lib.api.read\n\n::: lib.api.close\n")
+
+
+def test_the_types_are_those_of_public_signatures(library: Path) -> None:
+    assert public_types(ast.parse(FUNCTIONS), "lib") == ["lib.roads.ends.End", "lib.roads.lanes.Lane"]
+    head, _, body = api_pages(library)["api/types.md"].partition("---\n\n")
     assert "search:\n  boost: 0." in head
-    assert body == "# `lib.roads`\n\nThe roads, and lanes.\n\n::: lib.roads.ends\n\n::: lib.roads.lanes\n"
+    assert body == "# Types\n\n::: lib.roads.ends.End\n\n::: lib.roads.lanes.Lane\n"
 
 
-def test_the_index_says_what_every_package_is(library: Path) -> None:
-    index = api_pages(library)["api/index.md"]
-    assert "| [`lib.roads.maps`](lib.roads.maps.md) | Maps. |" in index
-    assert "| `lib.world` | Only a package. |" in index
-    assert "lib.cli" not in index
+def test_the_errors_have_a_page(library: Path) -> None:
+    assert "::: lib.errors.Bad\n" in api_pages(library)["api/errors.md"]
 
 
 def test_the_navigation_has_every_page_once(library: Path) -> None:
-    assert api_navigation(library) == [
-        "api/index.md",
-        "api/lib.md",
-        {"roads": [{"roads": "api/lib.roads.md"}, {"roads.maps": "api/lib.roads.maps.md"}]},
-        {"world": [{"world.deep": "api/lib.world.deep.md"}]},
-    ]
+    named = [page if isinstance(page, str) else next(iter(page.values())) for page in api_navigation()]
+    assert named == list(api_pages(library))

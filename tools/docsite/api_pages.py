@@ -1,37 +1,42 @@
-"""The API reference: one page for each package of the library, written by mkdocstrings from the source text."""
+"""The API reference: the public functions of the library and the types that they take and give, by mkdocstrings."""
 
 import ast
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
-PROGRAMS: Final = ("cli", "benchmarks")
-"""Packages of programs: nobody imports them; they have other pages."""
+_FUNCTIONS: Final = "api.py"
+"""The module of the library that holds all public functions."""
+_ERRORS: Final = "errors.py"
 
-_FOUND_LAST: Final = "---\nsearch:\n  boost: 0.3\n---\n\n"
+_SEARCH: Final = "---\nsearch:\n  boost: 0.3\n---\n\n"
 """The search shows documents before pages of the API."""
 
 
-def _packages(library: Path) -> Iterator[Path]:
-    """Folders of the library with modules of their own, by path."""
-    for folder in [library, *sorted(path for path in library.rglob("*") if path.is_dir())]:
-        inside = folder.relative_to(library).parts
-        if (folder / "__init__.py").is_file() and inside[:1] not in {(name,) for name in PROGRAMS}:
-            yield folder
+def public_functions(module: ast.Module) -> list[ast.FunctionDef]:
+    """Functions of a module without a leading underscore, in the order of the file."""
+    return [node for node in module.body if isinstance(node, ast.FunctionDef) and not node.name.startswith("_")]
 
 
-def _dotted(library: Path, path: Path) -> str:
-    return ".".join(path.relative_to(library.parent).with_suffix("").parts)
+def public_types(module: ast.Module, package: str) -> list[str]:
+    """Dotted names of the package's types that stand in the signatures of the public functions, sorted by name."""
+    imported = {
+        alias.name: f"{node.module}.{alias.name}"
+        for node in ast.walk(module)
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == package
+        for alias in node.names
+    }
+    annotations = [
+        annotation
+        for function in public_functions(module)
+        for annotation in (function.returns, *(argument.annotation for argument in function.args.args))
+        if annotation is not None
+    ]
+    names = {node.id for annotation in annotations for node in ast.walk(annotation) if isinstance(node, ast.Name)}
+    return [imported[name] for name in sorted(names & imported.keys())]
 
 
-def _summary(module: Path) -> str:
-    """The first paragraph of a module's docstring, on one line."""
-    text = ast.get_docstring(ast.parse(module.read_text(encoding="utf-8"))) or ""
-    return " ".join(text.split("\n\n")[0].split())
-
-
-def _modules(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.glob("*.py") if path.name != "__init__.py")
+def _blocks(names: list[str]) -> str:
+    return "\n\n".join(f"::: {name}" for name in names)
 
 
 def api_pages(library: Path) -> dict[str, str]:
@@ -41,31 +46,25 @@ def api_pages(library: Path) -> dict[str, str]:
         library: Folder of the library's top package.
 
     Returns:
-        An index with a line for each package, and a page for each package that has modules.
+        A page of the functions, one of the types, and one of the errors.
     """
-    rows = []
-    pages = {}
-    for folder in _packages(library):
-        name = _dotted(library, folder)
-        modules = _modules(folder)
-        summary = _summary(folder / "__init__.py")
-        rows.append(f"| {f'[`{name}`]({name}.md)' if modules else f'`{name}`'} | {summary} |")
-        if modules:
-            blocks = "\n\n".join(f"::: {_dotted(library, module)}" for module in modules)
-            pages[f"api/{name}.md"] = f"{_FOUND_LAST}# `{name}`\n\n{summary}\n\n{blocks}\n"
+    package = library.name
+    module = ast.parse((library / _FUNCTIONS).read_text(encoding="utf-8"))
+    errors = ast.parse((library / _ERRORS).read_text(encoding="utf-8"))
+    functions = [f"{package}.api.{function.name}" for function in public_functions(module)]
+    classes = [f"{package}.errors.{node.name}" for node in errors.body if isinstance(node, ast.ClassDef)]
     introduction = (
-        "# API reference\n\nEverything public of the library, from its docstrings. "
-        "The plan of the code says which package may import which.\n\n| package | content |\n|---|---|\n"
+        f"# API reference\n\nThe public functions; `import {package}` offers all of them. [Types](types.md) has what "
+        "they take and return, [Errors](errors.md) what they raise. All other modules are private: they can change in "
+        "any release.\n\n"
     )
-    return {"api/index.md": introduction + "\n".join(rows) + "\n", **pages}
+    return {
+        "api/index.md": f"{introduction}{_blocks(functions)}\n",
+        "api/types.md": f"{_SEARCH}# Types\n\n{_blocks(public_types(module, package))}\n",
+        "api/errors.md": f"{_SEARCH}# Errors\n\n{_blocks(classes)}\n",
+    }
 
 
-def api_navigation(library: Path) -> list[Any]:
-    """The navigation's part: the index, and the packages below the top package that they belong to."""
-    sections: dict[str, list[Any]] = {}
-    for path in api_pages(library):
-        name = path.removeprefix("api/").removesuffix(".md")
-        if name in ("index", library.name):
-            continue
-        sections.setdefault(name.split(".")[1], []).append({".".join(name.split(".")[1:]): path})
-    return ["api/index.md", f"api/{library.name}.md", *({name: pages} for name, pages in sections.items())]
+def api_navigation() -> list[Any]:
+    """The pages in the order of the navigation."""
+    return ["api/index.md", {"Types": "api/types.md"}, {"Errors": "api/errors.md"}]

@@ -1,0 +1,86 @@
+"""What a release states stands once, or the same everywhere; what runs elsewhere calls what runs here."""
+
+import re
+import subprocess
+import tomllib
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import pytest
+import yaml
+from repository import REPOSITORY
+
+import siren_ros
+
+PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+LOCK = (REPOSITORY / "tools" / "environment" / "lock.txt").read_text(encoding="utf-8")
+
+
+def test_the_version_stands_in_the_package_and_is_repeated_where_formats_demand_it() -> None:
+    assert "version" in PROJECT["dynamic"]
+    citation = yaml.safe_load((REPOSITORY / "CITATION.cff").read_text(encoding="utf-8"))
+    assert citation["version"] == siren_ros.__version__
+    for package in ("package.xml", "msg_defs/package.xml"):
+        assert ET.parse(REPOSITORY / package).findtext("version") == siren_ros.__version__  # noqa: S314 - our file
+
+
+def test_the_citation_has_what_the_format_demands() -> None:
+    citation = yaml.safe_load((REPOSITORY / "CITATION.cff").read_text(encoding="utf-8"))
+    assert {"cff-version", "message", "title", "authors"} <= set(citation)
+    assert {"type", "title", "authors"} <= set(citation["preferred-citation"])
+
+
+def test_the_lock_names_versions_and_nothing_of_the_machine_that_wrote_it() -> None:
+    lines = LOCK.splitlines()
+    assert [
+        line for line in lines if not re.fullmatch(r"[a-z0-9][a-z0-9._-]*==[0-9][0-9a-z.]*( ; [^/@]+)?", line)
+    ] == []
+    names = [line.partition("==")[0] for line in lines]
+    assert names == sorted(set(names))
+
+
+@pytest.mark.parametrize("extra", ["", *PROJECT["optional-dependencies"]])
+def test_the_lock_has_a_version_within_each_range(extra: str) -> None:
+    packaging = pytest.importorskip("packaging.requirements")
+    locked = dict(line.split(" ;")[0].split("==") for line in LOCK.splitlines())
+    ranges = PROJECT["optional-dependencies"][extra] if extra else PROJECT["dependencies"]
+    for text in ranges:
+        wanted = packaging.Requirement(text)
+        if wanted.name == "siren_ros":
+            continue
+        version = locked[wanted.name.lower().replace("_", "-").replace(".", "-")]
+        assert wanted.specifier.contains(version), (text, version)
+
+
+def test_the_metadata_do_not_exclude_numpy_2() -> None:
+    (numpy,) = [text for text in PROJECT["dependencies"] if text.startswith("numpy")]
+    assert numpy == "numpy>=1.26,<3"
+
+
+def steps() -> list[str]:
+    listing = subprocess.run([REPOSITORY / ".ci" / "run", "--list"], check=True, capture_output=True, text=True)
+    return listing.stdout.split()
+
+
+def called(text: str) -> list[str]:
+    return [step for line in re.findall(r"\.ci/run((?: [a-z]+)+)", text) for step in line.split()]
+
+
+@pytest.mark.parametrize("path", [".github/workflows/checks.yml", ".pre-commit-config.yaml"])
+def test_hosted_checks_call_steps_that_are_there(path: str) -> None:
+    named = called(re.sub(r" *#.*", "", (REPOSITORY / path).read_text(encoding="utf-8")))
+    assert named
+    assert set(named) <= set(steps())
+
+
+def test_the_workflows_leave_no_step_out() -> None:
+    workflows = "".join(
+        path.read_text(encoding="utf-8") for path in Path(REPOSITORY, ".github/workflows").glob("*.yml")
+    )
+    assert set(called(re.sub(r" *#.*", "", workflows))) == set(steps())
+
+
+def test_a_step_that_is_not_there_is_refused() -> None:
+    done = subprocess.run([REPOSITORY / ".ci" / "run", "nonsense"], check=False, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "allowed: environment" in done.stderr

@@ -203,7 +203,7 @@ def iterate_frames(bag: Path, *, cameras: bool = False, pose: bool = False) -> I
     from siren_ros.record.episode_source import lidar_frames, open_source
 
     with open_source(bag) as source:
-        yield from lidar_frames(source, cameras=cameras, pose=pose)
+        yield from lidar_frames(source, cameras=source.cameras if cameras else (), pose=pose)
 
 
 def _population(name: str) -> Population:

@@ -24,7 +24,7 @@ from siren_ros.ros.node_configs import DetectorConfig
 from siren_ros.ros.participants.participant import Participant
 from siren_ros.ros.programs.program import run_participant
 from siren_ros.scenario.episode import EpisodeDescription
-from siren_ros.sensors.suite import load_suite, period_steps
+from siren_ros.sensors.suite import load_suite
 from siren_ros.world.carrier import BASE_FRAME, MAP_FRAME
 
 
@@ -45,7 +45,7 @@ class Detector(Participant[DetectorConfig]):
         if not suite.lidars:
             raise InputError("sensors", episode.sensor_suite, "a suite with a LiDAR, for the detector")
         lidar = min(suite.lidars, key=lambda spec: spec.name)
-        self._lidar = topics.LIDAR.of_sensor(lidar.name, period_steps(lidar.rate_hz))
+        self._lidar = topics.LIDAR.of_sensor(lidar.name, lidar.period_steps)
         self._base_from_lidar = lidar.mount.base_from_sensor
         self._frame_id = lidar.name
         self._detector = PillarDetector(load_detector(detector_file(self.config.weights)), lidar.mount.z_m)

@@ -22,7 +22,7 @@ from siren_ros.ros.programs.program import run_participant
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd
 from siren_ros.sensor_messages.observation_messages import intrinsics
 from siren_ros.sensor_messages.sensor_topics import optical_frame, static_transforms
-from siren_ros.sensors.suite import SensorSuite, load_suite, period_steps
+from siren_ros.sensors.suite import SensorSuite, load_suite
 
 
 class KittiExporter(Participant[KittiExporterConfig]):
@@ -41,11 +41,11 @@ class KittiExporter(Participant[KittiExporterConfig]):
         if not suite.lidars:
             raise InputError("sensors", episode.sensor_suite, "a suite with a LiDAR, for the KITTI export")
         lidar = min(suite.lidars, key=lambda spec: spec.name)
-        self._lidar = topics.LIDAR.of_sensor(lidar.name, period_steps(lidar.rate_hz))
+        self._lidar = topics.LIDAR.of_sensor(lidar.name, lidar.period_steps)
         self._image = None
         camera = next((spec for spec in suite.cameras if spec.name == FRONT_CAMERA), None)
         if camera is not None:
-            self._image = topics.IMAGE_COMPRESSED.of_sensor(camera.name, period_steps(camera.rate_hz))
+            self._image = topics.IMAGE_COMPRESSED.of_sensor(camera.name, camera.period_steps)
         layout = Layout(self.config.layout)
         if camera is None and layout is Layout.KITTI:
             raise InputError("sensors", episode.sensor_suite, f"a suite with {FRONT_CAMERA}, for KITTI's own layout")

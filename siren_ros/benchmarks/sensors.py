@@ -15,16 +15,18 @@ from siren_ros.numerics.arrays import Matrix
 from siren_ros.roads.maps.map_compiler import compile_map
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import LaneKind, RoadNetwork
-from siren_ros.sensors.camera.camera_model import Pinhole, RenderedImage
+from siren_ros.sensors.camera.camera_model import RenderedImage
 from siren_ros.sensors.camera.renderer import Renderer
 from siren_ros.sensors.lidar.embree import RaycastWorld, RayHits, TriangleTree, tiles
 from siren_ros.sensors.lidar.lidar import Lidar
 from siren_ros.sensors.meshes.mesh import Mesh, StaticScene, VehicleShape
 from siren_ros.sensors.meshes.placement import Catalogue, Placement
 from siren_ros.sensors.scene.static_scene import static_scene
-from siren_ros.sensors.suite import load_suite, map_from_base
+from siren_ros.sensors.specification import map_from_base
+from siren_ros.sensors.suite import load_suite
 from siren_ros.sensors.vehicles.vehicle_shapes import vehicle_shape
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
+from siren_ros.world.measurements import CameraIntrinsics
 
 _ROUNDS = 60
 _CARRIER_ID = 1
@@ -139,9 +141,9 @@ def camera_figures(
     catalogue = Catalogue(shapes)
     print(f"cameras on {renderer.device}, ready after {time.perf_counter() - start:.1f} s")
     for spec in load_suite("full").cameras:
-        camera, pose = Pinhole.of(spec), base @ spec.mount.base_from_sensor
+        camera, pose = spec.intrinsics, base @ spec.mount.base_from_sensor
 
-        def draw(labels: bool, camera: Pinhole = camera, pose: Matrix = pose) -> RenderedImage:
+        def draw(labels: bool, camera: CameraIntrinsics = camera, pose: Matrix = pose) -> RenderedImage:
             placement = catalogue.place(states, descriptions, _CARRIER_ID)
             return renderer.render(camera, pose, placement, np.zeros(len(placement)), {}, 0, labels=labels)
 

@@ -5,10 +5,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.interfaces.measurements import CameraIntrinsics
 from siren_ros.numerics.arrays import Floats, Ids, Matrix, Rows
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.world.carrier import GroundTruth
+from siren_ros.world.measurements import CameraIntrinsics
 
 _CLEARANCE_M: Final = 0.2
 """A return this much nearer than a box's nearest corner is on something in front of it."""

@@ -3,7 +3,6 @@
 Point clouds are read and written as structured numpy arrays, without copying points one by one.
 """
 
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -14,6 +13,7 @@ from siren_ros.interfaces.messages import header, make_message, sequence, time_n
 from siren_ros.interfaces.transforms import to_vector
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import step_of_time_ns, time_ns_of_step
+from siren_ros.world.measurements import AudioChunk, CameraIntrinsics, GnssFix, ImuSample
 
 _ENCODINGS: Final[dict[str, tuple[np.dtype[Any], int]]] = {
     "rgb8": (np.dtype("u1"), 3),
@@ -22,25 +22,6 @@ _ENCODINGS: Final[dict[str, tuple[np.dtype[Any], int]]] = {
     "32FC1": (np.dtype("<f4"), 1),
 }
 """Encodings of ``sensor_msgs/image_encodings.hpp`` that the project writes: element type and channels."""
-
-
-@dataclass(frozen=True)
-class CameraIntrinsics:
-    """Intrinsics of an ideal camera: no distortion, principal point in pixels from the top left corner."""
-
-    width: int
-    height: int
-    focal_x_px: float
-    focal_y_px: float
-    centre_x_px: float
-    centre_y_px: float
-
-    @property
-    def matrix(self) -> npt.NDArray[np.float64]:
-        """``pixels = matrix @ point`` for points in the optical frame, shape ``(3, 3)``."""
-        return np.array(
-            [[self.focal_x_px, 0.0, self.centre_x_px], [0.0, self.focal_y_px, self.centre_y_px], [0.0, 0.0, 1.0]]
-        )
 
 
 def to_compressed_image(step: int, frame_id: str, jpeg: bytes) -> Any:
@@ -205,19 +186,24 @@ def from_point_cloud(message: Any) -> npt.NDArray[np.void]:
     return np.ascontiguousarray(rows).reshape(-1).view(dtype)
 
 
-def to_audio(step: int, frame_id: str, sample_rate_hz: int, samples: npt.NDArray[np.int16]) -> Any:
+def to_audio(chunk: AudioChunk) -> Any:
     """``siren_msgs/AudioChunk`` of mono 16-bit PCM that ends at the step."""
     return make_message(
         "siren_msgs/msg/AudioChunk",
-        header=header(time_ns_of_step(step), frame_id),
-        sample_rate_hz=sample_rate_hz,
-        samples=sequence(samples),
+        header=header(time_ns_of_step(chunk.step), chunk.frame_id),
+        sample_rate_hz=chunk.sample_rate_hz,
+        samples=sequence(chunk.samples),
     )
 
 
-def from_audio(message: Any) -> tuple[int, npt.NDArray[np.int16]]:
-    """Sample rate in Hz and samples of an ``AudioChunk``."""
-    return int(message.sample_rate_hz), np.array(message.samples, dtype=np.int16)
+def from_audio(message: Any) -> AudioChunk:
+    """Inverse of ``to_audio``."""
+    return AudioChunk(
+        step=step_of_time_ns(time_ns_of(message.header.stamp)),
+        frame_id=str(message.header.frame_id),
+        sample_rate_hz=int(message.sample_rate_hz),
+        samples=np.array(message.samples, dtype=np.int16),
+    )
 
 
 _UNKNOWN: Final = -1.0
@@ -227,48 +213,24 @@ _SERVICE_GPS: Final = 1
 _COVARIANCE_DIAGONAL_KNOWN: Final = 2
 
 
-@dataclass(frozen=True, eq=False)
-class ImuReading:
-    """Specific force and angular rate in the sensor's axes, each of shape ``(3,)``, with their variances."""
-
-    step: int
-    frame_id: str
-    specific_force_mps2: Floats
-    angular_rate_radps: Floats
-    force_variance: float
-    rate_variance: float
-
-
-@dataclass(frozen=True, eq=False)
-class SatelliteFix:
-    """A WGS 84 position; variances east, north, up in m², shape ``(3,)``."""
-
-    step: int
-    frame_id: str
-    latitude_deg: float
-    longitude_deg: float
-    altitude_m: float
-    variance_m2: Floats
-
-
-def to_imu(reading: ImuReading) -> Any:
+def to_imu(sample: ImuSample) -> Any:
     """``sensor_msgs/Imu`` without an orientation, which this sensor does not estimate."""
     return make_message(
         "sensor_msgs/msg/Imu",
-        header=header(time_ns_of_step(reading.step), reading.frame_id),
+        header=header(time_ns_of_step(sample.step), sample.frame_id),
         orientation=make_message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
         orientation_covariance=np.array([_UNKNOWN, *np.zeros(8)]),
-        angular_velocity=to_vector(_triple(reading.angular_rate_radps)),
-        angular_velocity_covariance=(np.eye(3) * reading.rate_variance).reshape(-1),
-        linear_acceleration=to_vector(_triple(reading.specific_force_mps2)),
-        linear_acceleration_covariance=(np.eye(3) * reading.force_variance).reshape(-1),
+        angular_velocity=to_vector(_triple(sample.angular_rate_radps)),
+        angular_velocity_covariance=(np.eye(3) * sample.rate_variance).reshape(-1),
+        linear_acceleration=to_vector(_triple(sample.specific_force_mps2)),
+        linear_acceleration_covariance=(np.eye(3) * sample.force_variance).reshape(-1),
     )
 
 
-def from_imu(message: Any) -> ImuReading:
+def from_imu(message: Any) -> ImuSample:
     """Inverse of ``to_imu``."""
     force, rate = message.linear_acceleration, message.angular_velocity
-    return ImuReading(
+    return ImuSample(
         step=step_of_time_ns(time_ns_of(message.header.stamp)),
         frame_id=str(message.header.frame_id),
         specific_force_mps2=np.array([force.x, force.y, force.z]),
@@ -278,7 +240,7 @@ def from_imu(message: Any) -> ImuReading:
     )
 
 
-def to_nav_sat_fix(fix: SatelliteFix) -> Any:
+def to_nav_sat_fix(fix: GnssFix) -> Any:
     """``sensor_msgs/NavSatFix``, covariance in east, north, up."""
     return make_message(
         "sensor_msgs/msg/NavSatFix",
@@ -292,9 +254,9 @@ def to_nav_sat_fix(fix: SatelliteFix) -> Any:
     )
 
 
-def from_nav_sat_fix(message: Any) -> SatelliteFix:
+def from_nav_sat_fix(message: Any) -> GnssFix:
     """Inverse of ``to_nav_sat_fix``."""
-    return SatelliteFix(
+    return GnssFix(
         step=step_of_time_ns(time_ns_of(message.header.stamp)),
         frame_id=str(message.header.frame_id),
         latitude_deg=float(message.latitude),

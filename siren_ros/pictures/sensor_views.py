@@ -14,11 +14,13 @@ from PIL import Image
 from siren_ros.errors import InputError, whole_file, writing
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.sensors.camera.camera_model import Pinhole, optical_from_map
+from siren_ros.sensors.camera.camera_model import optical_from_map
 from siren_ros.sensors.lidar.lidar import LidarSweep
 from siren_ros.sensors.look import Look
 from siren_ros.sensors.rig import Observations, SensorRig
-from siren_ros.sensors.suite import Mount, SensorSuite
+from siren_ros.sensors.specification import Mount
+from siren_ros.sensors.suite import SensorSuite
+from siren_ros.world.measurements import CameraIntrinsics
 
 _PANEL: Final = (800, 600)
 _COLUMNS: Final = 2
@@ -112,7 +114,7 @@ def cloud_by_instance(sweep: LidarSweep) -> Picture:
 
 
 def _cloud(sweep: LidarSweep, colours: Picture) -> Picture:
-    camera = Pinhole(*_PANEL, _FOCAL_PX)
+    camera = CameraIntrinsics.centred(*_PANEL, _FOCAL_PX)
     ones = np.ones(len(sweep.points))
     points = np.stack([*(sweep.points[axis].astype(np.float64) for axis in "xyz"), ones], axis=1)
     uv, depth = camera.project((points @ optical_from_map(_EYE.base_from_sensor).T)[:, :3])

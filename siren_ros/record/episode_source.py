@@ -15,12 +15,7 @@ from siren_ros.errors import BagError
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.boxes import from_camera_truth, from_ground_truth
 from siren_ros.interfaces.episode_conversions import from_episode_description, from_episode_end, from_episode_outcome
-from siren_ros.interfaces.measurements import (
-    CameraIntrinsics,
-    from_camera_info,
-    from_compressed_image,
-    from_point_cloud,
-)
+from siren_ros.interfaces.measurements import from_camera_info, from_compressed_image, from_point_cloud
 from siren_ros.interfaces.topics import GROUND_TRUTH, TF, Topic
 from siren_ros.interfaces.transforms import from_tf, matrix_between, matrix_of_transform
 from siren_ros.numerics.arrays import Matrix
@@ -33,6 +28,7 @@ from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeOutcome
 from siren_ros.sensors.suite import EXPORTED_CAMERA
 from siren_ros.world.carrier import BASE_FRAME, MAP_FRAME, STATION_FRAME, CameraTruth, GroundTruth
+from siren_ros.world.measurements import CameraIntrinsics
 
 FRONT_CAMERA: Final = EXPORTED_CAMERA
 

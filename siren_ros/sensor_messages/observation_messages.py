@@ -9,25 +9,14 @@ import numpy as np
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.boxes import boxes_of, to_boxes, to_camera_truth, to_ground_truth, to_image_boxes
 from siren_ros.interfaces.markers import to_markers, vehicle_markers
-from siren_ros.interfaces.measurements import (
-    CameraIntrinsics,
-    ImuReading,
-    SatelliteFix,
-    to_audio,
-    to_camera_info,
-    to_compressed_image,
-    to_image,
-    to_imu,
-    to_nav_sat_fix,
-    to_point_cloud,
-)
+from siren_ros.interfaces.measurements import to_camera_info, to_compressed_image, to_image, to_point_cloud
 from siren_ros.interfaces.topics import Topic
 from siren_ros.interfaces.transforms import Transform, to_odometry, to_tf
-from siren_ros.sensor_messages.sensor_topics import EMV, Carrier, optical_frame
+from siren_ros.sensor_messages.sensor_topics import EMV, SENSOR_MESSAGES, Carrier, optical_frame
 from siren_ros.sensors.camera.camera import CameraFrame
-from siren_ros.sensors.camera.camera_model import Pinhole
 from siren_ros.sensors.rig import Observations
-from siren_ros.sensors.suite import CameraSpec, SensorSuite, WantedLabels, period_steps
+from siren_ros.sensors.specification import CameraSpec
+from siren_ros.sensors.suite import SensorSuite, WantedLabels
 from siren_ros.world.actors import ActorDescription, ActorStates
 from siren_ros.world.carrier import BASE_FRAME, ODOM_FRAME, CameraTruth, GroundTruth, Odometry
 
@@ -67,12 +56,15 @@ class ObservationMessages:
         if seen.truth is not None:
             yield from self._labels(replace(seen.truth, frame_id=frame(seen.truth.frame_id)))
         for sweep in seen.sweeps:
-            period = period_steps(next(spec.rate_hz for spec in self.suite.lidars if spec.name == sweep.sensor))
+            period = next(spec.period_steps for spec in self.suite.lidars if spec.name == sweep.sensor)
             cloud = to_point_cloud(step, frame(sweep.sensor), sweep.points)
             yield self._own(topics.LIDAR.of_sensor(sweep.sensor, period)), cloud
         for exposure in seen.frames:
             yield from self._images(exposure, seen.labels.get(exposure.sensor))
-        yield from self._others(seen)
+        for spec, measured in seen.others:
+            entry = SENSOR_MESSAGES[type(spec)]
+            topic = self._own(entry.topic.of_sensor(spec.name, spec.period_steps))
+            yield topic, entry.to_message(replace(measured, frame_id=frame(measured.frame_id)))
 
     def odometry(self, step: int, odometry: Odometry) -> Published:
         """The odometry of the carrier."""
@@ -87,7 +79,7 @@ class ObservationMessages:
 
     def wanted_labels(self, camera: CameraSpec) -> WantedLabels:
         """Labels of a camera that the suite records or that somebody listens to."""
-        period, recorded = period_steps(camera.rate_hz), WantedLabels.of(self.suite, camera)
+        period, recorded = camera.period_steps, WantedLabels.of(self.suite, camera)
         depth = self._own(topics.IMAGE_DEPTH.of_sensor(camera.name, period))
         instance = self._own(topics.IMAGE_INSTANCE.of_sensor(camera.name, period))
         return WantedLabels(
@@ -96,11 +88,11 @@ class ObservationMessages:
 
     def _images(self, frame: CameraFrame, labels: CameraTruth | None) -> Iterator[Published]:
         spec = next(camera for camera in self.suite.cameras if camera.name == frame.sensor)
-        period, frame_id = period_steps(spec.rate_hz), self.carrier.frame(optical_frame(spec.name))
+        period, frame_id = spec.period_steps, self.carrier.frame(optical_frame(spec.name))
         compressed = topics.IMAGE_COMPRESSED.of_sensor(spec.name, period)
         yield self._own(compressed), to_compressed_image(frame.step, frame_id, frame.jpeg)
         info = topics.CAMERA_INFO.of_sensor(spec.name, period)
-        yield self._own(info), to_camera_info(frame.step, frame_id, intrinsics(spec))
+        yield self._own(info), to_camera_info(frame.step, frame_id, spec.intrinsics)
         raw = self._own(topics.IMAGE.of_sensor(spec.name, period))
         if self.wants_raw(raw):
             yield raw, to_image(frame.step, frame_id, frame.rgb)
@@ -122,38 +114,5 @@ class ObservationMessages:
             boxes = self._own(topics.IMAGE_BOXES.of_sensor(spec.name, period))
             yield boxes, to_image_boxes(labels, frame_id)
 
-    def _others(self, seen: Observations) -> Iterator[Published]:
-        """Satellite fixes, inertial readings and sound."""
-        frame = self.carrier.frame
-        rates = {spec.name: period_steps(spec.rate_hz) for spec in self.suite.gnss}
-        rates |= {spec.name: period_steps(spec.rate_hz) for spec in self.suite.imus}
-        for fix in seen.fixes:
-            found = SatelliteFix(
-                fix.step, frame(fix.sensor), fix.latitude_deg, fix.longitude_deg, fix.altitude_m, fix.variance_m2
-            )
-            yield self._own(topics.GNSS.of_sensor(fix.sensor, rates[fix.sensor])), to_nav_sat_fix(found)
-        for sample in seen.inertial:
-            reading = ImuReading(
-                step=sample.step,
-                frame_id=frame(sample.sensor),
-                specific_force_mps2=sample.specific_force_mps2,
-                angular_rate_radps=sample.angular_rate_radps,
-                force_variance=sample.force_stddev_mps2**2,
-                rate_variance=sample.rate_stddev_radps**2,
-            )
-            yield self._own(topics.IMU.of_sensor(sample.sensor, rates[sample.sensor])), to_imu(reading)
-        for chunk in seen.sounds:
-            sound = to_audio(chunk.step, frame(chunk.sensor), chunk.sample_rate_hz, chunk.samples)
-            yield self._own(topics.AUDIO.of_sensor(chunk.sensor, topics.EVERY_STEP)), sound
-
     def _own(self, topic: Topic) -> Topic:
         return topic.of_carrier(self.carrier.name)
-
-
-def intrinsics(spec: CameraSpec) -> CameraIntrinsics:
-    """Intrinsics of a camera for CameraInfo."""
-    pinhole = Pinhole.of(spec)
-    k = pinhole.k
-    return CameraIntrinsics(
-        pinhole.width, pinhole.height, float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2])
-    )

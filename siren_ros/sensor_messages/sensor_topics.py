@@ -1,26 +1,22 @@
 """Carriers of sensors with their frames and motion, topics of a suite, and all topics of an episode as recorded."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from siren_ros.errors import EpisodeError
 from siren_ros.interfaces import topics
+from siren_ros.interfaces.measurements import to_audio, to_imu, to_nav_sat_fix
 from siren_ros.interfaces.topics import AV_CARRIER, EMV_CARRIER, Topic
 from siren_ros.interfaces.transforms import Transform, quaternion_of_matrix, quaternion_of_yaw
 from siren_ros.numerics.arrays import Matrix, random_stream
 from siren_ros.scenario.episode import EpisodeDescription
-from siren_ros.sensors.navigation import VehicleMotion
-from siren_ros.sensors.suite import (
-    EXPORTED_CAMERA,
-    OPTICAL_FROM_BODY,
-    CameraSpec,
-    Mount,
-    SensorSuite,
-    load_suite,
-    period_steps,
-)
+from siren_ros.sensors.microphone import MicrophoneSpec
+from siren_ros.sensors.navigation import GnssSpec, ImuSpec, VehicleMotion
+from siren_ros.sensors.specification import OPTICAL_FROM_BODY, CameraSpec, Mount, SensorSpec
+from siren_ros.sensors.suite import EXPORTED_CAMERA, SensorSuite, load_suite
 from siren_ros.world.actors import NO_ACTOR, ActorStates
 from siren_ros.world.carrier import BASE_FRAME, MAP_FRAME, ODOM_FRAME, STATION_FRAME, Odometry
 
@@ -127,20 +123,34 @@ def _transform(parent: str, child: str, parent_from_child: Matrix) -> Transform:
     return Transform(parent, child, (x_m, y_m, z_m), quaternion_of_matrix(parent_from_child[:3, :3]))
 
 
+@dataclass(frozen=True)
+class SensorMessages:
+    """Topic and message of a sensor type."""
+
+    topic: Topic
+    to_message: Callable[[Any], Any]
+    """The message of a measurement."""
+
+
+SENSOR_MESSAGES: Final[dict[type[SensorSpec], SensorMessages]] = {
+    GnssSpec: SensorMessages(topics.GNSS, to_nav_sat_fix),
+    ImuSpec: SensorMessages(topics.IMU, to_imu),
+    MicrophoneSpec: SensorMessages(topics.AUDIO, to_audio),
+}
+"""Of all rows of ``SENSOR_TYPES`` but LiDARs and cameras, which have several topics or labels."""
+
+
 def suite_topics(suite: SensorSuite, carrier: Carrier = EMV) -> tuple[Topic, ...]:
     """Topics of a suite's sensors, including images that are not recorded."""
     first = min((lidar.name for lidar in suite.lidars), default="")
-    found = []
+    of_suite = []
     for lidar in suite.lidars:
-        topic = topics.LIDAR.of_sensor(lidar.name, period_steps(lidar.rate_hz))
-        found.append(topic if lidar.name == first else topic.if_recorded(True))
+        topic = topics.LIDAR.of_sensor(lidar.name, lidar.period_steps)
+        of_suite.append(topic if lidar.name == first else topic.if_recorded(True))
     for camera in suite.cameras:
-        period = period_steps(camera.rate_hz)
-        found.extend(topic.of_sensor(camera.name, period) for topic in camera_topics(camera, suite))
-    found.extend(topics.GNSS.of_sensor(one.name, period_steps(one.rate_hz)) for one in suite.gnss)
-    found.extend(topics.IMU.of_sensor(one.name, period_steps(one.rate_hz)) for one in suite.imus)
-    found.extend(topics.AUDIO.of_sensor(microphone.name, topics.EVERY_STEP) for microphone in suite.microphones)
-    return tuple(topic.of_carrier(carrier.name) for topic in found)
+        of_suite.extend(topic.of_sensor(camera.name, camera.period_steps) for topic in camera_topics(camera, suite))
+    of_suite.extend(SENSOR_MESSAGES[type(spec)].topic.of_sensor(spec.name, spec.period_steps) for spec in suite.others)
+    return tuple(topic.of_carrier(carrier.name) for topic in of_suite)
 
 
 def camera_topics(camera: CameraSpec, suite: SensorSuite) -> tuple[Topic, ...]:

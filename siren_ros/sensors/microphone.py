@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from siren_ros.numerics.arrays import Floats, Matrix
 from siren_ros.numerics.units import STEP_S
-from siren_ros.sensors.suite import MicrophoneSpec, sensor_generator
+from siren_ros.sensors.specification import SensorSpec, number, sensor_generator
 from siren_ros.world.actors import ActorStates, Lights
+from siren_ros.world.measurements import AudioChunk
 
 LEVEL_AT_1_M_DB: Final = 124.0
 """Sound pressure level on the axis of a 100 W siren, dB re 20 µPa: SAE J1849 asks for 118 dB(A) at 3 m and more, which
@@ -74,14 +74,15 @@ _ITERATIONS: Final = 3
 """Iterations for the time of emission. Each scales the error by speed / speed of sound; 10⁻³ m remain."""
 
 
-@dataclass(frozen=True, eq=False)
-class AudioChunk:
-    """Sound from the step before to this one."""
+@dataclass(frozen=True)
+class MicrophoneSpec(SensorSpec):
+    """An omnidirectional microphone that records a chunk of 16-bit PCM at every step."""
 
-    sensor: str
-    step: int
-    sample_rate_hz: int
-    samples: npt.NDArray[np.int16]
+    sample_rate_hz: int = number(8_000, 48_000, 16_000)
+    full_scale_db: float = number(60.0, 160.0, 130.0)
+    """Sound pressure level of a sine at full scale, dB re 20 µPa."""
+    noise_db: float = number(0.0, 120.0, 45.0)
+    """Level of the background noise, dB re 20 µPa; 0 switches it off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +127,7 @@ class Microphone:
         sound += self._background(states.step, count)
         full_pa = REFERENCE_PA * np.sqrt(2.0) * 10.0 ** (spec.full_scale_db / 20.0)
         samples = np.clip(np.rint(sound / full_pa * _FULL_SCALE), -_FULL_SCALE, _FULL_SCALE).astype(np.int16)
-        return AudioChunk(spec.name, states.step, spec.sample_rate_hz, samples)
+        return AudioChunk(states.step, spec.name, spec.sample_rate_hz, samples)
 
     def _arriving(self, actor_id: int, time_s: Floats) -> Floats:
         """Sound pressure in Pa of one siren at times of arrival, shape ``(S,)``."""

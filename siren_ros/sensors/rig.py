@@ -4,12 +4,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from siren_ros.numerics.arrays import Matrix
-from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.sensors.camera.camera import Camera, CameraFrame
 from siren_ros.sensors.camera.raycast_renderer import RaycastRenderer
@@ -19,12 +19,13 @@ from siren_ros.sensors.lidar.lidar import CarrierMotion, Lidar, LidarSweep
 from siren_ros.sensors.look import Look
 from siren_ros.sensors.meshes.mesh import StaticScene, VehicleShape
 from siren_ros.sensors.meshes.placement import Catalogue, Placement
-from siren_ros.sensors.microphone import AudioChunk, Microphone
-from siren_ros.sensors.navigation import GeoReference, Gnss, GnssFix, Imu, ImuSample, Odometers, PlanarMotion
+from siren_ros.sensors.navigation import Odometers
 from siren_ros.sensors.scene.config import SceneConfig
 from siren_ros.sensors.scene.static_scene import static_scene
+from siren_ros.sensors.sensor_table import SENSOR_TYPES, CarrierView
+from siren_ros.sensors.specification import CameraSpec, SensorSpec, map_from_base
 from siren_ros.sensors.station import check_outdoors, station_mount
-from siren_ros.sensors.suite import CameraSpec, SensorSuite, WantedLabels, map_from_base, period_steps
+from siren_ros.sensors.suite import SensorSuite, WantedLabels
 from siren_ros.sensors.truth import ImageLabeller, label_boxes
 from siren_ros.sensors.vehicles.vehicle_shapes import vehicle_shape
 from siren_ros.world.actors import NO_ACTOR, ActorClass, ActorDescription, ActorStates, rows_of_ids
@@ -43,9 +44,8 @@ class Observations:
     """Every ``LABEL_PERIOD_STEPS``."""
     labels: Mapping[str, CameraTruth] = field(default_factory=dict)
     """Labels of the pictures by camera, where they are wanted."""
-    fixes: tuple[GnssFix, ...] = ()
-    inertial: tuple[ImuSample, ...] = ()
-    sounds: tuple[AudioChunk, ...] = ()
+    others: tuple[tuple[SensorSpec, Any], ...] = ()
+    """Measurements of the suite's other sensors, each with its specification."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,10 +109,8 @@ class SensorRig:
         self._odometers = Odometers()
         self._wanted = wanted or partial(WantedLabels.of, suite)
         self._labeller = ImageLabeller(self._shapes)
-        reference = GeoReference.of(network)
-        self._receivers = tuple(Gnss(spec, reference, self._seed) for spec in suite.gnss)
-        self._units = tuple(Imu(spec, self._seed) for spec in suite.imus)
-        self._microphones = tuple(Microphone(spec, self._seed) for spec in suite.microphones)
+        begins = {row.spec: row.begin for row in SENSOR_TYPES.values() if row.begin is not None}
+        self._others = tuple((spec, begins[type(spec)](spec, network, self._seed)) for spec in suite.others)
         self.notes: tuple[str, ...] = ()
         """What the user should know of how this machine simulates the sensors; known after ``prepare``."""
         self._device = ""
@@ -212,13 +210,7 @@ class SensorRig:
             sweeps=(),
             frames=(),
             truth=None,
-            fixes=tuple(
-                receiver.measure(step, base, step * STEP_S)
-                for receiver in self._receivers
-                if step % period_steps(receiver.spec.rate_hz) == 0
-            ),
-            inertial=self._inertial(states, carrier_id),
-            sounds=tuple(microphone.hear(states, base) for microphone in self._microphones),
+            others=self._measured(CarrierView(states, base, _row_of(states, carrier_id))),
         )
 
         def finish() -> Observations:
@@ -238,27 +230,17 @@ class SensorRig:
         """Pose and motion of the vehicle or station with the sensors; None where the vehicle has left the map."""
         if self.station is not None:
             return self.station.base_from_sensor, CarrierMotion()
-        row = int(rows_of_ids(states.actor_id, np.array([carrier_id], np.uint32))[0])
+        row = _row_of(states, carrier_id)
         if row < 0:
             return None
         x_m, y_m, z_m, yaw_rad = (float(values[row]) for values in (states.x_m, states.y_m, states.z_m, states.yaw_rad))
         vx_mps, vy_mps, turn = (float(values[row]) for values in (states.vx_mps, states.vy_mps, states.yaw_rate_radps))
         return map_from_base(x_m, y_m, z_m, yaw_rad), CarrierMotion(vx_mps, vy_mps, turn)
 
-    def _inertial(self, states: ActorStates, carrier_id: int) -> tuple[ImuSample, ...]:
-        """Readings of the IMUs that are due; every IMU sees every step, since it differentiates the motion."""
-        if not self._units:
-            return ()
-        row = int(rows_of_ids(states.actor_id, np.array([carrier_id], np.uint32))[0])
-        now = PlanarMotion(
-            states.step,
-            float(states.yaw_rad[row]),
-            float(states.vx_mps[row]),
-            float(states.vy_mps[row]),
-            float(states.yaw_rate_radps[row]),
-        )
-        samples = ((unit.spec, unit.measure(now)) for unit in self._units)
-        return tuple(sample for spec, sample in samples if states.step % period_steps(spec.rate_hz) == 0)
+    def _measured(self, view: CarrierView) -> tuple[tuple[SensorSpec, Any], ...]:
+        """Measurements that are due. Every sensor measures at every step, since some differentiate the motion."""
+        measured = [(spec, measure(view)) for spec, measure in self._others]
+        return tuple(item for item in measured if view.states.step % item[0].period_steps == 0)
 
     def _labels(
         self,
@@ -303,7 +285,7 @@ class SensorRig:
         self, step: int, base: Matrix, placement: Placement, motion: CarrierMotion
     ) -> Iterable[Callable[[], LidarSweep]]:
         for lidar in self._lidars:
-            if step % period_steps(lidar.spec.rate_hz) == 0:
+            if step % lidar.spec.period_steps == 0:
                 pose = base @ lidar.spec.mount.base_from_sensor
                 if self._background is not None:
                     yield lidar.begin(step, pose, placement, motion, self._background)
@@ -320,6 +302,11 @@ class SensorRig:
     ) -> Iterable[Callable[[], CameraFrame]]:
         states = {signal.signal_id: signal.state for signal in signals}
         for camera in self._cameras or ():
-            if step % period_steps(camera.spec.rate_hz) == 0:
+            if step % camera.spec.period_steps == 0:
                 pose = base @ camera.spec.mount.base_from_sensor
                 yield camera.expose(step, pose, placement, rolled_m, states, self._wanted(camera.spec))
+
+
+def _row_of(states: ActorStates, actor_id: int) -> int:
+    """Row of an actor in the states; −1 where it is not among them."""
+    return int(rows_of_ids(states.actor_id, np.array([actor_id], np.uint32))[0])

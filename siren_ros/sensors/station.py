@@ -11,7 +11,8 @@ from siren_ros.errors import InputError
 from siren_ros.roads.road_network import LaneKind, RoadNetwork
 from siren_ros.roads.sites import middle_of_site
 from siren_ros.sensors.meshes.mesh import Material, StaticScene
-from siren_ros.sensors.suite import Mount, SensorSuite, Station
+from siren_ros.sensors.specification import Mount
+from siren_ros.sensors.suite import SensorSuite, Station
 
 _BESIDE_M: Final = 0.8
 """Between the pole and the nearest lane."""

@@ -16,13 +16,14 @@ import shapely
 from siren_ros.numerics.arrays import Floats, Matrix
 from siren_ros.numerics.compiled import Array, compiled
 from siren_ros.numerics.geometry import wrap_angle
-from siren_ros.sensors.camera.camera_model import Pinhole, optical_from_map
+from siren_ros.sensors.camera.camera_model import optical_from_map
 from siren_ros.sensors.lidar.lidar import LidarSweep
 from siren_ros.sensors.meshes.mesh import VehicleShape
 from siren_ros.sensors.meshes.placement import Placement
-from siren_ros.sensors.suite import inverse
+from siren_ros.sensors.specification import inverse
 from siren_ros.world.actors import ActorClass, ActorDescription, ActorStates, rows_of_ids
 from siren_ros.world.carrier import CameraTruth, GroundTruth
+from siren_ros.world.measurements import CameraIntrinsics
 
 LABEL_RANGE_M: Final = 120.0
 """Actors whose centre is further away than the paper's LiDAR reaches are not labelled."""
@@ -143,7 +144,7 @@ class ImageLabeller:
     def label(
         self,
         step: int,
-        camera: Pinhole,
+        camera: CameraIntrinsics,
         map_from_camera: Matrix,
         placement: Placement,
         instance: npt.NDArray[np.uint32],
@@ -185,7 +186,7 @@ class ImageLabeller:
         )
 
     def _outlines(
-        self, camera: Pinhole, optical_from_map_: Matrix, placement: Placement, rows: npt.NDArray[np.intp]
+        self, camera: CameraIntrinsics, optical_from_map_: Matrix, placement: Placement, rows: npt.NDArray[np.intp]
     ) -> tuple[Floats, Floats]:
         """Area of each vehicle's convex outline, and of its part within the picture, in pixels, shape ``(R,)``."""
         points, owner = [np.empty((0, 2))], [np.empty(0, np.intp)]

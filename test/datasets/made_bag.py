@@ -17,7 +17,7 @@ from siren_ros.interfaces import topics
 from siren_ros.interfaces.boxes import boxes_of, to_boxes, to_camera_truth, to_ground_truth
 from siren_ros.interfaces.conversions import to_actor_states, to_events, to_traffic_state
 from siren_ros.interfaces.episode_conversions import to_episode_description, to_episode_outcome
-from siren_ros.interfaces.measurements import CameraIntrinsics, to_camera_info, to_compressed_image, to_point_cloud
+from siren_ros.interfaces.measurements import to_camera_info, to_compressed_image, to_point_cloud
 from siren_ros.interfaces.messages import make_message
 from siren_ros.interfaces.topics import Topic
 from siren_ros.interfaces.transforms import Transform, quaternion_of_matrix, quaternion_of_yaw, to_tf
@@ -29,6 +29,7 @@ from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
 from siren_ros.sensors.lidar.lidar import LIDAR_POINT_DTYPE
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.carrier import BASE_FRAME, MAP_FRAME, ODOM_FRAME, CameraTruth, GroundTruth
+from siren_ros.world.measurements import CameraIntrinsics
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, Event, EventKind, TrafficState
 
 EMV, CAR, BUS = 1, 5, 9

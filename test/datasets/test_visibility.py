@@ -7,9 +7,9 @@ import pytest
 from synthetic_episode import SyntheticEpisode
 
 from siren_ros.datasets.visibility import box_corners, image_boxes, lidar_visibility, points_in_boxes
-from siren_ros.interfaces.measurements import CameraIntrinsics
 from siren_ros.sensors.lidar.lidar import LIDAR_POINT_DTYPE
 from siren_ros.world.carrier import GroundTruth
+from siren_ros.world.measurements import CameraIntrinsics
 
 CAMERA = CameraIntrinsics(801, 601, 400.0, 400.0, 400.0, 300.0)
 CAMERA_FROM_FRAME = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])

@@ -11,9 +11,6 @@ from hypothesis import strategies as st
 from siren_ros.errors import InputError
 from siren_ros.interfaces.boxes import from_camera_truth, to_camera_truth, to_image_boxes
 from siren_ros.interfaces.measurements import (
-    CameraIntrinsics,
-    ImuReading,
-    SatelliteFix,
     from_audio,
     from_camera_info,
     from_compressed_image,
@@ -33,6 +30,7 @@ from siren_ros.interfaces.messages import typestore
 from siren_ros.sensors.lidar.lidar import LIDAR_POINT_DTYPE
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.carrier import CAMERA_TRUTH_DTYPES, CameraTruth
+from siren_ros.world.measurements import AudioChunk, CameraIntrinsics, GnssFix, ImuSample
 
 
 @pytest.mark.parametrize(
@@ -178,7 +176,7 @@ def through_cdr(message: Any, type_name: str) -> Any:
 
 
 def test_an_imu_reading_survives_and_says_that_it_has_no_orientation() -> None:
-    reading = ImuReading(7, "imu", np.array([0.1, -0.2, 9.8]), np.array([0.0, 0.0, 0.3]), 4e-4, 1e-6)
+    reading = ImuSample(7, "imu", np.array([0.1, -0.2, 9.8]), np.array([0.0, 0.0, 0.3]), 4e-4, 1e-6)
     message = through_cdr(to_imu(reading), "sensor_msgs/msg/Imu")
     assert message.orientation_covariance[0] == -1.0
     turn = message.orientation
@@ -191,7 +189,7 @@ def test_an_imu_reading_survives_and_says_that_it_has_no_orientation() -> None:
 
 
 def test_a_fix_survives_with_its_covariance() -> None:
-    fix = SatelliteFix(4, "gnss", 49.001, 8.4, 1.9, np.array([1.0, 2.0, 3.0]))
+    fix = GnssFix(4, "gnss", 49.001, 8.4, 1.9, np.array([1.0, 2.0, 3.0]))
     message = through_cdr(to_nav_sat_fix(fix), "sensor_msgs/msg/NavSatFix")
     assert message.position_covariance.tolist() == [1.0, 0, 0, 0, 2.0, 0, 0, 0, 3.0]
     assert message.position_covariance_type == 2
@@ -202,9 +200,9 @@ def test_a_fix_survives_with_its_covariance() -> None:
 
 def test_sound_survives() -> None:
     samples = np.arange(-400, 400, dtype=np.int16)
-    rate, back = from_audio(through_cdr(to_audio(3, "ear", 16_000, samples), "siren_msgs/msg/AudioChunk"))
-    assert rate == 16_000
-    assert back.tolist() == samples.tolist()
+    back = from_audio(through_cdr(to_audio(AudioChunk(3, "ear", 16_000, samples)), "siren_msgs/msg/AudioChunk"))
+    assert (back.step, back.frame_id, back.sample_rate_hz) == (3, "ear", 16_000)
+    assert back.samples.tolist() == samples.tolist()
 
 
 def labels() -> CameraTruth:

@@ -17,9 +17,6 @@ from siren_ros.interfaces import messages, topics
 from siren_ros.interfaces.boxes import boxes_of, to_boxes, to_camera_truth, to_ground_truth, to_image_boxes
 from siren_ros.interfaces.markers import to_markers, vehicle_markers
 from siren_ros.interfaces.measurements import (
-    CameraIntrinsics,
-    ImuReading,
-    SatelliteFix,
     to_audio,
     to_camera_info,
     to_compressed_image,
@@ -42,6 +39,7 @@ from siren_ros.ros.transport.wire import step_of_message
 from siren_ros.sensors.lidar.lidar import LIDAR_POINT_DTYPE
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
 from siren_ros.world.carrier import CAMERA_TRUTH_DTYPES, GROUND_TRUTH_DTYPES, CameraTruth, GroundTruth, Odometry
+from siren_ros.world.measurements import AudioChunk, CameraIntrinsics, GnssFix, ImuSample
 
 
 @pytest.mark.parametrize("time_ns", [0, 50_000_000, 1_000_000_000, 2_999_999_999])
@@ -194,12 +192,12 @@ STATES = ActorStates(
 )
 ACTOR = ActorDescription(1, "v1", ActorClass.SEDAN, 4.6, 1.8, 1.4, (51, 102, 204), is_emv=True)
 MESSAGES = {
-    "audio": to_audio(STEP, FRAME, 16_000, np.zeros(4, np.int16)),
+    "audio": to_audio(AudioChunk(STEP, FRAME, 16_000, np.zeros(4, np.int16))),
     "picture": to_image(STEP, FRAME, np.zeros((2, 2), np.uint8)),
     "compressed picture": to_compressed_image(STEP, FRAME, b"jpeg"),
     "camera": to_camera_info(STEP, FRAME, CameraIntrinsics(8, 6, 3.0, 3.0, 4.0, 3.0)),
-    "imu": to_imu(ImuReading(STEP, FRAME, np.zeros(3), np.zeros(3), 0.0, 0.0)),
-    "fix": to_nav_sat_fix(SatelliteFix(STEP, FRAME, 49.0, 8.0, 1.0, np.ones(3))),
+    "imu": to_imu(ImuSample(STEP, FRAME, np.zeros(3), np.zeros(3), 0.0, 0.0)),
+    "fix": to_nav_sat_fix(GnssFix(STEP, FRAME, 49.0, 8.0, 1.0, np.ones(3))),
     "odometry": to_odometry(STEP, Odometry(*[0.0] * 6, np.eye(3), np.eye(3)), FRAME, "base"),
     "labels in space": to_ground_truth(TRUTH),
     "boxes in space": to_boxes(boxes_of(TRUTH, FRAME)),

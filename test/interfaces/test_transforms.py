@@ -20,7 +20,7 @@ from siren_ros.interfaces.transforms import (
     to_tf,
     yaw_of_quaternion,
 )
-from siren_ros.sensors.suite import rotation_from_rpy
+from siren_ros.sensors.specification import rotation_from_rpy
 from siren_ros.world.carrier import Odometry
 
 ANGLES = st.floats(-math.pi + 1e-9, math.pi)

@@ -17,7 +17,7 @@ from rosbags.typesys.store import Typestore
 from siren_ros.cli.main import main
 from siren_ros.errors import BagError, InputError
 from siren_ros.interfaces.markers import EMV_COLOUR
-from siren_ros.interfaces.measurements import CameraIntrinsics, to_compressed_image
+from siren_ros.interfaces.measurements import to_compressed_image
 from siren_ros.interfaces.topics import IMAGE_COMPRESSED
 from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.pictures.moving_birdseye import SIZE_PX, BirdseyeFilm, paint_polygons, rgb_of
@@ -25,6 +25,7 @@ from siren_ros.pictures.video import CELL_PX, Coding, View, grid_places, ordered
 from siren_ros.record.episode_source import MountedCamera
 from siren_ros.recording.bag_writer import EpisodeBagWriter
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.world.measurements import CameraIntrinsics
 
 
 def camera(name: str, yaw_rad: float) -> MountedCamera:

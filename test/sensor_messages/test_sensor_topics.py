@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from siren_ros.interfaces.transforms import Transform, matrix_of_quaternion
 from siren_ros.sensor_messages.sensor_topics import AV, EMV, frames_of, motion_of, noise_seed, row_of_carrier
 from siren_ros.sensors.navigation import VehicleMotion
-from siren_ros.sensors.suite import map_from_base, transform
+from siren_ros.sensors.specification import map_from_base, transform
 from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorStates
 from siren_ros.world.carrier import Odometry
 

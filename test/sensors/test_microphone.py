@@ -5,8 +5,16 @@ import numpy as np
 import pytest
 
 from siren_ros.numerics.units import STEP_S
-from siren_ros.sensors.microphone import LEVEL_AT_1_M_DB, SPEED_OF_SOUND_MPS, WAIL, YELP, Microphone, pressure
-from siren_ros.sensors.suite import MicrophoneSpec, Mount
+from siren_ros.sensors.microphone import (
+    LEVEL_AT_1_M_DB,
+    SPEED_OF_SOUND_MPS,
+    WAIL,
+    YELP,
+    Microphone,
+    MicrophoneSpec,
+    pressure,
+)
+from siren_ros.sensors.specification import Mount
 from siren_ros.world.actors import ActorClass, Lights
 
 SPEC = MicrophoneSpec("microphone", Mount(0.0, 0.0, 2.0), noise_db=0.0)

@@ -10,7 +10,8 @@ from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.sensors.camera.renderer import RendererUnavailableError
 from siren_ros.sensors.navigation import Odometers
 from siren_ros.sensors.rig import SensorRig
-from siren_ros.sensors.suite import CameraSpec, LidarSpec, Mount, SensorSuite
+from siren_ros.sensors.specification import CameraSpec, LidarSpec, Mount
+from siren_ros.sensors.suite import SensorSuite
 from siren_ros.sensors.vehicles.vehicle_shapes import vehicle_shape
 from siren_ros.world.actors import ActorClass, ActorDescription, ActorStates
 from siren_ros.world.traffic_state import SignalState

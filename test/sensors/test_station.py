@@ -13,8 +13,9 @@ from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import JunctionKind, LaneKind, RoadNetwork
 from siren_ros.sensor_messages.sensor_topics import static_transforms
 from siren_ros.sensors.rig import SensorRig
+from siren_ros.sensors.specification import LidarSpec, Mount
 from siren_ros.sensors.station import _crossings_above, check_outdoors, station_mount
-from siren_ros.sensors.suite import LidarSpec, Mount, SensorSuite, Station, load_suite
+from siren_ros.sensors.suite import SensorSuite, Station, load_suite
 from siren_ros.world.actors import ActorClass, ActorDescription
 
 LIDAR = LidarSpec("lidar", Mount(0.0, 0.0, 4.0), channels=16, points_per_second=16 * 360 * 20)

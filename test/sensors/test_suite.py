@@ -6,17 +6,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from siren_ros.errors import InputError
-from siren_ros.sensors.suite import (
+from siren_ros.sensors.navigation import GnssSpec, ImuSpec
+from siren_ros.sensors.specification import (
     OPTICAL_FROM_BODY,
     LidarSpec,
     Mount,
     inverse,
-    load_suite,
     map_from_base,
-    period_steps,
     rotation_from_rpy,
-    suite_names,
 )
+from siren_ros.sensors.suite import load_suite, suite_names
 
 PAPER_CAMERAS = {
     # name: CARLA's vehicle frame, y right, yaw clockwise in degrees (paper, table of the sensor suite)
@@ -30,7 +29,7 @@ PAPER_CAMERAS = {
 def test_the_named_suites_are_there() -> None:
     assert {"none", "lidar", "front", "full"} <= set(suite_names())
     none = load_suite("none")
-    assert (none.lidars, none.cameras, none.gnss, none.imus) == ((), (), (), ())
+    assert (none.lidars, none.cameras, none.others) == ((), (), ())
     front = load_suite("front")
     assert [camera.name for camera in front.cameras] == ["camera_front"]
     assert len(front.lidars) == 1
@@ -52,7 +51,7 @@ def test_the_full_suite_is_the_papers() -> None:
         assert np.cos(turn) == pytest.approx(1.0)
         assert (camera.width, camera.height) == (800, 600)
         assert np.degrees(camera.horizontal_fov_rad) == pytest.approx(100.0)
-    assert (suite.gnss[0].mount, suite.imus[0].mount) == (lidar.mount, lidar.mount)
+    assert [(type(spec), spec.mount) for spec in suite.others] == [(GnssSpec, lidar.mount), (ImuSpec, lidar.mount)]
 
 
 def write(folder: Path, text: str) -> str:
@@ -67,7 +66,7 @@ def test_a_users_file_is_a_suite_of_its_own(tmp_path: Path) -> None:
     assert suite.name == "mine"
     assert suite.lidars[0].mount.yaw_rad == pytest.approx(np.pi / 2)
     assert suite.lidars[0].channels == LidarSpec("", suite.lidars[0].mount).channels
-    assert period_steps(suite.lidars[0].rate_hz) == 2
+    assert suite.lidars[0].period_steps == 2
 
 
 MOUNT = "mount: {x_m: 0, y_m: 0, z_m: 1}"

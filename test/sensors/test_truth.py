@@ -3,13 +3,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from siren_ros.sensors.camera.camera_model import Pinhole, optical_from_map
+from siren_ros.sensors.camera.camera_model import optical_from_map
 from siren_ros.sensors.camera.renderer import Renderer, RendererUnavailableError
 from siren_ros.sensors.lidar.lidar import LidarSweep
-from siren_ros.sensors.suite import Mount, map_from_base, transform
+from siren_ros.sensors.specification import Mount, map_from_base, transform
 from siren_ros.sensors.truth import ImageLabeller, label_boxes, pixel_boxes
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.carrier import CameraTruth
+from siren_ros.world.measurements import CameraIntrinsics
 
 SEDAN, BUS = ActorClass.SEDAN, ActorClass.BUS
 
@@ -73,7 +74,7 @@ def test_the_range_is_a_circle_about_the_sensor(boxes: Any, bearing: float) -> N
     assert label_boxes(states, descriptions, 1, pose, range_m=50.0).actor_id.tolist() == [2]
 
 
-CAMERA = Pinhole(400, 300, 200.0)
+CAMERA = CameraIntrinsics.centred(400, 300, 200.0)
 EYE = transform(np.eye(3), (0.0, 0.0, 1.5))
 SEDAN, BUS = ActorClass.SEDAN, ActorClass.BUS
 

@@ -19,12 +19,12 @@ import numpy.typing as npt
 from siren_ros.datasets.files import number_text
 from siren_ros.datasets.visibility import box_corners, image_boxes, lidar_visibility
 from siren_ros.errors import InputError
-from siren_ros.interfaces.measurements import CameraIntrinsics
 from siren_ros.interfaces.transforms import Transform, matrix_of_quaternion
 from siren_ros.numerics.arrays import Codes, Floats, Matrix, Rows
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.carrier import GroundTruth
+from siren_ros.world.measurements import CameraIntrinsics
 
 RANGE_M: Final = 50.0
 """Objects farther from the sensor are dropped (paper: the nuScenes evaluation range)."""

@@ -21,10 +21,11 @@ from siren_ros.evaluation.detection.average_precision import DISTANCES_M
 from siren_ros.evaluation.detection.boxes import Boxes, FoundBoxes
 from siren_ros.evaluation.detection.frames import RANGE_M, EpisodeFrames, Frames
 from siren_ros.evaluation.detection.scoring import DetectorScores
-from siren_ros.interfaces.measurements import CameraIntrinsics, from_compressed_image, from_point_cloud
+from siren_ros.interfaces.measurements import from_compressed_image, from_point_cloud
 from siren_ros.numerics.arrays import Floats, Matrix, Rows
 from siren_ros.numerics.geometry import footprint_corners
 from siren_ros.record.episode_source import lidar_of, open_source
+from siren_ros.world.measurements import CameraIntrinsics
 
 _LOW_M: Final = 0.3
 _HIGH_M: Final = 3.0

@@ -9,7 +9,7 @@ from siren_ros.evaluation.surrogate_safety import Encounters, conflict_series, p
 from siren_ros.numerics.arrays import Flags, Floats, Ids
 from siren_ros.numerics.geometry import footprint_corners
 from siren_ros.recording.episode_record import EpisodeRecord, Steps
-from siren_ros.sensors.suite import Mount
+from siren_ros.sensors.specification import Mount
 from siren_ros.world.traffic_state import EventKind
 
 

@@ -11,11 +11,13 @@ import simplejpeg
 from scipy.ndimage import gaussian_filter
 
 from siren_ros.numerics.arrays import Matrix
-from siren_ros.sensors.camera.camera_model import Pinhole, RenderedImage
+from siren_ros.sensors.camera.camera_model import RenderedImage
 from siren_ros.sensors.camera.raycast_renderer import RaycastRenderer
 from siren_ros.sensors.camera.renderer import Renderer
 from siren_ros.sensors.meshes.placement import Placement
-from siren_ros.sensors.suite import CameraSpec, WantedLabels, sensor_generator
+from siren_ros.sensors.specification import CameraSpec, sensor_generator
+from siren_ros.sensors.suite import WantedLabels
+from siren_ros.world.measurements import CameraIntrinsics
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +26,7 @@ class CameraFrame:
 
     sensor: str
     step: int
-    camera: Pinhole
+    camera: CameraIntrinsics
     image: RenderedImage
     encoded: Future[bytes]
     """The JPEG, which may still be under way."""
@@ -47,7 +49,7 @@ class Camera:
         """Prepare the intrinsics; ``seed`` is the episode's. The encoder runs while the next picture is drawn."""
         self._encoder = encoder
         self.spec = spec
-        self.pinhole = Pinhole.of(spec)
+        self.intrinsics = spec.intrinsics
         self._renderer = renderer
         self._seed = seed
 
@@ -66,7 +68,7 @@ class Camera:
         """
         spec = self.spec
         picture = self._renderer.begin(
-            self.pinhole,
+            self.intrinsics,
             map_from_camera,
             placement,
             rolled_m,
@@ -87,7 +89,7 @@ class Camera:
         encoded = self._encoder.submit(
             simplejpeg.encode_jpeg, image.rgba, spec.jpeg_quality, "RGBX", "420", fastdct=True
         )
-        return CameraFrame(spec.name, step, self.pinhole, image, encoded)
+        return CameraFrame(spec.name, step, self.intrinsics, image, encoded)
 
     def _blur(self, rgba: npt.NDArray[np.uint8]) -> None:
         """Blur the colours in place, as a lens out of focus does; labels stay sharp."""

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.numerics.arrays import Floats, Matrix
-from siren_ros.sensors.camera.camera_model import Pinhole, RenderedImage, optical_from_map
+from siren_ros.sensors.camera.camera_model import RenderedImage, optical_from_map
 from siren_ros.sensors.camera.surface_light import ambient_light
 from siren_ros.sensors.lidar.embree import RaycastWorld, tiles
 from siren_ros.sensors.look import Look
@@ -24,8 +24,9 @@ from siren_ros.sensors.meshes.mesh import (
     semantic_class_of_actor,
 )
 from siren_ros.sensors.meshes.placement import Placement
-from siren_ros.sensors.suite import inverse, map_from_base
+from siren_ros.sensors.specification import inverse, map_from_base
 from siren_ros.world.actors import ActorClass
+from siren_ros.world.measurements import CameraIntrinsics
 
 _REACH_M: Final = 450.0
 _LENS_ALBEDO: Final = 0.1
@@ -51,7 +52,7 @@ class RaycastRenderer:
 
     def render(
         self,
-        camera: Pinhole,
+        camera: CameraIntrinsics,
         map_from_camera: Matrix,
         placement: Placement,
         rolled_m: npt.NDArray[np.float64],  # noqa: ARG002 - the interface of all renderers; wheels stand still here

@@ -19,7 +19,7 @@ from siren_ros.errors import SirenError
 from siren_ros.numerics.arrays import Matrix
 from siren_ros.numerics.units import STEP_S
 from siren_ros.sensors.camera import shaders as sky_shaders
-from siren_ros.sensors.camera.camera_model import Pinhole, RenderedImage, optical_from_map
+from siren_ros.sensors.camera.camera_model import RenderedImage, optical_from_map
 from siren_ros.sensors.camera.ground_light import GroundLight, LightMap
 from siren_ros.sensors.camera.night_and_rain import LampLight, Rain
 from siren_ros.sensors.camera.static_geometry import StaticGeometry
@@ -29,6 +29,7 @@ from siren_ros.sensors.look import Look
 from siren_ros.sensors.meshes.mesh import SemanticClass, StaticScene, VehicleShape
 from siren_ros.sensors.meshes.placement import Placement
 from siren_ros.world.actors import ActorClass
+from siren_ros.world.measurements import CameraIntrinsics
 
 _MESA: Final = {"mesa_glthread": "true", "MESA_DEBUG": "silent"}
 """Mesa's own thread for the commands (docs.mesa3d.org/envvars.html): without it, software drawing transforms the scene
@@ -176,7 +177,7 @@ class Renderer:
 
     def begin(
         self,
-        camera: Pinhole,
+        camera: CameraIntrinsics,
         map_from_camera: Matrix,
         placement: Placement,
         rolled_m: npt.NDArray[np.float64],
@@ -213,13 +214,13 @@ class Renderer:
         self._drawing.flush()
         return partial(self._finish, camera, target, instances=labels or instances, depth=labels)
 
-    def _finish(self, camera: Pinhole, target: Target, *, instances: bool, depth: bool) -> RenderedImage:
+    def _finish(self, camera: CameraIntrinsics, target: Target, *, instances: bool, depth: bool) -> RenderedImage:
         self._drawing.use()
         image = target.read(instances=instances, depth=depth)
         self._targets[camera.width, camera.height].append(target)
         return image
 
-    def draw_again(self, camera: Pinhole) -> RenderedImage:
+    def draw_again(self, camera: CameraIntrinsics) -> RenderedImage:
         """Draw and read back the last picture once more: the reference for the time of ``render``.
 
         Args:
@@ -233,7 +234,7 @@ class Renderer:
 
     def _prepare(
         self,
-        camera: Pinhole,
+        camera: CameraIntrinsics,
         clip: Matrix,
         map_from_camera: Matrix,
         placement: Placement,
@@ -250,7 +251,7 @@ class Renderer:
         self._drawing.flush()  # shadows are drawn while what is in view is chosen
         self._write_frame(clip, map_from_camera, camera, light, step, exposure)
         sky = self._skies.get(exposure) or self._paint_sky(exposure)
-        self._static.select(clip, eye, camera.focal_px)
+        self._static.select(clip, eye, camera.focal_x_px)
         return light.shadow, light.ground, self._noise, sky
 
     def _draw(
@@ -299,7 +300,7 @@ class Renderer:
         self._skies[exposure] = sky
         return sky
 
-    def _take_target(self, camera: Pinhole) -> Target:
+    def _take_target(self, camera: CameraIntrinsics) -> Target:
         """A target that no picture is being drawn to; ``_finish`` gives it back."""
         free = self._targets.setdefault((camera.width, camera.height), [])
         return free.pop() if free else Target(self._context, camera.width, camera.height)
@@ -308,7 +309,7 @@ class Renderer:
         self,
         clip: Matrix,
         map_from_camera: Matrix,
-        camera: Pinhole,
+        camera: CameraIntrinsics,
         light: LightMap,
         step: int,
         exposure: float,
@@ -316,7 +317,7 @@ class Renderer:
         matrices = (clip, np.linalg.inv(clip), light.unit_from_map)
         vectors = (
             (*map_from_camera[:3, 3], step * STEP_S),
-            (*map_from_camera[:3, 0], camera.focal_px),
+            (*map_from_camera[:3, 0], camera.focal_x_px),
             (*light.light_from_map, 0.0),
             (camera.width / 2.0, camera.height / 2.0, exposure, 0.0),
         )
@@ -324,7 +325,7 @@ class Renderer:
         self._frame.write(np.concatenate([*columns, np.ravel(vectors)]).astype(np.float32).tobytes())
 
 
-def _clip_from_map(camera: Pinhole, map_from_camera: Matrix) -> Matrix:
+def _clip_from_map(camera: CameraIntrinsics, map_from_camera: Matrix) -> Matrix:
     return camera.clip_from_optical(NEAR_M, FAR_M) @ optical_from_map(map_from_camera)
 
 

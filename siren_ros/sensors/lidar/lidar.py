@@ -20,7 +20,7 @@ from siren_ros.sensors.lidar.lidar_loops import select_candidates
 from siren_ros.sensors.look import Look
 from siren_ros.sensors.meshes.mesh import Material
 from siren_ros.sensors.meshes.placement import Placement
-from siren_ros.sensors.suite import LidarSpec, inverse, sensor_generator
+from siren_ros.sensors.specification import LidarSpec, inverse, sensor_generator
 
 LIDAR_POINT_DTYPE: Final = np.dtype(
     [

@@ -18,7 +18,8 @@ from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.episode import EpisodeRequest, text_of_values
 from siren_ros.scenario.templates import Template
-from siren_ros.sensors.suite import EXPORTED_CAMERA, CameraSpec, load_suite
+from siren_ros.sensors.specification import CameraSpec
+from siren_ros.sensors.suite import EXPORTED_CAMERA, load_suite
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from siren_ros.datasets.kitti.frame_files import KittiFrame, KittiFrames, png_by
 from siren_ros.datasets.kitti.labels import KittiCamera, camera_from_lidar, label_text
 from siren_ros.datasets.kitti.live_export import Layout
 from siren_ros.errors import InputError
-from siren_ros.interfaces.measurements import CameraIntrinsics
 from siren_ros.interfaces.transforms import Transform, quaternion_of_matrix
+from siren_ros.world.measurements import CameraIntrinsics
 
 
 @pytest.mark.parametrize("shape", [(1, 1, 3), (5, 7, 3), (60, 80, 3)])

@@ -11,10 +11,10 @@ from siren_ros.datasets.kitti.labels import (
     camera_labels,
     label_lines,
 )
-from siren_ros.interfaces.measurements import CameraIntrinsics
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.carrier import GroundTruth
+from siren_ros.world.measurements import CameraIntrinsics
 
 LENGTH_M, WIDTH_M, HEIGHT_M = 4.0, 1.8, 1.5
 CAMERA = KittiCamera(

@@ -21,10 +21,10 @@ from siren_ros.datasets.nuscenes.episode_tables import (
     visibility_of,
 )
 from siren_ros.datasets.nuscenes.map_expansion import map_corners, mask_png
-from siren_ros.interfaces.measurements import CameraIntrinsics
 from siren_ros.record.episode_source import MountedCamera
-from siren_ros.sensors.suite import Mount
+from siren_ros.sensors.specification import Mount
 from siren_ros.world.actors import ActorClass
+from siren_ros.world.measurements import CameraIntrinsics
 
 
 def test_emergency_vehicles_are_cars_unless_they_have_their_own() -> None:

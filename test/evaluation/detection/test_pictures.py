@@ -19,8 +19,8 @@ from siren_ros.evaluation.detection.pictures import (
     front_picture,
     returns_from_above,
 )
-from siren_ros.interfaces.measurements import CameraIntrinsics
 from siren_ros.record.bag_survey import Need, survey_bag
+from siren_ros.world.measurements import CameraIntrinsics
 
 
 def test_vehicles_with_many_points_have_returns_within_their_boxes(frames: Frames) -> None:

@@ -18,7 +18,7 @@ from siren_ros.evaluation.risk.evidence import (
 )
 from siren_ros.evaluation.surrogate_safety import encounters_of
 from siren_ros.roads.road_network import RoadNetwork
-from siren_ros.sensors.suite import Mount
+from siren_ros.sensors.specification import Mount
 from siren_ros.world.traffic_state import Event, EventKind
 
 LENGTH_M, WIDTH_M = 4.6, 1.8

@@ -3,15 +3,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from siren_ros.sensors.camera.camera_model import Pinhole, optical_from_map
-from siren_ros.sensors.suite import load_suite, map_from_base
+from siren_ros.sensors.camera.camera_model import optical_from_map
+from siren_ros.sensors.specification import map_from_base
+from siren_ros.sensors.suite import load_suite
+from siren_ros.world.measurements import CameraIntrinsics
 
-CAMERA = Pinhole(800, 600, 335.64)
+CAMERA = CameraIntrinsics.centred(800, 600, 335.64)
 coordinate = st.floats(-20.0, 20.0)
 
 
 def test_the_field_of_view_spans_the_outer_edges_of_the_picture() -> None:
-    camera = Pinhole.of(load_suite("front").cameras[0])
+    camera = load_suite("front".intrinsics.cameras[0])
     edge = np.tan(np.radians(50.0))
     uv, depth = camera.project(np.array([[-edge, 0.0, 1.0], [edge, 0.0, 1.0], [0.0, 0.0, 2.0]]))
     assert uv[0, 0] == pytest.approx(-0.5)
@@ -23,7 +25,7 @@ def test_the_field_of_view_spans_the_outer_edges_of_the_picture() -> None:
 @given(coordinate, coordinate, st.floats(0.2, 100.0))
 def test_k_projects_as_the_camera_does(x: float, y: float, z: float) -> None:
     uv, _ = CAMERA.project(np.array([x, y, z]))
-    homogeneous = CAMERA.k @ [x, y, z]
+    homogeneous = CAMERA.matrix @ [x, y, z]
     assert np.allclose(uv, homogeneous[:2] / homogeneous[2])
 
 

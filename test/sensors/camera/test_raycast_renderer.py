@@ -6,15 +6,16 @@ import pytest
 
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.sensors import rig as rig_module
-from siren_ros.sensors.camera.camera_model import Pinhole
 from siren_ros.sensors.camera.raycast_renderer import RaycastRenderer
 from siren_ros.sensors.camera.renderer import Renderer, RendererUnavailableError
 from siren_ros.sensors.meshes.mesh import LampColour, Material, SignalLamp
 from siren_ros.sensors.rig import SensorRig
-from siren_ros.sensors.suite import CameraSpec, Mount, SensorSuite, map_from_base, transform
+from siren_ros.sensors.specification import CameraSpec, Mount, map_from_base, transform
+from siren_ros.sensors.suite import SensorSuite
 from siren_ros.world.actors import ActorClass
+from siren_ros.world.measurements import CameraIntrinsics
 
-CAMERA = Pinhole(160, 120, 80.0)
+CAMERA = CameraIntrinsics.centred(160, 120, 80.0)
 POSE = map_from_base(-3.0, 1.0, 0.0, 0.2) @ transform(np.eye(3), (0.0, 0.0, 1.5))
 NETWORK = RoadNetwork((), (), (), {}, (0.0, 0.0), "!")
 

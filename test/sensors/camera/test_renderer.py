@@ -6,14 +6,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from siren_ros.sensors.camera.camera_model import Pinhole, optical_from_map
+from siren_ros.sensors.camera.camera_model import optical_from_map
 from siren_ros.sensors.camera.renderer import DrawingContext, RenderedImage, Renderer, RendererUnavailableError
 from siren_ros.sensors.lidar.embree import RaycastWorld
 from siren_ros.sensors.meshes.mesh import LampColour, Material, Mesh, SemanticClass, SignalLamp, StaticScene
-from siren_ros.sensors.suite import map_from_base, transform
+from siren_ros.sensors.specification import map_from_base, transform
 from siren_ros.world.actors import ActorClass
+from siren_ros.world.measurements import CameraIntrinsics
 
-CAMERA = Pinhole(320, 240, 160.0)
+CAMERA = CameraIntrinsics.centred(320, 240, 160.0)
 SEDAN, BUS = ActorClass.SEDAN, ActorClass.BUS
 EYE = transform(np.eye(3), (0.0, 0.0, 1.5))
 

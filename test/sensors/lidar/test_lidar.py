@@ -11,7 +11,7 @@ from siren_ros.sensors.lidar.embree import RaycastWorld
 from siren_ros.sensors.lidar.lidar import CarrierMotion, Lidar, LidarSweep
 from siren_ros.sensors.look import Look
 from siren_ros.sensors.meshes.mesh import Material, Mesh, VehicleShape
-from siren_ros.sensors.suite import LidarSpec, Mount, map_from_base
+from siren_ros.sensors.specification import LidarSpec, Mount, map_from_base
 from siren_ros.world.actors import ActorClass
 
 SPEC = LidarSpec("lidar", Mount(0.0, 0.0, 1.93), channels=16, points_per_second=16 * 360 * 20, resolution_m=0.0)

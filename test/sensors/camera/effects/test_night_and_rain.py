@@ -4,17 +4,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from siren_ros.sensors.camera.camera_model import Pinhole, RenderedImage
+from siren_ros.sensors.camera.camera_model import RenderedImage
 from siren_ros.sensors.camera.night_and_rain import beacon_colour, luminaires
 from siren_ros.sensors.camera.renderer import Renderer, RendererUnavailableError
 from siren_ros.sensors.look import Look
 from siren_ros.sensors.meshes.mesh import Material, SemanticClass
 from siren_ros.sensors.meshes.placement import EgoVehicle, Placement
 from siren_ros.sensors.scene.signals import street_lamp, turned
-from siren_ros.sensors.suite import transform
+from siren_ros.sensors.specification import transform
 from siren_ros.world.actors import ActorClass, Lights
+from siren_ros.world.measurements import CameraIntrinsics
 
-CAMERA = Pinhole(320, 240, 160.0)
+CAMERA = CameraIntrinsics.centred(320, 240, 160.0)
 SEDAN = ActorClass.SEDAN
 EYE = transform(np.eye(3), (0.0, 0.0, 2.5))
 NIGHT = Look(

@@ -29,9 +29,13 @@ from siren_ros.evaluation.detection.scoring import VEHICLE_NAMES, counted_boxes
 GROUND_M = -1.8
 
 
+def rotated(yaw_rad: float) -> np.ndarray:
+    return np.array([[np.cos(yaw_rad), -np.sin(yaw_rad)], [np.sin(yaw_rad), np.cos(yaw_rad)]])
+
+
 def sides(centre: tuple[float, float], yaw: float, length_m: float, width_m: float, top_m: float = 1.5) -> np.ndarray:
     """Points every 5 cm on the sides of a box that face the origin."""
-    along, across = np.array([np.cos(yaw), np.sin(yaw)]), np.array([-np.sin(yaw), np.cos(yaw)])
+    along, across = rotated(yaw).T
     middle = np.array(centre)
     points = []
     for axis, half, other, other_half in (
@@ -63,7 +67,7 @@ def test_a_rear_alone_is_grown_away_from_the_sensor(turn: float) -> None:
     """1.8 m wide, 10 m ahead: a car of 4.5 m by 1.9 m stands behind it, and 3 m are its height."""
     angle = np.radians(turn)
     rear = np.stack((np.full(37, 10.0), np.arange(-0.9, 0.901, 0.05)), axis=-1)
-    rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    rotation = rotated(angle)
     flat = rear @ rotation.T
     points = np.concatenate([np.column_stack((flat, np.full(len(flat), GROUND_M + z))) for z in (0.4, 3.0)])
     box = fit_box(points, GROUND_M)
@@ -78,7 +82,7 @@ def test_a_side_alone_is_the_length(turn: float) -> None:
     """3 m of a side are longer than a car is wide."""
     angle = np.radians(turn)
     side = np.stack((np.arange(8.0, 11.001, 0.05), np.full(61, 4.0)), axis=-1)
-    rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    rotation = rotated(angle)
     points = np.column_stack((side @ rotation.T, np.full(61, GROUND_M + 1.0)))
     box = fit_box(points, GROUND_M)
     assert box.size_m == pytest.approx([4.5, 1.9, 1.55], abs=0.06)
@@ -93,7 +97,7 @@ def test_a_side_around_the_foot_of_the_sensor_grows_at_its_longer_part(
     """3 m of a side 4 m ahead: of 4.5 m what is missing lies where more of it was seen."""
     angle = np.radians(turn)
     side = np.stack((np.full(61, 4.0), np.linspace(right_m, left_m, 61)), axis=-1)
-    rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    rotation = rotated(angle)
     box = fit_box(np.column_stack((side @ rotation.T, np.full(61, GROUND_M + 1.0))), GROUND_M)
     assert box.centre_m[:2] @ rotation == pytest.approx([4.0 + 0.95, middle_m], abs=0.03)
 
@@ -105,11 +109,17 @@ def at(*places: tuple[float, float]) -> np.ndarray:
     return np.array(places, dtype=float).reshape(-1, 2)
 
 
-def test_the_first_three_sweeps_by_hand() -> None:
-    """Gains 0.5 and 0.15: 1 m in 0.1 s, then 1 m more."""
+@pytest.fixture
+def tracker() -> Tracker:
+    """Of one vehicle at the origin at step 0."""
     tracker = Tracker()
     velocity, sweeps = tracker.follow(0, at((0.0, 0.0)), STEP_S)
     assert (velocity.tolist(), sweeps.tolist()) == ([[0.0, 0.0]], [1])
+    return tracker
+
+
+def test_the_first_three_sweeps_by_hand(tracker: Tracker) -> None:
+    """Gains 0.5 and 0.15: 1 m in 0.1 s, then 1 m more."""
     velocity, sweeps = tracker.follow(2, at((1.0, -1.0)), STEP_S)
     assert velocity == pytest.approx(np.array([[1.5, -1.5]]))
     assert tracker.place_m == pytest.approx(np.array([[0.5, -0.5]]))
@@ -121,18 +131,14 @@ def test_the_first_three_sweeps_by_hand() -> None:
 
 
 @pytest.mark.parametrize(("away_m", "same"), [(2.4, True), (2.6, False)])
-def test_a_box_beyond_the_gate_is_another_vehicle(away_m: float, *, same: bool) -> None:
-    tracker = Tracker()
-    tracker.follow(0, at((0.0, 0.0)), STEP_S)
+def test_a_box_beyond_the_gate_is_another_vehicle(tracker: Tracker, away_m: float, *, same: bool) -> None:
     _, sweeps = tracker.follow(2, at((0.0, away_m)), STEP_S)
     assert sweeps.tolist() == [2 if same else 1]
     assert len(tracker.place_m) == (1 if same else 2)
 
 
 @pytest.mark.parametrize(("missed", "known"), [(20, True), (22, False)])
-def test_a_track_is_kept_for_a_second(missed: int, *, known: bool) -> None:
-    tracker = Tracker()
-    tracker.follow(0, at((0.0, 0.0)), STEP_S)
+def test_a_track_is_kept_for_a_second(tracker: Tracker, missed: int, *, known: bool) -> None:
     for step in range(2, missed, 2):
         tracker.follow(step, at(), STEP_S)
     _, sweeps = tracker.follow(missed, at((0.0, 0.0)), STEP_S)
@@ -157,9 +163,7 @@ def test_the_nearest_pairs_are_the_same_vehicles() -> None:
     assert velocity[:, 0] == pytest.approx([-0.15, 0.3])
 
 
-def test_the_same_instant_moves_nobody() -> None:
-    tracker = Tracker()
-    tracker.follow(0, at((0.0, 0.0)), STEP_S)
+def test_the_same_instant_moves_nobody(tracker: Tracker) -> None:
     velocity, sweeps = tracker.follow(0, at((1.0, 0.0)), STEP_S)
     assert (velocity.tolist(), sweeps.tolist()) == ([[0.0, 0.0]], [2])
     assert tracker.place_m.tolist() == [[0.0, 0.0]]
@@ -339,25 +343,10 @@ def test_boxes_of_labelled_sweeps_come_with_their_frames(monkeypatch: pytest.Mon
     assert found.score[1] > found.score[0], "it has more returns"
 
 
-def _two_sides(centre: tuple[float, float], length_m: float, width_m: float, yaw_rad: float) -> np.ndarray:
-    """Returns from the two sides of a vehicle that face the origin."""
-    along, across = np.linspace(-length_m / 2, length_m / 2, 60), np.linspace(-width_m / 2, width_m / 2, 30)
-    turn = np.array([[np.cos(yaw_rad), -np.sin(yaw_rad)], [np.sin(yaw_rad), np.cos(yaw_rad)]])
-    towards = -turn.T @ np.array(centre)
-    sides = np.vstack(
-        (
-            np.column_stack((along, np.full(60, np.sign(towards[1]) * width_m / 2))),
-            np.column_stack((np.full(30, np.sign(towards[0]) * length_m / 2), across)),
-        )
-    )
-    flat = sides @ turn.T + centre
-    return np.column_stack((flat, np.tile(np.linspace(-1.5, -0.2, 90), 1)))
-
-
 @pytest.mark.parametrize("yaw_deg", [0.0, 20.0, -35.0, 80.0, -89.0])
 @pytest.mark.parametrize("centre", [(12.0, 5.0), (-8.0, 14.0), (-15.0, -6.0)])
 def test_two_sides_give_the_whole_box(yaw_deg: float, centre: tuple[float, float]) -> None:
-    box = fit_box(_two_sides(centre, 5.2, 2.1, np.radians(yaw_deg)), ground_m=-1.9)
+    box = fit_box(sides(centre, np.radians(yaw_deg), 5.2, 2.1, top_m=1.6), ground_m=-1.9)
     assert box.centre_m[:2] == pytest.approx(centre, abs=0.1)
     assert box.size_m == pytest.approx([5.2, 2.1, 1.7], abs=0.1)
     assert abs(np.sin(box.yaw_rad - np.radians(yaw_deg))) < 0.02
@@ -380,9 +369,7 @@ def test_tracks_find_the_velocity() -> None:
     assert np.sort(velocity, axis=0) == pytest.approx(np.array([[0.0, -3.0], [8.0, 0.0]]), abs=0.1)
 
 
-def test_vehicles_that_leave_are_forgotten() -> None:
-    tracker = Tracker()
-    tracker.follow(0, np.array([[0.0, 0.0]]), 0.05)
+def test_vehicles_that_leave_are_forgotten(tracker: Tracker) -> None:
     _, sweeps = tracker.follow(40, np.array([[0.0, 0.0]]), 0.05)
     assert sweeps.tolist() == [1]
     velocity, sweeps = tracker.follow(42, np.zeros((0, 2)), 0.05)

@@ -3,18 +3,18 @@
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.detection.devkit_score import ERRORS
 from siren_ros.evaluation.detection.subsets import FAMILIES
 from siren_ros.evaluation.detection.tables import MEAN, PAPER
 from siren_ros.evaluation.prediction.episode_scores import EpisodeScores
 from siren_ros.evaluation.prediction.metrics import METRIC_OF
-from siren_ros.evaluation.prediction.reports.paper_results import PAPER_NAMES, PAPER_SAMPLES, PaperRow, paper_row
+from siren_ros.evaluation.prediction.reports.paper_results import PAPER_NAMES, PAPER_SAMPLES, paper_row
 from siren_ros.evaluation.prediction.reports.score_table import GroupKind, ScoreTable, strata, sums_of
 from siren_ros.evaluation.risk.labels import TITLES, RiskClass
 from siren_ros.evaluation.risk.tables import PAPER_BALANCE, PAPER_SCORES
@@ -164,28 +164,19 @@ def prediction_rows(table: ScoreTable) -> Iterator[Compared]:
         table: Episodes at their templates' own levels, and the vehicles of the interaction region.
     """
     maps = ",".join(sorted({episode.map_name for episode in table.episodes}))
-    for row in _rows(table):
+    for row in (*_errors(table), *_samples(table), *_ratios(table), *_rankings(table)):
         yield replace(row, map=maps)
 
 
-def _rows(table: ScoreTable) -> Iterator[Compared]:
-    for metric, title in PREDICTION_ERRORS.items():
-        for model, name in PAPER_NAMES.items():
-            yield from _errors(table, metric, title, model, name)
-    yield from _samples(table)
-    yield from _ratios(table)
-    yield from _rankings(table)
-
-
-def _errors(table: ScoreTable, metric: str, title: str, model: str, name: str) -> Iterator[Compared]:
-    row = paper_row(model, metric)
-    if row is None or row is paper_row(model, _SINGLE_PATH.get(metric, "")):
-        return
-    for template in TEMPLATES:
-        cell = table.cells.get((model, template, metric))
-        yield Compared(title, name, template, row.by_template[template], NOTHING if cell is None else cell.interval)
-    cell = table.cells.get((model, _ALL, metric))
-    yield Compared(title, name, MEAN_COLUMN, row.mean, NOTHING if cell is None else cell.interval)
+def _errors(table: ScoreTable) -> Iterator[Compared]:
+    for (metric, title), (model, name) in product(PREDICTION_ERRORS.items(), PAPER_NAMES.items()):
+        row = paper_row(model, metric)
+        if row is None or row is paper_row(model, _SINGLE_PATH.get(metric, "")):
+            continue
+        columns = [(template, template, row.by_template[template]) for template in TEMPLATES]
+        for column, group, paper in (*columns, (MEAN_COLUMN, _ALL, row.mean)):
+            cell = table.cells.get((model, group, metric))
+            yield Compared(title, name, column, paper, NOTHING if cell is None else cell.interval)
 
 
 def _samples(table: ScoreTable) -> Iterator[Compared]:
@@ -217,38 +208,29 @@ def _ratios(table: ScoreTable) -> Iterator[Compared]:
     reference = paper_row("cv", "ade_m")
     for model, name in PAPER_NAMES.items():
         row = paper_row(model, "ade_m")
-        if row is not None and reference is not None and model != "cv":
-            yield Compared(RATIO, name, MEAN_COLUMN, row.mean / reference.mean, _ratio(table, model))
-
-
-def _ratio(table: ScoreTable, model: str) -> Interval:
-    if model not in table.models or "cv" not in table.models:
-        return NOTHING
-    _, (own, reference) = _sums(table, model, "cv")
-
-    if len(own) == 0:
-        return NOTHING
-    ratio = own.value() / reference.value()
-    return jackknife(ratio, own.left_out() / reference.left_out(), own.stratum).interval()
+        if row is None or reference is None or model == "cv":
+            continue
+        ratio = NOTHING
+        if {model, "cv"} <= set(table.models):
+            _, (ours, of_cv) = _sums(table, model, "cv")
+            if len(ours):
+                left_out = ours.left_out() / of_cv.left_out()
+                ratio = jackknife(ours.value() / of_cv.value(), left_out, ours.stratum).interval()
+        yield Compared(RATIO, name, MEAN_COLUMN, row.mean / reference.mean, ratio)
 
 
 def _rankings(table: ScoreTable) -> Iterator[Compared]:
     """Spearman's ρ between our templates and the paper's; the paper's own is 1."""
     for model, name in PAPER_NAMES.items():
-        row = paper_row(model, "ade_m")
-        if row is not None:
-            yield Compared(RANKING, name, "Spearman", 1.0, _ranking(table, model, row), relative=False)
-
-
-def _ranking(table: ScoreTable, model: str, paper: PaperRow) -> Interval:
-    if model not in table.models:
-        return NOTHING
-    names, (sums,) = _sums(table, model)
-    if len(names) < RANKED_MIN:
-        return NOTHING
-    estimates = [estimate_of_mean(sums.of(number)) for number in range(len(names))]
-    there = [paper.by_template[name] for name in names]
-    return ranking_interval(estimates, there)
+        row, ranking = paper_row(model, "ade_m"), NOTHING
+        if row is None:
+            continue
+        if model in table.models:
+            names, (sums,) = _sums(table, model)
+            if len(names) >= RANKED_MIN:
+                estimates = [estimate_of_mean(sums.of(number)) for number in range(len(names))]
+                ranking = ranking_interval(estimates, [row.by_template[template] for template in names])
+        yield Compared(RANKING, name, "Spearman", 1.0, ranking, relative=False)
 
 
 FAMILY: Final = "mAP of a family; paper: mean of its four"
@@ -261,17 +243,23 @@ def detection_rows(content: Mapping[str, Any] | None) -> Iterator[Compared]:
     Args:
         content: ``scores.json`` of ``siren evaluate detection``; None where it was not run.
     """
-    ours = {name.lower(): one for name, one in (content or {}).items()}
+    content = content or {}
+    ours = {name.lower(): scores for name, scores in content.items()}
     for key, paper in PAPER.items():
-        one = ours.get(key)
+        scores = ours.get(key, {"templates": {}, "mean": {}})
+        columns = {**scores["templates"], MEAN: scores["mean"]}
         for template in (*TEMPLATES, MEAN):
             mean_ap, nds = paper.ap_and_nds[template]
-            yield Compared("mAP", paper.name, template, mean_ap, _ap(one, template), digits=3)
-            yield Compared("NDS", paper.name, template, nds, _nds(one, template), digits=3)
+            column = columns.get(template, {})
+            yield Compared("mAP", paper.name, template, mean_ap, interval_of_json(column.get("mAP")), digits=3)
+            single = interval_of_json({"value": column.get("NDS")})
+            yield Compared("NDS", paper.name, template, nds, single, digits=3)
         for name, value in paper.errors.items():
-            yield Compared(f"error {name}", paper.name, MEAN, value, _error(one, name), digits=3)
-    for name, one in (content or {}).items():
-        yield from _families(name, one)
+            errors = [column["errors"][name] for column in scores["templates"].values()]
+            single = interval_of_json({"value": float(np.mean(errors)) if errors else None})
+            yield Compared(f"error {name}", paper.name, MEAN, value, single, digits=3)
+    for name, scores in content.items():
+        yield from _families(name, scores)
 
 
 def _families(detector: str, one: Mapping[str, Any]) -> Iterator[Compared]:
@@ -287,27 +275,6 @@ def _families(detector: str, one: Mapping[str, Any]) -> Iterator[Compared]:
         yield Compared(ORDER, detector, "share of the draws", 1.0, ours, relative=False)
 
 
-def _ap(one: Mapping[str, Any] | None, template: str) -> Interval:
-    if one is None:
-        return NOTHING
-    return interval_of_json(one["mean"]["mAP"] if template == MEAN else one["templates"].get(template, {}).get("mAP"))
-
-
-def _nds(one: Mapping[str, Any] | None, template: str) -> Interval:
-    found = None if one is None else one["mean"] if template == MEAN else one["templates"].get(template)
-    return _single(None if found is None else found["NDS"])
-
-
-def _error(one: Mapping[str, Any] | None, name: str) -> Interval:
-    if one is None or name not in ERRORS:
-        return NOTHING
-    return _single(float(np.mean([of_template["errors"][name] for of_template in one["templates"].values()])))
-
-
-def _single(value: float | None) -> Interval:
-    return NOTHING if value is None else Interval(value, value, value, 1)
-
-
 BALANCE: Final = "share of the videos"
 
 
@@ -318,17 +285,12 @@ def risk_rows(videos: VideoSet | None, content: Mapping[str, Any] | None) -> Ite
         videos: The set; None where there is none.
         content: ``scores.json`` of ``siren evaluate risk``; None where it was not run.
     """
-    total = sum(PAPER_BALANCE)
+    labels = [] if videos is None else [video.label.risk for video in videos.videos.values()]
     for risk, count in zip(RiskClass, PAPER_BALANCE, strict=True):
-        yield Compared(BALANCE, "labels", TITLES[risk], count / total, _share(videos, risk))
+        share = share_interval(labels.count(risk), len(labels))
+        yield Compared(BALANCE, "labels", TITLES[risk], count / sum(PAPER_BALANCE), share)
     models = {} if content is None else content["models"]
     for name, scores in PAPER_SCORES.items():
-        one = models.get(name)
+        ours = models.get(name, {"scores": {}})["scores"]
         for score, value in scores.items():
-            found = NOTHING if one is None else interval_of_json(one["scores"].get(score))
-            yield Compared("risk scores", name, score, value, found, digits=3)
-
-
-def _share(videos: VideoSet | None, risk: RiskClass) -> Interval:
-    labels = [] if videos is None else [video.label.risk for video in videos.videos.values()]
-    return share_interval(labels.count(risk), len(labels))
+            yield Compared("risk scores", name, score, value, interval_of_json(ours.get(score)), digits=3)

@@ -1,6 +1,6 @@
 """One HTML page of a set of risk videos: each plays next to its label, its measures over time and the answers."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from os.path import relpath
 from pathlib import Path
@@ -106,52 +106,27 @@ class Chart:
 
 def charts_of(curves: Curves, thresholds: RiskThresholds) -> tuple[Chart, ...]:
     """TTC, PET and DRAC of a video."""
-    length_s = len(curves.time_s) * (curves.time_s[1] - curves.time_s[0])
-    across = WIDTH / length_s
+    time_s = curves.time_s
+    across = WIDTH / (len(time_s) * (time_s[1] - time_s[0]))
+
+    def line(
+        title: str, unit: str, values: Floats, top: float, limit: float, worst: Callable[[Floats], np.intp]
+    ) -> Chart:
+        known = np.flatnonzero(np.isfinite(values))
+        at = known[worst(values[known])] if len(known) else None
+        extreme = "" if at is None else _said(time_s[at], values[at], unit)
+        return Chart(title, unit, top, limit, _y(limit, top), _svg_path(time_s * across, values, top), (), extreme)
+
+    ttc, drac = curves.time_to_collision_s, curves.required_deceleration_mps2
+    top, limit = _ENCROACHMENT_MAX_S, thresholds.post_encroachment_s
     dots = [(dot.at_s, dot.value) for dot in curves.encroachments]
+    drawn = tuple((at * across, _y(value, top), _said(at, value, "s")) for at, value in dots)
+    least = _said(*min(dots, key=lambda dot: dot[1]), "s") if dots else ""
     return (
-        _line(
-            "TTC",
-            "s",
-            curves.time_s,
-            curves.time_to_collision_s,
-            across,
-            _TIME_TO_COLLISION_MAX_S,
-            thresholds.time_to_collision_s,
-            least=True,
-        ),
-        Chart(
-            "PET",
-            "s",
-            _ENCROACHMENT_MAX_S,
-            thresholds.post_encroachment_s,
-            _y(thresholds.post_encroachment_s, _ENCROACHMENT_MAX_S),
-            "",
-            tuple((at * across, _y(value, _ENCROACHMENT_MAX_S), f"{value:.2f} s at {at:.1f} s") for at, value in dots),
-            _said(*min(dots, key=lambda dot: dot[1]), "s") if dots else "",
-        ),
-        _line(
-            "DRAC",
-            "m/s²",
-            curves.time_s,
-            curves.required_deceleration_mps2,
-            across,
-            _DECELERATION_MAX_MPS2,
-            thresholds.required_deceleration_mps2,
-            least=False,
-        ),
+        line("TTC", "s", ttc, _TIME_TO_COLLISION_MAX_S, thresholds.time_to_collision_s, np.argmin),
+        Chart("PET", "s", top, limit, _y(limit, top), "", drawn, least),
+        line("DRAC", "m/s²", drac, _DECELERATION_MAX_MPS2, thresholds.required_deceleration_mps2, np.argmax),
     )
-
-
-def _line(
-    title: str, unit: str, time_s: Floats, values: Floats, across: float, top: float, limit: float, *, least: bool
-) -> Chart:
-    known = np.flatnonzero(np.isfinite(values))
-    extreme = ""
-    if len(known):
-        at = known[np.argmin(values[known]) if least else np.argmax(values[known])]
-        extreme = _said(time_s[at], values[at], unit)
-    return Chart(title, unit, top, limit, _y(limit, top), _svg_path(time_s * across, values, top), (), extreme)
 
 
 def _said(at_s: float, value: float, unit: str) -> str:

@@ -1,5 +1,6 @@
 """What the record says about the conflicts that a camera on the EMV saw: everything that a label is derived from."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import Final
 
@@ -8,7 +9,7 @@ import numpy as np
 from siren_ros.evaluation.surrogate_safety import Encounters, conflict_series, post_encroachment
 from siren_ros.numerics.arrays import Flags, Floats, Ids
 from siren_ros.numerics.geometry import footprint_corners
-from siren_ros.recording.episode_record import EpisodeRecord, Steps
+from siren_ros.recording.episode_record import EpisodeRecord, StateRows, Steps
 from siren_ros.sensors.specification import Mount
 from siren_ros.world.traffic_state import EventKind
 
@@ -121,17 +122,14 @@ def evidence_of(record: EpisodeRecord, emv_id: int, camera: Camera, steps: tuple
     seen = _recently(visible, pairs.actor_id, pairs.step)
     moments = np.flatnonzero(seen & np.isfinite(contacts.time_s))
     seen_at = {(int(actor), int(step)) for actor, step in zip(pairs.actor_id[seen], pairs.step[seen], strict=True)}
+    columns = (
+        *(pairs.step, pairs.actor_id, contacts.time_s),
+        *(contacts.closing_mps, contacts.required_deceleration_mps2, contacts.gap_m),
+    )
     return Evidence(
-        Moments(
-            pairs.step[moments],
-            pairs.actor_id[moments],
-            contacts.time_s[moments],
-            contacts.closing_mps[moments],
-            contacts.required_deceleration_mps2[moments],
-            contacts.gap_m[moments],
-        ),
-        _encroachments(record, emv_id, steps, seen_at),
-        _contacts(record, emv_id, steps, seen_at),
+        Moments(*(column[moments] for column in columns)),
+        tuple(_encroachments(record, emv_id, steps, seen_at)),
+        tuple(_contacts(record, emv_id, steps, seen_at)),
     )
 
 
@@ -147,23 +145,22 @@ def _recently(visible: Flags, actor_id: Ids, step: Steps) -> Flags:
 
 def _encroachments(
     record: EpisodeRecord, emv_id: int, steps: tuple[int, int], seen_at: set[tuple[int, int]]
-) -> tuple[SeenEncroachment, ...]:
-    emv, found = record.track(emv_id), []
-    emv = emv.select((emv.step >= steps[0]) & (emv.step < steps[1]))
-    size = record.actors[emv_id]
+) -> Iterator[SeenEncroachment]:
+    def way(actor_id: int) -> tuple[StateRows, tuple[float, float]]:
+        track, actor = record.track(actor_id), record.actors[actor_id]
+        return track.select((track.step >= steps[0]) & (track.step < steps[1])), (actor.length_m, actor.width_m)
+
+    emv, size_m = way(emv_id)
     for actor_id in sorted({actor for actor, _ in seen_at}):
-        other, track = record.actors[actor_id], record.track(actor_id)
-        track = track.select((track.step >= steps[0]) & (track.step < steps[1]))
-        pet = post_encroachment(emv, track, (size.length_m, size.width_m), (other.length_m, other.width_m))
+        track, other_size_m = way(actor_id)
+        pet = post_encroachment(emv, track, size_m, other_size_m)
         if pet is not None and (actor_id, pet.step) in seen_at:
-            found.append(SeenEncroachment(actor_id, pet.step, pet.time_s))
-    return tuple(found)
+            yield SeenEncroachment(actor_id, pet.step, pet.time_s)
 
 
 def _contacts(
     record: EpisodeRecord, emv_id: int, steps: tuple[int, int], seen_at: set[tuple[int, int]]
-) -> tuple[SeenContact, ...]:
-    found = []
+) -> Iterator[SeenContact]:
     for event in record.events_of(EventKind.COLLISION):
         pair = {event.actor_id, event.other_id}
         if emv_id not in pair or not steps[0] <= event.step < steps[1]:
@@ -171,5 +168,4 @@ def _contacts(
         other = next(iter(pair - {emv_id}))
         # A contact stops both; the step itself may be the first at which they touch.
         if {(other, event.step), (other, event.step - 1)} & seen_at:
-            found.append(SeenContact(other, event.step, float(event.detail["impact_speed_mps"])))
-    return tuple(found)
+            yield SeenContact(other, event.step, float(event.detail["impact_speed_mps"]))

@@ -1,6 +1,6 @@
 """Reference labels: Normal, Near-Miss or Collision, from contacts and surrogate safety measures."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 
@@ -9,6 +9,7 @@ import numpy as np
 from siren_ros.errors import InputError
 from siren_ros.evaluation.risk.evidence import Evidence, Moments
 from siren_ros.evaluation.surrogate_safety import longest_run_s
+from siren_ros.numerics.arrays import Floats
 
 
 class RiskClass(IntEnum):
@@ -99,51 +100,41 @@ class RiskLabel:
 def label_of(evidence: Evidence, thresholds: RiskThresholds) -> RiskLabel:
     """The label of a window: the most severe finding, and of equal ones the earliest."""
     findings = [
-        *_contacts(evidence),
+        *(
+            RiskLabel(RiskClass.COLLISION, Reason.CONTACT, contact.actor_id, contact.step, contact.impact_mps)
+            for contact in evidence.contacts
+        ),
         *_short_times(evidence.moments, thresholds),
-        *_encroachments(evidence, thresholds),
+        *(
+            RiskLabel(RiskClass.NEAR_MISS, Reason.POST_ENCROACHMENT, one.actor_id, one.step, one.time_s)
+            for one in evidence.encroachments
+            if one.time_s < thresholds.post_encroachment_s
+        ),
         *_hard_decelerations(evidence.moments, thresholds),
     ]
     return min(findings, key=lambda label: (-label.risk, label.step), default=RiskLabel(RiskClass.NORMAL))
 
 
-def _contacts(evidence: Evidence) -> list[RiskLabel]:
-    return [
-        RiskLabel(RiskClass.COLLISION, Reason.CONTACT, contact.actor_id, contact.step, contact.impact_mps)
-        for contact in evidence.contacts
-    ]
-
-
-def _short_times(moments: Moments, thresholds: RiskThresholds) -> list[RiskLabel]:
+def _short_times(moments: Moments, thresholds: RiskThresholds) -> Iterator[RiskLabel]:
     short = moments.time_to_collision_s < thresholds.time_to_collision_s
     short &= moments.closing_mps > thresholds.closing_mps
-    found = []
     for actor_id in np.unique(moments.actor_id[short]).tolist():
         rows = np.flatnonzero((moments.actor_id == actor_id) & short)
-        steps = moments.step[rows]
         # Steps are whole, so that a run of four is 0.2 s; the small amount is for the division's last digit.
-        if longest_run_s(np.ones(len(rows), dtype=np.bool_), steps) >= thresholds.time_to_collision_for_s - 1e-9:
+        run_s = longest_run_s(np.ones(len(rows), dtype=np.bool_), moments.step[rows])
+        if run_s >= thresholds.time_to_collision_for_s - 1e-9:
             least = rows[np.argmin(moments.time_to_collision_s[rows])]
-            found.append(_near_miss(Reason.TIME_TO_COLLISION, moments, int(least), moments.time_to_collision_s[least]))
-    return found
+            yield _near_miss(Reason.TIME_TO_COLLISION, moments, least, moments.time_to_collision_s)
 
 
-def _encroachments(evidence: Evidence, thresholds: RiskThresholds) -> list[RiskLabel]:
-    return [
-        RiskLabel(RiskClass.NEAR_MISS, Reason.POST_ENCROACHMENT, one.actor_id, one.step, one.time_s)
-        for one in evidence.encroachments
-        if one.time_s < thresholds.post_encroachment_s
-    ]
-
-
-def _hard_decelerations(moments: Moments, thresholds: RiskThresholds) -> list[RiskLabel]:
+def _hard_decelerations(moments: Moments, thresholds: RiskThresholds) -> Iterator[RiskLabel]:
     hard = moments.required_deceleration_mps2 > thresholds.required_deceleration_mps2
     rows = np.flatnonzero(hard & (moments.gap_m < thresholds.gap_m))
-    if not len(rows):
-        return []
-    hardest = int(rows[np.argmax(moments.required_deceleration_mps2[rows])])
-    return [_near_miss(Reason.REQUIRED_DECELERATION, moments, hardest, moments.required_deceleration_mps2[hardest])]
+    if len(rows):
+        hardest = rows[np.argmax(moments.required_deceleration_mps2[rows])]
+        yield _near_miss(Reason.REQUIRED_DECELERATION, moments, hardest, moments.required_deceleration_mps2)
 
 
-def _near_miss(reason: Reason, moments: Moments, row: int, value: float) -> RiskLabel:
-    return RiskLabel(RiskClass.NEAR_MISS, reason, int(moments.actor_id[row]), int(moments.step[row]), float(value))
+def _near_miss(reason: Reason, moments: Moments, row: np.intp, measure: Floats) -> RiskLabel:
+    actor_id, step = int(moments.actor_id[row]), int(moments.step[row])
+    return RiskLabel(RiskClass.NEAR_MISS, reason, actor_id, step, float(measure[row]))

@@ -105,18 +105,12 @@ class ModelScores:
 
 def score_answers(name: str, videos: VideoSet, answers: Answers) -> ModelScores:
     """Scores a model's answers; ``answers`` holds ids of the set only."""
-    ids = [key for key in sorted(videos.videos) if key in answers]
-    reference = [videos.videos[key].label.risk for key in ids]
-    given = [answers[key] for key in ids]
-    templates = [videos.videos[key].template for key in ids]
-    by_template = {
-        template: confusion(*_of(template, templates, reference, given)) for template in sorted(set(templates))
-    }
-    return ModelScores(name, len(videos.videos), len(ids), confusion(reference, given), by_template)
+    answered = [(video, answers[key]) for key, video in sorted(videos.videos.items()) if key in answers]
 
+    def counts(template: str | None = None) -> Confusion:
+        of_template = [(video, answer) for video, answer in answered if template in (None, video.template)]
+        return confusion([video.label.risk for video, _ in of_template], [answer for _, answer in of_template])
 
-def _of(
-    template: str, templates: Sequence[str], reference: Sequence[RiskClass], given: Sequence[RiskClass | None]
-) -> tuple[list[RiskClass], list[RiskClass | None]]:
-    rows = [row for row, one in enumerate(templates) if one == template]
-    return [reference[row] for row in rows], [given[row] for row in rows]
+    templates = sorted({video.template for video, _ in answered})
+    by_template = {template: counts(template) for template in templates}
+    return ModelScores(name, len(videos.videos), len(answered), counts(), by_template)

@@ -28,6 +28,9 @@ _MOMENT_COLUMNS: Final = {
     "gap_m": np.float64,
 }
 
+_SHARED: Final = ("template", "file", "frames", "first_step")
+"""Fields of a video that its file has under the same names."""
+
 
 @dataclass(frozen=True)
 class RiskVideo:
@@ -109,10 +112,7 @@ def _as_json(video: RiskVideo) -> dict[str, Any]:
     label = asdict(video.label) | {"risk": video.label.risk.title}
     return {
         "id": video.video_id,
-        "template": video.template,
-        "file": video.file,
-        "frames": video.frames,
-        "first_step": video.first_step,
+        **{name: getattr(video, name) for name in _SHARED},
         "label": label,
         "encroachments": [asdict(one) for one in video.evidence.encroachments],
         "contacts": [asdict(one) for one in video.evidence.contacts],
@@ -128,16 +128,8 @@ def _video(entry: Mapping[str, Any], moments: Moments) -> RiskVideo:
         tuple(SeenEncroachment(**one) for one in entry["encroachments"]),
         tuple(SeenContact(**one) for one in entry["contacts"]),
     )
-    return RiskVideo(
-        video_id=entry["id"],
-        template=entry["template"],
-        file=entry["file"],
-        frames=entry["frames"],
-        first_step=entry["first_step"],
-        label=RiskLabel(risk, reason, **label),
-        evidence=evidence,
-        request=entry["request"],
-    )
+    shared = {name: entry[name] for name in (*_SHARED, "request")}
+    return RiskVideo(video_id=entry["id"], label=RiskLabel(risk, reason, **label), evidence=evidence, **shared)
 
 
 def _evidence_table(videos: Sequence[RiskVideo]) -> pa.Table:

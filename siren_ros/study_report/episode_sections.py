@@ -46,7 +46,7 @@ def generated_section(study: StudyRows, measures: StudyMeasures) -> Section:
     rows = study.rows
     complete = [row for row in rows if row.status is Status.COMPLETE]
     simulated_s = sum(row.simulated_s for row in complete)
-    made = (
+    summary = (
         f"{counted(len(rows), 'episode')} in the study, {len(complete):,} of them complete: "
         f"{simulated_s / 60.0:,.0f} simulated minutes, {sum(row.bag_bytes for row in rows) / 1e6:,.0f} MB. "
         f"The numbers below come from the {counted(len(measures.bags), 'bag')} that could be read."
@@ -60,7 +60,7 @@ def generated_section(study: StudyRows, measures: StudyMeasures) -> Section:
     return Section(
         "generated",
         "What was generated",
-        text=(made, judged),
+        text=(summary, judged),
         figures=figures,
         tables=tuple(_tables(study, measures)),
         commands=(generate_command(study.asked, study.folder),) if study.asked else (),

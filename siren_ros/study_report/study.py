@@ -148,7 +148,7 @@ class StudyMeasures:
 
 
 def measure_study(
-    bags: Sequence[Path], models: Sequence[str], jobs: int, told: Callable[[], None] = lambda: None
+    bags: Sequence[Path], models: Sequence[str], jobs: int, progress: Callable[[], None] = lambda: None
 ) -> StudyMeasures:
     """Measures every bag; one that cannot be read does not keep the others from being measured.
 
@@ -156,7 +156,7 @@ def measure_study(
         bags: Folders of episodes.
         models: Trajectory predictors that need no checkpoint.
         jobs: Processes.
-        told: Called after each bag.
+        progress: Called after each bag.
 
     Raises:
         InputError: A predictor that is not known, or no bag that can be read.
@@ -167,7 +167,7 @@ def measure_study(
     with worker_pool(min(jobs, len(bags)), lambda _: None) as pool:
         for number, one in pool(measure_bag, [(bag, names) for bag in bags]):
             found[number] = one
-            told()
+            progress()
     ordered = [found[number] for number in range(len(bags))]
     measured = tuple(one for one in ordered if isinstance(one, BagMeasures))
     unread = tuple(one for one in ordered if isinstance(one, UnreadBag))

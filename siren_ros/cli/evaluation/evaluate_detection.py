@@ -163,7 +163,7 @@ def _remarks(frames: Frames, scores: Sequence[DetectorScores], costs: Mapping[st
         lines.append(f"no velocities, so AVE and AAE count as 1: {', '.join(without)}")
     if any(episode.camera_from_lidar is None for episode in frames.episodes):
         lines.append("no front camera in some bags, so these have no KITTI frames")
-    return lines + [f"{one.name}: {one.order.told()}" for one in scores if one.order is not None]
+    return lines + [f"{one.name}: {one.order.sentence()}" for one in scores if one.order is not None]
 
 
 def _write(out: Path, files: Mapping[str, str], frames: Frames, scores: Sequence[DetectorScores]) -> None:

@@ -78,7 +78,7 @@ def ask(arguments: argparse.Namespace, videos: VideoSet, model: VisionLanguageMo
             cache,
             marked=not arguments.raw,
             concurrency=arguments.concurrency,
-            told=lambda _: step(),
+            progress=lambda _: step(),
         )
     print("\n".join(account(model.name, answers.values(), arguments.price)))
     if arguments.out is not None:

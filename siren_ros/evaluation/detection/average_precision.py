@@ -33,9 +33,9 @@ def match(truth: TruthBoxes, found: FoundBoxes) -> Matches:
     order = np.lexsort((np.arange(len(found)), found.score))[::-1].astype(np.intp)
     by_frame = np.argsort(truth.frame, kind="stable")
     frames = truth.frame[by_frame]
-    wanted = found.frame[order]
-    first = np.searchsorted(frames, wanted, side="left")
-    last = np.searchsorted(frames, wanted, side="right")
+    frame = found.frame[order]
+    first = np.searchsorted(frames, frame, side="left")
+    last = np.searchsorted(frames, frame, side="right")
     places = np.ascontiguousarray(truth.centre_m[by_frame, :2])
     rows = np.full((len(DISTANCES_M), len(order)), -1, dtype=np.intp)
     _match(np.ascontiguousarray(found.centre_m[order, :2]), first, last, places, np.array(DISTANCES_M), rows)

@@ -109,10 +109,10 @@ CLASS_NAMES: Final = (CAR, *_EMERGENCY)
 def labels_named(truth: TruthBoxes, name: str) -> Flags:
     """Which labels should get that one of ``CLASS_NAMES``, shape ``(N,)``."""
     of_kind = _EMERGENCY.get(name)
-    wanted: Flags = (
+    named: Flags = (
         truth.actor_class == of_kind if of_kind is not None else ~np.isin(truth.actor_class, [*EMERGENCY_CLASSES])
     )
-    return wanted
+    return named
 
 
 def names_kinds(found: FoundBoxes) -> bool:

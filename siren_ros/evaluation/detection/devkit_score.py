@@ -109,7 +109,7 @@ def _centre_distance(label: Any, detection: Any) -> float:
 
 
 def _eval_boxes(boxes: Boxes, kit: dict[str, Any]) -> Any:
-    made = kit["EvalBoxes"]()
+    converted = kit["EvalBoxes"]()
     scores = boxes.score.tolist() if isinstance(boxes, FoundBoxes) else [-1.0] * len(boxes)
     half = boxes.yaw_rad / 2.0
     columns = (
@@ -134,5 +134,5 @@ def _eval_boxes(boxes: Boxes, kit: dict[str, Any]) -> Any:
             detection_score=score,
             attribute_name=ATTRIBUTES[attribute],
         )
-        made.boxes[token].append(box)
-    return made
+        converted.boxes[token].append(box)
+    return converted

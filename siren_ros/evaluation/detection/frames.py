@@ -143,7 +143,7 @@ class Frames:
         ]
         return joined(parts)
 
-    def told(self, frame: int) -> str:
+    def name_of(self, frame: int) -> str:
         """A frame for an error message: ``S2_L2_seed0_town step 40``."""
         return f"{self.episodes[self.episode[frame]].episode_id} step {self.step[frame]}"
 
@@ -214,8 +214,8 @@ class _Reading:
         steps: list[int] = []
         poses: list[Matrix] = []
         pictured: list[bool] = []
-        wanted = {self._lidar.topic, GROUND_TRUTH.name, TF.name, ACTORS.name, *self._pictures, *self._labels}
-        for step, held in source.messages_by_step(wanted):
+        topics = {self._lidar.topic, GROUND_TRUTH.name, TF.name, ACTORS.name, *self._pictures, *self._labels}
+        for step, held in source.messages_by_step(topics):
             if self._lidar.topic not in held or GROUND_TRUTH.name not in held:
                 continue
             with damage_refused(source.path):

@@ -169,7 +169,7 @@ def draw_worst_frame(scores: DetectorScores, frames: Frames, template: str, path
         _draw(axes, boxes, episode.vehicle_m[row], name)
     axes.legend(fontsize=_LEGEND_PT, loc="upper right", framealpha=1.0)
     axes.set_title(
-        f"{scores.name}: {frames.told(frame)}\nthe frame of {template} with the most errors: detections with a "
+        f"{scores.name}: {frames.name_of(frame)}\nthe frame of {template} with the most errors: detections with a "
         f"confidence from {_SHOWN_SCORE:g} on, matches within {_AT_M:g} m",
         fontsize=_TITLE_PT,
     )
@@ -193,8 +193,8 @@ def _worst_frame(frames: Frames, template: str, labelled: Rows, missed: Rows, al
 def _draw_surroundings(axes: Axes, episode: EpisodeFrames, row: int) -> None:
     """What the LiDAR saw, the range that counts, and the sensor with its direction."""
     x_m, y_m = (returns_from_above(episode, row) - episode.vehicle_m[row]).T
-    told = "returns 0.3 to 3 m above the ground"
-    axes.plot(x_m, y_m, ".", color="0.5", markersize=_RETURN_PT, zorder=_BEHIND, label=told)
+    legend = "returns 0.3 to 3 m above the ground"
+    axes.plot(x_m, y_m, ".", color="0.5", markersize=_RETURN_PT, zorder=_BEHIND, label=legend)
     axes.add_patch(Circle((0.0, 0.0), RANGE_M, fill=False, color="0.7", linestyle="--"))
     ahead = episode.map_from_lidar[row][:2, 0]
     axes.annotate("", _ARROW_M * ahead, (0.0, 0.0), arrowprops=_ARROW)

@@ -83,9 +83,9 @@ def counted_boxes(frames: Frames, found: FoundSet, names: frozenset[str]) -> tup
     truth, boxes = frames.truth, found.boxes
     if not found.has_attributes:
         truth = replace(truth, attribute=attributes_of(truth.velocity_mps))
-    wanted = in_range(frames, truth.frame, truth.centre_m) & (truth.lidar_points > 0) & found.scored[truth.frame]
+    counted = in_range(frames, truth.frame, truth.centre_m) & (truth.lidar_points > 0) & found.scored[truth.frame]
     near = in_range(frames, boxes.frame, boxes.centre_m) & found.scored[boxes.frame]
-    return truth.at(wanted), boxes.at(near & np.isin(boxes.label, sorted(names)))
+    return truth.at(counted), boxes.at(near & np.isin(boxes.label, sorted(names)))
 
 
 def score_detector(frames: Frames, found: FoundSet, names: frozenset[str], run: Run) -> DetectorScores:

@@ -122,7 +122,7 @@ class FamilyOrder:
         steps = {name: float(rise.mean()) for name, rise in rises.items()}
         return cls(MappingProxyType(steps), float(np.all(list(rises.values()), axis=0).mean()))
 
-    def told(self) -> str:
+    def sentence(self) -> str:
         """For a reader of the tables."""
         steps = ", ".join(f"{name} in {share:.0%}" for name, share in self.steps.items())
         return f"{steps} of the draws; the paper's whole order in {self.whole:.0%}, by chance 4%"

@@ -96,9 +96,9 @@ class Evidence:
 
     def within(self, first_step: int, end_step: int) -> "Evidence":
         """What lies from a step to the one before another."""
-        wanted = (self.moments.step >= first_step) & (self.moments.step < end_step)
+        inside = (self.moments.step >= first_step) & (self.moments.step < end_step)
         return Evidence(
-            Moments(*(getattr(self.moments, one.name)[wanted] for one in fields(Moments))),
+            Moments(*(getattr(self.moments, one.name)[inside] for one in fields(Moments))),
             tuple(one for one in self.encroachments if first_step <= one.step < end_step),
             tuple(one for one in self.contacts if first_step <= one.step < end_step),
         )

@@ -102,12 +102,14 @@ class SequenceModel:
             return RiskClass.COLLISION
         return RiskClass.NEAR_MISS if near > 0.5 else RiskClass.NORMAL
 
-    def answers(self, videos: VideoSet, told: Callable[[str], None] = lambda _: None) -> dict[str, RiskClass | None]:
+    def answers(
+        self, videos: VideoSet, progress: Callable[[str], None] = lambda _: None
+    ) -> dict[str, RiskClass | None]:
         """The answers to all videos of a set.
 
         Args:
             videos: The set; it holds the files.
-            told: Called with each video's id.
+            progress: Called with each video's id.
 
         Raises:
             InputError: A video is missing or of another length.
@@ -115,7 +117,7 @@ class SequenceModel:
         found: dict[str, RiskClass | None] = {}
         for key, video in sorted(videos.videos.items()):
             found[key] = self.answer(read_small_frames(videos.folder / video.file, video.frames))
-            told(key)
+            progress(key)
         return found
 
 

@@ -68,12 +68,12 @@ def score_yielding(
         InputError: The episode has no EMV.
     """
     line = EmvLine.of(record)
-    wanted = [metric for metric in EPISODE_METRICS if names is None or metric.name in names]
+    chosen = [metric for metric in EPISODE_METRICS if names is None or metric.name in names]
     if line is None:
         nothing = Measure.lacking("the EMV did not move")
-        return YieldScores({metric.name: nothing for metric in wanted}, ())
+        return YieldScores({metric.name: nothing for metric in chosen}, ())
     scene = YieldScene(record, line, limits or YieldThresholds())
-    metrics = {metric.name: metric.compute(scene) for metric in wanted}
+    metrics = {metric.name: metric.compute(scene) for metric in chosen}
     drivers = scene.encounters if names is None else ()
     return YieldScores(metrics, tuple(_marks(scene, encounter) for encounter in drivers))
 

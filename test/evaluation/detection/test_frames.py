@@ -84,7 +84,7 @@ def test_frames_of_two_episodes_are_one_row() -> None:
     assert frames.vehicle_m[5] == pytest.approx([105.0, 50.0])
     assert frames.map_from_lidar[5][:2, 3] == pytest.approx([105.0, 50.0])
     assert frames.global_from_map_m[[0, 7]].tolist() == [[1000.0, 2000.0], [2000.0, 4000.0]]
-    assert frames.told(6) == "episode1 step 10"
+    assert frames.name_of(6) == "episode1 step 10"
     assert frames.scored.all()
 
 

@@ -89,7 +89,7 @@ def test_shares_of_four_resamples() -> None:
     assert order is not None
     assert list(order.steps.values()) == pytest.approx([0.75, 0.75, 0.75]), "equal is not below"
     assert order.whole == pytest.approx(0.25)
-    assert "whole order in 25%" in order.told()
+    assert "whole order in 25%" in order.sentence()
     # The order of the dictionary says nothing.
     assert FamilyOrder.of(dict(reversed(values.items()))) == order
 

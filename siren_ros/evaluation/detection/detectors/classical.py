@@ -59,8 +59,8 @@ def fit_box(points: Floats, ground_m: float) -> FittedBox:
     yaw, seen = float(_TURNS[best]), high - low
     # A side that is no longer than a car is wide is taken for its front or rear.
     along_first = (seen[0] >= seen[1]) != (seen.max() < _WIDEST_REAR_M)
-    wanted = np.array(_TYPICAL_M[:2]) if along_first else np.array(_TYPICAL_M[1::-1])
-    grown = np.maximum(seen, wanted)
+    typical = np.array(_TYPICAL_M[:2]) if along_first else np.array(_TYPICAL_M[1::-1])
+    grown = np.maximum(seen, typical)
     # The side that faces the sensor was seen; what is missing lies behind it.
     middle = np.where(low + high >= 0.0, low + grown / 2.0, high - grown / 2.0)
     if grown[1] > grown[0]:

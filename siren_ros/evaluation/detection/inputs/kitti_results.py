@@ -53,7 +53,7 @@ def read_kitti(name: str, path: Path, frames: Frames) -> FoundSet:
         if line.strip()
     ]
     stated, with_velocity = _columns(path, numbers, lines)
-    check_boxes(str(path), stated, frames.told, with_velocity=with_velocity)
+    check_boxes(str(path), stated, frames.name_of, with_velocity=with_velocity)
     boxes = in_map(stated, map_from_upright(frames)[stated.frame])
     return FoundSet(name, _FORMAT, boxes, frames.pictured, with_velocity)
 
@@ -62,8 +62,8 @@ def _columns(path: Path, numbers: Rows, lines: list[tuple[int, list[str]]]) -> t
     rows = np.full((len(lines), _WORDS + 1), np.nan)
     for row, (number, words) in enumerate(lines):
         if len(words) not in {_WORDS, _WORDS + 2}:
-            told = f"{path / f'{number:06d}.txt'}: a line of {len(words)} words"
-            raise InputError("detections", told, f"{_WORDS} words, or {_WORDS + 2} with a velocity")
+            given = f"{path / f'{number:06d}.txt'}: a line of {len(words)} words"
+            raise InputError("detections", given, f"{_WORDS} words, or {_WORDS + 2} with a velocity")
         try:
             rows[row, : len(words) - 1] = [float(word) for word in words[1:]]
         except ValueError as error:

@@ -31,10 +31,10 @@ def read_nuscenes(name: str, path: Path, frames: Frames) -> FoundSet:
         raise InputError("detections", f"{path}: sample_token {unknown}", "keyframes of the given bags, as exported")
     missing = next((frame for token, frame in frames.by_token.items() if token not in results), None)
     if missing is not None:
-        raise InputError("detections", f"{path}: nothing for {frames.told(missing)}", "an entry for every keyframe")
+        raise InputError("detections", f"{path}: nothing for {frames.name_of(missing)}", "an entry for every keyframe")
     rows = [(frames.by_token[token], box) for token, boxes in results.items() for box in boxes]
     stated = _columns(path, frames, rows)
-    check_boxes(str(path), stated, frames.told, with_velocity=True)
+    check_boxes(str(path), stated, frames.name_of, with_velocity=True)
     boxes = in_map(stated, _map_from_global(frames, stated))
     return FoundSet(name, _FORMAT, boxes, frames.keyframe, has_velocity=True, has_attributes=True)
 
@@ -57,15 +57,15 @@ def _columns(path: Path, frames: Frames, rows: list[tuple[int, Any]]) -> StatedB
             try:
                 values[number] = box[key]
             except (KeyError, TypeError, ValueError) as error:
-                told = f"{path}: {frames.told(frame)}: {key}"
-                raise InputError("detections", told, f"{width} numbers in each box") from error
+                given = f"{path}: {frames.name_of(frame)}: {key}"
+                raise InputError("detections", given, f"{width} numbers in each box") from error
         return values
 
     attributes = []
     for frame, box in rows:
         stated = box.get("attribute_name", "") if isinstance(box, dict) else ""
         if not isinstance(box, dict) or not isinstance(box.get("detection_name"), str):
-            raise InputError("detections", f"{path}: {frames.told(frame)}", "a detection_name in each box")
+            raise InputError("detections", f"{path}: {frames.name_of(frame)}", "a detection_name in each box")
         attributes.append(ATTRIBUTES.index(stated) if stated in ATTRIBUTES else 0)
     return StatedBoxes(
         frame=np.array([frame for frame, _ in rows], dtype=np.intp),

@@ -68,8 +68,8 @@ def load_numbers(path: Path) -> Any:
     except OSError as error:
         raise InputError("detections", str(path), f"a file that can be read ({error.strerror or error})") from error
     except Exception as error:  # a damaged pickle raises any of a dozen kinds
-        told = f"a pickle of lists, dictionaries, texts and numpy arrays alone ({error})"
-        raise InputError("detections", str(path), told) from error
+        allowed = f"a pickle of lists, dictionaries, texts and numpy arrays alone ({error})"
+        raise InputError("detections", str(path), allowed) from error
 
 
 _FORMAT = "OpenPCDet results"
@@ -91,7 +91,7 @@ def read_openpcdet(name: str, path: Path, frames: Frames) -> FoundSet:
     _check_complete(path, numbers, scored, frames)
     width = max(map(_width, content))
     stated = _columns(path, content, numbers, frames, width)
-    check_boxes(str(path), stated, frames.told, with_velocity=width == _WITH_VELOCITY)
+    check_boxes(str(path), stated, frames.name_of, with_velocity=width == _WITH_VELOCITY)
     matrices = frames.map_from_lidar[stated.frame]
     if by_token:
         matrices = matrices @ np.linalg.inv(NUSCENES_FROM_LIDAR)
@@ -124,11 +124,11 @@ def _frame_of(path: Path, entry: dict[str, Any], frames: Frames, *, by_token: bo
 def _check_complete(path: Path, numbers: Rows, scored: Flags, frames: Frames) -> None:
     count = np.bincount(numbers, minlength=len(frames))
     if (count > 1).any():
-        told = frames.told(int((count > 1).argmax()))
-        raise InputError("detections", f"{path}: {told} twice", "each frame once")
+        given = frames.name_of(int((count > 1).argmax()))
+        raise InputError("detections", f"{path}: {given} twice", "each frame once")
     if (missing := scored & (count == 0)).any():
-        told = frames.told(int(missing.argmax()))
-        raise InputError("detections", f"{path}: nothing for {told}", "an entry for every frame of the dataset")
+        given = frames.name_of(int(missing.argmax()))
+        raise InputError("detections", f"{path}: nothing for {given}", "an entry for every frame of the dataset")
 
 
 def _columns(path: Path, content: list[Any], numbers: Rows, frames: Frames, width: int) -> StatedBoxes:
@@ -140,14 +140,14 @@ def _columns(path: Path, content: list[Any], numbers: Rows, frames: Frames, widt
             score = np.asarray(entry["score"], dtype=np.float64)
             name = np.asarray(entry["name"], dtype=np.str_)
         except (KeyError, ValueError, TypeError) as error:
-            told = f"{path}: {frames.told(frame)}: {error}"
-            raise InputError("detections", told, "name, score and boxes_lidar in each frame") from error
+            given = f"{path}: {frames.name_of(frame)}: {error}"
+            raise InputError("detections", given, "name, score and boxes_lidar in each frame") from error
         found = found if found.size else boxes[0]
         usable = name.shape == score.shape == found.shape[:1] and width in {0, 7, _WITH_VELOCITY}
         if not usable or found.shape[1:] != (max(width, 7),):
             others = f"{name.size} names, {score.size} scores"
-            told = f"{path}: {frames.told(frame)}: boxes_lidar of shape {found.shape}, {others}"
-            raise InputError("detections", told, "a name, a score and 7 numbers for each box, or 9 with its velocity")
+            given = f"{path}: {frames.name_of(frame)}: boxes_lidar of shape {found.shape}, {others}"
+            raise InputError("detections", given, "a name, a score and 7 numbers for each box, or 9 with its velocity")
         boxes.append(found)
         scores.append(score)
         names.append(name)

@@ -65,13 +65,13 @@ def yaws_of_quaternions(rotation_wxyz: Floats) -> Floats:
     return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
-def check_boxes(source: str, boxes: StatedBoxes, told: Callable[[int], str], *, with_velocity: bool) -> None:
+def check_boxes(source: str, boxes: StatedBoxes, name_of: Callable[[int], str], *, with_velocity: bool) -> None:
     """Refuses boxes that mean nothing.
 
     Args:
         source: The file, for the error.
         boxes: Its boxes.
-        told: A frame for the error.
+        name_of: Names a frame for the error.
         with_velocity: Whether the format has velocities, so that each box needs one.
 
     Raises:
@@ -96,12 +96,12 @@ def check_boxes(source: str, boxes: StatedBoxes, told: Callable[[int], str], *, 
         frame = int(boxes.frame[first])
         number = int((boxes.frame[:first] == frame).sum())
         said = np.round(np.atleast_1d(values[first]), 6).tolist()
-        raise InputError("detections", f"{source}: {told(frame)}, box {number}: {name} {said}", allowed)
+        raise InputError("detections", f"{source}: {name_of(frame)}, box {number}: {name} {said}", allowed)
     counts = np.bincount(boxes.frame)
     if counts.size and counts.max() > MOST_BOXES:
         frame = int((counts > MOST_BOXES).argmax())
         allowed = f"at most {MOST_BOXES} boxes in a frame"
-        raise InputError("detections", f"{source}: {told(frame)}: {counts[frame]} boxes", allowed)
+        raise InputError("detections", f"{source}: {name_of(frame)}: {counts[frame]} boxes", allowed)
 
 
 def in_map(boxes: StatedBoxes, map_from_stated: Floats) -> FoundBoxes:

@@ -35,10 +35,10 @@ def read_topic(name: str, topic: str, frames: Frames) -> FoundSet:
                 continue
             row = row_of_step[step]
             for detection in message.detections:
-                told = f"{topic} of {episode.bag}, step {step}"
-                rows.append(_row(told, detection))
+                place = f"{topic} of {episode.bag}, step {step}"
+                rows.append(_row(place, detection))
                 numbers.append(first + row)
-                matrices.append(_map_from(str(message.header.frame_id), episode, row, told))
+                matrices.append(_map_from(str(message.header.frame_id), episode, row, place))
     table = np.array([row[:-1] for row in rows], dtype=np.float64).reshape(-1, 11)
     stated = StatedBoxes(
         frame=np.array(numbers, dtype=np.intp),
@@ -50,7 +50,7 @@ def read_topic(name: str, topic: str, frames: Frames) -> FoundSet:
         label=np.array([row[-1] for row in rows], dtype=np.str_),
         attribute=None,
     )
-    check_boxes(topic, stated, frames.told, with_velocity=False)
+    check_boxes(topic, stated, frames.name_of, with_velocity=False)
     boxes = in_map(stated, np.array(matrices).reshape(-1, 4, 4))
     return FoundSet(name, _FORMAT, boxes, np.ones(len(frames), dtype=np.bool_), has_velocity=False)
 
@@ -64,17 +64,17 @@ def _messages(episode: EpisodeFrames, topic: str) -> Iterator[tuple[int, Any]]:
             yield step, held[topic].read()
 
 
-def _row(told: str, detection: Any) -> tuple[Any, ...]:
+def _row(place: str, detection: Any) -> tuple[Any, ...]:
     if not len(detection.results):
-        raise InputError("detections", f"{told}: a detection without results", "a hypothesis for each detection")
-    with damage_refused(Path(told)):
+        raise InputError("detections", f"{place}: a detection without results", "a hypothesis for each detection")
+    with damage_refused(Path(place)):
         best = max((result.hypothesis for result in detection.results), key=lambda one: float(one.score))
         centre, turn, size = detection.bbox.center.position, detection.bbox.center.orientation, detection.bbox.size
         places = (centre.x, centre.y, centre.z, size.x, size.y, size.z, turn.w, turn.x, turn.y, turn.z)
         return (*places, float(best.score), str(best.class_id).lower())
 
 
-def _map_from(frame_id: str, episode: EpisodeFrames, row: int, told: str) -> Matrix:
+def _map_from(frame_id: str, episode: EpisodeFrames, row: int, place: str) -> Matrix:
     lidar: Matrix = episode.map_from_lidar[row]
     if frame_id == episode.lidar_frame:
         return lidar
@@ -83,4 +83,4 @@ def _map_from(frame_id: str, episode: EpisodeFrames, row: int, told: str) -> Mat
     if frame_id == MAP_FRAME:
         return np.eye(4)
     allowed = f"{episode.lidar_frame}, {BASE_FRAME} or {MAP_FRAME}"
-    raise InputError("detections", f"{told}: frame_id {frame_id!r}", allowed)
+    raise InputError("detections", f"{place}: frame_id {frame_id!r}", allowed)

@@ -95,7 +95,7 @@ def ask_about_all(
     *,
     marked: bool,
     concurrency: int,
-    told: Callable[[VideoAnswer], None] = lambda _: None,
+    progress: Callable[[VideoAnswer], None] = lambda _: None,
 ) -> dict[str, VideoAnswer]:
     """The model's answers to all videos of a set.
 
@@ -106,7 +106,7 @@ def ask_about_all(
 
     def ask(video: RiskVideo) -> VideoAnswer:
         answer = ask_about(videos.folder, video, model, cache, marked=marked)
-        told(answer)
+        progress(answer)
         return answer
 
     return side_by_side({key: partial(ask, video) for key, video in sorted(videos.videos.items())}, concurrency)

@@ -22,7 +22,7 @@ _LEAST_PIXELS: Final = 40
 _COLOURS: Final = ((230, 60, 40), (30, 120, 230), (20, 160, 80), (220, 150, 0), (150, 60, 200), (0, 160, 170))
 
 
-def video_frames(path: Path, wanted: Sequence[int], count: int) -> list[Picture]:
+def video_frames(path: Path, numbers: Sequence[int], count: int) -> list[Picture]:
     """Some frames of a video, shape ``(height, width, 3)``.
 
     Raises:
@@ -31,12 +31,12 @@ def video_frames(path: Path, wanted: Sequence[int], count: int) -> list[Picture]
     found = {
         number: np.asarray(frame.to_ndarray(format="rgb24"), dtype=np.uint8)
         for number, frame in enumerate(film_frames(path, count))
-        if number in wanted
+        if number in numbers
     }
-    return [found[one] for one in wanted]
+    return [found[one] for one in numbers]
 
 
-def masks_of(path: Path, wanted: Sequence[int]) -> list[npt.NDArray[np.uint32]]:
+def masks_of(path: Path, numbers: Sequence[int]) -> list[npt.NDArray[np.uint32]]:
     """The actors of each pixel of some key frames, shape ``(height, width)``.
 
     Raises:
@@ -44,7 +44,7 @@ def masks_of(path: Path, wanted: Sequence[int]) -> list[npt.NDArray[np.uint32]]:
     """
     try:
         with np.load(path, allow_pickle=False) as content:
-            return [content[f"frame_{one:03d}"] for one in wanted]
+            return [content[f"frame_{one:03d}"] for one in numbers]
     except (OSError, ValueError, KeyError) as error:
         raise InputError("masks", str(path), f"the masks of the set ({error})") from error
 

@@ -21,13 +21,7 @@ from siren_ros.evaluation.prediction.reports.score_table import GroupKind, Score
 from siren_ros.evaluation.prediction.reports.tables import POPULATION_TEXT
 from siren_ros.evaluation.risk.tables import tables_of as risk_tables_of
 from siren_ros.study_report.episode_sections import own_level
-from siren_ros.study_report.page import (
-    Picture,
-    Section,
-    command,
-    figure_uri,
-    quoted,
-)
+from siren_ros.study_report.page import Picture, Section, command, figure_uri, quoted
 from siren_ros.study_report.study import PageOptions, StudyMeasures, StudyRows, stored_tables
 from siren_ros.tables.interval import Bounds
 from siren_ros.tables.table import Table
@@ -122,11 +116,7 @@ def paper_section(study: StudyRows, measures: StudyMeasures, options: PageOption
         return None
     detection, risk = options.detection_in(study.folder), options.risk_in(study.folder)
     rows = measured(
-        [
-            *prediction_rows(score_table(counted)),
-            *detection_rows(stored(detection)),
-            *risk_rows(None, stored(risk)),
-        ]
+        [*prediction_rows(score_table(counted)), *detection_rows(stored(detection)), *risk_rows(None, stored(risk))]
     )
     text = (
         f"Of the {len(measures.bags)} episodes, {len(counted)} are at their template's own level and count here, as in "

@@ -13,14 +13,7 @@ from siren_ros.study_report.episode_sections import own_level
 from siren_ros.study_report.page import Picture, Section, command, figure_uri
 from siren_ros.study_report.study import StudyMeasures, StudyRows
 
-DRAWN: Final = (
-    "emv_delay_s",
-    "corridor_continuity",
-    "compliance",
-    "wake_duration_s",
-    "civilian_delay_s",
-    "min_ttc_s",
-)
+DRAWN: Final = ("emv_delay_s", "corridor_continuity", "compliance", "wake_duration_s", "civilian_delay_s", "min_ttc_s")
 """Episode metrics that have a chart."""
 _DRIVERS: Final = (
     ("response_time_s", "first shift or slowing of drivers in the way"),

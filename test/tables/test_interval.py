@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, binomtest
 
-from siren_ros.tables.interval import (
-    NOTHING,
-    Interval,
-    interval_of_json,
-    mean_of_intervals,
-    share_interval,
-)
+from siren_ros.tables.interval import NOTHING, Interval, interval_of_json, mean_of_intervals, share_interval
 
 
 def test_five_blocks_bound_a_value_and_four_do_not() -> None:

@@ -17,13 +17,7 @@ from siren_ros.evaluation.detection.boxes import ATTRIBUTES, Boxes, FoundBoxes, 
 from siren_ros.numerics.arrays import Floats
 
 ERRORS: Final = MappingProxyType(
-    {
-        "ATE": "trans_err",
-        "ASE": "scale_err",
-        "AOE": "orient_err",
-        "AVE": "vel_err",
-        "AAE": "attr_err",
-    }
+    {"ATE": "trans_err", "ASE": "scale_err", "AOE": "orient_err", "AVE": "vel_err", "AAE": "attr_err"}
 )
 """The devkit's names of the true-positive errors: metres, 1 − IoU, radians, m/s, 1 − share of right attributes."""
 _NEEDED: Final = {

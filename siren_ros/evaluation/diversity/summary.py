@@ -182,10 +182,7 @@ def diversity_as_json(found: GroupDiversity) -> dict[str, Any]:
 
 
 def _distances_as_json(found: Distances) -> dict[str, Any]:
-    return {
-        "mean": found.mean if len(found.curve) else None,
-        "nearest_by_episodes": _list(found.curve),
-    }
+    return {"mean": found.mean if len(found.curve) else None, "nearest_by_episodes": _list(found.curve)}
 
 
 def _list(values: Floats) -> list[float]:

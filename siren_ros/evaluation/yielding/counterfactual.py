@@ -119,12 +119,7 @@ def pairs_of(episodes: Iterable[ScoredEpisode]) -> Mapping[Pair, Mapping[str, Sc
 
 
 def _effect(
-    template: str,
-    outcome: str,
-    first: str,
-    second: str,
-    pairs: Mapping[Pair, Mapping[str, ScoredEpisode]],
-    seed: int,
+    template: str, outcome: str, first: str, second: str, pairs: Mapping[Pair, Mapping[str, ScoredEpisode]], seed: int
 ) -> Effect:
     names = sorted({key[0] for key in pairs})
     values, strata, cut_off = [], [], 0

@@ -22,13 +22,7 @@ from siren_ros.evaluation.risk.scoring import (
     recall,
     score_answers,
 )
-from siren_ros.evaluation.risk.tables import (
-    PAPER_BALANCE,
-    PAPER_SCORES,
-    csv_of_scores,
-    scores_as_json,
-    tables_of,
-)
+from siren_ros.evaluation.risk.tables import PAPER_BALANCE, PAPER_SCORES, csv_of_scores, scores_as_json, tables_of
 from siren_ros.evaluation.risk.video_set import VideoSet
 
 NORMAL, NEAR_MISS, COLLISION = RiskClass

@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 
 from siren_ros.evaluation.risk.scoring import SCORES, ModelScores
-from siren_ros.evaluation.risk.tables import (
-    PAPER_BALANCE,
-    PAPER_SCORES,
-    csv_of_scores,
-    scores_as_json,
-    tables_of,
-)
+from siren_ros.evaluation.risk.tables import PAPER_BALANCE, PAPER_SCORES, csv_of_scores, scores_as_json, tables_of
 from siren_ros.tables.table import Table
 
 FIRST = np.array([[6, 2, 0, 0], [1, 3, 0, 1], [0, 0, 0, 0]])

@@ -52,9 +52,7 @@ def labels_as_detections(frames: Frames) -> FoundBoxes:
     away = truth.centre_m[:, :2] - frames.vehicle_m[truth.frame]
     shared = {name: getattr(truth, name) for name in Boxes.__dataclass_fields__}
     return FoundBoxes(
-        **shared,
-        score=1.0 / (1.0 + 0.01 * np.hypot(away[:, 0], away[:, 1])),
-        label=np.full(len(truth), "car"),
+        **shared, score=1.0 / (1.0 + 0.01 * np.hypot(away[:, 0], away[:, 1])), label=np.full(len(truth), "car")
     )
 
 

@@ -44,11 +44,7 @@ def placed(step: int, local_m: np.ndarray) -> np.ndarray:
 def test_boxes_are_moved_into_the_map(tmp_path: Path, typestore: Typestore, frame_id: str) -> None:
     frames = frames_with(tmp_path, typestore, frame_id)
     found = read_topic("mine", BOXES.name, frames)
-    assert (found.name, found.has_velocity, len(frames)) == (
-        "mine",
-        False,
-        sum(SWEEPS),
-    )
+    assert (found.name, found.has_velocity, len(frames)) == ("mine", False, sum(SWEEPS))
     boxes = found.boxes
     assert boxes.frame.tolist() == np.repeat(np.arange(sum(SWEEPS)), 2).tolist()
     assert boxes.score.tolist() == [1.0] * 2 * sum(SWEEPS)

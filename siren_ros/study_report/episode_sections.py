@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -153,16 +152,6 @@ _TOLD: Final = EMV_EVENTS | {EventKind.YIELD_STARTED, EventKind.YIELD_COMPLETED,
 """Events around which the film is."""
 
 
-@dataclass(frozen=True)
-class Shown:
-    """What is shown of one episode."""
-
-    picture: str
-    film: str
-    poster: str
-    from_s: float
-
-
 def scenes_section(study: StudyRows, jobs: int, film_s: float) -> Section:
     """An episode of each template: at its own level if there is one, with a predicate that holds if there is one."""
     chosen = chosen_episodes(study.rows)
@@ -170,19 +159,18 @@ def scenes_section(study: StudyRows, jobs: int, film_s: float) -> Section:
     with worker_pool(min(jobs, len(chosen)), lambda _: None) as pool:
         found = dict(pool(show_episode, [(study.folder / row.bag, film_s) for row in chosen]))
     for number, row in enumerate(chosen):
-        shown = found[number]
-        if shown is None:
+        drawn = found[number]
+        if drawn is None:
             continue
+        picture, film, poster, from_s = drawn
         bag = quoted(study.folder / row.bag)
         title = f"{row.template} {row.level}, seed {row.seed}: {_title(row.template)}"
-        clips.append(Clip(f"film_{row.template}", f"{title}. From {shown.from_s:.1f} s on.", shown.film, shown.poster))
+        clips.append(Clip(f"film_{row.template}", f"{title}. From {from_s:.1f} s on.", film, poster))
         figures.append(
-            Picture(
-                f"picture_{row.template}", f"{title}. {row.predicate[:1].upper()}{row.predicate[1:]}.", shown.picture
-            )
+            Picture(f"picture_{row.template}", f"{title}. {row.predicate[:1].upper()}{row.predicate[1:]}.", picture)
         )
         commands.append(f"./env siren plot {bag} --out {row.template}.png")
-        frames = f"--start-s {shown.from_s:g} --frames {round(film_s * FRAME_RATE_HZ)}"
+        frames = f"--start-s {from_s:g} --frames {round(film_s * FRAME_RATE_HZ)}"
         coding = f"--width {_CODING.width_px} --crf {_CODING.crf}"
         commands.append(f"./env siren video {bag} {frames} {coding} --out {row.template}.mp4")
     text = (
@@ -208,15 +196,15 @@ def _preference(row: EpisodeRow) -> tuple[bool, bool, int]:
     return row.level == own_level(row.template), bool(row.predicate_holds), -row.seed
 
 
-def show_episode(bag: Path, film_s: float) -> Shown | None:
-    """The picture and the film; None where the bag cannot be read or drawn."""
+def show_episode(bag: Path, film_s: float) -> tuple[str, str, str, float] | None:
+    """Data URIs of picture, film and poster, and the film's first second; None where the bag cannot be drawn."""
     try:
         record = read_episode(bag)
         steps = film_steps(record, film_s)
         film = BirdseyeFilm(record, steps)
         poster = picture_uri(film.frame(steps[len(steps) // 2]).resize(_POSTER_PX))
         picture = drawn_uri(draw_episode(record), _PICTURE_PX)
-        return Shown(picture, film_uri(film.frames(), _CODING), poster, steps[0] * STEP_S)
+        return picture, film_uri(film.frames(), _CODING), poster, steps[0] * STEP_S
     except SirenError:
         return None
 

@@ -138,8 +138,8 @@ def _frames(bags: Sequence[Path], side_by_side: Run, scratch: Path) -> Frames:
 def _detected(name: str, weights: Path | None, frames: Frames, side_by_side: Run) -> tuple[FoundSet, float]:
     """The detections, and the seconds of processor time for a frame."""
     parts = dict(side_by_side(run_detector, [(name, episode, weights) for episode in frames.episodes]))
-    boxes = [replace(part.boxes, frame=part.boxes.frame + frames.first[number]) for number, part in parts.items()]
-    cost_s = sum(part.processor_s for part in parts.values()) / len(frames)
+    boxes = [replace(found, frame=found.frame + frames.first[number]) for number, (found, _) in parts.items()]
+    cost_s = sum(processor_s for _, processor_s in parts.values()) / len(frames)
     return FoundSet(name, "run here", joined(boxes), frames.scored, has_velocity=True), cost_s
 
 

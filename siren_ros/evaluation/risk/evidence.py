@@ -122,12 +122,15 @@ def evidence_of(record: EpisodeRecord, emv_id: int, camera: Camera, steps: tuple
     seen = _recently(visible, pairs.actor_id, pairs.step)
     moments = np.flatnonzero(seen & np.isfinite(contacts.time_s))
     seen_at = {(int(actor), int(step)) for actor, step in zip(pairs.actor_id[seen], pairs.step[seen], strict=True)}
-    columns = (
-        *(pairs.step, pairs.actor_id, contacts.time_s),
-        *(contacts.closing_mps, contacts.required_deceleration_mps2, contacts.gap_m),
-    )
     return Evidence(
-        Moments(*(column[moments] for column in columns)),
+        Moments(
+            pairs.step[moments],
+            pairs.actor_id[moments],
+            contacts.time_s[moments],
+            contacts.closing_mps[moments],
+            contacts.required_deceleration_mps2[moments],
+            contacts.gap_m[moments],
+        ),
         tuple(_encroachments(record, emv_id, steps, seen_at)),
         tuple(_contacts(record, emv_id, steps, seen_at)),
     )

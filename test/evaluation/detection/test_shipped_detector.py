@@ -17,7 +17,7 @@ from siren_ros.interfaces.topics import DETECTIONS
 
 @pytest.fixture(scope="module", name="found")
 def _found(frames: Frames) -> FoundBoxes:
-    return run_detector(SHIPPED_DETECTOR, frames.episodes[0], None).boxes
+    return run_detector(SHIPPED_DETECTOR, frames.episodes[0], None)[0]
 
 
 def test_it_finds_vehicles_of_a_recorded_episode(frames: Frames, found: FoundBoxes) -> None:

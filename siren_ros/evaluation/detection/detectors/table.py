@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final
@@ -31,17 +30,8 @@ DETECTORS: Final[Mapping[str, Detect]] = MappingProxyType(
 )
 
 
-@dataclass(frozen=True)
-class DetectedEpisode:
-    """What a detector found in an episode, and what that cost."""
-
-    boxes: FoundBoxes
-    processor_s: float
-    """For all its sweeps, reading them included."""
-
-
-def run_detector(name: str, episode: EpisodeFrames, weights: Path | None) -> DetectedEpisode:
-    """Runs one of ``DETECTORS``.
+def run_detector(name: str, episode: EpisodeFrames, weights: Path | None) -> tuple[FoundBoxes, float]:
+    """Runs one of ``DETECTORS``: its boxes, and the seconds of processor time with reading the sweeps.
 
     Raises:
         InputError: The detector cannot run here, or not with these weights.
@@ -49,4 +39,4 @@ def run_detector(name: str, episode: EpisodeFrames, weights: Path | None) -> Det
     """
     start = time.process_time()
     boxes = DETECTORS[name](episode, weights)
-    return DetectedEpisode(boxes, time.process_time() - start)
+    return boxes, time.process_time() - start

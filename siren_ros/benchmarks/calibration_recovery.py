@@ -17,12 +17,12 @@ from siren_ros.calibration.parameters import Parameter, check_effect, parameters
 from siren_ros.calibration.searches import residuals_over
 from siren_ros.calibration.targets import Situation, Target, Trajectory, driven, horizons_of
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
-from siren_ros.evaluation.aligned_text import aligned
 from siren_ros.generation.episode_setup import plan_length
 from siren_ros.numerics.arrays import random_stream
 from siren_ros.numerics.units import STEP_S
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.scenario.paper import EmergencyLevel
+from siren_ros.tables.table import Table
 
 TOLERANCE: Final = 0.05
 """Of a parameter's range, within which a found value counts as recovered."""
@@ -76,17 +76,15 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def print_table(parameters: Sequence[Parameter], truth: Mapping[str, float], found: Fitted) -> float:
     """Prints a row for each parameter and gives the greatest difference, as a share of the range."""
-    rows = [["parameter", "truth", "found", "off, of the range", "spread, of the range"]]
-    worst = 0.0
+    rows, worst = [], 0.0
     for one in parameters:
-        reach = one.high - one.low
-        off = abs(found.values[one.name] - truth[one.name]) / reach
+        reach, value = one.high - one.low, found.values[one.name]
+        off = abs(value - truth[one.name]) / reach
         worst = max(worst, off)
-        values = (truth[one.name], found.values[one.name])
-        rows.append(
-            [one.name, *(f"{value:.3f}" for value in values), f"{off:.1%}", f"{found.spread[one.name] / reach:.1%}"]
-        )
-    print("\n".join(aligned(rows)))
+        rows.append((one.name, truth[one.name], value, off, found.spread[one.name] / reach))
+    head = ("parameter", "truth", "found", "off, of the range", "spread, of the range")
+    table = Table("recovery", "", head, tuple(rows), spec=".3f", specs=dict.fromkeys(head[3:], ".1%"))
+    print("\n".join(table.text()))
     return worst
 
 

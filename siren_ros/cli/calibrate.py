@@ -13,9 +13,9 @@ from siren_ros.calibration.searches import residuals_over
 from siren_ros.calibration.targets import Situation, Target, Trajectory, horizons_of
 from siren_ros.cli.options import add_processes, check_numbers, names_in, processes_of, steps_of
 from siren_ros.errors import EXIT_OK, InputError, whole_file, writing
-from siren_ros.evaluation.aligned_text import aligned
 from siren_ros.recording.bag_reader import bags_among, read_episode
 from siren_ros.scenario.episode import MAX_SEED
+from siren_ros.tables.table import Table
 
 DEFAULTS = "controller.target_speed_mps,controller.accel_mps2,controller.headway_s"
 
@@ -75,22 +75,16 @@ def run(arguments: argparse.Namespace) -> int:
 
 def fitted_lines(parameters: tuple[Parameter, ...], found: Fitted) -> list[str]:
     """What was found, for a terminal."""
-    rows = [["parameter", "value", "spread", "range", "meaning"]]
-    rows += [
-        [
-            one.name,
-            f"{found.values[one.name]:.3f}",
-            f"{found.spread[one.name]:.3f}",
-            f"{one.low:g} to {one.high:g}",
-            one.meaning,
-        ]
+    rows = tuple(
+        (one.name, found.values[one.name], found.spread[one.name], f"{one.low:g} to {one.high:g}", one.meaning)
         for one in parameters
-    ]
+    )
+    table = Table("fit", "", ("parameter", "value", "spread", "range", "meaning"), rows, spec=".3f")
     told = (
         f"distance to the trajectories {found.error_m:.3f} m, {found.start_error_m:.3f} m in the middle of the ranges; "
         f"{found.evaluations} tries"
     )
-    lines = [*aligned(rows), told]
+    lines = [*table.text(), told]
     if found.undetermined:
         lines.append(
             f"not determined by these trajectories: {', '.join(found.undetermined)} "

@@ -1,8 +1,6 @@
 """Sections of the page about the tasks: prediction, detection, risk, and all of them next to the paper."""
 
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
 
 from siren_ros.evaluation.detection.tables import tables_of as detection_tables_of
 from siren_ros.evaluation.paper_comparison import (
@@ -15,19 +13,13 @@ from siren_ros.evaluation.paper_comparison import (
     stored,
 )
 from siren_ros.evaluation.prediction.charts import draw_horizon
-from siren_ros.evaluation.prediction.metrics import METRICS
 from siren_ros.evaluation.prediction.reports.paper_results import PAPER_NAMES, maps_next_to_the_papers
-from siren_ros.evaluation.prediction.reports.score_table import GroupKind, ScoreTable, score_table
-from siren_ros.evaluation.prediction.reports.tables import POPULATION_TEXT
+from siren_ros.evaluation.prediction.reports.score_table import ScoreTable, differences, score_table
+from siren_ros.evaluation.prediction.reports.tables import POPULATION_TEXT, prediction_tables
 from siren_ros.evaluation.risk.tables import tables_of as risk_tables_of
 from siren_ros.study_report.episode_sections import own_level
 from siren_ros.study_report.page import Picture, Section, command, figure_uri, quoted
 from siren_ros.study_report.study import PageOptions, StudyMeasures, StudyRows, stored_tables
-from siren_ros.tables.interval import Bounds
-from siren_ros.tables.table import Table
-
-_SHOWN: Final = ("ade_m", "fde_m")
-_ALL: Final = GroupKind.ALL.value
 
 
 def prediction_section(study: StudyRows, scores: ScoreTable) -> Section:
@@ -44,43 +36,9 @@ def prediction_section(study: StudyRows, scores: ScoreTable) -> Section:
         "Task: trajectory prediction",
         (text,),
         figures,
-        tables=tuple(_prediction_tables(scores)),
+        tables=prediction_tables(scores, differences(scores)),
         commands=(command("evaluate prediction", study.folder, f"--models {models} --out prediction"),),
     )
-
-
-def _prediction_tables(scores: ScoreTable) -> Iterator[Table]:
-    templates = [group.name for group in scores.of_kind(GroupKind.TEMPLATE)]
-    yield Table(
-        "templates",
-        "ADE/FDE in m by template",
-        ("model", *templates, "mean", "ADE's interval", "samples"),
-        tuple(
-            (
-                model,
-                *(tuple(scores.value(model, name, metric) for metric in _SHOWN) for name in (*templates, _ALL)),
-                Bounds(scores.cells[model, _ALL, _SHOWN[0]].interval),
-                len(scores.samples[model]),
-            )
-            for model in scores.models
-        ),
-    )
-    yield Table(
-        "metrics",
-        "All metrics, mean over the templates",
-        ("model", *(metric.label for metric in METRICS)),
-        tuple((model, *(scores.value(model, _ALL, metric.name) for metric in METRICS)) for model in scores.models),
-    )
-    for kind in (GroupKind.LEVEL, GroupKind.CATEGORY):
-        yield Table(
-            kind.value,
-            f"ADE in m by {kind.value}",
-            (kind.value, *scores.models),
-            tuple(
-                (group.name, *(scores.cells[model, group.name, _SHOWN[0]].interval for model in scores.models))
-                for group in scores.of_kind(kind)
-            ),
-        )
 
 
 def detection_section(study: StudyRows, folder: Path) -> Section | None:

@@ -111,13 +111,14 @@ def test_yield_metrics_are_those_that_the_command_prints(
 
 def test_prediction_is_what_the_command_prints(made: SimpleNamespace) -> None:
     scores = score_table(made.measures.prediction)
-    lines = text_report(scores, prediction_tables(scores, differences(scores)))
-    start = lines.index("ADE/FDE in m by template, [ADE's interval]")
-    for row, line in zip(made.tables["prediction_templates"].cells(), lines[start + 2 :], strict=False):
-        model, by_template, mean, interval, samples = row
-        assert line.split()[:3] == [model, by_template, mean]
-        assert interval.partition(" ")[2] in line
-        assert samples.replace(",", "") in line.split()
+    tables = prediction_tables(scores, differences(scores))
+    lines = text_report(scores, tables)
+    shown = [table for table in tables if not table.folded]
+    assert shown
+    for table in shown:
+        assert made.tables[f"prediction_{table.key}"] == table
+        start = lines.index(table.caption)
+        assert lines[start : start + len(table.text())] == table.text()
 
 
 def test_effects_are_paired_over_the_seeds(made: SimpleNamespace) -> None:

@@ -6,24 +6,22 @@ from typing import Any
 
 from evaluation.made_scores import reported_scores
 
-from siren_ros.evaluation.prediction.reports.score_table import score_table
+from siren_ros.evaluation.prediction.reports.score_table import differences, score_table
+from siren_ros.evaluation.prediction.reports.tables import prediction_tables
 from siren_ros.study_report.study import StudyRows
 from siren_ros.study_report.task_sections import detection_section, prediction_section, risk_section
 
 
 def test_tables() -> None:
     section = prediction_section(StudyRows(Path("s"), {}, (), ""), score_table(reported_scores()))
-    by_template, metrics, by_level, by_category = section.tables
-    assert by_template.head == ("model", "S1", "S2", "own", "mean", "ADE's interval", "samples")
-    assert by_template.cells() == [
-        ("cv", "2.10/6.30", "4.00/12.00", "8.00/24.00", "4.70/14.10", "[–]", "10"),
-        ("net:v_1", "3.33/10.00", "6.00/18.00", "16.00/48.00", "8.44/25.33", "[–]", "6"),
+    scores = score_table(reported_scores())
+    assert section.tables == prediction_tables(scores, differences(scores))
+    by_template = {table.key: table for table in section.tables}["prediction"]
+    assert by_template.head == ("model", "S1", "S2", "own", "mean", "samples", "coverage")
+    assert [row[:4] for row in by_template.cells()] == [
+        ("cv", "2.10/6.30", "4.00/12.00", "8.00/24.00"),
+        ("net:v_1", "3.33/10.00", "6.00/18.00", "16.00/48.00"),
     ]
-    assert metrics.cells()[0] == ("cv", "4.70", "14.10", "2.35", "7.05", "19.45", "0.87", "–", "–", "–")
-    assert by_level.head == ("level", "cv", "net:v_1")
-    assert by_level.cells() == [("L2", "6.00 [–]", "11.00 [–]"), ("L3", "2.10 [–]", "3.33 [–]")]
-    assert [row[0] for row in by_category.rows] == ["emv", "yielding", "held", "other"]
-    assert by_category.cells()[2] == ("held", "–", "–")
     assert section.commands == ("./env siren evaluate prediction s --models cv,net:v_1 --out prediction",)
     assert "40 m in" in section.text[0]
 

@@ -16,7 +16,7 @@ from siren_ros.evaluation.statistics.block_means import (
     jackknife,
     paired_difference,
 )
-from siren_ros.evaluation.statistics.interval import NOTHING
+from siren_ros.tables.interval import NOTHING
 
 
 def test_the_example_of_four_tests() -> None:

@@ -18,8 +18,8 @@ from siren_ros.evaluation.statistics.block_means import (
     jackknife,
     paired_difference,
 )
-from siren_ros.evaluation.statistics.interval import Interval
 from siren_ros.evaluation.statistics.rank_correlation import ranking_interval
+from siren_ros.tables.interval import Interval
 
 TRIALS = 600
 """The share of hits is known up to ±0.02 (two standard errors)."""

@@ -9,8 +9,8 @@ from scipy.stats import spearmanr
 
 from siren_ros.errors import InputError
 from siren_ros.evaluation.statistics.block_means import Estimate
-from siren_ros.evaluation.statistics.interval import Interval
 from siren_ros.evaluation.statistics.rank_correlation import rank_correlation, ranking_interval
+from siren_ros.tables.interval import Interval
 
 
 @given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=3, max_size=10))

@@ -5,7 +5,6 @@ speed up two bags, next to what they speed up two loops that do nothing but coun
 """
 
 import argparse
-import multiprocessing
 import sys
 import tempfile
 import time
@@ -16,6 +15,7 @@ from typing import Final
 from siren_ros.datasets.export_job import ExportJob, run_export
 from siren_ros.datasets.formats import format_named
 from siren_ros.errors import EXIT_OK
+from siren_ros.processes.process_pool import ProcessPool
 
 LIDAR_FORMATS: Final = ("kitti", "openpcdet", "nuscenes")
 _LOOP: Final = 20_000_000
@@ -30,7 +30,7 @@ def export_time_s(name: str, bags: Sequence[Path], processes: int) -> tuple[floa
         return time.perf_counter() - start, sum(simulated)
 
 
-def count(_: object = None) -> None:
+def count() -> None:
     """A loop that keeps one processor busy."""
     number = 0
     while number < _LOOP:
@@ -43,10 +43,10 @@ def busy_speedup(processes: int) -> float:
     for _ in range(processes):
         count()
     serial = time.perf_counter() - start
-    with multiprocessing.get_context("spawn").Pool(processes) as pool:
-        pool.map(count, range(processes))
+    with ProcessPool(processes) as pool:
+        pool.map(count, [()] * processes)
         start = time.perf_counter()
-        pool.map(count, range(processes), chunksize=1)
+        pool.map(count, [()] * processes)
         return serial / (time.perf_counter() - start)
 
 

@@ -17,10 +17,8 @@ import tempfile
 import time
 import uuid
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
-from multiprocessing import get_context
 from pathlib import Path
 from shutil import rmtree
 from typing import Final
@@ -32,6 +30,7 @@ from siren_ros.generation.closed_loop import closed_loop
 from siren_ros.generation.episode_setup import plan_length, set_up_episode
 from siren_ros.judging.physics import VerifyLimits
 from siren_ros.judging.verify import check_complete, check_message_counts, check_stamps
+from siren_ros.processes.process_pool import ProcessPool
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.ros.transport.shared_memory import abandoned_segments
 from siren_ros.scenario.episode import EpisodeRequest
@@ -96,6 +95,7 @@ def measure_worker(requests: Sequence[EpisodeRequest], warm_up: int) -> WorkerMe
 MARK: Final = "SIREN_SOAK_MARK"
 """Environment variable by which all processes of an episode are found, whoever their parent is now."""
 LIMIT_S: Final = 600.0
+WORKER_LIMIT_S: Final = 86_400.0
 _LINES: Final = 3
 
 
@@ -325,8 +325,8 @@ def worker_memory(options: argparse.Namespace) -> WorkerMemory:
         EpisodeRequest(options.templates[number % len(options.templates)], "", number, "", options.duration)
         for number in range(count)
     ]
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        return pool.submit(measure_worker, requests, warm_up).result()
+    with ProcessPool(1, fresh=True) as pool:
+        return pool.call(measure_worker, requests, warm_up, timeout_s=WORKER_LIMIT_S)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -14,10 +14,8 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -40,6 +38,8 @@ from siren_ros.judging.predicates import evaluate_predicate
 from siren_ros.judging.verify import STATE_CHECKS
 from siren_ros.numerics.units import STEP_S
 from siren_ros.pictures.birdseye import save_episode_picture
+from siren_ros.processes.process_pool import CrashError, ProcessPool
+from siren_ros.processes.side_by_side import side_by_side
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.scenario.paper import EmergencyLevel
@@ -189,27 +189,17 @@ def seeds_of(text: str) -> range:
     return found
 
 
-def measure_all(tasks: Sequence[EpisodeTask], jobs: int) -> Iterator[EpisodeFigures]:
-    """The figures of all episodes in order, run in processes of their own.
+def measure_all(tasks: Sequence[EpisodeTask], jobs: int) -> list[EpisodeFigures]:
+    """The figures of all episodes in order. Each has a process of its own: where that dies, no other one is lost."""
+    with ProcessPool(jobs, fresh=True, preload="siren_ros.benchmarks.templates") as pool:
 
-    Where a process dies, its episodes run again, one process each, so that only the one that kills it is lost.
-    """
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        waiting = [pool.submit(measure_episode, task) for task in tasks]
-        for task, future in zip(tasks, waiting, strict=True):
+        def measure(task: EpisodeTask) -> EpisodeFigures:
             try:
-                figures = future.result()
-            except BrokenProcessPool:
-                figures = _measure_alone(task)
-            yield figures
+                return pool.call(measure_episode, task)
+            except CrashError as error:
+                return EpisodeFigures(task.request.template, task.request.seed, error=str(error))
 
-
-def _measure_alone(task: EpisodeTask) -> EpisodeFigures:
-    try:
-        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-            return pool.submit(measure_episode, task).result()
-    except BrokenProcessPool:
-        return EpisodeFigures(task.request.template, task.request.seed, error="its process died")
+        return [*side_by_side({task: partial(measure, task) for task in tasks}, jobs, pool.stop).values()]
 
 
 def row_of(name: str, episodes: Sequence[EpisodeFigures]) -> str:
@@ -303,21 +293,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(argv)
     for number, name in enumerate(options.templates):
         if options.compare:
-            first, second = (list(measure_all(_tasks(options, name, level), options.jobs)) for level in options.compare)
+            first, second = (measure_all(_tasks(options, name, level), options.jobs) for level in options.compare)
             if number == 0:
                 print(f"{'':<4}seeds in which the EMV is faster at {options.compare[1]} than at {options.compare[0]}")
             print(comparison_of(name, first, second), flush=True)
             continue
         if options.placebo:
             ran = {
-                level.name: list(measure_all(_tasks(options, name, level.name), options.jobs))
+                level.name: measure_all(_tasks(options, name, level.name), options.jobs)
                 for level in placebo_levels(name)
             }
             print(placebo_row(name, ran), flush=True)
             continue
         if number == 0:
             print(_HEAD)
-        episodes = list(measure_all(_tasks(options, name, options.level), options.jobs))
+        episodes = measure_all(_tasks(options, name, options.level), options.jobs)
         print(row_of(name, episodes))
         print(spread_of(episodes))
         print(*details_of(episodes), sep="\n", flush=True)

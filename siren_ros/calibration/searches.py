@@ -13,7 +13,7 @@ from siren_ros.calibration.parameters import Parameter
 from siren_ros.calibration.targets import WHOLE, Target, residuals_m
 from siren_ros.errors import InputError
 from siren_ros.numerics.arrays import Floats
-from siren_ros.processes.worker_pool import worker_pool
+from siren_ros.processes.process_pool import ProcessPool
 
 Residuals = Callable[[Sequence[Mapping[str, float]], float], Sequence[Floats]]
 """Vectors of several tries, which may be simulated at the same time, over the trajectories' first seconds. Over one
@@ -110,15 +110,12 @@ def residuals_over(
         jobs: Processes.
         told: Called after each simulated episode.
     """
-    with worker_pool(jobs, lambda _: None) as pool:
+    with ProcessPool(jobs) as pool:
 
         def residuals(tries: Sequence[Mapping[str, float]], horizon_s: float) -> list[Floats]:
             cut = [replace(target, trajectory=target.trajectory.until(horizon_s)) for target in targets]
             calls = [(target, dict(values)) for values in tries for target in cut]
-            found: dict[int, Floats] = {}
-            for number, apart in pool(residuals_m, calls):
-                found[number] = apart / np.sqrt(len(targets))
-                told()
+            found = [apart / np.sqrt(len(targets)) for apart in pool.map(residuals_m, calls, told)]
             each = len(targets)
             return [np.concatenate([found[one * each + other] for other in range(each)]) for one in range(len(tries))]
 

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from tqdm import tqdm
 
 from siren_ros.errors import EXIT_OK, InputError, SirenError
-from siren_ros.processes.worker_pool import worker_pool
+from siren_ros.processes.process_pool import ProcessPool
 
 Found = TypeVar("Found")
 
@@ -23,26 +23,26 @@ def of_each_bag(measure: Callable[[Path], Found], bags: Sequence[Path], jobs: in
         bags: In the order in which they are begun.
         jobs: Processes at once.
     """
-    worst, results = EXIT_OK, []
     with (
-        worker_pool(min(jobs, len(bags)), lambda _: None) as pool,
+        ProcessPool(min(jobs, len(bags))) as pool,
         tqdm(total=len(bags), unit="episode", desc="evaluate", disable=None) as bar,
     ):
-        for _, (found, error) in pool(_tried, [(measure, bag) for bag in bags]):
-            bar.update(1)
-            if error is None:
-                results.append(found)
-            else:
-                print(f"siren evaluate: {error}", file=sys.stderr)
-                worst = max(worst, error.exit_code)
+        measured = pool.map(_tried, [(measure, bag) for bag in bags], steps_of(bar))
+    worst, results = EXIT_OK, []
+    for result in measured:
+        if isinstance(result, SirenError):
+            print(f"siren evaluate: {result}", file=sys.stderr)
+            worst = max(worst, result.exit_code)
+        else:
+            results.append(result)
     return results, worst
 
 
-def _tried(measure: Callable[[Path], Found], bag: Path) -> tuple[Found, None] | tuple[None, SirenError]:
+def _tried(measure: Callable[[Path], Found], bag: Path) -> Found | SirenError:
     try:
-        return measure(bag), None
+        return measure(bag)
     except SirenError as error:
-        return None, error
+        return error
 
 
 def names_in(text: str) -> tuple[str, ...]:

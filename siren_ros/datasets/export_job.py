@@ -3,16 +3,16 @@
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 import siren_ros
 from siren_ros.datasets.files import FileWriter, Staging
 from siren_ros.datasets.formats import EpisodePart, EpisodeReport, Format, load_exporter
 from siren_ros.errors import BagError, EpisodeError, writing
-from siren_ros.processes.worker_pool import Progress, simulated_time, worker_pool
+from siren_ros.processes.process_pool import ProcessPool, Progress, simulated_time
 from siren_ros.record.bag_survey import BagSurvey, in_dataset_order, recovered, survey_bag
 from siren_ros.record.episode_source import open_source
 
@@ -153,9 +153,6 @@ def write_card(folder: Path, content: Mapping[str, Any]) -> None:
     file.write_text(own + readme(content), encoding="utf-8")
 
 
-_Result = TypeVar("_Result")
-
-
 @dataclass(frozen=True)
 class ExportJob:
     """What is asked for."""
@@ -194,11 +191,11 @@ def run_export(
     load_exporter(job.format, job.options)
     staging = Staging(job.out)
     staging.check_free()
-    with staging.opened(_identity(job)), worker_pool(min(job.processes, len(job.bags)), progress) as run:
+    with staging.opened(_identity(job)), ProcessPool(min(job.processes, len(job.bags)), progress) as pool:
         arguments = [
             (bag, job.format.name, job.format.needs_with(job.options), staging.path / "recovered") for bag in job.bags
         ]
-        surveys = _in_order(run(survey_bag, arguments))
+        surveys = pool.map(survey_bag, arguments)
         announce(sum(float(survey.episode["planned_duration_s"]) for survey in surveys))
         entries = _entries(surveys, job.split)
         threads = job.processes if len(job.bags) == 1 else 1
@@ -207,8 +204,7 @@ def run_export(
             for index, (survey, episode_id, _) in enumerate(entries)
             if staging.report_of(index) is None
         ]
-        for _ in run(_export_part, todo):
-            pass
+        pool.map(_export_part, todo)
         parts, notes = [], []
         for index, (survey, episode_id, split) in enumerate(entries):
             found = staging.report_of(index)
@@ -270,7 +266,3 @@ def _export_part(
         bag, lost = recovered(Path(survey.bag), staging.path / "recovered")
         report = export(bag)
     staging.finish_part(index, {"counts": dict(report.counts), "classes": dict(report.classes), "lost": lost})
-
-
-def _in_order(results: Iterator[tuple[int, _Result]]) -> list[_Result]:
-    return [result for _, result in sorted(results, key=lambda pair: pair[0])]

@@ -1,26 +1,62 @@
-"""Independent tasks at the same time, in threads that wait for other processes or for servers."""
+"""Work on many items at the same time: results as they become ready, and tasks in threads."""
 
-from collections.abc import Callable, Mapping
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
-from typing import TypeVar
+from collections.abc import Callable, Generator, Iterable, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from itertools import islice
+from typing import Final, TypeVar
 
+Item = TypeVar("Item")
 Result = TypeVar("Result")
+_LOOK_S: Final = 0.5
 
 
-def side_by_side(tasks: Mapping[str, Callable[[], Result]], workers: int) -> dict[str, Result]:
-    """The results of all tasks, by name. The first error ends those that have not begun, and is raised.
+def as_ready(
+    submit: Callable[[Item], Future[Result]],
+    items: Iterable[Item],
+    at_once: int,
+    look: Callable[[], None] = lambda: None,
+) -> Generator[tuple[Item, Future[Result]], None, None]:
+    """Items with their finished futures, in the order in which these finish. Closing cancels those under way.
 
     Args:
-        tasks: By name. They run in threads.
-        workers: How many at once.
+        submit: Begins the work on an item.
+        items: Each is taken when its turn comes, so that there may be very many.
+        at_once: Greatest number of items under way.
+        look: Called twice a second while the work goes on.
     """
-    with ThreadPoolExecutor(workers, "task") as pool:
-        futures = {name: pool.submit(task) for name, task in tasks.items()}
-        try:
-            done, _ = wait(futures.values(), return_when=FIRST_EXCEPTION)
+    waiting = iter(items)
+    running: dict[Future[Result], Item] = {}
+    try:
+        while True:
+            for item in islice(waiting, at_once - len(running)):
+                running[submit(item)] = item
+            if not running:
+                return
+            done, _ = wait(running, _LOOK_S, return_when=FIRST_COMPLETED)
+            look()
             for future in done:
-                future.result()
-        finally:
-            for future in futures.values():
-                future.cancel()
-        return {name: future.result() for name, future in futures.items()}
+                yield running.pop(future), future
+    finally:
+        for future in running:
+            future.cancel()
+
+
+def side_by_side(
+    tasks: Mapping[Item, Callable[[], Result]], workers: int, stop: Callable[[], None] = lambda: None
+) -> dict[Item, Result]:
+    """The results of independent tasks, by their keys. The first error ends those that have not begun, and is raised.
+
+    Args:
+        tasks: By their keys. They run in threads, where they wait for processes or for servers.
+        workers: How many run at once.
+        stop: Called after an error, before the tasks that run are awaited: ends what they wait for.
+    """
+    with ThreadPoolExecutor(workers, "task") as threads:
+        try:
+            finished = as_ready(lambda name: threads.submit(tasks[name]), tasks, workers)
+            results = {name: future.result() for name, future in finished}
+        except BaseException:
+            threads.shutdown(wait=False, cancel_futures=True)
+            stop()
+            raise
+    return {name: results[name] for name in tasks}

@@ -15,7 +15,7 @@ from siren_ros.errors import InputError, SirenError
 from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.studies.matrix import PlannedEpisode
 from siren_ros.studies.study_folder import StudyFolder
-from siren_ros.studies.workers import WorkerOptions, make_episode
+from siren_ros.studies.workers import WorkerOptions, attempt_processes, make_episode
 
 PROLOGUE: Final = "export DASK_DISTRIBUTED__WORKER__DAEMON=False"
 """What a worker's environment needs: it starts processes itself."""
@@ -74,7 +74,8 @@ def make_on_worker(episode: PlannedEpisode, folder: StudyFolder, options: Worker
     before = json.loads(folder.read(name) or b"{}")
     lost = list(before.get("workers", ())) if before.get("run") == run else []
     folder.write(name, json.dumps({"run": run, "workers": [*lost, _distributed().get_worker().address]}).encode())
-    row = make_episode(episode, folder, options, earlier=tuple(f"worker {worker} was lost" for worker in lost))
+    with attempt_processes(1) as pool:
+        row = make_episode(episode, folder, options, pool.call, tuple(f"worker {worker} was lost" for worker in lost))
     folder.write(name, b"{}")
     return row.to_json()
 

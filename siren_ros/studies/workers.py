@@ -1,28 +1,41 @@
 """Workers of a study on this machine: attempts at episodes in processes of their own, until one has an answer."""
 
+import gc
 import os
-import signal
 import socket
 import time
 from collections.abc import Callable, Generator, Iterable
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import ExitStack, suppress
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from itertools import islice
+from functools import partial
 from pathlib import Path
-from threading import Lock
 from typing import Any, Final, Protocol
 
+import numpy as np
+
+from siren_ros.dynamics.fleet import FleetState
+from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.errors import EXIT_BAD_INPUT, SirenError
-from siren_ros.processes.own_process import Died, Refused, Returned, call_in_own_process
+from siren_ros.generation.episode_setup import present_versions, set_up_episode
+from siren_ros.generation.recorded_episode import record_episode
+from siren_ros.interfaces.messages import json_text, typestore
+from siren_ros.numerics.units import STEP_S
+from siren_ros.params.input_files import FILES_ON_DISK
+from siren_ros.processes.process_pool import CrashError, ProcessPool
+from siren_ros.processes.side_by_side import as_ready
+from siren_ros.scenario.episode import EpisodeEnd, EpisodeRequest
 from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.studies.matrix import PlannedEpisode
-from siren_ros.studies.recorded_attempt import Attempt, attempt_episode, measures_text
-from siren_ros.studies.study_folder import StudyFolder, attempt_folder
+from siren_ros.studies.study_folder import StudyFolder, attempt_folder, hashes_of_bag
 
 TIMEOUT_S: Final = 3600.0
 RETRIES: Final = 2
+_GARBAGE_AFTER: Final = 100_000
+"""New objects between two runs of Python's garbage collector: a step makes thousands of objects and no cycles."""
+Call = Callable[..., Any]
+"""``ProcessPool.call``, or what stands in for it."""
 
 
 @dataclass(frozen=True)
@@ -33,101 +46,6 @@ class WorkerOptions:
     """Further attempts after one whose process died or hung."""
     timeout_s: float = TIMEOUT_S
     """Wall time after which an attempt is killed."""
-
-
-def make_episode(
-    planned: PlannedEpisode,
-    folder: StudyFolder,
-    options: WorkerOptions | None = None,
-    started: Callable[[int], None] = lambda _: None,
-    earlier: tuple[str, ...] = (),
-) -> EpisodeRow:
-    """Makes an episode, moves its bag to its place in the study's folder, and writes its row.
-
-    Args:
-        planned: The episode.
-        folder: The study's folder.
-        options: How hard it is tried.
-        started: Told the id of each attempt's process.
-        earlier: Reasons of attempts that were made before, by workers that are gone.
-    """
-    wanted = options or WorkerOptions()
-    reasons = list(earlier)
-    while True:
-        row, died = _attempt(planned, folder, wanted, started, tuple(reasons))
-        if not died or len(reasons) >= wanted.retries:
-            break
-        reasons.append(row.reason)
-    if row.status is not Status.COMPLETE:
-        folder.note(row)
-    return row
-
-
-def _attempt(
-    planned: PlannedEpisode,
-    folder: StudyFolder,
-    wanted: WorkerOptions,
-    started: Callable[[int], None],
-    before: tuple[str, ...],
-) -> tuple[EpisodeRow, bool]:
-    """The row of one attempt, and whether its process died; ``before`` says why the earlier ones were in vain."""
-    with ExitStack() as opened:
-        began_s = time.monotonic()
-        timing: dict[str, Any] = {
-            "begun_at": datetime.now(UTC).isoformat(timespec="seconds"),
-            "worker": f"{socket.gethostname()}:{os.getpid()}",
-            "attempts": len(before) + 1,
-            "retry_reasons": before,
-        }
-        try:
-            bag = opened.enter_context(attempt_folder(folder)) / planned.name
-        except OSError as error:
-            return EpisodeRow.planned(planned, Status.CRASHED, f"no scratch folder: {error}", **timing), True
-        answer = call_in_own_process(attempt_episode, planned.request, bag, timeout_s=wanted.timeout_s, started=started)
-        timing["process_s"] = time.monotonic() - began_s
-        if isinstance(answer, Died):
-            return EpisodeRow.planned(planned, Status.CRASHED, answer.reason, **timing), True
-        if isinstance(answer, Refused):
-            status = Status.REFUSED if answer.exit_code == EXIT_BAD_INPUT else Status.FAILED
-            return EpisodeRow.planned(planned, status, answer.reason, **timing), False
-        try:
-            return _taken(planned, folder, bag, answer, timing), False
-        except OSError as error:
-            return EpisodeRow.planned(planned, Status.CRASHED, f"its bag cannot be kept: {error}", **timing), True
-
-
-def _taken(
-    planned: PlannedEpisode, folder: StudyFolder, bag: Path, answer: Returned[Attempt], timing: dict[str, Any]
-) -> EpisodeRow:
-    made = answer.value
-    row = EpisodeRow.planned(
-        planned,
-        Status.COMPLETE if made.complete else Status.FAILED,
-        made.reason,
-        steps=made.steps,
-        simulated_s=made.simulated_s,
-        predicate_holds=made.predicate_holds,
-        predicate=str(made.measures.get("predicate", "")),
-        measures=measures_text(made),
-        bag_bytes=made.bag_bytes,
-        mcap_sha256=made.mcap_sha256,
-        metadata_sha256=made.metadata_sha256,
-        map_sha256=made.map_sha256,
-        setup_s=made.setup_s,
-        run_s=made.run_s,
-        cpu_s=made.cpu_s,
-        versions=made.versions,
-        **timing,
-    )
-    if not made.complete:
-        return row
-    row = replace(row, bag=row.path)
-    folder.take(bag, row)
-    return row
-
-
-class StoppedError(SirenError):
-    """The study was stopped while an episode was under way."""
 
 
 class Workers(Protocol):
@@ -144,56 +62,128 @@ class LocalWorkers:
 
     def __init__(self, count: int) -> None:
         self._count = count
-        self._lock = Lock()
-        self._running: set[int] = set()
-        self._stopped = False
 
     def rows(
         self, planned: Iterable[PlannedEpisode], folder: StudyFolder, options: WorkerOptions
     ) -> Generator[EpisodeRow, None, None]:
         """As ``Workers``."""
-        waiting = iter(planned)
-        self._stopped = False
-        pool = ThreadPoolExecutor(self._count, "episode")
+        # The processes end before the threads that wait for them: no episode is left to finish.
+        with ThreadPoolExecutor(self._count, "episode") as threads, attempt_processes(self._count) as pool:
 
-        def submitted(count: int) -> set[Future[EpisodeRow]]:
-            return {pool.submit(self._make, episode, folder, options) for episode in islice(waiting, count)}
+            def begin(episode: PlannedEpisode) -> Future[EpisodeRow]:
+                return threads.submit(make_episode, episode, folder, options, pool.call)
 
-        try:
-            under_way = submitted(self._count)
-            while under_way:
-                done, under_way = wait(under_way, return_when=FIRST_COMPLETED)
-                under_way |= submitted(len(done))
-                for future in done:
+            with closing(as_ready(begin, planned, self._count)) as finished:
+                for _, future in finished:
                     yield future.result()
-        finally:
-            self._end_all()
-            pool.shutdown(cancel_futures=True)
-
-    def _make(self, episode: PlannedEpisode, folder: StudyFolder, options: WorkerOptions) -> EpisodeRow:
-        mine: list[int] = []
-
-        def started(process_id: int) -> None:
-            with self._lock:
-                self._running.difference_update(mine)
-                mine[:] = [process_id]
-                self._running.add(process_id)
-                if self._stopped:  # no further attempt, and no row of an episode that nobody let end
-                    raise StoppedError("the study was stopped")
-
-        try:
-            return make_episode(episode, folder, options, started)
-        finally:
-            with self._lock:
-                self._running.difference_update(mine)
-
-    def _end_all(self) -> None:
-        with self._lock:
-            self._stopped = True
-            for process_id in self._running:
-                _kill(process_id)
 
 
-def _kill(process_id: int) -> None:
-    with suppress(ProcessLookupError):
-        os.kill(process_id, signal.SIGKILL)
+def attempt_processes(count: int) -> ProcessPool:
+    """Processes for attempts at episodes; they have loaded what every episode needs."""
+    return ProcessPool(count, fresh=True, preload=__name__)
+
+
+def make_episode(
+    planned: PlannedEpisode, folder: StudyFolder, options: WorkerOptions, call: Call, earlier: tuple[str, ...] = ()
+) -> EpisodeRow:
+    """Makes an episode, moves its bag to its place in the study's folder, and writes its row.
+
+    Args:
+        planned: The episode.
+        folder: The study's folder.
+        options: How hard it is tried.
+        call: Calls a function in a process of its own.
+        earlier: Reasons of attempts that were made before, by workers that are gone.
+    """
+    reasons = list(earlier)
+    while True:
+        row, crashed = _attempt(planned, folder, options, call, tuple(reasons))
+        if not crashed or len(reasons) >= options.retries:
+            break
+        reasons.append(row.reason)
+    if row.status is not Status.COMPLETE:
+        folder.note(row)
+    return row
+
+
+def _attempt(
+    planned: PlannedEpisode, folder: StudyFolder, options: WorkerOptions, call: Call, before: tuple[str, ...]
+) -> tuple[EpisodeRow, bool]:
+    """The row of one attempt, and whether another one may help; ``before`` says why the earlier ones failed."""
+    began_s = time.monotonic()
+    row_with = partial(
+        EpisodeRow.planned,
+        planned,
+        begun_at=datetime.now(UTC).isoformat(timespec="seconds"),
+        worker=f"{socket.gethostname()}:{os.getpid()}",
+        attempts=len(before) + 1,
+        retry_reasons=before,
+    )
+    process_s, failing = 0.0, "no scratch folder"
+    try:
+        with attempt_folder(folder) as scratch:
+            bag, failing = scratch / planned.name, "its bag cannot be kept"
+            try:
+                known = call(attempt_episode, planned.request, bag, timeout_s=options.timeout_s)
+            finally:
+                process_s = time.monotonic() - began_s
+            row = row_with(**known, process_s=process_s)
+            if row.status is Status.COMPLETE:
+                row = replace(row, bag=row.path)
+                folder.take(bag, row)
+            return row, False
+    except CrashError as error:
+        return row_with(Status.CRASHED, str(error), process_s=process_s), True
+    except SirenError as error:
+        status = Status.REFUSED if error.exit_code == EXIT_BAD_INPUT else Status.FAILED
+        return row_with(status, str(error), process_s=process_s), False
+    except OSError as error:
+        return row_with(Status.CRASHED, f"{failing}: {error}", process_s=process_s), True
+
+
+def attempt_episode(request: EpisodeRequest, bag: Path) -> dict[str, Any]:
+    """Makes an episode and its bag, in the process of an attempt.
+
+    Returns:
+        What the episode's row tells of it: plain values, for the way between processes.
+
+    Raises:
+        InputError: The episode cannot be made.
+        EpisodeError: Its bag cannot be written.
+    """
+    gc.set_threshold(_GARBAGE_AFTER)
+    began_s, cpu_s = time.perf_counter(), time.process_time()
+    setup = set_up_episode(request)
+    ready_s = time.perf_counter()
+    recorded = record_episode(setup, bag)
+    run_s = time.perf_counter() - ready_s
+    outcome = recorded.outcome
+    complete = outcome.end is EpisodeEnd.COMPLETE and recorded.bag is not None
+    mcap_sha256, metadata_sha256 = hashes_of_bag(bag) if complete else ("", "")
+    plain = {name: value.item() if isinstance(value, np.generic) else value for name, value in outcome.measures.items()}
+    return {
+        "status": Status.COMPLETE if complete else Status.FAILED,
+        "reason": outcome.reason,
+        "steps": outcome.steps,
+        "simulated_s": outcome.steps * STEP_S,
+        "predicate_holds": outcome.predicate_holds,
+        "predicate": str(plain.get("predicate", "")),
+        "measures": json_text(plain),
+        "bag_bytes": recorded.bag.size_bytes if recorded.bag is not None else 0,
+        "mcap_sha256": mcap_sha256,
+        "metadata_sha256": metadata_sha256,
+        "map_sha256": setup.description.map_sha256,
+        "versions": dict(present_versions()),
+        "setup_s": ready_s - began_s,
+        "run_s": run_s,
+        "cpu_s": time.process_time() - cpu_s,
+    }
+
+
+def _load() -> None:
+    """What every episode needs: loaded once in the fork server, whose children then have it."""
+    typestore()
+    FleetState.empty(load_vehicle_parameters(FILES_ON_DISK))
+
+
+_load()

@@ -13,7 +13,7 @@ from siren_ros.pictures.birdseye import draw_episode, interaction_steps
 from siren_ros.pictures.moving_birdseye import BirdseyeFilm
 from siren_ros.pictures.palette import EMV_EVENTS
 from siren_ros.pictures.video import FRAME_RATE_HZ, FRAME_STEPS, Coding
-from siren_ros.processes.worker_pool import worker_pool
+from siren_ros.processes.process_pool import ProcessPool
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.templates import load_template
@@ -156,10 +156,9 @@ def scenes_section(study: StudyRows, jobs: int, film_s: float) -> Section:
     """An episode of each template: at its own level if there is one, with a predicate that holds if there is one."""
     chosen = chosen_episodes(study.rows)
     figures, clips, commands = [], [], []
-    with worker_pool(min(jobs, len(chosen)), lambda _: None) as pool:
-        found = dict(pool(show_episode, [(study.folder / row.bag, film_s) for row in chosen]))
-    for number, row in enumerate(chosen):
-        drawn = found[number]
+    with ProcessPool(min(jobs, len(chosen))) as pool:
+        found = pool.map(show_episode, [(study.folder / row.bag, film_s) for row in chosen])
+    for row, drawn in zip(chosen, found, strict=True):
         if drawn is None:
             continue
         picture, film, poster, from_s = drawn

@@ -14,7 +14,7 @@ from siren_ros.evaluation.paper_comparison import stored
 from siren_ros.evaluation.prediction.episode_scores import EpisodeScores, score_episode
 from siren_ros.evaluation.prediction.predictors import Predictor, predictors_named
 from siren_ros.evaluation.yielding.scoring import ScoredEpisode, score_yielding
-from siren_ros.processes.worker_pool import worker_pool
+from siren_ros.processes.process_pool import ProcessPool
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.studies.episode_row import EpisodeRow
 from siren_ros.studies.study_folder import MANIFEST, STUDY, LocalFolder, read_table
@@ -163,12 +163,8 @@ def measure_study(
     """
     names = tuple(models)
     _predictors(names)
-    found: dict[int, BagMeasures | UnreadBag] = {}
-    with worker_pool(min(jobs, len(bags)), lambda _: None) as pool:
-        for number, one in pool(measure_bag, [(bag, names) for bag in bags]):
-            found[number] = one
-            progress()
-    ordered = [found[number] for number in range(len(bags))]
+    with ProcessPool(min(jobs, len(bags))) as pool:
+        ordered = pool.map(measure_bag, [(bag, names) for bag in bags], progress)
     measured = tuple(one for one in ordered if isinstance(one, BagMeasures))
     unread = tuple(one for one in ordered if isinstance(one, UnreadBag))
     if not measured:

@@ -1,22 +1,23 @@
 """Studies of episodes of a second: made, resumed, verified, and with workers that die."""
 
-import os
 import signal
 from collections import Counter
 from collections.abc import Generator, Iterable
 from dataclasses import replace
 from pathlib import Path
 from threading import Lock
+from typing import Any
 
 import pytest
 
 from siren_ros.errors import InputError
+from siren_ros.processes.process_pool import ProcessPool
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.studies.matrix import PlannedEpisode, Study
-from siren_ros.studies.run_study import StudyResult, Told, run_study
+from siren_ros.studies.run_study import StudyResult, run_study
 from siren_ros.studies.study_folder import MANIFEST, LocalFolder, StudyFolder, read_table
-from siren_ros.studies.workers import LocalWorkers, WorkerOptions, make_episode
+from siren_ros.studies.workers import LocalWorkers, WorkerOptions
 
 STUDY = Study(("S2", "S5"), ("L0", "own"), duration_s=1.0)
 
@@ -113,34 +114,25 @@ def test_a_folder_with_other_episodes_of_these_names_is_refused(made: tuple[Stud
         run_study(replace(STUDY, preset="realistic"), folder, LocalWorkers(1))
 
 
-class Killing(Told):
-    """Kills the first process of one episode, and remembers who was started how often."""
-
-    def __init__(self, victim: str) -> None:
-        self.victim = victim
-        self.starts: Counter[str] = Counter()
-        self._lock = Lock()
-
-    def make_episode(self, planned: PlannedEpisode, folder: StudyFolder, options: WorkerOptions) -> EpisodeRow:
-        def started(process_id: int) -> None:
-            with self._lock:
-                self.starts[planned.name] += 1
-                if planned.name == self.victim and self.starts[planned.name] == 1:
-                    os.kill(process_id, signal.SIGKILL)
-
-        return make_episode(planned, folder, options, started)
-
-
 def test_a_worker_that_is_killed_costs_one_retry_and_nothing_else(
     made: tuple[StudyResult, LocalFolder, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    killing = Killing("S5_L1_seed0")
-    workers = LocalWorkers(2)
-    monkeypatch.setattr(workers, "_make", killing.make_episode)
-    result = run_study(STUDY, LocalFolder(tmp_path), workers)
-    assert killing.starts == {row.episode: 2 if row.episode == killing.victim else 1 for row in result.rows}
+    killed, starts, lock = "S5_L1_seed0", Counter[str](), Lock()
+    call = ProcessPool.call
+
+    def killing(pool: ProcessPool, function: Any, request: Any, bag: Path, timeout_s: float) -> Any:
+        """The first process of one episode kills itself."""
+        with lock:
+            starts[bag.name] += 1
+        if bag.name == killed and starts[killed] == 1:
+            return call(pool, signal.raise_signal, signal.SIGKILL)
+        return call(pool, function, request, bag, timeout_s=timeout_s)
+
+    monkeypatch.setattr(ProcessPool, "call", killing)
+    result = run_study(STUDY, LocalFolder(tmp_path), LocalWorkers(2))
+    assert starts == {row.episode: 2 if row.episode == killed else 1 for row in result.rows}
     assert [row.status for row in result.rows] == [Status.COMPLETE] * 4
-    (victim,) = (row for row in result.rows if row.episode == killing.victim)
+    (victim,) = (row for row in result.rows if row.episode == killed)
     assert victim.attempts == 2
     assert victim.retry_reasons == ("its process was killed by SIGKILL",)
     assert LocalFolder(tmp_path).row_of(victim.path) == victim, "a study that goes on reads it from there"

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from siren_ros.cli.options import add_processes, named_path, names_in, processes_of
 from siren_ros.errors import EXIT_OK, InputError, whole_file, writing
-from siren_ros.evaluation.detection.boxes import FoundBoxes, TruthBoxes, joined
+from siren_ros.evaluation.detection.boxes import joined
 from siren_ros.evaluation.detection.detectors.table import DETECTORS, run_detector
-from siren_ros.evaluation.detection.devkit_score import DevkitScore, devkit_score
+from siren_ros.evaluation.detection.devkit_score import devkit_score
 from siren_ros.evaluation.detection.frames import Frames, frames_of, read_frames
 from siren_ros.evaluation.detection.inputs.formats import read_detections, self_test_sets
 from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet
@@ -22,7 +22,7 @@ from siren_ros.evaluation.detection.scoring import (
     score_detector,
 )
 from siren_ros.evaluation.detection.tables import scores_as_json, tables_of
-from siren_ros.processes.worker_pool import Run, worker_pool
+from siren_ros.processes.process_pool import ProcessPool
 from siren_ros.record.bag_survey import Need, in_dataset_order, survey_bag
 from siren_ros.recording.bag_reader import bags_among
 from siren_ros.tables.table import text_of
@@ -89,18 +89,18 @@ def run(arguments: argparse.Namespace) -> int:
     if len(set(every)) < len(every):
         raise InputError("detections", ", ".join(every), "each name once")
     names = frozenset(names_in(arguments.names.lower())) or VEHICLE_NAMES
-    with worker_pool(processes_of(arguments), lambda _: None) as side_by_side, tempfile.TemporaryDirectory() as scratch:
-        frames = _frames(bags_among(arguments.bags), side_by_side, Path(scratch))
+    with ProcessPool(processes_of(arguments)) as pool, tempfile.TemporaryDirectory() as scratch:
+        frames = _frames(bags_among(arguments.bags), pool, Path(scratch))
         sets = [read_detections(name, source, frames) for name, source in named]
         costs = {}
         for name in own:
-            found, costs[name] = _detected(name, weights.get(name), frames, side_by_side)
+            found, costs[name] = _detected(name, weights.get(name), frames, pool)
             sets.append(found)
         if arguments.self_test:
             sets += self_test_sets(frames, Path(scratch))
         for found in sets:
             _check_names(found, names)
-        scores = [score_detector(frames, found, names, lambda tables: _scored(side_by_side, tables)) for found in sets]
+        scores = [score_detector(frames, found, names, lambda tables: pool.map(devkit_score, tables)) for found in sets]
     content = scores_as_json(scores)
     tables = tables_of(content, compare_paper=arguments.compare_paper)
     print("\n".join([*text_of(tables), "", *_remarks(frames, scores, costs)]))
@@ -127,25 +127,18 @@ def _check_names(found: FoundSet, names: frozenset[str]) -> None:
         raise InputError("names", told, f"names that {found.name} gives: {', '.join(sorted(there))}")
 
 
-def _frames(bags: Sequence[Path], side_by_side: Run, scratch: Path) -> Frames:
+def _frames(bags: Sequence[Path], pool: ProcessPool, scratch: Path) -> Frames:
     needs = (Need.LIDAR, Need.MAP)
-    surveys = dict(side_by_side(survey_bag, [(bag, "detection", needs, scratch) for bag in bags]))
-    ordered = in_dataset_order([surveys[number] for number in range(len(bags))])
-    episodes = dict(side_by_side(read_frames, ordered))
-    return frames_of([episodes[number] for number in range(len(bags))])
+    surveys = pool.map(survey_bag, [(bag, "detection", needs, scratch) for bag in bags])
+    return frames_of(pool.map(read_frames, in_dataset_order(surveys)))
 
 
-def _detected(name: str, weights: Path | None, frames: Frames, side_by_side: Run) -> tuple[FoundSet, float]:
+def _detected(name: str, weights: Path | None, frames: Frames, pool: ProcessPool) -> tuple[FoundSet, float]:
     """The detections, and the seconds of processor time for a frame."""
-    parts = dict(side_by_side(run_detector, [(name, episode, weights) for episode in frames.episodes]))
-    boxes = [replace(found, frame=found.frame + frames.first[number]) for number, (found, _) in parts.items()]
-    cost_s = sum(processor_s for _, processor_s in parts.values()) / len(frames)
+    parts = pool.map(run_detector, [(name, episode, weights) for episode in frames.episodes])
+    boxes = [replace(found, frame=found.frame + first) for (found, _), first in zip(parts, frames.first, strict=False)]
+    cost_s = sum(processor_s for _, processor_s in parts) / len(frames)
     return FoundSet(name, "run here", joined(boxes), frames.scored, has_velocity=True), cost_s
-
-
-def _scored(side_by_side: Run, tables: Sequence[tuple[TruthBoxes, FoundBoxes]]) -> list[DevkitScore]:
-    found = dict(side_by_side(devkit_score, tables))
-    return [found[number] for number in range(len(tables))]
 
 
 def _remarks(frames: Frames, scores: Sequence[DetectorScores], costs: Mapping[str, float]) -> list[str]:

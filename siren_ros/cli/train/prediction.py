@@ -11,8 +11,9 @@ from siren_ros.cli.options import add_processes, check_numbers, processes_of, st
 from siren_ros.cli.train.torch_part import torch_part
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
 from siren_ros.scenario.episode import MAX_SEED
+from siren_ros.training.data_files import MadeFiles
 from siren_ros.training.prediction.plan import FULL, VARIANTS, PlannedEpisode, PlanSize, plan_episodes
-from siren_ros.training.prediction.samples import MadeData, make_data
+from siren_ros.training.prediction.samples import make_samples
 from siren_ros.training.prediction.training import (
     Fitter,
     TrainedVariant,
@@ -103,10 +104,9 @@ def _map_files(names: list[str]) -> list[str]:
     return ["" if name == _TOWN else name for name in names]
 
 
-def _made(plan: tuple[PlannedEpisode, ...], folder: Path, jobs: int) -> MadeData:
+def _made(plan: tuple[PlannedEpisode, ...], folder: Path, jobs: int) -> MadeFiles[PlannedEpisode]:
     with tqdm(total=len(plan), unit="episode", disable=not sys.stderr.isatty()) as bar:
-        advance = steps_of(bar)
-        data = make_data(plan, folder, jobs, lambda _: advance())
+        data = make_samples(plan, folder, jobs, steps_of(bar))
     print(f"{folder}: {len(data.files)} of {len(plan)} episodes")
     for planned, reason in data.missing:
         print(f"siren train: {planned.name}: {reason}", file=sys.stderr)

@@ -11,9 +11,10 @@ from siren_ros.cli.options import add_processes, check_numbers, positive, steps_
 from siren_ros.cli.train.torch_part import torch_part
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
 from siren_ros.scenario.episode import MAX_SEED
+from siren_ros.training.data_files import MadeFiles
 from siren_ros.training.risk.batches import FilmFitConfig
 from siren_ros.training.risk.plan import FilmPlanSize, PlannedFilm, plan_films
-from siren_ros.training.risk.samples import MadeFilms, make_films
+from siren_ros.training.risk.samples import make_films
 from siren_ros.training.risk.training import Fitter, train_sequence_model
 
 _FITTER: Final = ("siren_ros.training.fitting.risk", "fitted_film_network")
@@ -69,10 +70,9 @@ def _fitter() -> Fitter:
     return fitter
 
 
-def _made(plan: tuple[PlannedFilm, ...], folder: Path, jobs: int) -> MadeFilms:
+def _made(plan: tuple[PlannedFilm, ...], folder: Path, jobs: int) -> MadeFiles[PlannedFilm]:
     with tqdm(total=len(plan), unit="film", disable=not sys.stderr.isatty()) as bar:
-        advance = steps_of(bar)
-        films = make_films(plan, folder, jobs, lambda _: advance())
+        films = make_films(plan, folder, jobs, steps_of(bar))
     print(f"{folder}: {len(films.files)} of {len(plan)} films")
     for planned, reason in films.missing:
         print(f"siren train: {planned.name}: {reason}", file=sys.stderr)

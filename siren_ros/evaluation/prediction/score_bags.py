@@ -10,7 +10,7 @@ from siren_ros.evaluation.prediction.episode_scores import Answers, EpisodeScore
 from siren_ros.evaluation.prediction.predictors import Predictor, predictors_named
 from siren_ros.evaluation.prediction.samples import Population
 from siren_ros.evaluation.prediction.submission import EpisodePredictions, Submission, read_recorded_predictions
-from siren_ros.processes.worker_pool import worker_pool
+from siren_ros.processes.process_pool import ProcessPool
 from siren_ros.record.bag_survey import episode_name
 from siren_ros.record.episode_source import open_source
 from siren_ros.recording.episode_record import EpisodeRecord
@@ -58,14 +58,10 @@ def score_bags(
     for submission in submissions.values():
         submission.check_episodes(names)
     _predictors(job.models, job.checkpoints)
-    results: list[BagResult] = [BagResult(bag, None) for bag in bags]
-    with worker_pool(min(job.processes, len(bags) // 2), lambda _: None) as run:
-        rest = replace(job, submissions=None)  # each worker gets the part of its bag alone
-        calls = [(bag, rest, _parts(submissions, of_bag)) for bag, of_bag in zip(bags, names, strict=True)]
-        for number, result in run(_score_bag, calls):
-            results[number] = result
-            progress()
-    return tuple(results)
+    rest = replace(job, submissions=None)  # each worker gets the part of its bag alone
+    calls = [(bag, rest, _parts(submissions, of_bag)) for bag, of_bag in zip(bags, names, strict=True)]
+    with ProcessPool(min(job.processes, len(bags) // 2)) as pool:
+        return tuple(pool.map(_score_bag, calls, progress))
 
 
 def answers_for(job: ScoringJob, bag: Path, models: Collection[str]) -> tuple[EpisodeRecord, Mapping[str, Answers]]:

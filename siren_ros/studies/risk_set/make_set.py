@@ -11,11 +11,11 @@ from siren_ros.errors import InputError, whole_file, writing
 from siren_ros.evaluation.risk.labels import TITLES, RiskClass, RiskThresholds
 from siren_ros.evaluation.risk.video_set import EVIDENCE_FILE, SET_FILE, VIDEO_FRAMES, RiskVideo, VideoSet, write_set
 from siren_ros.generation.episode_setup import present_versions
-from siren_ros.processes.own_process import in_own_process
+from siren_ros.processes.process_pool import ProcessPool, Result
 from siren_ros.processes.side_by_side import side_by_side
 from siren_ros.roads.maps.map_compiler import name_of_map
 from siren_ros.scenario.episode import EpisodeRequest
-from siren_ros.scenario.templates import Template, load_template
+from siren_ros.scenario.templates import load_template
 from siren_ros.studies.risk_set.candidate import Candidate, Rejected, candidate_request
 from siren_ros.studies.risk_set.search import (
     PATIENCE,
@@ -41,6 +41,7 @@ from siren_ros.studies.risk_set.video_file import (
     remove_others,
     try_candidate,
 )
+from siren_ros.studies.workers import attempt_processes
 
 
 def write_set_card(videos: VideoSet, searches: Mapping[str, Search], balance: Balance, map_name: str) -> None:
@@ -142,10 +143,6 @@ class MadeSet:
     searches: Mapping[str, Search]
 
 
-Chosen = Mapping[str, Candidate]
-"""Candidates that become videos, by the video's id."""
-
-
 def make_set(request: RiskSetRequest, out: Path, workers: int, progress: Progress | None = None) -> MadeSet:
     """Makes the set, or goes on with one that was interrupted.
 
@@ -159,72 +156,12 @@ def make_set(request: RiskSetRequest, out: Path, workers: int, progress: Progres
 
     Raises:
         InputError: A request that cannot be used, or the folder of another set.
-        EpisodeError: A process died again and again.
+        SirenError: An episode failed, or a process died again and again.
     """
-    teller = progress or Progress()
     wanted = quotas(request.balance, request.templates)
     _claim(request, out)
-    work = {name: _TemplateSearch(request, load_template(name), name, out, teller) for name in request.templates}
-    while True:
-        searches = _all_searched(request.balance, wanted, work, workers)
-        found = {name: search.found for name, search in searches.items()}
-        counts = settled(wanted, found, request.balance.per_template)
-        numbers = {
-            video_id(name, number): (name, number, candidate)
-            for name, search in searches.items()
-            for number, candidate in search.chosen(counts[name]).items()
-        }
-        chosen = {key: candidate for key, (_, _, candidate) in numbers.items()}
-        rendered = _drawn(request, out, chosen, workers, teller)
-        unseen = [key for key, seen in rendered.items() if not is_seen(chosen[key], seen)]
-        if not unseen:
-            break
-        for key in unseen:
-            name, number, candidate = numbers[key]
-            looking_for = searches[name].trials[number].looking_for
-            work[name].journal.note(number, Trial(looking_for, Rejected(candidate.request, UNSEEN)))
-    remove_others(out, chosen)
-    videos = _as_set(request, out, chosen)
-    write_set(videos)
-    write_set_card(videos, searches, request.balance, name_of_map(Path(request.map_file) if request.map_file else None))
-    return MadeSet(videos, searches)
-
-
-def _all_searched(
-    balance: Balance, wanted: Mapping[str, Counts], work: "Mapping[str, _TemplateSearch]", workers: int
-) -> Mapping[str, Search]:
-    """Searches with little patience, so that templates that find a class take over early; then with all of it."""
-    searches: Mapping[str, Search] = {}
-    for patience in (_FIRST_PATIENCE, PATIENCE):
-        searches = _searched_in_rounds(balance, wanted, patience, work, workers)
-        counts = settled(wanted, {name: one.found for name, one in searches.items()}, balance.per_template)
-        if all(sum(one[risk] for one in counts.values()) >= balance.total[risk] for risk in RiskClass):
-            break
-    return searches
-
-
-def _searched_in_rounds(
-    balance: Balance,
-    wanted: Mapping[str, Counts],
-    patience: int,
-    work: "Mapping[str, _TemplateSearch]",
-    workers: int,
-) -> Mapping[str, Search]:
-    """Searches in rounds, until nothing is lacking or nobody can find it."""
-    tried = [wanted]
-    while True:
-        tasks = {name: partial(one.run, wanted[name], patience) for name, one in work.items()}
-        searches = side_by_side(tasks, workers)
-        exhausted = {name for name, search in searches.items() if len(search.trials) >= search.budget}
-        findings = {
-            name: Finding(search.found, frozenset(RiskClass) if name in exhausted else search.given_up)
-            for name, search in searches.items()
-        }
-        again = shifted(wanted, findings, balance)
-        if again in tried:
-            return searches
-        tried.append(again)
-        wanted = again
+    with attempt_processes(workers) as pool:
+        return _SetMaker(request, out, wanted, workers, pool, progress or Progress()).make()
 
 
 def video_id(template: str, number: int) -> str:
@@ -232,36 +169,125 @@ def video_id(template: str, number: int) -> str:
     return f"{template}_{number:03d}"
 
 
-class _TemplateSearch:
-    """One template's search, and its journal."""
+@dataclass(frozen=True)
+class _SetMaker:
+    """The work on one set: templates are searched and videos are drawn in processes, many at the same time."""
 
-    def __init__(self, request: RiskSetRequest, template: Template, name: str, out: Path, progress: Progress) -> None:
-        self.journal = Journal(out / "search" / f"{name}.jsonl")
-        self._out = out
-        self._request = request
-        self._template = template
-        self._name = name
-        self._progress = progress
+    request: RiskSetRequest
+    out: Path
+    quotas: Mapping[str, Counts]
+    workers: int
+    pool: ProcessPool
+    progress: Progress
 
-    def run(self, wanted: Counts, patience: int) -> Search:
-        """Goes on until the search is finished."""
-        search = Search(wanted, self._request.budget, patience)
-        for trial in self.journal.read():
-            search = search.with_trial(trial)
-        return continue_search(search, self._candidate, self._run, self._told)
+    def make(self) -> MadeSet:
+        while True:
+            searches = self._all_searched()
+            found = {name: search.found for name, search in searches.items()}
+            counts = settled(self.quotas, found, self.request.balance.per_template)
+            numbers = {
+                video_id(name, number): (name, number, candidate)
+                for name, search in searches.items()
+                for number, candidate in search.chosen(counts[name]).items()
+            }
+            chosen = {key: candidate for key, (_, _, candidate) in numbers.items()}
+            drawn = self._side_by_side(
+                {key: partial(self._draw, key, candidate, len(chosen)) for key, candidate in chosen.items()}
+            )
+            unseen = [key for key, rendered in drawn.items() if not is_seen(chosen[key], rendered)]
+            if not unseen:
+                break
+            for key in unseen:
+                name, number, candidate = numbers[key]
+                looking_for = searches[name].trials[number].looking_for
+                self._journal(name).note(number, Trial(looking_for, Rejected(candidate.request, UNSEEN)))
+        remove_others(self.out, chosen)
+        videos = VideoSet(
+            self.out,
+            {key: self._as_video(key, candidate) for key, candidate in sorted(chosen.items())},
+            self.request.thresholds,
+        )
+        write_set(videos)
+        map_file = self.request.map_file
+        map_name = name_of_map(Path(map_file) if map_file else None)
+        write_set_card(videos, searches, self.request.balance, map_name)
+        return MadeSet(videos, searches)
 
-    def _candidate(self, looking_for: RiskClass, number: int) -> EpisodeRequest:
-        request = self._request
-        return candidate_request(self._template, self._name, looking_for, request.seed, number, request.map_file)
+    def _side_by_side(self, tasks: Mapping[str, Callable[[], Result]]) -> dict[str, Result]:
+        return side_by_side(tasks, self.workers, self.pool.stop)
 
-    def _run(self, search: Search, request: EpisodeRequest) -> Outcome:
-        place = VideoPlace(self._out, video_id(self._name, len(search.trials)))
-        retries, thresholds = self._request.retries, self._request.thresholds
-        return in_own_process(retries, try_candidate, request, thresholds, place, search.short_of)
+    def _all_searched(self) -> Mapping[str, Search]:
+        """Searches with little patience, so that templates that find a class take over early; then with all of it."""
+        balance, searches = self.request.balance, dict[str, Search]()
+        for patience in (_FIRST_PATIENCE, PATIENCE):
+            searches = self._searched_in_rounds(patience)
+            counts = settled(self.quotas, {name: one.found for name, one in searches.items()}, balance.per_template)
+            if all(sum(one[risk] for one in counts.values()) >= balance.total[risk] for risk in RiskClass):
+                break
+        return searches
 
-    def _told(self, search: Search) -> None:
-        self.journal.note(len(search.trials) - 1, search.trials[-1])
-        self._progress.tried(self._name, search)
+    def _searched_in_rounds(self, patience: int) -> dict[str, Search]:
+        """Searches in rounds, until nothing is lacking or no template can find it."""
+        wanted, tried = self.quotas, [self.quotas]
+        while True:
+            searches = self._side_by_side(
+                {name: partial(self._search, name, counts, patience) for name, counts in wanted.items()}
+            )
+            findings = {
+                name: Finding(
+                    search.found,
+                    frozenset(RiskClass) if len(search.trials) >= search.budget else search.given_up,
+                )
+                for name, search in searches.items()
+            }
+            wanted = shifted(wanted, findings, self.request.balance)
+            if wanted in tried:
+                return searches
+            tried.append(wanted)
+
+    def _journal(self, template: str) -> Journal:
+        return Journal(self.out / "search" / f"{template}.jsonl")
+
+    def _search(self, name: str, wanted: Counts, patience: int) -> Search:
+        """Goes on with a template's search until it is finished."""
+        asked, template, journal = self.request, load_template(name), self._journal(name)
+
+        def run(search: Search, request: EpisodeRequest) -> Outcome:
+            place = VideoPlace(self.out, video_id(name, len(search.trials)))
+            return self.pool.call_with_retries(
+                asked.retries, try_candidate, request, asked.thresholds, place, search.short_of
+            )
+
+        def note(search: Search) -> None:
+            journal.note(len(search.trials) - 1, search.trials[-1])
+            self.progress.tried(name, search)
+
+        return continue_search(
+            Search(wanted, asked.budget, patience, tuple(journal.read())),
+            lambda risk, number: candidate_request(template, name, risk, asked.seed, number, asked.map_file),
+            run,
+            note,
+        )
+
+    def _draw(self, key: str, candidate: Candidate, videos: int) -> Rendered:
+        place = VideoPlace(self.out, key)
+        rendered = made_before(place, candidate) or self.pool.call_with_retries(
+            self.request.retries, make_video, place, candidate, self.request.thresholds
+        )
+        self.progress.drawn(key, videos)
+        return rendered
+
+    def _as_video(self, key: str, candidate: Candidate) -> RiskVideo:
+        return RiskVideo(
+            video_id=key,
+            template=load_template(candidate.request.template).template_id,
+            file=VideoPlace(self.out, key).video.relative_to(self.out).as_posix(),
+            frames=VIDEO_FRAMES,
+            first_step=candidate.first_step,
+            label=candidate.label,
+            evidence=candidate.evidence,
+            request=candidate.request.to_json(),
+        )
 
 
 def _claim(request: RiskSetRequest, out: Path) -> None:
@@ -273,35 +299,3 @@ def _claim(request: RiskSetRequest, out: Path) -> None:
         if path.is_file() and path.read_text(encoding="utf-8") != text:
             raise InputError("out", str(out), "a new folder, or one of the same request")
         path.write_text(text, encoding="utf-8")
-
-
-def _drawn(
-    request: RiskSetRequest, out: Path, chosen: Chosen, workers: int, progress: Progress
-) -> Mapping[str, Rendered]:
-    def draw(key: str, candidate: Candidate) -> Rendered:
-        place = VideoPlace(out, key)
-        rendered = made_before(place, candidate)
-        if rendered is None:
-            rendered = in_own_process(request.retries, make_video, place, candidate, request.thresholds)
-        progress.drawn(key, len(chosen))
-        return rendered
-
-    tasks: dict[str, Callable[[], Rendered]] = {key: partial(draw, key, candidate) for key, candidate in chosen.items()}
-    return side_by_side(tasks, workers)
-
-
-def _as_set(request: RiskSetRequest, out: Path, chosen: Chosen) -> VideoSet:
-    videos = {
-        key: RiskVideo(
-            video_id=key,
-            template=load_template(candidate.request.template).template_id,
-            file=VideoPlace(out, key).video.relative_to(out).as_posix(),
-            frames=VIDEO_FRAMES,
-            first_step=candidate.first_step,
-            label=candidate.label,
-            evidence=candidate.evidence,
-            request=candidate.request.to_json(),
-        )
-        for key, candidate in sorted(chosen.items())
-    }
-    return VideoSet(out, videos, request.thresholds)

@@ -2,9 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, fields
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros import __version__
-from siren_ros.errors import SirenError
 from siren_ros.evaluation.prediction.baselines import ConstantVelocity, IdmPredictor
 from siren_ros.evaluation.prediction.predictors import Predictor
 from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, ScoredSamples, samples_of
@@ -29,6 +26,7 @@ from siren_ros.generation.closed_loop import closed_loop, record_of
 from siren_ros.generation.episode_setup import plan_length, set_up_episode
 from siren_ros.numerics.arrays import Floats32, Rows, random_stream
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.training.data_files import MadeFiles, make_files, write_arrays
 from siren_ros.training.prediction.plan import PlannedEpisode, Split
 
 REGION_SAMPLES: Final = 400
@@ -63,15 +61,29 @@ def features_path(folder: Path, planned: PlannedEpisode) -> Path:
     return folder / f"v{FEATURES_VERSION}_{__version__}" / planned.split.value / f"{planned.name}.npz"
 
 
-def simulate(planned: PlannedEpisode) -> EpisodeFeatures:
-    """Runs an episode without ROS and without sensors, and takes its samples.
+def make_samples(
+    plan: Sequence[PlannedEpisode], folder: Path, jobs: int, done: Callable[[], None]
+) -> MadeFiles[PlannedEpisode]:
+    """Makes the samples of the episodes that have no file yet.
+
+    Args:
+        plan: The episodes.
+        folder: Where their files are kept.
+        jobs: Processes at once.
+        done: Called after each episode.
+    """
+    return make_files({planned: features_path(folder, planned) for planned in plan}, _make, jobs, done)
+
+
+def _make(planned: PlannedEpisode, path: Path) -> None:
+    """Runs an episode without ROS and without sensors, and keeps its samples.
 
     Raises:
         SirenError: The map has no site for the template, or the episode fails.
     """
     setup = set_up_episode(planned.request)
     record = record_of(setup, list(closed_loop(setup, plan_length(planned.request))))
-    return features_of_record(record, planned.split)
+    write_features(path, features_of_record(record, planned.split))
 
 
 def features_of_record(record: EpisodeRecord, split: Split) -> EpisodeFeatures:
@@ -127,11 +139,7 @@ def write_features(path: Path, episode: EpisodeFeatures) -> None:
     }
     arrays = {f"features.{field.name}": getattr(episode.features, field.name) for field in fields(Features)}
     arrays |= {f"reference.{name}": values for name, values in episode.reference_ade_m.items()}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_suffix(".part")
-    with unfinished.open("wb") as file:
-        np.savez_compressed(file, about=np.array(json.dumps(about)), truth_m=episode.truth_m, **arrays)
-    unfinished.replace(path)
+    write_arrays(path, {"about": np.array(json.dumps(about)), "truth_m": episode.truth_m, **arrays})
 
 
 def read_features(path: Path) -> EpisodeFeatures:
@@ -221,49 +229,3 @@ def _compact(name: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 def _single(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return values if values.dtype == np.bool_ else values.astype(np.float32)
-
-
-@dataclass(frozen=True)
-class MadeData:
-    """What became of a plan."""
-
-    files: tuple[tuple[PlannedEpisode, Path], ...]
-    missing: tuple[tuple[PlannedEpisode, str], ...]
-    """Episodes that could not be made, and why: a map without a site, a failed episode."""
-
-
-def make_data(
-    plan: Sequence[PlannedEpisode], folder: Path, jobs: int, told: Callable[[PlannedEpisode], None]
-) -> MadeData:
-    """Makes what is not there yet.
-
-    Args:
-        plan: The episodes.
-        folder: Where features are kept.
-        jobs: Processes at once.
-        told: Called after each episode.
-    """
-    paths = {planned: features_path(folder, planned) for planned in plan}
-    missing: dict[PlannedEpisode, str] = {}
-    wanted = [planned for planned, path in paths.items() if not path.exists()]
-    if wanted:
-        with ProcessPoolExecutor(min(jobs, len(wanted)), mp_context=get_context("spawn")) as pool:
-            running = {pool.submit(_make, planned, paths[planned]): planned for planned in wanted}
-            for done in as_completed(running):
-                reason = done.result()
-                if reason:
-                    missing[running[done]] = reason
-                told(running[done])
-    return MadeData(
-        tuple((planned, path) for planned, path in paths.items() if planned not in missing),
-        tuple((planned, missing[planned]) for planned in plan if planned in missing),
-    )
-
-
-def _make(planned: PlannedEpisode, path: Path) -> str:
-    """Makes one file; why it cannot be made, else an empty text."""
-    try:
-        write_features(path, simulate(planned))
-    except SirenError as error:
-        return str(error)
-    return ""

@@ -16,8 +16,9 @@ from siren_ros.evaluation.network_file import write_network
 from siren_ros.evaluation.prediction.siren_model.features import FEATURES_VERSION
 from siren_ros.evaluation.prediction.siren_model.siren_predictor import TrainedNetwork, load_network
 from siren_ros.numerics.arrays import Floats, Floats32
+from siren_ros.training.data_files import MadeFiles
 from siren_ros.training.prediction.plan import VARIANTS, PlannedEpisode, Split, is_ordinary
-from siren_ros.training.prediction.samples import EpisodeKey, MadeData, SampleStore, read_store
+from siren_ros.training.prediction.samples import EpisodeKey, SampleStore, read_store
 from siren_ros.training.settings import FitConfig, FittedNetwork
 
 MEAN: Final = "mean"
@@ -119,7 +120,12 @@ class TrainedVariant:
 
 
 def train_variant(
-    name: str, data: MadeData, folder: Path, config: FitConfig, fitter: Fitter, told: Callable[[str], None]
+    name: str,
+    data: MadeFiles[PlannedEpisode],
+    folder: Path,
+    config: FitConfig,
+    fitter: Fitter,
+    told: Callable[[str], None],
 ) -> TrainedVariant:
     """Trains one variant, and writes ``NAME.onnx`` and its card ``NAME.json``.
 
@@ -189,7 +195,7 @@ def with_ablations(full: TrainedVariant, others: Sequence[TrainedVariant]) -> Tr
     return extended
 
 
-def _training_files(name: str, data: MadeData) -> list[tuple[PlannedEpisode, Path]]:
+def _training_files(name: str, data: MadeFiles[PlannedEpisode]) -> list[tuple[PlannedEpisode, Path]]:
     files = [(planned, path) for planned, path in data.files if planned.split is Split.TRAIN]
     ordinary = [(planned, path) for planned, path in files if is_ordinary(planned.request)]
     if VARIANTS[name].ordinary_only:
@@ -200,7 +206,7 @@ def _training_files(name: str, data: MadeData) -> list[tuple[PlannedEpisode, Pat
     return files
 
 
-def _data_json(data: MadeData) -> dict[str, Any]:
+def _data_json(data: MadeFiles[PlannedEpisode]) -> dict[str, Any]:
     splits = {}
     for split in Split:
         made = [planned.request for planned, _ in data.files if planned.split is split]

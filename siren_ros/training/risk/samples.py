@@ -3,19 +3,16 @@
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from siren_ros import __version__
-from siren_ros.errors import InputError, SirenError
+from siren_ros.errors import InputError
 from siren_ros.evaluation.risk.evidence import Camera, evidence_of
 from siren_ros.evaluation.risk.labels import RiskLabel, RiskThresholds, label_of
 from siren_ros.evaluation.risk.sequence_model import EVERY, SmallFrames, reduced
-from siren_ros.processes.own_process import in_own_process
-from siren_ros.processes.side_by_side import side_by_side
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.sensors.look import load_look
@@ -23,13 +20,13 @@ from siren_ros.sensors.rig import SensorRig
 from siren_ros.sensors.suite import SensorSuite
 from siren_ros.studies.risk_set.candidate import FRAME_STEPS, Candidate, front_camera, simulated
 from siren_ros.studies.risk_set.search import outcome_as_json, outcome_of_json
+from siren_ros.training.data_files import MadeFiles, make_files, write_arrays
 from siren_ros.training.risk.plan import PlannedFilm
 
 FILM_STEPS: Final = EVERY * FRAME_STEPS
 """From one picture of a film to the next."""
 _SIZE: Final = (320, 240)
 """Pictures are drawn at twice the small size and averaged: nearly what is left of the videos' 800 x 600."""
-_RETRIES: Final = 2
 
 
 @dataclass(frozen=True)
@@ -52,45 +49,23 @@ class Film:
         return label_of(self.episode.evidence.within(first_step, end_step), thresholds)
 
 
-@dataclass(frozen=True)
-class MadeFilms:
-    """What became of a plan."""
-
-    files: tuple[tuple[PlannedFilm, Path], ...]
-    missing: tuple[tuple[PlannedFilm, str], ...]
-
-
 def film_path(folder: Path, planned: PlannedFilm) -> Path:
     """Where a film is kept; another version of the package has another place."""
     return folder / f"films_{__version__}" / f"{planned.name}.npz"
 
 
-def make_films(plan: Sequence[PlannedFilm], folder: Path, jobs: int, told: Callable[[PlannedFilm], None]) -> MadeFilms:
-    """Makes what is not there yet, each film in a process of its own.
+def make_films(
+    plan: Sequence[PlannedFilm], folder: Path, jobs: int, done: Callable[[], None]
+) -> MadeFiles[PlannedFilm]:
+    """Makes the films that have no file yet.
 
     Args:
         plan: The films.
         folder: Where they are kept.
         jobs: Processes at once.
-        told: Called after each film.
+        done: Called after each film.
     """
-
-    def make(planned: PlannedFilm) -> str:
-        path = film_path(folder, planned)
-        try:
-            if not path.exists():
-                in_own_process(_RETRIES, _make, planned, path)
-        except SirenError as error:
-            return str(error)
-        finally:
-            told(planned)
-        return ""
-
-    reasons = side_by_side({planned.name: partial(make, planned) for planned in plan}, jobs)
-    return MadeFilms(
-        tuple((planned, film_path(folder, planned)) for planned in plan if not reasons[planned.name]),
-        tuple((planned, reasons[planned.name]) for planned in plan if reasons[planned.name]),
-    )
+    return make_files({planned: film_path(folder, planned) for planned in plan}, _make, jobs, done)
 
 
 def _make(planned: PlannedFilm, path: Path) -> None:
@@ -116,11 +91,7 @@ def film_of(request: EpisodeRequest, record: EpisodeRecord) -> Film:
 
 def write_film(path: Path, film: Film) -> None:
     """Writes a file whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_suffix(".part")
-    with unfinished.open("wb") as file:
-        np.savez_compressed(file, episode=np.array(json.dumps(outcome_as_json(film.episode))), frames=film.frames)
-    unfinished.replace(path)
+    write_arrays(path, {"episode": np.array(json.dumps(outcome_as_json(film.episode))), "frames": film.frames})
 
 
 def read_film(path: Path) -> Film:

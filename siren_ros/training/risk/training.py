@@ -16,10 +16,11 @@ from siren_ros.evaluation.network_file import write_network
 from siren_ros.evaluation.risk.labels import TITLES, RiskClass
 from siren_ros.evaluation.risk.scoring import accuracy, confusion, macro_f1
 from siren_ros.evaluation.risk.sequence_model import FRAMES_VERSION, SequenceModel, load_sequence_model
+from siren_ros.training.data_files import MadeFiles
 from siren_ros.training.prediction.plan import Split
 from siren_ros.training.risk.batches import FilmFitConfig, FittedFilmNetwork, LabelledFilm, labelled, validation_clips
-from siren_ros.training.risk.plan import FIRST_SEED
-from siren_ros.training.risk.samples import MadeFilms, read_film
+from siren_ros.training.risk.plan import FIRST_SEED, PlannedFilm
+from siren_ros.training.risk.samples import read_film
 
 Fitter = Callable[
     [Sequence[LabelledFilm], Sequence[LabelledFilm], FilmFitConfig, Callable[[str], None]], FittedFilmNetwork
@@ -28,7 +29,7 @@ _PACKAGES: Final = ("siren_ros", "eclipse-sumo", "numpy", "onnxruntime")
 
 
 def train_sequence_model(
-    films: MadeFilms, path: Path, config: FilmFitConfig, fitter: Fitter, told: Callable[[str], None]
+    films: MadeFiles[PlannedFilm], path: Path, config: FilmFitConfig, fitter: Fitter, told: Callable[[str], None]
 ) -> SequenceModel:
     """Trains the model, and writes it with its card.
 
@@ -69,7 +70,7 @@ def train_sequence_model(
     return load_sequence_model(path)
 
 
-def _of_split(films: MadeFilms, split: Split, config: FilmFitConfig) -> list[LabelledFilm]:
+def _of_split(films: MadeFiles[PlannedFilm], split: Split, config: FilmFitConfig) -> list[LabelledFilm]:
     return [labelled(read_film(path), config) for planned, path in films.files if planned.split is split]
 
 
@@ -78,7 +79,7 @@ def _pictures(films: Sequence[LabelledFilm]) -> list[int]:
     return [int(count) for count in counts]
 
 
-def _split_json(some: Sequence[LabelledFilm], films: MadeFilms, split: Split) -> dict[str, Any]:
+def _split_json(some: Sequence[LabelledFilm], films: MadeFiles[PlannedFilm], split: Split) -> dict[str, Any]:
     episodes = [one.film.episode.label.risk for one in some]
     return {
         "films": len(some),

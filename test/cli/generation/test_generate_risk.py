@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from evaluation.made_video_sets import small_video_set
+from processes.stand_in import processes_of
 
 from siren_ros.cli.generation.generate_risk import balance_of
 from siren_ros.cli.main import main, parser
@@ -68,7 +69,7 @@ def test_a_set_is_made_and_goes_on(
         film.write_bytes(made[film])
         return Rendered(190, 0)
 
-    monkeypatch.setattr(make_set, "in_own_process", make)
+    monkeypatch.setattr(make_set, "attempt_processes", processes_of(make))
     assert main(words) == 0
     place = VideoPlace(tmp_path, key)
     assert again == [(2, make_video, place, video.request, video.first_step, RiskThresholds())]

@@ -9,8 +9,8 @@ from siren_ros.cli.train import risk
 from siren_ros.errors import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_OK
 from siren_ros.evaluation.network_file import NetworkFile
 from siren_ros.evaluation.risk.sequence_model import SequenceModel
+from siren_ros.training.data_files import MadeFiles
 from siren_ros.training.risk.batches import FilmFitConfig
-from siren_ros.training.risk.samples import MadeFilms
 
 
 def test_without_torch_the_command_says_what_brings_it(
@@ -30,11 +30,11 @@ def test_films_are_made_and_handed_on(
     missing: tuple[str, ...],
     code: int,
 ) -> None:
-    def made(plan: tuple[risk.PlannedFilm, ...], folder: Path, jobs: int, _told: object) -> MadeFilms:
+    def made(plan: tuple[risk.PlannedFilm, ...], folder: Path, jobs: int, _told: object) -> MadeFiles[risk.PlannedFilm]:
         assert (len(plan), folder, jobs) == (8 * (2 + 1), tmp_path / "cache", 1)
-        return MadeFilms(tuple((one, folder) for one in plan), tuple((plan[0], why) for why in missing))
+        return MadeFiles(tuple((one, folder) for one in plan), tuple((plan[0], why) for why in missing))
 
-    def trained(_films: MadeFilms, path: Path, config: FilmFitConfig, *_: object) -> SequenceModel:
+    def trained(_films: MadeFiles[risk.PlannedFilm], path: Path, config: FilmFitConfig, *_: object) -> SequenceModel:
         assert (path, config.epochs, config.seed) == (tmp_path / "sequence.onnx", 3, 5)
         figures = {"accuracy": 0.5, "macro_f1": 0.25, "confusion": [[1]]}
         return SequenceModel(NetworkFile(None, {"parameters": 7, "validation": figures}))

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from processes.stand_in import processes_of
 
 from siren_ros.errors import EpisodeError, InputError
 from siren_ros.evaluation.risk.evidence import Evidence, Moments
@@ -66,7 +67,7 @@ class Processes:
 @pytest.fixture
 def processes(monkeypatch: pytest.MonkeyPatch) -> Processes:
     given = Processes()
-    monkeypatch.setattr(making, "in_own_process", given)
+    monkeypatch.setattr(making, "attempt_processes", processes_of(given))
     return given
 
 

@@ -14,9 +14,9 @@ from siren_ros.evaluation.prediction.predictors import checked
 from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, samples_of
 from siren_ros.evaluation.prediction.siren_model.siren_predictor import make
 from siren_ros.scenario.episode import EpisodeRequest
+from siren_ros.training.data_files import MadeFiles
 from siren_ros.training.fitting.prediction import fitted_network
 from siren_ros.training.prediction.plan import PlannedEpisode, Split
-from siren_ros.training.prediction.samples import MadeData
 from siren_ros.training.prediction.training import train_variant, with_ablations
 from siren_ros.training.settings import FitConfig
 
@@ -30,7 +30,7 @@ def data(episode_files):
         for split, paths in episode_files.items()
         for number, path in enumerate(paths)
     ]
-    return MadeData(tuple(planned), ((PlannedEpisode(Split.TRAIN, EpisodeRequest(seed=99)), "map: no site"),))
+    return MadeFiles(tuple(planned), ((PlannedEpisode(Split.TRAIN, EpisodeRequest(seed=99)), "map: no site"),))
 
 
 def test_a_trained_variant_can_be_used_as_a_predictor(data, tmp_path) -> None:

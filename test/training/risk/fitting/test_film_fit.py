@@ -10,11 +10,12 @@ pytest.importorskip("onnx", reason="the extra models is not installed")
 
 from siren_ros.evaluation.risk.labels import RiskClass
 from siren_ros.evaluation.risk.sequence_model import HEIGHT, WIDTH
+from siren_ros.training.data_files import MadeFiles
 from siren_ros.training.fitting.risk import FilmNetwork, fitted_film_network
 from siren_ros.training.prediction.plan import Split
 from siren_ros.training.risk.batches import FilmFitConfig, labelled
 from siren_ros.training.risk.plan import PlannedFilm
-from siren_ros.training.risk.samples import MadeFilms, write_film
+from siren_ros.training.risk.samples import write_film
 from siren_ros.training.risk.training import train_sequence_model
 
 CONFIG = FilmFitConfig(epochs=1, steps=2, batch=3, clip_frames=12)
@@ -44,7 +45,7 @@ def test_a_model_is_trained_and_written_with_its_card(tmp_path: Path) -> None:
             write_film(path, hand_made_film(kind, seed=number))
             files.append((planned, path))
     lines: list[str] = []
-    films = MadeFilms(tuple(files), ((PlannedFilm(Split.TRAIN, "S4", 9), "no site"),))
+    films = MadeFiles(tuple(files), ((PlannedFilm(Split.TRAIN, "S4", 9), "no site"),))
     model = train_sequence_model(films, tmp_path / "sequence.onnx", CONFIG, fitted_film_network, lines.append)
     assert lines[0].startswith("train: 3 films")
     card = model.network.card

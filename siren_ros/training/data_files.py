@@ -1,0 +1,66 @@
+"""Files of training data: each made in a process of its own and kept, so that a second run finds it."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Final, Generic, TypeVar
+
+import numpy as np
+
+from siren_ros.errors import SirenError, whole_file
+from siren_ros.processes.side_by_side import side_by_side
+from siren_ros.studies.workers import attempt_processes
+
+Planned = TypeVar("Planned")
+_RETRIES: Final = 2
+
+
+@dataclass(frozen=True)
+class MadeFiles(Generic[Planned]):
+    """What became of a plan."""
+
+    files: tuple[tuple[Planned, Path], ...]
+    missing: tuple[tuple[Planned, str], ...]
+    """What could not be made, and why: a map without a site, a failed episode."""
+
+
+def make_files(
+    paths: Mapping[Planned, Path], make: Callable[[Planned, Path], None], jobs: int, done: Callable[[], None]
+) -> MadeFiles[Planned]:
+    """Makes the files that are not there yet.
+
+    Args:
+        paths: What is planned, and where its file is kept.
+        make: Makes one file; a function of a module, because it runs in other processes.
+        jobs: Processes at once.
+        done: Called after each file, also of those that are there.
+    """
+    reasons: dict[Planned, str] = {}
+    with attempt_processes(jobs) as pool:
+
+        def make_one(planned: Planned, path: Path) -> None:
+            try:
+                if not path.exists():
+                    pool.call_with_retries(_RETRIES, make, planned, path)
+            except SirenError as error:
+                reasons[planned] = str(error)
+            finally:
+                done()
+
+        side_by_side({planned: partial(make_one, planned, path) for planned, path in paths.items()}, jobs, pool.stop)
+    return MadeFiles(
+        tuple((planned, path) for planned, path in paths.items() if planned not in reasons),
+        tuple((planned, reasons[planned]) for planned in paths if planned in reasons),
+    )
+
+
+def write_arrays(path: Path, arrays: Mapping[str, Any], *, compressed: bool = True) -> None:
+    """Writes numpy's file of several arrays, whole or not at all.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path) as new:
+        (np.savez_compressed if compressed else np.savez)(new, **arrays)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, Generic, TypeVar
+from typing import Any, Final, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -12,7 +12,16 @@ from siren_ros.errors import SirenError, whole_file
 from siren_ros.processes.side_by_side import side_by_side
 from siren_ros.studies.workers import attempt_processes
 
-Planned = TypeVar("Planned")
+
+class Named(Protocol):
+    """A part of a plan."""
+
+    @property
+    def name(self) -> str:
+        """Tells it apart from the others."""
+
+
+Planned = TypeVar("Planned", bound=Named)
 _RETRIES: Final = 2
 
 

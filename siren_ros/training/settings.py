@@ -1,6 +1,27 @@
-"""Settings of the fittings, and the networks as files that come out of them."""
+"""What the three trainings share: splits of their data, settings of the fittings, and networks as files with cards."""
 
-from dataclasses import dataclass
+import hashlib
+import platform
+from dataclasses import asdict, dataclass, field
+from enum import StrEnum
+from importlib.metadata import version
+from typing import Any, Final
+
+from siren_ros.evaluation.risk.labels import RiskThresholds
+
+_PACKAGES: Final = ("siren_ros", "eclipse-sumo", "numpy", "onnxruntime")
+
+
+class Split(StrEnum):
+    """What an episode is for. Seeds of two splits are never the same."""
+
+    TRAIN = "train"
+    VALIDATION = "validation"
+    """Looked at during training; chooses nothing."""
+    TEST_SEEDS = "test_seeds"
+    """Maps of the training, other seeds."""
+    TEST_MAPS = "test_maps"
+    """Maps that were not trained on."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +46,29 @@ class FitConfig:
 
 
 @dataclass(frozen=True)
+class FilmFitConfig:
+    """How the sequence model is fitted."""
+
+    seed: int = 0
+    epochs: int = 14
+    steps: int = 20
+    """Batches of an epoch."""
+    batch: int = 12
+    """Clips at once."""
+    clip_frames: int = 24
+    """Pictures of a training clip: 4.8 s."""
+    learning_rate: float = 2e-3
+    weight_decay: float = 1e-2
+    near_steps: int = 12
+    """A picture is of a class if the conflict is within so many steps before or after it: 0.6 s."""
+    frame_weight: float = 1.0
+    """Weight of the pictures' classes against that of the clip's."""
+    focus: float = 1.5
+    """Exponent of the focal loss (Lin et al. 2017): what is known well already counts less."""
+    thresholds: RiskThresholds = field(default_factory=RiskThresholds)
+
+
+@dataclass(frozen=True)
 class FittedNetwork:
     """A network as a file."""
 
@@ -32,6 +76,26 @@ class FittedNetwork:
     parameters: int
     made_with: str
     """Library and version."""
+    processor_s: float = 0.0
+    """Processor time of the fitting, where it is counted over several programs."""
+    plans: tuple[tuple[int, int, int], ...] = ()
+    """From which step, of how many, on how many frames: several where a training went on with other numbers."""
+
+    def card(self, config: Any, **about: Any) -> dict[str, Any]:
+        """The beginning of a card: what the model is, its hash and size, what it was made with, and its settings.
+
+        Args:
+            config: A data class of settings.
+            about: What the model is.
+        """
+        return {
+            **about,
+            "sha256": hashlib.sha256(self.onnx).hexdigest(),
+            "parameters": self.parameters,
+            "made_with": {"fitting": self.made_with, "python": platform.python_version()}
+            | {package: version(package) for package in _PACKAGES},
+            "fit": asdict(config),
+        }
 
 
 @dataclass(frozen=True)
@@ -65,17 +129,3 @@ class DetectionFit:
     device: str = "cpu"
     half: bool = True
     """Convolutions in bfloat16: a third less time on processors with AVX-512 BF16."""
-
-
-@dataclass(frozen=True)
-class FittedDetector:
-    """A network as a file."""
-
-    onnx: bytes
-    parameters: int
-    made_with: str
-    """Library and version."""
-    processor_s: float
-    """Processor time of the fitting."""
-    plans: tuple[tuple[int, int, int], ...] = ()
-    """From which step, of how many, on how many frames: several where a training went on with other numbers."""

@@ -5,8 +5,8 @@ import sys
 import pytest
 from hand_made import made_record
 
-from siren_ros.training.prediction.plan import Split
 from siren_ros.training.prediction.samples import features_of_record, write_features
+from siren_ros.training.settings import Split
 
 # CUDA builds of torch import triton with the first optimizer. Its LLVM crashes where Mesa's is loaded already, as by
 # the tests of the cameras in the same process; nothing here runs on a GPU.

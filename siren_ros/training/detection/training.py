@@ -1,13 +1,11 @@
 """The whole training of the detector: frames, weights, figures as of ``siren evaluate detection``, card."""
 
 import hashlib
-import platform
 import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
-from importlib.metadata import version
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -26,7 +24,7 @@ from siren_ros.record.episode_source import open_source
 from siren_ros.recording.bag_reader import bags_among
 from siren_ros.training.detection.batches import FrameDraws
 from siren_ros.training.detection.samples import check_apart, frames_among
-from siren_ros.training.settings import DetectionFit, FittedDetector
+from siren_ros.training.settings import DetectionFit, FittedNetwork
 
 MEAN: Final = "mean"
 
@@ -104,11 +102,10 @@ def _rounded(values: dict[str, float]) -> dict[str, float]:
     return {name: round(value, 3) for name, value in values.items()}
 
 
-Fitter = Callable[[FrameDraws, DetectionFit, int, Path, Callable[[str], bool]], FittedDetector | None]
+Fitter = Callable[[FrameDraws, DetectionFit, int, Path, Callable[[str], bool]], FittedNetwork | None]
 CHECKPOINT: Final = "checkpoint.pt"
 TEST_SEEDS: Final = "test_seeds"
 TEST_MAPS: Final = "test_maps"
-_PACKAGES: Final = ("siren_ros", "numpy", "onnxruntime")
 
 
 @dataclass(frozen=True)
@@ -158,7 +155,14 @@ def train_detector(training: DetectorTraining, fitter: Fitter, told: Callable[[s
     if fitted is None:
         return None
     card = {
-        **_card(fitted, grid, training.config),
+        **fitted.card(
+            training.config,
+            model="pillars",
+            summary="PointPillars with a centre head: ten sweeps in, boxes with velocities out",
+            form_version=FORM_VERSION,
+            grid=grid.to_json(),
+            class_names=list(CLASS_NAMES),
+        ),
         "command": f"siren train detection BAGS --held-out BAGS --steps {training.config.steps} "
         f"--seed {training.config.seed} --out pillars.onnx",
         "training": {
@@ -198,21 +202,6 @@ def _about(bag: Path) -> dict[str, Any]:
     with open_source(bag) as source:
         description = source.description
     return {"template": description.template, "map": description.map_name, "seed": description.seed}
-
-
-def _card(fitted: FittedDetector, grid: PillarGrid, config: DetectionFit) -> dict[str, Any]:
-    return {
-        "model": "pillars",
-        "summary": "PointPillars with a centre head: ten sweeps in, boxes with velocities out",
-        "form_version": FORM_VERSION,
-        "sha256": hashlib.sha256(fitted.onnx).hexdigest(),
-        "parameters": fitted.parameters,
-        "grid": grid.to_json(),
-        "class_names": list(CLASS_NAMES),
-        "made_with": {"fitting": fitted.made_with, "python": platform.python_version()}
-        | {package: version(package) for package in _PACKAGES},
-        "fit": asdict(config),
-    }
 
 
 def _episodes_json(abouts: Sequence[dict[str, Any]]) -> dict[str, Any]:

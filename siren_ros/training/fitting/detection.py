@@ -1,17 +1,12 @@
 """The detector's network and its fitting: the same frames, settings and seed give the same weights on one machine."""
 
-import io
-import math
 import time
-import warnings
 from collections.abc import Callable
-from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import onnx
 import torch
 from torch import Tensor, nn
 
@@ -20,7 +15,8 @@ from siren_ros.evaluation.detection.boxes import CLASS_NAMES
 from siren_ros.evaluation.detection.detectors.pillar_detector import INPUTS, OUTPUTS
 from siren_ros.evaluation.detection.detectors.pillars import FEATURES, PillarGrid, Pillars
 from siren_ros.training.detection.batches import BOX_CHANNELS, STRIDE, FrameDraws, Targets
-from siren_ros.training.settings import DetectionFit, FittedDetector, NetworkSize
+from siren_ros.training.fitting.descent import Descent, exported
+from siren_ros.training.settings import DetectionFit, FittedNetwork, NetworkSize
 
 _PRIOR_LOGIT: Final = -4.0
 """Before training, a cell holds a vehicle with a probability of 2 %."""
@@ -158,10 +154,7 @@ def losses(
     return heat + config.box_weight * boxed + config.class_weight * named, heat, boxed, named
 
 
-_GRADIENT_MAX: Final = 10.0
-_WARM_UP: Final = 0.03
-_DECAY: Final = 0.5
-"""The last share of the steps, in which the rate falls to 0: until then a run may be made longer."""
+_CHECKPOINT_FORM: Final = 2
 
 
 @dataclass(frozen=True)
@@ -190,31 +183,33 @@ class Fitted:
 @dataclass
 class _Run:
     network: PillarNetwork
-    average: PillarNetwork
-    optimizer: torch.optim.Optimizer
+    descent: Descent
     step: int = 0
     processor_s: float = 0.0
     """Since the first step, over all programs that went on from a checkpoint."""
     sums: list[Tensor] = field(default_factory=list)
     plans: list[tuple[int, int, int]] = field(default_factory=list)
 
-    def state(self, digest: str) -> dict[str, Any]:
-        return {
-            "digest": digest,
-            "step": self.step,
-            "processor_s": self.processor_s,
-            "plans": [list(plan) for plan in self.plans],
-            "network": self.network.state_dict(),
-            "average": self.average.state_dict(),
-            "optimizer": self.optimizer.state_dict(),
-        }
+    def state(self) -> dict[str, Any]:
+        plans = [list(plan) for plan in self.plans]
+        return {"step": self.step, "processor_s": self.processor_s, "plans": plans, **self.descent.state()}
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: dict[str, Any], steps: int) -> None:
         self.step, self.processor_s = int(state["step"]), float(state["processor_s"])
         self.plans = [(first, steps, frames) for first, steps, frames in state["plans"]]
-        self.network.load_state_dict(state["network"])
-        self.average.load_state_dict(state["average"])
-        self.optimizer.load_state_dict(state["optimizer"])
+        self.descent.go_on(state, min(self.step, steps))
+
+    def train_step(self, frames: list[tuple[Pillars, Targets]], config: DetectionFit, device: torch.device) -> None:
+        self.network.train()
+        pillars = pillar_tensors([pillars for pillars, _ in frames], self.network)
+        points, cell = (part.to(device) for part in pillars)
+        maps, boxes = _target_tensors([targets for _, targets in frames], device)
+        with torch.autocast(device.type, torch.bfloat16, enabled=config.half):
+            answer = self.network(points, cell, len(frames))
+        parts = losses(answer, maps, boxes, config)
+        self.descent.step(parts[0])
+        self.step += 1
+        self.sums.append(torch.stack([part.detach().cpu() for part in parts]))
 
 
 def fit(
@@ -241,62 +236,31 @@ def fit(
     Raises:
         InputError: The checkpoint is of another grid, size or seed, or no checkpoint at all.
     """
-    run = _new_run(draws, size, config)
-    digest = repr((draws.grid, draws.seed, draws.batch, size))
+    torch.manual_seed(config.seed)
+    network = PillarNetwork(draws.grid, size).to(config.device, memory_format=torch.channels_last)
+    descent = Descent(
+        network, config, config.steps, rising=0.1, gradient_max=10.0, averaging=config.averaging, betas=(0.9, 0.99)
+    )
+    run = _Run(network, descent)
+    digest = repr((_CHECKPOINT_FORM, draws.grid, draws.seed, draws.batch, size))
     if checkpoint is not None and checkpoint.exists():
-        run.restore(_read(checkpoint, digest))
+        run.restore(_read(checkpoint, digest), config.steps)
     if run.step < config.steps and (not run.plans or run.plans[-1][1:] != (config.steps, len(draws))):
         run.plans.append((run.step, config.steps, len(draws)))
     device, start = torch.device(config.device), time.monotonic()
     spent_s = run.processor_s - time.process_time()
     while run.step < config.steps:
-        _train_step(run, draws.batch_of(run.step), config, device)
-        run.step += 1
+        run.train_step(draws.batch_of(run.step), config, device)
         if run.step % config.checkpoint_steps == 0 or run.step == config.steps:
             loss, heat, box, named = torch.stack(run.sums).mean(dim=0).tolist()
             run.sums.clear()
             run.processor_s = spent_s + time.process_time()
             if checkpoint is not None:
-                _write(checkpoint, run.state(digest))
+                _write(checkpoint, {"digest": digest, **run.state()})
             goes_on = told(Progress(run.step, loss, heat, box, named, time.monotonic() - start))
             if not goes_on and run.step < config.steps:
                 return None
-    return Fitted(run.average.cpu().eval(), run.processor_s, tuple(run.plans))
-
-
-def _new_run(draws: FrameDraws, size: NetworkSize, config: DetectionFit) -> _Run:
-    torch.manual_seed(config.seed)
-    network = PillarNetwork(draws.grid, size).to(config.device, memory_format=torch.channels_last)
-    average = deepcopy(network)
-    optimizer = torch.optim.AdamW(
-        network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay, betas=(0.9, 0.99)
-    )
-    return _Run(network, average, optimizer)
-
-
-def _train_step(run: _Run, frames: list[tuple[Pillars, Targets]], config: DetectionFit, device: torch.device) -> None:
-    for group in run.optimizer.param_groups:
-        group["lr"] = config.learning_rate * rate_at(run.step / config.steps)
-    run.network.train()
-    points, cell = (part.to(device) for part in pillar_tensors([pillars for pillars, _ in frames], run.network))
-    maps, boxes = _target_tensors([targets for _, targets in frames], device)
-    with torch.autocast(device.type, torch.bfloat16, enabled=config.half):
-        answer = run.network(points, cell, len(frames))
-    parts = losses(answer, maps, boxes, config)
-    run.optimizer.zero_grad()
-    parts[0].backward()
-    torch.nn.utils.clip_grad_norm_(run.network.parameters(), _GRADIENT_MAX)
-    run.optimizer.step()
-    _follow(run.average, run.network, min(config.averaging, (1.0 + run.step) / (10.0 + run.step)))
-    run.sums.append(torch.stack([part.detach().cpu() for part in parts]))
-
-
-def rate_at(share: float) -> float:
-    """The learning rate after a share of the steps, over the highest: rises, stays, and falls as a cosine."""
-    if share < _WARM_UP:
-        return 0.1 + 0.9 * share / _WARM_UP
-    fallen = max(0.0, (share - (1.0 - _DECAY)) / _DECAY)
-    return 0.5 * (1.0 + math.cos(math.pi * fallen))
+    return Fitted(run.descent.result(), run.processor_s, tuple(run.plans))
 
 
 def pillar_tensors(frames: list[Pillars], network: PillarNetwork) -> tuple[Tensor, Tensor]:
@@ -312,25 +276,13 @@ def _target_tensors(
     side = targets[0].heat.size
     cell = np.concatenate([each.cell + number * side for number, each in enumerate(targets)])
     heat, counts = (np.stack([getattr(each, name) for each in targets]) for name in ("heat", "counts"))
-    box, weight, label = (np.concatenate([getattr(each, name) for each in targets]) for name in _BOX_ARRAYS)
+    box, weight, label = (
+        np.concatenate([getattr(each, name) for each in targets]) for name in ("box", "weight", "label")
+    )
     maps = torch.from_numpy(heat).to(device), torch.from_numpy(counts).to(device)
     at_cells = (torch.from_numpy(values).to(device) for values in (cell, box, weight, label))
     first, second, third, fourth = at_cells
     return maps, (first, second, third, fourth)
-
-
-_BOX_ARRAYS: Final = ("box", "weight", "label")
-
-
-def _follow(average: PillarNetwork, network: PillarNetwork, kept: float) -> None:
-    """Moves the running mean of the weights, and of the statistics of the normalisations."""
-    own, others = average.state_dict(), network.state_dict()
-    with torch.no_grad():
-        for name, values in own.items():
-            if values.is_floating_point():
-                values.lerp_(others[name], 1.0 - kept)
-            else:
-                values.copy_(others[name])
 
 
 def _write(path: Path, state: dict[str, Any]) -> None:
@@ -353,7 +305,6 @@ def _read(path: Path, digest: str) -> dict[str, Any]:
     return state
 
 
-_OPSET: Final = 17
 _MOST_BOXES: Final = 150
 
 
@@ -382,35 +333,20 @@ class BoxesOf(nn.Module):
         return table, score, share
 
 
-def onnx_bytes(network: PillarNetwork) -> bytes:
-    """The network for one frame with any number of pillars."""
+def export(network: PillarNetwork, **figures: Any) -> FittedNetwork:
+    """The network for one frame with any number of pillars; ``figures`` are further fields of the result."""
     grid, pillars = network.grid, 7
     example = (
         torch.rand(pillars, grid.points, len(FEATURES)),
         torch.arange(pillars, dtype=torch.int64) * 3 % grid.cells**2,
     )
-    buffer = io.BytesIO()
-    with warnings.catch_warnings():
-        # The exporter that traces is announced to go; its successor needs three packages more.
-        warnings.simplefilter("ignore")
-        torch.onnx.export(
-            BoxesOf(network).cpu().eval(),
-            example,
-            buffer,
-            dynamo=False,
-            opset_version=_OPSET,
-            input_names=list(INPUTS),
-            output_names=list(OUTPUTS),
-            dynamic_axes={name: {0: "pillars"} for name in INPUTS},
-        )
-    written = buffer.getvalue()
-    onnx.checker.check_model(onnx.load_from_string(written))
-    return written
+    free = dict.fromkeys(INPUTS, "pillars")
+    return exported(network, BoxesOf(network), example, INPUTS, OUTPUTS, free, **figures)
 
 
 def fitted_detector(
     draws: FrameDraws, config: DetectionFit, threads: int, checkpoint: Path, told: Callable[[str], bool]
-) -> FittedDetector | None:
+) -> FittedNetwork | None:
     """Fits a network and exports it.
 
     Args:
@@ -434,11 +370,4 @@ def fitted_detector(
     fitted = fit(draws, NetworkSize(), config, checkpoint, tell)
     if fitted is None:
         return None
-    network = fitted.network
-    return FittedDetector(
-        onnx=onnx_bytes(network),
-        parameters=sum(weights.numel() for weights in network.parameters()),
-        made_with=f"torch {torch.__version__}",
-        processor_s=fitted.processor_s,
-        plans=fitted.plans,
-    )
+    return export(fitted.network, processor_s=fitted.processor_s, plans=fitted.plans)

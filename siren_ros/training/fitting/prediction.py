@@ -1,22 +1,20 @@
 """The predictor's network and its fitting: the same samples, settings and seed give the same weights on one machine."""
 
-import io
 import time
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-import onnx
 import torch
 from torch import Tensor, nn
 
 from siren_ros.evaluation.prediction.samples import FUTURE_POINTS, future_times_s
 from siren_ros.evaluation.prediction.siren_model.features import SHAPES, Features
 from siren_ros.evaluation.prediction.siren_model.siren_predictor import OUTPUTS
-from siren_ros.training.prediction.samples import SampleStore
+from siren_ros.training.fitting.descent import Descent, exported
+from siren_ros.training.prediction.batches import SampleStore
 from siren_ros.training.settings import FitConfig, FittedNetwork
 
 MODES: Final = 6
@@ -194,7 +192,6 @@ def _on_paths(points_m: Tensor, spacing_m: Tensor, along_m: Tensor, across_m: Te
 
 _LEAST_STD: Final = 0.05
 """Columns that hardly vary are not blown up."""
-_GRADIENT_MAX: Final = 5.0
 _ROOT_EPSILON_M2: Final = 1e-4
 
 
@@ -222,14 +219,10 @@ def fit(store: SampleStore, config: FitConfig, told: Callable[[Progress], None])
     torch.manual_seed(config.seed)
     device = torch.device(config.device)
     network = _new_network(store, config).to(device)
-    average = torch.optim.swa_utils.AveragedModel(
-        network, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(config.averaging)
-    )
-    optimizer = torch.optim.AdamW(network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
     size = min(config.batch, len(store))
     batches = len(store) // size
-    schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimizer, config.learning_rate, total_steps=config.epochs * batches, pct_start=0.1
+    descent = Descent(
+        network, config, config.epochs * batches, rising=0.1, gradient_max=5.0, averaging=config.averaging
     )
     order = np.random.default_rng(config.seed)
     start = time.monotonic()
@@ -240,17 +233,12 @@ def fit(store: SampleStore, config: FitConfig, told: Callable[[Progress], None])
         for number in range(batches):
             rows = np.sort(shuffled[number * size : (number + 1) * size])
             parts = losses(network(*tensors(store.batch(rows), device)), _tensor(store.truth_m[rows], device), config)
-            optimizer.zero_grad()
-            parts[0].backward()
-            torch.nn.utils.clip_grad_norm_(network.parameters(), _GRADIENT_MAX)
-            optimizer.step()
-            schedule.step()
-            average.update_parameters(network)
+            descent.step(parts[0])
             sums += torch.stack([part.detach() for part in parts])
         loss, ade, least = (sums / batches).tolist()
         told(Progress(epoch, loss, ade, least, time.monotonic() - start))
-    fitted: PathNetwork = average.module
-    return fitted.cpu().eval()
+    fitted: PathNetwork = descent.result()
+    return fitted
 
 
 def losses(answer: tuple[Tensor, Tensor], truth_m: Tensor, config: FitConfig) -> tuple[Tensor, Tensor, Tensor]:
@@ -308,9 +296,6 @@ def _new_network(store: SampleStore, config: FitConfig) -> PathNetwork:
     return network
 
 
-_OPSET: Final = 17
-
-
 class _Answer(nn.Module):
     """Probabilities in place of logits."""
 
@@ -323,7 +308,7 @@ class _Answer(nn.Module):
         return xy_m, torch.softmax(logits, dim=-1)
 
 
-def onnx_bytes(network: PathNetwork) -> bytes:
+def export(network: PathNetwork) -> FittedNetwork:
     """The network with any number of samples; inputs are named like the fields of ``Features``."""
     samples, size = 2, network.size
     shapes = {
@@ -340,23 +325,7 @@ def onnx_bytes(network: PathNetwork) -> bytes:
     example = tuple(
         torch.ones(shapes[name], dtype=torch.bool if name.endswith("_there") else torch.float32) for name in names
     )
-    buffer = io.BytesIO()
-    with warnings.catch_warnings():
-        # The exporter that traces is announced to go; its successor needs three packages more.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        torch.onnx.export(
-            _Answer(network).eval(),
-            example,
-            buffer,
-            dynamo=False,
-            opset_version=_OPSET,
-            input_names=names,
-            output_names=list(OUTPUTS),
-            dynamic_axes={name: {0: "samples"} for name in (*names, *OUTPUTS)},
-        )
-    written = buffer.getvalue()
-    onnx.checker.check_model(onnx.load_from_string(written))
-    return written
+    return exported(network, _Answer(network), example, names, OUTPUTS, dict.fromkeys([*names, *OUTPUTS], "samples"))
 
 
 def fitted_network(store: SampleStore, config: FitConfig, told: Callable[[str], None]) -> FittedNetwork:
@@ -374,9 +343,4 @@ def fitted_network(store: SampleStore, config: FitConfig, told: Callable[[str], 
             f"minADE6 {progress.min_ade_m:.3f} m, {progress.seconds:.0f} s"
         )
 
-    network = fit(store, config, tell)
-    return FittedNetwork(
-        onnx=onnx_bytes(network),
-        parameters=sum(weights.numel() for weights in network.parameters()),
-        made_with=f"torch {torch.__version__}",
-    )
+    return export(fit(store, config, tell))

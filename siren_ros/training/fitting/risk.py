@@ -1,23 +1,19 @@
 """The sequence model's network and its fitting: the same films, settings and seed give the same weights."""
 
-import io
 import time
-import warnings
 from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
-import onnx
 import torch
 from torch import Tensor, nn
 
 from siren_ros.evaluation.risk.labels import RiskClass
 from siren_ros.evaluation.risk.sequence_model import HEIGHT, INPUT, OUTPUT, WIDTH
+from siren_ros.training.fitting.descent import Descent, exported
 from siren_ros.training.risk.batches import (
     CLIP_FRAMES,
     Clip,
-    FilmFitConfig,
-    FittedFilmNetwork,
     LabelledFilm,
     brightness,
     clip_of,
@@ -26,6 +22,7 @@ from siren_ros.training.risk.batches import (
     operating_point,
     validation_clips,
 )
+from siren_ros.training.settings import FilmFitConfig, FittedNetwork
 
 _STACK: Final = 3
 _CHANNELS: Final = (12, 16, 24, 32)
@@ -77,7 +74,6 @@ class FilmNetwork(nn.Module):
         return moments, smooth.amax(dim=2)
 
 
-_OPSET: Final = 17
 _SHARES: Final = (0.4, 0.35, 0.25)
 """Of the clips that are drawn for each class."""
 
@@ -87,7 +83,7 @@ def fitted_film_network(
     validation: Sequence[LabelledFilm],
     config: FilmFitConfig,
     told: Callable[[str], None],
-) -> FittedFilmNetwork:
+) -> FittedNetwork:
     """Fits and exports a network whose two probabilities are to be held against one half.
 
     Args:
@@ -99,10 +95,13 @@ def fitted_film_network(
     network = _fit(train, config, told)
     clips = validation_clips(validation, config.thresholds)
     offset = operating_point(_logits(network, clips), np.array([clip.label for clip in clips], dtype=np.int64))
-    return FittedFilmNetwork(
-        onnx=_onnx_bytes(network, torch.from_numpy(offset)),
-        parameters=sum(weights.numel() for weights in network.parameters()),
-        made_with=f"torch {torch.__version__}",
+    return exported(
+        network,
+        _Answer(network, torch.from_numpy(offset)),
+        (torch.zeros((1, CLIP_FRAMES, HEIGHT, WIDTH), dtype=torch.uint8),),
+        [INPUT],
+        [OUTPUT],
+        {},
     )
 
 
@@ -110,10 +109,7 @@ def _fit(films: Sequence[LabelledFilm], config: FilmFitConfig, told: Callable[[s
     torch.manual_seed(config.seed)
     torch.set_num_threads(1)
     network = FilmNetwork()
-    optimizer = torch.optim.AdamW(network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimizer, config.learning_rate, total_steps=config.epochs * config.steps, pct_start=0.2
-    )
+    descent = Descent(network, config, config.epochs * config.steps, rising=0.2, gradient_max=5.0)
     having = [films_with(films, risk) for risk in RiskClass]
     random, start = np.random.default_rng(config.seed), time.monotonic()
     for epoch in range(config.epochs):
@@ -122,15 +118,9 @@ def _fit(films: Sequence[LabelledFilm], config: FilmFitConfig, told: Callable[[s
         for _ in range(config.steps):
             frames, severity, label = _batch(having, config, random)
             moments, whole = network(frames)
-            loss = _focal(whole, label, config.focus)
-            loss = loss + config.frame_weight * _focal(
-                moments.transpose(1, 2).reshape(-1, 2), severity.reshape(-1), 0.0
-            )
-            optimizer.zero_grad()
-            loss.backward()
-            torch.nn.utils.clip_grad_norm_(network.parameters(), 5.0)
-            optimizer.step()
-            schedule.step()
+            of_pictures = _focal(moments.transpose(1, 2).reshape(-1, 2), severity.reshape(-1), 0.0)
+            loss = _focal(whole, label, config.focus) + config.frame_weight * of_pictures
+            descent.step(loss)
             total += float(loss.detach())
         told(f"epoch {epoch + 1}/{config.epochs}: loss {total / config.steps:.3f}, {time.monotonic() - start:.0f} s")
     return network.eval()
@@ -179,22 +169,3 @@ class _Answer(torch.nn.Module):
     def forward(self, frames: Tensor) -> Tensor:
         whole: Tensor = self.network(frames)[1]
         return torch.sigmoid(whole - self.offset)
-
-
-def _onnx_bytes(network: FilmNetwork, offset: Tensor) -> bytes:
-    buffer = io.BytesIO()
-    with warnings.catch_warnings():
-        # The exporter that traces is announced to go; its successor needs three packages more.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        torch.onnx.export(
-            _Answer(network, offset).eval(),
-            (torch.zeros((1, CLIP_FRAMES, HEIGHT, WIDTH), dtype=torch.uint8),),
-            buffer,
-            dynamo=False,
-            opset_version=_OPSET,
-            input_names=[INPUT],
-            output_names=[OUTPUT],
-        )
-    written = buffer.getvalue()
-    onnx.checker.check_model(onnx.load_from_string(written))
-    return written

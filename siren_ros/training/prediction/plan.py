@@ -5,7 +5,6 @@ The splits differ by seed; the last one also by map.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final
@@ -13,21 +12,10 @@ from typing import Final
 from siren_ros.evaluation.prediction.siren_model.features import Ablation
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.scenario.paper import TEMPLATES, EmergencyLevel
+from siren_ros.training.settings import Split
 
 _LEVELS: Final = ("", "L0", "", "L1", "", "L0", "", "L2", "", "L3")
 """Half of the training episodes at the template's own level, a fifth without emergency driving."""
-
-
-class Split(StrEnum):
-    """What an episode is for. Seeds of two splits are never the same."""
-
-    TRAIN = "train"
-    VALIDATION = "validation"
-    """Looked at during training; chooses nothing."""
-    TEST_SEEDS = "test_seeds"
-    """Maps of the training, other seeds."""
-    TEST_MAPS = "test_maps"
-    """Maps that were not trained on."""
 
 
 FIRST_SEED: Final = {Split.TRAIN: 100, Split.VALIDATION: 900, Split.TEST_SEEDS: 1000, Split.TEST_MAPS: 1000}

@@ -1,13 +1,12 @@
 """Samples of the predictor: made by the closed loop in processes, kept in files, and read into memory."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from siren_ros import __version__
 from siren_ros.evaluation.prediction.baselines import ConstantVelocity, IdmPredictor
@@ -16,18 +15,17 @@ from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, S
 from siren_ros.evaluation.prediction.siren_model.columns import in_frame_of
 from siren_ros.evaluation.prediction.siren_model.features import (
     FEATURES_VERSION,
-    Ablation,
     FeatureNames,
     Features,
     features_and_names,
-    without,
 )
 from siren_ros.generation.closed_loop import closed_loop, record_of
 from siren_ros.generation.episode_setup import plan_length, set_up_episode
-from siren_ros.numerics.arrays import Floats32, Rows, random_stream
+from siren_ros.numerics.arrays import Floats32, random_stream
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.training.data_files import MadeFiles, make_files, write_arrays
-from siren_ros.training.prediction.plan import PlannedEpisode, Split
+from siren_ros.training.prediction.plan import PlannedEpisode
+from siren_ros.training.settings import Split
 
 REGION_SAMPLES: Final = 400
 """Samples of a training episode in the interaction region, drawn at random: the others overlap with them."""
@@ -159,73 +157,3 @@ def read_features(path: Path) -> EpisodeFeatures:
         truth_m=truth,
         reference_ade_m=references,
     )
-
-
-@dataclass(frozen=True)
-class EpisodeKey:
-    """Which episode samples are of."""
-
-    template: str
-    level: str
-    seed: int
-    map_name: str
-
-
-@dataclass(frozen=True)
-class SampleStore:
-    """Samples of several episodes."""
-
-    features: Features
-    """Of half precision, which halves the memory; speed and spacing are single."""
-    truth_m: Floats32
-    episode: npt.NDArray[np.int32]
-    """Position in ``episodes`` of each sample."""
-    episodes: tuple[EpisodeKey, ...]
-    names: FeatureNames
-    reference_ade_m: Mapping[str, Floats32]
-    """Of the reference models, shape ``(N,)``; empty for episodes that are trained on."""
-
-    def __len__(self) -> int:
-        return len(self.truth_m)
-
-    def batch(self, rows: Rows | slice) -> Features:
-        """Some samples in single precision."""
-        part = self.features.select(rows)
-        arrays: dict[str, Any] = {field.name: _single(getattr(part, field.name)) for field in fields(Features)}
-        return Features(**arrays)
-
-
-def read_store(paths: Sequence[Path], ablation: Ablation = Ablation.NONE) -> SampleStore:
-    """Reads episodes in their order; those without a sample are left out.
-
-    Args:
-        paths: Files of ``write_features``, at least one with a sample.
-        ablation: Input that is hidden.
-    """
-    episodes = [read_features(path) for path in paths]
-    filled = [episode for episode in episodes if len(episode)]
-    names = filled[0].names
-    columns: dict[str, Any] = {}
-    for field in fields(Features):
-        parts = [_compact(field.name, getattr(without(each.features, names, ablation), field.name)) for each in filled]
-        columns[field.name] = np.concatenate(parts)
-    references = set.intersection(*(set(episode.reference_ade_m) for episode in filled))
-    return SampleStore(
-        features=Features(**columns),
-        truth_m=np.concatenate([episode.truth_m for episode in filled]),
-        episode=np.repeat(np.arange(len(filled), dtype=np.int32), [len(episode) for episode in filled]),
-        episodes=tuple(EpisodeKey(each.template, each.level, each.seed, each.map_name) for each in filled),
-        names=names,
-        reference_ade_m={
-            name: np.concatenate([episode.reference_ade_m[name] for episode in filled]) for name in sorted(references)
-        },
-    )
-
-
-def _compact(name: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    keep = values.dtype == np.bool_ or name in {"speed_mps", "path_spacing_m"}
-    return values if keep else values.astype(np.float16)
-
-
-def _single(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    return values if values.dtype == np.bool_ else values.astype(np.float32)

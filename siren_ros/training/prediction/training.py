@@ -1,11 +1,8 @@
 """The whole training of the trajectory predictor: data, variants, figures next to the reference models, files."""
 
-import hashlib
-import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from importlib.metadata import version
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,9 +14,9 @@ from siren_ros.evaluation.prediction.siren_model.features import FEATURES_VERSIO
 from siren_ros.evaluation.prediction.siren_model.siren_predictor import TrainedNetwork, load_network
 from siren_ros.numerics.arrays import Floats, Floats32
 from siren_ros.training.data_files import MadeFiles
-from siren_ros.training.prediction.plan import VARIANTS, PlannedEpisode, Split, is_ordinary
-from siren_ros.training.prediction.samples import EpisodeKey, SampleStore, read_store
-from siren_ros.training.settings import FitConfig, FittedNetwork
+from siren_ros.training.prediction.batches import EpisodeKey, SampleStore, read_store
+from siren_ros.training.prediction.plan import VARIANTS, PlannedEpisode, is_ordinary
+from siren_ros.training.settings import FitConfig, FittedNetwork, Split
 
 MEAN: Final = "mean"
 _OWN: Final = ("siren", "siren_min6", "siren_fde")
@@ -107,7 +104,6 @@ def _rounded(table: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, fl
 
 Fitter = Callable[[SampleStore, FitConfig, Callable[[str], None]], FittedNetwork]
 _JUDGED: Final = (Split.VALIDATION, Split.TEST_SEEDS, Split.TEST_MAPS)
-_PACKAGES: Final = ("siren_ros", "eclipse-sumo", "numpy", "onnxruntime")
 
 
 @dataclass(frozen=True)
@@ -148,25 +144,21 @@ def train_variant(
     told(f"{name} ({variant.summary}): {len(store)} samples of {len(store.episodes)} episodes")
     wall, processor = time.monotonic(), time.process_time()
     fitted = fitter(store, config, told)
-    card = {
-        "model": "siren",
-        "variant": name,
-        "summary": variant.summary,
-        "ablation": variant.ablation.value,
-        "features_version": FEATURES_VERSION,
-        "sha256": hashlib.sha256(fitted.onnx).hexdigest(),
-        "parameters": fitted.parameters,
-        "made_with": {"fitting": fitted.made_with, "python": platform.python_version()}
-        | {package: version(package) for package in _PACKAGES},
-        "fit": asdict(config),
-        "training": {
-            "episodes": len(store.episodes),
-            "samples": len(store),
-            "wall_s": round(time.monotonic() - wall),
-            "processor_s": round(time.process_time() - processor),
-        },
-        "data": _data_json(data),
+    card = fitted.card(
+        config,
+        model="siren",
+        variant=name,
+        summary=variant.summary,
+        ablation=variant.ablation.value,
+        features_version=FEATURES_VERSION,
+    )
+    card["training"] = {
+        "episodes": len(store.episodes),
+        "samples": len(store),
+        "wall_s": round(time.monotonic() - wall),
+        "processor_s": round(time.process_time() - processor),
     }
+    card["data"] = _data_json(data)
     path = folder / f"{name}.onnx"
     write_network(path, fitted.onnx, card)
     network = load_network(path)

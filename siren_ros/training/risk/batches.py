@@ -1,7 +1,7 @@
-"""Settings of the sequence model's fitting, its clips, and the operating point that is chosen on validation clips."""
+"""Clips of the sequence model's fitting, and the operating point that is chosen on validation clips."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -13,33 +13,11 @@ from siren_ros.evaluation.risk.tables import PAPER_BALANCE
 from siren_ros.evaluation.risk.video_set import VIDEO_FRAMES
 from siren_ros.numerics.arrays import Floats32
 from siren_ros.training.risk.samples import FILM_STEPS, Film
+from siren_ros.training.settings import FilmFitConfig
 
 CLIP_FRAMES: Final = VIDEO_FRAMES // EVERY
 """Pictures of a clip: those that are used of a video."""
 Severity = npt.NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class FilmFitConfig:
-    """How the sequence model is fitted."""
-
-    seed: int = 0
-    epochs: int = 14
-    steps: int = 20
-    """Batches of an epoch."""
-    batch: int = 12
-    """Clips at once."""
-    clip_frames: int = 24
-    """Pictures of a training clip: 4.8 s."""
-    learning_rate: float = 2e-3
-    weight_decay: float = 1e-2
-    near_steps: int = 12
-    """A picture is of a class if the conflict is within so many steps before or after it: 0.6 s."""
-    frame_weight: float = 1.0
-    """Weight of the pictures' classes against that of the clip's."""
-    focus: float = 1.5
-    """Exponent of the focal loss (Lin et al. 2017): what is known well already counts less."""
-    thresholds: RiskThresholds = field(default_factory=RiskThresholds)
 
 
 @dataclass(frozen=True)
@@ -58,15 +36,6 @@ class Clip:
     frames: SmallFrames
     severity: Severity
     label: RiskClass
-
-
-@dataclass(frozen=True)
-class FittedFilmNetwork:
-    """A network as a file."""
-
-    onnx: bytes
-    parameters: int
-    made_with: str
 
 
 def labelled(film: Film, config: FilmFitConfig) -> LabelledFilm:

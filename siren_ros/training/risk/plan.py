@@ -9,7 +9,7 @@ from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.scenario.paper import TEMPLATES
 from siren_ros.scenario.templates import load_template
 from siren_ros.studies.risk_set.candidate import candidate_request
-from siren_ros.training.prediction.plan import Split
+from siren_ros.training.settings import Split
 
 FIRST_SEED: Final = {Split.TRAIN: 500, Split.VALIDATION: 900}
 """Seeds of the draws. ``siren generate risk`` draws with seed 0 unless told otherwise."""

@@ -1,13 +1,9 @@
 """The whole training of the sequence model: films, fitting, figures, files."""
 
-import hashlib
-import platform
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
-from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -17,15 +13,12 @@ from siren_ros.evaluation.risk.labels import TITLES, RiskClass
 from siren_ros.evaluation.risk.scoring import accuracy, confusion, macro_f1
 from siren_ros.evaluation.risk.sequence_model import FRAMES_VERSION, SequenceModel, load_sequence_model
 from siren_ros.training.data_files import MadeFiles
-from siren_ros.training.prediction.plan import Split
-from siren_ros.training.risk.batches import FilmFitConfig, FittedFilmNetwork, LabelledFilm, labelled, validation_clips
+from siren_ros.training.risk.batches import LabelledFilm, labelled, validation_clips
 from siren_ros.training.risk.plan import FIRST_SEED, PlannedFilm
 from siren_ros.training.risk.samples import read_film
+from siren_ros.training.settings import FilmFitConfig, FittedNetwork, Split
 
-Fitter = Callable[
-    [Sequence[LabelledFilm], Sequence[LabelledFilm], FilmFitConfig, Callable[[str], None]], FittedFilmNetwork
-]
-_PACKAGES: Final = ("siren_ros", "eclipse-sumo", "numpy", "onnxruntime")
+Fitter = Callable[[Sequence[LabelledFilm], Sequence[LabelledFilm], FilmFitConfig, Callable[[str], None]], FittedNetwork]
 
 
 def train_sequence_model(
@@ -50,19 +43,10 @@ def train_sequence_model(
         told(f"{split.value}: {len(some)} films, pictures of {' / '.join(TITLES)}: {_pictures(some)}")
     wall, processor = time.monotonic(), time.process_time()
     fitted = fitter(splits[Split.TRAIN], splits[Split.VALIDATION], config, told)
-    card = {
-        "model": "sequence",
-        "task": "risk",
-        "frames_version": FRAMES_VERSION,
-        "sha256": hashlib.sha256(fitted.onnx).hexdigest(),
-        "parameters": fitted.parameters,
-        "made_with": {"fitting": fitted.made_with, "python": platform.python_version()}
-        | {package: version(package) for package in _PACKAGES},
-        "fit": asdict(config),
-        "films": {split.value: _split_json(some, films, split) for split, some in splits.items()},
-        "fitting_wall_s": round(time.monotonic() - wall),
-        "fitting_processor_s": round(time.process_time() - processor),
-    }
+    card = fitted.card(config, model="sequence", task="risk", frames_version=FRAMES_VERSION)
+    card["films"] = {split.value: _split_json(some, films, split) for split, some in splits.items()}
+    card["fitting_wall_s"] = round(time.monotonic() - wall)
+    card["fitting_processor_s"] = round(time.process_time() - processor)
     write_network(path, fitted.onnx, card)
     model = load_sequence_model(path)
     card["validation"] = _figures(model, splits[Split.VALIDATION], config)

@@ -11,7 +11,7 @@ from siren_ros.errors import InputError
 from siren_ros.evaluation.detection.detectors.pillar_detector import FORM_VERSION
 from siren_ros.training.detection.samples import read_frames_file, write_frames
 from siren_ros.training.detection.training import DetectorTraining, train_detector
-from siren_ros.training.settings import DetectionFit, FittedDetector
+from siren_ros.training.settings import DetectionFit, FittedNetwork
 
 
 def _training(folder, **changed) -> DetectorTraining:
@@ -27,7 +27,7 @@ def test_weights_and_card_are_written(tmp_path) -> None:
     def fitter(draws, config, threads, checkpoint, told):
         assert (len(draws), config.steps, threads, checkpoint) == (6, 5, 1, tmp_path / "cache" / "checkpoint.pt")
         assert told("step 5")
-        return FittedDetector(b"weights", 7, "made", 12.4, ((0, 5, 6),))
+        return FittedNetwork(b"weights", 7, "made", 12.4, ((0, 5, 6),))
 
     lines = []
     card = train_detector(_training(tmp_path), fitter, lines.append)
@@ -57,7 +57,7 @@ def test_equal_frames_have_an_equal_digest(tmp_path) -> None:
 
 def test_a_training_without_time_stops(tmp_path) -> None:
     def fitter(_draws, _config, _threads, _checkpoint, told):
-        return None if not told("step 1") else FittedDetector(b"", 0, "", 0.0)
+        return None if not told("step 1") else FittedNetwork(b"", 0, "", 0.0)
 
     assert train_detector(_training(tmp_path, minutes=0.0), fitter, lambda _: None) is None
     assert not (tmp_path / "a").exists()

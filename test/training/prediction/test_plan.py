@@ -1,7 +1,8 @@
 from itertools import combinations
 
 from siren_ros.scenario.paper import TEMPLATES, EmergencyLevel
-from siren_ros.training.prediction.plan import PlanSize, Split, is_ordinary, plan_episodes
+from siren_ros.training.prediction.plan import PlanSize, is_ordinary, plan_episodes
+from siren_ros.training.settings import Split
 
 MAPS, HELD_OUT = ["", "maps/a.xodr", "maps/b.osm.gz"], ["maps/c.xodr"]
 PLAN = plan_episodes(MAPS, HELD_OUT, PlanSize(train=10, validation=2, test=3))

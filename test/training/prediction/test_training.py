@@ -3,8 +3,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from siren_ros.training.prediction.plan import Split
-from siren_ros.training.prediction.samples import EpisodeKey, read_store
+from siren_ros.training.prediction.batches import EpisodeKey, read_store
 from siren_ros.training.prediction.training import (
     MEAN,
     EpisodeErrors,
@@ -14,6 +13,7 @@ from siren_ros.training.prediction.training import (
     errors_json,
     table_lines,
 )
+from siren_ros.training.settings import Split
 
 
 def errors(template: str, map_name: str, siren: float, samples: int = 10) -> EpisodeErrors:

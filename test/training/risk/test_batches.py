@@ -7,7 +7,6 @@ from training.risk.hand_made_films import hand_made_film
 from siren_ros.evaluation.risk.labels import RiskClass, RiskThresholds
 from siren_ros.training.risk.batches import (
     CLIP_FRAMES,
-    FilmFitConfig,
     classes_at,
     clip_of,
     drawn_first,
@@ -16,6 +15,7 @@ from siren_ros.training.risk.batches import (
     operating_point,
     validation_clips,
 )
+from siren_ros.training.settings import FilmFitConfig
 
 CONFIG = FilmFitConfig()
 NORMAL, NEAR_MISS, COLLISION = RiskClass

@@ -1,7 +1,7 @@
 """Which films are made."""
 
-from siren_ros.training.prediction.plan import Split
 from siren_ros.training.risk.plan import FilmPlanSize, plan_films
+from siren_ros.training.settings import Split
 
 
 def test_every_template_and_split_has_its_films_and_no_episode_twice() -> None:

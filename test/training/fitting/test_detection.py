@@ -16,7 +16,7 @@ from siren_ros.evaluation.detection.boxes import CLASS_NAMES
 from siren_ros.evaluation.detection.detectors.pillar_detector import FORM_VERSION, load_detector
 from siren_ros.evaluation.detection.detectors.pillars import pillars_of
 from siren_ros.training.detection.batches import FrameDraws
-from siren_ros.training.fitting.detection import BoxesOf, box_loss, fit, heat_loss, onnx_bytes, pillar_tensors, rate_at
+from siren_ros.training.fitting.detection import BoxesOf, box_loss, export, fit, heat_loss, pillar_tensors
 from siren_ros.training.settings import DetectionFit, NetworkSize
 
 SIZE = NetworkSize(pillar=8, stages=(8, 12, 12), layers=1, neck=8, head=12)
@@ -83,7 +83,7 @@ def test_onnx_answers_as_torch_does(draws, tmp_path) -> None:
     network = fit(draws, SIZE, CONFIG, None, lambda _: True).network
     with torch.no_grad():
         network.heat[-1].weight[0] *= 30.0  # so that neighbours differ by more than rounding
-    weights = onnx_bytes(network)
+    weights = export(network).onnx
     path = tmp_path / "made.onnx"
     path.write_bytes(weights)
     card = {"form_version": FORM_VERSION, "sha256": hashlib.sha256(weights).hexdigest()}
@@ -122,7 +122,3 @@ def test_the_box_loss_weighs_cells_and_channels() -> None:
     found, box = torch.zeros(2, 10), torch.zeros(2, 10)
     box[0, 0], box[1, 9] = 3.0, 10.0
     assert box_loss(found, box, torch.tensor([1.0, 0.5])).item() == pytest.approx((3.0 + 0.5 * 0.2 * 10.0) / 1.5)
-
-
-def test_the_rate_rises_stays_and_falls() -> None:
-    assert [rate_at(share) for share in (0.0, 0.03, 0.5, 0.75, 1.0)] == pytest.approx([0.1, 1.0, 1.0, 0.5, 0.0])

@@ -1,0 +1,277 @@
+"""``siren train TASK``: the models that ship with the project, from data to weights with figures."""
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Final
+
+from tqdm import tqdm
+
+from siren_ros.cli.options import add_processes, check_numbers, positive, processes_of, steps_of
+from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
+from siren_ros.scenario.episode import MAX_SEED
+from siren_ros.training.data_files import MadeFiles, Planned
+from siren_ros.training.detection.training import DetectorTraining, train_detector
+from siren_ros.training.prediction.plan import FULL, VARIANTS, PlanSize, plan_episodes
+from siren_ros.training.prediction.samples import make_samples
+from siren_ros.training.prediction.training import (
+    TrainedVariant,
+    by_map,
+    by_template,
+    table_lines,
+    train_variant,
+    with_ablations,
+)
+from siren_ros.training.risk.plan import FilmPlanSize, plan_films
+from siren_ros.training.risk.samples import make_films
+from siren_ros.training.risk.training import train_sequence_model
+from siren_ros.training.settings import DetectionFit, FilmFitConfig, FitConfig
+
+FITTERS: Final = {"prediction": "fitted_network", "detection": "fitted_detector", "risk": "fitted_film_network"}
+"""Functions of the modules ``siren_ros.training.fitting.TASK``, loaded by name because they need torch."""
+_TOWN: Final = "town"
+_SEED_COUNTS: Final = 1_000_000
+
+
+def add_arguments(verb: argparse.ArgumentParser) -> None:
+    """Describe the verb, and what it takes."""
+    verb.description = "Trains models that ship with the project."
+    tasks = verb.add_subparsers(title="tasks", metavar="TASK", required=True)
+    _add_prediction(_task(tasks, "prediction", "the trajectory predictor siren", FitConfig(), train_prediction))
+    _add_detection(_task(tasks, "detection", "the LiDAR detector pillars", DetectionFit(), train_detection))
+    _add_risk(_task(tasks, "risk", "the sequence model of risk videos", FilmFitConfig(), train_risk))
+
+
+def _task(
+    tasks: Any,
+    name: str,
+    summary: str,
+    config: FitConfig | DetectionFit | FilmFitConfig,
+    train: Callable[[argparse.Namespace, Any], int],
+) -> argparse.ArgumentParser:
+    """A task with the options that every training has."""
+    task: argparse.ArgumentParser = tasks.add_parser(name, help=summary)
+    task.add_argument(
+        "--seed", type=int, default=config.seed, metavar="N", help="of the training (default %(default)s)"
+    )
+    task.set_defaults(run=run, task=name, train=train)
+    return task
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Loads what needs torch, before any work begins, and trains.
+
+    Raises:
+        InputError: The extra with torch is not installed, or a number lies outside its limits.
+    """
+    check_numbers(arguments, {"seed": (0, MAX_SEED)})
+    return int(arguments.train(arguments, fitter_of(arguments.task)))
+
+
+def fitter_of(task: str) -> Any:
+    """The function that fits and exports the network of a task.
+
+    Raises:
+        InputError: The extra is not installed.
+    """
+    try:
+        return getattr(import_module(f"siren_ros.training.fitting.{task}"), FITTERS[task])
+    except ModuleNotFoundError as error:
+        runs = f"./env --with models siren train {task} …"
+        raise InputError("environment", f"no {error.name}", f"the extra models, as {runs} brings it") from error
+
+
+def _made(
+    make: Callable[[Sequence[Planned], Path, int, Callable[[], None]], MadeFiles[Planned]],
+    plan: Sequence[Planned],
+    folder: Path,
+    jobs: int,
+    unit: str,
+) -> MadeFiles[Planned]:
+    """Makes the data with a progress bar, and says what is missing."""
+    with tqdm(total=len(plan), unit=unit, disable=not sys.stderr.isatty()) as bar:
+        data = make(plan, folder, jobs, steps_of(bar))
+    print(f"{folder}: {len(data.files)} of {len(plan)} {unit}s")
+    for planned, reason in data.missing:
+        print(f"siren train: {planned.name}: {reason}", file=sys.stderr)
+    return data
+
+
+def _tell(line: str) -> None:
+    print(line, flush=True)
+
+
+def _add_prediction(task: argparse.ArgumentParser) -> None:
+    task.description = (
+        "Runs episodes without sensors, trains the trajectory predictor on them, judges it on other seeds and on "
+        "maps that it was not trained on, and writes DIR/full.onnx with its card DIR/full.json. Needs torch: "
+        "./env --with models siren train prediction. Exit code 1 where an episode failed for another reason than "
+        "that a map has no site for its template."
+    )
+    task.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of weights and cards")
+    task.add_argument(
+        "--cache", type=Path, metavar="DIR", help="folder of the samples, which a second run takes (default OUT/cache)"
+    )
+    task.add_argument(
+        "--maps", nargs="+", default=[_TOWN], metavar="FILE", help="maps to train on, town for the built-in (default)"
+    )
+    task.add_argument("--held-out-maps", nargs="+", default=[], metavar="FILE", help="maps that only judge")
+    size, config = PlanSize(), FitConfig()
+    for name, default in (("train", size.train), ("validation", size.validation), ("test", size.test)):
+        task.add_argument(
+            f"--{name}-seeds",
+            type=int,
+            default=default,
+            metavar="N",
+            help=f"seeds of each template and map for {name} (default {default})",
+        )
+    add_processes(task)
+    task.add_argument(
+        "--epochs", type=int, default=config.epochs, metavar="N", help="passes over the samples (default %(default)s)"
+    )
+    task.add_argument("--device", default=config.device, metavar="NAME", help="cpu (default) or cuda")
+    task.add_argument(
+        "--variants",
+        nargs="+",
+        default=[FULL],
+        choices=list(VARIANTS),
+        help=f"what to train: {', '.join(f'{name} ({one.summary})' for name, one in VARIANTS.items())}",
+    )
+
+
+def train_prediction(arguments: argparse.Namespace, fitter: Any) -> int:
+    """Makes the data, trains every variant, prints its figures."""
+    seeds = (0, _SEED_COUNTS)
+    check_numbers(
+        arguments,
+        {"train_seeds": (1, _SEED_COUNTS), "validation_seeds": seeds, "test_seeds": seeds, "epochs": (1, 1e9)},
+    )
+    size = PlanSize(arguments.train_seeds, arguments.validation_seeds, arguments.test_seeds)
+    maps, held_out = (
+        ["" if name == _TOWN else name for name in names] for names in (arguments.maps, arguments.held_out_maps)
+    )
+    cache = arguments.cache or arguments.out / "cache"
+    data = _made(make_samples, plan_episodes(maps, held_out, size), cache, processes_of(arguments), "episode")
+    config = FitConfig(seed=arguments.seed, epochs=arguments.epochs, device=arguments.device)
+    trained: dict[str, TrainedVariant] = {}
+    for name in dict.fromkeys(arguments.variants):
+        trained[name] = train_variant(name, data, arguments.out, config, fitter, _tell)
+        print("\n".join(_figures(name, trained[name])), flush=True)
+    if FULL in trained and len(trained) > 1:
+        with_ablations(trained[FULL], [other for name, other in trained.items() if name != FULL])
+    return EXIT_FAILED if any(not reason.startswith("map:") for _, reason in data.missing) else EXIT_OK
+
+
+def _figures(name: str, trained: TrainedVariant) -> list[str]:
+    lines = [f"{trained.path} ({trained.card['parameters']} parameters, sha256 {trained.card['sha256'][:16]})"]
+    for split, errors in trained.errors.items():
+        for what, table in (("template", by_template(errors)), ("map", by_map(errors))):
+            lines += ["", f"{name}, {split.value.replace('_', ' ')}, by {what}: ADE in metres, region"]
+            lines += table_lines(table)
+    return [*lines, ""]
+
+
+def _add_detection(task: argparse.ArgumentParser) -> None:
+    task.description = (
+        "Trains the pillar detector on recorded sweeps, judges it on other bags, and writes FILE.onnx with its card "
+        "FILE.json. A training that was stopped goes on from its checkpoint when the command is given again. Needs "
+        "torch: ./env --with models siren train detection."
+    )
+    config = DetectionFit()
+    task.add_argument(
+        "bags",
+        type=Path,
+        nargs="+",
+        metavar="BAG",
+        help="folder of a recorded episode with a LiDAR, folder of such folders, or frames of the cache (.npz)",
+    )
+    task.add_argument(
+        "--out", type=Path, required=True, metavar="FILE.onnx", help="the detector; its card is next to it"
+    )
+    task.add_argument(
+        "--held-out", type=Path, nargs="+", default=[], metavar="BAG", help="bags that only judge: other seeds or maps"
+    )
+    task.add_argument(
+        "--cache",
+        type=Path,
+        metavar="DIR",
+        help="folder of frames and checkpoint (default: FILE_training next to FILE)",
+    )
+    task.add_argument(
+        "--steps", type=int, default=config.steps, metavar="N", help="of the optimiser (default %(default)s)"
+    )
+    task.add_argument("--minutes", type=float, metavar="M", help="stop after M minutes, at the next checkpoint")
+    task.add_argument("--threads", type=int, default=1, metavar="N", help="of the processor (default %(default)s)")
+    task.add_argument("--device", default=config.device, help="cpu (default) or cuda")
+
+
+def train_detection(arguments: argparse.Namespace, fitter: Any) -> int:
+    """Makes the frames, trains, prints the figures."""
+    check_numbers(arguments, {"steps": (1, 1e9), "threads": (1, 10_000), "minutes": (0.0, 1e9)})
+    out: Path = arguments.out
+    if out.suffix != ".onnx":
+        raise InputError("out", str(out), "a file that ends in .onnx")
+    training = DetectorTraining(
+        bags=tuple(arguments.bags),
+        held_out=tuple(arguments.held_out),
+        out=out,
+        cache=arguments.cache or out.with_name(f"{out.stem}_training"),
+        config=DetectionFit(seed=arguments.seed, steps=arguments.steps, device=arguments.device),
+        threads=arguments.threads,
+        minutes=arguments.minutes,
+    )
+    card = train_detector(training, fitter, _tell)
+    if card is None:
+        _tell("stopped; the same command goes on from here")
+        return EXIT_OK
+    _tell(f"{out} ({card['parameters']} parameters, sha256 {card['sha256'][:16]})")
+    for split, figures in card["figures"].items():
+        values = ", ".join(f"{name} {value:.3f}" for name, value in figures["mAP"].items())
+        _tell(f"{split.replace('_', ' ')}: {figures['episodes']} episodes, mAP {values}")
+    return EXIT_OK
+
+
+def _add_risk(task: argparse.ArgumentParser) -> None:
+    task.description = (
+        "Simulates episodes, draws small films of the front camera, trains the network that judges their risk, and "
+        "writes DIR/sequence.onnx with its card DIR/sequence.json. Called again with the same cache, it takes the "
+        "films that are there. Needs torch: ./env --with models siren train risk. Exit code 1 where a film could not "
+        "be made."
+    )
+    task.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the weights and the card")
+    task.add_argument("--cache", type=Path, metavar="DIR", help="folder of the films (default OUT/cache)")
+    size, config = FilmPlanSize(), FilmFitConfig()
+    task.add_argument(
+        "--train",
+        dest="train_films",
+        type=positive,
+        default=size.train,
+        metavar="N",
+        help="films of each template (default %(default)s)",
+    )
+    task.add_argument(
+        "--validation", type=positive, default=size.validation, metavar="N", help="likewise (default %(default)s)"
+    )
+    add_processes(task, kind=positive)
+    task.add_argument(
+        "--epochs",
+        type=positive,
+        default=config.epochs,
+        metavar="N",
+        help="passes over the films (default %(default)s)",
+    )
+
+
+def train_risk(arguments: argparse.Namespace, fitter: Any) -> int:
+    """Makes the films, trains, says how it does on the validation films."""
+    plan = plan_films(FilmPlanSize(arguments.train_films, arguments.validation))
+    films = _made(make_films, plan, arguments.cache or arguments.out / "cache", arguments.jobs, "film")
+    config = FilmFitConfig(seed=arguments.seed, epochs=arguments.epochs)
+    path = arguments.out / "sequence.onnx"
+    model = train_sequence_model(films, path, config, fitter, _tell)
+    figures = model.network.card["validation"]
+    print(f"{path} ({model.network.card['parameters']} parameters)")
+    print(f"validation: accuracy {figures['accuracy']:.1%}, macro F1 {figures['macro_f1']:.1%}, {figures['confusion']}")
+    return EXIT_FAILED if films.missing else EXIT_OK

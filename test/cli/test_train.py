@@ -1,0 +1,88 @@
+"""``siren train``: what it refuses, and what it hands to the trainings."""
+
+from pathlib import Path
+
+import pytest
+
+from siren_ros.cli import train
+from siren_ros.cli.main import main
+from siren_ros.errors import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_OK
+from siren_ros.evaluation.network_file import NetworkFile
+from siren_ros.evaluation.risk.sequence_model import SequenceModel
+from siren_ros.training.data_files import MadeFiles
+from siren_ros.training.risk.plan import PlannedFilm
+from siren_ros.training.settings import FilmFitConfig
+
+
+@pytest.mark.parametrize(
+    ("task", "words", "option"),
+    [
+        ("detection", ["--steps", "0"], "steps"),
+        ("detection", ["--threads", "0"], "threads"),
+        ("detection", ["--out", "detector.bin"], "out"),
+        ("prediction", ["--train-seeds", "0"], "train_seeds"),
+        ("prediction", ["--jobs", "0"], "jobs"),
+        ("prediction", ["--epochs", "0"], "epochs"),
+    ],
+)
+def test_what_trains_nothing_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    task: str,
+    words: list[str],
+    option: str,
+) -> None:
+    monkeypatch.setattr(train, "fitter_of", lambda _: None)
+    bags = [str(tmp_path)] if task == "detection" else []
+    assert main(["train", task, *bags, "--out", str(tmp_path / "detector.onnx"), *words]) == EXIT_BAD_INPUT
+    assert option in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("task", ["prediction", "detection", "risk"])
+def test_without_torch_the_command_says_what_brings_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path, task: str
+) -> None:
+    def missing(_: str) -> None:
+        raise ModuleNotFoundError("No module named 'torch'", name="torch")
+
+    monkeypatch.setattr(train, "import_module", missing)
+    bags = [str(tmp_path)] if task == "detection" else []
+    assert main(["train", task, *bags, "--out", str(tmp_path / "new")]) == EXIT_BAD_INPUT
+    said = capsys.readouterr().err
+    assert "no torch" in said
+    assert f"./env --with models siren train {task}" in said
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("task", train.FITTERS)
+def test_the_part_with_torch_is_found_by_its_names(task: str) -> None:
+    pytest.importorskip("torch", reason="the extra models is not installed")
+    assert train.fitter_of(task).__name__ == train.FITTERS[task]
+
+
+@pytest.mark.parametrize(("missing", "code"), [((), EXIT_OK), (("no site",), EXIT_FAILED)])
+def test_films_are_made_and_handed_on(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    missing: tuple[str, ...],
+    code: int,
+) -> None:
+    def made(plan: tuple[PlannedFilm, ...], folder: Path, jobs: int, _done: object) -> MadeFiles[PlannedFilm]:
+        assert (len(plan), folder, jobs) == (8 * (2 + 1), tmp_path / "cache", 1)
+        return MadeFiles(tuple((one, folder) for one in plan), tuple((plan[0], why) for why in missing))
+
+    def trained(_films: MadeFiles[PlannedFilm], path: Path, config: FilmFitConfig, *_: object) -> SequenceModel:
+        assert (path, config.epochs, config.seed) == (tmp_path / "sequence.onnx", 3, 5)
+        figures = {"accuracy": 0.5, "macro_f1": 0.25, "confusion": [[1]]}
+        return SequenceModel(NetworkFile(None, {"parameters": 7, "validation": figures}))
+
+    monkeypatch.setattr(train, "fitter_of", lambda _: None)
+    monkeypatch.setattr(train, "make_films", made)
+    monkeypatch.setattr(train, "train_sequence_model", trained)
+    words = ["--train", "2", "--validation", "1", "--jobs", "1", "--epochs", "3", "--seed", "5"]
+    assert main(["train", "risk", "--out", str(tmp_path), *words]) == code
+    said = capsys.readouterr()
+    assert "accuracy 50.0%, macro F1 25.0%" in said.out
+    assert said.err.count("no site") == len(missing)

@@ -4,7 +4,7 @@ import argparse
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Never
+from typing import Any
 
 from tqdm import tqdm
 
@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     tqdm.monitor_interval = 0  # no thread of tqdm: workers are forked, which is sound without threads
     bar_format = "{l_bar}{bar}| {n:.0f}/{total:.0f} s of episodes [{elapsed}<{remaining}]"
     with tqdm(total=0, unit="s", bar_format=bar_format, disable=None, desc=f"export {made.name}") as bar:
-        result = run_export(job, bar.reset, lambda step_s: _advance(bar, step_s))
+        result = run_export(job, bar.reset, lambda step_s: bar.update(step_s))  # noqa: PLW0108 - update returns a value
     for note in result.notes:
         print(f"siren export: {note}", file=sys.stderr)
     counts = ", ".join(f"{count} {name}" for name, count in result.card["counts"].items())
@@ -95,10 +95,6 @@ def _splits_told(card: Mapping[str, Any], *, automatic: bool) -> str:
         f"{told}; {' and '.join(empty)} stay empty because episodes of one seed on one map stay together: val needs "
         "two seeds or maps, test three. --split puts all episodes into one split"
     )
-
-
-def _advance(bar: "tqdm[Never]", step_s: float) -> None:
-    bar.update(step_s)
 
 
 def _table() -> list[str]:

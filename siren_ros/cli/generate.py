@@ -12,7 +12,8 @@ from typing import Any, Final, Self
 
 from tqdm import tqdm
 
-from siren_ros.cli.generation.generate_risk import make_and_tell
+from siren_ros.cli.command import Command
+from siren_ros.cli.generate_risk import make_and_tell
 from siren_ros.cli.options import add_processes, check_numbers
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
 from siren_ros.generation.episode_setup import plan_length
@@ -68,8 +69,10 @@ _MATRIX: Final[Mapping[str, Callable[[Any], Any]]] = {
 """Options of the matrix, by the study's fields that they stand for, and how their words are read."""
 
 
-def add_arguments(verb: argparse.ArgumentParser) -> None:
+def add_arguments(verb: Command) -> None:
     """Describe the verb, and what it takes."""
+    verb.add_variant("risk", "generate_risk.add_arguments")
+    verb.epilog = "`siren generate risk` makes a set of front-camera videos with risk labels; --help has its options."
     verb.description = (
         "Makes all episodes of a study: templates x levels x seeds x maps x draws of parameters. Every episode has a "
         "process of its own. Called again with the same folder, it verifies the finished episodes by their hashes and "
@@ -93,10 +96,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
         "--duration-s", type=float, metavar="S", help="simulated time of each episode (default: its own)"
     )
     matrix.add_argument(
-        "--risk-videos",
-        type=int,
-        metavar="N",
-        help=f"risk videos of each template too, in DIR/{RISK_VIDEOS}",
+        "--risk-videos", type=int, metavar="N", help=f"risk videos of each template too, in DIR/{RISK_VIDEOS}"
     )
     matrix.add_argument(
         "--values",

@@ -6,8 +6,7 @@ from siren_ros.cli.main import main
 
 
 @pytest.mark.parametrize(
-    "options",
-    [["--out", "page.pdf"], ["--out", "page.html", "--jobs", "0"], ["--out", "page.html", "--models", ","]],
+    "options", [["--out", "page.pdf"], ["--out", "page.html", "--jobs", "0"], ["--out", "page.html", "--models", ","]]
 )
 def test_bad_options_are_refused(tmp_path: Path, options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["report", str(tmp_path), *options]) == 2

@@ -135,6 +135,6 @@ def test_every_verb_helps(verb: str, capsys: pytest.CaptureFixture[str]) -> None
 
 
 def test_help_brings_no_library_along() -> None:
-    program = "import sys; from siren_ros.cli.main import parser; parser(None); print('numpy' in sys.modules)"
+    program = "import sys; from siren_ros.cli.main import parser; parser(); print('numpy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout == "False\n"

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from browser_pages import PageBrowser
 
-from siren_ros.cli.evaluation import evaluate_yield
-from siren_ros.cli.evaluation.evaluate_yield import score_bag
+from siren_ros.cli.evaluation import yielding
+from siren_ros.cli.evaluation.yielding import score_bag
 from siren_ros.cli.main import main
 from siren_ros.errors import InputError
 from siren_ros.evaluation.prediction.reports.score_table import differences, score_table
@@ -95,7 +95,7 @@ def test_what_is_measured_is_what_the_commands_measure(made: SimpleNamespace) ->
 def test_yield_metrics_are_those_that_the_command_prints(
     made: SimpleNamespace, study: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(evaluate_yield, "scored_episodes", lambda *_: (list(made.measures.yielding), 0))
+    monkeypatch.setattr(yielding, "scored_episodes", lambda *_: (list(made.measures.yielding), 0))
     assert main(["evaluate", "yield", str(study)]) == 0
     printed = capsys.readouterr().out.splitlines()
     means = group_means(made.measures.yielding)

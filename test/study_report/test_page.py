@@ -22,7 +22,7 @@ STUDIES = (
 def test_the_command_asks_for_the_same_study(study: Study) -> None:
     words = split(generate_command(study.to_json(), Path("out folder")))
     assert words[:3] == ["./env", "siren", "generate"]
-    arguments = parser("generate").parse_args(words[2:])
+    arguments = parser().parse_args(words[2:])
     assert _study_of(arguments).to_json() == study.to_json()
     assert arguments.out == "out folder"
 

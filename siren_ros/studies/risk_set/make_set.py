@@ -235,8 +235,7 @@ class _SetMaker:
             )
             findings = {
                 name: Finding(
-                    search.found,
-                    frozenset(RiskClass) if len(search.trials) >= search.budget else search.given_up,
+                    search.found, frozenset(RiskClass) if len(search.trials) >= search.budget else search.given_up
                 )
                 for name, search in searches.items()
             }

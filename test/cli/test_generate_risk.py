@@ -7,7 +7,7 @@ import pytest
 from evaluation.made_video_sets import small_video_set
 from processes.stand_in import processes_of
 
-from siren_ros.cli.generation.generate_risk import balance_of
+from siren_ros.cli.generate_risk import balance_of
 from siren_ros.cli.main import main, parser
 from siren_ros.evaluation.risk.labels import RiskClass, RiskThresholds
 from siren_ros.evaluation.risk.video_set import read_set, write_set
@@ -19,7 +19,7 @@ from siren_ros.studies.risk_set.video_file import Rendered, VideoPlace, make_vid
 
 
 def asked(*words: str) -> Balance:
-    return balance_of(parser("generate", "risk").parse_args(["generate", "risk", "--out", "x", *words]))
+    return balance_of(parser().parse_args(["generate", "risk", "--out", "x", *words]))
 
 
 def test_without_options_it_is_the_papers_set() -> None:

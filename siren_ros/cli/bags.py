@@ -1,27 +1,30 @@
-"""``siren info BAG``: what an episode is and what its bag holds."""
+"""``siren info``, ``siren verify`` and ``siren recover``: what bags hold, whether they are sound, how to save them."""
 
 import argparse
+import sys
 from collections import Counter
 from pathlib import Path
 
-from siren_ros.errors import EXIT_OK
+from siren_ros.errors import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_OK, SirenError
 from siren_ros.interfaces.messages import shown_text
+from siren_ros.judging.verify import Verification, verify_episode
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.recording.episode_record import EpisodeRecord, TopicRecord
+from siren_ros.recording.recover import recover_bag
 from siren_ros.world.actors import ActorClass
 
 LONGEST_LINE = 4000
 """Characters; the description of a bag of another program may hold any."""
 
 
-def add_arguments(verb: argparse.ArgumentParser) -> None:
+def add_info(verb: argparse.ArgumentParser) -> None:
     """Describe the verb, and what it takes."""
     verb.description = "Shows an episode's description, its outcome, its topics with counts and rates, and its events."
     verb.add_argument("bag", type=Path, metavar="BAG", help="folder of a recorded episode")
-    verb.set_defaults(run=run)
+    verb.set_defaults(run=info)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def info(arguments: argparse.Namespace) -> int:
     """Prints the report."""
     bag: Path = arguments.bag
     record = read_episode(bag)
@@ -102,3 +105,69 @@ def _size(size_bytes: int) -> str:
             return f"{size:.0f} {unit}" if unit == "B" else f"{size:.1f} {unit}"
         size /= 1000.0
     return f"{size:.2f} GB"
+
+
+def add_verify(verb: argparse.ArgumentParser) -> None:
+    """Describe the verb, and what it takes."""
+    verb.description = (
+        "Evaluates the predicate of the episode's template on the record alone, and checks continuity, "
+        "ownership, residuals, message counts and stamps. Exit code 1 where anything fails."
+    )
+    verb.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="folder of a recorded episode")
+    verb.add_argument("-q", "--quiet", action="store_true", help="print one line for each bag, and what fails")
+    verb.set_defaults(run=verify)
+
+
+def verify(arguments: argparse.Namespace) -> int:
+    """Verifies every bag; a bag that cannot be read does not keep the others from being verified."""
+    worst = EXIT_OK
+    for bag in arguments.bags:
+        try:
+            verification = verify_episode(read_episode(bag))
+        except SirenError as error:
+            print(f"siren verify: {error}", file=sys.stderr)
+            worst = max(worst, error.exit_code)
+            continue
+        print("\n".join(_report(bag, verification, quiet=arguments.quiet)))
+        worst = max(worst, EXIT_OK if verification.holds else EXIT_FAILED)
+    return min(worst, EXIT_BAD_INPUT)
+
+
+def _report(bag: Path, verification: Verification, quiet: bool) -> list[str]:
+    word = "holds" if verification.holds else "FAILS"
+    lines = [f"{bag}: {word}: {verification.verdict.text}"]
+    for title, parts in (("interaction", verification.verdict.parts), ("record", verification.checks)):
+        shown = [part for part in parts if not (quiet and part.holds)]
+        lines += [f"  {title}"] if shown and not quiet else []
+        lines += [f"    {'ok  ' if part.holds else 'FAIL'}  {part}" for part in shown]
+    return lines
+
+
+def add_recover(verb: argparse.ArgumentParser) -> None:
+    """Describe the verb, and what it takes."""
+    verb.description = (
+        "Writes a complete bag from all whole chunks of one that was cut off or damaged. A bag that is "
+        "complete is left alone. Exit code 1 where messages of the file are lost."
+    )
+    verb.add_argument("bag", type=Path, metavar="BAG", help="folder of the bag, or the name that it was to have")
+    verb.add_argument("--out", type=Path, metavar="FOLDER", help="new folder (default: BAG.partial next to the bag)")
+    verb.set_defaults(run=recover)
+
+
+def recover(arguments: argparse.Namespace) -> int:
+    """Completes the bag and says what was saved."""
+    recovery = recover_bag(arguments.bag, arguments.out)
+    count = f"{recovery.messages} messages, {recovery.steps} steps"
+    if recovery.healthy:
+        print(f"{recovery.path}: complete as it is: {count}")
+        return EXIT_OK
+    print(f"{recovery.path}: saved {count}")
+    if recovery.restored:
+        print(f"  {recovery.restored} of them from their second copies at the end of the damaged file")
+    if recovery.lost_messages:
+        print(f"siren recover: {recovery.lost_messages} messages are lost: {recovery.lost}", file=sys.stderr)
+    elif recovery.lost and not recovery.restored:
+        print(f"siren recover: the unfinished end is lost: {recovery.lost}", file=sys.stderr)
+    if not recovery.described:
+        print("siren recover: without its description or its map the bag is no episode any more", file=sys.stderr)
+    return EXIT_FAILED if recovery.lost_messages else EXIT_OK

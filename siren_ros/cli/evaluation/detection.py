@@ -16,11 +16,7 @@ from siren_ros.evaluation.detection.frames import Frames, frames_of, read_frames
 from siren_ros.evaluation.detection.inputs.formats import read_detections, self_test_sets
 from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet
 from siren_ros.evaluation.detection.pictures import draw_curves, draw_worst_frame
-from siren_ros.evaluation.detection.scoring import (
-    VEHICLE_NAMES,
-    DetectorScores,
-    score_detector,
-)
+from siren_ros.evaluation.detection.scoring import VEHICLE_NAMES, DetectorScores, score_detector
 from siren_ros.evaluation.detection.tables import scores_as_json, tables_of
 from siren_ros.processes.process_pool import ProcessPool
 from siren_ros.record.bag_survey import Need, in_dataset_order, survey_bag

@@ -1,0 +1,176 @@
+"""``siren evaluate yield``, ``counterfactual`` and ``diversity``: yielding, levels, differences."""
+
+import argparse
+import json
+from collections.abc import Collection, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from siren_ros.cli.options import add_processes, of_each_bag, processes_of
+from siren_ros.errors import EXIT_FAILED, InputError, whole_file, writing
+from siren_ros.evaluation.diversity.coverage import drawn_ranges
+from siren_ros.evaluation.diversity.profile import InteractionProfile, profile_of
+from siren_ros.evaluation.diversity.summary import diversity, diversity_as_json, diversity_tables
+from siren_ros.evaluation.yielding.counterfactual import OUTCOMES, Effect, effect_tables, effects
+from siren_ros.evaluation.yielding.metrics import EPISODE_METRICS
+from siren_ros.evaluation.yielding.scoring import (
+    ScoredEpisode,
+    score_yielding,
+    under_test_tables,
+    yield_tables,
+)
+from siren_ros.recording.bag_reader import bags_among, read_episode
+from siren_ros.tables.table import text_of
+
+
+def add_yield(verb: argparse.ArgumentParser) -> None:
+    """Describe the verb, and what it takes."""
+    verb.formatter_class = argparse.RawDescriptionHelpFormatter
+    verb.description = (
+        "Marks how traffic made way: means over the episodes of each template and level,\n"
+        "with 95 % intervals over episodes, and the marks of the AV under test."
+    )
+    width = max(len(metric.name) for metric in EPISODE_METRICS)
+    verb.epilog = "\n".join(["marks:", *(f"  {metric.name:{width}}  {metric.meaning}" for metric in EPISODE_METRICS)])
+    verb.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="bags, or folders with bags at any depth")
+    verb.add_argument("--out", type=Path, metavar="FILE", help="one row for each episode, as Parquet (or .json)")
+    verb.add_argument("--drivers", type=Path, metavar="FILE", help="one row for each driver, as Parquet (or .json)")
+    add_processes(verb)
+    verb.set_defaults(run=evaluate_yield)
+
+
+def evaluate_yield(arguments: argparse.Namespace) -> int:
+    """Scores every bag; one that cannot be read does not keep the others from being scored."""
+    for file in (arguments.out, arguments.drivers):
+        if file is not None and file.suffix not in {".parquet", ".json"}:
+            raise InputError("out", str(file), "a file name that ends in .parquet or .json")
+    episodes, worst = scored_episodes(bags_among(arguments.bags), processes_of(arguments))
+    print("\n".join(text_of([*yield_tables(episodes), *under_test_tables(episodes)])))
+    _write(arguments.out, [episode.row() for episode in episodes])
+    _write(arguments.drivers, [row for episode in episodes for row in episode.driver_rows()])
+    return worst
+
+
+def scored_episodes(
+    bags: Sequence[Path], jobs: int, names: Collection[str] | None = None
+) -> tuple[list[ScoredEpisode], int]:
+    """The scores of all bags that can be read, and the worst exit code; the others are told on standard error.
+
+    Args:
+        bags: Of the episodes.
+        jobs: Processes.
+        names: Metrics of the episodes, where not all are wanted and no drivers.
+    """
+    episodes, worst = of_each_bag(partial(score_bag, names=names), bags, jobs)
+    return sorted(episodes, key=lambda episode: (episode.group, episode.seed, episode.draw, episode.bag)), worst
+
+
+def score_bag(bag: Path, names: Collection[str] | None = None) -> ScoredEpisode:
+    """The scores of a bag; ``names`` as ``scored_episodes`` has them."""
+    record = read_episode(bag)
+    return ScoredEpisode.of(str(bag), record, score_yielding(record, names=names))
+
+
+def _write(file: Path | None, rows: list[dict[str, Any]]) -> None:
+    if file is None:
+        return
+    with writing(file), whole_file(file) as new:
+        if file.suffix == ".json":
+            new.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+        else:
+            pq.write_table(pa.Table.from_pylist(rows), new, compression="zstd")
+
+
+def add_counterfactual(verb: argparse.ArgumentParser) -> None:
+    """Describe the verb, and what it takes."""
+    verb.description = (
+        "Compares levels on the same seeds: map, demand, route, drivers and draws are the same, so that the difference "
+        "is the effect of the level. Prints mean differences with 95 % intervals over pairs, the p-value "
+        "of a permutation test, adjusted for all comparisons of an outcome (Holm), and in how many pairs an episode "
+        "ended before its value was complete. Exit code 1 where there is no pair."
+    )
+    verb.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="bags, or folders with bags at any depth")
+    verb.add_argument(
+        "--outcomes",
+        nargs="+",
+        choices=OUTCOMES,
+        default=list(OUTCOMES[:4]),
+        metavar="NAME",
+        help=f"of {', '.join(OUTCOMES)}",
+    )
+    verb.add_argument("--out", type=Path, metavar="FILE", help="write the effects on all outcomes as JSON")
+    add_processes(verb)
+    verb.set_defaults(run=evaluate_counterfactual)
+
+
+def evaluate_counterfactual(arguments: argparse.Namespace) -> int:
+    """Scores every bag and compares the levels."""
+    episodes, worst = scored_episodes(bags_among(arguments.bags), processes_of(arguments), OUTCOMES)
+    found = effects(episodes)
+    shown = [one for one in found if one.outcome in arguments.outcomes and one.found.difference.valid]
+    print("\n".join(text_of(effect_tables(shown))) or "no two episodes of one seed at different levels")
+    if arguments.out is not None:
+        with writing(arguments.out), whole_file(arguments.out) as file:
+            file.write_text(json.dumps([as_json(one) for one in found], indent=1) + "\n", encoding="utf-8")
+    return worst if shown else max(worst, EXIT_FAILED)
+
+
+def as_json(effect: Effect) -> dict[str, object]:
+    """An effect as JSON types."""
+    difference = effect.found.difference
+    return {
+        "template": effect.template,
+        "outcome": effect.outcome,
+        "levels": [effect.first, effect.second],
+        "difference": difference.value if difference.valid else None,
+        "interval": [difference.low, difference.high] if difference.bounded else None,
+        "pairs": difference.blocks,
+        "cut_off": effect.cut_off,
+        "p_value": effect.found.p_value,
+        "adjusted_p_value": effect.adjusted_p,
+    }
+
+
+def add_diversity(verb: argparse.ArgumentParser) -> None:
+    """Describe the verb, and what it takes."""
+    verb.description = (
+        "Says for each template, level and map how much of the ranges of its parameters the episodes have tried, how "
+        "far the EMVs' ways and the orders of events are apart, how new the newest kind of episode still is, and how "
+        "many transitions between events one more seed is expected to add."
+    )
+    verb.add_argument("bags", type=Path, metavar="BAG", nargs="+", help="bags, or folders with bags at any depth")
+    verb.add_argument("--out", type=Path, metavar="FILE", help="write everything, with the curves, as JSON")
+    add_processes(verb)
+    verb.set_defaults(run=evaluate_diversity)
+
+
+def evaluate_diversity(arguments: argparse.Namespace) -> int:
+    """Compares all episodes of a group with each other; a bag that cannot be read does not keep the others back."""
+    profiles, worst = of_each_bag(profile_bag, bags_among(arguments.bags), processes_of(arguments))
+    found = diversity(profiles, drawn_ranges(profiles))
+    if found:
+        groups, _ = diversity_tables(found)
+        print("\n".join(groups.text()))
+        print("\n".join(_NOTES))
+    if arguments.out is not None:
+        content = json.dumps([diversity_as_json(one) for one in found], indent=1, allow_nan=False)
+        with writing(arguments.out), whole_file(arguments.out) as file:
+            file.write_text(content + "\n", encoding="utf-8")
+    return worst
+
+
+def profile_bag(bag: Path) -> InteractionProfile:
+    """The profile of a bag."""
+    return profile_of(str(bag), read_episode(bag))
+
+
+_NOTES = (
+    "ranges tried: share of the parts (tenths) of the parameters' ranges with an episode; ways: mean distance of the",
+    "EMVs at the same times, over all pairs and to the nearest episode; events: edits between orders, as a share;",
+    "next adds: transitions between events that one more episode is expected to add (Good-Turing); coverage: estimated",
+    "share of the next episode's transitions that has been seen.",
+)

@@ -1,1 +1,0 @@
-"""`siren generate` of whole sets, and the options that sets share."""

@@ -58,10 +58,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         for one in asked.templates
         for seed in asked.seeds
     ]
+
+    def tell(tries: int, horizon_s: float, error_m: float) -> None:
+        print(f"{tries}: {error_m:.3f} m over {horizon_s:g} s", flush=True)
+
     began = time.perf_counter()
     with residuals_over(targets, asked.jobs) as residuals:
         evaluations = asked.evaluations or EVALUATIONS_EACH * len(parameters)
-        found = fit(parameters, residuals, evaluations, told=_told, horizons=horizons_of(targets))
+        found = fit(parameters, residuals, evaluations, told=tell, horizons=horizons_of(targets))
     worst = print_table(parameters, truth, found)
     print(
         f"{found.evaluations} tries of {len(targets)} episodes in {time.perf_counter() - began:.0f} s, "
@@ -86,10 +90,6 @@ def print_table(parameters: Sequence[Parameter], truth: Mapping[str, float], fou
     table = Table("recovery", "", head, tuple(rows), spec=".3f", specs=dict.fromkeys(head[3:], ".1%"))
     print("\n".join(table.text()))
     return worst
-
-
-def _told(tries: int, horizon_s: float, error_m: float) -> None:
-    print(f"{tries}: {error_m:.3f} m over {horizon_s:g} s", flush=True)
 
 
 def drawn_truth(parameters: Sequence[Parameter], seed: int) -> dict[str, float]:

@@ -155,7 +155,7 @@ def _conflicts(path: Path) -> tuple[Conflict, ...]:
         follows = np.array(columns["typeSpan"]) == _FOLLOWER
         if follows.any():
             time, ttc, drac = (
-                np.array([_number(word) for word in columns[tag]])[follows]
+                np.array([float("nan") if word == "NA" else float(word) for word in columns[tag]])[follows]
                 for tag in ("timeSpan", "TTCSpan", "DRACSpan")
             )
             found.append(Conflict(entry.get("ego", ""), entry.get("foe", ""), time, ttc, drac))
@@ -172,10 +172,6 @@ def _root(path: Path) -> Element:
 def _words(entry: Element, tag: str) -> list[str]:
     part = entry.find(tag)
     return [] if part is None else (part.get("values") or "").split()
-
-
-def _number(word: str) -> float:
-    return float("nan") if word == "NA" else float(word)
 
 
 @dataclass(frozen=True)

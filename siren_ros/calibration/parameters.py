@@ -49,18 +49,10 @@ def _navigator(name: str) -> PutWorld:
     return put
 
 
-def _anticipation(name: str) -> PutWorld:
+def _part(part: str, name: str) -> PutWorld:
     def put(world: BehaviourWorld, value: float) -> BehaviourWorld:
-        changed = replace(world.config.anticipation, **{name: value})
-        return replace(world, config=replace(world.config, anticipation=changed))
-
-    return put
-
-
-def _junction_entry(name: str) -> PutWorld:
-    def put(world: BehaviourWorld, value: float) -> BehaviourWorld:
-        changed = replace(world.config.junction_entry, **{name: value})
-        return replace(world, config=replace(world.config, junction_entry=changed))
+        changed = replace(getattr(world.config, part), **{name: value})
+        return replace(world, config=replace(world.config, **{part: changed}))
 
     return put
 
@@ -91,19 +83,19 @@ PARAMETERS: Final[Mapping[str, Parameter]] = {
             world=_navigator("lateral_accel_mps2"),
         ),
         Parameter(
-            "controller.headway_s", "time kept to vehicles ahead", 0.4, 2.5, world=_anticipation("headway_s")
+            "controller.headway_s", "time kept to vehicles ahead", 0.4, 2.5, world=_part("anticipation", "headway_s")
         ),
         Parameter(
             "controller.approach_brake_mps2", "deceleration laid out for towards vehicles ahead", 0.5, 3.0,
-            world=_anticipation("brake_mps2"),
+            world=_part("anticipation", "brake_mps2"),
         ),
         Parameter(
             "controller.approach_gap_m", "standing distance to vehicles ahead", 3.0, 12.0,
-            world=_anticipation("standstill_gap_m"),
+            world=_part("anticipation", "standstill_gap_m"),
         ),
         Parameter(
             "controller.red_light_speed_mps", "speed at the line of a red light", 2.0, 12.0,
-            world=_junction_entry("speed_mps"),
+            world=_part("junction_entry", "speed_mps"),
         ),
         Parameter("sumo.speed_factor", "wished speed over the speed limit", 0.6, 1.0, driver=_driver("speed_factor")),
         Parameter("sumo.tau_s", "time headway", 0.5, 2.5, driver=_driver("tau_s")),

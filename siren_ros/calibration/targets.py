@@ -131,14 +131,10 @@ class Situation:
             raise InputError("bag", record.description.map_name, f"the map that it was made on, {then[:12]}")
         return found
 
+    @lru_cache(maxsize=8)  # noqa: B019 - situations are few, and equal ones share an entry
     def set_up(self) -> EpisodeSetup:
         """The episode before its first step; made once in each process."""
-        return _set_up(self.request, self.files)
-
-
-@lru_cache(maxsize=8)
-def _set_up(request: EpisodeRequest, files: tuple[InputFile, ...]) -> EpisodeSetup:
-    return set_up_episode(request, RecordedFiles(files) if files else FILES_ON_DISK)
+        return set_up_episode(self.request, RecordedFiles(self.files) if self.files else FILES_ON_DISK)
 
 
 @dataclass(frozen=True)

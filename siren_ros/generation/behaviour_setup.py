@@ -25,9 +25,7 @@ def behaviour_world(episode: EpisodeDescription, map_xml: bytes) -> BehaviourWor
     files = episode.files
     values = cast("Mapping[str, float]", episode.parameters["template"])
     preset = load_preset(episode.preset, files).for_scenario(
-        values["response.response_distance_m"],
-        values["response.extra_delay_s"],
-        values["response.compliance"],
+        values["response.response_distance_m"], values["response.extra_delay_s"], values["response.compliance"]
     )
     speed_mps = values["emv.speed_mps"]
     return BehaviourWorld(

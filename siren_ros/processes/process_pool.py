@@ -151,10 +151,7 @@ class ProcessPool:
         return future
 
     def map(
-        self,
-        function: Callable[..., Result],
-        calls: Iterable[tuple[Any, ...]],
-        done: Callable[[], None] = lambda: None,
+        self, function: Callable[..., Result], calls: Iterable[tuple[Any, ...]], done: Callable[[], None] = lambda: None
     ) -> list[Result]:
         """Calls a function many times; the results are in the order of the calls.
 

@@ -180,11 +180,7 @@ def plan_study(study: Study) -> tuple[PlannedEpisode, ...]:
 def _cells(study: Study) -> Iterator[tuple[EpisodeRequest, str, int]]:
     """The requests, each with the id of its template and the number of its draw."""
     base = EpisodeRequest(
-        preset=study.preset,
-        sensors=study.sensors,
-        look=study.look,
-        duration_s=study.duration_s,
-        values=study.values,
+        preset=study.preset, sensors=study.sensors, look=study.look, duration_s=study.duration_s, values=study.values
     )
     check_fields(base)
     fixed = values_of(study.values)

@@ -1,7 +1,7 @@
 """Runs a study: finished episodes are verified and kept, the others are made, the table is written."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from typing import Final
@@ -73,22 +73,15 @@ def run_study(
     kept = len(found)
     saver = _TableSaver(lambda: write_table(folder, {**known, **found}.values()))
     try:
-        for row in _made(workers, todo, folder, options or WorkerOptions()):
-            found[row.episode] = row
-            teller.make(row)
-            saver.now_and_then()
+        with closing(workers.rows(todo, folder, options or WorkerOptions())) as rows:
+            for row in rows:
+                found[row.episode] = row
+                teller.make(row)
+                saver.now_and_then()
     finally:
         saver.save()
         folder.clear_scratch()
     return StudyResult(tuple(found[episode.name] for episode in planned), kept)
-
-
-def _made(
-    workers: Workers, todo: list[PlannedEpisode], folder: StudyFolder, options: WorkerOptions
-) -> Iterator[EpisodeRow]:
-    rows = workers.rows(todo, folder, options)
-    with closing(rows):
-        yield from rows
 
 
 class _TableSaver:

@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import tempfile
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cached_property
@@ -12,7 +13,7 @@ from hashlib import file_digest
 from importlib import import_module
 from io import FileIO
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 from uuid import uuid4
 
 from siren_ros.errors import InputError, whole_file, writing
@@ -29,16 +30,20 @@ _held: Final[dict[Path, FileIO]] = {}
 """The locked files of this process's scratch folders."""
 
 
-class StudyFolder(Protocol):
+class StudyFolder(ABC):
     """Where a study is kept; several processes may use one folder, each for episodes of its own."""
 
     @property
+    @abstractmethod
     def place(self) -> str:
         """Path or URL."""
 
-    def scratch(self) -> Path:
-        """A new local folder, for one attempt at one episode."""
+    @property
+    @abstractmethod
+    def scratches(self) -> Path:
+        """Local folder of the scratch folders."""
 
+    @abstractmethod
     def take(self, bag: Path, row: EpisodeRow) -> None:
         """Moves a finished bag to its place, then writes its row; both are whole or not there.
 
@@ -46,26 +51,51 @@ class StudyFolder(Protocol):
             OSError: It cannot be written.
         """
 
-    def note(self, row: EpisodeRow) -> None:
-        """Writes the row of an episode that has no bag."""
-
-    def clear_scratch(self) -> None:
-        """Removes the local folders of attempts whose processes are gone; those under way stay."""
-
-    def row_of(self, path: str) -> EpisodeRow | None:
-        """The row next to a bag; None where there is none, or a damaged one: its episode is made again."""
-
+    @abstractmethod
     def hashes_of(self, path: str) -> tuple[str, str]:
         """SHA-256 of a bag's storage file and of its metadata, from their bytes; empty where they are missing."""
 
+    @abstractmethod
     def read(self, name: str) -> bytes | None:
         """A file of the study; None where there is none."""
 
+    @abstractmethod
     def write(self, name: str, content: bytes) -> None:
         """Writes a file of the study; readers see the old one or the new one."""
 
+    def scratch(self) -> Path:
+        """A new local folder, for one attempt at one episode, with a lock that this process holds until it ends."""
+        while True:
+            folder = self.scratches / f"{os.getpid()}-{uuid4().hex[:12]}"
+            folder.mkdir(parents=True)
+            file = (folder / _OWNER).open("wb", buffering=0)
+            if lock(file):
+                _held[folder] = file
+                return folder
+            file.close()  # another process took the folder, which had no lock yet, for an abandoned one
 
-class LocalFolder:
+    def clear_scratch(self) -> None:
+        """Removes the local folders of attempts whose processes are gone; those under way stay."""
+        for folder in sorted(self.scratches.iterdir()) if self.scratches.is_dir() else ():
+            if folder not in _held:
+                _remove_abandoned(folder)
+        with suppress(OSError):
+            self.scratches.rmdir()
+
+    def note(self, row: EpisodeRow) -> None:
+        """Writes the row of an episode."""
+        self.write(f"{row.path}.json", json.dumps(row.to_json(), indent=1, sort_keys=True).encode())
+
+    def row_of(self, path: str) -> EpisodeRow | None:
+        """The row next to a bag; None where there is none, or a damaged one: its episode is made again."""
+        content = self.read(f"{path}.json")
+        try:
+            return None if content is None else EpisodeRow.from_json(dict(json.loads(content)))
+        except (InputError, ValueError, TypeError, RecursionError):
+            return None
+
+
+class LocalFolder(StudyFolder):
     """A study on this machine's disks."""
 
     def __init__(self, root: Path) -> None:
@@ -76,13 +106,10 @@ class LocalFolder:
         """As ``StudyFolder``."""
         return str(self._root)
 
-    def scratch(self) -> Path:
+    @property
+    def scratches(self) -> Path:
         """As ``StudyFolder``: on the same file system, so that finished bags are renamed and not copied."""
-        return new_scratch(self._root / _WORK)
-
-    def clear_scratch(self) -> None:
-        """As ``StudyFolder``."""
-        clear_scratch_in(self._root / _WORK)
+        return self._root / _WORK
 
     def take(self, bag: Path, row: EpisodeRow) -> None:
         """As ``StudyFolder``."""
@@ -92,14 +119,6 @@ class LocalFolder:
             shutil.rmtree(target)
         bag.rename(target)
         self.note(row)
-
-    def note(self, row: EpisodeRow) -> None:
-        """As ``StudyFolder``."""
-        self.write(f"{row.path}.json", json.dumps(row.to_json(), indent=1, sort_keys=True).encode())
-
-    def row_of(self, path: str) -> EpisodeRow | None:
-        """As ``StudyFolder``."""
-        return row_in(self.read(f"{path}.json"))
 
     def hashes_of(self, path: str) -> tuple[str, str]:
         """As ``StudyFolder``."""
@@ -119,35 +138,6 @@ class LocalFolder:
         target.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(target) as new:
             new.write_bytes(content)
-
-
-def row_in(content: bytes | None) -> EpisodeRow | None:
-    """The row in a file's content; None without one, or where it is damaged."""
-    try:
-        return None if content is None else EpisodeRow.from_json(dict(json.loads(content)))
-    except (InputError, ValueError, TypeError, RecursionError):
-        return None
-
-
-def new_scratch(parent: Path) -> Path:
-    """A new folder with a lock that this process holds until it ends, in any way."""
-    while True:
-        folder = parent / f"{os.getpid()}-{uuid4().hex[:12]}"
-        folder.mkdir(parents=True)
-        file = (folder / _OWNER).open("wb", buffering=0)
-        if lock(file):
-            _held[folder] = file
-            return folder
-        file.close()  # somebody took the folder, which nobody held yet, for an abandoned one
-
-
-def clear_scratch_in(parent: Path) -> None:
-    """Removes the folders below one that no process holds, and it where it is empty then."""
-    for folder in sorted(parent.iterdir()) if parent.is_dir() else ():
-        if folder not in _held:
-            _remove_abandoned(folder)
-    with suppress(OSError):
-        parent.rmdir()
 
 
 def _remove_abandoned(folder: Path) -> None:
@@ -228,7 +218,7 @@ def folder_at(place: str) -> StudyFolder:
         return LocalFolder(Path(place))
     folder = RemoteFolder(place)
     try:
-        folder.check()
+        folder.opened  # noqa: B018 - for its errors
     except ImportError as error:
         raise InputError("out", place, f"a folder, or a URL whose package is installed ({error})") from error
     except (OSError, ValueError) as error:
@@ -236,7 +226,7 @@ def folder_at(place: str) -> StudyFolder:
     return folder
 
 
-class RemoteFolder:
+class RemoteFolder(StudyFolder):
     """A study behind a URL. Bags are written on the worker's own disk and uploaded when they are whole.
 
     The row of an episode is uploaded after its bag: a bag without a row is one whose upload was cut off.
@@ -250,34 +240,24 @@ class RemoteFolder:
         return RemoteFolder, (self._url,)
 
     @cached_property
-    def _opened(self) -> tuple[Any, str]:
+    def opened(self) -> tuple[Any, str]:
+        """File system and place in it; raises ImportError, OSError or ValueError where it cannot be opened."""
         file_system, root = import_module("fsspec.core").url_to_fs(self._url)  # of the extra "cluster"
         return file_system, str(root)
-
-    def check(self) -> None:
-        """Open the file system; raises ImportError, OSError or ValueError where that fails."""
-        self._opened  # noqa: B018 - for its errors
 
     @property
     def place(self) -> str:
         """As ``StudyFolder``."""
         return self._url
 
-    def scratch(self) -> Path:
-        """As ``StudyFolder``."""
-        return new_scratch(self._scratches())
-
-    def clear_scratch(self) -> None:
-        """As ``StudyFolder``."""
-        clear_scratch_in(self._scratches())
-
-    @staticmethod
-    def _scratches() -> Path:
+    @property
+    def scratches(self) -> Path:
+        """As ``StudyFolder``: on this machine."""
         return Path(tempfile.gettempdir()) / f"siren-episodes-{os.getuid()}"
 
     def take(self, bag: Path, row: EpisodeRow) -> None:
         """As ``StudyFolder``."""
-        file_system, root = self._opened
+        file_system, root = self.opened
         target = f"{root}/{row.path}"
         file_system.makedirs(target, exist_ok=True)
         for file in sorted(bag.iterdir()):
@@ -285,21 +265,13 @@ class RemoteFolder:
         self.note(row)
         shutil.rmtree(bag)
 
-    def note(self, row: EpisodeRow) -> None:
-        """As ``StudyFolder``."""
-        self.write(f"{row.path}.json", json.dumps(row.to_json(), indent=1, sort_keys=True).encode())
-
-    def row_of(self, path: str) -> EpisodeRow | None:
-        """As ``StudyFolder``."""
-        return row_in(self.read(f"{path}.json"))
-
     def hashes_of(self, path: str) -> tuple[str, str]:
         """As ``StudyFolder``: the bag is read once and not kept."""
         name = path.rsplit("/", 1)[-1]
         return self._sha256(f"{path}/{name}_0.mcap"), self._sha256(f"{path}/{METADATA_FILE}")
 
     def _sha256(self, name: str) -> str:
-        file_system, root = self._opened
+        file_system, root = self.opened
         digest = hashlib.sha256()
         try:
             with file_system.open(f"{root}/{name}", "rb") as file:
@@ -311,7 +283,7 @@ class RemoteFolder:
 
     def read(self, name: str) -> bytes | None:
         """As ``StudyFolder``."""
-        file_system, root = self._opened
+        file_system, root = self.opened
         try:
             return bytes(file_system.cat_file(f"{root}/{name}"))
         except FileNotFoundError:
@@ -319,7 +291,7 @@ class RemoteFolder:
 
     def write(self, name: str, content: bytes) -> None:
         """As ``StudyFolder``: object stores replace a whole object at once."""
-        file_system, root = self._opened
+        file_system, root = self.opened
         target = f"{root}/{name}"
         file_system.makedirs(target.rsplit("/", 1)[0], exist_ok=True)
         file_system.pipe_file(target, content)

@@ -151,8 +151,7 @@ def targets_of(*lengths_s: float) -> list[Target]:
 
 
 @pytest.mark.parametrize(
-    ("length_s", "horizons"),
-    [(4.0, (WHOLE,)), (7.1, (WHOLE,)), (7.3, (6.0, WHOLE)), (18.0, (6.0, 9.0, 13.5, WHOLE))],
+    ("length_s", "horizons"), [(4.0, (WHOLE,)), (7.1, (WHOLE,)), (7.3, (6.0, WHOLE)), (18.0, (6.0, 9.0, 13.5, WHOLE))]
 )
 def test_a_horizon_grows_by_half_until_little_is_left_out(length_s: float, horizons: tuple[float, ...]) -> None:
     assert horizons_of(targets_of(length_s)) == horizons

@@ -3,14 +3,14 @@
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.errors import InputError
+from siren_ros.errors import InputError, writing
 from siren_ros.evaluation.detection.detectors.pillar_detector import SweepMemory
 from siren_ros.evaluation.detection.detectors.pillars import SENSOR_HEIGHT_M, PillarGrid, class_of, sorted_points
 from siren_ros.numerics.arrays import Floats32
@@ -18,6 +18,7 @@ from siren_ros.numerics.units import STEP_S, STEPS_PER_S
 from siren_ros.record.episode_source import lidar_frames, lidar_of, open_source
 from siren_ros.recording.bag_folder import METADATA_FILE
 from siren_ros.recording.bag_reader import bags_among
+from siren_ros.training.data_files import write_arrays
 from siren_ros.world.carrier import GroundTruth
 
 FRAME_PERIOD_STEPS: Final = STEPS_PER_S // 2
@@ -147,19 +148,8 @@ def joined_frames(about: dict[str, Any], points: Sequence[Floats32], boxes: Sequ
 
 def write_frames(path: Path, frames: BagFrames) -> None:
     """Writes a file whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_suffix(".part")
-    with unfinished.open("wb") as file:
-        np.savez(
-            file,
-            about=np.array(json.dumps(frames.about)),
-            xyz=frames.xyz,
-            intensity_age=frames.intensity_age,
-            first_point=frames.first_point,
-            boxes=frames.boxes,
-            first_box=frames.first_box,
-        )
-    unfinished.replace(path)
+    arrays = {field.name: getattr(frames, field.name) for field in fields(BagFrames) if field.name != "about"}
+    write_arrays(path, {"about": np.array(json.dumps(frames.about)), **arrays}, compressed=False)
 
 
 def read_frames_file(path: Path) -> BagFrames:
@@ -195,7 +185,8 @@ def frames_among(
         file = folder / f"{bag.name}-{_digest(bag, grid)}{FRAMES_SUFFIX}"
         if not file.exists():
             frames = frames_of_bag(bag, grid)
-            _kept(file, frames)
+            with writing(file.parent, "folder", "cache"):
+                write_frames(file, frames)
             told(f"{bag}: {len(frames)} frames")
         found.append(_read(file))
     if not sum(len(frames) for frames in found):
@@ -227,13 +218,6 @@ def _digest(bag: Path, grid: PillarGrid) -> str:
         raise InputError("bag", str(bag), f"a finished bag ({error.strerror})") from error
     text = json.dumps([_FORM, grid.to_json()], sort_keys=True).encode()
     return hashlib.sha256(metadata + text).hexdigest()[:12]
-
-
-def _kept(file: Path, frames: BagFrames) -> None:
-    try:
-        write_frames(file, frames)
-    except OSError as error:
-        raise InputError("cache", str(file.parent), f"a folder that can be written ({error.strerror})") from error
 
 
 def _read(file: Path) -> BagFrames:

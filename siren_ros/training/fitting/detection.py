@@ -51,8 +51,7 @@ class PillarNetwork(nn.Module):
         widths = (size.pillar, *size.stages)
         self.stages = nn.ModuleList(
             nn.Sequential(
-                _convolution(before, width, stride=2),
-                *(_convolution(width, width) for _ in range(size.layers - 1)),
+                _convolution(before, width, stride=2), *(_convolution(width, width) for _ in range(size.layers - 1))
             )
             for before, width in zip(widths, size.stages, strict=False)
         )
@@ -97,9 +96,7 @@ class PillarNetwork(nn.Module):
 
 def _convolution(before: int, after: int, stride: int = 1) -> nn.Sequential:
     return nn.Sequential(
-        nn.Conv2d(before, after, 3, stride=stride, padding=1, bias=False),
-        nn.BatchNorm2d(after),
-        nn.ReLU(inplace=True),
+        nn.Conv2d(before, after, 3, stride=stride, padding=1, bias=False), nn.BatchNorm2d(after), nn.ReLU(inplace=True)
     )
 
 

@@ -8,12 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.evaluation.prediction.siren_model.features import (
-    Ablation,
-    FeatureNames,
-    Features,
-    without,
-)
+from siren_ros.evaluation.prediction.siren_model.features import Ablation, FeatureNames, Features, without
 from siren_ros.numerics.arrays import Floats32, Rows
 from siren_ros.training.prediction.samples import read_features
 
@@ -48,7 +43,7 @@ class SampleStore:
     def batch(self, rows: Rows | slice) -> Features:
         """Some samples in single precision."""
         part = self.features.select(rows)
-        arrays: dict[str, Any] = {field.name: _single(getattr(part, field.name)) for field in fields(Features)}
+        arrays: dict[str, Any] = {field.name: _as(getattr(part, field.name), np.float32) for field in fields(Features)}
         return Features(**arrays)
 
 
@@ -64,7 +59,8 @@ def read_store(paths: Sequence[Path], ablation: Ablation = Ablation.NONE) -> Sam
     names = filled[0].names
     columns: dict[str, Any] = {}
     for field in fields(Features):
-        parts = [_compact(field.name, getattr(without(each.features, names, ablation), field.name)) for each in filled]
+        kind = np.float32 if field.name in {"speed_mps", "path_spacing_m"} else np.float16
+        parts = [_as(getattr(without(each.features, names, ablation), field.name), kind) for each in filled]
         columns[field.name] = np.concatenate(parts)
     references = set.intersection(*(set(episode.reference_ade_m) for episode in filled))
     return SampleStore(
@@ -79,10 +75,5 @@ def read_store(paths: Sequence[Path], ablation: Ablation = Ablation.NONE) -> Sam
     )
 
 
-def _compact(name: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    keep = values.dtype == np.bool_ or name in {"speed_mps", "path_spacing_m"}
-    return values if keep else values.astype(np.float16)
-
-
-def _single(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    return values if values.dtype == np.bool_ else values.astype(np.float32)
+def _as(values: npt.NDArray[Any], kind: type[np.floating[Any]]) -> npt.NDArray[Any]:
+    return values if values.dtype == np.bool_ else values.astype(kind)

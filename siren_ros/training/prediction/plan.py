@@ -35,7 +35,8 @@ class PlannedEpisode:
     def name(self) -> str:
         """Name of its file."""
         request = self.request
-        parts = (request.template, request.level or "own", _map_name(request.map), f"seed{request.seed}")
+        map_name = Path(request.map).name.split(".")[0] if request.map else "town"
+        parts = (request.template, request.level or "own", map_name, f"seed{request.seed}")
         return "_".join(parts)
 
 
@@ -83,10 +84,6 @@ def _request(template: str, split: Split, turn: int, place: int, maps: Sequence[
 
 def _level(turn: int, place: int, number: int) -> str:
     return _LEVELS[(turn + 3 * number + 7 * place) % len(_LEVELS)]
-
-
-def _map_name(path: str) -> str:
-    return Path(path).name.split(".")[0] if path else "town"
 
 
 def is_ordinary(request: EpisodeRequest) -> bool:

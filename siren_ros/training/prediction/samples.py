@@ -150,10 +150,5 @@ def read_features(path: Path) -> EpisodeFeatures:
     names = FeatureNames(**{kind: tuple(values) for kind, values in about.pop("names").items()})
     split = Split(about.pop("split"))
     return EpisodeFeatures(
-        **about,
-        split=split,
-        names=names,
-        features=Features(**features),
-        truth_m=truth,
-        reference_ade_m=references,
+        **about, split=split, names=names, features=Features(**features), truth_m=truth, reference_ade_m=references
     )

@@ -101,7 +101,8 @@ def operating_point(logits: Logits, labels: npt.NDArray[np.int64]) -> Floats32:
     """
     counts = np.bincount(labels, minlength=len(RiskClass))
     weight = np.array(PAPER_BALANCE) / np.maximum(counts, 1)
-    tried = [_between(logits[:, question]) for question in range(2)]
+    shares = (np.arange(_STEPS) + 0.5) / _STEPS
+    tried = [np.quantile(logits[:, question].astype(np.float64), shares) for question in range(2)]
     score = np.array([[_macro_f1(logits, labels, weight, (near, hit)) for hit in tried[1]] for near in tried[0]])
     best = np.argwhere(score >= score.max() - 1e-9)
     near, hit = best[np.argsort(np.abs(best - best.mean(axis=0)).sum(axis=1), kind="stable")[0]]
@@ -112,10 +113,6 @@ def classes_at(logits: Logits, offsets: tuple[float, float]) -> npt.NDArray[np.i
     """The class of each clip: the more severe question first."""
     near, hit = (logits[:, question] > offsets[question] for question in range(2))
     return np.where(hit, RiskClass.COLLISION, np.where(near, RiskClass.NEAR_MISS, RiskClass.NORMAL)).astype(np.int64)
-
-
-def _between(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
-    return np.quantile(values.astype(np.float64), (np.arange(_STEPS) + 0.5) / _STEPS)
 
 
 def _macro_f1(

@@ -36,7 +36,10 @@ def train_sequence_model(
     Raises:
         InputError: No film of a split, or the folder cannot be written.
     """
-    splits = {split: _of_split(films, split, config) for split in (Split.TRAIN, Split.VALIDATION)}
+    splits = {
+        split: [labelled(read_film(file), config) for planned, file in films.files if planned.split is split]
+        for split in (Split.TRAIN, Split.VALIDATION)
+    }
     for split, some in splits.items():
         if not some:
             raise InputError("films", split.value, "at least one that could be made")
@@ -52,10 +55,6 @@ def train_sequence_model(
     card["validation"] = _figures(model, splits[Split.VALIDATION], config)
     write_network(path, fitted.onnx, card)
     return load_sequence_model(path)
-
-
-def _of_split(films: MadeFiles[PlannedFilm], split: Split, config: FilmFitConfig) -> list[LabelledFilm]:
-    return [labelled(read_film(path), config) for planned, path in films.files if planned.split is split]
 
 
 def _pictures(films: Sequence[LabelledFilm]) -> list[int]:

@@ -11,7 +11,7 @@ pytest.importorskip("onnx", reason="the extra models is not installed")
 from hand_made import made_record
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.prediction.predictors import PredictorOptions, checked
+from siren_ros.evaluation.prediction.predictors import checked
 from siren_ros.evaluation.prediction.samples import FUTURE_POINTS, HistoryWindow, Population, future_times_s, samples_of
 from siren_ros.evaluation.prediction.siren_model.features import Features
 from siren_ros.evaluation.prediction.siren_model.siren_predictor import OUTPUTS, make
@@ -157,7 +157,7 @@ def test_a_trained_variant_can_be_used_as_a_predictor(data, tmp_path) -> None:
     assert card["training"]["episodes"] == 6
     assert card["data"]["train"]["left_out"] == ["S2_own_town_seed99: map: no site"]
     batch = samples_of(made_record(30), HistoryWindow(), Population.REGION).batch
-    predicted = make(PredictorOptions(trained.path)).predict(batch)
+    predicted = make(trained.path).predict(batch)
     checked("siren", predicted, len(batch))
     assert predicted.xy_m.shape[1] == 6
     # The file and the network in memory answer alike: the same errors again.

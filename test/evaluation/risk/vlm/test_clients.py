@@ -4,7 +4,7 @@ import argparse
 
 import pytest
 
-from siren_ros.cli.evaluation import evaluate_risk
+from siren_ros.cli.evaluation import risk as evaluate_risk
 from siren_ros.errors import InputError
 from siren_ros.evaluation.risk.vlm.clients import CLIENTS
 

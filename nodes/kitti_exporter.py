@@ -20,7 +20,6 @@ from siren_ros.ros.node_configs import KittiExporterConfig
 from siren_ros.ros.participants.participant import Participant
 from siren_ros.ros.programs.program import run_participant
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd
-from siren_ros.sensor_messages.observation_messages import intrinsics
 from siren_ros.sensor_messages.sensor_topics import optical_frame, static_transforms
 from siren_ros.sensors.suite import SensorSuite, load_suite
 
@@ -80,7 +79,7 @@ def _calibrated_camera(suite: SensorSuite, lidar: str) -> KittiCamera | None:
     if spec is None:
         return None
     transforms = static_transforms(suite)
-    return KittiCamera(intrinsics(spec), camera_from_lidar(transforms, lidar, optical_frame(spec.name)))
+    return KittiCamera(spec.intrinsics, camera_from_lidar(transforms, lidar, optical_frame(spec.name)))
 
 
 NODE = KittiExporter

@@ -57,7 +57,7 @@ def vehicles_ahead(record: EpisodeRecord, time_s: float, number: int) -> list[in
 def _camera(suite: SensorSuite, name: str) -> SensorSuite:
     """The suite with one camera and nothing else."""
     cameras = tuple(camera for camera in suite.cameras if camera.name == name)
-    return replace(suite, cameras=cameras, lidars=(), gnss=(), imus=())
+    return replace(suite, cameras=cameras, lidars=(), others=())
 
 
 def _save(picture: Picture, path: Path, width: int) -> None:

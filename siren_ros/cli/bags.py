@@ -11,6 +11,7 @@ from siren_ros.judging.verify import Verification, verify_episode
 from siren_ros.recording.bag_reader import read_episode
 from siren_ros.recording.episode_record import EpisodeRecord, TopicRecord
 from siren_ros.recording.recover import recover_bag
+from siren_ros.tables.table import Table
 from siren_ros.world.actors import ActorClass
 
 LONGEST_LINE = 4000
@@ -74,11 +75,7 @@ def _topics(record: EpisodeRecord) -> list[str]:
         (topic.name, topic.type_name, str(topic.count), _rate(topic), _size(topic.size_bytes))
         for topic in record.topics.values()
     ]
-    head = ("topic", "type", "count", "rate", "size")
-    widths = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head))]
-    return [
-        "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in (head, *rows)
-    ]
+    return Table("topics", "", ("topic", "type", "count", "rate", "size"), tuple(rows)).text()
 
 
 def _rate(topic: TopicRecord) -> str:

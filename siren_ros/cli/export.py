@@ -13,6 +13,7 @@ from siren_ros.datasets.export_job import AUTO, SPLITS, ExportJob, run_export
 from siren_ros.datasets.formats import FORMATS, Format, Option
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
 from siren_ros.recording.bag_reader import bags_among
+from siren_ros.tables.table import Table
 
 
 class _ListFormats(argparse.Action):
@@ -98,10 +99,8 @@ def _splits_told(card: Mapping[str, Any], *, automatic: bool) -> str:
 
 
 def _table() -> list[str]:
-    rows = [("format", "needs", "what it is")]
-    rows += [(made.name, ", ".join(made.needs), made.summary) for made in FORMATS.values()]
-    widths = [max(len(row[column]) for row in rows) for column in range(2)]
-    lines = [f"{name:<{widths[0]}}  {needs:<{widths[1]}}  {summary}" for name, needs, summary in rows]
+    rows = tuple((made.name, ", ".join(made.needs), made.summary) for made in FORMATS.values())
+    lines = Table("formats", "", ("format", "needs", "what it is"), rows).text()
     extras = [made for made in FORMATS.values() if made.extra]
     lines += [f"{made.name} runs as ./env --with {made.extra} siren export {made.name} …" for made in extras]
     return lines

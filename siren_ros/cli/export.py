@@ -8,7 +8,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from siren_ros.cli.options import add_processes, processes_of
+from siren_ros.cli.options import add_processes, processes_of, steps_of
 from siren_ros.datasets.export_job import AUTO, SPLITS, ExportJob, run_export
 from siren_ros.datasets.formats import FORMATS, Format, Option
 from siren_ros.errors import EXIT_FAILED, EXIT_OK
@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
     tqdm.monitor_interval = 0  # no thread of tqdm: workers are forked, which is sound without threads
     bar_format = "{l_bar}{bar}| {n:.0f}/{total:.0f} s of episodes [{elapsed}<{remaining}]"
     with tqdm(total=0, unit="s", bar_format=bar_format, disable=None, desc=f"export {made.name}") as bar:
-        result = run_export(job, bar.reset, lambda step_s: bar.update(step_s))  # noqa: PLW0108 - update returns a value
+        result = run_export(job, bar.reset, steps_of(bar))
     for note in result.notes:
         print(f"siren export: {note}", file=sys.stderr)
     counts = ", ".join(f"{count} {name}" for name, count in result.card["counts"].items())

@@ -63,11 +63,11 @@ def check_numbers(arguments: argparse.Namespace, limits: Mapping[str, tuple[floa
             raise InputError(name, value, f"{kind} from {least:.12g} to {most:.12g}")
 
 
-def steps_of(bar: "tqdm[Any]") -> Callable[[], None]:
-    """What moves a bar on by one each time it is called."""
+def steps_of(bar: "tqdm[Any]") -> Callable[..., None]:
+    """A function that moves a bar on each time it is called, by one or by what it is given."""
 
-    def step() -> None:
-        bar.update()
+    def step(width: float = 1) -> None:
+        bar.update(width)
 
     return step
 

@@ -7,8 +7,9 @@ from typing import Final
 import numpy as np
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.statistics.block_means import BlockSums, PairedDifference, block_sums, holm, paired_difference
+from siren_ros.evaluation.statistics.block_means import PairedDifference, block_sums, holm, paired_difference
 from siren_ros.evaluation.yielding.scoring import ScoredEpisode
+from siren_ros.evaluation.yielding.thresholds import Measure
 from siren_ros.numerics.arrays import random_stream
 from siren_ros.tables.table import Table
 
@@ -57,18 +58,35 @@ def effects(
         InputError: Two episodes of one pair differ in more than the level, or a pair has two episodes of one level.
     """
     pairs = pairs_of(episodes)
-    found = []
+    found: list[Effect] = []
     for outcome in outcomes:
         of_outcome = []
-        for first, second in contrasts:
-            here = {key: levels for key, levels in pairs.items() if first in levels and second in levels}
+        for contrast in contrasts:
+            here = {
+                key: [levels[level].scores.metrics[outcome] for level in contrast]
+                for key, levels in sorted(pairs.items())
+                if set(contrast) <= set(levels)
+            }
             templates = sorted({key[0] for key in here})
             for template in [*templates, *([ALL] if len(templates) > 1 else [])]:
-                chosen = {key: levels for key, levels in here.items() if template in (ALL, key[0])}
-                of_outcome.append(_effect(template, outcome, first, second, chosen, seed))
+                chosen = {key: sides for key, sides in here.items() if template in (ALL, key[0])}
+                rng = random_stream(seed, f"counterfactual/{outcome}/{template}/{'/'.join(contrast)}")
+                of_outcome.append(Effect(template, outcome, *contrast, *_compared(chosen, rng), adjusted_p=1.0))
         adjusted = holm([effect.found.p_value for effect in of_outcome])
         found += [replace(effect, adjusted_p=p_value) for effect, p_value in zip(of_outcome, adjusted, strict=True)]
     return tuple(found)
+
+
+def _compared(sides_of: Mapping[Pair, Sequence[Measure]], rng: np.random.Generator) -> tuple[PairedDifference, int]:
+    """The first sides minus the second ones where both have a value, and in how many pairs one is a lower bound."""
+    known = {key: sides for key, sides in sides_of.items() if all(side.valid for side in sides)}
+    names = sorted({key[0] for key in sides_of})
+    stratum = np.array([names.index(key[0]) for key in known], dtype=np.intp)
+    first, second = (
+        block_sums(np.array([sides[side].value for sides in known.values()]), np.arange(len(known)), stratum)
+        for side in (0, 1)
+    )
+    return paired_difference(first, second, rng), sum(any(side.at_least for side in sides) for sides in known.values())
 
 
 def effect_tables(found: Sequence[Effect]) -> tuple[Table, ...]:
@@ -116,24 +134,3 @@ def pairs_of(episodes: Iterable[ScoredEpisode]) -> Mapping[Pair, Mapping[str, Sc
                 )
         levels[episode.level] = episode
     return found
-
-
-def _effect(
-    template: str, outcome: str, first: str, second: str, pairs: Mapping[Pair, Mapping[str, ScoredEpisode]], seed: int
-) -> Effect:
-    names = sorted({key[0] for key in pairs})
-    values, strata, cut_off = [], [], 0
-    for key, levels in sorted(pairs.items()):
-        sides = [levels[level].scores.metrics[outcome] for level in (first, second)]
-        if all(side.valid for side in sides):
-            values.append([side.value for side in sides])
-            strata.append(names.index(key[0]))
-            cut_off += any(side.at_least for side in sides)
-    stratum = np.array(strata, dtype=np.intp)
-    one, two = (_sums([pair[side] for pair in values], stratum) for side in (0, 1))
-    rng = random_stream(seed, f"counterfactual/{outcome}/{template}/{first}/{second}")
-    return Effect(template, outcome, first, second, paired_difference(one, two, rng), cut_off, 1.0)
-
-
-def _sums(values: Sequence[float], stratum: "np.ndarray[tuple[int], np.dtype[np.intp]]") -> BlockSums:
-    return block_sums(np.array(values, dtype=np.float64), np.arange(len(values)), stratum)

@@ -6,6 +6,9 @@ import numpy as np
 import numpy.typing as npt
 from hand_made_record import EMV, NORTHBOUND, Driven, crossing, hand_made, line
 
+from siren_ros.evaluation.yielding.emv_line import EmvLine
+from siren_ros.evaluation.yielding.encounters import Encounter, encounters_of
+from siren_ros.evaluation.yielding.thresholds import YieldThresholds
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import Lights
@@ -44,3 +47,15 @@ def passing(siren: bool = True) -> EpisodeRecord:
 def blocking() -> EpisodeRecord:
     """A car stands in the lane; the EMV comes up, stands 5 m behind it until the end."""
     return record_of(arc((10.0, 4.0), (0.0, 6.0)), {CAR: Driven(IN_LANE, arc((0.0, 10.0), start_m=50.0))})
+
+
+def line_of(record: EpisodeRecord) -> EmvLine:
+    """The line of an EMV that moves."""
+    line = EmvLine.of(record)
+    assert line is not None
+    return line
+
+
+def encounters_in(record: EpisodeRecord) -> list[Encounter]:
+    """All encounters by the usual thresholds."""
+    return list(encounters_of(record, line_of(record), YieldThresholds()))

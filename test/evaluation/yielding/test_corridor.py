@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hand_made_record import Driven
-from made_encounters import CAR, IN_LANE, arc, record_of
+from made_encounters import CAR, IN_LANE, arc, line_of, record_of
 from shapely import Point, Polygon
 
 from siren_ros.evaluation.yielding.corridor import (
@@ -15,7 +15,7 @@ from siren_ros.evaluation.yielding.corridor import (
     road_cells,
     widest_way_m,
 )
-from siren_ros.evaluation.yielding.emv_line import EmvLine, OnLine
+from siren_ros.evaluation.yielding.emv_line import OnLine
 from siren_ros.evaluation.yielding.thresholds import YieldThresholds
 from siren_ros.numerics.geometry import footprint_corners
 from siren_ros.recording.episode_record import EpisodeRecord
@@ -29,8 +29,7 @@ def road(low_m: float, high_m: float, stations: int = 31) -> np.ndarray[tuple[in
 
 
 def series_of(record: EpisodeRecord) -> CorridorSeries:
-    line = EmvLine.of(record)
-    assert line is not None
+    line = line_of(record)
     return corridor_series(record, line, LIMITS)
 
 
@@ -57,8 +56,7 @@ def test_gaps_side_by_side_do_not_make_a_way() -> None:
 
 def test_the_road_has_its_lanes_and_its_shoulder() -> None:
     record = record_of(arc((10.0, 12.0)), {})
-    line = EmvLine.of(record)
-    assert line is not None
+    line = line_of(record)
     (cells,) = road_cells(record.network, line, np.array([50.0]))
     # The shoulder ends 4.25 m to the right; the road of its own begins 7 m to the right.
     assert ACROSS[cells].min() == pytest.approx(-4.25, abs=0.15)
@@ -68,8 +66,7 @@ def test_the_road_has_its_lanes_and_its_shoulder() -> None:
 
 def test_the_road_begins_and_ends_with_its_lanes() -> None:
     record = record_of(arc((10.0, 12.0)), {})
-    line = EmvLine.of(record)
-    assert line is not None
+    line = line_of(record)
     first, second, last = road_cells(record.network, line, np.array([0.0, 0.3, line.line.length_m]))
     assert first.tolist() == second.tolist()
     assert first.sum() == pytest.approx(95, abs=3)
@@ -167,8 +164,7 @@ def test_share_and_median_are_of_the_contested_times() -> None:
 def test_the_corridor_is_measured_while_the_line_goes_on_for_all_of_the_look_ahead(start_m: float, last: int) -> None:
     """The line ends at 109 m, 227.5 m or 228.5 m after its start: from 195 m on, 3 m and 30 m ahead are 228 m."""
     record = record_of(arc((10.0, 22.0 - 0.1 * start_m), start_m=start_m), {})
-    line = EmvLine.of(record)
-    assert line is not None
+    line = line_of(record)
     assert line.line.length_m == pytest.approx(229.0 - start_m)
     assert corridor_series(record, line, LIMITS).step[-1] == last
 
@@ -203,8 +199,7 @@ def test_where_everything_is_free_the_way_is_as_wide_as_the_search() -> None:
 
 def test_the_order_of_lanes_does_not_matter() -> None:
     record = record_of(arc((10.0, 12.0)), {})
-    line = EmvLine.of(record)
-    assert line is not None
+    line = line_of(record)
     places, network = np.arange(0.0, 140.0, 5.0), record.network
     expected = road_cells(network, line, places)
     for first in range(len(network.lanes)):
@@ -215,8 +210,7 @@ def test_the_order_of_lanes_does_not_matter() -> None:
 def test_a_lane_reaches_half_a_metre_beyond_its_ends() -> None:
     """The EMV's lane ends 100 m after its start; it is as wide as it is, up to the edge of the search."""
     record = record_of(arc((10.0, 12.0)), {})
-    line = EmvLine.of(record)
-    assert line is not None
+    line = line_of(record)
     (lane,) = (one for one in record.network.lanes if one.lane_id == "s_in_1")
     alone = replace(record.network, lanes=(lane,))
     cells = road_cells(alone, line, np.array([0.0, 50.0, 99.0, 99.8, 100.3, 100.7]))

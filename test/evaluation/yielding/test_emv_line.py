@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from evaluation.made_records import Track, moving, record_with
 from hand_made_record import EMV, IN_TURN_LANE, Driven, crossing, hand_made, line
-from made_encounters import CAR, arc, record_of
+from made_encounters import CAR, arc, line_of, record_of
 
 from siren_ros.errors import InputError
 from siren_ros.evaluation.yielding.emv_line import REACH_M, EmvLine, OnLine, on_line, way_ahead
@@ -146,12 +146,6 @@ def test_place_and_extent_of_a_turned_body(straight_road: RoadNetwork, left_m: f
 def test_sixty_degrees_off_the_line_is_another_way(straight_road: RoadNetwork, turn_deg: int, *, same: bool) -> None:
     assert placed(straight_road, 30.0, 0.0, np.radians(turn_deg)).same_way.tolist() == [same]
     assert placed(straight_road, 30.0, 0.0, np.radians(turn_deg + 360)).same_way.tolist() == [same]
-
-
-def line_of(record: EpisodeRecord) -> EmvLine:
-    found = EmvLine.of(record)
-    assert found is not None
-    return found
 
 
 def test_the_driven_line_ends_where_the_record_ends_and_goes_on_along_the_lane() -> None:

@@ -1,15 +1,11 @@
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from hand_made_record import EMV, Driven, line
-from made_encounters import CAR, IN_LANE, arc, record_of
+from made_encounters import CAR, IN_LANE, arc, encounters_in, record_of
 
-from siren_ros.evaluation.yielding.emv_line import EmvLine
-from siren_ros.evaluation.yielding.encounters import Encounter, encounters_of, lane_offsets
-from siren_ros.evaluation.yielding.thresholds import YieldThresholds
-from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.evaluation.yielding.encounters import lane_offsets
 from siren_ros.world.actors import Lights
 
 CHANGES_LEFT = line((5.25, -120.0), (5.25, -80.0), (1.75, -60.0), (1.75, 110.0))
@@ -70,12 +66,6 @@ BODIES_M = 5.0
 """Half of the EMV's 6 m and half of the car's 4 m."""
 
 
-def of(record: EpisodeRecord) -> Sequence[Encounter]:
-    found = EmvLine.of(record)
-    assert found is not None
-    return list(encounters_of(record, found, YieldThresholds()))
-
-
 def standing(aside_m: float, at_m: float = 60.0, time_s: float = 12.0) -> Driven:
     """A car that stands to the left of the EMV's line."""
     return Driven(IN_LANE - np.array([aside_m, 0.0]), arc((0.0, time_s), start_m=at_m))
@@ -83,12 +73,12 @@ def standing(aside_m: float, at_m: float = 60.0, time_s: float = 12.0) -> Driven
 
 @pytest.mark.parametrize(("aside_m", "met"), [(6.9, True), (-6.9, True), (7.1, False), (-7.1, False)])
 def test_two_lanes_aside_is_too_far(aside_m: float, *, met: bool) -> None:
-    assert bool(of(record_of(arc((10.0, 12.0)), {CAR: standing(aside_m)}))) is met
+    assert bool(encounters_in(record_of(arc((10.0, 12.0)), {CAR: standing(aside_m)}))) is met
 
 
 def test_rows_from_forty_metres_until_the_passing() -> None:
     """The EMV's centre is at 0.5 m for each step; the car's at 60 m."""
-    (one,) = of(record_of(arc((10.0, 12.0)), {CAR: standing(3.0)}))
+    (one,) = encounters_in(record_of(arc((10.0, 12.0)), {CAR: standing(3.0)}))
     assert one.driver.track.step[0] == (60 - 40 - BODIES_M) / 0.5
     assert one.gap_m[0] == pytest.approx(40.0)
     assert np.diff(one.gap_m) == pytest.approx(np.full(len(one.gap_m) - 1, -0.5))
@@ -99,7 +89,7 @@ def test_rows_from_forty_metres_until_the_passing() -> None:
 
 
 def test_until_the_end_where_nobody_passes() -> None:
-    (one,) = of(record_of(arc((10.0, 6.0)), {CAR: standing(3.0, time_s=6.0)}))
+    (one,) = encounters_in(record_of(arc((10.0, 6.0)), {CAR: standing(3.0, time_s=6.0)}))
     assert one.passed_row == -1
     assert one.until_passed == slice(0, None)
 
@@ -107,7 +97,7 @@ def test_until_the_end_where_nobody_passes() -> None:
 @pytest.mark.parametrize(("aside_m", "inside"), [(1.9, True), (-1.9, True), (2.0, False), (-2.0, False)])
 def test_the_strip_is_as_wide_as_the_emv(aside_m: float, *, inside: bool) -> None:
     """1.05 m of the EMV and 0.9 m of the car."""
-    (one,) = of(record_of(arc((10.0, 12.0)), {CAR: standing(aside_m)}))
+    (one,) = encounters_in(record_of(arc((10.0, 12.0)), {CAR: standing(aside_m)}))
     assert one.was_in_the_way is inside
     assert one.in_the_way.all() == inside
 
@@ -115,7 +105,7 @@ def test_the_strip_is_as_wide_as_the_emv(aside_m: float, *, inside: bool) -> Non
 @pytest.mark.parametrize(("at_m", "inside"), [(19.9 + 40.0, True), (20.1 + 40.0, False)])
 def test_the_strip_goes_on_fifteen_metres_beyond_the_emv(at_m: float, *, inside: bool) -> None:
     """The EMV's record ends at 40 m, its front at 43 m; the car's rear is 2 m behind its centre."""
-    (one,) = of(record_of(arc((10.0, 4.0)), {CAR: standing(0.0, at_m=at_m, time_s=4.0)}))
+    (one,) = encounters_in(record_of(arc((10.0, 4.0)), {CAR: standing(0.0, at_m=at_m, time_s=4.0)}))
     assert one.was_in_the_way is inside
 
 
@@ -128,14 +118,14 @@ def test_the_siren_counts_as_the_encounter_begins(first_step: int) -> None:
         on = (state.actor_id == EMV) & (state.step >= first_step)
         lights = np.where(on, int(Lights.SIREN | Lights.BEACON), int(Lights.BRAKE)).astype(np.uint8)
         states.append(replace(state, lights=lights))
-    (one,) = of(replace(record, states=tuple(states)))
+    (one,) = encounters_in(replace(record, states=tuple(states)))
     assert one.with_siren is (first_step == 0)
 
 
 def test_a_car_that_comes_from_behind_is_not_met() -> None:
     """It overtakes the EMV within 40 m: from then on it is ahead, and the encounter begins there."""
     overtakes = Driven(line((1.75, -120.0), (1.75, 110.0)), arc((20.0, 9.0), start_m=0.0))
-    (one,) = of(record_of(arc((5.0, 9.0)) + 20.0, {CAR: overtakes}))
+    (one,) = encounters_in(record_of(arc((5.0, 9.0)) + 20.0, {CAR: overtakes}))
     # 20 + 5 t + 5 = 20 t
     assert one.driver.track.time_s[0] == pytest.approx(25.0 / 15.0, abs=0.051)
     assert one.passed_row == -1
@@ -143,9 +133,9 @@ def test_a_car_that_comes_from_behind_is_not_met() -> None:
 
 def test_a_car_that_is_gone_before_the_emv_comes_is_not_met() -> None:
     record = record_of(arc((10.0, 3.0)), {CAR: Driven(IN_LANE, arc((0.0, 2.0), start_m=50.0), first_step=100)})
-    assert of(record) == []
+    assert encounters_in(record) == []
 
 
 def test_each_driver_once_and_no_emv() -> None:
     record = record_of(arc((10.0, 12.0)), {CAR: standing(3.0), CAR + 1: standing(0.0, at_m=90.0)})
-    assert [one.actor_id for one in of(record)] == [CAR, CAR + 1]
+    assert [one.actor_id for one in encounters_in(record)] == [CAR, CAR + 1]

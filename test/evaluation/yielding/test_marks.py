@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hand_made_record import CAR_LENGTH_M, EMV, EMV_LENGTH_M, NORTHBOUND, Driven, crossing, hand_made, line
-from made_encounters import CAR, IN_LANE, PULLS_RIGHT, arc, blocking, passing, record_of
+from made_encounters import CAR, IN_LANE, PULLS_RIGHT, arc, blocking, encounters_in, line_of, passing, record_of
 
 from siren_ros.evaluation.surrogate_safety import Encroachment, Extreme, PairMeasures
 from siren_ros.evaluation.yielding import marks
@@ -26,9 +26,7 @@ BODIES_M = 0.5 * (EMV_LENGTH_M + CAR_LENGTH_M)
 
 
 def only(record: EpisodeRecord) -> Encounter:
-    line = EmvLine.of(record)
-    assert line is not None
-    (encounter,) = encounters_of(record, line, LIMITS)
+    (encounter,) = encounters_in(record)
     assert encounter.actor_id == CAR
     return encounter
 
@@ -184,9 +182,7 @@ def test_oncoming_and_far_away_drivers_are_not_met() -> None:
     oncoming = Driven(IN_LANE[::-1] - np.array([7.0, 0.0]), arc((10.0, 10.0)))
     far = Driven(IN_LANE, arc((10.0, 10.0), start_m=90.0))
     record = record_of(arc((10.0, 10.0)), {CAR: oncoming, CAR + 1: far})
-    line = EmvLine.of(record)
-    assert line is not None
-    assert list(encounters_of(record, line, LIMITS)) == []
+    assert encounters_in(record) == []
 
 
 def test_the_way_is_clear_from_the_first_step_out_of_the_strip() -> None:
@@ -195,12 +191,6 @@ def test_the_way_is_clear_from_the_first_step_out_of_the_strip() -> None:
     assert one.in_the_way[:out].all()
     assert not one.in_the_way[out : one.passed_row].any()
     assert marks.clearance_time_s(one, LIMITS) == Measure(out * STEP_S)
-
-
-def line_of(record: EpisodeRecord) -> EmvLine:
-    found = EmvLine.of(record)
-    assert found is not None
-    return found
 
 
 def with_target(record: EpisodeRecord, speed_mps: float) -> EpisodeRecord:
@@ -295,8 +285,7 @@ LEFT_LANE = IN_LANE - np.array([3.5, 0.0])
 
 
 def met(record: EpisodeRecord) -> list[Encounter]:
-    found = EmvLine.of(record)
-    assert found is not None
+    found = line_of(record)
     return list(encounters_of(record, found, LIMITS))
 
 

@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hand_made_record import EMV, Driven
-from made_encounters import CAR, IN_LANE, PULLS_RIGHT, arc, record_of
+from made_encounters import CAR, IN_LANE, PULLS_RIGHT, arc, line_of, record_of
 
 from siren_ros.evaluation.yielding import marks
 from siren_ros.evaluation.yielding.corridor import corridor_continuity, corridor_width_m
-from siren_ros.evaluation.yielding.emv_line import EmvLine
 from siren_ros.evaluation.yielding.encounters import Encounter
 from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS, YieldScene
 from siren_ros.evaluation.yielding.thresholds import Measure, YieldThresholds
@@ -33,8 +32,7 @@ def scene() -> YieldScene:
     record = record_of(arc((10.0, 9.0), (0.0, 7.0)), cars)
     events = (Event(3, EventKind.COLLISION, EMV, CAR), Event(4, EventKind.COLLISION, CAR + 1, CAR))
     record = replace(record, events=events)
-    line = EmvLine.of(record)
-    assert line is not None
+    line = line_of(record)
     return YieldScene(record, line, LIMITS)
 
 

@@ -11,7 +11,7 @@ from docsite.code_tables import with_tables
 from siren_ros.interfaces import topics
 from siren_ros.interfaces.topics import Topic
 from siren_ros.ros.transport.endpoints import REPORT_DEPTH, STREAM_DEPTH, qos_of
-from siren_ros.sensor_messages.sensor_topics import camera_topics
+from siren_ros.sensor_messages.sensor_topics import SENSOR_MESSAGES, camera_topics
 from siren_ros.sensors.suite import load_suite
 
 PAGE = with_tables((REPOSITORY / "docs" / "topics.md").read_text(encoding="utf-8"))
@@ -22,7 +22,11 @@ ROWS = {
 }
 TABLE = {
     topic.name.replace("{sensor}", "SENSOR"): topic
-    for topic in (*(value for value in vars(topics).values() if isinstance(value, Topic)), *topics.AV_CARRIER_TOPICS)
+    for topic in (
+        *(value for value in vars(topics).values() if isinstance(value, Topic)),
+        *topics.AV_CARRIER_TOPICS,
+        *(entry.topic for entry in SENSOR_MESSAGES.values()),
+    )
 }
 PUBLISHERS = {
     topics.STEP_DONE.name: "every participant",

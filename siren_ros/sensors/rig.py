@@ -22,8 +22,8 @@ from siren_ros.sensors.meshes.placement import Catalogue, Placement
 from siren_ros.sensors.navigation import Odometers
 from siren_ros.sensors.scene.config import SceneConfig
 from siren_ros.sensors.scene.static_scene import static_scene
-from siren_ros.sensors.sensor_table import SENSOR_TYPES, CarrierView
-from siren_ros.sensors.specification import CameraSpec, SensorSpec, map_from_base
+from siren_ros.sensors.sensor_table import SENSOR_TYPES
+from siren_ros.sensors.specification import CameraSpec, CarrierView, SensorSpec, map_from_base
 from siren_ros.sensors.station import check_outdoors, station_mount
 from siren_ros.sensors.suite import SensorSuite, WantedLabels
 from siren_ros.sensors.truth import ImageLabeller, label_boxes

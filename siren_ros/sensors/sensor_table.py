@@ -7,34 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
-from siren_ros.numerics.arrays import Matrix
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.sensors.microphone import Microphone, MicrophoneSpec
 from siren_ros.sensors.navigation import GeoReference, Gnss, GnssSpec, Imu, ImuSpec, PlanarMotion
-from siren_ros.sensors.specification import CameraSpec, LidarSpec, SensorSpec
-from siren_ros.world.actors import ActorStates
-
-
-@dataclass(frozen=True, eq=False)
-class CarrierView:
-    """What a sensor can measure at one step: all actors, and where its carrier is among them."""
-
-    states: ActorStates
-    map_from_base: Matrix
-    """Pose of the carrier, shape ``(4, 4)``."""
-    row: int
-    """Row of the carrier in the states; negative for a station."""
-
-    @property
-    def motion(self) -> PlanarMotion:
-        """Velocity and heading of a carrier that is a vehicle."""
-        states, row = self.states, self.row
-        values = (states.yaw_rad[row], states.vx_mps[row], states.vy_mps[row], states.yaw_rate_radps[row])
-        return PlanarMotion(states.step, *map(float, values))
-
-
-Measure = Callable[[CarrierView], Any]
-"""Called at every step. Returns a frozen dataclass with ``step`` and ``frame_id`` (the sensor's name)."""
+from siren_ros.sensors.specification import CameraSpec, CarrierView, LidarSpec, Measure, SensorSpec
+from siren_ros.world.measurements import ImuSample
 
 
 @dataclass(frozen=True)
@@ -55,7 +32,13 @@ def _gnss(spec: GnssSpec, network: RoadNetwork, seed: int) -> Measure:
 
 def _imu(spec: ImuSpec, _: RoadNetwork, seed: int) -> Measure:
     unit = Imu(spec, seed)
-    return lambda view: unit.measure(view.motion)
+
+    def measure(view: CarrierView) -> ImuSample:
+        states, row = view.states, view.row
+        values = (states.yaw_rad[row], states.vx_mps[row], states.vy_mps[row], states.yaw_rate_radps[row])
+        return unit.measure(PlanarMotion(states.step, *map(float, values)))
+
+    return measure
 
 
 def _microphone(spec: MicrophoneSpec, _: RoadNetwork, seed: int) -> Measure:

@@ -4,6 +4,7 @@ Every sensor has a stream of random numbers of its own for every step.
 """
 
 import zlib
+from collections.abc import Callable
 from dataclasses import MISSING, dataclass, field
 from typing import Any, Final
 
@@ -12,6 +13,7 @@ import numpy.typing as npt
 
 from siren_ros.numerics.arrays import Matrix
 from siren_ros.numerics.units import STEPS_PER_S
+from siren_ros.world.actors import ActorStates
 from siren_ros.world.measurements import CameraIntrinsics
 
 RADIANS: Final = float(np.pi / 180.0)
@@ -108,6 +110,21 @@ class SensorSpec:
     def period_steps(self) -> int:
         """Steps between two measurements; 1 for a sensor without ``rate_hz``, which divides the 20 Hz of the steps."""
         return round(STEPS_PER_S / getattr(self, "rate_hz", STEPS_PER_S))
+
+
+@dataclass(frozen=True, eq=False)
+class CarrierView:
+    """What a sensor can measure at one step: all actors, and where its carrier is among them."""
+
+    states: ActorStates
+    map_from_base: Matrix
+    """Pose of the carrier, shape ``(4, 4)``."""
+    row: int
+    """Row of the carrier in the states; negative for a station."""
+
+
+Measure = Callable[[CarrierView], Any]
+"""Called at every step. Returns a frozen dataclass with ``step`` and ``frame_id`` (the sensor's name)."""
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,10 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 from followed_guide import FollowedGuide, apply, follow
+from mcap.reader import make_reader
 from recorded_episode import sensed_recording, tracked_recording
+
+from siren_ros.interfaces.messages import typestore
 
 
 @pytest.fixture
@@ -53,6 +56,21 @@ def test_a_predictor(followed: FollowedGuide, tmp_path_factory: pytest.TempPathF
 @of("detector")
 def test_a_detector(followed: FollowedGuide, bag: Path) -> None:
     assert "ten_metres_ahead" in output_of(followed, bag)
+
+
+@of("sensor")
+def test_a_sensor(followed: FollowedGuide) -> None:
+    output_of(followed)
+    (bag,) = (followed.root / "studies" / "pressure").rglob("*.mcap")
+    with bag.open("rb") as file:
+        measured = [
+            typestore().deserialize_cdr(message.data, schema.name)
+            for schema, channel, message in make_reader(file).iter_messages()
+            if schema is not None and channel.topic == "/emv/barometer/pressure"
+        ]
+    assert len(measured) == 10
+    assert {message.header.frame_id for message in measured} == {"barometer"}
+    assert [message.fluid_pressure for message in measured] == pytest.approx([101_307.0] * 10, abs=5.0)
 
 
 @of("template")

@@ -13,7 +13,7 @@ coordinate = st.floats(-20.0, 20.0)
 
 
 def test_the_field_of_view_spans_the_outer_edges_of_the_picture() -> None:
-    camera = load_suite("front".intrinsics.cameras[0])
+    camera = load_suite("front").cameras[0].intrinsics
     edge = np.tan(np.radians(50.0))
     uv, depth = camera.project(np.array([[-edge, 0.0, 1.0], [edge, 0.0, 1.0], [0.0, 0.0, 2.0]]))
     assert uv[0, 0] == pytest.approx(-0.5)

@@ -22,7 +22,7 @@ from siren_ros.interfaces.transforms import from_tf, matrix_between
 from siren_ros.lockstep import Input
 from siren_ros.ros.node_configs import DetectorConfig
 from siren_ros.ros.participants.participant import Participant
-from siren_ros.ros.programs.program import run_participant
+from siren_ros.ros.programs.program import run_program
 from siren_ros.scenario.episode import EpisodeDescription
 from siren_ros.sensors.suite import load_suite
 from siren_ros.world.carrier import BASE_FRAME, MAP_FRAME
@@ -79,7 +79,7 @@ NODE = Detector
 
 def main() -> int:
     """Run the node as a program of its own."""
-    return run_participant(NODE, "detector")
+    return run_program(NODE, "detector")
 
 
 if __name__ == "__main__":

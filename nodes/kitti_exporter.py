@@ -18,7 +18,7 @@ from siren_ros.lockstep import Input
 from siren_ros.record.episode_source import FRONT_CAMERA
 from siren_ros.ros.node_configs import KittiExporterConfig
 from siren_ros.ros.participants.participant import Participant
-from siren_ros.ros.programs.program import run_participant
+from siren_ros.ros.programs.program import run_program
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd
 from siren_ros.sensor_messages.sensor_topics import optical_frame, static_transforms
 from siren_ros.sensors.suite import SensorSuite, load_suite
@@ -87,7 +87,7 @@ NODE = KittiExporter
 
 def main() -> int:
     """Run the node as a program of its own."""
-    return run_participant(NODE, "kitti_exporter")
+    return run_program(NODE, "kitti_exporter")
 
 
 if __name__ == "__main__":

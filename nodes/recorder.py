@@ -15,7 +15,7 @@ from siren_ros.judging.outcome import judge
 from siren_ros.recording.recorder import EpisodeRecorder
 from siren_ros.ros.node_configs import RecorderConfig
 from siren_ros.ros.participants.participant import Participant
-from siren_ros.ros.programs.program import run_participant
+from siren_ros.ros.programs.program import run_program
 from siren_ros.ros.transport import wire
 from siren_ros.scenario.episode import EpisodeDescription
 from siren_ros.sensor_messages.sensor_topics import topics_of
@@ -82,7 +82,7 @@ NODE = Recorder
 
 def main() -> int:
     """Run the node as a program of its own."""
-    return run_participant(NODE, "recorder")
+    return run_program(NODE, "recorder")
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from siren_ros.lockstep import Input
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.ros.node_configs import SensorSimConfig
 from siren_ros.ros.participants.participant import Participant
-from siren_ros.ros.programs.program import run_participant
+from siren_ros.ros.programs.program import run_program
 from siren_ros.ros.transport import wire
 from siren_ros.ros.transport.endpoints import create_wall_timer
 from siren_ros.scenario.episode import EpisodeDescription
@@ -80,7 +80,7 @@ NODE = SensorSim
 
 def main() -> int:
     """Run the node as a program of its own."""
-    return run_participant(NODE, "sensor_sim")
+    return run_program(NODE, "sensor_sim")
 
 
 if __name__ == "__main__":

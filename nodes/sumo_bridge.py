@@ -12,7 +12,7 @@ from siren_ros.interfaces.programs import to_path
 from siren_ros.lockstep import Input
 from siren_ros.ros.node_configs import SumoBridgeConfig
 from siren_ros.ros.participants.participant import Participant
-from siren_ros.ros.programs.program import run_participant
+from siren_ros.ros.programs.program import run_program
 from siren_ros.ros.transport import wire
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.traffic.demand.demand import av_way
@@ -61,7 +61,7 @@ NODE = SumoBridge
 
 def main() -> int:
     """Run the node as a program of its own."""
-    return run_participant(NODE, "sumo_bridge")
+    return run_program(NODE, "sumo_bridge")
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from siren_ros.interfaces.programs import from_av_control
 from siren_ros.lockstep import Input
 from siren_ros.ros.node_configs import VehicleDynamicsConfig
 from siren_ros.ros.participants.participant import Participant
-from siren_ros.ros.programs.program import run_participant
+from siren_ros.ros.programs.program import run_program
 from siren_ros.ros.transport import wire
 from siren_ros.scenario.episode import EpisodeDescription
 from siren_ros.world.actors import NO_ACTOR
@@ -57,7 +57,7 @@ NODE = VehicleDynamics
 
 def main() -> int:
     """Run the node as a program of its own."""
-    return run_participant(NODE, "vehicle_dynamics")
+    return run_program(NODE, "vehicle_dynamics")
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from siren_ros.interfaces.conversions import from_traffic_state, to_vehicle_comm
 from siren_ros.lockstep import Input
 from siren_ros.ros.node_configs import YieldManagerConfig
 from siren_ros.ros.participants.participant import Participant
-from siren_ros.ros.programs.program import run_participant
+from siren_ros.ros.programs.program import run_program
 from siren_ros.ros.transport import wire
 from siren_ros.scenario.episode import EpisodeDescription
 
@@ -39,7 +39,7 @@ NODE = YieldManager
 
 def main() -> int:
     """Run the node as a program of its own."""
-    return run_participant(NODE, "yield_manager")
+    return run_program(NODE, "yield_manager")
 
 
 if __name__ == "__main__":

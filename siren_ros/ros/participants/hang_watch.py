@@ -4,7 +4,6 @@ The executor cannot notice it: it waits for that callback.
 """
 
 import threading
-import time
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
 
@@ -76,11 +75,6 @@ class HangWatch:
         self._stopped.set()
 
 
-def begin_work(participant: str, phase: Phase, step: int) -> Work:
-    """Work that a participant begins now."""
-    return Work(participant, phase, step, time.monotonic())
-
-
 _MOST_NAMES: Final = 3
 
 
@@ -106,13 +100,13 @@ def awaited_by(
     by_act: dict[str, list[str]] = {}
     for name in names:
         by_act.setdefault(_act_of(name, state, own), []).append(config.display_names.get(name, name))
-    told = [f"{_listed(shown)} {act}" for act, shown in by_act.items()]
+    acts = [f"{_listed(shown)} {act}" for act, shown in by_act.items()]
     limit_s = {
         Stage.GATHERING: config.start_timeout_s,
         Stage.STEPPING: config.step_timeout_s,
         Stage.CLOSING: config.close_timeout_s,
     }[state.stage]
-    return f"{', '.join(told)}, at most {limit_s:g} s"
+    return f"{', '.join(acts)}, at most {limit_s:g} s"
 
 
 def _listed(names: Sequence[str]) -> str:

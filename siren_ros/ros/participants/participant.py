@@ -23,7 +23,7 @@ from siren_ros.interfaces.topics import Topic
 from siren_ros.lockstep import Input, TickJoin, once
 from siren_ros.ros.node_configs import ParticipantConfig
 from siren_ros.ros.parameters import declare_config
-from siren_ros.ros.participants.hang_watch import Work, begin_work
+from siren_ros.ros.participants.hang_watch import Work
 from siren_ros.ros.transport import wire
 from siren_ros.ros.transport.endpoints import PublisherWatch, create_input, create_output, create_wall_timer
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd
@@ -144,9 +144,9 @@ class Participant(Node, Generic[Config]):
         phase = Phase.STEP if self._ready_sent else Phase.READY
         self._guarded(self._join.next_step, phase, action)
 
-    def join_more(self, wanted: Sequence[Input]) -> None:
+    def join_more(self, inputs: Sequence[Input]) -> None:
         """Join further topics into the steps, once the episode is known."""
-        added = tuple(wanted)
+        added = tuple(inputs)
         self.inputs = (*self.inputs, *added)
         self._join.add(added)
         for item in added:
@@ -227,7 +227,7 @@ class Participant(Node, Generic[Config]):
     def _guarded(self, step: int, phase: Phase, action: Callable[[], None]) -> None:
         if self._failed and phase is not Phase.FINAL:
             return
-        outer, self.work = self.work, begin_work(self._called, phase, step)
+        outer, self.work = self.work, Work(self._called, phase, step, time.monotonic())
         try:
             action()
         except (SirenError, OSError) as error:

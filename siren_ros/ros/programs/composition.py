@@ -268,7 +268,9 @@ def plan_episode(config: CosimConfig) -> EpisodePlan:
     suite = load_suite(config.sensors)
     bag = Path(config.bag) if config.bag else default_bag_path(request)
     check_new_bag(bag)
-    has_camera = any(camera.name == EXPORTED_CAMERA for camera in suite.cameras) or _is_paper(config.kitti_layout)
+    has_camera = (
+        any(camera.name == EXPORTED_CAMERA for camera in suite.cameras) or Layout(config.kitti_layout) is Layout.PAPER
+    )
     kitti = default_kitti_path(bag) if config.kitti and suite.lidars and has_camera else None
     if kitti:
         LiveExport(kitti).check()
@@ -280,22 +282,18 @@ def plan_episode(config: CosimConfig) -> EpisodePlan:
         *(("kitti_exporter",) if kitti else ()),
         *(("detector",) if config.detector else ()),
     )
-    told: dict[str, dict[str, Value]] = {name: {"participants": list(nodes)} for name in ("recorder", *nodes)}
-    told["sumo_bridge"].update(asdict(request))
-    told["recorder"]["bag"] = str(bag)
+    overrides: dict[str, dict[str, Value]] = {name: {"participants": list(nodes)} for name in ("recorder", *nodes)}
+    overrides["sumo_bridge"].update(asdict(request))
+    overrides["recorder"]["bag"] = str(bag)
     if kitti:
-        told["kitti_exporter"] |= {"out": str(kitti), "layout": config.kitti_layout}
+        overrides["kitti_exporter"] |= {"out": str(kitti), "layout": config.kitti_layout}
     if config.detector:
-        told["detector"]["weights"] = config.detector
+        overrides["detector"]["weights"] = config.detector
     predictor = [config.predictor] if config.predictor and config.predictor not in config.external else []
     others = (*_checked_names([*config.external, *predictor]), *((AV_SOURCE,) if config.av else ()))
-    told["sensor_sim"]["trails"] = not others and config.realtime_factor == 0.0
+    overrides["sensor_sim"]["trails"] = not others and config.realtime_factor == 0.0
     own_steps = plan_length(replace(request, duration_s=0.0))
-    return EpisodePlan(nodes, others, plan_length(request), own_steps, bag, kitti, no_kitti, told)
-
-
-def _is_paper(layout: str) -> bool:
-    return Layout(layout) is Layout.PAPER
+    return EpisodePlan(nodes, others, plan_length(request), own_steps, bag, kitti, no_kitti, overrides)
 
 
 def _checked_names(names: list[str]) -> tuple[str, ...]:

@@ -26,7 +26,7 @@ from siren_ros.ros.participants.master import LockstepMaster
 from siren_ros.ros.programs.composition import Composition, EpisodePlan, InProcess, OutOfProcess, plan_episode
 from siren_ros.ros.programs.processes import Awaited, Interrupt, PreparationInterruptedError, Waiting
 from siren_ros.ros.programs.program import start_ros
-from siren_ros.ros.programs.progress import Progress, closing_summary, verdict
+from siren_ros.ros.programs.progress import ProgressDisplay, closing_summary, verdict
 from siren_ros.ros.transport import wire
 from siren_ros.ros.transport.domain import check_alone, in_free_domain
 from siren_ros.ros.transport.endpoints import PublisherWatch, create_input
@@ -49,7 +49,7 @@ class Cosim(Node):
         self.config = declare_config(self, CosimConfig)
         self.plan = plan_episode(self.config)
         self.outcome: EpisodeOutcome | None = None
-        self.progress = Progress(self.plan.steps)
+        self.progress = ProgressDisplay(self.plan.steps)
         self.master = LockstepMaster(
             self, self.plan.lockstep(self.config), self.config.realtime_factor, self.plan.settle_s
         )

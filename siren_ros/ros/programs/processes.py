@@ -14,6 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from typing import Final, NamedTuple, Self, TextIO
 
 from siren_ros.errors import SirenError
@@ -201,9 +202,8 @@ class Waiting:
             stream: Gets the lines; by default standard error.
         """
         self._program = program
-        self._stream = stream or sys.stderr
         self.ask: Callable[[], Awaited] = lambda: Awaited(what)
-        self.say: Callable[[str], None] = self._print
+        self.say: Callable[[str], None] = partial(print, file=stream or sys.stderr, flush=True)
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._run, name="waiting", daemon=True)
         self._thread.start()
@@ -219,9 +219,6 @@ class Waiting:
             if line:
                 with suppress(OSError, ValueError):  # the terminal is closed
                     self.say(f"{self._program}: {line}")
-
-    def _print(self, line: str) -> None:
-        print(line, file=self._stream, flush=True)
 
     def __enter__(self) -> Self:
         return self

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
 import rclpy
 from rclpy._rclpy_pybind11 import UnknownROSArgsError
@@ -21,7 +21,6 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError, SirenError
-from siren_ros.ros.participants.participant import Participant
 from siren_ros.ros.programs.processes import Interrupt, Parent
 from siren_ros.ros.transport.shared_memory import (
     choose_profile,
@@ -134,11 +133,6 @@ class Program(Protocol):
 
     def destroy_node(self) -> None:
         """Take the node out of the graph."""
-
-
-def run_participant(make_node: Callable[[str], Participant[Any]], name: str) -> int:
-    """Run one participant as a program of its own until its episode is over; returns the exit code."""
-    return run_program(make_node, name)
 
 
 def run_program(make_node: Callable[[str], Program], name: str) -> int:

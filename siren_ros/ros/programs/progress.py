@@ -22,7 +22,7 @@ PLAIN_EVERY_STEPS = 5 * STEPS_PER_S
 UPDATE_EVERY_STEPS = 4
 
 
-class Progress:
+class ProgressDisplay:
     """A progress bar on a terminal, a line every few simulated seconds elsewhere."""
 
     def __init__(self, steps: int, stream: TextIO = sys.stderr) -> None:
@@ -107,21 +107,23 @@ def closing_summary(
         wall_s: Wall time from the first step to the last.
     """
     steps = state.steps_closed
-    lines = [f"episode {state.end.value} after {steps * STEP_S:.2f} s ({steps} steps)" + _because(state.reason)]
+    lines = [
+        f"episode {state.end.value} after {steps * STEP_S:.2f} s ({steps} steps)"
+        + (f": {state.reason}" if state.reason else "")
+    ]
     lines += _bag_lines(plan.bag, state.end)
     if plan.kitti is not None and state.end is EpisodeEnd.COMPLETE:
         lines.append(f"KITTI export: {plan.kitti}")
     if plan.no_kitti:
         lines.append(f"no KITTI export: {plan.no_kitti}")
-    lines += _outcome_lines(outcome, _cut_short(plan) if state.end is EpisodeEnd.COMPLETE else "")
+    cut_short = ""
+    if plan.is_cut_short and state.end is EpisodeEnd.COMPLETE:
+        cut_short = f"cut short by duration_s to {plan.steps * STEP_S:g} of {plan.own_steps * STEP_S:g} s"
+    lines += _outcome_lines(outcome, cut_short)
     if wall_s and steps:
         lines.append(f"real-time factor {steps * STEP_S / wall_s:.2f} ({wall_s:.1f} s of wall time)")
         lines += time_table(state.busy_s, wall_s)
     return lines
-
-
-def _because(reason: str) -> str:
-    return f": {reason}" if reason else ""
 
 
 def _bag_lines(bag: Path, end: EpisodeEnd) -> list[str]:
@@ -135,12 +137,6 @@ def _bag_lines(bag: Path, end: EpisodeEnd) -> list[str]:
     size_mb = sum(file.stat().st_size for file in bag.iterdir()) / _MEGABYTE
     counts = read_message_counts(bag)
     return [f"bag: {bag} ({size_mb:.1f} MB)"] + [f"  {name:<44}{count:6d}" for name, count in sorted(counts.items())]
-
-
-def _cut_short(plan: EpisodePlan) -> str:
-    if not plan.is_cut_short:
-        return ""
-    return f"cut short by duration_s to {plan.steps * STEP_S:g} of {plan.own_steps * STEP_S:g} s"
 
 
 def _outcome_lines(outcome: EpisodeOutcome | None, cut_short: str) -> list[str]:
@@ -172,12 +168,12 @@ def verdict(
         failed: Exit code of an episode that was not made.
     """
     if end is not EpisodeEnd.COMPLETE:
-        code, told = failed, f"the episode {'was interrupted' if end is EpisodeEnd.INTERRUPTED else 'failed'}"
-        return code, f"exit code {code}: {told}"
+        what = "was interrupted" if end is EpisodeEnd.INTERRUPTED else "failed"
+        return failed, f"exit code {failed}: the episode {what}"
     lacking = ("its interaction was not judged",) if outcome is None else outcome.shortcomings
     if not lacking:
         return EXIT_OK, f"exit code {EXIT_OK}: the episode was made, its interaction happened, nothing collided"
     if strict:
         return EXIT_FAILED, f"exit code {EXIT_FAILED}: the episode was made, but {' and '.join(lacking)} (strict)"
-    told = f"({' and '.join(lacking)}; strict:=true makes this count)"
-    return EXIT_OK, f"exit code {EXIT_OK}: the episode was made {told}"
+    note = f"({' and '.join(lacking)}; strict:=true makes this count)"
+    return EXIT_OK, f"exit code {EXIT_OK}: the episode was made {note}"

@@ -204,7 +204,7 @@ class Renderer:
             instances: Whether to hand back instances.
         """
         self._drawing.use()  # other renderers of this thread have contexts of their own
-        clip = _clip_from_map(camera, map_from_camera)
+        clip = camera.clip_from_optical(NEAR_M, FAR_M) @ optical_from_map(map_from_camera)
         textures = self._prepare(camera, clip, map_from_camera, placement, rolled_m, step, exposure)
         rows = _nearest_in_view(clip, map_from_camera[:3, 3], placement)
         target = self._take_target(camera)
@@ -323,10 +323,6 @@ class Renderer:
         )
         columns = [matrix.T.ravel() for matrix in matrices]
         self._frame.write(np.concatenate([*columns, np.ravel(vectors)]).astype(np.float32).tobytes())
-
-
-def _clip_from_map(camera: CameraIntrinsics, map_from_camera: Matrix) -> Matrix:
-    return camera.clip_from_optical(NEAR_M, FAR_M) @ optical_from_map(map_from_camera)
 
 
 def _nearest_in_view(

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.roads.road_network import Connection, Edge, Lane, LaneKind, RoadNetwork
-from siren_ros.sensors.meshes.mesh import LampColour, Material, Mesh, SignalLamp
+from siren_ros.sensors.meshes.mesh import LampColour, Material, Mesh, SignalLamp, StaticScene
 from siren_ros.sensors.meshes.solids import Rgb, box, from_quads, frustum
 from siren_ros.sensors.scene.config import SceneConfig
 from siren_ros.sensors.scene.surfaces import FreeSpace
@@ -133,164 +133,125 @@ _PREFERENCE: Final = "slrt"
 """A head that serves several movements shows the state of the first of these that it has."""
 
 
-@dataclass(frozen=True, eq=False)
-class Controls:
-    """All signals and signs; the lamps' triangle ranges count from the mesh's first triangle."""
-
-    mesh: Mesh
-    lamps: tuple[SignalLamp, ...]
-
-
-def junction_controls(network: RoadNetwork, space: FreeSpace, config: SceneConfig) -> Controls:
+def junction_controls(network: RoadNetwork, space: FreeSpace, config: SceneConfig) -> StaticScene:
     """Signals and stop signs of a map: a post at the right of each approach, heads on a mast beyond the junction."""
-    collector = _Collector()
+    builder = _ControlsBuilder(network, space, config)
     for edge in network.edges:
         if edge.internal:
             continue
         lanes = [network.lanes[i] for i in edge.lanes if network.lanes[i].kind is LaneKind.DRIVING]
-        signalled = [(lane, link) for lane in lanes if (link := _representative(network, lane)) is not None]
+        signalled = [(lane, link) for lane in lanes if (link := builder.shown_movement(lane)) is not None]
         if signalled:
-            _near_post(collector, network, edge, signalled, space)
-            _far_heads(collector, network, signalled, space, config)
+            builder.add_near_post(edge, *signalled[0])
+            builder.add_far_heads(signalled)
         elif any(c.must_stop for lane in lanes for c in network.connections_from.get(lane.index, ())):
-            _stop_post(collector, network, edge, lanes, space)
-    return Controls(Mesh.concatenate(collector.parts), tuple(collector.lamps))
+            builder.add_stop_post(edge, lanes[0])
+    return StaticScene(Mesh.concatenate(builder.parts), tuple(builder.lamps))
 
 
-class _Collector:
+class _ControlsBuilder:
     """Meshes in order, with the lamps' triangle ranges in their concatenation."""
 
-    def __init__(self) -> None:
+    def __init__(self, network: RoadNetwork, space: FreeSpace, config: SceneConfig) -> None:
         self.parts: list[Mesh] = []
         self.lamps: list[SignalLamp] = []
         self._triangles = 0
+        self._network = network
+        self._space = space
+        self._config = config
 
-    def add(self, mesh: Mesh) -> None:
+    def _add(self, mesh: Mesh) -> None:
         """Appends a mesh without lamps."""
         self.parts.append(mesh)
         self._triangles += len(mesh)
 
-    def add_head(self, link: Connection, x_m: float, y_m: float, z_m: float, heading_rad: float) -> None:
-        """Appends a signal head that shines along a heading."""
-        head = signal_head()
-        for colour, start, stop in head.lamps:
-            self.lamps.append(
-                SignalLamp(
-                    signal_id=str(link.signal_id),
-                    link=link.signal_link,
-                    colour=colour,
-                    start=self._triangles + start,
-                    stop=self._triangles + stop,
-                )
-            )
-        self.add(turned(head.mesh, x_m, y_m, z_m, heading_rad))
+    def _add_head(
+        self, link: Connection, place: tuple[float, float, float], heading_rad: float, ahead_m: float
+    ) -> None:
+        """Appends a signal head that shines along a heading, at a distance in front of a place."""
+        head, (x_m, y_m, z_m) = signal_head(), place
+        self.lamps += [
+            SignalLamp(str(link.signal_id), link.signal_link, colour, self._triangles + start, self._triangles + stop)
+            for colour, start, stop in head.lamps
+        ]
+        x_m, y_m = x_m + ahead_m * np.cos(heading_rad), y_m + ahead_m * np.sin(heading_rad)
+        self._add(turned(head.mesh, float(x_m), float(y_m), z_m, heading_rad))
 
+    def shown_movement(self, lane: Lane) -> Connection | None:
+        """The signalled movement whose state a lane's head shows."""
+        links = self._network.connections_from.get(lane.index, ())
+        ranks = {direction: rank for rank, direction in enumerate(_PREFERENCE)}
+        return min(
+            (link for link in links if link.signal_id is not None and link.signal_link >= 0),
+            key=lambda link: ranks.get(link.direction.lower(), len(ranks)),
+            default=None,
+        )
 
-def _representative(network: RoadNetwork, lane: Lane) -> Connection | None:
-    """The signalled movement whose state a lane's head shows."""
-    links = [c for c in network.connections_from.get(lane.index, ()) if c.signal_id is not None and c.signal_link >= 0]
-    return min(links, key=lambda c: _rank(c.direction), default=None)
+    def _right_post(self, edge: Edge, lane: Lane) -> tuple[float, float] | None:
+        """A place for a post at the right of the end of an edge: as near as possible to the lane and to its end."""
+        outer = self._network.lanes[edge.lanes[0]]
+        _, to_outer = outer.centre.project(lane.centre.at(lane.length_m))
+        reach = lane.width_m + abs(float(to_outer)) + outer.width_m + 3.0
+        back, aside = (grid.ravel() for grid in np.meshgrid((0.5, 2.0, 4.0, 7.0, 11.0), np.arange(0.0, reach, 0.25)))
+        nearest = np.argsort(aside + 0.5 * back, kind="stable")
+        s = np.maximum(lane.length_m - back[nearest], 0.0)
+        return self._space.first_clear(lane.centre.offset_points(s, -aside[nearest]), _POST_RADIUS_M)
 
+    def add_near_post(self, edge: Edge, lane: Lane, link: Connection) -> None:
+        """A head on a post beside the approach; the head hangs in front of its post."""
+        place = self._right_post(edge, lane)
+        if place is not None:
+            heading = float(lane.centre.heading_rad(lane.length_m)) + np.pi
+            self._add(pole(*place, _POST_HEAD_M + HEAD_HEIGHT_M))
+            self._add_head(link, (*place, _POST_HEAD_M), heading, 0.26)
 
-def _rank(direction: str) -> int:
-    place = _PREFERENCE.find(direction.lower())
-    return place if place >= 0 else len(_PREFERENCE)
+    def add_far_heads(self, signalled: Sequence[tuple[Lane, Connection]]) -> None:
+        """Heads over the lanes beyond the junction for straight movements, else on a post opposite the approach."""
+        straight = [(self._network.lanes[link.to_lane], link) for _, link in signalled if link.direction == "s"]
+        if not straight:
+            self._add_opposite_post(*signalled[-1])
+            return
+        first, last = straight[0][0], straight[-1][0]
+        heading = float(first.centre.heading_rad(0.0))
+        right = (float(np.sin(heading)), -float(np.cos(heading)))
+        for ahead in (1.0, 3.0, 6.0):
+            x, y = first.centre.at(min(ahead, first.length_m))
+            place = clear_pole(self._space, float(x), float(y), right, 14.0, _MAST_RADIUS_M)
+            if place is None:
+                continue
+            arm_z = self._config.clearance_m + HEAD_HEIGHT_M + 0.4
+            end_x, end_y = (float(value) for value in last.centre.offset_points(min(ahead, last.length_m), 0.3))
+            self._add(pole(*place, arm_z + 0.2, 0.12))
+            self._add(mast_arm(place, (end_x, end_y), arm_z))
+            for lane, link in straight:
+                on_arm = _on_line(place, (end_x, end_y), lane.centre.at(min(ahead, lane.length_m)))
+                self._add_head(link, (*on_arm, self._config.clearance_m + 0.2), heading + np.pi, 0.27)
+            return
 
+    def _add_opposite_post(self, lane: Lane, link: Connection) -> None:
+        x, y = lane.centre.at(lane.length_m)
+        heading = float(lane.centre.heading_rad(lane.length_m))
+        forward = (float(np.cos(heading)), float(np.sin(heading)))
+        place = clear_pole(self._space, float(x), float(y), forward, 60.0, _POST_RADIUS_M)
+        if place is not None:
+            self._add(pole(*place, _POST_HEAD_M + 0.6 + HEAD_HEIGHT_M))
+            self._add_head(link, (*place, _POST_HEAD_M + 0.6), heading + np.pi, 0.26)
 
-def _right_post(network: RoadNetwork, edge: Edge, lane: Lane, space: FreeSpace) -> tuple[float, float] | None:
-    """A place for a post at the right of the end of an edge: as near as possible to the lane and to its end."""
-    outer = network.lanes[edge.lanes[0]]
-    _, to_outer = outer.centre.project(lane.centre.at(lane.length_m))
-    reach = lane.width_m + abs(float(to_outer)) + outer.width_m + 3.0
-    back, aside = (grid.ravel() for grid in np.meshgrid((0.5, 2.0, 4.0, 7.0, 11.0), np.arange(0.0, reach, 0.25)))
-    nearest = np.argsort(aside + 0.5 * back, kind="stable")
-    s = np.maximum(lane.length_m - back[nearest], 0.0)
-    return space.first_clear(lane.centre.offset_points(s, -aside[nearest]), _POST_RADIUS_M)
-
-
-def _near_post(
-    collector: _Collector,
-    network: RoadNetwork,
-    edge: Edge,
-    signalled: Sequence[tuple[Lane, Connection]],
-    space: FreeSpace,
-) -> None:
-    lane, link = signalled[0]
-    place = _right_post(network, edge, lane, space)
-    if place is None:
-        return
-    heading = float(lane.centre.heading_rad(lane.length_m)) + np.pi
-    collector.add(pole(*place, _POST_HEAD_M + HEAD_HEIGHT_M))
-    # The head hangs in front of its post.
-    x, y = place[0] + 0.26 * np.cos(heading), place[1] + 0.26 * np.sin(heading)
-    collector.add_head(link, float(x), float(y), _POST_HEAD_M, heading)
-
-
-def _far_heads(
-    collector: _Collector,
-    network: RoadNetwork,
-    signalled: Sequence[tuple[Lane, Connection]],
-    space: FreeSpace,
-    config: SceneConfig,
-) -> None:
-    """Heads over the lanes beyond the junction for straight movements, else on a post opposite the approach."""
-    straight = [(network.lanes[link.to_lane], link) for _, link in signalled if link.direction == "s"]
-    if not straight:
-        _opposite_post(collector, signalled[-1], space)
-        return
-    first, last = straight[0][0], straight[-1][0]
-    heading = float(first.centre.heading_rad(0.0))
-    right = (float(np.sin(heading)), -float(np.cos(heading)))
-    for ahead in (1.0, 3.0, 6.0):
-        s = min(ahead, first.length_m)
-        x, y = first.centre.at(s)
-        place = clear_pole(space, float(x), float(y), right, 14.0, _MAST_RADIUS_M)
-        if place is None:
-            continue
-        arm_z = config.clearance_m + HEAD_HEIGHT_M + 0.4
-        end = last.centre.offset_points(min(ahead, last.length_m), 0.3)
-        collector.add(pole(*place, arm_z + 0.2, 0.12))
-        collector.add(mast_arm(place, (float(end[0]), float(end[1])), arm_z))
-        for lane, link in straight:
-            hx, hy = _on_line(place, (float(end[0]), float(end[1])), lane.centre.at(min(ahead, lane.length_m)))
-            facing = heading + np.pi
-            collector.add_head(
-                link, hx + 0.27 * np.cos(facing), hy + 0.27 * np.sin(facing), config.clearance_m + 0.2, facing
-            )
-        return
+    def add_stop_post(self, edge: Edge, lane: Lane) -> None:
+        """A stop sign on a post beside the approach."""
+        place = self._right_post(edge, lane)
+        if place is not None:
+            facing = float(lane.centre.heading_rad(lane.length_m)) + np.pi
+            self._add(pole(*place, 2.75, 0.04))
+            x, y = place[0] + 0.06 * np.cos(facing), place[1] + 0.06 * np.sin(facing)
+            self._add(turned(stop_sign(), float(x), float(y), 2.3, facing))
 
 
 def _on_line(
     start: tuple[float, float], end: tuple[float, float], point: npt.NDArray[np.float64]
 ) -> tuple[float, float]:
+    """The nearest place to a point on the line between two places."""
     a, b = np.array(start), np.array(end)
     along = float(np.dot(point - a, b - a) / np.dot(b - a, b - a))
     x, y = a + np.clip(along, 0.0, 1.0) * (b - a)
     return float(x), float(y)
-
-
-def _opposite_post(collector: _Collector, approach: tuple[Lane, Connection], space: FreeSpace) -> None:
-    lane, link = approach
-    x, y = lane.centre.at(lane.length_m)
-    heading = float(lane.centre.heading_rad(lane.length_m))
-    forward = (float(np.cos(heading)), float(np.sin(heading)))
-    place = clear_pole(space, float(x), float(y), forward, 60.0, _POST_RADIUS_M)
-    if place is None:
-        return
-    collector.add(pole(*place, _POST_HEAD_M + 0.6 + HEAD_HEIGHT_M))
-    facing = heading + np.pi
-    collector.add_head(
-        link, place[0] + 0.26 * np.cos(facing), place[1] + 0.26 * np.sin(facing), _POST_HEAD_M + 0.6, facing
-    )
-
-
-def _stop_post(
-    collector: _Collector, network: RoadNetwork, edge: Edge, lanes: Sequence[Lane], space: FreeSpace
-) -> None:
-    place = _right_post(network, edge, lanes[0], space)
-    if place is None:
-        return
-    facing = float(lanes[0].centre.heading_rad(lanes[0].length_m)) + np.pi
-    collector.add(pole(*place, 2.75, 0.04))
-    x, y = place[0] + 0.06 * np.cos(facing), place[1] + 0.06 * np.sin(facing)
-    collector.add(turned(stop_sign(), float(x), float(y), 2.3, facing))

@@ -10,9 +10,8 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 from shapely.geometry import Polygon
-from shapely.geometry.base import BaseGeometry
 
-from siren_ros.numerics.arrays import Points, random_stream
+from siren_ros.numerics.arrays import random_stream
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.sensors.meshes.mesh import Material, Mesh, StaticScene
 from siren_ros.sensors.meshes.solids import Rgb, box, frustum, sphere_points
@@ -122,10 +121,11 @@ def _panes(
 def _flat_roof(half_m: float, depth_m: float, height_m: float, wall: Rgb, rng: np.random.Generator) -> list[Mesh]:
     grey = int(rng.integers(92, 132))
     roof: Rgb = (grey, grey, grey + 4)
+    eaves: Rgb = (int(0.82 * wall[0]), int(0.82 * wall[1]), int(0.82 * wall[2]))
     low, high = (-0.15, -half_m - 0.15, height_m - 0.45), (depth_m + 0.15, half_m + 0.15, height_m)
     inner_low, inner_high = (0.1, -half_m + 0.1, height_m - 0.2), (depth_m - 0.1, half_m - 0.1, height_m + 0.04)
     parts = [
-        box(low, high, Material.BUILDING_WALL, _darker(wall)),
+        box(low, high, Material.BUILDING_WALL, eaves),
         box(inner_low, inner_high, Material.BUILDING_ROOF, roof),
     ]
     if height_m > 11 and half_m > 4:
@@ -148,10 +148,6 @@ def _gable(half_m: float, depth_m: float, height_m: float, rng: np.random.Genera
               (ridge[0], y0, ridge[1]), (ridge[0], y1, ridge[1])]  # fmt: skip
     faces = [(0, 4, 5), (0, 5, 3), (1, 2, 5), (1, 5, 4), (0, 1, 4), (2, 3, 5), (0, 3, 2), (0, 2, 1)]
     return [Mesh.uniform(points, faces, Material.BUILDING_ROOF, colour)]
-
-
-def _darker(colour: Rgb) -> Rgb:
-    return (int(0.82 * colour[0]), int(0.82 * colour[1]), int(0.82 * colour[2]))
 
 
 TRUNK_RGB: Final[Rgb] = (92, 72, 52)
@@ -237,54 +233,29 @@ def parkland(surfaces: Surfaces, space: FreeSpace, config: SceneConfig, rng: np.
 def street_buildings(surfaces: Surfaces, space: FreeSpace, config: SceneConfig, rng: np.random.Generator) -> Mesh:
     """A first row of buildings that faces the roads and a second, taller and plainer one behind it."""
     streets = union((surfaces.paved, surfaces.raised, surfaces.verge, surfaces.keep_clear))
-    parts = []
-    rows = ((config.building_setback_m, True), (config.building_setback_m + 26.0, False))
-    for setback, detailed in rows:
-        front = streets.buffer(setback, quad_segs=4)
-        shapely.prepare(front)
-        places, tangents = ring_samples(front.simplify(0.2), 2.0)
-        parts.extend(_row(front, places, tangents, space, config, rng, surfaces, detailed=detailed))
-    return Mesh.concatenate(parts)
-
-
-def _row(
-    front: BaseGeometry,
-    places: Points,
-    tangents: Points,
-    space: FreeSpace,
-    config: SceneConfig,
-    rng: np.random.Generator,
-    surfaces: Surfaces,
-    *,
-    detailed: bool,
-) -> list[Mesh]:
     parts: list[Mesh] = []
     low, high = config.building_height_m
-    position, skip_until = 0, 0
-    while position < len(places):
-        if position < skip_until:
-            position += 1
-            continue
-        width = float(rng.uniform(11.0, 24.0))
-        depth = float(rng.uniform(9.0, 15.0))
-        height = float(low + (high - low) * rng.beta(1.4, 2.6 if detailed else 1.6))
-        x, y = places[position]
-        tx, ty = tangents[position]
-        # The streets lie left of the ring's direction, the lot on the right.
-        outward = float(np.arctan2(-tx, ty))
-        lot = Lot(float(x + tx * width / 2), float(y + ty * width / 2), outward, width, depth, height)
-        area = footprint(lot)
-        if _within(surfaces, lot.x_m, lot.y_m, config.skyline_m) and _is_free(front, area) and space.is_clear(area):
-            space.occupy(area.buffer(0.6))
-            parts.append(building(lot, rng, detailed=detailed))
-            skip_until = position + int((width + rng.uniform(0.5, 7.0)) / 2.0)
-        position += 1
-    return parts
-
-
-def _is_free(front: BaseGeometry, area: Polygon) -> bool:
-    """Whether a lot reaches over the building line by no more than a sliver, as on the outside of bends."""
-    return not front.intersects(area) or front.intersection(area).area < 0.06 * area.area
+    for setback, detailed in ((config.building_setback_m, True), (config.building_setback_m + 26.0, False)):
+        front = streets.buffer(setback, quad_segs=4)
+        shapely.prepare(front)
+        next_position = 0
+        for position, ((x, y), (tx, ty)) in enumerate(zip(*ring_samples(front.simplify(0.2), 2.0), strict=True)):
+            if position < next_position:
+                continue
+            width = float(rng.uniform(11.0, 24.0))
+            depth = float(rng.uniform(9.0, 15.0))
+            height = float(low + (high - low) * rng.beta(1.4, 2.6 if detailed else 1.6))
+            # The streets lie left of the ring's direction, the lot on the right.
+            outward = float(np.arctan2(-tx, ty))
+            lot = Lot(float(x + tx * width / 2), float(y + ty * width / 2), outward, width, depth, height)
+            area = footprint(lot)
+            # On the outside of bends a lot may reach over the building line by a sliver.
+            off_street = not front.intersects(area) or front.intersection(area).area < 0.06 * area.area
+            if _within(surfaces, lot.x_m, lot.y_m, config.skyline_m) and off_street and space.is_clear(area):
+                space.occupy(area.buffer(0.6))
+                parts.append(building(lot, rng, detailed=detailed))
+                next_position = position + int((width + rng.uniform(0.5, 7.0)) / 2.0)
+    return Mesh.concatenate(parts)
 
 
 def footprint(lot: Lot) -> Polygon:
@@ -321,5 +292,7 @@ def static_scene(network: RoadNetwork, seed: int, config: SceneConfig | None = N
     first = len(ground)
     return StaticScene(
         mesh=Mesh.concatenate([ground, controls.mesh, lamps, trees, houses, park]),
-        signal_lamps=tuple(replace(lamp, start=lamp.start + first, stop=lamp.stop + first) for lamp in controls.lamps),
+        signal_lamps=tuple(
+            replace(lamp, start=lamp.start + first, stop=lamp.stop + first) for lamp in controls.signal_lamps
+        ),
     )

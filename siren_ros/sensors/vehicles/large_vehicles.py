@@ -8,7 +8,7 @@ classes' exact sizes afterwards.
 import itertools
 
 from siren_ros.sensors.meshes.mesh import Material, Mesh, Wheel
-from siren_ros.sensors.meshes.solids import Axle, Band, BodyProfile, EndFinish, Finish, Knots, ShellFinish, box, loft
+from siren_ros.sensors.meshes.solids import Axle, Band, BodyProfile, EndFinish, Finish, ShellFinish, box, loft
 from siren_ros.sensors.vehicles.vehicle_parts import (
     BLUE_LIVERY,
     BRAKE_LAMP,
@@ -23,21 +23,16 @@ from siren_ros.sensors.vehicles.vehicle_parts import (
     WHITE_LIVERY,
     WHITE_PAINT,
     YELLOW_LIVERY,
+    Drawn,
     axle_wheels,
     beacon,
     indicator,
+    knots,
     light_bar,
     mirrors,
     plates,
     side_panels,
 )
-
-Drawn = tuple[Mesh, tuple[Wheel, ...]]
-
-
-def knots(*values: float) -> Knots:
-    """An outline from alternating distances behind the front bumper and values."""
-    return tuple(zip(values[::2], values[1::2], strict=True))
 
 
 def flat_shell(
@@ -242,13 +237,13 @@ def ambulance() -> Drawn:
         return GRILLE if band is Band.LOWER_SIDE and abs(zone) < 2 else WHITE_PAINT
 
     cab = loft(_ambulance_cab(length, axles), side, front, plain_end(WHITE_PAINT))
-    wall, back = half - 0.006, -x + 0.02
+    wall, back, nose = half - 0.006, -x + 0.02, x - 2.3
     green: Finish = (Material.LIVERY, (16, 124, 62))
     body = Mesh.concatenate(
         [
             cab,
-            box((back, -wall, 0.78), (x - 2.3, wall, 2.6), *WHITE_PAINT),
-            _bevelled_nose(x - 2.3, wall),
+            box((back, -wall, 0.78), (nose, wall, 2.6), *WHITE_PAINT),
+            box((nose - 0.01, -0.8 * wall, 2.2), (nose + 0.32, 0.8 * wall, 2.42), *WHITE_PAINT),  # over the cab's roof
             box((back + 0.2, -0.6, 0.42), (x - 2.2, 0.6, 0.82), *PLASTIC),
             *[box((x0, y0, 0.34), (x1, y0 + 0.05, 0.8), *WHITE_PAINT) for x0, x1 in _skirts(x, axles[1], 2.35)
               for y0 in (-wall, wall - 0.05)],
@@ -267,12 +262,6 @@ def ambulance() -> Drawn:
         ]
     )  # fmt: skip
     return body, vehicle_wheels(axles, length, 0.985 * half)
-
-
-def _bevelled_nose(x_m: float, half_m: float) -> Mesh:
-    """The part of the box body that reaches over the cab's roof."""
-    from_x, to_x = x_m - 0.01, x_m + 0.32
-    return box((from_x, -0.8 * half_m, 2.2), (to_x, 0.8 * half_m, 2.42), *WHITE_PAINT)
 
 
 def _skirts(x_m: float, rear: Axle, front_s_m: float) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -6,7 +6,10 @@ from typing import Final
 import numpy as np
 
 from siren_ros.sensors.meshes.mesh import Material, Mesh, Wheel
-from siren_ros.sensors.meshes.solids import Axle, Finish, box, from_quads, hexahedron
+from siren_ros.sensors.meshes.solids import Axle, Finish, Knots, box, from_quads, hexahedron
+
+Drawn = tuple[Mesh, tuple[Wheel, ...]]
+"""Body and wheels of a vehicle in ``base_link``, as drawn (not yet scaled)."""
 
 PAINT: Final[Finish] = (Material.CAR_PAINT, (255, 255, 255))
 WHITE_PAINT: Final[Finish] = (Material.FLEET_PAINT, (236, 238, 240))
@@ -22,6 +25,11 @@ BLUE_LIVERY: Final[Finish] = (Material.LIVERY, (18, 58, 160))
 YELLOW_LIVERY: Final[Finish] = (Material.LIVERY, (232, 222, 40))
 RED_LIVERY: Final[Finish] = (Material.LIVERY, (204, 28, 32))
 WHITE_LIVERY: Final[Finish] = (Material.LIVERY, (240, 240, 240))
+
+
+def knots(*values: float) -> Knots:
+    """An outline from alternating distances behind the front bumper and values."""
+    return tuple(zip(values[::2], values[1::2], strict=True))
 
 
 def indicator(side: int) -> Finish:

@@ -2,31 +2,29 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from siren_ros.dynamics.parameters import VehicleParameters, load_vehicle_parameters
-from siren_ros.sensors.meshes.mesh import Mesh, VehicleShape, Wheel
+from siren_ros.sensors.meshes.mesh import VehicleShape, Wheel
 from siren_ros.sensors.vehicles import cars, large_vehicles
-from siren_ros.sensors.vehicles import large_vehicles as emergency_vehicles
+from siren_ros.sensors.vehicles.vehicle_parts import Drawn
 from siren_ros.world.actors import ActorClass
 
-Drawn = tuple[Mesh, tuple[Wheel, ...]]
-
 _DRAWINGS: Final[Mapping[ActorClass, Callable[[], Drawn]]] = {
-    ActorClass.HATCHBACK: cars.hatchback,
-    ActorClass.SEDAN: cars.sedan,
-    ActorClass.ESTATE: cars.estate,
-    ActorClass.SUV: cars.suv,
-    ActorClass.VAN: cars.van,
+    ActorClass.HATCHBACK: partial(cars.car, cars.HATCHBACK),
+    ActorClass.SEDAN: partial(cars.car, cars.SEDAN),
+    ActorClass.ESTATE: partial(cars.car, cars.ESTATE),
+    ActorClass.SUV: partial(cars.car, cars.SUV),
+    ActorClass.VAN: partial(cars.car, cars.VAN),
     ActorClass.PICKUP: cars.pickup,
     ActorClass.BUS: large_vehicles.bus,
     ActorClass.TRUCK: large_vehicles.truck,
-    ActorClass.AMBULANCE: emergency_vehicles.ambulance,
-    ActorClass.FIRE_TRUCK: emergency_vehicles.fire_truck,
+    ActorClass.AMBULANCE: large_vehicles.ambulance,
+    ActorClass.FIRE_TRUCK: large_vehicles.fire_truck,
     ActorClass.POLICE: cars.police,
 }
 

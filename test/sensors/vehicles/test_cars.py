@@ -1,32 +1,30 @@
 """Drawings of cars: their glass lies in order, within the body, and above the belt."""
 
-from collections.abc import Callable
 from itertools import pairwise
 
 import pytest
 
-from siren_ros.sensors.vehicles import cars as car_designs
+from siren_ros.sensors.vehicles import cars
 from siren_ros.sensors.vehicles.cars import CarDesign
 
-DESIGNS = [getattr(car_designs, name) for name in vars(car_designs) if name.endswith("_design")]
+DESIGNS = [design for design in vars(cars).values() if isinstance(design, CarDesign)]
 
 
 @pytest.mark.parametrize("design", DESIGNS)
-def test_glass_lies_in_order(design: Callable[[], CarDesign]) -> None:
+def test_glass_lies_in_order(design: CarDesign) -> None:
     """Windscreen, side windows with pillars of 4 to 20 cm between them, and the rear screen."""
-    drawn = design()
-    spans = drawn.side_windows
-    assert all(low < high for low, high in (drawn.windscreen, drawn.rear_screen, *spans))
+    spans = design.side_windows
+    assert all(low < high for low, high in (design.windscreen, design.rear_screen, *spans))
     assert all(0.04 <= after[0] - before[1] <= 0.2 for before, after in pairwise(spans))
-    assert 0.8 < drawn.windscreen[0] < spans[0][0] < drawn.windscreen[1] + 0.6
-    assert drawn.windscreen[1] < drawn.rear_screen[0] + 1e-9
-    assert spans[-1][1] <= drawn.rear_screen[1] <= drawn.profile.length_m
-    assert drawn.windscreen[0] < drawn.mirror_s_m < spans[0][1], "the mirror is at the first window"
+    assert 0.8 < design.windscreen[0] < spans[0][0] < design.windscreen[1] + 0.6
+    assert design.windscreen[1] < design.rear_screen[0] + 1e-9
+    assert spans[-1][1] <= design.rear_screen[1] <= design.profile.length_m
+    assert design.windscreen[0] < design.mirror_s_m < spans[0][1], "the mirror is at the first window"
 
 
 @pytest.mark.parametrize("design", DESIGNS)
-def test_axles_and_outlines_are_those_of_a_car(design: Callable[[], CarDesign]) -> None:
-    profile = design().profile
+def test_axles_and_outlines_are_those_of_a_car(design: CarDesign) -> None:
+    profile = design.profile
     front, rear = profile.axles
     assert 0.6 < front.s_m < 1.2
     assert 0.5 < profile.length_m - rear.s_m < 1.3

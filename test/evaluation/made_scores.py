@@ -71,7 +71,7 @@ def model_scores(
         values={metric.name: np.asarray(by_metric.get(metric.name, nothing)) for metric in METRICS},
         distance_sum_m=np.full(25, float(np.nansum(by_metric.get("ade_m", np.zeros(1))))),
         reliability=no_reliability(),
-        wanted=count if wanted is None else wanted,
+        population_size=count if wanted is None else wanted,
     )
 
 

@@ -73,12 +73,19 @@ def test_runs_are_interrupted_by_missing_steps() -> None:
     assert longest_run_s(np.zeros(7, dtype=bool), steps) == 0.0
 
 
-SIZE_M = (4.6, 1.8)
+SIZE_M = LENGTH_M, WIDTH_M = 4.6, 1.8
 
 
 def between(network: RoadNetwork, subject: Track, other: Track) -> Encroachment | None:
     record = record_with({1: subject, 2: other}, network)
     return post_encroachment(record.track(1), record.track(2), SIZE_M, SIZE_M)
+
+
+def encroachment(network: RoadNetwork, subject: Track, other: Track) -> Encroachment:
+    """The encroachment of two that have one."""
+    found = between(network, subject, other)
+    assert found is not None
+    return found
 
 
 def crossing(y_m: float, turned_rad: float, heading_rad: float = np.pi / 2.0) -> Track:
@@ -93,8 +100,7 @@ def test_the_time_between_the_two_at_one_place(straight_road: RoadNetwork, late_
     """Both at 10 m/s: the second reaches with its front what the first's tail left."""
     start = np.array([-30.0 * np.cos(turned_rad), -30.0 * np.sin(turned_rad)])
     subject = moving(*start, 10.0, yaw_rad=turned_rad)
-    found = between(straight_road, subject, crossing(-30.0 - late_m, turned_rad))
-    assert found is not None
+    found = encroachment(straight_road, subject, crossing(-30.0 - late_m, turned_rad))
     # The tail leaves a line across its way half a length after the centre; the front comes half a length early. Between
     # them the footprints are half a width wide each way.
     assert found.time_s == pytest.approx((late_m - SIZE_M[0] - SIZE_M[1]) / 10.0, abs=0.11)
@@ -104,8 +110,7 @@ def test_the_time_between_the_two_at_one_place(straight_road: RoadNetwork, late_
 
 def test_who_was_first(straight_road: RoadNetwork) -> None:
     subject = moving(-50.0, 0.0, 10.0)
-    found = between(straight_road, subject, crossing(-30.0, 0.0))
-    assert found is not None
+    found = encroachment(straight_road, subject, crossing(-30.0, 0.0))
     assert not found.subject_first
 
 
@@ -116,8 +121,7 @@ def test_followers_have_headway_and_no_encroachment(straight_road: RoadNetwork) 
 def test_head_on_over_the_same_place_counts(straight_road: RoadNetwork) -> None:
     """One leaves the lane for the other's sake: it is somewhere else when the other passes its former place."""
     leaves = moving(0.0, 0.0, 10.0, yaw_rad=np.pi / 2.0)
-    found = between(straight_road, leaves, moving(40.0, 0.0, 10.0, yaw_rad=np.pi))
-    assert found is not None
+    found = encroachment(straight_road, leaves, moving(40.0, 0.0, 10.0, yaw_rad=np.pi))
     assert found.subject_first
 
 
@@ -126,8 +130,7 @@ def test_ways_apart_have_none(straight_road: RoadNetwork) -> None:
 
 
 def test_a_contact_has_none_left(straight_road: RoadNetwork) -> None:
-    found = between(straight_road, moving(-30.0, 0.0, 10.0), crossing(-30.0, 0.0))
-    assert found is not None
+    found = encroachment(straight_road, moving(-30.0, 0.0, 10.0), crossing(-30.0, 0.0))
     assert found.time_s == 0.0
 
 
@@ -144,28 +147,25 @@ def test_of_equal_encroachments_the_earliest_counts(straight_road: RoadNetwork) 
     """One stands across the way and is gone at step 40; the other is there from step 60 on, for as long."""
     stands = moving(0.0, 0.0, 0.0, yaw_rad=np.pi / 2.0, steps=40)
     comes = moving(0.0, 0.0, 0.0, steps=30, first_step=60)
-    found = between(straight_road, stands, comes)
-    assert found is not None
+    found = encroachment(straight_road, stands, comes)
     assert (found.time_s, found.step, found.subject_first) == (pytest.approx(21 * 0.05), 60, True)
-    turned = between(straight_road, comes, stands)
-    assert turned is not None
+    turned = encroachment(straight_road, comes, stands)
     assert (turned.step, turned.subject_first) == (60, False)
     # There up to step 19 and from 50 on; the other from 24 to 30 and from 40 to 45: five steps each.
     apart = replace(moving(0.0, 0.0, 0.0, yaw_rad=np.pi / 2.0, steps=70), without=frozenset(range(20, 50)))
     twice = replace(moving(0.0, 0.0, 0.0, steps=46), without=frozenset({*range(24), *range(31, 40)}))
-    again = between(straight_road, apart, twice)
-    assert again is not None
+    again = encroachment(straight_road, apart, twice)
     assert (again.time_s, again.step, again.subject_first) == (pytest.approx(5 * 0.05), 24, True)
 
 
-LENGTH_M, WIDTH_M = 4.6, 1.8
+def first_instant(network: RoadNetwork, *tracks: Track, yaw_rate_radps: float = 0.0) -> PredictedContacts:
+    """What the present motion of the first vehicle and each of the others leads to."""
+    encounters = encounters_of(record_with(dict(enumerate(tracks, start=1)), network), 1)
+    turning = replace(encounters.subject, yaw_rate_radps=np.full(len(encounters), yaw_rate_radps))
+    return predicted_contacts(replace(encounters, subject=turning))
 
 
-def first_instant(network: RoadNetwork, subject: Track, other: Track) -> PredictedContacts:
-    return predicted_contacts(encounters_of(record_with({1: subject, 2: other}, network), 1))
-
-
-def placed(x_m: float, y_m: float, speed_mps: float, heading_rad: float, turned_rad: float) -> Track:
+def placed(x_m: float, y_m: float, speed_mps: float, heading_rad: float = 0.0, turned_rad: float = 0.0) -> Track:
     """A vehicle of one step in a scene that is turned as a whole about the origin."""
     cos, sin = np.cos(turned_rad), np.sin(turned_rad)
     return moving(x_m * cos - y_m * sin, x_m * sin + y_m * cos, speed_mps, yaw_rad=heading_rad + turned_rad, steps=1)
@@ -186,16 +186,14 @@ def test_behind_a_standing_vehicle(
 @pytest.mark.parametrize("at_m", [(500.0, 0.0), (0.0, 500.0), (-500.0, -500.0)])
 def test_the_place_on_the_map_does_not_matter(straight_road: RoadNetwork, at_m: tuple[float, float]) -> None:
     x_m, y_m = at_m
-    there = moving(x_m + LENGTH_M + 6.0, y_m, 0.0, steps=1)
-    found = first_instant(straight_road, moving(x_m, y_m, 10.0, steps=1), there)
+    there = placed(x_m + LENGTH_M + 6.0, y_m, 0.0)
+    found = first_instant(straight_road, placed(x_m, y_m, 10.0), there)
     assert found.time_s[0] == pytest.approx(0.6)
     assert found.closing_mps[0] == pytest.approx(10.0)
 
 
 def test_head_on_the_speeds_add(straight_road: RoadNetwork) -> None:
-    found = first_instant(
-        straight_road, moving(0.0, 0.0, 8.0, steps=1), moving(24.6, 0.0, 12.0, yaw_rad=np.pi, steps=1)
-    )
+    found = first_instant(straight_road, placed(0.0, 0.0, 8.0), placed(24.6, 0.0, 12.0, np.pi))
     assert found.time_s[0] == pytest.approx(1.0)
     assert found.closing_mps[0] == pytest.approx(20.0)
 
@@ -212,9 +210,7 @@ def test_crossing_at_right_angles(straight_road: RoadNetwork, side: float, turne
 
 
 def test_a_vehicle_that_is_gone_in_time_is_no_conflict(straight_road: RoadNetwork) -> None:
-    found = first_instant(
-        straight_road, moving(-15.0, 0.0, 5.0, steps=1), moving(0.0, 3.0, 10.0, yaw_rad=np.pi / 2.0, steps=1)
-    )
+    found = first_instant(straight_road, placed(-15.0, 0.0, 5.0), placed(0.0, 3.0, 10.0, np.pi / 2.0))
     assert np.isinf(found.time_s[0])
     assert found.closing_mps[0] == 0.0
     assert found.required_deceleration_mps2[0] == 0.0
@@ -222,15 +218,13 @@ def test_a_vehicle_that_is_gone_in_time_is_no_conflict(straight_road: RoadNetwor
 
 @pytest.mark.parametrize("aside_m", [WIDTH_M + 0.05, -WIDTH_M - 0.05])
 def test_passing_closely_is_no_conflict(straight_road: RoadNetwork, aside_m: float) -> None:
-    found = first_instant(straight_road, moving(0.0, 0.0, 10.0, steps=1), moving(15.0, aside_m, 0.0, steps=1))
+    found = first_instant(straight_road, placed(0.0, 0.0, 10.0), placed(15.0, aside_m, 0.0))
     assert np.isinf(found.time_s[0])
 
 
 def test_beyond_the_horizon_nothing_is_seen(straight_road: RoadNetwork) -> None:
     for gap_m, seen in ((HORIZON_S * 5.0 - 0.1, True), (HORIZON_S * 5.0 + 0.1, False)):
-        found = first_instant(
-            straight_road, moving(0.0, 0.0, 5.0, steps=1), moving(LENGTH_M + gap_m, 0.0, 0.0, steps=1)
-        )
+        found = first_instant(straight_road, placed(0.0, 0.0, 5.0), placed(LENGTH_M + gap_m, 0.0, 0.0))
         assert bool(np.isfinite(found.time_s[0])) is seen
 
 
@@ -238,13 +232,10 @@ def test_beyond_the_horizon_nothing_is_seen(straight_road: RoadNetwork) -> None:
 def test_a_vehicle_in_a_bend_stays_in_it(straight_road: RoadNetwork, hand: float) -> None:
     """A car stands where the tangent leads to and not the bend: no conflict; where the bend leads to: one."""
     speed_mps, radius_m = 8.0, 16.0
-    on_tangent = moving(18.0, 0.0, 0.0, steps=1)
-    in_bend = moving(radius_m, hand * radius_m, 0.0, yaw_rad=np.pi / 2.0, steps=1)
-    encounters = encounters_of(
-        record_with({1: moving(0.0, 0.0, speed_mps, steps=1), 2: on_tangent, 3: in_bend}, straight_road), 1
-    )
-    turning = replace(encounters.subject, yaw_rate_radps=np.full(2, hand * speed_mps / radius_m))
-    found = predicted_contacts(replace(encounters, subject=turning))
+    on_tangent = placed(18.0, 0.0, 0.0)
+    in_bend = placed(radius_m, hand * radius_m, 0.0, np.pi / 2.0)
+    rate = hand * speed_mps / radius_m
+    found = first_instant(straight_road, placed(0.0, 0.0, speed_mps), on_tangent, in_bend, yaw_rate_radps=rate)
     assert np.isinf(found.time_s[0])
     # A quarter circle less about half of each length.
     assert found.time_s[1] == pytest.approx((radius_m * np.pi / 2.0 - LENGTH_M) / speed_mps, abs=0.1)
@@ -256,14 +247,14 @@ def test_the_body_turns_with_the_bend(straight_road: RoadNetwork, hand: float) -
     speed_mps, radius_m, aside_m = 8.0, 16.0, WIDTH_M + 0.4
     x_m = (radius_m + aside_m) * np.sin(np.pi / 4.0)
     y_m = hand * (radius_m - (radius_m + aside_m) * np.cos(np.pi / 4.0))
-    parked = moving(x_m, y_m, 0.0, yaw_rad=hand * np.pi / 4.0, steps=1)
-    encounters = encounters_of(record_with({1: moving(0.0, 0.0, speed_mps, steps=1), 2: parked}, straight_road), 1)
-    turning = replace(encounters.subject, yaw_rate_radps=np.full(1, hand * speed_mps / radius_m))
-    assert np.isinf(predicted_contacts(replace(encounters, subject=turning)).time_s[0])
+    parked = placed(x_m, y_m, 0.0, hand * np.pi / 4.0)
+    rate = hand * speed_mps / radius_m
+    found = first_instant(straight_road, placed(0.0, 0.0, speed_mps), parked, yaw_rate_radps=rate)
+    assert np.isinf(found.time_s[0])
 
 
 def test_overlapping_footprints_have_no_time_left(straight_road: RoadNetwork) -> None:
-    found = first_instant(straight_road, moving(0.0, 0.0, 10.0, steps=1), moving(4.0, 0.0, 4.0, steps=1))
+    found = first_instant(straight_road, placed(0.0, 0.0, 10.0), placed(4.0, 0.0, 4.0))
     assert found.time_s[0] == 0.0
     assert found.gap_m[0] == pytest.approx(4.0 - LENGTH_M)
 
@@ -282,21 +273,16 @@ def test_overlapping_footprints_close_or_part(
 
 @pytest.mark.parametrize("gap_m", [0.02, 0.5, 0.98])
 def test_near_is_not_touching(straight_road: RoadNetwork, gap_m: float) -> None:
-    there = moving(LENGTH_M + gap_m, 0.0, 0.0, steps=1)
-    assert np.isinf(first_instant(straight_road, moving(0.0, 0.0, 0.0, steps=1), there).time_s[0])
-    found = first_instant(straight_road, moving(0.0, 0.0, 2.0, steps=1), there)
+    there = placed(LENGTH_M + gap_m, 0.0, 0.0)
+    assert np.isinf(first_instant(straight_road, placed(0.0, 0.0, 0.0), there).time_s[0])
+    found = first_instant(straight_road, placed(0.0, 0.0, 2.0), there)
     assert found.time_s[0] == pytest.approx(gap_m / 2.0)
     assert found.closing_mps[0] == pytest.approx(2.0)
 
 
 def test_one_pair_touches_and_another_does_not(straight_road: RoadNetwork) -> None:
-    tracks = {
-        1: moving(0.0, 0.0, 10.0, steps=1),
-        2: moving(4.0, 0.0, 4.0, steps=1),
-        3: moving(16.0 + LENGTH_M, 0.0, 2.0, steps=1),
-        4: moving(0.0, 300.0, 2.0, steps=1),
-    }
-    found = predicted_contacts(encounters_of(record_with(tracks, straight_road), 1))
+    others = placed(4.0, 0.0, 4.0), placed(16.0 + LENGTH_M, 0.0, 2.0), placed(0.0, 300.0, 2.0)
+    found = first_instant(straight_road, placed(0.0, 0.0, 10.0), *others)
     assert found.time_s == pytest.approx([0.0, 2.0, np.inf])
     assert found.closing_mps == pytest.approx([6.0, 8.0, 0.0])
     assert found.required_deceleration_mps2 == pytest.approx([np.inf, 2.0, 0.0])
@@ -326,11 +312,8 @@ def test_in_a_bend_the_front_meets_what_stands_in_it(
         return Polygon(footprint_corners(*(np.array([value]) for value in (x, y, yaw, LENGTH_M, WIDTH_M)))[0])
 
     x, y, yaw = pose(angle_rad)
-    there = moving(x, y, 0.0, yaw_rad=yaw, steps=1)
-    subject = moving(0.0, 0.0, speed_mps, yaw_rad=heading_rad, steps=1)
-    encounters = encounters_of(record_with({1: subject, 2: there}, straight_road), 1)
-    turning = replace(encounters.subject, yaw_rate_radps=np.full(1, hand * speed_mps / radius_m))
-    found = predicted_contacts(replace(encounters, subject=turning))
+    subject, rate = placed(0.0, 0.0, speed_mps, heading_rad), hand * speed_mps / radius_m
+    found = first_instant(straight_road, subject, placed(x, y, 0.0, yaw), yaw_rate_radps=rate)
     standing = body(angle_rad)
     times = np.arange(0.0, 3.0, 0.001)
     first = next(time for time in times if body(time * speed_mps / radius_m).intersects(standing))

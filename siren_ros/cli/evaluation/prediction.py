@@ -64,7 +64,7 @@ def add_arguments(task: argparse.ArgumentParser) -> None:
     )
     task.add_argument(
         "--population",
-        choices=[one.value for one in Population],
+        choices=[population.value for population in Population],
         default=Population.REGION.value,
         help=f"whose windows count: vehicles in the region of {REGION_TEXT} around the EMV, as in the paper, or all "
         "(default %(default)s)",

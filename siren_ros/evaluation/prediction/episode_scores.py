@@ -80,7 +80,7 @@ class ModelScores:
     distance_sum_m: Floats
     """Of the most probable paths from the truth, at each time of the grid; shape ``(FUTURE_POINTS,)``."""
     reliability: Reliability
-    wanted: int
+    population_size: int
     """Number of samples of the population; more than N where predictions are missing."""
 
     def __len__(self) -> int:
@@ -154,7 +154,7 @@ class Answers:
     """Those that there are hypotheses for."""
     hypotheses: Hypotheses
     """One row for each sample."""
-    wanted: int
+    population_size: int
     """Number of samples of the population."""
 
 
@@ -188,5 +188,5 @@ def model_scores(record: EpisodeRecord, answers: Answers) -> ModelScores:
         values={metric.name: metric.of_samples(hypotheses, samples) for metric in METRICS},
         distance_sum_m=distances(hypotheses.xy_m[:, :1], truth)[:, 0].sum(axis=0),
         reliability=reliability_of(hypotheses, truth),
-        wanted=answers.wanted,
+        population_size=answers.population_size,
     )

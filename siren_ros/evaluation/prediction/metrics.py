@@ -196,11 +196,11 @@ def colliding(hypotheses: Hypotheses, batch: SampleBatch) -> Floats:
     """
     path = hypotheses.xy_m[:, 0]
     heading = _headings(path, batch)
-    own = batch.target
-    frame = batch.actors.frame[own]
+    target = batch.target
+    frame = batch.actors.frame[target]
     first, count = np.unique(frame, return_index=True, return_counts=True)[1:]
     hit = np.zeros(len(path))
-    sizes = 0.5 * np.stack((batch.actors.length_m[own], batch.actors.width_m[own]))
+    sizes = 0.5 * np.stack((batch.actors.length_m[target], batch.actors.width_m[target]))
     _mark(path, np.cos(heading), np.sin(heading), sizes, first, first + count, hit)
     return np.where(np.repeat(count, count) > 1, hit, np.nan) if len(hit) else hit
 
@@ -230,9 +230,9 @@ def _mark(path: Any, cos: Any, sin: Any, half: Any, first: Any, end: Any, hit: A
                     dx, dy = path[b, t, 0] - path[a, t, 0], path[b, t, 1] - path[a, t, 1]
                     if dx * dx + dy * dy >= reach * reach:
                         continue
-                    one = (path[a, t, 0], path[a, t, 1], cos[a, t], sin[a, t])
-                    other = (path[b, t, 0], path[b, t, 1], cos[b, t], sin[b, t])
-                    if box_gap_m(one, other, half[0, a], half[1, a], half[0, b], half[1, b]) < 0.0:
+                    first_box = (path[a, t, 0], path[a, t, 1], cos[a, t], sin[a, t])
+                    second_box = (path[b, t, 0], path[b, t, 1], cos[b, t], sin[b, t])
+                    if box_gap_m(first_box, second_box, half[0, a], half[1, a], half[0, b], half[1, b]) < 0.0:
                         hit[a] = hit[b] = 1.0
                         break
 

@@ -44,8 +44,8 @@ def read_prediction_file(path: Path) -> SubmittedRows:
                 empty = pc.is_null(table[name]).to_numpy()
                 refuse(str(path), empty, f"rows without {name}", lambda row: f"row {row}", "a value in each row")
             return read(str(path), table)
-    wanted = " or ".join(", ".join(needed) for needed in _SCHEMAS)
-    raise InputError("predictions", f"{path} with the columns {', '.join(table.column_names)}", f"columns {wanted}")
+    allowed = " or ".join(", ".join(needed) for needed in _SCHEMAS)
+    raise InputError("predictions", f"{path} with the columns {', '.join(table.column_names)}", f"columns {allowed}")
 
 
 def _read_own(source: str, table: pa.Table) -> SubmittedRows:

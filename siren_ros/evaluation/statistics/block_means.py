@@ -47,7 +47,7 @@ class BlockSums:
     def left_out(self) -> Floats:
         """The same without each block, shape ``(B,)``; with all where a block is alone in its stratum."""
         strata, stratum, blocks = np.unique(self.stratum, return_inverse=True, return_counts=True)
-        totals, counts = (np.bincount(stratum, weights=one)[stratum] for one in (self.total, self.count))
+        totals, counts = (np.bincount(stratum, weights=sums)[stratum] for sums in (self.total, self.count))
         shared = blocks[stratum] > 1
         others = self.of_stratum((totals - self.total * shared) / (counts - self.count * shared))
         return self.value() + (others - self.of_stratum(totals / counts)) / len(strata)
@@ -63,16 +63,13 @@ class BlockSums:
         """As ``value``, of other sums over the same blocks; shapes ``(R, B)`` give ``(R,)``."""
         of_strata = [
             self.of_stratum(totals[:, here].sum(axis=1) / counts[:, here].sum(axis=1))
-            for here in (self.stratum == one for one in np.unique(self.stratum).tolist())
+            for here in (self.stratum == number for number in np.unique(self.stratum).tolist())
         ]
         return np.asarray(np.mean(of_strata, axis=0), dtype=np.float64)
 
 
 def block_sums(
-    values: Floats,
-    block: Rows,
-    stratum: Rows,
-    of_stratum: Callable[[Floats], Floats] = identity,
+    values: Floats, block: Rows, stratum: Rows, of_stratum: Callable[[Floats], Floats] = identity
 ) -> BlockSums:
     """Sums of values over their blocks; NaN is no value.
 
@@ -103,7 +100,8 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 
 _SAME: Final = 1e-12
-"""Relative scatter below which all blocks say the same: sums of other order differ by rounding."""
+"""Relative scatter below which all blocks say the same, and tolerance at which two differences count as equal: sums of
+other order differ by rounding."""
 
 
 @dataclass(frozen=True)
@@ -144,15 +142,15 @@ def jackknife(value: float, left_out: Floats, stratum: Rows) -> Estimate:
         stratum: Of each block, shape ``(B,)``.
     """
     variance, squares, known = 0.0, 0.0, len(stratum) > 0
-    for one in np.unique(stratum).tolist():
-        here = left_out[stratum == one]
+    for number in np.unique(stratum).tolist():
+        here = left_out[stratum == number]
         count = len(here)
         if count == 1 or not np.isfinite(here).all():
             known = False
             continue
-        own = (count - 1) / count * float(np.sum((here - here.mean()) ** 2))
-        variance += own
-        squares += own**2 / (count - 1)
+        of_stratum = (count - 1) / count * float(np.sum((here - here.mean()) ** 2))
+        variance += of_stratum
+        squares += of_stratum**2 / (count - 1)
     error = float(np.sqrt(variance))
     known &= error > _SAME * max(abs(value), 1.0)
     degrees = variance**2 / squares if squares else 0.0
@@ -173,7 +171,6 @@ def interval_of_mean(sums: BlockSums, confidence: float = CONFIDENCE) -> Interva
 ENUMERATED_BLOCKS: Final = 12
 """With at most so many blocks the test tries all 4096 exchanges."""
 _RANDOM_EXCHANGES: Final = 4096
-"""Relative tolerance at which two differences count as equal: sums of other order differ by rounding."""
 
 
 @dataclass(frozen=True)
@@ -186,10 +183,7 @@ class PairedDifference:
 
 
 def paired_difference(
-    first: BlockSums,
-    second: BlockSums,
-    rng: np.random.Generator,
-    confidence: float = CONFIDENCE,
+    first: BlockSums, second: BlockSums, rng: np.random.Generator, confidence: float = CONFIDENCE
 ) -> PairedDifference:
     """Compares two models that were scored on the same samples.
 
@@ -203,25 +197,25 @@ def paired_difference(
     """
     if len(first) != len(second) or not np.array_equal(first.count, second.count):
         raise InputError("paired models", f"{len(first)} and {len(second)} blocks", "the same samples in every block")
-    one, two = first.with_values(), second.with_values()
-    if len(one) == 0:
+    first, second = first.with_values(), second.with_values()
+    if len(first) == 0:
         return PairedDifference(NOTHING, 1.0)
-    found = one.value() - two.value()
-    interval = jackknife(found, one.left_out() - two.left_out(), one.stratum).interval(confidence)
-    return PairedDifference(interval, _p_value(one, two, found, rng))
+    difference = first.value() - second.value()
+    interval = jackknife(difference, first.left_out() - second.left_out(), first.stratum).interval(confidence)
+    return PairedDifference(interval, _p_value(first, second, difference, rng))
 
 
-def _p_value(one: BlockSums, two: BlockSums, found: float, rng: np.random.Generator) -> float:
-    blocks = len(one)
+def _p_value(first: BlockSums, second: BlockSums, difference: float, rng: np.random.Generator) -> float:
+    blocks = len(first)
     exact = blocks <= ENUMERATED_BLOCKS
     exchanged: Flags = (
         (np.arange(2**blocks)[:, None] >> np.arange(blocks) & 1).astype(np.bool_)
         if exact
         else rng.random((_RANDOM_EXCHANGES, blocks)) < 0.5
     )
-    counts = np.ones((1, blocks)) * one.count
-    first = one.mean_of(np.where(exchanged, two.total, one.total), counts)
-    second = two.mean_of(np.where(exchanged, one.total, two.total), counts)
-    limit = abs(found) - _SAME * max(abs(found), 1.0)
-    as_far = int(np.count_nonzero(np.abs(first - second) >= limit))
+    counts = np.ones((1, blocks)) * first.count
+    here = first.mean_of(np.where(exchanged, second.total, first.total), counts)
+    there = second.mean_of(np.where(exchanged, first.total, second.total), counts)
+    limit = abs(difference) - _SAME * max(abs(difference), 1.0)
+    as_far = int(np.count_nonzero(np.abs(here - there) >= limit))
     return as_far / len(exchanged) if exact else (as_far + 1) / (len(exchanged) + 1)

@@ -42,12 +42,12 @@ def rank_correlation(first: Sequence[float], second: Sequence[float]) -> RankCor
         raise InputError("rank correlation", f"{len(first)} and {len(second)} values", "two sides of the same length")
     if len(first) < RANKED_MIN:
         return None
-    one, two = _centred_ranks(first), _centred_ranks(second)
-    spread = float(np.sqrt((one @ one) * (two @ two)))
+    ranks, against = (rankdata(values) - (len(values) + 1) / 2.0 for values in (first, second))
+    spread = float(np.sqrt((ranks @ ranks) * (against @ against)))
     if spread == 0.0:
         return None
-    rho = float(one @ two) / spread
-    return RankCorrelation(rho, _p_value(one, two, rho * spread), len(first))
+    rho = float(ranks @ against) / spread
+    return RankCorrelation(rho, _p_value(ranks, against, rho), len(first))
 
 
 def ranking_interval(estimates: Sequence[Estimate], other: Sequence[float], confidence: float = CONFIDENCE) -> Interval:
@@ -63,13 +63,13 @@ def ranking_interval(estimates: Sequence[Estimate], other: Sequence[float], conf
         other: The known values, as many.
         confidence: Of the interval, between 0 and 1.
     """
-    blocks, count = sum(one.blocks for one in estimates), len(estimates)
-    value = float(_rhos(np.array([[one.value for one in estimates]]), other)[0])
-    if count > _ENUMERATED_PAIRS or not all(one.scatter_known for one in estimates):
+    blocks, count = sum(estimate.blocks for estimate in estimates), len(estimates)
+    value = float(_rhos(np.array([[estimate.value for estimate in estimates]]), other)[0])
+    if count > _ENUMERATED_PAIRS or not all(estimate.scatter_known for estimate in estimates):
         return Interval(value, value, value, blocks, scatter_known=False)
-    each = [one.interval(confidence ** (1.0 / count)) for one in estimates]
+    intervals = [estimate.interval(confidence ** (1.0 / count)) for estimate in estimates]
     orders = np.array(list(permutations(range(count))))
-    low, high = (np.array(side)[orders] for side in ([one.low for one in each], [one.high for one in each]))
+    low, high = (np.array([getattr(interval, side) for interval in intervals])[orders] for side in ("low", "high"))
     possible = orders[(np.maximum.accumulate(low, axis=1) <= high).all(axis=1)]
     correlations = _rhos(np.argsort(possible, axis=1).astype(np.float64), other)
     return Interval(value, min(value, *correlations.tolist()), max(value, *correlations.tolist()), blocks)
@@ -83,16 +83,11 @@ def _rhos(values: Floats, other: Sequence[float]) -> Floats:
     return np.asarray(ranks @ against / np.where(spread > 0.0, spread, 1.0), dtype=np.float64)
 
 
-def _centred_ranks(values: Sequence[float]) -> Floats:
-    return np.asarray(rankdata(values) - (len(values) + 1) / 2.0, dtype=np.float64)
-
-
-def _p_value(one: Floats, two: Floats, product: float) -> float:
-    count = len(one)
+def _p_value(ranks: Floats, against: Floats, rho: float) -> float:
+    count = len(ranks)
     if count <= _ENUMERATED_PAIRS:
-        products = two[np.array(list(permutations(range(count))))] @ one
-        return float(np.mean(np.abs(products) >= abs(product) - 1e-9))
-    rho = product / float(np.sqrt((one @ one) * (two @ two)))
+        products = against[np.array(list(permutations(range(count))))] @ ranks
+        return float(np.mean(np.abs(products) >= abs(float(ranks @ against)) - 1e-9))
     if abs(rho) >= 1.0:
         return 0.0
     return float(2.0 * student.sf(abs(rho) * np.sqrt((count - 2) / (1.0 - rho**2)), count - 2))

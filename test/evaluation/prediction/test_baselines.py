@@ -139,10 +139,19 @@ def first_frame(tracks: dict[int, Track], network: RoadNetwork) -> tuple[SampleB
     return batch, dict(zip(batch.actors.actor_id[batch.target[rows]].tolist(), rows.tolist(), strict=True))
 
 
-def leaders(batch: SampleBatch) -> tuple[np.ndarray, np.ndarray]:
-    places = locate(batch.network, batch.actors.xy_m[:, -1], batch.actors.yaw_rad[:, -1], batch.actors.sumo_lane)
+def leaders_in(tracks: dict[int, Track], network: RoadNetwork) -> dict[int, tuple[float, float]]:
+    """Gap to the leader and its speed at the first frame, by actor."""
+    batch, sample = first_frame(tracks, network)
+    places = locate(network, batch.actors.xy_m[:, -1], batch.actors.yaw_rad[:, -1], batch.actors.sumo_lane)
     lanes = np.unique(places.lane[batch.target])
-    return leaders_of(batch, places, paths_from(batch.network, lanes[lanes != NO_LANE], 250.0), 250.0)
+    gap_m, speed_mps = leaders_of(batch, places, paths_from(network, lanes[lanes != NO_LANE], 250.0), 250.0)
+    return {actor: (float(gap_m[row]), float(speed_mps[row])) for actor, row in sample.items()}
+
+
+def predicted(tracks: dict[int, Track], network: RoadNetwork) -> dict[int, np.ndarray]:
+    """What the model predicts at the first frame, by actor."""
+    batch, sample = first_frame(tracks, network)
+    return {actor: MODEL.predict(batch).xy_m[row, 0] for actor, row in sample.items()}
 
 
 def test_the_leader_is_the_nearest_in_the_own_lane(straight_road: RoadNetwork) -> None:
@@ -153,22 +162,18 @@ def test_the_leader_is_the_nearest_in_the_own_lane(straight_road: RoadNetwork) -
         4: moving(90.0, -5.25, 6.0),
         5: moving(45.0, -5.25, 3.0, yaw_rad=np.pi),
     }
-    batch, sample = first_frame(tracks, straight_road)
-    gap_m, speed_mps = leaders(batch)
+    leaders = leaders_in(tracks, straight_road)
     # 3 s of history lie before the first sample: 50 m apart at the start, 53 m then.
-    assert gap_m[sample[1]] == pytest.approx(53.0 - 6.3)
-    assert speed_mps[sample[1]] == pytest.approx(5.0)
-    assert np.isinf(gap_m[sample[3]])
-    assert np.isinf(gap_m[sample[4]])
-    assert speed_mps[sample[4]] == 0.0
+    assert leaders[1] == pytest.approx((53.0 - 6.3, 5.0))
+    assert np.isinf(leaders[3][0])
+    assert leaders[4] == (np.inf, 0.0)
 
 
 def test_the_leader_may_be_beyond_a_junction(crossroads: RoadNetwork) -> None:
     tracks = {1: moving(-50.0, 0.0, 0.0), 2: moving(60.0, 0.0, 0.0), 3: moving(20.0, 40.0, 0.0, yaw_rad=np.pi / 2)}
-    batch, sample = first_frame(tracks, crossroads)
-    gap_m, _ = leaders(batch)
-    assert gap_m[sample[1]] == pytest.approx(110.0 - 4.6)
-    assert np.isinf(gap_m[sample[3]])
+    leaders = leaders_in(tracks, crossroads)
+    assert leaders[1][0] == pytest.approx(110.0 - 4.6)
+    assert np.isinf(leaders[3][0])
 
 
 def test_off_the_lanes_the_leader_is_whoever_is_straight_ahead(straight_road: RoadNetwork) -> None:
@@ -178,43 +183,34 @@ def test_off_the_lanes_the_leader_is_whoever_is_straight_ahead(straight_road: Ro
         3: moving(20.0, 53.0, 0.0),
         4: moving(-30.0, 50.0, 2.0),
     }
-    batch, sample = first_frame(tracks, straight_road)
-    gap_m, speed_mps = leaders(batch)
+    leaders = leaders_in(tracks, straight_road)
     gone = tracks[2].states[60]
     assert abs(gone[1] - 50.0) > 1.8
-    assert np.isinf(gap_m[sample[1]])
-    assert gap_m[sample[4]] == pytest.approx(30.0 - 4.6)
-    assert speed_mps[sample[4]] == pytest.approx(2.0)
+    assert np.isinf(leaders[1][0])
+    assert leaders[4] == pytest.approx((30.0 - 4.6, 2.0))
 
 
 def test_on_a_free_lane_the_limit_is_kept(straight_road: RoadNetwork) -> None:
-    batch, sample = first_frame({1: moving(0.0, -5.25, 13.89), 2: moving(0.0, -1.75, 20.0)}, straight_road)
-    answer = MODEL.predict(batch).xy_m[:, 0]
+    paths = predicted({1: moving(0.0, -5.25, 13.89), 2: moving(0.0, -1.75, 20.0)}, straight_road)
     for actor, speed in ((1, 13.89), (2, 20.0)):
-        steps = np.diff(answer[sample[actor], :, 0])
-        assert np.allclose(steps, 0.2 * speed), "v0 = max(v, speed limit)"
+        assert np.allclose(np.diff(paths[actor][:, 0]), 0.2 * speed), "v0 = max(v, speed limit)"
 
 
 def test_it_starts_where_the_vehicle_is_and_keeps_the_offset(straight_road: RoadNetwork) -> None:
-    batch, sample = first_frame({1: moving(0.0, -4.5, 10.0)}, straight_road)
-    answer = MODEL.predict(batch).xy_m[sample[1], 0]
+    answer = predicted({1: moving(0.0, -4.5, 10.0)}, straight_road)[1]
     assert np.allclose(answer[:, 1], -4.5)
     assert answer[0, 0] == pytest.approx(30.0 + 2.0, abs=0.03)
 
 
 def test_it_stops_behind_a_standing_vehicle(straight_road: RoadNetwork) -> None:
-    batch, sample = first_frame({1: moving(0.0, -5.25, 9.0), 2: moving(66.0, -5.25, 0.0)}, straight_road)
-    answer = MODEL.predict(batch).xy_m[:, 0]
-    assert answer[sample[1], -1, 0] < 66.0 - 4.6
-    assert answer[sample[1], -1, 0] > 66.0 - 4.6 - 10.0
+    paths = predicted({1: moving(0.0, -5.25, 9.0), 2: moving(66.0, -5.25, 0.0)}, straight_road)
+    assert 66.0 - 4.6 - 10.0 < paths[1][-1, 0] < 66.0 - 4.6
 
 
 def test_it_follows_the_bend_that_it_is_on(crossroads: RoadNetwork) -> None:
     on_path = Track(np.tile((10.0, 4.2857, 0.0, 0.0, 0.5), (201, 1)))
-    batch, sample = first_frame({1: on_path}, crossroads)
-    answer = MODEL.predict(batch).xy_m[sample[1], 0]
-    bend = crossroads.lanes[4].centre
-    along, left = bend.project(answer)
+    answer = predicted({1: on_path}, crossroads)[1]
+    along, left = crossroads.lanes[4].centre.project(answer)
     assert np.allclose(left, 0.0, atol=0.1)
     assert along[0] < 14.0
     assert along[-1] > 27.0
@@ -228,9 +224,7 @@ def test_off_the_lanes_it_goes_straight_ahead(straight_road: RoadNetwork) -> Non
 
 
 def test_no_samples_no_answer(straight_road: RoadNetwork) -> None:
-    batch = samples_of(
-        record_with({1: moving(0.0, -5.25, 5.0, steps=20)}, straight_road), MODEL.window, Population.ALL
-    ).batch
+    batch, _ = first_frame({1: moving(0.0, -5.25, 5.0, steps=20)}, straight_road)
     assert MODEL.predict(batch).xy_m.shape == (0, 1, 25, 2)
 
 
@@ -264,8 +258,7 @@ def test_off_the_lanes_gap_and_speed_are_along_the_own_heading(
     before_m = 3.0 * 6.0 * np.array([np.cos(yaw), np.sin(yaw)])
     start = np.array([0.0, 500.0]) + turn @ (ahead_m, aside_m) - before_m
     tracks = {1: moving(0.0, 500.0, 0.0, yaw_rad=turned_rad), 2: moving(*start, 6.0, yaw_rad=yaw)}
-    batch, sample = first_frame(tracks, straight_road)
-    assert [values[sample[1]] for values in leaders(batch)] == pytest.approx([gap_m, speed_mps])
+    assert leaders_in(tracks, straight_road)[1] == pytest.approx((gap_m, speed_mps))
 
 
 @pytest.mark.parametrize(("speed_mps", "desired_mps"), [(8.0, 50.0 / 3.6), (20.0, 20.0)])
@@ -285,8 +278,7 @@ def test_along_the_lanes_leaders_are_seen_up_to_the_range(
     straight_road: RoadNetwork, away_m: float, *, seen: bool
 ) -> None:
     tracks = {1: moving(10.0, -5.25, 0.0), 2: moving(10.0 + away_m, -5.25, 0.0)}
-    batch, sample = first_frame(tracks, straight_road)
-    assert leaders(batch)[0][sample[1]] == pytest.approx(away_m - 4.6 if seen else np.inf)
+    assert leaders_in(tracks, straight_road)[1][0] == pytest.approx(away_m - 4.6 if seen else np.inf)
 
 
 @pytest.mark.parametrize(("ahead_m", "led"), [(0.3, True), (-0.3, False)])
@@ -296,8 +288,7 @@ def test_who_is_next_to_the_own_vehicle_leads_where_its_centre_is_ahead(
 ) -> None:
     """In a lane and off all lanes."""
     tracks = {1: moving(40.0, y_m, 0.0), 2: moving(40.0 + ahead_m, y_m + 1.0, 0.0)}
-    batch, sample = first_frame(tracks, straight_road)
-    assert leaders(batch)[0][sample[1]] == pytest.approx(ahead_m - 4.6 if led else np.inf)
+    assert leaders_in(tracks, straight_road)[1][0] == pytest.approx(ahead_m - 4.6 if led else np.inf)
 
 
 def test_straight_ahead_is_where_the_vehicle_looks_at_the_present(straight_road: RoadNetwork) -> None:
@@ -305,19 +296,16 @@ def test_straight_ahead_is_where_the_vehicle_looks_at_the_present(straight_road:
     heading = np.pi / 2.0 + 0.5 * (0.05 * np.arange(201) - 3.0)
     spot = np.stack((np.zeros(201), np.full(201, 500.0), *np.zeros((2, 201)), heading), axis=1)
     tracks = {1: Track(spot), 2: moving(0.0, 512.0, 0.0), 3: moving(5.0, 508.0, 0.0), 4: moving(1.0, 508.0, 0.0)}
-    batch, sample = first_frame(tracks, straight_road)
-    assert leaders(batch)[0][sample[1]] == pytest.approx(8.0 - 4.6)
+    assert leaders_in(tracks, straight_road)[1][0] == pytest.approx(8.0 - 4.6)
     del tracks[4]
-    batch, sample = first_frame(tracks, straight_road)
-    assert leaders(batch)[0][sample[1]] == pytest.approx(12.0 - 4.6)
+    assert leaders_in(tracks, straight_road)[1][0] == pytest.approx(12.0 - 4.6)
 
 
 def test_the_lane_is_that_of_the_present_heading(crossroads: RoadNetwork) -> None:
     """Where the ways across part, it looked straight on until just now, and now to the left."""
     heading = np.where(np.arange(201) < 60, 0.0, 0.6)
     turned = np.stack((np.full(201, 7.0), np.full(201, 3.0), *np.zeros((2, 201)), heading), axis=1)
-    batch, sample = first_frame({1: Track(turned)}, crossroads)
-    way = MODEL.predict(batch).xy_m[sample[1], 0]
+    way = predicted({1: Track(turned)}, crossroads)[1]
     _, left = crossroads.lanes[4].centre.project(way)
     assert np.abs(left).max() < 0.2
     assert way[-1, 1] > 10.0

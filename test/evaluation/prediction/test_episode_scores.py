@@ -33,6 +33,10 @@ def with_modes(record: EpisodeRecord, actor_id: int, modes: dict[Mode, range]) -
     return replace(record, states=tuple(states))
 
 
+def categories(record: EpisodeRecord) -> np.ndarray:
+    return categories_of(record, samples_of(record, HistoryWindow(), Population.ALL).batch)
+
+
 def test_a_window_that_holds_a_yield_is_yielding(straight_road: RoadNetwork) -> None:
     """Presents at steps 60 to 98; the yield lasts from 180 to 189, and the window reaches 100 steps ahead."""
     record = record_with({1: moving(0.0, -5.25, 5.0, steps=199), 2: moving(30.0, -5.25, 5.0, steps=199)}, straight_road)
@@ -47,8 +51,7 @@ def test_a_window_that_holds_a_yield_is_yielding(straight_road: RoadNetwork) -> 
 def test_held_is_who_stands_in_the_hold_now(straight_road: RoadNetwork) -> None:
     modes = {Mode.YIELD_PULL_OVER: range(60, 70), Mode.YIELD_HOLD: range(70, 80), Mode.REJOIN: range(80, 300)}
     record = with_modes(record_with({1: moving(0.0, -5.25, 5.0, steps=199)}, straight_road), 1, modes)
-    category = categories_of(record, samples_of(record, HistoryWindow(), Population.ALL).batch)
-    assert category.tolist() == [Category.YIELDING] * 5 + [Category.HELD] * 5 + [Category.OTHER] * 10
+    assert categories(record).tolist() == [Category.YIELDING] * 5 + [Category.HELD] * 5 + [Category.OTHER] * 10
 
 
 def test_each_vehicles_window_is_its_own(straight_road: RoadNetwork) -> None:
@@ -58,29 +61,21 @@ def test_each_vehicles_window_is_its_own(straight_road: RoadNetwork) -> None:
     for actor, span in spans.items():
         record = with_modes(record, actor, {Mode.YIELD_PULL_OVER: span})
     batch = samples_of(record, HistoryWindow(), Population.ALL).batch
-    steps = batch.sample_step.tolist()
-    actors = batch.actor_id.tolist()
-    expected = [
-        Category.YIELDING if set(range(step, step + 101)) & set(spans[actor]) else Category.OTHER
-        for step, actor in zip(steps, actors, strict=True)
-    ]
-    assert categories_of(record, batch).tolist() == expected
-    assert {actor for actor, category in zip(actors, expected, strict=True) if category is Category.YIELDING} == {
-        2,
-        3,
-        5,
-    }
+    samples = list(zip(batch.sample_step.tolist(), batch.actor_id.tolist(), strict=True))
+    yields = [bool(set(range(step, step + 101)) & set(spans[actor])) for step, actor in samples]
+    assert categories_of(record, batch).tolist() == [Category.YIELDING if each else Category.OTHER for each in yields]
+    assert {actor for (_, actor), each in zip(samples, yields, strict=True) if each} == {2, 3, 5}
 
 
 def test_an_emv_is_an_emv_whatever_it_does(straight_road: RoadNetwork) -> None:
     record = record_with({1: replace(moving(0.0, -5.25, 5.0, steps=199), is_emv=True)}, straight_road)
     record = with_modes(record, 1, {Mode.YIELD_HOLD: range(300)})
-    assert set(categories_of(record, samples_of(record, HistoryWindow(), Population.ALL).batch)) == {Category.EMV}
+    assert set(categories(record)) == {Category.EMV}
 
 
 def test_no_sample_no_category(straight_road: RoadNetwork) -> None:
     record = record_with({1: moving(0.0, -5.25, 5.0, steps=20)}, straight_road)
-    assert categories_of(record, samples_of(record, HistoryWindow(), Population.ALL).batch).shape == (0,)
+    assert categories(record).shape == (0,)
 
 
 STEPS = 180
@@ -210,7 +205,7 @@ def test_what_is_kept_of_each_sample(straight_road: RoadNetwork) -> None:
     assert found.category.tolist() == [Category.OTHER, Category.OTHER, Category.EMV] * 2
     # The first drives 6.2 m/s at 3 s: 5 s of that, and 0.2 times 25.
     assert found.moved_m[:3] == pytest.approx([5.0 * 6.2 + 5.0, 0.0, 30.0])
-    assert found.wanted == len(found) == 6
+    assert found.population_size == len(found) == 6
     # Constant velocity is off by 0.2 t², for each of the first one's two samples.
     assert found.distance_sum_m == pytest.approx(2.0 * 0.2 * (0.2 * np.arange(1, 26)) ** 2)
     assert found.values["fde_m"] == pytest.approx([5.0, 0.0, 0.0] * 2)

@@ -1,5 +1,7 @@
 """Metrics of trajectory prediction, by cases worked out by hand and by loops over everything."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -104,28 +106,22 @@ def ending(*ends_m: float, probability: tuple[float, ...]) -> Hypotheses:
     return Hypotheses(paths, np.array([probability]))
 
 
-def test_brier_scores_by_hand() -> None:
-    hypotheses = ending(3.0, 1.0, probability=(0.75, 0.25))
-    assert brier_min_fde_6(hypotheses, ONE_TRUTH)[0] == pytest.approx(1.0 + 0.75**2)
-    assert brier_score(hypotheses, ONE_TRUTH)[0] == pytest.approx(2.0 * 0.75**2)
-
-
-def test_to_be_sure_and_right_costs_nothing() -> None:
-    hypotheses = ending(0.5, 9.0, probability=(1.0, 0.0))
-    assert brier_min_fde_6(hypotheses, ONE_TRUTH)[0] == pytest.approx(0.5)
-    assert brier_score(hypotheses, ONE_TRUTH)[0] == 0.0
-
-
-def test_six_hypotheses_are_scaled_to_the_sum_one() -> None:
-    hypotheses = ending(*range(1, 9), probability=(0.125,) * 8)
-    assert brier_min_fde_6(hypotheses, ONE_TRUTH)[0] == pytest.approx(1.0 + (5.0 / 6.0) ** 2)
-    assert brier_score(hypotheses, ONE_TRUTH)[0] == pytest.approx((5.0 / 6.0) ** 2 + 5.0 / 36.0)
-
-
-def test_a_single_hypothesis_states_nothing() -> None:
-    hypotheses = ending(2.0, probability=(1.0,))
-    assert np.isnan(brier_score(hypotheses, ONE_TRUTH)).all()
-    assert brier_min_fde_6(hypotheses, ONE_TRUTH).tolist() == [2.0]
+@pytest.mark.parametrize(
+    ("ends_m", "probability", "brier_min_fde_m", "score"),
+    [
+        ((3.0, 1.0), (0.75, 0.25), 1.0 + 0.75**2, 2.0 * 0.75**2),
+        ((0.5, 9.0), (1.0, 0.0), 0.5, 0.0),
+        (range(1, 9), (0.125,) * 8, 1.0 + (5.0 / 6.0) ** 2, (5.0 / 6.0) ** 2 + 5.0 / 36.0),
+        ((2.0,), (1.0,), 2.0, np.nan),
+    ],
+    ids=["by hand", "sure and right", "six are scaled to the sum one", "a single hypothesis states nothing"],
+)
+def test_brier_scores(
+    ends_m: Sequence[float], probability: tuple[float, ...], brier_min_fde_m: float, score: float
+) -> None:
+    hypotheses = ending(*ends_m, probability=probability)
+    assert brier_min_fde_6(hypotheses, ONE_TRUTH)[0] == pytest.approx(brier_min_fde_m)
+    assert brier_score(hypotheses, ONE_TRUTH)[0] == pytest.approx(score, nan_ok=True)
 
 
 def two_modes(samples: int, first_best: int, probability: float) -> tuple[Hypotheses, np.ndarray]:
@@ -179,39 +175,40 @@ def straight(x_m: float, y_m: float, vx_mps: float, vy_mps: float) -> np.ndarray
     return np.stack((x_m + vx_mps * TIME, y_m + vy_mps * TIME), axis=-1)
 
 
-def found(
-    paths: list[np.ndarray], starts: list[tuple[float, float]], yaw: list[float], frame: list[int]
+def hits(
+    paths: Sequence[np.ndarray],
+    yaw_rad: Sequence[float],
+    frame: Sequence[int] | None = None,
+    starts: Sequence[tuple[float, float]] | None = None,
 ) -> list[float]:
-    hypotheses = Hypotheses.certain(np.array(paths))
-    samples = scored(np.array(paths), frame, np.array(starts), np.array(yaw))
-    return [float(value) for value in colliding(hypotheses, samples.batch)]
+    """Which vehicles collide; all in one frame, and each starts a step before its path, unless that is said."""
+    xy_m = np.array(paths)
+    start = 2.0 * xy_m[:, 0] - xy_m[:, 1] if starts is None else np.array(starts)
+    samples = scored(xy_m, [0] * len(xy_m) if frame is None else list(frame), start, np.array(yaw_rad))
+    return colliding(Hypotheses.certain(xy_m), samples.batch).tolist()
 
 
 def test_crossing_paths_collide_only_at_the_same_time() -> None:
     """Both are at the origin after 2 s; the third, a frame later, would be, too."""
     paths = [straight(-20.0, 0.0, 10.0, 0.0), straight(0.0, -20.0, 0.0, 10.0), straight(0.0, 20.0, 0.0, -10.0)]
-    starts = [(-20.0, 0.0), (0.0, -20.0), (0.0, 20.0)]
     yaw = [0.0, np.pi / 2, -np.pi / 2]
-    hit = found(paths, starts, yaw, [0, 0, 1])
+    hit = hits(paths, yaw, [0, 0, 1])
     assert hit[:2] == [1.0, 1.0]
     assert np.isnan(hit[2]), "alone in its frame"
-    late = [paths[0], straight(0.0, -50.0, 0.0, 10.0)]
-    assert found(late, [starts[0], (0.0, -50.0)], yaw[:2], [0, 0]) == [0.0, 0.0]
+    assert hits([paths[0], straight(0.0, -50.0, 0.0, 10.0)], yaw[:2]) == [0.0, 0.0]
 
 
-def test_footprints_are_as_wide_as_vehicles() -> None:
-    """2 m wide, side by side at 2.1 m and at 1.9 m."""
-    for apart, expected in ((2.1, 0.0), (1.9, 1.0)):
-        paths = [straight(0.0, 0.0, 8.0, 0.0), straight(0.0, apart, 8.0, 0.0)]
-        assert found(paths, [(0.0, 0.0), (0.0, apart)], [0.0, 0.0], [0, 0]) == [expected, expected]
+@pytest.mark.parametrize(("apart_m", "expected"), [(2.1, 0.0), (1.9, 1.0)])
+def test_footprints_are_as_wide_as_vehicles(apart_m: float, expected: float) -> None:
+    """2 m wide, side by side."""
+    assert hits([straight(0.0, 0.0, 8.0, 0.0), straight(0.0, apart_m, 8.0, 0.0)], [0.0, 0.0]) == [expected] * 2
 
 
 def test_a_standing_vehicle_keeps_its_heading() -> None:
     """4 m long, across the way: 1.5 m beyond its centre line it is hit, along the way it is not."""
     paths = [straight(0.0, 0.0, 0.0, 0.0), straight(-20.0, 2.5, 10.0, 0.0)]
-    starts = [(0.0, 0.0), (-20.0, 2.5)]
-    assert found(paths, starts, [np.pi / 2, 0.0], [0, 0]) == [1.0, 1.0]
-    assert found(paths, starts, [0.0, 0.0], [0, 0]) == [0.0, 0.0]
+    assert hits(paths, [np.pi / 2, 0.0]) == [1.0, 1.0]
+    assert hits(paths, [0.0, 0.0]) == [0.0, 0.0]
 
 
 @given(seed=st.integers(0, 300))
@@ -230,24 +227,22 @@ def test_as_polygons_say(seed: int) -> None:
         float(any(at[one].intersection(at[two]).area > 1e-9 for at in boxes for two in range(count) if two != one))
         for one in range(count)
     ]
-    assert found(list(paths), [tuple(start) for start in starts], list(yaw), [0] * count) == expected
+    assert hits(list(paths), list(yaw)) == expected
 
 
 @pytest.mark.parametrize(("leg_m", "expected"), [(0.09, 1.0), (0.11, 0.0)])
 def test_a_leg_of_a_decimetre_turns_the_vehicle(leg_m: float, expected: float) -> None:
     """It heads north and creeps east: as long as it heads north it reaches 2 m to the north, and then 1 m."""
     creeping = np.stack((leg_m * np.arange(1, 26), np.zeros(25)), axis=-1)
-    standing = straight(0.0, 2.5, 0.0, 0.0)
-    starts = [(0.0, 0.0), (0.0, 2.5)]
-    assert found([creeping, standing], starts, [np.pi / 2.0, 0.0], [0, 0]) == [expected, expected]
+    assert hits([creeping, straight(0.0, 2.5, 0.0, 0.0)], [np.pi / 2.0, 0.0]) == [expected, expected]
 
 
 def test_who_turned_keeps_the_heading_of_its_last_leg() -> None:
     """From north to east within the first leg, then it stands; the other comes past 2.5 m to the north."""
-    stops = np.tile([5.0, 0.0], (25, 1))
+    stops, starts = np.tile([5.0, 0.0], (25, 1)), [(0.0, 0.0), (-20.0, 2.5)]
     passing = straight(-20.0, 2.5, 8.0, 0.0)
-    assert found([stops, passing], [(0.0, 0.0), (-20.0, 2.5)], [np.pi / 2.0, 0.0], [0, 0]) == [0.0, 0.0]
-    assert found([stops[:, ::-1], passing], [(0.0, 0.0), (-20.0, 2.5)], [0.0, 0.0], [0, 0]) == [1.0, 1.0]
+    assert hits([stops, passing], [np.pi / 2.0, 0.0], starts=starts) == [0.0, 0.0]
+    assert hits([stops[:, ::-1], passing], [0.0, 0.0], starts=starts) == [1.0, 1.0]
 
 
 PLAIN = Metric("x", "x", lambda *_: np.zeros(0))

@@ -1,3 +1,4 @@
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -6,9 +7,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from siren_ros.datasets.argoverse2 import OBSERVED, STEPS, scenario_id
 from siren_ros.errors import InputError
 from siren_ros.evaluation.prediction.prediction_file import read_prediction_file
-from siren_ros.evaluation.prediction.samples import ARGOVERSE_WINDOW, HistoryWindow
+from siren_ros.evaluation.prediction.samples import ARGOVERSE_WINDOW, HistoryWindow, Population, samples_of
+from siren_ros.evaluation.prediction.submission import SubmittedRows, submission
+from siren_ros.record.tracks import tracks_of, whole_windows
+from siren_ros.recording.episode_record import EpisodeRecord
 
 ROWS = 4
 
@@ -33,15 +38,27 @@ def columns(points: int = 25, period_s: float = 0.2, **changed: Any) -> dict[str
     return {**made, **changed}
 
 
-def written(path: Path, content: dict[str, Any], metadata: dict[str, str] | None = None) -> Path:
-    table = pa.table(content)
-    pq.write_table(table.replace_schema_metadata(metadata) if metadata else table, path)
-    return path
+def read(folder: Path, content: dict[str, Any], metadata: dict[str, str] | None = None) -> SubmittedRows:
+    """A file with a content, read."""
+    path = folder / "a.parquet"
+    pq.write_table(pa.table(content).replace_schema_metadata(metadata), path)
+    return read_prediction_file(path)
+
+
+def argoverse(scenarios: list[str], tracks: list[str], probability: list[float]) -> dict[str, Any]:
+    """A submission at 3 m/s eastwards."""
+    return {
+        "scenario_id": scenarios,
+        "track_id": tracks,
+        "probability": probability,
+        "predicted_trajectory_x": [path_of(60, 0.1)] * len(tracks),
+        "predicted_trajectory_y": [[0.0] * 60] * len(tracks),
+    }
 
 
 @pytest.mark.parametrize(("points", "period_s"), [(25, 0.2), (30, 0.2), (50, 0.1), (60, 0.1), (80, 0.1)])
 def test_paths_are_taken_at_the_times_of_the_grid(points: int, period_s: float, tmp_path: Path) -> None:
-    rows = read_prediction_file(written(tmp_path / "a.parquet", columns(points, period_s)))
+    rows = read(tmp_path, columns(points, period_s))
     assert rows.xy_m.shape == (ROWS, 25, 2)
     assert np.allclose(rows.xy_m[0, :, 0], path_of(25, 0.2))
     assert rows.window == HistoryWindow()
@@ -49,36 +66,30 @@ def test_paths_are_taken_at_the_times_of_the_grid(points: int, period_s: float, 
 
 
 def test_the_file_may_say_which_samples_it_answers(tmp_path: Path) -> None:
-    rows = read_prediction_file(written(tmp_path / "a.parquet", columns(), {"window": "argoverse2"}))
+    rows = read(tmp_path, columns(), {"window": "argoverse2"})
     assert rows.window == ARGOVERSE_WINDOW
     with pytest.raises(InputError, match="window nuscenes' cannot be used; allowed: one of ngsim, argoverse2"):
-        read_prediction_file(written(tmp_path / "b.parquet", columns(), {"window": "nuscenes"}))
+        read(tmp_path, columns(), {"window": "nuscenes"})
 
 
 @pytest.mark.parametrize("kind", [pa.list_(pa.float32()), pa.large_list(pa.float64()), pa.list_(pa.float64(), 25)])
 def test_any_list_of_numbers_is_a_path(kind: pa.DataType, tmp_path: Path) -> None:
     made = columns()
     changed = {name: pa.array(made[name], kind) for name in ("x", "y")}
-    rows = read_prediction_file(written(tmp_path / "a.parquet", {**made, **changed}))
+    rows = read(tmp_path, {**made, **changed})
     assert np.allclose(rows.xy_m[2, :, 0], path_of(25, 0.2), atol=1e-6)
 
 
 def test_names_may_be_dictionaries(tmp_path: Path) -> None:
     made = columns(episode=pa.array(["a"] * ROWS).dictionary_encode())
-    assert read_prediction_file(written(tmp_path / "a.parquet", made)).episode.tolist() == ["a"] * ROWS
+    assert read(tmp_path, made).episode.tolist() == ["a"] * ROWS
 
 
 def test_argoverse_submissions_are_read(tmp_path: Path) -> None:
     """Focal tracks alone: the EMV as AV in its own scenario, vehicle 12 in its own one."""
     emv, other = "S2-L2-seed0-town-v1-f000049", "S2-L2-seed0-town-v12-f000051"
-    made = {
-        "scenario_id": [emv, emv, other, other, other],
-        "track_id": ["AV", "AV", "12", "12", "AV"],
-        "probability": [0.25, 0.75, 1.0, 0.0, 1.0],
-        "predicted_trajectory_x": [path_of(60, 0.1)] * 5,
-        "predicted_trajectory_y": [[0.0] * 60] * 5,
-    }
-    rows = read_prediction_file(written(tmp_path / "a.parquet", made))
+    tracks, probability = ["AV", "AV", "12", "12", "AV"], [0.25, 0.75, 1.0, 0.0, 1.0]
+    rows = read(tmp_path, argoverse([emv, emv, other, other, other], tracks, probability))
     assert rows.episode.tolist() == ["S2-L2-seed0-town"] * 4
     assert rows.actor_id.tolist() == [1, 1, 12, 12]
     assert rows.step.tolist() == [98, 98, 102, 102]
@@ -88,15 +99,8 @@ def test_argoverse_submissions_are_read(tmp_path: Path) -> None:
 
 
 def test_scenarios_of_another_origin_are_refused(tmp_path: Path) -> None:
-    made = {
-        "scenario_id": ["0a1e6f0a-1817-4a98-b02e-db8c9327d151"],
-        "track_id": ["AV"],
-        "probability": [1.0],
-        "predicted_trajectory_x": [path_of(60, 0.1)],
-        "predicted_trajectory_y": [[0.0] * 60],
-    }
     with pytest.raises(InputError, match=r"1 of 1 rows with a scenario_id of another origin; the first is 0a1e6f0a"):
-        read_prediction_file(written(tmp_path / "a.parquet", made))
+        read(tmp_path, argoverse(["0a1e6f0a-1817-4a98-b02e-db8c9327d151"], ["AV"], [1.0]))
 
 
 @pytest.mark.parametrize(
@@ -115,7 +119,7 @@ def test_scenarios_of_another_origin_are_refused(tmp_path: Path) -> None:
 )
 def test_what_cannot_be_scored_is_refused_with_the_first(changed: dict[str, Any], told: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=told):
-        read_prediction_file(written(tmp_path / "a.parquet", columns(**changed)))
+        read(tmp_path, columns(**changed))
 
 
 def test_other_files_are_refused(tmp_path: Path) -> None:
@@ -128,10 +132,42 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     incomplete = columns()
     del incomplete["mode"]
     with pytest.raises(InputError, match="columns episode, actor, step, mode, probability, x, y or scenario_id"):
-        read_prediction_file(written(tmp_path / "b.parquet", incomplete))
+        read(tmp_path, incomplete)
     empty = {name: values[:0] for name, values in columns().items()}
     typed = {**empty, "x": pa.array([], pa.list_(pa.float64())), "y": pa.array([], pa.list_(pa.float64()))}
     typed |= {name: pa.array([], pa.int64()) for name in ("actor", "step", "mode")}
     typed |= {"probability": pa.array([], pa.float64()), "episode": pa.array([], pa.string())}
     with pytest.raises(InputError, match="without rows"):
-        read_prediction_file(written(tmp_path / "c.parquet", typed))
+        read(tmp_path, typed)
+
+
+@pytest.fixture(scope="module")
+def record(record_of: Callable[..., EpisodeRecord]) -> EpisodeRecord:
+    return record_of(duration_s=14.0, civilians=6)
+
+
+@pytest.mark.parametrize("population", Population)
+def test_every_scenario_is_a_sample_and_every_sample_a_scenario(
+    population: Population, record: EpisodeRecord, tmp_path: Path
+) -> None:
+    """Samples of Argoverse 2's models and the scenarios of the export do not know each other.
+
+    A submission as av2 writes it has every scenario: it is scored as a whole, and has the truth at every time.
+    """
+    rows = []
+    for track in tracks_of(record):
+        actor = track.actor.actor_id
+        for first in whole_windows(track, STEPS, population.value).tolist():
+            whole = track.window(first, STEPS)
+            name = scenario_id("S2_L2_seed0_town", actor, first + OBSERVED - 1)
+            own = "AV" if track.actor.is_emv else str(actor)
+            rows.append((name, own, 1.0, whole.x_m[OBSERVED:], whole.y_m[OBSERVED:]))
+    scenarios, tracks, probability, x, y = map(list, zip(*rows, strict=True))
+    paths = {"predicted_trajectory_x": x, "predicted_trajectory_y": y}
+    samples = samples_of(record, ARGOVERSE_WINDOW, population)
+    part = submission(read(tmp_path, argoverse(scenarios, tracks, probability) | paths)).of_episode(
+        ["S2-L2-seed0-town"]
+    )
+    found, hypotheses = part.meet(samples.batch)
+    assert len(found) == len(samples) == len(rows) > 30
+    assert np.array_equal(hypotheses.xy_m[:, 0], samples.future_xy_m)

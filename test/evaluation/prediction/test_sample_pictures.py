@@ -13,7 +13,7 @@ from matplotlib.colors import to_hex
 from PIL import Image
 
 from siren_ros.cli.main import main
-from siren_ros.evaluation.prediction import sample_pictures as template_picture
+from siren_ros.evaluation.prediction import sample_pictures
 from siren_ros.evaluation.prediction.charts import colour_of_model, new_figure
 from siren_ros.evaluation.prediction.predictors import Hypotheses
 from siren_ros.evaluation.prediction.reports.score_table import score_table
@@ -53,8 +53,7 @@ def test_a_panel_shows_the_truth_and_every_hypothesis(record_of: Callable[..., E
     truth = samples.future_xy_m
     paths = np.stack((truth, truth + 1.0, truth - 2.0), axis=1)
     hypotheses = Hypotheses.ranked(paths, np.array([[0.2, 0.7, 0.1]]))
-    step = int(batch.step[batch.actors.frame[batch.target[0]]])
-    chosen = ChosenSample("net", "S2", "best", 0, step, int(batch.actors.actor_id[batch.target[0]]), 1.0)
+    chosen = ChosenSample("net", "S2", "best", 0, int(batch.sample_step[0]), int(batch.actor_id[0]), 1.0)
     axes = new_figure(4.0, 4.0).add_subplot()
     draw_sample(axes, SamplePanel(chosen, record, samples, hypotheses), "#1a86b8")
     (true,) = [line for line in axes.lines if to_hex(line.get_color()) == TRUTH]
@@ -94,16 +93,22 @@ def test_vehicles_that_stand_are_not_drawn() -> None:
 COLOUR = "#123456"
 
 
-def panel_of(network: RoadNetwork, is_emv: bool = False) -> SamplePanel:
-    """A vehicle at 6 m/s to the east at 3 s; one hypothesis goes straight on at 5 m/s, the other to the north."""
-    record = record_with({7: moving(10.0, -5.25, 6.0, is_emv=is_emv)}, network)
+def panel_of(
+    network: RoadNetwork,
+    speed_mps: float = 6.0,
+    *,
+    model: str = "cv",
+    rank: str = "median",
+    is_emv: bool = False,
+    ahead_mps: float = 5.0,
+    aside_mps: float = 2.0,
+) -> SamplePanel:
+    """A vehicle to the east at 3 s; one hypothesis goes straight on, the other to the north."""
+    record = record_with({7: moving(10.0, -5.25, speed_mps, is_emv=is_emv)}, network)
     samples = samples_of(record, HistoryWindow(), Population.ALL).select(np.array([0]))
-    time = 0.2 * np.arange(1, 26)
-    here = samples.batch.xy_m[0]
-    paths = np.stack(
-        (here + np.stack((5.0 * time, 0.0 * time), axis=-1), here + np.stack((0.0 * time, 2.0 * time), axis=-1))
-    )
-    chosen = ChosenSample("cv", "S2", "median", 0, 60, 7, 2.345)
+    velocity_mps = np.array([(ahead_mps, 0.0), (0.0, aside_mps)])
+    paths = samples.batch.xy_m[0] + 0.2 * np.arange(1, 26)[:, None] * velocity_mps[:, None]
+    chosen = ChosenSample(model, "S2", rank, 0, 60, 7, 2.345)
     return SamplePanel(chosen, record, samples, Hypotheses(paths[None], np.array([[0.8, 0.2]])))
 
 
@@ -146,10 +151,7 @@ def test_the_frame_is_a_square_around_past_truth_and_first_hypothesis(straight_r
 
 
 def test_a_short_way_is_shown_with_forty_metres_around_it(straight_road: RoadNetwork, axes: Axes) -> None:
-    record = record_with({7: moving(10.0, -5.25, 1.0)}, straight_road)
-    samples = samples_of(record, HistoryWindow(), Population.ALL).select(np.array([0]))
-    still = Hypotheses.certain(np.repeat(samples.batch.xy_m[:1, None], 25, axis=1))
-    draw_sample(axes, SamplePanel(ChosenSample("cv", "S2", "best", 0, 60, 7, 1.0), record, samples, still), COLOUR)
+    draw_sample(axes, panel_of(straight_road, 1.0, ahead_mps=0.0, aside_mps=0.0), COLOUR)
     assert axes.get_xlim() == pytest.approx((14.0 - 20.0, 14.0 + 20.0))
 
 
@@ -157,7 +159,7 @@ def test_a_short_way_is_shown_with_forty_metres_around_it(straight_road: RoadNet
 def test_the_title_says_who_when_and_how_far_off(
     straight_road: RoadNetwork, axes: Axes, is_emv: bool, who: str
 ) -> None:
-    draw_sample(axes, panel_of(straight_road, is_emv), COLOUR)
+    draw_sample(axes, panel_of(straight_road, is_emv=is_emv), COLOUR)
     assert axes.get_title(loc="left") == f"median: ADE 2.35 m, {who} at 3.0 s"
 
 
@@ -168,15 +170,11 @@ MODELS = ("cv", "none", "net")
 def test_a_row_for_each_model_and_a_column_for_each_rank(
     straight_road: RoadNetwork, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    record = record_with({7: moving(10.0, -5.25, 6.0)}, straight_road)
-    samples = samples_of(record, HistoryWindow(), Population.ALL).select(np.array([0]))
-    still = Hypotheses.certain(np.repeat(samples.batch.xy_m[:1, None], 25, axis=1))
     order = [("cv", "best"), ("cv", "median"), ("cv", "worst"), ("net", "median")]
-    panels = [SamplePanel(ChosenSample(model, "S2", rank, 0, 60, 7, 1.0), record, samples, still)
-              for model, rank in order]  # fmt: skip
+    panels = [panel_of(straight_road, model=model, rank=rank) for model, rank in order]
     drawn: list[tuple[Axes, SamplePanel, str]] = []
-    monkeypatch.setattr(template_picture, "draw_sample", lambda *given: drawn.append(given))
-    figure = template_picture.draw_template("S2", panels, MODELS)
+    monkeypatch.setattr(sample_pictures, "draw_sample", lambda *given: drawn.append(given))
+    figure = sample_pictures.draw_template("S2", panels, MODELS)
 
     assert [panel.chosen for _, panel, _ in drawn] == [panel.chosen for panel in panels]
     assert [colour for *_, colour in drawn] == [colour_of_model(MODELS, model) for model, _ in order]

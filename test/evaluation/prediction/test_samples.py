@@ -1,3 +1,4 @@
+from collections.abc import Mapping
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -6,13 +7,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_records import moving, record_with
+from made_records import Track, moving, record_with
 
 from siren_ros.errors import BagError
 from siren_ros.evaluation.prediction.samples import (
     ARGOVERSE_WINDOW,
     HistoryWindow,
     Population,
+    ScoredSamples,
     _signals,
     future_offsets,
     future_times_s,
@@ -24,22 +26,18 @@ from siren_ros.world.actors import ActorClass, Lights
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, SignalState, TrafficState
 
 
-def test_the_future_is_5_s_every_200_ms() -> None:
+def test_the_future_is_5_s_and_the_history_3_s_every_200_ms_with_the_present() -> None:
     assert np.allclose(future_times_s(), np.arange(1, 26) * 0.2)
     assert len(future_offsets()) == 25
-
-
-def test_the_history_is_3_s_every_200_ms_with_the_present() -> None:
-    times = HistoryWindow().times_s
-    assert np.allclose(times, np.arange(-15, 1) * 0.2)
-
-
-def test_other_histories_are_possible() -> None:
-    times = HistoryWindow(points=50, stride_frames=1).times_s
-    assert np.allclose(times, np.arange(-49, 1) * 0.1)
+    assert np.allclose(HistoryWindow().times_s, np.arange(-15, 1) * 0.2)
+    assert np.allclose(HistoryWindow(points=50, stride_frames=1).times_s, np.arange(-49, 1) * 0.1)
 
 
 WINDOW = HistoryWindow()
+
+
+def samples_with(tracks: Mapping[int, Track], network: RoadNetwork, window: HistoryWindow = WINDOW) -> ScoredSamples:
+    return samples_of(record_with(tracks, network), window, Population.ALL)
 
 
 def sumo_lane_of(actor_id: int, lane: int, step: int) -> TrafficState:
@@ -54,12 +52,13 @@ def test_a_gapless_track_gives_one_sample_for_each_frame_with_a_full_window(
     frames: int, late: int, straight_road: RoadNetwork
 ) -> None:
     track = moving(0.0, -5.25, 5.0, steps=2 * frames - 1, first_step=2 * late)
-    assert len(samples_of(record_with({1: track}, straight_road), WINDOW, Population.ALL)) == max(0, frames - 80)
+    assert len(samples_with({1: track}, straight_road)) == max(0, frames - 80)
 
 
 def test_a_longer_history_leaves_fewer_samples(straight_road: RoadNetwork) -> None:
-    record = record_with({1: moving(0.0, -5.25, 5.0, steps=2 * 120 - 1)}, straight_road)
-    assert len(samples_of(record, HistoryWindow(points=50, stride_frames=1), Population.ALL)) == 120 - 49 - 50
+    window = HistoryWindow(points=50, stride_frames=1)
+    track = moving(0.0, -5.25, 5.0, steps=2 * 120 - 1)
+    assert len(samples_with({1: track}, straight_road, window)) == 120 - 49 - 50
 
 
 def test_every_vehicle_is_scored_the_emv_too(straight_road: RoadNetwork) -> None:
@@ -68,7 +67,7 @@ def test_every_vehicle_is_scored_the_emv_too(straight_road: RoadNetwork) -> None
         2: moving(50.0, -1.75, 5.0),
         3: moving(90.0, 1.75, 0.0, first_step=20),
     }
-    scored = samples_of(record_with(tracks, straight_road), WINDOW, Population.ALL)
+    scored = samples_with(tracks, straight_road)
     batch = scored.batch
     ids = batch.actor_id
     assert {key: int((ids == key).sum()) for key in (1, 2, 3)} == {1: 21, 2: 21, 3: 21}
@@ -78,15 +77,14 @@ def test_every_vehicle_is_scored_the_emv_too(straight_road: RoadNetwork) -> None
 def test_a_window_with_a_missing_point_is_no_sample(straight_road: RoadNetwork) -> None:
     whole = moving(0.0, -5.25, 5.0, steps=2 * 90 - 1)
     gap = replace(whole, without=frozenset({80}))
-    assert len(samples_of(record_with({1: whole}, straight_road), WINDOW, Population.ALL)) == 10
-    scored = samples_of(record_with({1: gap}, straight_road), WINDOW, Population.ALL)
+    assert len(samples_with({1: whole}, straight_road)) == 10
+    scored = samples_with({1: gap}, straight_road)
     # Frame 40 is missing: it is a grid point of the windows of every second frame.
     assert (scored.batch.step // 2).tolist() == [31, 33, 35, 37, 39]
 
 
 def test_history_and_future_are_the_log(straight_road: RoadNetwork) -> None:
-    record = record_with({1: moving(0.0, -5.25, 5.0, accel_mps2=0.4)}, straight_road)
-    scored = samples_of(record, WINDOW, Population.ALL)
+    scored = samples_with({1: moving(0.0, -5.25, 5.0, accel_mps2=0.4)}, straight_road)
     now = scored.batch.step * 0.05
 
     def x(time: np.ndarray) -> np.ndarray:
@@ -122,7 +120,7 @@ def test_neighbours_are_the_others_of_the_frame_even_with_a_short_past(straight_
         2: moving(40.0, -5.25, 5.0),
         7: moving(70.0, -1.75, 0.0, first_step=70, steps=40),
     }
-    batch = samples_of(record_with(tracks, straight_road), WINDOW, Population.ALL).batch
+    batch = samples_with(tracks, straight_road).batch
     sample, other = batch.neighbours()
     own = batch.target[sample]
     assert (batch.actors.frame[own] == batch.actors.frame[other]).all()
@@ -139,7 +137,7 @@ def test_neighbours_are_the_others_of_the_frame_even_with_a_short_past(straight_
 
 
 def test_a_short_episode_gives_no_samples(straight_road: RoadNetwork) -> None:
-    scored = samples_of(record_with({1: moving(0.0, -5.25, 5.0, steps=20)}, straight_road), WINDOW, Population.ALL)
+    scored = samples_with({1: moving(0.0, -5.25, 5.0, steps=20)}, straight_road)
     assert len(scored) == 0
     assert scored.future_xy_m.shape == (0, 25, 2)
 
@@ -173,10 +171,10 @@ def test_lights_are_those_of_the_present(straight_road: RoadNetwork) -> None:
 def test_frames_behind_the_horizon_have_to_be_logged_where_the_window_says_so(straight_road: RoadNetwork) -> None:
     """Argoverse's window: 5 s before and 6 s after the present, every tenth of a second of them."""
     for frames, count in ((110, 1), (109, 0), (113, 4)):
-        record = record_with({1: moving(0.0, -5.25, 5.0, steps=2 * frames - 1)}, straight_road)
-        assert len(samples_of(record, ARGOVERSE_WINDOW, Population.ALL)) == count
+        track = moving(0.0, -5.25, 5.0, steps=2 * frames - 1)
+        assert len(samples_with({1: track}, straight_road, ARGOVERSE_WINDOW)) == count
     # Of 4 samples, with presents at 49 to 52: frame 112 is needed by the last alone, frame 103 by all of them.
     for missing, left in ((112, [49, 50, 51]), (103, [])):
         track = moving(0.0, -5.25, 5.0, steps=225, without=frozenset({2 * missing}))
-        scored = samples_of(record_with({1: track}, straight_road), ARGOVERSE_WINDOW, Population.ALL)
+        scored = samples_with({1: track}, straight_road, ARGOVERSE_WINDOW)
         assert (scored.batch.step // 2).tolist() == left

@@ -1,8 +1,9 @@
 """Paths of every known length on the common grid, and rows in words."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -90,9 +91,8 @@ def test_every_sample_meets_its_hypotheses(batch: SampleBatch) -> None:
 def test_samples_may_have_fewer_hypotheses(batch: SampleBatch) -> None:
     rows = rows_for(batch)
     first = (rows.actor_id == 12) & (rows.step == 60)
-    one = rows.select(~(first & (rows.mode == 0)))
-    one = replace(one, probability=np.where((one.actor_id == 12) & (one.step == 60), 1.0, one.probability))
-    _, hypotheses = submission(one).of_episode(["made"]).meet(batch)
+    fewer = replace(rows, probability=np.where(first, 1.0, rows.probability)).select(~(first & (rows.mode == 0)))
+    _, hypotheses = submission(fewer).of_episode(["made"]).meet(batch)
     assert hypotheses.probability[1].tolist() == [1.0, 0.0]
     assert np.array_equal(hypotheses.xy_m[1, 0], hypotheses.xy_m[1, 1])
 
@@ -146,13 +146,10 @@ def test_hypotheses_given_twice_are_refused(batch: SampleBatch) -> None:
 
 
 def both(batch: SampleBatch, allow_missing: bool = False) -> Submission:
-    one, two = rows_for(batch, episode="one"), rows_for(batch, episode="two")
-    columns = {
-        name: np.concatenate([getattr(one, name), getattr(two, name)])
-        for name, value in vars(one).items()
-        if isinstance(value, np.ndarray)
-    }
-    return submission(SubmittedRows(source="mine.parquet", window=HistoryWindow(), **columns), allow_missing)
+    rows = rows_for(batch)
+    twice = rows.select(np.tile(np.arange(len(rows)), 2))
+    names = np.repeat(np.array(["one", "two"], dtype=object), len(rows))
+    return submission(replace(twice, episode=names), allow_missing)
 
 
 def test_episodes_go_by_any_of_their_names(batch: SampleBatch) -> None:
@@ -198,33 +195,15 @@ def test_actor_0_and_step_0_may_be_predicted(batch: SampleBatch) -> None:
     submission(replace(rows, step=np.where(first, 0, rows.step)))
 
 
-@dataclass(frozen=True)
-class Message:
-    content: Any
-
-    def read(self) -> Any:
-        return self.content
-
-
-@dataclass(frozen=True)
-class Bag:
+def bag_of(said: list[PredictedPaths], topic: str = "/predictions") -> EpisodeSource:
     """A bag that holds predictions alone."""
 
-    said: list[PredictedPaths]
-    topic: str = "/predictions"
-    path: Path = Path("bags/judged")
+    def messages(topics: set[str]) -> list[Any]:
+        assert topics == {topic}
+        return [SimpleNamespace(read=partial(to_predicted_paths, paths)) for paths in said]
 
-    @property
-    def bag(self) -> "Bag":
-        return self
-
-    @property
-    def type_names(self) -> dict[str, str]:
-        return {self.topic: "siren_msgs/msg/PredictedPaths"}
-
-    def messages(self, topics: set[str]) -> Iterator[Message]:
-        assert topics == {self.topic}
-        return (Message(to_predicted_paths(one)) for one in self.said)
+    bag = SimpleNamespace(type_names={topic: "siren_msgs/msg/PredictedPaths"}, messages=messages)
+    return cast("EpisodeSource", SimpleNamespace(bag=bag, path=Path("bags/judged")))
 
 
 def everything_said(points: int = 60) -> list[PredictedPaths]:
@@ -244,7 +223,7 @@ def everything_said(points: int = 60) -> list[PredictedPaths]:
 
 
 def read(said: list[PredictedPaths], allow_missing: bool = False) -> Any:
-    return read_recorded_predictions(cast("EpisodeSource", Bag(said)), allow_missing)
+    return read_recorded_predictions(bag_of(said), allow_missing)
 
 
 def test_samples_are_taken_and_others_left_out(batch: SampleBatch) -> None:
@@ -289,4 +268,4 @@ def test_wrong_messages_are_refused_with_their_number(change: dict[str, Any], to
 
 def test_a_bag_without_the_topic() -> None:
     with pytest.raises(BagError, match="a bag with the topic /predictions"):
-        read_recorded_predictions(cast("EpisodeSource", Bag(everything_said(), topic="/other")), allow_missing=False)
+        read_recorded_predictions(bag_of(everything_said(), topic="/other"), allow_missing=False)

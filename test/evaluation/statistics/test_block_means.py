@@ -1,4 +1,5 @@
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -9,6 +10,7 @@ from siren_ros.errors import InputError
 from siren_ros.evaluation.statistics.block_means import (
     BlockSums,
     Estimate,
+    PairedDifference,
     block_sums,
     estimate_of_mean,
     holm,
@@ -19,11 +21,8 @@ from siren_ros.evaluation.statistics.block_means import (
 from siren_ros.tables.interval import NOTHING
 
 
-def test_the_example_of_four_tests() -> None:
+def test_four_tests_one_and_none() -> None:
     assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
-
-
-def test_one_test_and_none() -> None:
     assert holm([0.2]) == [0.2]
     assert holm([]) == []
 
@@ -43,10 +42,11 @@ def rng(seed: int = 0) -> np.random.Generator:
     return np.random.default_rng(seed)
 
 
-def one_each(values: np.ndarray, stratum: np.ndarray | None = None) -> BlockSums:
+def one_each(values: npt.ArrayLike, stratum: npt.ArrayLike = 0) -> BlockSums:
     """One value in each block."""
-    blocks = len(values)
-    return block_sums(values, np.arange(blocks), np.zeros(blocks, dtype=np.intp) if stratum is None else stratum)
+    values = np.asarray(values, dtype=np.float64)
+    block = np.arange(len(values))
+    return block_sums(values, block, np.broadcast_to(np.asarray(stratum, dtype=np.intp), block.shape))
 
 
 @given(seed=st.integers(0, 1000), blocks=st.integers(2, 30), confidence=st.floats(0.5, 0.99))
@@ -114,9 +114,9 @@ def test_a_root_is_taken_before_the_mean_over_strata() -> None:
 def test_a_stratum_of_one_block_leaves_the_mean_without_bounds() -> None:
     """How it scatters is not known: the interval would say that it does not."""
     values = np.arange(6.0)
-    found = interval_of_mean(one_each(values, np.array([0, 0, 0, 0, 0, 1])))
+    found = interval_of_mean(one_each(values, [0, 0, 0, 0, 0, 1]))
     assert (found.valid, found.bounded) == (True, False)
-    assert interval_of_mean(one_each(values, np.array([0, 0, 0, 0, 1, 1]))).bounded
+    assert interval_of_mean(one_each(values, [0, 0, 0, 0, 1, 1])).bounded
 
 
 def test_blocks_that_all_say_the_same_have_no_bounds() -> None:
@@ -151,67 +151,49 @@ def test_all_and_nothing_are_no_confidence(confidence: float) -> None:
         interval_of_mean(one_each(np.arange(5.0)), confidence)
 
 
-def one_each_of_paired_difference(*values: float) -> BlockSums:
-    """One value in each block."""
-    return block_sums(np.array(values), np.arange(len(values)), np.zeros(len(values), dtype=np.intp))
+def compared(first: npt.ArrayLike, second: npt.ArrayLike, seed: int = 0) -> PairedDifference:
+    """Two models with one value in each block."""
+    return paired_difference(one_each(first), one_each(second), rng(seed))
 
 
 def test_a_constant_difference_has_no_width() -> None:
     """However much the blocks differ: of eight blocks, 2 of the 256 exchanges give as large a difference."""
     values = rng().normal(0.0, 100.0, 8)
-    found = paired_difference(
-        one_each_of_paired_difference(*values), one_each_of_paired_difference(*(values + 0.5)), rng(1)
-    )
+    found = compared(values, (values + 0.5), 1)
     assert (found.difference.value, found.difference.low, found.difference.high) == pytest.approx((-0.5, -0.5, -0.5))
     assert found.p_value == pytest.approx(2.0 / 256.0)
 
 
 def test_the_interval_is_that_of_the_differences() -> None:
     first, second = rng(3).normal(size=(2, 9))
-    found = paired_difference(
-        one_each_of_paired_difference(*first), one_each_of_paired_difference(*second), rng()
-    ).difference
+    found = compared(first, second).difference
     expected = ttest_rel(first, second).confidence_interval()
     assert (found.low, found.high) == pytest.approx((expected.low, expected.high))
 
 
 def test_one_block_against_the_others_is_no_evidence() -> None:
     """Differences 3, −1, −1, −1: the mean is 0."""
-    found = paired_difference(
-        one_each_of_paired_difference(3.0, 0.0, 0.0, 0.0), one_each_of_paired_difference(0.0, 1.0, 1.0, 1.0), rng()
-    )
+    found = compared([3.0, 0.0, 0.0, 0.0], [0.0, 1.0, 1.0, 1.0])
     assert found.difference.value == pytest.approx(0.0)
     assert found.p_value == 1.0
 
 
 def test_p_value_by_hand() -> None:
     """Differences 1, 2, 4: sums ±1 ± 2 ± 4; 7 is reached by 2 of 8, and 1 + 2 − 4 = −1 by all."""
-    assert paired_difference(
-        one_each_of_paired_difference(1.0, 2.0, 4.0), one_each_of_paired_difference(0.0, 0.0, 0.0), rng()
-    ).p_value == pytest.approx(0.25)
-    assert paired_difference(
-        one_each_of_paired_difference(1.0, 2.0, 0.0), one_each_of_paired_difference(0.0, 0.0, 4.0), rng()
-    ).p_value == pytest.approx(1.0)
+    assert compared([1.0, 2.0, 4.0], [0.0, 0.0, 0.0]).p_value == pytest.approx(0.25)
+    assert compared([1.0, 2.0, 0.0], [0.0, 0.0, 4.0]).p_value == pytest.approx(1.0)
 
 
 def test_models_that_are_alike_are_seldom_told_apart() -> None:
     """Under no difference, p is below 0.05 in 5 % of the cases; 30 blocks take random exchanges."""
-    below = 0
-    for seed in range(300):
-        first, second = rng(seed).normal(size=(2, 30))
-        below += (
-            paired_difference(
-                one_each_of_paired_difference(*first), one_each_of_paired_difference(*second), rng(seed)
-            ).p_value
-            < 0.05
-        )
+    below = sum(compared(*rng(seed).normal(size=(2, 30)), seed).p_value < 0.05 for seed in range(300))
     assert 3 <= below <= 30
 
 
 @given(seed=st.integers(0, 1000), blocks=st.integers(2, 16))
 def test_exchanged_models_have_the_opposite_difference(seed: int, blocks: int) -> None:
-    first, second = (one_each_of_paired_difference(*values) for values in rng(seed).normal(size=(2, blocks)))
-    there, back = (paired_difference(*pair, rng(seed)) for pair in ((first, second), (second, first)))
+    first, second = rng(seed).normal(size=(2, blocks))
+    there, back = compared(first, second, seed), compared(second, first, seed)
     assert there.difference.value == pytest.approx(-back.difference.value)
     assert there.difference.low == pytest.approx(-back.difference.high)
     assert there.p_value == pytest.approx(back.p_value)
@@ -226,27 +208,21 @@ def test_roots_of_means_can_be_compared() -> None:
 
 
 def test_one_block_or_none_tells_nothing() -> None:
-    assert (
-        paired_difference(one_each_of_paired_difference(1.0), one_each_of_paired_difference(2.0), rng()).p_value == 1.0
-    )
-    nothing = paired_difference(
-        one_each_of_paired_difference(np.nan, np.nan), one_each_of_paired_difference(np.nan, np.nan), rng()
-    )
+    assert compared([1.0], [2.0]).p_value == 1.0
+    nothing = compared([np.nan, np.nan], [np.nan, np.nan])
     assert not nothing.difference.valid
     assert nothing.p_value == 1.0
 
 
 def test_other_samples_cannot_be_paired() -> None:
     with pytest.raises(InputError, match="the same samples in every block"):
-        paired_difference(one_each_of_paired_difference(1.0, np.nan), one_each_of_paired_difference(1.0, 2.0), rng())
+        compared([1.0, np.nan], [1.0, 2.0])
 
 
 def test_random_exchanges_count_the_one_found_too() -> None:
     """13 blocks are one more than are enumerated: the same 4096 exchanges, and the pair as it is."""
     values = np.array([3.0, -1.0, 4.0, 1.0, -5.0, 9.0, 2.0, -6.0, 5.0, 3.0, 5.0, -8.0, 9.0])
-    found = paired_difference(
-        one_each_of_paired_difference(*values), one_each_of_paired_difference(*np.zeros(13)), rng(7)
-    )
+    found = compared(values, np.zeros(13), 7)
     signs = np.where(rng(7).random((4096, 13)) < 0.5, -1.0, 1.0)
     as_far = np.count_nonzero(np.abs(signs @ values) >= abs(values.sum()) - 1e-9)
     assert found.p_value == pytest.approx((as_far + 1) / 4097)
@@ -254,9 +230,4 @@ def test_random_exchanges_count_the_one_found_too() -> None:
 
 
 def test_twelve_blocks_are_enumerated() -> None:
-    assert (
-        paired_difference(
-            one_each_of_paired_difference(*np.ones(12)), one_each_of_paired_difference(*np.zeros(12)), rng()
-        ).p_value
-        == 2.0 / 4096.0
-    )
+    assert compared(np.ones(12), np.zeros(12)).p_value == 2.0 / 4096.0

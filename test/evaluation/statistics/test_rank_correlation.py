@@ -9,25 +9,29 @@ from scipy.stats import spearmanr
 
 from siren_ros.errors import InputError
 from siren_ros.evaluation.statistics.block_means import Estimate
-from siren_ros.evaluation.statistics.rank_correlation import rank_correlation, ranking_interval
+from siren_ros.evaluation.statistics.rank_correlation import RankCorrelation, rank_correlation, ranking_interval
 from siren_ros.tables.interval import Interval
+
+
+def ranked(first: Sequence[float], second: Sequence[float]) -> RankCorrelation:
+    """The correlation of two sides that have one."""
+    found = rank_correlation(first, second)
+    assert found is not None
+    return found
 
 
 @given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=3, max_size=10))
 def test_rank_correlation_is_spearmans(pairs: list[tuple[int, int]]) -> None:
     first, second = (list(map(float, side)) for side in zip(*pairs, strict=True))
-    found = rank_correlation(first, second)
     if len(set(first)) == 1 or len(set(second)) == 1:
-        assert found is None
+        assert rank_correlation(first, second) is None
     else:
-        assert found is not None
-        assert found.rho == pytest.approx(spearmanr(first, second).statistic, abs=1e-12)
-        assert found.pairs == len(pairs)
+        assert ranked(first, second).rho == pytest.approx(spearmanr(first, second).statistic, abs=1e-12)
+        assert ranked(first, second).pairs == len(pairs)
 
 
 def test_a_reversed_order() -> None:
-    found = rank_correlation([1.0, 2.0, 9.0], [3.0, 2.0, 1.0])
-    assert found is not None
+    found = ranked([1.0, 2.0, 9.0], [3.0, 2.0, 1.0])
     assert found.rho == pytest.approx(-1.0)
     assert found.p_value == pytest.approx(2.0 / 6.0), "two of the six orders are as extreme"
 
@@ -35,20 +39,16 @@ def test_a_reversed_order() -> None:
 def test_the_p_value_counts_the_orders() -> None:
     first, second = [1.0, 2.0, 3.0, 4.0, 5.0], [1.0, 3.0, 2.0, 5.0, 4.0]
     rhos = [abs(spearmanr(first, order).statistic) for order in permutations(second)]
-    found = rank_correlation(first, second)
-    assert found is not None
+    found = ranked(first, second)
     assert found.p_value == pytest.approx(np.mean(np.array(rhos) >= found.rho - 1e-9))
 
 
 def test_many_pairs_use_students_t() -> None:
     rng = np.random.default_rng(0)
     first, second = rng.normal(size=(2, 30))
-    found, expected = rank_correlation(list(first), list(second)), spearmanr(first, second)
-    assert found is not None
+    found, expected = ranked(list(first), list(second)), spearmanr(first, second)
     assert (found.rho, found.p_value) == pytest.approx((expected.statistic, expected.pvalue))
-    perfect = rank_correlation(list(first), list(first))
-    assert perfect is not None
-    assert perfect.p_value == pytest.approx(0.0, abs=1e-12)
+    assert ranked(list(first), list(first)).p_value == pytest.approx(0.0, abs=1e-12)
 
 
 def test_two_pairs_are_no_ranking() -> None:
@@ -59,8 +59,7 @@ def test_two_pairs_are_no_ranking() -> None:
 
 @pytest.mark.parametrize(("count", "p_value"), [(8, 2.0 / 40320.0), (9, 0.0)])
 def test_eight_pairs_are_counted_and_nine_are_not(count: int, p_value: float) -> None:
-    found = rank_correlation(list(range(count)), list(range(count)))
-    assert found is not None
+    found = ranked(list(range(count)), list(range(count)))
     assert found.p_value == pytest.approx(p_value, rel=1e-9)
     assert found.pairs == count
 

@@ -49,8 +49,8 @@ class Csp(nn.Module):
 
         Mode l + 3 k has the lateral manoeuvre l and the longitudinal manoeuvre k.
         """
-        own = self.activation(self.dyn_emb(self._encoded(given.history)))
-        encoded = torch.cat((self._pooled(given), own), dim=1)
+        dynamics = self.activation(self.dyn_emb(self._encoded(given.history)))
+        encoded = torch.cat((self._pooled(given), dynamics), dim=1)
         lateral = torch.softmax(self.op_lat(encoded), dim=1)
         longitudinal = torch.softmax(self.op_lon(encoded), dim=1)
         modes = one_hot_modes(len(encoded), LATERAL, LONGITUDINAL)

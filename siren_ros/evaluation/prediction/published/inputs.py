@@ -209,19 +209,19 @@ _JOINED_FT: Final = float(np.log(200.0))
 """Vertices are joined where exp(−distance) is more than 0.005: it does not round to 0.00 then."""
 
 
-def behaviour_tensor(own: Floats, neighbours: Floats, sample: Rows, cell: Rows) -> Floats32:
+def behaviour_tensor(targets: Floats, neighbours: Floats, sample: Rows, cell: Rows) -> Floats32:
     """The behaviour tensor, shape ``(16, B, 39, 6)``.
 
     Args:
-        own: Polar past of the targets (feet, radians), shape ``(B, 16, 2)``.
+        targets: Polar past of the targets (feet, radians), shape ``(B, 16, 2)``.
         neighbours: Polar past of their neighbours, shape ``(P, 16, 2)``.
         sample: Sample of each neighbour, shape ``(P,)``.
         cell: Cell of each neighbour, shape ``(P,)``.
     """
-    grid = np.zeros((len(own), CELLS, _POINTS, 2))
+    grid = np.zeros((len(targets), CELLS, _POINTS, 2))
     grid[sample, cell] = neighbours
-    grid[:, _TARGET_CELL] = own
-    return behaviours(closeness_centralities(np.round(grid, 2).reshape(len(own), _POINTS, CELLS, 2)))
+    grid[:, _TARGET_CELL] = targets
+    return behaviours(closeness_centralities(np.round(grid, 2).reshape(len(targets), _POINTS, CELLS, 2)))
 
 
 def behaviours(closeness: Floats) -> Floats32:
@@ -256,16 +256,16 @@ def _closeness(graphs: Array, joined_squared: float) -> Array:
     count, vertices = graphs.shape[0], graphs.shape[1]
     closeness = np.zeros((count, vertices))
     joined = np.zeros(vertices, dtype=np.uint64)
-    one = np.uint64(1)
+    bit = np.uint64(1)
     for graph in range(count):
         for i in range(vertices):
-            joined[i] = one << np.uint64(i)
+            joined[i] = bit << np.uint64(i)
             for j in range(i):
                 dx = graphs[graph, i, 0] - graphs[graph, j, 0]
                 dy = graphs[graph, i, 1] - graphs[graph, j, 1]
                 if dx * dx + dy * dy < joined_squared:
-                    joined[i] |= one << np.uint64(j)
-                    joined[j] |= one << np.uint64(i)
+                    joined[i] |= bit << np.uint64(j)
+                    joined[j] |= bit << np.uint64(i)
         for start in range(vertices):
             closeness[graph, start] = _closeness_of(joined, start)
     return closeness
@@ -275,21 +275,21 @@ def _closeness(graphs: Array, joined_squared: float) -> Array:
 def _closeness_of(joined: Array, start: int) -> float:
     """Breadth-first search; sets of vertices are the bits of a number."""
     vertices = len(joined)
-    one, none = np.uint64(1), np.uint64(0)
-    reached = one << np.uint64(start)
+    bit, none = np.uint64(1), np.uint64(0)
+    reached = bit << np.uint64(start)
     frontier = reached
     hops, others, total = 0, 0, 0
     while frontier != none:
         following = none
         for vertex in range(vertices):
-            if (frontier >> np.uint64(vertex)) & one:
+            if (frontier >> np.uint64(vertex)) & bit:
                 following |= joined[vertex]
         frontier = following & ~reached
         reached |= frontier
         hops += 1
         rest = frontier
         while rest != none:
-            rest &= rest - one
+            rest &= rest - bit
             others += 1
             total += hops
     return others / total * (others / (vertices - 1)) if total else 0.0

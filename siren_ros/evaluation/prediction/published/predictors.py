@@ -56,24 +56,24 @@ def load_weights(network: nn.Module, model: str, path: Path | None) -> nn.Module
     if path is None:
         raise InputError("checkpoint", model, f"{model}=PATH of its weights")
     given = _with_parts(network, path)
-    wanted = network.state_dict()
-    missing = [name for name in wanted if name not in given]
-    unknown = [name for name in given if name not in wanted]
-    reshaped = [name for name in wanted if name in given and given[name].shape != wanted[name].shape]
+    expected = network.state_dict()
+    missing = [name for name in expected if name not in given]
+    unknown = [name for name in given if name not in expected]
+    reshaped = [name for name in expected if name in given and given[name].shape != expected[name].shape]
     wrong = []
     if missing:
-        wrong.append(f"{len(missing)} of {len(wanted)} missing, first {missing[0]}")
+        wrong.append(f"{len(missing)} of {len(expected)} missing, first {missing[0]}")
     if reshaped:
         first = reshaped[0]
-        shapes = f"{tuple(given[first].shape)} instead of {tuple(wanted[first].shape)}"
+        shapes = f"{tuple(given[first].shape)} instead of {tuple(expected[first].shape)}"
         wrong.append(f"{len(reshaped)} of another shape, first {first}: {shapes}")
     if unknown:
         wrong.append(f"{len(unknown)} unknown, first {unknown[0]}")
     if wrong:
         raise InputError("checkpoint", str(path), f"weights of {model} ({'; '.join(wrong)})")
-    infinite = [name for name in wanted if not bool(torch.isfinite(given[name]).all())]
+    infinite = [name for name in expected if not bool(torch.isfinite(given[name]).all())]
     if infinite:
-        what = f"finite weights ({len(infinite)} of {len(wanted)} are not, first {infinite[0]})"
+        what = f"finite weights ({len(infinite)} of {len(expected)} are not, first {infinite[0]})"
         raise InputError("checkpoint", str(path), what)
     network.load_state_dict(given)
     network.eval()
@@ -84,9 +84,9 @@ def _with_parts(network: nn.Module, path: Path) -> dict[str, Tensor]:
     """All weights by their names in the network."""
     parts = [name for name, _ in network.named_children()]
     content = _read(path)
-    own = next((part for part in parts if path.stem.endswith(f"_{part}")), None)
-    if own is not None and not any(name in parts for name in content):
-        prefix = path.stem.removesuffix(own)
+    of_path = next((part for part in parts if path.stem.endswith(f"_{part}")), None)
+    if of_path is not None and not any(name in parts for name in content):
+        prefix = path.stem.removesuffix(of_path)
         content = {part: _read(path.with_name(f"{prefix}{part}{path.suffix}")) for part in parts}
     return _flat(content, str(path))
 

@@ -35,20 +35,20 @@ class StdanEncoder(GatedEncoder):
 
     def forward(self, given: NetworkInput) -> Tensor:
         """The encoded past, shape ``(B, 16, 64)``."""
-        own = self.encoded(given.history)
-        social = self.addAndNorm(own, self.first_glu(self._over_cells(own, given)))
-        return self.addAndNorm(own, self.second_glu(self._over_time(social)))
+        target = self.encoded(given.history)
+        social = self.addAndNorm(target, self.first_glu(self._over_cells(target, given)))
+        return self.addAndNorm(target, self.second_glu(self._over_time(social)))
 
-    def _over_cells(self, own: Tensor, given: NetworkInput) -> Tensor:
+    def _over_cells(self, target: Tensor, given: NetworkInput) -> Tensor:
         """Attention of the target to the 39 cells, shape ``(B, 16, 192)``.
 
         An empty cell is a vector of zeros, so that all empty cells have one key and one value, the biases: they are one
         slot here, with their number as its weight.
         """
         groups = Groups.of(given.neighbours.sample, given.neighbours.samples)
-        query = _heads(self.qff(own)).unsqueeze(-2)
+        query = _heads(self.qff(target)).unsqueeze(-2)
         seen = groups.spread(self.encoded(given.neighbour_history)) if groups.group.numel() else None
-        count = groups.count.to(own.dtype)
+        count = groups.count.to(target.dtype)
         empty = (query @ self.kff.bias.view(HEADS, HEAD_SIZE, 1)) / math.sqrt(ENCODED)
         empty = empty + torch.log(CELLS - count).view(-1, 1, 1, 1, 1)
         empty_value = self.vff.bias.view(HEADS, 1, HEAD_SIZE)

@@ -82,17 +82,17 @@ _MULTIMODAL: Final = frozenset({"emp-m", "emp-d", "demo", "demo+realmotion"})
 
 
 def _read() -> dict[tuple[str, str], PaperRow]:
-    found: dict[tuple[str, str], PaperRow] = {}
+    rows: dict[tuple[str, str], PaperRow] = {}
     for metrics, text in _PAIRS.items():
         for line in text.strip().splitlines():
             model, *cells = line.split()
             for position, metric in enumerate(metrics):
                 *values, mean = (float(cell.split("/")[position]) for cell in cells)
-                found[model, metric] = PaperRow(MappingProxyType(dict(zip(TEMPLATES, values, strict=True))), mean)
+                rows[model, metric] = PaperRow(MappingProxyType(dict(zip(TEMPLATES, values, strict=True))), mean)
     for model in PAPER_NAMES:
         if model not in _MULTIMODAL:
-            found[model, "min_ade_6_m"], found[model, "min_fde_6_m"] = found[model, "ade_m"], found[model, "fde_m"]
-    return found
+            rows[model, "min_ade_6_m"], rows[model, "min_fde_6_m"] = rows[model, "ade_m"], rows[model, "fde_m"]
+    return rows
 
 
 PAPER: Final[Mapping[tuple[str, str], PaperRow]] = MappingProxyType(_read())
@@ -146,7 +146,7 @@ def compare_with_paper(table: ScoreTable, model: str, metric: str) -> PaperCompa
     common = {name: value for name, value in ours.items() if value is not None and name in row.by_template}
     there = [row.by_template[name] for name in common]
     mean = table.value(model, GroupKind.ALL, metric)
-    same = _same_mean(row, there)
+    same = row.mean if len(there) == len(row.by_template) else float(np.mean(there)) if there else None
     return PaperComparison(
         mean=mean,
         paper_mean=row.mean,
@@ -155,9 +155,3 @@ def compare_with_paper(table: ScoreTable, model: str, metric: str) -> PaperCompa
         deviation_same_templates=None if same is None else float(np.mean(list(common.values()))) / same - 1.0,
         ranking=rank_correlation(list(common.values()), there),
     )
-
-
-def _same_mean(row: PaperRow, values: list[float]) -> float | None:
-    if len(values) == len(row.by_template):
-        return row.mean
-    return float(np.mean(values)) if values else None

@@ -113,7 +113,7 @@ def _episode(episode: EpisodeScores) -> dict[str, Any]:
         "models": {
             model: {
                 "samples": len(scores),
-                "wanted": scores.wanted,
+                "wanted": scores.population_size,
                 **{metric.name: scores[metric.name].known for metric in METRICS},
                 "paper": {
                     metric.name: known
@@ -137,7 +137,7 @@ def _model(table: ScoreTable, model: str) -> dict[str, Any]:
     compared = {metric.name: compare_with_paper(table, model, metric.name) for metric in METRICS}
     return {
         "samples": len(samples),
-        "wanted": samples.wanted,
+        "wanted": samples.population_size,
         "coverage": samples.coverage,
         "calibration_error": calibration_error(samples.reliability).known,
         "distance_over_time_m": {

@@ -105,7 +105,7 @@ class SampleTable:
     moved_m: Floats
     values: Mapping[str, Floats]
     """By metric."""
-    wanted: int
+    population_size: int
     """Samples of the population; more than there are where predictions are missing."""
     distance_sum_m: Floats
     """Over all samples, at each time of the grid; shape ``(FUTURE_POINTS,)``."""
@@ -117,7 +117,7 @@ class SampleTable:
     @property
     def coverage(self) -> float:
         """Share of the population's samples that were scored; 1 without any sample."""
-        return len(self) / self.wanted if self.wanted else 1.0
+        return len(self) / self.population_size if self.population_size else 1.0
 
 
 def sample_table(scores: Sequence[EpisodeScores], model: str) -> SampleTable:
@@ -133,7 +133,7 @@ def sample_table(scores: Sequence[EpisodeScores], model: str) -> SampleTable:
         category=np.concatenate([part.category for part in parts]),
         moved_m=np.concatenate([part.moved_m for part in parts]),
         values={metric.name: np.concatenate([part.values[metric.name] for part in parts]) for metric in METRICS},
-        wanted=sum(part.wanted for part in parts),
+        population_size=sum(part.population_size for part in parts),
         distance_sum_m=sum((part.distance_sum_m for part in parts), np.zeros(FUTURE_POINTS)),
         reliability=reliability,
     )

@@ -95,7 +95,7 @@ def _by_template(scores: ScoreTable, key: str, compare_paper: bool) -> Table:
     rows: list[Row] = []
     for model, samples in scores.samples.items():
         cells = (tuple(scores.value(model, name, metric) for metric in metrics) for name in templates)
-        coverage = f"{samples.coverage:.1%}" if len(samples) < samples.wanted else "all"
+        coverage = f"{samples.coverage:.1%}" if len(samples) < samples.population_size else "all"
         rows.append((model, *cells, _mean(scores, model, _ALL, metrics), len(samples), coverage))
     paper: list[Row] = []
     for model, name in PAPER_NAMES.items() if compare_paper else ():

@@ -149,15 +149,15 @@ def traffic_columns(
         choice: Its paths.
         points_m: Points of the paths in the samples' frames, shape ``(N, PATHS, PATH_POINTS, 2)``.
     """
-    actors, own = batch.actors, batch.target
+    actors, target = batch.actors, batch.target
     row, path, slot = np.nonzero(choice.there[:, :, None] & others.there[:, None])
     other = others.actor[row, slot]
     place = in_frame_of(batch, actors.xy_m[others.actor, -1] - batch.xy_m[:, None])[row, slot]
     along, aside = _on_paths(points_m, choice.spacing_m, row, path, place)
-    strip = 0.5 * (actors.width_m[own[row]] + actors.width_m[other]) + _SIDE_MARGIN_M
+    strip = 0.5 * (actors.width_m[target[row]] + actors.width_m[other]) + _SIDE_MARGIN_M
     ahead = np.flatnonzero((aside < strip) & (along > 0.0))
     row, path, other = row[ahead], path[ahead], other[ahead]
-    gap = along[ahead] - 0.5 * (actors.length_m[own[row]] + actors.length_m[other])
+    gap = along[ahead] - 0.5 * (actors.length_m[target[row]] + actors.length_m[other])
     key = row * points_m.shape[1] + path
     order = np.lexsort((gap, key))
     row, path, other, gap, key = row[order], path[order], other[order], gap[order], key[order]

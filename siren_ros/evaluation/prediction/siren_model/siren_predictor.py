@@ -79,9 +79,9 @@ class SirenPredictor:
     def predict(self, batch: SampleBatch) -> Hypotheses:
         """The hypotheses of every sample."""
         features, names = features_and_names(batch)
-        own, probability = self.network.run(without(features, names, self.network.ablation))
+        paths, probability = self.network.run(without(features, names, self.network.ablation))
         cos, sin = (values[:, None, None] for values in (np.cos(batch.yaw_rad), np.sin(batch.yaw_rad)))
-        x, y = own[..., 0], own[..., 1]
+        x, y = paths[..., 0], paths[..., 1]
         moved = np.stack((cos * x - sin * y, sin * x + cos * y), axis=-1)
         return Hypotheses.ranked(batch.xy_m[:, None, None] + moved, probability)
 

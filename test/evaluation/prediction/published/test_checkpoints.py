@@ -23,6 +23,11 @@ def equal(first: Any, second: Any) -> bool:
     return all(torch.equal(one, other) for one, other in pairs)
 
 
+def assert_refused(path: Path, match: str = "checkpoint") -> None:
+    with pytest.raises(InputError, match=match):
+        load_weights(Csp(), "csp", path)
+
+
 def test_weights_are_loaded_by_their_names(path: Path) -> None:
     saved, network = Csp(), Csp()
     torch.save(saved.state_dict(), path)
@@ -62,12 +67,8 @@ def test_missing_unknown_and_reshaped_weights_are_counted(path: Path) -> None:
     content["op.weight"] = torch.zeros(2, 128)
     content["other"] = torch.zeros(1)
     torch.save(content, path)
-    with pytest.raises(InputError) as caught:
-        load_weights(Csp(), "csp", path)
-    text = str(caught.value)
-    assert "weights of csp (2 of 22 missing, first op_lat.weight" in text
-    assert "1 of another shape, first op.weight: (2, 128) instead of (5, 128)" in text
-    assert "1 unknown, first other" in text
+    assert_refused(path, r"weights of csp \(2 of 22 missing, first op_lat\.weight.*1 unknown, first other")
+    assert_refused(path, r"1 of another shape, first op\.weight: \(2, 128\) instead of \(5, 128\)")
 
 
 @pytest.mark.parametrize(("other", "network"), [(Csp, Stdan), (Stdan, Bat), (Bat, Csp)])
@@ -86,8 +87,7 @@ def test_weights_that_are_not_finite_are_refused(path: Path) -> None:
     content["op.weight"][1, 2] = float("inf")
     content["op.bias"][2] = float("nan")
     torch.save(content, path)
-    with pytest.raises(InputError, match=r"2 of 22 are not, first op\.weight"):
-        load_weights(Csp(), "csp", path)
+    assert_refused(path, r"2 of 22 are not, first op\.weight")
 
 
 @pytest.mark.parametrize(
@@ -122,8 +122,7 @@ def test_code_in_a_checkpoint_is_refused_and_does_not_run(protocol: int | None, 
         torch.save(content, path)
     else:
         path.write_bytes(pickle.dumps(content, protocol))
-    with pytest.raises(InputError, match="checkpoint"):
-        load_weights(Csp(), "csp", path)
+    assert_refused(path)
     assert not made.exists()
 
 
@@ -132,8 +131,7 @@ def test_code_in_a_checkpoint_is_refused_and_does_not_run(protocol: int | None, 
 )
 def test_other_files_are_refused(content: bytes, path: Path) -> None:
     path.write_bytes(content)
-    with pytest.raises(InputError, match="checkpoint"):
-        load_weights(Csp(), "csp", path)
+    assert_refused(path)
 
 
 def test_a_damaged_file_is_refused(path: Path) -> None:
@@ -141,18 +139,15 @@ def test_a_damaged_file_is_refused(path: Path) -> None:
     whole = path.read_bytes()
     for end in (100, len(whole) // 2, len(whole) - 10):
         path.write_bytes(whole[:end])
-        with pytest.raises(InputError, match="checkpoint"):
-            load_weights(Csp(), "csp", path)
+        assert_refused(path)
 
 
 @pytest.mark.parametrize("content", [[1, 2], torch.zeros(3), {"op.weight": 3}, {1: torch.zeros(2)}, {"state_dict": 5}])
 def test_files_of_torch_with_something_else_are_refused(content: Any, path: Path) -> None:
     torch.save(content, path)
-    with pytest.raises(InputError, match="checkpoint"):
-        load_weights(Csp(), "csp", path)
+    assert_refused(path)
 
 
 def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
     for place in (tmp_path / "nothing.pt", tmp_path):
-        with pytest.raises(InputError, match="a file that can be read"):
-            load_weights(Csp(), "csp", place)
+        assert_refused(place, "a file that can be read")

@@ -42,18 +42,19 @@ def cells_of(view: NgsimView, target: int) -> dict[int, int]:
     return dict(zip(ids.tolist(), view.cell[pairs].tolist(), strict=True))
 
 
-def ahead(feet: float) -> float:
-    return 100.0 + feet * FOOT_M
+def standing(feet_ahead: float, lane_y_m: float = LEFT_LANE, yaw_rad: float = 0.0) -> Track:
+    """A vehicle that stands some feet ahead of x = 100 m."""
+    return moving(100.0 + feet_ahead * FOOT_M, lane_y_m, 0.0, yaw_rad=yaw_rad)
 
 
 def test_neighbours_are_in_their_cells(straight_road: RoadNetwork) -> None:
     tracks = {
-        1: moving(100.0, LEFT_LANE, 0.0),
-        2: moving(ahead(30.0), LEFT_LANE, 0.0),
-        3: moving(ahead(-46.0), RIGHT_LANE, 0.0),
-        4: moving(ahead(0.0), RIGHT_LANE, 0.0),
-        5: moving(ahead(91.0), LEFT_LANE, 0.0),
-        6: moving(ahead(10.0), OPPOSITE_LANE, 0.0, yaw_rad=np.pi),
+        1: standing(0.0),
+        2: standing(30.0),
+        3: standing(-46.0, RIGHT_LANE),
+        4: standing(0.0, RIGHT_LANE),
+        5: standing(91.0),
+        6: standing(10.0, OPPOSITE_LANE, np.pi),
     }
     view = view_of(tracks, straight_road)
     assert cells_of(view, 1) == {2: 13 + 8, 3: 26 + 3, 4: 26 + 6}
@@ -65,7 +66,7 @@ def test_neighbours_are_in_their_cells(straight_road: RoadNetwork) -> None:
 
 def test_a_neighbour_without_a_whole_past_is_left_out(straight_road: RoadNetwork) -> None:
     tracks = {
-        1: moving(100.0, LEFT_LANE, 0.0),
+        1: standing(0.0),
         2: moving(120.0, LEFT_LANE, 0.0, first_step=2),
         3: moving(80.0, LEFT_LANE, 0.0, without=frozenset({20})),
     }
@@ -73,11 +74,7 @@ def test_a_neighbour_without_a_whole_past_is_left_out(straight_road: RoadNetwork
 
 
 def test_the_later_actor_takes_the_cell(straight_road: RoadNetwork) -> None:
-    tracks = {
-        1: moving(ahead(29.0), LEFT_LANE, 0.0),
-        2: moving(100.0, LEFT_LANE, 0.0),
-        3: moving(ahead(31.0), LEFT_LANE, 0.0),
-    }
+    tracks = {1: standing(29.0), 2: standing(0.0), 3: standing(31.0)}
     assert cells_of(view_of(tracks, straight_road), 2) == {3: 13 + 8}
 
 
@@ -260,26 +257,25 @@ def test_a_target_alone_that_stands_still_joins_all_empty_cells() -> None:
     assert (found[..., 3:] == 1.0).all()
 
 
+def with_neighbour(r_ft: float, phi_rad: float, cell: int) -> np.ndarray:
+    """The tensor of a target that stands, with a neighbour that stands."""
+    return behaviour_tensor(np.zeros((1, 16, 2)), np.full((1, 16, 2), (r_ft, phi_rad)), np.array([0]), np.array([cell]))
+
+
 def test_the_target_hides_a_neighbour_in_cell_20() -> None:
-    own, other = np.zeros((1, 16, 2)), np.full((1, 16, 2), FAR)
-    hidden = behaviour_tensor(own, other, np.array([0]), np.array([20]))
-    seen = behaviour_tensor(own, other, np.array([0]), np.array([21]))
-    assert (hidden[..., 3] == 1.0).all()
-    assert (seen[..., 3] < 1.0).any()
+    assert (with_neighbour(FAR, FAR, cell=20)[..., 3] == 1.0).all()
+    assert (with_neighbour(FAR, FAR, cell=21)[..., 3] < 1.0).any()
 
 
 @pytest.mark.parametrize(("away_ft", "joined"), [(5.294, True), (5.296, False)])
 def test_positions_are_rounded_to_hundredths_of_a_foot(away_ft: float, *, joined: bool) -> None:
     """Vertices join up to 5.298 feet; 5.296 counts as 5.30 and 5.294 as 5.29."""
-    own, other = np.zeros((1, 16, 2)), np.full((1, 16, 2), (away_ft, 0.0))
-    found = behaviour_tensor(own, other, np.array([0]), np.array([3]))
-    assert bool((found[..., 3:] == 1.0).all()) is joined
+    assert bool((with_neighbour(away_ft, 0.0, cell=3)[..., 3:] == 1.0).all()) is joined
 
 
 def test_cells_and_points_are_listed_by_cell_and_read_by_point() -> None:
     """Of one neighbour in cell 5 the list holds 16 points from place 80 on: graph 2 has the places 78 to 116."""
-    own, other = np.zeros((1, 16, 2)), np.full((1, 16, 2), FAR)
-    found = behaviour_tensor(own, other, np.array([0]), np.array([5]))[:, 0, :, 3]
+    found = with_neighbour(FAR, FAR, cell=5)[:, 0, :, 3]
     apart = np.isclose(found, round(15 / 38, 2))
     assert np.argwhere(apart).tolist() == [[2, vertex] for vertex in range(2, 18)]
     # The others of that graph reach 22 of 38 at one hop, and nobody else's neighbours are missing.

@@ -98,7 +98,7 @@ def test_an_episode_without_samples_does_not_count() -> None:
 def test_coverage_is_the_share_of_the_population() -> None:
     table = score_table([episode_scores("S1", {"net": model_scores(np.ones(3), wanted=4)})])
     assert table.samples["net"].coverage == 0.75
-    assert table.samples["net"].wanted == 4
+    assert table.samples["net"].population_size == 4
 
 
 def test_the_papers_own_values_agree_with_the_paper() -> None:

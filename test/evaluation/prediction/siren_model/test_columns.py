@@ -162,16 +162,13 @@ def test_a_neighbours_heading_is_that_of_the_present(straight_road: RoadNetwork)
 def paths_of(tracks, network, of=1):
     batch = batch_of(tracks, network)
     features, names = features_and_names(batch)
-    first = np.flatnonzero(batch.actors.frame[batch.target] == 0)
-    sample = first[batch.actors.actor_id[batch.target[first]] == of][0]
+    sample = sample_of(batch, of)
     return dict(zip(names.paths, features.paths[sample].T, strict=True))
 
 
 def test_leaders_are_those_in_the_strip_of_each_path(crossroads: RoadNetwork) -> None:
-    found = paths_of(
-        {1: moving(-34.0, 0.0, 8.0), 2: moving(30.0, 0.0, 0.0), 3: moving(20.0, 40.0, 0.0, yaw_rad=np.pi / 2)},
-        crossroads,
-    )
+    tracks = {1: moving(-34.0, 0.0, 8.0), 2: moving(30.0, 0.0, 0.0), 3: moving(20.0, 40.0, 0.0, yaw_rad=np.pi / 2)}
+    found = paths_of(tracks, crossroads)
     # The sample stands at x = −10 after 3 s; paths: straight on, left, right.
     assert found["leader_there"].tolist() == [1.0, 1.0, 0.0, 0.0]
     assert found["leader_gap"][0] * 100.0 == pytest.approx(40.0 - 4.6, abs=0.01)
@@ -182,16 +179,9 @@ def test_leaders_are_those_in_the_strip_of_each_path(crossroads: RoadNetwork) ->
 
 
 def test_vehicles_behind_and_on_other_lanes_are_no_leaders(straight_road: RoadNetwork) -> None:
-    found = paths_of(
-        {
-            1: moving(60.0, -5.25, 5.0),
-            2: moving(40.0, -5.25, 5.0),
-            3: moving(80.0, -1.75, 5.0),
-            4: moving(95.0, -5.25, 7.0, is_emv=True),
-            5: moving(110.0, -5.25, 2.0),
-        },
-        straight_road,
-    )
+    places = [(60.0, -5.25, 5.0), (40.0, -5.25, 5.0), (80.0, -1.75, 5.0), (95.0, -5.25, 7.0), (110.0, -5.25, 2.0)]
+    tracks = {key: moving(*place, is_emv=key == 4) for key, place in enumerate(places, start=1)}
+    found = paths_of(tracks, straight_road)
     assert found["leader_gap"][0] * 100.0 == pytest.approx(35.0 + 3.0 * 2.0 - 4.6, abs=0.01)
     assert found["leader_speed"][0] * 10.0 == pytest.approx(7.0)
     assert found["leader_is_emv"][0] == 1.0
@@ -209,15 +199,13 @@ def test_the_strip_is_as_wide_as_both_bodies_and_a_margin(
 
 
 def test_the_second_leader_is_the_next_one(straight_road: RoadNetwork) -> None:
-    found = paths_of(
-        {
-            1: moving(60.0, -5.25, 0.0),
-            2: moving(76.0, -5.25, 3.0, length_m=9.0, is_emv=True),
-            3: moving(70.0, -5.25, 0.0),
-            4: moving(80.0, -9.0, 0.0),
-        },
-        straight_road,
-    )
+    tracks = {
+        1: moving(60.0, -5.25, 0.0),
+        2: moving(76.0, -5.25, 3.0, length_m=9.0, is_emv=True),
+        3: moving(70.0, -5.25, 0.0),
+        4: moving(80.0, -9.0, 0.0),
+    }
+    found = paths_of(tracks, straight_road)
     assert [found[f"{name}_there"][0] for name in ("leader", "second")] == [1.0, 1.0]
     assert found["leader_gap"][0] * 100.0 == pytest.approx(10.0 - 4.6, abs=0.01)
     assert found["second_gap"][0] * 100.0 == pytest.approx(16.0 + 3.0 * 3.0 - 0.5 * (4.6 + 9.0), abs=0.01)
@@ -250,9 +238,12 @@ def test_a_vehicle_next_to_the_own_one_leads_where_its_centre_is_ahead(
 
 
 def lines_of(batch):
-    speed = np.hypot(batch.velocity_mps[:, 0], batch.velocity_mps[:, 1])
-    choice = choose_paths(batch.network, batch.xy_m, batch.yaw_rad, speed)
+    choice = choose_paths(batch.network, batch.xy_m, batch.yaw_rad, batch.speed_mps)
     return choice, stop_line_columns(batch, choice)
+
+
+def lanes_of(batch):
+    return lane_columns(batch.network, lines_of(batch)[0])
 
 
 def test_the_stop_line_and_what_its_signal_shows_on_each_path(crossroads: RoadNetwork) -> None:
@@ -284,9 +275,7 @@ def test_a_signal_that_nobody_recorded_is_none(crossroads: RoadNetwork) -> None:
 
 
 def test_where_the_edges_of_the_carriageway_are(straight_road: RoadNetwork) -> None:
-    batch = batch_of({1: moving(20.0, -5.0, 8.0)}, straight_road)
-    choice, _ = lines_of(batch)
-    lane = lane_columns(straight_road, choice)
+    lane = lanes_of(batch_of({1: moving(20.0, -5.0, 8.0)}, straight_road))
     assert lane["offset"][0, 0] * 2.0 == pytest.approx(0.25)
     assert lane["to_right_edge"][0, 0] * 5.0 == pytest.approx(1.75 + 0.25)
     assert lane["to_left_edge"][0, 0] * 5.0 == pytest.approx(1.75 + 3.5 - 0.25)
@@ -333,17 +322,14 @@ def test_the_next_two_lines_of_a_path(crossroads: RoadNetwork) -> None:
 
 
 def test_how_a_vehicle_stands_in_its_lane_and_what_is_left_of_the_road(crossroads: RoadNetwork) -> None:
-    choice, _ = lines_of(at(-10.0, 0.4, crossroads, yaw_rad=-0.1))
-    lane = lane_columns(crossroads, choice)
+    lane = lanes_of(at(-10.0, 0.4, crossroads, yaw_rad=-0.1))
     assert lane["offset"][0, :3] == pytest.approx(np.full(3, 0.2))
     assert lane["sin_turned"][0, :3] == pytest.approx(np.full(3, np.sin(-0.1)))
     assert lane["turn"][0, :3] == pytest.approx([0.0, np.pi / 2.0, np.pi / 2.0])
     assert lane["half_width"][0, 0] == pytest.approx(0.25 * 3.5)
     assert [lane[name][0, 0] for name in ("lane", "shoulder", "across", "shoulder_right")] == [1.0, 0.0, 0.0, 0.0]
-    choice, _ = lines_of(at(100.0, 0.0, crossroads))
-    assert lane_columns(crossroads, choice)["ends"][0, 0] * 100.0 == pytest.approx(40.0)
-    choice, _ = lines_of(at(30.0, 0.0, crossroads))
-    assert lane_columns(crossroads, choice)["across"][0, 0] == 1.0
+    assert lanes_of(at(100.0, 0.0, crossroads))["ends"][0, 0] * 100.0 == pytest.approx(40.0)
+    assert lanes_of(at(30.0, 0.0, crossroads))["across"][0, 0] == 1.0
 
 
 def test_a_shoulder_is_told_and_does_not_widen_the_carriageway(crossroads: RoadNetwork) -> None:
@@ -354,8 +340,7 @@ def test_a_shoulder_is_told_and_does_not_widen_the_carriageway(crossroads: RoadN
     edges[0] = replace(edges[0], lanes=(7, 0))
     network = replace(crossroads, lanes=tuple(lanes), edges=tuple(edges))
     for y_m, expected in ((0.3, ("lane", 1.0, 1.75 + 0.3, 1.75 - 0.3)), (-3.0, ("shoulder", 0.0, 1.25, 1.25 + 3.5))):
-        choice, _ = lines_of(at(-60.0, y_m, network))
-        found = {name: values[0, 0] for name, values in lane_columns(network, choice).items()}
+        found = {name: values[0, 0] for name, values in lanes_of(at(-60.0, y_m, network)).items()}
         kind, shoulder_right, right_m, left_m = expected
         assert found[kind] == 1.0
         assert found["shoulder_right"] == shoulder_right

@@ -1,11 +1,35 @@
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
-from siren_ros.evaluation.prediction.siren_model.paths import PATH_POINTS, RoadPaths, choose_paths, lane_candidates
+from siren_ros.evaluation.prediction.siren_model.paths import (
+    PATH_POINTS,
+    PathChoice,
+    RoadPaths,
+    choose_paths,
+    lane_candidates,
+)
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.road_network import RoadNetwork
+
+
+def chosen(
+    network: RoadNetwork, x_m: float, y_m: float = 0.0, yaw_rad: float = 0.0, speed_mps: float = 0.0
+) -> PathChoice:
+    """The paths of one vehicle."""
+    return choose_paths(network, np.array([[x_m, y_m]]), np.array([yaw_rad]), np.array([speed_mps]))
+
+
+def with_lines(network: RoadNetwork, lines: Mapping[int, Sequence[npt.ArrayLike]]) -> RoadNetwork:
+    """The network with other centre lines of some lanes."""
+    lanes = [
+        replace(lane, centre=Polyline.through(np.asarray(lines[lane.index]))) if lane.index in lines else lane
+        for lane in network.lanes
+    ]
+    return replace(network, lanes=tuple(lanes))
 
 
 def test_the_likeliest_lane_is_the_nearest_in_the_own_direction(straight_road: RoadNetwork) -> None:
@@ -77,7 +101,7 @@ def test_nobody_near_a_lane_has_no_candidate(straight_road: RoadNetwork, xy_m: n
 
 
 def test_paths_begin_at_the_vehicle_and_keep_its_offset(crossroads: RoadNetwork) -> None:
-    choice = choose_paths(crossroads, np.array([[-10.0, 0.4]]), np.zeros(1), np.array([8.0]))
+    choice = chosen(crossroads, -10.0, 0.4, speed_mps=8.0)
     points = choice.points()
     assert choice.there.tolist() == [[True, True, True, False]]
     assert points[0, :3, 0] == pytest.approx(np.tile([-10.0, 0.4], (3, 1)))
@@ -111,10 +135,8 @@ def test_the_ways_beyond_the_lane_are_shown_where_the_reach_ends_behind_it(
     for beyond_m, ways in ((-0.1, 1), (0.1, 3)):
         if reach_m - beyond_m > 100.0:
             continue
-        xy = np.array([[beyond_m - reach_m, 0.0]])
-        choice = choose_paths(crossroads, xy, np.zeros(1), np.array([speed_mps]))
-        assert choice.there.sum() == ways
-    spacing = choose_paths(crossroads, np.array([[-50.0, 0.0]]), np.zeros(1), np.array([speed_mps])).spacing_m
+        assert chosen(crossroads, beyond_m - reach_m, speed_mps=speed_mps).there.sum() == ways
+    spacing = chosen(crossroads, -50.0, speed_mps=speed_mps).spacing_m
     assert spacing * (PATH_POINTS - 1) == pytest.approx([reach_m])
 
 
@@ -129,8 +151,7 @@ def side_by_side(network: RoadNetwork, *aside_m: float) -> RoadNetwork:
 
 
 def test_three_lanes_are_looked_at_the_nearest_first(crossroads: RoadNetwork) -> None:
-    network = side_by_side(crossroads, 1.0, -0.4, 0.2, -1.2, 0.7)
-    choice = choose_paths(network, np.array([[20.0, 0.0]]), np.zeros(1), np.zeros(1))
+    choice = chosen(side_by_side(crossroads, 1.0, -0.4, 0.2, -1.2, 0.7), 20.0)
     assert choice.there.tolist() == [[True, True, True, False]]
     assert choice.offset_m[0, :3] == pytest.approx([-0.2, 0.4, -0.7])
     assert choice.turned_rad[0, :3] == pytest.approx(np.zeros(3))
@@ -142,25 +163,17 @@ def test_costs_that_differ_by_less_than_a_thousandth_are_alike(
     crossroads: RoadNetwork, second_m: float, first: float
 ) -> None:
     """Of alike ones the first of the map comes first."""
-    choice = choose_paths(side_by_side(crossroads, -1.0, second_m), np.array([[20.0, 0.0]]), np.zeros(1), np.zeros(1))
+    choice = chosen(side_by_side(crossroads, -1.0, second_m), 20.0)
     assert -choice.offset_m[0, 0] == pytest.approx(first)
 
 
 def test_an_angle_costs_three_metres_for_each_radian(crossroads: RoadNetwork) -> None:
     """A vehicle turned by 0.2 rad: 0.6 m. A lane along its heading is likelier up to that distance."""
     for away_m, aligned in ((0.55, True), (0.65, False)):
-        network = side_by_side(crossroads, 0.0, 0.0)
-        cos, sin = np.cos(0.2), np.sin(0.2)
-        start = np.array([20.0, 0.0]) + away_m * np.array([-sin, cos])
-        lanes = list(network.lanes)
-        lanes[1] = replace(
-            lanes[1],
-            centre=Polyline.through([start - 10.0 * np.array([cos, sin]), start + 60.0 * np.array([cos, sin])]),
-        )
-        choice = choose_paths(
-            replace(network, lanes=tuple(lanes)), np.array([[20.0, 0.0]]), np.array([0.2]), np.zeros(1)
-        )
-        assert choice.turned_rad[0, 0] == pytest.approx(0.0 if aligned else 0.2)
+        along = np.array([np.cos(0.2), np.sin(0.2)])
+        start = np.array([20.0, 0.0]) + away_m * np.array([-along[1], along[0]])
+        network = with_lines(side_by_side(crossroads, 0.0, 0.0), {1: [start - 10.0 * along, start + 60.0 * along]})
+        assert chosen(network, 20.0, yaw_rad=0.2).turned_rad[0, 0] == pytest.approx(0.0 if aligned else 0.2)
 
 
 def test_all_ways_out_of_a_junction_the_straight_one_first(crossroads: RoadNetwork) -> None:
@@ -190,11 +203,11 @@ def test_a_dead_end_has_the_path_to_its_end(crossroads: RoadNetwork) -> None:
 
 def in_two_parts(network: RoadNetwork) -> RoadNetwork:
     """The way straight across is lane 5 up to x = 15 and lane 7 from there on."""
-    lanes = list(network.lanes)
-    lanes[5] = replace(lanes[5], centre=Polyline.through([(0.0, 0.0), (15.0, 0.0)]))
-    lanes.append(replace(lanes[5], index=7, edge=7, centre=Polyline.through([(15.0, 0.0), (40.0, 0.0)])))
+    first = with_lines(network, {5: [(0.0, 0.0), (15.0, 0.0)]}).lanes
+    second = replace(first[5], index=7, edge=7, centre=Polyline.through([(15.0, 0.0), (40.0, 0.0)]))
     edges = (*network.edges, replace(network.edges[5], index=7, lanes=(7,)))
-    return replace(network, lanes=tuple(lanes), edges=edges, connections=(replace(network.connections[1], via=(5, 7)),))
+    across = replace(network.connections[1], via=(5, 7))
+    return replace(network, lanes=(*first, second), edges=edges, connections=(across,))
 
 
 @pytest.mark.parametrize(("lane", "start_m", "length_m"), [(0, -100.0, 240.0), (5, 0.0, 140.0), (7, 15.0, 125.0)])
@@ -210,9 +223,7 @@ def test_what_is_left_of_a_way_across_a_junction(
 
 def test_what_a_way_turns_by_is_up_to_the_start_of_the_lane_behind_the_junction(crossroads: RoadNetwork) -> None:
     """Lane 1 leaves the junction northwards, and bends to the east after half a metre."""
-    lanes = list(crossroads.lanes)
-    lanes[1] = replace(lanes[1], centre=Polyline.through([(20.0, 20.0), (20.0, 20.5), (120.0, 20.5)]))
-    paths = RoadPaths(replace(crossroads, lanes=tuple(lanes))).ahead(0, 30.0)
+    paths = RoadPaths(with_lines(crossroads, {1: [(20.0, 20.0), (20.0, 20.5), (120.0, 20.5)]})).ahead(0, 30.0)
     assert [path.turn_rad for path in paths] == pytest.approx([0.0, np.pi / 2.0, np.pi / 2.0])
 
 
@@ -241,9 +252,7 @@ def test_ways_that_turn_alike_come_in_the_order_of_their_lanes(
     crossroads: RoadNetwork, less_rad: float, order: list[str]
 ) -> None:
     """The way to the right turns by a little less than the one to the left."""
-    lanes = list(crossroads.lanes)
     angle = -np.pi / 2.0 + less_rad
     end = (20.0 + 100.0 * np.cos(angle), -20.0 + 100.0 * np.sin(angle))
-    lanes[3] = replace(lanes[3], centre=Polyline.through([(20.0, -20.0), end]))
-    paths = RoadPaths(replace(crossroads, lanes=tuple(lanes))).ahead(0, 30.0)
+    paths = RoadPaths(with_lines(crossroads, {3: [(20.0, -20.0), end]})).ahead(0, 30.0)
     assert [path.stop_lines[0].movement.direction for path in paths] == order

@@ -38,12 +38,6 @@ def test_weights_and_card_belong_together(copied) -> None:
         load_network(copied)
 
 
-def test_another_version_of_the_features_is_refused(copied) -> None:
-    changed_card(copied, features_version=999)
-    with pytest.raises(InputError, match="not 999"):
-        load_network(copied)
-
-
 @pytest.mark.parametrize("content", ["", "[]", "{}", "no json"])
 def test_a_card_that_is_none_is_refused(copied, content) -> None:
     card_path(copied).write_text(content)
@@ -51,12 +45,12 @@ def test_a_card_that_is_none_is_refused(copied, content) -> None:
         load_network(copied)
 
 
-def test_a_file_that_is_missing_is_refused(tmp_path) -> None:
+def test_other_versions_of_the_features_and_other_files_are_refused(copied, tmp_path) -> None:
+    changed_card(copied, features_version=999)
+    with pytest.raises(InputError, match="not 999"):
+        load_network(copied)
     with pytest.raises(InputError, match="ONNX file"):
         load_network(tmp_path / "none.onnx")
-
-
-def test_a_file_that_is_no_network_is_refused(copied) -> None:
     content = b"not a network"
     copied.write_bytes(content)
     changed_card(copied, sha256=hashlib.sha256(content).hexdigest())

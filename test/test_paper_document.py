@@ -20,8 +20,7 @@ from siren_ros.numerics.units import STEP_S, mps_from_kmh
 from siren_ros.scenario.paper import LEVEL_POLICIES, PAPER_CONSTANTS, PAPER_SPEEDS, CivilianResponse, EmergencyLevel
 from siren_ros.scenario.presets import load_preset
 from siren_ros.scenario.templates import available_templates, load_template
-from siren_ros.traffic.config import TrafficConfig
-from siren_ros.traffic.sumo import caution
+from siren_ros.traffic.config import CautionConfig, TrafficConfig
 
 TEXT = re.sub(r"\s+", " ", with_tables((REPOSITORY / "docs" / "paper.md").read_text(encoding="utf-8")))
 LEVELS = (REPOSITORY / "docs" / "behaviour.md").read_text(encoding="utf-8")
@@ -125,7 +124,7 @@ def test_levels_are_those_of_the_page() -> None:
 
 def test_speeds_and_brakes_are_those_of_the_page() -> None:
     assert numbers_in(r"brakes gently towards (\d+) km/h at the line") == [JunctionEntryConfig().speed_mps * 3.6]
-    assert numbers_in(r"their ways meet, with up to (\d+) m/s²") == [caution._MOST_BRAKE_MPS2]
+    assert numbers_in(r"their ways meet, with up to (\d+) m/s²") == [CautionConfig().most_brake_mps2]
 
 
 def test_versions_and_steps_are_those_of_the_page() -> None:

@@ -41,6 +41,46 @@ class NavigatorConfig:
     watch_max_m: float = 70.0
     conflicts: YieldingConfig = field(default_factory=YieldingConfig)
     """Where the ways of others meet the path."""
+    standstill_mps: float = 0.3
+    """Speed below which a vehicle that shall stop is held by the brake."""
+    stop_target_mps: float = 0.05
+    """Lower target speeds mean a stop."""
+    hold_brake: float = 0.6
+    """Brake pedal of a vehicle that is held, 0–1."""
+    integral_limit_mps2: float = 0.8
+    """Greatest integral of the speed control."""
+    integral_band_mps: float = 1.0
+    """Error of the speed within which the integral grows."""
+    firm_braking: float = 1.3
+    """Braking towards a lower speed, relative to the comfortable deceleration of the path's speed profile."""
+    coast_mps2: float = 0.05
+    """Decelerations below it come from rolling alone."""
+    crossing_cosine: float = 0.9
+    """Vehicles that move at more than about 25° to the path cross it; the others move along it."""
+    moving_mps: float = 1.0
+    """Slower vehicles are leaders whichever way they look."""
+    drift_sine: float = 0.035
+    """Sideways drift of less than about 2° is noise of lane keeping."""
+    drift_time_s: float = 1.5
+    """Time over which a vehicle that drifts sideways is expected to go on."""
+    turning_sine: float = 0.17
+    """Vehicles that come on at more than about 10° to the path turn across it."""
+    own_accel_mps2: float = 1.5
+    """Acceleration that the driver counts with on the way to a conflict."""
+    others_time_s: float = 6.0
+    """How far ahead others are followed, at their present speed…"""
+    others_more_m: float = 10.0
+    """…with this much more…"""
+    others_most_m: float = 60.0
+    """…and this much at most."""
+    rolling_mps: float = 0.3
+    """Slower vehicles come to a stand without more braking."""
+    path_creep_mps: float = 1.5
+    """The steering keeps up with any path at this speed well enough."""
+    winding: float = 40.0
+    """Change of curvature that the length of a lateral move is laid out for, times length³ over lateral distance."""
+    steepest: float = 0.6
+    """Largest tangent of the angle between pose and reference line with which a lateral move starts."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +109,14 @@ class LaneChangeConfig:
     """Difference between the curvatures of path and target lane above which the EMV is still turning onto the road."""
     entered_tolerance_m: float = 0.15
     """How far the footprint may reach over the lane's edge when it counts as inside."""
+    gap_range_m: float = 60.0
+    """Distance within which vehicles in a lane are looked at."""
+    eased_off: float = 0.75
+    """Part of the present speed that is left on average, where the target speed is lower."""
+    speed_up_mps: float = 2.5
+    """Gain of speed that a lane change is laid out for."""
+    steer_share: float = 0.7
+    """Part of the steering range that a lane change may use."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +153,16 @@ class YieldConfig:
     """Distance from the lane's centre line at which a vehicle counts as back in its lane."""
     rejoin_blocked_s: float = 2.0
     """Standstill while rejoining after which SUMO takes over at the present pose."""
+    rejoin_ahead_m: float = 60.0
+    """How far the path of a vehicle that rejoins leads."""
+    seek_ahead_m: float = 80.0
+    """How far the path of a vehicle that seeks a gap leads."""
+    goes_on_mps: float = 1.0
+    """Faster drivers go on with a lane change: a stop half-way would take both lanes."""
+    followed_s: float = 1.0
+    """Time for which the EMV is in the new lane after which a driver yields again."""
+    edges_kept: int = 3
+    """Number of edges that the EMV has left and that still count as its road."""
 
 
 @dataclass(frozen=True)
@@ -145,6 +203,28 @@ class PullOverConfig:
     stick_out_m: float = 0.33
     """How far an end of a vehicle may stick out sideways, by its heading, for it to count as aligned: what the paper's
     8° are for a car of 4.7 m."""
+    behind_cosine: float = 0.5
+    """Cosine between a vehicle's direction and the one from the EMV to it above which the EMV counts as behind."""
+    stays_below_mps: float = 1.5
+    """Slower vehicles next to a shoulder that they leave free stop where they are."""
+    alongside_m: float = 15.0
+    """Distance along the road within which the driver next to a vehicle gives it space to move sideways."""
+    start_mps: float = 1.5
+    """Speed that a vehicle at rest gets up to on its way to the edge."""
+    settled_m: float = 0.5
+    """Way before the end of the lateral move at which the move counts as ended."""
+    at_edge_m: float = 0.05
+    """Distance from the intended offset at which the target counts as reached before the lateral move has ended."""
+    least_way_m: float = 2.0
+    """Least way for which a driver starts."""
+    straight_rad: float = 0.04
+    """Heading against the lane below which a vehicle gets no straighter by driving on: an end sticks out by 0.1 m."""
+    leader_stands_mps: float = 1.0
+    """Slower vehicles ahead stand, or are about to."""
+    creep_mps: float = 1.0
+    """Speed on a way that is only as long as the lateral move: slow enough for the steering."""
+    look_again_s: float = 0.5
+    """Time between two looks of a driver who waits."""
 
 
 @dataclass(frozen=True)
@@ -164,6 +244,12 @@ class ManoeuvringConfig:
     """Time over which vehicles that come on at the side are swept ahead."""
     watch_m: float = 8.0
     """Distance at the side and behind within which they are seen."""
+    reach_m: float = 8.0
+    """How far ahead a driver at walking pace looks."""
+    along_cosine: float = 0.7
+    """Cosine above which a vehicle counts as one of the same direction."""
+    still_mps: float = 0.3
+    """Slower vehicles stand."""
 
 
 @dataclass(frozen=True)
@@ -194,6 +280,20 @@ class CorridorConfig:
     """Free way that going straight on must gain."""
     stop_short_m: float = 5.0
     """Distance kept from the place where the corridor becomes too narrow for the EMV's footprint."""
+    standing_mps: float = 0.5
+    """Slower vehicles stand."""
+    road_half_width_m: float = 8.0
+    """Vehicles farther from the reference line are on another road."""
+    along_cosine: float = 0.5
+    """Cosine above which a vehicle counts as one of the EMV's own direction."""
+    amid_m: float = 0.5
+    """A vehicle whose centre is nearer to the corridor's line stands in its middle."""
+    merge_s: float = 1.5
+    """Time of the lateral move into the corridor, at the present speed."""
+    merge_min_m: float = 8.0
+    """Least length of that move."""
+    same_offset_m: float = 0.5
+    """Two corridors that lie nearer to each other than this lead to the same place."""
 
 
 @dataclass(frozen=True)
@@ -248,6 +348,26 @@ class GapEscapeConfig:
     opposite_cost_m: float = 30.0
     """Free length that a path in the opposite lane must gain to be preferred."""
     shoulder_cost_m: float = 4.0
+    steer_range_share: float = 0.85
+    """Part of the steering range that an escape path may use."""
+    behind_m: float = 5.0
+    """The reference line begins this far behind the EMV's centre, beyond its rear axle."""
+    same_offset_m: float = 0.5
+    """Two paths that lead nearer to each other than this lead to the same place."""
+    smoothing_m: float = 0.7
+    """Standard deviation of the Gaussian that rounds the steps in a path's curvature."""
+    steepest: float = 0.8
+    """Largest slope of a path against the reference line."""
+    level: float = 0.11
+    """A path that ends before the horizon may end with this slope at most, so that it can be continued."""
+    attempts: int = 5
+    """Paths with one margin that are looked at as a whole before the next margin is tried."""
+    along_cosine: float = 0.7
+    """Cosine above which a vehicle counts as one of the EMV's own direction."""
+    crossing_mps: float = 1.0
+    """Faster vehicles that cross the EMV's path are the collision handling's, where that is on."""
+    beside_m: float = 30.0
+    """How far beyond the horizon vehicles are looked at."""
 
 
 @dataclass(frozen=True)
@@ -267,6 +387,8 @@ class AnticipationConfig:
     """Lateral speed above which a vehicle counts as leaving the path."""
     leaving_mps: float = 0.6
     """Mean lateral speed of a lane change: its present value rises and falls, so it says little about the end."""
+    along_cosine: float = 0.7
+    """Cosine above which a vehicle counts as one of the EMV's own direction."""
 
 
 @dataclass(frozen=True)
@@ -310,6 +432,12 @@ class EmvConfig:
     navigator: NavigatorConfig = field(
         default_factory=lambda: NavigatorConfig(standstill_gap_m=4.0, comfort_accel_mps2=2.0, path_brake_mps2=2.0)
     )
+    replan_s: float = 1.0
+    """Least time between two plans where SUMO's route and the path disagree."""
+    aligned_rad: float = 0.3
+    """Heading errors below it are left to the path tracking."""
+    intent_pause_s: float = 1.0
+    """SUMO's intent comes and goes from step to step; a request ends after a pause of this length."""
 
 
 @dataclass(frozen=True)

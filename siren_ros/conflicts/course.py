@@ -19,6 +19,7 @@ from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.road_network import NO_LANE, Connection, RoadNetwork
 from siren_ros.world.traffic_state import Indices, TrafficState
 
+# No parameters: resolution and reach of courses, which compiled loops and memories of courses hold.
 SPACING_M: Final = 1.0
 """Distance between the points of a course, at most."""
 _AHEAD_M: Final = 80.0

@@ -7,6 +7,7 @@ from enum import IntEnum
 from typing import Final
 
 from siren_ros.conflicts.zones import STEP_M, Zone
+from siren_ros.numerics.braking import braking_distance_m, needed_brake_mps2, speed_before_mps
 from siren_ros.roads.road_network import Connection
 
 
@@ -58,9 +59,7 @@ def rank_inside(rank: Rank) -> Rank:
     return rank if rank is Rank.GIVES_WAY else Rank.PRIORITY
 
 
-_MOVING_MPS: Final = 0.3
-_LEAST_MPS: Final = 0.5
-"""A vehicle that moves at all is taken to clear a zone at this speed or faster."""
+# No parameters: they keep quotients finite.
 _LEAST_WAY_M: Final = 0.3
 _LEAST_TIME_S: Final = 0.1
 
@@ -86,6 +85,10 @@ class YieldingConfig:
     """Distance kept from the zone by who waits."""
     horizon_s: float = 8.0
     """Vehicles that arrive later do not count yet."""
+    standing_mps: float = 0.3
+    """Slower vehicles stand."""
+    clearing_mps: float = 0.5
+    """A vehicle that moves at all is taken to clear a zone at this speed or faster."""
 
 
 def _no_bends(way_m: float) -> float:  # noqa: ARG001 - stands for a function of the way
@@ -133,7 +136,7 @@ def time_to_go_s(way_m: float, speed_mps: float, top_mps: float, accel_mps2: flo
         return (speed_mps - math.sqrt(square)) / -accel_mps2
     if accel_mps2 == 0.0 or speed_mps >= top:
         return way_m / speed_mps
-    to_top = (top * top - speed_mps * speed_mps) / (2.0 * accel_mps2)
+    to_top = braking_distance_m(top * top - speed_mps * speed_mps, accel_mps2)
     if way_m <= to_top:
         return (math.sqrt(square) - speed_mps) / accel_mps2
     return (top - speed_mps) / accel_mps2 + (way_m - to_top) / top
@@ -141,7 +144,7 @@ def time_to_go_s(way_m: float, speed_mps: float, top_mps: float, accel_mps2: flo
 
 def stop_brake_mps2(speed_mps: float, way_m: float) -> float:
     """Constant deceleration that stops within a way."""
-    return speed_mps * speed_mps / (2.0 * max(way_m, _LEAST_WAY_M))
+    return needed_brake_mps2(speed_mps * speed_mps, max(way_m, _LEAST_WAY_M))
 
 
 def later_brake_mps2(speed_mps: float, way_m: float, time_s: float) -> float:
@@ -164,13 +167,13 @@ def wait_for(zone: Zone, own: Approach, other: Approach, config: YieldingConfig)
         other: The other one.
         config: Margins.
     """
-    standing = other.speed_mps < _MOVING_MPS
+    standing = other.speed_mps < config.standing_mps
     if standing and zone.other_in_m > 0.0:
         return None
     other_first = other.time_s(zone.other_in_m)
     if other_first > config.horizon_s:
         return None
-    leaving = max(min(other.speed_mps, other.top_mps), _LEAST_MPS)
+    leaving = max(min(other.speed_mps, other.top_mps), config.clearing_mps)
     other_last = math.inf if zone.merges else zone.other_out_m / leaving
     own_first = own.time_s(_own_way_m(zone, own, config))
     if zone.merges:
@@ -243,11 +246,11 @@ def _waiting(zone: Zone, own: Approach, other: Approach, free_s: float, config: 
     if zone.merges:
         gap = _gap_m(zone.own_in_m, zone.other_in_m)
         spare = gap - config.standoff_m
-        speed = math.sqrt(other.speed_mps**2 + 2.0 * config.brake_mps2 * max(spare, 0.0))
+        speed = speed_before_mps(other.speed_mps**2, config.brake_mps2, max(spare, 0.0))
         speed = max(speed + min(spare, 0.0) / config.merge_s, 0.0)
         brake = stop_brake_mps2(max(own.speed_mps - other.speed_mps, 0.0), gap)
         return Wait(speed, brake, max(gap, 0.0))
     way = zone.own_in_m if zone.own_in_m > 0.0 else zone.blocked_m
     free = max(way - config.standoff_m, 0.0)
-    speed = max(free / free_s, math.sqrt(2.0 * config.brake_mps2 * free))
+    speed = max(free / free_s, speed_before_mps(0.0, config.brake_mps2, free))
     return Wait(speed, later_brake_mps2(own.speed_mps, free, free_s), free)

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from siren_ros.numerics.compiled import box_gap_m, compiled, wrapped_rad
 
+# No parameters: resolution of the compiled search, which holds them as constants.
 STEP_M: Final = 1.0
 """Distance between the places that are looked at."""
 SAME_DIRECTION: Final = 0.9

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.dynamics.collisions import Contact, Footprints, Pairs, collide, find_contacts, overlapping
+from siren_ros.dynamics.collisions import Footprints, Pairs, collide, find_contacts, overlapping
 from siren_ros.dynamics.orders import Orders, merge_commands, stopped_orders
 from siren_ros.dynamics.parameters import ParameterTable, VehicleParameters
 from siren_ros.dynamics.tracker import Reference, TrackerState, track
@@ -165,7 +165,8 @@ def step_fleet(
         bodies = BodyState.where(fresh, fleet.bodies, bodies)
         tracker = TrackerState.where(fresh, fleet.tracker, tracker)
     velocity = bodies.velocity_mps(fleet.table)
-    boxes = _footprints(fleet, bodies, velocity)
+    places = bodies.x_m, bodies.y_m, bodies.yaw_rad
+    boxes = Footprints(fleet.actor_id, *places, *velocity, bodies.yaw_rate_radps, fleet.length_m, fleet.width_m)
     contacts, touching = find_contacts(boxes, fleet.touching)
     if touching:
         bodies = collide(bodies, boxes, fleet.table, overlapping(boxes, touching), STEP_S)
@@ -173,7 +174,18 @@ def step_fleet(
     states = _states(fleet, traffic, orders, (bodies, velocity), driven | (handed_back & ~brought_back))
     sirens, sounding = _siren_changes(state, states)
     own = _spawned(states, traffic) + _removed(state, traffic) + _owner_changes(fleet, states) + sirens
-    own += _collisions(traffic.step, contacts)
+    own += tuple(
+        Event(
+            traffic.step,
+            EventKind.COLLISION,
+            c.actor_id,
+            c.other_id,
+            c.x_m,
+            c.y_m,
+            {"impact_speed_mps": c.impact_speed_mps},
+        )
+        for c in contacts
+    )
     reported = tuple(event for command in sorted(commands, key=lambda c: c.source) for event in command.events)
     after = replace(
         fleet,
@@ -258,96 +270,48 @@ def _states(
     )
 
 
-def _footprints(fleet: FleetState, bodies: BodyState, velocity_mps: tuple[Floats, Floats]) -> Footprints:
-    vx, vy = velocity_mps
-    return Footprints(
-        actor_id=fleet.actor_id,
-        x_m=bodies.x_m,
-        y_m=bodies.y_m,
-        yaw_rad=bodies.yaw_rad,
-        vx_mps=vx,
-        vy_mps=vy,
-        yaw_rate_radps=bodies.yaw_rate_radps,
-        length_m=fleet.length_m,
-        width_m=fleet.width_m,
-    )
-
-
-def _collisions(step: int, contacts: Sequence[Contact]) -> tuple[Event, ...]:
-    return tuple(
-        Event(
-            step=step,
-            kind=EventKind.COLLISION,
-            actor_id=contact.actor_id,
-            other_id=contact.other_id,
-            x_m=contact.x_m,
-            y_m=contact.y_m,
-            detail={"impact_speed_mps": contact.impact_speed_mps},
-        )
-        for contact in contacts
-    )
-
-
 def _spawned(states: ActorStates, traffic: TrafficState) -> tuple[Event, ...]:
-    if not traffic.spawned:
-        return ()
     ids = np.array(sorted(item.actor_id for item in traffic.spawned), dtype=np.uint32)
-    rows = rows_of_ids(states.actor_id, ids)
-    return tuple(_event(traffic.step, EventKind.SPAWNED, states.actor_id, states, row) for row in rows)
+    return tuple(
+        _event(states, states, traffic.step, EventKind.SPAWNED, row) for row in rows_of_ids(states.actor_id, ids)
+    )
 
 
 def _removed(before: FleetState, traffic: TrafficState) -> tuple[Event, ...]:
     """Removals, each at the actor's last simulated place."""
-    if not len(traffic.removed):
-        return ()
     rows = rows_of_ids(before.actor_id, np.sort(traffic.removed))
-    present = rows[rows >= 0]
-    return tuple(_event(traffic.step, EventKind.REMOVED, before.actor_id, before.bodies, row) for row in present)
+    return tuple(_event(before, before.bodies, traffic.step, EventKind.REMOVED, row) for row in rows[rows >= 0])
 
 
 def _owner_changes(fleet: FleetState, states: ActorStates) -> tuple[Event, ...]:
-    return tuple(
-        _event(
-            states.step,
-            EventKind.OWNER_CHANGED,
-            states.actor_id,
-            states,
-            row,
-            {"owner": Owner(int(states.owner[row])).name},
-        )
-        for row in np.flatnonzero(states.owner != fleet.owner)
-    )
+    rows = np.flatnonzero(states.owner != fleet.owner)
+    details = [{"owner": Owner(int(states.owner[row])).name} for row in rows]
+    changed = zip(rows, details, strict=True)
+    return tuple(_event(states, states, states.step, EventKind.OWNER_CHANGED, row, detail) for row, detail in changed)
 
 
 def _siren_changes(before: FleetState, states: ActorStates) -> tuple[tuple[Event, ...], tuple[int, ...]]:
     """Sirens that begin or end to sound, also those of actors that have left, and the actors that sound now."""
     sounding = tuple(states.actor_id[(states.lights & _SIREN) != 0].tolist())
-    changed = sorted(set(sounding) ^ set(before.sounding))
     events = []
-    for actor_id in changed:
+    for actor_id in sorted(set(sounding) ^ set(before.sounding)):
         kind = EventKind.SIREN_ON if actor_id in sounding else EventKind.SIREN_OFF
-        row = rows_of_ids(states.actor_id, np.array([actor_id], dtype=np.uint32))[0]
+        actor = np.array([actor_id], dtype=np.uint32)
+        row, last = rows_of_ids(states.actor_id, actor)[0], rows_of_ids(before.actor_id, actor)[0]
         if row >= 0:
-            events.append(_event(states.step, kind, states.actor_id, states, row))
+            events.append(_event(states, states, states.step, kind, row))
         else:
-            last = rows_of_ids(before.actor_id, np.array([actor_id], dtype=np.uint32))[0]
-            events.append(_event(states.step, kind, before.actor_id, before.bodies, last))
+            events.append(_event(before, before.bodies, states.step, kind, last))
     return tuple(events), sounding
 
 
 def _event(
+    actors: ActorStates | FleetState,
+    places: ActorStates | BodyState,
     step: int,
     kind: EventKind,
-    actor_id: Ids,
-    places: ActorStates | BodyState,
     row: np.intp,
     detail: Mapping[str, float | int | str] | None = None,
 ) -> Event:
-    return Event(
-        step=step,
-        kind=kind,
-        actor_id=int(actor_id[row]),
-        x_m=float(places.x_m[row]),
-        y_m=float(places.y_m[row]),
-        detail=detail or {},
-    )
+    x_m, y_m = float(places.x_m[row]), float(places.y_m[row])
+    return Event(step, kind, int(actors.actor_id[row]), x_m=x_m, y_m=y_m, detail=detail or {})

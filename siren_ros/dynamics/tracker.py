@@ -3,16 +3,14 @@
 The law runs for one vehicle after the other in a compiled loop.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from siren_ros.dynamics.parameters import AIR_DENSITY_KGPM3, ParameterTable
 from siren_ros.dynamics.vehicle_model import BodyState, Controls, Record
-from siren_ros.numerics.arrays import Floats
+from siren_ros.numerics.arrays import Columns, Floats
 from siren_ros.numerics.compiled import Array, compiled, within, wrapped_rad
 from siren_ros.numerics.units import GRAVITY_MPS2
 
@@ -166,7 +164,7 @@ def follow(
 
 
 @dataclass(frozen=True)
-class Reference:
+class Reference(Columns):
     """SUMO's vehicles at one step, ``map`` frame, each array of shape ``(N,)``; positions are footprint centres."""
 
     x_m: Floats
@@ -175,14 +173,9 @@ class Reference:
     speed_mps: Floats
     accel_mps2: Floats
 
-    @property
-    def columns(self) -> Floats:
-        """All fields in declaration order, shape ``(5, N)``, as compiled loops take them."""
-        return np.array((self.x_m, self.y_m, self.yaw_rad, self.speed_mps, self.accel_mps2))
-
 
 @dataclass(frozen=True)
-class TrackerState:
+class TrackerState(Columns):
     """Reference of the step before: SUMO's centre, and the yaw of a car whose centre takes SUMO's path."""
 
     x_m: Floats
@@ -193,30 +186,10 @@ class TrackerState:
     accel_mps2: Floats
     """SUMO's acceleration, smoothed."""
 
-    @property
-    def columns(self) -> Floats:
-        """All fields in declaration order, shape ``(5, N)``, as compiled loops take them."""
-        return np.array((self.x_m, self.y_m, self.yaw_rad, self.pace, self.accel_mps2))
-
     @classmethod
     def at(cls, x_m: Floats, y_m: Floats, yaw_rad: Floats) -> "TrackerState":
         """Actors whose tracking begins, or begins anew, at these poses."""
         return cls(x_m, y_m, yaw_rad, np.ones(len(x_m)), np.zeros(len(x_m)))
-
-    def select(self, rows: npt.NDArray[np.bool_] | npt.NDArray[np.intp]) -> "TrackerState":
-        """The actors of the given rows."""
-        return type(self)(*(getattr(self, field.name)[rows] for field in fields(self)))
-
-    @classmethod
-    def joined(cls, parts: Sequence["TrackerState"]) -> "TrackerState":
-        """The actors of all parts, in order."""
-        return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
-
-    @classmethod
-    def where(cls, mask: npt.NDArray[np.bool_], chosen: "TrackerState", other: "TrackerState") -> "TrackerState":
-        """Rows of ``chosen`` where the mask holds, of ``other`` elsewhere."""
-        pairs = ((getattr(chosen, field.name), getattr(other, field.name)) for field in fields(cls))
-        return cls(*(np.where(mask, a, b) for a, b in pairs))
 
 
 DEFAULT_GAINS: Final = TrackerGains()

@@ -4,15 +4,14 @@ Actuators, tyres and Newton's equations are a compiled loop over the vehicles.
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from siren_ros.dynamics.parameters import AIR_DENSITY_KGPM3, ParameterTable
-from siren_ros.numerics.arrays import Floats
+from siren_ros.numerics.arrays import Columns, Floats
 from siren_ros.numerics.compiled import Array, compiled, within
 from siren_ros.numerics.units import GRAVITY_MPS2
 
@@ -185,7 +184,7 @@ SUBSTEP_S: Final = 0.01
 
 
 @dataclass(frozen=True)
-class BodyState:
+class BodyState(Columns):
     """Motion and actuators of N vehicles, arrays of shape ``(N,)``; positions are footprint centres, ``map`` frame."""
 
     x_m: Floats
@@ -204,34 +203,11 @@ class BodyState:
     throttle: Floats
     brake: Floats
 
-    def __len__(self) -> int:
-        return len(self.x_m)
-
-    @property
-    def columns(self) -> Floats:
-        """All fields in declaration order, shape ``(11, N)``, as compiled loops take them."""
-        return np.array([getattr(self, name) for name in _BODY_FIELDS])
-
     @classmethod
     def moving(cls, x_m: Floats, y_m: Floats, yaw_rad: Floats, speed_mps: Floats) -> "BodyState":
         """Vehicles that roll straight ahead, no pedal pressed."""
         zero = np.zeros(len(x_m))
         return cls(x_m, y_m, yaw_rad, speed_mps, *([zero] * 7))
-
-    def select(self, rows: npt.NDArray[np.bool_] | npt.NDArray[np.intp]) -> "BodyState":
-        """The vehicles of the given rows."""
-        return type(self)(*(getattr(self, field.name)[rows] for field in fields(self)))
-
-    @classmethod
-    def joined(cls, parts: Sequence["BodyState"]) -> "BodyState":
-        """The vehicles of all parts, in order."""
-        return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
-
-    @classmethod
-    def where(cls, mask: npt.NDArray[np.bool_], chosen: "BodyState", other: "BodyState") -> "BodyState":
-        """Rows of ``chosen`` where the mask holds, of ``other`` elsewhere."""
-        pairs = ((getattr(chosen, field.name), getattr(other, field.name)) for field in fields(cls))
-        return cls(*(np.where(mask, a, b) for a, b in pairs))
 
     def velocity_mps(self, table: ParameterTable) -> tuple[Floats, Floats]:
         """Velocity of the footprint's centre in the ``map`` frame, x and y."""
@@ -241,7 +217,7 @@ class BodyState:
 
 
 @dataclass(frozen=True)
-class Controls:
+class Controls(Columns):
     """What the drivers ask of the actuators during one step, each array of shape ``(N,)``."""
 
     throttle: Floats
@@ -254,15 +230,6 @@ class Controls:
     """1 for a driver; more divides the lags of pedals and steering and multiplies the steering rate's limit."""
     drive_factor: Floats
     """1 for a driver; more raises what full throttle gives, within the tyres' grip."""
-
-    @property
-    def columns(self) -> Floats:
-        """All fields in declaration order, shape ``(6, N)``, as compiled loops take them."""
-        return np.array([getattr(self, name) for name in _CONTROL_FIELDS], dtype=np.float64)
-
-
-_BODY_FIELDS: Final = tuple(field.name for field in fields(BodyState))
-_CONTROL_FIELDS: Final = tuple(field.name for field in fields(Controls))
 
 
 def step_bodies(state: BodyState, controls: Controls, table: ParameterTable, dt_s: float) -> BodyState:
@@ -279,6 +246,6 @@ def step_bodies(state: BodyState, controls: Controls, table: ParameterTable, dt_
         brakes never move a vehicle backwards.
     """
     count = max(1, math.ceil(dt_s / SUBSTEP_S - 1e-9))
-    after = np.empty((len(_BODY_FIELDS), len(state)))
+    after = np.empty_like(state.columns)
     advance(state.columns, controls.columns, table.records, count, dt_s / count, after)
     return BodyState(*after)

@@ -15,7 +15,8 @@ from siren_ros.params.input_files import FILES_ON_DISK, InputFile, InputFiles, N
 from siren_ros.roads.maps.map_compiler import CompiledMap, compile_map, with_speed_limit
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
-from siren_ros.roads.site_finder import REQUIREMENTS, Site, find_sites
+from siren_ros.roads.site_finder import find_sites
+from siren_ros.roads.sites import REQUIREMENTS, Site
 from siren_ros.scenario.episode import (
     FILES_PARAMETER,
     MAP_SOURCE_PARAMETER,

@@ -3,6 +3,10 @@
 Shapes and units stand where the arrays are used.
 """
 
+from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any, Self
+
 import numpy as np
 import numpy.typing as npt
 
@@ -29,3 +33,33 @@ def random_stream(seed: int, purpose: str, index: int = 0) -> np.random.Generato
         index: Tells streams of one purpose apart, an actor id for example; at least 0.
     """
     return np.random.default_rng(np.random.SeedSequence([seed, index, *purpose.encode()]))
+
+
+class Columns:
+    """Base of a dataclass whose fields are arrays of shape ``(N,)``: row i of all of them belongs to one item."""
+
+    def __len__(self) -> int:
+        return len(getattr(self, _names(type(self))[0]))
+
+    @property
+    def columns(self) -> Floats:
+        """All fields in declaration order, shape ``(fields, N)``, as compiled loops take them."""
+        return np.array([getattr(self, name) for name in _names(type(self))], dtype=np.float64)
+
+    def select(self, rows: Flags | Rows) -> Self:
+        """The items of the given rows."""
+        return type(self)(*(getattr(self, name)[rows] for name in _names(type(self))))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """The items of all parts, in order."""
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in _names(cls)))
+
+    @classmethod
+    def where(cls, mask: Flags, chosen: Self, other: Self) -> Self:
+        """Rows of ``chosen`` where the mask holds, of ``other`` elsewhere."""
+        return cls(*(np.where(mask, getattr(chosen, name), getattr(other, name)) for name in _names(cls)))
+
+
+def _names(kind: Any) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(kind))

@@ -1,7 +1,10 @@
-"""How fast a path may be driven: bends limit the speed, and vehicles brake comfortably before them."""
+"""Braking: distances, decelerations and speeds from which a vehicle still slows down in time, and speeds in bends.
+
+The formulas take squares of speeds: ``v * v`` and ``v**2`` differ in the last bit, and records keep theirs.
+"""
 
 import math
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +19,35 @@ is a bend of this length."""
 _LEAST_CURVATURE_1PM: Final = 1e-6
 
 Speeds = npt.NDArray[np.float64]
+Number = TypeVar("Number", float, Speeds)
+
+
+def braking_distance_m(speed_sq: Number, brake_mps2: float) -> Number:
+    """Distance in which a vehicle stops, ``v² / 2b``, of the square of its speed in m²/s²."""
+    return speed_sq / (2.0 * brake_mps2)
+
+
+def needed_brake_mps2(speed_sq: Number, way_m: Number) -> Number:
+    """Constant deceleration that stops within a way, ``v² / 2s``, of the square of the speed in m²/s²."""
+    return speed_sq / (2.0 * way_m)
+
+
+def speed_before_mps(slower_sq: float, brake_mps2: float, way_m: float) -> float:
+    """Speed from which a vehicle slows down on a way, ``sqrt(v² + 2bs)``, of the square of the lower speed in m²/s²."""
+    return math.sqrt(slower_sq + 2.0 * brake_mps2 * way_m)
+
+
+def safe_following_mps(lead_mps: Speeds, free_m: Speeds, brake_mps2: float, reaction_s: float) -> Speeds:
+    """Krauss's safe speed (1998) behind others: ``−bτ + sqrt((bτ)² + v_l² + 2b·gap)``.
+
+    Args:
+        lead_mps: Speed of each vehicle ahead, along the way.
+        free_m: Free way to each, less the gap that is kept at standstill.
+        brake_mps2: Deceleration b that is laid out for.
+        reaction_s: Time τ before the driver brakes.
+    """
+    keeps = brake_mps2 * reaction_s
+    return np.asarray(np.sqrt(keeps**2 + lead_mps * lead_mps + 2.0 * brake_mps2 * free_m) - keeps)
 
 
 def curvature_1pm(path: Polyline, s_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -39,7 +71,7 @@ def with_braking(speeds_mps: Speeds, decel_mps2: float) -> Speeds:
     """The profile of a vehicle that brakes with ``decel_mps2`` to keep to the speeds, sample by sample."""
     reached = speeds_mps.copy()
     for at in range(len(reached) - 2, -1, -1):
-        reached[at] = min(reached[at], math.sqrt(reached[at + 1] ** 2 + 2.0 * decel_mps2 * SAMPLE_M))
+        reached[at] = min(reached[at], speed_before_mps(reached[at + 1] ** 2, decel_mps2, SAMPLE_M))
     return reached
 
 
@@ -48,5 +80,5 @@ def with_accelerating(speeds_mps: Speeds, first_mps: float, accel_mps2: float) -
     reached = speeds_mps.copy()
     reached[0] = min(reached[0], first_mps)
     for at in range(1, len(reached)):
-        reached[at] = min(reached[at], math.sqrt(reached[at - 1] ** 2 + 2.0 * accel_mps2 * SAMPLE_M))
+        reached[at] = min(reached[at], speed_before_mps(reached[at - 1] ** 2, accel_mps2, SAMPLE_M))
     return reached

@@ -1,6 +1,5 @@
 """How movements across one junction relate: which ones cross, which ones have the same direction."""
 
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -33,19 +32,6 @@ def movement_turn_rad(network: RoadNetwork, connection: Connection) -> float:
     return sum(float(np.abs(wrap_angle(np.diff(line.heading_rad(line.arc_m)))).sum()) for line in lines)
 
 
-def fans_out(network: RoadNetwork, lanes: Sequence[int]) -> bool:
-    """Whether one of the lanes of a way fans out into several ahead, so sharply that vehicles slow down for it.
-
-    They hold up those behind them, and whoever goes straight on passes them.
-    """
-    return any(
-        movement_turn_rad(network, other) > _SWERVE_RAD
-        for lane in lanes
-        for other in network.connections_from.get(lane, ())
-        if other.direction == "s" and _for_civilians(network, other)
-    )
-
-
 def crossing_connections(network: RoadNetwork, connection: Connection) -> tuple[int, ...]:
     """Indices of the junction's civilian movements from other approaches whose paths cross this movement's path."""
     path = _trimmed(movement_path(network, connection))
@@ -54,7 +40,7 @@ def crossing_connections(network: RoadNetwork, connection: Connection) -> tuple[
         index
         for index, other in network.connections_at[connection.junction]
         if network.lanes[other.from_lane].edge != approach
-        and _for_civilians(network, other)
+        and network.is_civilian(other)
         and paths_cross(path, _trimmed(movement_path(network, other)))
     )
 
@@ -115,7 +101,7 @@ def same_direction_connections(network: RoadNetwork, connection: Connection) -> 
     return tuple(
         index
         for index, other in enumerate(network.connections)
-        if _edges(network, other) == ends and _for_civilians(network, other)
+        if _edges(network, other) == ends and network.is_civilian(other)
     )
 
 
@@ -143,7 +129,3 @@ def _trimmed(path: Polyline) -> npt.NDArray[np.float64]:
 
 def _edges(network: RoadNetwork, connection: Connection) -> tuple[int, int]:
     return network.lanes[connection.from_lane].edge, network.lanes[connection.to_lane].edge
-
-
-def _for_civilians(network: RoadNetwork, connection: Connection) -> bool:
-    return network.lanes[connection.from_lane].civilian_allowed and network.lanes[connection.to_lane].civilian_allowed

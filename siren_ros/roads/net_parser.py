@@ -86,6 +86,11 @@ class Permissions:
     other_motor: bool = False
     """Some class of motor traffic, whether or not passenger cars are among it."""
 
+    @property
+    def any_motor(self) -> bool:
+        """Whether some motor vehicle may use the lane."""
+        return self.civilian or self.emergency or self.other_motor
+
 
 def permissions_of(allow: str | None, disallow: str | None) -> Permissions:
     """Permissions of a lane by its attributes; a lane with neither is open to every class.
@@ -104,6 +109,11 @@ def permissions_of(allow: str | None, disallow: str | None) -> Permissions:
         pedestrian=bool(open_to("pedestrian")),
         other_motor=any(open_to(name) for name in sorted(_CIVILIAN_CLASSES)),
     )
+
+
+def permissions_on(lane: Element) -> Permissions:
+    """Who may use a ``lane`` element of a net."""
+    return permissions_of(lane.get("allow"), lane.get("disallow"))
 
 
 def kind_of_lane(permissions: Permissions, lane_type: str) -> LaneKind:
@@ -271,7 +281,7 @@ def _lanes_and_edges(root: Element, offset_m: tuple[float, float]) -> tuple[tupl
 
 def _lane(element: Element, index: int, edge: int, function: str, offset_m: tuple[float, float]) -> Lane:
     width_m = float(element.get("width", DEFAULT_LANE_WIDTH_M))
-    permissions = permissions_of(element.get("allow"), element.get("disallow"))
+    permissions = permissions_on(element)
     if function == "internal":
         kind = LaneKind.INTERNAL
     elif function == "crossing":

@@ -161,6 +161,10 @@ class RoadNetwork:
             groups.setdefault(connection.junction, []).append((index, connection))
         return {junction: tuple(group) for junction, group in groups.items()}
 
+    def is_civilian(self, connection: Connection) -> bool:
+        """Whether civilians may make a movement."""
+        return self.lanes[connection.from_lane].civilian_allowed and self.lanes[connection.to_lane].civilian_allowed
+
     def neighbour(self, lane: Lane, side: int) -> Lane | None:
         """The adjacent lane of the same edge: side +1 left, −1 right; None where there is none."""
         position = lane.position + side

@@ -39,7 +39,7 @@ class EdgeGraph:
         behind: list[set[int]] = [set() for _ in network.edges]
         for connection in network.connections:
             source, target = network.lanes[connection.from_lane], network.lanes[connection.to_lane]
-            if source.civilian_allowed and target.civilian_allowed and connection.direction != _TURNAROUND:
+            if network.is_civilian(connection) and connection.direction != _TURNAROUND:
                 ahead[source.edge].add(target.edge)
                 behind[target.edge].add(source.edge)
         lengths = (
@@ -91,6 +91,11 @@ def connections_between(network: RoadNetwork, edge: int, next_edge: int) -> tupl
         for connection in network.connections_from.get(lane, ())
         if network.lanes[connection.to_lane].edge == next_edge
     )
+
+
+def civilian_movements(network: RoadNetwork, edge: int, next_edge: int) -> tuple[Connection, ...]:
+    """Movements from one edge to the next that civilians may make, from the right."""
+    return tuple(filter(network.is_civilian, connections_between(network, edge, next_edge)))
 
 
 def lanes_towards(network: RoadNetwork, edge: int, next_edge: int) -> tuple[int, ...]:

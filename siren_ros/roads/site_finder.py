@@ -1,8 +1,8 @@
-"""Finds the sites of a map: the places where a template's interaction can happen, on roads and at junctions."""
+"""Finds the sites of a map, the places where a template's interaction can happen, and rates them."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from siren_ros.roads.movements import (
     same_direction_connections,
 )
 from siren_ros.roads.road_network import Connection, JunctionKind, Lane, LaneKind, RoadNetwork
-from siren_ros.roads.routing import EdgeGraph, connections_between, driving_lanes
+from siren_ros.roads.routing import EdgeGraph, civilian_movements, driving_lanes
 from siren_ros.roads.sites import (
     APPROACH_M,
     ENOUGH_M,
@@ -27,11 +27,129 @@ from siren_ros.roads.sites import (
     SHORTEST_SHOULDER_M,
     Site,
     SiteKind,
-    SiteRoute,
     lanes_through,
     route_through,
     turn_of,
 )
+
+_SHOULDER_ENOUGH_M: Final = 100.0
+_QUIET_ENOUGH_M: Final = 100.0
+_CROSSING_ENOUGH_M: Final = 60.0
+_CROSSING_LEAST_M: Final = 30.0
+"""Side streets with less road before the junction have no queue worth the name; oncoming turners then cross as well."""
+_PLAIN_ENOUGH_M: Final = 150.0
+
+
+def find_sites(network: RoadNetwork, kind: SiteKind) -> tuple[Site, ...]:
+    """All places of a kind on a map, best first; equal scores keep the order of the map's edges."""
+    return tuple(sorted(_FINDERS[kind](EdgeGraph.of(network)), key=lambda site: -site.score))
+
+
+def require_site(network: RoadNetwork, kind: SiteKind, shown_map: str = "this map") -> Site:
+    """The best place of a kind.
+
+    Raises:
+        MapError: There is none; the message says what the map lacks.
+    """
+    sites = find_sites(network, kind)
+    if not sites:
+        raise MapError(shown_map, REQUIREMENTS[kind])
+    return sites[0]
+
+
+def multi_lane_roads(graph: EdgeGraph) -> Iterator[Site]:
+    """Roads of two driving lanes or more in one direction, merged through junctions without signal or stop sign."""
+    network = graph.network
+    for last in range(len(network.edges)):
+        if len(driving_lanes(network, last)) < 2 or any(_runs_on(network, last, way) for way in graph.successors[last]):
+            continue
+        stretch = wide_stretch_back(graph, last)
+        length_m = graph.route_length_m(stretch)
+        if length_m < SHORTEST_ROAD_M:
+            continue
+        straight_on = [way for way in graph.successors[last] if turn_of(network, last, way) == "s"]
+        route = route_through(graph, (*stretch, *straight_on[:1]))
+        way_on = route.edges[route.start + len(stretch) :][:1]
+        leading = civilian_movements(network, *stretch[:2]) if len(stretch) > 1 else ()
+        ids = " ".join(network.edges[edge].edge_id for edge in stretch)
+        street = network.edges[stretch[0]].name
+        yield Site(
+            kind=SiteKind.MULTI_LANE_ROAD,
+            name=f"{street} ({ids})" if street else ids,
+            junction=None,
+            route=route.edges,
+            site_position=route.start,
+            site_edge=stretch[0],
+            stretch=stretch,
+            approach_lane=leading[-1].from_lane if leading else driving_lanes(network, last)[-1].index,
+            length_m=length_m,
+            connections=_indices(network, civilian_movements(network, last, way_on[0]) if way_on else ()),
+            crossing=(),
+            score=4.0 * share(length_m)
+            + _route_score(route.approach_m, route.exit_m, graph.route_length_m(route.edges))
+            + 2.0 * share(wide_length_m(graph, route.edges, route.start), ROUTE_M)
+            - min(2.0 * _bend_rad(network, stretch) / np.pi, 2.0),
+        )
+
+
+def queued_approaches(graph: EdgeGraph) -> Iterator[Site]:
+    """Approaches of two lanes or more to a signal, where two lanes lead on in parallel.
+
+    The better ones are long without turning lanes: the corridor opens beside the leftmost lane, so that a turning lane
+    that nobody uses would leave it empty.
+    """
+    network = graph.network
+    for edge, way, movements in _directions(graph):
+        through = lanes_through(network, edge, way)
+        if not _is_signalised(network, movements) or through < 2:
+            continue
+        site = _junction_site(graph, SiteKind.QUEUED_APPROACH, movements, wide_stretch_back(graph, edge))
+        if site.length_m >= SHORTEST_QUEUE_M:
+            plain_m = graph.route_length_m(
+                [edge for edge in site.stretch if len(driving_lanes(network, edge)) == through]
+            )
+            points = 4.0 * share(site.length_m) + 2.0 * (turn_of(network, edge, way) == "s")
+            yield replace(site, score=site.score + (points + 2.0 * share(plain_m, _PLAIN_ENOUGH_M)))
+
+
+def signal_junctions(graph: EdgeGraph) -> Iterator[Site]:
+    """Movements under a signal that other movements cross."""
+    return _crossed(graph, SiteKind.SIGNAL_JUNCTION, lambda movements: _is_signalised(graph.network, movements))
+
+
+def stop_junctions(graph: EdgeGraph) -> Iterator[Site]:
+    """Movements behind a stop sign that other movements cross."""
+    return _crossed(graph, SiteKind.STOP_JUNCTION, lambda movements: all(c.must_stop for c in movements))
+
+
+def shoulder_turns(graph: EdgeGraph) -> Iterator[Site]:
+    """Right turns along a shoulder that begins before the turn and goes on after it."""
+    network = graph.network
+    for connection in network.connections:
+        source, target = network.lanes[connection.from_lane], network.lanes[connection.to_lane]
+        turning = source.kind is LaneKind.SHOULDER and target.kind is LaneKind.SHOULDER and connection.direction == "r"
+        if not turning or min(source.length_m, target.length_m) < SHORTEST_SHOULDER_M:
+            continue
+        if movements := civilian_movements(network, source.edge, target.edge):
+            site = _junction_site(graph, SiteKind.SHOULDER_RIGHT_TURN, movements, (source.edge,))
+            before_m, after_m = _shoulder_m(network, source, "from_lane"), _shoulder_m(network, target, "to_lane")
+            yield replace(
+                site,
+                approach_lane=source.index,
+                length_m=before_m + after_m,
+                connections=_indices(network, [connection]),
+                crossing=crossing_connections(network, connection),
+                score=site.score + 2.0 * share(before_m, _SHOULDER_ENOUGH_M) + 2.0 * share(after_m, _SHOULDER_ENOUGH_M),
+            )
+
+
+_FINDERS: Final[Mapping[SiteKind, Callable[[EdgeGraph], Iterator[Site]]]] = {
+    SiteKind.MULTI_LANE_ROAD: multi_lane_roads,
+    SiteKind.QUEUED_APPROACH: queued_approaches,
+    SiteKind.SIGNAL_JUNCTION: signal_junctions,
+    SiteKind.STOP_JUNCTION: stop_junctions,
+    SiteKind.SHOULDER_RIGHT_TURN: shoulder_turns,
+}
 
 
 def share(length_m: float, enough_m: float = ENOUGH_M) -> float:
@@ -39,33 +157,19 @@ def share(length_m: float, enough_m: float = ENOUGH_M) -> float:
     return min(length_m, enough_m) / enough_m
 
 
-def civilian_movements(network: RoadNetwork, edge: int, next_edge: int) -> list[Connection]:
-    """Movements from one edge to the next that civilians may make, from the right."""
-    return [
-        connection
-        for connection in connections_between(network, edge, next_edge)
-        if network.lanes[connection.from_lane].civilian_allowed and network.lanes[connection.to_lane].civilian_allowed
-    ]
-
-
-def connection_indices(network: RoadNetwork, connections: Sequence[Connection]) -> tuple[int, ...]:
-    """Positions in ``network.connections``."""
-    index_of = {(c.from_lane, c.to_lane): index for index, c in enumerate(network.connections)}
-    return tuple(index_of[c.from_lane, c.to_lane] for c in connections)
+def _route_score(approach_m: float, exit_m: float, length_m: float) -> float:
+    """Points, at most 4, for the lengths of the approach, the way on and the whole route."""
+    return 2.0 * share(approach_m, APPROACH_M) + share(exit_m, EXIT_M) + share(length_m, ROUTE_M)
 
 
 def wide_stretch_back(graph: EdgeGraph, edge: int) -> tuple[int, ...]:
     """The edge and those before it, as far as two lanes run straight on with neither signal nor stop sign between."""
-    stretch = [edge]
-    while True:
-        ways = [
-            way
-            for way in graph.predecessors[stretch[0]]
-            if way not in stretch and _runs_on(graph.network, way, stretch[0])
-        ]
-        if not ways:
-            return tuple(stretch)
-        stretch.insert(0, ways[0])
+    stretch: tuple[int, ...] = (edge,)
+    while ways := [
+        way for way in graph.predecessors[stretch[0]] if way not in stretch and _runs_on(graph.network, way, stretch[0])
+    ]:
+        stretch = (ways[0], *stretch)
+    return stretch
 
 
 def _runs_on(network: RoadNetwork, edge: int, next_edge: int) -> bool:
@@ -91,127 +195,13 @@ def _bend_rad(network: RoadNetwork, stretch: Sequence[int]) -> float:
     return float(np.abs(wrap_angle(np.diff(heading))).sum())
 
 
-def multi_lane_roads(graph: EdgeGraph) -> Iterator[Site]:
-    """Roads of two driving lanes or more in one direction, merged through junctions without signal or stop sign."""
-    network = graph.network
-    for last in range(len(network.edges)):
-        if len(driving_lanes(network, last)) < 2:
-            continue
-        if any(_runs_on(network, last, way) for way in graph.successors[last]):
-            continue
-        stretch = wide_stretch_back(graph, last)
-        if graph.route_length_m(stretch) >= SHORTEST_ROAD_M:
-            yield _road(graph, stretch)
+def _indices(network: RoadNetwork, connections: Sequence[Connection]) -> tuple[int, ...]:
+    """Positions in ``network.connections``."""
+    index_of = {(c.from_lane, c.to_lane): index for index, c in enumerate(network.connections)}
+    return tuple(index_of[c.from_lane, c.to_lane] for c in connections)
 
 
-def _road(graph: EdgeGraph, stretch: tuple[int, ...]) -> Site:
-    network = graph.network
-    length_m = graph.route_length_m(stretch)
-    straight_on = [way for way in graph.successors[stretch[-1]] if turn_of(network, stretch[-1], way) == "s"]
-    route = route_through(graph, (*stretch, *straight_on[:1]))
-    way_on = route.edges[route.start + len(stretch) :][:1]
-    at_end = civilian_movements(network, stretch[-1], way_on[0]) if way_on else []
-    bend = min(2.0 * _bend_rad(network, stretch) / np.pi, 2.0)
-    return Site(
-        kind=SiteKind.MULTI_LANE_ROAD,
-        name=_road_name(network, stretch),
-        junction=None,
-        route=route.edges,
-        site_position=route.start,
-        site_edge=stretch[0],
-        stretch=stretch,
-        approach_lane=_leading_lane(network, stretch).index,
-        length_m=length_m,
-        connections=connection_indices(network, at_end),
-        crossing=(),
-        score=4.0 * share(length_m)
-        + route_score(route, graph.route_length_m(route.edges))
-        + 2.0 * share(wide_length_m(graph, route.edges, route.start), ROUTE_M)
-        - bend,
-    )
-
-
-def route_score(route: SiteRoute, length_m: float) -> float:
-    """Points, at most 4, for the lengths of the approach, the way on and the whole route."""
-    return 2.0 * share(route.approach_m, APPROACH_M) + share(route.exit_m, EXIT_M) + share(length_m, ROUTE_M)
-
-
-def _road_name(network: RoadNetwork, stretch: tuple[int, ...]) -> str:
-    ids = " ".join(network.edges[edge].edge_id for edge in stretch)
-    street = network.edges[stretch[0]].name
-    return f"{street} ({ids})" if street else ids
-
-
-def _leading_lane(network: RoadNetwork, stretch: tuple[int, ...]) -> Lane:
-    """The leftmost driving lane of the first edge that leads along the stretch."""
-    if len(stretch) == 1:
-        return driving_lanes(network, stretch[0])[-1]
-    return network.lanes[civilian_movements(network, stretch[0], stretch[1])[-1].from_lane]
-
-
-_SHOULDER_ENOUGH_M = 100.0
-_QUIET_ENOUGH_M = 100.0
-_CROSSING_ENOUGH_M = 60.0
-_CROSSING_LEAST_M = 30.0
-"""Side streets with less road before the junction have no queue worth the name; oncoming turners then cross as well."""
-_PLAIN_ENOUGH_M = 150.0
-_APPROACH_EDGE_ENOUGH_M = 100.0
-
-
-def queued_approaches(graph: EdgeGraph) -> Iterator[Site]:
-    """Approaches of two lanes or more to a signal, where two lanes lead on in parallel.
-
-    The better ones are long without turning lanes: the corridor opens beside the leftmost lane, so that a turning lane
-    that nobody uses would leave it empty.
-    """
-    network = graph.network
-    for edge, way, movements in _directions(graph):
-        if not _is_signalised(network, movements) or lanes_through(network, edge, way) < 2:
-            continue
-        site = _junction_site(graph, SiteKind.QUEUED_APPROACH, movements, wide_stretch_back(graph, edge))
-        if site.length_m >= SHORTEST_QUEUE_M:
-            through = lanes_through(network, edge, way)
-            plain_m = graph.route_length_m([one for one in site.stretch if len(driving_lanes(network, one)) == through])
-            points = (
-                4.0 * share(site.length_m) + 2.0 * _straight(network, edge, way) + 2.0 * share(plain_m, _PLAIN_ENOUGH_M)
-            )
-            yield replace(site, score=site.score + points)
-
-
-def signal_junctions(graph: EdgeGraph) -> Iterator[Site]:
-    """Movements under a signal that other movements cross."""
-    return _crossed(graph, SiteKind.SIGNAL_JUNCTION, lambda movements: _is_signalised(graph.network, movements))
-
-
-def stop_junctions(graph: EdgeGraph) -> Iterator[Site]:
-    """Movements behind a stop sign that other movements cross."""
-    return _crossed(graph, SiteKind.STOP_JUNCTION, lambda movements: all(c.must_stop for c in movements))
-
-
-def shoulder_turns(graph: EdgeGraph) -> Iterator[Site]:
-    """Right turns along a shoulder that begins before the turn and goes on after it."""
-    network = graph.network
-    for connection in network.connections:
-        source, target = network.lanes[connection.from_lane], network.lanes[connection.to_lane]
-        turning = source.kind is LaneKind.SHOULDER and target.kind is LaneKind.SHOULDER and connection.direction == "r"
-        if not turning or min(source.length_m, target.length_m) < SHORTEST_SHOULDER_M:
-            continue
-        movements = civilian_movements(network, source.edge, target.edge)
-        if not movements:
-            continue
-        site = _junction_site(graph, SiteKind.SHOULDER_RIGHT_TURN, movements, (source.edge,))
-        before_m, after_m = _shoulder_before_m(network, source), _shoulder_after_m(network, target)
-        yield replace(
-            site,
-            approach_lane=source.index,
-            length_m=before_m + after_m,
-            connections=connection_indices(network, [connection]),
-            crossing=crossing_connections(network, connection),
-            score=site.score + 2.0 * share(before_m, _SHOULDER_ENOUGH_M) + 2.0 * share(after_m, _SHOULDER_ENOUGH_M),
-        )
-
-
-def _directions(graph: EdgeGraph) -> Iterator[tuple[int, int, list[Connection]]]:
+def _directions(graph: EdgeGraph) -> Iterator[tuple[int, int, tuple[Connection, ...]]]:
     for edge, ways in enumerate(graph.successors):
         for way in ways:
             if turn_of(graph.network, edge, way) != "t":
@@ -222,17 +212,13 @@ def _is_signalised(network: RoadNetwork, movements: Sequence[Connection]) -> boo
     return movements[0].signal_id is not None and network.junctions[movements[0].junction].kind is JunctionKind.SIGNAL
 
 
-def _straight(network: RoadNetwork, edge: int, next_edge: int) -> float:
-    return 1.0 if turn_of(network, edge, next_edge) == "s" else 0.0
-
-
 def _junction_site(graph: EdgeGraph, kind: SiteKind, movements: Sequence[Connection], stretch: tuple[int, ...]) -> Site:
     """A place at the junction after a stretch; its score is that of the route alone."""
     network = graph.network
     edge, next_edge = stretch[-1], network.lanes[movements[0].to_lane].edge
     route = route_through(graph, (*stretch, next_edge))
     length_m = graph.route_length_m(stretch)
-    whole = replace(route, approach_m=route.approach_m + length_m, exit_m=route.exit_m + graph.length_m[next_edge])
+    approach_m, exit_m = route.approach_m + length_m, route.exit_m + graph.length_m[next_edge]
     junction = movements[0].junction
     return Site(
         kind=kind,
@@ -244,9 +230,9 @@ def _junction_site(graph: EdgeGraph, kind: SiteKind, movements: Sequence[Connect
         stretch=stretch,
         approach_lane=movements[-1].from_lane,
         length_m=length_m,
-        connections=connection_indices(network, movements),
+        connections=_indices(network, movements),
         crossing=(),
-        score=route_score(whole, graph.route_length_m(route.edges)),
+        score=_route_score(approach_m, exit_m, graph.route_length_m(route.edges)),
     )
 
 
@@ -254,22 +240,21 @@ def _crossed(graph: EdgeGraph, kind: SiteKind, binding: Callable[[Sequence[Conne
     network = graph.network
     lasting = graph.endless_edges()
     for edge, way, movements in _directions(graph):
-        if not binding(movements):
-            continue
-        crossing = tuple(sorted({index for c in movements for index in crossing_connections(network, c)}))
+        bound = movements if binding(movements) else ()
+        crossing = sorted({index for c in bound for index in crossing_connections(network, c)})
         if not crossing:
             continue
-        from_side = tuple(i for i in crossing if comes_from_the_side(network, movements[-1], network.connections[i]))
-        side_lanes = {network.connections[index].from_lane for index in from_side}
+        sources = {index: network.connections[index].from_lane for index in crossing}
+        from_side = [i for i in crossing if comes_from_the_side(network, movements[-1], network.connections[i])]
+        side_lanes = {sources[index] for index in from_side}
         side_m = sum(quiet_reach_m(network, lane, _CROSSING_ENOUGH_M) for lane in side_lanes)
         if side_m < _CROSSING_LEAST_M:
-            from_side = (*from_side, *(index for index in crossing if index not in from_side))
+            from_side += [index for index in crossing if index not in from_side]
         site = _junction_site(graph, kind, movements, (edge,))
-        approaches = {network.lanes[network.connections[index].from_lane].edge for index in crossing}
         quality = (
-            2.0 * _straight(network, edge, way)
+            2.0 * (turn_of(network, edge, way) == "s")
             + 2.0 * min(lanes_through(network, edge, way), 2)
-            + min(len(approaches), 3) / 3.0
+            + min(len({network.lanes[lane].edge for lane in sources.values()}), 3) / 3.0
             + min(len(same_direction_connections(network, movements[-1])), 2) / 2.0
             + 2.0 * share(site.length_m, _QUIET_ENOUGH_M)
             + share(quiet_reach_m(network, site.approach_lane, _QUIET_ENOUGH_M), _QUIET_ENOUGH_M)
@@ -277,57 +262,16 @@ def _crossed(graph: EdgeGraph, kind: SiteKind, binding: Callable[[Sequence[Conne
             + min(len({network.lanes[lane].edge for lane in side_lanes}), 2)
             + 1.0 * (site.route[-1] in lasting)
         )
-        yield replace(site, crossing=from_side, score=site.score + quality)
+        yield replace(site, crossing=tuple(from_side), score=site.score + quality)
 
 
-def _shoulder_before_m(network: RoadNetwork, lane: Lane) -> float:
-    return _shoulder_reach_m(
-        network, lane, lambda at: [c.from_lane for c in network.connections_to.get(at, ()) if c.direction == "s"]
-    )
-
-
-def _shoulder_after_m(network: RoadNetwork, lane: Lane) -> float:
-    return _shoulder_reach_m(
-        network, lane, lambda at: [c.to_lane for c in network.connections_from.get(at, ()) if c.direction == "s"]
-    )
-
-
-def _shoulder_reach_m(network: RoadNetwork, lane: Lane, beyond: Callable[[int], list[int]]) -> float:
-    """Length of a shoulder and its continuations; counting stops at ``ENOUGH_M``."""
-    length_m, seen = lane.length_m, {lane.index}
-    onward = beyond(lane.index)
-    while onward and onward[0] not in seen and length_m < ENOUGH_M:
-        seen.add(onward[0])
-        length_m += network.lanes[onward[0]].length_m
-        onward = beyond(onward[0])
+def _shoulder_m(network: RoadNetwork, lane: Lane, end: Literal["from_lane", "to_lane"]) -> float:
+    """Length of a shoulder and its straight continuations back or on; counting stops at ``ENOUGH_M``."""
+    beyond = network.connections_to if end == "from_lane" else network.connections_from
+    length_m, seen = 0.0, set[int]()
+    at: int | None = lane.index
+    while at is not None and at not in seen and length_m < ENOUGH_M:
+        seen.add(at)
+        length_m += network.lanes[at].length_m
+        at = next((getattr(c, end) for c in beyond.get(at, ()) if c.direction == "s"), None)
     return length_m
-
-
-__all__ = ["REQUIREMENTS", "Site", "SiteKind", "find_sites", "require_site"]
-
-_FINDERS: Final[Mapping[SiteKind, Callable[[EdgeGraph], Iterator[Site]]]] = {
-    SiteKind.MULTI_LANE_ROAD: multi_lane_roads,
-    SiteKind.QUEUED_APPROACH: queued_approaches,
-    SiteKind.SIGNAL_JUNCTION: signal_junctions,
-    SiteKind.STOP_JUNCTION: stop_junctions,
-    SiteKind.SHOULDER_RIGHT_TURN: shoulder_turns,
-}
-
-
-def find_sites(network: RoadNetwork, kind: SiteKind) -> tuple[Site, ...]:
-    """All places of a kind on a map, best first; equal scores keep the order of the map's edges."""
-    graph = EdgeGraph.of(network)
-    sites = _FINDERS[kind](graph)
-    return tuple(sorted(sites, key=lambda site: -site.score))
-
-
-def require_site(network: RoadNetwork, kind: SiteKind, shown_map: str = "this map") -> Site:
-    """The best place of a kind.
-
-    Raises:
-        MapError: There is none; the message says what the map lacks.
-    """
-    sites = find_sites(network, kind)
-    if not sites:
-        raise MapError(shown_map, REQUIREMENTS[kind])
-    return sites[0]

@@ -3,7 +3,8 @@
 Each kind of site has its requirements. The route is the approach to the site and the way on after it.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
@@ -13,7 +14,7 @@ import numpy.typing as npt
 import shapely
 
 from siren_ros.roads.road_network import LaneKind, RoadNetwork
-from siren_ros.roads.routing import EdgeGraph, connections_between, driving_lanes
+from siren_ros.roads.routing import EdgeGraph, civilian_movements, connections_between, driving_lanes
 
 SHORTEST_ROAD_M: Final = 60.0
 """Least length of a road of two lanes: 4 s at 50 km/h, enough for a yield lane change and a pass."""
@@ -99,24 +100,20 @@ def middle_of_site(network: RoadNetwork, site: Mapping[str, object]) -> npt.NDAr
         network: The map.
         site: The site as an episode's description gives it: ``junction``, ``stretch``.
     """
-    name = site.get("junction")
-    junction = network.junctions.get(str(name)) if name else None
+    junction = network.junctions.get(str(site.get("junction") or ""))
     if junction is not None:
         if len(junction.outline) > 2:
             return np.asarray(shapely.Polygon(junction.outline).buffer(0).centroid.coords[0])
         return np.array([junction.x_m, junction.y_m])
     names = site.get("stretch")
-    road = (
-        [network.edge_by_id[one] for one in names if one in network.edge_by_id]
-        if isinstance(names, list | tuple)
-        else []
-    )
-    lanes = [[lane for lane in map(network.lanes.__getitem__, edge.lanes) if lane.kind in _TRAFFIC] for edge in road]
-    lengths = [max((lane.length_m for lane in of_edge), default=0.0) for of_edge in lanes]
-    if not sum(lengths) > 0.0:
+    edges = [network.edge_by_id.get(name) for name in names] if isinstance(names, list | tuple) else []
+    lanes = [[network.lanes[lane] for lane in edge.lanes] for edge in edges if edge]
+    lanes = [driven for road in lanes if (driven := [lane for lane in road if lane.kind in _TRAFFIC])]
+    lengths = [max(lane.length_m for lane in road) for road in lanes]
+    half = sum(lengths) / 2.0
+    if not half > 0.0:
         return None
     ends = np.cumsum(lengths)
-    half = float(ends[-1]) / 2.0
     place = int(np.searchsorted(ends, half))
     share = 1.0 - (ends[place] - half) / lengths[place]
     return np.mean([lane.centre.at(share * lane.length_m) for lane in lanes[place]], axis=0)
@@ -131,7 +128,6 @@ ROUTE_M: Final = 700.0
 LEAST_ROUTE_M: Final = 500.0
 """Where the way on is short (it leaves the map), the approach grows until the route is this long: 36 s at 50 km/h."""
 _SEARCH_DEPTH: Final = 12
-
 _TURN_COST: Final = {"s": 0, "L": 1, "R": 1, "r": 2, "l": 3, "t": 9}
 
 
@@ -155,17 +151,13 @@ def route_through(graph: EdgeGraph, stretch: Sequence[int]) -> SiteRoute:
     leave the map soon, the approach becomes longer.
     """
     approach = _approach(graph, stretch, APPROACH_M)
-    exit_edges = _exit(graph, (*approach, *stretch))
-    after_m = graph.route_length_m((*stretch, *exit_edges))
-    if graph.route_length_m((*approach, *stretch, *exit_edges)) < LEAST_ROUTE_M:
-        approach = _approach(graph, stretch, LEAST_ROUTE_M - after_m)
-    route = (*approach, *stretch, *exit_edges)
-    return SiteRoute(
-        edges=route,
-        start=len(approach),
-        approach_m=graph.route_length_m(route) - after_m,
-        exit_m=after_m - graph.route_length_m(stretch),
-    )
+    onward = (*stretch, *_exit(graph, (*approach, *stretch)))
+    onward_m = graph.route_length_m(onward)
+    if graph.route_length_m((*approach, *onward)) < LEAST_ROUTE_M:
+        approach = _approach(graph, stretch, LEAST_ROUTE_M - onward_m)
+    route = (*approach, *onward)
+    approach_m = graph.route_length_m(route) - onward_m
+    return SiteRoute(route, len(approach), approach_m, exit_m=onward_m - graph.route_length_m(stretch))
 
 
 def lanes_through(network: RoadNetwork, edge: int, next_edge: int) -> int:
@@ -176,11 +168,7 @@ def lanes_through(network: RoadNetwork, edge: int, next_edge: int) -> int:
 
 def turn_of(network: RoadNetwork, edge: int, next_edge: int) -> str:
     """SUMO's letter for the direction from one edge to the next; of several, the straightest."""
-    directions = {
-        c.direction
-        for c in connections_between(network, edge, next_edge)
-        if network.lanes[c.from_lane].civilian_allowed and network.lanes[c.to_lane].civilian_allowed
-    }
+    directions = {connection.direction for connection in civilian_movements(network, edge, next_edge)}
     return min(directions, key=lambda letter: (_TURN_COST.get(letter, 9), letter), default="t")
 
 
@@ -191,54 +179,39 @@ def is_reversal(network: RoadNetwork, edge: int, other: int) -> bool:
 
 
 def _preference(graph: EdgeGraph, edge: int, next_edge: int, candidate: int) -> tuple[int, int, float, int]:
-    network = graph.network
-    turn = _TURN_COST.get(turn_of(network, edge, next_edge), 9)
-    return turn, -len(driving_lanes(network, candidate)), -graph.length_m[candidate], candidate
+    """Sorts ways: straight on first, then wide roads, then long ones."""
+    turn = _TURN_COST.get(turn_of(graph.network, edge, next_edge), 9)
+    return turn, -len(driving_lanes(graph.network, candidate)), -graph.length_m[candidate], candidate
 
 
-def _approach(graph: EdgeGraph, stretch: Sequence[int], wanted_m: float) -> tuple[int, ...]:
-    best: tuple[int, ...] = ()
-    best_m = 0.0
-    trail: list[tuple[int, ...]] = [()]
-    while trail:
+def _approach(graph: EdgeGraph, stretch: Sequence[int], least_m: float) -> tuple[int, ...]:
+    """Depth-first search: the first way back that is long enough, else the longest."""
+    best_m, best = 0.0, tuple[int, ...]()
+    trail = [best]
+    while trail and best_m < least_m:
         path = trail.pop()
-        length_m = graph.route_length_m((*path, stretch[0])) - graph.length_m[stretch[0]]
+        way = (*path, stretch[0])
+        length_m = graph.route_length_m(way) - graph.length_m[stretch[0]]
         if length_m > best_m:
             best, best_m = path, length_m
-        if best_m >= wanted_m:
-            break
-        if len(path) == _SEARCH_DEPTH:
-            continue
-        first = path[0] if path else stretch[0]
-        ways = sorted(
-            (
-                way
-                for way in graph.predecessors[first]
-                if way not in path and way not in stretch and not is_reversal(graph.network, way, first)
-            ),
-            key=lambda way: _preference(graph, way, first, way),
-            reverse=True,
-        )
-        trail += [(way, *path) for way in ways]
+        if len(path) < _SEARCH_DEPTH:
+            before = [edge for edge in graph.predecessors[way[0]] if not is_reversal(graph.network, edge, way[0])]
+            ranked = sorted((_preference(graph, edge, way[0], edge) for edge in before), reverse=True)
+            trail += [(edge, *path) for *_, edge in ranked if edge not in path and edge not in stretch]
     return best
 
 
 def _exit(graph: EdgeGraph, before: Sequence[int]) -> tuple[int, ...]:
-    lasting = graph.endless_edges()
-    visits = dict.fromkeys(before, 1)
+    """Ways on that lead into a loop, or that complete the route before they leave the map; any where there is none."""
+    lasting, visits = graph.endless_edges(), Counter(frozenset(before))
     route = list(before)
     while graph.route_length_m(route) < ROUTE_M or graph.route_length_m(route[len(before) - 1 :]) < EXIT_M:
-        edge = route[-1]
-        ways = _ways_on(graph, edge, lasting, ROUTE_M - graph.route_length_m(route))
+        edge, missing_m = route[-1], ROUTE_M - graph.route_length_m(route)
+        ways = [way for way in graph.successors[edge] if not is_reversal(graph.network, edge, way)]
+        ways = [way for way in ways if way in lasting or graph.length_m[way] >= missing_m] or ways
         if not ways:
             break
-        way_on = min(ways, key=lambda way: (visits.get(way, 0), _preference(graph, edge, way, way)))
-        visits[way_on] = visits.get(way_on, 0) + 1
+        way_on = min(ways, key=lambda way: (visits[way], _preference(graph, edge, way, way)))
+        visits[way_on] += 1
         route.append(way_on)
     return tuple(route[len(before) :])
-
-
-def _ways_on(graph: EdgeGraph, edge: int, lasting: Collection[int], missing_m: float) -> tuple[int, ...]:
-    """Ways on that lead into a loop, or that complete the route before they leave the map; all where there is none."""
-    ways = tuple(way for way in graph.successors[edge] if not is_reversal(graph.network, edge, way))
-    return tuple(way for way in ways if way in lasting or graph.length_m[way] >= missing_m) or ways

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from siren_ros.errors import InputError
-from siren_ros.roads.site_finder import SiteKind
+from siren_ros.roads.sites import SiteKind
 from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.world.actors import ActorClass
 

@@ -8,7 +8,7 @@ from siren_ros.errors import InputError
 from siren_ros.params.input_files import FILES_ON_DISK, InputFiles
 from siren_ros.params.resources import names_in_params
 from siren_ros.params.strict_yaml import StrictMapping, read_strict_yaml
-from siren_ros.roads.site_finder import SiteKind
+from siren_ros.roads.sites import SiteKind
 from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.scenario.scenario import (
     DECLARED_PREDICATES,

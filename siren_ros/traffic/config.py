@@ -66,6 +66,40 @@ class DemandConfig:
 
 
 @dataclass(frozen=True)
+class CautionConfig:
+    """How SUMO's drivers wait for vehicles that are driven from outside."""
+
+    yielding: YieldingConfig = field(default_factory=YieldingConfig)
+    """Margins to vehicles that are driven from outside."""
+    among: YieldingConfig = field(default_factory=lambda: YieldingConfig(before_s=0.0, after_s=0.2, standoff_m=0.5))
+    """Among themselves SUMO's drivers keep its own margins; only contact is avoided."""
+    margin_m: float = 0.2
+    """Added to each side of a vehicle that is driven from outside."""
+    ahead_s: float = 4.0
+    """How far ahead the ways are looked at, at the present speeds…"""
+    more_m: float = 12.0
+    """…with this much more…"""
+    far_m: float = 70.0
+    """…and this much at most."""
+    accel_mps2: float = 2.0
+    """Acceleration of SUMO's drivers."""
+    rolling_mps: float = 0.3
+    """Slower vehicles stand."""
+    beside_m: float = 3.0
+    """Distance beside the own middle within which bodies ahead count."""
+    behind_m: float = 0.3
+    """Distance kept at least from a body ahead; SUMO's own is larger."""
+    firm_mps2: float = 2.5
+    """SUMO's drivers brake by themselves until more than this is needed."""
+    gentle_mps2: float = 0.5
+    """A driver who brakes for a body ahead goes on braking while more than this is needed."""
+    slowing_mps2: float = -0.3
+    """A driver who brakes harder is taken to go on braking."""
+    most_brake_mps2: float = 8.0
+    """An emergency brake on a dry road."""
+
+
+@dataclass(frozen=True)
 class TrafficConfig:
     """How SUMO is run, and how actors change between SUMO and the simulated world."""
 
@@ -98,7 +132,7 @@ class TrafficConfig:
     are slower, so that gaps come up in the neighbouring lane."""
     red_light_speed_mps: float = 5.56
     """SUMO's ``jmDriveRedSpeed`` of a privileged EMV (SUMO's default): SUMO's own advice on speed over red."""
-    yielding: YieldingConfig = field(default_factory=YieldingConfig)
+    caution: CautionConfig = field(default_factory=CautionConfig)
     """How SUMO's drivers wait for vehicles that are driven from outside."""
 
     def __post_init__(self) -> None:

@@ -71,7 +71,7 @@ class SumoSimulation:
         self._population = Population(network, plan, self._config)
         self._mirror = Mirror(network, self._config, self._population)
         self._sideways = SidewaysLimits()
-        self._cautious = CautiousDrivers(network, self._config.yielding)
+        self._cautious = CautiousDrivers(network, self._config.caution)
         self._crossings = CrossingWatch(network)
         self._reactions = Reactions(network, plan, level, self._config)
         first = (*(vehicle.name for vehicle in plan.emvs), *((plan.av,) if plan.av else ()))

@@ -1,6 +1,7 @@
 """What the controllers ask of the vehicles at one step, as a structure of arrays."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Final
 
@@ -10,6 +11,9 @@ from siren_ros.errors import EpisodeError
 from siren_ros.numerics.arrays import Codes, Floats, Ids
 from siren_ros.world.actors import Lights, Mode, Owner
 from siren_ros.world.traffic_state import Event
+
+CommandRow = tuple[int, int, float, float, float, bool, int, int]
+"""Id, owner, throttle, brake, wheel angle, hand brake, mode and lights of one actor."""
 
 
 @dataclass(frozen=True)
@@ -42,10 +46,19 @@ class VehicleCommands:
         return len(self.actor_id)
 
     @classmethod
+    def of(
+        cls, step: int, source: str, rows: Sequence[CommandRow], events: tuple[Event, ...] = ()
+    ) -> "VehicleCommands":
+        """The commands of some actors, sorted by id."""
+        columns = zip(*rows, strict=True) if rows else ((),) * len(COMMAND_DTYPES)
+        named = zip(COMMAND_DTYPES.items(), columns, strict=True)
+        arrays: dict[str, Any] = {name: np.array(column, dtype) for (name, dtype), column in named}
+        return cls(step=step, source=source, events=events, **arrays)
+
+    @classmethod
     def empty(cls, step: int, source: str, events: tuple[Event, ...] = ()) -> "VehicleCommands":
         """No commands."""
-        arrays: dict[str, Any] = {name: np.empty(0, dtype) for name, dtype in COMMAND_DTYPES.items()}
-        return cls(step=step, source=source, events=events, **arrays)
+        return cls.of(step, source, (), events)
 
 
 _CODES: Final = frozenset({"owner", "hand_brake", "mode", "lights"})
@@ -102,15 +115,5 @@ class AvControl:
 
 def av_commands(control: AvControl, step: int, actor_id: int) -> VehicleCommands:
     """The command that drives the AV to a step: its controller's answer to the step before."""
-    return VehicleCommands(
-        step=step,
-        source=AV_SOURCE,
-        actor_id=np.array([actor_id], dtype=np.uint32),
-        owner=np.array([Owner.ROS], dtype=np.uint8),
-        throttle=np.array([control.throttle]),
-        brake=np.array([control.brake]),
-        steer_rad=np.array([control.steer_rad]),
-        hand_brake=np.zeros(1, dtype=np.uint8),
-        mode=np.array([Mode.EXTERNAL], dtype=np.uint8),
-        lights=np.array([control.lights], dtype=np.uint8),
-    )
+    pedals = control.throttle, control.brake, control.steer_rad
+    return VehicleCommands.of(step, AV_SOURCE, [(actor_id, Owner.ROS, *pedals, False, Mode.EXTERNAL, control.lights)])

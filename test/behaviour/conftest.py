@@ -220,6 +220,16 @@ def view_of(world: BehaviourWorld, traffic: TrafficState) -> StepView:
     return StepView(world, traffic, Surroundings.seen(traffic, table, world.courses), table)
 
 
+def view_in(world: BehaviourWorld, cars: list[Car], step: int = 0, **changes: Any) -> StepView:
+    """A step of cars on a world's network; ``changes`` as for ``traffic_of``."""
+    return view_of(world, traffic_of(world.network, cars, step, **changes))
+
+
+def view(network: RoadNetwork, level: EmergencyLevel, cars: list[Car], step: int = 0, **changes: Any) -> StepView:
+    """A step of cars on a network at a level."""
+    return view_in(world_of(network, level), cars, step, **changes)
+
+
 @dataclass
 class Loop:
     """EMV controller, yield manager, vehicle model and a stand-in for SUMO, step by step."""
@@ -347,6 +357,8 @@ def lab() -> SimpleNamespace:
         world_of=world_of,
         traffic_of=traffic_of,
         view_of=view_of,
+        view_in=view_in,
+        view=view,
         vehicles=VEHICLES,
         RESCUE=int(TrafficFlags.RESCUE_LANE),
         L0=EmergencyLevel.L0,

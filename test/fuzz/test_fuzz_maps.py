@@ -65,7 +65,7 @@ def changed(draw: st.DrawFn, document: bytes) -> bytes:
 
 def test_the_documents_are_sound() -> None:
     assert len(parse_road_network(NET).lanes) == 5
-    assert b"allway_stop" in opendrive_patches(NET, XODR, "map").nodes
+    assert b"allway_stop" in opendrive_patches(NET, XODR, "map")["--node-files"]
 
 
 @fuzzed

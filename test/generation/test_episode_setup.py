@@ -10,7 +10,8 @@ from siren_ros.generation.episode_setup import plan_at_best_site
 from siren_ros.roads.maps.map_compiler import compile_map
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
-from siren_ros.roads.site_finder import Site, find_sites
+from siren_ros.roads.site_finder import find_sites
+from siren_ros.roads.sites import Site
 from siren_ros.scenario.scenario import Template
 from siren_ros.scenario.templates import load_template
 from siren_ros.traffic.demand.plan import TrafficPlan, load_drivers

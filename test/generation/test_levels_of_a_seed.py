@@ -3,7 +3,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from siren_ros.behaviour.civilians.unit import draw_driver
+from siren_ros.behaviour.driving.civilian_unit import draw_driver
 from siren_ros.generation.behaviour_setup import behaviour_world
 from siren_ros.generation.closed_loop import LoopStep, closed_loop
 from siren_ros.generation.episode_setup import EpisodeSetup, set_up_episode

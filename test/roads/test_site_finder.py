@@ -31,8 +31,6 @@ from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import Connection, Edge, JunctionKind, Lane, LaneKind, RoadNetwork
 from siren_ros.roads.routing import EdgeGraph, driving_lanes, route_path
 from siren_ros.roads.site_finder import (
-    REQUIREMENTS,
-    SiteKind,
     find_sites,
     multi_lane_roads,
     queued_approaches,
@@ -44,7 +42,7 @@ from siren_ros.roads.site_finder import (
     wide_length_m,
     wide_stretch_back,
 )
-from siren_ros.roads.sites import Site, is_reversal, lanes_through, route_through, turn_of
+from siren_ros.roads.sites import REQUIREMENTS, Site, SiteKind, is_reversal, lanes_through, route_through, turn_of
 
 TOWN10 = SHARED / "maps" / "Town10HD_Opt.xodr"
 LONELY_ROAD = b"""<net><edge id="e" from="a" to="b">

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from siren_ros.errors import InputError
 from siren_ros.params.resources import params_dir
-from siren_ros.roads.site_finder import SiteKind
+from siren_ros.roads.sites import SiteKind
 from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.scenario.scenario import GroupAnchor, StartReference
 from siren_ros.scenario.templates import available_templates, draw_values, load_template, read_template, realised

@@ -12,7 +12,7 @@ import numpy as np
 
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.road_network import Connection, Edge, Junction, JunctionKind, Lane, LaneKind, RoadNetwork
-from siren_ros.roads.site_finder import Site, SiteKind
+from siren_ros.roads.sites import Site, SiteKind
 from siren_ros.scenario.scenario import DemandGroup, EmvDemand, GroupAnchor, Placement, StartReference, Template
 from siren_ros.scenario.templates import load_template
 from siren_ros.traffic.config import DemandConfig

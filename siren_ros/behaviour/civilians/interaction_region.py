@@ -1,22 +1,16 @@
 """The interaction region of an EMV: who is in it, and how far along the EMV's road each vehicle is."""
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.behaviour.config import YieldConfig
-from siren_ros.behaviour.driving.step_view import StepView, Surroundings
+from siren_ros.behaviour.driving.step_view import Ego, StepView, Surroundings
 from siren_ros.behaviour.paths.lane_path import lanes_along
 from siren_ros.numerics.arrays import Floats, Ids
-from siren_ros.roads.road_network import NO_LANE, RoadNetwork
+from siren_ros.roads.road_network import NO_LANE
 from siren_ros.scenario.interaction_region import in_region
 from siren_ros.scenario.paper import ControlConstants
-from siren_ros.world.traffic_state import Indices
-
-_EDGES_KEPT: Final = 3
-"""How many of the edges that the EMV has left still count as its road."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,19 +27,32 @@ class EmvRoad:
     left_edges: tuple[int, ...]
 
     @classmethod
-    def ahead_of(cls, view: StepView, row: int, before: "EmvRoad | None") -> "EmvRoad | None":
-        """The road of the EMV in a row; that of the step before while nothing changes or the EMV is off the road."""
-        lane = int(view.traffic.lane[row])
+    def ahead_of(cls, ego: Ego, before: "EmvRoad | None") -> "EmvRoad | None":
+        """The road of an EMV; that of the step before while nothing changes or the EMV is off the road."""
+        network, lane = ego.network, ego.lane
         if lane == NO_LANE:
             return before
-        route = view.traffic.route_of_row(row)
-        key = (lane, route.tobytes())
+        key = (lane, ego.route.tobytes())
         if before is not None and before.key == key:
             return before
-        network = view.world.network
         edge = network.lanes[lane].edge
-        left = (edge,) if before is None else tuple(dict.fromkeys((edge, *before.left_edges)))[:_EDGES_KEPT]
-        return _road_of(network, lane, route, key, left, view.world.config.yielding)
+        left = (
+            (edge,)
+            if before is None
+            else tuple(dict.fromkeys((edge, *before.left_edges)))[: ego.config.yielding.edges_kept]
+        )
+        ahead_m = network.lanes[lane].length_m + ego.config.yielding.path_ahead_m
+        lane_start, road_start = np.full((2, len(network.lanes)), np.inf)
+        on_road = np.zeros(len(network.edges), dtype=np.bool_)
+        on_road[list(left)] = True
+        way = 0.0
+        for item in lanes_along(network, lane, 0.0, ego.route, ahead_m)[0]:
+            edge = network.lanes[item].edge
+            lane_start[item] = way
+            road_start[list(network.edges[edge].lanes)] = way
+            on_road[edge] = True
+            way += network.lanes[item].length_m
+        return cls(key, lane_start, road_start, on_road, left)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,29 +62,6 @@ class InteractionRegion:
     road: EmvRoad | None
     members: Ids
     """Sorted."""
-
-
-def _road_of(
-    network: RoadNetwork,
-    lane: int,
-    route: Indices,
-    key: tuple[int, bytes],
-    left_edges: tuple[int, ...],
-    config: YieldConfig,
-) -> EmvRoad:
-    lanes, _ = lanes_along(network, lane, 0.0, route, network.lanes[lane].length_m + config.path_ahead_m)
-    lane_start = np.full(len(network.lanes), np.inf)
-    road_start = np.full(len(network.lanes), np.inf)
-    on_road = np.zeros(len(network.edges), dtype=np.bool_)
-    on_road[list(left_edges)] = True
-    way = 0.0
-    for item in lanes:
-        edge = network.lanes[item].edge
-        lane_start[item] = way
-        road_start[list(network.edges[edge].lanes)] = way
-        on_road[edge] = True
-        way += network.lanes[item].length_m
-    return EmvRoad(key, lane_start, road_start, on_road, left_edges)
 
 
 def way_from_emv_m(view: StepView, emv_row: int, starts_m: Floats) -> Floats:

@@ -8,7 +8,8 @@ from enum import IntEnum
 from typing import Final
 
 from siren_ros.behaviour.civilians.rejoin import rejoin
-from siren_ros.behaviour.civilians.unit import (
+from siren_ros.behaviour.config import YieldConfig
+from siren_ros.behaviour.driving.civilian_unit import (
     EmvView,
     YieldStep,
     YieldUnit,
@@ -17,7 +18,6 @@ from siren_ros.behaviour.civilians.unit import (
     standing,
     yield_event,
 )
-from siren_ros.behaviour.config import YieldConfig
 from siren_ros.behaviour.driving.lane_change import (
     LaneChangeQuery,
     LaneGaps,
@@ -28,17 +28,16 @@ from siren_ros.behaviour.driving.lane_change import (
     lane_change_path,
     refusal_of_gaps,
 )
-from siren_ros.behaviour.driving.navigator import DriveInputs, NavigatorState, navigate
-from siren_ros.behaviour.driving.step_view import StepView
+from siren_ros.behaviour.driving.navigator import NavigatorState
+from siren_ros.behaviour.driving.speed_mechanisms import navigate
+from siren_ros.behaviour.driving.step_view import Ego
 from siren_ros.behaviour.paths.lane_path import (
     LaneEnd,
     LanePath,
-    lanes_along,
-    nearest_on_lane,
     neighbour_lane,
-    path_on_lanes,
 )
 from siren_ros.behaviour.paths.tracked_path import on_reference
+from siren_ros.numerics.braking import braking_distance_m
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.movements import road_lane_of
 from siren_ros.roads.road_network import NO_LANE
@@ -46,7 +45,6 @@ from siren_ros.world.actors import Mode
 from siren_ros.world.traffic_state import Event, EventKind, TrafficFlags
 
 GAP_REFUSALS: Final = frozenset({Refusal.BESIDE, Refusal.GAP_FRONT, Refusal.GAP_REAR})
-_AHEAD_M: Final = 80.0
 
 
 class Seek(IntEnum):
@@ -57,37 +55,29 @@ class Seek(IntEnum):
     DRAW_AHEAD = 1
 
 
-def seek_gap(unit: YieldUnit, view: StepView, row: int, refusal: Refusal) -> YieldStep:
+def seek_gap(unit: YieldUnit, ego: Ego, refusal: Refusal) -> YieldStep:
     """One step of a deferred vehicle in its own lane, towards a gap in the lane next to it.
 
     The vehicle must still be able to stop and change lanes before the next junction; elsewhere SUMO keeps driving.
 
     Args:
         unit: A deferred civilian whose ``side`` says where it wants to go.
-        view: The step.
-        row: Its row.
+        ego: The vehicle.
         refusal: Why the lane change is not feasible now.
     """
-    unit = _with_path(unit, view, row)
-    config = view.world.config
-    speed = float(view.seen.speed_mps[row])
-    stop = speed * speed / (2.0 * config.civilian_navigator.comfort_brake_mps2)
-    if unit.navigator.remaining_m < max(stop, config.yielding.seek_room_m):
+    unit, config, speed = _with_path(unit, ego), ego.config, ego.speed_mps
+    stop = braking_distance_m(speed * speed, config.civilian_navigator.comfort_brake_mps2)
+    lane = lane_of(unit, ego)
+    target = neighbour_lane(ego.network, lane, unit.side)
+    if unit.navigator.remaining_m < max(stop, config.yielding.seek_room_m) or target == NO_LANE:
         return YieldStep(replace(unit, navigator=NavigatorState(), seek=Seek.NOT))
-    lane = lane_of(unit, view, row)
-    target = neighbour_lane(view.world.network, lane, unit.side)
-    if target == NO_LANE:
-        return YieldStep(replace(unit, navigator=NavigatorState(), seek=Seek.NOT))
-    gaps = gaps_in_lane(view, row, target)
-    limit = view.world.network.lanes[lane].speed_limit_mps
-    again = (view.step - unit.deferred_step) % steps_from_s(config.yielding.seek_again_s) == 0
+    gaps = gaps_in_lane(ego, target)
+    limit = ego.network.lanes[lane].speed_limit_mps
+    again = (ego.step - unit.deferred_step) % steps_from_s(config.yielding.seek_again_s) == 0
     if unit.seek == Seek.NOT or again:
-        seek = choose_seek(gaps, gaps_in_lane(view, row, lane), refusal, config.yielding, limit)
+        seek = choose_seek(gaps, gaps_in_lane(ego, lane), refusal, config.yielding, limit)
         unit = replace(unit, seek=seek, deferred=refusal.value)
-    wanted = seek_speed_mps(Seek(unit.seek), gaps, config.yielding, limit)
-    situation = DriveInputs(view.seen, row, view.vehicle(row), wanted)
-    navigator, command, _ = navigate(unit.navigator, situation, config.civilian_navigator)
-    return YieldStep(replace(unit, navigator=navigator), command)
+    return drive(unit, ego, seek_speed_mps(Seek(unit.seek), gaps, config.yielding, limit))
 
 
 def choose_seek(gaps: LaneGaps, own: LaneGaps, refusal: Refusal, config: YieldConfig, limit_mps: float) -> Seek:
@@ -133,98 +123,82 @@ def soon_free(seek: Seek, gaps: LaneGaps, speed_mps: float, margin_m: float, soo
     return seek is not Seek.NOT and gap < margin_m <= gap + soon_s * gain and others > 0.0
 
 
-def _with_path(unit: YieldUnit, view: StepView, row: int) -> YieldUnit:
+def _with_path(unit: YieldUnit, ego: Ego) -> YieldUnit:
     if unit.navigator.path is not None:
         return unit
-    world, lane = view.world, int(view.traffic.lane[row])
-    if road_lane_of(world.network, lane) == NO_LANE:
+    if road_lane_of(ego.network, ego.lane) == NO_LANE:
         return unit
-    x, y, _ = view.pose(row)
-    position = nearest_on_lane(world.network.lanes[lane].centre, x, y)[0]
-    route = view.traffic.route_of_row(row)
-    lanes, end = lanes_along(world.network, lane, position, route, _AHEAD_M, civilian=True, through_junctions=False)
-    reference = path_on_lanes(world.network, lanes, end, position - 2.0, _AHEAD_M)
-    shorten = float(view.seen.half_length_m[row]) + 1.0
-    path = on_reference(reference, view.navigator_config(row), stop_at_end=True, shorten_m=shorten)
-    return replace(unit, navigator=NavigatorState().following(path, x, y))
+    reference = ego.line_along(ego.lane, ego.config.yielding.seek_ahead_m, 2.0, civilian=True, through_junctions=False)
+    path = on_reference(reference, ego.navigator_config, stop_at_end=True, shorten_m=ego.half_length_m + 1.0)
+    return replace(unit, navigator=NavigatorState().following(path, *ego.place))
 
 
 _RIGHT_FIRST = (-1, 1)
-_GOES_ON_MPS = 1.0
-"""Who is faster goes on with the lane change: a stop half-way would take both lanes."""
-_FOLLOWED_STEPS = steps_from_s(1.0)
 
 
-def start_lane_change(unit: YieldUnit, view: StepView, row: int) -> YieldStep:
+def start_lane_change(unit: YieldUnit, ego: Ego) -> YieldStep:
     """Starts the lane change if it is feasible, and defers the yield if it is not.
 
     Of the feasible sides, one on which the vehicle can follow its route is preferred, then the side that SUMO's
     lane-change model wants (the paper's intent), then the right side. A deferred request is reconsidered at every
     step, once the cooldown since the vehicle's last forced lane change is over.
     """
-    if view.step - unit.change_step < view.world.cooldown_steps:
-        return defer(unit, view, row, "cooldown")
-    lane = lane_of(unit, view, row)
-    route = view.traffic.route_of_row(row)
-    speed = yield_speed_mps(view, lane)
-    wanted = intent_of(view, row)
+    if ego.step - unit.change_step < ego.world.cooldown_steps:
+        return defer(unit, ego, "cooldown")
+    lane = lane_of(unit, ego)
+    speed, intent = yield_speed_mps(ego, lane), intent_of(ego)
     refusals: list[tuple[int, Refusal]] = []
     choices: list[tuple[tuple[bool, bool], LaneChangeQuery, LanePath]] = []
     for side in _RIGHT_FIRST:
-        query = LaneChangeQuery(row, lane, side, speed, route, civilian=True)
-        verdict = assess(view, query)
+        query = LaneChangeQuery(ego, lane, side, speed, civilian=True)
+        verdict = assess(query)
         if isinstance(verdict, Refusal):
             refusals.append((side, verdict))
         else:
-            choices.append(((verdict.end is LaneEnd.ASTRAY, side != wanted), query, verdict))
+            choices.append(((verdict.end is LaneEnd.ASTRAY, side != intent), query, verdict))
     if not choices:
-        return _wait_for_gap(unit, view, row, refusals)
+        return _wait_for_gap(unit, ego, refusals)
     _, query, reference = min(choices, key=lambda choice: choice[0])
-    path = lane_change_path(view, query, reference, stop_at_end=True)
-    x, y, _ = view.pose(row)
-    target = neighbour_lane(view.world.network, lane, query.side)
+    path = lane_change_path(query, reference, stop_at_end=True)
     unit = replace(
         unit,
         phase=Mode.YIELD_LANE_CHANGE,
         side=query.side,
-        change_step=view.step,
+        change_step=ego.step,
         deferred="",
         seek=0,
-        navigator=NavigatorState().following(path, x, y),
+        navigator=NavigatorState().following(path, *ego.place),
     )
-    started = yield_event(unit, view, row, EventKind.YIELD_STARTED, side=query.side, from_lane=lane, to_lane=target)
-    moved = drive(unit, view, row, speed)
-    return replace(moved, events=(started, *moved.events))
+    started = yield_event(unit, ego, EventKind.YIELD_STARTED, side=query.side, from_lane=lane, to_lane=query.target)
+    return drive(unit, ego, speed).preceded_by(started)
 
 
-def intent_of(view: StepView, row: int) -> int:
+def intent_of(ego: Ego) -> int:
     """Side to which SUMO's lane-change model wants to take a vehicle: +1 left, −1 right, 0 neither."""
-    flags = int(view.traffic.flags[row])
+    flags = int(ego.traffic.flags[ego.row])
     return bool(flags & TrafficFlags.WANTS_LEFT) - bool(flags & TrafficFlags.WANTS_RIGHT)
 
 
-def yield_speed_mps(view: StepView, lane: int) -> float:
+def yield_speed_mps(ego: Ego, lane: int) -> float:
     """Target speed of the lane change: the paper's, and at most the paper's share of the speed limit."""
-    speeds = view.world.speeds
+    speeds = ego.world.speeds
     if lane == NO_LANE:
         return speeds.civilian_yield_lane_change_mps
-    slowed = (1.0 - speeds.civilian_yield_speed_difference) * view.world.network.lanes[lane].speed_limit_mps
+    slowed = (1.0 - speeds.civilian_yield_speed_difference) * ego.network.lanes[lane].speed_limit_mps
     return min(speeds.civilian_yield_lane_change_mps, slowed)
 
 
-def defer(unit: YieldUnit, view: StepView, row: int, reason: str) -> YieldStep:
+def defer(unit: YieldUnit, ego: Ego, reason: str) -> YieldStep:
     """The yield waits. The event is recorded where the wait begins."""
     events: tuple[Event, ...] = ()
     if unit.phase is not Mode.YIELD_DEFERRED:
-        events = (yield_event(unit, view, row, EventKind.YIELD_DEFERRED, reason=reason),)
-        unit = replace(unit, deferred_step=view.step)
-    waiting = replace(
-        unit, phase=Mode.YIELD_DEFERRED, deferred=reason, navigator=NavigatorState(), seek=0, side=unit.side
-    )
+        events = (yield_event(unit, ego, EventKind.YIELD_DEFERRED, reason=reason),)
+        unit = replace(unit, deferred_step=ego.step)
+    waiting = replace(unit, phase=Mode.YIELD_DEFERRED, deferred=reason, navigator=NavigatorState(), seek=0)
     return YieldStep(waiting, None, events)
 
 
-def _wait_for_gap(unit: YieldUnit, view: StepView, row: int, refusals: list[tuple[int, Refusal]]) -> YieldStep:
+def _wait_for_gap(unit: YieldUnit, ego: Ego, refusals: list[tuple[int, Refusal]]) -> YieldStep:
     """Defers the yield. After a while the driver makes a gap, if only other vehicles are in the way.
 
     The driver tries for some seconds, and longer while the gap is nearly there. Then the driver goes on under SUMO at
@@ -233,78 +207,68 @@ def _wait_for_gap(unit: YieldUnit, view: StepView, row: int, refusals: list[tupl
     in_the_way = [(side, refusal) for side, refusal in refusals if refusal in GAP_REFUSALS]
     if not in_the_way:
         telling = (refusal for _, refusal in refusals if refusal is not Refusal.NO_LANE)
-        return defer(unit, view, row, next(telling, Refusal.NO_LANE).value)
+        return defer(unit, ego, next(telling, Refusal.NO_LANE).value)
     side, refusal = next(((s, r) for s, r in in_the_way if s == unit.side), in_the_way[0])
     if unit.phase is not Mode.YIELD_DEFERRED:
-        return defer(replace(unit, side=side), view, row, refusal.value)
-    config = view.world.config.yielding
-    waited = view.step - unit.deferred_step - steps_from_s(config.seek_after_s)
+        return defer(replace(unit, side=side), ego, refusal.value)
+    config = ego.config.yielding
+    waited = ego.step - unit.deferred_step - steps_from_s(config.seek_after_s)
     seeks, pauses = steps_from_s(config.seek_for_s), steps_from_s(config.seek_pause_s)
-    if waited < 0 or (waited % (seeks + pauses) >= seeks and not _has_it_soon(unit, view, row, side)):
+    if waited < 0 or (waited % (seeks + pauses) >= seeks and not _has_it_soon(unit, ego, side)):
         return YieldStep(replace(unit, side=side, deferred=refusal.value, navigator=NavigatorState(), seek=0))
-    return seek_gap(replace(unit, side=side), view, row, refusal)
+    return seek_gap(replace(unit, side=side), ego, refusal)
 
 
-def _has_it_soon(unit: YieldUnit, view: StepView, row: int, side: int) -> bool:
-    target = neighbour_lane(view.world.network, lane_of(unit, view, row), side)
+def _has_it_soon(unit: YieldUnit, ego: Ego, side: int) -> bool:
+    target = neighbour_lane(ego.network, lane_of(unit, ego), side)
     if unit.seek == Seek.NOT or target == NO_LANE:
         return False
-    gaps, config = gaps_in_lane(view, row, target), view.world.config
-    margin = (
-        config.civilian_lane_change.front_gap_m
-        if unit.seek == Seek.FALL_BACK
-        else config.civilian_lane_change.rear_gap_m
-    )
-    return soon_free(Seek(unit.seek), gaps, float(view.seen.speed_mps[row]), margin, config.yielding.seek_soon_s)
+    gaps, change = gaps_in_lane(ego, target), ego.config.civilian_lane_change
+    margin = change.front_gap_m if unit.seek == Seek.FALL_BACK else change.rear_gap_m
+    return soon_free(Seek(unit.seek), gaps, ego.speed_mps, margin, ego.config.yielding.seek_soon_s)
 
 
-def drive(unit: YieldUnit, view: StepView, row: int, target_mps: float) -> YieldStep:
+def drive(unit: YieldUnit, ego: Ego, target_mps: float) -> YieldStep:
     """One step along the planner's path."""
-    situation = DriveInputs(view.seen, row, view.vehicle(row), target_mps)
-    navigator, command, _ = navigate(unit.navigator, situation, view.world.config.civilian_navigator)
+    navigator, command, _ = navigate(unit, ego, target_mps, ego.config.civilian_navigator)
     return YieldStep(replace(unit, navigator=navigator), command)
 
 
-def change_lane(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> YieldStep:
+def change_lane(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     """Drives the lane change until the vehicle is wholly in its new lane, or is released."""
-    lane = lane_of(unit, view, row)
-    if entered_lane(view, row, lane):
-        done = yield_event(unit, view, row, EventKind.YIELD_COMPLETED, lane=lane)
+    lane = lane_of(unit, ego)
+    if entered_lane(ego, lane):
+        done = yield_event(unit, ego, EventKind.YIELD_COMPLETED, lane=lane)
         kept = replace(unit, phase=Mode.YIELD_KEEP_LANE, navigator=NavigatorState(), off_path_steps=0)
         return YieldStep(kept, None, (done,))
-    ended = unit.navigator.done and standing(view, row)
+    ended = unit.navigator.done and standing(ego)
     if release_reason(emv) or ended:
         reason = "lane_ended" if ended and not emv.passed else release_reason(emv)
-        cancelled = yield_event(unit, view, row, EventKind.YIELD_CANCELLED, reason=reason)
-        moved = rejoin(replace(unit, phase=Mode.REJOIN, stopped_steps=0), view, row)
-        return replace(moved, events=(cancelled, *moved.events))
-    return drive(unit, view, row, 0.0 if _others_come(view, row, lane) else yield_speed_mps(view, lane))
+        cancelled = yield_event(unit, ego, EventKind.YIELD_CANCELLED, reason=reason)
+        return rejoin(replace(unit, phase=Mode.REJOIN, stopped_steps=0), ego).preceded_by(cancelled)
+    return drive(unit, ego, 0.0 if _others_come(ego, lane) else yield_speed_mps(ego, lane))
 
 
-def _others_come(view: StepView, row: int, lane: int) -> bool:
+def _others_come(ego: Ego, lane: int) -> bool:
     """Whether a driver who had to stop on the way into a lane has to let others in it pass before going on."""
-    speed = float(view.seen.speed_mps[row])
-    if speed > _GOES_ON_MPS or int(view.traffic.lane[row]) == lane:
+    speed = ego.speed_mps
+    if speed > ego.config.yielding.goes_on_mps or ego.lane == lane:
         return False
-    gaps = gaps_in_lane(view, row, lane)
-    refusal = refusal_of_gaps(gaps, speed, speed, view.world.config.civilian_lane_change)
+    refusal = refusal_of_gaps(gaps_in_lane(ego, lane), speed, speed, ego.config.civilian_lane_change)
     return refusal in {Refusal.GAP_REAR, Refusal.BESIDE}
 
 
-def keep_lane(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> YieldStep:
+def keep_lane(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     """Stays in the new lane under SUMO until it is released. Yields again if the EMV follows into that lane."""
-    if release_reason(emv) or _strayed(unit, emv, view):
+    grace = steps_from_s(ego.config.yielding.off_path_grace_s)
+    strayed = not emv.on_road and unit.off_path_steps >= grace
+    if release_reason(emv) or strayed:
         reason = release_reason(emv) or "emv_gone"
-        return YieldStep(None, None, (yield_event(unit, view, row, EventKind.YIELD_RELEASED, reason=reason),))
+        return YieldStep(None, None, (yield_event(unit, ego, EventKind.YIELD_RELEASED, reason=reason),))
     followed = unit.in_lane_steps + 1 if emv.on_path else 0
     unit = replace(unit, in_lane_steps=followed, off_path_steps=0 if emv.on_road else unit.off_path_steps + 1)
-    if followed < _FOLLOWED_STEPS:
+    if followed < steps_from_s(ego.config.yielding.followed_s):
         return YieldStep(unit)
-    asked = yield_event(unit, view, row, EventKind.YIELD_REQUESTED, reason="emv_followed")
-    again = replace(unit, phase=Mode.YIELD_REACTING, react_step=view.step, in_lane_steps=0, off_path_steps=0)
+    asked = yield_event(unit, ego, EventKind.YIELD_REQUESTED, reason="emv_followed")
+    again = replace(unit, phase=Mode.YIELD_REACTING, react_step=ego.step, in_lane_steps=0, off_path_steps=0)
     return YieldStep(again, None, (asked,))
-
-
-def _strayed(unit: YieldUnit, emv: EmvView, view: StepView) -> bool:
-    grace = steps_from_s(view.world.config.yielding.off_path_grace_s)
-    return not emv.on_road and unit.off_path_steps >= grace

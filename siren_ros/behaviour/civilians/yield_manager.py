@@ -11,7 +11,8 @@ import numpy.typing as npt
 from siren_ros.behaviour.civilians.interaction_region import EmvRoad, InteractionRegion, region_members, way_from_emv_m
 from siren_ros.behaviour.civilians.pull_over import emv_waits_behind, hold, pull_over, start_pull_over
 from siren_ros.behaviour.civilians.rejoin import rejoin
-from siren_ros.behaviour.civilians.unit import (
+from siren_ros.behaviour.civilians.yield_lane_change import change_lane, keep_lane, start_lane_change
+from siren_ros.behaviour.driving.civilian_unit import (
     Compliance,
     Driver,
     EmvView,
@@ -22,9 +23,8 @@ from siren_ros.behaviour.civilians.unit import (
     release_reason,
     yield_event,
 )
-from siren_ros.behaviour.civilians.yield_lane_change import change_lane, keep_lane, start_lane_change
 from siren_ros.behaviour.driving.navigator import DriveCommand
-from siren_ros.behaviour.driving.step_view import ActorTable, BehaviourWorld, StepView, Surroundings
+from siren_ros.behaviour.driving.step_view import ActorTable, BehaviourWorld, Ego, StepView, Surroundings
 from siren_ros.numerics.arrays import Floats, Ids
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.scenario.paper import CivilianResponse
@@ -89,7 +89,7 @@ def step_yield(state: YieldState, traffic: TrafficState, world: BehaviourWorld) 
     for actor_id, row in zip(ids.tolist(), rows_of_ids(traffic.actor_id, ids).tolist(), strict=True):
         if row < 0:
             continue
-        outcome = _step_unit(units[actor_id], view, row, scenes)
+        outcome = _step_unit(units[actor_id], view.ego(row), scenes)
         events.extend(outcome.events)
         if outcome.unit is not None:
             left[actor_id] = outcome.unit
@@ -106,7 +106,7 @@ def _regions(state: YieldState, view: StepView) -> tuple[dict[int, InteractionRe
     for row in np.flatnonzero(seen.is_emv).tolist():
         emv_id = int(seen.actor_id[row])
         before = state.regions.get(emv_id)
-        road = EmvRoad.ahead_of(view, row, before.road if before is not None else None)
+        road = EmvRoad.ahead_of(view.ego(row), before.road if before is not None else None)
         known = before.members if before is not None else np.empty(0, dtype=np.uint32)
         members = region_members(seen, row, known, constants)
         regions[emv_id] = InteractionRegion(road, members)
@@ -148,92 +148,76 @@ def _notice(
             )
             units[actor_id] = unit
             detail = {"way_m": float(scene.way_m[row]), "compliance": driver.compliance.value}
-            events.append(yield_event(unit, view, row, EventKind.YIELD_REQUESTED, **detail))
+            events.append(yield_event(unit, view.ego(row), EventKind.YIELD_REQUESTED, **detail))
     return events
 
 
-def _step_unit(unit: YieldUnit, view: StepView, row: int, scenes: dict[int, _EmvScene]) -> YieldStep:
-    emv = _emv_of(unit, view, row, scenes)
+def _step_unit(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> YieldStep:
+    emv = _emv_of(unit, ego, scenes)
     if unit.phase is Mode.NOMINAL:
         return YieldStep(None if release_reason(emv) else unit)
-    waits = not emv.passed and emv_waits_behind(view, row, emv.row)
+    waits = not emv.passed and emv_waits_behind(ego, emv.row)
     if waits or unit.emv_waits_steps:
         unit = replace(unit, emv_waits_steps=unit.emv_waits_steps + 1 if waits else 0)
-    return _PHASES.get(unit.phase, _before_start)(unit, view, row, emv)
+    return _PHASES.get(unit.phase, _before_start)(unit, ego, emv)
 
 
-def _before_start(unit: YieldUnit, view: StepView, row: int, emv: EmvView) -> YieldStep:
+def _before_start(unit: YieldUnit, ego: Ego, emv: EmvView) -> YieldStep:
     """Reacting or deferred: cancelled if there is nobody left to yield to, otherwise started once the driver reacts."""
     off_path = 0 if emv.on_path else unit.off_path_steps + 1
     if off_path != unit.off_path_steps:
         unit = replace(unit, off_path_steps=off_path)
-    grace = steps_from_s(view.world.config.yielding.off_path_grace_s)
+    grace = steps_from_s(ego.config.yielding.off_path_grace_s)
     reason = release_reason(emv) or ("off_path" if off_path > grace else "")
     if reason:
-        return YieldStep(None, None, (yield_event(unit, view, row, EventKind.YIELD_CANCELLED, reason=reason),))
-    if view.step < unit.react_step:
+        return YieldStep(None, None, (yield_event(unit, ego, EventKind.YIELD_CANCELLED, reason=reason),))
+    if ego.step < unit.react_step:
         return YieldStep(unit)
-    if view.world.policy.response is CivilianResponse.PULL_OVER:
-        return start_pull_over(unit, view, row)
-    return start_lane_change(unit, view, row)
+    if ego.world.policy.response is CivilianResponse.PULL_OVER:
+        return start_pull_over(unit, ego)
+    return start_lane_change(unit, ego)
 
 
-_PHASES: Final[Mapping[Mode, Callable[[YieldUnit, StepView, int, EmvView], YieldStep]]] = {
+_PHASES: Final[Mapping[Mode, Callable[[YieldUnit, Ego, EmvView], YieldStep]]] = {
     Mode.YIELD_LANE_CHANGE: change_lane,
     Mode.YIELD_KEEP_LANE: keep_lane,
     Mode.YIELD_PULL_OVER: pull_over,
     Mode.YIELD_HOLD: hold,
-    Mode.REJOIN: lambda unit, view, row, _: rejoin(unit, view, row),
+    Mode.REJOIN: lambda unit, ego, _: rejoin(unit, ego),
 }
 
 
-def _emv_of(unit: YieldUnit, view: StepView, row: int, scenes: dict[int, _EmvScene]) -> EmvView:
+def _emv_of(unit: YieldUnit, ego: Ego, scenes: dict[int, _EmvScene]) -> EmvView:
     scene = scenes.get(unit.emv_id)
     if scene is None:
         return EmvView(-1, False, False, False, False)
-    way = scene.way_m[row]
+    way = scene.way_m[ego.row]
     return EmvView(
         row=scene.row,
-        passed=emv_fully_passed(view, row, scene.row),
-        in_region=_is_member(scene.members, unit.actor_id) or _responds(unit, row, scene, view),
-        on_path=bool(np.isfinite(way) and way > -2.0 * view.seen.half_length_m[row]),
-        on_road=bool(scene.on_road[row]),
+        passed=emv_fully_passed(ego, scene.row),
+        in_region=unit.actor_id in scene.members or _responds(unit, ego, scene.row),
+        on_path=bool(np.isfinite(way) and way > -2.0 * ego.half_length_m),
+        on_road=bool(scene.on_road[ego.row]),
     )
 
 
-def _responds(unit: YieldUnit, row: int, scene: _EmvScene, view: StepView) -> bool:
+def _responds(unit: YieldUnit, ego: Ego, emv_row: int) -> bool:
     """Whether a driver who noticed the EMV beyond the interaction region is still near enough to it."""
-    seen, constants = view.seen, view.world.constants
-    bumpers = float(seen.half_length_m[row] + seen.half_length_m[scene.row])
+    seen, constants = ego.seen, ego.world.constants
+    bumpers = ego.half_length_m + float(seen.half_length_m[emv_row])
     hysteresis = constants.region_leave_m - constants.region_enter_m
-    distance = math.hypot(*(float(axis[row] - axis[scene.row]) for axis in (seen.x_m, seen.y_m)))
+    distance = math.hypot(*(float(axis[ego.row] - axis[emv_row]) for axis in (seen.x_m, seen.y_m)))
     return distance <= unit.driver.response_distance_m + bumpers + hysteresis
-
-
-def _is_member(members: Ids, actor_id: int) -> bool:
-    place = int(np.searchsorted(members, actor_id))
-    return place < len(members) and int(members[place]) == actor_id
 
 
 def _rows(
     commands: dict[int, tuple[YieldUnit, DriveCommand | None]], step: int, events: tuple[Event, ...]
 ) -> VehicleCommands:
-    rows = [(actor_id, unit, command) for actor_id, (unit, command) in commands.items()]
-    drives = [_COAST if command is None else command for _, _, command in rows]
-    owners = [Owner.SUMO if command is None else Owner.ROS for _, _, command in rows]
-    return VehicleCommands(
-        step=step,
-        source=SOURCE,
-        actor_id=np.array([actor_id for actor_id, _, _ in rows], dtype=np.uint32),
-        owner=np.array(owners, dtype=np.uint8),
-        throttle=np.array([drive.throttle for drive in drives], dtype=np.float64),
-        brake=np.array([drive.brake for drive in drives], dtype=np.float64),
-        steer_rad=np.array([drive.steer_rad for drive in drives], dtype=np.float64),
-        hand_brake=np.array([drive.hand_brake for drive in drives], dtype=np.uint8),
-        mode=np.array([unit.phase for _, unit, _ in rows], dtype=np.uint8),
-        lights=np.array([_lights(unit) for _, unit, _ in rows], dtype=np.uint8),
-        events=events,
-    )
+    rows = []
+    for actor_id, (unit, command) in commands.items():
+        owner = Owner.SUMO if command is None else Owner.ROS
+        rows.append((actor_id, owner, *(command or _COAST), unit.phase, _lights(unit)))
+    return VehicleCommands.of(step, SOURCE, rows, events)
 
 
 def _lights(unit: YieldUnit) -> int:

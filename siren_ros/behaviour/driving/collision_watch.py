@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -15,16 +14,7 @@ from siren_ros.conflicts.course import Course
 from siren_ros.conflicts.yielding import Approach, Rank, wait_for
 from siren_ros.conflicts.zones import Way, Zone, meeting_zones
 from siren_ros.numerics.arrays import Floats, Rows
-
-CROSSING_COSINE: Final = 0.9
-"""Vehicles that move at more than about 25° to the path cross it; the others move along it."""
-MOVING_MPS: Final = 1.0
-"""Slower vehicles are leaders whichever way they look."""
-_DRIFT_SINE: Final = 0.035
-"""Sideways drift of less than about 2° is noise of lane keeping."""
-_DRIFT_TIME_S: Final = 1.5
-_TURNING_SINE: Final = 0.17
-"""Who comes on at more than about 10° to the path turns across it."""
+from siren_ros.numerics.braking import braking_distance_m, needed_brake_mps2, safe_following_mps
 
 
 @dataclass(frozen=True)
@@ -95,7 +85,7 @@ def watch_path(
     s, left, nearest = curve.project(seen.x_m[rows], seen.y_m[rows], first, last)
     turned = seen.yaw_rad[rows] - curve.heading_rad[nearest]
     along_share, left_share = np.cos(turned), np.sin(turned)
-    crossing = (np.abs(along_share) < CROSSING_COSINE) & (seen.speed_mps[rows] > MOVING_MPS)
+    crossing = (np.abs(along_share) < config.crossing_cosine) & (seen.speed_mps[rows] > config.moving_mps)
     leaders = _leaders(
         _PathFrame(rows, s, left, along_share, left_share, np.abs(curve.curvature_1pm[nearest]), progress_m, row),
         crossing,
@@ -107,7 +97,9 @@ def watch_path(
 
 def watch_reach_m(speed_mps: float, target_mps: float, config: NavigatorConfig) -> float:
     """How far ahead of its centre a vehicle looks."""
-    reach = speed_mps * speed_mps / (2.0 * config.comfort_brake_mps2) + 1.5 * max(speed_mps, target_mps) + 10.0
+    reach = (
+        braking_distance_m(speed_mps * speed_mps, config.comfort_brake_mps2) + 1.5 * max(speed_mps, target_mps) + 10.0
+    )
     return min(max(reach, config.watch_min_m), config.watch_max_m)
 
 
@@ -144,17 +136,17 @@ def _leaders(
     speed = seen.speed_mps[frame.rows]
     gap = frame.s_m - extent - (frame.progress_m + own_length)
     beside = np.abs(frame.left_m) - side
-    drifted = np.abs(frame.left_m + _DRIFT_TIME_S * speed * frame.left_share) - side
+    drifted = np.abs(frame.left_m + config.drift_time_s * speed * frame.left_share) - side
     inside = (beside < corridor) & ((gap > -0.5) | (beside < own_width))
     # Who comes on at an angle is turning out of the way or into it: the outlook knows, a straight line does not.
-    drifting = (drifted < corridor) & (along_sin > _DRIFT_SINE) & (gap > 0.0) & (frame.along_share > 0.0)
-    oncoming = (frame.along_share < 0.0) & (along_sin > _TURNING_SINE) & (speed > MOVING_MPS)
+    drifting = (drifted < corridor) & (along_sin > config.drift_sine) & (gap > 0.0) & (frame.along_share > 0.0)
+    oncoming = (frame.along_share < 0.0) & (along_sin > config.turning_sine) & (speed > config.moving_mps)
     known = oncoming & (seen.outlook is not None)
     picked = (frame.s_m > frame.progress_m) & ~crossing & ~known & (inside | drifting)
     lead = speed[picked] * frame.along_share[picked]
     return _Candidates(
         row=frame.rows[picked],
-        gap_m=np.maximum(gap[picked] + _DRIFT_TIME_S * np.minimum(lead, 0.0), 0.0),
+        gap_m=np.maximum(gap[picked] + config.drift_time_s * np.minimum(lead, 0.0), 0.0),
         lead_mps=np.maximum(lead, 0.0),
         met=(drifting | (beside < swept))[picked],
     )
@@ -170,27 +162,19 @@ def _worst(
     rows, gap, lead = leaders.row, leaders.gap_m, leaders.lead_mps
     if len(rows) == 0:
         return None
-    brake, reaction = config.comfort_brake_mps2, config.headway_s
+    brake = config.comfort_brake_mps2
     free = np.maximum(gap - config.standstill_gap_m, 0.0)
-    safe = np.sqrt((brake * reaction) ** 2 + lead * lead + 2.0 * brake * free) - brake * reaction
+    safe = safe_following_mps(lead, free, brake, config.headway_s)
     worst = int(np.argmin(safe))
     if safe[worst] >= target_mps:
         return None
     closing = np.where(leaders.met, np.maximum(speed_mps - lead, 0.0), 0.0)
-    needed = float(np.max(closing * closing / (2.0 * np.maximum(gap - 1.0, 0.3))))
+    needed = float(np.max(needed_brake_mps2(closing * closing, np.maximum(gap - 1.0, 0.3))))
     return Threat(
         snapshot=CollisionSnapshot(int(seen.actor_id[rows[worst]]), float(gap[worst]), float(lead[worst])),
         safe_speed_mps=float(safe[worst]),
         must_brake_mps2=needed if needed > brake and speed_mps > 0.3 else 0.0,
     )
-
-
-_OWN_ACCEL_MPS2: Final = 1.5
-_OTHERS_TIME_S: Final = 6.0
-"""How far ahead others are followed, at their present speed."""
-_OTHERS_MORE_M: Final = 10.0
-_OTHERS_MOST_M: Final = 60.0
-_ROLLING_MPS: Final = 0.3
 
 
 def watch_conflicts(
@@ -210,13 +194,13 @@ def watch_conflicts(
     """
     speed = float(seen.speed_mps[row])
     reach = watch_reach_m(speed, target_mps, config)
-    rows = _meeting(seen, row, reach)
+    rows = _meeting(seen, row, reach, config)
     if len(rows) == 0:
         return None
     half_length, half_width = float(seen.half_length_m[row]), float(seen.half_width_m[row])
     pose = float(seen.x_m[row]), float(seen.y_m[row]), float(seen.yaw_rad[row])
     own = Way(path.curve.points, path.curve.spacing_m, progress_m, 0.0, pose, reach, half_length, half_width, cut_m=0.0)
-    reaches = _reach_of_others_m(seen.speed_mps[rows]).tolist()
+    reaches = _reach_of_others_m(seen.speed_mps[rows], config).tolist()
     others = [_way(seen, other, far) for other, far in zip(rows.tolist(), reaches, strict=True)]
     bend_time_s = partial(path.least_time_s, progress_m)
     worst: Threat | None = None
@@ -226,22 +210,22 @@ def watch_conflicts(
     return worst
 
 
-def _meeting(seen: Surroundings, row: int, reach_m: float) -> Rows:
+def _meeting(seen: Surroundings, row: int, reach_m: float, config: NavigatorConfig) -> Rows:
     """Rows of moving vehicles that may come to the path, without those that merely follow."""
     x, y = float(seen.x_m[row]), float(seen.y_m[row])
-    rows = seen.near(x, y, reach_m + _OTHERS_MOST_M, but=row)
-    rows = rows[seen.speed_mps[rows] > MOVING_MPS]
+    rows = seen.near(x, y, reach_m + config.others_most_m, but=row)
+    rows = rows[seen.speed_mps[rows] > config.moving_mps]
     cos, sin = float(seen.cos[row]), float(seen.sin[row])
     dx, dy = seen.x_m[rows] - x, seen.y_m[rows] - y
     ahead = cos * dx + sin * dy
     along = cos * seen.cos[rows] + sin * seen.sin[rows]
-    far = np.hypot(dx, dy) > reach_m + _reach_of_others_m(seen.speed_mps[rows])
-    behind = (ahead < 0.0) & (along > CROSSING_COSINE)
+    far = np.hypot(dx, dy) > reach_m + _reach_of_others_m(seen.speed_mps[rows], config)
+    behind = (ahead < 0.0) & (along > config.crossing_cosine)
     return np.asarray(rows[~far & ~behind])
 
 
-def _reach_of_others_m(speed_mps: Floats) -> Floats:
-    return np.minimum(_OTHERS_TIME_S * speed_mps + _OTHERS_MORE_M, _OTHERS_MOST_M)
+def _reach_of_others_m(speed_mps: Floats, config: NavigatorConfig) -> Floats:
+    return np.minimum(config.others_time_s * speed_mps + config.others_more_m, config.others_most_m)
 
 
 def _way(seen: Surroundings, row: int, reach_m: float) -> Way:
@@ -268,12 +252,12 @@ def _threat(
     top = speed
     if outlook is not None:
         own_rank, rank = outlook.rank(row, zone.own_in_m), outlook.rank(other, zone.other_in_m)
-        top = max(outlook.limit_mps(other, zone.other_in_m), _ROLLING_MPS)
-    own = Approach(own_speed, target_mps, _OWN_ACCEL_MPS2, own_rank, bend_time_s)
+        top = max(outlook.limit_mps(other, zone.other_in_m), config.rolling_mps)
+    own = Approach(own_speed, target_mps, config.own_accel_mps2, own_rank, bend_time_s)
     wait = wait_for(zone, own, Approach(speed, top, config.conflicts.early_mps2, rank), config.conflicts)
     if wait is None:
         return None
-    hard = wait.brake_mps2 > config.comfort_brake_mps2 and own_speed > _ROLLING_MPS
+    hard = wait.brake_mps2 > config.comfort_brake_mps2 and own_speed > config.rolling_mps
     return Threat(
         snapshot=CollisionSnapshot(int(seen.actor_id[other]), wait.free_m, speed if zone.merges else 0.0),
         safe_speed_mps=wait.speed_mps,

@@ -8,13 +8,15 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.behaviour.driving.step_view import Surroundings
+from siren_ros.behaviour.driving.step_view import Body, Surroundings
 from siren_ros.behaviour.paths.curve import curve_place
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
-from siren_ros.numerics.arrays import Floats, Ids
+from siren_ros.numerics.arrays import Columns, Floats, Ids
+from siren_ros.numerics.braking import needed_brake_mps2, speed_before_mps
 from siren_ros.numerics.compiled import Array, box_gap_m, compiled, wrapped_rad
 from siren_ros.world.actors import NO_ACTOR
 
+# No parameters: resolutions and tolerances of the measurement, which compiled loops hold as constants.
 _PATH_STEP_M: Final = 0.25
 _OFFSET_LENGTH_M: Final = 4.0
 """Way over which the path tracking takes back most of an offset from the path."""
@@ -28,7 +30,7 @@ _TOLERANCE_M: Final = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Obstacles:
+class Obstacles(Columns):
     """Oriented boxes of actors, each array of shape ``(M,)``; frame ``map``."""
 
     actor_id: Ids
@@ -53,35 +55,6 @@ class Obstacles:
             half_length_m=seen.half_length_m[rows] + half_sweep,
             half_width_m=seen.half_width_m[rows],
         )
-
-    def take(self, rows: npt.NDArray[np.intp] | npt.NDArray[np.bool_]) -> "Obstacles":
-        """Some of the boxes."""
-        return Obstacles(
-            self.actor_id[rows],
-            self.x_m[rows],
-            self.y_m[rows],
-            self.cos[rows],
-            self.sin[rows],
-            self.half_length_m[rows],
-            self.half_width_m[rows],
-        )
-
-    def __len__(self) -> int:
-        """Number of boxes."""
-        return len(self.x_m)
-
-
-@dataclass(frozen=True)
-class Body:
-    """Half the size of a footprint."""
-
-    half_length_m: float
-    half_width_m: float
-
-    @classmethod
-    def of(cls, seen: Surroundings, row: int) -> "Body":
-        """The body in a row."""
-        return cls(float(seen.half_length_m[row]), float(seen.half_width_m[row]))
 
 
 def separations_m(x_m: Floats, y_m: Floats, yaw_rad: Floats, body: Body, obstacles: Obstacles) -> Floats:
@@ -249,11 +222,11 @@ class FreeWay:
         limit = math.inf
         for way, slow in narrow:
             if way < math.inf:
-                limit = min(limit, math.sqrt(slow * slow + 2.0 * brake_mps2 * max(way, 0.0)))
+                limit = min(limit, speed_before_mps(slow * slow, brake_mps2, max(way, 0.0)))
         if free == math.inf:
             return SpeedLimit(limit)
         contact = self.free_m
-        brake = speed_mps**2 / (2.0 * max(contact - min(stop_short_m, _RESERVE_M), _LEAST_WAY_M))
+        brake = needed_brake_mps2(speed_mps**2, max(contact - min(stop_short_m, _RESERVE_M), _LEAST_WAY_M))
         blocker = int(self.actor_id[np.argmin(stopping)])
         return SpeedLimit(limit, brake if brake > brake_mps2 else 0.0, blocker, free)
 

@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.behaviour.config import BehaviourConfig, JunctionEntryConfig, NavigatorConfig
+from siren_ros.behaviour.paths.lane_path import LanePath, lanes_along, nearest_on_lane, path_on_lanes
 from siren_ros.conflicts.course import CourseBook, Outlook
 from siren_ros.dynamics.parameters import VehicleParameters
-from siren_ros.numerics.arrays import Floats, Ids
+from siren_ros.numerics.arrays import Floats, Ids, Rows
 from siren_ros.numerics.compiled import Array, compiled
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import RoadNetwork
@@ -19,6 +20,14 @@ from siren_ros.scenario.paper import PAPER_CONSTANTS, PAPER_SPEEDS, ControlConst
 from siren_ros.scenario.presets import DriverPreset
 from siren_ros.world.actors import NO_ACTOR, ActorClass, ActorDescription, rows_of_ids
 from siren_ros.world.traffic_state import Indices, TrafficState
+
+
+@dataclass(frozen=True)
+class Body:
+    """Half the size of a footprint."""
+
+    half_length_m: float
+    half_width_m: float
 
 
 @dataclass(frozen=True)
@@ -193,18 +202,123 @@ class StepView:
         """Number of the step."""
         return self.traffic.step
 
-    def pose(self, row: int) -> tuple[float, float, float]:
-        """x, y and yaw of an actor."""
-        seen = self.seen
+    @property
+    def network(self) -> RoadNetwork:
+        """The map."""
+        return self.world.network
+
+    @property
+    def config(self) -> BehaviourConfig:
+        """All parameters of the behaviour."""
+        return self.world.config
+
+    def ego(self, row: int) -> "Ego":
+        """The step as the driver in a row sees it."""
+        return Ego(self.world, self.traffic, self.seen, self.actors, row)
+
+
+@dataclass(frozen=True, eq=False)
+class Ego(StepView):
+    """One step as one driver sees it: the vehicle in a row, and all others."""
+
+    row: int
+
+    @property
+    def actor_id(self) -> int:
+        """Id of the vehicle."""
+        return int(self.seen.actor_id[self.row])
+
+    @property
+    def is_emv(self) -> bool:
+        """Whether the vehicle is an emergency vehicle."""
+        return bool(self.seen.is_emv[self.row])
+
+    @cached_property
+    def pose(self) -> tuple[float, float, float]:
+        """x, y and yaw of the footprint's centre."""
+        seen, row = self.seen, self.row
         return float(seen.x_m[row]), float(seen.y_m[row]), float(seen.yaw_rad[row])
 
-    def navigator_config(self, row: int) -> NavigatorConfig:
-        """The navigator's parameters for an actor, with the limit of its own steering."""
-        config, vehicle = self.world.config, self.vehicle(row)
-        base = config.emv.navigator if self.seen.is_emv[row] else config.civilian_navigator
-        rate = base.steer_rate_share * vehicle.max_steer_rate_radps / vehicle.wheelbase_m
+    @property
+    def place(self) -> tuple[float, float]:
+        """X and y of the footprint's centre."""
+        return self.pose[:2]
+
+    @property
+    def direction(self) -> tuple[float, float]:
+        """Cosine and sine of the yaw."""
+        return float(self.seen.cos[self.row]), float(self.seen.sin[self.row])
+
+    @property
+    def speed_mps(self) -> float:
+        """Over ground."""
+        return float(self.seen.speed_mps[self.row])
+
+    @property
+    def half_length_m(self) -> float:
+        """Half the length of the footprint."""
+        return float(self.seen.half_length_m[self.row])
+
+    @property
+    def half_width_m(self) -> float:
+        """Half the width of the footprint."""
+        return float(self.seen.half_width_m[self.row])
+
+    @property
+    def body(self) -> Body:
+        """The footprint."""
+        return Body(self.half_length_m, self.half_width_m)
+
+    @property
+    def lane(self) -> int:
+        """The lane on which SUMO has the front bumper; ``NO_LANE`` off the road."""
+        return int(self.traffic.lane[self.row])
+
+    @property
+    def route(self) -> Indices:
+        """Edges from the present one (or the one before the junction) on."""
+        return self.traffic.route_of_row(self.row)
+
+    @cached_property
+    def vehicle(self) -> VehicleParameters:
+        """Vehicle parameters."""
+        return self.world.vehicles[self.actors.class_of(self.actor_id)]
+
+    @cached_property
+    def navigator_config(self) -> NavigatorConfig:
+        """The navigator's parameters, with the limit of the vehicle's own steering."""
+        base = self.config.emv.navigator if self.is_emv else self.config.civilian_navigator
+        rate = base.steer_rate_share * self.vehicle.max_steer_rate_radps / self.vehicle.wheelbase_m
         return replace(base, curvature_rate_1pms=rate)
 
-    def vehicle(self, row: int) -> VehicleParameters:
-        """Vehicle parameters of an actor."""
-        return self.world.vehicles[self.actors.class_of(int(self.seen.actor_id[row]))]
+    def near(self, radius_m: float) -> Rows:
+        """Rows of the other vehicles within a radius."""
+        return self.seen.near(*self.place, radius_m, but=self.row)
+
+    def place_on(self, lane: int) -> tuple[float, float, float]:
+        """Arc length, offset (left positive) and heading at the nearest place of a lane's centre line."""
+        return nearest_on_lane(self.network.lanes[lane].centre, *self.place)
+
+    def line_along(
+        self,
+        lane: int,
+        ahead_m: float,
+        behind_m: float = 0.0,
+        *,
+        length_m: float | None = None,
+        civilian: bool = False,
+        through_junctions: bool = True,
+    ) -> LanePath:
+        """The reference line from the vehicle on, along a lane and the lanes of the route that follow it.
+
+        Args:
+            lane: Where the line begins.
+            ahead_m: How far to look.
+            behind_m: How far behind the vehicle the line begins.
+            length_m: Greatest length of the line, ``ahead_m`` by default.
+            civilian: Whether only lanes open to civilians may be used.
+            through_junctions: Whether to go on beyond joints that are more than two pieces of one road.
+        """
+        at_m = self.place_on(lane)[0]
+        lanes, end = lanes_along(self.network, lane, at_m, self.route, ahead_m, civilian, through_junctions)
+        return path_on_lanes(self.network, lanes, end, at_m - behind_m, ahead_m if length_m is None else length_m)

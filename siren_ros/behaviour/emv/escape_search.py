@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.behaviour.config import GapEscapeConfig
-from siren_ros.behaviour.driving.free_space import Body, Obstacles, clearances_m, separations_m
+from siren_ros.behaviour.driving.free_space import Obstacles, clearances_m, separations_m
+from siren_ros.behaviour.driving.step_view import Body
 from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.numerics.arrays import Floats
 
-_STEEPEST: Final = 0.8
-"""Largest slope of a path against the reference line."""
+# No parameter: a tolerance of the measurement.
 _NEAR_M: Final = 0.3
 """Vehicles nearer than this at the start count only at poses that are nearer still."""
 
@@ -75,7 +75,7 @@ def lattice_of(curve: Curve, road: RoadSpace, start: Start, obstacles: Obstacles
     high = max(float(road.opposite_left_m.max()) - reach, start.left_m)
     below, above = math.ceil((start.left_m - low) / grain), math.ceil((high - start.left_m) / grain)
     left = start.left_m + grain * np.arange(-below, above + 1)
-    slopes = round(_STEEPEST / config.slope_step)
+    slopes = round(config.steepest / config.slope_step)
     slope = config.slope_step * np.arange(-slopes, slopes + 1)
     steps = min(max(start.slope / config.slope_step, -slopes), slopes) + slopes
     heading = curve.heading_at(road.s_m)
@@ -144,7 +144,7 @@ def _clearances(
         yaw = angle + turned
         x = (place[k, 0] - sin * left)[:, None] + ahead * np.cos(yaw)
         y = (place[k, 1] + cos * left)[:, None] + ahead * np.sin(yaw)
-        clearance[k] = clearances_m(x, y, yaw, body, obstacles.take(picked), present[picked])
+        clearance[k] = clearances_m(x, y, yaw, body, obstacles.select(picked), present[picked])
         off = left[:, None] - reach_right < road.right_m[k] - over_right
         off |= left[:, None] + reach_left > road.opposite_left_m[k] + over_left
         clearance[k][off] = -np.inf
@@ -169,11 +169,8 @@ def _prices(road: RoadSpace, left: Floats, body: Body, config: GapEscapeConfig) 
     return np.asarray(share * (config.shoulder_cost_m * on_shoulder + config.opposite_cost_m * opposite) + aside)
 
 
-_LEVEL: Final = 0.11
-"""A path that ends before the horizon may end with this slope at most, so that it can be continued."""
+# No parameter: distance of the samples of a path.
 _FINE_M: Final = 0.5
-_ATTEMPTS: Final = 5
-"""Paths with one margin that are looked at as a whole before the next margin is tried."""
 
 Ints = npt.NDArray[np.intp]
 
@@ -247,7 +244,7 @@ def _cheapest_clear(
     curve, road = where
     between = lattice.between_m.copy()
     searched = replace(lattice, between_m=between)
-    for _ in range(_ATTEMPTS):
+    for _ in range(config.attempts):
         found = _cheapest(searched, road, clearance_m, config)
         if found is None:
             return None
@@ -308,7 +305,7 @@ def _cheapest(
     length = road.s_m - road.s_m[0]
     worth = costs - config.way_worth * length[:, None, None]
     worth[length < config.progress_min_m] = np.inf
-    worth[:-1, :, np.abs(lattice.slope) > _LEVEL] = np.inf
+    worth[:-1, :, np.abs(lattice.slope) > config.level] = np.inf
     flat = int(np.argmin(worth))
     if not np.isfinite(worth.flat[flat]):
         return None

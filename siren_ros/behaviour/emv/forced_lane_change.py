@@ -5,16 +5,8 @@ from typing import Final
 
 import numpy as np
 
-from siren_ros.behaviour.driving.lane_change import (
-    LaneChangeQuery,
-    Refusal,
-    assess,
-    change_length_m,
-    entered_lane,
-    gaps_in_lane,
-)
-from siren_ros.behaviour.driving.step_view import StepView
-from siren_ros.behaviour.emv.unit import (
+from siren_ros.behaviour.driving.emv_unit import (
+    ROUTE,
     EmvUnit,
     GuardResult,
     LateralRequest,
@@ -24,26 +16,28 @@ from siren_ros.behaviour.emv.unit import (
     present_lane,
     strategic_side,
 )
+from siren_ros.behaviour.driving.lane_change import (
+    LaneChangeQuery,
+    Refusal,
+    assess,
+    entered_lane,
+    gaps_in_lane,
+)
+from siren_ros.behaviour.driving.step_view import Ego
 from siren_ros.behaviour.paths.lane_path import (
     LaneEnd,
     LanePath,
-    lanes_along,
-    nearest_on_lane,
     neighbour_lane,
-    path_on_lanes,
 )
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import NO_LANE, LaneKind
 from siren_ros.world.traffic_state import EventKind
 
-_INTENT_PAUSE_STEPS: Final = steps_from_s(1.0)
-"""SUMO's intent comes and goes from step to step; a request ends after a pause of this length."""
-ROUTE: Final = "route"
 SUMO: Final = "sumo"
 SHOULDER: Final = "shoulder"
 
 
-def lateral_intent(unit: EmvUnit, view: StepView, row: int) -> tuple[int, str]:
+def lateral_intent(unit: EmvUnit, ego: Ego) -> tuple[int, str]:
     """Side that the EMV wants to go to (+1 left, −1 right, 0 none) and why: the route first, then a free shoulder.
 
     Before the first plan nobody wants anything.
@@ -51,47 +45,44 @@ def lateral_intent(unit: EmvUnit, view: StepView, row: int) -> tuple[int, str]:
     plan = unit.plan
     if plan is None:
         return 0, SUMO
-    near = unit.navigator.remaining_m < view.world.config.emv.strategic_distance_m
+    near = unit.navigator.remaining_m < ego.config.emv.strategic_distance_m
     if plan.end is LaneEnd.ASTRAY and near:
-        lane = present_lane(view, row, unit.navigator)
-        return strategic_side(view.world.network, lane, view.traffic.route_of_row(row)), ROUTE
-    if shoulder_is_faster(unit, view, row):
+        lane = present_lane(ego, unit.navigator)
+        return strategic_side(ego.network, lane, ego.route), ROUTE
+    if shoulder_is_faster(unit, ego):
         return -1, SHOULDER
-    advice = advice_of(view, unit.actor_id)
+    advice = advice_of(ego, unit.actor_id)
     return (advice.lane_change_intent if advice is not None else 0), SUMO
 
 
-def shoulder_is_faster(unit: EmvUnit, view: StepView, row: int) -> bool:
+def shoulder_is_faster(unit: EmvUnit, ego: Ego) -> bool:
     """Whether slow traffic ahead holds up the EMV while the shoulder next to its lane is free.
 
     A shoulder that does not lead on along the route is of use only where it leads past the slow traffic and some way
     on. At a stop line at which it ends, the EMV would stand next to the first vehicle of the queue.
     """
-    network, config = view.world.network, view.world.config.emv
-    lane = present_lane(view, row, unit.navigator)
+    network, config = ego.network, ego.config.emv
+    lane = present_lane(ego, unit.navigator)
     if lane == NO_LANE or network.lanes[lane].kind is not LaneKind.DRIVING:
         return False
     shoulder = neighbour_lane(network, lane, -1)
     if shoulder == NO_LANE or network.lanes[shoulder].kind is not LaneKind.SHOULDER:
         return False
-    own = gaps_in_lane(view, row, lane)
+    own = gaps_in_lane(ego, lane)
     if own.front_m > config.shoulder_from_m or own.front_mps > config.shoulder_below_mps:
         return False
-    if gaps_in_lane(view, row, shoulder).front_m <= own.front_m + config.shoulder_gain_m:
+    if gaps_in_lane(ego, shoulder).front_m <= own.front_m + config.shoulder_gain_m:
         return False
-    return _comes_back(view, row, lane, shoulder)
+    return _comes_back(ego, lane, shoulder)
 
 
-def _comes_back(view: StepView, row: int, lane: int, shoulder: int) -> bool:
+def _comes_back(ego: Ego, lane: int, shoulder: int) -> bool:
     """Whether the shoulder lasts, or leads past the slow traffic with enough of it left for the way back."""
-    network, config, seen = view.world.network, view.world.config.emv, view.seen
-    x, y, _ = view.pose(row)
-    position = nearest_on_lane(network.lanes[shoulder].centre, x, y)[0]
-    lanes, end = lanes_along(network, shoulder, position, view.traffic.route_of_row(row), config.path_ahead_m)
-    reference = path_on_lanes(network, lanes, end, position, config.path_ahead_m)
+    network, config, seen = ego.network, ego.config.emv, ego.seen
+    reference = ego.line_along(shoulder, config.path_ahead_m)
     if reference.end is not LaneEnd.ASTRAY:
         return True
-    others = seen.near(x, y, config.path_ahead_m, but=row)
+    others = ego.near(config.path_ahead_m)
     s_m, left_m, _ = reference.curve.project(seen.x_m[others], seen.y_m[others])
     edge_m = 0.5 * network.lanes[shoulder].width_m
     slow = (seen.speed_mps[others] <= config.shoulder_below_mps) & (s_m > 0.0)
@@ -100,102 +91,95 @@ def _comes_back(view: StepView, row: int, lane: int, shoulder: int) -> bool:
     return reference.curve.length_m - head_m >= config.shoulder_return_m
 
 
-def forced_lane_change(unit: EmvUnit, view: StepView, row: int) -> GuardResult:
+def forced_lane_change(unit: EmvUnit, ego: Ego) -> GuardResult:
     """Starts the requested lane change if it is feasible, and defers it if it is not.
 
     The cooldown is the least time between the starts of two forced lane changes. A deferred request is reconsidered at
     every step.
     """
     if unit.corridor or unit.gap_escape_active:
-        return _drop_request(unit, view, row, "corridor" if unit.corridor else "gap_escape")
+        return _drop_request(unit, ego, "corridor" if unit.corridor else "gap_escape")
     if unit.lane_change_forced:
         return unit, ()
-    unit, events = _note_intent(unit, view, row)
+    unit, events = _note_intent(unit, ego)
     request = unit.request
-    cooled = view.step - unit.change_step >= view.world.cooldown_steps
-    if request.side == 0 or request.seen_step != view.step or not cooled:
+    cooled = ego.step - unit.change_step >= ego.world.cooldown_steps
+    if request.side == 0 or request.seen_step != ego.step or not cooled:
         return unit, events
-    query = _query(unit, view, row)
-    verdict = assess(view, query)
-    if isinstance(verdict, LanePath) and _is_turning(unit, view, row, verdict):
+    query = LaneChangeQuery(
+        ego,
+        lane=present_lane(ego, unit.navigator),
+        side=request.side,
+        target_mps=ego.world.speeds.emv_lane_change_mps,
+        civilian=False,
+        # Otherwise the EMV would stand for ever at the end of a short lane that leads astray.
+        ends_on_junction=request.reason == ROUTE,
+    )
+    verdict = assess(query)
+    if isinstance(verdict, LanePath) and _is_turning(unit, ego, verdict):
         verdict = Refusal.TURNING
     if isinstance(verdict, Refusal):
         if request.deferred is None:
-            events += (event_of(view, row, EventKind.LANE_CHANGE_DEFERRED, side=request.side, reason=verdict.value),)
+            events += (event_of(ego, EventKind.LANE_CHANGE_DEFERRED, side=request.side, reason=verdict.value),)
         return replace(unit, request=replace(request, deferred=verdict)), events
-    target = neighbour_lane(view.world.network, query.lane, query.side)
-    plan, navigator = plan_route(view, row, target, unit.navigator, merge_m=change_length_m(view, query))
-    started = event_of(view, row, EventKind.LANE_CHANGE_STARTED, side=request.side, reason=request.reason, lane=target)
+    plan, navigator = plan_route(ego, query.target, unit.navigator, merge_m=query.length_m)
+    started = event_of(ego, EventKind.LANE_CHANGE_STARTED, side=request.side, reason=request.reason, lane=query.target)
     unit = replace(
         unit,
         plan=plan,
         navigator=navigator,
         change_side=request.side,
-        change_step=view.step,
+        change_step=ego.step,
         request=LateralRequest(),
     )
     return unit, (*events, started)
 
 
-def complete_lane_change(unit: EmvUnit, view: StepView, row: int) -> GuardResult:
+def complete_lane_change(unit: EmvUnit, ego: Ego) -> GuardResult:
     """``RestoreLaneChange`` when the footprint has entered the target lane or the path has been driven."""
     if not unit.lane_change_forced:
         return unit, ()
-    lane = present_lane(view, row, unit.navigator)
-    if not unit.navigator.done and (lane == NO_LANE or not entered_lane(view, row, lane)):
+    lane = present_lane(ego, unit.navigator)
+    if not unit.navigator.done and (lane == NO_LANE or not entered_lane(ego, lane)):
         return unit, ()
-    done = event_of(view, row, EventKind.LANE_CHANGE_COMPLETED, side=unit.change_side, lane=lane)
+    done = event_of(ego, EventKind.LANE_CHANGE_COMPLETED, side=unit.change_side, lane=lane)
     return replace(unit, change_side=0), (done,)
 
 
-def cancel_lane_change(unit: EmvUnit, view: StepView, row: int, reason: str) -> GuardResult:
+def cancel_lane_change(unit: EmvUnit, ego: Ego, reason: str) -> GuardResult:
     """``RestoreLaneChange`` before the change is finished: the next waypoints replace its path."""
     if not unit.lane_change_forced:
         return unit, ()
-    cancelled = event_of(view, row, EventKind.LANE_CHANGE_CANCELLED, side=unit.change_side, reason=reason)
+    cancelled = event_of(ego, EventKind.LANE_CHANGE_CANCELLED, side=unit.change_side, reason=reason)
     return replace(unit, change_side=0, plan=None), (cancelled,)
 
 
-def _is_turning(unit: EmvUnit, view: StepView, row: int, reference: LanePath) -> bool:
+def _is_turning(unit: EmvUnit, ego: Ego, reference: LanePath) -> bool:
     """Whether the EMV follows a bend that the target lane does not have: its wheels are not where a change begins."""
     path = unit.navigator.path
     if path is None:
         return False
-    x, y, _ = view.pose(row)
-    bend = reference.curve.place(reference.curve.project_one(x, y)[0])[3]
+    bend = reference.curve.place(reference.curve.project_one(*ego.place)[0])[3]
     own = path.curve.place(unit.navigator.progress_m)[3]
-    return abs(own - bend) > view.world.config.lane_change.bend_max_1pm
+    return abs(own - bend) > ego.config.lane_change.bend_max_1pm
 
 
-def _query(unit: EmvUnit, view: StepView, row: int) -> LaneChangeQuery:
-    return LaneChangeQuery(
-        row=row,
-        lane=present_lane(view, row, unit.navigator),
-        side=unit.request.side,
-        target_mps=view.world.speeds.emv_lane_change_mps,
-        route=view.traffic.route_of_row(row),
-        civilian=False,
-        # Otherwise the EMV would stand for ever at the end of a short lane that leads astray.
-        ends_on_junction=unit.request.reason == ROUTE,
-    )
-
-
-def _note_intent(unit: EmvUnit, view: StepView, row: int) -> GuardResult:
-    side, reason = lateral_intent(unit, view, row)
+def _note_intent(unit: EmvUnit, ego: Ego) -> GuardResult:
+    side, reason = lateral_intent(unit, ego)
     request = unit.request
     if side == 0:
-        if request.side == 0 or view.step - request.seen_step < _INTENT_PAUSE_STEPS:
+        if request.side == 0 or ego.step - request.seen_step < steps_from_s(ego.config.emv.intent_pause_s):
             return unit, ()
-        return _drop_request(unit, view, row, "intent_gone")
+        return _drop_request(unit, ego, "intent_gone")
     if side == request.side:
-        return replace(unit, request=replace(request, reason=reason, seen_step=view.step)), ()
-    unit, events = _drop_request(unit, view, row, "intent_changed")
-    asked = event_of(view, row, EventKind.LANE_CHANGE_REQUESTED, side=side, reason=reason)
-    return replace(unit, request=LateralRequest(side, reason, view.step)), (*events, asked)
+        return replace(unit, request=replace(request, reason=reason, seen_step=ego.step)), ()
+    unit, events = _drop_request(unit, ego, "intent_changed")
+    asked = event_of(ego, EventKind.LANE_CHANGE_REQUESTED, side=side, reason=reason)
+    return replace(unit, request=LateralRequest(side, reason, ego.step)), (*events, asked)
 
 
-def _drop_request(unit: EmvUnit, view: StepView, row: int, reason: str) -> GuardResult:
+def _drop_request(unit: EmvUnit, ego: Ego, reason: str) -> GuardResult:
     if unit.request.side == 0:
         return unit, ()
-    dropped = event_of(view, row, EventKind.LANE_CHANGE_CANCELLED, side=unit.request.side, reason=reason)
+    dropped = event_of(ego, EventKind.LANE_CHANGE_CANCELLED, side=unit.request.side, reason=reason)
     return replace(unit, request=LateralRequest()), (dropped,)

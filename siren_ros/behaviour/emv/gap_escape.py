@@ -5,19 +5,18 @@ The search looks at the road beside the route and at the vehicles on it.
 
 import math
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 
-from siren_ros.behaviour.driving.free_space import Body, Obstacles
+from siren_ros.behaviour.driving.emv_speed_limits import free_way, rows_around
+from siren_ros.behaviour.driving.emv_unit import EmvUnit, GuardResult, advice_of, best_lane, event_of, present_lane
+from siren_ros.behaviour.driving.free_space import Obstacles
 from siren_ros.behaviour.driving.lane_change import gaps_in_lane
-from siren_ros.behaviour.driving.step_view import StepView
+from siren_ros.behaviour.driving.step_view import Ego
 from siren_ros.behaviour.emv.escape_search import FoundPath, RoadSpace, Start, search_lattice
 from siren_ros.behaviour.emv.forced_lane_change import cancel_lane_change
-from siren_ros.behaviour.emv.speed_limits import free_way, rows_around
-from siren_ros.behaviour.emv.unit import EmvUnit, GuardResult, advice_of, best_lane, event_of, present_lane
 from siren_ros.behaviour.paths.curve import Curve
-from siren_ros.behaviour.paths.lane_path import LanePath, lanes_along, nearest_on_lane, path_on_lanes, road_limits
+from siren_ros.behaviour.paths.lane_path import LanePath, road_limits
 from siren_ros.behaviour.paths.tracked_path import along_reference
 from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import NEVER, STEP_S, steps_from_s
@@ -25,25 +24,14 @@ from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
 from siren_ros.world.actors import NO_ACTOR
 from siren_ros.world.traffic_state import EventKind
 
-_STEER_SHARE: Final = 0.85
-"""Part of the steering range that an escape path may use."""
-_BEHIND_M: Final = 5.0
-"""The reference line begins this far behind the EMV's centre, beyond its rear axle."""
 
-
-def reference_line(view: StepView, row: int, lane: int) -> LanePath:
+def reference_line(ego: Ego, lane: int) -> LanePath:
     """The line along the lanes of the route that the search measures from."""
-    config, network = view.world.config.gap_escape, view.world.network
-    route = view.traffic.route_of_row(row)
-    lane = best_lane(network, lane, route)
-    x, y, _ = view.pose(row)
-    position = nearest_on_lane(network.lanes[lane].centre, x, y)[0]
-    length = config.horizon_m + 10.0
-    lanes, end = lanes_along(network, lane, position, route, length)
-    return path_on_lanes(network, lanes, end, position - _BEHIND_M, length)
+    length = ego.config.gap_escape.horizon_m + 10.0
+    return ego.line_along(best_lane(ego.network, lane, ego.route), length, ego.config.gap_escape.behind_m)
 
 
-def search_gap(reference: LanePath, view: StepView, row: int) -> FoundPath | None:
+def search_gap(reference: LanePath, ego: Ego) -> FoundPath | None:
     """The best path beside a reference line that the EMV's footprint clears with a margin.
 
     Vehicles are swept along their motion, those that do not move in the EMV's direction for longer.
@@ -51,9 +39,9 @@ def search_gap(reference: LanePath, view: StepView, row: int) -> FoundPath | Non
     Returns:
         The path, or None where no path is long enough to be worth driving.
     """
-    config, vehicle = view.world.config.gap_escape, view.vehicle(row)
-    body, rear = Body.of(view.seen, row), vehicle.centre_ahead_of_rear_axle_m
-    x, y, yaw = view.pose(row)
+    config, vehicle = ego.config.gap_escape, ego.vehicle
+    body, rear = ego.body, vehicle.centre_ahead_of_rear_axle_m
+    x, y, yaw = ego.pose
     curve = reference.curve
     s0, left = curve.project_one(x - rear * math.cos(yaw), y - rear * math.sin(yaw))
     room = min(config.horizon_m, curve.length_m - s0 - body.half_length_m - rear)
@@ -67,16 +55,12 @@ def search_gap(reference: LanePath, view: StepView, row: int) -> FoundPath | Non
         body=body,
         centre_ahead_m=rear,
         wheelbase_m=vehicle.wheelbase_m,
-        sharpest_1pm=math.tan(_STEER_SHARE * vehicle.max_steer_rad) / vehicle.wheelbase_m,
+        sharpest_1pm=math.tan(config.steer_range_share * vehicle.max_steer_rad) / vehicle.wheelbase_m,
     )
-    road = road_space(view.world.network, reference, s0 + config.station_m * np.arange(count))
-    return search_lattice(curve, road, start, _obstacles(view, row), config)
-
-
-def _obstacles(view: StepView, row: int) -> Obstacles:
-    config = view.world.config.gap_escape
-    rows, along = rows_around(view, row)
-    return Obstacles.swept(view.seen, rows, np.where(along, 1.0, config.oncoming_factor) * config.sweep_s)
+    road = road_space(ego.network, reference, s0 + config.station_m * np.arange(count))
+    rows, along = rows_around(ego)
+    obstacles = Obstacles.swept(ego.seen, rows, np.where(along, 1.0, config.oncoming_factor) * config.sweep_s)
+    return search_lattice(curve, road, start, obstacles, config)
 
 
 def road_space(network: RoadNetwork, reference: LanePath, s_m: Floats) -> RoadSpace:
@@ -100,16 +84,11 @@ def road_space(network: RoadNetwork, reference: LanePath, s_m: Floats) -> RoadSp
     return RoadSpace(s_m, *edges)
 
 
-_SAME_OFFSET_M: Final = 0.5
-_SMOOTHING_M: Final = 0.7
-"""Standard deviation of the Gaussian that rounds the steps in a path's curvature."""
-
-
-def gap_escape_mode(unit: EmvUnit, view: StepView, row: int) -> GuardResult:
+def gap_escape_mode(unit: EmvUnit, ego: Ego) -> GuardResult:
     """Latches the gap escape: begun after a sustained stop behind a blocker, ended some time after the last one."""
-    constants = view.world.constants.gap_escape
-    stopped = float(view.seen.speed_mps[row]) <= constants.blocked_speed_mps
-    blocker = blocker_of(unit, view, row)
+    constants = ego.world.constants.gap_escape
+    stopped = ego.speed_mps <= constants.blocked_speed_mps
+    blocker = blocker_of(unit, ego)
     unit = replace(
         unit,
         stopped_s=unit.stopped_s + STEP_S if stopped else 0.0,
@@ -117,112 +96,104 @@ def gap_escape_mode(unit: EmvUnit, view: StepView, row: int) -> GuardResult:
     )
     if unit.gap_escape_active and unit.blocker_free_s >= constants.blocker_grace_s - 0.5 * STEP_S:
         unit = replace(unit, gap_escape_active=False, escape_offset_m=None, plan=None, corridor_planned_step=NEVER)
-        return unit, (event_of(view, row, EventKind.GAP_ESCAPE_LEFT),)
+        return unit, (event_of(ego, EventKind.GAP_ESCAPE_LEFT),)
     long_enough = unit.stopped_s >= constants.stop_before_entry_s - 0.5 * STEP_S
     if blocker == NO_ACTOR or not long_enough or unit.gap_escape_active:
         return unit, ()
-    unit, cancelled = cancel_lane_change(unit, view, row, "gap_escape")
+    unit, cancelled = cancel_lane_change(unit, ego, "gap_escape")
     unit = replace(unit, gap_escape_active=True, escape_offset_m=None, escape_planned_step=NEVER)
-    return unit, (*cancelled, event_of(view, row, EventKind.GAP_ESCAPE_ENTERED, blocker))
+    return unit, (*cancelled, event_of(ego, EventKind.GAP_ESCAPE_ENTERED, blocker))
 
 
-def blocker_of(unit: EmvUnit, view: StepView, row: int) -> int:
-    """The actor that blocks the EMV: SUMO's leader within the query range, else the navigator's snapshot.
+def blocker_of(unit: EmvUnit, ego: Ego) -> int:
+    """The actor that blocks the EMV: SUMO's leader within the query range, else the navigator's blocker.
 
     A leader that drives faster than the escape's own target speed does not block. While the escape is active, the
     navigator's collision handling is off: the blocker is then the vehicle ahead in the EMV's lane, or one that closes
     its path. A vehicle that a moving EMV would pass sideways does not block.
     """
-    advice, lane, passed = advice_of(view, unit.actor_id), NO_LANE, NO_ACTOR
-    stopped = float(view.seen.speed_mps[row]) <= view.world.constants.gap_escape.blocked_speed_mps
+    advice, lane, passed = advice_of(ego, unit.actor_id), NO_LANE, NO_ACTOR
+    stopped = ego.speed_mps <= ego.world.constants.gap_escape.blocked_speed_mps
     if unit.gap_escape_active:
-        lane = present_lane(view, row, unit.navigator)
+        lane = present_lane(ego, unit.navigator)
     if advice is not None and advice.leader_id != NO_ACTOR:
-        rows = np.flatnonzero(view.seen.actor_id == advice.leader_id)
-        slow = len(rows) == 0 or view.seen.speed_mps[rows[0]] < view.world.speeds.emv_gap_escape_mps
-        near = advice.leader_gap_m <= view.world.constants.leader_query_m
+        rows = np.flatnonzero(ego.seen.actor_id == advice.leader_id)
+        slow = len(rows) == 0 or ego.seen.speed_mps[rows[0]] < ego.world.speeds.emv_gap_escape_mps
+        near = advice.leader_gap_m <= ego.world.constants.leader_query_m
         unknown = lane == NO_LANE or len(rows) == 0
         if slow and near:
-            if unknown or stopped or in_the_way(view, row, int(rows[0]), lane):
+            if unknown or stopped or in_the_way(ego, int(rows[0]), lane):
                 return advice.leader_id
             passed = advice.leader_id
     if lane != NO_LANE:
-        gaps = gaps_in_lane(view, row, lane)
-        if gaps.front_m < view.world.config.gap_escape.blocker_range_m and gaps.front_id != passed:
-            other = int(np.flatnonzero(view.seen.actor_id == gaps.front_id)[0])
-            if stopped or in_the_way(view, row, other, lane):
+        gaps = gaps_in_lane(ego, lane)
+        if gaps.front_m < ego.config.gap_escape.blocker_range_m and gaps.front_id != passed:
+            other = int(np.flatnonzero(ego.seen.actor_id == gaps.front_id)[0])
+            if stopped or in_the_way(ego, other, lane):
                 return gaps.front_id
-    return unit.snapshot.actor_id if unit.snapshot is not None else NO_ACTOR
+    return unit.blocker_id
 
 
-def in_the_way(view: StepView, row: int, other: int, lane: int) -> bool:
+def in_the_way(ego: Ego, other: int, lane: int) -> bool:
     """Whether the EMV would meet another vehicle if it kept its present lateral offset on the road."""
-    seen, both = view.seen, np.array([row, other])
-    curve = reference_line(view, row, lane).curve
+    seen, both = ego.seen, np.array([ego.row, other])
+    curve = reference_line(ego, lane).curve
     _, left, nearest = curve.project(seen.x_m[both], seen.y_m[both])
     turned = seen.yaw_rad[both] - curve.heading_rad[nearest]
     half = np.abs(np.cos(turned)) * seen.half_width_m[both] + np.abs(np.sin(turned)) * seen.half_length_m[both]
-    return bool(abs(left[1] - left[0]) < half.sum() + view.world.config.corridor.clearance_m)
+    return bool(abs(left[1] - left[0]) < half.sum() + ego.config.corridor.clearance_m)
 
 
-def escape_path(unit: EmvUnit, view: StepView, row: int) -> GuardResult:
+def escape_path(unit: EmvUnit, ego: Ego) -> GuardResult:
     """``BuildGapEscapeWaypoints``: the EMV with a path through free space, planned again from time to time.
 
     A path that is free to its end and still long enough is kept. If no other path is found, the present one is driven
     as far as it is free.
     """
-    config = view.world.config.gap_escape
-    lane = present_lane(view, row, unit.navigator)
-    if lane == NO_LANE or view.step - unit.escape_planned_step < steps_from_s(config.replan_s):
+    config = ego.config.gap_escape
+    lane = present_lane(ego, unit.navigator)
+    if lane == NO_LANE or ego.step - unit.escape_planned_step < steps_from_s(config.replan_s):
         return unit, ()
     first, driving = unit.escape_planned_step < 0, unit.escape_offset_m is not None
-    unit = replace(unit, escape_planned_step=view.step, plan=None)
-    way = free_way(unit, view, row)
+    unit = replace(unit, escape_planned_step=ego.step, plan=None)
+    way = free_way(unit, ego)
     ahead = min(way.free_m if way is not None else 0.0, unit.navigator.remaining_m)
     on_path = abs(unit.navigator.left_m) < config.off_path_m
     if driving and on_path and ahead >= max(unit.navigator.remaining_m, config.replan_below_m):
         return unit, ()
-    reference = reference_line(view, row, lane)
-    found = search_gap(reference, view, row)
-    if found is not None:
-        return _following(unit, found, reference, view, row)
+    reference = reference_line(ego, lane)
+    escape = search_gap(reference, ego)
+    if escape is not None:
+        return _following(unit, escape, reference, ego)
     if driving and ahead > config.usable_m:
         return unit, ()
-    waiting = (event_of(view, row, EventKind.GAP_ESCAPE_WAITING),) if first or driving else ()
+    waiting = (event_of(ego, EventKind.GAP_ESCAPE_WAITING),) if first or driving else ()
     return replace(unit, escape_offset_m=None), waiting
 
 
-def _following(unit: EmvUnit, found: FoundPath, reference: LanePath, view: StepView, row: int) -> GuardResult:
-    x, y, _ = view.pose(row)
-    ahead = view.vehicle(row).centre_ahead_of_rear_axle_m
-    curve = Curve.through(found.centre_line(reference.curve, ahead), _SMOOTHING_M)
-    config, base = view.world.config.gap_escape, view.navigator_config(row)
+def _following(unit: EmvUnit, escape: FoundPath, reference: LanePath, ego: Ego) -> GuardResult:
+    ahead = ego.vehicle.centre_ahead_of_rear_axle_m
+    curve = Curve.through(escape.centre_line(reference.curve, ahead), ego.config.gap_escape.smoothing_m)
+    config, base = ego.config.gap_escape, ego.navigator_config
     slowly = replace(
         base,
         lateral_accel_mps2=config.bend_accel_mps2,
         curvature_rate_1pms=config.steer_share * base.curvature_rate_1pms,
     )
-    path = along_reference(curve, reference, found.s_m + ahead, slowly, found.length_m, stop_at_end=True)
-    before, left = unit.escape_offset_m, float(found.left_m[-1])
-    navigator = unit.navigator.following(path, x, y)
-    unit = replace(unit, navigator=navigator, escape_offset_m=left, escape_clearance_m=found.clearance_m)
-    if before is not None and abs(left - before) < _SAME_OFFSET_M:
+    path = along_reference(curve, reference, escape.s_m + ahead, slowly, escape.length_m, stop_at_end=True)
+    before, left = unit.escape_offset_m, float(escape.left_m[-1])
+    navigator = unit.navigator.following(path, *ego.place)
+    unit = replace(unit, navigator=navigator, escape_offset_m=left, escape_clearance_m=escape.clearance_m)
+    if before is not None and abs(left - before) < config.same_offset_m:
         return unit, ()
-    return unit, (
-        event_of(
-            view,
-            row,
-            EventKind.GAP_ESCAPE_REPLANNED,
-            left_m=left,
-            free_m=found.length_m,
-            clearance_m=found.clearance_m,
-        ),
-    )
+    margin = escape.clearance_m
+    planned = event_of(ego, EventKind.GAP_ESCAPE_REPLANNED, left_m=left, free_m=escape.length_m, clearance_m=margin)
+    return unit, (planned,)
 
 
-def escape_speed_mps(unit: EmvUnit, view: StepView) -> float:
+def escape_speed_mps(unit: EmvUnit, ego: Ego) -> float:
     """Target speed of the gap escape: the paper's, less in a tight gap, and 0 while there is no path."""
     if unit.escape_offset_m is None:
         return 0.0
-    squeeze = dict(view.world.config.gap_escape.squeezes).get(unit.escape_clearance_m, math.inf)
-    return min(view.world.speeds.emv_gap_escape_mps, squeeze)
+    squeeze = dict(ego.config.gap_escape.squeezes).get(unit.escape_clearance_m, math.inf)
+    return min(ego.world.speeds.emv_gap_escape_mps, squeeze)

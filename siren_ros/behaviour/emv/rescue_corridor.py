@@ -2,21 +2,17 @@
 
 import math
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 
-from siren_ros.behaviour.driving.step_view import StepView
+from siren_ros.behaviour.driving.emv_speed_limits import free_way
+from siren_ros.behaviour.driving.emv_unit import EmvUnit, GuardResult, advice_of, best_lane, event_of, present_lane
+from siren_ros.behaviour.driving.step_view import Ego
 from siren_ros.behaviour.emv.forced_lane_change import cancel_lane_change
-from siren_ros.behaviour.emv.speed_limits import free_way
-from siren_ros.behaviour.emv.unit import EmvUnit, GuardResult, advice_of, best_lane, event_of, present_lane
 from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.behaviour.paths.lane_path import (
     LaneEnd,
     LanePath,
-    lanes_along,
-    nearest_on_lane,
-    path_on_lanes,
     road_limits,
     shoulder_into_turn,
 )
@@ -27,39 +23,28 @@ from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
 from siren_ros.world.actors import Lights, Owner
 from siren_ros.world.traffic_state import EventKind, Indices
 
-_STANDING_MPS: Final = 0.5
-_ROAD_HALF_WIDTH_M: Final = 8.0
-_SAME_DIRECTION: Final = 0.5
-"""Cosine above which a vehicle counts as one of the EMV's own direction."""
-_AMID_M: Final = 0.5
-"""A vehicle whose centre is nearer to the corridor's line stands in its middle."""
-_MERGE_S: Final = 1.5
-_MERGE_MIN_M: Final = 8.0
-_SAME_OFFSET_M: Final = 0.5
-"""Two corridors that lie nearer to each other than this lead to the same place."""
 
-
-def corridor_mode(unit: EmvUnit, view: StepView, row: int) -> GuardResult:
+def corridor_mode(unit: EmvUnit, ego: Ego) -> GuardResult:
     """Latches ``copy_sumo``: it begins when vehicles form a rescue lane or brake ahead of the EMV.
 
     It ends when neither has been the case for a while. Entering cancels a forced lane change.
     """
-    advice = advice_of(view, unit.actor_id)
-    wanted = (advice is not None and advice.rescue_count > 0) or braking_ahead(unit, view, row)
+    advice = advice_of(ego, unit.actor_id)
+    wanted = (advice is not None and advice.rescue_count > 0) or braking_ahead(unit, ego)
     if wanted:
-        unit = replace(unit, corridor_seen_step=view.step)
+        unit = replace(unit, corridor_seen_step=ego.step)
         if unit.corridor:
             return unit, ()
-        unit, cancelled = cancel_lane_change(unit, view, row, "corridor")
-        return replace(unit, corridor=True), (*cancelled, event_of(view, row, EventKind.CORRIDOR_ENTERED))
-    patience = steps_from_s(view.world.config.corridor.leave_after_s)
-    if unit.corridor and view.step - unit.corridor_seen_step >= patience:
+        unit, cancelled = cancel_lane_change(unit, ego, "corridor")
+        return replace(unit, corridor=True), (*cancelled, event_of(ego, EventKind.CORRIDOR_ENTERED))
+    patience = steps_from_s(ego.config.corridor.leave_after_s)
+    if unit.corridor and ego.step - unit.corridor_seen_step >= patience:
         left = replace(unit, corridor=False, plan=None, corridor_planned_step=NEVER)
-        return left, (event_of(view, row, EventKind.CORRIDOR_LEFT),)
+        return left, (event_of(ego, EventKind.CORRIDOR_LEFT),)
     return unit, ()
 
 
-def braking_ahead(unit: EmvUnit, view: StepView, row: int) -> bool:
+def braking_ahead(unit: EmvUnit, ego: Ego) -> bool:
     """The paper's ``brakingAhead``: a civilian that yields brakes or holds on the road ahead, within the corridor.
 
     Civilians that yield are those that ROS drives. Vehicles that brake for a red light or for a vehicle ahead leave no
@@ -68,91 +53,89 @@ def braking_ahead(unit: EmvUnit, view: StepView, row: int) -> bool:
     path = unit.navigator.path
     if path is None:
         return False
-    seen, traffic = view.seen, view.traffic
-    config = view.world.config.corridor
-    x, y, _ = view.pose(row)
-    rows = seen.near(x, y, config.length_m, but=row)
+    seen, traffic = ego.seen, ego.traffic
+    rows = ego.near(ego.config.corridor.length_m)
     if len(rows) == 0:
         return False
-    brakes = ((traffic.lights[rows] & Lights.BRAKE) != 0) | (seen.speed_mps[rows] < _STANDING_MPS)
-    yields = (traffic.owner[rows] == Owner.ROS) & ~seen.is_emv[rows] & (seen.actor_id[rows] != view.world.av_id)
+    brakes = ((traffic.lights[rows] & Lights.BRAKE) != 0) | (seen.speed_mps[rows] < ego.config.corridor.standing_mps)
+    yields = (traffic.owner[rows] == Owner.ROS) & ~seen.is_emv[rows] & (seen.actor_id[rows] != ego.world.av_id)
     rows = rows[brakes & yields]
     s, left, nearest = path.curve.project(seen.x_m[rows], seen.y_m[rows])
-    same = np.cos(seen.yaw_rad[rows] - path.curve.heading_rad[nearest]) > _SAME_DIRECTION
+    same = np.cos(seen.yaw_rad[rows] - path.curve.heading_rad[nearest]) > ego.config.corridor.along_cosine
     ahead = s - unit.navigator.progress_m
-    return bool(np.any(same & (ahead > 0.0) & (s < path.length_m) & (np.abs(left) < _ROAD_HALF_WIDTH_M)))
+    return bool(
+        np.any(same & (ahead > 0.0) & (s < path.length_m) & (np.abs(left) < ego.config.corridor.road_half_width_m))
+    )
 
 
-def corridor_path(unit: EmvUnit, view: StepView, row: int) -> EmvUnit:
+def corridor_path(unit: EmvUnit, ego: Ego) -> EmvUnit:
     """The EMV with the copied corridor as its path, renewed as the vehicles next to it move.
 
     A present path that stays free for longer than a new one is kept: each new one begins to turn into the corridor
     where the EMV is now. Where a lane begins on the left, the corridor moves to its line. If a vehicle closes that way,
     the EMV goes straight on between the lanes that it is between.
     """
-    config = view.world.config.corridor
-    if view.step - unit.corridor_planned_step < steps_from_s(config.replan_s) and unit.navigator.path is not None:
+    config = ego.config.corridor
+    if ego.step - unit.corridor_planned_step < steps_from_s(config.replan_s) and unit.navigator.path is not None:
         return unit
-    network, lane = view.world.network, present_lane(view, row, unit.navigator)
+    network, lane = ego.network, present_lane(ego, unit.navigator)
     if lane == NO_LANE:
         return unit
-    lane = corridor_lane(network, lane, view.traffic.route_of_row(row), config.shoulder_reach_m)
-    planned = _along(unit, view, row, lane, straight_on=False)
-    open_m = _open_m(planned, view, row)
+    lane = corridor_lane(network, lane, ego.route, config.shoulder_reach_m)
+    planned = _along(unit, ego, lane, straight_on=False)
+    open_m = _open_m(planned, ego)
     if open_m < config.straight_below_m:
-        speed = float(view.seen.speed_mps[row])
+        speed = ego.speed_mps
         driven = unit.navigator.path is not None and speed > config.keep_above_mps
-        stops = speed * speed < 2.0 * view.world.config.gap_escape.brake_mps2 * open_m
+        stops = speed * speed < 2.0 * ego.config.gap_escape.brake_mps2 * open_m
         gain_m = config.keep_gain_m if stops else 0.0
-        if driven and _open_m(unit, view, row) > open_m + gain_m:
-            return replace(unit, corridor_planned_step=view.step)
-        other = _along(unit, view, row, lane, straight_on=True)
-        if _open_m(other, view, row) > open_m + config.straight_gain_m:
+        if driven and _open_m(unit, ego) > open_m + gain_m:
+            return replace(unit, corridor_planned_step=ego.step)
+        other = _along(unit, ego, lane, straight_on=True)
+        if _open_m(other, ego) > open_m + config.straight_gain_m:
             return other
     return planned
 
 
-def _open_m(unit: EmvUnit, view: StepView, row: int) -> float:
+def _open_m(unit: EmvUnit, ego: Ego) -> float:
     """How far the EMV's footprint gets along its path, at most to the path's end."""
-    way, config = free_way(unit, view, row), view.world.config.corridor
+    way, config = free_way(unit, ego), ego.config.corridor
     free = math.inf if way is None else way.limit(0.0, config.squeezes, 0.0, 1.0, config.clearance_m).free_m
     return min(free, unit.navigator.remaining_m)
 
 
-def _along(unit: EmvUnit, view: StepView, row: int, lane: int, *, straight_on: bool) -> EmvUnit:
+def _along(unit: EmvUnit, ego: Ego, lane: int, *, straight_on: bool) -> EmvUnit:
     """The EMV with the corridor that is measured from a lane as its path."""
-    network, config, route = view.world.network, view.world.config.corridor, view.traffic.route_of_row(row)
-    x, y, yaw = view.pose(row)
-    position = nearest_on_lane(network.lanes[lane].centre, x, y)[0]
-    lanes, end = lanes_along(network, lane, position, route, config.length_m)
-    reference = path_on_lanes(network, lanes, end, position - 2.0, config.length_m + 2.0)
-    s0, d0 = reference.curve.project_one(x, y)
+    length_m, navigator_config = ego.config.corridor.length_m, ego.navigator_config
+    reference = ego.line_along(lane, length_m, 2.0, length_m=length_m + 2.0)
+    s0, d0 = reference.curve.project_one(*ego.place)
     count = max(3, math.ceil(reference.curve.length_m - s0) + 1)
     s = np.linspace(s0, max(reference.curve.length_m, s0 + 2.0), count)
-    target = corridor_offsets(reference, s, view, row, straight_on_m=d0 if straight_on else None)
+    target = corridor_offsets(reference, s, ego, straight_on_m=d0 if straight_on else None)
     heading = float(reference.curve.heading_at(np.array([s0]))[0])
-    slope = math.tan(max(-0.5, min(0.5, math.remainder(yaw - heading, 2.0 * math.pi))))
+    slope = math.tan(max(-0.5, min(0.5, math.remainder(ego.pose[2] - heading, 2.0 * math.pi))))
     slope -= float(target[1] - target[0]) / float(s[1] - s[0])
-    navigator_config = view.navigator_config(row)
-    speed = float(view.seen.speed_mps[row])
-    blend = blend_length_m(d0 - float(target[0]), speed, _MERGE_S, 0.0, navigator_config)
-    merge = max(_MERGE_MIN_M, min(blend, _merging_m(unit, reference, s, target)))
+    blend = blend_length_m(d0 - float(target[0]), ego.speed_mps, ego.config.corridor.merge_s, 0.0, navigator_config)
+    merge = max(
+        ego.config.corridor.merge_min_m,
+        min(blend, _merging_m(unit, reference, s, target, ego.config.corridor.same_offset_m)),
+    )
     offsets = target + quintic_offsets((s - s0) / merge, d0 - float(target[0]), slope * merge, 0.0)
     curve = Curve.through(reference.curve.offset_at(s, offsets))
     stop = reference.end in {LaneEnd.ROUTE, LaneEnd.ASTRAY}
     path = along_reference(curve, reference, s, navigator_config, merge, stop)
-    navigator = unit.navigator.following(path, x, y)
-    return replace(unit, navigator=navigator, plan=None, corridor_planned_step=view.step)
+    navigator = unit.navigator.following(path, *ego.place)
+    return replace(unit, navigator=navigator, plan=None, corridor_planned_step=ego.step)
 
 
-def _merging_m(unit: EmvUnit, reference: LanePath, s_m: Floats, target_m: Floats) -> float:
+def _merging_m(unit: EmvUnit, reference: LanePath, s_m: Floats, target_m: Floats, same_m: float) -> float:
     """What is left of the lateral move of the present path; infinite where that leads elsewhere than the new one."""
     path = unit.navigator.path
     if path is None or unit.corridor_planned_step < 0:
         return math.inf
     x, y = path.curve.at(np.array([min(path.settled_m, path.length_m)]))[0]
     end_m, left_m = reference.curve.project_one(float(x), float(y))
-    same = abs(left_m - float(np.interp(end_m, s_m, target_m))) < _SAME_OFFSET_M
+    same = abs(left_m - float(np.interp(end_m, s_m, target_m))) < same_m
     return path.settled_m - unit.navigator.progress_m if same else math.inf
 
 
@@ -179,12 +162,10 @@ def corridor_lane(network: RoadNetwork, lane: int, route: Indices, reach_m: floa
 def _edges_before(network: RoadNetwork, lane: int) -> frozenset[int]:
     """The edge of a lane; of a path across a junction those from which it comes."""
     movements = network.connections_over.get(lane, ())
-    return frozenset(network.lanes[one.from_lane].edge for one in movements) or frozenset((network.lanes[lane].edge,))
+    return frozenset(network.lanes[c.from_lane].edge for c in movements) or frozenset((network.lanes[lane].edge,))
 
 
-def corridor_offsets(
-    reference: LanePath, s_m: Floats, view: StepView, row: int, *, straight_on_m: float | None = None
-) -> Floats:
+def corridor_offsets(reference: LanePath, s_m: Floats, ego: Ego, *, straight_on_m: float | None = None) -> Floats:
     """Where the corridor's middle lies beside a reference line.
 
     It starts from the line between the leftmost lane and its right neighbour (SUMO's rescue lane). From there it moves
@@ -194,34 +175,32 @@ def corridor_offsets(
     Args:
         reference: Line along the EMV's lanes.
         s_m: Increasing arc lengths on it, shape ``(K,)``.
-        view: The step.
-        row: The EMV's row.
+        ego: The EMV.
         straight_on_m: Offset to start from instead of that line.
 
     Returns:
         Offsets, left positive, shape ``(K,)``.
     """
-    config, seen = view.world.config.corridor, view.seen
-    base = _boundary_offsets(reference, s_m, view.world.network)
+    config, seen = ego.config.corridor, ego.seen
+    base = _boundary_offsets(reference, s_m, ego.network)
     if straight_on_m is not None:
         base = np.full(len(s_m), straight_on_m)
-    x, y, _ = view.pose(row)
-    rows = seen.near(x, y, config.length_m + 10.0, but=row)
+    rows = ego.near(config.length_m + 10.0)
     if len(rows) == 0:
         return base
     curve = reference.curve
     place, left, nearest = curve.project(seen.x_m[rows], seen.y_m[rows])
     turned = seen.yaw_rad[rows] - curve.heading_rad[nearest]
     cos, sin = np.abs(np.cos(turned)), np.abs(np.sin(turned))
-    near = (np.abs(left) < _ROAD_HALF_WIDTH_M) & (place > s_m[0]) & (place < s_m[-1])
+    near = (np.abs(left) < ego.config.corridor.road_half_width_m) & (place > s_m[0]) & (place < s_m[-1])
     place, left = place[near], left[near]
     extent = (cos * seen.half_length_m[rows] + sin * seen.half_width_m[rows])[near] + config.influence_m
     side = (sin * seen.half_length_m[rows] + cos * seen.half_width_m[rows])[near]
     beside = np.abs(s_m[:, None] - place) < extent
-    road, half_width = road_limits(view.world.network, reference.lanes[0]), float(seen.half_width_m[row])
+    road, half_width = road_limits(ego.network, reference.lanes[0]), ego.half_width_m
     line = np.interp(place, s_m, base)
     wider_on_right = left - side - road.right_m > road.left_m + road.opposite_m - left - side
-    on_left = np.where(np.abs(left - line) < _AMID_M, wider_on_right, left > line)
+    on_left = np.where(np.abs(left - line) < ego.config.corridor.amid_m, wider_on_right, left > line)
     room = half_width + config.side_clearance_m
     high = np.min(np.where(beside & on_left, left - side, np.inf), axis=1, initial=np.inf) - room
     low = np.max(np.where(beside & ~on_left, left + side, -np.inf), axis=1, initial=-np.inf) + room

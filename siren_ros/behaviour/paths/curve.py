@@ -10,6 +10,7 @@ from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.geometry import Polyline
 
+# No parameters: resolution of curves, which compiled loops hold as constants.
 SPACING_M: Final = 1.0
 """Distance between the points of a curve."""
 SMOOTHING_M: Final = 1.5

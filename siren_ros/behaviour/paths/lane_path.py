@@ -17,6 +17,7 @@ from siren_ros.roads.movements import is_plain_joint, movement_turn_rad
 from siren_ros.roads.road_network import NO_LANE, Connection, LaneKind, RoadNetwork
 from siren_ros.world.traffic_state import Indices
 
+# No parameters: bounds of the search along a route, which no behaviour depends on.
 _EDGES_AHEAD: Final = 8
 """How many edges of a route the choice of lanes looks at."""
 _FAR: Final = 99

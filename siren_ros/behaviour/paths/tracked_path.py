@@ -14,9 +14,8 @@ from siren_ros.numerics.arrays import Floats
 from siren_ros.roads.road_network import NO_LANE
 from siren_ros.world.traffic_state import Indices
 
+# No parameters: taps of a mean, and a speed that keeps times finite.
 _THREE: Final = np.full(3, 1.0 / 3.0)
-_CREEP_MPS: Final = 1.5
-"""The steering keeps up with any path at this speed well enough."""
 _LEAST_MPS: Final = 0.5
 """Towards its end, where a path stops, it is driven no slower than this."""
 
@@ -88,7 +87,7 @@ class TrackedPath:
         local = config.lateral_accel_mps2 / np.maximum(bend, 1e-4)
         winding = np.convolve(np.abs(np.gradient(curve.curvature_1pm, curve.spacing_m)), _THREE, mode="same")
         steered = config.curvature_rate_1pms / np.maximum(winding, 1e-5)
-        local = np.minimum(local, np.maximum(steered, _CREEP_MPS) ** 2)
+        local = np.minimum(local, np.maximum(steered, config.path_creep_mps) ** 2)
         if stop_at_end:
             local = np.concatenate((local[:-1], [0.0]))
         braking = 2.0 * config.path_brake_mps2 * curve.spacing_m * np.arange(len(local))
@@ -98,10 +97,7 @@ class TrackedPath:
         return cls(curve=curve, lane=lane, speed_cap_sq=cap, settled_m=settled_m)
 
 
-_WINDING: Final = 40.0
-"""Change of curvature that a blend's length is laid out for, times length³ over lateral distance."""
-_STEEPEST: Final = 0.6
-"""Largest tangent of the angle between the pose and the reference that a blend starts with."""
+# No parameter: a property of quintic polynomials.
 PEAK_CURVATURE: Final = 10.0 / math.sqrt(3.0)
 """Peak curvature of a quintic blend with level ends, times length² over lateral distance."""
 
@@ -141,7 +137,7 @@ def blend_length_m(
     """
     offset = abs(offset_change_m)
     share = math.sqrt(min(offset / 3.5, 1.0))
-    steerable = (_WINDING * offset * speed_mps / config.curvature_rate_1pms) ** (1.0 / 3.0)
+    steerable = (config.winding * offset * speed_mps / config.curvature_rate_1pms) ** (1.0 / 3.0)
     return max(least_m * share, duration_s * speed_mps * share, steerable, 3.0)
 
 
@@ -169,7 +165,7 @@ def path_onto(
     s0, d0 = curve.project_one(pose[0], pose[1])
     heading = float(curve.heading_at(np.array([s0]))[0])
     turned = math.remainder(pose[2] - heading, 2.0 * math.pi)
-    slope = max(-_STEEPEST, min(_STEEPEST, math.tan(max(-1.0, min(1.0, turned)))))
+    slope = max(-config.steepest, min(config.steepest, math.tan(max(-1.0, min(1.0, turned)))))
     end_m = max(curve.length_m - shorten_m, s0 + 2.0)
     s = np.linspace(s0, end_m, max(3, math.ceil((end_m - s0) / SPACING_M) + 1))
     offsets = quintic_offsets((s - s0) / merge_m, d0, slope * merge_m, offset_m)

@@ -6,16 +6,17 @@ The speed limits of a compiled map can be lowered, so that a scenario has the sa
 import hashlib
 import os
 import tempfile
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
-from xml.etree.ElementTree import Element, tostring
+from xml.etree.ElementTree import Element
 
 from defusedxml.ElementTree import fromstring
 
 from siren_ros.errors import InputError, MapError
 from siren_ros.params.resources import params_dir
-from siren_ros.roads.maps.lane_shapes import mended_lanes, taper_patches
+from siren_ros.roads.maps.lane_shapes import mended_lanes
 from siren_ros.roads.maps.map_source import (
     MapSource,
     SourceKind,
@@ -32,7 +33,7 @@ from siren_ros.roads.maps.netconvert import (
     without_header,
 )
 from siren_ros.roads.maps.opendrive import opendrive_patches, with_stated_limits
-from siren_ros.roads.maps.openstreetmap import drives_on, signed_edges
+from siren_ros.roads.maps.openstreetmap import drives_on, signed_edges, taper_patches
 from siren_ros.roads.maps.traffic_side import refuse_left_hand_traffic
 from siren_ros.roads.net_parser import ALLOWED as NET_ALLOWED
 from siren_ros.roads.net_parser import parse_road_network
@@ -43,6 +44,8 @@ TOWN_NAME: Final = "town"
 
 _RECIPE: Final = "7"
 """Part of the cache key: raised whenever the way in which maps are compiled changes."""
+_SLOWER_RECIPE: Final = "1"
+"""The same for nets whose limits are lowered."""
 _COMMON: Final = (
     "--no-turnarounds",
     # Lateral acceleration in turns, m/s²: what passengers bear, and what every vehicle class can follow.
@@ -80,6 +83,16 @@ _OPENSTREETMAP: Final = (
     *("--osm.sidewalks", "--osm.turn-lanes", "--osm.lane-access", "--output.street-names"),
 )
 _OPENSTREETMAP_SECOND: Final = (*_COMMON, "--offset.disable-normalization", "--output.street-names")
+_TWO_RUNS: Final = {
+    SourceKind.OPENDRIVE: (_OPENDRIVE, _OPENDRIVE_SECOND, "--opendrive-files", "an OpenDRIVE map whose roads"),
+    SourceKind.OPENSTREETMAP: (
+        _OPENSTREETMAP,
+        _OPENSTREETMAP_SECOND,
+        "--osm-files",
+        "an OpenStreetMap extract whose nodes",
+    ),
+}
+"""Options of both runs, the option that names the source, and the beginning of the error where parts are missing."""
 
 
 @dataclass(frozen=True)
@@ -115,9 +128,7 @@ def compile_map(source: Path | None, cache_dir: Path | None = None) -> CompiledM
     """
     loaded = _town_source() if source is None else read_map_source(source)
     shown = TOWN_NAME if source is None else str(source)
-    key = _cache_key(loaded)
-    folder = cache_dir if cache_dir is not None else default_cache_dir()
-    net_path = folder / f"{loaded.name}-{key[:20]}.net.xml"
+    net_path = (cache_dir or default_cache_dir()) / f"{loaded.name}-{_cache_key(loaded)[:20]}.net.xml"
     try:
         net = net_path.read_bytes()
     except OSError:
@@ -177,13 +188,8 @@ def _town_source() -> MapSource:
 
 def _cache_key(source: MapSource) -> str:
     digest = hashlib.sha256()
-    options = {
-        SourceKind.TOWN: _TOWN,
-        SourceKind.SUMO: (),
-        SourceKind.OPENDRIVE: (*_OPENDRIVE, *_OPENDRIVE_SECOND),
-        SourceKind.OPENSTREETMAP: (*_OPENSTREETMAP, *_OPENSTREETMAP_SECOND),
-    }[source.kind]
-    for part in (_RECIPE, source.kind.value, netconvert_version(), *options):
+    first, second, *_ = _TWO_RUNS.get(source.kind, (_TOWN if source.kind is SourceKind.TOWN else (), ()))
+    for part in (_RECIPE, source.kind.value, netconvert_version(), *first, *second):
         digest.update(part.encode() + b"\0")
     digest.update(source.content)
     return digest.hexdigest()
@@ -194,62 +200,41 @@ def _compile(source: MapSource, shown: str) -> bytes:
         return without_header(source.content)
     with tempfile.TemporaryDirectory(prefix="siren-map-") as scratch:
         folder = Path(scratch)
-        output = folder / "out.net.xml"
+
+        def run(options: Sequence[str], files: Mapping[str, bytes], name: str = "out.net.xml") -> bytes:
+            """Runs netconvert on files, each by the option that names it."""
+            for option, content in files.items():
+                path = folder / f"file{option}.xml"
+                path.write_bytes(content)
+                options = (*options, option, str(path))
+            return run_netconvert(options, folder / name, shown)
+
         if source.kind is SourceKind.TOWN:
-            options = list(_TOWN)
-            for (option, name), part in zip(_TOWN_FILES, source.content.split(b"\0"), strict=True):
-                (folder / name).write_bytes(part)
-                options += [option, str(folder / name)]
-            return run_netconvert(options, output, shown)
-        if source.kind is SourceKind.OPENDRIVE:
-            return _compile_opendrive(source, folder, output, shown)
-        return _compile_openstreetmap(source, folder, output, shown)
+            parts = source.content.split(b"\0")
+            return run(_TOWN, {option: part for (option, _), part in zip(_TOWN_FILES, parts, strict=True)})
+        first_options, second_options, option, complete = _TWO_RUNS[source.kind]
+        first_net = run(first_options, {option: source.content}, "first.net.xml")
+        second_options = (*second_options, "--sumo-net-file", str(folder / "first.net.xml"))
+        try:
+            if source.kind is SourceKind.OPENDRIVE:
+                net = run(second_options, opendrive_patches(first_net, source.content, shown))
+                return with_stated_limits(net, source.content)
+            patches = _openstreetmap_patches(source.content, first_net, shown)
+        except (KeyError, ValueError) as error:
+            raise MapError(shown, f"{complete} are complete ({error!r})") from error
+        return run(second_options, patches) if patches else first_net
 
 
-def _compile_opendrive(source: MapSource, folder: Path, output: Path, shown: str) -> bytes:
-    original = folder / "map.xodr"
-    original.write_bytes(source.content)
-    first = folder / "first.net.xml"
-    first_net = run_netconvert([*_OPENDRIVE, "--opendrive-files", str(original)], first, shown)
-    patches = opendrive_patches(first_net, source.content, shown)
-    options = [*_OPENDRIVE_SECOND, "--sumo-net-file", str(first)]
-    for option, text in (
-        ("--node-files", patches.nodes),
-        ("--edge-files", patches.edges),
-        ("--connection-files", patches.connections),
-    ):
-        path = folder / f"patch{option}.xml"
-        path.write_bytes(text)
-        options += [option, str(path)]
-    net = run_netconvert(options, output, shown)
-    try:
-        return with_stated_limits(net, source.content)
-    except (KeyError, ValueError) as error:
-        raise MapError(shown, f"an OpenDRIVE map whose roads are complete ({error!r})") from error
-
-
-def _compile_openstreetmap(source: MapSource, folder: Path, output: Path, shown: str) -> bytes:
-    """The net; compiled a second time with stop and give-way signs, and with longer joints where lanes fan out."""
-    original = folder / "map.osm.xml"
-    original.write_bytes(source.content)
-    first = folder / "first.net.xml"
-    first_net = run_netconvert([*_OPENSTREETMAP, "--osm-files", str(original)], first, shown)
+def _openstreetmap_patches(osm: bytes, first_net: bytes, shown: str) -> dict[str, bytes]:
+    """Stop and give-way signs, and longer joints where lanes fan out; empty for a map that has none of them."""
     net = fromstring(first_net)
-    try:
-        signs = signed_edges(source.content, net)
-    except (KeyError, ValueError) as error:
-        raise MapError(shown, f"an OpenStreetMap extract whose nodes are complete ({error!r})") from error
+    signs = signed_edges(osm, net)
     nodes, priorities = control_patches(net, signs.stopping, signs.yielding, drives_on)
     nodes += taper_patches(_parsed(first_net, shown))
     if not nodes and not priorities:
-        return first_net
+        return {}
     edges = [Element("edge", id=edge, priority=str(priority)) for edge, priority in priorities.items()]
-    options = [*_OPENSTREETMAP_SECOND, "--sumo-net-file", str(first)]
-    for option, tag, elements in (("--node-files", "nodes", nodes), ("--edge-files", "edges", edges)):
-        path = folder / f"patch{option}.xml"
-        path.write_bytes(document(tag, elements))
-        options += [option, str(path)]
-    return run_netconvert(options, output, shown)
+    return {"--node-files": document("nodes", nodes), "--edge-files": document("edges", edges)}
 
 
 def store_net(net_path: Path, net: bytes) -> None:
@@ -261,10 +246,6 @@ def store_net(net_path: Path, net: bytes) -> None:
         Path(partial.name).replace(net_path)
     except OSError as error:
         raise InputError("SIREN_CACHE_DIR", str(net_path.parent), f"a folder that can be written ({error})") from error
-
-
-_SLOWER_RECIPE: Final = "1"
-"""Part of the cache key: raised whenever the way in which limits are lowered changes."""
 
 
 def with_speed_limit(compiled: CompiledMap, limit_mps: float) -> CompiledMap:
@@ -299,4 +280,4 @@ def lowered_limits(net: bytes, limit_mps: float) -> bytes:
         return net
     for lane in fast:
         lane.set("speed", f"{limit_mps:.2f}")
-    return bytes(tostring(root, encoding="utf-8", xml_declaration=True))
+    return document(root)

@@ -145,6 +145,20 @@ def normal_edges(net: Element) -> Iterator[Element]:
     return (edge for edge in net.iterfind("edge") if edge.get("function", "normal") == "normal")
 
 
+def document(root: Element | str, elements: Iterable[Element] = ()) -> bytes:
+    """A net as bytes, or by its root's name one of netconvert's plain XML files: ``nodes``, ``edges``, ``connections``.
+
+    Args:
+        root: The root of a net, or the name of a plain file's root.
+        elements: What a plain file holds.
+    """
+    if isinstance(root, Element):
+        return bytes(tostring(root, encoding="utf-8", xml_declaration=True))
+    plain = Element(root)
+    plain.extend(elements)
+    return bytes(tostring(plain, encoding="utf-8"))
+
+
 def control_patches(
     net: Element, stopping: Collection[str], yielding: Collection[str], is_driven_on: Callable[[Element], bool]
 ) -> tuple[list[Element], Mapping[str, int]]:
@@ -162,34 +176,20 @@ def control_patches(
     Returns:
         ``node`` elements, and the new priority of each signed edge by id.
     """
-    incoming: dict[str, list[Element]] = {}
-    for edge in normal_edges(net):
-        if is_driven_on(edge):
-            incoming.setdefault(edge.attrib["to"], []).append(edge)
-    types = {junction.attrib["id"]: junction.get("type", "") for junction in net.iterfind("junction")}
+    approaches: dict[str, dict[str, int]] = {}
+    for edge in filter(is_driven_on, normal_edges(net)):
+        approaches.setdefault(edge.attrib["to"], {})[edge.attrib["id"]] = int(edge.get("priority", "1"))
+    for junction in net.iterfind("junction"):
+        if junction.get("type", "").startswith("traffic_light"):
+            approaches.pop(junction.attrib["id"], None)
     nodes: list[Element] = []
     priorities: dict[str, int] = {}
-    for junction_id, edges in incoming.items():
-        if types.get(junction_id, "").startswith("traffic_light"):
-            continue
-        stops = [edge for edge in edges if edge.attrib["id"] in stopping]
-        signed = [edge for edge in edges if edge.attrib["id"] in stopping or edge.attrib["id"] in yielding]
+    for junction_id, edges in approaches.items():
+        stops = [edge for edge in edges if edge in stopping]
         if stops:
             kind = "allway_stop" if len(stops) == len(edges) else "priority_stop"
             nodes.append(Element("node", id=junction_id, type=kind))
-        others = [_priority(edge) for edge in edges if edge not in signed]
-        for edge in signed:
-            priorities[edge.attrib["id"]] = min([_priority(edge), *others]) - 1
+        signed = {edge for edge in edges if edge in stopping or edge in yielding}
+        others = [priority for edge, priority in edges.items() if edge not in signed]
+        priorities |= {edge: min([priority, *others]) - 1 for edge, priority in edges.items() if edge in signed}
     return nodes, priorities
-
-
-def document(tag: str, elements: Iterable[Element]) -> bytes:
-    """One of netconvert's plain XML files: ``nodes``, ``edges`` or ``connections``."""
-    root = Element(tag)
-    root.extend(elements)
-    text: bytes = tostring(root, encoding="utf-8")
-    return text
-
-
-def _priority(edge: Element) -> int:
-    return int(edge.get("priority", "1"))

@@ -1,21 +1,23 @@
-"""Adds what netconvert leaves out of an OpenDRIVE map: shoulders for the EMV, signs, and speed limits.
+"""Adds what netconvert leaves out of an OpenDRIVE map: shoulders for the EMV, stop and yield signs, speed limits.
 
-netconvert gives 50 km/h to all roads whose limit is that of their type.
+netconvert is run twice. The first run imports the roads; its lanes of every type but ``driving`` get permissions that
+do not fit (a sidewalk is open to cars, a shoulder to nobody), and signs are dropped. The patches made here are
+netconvert's own plain XML, which the second run applies to the first run's net. netconvert gives 50 km/h to all roads
+whose limit is that of their type; their limits are set in the second run's net.
 """
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
-from xml.etree.ElementTree import Element, ParseError, SubElement, tostring
+from xml.etree.ElementTree import Element, ParseError, SubElement
 
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from siren_ros.errors import MapError
 from siren_ros.roads.maps.netconvert import control_patches, document, normal_edges
-from siren_ros.roads.net_parser import paths_across, permissions_of
+from siren_ros.roads.net_parser import paths_across, permissions_on
 
 OPEN_SHOULDER_WIDTH_M: Final = 1.8
 """A shoulder this wide, right of the driving lanes, is opened to emergency vehicles; kerb strips are narrower."""
@@ -28,32 +30,21 @@ _OPEN_TO_ALL_IN_NAME: Final = frozenset({"", "none"})
 _STOP_SIGN: Final = "206"
 """German sign catalogue (StVO), which RoadRunner's OpenDRIVE export uses: 206 stop, 205 give way."""
 _YIELD_SIGN: Final = "205"
+_NETCONVERT_MPS: Final = 13.89
+_SAME_MPS: Final = 0.01
+_UNIT_MPS: Final[Mapping[str, float]] = {"m/s": 1.0, "km/h": 1.0 / 3.6, "mph": 0.44704}
 
 
-@dataclass(frozen=True)
-class OpenDrivePatches:
-    """Plain XML documents for netconvert's second run."""
-
-    nodes: bytes
-    edges: bytes
-    connections: bytes
-
-
-@dataclass(frozen=True)
-class _Approach:
-    """Traffic of one road that heads for a junction (SUMO keeps the junction's and the road's ids)."""
-
-    road_id: str
-    junction_id: str
-
-
-def opendrive_patches(first_net: bytes, xodr: bytes, shown_source: str) -> OpenDrivePatches:
+def opendrive_patches(first_net: bytes, xodr: bytes, shown_source: str) -> dict[str, bytes]:
     """Patches for lane permissions, shoulder movements and sign-controlled junctions.
 
     Args:
         first_net: What netconvert's first run wrote, with all lane types imported.
         xodr: The OpenDRIVE map.
         shown_source: What an error names as the map.
+
+    Returns:
+        Plain XML documents for netconvert's second run, by the option that names the document.
 
     Raises:
         MapError: The OpenDRIVE document cannot be read.
@@ -64,79 +55,64 @@ def opendrive_patches(first_net: bytes, xodr: bytes, shown_source: str) -> OpenD
         raise MapError(shown_source, f"an OpenDRIVE map that is well-formed XML ({error})") from error
     net = fromstring(first_net)
     try:
-        stop = _signed_approaches(drive, _STOP_SIGN)
-        yields = _signed_approaches(drive, _YIELD_SIGN)
+        stopping, yielding = (_signed_edges(net, drive, sign_type) for sign_type in (_STOP_SIGN, _YIELD_SIGN))
     except (KeyError, ValueError) as error:
         raise MapError(shown_source, f"an OpenDRIVE map whose signs are complete ({error!r})") from error
-    nodes, minor_edges = control_patches(net, _edges_of(net, stop), _edges_of(net, yields), _has_driving_lane)
-    return OpenDrivePatches(
-        nodes=document("nodes", nodes),
-        edges=document("edges", _edge_patches(net, minor_edges)),
-        connections=document("connections", _shoulder_connections(net)),
-    )
-
-
-def _signed_approaches(drive: Element, sign_type: str) -> tuple[_Approach, ...]:
-    signals = {
-        signal.attrib["id"] for signal in drive.iter("signal") if signal.get("type") == sign_type and signal.get("id")
+    nodes, priorities = control_patches(net, stopping, yielding, lambda edge: bool(_motor_lanes(edge)))
+    return {
+        "--node-files": document("nodes", nodes),
+        "--edge-files": document("edges", _edge_patches(net, priorities)),
+        "--connection-files": document("connections", _shoulder_connections(net)),
     }
-    found: dict[_Approach, None] = {}
-    for road in drive.iterfind("road"):
-        for sign in (*road.iter("signal"), *road.iter("signalReference")):
-            if sign.get("id") in signals:
-                approach = _approach_of(road, sign)
-                if approach is not None:
-                    found[approach] = None
-    return tuple(found)
 
 
-def _approach_of(road: Element, sign: Element) -> _Approach | None:
-    """The road whose traffic passes a sign on the way into a junction.
+def _signed_edges(net: Element, drive: Element, sign_type: str) -> frozenset[str]:
+    """Ids of the edges whose traffic passes a sign of a type on the way into a junction."""
+    signals = {signal.get("id") for signal in drive.iter("signal") if signal.get("type") == sign_type} - {None, ""}
+    approaches = {
+        _approach_of(road, sign)
+        for road in drive.iterfind("road")
+        for sign in (*road.iter("signal"), *road.iter("signalReference"))
+        if sign.get("id") in signals
+    }
+    edges = filter(_motor_lanes, normal_edges(net))
+    return frozenset(edge.attrib["id"] for edge in edges if (_road_of(edge), edge.attrib["to"]) in approaches)
+
+
+def _approach_of(road: Element, sign: Element) -> tuple[str, str] | None:
+    """The road whose traffic passes a sign on the way into a junction, and that junction; SUMO keeps the ids of both.
 
     On a connecting road inside the junction, traffic in the direction of the road's reference line comes from its
     predecessor and traffic against it from its successor. On a road outside, the sign binds the junction ahead.
     """
-    backward = sign.get("orientation") == "-"
-    junction_id = road.get("junction", "-1")
-    if junction_id != "-1":
-        origin = road.find("link/successor" if backward else "link/predecessor")
-        if origin is None or origin.get("elementType") != "road":
-            return None
-        return _Approach(origin.attrib["elementId"], junction_id)
-    ahead = road.find("link/predecessor" if backward else "link/successor")
-    if ahead is None or ahead.get("elementType") != "junction":
+    backward, junction = sign.get("orientation") == "-", road.get("junction", "-1")
+    inside = junction != "-1"
+    link = road.find("link/successor" if backward == inside else "link/predecessor")
+    if link is None or link.get("elementType") != ("road" if inside else "junction"):
         return None
+    if inside:
+        return link.attrib["elementId"], junction
     s_m, length_m = float(sign.get("s", "0")), float(road.get("length", "0"))
     if (s_m if backward else length_m - s_m) > PLAIN_SIGN_REACH_M:
         return None
-    return _Approach(road.attrib["id"], ahead.attrib["elementId"])
+    return road.attrib["id"], link.attrib["elementId"]
 
 
-def _road_of_edge(edge_id: str) -> str:
-    return edge_id.lstrip("-").partition(".")[0]
+def _road_of(edge: Element) -> str:
+    return edge.attrib["id"].lstrip("-").partition(".")[0]
 
 
-def _has_driving_lane(edge: Element) -> bool:
-    return any(lane.get("type", "") in _MOTOR_TYPES for lane in edge.iterfind("lane"))
-
-
-def _edges_of(net: Element, approaches: tuple[_Approach, ...]) -> frozenset[str]:
-    """Ids of the edges that come from the approaches' roads to their junctions."""
-    wanted = {(approach.road_id, approach.junction_id) for approach in approaches}
-    edges = ((edge.attrib["id"], edge.attrib["to"]) for edge in normal_edges(net) if _has_driving_lane(edge))
-    return frozenset(edge_id for edge_id, to in edges if (_road_of_edge(edge_id), to) in wanted)
+def _motor_lanes(edge: Element) -> list[Element]:
+    return [lane for lane in edge.iterfind("lane") if lane.get("type", "") in _MOTOR_TYPES]
 
 
 def _open_shoulders(edge: Element) -> frozenset[int]:
     """Lane numbers of an edge's shoulders that the EMV may use."""
-    lanes = edge.findall("lane")
-    driving = [int(lane.attrib["index"]) for lane in lanes if lane.get("type", "") in _MOTOR_TYPES]
+    first = min((int(lane.attrib["index"]) for lane in _motor_lanes(edge)), default=0)
     return frozenset(
         int(lane.attrib["index"])
-        for lane in lanes
-        if lane.get("type") == "shoulder"
-        and int(lane.attrib["index"]) < min(driving, default=0)
-        and float(lane.get("width", "0")) >= OPEN_SHOULDER_WIDTH_M
+        for lane in edge.iterfind("lane[@type='shoulder']")
+        if int(lane.attrib["index"]) < first and float(lane.get("width", "0")) >= OPEN_SHOULDER_WIDTH_M
     )
 
 
@@ -145,48 +121,34 @@ def _edge_patches(net: Element, priorities: Mapping[str, int]) -> Iterator[Eleme
         patch = Element("edge", id=edge.attrib["id"])
         if edge.attrib["id"] in priorities:
             patch.set("priority", str(priorities[edge.attrib["id"]]))
-        lanes = edge.findall("lane")
-        limits = [float(lane.get("speed", "0")) for lane in lanes if lane.get("type", "") in _MOTOR_TYPES]
-        limit_mps = max(limits, default=WALKING_SPEED_MPS)
+        limit_mps = max((float(lane.get("speed", "0")) for lane in _motor_lanes(edge)), default=WALKING_SPEED_MPS)
         shoulders = _open_shoulders(edge)
-        for lane in lanes:
+        for lane in edge.iterfind("lane"):
             lane_type = lane.get("type", "")
             if lane_type in _MOTOR_TYPES or lane_type in _OPEN_TO_ALL_IN_NAME:
                 continue
-            change = SubElement(patch, "lane", index=lane.attrib["index"])
+            change = {"disallow": "all"}
             if lane_type == "sidewalk":
-                change.set("allow", "pedestrian")
-                change.set("speed", str(WALKING_SPEED_MPS))
+                change = {"allow": "pedestrian", "speed": str(WALKING_SPEED_MPS)}
             elif int(lane.attrib["index"]) in shoulders:
-                change.set("allow", "emergency")
-                change.set("speed", str(limit_mps))
-            else:
-                change.set("disallow", "all")
+                change = {"allow": "emergency", "speed": str(limit_mps)}
+            SubElement(patch, "lane", {"index": lane.attrib["index"], **change})
         yield patch
 
 
 def _shoulder_connections(net: Element) -> Iterator[Element]:
     """Movements from shoulder to shoulder, parallel to each straight or right movement of the lane on their left."""
     shoulders = {(edge.attrib["id"], index) for edge in normal_edges(net) for index in _open_shoulders(edge)}
-    movements = [
-        (c.attrib["from"], int(c.attrib["fromLane"]), c.attrib["to"], int(c.attrib["toLane"]), c.get("dir", ""))
+    directions = {
+        ((c.attrib["from"], int(c.attrib["fromLane"])), (c.attrib["to"], int(c.attrib["toLane"]))): c.get("dir", "")
         for c in net.iterfind("connection")
         if not c.attrib["from"].startswith(":")
-    ]
-    present = {movement[:4] for movement in movements}
-    for source, from_lane, target, to_lane, direction in movements:
-        if direction not in {"s", "r", "R"} or (source, from_lane - 1, target, to_lane - 1) in present:
-            continue
-        if (source, from_lane - 1) in shoulders and (target, to_lane - 1) in shoulders:
-            yield Element(
-                "connection",
-                {"from": source, "to": target, "fromLane": str(from_lane - 1), "toLane": str(to_lane - 1)},
-            )
-
-
-_NETCONVERT_MPS: Final = 13.89
-_SAME_MPS: Final = 0.01
-_UNIT_MPS: Final[Mapping[str, float]] = {"m/s": 1.0, "km/h": 1.0 / 3.6, "mph": 0.44704}
+    }
+    for ((source, from_lane), (target, to_lane)), direction in directions.items():
+        beside = (source, from_lane - 1), (target, to_lane - 1)
+        if direction in {"s", "r", "R"} and beside not in directions and shoulders.issuperset(beside):
+            ends = {"from": source, "to": target, "fromLane": str(from_lane - 1), "toLane": str(to_lane - 1)}
+            yield Element("connection", ends)
 
 
 def with_stated_limits(net_xml: bytes, xodr: bytes) -> bytes:
@@ -199,47 +161,36 @@ def with_stated_limits(net_xml: bytes, xodr: bytes) -> bytes:
         net_xml: A net made from the map.
         xodr: The OpenDRIVE map.
     """
-    limits = _limits_mps(fromstring(xodr, forbid_dtd=True))
-    net = fromstring(net_xml, forbid_dtd=True)
+    drive, net = fromstring(xodr, forbid_dtd=True), fromstring(net_xml, forbid_dtd=True)
+    limits = {road.attrib["id"]: limit for road in drive.iterfind("road") if (limit := _limit_mps(road)) is not None}
     speeds: dict[str, float] = {}
     for edge in normal_edges(net):
-        limit_mps = limits.get(edge.attrib["id"].lstrip("-").partition(".")[0])
         for lane in edge.iterfind("lane"):
-            if limit_mps is not None and _has_default(lane):
-                lane.set("speed", f"{limit_mps:.2f}")
+            if _road_of(edge) in limits and _has_default(lane):
+                lane.set("speed", f"{limits[_road_of(edge)]:.2f}")
             speeds[lane.attrib["id"]] = float(lane.get("speed", "0"))
     across = {lane.attrib["id"]: lane for lane in net.iter("lane") if lane.attrib["id"].startswith(":")}
     for movement in paths_across(net):
-        slower_mps = min(speeds.get(one, math.inf) for one in (movement.source, movement.target))
-        for path in (across[lane] for lane in movement.via if lane in across):
-            if _has_default(path):
-                path.set("speed", f"{slower_mps:.2f}")
-    document: bytes = tostring(net, encoding="utf-8", xml_declaration=True)
-    return document
+        slower_mps = min(speeds.get(lane_id, math.inf) for lane_id in (movement.source, movement.target))
+        for lane_id in movement.via:
+            if lane_id in across and _has_default(across[lane_id]):
+                across[lane_id].set("speed", f"{slower_mps:.2f}")
+    return document(net)
 
 
 def _has_default(lane: Element) -> bool:
-    allowed = permissions_of(lane.get("allow"), lane.get("disallow"))
-    driven = allowed.civilian or allowed.emergency
-    return driven and abs(float(lane.get("speed", "0")) - _NETCONVERT_MPS) < _SAME_MPS
+    permissions = permissions_on(lane)
+    is_driven = permissions.civilian or permissions.emergency
+    return is_driven and abs(float(lane.get("speed", "0")) - _NETCONVERT_MPS) < _SAME_MPS
 
 
-def _limits_mps(drive: Element) -> dict[str, float]:
-    """Limit of each road by id: of several along it, the one that holds for the longest part."""
-    found: dict[str, float] = {}
-    for road in drive.iterfind("road"):
-        kinds = sorted(road.iterfind("type"), key=_start_m)
-        ends = [*(_start_m(kind) for kind in kinds), float(road.get("length", "0"))]
-        parts = [(end - start, kind) for kind, (start, end) in zip(kinds, pairwise(ends), strict=True)]
-        stated = [(length_m, _speed_mps(kind.find("speed"))) for length_m, kind in parts]
-        known = [(length_m, speed) for length_m, speed in stated if speed is not None]
-        if known:
-            found[road.attrib["id"]] = max(known)[1]
-    return found
-
-
-def _start_m(kind: Element) -> float:
-    return float(kind.get("s", "0"))
+def _limit_mps(road: Element) -> float | None:
+    """The limit of a road: of several along it, the one that holds for the longest part; None without one."""
+    types = [(float(kind.get("s", "0")), _speed_mps(kind.find("speed"))) for kind in road.iterfind("type")]
+    types.sort(key=lambda entry: entry[0])
+    ends = pairwise([*(start_m for start_m, _ in types), float(road.get("length", "0"))])
+    known = [(end - start, speed) for (start, end), (_, speed) in zip(ends, types, strict=True) if speed is not None]
+    return max(known)[1] if known else None
 
 
 def _speed_mps(speed: Element | None) -> float | None:

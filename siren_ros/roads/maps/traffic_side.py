@@ -13,6 +13,7 @@ from defusedxml.ElementTree import fromstring
 
 from siren_ros.errors import MapError
 from siren_ros.roads.maps.map_source import MapSource, SourceKind
+from siren_ros.roads.maps.openstreetmap import tags_of
 
 ALLOWED: Final = "a map of a place where traffic keeps right; here it keeps left"
 
@@ -64,15 +65,9 @@ def refuse_left_hand_traffic(source: MapSource, shown_source: str) -> None:
     Raises:
         MapError: The map's traffic keeps left; the message says how the map shows it.
     """
-    evidence = {
-        SourceKind.SUMO: _of_sumo_net,
-        SourceKind.OPENDRIVE: _of_opendrive,
-        SourceKind.OPENSTREETMAP: _of_openstreetmap,
-    }.get(source.kind)
-    if evidence is None:
-        return
+    evidence = _EVIDENCE.get(source.kind)
     try:
-        found = evidence(fromstring(source.content, forbid_dtd=True))
+        found = evidence(fromstring(source.content, forbid_dtd=True)) if evidence else ""
     except (ParseError, DefusedXmlException, ValueError, LookupError):
         return
     if found:
@@ -84,18 +79,14 @@ def _of_sumo_net(net: Element) -> str:
 
 
 def _of_opendrive(drive: Element) -> str:
-    road = next((road for road in drive.iterfind("road") if road.get("rule", "RHT").upper() == "LHT"), None)
-    return "" if road is None else f'rule="LHT" of road {road.get("id", "")}'
+    left = (road for road in drive.iterfind("road") if road.get("rule", "RHT").upper() == "LHT")
+    return next((f'rule="LHT" of road {road.get("id", "")}' for road in left), "")
 
 
 def _of_openstreetmap(osm: Element) -> str:
-    sides = {
-        tag.get("v", "")
-        for kind in ("way", "relation")
-        for element in osm.iterfind(kind)
-        for tag in element.iterfind("tag")
-        if tag.get("k") == "driving_side"
-    }
+    ways = [(way, tags_of(way)) for way in osm.iterfind("way")]
+    tags_of_all = [tags for _, tags in ways] + [tags_of(relation) for relation in osm.iterfind("relation")]
+    sides = {tags["driving_side"] for tags in tags_of_all if "driving_side" in tags}
     if sides:
         return "driving_side=left" if sides == {"left"} else ""
     places = {
@@ -103,23 +94,21 @@ def _of_openstreetmap(osm: Element) -> str:
         for node in osm.iterfind("node")
         if {"id", "lat", "lon"} <= set(node.attrib)
     }
-    turns = [_area_deg2(points) for points in _roundabouts(osm, places)]
+    turns = []
+    for way, tags in ways:
+        nodes = [node.get("ref", "") for node in way.iterfind("nd")]
+        if tags.get("junction") == "roundabout" and len(nodes) >= 4 and nodes[0] == nodes[-1]:
+            area = _area_deg2([places[node] for node in nodes if node in places])
+            turns.append(-area if tags.get("oneway") == "-1" else area)
     if turns:
         return "its roundabouts run clockwise" if sum(turns) < 0.0 else ""
-    return _place_of(list(places.values()))
-
-
-def _roundabouts(osm: Element, places: Mapping[str, tuple[float, float]]) -> Sequence[Sequence[tuple[float, float]]]:
-    """The points of closed roundabouts in the direction in which they are driven."""
-    found = []
-    for way in osm.iterfind("way"):
-        tags = {tag.get("k"): tag.get("v") for tag in way.iterfind("tag")}
-        nodes = [node.get("ref", "") for node in way.iterfind("nd")]
-        if tags.get("junction") != "roundabout" or len(nodes) < 4 or nodes[0] != nodes[-1]:
-            continue
-        points = [places[node] for node in nodes if node in places]
-        found.append(points[::-1] if tags.get("oneway") == "-1" else points)
-    return found
+    if not places:
+        return ""
+    lat, lon = (sum(values) / len(places) for values in zip(*places.values(), strict=True))
+    for name, (south, west, north, east) in _LEFT_HAND_PLACES.items():
+        if south <= lat <= north and west <= lon <= east:
+            return f"it lies in {name.partition(',')[0]}"
+    return ""
 
 
 def _area_deg2(points: Sequence[tuple[float, float]]) -> float:
@@ -130,17 +119,9 @@ def _area_deg2(points: Sequence[tuple[float, float]]) -> float:
     )
 
 
-def _place_of(places: Sequence[tuple[float, float]]) -> str:
-    """The area that holds the middle of a map; empty where none does."""
-    if not places:
-        return ""
-    lat = sum(place[0] for place in places) / len(places)
-    lon = sum(place[1] for place in places) / len(places)
-    return next(
-        (
-            f"it lies in {name.partition(',')[0]}"
-            for name, (south, west, north, east) in _LEFT_HAND_PLACES.items()
-            if south <= lat <= north and west <= lon <= east
-        ),
-        "",
-    )
+_EVIDENCE: Final = {
+    SourceKind.SUMO: _of_sumo_net,
+    SourceKind.OPENDRIVE: _of_opendrive,
+    SourceKind.OPENSTREETMAP: _of_openstreetmap,
+}
+"""What shows that a map's traffic keeps left, in words; an empty text where nothing does."""

@@ -15,11 +15,12 @@ from shapely import LineString, Point
 
 from siren_ros.errors import InputError, MapError
 from siren_ros.numerics.arrays import random_stream
+from siren_ros.numerics.braking import speed_before_mps
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.numerics.units import steps_from_s
 from siren_ros.roads.road_network import Lane, RoadNetwork
 from siren_ros.roads.routing import driving_lanes, path_centre, route_path
-from siren_ros.roads.site_finder import Site
+from siren_ros.roads.sites import Site
 from siren_ros.scenario.scenario import GroupAnchor, Placement, Template
 from siren_ros.traffic.config import DemandConfig
 from siren_ros.traffic.demand.emv_start import (
@@ -245,7 +246,7 @@ class _Planner:
         """Speed from which a vehicle can still stop before the lane's end, or behind one at the least gap."""
         config = self._config
         free_m = min(lane.length_m - front_m, config.placement_gap_m)
-        return float(np.sqrt(2.0 * config.comfortable_decel_mps2 * free_m))
+        return speed_before_mps(0.0, config.comfortable_decel_mps2, free_m)
 
     def _free_spot(
         self,

@@ -10,17 +10,18 @@ import numpy as np
 
 from siren_ros.errors import MapError
 from siren_ros.numerics.arrays import Floats
-from siren_ros.numerics.braking import SAMPLE_M, bend_speeds_mps, with_accelerating, with_braking
+from siren_ros.numerics.braking import SAMPLE_M, bend_speeds_mps, speed_before_mps, with_accelerating, with_braking
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.movements import quiet_reach_m
 from siren_ros.roads.road_network import Lane, LaneKind, RoadNetwork
 from siren_ros.roads.routing import driving_lanes
-from siren_ros.roads.site_finder import Site, SiteKind
+from siren_ros.roads.sites import Site, SiteKind
 from siren_ros.scenario.scenario import EmvDemand, StartReference
 from siren_ros.traffic.config import DemandConfig
 from siren_ros.traffic.demand.plan import PlannedVehicle, chain_along
 from siren_ros.traffic.demand.vehicle_factory import VehicleFactory
 
+# No parameters: they say which places of a map serve a template, so that a site is the same in every study.
 _ROUTE_TRIES: Final = 12
 _CREEP_MPS: Final = 1.0
 _LEAST_APPROACH_SHARE: Final = 0.6
@@ -176,7 +177,7 @@ def behind_queue_mps(
         if one.spot.lane in begins_m and one.spot.speed_mps == 0.0
     ]
     gap_m = min((rear_m - start.front_m for rear_m in rears_m if rear_m > start.front_m), default=math.inf)
-    return math.sqrt(2.0 * config.emv_queue_brake_mps2 * max(gap_m - config.emv_queue_gap_m, 0.0))
+    return speed_before_mps(0.0, config.emv_queue_brake_mps2, max(gap_m - config.emv_queue_gap_m, 0.0))
 
 
 def _begins_m(network: RoadNetwork, lanes: Sequence[int]) -> list[float]:

@@ -15,7 +15,7 @@ from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.movements import quiet_reach_m
 from siren_ros.roads.road_network import Connection, Lane, LaneKind, RoadNetwork
 from siren_ros.roads.routing import driving_lanes
-from siren_ros.roads.site_finder import Site
+from siren_ros.roads.sites import Site
 from siren_ros.scenario.scenario import DemandGroup, GroupAnchor, Placement, Template
 from siren_ros.traffic.config import DemandConfig
 from siren_ros.traffic.demand.emv_start import (
@@ -29,6 +29,7 @@ from siren_ros.traffic.demand.emv_start import (
 from siren_ros.traffic.demand.plan import LaneChain, LaneInterval, PlannedVehicle, Spot, chain_along
 from siren_ros.traffic.demand.vehicle_factory import Shares, VehicleFactory
 
+# No parameters: the templates are laid out with these lengths, and their own values vary around them.
 _FOLLOWING_M: Final = 6.0
 """By how much nearer to the EMV a stream is that it follows than one that it drives up to."""
 _COMING_UP_M: Final = 32.0
@@ -43,7 +44,7 @@ _OVERTAKEN: Final = 1.0 / 3.0
 not come to a queue at red before the EMV has passed them, and change into its lane."""
 _LATERAL_MPS2: Final = 3.0
 _BRAKE_MPS2: Final = 1.5
-"""With which traffic drives through bends and brakes before them (``traffic/sumo/bend_limits.py``)."""
+"""With which traffic drives through bends and brakes before them (``traffic/sumo/driving_corrections.py``)."""
 CROSSING_REACH_M: Final = 120.0
 """How far back from the stop line crossing traffic may be placed."""
 
@@ -225,6 +226,7 @@ def _chain(network: RoadNetwork, lanes: Sequence[int]) -> LaneChain:
     return LaneChain(tuple(lanes), tuple(starts), sum(lengths))
 
 
+# No parameters: as above.
 _SEARCH_STEP_M: Final = 1.0
 _LEAST_PLACED_SHARE: Final = 0.6
 """Least share of a group's vehicles with which the interaction may still happen; one vehicle is enough that crosses or

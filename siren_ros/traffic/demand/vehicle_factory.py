@@ -13,11 +13,12 @@ import numpy as np
 from siren_ros.errors import InputError
 from siren_ros.numerics.geometry import Polyline, wrap_angle
 from siren_ros.roads.road_network import Connection, RoadNetwork
-from siren_ros.roads.routing import EdgeGraph, connections_between
+from siren_ros.roads.routing import EdgeGraph, civilian_movements
 from siren_ros.traffic.config import DemandConfig
 from siren_ros.traffic.demand.plan import DriverModel, DriverPopulation, PlannedVehicle, Spot
 from siren_ros.world.actors import ActorClass
 
+# No parameter: a length of the measurement.
 _BEND_M: Final = 6.0
 """Length over which the bend of a lane is measured: a wheelbase of the longest vehicles."""
 _TURNS: Final = frozenset({"l", "r", "t"})
@@ -149,12 +150,7 @@ class RouteChooser:
         return found
 
     def _way(self, edge: int, following: int) -> _Way:
-        movements = [
-            movement
-            for movement in connections_between(self._network, edge, following)
-            if self._network.lanes[movement.from_lane].civilian_allowed
-            and self._network.lanes[movement.to_lane].civilian_allowed
-        ]
+        movements = civilian_movements(self._network, edge, following)
         lanes = tuple(dict.fromkeys(movement.from_lane for movement in movements))
         radius_m = max(self._radius_m(movement) for movement in movements)
         return _Way(following, lanes, movements[0].direction in _TURNS, radius_m)

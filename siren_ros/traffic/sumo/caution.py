@@ -18,32 +18,15 @@ from siren_ros.conflicts.zones import SAME_DIRECTION, Way, Zone, meeting_zones
 from siren_ros.numerics.arrays import Flags, Floats
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import RoadNetwork
+from siren_ros.traffic.config import CautionConfig
 from siren_ros.traffic.demand.plan import PlannedVehicle
 from siren_ros.world.actors import Owner
 from siren_ros.world.traffic_state import TrafficFlags, TrafficState
 
+# No parameters: SUMO's codes.
 _HARD_BRAKE_MODE: Final = 27
 """SUMO's speed mode 31 without its limit of deceleration (https://sumo.dlr.de/docs/TraCI: speed mode)."""
 _FREE_MODE: Final = 31
-_MARGIN_M: Final = 0.2
-_AHEAD_S: Final = 4.0
-_MORE_M: Final = 12.0
-_FAR_M: Final = 70.0
-_ACCEL_MPS2: Final = 2.0
-"""What a driver of SUMO accelerates with."""
-_ROLLING_MPS: Final = 0.3
-_BESIDE_M: Final = 3.0
-_BEHIND_M: Final = 0.3
-"""Distance kept at least from a body ahead; SUMO's own is larger."""
-_FIRM_MPS2: Final = 2.5
-"""SUMO's drivers brake by themselves until more than this is needed."""
-_GENTLE_MPS2: Final = 0.5
-_SLOWING_MPS2: Final = -0.3
-"""A driver who brakes harder is taken to go on braking."""
-_AMONG_THEMSELVES: Final = YieldingConfig(before_s=0.0, after_s=0.2, standoff_m=0.5)
-"""Among themselves SUMO's drivers keep its own margins; only contact is avoided."""
-_MOST_BRAKE_MPS2: Final = 8.0
-"""An emergency brake on a dry road."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +41,7 @@ class Caution:
 def cautions(
     traffic: TrafficState,
     outlook: Outlook,
-    config: YieldingConfig,
+    config: CautionConfig,
     waiting: Container[int] = (),
     inattentive: Container[int] = (),
 ) -> tuple[Caution, ...]:
@@ -71,7 +54,7 @@ def cautions(
     Args:
         traffic: The present step.
         outlook: Where everybody will go.
-        config: Margins to vehicles that are driven from outside.
+        config: Margins, and how far ahead drivers look.
         waiting: Actors who waited at the step before: they would go on if they need not.
         inattentive: Actors who do not see vehicles from outside that come across their way.
 
@@ -84,27 +67,29 @@ def cautions(
     held = np.array([actor in waiting for actor in traffic.actor_id.tolist()], dtype=np.bool_)
     accel = np.where(held, np.maximum(traffic.sumo_accel_mps2, 0.0), traffic.sumo_accel_mps2)
     counts = ~inside | ((traffic.flags & TrafficFlags.ON_JUNCTION) != 0)
-    near = _near(traffic, speed, outlook.half_length_m, counts)[own]
+    near = _near(traffic, speed, outlook.half_length_m, counts, config)[own]
     ways = {
-        other: _wide(outlook.way(other, _ahead_m(speed[other])), 0.0 if inside[other] else _MARGIN_M)
+        other: _way(outlook, other, speed, config, 0.0 if inside[other] else config.margin_m)
         for other in np.flatnonzero(near.any(axis=0)).tolist()
     }
     found = []
     for place in np.flatnonzero(near.any(axis=1)).tolist():
         row, others = int(own[place]), np.flatnonzero(near[place]).tolist()
-        configs = [_AMONG_THEMSELVES if inside[other] else config for other in others]
-        zones = meeting_zones(outlook.way(row, _ahead_m(speed[row])), [ways[other] for other in others], 0.0)
+        configs = [config.among if inside[other] else config.yielding for other in others]
+        zones = meeting_zones(_way(outlook, row, speed, config, 0.0), [ways[other] for other in others], 0.0)
         met = [(o, c, z) for o, c, z in zip(others, configs, zones, strict=True) if z is not None]
         if int(traffic.actor_id[row]) in inattentive:
             met = [(o, c, z) for o, c, z in met if inside[o] or z.leads]
-        waits = _waits(row, met, (speed, accel), outlook, bool(held[row]))
+        waits = _waits(row, met, (speed, accel), outlook, bool(held[row]), config)
         if waits:
             other, wait = min(waits, key=lambda one: one[1].speed_mps)
             found.append(Caution(int(traffic.actor_id[row]), int(traffic.actor_id[other]), wait))
     return tuple(found)
 
 
-def _near(traffic: TrafficState, speed_mps: Floats, half_length_m: Floats, counts: Flags) -> Flags:
+def _near(
+    traffic: TrafficState, speed_mps: Floats, half_length_m: Floats, counts: Flags, config: CautionConfig
+) -> Flags:
     """Who may meet whom, shape ``(N, N)``: those that count or cross within reach, and everybody close ahead.
 
     Long vehicles at an angle reach far aside: the tail of a bus that changes lanes.
@@ -115,30 +100,28 @@ def _near(traffic: TrafficState, speed_mps: Floats, half_length_m: Floats, count
     ahead = np.asarray(cos[:, None] * dx + sin[:, None] * dy, dtype=np.float64)
     aside = np.asarray(cos[:, None] * dy - sin[:, None] * dx, dtype=np.float64)
     along = np.abs(cos[:, None] * cos + sin[:, None] * sin)
-    beside = _BESIDE_M + half_length_m * np.abs(cos[:, None] * sin - sin[:, None] * cos)
+    beside = config.beside_m + half_length_m * np.abs(cos[:, None] * sin - sin[:, None] * cos)
     apart = np.hypot(dx, dy)
-    reach = np.minimum(_AHEAD_S * (speed_mps[:, None] + speed_mps) + 2.0 * _MORE_M, _FAR_M)
-    moving = speed_mps > _ROLLING_MPS
-    cross = moving[:, None] & moving & (along < SAME_DIRECTION) & (ahead > -_MORE_M)
-    close = (ahead > 0.0) & (ahead < speed_mps[:, None] + _MORE_M) & (np.abs(aside) < beside)
+    reach = np.minimum(config.ahead_s * (speed_mps[:, None] + speed_mps) + 2.0 * config.more_m, config.far_m)
+    moving = speed_mps > config.rolling_mps
+    cross = moving[:, None] & moving & (along < SAME_DIRECTION) & (ahead > -config.more_m)
+    close = (ahead > 0.0) & (ahead < speed_mps[:, None] + config.more_m) & (np.abs(aside) < beside)
     near = np.asarray(((counts | cross) & (apart < reach)) | close, dtype=np.bool_)
     np.fill_diagonal(near, False)
     return near
 
 
-def _behind(zone: Zone, own_mps: float, other_mps: float, waits: bool) -> Wait | None:
+def _behind(zone: Zone, own_mps: float, other_mps: float, waits: bool, config: CautionConfig) -> Wait | None:
     """How to brake for a body ahead, None while braking gently later is enough; who brakes for it goes on braking."""
-    free = max(zone.blocked_m - _BEHIND_M, 0.0)
+    free = max(zone.blocked_m - config.behind_m, 0.0)
     brake = stop_brake_mps2(max(own_mps - other_mps, 0.0), free)
-    late = free <= 0.0 or brake > (_GENTLE_MPS2 if waits else _FIRM_MPS2)
+    late = free <= 0.0 or brake > (config.gentle_mps2 if waits else config.firm_mps2)
     return Wait(other_mps, brake, free) if late else None
 
 
-def _ahead_m(speed_mps: float) -> float:
-    return _AHEAD_S * float(speed_mps) + _MORE_M
-
-
-def _wide(way: Way, margin_m: float) -> Way:
+def _way(outlook: Outlook, row: int, speed_mps: Floats, config: CautionConfig, margin_m: float) -> Way:
+    """The way of a vehicle as far as it counts, with a margin beside its body."""
+    way = outlook.way(row, config.ahead_s * float(speed_mps[row]) + config.more_m)
     return way._replace(half_width_m=way.half_width_m + margin_m)
 
 
@@ -148,6 +131,7 @@ def _waits(
     motion: tuple[Floats, Floats],
     outlook: Outlook,
     waits_already: bool,
+    settings: CautionConfig,
 ) -> list[tuple[int, Wait]]:
     """Everybody for whom the driver in a row has to wait, and how.
 
@@ -159,19 +143,20 @@ def _waits(
         motion: Speeds and accelerations of all vehicles.
         outlook: Where everybody will go.
         waits_already: Whether the driver waited at the step before.
+        settings: Thresholds.
     """
     speed_mps, accel_mps2 = motion
     own_mps, slowing = float(speed_mps[row]), float(accel_mps2[row])
     waits = []
     for other, config, zone in met:
         if zone.leads:
-            behind = _behind(zone, own_mps, float(speed_mps[other]), waits_already)
+            behind = _behind(zone, own_mps, float(speed_mps[other]), waits_already, settings)
             waits += [(other, behind)] if behind is not None else []
             continue
-        if zone.merges and config is _AMONG_THEMSELVES:
+        if zone.merges and config is settings.among:
             continue
         top = max(outlook.limit_mps(row, zone.own_in_m), own_mps)
-        accel = slowing if slowing < _SLOWING_MPS2 else _ACCEL_MPS2
+        accel = slowing if slowing < settings.slowing_mps2 else settings.accel_mps2
         other_mps = float(speed_mps[other])
         wait = wait_for(
             zone,
@@ -187,7 +172,7 @@ def _waits(
 class CautiousDrivers:
     """The speeds that are imposed on SUMO's drivers."""
 
-    def __init__(self, network: RoadNetwork, config: YieldingConfig) -> None:
+    def __init__(self, network: RoadNetwork, config: CautionConfig) -> None:
         self._book = CourseBook(network)
         self._config = config
         self._slowed: set[str] = set()
@@ -227,12 +212,9 @@ class CautiousDrivers:
             row = int(np.searchsorted(traffic.actor_id, caution.actor_id))
             speed = float(traffic.sumo_speed_mps[row])
             vehicle = vehicles[caution.actor_id]
-            comfortable = vehicle.driver.driving.decel_mps2
-            brake = (
-                comfortable
-                if caution.wait.brake_mps2 <= comfortable
-                else min(caution.wait.brake_mps2, _MOST_BRAKE_MPS2)
-            )
-            if caution.wait.speed_mps < speed + _ACCEL_MPS2 * STEP_S:
+            brake = vehicle.driver.driving.decel_mps2
+            if caution.wait.brake_mps2 > brake:
+                brake = min(caution.wait.brake_mps2, self._config.most_brake_mps2)
+            if caution.wait.speed_mps < speed + self._config.accel_mps2 * STEP_S:
                 speeds[vehicle.name] = max(caution.wait.speed_mps, speed - brake * STEP_S, 0.0)
         return speeds

@@ -20,6 +20,7 @@ from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import NO_LANE, Lane, LaneKind, RoadNetwork
 from siren_ros.traffic.demand.plan import PlannedVehicle, connection_onward
 
+# No parameters: they make SUMO's motion one that a car can follow, and are calibrated with the vehicle model.
 LATERAL_ACCEL_MPS2: Final = 3.0
 """With which drivers take bends: the 85th percentile of drivers in urban turns is 2.5 to 3 m/s² (AASHTO, A Policy on
 Geometric Design, side friction at low speeds); the drivers of the behaviour model have the same limit."""
@@ -156,6 +157,7 @@ def _ways_across_junctions(network: RoadNetwork) -> dict[int, int]:
     return onward
 
 
+# No parameter: smaller jumps are rounding.
 _TOLERANCE_M: Final = 0.05
 
 
@@ -214,6 +216,7 @@ class LaneContinuity:
         result[libsumo.VAR_LANEPOSITION] = wanted * scale
 
 
+# No parameters: see above.
 SIDEWAYS_SHARE: Final = 0.3
 """Lateral speed at most, as a share of the speed: a course 17° off the lane's."""
 _LEAST_MPS: Final = 1e-3

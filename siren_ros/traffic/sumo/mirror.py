@@ -157,6 +157,7 @@ def _nearest(
     return best, best_along, best_left
 
 
+# No parameters: SUMO's codes, and tolerances of the mirror that no behaviour depends on.
 DEFAULT_LANE_CHANGE_MODE: Final = 1621
 """SUMO's default; its bluelight device leaves 1605 behind for good."""
 KEEP_LANE_CHANGE_MODE: Final = 1536

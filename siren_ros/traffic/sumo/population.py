@@ -30,6 +30,7 @@ _SHAPES: Final = {
     ActorClass.FIRE_TRUCK: "firebrigade",
     ActorClass.POLICE: "police",
 }
+# No parameters: properties of vehicles and drivers that SUMO lacks, the same for all.
 _YELLOW_REACTION_S: Final = 1.0
 """``jmDriveAfterYellowTime`` of civilians: time in which a driver perceives yellow and reacts, the value with which
 yellow times are computed (ITE, Traffic Engineering Handbook). Without it SUMO brakes at once, and as hard as it can."""

@@ -10,6 +10,7 @@ from siren_ros.errors import MapError
 from siren_ros.numerics.units import STEP_S
 from siren_ros.traffic.demand.plan import SignalTiming
 
+# No parameters: usual times of signal programmes, with which a template's own time of the red is met.
 _USUAL_CLEARANCE_S: Final = 1.5
 """From the end of one movement's yellow to the green of the next."""
 _LONGEST_CLEARANCE_S: Final = 4.0

@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from siren_ros.behaviour.civilians.unit import Compliance, Driver, EmvView, YieldUnit
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
+from siren_ros.behaviour.driving.civilian_unit import Compliance, Driver, EmvView, YieldUnit
 from siren_ros.world.actors import ActorClass, Mode
 
 UNIT = YieldUnit(2, 1, Driver(Compliance.COMPLIES, 0.0, 40.0), 0, phase=Mode.YIELD_HOLD, side=-1)

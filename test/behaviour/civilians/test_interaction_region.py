@@ -10,7 +10,7 @@ AMBULANCE = ActorClass.AMBULANCE
 
 def view_of(lab, cars, network=None):
     network = network or lab.straight_road()
-    return lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars))
+    return lab.view(network, lab.L2, cars)
 
 
 def test_region_has_hysteresis(lab):
@@ -34,7 +34,7 @@ def test_way_is_along_the_emvs_path(lab):
         lab.Car(4, 4, 20, 5, (2,)),
     ]
     view = view_of(lab, cars, network)
-    road = EmvRoad.ahead_of(view, 0, None)
+    road = EmvRoad.ahead_of(view.ego(0), None)
     way = way_from_emv_m(view, 0, road.lane_start_m)
     turn = network.lanes[6].length_m
     assert way[1] == pytest.approx(50.0 + turn + 20.0 - 4.75 / 2.0 - 6.5 / 2.0, abs=0.05)
@@ -48,10 +48,10 @@ def test_way_is_along_the_emvs_path(lab):
 
 def test_road_is_kept_while_lane_and_route_stay(lab):
     view = view_of(lab, [lab.Car(1, 0, 100, 8, (0,), AMBULANCE)])
-    road = EmvRoad.ahead_of(view, 0, None)
-    assert EmvRoad.ahead_of(view, 0, road) is road
+    road = EmvRoad.ahead_of(view.ego(0), None)
+    assert EmvRoad.ahead_of(view.ego(0), road) is road
     other = view_of(lab, [lab.Car(1, 1, 100, 8, (0,), AMBULANCE)])
-    assert EmvRoad.ahead_of(other, 0, road) is not road
+    assert EmvRoad.ahead_of(other.ego(0), road) is not road
 
 
 def test_between_both_distances_the_members_alone_belong_to_the_region(lab):
@@ -80,7 +80,7 @@ def test_the_edge_of_the_emv_and_the_two_before_it_are_still_its_road(lab):
     before = None
     for edge in range(5):
         car = lab.Car(1, edge, 10.0, 8, tuple(range(edge, 5)), AMBULANCE)
-        before = EmvRoad.ahead_of(view_of(lab, [car], network), 0, before)
+        before = EmvRoad.ahead_of(view_of(lab, [car], network).ego(0), before)
         assert before.left_edges == tuple(range(edge, max(edge - 3, -1), -1))
         behind = [place for place in range(edge) if before.on_road[place]]
         assert behind == [place for place in (edge - 2, edge - 1) if place >= 0]

@@ -7,7 +7,7 @@ import pytest
 from behaviour.civilians.pull_over_steps import NEAR, UNIT, emv_at, kinds, steps
 
 from siren_ros.behaviour.civilians.pull_over import edge_offset_m, hold, pull_over, pull_over_path
-from siren_ros.behaviour.civilians.unit import aligned_within_rad
+from siren_ros.behaviour.driving.civilian_unit import aligned_within_rad
 from siren_ros.behaviour.driving.navigator import NavigatorState
 from siren_ros.world.actors import ActorClass, Mode
 
@@ -49,8 +49,8 @@ def test_partial_hold_behind_a_standing_vehicle_goes_on_when_the_way_is_free(lab
 def test_a_long_vehicle_has_to_stand_straighter_than_a_car(lab):
     network = lab.straight_road()
     cars = [lab.Car(2, 0, 80, 0, (0,)), lab.Car(3, 0, 120, 0, (0,), ActorClass.BUS)]
-    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars, 0))
-    car, bus = (aligned_within_rad(view, row) for row in range(2))
+    view = lab.view(network, lab.L3, cars, 0)
+    car, bus = (aligned_within_rad(view.ego(row)) for row in range(2))
     assert car == pytest.approx(np.radians(8.0), rel=0.05)
     assert np.sin(bus) * view.seen.half_length_m[1] < 0.35
     assert bus < 0.5 * car
@@ -106,14 +106,14 @@ def test_comes_straight_before_it_holds(lab, world):
 def test_who_goes_on_after_a_partial_hold_counts_its_standstill_anew(lab, world):
     """Nothing of the hold is left: a driver who then stands for a moment does not hold at once."""
     cars = [emv_at(lab), lab.Car(2, 0, 83.2, 0, (0,), left=-0.2), lab.Car(3, 0, 110, 0, (0,))]
-    view = lab.view_of(world, lab.traffic_of(world.network, cars, step=2))
+    view = lab.view_in(world, cars, step=2)
     held = replace(UNIT, partial=True, stopped_steps=25)
-    gone = hold(held, view, 1, NEAR).unit
+    gone = hold(held, view.ego(1), NEAR).unit
     assert gone.phase is Mode.YIELD_PULL_OVER
     assert (gone.partial, gone.stopped_steps) == (False, 0)
     assert gone.navigator.path is not None
-    later = lab.view_of(world, lab.traffic_of(world.network, cars, step=3))
-    assert hold(held, later, 1, NEAR).unit.phase is Mode.YIELD_HOLD, "it looks again each ten steps"
+    later = lab.view_in(world, cars, step=3)
+    assert hold(held, later.ego(1), NEAR).unit.phase is Mode.YIELD_HOLD, "it looks again each ten steps"
 
 
 @pytest.mark.parametrize(("lane", "side"), [(0, -1), (1, 1)])
@@ -126,15 +126,15 @@ def test_the_edge_counts_as_reached_within_5_cm_and_within_15_cm_where_the_later
 ):
     """``progress`` is the way that is left of the lateral move (0: all of it); half a metre counts as none."""
     car = lab.Car(2, lane, 80, 3.0, (0,))
-    start = lab.view_of(world, lab.traffic_of(world.network, [emv_at(lab), car]))
+    start = lab.view_in(world, [emv_at(lab), car])
     unit = replace(UNIT, side=side, phase=Mode.YIELD_PULL_OVER)
-    path = pull_over_path(unit, start, 1, lane)
+    path = pull_over_path(unit, start.ego(1), lane)
     done = path.settled_m - progress if progress else 2.0
     unit = replace(unit, navigator=replace(NavigatorState().following(path, 80.0, 3.3 * lane), progress_m=done))
-    wanted = edge_offset_m(start, 1, lane, side)
+    wanted = edge_offset_m(start.ego(1), lane, side)
     there = replace(car, s=80.0 + done, left=wanted - side * miss)
-    view = lab.view_of(world, lab.traffic_of(world.network, [emv_at(lab), there], step=1))
-    outcome = pull_over(unit, view, 1, NEAR)
+    view = lab.view_in(world, [emv_at(lab), there], step=1)
+    outcome = pull_over(unit, view.ego(1), NEAR)
     assert (outcome.unit.phase is Mode.YIELD_HOLD) is holds
     if holds:
         (event,) = outcome.events

@@ -17,16 +17,16 @@ AMBULANCE = ActorClass.AMBULANCE
 def test_stands_at_the_edge_and_over_it_where_the_lane_is_narrow(lab):
     wide = lab.straight_road()
     cars = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,)), lab.Car(3, 1, 80, 5, (0,), ActorClass.TRUCK)]
-    view = lab.view_of(lab.world_of(wide, lab.L3), lab.traffic_of(wide, cars))
+    view = lab.view(wide, lab.L3, cars)
     truck = lab.vehicles[ActorClass.TRUCK].width_m
-    assert edge_offset_m(view, 1, 0, -1) == pytest.approx(-(1.65 - 0.915))
-    assert edge_offset_m(view, 2, 1, 1) == pytest.approx(min(1.4 - 1.65 + truck / 2, 1.65 - truck / 2 + 0.5))
-    assert edge_offset_m(view, 1, 0, 1) == pytest.approx(1.65 - 0.915)
+    assert edge_offset_m(view.ego(1), 0, -1) == pytest.approx(-(1.65 - 0.915))
+    assert edge_offset_m(view.ego(2), 1, 1) == pytest.approx(min(1.4 - 1.65 + truck / 2, 1.65 - truck / 2 + 0.5))
+    assert edge_offset_m(view.ego(1), 0, 1) == pytest.approx(1.65 - 0.915)
     narrow = lab.straight_road()
     trucks = [emv_at(lab), lab.Car(2, 0, 80, 5, (0,), ActorClass.TRUCK)]
-    beside_others = lab.view_of(lab.world_of(narrow, lab.L3), lab.traffic_of(narrow, trucks))
-    assert edge_offset_m(beside_others, 1, 0, 1) == pytest.approx(1.65 - truck / 2), "not into the lane on the left"
-    assert edge_offset_m(beside_others, 1, 0, -1) < -(1.65 - truck / 2), "over the edge on the right"
+    beside_others = lab.view(narrow, lab.L3, trucks)
+    assert edge_offset_m(beside_others.ego(1), 0, 1) == pytest.approx(1.65 - truck / 2), "not into the lane on the left"
+    assert edge_offset_m(beside_others.ego(1), 0, -1) < -(1.65 - truck / 2), "over the edge on the right"
 
 
 def before_the_junction(lab, emv_s, car_s, car_mps):
@@ -57,13 +57,13 @@ def test_the_head_of_a_queue_holds_with_its_front_over_the_line_and_never_on_the
 def test_the_path_to_the_edge_is_as_long_as_curvature_and_steering_ask(lab, world, lane, side, speed, left):
     """From where it is to the edge, by the largest of three lengths, and on until the vehicle has come straight."""
     car = lab.Car(2, lane, 80, speed, (0,), left=left)
-    view = lab.view_of(world, lab.traffic_of(world.network, [emv_at(lab), car]))
-    path = pull_over_path(replace(UNIT, side=side), view, 1, lane)
-    config, target = world.config.pull_over, edge_offset_m(view, 1, lane, side)
+    view = lab.view_in(world, [emv_at(lab), car])
+    path = pull_over_path(replace(UNIT, side=side), view.ego(1), lane)
+    config, target = world.config.pull_over, edge_offset_m(view.ego(1), lane, side)
     moving = min(max(speed, 1.5), world.speeds.civilian_pull_over_mps)
     way = abs(target - left)
     sharpest = (10.0 / np.sqrt(3.0) * way / config.curvature_max_1pm) ** 0.5
-    steerable = max((40.0 * way * moving / view.navigator_config(1).curvature_rate_1pms) ** (1.0 / 3.0), 3.0)
+    steerable = max((40.0 * way * moving / view.ego(1).navigator_config.curvature_rate_1pms) ** (1.0 / 3.0), 3.0)
     wanted = max(config.length_min_m, sharpest, steerable)
     assert path.settled_m == pytest.approx(wanted, rel=1e-6)
     assert path.curve.points[0] == pytest.approx((80.0, 3.3 * lane + left))
@@ -78,8 +78,8 @@ def path_behind(lab, gap, network=None, s=80.0):
     network = network or lab.straight_road()
     length = lab.vehicles[ActorClass.SEDAN].length_m
     cars = [lab.Car(2, 0, s, 0, (0,)), lab.Car(3, 0, s + length + gap, 0, (0,))]
-    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars))
-    return pull_over_path(replace(UNIT, side=-1), view, 0, 0), view.world.config.pull_over
+    view = lab.view(network, lab.L3, cars)
+    return pull_over_path(replace(UNIT, side=-1), view.ego(0), 0), view.world.config.pull_over
 
 
 def test_behind_a_standing_vehicle_it_goes_as_far_sideways_as_leaves_it_straight(lab):
@@ -107,25 +107,20 @@ def test_beside_a_shoulder_a_wide_vehicle_reaches_a_metre_over_the_edge_at_most(
         network = lab.straight_road(2 + shoulder, shoulder=shoulder)
         narrow = tuple(replace(item, width_m=2.6) for item in network.lanes)
         network = replace(network, lanes=narrow)
-        view = lab.view_of(
-            lab.world_of(network, lab.L3),
-            lab.traffic_of(network, [emv_at(lab), replace(lab.Car(2, lane, 80, 5, (0,)), kind=engine)]),
-        )
+        view = lab.view(network, lab.L3, [emv_at(lab), replace(lab.Car(2, lane, 80, 5, (0,)), kind=engine)])
         at_edge = 1.3 - half
         wanted = 1.4 - 1.3 + half
         assert wanted > at_edge + most
-        assert edge_offset_m(view, 1, lane, -1) == pytest.approx(-(at_edge + most))
+        assert edge_offset_m(view.ego(1), lane, -1) == pytest.approx(-(at_edge + most))
 
 
 @pytest.mark.parametrize(("before_m", "goes"), [(0.3, False), (0.6, True)])
 def test_to_make_room_the_front_goes_4_m_over_the_line_if_that_is_2_m_of_way(lab, before_m, goes):
     """The centre is ``before_m`` from the line: the way is that, the 4 m and not the half length."""
     network = lab.junction_road()
-    view = lab.view_of(
-        lab.world_of(network, lab.L3), lab.traffic_of(network, [lab.Car(2, 1, 150.0 - before_m, 0, (0, 2))])
-    )
+    view = lab.view(network, lab.L3, [lab.Car(2, 1, 150.0 - before_m, 0, (0, 2))])
     assert before_m + 4.0 - 0.5 * lab.vehicles[ActorClass.SEDAN].length_m == pytest.approx(2.0, abs=0.3)
-    path = pull_over_path(replace(UNIT, side=1, emv_waits_steps=30), view, 0, 1)
+    path = pull_over_path(replace(UNIT, side=1, emv_waits_steps=30), view.ego(0), 1)
     assert (path is not None) is goes
 
 
@@ -135,14 +130,14 @@ def driven(lab, world, s, speed, path, progress, *, left, degrees=0.0):
     navigator = replace(NavigatorState().following(path, 80.0, 0.0), progress_m=progress)
     poses = np.array([[20.0, 0.0, 0.0, 8.0], [s, left, np.radians(degrees), speed]])
     cars = [emv_at(lab, 20.0), lab.Car(2, 0, s, speed, (0,))]
-    view = lab.view_of(world, lab.traffic_of(world.network, cars, poses=poses))
-    return pull_over(replace(unit, navigator=navigator), view, 1, NEAR)
+    view = lab.view_in(world, cars, poses=poses)
+    return pull_over(replace(unit, navigator=navigator), view.ego(1), NEAR)
 
 
 @pytest.mark.parametrize(("left_m", "extended"), [(0.9, True), (1.1, False)])
 def test_at_the_edge_and_not_straight_yet_the_path_goes_on_a_metre_before_its_end(lab, world, left_m, extended):
-    view = lab.view_of(world, lab.traffic_of(world.network, [emv_at(lab), lab.Car(2, 0, 80, 3, (0,))]))
-    path = pull_over_path(UNIT, view, 1, 0)
+    view = lab.view_in(world, [emv_at(lab), lab.Car(2, 0, 80, 3, (0,))])
+    path = pull_over_path(UNIT, view.ego(1), 0)
     progress = path.length_m - left_m
     s = float(path.curve.points[-1, 0]) - left_m
     outcome = driven(lab, world, s, 2.0, path, progress, left=-0.735, degrees=-5.0)
@@ -153,8 +148,8 @@ def test_at_the_edge_and_not_straight_yet_the_path_goes_on_a_metre_before_its_en
 @pytest.mark.parametrize("speed", [2.0, 3.0])
 def test_on_a_way_with_a_straight_piece_at_its_end_the_driver_goes_at_the_papers_speed(lab, world, speed):
     """On one that is only as long as the lateral move the driver creeps."""
-    view = lab.view_of(world, lab.traffic_of(world.network, [emv_at(lab), lab.Car(2, 0, 80, speed, (0,))]))
-    path = pull_over_path(UNIT, view, 1, 0)
+    view = lab.view_in(world, [emv_at(lab), lab.Car(2, 0, 80, speed, (0,))])
+    path = pull_over_path(UNIT, view.ego(1), 0)
     assert path.length_m - path.settled_m > 1.0
     start = path.curve.points[0]
     command = driven(lab, world, float(start[0]), speed, path, 0.0, left=0.0).command

@@ -86,9 +86,9 @@ def test_a_held_vehicle_is_released_when_the_emv_has_left_the_simulation(lab, wo
 )
 def test_a_yield_without_a_hold_or_whose_emv_is_gone_is_cancelled(lab, world, passed, in_region, phase, events):
     cars = [emv_at(lab), lab.Car(2, 0, 90, 0, (0,), left=-0.735)]
-    view = lab.view_of(world, lab.traffic_of(world.network, cars))
+    view = lab.view_in(world, cars)
     emv = replace(NEAR, passed=passed, in_region=in_region)
     step = hold if phase is Mode.YIELD_HOLD else pull_over
-    outcome = step(replace(UNIT, phase=phase), view, 1, emv)
+    outcome = step(replace(UNIT, phase=phase), view.ego(1), emv)
     assert outcome.unit.phase is Mode.REJOIN
     assert [event.detail["reason"] for event in outcome.events] == events

@@ -17,8 +17,8 @@ AMBULANCE = ActorClass.AMBULANCE
 )
 def test_leftmost_lane_goes_left_all_others_right(lab, lanes, shoulder, expected):
     network = lab.straight_road(lanes, shoulder=shoulder)
-    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, [emv_at(lab)]))
-    assert [alignment_of(view, lane) for lane in range(lanes)] == expected
+    view = lab.view(network, lab.L3, [emv_at(lab)])
+    assert [alignment_of(view.network, lane) for lane in range(lanes)] == expected
 
 
 def test_everybody_before_the_turn_goes_left_where_the_emv_comes_on_the_shoulder(lab):
@@ -125,18 +125,18 @@ def test_a_pull_over_starts_where_the_way_of_a_stop_is_no_longer_than_the_path_a
         for speed in (6.0, 8.0, 9.0, 10.0, 11.0, 12.5):
             cars = [lab.Car(1, 0, 60, 8, (0, 2), AMBULANCE), lab.Car(2, 0, s, speed, (0, 2))]
             view = lab.view_of(world, lab.traffic_of(network, cars))
-            path = pull_over_path(unit, view, 1, 0)
+            path = pull_over_path(unit, view.ego(1), 0)
             long_enough = path is not None and speed**2 / (2.0 * brake) <= path.length_m + 6.0
-            starts = start_pull_over(unit, view, 1).unit.phase is Mode.YIELD_PULL_OVER
+            starts = start_pull_over(unit, view.ego(1)).unit.phase is Mode.YIELD_PULL_OVER
             assert starts is long_enough, (s, speed)
             verdicts.add((starts, path is not None and speed**2 / brake > path.length_m + 6.0))
     assert verdicts >= {(True, True), (True, False), (False, True)}
 
 
 def test_what_a_deferral_left_is_gone_when_the_pull_over_starts(lab, world):
-    view = lab.view_of(world, lab.traffic_of(world.network, [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))]))
+    view = lab.view_in(world, [emv_at(lab), lab.Car(2, 0, 80, 5, (0,))])
     waiting = replace(UNIT, phase=Mode.YIELD_DEFERRED, deferred="no_room", stopped_steps=40)
-    started = start_pull_over(waiting, view, 1).unit
+    started = start_pull_over(waiting, view.ego(1)).unit
     assert started.phase is Mode.YIELD_PULL_OVER
     assert (started.deferred, started.stopped_steps) == ("", 0)
 
@@ -146,6 +146,6 @@ def test_what_a_deferral_left_is_gone_when_the_pull_over_starts(lab, world):
 def test_a_deferred_driver_who_stands_looks_again_each_half_second(lab, world, step, looks, speed):
     """Actor 2 at the steps 2, 12, 22 and so on; who drives looks at every step."""
     cars = [emv_at(lab), lab.Car(2, 0, 80, speed, (0,))]
-    view = lab.view_of(world, lab.traffic_of(world.network, cars, step=step))
-    outcome = start_pull_over(replace(UNIT, phase=Mode.YIELD_DEFERRED, deferred="no_room"), view, 1)
+    view = lab.view_in(world, cars, step=step)
+    outcome = start_pull_over(replace(UNIT, phase=Mode.YIELD_DEFERRED, deferred="no_room"), view.ego(1))
     assert (outcome.unit.phase is Mode.YIELD_PULL_OVER) is (looks or speed > 0.0)

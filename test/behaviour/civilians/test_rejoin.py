@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from siren_ros.behaviour.civilians.rejoin import rejoin, stands_over_red_line, start_rejoin
-from siren_ros.behaviour.civilians.unit import Compliance, Driver, YieldUnit
+from siren_ros.behaviour.driving.civilian_unit import Compliance, Driver, YieldUnit
 from siren_ros.behaviour.driving.navigator import FULL_BRAKE, NavigatorState
 from siren_ros.behaviour.paths.tracked_path import blend_length_m
 from siren_ros.dynamics.parameters import load_vehicle_parameters
@@ -26,7 +26,7 @@ def view_at(lab, left, turned=0.0, speed=0.0, turn=0.0, s=100.0, length=400.0, k
     network = road.built()
     poses = np.array([[*(s * along + left * across), turn + turned, speed]])
     car = lab.Car(2, 0, s, speed, (0,), kind)
-    return lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, [car], poses=poses)), along, across
+    return lab.view(network, lab.L3, [car], poses=poses), along, across
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.7, -2.2])
@@ -45,7 +45,7 @@ def view_at(lab, left, turned=0.0, speed=0.0, turn=0.0, s=100.0, length=400.0, k
 )
 def test_sumo_takes_over_at_once_who_is_in_the_lane_and_straight(lab, turn, left, degrees, back):
     view, _, _ = view_at(lab, left, np.radians(degrees), turn=turn)
-    outcome = start_rejoin(UNIT, view, 0)
+    outcome = start_rejoin(UNIT, view.ego(0))
     assert (outcome.unit is None) is back
     assert [event.kind.value for event in outcome.events] == (["yield_released"] if back else [])
 
@@ -54,7 +54,7 @@ def test_sumo_takes_over_at_once_who_is_in_the_lane_and_straight(lab, turn, left
 @pytest.mark.parametrize(("left", "side"), [(-0.8, 1), (0.8, -1)])
 def test_the_path_leads_to_the_middle_of_the_lane_and_shows_that_side(lab, turn, left, side):
     view, along, across = view_at(lab, left, turn=turn)
-    outcome = start_rejoin(UNIT, view, 0)
+    outcome = start_rejoin(UNIT, view.ego(0))
     unit, path = outcome.unit, outcome.unit.navigator.path
     assert (unit.phase, unit.side) == (Mode.REJOIN, side)
     assert unit.stopped_steps == 1, "the count of the hold is not taken over"
@@ -70,20 +70,20 @@ def test_the_path_leads_to_the_middle_of_the_lane_and_shows_that_side(lab, turn,
 @pytest.mark.parametrize(("room", "left_at_end"), [(30.0, 0.0), (5.0, -0.8)])
 def test_too_near_the_end_of_the_lane_it_comes_straight_where_it_is(lab, room, left_at_end):
     view, _, across = view_at(lab, -0.8, np.radians(10.0), s=100.0, length=100.0 + room)
-    path = start_rejoin(UNIT, view, 0).unit.navigator.path
+    path = start_rejoin(UNIT, view.ego(0)).unit.navigator.path
     assert path.curve.points[-1] @ across == pytest.approx(left_at_end, abs=1e-6)
     assert np.sin(path.curve.heading_rad[-1]) == pytest.approx(0.0, abs=0.08)
 
 
 def rejoining(lab, **place):
     view, _, _ = view_at(lab, -0.8, **place)
-    unit = start_rejoin(UNIT, view, 0).unit
+    unit = start_rejoin(UNIT, view.ego(0)).unit
     return replace(unit, stopped_steps=0), view
 
 
 def steps(unit, view, count):
     for _ in range(count):
-        outcome = rejoin(unit, view, 0)
+        outcome = rejoin(unit, view.ego(0))
         if outcome.unit is None:
             return outcome
         unit = outcome.unit
@@ -115,22 +115,22 @@ def test_who_stands_at_an_angle_is_not_handed_back(lab):
 def test_at_the_end_of_its_path_and_in_its_lane_a_vehicle_is_handed_back(lab):
     unit, _ = rejoining(lab)
     inside, _, _ = view_at(lab, -NEAR_M + 0.02, speed=3.0, s=110.0)
-    assert rejoin(unit, inside, 0).unit is None
+    assert rejoin(unit, inside.ego(0)).unit is None
     beside, _, _ = view_at(lab, -NEAR_M - 0.05, speed=3.0, s=110.0)
-    assert rejoin(unit, beside, 0).unit is not None
+    assert rejoin(unit, beside.ego(0)).unit is not None
     at_end = replace(unit.navigator, progress_m=unit.navigator.path.length_m)
-    assert rejoin(replace(unit, navigator=at_end), beside, 0).unit is None
-    laid_out = rejoin(replace(unit, navigator=NavigatorState()), beside, 0).unit
+    assert rejoin(replace(unit, navigator=at_end), beside.ego(0)).unit is None
+    laid_out = rejoin(replace(unit, navigator=NavigatorState()), beside.ego(0)).unit
     assert laid_out.navigator.path is not None, "who has waited at the line gets a path then"
 
 
 @pytest.mark.parametrize(("left", "speed"), [(-0.8, 0.0), (0.9, 4.0), (-0.5, 9.0)])
 def test_the_way_back_is_laid_out_for_the_mean_of_the_present_and_the_wanted_speed(lab, left, speed):
     view, _, _ = view_at(lab, left, speed=speed)
-    path = start_rejoin(UNIT, view, 0).unit.navigator.path
+    path = start_rejoin(UNIT, view.ego(0)).unit.navigator.path
     config = view.world.config.pull_over
     expected = blend_length_m(
-        left, 0.5 * (speed + 5.0), config.duration_s, config.length_min_m, view.navigator_config(0)
+        left, 0.5 * (speed + 5.0), config.duration_s, config.length_min_m, view.ego(0).navigator_config
     )
     assert path.settled_m == pytest.approx(expected, rel=1e-6)
 
@@ -140,9 +140,9 @@ def test_the_middle_is_left_where_the_move_and_half_a_length_do_not_fit(lab, spa
     """The way ends where the front is a metre before the end of the lane."""
     view, _, _ = view_at(lab, -0.8)
     half = float(view.seen.half_length_m[0])
-    merge = start_rejoin(UNIT, view, 0).unit.navigator.path.settled_m
+    merge = start_rejoin(UNIT, view.ego(0)).unit.navigator.path.settled_m
     view, _, across = view_at(lab, -0.8, s=100.0, length=100.0 + merge + 2.0 * half + 1.0 + spare)
-    path = start_rejoin(UNIT, view, 0).unit.navigator.path
+    path = start_rejoin(UNIT, view.ego(0)).unit.navigator.path
     assert path.curve.points[-1] @ across == pytest.approx(left_at_end, abs=0.02)
 
 
@@ -159,26 +159,26 @@ def over_the_line(lab, over_m, state, speed=0.0):
 @pytest.mark.parametrize("over_m", [0.2, 2.5, 4.3])
 def test_who_stands_over_the_line_at_red_stays_there_until_green(lab, over_m):
     red, _ = over_the_line(lab, over_m, "r")
-    outcome = start_rejoin(UNIT, red, 0)
+    outcome = start_rejoin(UNIT, red.ego(0))
     for _ in range(400):
         assert outcome.unit.phase is Mode.REJOIN
         assert (outcome.command, outcome.events) == (FULL_BRAKE, ())
-        outcome = rejoin(outcome.unit, red, 0)
+        outcome = rejoin(outcome.unit, red.ego(0))
     green, _ = over_the_line(lab, over_m, "G")
-    moved = rejoin(outcome.unit, green, 0)
+    moved = rejoin(outcome.unit, green.ego(0))
     assert moved.unit is None or moved.command.throttle > 0.0, "on at green"
 
 
 def test_who_is_over_the_line_at_yellow_or_green_does_not_wait(lab):
     for state in "Ggy":
-        assert not stands_over_red_line(over_the_line(lab, 2.0, state)[0], 0)
-    assert stands_over_red_line(over_the_line(lab, 2.0, "r")[0], 0)
+        assert not stands_over_red_line(over_the_line(lab, 2.0, state)[0].ego(0))
+    assert stands_over_red_line(over_the_line(lab, 2.0, "r")[0].ego(0))
 
 
 def test_only_who_stands_across_the_line_waits_there(lab):
     _, length = over_the_line(lab, 0.0, "r")
     across = {-0.2: False, 0.2: True, length - 0.2: True, length + 0.2: False}
-    assert {over: stands_over_red_line(over_the_line(lab, over, "r")[0], 0) for over in across} == across
-    assert not stands_over_red_line(over_the_line(lab, 2.0, "r", speed=1.0)[0], 0), "who moves is on the way"
+    assert {over: stands_over_red_line(over_the_line(lab, over, "r")[0].ego(0)) for over in across} == across
+    assert not stands_over_red_line(over_the_line(lab, 2.0, "r", speed=1.0)[0].ego(0)), "who moves is on the way"
     free, _, _ = view_at(lab, -0.7)
-    assert not stands_over_red_line(free, 0), "no line ahead"
+    assert not stands_over_red_line(free.ego(0)), "no line ahead"

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from siren_ros.behaviour.civilians.unit import Compliance, Driver, YieldUnit
 from siren_ros.behaviour.civilians.yield_lane_change import Seek, seek_gap
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
-from siren_ros.behaviour.driving.lane_change import LaneChangeQuery, Refusal, assess, change_length_m
+from siren_ros.behaviour.driving.civilian_unit import Compliance, Driver, YieldUnit
+from siren_ros.behaviour.driving.lane_change import LaneChangeQuery, Refusal, assess
 from siren_ros.behaviour.paths.lane_path import LanePath
 from siren_ros.world.actors import ActorClass, Mode
 
@@ -37,11 +37,11 @@ def seeking(lab, step, deferred_step, seek):
     """One step of a driver with a vehicle close behind in the next lane, which is no reason to fall back."""
     network = lab.straight_road(2, 900.0)
     cars = [lab.Car(2, 0, 100, 6, (0,)), lab.Car(3, 1, 92, 7, (0,))]
-    view = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars, step=step))
+    view = lab.view(network, lab.L2, cars, step=step)
     unit = YieldUnit(
         2, 1, Driver(Compliance.COMPLIES, 0.0, 40.0), 0, Mode.YIELD_DEFERRED, side=1, deferred_step=deferred_step
     )
-    return seek_gap(replace(unit, seek=seek), view, 0, Refusal.GAP_REAR), view
+    return seek_gap(replace(unit, seek=seek), view.ego(0), Refusal.GAP_REAR), view
 
 
 @pytest.mark.parametrize(("step", "again"), [(36, False), (37, True), (38, False), (67, True)])
@@ -64,12 +64,12 @@ def test_a_lane_change_ends_with_the_front_before_the_junction(lab, spare, verdi
     network = lab.junction_road()
 
     def view_at(s):
-        return lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, [lab.Car(2, 0, s, 8, (0, 2))]))
+        return lab.view(network, lab.L2, [lab.Car(2, 0, s, 8, (0, 2))])
 
     def query(view):
-        return LaneChangeQuery(0, 0, 1, 8.0, view.traffic.route_of_row(0), civilian=True)
+        return LaneChangeQuery(view.ego(0), 0, 1, 8.0, civilian=True)
 
     far = view_at(50.0)
-    s = 150.0 - float(far.seen.half_length_m[0]) - change_length_m(far, query(far)) - spare
+    s = 150.0 - float(far.seen.half_length_m[0]) - query(far).length_m - spare
     view = view_at(s)
-    assert isinstance(assess(view, query(view)), verdict)
+    assert isinstance(assess(query(view)), verdict)

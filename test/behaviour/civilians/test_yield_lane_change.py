@@ -4,7 +4,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from siren_ros.behaviour.civilians.unit import Compliance, Driver, EmvView, YieldUnit
 from siren_ros.behaviour.civilians.yield_lane_change import (
     Seek,
     change_lane,
@@ -19,6 +18,7 @@ from siren_ros.behaviour.civilians.yield_lane_change import (
 )
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
 from siren_ros.behaviour.config import YieldConfig
+from siren_ros.behaviour.driving.civilian_unit import Compliance, Driver, EmvView, YieldUnit
 from siren_ros.behaviour.driving.lane_change import LaneGaps, Refusal
 from siren_ros.behaviour.driving.navigator import NavigatorState
 from siren_ros.numerics.units import NEVER
@@ -135,7 +135,7 @@ def view_at(lab, *others, lane=1, lanes=3, step=200, speed=5.0, flags=0, network
         lab.Car(2, lane, s, speed, route, flags=flags),
         *others,
     ]
-    return lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars, step=step))
+    return lab.view(network, lab.L2, cars, step=step)
 
 
 def kinds(outcome):
@@ -146,14 +146,14 @@ def kinds(outcome):
 def test_the_cooldown_since_the_last_change_comes_first(lab, since, starts):
     view = view_at(lab)
     assert view.world.cooldown_steps == 40
-    outcome = start_lane_change(replace(UNIT, change_step=200 - since), view, 1)
+    outcome = start_lane_change(replace(UNIT, change_step=200 - since), view.ego(1))
     assert kinds(outcome) == (["yield_started"] if starts else ["yield_deferred"])
     assert outcome.unit.change_step == (200 if starts else 200 - since)
 
 
 def test_nothing_of_a_deferral_is_left_when_the_change_starts(lab):
     waiting = replace(UNIT, phase=Mode.YIELD_DEFERRED, deferred="gap_rear", seek=1, side=1, change_step=NEVER)
-    outcome = start_lane_change(waiting, view_at(lab), 1)
+    outcome = start_lane_change(waiting, view_at(lab).ego(1))
     unit = outcome.unit
     assert (unit.phase, unit.side, unit.deferred, unit.seek) == (Mode.YIELD_LANE_CHANGE, -1, "", 0)
     assert outcome.events[0].detail == {"side": -1, "from_lane": 1, "to_lane": 0}
@@ -170,7 +170,7 @@ def test_nothing_of_a_deferral_is_left_when_the_change_starts(lab):
     ],
 )
 def test_sumos_intent_as_a_side(lab, flags, intent):
-    assert intent_of(view_at(lab, flags=int(flags)), 1) == intent
+    assert intent_of(view_at(lab, flags=int(flags)).ego(1)) == intent
 
 
 def astray_road(lab):
@@ -185,7 +185,7 @@ def astray_road(lab):
 
 def test_a_side_that_leads_on_comes_before_sumos_intent(lab):
     view = view_at(lab, network=astray_road(lab), route=(0, 1), flags=int(TrafficFlags.WANTS_LEFT), s=160.0)
-    assert start_lane_change(UNIT, view, 1).unit.side == -1
+    assert start_lane_change(UNIT, view.ego(1)).unit.side == -1
 
 
 def test_off_the_lanes_the_speed_is_the_papers(lab):
@@ -203,7 +203,7 @@ def beside(lab, lane=2):
 def test_the_reason_of_a_deferral_is_what_keeps_the_driver_from_a_lane(lab, lane, others, reason):
     """A missing lane on the other side is no reason."""
     cars = [lab.Car(3 + k, at, 81, 5, (0,)) for k, at in enumerate(others)]
-    outcome = start_lane_change(UNIT, view_at(lab, *cars, lane=lane), 1)
+    outcome = start_lane_change(UNIT, view_at(lab, *cars, lane=lane).ego(1))
     assert outcome.unit.deferred == (reason or "")
     if reason:
         assert (outcome.unit.deferred_step, outcome.unit.phase) == (200, Mode.YIELD_DEFERRED)
@@ -211,7 +211,7 @@ def test_the_reason_of_a_deferral_is_what_keeps_the_driver_from_a_lane(lab, lane
 
 
 def test_on_a_road_of_one_lane_there_is_no_lane(lab):
-    outcome = start_lane_change(UNIT, view_at(lab, lane=0, lanes=1), 1)
+    outcome = start_lane_change(UNIT, view_at(lab, lane=0, lanes=1).ego(1))
     assert outcome.unit.deferred == "no_lane"
 
 
@@ -219,7 +219,7 @@ def test_on_a_road_of_one_lane_there_is_no_lane(lab):
 def test_of_two_blocked_sides_the_driver_stays_with_its_own_and_begins_with_the_right_one(lab, side, kept):
     cars = [beside(lab, 0), replace(beside(lab, 2), actor_id=4)]
     waiting = replace(UNIT, side=side, phase=Mode.YIELD_DEFERRED, deferred_step=199)
-    assert start_lane_change(waiting, view_at(lab, *cars), 1).unit.side == kept
+    assert start_lane_change(waiting, view_at(lab, *cars).ego(1)).unit.side == kept
 
 
 @pytest.mark.parametrize(
@@ -229,7 +229,7 @@ def test_of_two_blocked_sides_the_driver_stays_with_its_own_and_begins_with_the_
 def test_a_gap_is_sought_for_4_s_after_half_a_second_and_again_after_4_s(lab, waited, seeks):
     waiting = replace(UNIT, side=1, phase=Mode.YIELD_DEFERRED, deferred_step=200 - waited + 100)
     view = view_at(lab, beside(lab, 0), replace(beside(lab, 2), actor_id=4), step=300)
-    outcome = start_lane_change(waiting, view, 1)
+    outcome = start_lane_change(waiting, view.ego(1))
     assert (outcome.command is not None) is seeks
     assert (outcome.unit.seek != 0) is seeks
     assert outcome.unit.deferred == "vehicle_beside"
@@ -238,11 +238,11 @@ def test_a_gap_is_sought_for_4_s_after_half_a_second_and_again_after_4_s(lab, wa
 
 def changing(lab, left=1.5, speed=5.0, **emv):
     view = view_at(lab, speed=speed)
-    unit = start_lane_change(UNIT, view, 1).unit
+    unit = start_lane_change(UNIT, view.ego(1)).unit
     network = lab.straight_road(3)
     cars = [lab.Car(1, 1, 50, 8, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, 84, speed, (0,), left=left)]
-    later = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars, step=210))
-    return change_lane(replace(unit, off_path_steps=9, stopped_steps=30), later, 1, replace(NEAR, **emv)), unit
+    later = lab.view(network, lab.L2, cars, step=210)
+    return change_lane(replace(unit, off_path_steps=9, stopped_steps=30), later.ego(1), replace(NEAR, **emv)), unit
 
 
 def test_a_change_goes_on_until_the_vehicle_is_in_its_lane(lab):
@@ -259,14 +259,14 @@ def test_a_change_goes_on_until_the_vehicle_is_in_its_lane(lab):
 
 def on_the_way(lab, speed, coming_mps, at_m, left=0.0, lane=1):
     network = lab.straight_road(3)
-    unit = replace(start_lane_change(UNIT, view_at(lab), 1).unit, side=-1)
+    unit = replace(start_lane_change(UNIT, view_at(lab).ego(1)).unit, side=-1)
     cars = [
         lab.Car(1, 1, 50, 0, (0,), ActorClass.AMBULANCE),
         lab.Car(2, lane, 84, speed, (0,), left=left),
         lab.Car(3, 0, 84 + at_m, coming_mps, (0,)),
     ]
-    view = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars, step=210))
-    return change_lane(unit, view, 1, NEAR).command
+    view = lab.view(network, lab.L2, cars, step=210)
+    return change_lane(unit, view.ego(1), NEAR).command
 
 
 def test_who_had_to_stop_on_the_way_lets_those_pass_who_come_in_the_new_lane(lab):
@@ -296,13 +296,13 @@ def test_who_stands_at_the_end_of_its_path_has_no_lane_left(lab, passed, reason)
     unit = replace(UNIT, phase=Mode.YIELD_LANE_CHANGE, side=-1, navigator=NavigatorState())
     network = lab.straight_road(3)
     cars = [lab.Car(1, 1, 50, 8, (0,), ActorClass.AMBULANCE), lab.Car(2, 1, 84, 0, (0,), left=-1.4)]
-    view = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars, step=210))
-    outcome = change_lane(unit, view, 1, replace(NEAR, passed=passed))
+    view = lab.view(network, lab.L2, cars, step=210)
+    outcome = change_lane(unit, view.ego(1), replace(NEAR, passed=passed))
     assert outcome.events[0].detail["reason"] == reason
 
 
 def keeping(lab, unit, **emv):
-    return keep_lane(unit, view_at(lab, lane=0), 1, replace(NEAR, **emv))
+    return keep_lane(unit, view_at(lab, lane=0).ego(1), replace(NEAR, **emv))
 
 
 def test_the_steps_in_which_the_emv_follows_are_counted_and_begin_again(lab):
@@ -335,9 +335,9 @@ def test_the_steps_off_the_road_are_counted_and_begin_again(lab):
 @pytest.mark.parametrize("phase", [Mode.YIELD_REACTING, Mode.YIELD_DEFERRED])
 def test_who_is_deferred_seeks_no_gap_any_more_and_has_no_path(lab, phase):
     view = view_at(lab)
-    path = start_lane_change(UNIT, view, 1).unit.navigator
+    path = start_lane_change(UNIT, view.ego(1)).unit.navigator
     seeking = replace(UNIT, phase=phase, seek=1, side=1, navigator=path, deferred_step=150)
-    outcome = defer(seeking, view, 1, "no_room")
+    outcome = defer(seeking, view.ego(1), "no_room")
     unit = outcome.unit
     assert (unit.phase, unit.seek, unit.side, unit.navigator.path) == (Mode.YIELD_DEFERRED, 0, 1, None)
     assert unit.deferred == "no_room"

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from siren_ros.behaviour.config import NavigatorConfig
-from siren_ros.behaviour.driving.free_space import Body, FreeWay, Obstacles, clearances_m, separations_m
+from siren_ros.behaviour.driving.free_space import FreeWay, Obstacles, clearances_m, separations_m
+from siren_ros.behaviour.driving.step_view import Body
 from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
 from siren_ros.numerics.geometry import footprint_corners, separation_m
@@ -126,12 +127,12 @@ def test_a_body_points_into_the_bend_of_its_path():
 def test_moving_vehicles_are_swept_along_their_motion(lab):
     network = lab.straight_road()
     cars = [lab.Car(2, 0, 50, 10.0, (0,)), lab.Car(3, 0, 80, 0.0, (0,))]
-    seen = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars)).seen
+    seen = lab.view(network, lab.L3, cars).seen
     swept = Obstacles.swept(seen, np.array([0, 1]), np.array([2.0, 2.0]))
     half = seen.half_length_m[0]
     np.testing.assert_allclose(swept.x_m - swept.half_length_m, [50.0 - half, 80.0 - half])
     np.testing.assert_allclose(swept.x_m + swept.half_length_m, [70.0 + half, 80.0 + half])
-    assert swept.take(np.array([False, True])).actor_id.tolist() == [3]
+    assert swept.select(np.array([False, True])).actor_id.tolist() == [3]
 
 
 def test_the_tolerance_of_many_steps_does_not_add_up_to_contact():

@@ -10,7 +10,6 @@ from siren_ros.behaviour.driving.lane_change import (
     LaneGaps,
     Refusal,
     assess,
-    change_length_m,
     entered_lane,
     gaps_in_lane,
     lane_change_path,
@@ -25,16 +24,16 @@ CONFIG = LaneChangeConfig()
 
 
 def view_with(lab, network, cars, level=None):
-    return lab.view_of(lab.world_of(network, level or lab.L2), lab.traffic_of(network, cars))
+    return lab.view(network, level or lab.L2, cars)
 
 
 def query(view, row=0, lane=0, side=1, civilian=True):
-    return LaneChangeQuery(row, lane, side, 2.8, view.traffic.route_of_row(row), civilian)
+    return LaneChangeQuery(view.ego(row), lane, side, 2.8, civilian)
 
 
 def test_gaps_are_from_bumper_to_bumper(lab):
     cars = [lab.Car(1, 0, 100, 8, (0,)), lab.Car(2, 1, 120, 5, (0,)), lab.Car(3, 1, 70, 9, (0,))]
-    gaps = gaps_in_lane(view_with(lab, lab.straight_road(), cars), 0, 1)
+    gaps = gaps_in_lane(view_with(lab, lab.straight_road(), cars).ego(0), 1)
     assert gaps.front_m == pytest.approx(20.0 - 4.75)
     assert gaps.rear_m == pytest.approx(30.0 - 4.75)
     assert (gaps.front_mps, gaps.rear_mps, gaps.front_id) == (5.0, 9.0, 2)
@@ -42,8 +41,8 @@ def test_gaps_are_from_bumper_to_bumper(lab):
 
 def test_empty_lane_has_infinite_gaps(lab):
     view = view_with(lab, lab.straight_road(), [lab.Car(1, 0, 100, 8, (0,))])
-    assert gaps_in_lane(view, 0, 1).front_m == math.inf
-    assert isinstance(assess(view, query(view)), LanePath)
+    assert gaps_in_lane(view.ego(0), 1).front_m == math.inf
+    assert isinstance(assess(query(view)), LanePath)
 
 
 def test_refusals_by_gap():
@@ -76,22 +75,22 @@ def test_rear_gap_outlasts_both_vehicles_braking():
 
 def test_vehicle_beside_refuses(lab):
     view = view_with(lab, lab.straight_road(), [lab.Car(1, 0, 100, 8, (0,)), lab.Car(2, 1, 102, 8, (0,))])
-    assert assess(view, query(view)) is Refusal.BESIDE
+    assert assess(query(view)) is Refusal.BESIDE
 
 
 def test_no_lane_and_no_shoulder_for_civilians(lab):
     view = view_with(lab, lab.straight_road(2, shoulder=True), [lab.Car(1, 1, 100, 8, (0,))])
-    assert assess(view, query(view, lane=1, side=1)) is Refusal.NO_LANE
-    assert assess(view, query(view, lane=1, side=-1)) is Refusal.NO_LANE
-    assert isinstance(assess(view, query(view, lane=1, side=-1, civilian=False)), LanePath)
+    assert assess(query(view, lane=1, side=1)) is Refusal.NO_LANE
+    assert assess(query(view, lane=1, side=-1)) is Refusal.NO_LANE
+    assert isinstance(assess(query(view, lane=1, side=-1, civilian=False)), LanePath)
 
 
 def test_no_lane_change_on_or_right_before_a_junction(lab):
     network = lab.junction_road()
     view = view_with(lab, network, [lab.Car(1, 0, 140, 8, (0, 2))])
-    assert assess(view, query(view)) is Refusal.NO_ROOM
+    assert assess(query(view)) is Refusal.NO_ROOM
     view = view_with(lab, network, [lab.Car(1, 2, 10, 8, (0, 2))])
-    assert assess(view, query(view, lane=2)) is Refusal.JUNCTION
+    assert assess(query(view, lane=2)) is Refusal.JUNCTION
 
 
 def test_on_a_junction_that_nobody_crosses_lanes_are_changed_as_on_the_road(lab):
@@ -103,7 +102,7 @@ def test_on_a_junction_that_nobody_crosses_lanes_are_changed_as_on_the_road(lab)
         road.connect(position, 4 + position, via=(2 + position,))
     for civilian in (True, False):
         view = view_with(lab, road.built(), [lab.Car(1, 2, 5, 8, (0, 2))])
-        found = assess(view, query(view, lane=2, civilian=civilian))
+        found = assess(query(view, lane=2, civilian=civilian))
         assert isinstance(found, LanePath)
         assert found.lanes[:2] == (3, 5)
 
@@ -111,16 +110,16 @@ def test_on_a_junction_that_nobody_crosses_lanes_are_changed_as_on_the_road(lab)
 def test_lane_that_leads_astray_needs_room_to_come_back(lab):
     network = lab.junction_road()
     near = view_with(lab, network, [lab.Car(1, 0, 90, 8, (0, 4))])
-    assert assess(near, query(near)) is Refusal.ASTRAY
+    assert assess(query(near)) is Refusal.ASTRAY
     far = view_with(lab, network, [lab.Car(1, 0, 30, 8, (0, 4))])
-    assert isinstance(assess(far, query(far)), LanePath)
+    assert isinstance(assess(query(far)), LanePath)
 
 
 def test_path_starts_here_and_ends_in_the_target_lane(lab):
     network = lab.straight_road()
     view = view_with(lab, network, [lab.Car(1, 0, 100, 8, (0,))])
     asked = query(view)
-    path = lane_change_path(view, asked, assess(view, asked), stop_at_end=True)
+    path = lane_change_path(asked, assess(asked), stop_at_end=True)
     np.testing.assert_allclose(path.curve.points[0], [100.0, 0.0], atol=1e-6)
     assert path.curve.points[-1, 1] == pytest.approx(3.3, abs=1e-6)
     assert path.lane_at(0.0) == 1
@@ -130,7 +129,7 @@ def test_path_starts_here_and_ends_in_the_target_lane(lab):
 def test_entered_needs_the_whole_footprint(lab, left, expected):
     network = lab.straight_road()
     view = view_with(lab, network, [lab.Car(1, 1, 100, 8, (0,), left=left)])
-    assert entered_lane(view, 0, 1) is expected
+    assert entered_lane(view.ego(0), 1) is expected
 
 
 @pytest.mark.parametrize(("degrees", "expected"), [(7.5, True), (8.5, False), (-8.5, False)])
@@ -138,8 +137,8 @@ def test_entered_needs_a_heading_within_eight_degrees(lab, degrees, expected):
     network = lab.straight_road()
     poses = np.array([[100.0, 3.3, np.radians(degrees), 5.0]])
     car = lab.Car(1, 1, 100, 5, (0,), ActorClass.HATCHBACK)
-    view = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, [car], poses=poses))
-    assert entered_lane(view, 0, 1) is expected
+    view = lab.view(network, lab.L2, [car], poses=poses)
+    assert entered_lane(view.ego(0), 1) is expected
 
 
 @pytest.mark.parametrize(
@@ -175,10 +174,8 @@ def test_the_whole_footprint_is_in_the_lane_up_to_the_tolerance(lab, side, degre
     most = max(1.65 - half, 0.1) + 0.15
     for more, inside in ((-0.005, True), (0.005, False)):
         poses = np.array([[100.0, 3.3 + side * (most + more), turned, 5.0]])
-        view = lab.view_of(
-            lab.world_of(network, lab.L2), lab.traffic_of(network, [lab.Car(1, 1, 100, 5, (0,))], poses=poses)
-        )
-        assert entered_lane(view, 0, 1) is inside
+        view = lab.view(network, lab.L2, [lab.Car(1, 1, 100, 5, (0,))], poses=poses)
+        assert entered_lane(view.ego(0), 1) is inside
 
 
 @pytest.mark.parametrize("turn", np.radians([0.0, 50.0, -140.0]))
@@ -196,8 +193,8 @@ def test_who_is_in_a_lane_with_a_part_of_its_body_counts_as_far_as_the_own_body_
     for more, counts in ((-0.02, True), (0.02, False)):
         place = 120.0 * along + side * (reach + more) * across
         poses = np.array([[*(100.0 * along), turn, 5.0], [*place, turn + turned, 3.0]])
-        view = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars, poses=poses))
-        assert gaps_in_lane(view, 0, 0).front_m == (pytest.approx(20.0 - sedan.length_m) if counts else math.inf)
+        view = lab.view(network, lab.L2, cars, poses=poses)
+        assert gaps_in_lane(view.ego(0), 0).front_m == (pytest.approx(20.0 - sedan.length_m) if counts else math.inf)
 
 
 @pytest.mark.parametrize("kind", [ActorClass.HATCHBACK, ActorClass.BUS, ActorClass.FIRE_TRUCK])
@@ -218,9 +215,9 @@ def test_a_change_is_as_long_as_time_steering_and_lock_ask(lab, kind, civilian, 
         config.length_min_m,
         np.sqrt(PEAK_CURVATURE * 3.3 / lock),
         config.duration_s * speed,
-        blend_length_m(3.3, mean, config.duration_s, config.length_min_m, view.navigator_config(0)),
+        blend_length_m(3.3, mean, config.duration_s, config.length_min_m, view.ego(0).navigator_config),
     )
-    assert change_length_m(view, asked) == pytest.approx(expected)
+    assert asked.length_m == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("civilian", [True, False])
@@ -235,6 +232,6 @@ def test_a_lane_is_open_to_those_who_may_use_it_and_to_civilians_where_it_is_a_d
     network = replace(network, lanes=tuple(lanes))
     view = view_with(lab, network, [lab.Car(1, 0, 100, 8, (0,))])
     usable = (civilians and kind is LaneKind.DRIVING) if civilian else emergency
-    found = assess(view, query(view, civilian=civilian))
+    found = assess(query(view, civilian=civilian))
     if civilian or usable:
         assert (found is not Refusal.NO_LANE) is usable

@@ -1,27 +1,27 @@
 """The wheel angle: closed form on lines and circles that point anywhere."""
 
 import math
-from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from siren_ros.behaviour.config import ManoeuvringConfig, NavigatorConfig
+from siren_ros.behaviour.driving.emv_unit import EmvUnit
 from siren_ros.behaviour.driving.free_space import SpeedLimit
 from siren_ros.behaviour.driving.navigator import (
-    DriveInputs,
     NavigatorState,
     manoeuvring_limit,
-    navigate,
     press_pedals,
     steer_along,
 )
+from siren_ros.behaviour.driving.speed_mechanisms import MECHANISMS, Mechanism, navigate
 from siren_ros.behaviour.driving.step_view import Surroundings
 from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
 from siren_ros.dynamics.parameters import ParameterTable
 from siren_ros.dynamics.vehicle_model import BodyState, Controls, step_bodies
-from siren_ros.world.actors import ActorClass
+from siren_ros.world.actors import NO_ACTOR, ActorClass
 
 CONFIG = NavigatorConfig()
 TURNS = np.radians([0.0, 50.0, 175.0, -120.0])
@@ -191,6 +191,15 @@ def seen_of(body: BodyState, table: ParameterTable) -> Surroundings:
     )
 
 
+def navigated(state, seen, vehicle, target, mechanisms=MECHANISMS[:3], **unit):
+    """One step of an EMV by the mechanisms that all drivers have in common."""
+    pose = float(seen.x_m[0]), float(seen.y_m[0]), float(seen.yaw_rad[0])
+    ego = SimpleNamespace(
+        seen=seen, row=0, vehicle=vehicle, speed_mps=float(seen.speed_mps[0]), pose=pose, place=pose[:2]
+    )
+    return navigate(EmvUnit(1, navigator=state, **unit), ego, target, CONFIG_NAVIGATOR, mechanisms)
+
+
 def drive(lab, kind, points, speed, target, seconds, start=(0.0, 0.0, 0.0), others=(), stop=True):
     """Rows of (x, y, yaw, speed, offset, progress); others are (x, y, yaw, speed) of sedans that keep going."""
     curve = Curve.through(np.asarray(points, dtype=float), 1.5)
@@ -198,11 +207,9 @@ def drive(lab, kind, points, speed, target, seconds, start=(0.0, 0.0, 0.0), othe
     first = np.array([(*start, speed), *others], dtype=float)
     body = BodyState.moving(*(first[:, i].copy() for i in range(4)))
     state = NavigatorState().following(TrackedPath.of(curve, CONFIG_NAVIGATOR, stop_at_end=stop), *start[:2])
-    rows, snapshots = [], []
+    rows, blockers = [], []
     for _ in range(round(seconds / 0.05)):
-        state, command, snapshot = navigate(
-            state, DriveInputs(seen_of(body, table), 0, lab.vehicles[kind], target), CONFIG_NAVIGATOR
-        )
+        state, command, blocker = navigated(state, seen_of(body, table), lab.vehicles[kind], target)
         n = len(body)
         own = np.arange(n) == 0
         controls = Controls(
@@ -217,8 +224,8 @@ def drive(lab, kind, points, speed, target, seconds, start=(0.0, 0.0, 0.0), othe
         moved.forward_mps[1:] = first[1:, 3]
         body = moved
         rows.append((body.x_m[0], body.y_m[0], body.yaw_rad[0], body.forward_mps[0], state.left_m, state.progress_m))
-        snapshots.append(snapshot)
-    return np.array(rows), snapshots
+        blockers.append(blocker)
+    return np.array(rows), blockers
 
 
 @pytest.mark.parametrize("kind", CLASSES)
@@ -259,14 +266,13 @@ def test_initial_offset_decays_without_overshoot(lab):
 
 
 def test_stops_behind_a_standing_vehicle_and_reports_it(lab):
-    rows, snapshots = drive(
+    rows, blockers = drive(
         lab, ActorClass.AMBULANCE, [[0, 0], [250, 0]], 13.89, 13.89, 14.0, others=[(100.0, 0.0, 0.0, 0.0)]
     )
     gap = 100.0 - 4.75 / 2.0 - (rows[-1, 0] + 6.5 / 2.0)
     assert rows[-1, 3] < 0.05
     assert CONFIG_NAVIGATOR.standstill_gap_m - 0.6 < gap < CONFIG_NAVIGATOR.standstill_gap_m + 1.5
-    assert snapshots[-1] is not None
-    assert snapshots[-1].actor_id == 2
+    assert blockers[-1] == 2
     decel = -np.diff(rows[:, 3]) / 0.05
     assert decel.max() < 4.5
 
@@ -280,15 +286,15 @@ def test_follows_a_slower_vehicle_at_its_speed(lab):
 
 def test_ignores_vehicles_in_the_next_lane_and_behind(lab):
     others = [(60.0, 3.3, 0.0, 0.0), (-12.0, 0.0, 0.0, 13.0), (80.0, -3.3, np.pi, 0.0)]
-    rows, snapshots = drive(lab, ActorClass.AMBULANCE, [[0, 0], [250, 0]], 13.0, 13.0, 8.0, others=others, stop=False)
-    assert all(snapshot is None for snapshot in snapshots)
+    rows, blockers = drive(lab, ActorClass.AMBULANCE, [[0, 0], [250, 0]], 13.0, 13.0, 8.0, others=others, stop=False)
+    assert set(blockers) == {NO_ACTOR}
     assert rows[-1, 3] == pytest.approx(13.0, abs=0.2)
 
 
 def test_lets_a_crossing_vehicle_pass(lab):
     others = [(60.0, -36.0, np.pi / 2.0, 8.0)]
-    rows, snapshots = drive(lab, ActorClass.AMBULANCE, [[0, 0], [250, 0]], 13.0, 13.89, 10.0, others=others, stop=False)
-    assert any(snapshot is not None for snapshot in snapshots)
+    rows, blockers = drive(lab, ActorClass.AMBULANCE, [[0, 0], [250, 0]], 13.0, 13.89, 10.0, others=others, stop=False)
+    assert any(blocker != NO_ACTOR for blocker in blockers)
     t = np.arange(1, len(rows) + 1) * 0.05
     dx = np.abs(rows[:, 0] - 60.0)
     dy = np.abs(-36.0 + 8.0 * t)
@@ -308,23 +314,22 @@ def test_without_watch_nobody_is_seen(lab):
     path = TrackedPath.of(Curve.through(np.array([[0.0, 0.0], [100.0, 0.0]])), CONFIG_NAVIGATOR)
     state = NavigatorState().following(path, 0.0, 0.0)
     vehicle = lab.vehicles[ActorClass.AMBULANCE]
-    situation = DriveInputs(seen_of(body, table), 0, vehicle, 5.0, watch=False)
-    _, command, snapshot = navigate(state, situation, CONFIG_NAVIGATOR)
-    assert snapshot is None
+    _, command, blocker = navigated(state, seen_of(body, table), vehicle, 5.0, gap_escape_active=True)
+    assert blocker == NO_ACTOR
     assert command.brake == 0.0
-    _, command, snapshot = navigate(state, DriveInputs(seen_of(body, table), 0, vehicle, 5.0), CONFIG_NAVIGATOR)
-    assert snapshot is not None
+    _, command, blocker = navigated(state, seen_of(body, table), vehicle, 5.0)
+    assert blocker != NO_ACTOR
     assert command.brake > 0.1
 
 
 def test_without_a_path_it_brakes_to_a_stop(lab):
     table = ParameterTable.of([ActorClass.SEDAN], lab.vehicles)
     body = BodyState.moving(np.zeros(1), np.zeros(1), np.zeros(1), np.array([5.0]))
-    situation = DriveInputs(seen_of(body, table), 0, lab.vehicles[ActorClass.SEDAN], 10.0)
-    state, command, threat = navigate(NavigatorState(integral_mps2=2.0), situation, CONFIG_NAVIGATOR)
+    seen, vehicle = seen_of(body, table), lab.vehicles[ActorClass.SEDAN]
+    state, command, blocker = navigated(NavigatorState(integral_mps2=2.0), seen, vehicle, 10.0)
     assert (command.throttle, command.steer_rad, command.hand_brake) == (0.0, 0.0, False)
     assert command.brake > 0.35
-    assert threat is None
+    assert blocker == NO_ACTOR
     assert state.done
     assert state.integral_mps2 == 0.0
 
@@ -337,7 +342,8 @@ def test_a_limit_counts_besides_target_and_path(lab):
     state = NavigatorState().following(path, 0.0, 0.0)
 
     def command(limit):
-        return navigate(state, DriveInputs(seen_of(body, table), 0, vehicle, 10.0, limit=limit), CONFIG_NAVIGATOR)[1]
+        mechanisms = (*MECHANISMS[:3], Mechanism("other", lambda _: limit, "for the test"))
+        return navigated(state, seen_of(body, table), vehicle, 10.0, mechanisms)[1]
 
     assert command(SpeedLimit()).throttle > 0.0
     assert command(SpeedLimit(6.0)).throttle < command(SpeedLimit(8.0)).throttle
@@ -352,12 +358,12 @@ def test_leaders_can_be_left_to_the_limit(lab):
     body = BodyState.moving(*(start[:, i].copy() for i in range(4)))
     path = TrackedPath.of(Curve.through(np.array([[0.0, 0.0], [200.0, 0.0]])), CONFIG_NAVIGATOR)
     state = NavigatorState().following(path, 0.0, 0.0)
-    situation = DriveInputs(seen_of(body, table), 0, lab.vehicles[ActorClass.AMBULANCE], 10.0)
-    _, watching, snapshot = navigate(state, situation, CONFIG_NAVIGATOR)
-    _, leaving, nobody = navigate(state, replace(situation, watch_leaders=False), CONFIG_NAVIGATOR)
-    assert snapshot.actor_id == 2
+    seen, vehicle = seen_of(body, table), lab.vehicles[ActorClass.AMBULANCE]
+    _, watching, blocker = navigated(state, seen, vehicle, 10.0)
+    _, leaving, nobody = navigated(state, seen, vehicle, 10.0, corridor=True)
+    assert blocker == 2
     assert watching.brake > 0.5
-    assert nobody is None
+    assert nobody == NO_ACTOR
     assert leaving.brake == 0.0
 
 
@@ -378,8 +384,8 @@ def state_on(*points):
 def limit(lab, state, *cars, kind=SEDAN, speed=1.5):
     network = lab.straight_road()
     own = lab.Car(2, 0, 80.0, speed, (0,), kind)
-    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, [own, *cars]))
-    return manoeuvring_limit(state, view, 0)
+    view = lab.view(network, lab.L3, [own, *cars])
+    return manoeuvring_limit(state, view.ego(0))
 
 
 def sideways(slope):

@@ -73,7 +73,7 @@ def test_the_cooldown_is_the_papers_time_in_steps(lab):
 def test_emvs_and_civilians_have_their_own_navigator_with_the_limit_of_their_steering(lab):
     cars = [lab.Car(1, 0, 50, 5, (0,), ActorClass.FIRE_TRUCK), lab.Car(2, 0, 90, 5, (0,), ActorClass.BUS)]
     network = lab.straight_road()
-    view = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars))
+    view = lab.view(network, lab.L2, cars)
     config = view.world.config
     for row, kind, base in (
         (0, ActorClass.FIRE_TRUCK, config.emv.navigator),
@@ -81,9 +81,9 @@ def test_emvs_and_civilians_have_their_own_navigator_with_the_limit_of_their_ste
     ):
         vehicle = lab.vehicles[kind]
         rate = base.steer_rate_share * vehicle.max_steer_rate_radps / vehicle.wheelbase_m
-        assert view.navigator_config(row) == replace(base, curvature_rate_1pms=rate)
-        assert view.vehicle(row) == vehicle
-    assert view.navigator_config(0).standstill_gap_m == 4.0
-    assert view.navigator_config(1).standstill_gap_m == 2.0
-    assert view.pose(1) == pytest.approx((90.0, 0.0, 0.0))
+        assert view.ego(row).navigator_config == replace(base, curvature_rate_1pms=rate)
+        assert view.ego(row).vehicle == vehicle
+    assert view.ego(0).navigator_config.standstill_gap_m == 4.0
+    assert view.ego(1).navigator_config.standstill_gap_m == 2.0
+    assert view.ego(1).pose == pytest.approx((90.0, 0.0, 0.0))
     assert view.world.edge_of_lane.tolist() == [0, 0]

@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from siren_ros.behaviour.driving.navigator import NavigatorState, navigate
+from siren_ros.behaviour.driving import speed_mechanisms
+from siren_ros.behaviour.driving.emv_unit import EmvUnit, RoutePlan
+from siren_ros.behaviour.driving.navigator import NavigatorState
+from siren_ros.behaviour.driving.speed_mechanisms import navigate
 from siren_ros.behaviour.emv import controller
 from siren_ros.behaviour.emv.controller import EmvState, mode_of, step_emv, target_speed_mps
 from siren_ros.behaviour.emv.forced_lane_change import forced_lane_change
-from siren_ros.behaviour.emv.unit import EmvUnit, RoutePlan
 from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.behaviour.paths.lane_path import LaneEnd
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
@@ -60,7 +62,7 @@ def test_ros_drives_with_the_levels_cue(lab, emv, level, lights):
 
 def test_target_speeds_by_priority(lab):
     network = lab.straight_road()
-    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, [lab.Car(1, 0, 60, 5, (0,))]))
+    view = lab.view(network, lab.L3, [lab.Car(1, 0, 60, 5, (0,))])
     cases = {
         Mode.ROUTE_FOLLOW: EmvUnit(1),
         Mode.FORCED_LANE_CHANGE: EmvUnit(1, change_side=1),
@@ -205,13 +207,13 @@ def test_a_lane_change_that_the_route_needs_may_end_on_the_junction(lab, speed):
 def test_no_lane_change_starts_while_the_emv_still_turns_onto_its_road(lab, radius, kind):
     network = lab.straight_road()
     cars = [lab.Car(1, 0, 50, 6, (0,), AMBULANCE)]
-    view = lab.view_of(lab.world_of(network, lab.L1), lab.traffic_of(network, cars, advice={"lane_change_intent": 1}))
+    view = lab.view(network, lab.L1, cars, advice={"lane_change_intent": 1})
     angle = np.linspace(-20.0 / radius, 40.0 / radius, 60)
     arc = np.stack((50.0 + radius * np.sin(angle), radius * (1.0 - np.cos(angle))), axis=-1)
-    path = TrackedPath.of(Curve.through(arc), view.navigator_config(0), np.zeros(len(arc), np.int32))
+    path = TrackedPath.of(Curve.through(arc), view.ego(0).navigator_config, np.zeros(len(arc), np.int32))
     plan = RoutePlan((0,), LaneEnd.HORIZON, 0)
     unit = EmvUnit(1, navigator=NavigatorState().following(path, 50.0, 0.0), plan=plan)
-    _, events = forced_lane_change(unit, view, 0)
+    _, events = forced_lane_change(unit, view.ego(0))
     assert kinds(events) == ["lane_change_requested", kind]
 
 
@@ -220,9 +222,9 @@ def test_the_emv_looks_out_as_far_ahead_as_the_preset_says(lab, monkeypatch):
     short = replace(world, preset=replace(world.preset, attention=Attention(emv_horizon_s=1.0)))
     used = []
 
-    def noted(state, situation, config):
+    def noted(unit, ego, target_mps, config):
         used.append(config.conflicts.horizon_s)
-        return navigate(state, situation, config)
+        return navigate(unit, ego, target_mps, config)
 
     monkeypatch.setattr(controller, "navigate", noted)
     for seen in (world, short):
@@ -293,9 +295,9 @@ def test_between_others_the_footprint_limits_the_speed_and_elsewhere_anticipatio
     """One of the two is asked, and the other is not."""
     asked = []
     for name in ("anticipated_limit", "passage_limit"):
-        known = getattr(controller, name)
+        known = getattr(speed_mechanisms, name)
         monkeypatch.setattr(
-            controller, name, lambda *what, name=name, known=known: (asked.append(name), known(*what))[1]
+            speed_mechanisms, name, lambda *what, name=name, known=known: (asked.append(name), known(*what))[1]
         )
     world = lab.world_of(lab.straight_road(), lab.L3)
     state, _, _ = steps(lab, world, [emv])
@@ -312,7 +314,7 @@ def test_guards_are_evaluated_in_the_papers_order(lab, monkeypatch, level, first
     always = ["forced_lane_change", "waypoints", "complete_lane_change"]
 
     def noted(name, guard):
-        return lambda unit, view, row: asked.append(name) or guard(unit, view, row)
+        return lambda unit, ego: asked.append(name) or guard(unit, ego)
 
     for name in ("gap_escape_mode", "corridor_mode", *always):
         monkeypatch.setattr(controller, name, noted(name, getattr(controller, name)))
@@ -330,6 +332,6 @@ def test_plans_anew_where_it_has_come_off_its_path_to_either_side(lab, emv, side
     left_m = side * (world.config.emv.off_path_m + more_m)
     off = replace(unit, navigator=replace(unit.navigator, left_m=left_m))
     for step, planned in ((19, False), (20, anew)):
-        view = lab.view_of(world, lab.traffic_of(world.network, [emv], step=step))
-        found, _ = controller.follow_route(off, view, 0)
+        view = lab.view_in(world, [emv], step=step)
+        found, _ = controller.follow_route(off, view.ego(0))
         assert (found.navigator.path is not unit.navigator.path) is planned

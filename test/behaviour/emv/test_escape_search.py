@@ -9,7 +9,8 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from siren_ros.behaviour.config import GapEscapeConfig
-from siren_ros.behaviour.driving.free_space import Body, Obstacles, separations_m
+from siren_ros.behaviour.driving.free_space import Obstacles, separations_m
+from siren_ros.behaviour.driving.step_view import Body
 from siren_ros.behaviour.emv.escape_search import RoadSpace, Start, _moved, lattice_of, search_lattice
 from siren_ros.behaviour.paths.curve import Curve
 

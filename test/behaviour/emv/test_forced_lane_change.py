@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from siren_ros.behaviour.driving.emv_unit import EmvUnit, LateralRequest, RoutePlan, advice_of
 from siren_ros.behaviour.emv.controller import follow_route
 from siren_ros.behaviour.emv.forced_lane_change import (
     ROUTE,
@@ -16,7 +17,6 @@ from siren_ros.behaviour.emv.forced_lane_change import (
     lateral_intent,
     shoulder_is_faster,
 )
-from siren_ros.behaviour.emv.unit import EmvUnit, LateralRequest, RoutePlan, advice_of
 from siren_ros.behaviour.paths.lane_path import LaneEnd
 from siren_ros.world.actors import ActorClass
 
@@ -27,7 +27,7 @@ PLAN = RoutePlan((0,), LaneEnd.HORIZON, 0)
 def view_at(lab, *others, lane=1, network=None, s=100.0, speed=8.0, route=(0,), step=100, advice=None):
     network = network or lab.straight_road(3, shoulder=True)
     cars = [lab.Car(1, lane, s, speed, route, AMBULANCE), *others]
-    return lab.view_of(lab.world_of(network, lab.L1), lab.traffic_of(network, cars, step=step, advice=advice))
+    return lab.view(network, lab.L1, cars, step=step, advice=advice)
 
 
 def ahead(lab, gap, speed, lane=1, actor_id=2):
@@ -38,22 +38,22 @@ def ahead(lab, gap, speed, lane=1, actor_id=2):
 
 @pytest.mark.parametrize(("gap", "speed", "faster"), [(49.9, 2.9, True), (50.1, 2.9, False), (49.9, 3.1, False)])
 def test_slow_traffic_within_50_m_makes_the_shoulder_faster(lab, gap, speed, faster):
-    assert shoulder_is_faster(EmvUnit(1), view_at(lab, ahead(lab, gap, speed)), 0) is faster
+    assert shoulder_is_faster(EmvUnit(1), view_at(lab, ahead(lab, gap, speed)).ego(0)) is faster
 
 
 @pytest.mark.parametrize(("gain", "faster"), [(19.9, False), (20.1, True)])
 def test_the_shoulder_has_to_gain_20_m(lab, gain, faster):
     others = ahead(lab, 25.0, 1.0), ahead(lab, 25.0 + gain, 1.0, lane=0, actor_id=3)
-    assert shoulder_is_faster(EmvUnit(1), view_at(lab, *others), 0) is faster
+    assert shoulder_is_faster(EmvUnit(1), view_at(lab, *others).ego(0)) is faster
 
 
 @pytest.mark.parametrize(("lane", "faster"), [(0, False), (1, True), (2, False)])
 def test_only_from_the_lane_next_to_the_shoulder(lab, lane, faster):
     """The EMV on the shoulder itself, next to it, and one lane farther."""
     view = view_at(lab, ahead(lab, 25.0, 1.0, lane=lane), lane=lane)
-    assert shoulder_is_faster(EmvUnit(1), view, 0) is faster
+    assert shoulder_is_faster(EmvUnit(1), view.ego(0)) is faster
     plain = view_at(lab, ahead(lab, 25.0, 1.0, lane=1), lane=1, network=lab.straight_road(3))
-    assert not shoulder_is_faster(EmvUnit(1), plain, 0)
+    assert not shoulder_is_faster(EmvUnit(1), plain.ego(0))
 
 
 def ending_shoulder(lab, leads_on=False):
@@ -82,20 +82,20 @@ def test_a_shoulder_that_ends_has_to_lead_30_m_beyond_the_queue(lab, front_m, sp
     cars = tail, before_line(lab, front_m, speed, lane)
     for leads_on in (False, True):
         view = view_at(lab, *cars, network=ending_shoulder(lab, leads_on), s=220.0, route=(0, 1))
-        assert shoulder_is_faster(EmvUnit(1), view, 0) is (faster or leads_on)
+        assert shoulder_is_faster(EmvUnit(1), view.ego(0)) is (faster or leads_on)
 
 
 def test_the_route_comes_before_the_shoulder_and_this_before_sumos_wish(lab):
     slow = ahead(lab, 25.0, 1.0)
     wish = {"lane_change_intent": 1}
-    assert lateral_intent(EmvUnit(1), view_at(lab, slow, advice=wish), 0) == (0, SUMO), "before the first plan"
+    assert lateral_intent(EmvUnit(1), view_at(lab, slow, advice=wish).ego(0)) == (0, SUMO), "before the first plan"
     planned = EmvUnit(1, plan=PLAN)
-    assert lateral_intent(planned, view_at(lab, slow, advice=wish), 0) == (-1, SHOULDER)
-    assert lateral_intent(planned, view_at(lab, advice=wish), 0) == (1, SUMO)
-    assert lateral_intent(planned, view_at(lab), 0) == (0, SUMO)
+    assert lateral_intent(planned, view_at(lab, slow, advice=wish).ego(0)) == (-1, SHOULDER)
+    assert lateral_intent(planned, view_at(lab, advice=wish).ego(0)) == (1, SUMO)
+    assert lateral_intent(planned, view_at(lab).ego(0)) == (0, SUMO)
     view = view_at(lab, advice=wish)
     unadvised = replace(view, traffic=replace(view.traffic, emvs=()))
-    assert lateral_intent(planned, unadvised, 0) == (0, SUMO), "SUMO says nothing of this EMV"
+    assert lateral_intent(planned, unadvised.ego(0)) == (0, SUMO), "SUMO says nothing of this EMV"
 
 
 @pytest.mark.parametrize(("left_m", "wants"), [(199.0, True), (201.0, False)])
@@ -106,11 +106,11 @@ def test_a_lane_that_leads_astray_is_left_from_200_m_before_its_end(lab, left_m,
     road.edge([[410.0, -10.0], [410.0, -200.0]], 1, ("J", "S"))
     road.connect(0, 2, direction="r")
     view = view_at(lab, lane=1, network=road.built(), s=300.0, route=(0, 1), advice={"lane_change_intent": 1})
-    unit = follow_route(EmvUnit(1), view, 0)[0]
+    unit = follow_route(EmvUnit(1), view.ego(0))[0]
     assert unit.plan.end is LaneEnd.ASTRAY
     path = unit.navigator.path
     unit = replace(unit, navigator=replace(unit.navigator, progress_m=path.length_m - left_m))
-    assert lateral_intent(unit, view, 0) == ((-1, ROUTE) if wants else (1, SUMO))
+    assert lateral_intent(unit, view.ego(0)) == ((-1, ROUTE) if wants else (1, SUMO))
 
 
 def test_advice_is_the_emvs_own(lab):
@@ -121,15 +121,15 @@ def test_advice_is_the_emvs_own(lab):
     first, second = traffic.emvs
     told = (replace(first, lane_change_intent=-1), replace(second, lane_change_intent=1))
     view = lab.view_of(lab.world_of(network, lab.L1), replace(traffic, emvs=told))
-    assert [lateral_intent(EmvUnit(actor, plan=PLAN), view, row)[0] for row, actor in enumerate((1, 7))] == [-1, 1]
+    assert [lateral_intent(EmvUnit(actor, plan=PLAN), view.ego(row))[0] for row, actor in enumerate((1, 7))] == [-1, 1]
     assert advice_of(view, 3) is None
 
 
 def test_nothing_of_a_request_is_left_when_the_change_starts(lab):
     network = lab.straight_road(3)
     view = view_at(lab, network=network, advice={"lane_change_intent": 1})
-    unit = follow_route(EmvUnit(1), view, 0)[0]
-    changing, events = forced_lane_change(unit, view, 0)
+    unit = follow_route(EmvUnit(1), view.ego(0))[0]
+    changing, events = forced_lane_change(unit, view.ego(0))
     assert [event.kind.value for event in events] == ["lane_change_requested", "lane_change_started"]
     assert (changing.change_side, changing.change_step) == (1, 100)
     assert changing.request == LateralRequest()
@@ -139,16 +139,16 @@ def test_nothing_of_a_request_is_left_when_the_change_starts(lab):
 @pytest.mark.parametrize("ended", [complete_lane_change, lambda *what: cancel_lane_change(*what, "corridor")])
 def test_who_changes_no_lanes_has_nothing_to_end(lab, ended):
     unit = EmvUnit(1, plan=PLAN)
-    assert ended(unit, view_at(lab), 0) == (unit, ())
+    assert ended(unit, view_at(lab).ego(0)) == (unit, ())
 
 
 def test_a_cancelled_change_leaves_no_plan_and_a_completed_one_keeps_it(lab):
     view = view_at(lab, network=lab.straight_road(3))
-    unit = replace(follow_route(EmvUnit(1), view, 0)[0], change_side=-1)
-    cancelled, (event,) = cancel_lane_change(unit, view, 0, "corridor")
+    unit = replace(follow_route(EmvUnit(1), view.ego(0))[0], change_side=-1)
+    cancelled, (event,) = cancel_lane_change(unit, view.ego(0), "corridor")
     assert (cancelled.change_side, cancelled.plan) == (0, None)
     assert event.detail == {"side": -1, "reason": "corridor"}
-    completed, (event,) = complete_lane_change(unit, view, 0)
+    completed, (event,) = complete_lane_change(unit, view.ego(0))
     assert (completed.change_side, completed.plan) == (0, unit.plan)
     assert event.detail == {"side": -1, "lane": 1}
 
@@ -158,10 +158,10 @@ def test_an_emv_that_turns_more_sharply_than_the_target_lane_waits(lab, bend):
     """0.02 per metre is the limit, to either side."""
     network = lab.straight_road(3)
     view = view_at(lab, network=network, advice={"lane_change_intent": 1})
-    unit = follow_route(EmvUnit(1), view, 0)[0]
+    unit = follow_route(EmvUnit(1), view.ego(0))[0]
     path = unit.navigator.path
     curve = replace(path.curve, curvature_1pm=np.full(len(path.curve.points), bend))
     turning = replace(unit, navigator=replace(unit.navigator, path=replace(path, curve=curve)))
-    _, events = forced_lane_change(turning, view, 0)
+    _, events = forced_lane_change(turning, view.ego(0))
     kind = "lane_change_deferred" if abs(bend) > 0.02 else "lane_change_started"
     assert [event.kind.value for event in events] == ["lane_change_requested", kind]

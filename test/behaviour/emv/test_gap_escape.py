@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from siren_ros.behaviour.driving.collision_watch import CollisionSnapshot
+from siren_ros.behaviour.driving.emv_unit import EmvUnit, RoutePlan
 from siren_ros.behaviour.emv import gap_escape as escape_plan
 from siren_ros.behaviour.emv.gap_escape import (
     blocker_of,
@@ -17,7 +17,6 @@ from siren_ros.behaviour.emv.gap_escape import (
     road_space,
     search_gap,
 )
-from siren_ros.behaviour.emv.unit import EmvUnit, RoutePlan
 from siren_ros.behaviour.paths.lane_path import LaneEnd, path_on_lanes
 from siren_ros.world.actors import ActorClass
 
@@ -79,9 +78,9 @@ def start_of(lab, monkeypatch, *, turn=0.0, left=0.0, turned=0.0, s=100.0, lengt
     network = road.built()
     poses = np.array([[*(s * along + left * across), turn + turned, 0.0]])
     car = lab.Car(1, 0, s, 0, (0,), AMBULANCE)
-    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, [car], poses=poses))
-    reference = reference_line(view, 0, 0)
-    found = search_gap(reference, view, 0)
+    view = lab.view(network, lab.L3, [car], poses=poses)
+    reference = reference_line(view.ego(0), 0)
+    found = search_gap(reference, view.ego(0))
     assert found is None
     return asked, reference, along
 
@@ -120,8 +119,8 @@ def test_others_are_swept_for_as_long_as_they_may_go_and_longer_where_they_come_
     network = lab.straight_road()
     cars = [lab.Car(1, 0, 100, 0, (0,), AMBULANCE), lab.Car(2, 0, 120, 4, (0,)), lab.Car(3, 1, 130, 4, (0,))]
     poses = np.array([[100.0, 0.0, 0.0, 0.0], [120.0, 0.0, 0.1, 4.0], [130.0, 3.3, np.pi, 4.0]])
-    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars, poses=poses))
-    search_gap(reference_line(view, 0, 0), view, 0)
+    view = lab.view(network, lab.L3, cars, poses=poses)
+    search_gap(reference_line(view.ego(0), 0), view.ego(0))
     obstacles, half = asked[0][3], 0.5 * lab.vehicles[ActorClass.SEDAN].length_m
     assert obstacles.actor_id.tolist() == [2, 3]
     ways = np.array([4.0 * 1.5, 4.0 * 1.5 * 2.5])
@@ -129,13 +128,10 @@ def test_others_are_swept_for_as_long_as_they_may_go_and_longer_where_they_come_
     assert obstacles.x_m == pytest.approx([120.0 + 0.5 * ways[0] * np.cos(0.1), 130.0 - 0.5 * ways[1]])
 
 
-BLOCKED = CollisionSnapshot(2, 3.0, 0.0)
-
-
 def view_at(lab, speed=0.0, others=(), network=None, advice=None, lane=0, step=0):
     network = network or lab.straight_road()
     cars = [lab.Car(1, lane, 100, speed, (0,), ActorClass.AMBULANCE), *others]
-    return lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars, step, advice=advice))
+    return lab.view(network, lab.L3, cars, step, advice=advice)
 
 
 def kinds(events):
@@ -145,14 +141,14 @@ def kinds(events):
 def run(unit, view, count):
     events = []
     for _ in range(count):
-        unit, happened = gap_escape_mode(unit, view, 0)
+        unit, happened = gap_escape_mode(unit, view.ego(0))
         events += happened
     return unit, events
 
 
 def test_entered_after_three_seconds_stopped_behind_a_blocker(lab):
     view = view_at(lab, speed=0.5)
-    unit, events = run(EmvUnit(1, snapshot=BLOCKED), view, 59)
+    unit, events = run(EmvUnit(1, blocker_id=2), view, 59)
     assert not unit.gap_escape_active
     assert not events
     unit, events = run(unit, view, 1)
@@ -162,7 +158,7 @@ def test_entered_after_three_seconds_stopped_behind_a_blocker(lab):
 
 
 def test_stop_timer_starts_again_after_moving(lab):
-    unit, _ = run(EmvUnit(1, snapshot=BLOCKED), view_at(lab), 50)
+    unit, _ = run(EmvUnit(1, blocker_id=2), view_at(lab), 50)
     unit, _ = run(unit, view_at(lab, speed=0.6), 1)
     assert unit.stopped_s == 0.0
     unit, events = run(unit, view_at(lab), 59)
@@ -187,16 +183,16 @@ def test_left_after_two_seconds_without_a_blocker(lab):
 def test_the_time_without_a_blocker_begins_again_with_each_blocker(lab):
     active = EmvUnit(1, gap_escape_active=True)
     unit, _ = run(active, view_at(lab), 39)
-    unit, events = run(replace(unit, snapshot=BLOCKED), view_at(lab), 1)
+    unit, events = run(replace(unit, blocker_id=2), view_at(lab), 1)
     assert unit.blocker_free_s == 0.0
-    unit, more = run(replace(unit, snapshot=None), view_at(lab), 39)
+    unit, more = run(replace(unit, blocker_id=0), view_at(lab), 39)
     assert not events
     assert not more
     assert kinds(run(unit, view_at(lab), 1)[1]) == ["gap_escape_left"]
 
 
 def test_preempts_a_forced_lane_change(lab):
-    unit, events = run(EmvUnit(1, snapshot=BLOCKED, change_side=1, stopped_s=5.0), view_at(lab), 1)
+    unit, events = run(EmvUnit(1, blocker_id=2, change_side=1, stopped_s=5.0), view_at(lab), 1)
     assert unit.gap_escape_active
     assert not unit.lane_change_forced
     assert kinds(events) == ["lane_change_cancelled", "gap_escape_entered"]
@@ -206,7 +202,7 @@ def test_preempts_a_forced_lane_change(lab):
 def test_sumos_leader_blocks_within_the_query_range_unless_it_drives_away(lab, gap, speed, blocks):
     others = [lab.Car(9, 0, 130, speed, (0,))]
     view = view_at(lab, others=others, advice={"leader_id": 9, "leader_gap_m": gap})
-    assert (blocker_of(EmvUnit(1), view, 0) == 9) is blocks
+    assert (blocker_of(EmvUnit(1), view.ego(0)) == 9) is blocks
 
 
 def reference_of(view, lane):
@@ -218,12 +214,12 @@ def test_a_leader_that_an_emv_under_way_would_pass_beside_blocks_no_more(lab, sp
     others = [lab.Car(2, 0, 110, 0.0, (0,), left=-right_m)]
     view = view_at(lab, speed, others, advice={"leader_id": 2, "leader_gap_m": 5.0})
     unit = EmvUnit(1, gap_escape_active=True)
-    assert (blocker_of(unit, view, 0) == 2) is blocks
+    assert (blocker_of(unit, view.ego(0)) == 2) is blocks
 
 
 def test_search_goes_round_a_blocker(lab):
     view = view_at(lab, others=[lab.Car(2, 0, 112, 0, (0,))])
-    found = search_gap(reference_of(view, 0), view, 0)
+    found = search_gap(reference_of(view, 0), view.ego(0))
     clear = found.left_m[-1] - 1.05 - 0.915
     assert clear > 0.1
     assert found.length_m > 25.0
@@ -236,16 +232,16 @@ def test_search_prefers_the_own_road_to_the_opposite_lane(lab):
     opposite = road.built()
     blocker = [lab.Car(2, 0, 112, 0, (0,))]
     view = view_at(lab, others=blocker, network=opposite)
-    assert search_gap(reference_of(view, 0), view, 0).left_m.max() > 1.9
+    assert search_gap(reference_of(view, 0), view.ego(0)).left_m.max() > 1.9
     shoulder = lab.straight_road(2, shoulder=True)
     view = view_at(lab, others=[lab.Car(2, 1, 112, 0, (0,))], network=shoulder, lane=1)
-    assert search_gap(reference_of(view, 1), view, 0).left_m.min() < -1.9
+    assert search_gap(reference_of(view, 1), view.ego(0)).left_m.min() < -1.9
 
 
 def test_search_finds_nothing_where_both_lanes_are_blocked(lab):
     others = [lab.Car(2, 0, 108, 0, (0,)), lab.Car(3, 1, 108, 0, (0,))]
     view = view_at(lab, others=others)
-    assert search_gap(reference_of(view, 0), view, 0) is None
+    assert search_gap(reference_of(view, 0), view.ego(0)) is None
 
 
 def test_waits_says_so_once_and_escapes_when_a_gap_opens(lab):
@@ -275,26 +271,26 @@ def test_a_free_path_is_kept_and_a_blocked_one_replaced(lab):
     active = EmvUnit(1, gap_escape_active=True)
     behind = [lab.Car(2, 0, 114, 0, (0,))]
     view = view_at(lab, others=behind)
-    first, events = escape_path(active, view, 0)
+    first, events = escape_path(active, view.ego(0))
     assert kinds(events) == ["gap_escape_replanned"]
     assert first.escape_offset_m > 1.9
     again = replace(first, escape_planned_step=-20)
-    kept, events = escape_path(again, view, 0)
+    kept, events = escape_path(again, view.ego(0))
     assert kept.navigator.path is first.navigator.path
     assert not events
     closed = view_at(lab, others=[*behind, lab.Car(3, 1, 126, 0, (0,))])
-    other, _ = escape_path(again, closed, 0)
+    other, _ = escape_path(again, closed.ego(0))
     assert other.navigator.path is not first.navigator.path
 
 
 def test_waits_where_the_path_ends_and_no_other_is_found(lab):
     both = [lab.Car(2, 0, 108, 0, (0,)), lab.Car(3, 1, 108, 0, (0,))]
     view = view_at(lab, others=both)
-    unit, events = escape_path(EmvUnit(1, gap_escape_active=True), view, 0)
+    unit, events = escape_path(EmvUnit(1, gap_escape_active=True), view.ego(0))
     assert unit.escape_offset_m is None
     assert kinds(events) == ["gap_escape_waiting"]
     assert escape_speed_mps(unit, view) == 0.0
-    _, events = escape_path(unit, view_at(lab, others=both, step=20), 0)
+    _, events = escape_path(unit, view_at(lab, others=both, step=20).ego(0))
     assert not events
 
 
@@ -307,14 +303,14 @@ def test_tight_paths_are_driven_slowly(lab, clearance, speed_mps):
 def driving_around(lab, step=0):
     """An EMV that has just found its way around a blocker, and its view."""
     view = view_at(lab, others=[lab.Car(2, 0, 114, 0, (0,))], step=step)
-    return escape_path(EmvUnit(1, gap_escape_active=True), view, 0)[0], view
+    return escape_path(EmvUnit(1, gap_escape_active=True), view.ego(0))[0], view
 
 
 def test_a_path_is_looked_at_again_after_half_a_second(lab):
     unit, _ = driving_around(lab)
     closed = [lab.Car(2, 0, 114, 0, (0,)), lab.Car(3, 1, 126, 0, (0,))]
-    assert escape_path(unit, view_at(lab, others=closed, step=9), 0) == (unit, ())
-    again, _ = escape_path(unit, view_at(lab, others=closed, step=10), 0)
+    assert escape_path(unit, view_at(lab, others=closed, step=9).ego(0)) == (unit, ())
+    again, _ = escape_path(unit, view_at(lab, others=closed, step=10).ego(0))
     assert again.escape_planned_step == 10
     assert again.navigator.path is not unit.navigator.path
 
@@ -328,7 +324,7 @@ def test_another_path_is_told_where_it_ends_half_a_metre_beside_the_last_one(lab
         escape_offset_m=unit.escape_offset_m + moved_m,
         navigator=replace(unit.navigator, left_m=1.0),
     )
-    other, events = escape_path(astray, view, 0)
+    other, events = escape_path(astray, view.ego(0))
     assert other.escape_offset_m == pytest.approx(unit.escape_offset_m)
     assert [event.detail["left_m"] for event in events] == ([pytest.approx(unit.escape_offset_m)] if told else [])
 
@@ -337,7 +333,7 @@ def test_a_path_to_the_other_side_is_told_although_it_ends_as_far_from_the_line(
     unit, view = driving_around(lab, step=20)
     mirrored = replace(unit, escape_planned_step=0, escape_offset_m=-unit.escape_offset_m)
     mirrored = replace(mirrored, navigator=replace(unit.navigator, left_m=1.0))
-    assert kinds(escape_path(mirrored, view, 0)[1]) == ["gap_escape_replanned"]
+    assert kinds(escape_path(mirrored, view.ego(0))[1]) == ["gap_escape_replanned"]
 
 
 @pytest.mark.parametrize(("centre_m", "goes_on"), [(108.5, True), (106.3, False)])
@@ -345,20 +341,20 @@ def test_without_another_path_the_present_one_is_driven_while_a_metre_of_it_is_f
     """The EMV's front is at 103.25 m, the rears of both others are 2.375 m behind their centres."""
     unit, _ = driving_around(lab)
     both = [lab.Car(2, 0, centre_m, 0, (0,)), lab.Car(3, 1, centre_m, 0, (0,))]
-    after, events = escape_path(unit, view_at(lab, others=both, step=10), 0)
+    after, events = escape_path(unit, view_at(lab, others=both, step=10).ego(0))
     assert (after.escape_offset_m == unit.escape_offset_m) is goes_on
     assert kinds(events) == ([] if goes_on else ["gap_escape_waiting"])
 
 
 def test_an_escape_that_begins_plans_at_once_and_starts_without_a_path(lab):
     """Whatever an escape before it has left behind."""
-    before = EmvUnit(1, snapshot=BLOCKED, stopped_s=5.0, escape_planned_step=95, escape_offset_m=1.0)
-    unit, _ = gap_escape_mode(before, view_at(lab, step=100), 0)
+    before = EmvUnit(1, blocker_id=2, stopped_s=5.0, escape_planned_step=95, escape_offset_m=1.0)
+    unit, _ = gap_escape_mode(before, view_at(lab, step=100).ego(0))
     assert unit.gap_escape_active
     assert unit.escape_offset_m is None
     assert unit.escape_planned_step < 0
     both = [lab.Car(2, 0, 108, 0, (0,)), lab.Car(3, 1, 108, 0, (0,))]
-    planned, events = escape_path(unit, view_at(lab, others=both, step=100), 0)
+    planned, events = escape_path(unit, view_at(lab, others=both, step=100).ego(0))
     assert planned.escape_planned_step == 100
     assert kinds(events) == ["gap_escape_waiting"]
 
@@ -373,7 +369,7 @@ def test_an_escape_that_ends_leaves_neither_its_offset_nor_a_plan(lab):
         plan=RoutePlan((0,), LaneEnd.HORIZON, 0),
         corridor_planned_step=7,
     )
-    unit, events = gap_escape_mode(active, view, 0)
+    unit, events = gap_escape_mode(active, view.ego(0))
     assert kinds(events) == ["gap_escape_left"]
     assert not unit.gap_escape_active
     assert unit.escape_offset_m is None
@@ -383,7 +379,7 @@ def test_an_escape_that_ends_leaves_neither_its_offset_nor_a_plan(lab):
 
 @pytest.mark.parametrize(("speed", "counts"), [(0.51, False), (0.5, True)])
 def test_stopped_is_up_to_the_papers_speed(lab, speed, counts):
-    unit, _ = run(EmvUnit(1, snapshot=BLOCKED), view_at(lab, speed=speed), 1)
+    unit, _ = run(EmvUnit(1, blocker_id=2), view_at(lab, speed=speed), 1)
     assert (unit.stopped_s > 0.0) is counts
 
 
@@ -391,8 +387,8 @@ def test_stopped_is_up_to_the_papers_speed(lab, speed, counts):
 def test_while_escaping_the_vehicle_ahead_in_the_lane_blocks_within_15_m(lab, gap, blocks):
     centre = 100.0 + 0.5 * (lab.vehicles[ActorClass.AMBULANCE].length_m + lab.vehicles[ActorClass.SEDAN].length_m)
     view = view_at(lab, others=[lab.Car(5, 0, centre + gap, 0, (0,))])
-    assert (blocker_of(EmvUnit(1, gap_escape_active=True), view, 0) == 5) is blocks
-    assert blocker_of(EmvUnit(1), view, 0) == 0, "outside an escape the navigator sees it"
+    assert (blocker_of(EmvUnit(1, gap_escape_active=True), view.ego(0)) == 5) is blocks
+    assert blocker_of(EmvUnit(1), view.ego(0)) == 0, "outside an escape the navigator sees it"
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -404,12 +400,12 @@ def test_the_emv_would_meet_who_is_nearer_aside_than_both_bodies_and_a_margin(la
     cars = [lab.Car(1, 1, 100, 3, (0,), ActorClass.AMBULANCE), lab.Car(2, 1, 112, 0, (0,))]
     for apart, meets in ((-0.05, True), (0.05, False)):
         poses = np.array([[100.0, 3.5, 0.0, 3.0], [112.0, 3.5 + side * (half + 0.1 + apart), turned, 0.0]])
-        view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars, poses=poses))
+        view = lab.view(network, lab.L3, cars, poses=poses)
         assert view.world.config.corridor.clearance_m == 0.1
-        assert in_the_way(view, 0, 1, 1) is meets
+        assert in_the_way(view.ego(0), 1, 1) is meets
 
 
 @pytest.mark.parametrize("speed", [0.0, 4.0])
 def test_a_leader_of_sumo_that_nobody_knows_blocks_an_emv_under_way_too(lab, speed):
     view = view_at(lab, speed, advice={"leader_id": 99, "leader_gap_m": 20.0})
-    assert blocker_of(EmvUnit(1, gap_escape_active=True), view, 0) == 99
+    assert blocker_of(EmvUnit(1, gap_escape_active=True), view.ego(0)) == 99

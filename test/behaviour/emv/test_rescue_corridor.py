@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from siren_ros.behaviour.driving.emv_unit import EmvUnit
 from siren_ros.behaviour.emv import rescue_corridor as corridor
 from siren_ros.behaviour.emv.controller import follow_route
 from siren_ros.behaviour.emv.forced_lane_change import forced_lane_change
@@ -15,7 +16,6 @@ from siren_ros.behaviour.emv.rescue_corridor import (
     corridor_offsets,
     corridor_path,
 )
-from siren_ros.behaviour.emv.unit import EmvUnit
 from siren_ros.behaviour.paths.lane_path import LaneEnd, path_on_lanes
 from siren_ros.numerics.geometry import wrap_angle
 from siren_ros.numerics.units import NEVER
@@ -25,7 +25,7 @@ from siren_ros.world.actors import ActorClass, Lights, Owner
 def view_at(lab, others=(), network=None, lane=0, step=0, **traffic):
     network = network or lab.straight_road()
     cars = [lab.Car(1, lane, 100, 8, (0,), ActorClass.AMBULANCE), *others]
-    return lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars, step=step, **traffic))
+    return lab.view(network, lab.L3, cars, step=step, **traffic)
 
 
 def kinds(events):
@@ -33,11 +33,11 @@ def kinds(events):
 
 
 def on_route(view):
-    return follow_route(EmvUnit(1), view, 0)[0]
+    return follow_route(EmvUnit(1), view.ego(0))[0]
 
 
 def test_entered_when_vehicles_react(lab):
-    unit, events = corridor_mode(EmvUnit(1), view_at(lab, advice={"rescue_count": 2}), 0)
+    unit, events = corridor_mode(EmvUnit(1), view_at(lab, advice={"rescue_count": 2}).ego(0))
     assert unit.corridor
     assert kinds(events) == ["corridor_entered"]
 
@@ -59,32 +59,32 @@ YIELDING = {2: int(Owner.ROS)}
 )
 def test_yielding_vehicles_that_brake_ahead_open_a_corridor(lab, place, speed, lights, owners, brakes):
     view = view_at(lab, [lab.Car(2, 1, place, speed, (0,))], lights=lights, owners=owners)
-    assert braking_ahead(on_route(view), view, 0) is brakes
+    assert braking_ahead(on_route(view), view.ego(0)) is brakes
 
 
 def test_neither_the_av_under_test_nor_another_emv_opens_a_corridor(lab):
     view = view_at(lab, [lab.Car(2, 1, 150, 0, (0,))], owners=YIELDING)
-    assert braking_ahead(on_route(view), view, 0)
+    assert braking_ahead(on_route(view), view.ego(0))
     watched = replace(view, world=replace(view.world, av_id=2))
-    assert not braking_ahead(on_route(watched), watched, 0)
+    assert not braking_ahead(on_route(watched), watched.ego(0))
     other = view_at(lab, [lab.Car(2, 1, 150, 0, (0,), ActorClass.AMBULANCE)], owners=YIELDING)
-    assert not braking_ahead(on_route(other), other, 0)
+    assert not braking_ahead(on_route(other), other.ego(0))
 
 
 def test_cancels_and_suppresses_forced_lane_changes(lab):
     view = view_at(lab, advice={"rescue_count": 1, "lane_change_intent": 1})
-    unit, events = corridor_mode(EmvUnit(1, change_side=1), view, 0)
+    unit, events = corridor_mode(EmvUnit(1, change_side=1), view.ego(0))
     assert kinds(events) == ["lane_change_cancelled", "corridor_entered"]
-    unit, events = forced_lane_change(unit, view, 0)
+    unit, events = forced_lane_change(unit, view.ego(0))
     assert not unit.lane_change_forced
     assert not events
 
 
 def test_ends_when_nobody_reacts_any_more(lab):
-    unit, _ = corridor_mode(EmvUnit(1), view_at(lab, advice={"rescue_count": 1}), 0)
-    unit, events = corridor_mode(unit, view_at(lab, step=19), 0)
+    unit, _ = corridor_mode(EmvUnit(1), view_at(lab, advice={"rescue_count": 1}).ego(0))
+    unit, events = corridor_mode(unit, view_at(lab, step=19).ego(0))
     assert unit.corridor
-    unit, events = corridor_mode(unit, view_at(lab, step=20), 0)
+    unit, events = corridor_mode(unit, view_at(lab, step=20).ego(0))
     assert not unit.corridor
     assert kinds(events) == ["corridor_left"]
 
@@ -92,7 +92,7 @@ def test_ends_when_nobody_reacts_any_more(lab):
 def offsets(view, lane):
     reference = path_on_lanes(view.world.network, (lane,), LaneEnd.HORIZON, 98.0, 80.0)
     s = np.linspace(2.0, 78.0, 77)
-    return corridor_offsets(reference, s, view, 0)
+    return corridor_offsets(reference, s, view.ego(0))
 
 
 @pytest.mark.parametrize(
@@ -162,11 +162,11 @@ def test_the_path_begins_where_the_emv_is_as_it_points_and_ends_in_the_corridor(
     road.edge([[0, 0], list(400.0 * along)], 2, ("A", "B"))
     network = road.built()
     car = lab.Car(1, 0, 100, 8, (0,), ActorClass.AMBULANCE, left=left_m)
-    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, [car]))
+    view = lab.view(network, lab.L3, [car])
     yaw = view.seen.yaw_rad + turned_rad
     view = replace(view, seen=replace(view.seen, yaw_rad=yaw, cos=np.cos(yaw), sin=np.sin(yaw)))
-    curve = corridor_path(EmvUnit(1, corridor=True), view, 0).navigator.path.curve
-    s, left = curve.project_one(*view.pose(0)[:2])
+    curve = corridor_path(EmvUnit(1, corridor=True), view.ego(0)).navigator.path.curve
+    s, left = curve.project_one(*view.ego(0).pose[:2])
     assert left == pytest.approx(0.0, abs=0.01)
     end = np.array([curve.length_m])
     assert network.lanes[0].centre.project(curve.at(end)[0])[1] == pytest.approx(1.65, abs=0.02)
@@ -180,7 +180,7 @@ def test_straight_on_starts_from_the_offset_at_hand(lab):
     view = view_at(lab)
     reference = path_on_lanes(view.world.network, (1,), LaneEnd.HORIZON, 98.0, 80.0)
     s = np.linspace(2.0, 78.0, 77)
-    np.testing.assert_allclose(corridor_offsets(reference, s, view, 0, straight_on_m=-1.2), -1.2)
+    np.testing.assert_allclose(corridor_offsets(reference, s, view.ego(0), straight_on_m=-1.2), -1.2)
 
 
 def pocket_road(lab):
@@ -199,8 +199,8 @@ def test_goes_straight_on_where_a_vehicle_closes_the_way_to_a_lane_that_begins(l
     if where is not None:
         cars.append(lab.Car(2, 3, 12, 0, (1,), left=where))
     network = pocket_road(lab)
-    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars))
-    path = corridor_path(EmvUnit(1, corridor=True), view, 0).navigator.path
+    view = lab.view(network, lab.L3, cars)
+    path = corridor_path(EmvUnit(1, corridor=True), view.ego(0)).navigator.path
     _, left, _ = path.curve.project(np.array([162.0]), np.array([view.seen.y_m[0]]))
     assert (abs(float(left[0])) < 0.6) is straight
 
@@ -216,11 +216,11 @@ def test_the_present_path_is_kept_where_it_stays_free_for_longer_than_a_new_one(
     world = lab.world_of(network, lab.L3)
     before = lab.view_of(world, lab.traffic_of(network, cars))
     unit = replace(
-        _along(EmvUnit(1, corridor=True), before, 0, 1, straight_on=straight_on), corridor_planned_step=NEVER
+        _along(EmvUnit(1, corridor=True), before.ego(0), 1, straight_on=straight_on), corridor_planned_step=NEVER
     )
     if where is not None:
         cars.append(lab.Car(2, 3, 12, 0, (1,), left=where))
-    found = corridor_path(unit, lab.view_of(world, lab.traffic_of(network, cars)), 0)
+    found = corridor_path(unit, lab.view_of(world, lab.traffic_of(network, cars)).ego(0))
     assert (found.navigator.path is unit.navigator.path) is kept
     assert found.corridor_planned_step == before.step
 
@@ -230,12 +230,12 @@ def test_the_present_path_is_kept_for_less_where_the_emv_cannot_stop_gently_on_t
     """With 2.5 m/s² it stops from 6 m/s in 7.2 m, from 3 m/s in 1.8 m; the present path gains a metre."""
     network = lab.straight_road()
     car = lab.Car(1, 0, 100, speed, (0,), ActorClass.AMBULANCE)
-    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, [car]))
-    unit = replace(_along(EmvUnit(1, corridor=True), view, 0, 0, straight_on=False), corridor_planned_step=NEVER)
+    view = lab.view(network, lab.L3, [car])
+    unit = replace(_along(EmvUnit(1, corridor=True), view.ego(0), 0, straight_on=False), corridor_planned_step=NEVER)
     monkeypatch.setattr(
         corridor, "_open_m", lambda found, *_: 6.0 if found.navigator.path is unit.navigator.path else 5.0
     )
-    assert (corridor_path(unit, view, 0).navigator.path is unit.navigator.path) is (speed == 6.0)
+    assert (corridor_path(unit, view.ego(0)).navigator.path is unit.navigator.path) is (speed == 6.0)
 
 
 @pytest.mark.parametrize("driven_m", [2.0, 10.0])
@@ -244,18 +244,18 @@ def test_a_new_path_ends_its_lateral_move_where_the_present_one_does(lab, driven
     network = lab.straight_road()
     world = lab.world_of(network, lab.L3)
     cars = [lab.Car(1, 0, 100, 8, (0,), ActorClass.AMBULANCE)]
-    first = corridor_path(EmvUnit(1, corridor=True), lab.view_of(world, lab.traffic_of(network, cars)), 0)
+    first = corridor_path(EmvUnit(1, corridor=True), lab.view_of(world, lab.traffic_of(network, cars)).ego(0))
     start, path = first.navigator.progress_m, first.navigator.path
     x, y = path.curve.at(np.array([start + driven_m]))[0]
     yaw = float(path.curve.heading_at(np.array([start + driven_m]))[0])
     cars = [replace(cars[0], s=float(x), speed=14.0)]
     traffic = lab.traffic_of(network, cars, step=8, poses=np.array([[x, y, yaw, 14.0]]))
     driving = replace(first, navigator=replace(first.navigator, progress_m=start + driven_m))
-    again = corridor_path(driving, lab.view_of(world, traffic), 0)
+    again = corridor_path(driving, lab.view_of(world, traffic).ego(0))
     assert again.navigator.path is not path
     left_m = path.settled_m - start - driven_m
     assert again.navigator.path.settled_m == pytest.approx(max(left_m, 8.0), abs=0.3)
-    anew = corridor_path(EmvUnit(1, corridor=True), lab.view_of(world, traffic), 0)
+    anew = corridor_path(EmvUnit(1, corridor=True), lab.view_of(world, traffic).ego(0))
     assert anew.navigator.path.settled_m > again.navigator.path.settled_m + 2.0
 
 
@@ -264,15 +264,15 @@ def test_an_emv_that_points_far_off_begins_at_half_a_radian(lab, turned_rad):
     network = lab.straight_road()
     car = lab.Car(1, 0, 100, 2, (0,), ActorClass.AMBULANCE, left=1.65)
     poses = np.array([[100.0, 1.65, turned_rad, 2.0]])
-    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, [car], poses=poses))
-    curve = corridor_path(EmvUnit(1, corridor=True), view, 0).navigator.path.curve
+    view = lab.view(network, lab.L3, [car], poses=poses)
+    curve = corridor_path(EmvUnit(1, corridor=True), view.ego(0)).navigator.path.curve
     assert curve.heading_at(np.array([0.0]))[0] == pytest.approx(np.sign(turned_rad) * 0.5, abs=0.05)
 
 
 @pytest.mark.parametrize("step", [7, 8])
 def test_the_corridor_is_planned_again_after_0_4_s(lab, step):
-    planned = corridor_path(EmvUnit(1, corridor=True), view_at(lab), 0)
-    again = corridor_path(planned, view_at(lab, step=step), 0)
+    planned = corridor_path(EmvUnit(1, corridor=True), view_at(lab).ego(0))
+    again = corridor_path(planned, view_at(lab, step=step).ego(0))
     assert (again is planned) is (step == 7)
     assert again.corridor_planned_step == (0 if step == 7 else 8)
     assert again.plan is None
@@ -321,12 +321,12 @@ def test_the_body_stays_on_the_road_beside_a_wide_vehicle_on_the_left(lab):
 def test_the_line_between_two_lanes_goes_on_across_a_junction(lab):
     network = lab.junction_road()
     car = lab.Car(1, 0, 120, 8, (0, 2), ActorClass.AMBULANCE)
-    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, [car]))
+    view = lab.view(network, lab.L3, [car])
     reference = path_on_lanes(network, (0, 2, 4), LaneEnd.HORIZON, 118.0, 80.0)
-    found = corridor_offsets(reference, np.linspace(2.0, 78.0, 77), view, 0)
+    found = corridor_offsets(reference, np.linspace(2.0, 78.0, 77), view.ego(0))
     np.testing.assert_allclose(found, 1.65, atol=1e-6)
     inside = path_on_lanes(network, (2,), LaneEnd.HORIZON, 2.0, 20.0)
-    np.testing.assert_allclose(corridor_offsets(inside, np.linspace(2.0, 18.0, 17), view, 0), 0.0)
+    np.testing.assert_allclose(corridor_offsets(inside, np.linspace(2.0, 18.0, 17), view.ego(0)), 0.0)
 
 
 @pytest.mark.parametrize("radius", [1, 3])
@@ -356,18 +356,18 @@ def test_the_path_begins_as_the_emv_points_also_where_the_corridor_bends_at_once
         lab.Car(3, 1, 118, 0, (0,), left=1.0),
     ]
     poses = np.array([[100.0, left_m, turned_rad, 6.0], [109.0, -0.3, 0.0, 0.0], [118.0, 4.3, 0.0, 0.0]])
-    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars, poses=poses))
+    view = lab.view(network, lab.L3, cars, poses=poses)
     reference = path_on_lanes(network, (0,), LaneEnd.HORIZON, 98.0, 82.0)
-    target = corridor_offsets(reference, np.linspace(2.0, 82.0, 81), view, 0)
+    target = corridor_offsets(reference, np.linspace(2.0, 82.0, 81), view.ego(0))
     assert abs(target[1] - target[0]) > 0.01
-    curve = corridor_path(EmvUnit(1, corridor=True), view, 0).navigator.path.curve
+    curve = corridor_path(EmvUnit(1, corridor=True), view.ego(0)).navigator.path.curve
     assert curve.heading_at(np.array([0.0]))[0] == pytest.approx(turned_rad, abs=0.012)
 
 
 def test_a_corridor_that_begins_again_is_planned_at_once(lab):
     """Nothing of the last one is left."""
     was = EmvUnit(1, corridor=True, corridor_seen_step=10, corridor_planned_step=28)
-    unit, _ = corridor_mode(was, view_at(lab, step=30), 0)
+    unit, _ = corridor_mode(was, view_at(lab, step=30).ego(0))
     assert not unit.corridor
     assert unit.corridor_planned_step == NEVER
     assert unit.plan is None

@@ -5,11 +5,12 @@ import pytest
 
 from siren_ros.behaviour.civilians.interaction_region import EmvRoad, region_members, way_from_emv_m
 from siren_ros.behaviour.civilians.pull_over import edge_offset_m, emv_waits_behind
-from siren_ros.behaviour.civilians.unit import emv_fully_passed
+from siren_ros.behaviour.driving.civilian_unit import emv_fully_passed
+from siren_ros.behaviour.driving.emv_speed_limits import anticipated_limit, free_way, passage_limit
+from siren_ros.behaviour.driving.emv_unit import EmvUnit
 from siren_ros.behaviour.driving.lane_change import (
     LaneChangeQuery,
     assess,
-    change_length_m,
     entered_lane,
     gaps_in_lane,
     lane_change_path,
@@ -18,8 +19,6 @@ from siren_ros.behaviour.driving.lane_change import (
 from siren_ros.behaviour.emv.controller import follow_route
 from siren_ros.behaviour.emv.gap_escape import blocker_of, in_the_way, reference_line, search_gap
 from siren_ros.behaviour.emv.rescue_corridor import braking_ahead, corridor_offsets, corridor_path
-from siren_ros.behaviour.emv.speed_limits import anticipated_limit, free_way, passage_limit
-from siren_ros.behaviour.emv.unit import EmvUnit
 from siren_ros.behaviour.paths.lane_path import LaneEnd, path_on_lanes
 from siren_ros.scenario.paper import ControlConstants
 from siren_ros.world.actors import ActorClass, Owner
@@ -55,38 +54,38 @@ def view_at(lab, turn):
 def numbers(lab, turn):
     """By name; places along and across the road."""
     view, along, across = view_at(lab, turn)
-    unit = follow_route(EmvUnit(1), view, 0)[0]
+    unit = follow_route(EmvUnit(1), view.ego(0))[0]
     reference = path_on_lanes(view.world.network, (0,), LaneEnd.HORIZON, 98.0, 80.0)
     s = np.linspace(2.0, 78.0, 77)
-    found = search_gap(reference_line(view, 0, 0), view, 0)
-    corridor = corridor_path(EmvUnit(1, corridor=True), view, 0).navigator.path
-    query = LaneChangeQuery(4, 0, 1, 5.0, view.traffic.route_of_row(4), civilian=True)
-    verdict = assess(view, query)
-    change = lane_change_path(view, query, verdict, stop_at_end=True).curve.points
-    road = EmvRoad.ahead_of(view, 0, None)
+    found = search_gap(reference_line(view.ego(0), 0), view.ego(0))
+    corridor = corridor_path(EmvUnit(1, corridor=True), view.ego(0)).navigator.path
+    query = LaneChangeQuery(view.ego(4), 0, 1, 5.0, civilian=True)
+    verdict = assess(query)
+    change = lane_change_path(query, verdict, stop_at_end=True).curve.points
+    road = EmvRoad.ahead_of(view.ego(0), None)
     escaping = EmvUnit(1, unit.navigator, gap_escape_active=True)
     return {
-        "anticipated": anticipated_limit(unit, view, 0).speed_mps,
-        "corridor": corridor_offsets(reference, s, view, 0)[::8],
+        "anticipated": anticipated_limit(unit, view.ego(0)).speed_mps,
+        "corridor": corridor_offsets(reference, s, view.ego(0))[::8],
         "corridor path": (corridor.curve.points @ across)[::6],
-        "braking ahead": braking_ahead(unit, view, 0),
+        "braking ahead": braking_ahead(unit, view.ego(0)),
         "escape": (found.left_m[-1], found.length_m, found.clearance_m),
-        "free way": (free_way(unit, view, 0).free_m, free_way(escaping, view, 0).free_m),
-        "passage": passage_limit(escaping, view, 0).speed_mps,
-        "in the way": [in_the_way(view, 0, row, 0) for row in range(1, 5)],
-        "blocker": blocker_of(escaping, view, 0),
+        "free way": (free_way(unit, view.ego(0)).free_m, free_way(escaping, view.ego(0)).free_m),
+        "passage": passage_limit(escaping, view.ego(0)).speed_mps,
+        "in the way": [in_the_way(view.ego(0), row, 0) for row in range(1, 5)],
+        "blocker": blocker_of(escaping, view.ego(0)),
         "gaps": [
             (gaps.front_m, gaps.rear_m, gaps.front_id)
-            for gaps in (gaps_in_lane(view, row, lane) for row in range(5) for lane in range(2))
+            for gaps in (gaps_in_lane(view.ego(row), lane) for row in range(5) for lane in range(2))
         ],
-        "offsets": [offset_in_lane(view, row, lane) for row in range(5) for lane in range(2)],
-        "entered": [entered_lane(view, row, lane) for row in range(5) for lane in range(2)],
+        "offsets": [offset_in_lane(view.ego(row), lane) for row in range(5) for lane in range(2)],
+        "entered": [entered_lane(view.ego(row), lane) for row in range(5) for lane in range(2)],
         "way": way_from_emv_m(view, 0, road.road_start_m),
         "members": region_members(view.seen, 0, np.empty(0, np.uint32), ControlConstants(region_enter_m=30.0)),
-        "waits": [emv_waits_behind(view, row, 2) for row in range(5)],
-        "passed": [emv_fully_passed(view, row, 0) for row in range(1, 5)],
-        "edges": [edge_offset_m(view, row, row % 2, side) for row in range(1, 5) for side in (1, -1)],
-        "change": (change_length_m(view, query), change[::6] @ along, change[::6] @ across),
+        "waits": [emv_waits_behind(view.ego(row), 2) for row in range(5)],
+        "passed": [emv_fully_passed(view.ego(row), 0) for row in range(1, 5)],
+        "edges": [edge_offset_m(view.ego(row), row % 2, side) for row in range(1, 5) for side in (1, -1)],
+        "change": (query.length_m, change[::6] @ along, change[::6] @ across),
     }
 
 

@@ -8,16 +8,9 @@ import pytest
 from defusedxml.ElementTree import fromstring
 from made_streets import A_LEFT, A_RIGHT, B_LEFT, B_RIGHT, C_LEFT, C_RIGHT, streets
 
-from siren_ros.roads.maps.lane_shapes import (
-    _only_joins,
-    mend_junction_paths,
-    mended_lanes,
-    points_of,
-    rounded,
-    taper_patches,
-    text_of,
-)
+from siren_ros.roads.maps.lane_shapes import mend_junction_paths, mended_lanes, points_of, rounded, text_of
 from siren_ros.roads.maps.map_compiler import compile_map
+from siren_ros.roads.maps.openstreetmap import _only_joins, taper_patches
 from siren_ros.roads.movements import movement_turn_rad
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork

@@ -45,7 +45,7 @@ def lane_patches(document):
 
 
 def test_permissions_by_lane_type_and_width():
-    lanes = lane_patches(patches().edges)
+    lanes = lane_patches(patches()["--edge-files"])
     assert set(lanes) == {"0", "1", "2", "4"}
     assert (lanes["0"]["allow"], float(lanes["0"]["speed"])) == ("pedestrian", 1.39)
     assert lanes["1"] == {"index": "1", "disallow": "all"}
@@ -54,7 +54,7 @@ def test_permissions_by_lane_type_and_width():
 
 
 def test_the_shoulder_follows_right_turns_only():
-    (connection,) = fromstring(patches().connections)
+    (connection,) = fromstring(patches()["--connection-files"])
     assert dict(connection.attrib) == {"from": "1", "to": "3", "fromLane": "2", "toLane": "2"}
 
 
@@ -70,20 +70,20 @@ def test_the_shoulder_follows_right_turns_only():
 )
 def test_a_shoulder_movement_that_is_there_is_not_added_again(more, added):
     first = net().replace(b"</net>", more.encode() + b"</net>")
-    found = fromstring(opendrive_patches(first, b"<OpenDRIVE/>", "map.xodr").connections)
+    found = fromstring(opendrive_patches(first, b"<OpenDRIVE/>", "map.xodr")["--connection-files"])
     assert [tuple(one.get(key) for key in ("from", "to", "fromLane", "toLane")) for one in found] == added
 
 
 @pytest.mark.parametrize(("letter", "count"), [("s", 1), ("r", 1), ("R", 1), ("l", 0), ("L", 0), ("t", 0)])
 def test_the_shoulder_follows_straight_on_and_to_the_right(letter, count):
     first = net().replace(b'toLane="3" dir="r"/><conn', f'toLane="3" dir="{letter}"/><conn'.encode())
-    assert len(fromstring(opendrive_patches(first, b"<OpenDRIVE/>", "map.xodr").connections)) == count
+    assert len(fromstring(opendrive_patches(first, b"<OpenDRIVE/>", "map.xodr")["--connection-files"])) == count
 
 
 @pytest.mark.parametrize(("index", "width", "open_to"), [(2, "1.8", "emergency"), (2, "1.79", None), (4, "2.5", None)])
 def test_wide_shoulders_right_of_the_driving_lanes_are_open(index, width, open_to):
     text = net().decode().replace('index="2" disallow="all" speed="1.39" width="2.5"', f'index="2" width="{width}"')
-    lanes = lane_patches(opendrive_patches(text.encode(), b"<OpenDRIVE/>", "map.xodr").edges)
+    lanes = lane_patches(opendrive_patches(text.encode(), b"<OpenDRIVE/>", "map.xodr")["--edge-files"])
     assert lanes[str(index)].get("allow") == open_to
     assert (lanes[str(index)].get("disallow") == "all") is (open_to is None)
 
@@ -91,31 +91,31 @@ def test_wide_shoulders_right_of_the_driving_lanes_are_open(index, width, open_t
 def test_a_shoulder_between_driving_lanes_is_open_to_nobody():
     more = '<lane id="1_5" index="5" speed="13.89" width="3.5" type="driving"/></edge>'
     text = net().decode().replace("</edge>", more, 1)
-    lanes = lane_patches(opendrive_patches(text.encode(), b"<OpenDRIVE/>", "map.xodr").edges)
+    lanes = lane_patches(opendrive_patches(text.encode(), b"<OpenDRIVE/>", "map.xodr")["--edge-files"])
     assert (lanes["2"].get("allow"), lanes["4"].get("disallow")) == ("emergency", "all")
 
 
 def test_without_a_driving_lane_a_shoulder_is_open_to_nobody():
     text = net().decode().replace('type="driving"', 'type="biking"')
-    lanes = lane_patches(opendrive_patches(text.encode(), b"<OpenDRIVE/>", "map.xodr").edges)
+    lanes = lane_patches(opendrive_patches(text.encode(), b"<OpenDRIVE/>", "map.xodr")["--edge-files"])
     assert {lanes[index].get("disallow") for index in ("1", "2", "3", "4")} == {"all"}
 
 
 @pytest.mark.parametrize(("s_m", "length_m", "binds"), [("12", "20", True), ("4", "20", False), ("5", "20", True)])
 def test_a_sign_binds_the_junction_at_most_15_m_ahead(s_m, length_m, binds):
     found = patches(sign("206", "+", road="1", junction="-1", s_m=s_m, length_m=length_m))
-    assert len(fromstring(found.nodes)) == int(binds)
+    assert len(fromstring(found["--node-files"])) == int(binds)
 
 
 @pytest.mark.parametrize(("s_m", "binds"), [("14", True), ("16", False)])
 def test_a_sign_for_the_other_direction_is_measured_from_the_roads_start(s_m, binds):
     road = sign("206", "-", road="-2", junction="-1", s_m=s_m, length_m="100").replace('road id="-2"', 'road id="2"')
     road = road.replace("successor", "predecessor")
-    assert len(fromstring(patches(road).nodes)) == int(binds)
+    assert len(fromstring(patches(road)["--node-files"])) == int(binds)
 
 
 def test_without_signs_no_junction_changes():
-    assert len(fromstring(patches().nodes)) == 0
+    assert len(fromstring(patches()["--node-files"])) == 0
 
 
 @pytest.mark.parametrize(
@@ -130,9 +130,9 @@ def test_without_signs_no_junction_changes():
 )
 def test_signs_set_the_junctions_control(roads, kind, minor):
     result = patches(*roads)
-    nodes = {node.get("id"): node.get("type") for node in fromstring(result.nodes)}
+    nodes = {node.get("id"): node.get("type") for node in fromstring(result["--node-files"])}
     assert nodes == ({} if kind is None else {"9": kind})
-    lowered = {edge.get("id") for edge in fromstring(result.edges) if edge.get("priority") == "0"}
+    lowered = {edge.get("id") for edge in fromstring(result["--edge-files"]) if edge.get("priority") == "0"}
     assert lowered == minor
 
 
@@ -141,7 +141,7 @@ def test_references_to_a_sign_count_like_the_sign():
     reference = (
         sign("206", "-").replace("<signal id", "<signalReference id").replace('"s50"', '"x"').replace('type="206" ', "")
     )
-    nodes = fromstring(patches(elsewhere, reference).nodes)
+    nodes = fromstring(patches(elsewhere, reference)["--node-files"])
     assert [node.get("type") for node in nodes] == ["priority_stop"]
 
 
@@ -157,12 +157,12 @@ def test_references_to_a_sign_count_like_the_sign():
 )
 def test_other_signs_change_nothing(road):
     result = patches(road)
-    assert len(fromstring(result.nodes)) == 0
-    assert all(edge.get("priority") is None for edge in fromstring(result.edges))
+    assert len(fromstring(result["--node-files"])) == 0
+    assert all(edge.get("priority") is None for edge in fromstring(result["--edge-files"]))
 
 
 def test_a_signal_outranks_a_stop_sign():
-    assert len(fromstring(patches(sign("206", "+"), junction_type="traffic_light").nodes)) == 0
+    assert len(fromstring(patches(sign("206", "+"), junction_type="traffic_light")["--node-files"])) == 0
 
 
 def test_damaged_opendrive_is_refused():

@@ -25,7 +25,8 @@ from siren_ros.generation.episode_setup import set_up_episode
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.road_network import Lane, LaneKind, RoadNetwork
 from siren_ros.roads.routing import EdgeGraph
-from siren_ros.roads.site_finder import Site, require_site
+from siren_ros.roads.site_finder import require_site
+from siren_ros.roads.sites import Site
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.scenario.paper import EmergencyLevel
 from siren_ros.scenario.scenario import GroupAnchor, Placement, Template

@@ -5,7 +5,8 @@ import pytest
 from traffic_helpers import TOWN10, load_map
 
 from siren_ros.roads.road_network import LaneKind, RoadNetwork
-from siren_ros.roads.site_finder import SiteKind, require_site
+from siren_ros.roads.site_finder import require_site
+from siren_ros.roads.sites import SiteKind
 from siren_ros.scenario.scenario import EmvDemand
 from siren_ros.scenario.templates import load_template
 from siren_ros.traffic.config import DemandConfig

@@ -11,8 +11,9 @@ from siren_ros.conflicts.yielding import YieldingConfig
 from siren_ros.numerics.geometry import Polyline, rotate
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import Edge, Lane, LaneKind, RoadNetwork
+from siren_ros.traffic.config import CautionConfig
 from siren_ros.traffic.sumo import caution as caution_module
-from siren_ros.traffic.sumo.caution import _MOST_BRAKE_MPS2, Caution, CautiousDrivers, cautions
+from siren_ros.traffic.sumo.caution import Caution, CautiousDrivers, cautions
 from siren_ros.world.actors import Owner
 from siren_ros.world.traffic_state import TrafficFlags, TrafficState
 
@@ -92,7 +93,7 @@ def cautious(
     roads, n = network(turn), len(cars)
     traffic = traffic_of(cars, roads)
     outlook = Outlook(traffic, CourseBook(roads), np.full(n, HALF_LENGTH), np.full(n, HALF_WIDTH))
-    return cautions(traffic, outlook, YieldingConfig(), waiting, inattentive)
+    return cautions(traffic, outlook, CautionConfig(), waiting, inattentive)
 
 
 @pytest.mark.parametrize("turn", TURNS)
@@ -184,10 +185,10 @@ def test_imposed_speeds_brake_comfortably_where_that_is_enough_and_else_as_hard_
         )
         for key in (1, 2)
     }
-    drivers = CautiousDrivers(network(0.0), YieldingConfig())
+    drivers = CautiousDrivers(network(0.0), CautionConfig())
     speeds = drivers._speeds(traffic_of(cars, network(0.0)), vehicles)  # type: ignore[arg-type] # what it reads
     needed = caution.wait.brake_mps2
-    expected = {None: max(needed, 0.0), "most": _MOST_BRAKE_MPS2}.get(brake_mps2, brake_mps2)  # type: ignore[arg-type]
+    expected = {None: max(needed, 0.0), "most": CautionConfig().most_brake_mps2}.get(brake_mps2, brake_mps2)  # type: ignore[arg-type]
     assert speeds == {"v1": pytest.approx(max(10.0 - float(expected) * STEP_S, 2.0))}
     assert (needed > decel_mps2) is (brake_mps2 != 50.0)
 
@@ -216,7 +217,7 @@ def test_the_tail_of_a_bus_that_changes_lanes_is_in_the_way(
     x[1], y[1], yaw[1] = place[0], place[1], turn + side * np.radians(20.0)
     traffic = replace(traffic, x_m=x, y_m=y, yaw_rad=yaw)
     outlook = Outlook(traffic, CourseBook(roads), np.array([HALF_LENGTH, 6.0]), np.array([HALF_WIDTH, 1.275]))
-    found = cautions(traffic, outlook, YieldingConfig())
+    found = cautions(traffic, outlook, CautionConfig())
     assert ([caution.actor_id for caution in found] == [1]) is waits
 
 
@@ -252,7 +253,7 @@ def test_an_outside_vehicle_is_taken_to_go_at_its_simulated_speed(turn: float) -
     late = replace(traffic, sumo_speed_mps=np.array([13.0, 0.0]), speed_mps=np.array([0.0, 12.0]))
     for state in (traffic, late):
         outlook = Outlook(state, CourseBook(roads), np.full(2, HALF_LENGTH), np.full(2, HALF_WIDTH))
-        (caution,) = cautions(state, outlook, YieldingConfig())
+        (caution,) = cautions(state, outlook, CautionConfig())
         assert (caution.actor_id, caution.other_id) == (1, 2)
 
 
@@ -272,7 +273,7 @@ def test_the_drivers_who_do_not_look_out_are_the_inattentive_ones(attentive: boo
     driver = SimpleNamespace(driving=SimpleNamespace(decel_mps2=3.0))
     size = {"length_m": 2.0 * HALF_LENGTH, "width_m": 2.0 * HALF_WIDTH}
     vehicles = {key: SimpleNamespace(name=f"v{key}", attentive=attentive, driver=driver, **size) for key in (1, 2)}
-    drivers = CautiousDrivers(network(0.0), YieldingConfig())
+    drivers = CautiousDrivers(network(0.0), CautionConfig())
     traffic = traffic_of([Car(0, 75.0, 13.0), Car(1, 85.0, 12.0, Owner.ROS)], network(0.0))
     assert set(drivers._speeds(traffic, vehicles)) == slowed  # type: ignore[arg-type] # what it reads
 
@@ -284,7 +285,7 @@ def test_who_need_not_wait_any_more_gets_its_own_speed_back(monkeypatch: pytest.
     vehicles = {
         key: SimpleNamespace(name=f"v{key}", length_m=4.6, width_m=1.8, attentive=True, driver=driver) for key in (1, 2)
     }
-    drivers = CautiousDrivers(network(0.0), YieldingConfig())
+    drivers = CautiousDrivers(network(0.0), CautionConfig())
     near = traffic_of([Car(0, 70.0, 10.0), Car(0, 80.0, 2.0, Owner.ROS)], network(0.0))
     free = traffic_of([Car(0, 20.0, 10.0), Car(0, 180.0, 2.0, Owner.ROS)], network(0.0))
     drivers.apply(None, vehicles)  # type: ignore[arg-type] # what it reads

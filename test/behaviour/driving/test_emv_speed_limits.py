@@ -5,51 +5,50 @@ import numpy as np
 import pytest
 
 from siren_ros.behaviour.config import AnticipationConfig, JunctionEntryConfig
-from siren_ros.behaviour.driving.collision_watch import CollisionSnapshot
-from siren_ros.behaviour.driving.navigator import NavigatorState
-from siren_ros.behaviour.emv.controller import follow_route
-from siren_ros.behaviour.emv.forced_lane_change import ROUTE
-from siren_ros.behaviour.emv.gap_escape import reference_line, road_space
-from siren_ros.behaviour.emv.speed_limits import (
+from siren_ros.behaviour.driving.emv_speed_limits import (
     UNLIMITED,
     anticipated_limit,
-    approach_mps,
     approach_speed_mps,
-    entry_limit_mps,
+    entry_limit,
     free_way,
-    passage_blocker,
     passage_limit,
 )
-from siren_ros.behaviour.emv.unit import EmvUnit, LateralRequest
+from siren_ros.behaviour.driving.emv_unit import ROUTE, EmvUnit, LateralRequest
+from siren_ros.behaviour.driving.free_space import SpeedLimit
+from siren_ros.behaviour.driving.navigator import NavigatorState
+from siren_ros.behaviour.driving.speed_mechanisms import Mechanism, navigate
+from siren_ros.behaviour.emv.controller import follow_route
+from siren_ros.behaviour.emv.gap_escape import reference_line, road_space
 from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
 from siren_ros.conflicts.course import Outlook
+from siren_ros.numerics.braking import speed_before_mps
 from siren_ros.scenario.presets import Attention
-from siren_ros.world.actors import ActorClass
+from siren_ros.world.actors import NO_ACTOR, ActorClass
 from siren_ros.world.traffic_state import SignalState
 
 
 def scene(lab, *others, speed=5.0, corridor=True):
     network = lab.straight_road()
     cars = [lab.Car(1, 0, 100, speed, (0,), ActorClass.AMBULANCE), *others]
-    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars))
-    path = TrackedPath.of(Curve.through(np.array([[95.0, 0.0], [180.0, 0.0]])), view.navigator_config(0))
+    view = lab.view(network, lab.L3, cars)
+    path = TrackedPath.of(Curve.through(np.array([[95.0, 0.0], [180.0, 0.0]])), view.ego(0).navigator_config)
     return EmvUnit(1, NavigatorState().following(path, 100.0, 0.0), corridor=corridor), view
 
 
 def test_only_the_corridor_and_the_gap_escape_are_limited(lab):
     unit, view = scene(lab, lab.Car(2, 0, 120, 0, (0,)), corridor=False)
-    assert passage_limit(unit, view, 0) == UNLIMITED
-    assert passage_limit(EmvUnit(1, corridor=True), view, 0) == UNLIMITED
+    assert passage_limit(unit, view.ego(0)) == UNLIMITED
+    assert passage_limit(EmvUnit(1, corridor=True), view.ego(0)) == UNLIMITED
     for mode in ({"corridor": True}, {"gap_escape_active": True}):
-        assert passage_limit(replace(unit, **mode), view, 0).speed_mps < 10.0
+        assert passage_limit(replace(unit, **mode), view.ego(0)).speed_mps < 10.0
 
 
 def test_stops_before_a_vehicle_that_stands_on_the_path(lab):
     unit, view = scene(lab, lab.Car(2, 0, 120, 0, (0,)))
     bumpers = 20.0 - 0.5 * (lab.vehicles[ActorClass.AMBULANCE].length_m + lab.vehicles[ActorClass.SEDAN].length_m)
-    assert free_way(unit, view, 0).free_m == pytest.approx(bumpers, abs=0.6)
-    limit = passage_limit(unit, view, 0)
+    assert free_way(unit, view.ego(0)).free_m == pytest.approx(bumpers, abs=0.6)
+    limit = passage_limit(unit, view.ego(0))
     assert limit.blocker_id == 2
     free = limit.free_m - view.world.config.corridor.stop_short_m
     assert limit.speed_mps == pytest.approx(math.sqrt(2.0 * view.world.config.gap_escape.brake_mps2 * free))
@@ -58,30 +57,40 @@ def test_stops_before_a_vehicle_that_stands_on_the_path(lab):
 def test_vehicles_ahead_that_move_leave_way_and_crossing_ones_count_only_in_the_gap_escape(lab):
     standing, view = scene(lab, lab.Car(2, 0, 120, 0, (0,)))
     moving, moving_view = scene(lab, lab.Car(2, 0, 120, 6, (0,)))
-    gain = free_way(moving, moving_view, 0).free_m - free_way(standing, view, 0).free_m
+    gain = free_way(moving, moving_view.ego(0)).free_m - free_way(standing, view.ego(0)).free_m
     assert gain == pytest.approx(6.0**2 / 8.0)
     network = lab.straight_road()
     cars = [lab.Car(1, 0, 100, 5, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, 115, 5, (0,))]
     poses = np.array([[100.0, 0.0, 0.0, 5.0], [115.0, -3.0, math.pi / 2.0, 5.0]])
-    crossing = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars, poses=poses))
-    assert math.isinf(free_way(standing, crossing, 0).free_m)
-    assert free_way(replace(standing, gap_escape_active=True), crossing, 0).free_m < 12.0
+    crossing = lab.view(network, lab.L3, cars, poses=poses)
+    assert math.isinf(free_way(standing, crossing.ego(0)).free_m)
+    assert free_way(replace(standing, gap_escape_active=True), crossing.ego(0)).free_m < 12.0
+
+
+def approach_mps(ahead_m, config):
+    return speed_before_mps(config.speed_mps**2, config.brake_mps2, ahead_m)
 
 
 def test_the_vehicle_that_cannot_be_passed_is_the_blocker(lab):
     unit, view = scene(lab, lab.Car(2, 0, 110, 0, (0,)))
-    limit = passage_limit(unit, view, 0)
-    assert passage_blocker(None, limit) == CollisionSnapshot(2, limit.free_m, 0.0)
-    seen = CollisionSnapshot(7, 1.0, 0.0)
-    assert passage_blocker(seen, limit) is seen
-    assert passage_blocker(None, UNLIMITED) is None
+    ego = view.ego(0)
+    assert passage_limit(unit, ego).blocker_id == 2
+
+    def blocker(*limits):
+        mechanisms = [Mechanism("", lambda _, limit=limit: limit, "") for limit in limits]
+        return navigate(unit, ego, 5.0, ego.navigator_config, mechanisms)[2]
+
+    passage, collision = passage_limit(unit, ego), SpeedLimit(9.0, blocker_id=7)
+    assert blocker(SpeedLimit(9.0), passage) == 2
+    assert blocker(collision, passage) == 7, "the collision handling comes first"
+    assert blocker(SpeedLimit(9.0), UNLIMITED) == NO_ACTOR
 
 
 def test_road_space_bridges_a_junction(lab):
     network = lab.junction_road()
     cars = [lab.Car(1, 0, 140, 0, (0, 2), ActorClass.AMBULANCE)]
-    view = lab.view_of(lab.world_of(network, lab.L3), lab.traffic_of(network, cars))
-    reference = reference_line(view, 0, 0)
+    view = lab.view(network, lab.L3, cars)
+    reference = reference_line(view.ego(0), 0)
     s = np.arange(0.0, 40.0, 1.0)
     space = road_space(network, reference, s)
     np.testing.assert_allclose(space.right_m, -1.65)
@@ -101,8 +110,8 @@ def approach(gap, lead, overlap=2.0, leaving=0.0):
 def scene_of_anticipation(lab, *others, speed=13.0):
     network = lab.straight_road()
     cars = [lab.Car(1, 0, 100, speed, (0,), ActorClass.AMBULANCE), *others]
-    view = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars))
-    return follow_route(EmvUnit(1), view, 0)[0], view
+    view = lab.view(network, lab.L2, cars)
+    return follow_route(EmvUnit(1), view.ego(0))[0], view.ego(0)
 
 
 def test_stops_gently_behind_a_standing_vehicle():
@@ -128,25 +137,25 @@ def test_a_vehicle_that_leaves_the_path_is_approached_so_as_to_arrive_when_it_ha
 
 
 def test_only_vehicles_on_the_path_in_the_same_direction_count(lab):
-    assert math.isinf(anticipated_limit(*scene_of_anticipation(lab, lab.Car(2, 1, 130, 0, (0,))), 0).speed_mps)
-    assert math.isinf(anticipated_limit(*scene_of_anticipation(lab, lab.Car(2, 0, 70, 0, (0,))), 0).speed_mps)
-    assert anticipated_limit(*scene_of_anticipation(lab, lab.Car(2, 0, 130, 0, (0,))), 0).speed_mps < 13.0
+    assert math.isinf(anticipated_limit(*scene_of_anticipation(lab, lab.Car(2, 1, 130, 0, (0,)))).speed_mps)
+    assert math.isinf(anticipated_limit(*scene_of_anticipation(lab, lab.Car(2, 0, 70, 0, (0,)))).speed_mps)
+    assert anticipated_limit(*scene_of_anticipation(lab, lab.Car(2, 0, 130, 0, (0,)))).speed_mps < 13.0
 
 
 def test_slows_down_no_more_than_gently_and_leaves_braking_to_the_collision_handling(lab):
-    unit, view = scene_of_anticipation(lab, lab.Car(2, 0, 100 + HALF + 7.0, 0, (0,)))
-    limit = anticipated_limit(unit, view, 0)
-    gain = view.world.config.emv.navigator.speed_gain_1ps
+    unit, ego = scene_of_anticipation(lab, lab.Car(2, 0, 100 + HALF + 7.0, 0, (0,)))
+    limit = anticipated_limit(unit, ego)
+    gain = ego.world.config.emv.navigator.speed_gain_1ps
     assert limit.speed_mps == pytest.approx(13.0 - CONFIG.ease_off_mps2 / gain)
     assert limit.brake_mps2 == 0.0
 
 
 def test_adapts_to_the_lane_that_the_route_needs_before_it_can_change(lab):
-    unit, view = scene_of_anticipation(lab, lab.Car(2, 1, 100 + HALF + 20.0, 5, (0,)), speed=8.0)
+    unit, ego = scene_of_anticipation(lab, lab.Car(2, 1, 100 + HALF + 20.0, 5, (0,)), speed=8.0)
     asked = replace(unit, request=LateralRequest(1, ROUTE, 0))
-    assert math.isinf(anticipated_limit(unit, view, 0).speed_mps)
-    expected = max(approach(20.0, 5.0), 8.0 - CONFIG.ease_off_mps2 / view.world.config.emv.navigator.speed_gain_1ps)
-    assert anticipated_limit(asked, view, 0).speed_mps == pytest.approx(expected)
+    assert math.isinf(anticipated_limit(unit, ego).speed_mps)
+    expected = max(approach(20.0, 5.0), 8.0 - CONFIG.ease_off_mps2 / ego.world.config.emv.navigator.speed_gain_1ps)
+    assert anticipated_limit(asked, ego).speed_mps == pytest.approx(expected)
 
 
 def test_does_not_saw_behind_one_yielder_after_another(lab):
@@ -175,8 +184,8 @@ def test_a_vehicle_is_in_the_way_up_to_both_half_bodies_and_a_margin_aside(lab, 
     for more, counts in ((-0.02, True), (0.02, False)):
         left = side * (side_m + CONFIG.side_margin_m + more)
         poses = np.array([[*(100.0 * along), turn, 13.0], [*(130.0 * along + left * across), turn + turned, 0.0]])
-        view = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars, poses=poses))
-        limit = anticipated_limit(follow_route(EmvUnit(1), view, 0)[0], view, 0)
+        view = lab.view(network, lab.L2, cars, poses=poses)
+        limit = anticipated_limit(follow_route(EmvUnit(1), view.ego(0))[0], view.ego(0))
         assert math.isfinite(limit.speed_mps) is counts
 
 
@@ -187,10 +196,10 @@ def test_the_gap_is_between_the_bumpers_also_of_a_vehicle_at_an_angle(lab):
     cars = [lab.Car(1, 0, 100, 6, (0,), ActorClass.AMBULANCE), lab.Car(2, 0, 130, 2, (0,))]
     for turned in (0.0, 0.3, -0.3):
         poses = np.array([[100.0, 0.0, 0.0, 6.0], [130.0, 0.0, turned, 2.0]])
-        view = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars, poses=poses))
+        view = lab.view(network, lab.L2, cars, poses=poses)
         reach = 0.5 * (sedan.length_m * np.cos(turned) + sedan.width_m * abs(np.sin(turned)))
         gap = 30.0 - reach - 0.5 * lab.vehicles[ActorClass.AMBULANCE].length_m
-        limit = anticipated_limit(follow_route(EmvUnit(1), view, 0)[0], view, 0)
+        limit = anticipated_limit(follow_route(EmvUnit(1), view.ego(0))[0], view.ego(0))
         assert limit.speed_mps == pytest.approx(approach(gap, 2.0 * np.cos(turned)), rel=1e-4)
 
 
@@ -202,8 +211,8 @@ def test_who_turns_away_from_the_path_leaves_it_to_either_side(lab, side):
     found = {}
     for turned in (0.3, -0.3):
         poses = np.array([[100.0, 0.0, 0.0, 3.0], [130.0, 0.5 * side, side * turned, 3.0]])
-        view = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars, poses=poses))
-        found[turned] = anticipated_limit(follow_route(EmvUnit(1), view, 0)[0], view, 0).speed_mps
+        view = lab.view(network, lab.L2, cars, poses=poses)
+        found[turned] = anticipated_limit(follow_route(EmvUnit(1), view.ego(0))[0], view.ego(0)).speed_mps
     sedan, ambulance = lab.vehicles[ActorClass.SEDAN], lab.vehicles[ActorClass.AMBULANCE]
     cos, sin = np.cos(0.3), np.sin(0.3)
     gap = 30.0 - 0.5 * (sedan.length_m * cos + sedan.width_m * sin) - 0.5 * ambulance.length_m
@@ -223,7 +232,7 @@ def limit(lab, network, front_m, state, speed=9.0, attention=None):
     world = lab.world_of(network, lab.L2)
     if attention is not None:
         world = replace(world, preset=replace(world.preset, attention=attention))
-    return entry_limit_mps(lab.view_of(world, traffic), 0)
+    return entry_limit(lab.view_of(world, traffic).ego(0)).speed_mps
 
 
 def test_comes_to_the_entry_speed_at_the_line_by_constant_gentle_braking():
@@ -304,5 +313,5 @@ def test_of_two_red_lights_the_nearer_one_ahead_limits(lab, front, ahead):
         )
     ]
     traffic = replace(lab.traffic_of(network, cars), signals=(SignalState("J", "r"),))
-    found = entry_limit_mps(lab.view_of(lab.world_of(network, lab.L2), traffic), 0)
+    found = entry_limit(lab.view_of(lab.world_of(network, lab.L2), traffic).ego(0)).speed_mps
     assert found == pytest.approx(approach_mps(ahead, CONFIG_JUNCTION_ENTRY), abs=0.05)

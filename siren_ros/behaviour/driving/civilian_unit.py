@@ -5,13 +5,11 @@ levels)"): a yield ends when the EMV has fully passed.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
-import numpy as np
-
 from siren_ros.behaviour.driving.navigator import DriveCommand, NavigatorState
-from siren_ros.behaviour.driving.step_view import StepView
+from siren_ros.behaviour.driving.step_view import Ego
 from siren_ros.behaviour.paths.lane_path import lane_heading
 from siren_ros.numerics.arrays import random_stream
 from siren_ros.numerics.units import NEVER
@@ -110,32 +108,35 @@ class YieldStep:
     """None where SUMO drives."""
     events: tuple[Event, ...] = ()
 
+    def preceded_by(self, *events: Event) -> "YieldStep":
+        """The same with events that happened before its own."""
+        return replace(self, events=(*events, *self.events))
 
-def yield_event(unit: YieldUnit, view: StepView, row: int, kind: EventKind, **detail: float | str) -> Event:
+
+def yield_event(unit: YieldUnit, ego: Ego, kind: EventKind, **detail: float | str) -> Event:
     """An event of a yielding civilian, with the EMV as the second actor."""
-    x, y, _ = view.pose(row)
-    return Event(view.step, kind, unit.actor_id, unit.emv_id, x, y, detail)
+    return Event(ego.step, kind, unit.actor_id, unit.emv_id, *ego.place, detail)
 
 
-def lane_of(unit: YieldUnit, view: StepView, row: int) -> int:
+def lane_of(unit: YieldUnit, ego: Ego) -> int:
     """The lane that a civilian is on: that of its path, or SUMO's if it has none."""
     path = unit.navigator.path
     if path is not None:
         lane = path.lane_at(unit.navigator.progress_m)
         if lane != NO_LANE:
             return lane
-    return int(view.traffic.lane[row])
+    return ego.lane
 
 
-def standing(view: StepView, row: int) -> bool:
+def standing(ego: Ego) -> bool:
     """Whether a vehicle stands still."""
-    return bool(view.seen.speed_mps[row] < np.float64(0.2))
+    return ego.speed_mps < 0.2
 
 
-def aligned_within_rad(view: StepView, row: int) -> float:
+def aligned_within_rad(ego: Ego) -> float:
     """Heading error within which a vehicle counts as aligned: the paper's, and less for long vehicles."""
-    sideways = view.world.config.pull_over.stick_out_m / float(view.seen.half_length_m[row])
-    return min(view.world.constants.heading_aligned_rad, sideways)
+    sideways = ego.config.pull_over.stick_out_m / ego.half_length_m
+    return min(ego.world.constants.heading_aligned_rad, sideways)
 
 
 def release_reason(emv: EmvView) -> str:
@@ -145,18 +146,14 @@ def release_reason(emv: EmvView) -> str:
     return "" if emv.in_region else "emv_gone"
 
 
-def emv_fully_passed(view: StepView, row: int, emv_row: int) -> bool:
+def emv_fully_passed(ego: Ego, emv_row: int) -> bool:
     """``EmvFullyPassed``: the EMV's rear is ahead of a vehicle's front along the vehicle's lane, by a clearance."""
-    seen, traffic = view.seen, view.traffic
-    x, y, heading = view.pose(row)
-    lane = int(traffic.lane[row])
-    if lane != NO_LANE:
-        centre = view.world.network.lanes[lane].centre
-        heading = lane_heading(centre, float(traffic.lane_position_m[row]))
+    seen, (x, y, heading) = ego.seen, ego.pose
+    if ego.lane != NO_LANE:
+        heading = lane_heading(ego.network.lanes[ego.lane].centre, float(ego.traffic.lane_position_m[ego.row]))
     cos, sin = math.cos(heading), math.sin(heading)
     ahead = cos * (float(seen.x_m[emv_row]) - x) + sin * (float(seen.y_m[emv_row]) - y)
     turned = float(seen.yaw_rad[emv_row]) - heading
     rear = abs(math.cos(turned)) * float(seen.half_length_m[emv_row])
     rear += abs(math.sin(turned)) * float(seen.half_width_m[emv_row])
-    own = float(seen.half_length_m[row])
-    return ahead - rear - own >= view.world.constants.emv_passed_clearance_m
+    return ahead - rear - ego.half_length_m >= ego.world.constants.emv_passed_clearance_m

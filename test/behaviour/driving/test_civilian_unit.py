@@ -3,7 +3,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from siren_ros.behaviour.civilians.unit import Compliance, EmvView, draw_driver, emv_fully_passed, release_reason
+from siren_ros.behaviour.driving.civilian_unit import Compliance, EmvView, draw_driver, emv_fully_passed, release_reason
 from siren_ros.scenario.presets import load_preset
 from siren_ros.world.actors import ActorClass
 
@@ -41,22 +41,22 @@ AMBULANCE = ActorClass.AMBULANCE
 
 def view_of(lab, cars, network=None):
     network = network or lab.straight_road()
-    return lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars))
+    return lab.view(network, lab.L2, cars)
 
 
 @pytest.mark.parametrize(("ahead", "passed"), [(6.62, False), (6.63, True), (-30.0, False)])
 def test_passed_when_the_rear_is_a_metre_ahead_of_the_front(lab, ahead, passed):
     """Half of 6.5 m and half of 4.75 m and 1 m make 6.625 m between the centres."""
     view = view_of(lab, [lab.Car(1, 0, 100 + ahead, 8, (0,), AMBULANCE), lab.Car(2, 1, 100, 2, (0,))])
-    assert emv_fully_passed(view, 1, 0) is passed
+    assert emv_fully_passed(view.ego(1), 0) is passed
 
 
 def test_passing_is_measured_along_the_civilians_lane(lab):
     network = lab.straight_road()
     cars = [lab.Car(1, 0, 107, 8, (0,), AMBULANCE), lab.Car(2, 1, 100, 2, (0,))]
     poses = np.array([[107.0, 0.0, 0.0, 8.0], [100.0, 3.3, 0.5, 2.0]])
-    view = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars, poses=poses))
-    assert emv_fully_passed(view, 1, 0)
+    view = lab.view(network, lab.L2, cars, poses=poses)
+    assert emv_fully_passed(view.ego(1), 0)
 
 
 @pytest.mark.parametrize("turn", np.radians([30.0, 60.0, 140.0, -100.0]))
@@ -81,8 +81,8 @@ def test_passing_on_a_road_that_points_elsewhere(lab, turn, ahead, left, yaw, pa
     own, emv = 100.0 * along, (100.0 + ahead) * along + left * across
     poses = np.array([[*emv, turn + yaw, 8.0], [*own, turn + 0.2, 2.0]])
     cars = [lab.Car(1, 0, 100, 8, (0,), AMBULANCE), lab.Car(2, 0, 100, 2, (0,))]
-    view = lab.view_of(lab.world_of(network, lab.L2), lab.traffic_of(network, cars, poses=poses))
-    assert emv_fully_passed(view, 1, 0) is passed
+    view = lab.view(network, lab.L2, cars, poses=poses)
+    assert emv_fully_passed(view.ego(1), 0) is passed
 
 
 @pytest.mark.parametrize(

@@ -6,21 +6,18 @@ A guard (paper, Algorithm 1) is one of the steps that are evaluated from top to 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import groupby
 from typing import Final, TypeAlias
 
-from siren_ros.behaviour.driving.collision_watch import CollisionSnapshot
 from siren_ros.behaviour.driving.lane_change import Refusal
 from siren_ros.behaviour.driving.navigator import NavigatorState
-from siren_ros.behaviour.driving.step_view import StepView
-from siren_ros.behaviour.paths.lane_path import LaneEnd, changes_needed, lanes_along, nearest_on_lane, path_on_lanes
+from siren_ros.behaviour.driving.step_view import Ego, StepView
+from siren_ros.behaviour.paths.lane_path import LaneEnd, changes_needed
 from siren_ros.behaviour.paths.tracked_path import blend_length_m, on_reference, path_onto
 from siren_ros.numerics.units import NEVER
 from siren_ros.roads.road_network import NO_LANE, LaneKind, RoadNetwork
 from siren_ros.world.actors import NO_ACTOR
 from siren_ros.world.traffic_state import EmvAdvice, Event, EventKind, Indices
-
-_ALIGNED_RAD: Final = 0.3
-"""Heading errors below it are left to the path tracking."""
 
 
 @dataclass(frozen=True)
@@ -45,49 +42,37 @@ class RoutePlan:
 
 
 def plan_route(
-    view: StepView, row: int, lane: int, navigator: NavigatorState, merge_m: float | None = None
+    ego: Ego, lane: int, navigator: NavigatorState, merge_m: float | None = None
 ) -> tuple[RoutePlan, NavigatorState]:
     """A new path along the route from a lane on.
 
     Args:
-        view: The step.
-        row: The EMV's row.
+        ego: The EMV.
         lane: Lane to follow, internal ones included.
         navigator: State whose path is replaced.
         merge_m: Length of the move onto the lane; chosen by offset and speed by default.
     """
-    network, config = view.world.network, view.world.config.emv
-    x, y, yaw = view.pose(row)
-    position = nearest_on_lane(network.lanes[lane].centre, x, y)[0]
-    route = view.traffic.route_of_row(row)
-    lanes, end = lanes_along(network, lane, position, route, config.path_ahead_m)
-    reference = path_on_lanes(
-        network, lanes, end, position - config.path_behind_m, config.path_ahead_m + config.path_behind_m
-    )
-    half_length = float(view.seen.half_length_m[row])
+    network, config = ego.network, ego.config.emv
+    ahead_m, behind_m = config.path_ahead_m, config.path_behind_m
+    reference = ego.line_along(lane, ahead_m, behind_m, length_m=ahead_m + behind_m)
     shorten = {
-        LaneEnd.ROUTE: config.stop_before_route_end_m + half_length,
-        LaneEnd.ASTRAY: half_length + 1.0,
+        LaneEnd.ROUTE: config.stop_before_route_end_m + ego.half_length_m,
+        LaneEnd.ASTRAY: ego.half_length_m + 1.0,
     }.get(reference.end, 0.0)
     stop = reference.end is not LaneEnd.HORIZON
-    navigator_config = view.navigator_config(row)
-    s, left = reference.curve.project_one(x, y)
-    aligned = abs(math.remainder(yaw - reference.curve.place(s)[2], 2.0 * math.pi)) < _ALIGNED_RAD
+    s, left = reference.curve.project_one(*ego.place)
+    aligned = abs(math.remainder(ego.pose[2] - reference.curve.place(s)[2], 2.0 * math.pi)) < config.aligned_rad
     if merge_m is None and abs(left) < config.rejoin_offset_m and aligned:
-        path = on_reference(reference, navigator_config, stop, shorten)
+        path = on_reference(reference, ego.navigator_config, stop, shorten)
     else:
-        speed = float(view.seen.speed_mps[row])
-        change = view.world.config.lane_change
-        length = merge_m
-        if length is None:
-            length = blend_length_m(left, speed, change.duration_s, change.length_min_m, navigator_config)
-        path = path_onto(reference, (x, y, yaw), length, navigator_config, stop_at_end=stop, shorten_m=shorten)
-    edges = tuple(network.lanes[item].edge for item in lanes if not network.edges[network.lanes[item].edge].internal)
-    return RoutePlan(_without_repeats(edges), reference.end, view.step), navigator.following(path, x, y)
-
-
-def _without_repeats(edges: tuple[int, ...]) -> tuple[int, ...]:
-    return tuple(edge for i, edge in enumerate(edges) if i == 0 or edges[i - 1] != edge)
+        change = ego.config.lane_change
+        if merge_m is None:
+            least = change.duration_s, change.length_min_m
+            merge_m = blend_length_m(left, ego.speed_mps, *least, ego.navigator_config)
+        path = path_onto(reference, ego.pose, merge_m, ego.navigator_config, stop_at_end=stop, shorten_m=shorten)
+    edges = [network.lanes[item].edge for item in reference.lanes]
+    edges = [edge for edge, _ in groupby(edge for edge in edges if not network.edges[edge].internal)]
+    return RoutePlan(tuple(edges), reference.end, ego.step), navigator.following(path, *ego.place)
 
 
 def strategic_side(network: RoadNetwork, lane: int, route: Indices) -> int:
@@ -105,15 +90,15 @@ def strategic_side(network: RoadNetwork, lane: int, route: Indices) -> int:
     return 1 if position[best] > found.position else -1
 
 
-def present_lane(view: StepView, row: int, navigator: NavigatorState) -> int:
+def present_lane(ego: Ego, navigator: NavigatorState) -> int:
     """The lane that the EMV is on: that of its path if it follows the route, otherwise SUMO's."""
     if navigator.path is not None:
         lane = navigator.path.lane_at(navigator.progress_m)
         if lane != NO_LANE:
-            found = view.world.network.lanes[lane]
-            if found.kind is LaneKind.INTERNAL or found.edge in view.traffic.route_of_row(row):
+            found = ego.network.lanes[lane]
+            if found.kind is LaneKind.INTERNAL or found.edge in ego.route:
                 return lane
-    return int(view.traffic.lane[row])
+    return ego.lane
 
 
 def best_lane(network: RoadNetwork, lane: int, route: Indices) -> int:
@@ -125,6 +110,10 @@ def best_lane(network: RoadNetwork, lane: int, route: Indices) -> int:
     if not needed or needed.get(lane) == min(needed.values()):
         return lane
     return min(needed, key=lambda item: (needed[item], abs(network.lanes[item].position - found.position)))
+
+
+ROUTE: Final = "route"
+"""Reason of a request for a lane change that the route asks for."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +135,7 @@ class EmvUnit:
     navigator: NavigatorState = field(default_factory=NavigatorState)
     plan: RoutePlan | None = None
     """The route that the navigator's path follows; None while the path comes from elsewhere."""
-    snapshot: CollisionSnapshot | None = None
+    blocker_id: int = NO_ACTOR
     """Who blocked the way at the last step."""
     stopped_s: float = 0.0
     blocker_free_s: float = 0.0
@@ -166,6 +155,11 @@ class EmvUnit:
     request: LateralRequest = field(default_factory=LateralRequest)
 
     @property
+    def between(self) -> bool:
+        """Whether the EMV drives between other vehicles: in the corridor or a gap escape."""
+        return self.corridor or self.gap_escape_active
+
+    @property
     def lane_change_forced(self) -> bool:
         """Whether a forced lane change is under way."""
         return self.change_side != 0
@@ -176,13 +170,12 @@ def advice_of(view: StepView, actor_id: int) -> EmvAdvice | None:
     return next((advice for advice in view.traffic.emvs if advice.actor_id == actor_id), None)
 
 
-def event_of(view: StepView, row: int, kind: EventKind, other_id: int = NO_ACTOR, **detail: float | str) -> Event:
-    """An event of the actor in a row at its present place."""
-    x, y, _ = view.pose(row)
-    return Event(view.step, kind, int(view.seen.actor_id[row]), other_id, x, y, detail)
+def event_of(ego: Ego, kind: EventKind, other_id: int = NO_ACTOR, **detail: float | str) -> Event:
+    """An event of the EMV at its present place."""
+    return Event(ego.step, kind, ego.actor_id, other_id, *ego.place, detail)
 
 
 GuardResult: TypeAlias = tuple[EmvUnit, tuple[Event, ...]]
 """The EMV after a guard, and what the guard has to report."""
-Guard: TypeAlias = Callable[[EmvUnit, StepView, int], GuardResult]
-"""Takes the EMV's latched state, the step and the EMV's row."""
+Guard: TypeAlias = Callable[[EmvUnit, Ego], GuardResult]
+"""Takes the EMV's latched state, and the step as the EMV sees it."""

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from siren_ros.behaviour.driving.emv_unit import RoutePlan, best_lane, plan_route, present_lane, strategic_side
 from siren_ros.behaviour.driving.navigator import NavigatorState
 from siren_ros.behaviour.emv.gap_escape import reference_line, road_space
-from siren_ros.behaviour.emv.unit import RoutePlan, best_lane, plan_route, present_lane, strategic_side
 from siren_ros.behaviour.paths.lane_path import LaneEnd
 from siren_ros.roads.road_network import NO_LANE
 from siren_ros.world.actors import ActorClass
@@ -56,15 +56,15 @@ def test_the_lane_that_serves_the_route_best_and_is_nearest(lab, lane, edges, be
 
 def view_at(lab, network, lane, s, edges, speed=8.0, left=0.0):
     car = lab.Car(1, lane, s, speed, edges, AMBULANCE, left=left)
-    return lab.view_of(lab.world_of(network, lab.L1), lab.traffic_of(network, [car], step=7))
+    return lab.view(network, lab.L1, [car], step=7)
 
 
 def test_a_plan_knows_its_edges_its_end_and_its_step(lab):
     network = lab.junction_road()
-    plan, navigator = plan_route(view_at(lab, network, 0, 60, (0, 2)), 0, 0, NavigatorState())
+    plan, navigator = plan_route(view_at(lab, network, 0, 60, (0, 2)).ego(0), 0, NavigatorState())
     assert (plan.edges, plan.end, plan.planned_step) == ((0, 2), LaneEnd.HORIZON, 7)
     assert navigator.left_m == pytest.approx(0.0, abs=1e-6)
-    plan, navigator = plan_route(view_at(lab, network, 1, 60, (0, 4)), 0, 1, NavigatorState())
+    plan, navigator = plan_route(view_at(lab, network, 1, 60, (0, 4)).ego(0), 1, NavigatorState())
     assert plan.end is LaneEnd.ASTRAY
     assert navigator.path.curve.points[-1, 0] == pytest.approx(150.0 - 3.25 - 1.0)
     assert navigator.path.speed_cap_mps(navigator.path.length_m) < 0.1
@@ -72,7 +72,7 @@ def test_a_plan_knows_its_edges_its_end_and_its_step(lab):
 
 def test_the_path_stops_before_the_routes_end(lab):
     network = lab.straight_road(2, 120.0)
-    plan, navigator = plan_route(view_at(lab, network, 0, 60, (0,)), 0, 0, NavigatorState())
+    plan, navigator = plan_route(view_at(lab, network, 0, 60, (0,)).ego(0), 0, NavigatorState())
     assert plan.end is LaneEnd.ROUTE
     assert navigator.path.curve.points[-1, 0] == pytest.approx(120.0 - 3.25 - 3.0)
     assert navigator.path.speed_cap_mps(navigator.path.length_m) < 0.1
@@ -82,7 +82,7 @@ def test_the_path_stops_before_the_routes_end(lab):
 def test_small_offsets_are_left_to_the_tracking_and_large_ones_get_a_path_of_their_own(lab, left, from_behind):
     """The line of the lane begins 10 m behind; a path back to it begins at the vehicle."""
     view = view_at(lab, lab.straight_road(1, 400.0), 0, 60, (0,), left=left)
-    _, navigator = plan_route(view, 0, 0, NavigatorState())
+    _, navigator = plan_route(view.ego(0), 0, NavigatorState())
     first = navigator.path.curve.points[0]
     assert first == pytest.approx((50.0, 0.0) if from_behind else (60.0, left), abs=1e-6)
 
@@ -106,17 +106,17 @@ def test_a_plan_agrees_with_a_route_as_far_as_both_reach(edges, ahead, agrees):
 def test_the_present_lane_is_the_paths_while_it_is_on_the_route(lab):
     network = lab.junction_road()
     view = view_at(lab, network, 1, 60, (0, 2))
-    _, navigator = plan_route(view, 0, 0, NavigatorState())
-    assert present_lane(view, 0, NavigatorState()) == 1
-    assert present_lane(view, 0, navigator) == 0
+    _, navigator = plan_route(view.ego(0), 0, NavigatorState())
+    assert present_lane(view.ego(0), NavigatorState()) == 1
+    assert present_lane(view.ego(0), navigator) == 0
     elsewhere = view_at(lab, network, 4, 10, (2,))
-    assert present_lane(elsewhere, 0, navigator) == 4
+    assert present_lane(elsewhere.ego(0), navigator) == 4
     assert NO_LANE == -1
 
 
 def test_the_line_of_the_escape_search_begins_behind_the_rear_axle(lab):
     view = view_at(lab, lab.straight_road(2), 0, 100, (0,))
-    line = reference_line(view, 0, 0)
+    line = reference_line(view.ego(0), 0)
     assert line.curve.points[0] == pytest.approx((95.0, 0.0), abs=1e-6)
     assert line.curve.length_m == pytest.approx(view.world.config.gap_escape.horizon_m + 10.0)
 
@@ -128,7 +128,7 @@ def test_the_edges_of_the_road_beside_a_line(lab):
     road.edge([[300, 13.2], [0, 13.2]], 2, ("B", "A"))
     network = road.built()
     view = view_at(lab, network, 1, 100, (0,))
-    space = road_space(network, reference_line(view, 0, 1), np.array([10.0, 20.0]))
+    space = road_space(network, reference_line(view.ego(0), 1), np.array([10.0, 20.0]))
     np.testing.assert_allclose(space.right_m, -1.5 * 3.3)
     np.testing.assert_allclose(space.driving_right_m, -0.5 * 3.3)
     np.testing.assert_allclose(space.left_m, 1.5 * 3.3)
@@ -144,7 +144,7 @@ def test_an_emv_that_points_elsewhere_gets_a_path_from_its_own_pose(lab, turned,
     poses = np.array([[100.0, 0.0, turned, 5.0]])
     traffic = lab.traffic_of(network, [lab.Car(1, 0, 100, 5, (0,), AMBULANCE)], poses=poses)
     view = lab.view_of(lab.world_of(network, lab.L1), traffic)
-    _, navigator = plan_route(view, 0, 0, NavigatorState())
+    _, navigator = plan_route(view.ego(0), 0, NavigatorState())
     begins = float(navigator.path.curve.points[0, 0])
     assert begins == pytest.approx(90.0 if from_behind else 100.0, abs=0.01)
 

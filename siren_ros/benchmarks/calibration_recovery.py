@@ -65,7 +65,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     began = time.perf_counter()
     with residuals_over(targets, asked.jobs) as residuals:
         evaluations = asked.evaluations or EVALUATIONS_EACH * len(parameters)
-        found = fit(parameters, residuals, evaluations, told=tell, horizons=horizons_of(targets))
+        found = fit(parameters, residuals, evaluations, report=tell, horizons=horizons_of(targets))
     worst = print_table(parameters, truth, found)
     print(
         f"{found.evaluations} tries of {len(targets)} episodes in {time.perf_counter() - began:.0f} s, "

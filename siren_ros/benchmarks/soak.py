@@ -93,7 +93,7 @@ def measure_worker(requests: Sequence[EpisodeRequest], warm_up: int) -> WorkerMe
 
 
 MARK: Final = "SIREN_SOAK_MARK"
-"""Environment variable by which all processes of an episode are found, whoever their parent is now."""
+"""Environment variable that marks all processes of an episode, whatever process is their parent now."""
 LIMIT_S: Final = 600.0
 WORKER_LIMIT_S: Final = 86_400.0
 _LINES: Final = 3

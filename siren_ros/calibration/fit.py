@@ -11,7 +11,7 @@ from siren_ros.calibration.searches import (
     Bottom,
     Residuals,
     Spent,
-    Told,
+    Tell,
     Tried,
     descend,
     errors_m,
@@ -136,7 +136,7 @@ def fit(
     residuals: Residuals,
     evaluations: int,
     seed: int = 0,
-    told: Told = lambda *_: None,
+    report: Tell = lambda *_: None,
     horizons: Sequence[float] = (WHOLE,),
 ) -> Fitted:
     """The parameters with the least error that is found.
@@ -148,14 +148,14 @@ def fit(
         residuals: Of several tries.
         evaluations: At most so many tries; a group that was begun is finished.
         seed: Of the search. The same seed and residuals give the same result.
-        told: Called after each group of tries.
+        report: Called after each group of tries.
         horizons: Lengths of the trajectories' beginnings that are fitted one after the other, the last one ``WHOLE``.
 
     Raises:
         InputError: Too few evaluations, the package is missing, or every try fails.
     """
     count, rng = len(parameters), random_stream(seed, "calibration/search")
-    tried = Tried(parameters, residuals, told)
+    tried = Tried(parameters, residuals, report)
     least = evolution(tried.best, rng).popsize + tries_for(count) + _ENDS
     if evaluations <= least:
         raise InputError("evaluations", evaluations, f"more than {least}: one generation, and the spread")

@@ -18,8 +18,8 @@ from siren_ros.processes.process_pool import ProcessPool
 Residuals = Callable[[Sequence[Mapping[str, float]], float], Sequence[Floats]]
 """Vectors of several tries, which may be simulated at the same time, over the trajectories' first seconds. Over one
 horizon all have the same length, and the Euclidean norm of one is the error of its try in metres."""
-Told = Callable[[int, float, float], None]
-"""Told the number of tries, the horizon and the least error there."""
+Tell = Callable[[int, float, float], None]
+"""Takes the number of tries, the horizon and the least error there."""
 
 
 def errors_m(residuals: Iterable[Floats]) -> list[float]:
@@ -34,11 +34,11 @@ class Spent(Exception):  # noqa: N818 - the end of a search, and no error
 class Tried:
     """Runs the tries of a search. Parameters are shares of their ranges, 0 to 1."""
 
-    def __init__(self, parameters: Sequence[Parameter], residuals: Residuals, told: Told) -> None:
+    def __init__(self, parameters: Sequence[Parameter], residuals: Residuals, report: Tell) -> None:
         """Nothing has been tried."""
         self._parameters = parameters
         self._residuals = residuals
-        self._told = told
+        self._report = report
         self._best: dict[float, tuple[Floats, float]] = {}
         self.budget = 0
         """Tries at which the search ends."""
@@ -88,7 +88,7 @@ class Tried:
             self._best[self.horizon_s] = asked[least], errors[least]
         if self.horizon_s == WHOLE:
             self.history_m.append(self.best_error_m)
-        self._told(self.count, self.horizon_s, self._at(self.horizon_s)[1])
+        self._report(self.count, self.horizon_s, self._at(self.horizon_s)[1])
         return found
 
     def values(self, shares: Floats) -> dict[str, float]:
@@ -98,7 +98,7 @@ class Tried:
 
 @contextmanager
 def residuals_over(
-    targets: Sequence[Target], jobs: int, told: Callable[[], None] = lambda: None
+    targets: Sequence[Target], jobs: int, report: Callable[[], None] = lambda: None
 ) -> Iterator[Residuals]:
     """The residuals of a try are those of all targets, so that its error is the root mean square over the targets.
 
@@ -108,14 +108,14 @@ def residuals_over(
     Args:
         targets: At least one.
         jobs: Processes.
-        told: Called after each simulated episode.
+        report: Called after each simulated episode.
     """
     with ProcessPool(jobs) as pool:
 
         def residuals(tries: Sequence[Mapping[str, float]], horizon_s: float) -> list[Floats]:
             cut = [replace(target, trajectory=target.trajectory.until(horizon_s)) for target in targets]
             calls = [(target, dict(values)) for values in tries for target in cut]
-            found = [apart / np.sqrt(len(targets)) for apart in pool.map(residuals_m, calls, told)]
+            found = [apart / np.sqrt(len(targets)) for apart in pool.map(residuals_m, calls, report)]
             each = len(targets)
             return [np.concatenate([found[one * each + other] for other in range(each)]) for one in range(len(tries))]
 

@@ -19,7 +19,7 @@ LONGEST_LINE = 4000
 
 
 def add_info(verb: argparse.ArgumentParser) -> None:
-    """Describe the verb, and what it takes."""
+    """Adds the description and the options of the command."""
     verb.description = "Shows an episode's description, its outcome, its topics with counts and rates, and its events."
     verb.add_argument("bag", type=Path, metavar="BAG", help="folder of a recorded episode")
     verb.set_defaults(run=info)
@@ -105,7 +105,7 @@ def _size(size_bytes: int) -> str:
 
 
 def add_verify(verb: argparse.ArgumentParser) -> None:
-    """Describe the verb, and what it takes."""
+    """Adds the description and the options of the command."""
     verb.description = (
         "Evaluates the predicate of the episode's template on the record alone, and checks continuity, "
         "ownership, residuals, message counts and stamps. Exit code 1 where anything fails."
@@ -141,7 +141,7 @@ def _report(bag: Path, verification: Verification, quiet: bool) -> list[str]:
 
 
 def add_recover(verb: argparse.ArgumentParser) -> None:
-    """Describe the verb, and what it takes."""
+    """Adds the description and the options of the command."""
     verb.description = (
         "Writes a complete bag from all whole chunks of one that was cut off or damaged. A bag that is "
         "complete is left alone. Exit code 1 where messages of the file are lost."

@@ -21,7 +21,7 @@ DEFAULTS = "controller.target_speed_mps,controller.accel_mps2,controller.headway
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
-    """Describe the verb, and what it takes."""
+    """Adds the description and the options of the command."""
     known = "; ".join(f"{one.name}, {one.low:g} to {one.high:g}: {one.meaning}" for one in PARAMETERS.values())
     verb.description = (
         "Simulates the situations of bags again and again with other parameters of the EMV, until it drives most like "

@@ -31,7 +31,7 @@ from siren_ros.tables.table import text_of
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
-    """Describe the verb, and what it takes."""
+    """Adds the description and the options of the command."""
     verb.description = (
         "Puts every number of the paper's tables next to ours: the errors of the trajectory predictors on the vehicles "
         "in the interaction region, numbers of samples, ranking of the templates, detection and the order of the "

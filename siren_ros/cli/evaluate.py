@@ -11,7 +11,7 @@ _TASKS: Final = {
         "yielding.add_yield",
     ),
     "counterfactual": (
-        "what siren and level are worth: the same seeds at several levels",
+        "the effect of siren and level: the same seeds at several levels",
         "yielding.add_counterfactual",
     ),
     "diversity": ("how different episodes are, and what more seeds would still add", "yielding.add_diversity"),
@@ -25,7 +25,7 @@ _TASKS: Final = {
 
 
 def add_arguments(verb: Command) -> None:
-    """Describe the verb, and what it takes."""
+    """Adds the description and the options of the command."""
     verb.description = "Scores models on recorded episodes."
     tasks = verb.add_subparsers(title="tasks", metavar="TASK", required=True)
     for name, (summary, add) in _TASKS.items():

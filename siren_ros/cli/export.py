@@ -25,7 +25,7 @@ class _ListFormats(argparse.Action):
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
-    """Describe the verb, and what it takes."""
+    """Adds the description and the options of the command."""
     verb.description = "Writes episodes as a dataset in another format."
     verb.add_argument("--list", action=_ListFormats, nargs=0, help="print all formats and what they need of a bag")
     formats = verb.add_subparsers(title="formats", metavar="FORMAT", required=True)

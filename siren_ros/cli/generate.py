@@ -36,7 +36,7 @@ from siren_ros.studies.matrix import (
 )
 from siren_ros.studies.risk_set.make_set import RiskSetRequest
 from siren_ros.studies.risk_set.search import papers_balance
-from siren_ros.studies.run_study import Told, run_study
+from siren_ros.studies.run_study import StudyObserver, run_study
 from siren_ros.studies.study_folder import MANIFEST, LocalFolder, StudyFolder, folder_at
 from siren_ros.studies.workers import RETRIES, TIMEOUT_S, LocalWorkers, WorkerOptions, Workers
 
@@ -70,7 +70,7 @@ _MATRIX: Final[Mapping[str, Callable[[Any], Any]]] = {
 
 
 def add_arguments(verb: Command) -> None:
-    """Describe the verb, and what it takes."""
+    """Adds the description and the options of the command."""
     verb.add_variant("risk", "generate_risk.add_arguments")
     verb.epilog = "`siren generate risk` makes a set of front-camera videos with risk labels; --help has its options."
     verb.description = (
@@ -210,7 +210,7 @@ def _draws_of(arguments: argparse.Namespace) -> DrawPlan | None:
     return replace(plan, ranges=ranges_of(arguments.range))
 
 
-class _Bar(Told):
+class _Bar(StudyObserver):
     """A progress bar with the rate and the time left."""
 
     def __init__(self) -> None:

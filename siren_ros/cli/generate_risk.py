@@ -15,7 +15,7 @@ from siren_ros.evaluation.risk.labels import TITLES, RiskClass, RiskThresholds
 from siren_ros.evaluation.risk.video_set import read_set, write_set
 from siren_ros.scenario.episode import MAX_SEED
 from siren_ros.scenario.templates import available_templates
-from siren_ros.studies.risk_set.make_set import MadeSet, Progress, RiskSetRequest, make_set
+from siren_ros.studies.risk_set.make_set import MadeSet, RiskSetRequest, SetObserver, make_set
 from siren_ros.studies.risk_set.search import PAPER_COUNTS, PAPER_PER_TEMPLATE, Balance, Counts, Search, papers_balance
 
 _MEANINGS: Final = {
@@ -53,7 +53,7 @@ def thresholds_of(arguments: argparse.Namespace, base: RiskThresholds | None = N
 
 
 def add_label(verb: argparse.ArgumentParser) -> None:
-    """Describe the verb, and what it takes."""
+    """Adds the description and the options of the command."""
     verb.description = (
         "Derives the labels of a set of risk videos again with other thresholds, prints which videos change, and with "
         "--out writes the set's files there. The videos stay where they are."
@@ -85,7 +85,7 @@ _PAPER = ",".join(map(str, PAPER_COUNTS))
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
-    """Describe the verb, and what it takes."""
+    """Adds the description and the options of the command."""
     verb.description = (
         "Makes a set of front-camera videos of 190 frames at 10 Hz with the labels Normal, Near-Miss and Collision. "
         "Scenario parameters are searched until the classes have the asked balance; a collision is the outcome of "
@@ -171,7 +171,7 @@ def _summary(made: MadeSet) -> list[str]:
     return lines
 
 
-class _Bars(Progress):
+class _Bars(SetObserver):
     """Two progress bars: candidates and videos."""
 
     def __init__(self, request: RiskSetRequest) -> None:

@@ -13,7 +13,7 @@ from siren_ros.sensors.suite import load_suite
 
 
 def add_plot(verb: argparse.ArgumentParser) -> None:
-    """Describe the verb, and what it takes."""
+    """Adds the description and the options of the command."""
     verb.description = (
         "Draws the roads, all paths coloured by speed, the yielding vehicles, the events, three moments of the "
         "interaction, and who did what when, into one PNG file."
@@ -30,7 +30,7 @@ def plot(arguments: argparse.Namespace) -> int:
 
 
 def add_sense(verb: argparse.ArgumentParser) -> None:
-    """Describe the verb, and what it takes."""
+    """Adds the description and the options of the command."""
     verb.description = (
         "Draws the pictures of all cameras of a suite and its point clouds, by height and by instance, into one "
         "file. Suite and look may be others than the episode's own, and the bag may be one without sensors."
@@ -55,7 +55,7 @@ def sense(arguments: argparse.Namespace) -> int:
 
 
 def add_video(verb: argparse.ArgumentParser) -> None:
-    """Describe the verb, and what it takes."""
+    """Adds the description and the options of the command."""
     verb.description = (
         f"Writes an H.264 MP4 file at {FRAME_RATE_HZ} Hz of simulated time: the episode from above, with "
         "vehicles coloured by what they do, signals and the EMV's mode; the recorded front camera; or a grid of all "

@@ -17,7 +17,7 @@ _RULE: Final = re.compile(r"[A-Za-z0-9_/~]+:=[A-Za-z0-9_/~]+")
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
-    """Describe the verb, and what it takes."""
+    """Adds the description and the options of the command."""
     verb.description = (
         "Publishes an episode on the topics of the live run, with its clock. With --check: simulates the "
         "episode again from the map and the files in its bag, without its sensors, compares everything simulated with "

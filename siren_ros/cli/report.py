@@ -13,7 +13,7 @@ from siren_ros.study_report.study import DETECTION, MODELS, RISK, PageOptions
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
-    """Describe the verb, and what it takes."""
+    """Adds the description and the options of the command."""
     verb.description = (
         "Writes one HTML file about a study: what was generated, pictures and films of the templates, yield metrics, "
         "effects of siren and level, the tables of the three tasks, diversity, and the command that makes each number "

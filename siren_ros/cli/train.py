@@ -36,7 +36,7 @@ _SEED_COUNTS: Final = 1_000_000
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
-    """Describe the verb, and what it takes."""
+    """Adds the description and the options of the command."""
     verb.description = "Trains models that ship with the project."
     tasks = verb.add_subparsers(title="tasks", metavar="TASK", required=True)
     _add_prediction(_task(tasks, "prediction", "the trajectory predictor siren", FitConfig(), train_prediction))

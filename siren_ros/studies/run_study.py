@@ -26,8 +26,8 @@ class StudyResult:
     """Episodes that were finished before."""
 
 
-class Told:
-    """Who is told how a study goes."""
+class StudyObserver:
+    """Watches how a study goes; a command shows it as a bar."""
 
     def plan(self, episodes: int) -> None:
         """Before anything else: the number of episodes."""
@@ -40,7 +40,11 @@ class Told:
 
 
 def run_study(
-    study: Study, folder: StudyFolder, workers: Workers, options: WorkerOptions | None = None, told: Told | None = None
+    study: Study,
+    folder: StudyFolder,
+    workers: Workers,
+    options: WorkerOptions | None = None,
+    observer: StudyObserver | None = None,
 ) -> StudyResult:
     """Makes all episodes of a study that are not finished yet.
 
@@ -49,15 +53,15 @@ def run_study(
         folder: Where its episodes are kept. Episodes of earlier studies there stay.
         workers: Who makes them.
         options: How hard an episode is tried.
-        told: Who is told how it goes.
+        observer: Watches how it goes.
 
     Raises:
         InputError: The study cannot be used, the folder cannot be written, or it holds an episode of the same name
             that was made from something else.
     """
-    teller = told or Told()
+    observer = observer or StudyObserver()
     planned = plan_study(study)
-    teller.plan(len(planned))
+    observer.plan(len(planned))
     known = {row.episode: row for row in read_table(folder)}
     write_study(folder, study.to_json())
     folder.clear_scratch()
@@ -69,14 +73,14 @@ def run_study(
             todo.append(episode)
         else:
             found[episode.name] = row
-            teller.keep(row)
+            observer.keep(row)
     kept = len(found)
     saver = _TableSaver(lambda: write_table(folder, {**known, **found}.values()))
     try:
         with closing(workers.rows(todo, folder, options or WorkerOptions())) as rows:
             for row in rows:
                 found[row.episode] = row
-                teller.make(row)
+                observer.make(row)
                 saver.now_and_then()
     finally:
         saver.save()

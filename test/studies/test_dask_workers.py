@@ -16,7 +16,7 @@ from siren_ros.errors import InputError  # noqa: E402
 from siren_ros.studies.dask_workers import DaskWorkers, connected, make_on_worker  # noqa: E402
 from siren_ros.studies.episode_row import EpisodeRow, Status  # noqa: E402
 from siren_ros.studies.matrix import Study, plan_study  # noqa: E402
-from siren_ros.studies.run_study import Told, run_study  # noqa: E402
+from siren_ros.studies.run_study import StudyObserver, run_study  # noqa: E402
 from siren_ros.studies.study_folder import LocalFolder, read_table  # noqa: E402
 from siren_ros.studies.workers import WorkerOptions  # noqa: E402
 
@@ -33,7 +33,7 @@ def cluster() -> Iterator[Any]:
         yield running
 
 
-class KillOne(Told):
+class KillOne(StudyObserver):
     """Kills the worker that works as the first row arrives."""
 
     def __init__(self, client: Any, study: Path) -> None:
@@ -53,7 +53,7 @@ class KillOne(Told):
 def test_a_worker_that_is_killed_costs_a_retry_and_nothing_else(cluster: Any, tmp_path: Path) -> None:
     with distributed.Client(cluster, set_as_default=False) as client:
         kill = KillOne(client, tmp_path)
-        result = run_study(STUDY, LocalFolder(tmp_path), DaskWorkers(client), told=kill)
+        result = run_study(STUDY, LocalFolder(tmp_path), DaskWorkers(client), observer=kill)
     assert kill.killed
     assert [row.status for row in result.rows] == [Status.COMPLETE] * 8
     retried = [row for row in result.rows if row.attempts > 1]

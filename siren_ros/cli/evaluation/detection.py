@@ -25,7 +25,7 @@ from siren_ros.tables.table import text_of
 
 
 def add_arguments(task: argparse.ArgumentParser) -> None:
-    """Describe the task, and what it takes."""
+    """Adds the description and the options of the command."""
     task.description = (
         "3-D detection by nuScenes' code and the paper's protocol: one class for all vehicles, labels within 50 m with "
         "at least one LiDAR point, matches by the distance of centres on the ground."

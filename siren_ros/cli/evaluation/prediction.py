@@ -26,7 +26,7 @@ from siren_ros.scenario.interaction_region import REGION_TEXT
 
 
 def add_arguments(task: argparse.ArgumentParser) -> None:
-    """Describe the task, and what it takes."""
+    """Adds the description and the options of the command."""
     task.description = (
         "Trajectory prediction by the paper's protocol: 3 s of history, 5 s of future every 0.2 s, one sample for each "
         "vehicle and each frame at 10 Hz whose whole window was logged. Prints ADE/FDE in metres by template, category "

@@ -93,7 +93,7 @@ def file_name(model: str) -> str:
 
 
 def add_arguments(task: argparse.ArgumentParser) -> None:
-    """Describe the task, and what it takes."""
+    """Adds the description and the options of the command."""
     task.description = (
         "Scores the answers of vision-language models, or of any other program, to a set of risk videos: accuracy, "
         "precision, recall and F1 of each class, with 95 % intervals over videos, and confusion matrices "

@@ -28,7 +28,7 @@ from siren_ros.tables.table import text_of
 
 
 def add_yield(verb: argparse.ArgumentParser) -> None:
-    """Describe the verb, and what it takes."""
+    """Adds the description and the options of the command."""
     verb.formatter_class = argparse.RawDescriptionHelpFormatter
     verb.description = (
         "Marks how traffic made way: means over the episodes of each template and level,\n"
@@ -86,7 +86,7 @@ def _write(file: Path | None, rows: list[dict[str, Any]]) -> None:
 
 
 def add_counterfactual(verb: argparse.ArgumentParser) -> None:
-    """Describe the verb, and what it takes."""
+    """Adds the description and the options of the command."""
     verb.description = (
         "Compares levels on the same seeds: map, demand, route, drivers and draws are the same, so that the difference "
         "is the effect of the level. Prints mean differences with 95 % intervals over pairs, the p-value "
@@ -136,7 +136,7 @@ def as_json(effect: Effect) -> dict[str, object]:
 
 
 def add_diversity(verb: argparse.ArgumentParser) -> None:
-    """Describe the verb, and what it takes."""
+    """Adds the description and the options of the command."""
     verb.description = (
         "Says for each template, level and map how much of the ranges of its parameters the episodes have tried, how "
         "far the EMVs' ways and the orders of events are apart, how new the newest kind of episode still is, and how "

@@ -125,8 +125,8 @@ class RiskSetRequest:
     thresholds: RiskThresholds = field(default_factory=RiskThresholds)
 
 
-class Progress:
-    """Who is told how it goes."""
+class SetObserver:
+    """Watches how the making of a set goes; a command shows it as bars."""
 
     def tried(self, template: str, search: Search) -> None:
         """A template's search after one more candidate."""
@@ -143,7 +143,7 @@ class MadeSet:
     searches: Mapping[str, Search]
 
 
-def make_set(request: RiskSetRequest, out: Path, workers: int, progress: Progress | None = None) -> MadeSet:
+def make_set(request: RiskSetRequest, out: Path, workers: int, observer: SetObserver | None = None) -> MadeSet:
     """Makes the set, or goes on with one that was interrupted.
 
     The set depends on the request alone: not on the number of workers and not on interruptions.
@@ -152,7 +152,7 @@ def make_set(request: RiskSetRequest, out: Path, workers: int, progress: Progres
         request: What is asked for.
         out: Folder of the set, new or of the same request.
         workers: Processes at once.
-        progress: Who is told.
+        observer: Watches how it goes.
 
     Raises:
         InputError: A request that cannot be used, or the folder of another set.
@@ -161,7 +161,7 @@ def make_set(request: RiskSetRequest, out: Path, workers: int, progress: Progres
     wanted = quotas(request.balance, request.templates)
     _claim(request, out)
     with attempt_processes(workers) as pool:
-        return _SetMaker(request, out, wanted, workers, pool, progress or Progress()).make()
+        return _SetMaker(request, out, wanted, workers, pool, observer or SetObserver()).make()
 
 
 def video_id(template: str, number: int) -> str:
@@ -178,7 +178,7 @@ class _SetMaker:
     quotas: Mapping[str, Counts]
     workers: int
     pool: ProcessPool
-    progress: Progress
+    observer: SetObserver
 
     def make(self) -> MadeSet:
         while True:
@@ -259,7 +259,7 @@ class _SetMaker:
 
         def note(search: Search) -> None:
             journal.note(len(search.trials) - 1, search.trials[-1])
-            self.progress.tried(name, search)
+            self.observer.tried(name, search)
 
         return continue_search(
             Search(wanted, asked.budget, patience, tuple(journal.read())),
@@ -273,7 +273,7 @@ class _SetMaker:
         rendered = made_before(place, candidate) or self.pool.call_with_retries(
             self.request.retries, make_video, place, candidate, self.request.thresholds
         )
-        self.progress.drawn(key, videos)
+        self.observer.drawn(key, videos)
         return rendered
 
     def _as_video(self, key: str, candidate: Candidate) -> RiskVideo:

@@ -165,7 +165,7 @@ _FORM: Final = 1
 
 
 def frames_among(
-    paths: Sequence[Path], folder: Path, grid: PillarGrid, told: Callable[[str], None]
+    paths: Sequence[Path], folder: Path, grid: PillarGrid, report: Callable[[str], None]
 ) -> tuple[BagFrames, ...]:
     """The frames of all bags, in the order of their paths.
 
@@ -173,7 +173,7 @@ def frames_among(
         paths: Bags, folders with bags, or files of frames of an earlier run.
         folder: Where files of frames are kept.
         grid: The pillars.
-        told: Called with a line for each bag that was read.
+        report: Called with a line for each bag that was read.
 
     Raises:
         BagError: A bag is damaged or has no LiDAR.
@@ -187,7 +187,7 @@ def frames_among(
             frames = frames_of_bag(bag, grid)
             with writing(file.parent, "folder", "cache"):
                 write_frames(file, frames)
-            told(f"{bag}: {len(frames)} frames")
+            report(f"{bag}: {len(frames)} frames")
         found.append(_read(file))
     if not sum(len(frames) for frames in found):
         raise InputError("bags", ", ".join(map(str, paths)), "at least one episode with labelled sweeps")
@@ -207,8 +207,8 @@ def check_apart(trained: Iterable[Mapping[str, Any]], judged: Iterable[Mapping[s
     taken = {(about["map"], about["seed"]) for about in trained}
     for about in judged:
         if (about["map"], about["seed"]) in taken:
-            told = f"{about['template']} on {about['map']}, seed {about['seed']}"
-            raise InputError("held_out", told, "seeds or maps that are not trained on")
+            episode = f"{about['template']} on {about['map']}, seed {about['seed']}"
+            raise InputError("held_out", episode, "seeds or maps that are not trained on")
 
 
 def _digest(bag: Path, grid: PillarGrid) -> str:

@@ -124,13 +124,13 @@ class DetectorTraining:
     """Stops the fitting at the first checkpoint after this time; the same training then goes on from there."""
 
 
-def train_detector(training: DetectorTraining, fitter: Fitter, told: Callable[[str], None]) -> dict[str, Any] | None:
+def train_detector(training: DetectorTraining, fitter: Fitter, report: Callable[[str], None]) -> dict[str, Any] | None:
     """Trains a detector, and writes the ONNX file and its card.
 
     Args:
         training: What is trained on what.
         fitter: Fits and exports a network.
-        told: Called with lines on the progress.
+        report: Called with lines on the progress.
 
     Returns:
         The card; None where the time was up before.
@@ -141,14 +141,14 @@ def train_detector(training: DetectorTraining, fitter: Fitter, told: Callable[[s
     """
     grid = PillarGrid()
     judging = bags_among(training.held_out)
-    trained = frames_among(training.bags, training.cache, grid, told)
+    trained = frames_among(training.bags, training.cache, grid, report)
     check_apart([one.about for one in trained], [_about(bag) for bag in judging])
     draws = FrameDraws(trained, grid, training.config.seed, training.config.batch)
-    told(f"{len(draws)} frames of {len(trained)} episodes")
+    report(f"{len(draws)} frames of {len(trained)} episodes")
     start = time.monotonic()
 
     def tell(line: str) -> bool:
-        told(line)
+        report(line)
         return training.minutes is None or time.monotonic() - start < 60.0 * training.minutes
 
     fitted = fitter(draws, training.config, training.threads, training.cache / CHECKPOINT, tell)
@@ -176,13 +176,13 @@ def train_detector(training: DetectorTraining, fitter: Fitter, told: Callable[[s
         },
     }
     write_network(training.out, fitted.onnx, card)
-    card = {**card, **judged_card(training.out, judging, {one.about["map"] for one in trained}, told)}
+    card = {**card, **judged_card(training.out, judging, {one.about["map"] for one in trained}, report)}
     write_network(training.out, fitted.onnx, card)
     return card
 
 
 def judged_card(
-    weights: Path, bags: Sequence[Path], trained_maps: set[str], told: Callable[[str], None]
+    weights: Path, bags: Sequence[Path], trained_maps: set[str], report: Callable[[str], None]
 ) -> dict[str, Any]:
     """The parts of a card that say how the detector does on bags that it was not trained on."""
     splits: dict[str, list[JudgedEpisode]] = {TEST_SEEDS: [], TEST_MAPS: []}
@@ -190,7 +190,7 @@ def judged_card(
         for bag in bags:
             one = judged_episode(bag, weights, Path(scratch))
             splits[TEST_SEEDS if one.survey.episode["map"] in trained_maps else TEST_MAPS].append(one)
-            told(f"{bag}: mAP {figures_of([one])['mAP']['mean']:.3f}")
+            report(f"{bag}: mAP {figures_of([one])['mAP']['mean']:.3f}")
     made = {name: episodes for name, episodes in splits.items() if episodes}
     return {
         "judged": {name: _episodes_json([one.survey.episode for one in episodes]) for name, episodes in made.items()},

@@ -155,7 +155,7 @@ _CHECKPOINT_FORM: Final = 2
 
 
 @dataclass(frozen=True)
-class Progress:
+class StepMeans:
     """Means since the last report."""
 
     step: int
@@ -214,7 +214,7 @@ def fit(
     size: NetworkSize,
     config: DetectionFit,
     checkpoint: Path | None,
-    told: Callable[[Progress], bool],
+    report: Callable[[StepMeans], bool],
 ) -> Fitted | None:
     """Trains a network, from its checkpoint where there is one.
 
@@ -225,7 +225,7 @@ def fit(
         size: Of the network.
         config: Settings.
         checkpoint: File that the state is kept in; None keeps none.
-        told: Called after every ``checkpoint_steps``; False stops the training there.
+        report: Called after every ``checkpoint_steps``; False stops the training there.
 
     Returns:
         The result; None where the training was stopped.
@@ -254,7 +254,7 @@ def fit(
             run.processor_s = spent_s + time.process_time()
             if checkpoint is not None:
                 _write(checkpoint, {"digest": digest, **run.state()})
-            goes_on = told(Progress(run.step, loss, heat, box, named, time.monotonic() - start))
+            goes_on = report(StepMeans(run.step, loss, heat, box, named, time.monotonic() - start))
             if not goes_on and run.step < config.steps:
                 return None
     return Fitted(run.descent.result(), run.processor_s, tuple(run.plans))
@@ -342,7 +342,7 @@ def export(network: PillarNetwork, **figures: Any) -> FittedNetwork:
 
 
 def fitted_detector(
-    draws: FrameDraws, config: DetectionFit, threads: int, checkpoint: Path, told: Callable[[str], bool]
+    draws: FrameDraws, config: DetectionFit, threads: int, checkpoint: Path, report: Callable[[str], bool]
 ) -> FittedNetwork | None:
     """Fits a network and exports it.
 
@@ -351,15 +351,15 @@ def fitted_detector(
         config: Settings.
         threads: Of the processor.
         checkpoint: Where the state is kept, and taken from.
-        told: Called with one line at each checkpoint; False stops the training there.
+        report: Called with one line at each checkpoint; False stops the training there.
 
     Returns:
         The network; None where the training was stopped.
     """
     torch.set_num_threads(threads)
 
-    def tell(progress: Progress) -> bool:
-        return told(
+    def tell(progress: StepMeans) -> bool:
+        return report(
             f"step {progress.step}/{config.steps}: loss {progress.loss:.3f} (heat {progress.heat:.3f}, "
             f"boxes {progress.box:.3f}, classes {progress.named:.3f}), {progress.seconds:.0f} s"
         )

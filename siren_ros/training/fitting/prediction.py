@@ -196,7 +196,7 @@ _ROOT_EPSILON_M2: Final = 1e-4
 
 
 @dataclass(frozen=True)
-class Progress:
+class EpochMeans:
     """Means over an epoch."""
 
     epoch: int
@@ -208,13 +208,13 @@ class Progress:
     seconds: float
 
 
-def fit(store: SampleStore, config: FitConfig, told: Callable[[Progress], None]) -> PathNetwork:
+def fit(store: SampleStore, config: FitConfig, report: Callable[[EpochMeans], None]) -> PathNetwork:
     """Trains a network from scratch.
 
     Args:
         store: The samples.
         config: Settings.
-        told: Called after each epoch.
+        report: Called after each epoch.
     """
     torch.manual_seed(config.seed)
     device = torch.device(config.device)
@@ -236,7 +236,7 @@ def fit(store: SampleStore, config: FitConfig, told: Callable[[Progress], None])
             descent.step(parts[0])
             sums += torch.stack([part.detach() for part in parts])
         loss, ade, least = (sums / batches).tolist()
-        told(Progress(epoch, loss, ade, least, time.monotonic() - start))
+        report(EpochMeans(epoch, loss, ade, least, time.monotonic() - start))
     fitted: PathNetwork = descent.result()
     return fitted
 
@@ -328,17 +328,17 @@ def export(network: PathNetwork) -> FittedNetwork:
     return exported(network, _Answer(network), example, names, OUTPUTS, dict.fromkeys([*names, *OUTPUTS], "samples"))
 
 
-def fitted_network(store: SampleStore, config: FitConfig, told: Callable[[str], None]) -> FittedNetwork:
+def fitted_network(store: SampleStore, config: FitConfig, report: Callable[[str], None]) -> FittedNetwork:
     """Fits a network and exports it.
 
     Args:
         store: The samples.
         config: Settings.
-        told: Called with one line after each epoch.
+        report: Called with one line after each epoch.
     """
 
-    def tell(progress: Progress) -> None:
-        told(
+    def tell(progress: EpochMeans) -> None:
+        report(
             f"epoch {progress.epoch + 1}/{config.epochs}: loss {progress.loss:.3f}, ADE {progress.ade_m:.3f} m, "
             f"minADE6 {progress.min_ade_m:.3f} m, {progress.seconds:.0f} s"
         )

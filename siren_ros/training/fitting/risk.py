@@ -82,7 +82,7 @@ def fitted_film_network(
     train: Sequence[LabelledFilm],
     validation: Sequence[LabelledFilm],
     config: FilmFitConfig,
-    told: Callable[[str], None],
+    report: Callable[[str], None],
 ) -> FittedNetwork:
     """Fits and exports a network whose two probabilities are to be held against one half.
 
@@ -90,9 +90,9 @@ def fitted_film_network(
         train: Films to learn from.
         validation: Films that decide where the halves lie, and nothing else.
         config: Settings.
-        told: Called with one line after each epoch.
+        report: Called with one line after each epoch.
     """
-    network = _fit(train, config, told)
+    network = _fit(train, config, report)
     clips = validation_clips(validation, config.thresholds)
     offset = operating_point(_logits(network, clips), np.array([clip.label for clip in clips], dtype=np.int64))
     return exported(
@@ -105,7 +105,7 @@ def fitted_film_network(
     )
 
 
-def _fit(films: Sequence[LabelledFilm], config: FilmFitConfig, told: Callable[[str], None]) -> FilmNetwork:
+def _fit(films: Sequence[LabelledFilm], config: FilmFitConfig, report: Callable[[str], None]) -> FilmNetwork:
     torch.manual_seed(config.seed)
     torch.set_num_threads(1)
     network = FilmNetwork()
@@ -122,7 +122,7 @@ def _fit(films: Sequence[LabelledFilm], config: FilmFitConfig, told: Callable[[s
             loss = _focal(whole, label, config.focus) + config.frame_weight * of_pictures
             descent.step(loss)
             total += float(loss.detach())
-        told(f"epoch {epoch + 1}/{config.epochs}: loss {total / config.steps:.3f}, {time.monotonic() - start:.0f} s")
+        report(f"epoch {epoch + 1}/{config.epochs}: loss {total / config.steps:.3f}, {time.monotonic() - start:.0f} s")
     return network.eval()
 
 

@@ -121,7 +121,7 @@ def train_variant(
     folder: Path,
     config: FitConfig,
     fitter: Fitter,
-    told: Callable[[str], None],
+    report: Callable[[str], None],
 ) -> TrainedVariant:
     """Trains one variant, and writes ``NAME.onnx`` and its card ``NAME.json``.
 
@@ -131,7 +131,7 @@ def train_variant(
         folder: Where the files go.
         config: Settings.
         fitter: Fits and exports a network.
-        told: Called with lines on the progress.
+        report: Called with lines on the progress.
 
     Raises:
         InputError: No training episode, or the folder cannot be written.
@@ -141,9 +141,9 @@ def train_variant(
     if not files:
         raise InputError("episodes", name, "at least one that could be made for training")
     store = read_store([path for _, path in files], variant.ablation)
-    told(f"{name} ({variant.summary}): {len(store)} samples of {len(store.episodes)} episodes")
+    report(f"{name} ({variant.summary}): {len(store)} samples of {len(store.episodes)} episodes")
     wall, processor = time.monotonic(), time.process_time()
-    fitted = fitter(store, config, told)
+    fitted = fitter(store, config, report)
     card = fitted.card(
         config,
         model="siren",

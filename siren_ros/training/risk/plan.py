@@ -12,7 +12,7 @@ from siren_ros.studies.risk_set.candidate import candidate_request
 from siren_ros.training.settings import Split
 
 FIRST_SEED: Final = {Split.TRAIN: 500, Split.VALIDATION: 900}
-"""Seeds of the draws. ``siren generate risk`` draws with seed 0 unless told otherwise."""
+"""Seeds of the draws. ``siren generate risk`` draws with seed 0 unless it is given another one."""
 _LOOKS_FOR: Final = (RiskClass.NORMAL, RiskClass.NEAR_MISS, RiskClass.COLLISION, RiskClass.COLLISION)
 _COLLISIONS_IN: Final = "S4"
 """Where collisions are found most often; further films of it look for nothing else."""

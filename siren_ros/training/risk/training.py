@@ -22,7 +22,7 @@ Fitter = Callable[[Sequence[LabelledFilm], Sequence[LabelledFilm], FilmFitConfig
 
 
 def train_sequence_model(
-    films: MadeFiles[PlannedFilm], path: Path, config: FilmFitConfig, fitter: Fitter, told: Callable[[str], None]
+    films: MadeFiles[PlannedFilm], path: Path, config: FilmFitConfig, fitter: Fitter, report: Callable[[str], None]
 ) -> SequenceModel:
     """Trains the model, and writes it with its card.
 
@@ -31,7 +31,7 @@ def train_sequence_model(
         path: ONNX file to write; the card goes next to it.
         config: Settings.
         fitter: Fits and exports a network.
-        told: Called with lines on the progress.
+        report: Called with lines on the progress.
 
     Raises:
         InputError: No film of a split, or the folder cannot be written.
@@ -43,9 +43,9 @@ def train_sequence_model(
     for split, some in splits.items():
         if not some:
             raise InputError("films", split.value, "at least one that could be made")
-        told(f"{split.value}: {len(some)} films, pictures of {' / '.join(TITLES)}: {_pictures(some)}")
+        report(f"{split.value}: {len(some)} films, pictures of {' / '.join(TITLES)}: {_pictures(some)}")
     wall, processor = time.monotonic(), time.process_time()
-    fitted = fitter(splits[Split.TRAIN], splits[Split.VALIDATION], config, told)
+    fitted = fitter(splits[Split.TRAIN], splits[Split.VALIDATION], config, report)
     card = fitted.card(config, model="sequence", task="risk", frames_version=FRAMES_VERSION)
     card["films"] = {split.value: _split_json(some, films, split) for split, some in splits.items()}
     card["fitting_wall_s"] = round(time.monotonic() - wall)

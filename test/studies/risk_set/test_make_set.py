@@ -16,7 +16,7 @@ from siren_ros.evaluation.risk.labels import Reason, RiskClass, RiskLabel
 from siren_ros.evaluation.risk.video_set import read_set
 from siren_ros.studies.risk_set import make_set as making
 from siren_ros.studies.risk_set.candidate import Candidate
-from siren_ros.studies.risk_set.make_set import Progress, RiskSetRequest, make_set
+from siren_ros.studies.risk_set.make_set import RiskSetRequest, SetObserver, make_set
 from siren_ros.studies.risk_set.search import Balance
 from siren_ros.studies.risk_set.video_file import Rendered, try_candidate
 
@@ -28,8 +28,8 @@ RISKS = (RiskClass.NEAR_MISS, RiskClass.NORMAL, RiskClass.COLLISION)
 
 
 @dataclass
-class Told(Progress):
-    """Whose name was told, in which order."""
+class Seen(SetObserver):
+    """What was tried and drawn, in which order."""
 
     tries: list[tuple[str, int]] = field(default_factory=list)
     videos: list[tuple[str, int]] = field(default_factory=list)
@@ -89,12 +89,12 @@ CHOSEN = {
 def test_a_set_has_the_first_of_each_class_and_another_one_for_what_is_not_seen(
     processes: Processes, tmp_path: Path
 ) -> None:
-    told = Told()
-    made = make_set(REQUEST, tmp_path, 1, told)
+    seen = Seen()
+    made = make_set(REQUEST, tmp_path, 1, seen)
     assert risks_of(tmp_path) == CHOSEN
     assert [len(made.searches[name].trials) for name in ("S2", "S6")] == [4, 5]
-    assert told.tries == [("S2", 1), ("S2", 2), ("S2", 3), *[("S6", count) for count in range(1, 6)], ("S2", 4)]
-    assert told.videos == [(key, 6) for key in sorted({*CHOSEN, "S2_000"} - {"S2_003"})] + [(key, 6) for key in CHOSEN]
+    assert seen.tries == [("S2", 1), ("S2", 2), ("S2", 3), *[("S6", count) for count in range(1, 6)], ("S2", 4)]
+    assert seen.videos == [(key, 6) for key in sorted({*CHOSEN, "S2_000"} - {"S2_003"})] + [(key, 6) for key in CHOSEN]
     assert processes.short_of["S2_000"] == set(RiskClass)
     assert processes.short_of["S2_002"] == {RiskClass.COLLISION}
     assert processes.short_of["S6_000"] == {RiskClass.NORMAL, RiskClass.NEAR_MISS}

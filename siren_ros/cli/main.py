@@ -12,7 +12,7 @@ import siren_ros
 from siren_ros.cli.command import Command
 from siren_ros.errors import EXIT_FAILED, SirenError
 
-_VERBS: Final = {
+VERBS: Final = {
     "generate": (
         "make many episodes: a matrix of templates, levels, seeds, maps and parameters",
         "generate.add_arguments",
@@ -47,7 +47,7 @@ def parser() -> Command:
     )
     top.add_argument("--version", action="version", version=f"siren {siren_ros.__version__}")
     verbs = top.add_subparsers(title="commands", dest="verb", metavar="COMMAND", required=True)
-    for name, (summary, add) in _VERBS.items():
+    for name, (summary, add) in VERBS.items():
         verbs.add_parser(name, help=summary, add=add)
     return top
 

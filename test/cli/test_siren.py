@@ -8,7 +8,7 @@ import pytest
 
 import siren_ros
 from siren_ros import cli
-from siren_ros.cli.main import main
+from siren_ros.cli.main import VERBS, main
 
 
 @pytest.fixture(scope="module")
@@ -116,10 +116,11 @@ def test_a_reader_that_goes_away_is_not_an_error_message(bag: Path) -> None:
     assert done.stderr == ""
 
 
-MODULES = sorted(
-    file.stem for file in Path(cli.__file__).parent.glob("[a-z]*.py") if file.stem not in {"main", "options"}
-)
-VERBS = [name.replace("_", "-") for name in MODULES]
+MODULES = {file.stem for file in Path(cli.__file__).parent.glob("[a-z]*.py")} - {"main", "options", "command"}
+
+
+def test_every_module_of_commands_is_reached() -> None:
+    assert {add.partition(".")[0] for _, add in VERBS.values()} == MODULES
 
 
 @pytest.mark.parametrize("verb", VERBS)

@@ -14,7 +14,7 @@ from siren_ros.evaluation.detection.detectors.pillar_detector import (
     load_detector,
 )
 from siren_ros.interfaces import topics
-from siren_ros.interfaces.boxes import DetectedBoxes, to_detections
+from siren_ros.interfaces.boxes import SpaceBoxes, to_boxes
 from siren_ros.interfaces.episode_conversions import EpisodeClosing
 from siren_ros.interfaces.measurements import from_point_cloud
 from siren_ros.interfaces.messages import make_message
@@ -60,10 +60,12 @@ class Detector(Participant[DetectorConfig]):
             self._detector.add(step, from_point_cloud(sweep), map_from_base @ self._base_from_lidar)
         if step % topics.DETECTIONS.period_steps:
             return
-        found = FoundBoxes.none() if sweep is None else self._detector.boxes()
-        names = tuple(found.label.tolist())
-        boxes = DetectedBoxes(step, self._frame_id, names, found.score, found.centre_m, found.size_m, found.yaw_rad)
-        self.send(topics.DETECTIONS, to_detections(boxes))
+        detected = FoundBoxes.none() if sweep is None else self._detector.boxes()
+        names = tuple(detected.label.tolist())
+        boxes = SpaceBoxes(
+            step, self._frame_id, names, detected.score, detected.centre_m, detected.size_m, detected.yaw_rad
+        )
+        self.send(topics.DETECTIONS, to_boxes(boxes))
         self._latencies_s.append(time.perf_counter() - began)
         self.send(topics.DETECTION_LATENCY, make_message("std_msgs/msg/Float64", data=self._latencies_s[-1]))
 

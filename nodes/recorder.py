@@ -37,8 +37,8 @@ class Recorder(Participant[RecorderConfig]):
         self._listening: set[str] = set()
         self._listen(topics.CORE_TOPICS)
 
-    def _listen(self, wanted: tuple[Topic, ...]) -> None:
-        for topic in wanted:
+    def _listen(self, topics_: tuple[Topic, ...]) -> None:
+        for topic in topics_:
             if topic.name not in self._listening and topic != topics.OUTCOME:
                 self._listening.add(topic.name)
                 self.add_raw_input(topic, partial(self._on_message, topic))

@@ -10,8 +10,15 @@ from typing import Any
 import numpy as np
 
 from siren_ros.interfaces.messages import as_arrays, as_sequences, checks_content, header, make_message, time_ns_of
-from siren_ros.interfaces.transforms import from_quaternion, quaternion_of_yaw, to_pose, to_vector, yaw_of_quaternion
-from siren_ros.numerics.arrays import Floats, Ids
+from siren_ros.interfaces.transforms import (
+    from_quaternion,
+    from_vector,
+    quaternion_of_yaw,
+    to_pose,
+    to_vector,
+    yaw_of_quaternion,
+)
+from siren_ros.numerics.arrays import Floats
 from siren_ros.numerics.units import step_of_time_ns, time_ns_of_step
 from siren_ros.world.actors import ActorClass
 from siren_ros.world.carrier import CAMERA_TRUTH_DTYPES, GROUND_TRUTH_DTYPES, CameraTruth, GroundTruth
@@ -40,83 +47,77 @@ def from_ground_truth(message: Any) -> GroundTruth:
 
 
 @dataclass(frozen=True)
-class LabelledBoxes:
-    """Boxes of one step in a sensor frame; volume centres, one row per actor."""
+class SpaceBoxes:
+    """Boxes of one step in a sensor frame, labels or detections; one row per box."""
 
     step: int
     frame_id: str
-    actor_id: Ids
     class_names: tuple[str, ...]
-    """Lower-case names of ``ActorClass``."""
-    x_m: Floats
-    y_m: Floats
-    z_m: Floats
+    """Lower-case names of ``ActorClass`` for labels."""
+    score: Floats
+    """Confidence, 0 to 1."""
+    centre_m: Floats
+    """Centre of the volume, shape ``(N, 3)``."""
+    size_m: Floats
+    """Length, width, height, shape ``(N, 3)``."""
     yaw_rad: Floats
-    length_m: Floats
-    width_m: Floats
-    height_m: Floats
+    ids: tuple[str, ...] | None = None
+    """Actor ids of labels; None for detections."""
 
 
-def boxes_of(truth: GroundTruth, frame_id: str) -> LabelledBoxes:
-    """The boxes of a step's ground truth."""
-    return LabelledBoxes(
+def boxes_of(truth: GroundTruth, frame_id: str) -> SpaceBoxes:
+    """The boxes of a step's ground truth, with score 1."""
+    return SpaceBoxes(
         step=truth.step,
         frame_id=frame_id,
-        actor_id=truth.actor_id,
         class_names=tuple(ActorClass(int(code)).name.lower() for code in truth.actor_class),
-        x_m=truth.x_m,
-        y_m=truth.y_m,
-        z_m=truth.z_m,
+        score=np.ones(len(truth)),
+        centre_m=np.stack((truth.x_m, truth.y_m, truth.z_m), axis=1),
+        size_m=np.stack((truth.length_m, truth.width_m, truth.height_m), axis=1),
         yaw_rad=truth.yaw_rad,
-        length_m=truth.length_m,
-        width_m=truth.width_m,
-        height_m=truth.height_m,
+        ids=tuple(str(int(actor_id)) for actor_id in truth.actor_id),
     )
 
 
-def to_boxes(boxes: LabelledBoxes) -> Any:
-    """``vision_msgs/Detection3DArray``; a detection's ``id`` is the actor's id, its score 1."""
+def to_boxes(boxes: SpaceBoxes) -> Any:
+    """``vision_msgs/Detection3DArray``; it has no place for velocities."""
     shared = {"header": header(time_ns_of_step(boxes.step), boxes.frame_id)}
-    unknown = np.zeros(36)
     return make_message(
         "vision_msgs/msg/Detection3DArray",
-        detections=[_to_label(boxes, row, unknown, shared) for row in range(len(boxes.actor_id))],
+        detections=[_to_box(boxes, row, shared) for row in range(len(boxes.score))],
         **shared,
     )
 
 
-def _to_label(boxes: LabelledBoxes, row: int, covariance: Floats, shared: dict[str, Any]) -> Any:
-    centre = (boxes.x_m[row], boxes.y_m[row], boxes.z_m[row])
-    pose = to_pose(centre, quaternion_of_yaw(float(boxes.yaw_rad[row])))
-    hypothesis = make_message("vision_msgs/msg/ObjectHypothesis", class_id=boxes.class_names[row], score=1.0)
-    with_covariance = make_message("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance)
-    size = to_vector((boxes.length_m[row], boxes.width_m[row], boxes.height_m[row]))
-    return make_message(
-        "vision_msgs/msg/Detection3D",
-        results=[make_message("vision_msgs/msg/ObjectHypothesisWithPose", hypothesis=hypothesis, pose=with_covariance)],
-        bbox=make_message("vision_msgs/msg/BoundingBox3D", center=pose, size=size),
-        id=str(int(boxes.actor_id[row])),
-        **shared,
+def _to_box(boxes: SpaceBoxes, row: int, shared: dict[str, Any]) -> Any:
+    pose = to_pose(boxes.centre_m[row], quaternion_of_yaw(float(boxes.yaw_rad[row])))
+    name, score = boxes.class_names[row], float(boxes.score[row])
+    result = make_message(
+        "vision_msgs/msg/ObjectHypothesisWithPose",
+        hypothesis=make_message("vision_msgs/msg/ObjectHypothesis", class_id=name, score=score),
+        pose=make_message("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
     )
+    box = make_message("vision_msgs/msg/BoundingBox3D", center=pose, size=to_vector(boxes.size_m[row].tolist()))
+    box_id = "" if boxes.ids is None else boxes.ids[row]
+    return make_message("vision_msgs/msg/Detection3D", results=[result], bbox=box, id=box_id, **shared)
 
 
-def from_boxes(message: Any) -> LabelledBoxes:
+def from_boxes(message: Any) -> SpaceBoxes:
     """Inverse of ``to_boxes``."""
-    found = message.detections
-    centres = [detection.bbox.center for detection in found]
-    sizes = [detection.bbox.size for detection in found]
-    return LabelledBoxes(
+    detections = message.detections
+    centres = [detection.bbox.center for detection in detections]
+    sizes = [detection.bbox.size for detection in detections]
+    best = [detection.results[0].hypothesis for detection in detections]
+    ids = tuple(str(detection.id) for detection in detections)
+    return SpaceBoxes(
         step=step_of_time_ns(time_ns_of(message.header.stamp)),
         frame_id=str(message.header.frame_id),
-        actor_id=np.array([int(detection.id) for detection in found], dtype=np.uint32),
-        class_names=tuple(str(detection.results[0].hypothesis.class_id) for detection in found),
-        x_m=np.array([centre.position.x for centre in centres]),
-        y_m=np.array([centre.position.y for centre in centres]),
-        z_m=np.array([centre.position.z for centre in centres]),
+        class_names=tuple(str(hypothesis.class_id) for hypothesis in best),
+        score=np.array([float(hypothesis.score) for hypothesis in best]),
+        centre_m=np.array([from_vector(centre.position) for centre in centres]).reshape(-1, 3),
+        size_m=np.array([from_vector(size) for size in sizes]).reshape(-1, 3),
         yaw_rad=np.array([yaw_of_quaternion(from_quaternion(centre.orientation)) for centre in centres]),
-        length_m=np.array([size.x for size in sizes]),
-        width_m=np.array([size.y for size in sizes]),
-        height_m=np.array([size.z for size in sizes]),
+        ids=ids if any(ids) else None,
     )
 
 
@@ -176,59 +177,4 @@ def _detection(truth: CameraTruth, row: int, stamped: Any, nowhere: Any) -> Any:
             size_y=float(truth.v_max_px[row] - truth.v_min_px[row]),
         ),
         id=str(int(truth.actor_id[row])),
-    )
-
-
-@dataclass(frozen=True)
-class DetectedBoxes:
-    """Boxes of one step in a sensor frame, one row per detection."""
-
-    step: int
-    frame_id: str
-    class_names: tuple[str, ...]
-    score: Floats
-    """Confidence, 0 to 1."""
-    centre_m: Floats
-    """Centre of the volume, shape ``(N, 3)``."""
-    size_m: Floats
-    """Length, width, height, shape ``(N, 3)``."""
-    yaw_rad: Floats
-
-
-def to_detections(boxes: DetectedBoxes) -> Any:
-    """``vision_msgs/Detection3DArray``; it has no place for velocities."""
-    shared = {"header": header(time_ns_of_step(boxes.step), boxes.frame_id)}
-    return make_message(
-        "vision_msgs/msg/Detection3DArray",
-        detections=[_to_detection(boxes, row, shared) for row in range(len(boxes.score))],
-        **shared,
-    )
-
-
-def _to_detection(boxes: DetectedBoxes, row: int, shared: dict[str, Any]) -> Any:
-    pose = to_pose(boxes.centre_m[row], quaternion_of_yaw(float(boxes.yaw_rad[row])))
-    name, score = boxes.class_names[row], float(boxes.score[row])
-    result = make_message(
-        "vision_msgs/msg/ObjectHypothesisWithPose",
-        hypothesis=make_message("vision_msgs/msg/ObjectHypothesis", class_id=name, score=score),
-        pose=make_message("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
-    )
-    box = make_message("vision_msgs/msg/BoundingBox3D", center=pose, size=to_vector(boxes.size_m[row].tolist()))
-    return make_message("vision_msgs/msg/Detection3D", results=[result], bbox=box, id="", **shared)
-
-
-def from_detections(message: Any) -> DetectedBoxes:
-    """Inverse of ``to_detections``."""
-    found = message.detections
-    centres = [detection.bbox.center for detection in found]
-    sizes = [detection.bbox.size for detection in found]
-    best = [detection.results[0].hypothesis for detection in found]
-    return DetectedBoxes(
-        step=step_of_time_ns(time_ns_of(message.header.stamp)),
-        frame_id=str(message.header.frame_id),
-        class_names=tuple(str(one.class_id) for one in best),
-        score=np.array([float(one.score) for one in best]),
-        centre_m=np.array([(one.position.x, one.position.y, one.position.z) for one in centres]).reshape(-1, 3),
-        size_m=np.array([(size.x, size.y, size.z) for size in sizes]).reshape(-1, 3),
-        yaw_rad=np.array([yaw_of_quaternion(from_quaternion(one.orientation)) for one in centres]),
     )

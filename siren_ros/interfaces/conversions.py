@@ -11,43 +11,29 @@ from siren_ros.interfaces.messages import (
     as_arrays,
     as_sequences,
     checks_content,
+    from_plain_fields,
     json_object,
     json_text,
     make_message,
+    plain_fields,
     stamp,
 )
 from siren_ros.numerics.units import time_ns_of_step
-from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorClass, ActorDescription, ActorStates
+from siren_ros.world.actors import ACTOR_STATE_DTYPES, ActorDescription, ActorStates
 from siren_ros.world.commands import COMMAND_DTYPES, VehicleCommands
-from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, EmvAdvice, Event, EventKind, SignalState, TrafficState
+from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, EmvAdvice, Event, SignalState, TrafficState
 
 
 def to_event(event: Event) -> Any:
     """``siren_msgs/Event``."""
-    return make_message(
-        "siren_msgs/msg/Event",
-        step=event.step,
-        kind=event.kind.value,
-        actor_id=event.actor_id,
-        other_id=event.other_id,
-        x_m=float(event.x_m),
-        y_m=float(event.y_m),
-        detail=json_text(dict(event.detail)),
-    )
+    detail = json_text(dict(event.detail))
+    return make_message("siren_msgs/msg/Event", **plain_fields(event, "detail"), detail=detail)
 
 
 @checks_content
 def from_event(message: Any) -> Event:
     """Inverse of ``to_event``."""
-    return Event(
-        step=int(message.step),
-        kind=EventKind(message.kind),
-        actor_id=int(message.actor_id),
-        other_id=int(message.other_id),
-        x_m=float(message.x_m),
-        y_m=float(message.y_m),
-        detail=json_object(message.detail),
-    )
+    return from_plain_fields(Event, message, detail=json_object(message.detail))
 
 
 def _to_events(events: tuple[Event, ...]) -> list[Any]:
@@ -77,70 +63,37 @@ def from_events(message: Any) -> tuple[int, int, tuple[Event, ...]]:
 
 def to_actor_description(actor: ActorDescription) -> Any:
     """``siren_msgs/ActorDescription``."""
-    return make_message(
-        "siren_msgs/msg/ActorDescription",
-        actor_id=actor.actor_id,
-        name=actor.name,
-        actor_class=int(actor.actor_class),
-        length_m=float(actor.length_m),
-        width_m=float(actor.width_m),
-        height_m=float(actor.height_m),
-        colour_rgb=np.array(actor.colour_rgb, dtype=np.uint8),
-        is_emv=actor.is_emv,
-    )
+    colour_rgb = np.array(actor.colour_rgb, dtype=np.uint8)
+    return make_message("siren_msgs/msg/ActorDescription", **plain_fields(actor, "colour_rgb"), colour_rgb=colour_rgb)
 
 
 @checks_content
 def from_actor_description(message: Any) -> ActorDescription:
     """Inverse of ``to_actor_description``."""
     red, green, blue = (int(value) for value in message.colour_rgb)
-    return ActorDescription(
-        actor_id=int(message.actor_id),
-        name=str(message.name),
-        actor_class=ActorClass(int(message.actor_class)),
-        length_m=float(message.length_m),
-        width_m=float(message.width_m),
-        height_m=float(message.height_m),
-        colour_rgb=(red, green, blue),
-        is_emv=bool(message.is_emv),
-    )
+    return from_plain_fields(ActorDescription, message, colour_rgb=(red, green, blue))
 
 
 def to_signal_state(signal: SignalState) -> Any:
     """``siren_msgs/SignalState``."""
-    return make_message("siren_msgs/msg/SignalState", signal_id=signal.signal_id, state=signal.state)
+    return make_message("siren_msgs/msg/SignalState", **plain_fields(signal))
 
 
 @checks_content
 def from_signal_state(message: Any) -> SignalState:
     """Inverse of ``to_signal_state``."""
-    return SignalState(signal_id=str(message.signal_id), state=str(message.state))
+    return from_plain_fields(SignalState, message)
 
 
 def to_emv_advice(advice: EmvAdvice) -> Any:
     """``siren_msgs/EmvAdvice``."""
-    return make_message(
-        "siren_msgs/msg/EmvAdvice",
-        actor_id=advice.actor_id,
-        lane_change_intent=advice.lane_change_intent,
-        leader_id=advice.leader_id,
-        leader_gap_m=float(advice.leader_gap_m),
-        speed_without_control_mps=float(advice.speed_without_control_mps),
-        rescue_count=advice.rescue_count,
-    )
+    return make_message("siren_msgs/msg/EmvAdvice", **plain_fields(advice))
 
 
 @checks_content
 def from_emv_advice(message: Any) -> EmvAdvice:
     """Inverse of ``to_emv_advice``."""
-    return EmvAdvice(
-        actor_id=int(message.actor_id),
-        lane_change_intent=int(message.lane_change_intent),
-        leader_id=int(message.leader_id),
-        leader_gap_m=float(message.leader_gap_m),
-        speed_without_control_mps=float(message.speed_without_control_mps),
-        rescue_count=int(message.rescue_count),
-    )
+    return from_plain_fields(EmvAdvice, message)
 
 
 def to_traffic_state(traffic: TrafficState) -> Any:

@@ -9,7 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from siren_ros.interfaces.messages import checks_content, json_object, json_text, make_message, sequence, stamp
+from siren_ros.interfaces.messages import (
+    checks_content,
+    from_plain_fields,
+    json_object,
+    json_text,
+    make_message,
+    plain_fields,
+    sequence,
+    stamp,
+)
 from siren_ros.numerics.units import time_ns_of_step
 from siren_ros.scenario.episode import EpisodeDescription, EpisodeEnd, EpisodeOutcome
 from siren_ros.scenario.paper import EmergencyLevel
@@ -46,26 +55,13 @@ class EpisodeClosing:
 
 def to_step_done(report: StepReport) -> Any:
     """``siren_msgs/StepDone``."""
-    return make_message(
-        "siren_msgs/msg/StepDone",
-        step=report.step,
-        participant=report.participant,
-        phase=int(report.phase),
-        error=report.error,
-        busy_s=float(report.busy_s),
-    )
+    return make_message("siren_msgs/msg/StepDone", **plain_fields(report))
 
 
 @checks_content
 def from_step_done(message: Any) -> StepReport:
     """Inverse of ``to_step_done``."""
-    return StepReport(
-        step=int(message.step),
-        participant=str(message.participant),
-        phase=Phase(int(message.phase)),
-        error=str(message.error),
-        busy_s=float(message.busy_s),
-    )
+    return from_plain_fields(StepReport, message)
 
 
 def to_episode_description(episode: EpisodeDescription) -> Any:
@@ -109,19 +105,14 @@ def from_episode_description(message: Any) -> EpisodeDescription:
 
 def to_episode_end(closing: EpisodeClosing) -> Any:
     """``siren_msgs/EpisodeEnd``."""
-    return make_message(
-        "siren_msgs/msg/EpisodeEnd",
-        stamp=stamp(time_ns_of_step(max(closing.steps - 1, 0))),
-        steps=closing.steps,
-        end=closing.end.value,
-        reason=closing.reason,
-    )
+    at = stamp(time_ns_of_step(max(closing.steps - 1, 0)))
+    return make_message("siren_msgs/msg/EpisodeEnd", stamp=at, **plain_fields(closing))
 
 
 @checks_content
 def from_episode_end(message: Any) -> EpisodeClosing:
     """Inverse of ``to_episode_end``."""
-    return EpisodeClosing(steps=int(message.steps), end=EpisodeEnd(message.end), reason=str(message.reason))
+    return from_plain_fields(EpisodeClosing, message)
 
 
 def to_episode_outcome(outcome: EpisodeOutcome) -> Any:

@@ -51,8 +51,8 @@ def to_image(step: int, frame_id: str, pixels: npt.NDArray[np.generic]) -> Any:
         InputError: an array of another kind.
     """
     channels = pixels.shape[2] if pixels.ndim == 3 else 1
-    found = [name for name, kind in _ENCODINGS.items() if kind == (pixels.dtype, channels)]
-    if not found or pixels.ndim not in {2, 3}:
+    encodings = [name for name, kind in _ENCODINGS.items() if kind == (pixels.dtype, channels)]
+    if not encodings or pixels.ndim not in {2, 3}:
         allowed = "(H, W, 3) uint8, or (H, W) uint8, uint16 or float32"
         raise InputError("pixels", f"{pixels.shape} {pixels.dtype}", allowed)
     return make_message(
@@ -60,7 +60,7 @@ def to_image(step: int, frame_id: str, pixels: npt.NDArray[np.generic]) -> Any:
         header=header(time_ns_of_step(step), frame_id),
         height=pixels.shape[0],
         width=pixels.shape[1],
-        encoding=found[0],
+        encoding=encodings[0],
         is_bigendian=0,
         step=pixels.shape[1] * channels * pixels.dtype.itemsize,
         data=sequence(np.ascontiguousarray(pixels).reshape(-1).view(np.uint8)),

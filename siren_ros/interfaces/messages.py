@@ -9,7 +9,8 @@ import os
 import struct
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
+from enum import Enum
 from functools import cache, wraps
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -68,9 +69,9 @@ def _message_class(type_name: str) -> type[Any]:
     return typestore().types[type_name]
 
 
-def make_message(type_name: str, **fields: Any) -> Any:
+def make_message(type_name: str, **content: Any) -> Any:
     """A message of a type such as ``siren_msgs/msg/Event`` with all its fields set."""
-    return _message_class(type_name)(**fields)
+    return _message_class(type_name)(**content)
 
 
 def sequence(values: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
@@ -123,6 +124,22 @@ def as_arrays(message: Any, dtypes: dict[str, type[np.generic]]) -> dict[str, An
 def as_sequences(source: object, names: Sequence[str]) -> dict[str, Any]:
     """Array attributes of a dataclass as primitive sequence fields."""
     return {name: sequence(getattr(source, name)) for name in names}
+
+
+Content = TypeVar("Content")
+
+
+def plain_fields(value: Any, *others: str) -> dict[str, Any]:
+    """Numbers, texts and codes of a dataclass as message fields of the same names; ``others`` are left out."""
+    chosen = {item.name: (item.type, getattr(value, item.name)) for item in fields(value) if item.name not in others}
+    return {name: field.value if isinstance(field, Enum) else kind(field) for name, (kind, field) in chosen.items()}
+
+
+def from_plain_fields(kind: type[Content], message: Any, **others: Any) -> Content:
+    """A dataclass from the message fields of the same names; ``others`` are given."""
+    items: Any = fields(kind)  # type: ignore[arg-type] # a dataclass
+    values = {item.name: item.type(getattr(message, item.name)) for item in items if item.name not in others}
+    return kind(**values, **others)
 
 
 Read = TypeVar("Read")

@@ -194,9 +194,9 @@ def carriers_of(episode: EpisodeDescription) -> tuple[tuple[Carrier, int, Sensor
 
 def topics_of(episode: EpisodeDescription) -> tuple[Topic, ...]:
     """All recorded topics of an episode; raises InputError as ``carriers_of``."""
-    found = recorded_topics(*(suite for _, _, suite in carriers_of(episode)))
+    recorded = recorded_topics(*(suite for _, _, suite in carriers_of(episode)))
     if episode.detector:
-        found = (*found, topics.DETECTIONS)
+        recorded = (*recorded, topics.DETECTIONS)
     if episode.predictor:
-        found = (*found, replace(topics.PREDICTIONS, publisher=episode.predictor))
-    return found
+        recorded = (*recorded, replace(topics.PREDICTIONS, publisher=episode.predictor))
+    return recorded

@@ -129,12 +129,12 @@ def _sun(top: StrictMapping) -> dict[str, Any]:
         latitude = top.number("latitude_deg", -66.0, 66.0) if top.has("latitude_deg") else 49.0
         azimuth_rad, elevation_rad = sun_position(hour, day, float(np.radians(latitude)))
         return {"sun_azimuth_rad": azimuth_rad, "sun_elevation_rad": elevation_rad}
-    found = {}
+    angles = {}
     if top.has("sun_azimuth_deg"):
-        found["sun_azimuth_rad"] = float(np.radians(top.number("sun_azimuth_deg", -360.0, 360.0)))
+        angles["sun_azimuth_rad"] = float(np.radians(top.number("sun_azimuth_deg", -360.0, 360.0)))
     if top.has("sun_elevation_deg"):
-        found["sun_elevation_rad"] = float(np.radians(top.number("sun_elevation_deg", -90.0, 90.0)))
-    return found
+        angles["sun_elevation_rad"] = float(np.radians(top.number("sun_elevation_deg", -90.0, 90.0)))
+    return angles
 
 
 def _dusk(elevation_rad: float) -> dict[str, Any]:

@@ -106,10 +106,10 @@ class GeoReference:
         Raises:
             InputError: A projection that is not understood.
         """
-        found = geodetic_from_projected(self.projection, x_m + self.origin_m[0], y_m + self.origin_m[1])
-        if found is None:
+        geodetic = geodetic_from_projected(self.projection, x_m + self.origin_m[0], y_m + self.origin_m[1])
+        if geodetic is None:
             raise InputError("projection", self.projection, "a transverse Mercator or UTM projection")
-        return found
+        return geodetic
 
 
 class Gnss:

@@ -250,8 +250,8 @@ class SensorRig:
         descriptions: Mapping[int, ActorDescription],
     ) -> dict[str, CameraTruth]:
         cameras = {spec.name: spec for spec in self.suite.cameras}
-        wanted = [frame for frame in frames if self._wanted(cameras[frame.sensor]).boxes]
-        if not wanted:
+        labelled = [frame for frame in frames if self._wanted(cameras[frame.sensor]).boxes]
+        if not labelled:
             return {}
         is_emv = np.array([descriptions[int(actor_id)].is_emv for actor_id in placement.actor_id], dtype=np.bool_)
         return {
@@ -263,7 +263,7 @@ class SensorRig:
                 frame.image.instance,
                 is_emv,
             )
-            for frame in wanted
+            for frame in labelled
             if frame.image.instance is not None
         }
 

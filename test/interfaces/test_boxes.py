@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from siren_ros.interfaces.boxes import DetectedBoxes, boxes_of, from_boxes, from_detections, to_boxes, to_detections
+from siren_ros.interfaces.boxes import SpaceBoxes, boxes_of, from_boxes, to_boxes
 from siren_ros.interfaces.markers import (
     EMV_COLOUR,
     LIFETIME_NS,
@@ -32,8 +32,8 @@ def test_boxes_come_back(round_trip: Callable[[object], Any], count: int) -> Non
     boxes = boxes_of(_truth(count), "lidar")
     back = from_boxes(round_trip(to_boxes(boxes)))
     assert (back.step, back.frame_id, back.class_names) == (4, "lidar", ("van",) * count)
-    assert back.actor_id.tolist() == boxes.actor_id.tolist()
-    for name in ("x_m", "y_m", "z_m", "yaw_rad", "length_m", "width_m", "height_m"):
+    assert back.ids == (tuple("123"[:count]) or None)
+    for name in ("centre_m", "size_m", "yaw_rad", "score"):
         assert np.allclose(getattr(back, name), getattr(boxes, name))
 
 
@@ -103,7 +103,7 @@ def test_a_box_is_turned_as_its_vehicle_and_a_text_is_upright_above_it() -> None
 @pytest.mark.parametrize("count", [0, 3])
 def test_detections_come_back(round_trip: Callable[[object], Any], count: int) -> None:
     random = np.random.default_rng(2)
-    boxes = DetectedBoxes(
+    boxes = SpaceBoxes(
         step=40,
         frame_id="lidar",
         class_names=("car", "ambulance", "police")[:count],
@@ -112,7 +112,7 @@ def test_detections_come_back(round_trip: Callable[[object], Any], count: int) -
         size_m=random.uniform(1.0, 5.0, (count, 3)),
         yaw_rad=random.uniform(-3.0, 3.0, count),
     )
-    found = from_detections(round_trip(to_detections(boxes)))
-    assert (found.step, found.frame_id, found.class_names) == (40, "lidar", boxes.class_names)
+    back = from_boxes(round_trip(to_boxes(boxes)))
+    assert (back.step, back.frame_id, back.class_names, back.ids) == (40, "lidar", boxes.class_names, None)
     for name in ("score", "centre_m", "size_m", "yaw_rad"):
-        assert getattr(found, name) == pytest.approx(getattr(boxes, name))
+        assert getattr(back, name) == pytest.approx(getattr(boxes, name))

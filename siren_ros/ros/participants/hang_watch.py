@@ -79,14 +79,14 @@ _MOST_NAMES: Final = 3
 
 
 def awaited_by(
-    state: LockstepState, config: LockstepConfig, own: Collection[str], works: Collection[Work | None] = ()
+    state: LockstepState, config: LockstepConfig, started: Collection[str], works: Collection[Work | None] = ()
 ) -> str:
     """Who has to act before the lockstep goes on, and how; of those that wait for one another, the first.
 
     Args:
         state: The lockstep now.
         config: Its participants and time limits.
-        own: Participants that the program has started itself.
+        started: Participants that the program has started itself.
         works: What the participants of this process are doing.
     """
     if state.stage is Stage.CLOSED:
@@ -99,7 +99,7 @@ def awaited_by(
         return ""
     by_act: dict[str, list[str]] = {}
     for name in names:
-        by_act.setdefault(_act_of(name, state, own), []).append(config.display_names.get(name, name))
+        by_act.setdefault(_act_of(name, state, started), []).append(config.display_names.get(name, name))
     acts = [f"{_listed(shown)} {act}" for act, shown in by_act.items()]
     limit_s = {
         Stage.GATHERING: config.start_timeout_s,
@@ -114,11 +114,11 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:_MOST_NAMES]) + more
 
 
-def _act_of(name: str, state: LockstepState, own: Collection[str]) -> str:
+def _act_of(name: str, state: LockstepState, started: Collection[str]) -> str:
     if state.stage is Stage.STEPPING:
         return f"to finish step {state.step - bool(state.owing)}"
     if state.stage is Stage.CLOSING:
         return "to close"
     if name == AV_SOURCE:
         return f"to publish {AV_CONTROL.name}"
-    return "to be ready" if name in own else f"to report READY on {STEP_DONE.name}"
+    return "to be ready" if name in started else f"to report READY on {STEP_DONE.name}"

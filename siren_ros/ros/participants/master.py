@@ -108,9 +108,9 @@ class LockstepMaster:
         self._next_wall_s = 0.0
         self._clock = create_output(node, topics.CLOCK)
         self._end = create_output(node, topics.EPISODE_END)
-        own = [name for name in config.participants if name not in config.outside]
+        nodes = [name for name in config.participants if name not in config.outside]
         outside = [name for name in config.outside if name != AV_SOURCE]
-        self._reporters = PublisherWatch(node, topics.STEP_DONE, self.fail, own, len(outside))
+        self._reporters = PublisherWatch(node, topics.STEP_DONE, self.fail, nodes, len(outside))
         self._reporters.on_left = self._on_reporter_left
         create_input(node, topics.STEP_DONE, self._on_report, self._reporters)
         create_wall_timer(node, WATCH_S, self._on_watch)

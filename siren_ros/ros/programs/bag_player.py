@@ -144,11 +144,11 @@ class BagPlayer(Node):
     def _chosen_topics(self) -> tuple[str, ...]:
         """The clock and the topics that the user names; by default all."""
         known = tuple(self._bag.type_names)
-        wanted = [name if name.startswith("/") else f"/{name}" for name in self.config.topics]
-        for name in wanted:
+        chosen = [name if name.startswith("/") else f"/{name}" for name in self.config.topics]
+        for name in chosen:
             if name not in known:
                 raise InputError("topics", name, "topics of the bag: " + ", ".join(sorted(known)))
-        return tuple(name for name in known if not wanted or name in wanted or name == CLOCK.name)
+        return tuple(name for name in known if not chosen or name in chosen or name == CLOCK.name)
 
     def _output(self, name: str, type_name: str) -> AcknowledgedOutput:
         period = ONCE if name in self._bag.latched else EVERY_STEP

@@ -137,12 +137,12 @@ def _composed(
         return OutOfProcess({name: module_of(name) for name in plan.overrides}, plan.overrides, ros_args)
 
     def part_of(name: str, make: Callable[..., Any]) -> Callable[..., Any]:
-        def made(*arguments: Any, **options: Any) -> Any:
+        def make_visibly(*arguments: Any, **options: Any) -> Any:
             _check_stopped(interrupt)
             waiting.expect(f"{name} to be set up")
             return make(*arguments, **options)
 
-        return made
+        return make_visibly
 
     node_types = {}
     for name in plan.overrides:

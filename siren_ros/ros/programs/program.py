@@ -83,8 +83,8 @@ def reading_arguments() -> Iterator[None]:
     except UnknownROSArgsError as error:
         raise InputError("arguments", str(error), "arguments that ROS knows, after --ros-args") from error
     except RuntimeError as error:  # rclpy's RCLError, for whatever goes wrong
-        _, found, reason = _PLACE.sub("", str(error)).partition(_UNREADABLE)
-        if not found:
+        _, unreadable, reason = _PLACE.sub("", str(error)).partition(_UNREADABLE)
+        if not unreadable:
             raise
         raise InputError("arguments", reason.strip(), "what ROS can read, such as -p NAME:=VALUE") from error
 

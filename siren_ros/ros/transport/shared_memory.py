@@ -65,13 +65,13 @@ def lack_of_room(folder: Path = FOLDER) -> str:
 
 def abandoned_segments(older_than_s: float = OLD_S, folder: Path = FOLDER) -> list[Path]:
     """Lock files of this user's segments whose owners are dead, sorted; empty where there is no such folder."""
-    found = []
+    abandoned = []
     with suppress(OSError):
         for lock_file in sorted(folder.iterdir()):
             with suppress(OSError):
                 if _LOCK_FILE.fullmatch(lock_file.name) and _is_abandoned(lock_file, older_than_s):
-                    found.append(lock_file)
-    return found
+                    abandoned.append(lock_file)
+    return abandoned
 
 
 def remove_abandoned_segments(older_than_s: float = OLD_S, folder: Path = FOLDER) -> int:

@@ -179,12 +179,12 @@ class LampLight:
         lit["pose"][:-1] = np.stack((placement.x_m[near], placement.y_m[near], np.cos(yaw), np.sin(yaw)), axis=1)
         lit["length_beacon"][:-1, 0] = placement.size_m[near, 0]
         lit["length_beacon"][:-1, 1] = (placement.lights[near] & int(Lights.BEACON)) != 0
-        own = placement.ego
-        if own is None:
+        carrier = placement.ego
+        if carrier is None:
             lit = lit[:-1]
         else:
-            lit["pose"][-1] = (own.x_m, own.y_m, np.cos(own.yaw_rad), np.sin(own.yaw_rad))
-            lit["length_beacon"][-1] = (own.length_m, bool(own.lights & int(Lights.BEACON)))
+            lit["pose"][-1] = (carrier.x_m, carrier.y_m, np.cos(carrier.yaw_rad), np.sin(carrier.yaw_rad))
+            lit["length_beacon"][-1] = (carrier.length_m, bool(carrier.lights & int(Lights.BEACON)))
         lit = lit[:_ROOM]
         if len(lit) == 0:
             return

@@ -127,18 +127,18 @@ class RaycastRenderer:
         origin = base_from_map[:3, :3] @ rays[0, :3] + base_from_map[:3, 3]
         local[:, :3] = origin / scale + self._world.shape_offset_m[shape]
         local[:, 3:] = (direction[chosen] @ base_from_map[:3, :3].T) / scale
-        found = self._world.cast_shapes(local)
-        nearer = found.distance < depth[chosen]
+        hits_on_shapes = self._world.cast_shapes(local)
+        nearer = hits_on_shapes.distance < depth[chosen]
         pixels = chosen[nearer]
-        triangle = found.triangle[nearer].astype(np.int64) + self._world.shape_start[shape]
+        triangle = hits_on_shapes.triangle[nearer].astype(np.int64) + self._world.shape_start[shape]
         albedo, glow, normal = surface
         semantic, actor = names
-        depth[pixels] = found.distance[nearer]
+        depth[pixels] = hits_on_shapes.distance[nearer]
         paint = (self._world.shape_material[triangle] == Material.CAR_PAINT)[:, None]
         colour = (self._shape_colour[triangle] / 255.0) ** 2
         albedo[pixels] = np.where(paint, colour * (placement.colour_rgb[row] / 255.0) ** 2, colour)
         glow[pixels] = 0.0
-        tilted = found.normal[nearer] / scale
+        tilted = hits_on_shapes.normal[nearer] / scale
         normal[pixels] = (tilted / np.linalg.norm(tilted, axis=1, keepdims=True)) @ pose[:3, :3].T
         semantic[pixels] = int(semantic_class_of_actor(kind))
         actor[pixels] = placement.actor_id[row]

@@ -51,14 +51,14 @@ class DrawingContext:
         """
         try:
             with _set_where_unset(_MESA):
-                own = glcontext.get_backend_by_name("egl")(mode="standalone", glversion=330)
-            options: dict[str, Any] = {"require": 330, "context": own}
+                backend = glcontext.get_backend_by_name("egl")(mode="standalone", glversion=330)
+            options: dict[str, Any] = {"require": 330, "context": backend}
             self.gl: moderngl.Context = moderngl.create_context(**options)
         except Exception as error:  # moderngl and glcontext raise bare Exception where libEGL is absent
             message = f"cameras need OpenGL 3.3 through EGL (Debian: libegl1 and libgl1-mesa-dri): {error}"
             raise RendererUnavailableError(message) from error
-        self._flush = ctypes.CFUNCTYPE(None)(own.load("glFlush"))
-        self._present = ctypes.CFUNCTYPE(ctypes.c_void_p)(own.load("eglGetCurrentContext"))
+        self._flush = ctypes.CFUNCTYPE(None)(backend.load("glFlush"))
+        self._present = ctypes.CFUNCTYPE(ctypes.c_void_p)(backend.load("eglGetCurrentContext"))
         self._handle = self._present()
 
     def use(self) -> None:

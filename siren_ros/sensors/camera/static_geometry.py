@@ -85,7 +85,7 @@ class StaticGeometry:
         empty = np.empty((0, 3))
         self._low = np.minimum.reduceat(corners.min(axis=1), starts, axis=0) if len(starts) else empty
         self._high = np.maximum.reduceat(corners.max(axis=1), starts, axis=0) if len(starts) else empty
-        self._reach = np.array([_STYLE[Shading(one)].reach_m for one in self._shading])
+        self._reach = np.array([_STYLE[Shading(code)].reach_m for code in self._shading])
         self._distance = np.empty(len(starts))
         normals = mesh.normals[order]
         offset = np.einsum("ij,ij->i", normals.astype(np.float64), corners[:, 0])

@@ -218,15 +218,15 @@ class TriangleTree:
             order: The rays in an order in which neighbours travel together, shape ``(N,)``: see ``tiles``. It decides
                 the cost alone.
         """
-        found = hits if hits is not None else RayHits.for_rays(len(rays))
+        target = hits if hits is not None else RayHits.for_rays(len(rays))
         all_rays = order if order is not None else np.arange(len(rays), dtype=np.int32)
 
         def part(worker: int, first: int, end: int) -> None:
-            arrays = found.distance, found.triangle, found.normal
+            arrays = target.distance, target.triangle, target.normal
             cast_packets(self._packets_of[worker], rays, all_rays[first:end], arrays)
 
         self._pool.run(part, len(all_rays), _PART)
-        return found
+        return target
 
 
 def tiles(columns: int, rows: int, side: int = 4) -> npt.NDArray[np.int32]:
@@ -283,10 +283,10 @@ def _library() -> ctypes.CDLL:
     Raises:
         SirenError: The wheel has none.
     """
-    found = [file for file in files("embreex") or () if file.name.startswith("libembree4")]
-    if not found:
+    libraries = [file for file in files("embreex") or () if file.name.startswith("libembree4")]
+    if not libraries:
         raise SirenError("the package embreex has no Embree library in it; install it from its wheel")
-    library = ctypes.CDLL(str(found[0].locate()))
+    library = ctypes.CDLL(str(libraries[0].locate()))
     for name, (result, *arguments) in _SIGNATURES.items():
         function = getattr(library, name)
         function.restype, function.argtypes = result, arguments

@@ -99,13 +99,13 @@ def complete_sweep(optics: Optics, scratch: Scratch, rotation: Rotation) -> int:
     """
     pattern, hits, memory, vehicles = optics.pattern, scratch.hits, scratch.candidates, rotation.vehicles
     hits.vehicle[:] = 0
-    found = select_candidates(scratch.rays, pattern, hits.distance, rotation.lidar_from_map, vehicles, memory)
-    if found > memory.ray.shape[0]:
-        return -found
-    candidates = loops.Candidates(memory.rays[:found], memory.ray[:found], memory.vehicle[:found])
-    distance, triangle = np.empty(found, np.float32), np.empty(found, np.uint32)
-    normal = np.empty((found, 3), np.float32)
-    cast_packets(optics.trees[1], candidates.rays, np.arange(found).astype(np.int32), (distance, triangle, normal))
+    count = select_candidates(scratch.rays, pattern, hits.distance, rotation.lidar_from_map, vehicles, memory)
+    if count > memory.ray.shape[0]:
+        return -count
+    candidates = loops.Candidates(memory.rays[:count], memory.ray[:count], memory.vehicle[:count])
+    distance, triangle = np.empty(count, np.float32), np.empty(count, np.uint32)
+    normal = np.empty((count, 3), np.float32)
+    cast_packets(optics.trees[1], candidates.rays, np.arange(count).astype(np.int32), (distance, triangle, normal))
     _merge(candidates, distance, normal, triangle, vehicles, hits)
     receiver, out, count_on = rotation.receiver, rotation.out, rotation.count_on
     return _pack(scratch.poses, pattern, hits, vehicles, optics.surfaces, receiver, out, count_on)

@@ -99,7 +99,7 @@ class Catalogue:
     def _add(self, descriptions: Mapping[int, ActorDescription], actor_id: npt.NDArray[np.uint32]) -> None:
         """Hold these actors; others are dropped."""
         self._actor_id = actor_id
-        actors = [descriptions[int(one)] for one in actor_id]
+        actors = [descriptions[int(number)] for number in actor_id]
         shapes = [self._shapes[actor.actor_class] for actor in actors]
         self._class = np.array([int(a.actor_class) for a in actors], dtype=np.uint8)
         self._size = np.array([(a.length_m, a.width_m, a.height_m) for a in actors], dtype=np.float64).reshape(-1, 3)
@@ -110,9 +110,9 @@ class Catalogue:
 
 def _ego_vehicle(states: ActorStates, descriptions: Mapping[int, ActorDescription], actor_id: int) -> EgoVehicle | None:
     """An actor as the vehicle with the sensors; None where it is not among the states."""
-    found = np.flatnonzero(states.actor_id == actor_id)
-    if len(found) == 0:
+    rows = np.flatnonzero(states.actor_id == actor_id)
+    if len(rows) == 0:
         return None
-    row = int(found[0])
+    row = int(rows[0])
     x_m, y_m, yaw_rad = (float(values[row]) for values in (states.x_m, states.y_m, states.yaw_rad))
     return EgoVehicle(x_m, y_m, yaw_rad, descriptions[actor_id].length_m, int(states.lights[row]))

@@ -132,8 +132,8 @@ class _Painter:
         side = lane.width_m / 2
         opposite = self.opposite.get(edge.index)
         if opposite is not None and len(lanes) == 1 and len(self.driving(self.network.edges[opposite])) == 1:
-            own = edge.index < opposite
-            return "yellow", list(self.dashes(centre, side, 0.0, centre.length_m)) if own else []
+            paints = edge.index < opposite  # one of the two roads paints their common line
+            return "yellow", list(self.dashes(centre, side, 0.0, centre.length_m)) if paints else []
         line = ribbon(centre, 0.0, centre.length_m, side - _SIDE_GAP_M, self.config.line_width_m)
         return ("yellow" if edge.index in self.divided else "white"), [line]
 
@@ -217,8 +217,8 @@ _ARROWS: Final = _arrow_shapes()
 
 def arrow(centre: Polyline, tip_m: float, letters: set[str]) -> Iterator[Polygon]:
     """The arrow for a lane's movements (SUMO's letters in lower case; a turnaround counts as left)."""
-    wanted = sorted({"l" if letter == "t" else letter for letter in letters} & set(_ARROWS))
-    for letter in wanted:
+    shapes = sorted({"l" if letter == "t" else letter for letter in letters} & set(_ARROWS))
+    for letter in shapes:
         corners = np.asarray(_ARROWS[letter].exterior.coords)
         yield Polygon(centre.offset_points(tip_m + corners[:, 0], corners[:, 1]))
 
@@ -229,13 +229,13 @@ def _opposite_edges(network: RoadNetwork) -> dict[int, int]:
     for edge in network.edges:
         if not edge.internal:
             pairs.setdefault((edge.from_junction, edge.to_junction), []).append(edge)
-    found: dict[int, int] = {}
+    opposite: dict[int, int] = {}
     for (start, end), edges in pairs.items():
         for edge in edges:
             for other in pairs.get((end, start), []):
                 if _touch(network.lanes[edge.lanes[-1]], network.lanes[other.lanes[-1]]):
-                    found[edge.index] = other.index
-    return found
+                    opposite[edge.index] = other.index
+    return opposite
 
 
 def _edges_beside_oncoming(network: RoadNetwork) -> frozenset[int]:
@@ -243,7 +243,7 @@ def _edges_beside_oncoming(network: RoadNetwork) -> frozenset[int]:
     leftmost = [network.lanes[edge.lanes[-1]] for edge in network.edges if not edge.internal]
     lines = [LineString(lane.centre.points) for lane in leftmost]
     tree = shapely.STRtree(lines)
-    found = set()
+    beside_oncoming = set()
     for lane in leftmost:
         middle = lane.length_m / 2
         beside = LineString(lane.centre.offset_points((middle, middle), (0.5, _ONCOMING_M)))
@@ -252,14 +252,14 @@ def _edges_beside_oncoming(network: RoadNetwork) -> frozenset[int]:
             centre = leftmost[other].centre
             s, _ = centre.project(lane.centre.at(middle))
             if np.cos(float(centre.heading_rad(s)) - heading) < -0.8:
-                found.add(lane.edge)
-    return frozenset(found)
+                beside_oncoming.add(lane.edge)
+    return frozenset(beside_oncoming)
 
 
-def _touch(one: Lane, other: Lane) -> bool:
-    middle = one.centre.at(one.length_m / 2)
+def _touch(lane: Lane, other: Lane) -> bool:
+    middle = lane.centre.at(lane.length_m / 2)
     _, left = other.centre.project(middle)
-    return abs(abs(float(left)) - (one.width_m + other.width_m) / 2) < _OPPOSITE_M
+    return abs(abs(float(left)) - (lane.width_m + other.width_m) / 2) < _OPPOSITE_M
 
 
 ASPHALT_RGB: Final[Rgb] = (74, 75, 78)

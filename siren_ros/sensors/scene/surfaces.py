@@ -121,13 +121,13 @@ def closed(area: BaseGeometry, radius_m: float) -> BaseGeometry:
 def polygons(area: BaseGeometry, smallest_m2: float = 1e-4) -> list[Polygon]:
     """The polygons of a geometry, lines and points dropped."""
     parts: Sequence[BaseGeometry] = shapely.get_parts(area).tolist() if hasattr(area, "geoms") else [area]
-    found: list[Polygon] = []
+    kept: list[Polygon] = []
     for part in parts:
         if isinstance(part, Polygon):
-            found.extend([part] if part.area > smallest_m2 else [])
+            kept.extend([part] if part.area > smallest_m2 else [])
         elif hasattr(part, "geoms"):
-            found.extend(polygons(part, smallest_m2))
-    return found
+            kept.extend(polygons(part, smallest_m2))
+    return kept
 
 
 def road_surfaces(network: RoadNetwork, centres: dict[int, Polyline], config: SceneConfig) -> Surfaces:

@@ -5,7 +5,17 @@ from typing import Any
 import numpy as np
 
 from siren_ros.errors import EpisodeError
-from siren_ros.interfaces.messages import as_arrays, check_stamp, checks_content, header, make_message, sequence, stamp
+from siren_ros.interfaces.messages import (
+    as_arrays,
+    check_stamp,
+    checks_content,
+    from_plain_fields,
+    header,
+    make_message,
+    plain_fields,
+    sequence,
+    stamp,
+)
 from siren_ros.interfaces.transforms import quaternion_of_yaw, to_pose
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.numerics.units import time_ns_of_step
@@ -15,15 +25,8 @@ from siren_ros.world.commands import AvControl
 
 def to_av_control(control: AvControl) -> Any:
     """``siren_msgs/AvControl``."""
-    return make_message(
-        "siren_msgs/msg/AvControl",
-        stamp=stamp(time_ns_of_step(control.step)),
-        step=control.step,
-        throttle=float(control.throttle),
-        brake=float(control.brake),
-        steer_rad=float(control.steer_rad),
-        lights=control.lights,
-    )
+    at = stamp(time_ns_of_step(control.step))
+    return make_message("siren_msgs/msg/AvControl", stamp=at, **plain_fields(control))
 
 
 @checks_content
@@ -33,13 +36,7 @@ def from_av_control(message: Any) -> AvControl:
     Raises:
         EpisodeError: The stamp is not the time of the step; another program may have made the message.
     """
-    control = AvControl(
-        step=int(message.step),
-        throttle=float(message.throttle),
-        brake=float(message.brake),
-        steer_rad=float(message.steer_rad),
-        lights=int(message.lights),
-    )
+    control = from_plain_fields(AvControl, message)
     check_stamp(message.stamp, control.step)
     return control
 

@@ -26,7 +26,7 @@ from siren_ros.ros.participants.master import LockstepMaster
 from siren_ros.ros.programs.composition import Composition, EpisodePlan, InProcess, OutOfProcess, plan_episode
 from siren_ros.ros.programs.processes import Awaited, Interrupt, PreparationInterruptedError, Waiting
 from siren_ros.ros.programs.program import start_ros
-from siren_ros.ros.programs.progress import ProgressDisplay, closing_summary, verdict
+from siren_ros.ros.programs.progress import UPDATE_EVERY_STEPS, ProgressDisplay, closing_summary, verdict
 from siren_ros.ros.transport import wire
 from siren_ros.ros.transport.domain import check_alone, in_free_domain
 from siren_ros.ros.transport.endpoints import PublisherWatch, create_input
@@ -58,7 +58,7 @@ class Cosim(Node):
         create_input(self, topics.ACTORS, self._on_actors)
 
     def _on_actors(self, cdr: bytes) -> None:
-        if self.progress.wants_states(self.master.state.step):
+        if self.master.state.step % UPDATE_EVERY_STEPS == 0:
             with self.master.failing_on_error():
                 self.progress.show_states(from_actor_states(wire.decode(topics.ACTORS, cdr)), FIRST_EMV)
 

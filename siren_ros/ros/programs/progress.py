@@ -20,6 +20,7 @@ from siren_ros.world.actors import ActorStates, Mode
 
 PLAIN_EVERY_STEPS = 5 * STEPS_PER_S
 UPDATE_EVERY_STEPS = 4
+"""The states of other steps are not decoded for the display."""
 
 
 class ProgressDisplay:
@@ -45,10 +46,6 @@ class ProgressDisplay:
     def wall_s(self) -> float:
         """Wall time since the first step began."""
         return 0.0 if self._began_s is None else time.monotonic() - self._began_s
-
-    def wants_states(self, step: int) -> bool:
-        """Whether the states of a step are worth decoding for the display."""
-        return step % UPDATE_EVERY_STEPS == 0
 
     def show_states(self, states: ActorStates, emv_id: int) -> None:
         """Take in what the vehicles do."""

@@ -44,10 +44,10 @@ def one_sidedness(mesh: Mesh) -> dict[int, float]:
     """
     middle = mesh.vertices_m[mesh.triangles].astype(float).mean(axis=1)
     moment = areas(mesh) * middle[:, 1]
-    found = {}
+    unlikeness = {}
     for material in np.unique(mesh.material).tolist():
-        own = mesh.material == material
-        x, z = middle[own, 0] - middle[own, 0].min(), middle[own, 2] - middle[own, 2].min()
-        weights = (np.ones(own.sum()), 0.1 + x, 0.1 + z, np.abs(middle[own, 1]))
-        found[material] = max(float(abs(moment[own] @ one) / (np.abs(moment[own]) @ one)) for one in weights)
-    return found
+        rows = mesh.material == material
+        x, z = middle[rows, 0] - middle[rows, 0].min(), middle[rows, 2] - middle[rows, 2].min()
+        weights = (np.ones(rows.sum()), 0.1 + x, 0.1 + z, np.abs(middle[rows, 1]))
+        unlikeness[material] = max(float(abs(moment[rows] @ w) / (np.abs(moment[rows]) @ w)) for w in weights)
+    return unlikeness

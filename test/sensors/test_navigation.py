@@ -125,12 +125,8 @@ def test_the_variance_grows_as_the_bias_walks() -> None:
     assert np.abs(np.mean(errors, axis=0)).max() < 0.1
 
 
-QUIET = {
-    "accel_noise_stddev_mps2": 0.0,
-    "gyro_noise_stddev_radps": 0.0,
-    "accel_bias_walk_mps2_per_sqrt_s": 0.0,
-    "gyro_bias_walk_radps_per_sqrt_s": 0.0,
-}
+QUIET = ImuSpec("imu", Mount(0.0, 0.0, 0.0), 20.0, 0.0, 0.0, 0.0, 0.0)
+STILL = PlanarMotion(0, 0.0, 0.0, 0.0, 0.0)
 
 
 def circling(step: int, radius_m: float, rate_radps: float) -> PlanarMotion:
@@ -182,39 +178,33 @@ def test_a_growing_yaw_rate_pushes_a_sensor_left_of_the_origin_backwards() -> No
 
 
 def test_accelerations_are_differences_to_the_step_before() -> None:
-    unit = Imu(ImuSpec("imu", Mount(0.0, 0.0, 0.0), **QUIET), 0)
+    unit = Imu(QUIET, 0)
     speeds = [0.0, 0.1, 0.3, 0.3, 0.1]
     forces = [unit.measure(PlanarMotion(k, 0.0, v, 0.0, 0.0)).specific_force_mps2[0] for k, v in enumerate(speeds)]
     assert forces == pytest.approx([0.0, 2.0, 4.0, 0.0, -4.0])
 
 
 def test_each_bias_walks_on_its_own_axis() -> None:
-    gyro_alone = {**QUIET, "gyro_bias_walk_radps_per_sqrt_s": 0.01}
-    unit = Imu(ImuSpec("imu", Mount(0.0, 0.0, 0.0), **gyro_alone), 0)
-    samples = [unit.measure(PlanarMotion(step, 0.0, 0.0, 0.0, 0.0)) for step in range(100)]
+    gyro_alone = replace(QUIET, gyro_bias_walk_radps_per_sqrt_s=0.01)
+    unit = Imu(gyro_alone, 0)
+    samples = [unit.measure(replace(STILL, step=step)) for step in range(100)]
     assert samples[-1].specific_force_mps2.tolist() == [0.0, 0.0, STANDARD_GRAVITY_MPS2]
     assert np.all(np.abs(samples[-1].angular_rate_radps) > 1e-4)
-    ends = np.array(
-        [
-            Imu(ImuSpec("imu", Mount(0.0, 0.0, 0.0), **gyro_alone), seed)
-            .measure(PlanarMotion(80, 0, 0, 0, 0))
-            .angular_rate_radps
-            for seed in range(60)
-        ]
-    )
+    late = replace(STILL, step=80)
+    ends = np.array([Imu(gyro_alone, seed).measure(late).angular_rate_radps for seed in range(60)])
     assert ends.std(axis=0) == pytest.approx([0.01 * np.sqrt(80 * STEP_S)] * 3, rel=0.3)
 
 
 def test_a_tilted_sensor_turns_what_it_measures_into_its_axes() -> None:
-    on_its_side = Imu(ImuSpec("imu", Mount(0.0, 0.0, 1.93, roll_rad=np.pi / 2), **QUIET), 0)
+    on_its_side = Imu(replace(QUIET, mount=Mount(0.0, 0.0, 1.93, roll_rad=np.pi / 2)), 0)
     sample = on_its_side.measure(PlanarMotion(0, 0.0, 3.0, 0.0, 0.4))
     assert sample.specific_force_mps2 == pytest.approx([0.0, STANDARD_GRAVITY_MPS2, 0.0], abs=1e-9)
     assert sample.angular_rate_radps == pytest.approx([0.0, 0.4, 0.0], abs=1e-9)
 
 
 def test_the_noise_has_the_asked_spread_and_follows_the_seed() -> None:
-    spec = ImuSpec("imu", Mount(0, 0, 0), **{**QUIET, "accel_noise_stddev_mps2": 0.1, "gyro_noise_stddev_radps": 0.01})
-    steps = [PlanarMotion(step, 0.0, 0.0, 0.0, 0.0) for step in range(400)]
+    spec = replace(QUIET, accel_noise_stddev_mps2=0.1, gyro_noise_stddev_radps=0.01)
+    steps = [replace(STILL, step=step) for step in range(400)]
     first, second, other = (Imu(spec, seed) for seed in (1, 1, 2))
     samples = np.array([first.measure(now).specific_force_mps2 for now in steps])
     assert np.array_equal(samples, [second.measure(now).specific_force_mps2 for now in steps])

@@ -1,4 +1,5 @@
 import io
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -9,7 +10,7 @@ from PIL import Image
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.sensors.camera.renderer import RendererUnavailableError
 from siren_ros.sensors.navigation import Odometers
-from siren_ros.sensors.rig import SensorRig
+from siren_ros.sensors.rig import Observations, SensorRig
 from siren_ros.sensors.specification import CameraSpec, LidarSpec, Mount
 from siren_ros.sensors.suite import SensorSuite
 from siren_ros.sensors.vehicles.vehicle_shapes import vehicle_shape
@@ -43,9 +44,20 @@ def make(boxes: Any, suite: SensorSuite = SUITE) -> SensorRig:
     return rig
 
 
-def test_a_step_with_everything_due(boxes: Any, traffic: Any) -> None:
+@pytest.fixture(name="observe")
+def _observe(boxes: Any, traffic: Any) -> Callable[..., list[Observations]]:
+    """What a suite measures at the first steps of standing traffic."""
     states, descriptions = traffic
-    seen = make(boxes).observe(states, descriptions, (SignalState("s", "r"),), 1)
+
+    def observe(suite: SensorSuite = SUITE, steps: int = 1, carrier_id: int = 1) -> list[Observations]:
+        rig, signals = make(boxes, suite), (SignalState("s", "r"),)
+        return [rig.observe(replace(states, step=step), descriptions, signals, carrier_id) for step in range(steps)]
+
+    return observe
+
+
+def test_a_step_with_everything_due(observe: Any) -> None:
+    (seen,) = observe()
     sweep, frame = seen.sweeps[0], seen.frames[0]
     assert set(np.unique(sweep.points["instance"])) == {0, 2}
     assert seen.truth.actor_id.tolist() == [2]
@@ -80,38 +92,27 @@ def test_nothing_is_under_way_without_a_carrier(boxes: Any, traffic: Any) -> Non
     assert sensing.finish().sweeps == ()
 
 
-def test_sensors_measure_when_they_are_due(boxes: Any, traffic: Any) -> None:
-    states, descriptions = traffic
-    rig = make(boxes)
-    found = [rig.observe(replace(states, step=step), descriptions, (), 1) for step in range(3)]
-    assert [len(seen.sweeps) for seen in found] == [1, 1, 1]
-    assert [len(seen.frames) for seen in found] == [1, 0, 1]
+def test_sensors_measure_when_they_are_due(observe: Any) -> None:
+    assert [(len(seen.sweeps), len(seen.frames)) for seen in observe(steps=3)] == [(1, 1), (1, 0), (1, 1)]
 
 
-def test_each_sensor_has_its_own_rate(boxes: Any, traffic: Any) -> None:
-    states, descriptions = traffic
+def test_each_sensor_has_its_own_rate(observe: Any) -> None:
     slow = replace(LIDAR, name="slow", rate_hz=5.0)
-    rig = make(boxes, SensorSuite("two", (LIDAR, slow)))
-    found = [rig.observe(replace(states, step=step), descriptions, (), 1) for step in range(5)]
-    names = [[sweep.sensor for sweep in seen.sweeps] for seen in found]
+    names = [[sweep.sensor for sweep in seen.sweeps] for seen in observe(SensorSuite("two", (LIDAR, slow)), 5)]
     assert names == [["lidar", "slow"], ["lidar"], ["lidar"], ["lidar"], ["lidar", "slow"]]
 
 
-def test_the_same_seed_gives_the_same_bytes(boxes: Any, traffic: Any) -> None:
-    states, descriptions = traffic
+def test_the_same_seed_gives_the_same_bytes(observe: Any) -> None:
     noisy = SensorSuite("noisy", (replace(LIDAR, noise_stddev_m=0.02),), (replace(CAMERA, noise_stddev=4.0),))
-    first = make(boxes, noisy).observe(states, descriptions, (), 1)
-    second = make(boxes, noisy).observe(states, descriptions, (), 1)
+    (first,), (second,), (clean,) = observe(noisy), observe(noisy), observe()
     assert first.sweeps[0].points.tobytes() == second.sweeps[0].points.tobytes()
     assert first.frames[0].jpeg == second.frames[0].jpeg
-    clean = make(boxes).observe(states, descriptions, (), 1)
     difference = first.frames[0].rgb.astype(int) - clean.frames[0].rgb
     assert 2.0 < difference.std() < 5.0
 
 
-def test_without_its_carrier_nothing_is_measured(boxes: Any, traffic: Any) -> None:
-    states, descriptions = traffic
-    seen = make(boxes).observe(states, descriptions, (), 9)
+def test_without_its_carrier_nothing_is_measured(observe: Any) -> None:
+    (seen,) = observe(carrier_id=9)
     assert (seen.sweeps, seen.frames, len(seen.truth)) == ((), (), 0)
 
 

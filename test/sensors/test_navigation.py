@@ -53,7 +53,7 @@ def test_a_walk_begins_at_zero_and_lends_no_array() -> None:
 
 
 NETWORK = RoadNetwork((), (), (), {}, (0.0, 0.0), "!")
-EXACT = GnssSpec(
+EXACT_GNSS = GnssSpec(
     "gnss",
     Mount(0.0, 0.0, 1.93),
     horizontal_noise_stddev_m=0.0,
@@ -64,13 +64,13 @@ M_PER_DEG_LAT = 111_207.0  # of the meridian at 49 degrees north (WGS 84)
 
 
 def test_a_map_without_geo_reference_lies_at_the_documented_place() -> None:
-    fix = Gnss(EXACT, GeoReference.of(NETWORK), 0).measure(0, map_from_base(0.0, 0.0, 0.5, 1.0))
+    fix = Gnss(EXACT_GNSS, GeoReference.of(NETWORK), 0).measure(0, map_from_base(0.0, 0.0, 0.5, 1.0))
     assert (fix.latitude_deg, fix.longitude_deg) == pytest.approx((49.0, 8.4), abs=1e-8)
     assert fix.altitude_m == pytest.approx(2.43)
 
 
 def test_a_hundred_metres_north_and_east() -> None:
-    receiver = Gnss(EXACT, GeoReference.of(NETWORK), 0)
+    receiver = Gnss(EXACT_GNSS, GeoReference.of(NETWORK), 0)
     north = receiver.measure(0, map_from_base(0.0, 100.0, 0.0, 0.0))
     east = receiver.measure(0, map_from_base(100.0, 0.0, 0.0, 0.0))
     assert (north.latitude_deg - 49.0) * M_PER_DEG_LAT == pytest.approx(100.0, abs=0.05)
@@ -79,7 +79,7 @@ def test_a_hundred_metres_north_and_east() -> None:
 
 
 def test_the_antennas_lever_arm_turns_with_the_carrier() -> None:
-    ahead = replace(EXACT, mount=Mount(10.0, 0.0, 1.0))
+    ahead = replace(EXACT_GNSS, mount=Mount(10.0, 0.0, 1.0))
     fix = Gnss(ahead, GeoReference.of(NETWORK), 0).measure(0, map_from_base(0.0, 0.0, 0.0, np.pi / 2))
     assert (fix.latitude_deg - 49.0) * M_PER_DEG_LAT == pytest.approx(10.0, abs=0.01)
     assert fix.longitude_deg == pytest.approx(8.4, abs=1e-9)
@@ -101,7 +101,7 @@ def test_the_maps_own_reference_is_used_with_its_offset() -> None:
 
 
 def test_noise_and_variance_agree() -> None:
-    noisy = replace(EXACT, horizontal_noise_stddev_m=1.5, vertical_noise_stddev_m=3.0)
+    noisy = replace(EXACT_GNSS, horizontal_noise_stddev_m=1.5, vertical_noise_stddev_m=3.0)
     receiver = Gnss(noisy, GeoReference.of(NETWORK), 5)
     fixes = [receiver.measure(step, np.eye(4)) for step in range(0, 800, 2)]
     north = np.array([(fix.latitude_deg - 49.0) * M_PER_DEG_LAT for fix in fixes])
@@ -113,7 +113,9 @@ def test_noise_and_variance_agree() -> None:
 
 def test_the_variance_grows_as_the_bias_walks() -> None:
     """A random walk of 0.3 m/√s has a variance of 0.09 m² for each second, on every axis."""
-    walking = replace(EXACT, horizontal_noise_stddev_m=0.2, vertical_noise_stddev_m=0.4, bias_walk_m_per_sqrt_s=0.3)
+    walking = replace(
+        EXACT_GNSS, horizontal_noise_stddev_m=0.2, vertical_noise_stddev_m=0.4, bias_walk_m_per_sqrt_s=0.3
+    )
     reference, errors = GeoReference.of(NETWORK), []
     for seed in range(300):
         fix = Gnss(walking, reference, seed).measure(40, np.eye(4))
@@ -223,7 +225,7 @@ def test_a_bias_walks_with_the_root_of_time_and_does_not_depend_on_who_asks_when
     assert late[1] == 0.0
 
 
-EXACT_WHEEL_ODOMETRY = WheelOdometrySpec(0.0, 0.0, 0.0, 0.0)
+EXACT_WHEELS = WheelOdometrySpec(0.0, 0.0, 0.0, 0.0)
 LARGE = WheelOdometrySpec(0.01, 0.1, 2e-3, 5e-3)
 STEPS = 200
 
@@ -257,7 +259,7 @@ def error_of(odometry: Odometry, start: VehicleMotion, now: VehicleMotion) -> np
 @given(st.floats(-3.1, 3.1), st.floats(0.0, 30.0), st.floats(-0.5, 0.5))
 def test_without_errors_it_is_the_way_driven(yaw_rad: float, speed_mps: float, turn_radps: float) -> None:
     motions = drive(replace(START, yaw_rad=yaw_rad, forward_mps=speed_mps), turn_radps, 40)
-    wheels = WheelOdometry(3, EXACT_WHEEL_ODOMETRY)
+    wheels = WheelOdometry(3, EXACT_WHEELS)
     for step, motion in enumerate(motions):
         odometry = wheels.measure(step, motion)
     assert np.allclose(error_of(odometry, motions[0], motions[-1]), 0.0, atol=1e-9)
@@ -273,7 +275,7 @@ def test_it_starts_at_its_own_origin() -> None:
 
 def test_a_missing_step_is_bridged() -> None:
     motions = drive(START)
-    wheels = WheelOdometry(3, EXACT_WHEEL_ODOMETRY)
+    wheels = WheelOdometry(3, EXACT_WHEELS)
     for step in (0, 1, 4, 9):
         odometry = wheels.measure(step, motions[step])
     assert np.allclose(error_of(odometry, motions[0], motions[9]), 0.0, atol=1e-9)

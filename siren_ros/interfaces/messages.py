@@ -131,7 +131,9 @@ Content = TypeVar("Content")
 
 def plain_fields(value: Any, *others: str) -> dict[str, Any]:
     """Numbers, texts and codes of a dataclass as message fields of the same names; ``others`` are left out."""
-    chosen = {item.name: (item.type, getattr(value, item.name)) for item in fields(value) if item.name not in others}
+    chosen: dict[str, tuple[Any, Any]] = {
+        item.name: (item.type, getattr(value, item.name)) for item in fields(value) if item.name not in others
+    }
     return {name: field.value if isinstance(field, Enum) else kind(field) for name, (kind, field) in chosen.items()}
 
 

@@ -1,7 +1,7 @@
 """Records made by hand on a small crossing, for predicates: every vehicle follows a line at given arc lengths."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -177,6 +177,24 @@ def hand_made(
         complete=False,
         topics={},
     )
+
+
+def with_states(
+    record: EpisodeRecord, when: Callable[[int], bool] = lambda _step: True, **columns: Callable[[ActorStates], Any]
+) -> EpisodeRecord:
+    """The record with columns of its states replaced, each by a function of the state, at some steps."""
+
+    def changed(state: ActorStates) -> ActorStates:
+        values: dict[str, Any] = {name: column(state) for name, column in columns.items()}
+        return replace(state, **values) if when(state.step) else state
+
+    return replace(record, states=tuple(map(changed, record.states)))
+
+
+def without(record: EpisodeRecord, actor_id: int, when: Callable[[int], bool]) -> EpisodeRecord:
+    """The record without the states of an actor at some steps."""
+    states = (state.select(state.actor_id != actor_id) if when(state.step) else state for state in record.states)
+    return replace(record, states=tuple(states))
 
 
 def _columns(vehicle: Driven) -> dict[str, npt.NDArray[np.float64]]:

@@ -31,6 +31,15 @@ _SEGMENT_POINTS: Final = 10
 """Argoverse 2 gives boundaries and centre lines ten points; longer lanes get one more every five metres."""
 _SPACING_M: Final = 5.0
 _SIMPLE_M: Final = 0.05
+STEPS: Final = 110
+"""11 s at 10 Hz: 5 s observed, 6 s to predict."""
+OBSERVED: Final = 50
+FOCAL, SCORED, UNSCORED, FRAGMENT = 3, 2, 1, 0
+"""Argoverse 2's track categories: predicted, whole, with its present, without."""
+AV: Final = "AV"
+"""Track id of the vehicle with the sensors."""
+_MAP_FILE: Final = "log_map_archive_{}.json"
+_NS_PER_S: Final = 1_000_000_000
 
 
 def map_json(network: RoadNetwork) -> dict[str, Any]:
@@ -50,21 +59,21 @@ def map_json(network: RoadNetwork) -> dict[str, Any]:
     }
 
 
-def _segment(index: int, found: GraphLane, graph: dict[int, GraphLane]) -> dict[str, Any]:
-    count = max(_SEGMENT_POINTS, int(found.lane.length_m / _SPACING_M) + 1)
-    left, right = found.left_neighbour, found.right_neighbour
-    inside = found.in_junction
+def _segment(index: int, lane: GraphLane, graph: dict[int, GraphLane]) -> dict[str, Any]:
+    count = max(_SEGMENT_POINTS, int(lane.lane.length_m / _SPACING_M) + 1)
+    left, right = lane.left_neighbour, lane.right_neighbour
+    inside = lane.in_junction
     return {
         "id": index,
         "is_intersection": inside,
-        "lane_type": "BUS" if found.lane.kind is LaneKind.SHOULDER else "VEHICLE",
-        "centerline": _points(resampled(found.lane.centre.points, count)),
-        "left_lane_boundary": _points(resampled(found.left, count)),
-        "right_lane_boundary": _points(resampled(found.right, count)),
+        "lane_type": "BUS" if lane.lane.kind is LaneKind.SHOULDER else "VEHICLE",
+        "centerline": _points(resampled(lane.lane.centre.points, count)),
+        "left_lane_boundary": _points(resampled(lane.left, count)),
+        "right_lane_boundary": _points(resampled(lane.right, count)),
         "left_lane_mark_type": "NONE" if inside else "SOLID_YELLOW" if left is None else "DASHED_WHITE",
         "right_lane_mark_type": "NONE" if inside else "SOLID_WHITE" if right is None else "DASHED_WHITE",
-        "successors": [one for one in found.successors if one in graph],
-        "predecessors": [one for one in found.predecessors if one in graph],
+        "successors": [other for other in lane.successors if other in graph],
+        "predecessors": [other for other in lane.predecessors if other in graph],
         "left_neighbor_id": left,
         "right_neighbor_id": right,
     }
@@ -74,14 +83,16 @@ def resampled(points: Points, count: int) -> Points:
     """The same line by some points at equal distances; shape ``(count, 2)``."""
     step = np.hypot(*np.diff(points, axis=0).T)
     arc = np.concatenate(([0.0], np.cumsum(step)))
-    wanted = np.linspace(0.0, arc[-1], count)
-    return np.stack([np.interp(wanted, arc, points[:, axis]) for axis in (0, 1)], axis=-1)
+    places = np.linspace(0.0, arc[-1], count)
+    return np.stack([np.interp(places, arc, points[:, axis]) for axis in (0, 1)], axis=-1)
 
 
 def drivable_areas(network: RoadNetwork, graph: dict[int, GraphLane]) -> list[Points]:
     """Outlines of lanes and junctions as one area; holes stay open by being left out, as Argoverse 2 has none."""
     shapes = [Polygon(np.vstack((lane.left, lane.right[::-1]))).buffer(0.0) for lane in graph.values()]
-    shapes += [Polygon(one.outline).buffer(0.0) for one in network.junctions.values() if len(one.outline) >= 3]
+    shapes += [
+        Polygon(junction.outline).buffer(0.0) for junction in network.junctions.values() if len(junction.outline) >= 3
+    ]
     joined = unary_union([shape.buffer(_SIMPLE_M) for shape in shapes if not shape.is_empty]).simplify(_SIMPLE_M)
     areas = []
     for part in getattr(joined, "geoms", [joined]):
@@ -114,17 +125,6 @@ def _crossing(index: int, outline: Points) -> dict[str, Any]:
 
 def _points(points: Points) -> list[dict[str, float]]:
     return [{"x": round(float(x), 3), "y": round(float(y), 3), "z": 0.0} for x, y in points]
-
-
-STEPS: Final = 110
-"""11 s at 10 Hz: 5 s observed, 6 s to predict."""
-OBSERVED: Final = 50
-FOCAL, SCORED, UNSCORED, FRAGMENT = 3, 2, 1, 0
-"""Argoverse 2's track categories: predicted, whole, with its present, without."""
-AV: Final = "AV"
-"""Track id of the vehicle with the sensors."""
-_MAP_FILE: Final = "log_map_archive_{}.json"
-_NS_PER_S: Final = 1_000_000_000
 
 
 class Argoverse2Exporter:
@@ -176,7 +176,7 @@ def scenario_id(episode_id: str, actor_id: int, frame: int) -> str:
 def scenario_table(
     windows: Sequence[Track], focal_id: int, emv_id: int, first: int, name: str, city: str
 ) -> dict[str, Any]:
-    """Columns of a scenario's file: everybody who is there at one of its frames.
+    """Columns of a scenario's file: all vehicles that are there at one of its frames.
 
     Args:
         windows: Tracks cut to the scenario's frames.

@@ -37,6 +37,14 @@ _KIND: Final = {LaneKind.INTERNAL: "intersection", LaneKind.SHOULDER: "shoulder"
 _UNMARKED: Final = ("no_marking", "no_marking")
 _OPPOSITE_M: Final = 1.0
 """Left boundaries of opposite lanes that are this near each other are one line."""
+VERSION: Final = "2020a"
+_TYPE_OF_CLASS: Final = {ActorClass.TRUCK: "truck", ActorClass.BUS: "bus"}
+_PROBLEM: Final = 5_000_000
+_OBSTACLES: Final = 6_000_000
+_GOAL_LENGTH_M: Final = 10.0
+_GOAL_WIDTH_M: Final = 4.0
+_UNKNOWN_PLACE: Final = {"geoNameId": -999, "gpsLatitude": 999, "gpsLongitude": 999}
+"""What CommonRoad writes where a map has no place on earth."""
 
 
 def lanelet_id(lane: int) -> int:
@@ -66,8 +74,8 @@ def add_network(root: Element, record: EpisodeRecord, arm_names: str) -> None:
     opposite = _opposite_lanes(network, graph)
     bounds = lanelet_bounds(graph, opposite)
     for index, lane in graph.items():
-        made = _add_lanelet(root, lanelet_id(index), bounds[index], _markings(lane))
-        _describe(made, lane, signs[lane.lane.speed_limit_mps], lights.get(index, []), opposite.get(index))
+        lanelet = _add_lanelet(root, lanelet_id(index), bounds[index], _markings(lane))
+        _describe(lanelet, lane, signs[lane.lane.speed_limit_mps], lights.get(index, []), opposite.get(index))
     for number, strip in enumerate(border_strips(graph, bounds, opposite)):
         child(_add_lanelet(root, _BORDERS + number, strip, _UNMARKED), "laneletType", "border")
     for number, surface in enumerate(junction_surfaces(network, bounds)):
@@ -81,80 +89,78 @@ def add_network(root: Element, record: EpisodeRecord, arm_names: str) -> None:
         _add_point(child(sign, "position"), first.right[0])
         child(sign, "virtual", text=True)
     cycles = _cycles(record)
-    for found in lights.values():
-        for light in found:
+    for lane_lights in lights.values():
+        for light in lane_lights:
             _add_light(root, light, graph, cycles)
     _add_intersections(root, network, graph, arm_names)
 
 
 def _add_lanelet(root: Element, number: int, bounds: Bounds, markings: tuple[str, str]) -> Element:
-    made = child(root, "lanelet", id=number)
+    lanelet = child(root, "lanelet", id=number)
     for tag, points, marking in zip(("leftBound", "rightBound"), (bounds.left, bounds.right), markings, strict=True):
-        bound = child(made, tag)
+        bound = child(lanelet, tag)
         for place in points:
             _add_point(bound, place)
         child(bound, "lineMarking", marking)
-    return made
+    return lanelet
 
 
 def _markings(lane: GraphLane) -> tuple[str, str]:
     """Of the left and the right boundary."""
     if lane.in_junction:
         return _UNMARKED
-    left, right = ("solid" if one is None else "dashed" for one in (lane.left_neighbour, lane.right_neighbour))
+    left, right = (
+        "solid" if neighbour is None else "dashed" for neighbour in (lane.left_neighbour, lane.right_neighbour)
+    )
     return left, right
 
 
-def _describe(made: Element, lane: GraphLane, sign: int, lights: list[_Light], opposite: int | None) -> None:
+def _describe(lanelet: Element, lane: GraphLane, sign: int, lights: list[_Light], opposite: int | None) -> None:
     for tag, others in (("predecessor", lane.predecessors), ("successor", lane.successors)):
         for other in others:
-            child(made, tag, ref=lanelet_id(other))
-    _add_neighbours(made, lane, opposite)
+            child(lanelet, tag, ref=lanelet_id(other))
+    if lane.left_neighbour is not None:
+        child(lanelet, "adjacentLeft", ref=lanelet_id(lane.left_neighbour), drivingDir="same")
+    elif opposite is not None:
+        child(lanelet, "adjacentLeft", ref=lanelet_id(opposite), drivingDir="opposite")
+    if lane.right_neighbour is not None:
+        child(lanelet, "adjacentRight", ref=lanelet_id(lane.right_neighbour), drivingDir="same")
     if lights:
-        line = child(made, "stopLine")
+        line = child(lanelet, "stopLine")
         _add_point(line, lane.left[-1])
         _add_point(line, lane.right[-1])
         child(line, "lineMarking", "solid")
         for light in lights:
             child(line, "trafficLightRef", ref=light.number)
-    child(made, "laneletType", _KIND.get(lane.lane.kind, "urban"))
-    child(made, "userOneWay", "vehicle" if lane.lane.civilian_allowed else "priorityVehicle")
-    child(made, "trafficSignRef", ref=sign)
+    child(lanelet, "laneletType", _KIND.get(lane.lane.kind, "urban"))
+    child(lanelet, "userOneWay", "vehicle" if lane.lane.civilian_allowed else "priorityVehicle")
+    child(lanelet, "trafficSignRef", ref=sign)
     for light in lights:
-        child(made, "trafficLightRef", ref=light.number)
-
-
-def _add_neighbours(made: Element, lane: GraphLane, opposite: int | None) -> None:
-    if lane.left_neighbour is not None:
-        child(made, "adjacentLeft", ref=lanelet_id(lane.left_neighbour), drivingDir="same")
-    elif opposite is not None:
-        child(made, "adjacentLeft", ref=lanelet_id(opposite), drivingDir="opposite")
-    if lane.right_neighbour is not None:
-        child(made, "adjacentRight", ref=lanelet_id(lane.right_neighbour), drivingDir="same")
+        child(lanelet, "trafficLightRef", ref=light.number)
 
 
 def _lights(network: RoadNetwork, graph: Mapping[int, GraphLane]) -> dict[int, list[_Light]]:
     """Lights by the lane that they stand at, one for each direction."""
-    found: dict[int, dict[str, _Light]] = {}
+    by_lane: dict[int, dict[str, _Light]] = {}
     number = _LIGHTS
     for connection in network.connections:
         direction = _DIRECTION.get(connection.direction, "all")
-        at = found.setdefault(connection.from_lane, {})
+        at = by_lane.setdefault(connection.from_lane, {})
         if connection.signal_id is None or connection.from_lane not in graph or direction in at:
             continue
         at[direction] = _Light(number, connection)
         number += 1
-    return {lane: list(lights.values()) for lane, lights in found.items() if lights}
+    return {lane: list(lights.values()) for lane, lights in by_lane.items() if lights}
 
 
 def _cycles(record: EpisodeRecord) -> dict[str, list[str]]:
     """State strings of each signal at 10 Hz."""
-    found: dict[str, list[str]] = {}
+    cycles: dict[str, list[str]] = {}
     for traffic in record.traffic:
         if traffic.step % LOG_PERIOD_STEPS == 0:
             for signal in traffic.signals:
-                found.setdefault(signal.signal_id, []).append(signal.state)
-    return found
+                cycles.setdefault(signal.signal_id, []).append(signal.state)
+    return cycles
 
 
 def _add_light(root: Element, light: _Light, graph: Mapping[int, GraphLane], cycles: Mapping[str, list[str]]) -> None:
@@ -162,15 +168,15 @@ def _add_light(root: Element, light: _Light, graph: Mapping[int, GraphLane], cyc
     connection = light.connection
     states = cycles.get(str(connection.signal_id), [])
     colours = [_COLOUR.get(state[connection.signal_link].lower(), "inactive") for state in states] or ["inactive"]
-    made = child(root, "trafficLight", id=light.number)
-    cycle = child(made, "cycle")
+    light_element = child(root, "trafficLight", id=light.number)
+    cycle = child(light_element, "cycle")
     for colour, same in groupby(colours):
         element = child(cycle, "cycleElement")
         child(element, "duration", len(list(same)))
         child(element, "color", colour)
-    _add_point(child(made, "position"), graph[connection.from_lane].right[-1])
-    child(made, "direction", _DIRECTION.get(connection.direction, "all"))
-    child(made, "active", text=True)
+    _add_point(child(light_element, "position"), graph[connection.from_lane].right[-1])
+    child(light_element, "direction", _DIRECTION.get(connection.direction, "all"))
+    child(light_element, "active", text=True)
 
 
 def _opposite_lanes(network: RoadNetwork, graph: Mapping[int, GraphLane]) -> dict[int, int]:
@@ -180,22 +186,22 @@ def _opposite_lanes(network: RoadNetwork, graph: Mapping[int, GraphLane]) -> dic
         edge = network.edges[lane.lane.edge]
         if lane.left_neighbour is None and not edge.internal:
             outer.setdefault((edge.from_junction, edge.to_junction), []).append(index)
-    found = {}
+    opposite = {}
     for (start, end), lanes in outer.items():
         for index in lanes:
             for other in outer.get((end, start), []):
-                one, two = graph[index].left, graph[other].left
-                if max(np.hypot(*(one[0] - two[-1])), np.hypot(*(one[-1] - two[0]))) < _OPPOSITE_M:
-                    found[index] = other
-    return found
+                line, other_line = graph[index].left, graph[other].left
+                if max(np.hypot(*(line[0] - other_line[-1])), np.hypot(*(line[-1] - other_line[0]))) < _OPPOSITE_M:
+                    opposite[index] = other
+    return opposite
 
 
 def _add_intersections(root: Element, network: RoadNetwork, graph: Mapping[int, GraphLane], arm_names: str) -> None:
     number = _INCOMINGS
     for junction, (_, arms) in enumerate(_arms(network, graph)):
-        made = child(root, "intersection", id=_JUNCTIONS + junction)
+        intersection = child(root, "intersection", id=_JUNCTIONS + junction)
         for lanes, successors in arms:
-            incoming = child(made, "incoming", id=number)
+            incoming = child(intersection, "incoming", id=number)
             number += 1
             for lane in lanes:
                 child(incoming, "incomingLanelet", ref=lanelet_id(lane))
@@ -229,16 +235,6 @@ def _add_point(parent: Element, place: Points) -> None:
     point = child(parent, "point")
     child(point, "x", float(place[0]))
     child(point, "y", float(place[1]))
-
-
-VERSION: Final = "2020a"
-_TYPE_OF_CLASS: Final = {ActorClass.TRUCK: "truck", ActorClass.BUS: "bus"}
-_PROBLEM: Final = 5_000_000
-_OBSTACLES: Final = 6_000_000
-_GOAL_LENGTH_M: Final = 10.0
-_GOAL_WIDTH_M: Final = 4.0
-_UNKNOWN_PLACE: Final = {"geoNameId": -999, "gpsLatitude": 999, "gpsLongitude": 999}
-"""What CommonRoad writes where a map has no place on earth."""
 
 
 class CommonRoadExporter:
@@ -310,13 +306,13 @@ def _root(record: EpisodeRecord, description: EpisodeDescription, arm_names: str
 
 
 def _add_obstacle(root: Element, track: Track) -> None:
-    made = child(root, "dynamicObstacle", id=_OBSTACLES + track.actor.actor_id)
-    child(made, "type", obstacle_type(track.actor.actor_class))
-    rectangle = child(child(made, "shape"), "rectangle")
+    obstacle = child(root, "dynamicObstacle", id=_OBSTACLES + track.actor.actor_id)
+    child(obstacle, "type", obstacle_type(track.actor.actor_class))
+    rectangle = child(child(obstacle, "shape"), "rectangle")
     child(rectangle, "length", track.actor.length_m)
     child(rectangle, "width", track.actor.width_m)
-    _add_state(child(made, "initialState"), track, 0)
-    trajectory = child(made, "trajectory")
+    _add_state(child(obstacle, "initialState"), track, 0)
+    trajectory = child(obstacle, "trajectory")
     for row in range(1, len(track)):
         _add_state(child(trajectory, "state"), track, row)
 

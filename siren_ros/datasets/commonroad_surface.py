@@ -58,22 +58,25 @@ def lanelet_bounds(graph: Mapping[int, GraphLane], opposite: Mapping[int, int]) 
         graph: The lanes.
         opposite: The lane of the other direction that shares the left boundary of a lane.
     """
-    found: dict[int, Bounds] = {}
+    bounds_of_lane: dict[int, Bounds] = {}
     for index, lane in graph.items():
-        if lane.right_neighbour is None and index not in found:
+        if lane.right_neighbour is None and index not in bounds_of_lane:
             ahead = _leftwards(graph, index)
             back: list[int] = []
             other = opposite.get(ahead[-1])
             if other is not None and opposite.get(other) == ahead[-1]:
                 back = _leftwards(graph, _rightmost(graph, other))[::-1]
             bounds = _shared(
-                [*(_unfolded(graph[one]) for one in ahead), *(_unfolded(graph[one]).turned for one in back)]
+                [
+                    *(_unfolded(graph[key]) for key in ahead),
+                    *(_unfolded(graph[key]).turned for key in back),
+                ]
             )
-            found.update(zip(ahead, bounds, strict=False))
-            found.update((one, turned.turned) for one, turned in zip(back, bounds[len(ahead) :], strict=True))
+            bounds_of_lane.update(zip(ahead, bounds, strict=False))
+            bounds_of_lane.update((key, turned.turned) for key, turned in zip(back, bounds[len(ahead) :], strict=True))
     for index, lane in graph.items():
-        _join_ends(found, index, lane, graph)
-    return found
+        _join_ends(bounds_of_lane, index, lane, graph)
+    return bounds_of_lane
 
 
 def _leftwards(graph: Mapping[int, GraphLane], index: int) -> list[int]:
@@ -91,7 +94,7 @@ def _rightmost(graph: Mapping[int, GraphLane], index: int) -> int:
 
 def _shared(lanes: Sequence[Bounds]) -> list[Bounds]:
     """Boundaries of the lanes of one road from the right to the left, with vertices at the same places."""
-    lines = [line for one in lanes for line in (one.right, one.left)]
+    lines = [line for lane in lanes for line in (lane.right, lane.left)]
     shares = [_shares(line) for line in lines]
     common = _together(shares)
     moved = [_at_shares(line, share, common) for line, share in zip(lines, shares, strict=True)]
@@ -104,16 +107,16 @@ def _shared(lanes: Sequence[Bounds]) -> list[Bounds]:
 
 def _unfolded(lane: GraphLane) -> Bounds:
     """Boundaries of a lane; in a bend tighter than half its width the inner one would run backwards."""
-    found = Bounds(lane.left, lane.right)
-    if found.polygon().is_valid:
-        return found
+    bounds = Bounds(lane.left, lane.right)
+    if bounds.polygon().is_valid:
+        return bounds
     centre, half_m = LineString(lane.lane.centre.points), lane.lane.width_m / 2.0
     shares = np.linspace(0.0, 1.0, len(lane.left))
     for side, name in ((half_m, "left"), (-half_m, "right")):
         line = centre.offset_curve(side, join_style="mitre", mitre_limit=2.0)
         if isinstance(line, LineString) and not line.is_empty:
-            setattr(found, name, shapely.get_coordinates(line.interpolate(shares, normalized=True)))
-    return found
+            setattr(bounds, name, shapely.get_coordinates(line.interpolate(shares, normalized=True)))
+    return bounds
 
 
 def _shares(line: Points) -> Floats:
@@ -127,8 +130,8 @@ def _together(shares: Sequence[Floats]) -> Floats:
     return common
 
 
-def _at_shares(line: Points, share: Floats, wanted: Floats) -> Points:
-    return np.stack([np.interp(wanted, share, line[:, axis]) for axis in (0, 1)], axis=-1)
+def _at_shares(line: Points, share: Floats, places: Floats) -> Points:
+    return np.stack([np.interp(places, share, line[:, axis]) for axis in (0, 1)], axis=-1)
 
 
 def _needed(lines: Floats, share: Floats) -> list[int]:
@@ -148,43 +151,45 @@ def _needed(lines: Floats, share: Floats) -> list[int]:
     return sorted(kept)
 
 
-def _join_ends(found: Mapping[int, Bounds], index: int, lane: GraphLane, graph: Mapping[int, GraphLane]) -> None:
+def _join_ends(
+    bounds_of_lane: Mapping[int, Bounds], index: int, lane: GraphLane, graph: Mapping[int, GraphLane]
+) -> None:
     """Moves the start of a lane to the end of the one before it, and the end of a path to the start of its road."""
-    own = found[index]
-    before = sorted(lane.predecessors, key=lambda one: graph[one].in_junction)
-    roads = [one for one in lane.successors if not graph[one].in_junction]
+    bounds = bounds_of_lane[index]
+    before = sorted(lane.predecessors, key=lambda other: graph[other].in_junction)
+    roads = [other for other in lane.successors if not graph[other].in_junction]
     for others, mine, theirs in (
         (before if lane.in_junction else [], 0, -1),
         (roads if lane.in_junction else [], -1, 0),
     ):
         for other in others[:1]:
-            places = found[other].left[theirs], found[other].right[theirs]
-            moved = max(np.hypot(*(places[0] - own.left[mine])), np.hypot(*(places[1] - own.right[mine])))
+            places = bounds_of_lane[other].left[theirs], bounds_of_lane[other].right[theirs]
+            moved = max(np.hypot(*(places[0] - bounds.left[mine])), np.hypot(*(places[1] - bounds.right[mine])))
             if moved < 2.0 * _ONE_LINE_M:
-                own.left[mine], own.right[mine] = places
+                bounds.left[mine], bounds.right[mine] = places
 
 
 def border_strips(
     graph: Mapping[int, GraphLane], bounds: Mapping[int, Bounds], opposite: Mapping[int, int]
 ) -> list[Bounds]:
     """What lies beside the roads as far as a body may reach over their edges, in driving direction."""
-    found = []
+    strips = []
     for index, lane in graph.items():
         if lane.in_junction:
             continue
-        own = bounds[index]
+        lanelet = bounds[index]
         if lane.right_neighbour is None:
-            found.append(Bounds(own.right, offset_line(own.right, -BORDER_M)))
+            strips.append(Bounds(lanelet.right, offset_line(lanelet.right, -BORDER_M)))
         if lane.left_neighbour is None and index not in opposite:
-            found.append(Bounds(offset_line(own.left, BORDER_M), own.left))
-    return found
+            strips.append(Bounds(offset_line(lanelet.left, BORDER_M), lanelet.left))
+    return strips
 
 
 def junction_surfaces(network: RoadNetwork, bounds: Mapping[int, Bounds]) -> list[Bounds]:
     """The paved part of each junction: its paths and the ends of its lanes, with the gaps between these filled."""
-    areas = [one.polygon().buffer(0.0) for one in bounds.values()]
+    areas = [lanelet.polygon().buffer(0.0) for lanelet in bounds.values()]
     tree = shapely.STRtree(areas)
-    found = []
+    surfaces = []
     for junction in network.junctions.values():
         if len(junction.outline) < 3:
             continue
@@ -194,8 +199,8 @@ def junction_surfaces(network: RoadNetwork, bounds: Mapping[int, Bounds]) -> lis
         driven = shapely.union_all(parts)
         paved = shapely.union(driven, closed(driven, _CORNER_M))
         for part in polygons(shapely.intersection(paved, outline.buffer(_OVERLAP_M)), _SMALLEST_M2):
-            found += [_as_bounds(piece) for piece in _without_holes(part)]
-    return found
+            surfaces += [_as_bounds(piece) for piece in _without_holes(part)]
+    return surfaces
 
 
 def _without_holes(area: Polygon) -> list[Polygon]:

@@ -4,7 +4,7 @@ import hashlib
 import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,31 +21,6 @@ AUTO: Final = "auto"
 _SHARE: Final = {"test": 0.15, "val": 0.15}
 _LEAST_GROUPS: Final = {"test": 3, "val": 2}
 """With fewer groups than these a split stays empty, so that training always has something."""
-
-
-def split_of_groups(groups: Sequence[tuple[str, int]], wanted: str = AUTO) -> dict[tuple[str, int], str]:
-    """The split of every group of episodes that share map and seed.
-
-    Groups are ordered by a hash of map and seed. The first 15 % are for test, the next 15 % for validation, at least
-    one group each from three and two groups on; the others are for training. The same groups always give the same
-    answer, in whatever order they come.
-
-    Args:
-        groups: Hash of the map, and seed.
-        wanted: One split for all, or ``auto``.
-    """
-    ordered = sorted(set(groups), key=lambda group: hashlib.sha256(f"{group[0]}/{group[1]}".encode()).digest())
-    if wanted != AUTO:
-        return dict.fromkeys(ordered, wanted)
-    count, found, first = len(ordered), {}, 0
-    for split, share in _SHARE.items():
-        size = max(1, round(share * count)) if count >= _LEAST_GROUPS[split] else 0
-        found.update(dict.fromkeys(ordered[first : first + size], split))
-        first += size
-    found.update(dict.fromkeys(ordered[first:], "train"))
-    return found
-
-
 CARD_FILE: Final = "dataset.json"
 README_FILE: Final = "README.md"
 NO_LICENCE: Final = (
@@ -54,8 +29,35 @@ NO_LICENCE: Final = (
 )
 
 
+def split_of_groups(groups: Sequence[tuple[str, int]], split_of_all: str = AUTO) -> dict[tuple[str, int], str]:
+    """The split of every group of episodes that share map and seed.
+
+    Groups are ordered by a hash of map and seed. The first 15 % are for test, the next 15 % for validation, at least
+    one group each from three and two groups on; the others are for training. The same groups always give the same
+    answer, in whatever order they come.
+
+    Args:
+        groups: Hash of the map, and seed.
+        split_of_all: One split for all, or ``auto``.
+    """
+    ordered = sorted(set(groups), key=lambda group: hashlib.sha256(f"{group[0]}/{group[1]}".encode()).digest())
+    if split_of_all != AUTO:
+        return dict.fromkeys(ordered, split_of_all)
+    count, splits, first = len(ordered), {}, 0
+    for split, share in _SHARE.items():
+        size = max(1, round(share * count)) if count >= _LEAST_GROUPS[split] else 0
+        splits.update(dict.fromkeys(ordered[first : first + size], split))
+        first += size
+    splits.update(dict.fromkeys(ordered[first:], "train"))
+    return splits
+
+
 def card(
-    made: Format, options: Mapping[str, str], surveys: Sequence[BagSurvey], parts: Sequence[EpisodePart], licence: str
+    dataset_format: Format,
+    options: Mapping[str, str],
+    surveys: Sequence[BagSurvey],
+    parts: Sequence[EpisodePart],
+    licence: str,
 ) -> dict[str, Any]:
     """The card as JSON types. No time, no host, no path: the same bags give the same card."""
     words = [f"--{name} {value}" for name, value in options.items()]
@@ -65,10 +67,10 @@ def card(
         counts.update(part.report.counts)
         classes.update(part.report.classes)
     return {
-        "format": made.name,
-        "what": made.summary,
+        "format": dataset_format.name,
+        "what": dataset_format.summary,
         "made_with": {
-            "command": " ".join(["siren export", made.name, *words, "BAG…", "--out", "DIR"]),
+            "command": " ".join(["siren export", dataset_format.name, *words, "BAG…", "--out", "DIR"]),
             "siren_ros": siren_ros.__version__,
             "options": dict(options),
         },
@@ -133,24 +135,25 @@ def readme(content: Mapping[str, Any]) -> str:
         "",
         f"`{CARD_FILE}` holds all of this for programs, with whole hashes, versions and every command.",
     ]
-    lost = [f"* {one['id']}: {one['lost']}" for one in content["episodes"] if one["lost"]]
+    lost = [f"* {episode['id']}: {episode['lost']}" for episode in content["episodes"] if episode["lost"]]
     if lost:
         lines += ["", "## Not whole", "", *lost]
     return "\n".join(lines) + "\n"
 
 
-def _row(one: Mapping[str, Any]) -> str:
-    hashes = [f"{one[key][:12]}…" for key in ("map_sha256", "bag_sha256")]
-    return f"| {one['id']} | {one['map']} ({hashes[0]}) | {one['sensor_suite']} | {one['ended']} | {hashes[1]} |"
+def _row(episode: Mapping[str, Any]) -> str:
+    map_hash, bag_hash = (f"{episode[key][:12]}…" for key in ("map_sha256", "bag_sha256"))
+    cells = (episode["id"], f"{episode['map']} ({map_hash})", episode["sensor_suite"], episode["ended"], bag_hash)
+    return f"| {' | '.join(cells)} |"
 
 
 def write_card(folder: Path, content: Mapping[str, Any]) -> None:
     """Writes both files into a dataset's folder; a README that the format wrote there stays at its head."""
     (folder / CARD_FILE).write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
     file = folder / README_FILE
-    own = file.read_text(encoding="utf-8") + "\n" if file.exists() else ""
+    head = file.read_text(encoding="utf-8") + "\n" if file.exists() else ""
     file.unlink(missing_ok=True)
-    file.write_text(own + readme(content), encoding="utf-8")
+    file.write_text(head + readme(content), encoding="utf-8")
 
 
 @dataclass(frozen=True)
@@ -182,8 +185,8 @@ def run_export(
 
     Args:
         job: What is asked for.
-        announce: Told the simulated seconds of all bags, before the first is exported.
-        progress: Told what has been exported.
+        announce: Called with the simulated seconds of all bags, before the first is exported.
+        progress: Called with what has been exported.
 
     Raises:
         InputError: The place is taken or cannot be written, an option is unknown, or a bag cannot be used.
@@ -191,31 +194,39 @@ def run_export(
     load_exporter(job.format, job.options)
     staging = Staging(job.out)
     staging.check_free()
-    with staging.opened(_identity(job)), ProcessPool(min(job.processes, len(job.bags)), progress) as pool:
+    identity = {
+        "format": job.format.name,
+        "options": dict(job.options),
+        "split": job.split,
+        "siren_ros": siren_ros.__version__,
+        "bags": sorted(str(bag.absolute()) for bag in job.bags),
+    }
+    with staging.opened(identity), ProcessPool(min(job.processes, len(job.bags)), progress) as pool:
         arguments = [
             (bag, job.format.name, job.format.needs_with(job.options), staging.path / "recovered") for bag in job.bags
         ]
         surveys = pool.map(survey_bag, arguments)
         announce(sum(float(survey.episode["planned_duration_s"]) for survey in surveys))
-        entries = _entries(surveys, job.split)
+        episodes = in_dataset_order(surveys)
+        splits = split_of_groups([survey.group for survey in surveys], job.split)
         threads = job.processes if len(job.bags) == 1 else 1
         todo = [
             (job.format, dict(job.options), survey, episode_id, staging, index, threads)
-            for index, (survey, episode_id, _) in enumerate(entries)
+            for index, (survey, episode_id) in enumerate(episodes)
             if staging.report_of(index) is None
         ]
         pool.map(_export_part, todo)
-        parts, notes = [], []
-        for index, (survey, episode_id, split) in enumerate(entries):
-            found = staging.report_of(index)
-            if found is None:
+        exported, parts, notes = [], [], []
+        for index, (survey, episode_id) in enumerate(episodes):
+            finished = staging.report_of(index)
+            if finished is None:
                 raise EpisodeError(f"{survey.bag}: its export has disappeared from {staging.path}")
-            note = found["lost"] or survey.note
-            surveys[index] = BagSurvey(survey.bag, survey.readable, survey.sha256, note, survey.episode)
+            note = finished["lost"] or survey.note
+            exported.append(replace(survey, note=note))
             notes += [f"{survey.bag}: exported as far as it goes; {note}"] if note else []
-            report = EpisodeReport(found["counts"], found["classes"])
-            parts.append(EpisodePart(episode_id, index, split, staging.part(index), report))
-        content = card(job.format, job.options, surveys, parts, job.licence)
+            report = EpisodeReport(finished["counts"], finished["classes"])
+            parts.append(EpisodePart(episode_id, index, splits[survey.group], staging.part(index), report))
+        content = card(job.format, job.options, exported, parts, job.licence)
         with writing(staging.path, "place"):
             folder = staging.new_dataset()
             load_exporter(job.format, job.options).assemble(parts, folder)
@@ -224,26 +235,8 @@ def run_export(
     return ExportResult(content, tuple(notes))
 
 
-def _identity(job: ExportJob) -> dict[str, Any]:
-    return {
-        "format": job.format.name,
-        "options": dict(job.options),
-        "split": job.split,
-        "siren_ros": siren_ros.__version__,
-        "bags": sorted(str(bag.absolute()) for bag in job.bags),
-    }
-
-
-def _entries(surveys: list[BagSurvey], wanted: str) -> list[tuple[BagSurvey, str, str]]:
-    """Surveys in the dataset's order with id and split; sorts the given list, too."""
-    ordered = in_dataset_order(surveys)
-    surveys[:] = [survey for survey, _ in ordered]
-    splits = split_of_groups([survey.group for survey in surveys], wanted)
-    return [(survey, episode_id, splits[survey.group]) for survey, episode_id in ordered]
-
-
 def _export_part(
-    made: Format,
+    dataset_format: Format,
     options: Mapping[str, str],
     survey: BagSurvey,
     episode_id: str,
@@ -251,7 +244,7 @@ def _export_part(
     index: int,
     threads: int,
 ) -> None:
-    exporter = load_exporter(made, options)
+    exporter = load_exporter(dataset_format, options)
 
     def export(bag: Path) -> EpisodeReport:
         with open_source(bag) as source, FileWriter(staging.new_part(index), threads, simulated_time()) as files:

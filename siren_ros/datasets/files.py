@@ -18,6 +18,8 @@ from siren_ros.errors import InputError, writing
 
 _QUEUE_PER_THREAD: Final = 4
 """Files that may wait for a thread: bounds the memory, however long the episode."""
+_JOB: Final = "job.json"
+_DATASET: Final = "dataset"
 
 
 class FileWriter:
@@ -29,7 +31,7 @@ class FileWriter:
         Args:
             folder: Exists already.
             threads: With one, files are written where ``write`` is called.
-            progress: Told the simulated time in seconds that has been exported.
+            progress: Called with the simulated time in seconds that has been exported.
         """
         self.folder = folder
         self.progress = progress
@@ -83,7 +85,7 @@ class FileWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         for file in self._growing.values():
-            with suppress(OSError):  # what a full disk did not take has been told where it was written
+            with suppress(OSError):  # the write that the full disk refused has raised its error already
                 file.close()
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=kind is not None)
@@ -95,10 +97,6 @@ def _write(path: Path, make: bytes | Callable[[], bytes]) -> None:
     content = make if isinstance(make, bytes) else make()
     with writing(path, "place"):
         path.write_bytes(content)
-
-
-_JOB: Final = "job.json"
-_DATASET: Final = "dataset"
 
 
 class Staging:
@@ -159,8 +157,8 @@ class Staging:
         """What was noted of a finished part; None where it is not finished."""
         file = self.part(index).with_suffix(".json")
         with suppress(OSError, ValueError):
-            found: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-            return found
+            report: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+            return report
         return None
 
     def finish_part(self, index: int, report: Mapping[str, Any]) -> None:
@@ -235,10 +233,10 @@ def number_text(value: float, decimals: int) -> str:
 
 def child(parent: Element, tag: str, text: object = None, **attributes: object) -> Element:
     """Adds an element; numbers are written with at most six decimals."""
-    made = SubElement(parent, tag, {name: value_text(value) for name, value in attributes.items()})
+    element = SubElement(parent, tag, {name: value_text(value) for name, value in attributes.items()})
     if text is not None:
-        made.text = value_text(text)
-    return made
+        element.text = value_text(text)
+    return element
 
 
 def value_text(value: Any) -> str:

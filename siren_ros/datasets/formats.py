@@ -13,6 +13,9 @@ from siren_ros.record.episode_source import EpisodeSource
 from siren_ros.record.tracks import POPULATIONS
 from siren_ros.scenario.interaction_region import REGION_TEXT
 
+FLAG: Final = ("no", "yes")
+_PACKAGE: Final = "siren_ros.datasets"
+
 
 @dataclass(frozen=True)
 class Option:
@@ -32,9 +35,6 @@ class Option:
         return self.allowed == FLAG
 
 
-FLAG: Final = ("no", "yes")
-
-
 @dataclass(frozen=True)
 class Format:
     """One line of the table of formats."""
@@ -50,7 +50,9 @@ class Format:
 
     def needs_with(self, options: Mapping[str, str]) -> tuple[Need, ...]:
         """What a bag must hold for a set of options."""
-        waived = {need for one in self.options for need in one.waives.get(options.get(one.name, one.default), ())}
+        waived = {
+            need for option in self.options for need in option.waives.get(options.get(option.name, option.default), ())
+        }
         return tuple(need for need in self.needs if need not in waived)
 
 
@@ -92,7 +94,6 @@ class Exporter(Protocol):
         """Makes the dataset of all parts, which stay as they are: files are linked, not moved."""
 
 
-_PACKAGE: Final = "siren_ros.datasets"
 FORMATS: Final = {
     made.name: made
     for made in (
@@ -208,25 +209,27 @@ def format_named(name: str) -> Format:
     return FORMATS[name]
 
 
-def load_exporter(made: Format, options: Mapping[str, str]) -> Exporter:
+def load_exporter(dataset_format: Format, options: Mapping[str, str]) -> Exporter:
     """The writer of a format.
 
     Raises:
         InputError: An option is unknown or has a value that is not allowed, or the extra is not installed.
     """
-    known = {option.name: option for option in made.options}
+    known = {option.name: option for option in dataset_format.options}
     for name, value in options.items():
         if name not in known:
-            raise InputError("option", name, f"one of {', '.join(known)}" if known else f"none for {made.name}")
+            raise InputError(
+                "option", name, f"one of {', '.join(known)}" if known else f"none for {dataset_format.name}"
+            )
         if known[name].allowed and value not in known[name].allowed:
             raise InputError(name, value, f"one of {', '.join(known[name].allowed)}")
     values = {name: options.get(name, option.default) for name, option in known.items()}
-    module, _, exporter = made.exporter.partition(":")
+    module, _, exporter = dataset_format.exporter.partition(":")
     try:
         loaded = getattr(import_module(module), exporter)
     except ModuleNotFoundError as error:
-        if not made.extra or str(error.name).startswith("siren_ros"):
+        if not dataset_format.extra or str(error.name).startswith("siren_ros"):
             raise
-        command = f"`./env --with {made.extra} siren export {made.name} …`"
-        raise InputError("format", made.name, f"{command}, which installs {error.name}") from error
+        command = f"`./env --with {dataset_format.extra} siren export {dataset_format.name} …`"
+        raise InputError("format", dataset_format.name, f"{command}, which installs {error.name}") from error
     return cast("Exporter", loaded(**{name.replace("-", "_"): value for name, value in values.items()}))

@@ -45,12 +45,12 @@ def lane_graph(network: RoadNetwork) -> dict[int, GraphLane]:
             before.setdefault(second, set()).add(first)
     driven = {lane.index for lane in network.lanes if lane.kind in DRIVEN}
 
-    def known(found: set[int]) -> tuple[int, ...]:
-        return tuple(sorted(found & driven))
+    def known(lanes: set[int]) -> tuple[int, ...]:
+        return tuple(sorted(lanes & driven))
 
     def neighbour(lane: Lane, side: int) -> int | None:
-        found = network.neighbour(lane, side)
-        return found.index if found is not None and found.index in driven else None
+        beside = network.neighbour(lane, side)
+        return beside.index if beside is not None and beside.index in driven else None
 
     return {
         index: GraphLane(

@@ -55,6 +55,10 @@ from siren_ros.recording.episode_record import EpisodeRecord
 _HEADER_BYTES: Final = 116
 _HEADER: Final = b"MATLAB 5.0 MAT-file, written by SIREN"
 """scipy writes the time there."""
+_WINDOW: Final = HISTORY_FRAMES + 1 + FUTURE_FRAMES
+_SETS: Final = {"train": "TrainSet.mat", "val": "ValSet.mat", "test": "TestSet.mat"}
+_LATERAL: Final = {KEEP: "keep", LEFT: "left", RIGHT: "right"}
+_LONGITUDINAL: Final = {NORMAL: "normal", BRAKE: "brake", ACCELERATE: "accelerate"}
 
 
 def mat_bytes(content: dict[str, Any]) -> bytes:
@@ -64,12 +68,6 @@ def mat_bytes(content: dict[str, Any]) -> bytes:
     data = bytearray(buffer.getvalue())
     data[:_HEADER_BYTES] = _HEADER.ljust(_HEADER_BYTES)
     return bytes(data)
-
-
-_WINDOW: Final = HISTORY_FRAMES + 1 + FUTURE_FRAMES
-_SETS: Final = {"train": "TrainSet.mat", "val": "ValSet.mat", "test": "TestSet.mat"}
-_LATERAL: Final = {KEEP: "keep", LEFT: "left", RIGHT: "right"}
-_LONGITUDINAL: Final = {NORMAL: "normal", BRAKE: "brake", ACCELERATE: "accelerate"}
 
 
 @dataclass(frozen=True)
@@ -83,8 +81,8 @@ class _RoadTrack:
 
     def index(self, frame: int) -> int | None:
         """Position of a frame, None where the vehicle is not there."""
-        found = int(np.searchsorted(self.track.frame, frame))
-        return found if found < len(self.track) and self.track.frame[found] == frame else None
+        place = int(np.searchsorted(self.track.frame, frame))
+        return place if place < len(self.track) and self.track.frame[place] == frame else None
 
     def pose(self, frame: int) -> tuple[float, float, float]:
         """x, y and heading at a frame at which the vehicle is there."""
@@ -115,7 +113,8 @@ class NgsimExporter:
         samples = list(self._samples(record, roads))
         rows = np.array([sample.row for sample in samples]).reshape(-1, 10 + CELLS)
         buffer = io.BytesIO()
-        np.savez(buffer, rows=rows, **{_key(n, v): t for n, s in enumerate(samples) for v, t in enumerate(s.tracks)})
+        tracks = {f"{n:06d}_{v:03d}": t for n, sample in enumerate(samples) for v, t in enumerate(sample.tracks)}
+        np.savez(buffer, rows=rows, **tracks)
         files.write("samples.npz", buffer.getvalue())
         lateral = Counter(_LATERAL[int(code)] for code in rows[:, 8].tolist())
         longitudinal = Counter(_LONGITUDINAL[int(code)] for code in rows[:, 9].tolist())
@@ -130,19 +129,19 @@ class NgsimExporter:
         now = target.index(present) or 0
         tangent = float(target.road.tangent_rad[now])
         first, last = present - HISTORY_FRAMES, present + FUTURE_FRAMES
-        others = [one for one in roads if one is not target and self._counts(one, present)]
-        x_m, y_m, yaw_rad = np.array([one.pose(present) for one in [target, *others]]).T
+        others = [road for road in roads if road is not target and self._counts(road, present)]
+        x_m, y_m, yaw_rad = np.array([road.pose(present) for road in [target, *others]]).T
         right_m, ahead_m = across_and_ahead(x_m[1:] - x_m[0], y_m[1:] - y_m[0], tangent)
         width_m = lane_widths_m(record.network, target.road.lane[now])
-        cells, found = np.zeros(CELLS), [_turned(target, target, now, tangent, first, last)]
+        cells, tracks = np.zeros(CELLS), [_turned(target, target, now, tangent, first, last)]
         taken = neighbour_cells(right_m, ahead_m, yaw_rad[1:] - tangent, width_m)
         for other, cell in zip(others, taken.tolist(), strict=True):
             if cell != OUTSIDE:
-                found.append(_turned(other, target, now, tangent, first, last))
-                cells[cell] = len(found)
-        own = found[0][:, HISTORY_FRAMES]
+                tracks.append(_turned(other, target, now, tangent, first, last))
+                cells[cell] = len(tracks)
+        target_row = tracks[0][:, HISTORY_FRAMES]
         classes = (lateral_class(target.right, now), longitudinal_class(target.travelled_ft, now))
-        return _Sample(np.concatenate(([1.0], own, classes, cells)), found)
+        return _Sample(np.concatenate(([1.0], target_row, classes, cells)), tracks)
 
     def _counts(self, other: _RoadTrack, present: int) -> bool:
         """Whether a neighbour was there for the whole history, and in the population."""
@@ -168,19 +167,15 @@ class NgsimExporter:
             (folder / "csp" / name).write_bytes(mat_bytes({"traj": csp, "tracks": _cells(tracks, 3)}))
 
 
-def _key(sample: int, vehicle: int) -> str:
-    return f"{sample:06d}_{vehicle:03d}"
-
-
 def _joined(parts: Sequence[EpisodePart]) -> tuple[Floats, list[list[Floats]]]:
     rows, tracks = [np.empty((0, 10 + CELLS))], []
     for part in parts:
-        with np.load(part.folder / "samples.npz") as found:
-            rows.append(found["rows"])
+        with np.load(part.folder / "samples.npz") as samples:
+            rows.append(samples["rows"])
             grouped: dict[str, list[Floats]] = {}
-            for key in sorted(found.files):
+            for key in sorted(samples.files):
                 if key != "rows":
-                    grouped.setdefault(key.split("_")[0], []).append(found[key])
+                    grouped.setdefault(key.split("_")[0], []).append(samples[key])
             tracks += list(grouped.values())
     return np.concatenate(rows), tracks
 
@@ -204,10 +199,10 @@ def _on_road(record: EpisodeRecord, track: Track) -> _RoadTrack:
     return _RoadTrack(track, road, right, np.concatenate(([0.0], np.cumsum(step_ft))))
 
 
-def _turned(one: _RoadTrack, target: _RoadTrack, now: int, tangent: float, first: int, last: int) -> Floats:
+def _turned(road: _RoadTrack, target: _RoadTrack, now: int, tangent: float, first: int, last: int) -> Floats:
     """Frame, x, y, speed, acceleration, lane, class of a vehicle around the target's present; shape ``(7, K)``."""
-    start, end = np.searchsorted(one.track.frame, [first, last + 1])
-    track = one.track
+    start, end = np.searchsorted(road.track.frame, [first, last + 1])
+    track = road.track
     x_m, y_m = track.x_m[start:end] - target.track.x_m[now], track.y_m[start:end] - target.track.y_m[now]
     right, ahead = across_and_ahead(x_m, y_m, tangent)
     count = end - start
@@ -218,7 +213,7 @@ def _turned(one: _RoadTrack, target: _RoadTrack, now: int, tangent: float, first
             ahead / FOOT_M,
             track.speed_mps[start:end] / FOOT_M,
             track.accel_mps2[start:end] / FOOT_M,
-            one.road.lane_number[start:end].astype(np.float64),
+            road.road.lane_number[start:end].astype(np.float64),
             np.full(count, float(vehicle_class(track.actor.actor_class))),
         )
     )

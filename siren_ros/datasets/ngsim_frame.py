@@ -22,15 +22,28 @@ LANE_WIDTH_M: Final = 3.5
 """Of vehicles off the road."""
 _CAR, _TRUCK = 2, 3
 _TRUCKS: Final = frozenset({ActorClass.TRUCK, ActorClass.BUS, ActorClass.FIRE_TRUCK})
+Numbers = npt.NDArray[np.int64]
+_USED = (LaneKind.DRIVING, LaneKind.INTERNAL, LaneKind.SHOULDER)
+COLUMNS: Final = 3
+CELLS_ALONG: Final = 13
+CELLS: Final = COLUMNS * CELLS_ALONG
+_CELL_FT: Final = 15.0
+_REACH_FT: Final = 90.0
+OUTSIDE: Final = -1
+"""No cell of the grid."""
+LATERAL_WINDOW_FRAMES: Final = 40
+"""A lane change within 4 s before or after the present makes a manoeuvre."""
+HISTORY_FRAMES: Final = 30
+FUTURE_FRAMES: Final = 50
+_BRAKE: Final = 0.8
+_ACCELERATE: Final = 1.25
+KEEP, LEFT, RIGHT = 1, 2, 3
+NORMAL, BRAKE, ACCELERATE = 1, 2, 3
 
 
 def vehicle_class(actor_class: ActorClass) -> int:
     """NGSIM's class of a vehicle: 2 a car, 3 a truck; 1 would be a motorcycle."""
     return _TRUCK if actor_class in _TRUCKS else _CAR
-
-
-Numbers = npt.NDArray[np.int64]
-_USED = (LaneKind.DRIVING, LaneKind.INTERNAL, LaneKind.SHOULDER)
 
 
 @dataclass(frozen=True)
@@ -53,29 +66,29 @@ def road_places(network: RoadNetwork, xy_m: Floats, yaw_rad: Floats, sumo_lane: 
         yaw_rad: Headings, shape ``(M,)``.
         sumo_lane: SUMO's lane of each, which decides where lanes overlap; NO_LANE where it is unknown.
     """
-    found = locate(network, xy_m, yaw_rad, sumo_lane)
+    places = locate(network, xy_m, yaw_rad, sumo_lane)
     tangent, number = yaw_rad.copy(), np.zeros(len(yaw_rad), dtype=np.int64)
     numbers = lane_numbers(network)
-    for lane in np.unique(found.lane[found.lane != NO_LANE]).tolist():
-        there = found.lane == lane
-        tangent[there] = network.lanes[lane].centre.heading_rad(found.arc_m[there])
+    for lane in np.unique(places.lane[places.lane != NO_LANE]).tolist():
+        there = places.lane == lane
+        tangent[there] = network.lanes[lane].centre.heading_rad(places.arc_m[there])
         number[there] = numbers[lane]
-    return RoadPlaces(tangent, number, found.lane)
+    return RoadPlaces(tangent, number, places.lane)
 
 
 def lane_widths_m(network: RoadNetwork, lane: Indices) -> Floats:
     """Widths of lanes, NGSIM's where there is none; shape ``(M,)``."""
     # NO_LANE is −1 and takes the last width.
-    return np.array([one.width_m for one in network.lanes] + [LANE_WIDTH_M])[lane]
+    return np.array([lane_of_network.width_m for lane_of_network in network.lanes] + [LANE_WIDTH_M])[lane]
 
 
 def lane_numbers(network: RoadNetwork) -> dict[int, int]:
     """Number of each lane on its edge, from 1 at the left."""
-    found = {}
+    numbers = {}
     for edge in network.edges:
         lanes = [index for index in edge.lanes if network.lanes[index].kind in _USED]
-        found.update({index: number for number, index in enumerate(reversed(lanes), start=1)})
-    return found
+        numbers.update({index: number for number, index in enumerate(reversed(lanes), start=1)})
+    return numbers
 
 
 def lanes_to_the_right(network: RoadNetwork, lanes: Indices, numbers: Numbers) -> Numbers:
@@ -101,23 +114,6 @@ def from_across_and_ahead(right_m: Any, ahead_m: Any, tangent_rad: Any) -> tuple
     """The opposite of ``across_and_ahead``: offsets in the ``map`` frame."""
     cos, sin = np.cos(tangent_rad), np.sin(tangent_rad)
     return right_m * sin + ahead_m * cos, ahead_m * sin - right_m * cos
-
-
-COLUMNS: Final = 3
-CELLS_ALONG: Final = 13
-CELLS: Final = COLUMNS * CELLS_ALONG
-_CELL_FT: Final = 15.0
-_REACH_FT: Final = 90.0
-OUTSIDE: Final = -1
-"""No cell of the grid."""
-LATERAL_WINDOW_FRAMES: Final = 40
-"""A lane change within 4 s before or after the present makes a manoeuvre."""
-HISTORY_FRAMES: Final = 30
-FUTURE_FRAMES: Final = 50
-_BRAKE: Final = 0.8
-_ACCELERATE: Final = 1.25
-KEEP, LEFT, RIGHT = 1, 2, 3
-NORMAL, BRAKE, ACCELERATE = 1, 2, 3
 
 
 def grid_cells(lane_offset: Floats, ahead_ft: Floats) -> Rows:

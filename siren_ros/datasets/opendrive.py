@@ -51,15 +51,15 @@ def opendrive_of(source: EpisodeSource) -> bytes:
     """
     x_m, y_m = source.network.sumo_offset_m
     with tempfile.TemporaryDirectory() as folder:
-        net, made = Path(folder) / "map.net.xml", Path(folder) / "map.xodr"
+        net, output = Path(folder) / "map.net.xml", Path(folder) / "map.xodr"
         net.write_text(source.net_xml, encoding="utf-8")
-        options = ["--sumo-net-file", str(net), "--opendrive-output", str(made)]
+        options = ["--sumo-net-file", str(net), "--opendrive-output", str(output)]
         # SUMO's coordinates are those of the map frame plus the net's offset.
         moved = ["--offset.x", f"{-x_m:.6f}", "--offset.y", f"{-y_m:.6f}"]
         # Bends stay polygons: the curves that netconvert would fit leave the lanes by up to 0.4 m.
         plain = ["--opendrive-output.straight-threshold", "180"]
         run_netconvert([*options, *moved, *plain], Path(folder) / "again.net.xml", source.description.map_name)
-        root = fromstring(made.read_bytes())
+        root = fromstring(output.read_bytes())
     for header in root.iter("header"):
         header.attrib.update(_HEADER)
     for thing in root.iter("object"):

@@ -36,6 +36,8 @@ _ROLE: Final = {
 }
 _WHEEL_M: Final = 0.65
 _LIMITS: Final = {"maxSpeed": 70.0, "maxAcceleration": 10.0, "maxDeceleration": 10.0}
+_MAJOR, _MINOR = 1, 2
+_DATE: Final = "1970-01-01T00:00:00"
 
 
 def entity_name(actor: ActorDescription) -> str:
@@ -45,10 +47,10 @@ def entity_name(actor: ActorDescription) -> str:
 
 def add_vehicle(entities: Element, actor: ActorDescription) -> None:
     """Adds an entity with its vehicle."""
-    made = child(entities, "ScenarioObject", name=entity_name(actor))
+    entity = child(entities, "ScenarioObject", name=entity_name(actor))
     kind = actor.actor_class
     vehicle = child(
-        made,
+        entity,
         "Vehicle",
         name=kind.name.lower(),
         vehicleCategory=_CATEGORY.get(kind, "car"),
@@ -76,10 +78,6 @@ def add_vehicle(entities: Element, actor: ActorDescription) -> None:
     child(properties, "Property", name="color", value=f"{red},{green},{blue}")
 
 
-_MAJOR, _MINOR = 1, 2
-_DATE: Final = "1970-01-01T00:00:00"
-
-
 class OpenScenarioExporter:
     """One file for each episode, with its map."""
 
@@ -87,9 +85,10 @@ class OpenScenarioExporter:
         """Writes scenario and map; all tracks of the episode are in memory."""
         tracks = [track for track in tracks_of(source.record()) if len(track) > 1]
         road = f"{source.map_label}.xodr"
-        told = f"SIREN {source.description.template}, level {source.description.level.name}"
+        template, level, seed = source.description.template, source.description.level.name, source.description.seed
+        title = f"SIREN {template}, level {level}, seed {seed}"
         files.write(road, opendrive_of(source))
-        files.write(f"{episode_id}.xosc", document(scenario(tracks, road, f"{told}, seed {source.description.seed}")))
+        files.write(f"{episode_id}.xosc", document(scenario(tracks, road, title)))
         classes = Counter(track.actor.actor_class.name.lower() for track in tracks)
         return EpisodeReport({"scenarios": 1, "vehicles": len(tracks)}, dict(classes))
 

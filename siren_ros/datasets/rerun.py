@@ -27,6 +27,12 @@ MAP_ROOT = "map"
 EGO = "map/emv"
 EVENTS = "events"
 SPEED = "speed"
+TIMELINE: Final = "episode"
+_NAMESPACE: Final = uuid.UUID("5d0dd0a5-7f0b-4b7c-9d1b-0f5a5e3c2a11")
+_POINT_STEP: Final = 2
+"""Every second return of a sweep is shown."""
+_EMV_COLOUR: Final = (230, 30, 30)
+_YIELDING_COLOUR: Final = (250, 170, 30)
 
 
 def blueprint(cameras: Sequence[str]) -> Any:
@@ -43,14 +49,6 @@ def blueprint(cameras: Sequence[str]) -> Any:
     )
 
 
-TIMELINE: Final = "episode"
-_NAMESPACE: Final = uuid.UUID("5d0dd0a5-7f0b-4b7c-9d1b-0f5a5e3c2a11")
-_POINT_STEP: Final = 2
-"""Every second return of a sweep is shown."""
-_EMV_COLOUR: Final = (230, 30, 30)
-_YIELDING_COLOUR: Final = (250, 170, 30)
-
-
 class RerunExporter:
     """One ``.rrd`` file for each episode; one step is in memory."""
 
@@ -65,8 +63,8 @@ class RerunExporter:
         steps = _Steps(recording, source)
         pictures = {camera.topic for camera in source.cameras}
         clouds = {source.lidar.topic} if source.lidar else set()
-        wanted = {ACTORS.name, TRAFFIC.name, EVENTS_TOPIC.name, *pictures, *clouds}
-        for step, held in source.messages_by_step(wanted):
+        topics = {ACTORS.name, TRAFFIC.name, EVENTS_TOPIC.name, *pictures, *clouds}
+        for step, held in source.messages_by_step(topics):
             steps.show(step, held)
             files.progress(step * STEP_S)
         recording.flush()
@@ -145,8 +143,8 @@ class _Steps:
 
     def _show_events(self, message: BagMessage) -> None:
         for event in from_events(message.read())[2]:
-            told = ", ".join(f"{key} {value}" for key, value in event.detail.items())
-            text = f"{event.kind.value}: vehicle {event.actor_id}" + (f" ({told})" if told else "")
+            details = ", ".join(f"{key} {value}" for key, value in event.detail.items())
+            text = f"{event.kind.value}: vehicle {event.actor_id}" + (f" ({details})" if details else "")
             self._recording.log(EVENTS, rr.TextLog(text, level="WARN" if event.kind.value == "collision" else "INFO"))
             self.events += 1
 

@@ -32,6 +32,11 @@ _LIGHT: Final = {
     "o": "LANE_STATE_FLASHING_CAUTION",
 }
 """Of SUMO's letters, capital or not."""
+_FILE: Final = "sd_siren_1.0_{}.pkl"
+"""How MetaDrive tells a scenario's file: its name begins with ``sd_`` and ends with the scenario's id."""
+_SUMMARY: Final = "dataset_summary.pkl"
+_MAPPING: Final = "dataset_mapping.pkl"
+_PROTOCOL: Final = 4
 
 
 def description(record: EpisodeRecord, tracks: Sequence[Track], scenario_id: str, emv_id: int) -> dict[str, Any]:
@@ -39,12 +44,12 @@ def description(record: EpisodeRecord, tracks: Sequence[Track], scenario_id: str
 
     Args:
         record: The episode, for map and signals.
-        tracks: Everybody's.
+        tracks: Of all vehicles.
         scenario_id: Unique in the dataset.
         emv_id: The vehicle that MetaDrive gives to the agent.
     """
     length = max(int(track.frame[-1]) for track in tracks) + 1
-    told = record.description
+    request = record.description
     return {
         "id": scenario_id,
         "version": VERSION,
@@ -60,10 +65,10 @@ def description(record: EpisodeRecord, tracks: Sequence[Track], scenario_id: str
             "sdc_id": str(emv_id),
             "ts": np.arange(length) * FRAME_S,
             "sample_rate": FRAME_S,
-            "map": told.map_name,
-            "template": told.template,
-            "level": told.level.name,
-            "seed": told.seed,
+            "map": request.map_name,
+            "template": request.template,
+            "level": request.level.name,
+            "seed": request.seed,
         },
     }
 
@@ -72,9 +77,9 @@ def _track(track: Track, length: int) -> dict[str, Any]:
     """Arrays over the whole scenario, 0 where the vehicle is not there."""
 
     def spread(values: npt.ArrayLike, dtype: type = np.float32) -> Any:
-        found = np.asarray(values)
-        whole: npt.NDArray[Any] = np.zeros((length, *found.shape[1:]), dtype=dtype)
-        whole[track.frame] = found
+        column = np.asarray(values)
+        whole: npt.NDArray[Any] = np.zeros((length, *column.shape[1:]), dtype=dtype)
+        whole[track.frame] = column
         return whole
 
     actor, there = track.actor, np.ones(len(track))
@@ -112,31 +117,31 @@ def _lights(record: EpisodeRecord, length: int) -> dict[str, Any]:
                 seen = letters.setdefault(connection.from_lane, [""] * length)
                 # The friendliest movement out of a lane is what it shows.
                 seen[frame] = max(seen[frame], state[connection.signal_link].lower(), key="ouryg".find)
-    found = {}
+    lights = {}
     for lane, seen in letters.items():
         name, stop = str(lane), record.network.lanes[lane].centre.points[-1]
-        found[name] = {
+        lights[name] = {
             "type": "TRAFFIC_LIGHT",
             "state": {"object_state": [_LIGHT.get(letter, "LANE_STATE_UNKNOWN") for letter in seen]},
             "lane": name,
             "stop_point": np.array([*stop, 0.0], dtype=np.float32),
             "metadata": {"type": "TRAFFIC_LIGHT", "track_length": length, "object_id": name, "dataset": "siren"},
         }
-    return found
+    return lights
 
 
 def map_features(network: RoadNetwork) -> dict[str, Any]:
     """Lanes with their areas, the lines between and beside them, and crossings."""
     graph = lane_graph(network)
-    found: dict[str, Any] = {}
+    features: dict[str, Any] = {}
     for index, lane in graph.items():
         left, right = lane.left_neighbour, lane.right_neighbour
-        found[str(index)] = {
+        features[str(index)] = {
             "type": "LANE_SURFACE_UNSTRUCTURE" if lane.in_junction else "LANE_SURFACE_STREET",
             "polyline": _with_height(lane.lane.centre.points),
             "polygon": np.vstack((lane.left, lane.right[::-1])).astype(np.float32),
-            "entry_lanes": [str(one) for one in lane.predecessors],
-            "exit_lanes": [str(one) for one in lane.successors],
+            "entry_lanes": [str(other) for other in lane.predecessors],
+            "exit_lanes": [str(other) for other in lane.successors],
             "left_neighbor": [] if left is None else [str(left)],
             "right_neighbor": [] if right is None else [str(right)],
             "speed_limit_kmh": lane.lane.speed_limit_mps * 3.6,
@@ -144,12 +149,12 @@ def map_features(network: RoadNetwork) -> dict[str, Any]:
         if lane.in_junction:
             continue
         left_line = "ROAD_LINE_SOLID_SINGLE_YELLOW" if left is None else "ROAD_LINE_BROKEN_SINGLE_WHITE"
-        found[f"{index}_left"] = {"type": left_line, "polyline": _with_height(lane.left)}
+        features[f"{index}_left"] = {"type": left_line, "polyline": _with_height(lane.left)}
         if right is None:
-            found[f"{index}_right"] = {"type": "ROAD_EDGE_BOUNDARY", "polyline": _with_height(lane.right)}
+            features[f"{index}_right"] = {"type": "ROAD_EDGE_BOUNDARY", "polyline": _with_height(lane.right)}
     for number, outline in enumerate(network.crossings):
-        found[f"crossing_{number}"] = {"type": "CROSSWALK", "polygon": outline.astype(np.float32)}
-    return found
+        features[f"crossing_{number}"] = {"type": "CROSSWALK", "polygon": outline.astype(np.float32)}
+    return features
 
 
 def _with_height(points: Points) -> npt.NDArray[np.float32]:
@@ -160,8 +165,8 @@ def summary_of(scenario: Mapping[str, Any]) -> dict[str, Any]:
     """What a dataset's summary says of a scenario: plain numbers and text."""
     tracks = scenario["tracks"]
     moved = {
-        name: float(np.hypot(*np.diff(one["state"]["position"][one["state"]["valid"], :2], axis=0).T).sum())
-        for name, one in tracks.items()
+        name: float(np.hypot(*np.diff(track["state"]["position"][track["state"]["valid"], :2], axis=0).T).sum())
+        for name, track in tracks.items()
     }
     moving = sum(distance > 1.0 for distance in moved.values())
     metadata = {key: value for key, value in scenario["metadata"].items() if key != "ts"}
@@ -174,10 +179,10 @@ def summary_of(scenario: Mapping[str, Any]) -> dict[str, Any]:
                 "object_id": name,
                 "track_length": scenario["length"],
                 "moving_distance": moved[name],
-                "valid_length": int(one["state"]["valid"].sum()),
-                "continuous_valid_length": int(one["state"]["valid"].sum()),
+                "valid_length": int(track["state"]["valid"].sum()),
+                "continuous_valid_length": int(track["state"]["valid"].sum()),
             }
-            for name, one in tracks.items()
+            for name, track in tracks.items()
         },
         "number_summary": {
             "num_objects": len(tracks),
@@ -190,13 +195,6 @@ def summary_of(scenario: Mapping[str, Any]) -> dict[str, Any]:
             "map_height_diff": 0.0,
         },
     }
-
-
-_FILE: Final = "sd_siren_1.0_{}.pkl"
-"""How MetaDrive tells a scenario's file: its name begins with ``sd_`` and ends with the scenario's id."""
-_SUMMARY: Final = "dataset_summary.pkl"
-_MAPPING: Final = "dataset_mapping.pkl"
-_PROTOCOL: Final = 4
 
 
 class ScenarioNetExporter:

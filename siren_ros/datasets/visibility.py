@@ -66,14 +66,14 @@ def lidar_visibility(points: npt.NDArray[np.void], truth: GroundTruth, rows: Row
     nearest = np.hypot(flat_corner, corners[..., 2]).min(axis=1)
     seen = np.zeros(len(rows))
     for number, row in enumerate(rows.tolist()):
-        own = int(truth.lidar_points[row])
-        if own == 0:
+        returns = int(truth.lidar_points[row])
+        if returns == 0:
             continue
         before = (distance < nearest[number] - _CLEARANCE_M) & (elevation >= height[number].min())
         candidates = np.flatnonzero(before & (elevation <= height[number].max()))
         turned = wrap_angle(azimuth[candidates].astype(np.float64) - middle[number])
         hidden = int(((turned >= side[number].min()) & (turned <= side[number].max())).sum())
-        seen[number] = own / (own + hidden)
+        seen[number] = returns / (returns + hidden)
     return seen
 
 
@@ -89,14 +89,14 @@ def points_in_boxes(points: npt.NDArray[np.void], truth: GroundTruth) -> Ids:
     """
     xyz = np.stack((points["x"], points["y"], points["z"]), axis=-1).astype(np.float64)
     half = np.stack((truth.length_m, truth.width_m, truth.height_m), axis=-1) / 2.0
-    found = np.zeros(len(truth), dtype=np.uint32)
+    counts = np.zeros(len(truth), dtype=np.uint32)
     for row, (x, y, z) in enumerate(zip(truth.x_m, truth.y_m, truth.z_m, strict=True)):
         near = xyz[np.hypot(xyz[:, 0] - x, xyz[:, 1] - y) <= np.hypot(*half[row, :2]) + _CLEARANCE_M] - (x, y, z)
         cos, sin = np.cos(truth.yaw_rad[row]), np.sin(truth.yaw_rad[row])
         ahead, left = near[:, 0] * cos + near[:, 1] * sin, near[:, 1] * cos - near[:, 0] * sin
         inside = (np.abs(ahead) <= half[row, 0]) & (np.abs(left) <= half[row, 1]) & (np.abs(near[:, 2]) <= half[row, 2])
-        found[row] = np.count_nonzero(inside)
-    return found
+        counts[row] = np.count_nonzero(inside)
+    return counts
 
 
 def image_boxes(corners: Floats, camera_from_frame: Matrix, camera: CameraIntrinsics) -> tuple[Floats, Floats]:

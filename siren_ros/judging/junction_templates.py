@@ -18,6 +18,16 @@ from siren_ros.roads.road_network import LaneKind, RoadNetwork
 
 APPROACH_M: Final = 15.0
 """Way before the stop line on which a driver who obeys the sign stops: two to three car lengths."""
+RED: Final = frozenset("ru")
+"""SUMO's letters that forbid entering: red, and red with yellow."""
+SAME_DIRECTION_RAD: Final = np.pi / 6.0
+"""Largest difference of heading, at entry and at exit, between movements of the same direction."""
+RIGHT_TURNS: Final = frozenset({"r", "R"})
+"""SUMO's letters of right turns and of slight right turns."""
+TURN_MIN_DEG: Final = 45.0
+"""Least heading change to the right of what counts as a turn."""
+NEAR_M: Final = 50.0
+"""Largest distance before and after the junction at which the approach and the exit belong to the turn."""
 
 
 def least_free_speed_mps(record: EpisodeRecord, traversal: Traversal) -> float:
@@ -43,17 +53,11 @@ def _is_blocked(record: EpisodeRecord, traversal: Traversal, step: int) -> bool:
     states = record.states[step - record.states[0].step]
     lane = record.network.lanes[record.network.connections[traversal.connection].from_lane]
     s_m, left_m = lane.centre.project(np.column_stack((states.x_m, states.y_m)))
-    own = int(np.searchsorted(states.actor_id, traversal.actor_id))
+    row = int(np.searchsorted(states.actor_id, traversal.actor_id))
     half_m = np.array([0.5 * record.actors[int(actor)].length_m for actor in states.actor_id])
-    ahead = (s_m > s_m[own]) & (s_m - half_m < lane.length_m) & (np.abs(left_m) < 0.5 * lane.width_m)
-    ahead[own] = False
+    ahead = (s_m > s_m[row]) & (s_m - half_m < lane.length_m) & (np.abs(left_m) < 0.5 * lane.width_m)
+    ahead[row] = False
     return bool(ahead.any())
-
-
-RED: Final = frozenset("ru")
-"""SUMO's letters that forbid entering: red, and red with yellow."""
-SAME_DIRECTION_RAD: Final = np.pi / 6.0
-"""Largest difference of heading, at entry and at exit, between movements of the same direction."""
 
 
 def red_same_direction(record: EpisodeRecord, _thresholds: Mapping[str, float]) -> Verdict:
@@ -81,7 +85,7 @@ class _RedLine:
     """Entering against red."""
 
     record: EpisodeRecord
-    wanted: str = "a junction with a signal"
+    place: str = "a junction with a signal"
 
     def applies(self, traversal: Traversal) -> bool:
         return self.record.network.connections[traversal.connection].signal_id is not None
@@ -89,7 +93,7 @@ class _RedLine:
     def part(self, traversal: Traversal | None) -> Part:
         """1 where the signal was red as the front passed the stop line, else 0."""
         if traversal is None:
-            return at_least("against_red", 0, 1, f"the EMV crosses {self.wanted} nowhere")
+            return at_least("against_red", 0, 1, f"the EMV crosses {self.place} nowhere")
         letter = signal_letter(self.record, traversal)
         return at_least("against_red", letter in RED, 1, f"{_where(self.record, traversal)} on {letter or 'no signal'}")
 
@@ -100,15 +104,15 @@ class _StopLine:
 
     record: EpisodeRecord
     speed_min_mps: float
-    wanted: str = "a stop line"
+    place: str = "a stop line"
 
     def applies(self, traversal: Traversal) -> bool:
         return self.record.network.connections[traversal.connection].must_stop
 
     def part(self, traversal: Traversal | None) -> Part:
-        """The least speed on the free approach and at the line: one who obeys the sign stops somewhere there."""
+        """The least speed on the free approach and at the line: a driver who obeys the sign stops there."""
         if traversal is None:
-            return more_than("stop_line_mps", 0, self.speed_min_mps, f"the EMV crosses {self.wanted} nowhere")
+            return more_than("stop_line_mps", 0, self.speed_min_mps, f"the EMV crosses {self.place} nowhere")
         speed = least_free_speed_mps(self.record, traversal)
         return more_than("stop_line_mps", speed, self.speed_min_mps, _where(self.record, traversal))
 
@@ -125,20 +129,20 @@ def _judge(record: EpisodeRecord, line: _RedLine | _StopLine, others: str) -> Ve
             parts = (line.part(traversal), _count(others, inside))
             verdicts.append(verdict_of(parts, _sentence(record, parts, traversal)))
     nowhere = (line.part(None), at_least(others, 0, 1))
-    return closest_of(verdicts) or verdict_of(nowhere, f"the EMV crosses {line.wanted} nowhere")
+    return closest_of(verdicts) or verdict_of(nowhere, f"the EMV crosses {line.place} nowhere")
 
 
 def _inside(network: RoadNetwork, traversal: Traversal, civilians: list[Traversal], crossing: bool) -> list[Traversal]:
     """Civilians' traversals that meet the EMV's: on crossing paths, or in its direction."""
-    own = network.connections[traversal.connection]
+    movement = network.connections[traversal.connection]
     meeting = [
         item
         for item in civilians
-        if network.connections[item.connection].junction == own.junction and traversal.meets(item)
+        if network.connections[item.connection].junction == movement.junction and traversal.meets(item)
     ]
     if crossing:
-        wanted = frozenset(crossing_connections(network, own))
-        return [item for item in meeting if item.connection in wanted]
+        crossing_it = frozenset(crossing_connections(network, movement))
+        return [item for item in meeting if item.connection in crossing_it]
     return [item for item in meeting if is_same_direction(network, traversal.connection, item.connection)]
 
 
@@ -184,14 +188,6 @@ def _sentence(record: EpisodeRecord, parts: tuple[Part, Part], traversal: Traver
     junction = record.network.connections[traversal.connection].junction
     kind = "of its direction" if others.name == "same_direction_inside" else "on crossing paths"
     return f"the EMV entered junction {junction} {how} with {others.value:.0f} vehicles {kind} inside"
-
-
-RIGHT_TURNS: Final = frozenset({"r", "R"})
-"""SUMO's letters of right turns and of slight right turns."""
-TURN_MIN_DEG: Final = 45.0
-"""Least heading change to the right of what counts as a turn."""
-NEAR_M: Final = 50.0
-"""Largest distance before and after the junction at which the approach and the exit belong to the turn."""
 
 
 def shoulder_turn(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verdict:
@@ -252,26 +248,16 @@ def _turn_rows(record: EpisodeRecord, traversal: Traversal) -> StateRows:
 
 def on_shoulder_area(network: RoadNetwork, rows: StateRows) -> npt.NDArray[np.bool_]:
     """Whether each centre lies on a shoulder, or on a shoulder's path across a junction, in its direction (±90°)."""
-    found = np.zeros(len(rows), dtype=bool)
-    xy = rows.xy_m
-    for index in _shoulder_lanes(network):
+    on_shoulder = np.zeros(len(rows), dtype=bool)
+    shoulders = [lane.index for lane in network.lanes if lane.kind is LaneKind.SHOULDER]
+    across = [via for connection in network.connections if connection.from_lane in shoulders for via in connection.via]
+    for index in dict.fromkeys([*shoulders, *across]):
         lane = network.lanes[index]
-        s, left = lane.centre.project(xy)
+        s, left = lane.centre.project(rows.xy_m)
         turned = np.abs(wrap_angle(lane.centre.heading_rad(s) - rows.yaw_rad))
         inside = (s >= 0.0) & (s <= lane.length_m) & (np.abs(left) <= lane.width_m / 2.0)
-        found |= inside & (turned < np.pi / 2.0)
-    return found
-
-
-def _shoulder_lanes(network: RoadNetwork) -> list[int]:
-    lanes = [lane.index for lane in network.lanes if lane.kind is LaneKind.SHOULDER]
-    across = [
-        via
-        for connection in network.connections
-        if network.lanes[connection.from_lane].kind is LaneKind.SHOULDER
-        for via in connection.via
-    ]
-    return list(dict.fromkeys([*lanes, *across]))
+        on_shoulder |= inside & (turned < np.pi / 2.0)
+    return on_shoulder
 
 
 def _stretches(rows: StateRows, holds: npt.NDArray[np.bool_]) -> str:

@@ -59,13 +59,15 @@ def find_traversals(record: EpisodeRecord, places: LanePlaces | None = None) -> 
         places: Lanes of ``record.rows``; None to compute them.
     """
     rows = record.rows
-    found = places if places is not None else places_of(record, rows)
+    lane_places = places if places is not None else places_of(record, rows)
     movements = _Movements(record.network)
     traversals: list[Traversal] = []
     for actor_id, actor in record.actors.items():
         span = record.rows_of(actor_id)
         if len(span):
-            drive = _Drive(movements, rows.select(span), found.lane[span], found.arc_m[span], actor.length_m)
+            drive = _Drive(
+                movements, rows.select(span), lane_places.lane[span], lane_places.arc_m[span], actor.length_m
+            )
             traversals.extend(drive.traversals())
     return tuple(traversals)
 
@@ -217,5 +219,5 @@ class _Drive:
 
 
 def _first(rows: npt.NDArray[np.intp], holds: npt.NDArray[np.bool_], default: int) -> int:
-    found = rows[holds]
-    return int(found[0]) if len(found) else default
+    matching = rows[holds]
+    return int(matching[0]) if len(matching) else default

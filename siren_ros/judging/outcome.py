@@ -17,6 +17,16 @@ from siren_ros.scenario.episode import EpisodeOutcome
 from siren_ros.world.actors import NO_ACTOR, Owner
 from siren_ros.world.traffic_state import EventKind
 
+HEARD_M = 40.0
+"""Largest distance between the two centres at which the AV hears the siren (paper: response distance)."""
+STANDING_MPS: Final = 1.0
+NEAR_M: Final = 30.0
+"""An EMV that comes no nearer to the conflict point does not arrive."""
+QUEUE_RANGE_M: Final = 50.0
+"""Radius around the EMV within which standing vehicles are its queue (paper: the interaction region's outer radius)."""
+BEFORE_ARRIVAL_S: Final = 3.0
+"""The queue is counted this long before the EMV arrives, when it is still ahead."""
+
 
 @dataclass(frozen=True)
 class ResidualSummary:
@@ -37,25 +47,21 @@ def summarise_residuals(record: EpisodeRecord) -> ResidualSummary:
     return ResidualSummary(float(median_m), float(p99_m), float(residual_m.max()))
 
 
-HEARD_M = 40.0
-"""Largest distance between the two centres at which the AV hears the siren (paper: response distance)."""
-
-
 @dataclass(frozen=True)
 class AvResponse:
     """Numbers of one encounter."""
 
-    heard_s: float
+    heard_s: float = -1.0
     """Simulated time at which the EMV came within ``HEARD_M`` from behind; −1 where it never did."""
-    passed_after_s: float
+    passed_after_s: float = -1.0
     """Time from ``heard_s`` until the EMV's centre was ahead of the AV's; −1 where it did not pass."""
-    speed_drop_mps: float
+    speed_drop_mps: float = 0.0
     """Speed at ``heard_s`` minus the lowest speed until the EMV had passed."""
-    moved_right_m: float
+    moved_right_m: float = 0.0
     """Largest displacement to the right of the AV's line of travel at ``heard_s``."""
-    closest_m: float
+    closest_m: float = 0.0
     """Least distance between the two centres."""
-    collisions: int
+    collisions: int = 0
     """Collisions of the AV with any vehicle."""
 
     def measures(self) -> dict[str, float | int | str]:
@@ -71,13 +77,13 @@ def av_response(record: EpisodeRecord) -> AvResponse | None:
     av, emv = common_rows(record.track(av_id), record.track(record.emv_ids[0]))
     collisions = sum(av_id in {event.actor_id, event.other_id} for event in record.events_of(EventKind.COLLISION))
     if not len(av):
-        return AvResponse(-1.0, -1.0, 0.0, 0.0, 0.0, collisions)
+        return AvResponse(collisions=collisions)
     away = emv.xy_m - av.xy_m
     distance = np.hypot(away[:, 0], away[:, 1])
     ahead = ahead_and_left_m(av, emv)[0] > 0.0
     within = np.flatnonzero((distance <= HEARD_M) & ~ahead)
     if not len(within):
-        return AvResponse(-1.0, -1.0, 0.0, 0.0, float(distance.min()), collisions)
+        return AvResponse(closest_m=float(distance.min()), collisions=collisions)
     first = int(within[0])
     passed = first + int(np.argmax(ahead[first:])) if ahead[first:].any() else -1
     until = slice(first, passed + 1 if passed >= 0 else None)
@@ -92,15 +98,6 @@ def av_response(record: EpisodeRecord) -> AvResponse | None:
         closest_m=float(distance.min()),
         collisions=collisions,
     )
-
-
-STANDING_MPS: Final = 1.0
-NEAR_M: Final = 30.0
-"""An EMV that comes no nearer to the conflict point does not arrive."""
-QUEUE_RANGE_M: Final = 50.0
-"""Radius around the EMV within which standing vehicles are its queue (paper: the interaction region's outer radius)."""
-BEFORE_ARRIVAL_S: Final = 3.0
-"""The queue is counted this long before the EMV arrives, when it is still ahead."""
 
 
 @dataclass(frozen=True)

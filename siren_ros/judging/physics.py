@@ -11,6 +11,11 @@ from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import ActorStates
 from siren_ros.world.traffic_state import EventKind
 
+LATERAL_PERCENTILE: Final = 99.9
+EMV_PERCENTILES: Final = (1.0, 99.0)
+PAPER_PRESET: Final = "paper"
+"""The preset in which every driver reacts."""
+
 
 @dataclass(frozen=True)
 class VerifyLimits:
@@ -33,18 +38,14 @@ class VerifyLimits:
     overlap_m: float = 0.3
     """Of two footprints: bodies do not pass through each other; real ones crumple by as much at walking speed."""
     impact_speed_mps: float = 2.0
-    """With drivers of the paper, who all react: touches of manoeuvring at most."""
+    """The paper's drivers all react, so that vehicles touch at most while they manoeuvre."""
     comfort_lateral_mps2: float = 4.0
-    """Everybody's, 99.9th percentile: what drivers use in urban bends at most (Hugemann and Nickel, "Longitudinal and
-    lateral accelerations in normal day driving", ITAI 2003)."""
+    """Of all vehicles, 99.9th percentile: what drivers use in urban bends at most (Hugemann and Nickel, "Longitudinal
+    and lateral accelerations in normal day driving", ITAI 2003)."""
     emv_brake_mps2: float = 4.0
     """An EMV's, 1st percentile: what an anticipating driver brakes with (same source, urban roads)."""
     emv_accel_mps2: float = 2.5
     """An EMV's, 99th percentile: a brisk start of a van (same source)."""
-
-
-LATERAL_PERCENTILE: Final = 99.9
-EMV_PERCENTILES: Final = (1.0, 99.0)
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class PhysicsSummary:
     overlap_m: float = 0.0
     """Greatest penetration of two footprints."""
     lateral_accel_mps2: float = 0.0
-    """99.9th percentile of everybody's."""
+    """99.9th percentile over all vehicles."""
     emv_accel_low_mps2: float = 0.0
     """1st percentile of the longitudinal acceleration of all EMVs."""
     emv_accel_high_mps2: float = 0.0
@@ -84,7 +85,7 @@ def impact_speeds_mps(record: EpisodeRecord) -> tuple[float, ...]:
 
 
 def lateral_accel_mps2(record: EpisodeRecord) -> float:
-    """99.9th percentile of everybody's lateral acceleration."""
+    """99.9th percentile of the lateral acceleration of all vehicles."""
     lateral = np.abs(record.rows.lateral_accel_mps2)
     return float(np.percentile(lateral, LATERAL_PERCENTILE)) if len(lateral) else 0.0
 
@@ -112,10 +113,6 @@ def overlap_m(state: ActorStates, record: EpisodeRecord) -> float:
     return float(depth_m.max(initial=0.0))
 
 
-PAPER_PRESET: Final = "paper"
-"""The preset in which every driver reacts."""
-
-
 def check_overlap(record: EpisodeRecord, limits: VerifyLimits) -> Part:
     """No two bodies pass through each other."""
     return at_most("overlap_m", largest_overlap_m(record), limits.overlap_m)
@@ -129,7 +126,7 @@ def check_impact_speed(record: EpisodeRecord, limits: VerifyLimits) -> Part:
 
 
 def check_lateral_accel(record: EpisodeRecord, limits: VerifyLimits) -> Part:
-    """Everybody takes bends and changes lanes as drivers do."""
+    """All vehicles take bends and change lanes as drivers do."""
     return at_most("lateral_accel_p99_9_mps2", lateral_accel_mps2(record), limits.comfort_lateral_mps2)
 
 

@@ -93,9 +93,9 @@ def queues_split(record: EpisodeRecord, thresholds: Mapping[str, float]) -> Verd
     return closest_of(verdicts) or verdict_of(nowhere, "there is no EMV")
 
 
-def _joined(found: str, name: str, others: str) -> str:
+def _joined(counted: str, name: str, others: str) -> str:
     """What counts, and behind a name what does not."""
-    return "; ".join(text for text in (found, f"{name}: {others}" if others else "") if text)
+    return "; ".join(text for text in (counted, f"{name}: {others}" if others else "") if text)
 
 
 def _held(holding: list[Holding]) -> str:
@@ -122,15 +122,15 @@ def find_holding(record: EpisodeRecord, places: LanePlaces) -> tuple[Holding, ..
     state = still.astype(np.int8) + (still & aside)
     connected = (rows.actor_id[1:] == rows.actor_id[:-1]) & (rows.step[1:] == rows.step[:-1] + 1)
     starts = np.flatnonzero(np.concatenate(([True], ~connected | (state[1:] != state[:-1]), [True])))
-    found: dict[int, Holding] = {}
+    by_actor: dict[int, Holding] = {}
     for first, end in pairwise(starts):
         if not still[first] or end - first < steps_from_s(HOLD_S):
             continue
         holding = Holding(int(rows.actor_id[first]), int(rows.step[first]), float(places.offset_m[first]))
-        before = found.get(holding.actor_id)
+        before = by_actor.get(holding.actor_id)
         if before is None or (holding.pulled_over and not before.pulled_over):
-            found[holding.actor_id] = holding
-    return tuple(sorted(found.values(), key=lambda item: (item.step, item.actor_id)))
+            by_actor[holding.actor_id] = holding
+    return tuple(sorted(by_actor.values(), key=lambda item: (item.step, item.actor_id)))
 
 
 def find_overtakings(record: EpisodeRecord, places: LanePlaces, emv_id: int) -> tuple[Overtaking, ...]:
@@ -145,7 +145,7 @@ def find_overtakings(record: EpisodeRecord, places: LanePlaces, emv_id: int) -> 
     """
     rows = record.rows
     emv = record.track(emv_id)
-    found = []
+    overtakings = []
     for actor_id, actor in record.actors.items():
         span = record.rows_of(actor_id)
         if actor.is_emv or not len(span):
@@ -156,9 +156,9 @@ def find_overtakings(record: EpisodeRecord, places: LanePlaces, emv_id: int) -> 
             line = _boundary(record.network, lane, emv.xy_m[emv_row])
             if line is not None and civilian.speed_mps[row] <= CREEP_MPS:
                 side, lateral_m = line
-                found.append(Overtaking(actor_id, emv_id, int(civilian.step[row]), side, lateral_m))
+                overtakings.append(Overtaking(actor_id, emv_id, int(civilian.step[row]), side, lateral_m))
                 break
-    return tuple(sorted(found, key=lambda item: (item.step, item.actor_id)))
+    return tuple(sorted(overtakings, key=lambda item: (item.step, item.actor_id)))
 
 
 def _abreast(emv: StateRows, civilian: StateRows) -> list[tuple[int, int]]:
@@ -180,13 +180,13 @@ def _boundary(network: RoadNetwork, lane: int, xy_m: Floats) -> tuple[int, float
     """
     if not _is_driving(network, lane):
         return None
-    found = network.lanes[lane]
-    offset = float(found.centre.project(xy_m)[1])
+    lane_of_road = network.lanes[lane]
+    offset = float(lane_of_road.centre.project(xy_m)[1])
     lines = []
     for side in (1, -1):
-        neighbour = network.neighbour(found, side)
+        neighbour = network.neighbour(lane_of_road, side)
         if neighbour is not None and _is_driving(network, neighbour.index):
-            lines.append((abs(offset - side * found.width_m / 2.0), -side))
+            lines.append((abs(offset - side * lane_of_road.width_m / 2.0), -side))
     if not lines:
         return None
     lateral_m, lies = min(lines)

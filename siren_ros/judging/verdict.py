@@ -18,8 +18,8 @@ class Part:
     """Step and actor of the worst case, or names of what is missing."""
 
     def __str__(self) -> str:
-        found = f"{self.name}: {self.value:.4g} (needs {self.relation} {self.threshold:.4g})"
-        return f"{found}, {self.detail}" if self.detail else found
+        text = f"{self.name}: {self.value:.4g} (needs {self.relation} {self.threshold:.4g})"
+        return f"{text}, {self.detail}" if self.detail else text
 
 
 def at_least(name: str, value: float, threshold: float, detail: str = "") -> Part:

@@ -27,6 +27,8 @@ from siren_ros.recording.episode_record import EpisodeRecord, StateRows, TopicRe
 from siren_ros.world.actors import Owner
 from siren_ros.world.traffic_state import EventKind, hash_state
 
+Check = Callable[[EpisodeRecord, VerifyLimits], Part]
+
 
 @dataclass(frozen=True)
 class Verification:
@@ -213,8 +215,6 @@ def check_state_hashes(record: EpisodeRecord, _limits: VerifyLimits) -> Part:
     ]
     return equals("wrong_state_hashes", len(wrong), 0, f"first at step {wrong[0]}" if wrong else "")
 
-
-Check = Callable[[EpisodeRecord, VerifyLimits], Part]
 
 STATE_CHECKS: Final[tuple[Check, ...]] = (
     check_position_jumps,

@@ -15,7 +15,6 @@ from matplotlib.patches import Patch
 from siren_ros.errors import InputError, SirenError, whole_file, writing
 from siren_ros.interfaces.markers import EMV_COLOUR, MODE_COLOURS
 from siren_ros.judging.predicates import evaluate_predicate
-from siren_ros.judging.verdict import Verdict
 from siren_ros.numerics.units import STEP_S
 from siren_ros.pictures.palette import CIVILIAN, EMV_EVENTS, EVENT_STYLES, FAINT_TEXT, STATE_NAMES, TEXT
 from siren_ros.pictures.plot_parts import (
@@ -33,7 +32,8 @@ from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import Mode
 from siren_ros.world.traffic_state import EventKind
 
-SNAPSHOTS = 3
+SNAPSHOTS_AT = (0.2, 0.5, 0.8)
+"""Shares of the interaction's time at which the snapshots are."""
 WIDTH_IN = 13.0
 DPI = 150
 _MARGIN_M = 12.0
@@ -68,8 +68,8 @@ def interaction_box(record: EpisodeRecord) -> Box:
     first, last = interaction_steps(record)
     rows = record.rows
     within = (rows.step >= first) & (rows.step <= last)
-    wanted = np.isin(rows.actor_id, [*record.emv_ids, *yielding_actors(record)])
-    chosen = within & wanted
+    taking_part = np.isin(rows.actor_id, [*record.emv_ids, *yielding_actors(record)])
+    chosen = within & taking_part
     if not chosen.any():
         chosen = np.ones(len(rows), dtype=bool)
     x, y = rows.x_m[chosen], rows.y_m[chosen]
@@ -100,7 +100,7 @@ def draw_episode(record: EpisodeRecord) -> Figure:
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(
         4,
-        SNAPSHOTS,
+        len(SNAPSHOTS_AT),
         height_ratios=heights,
         left=0.075,
         right=0.985,
@@ -109,7 +109,8 @@ def draw_episode(record: EpisodeRecord) -> Figure:
         hspace=0.2,
         wspace=0.03,
     )
-    moments = _moments(record)
+    first, last = interaction_steps(record)
+    moments = [round(first + (last - first) * share) for share in SNAPSHOTS_AT]
     speeds = Normalize(0.0, max(float(np.percentile(record.rows.speed_mps, 99.5)) * KMH * 1.12, 10.0))
     _draw_map(figure.add_subplot(grid[0, :]), record, box, speeds, moments)
     for column, step in enumerate(moments):
@@ -122,11 +123,6 @@ def draw_episode(record: EpisodeRecord) -> Figure:
     timeline.tick_params(labelbottom=False)
     _draw_title(figure, record)
     return figure
-
-
-def _moments(record: EpisodeRecord) -> list[int]:
-    first, last = interaction_steps(record)
-    return [round(first + (last - first) * share) for share in (0.2, 0.5, 0.8)][:SNAPSHOTS]
 
 
 def _frame(axes: Axes, box: Box) -> None:
@@ -294,21 +290,15 @@ def _draw_title(figure: Figure, record: EpisodeRecord) -> None:
     height_in = figure.get_size_inches()[1]
     title = f"{description.template} · {description.level.name} · seed {description.seed} · {description.map_name}"
     figure.text(0.075, 1.0 - 0.3 / height_in, title, fontsize=14, fontweight="bold", color=TEXT, va="center")
-    verdict = _verdict(record)
-    if verdict is None:
+    try:
+        verdict = evaluate_predicate(record)
+    except SirenError:
         return
     word, colour = ("interaction verified", "#12855f") if verdict.holds else ("interaction not found", "#b3121a")
     figure.text(
         0.985, 1.0 - 0.3 / height_in, word, fontsize=11, fontweight="bold", color=colour, ha="right", va="center"
     )
     figure.text(0.075, 1.0 - 0.6 / height_in, verdict.text, fontsize=9, color=FAINT_TEXT, va="center")
-
-
-def _verdict(record: EpisodeRecord) -> Verdict | None:
-    try:
-        return evaluate_predicate(record)
-    except SirenError:
-        return None
 
 
 def save_episode_picture(record: EpisodeRecord, path: Path) -> Path:

@@ -29,6 +29,24 @@ from siren_ros.world.actors import Lights, Mode
 Colour = tuple[int, ...]
 """Red, green, blue and, where it has one, opacity, 0 to 255 each."""
 _OVERSAMPLING: Final = 4
+_DPI: Final = 100
+_MARKING_M: Final = 0.13
+"""Width of lane markings: 12 cm on urban roads in most of Europe."""
+_STOP_BAR_M: Final = 0.5
+"""Thickness of a stop line: 50 cm in most of Europe."""
+MOST_PIXELS: Final = 36_000_000
+"""Largest image (144 MB while it is drawn); larger areas are drawn at a smaller scale."""
+SIZE_PX: Final = (1280, 720)
+PX_PER_M: Final = 9.0
+"""Shows 142 m by 80 m."""
+_TRAIL_STEPS: Final = 60
+_CAMERA_STEPS: Final = 40
+"""Half width of the window that smooths the camera's path."""
+_BEACON_STEPS: Final = 4
+_LEFT_TO_RIGHT: Final = "tlLsRr"
+_GLASS: Final = (255, 255, 255, 190)
+_TRAIL: Final = (212, 26, 31, 80)
+_PANEL: Final = (255, 255, 255, 225)
 
 
 def rgb_of(colour: str | Sequence[float]) -> Colour:
@@ -73,14 +91,7 @@ def ribbon(points: Points, width_px: float) -> Points:
     return np.concatenate((points + normal, (points - normal)[::-1]))
 
 
-_DPI: Final = 100
-_MARKING_M: Final = 0.13
-"""Width of lane markings: 12 cm on urban roads in most of Europe."""
-_STOP_BAR_M: Final = 0.5
-"""Thickness of a stop line: 50 cm in most of Europe."""
 _STOP_BAR: Final = rgb_of("#a8323a")
-MOST_PIXELS: Final = 36_000_000
-"""Largest image (144 MB while it is drawn); larger areas are drawn at a smaller scale."""
 
 
 @dataclass(frozen=True)
@@ -145,13 +156,6 @@ def stop_bar(lane: Lane, from_share: float, to_share: float) -> Points:
     return lane.centre.offset_points(along, np.array([left, left, right, right]))
 
 
-SIZE_PX: Final = (1280, 720)
-PX_PER_M: Final = 9.0
-"""Shows 142 m by 80 m."""
-_TRAIL_STEPS: Final = 60
-_CAMERA_STEPS: Final = 40
-"""Half width of the window that smooths the camera's path."""
-_BEACON_STEPS: Final = 4
 _SIGNAL_COLOURS: Final[dict[str, Colour]] = {
     **dict.fromkeys("r", rgb_of("#d8232a")),
     **dict.fromkeys("u", rgb_of("#ef7d1a")),
@@ -160,13 +164,9 @@ _SIGNAL_COLOURS: Final[dict[str, Colour]] = {
     **dict.fromkeys("s", rgb_of("#7ab87f")),
 }
 _SIGNAL_OFF: Final = rgb_of("#777b80")
-_LEFT_TO_RIGHT: Final = "tlLsRr"
 _BEACONS: Final = (rgb_of("#2f6bff"), rgb_of("#ffffff"))
 _BRAKE: Final = rgb_of("#ff2a1f")
-_GLASS: Final = (255, 255, 255, 190)
 _OUTLINE: Final = rgb_of(TEXT)
-_TRAIL: Final = (212, 26, 31, 80)
-_PANEL: Final = (255, 255, 255, 225)
 
 
 class BirdseyeFilm:
@@ -247,7 +247,7 @@ class BirdseyeFilm:
         glass, tail, beacon = boxes(0.18, 0.14, 0.78), boxes(-0.46, 0.08), boxes(-0.05, 0.12, 0.6)
         draw = ImageDraw.Draw(picture)
         for row in np.argsort([actor.is_emv for actor in actors], kind="stable"):
-            if not _visible(outer[row]):
+            if (outer[row].max(axis=0) <= 0.0).any() or (outer[row].min(axis=0) >= SIZE_PX).any():
                 continue
             lights = int(state.lights[row])
             fill = rgb_of(colour_of(int(state.mode[row]), actors[row].is_emv))
@@ -339,7 +339,3 @@ def _scale_bar(draw: ImageDraw.ImageDraw, px_per_m: float) -> None:
     left, bottom = 16.0, SIZE_PX[1] - 13.0
     draw.rectangle((left, bottom - 5, left + length_m * px_per_m, bottom), fill=_OUTLINE)
     draw.text((left + length_m * px_per_m + 8, bottom - 2), f"{length_m:g} m", _OUTLINE, font(13), anchor="lm")
-
-
-def _visible(corners: npt.NDArray[np.float64]) -> bool:
-    return bool((corners.max(axis=0) > 0.0).all() and (corners.min(axis=0) < SIZE_PX).all())

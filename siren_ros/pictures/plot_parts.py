@@ -35,6 +35,9 @@ from siren_ros.world.actors import ActorDescription, ActorStates, Lights, Mode
 from siren_ros.world.traffic_state import EventKind
 
 _PAVED = (LaneKind.DRIVING, LaneKind.SHOULDER)
+_CHARACTER_WIDTH = 0.56
+"""Mean width of a character relative to the font size."""
+KMH = 3.6
 
 
 def draw_roads(axes: Axes, network: RoadNetwork, line_width: float) -> None:
@@ -94,10 +97,6 @@ def _draw_markings(axes: Axes, network: RoadNetwork, line_width: float) -> None:
     axes.add_collection(LineCollection(dashed, colors=MARKING, linewidths=line_width, linestyles=[dashes], zorder=1.7))
 
 
-_CHARACTER_WIDTH = 0.56
-"""Mean width of a character relative to the font size."""
-
-
 @dataclass
 class LabelPlacer:
     """Places small labels next to points without overlaps; leaves a label out where no place is free."""
@@ -152,9 +151,9 @@ class LabelPlacer:
 def draw_scale_bar(axes: Axes) -> None:
     """A bar of 1, 2 or 5 × 10ⁿ m, about a sixth of the picture wide, in the lower left corner."""
     (x0, x1), (y0, _) = axes.get_xlim(), axes.get_ylim()
-    wanted = (x1 - x0) / 6.0
-    power = 10.0 ** math.floor(math.log10(wanted))
-    length = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= wanted)
+    longest = (x1 - x0) / 6.0
+    power = 10.0 ** math.floor(math.log10(longest))
+    length = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= longest)
     dots_per_m = axes.bbox.width / (x1 - x0)
     point_m = axes.figure.dpi / 72.0 / dots_per_m
     left, bottom = x0 + 12 * point_m, y0 + 10 * point_m
@@ -181,9 +180,6 @@ def draw_scale_bar(axes: Axes) -> None:
         zorder=10,
         bbox=box,
     )
-
-
-KMH = 3.6
 
 
 def draw_vehicles(axes: Axes, states: ActorStates, actors: Mapping[int, ActorDescription], line_width: float) -> None:

@@ -30,6 +30,21 @@ CELL_PX: Final = (640, 480)
 """Width and height of one picture of the grid."""
 _BIRDSEYE: Final = "bird's-eye view"
 _BACKGROUND: Final = (20, 20, 20)
+FRAME_RATE_HZ: Final = 10
+"""Rate of the paper's videos and logged states."""
+FRAME_STEPS: Final = round(1.0 / (FRAME_RATE_HZ * STEP_S))
+_ENCODER: Final = "libx264"
+CRF: Final = 20
+"""H.264's constant rate factor of videos: almost no visible loss."""
+_MAX_CRF: Final = 51
+_LEAST_WIDTH_PX: Final = 64
+_OPTIONS: Final = {
+    "preset": "veryfast",
+    "threads": "1",  # the number is written into the stream, and equal episodes must give equal bytes
+    "mbtree": "0",  # x264's assembly for it reads memory that nothing wrote: equal frames gave other bytes now and then
+}
+_WITHIN: Final = "a time before the end of {}"
+Frame = npt.NDArray[np.uint8]
 
 
 def grid_frames(bag: Path, record: EpisodeRecord, steps: Sequence[int]) -> Iterator[npt.NDArray[np.uint8]]:
@@ -51,7 +66,7 @@ def grid_frames(bag: Path, record: EpisodeRecord, steps: Sequence[int]) -> Itera
             while upcoming is not None and upcoming[0] <= step:
                 shown.update(upcoming[1])
                 upcoming = next(pictures, None)
-            cells = [(_BIRDSEYE, film.frame(step)), *((one.name, shown.get(one.name)) for one in cameras)]
+            cells = [(_BIRDSEYE, film.frame(step)), *((camera.name, shown.get(camera.name)) for camera in cameras)]
             yield np.asarray(_composed(cells, places))
 
 
@@ -75,9 +90,9 @@ def _pictures(source: EpisodeSource, cameras: Sequence[MountedCamera]) -> Iterat
     names = {camera.topic: camera.name for camera in cameras}
     for step, held in source.messages_by_step(set(names)):
         with damage_refused(source.path):
-            found = {names[topic]: from_compressed_image(message.read()) for topic, message in held.items()}
+            jpegs = {names[topic]: from_compressed_image(message.read()) for topic, message in held.items()}
         try:
-            yield step, {name: Image.open(BytesIO(jpeg)).convert("RGB") for name, jpeg in found.items()}
+            yield step, {name: Image.open(BytesIO(jpeg)).convert("RGB") for name, jpeg in jpegs.items()}
         except (UnidentifiedImageError, OSError) as error:
             raise BagError(str(source.path), f"JPEG images ({error})") from error
 
@@ -95,25 +110,6 @@ def _composed(cells: Sequence[tuple[str, Image.Image | None]], places: Sequence[
             whole.paste(fitted, (left + (width - fitted.width) // 2, top + (height - fitted.height) // 2))
         draw.text((left + 8, top + 6), name, fill=(255, 255, 255), font=font, stroke_width=2, stroke_fill=(0, 0, 0))
     return whole
-
-
-FRAME_RATE_HZ: Final = 10
-"""Rate of the paper's videos and logged states."""
-FRAME_STEPS: Final = round(1.0 / (FRAME_RATE_HZ * STEP_S))
-_ENCODER: Final = "libx264"
-CRF: Final = 20
-"""H.264's constant rate factor of videos: almost no visible loss."""
-_MAX_CRF: Final = 51
-_LEAST_WIDTH_PX: Final = 64
-_OPTIONS: Final = {
-    "preset": "veryfast",
-    "threads": "1",  # the number is written into the stream, and equal episodes must give equal bytes
-    "mbtree": "0",  # x264's assembly for it reads memory that nothing wrote: equal frames gave other bytes now and then
-}
-
-_WITHIN: Final = "a time before the end of {}"
-
-Frame = npt.NDArray[np.uint8]
 
 
 class View(StrEnum):
@@ -185,10 +181,10 @@ def save_video(
     first = -(-steps_from_s(start_s) // FRAME_STEPS) * FRAME_STEPS
     if first >= record.steps:
         raise InputError("start_s", start_s, _WITHIN.format(bag))
-    wanted = _first_of(range(first, record.steps, FRAME_STEPS), frames, bag)
+    steps = _first_of(range(first, record.steps, FRAME_STEPS), frames, bag)
     if view is View.GRID:
-        return write_video(path, grid_frames(bag, record, wanted), coding)
-    return write_video(path, BirdseyeFilm(record, wanted).frames(), coding)
+        return write_video(path, grid_frames(bag, record, steps), coding)
+    return write_video(path, BirdseyeFilm(record, steps).frames(), coding)
 
 
 def _first_of(available: range, frames: int | None, bag: Path) -> range:
@@ -213,9 +209,9 @@ def _front_frames(bag_path: Path, frames: int | None, first_step: int) -> Iterat
         later = [time for time in on_grid if step_of_time_ns(time) >= first_step]
         if not later:
             raise InputError("start_s", first_step * STEP_S, _WITHIN.format(bag_path))
-        wanted = frozenset(later[: len(_first_of(range(len(later)), frames, bag_path))])
+        chosen = frozenset(later[: len(_first_of(range(len(later)), frames, bag_path))])
         for message in bag.messages({topic}):
-            if message.time_ns in wanted:
+            if message.time_ns in chosen:
                 yield _decoded(message)
 
 

@@ -125,7 +125,7 @@ def in_dataset_order(surveys: Sequence[BagSurvey]) -> list[tuple[BagSurvey, str]
 
 
 def survey_bag(bag: Path, format_name: str, needs: Sequence[Need], scratch: Path) -> BagSurvey:
-    """Looks at a bag; one that was cut off is recovered into ``scratch`` first.
+    """Looks at a bag; a bag that was cut off is recovered into ``scratch`` first.
 
     Raises:
         BagError: No episode, nothing that could be recovered, or not what the format needs.
@@ -189,5 +189,5 @@ def recovered(bag: Path, scratch: Path) -> tuple[Path, str]:
         scratch.mkdir(parents=True, exist_ok=True)
     if target.exists():
         return target, "the bag was cut off"
-    found = recover_bag(bag, target)
-    return found.path, f"the bag was cut off: {found.lost or 'its end is missing'}"
+    recovery = recover_bag(bag, target)
+    return recovery.path, f"the bag was cut off: {recovery.lost or 'its end is missing'}"

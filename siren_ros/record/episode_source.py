@@ -114,8 +114,8 @@ class EpisodeSource:
     def _mounts(self) -> dict[str, Matrix]:
         message = self._first(topics.TF_STATIC.name)
         with damage_refused(self.path):
-            found = () if message is None else from_tf(message)
-        return {transform.child: matrix_of_transform(transform) for transform in found}
+            transforms = () if message is None else from_tf(message)
+        return {transform.child: matrix_of_transform(transform) for transform in transforms}
 
     @property
     def station(self) -> Matrix | None:
@@ -125,12 +125,12 @@ class EpisodeSource:
     def _sensors(self, topic: Topic) -> dict[str, str]:
         """Names of the sensors that publish on a kind of topic, with the topics."""
         head, tail = topic.name.split("{sensor}")
-        found = {
+        names = {
             name[len(head) : len(name) - len(tail)]: name
             for name, kind in self.bag.type_names.items()
             if kind == topic.type_name and name.startswith(head) and name.endswith(tail)
         }
-        return {sensor: name for sensor, name in sorted(found.items()) if "/" not in sensor}
+        return {sensor: name for sensor, name in sorted(names.items()) if "/" not in sensor}
 
     @cached_property
     def lidar(self) -> MountedSensor | None:
@@ -145,7 +145,7 @@ class EpisodeSource:
     @cached_property
     def cameras(self) -> tuple[MountedCamera, ...]:
         """The EMV's cameras with recorded pictures, in the order of their names."""
-        found = []
+        cameras = []
         for name, topic in self._sensors(topics.IMAGE_COMPRESSED).items():
             info = self._first(topics.CAMERA_INFO.of_sensor(name, 1).name)
             if info is None or str(info.header.frame_id) not in self._mounts:
@@ -154,21 +154,21 @@ class EpisodeSource:
             with damage_refused(self.path):
                 model = from_camera_info(info)
             mount = self._mounts[str(info.header.frame_id)]
-            found.append(MountedCamera(name, topic, mount, model, truth if truth in self.bag.type_names else ""))
-        return tuple(found)
+            cameras.append(MountedCamera(name, topic, mount, model, truth if truth in self.bag.type_names else ""))
+        return tuple(cameras)
 
     @property
     def front_camera(self) -> MountedCamera | None:
         """The camera that looks ahead; None without one."""
         return next((camera for camera in self.cameras if camera.name == FRONT_CAMERA), None)
 
-    def messages_by_step(self, wanted: Collection[str]) -> Iterator[tuple[int, dict[str, BagMessage]]]:
+    def messages_by_step(self, topics: Collection[str]) -> Iterator[tuple[int, dict[str, BagMessage]]]:
         """The messages of some topics, those of one step together, in the order of time; only one step is in memory.
 
         Raises:
             BagError: The bag is damaged at the place that has been reached.
         """
-        for time_ns, messages in groupby(self.bag.messages(wanted), lambda message: message.time_ns):
+        for time_ns, messages in groupby(self.bag.messages(topics), lambda message: message.time_ns):
             yield step_of_time_ns(time_ns), {message.topic: message for message in messages}
 
     def record(self) -> EpisodeRecord:
@@ -220,8 +220,8 @@ def lidar_frames(
     lidar = lidar_of(source)
     pictures = {camera.topic: camera.name for camera in cameras}
     labels = {camera.truth_topic: camera.name for camera in cameras if camera.truth_topic}
-    wanted = {lidar.topic, GROUND_TRUTH.name, *pictures, *labels, *((TF.name,) if pose else ())}
-    for step, held in source.messages_by_step(wanted):
+    topics = {lidar.topic, GROUND_TRUTH.name, *pictures, *labels, *((TF.name,) if pose else ())}
+    for step, held in source.messages_by_step(topics):
         if not held.keys() - {TF.name}:
             continue
         with damage_refused(source.path):

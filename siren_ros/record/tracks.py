@@ -72,34 +72,34 @@ def _row_keys(actor_id: Ids, step: Any) -> npt.NDArray[np.int64]:
 
 
 def tracks_of(record: EpisodeRecord) -> tuple[Track, ...]:
-    """The tracks of everybody, in the order of actor ids.
+    """The tracks of all vehicles, in the order of actor ids.
 
     Raises:
         BagError: The record holds states of an actor that it does not describe.
     """
     rows, inside = record.rows, rows_in_region(record)
     logged = np.flatnonzero(rows.step % LOG_PERIOD_STEPS == 0)
-    found = []
+    tracks = []
     for actor_id in np.unique(rows.actor_id[logged]).tolist():
         actor = record.actors.get(actor_id)
         if actor is None:
             raise BagError(record.description.template, f"an episode that describes its actors; {actor_id} is not")
-        own = logged[rows.actor_id[logged] == actor_id]
-        found.append(
+        of_actor = logged[rows.actor_id[logged] == actor_id]
+        tracks.append(
             Track(
                 actor=actor,
-                frame=rows.step[own] // LOG_PERIOD_STEPS,
-                x_m=rows.x_m[own],
-                y_m=rows.y_m[own],
-                z_m=rows.z_m[own],
-                yaw_rad=rows.yaw_rad[own],
-                vx_mps=rows.vx_mps[own],
-                vy_mps=rows.vy_mps[own],
-                accel_mps2=rows.accel_mps2[own],
-                in_region=inside[own],
+                frame=rows.step[of_actor] // LOG_PERIOD_STEPS,
+                x_m=rows.x_m[of_actor],
+                y_m=rows.y_m[of_actor],
+                z_m=rows.z_m[of_actor],
+                yaw_rad=rows.yaw_rad[of_actor],
+                vx_mps=rows.vx_mps[of_actor],
+                vy_mps=rows.vy_mps[of_actor],
+                accel_mps2=rows.accel_mps2[of_actor],
+                in_region=inside[of_actor],
             )
         )
-    return tuple(found)
+    return tuple(tracks)
 
 
 def whole_windows(track: Track, count: int, population: str) -> Rows:
@@ -113,13 +113,13 @@ def whole_windows(track: Track, count: int, population: str) -> Rows:
 
 def lane_signals(record: EpisodeRecord, step: int) -> Mapping[int, str]:
     """State of the signal at the end of each lane at a step: one of SUMO's letters, by the lane's index."""
-    traffic = next((one for one in record.traffic if one.step == step), None)
+    traffic = next((state for state in record.traffic if state.step == step), None)
     states = {} if traffic is None else {signal.signal_id: signal.state for signal in traffic.signals}
-    found: dict[int, str] = {}
+    letters: dict[int, str] = {}
     for connection in record.network.connections:
         if connection.signal_id in states and connection.signal_link < len(states[connection.signal_id]):
             letter = states[connection.signal_id][connection.signal_link]
             # A green movement shows that the lane may be left.
-            if found.get(connection.from_lane, "r").lower() in "ryus":
-                found[connection.from_lane] = letter
-    return found
+            if letters.get(connection.from_lane, "r").lower() in "ryus":
+                letters[connection.from_lane] = letter
+    return letters

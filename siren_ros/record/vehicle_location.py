@@ -19,6 +19,8 @@ _END_MARGIN_M: Final = 0.05
 _HINT_BONUS_M: Final = 100.0
 """Puts SUMO's lane first where a pose lies in several lanes (paths across a junction overlap)."""
 _INTERNAL_PENALTY_M: Final = 10.0
+ALIGNED_RAD: Final = np.pi / 3.0
+"""Two vehicles drive in the same direction where their headings differ by less."""
 
 
 @dataclass(frozen=True)
@@ -73,9 +75,9 @@ def sumo_lanes(record: EpisodeRecord, rows: StateRows) -> Indices:
     ends = np.searchsorted(rows.step[order], [traffic.step for traffic in record.traffic], side="right")
     for traffic, first, last in zip(record.traffic, edges, ends, strict=True):
         at_step = order[first:last]
-        found = rows_of_ids(traffic.actor_id, rows.actor_id[at_step])
-        known = found >= 0
-        hint[at_step[known]] = traffic.lane[found[known]]
+        row_of_traffic = rows_of_ids(traffic.actor_id, rows.actor_id[at_step])
+        known = row_of_traffic >= 0
+        hint[at_step[known]] = traffic.lane[row_of_traffic[known]]
     return hint
 
 
@@ -115,10 +117,6 @@ def _followings(network: RoadNetwork, lane: int) -> list[tuple[int, ...]]:
         on_path = [connection for connection in network.connections if lane in connection.via]
         return [(*item.via[item.via.index(lane) + 1 :], item.to_lane) for item in on_path]
     return [(*connection.via, connection.to_lane) for connection in network.connections_from.get(lane, ())]
-
-
-ALIGNED_RAD: Final = np.pi / 3.0
-"""Two vehicles drive in the same direction where their headings differ by less."""
 
 
 def common_rows(first: StateRows, second: StateRows) -> tuple[StateRows, StateRows]:

@@ -24,6 +24,11 @@ VERSION: Final = 9
 MAX_METADATA_BYTES: Final = 1_000_000
 _FOREVER: Final = {"sec": 9223372036, "nsec": 854775807}
 """How rosbag2 writes an unlimited duration."""
+PARTIAL_SUFFIX: Final = ".partial"
+RESERVE_FILE: Final = ".reserve"
+RESERVE_BYTES: Final = 1_000_000
+"""Reserved disk space, for the end of a bag on a full disk."""
+_COPY_BYTES: Final = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -149,13 +154,6 @@ def _yaml(value: object) -> str:
     return yaml.dump(value, Dumper=_PlainDumper, sort_keys=False, default_flow_style=False, allow_unicode=True)
 
 
-PARTIAL_SUFFIX: Final = ".partial"
-RESERVE_FILE: Final = ".reserve"
-RESERVE_BYTES: Final = 1_000_000
-"""Reserved disk space, for the end of a bag on a full disk."""
-_COPY_BYTES: Final = 1 << 20
-
-
 def working_path(bag: Path) -> Path:
     """The folder in which a bag is written before it has its final name."""
     return bag.parent / f".{bag.name}{PARTIAL_SUFFIX}"
@@ -254,10 +252,10 @@ class WorkingFolder:
     def is_there(self) -> bool:
         """Whether the path still leads to the open storage file."""
         try:
-            found, opened = self._file_path.stat(), os.fstat(self.file.fileno())
+            at_path, opened = self._file_path.stat(), os.fstat(self.file.fileno())
         except OSError:
             return False
-        return (found.st_dev, found.st_ino) == (opened.st_dev, opened.st_ino)
+        return (at_path.st_dev, at_path.st_ino) == (opened.st_dev, opened.st_ino)
 
     def check(self) -> None:
         """Raises OSError where the folder has been removed."""

@@ -34,6 +34,15 @@ _FOOTER: Final = struct.Struct("<BQQQI8s")
 """Code, length, start of the summary, start of the offsets, checksum; then the magic bytes at the end of the file."""
 _FOOTER_FIELDS_BYTES: Final = 20
 _AFTER_CRC_BYTES: Final = 12
+_STAMPED_FIRST: Final = frozenset({"std_msgs/msg/Header", "builtin_interfaces/msg/Time"})
+_STAMP: Final = struct.Struct("<iI")
+_ENCAPSULATION_BYTES: Final = 4
+_LITTLE_ENDIAN_CDR: Final = b"\x00\x01"
+_typestores: Final[dict[frozenset[tuple[str, str]], Typestore]] = {}
+"""By the definitions of a bag. A store compiles a reader for each type; bags of one version share their definitions."""
+MAX_BURST_NS: Final = 4 * STEP_NS
+"""Most simulated time that is published at once; a subscriber keeps 8 messages of a topic."""
+NS_PER_S: Final = 1_000_000_000
 
 
 def storage_files(bag: Path) -> list[Path]:
@@ -125,14 +134,6 @@ def _check_end(stream: BinaryIO, size: int) -> None:
         raise DamageError("the summary does not have its checksum")
 
 
-_STAMPED_FIRST: Final = frozenset({"std_msgs/msg/Header", "builtin_interfaces/msg/Time"})
-_STAMP: Final = struct.Struct("<iI")
-_ENCAPSULATION_BYTES: Final = 4
-_LITTLE_ENDIAN_CDR: Final = b"\x00\x01"
-_typestores: Final[dict[frozenset[tuple[str, str]], Typestore]] = {}
-"""By the definitions of a bag. A store compiles a reader for each type; bags of one version share their definitions."""
-
-
 @contextmanager
 def damage_refused(path: Path) -> Iterator[None]:
     """Turns any error of a parser on damaged or foreign content into a BagError that names the bag."""
@@ -182,11 +183,11 @@ class OpenBag:
         Raises:
             BagError: The bag is damaged after the last message that was returned.
         """
-        wanted = [item for item in self.reader.connections if topics is None or item.topic in topics]
-        if not wanted:
+        connections = [item for item in self.reader.connections if topics is None or item.topic in topics]
+        if not connections:
             return
         with damage_refused(self.path):
-            for connection, time_ns, cdr in self.reader.messages(wanted):
+            for connection, time_ns, cdr in self.reader.messages(connections):
                 yield BagMessage(connection.topic, connection.msgtype, time_ns, cdr, self)
 
     def stamp_ns(self, message: BagMessage) -> int | None:
@@ -282,17 +283,12 @@ def bags_among(paths: Iterable[Path]) -> tuple[Path, ...]:
     Hidden folders are left out: there bags are under way. A folder without any bag stays as it is, so that reading it
     says what is wrong.
     """
-    found: list[Path] = []
+    all_bags: list[Path] = []
     for path in paths:
         inside = set() if storage_files(path) else {file.parent for file in path.rglob("*.mcap")}
         bags = sorted(bag for bag in inside if not any(part[0] == "." for part in bag.relative_to(path).parts))
-        found += bags or [path]
-    return tuple(found)
-
-
-MAX_BURST_NS: Final = 4 * STEP_NS
-"""Most simulated time that is published at once; a subscriber keeps 8 messages of a topic."""
-NS_PER_S: Final = 1_000_000_000
+        all_bags += bags or [path]
+    return tuple(all_bags)
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,17 @@ from siren_ros.errors import EpisodeError
 from siren_ros.recording.bag_folder import BagTopic, WorkingFolder, free_partial_path, metadata_text, qos_text
 from siren_ros.recording.mcap_stream import ChannelMessage, ChunkContent, McapStream, definitions_bytes, message_bytes
 
+END_KEY: Final = "siren_end"
+REASON_KEY: Final = "siren_reason"
+REPEAT_CHUNKS: Final = 64
+"""Every 64th chunk, and every chunk after one with new definitions, repeats all definitions: a damaged chunk of a
+cut-off bag then costs no other chunk."""
+_CAUSES: Final = {
+    errno.ENOSPC: "the disk is full",
+    errno.EDQUOT: "the disk's quota is used up",
+    errno.EFBIG: "the limit on the size of files is reached",
+}
+
 
 class BackgroundWorker:
     """Calls ``work(item)`` for every item, one after the other, in a thread of its own.
@@ -58,18 +69,6 @@ class BackgroundWorker:
     def _raise(self) -> None:
         if self._error is not None:
             raise self._error
-
-
-END_KEY: Final = "siren_end"
-REASON_KEY: Final = "siren_reason"
-REPEAT_CHUNKS: Final = 64
-"""Every 64th chunk, and every chunk after one with new definitions, repeats all definitions: a damaged chunk of a
-cut-off bag then costs no other chunk."""
-_CAUSES: Final = {
-    errno.ENOSPC: "the disk is full",
-    errno.EDQUOT: "the disk's quota is used up",
-    errno.EFBIG: "the limit on the size of files is reached",
-}
 
 
 @dataclass(frozen=True)

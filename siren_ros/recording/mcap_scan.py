@@ -141,13 +141,13 @@ def read_copies(file: BinaryIO, places: Iterable[RecordPlace]) -> list[ChunkCont
         file: The file.
         places: Of its attachments; those of other kinds are left out.
     """
-    found = []
+    copies = []
     for place in places:
         with suppress(DamageError):
             attachment = read_attachment(file, place)
             if attachment.name == COPIES_NAME:
-                found += [parse_content(unpack(chunk)) for chunk in read_chunks(BytesIO(attachment.data))]
-    return found
+                copies += [parse_content(unpack(chunk)) for chunk in read_chunks(BytesIO(attachment.data))]
+    return copies
 
 
 def count_index_entries(file: BinaryIO, offset: int) -> int:

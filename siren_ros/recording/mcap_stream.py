@@ -118,12 +118,13 @@ class McapStream:
             left = left[self._stream.write(left) :]
         self._position += len(data)
 
-    def write_chunk(self, content: ChunkContent) -> None:
-        """Writes one chunk and the index of its messages; OSError where the disk refuses it."""
-        self.adopt_chunk(content, None)
+    def write_chunk(self, content: ChunkContent, packed: bytes | None = None) -> None:
+        """Writes one chunk and the index of its messages; OSError where the disk refuses it.
 
-    def adopt_chunk(self, content: ChunkContent, packed: bytes | None) -> None:
-        """Writes one chunk; ``packed`` is its content compressed before, None to compress it here."""
+        Args:
+            content: What the chunk holds; an empty chunk is not written.
+            packed: The content as it was compressed before; None to compress it here.
+        """
         if not content.messages and not content.channels and not content.schemas:
             return
         offset = definitions_bytes(content.schemas, content.channels)
@@ -250,14 +251,10 @@ def plain_bytes(content: ChunkContent) -> bytes:
     """The uncompressed bytes of a chunk."""
     parts = [_bytes_of([*content.schemas, *content.channels])]
     for message in content.messages:
-        parts += [_message_head(message), message.data]
+        size, times_ns = _MESSAGE_FIELDS_BYTES + len(message.data), (message.time_ns, message.time_ns)
+        head = _MESSAGE_HEADER.pack(Opcode.MESSAGE, size, message.channel_id, message.sequence, *times_ns)
+        parts += [head, message.data]
     return b"".join(parts)
-
-
-def _message_head(message: ChannelMessage) -> bytes:
-    size = _MESSAGE_FIELDS_BYTES + len(message.data)
-    time_ns = message.time_ns
-    return _MESSAGE_HEADER.pack(Opcode.MESSAGE, size, message.channel_id, message.sequence, time_ns, time_ns)
 
 
 def _bytes_of(records: Sequence[McapRecord]) -> bytes:

@@ -39,6 +39,21 @@ LAST_STEP: Final = 2**31
 LONGEST_S: Final = 1e8
 _OF_OTHER_LENGTH: Final = frozenset({"removed", "route_offset", "route_edges"})
 _TRAFFIC_COLUMNS: Final = tuple(name for name in TRAFFIC_STATE_DTYPES if name not in _OF_OTHER_LENGTH)
+RECORD_TOPICS: Final = (
+    EPISODE,
+    MAP,
+    TRAFFIC,
+    EMV_COMMANDS,
+    YIELD_COMMANDS,
+    AV_CONTROL,
+    ACTORS,
+    EVENTS,
+    EPISODE_END,
+    OUTCOME,
+)
+"""The topics of a record; messages on other topics are only counted."""
+Reading: TypeAlias = Callable[[Callable[[Any], Any], Any], Any]
+"""Applies a conversion to a message; may return the result of an earlier call for the same message."""
 
 
 def check_states(states: ActorStates) -> None:
@@ -94,24 +109,6 @@ def _check(columns: ActorStates | TrafficState | VehicleCommands, names: Collect
         raise BagError(what, f"steps from 0 to {LAST_STEP - 1}")
     if len({len(getattr(columns, name)) for name in names}) > 1:
         raise BagError(what, "columns of one length")
-
-
-RECORD_TOPICS: Final = (
-    EPISODE,
-    MAP,
-    TRAFFIC,
-    EMV_COMMANDS,
-    YIELD_COMMANDS,
-    AV_CONTROL,
-    ACTORS,
-    EVENTS,
-    EPISODE_END,
-    OUTCOME,
-)
-"""The topics of a record; messages on other topics are only counted."""
-
-Reading: TypeAlias = Callable[[Callable[[Any], Any], Any], Any]
-"""Applies a conversion to a message; may return the result of an earlier call for the same message."""
 
 
 def read_anew(read: Callable[[Any], Any], message: Any) -> Any:

@@ -20,6 +20,10 @@ from siren_ros.recording.bag_writer import BagSummary, EpisodeBagWriter
 from siren_ros.recording.record_builder import RECORD_TOPICS, Reading, RecordBuilder, read_anew
 from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
 
+MAX_EARLY_MESSAGES: Final = 1000
+"""Most messages that are kept before the episode's topics are known; each latched topic sends one."""
+_DECODED = frozenset(topic.name for topic in RECORD_TOPICS)
+
 
 @dataclass(frozen=True)
 class CollectedMessage:
@@ -109,7 +113,7 @@ class StepCollector:
                 return
             self._latched_done = True
             yield from self._take_latched()
-        while self._is_complete(self._next_step):
+        while len(self._held.get(self._next_step, ())) == len(self._due(self._next_step)):
             yield from self._take_step(self._next_step)
 
     def drain(self) -> Iterator[CollectedMessage]:
@@ -132,26 +136,14 @@ class StepCollector:
             if topic.name in held:
                 yield CollectedMessage(topic, step, held[topic.name])
 
-    def _is_complete(self, step: int) -> bool:
-        held = self._held.get(step)
-        return held is not None and len(held) == len(self._due(step))
-
-    def _missing_at(self, step: int) -> list[Topic]:
-        held = self._held.get(step, {})
-        return [topic for topic in self._due(step) if topic.name not in held]
-
     def missing(self, last_step: int) -> tuple[MissingMessage, ...]:
         """All missing messages of the steps up to and including ``last_step``."""
         latched = [] if self._latched_done else self._latched
         lacking = [MissingMessage(topic, 0) for topic in latched if topic.name not in self._held_latched]
         for step in range(self._next_step, last_step + 1):
-            lacking += [MissingMessage(topic, step) for topic in self._missing_at(step)]
+            held = self._held.get(step, {})
+            lacking += [MissingMessage(topic, step) for topic in self._due(step) if topic.name not in held]
         return tuple(lacking)
-
-
-MAX_EARLY_MESSAGES: Final = 1000
-"""Most messages that are kept before the episode's topics are known; each latched topic sends one."""
-_DECODED = frozenset(topic.name for topic in RECORD_TOPICS)
 
 
 class EpisodeRecorder:

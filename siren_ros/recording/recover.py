@@ -164,7 +164,7 @@ class _Salvage:
                 copies = self._restore(copies, next(first_times_ns, math.inf))
             else:
                 unchanged = chunk.compression == "zstd" and plain_bytes(content) == plain
-                self.stream.adopt_chunk(content, chunk.packed if unchanged else None)
+                self.stream.write_chunk(content, chunk.packed if unchanged else None)
         self._restore(copies, math.inf)
         self.lost_messages = max(0, self.lost_messages - self.restored)
 
@@ -184,7 +184,7 @@ class _Salvage:
     def _restore(self, copies: list[ChannelMessage], beyond_ns: float) -> list[ChannelMessage]:
         """Writes the copies up to a time in the place of a damaged chunk; returns the others."""
         content = self._take(ChunkContent((), (), tuple(item for item in copies if item.time_ns <= beyond_ns)))
-        self.stream.adopt_chunk(content, None)
+        self.stream.write_chunk(content)
         self.restored += len(content.messages)
         return [item for item in copies if item.time_ns > beyond_ns]
 

@@ -1,13 +1,15 @@
 """Bags of real episodes that the tests of the formats share."""
 
+from functools import cache
 from pathlib import Path
 
 import pytest
-from datasets.made_bag import Made, write_made_bag
+from datasets.made_bag import Export, Made, write_made_bag
 from recorded_episode import sensed_recording, tracked_recording
 from rosbags.typesys.store import Typestore
 from synthetic_episode import NET_XML
 
+from siren_ros.cli.main import main
 from siren_ros.roads.net_parser import parse_road_network
 from siren_ros.roads.road_network import RoadNetwork
 
@@ -44,3 +46,21 @@ def made_bags(tmp_path_factory: pytest.TempPathFactory, typestore: Typestore) ->
 def made_drive(tmp_path_factory: pytest.TempPathFactory, typestore: Typestore) -> Path:
     """An episode of formulas of 13.1 s without sensors."""
     return write_made_bag(tmp_path_factory.mktemp("made") / "drive", typestore, Made(steps=262, sensed=False))
+
+
+@pytest.fixture(scope="session")
+def exported(tmp_path_factory: pytest.TempPathFactory) -> Export:
+    """Exports bags as a user does; the same arguments give the dataset that is there already."""
+
+    @cache
+    def export(name: str, *words: str) -> Path:
+        out = tmp_path_factory.mktemp(name) / "out"
+        assert main(["export", name, *words, "--out", str(out)]) == 0
+        return out
+
+    def exported(name: str, bags: Path | list[Path], *options: str) -> Path:
+        if isinstance(bags, Path):
+            return export(name, str(bags), *options)
+        return export(name, *map(str, bags), *options, "--jobs", "1")
+
+    return exported

@@ -32,6 +32,8 @@ from siren_ros.world.carrier import BASE_FRAME, MAP_FRAME, ODOM_FRAME, CameraTru
 from siren_ros.world.measurements import CameraIntrinsics
 from siren_ros.world.traffic_state import TRAFFIC_STATE_DTYPES, Event, EventKind, TrafficState
 
+Export = Callable[..., Path]
+"""Exports bags: format, bag or bags, options; gives the dataset, which is made once for all tests."""
 EMV, CAR, BUS = 1, 5, 9
 RIGHT_Y_M, LEFT_Y_M = -5.25, -1.75
 FIRST_SENSED = 4

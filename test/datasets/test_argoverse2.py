@@ -1,4 +1,4 @@
-"""Argoverse 2's map of a small crossing: lanes, marks, and the area without holes."""
+"""Argoverse 2: its map of a small crossing, its scenarios of a drive of formulas, and what av2 reads of them."""
 
 import json
 from dataclasses import replace
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from datasets.made_bag import BUS, CAR, EMV
+from datasets.made_bag import BUS, CAR, EMV, Export
 from datasets.made_tracks import made_tracks
 from hand_made_record import STRAIGHT, crossing, line
 from reader_environments import read_with
@@ -39,6 +39,9 @@ from siren_ros.roads.net_parser import parse_road_network
 
 MAP = map_json(crossing())
 PATHS = 12
+FRAMES = {EMV: (0, 131), CAR: (5, 131), BUS: (0, 129)}
+"""First frame and the one after the last: 262 steps; the car comes at step 10, the bus is last seen at step 256."""
+NAME = "S2-L2-seed0-straight-v{}-f{:06d}"
 
 
 def xy(points: list[dict[str, float]]) -> np.ndarray:
@@ -162,51 +165,43 @@ def test_a_stride_is_a_whole_number(stride: str) -> None:
     Argoverse2Exporter("all", "1")
 
 
-FRAMES = {EMV: (0, 131), CAR: (5, 131), BUS: (0, 129)}
-"""First frame and the one after the last: 262 steps; the car comes at step 10, the bus is last seen at step 256."""
-NAME = "S2-L2-seed0-straight-v{}-f{:06d}"
-
-
 @pytest.fixture(scope="module")
-def dataset(made_drive: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("argoverse2") / "out"
-    arguments = ["--population", "all", "--stride", "4", "--split", "val"]
-    assert main(["export", "argoverse2", str(made_drive), "--out", str(out), *arguments]) == 0
-    return out
+def made_dataset(exported: Export, made_drive: Path) -> Path:
+    return exported("argoverse2", made_drive, "--population", "all", "--stride", "4", "--split", "val")
 
 
-def scenario(dataset: Path, name: str) -> dict[str, np.ndarray]:
-    table: Any = pq.read_table(dataset / "val" / name / f"scenario_{name}.parquet")
+def scenario(made_dataset: Path, name: str) -> dict[str, np.ndarray]:
+    table: Any = pq.read_table(made_dataset / "val" / name / f"scenario_{name}.parquet")
     return {column: np.array(table[column].to_pylist()) for column in table.column_names}
 
 
-def test_every_fourth_whole_window_of_each_vehicle_is_a_scenario(dataset: Path) -> None:
+def test_every_fourth_whole_window_of_each_vehicle_is_a_scenario(made_dataset: Path) -> None:
     """The name has the frame of the present, the 50th of its 110."""
     expected = {
         NAME.format(actor, start + 49) for actor, (first, end) in FRAMES.items() for start in range(first, end - 109, 4)
     }
-    assert {path.name for path in (dataset / "val").iterdir()} == expected
-    assert list((dataset / "train").iterdir()) == list((dataset / "test").iterdir()) == []
-    card = json.loads((dataset / "dataset.json").read_text())
+    assert {path.name for path in (made_dataset / "val").iterdir()} == expected
+    assert list((made_dataset / "train").iterdir()) == list((made_dataset / "test").iterdir()) == []
+    card = json.loads((made_dataset / "dataset.json").read_text())
     assert card["counts"] == {"scenarios": len(expected)}
     assert card["classes"] == {"ambulance": 6, "bus": 5, "sedan": 5}
 
 
-def test_each_scenario_has_the_map_of_its_episode(dataset: Path) -> None:
-    for folder in (dataset / "val").iterdir():
+def test_each_scenario_has_the_map_of_its_episode(made_dataset: Path) -> None:
+    for folder in (made_dataset / "val").iterdir():
         assert sorted(path.name for path in folder.iterdir()) == [
             f"log_map_archive_{folder.name}.json",
             f"scenario_{folder.name}.parquet",
         ]
     name = NAME.format(EMV, 49)
-    archive = json.loads((dataset / "val" / name / f"log_map_archive_{name}.json").read_text())
+    archive = json.loads((made_dataset / "val" / name / f"log_map_archive_{name}.json").read_text())
     assert archive == json.loads(json.dumps(map_json(parse_road_network(NET_XML.encode()))))
 
 
 @pytest.mark.parametrize(("focal", "start"), [(EMV, 0), (CAR, 9), (BUS, 16)])
-def test_a_scenario_holds_everybodys_states(dataset: Path, focal: int, start: int) -> None:
+def test_a_scenario_holds_everybodys_states(made_dataset: Path, focal: int, start: int) -> None:
     name = NAME.format(focal, start + 49)
-    table = scenario(dataset, name)
+    table = scenario(made_dataset, name)
     assert set(table["scenario_id"]) == {name}
     assert set(table["city"]) == {"straight"}
     assert set(table["focal_track_id"]) == {"AV" if focal == EMV else str(focal)}
@@ -228,12 +223,11 @@ def test_a_scenario_holds_everybodys_states(dataset: Path, focal: int, start: in
         assert set(table["velocity_y"][own]) == set(table["heading"][own]) == {0.0}
 
 
-def test_of_the_region_only_whole_windows_near_the_emv_count(made_drive: Path, tmp_path: Path) -> None:
+def test_of_the_region_only_whole_windows_near_the_emv_count(exported: Export, made_drive: Path) -> None:
     """The car is 40 m ahead at frame 5 and falls back by 4 m a second and less; the bus is 20 m ahead."""
-    assert main(["export", "argoverse2", str(made_drive), "--out", str(tmp_path / "out")]) == 0
-    found = {path.name.rsplit("-", 2)[1] for path in (tmp_path / "out" / "train").iterdir()}
-    assert found == {"v1", "v5", "v9"}
-    starts = sorted(int(path.name[-6:]) - 49 for path in (tmp_path / "out" / "train").glob("*-v5-*"))
+    folder = exported("argoverse2", made_drive) / "train"
+    assert {path.name.rsplit("-", 2)[1] for path in folder.iterdir()} == {"v1", "v5", "v9"}
+    starts = sorted(int(path.name[-6:]) - 49 for path in folder.glob("*-v5-*"))
     entered = next(frame for frame in range(5, 131) if abs(_gap_m(frame)) <= 40.0)
     assert starts == list(range(entered, 131 - 109))
 
@@ -250,35 +244,31 @@ def tracks(tracked_bag: Path) -> tuple[Track, ...]:
 
 
 @pytest.fixture(scope="module")
-def dataset_of_exporter(tracked_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("argoverse2") / "out"
-    assert main(["export", "argoverse2", str(tracked_bag), "--out", str(out), "--population", "all"]) == 0
-    return out
+def dataset(exported: Export, tracked_bag: Path) -> Path:
+    return exported("argoverse2", tracked_bag, "--population", "all")
 
 
 @pytest.fixture(scope="module")
-def read(dataset_of_exporter: Path) -> dict[str, Any]:
-    found: dict[str, Any] = read_with(
-        "av2", "read_argoverse2.py", dataset_of_exporter / "train" / "S3-L1-seed0-town-v1-f000060"
-    )
+def read(dataset: Path) -> dict[str, Any]:
+    found: dict[str, Any] = read_with("av2", "read_argoverse2.py", dataset / "train" / "S3-L1-seed0-town-v1-f000060")
     return found
 
 
-def test_there_is_a_scenario_for_every_whole_window(dataset_of_exporter: Path, tracks: tuple[Track, ...]) -> None:
+def test_there_is_a_scenario_for_every_whole_window(dataset: Path, tracks: tuple[Track, ...]) -> None:
     expected = {
         scenario_id("S3_L1_seed0_town", track.actor.actor_id, first + 49)
         for track in tracks
         for first in range(int(track.frame[0]), int(track.frame[-1]) - 108)
     }
-    assert {path.name for path in (dataset_of_exporter / "train").iterdir()} == expected
+    assert {path.name for path in (dataset / "train").iterdir()} == expected
     assert len(expected) > 300
 
 
-def test_the_region_and_a_stride_give_fewer(dataset_of_exporter: Path, tracked_bag: Path, tmp_path: Path) -> None:
-    assert main(["export", "argoverse2", str(tracked_bag), "--out", str(tmp_path / "out"), "--stride", "10"]) == 0
-    near = {path.name for path in (tmp_path / "out" / "train").iterdir()}
-    assert 0 < len(near) < len(list((dataset_of_exporter / "train").iterdir())) / 10
-    assert near <= {path.name for path in (dataset_of_exporter / "train").iterdir()}
+def test_the_region_and_a_stride_give_fewer(exported: Export, dataset: Path, tracked_bag: Path) -> None:
+    strided = exported("argoverse2", tracked_bag, "--stride", "10")
+    near, every = ({path.name for path in (folder / "train").iterdir()} for folder in (strided, dataset))
+    assert 0 < len(near) < len(every) / 10
+    assert near <= every
 
 
 def test_a_scenario_is_eleven_seconds_at_10_hz(read: dict[str, Any]) -> None:
@@ -312,8 +302,8 @@ def test_the_lane_graph_holds_together(read: dict[str, Any]) -> None:
     assert read["driven_inside"] == 110, "the EMV drives on the drivable area"
 
 
-def test_the_map_is_stored_once(dataset_of_exporter: Path) -> None:
-    assert len({path.stat().st_ino for path in (dataset_of_exporter / "train").rglob("log_map_archive_*.json")}) == 1
+def test_the_map_is_stored_once(dataset: Path) -> None:
+    assert len({path.stat().st_ino for path in (dataset / "train").rglob("log_map_archive_*.json")}) == 1
 
 
 @pytest.mark.parametrize("stride", ["0", "two", "-1"])

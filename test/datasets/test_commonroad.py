@@ -7,11 +7,11 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 import pytest
+from datasets.made_bag import Export
 from datasets.made_tracks import LANE, made_record, made_tracks
 from hand_made_record import EAST, RIGHT, STRAIGHT
 from reader_environments import read_with
 
-from siren_ros.cli.main import main
 from siren_ros.datasets.commonroad import _add_obstacle, _add_problem, _root, benchmark_id, lanelet_id, obstacle_type
 from siren_ros.record.episode_source import open_source
 from siren_ros.record.tracks import Track, tracks_of
@@ -179,10 +179,8 @@ def tracks(tracked_bag: Path) -> dict[int, Track]:
 
 
 @pytest.fixture(scope="module")
-def file(tracked_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("commonroad") / "out"
-    assert main(["export", "commonroad", str(tracked_bag), "--out", str(out)]) == 0
-    return out / "train" / "S3_L1_seed0_town.xml"
+def file(exported: Export, tracked_bag: Path) -> Path:
+    return exported("commonroad", tracked_bag) / "train" / "S3_L1_seed0_town.xml"
 
 
 @pytest.fixture(scope="module")

@@ -28,6 +28,13 @@ from siren_ros.errors import InputError
 from siren_ros.record.bag_survey import BagSurvey, Need, episode_name, in_dataset_order
 
 GROUPS = st.lists(st.tuples(st.sampled_from(["map a", "map b"]), st.integers(0, 400)), min_size=1, max_size=60)
+FORMAT = Format(
+    "made",
+    "Frames of formulas",
+    (Need.LIDAR, Need.CAMERA),
+    "nowhere:Exporter",
+    (Option("layout", "wide", ("wide", "paper"), "which", {"paper": (Need.CAMERA,)}), Option("near", "no", (), "how")),
+)
 
 
 @given(GROUPS, st.randoms())
@@ -54,15 +61,6 @@ def test_shares_are_70_15_15() -> None:
 
 def test_one_split_for_all() -> None:
     assert set(split_of_groups([("map", 1), ("map", 2)], "val").values()) == {"val"}
-
-
-FORMAT = Format(
-    "made",
-    "Frames of formulas",
-    (Need.LIDAR, Need.CAMERA),
-    "nowhere:Exporter",
-    (Option("layout", "wide", ("wide", "paper"), "which", {"paper": (Need.CAMERA,)}), Option("near", "no", (), "how")),
-)
 
 
 def survey(seed: int, sha256: str, note: str = "", map_name: str = "town") -> BagSurvey:

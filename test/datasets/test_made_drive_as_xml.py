@@ -114,7 +114,4 @@ def test_scenarionet_has_a_database_of_the_split(made_drive: Path, tmp_path: Pat
     moved = {key: one["moving_distance"] for key, one in summary[name]["object_summary"].items()}
     assert moved == pytest.approx({str(EMV): 130.0, str(CAR): 6.0 * 12.5 + 0.1 * 12.5**2, str(BUS): 115.2}, rel=1e-4)
     card = json.loads((out / "dataset.json").read_text())
-    assert (card["counts"], card["classes"]) == (
-        {"scenarios": 1, "tracks": 3},
-        {"ambulance": 1, "bus": 1, "sedan": 1},
-    )
+    assert (card["counts"], card["classes"]) == ({"scenarios": 1, "tracks": 3}, {"ambulance": 1, "bus": 1, "sedan": 1})

@@ -1,4 +1,4 @@
-"""NGSIM files, read by the rules of the published loaders."""
+"""NGSIM files of formulas and of a recorded episode, read by the rules of the published loaders."""
 
 import json
 from pathlib import Path
@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from datasets.made_bag import BUS, CAR, EMV
+from datasets.made_bag import BUS, CAR, EMV, Export
 from evaluation.made_records import moving, record_with
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.io import loadmat
 
-from siren_ros.cli.main import main
 from siren_ros.datasets.ngsim import NgsimExporter, _cells, _on_road, _Sample, mat_bytes
 from siren_ros.datasets.ngsim_frame import (
     ACCELERATE,
@@ -40,13 +39,16 @@ from siren_ros.world.actors import ActorClass
 
 METRES = st.floats(-1e3, 1e3)
 Set = tuple[npt.NDArray[np.float64], Any]
+STEPS = 2 * 80 + 1
+"""81 frames: one whole window, whose present is frame 30."""
+RIGHT_Y_M, LEFT_Y_M = -5.25, -1.75
+WINDOWS = {EMV: 131 - 80, CAR: 126 - 80, BUS: 129 - 80}
+"""Whole windows of 81 frames of each vehicle."""
 
 
 @pytest.fixture(scope="module")
-def dataset(tracked_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("ngsim") / "out"
-    assert main(["export", "ngsim", str(tracked_bag), "--out", str(out), "--population", "all"]) == 0
-    return out
+def dataset(exported: Export, tracked_bag: Path) -> Path:
+    return exported("ngsim", tracked_bag, "--population", "all")
 
 
 @pytest.fixture(scope="module")
@@ -196,11 +198,6 @@ def test_the_same_content_gives_the_same_file() -> None:
     assert mat_bytes(content).startswith(b"MATLAB 5.0 MAT-file, written by SIREN")
 
 
-STEPS = 2 * 80 + 1
-"""81 frames: one whole window, whose present is frame 30."""
-RIGHT_Y_M, LEFT_Y_M = -5.25, -1.75
-
-
 def record(network: RoadNetwork, accel_mps2: float = 0.0) -> EpisodeRecord:
     """The target in the right lane, a bus 20 m ahead of it, a car to its left, one that comes late, one far away."""
     return record_with(
@@ -269,15 +266,9 @@ def test_cells_of_vehicles_that_are_not_there_are_empty() -> None:
     assert _cells([], 3).shape == (0, 0)
 
 
-WINDOWS = {EMV: 131 - 80, CAR: 126 - 80, BUS: 129 - 80}
-"""Whole windows of 81 frames of each vehicle."""
-
-
 @pytest.fixture(scope="module")
-def dataset_of_made_drive(made_drive: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("ngsim") / "out"
-    assert main(["export", "ngsim", str(made_drive), "--out", str(out), "--population", "all"]) == 0
-    return out
+def made_dataset(exported: Export, made_drive: Path) -> Path:
+    return exported("ngsim", made_drive, "--population", "all")
 
 
 def read(dataset: Path, layout: str, name: str) -> tuple[Any, Any]:
@@ -285,23 +276,23 @@ def read(dataset: Path, layout: str, name: str) -> tuple[Any, Any]:
     return content["traj"], content["tracks"]
 
 
-def test_a_row_for_each_window_and_a_data_set_for_each_row(dataset_of_made_drive: Path) -> None:
-    data, tracks = read(dataset_of_made_drive, "stdan", "TrainSet.mat")
+def test_a_row_for_each_window_and_a_data_set_for_each_row(made_dataset: Path) -> None:
+    data, tracks = read(made_dataset, "stdan", "TrainSet.mat")
     assert data.shape == (sum(WINDOWS.values()), 50)
     assert data[:, 0].tolist() == list(range(1, len(data) + 1))
     assert len(tracks) == len(data)
     assert set(data[:, 1].tolist()) == {1.0}
     for name in ("ValSet.mat", "TestSet.mat"):
-        assert read(dataset_of_made_drive, "stdan", name)[0].shape == (0, 50)
-        assert read(dataset_of_made_drive, "csp", name)[0].shape == (0, 47)
-    card = json.loads((dataset_of_made_drive / "dataset.json").read_text())
+        assert read(made_dataset, "stdan", name)[0].shape == (0, 50)
+        assert read(made_dataset, "csp", name)[0].shape == (0, 47)
+    card = json.loads((made_dataset / "dataset.json").read_text())
     assert card["counts"] == {"samples": len(data)}
     assert card["classes"]["keep"] == len(data)
 
 
-def test_columns_of_both_layouts(dataset_of_made_drive: Path) -> None:
+def test_columns_of_both_layouts(made_dataset: Path) -> None:
     """The EMV's third window: its present is frame 32, the bus is 20 m − 3.2 m ahead in the lane to the left."""
-    data, tracks = read(dataset_of_made_drive, "stdan", "TrainSet.mat")
+    data, tracks = read(made_dataset, "stdan", "TrainSet.mat")
     row = data[2]
     assert row[2] == 32.0
     assert row[3:7] == pytest.approx([0.0, 0.0, 10.0 / FOOT_M, 0.0])
@@ -316,14 +307,14 @@ def test_columns_of_both_layouts(dataset_of_made_drive: Path) -> None:
     assert bus[1] == pytest.approx(np.full(81, -3.5 / FOOT_M)), "to the left is negative"
     assert bus[2] == pytest.approx((20.0 + 0.9 * bus[0] - 1.0 * 32.0) / FOOT_M)
     assert set(bus[6].tolist()) == {3.0}
-    short, short_tracks = read(dataset_of_made_drive, "csp", "TrainSet.mat")
+    short, short_tracks = read(made_dataset, "csp", "TrainSet.mat")
     assert np.array_equal(short, np.delete(data, [5, 6, 8], axis=1))
     assert np.array_equal(short_tracks[2][1], bus[:3])
 
 
-def test_who_gains_speed_is_no_class_of_the_shorter_layout(dataset_of_made_drive: Path) -> None:
+def test_who_gains_speed_is_no_class_of_the_shorter_layout(made_dataset: Path) -> None:
     """The car's mean speed of the next 5 s is at most 1.12 times that of the last 3 s."""
-    data, _ = read(dataset_of_made_drive, "stdan", "TrainSet.mat")
+    data, _ = read(made_dataset, "stdan", "TrainSet.mat")
     own = slice(WINDOWS[EMV], WINDOWS[EMV] + WINDOWS[CAR])
     assert data[own, 2].tolist() == list(range(35, 35 + WINDOWS[CAR]))
     assert data[own, 6] == pytest.approx(np.full(WINDOWS[CAR], 0.2 / FOOT_M))

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from datasets.made_bag import Export
 from defusedxml.ElementTree import parse
 from reader_environments import read_with
 from synthetic_episode import NET_XML
@@ -19,10 +20,8 @@ from siren_ros.roads.road_network import LaneKind
 
 
 @pytest.fixture(scope="module")
-def dataset(tracked_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("opendrive") / "out"
-    assert main(["export", "opendrive", str(tracked_bag), "--out", str(out)]) == 0
-    return out
+def dataset(exported: Export, tracked_bag: Path) -> Path:
+    return exported("opendrive", tracked_bag)
 
 
 def test_carla_finds_the_lanes_where_they_are(dataset: Path, tracked_bag: Path) -> None:

@@ -6,19 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from datasets.made_bag import sweep_of, truth_of
+from datasets.made_bag import Export, sweep_of, truth_of
 
-from siren_ros.cli.main import main
 from siren_ros.datasets.openpcdet import NAME_OF_CLASS, label_lines
 from siren_ros.record.episode_source import lidar_frames, open_source
 from siren_ros.world.actors import ActorClass
 
 
 @pytest.fixture(scope="module")
-def dataset(sensed_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("openpcdet") / "out"
-    assert main(["export", "openpcdet", str(sensed_bag), "--out", str(out)]) == 0
-    return out
+def dataset(exported: Export, sensed_bag: Path) -> Path:
+    return exported("openpcdet", sensed_bag)
 
 
 def test_the_layout_is_the_tutorials(dataset: Path) -> None:
@@ -61,41 +58,36 @@ def test_every_class_has_a_name() -> None:
 
 
 @pytest.fixture(scope="module")
-def dataset_of_openpcdet_files(made_bags: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("openpcdet") / "out"
-    assert main(["export", "openpcdet", *map(str, made_bags), "--out", str(out), "--jobs", "1"]) == 0
-    return out
+def made_dataset(exported: Export, made_bags: list[Path]) -> Path:
+    return exported("openpcdet", made_bags)
 
 
-def test_frames_of_all_episodes_are_numbered_in_one_row(dataset_of_openpcdet_files: Path) -> None:
-    head, *rows = (line.split(",") for line in (dataset_of_openpcdet_files / "frames.csv").read_text().splitlines())
+def test_frames_of_all_episodes_are_numbered_in_one_row(made_dataset: Path) -> None:
+    head, *rows = (line.split(",") for line in (made_dataset / "frames.csv").read_text().splitlines())
     assert head == ["frame", "episode", "step", "timestamp"]
     assert [row[0] for row in rows] == [f"{number:06d}" for number in range(39)]
     steps = [int(row[2]) for row in rows]
     assert steps == [*range(4, 42, 2), *range(4, 24, 2), *range(4, 24, 2)]
     assert [float(row[3]) for row in rows] == pytest.approx([0.05 * step for step in steps])
     assert [row[1] for row in rows] == [f"S2_L2_seed{seed}_straight" for seed in [0] * 19 + [1] * 10 + [2] * 10]
-    sets = [
-        (dataset_of_openpcdet_files / "ImageSets" / f"{name}.txt").read_text().split()
-        for name in ("train", "val", "test")
-    ]
+    sets = [(made_dataset / "ImageSets" / f"{name}.txt").read_text().split() for name in ("train", "val", "test")]
     assert sorted(number for numbers in sets for number in numbers) == [row[0] for row in rows]
     assert sorted(map(len, sets)) == [10, 10, 19]
     for number in (0, 18, 19, 38):
-        read = np.load(dataset_of_openpcdet_files / "points" / f"{number:06d}.npy")
+        read = np.load(made_dataset / "points" / f"{number:06d}.npy")
         points = sweep_of(steps[number])
         assert read.dtype == np.float32
         expected = np.stack([points[name] for name in ("x", "y", "z", "intensity")], axis=1)
         assert np.array_equal(read, expected)
-    assert json.loads((dataset_of_openpcdet_files / "dataset.json").read_text())["counts"] == {
+    assert json.loads((made_dataset / "dataset.json").read_text())["counts"] == {
         "frames": 39,
         "labels": 39,
     }
 
 
-def test_a_label_is_centre_size_heading_and_name(dataset_of_openpcdet_files: Path) -> None:
+def test_a_label_is_centre_size_heading_and_name(made_dataset: Path) -> None:
     """The bus has no return and is left out."""
-    text = (dataset_of_openpcdet_files / "labels" / "000007.txt").read_text()
+    text = (made_dataset / "labels" / "000007.txt").read_text()
     assert text == "12.0000 3.0000 -1.2500 4.0000 1.8000 1.5000 0.5000 Car\n"
 
 

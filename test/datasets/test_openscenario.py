@@ -6,11 +6,11 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 import pytest
+from datasets.made_bag import Export
 from datasets.made_tracks import made_tracks
 from defusedxml.ElementTree import fromstring
 from reader_environments import read_with
 
-from siren_ros.cli.main import main
 from siren_ros.datasets.files import document
 from siren_ros.datasets.openscenario import REAR_AXLE, rear_axle, scenario
 from siren_ros.record.episode_source import open_source
@@ -92,10 +92,8 @@ def tracks(tracked_bag: Path) -> list[Track]:
 
 
 @pytest.fixture(scope="module")
-def dataset(tracked_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("openscenario") / "out"
-    assert main(["export", "openscenario", str(tracked_bag), "--out", str(out)]) == 0
-    return out
+def dataset(exported: Export, tracked_bag: Path) -> Path:
+    return exported("openscenario", tracked_bag)
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,6 @@
 """What is logged to Rerun, noted by a stand-in for its package, which the environment of the tests does not have."""
 
 import sys
-from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -58,15 +57,13 @@ class Package(ModuleType):
 
 
 @pytest.fixture(scope="module")
-def recording(made_bags: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Recording]:
-    ours = ("siren_ros.datasets.rerun", "siren_ros.datasets.rerun")
+def recording(made_bags: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Recording:
     with pytest.MonkeyPatch.context() as patch:
         package, views = Package("rerun"), Package("rerun.blueprint")
         package.blueprint = views
         patch.setitem(sys.modules, "rerun", package)
         patch.setitem(sys.modules, "rerun.blueprint", views)
-        for name in ours:
-            patch.delitem(sys.modules, name, raising=False)
+        patch.delitem(sys.modules, "siren_ros.datasets.rerun", raising=False)
         Package.recordings = []
         from siren_ros.datasets.rerun import RerunExporter  # noqa: PLC0415 - with the stand-in
 
@@ -74,10 +71,9 @@ def recording(made_bags: list[Path], tmp_path_factory: pytest.TempPathFactory) -
         with open_source(made_bags[0]) as source, FileWriter(folder) as files:
             report = RerunExporter().write_episode(source, "mine", files)
         assert dict(report.counts) == {"recordings": 1, "steps": 21, "events": 1}
-        (found,) = Package.recordings
-        yield found
-    for name in ours:
-        sys.modules.pop(name, None)
+    sys.modules.pop("siren_ros.datasets.rerun")
+    (found,) = Package.recordings
+    return found
 
 
 def logged(recording: Recording, path: str) -> list[tuple[float | None, Any]]:

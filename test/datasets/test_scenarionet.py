@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from datasets.made_bag import Export
 from datasets.made_tracks import FRAMES, LANE, made_record, made_tracks
 from hand_made_record import crossing
 from reader_environments import read_with
 
-from siren_ros.cli.main import main
 from siren_ros.datasets.scenarionet import description, map_features, summary_of
 from siren_ros.record.episode_source import open_source
 from siren_ros.record.tracks import tracks_of
@@ -82,10 +82,10 @@ def test_who_moves_less_than_a_metre_stands() -> None:
 
 
 @pytest.fixture(scope="module")
-def read(tracked_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    out = tmp_path_factory.mktemp("scenarionet") / "out"
-    assert main(["export", "scenarionet", str(tracked_bag), "--out", str(out)]) == 0
-    found: dict[str, Any] = read_with("metadrive", "read_scenarionet.py", out / "train")
+def read(exported: Export, tracked_bag: Path) -> dict[str, Any]:
+    found: dict[str, Any] = read_with(
+        "metadrive", "read_scenarionet.py", exported("scenarionet", tracked_bag) / "train"
+    )
     return found
 
 

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from datasets.made_bag import Export
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from reader_environments import read_with
 
-from siren_ros.cli.main import main
 from siren_ros.datasets.trajectory_csv import COLUMNS, trajectory_csv, type_id_of
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.interaction_region import region_members
@@ -83,18 +83,18 @@ def test_every_class_has_a_type_id() -> None:
     assert len({type_id_of(member) for member in ActorClass}) == len(ActorClass)
 
 
-def test_the_export_is_the_record(write_bag: Callable[..., Path], tmp_path: Path, record: EpisodeRecord) -> None:
-    bag = write_bag(tmp_path / "bag", duration_s=4.0)
-    assert main(["export", "csv", str(bag), "--out", str(tmp_path / "out")]) == 0
-    assert (tmp_path / "out" / "trajectory.csv").read_text(encoding="utf-8") == trajectory_csv(record)
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Path]) -> Path:
+    """The bag of the record."""
+    return write_bag(tmp_path_factory.mktemp("csv") / "bag", duration_s=4.0)
 
 
-def test_the_region_holds_whoever_is_near_the_emv(
-    write_bag: Callable[..., Path], tmp_path: Path, record: EpisodeRecord
-) -> None:
-    bag = write_bag(tmp_path / "bag", duration_s=4.0)
-    assert main(["export", "csv", "--region", str(bag), "--out", str(tmp_path / "out")]) == 0
-    lines = (tmp_path / "out" / "trajectory.csv").read_text(encoding="utf-8").splitlines()[1:]
+def test_the_export_is_the_record(exported: Export, bag: Path, record: EpisodeRecord) -> None:
+    assert (exported("csv", bag) / "trajectory.csv").read_text(encoding="utf-8") == trajectory_csv(record)
+
+
+def test_the_region_holds_whoever_is_near_the_emv(exported: Export, bag: Path, record: EpisodeRecord) -> None:
+    lines = (exported("csv", bag, "--region") / "trajectory.csv").read_text(encoding="utf-8").splitlines()[1:]
     there = {(int(row[0]), int(row[2])) for row in (line.split(",") for line in lines)}
     members, expected = np.empty(0, dtype=np.uint32), set()
     for state in record.states:
@@ -104,10 +104,8 @@ def test_the_region_holds_whoever_is_near_the_emv(
     assert len(lines) < 40 * 5
 
 
-def test_pandas_reads_numbers_and_tracks(write_bag: Callable[..., Path], tmp_path: Path, record: EpisodeRecord) -> None:
-    bag = write_bag(tmp_path / "bag", duration_s=4.0)
-    assert main(["export", "csv", str(bag), "--out", str(tmp_path / "out")]) == 0
-    read = read_with("av2", "read_csv.py", tmp_path / "out" / "trajectory.csv")
+def test_pandas_reads_numbers_and_tracks(exported: Export, bag: Path, record: EpisodeRecord) -> None:
+    read = read_with("av2", "read_csv.py", exported("csv", bag) / "trajectory.csv")
     kinds = dict.fromkeys(COLUMNS, "f") | {"step": "i", "actor_id": "i", "is_emv": "i", "type_id": "O"}
     assert read["types"] == kinds
     assert (read["missing"], read["speed_error_mps"]) == (0, pytest.approx(0.0, abs=2e-4))

@@ -1,4 +1,4 @@
-"""The least speed over the last 15 m before the stop line at 100 m; the EMV's front is 3 m ahead of its centre."""
+"""Templates S3 to S7. The stop line is at 100 m, and the EMV's front is 3 m ahead of its centre."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -49,9 +49,21 @@ from siren_ros.judging.verdict import Verdict
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.road_network import JunctionKind
 
-NETWORK = crossing(JunctionKind.PRIORITY_STOP)
 LINE_M = 100.0 - EMV_LENGTH_M / 2.0
 """Where the EMV's centre is as its front passes the line."""
+LEFT_LANE = line((LEFT_X_M, -120.0), (LEFT_X_M, 110.0))
+"""The driving lane next to the EMV's."""
+SIGNAL, STOP = crossing(), crossing(JunctionKind.PRIORITY_STOP)
+STOP_THRESHOLDS = {"speed_min_mps": 2.0}
+EMV_DRIVE = Driven(NORTHBOUND, at_speed(70.0, 10.0, 200))
+"""Front at the line after 2.7 s, rear out of the junction after 6.3 s."""
+INSIDE = at_speed(92.0, 5.0, 200)
+"""Centre in the junction from 1.6 s to 7.6 s."""
+BEFORE = at_speed(114.0, 10.0, 200)
+"""Centre out of the junction at 1.6 s."""
+AT_THE_LINE = np.full(200, 97.0)
+"""Stands at the line."""
+THRESHOLDS = {"shoulder_min_s": 2.0}
 
 
 def profile(*parts):
@@ -64,7 +76,7 @@ def profile(*parts):
 
 
 def least(arc_m, others=None):
-    record = hand_made(NETWORK, {EMV: Driven(NORTHBOUND, arc_m), **(others or {})})
+    record = hand_made(STOP, {EMV: Driven(NORTHBOUND, arc_m), **(others or {})})
     (traversal,) = [item for item in find_traversals(record) if item.actor_id == EMV]
     return least_free_speed_mps(record, traversal)
 
@@ -103,15 +115,11 @@ def test_a_record_may_begin_later_than_step_0():
     """Without its first 20 steps the record has the same approach."""
     arc = profile((40.0, 8.0), (5.0, 2.0), (80.0, 8.0))
     ahead = {2: Driven(NORTHBOUND, np.concatenate((np.full(60, 95.0), 95.0 + 0.5 * np.arange(200))))}
-    record = hand_made(NETWORK, {EMV: Driven(NORTHBOUND, arc), **ahead})
+    record = hand_made(STOP, {EMV: Driven(NORTHBOUND, arc), **ahead})
     late = replace(record, states=record.states[20:], traffic=record.traffic[20:])
     (whole,), (cut,) = ([one for one in find_traversals(item) if one.actor_id == EMV] for item in (record, late))
     assert cut.enter_step == whole.enter_step
     assert least_free_speed_mps(late, cut) == least_free_speed_mps(record, whole)
-
-
-LEFT_LANE = np.array([[1.75, -120.0], [1.75, 110.0]])
-"""The driving lane next to the EMV's."""
 
 
 def test_who_stands_in_the_next_lane_does_not_keep_the_vehicle_from_the_line():
@@ -128,23 +136,10 @@ def test_the_way_is_free_from_the_very_step_at_which_the_one_ahead_has_left(cut)
     arc = 82.0 + 1.0 * time + 0.6 * time**2
     gone = 60
     ahead = {2: Driven(NORTHBOUND, np.concatenate((np.full(gone, 101.0), np.full(300, 130.0))))}
-    record = hand_made(NETWORK, {EMV: Driven(NORTHBOUND, arc), **ahead})
+    record = hand_made(STOP, {EMV: Driven(NORTHBOUND, arc), **ahead})
     record = replace(record, states=record.states[cut:], traffic=record.traffic[cut:])
     (traversal,) = [item for item in find_traversals(record) if item.actor_id == EMV]
     assert least_free_speed_mps(record, traversal) == pytest.approx(1.0 + 1.2 * 0.05 * gone, abs=1e-6)
-
-
-SIGNAL, STOP = crossing(), crossing(JunctionKind.PRIORITY_STOP)
-STOP_THRESHOLDS = {"speed_min_mps": 2.0}
-LEFT_LANE_JUNCTION_ENTRY = line((LEFT_X_M, -120.0), (LEFT_X_M, 110.0))
-EMV_DRIVE = Driven(NORTHBOUND, at_speed(70.0, 10.0, 200))
-"""Front at the line after 2.7 s, rear out of the junction after 6.3 s."""
-INSIDE = at_speed(92.0, 5.0, 200)
-"""Centre in the junction from 1.6 s to 7.6 s."""
-BEFORE = at_speed(114.0, 10.0, 200)
-"""Centre out of the junction at 1.6 s."""
-AT_THE_LINE = np.full(200, 97.0)
-"""Stands at the line."""
 
 
 def _red(link: int, letter: str = "r") -> Callable[[int], str]:
@@ -162,7 +157,7 @@ def _parts(verdict: object) -> dict[str, tuple[float, bool]]:
 
 
 def test_red_with_a_vehicle_beside_holds_and_names_it() -> None:
-    verdict = red_same_direction(_with(Driven(LEFT_LANE_JUNCTION_ENTRY, INSIDE)), {})
+    verdict = red_same_direction(_with(Driven(LEFT_LANE, INSIDE)), {})
     assert verdict.holds
     assert _parts(verdict) == {"against_red": (1.0, True), "same_direction_inside": (1.0, True)}
     line_part, others = verdict.parts
@@ -174,7 +169,7 @@ def test_red_with_a_vehicle_beside_holds_and_names_it() -> None:
 @pytest.mark.parametrize(
     ("points", "same", "across"),
     [
-        (LEFT_LANE_JUNCTION_ENTRY, True, False),
+        (LEFT_LANE, True, False),
         (IN_TURN_LANE, True, False),
         (PARALLEL, True, False),
         (EASTBOUND, False, True),
@@ -189,7 +184,7 @@ def test_same_direction_and_crossing_are_told_apart(points: np.ndarray, same: bo
 
 @pytest.mark.parametrize("arc_m", [BEFORE, AT_THE_LINE], ids=["before", "at the line"])
 def test_a_vehicle_that_is_not_inside_meanwhile_does_not_count(arc_m: np.ndarray) -> None:
-    for points, predicate in ((LEFT_LANE_JUNCTION_ENTRY, red_same_direction), (EASTBOUND, red_crossing)):
+    for points, predicate in ((LEFT_LANE, red_same_direction), (EASTBOUND, red_crossing)):
         verdict = predicate(_with(Driven(points, arc_m)), {})
         assert [part.name for part in verdict.failing] == [verdict.parts[1].name]
 
@@ -202,21 +197,21 @@ def test_the_signal_is_the_one_of_the_emvs_own_link() -> None:
 
 @pytest.mark.parametrize(("letter", "red"), [("r", True), ("u", True), ("y", False), ("g", False), ("o", False)])
 def test_red_and_red_with_yellow_forbid_entering(letter: str, red: bool) -> None:
-    assert red_same_direction(_with(Driven(LEFT_LANE_JUNCTION_ENTRY, INSIDE), letter=letter), {}).holds == red
+    assert red_same_direction(_with(Driven(LEFT_LANE, INSIDE), letter=letter), {}).holds == red
 
 
 def test_the_signal_counts_as_the_front_passes_the_line_not_later() -> None:
     for red_from, holds in ((54, True), (55, False)):
         record = hand_made(
             SIGNAL,
-            {EMV: EMV_DRIVE, 2: Driven(LEFT_LANE_JUNCTION_ENTRY, INSIDE)},
+            {EMV: EMV_DRIVE, 2: Driven(LEFT_LANE, INSIDE)},
             lambda step, first=red_from: ("r" if step >= first else "G") * 7,
         )
         assert red_same_direction(record, {}).holds == holds
 
 
 def test_without_a_signal_or_a_stop_line_the_verdict_says_so() -> None:
-    vehicles = {EMV: EMV_DRIVE, 2: Driven(LEFT_LANE_JUNCTION_ENTRY, INSIDE)}
+    vehicles = {EMV: EMV_DRIVE, 2: Driven(LEFT_LANE, INSIDE)}
     for verdict in (
         red_same_direction(hand_made(STOP, vehicles), {}),
         stop_same_direction(hand_made(SIGNAL, vehicles, _red(STRAIGHT)), STOP_THRESHOLDS),
@@ -227,7 +222,7 @@ def test_without_a_signal_or_a_stop_line_the_verdict_says_so() -> None:
 
 
 def test_a_stop_line_passed_at_speed_with_others_inside() -> None:
-    beside = hand_made(STOP, {EMV: EMV_DRIVE, 2: Driven(LEFT_LANE_JUNCTION_ENTRY, INSIDE)})
+    beside = hand_made(STOP, {EMV: EMV_DRIVE, 2: Driven(LEFT_LANE, INSIDE)})
     across = hand_made(STOP, {EMV: EMV_DRIVE, 2: Driven(EASTBOUND, INSIDE)})
     assert [stop_same_direction(item, STOP_THRESHOLDS).holds for item in (beside, across)] == [True, False]
     assert [stop_crossing(item, STOP_THRESHOLDS).holds for item in (beside, across)] == [False, True]
@@ -315,7 +310,7 @@ def test_who_crosses_another_junction_meanwhile_is_not_inside() -> None:
 
 def test_other_emvs_are_neither_inside_nor_forgotten() -> None:
     """Two EMVs pass together: neither counts for the other, and either one's entry counts."""
-    record = _with(Driven(LEFT_LANE_JUNCTION_ENTRY, EMV_DRIVE.arc_m))
+    record = _with(Driven(LEFT_LANE, EMV_DRIVE.arc_m))
     actors = {key: replace(actor, is_emv=True) for key, actor in record.actors.items()}
     both = replace(record, actors=actors, description=replace(record.description, emv_ids=(EMV, 2)))
     assert [part.name for part in red_same_direction(both, {}).failing] == ["same_direction_inside"]
@@ -323,13 +318,9 @@ def test_other_emvs_are_neither_inside_nor_forgotten() -> None:
     assert [part.name for part in red_same_direction(swapped, {}).failing] == ["against_red"], "its own link is green"
 
 
-NETWORK_SHOULDER_TURN = crossing()
-THRESHOLDS = {"shoulder_min_s": 2.0}
-
-
 def _verdict(points: np.ndarray, speed_mps: float = 8.0, start_m: float = 40.0) -> Verdict:
     arc_m = at_speed(start_m, speed_mps, round(150.0 / speed_mps / 0.05))
-    return shoulder_turn(hand_made(NETWORK_SHOULDER_TURN, {EMV: Driven(points, arc_m)}), THRESHOLDS)
+    return shoulder_turn(hand_made(SIGNAL, {EMV: Driven(points, arc_m)}), THRESHOLDS)
 
 
 def test_a_right_turn_on_the_shoulder_holds_with_its_times() -> None:
@@ -378,7 +369,7 @@ def test_the_shoulder_long_before_the_turn_does_not_count() -> None:
 
 
 def test_the_wrong_way_along_a_shoulder_is_not_on_it() -> None:
-    record = hand_made(NETWORK_SHOULDER_TURN, {EMV: Driven(ON_SHOULDER[::-1], at_speed(2.0, 8.0, 300))})
+    record = hand_made(SIGNAL, {EMV: Driven(ON_SHOULDER[::-1], at_speed(2.0, 8.0, 300))})
     assert shoulder_turn(record, THRESHOLDS).parts[1].value == 0.0
 
 
@@ -411,17 +402,15 @@ def test_the_turn_is_measured_alone_and_not_summed_with_a_bend_to_the_left() -> 
 def test_on_a_shoulder_is_within_its_width_its_length_and_90_degrees(
     x_m: float, y_m: float, degrees: float, on: bool
 ) -> None:
-    rows = hand_made(NETWORK_SHOULDER_TURN, {EMV: Driven(NORTHBOUND, at_speed(0.0, 1.0, 2))}).track(EMV)
+    rows = hand_made(SIGNAL, {EMV: Driven(NORTHBOUND, at_speed(0.0, 1.0, 2))}).track(EMV)
     placed = replace(rows, x_m=np.full(2, x_m), y_m=np.full(2, y_m), yaw_rad=np.full(2, np.radians(degrees)))
-    assert on_shoulder_area(NETWORK_SHOULDER_TURN, placed).tolist() == [on, on]
+    assert on_shoulder_area(SIGNAL, placed).tolist() == [on, on]
 
 
 def test_a_record_that_ends_inside_the_turn_is_judged_as_far_as_it_goes() -> None:
     """Five steps after half of the quarter circle on the shoulder."""
     steps = round((60.0 + 11.75 * np.pi / 4.0) / 8.0 / 0.05)
-    verdict = shoulder_turn(
-        hand_made(NETWORK_SHOULDER_TURN, {EMV: Driven(ON_SHOULDER, at_speed(40.0, 8.0, steps))}), THRESHOLDS
-    )
+    verdict = shoulder_turn(hand_made(SIGNAL, {EMV: Driven(ON_SHOULDER, at_speed(40.0, 8.0, steps))}), THRESHOLDS)
     turned, shoulder = verdict.parts
     assert turned.value == pytest.approx(45.0, abs=3.0)
     assert shoulder.value == pytest.approx((50.0 + 3.0 + 11.75 * np.pi / 4.0) / 8.0, abs=0.5)
@@ -429,7 +418,7 @@ def test_a_record_that_ends_inside_the_turn_is_judged_as_far_as_it_goes() -> Non
 
 def test_others_that_turn_right_on_the_shoulder_do_not_count() -> None:
     vehicles = {EMV: Driven(NORTHBOUND, at_speed(40.0, 8.0, 200)), 2: Driven(ON_SHOULDER, at_speed(40.0, 8.0, 300))}
-    assert "nowhere" in shoulder_turn(hand_made(NETWORK_SHOULDER_TURN, vehicles), THRESHOLDS).parts[0].detail
+    assert "nowhere" in shoulder_turn(hand_made(SIGNAL, vehicles), THRESHOLDS).parts[0].detail
 
 
 def test_the_intervals_on_the_shoulder_are_told() -> None:
@@ -450,7 +439,7 @@ def test_the_intervals_on_the_shoulder_are_told() -> None:
 
 
 def test_an_interval_ends_with_the_step_after_its_last_one() -> None:
-    rows = hand_made(NETWORK_SHOULDER_TURN, {EMV: Driven(ON_SHOULDER, at_speed(0.0, 8.0, 40))}).track(EMV)
+    rows = hand_made(SIGNAL, {EMV: Driven(ON_SHOULDER, at_speed(0.0, 8.0, 40))}).track(EMV)
     holds = np.zeros(40, dtype=np.bool_)
     holds[4:8] = holds[20:22] = True
     assert _stretches(rows, holds) == "0.2 s to 0.4 s, 1.0 s to 1.1 s"

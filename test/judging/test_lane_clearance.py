@@ -14,6 +14,8 @@ from hand_made_record import (
     crossing,
     hand_made,
     line,
+    with_states,
+    without,
 )
 from synthetic_episode import LEFT_Y_M, RIGHT_Y_M, split_net
 
@@ -23,9 +25,15 @@ from siren_ros.judging.predicates import evaluate_predicate
 from siren_ros.record.vehicle_location import lanes_ahead, locate
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.roads.net_parser import parse_road_network
-from siren_ros.world.actors import ACTOR_STATE_DTYPES, Lights
+from siren_ros.world.actors import ActorStates, Lights
 
 THRESHOLDS = {"lane_changes_min": 3, "passed_min": 3}
+LEAVES_LEFT = [(RIGHT_X_M, -120.0), (RIGHT_X_M, -80.0), (LEFT_X_M, -65.0), (LEFT_X_M, 110.0)]
+COMES_BACK = [
+    *((LEFT_X_M, -120.0), (LEFT_X_M, -95.0), (RIGHT_X_M, -85.0), (RIGHT_X_M, -70.0)),
+    *((LEFT_X_M, -60.0), (LEFT_X_M, 110.0)),
+]
+IN_THE_LEFT_LANE = line((LEFT_X_M, -120.0), (LEFT_X_M, 110.0))
 
 
 def test_four_of_four_leave_and_are_passed(record_of: Callable[..., EpisodeRecord]) -> None:
@@ -88,10 +96,8 @@ def test_the_siren_has_to_be_on_at_the_start_and_at_the_end(
         "end": range(first.end_step, record.steps),
         "between": range(first.start_step + 1, first.end_step),
     }[silent]
-    states = tuple(
-        replace(state, lights=np.zeros_like(state.lights)) if state.step in steps else state for state in record.states
-    )
-    counted = {item.actor_id for item in find_clearings(replace(record, states=states))}
+    silenced = with_states(record, lambda step: step in steps, lights=lambda state: np.zeros_like(state.lights))
+    counted = {item.actor_id for item in find_clearings(silenced)}
     assert (first.actor_id in counted) == (silent == "between")
 
 
@@ -104,15 +110,13 @@ def test_a_lane_change_that_the_emv_never_passes_does_not_count_as_passed(
 
 
 def test_events_alone_prove_nothing(record_of: Callable[..., EpisodeRecord]) -> None:
-    record = record_of()
-    still = tuple(replace(state, y_m=np.full(len(state), RIGHT_Y_M)) for state in record.states)
-    assert find_clearings(replace(record, states=still)) == ()
+    still = with_states(record_of(), y_m=lambda state: np.full(len(state), RIGHT_Y_M))
+    assert find_clearings(still) == ()
 
 
 def test_vehicles_behind_the_emv_do_not_count(record_of: Callable[..., EpisodeRecord]) -> None:
-    record = record_of()
-    moved = tuple(replace(state, x_m=state.x_m - np.where(state.actor_id == 2, 60.0, 0.0)) for state in record.states)
-    assert [clearing.actor_id for clearing in find_clearings(replace(record, states=moved))] == [3, 4, 5]
+    moved = with_states(record_of(), x_m=lambda state: state.x_m - np.where(state.actor_id == 2, 60.0, 0.0))
+    assert [clearing.actor_id for clearing in find_clearings(moved)] == [3, 4, 5]
 
 
 def test_civilians_are_judged_only_while_the_emv_is_there(record_of: Callable[..., EpisodeRecord]) -> None:
@@ -120,13 +124,7 @@ def test_civilians_are_judged_only_while_the_emv_is_there(record_of: Callable[..
     record = record_of()
     changes = find_clearings(record)
     leaves = (changes[1].end_step + changes[2].end_step) // 2
-    states = tuple(
-        replace(state, **{name: getattr(state, name)[state.actor_id != 1] for name in ACTOR_STATE_DTYPES})
-        if state.step >= leaves
-        else state
-        for state in record.states
-    )
-    found = find_clearings(replace(record, states=states))
+    found = find_clearings(without(record, 1, lambda step: step >= leaves))
     assert [(item.actor_id, item.end_step) for item in found] == [
         (item.actor_id, item.end_step) for item in changes if item.end_step < leaves
     ]
@@ -134,12 +132,10 @@ def test_civilians_are_judged_only_while_the_emv_is_there(record_of: Callable[..
 
 
 def test_a_half_finished_lane_change_is_not_completed(record_of: Callable[..., EpisodeRecord]) -> None:
-    record = record_of()
-    half = tuple(
-        replace(state, y_m=np.where(state.actor_id == 1, state.y_m, np.minimum(state.y_m, -3.2)))
-        for state in record.states
+    half = with_states(
+        record_of(), y_m=lambda state: np.where(state.actor_id == 1, state.y_m, np.minimum(state.y_m, -3.2))
     )
-    assert find_clearings(replace(record, states=half)) == ()
+    assert find_clearings(half) == ()
 
 
 def test_thresholds_come_from_the_record(record_of: Callable[..., EpisodeRecord]) -> None:
@@ -186,6 +182,10 @@ def test_a_lane_is_clear_when_all_but_30_cm_of_the_turned_body_has_left_it(
         assert np.abs(track.yaw_rad[clearing.end_step]) > 0.01
 
 
+def siren_of_the_emv(state: ActorStates) -> np.ndarray:
+    return np.where(state.actor_id == EMV, int(Lights.SIREN), 0).astype(np.uint8)
+
+
 def changing(
     *places: tuple[int, float, list[tuple[float, float]], float],
     steps: int = 400,
@@ -197,19 +197,8 @@ def changing(
     for actor_id, start_m, points, speed_mps in places:
         arc_m = np.minimum(at_speed(start_m, speed_mps, steps), 225.0)
         vehicles[actor_id] = Driven(line(*points), arc_m)
-    record = hand_made(crossing(), vehicles)
-    states = tuple(
-        replace(state, lights=np.where(state.actor_id == EMV, int(Lights.SIREN), 0).astype(np.uint8))
-        for state in record.states
-    )
-    return [(item.actor_id, item.passed_step is not None) for item in find_clearings(replace(record, states=states))]
-
-
-LEAVES_LEFT = [(RIGHT_X_M, -120.0), (RIGHT_X_M, -80.0), (LEFT_X_M, -65.0), (LEFT_X_M, 110.0)]
-COMES_BACK = [
-    *((LEFT_X_M, -120.0), (LEFT_X_M, -95.0), (RIGHT_X_M, -85.0), (RIGHT_X_M, -70.0)),
-    *((LEFT_X_M, -60.0), (LEFT_X_M, 110.0)),
-]
+    record = with_states(hand_made(crossing(), vehicles), lights=siren_of_the_emv)
+    return [(item.actor_id, item.passed_step is not None) for item in find_clearings(record)]
 
 
 def test_a_car_that_leaves_the_lane_is_passed_and_one_that_comes_from_the_other_lane_leaves_it_too() -> None:
@@ -228,9 +217,6 @@ def mirrored(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
     return [(LEFT_X_M + RIGHT_X_M - x, y) for x, y in points]
 
 
-IN_THE_LEFT_LANE = line((LEFT_X_M, -120.0), (LEFT_X_M, 110.0))
-
-
 @pytest.mark.parametrize("to_the_right", [False, True])
 def test_a_lane_is_left_to_either_side(to_the_right: bool) -> None:
     points = mirrored(LEAVES_LEFT) if to_the_right else LEAVES_LEFT
@@ -242,16 +228,12 @@ def test_a_lane_is_left_to_either_side(to_the_right: bool) -> None:
 def found_at(points: list[tuple[float, float]], put_at: int = 10**6) -> list[tuple[int, int]]:
     """Last step in the old lane and first step clear of it, of a car ahead of the EMV; put to the left at a step."""
     vehicles = {EMV: Driven(NORTHBOUND, at_speed(5.0, 5.0, 150)), 2: Driven(line(*points), at_speed(30.0, 6.0, 150))}
-    record = hand_made(crossing(), vehicles)
-    states = tuple(
-        replace(
-            state,
-            lights=np.where(state.actor_id == EMV, int(Lights.SIREN), 0).astype(np.uint8),
-            x_m=np.where((state.actor_id == 2) & (state.step >= put_at), LEFT_X_M, state.x_m),
-        )
-        for state in record.states
+    record = with_states(
+        hand_made(crossing(), vehicles),
+        lights=siren_of_the_emv,
+        x_m=lambda state: np.where((state.actor_id == 2) & (state.step >= put_at), LEFT_X_M, state.x_m),
     )
-    return [(item.start_step, item.end_step) for item in find_clearings(replace(record, states=states))]
+    return [(item.start_step, item.end_step) for item in find_clearings(record)]
 
 
 def test_who_is_put_into_the_next_lane_is_clear_of_the_old_one_at_once() -> None:
@@ -309,13 +291,10 @@ def test_of_several_changes_that_the_emv_never_passes_the_first_counts() -> None
     emv = line((RIGHT_X_M, -120.0), (RIGHT_X_M, -100.0), (LEFT_X_M, -92.0), (LEFT_X_M, 110.0))
     steps = 300
     vehicles = {EMV: Driven(emv, at_speed(0.0, 4.5, steps)), 2: Driven(line(*weaving), at_speed(30.0, 5.0, steps))}
-    record = hand_made(crossing(), vehicles)
-    lights = np.array([int(Lights.SIREN), 0], np.uint8)
-    record = replace(record, states=tuple(replace(state, lights=lights) for state in record.states))
-    network = record.network
+    record = with_states(hand_made(crossing(), vehicles), lights=siren_of_the_emv)
     (found,) = find_clearings(record)
     assert found.passed_step is None
-    assert network.lanes[found.left_lane].centre.points[0][0] == RIGHT_X_M
+    assert record.network.lanes[found.left_lane].centre.points[0][0] == RIGHT_X_M
     assert float(record.track(2).y_m[found.start_step]) < -80.0
 
 

@@ -4,7 +4,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hand_made_record import EASTBOUND, EMV, LEFT_X_M, NORTHBOUND, Driven, at_speed, crossing, hand_made, line
+from hand_made_record import (
+    EASTBOUND,
+    EMV,
+    LEFT_X_M,
+    NORTHBOUND,
+    Driven,
+    at_speed,
+    crossing,
+    hand_made,
+    line,
+    with_states,
+)
 
 from siren_ros.errors import EpisodeError
 from siren_ros.interfaces.episode_conversions import EpisodeClosing
@@ -12,6 +23,12 @@ from siren_ros.judging.outcome import AvResponse, av_response, judge, outcome_of
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.actors import Owner
 from siren_ros.world.traffic_state import Event, EventKind
+
+AV = 2
+BESIDE_NORTHBOUND = line((LEFT_X_M, -120.0), (LEFT_X_M, 110.0))
+"""The lane to the left of the EMV's, 3.5 m away."""
+SITE = {"junction": "J"}
+CLOSING = EpisodeClosing(end="complete", reason="", steps=101)
 
 
 def summary_of(residual_m, owner):
@@ -34,9 +51,6 @@ def test_percentiles_are_over_the_rows_that_sumo_owns():
 def test_all_are_zero_where_sumo_owns_nobody():
     found = summary_of([(3.0, 4.0)] * 5, [(Owner.ROS, Owner.ROS)] * 5)
     assert (found.median_m, found.p99_m, found.max_m) == (0.0, 0.0, 0.0)
-
-
-AV = 2
 
 
 def with_av(record: EpisodeRecord, actor_id: int = AV) -> EpisodeRecord:
@@ -75,13 +89,9 @@ def test_what_the_av_does_after_the_pass_does_not_count(record_of: Callable[...,
     record = with_av(record_of())
     found = response_of(record)
     passed = round((found.heard_s + found.passed_after_s) / 0.05)
-    later = tuple(
-        replace(state, vx_mps=np.zeros(len(state)), vy_mps=np.zeros(len(state)), y_m=state.y_m - 5.0)
-        if state.step > passed
-        else state
-        for state in record.states
-    )
-    after = response_of(replace(record, states=later))
+    standing = dict.fromkeys(("vx_mps", "vy_mps"), lambda state: np.zeros(len(state)))
+    later = with_states(record, lambda step: step > passed, **standing, y_m=lambda state: state.y_m - 5.0)
+    after = response_of(later)
     assert (after.speed_drop_mps, after.moved_right_m) == (found.speed_drop_mps, found.moved_right_m)
     assert found.speed_drop_mps < record.track(AV).speed_mps[passed]
 
@@ -100,10 +110,6 @@ def test_a_siren_that_stays_away_was_not_heard(record_of: Callable[..., EpisodeR
     found = response_of(with_av(record, far))
     if record.track(far).x_m[0] - record.track(1).x_m[0] > 60.0:
         assert (found.heard_s, found.passed_after_s) == (-1.0, -1.0)
-
-
-BESIDE_NORTHBOUND = line((LEFT_X_M, -120.0), (LEFT_X_M, 110.0))
-"""The lane to the left of the EMV's, 3.5 m away."""
 
 
 def encounter(emv_arc_m: np.ndarray[Any, Any], av_arc_m: np.ndarray[Any, Any]) -> AvResponse:
@@ -195,15 +201,12 @@ def test_the_step_of_the_pass_itself_counts() -> None:
     assert response_of(record).passed_after_s == pytest.approx(passed * 0.05)
 
     def at_step(step: int) -> AvResponse:
-        states = tuple(
-            replace(
-                state,
-                vy_mps=np.where(state.actor_id == AV, 3.0 if state.step != step else 1.0, state.vy_mps),
-                x_m=np.where(state.actor_id == AV, state.x_m + 0.4 * (state.step == step), state.x_m),
-            )
-            for state in record.states
+        changed = with_states(
+            record,
+            vy_mps=lambda state: np.where(state.actor_id == AV, 3.0 if state.step != step else 1.0, state.vy_mps),
+            x_m=lambda state: np.where(state.actor_id == AV, state.x_m + 0.4 * (state.step == step), state.x_m),
         )
-        return response_of(replace(record, states=states))
+        return response_of(changed)
 
     for step, counts in ((passed - 1, True), (passed, True), (passed + 1, False)):
         found = at_step(step)
@@ -218,9 +221,6 @@ def test_of_several_encounters_the_first_counts() -> None:
     found = encounter(emv[: len(av)], av)
     assert found.heard_s == 0.0
     assert found.passed_after_s == pytest.approx(41 * 0.05)
-
-
-SITE = {"junction": "J"}
 
 
 def test_arrival_is_when_the_emv_is_nearest_to_the_junction() -> None:
@@ -255,11 +255,9 @@ def _at_junction(vehicles: dict[int, Driven]) -> EpisodeRecord:
 
 def _standing_near(record: EpisodeRecord, steps: set[int]) -> EpisodeRecord:
     """Actor 2 stands at these steps alone; at all others it drives."""
-    states = tuple(
-        replace(state, vx_mps=np.where((state.actor_id == 2) & (state.step not in steps), 5.0, state.vx_mps))
-        for state in record.states
+    return with_states(
+        record, lambda step: step not in steps, vx_mps=lambda state: np.where(state.actor_id == 2, 5.0, state.vx_mps)
     )
-    return replace(record, states=states)
 
 
 def test_the_queue_is_counted_three_seconds_before_the_arrival_to_the_step() -> None:
@@ -286,8 +284,8 @@ def test_wherever_the_map_lies_the_conflict_point_is_the_junctions() -> None:
         name: replace(found, outline=found.outline + shift, x_m=found.x_m + shift[0], y_m=found.y_m + shift[1])
         for name, found in network.junctions.items()
     }
-    states = tuple(replace(state, x_m=state.x_m + shift[0], y_m=state.y_m + shift[1]) for state in plain.states)
-    moved = replace(plain, states=states, network=replace(network, junctions=junctions))
+    moved = with_states(plain, x_m=lambda state: state.x_m + shift[0], y_m=lambda state: state.y_m + shift[1])
+    moved = replace(moved, network=replace(network, junctions=junctions))
     assert realisation_of(moved).arrival_s == realisation_of(plain).arrival_s
     assert not np.isnan(realisation_of(plain).arrival_s)
 
@@ -310,9 +308,6 @@ def test_civilians_that_begin_to_yield_are_counted_once_each() -> None:
     kinds.append((EventKind.YIELD_REQUESTED, 4))
     events = tuple(Event(5 + k, kind, actor, EMV) for k, (kind, actor) in enumerate(kinds))
     assert realisation_of(replace(record, events=events)).yielding == 2
-
-
-CLOSING = EpisodeClosing(end="complete", reason="", steps=101)
 
 
 def test_an_outcome_has_the_verdict_its_parts_and_the_episodes_numbers(record_of: Callable[..., EpisodeRecord]) -> None:
@@ -353,12 +348,13 @@ def test_events_and_residuals_are_counted_each_by_its_kind() -> None:
         *[EventKind.YIELD_DEFERRED] * 2,
         EventKind.YIELD_REQUESTED,
     ]
-    states = tuple(
-        replace(state, residual_m=np.array([0.01 * state.step]), owner=np.array([Owner.SUMO], np.uint8))
-        for state in record.states
+    owned = with_states(
+        record,
+        residual_m=lambda state: np.array([0.01 * state.step]),
+        owner=lambda _: np.array([Owner.SUMO], np.uint8),
     )
     events = tuple(Event(step, kind, EMV, 2) for step, kind in enumerate(kinds))
-    measures = outcome_of(replace(record, states=states, events=events), CLOSING).measures
+    measures = outcome_of(replace(owned, events=events), CLOSING).measures
     names = ("collisions", "yields_started", "yields_completed", "yields_deferred")
     assert [measures[name] for name in names] == [1, 4, 3, 2]
     assert (measures["residual_p99_m"], measures["residual_max_m"]) == pytest.approx((0.99, 1.0))

@@ -1,10 +1,11 @@
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from hand_made_record import CAR_LENGTH_M, NORTHBOUND, Driven, at_speed, crossing, hand_made, line
+from hand_made_record import CAR_LENGTH_M, NORTHBOUND, Driven, at_speed, crossing, hand_made, line, with_states
 
 from siren_ros.errors import EpisodeError
 from siren_ros.judging.verdict import Part, verdict_of
@@ -46,17 +47,14 @@ def test_a_sound_episode_holds(record: EpisodeRecord) -> None:
 
 def _moved(record: EpisodeRecord, **columns: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> EpisodeRecord:
     """The record with columns of actor 2 changed at step 100."""
+    for name, edit in columns.items():
 
-    def change(step: int) -> dict[str, np.ndarray]:
-        state = record.states[step]
-        rows = state.actor_id == 2
-        return {
-            name: np.where(rows, edit(getattr(state, name), rows), getattr(state, name))
-            for name, edit in columns.items()
-        }
+        def column(state: ActorStates, name: str = name, edit: Callable[..., np.ndarray] = edit) -> np.ndarray:
+            rows, values = state.actor_id == 2, getattr(state, name)
+            return np.where(rows, edit(values, rows), values)
 
-    states = tuple(replace(state, **change(state.step)) if state.step == 100 else state for state in record.states)
-    return replace(record, states=states)
+        record = with_states(record, lambda step: step == 100, **{name: column})
+    return record
 
 
 def test_a_jump_is_found_with_its_actor_and_step(record: EpisodeRecord) -> None:
@@ -97,10 +95,8 @@ def test_a_standing_vehicle_cannot_turn(record: EpisodeRecord) -> None:
 def test_a_slow_vehicle_turns_as_far_as_its_steering_lets_it(speed_mps: float, beyond_rad: float) -> None:
     record = hand_made(crossing(), {2: Driven(NORTHBOUND, at_speed(10.0, speed_mps, 12))})
     limit_rad = speed_mps * np.tan(0.7) / (0.5 * CAR_LENGTH_M) * STEP_S + 0.01
-    turned = tuple(
-        replace(state, yaw_rad=state.yaw_rad - (limit_rad + beyond_rad) * (state.step >= 6)) for state in record.states
-    )
-    part = check_yaw_jumps(replace(record, states=turned), VerifyLimits())
+    turned = with_states(record, lambda step: step >= 6, yaw_rad=lambda state: state.yaw_rad - limit_rad - beyond_rad)
+    part = check_yaw_jumps(turned, VerifyLimits())
     assert (part.holds, part.detail) == (beyond_rad < 0.0, "actor 2 at step 6")
 
 
@@ -167,33 +163,34 @@ def test_a_teleport_is_found(record: EpisodeRecord) -> None:
 
 
 def test_a_large_residual_is_found(record: EpisodeRecord) -> None:
-    far = tuple(replace(state, residual_m=state.residual_m + 3.0) for state in record.states)
-    assert _failing(verify_episode(replace(record, states=far))) == ["residual_p99_m", "residual_max_m"]
+    far = with_states(record, residual_m=lambda state: state.residual_m + 3.0)
+    assert _failing(verify_episode(far)) == ["residual_p99_m", "residual_max_m"]
+
+
+def with_topic(record: EpisodeRecord, name: str, **changes: Any) -> EpisodeRecord:
+    """The record with other counts of a topic."""
+    return replace(record, topics={**record.topics, name: replace(record.topics[name], **changes)})
 
 
 @pytest.mark.parametrize("topic", ["/clock", "/emv/lidar/points"])
 def test_a_lost_message_is_found(record: EpisodeRecord, topic: str) -> None:
     whole = record.topics[topic]
-    short = replace(whole, count=whole.count - 1, times_ns=np.delete(whole.times_ns, 5))
-    verification = verify_episode(replace(record, topics={**record.topics, topic: short}))
+    short = with_topic(record, topic, count=whole.count - 1, times_ns=np.delete(whole.times_ns, 5))
+    verification = verify_episode(short)
     assert _failing(verification) == ["topics_with_lost_messages"]
     assert topic in verification.failing[0].detail
 
 
 @pytest.mark.parametrize("topic", ["/clock", "/siren/events", "/emv/lidar/points"])
 def test_as_many_messages_at_other_steps_are_found(record: EpisodeRecord, topic: str) -> None:
-    whole = record.topics[topic]
-    times_ns = whole.times_ns.copy()
+    times_ns = record.topics[topic].times_ns.copy()
     times_ns[5] += STEP_NS
-    shifted = replace(whole, times_ns=times_ns)
-    verification = verify_episode(replace(record, topics={**record.topics, topic: shifted}))
-    assert _failing(verification) == ["topics_with_lost_messages"]
+    assert _failing(verify_episode(with_topic(record, topic, times_ns=times_ns))) == ["topics_with_lost_messages"]
 
 
 def test_a_latched_topic_has_one_message(record: EpisodeRecord) -> None:
-    whole = record.topics["/siren/map"]
-    twice = replace(whole, count=2, times_ns=np.repeat(whole.times_ns, 2))
-    (fault,) = verify_episode(replace(record, topics={**record.topics, "/siren/map": twice})).failing
+    times_ns = np.repeat(record.topics["/siren/map"].times_ns, 2)
+    (fault,) = verify_episode(with_topic(record, "/siren/map", count=2, times_ns=times_ns)).failing
     assert fault.detail == "/siren/map has 2 messages instead of 1"
 
 
@@ -203,9 +200,8 @@ def test_a_missing_topic_is_found(record: EpisodeRecord) -> None:
 
 
 def test_a_stamp_beside_the_grid_is_found(record: EpisodeRecord) -> None:
-    wrong = replace(record.topics["/siren/events"], stamp_mismatches=2)
-    verification = verify_episode(replace(record, topics={**record.topics, "/siren/events": wrong}))
-    assert _failing(verification) == ["topics_with_wrong_stamps"]
+    wrong = with_topic(record, "/siren/events", stamp_mismatches=2)
+    assert _failing(verify_episode(wrong)) == ["topics_with_wrong_stamps"]
 
 
 def test_an_episode_that_was_interrupted_is_not_complete(record: EpisodeRecord) -> None:
@@ -269,12 +265,21 @@ def test_bodies_in_each_other_are_found(record: EpisodeRecord) -> None:
 def test_accelerations_that_no_driver_uses_are_found(
     record: EpisodeRecord, column: str, value: float, name: str
 ) -> None:
-    def changed(state: ActorStates) -> ActorStates:
-        arrays = {column: np.full(len(state), value)}
-        return replace(state, **arrays)  # type: ignore[arg-type] # columns by name
+    changed = with_states(record, lambda step: step % 20 == 0, **{column: lambda state: np.full(len(state), value)})
+    assert _failing(verify_episode(changed)) == [name]
 
-    states = tuple(changed(state) if state.step % 20 == 0 else state for state in record.states)
-    assert _failing(verify_episode(replace(record, states=states))) == [name]
+
+def on_a_way(
+    record: EpisodeRecord, direction: np.ndarray, driven_m: Sequence[float] | np.ndarray, speeds_mps: Sequence[float]
+) -> EpisodeRecord:
+    """The record of one vehicle, driven so far in a direction and as fast at each step."""
+    return with_states(
+        record,
+        x_m=lambda state: np.array([direction[0] * driven_m[state.step]]),
+        y_m=lambda state: np.array([direction[1] * driven_m[state.step]]),
+        vx_mps=lambda state: np.array([direction[0] * speeds_mps[state.step]]),
+        vy_mps=lambda state: np.array([direction[1] * speeds_mps[state.step]]),
+    )
 
 
 @pytest.mark.parametrize("heading", np.radians([0.0, 30.0, 120.0, -75.0]))
@@ -291,33 +296,20 @@ def test_a_contact_takes_velocity_within_a_step_in_any_direction(
     record = hand_made(crossing(), {2: Driven(NORTHBOUND, np.zeros(6))})
     speeds = [10.0, 10.0, 10.0, 4.0, 4.0, 4.0]
     driven = np.array([0.0, 0.5, 1.0, 1.5, 1.7, 1.9]) + more_mps * STEP_S * (np.arange(6) > 2)
-    states = tuple(
-        replace(
-            state,
-            x_m=np.array([way[0] * driven[step]]),
-            y_m=np.array([way[1] * driven[step]]),
-            vx_mps=np.array([way[0] * speeds[step]]),
-            vy_mps=np.array([way[1] * speeds[step]]),
-        )
-        for step, state in enumerate(record.states)
-    )
     events = () if struck is None else (Event(3, EventKind.COLLISION, *struck, detail={"impact_speed_mps": 1.0}),)
-    found = check_speed(replace(record, states=states, events=events), VerifyLimits())
+    found = check_speed(replace(on_a_way(record, way, driven, speeds), events=events), VerifyLimits())
     assert found.value == pytest.approx(error_mps + more_mps, abs=1e-9)
 
 
 @pytest.mark.parametrize(("step", "beyond"), [(-1, False), (3, True)])
 def test_the_worst_case_is_named_with_a_change_of_its_owner(step: int, beyond: bool) -> None:
     record = hand_made(crossing(), {2: Driven(NORTHBOUND, np.zeros(6)), 5: Driven(NORTHBOUND, np.full(6, 40.0))})
-    states = tuple(
-        replace(
-            state,
-            y_m=state.y_m + np.where(state.actor_id == 5, 2.0 * (state.step >= step > 0), 0.0),
-            owner=np.where((state.actor_id == 5) & (state.step >= 3), np.uint8(Owner.ROS), state.owner),
-        )
-        for state in record.states
+    changed = with_states(
+        record,
+        y_m=lambda state: state.y_m + np.where(state.actor_id == 5, 2.0 * (state.step >= step > 0), 0.0),
+        owner=lambda state: np.where((state.actor_id == 5) & (state.step >= 3), np.uint8(Owner.ROS), state.owner),
     )
-    part = check_position_jumps(replace(record, states=states), VerifyLimits())
+    part = check_position_jumps(changed, VerifyLimits())
     assert part.holds is not beyond
     if beyond:
         assert (part.value, part.detail) == (pytest.approx(2.0), "actor 5 at step 3 as its owner changes")
@@ -354,8 +346,8 @@ def test_stamps_off_the_grid_and_stamps_that_contradict_the_bag_are_counted_toge
         (0, times_ns, "/siren/events: 1"),
         (1, times_ns, "/siren/events: 2"),
     ):
-        wrong = replace(whole, times_ns=times, stamp_mismatches=mismatches)
-        part = check_stamps(replace(record, topics={**record.topics, "/siren/events": wrong}), VerifyLimits())
+        wrong = with_topic(record, "/siren/events", times_ns=times, stamp_mismatches=mismatches)
+        part = check_stamps(wrong, VerifyLimits())
         assert (part.holds, part.value, part.detail) == (False, 1.0, detail)
 
 
@@ -368,17 +360,7 @@ def test_a_step_is_no_longer_than_the_faster_of_both_speeds_allows(
     direction = np.array(way) / 5.0
     for speeds in ((0.0, 5.0), (5.0, 0.0)):
         record = hand_made(crossing(), {2: Driven(NORTHBOUND, np.zeros(2))})
-        states = tuple(
-            replace(
-                state,
-                x_m=np.array([direction[0] * (0.25 + beyond_m) * state.step]),
-                y_m=np.array([direction[1] * (0.25 + beyond_m) * state.step]),
-                vx_mps=np.array([direction[0] * speeds[state.step]]),
-                vy_mps=np.array([direction[1] * speeds[state.step]]),
-            )
-            for state in record.states
-        )
-        part = check_position_jumps(replace(record, states=states), VerifyLimits())
+        part = check_position_jumps(on_a_way(record, direction, (0.0, 0.25 + beyond_m), speeds), VerifyLimits())
         assert (part.holds, part.value) == (holds, pytest.approx(beyond_m))
 
 
@@ -389,9 +371,8 @@ def test_a_sensors_topic_has_the_period_of_its_shortest_interval(record: Episode
     assert np.diff(whole.times_ns).max() == period_ns
 
     def faults(times_ns: np.ndarray) -> str:
-        changed = replace(whole, count=len(times_ns), times_ns=times_ns)
-        topics = {**record.topics, "/emv/lidar/points": changed}
-        return check_message_counts(replace(record, topics=topics), VerifyLimits()).detail
+        changed = with_topic(record, "/emv/lidar/points", count=len(times_ns), times_ns=times_ns)
+        return check_message_counts(changed, VerifyLimits()).detail
 
     assert faults(whole.times_ns) == ""
     assert faults(whole.times_ns[:1]) == ""

@@ -1,4 +1,4 @@
-"""All cameras and the bird's-eye view side by side."""
+"""Videos: their frames, coding and errors, and all cameras next to the bird's-eye view."""
 
 import os
 import subprocess
@@ -26,6 +26,10 @@ from siren_ros.record.episode_source import MountedCamera
 from siren_ros.recording.bag_writer import EpisodeBagWriter
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.world.measurements import CameraIntrinsics
+
+FRONT = IMAGE_COMPRESSED.of_sensor("camera_front", 2)
+OFF_CENTRE_PX = 90.0
+"""How far the camera's smoothing may take the EMV out of the middle: 10 m."""
 
 
 def camera(name: str, yaw_rad: float) -> MountedCamera:
@@ -58,11 +62,6 @@ def test_a_bag_without_cameras_is_refused(
 
 def test_cells_are_four_to_three() -> None:
     assert CELL_PX[0] * 3 == CELL_PX[1] * 4
-
-
-FRONT = IMAGE_COMPRESSED.of_sensor("camera_front", 2)
-OFF_CENTRE_PX = 90.0
-"""How far the camera's smoothing may take the EMV out of the middle: 10 m."""
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""``metadata.yaml`` as rosbag2 reads it, and what is refused of a foreign one."""
+"""``metadata.yaml`` as rosbag2 reads it, and the folder of a bag that is being written."""
 
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from siren_ros.recording.bag_folder import (
 )
 
 TOPICS = (BagTopic("/a", "a/A", "RIHS01_1", True, 1), BagTopic("/b", "b/B", "RIHS01_2", False, 41))
+FILE = "bag_0.mcap"
 
 
 def test_spans_and_counts() -> None:
@@ -108,9 +109,6 @@ def test_counts_that_cannot_be_read(tmp_path: Path, topics: str) -> None:
     text = f"rosbag2_bagfile_information: {{topics_with_message_count: {topics}}}"
     with pytest.raises(BagError, match="readable metadata"):
         read_message_counts(write(tmp_path / "bag", text))
-
-
-FILE = "bag_0.mcap"
 
 
 def test_names_next_to_the_bag(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What is checked of a bag's files before they are read: always its form, on request every byte."""
+"""What is checked of a bag's files, what is read of them, which folders are bags, and the playhead."""
 
 import io
 import shutil
@@ -14,6 +14,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from recording.bag_bytes import chunks_of, flip_bit, rewrite
 from rosbags.typesys.store import Typestore
 from synthetic_episode import EMV, Scene, SyntheticEpisode
 
@@ -35,9 +36,11 @@ from siren_ros.recording.bag_reader import (
 )
 from siren_ros.recording.bag_writer import EpisodeBagWriter
 from siren_ros.recording.episode_record import EpisodeRecord
-from siren_ros.recording.mcap_scan import DamageError, read_chunks
+from siren_ros.recording.mcap_scan import DamageError
 from siren_ros.world.actors import ACTOR_STATE_DTYPES
 from siren_ros.world.traffic_state import EventKind
+
+STEP_NS = 50_000_000
 
 
 @pytest.fixture
@@ -48,21 +51,15 @@ def bag(tmp_path: Path, write_bag: Callable[..., Path]) -> Path:
 def test_a_flipped_bit_is_found_where_the_content_is_asked_for(bag: Path) -> None:
     check_bag_files(bag, content=True)
     (file,) = storage_files(bag)
-    with file.open("rb") as stream:
-        chunk = next(iter(read_chunks(stream)))
-    data = bytearray(file.read_bytes())
-    data[chunk.offset + 200] ^= 1
-    file.write_bytes(bytes(data))
+    chunk = chunks_of(file)[0]
+    rewrite(bag, lambda data: flip_bit(data, chunk.offset + 200, 1))
     check_bag_files(bag)
     with pytest.raises(BagError, match="undamaged"):
         check_bag_files(bag, content=True)
 
 
 def test_a_summary_is_held_against_its_checksum(bag: Path) -> None:
-    (file,) = storage_files(bag)
-    data = bytearray(file.read_bytes())
-    data[-60] ^= 1
-    file.write_bytes(bytes(data))
+    rewrite(bag, lambda data: flip_bit(data, -60, 1))
     with pytest.raises(BagError, match="summary does not have its checksum"):
         check_bag_files(bag)
 
@@ -94,8 +91,7 @@ def test_metadata_that_leads_elsewhere_is_refused(bag: Path, values: dict[str, o
 
 
 def test_a_file_without_an_end_is_refused(bag: Path) -> None:
-    (file,) = storage_files(bag)
-    file.write_bytes(file.read_bytes()[:-1])
+    rewrite(bag, lambda data: data.pop())
     with pytest.raises(BagError, match="the file has no end"):
         check_bag_files(bag)
 
@@ -105,14 +101,15 @@ def test_a_file_without_an_end_is_refused(bag: Path) -> None:
 )
 def test_every_part_of_the_end_counts(bag: Path, at: int, byte: int) -> None:
     """Opcode, length, start of the summary (here: made 0), of its offsets, checksum and magic: 37 bytes."""
-    (file,) = storage_files(bag)
-    data = bytearray(file.read_bytes())
-    end = len(data) - 37
-    assert data[end] == 0x02
-    if at == 9:
-        data[end + 9 : end + 17] = bytes(8)
-    data[end + at] = byte
-    file.write_bytes(bytes(data))
+
+    def change(data: bytearray) -> None:
+        end = len(data) - 37
+        assert data[end] == 0x02
+        if at == 9:
+            data[end + 9 : end + 17] = bytes(8)
+        data[end + at] = byte
+
+    rewrite(bag, change)
     with pytest.raises(BagError, match="the file has no end"):
         check_bag_files(bag)
 
@@ -136,13 +133,13 @@ def test_storage_files_are_files_in_the_order_of_their_names(tmp_path: Path) -> 
 
 
 @pytest.fixture(scope="module")
-def bag_of_bag_reader(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Path]) -> Path:
+def recorded_bag(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Path]) -> Path:
     return write_bag(tmp_path_factory.mktemp("bags") / "S2_L2_seed0", lidar=True)
 
 
-def test_the_record_is_what_was_recorded(bag_of_bag_reader: Path) -> None:
+def test_the_record_is_what_was_recorded(recorded_bag: Path) -> None:
     made = SyntheticEpisode(Scene(lidar=True))
-    record = read_episode(bag_of_bag_reader)
+    record = read_episode(recorded_bag)
     assert record.description == made.description
     assert record.actors == made.actors
     assert record.outcome == made.outcome()
@@ -159,33 +156,31 @@ def test_the_record_is_what_was_recorded(bag_of_bag_reader: Path) -> None:
     assert record.emv_ids == (EMV,)
 
 
-def test_a_track_is_one_actor_in_the_order_of_time(bag_of_bag_reader: Path) -> None:
-    record = read_episode(bag_of_bag_reader)
+def test_a_track_is_one_actor_in_the_order_of_time(recorded_bag: Path) -> None:
+    record = read_episode(recorded_bag)
     track = record.track(3)
     assert np.array_equal(track.step, np.arange(record.steps))
     assert np.allclose(track.xy_m, SyntheticEpisode().paths[3][:, :2])
     assert len(record.track(999)) == 0
 
 
-def test_topics_are_counted_with_their_times(bag_of_bag_reader: Path) -> None:
-    topics = read_episode(bag_of_bag_reader).topics
+def test_topics_are_counted_with_their_times(recorded_bag: Path) -> None:
+    topics = read_episode(recorded_bag).topics
     assert topics["/emv/lidar/points"].count == 160
     assert np.array_equal(topics["/emv/lidar/points"].times_ns, np.arange(160) * 100_000_000)
     assert sum(topic.stamp_mismatches for topic in topics.values()) == 0
 
 
-def test_a_live_record_equals_the_one_that_is_read(
-    bag_of_bag_reader: Path, record_of: Callable[..., EpisodeRecord]
-) -> None:
-    live, read = record_of(lidar=True), read_episode(bag_of_bag_reader)
+def test_a_live_record_equals_the_one_that_is_read(recorded_bag: Path, record_of: Callable[..., EpisodeRecord]) -> None:
+    live, read = record_of(lidar=True), read_episode(recorded_bag)
     assert live.events == read.events
     assert np.array_equal(live.rows.xy_m, read.rows.xy_m)
 
 
-def _copy(bag: Path, tmp_path: Path) -> tuple[Path, Path]:
-    copy = tmp_path / bag.name
-    shutil.copytree(bag, copy)
-    return copy, next(copy.glob("*.mcap"))
+@pytest.fixture
+def copied(recorded_bag: Path, tmp_path: Path) -> Path:
+    """A copy of the recorded bag, to be damaged."""
+    return Path(shutil.copytree(recorded_bag, tmp_path / recorded_bag.name))
 
 
 @pytest.mark.parametrize("name", ["nowhere", "nowhere" * 50])
@@ -199,57 +194,47 @@ def test_a_folder_without_metadata_is_no_bag(tmp_path: Path) -> None:
         read_episode(tmp_path)
 
 
-def test_a_bag_that_was_cut_off_says_so(bag_of_bag_reader: Path, tmp_path: Path) -> None:
-    copy, _ = _copy(bag_of_bag_reader, tmp_path)
-    (copy / "metadata.yaml").unlink()
+def test_a_bag_that_was_cut_off_says_so(copied: Path) -> None:
+    (copied / "metadata.yaml").unlink()
     with pytest.raises(BagError, match="cut off"):
-        read_episode(copy)
+        read_episode(copied)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.9, 0.999])
-def test_a_truncated_bag_is_refused(bag_of_bag_reader: Path, tmp_path: Path, share: float) -> None:
-    copy, mcap = _copy(bag_of_bag_reader, tmp_path)
-    mcap.write_bytes(mcap.read_bytes()[: int(mcap.stat().st_size * share)])
+def test_a_truncated_bag_is_refused(copied: Path, share: float) -> None:
+    rewrite(copied, lambda data: data.__delitem__(slice(int(len(data) * share), None)))
     with pytest.raises(BagError, match="undamaged"):
-        read_episode(copy)
+        read_episode(copied)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.4, 0.7, 0.999])
-def test_a_flipped_bit_is_refused(bag_of_bag_reader: Path, tmp_path: Path, share: float) -> None:
-    copy, mcap = _copy(bag_of_bag_reader, tmp_path)
-    data = bytearray(mcap.read_bytes())
-    data[int((len(data) - 1) * share)] ^= 0x10
-    mcap.write_bytes(data)
+def test_a_flipped_bit_is_refused(copied: Path, share: float) -> None:
+    rewrite(copied, lambda data: flip_bit(data, int((len(data) - 1) * share)))
     with pytest.raises(BagError):
-        read_episode(copy)
+        read_episode(copied)
 
 
-def test_damaged_metadata_is_refused(bag_of_bag_reader: Path, tmp_path: Path) -> None:
-    copy, _ = _copy(bag_of_bag_reader, tmp_path)
-    (copy / "metadata.yaml").write_text("rosbag2_bagfile_information: [")
+def test_damaged_metadata_is_refused(copied: Path) -> None:
+    (copied / "metadata.yaml").write_text("rosbag2_bagfile_information: [")
     with pytest.raises(BagError):
-        read_episode(copy)
+        read_episode(copied)
 
 
-def test_a_bag_of_another_program_is_refused(tmp_path: Path, typestore: Typestore) -> None:
+@pytest.mark.parametrize(
+    ("topic", "reason"),
+    [("/chatter", "episode's description"), ("/siren/episode", "siren_msgs/msg/EpisodeDescription")],
+    ids=["unknown topics", "a known topic of another type"],
+)
+def test_a_bag_of_another_program_is_refused(tmp_path: Path, typestore: Typestore, topic: str, reason: str) -> None:
     writer = EpisodeBagWriter(tmp_path / "foreign", typestore)
     message = make_message("std_msgs/msg/String", data="hello")
-    writer.write("/chatter", "std_msgs/msg/String", bytes(typestore.serialize_cdr(message, message.__msgtype__)), 0)
-    with pytest.raises(BagError, match="episode's description"):
+    writer.write(topic, "std_msgs/msg/String", bytes(typestore.serialize_cdr(message, message.__msgtype__)), 0)
+    with pytest.raises(BagError, match=reason):
         read_episode(writer.finish().path)
 
 
-def test_a_known_topic_of_another_type_is_refused(tmp_path: Path, typestore: Typestore) -> None:
-    writer = EpisodeBagWriter(tmp_path / "foreign", typestore)
-    message = make_message("std_msgs/msg/String", data="hello")
-    cdr = bytes(typestore.serialize_cdr(message, message.__msgtype__))
-    writer.write("/siren/episode", "std_msgs/msg/String", cdr, 0)
-    with pytest.raises(BagError, match="siren_msgs/msg/EpisodeDescription"):
-        read_episode(writer.finish().path)
-
-
-def test_only_the_topics_that_are_asked_for_are_read(bag_of_bag_reader: Path) -> None:
-    with open_bag(bag_of_bag_reader) as opened:
+def test_only_the_topics_that_are_asked_for_are_read(recorded_bag: Path) -> None:
+    with open_bag(recorded_bag) as opened:
         found = list(opened.messages({"/emv/lidar/points"}))
         assert {message.topic for message in found} == {"/emv/lidar/points"}
         assert [message.time_ns for message in found] == [opened.stamp_ns(message) for message in found]
@@ -262,9 +247,9 @@ def test_a_file_shorter_than_its_end_has_none(length: int) -> None:
         read_summary(io.BytesIO(bytes(length)), length)
 
 
-def test_a_stamp_is_read_from_the_first_bytes_of_a_stamped_message(bag_of_bag_reader: Path) -> None:
+def test_a_stamp_is_read_from_the_first_bytes_of_a_stamped_message(recorded_bag: Path) -> None:
     """Of another byte order, of another type and of fewer bytes there is none."""
-    with open_bag(bag_of_bag_reader) as opened:
+    with open_bag(recorded_bag) as opened:
         states, text = (
             next(message for message in opened.messages({topic}) if message.time_ns > 0 or topic == MAP.name)
             for topic in (ACTORS.name, MAP.name)
@@ -300,11 +285,8 @@ def test_bags_are_found_at_any_depth_and_not_in_hidden_folders(tmp_path: Path) -
     assert bags_among([tmp_path]) == (tmp_path / "a", tmp_path / "b" / "deep" / "er")
 
 
-STEP_NS = 50_000_000
-
-
 @pytest.fixture(scope="module")
-def bag_of_playback(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Path]) -> Path:
+def short_bag(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., Path]) -> Path:
     return write_bag(tmp_path_factory.mktemp("bags") / "bag", duration_s=1.0)
 
 
@@ -339,13 +321,13 @@ def test_held_at_a_message_that_cannot_go_out_it_goes_on_from_there() -> None:
     assert head.held_at(90_000_000) == head
 
 
-def test_from_the_start_every_message_comes_in_the_order_of_the_bag(bag_of_playback: Path) -> None:
-    with open_bag(bag_of_playback) as opened:
+def test_from_the_start_every_message_comes_in_the_order_of_the_bag(short_bag: Path) -> None:
+    with open_bag(short_bag) as opened:
         assert [item.cdr for item in messages_from(opened, 0)] == [item.cdr for item in opened.messages()]
 
 
-def test_from_the_middle_what_is_latched_comes_first(bag_of_playback: Path) -> None:
-    with open_bag(bag_of_playback) as opened:
+def test_from_the_middle_what_is_latched_comes_first(short_bag: Path) -> None:
+    with open_bag(short_bag) as opened:
         played = list(messages_from(opened, 10 * STEP_NS))
         latched = [item.topic for item in played if item.time_ns < 10 * STEP_NS]
         assert set(latched) == {topics.EPISODE.name, topics.MAP.name}

@@ -1,4 +1,4 @@
-"""The worker keeps the order, raises the first error in its caller, and ends."""
+"""The writer of bags and its thread: order, bytes, chunks, and what is left where something goes wrong."""
 
 import errno
 import os
@@ -9,7 +9,7 @@ import subprocess
 import sys
 import textwrap
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
@@ -27,8 +27,12 @@ from rosbags.typesys.store import Typestore
 from siren_ros.errors import BagError, EpisodeError
 from siren_ros.interfaces.messages import make_message, stamp
 from siren_ros.recording.bag_reader import open_bag
-from siren_ros.recording.bag_writer import BackgroundWorker, BagOptions, EpisodeBagWriter
+from siren_ros.recording.bag_writer import BackgroundWorker, BagOptions, BagSummary, EpisodeBagWriter
 from siren_ros.recording.mcap_scan import DamageError, parse_content, read_chunks, unpack
+from siren_ros.recording.mcap_stream import ChunkContent, plain_bytes
+
+CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
+TEXT = ("/siren/map", "std_msgs/msg/String")
 
 
 def test_items_are_worked_on_in_order_and_in_another_thread() -> None:
@@ -83,19 +87,48 @@ def test_a_full_queue_makes_the_caller_wait() -> None:
     assert taken == [0, 1, 2, 3]
 
 
-CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
-TEXT = ("/siren/map", "std_msgs/msg/String")
+class Writing:
+    """Writes the bag ``bag`` of a folder: a latched text, and clocks at steps."""
+
+    def __init__(self, folder: Path, store: Typestore) -> None:
+        self.folder, self.store = folder, store
+        self.clock = bytes(store.serialize_cdr(make_message(CLOCK[1], clock=stamp(50_000_000)), CLOCK[1]))
+        self.text = bytes(store.serialize_cdr(make_message(TEXT[1], data="<net/>"), TEXT[1]))
+
+    def begin(self, steps: Iterable[int] = (0,), text: bool = False, **options: int) -> EpisodeBagWriter:
+        writer = EpisodeBagWriter(self.folder / "bag", self.store, latched=[TEXT[0]], options=BagOptions(**options))
+        if text:
+            writer.write(*TEXT, self.text, 0)
+        self.write_clocks(writer, steps)
+        return writer
+
+    def write_clocks(self, writer: EpisodeBagWriter, steps: Iterable[int]) -> None:
+        for step in steps:
+            writer.write(*CLOCK, self.clock, step * 50_000_000)
+
+    def names(self) -> list[str]:
+        return sorted(path.name for path in self.folder.iterdir())
 
 
 @pytest.fixture
-def clock_cdr(typestore: Typestore) -> bytes:
-    message = make_message(CLOCK[1], clock=stamp(50_000_000))
-    return bytes(typestore.serialize_cdr(message, CLOCK[1]))
+def writing(tmp_path: Path, typestore: Typestore) -> Writing:
+    return Writing(tmp_path, typestore)
 
 
-@pytest.fixture
-def text_cdr(typestore: Typestore) -> bytes:
-    return bytes(typestore.serialize_cdr(make_message(TEXT[1], data="<net/>"), TEXT[1]))
+def contents(bag: Path) -> Iterator[ChunkContent]:
+    """The contents of a bag's chunks, as far as they are undamaged."""
+    with next(bag.glob("*.mcap")).open("rb") as file, suppress(DamageError):
+        yield from (parse_content(unpack(chunk)) for chunk in read_chunks(file))
+
+
+def message_sizes(bag: Path) -> list[list[int]]:
+    """Sizes of the messages of each chunk."""
+    return [[len(message.data) for message in content.messages] for content in contents(bag)]
+
+
+def information(summary: BagSummary) -> dict[str, Any]:
+    text = (summary.path / "metadata.yaml").read_text(encoding="utf-8")
+    return dict(yaml.safe_load(text)["rosbag2_bagfile_information"])
 
 
 def test_same_messages_give_the_same_bytes(tmp_path: Path, write_bag: Callable[..., Path]) -> None:
@@ -129,80 +162,76 @@ def test_both_readers_see_every_message_in_simulated_time(tmp_path: Path, write_
 
 
 def test_sequence_numbers_count_each_topics_messages(tmp_path: Path, write_bag: Callable[..., Path]) -> None:
-    path = write_bag(tmp_path / "bag", duration_s=2.0)
     sequences: dict[int, list[int]] = {}
-    with (path / "bag_0.mcap").open("rb") as file:
-        for chunk in read_chunks(file):
-            for message in parse_content(unpack(chunk)).messages:
-                sequences.setdefault(message.channel_id, []).append(message.sequence)
+    for content in contents(write_bag(tmp_path / "bag", duration_s=2.0)):
+        for message in content.messages:
+            sequences.setdefault(message.channel_id, []).append(message.sequence)
     assert len(sequences) > 5
     assert all(numbers == list(range(len(numbers))) for numbers in sequences.values())
 
 
-def test_metadata_says_what_rosbag2_needs(tmp_path: Path, typestore: Typestore, text_cdr: bytes) -> None:
-    writer = EpisodeBagWriter(tmp_path / "bag", typestore, latched=[TEXT[0]])
-    writer.write(*TEXT, text_cdr, 0)
-    summary = writer.finish()
-    information = yaml.safe_load((summary.path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-    assert (information["version"], information["storage_identifier"]) == (9, "mcap")
-    (topic,) = information["topics_with_message_count"]
+def test_metadata_says_what_rosbag2_needs(writing: Writing) -> None:
+    metadata = information(writing.begin((), text=True).finish())
+    assert (metadata["version"], metadata["storage_identifier"]) == (9, "mcap")
+    (topic,) = metadata["topics_with_message_count"]
     assert topic["message_count"] == 1
     assert topic["topic_metadata"]["type_description_hash"].startswith("RIHS01_")
     assert topic["topic_metadata"]["offered_qos_profiles"][0]["durability"] == "transient_local"
-    assert summary.message_counts == {TEXT[0]: 1}
+
+
+@pytest.mark.parametrize(("clocks", "counts"), [(0, {TEXT[0]: 1}), (3, {TEXT[0]: 1, CLOCK[0]: 3})])
+def test_the_summary_gives_the_size_of_all_files_and_the_number_of_messages(
+    writing: Writing, clocks: int, counts: dict[str, int]
+) -> None:
+    summary = writing.begin(range(clocks), text=True).finish()
+    assert summary.message_counts == counts
     assert summary.size_bytes == sum(file.stat().st_size for file in summary.path.iterdir())
 
 
-def test_nothing_stands_under_the_final_name_before_the_end(
-    tmp_path: Path, typestore: Typestore, clock_cdr: bytes
-) -> None:
-    writer = EpisodeBagWriter(tmp_path / "bag", typestore)
-    writer.write(*CLOCK, clock_cdr, 0)
-    assert [path.name for path in tmp_path.iterdir()] == [".bag.partial"]
-    writer.finish()
-    assert [path.name for path in tmp_path.iterdir()] == ["bag"]
+def test_the_metadata_gives_the_time_of_the_first_message_and_the_span_to_the_last(writing: Writing) -> None:
+    metadata = information(writing.begin(range(3, 11), chunk_bytes=1).finish())
+    assert metadata["starting_time"]["nanoseconds_since_epoch"] == 150_000_000
+    assert metadata["duration"]["nanoseconds"] == 350_000_000
+    assert metadata["message_count"] == 8
 
 
-def test_an_existing_folder_is_refused_and_left_alone(tmp_path: Path, typestore: Typestore) -> None:
-    (tmp_path / "bag").mkdir()
-    with pytest.raises(BagError, match="exists already"):
-        EpisodeBagWriter(tmp_path / "bag", typestore)
-    assert [path.name for path in tmp_path.iterdir()] == ["bag"]
+def test_nothing_stands_under_the_final_name_before_the_end(writing: Writing) -> None:
+    writer = writing.begin()
+    assert writing.names() == [".bag.partial"]
+    reserve = writing.folder / ".bag.partial" / ".reserve"
+    assert reserve.stat().st_size == 1_000_000, "reserved for the end of the bag, and freed with it"
+    summary = writer.finish()
+    assert not (summary.path / ".reserve").exists()
+    assert writing.names() == ["bag"]
+    assert writer.abandon("late").path == summary.path, "abandoning a finished bag changes nothing"
+    assert writing.names() == ["bag"]
 
 
-def test_a_place_below_a_file_is_refused(tmp_path: Path, typestore: Typestore) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(BagError, match="place that can be written"):
-        EpisodeBagWriter(tmp_path / "file" / "bag", typestore)
+@pytest.mark.parametrize(("place", "reason"), [("there", "exists already"), ("file/bag", "place that can be written")])
+def test_a_place_that_cannot_be_written_is_refused_and_left_alone(writing: Writing, place: str, reason: str) -> None:
+    (writing.folder / "there").mkdir()
+    (writing.folder / "file").touch()
+    with pytest.raises(BagError, match=reason):
+        EpisodeBagWriter(writing.folder / place, writing.store)
+    assert writing.names() == ["file", "there"]
 
 
-def test_two_episodes_do_not_write_one_bag(tmp_path: Path, typestore: Typestore) -> None:
-    first = EpisodeBagWriter(tmp_path / "bag", typestore)
+def test_two_episodes_do_not_write_one_bag(writing: Writing) -> None:
+    first = writing.begin(())
     with pytest.raises(BagError, match="no other episode"):
-        EpisodeBagWriter(tmp_path / "bag", typestore)
+        writing.begin(())
     first.abandon("over")
 
 
-def test_an_abandoned_bag_is_readable_and_says_why(tmp_path: Path, typestore: Typestore, clock_cdr: bytes) -> None:
-    for number in (1, 2):
-        writer = EpisodeBagWriter(tmp_path / "bag", typestore)
-        writer.write(*CLOCK, clock_cdr, 0)
-        summary = writer.abandon("sensor_sim did not answer")
-        assert summary.path.name == ("bag.partial" if number == 1 else "bag.partial-2")
+def test_an_abandoned_bag_is_readable_and_says_why(writing: Writing) -> None:
+    for name in ("bag.partial", "bag.partial-2"):
+        summary = writing.begin().abandon("sensor_sim did not answer")
+        assert summary.path.name == name
         with AnyReader([summary.path]) as reader:
             assert reader.message_count == 1
-        custom = yaml.safe_load((summary.path / "metadata.yaml").read_text())
-        custom = custom["rosbag2_bagfile_information"]["custom_data"]
+        custom = information(summary)["custom_data"]
         assert custom == {"siren_end": "partial", "siren_reason": "sensor_sim did not answer"}
-    assert not (tmp_path / "bag").exists()
-
-
-def test_abandoning_a_finished_bag_changes_nothing(tmp_path: Path, typestore: Typestore, clock_cdr: bytes) -> None:
-    writer = EpisodeBagWriter(tmp_path / "bag", typestore)
-    writer.write(*CLOCK, clock_cdr, 0)
-    writer.finish()
-    assert writer.abandon("late").path == tmp_path / "bag"
-    assert [path.name for path in tmp_path.iterdir()] == ["bag"]
+    assert not (writing.folder / "bag").exists()
 
 
 class FillingDisk:
@@ -228,146 +257,91 @@ class FillingDisk:
         return getattr(self._file, name)
 
 
-def test_a_chunk_that_the_disk_took_in_part_is_taken_back(
-    tmp_path: Path, typestore: Typestore, clock_cdr: bytes, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    writer = EpisodeBagWriter(tmp_path / "bag", typestore, options=BagOptions(chunk_bytes=64))
+def test_a_chunk_that_the_disk_took_in_part_is_taken_back(writing: Writing, monkeypatch: pytest.MonkeyPatch) -> None:
+    writer = writing.begin((), chunk_bytes=64)
     disk = FillingDisk(writer._stream._stream, 20_000)
     monkeypatch.setattr(writer._stream, "_stream", disk)
-
-    def write_on() -> None:
-        for step in range(5000):
-            writer.write(*CLOCK, clock_cdr, step * 50_000_000)
-        writer.finish()
-
     with pytest.raises(EpisodeError, match="disk is full"):
-        write_on()
+        writing.write_clocks(writer, range(5000))
     monkeypatch.setattr(writer._folder, "free_reserve", lambda: setattr(disk, "room_bytes", 1_000_000))
     summary = writer.abandon("the disk is full")
     with open_bag(summary.path) as bag:
         times = [message.time_ns for message in bag.messages()]
     assert len(times) == summary.message_counts[CLOCK[0]] > 20
     assert times == [step * 50_000_000 for step in range(len(times))]
-    with next(summary.path.glob("*.mcap")).open("rb") as file:
-        assert sum(len(parse_content(unpack(chunk)).messages) for chunk in read_chunks(file)) == len(times)
+    assert sum(len(content.messages) for content in contents(summary.path)) == len(times)
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device /dev/full, which is Linux's")
-def test_a_full_disk_ends_the_episode_with_its_cause(
-    tmp_path: Path, typestore: Typestore, clock_cdr: bytes, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    writer = EpisodeBagWriter(tmp_path / "bag", typestore, options=BagOptions(chunk_bytes=64))
-    for step in range(10):
-        writer.write(*CLOCK, clock_cdr, step * 50_000_000)
-
-    kept: list[int] = []
-
-    def write_on() -> None:
-        for step in range(10, 2000):
-            writer.write(*CLOCK, clock_cdr, step * 50_000_000)
-        writer.finish()
-
+def test_a_full_disk_ends_the_episode_with_its_cause(writing: Writing, monkeypatch: pytest.MonkeyPatch) -> None:
+    writer = writing.begin(range(10), chunk_bytes=64)
     with Path("/dev/full").open("wb", buffering=0) as full:
         monkeypatch.setattr(writer._stream, "_stream", full)
         with pytest.raises(EpisodeError, match="disk is full"):
-            write_on()
+            writing.write_clocks(writer, range(10, 2000))
         summary = writer.abandon("the disk is full")
-    with (summary.path / "bag_0.mcap").open("rb") as file, suppress(DamageError):
-        for chunk in read_chunks(file):
-            kept += [message.time_ns for message in parse_content(unpack(chunk)).messages]
+    kept = [message.time_ns for content in contents(summary.path) for message in content.messages]
     assert kept == [step * 50_000_000 for step in range(len(kept))]
     assert len(kept) <= 10
-    assert summary.path.name == "bag.partial"
-    assert not (tmp_path / "bag").exists()
+    assert writing.names() == ["bag.partial"]
 
 
-def test_a_folder_that_disappears_is_noticed_and_its_bag_is_saved(
-    tmp_path: Path, typestore: Typestore, clock_cdr: bytes
-) -> None:
-    writer = EpisodeBagWriter(tmp_path / "bag", typestore, options=BagOptions(chunk_bytes=64))
-    for step in range(10):
-        writer.write(*CLOCK, clock_cdr, step * 50_000_000)
-    shutil.rmtree(tmp_path / ".bag.partial")
+@pytest.mark.parametrize("written", [0, 10])
+def test_a_folder_that_disappears_is_noticed_and_its_bag_is_saved(writing: Writing, written: int) -> None:
+    writer = writing.begin(range(written), chunk_bytes=64)
+    shutil.rmtree(writing.folder / ".bag.partial")
     with pytest.raises(EpisodeError, match="folder has disappeared"):
-        writer.write(*CLOCK, clock_cdr, 500_000_000)
-    with pytest.raises(EpisodeError, match="folder has disappeared"):
-        writer.finish()
+        writing.write_clocks(writer, [written])
+    if written:
+        with pytest.raises(EpisodeError, match="folder has disappeared"):
+            writer.finish()
     summary = writer.abandon("the folder is gone")
-    with AnyReader([summary.path]) as reader:
-        assert reader.message_count == 10
+    if written:
+        with AnyReader([summary.path]) as reader:
+            assert reader.message_count == written
 
 
-def test_a_chunk_is_closed_after_a_second(tmp_path: Path, typestore: Typestore, clock_cdr: bytes) -> None:
-    writer = EpisodeBagWriter(tmp_path / "bag", typestore)
-    for step in range(41):
-        writer.write(*CLOCK, clock_cdr, step * 50_000_000)
-    with (writer.finish().path / "bag_0.mcap").open("rb") as stream:
+def test_a_chunk_is_closed_after_a_second(writing: Writing) -> None:
+    with (writing.begin(range(41)).finish().path / "bag_0.mcap").open("rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None
     assert len(summary.chunk_indexes) == 2
 
 
-def test_the_chunk_after_new_definitions_and_every_64th_repeat_all_definitions(
-    tmp_path: Path, typestore: Typestore, clock_cdr: bytes, text_cdr: bytes
-) -> None:
-    writer = EpisodeBagWriter(tmp_path / "bag", typestore, latched=[TEXT[0]], options=BagOptions(chunk_bytes=1))
-    writer.write(*TEXT, text_cdr, 0)
-    for step in range(1, 140):
-        writer.write(*CLOCK, clock_cdr, step * 50_000_000)
-    defined = []
-    with (writer.finish().path / "bag_0.mcap").open("rb") as file:
-        for chunk in read_chunks(file):
-            content = parse_content(unpack(chunk))
-            defined.append((len(content.schemas), len(content.channels), len(content.messages)))
+def test_the_chunk_after_new_definitions_and_every_64th_repeat_all_definitions(writing: Writing) -> None:
+    bag = writing.begin(range(1, 140), text=True, chunk_bytes=1).finish().path
+    defined = [(len(content.schemas), len(content.channels), len(content.messages)) for content in contents(bag)]
     assert defined[0] == (1, 1, 1)
     # The second defines the clock, next to the repeated text.
     assert [number for number, (schemas, _, _) in enumerate(defined) if schemas == 2] == [1, 2, 64, 128]
     assert all(row in {(0, 0, 1), (2, 2, 1)} for row in defined[1:])
 
 
-def contents(file: Path) -> list[tuple[int, list[int]]]:
-    """Uncompressed size of each chunk, and the sizes of its messages."""
-    with file.open("rb") as stream:
-        plain = [unpack(chunk) for chunk in read_chunks(stream)]
-    return [(len(one), [len(message.data) for message in parse_content(one).messages]) for one in plain]
-
-
-def test_a_chunk_has_at_most_64_kb_and_a_larger_message_is_a_chunk_of_its_own(
-    tmp_path: Path, typestore: Typestore
-) -> None:
-    writer = EpisodeBagWriter(tmp_path / "bag", typestore)
+def test_a_chunk_has_at_most_64_kb_and_a_larger_message_is_a_chunk_of_its_own(writing: Writing) -> None:
+    writer = writing.begin(())
     for step in range(60):
         for number, size in enumerate((15_000, 200_000 if step % 10 == 5 else 3_000, 400)):
             writer.write(f"/data{number}", "std_msgs/msg/String", bytes(size), step * 10_000_000)
-    found = contents(writer.finish().path / "bag_0.mcap")
-    assert [sizes for size, sizes in found if size > 64_000] == [[200_000]] * 6
-    together = [size for size, sizes in found if 200_000 not in sizes]
+    bag = writer.finish().path
+    plain = [(len(plain_bytes(content)), [len(item.data) for item in content.messages]) for content in contents(bag)]
+    assert [sizes for size, sizes in plain if size > 64_000] == [[200_000]] * 6
+    together = [size for size, sizes in plain if 200_000 not in sizes]
     assert max(together) > 50_000
     assert len(together) < 40
 
 
-def test_latched_messages_have_chunks_of_their_own(
-    tmp_path: Path, typestore: Typestore, clock_cdr: bytes, text_cdr: bytes
-) -> None:
-    writer = EpisodeBagWriter(tmp_path / "bag", typestore, latched=["/a", "/b", "/end"])
+def test_latched_messages_have_chunks_of_their_own(writing: Writing) -> None:
+    writer = EpisodeBagWriter(writing.folder / "bag", writing.store, latched=["/a", "/b", "/end"])
     for topic in ("/a", "/b"):
-        writer.write(topic, TEXT[1], text_cdr, 0)
-    for step in range(3):
-        writer.write(*CLOCK, clock_cdr, step * 50_000_000)
-    writer.write("/end", TEXT[1], text_cdr, 100_000_000)
-    found = contents(writer.finish().path / "bag_0.mcap")
-    text, clock = len(text_cdr), len(clock_cdr)
-    assert [sizes for _, sizes in found] == [[text, text], [clock] * 3, [text]]
+        writer.write(topic, TEXT[1], writing.text, 0)
+    writing.write_clocks(writer, range(3))
+    writer.write("/end", TEXT[1], writing.text, 100_000_000)
+    text, clock = len(writing.text), len(writing.clock)
+    assert message_sizes(writer.finish().path) == [[text, text], [clock] * 3, [text]]
 
 
-def test_latched_messages_stand_a_second_time_as_a_file_that_readers_of_messages_skip(
-    tmp_path: Path, typestore: Typestore, clock_cdr: bytes, text_cdr: bytes
-) -> None:
-    writer = EpisodeBagWriter(tmp_path / "bag", typestore, latched=[TEXT[0]])
-    writer.write(*TEXT, text_cdr, 0)
-    for step in range(3):
-        writer.write(*CLOCK, clock_cdr, step * 50_000_000)
-    path = writer.finish().path
+def test_latched_messages_stand_a_second_time_as_a_file_that_readers_of_messages_skip(writing: Writing) -> None:
+    path = writing.begin(range(3), text=True).finish().path
     with (path / "bag_0.mcap").open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         (attachment,) = reader.iter_attachments()
@@ -380,19 +354,18 @@ def test_latched_messages_stand_a_second_time_as_a_file_that_readers_of_messages
     inside = make_reader(BytesIO(attachment.data), validate_crcs=True)
     ((schema, channel, message),) = inside.iter_messages()
     assert schema is not None
-    assert (schema.name, channel.topic, message.data) == (TEXT[1], TEXT[0], text_cdr)
+    assert (schema.name, channel.topic, message.data) == (TEXT[1], TEXT[0], writing.text)
     with AnyReader([path]) as rosbags_reader:
         read = [(item.topic, cdr) for item, _, cdr in rosbags_reader.messages()]
-    assert read == [(TEXT[0], text_cdr), *[(CLOCK[0], clock_cdr)] * 3]
+    assert read == [(TEXT[0], writing.text), *[(CLOCK[0], writing.clock)] * 3]
 
 
 def test_a_disk_without_room_for_the_second_copies_still_gets_the_end_of_the_bag(
-    tmp_path: Path, typestore: Typestore, clock_cdr: bytes, monkeypatch: pytest.MonkeyPatch
+    writing: Writing, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    writer = EpisodeBagWriter(tmp_path / "bag", typestore, latched=[TEXT[0]])
-    noise = np.random.default_rng(0).bytes(100_000)
-    writer.write(*TEXT, noise, 0)
-    writer.write(*CLOCK, clock_cdr, 0)
+    writer = writing.begin(())
+    writer.write(*TEXT, np.random.default_rng(0).bytes(100_000), 0)
+    writing.write_clocks(writer, [0])
     disk = FillingDisk(writer._stream._stream, 150_000)
     monkeypatch.setattr(writer._stream, "_stream", disk)
     with pytest.raises(EpisodeError, match="disk is full"):
@@ -401,41 +374,6 @@ def test_a_disk_without_room_for_the_second_copies_still_gets_the_end_of_the_bag
     summary = writer.abandon("the disk is full")
     with open_bag(summary.path) as bag:
         assert [message.topic for message in bag.messages()] == [TEXT[0], CLOCK[0]]
-
-
-def test_the_metadata_gives_the_time_of_the_first_message_and_the_span_to_the_last(
-    tmp_path: Path, typestore: Typestore, clock_cdr: bytes
-) -> None:
-    writer = EpisodeBagWriter(tmp_path / "bag", typestore, options=BagOptions(chunk_bytes=1))
-    for step in range(3, 11):
-        writer.write(*CLOCK, clock_cdr, step * 50_000_000)
-    text = (writer.finish().path / "metadata.yaml").read_text(encoding="utf-8")
-    information = yaml.safe_load(text)["rosbag2_bagfile_information"]
-    assert information["starting_time"]["nanoseconds_since_epoch"] == 150_000_000
-    assert information["duration"]["nanoseconds"] == 350_000_000
-    assert information["message_count"] == 8
-
-
-def test_the_summary_gives_the_size_of_all_files_and_the_number_of_messages(
-    tmp_path: Path, typestore: Typestore, clock_cdr: bytes, text_cdr: bytes
-) -> None:
-    writer = EpisodeBagWriter(tmp_path / "bag", typestore)
-    writer.write(*TEXT, text_cdr, 0)
-    for step in range(3):
-        writer.write(*CLOCK, clock_cdr, step * 50_000_000)
-    summary = writer.finish()
-    assert summary.size_bytes == sum(file.stat().st_size for file in summary.path.iterdir())
-    assert summary.message_counts == {TEXT[0]: 1, CLOCK[0]: 3}
-
-
-def test_a_folder_that_disappears_before_the_first_message_is_noticed_by_it(
-    tmp_path: Path, typestore: Typestore, clock_cdr: bytes
-) -> None:
-    writer = EpisodeBagWriter(tmp_path / "bag", typestore)
-    shutil.rmtree(tmp_path / ".bag.partial")
-    with pytest.raises(EpisodeError, match="folder has disappeared"):
-        writer.write(*CLOCK, clock_cdr, 0)
-    writer.abandon("the folder is gone")
 
 
 KILLED_WRITER = """
@@ -452,30 +390,17 @@ KILLED_WRITER = """
 """
 
 
-def test_a_killed_writer_leaves_whole_chunks_and_no_lock(
-    tmp_path: Path, typestore: Typestore, clock_cdr: bytes
-) -> None:
-    command = [sys.executable, "-c", textwrap.dedent(KILLED_WRITER), str(tmp_path / "bag")]
+def test_a_killed_writer_leaves_whole_chunks_and_no_lock(writing: Writing) -> None:
+    command = [sys.executable, "-c", textwrap.dedent(KILLED_WRITER), str(writing.folder / "bag")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, env=os.environ) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == b"written\n"
         process.send_signal(signal.SIGKILL)
     kinds = []
-    with (tmp_path / ".bag.partial" / "bag_0.mcap").open("rb") as data:
+    with (writing.folder / ".bag.partial" / "bag_0.mcap").open("rb") as data:
         records = StreamReader(data).records
         with suppress(McapError, struct.error):  # the file ends within a record
             kinds.extend(type(record).__name__ for record in records)
     assert kinds.count("Message") >= 190
-    writer = EpisodeBagWriter(tmp_path / "bag", typestore)
-    writer.write(*CLOCK, clock_cdr, 0)
-    writer.finish()
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["bag", "bag.partial"]
-
-
-def test_a_megabyte_is_reserved_for_the_end_of_the_bag_and_freed_with_it(
-    tmp_path: Path, typestore: Typestore, clock_cdr: bytes
-) -> None:
-    writer = EpisodeBagWriter(tmp_path / "bag", typestore)
-    assert (tmp_path / ".bag.partial" / ".reserve").stat().st_size == 1_000_000
-    writer.write(*CLOCK, clock_cdr, 0)
-    assert not (writer.finish().path / ".reserve").exists()
+    writing.begin().finish()
+    assert writing.names() == ["bag", "bag.partial"]

@@ -1,4 +1,4 @@
-"""Messages that a record must not hold, each at its limit."""
+"""Messages that a record must not hold, each at its limit, and when a record is complete."""
 
 import math
 from collections.abc import Callable
@@ -27,6 +27,8 @@ from siren_ros.scenario.episode import EpisodeEnd, EpisodeOutcome
 from siren_ros.world.commands import VehicleCommands
 
 RECORD = hand_made(crossing(), {EMV: Driven(NORTHBOUND, np.zeros(3)), 2: Driven(NORTHBOUND, np.full(3, 30.0))})
+EPISODE = SyntheticEpisode(Scene(duration_s=0.5))
+STEPS = 10
 
 
 def indices(*values):
@@ -89,10 +91,6 @@ def test_routes_that_lie_within_their_list(actors, offsets, edges):
 def test_routes_that_do_not(actors, offsets, edges):
     with pytest.raises(BagError, match="routes that lie within route_edges"):
         check_traffic(traffic_of(actors, offsets, edges))
-
-
-EPISODE = SyntheticEpisode(Scene(duration_s=0.5))
-STEPS = 10
 
 
 def complete(outcome: EpisodeOutcome | None, steps: Callable[[int], int | None] = lambda step: step) -> bool:

@@ -1,6 +1,5 @@
 import shutil
 import struct
-import zlib
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -11,6 +10,7 @@ import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from recording.bag_bytes import chunks_of, flip_bit, rewrite
 from rosbags.typesys.store import Typestore
 
 from siren_ros.cli.main import main
@@ -19,10 +19,11 @@ from siren_ros.interfaces.messages import make_message, stamp
 from siren_ros.judging.verify import verify_episode
 from siren_ros.recording.bag_reader import open_bag, read_episode
 from siren_ros.recording.bag_writer import BagOptions, EpisodeBagWriter
-from siren_ros.recording.mcap_scan import PackedChunk, parse_content, read_chunks, unpack
+from siren_ros.recording.mcap_scan import parse_content, unpack
 from siren_ros.recording.recover import recover_bag
 
 CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
+Messages = list[tuple[str, int, bytes]]
 
 
 @pytest.fixture(scope="module")
@@ -31,51 +32,55 @@ def episode(tmp_path_factory: pytest.TempPathFactory, write_bag: Callable[..., P
     return write_bag(tmp_path_factory.mktemp("episode") / "bag", duration_s=3.0)
 
 
-def chunks_of(file: Path) -> list[PackedChunk]:
-    with file.open("rb") as stream:
-        return list(read_chunks(stream))
+def cut_off(episode: Path, folder: Path, share: float | None = None) -> Path:
+    """What a writer that was killed leaves: the hidden folder with a part of the file, and the reserve.
 
-
-def within_last_chunk(episode: Path) -> float:
-    file = episode / "bag_0.mcap"
-    return (chunks_of(file)[-1].offset + 50) / file.stat().st_size
-
-
-def cut_off(episode: Path, folder: Path, share: float) -> Path:
-    """What a writer that was killed leaves: the hidden folder with a part of the file, and the reserve."""
-    working = folder / ".bag.partial"
+    Without a share the cut is within the last chunk.
+    """
+    working, data = folder / ".bag.partial", (episode / "bag_0.mcap").read_bytes()
+    end = chunks_of(episode / "bag_0.mcap")[-1].offset + 50 if share is None else int(len(data) * share)
     working.mkdir()
-    data = (episode / "bag_0.mcap").read_bytes()
-    (working / "bag_0.mcap").write_bytes(data[: int(len(data) * share)])
+    (working / "bag_0.mcap").write_bytes(data[:end])
     (working / ".reserve").write_bytes(bytes(1000))
     return working
 
 
-def messages_of(bag: Path) -> list[tuple[str, int, bytes]]:
+@pytest.fixture
+def damaged(episode: Path, tmp_path: Path) -> Path:
+    """A copy of the bag, to be damaged."""
+    return Path(shutil.copytree(episode, tmp_path / "damaged"))
+
+
+Messages = list[tuple[str, int, bytes]]
+
+
+def messages_of(bag: Path) -> Messages:
     with open_bag(bag) as opened:
         return [(message.topic, message.time_ns, message.cdr) for message in opened.messages()]
 
 
 @pytest.fixture(scope="module")
-def whole(episode: Path) -> list[tuple[str, int, bytes]]:
+def whole(episode: Path) -> Messages:
     """The messages of the complete bag."""
     return messages_of(episode)
 
 
 @pytest.mark.parametrize("named", [".bag.partial", "bag"])
-def test_a_cut_off_bag_is_completed_with_all_its_whole_chunks(episode: Path, tmp_path: Path, named: str) -> None:
-    working = cut_off(episode, tmp_path, within_last_chunk(episode))
-    whole = chunks_of(episode / "bag_0.mcap")
+def test_a_cut_off_bag_is_completed_with_all_its_whole_chunks(
+    episode: Path, whole: Messages, tmp_path: Path, named: str
+) -> None:
+    working = cut_off(episode, tmp_path)
+    chunks = chunks_of(episode / "bag_0.mcap")
     recovery = recover_bag(tmp_path / named)
     assert recovery.path == tmp_path / "bag.partial"
     assert not working.exists()
     assert not recovery.healthy
     saved = chunks_of(recovery.path / "bag_0.mcap")
-    assert 1 < len(saved) < len(whole)
-    assert [chunk.packed for chunk in saved] == [chunk.packed for chunk in whole[: len(saved)]]
+    assert 1 < len(saved) < len(chunks)
+    assert [chunk.packed for chunk in saved] == [chunk.packed for chunk in chunks[: len(saved)]]
     messages = messages_of(recovery.path)
     assert recovery.messages == len(messages)
-    assert messages == messages_of(episode)[: len(messages)]
+    assert messages == whole[: len(messages)]
     record = read_episode(recovery.path)
     assert not record.complete
     assert record.steps == recovery.steps > 20
@@ -87,7 +92,7 @@ def test_a_cut_off_bag_is_completed_with_all_its_whole_chunks(episode: Path, tmp
 
 
 def test_recovering_again_changes_nothing(episode: Path, tmp_path: Path) -> None:
-    cut_off(episode, tmp_path, within_last_chunk(episode))
+    cut_off(episode, tmp_path)
     first = recover_bag(tmp_path / "bag")
     before = {file.name: file.read_bytes() for file in first.path.iterdir()}
     again = recover_bag(first.path)
@@ -105,7 +110,7 @@ def test_a_complete_bag_is_left_alone(episode: Path, capsys: pytest.CaptureFixtu
 @settings(max_examples=40, deadline=None)
 @given(share=st.floats(0.0, 1.0))
 def test_a_bag_cut_off_anywhere_gives_its_beginning_or_one_error(
-    episode: Path, whole: list[tuple[str, int, bytes]], tmp_path_factory: pytest.TempPathFactory, share: float
+    episode: Path, whole: Messages, tmp_path_factory: pytest.TempPathFactory, share: float
 ) -> None:
     folder = tmp_path_factory.mktemp("cut")
     cut_off(episode, folder, share)
@@ -119,71 +124,64 @@ def test_a_bag_cut_off_anywhere_gives_its_beginning_or_one_error(
     shutil.rmtree(folder)
 
 
-def test_a_damaged_chunk_costs_its_own_messages_only(episode: Path, tmp_path: Path) -> None:
-    damaged = tmp_path / "damaged"
-    shutil.copytree(episode, damaged)
-    file = damaged / "bag_0.mcap"
-    second = chunks_of(file)[1]
-    data = bytearray(file.read_bytes())
-    data[data.index(second.packed) + len(second.packed) // 2] ^= 0x10
-    file.write_bytes(data)
+def test_a_damaged_chunk_costs_its_own_messages_only(whole: Messages, damaged: Path) -> None:
+    with_flipped_bits(damaged, 1)
     with pytest.raises(BagError, match="damaged"), open_bag(damaged) as opened:
         list(opened.messages())
     recovery = recover_bag(damaged)
     assert damaged.exists()
-    assert recovery.path == tmp_path / "damaged.partial"
+    assert recovery.path == damaged.with_name("damaged.partial")
     assert "chunk" in recovery.lost
-    lost = set(messages_of(episode)) - set(messages_of(recovery.path))
-    assert 0 < len(lost) < len(messages_of(episode)) / 2
+    assert 0 < len(set(whole) - set(messages_of(recovery.path))) < len(whole) / 2
 
 
 def with_flipped_bits(bag: Path, *numbers: int) -> list[int]:
     """Flips a bit in some chunks of a bag; returns the number of messages in each."""
-    file = next(bag.glob("*.mcap"))
-    data = bytearray(file.read_bytes())
-    chunks = chunks_of(file)
-    for number in numbers:
-        data[data.index(chunks[number].packed) + len(chunks[number].packed) // 2] ^= 0x10
-    lost = [len(parse_content(unpack(chunks[number])).messages) for number in numbers]
-    file.write_bytes(data)
-    return lost
+    chunks = [chunks_of(next(bag.glob("*.mcap")))[number] for number in numbers]
+    for chunk in chunks:
+        rewrite(bag, lambda data, packed=chunk.packed: flip_bit(data, data.index(packed) + len(packed) // 2))  # type: ignore[misc] # bound
+    return [len(parse_content(unpack(chunk)).messages) for chunk in chunks]
 
 
-def steps_of(bag: Path, number: int) -> list[tuple[str, int, bytes]]:
+def steps_of(bag: Path, number: int) -> Messages:
     """The messages of a chunk, without those of latched topics, which stand a second time."""
     latched = {"/siren/episode", "/siren/map", "/siren/outcome"}
     with open_bag(bag) as opened:
         names = {connection.id: connection.topic for connection in opened.reader.connections}
     content = parse_content(unpack(chunks_of(next(bag.glob("*.mcap")))[number]))
-    found = [(names[item.channel_id], item.time_ns, item.data) for item in content.messages]
-    return [message for message in found if message[0] not in latched]
+    messages = [(names[item.channel_id], item.time_ns, item.data) for item in content.messages]
+    return [message for message in messages if message[0] not in latched]
 
 
 def test_a_flipped_bit_in_the_first_chunk_costs_nothing_because_its_messages_stand_twice(
-    episode: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    episode: Path, whole: Messages, damaged: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    damaged = tmp_path / "damaged"
-    shutil.copytree(episode, damaged)
     (lost,) = with_flipped_bits(damaged, 0)
     assert main(["recover", str(damaged)]) == 0
     printed = capsys.readouterr()
-    whole = messages_of(episode)
     assert f"saved {len(whole)} messages" in printed.out
     assert f"{lost} of them from their second copies" in printed.out
     assert printed.err == ""
-    saved = tmp_path / "damaged.partial"
+    saved = damaged.with_name("damaged.partial")
     assert messages_of(saved) == whole
     assert verify_episode(read_episode(saved)) == verify_episode(read_episode(episode))
     with_flipped_bits(saved, 0)
-    assert messages_of(recover_bag(saved, tmp_path / "again").path) == whole, "a recovered bag has copies too"
+    assert messages_of(recover_bag(saved, damaged.with_name("again")).path) == whole, "a recovered bag has copies too"
+
+
+def bag_of_texts(
+    path: Path, store: Typestore, *topics: str, latched: tuple[str, ...] = ("/siren/episode", "/siren/map")
+) -> Path:
+    """A bag with a text of each topic, each in a chunk of its own."""
+    writer = EpisodeBagWriter(path, store, latched, BagOptions(chunk_bytes=64))
+    for topic in topics:
+        text = make_message("std_msgs/msg/String", data=topic * 20)
+        writer.write(topic, "std_msgs/msg/String", bytes(store.serialize_cdr(text, "std_msgs/msg/String")), 0)
+    return writer.finish().path
 
 
 def test_description_and_map_in_two_damaged_chunks_cost_nothing(tmp_path: Path, typestore: Typestore) -> None:
-    writer = EpisodeBagWriter(tmp_path / "bag", typestore, ["/siren/episode", "/siren/map"], BagOptions(chunk_bytes=64))
-    for topic in ("/siren/episode", "/siren/map", "/clock"):
-        text = make_message("std_msgs/msg/String", data=topic * 20)
-        writer.write(topic, "std_msgs/msg/String", bytes(typestore.serialize_cdr(text, "std_msgs/msg/String")), 0)
-    bag = writer.finish().path
+    bag = bag_of_texts(tmp_path / "bag", typestore, "/siren/episode", "/siren/map", "/clock")
     whole = messages_of(bag)
     with_flipped_bits(bag, 0, 1)
     recovery = recover_bag(bag)
@@ -191,28 +189,23 @@ def test_description_and_map_in_two_damaged_chunks_cost_nothing(tmp_path: Path, 
     assert messages_of(recovery.path) == whole
 
 
-def test_flipped_bits_in_the_first_chunk_and_others_cost_messages_of_steps_only(episode: Path, tmp_path: Path) -> None:
-    damaged = tmp_path / "damaged"
-    shutil.copytree(episode, damaged)
+def test_flipped_bits_in_the_first_chunk_and_others_cost_messages_of_steps_only(
+    episode: Path, whole: Messages, damaged: Path
+) -> None:
     last = len(chunks_of(episode / "bag_0.mcap")) - 1
     lost = [*steps_of(episode, 0), *steps_of(episode, 1), *steps_of(episode, last)]
     assert lost
     with_flipped_bits(damaged, 0, 1, last)
     recovery = recover_bag(damaged)
     assert (recovery.lost_messages, recovery.restored, recovery.described) == (len(lost), 3, True)
-    assert messages_of(recovery.path) == [message for message in messages_of(episode) if message not in lost]
+    assert messages_of(recovery.path) == [message for message in whole if message not in lost]
     record = read_episode(recovery.path)
     assert (record.complete, record.steps + record.lost_steps) == (False, 60)
 
 
-def test_a_flipped_bit_in_the_second_copies_alone_costs_nothing(episode: Path, tmp_path: Path) -> None:
-    damaged = tmp_path / "damaged"
-    shutil.copytree(episode, damaged)
-    file = damaged / "bag_0.mcap"
-    data = bytearray(file.read_bytes())
-    data[data.index(b"published_once.mcap") + 200] ^= 1
-    file.write_bytes(data)
-    assert messages_of(damaged) == messages_of(episode)
+def test_a_flipped_bit_in_the_second_copies_alone_costs_nothing(episode: Path, whole: Messages, damaged: Path) -> None:
+    rewrite(damaged, lambda data: flip_bit(data, data.index(b"published_once.mcap") + 200, 1))
+    assert messages_of(damaged) == whole
     recovery = recover_bag(damaged)
     assert not recovery.healthy
     assert (recovery.lost_messages, recovery.restored) == (0, 0)
@@ -242,19 +235,18 @@ def test_a_flipped_bit_anywhere_costs_one_chunk_at_most_and_nothing_in_silence(
         assert kept == [message for message in whole if message in set(kept)]
 
 
-def test_a_cut_off_bag_with_a_flipped_bit_in_its_first_chunk_keeps_all_others(episode: Path, tmp_path: Path) -> None:
-    working = cut_off(episode, tmp_path, within_last_chunk(episode))
+def test_a_cut_off_bag_with_a_flipped_bit_in_its_first_chunk_keeps_all_others(
+    episode: Path, whole: Messages, tmp_path: Path
+) -> None:
+    working = cut_off(episode, tmp_path)
     first = chunks_of(episode / "bag_0.mcap")[0]
-    file = working / "bag_0.mcap"
-    data = bytearray(file.read_bytes())
-    data[first.offset + 9 + 100] ^= 0x10
-    file.write_bytes(data)
+    rewrite(working, lambda data: flip_bit(data, first.offset + 9 + 100))
     recovery = recover_bag(working)
     lost = len(parse_content(unpack(first)).messages)  # the second copies are cut off, with the end of the file
     assert recovery.lost_messages == lost
     saved = messages_of(recovery.path)
     assert 0 < len(saved) == recovery.messages
-    assert saved == messages_of(episode)[lost : lost + len(saved)]
+    assert saved == whole[lost : lost + len(saved)]
 
 
 @pytest.mark.parametrize(("damaged", "described"), [("/siren/episode", False), ("/siren/map", False), ("/clock", True)])
@@ -262,21 +254,14 @@ def test_an_episode_needs_its_description_and_its_map(
     tmp_path: Path, typestore: Typestore, damaged: str, described: bool
 ) -> None:
     topics = ("/siren/episode", "/siren/map", "/clock", "/other")
-    writer = EpisodeBagWriter(tmp_path / "bag", typestore, options=BagOptions(chunk_bytes=64))
-    for topic in topics:
-        text = make_message("std_msgs/msg/String", data=topic * 20)
-        cdr = bytes(typestore.serialize_cdr(text, "std_msgs/msg/String"))
-        writer.write(topic, "std_msgs/msg/String", cdr, 0)
-    bag = writer.finish().path
+    bag = bag_of_texts(tmp_path / "bag", typestore, *topics, latched=())
     with_flipped_bits(bag, topics.index(damaged))
     recovery = recover_bag(bag)
     assert (recovery.described, recovery.messages, recovery.lost_messages) == (described, 3, 1)
     assert {topic for topic, _, _ in messages_of(recovery.path)} == {*topics} - {damaged}
 
 
-def test_several_damaged_chunks_are_one_line(episode: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    damaged = tmp_path / "damaged"
-    shutil.copytree(episode, damaged)
+def test_several_damaged_chunks_are_one_line(damaged: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lost = with_flipped_bits(damaged, 1, 2)
     assert main(["recover", str(damaged)]) == 1
     (line,) = capsys.readouterr().err.splitlines()
@@ -287,12 +272,9 @@ def test_several_damaged_chunks_are_one_line(episode: Path, tmp_path: Path, caps
 def test_a_flipped_bit_before_the_end_of_a_cut_off_bag_is_counted_by_the_message_index(
     episode: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    working = cut_off(episode, tmp_path, within_last_chunk(episode))
-    file = working / "bag_0.mcap"
+    working = cut_off(episode, tmp_path)
     second = chunks_of(episode / "bag_0.mcap")[1]
-    data = bytearray(file.read_bytes())
-    data[second.offset + 9 + 100] ^= 0x10
-    file.write_bytes(data)
+    rewrite(working, lambda data: flip_bit(data, second.offset + 9 + 100))
     assert main(["recover", str(working)]) == 1
     assert f" {len(parse_content(unpack(second)).messages)} messages are lost: 1 of " in capsys.readouterr().err
 
@@ -300,21 +282,19 @@ def test_a_flipped_bit_before_the_end_of_a_cut_off_bag_is_counted_by_the_message
 def test_the_unfinished_end_of_a_killed_writer_is_named_and_is_no_failure(
     episode: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    working = cut_off(episode, tmp_path, within_last_chunk(episode))
+    working = cut_off(episode, tmp_path)
     assert main(["recover", str(working)]) == 0
     (line,) = capsys.readouterr().err.splitlines()
     assert "the unfinished end is lost" in line
 
 
 def test_a_complete_bag_that_was_cut_off_later_says_how_many_messages_its_metadata_counted(
-    episode: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    whole: Messages, damaged: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    damaged = tmp_path / "damaged"
-    shutil.copytree(episode, damaged)
-    file = damaged / "bag_0.mcap"
-    file.write_bytes(file.read_bytes()[: int(file.stat().st_size * within_last_chunk(episode))])
+    end = chunks_of(damaged / "bag_0.mcap")[-1].offset + 50
+    rewrite(damaged, lambda data: data.__delitem__(slice(end, None)))
     assert main(["recover", str(damaged)]) == 1
-    lost = len(messages_of(episode)) - len(messages_of(tmp_path / "damaged.partial"))
+    lost = len(whole) - len(messages_of(damaged.with_name("damaged.partial")))
     assert f" {lost} messages are lost" in capsys.readouterr().err
 
 
@@ -329,7 +309,7 @@ def test_the_bag_of_a_running_writer_is_refused(tmp_path: Path, typestore: Types
 
 
 def test_the_folder_for_the_result_must_be_new(episode: Path, tmp_path: Path) -> None:
-    working = cut_off(episode, tmp_path, within_last_chunk(episode))
+    working = cut_off(episode, tmp_path)
     with pytest.raises(BagError, match="exists already"):
         recover_bag(working, tmp_path)
     recovery = recover_bag(working, tmp_path / "sub" / "saved")
@@ -346,54 +326,46 @@ def test_what_is_no_bag_gets_one_line(tmp_path: Path, capsys: pytest.CaptureFixt
     assert str(tmp_path / name) in line
 
 
-def with_claim(episode: Path, folder: Path, **changed: int) -> Path:
-    """The bag with other lengths in its first chunk."""
-    hostile = folder / "hostile"
-    shutil.copytree(episode, hostile)
-    file = hostile / "bag_0.mcap"
-    chunk = chunks_of(file)[0]
-    data = bytearray(file.read_bytes())
-    at = {"record": chunk.offset + 1, "plain": chunk.offset + 9 + 16, "packed": chunk.offset + 9 + 36}
-    for name, value in changed.items():
-        struct.pack_into("<Q", data, at[name], value)
-    file.write_bytes(data)
-    return hostile
-
-
-@pytest.mark.parametrize("claim", [{"record": 2**60}, {"plain": 2**60}, {"packed": 2**60}, {"plain": 10**9}])
-def test_a_chunk_that_claims_too_much_is_refused(episode: Path, tmp_path: Path, claim: dict[str, int]) -> None:
-    hostile = with_claim(episode, tmp_path, **claim)
-    with pytest.raises(BagError, match="hostile"), open_bag(hostile):
+@pytest.mark.parametrize(
+    ("place", "claim", "reason"),
+    [
+        (1, 2**60, "no whole record of a bag with chunks"),
+        (9 + 16, 2**60, f"claims {2**60} bytes; 256000000 are allowed"),
+        (9 + 36, 2**60, "whose lengths contradict each other"),
+        (9 + 16, 10**9, "claims 1000000000 bytes; 256000000 are allowed"),
+    ],
+    ids=["record", "plain", "packed", "plain, a little"],
+)
+def test_a_chunk_that_claims_too_much_is_refused(
+    whole: Messages, damaged: Path, place: int, claim: int, reason: str
+) -> None:
+    first = chunks_of(damaged / "bag_0.mcap")[0].offset
+    rewrite(damaged, lambda data: struct.pack_into("<Q", data, first + place, claim))
+    with pytest.raises(BagError, match=reason), open_bag(damaged):
         pass
-    recovery = recover_bag(hostile, tmp_path / "saved")
-    assert recovery.messages + recovery.lost_messages == len(messages_of(episode))
-    assert recovery.lost_messages < len(messages_of(episode)) / 2
+    recovery = recover_bag(damaged, damaged.with_name("saved"))
+    assert recovery.messages + recovery.lost_messages == len(whole)
+    assert recovery.lost_messages < len(whole) / 2
 
 
-def test_a_chunk_that_unpacks_to_more_than_it_claims_is_refused(episode: Path, tmp_path: Path) -> None:
-    bomb = zstandard.ZstdCompressor(level=1).compress(bytes(600_000_000))
-    head = struct.pack("<QQQII", 0, 0, 600_000_000, zlib.crc32(b""), 4) + b"zstd" + struct.pack("<Q", len(bomb))
-    hostile = tmp_path / "bomb"
-    shutil.copytree(episode, hostile)
-    file = hostile / "bag_0.mcap"
-    data = file.read_bytes()
-    first = chunks_of(file)[0].offset
-    file.write_bytes(data[:first] + struct.pack("<BQ", 6, len(head) + len(bomb)) + head + bomb + data[first:])
-    with pytest.raises(BagError, match="600000000"), open_bag(hostile):
+def insert_chunk(bag: Path, packed: bytes, plain_bytes: int) -> None:
+    """Puts a chunk before the first one."""
+    head = struct.pack("<QQQII", 0, 0, plain_bytes, 0, 4) + b"zstd" + struct.pack("<Q", len(packed))
+    record = struct.pack("<BQ", 6, len(head) + len(packed)) + head + packed
+    first = chunks_of(bag / "bag_0.mcap")[0].offset
+    rewrite(bag, lambda data: data.__setitem__(slice(first, first), record))
+
+
+def test_a_chunk_that_unpacks_to_more_than_it_claims_is_refused(damaged: Path) -> None:
+    insert_chunk(damaged, zstandard.ZstdCompressor(level=1).compress(bytes(600_000_000)), 600_000_000)
+    with pytest.raises(BagError, match="600000000"), open_bag(damaged):
         pass
 
 
-def test_a_second_frame_behind_the_first_is_refused(episode: Path, tmp_path: Path) -> None:
-    plain = b""
-    frame = zstandard.ZstdCompressor().compress(plain) + zstandard.ZstdCompressor().compress(bytes(1000))
-    head = struct.pack("<QQQII", 0, 0, len(plain), 0, 4) + b"zstd" + struct.pack("<Q", len(frame))
-    hostile = tmp_path / "frames"
-    shutil.copytree(episode, hostile)
-    file = hostile / "bag_0.mcap"
-    data = file.read_bytes()
-    first = chunks_of(file)[0].offset
-    file.write_bytes(data[:first] + struct.pack("<BQ", 6, len(head) + len(frame)) + head + frame + data[first:])
-    with pytest.raises(BagError, match="more than one frame"), open_bag(hostile):
+def test_a_second_frame_behind_the_first_is_refused(damaged: Path) -> None:
+    compress = zstandard.ZstdCompressor().compress
+    insert_chunk(damaged, compress(b"") + compress(bytes(1000)), 0)
+    with pytest.raises(BagError, match="more than one frame"), open_bag(damaged):
         pass
 
 
@@ -410,9 +382,7 @@ def test_a_second_frame_behind_the_first_is_refused(episode: Path, tmp_path: Pat
         "x" * 1_000_001,
     ],
 )
-def test_hostile_metadata_is_refused(episode: Path, tmp_path: Path, text: str) -> None:
-    hostile = tmp_path / "bag"
-    shutil.copytree(episode, hostile)
-    (hostile / "metadata.yaml").write_text(text)
-    with pytest.raises(BagError), open_bag(hostile):
+def test_hostile_metadata_is_refused(damaged: Path, text: str) -> None:
+    (damaged / "metadata.yaml").write_text(text)
+    with pytest.raises(BagError), open_bag(damaged):
         pass

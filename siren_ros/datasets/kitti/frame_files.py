@@ -37,6 +37,12 @@ _TRUE_COLOUR: Final = 2
 _UP: Final = 2
 """Filter of every row: the difference to the row above (PNG specification, section 9)."""
 _FASTEST: Final = 1
+POINT_FIELDS: Final = ("x", "y", "z", "intensity")
+FRAMES_FILE: Final = "frames.csv"
+OBJECTS_FILE: Final = "objects.csv"
+TRAINING: Final = "training"
+_FRAMES_HEAD: Final = "frame,step,timestamp\n"
+_OBJECTS_HEAD: Final = "frame,line,actor_id,type,is_emv,lidar_points,lidar_visibility\n"
 
 
 def png_of_jpeg(jpeg: bytes) -> bytes:
@@ -60,15 +66,6 @@ def png_bytes(rgb: npt.NDArray[np.uint8]) -> bytes:
 
 def _chunk(kind: bytes, data: bytes) -> bytes:
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(data, zlib.crc32(kind)))
-
-
-POINT_FIELDS: Final = ("x", "y", "z", "intensity")
-FRAMES_FILE: Final = "frames.csv"
-OBJECTS_FILE: Final = "objects.csv"
-IMAGE_SET: Final = "ImageSets/train.txt"
-TRAINING: Final = "training"
-_FRAMES_HEAD: Final = "frame,step,timestamp\n"
-_OBJECTS_HEAD: Final = "frame,line,actor_id,type,is_emv,lidar_points,lidar_visibility\n"
 
 
 @dataclass(frozen=True)

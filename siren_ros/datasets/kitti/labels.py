@@ -41,6 +41,24 @@ A KITTI reader opens these files without an error and puts every box in a wrong 
 the camera's frame with the centre of the bottom face. `siren export kitti` without `--layout paper` writes what such
 a reader expects, with these lines in `label_lidar/`.
 """
+TYPE_OF_CLASS: Final = {
+    ActorClass.HATCHBACK: "Car",
+    ActorClass.SEDAN: "Car",
+    ActorClass.ESTATE: "Car",
+    ActorClass.SUV: "Car",
+    ActorClass.PICKUP: "Car",
+    ActorClass.POLICE: "Car",
+    ActorClass.VAN: "Van",
+    ActorClass.AMBULANCE: "Van",
+    ActorClass.TRUCK: "Truck",
+    ActorClass.FIRE_TRUCK: "Truck",
+    ActorClass.BUS: "Misc",
+}
+"""KITTI has no class for buses: its ``Misc`` is what has none."""
+UNKNOWN: Final = 3
+"""KITTI's occlusion state of a box that nobody could see; here: no LiDAR point lies on it."""
+_FULLY_VISIBLE: Final = 0.8
+_PARTLY_VISIBLE: Final = 0.4
 
 
 def label_text(truth: GroundTruth) -> str:
@@ -107,26 +125,6 @@ def _matrix(transform: Transform) -> Matrix:
     matrix[:3, :3] = matrix_of_quaternion(transform.rotation_xyzw)
     matrix[:3, 3] = transform.translation_m
     return matrix
-
-
-TYPE_OF_CLASS: Final = {
-    ActorClass.HATCHBACK: "Car",
-    ActorClass.SEDAN: "Car",
-    ActorClass.ESTATE: "Car",
-    ActorClass.SUV: "Car",
-    ActorClass.PICKUP: "Car",
-    ActorClass.POLICE: "Car",
-    ActorClass.VAN: "Van",
-    ActorClass.AMBULANCE: "Van",
-    ActorClass.TRUCK: "Truck",
-    ActorClass.FIRE_TRUCK: "Truck",
-    ActorClass.BUS: "Misc",
-}
-"""KITTI has no class for buses: its ``Misc`` is what has none."""
-UNKNOWN: Final = 3
-"""KITTI's occlusion state of a box that nobody could see; here: no LiDAR point lies on it."""
-_FULLY_VISIBLE: Final = 0.8
-_PARTLY_VISIBLE: Final = 0.4
 
 
 @dataclass(frozen=True)

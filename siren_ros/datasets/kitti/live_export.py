@@ -8,6 +8,10 @@ from typing import Final
 from siren_ros.datasets.files import Staging
 from siren_ros.errors import InputError
 
+_JOB: Final = {"export": "of a running episode"}
+"""Tells its hidden folder from that of an unfinished ``siren export``, which the same command finishes."""
+_PART: Final = 0
+
 
 class Layout(StrEnum):
     """Which layout."""
@@ -15,11 +19,6 @@ class Layout(StrEnum):
     KITTI = "kitti"
     """The object benchmark's own."""
     PAPER = "paper"
-
-
-_JOB: Final = {"export": "of a running episode"}
-"""Tells its hidden folder from that of an unfinished ``siren export``, which the same command finishes."""
-_PART: Final = 0
 
 
 class LiveExport:

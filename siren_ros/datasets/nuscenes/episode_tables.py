@@ -39,6 +39,13 @@ CATEGORY_OF_CLASS: Final = {
 ATTRIBUTES: Final = ("vehicle.moving", "vehicle.stopped", "vehicle.parked")
 VISIBILITIES: Final = {"1": "v0-40", "2": "v40-60", "3": "v60-80", "4": "v80-100"}
 _STOPPED_MPS: Final = 0.3
+LIDAR: Final = "LIDAR_TOP"
+NUSCENES_FROM_LIDAR: Final = np.array([[0.0, -1.0, 0, 0], [1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, 0, 0, 1.0]])
+"""Points with x to the right and y ahead from points with x ahead and y to the left."""
+_SECTORS: Final = ((30.0, "CAM_FRONT"), (85.0, "CAM_FRONT_{side}"), (150.0, "CAM_BACK_{side}"), (181.0, "CAM_BACK"))
+"""Largest angle from straight ahead in degrees, and the channel; nuScenes' own stand at 0, 55, 110 and 180."""
+LARGE_TABLES: Final = ("sample", "sample_data", "ego_pose", "sample_annotation")
+"""Tables that grow with the episode: rows go to a file of JSON lines at once."""
 
 
 def category_of(actor_class: ActorClass, emergency: str, others: str = "nuscenes") -> str:
@@ -90,24 +97,17 @@ def fixed_tables() -> dict[str, list[dict[str, Any]]]:
     }
 
 
-LIDAR: Final = "LIDAR_TOP"
-NUSCENES_FROM_LIDAR: Final = np.array([[0.0, -1.0, 0, 0], [1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, 0, 0, 1.0]])
-"""Points with x to the right and y ahead from points with x ahead and y to the left."""
-_SECTORS: Final = ((30.0, "CAM_FRONT"), (85.0, "CAM_FRONT_{side}"), (150.0, "CAM_BACK_{side}"), (181.0, "CAM_BACK"))
-"""Largest angle from straight ahead in degrees, and the channel; nuScenes' own stand at 0, 55, 110 and 180."""
-
-
 def channels(cameras: tuple[MountedCamera, ...]) -> dict[str, str]:
     """NuScenes' channel of each camera by the camera's name, from where it looks; a second one there is numbered."""
-    found: dict[str, str] = {}
+    names: dict[str, str] = {}
     for camera in cameras:
         ahead = camera.base_from_sensor[:3, 2]
         angle_deg = float(np.degrees(np.arctan2(ahead[1], ahead[0])))
         name = next(name for limit, name in _SECTORS if abs(angle_deg) < limit)
         name = name.format(side="LEFT" if angle_deg > 0.0 else "RIGHT")
-        number = sum(taken.rstrip("_0123456789") == name for taken in found.values())
-        found[camera.name] = name if number == 0 else f"{name}_{number + 1}"
-    return found
+        number = sum(name_taken.rstrip("_0123456789") == name for name_taken in names.values())
+        names[camera.name] = name if number == 0 else f"{name}_{number + 1}"
+    return names
 
 
 def rotation_wxyz(matrix: Matrix) -> list[float]:
@@ -123,7 +123,7 @@ def calibrated_sensors(source: EpisodeSource, episode_id: str) -> list[dict[str,
     if lidar is not None:
         mounts.append((LIDAR, lidar.base_from_sensor @ np.linalg.inv(NUSCENES_FROM_LIDAR), []))
     names = channels(source.cameras)
-    mounts += [(names[one.name], one.base_from_sensor, one.model.matrix.tolist()) for one in source.cameras]
+    mounts += [(names[camera.name], camera.base_from_sensor, camera.model.matrix.tolist()) for camera in source.cameras]
     return [
         {
             "token": token("calibrated_sensor", episode_id, channel),
@@ -134,10 +134,6 @@ def calibrated_sensors(source: EpisodeSource, episode_id: str) -> list[dict[str,
         }
         for channel, mount, intrinsic in mounts
     ]
-
-
-LARGE_TABLES: Final = ("sample", "sample_data", "ego_pose", "sample_annotation")
-"""Tables that grow with the episode: rows go to a file of JSON lines at once."""
 
 
 def microseconds(step: int) -> int:
@@ -230,7 +226,7 @@ class EpisodeTables:
             cos, sin = np.cos(truth.yaw_rad[row]), np.sin(truth.yaw_rad[row])
             turned = map_from_truth[:3, :3] @ [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]
             name = token("sample_annotation", self._id, actor_id, step)
-            found = {
+            annotation = {
                 "token": name,
                 "sample_token": self.samples[-1],
                 "instance_token": token("instance", self._id, actor_id),
@@ -246,11 +242,11 @@ class EpisodeTables:
                 "num_lidar_pts": int(inside[row]),
                 "num_radar_pts": 0,
             }
-            self._linked("sample_annotation", actor_id, found)
+            self._linked("sample_annotation", actor_id, annotation)
             instance = self._instances.setdefault(
                 actor_id,
                 {
-                    "token": found["instance_token"],
+                    "token": annotation["instance_token"],
                     "category_token": token("category", category),
                     "nbr_annotations": 0,
                     "first_annotation_token": name,

@@ -92,11 +92,11 @@ class NuscenesExporter:
         self, source: EpisodeSource, episode_id: str, samples: list[str], low: Floats, map_name: str
     ) -> dict[str, list[dict[str, Any]]]:
         description = source.description
-        told = f"template {description.template}, level {description.level.name}, seed {description.seed}"
+        request = f"template {description.template}, level {description.level.name}, seed {description.seed}"
         scene = {
             "token": token("scene", episode_id),
             "name": episode_id,
-            "description": f"{told}; global frame = map frame − ({low[0]:.0f}, {low[1]:.0f}) m",
+            "description": f"{request}; global frame = map frame − ({low[0]:.0f}, {low[1]:.0f}) m",
             "log_token": token("log", episode_id),
             "nbr_samples": len(samples),
             "first_sample_token": samples[0],

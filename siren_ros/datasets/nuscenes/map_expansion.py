@@ -24,6 +24,19 @@ from siren_ros.roads.road_network import LaneKind, RoadNetwork
 RESOLUTION_M: Final = 0.1
 _MARGIN_M: Final = 60.0
 _DRIVEN: Final = frozenset({LaneKind.DRIVING, LaneKind.SHOULDER, LaneKind.INTERNAL})
+_LAYERS: Final = (
+    *("node", "line", "polygon", "drivable_area", "road_segment", "road_block", "lane", "lane_connector"),
+    *("ped_crossing", "walkway", "stop_line", "carpark_area", "road_divider", "lane_divider", "traffic_light"),
+)
+_GRID_M: Final = 0.001
+"""Places nearer than this are one node."""
+_STOP_LINE_M: Final = 0.5
+_ARC_RADIUS_M: Final = 1000.0
+"""Of the two arcs of an arc-line path, which have no length here: centre lines are polylines."""
+_COLOURS: Final = ("RED", "YELLOW", "GREEN")
+_LIGHT_M: Final = 5.0
+"""Height of a light above the road."""
+_POSE: Final = {"tx": 0.0, "ty": 0.0, "tz": 0.0, "rx": 0.0, "ry": 0.0, "rz": 0.0}
 
 
 def map_corners(network: RoadNetwork) -> tuple[Floats, Floats]:
@@ -62,27 +75,13 @@ def mask_png(network: RoadNetwork) -> bytes:
     return packed.getvalue()
 
 
-_LAYERS: Final = (
-    *("node", "line", "polygon", "drivable_area", "road_segment", "road_block", "lane", "lane_connector"),
-    *("ped_crossing", "walkway", "stop_line", "carpark_area", "road_divider", "lane_divider", "traffic_light"),
-)
-_GRID_M: Final = 0.001
-"""Places nearer than this are one node."""
-_STOP_LINE_M: Final = 0.5
-_ARC_RADIUS_M: Final = 1000.0
-"""Of the two arcs of an arc-line path, which have no length here: centre lines are polylines."""
-_COLOURS: Final = ("RED", "YELLOW", "GREEN")
-_LIGHT_M: Final = 5.0
-"""Height of a light above the road."""
-
-
 def map_json(network: RoadNetwork, name: str) -> bytes:
     """The file ``maps/expansion/NAME.json``, in the global frame: the ``map`` frame from ``map_corners`` on."""
-    made = _Map(network, name)
-    made.areas()
-    made.lanes()
+    layers = _Map(network, name)
+    layers.areas()
+    layers.lanes()
     low, high = map_corners(network)
-    tables = {**made.tables, "arcline_path_3": made.paths, "connectivity": made.connectivity}
+    tables = {**layers.tables, "arcline_path_3": layers.paths, "connectivity": layers.connectivity}
     return json.dumps({"version": "1.3", "canvas_edge": (high - low).tolist(), **tables}).encode() + b"\n"
 
 
@@ -128,14 +127,18 @@ class _Map:
         """Drivable area, junctions, crossings and sidewalks."""
         network = self._network
         parts = [Polygon(_outline(lane.left, lane.right)).buffer(0.0) for lane in self._graph.values()]
-        parts += [Polygon(one.outline).buffer(0.0) for one in network.junctions.values() if len(one.outline) > 2]
+        parts += [
+            Polygon(junction.outline).buffer(0.0)
+            for junction in network.junctions.values()
+            if len(junction.outline) > 2
+        ]
         area = shapely.union_all(parts, grid_size=_GRID_M)
         pieces = [
             self._polygon(_ring(part.exterior), "drivable_area", number, holes=map(_ring, part.interiors))
             for number, part in enumerate(shapely.get_parts(area))
         ]
         self._add("drivable_area", {"polygon_tokens": pieces})
-        junctions = {key: one.outline for key, one in network.junctions.items() if len(one.outline) > 2}
+        junctions = {key: junction.outline for key, junction in network.junctions.items() if len(junction.outline) > 2}
         for key, outline in junctions.items():
             polygon = self._polygon(outline, "junction", key)
             row = {"polygon_token": polygon, "is_intersection": True, "drivable_area_token": self._drivable}
@@ -206,8 +209,8 @@ class _Map:
                 )
         self.paths[name] = _arc_line_path(lane.lane.centre.points - self._low)
         self.connectivity[name] = {
-            "incoming": [self._name_of(one) for one in lane.predecessors],
-            "outgoing": [self._name_of(one) for one in lane.successors],
+            "incoming": [self._name_of(other) for other in lane.predecessors],
+            "outgoing": [self._name_of(other) for other in lane.successors],
         }
 
     def _divider(self, line: Points, *, inner: bool) -> list[dict[str, str]]:
@@ -229,7 +232,7 @@ class _Map:
                 end = np.array([lane.left[-1], lane.right[-1]])
                 x, y = (end.mean(axis=0) - self._low).tolist()
                 heading = float(lane.lane.centre.heading_rad(lane.lane.length_m))
-                blocks = sorted({self._network.lanes[one.to_lane].edge for one in connections})
+                blocks = sorted({self._network.lanes[connection.to_lane].edge for connection in connections})
                 targets = [token(self._name, "road_block", edge) for edge in blocks]
                 items = [
                     {
@@ -263,9 +266,6 @@ class _Map:
             self._add("stop_line", row, index)
 
 
-_POSE: Final = {"tx": 0.0, "ty": 0.0, "tz": 0.0, "rx": 0.0, "ry": 0.0, "rz": 0.0}
-
-
 def _outline(left: Points, right: Points) -> Points:
     outline: Points = np.concatenate((left, right[::-1]))
     return outline
@@ -279,11 +279,11 @@ def _ring(ring: shapely.LinearRing) -> Points:
 
 def _arc_line_path(centre: Floats) -> list[dict[str, Any]]:
     """A straight arc-line path for each piece of a centre line."""
-    found = []
+    pieces = []
     for start, end in pairwise(centre):
         length_m, yaw = float(np.hypot(*(end - start))), float(np.arctan2(*(end - start)[::-1]))
         if length_m > _GRID_M:
-            found.append(
+            pieces.append(
                 {
                     "start_pose": [*start.tolist(), yaw],
                     "end_pose": [*end.tolist(), yaw],
@@ -292,4 +292,4 @@ def _arc_line_path(centre: Floats) -> list[dict[str, Any]]:
                     "segment_length": [0.0, length_m, 0.0],
                 }
             )
-    return found
+    return pieces

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from datasets.made_bag import BUS, CAR, FRONT, FRONT_M, LIDAR_M, jpeg_of, sweep_of, truth_of
+from datasets.made_bag import BUS, CAR, FRONT, FRONT_M, LIDAR_M, Export, jpeg_of, sweep_of, truth_of
 from PIL import Image
 from reader_environments import read_with
 
@@ -23,30 +23,31 @@ from siren_ros.world.carrier import GroundTruth
 
 SWEEPS = {0: 19, 1: 10, 2: 10}
 """By seed."""
+LIDAR = "/emv/lidar/points"
+FRAMES = (0, 10, 19)
+"""The first, the middle and the last one."""
 
 
 @pytest.fixture(scope="module")
-def dataset(made_bags: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("kitti") / "out"
-    assert main(["export", "kitti", *map(str, made_bags), "--out", str(out), "--jobs", "1"]) == 0
-    return out
+def made_dataset(exported: Export, made_bags: list[Path]) -> Path:
+    return exported("kitti", made_bags)
 
 
 @pytest.fixture(scope="module")
-def frames(dataset: Path) -> list[dict[str, str]]:
-    return list(csv.DictReader(io.StringIO((dataset / "frames.csv").read_text())))
+def frames(made_dataset: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO((made_dataset / "frames.csv").read_text())))
 
 
 def seed_of(frame: dict[str, str]) -> int:
     return int(frame["episode"].split("_seed")[1].split("_")[0])
 
 
-def set_of(dataset: Path, name: str) -> list[str]:
-    return (dataset / "ImageSets" / f"{name}.txt").read_text().split()
+def set_of(made_dataset: Path, name: str) -> list[str]:
+    return (made_dataset / "ImageSets" / f"{name}.txt").read_text().split()
 
 
-def folder_of(dataset: Path, number: str) -> Path:
-    return dataset / ("testing" if number in set_of(dataset, "test") else "training")
+def folder_of(made_dataset: Path, number: str) -> Path:
+    return made_dataset / ("testing" if number in set_of(made_dataset, "test") else "training")
 
 
 def test_frames_of_all_episodes_are_numbered_in_one_row(frames: list[dict[str, str]]) -> None:
@@ -60,8 +61,8 @@ def test_frames_of_all_episodes_are_numbered_in_one_row(frames: list[dict[str, s
     assert [seed_of(one) for one in frames] == sorted(map(seed_of, frames))
 
 
-def test_one_episode_is_for_test_and_one_for_validation(dataset: Path, frames: list[dict[str, str]]) -> None:
-    splits = {name: set_of(dataset, name) for name in ("train", "val", "test", "trainval")}
+def test_one_episode_is_for_test_and_one_for_validation(made_dataset: Path, frames: list[dict[str, str]]) -> None:
+    splits = {name: set_of(made_dataset, name) for name in ("train", "val", "test", "trainval")}
     assert sorted([*splits["train"], *splits["val"], *splits["test"]]) == [one["frame"] for one in frames]
     assert splits["trainval"] == sorted([*splits["train"], *splits["val"]])
     for name in ("train", "val", "test"):
@@ -70,14 +71,14 @@ def test_one_episode_is_for_test_and_one_for_validation(dataset: Path, frames: l
         assert len(splits[name]) == SWEEPS[seeds.pop()]
     for home, names in (("testing", splits["test"]), ("training", splits["trainval"])):
         for folder, suffix in (("velodyne", "bin"), ("image_2", "png"), ("calib", "txt"), ("label_lidar", "txt")):
-            found = sorted(path.name for path in (dataset / home / folder).iterdir())
+            found = sorted(path.name for path in (made_dataset / home / folder).iterdir())
             assert found == [f"{number}.{suffix}" for number in names]
 
 
 @pytest.mark.parametrize("row", [0, 7, 18, 19, 28, 38])
-def test_a_frames_files_are_those_of_its_step(dataset: Path, frames: list[dict[str, str]], row: int) -> None:
+def test_a_frames_files_are_those_of_its_step(made_dataset: Path, frames: list[dict[str, str]], row: int) -> None:
     number, step = frames[row]["frame"], int(frames[row]["step"])
-    folder, points = folder_of(dataset, number), sweep_of(step)
+    folder, points = folder_of(made_dataset, number), sweep_of(step)
     read = np.fromfile(folder / "velodyne" / f"{number}.bin", dtype="<f4").reshape(-1, 4)
     for column, name in enumerate(("x", "y", "z", "intensity")):
         assert read[:, column].tolist() == points[name].tolist()
@@ -89,8 +90,8 @@ def test_a_frames_files_are_those_of_its_step(dataset: Path, frames: list[dict[s
     assert (folder / "label_lidar" / f"{number}.txt").read_text() == label_text(truth_of(step))
 
 
-def test_the_calibration_is_that_of_the_mounts(dataset: Path) -> None:
-    calib = folder_of(dataset, "000000") / "calib" / "000000.txt"
+def test_the_calibration_is_that_of_the_mounts(made_dataset: Path) -> None:
+    calib = folder_of(made_dataset, "000000") / "calib" / "000000.txt"
     lines = dict(line.split(": ") for line in calib.read_text().splitlines())
     matrix = np.array(lines["Tr_velo_to_cam"].split(), dtype=float).reshape(3, 4)
     # A point 10 m ahead of the LiDAR, 3 m to its left, at its height.
@@ -101,9 +102,9 @@ def test_the_calibration_is_that_of_the_mounts(dataset: Path) -> None:
     assert [float(word) for word in lines["R0_rect"].split()] == np.eye(3).reshape(-1).tolist()
 
 
-def test_objects_name_the_actors_behind_the_labels(dataset: Path, frames: list[dict[str, str]]) -> None:
+def test_objects_name_the_actors_behind_the_labels(made_dataset: Path, frames: list[dict[str, str]]) -> None:
     """The car stands in the picture at every frame, the bus behind the camera at none."""
-    rows = list(csv.DictReader(io.StringIO((dataset / "objects.csv").read_text())))
+    rows = list(csv.DictReader(io.StringIO((made_dataset / "objects.csv").read_text())))
     assert [one["frame"] for one in rows] == [one["frame"] for one in frames]
     assert {(one["line"], one["actor_id"], one["type"], one["is_emv"], one["lidar_points"]) for one in rows} == {
         ("0", str(CAR), "Car", "0", "5")
@@ -111,15 +112,13 @@ def test_objects_name_the_actors_behind_the_labels(dataset: Path, frames: list[d
     assert {one["lidar_visibility"] for one in rows} == {"1.000"}
     assert str(BUS) not in {one["actor_id"] for one in rows}
     number = frames[20]["frame"]
-    words = (folder_of(dataset, number) / "label_2" / f"{number}.txt").read_text().split()
+    words = (folder_of(made_dataset, number) / "label_2" / f"{number}.txt").read_text().split()
     assert (words[0], len(words)) == ("Car", 15)
     assert [float(word) for word in words[11:14]] == pytest.approx([-3.0, 1.25 + 0.75 - 0.5, 11.0])
 
 
-def test_in_the_papers_layout_the_frames_are_numbered_likewise(made_bags: list[Path], tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    arguments = ["export", "kitti", *map(str, made_bags), "--out", str(out), "--jobs", "1", "--layout", "paper"]
-    assert main(arguments) == 0
+def test_in_the_papers_layout_the_frames_are_numbered_likewise(exported: Export, made_bags: list[Path]) -> None:
+    out = exported("kitti", made_bags, "--layout", "paper")
     names = [f"{number:06d}" for number in range(39)]
     for folder, suffix in (("velodyne", "bin"), ("label_2", "txt"), ("image_2", "jpg"), ("calib", "txt")):
         assert sorted(path.name for path in (out / folder).iterdir()) == [f"{name}.{suffix}" for name in names]
@@ -132,23 +131,16 @@ def test_in_the_papers_layout_the_frames_are_numbered_likewise(made_bags: list[P
     assert len((out / "frames.csv").read_text().splitlines()) == 40
 
 
-LIDAR = "/emv/lidar/points"
-FRAMES = (0, 10, 19)
-"""The first, the middle and the last one."""
+@pytest.fixture(scope="module")
+def dataset(exported: Export, sensed_bag: Path) -> Path:
+    return exported("kitti", sensed_bag)
 
 
 @pytest.fixture(scope="module")
-def dataset_of_exporter(sensed_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("kitti") / "out"
-    assert main(["export", "kitti", str(sensed_bag), "--out", str(out)]) == 0
-    return out
-
-
-@pytest.fixture(scope="module")
-def read(dataset_of_exporter: Path) -> dict[str, Any]:
+def read(dataset: Path) -> dict[str, Any]:
     """What Open3D-ML finds in each of the frames."""
     names = [f"{frame:06d}" for frame in FRAMES]
-    found: dict[str, Any] = read_with("open3d_ml", "read_kitti.py", dataset_of_exporter / "training", *names)
+    found: dict[str, Any] = read_with("open3d_ml", "read_kitti.py", dataset / "training", *names)
     return found
 
 
@@ -164,13 +156,13 @@ def truths(sensed_bag: Path) -> dict[int, tuple[GroundTruth, npt.NDArray[np.void
     return found
 
 
-def _objects(dataset: Path, frame: int) -> list[dict[str, str]]:
-    head, *rows = (line.split(",") for line in (dataset / "objects.csv").read_text().splitlines())
+def _objects(made_dataset: Path, frame: int) -> list[dict[str, str]]:
+    head, *rows = (line.split(",") for line in (made_dataset / "objects.csv").read_text().splitlines())
     return [dict(zip(head, row, strict=True)) for row in rows if int(row[0]) == frame]
 
 
-def test_the_layout_is_the_benchmarks(dataset_of_exporter: Path) -> None:
-    assert sorted(path.name for path in dataset_of_exporter.iterdir()) == [
+def test_the_layout_is_the_benchmarks(dataset: Path) -> None:
+    assert sorted(path.name for path in dataset.iterdir()) == [
         "ImageSets",
         "README.md",
         "dataset.json",
@@ -179,19 +171,17 @@ def test_the_layout_is_the_benchmarks(dataset_of_exporter: Path) -> None:
         "training",
     ]
     for folder, suffix in (("velodyne", "bin"), ("image_2", "png"), ("calib", "txt"), ("label_2", "txt")):
-        names = sorted(path.name for path in (dataset_of_exporter / "training" / folder).iterdir())
+        names = sorted(path.name for path in (dataset / "training" / folder).iterdir())
         assert names == [f"{number:06d}.{suffix}" for number in range(20)]
-    assert (dataset_of_exporter / "ImageSets" / "train.txt").read_text().split() == [
-        f"{number:06d}" for number in range(20)
-    ]
-    with Image.open(dataset_of_exporter / "training" / "image_2" / "000004.png") as picture:
+    assert (dataset / "ImageSets" / "train.txt").read_text().split() == [f"{number:06d}" for number in range(20)]
+    with Image.open(dataset / "training" / "image_2" / "000004.png") as picture:
         picture.load()
         assert (picture.size, picture.mode) == ((800, 600), "RGB")
 
 
 @pytest.mark.parametrize("frame", FRAMES)
 def test_a_reader_of_others_finds_the_vehicles(
-    dataset_of_exporter: Path,
+    dataset: Path,
     read: dict[str, Any],
     truths: dict[int, tuple[GroundTruth, npt.NDArray[np.void]]],
     frame: int,
@@ -200,7 +190,7 @@ def test_a_reader_of_others_finds_the_vehicles(
     truth, points = truths[frame]
     assert found["points"] > 0.2 * len(points), "Open3D-ML may keep what the camera sees"
     rows = {int(key): row for row, key in enumerate(truth.actor_id.tolist())}
-    objects = _objects(dataset_of_exporter, frame)
+    objects = _objects(dataset, frame)
     assert len(found["boxes"]) == len(objects) > 2
     for box, entry in zip(found["boxes"], objects, strict=True):
         row = rows[int(entry["actor_id"])]
@@ -211,17 +201,17 @@ def test_a_reader_of_others_finds_the_vehicles(
 
 @pytest.mark.parametrize("frame", FRAMES)
 def test_boxes_hold_the_points_that_hit_their_vehicle(
-    dataset_of_exporter: Path, truths: dict[int, tuple[GroundTruth, npt.NDArray[np.void]]], frame: int
+    dataset: Path, truths: dict[int, tuple[GroundTruth, npt.NDArray[np.void]]], frame: int
 ) -> None:
     """By OpenPCDet's rules: bottom centre from the camera to the LiDAR, heading −(rotation_y + π/2)."""
     truth, points = truths[frame]
-    training = dataset_of_exporter / "training"
+    training = dataset / "training"
     lines = (training / "label_2" / f"{frame:06d}.txt").read_text().splitlines()
     calib = dict(line.split(": ") for line in (training / "calib" / f"{frame:06d}.txt").read_text().splitlines())
     camera_from_lidar = np.vstack((np.fromstring(calib["Tr_velo_to_cam"], sep=" ").reshape(3, 4), [0, 0, 0, 1]))
     xyz = np.fromfile(training / "velodyne" / f"{frame:06d}.bin", dtype="<f4").reshape(-1, 4)[:, :3].astype(float)
     assert len(xyz) == len(points)
-    for line, entry in zip(lines, _objects(dataset_of_exporter, frame), strict=True):
+    for line, entry in zip(lines, _objects(dataset, frame), strict=True):
         words = line.split()
         h, w, length, *bottom, rotation = (float(word) for word in words[8:])
         centre = (np.linalg.inv(camera_from_lidar) @ [*bottom, 1.0])[:3]
@@ -243,15 +233,15 @@ def test_boxes_hold_the_points_that_hit_their_vehicle(
 
 
 def test_projections_lie_in_the_boxes_of_the_picture(
-    dataset_of_exporter: Path, truths: dict[int, tuple[GroundTruth, npt.NDArray[np.void]]]
+    dataset: Path, truths: dict[int, tuple[GroundTruth, npt.NDArray[np.void]]]
 ) -> None:
     _, points = truths[15]
-    calib = (dataset_of_exporter / "training" / "calib" / "000015.txt").read_text().splitlines()
+    calib = (dataset / "training" / "calib" / "000015.txt").read_text().splitlines()
     p2 = np.fromstring(calib[2].split(": ")[1], sep=" ").reshape(3, 4)
     to_camera = np.vstack((np.fromstring(calib[5].split(": ")[1], sep=" ").reshape(3, 4), [0, 0, 0, 1]))
-    lines = (dataset_of_exporter / "training" / "label_2" / "000015.txt").read_text().splitlines()
+    lines = (dataset / "training" / "label_2" / "000015.txt").read_text().splitlines()
     hits = 0
-    for line, entry in zip(lines, _objects(dataset_of_exporter, 15), strict=True):
+    for line, entry in zip(lines, _objects(dataset, 15), strict=True):
         own = points[points["instance"] == int(entry["actor_id"])]
         seen = p2 @ to_camera @ np.stack((own["x"], own["y"], own["z"], np.ones(len(own))))
         u, v = seen[:2] / seen[2]
@@ -263,10 +253,10 @@ def test_projections_lie_in_the_boxes_of_the_picture(
     assert hits > 100
 
 
-def test_the_card_counts_what_is_there(dataset_of_exporter: Path) -> None:
-    card = json.loads((dataset_of_exporter / "dataset.json").read_text())
+def test_the_card_counts_what_is_there(dataset: Path) -> None:
+    card = json.loads((dataset / "dataset.json").read_text())
     assert card["counts"]["frames"] == 20
-    lines = sum(len(path.read_text().splitlines()) for path in (dataset_of_exporter / "training" / "label_2").iterdir())
+    lines = sum(len(path.read_text().splitlines()) for path in (dataset / "training" / "label_2").iterdir())
     assert card["counts"]["labels"] == lines == sum(card["classes"].values())
 
 

@@ -16,6 +16,13 @@ from siren_ros.errors import InputError
 from siren_ros.interfaces.transforms import Transform, quaternion_of_matrix
 from siren_ros.world.measurements import CameraIntrinsics
 
+CAMERA = CameraIntrinsics(800, 600, 335.64, 335.64, 400.0, 300.0)
+BASE_FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+MOUNTS = (
+    Transform("base_link", "lidar", (0.0, 0.0, 1.93), (0.0, 0.0, 0.0, 1.0)),
+    Transform("base_link", "camera_front_optical_frame", (2.5, 0.0, 1.0), quaternion_of_matrix(BASE_FROM_OPTICAL)),
+)
+
 
 @pytest.mark.parametrize("shape", [(1, 1, 3), (5, 7, 3), (60, 80, 3)])
 def test_another_reader_sees_the_same_pixels(shape: tuple[int, int, int]) -> None:
@@ -30,14 +37,6 @@ def test_a_jpeg_is_decoded_once_and_kept() -> None:
     jpeg = simplejpeg.encode_jpeg(rgb, quality=95)
     with Image.open(io.BytesIO(png_of_jpeg(jpeg))) as picture:
         assert np.array_equal(np.asarray(picture), simplejpeg.decode_jpeg(jpeg))
-
-
-CAMERA = CameraIntrinsics(800, 600, 335.64, 335.64, 400.0, 300.0)
-BASE_FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-MOUNTS = (
-    Transform("base_link", "lidar", (0.0, 0.0, 1.93), (0.0, 0.0, 0.0, 1.0)),
-    Transform("base_link", "camera_front_optical_frame", (2.5, 0.0, 1.0), quaternion_of_matrix(BASE_FROM_OPTICAL)),
-)
 
 
 def _numbers(line: str) -> list[float]:

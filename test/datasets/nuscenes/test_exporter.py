@@ -1,4 +1,4 @@
-"""Bytes of nuScenes' sweeps, and how visible a box is."""
+"""nuScenes' tables and files: bytes of sweeps, an episode of formulas, and what nuscenes-devkit reads."""
 
 import json
 from pathlib import Path
@@ -15,6 +15,7 @@ from datasets.made_bag import (
     LIDAR_M,
     REAR,
     REAR_M,
+    Export,
     jpeg_of,
     place_of,
     sweep_of,
@@ -24,7 +25,6 @@ from datasets.made_bag import (
 from reader_environments import read_with
 from scipy.spatial.transform import Rotation
 
-from siren_ros.cli.main import main
 from siren_ros.datasets.nuscenes.episode_tables import (
     CATEGORY_OF_CLASS,
     NUSCENES_FROM_LIDAR,
@@ -37,6 +37,13 @@ from siren_ros.record.episode_source import lidar_frames, open_source
 from siren_ros.world.actors import ActorClass
 
 POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("ring", "<u2"), ("instance", "<u2")])
+ID = "S2_L2_seed0_straight"
+ORIGIN_M = np.array([-60.0, -66.0])
+"""60 m beyond the outermost centre lines, which begin at x = 0 and lie at y = −5.25, in whole metres."""
+KEY_STEPS = [10, 20, 30, 40]
+STEPS = list(range(10, 42, 2))
+CHANNELS = {"LIDAR_TOP", "CAM_FRONT", "CAM_BACK"}
+Tables = dict[str, Any]
 
 
 def test_points_have_x_to_the_right_and_y_ahead() -> None:
@@ -73,25 +80,14 @@ def test_nothing_is_visible_without_a_sweep() -> None:
     assert len(visible_fractions(frame)) == 0
 
 
-ID = "S2_L2_seed0_straight"
-ORIGIN_M = np.array([-60.0, -66.0])
-"""60 m beyond the outermost centre lines, which begin at x = 0 and lie at y = −5.25, in whole metres."""
-KEY_STEPS = [10, 20, 30, 40]
-STEPS = list(range(10, 42, 2))
-CHANNELS = {"LIDAR_TOP", "CAM_FRONT", "CAM_BACK"}
-Tables = dict[str, Any]
+@pytest.fixture(scope="module")
+def made_dataset(exported: Export, made_bags: list[Path]) -> Path:
+    return exported("nuscenes", made_bags[0])
 
 
 @pytest.fixture(scope="module")
-def dataset(made_bags: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("nuscenes") / "out"
-    assert main(["export", "nuscenes", str(made_bags[0]), "--out", str(out)]) == 0
-    return out
-
-
-@pytest.fixture(scope="module")
-def tables(dataset: Path) -> Tables:
-    return {path.stem: json.loads(path.read_text()) for path in (dataset / "v1.0-siren").glob("*.json")}
+def tables(made_dataset: Path) -> Tables:
+    return {path.stem: json.loads(path.read_text()) for path in (made_dataset / "v1.0-siren").glob("*.json")}
 
 
 def rotation(wxyz: list[float]) -> Rotation:
@@ -123,7 +119,7 @@ def test_keyframes_are_at_2_hz_from_the_first_labelled_one(tables: Tables) -> No
 
 @pytest.mark.parametrize("channel", sorted(CHANNELS))
 def test_every_sweep_and_picture_is_there_and_belongs_to_the_last_keyframe(
-    tables: Tables, dataset: Path, channel: str
+    tables: Tables, made_dataset: Path, channel: str
 ) -> None:
     key_of_step = {step: token("sample", ID, step // 10 * 10) for step in STEPS}
     rows = chain([row for row in tables["sample_data"] if f"__{channel}__" in row["filename"]])
@@ -137,7 +133,7 @@ def test_every_sweep_and_picture_is_there_and_belongs_to_the_last_keyframe(
         assert row["filename"] == f"{kind}/{channel}/{ID}__{channel}__{step:08d}.{suffix}"
         camera = {"CAM_FRONT": FRONT, "CAM_BACK": REAR}.get(channel)
         expected = sweep_bytes(sweep_of(step)) if camera is None else jpeg_of(step, camera)
-        assert (dataset / row["filename"]).read_bytes() == expected
+        assert (made_dataset / row["filename"]).read_bytes() == expected
         size = (0, 0) if camera is None else (64, 48)
         assert (row["width"], row["height"]) == size
         assert row["fileformat"] == ("pcd" if camera is None else "jpg")
@@ -210,9 +206,8 @@ def test_sensors_stand_where_they_are_mounted(tables: Tables) -> None:
     assert found["CAM_BACK"]["camera_intrinsic"] == [[32.0, 0, 32], [0, 32, 24], [0, 0, 1]]
 
 
-def test_episodes_of_one_map_share_it(made_bags: list[Path], tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    assert main(["export", "nuscenes", *map(str, made_bags), "--out", str(out), "--jobs", "1"]) == 0
+def test_episodes_of_one_map_share_it(exported: Export, made_bags: list[Path]) -> None:
+    out = exported("nuscenes", made_bags)
     tables = {path.stem: json.loads(path.read_text()) for path in (out / "v1.0-siren").glob("*.json")}
     (area,) = tables["map"]
     assert sorted(area["log_tokens"]) == sorted(row["token"] for row in tables["log"])
@@ -231,17 +226,15 @@ def test_episodes_of_one_map_share_it(made_bags: list[Path], tmp_path: Path) -> 
     assert card["classes"] == {"vehicle.bus.rigid": 8, "vehicle.car": 8}
 
 
-def test_the_papers_categories_are_one(made_bags: list[Path], tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    arguments = ["export", "nuscenes", str(made_bags[1]), "--out", str(out), "--vehicle-category", "vehicle.car"]
-    assert main(arguments) == 0
+def test_the_papers_categories_are_one(exported: Export, made_bags: list[Path]) -> None:
+    out = exported("nuscenes", made_bags[1], "--vehicle-category", "vehicle.car")
     assert json.loads((out / "dataset.json").read_text())["classes"] == {"vehicle.car": 4}
 
 
-def test_the_vector_map_has_the_lanes_in_the_global_frame(dataset: Path, tables: Tables) -> None:
+def test_the_vector_map_has_the_lanes_in_the_global_frame(made_dataset: Path, tables: Tables) -> None:
     """Two lanes of 300 m each way; the right one eastwards lies at y = -5.25."""
     (log,) = tables["log"]
-    made = json.loads((dataset / "maps" / "expansion" / f"{log['location']}.json").read_text())
+    made = json.loads((made_dataset / "maps" / "expansion" / f"{log['location']}.json").read_text())
     assert (made["version"], made["canvas_edge"]) == ("1.3", [420.0, 132.0])
     counts = {layer: len(made[layer]) for layer in ("lane", "lane_divider", "road_block", "road_divider", "stop_line")}
     assert counts == {"lane": 4, "lane_divider": 2, "road_block": 2, "road_divider": 2, "stop_line": 0}
@@ -262,16 +255,14 @@ def test_the_vector_map_has_the_lanes_in_the_global_frame(dataset: Path, tables:
 
 
 @pytest.fixture(scope="module")
-def dataset_of_exporter(sensed_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("nuscenes") / "out"
-    assert main(["export", "nuscenes", str(sensed_bag), "--out", str(out)]) == 0
-    return out
+def dataset(exported: Export, sensed_bag: Path) -> Path:
+    return exported("nuscenes", sensed_bag)
 
 
 @pytest.fixture(scope="module")
-def read(dataset_of_exporter: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+def read(dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     found: dict[str, Any] = read_with(
-        "nuscenes", "read_nuscenes.py", dataset_of_exporter, "siren_train", tmp_path_factory.mktemp("drawn")
+        "nuscenes", "read_nuscenes.py", dataset, "siren_train", tmp_path_factory.mktemp("drawn")
     )
     return found
 
@@ -312,13 +303,13 @@ def test_the_vehicle_stands_on_the_drivable_map(read: dict[str, Any]) -> None:
     assert read["on_road"]
 
 
-def test_the_devkits_map_and_prediction_tools_read_the_vector_map(dataset_of_exporter: Path) -> None:
-    read = read_with("nuscenes", "read_nuscenes_map.py", dataset_of_exporter)
+def test_the_devkits_map_and_prediction_tools_read_the_vector_map(dataset: Path) -> None:
+    read = read_with("nuscenes", "read_nuscenes_map.py", dataset)
     assert read["refused"], "the devkit takes the names of its own four maps, until its list is changed"
     assert read["name"].startswith("town-")
     assert min(count for layer, count in read["rows"].items() if layer != "carpark_area") > 0
     assert [layer for layer, there in read["layers"].items() if there][:4] == [
-        *("drivable_area", "road_segment", "road_block", "lane"),
+        *("drivable_area", "road_segment", "road_block", "lane")
     ]
     assert (read["on_road"], read["known"], read["cues"]) == (1.0, True, ["VERTICAL"])
     assert read["off_lane_m"] < 1.0
@@ -336,8 +327,8 @@ def test_velocities_are_those_of_the_record(read: dict[str, Any], sensed_bag: Pa
     assert sorted(speed for speed, _ in read["speeds"]) == pytest.approx(recorded, abs=0.6)
 
 
-def test_tables_name_only_what_is_there(dataset_of_exporter: Path) -> None:
-    tables = {path.stem: json.loads(path.read_text()) for path in (dataset_of_exporter / "v1.0-siren").glob("*.json")}
+def test_tables_name_only_what_is_there(dataset: Path) -> None:
+    tables = {path.stem: json.loads(path.read_text()) for path in (dataset / "v1.0-siren").glob("*.json")}
     tokens = {name: {row["token"] for row in rows} for name, rows in tables.items() if name != "splits"}
     for name, rows in tables.items():
         if name == "splits":
@@ -350,11 +341,7 @@ def test_tables_name_only_what_is_there(dataset_of_exporter: Path) -> None:
                 if key in {"prev", "next"} and value:
                     assert value in tokens[name]
     names = {row["filename"] for row in tables["sample_data"]}
-    there = {
-        str(path.relative_to(dataset_of_exporter))
-        for kind in ("samples", "sweeps")
-        for path in (dataset_of_exporter / kind).rglob("*.*")
-    }
+    there = {str(path.relative_to(dataset)) for kind in ("samples", "sweeps") for path in (dataset / kind).rglob("*.*")}
     assert names == there
     assert tables["splits"]["siren_train"] == [tables["scene"][0]["name"]]
 

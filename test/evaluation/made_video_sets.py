@@ -6,7 +6,9 @@ import numpy as np
 
 from siren_ros.evaluation.risk.evidence import Evidence, Moments, SeenContact, SeenEncroachment
 from siren_ros.evaluation.risk.labels import RiskThresholds, label_of
-from siren_ros.evaluation.risk.video_set import VIDEO_FRAMES, RiskVideo, VideoSet
+from siren_ros.evaluation.risk.video_frames import key_frames
+from siren_ros.evaluation.risk.video_set import VIDEO_FRAMES, RiskVideo, VideoSet, read_set
+from siren_ros.pictures.video import write_video
 
 
 def evidence(kind: str) -> Evidence:
@@ -37,3 +39,12 @@ def small_video_set(folder: Path) -> VideoSet:
         videos[key] = RiskVideo(key, template, f"videos/{key}.mp4", VIDEO_FRAMES, 20, label, found, request)
         assert label.risk.title == kind
     return VideoSet(folder, videos, RiskThresholds())
+
+
+def draw_films(folder: Path) -> None:
+    """Draws the pictures of a set: grey films, and masks without vehicles."""
+    folder.joinpath("masks").mkdir()
+    for number, (key, video) in enumerate(sorted(read_set(folder).videos.items())):
+        write_video(folder / video.file, (np.full((120, 160, 3), 40 * number, np.uint8) for _ in range(video.frames)))
+        empty = {f"frame_{frame:03d}": np.zeros((120, 160), np.uint32) for frame in key_frames(video.frames)}
+        np.savez_compressed(folder / "masks" / f"{key}.npz", **empty)

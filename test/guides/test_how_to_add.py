@@ -1,15 +1,20 @@
 """Each guide of ``docs/how_to_add``, followed to the letter in a copy of the repository."""
 
 import csv
+import json
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from evaluation.made_video_sets import draw_films, small_video_set
 from followed_guide import FollowedGuide, apply, follow
 from mcap.reader import make_reader
 from recorded_episode import sensed_recording, tracked_recording
 
+from siren_ros.evaluation.risk.video_set import write_set
 from siren_ros.interfaces.messages import typestore
+from siren_ros.roads.net_parser import parse_road_network
+from siren_ros.roads.road_network import LaneKind
 
 
 @pytest.fixture
@@ -71,6 +76,22 @@ def test_a_sensor(followed: FollowedGuide) -> None:
     assert len(measured) == 10
     assert {message.header.frame_id for message in measured} == {"barometer"}
     assert [message.fluid_pressure for message in measured] == pytest.approx([101_307.0] * 10, abs=5.0)
+
+
+@of("vlm_client")
+def test_a_client_for_language_models(followed: FollowedGuide) -> None:
+    (followed.root / "videos").mkdir()
+    write_set(small_video_set(followed.root / "videos"))
+    draw_films(followed.root / "videos")
+    output_of(followed)
+    answers = json.loads((followed.root / "scores" / "answers_fixed.json").read_text(encoding="utf-8"))
+    assert set(answers.values()) == {"Normal"}
+
+
+@of("map_source")
+def test_a_map_source(followed: FollowedGuide) -> None:
+    network = parse_road_network(Path(output_of(followed).strip()).read_bytes())
+    assert sum(lane.kind is LaneKind.DRIVING for lane in network.lanes) == 4
 
 
 @of("template")

@@ -83,6 +83,10 @@ _OPENSTREETMAP: Final = (
     *("--osm.sidewalks", "--osm.turn-lanes", "--osm.lane-access", "--output.street-names"),
 )
 _OPENSTREETMAP_SECOND: Final = (*_COMMON, "--offset.disable-normalization", "--output.street-names")
+_ONE_RUN: Final = {
+    SourceKind.TOWN: (_TOWN, tuple(option for option, _ in _TOWN_FILES)),
+}
+"""Kinds that netconvert compiles at once: its options, and the options that name the source's files."""
 _TWO_RUNS: Final = {
     SourceKind.OPENDRIVE: (_OPENDRIVE, _OPENDRIVE_SECOND, "--opendrive-files", "an OpenDRIVE map whose roads"),
     SourceKind.OPENSTREETMAP: (
@@ -188,7 +192,7 @@ def _town_source() -> MapSource:
 
 def _cache_key(source: MapSource) -> str:
     digest = hashlib.sha256()
-    first, second, *_ = _TWO_RUNS.get(source.kind, (_TOWN if source.kind is SourceKind.TOWN else (), ()))
+    first, second, *_ = _TWO_RUNS.get(source.kind, (_ONE_RUN.get(source.kind, ((), ()))[0], ()))
     for part in (_RECIPE, source.kind.value, netconvert_version(), *first, *second):
         digest.update(part.encode() + b"\0")
     digest.update(source.content)
@@ -209,9 +213,9 @@ def _compile(source: MapSource, shown: str) -> bytes:
                 options = (*options, option, str(path))
             return run_netconvert(options, folder / name, shown)
 
-        if source.kind is SourceKind.TOWN:
-            parts = source.content.split(b"\0")
-            return run(_TOWN, {option: part for (option, _), part in zip(_TOWN_FILES, parts, strict=True)})
+        if source.kind in _ONE_RUN:
+            options, names = _ONE_RUN[source.kind]
+            return run(options, dict(zip(names, source.content.split(b"\0"), strict=True)))
         first_options, second_options, option, complete = _TWO_RUNS[source.kind]
         first_net = run(first_options, {option: source.content}, "first.net.xml")
         second_options = (*second_options, "--sumo-net-file", str(folder / "first.net.xml"))

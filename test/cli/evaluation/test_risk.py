@@ -3,15 +3,12 @@
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
-from evaluation.made_video_sets import small_video_set
+from evaluation.made_video_sets import draw_films, small_video_set
 from evaluation.risk.vlm.chat_server import Behaviour, chat_server
 
 from siren_ros.cli.main import main
-from siren_ros.evaluation.risk.video_frames import key_frames
 from siren_ros.evaluation.risk.video_set import read_set, write_set
-from siren_ros.pictures.video import write_video
 
 
 @pytest.fixture
@@ -75,12 +72,8 @@ def test_missing_answers_have_to_be_allowed(folder: Path, answers: Path, capsys:
 
 @pytest.fixture
 def films(folder: Path) -> Path:
-    """The set with its pictures: grey films, and masks without vehicles."""
-    folder.joinpath("masks").mkdir()
-    for number, (key, video) in enumerate(sorted(read_set(folder).videos.items())):
-        write_video(folder / video.file, (np.full((120, 160, 3), 40 * number, np.uint8) for _ in range(video.frames)))
-        empty = {f"frame_{frame:03d}": np.zeros((120, 160), np.uint32) for frame in key_frames(video.frames)}
-        np.savez_compressed(folder / "masks" / f"{key}.npz", **empty)
+    """The set with its pictures."""
+    draw_films(folder)
     return folder
 
 

@@ -29,9 +29,9 @@ while not parent.is_gone:
 """
 HANGING = """
 import sys, time
-from siren_ros.ros.programs import parent
-parent.CLOSE_S = 0.2
-parent.Parent(int(sys.argv[1]))
+from siren_ros.ros.programs import processes
+processes.CLOSE_S = 0.2
+processes.Parent(int(sys.argv[1]))
 print("ready", flush=True)
 time.sleep(1000)
 """

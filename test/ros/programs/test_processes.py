@@ -13,14 +13,14 @@ from contextlib import contextmanager
 import pytest
 from program_output import next_line
 
-from siren_ros.ros.programs import processes as waiting
+from siren_ros.ros.programs import processes
 from siren_ros.ros.programs.processes import AGAIN_S, FIRST_S, Awaited, Waiting, begin_silence, keep_silence
 
 PROGRAM = """
 import sys, time
-from siren_ros.ros.programs import interrupt
-interrupt.SAME_S = float(sys.argv[1])
-asked = interrupt.Interrupt("program")
+from siren_ros.ros.programs import processes
+processes.SAME_S = float(sys.argv[1])
+asked = processes.Interrupt("program")
 print("ready", flush=True)
 while not asked:
     time.sleep(0.01)
@@ -179,9 +179,9 @@ def test_who_goes_on_is_silent() -> None:
 
 
 def test_the_thread_asks_and_says(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(waiting, "LOOK_S", 0.001)
-    monkeypatch.setattr(waiting, "FIRST_S", 0.0)
-    monkeypatch.setattr(waiting, "AGAIN_S", 0.0)
+    monkeypatch.setattr(processes, "LOOK_S", 0.001)
+    monkeypatch.setattr(processes, "FIRST_S", 0.0)
+    monkeypatch.setattr(processes, "AGAIN_S", 0.0)
     said, stream = threading.Event(), io.StringIO()
     with Waiting("cosim", "libraries", stream) as thread:
         thread.expect("the AV")

@@ -88,10 +88,10 @@ class CourseBook:
             The course; it ends with the route.
         """
         key = (lane, route.tobytes())
-        found = self._courses.get(key)
-        if found is None:
-            found = self._courses[key] = _course(self._network, lane, tuple(route.tolist()))
-        return found
+        course = self._courses.get(key)
+        if course is None:
+            course = self._courses[key] = _course(self._network, lane, tuple(route.tolist()))
+        return course
 
 
 def _course(network: RoadNetwork, lane: int, route: tuple[int, ...]) -> Course:
@@ -183,16 +183,16 @@ class Outlook:
 
     def course(self, row: int) -> Course:
         """The course of the vehicle in a row."""
-        found = self._courses.get(row)
-        if found is None:
+        course = self._courses.get(row)
+        if course is None:
             traffic = self._traffic
             lane, route = int(traffic.lane[row]), traffic.route_of_row(row)
             if lane == NO_LANE:
-                found = Course.straight(float(traffic.x_m[row]), float(traffic.y_m[row]), float(traffic.yaw_rad[row]))
+                course = Course.straight(float(traffic.x_m[row]), float(traffic.y_m[row]), float(traffic.yaw_rad[row]))
             else:
-                found = self._book.along(lane, route)
-            self._courses[row] = found
-        return found
+                course = self._book.along(lane, route)
+            self._courses[row] = course
+        return course
 
     def centre_m(self, row: int) -> float:
         """Arc length of a vehicle's centre on its course."""

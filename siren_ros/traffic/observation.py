@@ -95,21 +95,21 @@ class CrossingWatch:
         self._last_lane[mover.actor_id] = lane
         if last is None or last.edge == lane.edge:
             return ()
-        found = []
+        incidents = []
         if mover.actor_id in self._inside and lane.kind is not LaneKind.INTERNAL:
             detail: dict[str, float | int | str] = {"junction": self._inside.pop(mover.actor_id)}
-            found.append(
+            incidents.append(
                 Event(step, EventKind.JUNCTION_LEFT, mover.actor_id, x_m=mover.x_m, y_m=mover.y_m, detail=detail)
             )
         connection = self._connection(last, lane) if last.kind is not LaneKind.INTERNAL else None
         if connection is not None and (connection.signal_id is not None or connection.must_stop):
             detail = _detail(connection, mover.speed_mps, signals)
-            found.append(
+            incidents.append(
                 Event(step, EventKind.STOP_LINE_CROSSED, mover.actor_id, x_m=mover.x_m, y_m=mover.y_m, detail=detail)
             )
             if lane.kind is LaneKind.INTERNAL:
                 self._inside[mover.actor_id] = connection.junction
-        return tuple(found)
+        return tuple(incidents)
 
     def _connection(self, last: Lane, lane: Lane) -> Connection | None:
         """The movement between two lanes; a vehicle that changes lanes there may come from a neighbour lane."""
@@ -204,7 +204,7 @@ def find_teleports(
         last: The step before.
         jump_m: Least distance beyond what a vehicle's speed explains.
     """
-    found = dict.fromkeys(started, "sumo")
+    reasons = dict.fromkeys(started, "sumo")
     if last is not None:
         rows = rows_of_ids(last.actor_id, ids)
         now_x, now_y = _fronts(readings.x_m, readings.y_m, readings.yaw_rad, lengths_m)
@@ -214,12 +214,12 @@ def find_teleports(
         stayed = (rows >= 0) & (owner == Owner.SUMO) & (last.owner[rows] == Owner.SUMO)
         for row in np.flatnonzero(stayed & (moved > explained + jump_m)):
             if int(ids[row]) not in moved_on_purpose:
-                found.setdefault(int(ids[row]), "jump")
-    if not found:
+                reasons.setdefault(int(ids[row]), "jump")
+    if not reasons:
         return []
     row_of = {int(actor_id): row for row, actor_id in enumerate(ids)}
     events = []
-    for actor_id, reason in sorted(found.items()):
+    for actor_id, reason in sorted(reasons.items()):
         row = row_of.get(actor_id)
         x, y = (0.0, 0.0) if row is None else (float(readings.x_m[row]), float(readings.y_m[row]))
         events.append(Event(step, EventKind.TELEPORT, actor_id, x_m=x, y_m=y, detail={"reason": reason}))

@@ -77,17 +77,17 @@ def plan_route(
 
 def strategic_side(network: RoadNetwork, lane: int, route: Indices) -> int:
     """Side to which a vehicle must change lanes to follow its route: +1 left, −1 right, 0 if not on this edge."""
-    found = network.lanes[lane]
-    if len(route) == 0 or found.edge != int(route[0]):
+    here = network.lanes[lane]
+    if len(route) == 0 or here.edge != int(route[0]):
         return 0
     needed = changes_needed(network, route, civilian=False)[0]
     if not needed:
         return 0
     position = {item: network.lanes[item].position for item in needed}
-    best = min(needed, key=lambda item: (needed[item], abs(position[item] - found.position), position[item]))
+    best = min(needed, key=lambda item: (needed[item], abs(position[item] - here.position), position[item]))
     if lane in needed and needed[lane] <= needed[best]:
         return 0
-    return 1 if position[best] > found.position else -1
+    return 1 if position[best] > here.position else -1
 
 
 def present_lane(ego: Ego, navigator: NavigatorState) -> int:
@@ -95,21 +95,21 @@ def present_lane(ego: Ego, navigator: NavigatorState) -> int:
     if navigator.path is not None:
         lane = navigator.path.lane_at(navigator.progress_m)
         if lane != NO_LANE:
-            found = ego.network.lanes[lane]
-            if found.kind is LaneKind.INTERNAL or found.edge in ego.route:
+            here = ego.network.lanes[lane]
+            if here.kind is LaneKind.INTERNAL or here.edge in ego.route:
                 return lane
     return ego.lane
 
 
 def best_lane(network: RoadNetwork, lane: int, route: Indices) -> int:
     """The lane of the present edge that serves the route best, the nearest of equals; an internal lane itself."""
-    found = network.lanes[lane]
-    if len(route) == 0 or found.edge != int(route[0]):
+    here = network.lanes[lane]
+    if len(route) == 0 or here.edge != int(route[0]):
         return lane
     needed = changes_needed(network, route, civilian=False)[0]
     if not needed or needed.get(lane) == min(needed.values()):
         return lane
-    return min(needed, key=lambda item: (needed[item], abs(network.lanes[item].position - found.position)))
+    return min(needed, key=lambda item: (needed[item], abs(network.lanes[item].position - here.position)))
 
 
 ROUTE: Final = "route"

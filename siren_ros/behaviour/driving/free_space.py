@@ -118,13 +118,13 @@ def clearances_m(
 
 @dataclass(frozen=True)
 class SpeedLimit:
-    """How fast one may drive towards narrow places."""
+    """How fast one may drive, how hard one must brake, and for whom."""
 
     speed_mps: float = math.inf
     brake_mps2: float = 0.0
     """Deceleration that is needed at least."""
     blocker_id: int = NO_ACTOR
-    """The actor whom the body cannot pass."""
+    """The actor who blocks the way."""
     free_m: float = math.inf
     """Way to that actor."""
 

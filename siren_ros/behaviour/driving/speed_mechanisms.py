@@ -16,7 +16,7 @@ from typing import Final
 
 from siren_ros.behaviour.config import NavigatorConfig
 from siren_ros.behaviour.driving.civilian_unit import YieldUnit
-from siren_ros.behaviour.driving.collision_watch import stricter, watch_conflicts, watch_path
+from siren_ros.behaviour.driving.collision_watch import CollisionWatch, stricter
 from siren_ros.behaviour.driving.emv_speed_limits import anticipated_limit, entry_limit, passage_limit
 from siren_ros.behaviour.driving.emv_unit import EmvUnit
 from siren_ros.behaviour.driving.free_space import SpeedLimit
@@ -61,19 +61,12 @@ def _path(drive: Drive) -> SpeedLimit:
 
 
 def _collision(drive: Drive) -> SpeedLimit:
-    unit, seen, row = drive.unit, drive.ego.seen, drive.ego.row
+    unit, ego = drive.unit, drive.ego
     if unit.gap_escape_active if isinstance(unit, EmvUnit) else unit.phase is Mode.YIELD_HOLD:
         return _UNLIMITED
-    place, target, config = (drive.path, drive.progress_m, row), drive.target_mps, drive.config
+    watch = CollisionWatch(drive.path, drive.progress_m, ego.row, drive.target_mps, ego.seen, drive.config)
     leaders = not (isinstance(unit, EmvUnit) and unit.corridor)
-    threat = stricter(
-        watch_path(*place, target, seen, config) if leaders else None,
-        watch_conflicts(*place, target, seen, config, leaders=leaders),
-    )
-    if threat is None:
-        return _UNLIMITED
-    blocker = threat.snapshot
-    return SpeedLimit(threat.safe_speed_mps, threat.must_brake_mps2, blocker.actor_id, blocker.gap_m)
+    return stricter(watch.leaders() if leaders else None, watch.meetings(leaders=leaders)) or _UNLIMITED
 
 
 def _passage(drive: Drive) -> SpeedLimit:

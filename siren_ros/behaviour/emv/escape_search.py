@@ -220,10 +220,10 @@ def search_lattice(
     lattice = lattice_of(curve, road, start, obstacles, config)
     best: tuple[float, FoundPath] | None = None
     for level, (clearance, _) in enumerate(config.squeezes):
-        found = _cheapest_clear(lattice, (curve, road), start, obstacles, clearance, config)
-        if found is None:
+        cheapest = _cheapest_clear(lattice, (curve, road), start, obstacles, clearance, config)
+        if cheapest is None:
             continue
-        price, path = found
+        price, path = cheapest
         price += level * config.squeeze_cost_m
         if best is None or price < best[0]:
             best = price, path
@@ -245,10 +245,10 @@ def _cheapest_clear(
     between = lattice.between_m.copy()
     searched = replace(lattice, between_m=between)
     for _ in range(config.attempts):
-        found = _cheapest(searched, road, clearance_m, config)
-        if found is None:
+        cheapest = _cheapest(searched, road, clearance_m, config)
+        if cheapest is None:
             return None
-        price, way, path = found
+        price, way, path = cheapest
         joined = _joined(path, start, float(lattice.slope[way[0, 1]]))
         blocked = _blocked_cell(joined, road, (curve, start), obstacles, lattice.present_m, config.touch_m)
         if blocked is None:

@@ -68,8 +68,8 @@ def road_space(network: RoadNetwork, reference: LanePath, s_m: Floats) -> RoadSp
     lane_of = reference.lane_at(s_m)
     edges = np.full((5, len(s_m)), np.nan)
     for lane in dict.fromkeys(lane_of.tolist()):
-        found = network.lanes[lane]
-        if found.kind is LaneKind.INTERNAL:
+        here = network.lanes[lane]
+        if here.kind is LaneKind.INTERNAL:
             continue
         road = road_limits(network, lane)
         middle = 0.5 * (road.driving_right_m + road.left_m)

@@ -225,19 +225,19 @@ def _boundary_offsets(reference: LanePath, s_m: Floats, network: RoadNetwork) ->
 
 
 def _boundary_of(network: RoadNetwork, lane: int) -> float:
-    found = network.lanes[lane]
-    if found.kind is LaneKind.SHOULDER:
+    here = network.lanes[lane]
+    if here.kind is LaneKind.SHOULDER:
         return 0.0
     driving = [
-        network.lanes[item] for item in network.edges[found.edge].lanes if network.lanes[item].kind is LaneKind.DRIVING
+        network.lanes[item] for item in network.edges[here.edge].lanes if network.lanes[item].kind is LaneKind.DRIVING
     ]
     if len(driving) < 2:
         return 0.0
     leftmost = driving[-1].position
-    if found.position >= leftmost:
-        return -0.5 * found.width_m
-    between = sum(item.width_m for item in driving if found.position < item.position < leftmost)
-    return 0.5 * found.width_m + between
+    if here.position >= leftmost:
+        return -0.5 * here.width_m
+    between = sum(item.width_m for item in driving if here.position < item.position < leftmost)
+    return 0.5 * here.width_m + between
 
 
 def _smooth(values: Floats, radius: int) -> Floats:

@@ -86,8 +86,8 @@ def changes_needed(network: RoadNetwork, route: Indices, civilian: bool) -> list
 
 
 def _usable(network: RoadNetwork, lane: int, civilian: bool) -> bool:
-    found = network.lanes[lane]
-    return found.civilian_allowed if civilian else found.emergency_allowed
+    here = network.lanes[lane]
+    return here.civilian_allowed if civilian else here.emergency_allowed
 
 
 def connection_along(
@@ -198,8 +198,8 @@ def path_on_lanes(
 
 def neighbour_lane(network: RoadNetwork, lane: int, side: int) -> int:
     """Index of the lane beside a lane (+1 left, −1 right), ``NO_LANE`` where there is none."""
-    found = network.neighbour(network.lanes[lane], side)
-    return NO_LANE if found is None else found.index
+    beside = network.neighbour(network.lanes[lane], side)
+    return NO_LANE if beside is None else beside.index
 
 
 @dataclass(frozen=True)
@@ -219,11 +219,11 @@ class RoadLimits:
 
 def road_limits(network: RoadNetwork, lane: int) -> RoadLimits:
     """How far the road reaches to both sides of a lane."""
-    found = network.lanes[lane]
-    edge = network.edges[found.edge]
+    here = network.lanes[lane]
+    edge = network.edges[here.edge]
     lanes = [network.lanes[item] for item in edge.lanes if network.lanes[item].emergency_allowed]
-    right = -0.5 * found.width_m - sum(item.width_m for item in lanes if item.position < found.position)
-    left = 0.5 * found.width_m + sum(item.width_m for item in lanes if item.position > found.position)
+    right = -0.5 * here.width_m - sum(item.width_m for item in lanes if item.position < here.position)
+    left = 0.5 * here.width_m + sum(item.width_m for item in lanes if item.position > here.position)
     ends = (edge.to_junction, edge.from_junction)
     opposite = next(
         (
@@ -294,8 +294,8 @@ def shoulder_into_turn(network: RoadNetwork, route: Indices, reach_m: float) -> 
     if len(route) < 2:
         return None
     for lane in network.edges[int(route[0])].lanes:
-        found = network.lanes[lane]
-        if found.kind is LaneKind.SHOULDER and found.emergency_allowed:
+        here = network.lanes[lane]
+        if here.kind is LaneKind.SHOULDER and here.emergency_allowed:
             onward = _onward(network, lane, route)
             edges = _edges_to_turn(network, onward, route, reach_m)
             if onward is not None and edges:

@@ -149,7 +149,7 @@ class _Planner:
     def _emvs(self, groups: GroupPlan) -> tuple[PlannedVehicle, ...]:
         rng = random_stream(self._seed, "demand/emv")
         demand = self._template.emv
-        found = []
+        emvs = []
         for number, start in enumerate(self._starts):
             route = tuple(self._network.edges[edge].edge_id for edge in start.route)
             driver = self._factory.draw_driver(demand.actor_class, rng)
@@ -160,8 +160,8 @@ class _Planner:
                 behind_queue_mps(self._network, start, groups.vehicles, self._config),
             )
             spot = Spot(start.lane, start.front_m, depart_mps)
-            found.append(self._factory.emv(f"emv{number}", demand.actor_class, driver, route, spot))
-        return tuple(found)
+            emvs.append(self._factory.emv(f"emv{number}", demand.actor_class, driver, route, spot))
+        return tuple(emvs)
 
     def _stage(self, groups: GroupPlan) -> tuple[LaneInterval, ...]:
         """All lanes of the way from behind the rearmost EMV to ahead of the foremost vehicle, and the crossing rows."""
@@ -204,7 +204,7 @@ class _Planner:
         by_index = {lane.index: lane for lane in lanes}
         candidates = tuple(by_index)
         occupied: dict[int, list[tuple[float, float]]] = {}
-        found = []
+        vehicles = []
         for number in range(count):
             actor_class = self._factory.draw_class(self._template.demand.classes, rng, candidates)
             length = self._factory.size(actor_class)[0]
@@ -216,8 +216,8 @@ class _Planner:
             route = self._factory.draw_route((lane.edge,), self._route_m, rng, lane.index, actor_class)
             wished = min(driver.speed_factor * lane.speed_limit_mps, driver.driving.max_speed_mps)
             spot = Spot(lane.index, front, min(self._config.depart_speed_share * wished, self._stoppable(lane, front)))
-            found.append(self._factory.civilian(f"{purpose}{number}", actor_class, driver, route, spot, rng))
-        return tuple(found)
+            vehicles.append(self._factory.civilian(f"{purpose}{number}", actor_class, driver, route, spot, rng))
+        return tuple(vehicles)
 
     @cached_property
     def _background_lanes(self) -> list[Lane]:

@@ -201,13 +201,13 @@ def _crossing_rows(network: RoadNetwork, site: Site, rng: np.random.Generator) -
 
 def _connection_from(network: RoadNetwork, lane: int, edge: int) -> Connection | None:
     """The movement from a driving lane of an edge to a lane; of several, from the leftmost."""
-    found = [
+    connections = [
         connection
         for connection in network.connections_to.get(lane, ())
         if network.lanes[connection.from_lane].edge == edge
         and network.lanes[connection.from_lane].kind is LaneKind.DRIVING
     ]
-    return max(found, key=lambda connection: network.lanes[connection.from_lane].position, default=None)
+    return max(connections, key=lambda connection: network.lanes[connection.from_lane].position, default=None)
 
 
 def _plain_connection_to(network: RoadNetwork, lane: int) -> Connection | None:
@@ -308,8 +308,8 @@ def _check_room(group: DemandGroup, rows: int, placed: int) -> None:
     if group.standing:
         least = min(least, _LEAST_QUEUE)
     if not group.optional and (rows or crossing) and placed < least:
-        found = f"{group.vehicles} vehicles {_WHERE[group.placement]}"
-        raise MapError(f"group {group.name}", f"a place with road for {found}; {placed} would fit")
+        cars = f"{group.vehicles} vehicles {_WHERE[group.placement]}"
+        raise MapError(f"group {group.name}", f"a place with road for {cars}; {placed} would fit")
 
 
 @dataclass

@@ -220,12 +220,12 @@ class LaneChain:
 
     def intervals(self, network: RoadNetwork, from_m: float, to_m: float) -> tuple[LaneInterval, ...]:
         """The stretches of lanes between two distances."""
-        found = []
+        intervals = []
         for lane, start in zip(self.lanes, self.start_m, strict=True):
             low, high = max(from_m - start, 0.0), min(to_m - start, network.lanes[lane].length_m)
             if low < high:
-                found.append(LaneInterval(lane, low, high))
-        return tuple(found)
+                intervals.append(LaneInterval(lane, low, high))
+        return tuple(intervals)
 
 
 def chain_along(network: RoadNetwork, lane: Lane, edges: Sequence[int]) -> LaneChain:

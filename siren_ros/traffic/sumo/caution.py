@@ -72,7 +72,7 @@ def cautions(
         other: _way(outlook, other, speed, config, 0.0 if inside[other] else config.margin_m)
         for other in np.flatnonzero(near.any(axis=0)).tolist()
     }
-    found = []
+    slowed = []
     for place in np.flatnonzero(near.any(axis=1)).tolist():
         row, others = int(own[place]), np.flatnonzero(near[place]).tolist()
         configs = [config.among if inside[other] else config.yielding for other in others]
@@ -83,8 +83,8 @@ def cautions(
         waits = _waits(row, met, (speed, accel), outlook, bool(held[row]), config)
         if waits:
             other, wait = min(waits, key=lambda one: one[1].speed_mps)
-            found.append(Caution(int(traffic.actor_id[row]), int(traffic.actor_id[other]), wait))
-    return tuple(found)
+            slowed.append(Caution(int(traffic.actor_id[row]), int(traffic.actor_id[other]), wait))
+    return tuple(slowed)
 
 
 def _near(

@@ -9,13 +9,10 @@ import pytest
 
 from siren_ros.behaviour.config import NavigatorConfig
 from siren_ros.behaviour.driving.collision_watch import (
-    CollisionSnapshot,
-    Threat,
+    CollisionWatch,
     stricter,
-    watch_conflicts,
-    watch_path,
-    watch_reach_m,
 )
+from siren_ros.behaviour.driving.free_space import SpeedLimit
 from siren_ros.behaviour.driving.step_view import Surroundings
 from siren_ros.behaviour.paths.curve import Curve
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
@@ -51,7 +48,7 @@ def scene(turn, speed, *others):
 
 def watched(turn, speed, *others, target=15.0):
     path, seen = scene(turn, speed, *others)
-    return watch_path(path, 10.0, 0, target, seen, CONFIG)
+    return CollisionWatch(path, 10.0, 0, target, seen, CONFIG).leaders()
 
 
 def krauss(gap, lead):
@@ -65,10 +62,9 @@ def krauss(gap, lead):
 def test_a_leader_is_followed_at_krausss_speed(turn, ahead, lead):
     threat = watched(turn, 5.0, (ahead, 0.3, 0.0, lead))
     gap = ahead - LENGTHS
-    assert threat.snapshot.actor_id == 2
-    assert threat.snapshot.gap_m == pytest.approx(gap, abs=1e-6)
-    assert threat.snapshot.speed_mps == pytest.approx(lead)
-    assert threat.safe_speed_mps == pytest.approx(krauss(gap, lead))
+    assert threat.blocker_id == 2
+    assert threat.free_m == pytest.approx(gap, abs=1e-6)
+    assert threat.speed_mps == pytest.approx(krauss(gap, lead))
 
 
 @pytest.mark.parametrize("turn", TURNS)
@@ -79,7 +75,8 @@ def test_a_vehicle_beside_the_path_is_none_until_it_drifts_towards_it(turn, side
     assert watched(turn, 10.0, (15.0, side * 3.5, 0.0, 8.0)) is None
     assert watched(turn, 10.0, (15.0, side * 3.5, away, 8.0)) is None
     drifting = watched(turn, 10.0, (15.0, side * 3.5, towards, 8.0))
-    assert drifting.snapshot.speed_mps == pytest.approx(8.0 * np.cos(np.radians(10.0)))
+    lead = 8.0 * np.cos(np.radians(10.0))
+    assert drifting.speed_mps == pytest.approx(krauss(drifting.free_m, lead))
     assert watched(turn, 10.0, (15.0, side * 3.5, -side * np.radians(1.5), 8.0)) is None
     assert watched(turn, 10.0, (4.0, side * 3.5, towards, 8.0)) is None
 
@@ -95,7 +92,7 @@ def test_the_corridor_is_as_wide_as_both_bodies_and_the_margin(turn, side):
 @pytest.mark.parametrize("turn", TURNS)
 def test_who_stands_across_the_path_is_as_long_as_its_body_is_wide(turn):
     threat = watched(turn, 5.0, (20.0, 0.0, np.pi / 2.0, 0.0))
-    assert threat.snapshot.gap_m == pytest.approx(20.0 - HALF_WIDTH - HALF_LENGTH, abs=1e-6)
+    assert threat.free_m == pytest.approx(20.0 - HALF_WIDTH - HALF_LENGTH, abs=1e-6)
     reach = HALF_LENGTH + HALF_WIDTH + CONFIG.side_margin_m
     assert watched(turn, 5.0, (20.0, reach - 0.02, np.pi / 2.0, 0.0)) is not None
     assert watched(turn, 5.0, (20.0, reach + 0.02, np.pi / 2.0, 0.0)) is None
@@ -111,8 +108,8 @@ def test_who_crosses_or_is_behind_does_not_lead(turn):
 @pytest.mark.parametrize("turn", TURNS)
 def test_towards_who_comes_along_the_path_the_gap_shrinks_by_their_way_in_one_and_a_half_seconds(turn):
     threat = watched(turn, 5.0, (40.0, 0.0, np.pi, 6.0))
-    assert threat.snapshot.gap_m == pytest.approx(40.0 - LENGTHS - 1.5 * 6.0, abs=1e-6)
-    assert threat.snapshot.speed_mps == 0.0
+    assert threat.free_m == pytest.approx(40.0 - LENGTHS - 1.5 * 6.0, abs=1e-6)
+    assert threat.speed_mps == pytest.approx(krauss(threat.free_m, 0.0))
 
 
 @pytest.mark.parametrize("turn", TURNS)
@@ -122,16 +119,16 @@ def test_who_comes_on_turning_is_left_to_the_outlook_where_there_is_one(turn, si
     outlook = SimpleNamespace()
     for degrees, leads in ((15.0, False), (5.0, True)):
         path, seen = scene(turn, 8.0, (16.0, side * 2.2, np.pi + side * np.radians(degrees), 5.0))
-        assert watch_path(path, 10.0, 0, 10.0, seen, CONFIG) is not None
-        known = watch_path(path, 10.0, 0, 10.0, replace(seen, outlook=outlook), CONFIG)
+        assert CollisionWatch(path, 10.0, 0, 10.0, seen, CONFIG).leaders() is not None
+        known = CollisionWatch(path, 10.0, 0, 10.0, replace(seen, outlook=outlook), CONFIG).leaders()
         assert (known is not None) is leads
     path, seen = scene(turn, 8.0, (16.0, side * 2.2, np.pi + side * np.radians(15.0), 0.5))
-    assert watch_path(path, 10.0, 0, 10.0, replace(seen, outlook=outlook), CONFIG) is not None
+    assert CollisionWatch(path, 10.0, 0, 10.0, replace(seen, outlook=outlook), CONFIG).leaders() is not None
 
 
 def test_the_slowest_of_several_leaders_counts_and_a_fast_one_is_no_threat():
     threat = watched(0.0, 10.0, (30.0, 0.0, 0.0, 9.0), (34.0, 0.5, 0.0, 0.0))
-    assert threat.snapshot.actor_id == 3
+    assert threat.blocker_id == 3
     assert watched(0.0, 10.0, (60.0, 0.0, 0.0, 14.0)) is None
     assert watched(0.0, 10.0, (30.0, 0.0, 0.0, 0.0), target=3.0) is None
 
@@ -141,30 +138,30 @@ def test_braking_that_is_needed_avoids_contact_by_a_metre(ahead, hard):
     threat = watched(0.6, 9.0, (ahead, 0.0, 0.0, 0.0))
     needed = 9.0**2 / (2.0 * (ahead - LENGTHS - 1.0))
     assert (needed > CONFIG.comfort_brake_mps2) is hard
-    assert threat.must_brake_mps2 == pytest.approx(needed if hard else 0.0)
+    assert threat.brake_mps2 == pytest.approx(needed if hard else 0.0)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize(("aside", "hard"), [(-0.05, True), (0.05, False)])
 def test_who_is_only_within_the_margin_is_slowed_for_but_not_braked_for_hard(side, aside, hard):
     threat = watched(0.6, 9.0, (14.0, side * (2.0 * HALF_WIDTH + aside), 0.0, 0.0))
-    assert threat.safe_speed_mps == pytest.approx(krauss(14.0 - LENGTHS, 0.0))
-    assert (threat.must_brake_mps2 > 0.0) is hard
+    assert threat.speed_mps == pytest.approx(krauss(14.0 - LENGTHS, 0.0))
+    assert (threat.brake_mps2 > 0.0) is hard
 
 
 @pytest.mark.parametrize(
     ("speed", "target", "reach"), [(0.0, 0.0, 20.0), (9.0, 10.0, 81.0 / 6.0 + 25.0), (30.0, 30.0, 70.0)]
 )
 def test_looks_ahead_by_the_way_of_a_stop_and_one_and_a_half_seconds(speed, target, reach):
-    assert watch_reach_m(speed, target, CONFIG) == pytest.approx(reach)
+    path, seen = scene(0.6, speed)
+    assert CollisionWatch(path, 10.0, 0, target, seen, CONFIG).reach_m == pytest.approx(reach)
 
 
 def test_of_two_threats_the_lower_speed_and_the_harder_braking_count():
     first, second = (
-        Threat(CollisionSnapshot(actor, gap, 0.0), speed, brake)
-        for actor, gap, speed, brake in ((2, 5.0, 4.0, 0.0), (3, 9.0, 6.0, 5.0))
+        SpeedLimit(speed, brake, actor, gap) for actor, gap, speed, brake in ((2, 5.0, 4.0, 0.0), (3, 9.0, 6.0, 5.0))
     )
-    expected = replace(first, must_brake_mps2=5.0)
+    expected = replace(first, brake_mps2=5.0)
     assert stricter(first, second) == expected
     assert stricter(second, first) == expected
     assert stricter(None, second) is second
@@ -176,22 +173,21 @@ def test_of_two_threats_the_lower_speed_and_the_harder_braking_count():
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_who_crosses_from_either_side_is_waited_for_and_who_has_crossed_is_not(turn, side):
     path, seen = scene(turn, 8.0, (30.0, side * 25.0, -side * np.pi / 2.0, 8.0))
-    threat = watch_conflicts(path, 10.0, 0, 10.0, seen, CONFIG)
-    assert threat.snapshot.actor_id == 2
-    assert threat.snapshot.speed_mps == 0.0
+    threat = CollisionWatch(path, 10.0, 0, 10.0, seen, CONFIG).meetings()
+    assert threat.blocker_id == 2
     reach = HALF_LENGTH + HALF_WIDTH + CONFIG.side_margin_m
-    assert threat.snapshot.gap_m == pytest.approx(30.0 - reach - CONFIG.conflicts.standoff_m, abs=1.0)
+    assert threat.free_m == pytest.approx(30.0 - reach - CONFIG.conflicts.standoff_m, abs=1.0)
     path, seen = scene(turn, 8.0, (30.0, side * 25.0, side * np.pi / 2.0, 8.0))
-    assert watch_conflicts(path, 10.0, 0, 10.0, seen, CONFIG) is None
+    assert CollisionWatch(path, 10.0, 0, 10.0, seen, CONFIG).meetings() is None
 
 
 @pytest.mark.parametrize("turn", TURNS)
 def test_who_merely_follows_or_stands_is_no_conflict_and_who_joins_from_behind_at_an_angle_is(turn):
     for other in ((-8.0, 0.0, 0.0, 9.0), (30.0, 0.0, np.pi / 2.0, 0.5)):
         path, seen = scene(turn, 8.0, other)
-        assert watch_conflicts(path, 10.0, 0, 10.0, seen, CONFIG) is None
+        assert CollisionWatch(path, 10.0, 0, 10.0, seen, CONFIG).meetings() is None
     path, seen = scene(turn, 6.0, (-6.0, -12.0, np.radians(40.0), 13.0))
-    assert watch_conflicts(path, 10.0, 0, 10.0, seen, CONFIG) is not None
+    assert CollisionWatch(path, 10.0, 0, 10.0, seen, CONFIG).meetings() is not None
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -201,11 +197,11 @@ def test_who_turns_in_beside_the_own_front_counts_unless_the_leaders_are_watched
     extent = HALF_LENGTH * np.cos(turned) + HALF_WIDTH * abs(np.sin(turned))
     reach = HALF_LENGTH * abs(np.sin(turned)) + HALF_WIDTH * np.cos(turned)
     path, seen = scene(0.6, 6.0, (HALF_LENGTH + extent - 0.6, side * (HALF_WIDTH + reach + 0.01), turned, 5.0))
-    assert watch_path(path, 10.0, 0, 15.0, seen, CONFIG) is None
-    threat = watch_conflicts(path, 10.0, 0, 15.0, seen, CONFIG)
-    assert threat.snapshot.actor_id == 2
-    assert 5.0 < threat.safe_speed_mps < 6.0
-    assert watch_conflicts(path, 10.0, 0, 15.0, seen, CONFIG, leaders=False) is None
+    assert CollisionWatch(path, 10.0, 0, 15.0, seen, CONFIG).leaders() is None
+    threat = CollisionWatch(path, 10.0, 0, 15.0, seen, CONFIG).meetings()
+    assert threat.blocker_id == 2
+    assert 5.0 < threat.speed_mps < 6.0
+    assert CollisionWatch(path, 10.0, 0, 15.0, seen, CONFIG).meetings(leaders=False) is None
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -219,8 +215,8 @@ def test_before_a_bend_one_reckons_with_the_time_that_it_takes(side):
     seen = replace(seen, x_m=seen.x_m - 10.0)
     path = TrackedPath.of(curve, CONFIG, stop_at_end=False)
     quick = TrackedPath.of(curve, replace(CONFIG, lateral_accel_mps2=40.0, curvature_rate_1pms=9.0), stop_at_end=False)
-    assert watch_conflicts(path, 0.0, 0, 12.0, seen, CONFIG) is None
-    assert watch_conflicts(quick, 0.0, 0, 12.0, seen, CONFIG) is not None
+    assert CollisionWatch(path, 0.0, 0, 12.0, seen, CONFIG).meetings() is None
+    assert CollisionWatch(quick, 0.0, 0, 12.0, seen, CONFIG).meetings() is not None
 
 
 @pytest.mark.parametrize("bend", [1.0, -1.0])
@@ -241,7 +237,7 @@ def test_in_a_bend_the_corridor_is_wider_by_what_the_body_cuts(bend, side):
         seen = replace(
             plain, x_m=np.array([0.0, at[0]]), y_m=np.array([0.0, at[1]]), yaw_rad=yaw, cos=np.cos(yaw), sin=np.sin(yaw)
         )
-        assert (watch_path(path, 0.0, 0, 10.0, seen, CONFIG) is not None) is leads
+        assert (CollisionWatch(path, 0.0, 0, 10.0, seen, CONFIG).leaders() is not None) is leads
 
 
 @pytest.mark.parametrize("turn", TURNS)
@@ -251,7 +247,7 @@ def test_an_oncoming_vehicle_that_ends_its_turn_is_no_leader(turn, side):
     ending = np.pi + side * np.radians(20.0)
     assert watched(turn, 8.0, (15.0, side * 3.5, ending, 5.4)) is None
     on_the_path = watched(turn, 8.0, (15.0, side * 1.5, ending, 5.4))
-    assert on_the_path.safe_speed_mps == pytest.approx(krauss(0.0, 0.0), abs=2.0)
+    assert on_the_path.speed_mps == pytest.approx(krauss(0.0, 0.0), abs=2.0)
 
 
 @pytest.mark.parametrize("turn", TURNS)
@@ -267,9 +263,9 @@ def test_who_is_alongside_leads_only_where_the_bodies_would_meet(turn, side, gap
 def test_who_drives_ahead_at_an_angle_leads_although_its_way_is_known(degrees):
     """The outlook is for those who come on."""
     path, seen = scene(0.6, 8.0, (16.0, 0.3, np.radians(degrees), 5.0))
-    known = watch_path(path, 10.0, 0, 10.0, replace(seen, outlook=SimpleNamespace()), CONFIG)
-    assert known.snapshot.actor_id == 2
-    assert known.snapshot.speed_mps == pytest.approx(5.0 * np.cos(np.radians(degrees)))
+    known = CollisionWatch(path, 10.0, 0, 10.0, replace(seen, outlook=SimpleNamespace()), CONFIG).leaders()
+    assert known.blocker_id == 2
+    assert known.speed_mps == pytest.approx(krauss(known.free_m, 5.0 * np.cos(np.radians(degrees))))
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -286,6 +282,6 @@ def test_who_has_time_to_wait_for_who_crosses_needs_no_hard_braking_and_who_is_l
     brakes = []
     for ahead, other in ((30.0, 25.0), (13.5, 9.0)):
         path, seen = scene(0.6, 8.0, (ahead, side * other, -side * np.pi / 2.0, 8.0))
-        brakes.append(watch_conflicts(path, 10.0, 0, 10.0, seen, CONFIG).must_brake_mps2)
+        brakes.append(CollisionWatch(path, 10.0, 0, 10.0, seen, CONFIG).meetings().brake_mps2)
     assert brakes[0] == 0.0
     assert brakes[1] > CONFIG.comfort_brake_mps2

@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 
+from siren_ros.benchmarks.json_figures import add_json, write_json
 from siren_ros.calibration.fit import EVALUATIONS_EACH, Fitted, fit
 from siren_ros.calibration.parameters import Parameter, check_effect, parameters_named
 from siren_ros.calibration.searches import residuals_over
@@ -46,6 +47,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     line.add_argument("--evaluations", type=int, default=0, help=f"0: {EVALUATIONS_EACH} for each parameter")
     line.add_argument("--duration-s", type=float, default=18.0, help="0: the template's own")
     line.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
+    line.add_argument(
+        "--tolerance", type=float, default=TOLERANCE, help="share of a range that a value may be off (%(default)s)"
+    )
+    add_json(line)
     asked = line.parse_args(argv)
     usual = _PARAMETERS_L0 if asked.level == EmergencyLevel.L0.name else _PARAMETERS
     parameters = parameters_named((asked.parameters or usual).split(","))
@@ -71,11 +76,26 @@ def main(argv: Sequence[str] | None = None) -> int:
         f"{found.evaluations} tries of {len(targets)} episodes in {time.perf_counter() - began:.0f} s, "
         f"{'two rounds agree' if found.agreed else 'the tries were spent'}; "
         f"distance {found.error_m:.3f} m with {asked.noise_m:g} m of noise on each axis, {found.start_error_m:.2f} m "
-        f"at the start; worst parameter off by {worst:.1%} of its range (allowed {TOLERANCE:.0%})"
+        f"at the start; worst parameter off by {worst:.1%} of its range (allowed {asked.tolerance:.0%})"
     )
     if found.undetermined:
         print(f"not determined by these trajectories: {', '.join(found.undetermined)}")
-    return EXIT_OK if worst <= TOLERANCE else EXIT_FAILED
+    write_json(
+        asked.json,
+        {
+            "parameters": [
+                {
+                    "name": each.name,
+                    "off": abs(found.values[each.name] - truth[each.name]) / (each.high - each.low),
+                    "spread": found.spread[each.name] / (each.high - each.low),
+                }
+                for each in parameters
+            ],
+            "error_m": found.error_m,
+            "tries": found.evaluations,
+        },
+    )
+    return EXIT_OK if worst <= asked.tolerance else EXIT_FAILED
 
 
 def print_table(parameters: Sequence[Parameter], truth: Mapping[str, float], found: Fitted) -> float:

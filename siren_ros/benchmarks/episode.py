@@ -16,6 +16,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from siren_ros.benchmarks.json_figures import add_json, write_json
+
 FACTOR = re.compile(r"real-time factor (\d+\.\d+) ")
 TARGETS = {"front": "bag under 500 MB, memory under 1.5 GB", "lidar": "factor at least 3", "none": "factor at least 10"}
 
@@ -65,17 +67,29 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--runs", type=int, default=1, help="runs of each suite")
     parser.add_argument("--where", action="store_true", help="print each episode's own summary too")
     parser.add_argument("parameters", nargs="*", help="further parameters of cosim, such as processes:=true")
+    add_json(parser)
     options = parser.parse_args(argv)
+    measured: list[dict[str, object]] = []
     print(f"{'suite':<10}{'real-time factor':>18}{'program s':>12}{'memory GB':>12}{'bag MB':>10}   to reach")
     with tempfile.TemporaryDirectory(prefix="siren_benchmark_") as scratch:
         for suite in options.suites:
             for run in range(options.runs):
                 folder = Path(scratch) / str(run)
                 one = measure(suite, options.parameters, folder)
+                measured.append(
+                    {
+                        "name": f"{suite}.{run}",
+                        "real_time_factor": one.factor,
+                        "wall_s": one.wall_s,
+                        "memory_gb": one.memory_gb,
+                        "bag_mb": one.bag_mb,
+                    }
+                )
                 figures = f"{one.factor:>18.2f}{one.wall_s:>12.1f}{one.memory_gb:>12.2f}{one.bag_mb:>10.1f}"
                 print(f"{suite:<10}{figures}   {TARGETS.get(suite, '')}", flush=True)
                 if options.where:
                     print(one.summary)
+    write_json(options.json, measured)
     return 0
 
 

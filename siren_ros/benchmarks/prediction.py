@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from siren_ros.benchmarks.json_figures import add_json, write_json
 from siren_ros.errors import EXIT_OK
 from siren_ros.evaluation.prediction.predictors import PREDICTORS, Predictor, predictors_named
 from siren_ros.evaluation.prediction.samples import HistoryWindow, Population, ScoredSamples, samples_of
@@ -67,11 +68,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--checkpoint", action="append", default=[], metavar="NAME=PATH", help="weights of a model")
     parser.add_argument("--samples", type=int, default=SAMPLES, help="default: %(default)s")
     parser.add_argument("--population", choices=[one.value for one in Population], default=Population.ALL.value)
+    add_json(parser)
     arguments = parser.parse_args(argv)
     checkpoints = dict(pair.split("=", 1) for pair in arguments.checkpoint)
     predictors = predictors_named(arguments.models.split(","), {name: Path(path) for name, path in checkpoints.items()})
     records = [read_episode(bag) for bag in bags_among(arguments.bags)]
     made: dict[HistoryWindow, list[ScoredSamples]] = {}
+    figures: dict[str, dict[str, float]] = {}
     population = Population(arguments.population)
     heads = ("wall s", "CPU s", f"per {SAMPLES // 1000}k", "CPU")
     print(f"{'':<12}{'samples':>10}" + "".join(f"{head:>12}" for head in heads))
@@ -79,7 +82,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         if predictor.window not in made:
             taken, made[predictor.window] = sampling(records, predictor.window, population)
             print(taken.row("samples"), flush=True)
-        print(predicting(predictor, made[predictor.window], arguments.samples).row(name), flush=True)
+        taken = predicting(predictor, made[predictor.window], arguments.samples)
+        print(taken.row(name), flush=True)
+        figures[name] = {"processors_s_per_100000": taken.processors_s * 100_000 / taken.samples}
+    write_json(arguments.json, figures)
     return EXIT_OK
 
 

@@ -17,13 +17,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from siren_ros.behaviour.civilians.yield_manager import YieldState, step_yield
 from siren_ros.behaviour.emv.controller import EmvState, step_emv
+from siren_ros.benchmarks.json_figures import add_json, write_json
 from siren_ros.dynamics.fleet import FleetState, step_fleet
 from siren_ros.dynamics.parameters import load_vehicle_parameters
 from siren_ros.errors import SirenError
@@ -265,6 +266,39 @@ def placebo_row(name: str, by_level: Mapping[str, Sequence[EpisodeFigures]]) -> 
     return f"{name:<4}holds without its cause: {', '.join(texts)}"
 
 
+def json_row(name: str, episodes: Sequence[EpisodeFigures]) -> dict[str, Any]:
+    """One template's row as JSON types; ``holds`` is a dash where no episode ran, as on a map without a site."""
+    ran = [episode for episode in episodes if not episode.error]
+    row: dict[str, Any] = {
+        "template": name,
+        "holds": f"{sum(episode.holds for episode in ran)}/{len(episodes)}" if ran else "–",
+        "episodes": len(episodes),
+        "failed": len(episodes) - len(ran),
+    }
+    if not ran:
+        return row
+    physics = [episode.physics for episode in ran]
+    arrivals_s = [episode.realisation.arrival_s for episode in ran if episode.realisation is not None]
+    arrivals_s = [arrival_s for arrival_s in arrivals_s if not np.isnan(arrival_s)]
+    return row | {
+        "contacts": sum(summary.contacts for summary in physics),
+        "teleports": sum(episode.teleports for episode in ran),
+        "episodes_with_violations": sum(bool(episode.violations) for episode in ran),
+        "impact_max_mps": float(max(summary.impact_mps for summary in physics)),
+        "overlap_max_m": float(max(summary.overlap_m for summary in physics)),
+        "lateral_accel_max_mps2": float(max(summary.lateral_accel_mps2 for summary in physics)),
+        "emv_accel_min_mps2": float(min(summary.emv_accel_low_mps2 for summary in physics)),
+        "emv_accel_max_mps2": float(max(summary.emv_accel_high_mps2 for summary in physics)),
+        "residual_p50_m": float(np.median([episode.residual_p50_m for episode in ran])),
+        "residual_p99_m": float(max(episode.residual_p99_m for episode in ran)),
+        "residual_max_m": float(max(episode.residual_max_m for episode in ran)),
+        "standstill_max_s": float(max(episode.standstill_s for episode in ran)),
+        "emv_speed_mps": float(np.mean([episode.emv_speed_mps for episode in ran])),
+        "arrival_s": float(np.mean(arrivals_s)) if arrivals_s else None,
+        "arrival_sd_s": float(np.std(arrivals_s)) if arrivals_s else None,
+    }
+
+
 def details_of(episodes: Iterable[EpisodeFigures]) -> Iterator[str]:
     """One line per seed that failed, with the failing part, and the violated checks with their seeds."""
     violated: Counter[str] = Counter()
@@ -291,6 +325,7 @@ def comparison_of(name: str, first: Sequence[EpisodeFigures], second: Sequence[E
 def main(argv: Sequence[str] | None = None) -> int:
     """Print the table."""
     options = _parser().parse_args(argv)
+    rows: list[dict[str, Any]] = []
     for number, name in enumerate(options.templates):
         if options.compare:
             first, second = (measure_all(_tasks(options, name, level), options.jobs) for level in options.compare)
@@ -304,13 +339,16 @@ def main(argv: Sequence[str] | None = None) -> int:
                 for level in placebo_levels(name)
             }
             print(placebo_row(name, ran), flush=True)
+            rows += [{**json_row(name, episodes), "level": level} for level, episodes in ran.items()]
             continue
         if number == 0:
             print(_HEAD)
         episodes = measure_all(_tasks(options, name, options.level), options.jobs)
+        rows.append(json_row(name, episodes))
         print(row_of(name, episodes))
         print(spread_of(episodes))
         print(*details_of(episodes), sep="\n", flush=True)
+    write_json(options.json, rows)
     return 0
 
 
@@ -337,6 +375,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--placebo", action="store_true", help="the levels at which the predicate must not hold")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--pictures", type=Path, help="folder for a picture of each episode")
+    add_json(parser)
     return parser
 
 

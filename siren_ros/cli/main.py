@@ -34,6 +34,7 @@ VERBS: Final = {
     "compare-paper": ("put every number of the paper's tables next to ours", "compare_paper.add_arguments"),
     "calibrate": ("fit the EMV's parameters to trajectories", "calibrate.add_arguments"),
     "train": ("train the models that ship with the project", "train.add_arguments"),
+    "reproduce": ("make every measured figure, picture and film of the documents again", "reproduce.add_arguments"),
 }
 """What the verbs do, and which function of this package adds their arguments."""
 

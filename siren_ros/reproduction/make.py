@@ -7,7 +7,9 @@ import subprocess
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from pathlib import Path
+from statistics import fmean
 from typing import Any, Final
 
 from siren_ros.errors import InputError, SirenError
@@ -96,10 +98,14 @@ class Reproduction:
         for step in steps:
             say(str(step))
         due = [step for step in steps if step.due]
+        hashes = {step.part.name: step.inputs_sha256 for step in steps}
         total = shown_minutes(sum(step.part.minutes for step in due))
         say(f"{len(due)} of {len(steps)} parts to make, {total} on two cores")
         failed: dict[str, str] = {}
-        for step in due:
+        for planned in steps:
+            step = self._with_new_inputs(planned, hashes)
+            if not step.due:
+                continue
             name = step.part.name
             say(f"{name} ...")
             try:
@@ -114,6 +120,15 @@ class Reproduction:
             write_results(self.results, {**read_results(self.results), name: result})
             say(f"{name}: {len(result.figures)} figures, {shown_minutes(result.minutes)}")
         return [f"{name}: {why}" for name, why in failed.items()]
+
+    def _with_new_inputs(self, step: Step, hashes: dict[str, str]) -> Step:
+        """The step after those above it: what they put into the repository, such as weights, may be its inputs."""
+        if step.missing:
+            return step
+        above = [hashes[need] for need in step.part.needs]
+        sha = inputs_sha256(step.part, self.repository, above)
+        hashes[step.part.name] = sha
+        return replace(step, inputs_sha256=sha, due=step.due or sha != step.inputs_sha256)
 
     def _make(self, step: Step) -> PartResult:
         """Runs the commands of a part, reads its figures and puts its files into the repository.
@@ -132,7 +147,9 @@ class Reproduction:
         minutes = (time.monotonic() - begin) / 60.0
         figures: dict[str, Figure] = {}
         for source in part.figures:
-            figures |= figures_in(_json(folder / source.path), source.keep, source.prefix)
+            figures |= figures_in(_json(folder / source.path), source.keep, source.prefix, source.leave_out)
+            figures |= dict(_ratio(text, figures) for text in source.ratios)
+            figures |= dict(_mean(text, figures) for text in source.means)
         for made in part.made:
             if not (folder / made.source).is_file():
                 raise PartError(f"{made.source} was not written")
@@ -153,6 +170,25 @@ class Reproduction:
         if done.returncode:
             last = log.read_text(encoding="utf-8", errors="replace").splitlines()[-_LAST_LINES:]
             raise PartError(f"`{command}` ended with exit code {done.returncode}: {' / '.join(last)}")
+
+
+def _ratio(text: str, figures: Mapping[str, Figure]) -> tuple[str, Figure]:
+    """The figure of ``NAME=A/B``."""
+    name, _, ratio = text.partition("=")
+    above, _, below = ratio.partition("/")
+    try:
+        return name, float(figures[above]) / float(figures[below])
+    except (KeyError, ValueError, ZeroDivisionError) as error:
+        raise PartError(f"{text}: {error!r}") from error
+
+
+def _mean(text: str, figures: Mapping[str, Figure]) -> tuple[str, Figure]:
+    """The figure of ``NAME=PATTERN``."""
+    name, _, pattern = text.partition("=")
+    try:
+        return name, fmean(float(value) for each, value in figures.items() if fnmatchcase(each, pattern))
+    except ValueError as error:
+        raise PartError(f"{text}: {error}") from error
 
 
 def _json(file: Path) -> Any:

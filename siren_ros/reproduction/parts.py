@@ -26,6 +26,12 @@ class FigureFile:
     """Patterns (``fnmatch``) of the dotted names of the numbers."""
     prefix: str
     """Stands before the names, with a dot; empty for none."""
+    leave_out: tuple[str, ...] = ()
+    """Parts that the names of the figures do not have."""
+    ratios: tuple[str, ...] = ()
+    """``NAME=A/B``: a figure that is the ratio of two others, by the figures' names."""
+    means: tuple[str, ...] = ()
+    """``NAME=PATTERN``: a figure that is the mean of others, by a pattern of the figures' names."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +109,14 @@ def _part(entry: StrictMapping, code: Mapping[str, tuple[str, ...]]) -> Part:
         files=entry.words("files") if entry.has("files") else (),
         commands=entry.words("commands"),
         figures=tuple(
-            FigureFile(each.text("file"), each.words("keep"), each.text("prefix") if each.has("prefix") else "")
+            FigureFile(
+                each.text("file"),
+                each.words("keep"),
+                each.text("prefix") if each.has("prefix") else "",
+                each.words("leave_out") if each.has("leave_out") else (),
+                each.words("ratios") if each.has("ratios") else (),
+                each.words("means") if each.has("means") else (),
+            )
             for each in figures
         ),
         made=tuple(MadeFile(each.text("from"), each.text("to")) for each in made),

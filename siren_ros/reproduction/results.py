@@ -14,8 +14,11 @@ from siren_ros.errors import InputError, whole_file
 
 Figure = float | int | str
 _VERSIONS: Final = ("numpy", "libsumo", "numba", "onnxruntime")
-_LABELS: Final = ("name", "template", "model", "metric", "group", "class", "map", "level", "kind")
-"""Keys whose texts name a row of a list, in the order in which they stand in the figure's name."""
+_LABELS: Final = (
+    *("of", "name", "template", "model", "metric", "outcome", "group"),
+    *("class", "map", "level", "levels", "kind"),
+)
+"""Keys whose texts, or lists of texts, name a row of a list, in the order in which they stand in its name."""
 
 
 @dataclass(frozen=True)
@@ -80,11 +83,20 @@ def _processor() -> str:
     return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())
 
 
-def figures_in(content: Any, keep: tuple[str, ...], prefix: str = "") -> dict[str, Figure]:
+def figures_in(
+    content: Any, keep: tuple[str, ...], prefix: str = "", leave_out: tuple[str, ...] = ()
+) -> dict[str, Figure]:
     """The numbers and texts of a JSON document by dotted names, as far as a pattern of ``keep`` matches.
 
     An item of a list is named by its texts under the keys ``name``, ``template``, ``model`` and so on, otherwise by its
-    place: ``[{"template": "S1", "model": "cv", "ade_m": 1.99}]`` gives ``S1.cv.ade_m``.
+    place: ``[{"template": "S1", "model": "cv", "ade_m": 1.99}]`` gives ``S1.cv.ade_m``. Spaces become ``_``.
+
+    Args:
+        content: The document.
+        keep: Patterns (``fnmatch``) of the names.
+        prefix: Stands before the names.
+        leave_out: Parts that the figures' names do not have: ``rows.S1.ade_m.value`` becomes ``S1.ade_m`` without
+            ``rows`` and ``value``.
 
     Raises:
         InputError: Two numbers have one name, or a pattern matches nothing.
@@ -96,7 +108,8 @@ def figures_in(content: Any, keep: tuple[str, ...], prefix: str = "") -> dict[st
         if not hits:
             continue
         matched |= hits
-        full = f"{prefix}.{name}" if prefix else name
+        parts = [part for part in name.split(".") if part not in leave_out]
+        full = ".".join([prefix, *parts] if prefix else parts).replace(" ", "_")
         if full in figures:
             raise InputError("figures", full, "one number of each name")
         figures[full] = value
@@ -112,8 +125,15 @@ def _leaves(content: Any, above: tuple[str, ...]) -> Iterator[tuple[str, Figure]
             yield from _leaves(value, (*above, str(key)))
     elif isinstance(content, list):
         for place, item in enumerate(content):
-            labels = [str(item[key]) for key in _LABELS if isinstance(item, Mapping) and isinstance(item.get(key), str)]
+            labels = [label for key in _LABELS if isinstance(item, Mapping) and (label := _label(item.get(key)))]
             rest = {key: value for key, value in item.items() if key not in _LABELS} if labels else item
             yield from _leaves(rest, (*above, *(labels or [str(place)])))
     elif isinstance(content, int | float | str):
         yield ".".join(above), content
+
+
+def _label(value: Any) -> str:
+    """What names a row: a text, or texts such as two levels as ``L3-L1``; empty for anything else."""
+    if isinstance(value, list) and all(isinstance(text, str) for text in value):
+        return "-".join(value)
+    return value if isinstance(value, str) else ""

@@ -8,6 +8,7 @@ from siren_ros.benchmarks.templates import (
     EpisodeFigures,
     comparison_of,
     details_of,
+    json_row,
     longest_standstill_s,
     placebo_levels,
     placebo_row,
@@ -74,3 +75,9 @@ def test_the_spread_of_seeds_is_printed_with_its_standard_deviation() -> None:
     assert "queue 2.0 +- 1.6" in text
     assert "yielding 3.0 +- 0.0" in text
     assert "no episode ran" in spread_of([EpisodeFigures("S1", 0, error="failed")])
+
+
+def test_the_json_row_has_the_numbers_of_the_printed_one() -> None:
+    row = json_row("S1", [figures(0, [1.0], holds=True), figures(1, [1.0]), EpisodeFigures("S1", 2, error="died")])
+    assert (row["holds"], row["episodes"], row["failed"], row["arrival_s"]) == ("1/3", 3, 1, None)
+    assert json_row("S1", [EpisodeFigures("S1", 0, error="no site")])["holds"] == "–"

@@ -133,3 +133,24 @@ def test_parts_without_their_files_are_skipped_with_the_reason(work: Reproductio
     assert runs(work) == []
     assert said[0].endswith("skipped, as ../maps/x.xodr is not there")
     assert said[1].endswith("skipped, as a is not there")
+
+
+def test_what_a_part_puts_into_the_repository_is_an_input_of_the_parts_below(work: Reproduction) -> None:
+    (work.repository / "weights.txt").write_text("old", encoding="utf-8")
+    train = part("train", made=(MadeFile("picture.png", "weights.txt"),))
+    table = parts(train, part("score", code="weights.txt"))
+    make(work, table)
+    assert runs(work) == ["train", "score"]
+    assert not any(step.due for step in work.plan(table))
+
+
+def test_ratios_and_means_are_figures_too(work: Reproduction) -> None:
+    source = FigureFile("scores.json", ("value",), "a", (), ("same=a.value/a.value",), ("mean=a.*",))
+    assert make(work, parts(part("a", figures=(source,))))[0] == []
+    assert read_results(work.results)["a"].figures == {"a.value": 2.0, "same": 1.0, "mean": 2.0}
+    for wrong in (
+        FigureFile("scores.json", ("value",), "", (), ("x=a/b",)),
+        FigureFile("scores.json", ("value",), "", (), (), ("x=b.*",)),
+    ):
+        failed, _ = make(work, parts(part("b", figures=(wrong,))))
+        assert "x=" in failed[0]

@@ -63,3 +63,10 @@ def test_the_machine_has_no_name_and_no_path() -> None:
     said = machine()
     assert {"cores", "processor", "python", "numpy"} <= set(said)
     assert not any("/" in value and Path(value).exists() for value in said.values())
+
+
+def test_names_leave_parts_out_and_join_lists_of_texts() -> None:
+    content = {"rows": [{"template": "S1", "outcome": "delay", "levels": ["L3", "L1"], "difference": {"value": 2.0}}]}
+    figures = figures_in(content, ("*",), leave_out=("rows", "value"))
+    assert figures == {"S1.delay.L3-L1.difference": 2.0}
+    assert figures_in({"up to 15 m": 1}, ("*",)) == {"up_to_15_m": 1}

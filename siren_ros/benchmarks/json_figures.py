@@ -1,0 +1,34 @@
+"""``--json FILE`` of the benchmarks: the figures that they print, for ``siren reproduce``."""
+
+import argparse
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from siren_ros.errors import whole_file, writing
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Adds the option."""
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures there, too")
+
+
+def write_json(file: Path | None, content: Any) -> None:
+    """Writes the figures where the option was given; a number that is not finite is null.
+
+    Raises:
+        InputError: The file cannot be written.
+    """
+    if file is None:
+        return
+    with writing(file), whole_file(file) as new:
+        new.write_text(json.dumps(_finite(content), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _finite(content: Any) -> Any:
+    if isinstance(content, dict):
+        return {key: _finite(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_finite(value) for value in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content

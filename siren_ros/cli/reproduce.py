@@ -1,0 +1,62 @@
+"""``siren reproduce``: makes every measured figure, table, picture and film of the documents."""
+
+import argparse
+import os
+from pathlib import Path
+from typing import Final
+
+from siren_ros.errors import EXIT_FAILED, EXIT_OK, InputError
+from siren_ros.params.resources import params_dir
+from siren_ros.reproduction.documents import write_blocks
+from siren_ros.reproduction.make import Reproduction
+from siren_ros.reproduction.parts import read_parts
+from siren_ros.reproduction.results import read_results
+
+_RESULTS: Final = Path("docs", "results.json")
+
+
+def add_arguments(verb: argparse.ArgumentParser) -> None:
+    """Describe the verb, and what it takes."""
+    verb.description = (
+        "Makes every measured figure, table, picture and film of the documents, part by part, and writes "
+        "docs/results.json. It says first how long each part takes. A part is made again only when its commands, its "
+        "code or a part that it needs has changed. An interrupted run goes on where it stopped. Needs a checkout of "
+        "the repository."
+    )
+    verb.add_argument("--only", nargs="+", default=(), metavar="PART", help="only these parts and those that they need")
+    verb.add_argument("--list", action="store_true", help="say what would be made, and make nothing")
+    verb.add_argument(
+        "--out",
+        type=Path,
+        default=Path("reproduction"),
+        metavar="DIR",
+        help="folder for the work",
+    )
+    verb.add_argument(
+        "--workers",
+        type=int,
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="processes of each command (default: all cores)",
+    )
+    verb.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Makes the parts that are due."""
+    repository = Path.cwd()
+    if not (repository / "docs").is_dir() or not (repository / "siren_ros").is_dir():
+        raise InputError("folder", str(repository), "the top folder of a checkout of the repository")
+    if arguments.workers < 1:
+        raise InputError("workers", arguments.workers, "1 or more")
+    parts = read_parts(params_dir() / "reproduction.yaml", repository)
+    work = Reproduction(repository, arguments.out.resolve(), repository / _RESULTS, arguments.workers)
+    steps = work.plan(parts, arguments.only)
+    if arguments.list:
+        print(*steps, sep="\n")
+        return EXIT_OK
+    failed = work.make(steps, lambda line: print(line, flush=True))
+    write_blocks(repository / "README.md", read_results(work.results))
+    for line in failed:
+        print(f"failed: {line}")
+    return EXIT_FAILED if failed else EXIT_OK

@@ -1,7 +1,6 @@
 """What is logged to Rerun, noted by a stand-in for its package, which the environment of the tests does not have."""
 
 import sys
-from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -189,9 +188,10 @@ def test_map_boxes_lidar_cameras_and_events_are_there(read: dict[str, Any]) -> N
     assert expected <= set(read["entities"])
 
 
-@pytest.mark.skipif(find_spec("rerun") is not None, reason="rerun is installed here")
 def test_without_rerun_the_command_that_brings_it_is_told(
-    tracked_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tracked_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    monkeypatch.delitem(sys.modules, "siren_ros.datasets.rerun", raising=False)
     assert main(["export", "rerun", str(tracked_bag), "--out", str(tmp_path / "out")]) == 2
     assert "./env --with rerun siren export rerun" in capsys.readouterr().err

@@ -141,7 +141,7 @@ class Reproduction:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / _STAMP).write_text(step.inputs_sha256, encoding="utf-8")
         places = {"out": folder, "workers": self.workers, **{need: self.out / need for need in part.needs}}
-        begin = time.monotonic()
+        card, begin = machine(), time.monotonic()
         for command in part.commands:
             self._run(command.format(**places), folder / "log.txt")
         minutes = (time.monotonic() - begin) / 60.0
@@ -155,7 +155,7 @@ class Reproduction:
                 raise PartError(f"{made.source} was not written")
         for made in part.made:
             shutil.copyfile(folder / made.source, self.repository / made.target)
-        return PartResult(step.inputs_sha256, part.commands, machine(), round(minutes, 1), figures)
+        return PartResult(step.inputs_sha256, part.commands, card, round(minutes, 1), figures)
 
     def _run(self, command: str, log: Path) -> None:
         with log.open("a", encoding="utf-8") as output:

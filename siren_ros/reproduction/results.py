@@ -65,8 +65,16 @@ def write_results(file: Path, results: Mapping[str, PartResult]) -> None:
 
 
 def machine() -> dict[str, str]:
-    """What a reader must know of the machine: cores, processor, Python, versions of what computes."""
-    found = {"cores": str(os.cpu_count()), "processor": _processor(), "python": platform.python_version()}
+    """What a reader must know of the machine: cores, load, processor, Python, versions of what computes.
+
+    The load is the mean number of waiting processes in the last minute: times mean little where it exceeds the cores.
+    """
+    found = {
+        "cores": str(os.cpu_count()),
+        "load": f"{os.getloadavg()[0]:.1f}",
+        "processor": _processor(),
+        "python": platform.python_version(),
+    }
     for package in _VERSIONS:
         try:
             found[package] = version(package)

@@ -61,7 +61,7 @@ def test_a_pattern_without_a_number_and_a_name_twice_are_refused() -> None:
 
 def test_the_machine_has_no_name_and_no_path() -> None:
     said = machine()
-    assert {"cores", "processor", "python", "numpy"} <= set(said)
+    assert {"cores", "load", "processor", "python", "numpy"} <= set(said)
     assert not any("/" in value and Path(value).exists() for value in said.values())
 
 

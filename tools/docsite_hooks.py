@@ -19,6 +19,9 @@ from docsite.command_page import command_page
 from docsite.links import ROOT_PAGES, for_the_site
 from docsite.message_page import message_page
 from docsite.template_tables import template_table
+from siren_ros.errors import InputError
+from siren_ros.reproduction.documents import filled
+from siren_ros.reproduction.results import read_results
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 _TEMPLATE_MARK = re.compile(r"<!-- parameters of (\w+) -->")
@@ -46,13 +49,17 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, *, page: Page, **_: Any) -> str:
-    """Turns links between documents into links between pages, and fills in the tables that the code has."""
+    """Turns links between documents into links between pages, and fills in measured figures and tables of the code."""
     path = page.file.src_uri
     document = next((root for root, made in ROOT_PAGES.items() if made == path), f"docs/{path}")
-    filled = _TEMPLATE_MARK.sub(
+    with_templates = _TEMPLATE_MARK.sub(
         lambda mark: template_table(REPOSITORY / "params" / "templates" / f"{mark[1]}.yaml"), markdown
     )
-    return for_the_site(with_tables(filled), PurePosixPath(document))
+    try:
+        with_figures = filled(with_templates, read_results(REPOSITORY / "docs" / "results.json"), document)
+    except InputError as error:
+        raise PluginError(str(error)) from error
+    return for_the_site(with_tables(with_figures), PurePosixPath(document))
 
 
 def on_post_build(config: MkDocsConfig) -> None:

@@ -10,6 +10,8 @@ from docsite.template_tables import entries
 from docsite.topic_tables import SECTIONS, texts_of, topic_table
 from siren_ros.calibration.parameters import PARAMETERS
 from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS
+from siren_ros.reproduction.parts import read_parts, shown_minutes
+from siren_ros.reproduction.results import read_results
 from siren_ros.scenario import paper
 from siren_ros.scenario.paper import PAPER_CONSTANTS, PAPER_SPEEDS
 
@@ -66,11 +68,29 @@ def paper_table() -> str:
     return "\n".join(["| constant | value | in the code |", "|---|---|---|", *rows])
 
 
+def reproduction_table() -> str:
+    """The parts of ``siren reproduce`` as Markdown: what each is, how long it takes, what made the figures shown."""
+    repository = _NODES_FILE.parents[1]
+    parts = read_parts(repository / "params" / "reproduction.yaml", repository)
+    results = read_results(repository / "docs" / "results.json")
+    rows = []
+    for part in parts.values():
+        made = results.get(part.name)
+        card = made.machine if made is not None else {}
+        sha = made.inputs_sha256[:8] if made is not None else ""
+        load = f"{card['load']} on {card['cores']} cores" if "load" in card else ""
+        rows.append(f"| `{part.name}` | {part.about} | {shown_minutes(part.minutes)} | {sha} | {load} |")
+    total = shown_minutes(sum(part.minutes for part in parts.values()))
+    head = ["| part | what | time, two cores | hash | load |", "|---|---|---|---|---|"]
+    return "\n".join([*head, *rows, f"| all | | {total} | | |"])
+
+
 TABLES: Final[Mapping[str, Callable[[], str]]] = {
     "cosim": partial(node_table, "cosim"),
     "calibrate": calibration_table,
     "yield": yield_table,
     "paper": paper_table,
+    "reproduction": reproduction_table,
     **{f"{section}_topics": partial(topic_table, section) for section in SECTIONS},
 }
 """What stands for ``<!-- table of NAME -->`` in a document, by name."""

@@ -17,12 +17,21 @@ from siren_ros.evaluation.prediction.reports.paper_results import PAPER_NAMES
 from siren_ros.evaluation.prediction.samples import HistoryWindow, future_times_s
 from siren_ros.evaluation.risk.tables import PAPER_BALANCE, PAPER_SCORES
 from siren_ros.numerics.units import STEP_S, mps_from_kmh
+from siren_ros.reproduction.documents import filled
+from siren_ros.reproduction.results import read_results
 from siren_ros.scenario.paper import LEVEL_POLICIES, PAPER_CONSTANTS, PAPER_SPEEDS, CivilianResponse, EmergencyLevel
 from siren_ros.scenario.presets import load_preset
 from siren_ros.scenario.templates import available_templates, load_template
 from siren_ros.traffic.config import CautionConfig, TrafficConfig
 
-TEXT = re.sub(r"\s+", " ", with_tables((REPOSITORY / "docs" / "paper.md").read_text(encoding="utf-8")))
+
+def shown(page: str) -> str:
+    """A page as the site shows it, with its figures and tables."""
+    text = (REPOSITORY / page).read_text(encoding="utf-8")
+    return with_tables(filled(text, read_results(REPOSITORY / "docs" / "results.json"), page))
+
+
+TEXT = re.sub(r"\s+", " ", shown("docs/paper.md"))
 LEVELS = (REPOSITORY / "docs" / "behaviour.md").read_text(encoding="utf-8")
 OWNERS = {
     "ControlConstants": PAPER_CONSTANTS,
@@ -162,6 +171,6 @@ def test_the_learned_models_of_the_paper_are_counted_right() -> None:
 def test_pages_quote_the_two_maps_alike(page: str) -> None:
     row = r"constant velocity \(CV\), mean of the templates \| " + r" \| ".join([r"([\d.]+)"] * 3)
     (paper, town, own) = re.findall(row, TEXT)[0]
-    text = (REPOSITORY / page).read_text(encoding="utf-8")
+    text = shown(page)
     for value in (paper, town, own):
         assert f"{value} m" in text or f"and the paper {value}" in text or f"the town has {value}" in text

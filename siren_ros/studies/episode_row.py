@@ -194,7 +194,8 @@ def rows_of_manifest(content: bytes) -> tuple[EpisodeRow, ...]:
         InputError: Not the table of a study.
     """
     try:
-        table = pq.read_table(io.BytesIO(content))
+        # A program that ends soon after reading with threads is sometimes aborted by pyarrow's threads.
+        table = pq.read_table(io.BytesIO(content), use_threads=False, pre_buffer=False)
         entries = [{**entry, "versions": json.loads(entry["versions"])} for entry in table.to_pylist()]
     except (pa.ArrowException, KeyError, ValueError) as error:
         raise InputError("manifest.parquet", f"{len(content)} bytes", f"the table of a study ({error})") from error

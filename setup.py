@@ -65,5 +65,6 @@ setup(
         ),
     ],
     zip_safe=False,
+    python_requires=">=3.11,<3.13",
     entry_points={"console_scripts": executables(sys.argv)},
 )

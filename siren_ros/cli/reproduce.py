@@ -37,7 +37,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
         type=int,
         default=os.cpu_count() or 1,
         metavar="N",
-        help="processes of each command (default: all cores)",
+        help="processes (default: one for each processor)",
     )
     verb.set_defaults(run=run)
 

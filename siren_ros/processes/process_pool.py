@@ -22,7 +22,6 @@ from typing import Any, Final, Self, TypeVar
 import pebble
 
 from siren_ros.errors import InputError, SirenError
-from siren_ros.numerics.arithmetic import pin_arithmetic
 from siren_ros.processes.side_by_side import as_ready
 
 Progress = Callable[[float], None]
@@ -123,7 +122,6 @@ class ProcessPool:
                     return self._pool
                 self._pool.join()
                 time.sleep(_SERVER_ENDS_S)
-            pin_arithmetic()  # a new process reads the variables when it loads numpy
             context = multiprocessing.get_context("forkserver" if self._fresh else _start_method())
             if self._preload:
                 context.set_forkserver_preload([self._preload])

@@ -11,7 +11,6 @@ from pathlib import Path
 import hypothesis
 import pytest
 from browser_pages import PageBrowser, running_browser
-from repository import REPOSITORY
 from rosbags.typesys.store import Typestore
 from synthetic_episode import Scene, SyntheticEpisode
 
@@ -38,17 +37,6 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     """Folders are shared between workers where there are processors for it; single files run in this process."""
     folders = all(Path(argument).is_dir() for argument in config.args)
     return min(WORKERS, len(os.sched_getaffinity(0)) + 1) if folders else 0
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    """Workers and the programs that they start keep compiled Python, in a folder of the tests' own where need be.
-
-    They are hundreds, and each would compile the whole project anew under ``PYTHONDONTWRITEBYTECODE``, which keeps it
-    away from the sources.
-    """
-    shared_by_workers = bool(config.getoption("tx", None))
-    if shared_by_workers and os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
-        os.environ.setdefault("PYTHONPYCACHEPREFIX", str(REPOSITORY / ".pytest_cache" / "pycache"))
 
 
 @pytest.fixture(scope="session")

@@ -137,6 +137,15 @@ def test_variables_are_set_once_and_keep_what_there_was(tmp_path: Path, shell: s
     assert found["PATH"].count(f"{venv}/bin") == 1
 
 
+def test_compiled_python_is_kept_in_the_environment_where_it_may_not_lie_beside_the_sources(tmp_path: Path) -> None:
+    variables = source_variables(tmp_path, PYTHONDONTWRITEBYTECODE="1")
+    assert variables["PYTHONPYCACHEPREFIX"] == str(tmp_path / "venv/pycache")
+    assert "PYTHONDONTWRITEBYTECODE" not in variables
+    assert "PYTHONPYCACHEPREFIX" not in source_variables(tmp_path)
+    own = source_variables(tmp_path, PYTHONDONTWRITEBYTECODE="1", PYTHONPYCACHEPREFIX="/own")
+    assert (own["PYTHONPYCACHEPREFIX"], own["PYTHONDONTWRITEBYTECODE"]) == ("/own", "1")
+
+
 def test_discovery_stays_on_this_machine_unless_the_user_says_otherwise(tmp_path: Path) -> None:
     assert source_variables(tmp_path)["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
     found = source_variables(tmp_path, ROS_AUTOMATIC_DISCOVERY_RANGE="SUBNET")

@@ -84,6 +84,10 @@ POSIX
         printf '        *) export FASTRTPS_DEFAULT_PROFILES_FILE=%q ;;\n' "$root/params/fastdds_localhost.xml"
         echo '    esac'
         echo 'fi'
+        # Where compiled Python may not lie beside the sources, as in many containers, each start would compile everything anew.
+        echo 'if [ -n "${PYTHONDONTWRITEBYTECODE-}" ] && [ -z "${PYTHONPYCACHEPREFIX-}" ]; then'
+        printf '    unset PYTHONDONTWRITEBYTECODE\n    export PYTHONPYCACHEPREFIX=%q\n' "$venv/pycache"
+        echo 'fi'
         printf 'export COLCON_DEFAULTS_FILE="${COLCON_DEFAULTS_FILE-%s}"\n' "$root/colcon_defaults.yaml"
         echo 'unset -f _siren_prepend _siren_append'
     } >"$state/environment.sh.new"

@@ -1,6 +1,6 @@
 """The charts of the page."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Self
 
@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from siren_ros.evaluation.diversity.summary import GroupDiversity
 from siren_ros.evaluation.prediction.charts import SMALL_PT, TITLE_PT, new_figure, quiet
 from siren_ros.evaluation.yielding.counterfactual import ALL, Effect
-from siren_ros.evaluation.yielding.metrics import EpisodeMetric
+from siren_ros.evaluation.yielding.metrics import Metric
 from siren_ros.evaluation.yielding.scoring import ScoredEpisode
 from siren_ros.numerics.arrays import Floats
 from siren_ros.pictures.palette import FAINT_TEXT, TEXT
@@ -77,28 +77,26 @@ class _Places:
         level_legend(axes, self.levels)
 
 
-_HEAD_IN: Final = 0.9
-_ROW_IN: Final = 0.2
-_MARK_PT: Final = 4
-_LINE_PT: Final = 1.4
-_ZERO_PT: Final = 0.8
+_HEAD_IN, _ROW_IN = 0.9, 0.2
+_MARK_PT, _LINE_PT, _ZERO_PT = 4, 1.4, 0.8
 _ALL_TEMPLATES: Final = "#b3121a"
 
 
-def draw_forest(found: Sequence[Effect], outcome: str) -> Figure:
+def draw_forest(effects: Sequence[Effect], outcome: str) -> Figure:
     """Effects on one outcome: a panel for each pair of levels, a row for each template."""
-    contrasts = list(dict.fromkeys((one.first, one.second) for one in found))
-    templates = sorted({one.template for one in found} - {ALL}) + [ALL] * any(one.template == ALL for one in found)
+    contrasts = list(dict.fromkeys((effect.first, effect.second) for effect in effects))
+    names = {effect.template for effect in effects}
+    templates = sorted(names - {ALL}) + [ALL] * (ALL in names)
     figure = new_figure(WIDTH_IN, _HEAD_IN + _ROW_IN * len(templates))
-    first = None
-    for column, (one, other) in enumerate(contrasts):
-        axes = titled_axes(figure, f"{one} − {other}", 1, len(contrasts), column + 1, sharey=first)
-        first = first or axes
+    leftmost = None
+    for column, (first, second) in enumerate(contrasts):
+        axes = titled_axes(figure, f"{first} − {second}", 1, len(contrasts), column + 1, sharey=leftmost)
+        leftmost = leftmost or axes
         axes.axvline(0.0, color=FAINT_TEXT, linewidth=_ZERO_PT)
-        for effect in found:
-            if (effect.first, effect.second) != (one, other) or not effect.found.difference.valid:
+        for effect in effects:
+            if (effect.first, effect.second) != (first, second) or not effect.paired.difference.valid:
                 continue
-            difference, row = effect.found.difference, templates.index(effect.template)
+            difference, row = effect.paired.difference, templates.index(effect.template)
             colour = _ALL_TEMPLATES if effect.template == ALL else TEXT
             axes.plot(difference.value, row, "o", markersize=_MARK_PT, color=colour)
             if difference.bounded:
@@ -110,18 +108,14 @@ def draw_forest(found: Sequence[Effect], outcome: str) -> Figure:
     return figure
 
 
-_METRIC_IN: Final = 2.3
-_DRIVERS_IN: Final = 2.8
-_POINT_PT2: Final = 11
-_OPAQUE: Final = 0.85
-_MEDIAN_PT: Final = 2
-_CURVE_PT: Final = 1.6
-_SPREAD: Final = 0.55
-_MEDIAN: Final = 0.42
+_METRIC_IN, _DRIVERS_IN = 2.3, 2.8
+_POINT_PT2, _OPAQUE = 11, 0.85
+_MEDIAN_PT, _CURVE_PT = 2, 1.6
+_SPREAD, _MEDIAN = 0.55, 0.42
 """Shares of a level's part of a place: that its points are spread over, and half the length of the bar."""
 
 
-def draw_metric(episodes: Sequence[ScoredEpisode], metric: EpisodeMetric) -> Figure:
+def draw_metric(episodes: Sequence[ScoredEpisode], metric: Metric) -> Figure:
     """One metric: a point for each episode by template and level, a bar at the median."""
     places = _Places.of(episodes)
     half = _MEDIAN * places.width
@@ -129,8 +123,8 @@ def draw_metric(episodes: Sequence[ScoredEpisode], metric: EpisodeMetric) -> Fig
     axes = titled_axes(figure, metric.meaning)
     for place, template in enumerate(places.templates):
         for level in places.levels:
-            here = [one for one in episodes if (one.template, one.level) == (template, level)]
-            measures = [one.scores.metrics[metric.name] for one in here]
+            here = [episode for episode in episodes if (episode.template, episode.level) == (template, level)]
+            measures = [episode.scores.metrics[metric.name] for episode in here]
             values = np.array([measure.value for measure in measures if measure.valid])
             if not len(values):
                 continue
@@ -145,30 +139,27 @@ def draw_metric(episodes: Sequence[ScoredEpisode], metric: EpisodeMetric) -> Fig
     return figure
 
 
-def draw_drivers(episodes: Sequence[ScoredEpisode], marks: Sequence[tuple[str, str]]) -> Figure:
+def draw_drivers(episodes: Sequence[ScoredEpisode], marks: Mapping[str, str]) -> Figure:
     """Share of the drivers in the EMV's way who have done something within a time, a curve for each level.
 
-    Drivers who had not by the end of the episode count in the share's denominator.
-
-    Args:
-        episodes: The episodes.
-        marks: Names of driver metrics in seconds, with their titles.
+    Drivers who had not by the end of the episode count in the share's denominator. ``marks`` holds the titles of driver
+    metrics in seconds by their names.
     """
     levels = sorted({episode.level for episode in episodes})
     figure = new_figure(WIDTH_IN, _DRIVERS_IN)
-    for column, (name, title) in enumerate(marks):
+    for column, (name, title) in enumerate(marks.items()):
         axes = titled_axes(figure, title, 1, len(marks), column + 1)
         for level in levels:
-            found = [
+            values = [
                 driver.marks[name]
                 for episode in episodes
                 if episode.level == level
                 for driver in episode.scores.drivers
                 if driver.in_the_way and driver.marks[name].valid
             ]
-            done = np.sort([mark.value for mark in found if not mark.at_least])
-            if found:
-                share = np.arange(1, len(done) + 1) / len(found)
+            done = np.sort([mark.value for mark in values if not mark.at_least])
+            if values:
+                share = np.arange(1, len(done) + 1) / len(values)
                 axes.step(done, share, where="post", color=_colour(level), linewidth=_CURVE_PT)
         axes.set(xlabel=name, ylabel="share of drivers", ylim=(0.0, HIGHEST_SHARE))
         axes.set_xlim(left=0.0)
@@ -181,7 +172,7 @@ _COVERAGE_IN: Final = 4.8
 _CURVE_MARK_PT: Final = 2.5
 
 
-def draw_coverage(found: Sequence[GroupDiversity], colours: Sequence[str]) -> Figure:
+def draw_coverage(groups: Sequence[GroupDiversity], colours: Sequence[str]) -> Figure:
     """A line for each group in four panels, against the number of episodes."""
     figure = new_figure(WIDTH_IN, _COVERAGE_IN)
     titles = (
@@ -194,14 +185,10 @@ def draw_coverage(found: Sequence[GroupDiversity], colours: Sequence[str]) -> Fi
     for axes in panels:
         axes.set_xlabel("episodes there are")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    for one, colour in zip(found, colours, strict=True):
-        name = " ".join(one.group[:2])
-        curves = (
-            np.mean([part.curve for part in one.parameters], axis=0) if one.parameters else np.zeros(0),
-            one.transitions.curve,
-            one.ways.curve,
-            one.events.curve,
-        )
+    for diverse, colour in zip(groups, colours, strict=True):
+        name = " ".join(diverse.group[:2])
+        tried = np.mean([part.curve for part in diverse.parameters], axis=0) if diverse.parameters else np.zeros(0)
+        curves = (tried, diverse.transitions.curve, diverse.ways.curve, diverse.events.curve)
         style: dict[str, Any] = {"marker": "o", "markersize": _CURVE_MARK_PT, "color": colour, "label": name}
         for axes, curve in zip(panels, curves, strict=True):
             axes.plot(np.arange(1, len(curve) + 1), curve, **style)
@@ -228,8 +215,8 @@ def draw_outcomes(rows: Sequence[EpisodeRow]) -> Figure:
     for level in places.levels:
         here = [[row for row in complete if (row.template, row.level) == (name, level)] for name in places.templates]
         middles, colour = places.middles(level), _colour(level)
-        axes.bar(middles, [len(one) for one in here], bar, color="none", edgecolor=colour, linewidth=_OUTLINE_PT)
-        axes.bar(middles, [sum(bool(row.predicate_holds) for row in one) for one in here], bar, color=colour)
+        axes.bar(middles, [*map(len, here)], bar, color="none", edgecolor=colour, linewidth=_OUTLINE_PT)
+        axes.bar(middles, [sum(bool(row.predicate_holds) for row in episodes) for episodes in here], bar, color=colour)
     places.label(axes)
     axes.set_ylabel("episodes")
     return figure

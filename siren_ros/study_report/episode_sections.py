@@ -37,17 +37,17 @@ from siren_ros.tables.table import Row, Table, counted
 from siren_ros.world.traffic_state import EventKind
 
 _NAMED_MAX: Final = 50
-"""Episodes that are named because they are missing."""
+"""Most missing episodes that the page names."""
 
 
 def generated_section(study: StudyRows, measures: StudyMeasures) -> Section:
     """What ``siren generate`` made."""
     rows = study.rows
     complete = [row for row in rows if row.status is Status.COMPLETE]
-    simulated_s = sum(row.simulated_s for row in complete)
     summary = (
         f"{counted(len(rows), 'episode')} in the study, {len(complete):,} of them complete: "
-        f"{simulated_s / 60.0:,.0f} simulated minutes, {sum(row.bag_bytes for row in rows) / 1e6:,.0f} MB. "
+        f"{sum(row.simulated_s for row in complete) / 60.0:,.0f} simulated minutes, "
+        f"{sum(row.bag_bytes for row in rows) / 1e6:,.0f} MB. "
         f"The numbers below come from the {counted(len(measures.bags), 'bag')} that could be read."
     )
     judged = (
@@ -55,12 +55,11 @@ def generated_section(study: StudyRows, measures: StudyMeasures) -> Section:
         "template's own level, and fail where its cause is missing."
     )
     caption = "Episodes whose predicate holds, by template and level"
-    figures = (Picture("outcomes", caption, figure_uri(draw_outcomes(rows))),)
     return Section(
         "generated",
         "What was generated",
         text=(summary, judged),
-        figures=figures,
+        figures=(Picture("outcomes", caption, figure_uri(draw_outcomes(rows))),),
         tables=tuple(_tables(study, measures)),
         commands=(generate_command(study.asked, study.folder),) if study.asked else (),
     )
@@ -95,7 +94,7 @@ def _tables(study: StudyRows, measures: StudyMeasures) -> Iterator[Table]:
         caption = f"Episodes that are missing: {len(missing)}"
         yield Table("missing", caption, ("episode", "status", "reason", "attempts"), named)
     if measures.unread:
-        bags = tuple((one.bag.name, one.reason) for one in measures.unread[:_NAMED_MAX])
+        bags = tuple((bag.name, reason) for bag, reason in measures.unread[:_NAMED_MAX])
         yield Table("unread", f"Bags that could not be read: {len(measures.unread)}", ("bag", "reason"), bags)
 
 
@@ -127,29 +126,22 @@ def own_level(template: str) -> str:
 
 def _asked(study: StudyRows) -> Table:
     """What the episodes share or differ in."""
-    names = ("map", "preset", "sensors", "look", "draw")
+    texts = {"map": {"": TOWN}, "draw": {"-1": "none"}}
     rows = []
-    for name in names:
-        counts = Counter(str(getattr(row, name)) for row in study.rows)
-        told = ", ".join(f"{_said(name, value)} ({count})" for value, count in sorted(counts.items()))
-        rows.append((name, told))
+    for name in ("map", "preset", "sensors", "look", "draw"):
+        counts = sorted(Counter(str(getattr(row, name)) for row in study.rows).items())
+        rows.append((name, ", ".join(f"{texts.get(name, {}).get(value, value)} ({count})" for value, count in counts)))
     versions = {(name, version) for row in study.rows for name, version in row.versions.items()}
     rows.append(("versions", ", ".join(f"{name} {version}" for name, version in sorted(versions))))
     rows.append(("SHA-256 of manifest.parquet", study.manifest_sha256))
     return Table("asked", "What the episodes were made from, with the number of episodes", ("", ""), tuple(rows))
 
 
-def _said(name: str, value: str) -> str:
-    if name == "map":
-        return value or TOWN
-    return "none" if name == "draw" and value == "-1" else value
-
-
 _PICTURE_PX: Final = 1200
 _CODING: Final = Coding(width_px=640, crf=24)
 _POSTER_PX: Final = (640, 360)
-_TOLD: Final = EMV_EVENTS | {EventKind.YIELD_STARTED, EventKind.YIELD_COMPLETED, EventKind.YIELD_HELD}
-"""Events around which the film is."""
+_FILMED: Final = EMV_EVENTS | {EventKind.YIELD_STARTED, EventKind.YIELD_COMPLETED, EventKind.YIELD_HELD}
+"""The film shows the middle of these events."""
 
 
 def scenes_section(study: StudyRows, jobs: int, film_s: float) -> Section:
@@ -157,17 +149,16 @@ def scenes_section(study: StudyRows, jobs: int, film_s: float) -> Section:
     chosen = chosen_episodes(study.rows)
     figures, clips, commands = [], [], []
     with ProcessPool(min(jobs, len(chosen))) as pool:
-        found = pool.map(show_episode, [(study.folder / row.bag, film_s) for row in chosen])
-    for row, drawn in zip(chosen, found, strict=True):
+        shown = pool.map(show_episode, [(study.folder / row.bag, film_s) for row in chosen])
+    for row, drawn in zip(chosen, shown, strict=True):
         if drawn is None:
             continue
         picture, film, poster, from_s = drawn
         bag = quoted(study.folder / row.bag)
         title = f"{row.template} {row.level}, seed {row.seed}: {_title(row.template)}"
         clips.append(Clip(f"film_{row.template}", f"{title}. From {from_s:.1f} s on.", film, poster))
-        figures.append(
-            Picture(f"picture_{row.template}", f"{title}. {row.predicate[:1].upper()}{row.predicate[1:]}.", picture)
-        )
+        caption = f"{title}. {row.predicate[:1].upper()}{row.predicate[1:]}."
+        figures.append(Picture(f"picture_{row.template}", caption, picture))
         commands.append(f"./env siren plot {bag} --out {row.template}.png")
         frames = f"--start-s {from_s:g} --frames {round(film_s * FRAME_RATE_HZ)}"
         coding = f"--width {_CODING.width_px} --crf {_CODING.crf}"
@@ -182,17 +173,13 @@ def scenes_section(study: StudyRows, jobs: int, film_s: float) -> Section:
 
 def chosen_episodes(rows: Sequence[EpisodeRow]) -> tuple[EpisodeRow, ...]:
     """One complete episode of each template, by template."""
-    found: dict[str, EpisodeRow] = {}
-    for row in rows:
-        if row.status is Status.COMPLETE and row.bag:
-            before = found.get(row.template)
-            if before is None or _preference(row) > _preference(before):
-                found[row.template] = row
-    return tuple(found[name] for name in sorted(found))
+    usable = [row for row in rows if row.status is Status.COMPLETE and row.bag]
 
+    def preference(row: EpisodeRow) -> tuple[bool, bool, int]:
+        return row.level == own_level(row.template), bool(row.predicate_holds), -row.seed
 
-def _preference(row: EpisodeRow) -> tuple[bool, bool, int]:
-    return row.level == own_level(row.template), bool(row.predicate_holds), -row.seed
+    templates = sorted({row.template for row in usable})
+    return tuple(max((row for row in usable if row.template == name), key=preference) for name in templates)
 
 
 def show_episode(bag: Path, film_s: float) -> tuple[str, str, str, float] | None:
@@ -211,12 +198,12 @@ def show_episode(bag: Path, film_s: float) -> tuple[str, str, str, float] | None
 def film_steps(record: EpisodeRecord, film_s: float) -> range:
     """The frames around the median event of the interaction; around its middle where there is no event."""
     emvs = frozenset(record.emv_ids)
-    told = [
+    steps = [
         event.step
         for event in record.events
-        if event.kind in _TOLD and (event.kind not in EMV_EVENTS or event.actor_id in emvs)
+        if event.kind in _FILMED and (event.kind not in EMV_EVENTS or event.actor_id in emvs)
     ]
-    middle = float(np.median(told)) if told else float(np.mean(interaction_steps(record)))
+    middle = float(np.median(steps)) if steps else float(np.mean(interaction_steps(record)))
     length = round(film_s / STEP_S)
     last = max(record.steps - length, 0)
     first = int(np.clip(round(middle - 0.5 * length), 0, last)) // FRAME_STEPS * FRAME_STEPS

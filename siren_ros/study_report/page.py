@@ -4,7 +4,7 @@ import base64
 import io
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from shlex import quote
 from typing import Any, Final
@@ -24,7 +24,7 @@ class Picture:
 
     key: str
     caption: str
-    """Also what is said where the picture cannot be seen."""
+    """Also the text for readers who do not see the picture."""
     source: str
     """A data URI."""
 
@@ -38,7 +38,7 @@ class Clip:
     source: str
     """A data URI of an MP4."""
     poster: str
-    """A data URI: what is shown before it plays."""
+    """A data URI of the picture before the film plays."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Section:
     clips: tuple[Clip, ...] = ()
     tables: tuple[Table, ...] = ()
     commands: tuple[str, ...] = ()
-    """What makes its numbers again."""
+    """They make the section's numbers again."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Page:
 
     title: str
     lead: str
-    sections: Sequence[Section] = field(default_factory=tuple)
+    sections: Sequence[Section] = ()
 
 
 _PAGE: Final = "study"
@@ -127,12 +127,9 @@ def quoted(path: Path) -> str:
 
 
 def _matrix(asked: Mapping[str, Any]) -> Iterator[str]:
-    for name in ("templates", "levels", "seeds", "maps"):
-        if asked.get(name):
-            yield f"--{name} {' '.join(quote(str(value)) for value in asked[name])}"
-    for name in ("preset", "sensors", "look"):
-        if asked.get(name):
-            yield f"--{name} {quote(str(asked[name]))}"
+    for name in ("templates", "levels", "seeds", "maps", "preset", "sensors", "look"):
+        if value := asked.get(name):
+            yield f"--{name} {' '.join(quote(str(word)) for word in ([value] if isinstance(value, str) else value))}"
     if asked.get("duration_s"):
         yield f"--duration-s {asked['duration_s']:g}"
     if asked.get("risk_videos"):

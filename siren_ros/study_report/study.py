@@ -44,10 +44,9 @@ def read_rows(folder: Path) -> StudyRows:
         raise InputError("dir", str(folder), f"a folder that `siren generate` made, with {MANIFEST}")
     rows = {row.episode: row for row in read_table(local)}
     for file in sorted((folder / "episodes").glob("*/*.json")):
-        if file.stem not in rows:
-            row = local.row_of(file.relative_to(folder).with_suffix("").as_posix())
-            if row is not None:
-                rows[row.episode] = row
+        row = None if file.stem in rows else local.row_of(file.relative_to(folder).with_suffix("").as_posix())
+        if row is not None:
+            rows[row.episode] = row
     asked = local.read(STUDY)
     ordered = tuple(rows[name] for name in sorted(rows))
     return StudyRows(folder, json.loads(asked) if asked else {}, ordered, sha256(content).hexdigest())
@@ -66,19 +65,19 @@ class PageOptions:
     models: tuple[str, ...] = MODELS
     """Trajectory predictors that are scored on the bags."""
     detection: Path | None = None
-    """Where ``siren evaluate detection --out`` wrote; None: the folder ``detection`` of the study."""
+    """Folder that ``siren evaluate detection --out`` wrote; None: the folder ``detection`` of the study."""
     risk: Path | None = None
-    """Where ``siren evaluate risk --out`` wrote; None: the folder ``risk`` of the study."""
+    """Folder that ``siren evaluate risk --out`` wrote; None: the folder ``risk`` of the study."""
     jobs: int = 1
     film_s: float = FILM_S
     """Length of the films."""
 
     def detection_in(self, folder: Path) -> Path:
-        """Where the detectors' scores of a study are."""
+        """Folder of the detectors' scores of a study."""
         return self.detection or folder / DETECTION
 
     def risk_in(self, folder: Path) -> Path:
-        """Where the risk task's scores of a study are."""
+        """Folder of the risk task's scores of a study."""
         return self.risk or folder / RISK
 
     def check(self) -> None:
@@ -91,12 +90,7 @@ class PageOptions:
 def stored_tables(
     task: str, folder: Path, tables: Callable[[Mapping[str, Any]], Iterable[Table]]
 ) -> tuple[Table, ...] | None:
-    """The tables of the scores in a folder; None where there are none.
-
-    Args:
-        task: As ``siren evaluate`` names it.
-        folder: With ``scores.json``.
-        tables: Made from its content.
+    """The tables of the ``scores.json`` in a folder, by the task of ``siren evaluate``; None without such a file.
 
     Raises:
         InputError: The scores are those of something else.
@@ -121,42 +115,31 @@ class BagMeasures:
 
 
 @dataclass(frozen=True)
-class UnreadBag:
-    """A bag that gives nothing, and why."""
-
-    bag: Path
-    reason: str
-
-
-@dataclass(frozen=True)
 class StudyMeasures:
     """What all bags give, in the order of the bags."""
 
     bags: tuple[BagMeasures, ...]
-    unread: tuple[UnreadBag, ...]
+    unread: tuple[tuple[Path, str], ...] = ()
+    """Bags that give nothing, each with the reason."""
 
     @property
     def yielding(self) -> tuple[ScoredEpisode, ...]:
         """In the order in which ``siren evaluate yield`` takes them, which the bootstrap depends on."""
-        found = [one.yielding for one in self.bags]
-        return tuple(sorted(found, key=lambda one: (one.group, one.seed, one.draw, one.bag)))
+        episodes = [bag.yielding for bag in self.bags]
+        return tuple(sorted(episodes, key=lambda episode: (episode.group, episode.seed, episode.draw, episode.bag)))
 
     @property
     def prediction(self) -> tuple[EpisodeScores, ...]:
         """In the order in which ``siren evaluate prediction`` takes them."""
-        return tuple(one.prediction for one in self.bags)
+        return tuple(bag.prediction for bag in self.bags)
 
 
 def measure_study(
     bags: Sequence[Path], models: Sequence[str], jobs: int, progress: Callable[[], None] = lambda: None
 ) -> StudyMeasures:
-    """Measures every bag; one that cannot be read does not keep the others from being measured.
+    """Measures every bag in some processes; a bag that cannot be read does not keep the others from being measured.
 
-    Args:
-        bags: Folders of episodes.
-        models: Trajectory predictors that need no checkpoint.
-        jobs: Processes.
-        progress: Called after each bag.
+    The models are trajectory predictors that need no checkpoint; ``progress`` is called after each bag.
 
     Raises:
         InputError: A predictor that is not known, or no bag that can be read.
@@ -165,22 +148,22 @@ def measure_study(
     _predictors(names)
     with ProcessPool(min(jobs, len(bags))) as pool:
         ordered = pool.map(measure_bag, [(bag, names) for bag in bags], progress)
-    measured = tuple(one for one in ordered if isinstance(one, BagMeasures))
-    unread = tuple(one for one in ordered if isinstance(one, UnreadBag))
+    measured = tuple(result for result in ordered if isinstance(result, BagMeasures))
+    unread = tuple(result for result in ordered if not isinstance(result, BagMeasures))
     if not measured:
-        raise InputError("dir", unread[0].reason if unread else "no bag", "a folder with bags that can be read")
+        raise InputError("dir", unread[0][1] if unread else "no bag", "a folder with bags that can be read")
     return StudyMeasures(measured, unread)
 
 
-def measure_bag(bag: Path, models: tuple[str, ...]) -> BagMeasures | UnreadBag:
-    """All measures of a bag."""
+def measure_bag(bag: Path, models: tuple[str, ...]) -> BagMeasures | tuple[Path, str]:
+    """All measures of a bag; the bag with the reason where it cannot be read."""
     try:
         record = read_episode(bag)
         yielding = ScoredEpisode.of(str(bag), record, score_yielding(record))
         prediction = score_episode(str(bag), record, _predictors(models))
         return BagMeasures(bag, yielding, prediction, profile_of(str(bag), record))
     except SirenError as error:
-        return UnreadBag(bag, str(error))
+        return bag, str(error)
 
 
 @cache

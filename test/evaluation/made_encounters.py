@@ -6,8 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from hand_made_record import EMV, NORTHBOUND, Driven, crossing, hand_made, line
 
-from siren_ros.evaluation.yielding.emv_line import EmvLine
-from siren_ros.evaluation.yielding.encounters import Encounter, encounters_of
+from siren_ros.evaluation.yielding.encounters import EmvLine, Encounter, encounters_of
 from siren_ros.evaluation.yielding.thresholds import YieldThresholds
 from siren_ros.numerics.units import STEP_S
 from siren_ros.recording.episode_record import EpisodeRecord

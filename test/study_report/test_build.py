@@ -19,10 +19,9 @@ from siren_ros.evaluation.prediction.score_bags import ScoringJob, score_bags
 from siren_ros.evaluation.yielding.metrics import EPISODE_METRICS
 from siren_ros.evaluation.yielding.scoring import ScoredEpisode, group_means
 from siren_ros.studies.episode_row import EpisodeRow, Status
-from siren_ros.study_report.build import build_page
+from siren_ros.study_report.build import build_page, detection_section
 from siren_ros.study_report.episode_sections import chosen_episodes
 from siren_ros.study_report.study import PageOptions, measure_study
-from siren_ros.study_report.task_sections import detection_section
 
 
 def test_the_page_opens_in_a_browser_without_network_or_complaint(made: SimpleNamespace, browser: PageBrowser) -> None:
@@ -148,7 +147,7 @@ def test_a_bag_that_cannot_be_read_does_not_hold_up_the_others(study: Path, tmp_
     bad.mkdir()
     good = next(study.glob("episodes/S2_L1/*/"))
     found = measure_study([bad, good], ("cv",), 1)
-    assert [one.bag for one in found.unread] == [bad]
+    assert [bag for bag, _ in found.unread] == [bad]
     assert [one.bag for one in found.bags] == [good]
     with pytest.raises(InputError, match="can be read"):
         measure_study([bad], ("cv",), 1)

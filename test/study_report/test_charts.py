@@ -120,7 +120,7 @@ def test_curves_are_shares_of_all_drivers_in_the_way() -> None:
         (Measure(0.5), False),
     )
     episodes = [episode("S2", "L2", Measure(1.0), drivers), episode("S2", "L0", Measure(1.0))]
-    (axes,) = draw_drivers(episodes, [("response_time_s", "how soon")]).axes
+    (axes,) = draw_drivers(episodes, {"response_time_s": "how soon"}).axes
     (curve,) = axes.lines
     assert np.asarray(curve.get_xydata()) == pytest.approx(np.array([[1.0, 1 / 3], [2.0, 2 / 3]]))
     assert curve.get_drawstyle() == "steps-post"

@@ -13,7 +13,7 @@ from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.studies.episode_row import EpisodeRow, Status
 from siren_ros.studies.matrix import PlannedEpisode
 from siren_ros.study_report.episode_sections import film_steps, generated_section, own_level
-from siren_ros.study_report.study import StudyMeasures, StudyRows, UnreadBag
+from siren_ros.study_report.study import StudyMeasures, StudyRows
 from siren_ros.tables.table import Table
 from siren_ros.world.traffic_state import Event, EventKind
 
@@ -33,7 +33,7 @@ ROWS = (
 )
 
 
-def tables_of(rows: tuple[EpisodeRow, ...], unread: tuple[UnreadBag, ...] = ()) -> dict[str, Table]:
+def tables_of(rows: tuple[EpisodeRow, ...], unread: tuple[tuple[Path, str], ...] = ()) -> dict[str, Table]:
     section = generated_section(StudyRows(Path("s"), {}, rows, "cd" * 32), StudyMeasures((), unread))
     return {table.key: table for table in section.tables}
 
@@ -60,7 +60,7 @@ def test_groups() -> None:
 
 
 def test_what_is_missing_and_what_cannot_be_read() -> None:
-    found = tables_of(ROWS, (UnreadBag(Path("a/b"), "damaged"),))
+    found = tables_of(ROWS, ((Path("a/b"), "damaged"),))
     assert found["missing"].cells() == [
         ("S2_L2_seed2", "crashed", "it hung", "3"),
         ("S2_L0_seed0", "refused", "no site", "1"),

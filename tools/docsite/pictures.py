@@ -11,8 +11,8 @@ from typing import Final
 from PIL import Image
 
 from docsite.sensor_pictures import draw_sensors
-from siren_ros.evaluation.yielding.emv_line import EmvLine
-from siren_ros.evaluation.yielding.marks import site_time_s
+from siren_ros.evaluation.yielding.encounters import EmvLine
+from siren_ros.evaluation.yielding.metrics import site_time_s
 from siren_ros.evaluation.yielding.thresholds import YieldThresholds
 from siren_ros.judging.predicates import evaluate_predicate
 from siren_ros.pictures.birdseye import save_episode_picture

@@ -110,18 +110,18 @@ def add_counterfactual(verb: argparse.ArgumentParser) -> None:
 def evaluate_counterfactual(arguments: argparse.Namespace) -> int:
     """Scores every bag and compares the levels."""
     episodes, worst = scored_episodes(bags_among(arguments.bags), processes_of(arguments), OUTCOMES)
-    found = effects(episodes)
-    shown = [one for one in found if one.outcome in arguments.outcomes and one.found.difference.valid]
+    results = effects(episodes)
+    shown = [one for one in results if one.outcome in arguments.outcomes and one.paired.difference.valid]
     print("\n".join(text_of(effect_tables(shown))) or "no two episodes of one seed at different levels")
     if arguments.out is not None:
         with writing(arguments.out), whole_file(arguments.out) as file:
-            file.write_text(json.dumps([as_json(one) for one in found], indent=1) + "\n", encoding="utf-8")
+            file.write_text(json.dumps([as_json(effect) for effect in results], indent=1) + "\n", encoding="utf-8")
     return worst if shown else max(worst, EXIT_FAILED)
 
 
 def as_json(effect: Effect) -> dict[str, object]:
     """An effect as JSON types."""
-    difference = effect.found.difference
+    difference = effect.paired.difference
     return {
         "template": effect.template,
         "outcome": effect.outcome,
@@ -130,7 +130,7 @@ def as_json(effect: Effect) -> dict[str, object]:
         "interval": [difference.low, difference.high] if difference.bounded else None,
         "pairs": difference.blocks,
         "cut_off": effect.cut_off,
-        "p_value": effect.found.p_value,
+        "p_value": effect.paired.p_value,
         "adjusted_p_value": effect.adjusted_p,
     }
 

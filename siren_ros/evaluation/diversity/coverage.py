@@ -1,5 +1,6 @@
-"""What n episodes show of what N show, exactly (averages over all choices of n), and coverage of parameters' ranges."""
+"""The share that n of N episodes show (exact averages over all choices of n), and coverage of parameters' ranges."""
 
+from collections import Counter
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -24,30 +25,20 @@ def _log_choices(total: Floats, chosen: Floats) -> Floats:
 def expected_kinds(incidences: Sequence[int], episodes: int) -> Floats:
     """Expected number of kinds among n episodes, n = 1 … N (rarefaction; S. Hurlbert, Ecology 52 (1971) 577).
 
-    Args:
-        incidences: In how many of the N episodes each kind occurs, 1 to N.
-        episodes: N.
-
-    Returns:
-        Shape ``(N,)``.
+    ``incidences`` are the numbers of episodes, of all N, in which each kind occurs, 1 to N. Returns shape ``(N,)``.
     """
     chosen = np.arange(1, episodes + 1, dtype=np.float64)
     without = episodes - np.array(incidences, dtype=np.float64)[:, None]
     total = np.full_like(chosen, episodes)
-    missed = np.exp(
-        _log_choices(np.broadcast_to(without, (len(incidences), episodes)), chosen) - _log_choices(total, chosen)
-    )
+    without = np.broadcast_to(without, (len(incidences), episodes))
+    missed = np.exp(_log_choices(without, chosen) - _log_choices(total, chosen))
     return np.asarray((1.0 - missed).sum(axis=0), dtype=np.float64)
 
 
 def expected_nearest(distances: Floats) -> Floats:
     """Expected distance of an episode to the nearest of n others, n = 1 … N − 1, mean over the N episodes.
 
-    Args:
-        distances: Between all pairs, shape ``(N, N)``.
-
-    Returns:
-        Shape ``(N - 1,)``; empty for a single episode.
+    Takes the distances between all pairs, shape ``(N, N)``. Returns shape ``(N - 1,)``, empty for a single episode.
     """
     others = len(distances) - 1
     if others < 1:
@@ -65,7 +56,7 @@ def expected_nearest(distances: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class KindCoverage:
-    """Kinds that were seen, and what is said of those that were not."""
+    """Kinds that were seen, and an estimate of those that were not."""
 
     seen: int
     once: int
@@ -82,11 +73,7 @@ class KindCoverage:
 def kind_coverage(episodes: Sequence[Collection[Hashable]]) -> KindCoverage:
     """Coverage of the kinds of things that episodes have; at least one episode."""
     count = len(episodes)
-    counted: dict[Hashable, int] = {}
-    for episode in episodes:
-        for kind in set(episode):
-            counted[kind] = counted.get(kind, 0) + 1
-    incidences = list(counted.values())
+    incidences = list(Counter(kind for episode in episodes for kind in set(episode)).values())
     once, twice, total = incidences.count(1), incidences.count(2), sum(incidences)
     missing = 0.0
     if total and once and count > 1:
@@ -95,7 +82,7 @@ def kind_coverage(episodes: Sequence[Collection[Hashable]]) -> KindCoverage:
         missing = once / total * share
     elif total and count == 1:
         missing = 1.0
-    return KindCoverage(len(counted), once, once / count, 1.0 - missing, expected_kinds(incidences, count))
+    return KindCoverage(len(incidences), once, once / count, 1.0 - missing, expected_kinds(incidences, count))
 
 
 PARTS: Final = 10
@@ -104,7 +91,7 @@ PARTS: Final = 10
 
 @dataclass(frozen=True)
 class DrawnRange:
-    """Between what a parameter is drawn."""
+    """The range that a parameter is drawn from."""
 
     low: float
     high: float
@@ -142,17 +129,16 @@ def parameter_coverage(
     episodes: Sequence[Mapping[str, float]], ranges: Mapping[str, DrawnRange]
 ) -> tuple[ParameterCoverage, ...]:
     """Coverage of every parameter that has a range and a value in all episodes, by path."""
-    found = []
+    covered = []
     for path, drawn in sorted(ranges.items()):
         if drawn.high <= drawn.low or not all(path in episode for episode in episodes):
             continue
         part = drawn.part_of(np.array([episode[path] for episode in episodes], dtype=np.float64)).astype(np.intp)
         counts = np.bincount(part, minlength=drawn.parts)
         reached = [int(count) for count in counts if count]
-        found.append(
-            ParameterCoverage(path, drawn, tuple(counts.tolist()), expected_kinds(reached, len(episodes)) / drawn.parts)
-        )
-    return tuple(found)
+        curve = expected_kinds(reached, len(episodes)) / drawn.parts
+        covered.append(ParameterCoverage(path, drawn, tuple(counts.tolist()), curve))
+    return tuple(covered)
 
 
 def drawn_ranges(profiles: Iterable[InteractionProfile]) -> dict[str, dict[str, DrawnRange]]:
@@ -160,15 +146,15 @@ def drawn_ranges(profiles: Iterable[InteractionProfile]) -> dict[str, dict[str, 
 
     Episodes whose values a study drew have the template's whole ranges; the others those that every seed draws from.
     """
-    by_template: dict[str, list[InteractionProfile]] = {}
+    some_drawn: dict[str, bool] = {}
     for profile in profiles:
-        by_template.setdefault(profile.template, []).append(profile)
-    found: dict[str, dict[str, DrawnRange]] = {}
-    for name, members in by_template.items():
+        some_drawn[profile.template] = bool(profile.draw) or some_drawn.get(profile.template, False)
+    ranges: dict[str, dict[str, DrawnRange]] = {}
+    for name, drawn in some_drawn.items():
         try:
             template = load_template(name)
         except SirenError:
             continue
-        limits = template.ranges if any(one.draw for one in members) else template.drawn
-        found[name] = {path: DrawnRange(one.minimum, one.maximum, one.integer) for path, one in limits.items()}
-    return found
+        limits = (template.ranges if drawn else template.drawn).items()
+        ranges[name] = {path: DrawnRange(limit.minimum, limit.maximum, limit.integer) for path, limit in limits}
+    return ranges

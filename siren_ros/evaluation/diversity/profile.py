@@ -1,4 +1,4 @@
-"""What an episode is compared with others by: drawn parameters, the EMV's way, the order of events; and distances."""
+"""The profile of an episode (drawn parameters, the EMV's way, the order of events) and distances between profiles."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -27,16 +27,9 @@ _EMV_EVENTS: Final = frozenset(
         EventKind.STOP_LINE_CROSSED,
     }
 )
-_CIVILIAN_EVENTS: Final = frozenset(
-    {
-        EventKind.YIELD_DEFERRED,
-        EventKind.YIELD_STARTED,
-        EventKind.YIELD_COMPLETED,
-        EventKind.YIELD_HELD,
-        EventKind.YIELD_CANCELLED,
-        EventKind.YIELD_RELEASED,
-    }
-)
+_CIVILIAN_EVENTS: Final = frozenset(kind for kind in EventKind if kind.startswith("yield_")) - {
+    EventKind.YIELD_REQUESTED
+}
 
 
 @dataclass(frozen=True)
@@ -114,21 +107,19 @@ def _happenings(record: EpisodeRecord) -> Iterator[str]:
             before = name
 
 
-def way_distance_m(one: InteractionProfile, other: InteractionProfile) -> float:
+def way_distance_m(first: InteractionProfile, second: InteractionProfile) -> float:
     """Mean distance between the places of both EMVs at the same times, as far as both were recorded.
 
     The mean over pairs is the average self distance of Y. Yuan and K. Kitani (DLow, ECCV 2020), of whole episodes.
     """
-    points = min(len(one.way_m), len(other.way_m))
-    return float(np.hypot(*(one.way_m[:points] - other.way_m[:points]).T).mean())
+    points = min(len(first.way_m), len(second.way_m))
+    return float(np.hypot(*(first.way_m[:points] - second.way_m[:points]).T).mean())
 
 
-def event_distance(one: InteractionProfile, other: InteractionProfile) -> float:
+def event_distance(first: InteractionProfile, second: InteractionProfile) -> float:
     """Edits that turn one order of events into the other, as a share of the longer one (Levenshtein); 0 to 1."""
-    first, second = one.happenings, other.happenings
-    if not first and not second:
-        return 0.0
-    return _edits(first, second) / max(len(first), len(second))
+    longest = max(len(first.happenings), len(second.happenings))
+    return _edits(first.happenings, second.happenings) / longest if longest else 0.0
 
 
 def _edits(first: Sequence[str], second: Sequence[str]) -> int:
@@ -147,7 +138,7 @@ def distance_matrix(
 ) -> Floats:
     """Distances between all pairs, shape ``(N, N)``, zero on the diagonal."""
     matrix = np.zeros((len(profiles), len(profiles)))
-    for row, one in enumerate(profiles):
+    for row, profile in enumerate(profiles):
         for column in range(row):
-            matrix[row, column] = matrix[column, row] = distance(one, profiles[column])
+            matrix[row, column] = matrix[column, row] = distance(profile, profiles[column])
     return matrix

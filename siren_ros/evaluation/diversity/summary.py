@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any, Final
 
 import numpy as np
@@ -48,36 +49,27 @@ class GroupDiversity:
     @property
     def parameter_share(self) -> float | None:
         """Mean share of the parts of the parameters' ranges that were tried; None where none is drawn."""
-        return float(np.mean([one.share for one in self.parameters])) if self.parameters else None
+        return float(np.mean([parameter.share for parameter in self.parameters])) if self.parameters else None
 
 
 def diversity(
     profiles: Sequence[InteractionProfile], ranges: Mapping[str, Mapping[str, DrawnRange]]
 ) -> tuple[GroupDiversity, ...]:
-    """Diversity of every group.
-
-    Args:
-        profiles: The episodes, of any groups.
-        ranges: Between what each template's seeds draw its parameters.
-    """
+    """Diversity of every group; ``ranges`` are those that each template's seeds draw its parameters from."""
     groups: dict[tuple[str, str, str], list[InteractionProfile]] = {}
     for profile in profiles:
         groups.setdefault(profile.group, []).append(profile)
-    return tuple(_group(group, found, ranges.get(group[0], {})) for group, found in sorted(groups.items()))
+    return tuple(_group(group, members, ranges.get(group[0], {})) for group, members in sorted(groups.items()))
 
 
 def _group(
-    group: tuple[str, str, str], found: Sequence[InteractionProfile], ranges: Mapping[str, DrawnRange]
+    group: tuple[str, str, str], members: Sequence[InteractionProfile], ranges: Mapping[str, DrawnRange]
 ) -> GroupDiversity:
-    ordered = tuple(sorted(found, key=lambda one: (one.seed, one.draw, one.bag)))
-    return GroupDiversity(
-        group,
-        ordered,
-        parameter_coverage([one.parameters for one in ordered], ranges),
-        _distances(distance_matrix(ordered, way_distance_m)),
-        _distances(distance_matrix(ordered, event_distance)),
-        kind_coverage([one.transitions for one in ordered]),
-    )
+    profiles = tuple(sorted(members, key=lambda profile: (profile.seed, profile.draw, profile.bag)))
+    parameters = parameter_coverage([profile.parameters for profile in profiles], ranges)
+    ways, events = (_distances(distance_matrix(profiles, kind)) for kind in (way_distance_m, event_distance))
+    transitions = kind_coverage([profile.transitions for profile in profiles])
+    return GroupDiversity(group, profiles, parameters, ways, events, transitions)
 
 
 def _distances(matrix: Floats) -> Distances:
@@ -91,31 +83,15 @@ def _distances(matrix: Floats) -> Distances:
 _GROUP: Final = ("template", "level", "map")
 
 
-def diversity_tables(found: Sequence[GroupDiversity]) -> tuple[Table, Table]:
+def diversity_tables(diversities: Sequence[GroupDiversity]) -> tuple[Table, Table]:
     """The groups, and the novelty of each episode. A group of one episode has no distances and no forecast."""
+    distances = ("ways apart, m", "nearest way, m", "events apart", "nearest events")
     groups = Table(
         "groups",
         "Diversity by template, level and map",
-        (
-            *_GROUP,
-            "episodes",
-            "ranges tried",
-            "ways apart, m",
-            "nearest way, m",
-            "events apart",
-            "nearest events",
-            "transitions",
-            "next adds",
-            "coverage",
-        ),
-        tuple(map(_row, found)),
-        specs={
-            "ranges tried": ".0%",
-            "ways apart, m": ".1f",
-            "nearest way, m": ".1f",
-            "next adds": ".1f",
-            "coverage": ".0%",
-        },
+        (*_GROUP, "episodes", "ranges tried", *distances, "transitions", "next adds", "coverage"),
+        tuple(map(_row, diversities)),
+        specs={"ranges tried": ".0%", "coverage": ".0%", **dict.fromkeys((*distances[:2], "next adds"), ".1f")},
     )
     novelty = Table(
         "novelty",
@@ -123,8 +99,8 @@ def diversity_tables(found: Sequence[GroupDiversity]) -> tuple[Table, Table]:
         (*_GROUP, "seed", "draw", "nearest way, m", "nearest order of events"),
         tuple(
             (*profile.group, str(profile.seed), profile.draw, float(way), float(event))
-            for one in found
-            for profile, way, event in zip(one.profiles, one.ways.nearest, one.events.nearest, strict=True)
+            for group in diversities
+            for profile, way, event in zip(group.profiles, group.ways.nearest, group.events.nearest, strict=True)
         ),
         specs={"nearest way, m": ".1f"},
         folded=True,
@@ -132,62 +108,51 @@ def diversity_tables(found: Sequence[GroupDiversity]) -> tuple[Table, Table]:
     return groups, novelty
 
 
-def _row(one: GroupDiversity) -> Row:
-    alone = len(one.profiles) == 1
-    return (
-        *one.group,
-        len(one.profiles),
-        one.parameter_share,
-        *(
-            None if alone else value
-            for value in (
-                one.ways.mean,
-                float(np.mean(one.ways.nearest)),
-                one.events.mean,
-                float(np.mean(one.events.nearest)),
-            )
-        ),
-        one.transitions.seen,
-        None if alone else one.transitions.next_adds,
-        None if alone else one.transitions.coverage,
-    )
+def _row(group: GroupDiversity) -> Row:
+    seen, adds, coverage = group.transitions.seen, group.transitions.next_adds, group.transitions.coverage
+    named = *group.group, len(group.profiles), group.parameter_share
+    if len(group.profiles) == 1:
+        return *named, *[None] * 4, seen, None, None
+    distances = ((kind.mean, float(np.mean(kind.nearest))) for kind in (group.ways, group.events))
+    return *named, *chain.from_iterable(distances), seen, adds, coverage
 
 
-def diversity_as_json(found: GroupDiversity) -> dict[str, Any]:
+def diversity_as_json(diverse: GroupDiversity) -> dict[str, Any]:
     """One group, with the novelty of each of its episodes."""
-    template, level, map_name = found.group
+    transitions = diverse.transitions
+    novelty = zip(diverse.profiles, diverse.ways.nearest.tolist(), diverse.events.nearest.tolist(), strict=True)
     return {
-        "template": template,
-        "level": level,
-        "map": map_name,
-        "episodes": len(found.profiles),
+        **dict(zip(_GROUP, diverse.group, strict=True)),
+        "episodes": len(diverse.profiles),
         "parameters": {
-            one.path: {"share": one.share, "episodes_by_part": list(one.counts), "share_by_episodes": _list(one.curve)}
-            for one in found.parameters
+            parameter.path: {
+                "share": parameter.share,
+                "episodes_by_part": list(parameter.counts),
+                "share_by_episodes": parameter.curve.tolist(),
+            }
+            for parameter in diverse.parameters
         },
-        "ways_m": _distances_as_json(found.ways),
-        "events": _distances_as_json(found.events),
+        "ways_m": _distances_as_json(diverse.ways),
+        "events": _distances_as_json(diverse.events),
         "transitions": {
-            "seen": found.transitions.seen,
-            "in_one_episode": found.transitions.once,
-            "next_episode_adds": found.transitions.next_adds,
-            "coverage": found.transitions.coverage,
-            "seen_by_episodes": _list(found.transitions.curve),
+            "seen": transitions.seen,
+            "in_one_episode": transitions.once,
+            "next_episode_adds": transitions.next_adds,
+            "coverage": transitions.coverage,
+            "seen_by_episodes": transitions.curve.tolist(),
         },
         "novelty": [
-            {"bag": profile.bag, "seed": profile.seed, "draw": profile.draw, "way_m": _one(way), "events": _one(event)}
-            for profile, way, event in zip(found.profiles, found.ways.nearest, found.events.nearest, strict=True)
+            {
+                "bag": profile.bag,
+                "seed": profile.seed,
+                "draw": profile.draw,
+                "way_m": None if np.isnan(way) else way,
+                "events": None if np.isnan(event) else event,
+            }
+            for profile, way, event in novelty
         ],
     }
 
 
-def _distances_as_json(found: Distances) -> dict[str, Any]:
-    return {"mean": found.mean if len(found.curve) else None, "nearest_by_episodes": _list(found.curve)}
-
-
-def _list(values: Floats) -> list[float]:
-    return [float(value) for value in values]
-
-
-def _one(value: np.float64) -> float | None:
-    return None if np.isnan(value) else float(value)
+def _distances_as_json(kind: Distances) -> dict[str, Any]:
+    return {"mean": kind.mean if len(kind.curve) else None, "nearest_by_episodes": kind.curve.tolist()}

@@ -1,1 +1,1 @@
-"""What yielding was worth: marks of the EMV, of every driver in its way, of the wake and of safety; from the record."""
+"""The effect of making way on the EMV, on each driver in its way, on the wake and on safety; from the record."""

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from siren_ros.evaluation.yielding.emv_line import EmvLine, OnLine
+from siren_ros.evaluation.yielding.encounters import EmvLine, OnLine
 from siren_ros.evaluation.yielding.thresholds import Measure, YieldThresholds
 from siren_ros.numerics.arrays import Flags, Floats
 from siren_ros.numerics.geometry import wrap_angle
@@ -36,7 +36,7 @@ class CorridorSeries:
     width_m: Floats
     """Of the widest way through the traffic over the look-ahead: its narrowest place."""
     contested: Flags
-    """Whether somebody is on the road there; an empty road has no corridor to speak of."""
+    """Whether a vehicle is on the road there; an empty road has no corridor."""
     needed_m: float
     """Width that the EMV needs: its own and the margins."""
 
@@ -49,7 +49,7 @@ class CorridorSeries:
 def corridor_series(record: EpisodeRecord, line: EmvLine, limits: YieldThresholds) -> CorridorSeries:
     """Width of the way ahead at every half second at which the line goes on for the whole look-ahead."""
     others = [line.place(record, actor) for actor in record.actors if actor not in record.emv_ids]
-    sizes = {key: (actor.length_m, actor.width_m) for key, actor in record.actors.items()}
+    sizes = {actor_id: (actor.length_m, actor.width_m) for actor_id, actor in record.actors.items()}
     stations = np.arange(0.0, limits.look_ahead_m + 0.5, 1.0)
     road = road_cells(record.network, line, np.arange(0.0, line.line.length_m + 1.0, 1.0))
     steps, widths, contested = [], [], []
@@ -67,10 +67,8 @@ def corridor_series(record: EpisodeRecord, line: EmvLine, limits: YieldThreshold
         steps.append(step)
         contested.append(bool((occupied & free).any()))
         widths.append(widest_way_m(free & ~occupied, float(line.emv.left_m[row])))
-    needed = line.width_m + 2.0 * limits.corridor_margin_m
-    return CorridorSeries(
-        np.array(steps, dtype=np.int64), np.array(widths), np.array(contested, dtype=np.bool_), needed
-    )
+    columns = np.array(steps, dtype=np.int64), np.array(widths), np.array(contested, dtype=np.bool_)
+    return CorridorSeries(*columns, needed_m=line.width_m + 2.0 * limits.corridor_margin_m)
 
 
 def widest_way_m(free: Flags, start_m: float) -> float:
@@ -80,20 +78,16 @@ def widest_way_m(free: Flags, start_m: float) -> float:
         free: Whether a place is free, shape ``(S, C)``: stations of 1 m ahead, cells of 0.1 m across.
         start_m: Where the way begins across the line.
     """
-    width = _free_width_m(free)
+    # At each cell twice the distance across the line to the nearest place that is not free.
+    cells = np.arange(free.shape[1])
+    left = cells - np.maximum.accumulate(np.where(free, -1, cells), axis=1)
+    right = np.minimum.accumulate(np.where(free, free.shape[1], cells)[:, ::-1], axis=1)[:, ::-1] - cells
+    width = (2 * np.minimum(left, right) - 1).clip(0) * _CELL_M
     best = np.where(np.abs(_ACROSS_M - start_m) <= _START_M, width[0], 0.0)
     reach = 2 * round(_SLOPE / _CELL_M) + 1
     for here in width[1:]:
         best = np.minimum(maximum_filter1d(best, reach, mode="constant"), here)
     return float(best.max())
-
-
-def _free_width_m(free: Flags) -> Floats:
-    """Twice the distance to the nearest place that is not free, across the line, at each cell."""
-    cells = np.arange(free.shape[1])
-    left = cells - np.maximum.accumulate(np.where(free, -1, cells), axis=1)
-    right = np.minimum.accumulate(np.where(free, free.shape[1], cells)[:, ::-1], axis=1)[:, ::-1] - cells
-    return np.asarray((2 * np.minimum(left, right) - 1).clip(0) * _CELL_M)
 
 
 def _footprint(other: OnLine, row: int, size_m: tuple[float, float], arc_m: Floats) -> Flags:

@@ -11,7 +11,7 @@ from siren_ros.evaluation.statistics.block_means import PairedDifference, block_
 from siren_ros.evaluation.yielding.scoring import ScoredEpisode
 from siren_ros.evaluation.yielding.thresholds import Measure
 from siren_ros.numerics.arrays import random_stream
-from siren_ros.tables.table import Table
+from siren_ros.tables.table import Row, Table
 
 OUTCOMES: Final = ("site_time_s", "emv_delay_s", "emv_stops", "civilian_delay_s", "min_ttc_s", "collisions")
 """What the level has an effect on."""
@@ -30,7 +30,7 @@ class Effect:
     outcome: str
     first: str
     second: str
-    found: PairedDifference
+    paired: PairedDifference
     cut_off: int
     """Pairs in which at least one of the two values is a lower bound: the episode ended before."""
     adjusted_p: float
@@ -45,20 +45,15 @@ def effects(
 ) -> tuple[Effect, ...]:
     """Effects of the level, template by template and over all of them.
 
-    The blocks of the intervals are the pairs. A travel time is the one up to the episode's end where the EMV has not
-    arrived by then, so that effects on it are understated and never overstated by the end of the episode.
-
-    Args:
-        episodes: At several levels; episodes without a partner at the other level are left out.
-        contrasts: Which levels are compared.
-        outcomes: Names of episode metrics.
-        seed: Of the permutation test.
+    The blocks of the intervals are the pairs; episodes without a partner at the other level are left out. A travel time
+    is the one up to the episode's end where the EMV has not arrived by then, so that effects on it are understated and
+    never overstated by the end of the episode. ``seed`` is that of the permutation test.
 
     Raises:
         InputError: Two episodes of one pair differ in more than the level, or a pair has two episodes of one level.
     """
     pairs = pairs_of(episodes)
-    found: list[Effect] = []
+    results: list[Effect] = []
     for outcome in outcomes:
         of_outcome = []
         for contrast in contrasts:
@@ -72,9 +67,9 @@ def effects(
                 chosen = {key: sides for key, sides in here.items() if template in (ALL, key[0])}
                 rng = random_stream(seed, f"counterfactual/{outcome}/{template}/{'/'.join(contrast)}")
                 of_outcome.append(Effect(template, outcome, *contrast, *_compared(chosen, rng), adjusted_p=1.0))
-        adjusted = holm([effect.found.p_value for effect in of_outcome])
-        found += [replace(effect, adjusted_p=p_value) for effect, p_value in zip(of_outcome, adjusted, strict=True)]
-    return tuple(found)
+        adjusted = holm([effect.paired.p_value for effect in of_outcome])
+        results += [replace(effect, adjusted_p=p_value) for effect, p_value in zip(of_outcome, adjusted, strict=True)]
+    return tuple(results)
 
 
 def _compared(sides_of: Mapping[Pair, Sequence[Measure]], rng: np.random.Generator) -> tuple[PairedDifference, int]:
@@ -89,26 +84,14 @@ def _compared(sides_of: Mapping[Pair, Sequence[Measure]], rng: np.random.Generat
     return paired_difference(first, second, rng), sum(any(side.at_least for side in sides) for sides in known.values())
 
 
-def effect_tables(found: Sequence[Effect]) -> tuple[Table, ...]:
+def effect_tables(results: Sequence[Effect]) -> tuple[Table, ...]:
     """A table for each outcome that has an effect; levels are written as ``L2 − L1``."""
     tables = (
         Table(
             outcome,
             f"Effects on {outcome}",
             ("levels", "template", "difference", "p", "p (Holm)", "pairs", "cut off"),
-            tuple(
-                (
-                    f"{one.first} − {one.second}",
-                    one.template,
-                    one.found.difference,
-                    one.found.p_value,
-                    one.adjusted_p,
-                    one.found.difference.blocks,
-                    one.cut_off,
-                )
-                for one in found
-                if one.outcome == outcome
-            ),
+            tuple(map(_row, (effect for effect in results if effect.outcome == outcome))),
             spec=".3f",
             specs={"difference": "+.2f"},
             folded=True,
@@ -118,19 +101,23 @@ def effect_tables(found: Sequence[Effect]) -> tuple[Table, ...]:
     return tuple(table for table in tables if table.rows)
 
 
+def _row(effect: Effect) -> Row:
+    levels, difference = f"{effect.first} − {effect.second}", effect.paired.difference
+    p_values = effect.paired.p_value, effect.adjusted_p
+    return levels, effect.template, difference, *p_values, difference.blocks, effect.cut_off
+
+
 def pairs_of(episodes: Iterable[ScoredEpisode]) -> Mapping[Pair, Mapping[str, ScoredEpisode]]:
     """Episodes by template, map, seed and draw, then by level; raises InputError as ``effects`` does."""
-    found: dict[Pair, dict[str, ScoredEpisode]] = {}
+    pairs: dict[Pair, dict[str, ScoredEpisode]] = {}
     for episode in episodes:
-        levels = found.setdefault((episode.template, episode.map_name, episode.seed, episode.draw), {})
+        levels = pairs.setdefault((episode.template, episode.map_name, episode.seed, episode.draw), {})
         if episode.level in levels:
-            raise InputError(
-                "bag", episode.bag, f"one episode of each level and seed; {levels[episode.level].bag} is one"
-            )
+            allowed = f"one episode of each level and seed; {levels[episode.level].bag} is one"
+            raise InputError("bag", episode.bag, allowed)
         for other in levels.values():
             if other.situation_sha256 != episode.situation_sha256:
-                raise InputError(
-                    "bag", episode.bag, f"the situation of {other.bag}: map, drawn values, site and traffic"
-                )
+                allowed = f"the situation of {other.bag}: map, drawn values, site and traffic"
+                raise InputError("bag", episode.bag, allowed)
         levels[episode.level] = episode
-    return found
+    return pairs

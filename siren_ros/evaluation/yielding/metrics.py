@@ -1,33 +1,268 @@
-"""The table of the yield metrics: of an episode, and of one driver. One function computes each."""
+"""The yield metrics: a function for each number of a driver, the EMV, the wake, the civilians and safety; tables."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final, Self
+from typing import Any, Final
 
 import numpy as np
 
-from siren_ros.evaluation.surrogate_safety import PairMeasures, conflict_series, pair_measures
-from siren_ros.evaluation.yielding import marks
+from siren_ros.evaluation.surrogate_safety import HORIZON_S, PairMeasures, conflict_series, pair_measures
 from siren_ros.evaluation.yielding.corridor import (
     CorridorSeries,
     corridor_continuity,
     corridor_series,
     corridor_width_m,
 )
-from siren_ros.evaluation.yielding.emv_line import EmvLine
-from siren_ros.evaluation.yielding.encounters import Encounter, encounters_of
+from siren_ros.evaluation.yielding.encounters import EmvLine, Encounter, encounters_of
 from siren_ros.evaluation.yielding.thresholds import Measure, YieldThresholds
+from siren_ros.numerics.arrays import Flags, Floats
+from siren_ros.numerics.units import STEP_S
+from siren_ros.record.vehicle_location import places_of, sumo_lanes
 from siren_ros.recording.episode_record import EpisodeRecord
+from siren_ros.roads.road_network import NO_LANE, LaneKind
+from siren_ros.roads.sites import middle_of_site
+from siren_ros.scenario.paper import PAPER_SPEEDS
+from siren_ros.world.actors import Mode
+from siren_ros.world.traffic_state import EventKind
+
+_NOT_IN_THE_WAY = "the driver was not in the EMV's way"
 
 
-@dataclass(frozen=True)
+def _why_not_asked(encounter: Encounter) -> str:
+    """The reason why a driver need not make way: nobody comes, or it hears nothing; empty where it has to."""
+    if not encounter.was_in_the_way:
+        return _NOT_IN_THE_WAY
+    return "" if encounter.with_siren else "no siren sounded"
+
+
+def response_time_s(encounter: Encounter, limits: YieldThresholds) -> Measure:
+    """Time from the beginning of the encounter to the driver's first response.
+
+    A response is a lateral shift of ``shift_m`` on the road, or a drop of the speed by ``slowed_mps``. Slowing for
+    another reason counts too: the record does not say why somebody brakes. Without a siren nobody is asked.
+    """
+    if reason := _why_not_asked(encounter):
+        return Measure.lacking(reason)
+    part = encounter.until_passed
+    speed = encounter.driver.track.speed_mps[part]
+    shift = np.abs(encounter.offsets.lateral_m - encounter.offsets.lateral_m[0])[part]
+    responded = (shift >= limits.shift_m) | (speed <= speed[0] - limits.slowed_mps)
+    if not responded.any():
+        return Measure.lacking("the driver did not respond")
+    return Measure(int(np.argmax(responded)) * STEP_S)
+
+
+def clearance_time_s(encounter: Encounter, _limits: YieldThresholds) -> Measure:
+    """Time from the beginning of the encounter until the driver has left the strip that the EMV drives through.
+
+    A driver that drives on ahead of the EMV until its line ends has not cleared it.
+    """
+    if reason := _why_not_asked(encounter):
+        return Measure.lacking(reason)
+    cleared = _cleared_row(encounter)
+    if cleared < 0:
+        return Measure((len(encounter.gap_m) - 1) * STEP_S, at_least=True)
+    return Measure(cleared * STEP_S)
+
+
+def complied(encounter: Encounter, limits: YieldThresholds) -> Measure:
+    """1 where the way was clear before the EMV was ``clear_before_m`` behind the driver, otherwise 0."""
+    if reason := _why_not_asked(encounter):
+        return Measure.lacking(reason)
+    close = encounter.gap_m <= limits.clear_before_m
+    cleared = _cleared_row(encounter)
+    if not close.any():
+        return Measure(1.0) if cleared >= 0 else Measure.lacking("the EMV did not come up to the driver")
+    return Measure(float(0 <= cleared <= int(np.argmax(close))))
+
+
+def held_up_s(encounter: Encounter, limits: YieldThresholds) -> Measure:
+    """Time for which the EMV stood or crept closely behind the driver while the driver was in its way."""
+    if not encounter.was_in_the_way:
+        return Measure.lacking(_NOT_IN_THE_WAY)
+    close = (encounter.gap_m >= 0.0) & (encounter.gap_m <= limits.held_gap_m)
+    slow = encounter.emv.track.speed_mps < limits.moving_mps
+    return Measure(float(np.count_nonzero(close & slow & encounter.in_the_way)) * STEP_S)
+
+
+def made_way_m(encounter: Encounter, _limits: YieldThresholds) -> Measure:
+    """Largest lateral shift on the road until the EMV has passed, in metres; left or right."""
+    lateral = encounter.offsets.lateral_m[encounter.until_passed]
+    return Measure(float(np.abs(lateral - lateral[0]).max()))
+
+
+def passing_gap_m(encounter: Encounter, _limits: YieldThresholds) -> Measure:
+    """Least lateral gap between the two bodies while the EMV passes the driver."""
+    next_to = np.abs(encounter.driver.arc_m - encounter.emv.arc_m) <= (
+        encounter.driver.half_along_m + encounter.emv.half_along_m
+    )
+    if encounter.passed_row < 0 or not next_to.any():
+        return Measure.lacking("the EMV did not pass the driver")
+    apart = np.abs(encounter.driver.left_m - encounter.emv.left_m)
+    gap = apart - encounter.driver.half_across_m - encounter.emv.half_across_m
+    return Measure(float(gap[next_to].min()))
+
+
+def recovery_time_s(encounter: Encounter, limits: YieldThresholds) -> Measure:
+    """Time from the passing until the driver is back in its lane and at its speed before the encounter."""
+    if encounter.passed_row < 0:
+        return Measure.lacking("the EMV did not pass the driver")
+    after = disturbed_rows(encounter, limits)[encounter.passed_row :]
+    if after[-1]:
+        return Measure((len(after) - 1) * STEP_S, at_least=True)
+    return Measure(float(np.flatnonzero(after)[-1] + 1) * STEP_S if after.any() else 0.0)
+
+
+def disturbed_rows(encounter: Encounter, limits: YieldThresholds) -> Flags:
+    """Rows at which the driver is off its lane's centre line, or slower than before the encounter."""
+    speed = encounter.driver.track.speed_mps
+    slow = speed < limits.recovered_share * speed[0]
+    return np.asarray(slow | (np.abs(encounter.offsets.offset_m) > limits.recovered_offset_m))
+
+
+def _cleared_row(encounter: Encounter) -> int:
+    """Row from which the driver stays out of the strip until it is passed; −1 where there is none."""
+    before = encounter.in_the_way[encounter.until_passed]
+    blocked = np.flatnonzero(before)
+    cleared = int(blocked[-1]) + 1 if len(blocked) else 0
+    return cleared if cleared < len(before) else -1
+
+
+_AT_SITE_M = 30.0
+"""An EMV that comes no nearer to the middle of its site does not pass it."""
+
+
+def free_speed_mps(record: EpisodeRecord) -> Floats:
+    """The speed that the EMV would have on an empty road, at each of its steps, shape ``(M,)``.
+
+    It is the template's target speed, on paths across junctions at most the speed at which the turn can be driven, and
+    the same at all levels: the delay at L0 includes what obeying the limit and the signals costs.
+    """
+    target = record.description.template_values.get("emv.speed_mps", PAPER_SPEEDS.emv_route_follow_mps)
+    track = record.track(record.emv_ids[0])
+    free = np.full(len(track), target)
+    for row, lane in enumerate(places_of(record, track).lane.tolist()):
+        if lane != NO_LANE and record.network.lanes[lane].kind is LaneKind.INTERNAL:
+            free[row] = min(target, record.network.lanes[lane].speed_limit_mps)
+    return free
+
+
+def emv_delay_s(record: EpisodeRecord, line: EmvLine, _limits: YieldThresholds) -> Measure:
+    """Time that the EMV lost against free flow over the way that it drove: the integral of 1 − v / v_free.
+
+    As SUMO's time loss. The acceleration from its start counts, at all levels alike.
+    """
+    speed = line.emv.track.speed_mps
+    return Measure(float(np.sum(1.0 - speed / free_speed_mps(record)) * STEP_S))
+
+
+def emv_stops(_record: EpisodeRecord, line: EmvLine, limits: YieldThresholds) -> Measure:
+    """How often the EMV came to a stop: slower than ``stop_mps`` after it was faster than ``moving_mps``."""
+    stops, moving = 0, False
+    for speed in line.emv.track.speed_mps.tolist():
+        if moving and speed < limits.stop_mps:
+            stops, moving = stops + 1, False
+        elif speed > limits.moving_mps:
+            moving = True
+    return Measure(float(stops))
+
+
+def emv_standstill_s(_record: EpisodeRecord, line: EmvLine, limits: YieldThresholds) -> Measure:
+    """Time for which the EMV stood."""
+    return Measure(float(np.count_nonzero(line.emv.track.speed_mps < limits.stop_mps)) * STEP_S)
+
+
+def emv_gap_escape_s(_record: EpisodeRecord, line: EmvLine, _limits: YieldThresholds) -> Measure:
+    """Time for which the EMV drove in the mode ``gap_escape``."""
+    return Measure(float(np.count_nonzero(line.emv.track.mode == Mode.GAP_ESCAPE)) * STEP_S)
+
+
+def site_time_s(record: EpisodeRecord, line: EmvLine, _limits: YieldThresholds) -> Measure:
+    """Time until the EMV is at the middle of its site: of its junction, or half way along its road."""
+    middle = middle_of_site(record.network, record.description.site)
+    if middle is None:
+        return Measure.lacking("the record names no site")
+    track = line.emv.track
+    distance = np.hypot(*(track.xy_m - middle).T)
+    nearest = int(np.argmin(distance))
+    if distance[nearest] > _AT_SITE_M or nearest == len(distance) - 1:
+        return Measure(len(track) * STEP_S, at_least=True)
+    return Measure(float(track.time_s[nearest]))
+
+
+_NOBODY = "the EMV passed nobody"
+
+
+def wake_duration_s(encounters: Sequence[Encounter], limits: YieldThresholds) -> Measure:
+    """Longest time from a driver's passing until it has recovered; a lower bound where the episode ends before."""
+    times = [recovery_time_s(encounter, limits) for encounter in encounters if encounter.passed_row >= 0]
+    if not times:
+        return Measure.lacking(_NOBODY)
+    longest = max(times, key=lambda time: time.value)
+    return Measure(longest.value, at_least=any(time.at_least for time in times))
+
+
+def wake_length_m(encounters: Sequence[Encounter], limits: YieldThresholds) -> Measure:
+    """Largest distance along the line between the EMV and a driver behind it that has not recovered."""
+    farthest_m = []
+    for passed in (encounter for encounter in encounters if encounter.passed_row >= 0):
+        after = slice(passed.passed_row, None)
+        behind = (passed.emv.arc_m - passed.driver.arc_m)[after]
+        farthest_m.append(float(np.max(behind, where=disturbed_rows(passed, limits)[after], initial=0.0)))
+    return Measure(max(farthest_m)) if farthest_m else Measure.lacking(_NOBODY)
+
+
+def civilian_delay_s(record: EpisodeRecord) -> Measure:
+    """Vehicle-seconds that the civilians lost against the speed limit: the sum of ∫ (1 − v / v_limit) dt.
+
+    Of those who are there at the first step: they are the same at all levels of a seed. As SUMO's time loss, with the
+    limit of the lane and not the driver's own wish, which the record does not hold. Most of it is queues and signals;
+    what counts is the difference between levels.
+    """
+    if not record.states:
+        return Measure.lacking("the record has no step")
+    rows = record.rows
+    present = np.isin(rows.actor_id, record.states[0].actor_id)
+    rows = rows.select(present & ~np.isin(rows.actor_id, record.emv_ids))
+    lane = sumo_lanes(record, rows)
+    known = lane != NO_LANE
+    if not known.any():
+        return Measure.lacking("nobody was on a lane")
+    limits = np.array([lane.speed_limit_mps for lane in record.network.lanes])
+    lost = 1.0 - rows.speed_mps[known] / limits[lane[known]]
+    return Measure(float(lost.sum() * STEP_S))
+
+
+def min_ttc_s(conflicts: Sequence[PairMeasures]) -> Measure:
+    """Least time to collision."""
+    times = [pair.time_to_collision_s.value for pair in conflicts if pair.time_to_collision_s is not None]
+    return Measure(min(times)) if times else Measure.lacking(f"no contact was ahead within {HORIZON_S:g} s")
+
+
+def min_pet_s(conflicts: Sequence[PairMeasures]) -> Measure:
+    """Least post-encroachment time."""
+    times = [pair.encroachment.time_s for pair in conflicts if pair.encroachment is not None]
+    return Measure(min(times)) if times else Measure.lacking("nobody crossed its way")
+
+
+def min_gap_m(conflicts: Sequence[PairMeasures]) -> Measure:
+    """Least gap between the bodies; negative where they overlap."""
+    return Measure(min(pair.gap_m.value for pair in conflicts)) if conflicts else Measure.lacking("nobody was there")
+
+
+def collisions(record: EpisodeRecord, actor_id: int | None = None) -> Measure:
+    """Number of collisions: of an actor, or of everybody."""
+    pairs = [(event.actor_id, event.other_id) for event in record.events_of(EventKind.COLLISION)]
+    return Measure(float(sum(actor_id is None or actor_id in pair for pair in pairs)))
+
+
 class YieldScene:
-    """An episode whose EMV moves."""
+    """An episode whose EMV moves; its parts are worked out once, when a metric first needs them."""
 
-    record: EpisodeRecord
-    line: EmvLine
-    limits: YieldThresholds
+    def __init__(self, record: EpisodeRecord, line: EmvLine, limits: YieldThresholds) -> None:
+        self.record, self.line, self.limits = record, line, limits
+        self._conflicts: dict[int, tuple[PairMeasures, ...]] = {}
 
     @cached_property
     def encounters(self) -> tuple[Encounter, ...]:
@@ -39,138 +274,112 @@ class YieldScene:
         """The way ahead over time."""
         return corridor_series(self.record, self.line, self.limits)
 
-    @cached_property
-    def conflicts(self) -> tuple[PairMeasures, ...]:
-        """Surrogate safety measures of the EMV with everybody."""
-        return self.conflicts_of(self.record.emv_ids[0])
-
-    def conflicts_of(self, actor_id: int) -> tuple[PairMeasures, ...]:
-        """Surrogate safety measures of an actor with everybody; worked out once for each actor."""
-        if actor_id not in self._conflicts:
-            self._conflicts[actor_id] = pair_measures(conflict_series(self.record, actor_id))
-        return self._conflicts[actor_id]
-
-    @cached_property
-    def _conflicts(self) -> dict[int, tuple[PairMeasures, ...]]:
-        return {}
+    def conflicts_of(self, actor_id: int | None = None) -> tuple[PairMeasures, ...]:
+        """Surrogate safety measures of an actor, or of the EMV, with everybody."""
+        subject = self.record.emv_ids[0] if actor_id is None else actor_id
+        if subject not in self._conflicts:
+            self._conflicts[subject] = pair_measures(conflict_series(self.record, subject))
+        return self._conflicts[subject]
 
 
 @dataclass(frozen=True)
-class EpisodeMetric:
-    """A number of an episode."""
+class Metric:
+    """A number of an episode, or of one driver's encounter with the EMV."""
 
     name: str
     meaning: str
-    compute: Callable[[YieldScene], Measure]
+    compute: Callable[..., Measure]
+    """Takes the ``YieldScene``, and for a driver the ``Encounter``."""
 
 
-@dataclass(frozen=True)
-class DriverMetric:
-    """A number of one driver's encounter with the EMV."""
+_DriverMark = Callable[[Encounter, YieldThresholds], Measure]
 
-    name: str
-    meaning: str
-    compute: Callable[[YieldScene, Encounter], Measure]
 
-    @classmethod
-    def of_mark(cls, name: str, meaning: str, mark: Callable[[Encounter, YieldThresholds], Measure]) -> Self:
-        """The metric of a mark that looks at the encounter alone."""
-        return cls(name, meaning, lambda scene, encounter: mark(encounter, scene.limits))
+def _of_driver(mark: _DriverMark) -> Callable[[YieldScene, Encounter], Measure]:
+    return lambda scene, encounter: mark(encounter, scene.limits)
 
 
 DRIVER_METRICS: Final = (
-    DriverMetric.of_mark("response_time_s", "until the driver first shifted or slowed down", marks.response_time_s),
-    DriverMetric.of_mark("clearance_time_s", "until the EMV's way was clear of the driver", marks.clearance_time_s),
-    DriverMetric.of_mark("compliance", "1 where the way was clear before the EMV came close", marks.complied),
-    DriverMetric.of_mark("held_up_s", "for which the EMV was stuck behind the driver", marks.held_up_s),
-    DriverMetric.of_mark("made_way_m", "lateral shift before the EMV passed", marks.made_way_m),
-    DriverMetric.of_mark("passing_gap_m", "lateral gap as the EMV passed", marks.passing_gap_m),
-    DriverMetric.of_mark(
-        "recovery_time_s", "from the passing until the driver was back at speed and in its lane", marks.recovery_time_s
+    Metric("response_time_s", "until the driver first shifted or slowed down", _of_driver(response_time_s)),
+    Metric("clearance_time_s", "until the EMV's way was clear of the driver", _of_driver(clearance_time_s)),
+    Metric("compliance", "1 where the way was clear before the EMV came close", _of_driver(complied)),
+    Metric("held_up_s", "for which the EMV was stuck behind the driver", _of_driver(held_up_s)),
+    Metric("made_way_m", "lateral shift before the EMV passed", _of_driver(made_way_m)),
+    Metric("passing_gap_m", "lateral gap as the EMV passed", _of_driver(passing_gap_m)),
+    Metric(
+        "recovery_time_s",
+        "from the passing until the driver was back at speed and in its lane",
+        _of_driver(recovery_time_s),
     ),
-    DriverMetric(
-        "min_ttc_s", "least TTC with anybody", lambda scene, one: marks.min_ttc_s(scene.conflicts_of(one.actor_id))
-    ),
-    DriverMetric(
-        "min_pet_s", "least PET with anybody", lambda scene, one: marks.min_pet_s(scene.conflicts_of(one.actor_id))
-    ),
-    DriverMetric(
-        "collisions", "collisions of the driver", lambda scene, one: marks.collisions(scene.record, one.actor_id)
-    ),
+    Metric("min_ttc_s", "least TTC with anybody", lambda scene, met: min_ttc_s(scene.conflicts_of(met.actor_id))),
+    Metric("min_pet_s", "least PET with anybody", lambda scene, met: min_pet_s(scene.conflicts_of(met.actor_id))),
+    Metric("collisions", "collisions of the driver", lambda scene, met: collisions(scene.record, met.actor_id)),
 )
 
 
-def _emv(name: str, meaning: str, mark: Callable[[EpisodeRecord, EmvLine, YieldThresholds], Measure]) -> EpisodeMetric:
-    return EpisodeMetric(name, meaning, lambda scene: mark(scene.record, scene.line, scene.limits))
+def _of_emv(mark: Callable[[EpisodeRecord, EmvLine, YieldThresholds], Measure]) -> Callable[[YieldScene], Measure]:
+    return lambda scene: mark(scene.record, scene.line, scene.limits)
 
 
 def of_drivers(
-    scene: YieldScene,
-    mark: Callable[[Encounter, YieldThresholds], Measure],
-    statistic: Callable[[list[float]], np.floating[Any] | float],
+    scene: YieldScene, mark: _DriverMark, statistic: Callable[[list[float]], np.floating[Any] | float]
 ) -> Measure:
     """A statistic of a mark over the drivers for whom it has a value."""
-    known = [value for one in scene.encounters if (value := mark(one, scene.limits)).valid]
+    measures = [mark(encounter, scene.limits) for encounter in scene.encounters]
+    known = [measure for measure in measures if measure.valid]
     if not known:
         return Measure.lacking("no driver had to make way")
-    return Measure(float(statistic([value.value for value in known])), at_least=any(value.at_least for value in known))
+    value = float(statistic([measure.value for measure in known]))
+    return Measure(value, at_least=any(measure.at_least for measure in known))
 
 
 EPISODE_METRICS: Final = (
-    _emv("site_time_s", "until the EMV is at the middle of its site", marks.site_time_s),
-    _emv("emv_delay_s", "time that the EMV lost against free flow", marks.emv_delay_s),
-    _emv("emv_stops", "stops of the EMV", marks.emv_stops),
-    _emv("emv_standstill_s", "for which the EMV stood", marks.emv_standstill_s),
-    _emv("emv_gap_escape_s", "for which the EMV was in gap escape", marks.emv_gap_escape_s),
-    EpisodeMetric(
+    Metric("site_time_s", "until the EMV is at the middle of its site", _of_emv(site_time_s)),
+    Metric("emv_delay_s", "time that the EMV lost against free flow", _of_emv(emv_delay_s)),
+    Metric("emv_stops", "stops of the EMV", _of_emv(emv_stops)),
+    Metric("emv_standstill_s", "for which the EMV stood", _of_emv(emv_standstill_s)),
+    Metric("emv_gap_escape_s", "for which the EMV was in gap escape", _of_emv(emv_gap_escape_s)),
+    Metric(
         "corridor_width_m",
         "median width of the way ahead through the traffic",
         lambda scene: corridor_width_m(scene.corridor),
     ),
-    EpisodeMetric(
+    Metric(
         "corridor_continuity",
         "share of the time at which the EMV fitted through, 30 m ahead",
         lambda scene: corridor_continuity(scene.corridor),
     ),
-    EpisodeMetric(
+    Metric(
         "drivers_in_the_way",
         "drivers who had to make way",
-        lambda scene: Measure(float(sum(one.was_in_the_way for one in scene.encounters))),
+        lambda scene: Measure(float(sum(encounter.was_in_the_way for encounter in scene.encounters))),
     ),
-    EpisodeMetric(
+    Metric(
         "response_time_s",
         "median over those drivers, until they first shifted or slowed down",
-        lambda scene: of_drivers(scene, marks.response_time_s, np.median),
+        lambda scene: of_drivers(scene, response_time_s, np.median),
     ),
-    EpisodeMetric(
+    Metric(
         "clearance_time_s",
         "median over them, until the way was clear",
-        lambda scene: of_drivers(scene, marks.clearance_time_s, np.median),
+        lambda scene: of_drivers(scene, clearance_time_s, np.median),
     ),
-    EpisodeMetric(
-        "compliance",
-        "share of them that cleared the way in time",
-        lambda scene: of_drivers(scene, marks.complied, np.mean),
+    Metric(
+        "compliance", "share of them that cleared the way in time", lambda scene: of_drivers(scene, complied, np.mean)
     ),
-    EpisodeMetric(
-        "held_up_s", "for which the EMV was stuck behind them", lambda scene: of_drivers(scene, marks.held_up_s, sum)
-    ),
-    EpisodeMetric(
+    Metric("held_up_s", "for which the EMV was stuck behind them", lambda scene: of_drivers(scene, held_up_s, sum)),
+    Metric(
         "wake_duration_s",
         "longest recovery of a driver after the passing",
-        lambda scene: marks.wake_duration_s(scene.encounters, scene.limits),
+        lambda scene: wake_duration_s(scene.encounters, scene.limits),
     ),
-    EpisodeMetric(
+    Metric(
         "wake_length_m",
         "farthest disturbed driver behind the EMV",
-        lambda scene: marks.wake_length_m(scene.encounters, scene.limits),
+        lambda scene: wake_length_m(scene.encounters, scene.limits),
     ),
-    EpisodeMetric(
-        "civilian_delay_s",
-        "vehicle-seconds that the civilians lost",
-        lambda scene: marks.civilian_delay_s(scene.record),
-    ),
-    EpisodeMetric("min_ttc_s", "least TTC of the EMV", lambda scene: marks.min_ttc_s(scene.conflicts)),
-    EpisodeMetric("min_pet_s", "least PET of the EMV", lambda scene: marks.min_pet_s(scene.conflicts)),
-    EpisodeMetric("collisions", "collisions of everybody", lambda scene: marks.collisions(scene.record)),
+    Metric("civilian_delay_s", "vehicle-seconds that the civilians lost", lambda scene: civilian_delay_s(scene.record)),
+    Metric("min_ttc_s", "least TTC of the EMV", lambda scene: min_ttc_s(scene.conflicts_of())),
+    Metric("min_pet_s", "least PET of the EMV", lambda scene: min_pet_s(scene.conflicts_of())),
+    Metric("collisions", "collisions of everybody", lambda scene: collisions(scene.record)),
 )

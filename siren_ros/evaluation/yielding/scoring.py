@@ -9,13 +9,12 @@ from typing import Any, Self
 import numpy as np
 
 from siren_ros.evaluation.statistics.block_means import block_sums, interval_of_mean
-from siren_ros.evaluation.yielding.emv_line import EmvLine
-from siren_ros.evaluation.yielding.encounters import Encounter
+from siren_ros.evaluation.yielding.encounters import EmvLine, Encounter
 from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS, YieldScene
 from siren_ros.evaluation.yielding.thresholds import Measure, YieldThresholds
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.tables.interval import Interval
-from siren_ros.tables.table import Table
+from siren_ros.tables.table import Row, Table
 
 
 @dataclass(frozen=True)
@@ -41,15 +40,10 @@ class YieldScores:
 
     def driver_rows(self) -> list[dict[str, Any]]:
         """One flat row for each driver; a mark without a value is None."""
+        names = ("actor_id", "began_s", "in_the_way", "with_siren", "under_test")
         return [
-            {
-                "actor_id": driver.actor_id,
-                "began_s": driver.began_s,
-                "in_the_way": driver.in_the_way,
-                "with_siren": driver.with_siren,
-                "under_test": driver.under_test,
-                **{name: mark.value if mark.valid else None for name, mark in driver.marks.items()},
-            }
+            {name: getattr(driver, name) for name in names}
+            | {name: mark.value if mark.valid else None for name, mark in driver.marks.items()}
             for driver in self.drivers
         ]
 
@@ -59,10 +53,7 @@ def score_yielding(
 ) -> YieldScores:
     """All yield metrics of an episode; where the EMV does not move none has a value.
 
-    Args:
-        record: The episode.
-        limits: What counts as what.
-        names: These metrics of the episode alone, and no drivers: corridor and encounters are most of the work.
+    With ``names``, these metrics of the episode alone and no drivers: corridor and encounters are most of the work.
 
     Raises:
         InputError: The episode has no EMV.
@@ -71,7 +62,7 @@ def score_yielding(
     chosen = [metric for metric in EPISODE_METRICS if names is None or metric.name in names]
     if line is None:
         nothing = Measure.lacking("the EMV did not move")
-        return YieldScores({metric.name: nothing for metric in chosen}, ())
+        return YieldScores(dict.fromkeys((metric.name for metric in chosen), nothing), ())
     scene = YieldScene(record, line, limits or YieldThresholds())
     metrics = {metric.name: metric.compute(scene) for metric in chosen}
     drivers = scene.encounters if names is None else ()
@@ -118,23 +109,19 @@ class ScoredEpisode:
 
     def row(self) -> dict[str, Any]:
         """The metrics as one flat row; one without a value is None, and ``NAME_lack`` says why."""
-        found: dict[str, Any] = {
-            "bag": self.bag,
-            "template": self.template,
-            "level": self.level,
-            "seed": self.seed,
-            "map": self.map_name,
-        }
+        row: dict[str, Any] = self._names | {"map": self.map_name}
         for name, measure in self.scores.metrics.items():
-            found[name] = measure.value if measure.valid else None
-            found[f"{name}_at_least"] = measure.at_least
-            found[f"{name}_lack"] = measure.lack
-        return found
+            row[name] = measure.value if measure.valid else None
+            row |= {f"{name}_at_least": measure.at_least, f"{name}_lack": measure.lack}
+        return row
 
     def driver_rows(self) -> list[dict[str, Any]]:
         """One flat row for each driver."""
-        named = {"bag": self.bag, "template": self.template, "level": self.level, "seed": self.seed}
-        return [{**named, **row} for row in self.scores.driver_rows()]
+        return [self._names | row for row in self.scores.driver_rows()]
+
+    @property
+    def _names(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in ("bag", "template", "level", "seed")}
 
 
 def situation_sha256(record: EpisodeRecord) -> str:
@@ -158,18 +145,15 @@ def group_means(episodes: Sequence[ScoredEpisode]) -> Mapping[tuple[str, str, st
     groups: dict[tuple[str, str, str], list[ScoredEpisode]] = {}
     for episode in episodes:
         groups.setdefault(episode.group, []).append(episode)
-    return {group: _means(found) for group, found in sorted(groups.items())}
+    return {
+        group: {metric.name: _mean([one.scores.metrics[metric.name] for one in members]) for metric in EPISODE_METRICS}
+        for group, members in sorted(groups.items())
+    }
 
 
-def _means(episodes: Sequence[ScoredEpisode]) -> dict[str, Interval]:
-    means = {}
-    for metric in EPISODE_METRICS:
-        measures = [episode.scores.metrics[metric.name] for episode in episodes]
-        values = np.array([measure.value if measure.valid else np.nan for measure in measures])
-        blocks = np.arange(len(values))
-        sums = block_sums(values, blocks, np.zeros(len(values), dtype=np.intp))
-        means[metric.name] = interval_of_mean(sums)
-    return means
+def _mean(measures: Sequence[Measure]) -> Interval:
+    values = np.array([measure.value if measure.valid else np.nan for measure in measures])
+    return interval_of_mean(block_sums(values, np.arange(len(values)), np.zeros(len(values), dtype=np.intp)))
 
 
 def yield_tables(episodes: Sequence[ScoredEpisode]) -> tuple[Table, ...]:
@@ -180,20 +164,15 @@ def yield_tables(episodes: Sequence[ScoredEpisode]) -> tuple[Table, ...]:
     tables = []
     for template, map_name in places:
         of_levels = {
-            level: found for (name, level, place), found in means.items() if (name, place) == (template, map_name)
+            level: metrics for (name, level, place), metrics in means.items() if (name, place) == (template, map_name)
         }
-        tables.append(
-            Table(
-                f"{template}_{map_name}" if several_maps else template,
-                f"Yield metrics of {template}{f' on {map_name}' if several_maps else ''}",
-                ("metric", *of_levels, "meaning"),
-                tuple(
-                    (metric.name, *(found[metric.name] for found in of_levels.values()), metric.meaning)
-                    for metric in EPISODE_METRICS
-                ),
-                folded=True,
-            )
+        rows: tuple[Row, ...] = tuple(
+            (metric.name, *(metrics[metric.name] for metrics in of_levels.values()), metric.meaning)
+            for metric in EPISODE_METRICS
         )
+        key = f"{template}_{map_name}" if several_maps else template
+        caption = f"Yield metrics of {template}{f' on {map_name}' if several_maps else ''}"
+        tables.append(Table(key, caption, ("metric", *of_levels, "meaning"), rows, folded=True))
     return tuple(tables)
 
 

@@ -9,7 +9,7 @@ from siren_ros.tables.interval import NONE
 
 @dataclass(frozen=True)
 class YieldThresholds:
-    """What counts as what. The defaults are those of all published numbers; others are for studies of the metrics."""
+    """Limits of the metrics. The defaults are those of all published numbers; others are for studies of the metrics."""
 
     stop_mps: float = 0.5
     """A vehicle that is slower stands; walking pace is 1.4 m/s."""
@@ -29,7 +29,7 @@ class YieldThresholds:
     held_gap_m: float = 10.0
     """The driver holds the EMV up while the EMV stands or creeps within this gap behind it."""
     beyond_m: float = 15.0
-    """How far the EMV's strip goes on where its record ends: whom it is stuck behind then is in its way."""
+    """Length of the EMV's strip beyond the end of its record: a driver ahead of it there is in its way."""
     recovered_share: float = 0.8
     """Share of the speed before the encounter at which a driver has recovered."""
     recovered_offset_m: float = 0.5

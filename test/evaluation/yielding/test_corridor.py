@@ -15,7 +15,7 @@ from siren_ros.evaluation.yielding.corridor import (
     road_cells,
     widest_way_m,
 )
-from siren_ros.evaluation.yielding.emv_line import OnLine
+from siren_ros.evaluation.yielding.encounters import OnLine
 from siren_ros.evaluation.yielding.thresholds import YieldThresholds
 from siren_ros.numerics.geometry import footprint_corners
 from siren_ros.recording.episode_record import EpisodeRecord

@@ -40,28 +40,28 @@ def of(found: Sequence[Effect], template: str) -> Effect:
 
 def test_an_effect_is_found_template_by_template_and_over_all() -> None:
     found = effects(study(), contrasts=[("L1", "L0")], outcomes=["site_time_s"])
-    one = of(found, "S1").found
+    one = of(found, "S1").paired
     assert one.difference.value == pytest.approx(-3.0)
     assert -3.5 <= one.difference.low < one.difference.value < one.difference.high <= -2.5
     assert one.p_value == pytest.approx(2.0 / 2**8)
-    nothing = of(found, "S2").found
+    nothing = of(found, "S2").paired
     assert nothing.difference.low < 0.0 < nothing.difference.high
     assert nothing.p_value > 0.3
-    assert of(found, ALL).found.difference.value == pytest.approx(-1.5)
-    assert of(found, ALL).found.difference.blocks == 16
-    assert all(effect.adjusted_p >= effect.found.p_value for effect in found)
+    assert of(found, ALL).paired.difference.value == pytest.approx(-1.5)
+    assert of(found, ALL).paired.difference.blocks == 16
+    assert all(effect.adjusted_p >= effect.paired.p_value for effect in found)
 
 
 def test_pairing_takes_out_what_seeds_differ_in() -> None:
     """The seeds' own spread, 10 s, would hide a gain of 3 s."""
-    one = of(effects(study(), contrasts=[("L1", "L0")]), "S1").found.difference
+    one = of(effects(study(), contrasts=[("L1", "L0")]), "S1").paired.difference
     assert one.high - one.low < 1.5
 
 
 def test_episodes_without_a_partner_do_not_count() -> None:
     made = [*study(4), episode("S1", "L1", 99, Measure(1.0)), episode("S3", "L2", 0, Measure(1.0))]
     found = effects(made, contrasts=[("L1", "L0")], outcomes=["site_time_s"])
-    assert of(found, "S1").found.difference.blocks == 4
+    assert of(found, "S1").paired.difference.blocks == 4
     assert {effect.template for effect in found} == {"S1", "S2", ALL}
 
 

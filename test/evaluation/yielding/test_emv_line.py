@@ -9,7 +9,7 @@ from hand_made_record import EMV, IN_TURN_LANE, Driven, crossing, hand_made, lin
 from made_encounters import CAR, arc, line_of, record_of
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.yielding.emv_line import REACH_M, EmvLine, OnLine, on_line, way_ahead
+from siren_ros.evaluation.yielding.encounters import REACH_M, EmvLine, OnLine, on_line, way_ahead
 from siren_ros.numerics.arrays import Points
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.recording.episode_record import EpisodeRecord

@@ -7,7 +7,7 @@ import pytest
 from hand_made_record import EMV, Driven
 from made_encounters import CAR, IN_LANE, PULLS_RIGHT, arc, line_of, record_of
 
-from siren_ros.evaluation.yielding import marks
+from siren_ros.evaluation.yielding import metrics as marks
 from siren_ros.evaluation.yielding.corridor import corridor_continuity, corridor_width_m
 from siren_ros.evaluation.yielding.encounters import Encounter
 from siren_ros.evaluation.yielding.metrics import DRIVER_METRICS, EPISODE_METRICS, YieldScene
@@ -95,6 +95,6 @@ def test_metrics_of_the_episode(scene: YieldScene) -> None:
 
 
 def test_the_scene_is_worked_out_once(scene: YieldScene) -> None:
-    assert scene.conflicts is scene.conflicts_of(EMV)
+    assert scene.conflicts_of() is scene.conflicts_of(EMV)
     assert scene.conflicts_of(CAR) is scene.conflicts_of(CAR)
-    assert scene.conflicts_of(CAR) is not scene.conflicts
+    assert scene.conflicts_of(CAR) is not scene.conflicts_of()

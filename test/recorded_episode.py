@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from dds_domains import own_domain
+from dds_domains import shared_domain
 from repository import REPOSITORY
 
 
@@ -17,7 +17,7 @@ def record(folder: Path, *parameters: str) -> Path:
     environment = {
         "FASTRTPS_DEFAULT_PROFILES_FILE": str(REPOSITORY / "params" / "fastdds_localhost.xml"),
         **os.environ,
-        "ROS_DOMAIN_ID": str(own_domain()),
+        "ROS_DOMAIN_ID": str(shared_domain()),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
     }
     words = [word for value in (*parameters, f"bag:={bag}", "kitti:=false") for word in ("-p", value)]

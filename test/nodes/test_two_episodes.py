@@ -1,9 +1,13 @@
 """Two episodes at once on one machine do not hear each other."""
 
 import re
+import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from live_episodes import Domain, cosim, digest, finish, recording, wait_until
 
@@ -11,15 +15,30 @@ from siren_ros.ros.transport.domain import LARGEST_DOMAIN
 
 HERE, ELSEWHERE = Domain(), Domain()
 SHORT = ("sensors:=none", "duration_s:=1.0", "bag:=bag")
+LONGER = ("sensors:=none", "duration_s:=2.0", "bag:=bag", "realtime_factor:=1.0", "step_timeout_s:=600.0")
+
+
+@contextmanager
+def standing_still(process: "subprocess.Popen[Any]") -> Iterator[None]:
+    """A running program that keeps what it has and gets no further, however long the others take."""
+    process.send_signal(signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        process.send_signal(signal.SIGCONT)
 
 
 def test_further_episodes_in_one_domain_are_refused_and_harm_nothing(tmp_path: Path) -> None:
     first, *others = folders = [tmp_path / name for name in ("first", "second", "third")]
     for folder in folders:
         folder.mkdir()
-    with HERE.episode("sensors:=none", "duration_s:=6.0", "bag:=bag", "realtime_factor:=1.0", cwd=first) as episode:
+    with HERE.episode(*LONGER, cwd=first) as episode:
         wait_until(recording(first), episode)
-        with HERE.episode(*SHORT, cwd=others[0]) as one, HERE.episode(*SHORT, "processes:=true", cwd=others[1]) as two:
+        with (
+            standing_still(episode),
+            HERE.episode(*SHORT, cwd=others[0]) as one,
+            HERE.episode(*SHORT, "processes:=true", cwd=others[1]) as two,
+        ):
             refusals = [finish(one), finish(two)]
         run = finish(episode)
     for refused in refusals:
@@ -29,7 +48,7 @@ def test_further_episodes_in_one_domain_are_refused_and_harm_nothing(tmp_path: P
         assert f"for example ROS_DOMAIN_ID={(HERE.number + 1) % (LARGEST_DOMAIN + 1)}" in line
     assert [list(folder.iterdir()) for folder in others] == [[], []]
     assert run.code == 0, run.err
-    assert "episode complete after 6.00 s" in run.out
+    assert "episode complete after 2.00 s" in run.out
 
 
 def test_episodes_without_a_chosen_domain_take_one_each(tmp_path: Path) -> None:
@@ -37,13 +56,13 @@ def test_episodes_without_a_chosen_domain_take_one_each(tmp_path: Path) -> None:
     first.mkdir()
     second.mkdir()
     unset = {name: value for name, value in HERE.environment.items() if name != "ROS_DOMAIN_ID"}
-    slow = [*cosim(("sensors:=none", "duration_s:=6.0", "bag:=bag", "realtime_factor:=1.0"))]
-    with subprocess.Popen([sys.executable, *slow], env=unset, cwd=first, stderr=subprocess.DEVNULL) as episode:
+    with subprocess.Popen([sys.executable, *cosim(LONGER)], env=unset, cwd=first, stderr=subprocess.DEVNULL) as episode:
         try:
             wait_until(recording(first), episode)
-            other = subprocess.run(
-                [sys.executable, *cosim(SHORT)], env=unset, cwd=second, capture_output=True, text=True, check=False
-            )
+            with standing_still(episode):
+                other = subprocess.run(
+                    [sys.executable, *cosim(SHORT)], env=unset, cwd=second, capture_output=True, text=True, check=False
+                )
             assert episode.wait(timeout=120.0) == 0
         finally:
             episode.kill()

@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 import rclpy
+from dds_domains import shared_domain
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -28,7 +29,7 @@ FIELDS = {field.name: field for field in dataclasses.fields(Config)}
 @pytest.fixture
 def make_node() -> Iterator[Any]:
     context = rclpy.Context()
-    rclpy.init(context=context, domain_id=71)
+    rclpy.init(context=context, domain_id=shared_domain())
     nodes: list[Node] = []
 
     def make(**values: Any) -> Node:

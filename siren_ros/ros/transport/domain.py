@@ -20,6 +20,8 @@ LARGEST_DOMAIN: Final = 101
 DISCOVERY_S: Final = 0.3
 """Two processes of one machine have found each other by then (params/fastdds_localhost.xml)."""
 _POLL_S: Final = 0.01
+_CLAIM: Final = "siren_ros/domain"
+"""Begins the names of the abstract sockets that are claims."""
 
 
 class DomainTakenError(InputError):
@@ -64,7 +66,7 @@ def claimed_domain() -> Iterator[None]:
         return
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as claim:
         try:
-            claim.bind(f"\0siren_ros/domain/{_domain()}")
+            claim.bind(f"\0{_CLAIM}/{_domain()}")
         except OSError as error:
             if error.errno == errno.EADDRINUSE:
                 raise _taken("on this machine") from error

@@ -4,7 +4,7 @@ The outlook is what every driver expects of every vehicle at one step: its way f
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import cos, sin
 from typing import Final
@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from siren_ros.conflicts.yielding import Rank, rank_inside, rank_of
-from siren_ros.conflicts.zones import Way
-from siren_ros.numerics.arrays import Floats
+from siren_ros.conflicts.zones import TRACK_M, Ways
+from siren_ros.numerics.arrays import Floats, Rows
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.roads.road_network import NO_LANE, Connection, RoadNetwork
 from siren_ros.world.traffic_state import Indices, TrafficState
@@ -24,6 +24,8 @@ SPACING_M: Final = 1.0
 """Distance between the points of a course, at most."""
 _AHEAD_M: Final = 80.0
 """How far a course leads beyond the lane on which it begins."""
+_FIRST_POINTS: Final = 4096
+"""Room for points in a new book; it grows."""
 _STRAIGHT_M: Final = 60.0
 """Length of the course of a vehicle that is off the road."""
 
@@ -48,6 +50,8 @@ class Course:
     """Speed limit of the lane below each point, shape ``(K,)``."""
     entries: tuple[Entry, ...] = ()
     """In driving order."""
+    first: int = -1
+    """Where its points begin among those of its ``CourseBook``; −1 for a course of no book."""
 
     @property
     def length_m(self) -> float:
@@ -76,6 +80,13 @@ class CourseBook:
     def __init__(self, network: RoadNetwork) -> None:
         self._network = network
         self._courses: dict[tuple[int, bytes], Course] = {}
+        self._points = np.empty((_FIRST_POINTS, 2))
+        self._used = 0
+
+    @property
+    def points(self) -> npt.NDArray[np.float64]:
+        """Points of all courses so far, one after the other, shape ``(K, 2)``."""
+        return self._points
 
     def along(self, lane: int, route: Indices) -> Course:
         """The course from the start of a lane.
@@ -90,8 +101,17 @@ class CourseBook:
         key = (lane, route.tobytes())
         course = self._courses.get(key)
         if course is None:
-            course = self._courses[key] = _course(self._network, lane, tuple(route.tolist()))
+            course = _course(self._network, lane, tuple(route.tolist()))
+            course = self._courses[key] = replace(course, first=self._keep(course.points))
         return course
+
+    def _keep(self, points: npt.NDArray[np.float64]) -> int:
+        """Adds points to those of all courses; returns where they begin."""
+        first, self._used = self._used, self._used + len(points)
+        if self._used > len(self._points):
+            self._points = np.concatenate((self._points, np.empty((self._used, 2))))
+        self._points[first : self._used] = points
+        return first
 
 
 def _course(network: RoadNetwork, lane: int, route: tuple[int, ...]) -> Course:
@@ -204,13 +224,36 @@ class Outlook:
         """Arc length of a vehicle's front on its course."""
         return self.centre_m(row) + float(self._half_length_m[row])
 
-    def way(self, row: int, reach_m: float) -> Way:
-        """A vehicle on its course, with what may be looked at ahead of it."""
-        course = self.course(row)
-        traffic = self._traffic
-        left_m, pose = traffic.lateral_offset_m[row], (traffic.x_m[row], traffic.y_m[row], traffic.yaw_rad[row])
-        size = self._half_length_m[row], self._half_width_m[row]
-        return Way(course.points, course.spacing_m, self.centre_m(row), left_m, pose, reach_m, *size)
+    @cached_property
+    def _bodies(self) -> npt.NDArray[np.float64]:
+        """``Ways.bodies`` of all vehicles, without spacing and reach."""
+        traffic, half_length = self._traffic, self._half_length_m
+        place = np.where(traffic.lane >= 0, traffic.lane_position_m - half_length, 0.0)
+        none, cut = np.zeros(len(place)), np.full(len(place), TRACK_M)
+        pose = traffic.x_m, traffic.y_m, traffic.yaw_rad
+        size = half_length, self._half_width_m
+        return np.stack((*pose, none, place, traffic.lateral_offset_m, none, *size, cut), axis=-1)
+
+    def ways(self, rows: Rows, reach_m: Floats, margin_m: Floats | float = 0.0) -> Ways:
+        """Some vehicles on their courses.
+
+        Args:
+            rows: The vehicles.
+            reach_m: How far ahead of each may be looked.
+            margin_m: Free space beside each, added to its half width.
+        """
+        courses = [self.course(row) for row in rows.tolist()]
+        first = np.array([course.first for course in courses], dtype=np.intp)
+        counts = np.array([len(course.points) for course in courses], dtype=np.intp)
+        points = self._book.points
+        if (first < 0).any():
+            points = np.concatenate([course.points for course in courses])
+            first = np.cumsum(counts) - counts
+        bodies = self._bodies[rows]
+        bodies[:, 3] = [course.spacing_m for course in courses]
+        bodies[:, 6] = reach_m
+        bodies[:, 8] += margin_m
+        return Ways(points, first, first + counts, bodies)
 
     def rank(self, row: int, way_m: float) -> Rank:
         """Right of way of a vehicle at a place, given by the way of its centre to it."""

@@ -1,5 +1,6 @@
 """Where the ways of two bodies meet: the compiled search along both courses."""
 
+from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ _BISECTIONS: Final = 3
 """The entry into a zone is found to an eighth of a step."""
 _STRAIGHT_AFTER_M: Final = 6.0
 """Way in which a vehicle that looks elsewhere has turned into its course."""
-_TRACK_M: Final = 2.5
+TRACK_M: Final = 2.5
 """Half the distance between the two points of a course that give a body's heading."""
 _REAR_M: Final = 1.25
 """From a body's centre back to the middle between these points: a body turns into a bend later than its centre."""
@@ -39,7 +40,7 @@ class Way(NamedTuple):
     """How far to look ahead."""
     half_length_m: float
     half_width_m: float
-    cut_m: float = _TRACK_M
+    cut_m: float = TRACK_M
     """The centre is in the middle between two points of the course, this far before and behind it: in bends it cuts the
     corner, as SUMO's vehicles do. 0 for who keeps the centre on the course."""
 
@@ -71,21 +72,36 @@ class Zone(NamedTuple):
         return self.blocked_along > SAME_DIRECTION
 
 
-def meeting_zones(own: Way, others: list[Way], margin_m: float) -> list[Zone | None]:
-    """The first zone in which the own way meets each other way, None where they do not meet.
+class Ways(NamedTuple):
+    """Several bodies on their courses, as arrays for the compiled search."""
+
+    points: npt.NDArray[np.float64]
+    """Of courses, one after the other, shape ``(K, 2)``."""
+    first: npt.NDArray[np.intp]
+    """Where the course of each body begins in ``points``, shape ``(W,)``."""
+    last: npt.NDArray[np.intp]
+    """Where it ends."""
+    bodies: npt.NDArray[np.float64]
+    """Shape ``(W, 10)``: x, y, yaw, spacing, place, offset, reach, half length, half width and cut, as in ``Way``."""
+
+    @classmethod
+    def of(cls, ways: Sequence[Way]) -> "Ways":
+        """Some ways together."""
+        ends = np.cumsum([0, *(len(way.points) for way in ways)])
+        bodies = np.array([(*way.pose, *way[1:4], *way[5:]) for way in ways])
+        return cls(np.concatenate([way.points for way in ways]), ends[:-1], ends[1:], bodies)
+
+
+def meeting_zones(own: Ways, others: Ways, pairs: npt.NDArray[np.intp]) -> list[Zone | None]:
+    """The first zone in which the ways of each pair meet, None where they do not meet.
 
     Args:
-        own: The own body.
-        others: The other bodies.
-        margin_m: Free space wanted beside the own body.
+        own: Own bodies; a margin that is wanted beside one is part of its half width.
+        others: Other bodies.
+        pairs: An own and another body each, shape ``(P, 2)``.
     """
-    if not others:
-        return []
-    offsets = np.cumsum([0, *(len(other.points) for other in others)])
-    points = np.concatenate([other.points for other in others])
-    bodies = np.array([(*way.pose, *way[1:4], *way[5:]) for way in (own, *others)])
-    out = np.empty((len(others), _COLUMNS))
-    _search(own.points, points, offsets, bodies, margin_m, out)
+    out = np.empty((len(pairs), _COLUMNS))
+    _search(own, others, pairs, out)
     return [Zone(*row[1:]) if row[0] > 0.0 else None for row in out.tolist()]
 
 
@@ -103,8 +119,8 @@ def _pose(
     points: Any, first: int, last: int, spacing: float, s_m: float, left_m: float, cut_m: float
 ) -> tuple[float, float, float, float]:
     """x, y and the direction's cosine and sine of a body whose centre is at an arc length of ``points[first:last]``."""
-    xs, ys = _point(points, first, last, (s_m - _REAR_M - _TRACK_M) / spacing)
-    xe, ye = _point(points, first, last, (s_m - _REAR_M + _TRACK_M) / spacing)
+    xs, ys = _point(points, first, last, (s_m - _REAR_M - TRACK_M) / spacing)
+    xe, ye = _point(points, first, last, (s_m - _REAR_M + TRACK_M) / spacing)
     dx, dy = xe - xs, ye - ys
     norm = np.sqrt(dx * dx + dy * dy) + 1e-9
     cos, sin = dx / norm, dy / norm
@@ -116,14 +132,20 @@ def _pose(
 
 
 @compiled
-def _poses(points: Any, first: int, last: int, body: Any) -> Any:
-    """Poses of a body along its course, ``STEP_M`` apart, shape ``(n, 4)``; ``body`` is a row of ``_search``."""
-    count = int(body[6] / STEP_M) + 1
-    poses = np.empty((count, 4))
-    for k in range(count):
-        pose = _pose_after(points, first, last, body, k * STEP_M)
-        poses[k, 0], poses[k, 1], poses[k, 2], poses[k, 3] = pose
-    return poses
+def _poses(ways: Any, used: Any) -> tuple[Any, Any]:
+    """Poses of the used bodies along their courses, ``STEP_M`` apart: all in one array, and where each body's begin."""
+    begins = np.zeros(ways.first.shape[0] + 1, np.intp)
+    for n in used:
+        begins[n + 1] = int(ways.bodies[n, 6] / STEP_M) + 1
+    for n in range(ways.first.shape[0]):
+        begins[n + 1] += begins[n]
+    poses = np.empty((begins[-1], 4))
+    for n in range(ways.first.shape[0]):
+        for k in range(begins[n + 1] - begins[n]):
+            pose = _pose_after(ways.points, ways.first[n], ways.last[n], ways.bodies[n], k * STEP_M)
+            at = begins[n] + k
+            poses[at, 0], poses[at, 1], poses[at, 2], poses[at, 3] = pose
+    return poses, begins
 
 
 @compiled
@@ -167,12 +189,12 @@ def _touches(
 
 
 @compiled
-def _entry_m(points: Any, body: Any, k: int, theirs: Any, sizes: tuple[float, float, float, float]) -> float:
+def _entry_m(ways: Any, n: int, k: int, theirs: Any, sizes: tuple[float, float, float, float]) -> float:
     """Way of a body until just before it would touch, between the places k − 1 and k, by bisection."""
     low, high = max(k - 1, 0) * STEP_M, k * STEP_M
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        pose = _pose_after(points, 0, points.shape[0], body, middle)
+        pose = _pose_after(ways.points, ways.first[n], ways.last[n], ways.bodies[n], middle)
         if _touches(pose, theirs, sizes)[0] == np.inf:
             low = middle
         else:
@@ -181,36 +203,30 @@ def _entry_m(points: Any, body: Any, k: int, theirs: Any, sizes: tuple[float, fl
 
 
 @compiled
-def _search(own_points: Any, points: Any, offsets: Any, bodies: Any, margin_m: float, out: Any) -> None:
-    """Fill in one row per other body: whether it is met, then the fields of ``Zone``.
-
-    Args:
-        own_points: The own course.
-        points: The other courses, one after the other.
-        offsets: Where each begins in ``points``, and the end of the last.
-        bodies: x, y, yaw, spacing, place, offset, reach, half length, half width and cut of the own and each other.
-        margin_m: Free space wanted beside the own body.
-        out: Result.
-    """
-    ahead = _poses(own_points, 0, own_points.shape[0], bodies[0])
-    for n in range(offsets.shape[0] - 1):
-        theirs = _poses(points, offsets[n], offsets[n + 1], bodies[n + 1])
-        sizes = bodies[0, 7], bodies[0, 8] + margin_m, bodies[n + 1, 7], bodies[n + 1, 8]
+def _search(own: Any, others: Any, pairs: Any, out: Any) -> None:
+    """Fill in one row per pair: whether they meet, then the fields of ``Zone``."""
+    own_poses, own_begins = _poses(own, pairs[:, 0])
+    their_poses, their_begins = _poses(others, pairs[:, 1])
+    for p in range(pairs.shape[0]):
+        i, n = pairs[p, 0], pairs[p, 1]
+        ahead = own_poses[own_begins[i] : own_begins[i + 1]]
+        theirs = their_poses[their_begins[n] : their_begins[n + 1]]
+        sizes = own.bodies[i, 7], own.bodies[i, 8], others.bodies[n, 7], others.bodies[n, 8]
         met, s_in, s_out, q_in, q_out, course = 0.0, 0.0, np.inf, np.inf, 0.0, 0.0
         blocked, blocked_along = np.inf, 0.0
         for k in range(ahead.shape[0]):
-            own = ahead[k, 0], ahead[k, 1], ahead[k, 2], ahead[k, 3]
-            begin, end, along = _touches(own, theirs, sizes)
+            pose = ahead[k, 0], ahead[k, 1], ahead[k, 2], ahead[k, 3]
+            begin, end, along = _touches(pose, theirs, sizes)
             if begin == np.inf:
                 if met > 0.0:
                     s_out = k * STEP_M
                     break
                 continue
             if met == 0.0:
-                met, s_in = 1.0, _entry_m(own_points, bodies[0], k, theirs, sizes)
+                met, s_in = 1.0, _entry_m(own, i, k, theirs, sizes)
             if begin == 0.0 and blocked == np.inf:
-                blocked = _entry_m(own_points, bodies[0], k, theirs[:1], sizes)
-                blocked_along = own[2] * theirs[0, 2] + own[3] * theirs[0, 3]
+                blocked = _entry_m(own, i, k, theirs[:1], sizes)
+                blocked_along = pose[2] * theirs[0, 2] + pose[3] * theirs[0, 3]
             q_in, q_out, course = min(q_in, begin), max(q_out, end), along
-        out[n, 0], out[n, 1], out[n, 2], out[n, 3] = met, s_in, s_out, q_in
-        out[n, 4], out[n, 5], out[n, 6], out[n, 7] = q_out + STEP_M, course, blocked, blocked_along
+        out[p, 0], out[p, 1], out[p, 2], out[p, 3] = met, s_in, s_out, q_in
+        out[p, 4], out[p, 5], out[p, 6], out[p, 7] = q_out + STEP_M, course, blocked, blocked_along

@@ -155,7 +155,7 @@ def step_fleet(
     orders = stopped_orders(merge_commands(traffic, commands), fleet.actor_id, fleet.stopped, fleet.bodies.steer_rad)
     driven = orders.owner == _ROS
     realigned = [event.actor_id for event in traffic.events if event.kind is EventKind.REALIGNED]
-    brought_back = np.isin(fleet.actor_id, realigned) & ~driven
+    brought_back = np.isin(fleet.actor_id, realigned) & ~driven if realigned else np.zeros(len(driven), dtype=np.bool_)
     handed_back = ((fleet.owner == _ROS) & ~driven) | brought_back
     bodies, tracker = _move(fleet, traffic, orders, driven, handed_back)
     if realigned:

@@ -4,7 +4,6 @@ Shapes and units stand where the arrays are used.
 """
 
 from collections.abc import Sequence
-from dataclasses import fields
 from typing import Any, Self
 
 import numpy as np
@@ -62,4 +61,4 @@ class Columns:
 
 
 def _names(kind: Any) -> tuple[str, ...]:
-    return tuple(field.name for field in fields(kind))
+    return tuple(kind.__dataclass_fields__)

@@ -7,6 +7,7 @@ import pytest
 
 from siren_ros.conflicts.course import SPACING_M, Course, CourseBook, Entry, Outlook
 from siren_ros.conflicts.yielding import Rank
+from siren_ros.conflicts.zones import TRACK_M
 from siren_ros.numerics.geometry import Polyline, rotate
 from siren_ros.roads.road_network import NO_LANE, Connection, Edge, Lane, LaneKind, RoadNetwork
 from siren_ros.world.traffic_state import SignalState
@@ -223,24 +224,29 @@ def outlook_of(lane, front_m, turn=0.0, state="", left=0.4, **control):
     return Outlook(traffic, CourseBook(network_of_outlook(turn, **control)), HALF_LENGTH, HALF_WIDTH)
 
 
+def way_of(outlook, reach_m, margin_m=0.0):
+    """Points and body of the second vehicle, which is asked for together with the first."""
+    ways = outlook.ways(np.array([0, 1]), np.array([5.0, reach_m]), np.array([0.0, margin_m]))
+    return ways.points[ways.first[1] : ways.last[1]], ways.bodies[1]
+
+
 @pytest.mark.parametrize("turn", TURNS)
 def test_a_way_begins_at_the_bodys_centre_on_its_course(turn):
     outlook = outlook_of(0, 60.0, turn)
     assert outlook.centre_m(1) == pytest.approx(56.0)
-    way = outlook.way(1, 30.0)
-    assert (way.centre_m, way.left_m, way.reach_m) == pytest.approx((56.0, 0.4, 30.0))
-    assert (way.half_length_m, way.half_width_m) == (4.0, 1.2)
-    assert way.pose == pytest.approx((*rotate(np.array([56.0, 0.4]), turn), turn))
-    np.testing.assert_allclose(way.points[round(150.0 / way.spacing_m)], rotate(np.array([150.0, 0.0]), turn), atol=0.6)
+    points, body = way_of(outlook, 30.0, margin_m=0.5)
+    assert body[:3] == pytest.approx((*rotate(np.array([56.0, 0.4]), turn), turn))
+    assert body[4:] == pytest.approx((56.0, 0.4, 30.0, 4.0, 1.2 + 0.5, TRACK_M))
+    np.testing.assert_allclose(points[round(150.0 / body[3])], rotate(np.array([150.0, 0.0]), turn), atol=0.6)
 
 
 @pytest.mark.parametrize("turn", TURNS)
 def test_off_the_road_the_way_is_straight_ahead_from_the_pose(turn):
     outlook = outlook_of(NO_LANE, 60.0, turn)
     assert outlook.centre_m(1) == 0.0
-    way = outlook.way(1, 10.0)
-    np.testing.assert_allclose(way.points[0], way.pose[:2])
-    np.testing.assert_allclose(way.points[5], np.array(way.pose[:2]) + 5.0 * np.array([np.cos(turn), np.sin(turn)]))
+    points, body = way_of(outlook, 10.0)
+    np.testing.assert_allclose(points[0], body[:2])
+    np.testing.assert_allclose(points[5], body[:2] + 5.0 * np.array([np.cos(turn), np.sin(turn)]))
     assert outlook.rank(1, 20.0) is Rank.PRIORITY
     assert np.isinf(outlook.limit_mps(1, 20.0))
 
@@ -267,6 +273,17 @@ def test_on_the_junctions_own_lane_the_movement_is_known():
     assert outlook.centre_m(1) == pytest.approx(1.0)
     assert outlook.rank(1, 3.0) is Rank.PRIORITY
     assert outlook.limit_mps(1, 3.0) == 6.0
+
+
+def test_a_book_keeps_the_points_of_many_courses(network):
+    """More than there is room for at first."""
+    book = CourseBook(network)
+    ends = [
+        book.along(lane, edges(edge, *[2] * number)) for number in range(60) for lane, edge in ((0, 0), (1, 0), (3, 2))
+    ]
+    assert len(book.points) >= sum(len(course.points) for course in ends) > 4096
+    for course in ends:
+        np.testing.assert_array_equal(book.points[course.first : course.first + len(course.points)], course.points)
 
 
 def test_a_course_is_worked_out_once_of_outlook():

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from siren_ros.conflicts.zones import STEP_M, Way, _pose, _pose_after, _touches, meeting_zones
+from siren_ros.conflicts.zones import STEP_M, Way, Ways, _pose, _pose_after, _touches, meeting_zones
 from siren_ros.numerics.geometry import rotate
 
 TURNS = [0.0, np.radians(30.0), np.radians(45.0), np.radians(60.0)]
@@ -20,8 +20,14 @@ def way(start, heading, reach=60.0, turn=0.0, left=0.0, length=120.0, look=0.0):
     return Way(rotate(points, turn), 1.0, 0.0, left, pose, reach, LENGTH, WIDTH)
 
 
+def zones(own, others, margin=0.0):
+    wide = own._replace(half_width_m=own.half_width_m + margin)
+    pairs = np.array([(0, number) for number in range(len(others))])
+    return meeting_zones(Ways.of([wide]), Ways.of(others), pairs)
+
+
 def only(own, other, margin=0.0):
-    (zone,) = meeting_zones(own, [other], margin)
+    (zone,) = zones(own, [other], margin)
     return zone
 
 
@@ -83,7 +89,16 @@ def test_oncoming_on_the_same_line_does_not_merge():
 
 
 def test_nobody_is_met_by_nobody():
-    assert meeting_zones(way((0.0, 0.0), 0.0), [], 0.0) == []
+    own = Ways.of([way((0.0, 0.0), 0.0)])
+    assert meeting_zones(own, own, np.empty((0, 2), dtype=np.intp)) == []
+
+
+def test_of_several_bodies_the_asked_pairs_are_looked_at():
+    """Of three ways the first and the second cross the third; each pair is asked alone and all are asked together."""
+    ways = [way((0.0, 0.0), 0.0), way((0.0, 30.0), 0.0), way((30.0, -20.0), np.pi / 2.0)]
+    together = meeting_zones(Ways.of(ways), Ways.of(ways), np.array([(0, 2), (1, 2), (2, 0), (0, 1)]))
+    assert together == [only(ways[0], ways[2]), only(ways[1], ways[2]), only(ways[2], ways[0]), None]
+    assert together[0] is not None
 
 
 @given(
@@ -154,7 +169,7 @@ def test_a_course_is_followed_from_its_first_segment_on(turn):
 def test_several_others_have_zones_of_their_own():
     own = way((0.0, 0.0), 0.0)
     others = [way((20.0, -30.0), np.pi / 2.0), way((0.0, 30.0), 0.0), way((40.0, 15.0), -np.pi / 2.0)]
-    first, none, last = meeting_zones(own, others, 0.0)
+    first, none, last = zones(own, others)
     assert none is None
     reach = LENGTH + WIDTH
     assert (first.own_in_m, last.own_in_m) == pytest.approx((20.0 - reach, 40.0 - reach), abs=STEP_M)
@@ -211,7 +226,7 @@ def test_ways_of_two_others_do_not_mix(turn):
         way((0.0, 10.0), 0.0, turn=turn),
         way((15.0, 25.0), -np.pi / 2.0, turn=turn, length=50.0),
     ]
-    first, none, last = meeting_zones(own, others, 0.0)
+    first, none, last = zones(own, others)
     assert none is None
     assert (first, last) == (only(own, others[0]), only(own, others[2]))
     assert last.own_in_m == pytest.approx(15.0 - LENGTH - WIDTH, abs=STEP_M / 4.0)

@@ -11,6 +11,7 @@ from siren_ros.numerics.arrays import Floats, Ids
 from siren_ros.roads.road_network import NO_LANE
 from siren_ros.scenario.interaction_region import in_region
 from siren_ros.scenario.paper import ControlConstants
+from siren_ros.world.actors import rows_of_ids
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,4 +92,4 @@ def region_members(seen: Surroundings, emv_row: int, before: Ids, constants: Con
         constants: Distances between centres at which an actor enters and leaves.
     """
     distance = np.hypot(seen.x_m - seen.x_m[emv_row], seen.y_m - seen.y_m[emv_row])
-    return seen.actor_id[in_region(distance, np.isin(seen.actor_id, before), constants) & ~seen.is_emv]
+    return seen.actor_id[in_region(distance, rows_of_ids(before, seen.actor_id) >= 0, constants) & ~seen.is_emv]

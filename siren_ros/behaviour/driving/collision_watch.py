@@ -11,7 +11,7 @@ from siren_ros.behaviour.driving.step_view import Surroundings
 from siren_ros.behaviour.paths.tracked_path import TrackedPath
 from siren_ros.conflicts.course import Course
 from siren_ros.conflicts.yielding import Approach, Rank, wait_for
-from siren_ros.conflicts.zones import Way, Zone, meeting_zones
+from siren_ros.conflicts.zones import Way, Ways, Zone, meeting_zones
 from siren_ros.numerics.arrays import Floats, Rows
 from siren_ros.numerics.braking import braking_distance_m, needed_brake_mps2, safe_following_mps
 
@@ -112,17 +112,19 @@ class CollisionWatch:
             leaders: Whether who leads on the path counts here too: one whose rear is beside the own front already is
                 no leader on the path, but may turn into it.
         """
-        seen, config = self.seen, self.config
-        rows = self._approaching()
+        seen, rows = self.seen, self._approaching()
         if len(rows) == 0:
             return None
-        curve, body = self.path.curve, self._straight_way(self.row, self.reach_m)
-        own = body._replace(points=curve.points, spacing_m=curve.spacing_m, centre_m=self.progress_m, cut_m=0.0)
-        reaches = self._reach_of_others_m(seen.speed_mps[rows]).tolist()
-        look = self._straight_way if seen.outlook is None else seen.outlook.way
-        others = [look(other, far) for other, far in zip(rows.tolist(), reaches, strict=True)]
+        reach_m = self._reach_of_others_m(seen.speed_mps[rows])
+        if seen.outlook is None:
+            others = Ways.of(
+                [self._straight_way(*other) for other in zip(rows.tolist(), reach_m.tolist(), strict=True)]
+            )
+        else:
+            others = seen.outlook.ways(rows, reach_m)
+        pairs = np.stack((np.zeros_like(rows), np.arange(len(rows))), axis=-1)
         worst: SpeedLimit | None = None
-        for other, zone in zip(rows.tolist(), meeting_zones(own, others, config.side_margin_m), strict=True):
+        for other, zone in zip(rows.tolist(), meeting_zones(self._own_way(), others, pairs), strict=True):
             if zone is not None and (not zone.leads or (leaders and zone.merges)):
                 worst = stricter(worst, self._limit_at(zone, other))
         return worst
@@ -144,6 +146,14 @@ class CollisionWatch:
     def _reach_of_others_m(self, speed_mps: Floats) -> Floats:
         config = self.config
         return np.minimum(config.others_time_s * speed_mps + config.others_more_m, config.others_most_m)
+
+    def _own_way(self) -> Ways:
+        """The own path, with the margin that is kept beside the body."""
+        seen, row, curve = self.seen, self.row, self.path.curve
+        pose, place = (seen.x_m[row], seen.y_m[row], seen.yaw_rad[row]), (curve.spacing_m, self.progress_m, 0.0)
+        size = seen.half_length_m[row], seen.half_width_m[row] + self.config.side_margin_m
+        ends = np.array([0, len(curve.points)])
+        return Ways(curve.points, ends[:1], ends[1:], np.array([(*pose, *place, self.reach_m, *size, 0.0)]))
 
     def _straight_way(self, row: int, reach_m: float) -> Way:
         seen = self.seen

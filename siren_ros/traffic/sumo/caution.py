@@ -7,15 +7,16 @@ its drivers are slowed here by the same rule by which the outside ones are drive
 
 from collections.abc import Container, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import libsumo
 import numpy as np
 
 from siren_ros.conflicts.course import CourseBook, Outlook
 from siren_ros.conflicts.yielding import Approach, Wait, YieldingConfig, stop_brake_mps2, wait_for
-from siren_ros.conflicts.zones import SAME_DIRECTION, Way, Zone, meeting_zones
-from siren_ros.numerics.arrays import Flags, Floats
+from siren_ros.conflicts.zones import SAME_DIRECTION, Zone, meeting_zones
+from siren_ros.numerics.arrays import Floats
+from siren_ros.numerics.compiled import compiled
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import RoadNetwork
 from siren_ros.traffic.config import CautionConfig
@@ -62,53 +63,66 @@ def cautions(
         The strictest wait of each, sorted by actor.
     """
     inside = traffic.owner == Owner.SUMO
-    own = np.flatnonzero(inside)
     speed = np.where(inside, traffic.sumo_speed_mps, traffic.speed_mps)
     held = np.array([actor in waiting for actor in traffic.actor_id.tolist()], dtype=np.bool_)
     accel = np.where(held, np.maximum(traffic.sumo_accel_mps2, 0.0), traffic.sumo_accel_mps2)
     counts = ~inside | ((traffic.flags & TrafficFlags.ON_JUNCTION) != 0)
-    near = _near(traffic, speed, outlook.half_length_m, counts, config)[own]
-    ways = {
-        other: _way(outlook, other, speed, config, 0.0 if inside[other] else config.margin_m)
-        for other in np.flatnonzero(near.any(axis=0)).tolist()
-    }
+    poses = traffic.x_m, traffic.y_m, np.cos(traffic.yaw_rad), np.sin(traffic.yaw_rad)
+    limits = config.ahead_s, config.more_m, config.far_m, config.rolling_mps, config.beside_m
+    pairs = _near_pairs(poses, speed, outlook.half_length_m, inside, counts, limits)
+    if not len(pairs):
+        return ()
+    rows, places = np.unique(pairs, return_inverse=True)
+    margin_m = np.where(inside[rows], 0.0, config.margin_m)
+    ways = outlook.ways(rows, config.ahead_s * speed[rows] + config.more_m, margin_m)
+    met: dict[int, list[tuple[int, YieldingConfig, Zone]]] = {}
+    zones = meeting_zones(ways, ways, places.reshape(pairs.shape))
+    for (row, other), zone in zip(pairs.tolist(), zones, strict=True):
+        if zone is not None and (inside[other] or zone.leads or int(traffic.actor_id[row]) not in inattentive):
+            met.setdefault(row, []).append((other, config.among if inside[other] else config.yielding, zone))
     slowed = []
-    for place in np.flatnonzero(near.any(axis=1)).tolist():
-        row, others = int(own[place]), np.flatnonzero(near[place]).tolist()
-        configs = [config.among if inside[other] else config.yielding for other in others]
-        zones = meeting_zones(_way(outlook, row, speed, config, 0.0), [ways[other] for other in others], 0.0)
-        met = [(o, c, z) for o, c, z in zip(others, configs, zones, strict=True) if z is not None]
-        if int(traffic.actor_id[row]) in inattentive:
-            met = [(o, c, z) for o, c, z in met if inside[o] or z.leads]
-        waits = _waits(row, met, (speed, accel), outlook, bool(held[row]), config)
+    for row, meetings in met.items():
+        waits = _waits(row, meetings, (speed, accel), outlook, bool(held[row]), config)
         if waits:
-            other, wait = min(waits, key=lambda one: one[1].speed_mps)
+            other, wait = min(waits, key=lambda other_and_wait: other_and_wait[1].speed_mps)
             slowed.append(Caution(int(traffic.actor_id[row]), int(traffic.actor_id[other]), wait))
     return tuple(slowed)
 
 
-def _near(
-    traffic: TrafficState, speed_mps: Floats, half_length_m: Floats, counts: Flags, config: CautionConfig
-) -> Flags:
-    """Who may meet whom, shape ``(N, N)``: those that count or cross within reach, and everybody close ahead.
+@compiled
+def _near_pairs(poses: Any, speed_mps: Any, half_length_m: Any, inside: Any, counts: Any, limits: Any) -> Any:
+    """Which of SUMO's vehicles may meet whom, shape ``(P, 2)``: who counts or crosses within reach, or is close ahead.
 
     Long vehicles at an angle reach far aside: the tail of a bus that changes lanes.
     Maps have roads that cross before their junction begins; so crossing does not ask where it happens.
+    ``poses`` holds x, y, and the yaw's cosine and sine; ``limits`` the fields of ``CautionConfig`` that count here.
     """
-    dx, dy = traffic.x_m - traffic.x_m[:, None], traffic.y_m - traffic.y_m[:, None]
-    cos, sin = np.cos(traffic.yaw_rad), np.sin(traffic.yaw_rad)
-    ahead = np.asarray(cos[:, None] * dx + sin[:, None] * dy, dtype=np.float64)
-    aside = np.asarray(cos[:, None] * dy - sin[:, None] * dx, dtype=np.float64)
-    along = np.abs(cos[:, None] * cos + sin[:, None] * sin)
-    beside = config.beside_m + half_length_m * np.abs(cos[:, None] * sin - sin[:, None] * cos)
-    apart = np.hypot(dx, dy)
-    reach = np.minimum(config.ahead_s * (speed_mps[:, None] + speed_mps) + 2.0 * config.more_m, config.far_m)
-    moving = speed_mps > config.rolling_mps
-    cross = moving[:, None] & moving & (along < SAME_DIRECTION) & (ahead > -config.more_m)
-    close = (ahead > 0.0) & (ahead < speed_mps[:, None] + config.more_m) & (np.abs(aside) < beside)
-    near = np.asarray(((counts | cross) & (apart < reach)) | close, dtype=np.bool_)
-    np.fill_diagonal(near, False)
-    return near
+    x_m, y_m, cos, sin = poses
+    ahead_s, more_m, far_m, rolling_mps, beside_m = limits
+    n = len(x_m)
+    pairs = np.empty((n * n, 2), np.intp)
+    count = 0
+    for row in range(n):
+        if not inside[row]:
+            continue
+        for other in range(n):
+            dx, dy = x_m[other] - x_m[row], y_m[other] - y_m[row]
+            apart = np.hypot(dx, dy)
+            reach = min(ahead_s * (speed_mps[row] + speed_mps[other]) + 2.0 * more_m, far_m)
+            ahead = cos[row] * dx + sin[row] * dy
+            if other == row or (apart >= reach and not 0.0 < ahead < speed_mps[row] + more_m):
+                continue
+            along = abs(cos[row] * cos[other] + sin[row] * sin[other])
+            moving = speed_mps[row] > rolling_mps and speed_mps[other] > rolling_mps
+            cross = moving and along < SAME_DIRECTION and ahead > -more_m
+            near = (counts[other] or cross) and apart < reach
+            if not near and 0.0 < ahead < speed_mps[row] + more_m:
+                beside = beside_m + half_length_m[other] * abs(cos[row] * sin[other] - sin[row] * cos[other])
+                near = abs(cos[row] * dy - sin[row] * dx) < beside
+            if near:
+                pairs[count, 0], pairs[count, 1] = row, other
+                count += 1
+    return pairs[:count]
 
 
 def _behind(zone: Zone, own_mps: float, other_mps: float, waits: bool, config: CautionConfig) -> Wait | None:
@@ -117,12 +131,6 @@ def _behind(zone: Zone, own_mps: float, other_mps: float, waits: bool, config: C
     brake = stop_brake_mps2(max(own_mps - other_mps, 0.0), free)
     late = free <= 0.0 or brake > (config.gentle_mps2 if waits else config.firm_mps2)
     return Wait(other_mps, brake, free) if late else None
-
-
-def _way(outlook: Outlook, row: int, speed_mps: Floats, config: CautionConfig, margin_m: float) -> Way:
-    """The way of a vehicle as far as it counts, with a margin beside its body."""
-    way = outlook.way(row, config.ahead_s * float(speed_mps[row]) + config.more_m)
-    return way._replace(half_width_m=way.half_width_m + margin_m)
 
 
 def _waits(

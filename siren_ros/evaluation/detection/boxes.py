@@ -1,6 +1,6 @@
 """Boxes of vehicles as arrays: labels and detections, nuScenes' attributes, and the class names that count."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Final, Self, TypeVar
 
@@ -14,15 +14,6 @@ ATTRIBUTES: Final = ("", "vehicle.moving", "vehicle.stopped", "vehicle.parked")
 """nuScenes' attributes of vehicles by code; 0 says nothing."""
 MOVING_MPS: Final = 0.3
 """Above this speed a vehicle moves, as in the nuScenes export."""
-
-_WIDTH: Final[Mapping[str, tuple[int]]] = {"centre_m": (3,), "size_m": (3,), "velocity_mps": (2,)}
-_TYPES: Final[Mapping[str, type]] = {
-    "frame": np.intp,
-    **dict.fromkeys(("attribute", "actor_class", "mode"), np.uint8),
-    **dict.fromkeys(("actor_id", "lidar_points"), np.uint32),
-    "label": np.str_,
-}
-"""Of the columns of boxes that hold no floats."""
 
 
 @dataclass(frozen=True)
@@ -42,22 +33,12 @@ class Boxes:
     attribute: Codes
     """Index into ``ATTRIBUTES``, shape ``(N,)``."""
 
-    @classmethod
-    def none(cls) -> Self:
-        """A table without boxes."""
-        return cls(
-            **{
-                field.name: np.zeros((0, *_WIDTH.get(field.name, ())), dtype=_TYPES.get(field.name, np.float64))
-                for field in fields(cls)
-            }
-        )
-
     def __len__(self) -> int:
         return len(self.frame)
 
     def at(self, rows: Rows | Flags) -> Self:
         """Some of the boxes."""
-        return type(self)(**{field.name: getattr(self, field.name)[rows] for field in fields(self)})
+        return type(self)(**{column.name: getattr(self, column.name)[rows] for column in fields(self)})
 
 
 @dataclass(frozen=True)
@@ -75,12 +56,19 @@ class TruthBoxes(Boxes):
 
 @dataclass(frozen=True)
 class FoundBoxes(Boxes):
-    """Boxes that a detector found. All further arrays have shape ``(N,)``."""
+    """Boxes of a detector. All further arrays have shape ``(N,)``."""
 
     score: Floats
     """Confidence, 0 to 1."""
     label: npt.NDArray[np.str_]
     """Name of the class, in lower case."""
+
+    @classmethod
+    def none(cls) -> Self:
+        """A table without boxes."""
+        frame, attribute, label = np.zeros(0, np.intp), np.zeros(0, np.uint8), np.zeros(0, np.str_)
+        volume, plane, score = np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0)
+        return cls(frame, volume, volume, score, plane, attribute, score, label)
 
 
 Kind = TypeVar("Kind", bound=Boxes)
@@ -88,10 +76,8 @@ Kind = TypeVar("Kind", bound=Boxes)
 
 def joined(parts: Sequence[Kind]) -> Kind:
     """Boxes of several tables in one; there is at least one."""
-    first = parts[0]
-    return type(first)(
-        **{field.name: np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(first)}
-    )
+    columns = {column.name: [getattr(part, column.name) for part in parts] for column in fields(parts[0])}
+    return type(parts[0])(**{name: np.concatenate(arrays) for name, arrays in columns.items()})
 
 
 def attributes_of(velocity_mps: Floats) -> Codes:
@@ -101,20 +87,18 @@ def attributes_of(velocity_mps: Floats) -> Codes:
 
 
 CAR: Final = "car"
-_EMERGENCY: Final = {one.name.lower(): one for one in sorted(EMERGENCY_CLASSES)}
+_EMERGENCY: Final = {member.name.lower(): member for member in sorted(EMERGENCY_CLASSES)}
 CLASS_NAMES: Final = (CAR, *_EMERGENCY)
 """Names that a detection can have: ``car`` for every civilian vehicle, as in the paper, and the emergency vehicles."""
 
 
 def labels_named(truth: TruthBoxes, name: str) -> Flags:
-    """Which labels should get that one of ``CLASS_NAMES``, shape ``(N,)``."""
-    of_kind = _EMERGENCY.get(name)
-    named: Flags = (
-        truth.actor_class == of_kind if of_kind is not None else ~np.isin(truth.actor_class, [*EMERGENCY_CLASSES])
-    )
-    return named
+    """Labels whose right name, of ``CLASS_NAMES``, is this one, shape ``(N,)``."""
+    if name in _EMERGENCY:
+        return np.asarray(truth.actor_class == _EMERGENCY[name])
+    return ~np.isin(truth.actor_class, [*EMERGENCY_CLASSES])
 
 
-def names_kinds(found: FoundBoxes) -> bool:
+def names_kinds(detected: FoundBoxes) -> bool:
     """Whether any detection has the name of an emergency vehicle."""
-    return bool(np.isin(found.label, [*_EMERGENCY]).any())
+    return bool(np.isin(detected.label, [*_EMERGENCY]).any())

@@ -12,7 +12,7 @@ from siren_ros.datasets.nuscenes.episode_tables import token
 from siren_ros.datasets.nuscenes.exporter import KEYFRAME_STEPS, visible_fractions
 from siren_ros.datasets.nuscenes.map_expansion import map_corners
 from siren_ros.errors import BagError
-from siren_ros.evaluation.detection.boxes import TruthBoxes, attributes_of, joined
+from siren_ros.evaluation.detection.boxes import Boxes, TruthBoxes, attributes_of, joined
 from siren_ros.interfaces.boxes import from_camera_truth, from_ground_truth
 from siren_ros.interfaces.conversions import from_actor_states
 from siren_ros.interfaces.measurements import from_point_cloud
@@ -21,7 +21,7 @@ from siren_ros.interfaces.transforms import from_tf, matrix_between
 from siren_ros.numerics.arrays import Codes, Flags, Floats, Ids, Matrix, Rows
 from siren_ros.numerics.units import STEP_S
 from siren_ros.record.bag_survey import BagSurvey
-from siren_ros.record.episode_source import EpisodeSource, LidarFrame, MountedSensor, lidar_of, open_source
+from siren_ros.record.episode_source import EpisodeSource, LidarFrame, lidar_of, open_source
 from siren_ros.recording.bag_reader import BagMessage, damage_refused
 from siren_ros.sensors.look import look_of
 from siren_ros.world.actors import Mode
@@ -93,66 +93,61 @@ class Frames:
     @cached_property
     def episode(self) -> Rows:
         """Number of the episode of each frame, shape ``(F,)``."""
-        return np.repeat(np.arange(len(self.episodes)), [len(one) for one in self.episodes]).astype(np.intp)
+        return np.repeat(np.arange(len(self.episodes)), [*map(len, self.episodes)]).astype(np.intp)
 
     @cached_property
     def step(self) -> Rows:
         """Step of each frame, shape ``(F,)``."""
-        return np.concatenate([one.step for one in self.episodes])
+        return np.concatenate([episode.step for episode in self.episodes])
 
     @cached_property
     def keyframe(self) -> Flags:
         """Which frames are keyframes of the nuScenes export, shape ``(F,)``."""
-        return np.concatenate([one.keyframe for one in self.episodes])
+        return np.concatenate([episode.keyframe for episode in self.episodes])
 
     @cached_property
     def pictured(self) -> Flags:
         """Which frames have a picture of the front camera, shape ``(F,)``."""
-        return np.concatenate([one.pictured for one in self.episodes])
+        return np.concatenate([episode.pictured for episode in self.episodes])
 
     @cached_property
     def map_from_lidar(self) -> Floats:
         """Shape ``(F, 4, 4)``."""
-        return np.concatenate([one.map_from_lidar for one in self.episodes])
+        return np.concatenate([episode.map_from_lidar for episode in self.episodes])
 
     @cached_property
     def vehicle_m(self) -> Floats:
         """Place of the vehicle with the LiDAR, shape ``(F, 2)``."""
-        return np.concatenate([one.vehicle_m for one in self.episodes])
+        return np.concatenate([episode.vehicle_m for episode in self.episodes])
 
     @cached_property
     def global_from_map_m(self) -> Floats:
         """What the nuScenes export adds to x and y, shape ``(F, 2)``."""
-        return np.concatenate([np.tile(one.global_from_map_m, (len(one), 1)) for one in self.episodes])
+        return np.concatenate([np.tile(episode.global_from_map_m, (len(episode), 1)) for episode in self.episodes])
 
     @cached_property
     def by_token(self) -> dict[str, int]:
         """Frames by their ``sample_token`` in the nuScenes export."""
-        found = {}
-        for first, one in zip(self.first.tolist(), self.episodes, strict=False):
-            for number in np.flatnonzero(one.keyframe).tolist():
-                found[token("sample", one.episode_id, int(one.step[number]))] = first + number
-        return found
+        return {
+            token("sample", episode.episode_id, int(episode.step[number])): first + number
+            for first, episode in zip(self.first.tolist(), self.episodes, strict=False)
+            for number in np.flatnonzero(episode.keyframe).tolist()
+        }
 
     @cached_property
     def truth(self) -> TruthBoxes:
         """All labelled boxes."""
-        parts = [
-            replace(one.truth, frame=one.truth.frame + first)
-            for one, first in zip(self.episodes, self.first.tolist(), strict=False)
-        ]
-        return joined(parts)
+        parts = zip((episode.truth for episode in self.episodes), self.first.tolist(), strict=False)
+        return joined([replace(truth, frame=truth.frame + first) for truth, first in parts])
+
+    def distance_m(self, boxes: Boxes) -> Floats:
+        """Of boxes from the vehicle with the LiDAR, on the ground, shape ``(N,)``."""
+        away = boxes.centre_m[:, :2] - self.vehicle_m[boxes.frame]
+        return np.hypot(away[:, 0], away[:, 1])
 
     def name_of(self, frame: int) -> str:
         """A frame for an error message: ``S2_L2_seed0_town step 40``."""
         return f"{self.episodes[self.episode[frame]].episode_id} step {self.step[frame]}"
-
-
-def in_range(frames: Frames, frame: Rows, centre_m: Floats) -> Flags:
-    """Which boxes are nearer than 50 m to the vehicle with the LiDAR, shape ``(N,)``."""
-    away = centre_m[:, :2] - frames.vehicle_m[frame]
-    near: Flags = np.hypot(away[:, 0], away[:, 1]) < RANGE_M
-    return near
 
 
 def velocities_of_annotations(step: Rows, actor_id: Ids, centre_m: Floats) -> Floats:
@@ -160,12 +155,7 @@ def velocities_of_annotations(step: Rows, actor_id: Ids, centre_m: Floats) -> Fl
 
     A velocity is the way from the label of the same vehicle 0.5 s before to that 0.5 s after, by the time between
     (``NuScenes.box_velocity``); where one of them is missing, from or to this label; NaN where both are, and over more
-    than 3 s (1.5 s with one).
-
-    Args:
-        step: Of each box, shape ``(N,)``.
-        actor_id: Of each box.
-        centre_m: Shape ``(N, 3)``.
+    than 3 s (1.5 s with one). Steps and actors have shape ``(N,)``, the centres ``(N, 3)``.
     """
     phase = step % KEYFRAME_STEPS
     order = np.lexsort((step, phase, actor_id))
@@ -184,8 +174,8 @@ def velocities_of_annotations(step: Rows, actor_id: Ids, centre_m: Floats) -> Fl
 
 def frames_of(episodes: Sequence[EpisodeFrames]) -> Frames:
     """Frames of several episodes, of which all count."""
-    every = Frames(tuple(episodes))
-    return replace(every, scored=np.ones(len(every), dtype=np.bool_))
+    frames = Frames(tuple(episodes))
+    return replace(frames, scored=np.ones(len(frames), dtype=np.bool_))
 
 
 _NO_POINTS: Final = np.zeros(0, dtype=[("x", "<f4")])
@@ -197,90 +187,76 @@ def read_frames(survey: BagSurvey, episode_id: str) -> EpisodeFrames:
     Raises:
         BagError: The bag is damaged, or lacks the vehicle's pose, the map or every sweep.
     """
+    steps: list[int] = []
+    poses: list[Matrix] = []
+    pictured: list[bool] = []
+    parts: list[TruthBoxes] = []
     with open_source(Path(survey.readable)) as source:
-        return _Reading(source).frames(survey.bag, episode_id)
-
-
-class _Reading:
-    def __init__(self, source: EpisodeSource) -> None:
-        self._source = source
-        self._lidar: MountedSensor = lidar_of(source)
-        self._pictures = {camera.topic for camera in source.cameras if camera == source.front_camera}
-        self._lidar_frame = ""
-        self._labels = {camera.truth_topic: camera.name for camera in source.cameras if camera.truth_topic}
-
-    def frames(self, bag: str, episode_id: str) -> EpisodeFrames:
-        source, parts = self._source, [TruthBoxes.none()]
-        steps: list[int] = []
-        poses: list[Matrix] = []
-        pictured: list[bool] = []
-        topics = {self._lidar.topic, GROUND_TRUTH.name, TF.name, ACTORS.name, *self._pictures, *self._labels}
+        lidar, front, described = lidar_of(source), source.front_camera, source.description
+        pictures = {camera.topic for camera in source.cameras if camera == front}
+        labels = {camera.truth_topic: camera.name for camera in source.cameras if camera.truth_topic}
+        topics = {lidar.topic, GROUND_TRUTH.name, TF.name, ACTORS.name, *pictures, *labels}
         for step, held in source.messages_by_step(topics):
-            if self._lidar.topic not in held or GROUND_TRUTH.name not in held:
+            if lidar.topic not in held or GROUND_TRUTH.name not in held:
                 continue
             with damage_refused(source.path):
                 truth = from_ground_truth(held[GROUND_TRUTH.name].read())
-                poses.append(self._pose(held))
-                parts.append(self._boxes(len(steps), truth, poses[-1] @ self._lidar.base_from_sensor, held))
+                poses.append(_pose(source, held))
+                seen = {name: from_camera_truth(held[topic].read()) for topic, name in labels.items() if topic in held}
+                points = _NO_POINTS if seen else from_point_cloud(held[lidar.topic].read())
+                visible = visible_fractions(LidarFrame(len(steps), points, truth, {}, seen, None))
+                modes = _modes(truth.actor_id, held.get(ACTORS.name))
+                parts.append(_labelled(len(steps), truth, poses[-1] @ lidar.base_from_sensor, visible, modes))
             steps.append(step)
-            pictured.append(bool(self._pictures & held.keys()))
+            pictured.append(bool(pictures & held.keys()))
         if not steps:
             raise BagError(str(source.path), "an episode with at least one sweep with its ground truth")
-        numbers = np.array(steps, dtype=np.intp)
-        boxes = joined(parts)
+        numbers, places, boxes = np.array(steps, dtype=np.intp), np.array(poses), joined(parts)
         boxes.velocity_mps[:] = velocities_of_annotations(numbers[boxes.frame], boxes.actor_id, boxes.centre_m)
-        places = np.array(poses)
-        front = source.front_camera
         return EpisodeFrames(
-            bag=bag,
+            bag=survey.bag,
             episode_id=episode_id,
-            template=source.description.template,
-            seed=source.description.seed,
+            template=described.template,
+            seed=described.seed,
             step=numbers,
-            map_from_lidar=places @ self._lidar.base_from_sensor,
+            map_from_lidar=places @ lidar.base_from_sensor,
             vehicle_m=places[:, :2, 3],
             pictured=np.array(pictured, dtype=np.bool_),
-            lidar_frame=self._lidar_frame,
-            base_from_lidar=self._lidar.base_from_sensor,
-            camera_from_lidar=None if front is None else front.from_lidar(self._lidar),
+            lidar_frame=truth.frame_id,
+            base_from_lidar=lidar.base_from_sensor,
+            camera_from_lidar=None if front is None else front.from_lidar(lidar),
             global_from_map_m=-map_corners(source.network)[0],
             truth=boxes,
-            look=look_of(source.description),
-            suite=source.description.sensor_suite,
+            look=look_of(described),
+            suite=described.sensor_suite,
         )
 
-    def _pose(self, held: Mapping[str, BagMessage]) -> Matrix:
-        if self._source.station is not None:
-            return self._source.station
-        place = matrix_between(from_tf(held[TF.name].read()), MAP_FRAME, BASE_FRAME) if TF.name in held else None
-        if place is None:
-            raise BagError(str(self._source.path), "an episode with the EMV's odometry")
-        return place
 
-    def _boxes(
-        self, frame: int, truth: GroundTruth, map_from_lidar: Matrix, held: Mapping[str, BagMessage]
-    ) -> TruthBoxes:
-        self._lidar_frame = truth.frame_id
-        turn, shift = map_from_lidar[:3, :3], map_from_lidar[:3, 3]
-        speeds = np.stack((truth.vx_mps, truth.vy_mps), axis=-1)
-        return TruthBoxes(
-            frame=np.full(len(truth), frame, dtype=np.intp),
-            centre_m=np.stack((truth.x_m, truth.y_m, truth.z_m), axis=-1) @ turn.T + shift,
-            size_m=np.stack((truth.length_m, truth.width_m, truth.height_m), axis=-1),
-            yaw_rad=truth.yaw_rad + np.arctan2(turn[1, 0], turn[0, 0]),
-            velocity_mps=speeds,
-            attribute=attributes_of(speeds),
-            actor_id=truth.actor_id,
-            actor_class=truth.actor_class,
-            lidar_points=truth.lidar_points,
-            visible=self._visible(frame, truth, held),
-            mode=_modes(truth.actor_id, held.get(ACTORS.name)),
-        )
+def _pose(source: EpisodeSource, held: Mapping[str, BagMessage]) -> Matrix:
+    if source.station is not None:
+        return source.station
+    place = matrix_between(from_tf(held[TF.name].read()), MAP_FRAME, BASE_FRAME) if TF.name in held else None
+    if place is None:
+        raise BagError(str(source.path), "an episode with the EMV's odometry")
+    return place
 
-    def _visible(self, frame: int, truth: GroundTruth, held: Mapping[str, BagMessage]) -> Floats:
-        seen = {name: from_camera_truth(held[topic].read()) for topic, name in self._labels.items() if topic in held}
-        points = _NO_POINTS if seen else from_point_cloud(held[self._lidar.topic].read())
-        return visible_fractions(LidarFrame(frame, points, truth, {}, seen, None))
+
+def _labelled(frame: int, truth: GroundTruth, map_from_lidar: Matrix, visible: Floats, mode: Codes) -> TruthBoxes:
+    turn, shift = map_from_lidar[:3, :3], map_from_lidar[:3, 3]
+    speeds = np.stack((truth.vx_mps, truth.vy_mps), axis=-1)
+    return TruthBoxes(
+        frame=np.full(len(truth), frame, dtype=np.intp),
+        centre_m=np.stack((truth.x_m, truth.y_m, truth.z_m), axis=-1) @ turn.T + shift,
+        size_m=np.stack((truth.length_m, truth.width_m, truth.height_m), axis=-1),
+        yaw_rad=truth.yaw_rad + np.arctan2(turn[1, 0], turn[0, 0]),
+        velocity_mps=speeds,
+        attribute=attributes_of(speeds),
+        actor_id=truth.actor_id,
+        actor_class=truth.actor_class,
+        lidar_points=truth.lidar_points,
+        visible=visible,
+        mode=mode,
+    )
 
 
 def _modes(actor_id: Ids, message: BagMessage | None) -> Codes:

@@ -4,7 +4,7 @@ import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -17,14 +17,14 @@ from PIL import Image
 
 from siren_ros.datasets.visibility import BOX_EDGES, upright_corners
 from siren_ros.errors import whole_file
-from siren_ros.evaluation.detection.average_precision import DISTANCES_M
 from siren_ros.evaluation.detection.boxes import Boxes, FoundBoxes
+from siren_ros.evaluation.detection.devkit_score import DISTANCES_M
 from siren_ros.evaluation.detection.frames import RANGE_M, EpisodeFrames, Frames
 from siren_ros.evaluation.detection.scoring import DetectorScores
 from siren_ros.interfaces.measurements import from_compressed_image, from_point_cloud
 from siren_ros.numerics.arrays import Floats, Matrix, Rows
 from siren_ros.numerics.geometry import footprint_corners
-from siren_ros.record.episode_source import lidar_of, open_source
+from siren_ros.record.episode_source import EpisodeSource, lidar_of, open_source
 from siren_ros.world.measurements import CameraIntrinsics
 
 _LOW_M: Final = 0.3
@@ -38,19 +38,22 @@ def returns_from_above(episode: EpisodeFrames, row: int) -> Floats:
     Raises:
         BagError: The bag is damaged.
     """
-    step = int(episode.step[row])
     map_from_lidar = episode.map_from_lidar[row]
     ground_m = (map_from_lidar @ np.linalg.inv(episode.base_from_lidar))[2, 3]
     with open_source(Path(episode.bag)) as source:
-        topic = lidar_of(source).topic
-        for found, held in source.messages_by_step({topic}):
-            if found == step:
-                points = from_point_cloud(held[topic].read())
-                xyz = np.stack([points[name].astype(np.float64) for name in ("x", "y", "z")], axis=-1)
-                xyz = xyz @ map_from_lidar[:3, :3].T + map_from_lidar[:3, 3]
-                height = xyz[:, 2] - ground_m
-                return np.asarray(xyz[(height > _LOW_M) & (height < _HIGH_M), :2])
-    return np.zeros((0, 2))
+        message = _message_at(source, lidar_of(source).topic, int(episode.step[row]))
+    if message is None:
+        return np.zeros((0, 2))
+    points = from_point_cloud(message)
+    xyz = np.stack([points[name].astype(np.float64) for name in ("x", "y", "z")], axis=-1)
+    xyz = xyz @ map_from_lidar[:3, :3].T + map_from_lidar[:3, 3]
+    height = xyz[:, 2] - ground_m
+    return np.asarray(xyz[(height > _LOW_M) & (height < _HIGH_M), :2])
+
+
+def _message_at(source: EpisodeSource, topic: str, step: int) -> Any:
+    """The message of a topic at a step; None where there is none."""
+    return next((held[topic].read() for at, held in source.messages_by_step({topic}) if at == step), None)
 
 
 _EDGE_PT: Final = 1.2
@@ -60,7 +63,7 @@ _NEAREST_M: Final = 0.5
 
 @dataclass(frozen=True)
 class FrontPicture:
-    """What the front camera saw at a frame."""
+    """The front camera's picture of a frame."""
 
     rgb: npt.NDArray[np.uint8]
     model: CameraIntrinsics
@@ -75,27 +78,23 @@ def front_picture(episode: EpisodeFrames, row: int) -> FrontPicture | None:
     """
     if episode.camera_from_lidar is None or not episode.pictured[row]:
         return None
-    step = int(episode.step[row])
     with open_source(Path(episode.bag)) as source:
         camera = source.front_camera
-        if camera is None:
-            return None
-        for found, held in source.messages_by_step({camera.topic}):
-            if found == step:
-                jpeg = from_compressed_image(held[camera.topic].read())
-                rgb = np.asarray(Image.open(io.BytesIO(jpeg)).convert("RGB"))
-                camera_from_map = episode.camera_from_lidar @ np.linalg.inv(episode.map_from_lidar[row])
-                return FrontPicture(rgb, camera.model, camera_from_map)
-    return None
+        message = None if camera is None else _message_at(source, camera.topic, int(episode.step[row]))
+    if camera is None or message is None:
+        return None
+    rgb = np.asarray(Image.open(io.BytesIO(from_compressed_image(message))).convert("RGB"))
+    camera_from_map = episode.camera_from_lidar @ np.linalg.inv(episode.map_from_lidar[row])
+    return FrontPicture(rgb, camera.model, camera_from_map)
 
 
 def draw_in_picture(axes: Axes, picture: FrontPicture, boxes: Mapping[str, Boxes], colours: Mapping[str, str]) -> None:
     """Draws the picture, and the edges of boxes in their colours over it."""
     height, width = picture.rgb.shape[:2]
     axes.imshow(picture.rgb)
-    for name, some in boxes.items():
-        lines = edges_in_picture(picture, some)
-        axes.add_collection(LineCollection(list(lines), colors=colours[name], linewidths=_EDGE_PT))
+    for name, group in boxes.items():
+        lines = list(edges_in_picture(picture, group))
+        axes.add_collection(LineCollection(lines, colors=colours[name], linewidths=_EDGE_PT))
     axes.set(xlim=(0, width), ylim=(height, 0))
     axes.set_axis_off()
 
@@ -109,8 +108,7 @@ def edges_in_picture(picture: FrontPicture, boxes: Boxes) -> Floats:
     model = picture.model
     columns = model.focal_x_px * ends[..., 0] / ends[..., 2] + model.centre_x_px
     rows = model.focal_y_px * ends[..., 1] / ends[..., 2] + model.centre_y_px
-    found: Floats = np.stack((columns, rows), axis=-1)
-    return found
+    return np.asarray(np.stack((columns, rows), axis=-1))
 
 
 _AT_M: Final = 2.0
@@ -120,12 +118,8 @@ _SHOWN_SCORE: Final = 0.3
 _WIDTH_IN: Final = 7.0
 _HEIGHTS_IN: Final = (7.4, 7.8)
 """Of the picture from above alone, and with the front camera's."""
-_SMALL_PT: Final = 6
-_LEGEND_PT: Final = 7
-_TITLE_PT: Final = 8
-_LINE_PT: Final = 1.4
-_RETURN_PT: Final = 1.2
-_SENSOR_PT: Final = 4
+_SMALL_PT, _LEGEND_PT, _TITLE_PT = 6, 7, 8
+_LINE_PT, _RETURN_PT, _SENSOR_PT = 1.4, 1.2, 4
 _TEXT_OFFSET_PT: Final = (4, 4)
 _BEHIND: Final = 0
 _FILLED: Final = 0.45
@@ -138,24 +132,23 @@ _COLOURS: Final = {"label, found": "#2a9d3a", "label, missed": "#d62828", "hit":
 
 
 def draw_worst_frame(scores: DetectorScores, frames: Frames, template: str, path: Path) -> None:
-    """Draws the frame of a template that has the most misses and false alarms, and the text says which it is.
+    """Draws the frame of a template that has the most misses and false alarms; its title names the frame.
 
     Raises:
         BagError: The bag is damaged.
     """
-    number = DISTANCES_M.index(_AT_M)
-    matched = scores.matches.label[number]
-    found = scores.found.at(scores.matches.order)
-    shown, hit = found.score >= _SHOWN_SCORE, matched >= 0
-    taken = np.zeros(len(scores.truth), dtype=np.bool_)
+    matched = scores.matches.label[DISTANCES_M.index(_AT_M)]
+    truth, detected = scores.truth, scores.found.at(scores.matches.order)
+    shown, hit = detected.score >= _SHOWN_SCORE, matched >= 0
+    taken = np.zeros(len(truth), dtype=np.bool_)
     taken[matched[hit & shown]] = True
-    frame = _worst_frame(frames, template, scores.truth.frame, scores.truth.frame[~taken], found.frame[~hit & shown])
-    in_truth, in_found = scores.truth.frame == frame, (found.frame == frame) & shown
+    frame = _worst_frame(frames, template, truth.frame, truth.frame[~taken], detected.frame[~hit & shown])
+    labelled, in_frame = truth.frame == frame, (detected.frame == frame) & shown
     groups: dict[str, Boxes] = {
-        "label, found": scores.truth.at(in_truth & taken),
-        "label, missed": scores.truth.at(in_truth & ~taken),
-        "hit": found.at(in_found & hit),
-        "false alarm": found.at(in_found & ~hit),
+        "label, found": truth.at(labelled & taken),
+        "label, missed": truth.at(labelled & ~taken),
+        "hit": detected.at(in_frame & hit),
+        "false alarm": detected.at(in_frame & ~hit),
     }
     episode = frames.episodes[int(frames.episode[frame])]
     row = frame - int(frames.first[frames.episode[frame]])
@@ -185,13 +178,13 @@ def _worst_frame(frames: Frames, template: str, labelled: Rows, missed: Rows, al
     """Of the frames with labels; the first of several."""
     count = len(frames)
     errors = np.bincount(missed, minlength=count) + np.bincount(alarms, minlength=count)
-    of_template = np.array([one.template == template for one in frames.episodes])[frames.episode]
+    of_template = np.array([episode.template == template for episode in frames.episodes])[frames.episode]
     usable = of_template & (np.bincount(labelled, minlength=count) > 0)
     return int(np.argmax(np.where(usable, errors, -1)))
 
 
 def _draw_surroundings(axes: Axes, episode: EpisodeFrames, row: int) -> None:
-    """What the LiDAR saw, the range that counts, and the sensor with its direction."""
+    """The returns, the range that counts, and the sensor with its direction."""
     x_m, y_m = (returns_from_above(episode, row) - episode.vehicle_m[row]).T
     legend = "returns 0.3 to 3 m above the ground"
     axes.plot(x_m, y_m, ".", color="0.5", markersize=_RETURN_PT, zorder=_BEHIND, label=legend)
@@ -223,26 +216,19 @@ def _draw(axes: Axes, boxes: Boxes, place: Floats, name: str) -> None:
     axes.add_collection(LineCollection(list(np.stack((centre, fronts), axis=1)), colors=colour, linewidths=_LINE_PT))
     if isinstance(boxes, FoundBoxes) and name == "false alarm":
         for (x_m, y_m), score in zip(centre.tolist(), boxes.score.tolist(), strict=True):
-            axes.annotate(
-                f"{score:.2f}",
-                (x_m, y_m),
-                _TEXT_OFFSET_PT,
-                textcoords="offset points",
-                fontsize=_SMALL_PT,
-                color=colour,
-            )
+            style: dict[str, Any] = {"textcoords": "offset points", "fontsize": _SMALL_PT, "color": colour}
+            axes.annotate(f"{score:.2f}", (x_m, y_m), _TEXT_OFFSET_PT, **style)
 
 
 _COLUMNS: Final = 4
 _PANEL_IN: Final = (3.2, 3.0)
-_CURVE_TITLE_PT: Final = 9
-_CURVE_LEGEND_PT: Final = 6
+_CURVE_TITLE_PT, _CURVE_LEGEND_PT = 9, 6
 _HIGHEST: Final = 1.02
 """A line at 1 is seen."""
 
 
 def draw_curves(scores: DetectorScores, path: Path) -> None:
-    """Writes a picture."""
+    """Writes precision over recall, a panel for each template and a line for each largest distance of a match."""
     rows = -(-len(scores.templates) // _COLUMNS)
     columns = min(_COLUMNS, len(scores.templates))
     figure = Figure(figsize=(_PANEL_IN[0] * columns, _PANEL_IN[1] * rows), layout="constrained")

@@ -7,7 +7,6 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from siren_ros.evaluation.detection.average_precision import DISTANCES_M, Matches, average_precision, match
 from siren_ros.evaluation.detection.boxes import (
     CLASS_NAMES,
     FoundBoxes,
@@ -16,8 +15,8 @@ from siren_ros.evaluation.detection.boxes import (
     labels_named,
     names_kinds,
 )
-from siren_ros.evaluation.detection.devkit_score import DevkitScore
-from siren_ros.evaluation.detection.frames import Frames, in_range
+from siren_ros.evaluation.detection.devkit_score import DISTANCES_M, DevkitScore, Matches, average_precision, match
+from siren_ros.evaluation.detection.frames import RANGE_M, Frames
 from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet
 from siren_ros.evaluation.detection.subsets import FAMILIES, SUBSETS, FamilyOrder, Subset, subsets_of_episodes
 from siren_ros.evaluation.statistics.block_means import Estimate, jackknife
@@ -78,49 +77,39 @@ class DetectorScores:
         return float(np.mean([score.nds for score in self.templates.values()]))
 
 
-def counted_boxes(frames: Frames, found: FoundSet, names: frozenset[str]) -> tuple[TruthBoxes, FoundBoxes]:
-    """What nuScenes' protocol counts: boxes within 50 m; labels with at least one LiDAR point; vehicles."""
-    truth, boxes = frames.truth, found.boxes
-    if not found.has_attributes:
+def counted_boxes(frames: Frames, detected: FoundSet, names: frozenset[str]) -> tuple[TruthBoxes, FoundBoxes]:
+    """Boxes that count by nuScenes' protocol: within 50 m; labels with at least one LiDAR point; vehicles."""
+    truth, boxes = frames.truth, detected.boxes
+    if not detected.has_attributes:
         truth = replace(truth, attribute=attributes_of(truth.velocity_mps))
-    counted = in_range(frames, truth.frame, truth.centre_m) & (truth.lidar_points > 0) & found.scored[truth.frame]
-    near = in_range(frames, boxes.frame, boxes.centre_m) & found.scored[boxes.frame]
+    counted = (frames.distance_m(truth) < RANGE_M) & (truth.lidar_points > 0) & detected.scored[truth.frame]
+    near = (frames.distance_m(boxes) < RANGE_M) & detected.scored[boxes.frame]
     return truth.at(counted), boxes.at(near & np.isin(boxes.label, sorted(names)))
 
 
-def score_detector(frames: Frames, found: FoundSet, names: frozenset[str], run: Run) -> DetectorScores:
-    """All scores of one detector.
-
-    Args:
-        frames: Frames and labels of all episodes.
-        found: The detections.
-        names: Class names that count.
-        run: Scores tables by nuScenes' code.
-    """
-    truth, boxes = counted_boxes(frames, found, names)
-    of_episode = np.array([one.template for one in frames.episodes])
-    template_of_frame = of_episode[frames.episode]
+def score_detector(frames: Frames, detected: FoundSet, names: frozenset[str], run: Run) -> DetectorScores:
+    """All scores of one detector; ``names`` are the class names that count."""
+    truth, boxes = counted_boxes(frames, detected, names)
+    of_episode = np.array([episode.template for episode in frames.episodes])
+    of_frame = of_episode[frames.episode]
     templates = sorted(set(of_episode.tolist()))
-    tables = [
-        (truth.at(template_of_frame[truth.frame] == one), boxes.at(template_of_frame[boxes.frame] == one))
-        for one in templates
-    ]
+    tables = [(truth.at(of_frame[truth.frame] == name), boxes.at(of_frame[boxes.frame] == name)) for name in templates]
     scores = dict(zip(templates, run(tables), strict=True))
     jackknifed = _Jackknifed(frames, truth, boxes, of_episode)
-    left_out = {one: jackknifed.mean_ap(template_of_frame, one) for one in templates}
-    values = {one: score.mean_average_precision for one, score in scores.items()}
+    left_out = {name: jackknifed.mean_ap(of_frame, name) for name in templates}
+    values = {name: score.mean_average_precision for name, score in scores.items()}
     mean = _mean(values, left_out, templates).interval()
     families = {
         name: _mean(values, left_out, members) for name, members in FAMILIES.items() if set(members) <= set(templates)
     }
     rng = np.random.default_rng(0)
     return DetectorScores(
-        name=found.name,
-        format=found.format,
-        has_velocity=found.has_velocity,
-        frames={one: int((found.scored & (template_of_frame == one)).sum()) for one in templates},
+        name=detected.name,
+        format=detected.format,
+        has_velocity=detected.has_velocity,
+        frames={name: int((detected.scored & (of_frame == name)).sum()) for name in templates},
         templates=scores,
-        template_ap={one: _mean(values, left_out, [one]).interval() for one in templates},
+        template_ap={name: _mean(values, left_out, [name]).interval() for name in templates},
         mean_ap=mean,
         families={name: estimate.interval() for name, estimate in families.items()},
         order=FamilyOrder.of({name: estimate.draws(_DRAWS, rng) for name, estimate in families.items()})
@@ -138,21 +127,21 @@ def score_detector(frames: Frames, found: FoundSet, names: frozenset[str], run: 
 
 def _mean(values: Mapping[str, float], left_out: Mapping[str, Floats], templates: Sequence[str]) -> Estimate:
     """Mean over some templates; an episode changes that of its own template."""
-    value = float(np.mean([values[one] for one in templates]))
-    changed = np.concatenate([left_out[one] / len(templates) for one in templates])
-    return jackknife(value, changed, np.repeat(np.arange(len(templates)), [len(left_out[one]) for one in templates]))
+    value = float(np.mean([values[name] for name in templates]))
+    changed = [left_out[name] / len(templates) for name in templates]
+    stratum = np.repeat(np.arange(len(templates)), [*map(len, changed)])
+    return jackknife(value, np.concatenate(changed), stratum)
 
 
 class _Jackknifed:
     """Average precisions without each episode."""
 
-    def __init__(self, frames: Frames, truth: TruthBoxes, found: FoundBoxes, template: Names) -> None:
-        self._frames, self._truth, self._every = frames, truth, found
-        self.matches = match(truth, found)
-        self._found = found.at(self.matches.order)
+    def __init__(self, frames: Frames, truth: TruthBoxes, boxes: FoundBoxes, template: Names) -> None:
+        self._frames, self._truth, self._given, self._template = frames, truth, boxes, template
+        self.matches = match(truth, boxes)
+        self._boxes = boxes.at(self.matches.order)
         _, self._stratum = np.unique(template, return_inverse=True)
-        self._template = template
-        self._episode_of_found: Rows = frames.episode[self._found.frame]
+        self._episode_of_box: Rows = frames.episode[self._boxes.frame]
         self._episode_of_label: Rows = frames.episode[truth.frame]
 
     def _mean_ap(self, labels: Flags, counted: Sequence[Flags], episodes: Rows) -> Floats:
@@ -160,42 +149,38 @@ class _Jackknifed:
         weight = np.ones((1 + len(episodes), len(self._frames.episodes)))
         weight[np.arange(1, len(weight)), episodes] = 0.0
         per_episode = np.bincount(self._episode_of_label[labels], minlength=len(self._frames.episodes)).astype(float)
-        found = []
-        for row, kept in enumerate(counted):
-            hit = self.matches.label[row][kept] >= 0
-            found.append(average_precision(hit, self._episode_of_found[kept], per_episode, weight))
-        mean: Floats = np.mean(found, axis=0)
-        return mean
+        values = [
+            average_precision(matched[kept] >= 0, self._episode_of_box[kept], per_episode, weight)
+            for matched, kept in zip(self.matches.label, counted, strict=True)
+        ]
+        return np.asarray(np.mean(values, axis=0))
 
     def mean_ap(self, template_of_frame: Names, template: str) -> Floats:
         """Of one template, without each of its episodes."""
-        kept = template_of_frame[self._found.frame] == template
+        kept = template_of_frame[self._boxes.frame] == template
         labels = template_of_frame[self._truth.frame] == template
         return self._mean_ap(labels, [kept] * len(DISTANCES_M), np.flatnonzero(self._template == template))[1:]
 
     def group(self, subset: Subset) -> GroupScore:
         """Of a subset of the labels: detections of other labels do not count, false alarms do."""
         labels = subset.labels(self._frames, self._truth)
-        alarm = np.ones(len(self._found), dtype=np.bool_)
-        if subset.detections is not None:
-            alarm = subset.detections(self._frames, self._found)
-        counted = []
-        for matched in self.matches.label:
-            inside = labels[matched] if len(labels) else np.zeros(len(matched), dtype=np.bool_)
-            counted.append(np.where(matched >= 0, inside, alarm))
         if not labels.any():
             return GroupScore(subset.group, subset.name, 0, NOTHING)
+        alarm = np.ones(len(self._boxes), dtype=np.bool_)
+        if subset.detections is not None:
+            alarm = subset.detections(self._frames, self._boxes)
+        counted = [np.where(matched >= 0, labels[matched], alarm) for matched in self.matches.label]
         return self._scored(subset.group, subset.name, labels, counted)
 
     def named(self, name: str) -> GroupScore:
         """Of a class by its name: a detection with another name does not find its labels."""
-        own = labels_named(self._truth, name)
-        if not own.any():
+        truth = self._truth.at(labels_named(self._truth, name))
+        if not len(truth):
             return GroupScore(_NAMED, name, 0, NOTHING)
-        found = self._every.at(self._every.label == name)
-        alone = _Jackknifed(self._frames, self._truth.at(own), found, self._template)
-        every = np.ones(len(found), dtype=np.bool_)
-        return alone._scored(_NAMED, name, np.ones(int(own.sum()), dtype=np.bool_), [every] * len(DISTANCES_M))
+        boxes = self._given.at(self._given.label == name)
+        alone = _Jackknifed(self._frames, truth, boxes, self._template)
+        labels, counted = (np.ones(len(table), dtype=np.bool_) for table in (truth, boxes))
+        return alone._scored(_NAMED, name, labels, [counted] * len(DISTANCES_M))
 
     def _scored(self, group: str, name: str, labels: Flags, counted: Sequence[Flags]) -> GroupScore:
         episodes = np.unique(self._episode_of_label[labels])

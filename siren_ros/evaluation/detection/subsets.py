@@ -22,19 +22,13 @@ _VISIBLE: Final = (0.0, 0.4, 0.6, 0.8, np.inf)
 
 @dataclass(frozen=True)
 class Subset:
-    """Labels with something in common. Those outside it are neither asked for nor counted as false alarms."""
+    """Labels with something in common. A detector need not find others, and finding them is no false alarm."""
 
     group: str
     name: str
     labels: Callable[[Frames, TruthBoxes], Flags]
     detections: Callable[[Frames, Boxes], Flags] | None = None
-    """Which detections can be false alarms of this subset; None for all."""
-
-
-def distance_m(frames: Frames, boxes: Boxes) -> Floats:
-    """From the vehicle with the LiDAR, shape ``(N,)``."""
-    away = boxes.centre_m[:, :2] - frames.vehicle_m[boxes.frame]
-    return np.hypot(away[:, 0], away[:, 1])
+    """Detections that can be false alarms of this subset; None for all."""
 
 
 def _of_modes(name: str, modes: tuple[Mode, ...]) -> Subset:
@@ -43,9 +37,8 @@ def _of_modes(name: str, modes: tuple[Mode, ...]) -> Subset:
 
 def _of_distance(low_m: float, high_m: float) -> Subset:
     def within(frames: Frames, boxes: Boxes) -> Flags:
-        away = distance_m(frames, boxes)
-        flags: Flags = (away >= low_m) & (away < high_m)
-        return flags
+        away = frames.distance_m(boxes)
+        return np.asarray((away >= low_m) & (away < high_m))
 
     return Subset("distance", f"{low_m:.0f}-{high_m:.0f} m", within, within)
 
@@ -62,21 +55,19 @@ def _of_visibility(low: float, high: float) -> Subset:
 
 def subsets_of_episodes(frames: Frames) -> tuple[Subset, ...]:
     """Rows for the looks and for the suites of sensors, where there are several of them."""
-    found: list[Subset] = []
-    for group, every in (
-        ("weather", [one.look for one in frames.episodes]),
-        ("sensors", [one.suite for one in frames.episodes]),
-    ):
-        kinds = sorted(set(every))
-        of_episode = np.array(every)
-        found += [_of_episodes(group, kind, of_episode == kind) for kind in kinds if len(kinds) > 1]
-    return tuple(found)
+    looks = np.array([episode.look for episode in frames.episodes])
+    suites = np.array([episode.suite for episode in frames.episodes])
+    return tuple(
+        _of_episodes(group, kind, of_episode == kind)
+        for group, of_episode in (("weather", looks), ("sensors", suites))
+        for kind in sorted(set(of_episode.tolist()))
+        if not (of_episode == kind).all()
+    )
 
 
 def _of_episodes(group: str, name: str, chosen: Flags) -> Subset:
     def within(frames: Frames, boxes: Boxes) -> Flags:
-        flags: Flags = chosen[frames.episode[boxes.frame]]
-        return flags
+        return np.asarray(chosen[frames.episode[boxes.frame]])
 
     return Subset(group, name, within, within)
 
@@ -106,12 +97,12 @@ FAMILIES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
 
 @dataclass(frozen=True)
 class FamilyOrder:
-    """Shares of values drawn about each family's mAP, as far from it as its episodes leave open."""
+    """Shares of draws in the paper's order; values are drawn about each family's mAP, as far as its episodes allow."""
 
     steps: Mapping[str, float]
-    """In which a family is below the next one, by ``clearance < stop sign`` and so on."""
+    """A family is below the next one, by ``clearance < stop sign`` and so on."""
     whole: float
-    """In which all are in the paper's order at once; 1 in 24 by chance."""
+    """All are in the order at once; 1 in 24 by chance."""
 
     @classmethod
     def of(cls, families: Mapping[str, Floats]) -> Self | None:

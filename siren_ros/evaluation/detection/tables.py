@@ -28,38 +28,26 @@ class PaperDetector:
     """True-positive errors, mean over the templates."""
 
 
-def _row(name: str, pairs: str, errors: str) -> PaperDetector:
-    cells = [tuple(map(float, pair.split("/"))) for pair in pairs.split()]
-    both = {column: (cell[0], cell[1]) for column, cell in zip((*TEMPLATES, MEAN), cells, strict=True)}
-    values = dict(zip(ERRORS, map(float, errors.split()), strict=True))
-    return PaperDetector(name, MappingProxyType(both), MappingProxyType(values))
+def _paper_row(line: str) -> PaperDetector:
+    name, *cells = line.split()
+    pairs = [cell.split("/") for cell in cells[: -len(ERRORS)]]
+    both = {column: (float(ap), float(nds)) for column, (ap, nds) in zip((*TEMPLATES, MEAN), pairs, strict=True)}
+    errors = dict(zip(ERRORS, map(float, cells[-len(ERRORS) :]), strict=True))
+    return PaperDetector(name, MappingProxyType(both), MappingProxyType(errors))
 
 
+_PAPER_ROWS: Final = """
+PointPillars .398/.407 .434/.436 .583/.525 .589/.549 .451/.456 .530/.540 .569/.528 .508/.492 .553 .215 .396 3.165 .459
+SECOND .420/.420 .388/.438 .631/.563 .633/.574 .461/.480 .523/.540 .590/.556 .521/.510 .565 .214 .207 3.196 .514
+VoxelNeXt .438/.393 .413/.434 .641/.571 .616/.558 .468/.454 .568/.540 .578/.543 .532/.499 .562 .216 .313 3.404 .576
+TransFusion-L .424/.411 .423/.456 .648/.566 .618/.565 .491/.481 .562/.555 .610/.571 .539/.515 .561 .196 .330 3.223 .461
+"""
+"""mAP/NDS of S1 to S7 and of their mean, then the errors: tables "3D object detection" and "True-positive error
+metrics" (supplement)."""
 PAPER: Final[Mapping[str, PaperDetector]] = MappingProxyType(
-    {
-        "pointpillars": _row(
-            "PointPillars",
-            ".398/.407 .434/.436 .583/.525 .589/.549 .451/.456 .530/.540 .569/.528 .508/.492",
-            "0.553 0.215 0.396 3.165 0.459",
-        ),
-        "second": _row(
-            "SECOND",
-            ".420/.420 .388/.438 .631/.563 .633/.574 .461/.480 .523/.540 .590/.556 .521/.510",
-            "0.565 0.214 0.207 3.196 0.514",
-        ),
-        "voxelnext": _row(
-            "VoxelNeXt",
-            ".438/.393 .413/.434 .641/.571 .616/.558 .468/.454 .568/.540 .578/.543 .532/.499",
-            "0.562 0.216 0.313 3.404 0.576",
-        ),
-        "transfusion-l": _row(
-            "TransFusion-L",
-            ".424/.411 .423/.456 .648/.566 .618/.565 .491/.481 .562/.555 .610/.571 .539/.515",
-            "0.561 0.196 0.330 3.223 0.461",
-        ),
-    }
+    {row.name.lower(): row for row in map(_paper_row, _PAPER_ROWS.strip().splitlines())}
 )
-"""By lower-case name: tables "3D object detection" and "True-positive error metrics" (supplement)."""
+"""By lower-case name."""
 
 
 def paper_rows(name: str) -> tuple[PaperDetector, ...]:
@@ -69,13 +57,10 @@ def paper_rows(name: str) -> tuple[PaperDetector, ...]:
 
 
 def tables_of(content: Mapping[str, Any], *, compare_paper: bool = False) -> tuple[Table, ...]:
-    """The paper's two tables, and those that the paper does not have.
+    """The paper's two tables, with the paper's rows below ours where asked, and those that the paper does not have.
 
-    They are made from the content of ``scores.json``, so that a page of stored scores shows the tables of the terminal.
-
-    Args:
-        content: As ``scores_as_json`` makes it.
-        compare_paper: Whether the paper's rows stand below ours.
+    They are made from the content of ``scores.json`` (``scores_as_json``), so that a page of stored scores shows the
+    tables of the terminal.
     """
     paper = list({row.name: row for name in content for row in paper_rows(name)}.values()) if compare_paper else []
     tables = [_by_template(content, paper), _errors(content, paper), _errors_by_template(content), _parts(content)]
@@ -89,31 +74,29 @@ def _by_template(content: Mapping[str, Any], paper: Sequence[PaperDetector]) -> 
     for name, scores in content.items():
         columns = [*(scores["templates"].get(template) for template in templates), scores["mean"]]
         mean_ap = [interval_of_json(column and column["mAP"]) for column in columns]
-        pairs = [column and (one.value, column["NDS"]) for column, one in zip(columns, mean_ap, strict=True)]
+        pairs = [column and (ap.value, column["NDS"]) for column, ap in zip(columns, mean_ap, strict=True)]
         values.append((name, *pairs))
         bounds.append((f"{name}, 95 % of mAP", *map(Bounds, mean_ap)))
     some_bounded = any(isinstance(cell, Bounds) and cell.interval.bounded for row in bounds for cell in row)
+    names = (*templates, MEAN)
     return Table(
         "by_template",
         "mAP/NDS of the class Car by template, and the mean over the templates",
-        ("detector", *templates, MEAN),
+        ("detector", *names),
         tuple(values + bounds * some_bounded),
         spec=".3f",
-        reference=tuple(
-            (f"{row.name} (paper)", *(row.ap_and_nds.get(name) for name in (*templates, MEAN))) for row in paper
-        ),
+        reference=tuple((f"{row.name} (paper)", *map(row.ap_and_nds.get, names)) for row in paper),
     )
 
 
 def _errors(content: Mapping[str, Any], paper: Sequence[PaperDetector]) -> Table:
-    errors = {name: [one["errors"] for one in scores["templates"].values()] for name, scores in content.items()}
     return Table(
         "errors",
         "True-positive errors, mean over the templates; lower is better",
         ("detector", *_ERROR_TITLES),
         tuple(
-            (name, *(_mean(one.get(error) for one in of_templates) for error in ERRORS))
-            for name, of_templates in errors.items()
+            (name, *(_mean(score["errors"].get(error) for score in scores["templates"].values()) for error in ERRORS))
+            for name, scores in content.items()
         ),
         spec=".3f",
         reference=tuple((f"{row.name} (paper)", *(row.errors[error] for error in ERRORS)) for row in paper),
@@ -131,9 +114,9 @@ def _errors_by_template(content: Mapping[str, Any]) -> Table:
         "True-positive errors by template",
         ("detector", "template", *_ERROR_TITLES),
         tuple(
-            (name, template, *(one["errors"].get(error) for error in ERRORS))
+            (name, template, *map(score["errors"].get, ERRORS))
             for name, scores in content.items()
-            for template, one in scores["templates"].items()
+            for template, score in scores["templates"].items()
         ),
         spec=".3f",
         folded=True,
@@ -145,10 +128,10 @@ def _parts(content: Mapping[str, Any]) -> Table:
 
     Detectors may have different subsets: only one that names kinds of vehicles has those found by name.
     """
-    families = dict.fromkeys(family for scores in content.values() for family in scores["families"])
+    families = [scores["families"] for scores in content.values()]
     rows: list[Row] = [
-        ("behaviour family", family, "", *(interval_of_json(one["families"].get(family)) for one in content.values()))
-        for family in families
+        ("behaviour family", name, "", *(interval_of_json(of_detector.get(name)) for of_detector in families))
+        for name in dict.fromkeys(name for of_detector in families for name in of_detector)
     ]
     parts = [{(part["of"], part["name"]): part for part in scores["parts"]} for scores in content.values()]
     for key in dict.fromkeys(key for of_detector in parts for key in of_detector):
@@ -168,24 +151,24 @@ def _parts(content: Mapping[str, Any]) -> Table:
 
 def scores_as_json(scores: Sequence[DetectorScores]) -> dict[str, Any]:
     """By the detectors' names; intervals are null where there are too few episodes."""
-    return {one.name: _detector(one) for one in scores}
+    return {detector.name: _detector(detector) for detector in scores}
 
 
-def _detector(one: DetectorScores) -> dict[str, Any]:
+def _detector(scores: DetectorScores) -> dict[str, Any]:
     return {
-        "format": one.format,
-        "velocity_known": one.has_velocity,
-        "mean": {"mAP": _interval(one.mean_ap), "NDS": one.mean_nds},
+        "format": scores.format,
+        "velocity_known": scores.has_velocity,
+        "mean": {"mAP": _interval(scores.mean_ap), "NDS": scores.mean_nds},
         "templates": {
-            name: {"frames": one.frames[name], **_score(score), "mAP": _interval(one.template_ap[name])}
-            for name, score in one.templates.items()
+            name: {"frames": scores.frames[name], **_score(score), "mAP": _interval(scores.template_ap[name])}
+            for name, score in scores.templates.items()
         },
-        "families": {name: _interval(value) for name, value in one.families.items()},
-        "order_of_families_share": None if one.order is None else one.order.whole,
-        "order_of_families_steps": None if one.order is None else dict(one.order.steps),
+        "families": {name: _interval(value) for name, value in scores.families.items()},
+        "order_of_families_share": None if scores.order is None else scores.order.whole,
+        "order_of_families_steps": None if scores.order is None else dict(scores.order.steps),
         "parts": [
             {"of": part.group, "name": part.name, "labels": part.labels, "mAP": _interval(part.mean_ap)}
-            for part in one.groups
+            for part in scores.groups
         ],
     }
 

@@ -1,12 +1,13 @@
-"""A folder of risk videos: what each video is, its label, and what the label was derived from."""
+"""A folder of risk videos: each video with its label and the evidence of the label; the frames of a video file."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from os.path import relpath
 from pathlib import Path
 from typing import Any, Final
 
+import av
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -29,7 +30,7 @@ _MOMENT_COLUMNS: Final = {
 }
 
 _SHARED: Final = ("template", "file", "frames", "first_step")
-"""Fields of a video that its file has under the same names."""
+"""Fields of a video with the same names in the set's file."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class RiskVideo:
     label: RiskLabel
     evidence: Evidence
     request: Mapping[str, Any]
-    """What the episode was made from, so that it can be made again."""
+    """The request of the episode, so that it can be made again."""
 
 
 @dataclass(frozen=True)
@@ -109,13 +110,12 @@ def missing_files(videos: VideoSet) -> tuple[str, ...]:
 
 
 def _as_json(video: RiskVideo) -> dict[str, Any]:
-    label = asdict(video.label) | {"risk": video.label.risk.title}
     return {
         "id": video.video_id,
         **{name: getattr(video, name) for name in _SHARED},
-        "label": label,
-        "encroachments": [asdict(one) for one in video.evidence.encroachments],
-        "contacts": [asdict(one) for one in video.evidence.contacts],
+        "label": asdict(video.label) | {"risk": video.label.risk.title},
+        "encroachments": [*map(asdict, video.evidence.encroachments)],
+        "contacts": [*map(asdict, video.evidence.contacts)],
         "request": dict(video.request),
     }
 
@@ -125,8 +125,8 @@ def _video(entry: Mapping[str, Any], moments: Moments) -> RiskVideo:
     risk, reason = risk_class(label.pop("risk")), Reason(label.pop("reason"))
     evidence = Evidence(
         moments,
-        tuple(SeenEncroachment(**one) for one in entry["encroachments"]),
-        tuple(SeenContact(**one) for one in entry["contacts"]),
+        tuple(SeenEncroachment(**encroachment) for encroachment in entry["encroachments"]),
+        tuple(SeenContact(**contact) for contact in entry["contacts"]),
     )
     shared = {name: entry[name] for name in (*_SHARED, "request")}
     return RiskVideo(video_id=entry["id"], label=RiskLabel(risk, reason, **label), evidence=evidence, **shared)
@@ -153,3 +153,43 @@ def _moments_by_video(table: pa.Table) -> dict[str, Moments]:
 
 def _moments(columns: Mapping[str, Any]) -> Moments:
     return Moments(**{name: np.asarray(columns.get(name, ()), dtype) for name, dtype in _MOMENT_COLUMNS.items()})
+
+
+def film_frames(path: Path, count: int) -> Iterator[av.VideoFrame]:
+    """Decodes an MP4 file, frame by frame; it must have that many frames.
+
+    Raises:
+        InputError: No such video, not a video, or one of another length, which is known after the last frame.
+    """
+    decoded = 0
+    try:
+        with av.open(str(path)) as container:
+            for frame in container.decode(video=0):
+                decoded += 1
+                yield frame
+    except (OSError, IndexError, av.FFmpegError) as error:
+        raise InputError("video", str(path), f"an MP4 file ({error})") from error
+    if decoded != count:
+        raise InputError("video", f"{path}: {decoded} frames", f"{count} frames")
+
+
+KEY_FRAMES: Final = 9
+BATCH: Final = 8
+
+
+def key_frames(frames: int) -> tuple[int, ...]:
+    """Nine uniform key frames, first and last included: 0, 23, 47, …, 189 of 190.
+
+    Their number and places are this project's choice; the paper does not say which frames its models see.
+
+    Raises:
+        InputError: A video with fewer frames than that.
+    """
+    if frames < KEY_FRAMES:
+        raise InputError("frames", frames, f"a video of {KEY_FRAMES} frames or more")
+    return tuple((frames - 1) * number // (KEY_FRAMES - 1) for number in range(KEY_FRAMES))
+
+
+def batches(frames: Sequence[int]) -> tuple[tuple[int, ...], ...]:
+    """The key frames of each question: eight and one, this project's way to the paper's two predictions for a video."""
+    return tuple(tuple(frames[first : first + BATCH]) for first in range(0, len(frames), BATCH))

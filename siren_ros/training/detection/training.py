@@ -11,10 +11,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from siren_ros.evaluation.detection.average_precision import average_precision, match
 from siren_ros.evaluation.detection.boxes import CLASS_NAMES, FoundBoxes, TruthBoxes, joined, labels_named
 from siren_ros.evaluation.detection.detectors.pillar_detector import FORM_VERSION, detect_pillars
 from siren_ros.evaluation.detection.detectors.pillars import PillarGrid
+from siren_ros.evaluation.detection.devkit_score import average_precision, match
 from siren_ros.evaluation.detection.frames import EpisodeFrames, Frames, frames_of, read_frames
 from siren_ros.evaluation.detection.inputs.stated_boxes import FoundSet
 from siren_ros.evaluation.detection.scoring import VEHICLE_NAMES, counted_boxes

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from detection_boxes import found_boxes, made_boxes, random_boxes, truth_boxes
 
-from siren_ros.evaluation.detection.average_precision import DISTANCES_M, average_precision, match
-from siren_ros.evaluation.detection.devkit_score import devkit_score
+from siren_ros.evaluation.detection.devkit_score import DISTANCES_M, average_precision, devkit_score, match
 
 
 @pytest.mark.parametrize("seed", range(12))

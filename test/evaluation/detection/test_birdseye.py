@@ -15,8 +15,8 @@ from matplotlib.patches import Circle
 from matplotlib.text import Annotation
 
 from siren_ros.evaluation.detection import pictures as birdseye
-from siren_ros.evaluation.detection.average_precision import match
 from siren_ros.evaluation.detection.boxes import Boxes
+from siren_ros.evaluation.detection.devkit_score import match
 from siren_ros.evaluation.detection.frames import Frames, frames_of
 
 

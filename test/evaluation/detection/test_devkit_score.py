@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from detection_boxes import made_boxes
 
-from siren_ros.evaluation.detection.average_precision import DISTANCES_M
 from siren_ros.evaluation.detection.boxes import FoundBoxes, TruthBoxes
-from siren_ros.evaluation.detection.devkit_score import DevkitScore, devkit_score
+from siren_ros.evaluation.detection.devkit_score import DISTANCES_M, DevkitScore, devkit_score
 
 X_M = [0.0, 10.0, 20.0]
 TURNED_RAD = 2.0

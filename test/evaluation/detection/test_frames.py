@@ -15,10 +15,10 @@ from rosbags.typesys.store import Typestore
 from siren_ros.evaluation.detection import frames as episode_reading
 from siren_ros.evaluation.detection.boxes import ATTRIBUTES, attributes_of
 from siren_ros.evaluation.detection.frames import (
+    RANGE_M,
     EpisodeFrames,
     _modes,
     frames_of,
-    in_range,
     read_frames,
     velocities_of_annotations,
 )
@@ -93,7 +93,8 @@ def test_frames_of_two_episodes_are_one_row() -> None:
 def test_the_range_is_a_circle_around_the_vehicle(direction_rad: float, away_m: float, *, inside: bool) -> None:
     frames = made_frames()
     x_m, y_m = frames.vehicle_m[6] + away_m * np.array([np.cos(direction_rad), np.sin(direction_rad)])
-    assert in_range(frames, np.array([6]), np.array([[x_m, y_m, 30.0]])).tolist() == [inside]
+    box = truth_boxes(np.array([6]), np.array([[x_m, y_m, 30.0]]), np.zeros((1, 2)), np.zeros(1))
+    assert (frames.distance_m(box) < RANGE_M).tolist() == [inside]
 
 
 STEPS_in_episode_reading = list(range(4, 42, 2))

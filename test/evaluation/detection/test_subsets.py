@@ -8,8 +8,8 @@ from detection_boxes import truth_boxes
 from evaluation.made_frames import made_frames, to_map
 
 from siren_ros.evaluation.detection.boxes import TruthBoxes
-from siren_ros.evaluation.detection.frames import in_range
-from siren_ros.evaluation.detection.subsets import FAMILIES, SUBSETS, FamilyOrder, Subset, distance_m
+from siren_ros.evaluation.detection.frames import RANGE_M
+from siren_ros.evaluation.detection.subsets import FAMILIES, SUBSETS, FamilyOrder, Subset
 from siren_ros.world.actors import ActorClass, Mode
 
 FRAMES = made_frames()
@@ -41,12 +41,12 @@ def test_each_mode_belongs_to_one_behaviour() -> None:
 
 def test_distances_are_from_the_vehicle_with_the_lidar() -> None:
     boxes = labels_at([0.0, 14.9, 15.1, 29.9, 30.1, 49.9, 50.1, -29.9])
-    assert distance_m(FRAMES, boxes) == pytest.approx([0.0, 14.9, 15.1, 29.9, 30.1, 49.9, 50.1, 29.9])
+    assert FRAMES.distance_m(boxes) == pytest.approx([0.0, 14.9, 15.1, 29.9, 30.1, 49.9, 50.1, 29.9])
     parts = [OF["distance", name] for name in ("0-15 m", "15-30 m", "30-50 m")]
     inside = np.array([part.labels(FRAMES, boxes) for part in parts])
     assert inside.argmax(axis=0)[[0, 1, 2, 3, 4, 5, 7]].tolist() == [0, 0, 1, 1, 2, 2, 1]
     assert inside.sum(axis=0).tolist() == [1, 1, 1, 1, 1, 1, 0, 1]
-    assert in_range(FRAMES, boxes.frame, boxes.centre_m).tolist() == [True] * 6 + [False, True]
+    assert (FRAMES.distance_m(boxes) < RANGE_M).tolist() == [True] * 6 + [False, True]
     for part in parts:
         assert part.detections is not None
         assert np.array_equal(part.detections(FRAMES, boxes), part.labels(FRAMES, boxes))

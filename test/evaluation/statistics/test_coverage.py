@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from siren_ros.evaluation.detection.average_precision import average_precision
+from siren_ros.evaluation.detection.devkit_score import average_precision
 from siren_ros.evaluation.risk.scoring import balanced_accuracy, f1, macro_f1
 from siren_ros.evaluation.statistics.block_means import (
     BlockSums,

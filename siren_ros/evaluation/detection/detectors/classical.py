@@ -27,7 +27,7 @@ _TYPICAL_M: Final = (4.5, 1.9, 1.55)
 
 @dataclass(frozen=True)
 class FittedBox:
-    """In the frame of the points."""
+    """A box in the frame of the points."""
 
     centre_m: Floats
     """Shape ``(3,)``."""
@@ -88,28 +88,20 @@ class Tracker:
     place_m: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     velocity_mps: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     sweeps: Rows = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
-    """How many sweeps each track has been seen in."""
+    """Number of sweeps that each track has been seen in."""
     last_step: Rows = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     step: int = 0
 
     def follow(self, step: int, place_m: Floats, step_s: float) -> tuple[Floats, Rows]:
-        """Takes the boxes of a sweep.
+        """Takes the boxes of a step's sweep by their centres, shape ``(N, 2)``.
 
-        Args:
-            step: Of the sweep.
-            place_m: Centres, shape ``(N, 2)``.
-            step_s: Duration of a step.
-
-        Returns:
-            Velocities, shape ``(N, 2)``, and in how many sweeps each vehicle has been seen, shape ``(N,)``.
+        Returns velocities, shape ``(N, 2)``, and the number of sweeps that each vehicle has been seen in, ``(N,)``.
         """
         passed_s = (step - self.step) * step_s
         self.step = step
         kept = step - self.last_step <= _FORGET_STEPS
-        self.place_m, self.velocity_mps = (
-            self.place_m[kept] + self.velocity_mps[kept] * passed_s,
-            self.velocity_mps[kept],
-        )
+        self.velocity_mps = self.velocity_mps[kept]
+        self.place_m = self.place_m[kept] + self.velocity_mps * passed_s
         self.sweeps, self.last_step = self.sweeps[kept], self.last_step[kept]
         track, box, away = self._pairs(place_m)
         if passed_s > 0.0:
@@ -206,12 +198,7 @@ def _open3d() -> Any:
 
 
 def boxes_of_sweep(open3d: Any, points: npt.NDArray[np.void]) -> list[tuple[FittedBox, int]]:
-    """Boxes of one sweep in the LiDAR's frame, each with its number of returns.
-
-    Args:
-        open3d: The module.
-        points: Sweep with the fields x, y, z.
-    """
+    """Boxes of one sweep (fields x, y, z) in the LiDAR's frame, each with its number of returns."""
     places = np.stack([points[name].astype(np.float64) for name in ("x", "y", "z")], axis=-1)
     flat = np.hypot(places[:, 0], places[:, 1])
     places = places[(flat > _OWN_M) & (flat < _RANGE_M)]
@@ -223,18 +210,17 @@ def boxes_of_sweep(open3d: Any, points: npt.NDArray[np.void]) -> list[tuple[Fitt
     standing, above, heights = places[stands], above[stands], ground[stands]
     if len(standing) < _LEAST_POINTS:
         return []
-    cluster = np.asarray(
-        open3d.geometry.PointCloud(open3d.utility.Vector3dVector(standing)).cluster_dbscan(_NEIGHBOUR_M, _LEAST_POINTS)
-    )
-    found = []
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(standing))
+    cluster = np.asarray(cloud.cluster_dbscan(_NEIGHBOUR_M, _LEAST_POINTS))
+    boxes = []
     for number in range(int(cluster.max(initial=-1)) + 1):
         inside = cluster == number
         if not (_LEAST_TOP_M < above[inside].max() < _HIGHEST_M and above[inside].min() < _MOST_CLEARANCE_M):
             continue
         box = fit_box(standing[inside], float(heights[inside].mean()))
         if box.size_m[0] <= _LONGEST_M and box.size_m[1] <= _WIDEST_M and box.seen_m.max() >= _SMALLEST_M:
-            found.append((box, int(inside.sum())))
-    return found
+            boxes.append((box, int(inside.sum())))
+    return boxes
 
 
 def ground_heights(places: Floats) -> Floats:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -61,7 +61,7 @@ def load_detector(path: Path) -> DetectorNetwork:
     if card.get("form_version") != FORM_VERSION or not isinstance(card.get("grid"), dict):
         raise InputError("checkpoint", str(path), f"a detector of form {FORM_VERSION}, not {card.get('form_version')}")
     grid = PillarGrid.from_json(card["grid"])
-    if [one.name for one in inputs] != list(INPUTS) or inputs[0].shape[1:] != [grid.points, len(FEATURES)]:
+    if [tensor.name for tensor in inputs] != list(INPUTS) or inputs[0].shape[1:] != [grid.points, len(FEATURES)]:
         raise InputError("checkpoint", str(path), f"inputs {', '.join(INPUTS)} as the card's grid has them")
     return DetectorNetwork(network.session, card, grid, tuple(card["class_names"]))
 
@@ -70,8 +70,7 @@ _OWN_HALF_M: Final = (4.2, 1.35)
 """Half length and half width of a box that holds every emergency vehicle: returns inside come from the carrier."""
 
 
-@dataclass(frozen=True)
-class _Sweep:
+class _Sweep(NamedTuple):
     step: int
     xyzi: Floats32
     map_from_lidar: Matrix
@@ -86,12 +85,9 @@ class SweepMemory:
     _held: list[_Sweep] = field(default_factory=list)
 
     def add(self, step: int, points: npt.NDArray[np.void], map_from_lidar: Matrix) -> None:
-        """Takes the sweep of a step; of a step that is not after the last one, the memory begins anew.
+        """Takes the sweep of a step; with a step that is not after the last one, the memory begins anew.
 
-        Args:
-            step: Of the sweep.
-            points: With the fields x, y, z and intensity, in the LiDAR's frame.
-            map_from_lidar: Pose at that step, shape ``(4, 4)``.
+        The points have the fields x, y, z and intensity and are in the LiDAR's frame.
         """
         if self._held and step <= self._held[0].step:
             self._held.clear()
@@ -171,7 +167,7 @@ class PillarDetector:
 
 
 def apart(centre_m: Floats, score: Floats, least_m: float) -> Flags:
-    """Which boxes stay: those that no box with a higher score is nearer to (CenterPoint's circle NMS)."""
+    """Boxes that stay, because no box with a higher score is nearer than that (CenterPoint's circle NMS)."""
     order = np.argsort(-score, kind="stable")
     stays: Flags = np.zeros(len(score), dtype=np.bool_)
     for row in order:
@@ -183,9 +179,7 @@ def apart(centre_m: Floats, score: Floats, least_m: float) -> Flags:
 def detect_pillars(episode: EpisodeFrames, weights: Path | None = None) -> FoundBoxes:
     """Vehicles in all labelled sweeps of an episode, in the ``map`` frame.
 
-    Args:
-        episode: Its frames.
-        weights: An ONNX file with its card; None for those that ship.
+    The weights are an ONNX file with its card; None stands for those that ship.
 
     Raises:
         InputError: The weights cannot be used.

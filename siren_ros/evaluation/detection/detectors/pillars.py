@@ -118,11 +118,8 @@ def pillars_of(points: Floats32, grid: PillarGrid) -> Pillars:
 def sorted_points(points: Floats32, grid: PillarGrid) -> SortedPoints:
     """Sorts points into pillars.
 
-    The sample of a pillar with too many points is drawn with a generator that starts the same in every frame.
-
-    Args:
-        points: Shape ``(N, 5)``, columns as in ``COLUMNS``, the newest sweep first.
-        grid: The pillars.
+    The sample of a pillar with too many points is drawn with a generator that starts the same in every frame. Points
+    have shape ``(N, 5)``, columns as in ``COLUMNS``, the newest sweep first.
     """
     most = min(grid.pillars, grid.cells * grid.cells)
     slots = np.zeros((most, grid.points, len(COLUMNS)), dtype=np.float32)
@@ -135,13 +132,7 @@ def sorted_points(points: Floats32, grid: PillarGrid) -> SortedPoints:
 
 @compiled
 def _sort(
-    points: Array,
-    limits: tuple[float, float, float, float],
-    cells: int,
-    pillar_of_cell: Array,
-    slots: Array,
-    seen: Array,
-    cell: Array,
+    points: Array, limits: tuple[float, ...], cells: int, pillar_of_cell: Array, slots: Array, seen: Array, cell: Array
 ) -> int:
     """Fills the slots of the pillars; returns how many pillars there are."""
     half_width_m, cells_per_m, low_m, high_m = limits
@@ -194,8 +185,8 @@ def _describe(
         for place in range(slots.shape[1]):
             slot = place if place < held else 0
             x, y, z = slots[pillar, slot, 0], slots[pillar, slot, 1], slots[pillar, slot, 2]
-            own = features[pillar, place]
-            own[0], own[1], own[2] = x / half_width_m, y / half_width_m, z / _HEIGHT_M
-            own[3], own[4] = slots[pillar, slot, 3], slots[pillar, slot, 4] / _AGE_S
-            own[5], own[6], own[7] = x - mean_x, y - mean_y, z - mean_z
-            own[8], own[9] = x - middle_x, y - middle_y
+            row = features[pillar, place]
+            row[0], row[1], row[2] = x / half_width_m, y / half_width_m, z / _HEIGHT_M
+            row[3], row[4] = slots[pillar, slot, 3], slots[pillar, slot, 4] / _AGE_S
+            row[5], row[6], row[7] = x - mean_x, y - mean_y, z - mean_z
+            row[8], row[9] = x - middle_x, y - middle_y

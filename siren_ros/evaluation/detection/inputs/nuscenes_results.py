@@ -35,7 +35,9 @@ def read_nuscenes(name: str, path: Path, frames: Frames) -> FoundSet:
     rows = [(frames.by_token[token], box) for token, boxes in results.items() for box in boxes]
     stated = _columns(path, frames, rows)
     check_boxes(str(path), stated, frames.name_of, with_velocity=True)
-    boxes = in_map(stated, _map_from_global(frames, stated))
+    map_from_global = np.tile(np.eye(4), (len(stated.frame), 1, 1))
+    map_from_global[:, :2, 3] = -frames.global_from_map_m[stated.frame]
+    boxes = in_map(stated, map_from_global)
     return FoundSet(name, _FORMAT, boxes, frames.keyframe, has_velocity=True, has_attributes=True)
 
 
@@ -63,10 +65,10 @@ def _columns(path: Path, frames: Frames, rows: list[tuple[int, Any]]) -> StatedB
 
     attributes = []
     for frame, box in rows:
-        stated = box.get("attribute_name", "") if isinstance(box, dict) else ""
         if not isinstance(box, dict) or not isinstance(box.get("detection_name"), str):
             raise InputError("detections", f"{path}: {frames.name_of(frame)}", "a detection_name in each box")
-        attributes.append(ATTRIBUTES.index(stated) if stated in ATTRIBUTES else 0)
+        attribute = box.get("attribute_name", "")
+        attributes.append(ATTRIBUTES.index(attribute) if attribute in ATTRIBUTES else 0)
     return StatedBoxes(
         frame=np.array([frame for frame, _ in rows], dtype=np.intp),
         centre_m=column("translation", 3),
@@ -79,34 +81,27 @@ def _columns(path: Path, frames: Frames, rows: list[tuple[int, Any]]) -> StatedB
     )
 
 
-def _map_from_global(frames: Frames, boxes: StatedBoxes) -> Floats:
-    matrices = np.tile(np.eye(4), (len(boxes.frame), 1, 1))
-    matrices[:, :2, 3] = -frames.global_from_map_m[boxes.frame]
-    return matrices
-
-
-def write_nuscenes(path: Path, found: FoundBoxes, frames: Frames) -> None:
+def write_nuscenes(path: Path, boxes: FoundBoxes, frames: Frames) -> None:
     """Writes boxes of keyframes as such a file."""
     results: dict[str, list[dict[str, Any]]] = {token: [] for token in frames.by_token}
     tokens = {frame: token for token, frame in frames.by_token.items()}
-    for row, frame in enumerate(found.frame.tolist()):
+    for row, frame in enumerate(boxes.frame.tolist()):
         if frame not in tokens:
             continue
-        centre = found.centre_m[row].copy()
+        centre = boxes.centre_m[row].copy()
         centre[:2] += frames.global_from_map_m[frame]
-        half = float(found.yaw_rad[row]) / 2.0
+        half = float(boxes.yaw_rad[row]) / 2.0
         results[tokens[frame]].append(
             {
                 "sample_token": tokens[frame],
                 "translation": centre.tolist(),
-                "size": found.size_m[row, [1, 0, 2]].tolist(),
+                "size": boxes.size_m[row, [1, 0, 2]].tolist(),
                 "rotation": [float(np.cos(half)), 0.0, 0.0, float(np.sin(half))],
-                "velocity": np.nan_to_num(found.velocity_mps[row]).tolist(),
-                "detection_name": str(found.label[row]),
-                "detection_score": float(found.score[row]),
-                "attribute_name": ATTRIBUTES[found.attribute[row]],
+                "velocity": np.nan_to_num(boxes.velocity_mps[row]).tolist(),
+                "detection_name": str(boxes.label[row]),
+                "detection_score": float(boxes.score[row]),
+                "attribute_name": ATTRIBUTES[boxes.attribute[row]],
             }
         )
-    kinds = ("use_camera", "use_radar", "use_map", "use_external")
-    meta = {"use_lidar": True, **dict.fromkeys(kinds, False)}
+    meta = {"use_lidar": True, **dict.fromkeys(("use_camera", "use_radar", "use_map", "use_external"), False)}
     path.write_text(json.dumps({"meta": meta, "results": results}) + "\n", encoding="utf-8")

@@ -12,49 +12,41 @@ from siren_ros.datasets.nuscenes.episode_tables import NUSCENES_FROM_LIDAR
 from siren_ros.errors import InputError
 from siren_ros.evaluation.detection.boxes import FoundBoxes
 from siren_ros.evaluation.detection.frames import Frames
-from siren_ros.evaluation.detection.inputs.stated_boxes import (
-    FoundSet,
-    StatedBoxes,
-    check_boxes,
-    in_map,
-    quaternions_of_yaw,
-)
+from siren_ros.evaluation.detection.inputs import stated_boxes
 from siren_ros.numerics.arrays import Flags, Floats, Rows
 
 
 def _array_of_buffer(buffer: Any, dtype: Any, shape: tuple[int, ...], order: Literal["C", "F", "A"]) -> Any:
-    """How pickles of protocol 5 hold arrays of numbers."""
+    """Arrays of numbers in pickles of protocol 5."""
     return np.frombuffer(buffer, dtype=dtype).reshape(shape, order=order)
 
 
-_KNOWN: Final[dict[tuple[str, str], Any]] = {
+def _latin_bytes(text: object, encoding: object) -> bytes:
+    """Bytes in old pickles."""
+    if not isinstance(text, str) or encoding != "latin1":
+        raise pickle.UnpicklingError(f"it asks for an encoding {encoding!r}")
+    return text.encode("latin1")
+
+
+_CORES: Final = ("numpy.core", "numpy._core")
+_ARRAYS: Final = ("_reconstruct", "scalar")
+_KNOWN: Final[dict[str, Any]] = {
     **{
-        (f"{core}.multiarray", name): getattr(multiarray, name)
-        for core in ("numpy.core", "numpy._core")
-        for name in ("_reconstruct", "scalar")
+        f"{core}.multiarray.{name}": getattr(multiarray, name) for core in _CORES for name in ("_reconstruct", "scalar")
     },
-    **{(f"{core}.numeric", "_frombuffer"): _array_of_buffer for core in ("numpy.core", "numpy._core")},
-    ("numpy", "ndarray"): np.ndarray,
-    ("numpy", "dtype"): np.dtype,
+    **{f"{core}.numeric._frombuffer": _array_of_buffer for core in _CORES},
+    "numpy.ndarray": np.ndarray,
+    "numpy.dtype": np.dtype,
+    "_codecs.encode": _latin_bytes,
 }
 
 
 class _NumbersOnly(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
         """A function that rebuilds an array; UnpicklingError for anything else."""
-        known = _KNOWN.get((module, name))
-        if known is not None:
-            return known
-        if (module, name) == ("_codecs", "encode"):
-            return _latin_bytes
-        raise pickle.UnpicklingError(f"it asks for {module}.{name}")
-
-
-def _latin_bytes(text: object, encoding: object) -> bytes:
-    """How old pickles hold bytes."""
-    if not isinstance(text, str) or encoding != "latin1":
-        raise pickle.UnpicklingError(f"it asks for an encoding {encoding!r}")
-    return text.encode("latin1")
+        if (known := f"{module}.{name}") not in _KNOWN:
+            raise pickle.UnpicklingError(f"it asks for {known}")
+        return _KNOWN[known]
 
 
 def load_numbers(path: Path) -> Any:
@@ -76,8 +68,8 @@ _FORMAT = "OpenPCDet results"
 _WITH_VELOCITY = 9
 
 
-def read_openpcdet(name: str, path: Path, frames: Frames) -> FoundSet:
-    """Reads a file of either dataset; every frame of that dataset has to be in it.
+def read_openpcdet(name: str, path: Path, frames: Frames) -> stated_boxes.FoundSet:
+    """Reads a file of either dataset, which needs every frame of that dataset.
 
     Raises:
         InputError: No such file, a frame that the bags do not have or that is missing, or a box that means nothing.
@@ -89,23 +81,20 @@ def read_openpcdet(name: str, path: Path, frames: Frames) -> FoundSet:
     scored = frames.keyframe if by_token else np.ones(len(frames), dtype=np.bool_)
     numbers = np.array([_frame_of(path, entry, frames, by_token=by_token) for entry in content], dtype=np.intp)
     _check_complete(path, numbers, scored, frames)
-    width = max(map(_width, content))
+    shapes = [np.shape(np.asarray(entry.get("boxes_lidar", ()))) for entry in content]
+    width = max(shape[1] if len(shape) == 2 else 0 for shape in shapes)
     stated = _columns(path, content, numbers, frames, width)
-    check_boxes(str(path), stated, frames.name_of, with_velocity=width == _WITH_VELOCITY)
+    stated_boxes.check_boxes(str(path), stated, frames.name_of, with_velocity=width == _WITH_VELOCITY)
     matrices = frames.map_from_lidar[stated.frame]
     if by_token:
         matrices = matrices @ np.linalg.inv(NUSCENES_FROM_LIDAR)
-    return FoundSet(name, _FORMAT, in_map(stated, matrices), scored, width == _WITH_VELOCITY)
-
-
-def _width(entry: dict[str, Any]) -> int:
-    boxes = np.asarray(entry.get("boxes_lidar", ()))
-    return int(boxes.shape[1]) if boxes.ndim == 2 else 0
+    boxes = stated_boxes.in_map(stated, matrices)
+    return stated_boxes.FoundSet(name, _FORMAT, boxes, scored, width == _WITH_VELOCITY)
 
 
 def _metadata(entry: dict[str, Any]) -> dict[str, Any]:
-    found = entry.get("metadata")
-    return found if isinstance(found, dict) else {}
+    metadata = entry.get("metadata")
+    return metadata if isinstance(metadata, dict) else {}
 
 
 def _frame_of(path: Path, entry: dict[str, Any], frames: Frames, *, by_token: bool) -> int:
@@ -131,48 +120,47 @@ def _check_complete(path: Path, numbers: Rows, scored: Flags, frames: Frames) ->
         raise InputError("detections", f"{path}: nothing for {given}", "an entry for every frame of the dataset")
 
 
-def _columns(path: Path, content: list[Any], numbers: Rows, frames: Frames, width: int) -> StatedBoxes:
+def _columns(path: Path, content: list[Any], numbers: Rows, frames: Frames, width: int) -> stated_boxes.StatedBoxes:
     boxes: list[Floats] = [np.zeros((0, max(width, 7)))]
     scores, names, counts = [np.zeros(0)], [np.zeros(0, dtype=np.str_)], []
     for frame, entry in zip(numbers.tolist(), content, strict=True):
         try:
-            found = np.asarray(entry["boxes_lidar"], dtype=np.float64)
+            table = np.asarray(entry["boxes_lidar"], dtype=np.float64)
             score = np.asarray(entry["score"], dtype=np.float64)
             name = np.asarray(entry["name"], dtype=np.str_)
         except (KeyError, ValueError, TypeError) as error:
             given = f"{path}: {frames.name_of(frame)}: {error}"
             raise InputError("detections", given, "name, score and boxes_lidar in each frame") from error
-        found = found if found.size else boxes[0]
-        usable = name.shape == score.shape == found.shape[:1] and width in {0, 7, _WITH_VELOCITY}
-        if not usable or found.shape[1:] != (max(width, 7),):
+        table = table if table.size else boxes[0]
+        usable = name.shape == score.shape == table.shape[:1] and width in {0, 7, _WITH_VELOCITY}
+        if not usable or table.shape[1:] != (max(width, 7),):
             others = f"{name.size} names, {score.size} scores"
-            given = f"{path}: {frames.name_of(frame)}: boxes_lidar of shape {found.shape}, {others}"
+            given = f"{path}: {frames.name_of(frame)}: boxes_lidar of shape {table.shape}, {others}"
             raise InputError("detections", given, "a name, a score and 7 numbers for each box, or 9 with its velocity")
-        boxes.append(found)
+        boxes.append(table)
         scores.append(score)
         names.append(name)
         counts.append(len(score))
     rows = np.concatenate(boxes)
     velocity = rows[:, 7:9] if width == _WITH_VELOCITY else np.full((len(rows), 2), np.nan)
-    return StatedBoxes(
+    return stated_boxes.StatedBoxes(
         frame=np.repeat(numbers, counts),
         centre_m=rows[:, :3],
         size_m=rows[:, 3:6],
-        rotation_wxyz=quaternions_of_yaw(rows[:, 6]),
+        rotation_wxyz=stated_boxes.quaternions_of_yaw(rows[:, 6]),
         velocity_mps=velocity,
         score=np.concatenate(scores),
         label=np.char.lower(np.concatenate(names)),
-        attribute=None,
     )
 
 
-def openpcdet_entries(found: FoundBoxes, frames: Frames, *, nuscenes: bool) -> list[dict[str, Any]]:
+def openpcdet_entries(boxes: FoundBoxes, frames: Frames, *, nuscenes: bool) -> list[dict[str, Any]]:
     """Boxes in the form of a result file, of the custom dataset or of the nuScenes dataset."""
     matrices = frames.map_from_lidar @ (np.linalg.inv(NUSCENES_FROM_LIDAR) if nuscenes else np.eye(4))
     tokens = {frame: token for token, frame in frames.by_token.items()}
     entries = []
     for frame in np.flatnonzero(frames.keyframe if nuscenes else np.ones(len(frames))).tolist():
-        here = found.at(found.frame == frame)
+        here = boxes.at(boxes.frame == frame)
         inverse = np.linalg.inv(matrices[frame])
         turn = float(np.arctan2(inverse[1, 0], inverse[0, 0]))
         columns = (

@@ -49,7 +49,7 @@ class StatedBoxes:
     """Shape ``(N, 2)``; NaN in all rows of a format without velocities."""
     score: Floats
     label: npt.NDArray[np.str_]
-    attribute: Codes | None
+    attribute: Codes | None = None
     """Indices into ``ATTRIBUTES``; None for a format without attributes: they follow from the velocity."""
 
 
@@ -66,37 +66,28 @@ def yaws_of_quaternions(rotation_wxyz: Floats) -> Floats:
 
 
 def check_boxes(source: str, boxes: StatedBoxes, name_of: Callable[[int], str], *, with_velocity: bool) -> None:
-    """Refuses boxes that mean nothing.
-
-    Args:
-        source: The file, for the error.
-        boxes: Its boxes.
-        name_of: Names a frame for the error.
-        with_velocity: Whether the format has velocities, so that each box needs one.
+    """Refuses boxes that mean nothing; ``source`` and ``name_of`` name the file and a frame in the error.
 
     Raises:
-        InputError: The first box that cannot be used, and why.
+        InputError: The first box that cannot be used, with the reason. Where the format has velocities, each box needs
+            one.
     """
     length = np.linalg.norm(boxes.rotation_wxyz, axis=1)
-    checks: tuple[tuple[Flags, str, npt.NDArray[np.float64], str], ...] = (
+    lost = ~np.isfinite(boxes.velocity_mps).all(axis=1) & with_velocity
+    checks: tuple[tuple[Flags, str, Floats, str], ...] = (
         (~np.isfinite(boxes.centre_m).all(axis=1), "centre", boxes.centre_m, "finite numbers"),
         (~(np.isfinite(boxes.size_m) & (boxes.size_m > 0.0)).all(axis=1), "size", boxes.size_m, "sizes above 0"),
         (~(abs(length - 1.0) < _UNIT_TOLERANCE), "rotation", boxes.rotation_wxyz, "quaternions of length 1"),
         (~((boxes.score >= 0.0) & (boxes.score <= 1.0)), "score", boxes.score, "scores from 0 to 1"),
-        (
-            ~np.isfinite(boxes.velocity_mps).all(axis=1) & with_velocity,
-            "velocity",
-            boxes.velocity_mps,
-            "finite numbers",
-        ),
+        (lost, "velocity", boxes.velocity_mps, "finite numbers"),
     )
     first = min((int(bad.argmax()) for bad, *_ in checks if bad.any()), default=None)
     if first is not None:
         _, name, values, allowed = next(check for check in checks if check[0][first])
         frame = int(boxes.frame[first])
         number = int((boxes.frame[:first] == frame).sum())
-        said = np.round(np.atleast_1d(values[first]), 6).tolist()
-        raise InputError("detections", f"{source}: {name_of(frame)}, box {number}: {name} {said}", allowed)
+        given = f"{name} {np.round(np.atleast_1d(values[first]), 6).tolist()}"
+        raise InputError("detections", f"{source}: {name_of(frame)}, box {number}: {given}", allowed)
     counts = np.bincount(boxes.frame)
     if counts.size and counts.max() > MOST_BOXES:
         frame = int((counts > MOST_BOXES).argmax())
@@ -105,25 +96,18 @@ def check_boxes(source: str, boxes: StatedBoxes, name_of: Callable[[int], str], 
 
 
 def in_map(boxes: StatedBoxes, map_from_stated: Floats) -> FoundBoxes:
-    """The boxes in the ``map`` frame.
-
-    Args:
-        boxes: As a file states them.
-        map_from_stated: Transform of each box's frame, shape ``(N, 4, 4)``.
-    """
+    """The boxes in the ``map`` frame, by the transform of each box's frame, shape ``(N, 4, 4)``."""
     turn, shift = map_from_stated[:, :3, :3], map_from_stated[:, :3, 3]
     yaw = yaws_of_quaternions(boxes.rotation_wxyz)
-    ahead = np.stack((np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)), axis=-1)
-    ahead = np.einsum("nij,nj->ni", turn, ahead)
+    ahead = np.einsum("nij,nj->ni", turn, np.stack((np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)), axis=-1))
     velocity = np.einsum("nij,nj->ni", turn[:, :2, :2], boxes.velocity_mps)
-    attribute = attributes_of(velocity) if boxes.attribute is None else boxes.attribute
     return FoundBoxes(
         frame=boxes.frame,
         centre_m=np.einsum("nij,nj->ni", turn, boxes.centre_m) + shift,
         size_m=boxes.size_m,
         yaw_rad=np.arctan2(ahead[:, 1], ahead[:, 0]),
         velocity_mps=velocity,
-        attribute=attribute,
+        attribute=attributes_of(velocity) if boxes.attribute is None else boxes.attribute,
         score=boxes.score,
         label=boxes.label,
     )

@@ -48,7 +48,6 @@ def read_topic(name: str, topic: str, frames: Frames) -> FoundSet:
         velocity_mps=np.full((len(table), 2), np.nan),
         score=table[:, 10],
         label=np.array([row[-1] for row in rows], dtype=np.str_),
-        attribute=None,
     )
     check_boxes(topic, stated, frames.name_of, with_velocity=False)
     boxes = in_map(stated, np.array(matrices).reshape(-1, 4, 4))
@@ -58,8 +57,8 @@ def read_topic(name: str, topic: str, frames: Frames) -> FoundSet:
 def _messages(episode: EpisodeFrames, topic: str) -> Iterator[tuple[int, Any]]:
     with open_source(Path(episode.bag)) as source:
         if source.bag.type_names.get(topic) != _TYPE:
-            found = sorted(name for name, kind in source.bag.type_names.items() if kind == _TYPE)
-            raise InputError("detections", f"{topic} in {episode.bag}", f"a topic of type {_TYPE}: {', '.join(found)}")
+            topics = ", ".join(sorted(name for name, kind in source.bag.type_names.items() if kind == _TYPE))
+            raise InputError("detections", f"{topic} in {episode.bag}", f"a topic of type {_TYPE}: {topics}")
         for step, held in source.messages_by_step({topic}):
             yield step, held[topic].read()
 
@@ -68,7 +67,7 @@ def _row(place: str, detection: Any) -> tuple[Any, ...]:
     if not len(detection.results):
         raise InputError("detections", f"{place}: a detection without results", "a hypothesis for each detection")
     with damage_refused(Path(place)):
-        best = max((result.hypothesis for result in detection.results), key=lambda one: float(one.score))
+        best = max((result.hypothesis for result in detection.results), key=lambda hypothesis: float(hypothesis.score))
         centre, turn, size = detection.bbox.center.position, detection.bbox.center.orientation, detection.bbox.size
         places = (centre.x, centre.y, centre.z, size.x, size.y, size.z, turn.w, turn.x, turn.y, turn.z)
         return (*places, float(best.score), str(best.class_id).lower())

@@ -4,10 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from siren_ros.evaluation.risk.evidence import Evidence, Moments, SeenContact, SeenEncroachment
-from siren_ros.evaluation.risk.labels import RiskThresholds, label_of
-from siren_ros.evaluation.risk.video_frames import key_frames
-from siren_ros.evaluation.risk.video_set import VIDEO_FRAMES, RiskVideo, VideoSet, read_set
+from siren_ros.evaluation.risk.labels import Evidence, Moments, RiskThresholds, SeenContact, SeenEncroachment, label_of
+from siren_ros.evaluation.risk.video_set import VIDEO_FRAMES, RiskVideo, VideoSet, key_frames, read_set
 from siren_ros.pictures.video import write_video
 
 

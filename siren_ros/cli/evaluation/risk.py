@@ -11,8 +11,7 @@ from tqdm import tqdm
 from siren_ros.cli.options import check_numbers, named_path, positive, steps_of
 from siren_ros.errors import EXIT_OK, InputError, whole_file, writing
 from siren_ros.evaluation.risk.answers import REFERENCES, Answers, checked_answers, read_answers
-from siren_ros.evaluation.risk.confusion_picture import save_confusions
-from siren_ros.evaluation.risk.risk_page import write_page
+from siren_ros.evaluation.risk.risk_page import save_confusions, write_page
 from siren_ros.evaluation.risk.scoring import ModelScores, score_answers
 from siren_ros.evaluation.risk.tables import csv_of_scores, scores_as_json, tables_of
 from siren_ros.evaluation.risk.video_set import VideoSet, missing_files, read_set

@@ -17,7 +17,7 @@ Answers = Mapping[str, RiskClass | None]
 """Final answer by video; None where the model answered and nothing could be read from it."""
 
 UNREADABLE = "unreadable"
-"""What a file of answers says in place of a class where nothing could be read from the model's text."""
+"""Stands in a file of answers in place of a class where nothing could be read from the model's text."""
 _FORMATS = 'JSON {"S1_000": "Normal", …} or CSV with the columns video and class'
 
 
@@ -87,10 +87,10 @@ def oracle(videos: VideoSet) -> Answers:
 
 
 def sequence(videos: VideoSet) -> Answers:
-    """What the shipped network sees in the pictures; videos whose file is missing have no answer."""
-    lost = set(missing_files(videos))
-    there = {key: video for key, video in videos.videos.items() if key not in lost}
-    return load_sequence_model().answers(replace(videos, videos=there))
+    """The answers of the shipped network, which sees the pictures; videos whose file is missing have none."""
+    missing = missing_files(videos)
+    present = {key: video for key, video in videos.videos.items() if key not in missing}
+    return load_sequence_model().answers(replace(videos, videos=present))
 
 
 REFERENCES: Final[Mapping[str, Callable[[VideoSet], Answers]]] = {

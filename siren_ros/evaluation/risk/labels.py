@@ -1,19 +1,23 @@
-"""Reference labels: Normal, Near-Miss or Collision, from contacts and surrogate safety measures."""
+"""Reference labels: Normal, Near-Miss or Collision, from the conflicts that a camera on the EMV saw."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import IntEnum, StrEnum
+from typing import Final
 
 import numpy as np
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.risk.evidence import Evidence, Moments
-from siren_ros.evaluation.surrogate_safety import longest_run_s
-from siren_ros.numerics.arrays import Floats
+from siren_ros.evaluation.surrogate_safety import Encounters, conflict_series, longest_run_s, post_encroachment
+from siren_ros.numerics.arrays import Flags, Floats, Ids
+from siren_ros.numerics.geometry import footprint_corners
+from siren_ros.recording.episode_record import EpisodeRecord, StateRows, Steps
+from siren_ros.sensors.specification import Mount
+from siren_ros.world.traffic_state import EventKind
 
 
 class RiskClass(IntEnum):
-    """What a scene comes to, by severity (paper, "Risk understanding")."""
+    """The outcome of a scene, by severity (paper, "Risk understanding")."""
 
     NORMAL = 0
     NEAR_MISS = 1
@@ -26,7 +30,7 @@ class RiskClass(IntEnum):
 
 
 _TITLES = {RiskClass.NORMAL: "Normal", RiskClass.NEAR_MISS: "Near-Miss", RiskClass.COLLISION: "Collision"}
-TITLES = tuple(_TITLES[one] for one in RiskClass)
+TITLES = tuple(risk.title for risk in RiskClass)
 
 
 def risk_class(title: str) -> RiskClass:
@@ -51,9 +55,155 @@ def most_severe(classes: Iterable[RiskClass]) -> RiskClass:
     return max(classes)
 
 
+def in_view(encounters: Encounters, mount: Mount, horizontal_fov_rad: float, range_m: float) -> Flags:
+    """Whether a part of each pair's other vehicle lies within the view of a camera on the subject, shape ``(N,)``.
+
+    A vehicle is in view where a corner of its footprint lies within the horizontal field of view (its full angle) and
+    within the range from the camera, which is mounted in the subject's ``base_link``. Objects between are not
+    considered: the pictures' instance masks tell which vehicles were really seen.
+    """
+    subject, other = encounters.subject, encounters.other
+    corners = footprint_corners(other.x_m, other.y_m, other.yaw_rad, *encounters.other_size_m.T)
+    cos, sin = np.cos(subject.yaw_rad), np.sin(subject.yaw_rad)
+    eye_x = subject.x_m + cos * mount.x_m - sin * mount.y_m
+    eye_y = subject.y_m + sin * mount.x_m + cos * mount.y_m
+    dx, dy = corners[..., 0] - eye_x[:, None], corners[..., 1] - eye_y[:, None]
+    look = subject.yaw_rad + mount.yaw_rad
+    ahead = dx * np.cos(look)[:, None] + dy * np.sin(look)[:, None]
+    aside = dy * np.cos(look)[:, None] - dx * np.sin(look)[:, None]
+    within = np.abs(np.arctan2(aside, ahead)) <= 0.5 * horizontal_fov_rad
+    return np.asarray((within & (np.hypot(ahead, aside) <= range_m)).any(axis=1))
+
+
+VIEW_RANGE_M: Final = 80.0
+"""Beyond this a car is a few pixels wide in a picture of 800 pixels and 100 degrees."""
+SEEN_BEFORE_STEPS: Final = 40
+"""A conflict counts if the camera saw the other vehicle at any time of the two seconds up to it."""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """The view of the camera that makes the video."""
+
+    mount: Mount
+    horizontal_fov_rad: float
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Pairs of the EMV and a seen civilian on a collision course; arrays of shape ``(N,)`` sorted by actor and step."""
+
+    step: Steps
+    actor_id: Ids
+    time_to_collision_s: Floats
+    closing_mps: Floats
+    required_deceleration_mps2: Floats
+    gap_m: Floats
+
+    def __len__(self) -> int:
+        return len(self.step)
+
+    def at(self, rows: Flags) -> "Moments":
+        """Some of the rows."""
+        return Moments(*(getattr(self, column.name)[rows] for column in fields(Moments)))
+
+
+@dataclass(frozen=True)
+class SeenEncroachment:
+    """The least PET of the EMV and a seen civilian."""
+
+    actor_id: int
+    step: int
+    time_s: float
+
+
+@dataclass(frozen=True)
+class SeenContact:
+    """A contact of the EMV with a seen civilian."""
+
+    actor_id: int
+    step: int
+    impact_mps: float
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The conflicts of a window of an episode; steps are the episode's."""
+
+    moments: Moments
+    encroachments: tuple[SeenEncroachment, ...]
+    contacts: tuple[SeenContact, ...]
+
+    def within(self, first_step: int, end_step: int) -> "Evidence":
+        """The part from a step to the one before another."""
+        inside = (self.moments.step >= first_step) & (self.moments.step < end_step)
+        return Evidence(
+            self.moments.at(inside),
+            tuple(conflict for conflict in self.encroachments if first_step <= conflict.step < end_step),
+            tuple(conflict for conflict in self.contacts if first_step <= conflict.step < end_step),
+        )
+
+
+def evidence_of(record: EpisodeRecord, emv_id: int, camera: Camera, steps: tuple[int, int]) -> Evidence:
+    """The conflicts between an EMV and the civilians in its camera's view, within a window of an episode.
+
+    The window is given by its first step and the one after its last.
+
+    Raises:
+        InputError: The EMV is no actor of the episode.
+    """
+    series = conflict_series(record, emv_id, steps)
+    pairs, contacts = series.encounters, series.contacts
+    visible = in_view(pairs, camera.mount, camera.horizontal_fov_rad, VIEW_RANGE_M)
+    seen = _recently(visible, pairs.actor_id, pairs.step)
+    measures = contacts.time_s, contacts.closing_mps, contacts.required_deceleration_mps2, contacts.gap_m
+    moments = Moments(pairs.step, pairs.actor_id, *measures).at(seen & np.isfinite(contacts.time_s))
+    seen_at = set(zip(pairs.actor_id[seen].tolist(), pairs.step[seen].tolist(), strict=True))
+    encroachments = tuple(_encroachments(record, emv_id, steps, seen_at))
+    return Evidence(moments, encroachments, tuple(_contacts(record, emv_id, steps, seen_at)))
+
+
+def _recently(visible: Flags, actor_id: Ids, step: Steps) -> Flags:
+    """Whether each pair's actor was visible at one of its last SEEN_BEFORE_STEPS."""
+    last = np.full(len(step), -np.inf)
+    last[visible] = step[visible]
+    first = np.flatnonzero(np.append(True, actor_id[1:] != actor_id[:-1]))
+    for begin, end in zip(first, np.append(first[1:], len(step)), strict=True):
+        last[begin:end] = np.maximum.accumulate(last[begin:end])
+    return np.asarray(step - last <= SEEN_BEFORE_STEPS)
+
+
+def _encroachments(
+    record: EpisodeRecord, emv_id: int, steps: tuple[int, int], seen_at: set[tuple[int, int]]
+) -> Iterator[SeenEncroachment]:
+    def way(actor_id: int) -> tuple[StateRows, tuple[float, float]]:
+        track, actor = record.track(actor_id), record.actors[actor_id]
+        return track.select((track.step >= steps[0]) & (track.step < steps[1])), (actor.length_m, actor.width_m)
+
+    emv, size_m = way(emv_id)
+    for actor_id in sorted({actor for actor, _ in seen_at}):
+        track, other_size_m = way(actor_id)
+        pet = post_encroachment(emv, track, size_m, other_size_m)
+        if pet is not None and (actor_id, pet.step) in seen_at:
+            yield SeenEncroachment(actor_id, pet.step, pet.time_s)
+
+
+def _contacts(
+    record: EpisodeRecord, emv_id: int, steps: tuple[int, int], seen_at: set[tuple[int, int]]
+) -> Iterator[SeenContact]:
+    for event in record.events_of(EventKind.COLLISION):
+        pair = {event.actor_id, event.other_id}
+        if emv_id not in pair or not steps[0] <= event.step < steps[1]:
+            continue
+        other = next(iter(pair - {emv_id}))
+        # A contact stops both; the step itself may be the first at which they touch.
+        if {(other, event.step), (other, event.step - 1)} & seen_at:
+            yield SeenContact(other, event.step, float(event.detail["impact_speed_mps"]))
+
+
 @dataclass(frozen=True)
 class RiskThresholds:
-    """From when on an interaction is a near-miss. The paper publishes none; each has its source.
+    """Limits from which on an interaction is a near-miss. The paper publishes none; each has its source.
 
     A collision has no threshold: every contact is one, as the paper derives its labels from collision events and the
     models are told that touching is a collision.
@@ -62,7 +212,7 @@ class RiskThresholds:
     time_to_collision_s: float = 1.5
     """TTC below which a conflict is serious (Hayward 1972; van der Horst 1990: 1.5 s)."""
     time_to_collision_for_s: float = 0.2
-    """How long without interruption, so that a flicker of one step is none."""
+    """Duration without interruption, so that a flicker of one step is none."""
     closing_mps: float = 1.0
     """Slower closing is manoeuvring in a queue."""
     post_encroachment_s: float = 1.0
@@ -74,7 +224,7 @@ class RiskThresholds:
 
 
 class Reason(StrEnum):
-    """What decided a label."""
+    """The finding that decided a label."""
 
     NOTHING = "nothing"
     TIME_TO_COLLISION = "time_to_collision"
@@ -106,9 +256,9 @@ def label_of(evidence: Evidence, thresholds: RiskThresholds) -> RiskLabel:
         ),
         *_short_times(evidence.moments, thresholds),
         *(
-            RiskLabel(RiskClass.NEAR_MISS, Reason.POST_ENCROACHMENT, one.actor_id, one.step, one.time_s)
-            for one in evidence.encroachments
-            if one.time_s < thresholds.post_encroachment_s
+            RiskLabel(RiskClass.NEAR_MISS, Reason.POST_ENCROACHMENT, pet.actor_id, pet.step, pet.time_s)
+            for pet in evidence.encroachments
+            if pet.time_s < thresholds.post_encroachment_s
         ),
         *_hard_decelerations(evidence.moments, thresholds),
     ]

@@ -1,17 +1,21 @@
-"""One HTML page of a set of risk videos: each plays next to its label, its measures over time and the answers."""
+"""One HTML page of a set of risk videos: each plays next to its label, its measures over time and the answers.
+
+Also the confusion matrices of a model as a picture.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from os.path import relpath
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 from urllib.parse import quote
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from siren_ros.errors import whole_file, writing
-from siren_ros.evaluation.risk.answers import Answers
-from siren_ros.evaluation.risk.labels import TITLES, Reason, RiskClass, RiskThresholds
+from siren_ros.evaluation.risk.answers import UNREADABLE, Answers
+from siren_ros.evaluation.risk.labels import TITLES, Reason, RiskThresholds
 from siren_ros.evaluation.risk.scoring import ModelScores
 from siren_ros.evaluation.risk.video_set import RiskVideo, VideoSet
 from siren_ros.numerics.arrays import Floats
@@ -22,13 +26,11 @@ FRAME_S: Final = 0.1
 """From one frame of a video to the next."""
 
 
-@dataclass(frozen=True)
-class Dot:
+class Dot(NamedTuple):
     """One event: a time in the video and a value."""
 
     at_s: float
     value: float
-    actor_id: int
 
 
 @dataclass(frozen=True)
@@ -46,16 +48,11 @@ class Curves:
     contacts: tuple[Dot, ...]
     """Impact speeds in m/s."""
     moment_s: float | None
-    """When that happened which decided the label."""
+    """Time of the conflict that decided the label; None without one."""
 
 
 def curves_of(video: RiskVideo, thresholds: RiskThresholds) -> Curves:
-    """The curves of a video.
-
-    Args:
-        video: The video with its evidence.
-        thresholds: Of the labels: slower closing and farther vehicles do not count, and are left out.
-    """
+    """The curves of a video; slower closing and farther vehicles than the labels' thresholds are left out."""
     count = round(video.frames * FRAME_S / STEP_S)
     moments, first = video.evidence.moments, video.first_step
     inside = (moments.step >= first) & (moments.step < first + count)
@@ -72,8 +69,8 @@ def curves_of(video: RiskVideo, thresholds: RiskThresholds) -> Curves:
         np.arange(count) * STEP_S,
         least,
         most,
-        tuple(Dot(second(one.step), one.time_s, one.actor_id) for one in video.evidence.encroachments),
-        tuple(Dot(second(one.step), one.impact_mps, one.actor_id) for one in video.evidence.contacts),
+        tuple(Dot(second(pet.step), pet.time_s) for pet in video.evidence.encroachments),
+        tuple(Dot(second(hit.step), hit.impact_mps) for hit in video.evidence.contacts),
         second(video.label.step) if video.label.actor_id else None,
     )
 
@@ -94,12 +91,12 @@ class Chart:
     top: float
     """Value at the upper edge; greater ones are drawn there."""
     limit: float
-    """From where on the measure counts as a near-miss."""
+    """Value from which on the measure counts as a near-miss."""
     limit_y: float
     path: str
     """Of the SVG path; empty without a value."""
     dots: tuple[tuple[float, float, str], ...]
-    """x, y and what to say of it."""
+    """x, y and the text of each."""
     extreme: str
     """The most critical value and its time, in words."""
 
@@ -114,14 +111,14 @@ def charts_of(curves: Curves, thresholds: RiskThresholds) -> tuple[Chart, ...]:
     ) -> Chart:
         known = np.flatnonzero(np.isfinite(values))
         at = known[worst(values[known])] if len(known) else None
-        extreme = "" if at is None else _said(time_s[at], values[at], unit)
+        extreme = "" if at is None else _text_of(time_s[at], values[at], unit)
         return Chart(title, unit, top, limit, _y(limit, top), _svg_path(time_s * across, values, top), (), extreme)
 
     ttc, drac = curves.time_to_collision_s, curves.required_deceleration_mps2
     top, limit = _ENCROACHMENT_MAX_S, thresholds.post_encroachment_s
-    dots = [(dot.at_s, dot.value) for dot in curves.encroachments]
-    drawn = tuple((at * across, _y(value, top), _said(at, value, "s")) for at, value in dots)
-    least = _said(*min(dots, key=lambda dot: dot[1]), "s") if dots else ""
+    dots = curves.encroachments
+    drawn = tuple((at_s * across, _y(value, top), _text_of(at_s, value, "s")) for at_s, value in dots)
+    least = _text_of(*min(dots, key=lambda dot: dot.value), "s") if dots else ""
     return (
         line("TTC", "s", ttc, _TIME_TO_COLLISION_MAX_S, thresholds.time_to_collision_s, np.argmin),
         Chart("PET", "s", top, limit, _y(limit, top), "", drawn, least),
@@ -129,7 +126,7 @@ def charts_of(curves: Curves, thresholds: RiskThresholds) -> tuple[Chart, ...]:
     )
 
 
-def _said(at_s: float, value: float, unit: str) -> str:
+def _text_of(at_s: float, value: float, unit: str) -> str:
     return f"{value:.2f} {unit} at {at_s:.1f} s"
 
 
@@ -172,7 +169,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Card:
-    """Everything that the page shows of one video."""
+    """The page's card of one video."""
 
     video_id: str
     template: str
@@ -196,11 +193,7 @@ class Card:
 def write_page(path: Path, videos: VideoSet, answers: Mapping[str, Answers], models: Sequence[ModelScores]) -> None:
     """Writes the page: one HTML file that needs no network; the videos stay where they are.
 
-    Args:
-        path: HTML file to write.
-        videos: The set.
-        answers: Of each model, by its name.
-        models: Their scores, in the order of the page.
+    The answers are by the models' names; the page has the order of the scores.
 
     Raises:
         InputError: The file cannot be written.
@@ -239,13 +232,46 @@ def card_of(videos: VideoSet, video_id: str, answers: Mapping[str, Answers], fol
         moment_s=curves.moment_s,
         charts=charts_of(curves, videos.thresholds),
         contacts=curves.contacts,
-        answers=tuple(_answer(name, given, video) for name, given in answers.items()),
+        answers=tuple(_answer(model, given, video) for model, given in answers.items()),
         preset=str(video.request.get("preset", "")),
     )
 
 
-def _answer(name: str, given: Answers, video: RiskVideo) -> Answer:
+def _answer(model: str, given: Answers, video: RiskVideo) -> Answer:
     if video.video_id not in given:
-        return Answer(name, "none", right=False)
-    answer: RiskClass | None = given[video.video_id]
-    return Answer(name, "unreadable" if answer is None else answer.title, right=answer is video.label.risk)
+        return Answer(model, "none", right=False)
+    answer = given[video.video_id]
+    return Answer(model, UNREADABLE if answer is None else answer.title, right=answer is video.label.risk)
+
+
+_COLUMNS: Final = 4
+_PANEL_IN: Final = (3.1, 2.9)
+_TITLE_PT, _TEXT_PT, _ANSWERS_PT = 10, 8, 7
+_DARK: Final = 0.6
+"""Share from which on a number is white."""
+_DPI: Final = 110
+
+
+def save_confusions(model: ModelScores, path: Path) -> None:
+    """Draws all confusion matrices of a model; shades are shares of each label's videos, numbers are counts."""
+    groups = [("all templates", model.overall), *model.by_template.items()]
+    rows = -(-len(groups) // _COLUMNS)
+    figure = Figure(figsize=(_PANEL_IN[0] * _COLUMNS, _PANEL_IN[1] * rows), layout="constrained")
+    panels = figure.subplots(rows, _COLUMNS, squeeze=False).ravel()
+    for panel, (name, counts) in zip(panels, groups, strict=False):
+        totals = counts.sum(axis=1, keepdims=True)
+        panel.imshow(counts / totals.clip(1), vmin=0.0, vmax=1.0, cmap="Blues")
+        for row, values in enumerate(counts.tolist()):
+            for column, count in enumerate(values):
+                dark = count >= _DARK * max(1, int(totals[row, 0]))
+                panel.text(column, row, str(count), ha="center", va="center", color="white" if dark else "black")
+        panel.set_title(f"{name} (n = {int(counts.sum())})", fontsize=_TITLE_PT)
+        panel.set_xticks(range(len(TITLES) + 1), [*TITLES, "none"], fontsize=_ANSWERS_PT)
+        panel.set_yticks(range(len(TITLES)), TITLES, fontsize=_TEXT_PT, rotation=90, va="center")
+        panel.set_xlabel("answer", fontsize=_TEXT_PT)
+        panel.set_ylabel("label", fontsize=_TEXT_PT)
+    for panel in panels[len(groups) :]:
+        panel.set_visible(False)
+    figure.suptitle(model.name)
+    with whole_file(path) as file:
+        figure.savefig(file, dpi=_DPI)

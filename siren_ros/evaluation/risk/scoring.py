@@ -1,4 +1,4 @@
-"""Scores of three-class answers: confusion matrices and what is read from them, overall and by template.
+"""Scores of three-class answers: confusion matrices and the scores that follow from them, overall and by template.
 
 Scores lie between 0 and 1 and have intervals. A score that would divide by nothing is not valid, and 0 as in the
 paper.
@@ -6,6 +6,7 @@ paper.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -54,7 +55,7 @@ def f1(counts: Confusion, risk: RiskClass) -> Interval:
     """
     right = int(counts[risk, risk])
     share = share_interval(right, int(counts[:, risk].sum() + counts[risk].sum()) - right)
-    value, low, high = (2.0 * one / (1.0 + one) for one in (share.value, share.low, share.high))
+    value, low, high = (2.0 * part / (1.0 + part) for part in (share.value, share.low, share.high))
     return Interval(value, low, high, share.blocks)
 
 
@@ -68,16 +69,12 @@ def macro_f1(counts: Confusion) -> Interval:
     return mean_of_intervals([f1(counts, risk) for risk in RiskClass], int(counts.sum()))
 
 
-def _of_class(score: Callable[[Confusion, RiskClass], Interval], risk: RiskClass) -> Callable[[Confusion], Interval]:
-    return lambda counts: score(counts, risk)
-
-
 SCORES: Final[Mapping[str, Callable[[Confusion], Interval]]] = {
     "accuracy": accuracy,
     "balanced_accuracy": balanced_accuracy,
     "macro_f1": macro_f1,
     **{
-        f"{name}_{risk.name.lower()}": _of_class(score, risk)
+        f"{name}_{risk.name.lower()}": partial(score, risk=risk)
         for name, score in (("precision", precision), ("recall", recall), ("f1", f1))
         for risk in RiskClass
     },

@@ -14,8 +14,7 @@ import numpy.typing as npt
 from siren_ros.errors import InputError
 from siren_ros.evaluation.network_file import NetworkFile, open_network
 from siren_ros.evaluation.risk.labels import RiskClass
-from siren_ros.evaluation.risk.video_frames import film_frames
-from siren_ros.evaluation.risk.video_set import VideoSet
+from siren_ros.evaluation.risk.video_set import VideoSet, film_frames
 from siren_ros.params.resources import params_dir
 
 SmallFrames = npt.NDArray[np.uint8]
@@ -43,11 +42,7 @@ def reduced(rgb: npt.NDArray[np.uint8]) -> SmallFrames:
 
 
 def read_small_frames(path: Path, frames: int) -> SmallFrames:
-    """Each second frame of a video, reduced.
-
-    Args:
-        path: MP4 file.
-        frames: That it must have.
+    """Each second frame of an MP4 file that must have that many frames, reduced.
 
     Raises:
         InputError: No such video, not a video, one of another length, or of a size that cannot be reduced.
@@ -81,19 +76,19 @@ SHIPPED: Final = Path("risk", "sequence.onnx")
 INPUT: Final = "frames"
 OUTPUT: Final = "probability"
 FRAMES_VERSION: Final = 1
-"""Of what the network is given; weights of another version are refused."""
+"""Of the network's input; weights of another version are refused."""
 
 
 @dataclass(frozen=True)
 class SequenceModel:
-    """Tells how likely a film shows a near-miss or worse, and how likely a collision."""
+    """Estimates how likely a film shows a near-miss or worse, and how likely a collision."""
 
     network: NetworkFile
 
     def probabilities(self, frames: SmallFrames) -> tuple[float, float]:
         """Of one film, shape ``(T, HEIGHT, WIDTH)``: of a near-miss or worse, and of a collision."""
-        (found,) = self.network.session.run([OUTPUT], {INPUT: frames[None]})
-        return float(found[0, 0]), float(found[0, 1])
+        (shares,) = self.network.session.run([OUTPUT], {INPUT: frames[None]})
+        return float(shares[0, 0]), float(shares[0, 1])
 
     def answer(self, frames: SmallFrames) -> RiskClass:
         """The more severe class first: each probability is held against one half."""
@@ -105,20 +100,16 @@ class SequenceModel:
     def answers(
         self, videos: VideoSet, progress: Callable[[str], None] = lambda _: None
     ) -> dict[str, RiskClass | None]:
-        """The answers to all videos of a set.
-
-        Args:
-            videos: The set; it holds the files.
-            progress: Called with each video's id.
+        """The answers to all videos of a set; ``progress`` is called with each video's id.
 
         Raises:
             InputError: A video is missing or of another length.
         """
-        found: dict[str, RiskClass | None] = {}
+        answers: dict[str, RiskClass | None] = {}
         for key, video in sorted(videos.videos.items()):
-            found[key] = self.answer(read_small_frames(videos.folder / video.file, video.frames))
+            answers[key] = self.answer(read_small_frames(videos.folder / video.file, video.frames))
             progress(key)
-        return found
+        return answers
 
 
 def load_sequence_model(path: Path | None = None) -> SequenceModel:
@@ -129,9 +120,7 @@ def load_sequence_model(path: Path | None = None) -> SequenceModel:
     """
     file = path or params_dir() / SHIPPED
     network = open_network(file)
-    if network.card.get("frames_version") != FRAMES_VERSION:
-        version = network.card.get("frames_version")
-        raise InputError(
-            "checkpoint", str(file), f"a sequence model for frames of version {FRAMES_VERSION}, not {version}"
-        )
+    if (version := network.card.get("frames_version")) != FRAMES_VERSION:
+        allowed = f"a sequence model for frames of version {FRAMES_VERSION}, not {version}"
+        raise InputError("checkpoint", str(file), allowed)
     return SequenceModel(network)

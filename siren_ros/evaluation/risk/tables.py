@@ -8,22 +8,12 @@ from siren_ros.evaluation.risk.scoring import SCORES, ModelScores
 from siren_ros.tables.interval import interval_of_json
 from siren_ros.tables.table import Cell, Row, Table, csv_text
 
+_PAPER_COLUMNS: Final = (
+    "accuracy",
+    *(f"{score}_{risk.name.lower()}" for risk in RiskClass for score in ("precision", "f1")),
+)
 PAPER_SCORES: Final[Mapping[str, Mapping[str, float]]] = {
-    name: dict(
-        zip(
-            (
-                "accuracy",
-                "precision_normal",
-                "f1_normal",
-                "precision_near_miss",
-                "f1_near_miss",
-                "precision_collision",
-                "f1_collision",
-            ),
-            (value / 100.0 for value in row),
-            strict=True,
-        )
-    )
+    name: dict(zip(_PAPER_COLUMNS, (value / 100.0 for value in row), strict=True))
     for name, row in {
         "Blaifa-InternVL3.5-8B": (47.62, 84.21, 57.14, 28.12, 40.45, 0.00, 0.00),
         "Gemma3-12B": (26.67, 90.00, 21.43, 23.75, 36.19, 0.00, 0.00),
@@ -50,23 +40,19 @@ _TRIVIAL: Final = frozenset({"majority", "oracle"})
 
 
 def tables_of(content: Mapping[str, Any], *, compare_paper: bool = False) -> tuple[Table, ...]:
-    """Scores in percent and confusion matrices.
+    """Scores in percent, with the paper's rows below ours where asked, and confusion matrices.
 
-    They are made from the content of ``scores.json``, so that a page of stored scores shows the tables of the terminal.
-
-    Args:
-        content: As ``scores_as_json`` makes it.
-        compare_paper: Whether the paper's rows stand below ours.
+    They are made from the content of ``scores.json`` (``scores_as_json``), so that a page of stored scores shows the
+    tables of the terminal.
     """
     models, paper = content["models"], PAPER_SCORES if compare_paper else {}
     answers = ("label", *(f"answered {title}" for title in content["classes"]), "unreadable")
-    matrices = [(name, "", model["confusion"]) for name, model in models.items()]
-    of_templates = [
-        (name, template, counts)
-        for name, model in models.items()
-        if name not in _TRIVIAL
-        for template, counts in model["confusion_by_template"].items()
-    ]
+
+    def labelled(counts: Sequence[Sequence[int]]) -> Iterator[Row]:
+        """Rows of a confusion matrix behind their labels."""
+        for title, row in zip(content["classes"], counts, strict=True):
+            yield (title, *row)
+
     tables = (
         Table(
             "scores",
@@ -93,7 +79,7 @@ def tables_of(content: Mapping[str, Any], *, compare_paper: bool = False) -> tup
             "confusion",
             "Confusion matrices",
             ("model", *answers),
-            tuple((name, *row) for name, _, counts in matrices for row in _labelled(content["classes"], counts)),
+            tuple((name, *row) for name, model in models.items() for row in labelled(model["confusion"])),
             folded=True,
         ),
         Table(
@@ -102,8 +88,10 @@ def tables_of(content: Mapping[str, Any], *, compare_paper: bool = False) -> tup
             ("model", "template", *answers),
             tuple(
                 (name, template, *row)
-                for name, template, counts in of_templates
-                for row in _labelled(content["classes"], counts)
+                for name, model in models.items()
+                if name not in _TRIVIAL
+                for template, counts in model["confusion_by_template"].items()
+                for row in labelled(counts)
             ),
             folded=True,
         ),
@@ -120,14 +108,7 @@ def _percent(model: Mapping[str, Any], columns: Mapping[str, str]) -> Iterator[C
 
 
 def _paper_percent(scores: Mapping[str, float], columns: Mapping[str, str]) -> Iterator[float | None]:
-    for score in columns.values():
-        yield 100.0 * scores[score] if score in scores else None
-
-
-def _labelled(classes: Sequence[str], counts: Sequence[Sequence[int]]) -> Iterator[Row]:
-    """Rows of a confusion matrix behind their labels."""
-    for title, row in zip(classes, counts, strict=True):
-        yield (title, *row)
+    return (100.0 * scores[score] if score in scores else None for score in columns.values())
 
 
 def csv_of_scores(models: Sequence[ModelScores]) -> str:
@@ -138,9 +119,8 @@ def csv_of_scores(models: Sequence[ModelScores]) -> str:
             for name, score in SCORES.items():
                 interval = score(counts)
                 value = f"{interval.value:.6f}" if interval.valid else None
-                bounds: tuple[str | None, str | None] = (None, None)
-                if group == "all" and interval.bounded:
-                    bounds = (f"{interval.low:.6f}", f"{interval.high:.6f}")
+                bounded = group == "all" and interval.bounded
+                bounds = [f"{bound:.6f}" if bounded else None for bound in (interval.low, interval.high)]
                 rows.append((model.name, group, name, value, *bounds, int(counts.sum())))
     return csv_text(("model", "group", "score", "value", "low", "high", "videos"), rows)
 

@@ -13,8 +13,17 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from siren_ros.errors import InputError, whole_file
-from siren_ros.evaluation.risk.evidence import Evidence, Moments, SeenContact, SeenEncroachment
-from siren_ros.evaluation.risk.labels import Reason, RiskLabel, RiskThresholds, label_of, risk_class
+from siren_ros.evaluation.risk.labels import (
+    Evidence,
+    Moments,
+    Reason,
+    RiskLabel,
+    RiskThresholds,
+    SeenContact,
+    SeenEncroachment,
+    label_of,
+    risk_class,
+)
 
 VIDEO_FRAMES: Final = 190
 """Of each video, at 10 Hz (paper, "Risk understanding")."""

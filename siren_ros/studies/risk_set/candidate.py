@@ -7,8 +7,15 @@ from typing import Final
 import numpy as np
 
 from siren_ros.errors import InputError, SirenError
-from siren_ros.evaluation.risk.evidence import Camera, Evidence, evidence_of
-from siren_ros.evaluation.risk.labels import RiskClass, RiskLabel, RiskThresholds, label_of
+from siren_ros.evaluation.risk.labels import (
+    Camera,
+    Evidence,
+    RiskClass,
+    RiskLabel,
+    RiskThresholds,
+    evidence_of,
+    label_of,
+)
 from siren_ros.evaluation.risk.video_set import VIDEO_FRAMES
 from siren_ros.evaluation.surrogate_safety import encounters_of
 from siren_ros.generation.closed_loop import closed_loop, record_of

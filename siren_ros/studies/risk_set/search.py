@@ -9,8 +9,16 @@ from typing import Any, Final
 import numpy as np
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.risk.evidence import Evidence, Moments, SeenContact, SeenEncroachment
-from siren_ros.evaluation.risk.labels import Reason, RiskClass, RiskLabel, risk_class
+from siren_ros.evaluation.risk.labels import (
+    Evidence,
+    Moments,
+    Reason,
+    RiskClass,
+    RiskLabel,
+    SeenContact,
+    SeenEncroachment,
+    risk_class,
+)
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.studies.risk_set.candidate import Candidate, Rejected
 

@@ -12,8 +12,7 @@ import numpy.typing as npt
 
 from siren_ros.errors import EpisodeError
 from siren_ros.evaluation.risk.labels import RiskClass, RiskThresholds
-from siren_ros.evaluation.risk.video_frames import key_frames
-from siren_ros.evaluation.risk.video_set import VIDEO_FRAMES
+from siren_ros.evaluation.risk.video_set import VIDEO_FRAMES, key_frames
 from siren_ros.pictures.video import write_video
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.episode import EpisodeRequest

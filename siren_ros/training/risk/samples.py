@@ -10,8 +10,7 @@ import numpy as np
 
 from siren_ros import __version__
 from siren_ros.errors import InputError
-from siren_ros.evaluation.risk.evidence import Camera, evidence_of
-from siren_ros.evaluation.risk.labels import RiskLabel, RiskThresholds, label_of
+from siren_ros.evaluation.risk.labels import Camera, RiskLabel, RiskThresholds, evidence_of, label_of
 from siren_ros.evaluation.risk.sequence_model import EVERY, SmallFrames, reduced
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.episode import EpisodeRequest

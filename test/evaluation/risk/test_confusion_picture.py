@@ -7,7 +7,7 @@ import numpy.typing as npt
 import pytest
 from matplotlib.figure import Figure
 
-from siren_ros.evaluation.risk.confusion_picture import save_confusions
+from siren_ros.evaluation.risk.risk_page import save_confusions
 from siren_ros.evaluation.risk.scoring import ModelScores
 
 COUNTS = np.array([[7, 3, 0, 0], [1, 1, 0, 2], [0, 0, 0, 0]])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from evaluation.made_records import Track, moving, record_with
 
-from siren_ros.evaluation.risk.evidence import (
+from siren_ros.evaluation.risk.labels import (
     SEEN_BEFORE_STEPS,
     Camera,
     Evidence,

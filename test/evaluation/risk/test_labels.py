@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.risk.evidence import Evidence, Moments, SeenContact, SeenEncroachment
 from siren_ros.evaluation.risk.labels import (
+    Evidence,
+    Moments,
     Reason,
     RiskClass,
     RiskLabel,
     RiskThresholds,
+    SeenContact,
+    SeenEncroachment,
     label_of,
     most_severe,
     risk_class,

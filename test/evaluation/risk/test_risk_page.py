@@ -10,8 +10,7 @@ from browser_pages import OpenedPage, PageBrowser
 from evaluation.made_video_sets import evidence, small_video_set
 
 from siren_ros.evaluation.risk.answers import oracle
-from siren_ros.evaluation.risk.evidence import Evidence, Moments
-from siren_ros.evaluation.risk.labels import RiskClass, RiskThresholds, label_of
+from siren_ros.evaluation.risk.labels import Evidence, Moments, RiskClass, RiskThresholds, label_of
 from siren_ros.evaluation.risk.risk_page import HEIGHT, WIDTH, charts_of, curves_of, write_page
 from siren_ros.evaluation.risk.scoring import score_answers
 from siren_ros.evaluation.risk.video_set import RiskVideo, VideoSet

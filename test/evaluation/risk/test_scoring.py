@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from siren_ros.evaluation.risk.answers import majority, oracle
-from siren_ros.evaluation.risk.confusion_picture import save_confusions
 from siren_ros.evaluation.risk.labels import RiskClass
+from siren_ros.evaluation.risk.risk_page import save_confusions
 from siren_ros.evaluation.risk.scoring import (
     NO_ANSWER,
     SCORES,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.risk.video_frames import batches, film_frames, key_frames
+from siren_ros.evaluation.risk.video_set import batches, film_frames, key_frames
 from siren_ros.pictures.video import write_video
 
 

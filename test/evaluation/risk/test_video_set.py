@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.risk.evidence import Moments
-from siren_ros.evaluation.risk.labels import RiskClass
+from siren_ros.evaluation.risk.labels import Moments, RiskClass
 from siren_ros.evaluation.risk.video_set import EVIDENCE_FILE, SET_FILE, VideoSet, missing_files, read_set, write_set
 
 

@@ -11,8 +11,7 @@ import pytest
 from processes.stand_in import processes_of
 
 from siren_ros.errors import EpisodeError, InputError
-from siren_ros.evaluation.risk.evidence import Evidence, Moments
-from siren_ros.evaluation.risk.labels import Reason, RiskClass, RiskLabel
+from siren_ros.evaluation.risk.labels import Evidence, Moments, Reason, RiskClass, RiskLabel
 from siren_ros.evaluation.risk.video_set import read_set
 from siren_ros.studies.risk_set import make_set as making
 from siren_ros.studies.risk_set.candidate import Candidate

@@ -8,8 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.risk.evidence import Evidence, Moments, SeenContact, SeenEncroachment
-from siren_ros.evaluation.risk.labels import Reason, RiskClass, RiskLabel
+from siren_ros.evaluation.risk.labels import (
+    Evidence,
+    Moments,
+    Reason,
+    RiskClass,
+    RiskLabel,
+    SeenContact,
+    SeenEncroachment,
+)
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.studies.risk_set.candidate import Candidate, Rejected
 from siren_ros.studies.risk_set.search import (

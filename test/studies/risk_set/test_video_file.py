@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from siren_ros.errors import EpisodeError
-from siren_ros.evaluation.risk.evidence import Evidence, Moments
-from siren_ros.evaluation.risk.labels import Reason, RiskClass, RiskLabel, RiskThresholds
+from siren_ros.evaluation.risk.labels import Evidence, Moments, Reason, RiskClass, RiskLabel, RiskThresholds
 from siren_ros.evaluation.risk.vlm.question import video_frames
 from siren_ros.recording.episode_record import EpisodeRecord
 from siren_ros.scenario.episode import EpisodeRequest

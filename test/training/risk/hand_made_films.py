@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from siren_ros.evaluation.risk.evidence import Evidence, Moments, SeenContact
-from siren_ros.evaluation.risk.labels import RiskClass, RiskThresholds, label_of
+from siren_ros.evaluation.risk.labels import Evidence, Moments, RiskClass, RiskThresholds, SeenContact, label_of
 from siren_ros.evaluation.risk.sequence_model import HEIGHT, WIDTH
 from siren_ros.scenario.episode import EpisodeRequest
 from siren_ros.studies.risk_set.candidate import Candidate

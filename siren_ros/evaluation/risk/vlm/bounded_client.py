@@ -13,18 +13,14 @@ from siren_ros.errors import InputError
 from siren_ros.evaluation.risk.vlm.model import MOST_REPLY_BYTES
 
 _OF_THE_BODY: Final = frozenset({"content-encoding", "content-length", "transfer-encoding"})
-"""Headers that say how a body is sent."""
+"""Headers about the way in which a body is sent."""
 
 
 class BoundedClients:
     """Makes clients for one address; each serves one event loop."""
 
     def __init__(self, base_url: str, timeout_s: float) -> None:
-        """Prepare what the clients share.
-
-        Args:
-            base_url: Where they send to.
-            timeout_s: Of a request, from its first byte to the last byte of the reply, redirections included.
+        """Prepare for an address. A request may take ``timeout_s`` from its first byte to the reply's last byte.
 
         Raises:
             InputError: The address is none.

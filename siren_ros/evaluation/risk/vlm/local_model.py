@@ -18,12 +18,9 @@ class LocalModel:
     """A model of transformers' class for pictures and text to text; one question at a time."""
 
     def __init__(self, folder: Path, device: str, most_tokens: int = MOST_TOKENS) -> None:
-        """Loads the model. Nothing is fetched from a network, and no code that lies in the folder is run.
+        """Loads the model. Nothing is fetched from a network, and no code of the folder is run.
 
-        Args:
-            folder: As ``huggingface-cli download NAME --local-dir FOLDER`` makes it.
-            device: Such as ``cpu`` or ``cuda``.
-            most_tokens: Of an answer.
+        ``huggingface-cli download NAME --local-dir FOLDER`` makes such a folder; a device is ``cpu`` or ``cuda``.
 
         Raises:
             InputError: transformers is not installed, or the folder holds no such model.
@@ -46,9 +43,7 @@ class LocalModel:
             raise InputError("local-model", str(folder), f"{_PARTS} ({_first_line(error)})") from error
         if not getattr(self._processor, "chat_template", None):
             raise InputError("local-model", str(folder), f"{_PARTS} (no chat template)")
-        self._folder = folder
-        self._most_tokens = most_tokens
-        self._lock = Lock()
+        self._folder, self._most_tokens, self._lock = folder, most_tokens, Lock()
 
     @property
     def name(self) -> str:
@@ -57,11 +52,11 @@ class LocalModel:
 
     def answer(self, question: Question) -> Reply:
         """As ``VisionLanguageModel``; greedy, which is what temperature 0 is."""
-        pictures = [Image.open(BytesIO(picture)).convert("RGB") for picture in question.pictures]
-        asked = [{"type": "image", "image": picture} for picture in pictures]
+        images = [Image.open(BytesIO(picture)).convert("RGB") for picture in question.pictures]
+        pictures = [{"type": "image", "image": image} for image in images]
         messages = [
             {"role": "system", "content": [{"type": "text", "text": question.system}]},
-            {"role": "user", "content": [*asked, {"type": "text", "text": question.text}]},
+            {"role": "user", "content": [*pictures, {"type": "text", "text": question.text}]},
         ]
         with self._lock:
             begin = time.monotonic()
@@ -74,9 +69,9 @@ class LocalModel:
                 raise ModelUnavailableError(f"{self.name}: {type(error).__name__}: {_first_line(error)}") from error
             seconds = time.monotonic() - begin
         prompt = int(inputs["input_ids"].shape[1])
-        new = output[0, prompt:]
-        text = self._processor.decode(new, skip_special_tokens=True)
-        return Reply(str(text), prompt, len(new), seconds)
+        answer = output[0, prompt:]
+        text = self._processor.decode(answer, skip_special_tokens=True)
+        return Reply(str(text), prompt, len(answer), seconds)
 
 
 def _first_line(error: Exception) -> str:

@@ -1,4 +1,4 @@
-"""What the pipeline needs of a model: questions, replies, and a cache of replies.
+"""The pipeline's view of a model: questions, replies, and a cache of replies.
 
 The cache lies on disk, so that nothing is asked twice and an interrupted run goes on.
 """
@@ -47,7 +47,7 @@ class Reply:
 
 
 def checked_reply(text: object, prompt_tokens: object, completion_tokens: object, seconds: object) -> Reply:
-    """A reply of what a server or a file says; no more is known of its parts than that JSON can hold them.
+    """A reply from the parts that a server or a file states: anything that JSON can hold.
 
     Raises:
         ValueError: The text is no text, or a number is none that can be counted with.
@@ -70,7 +70,7 @@ class VisionLanguageModel(Protocol):
 
     @property
     def name(self) -> str:
-        """Under which its answers are kept."""
+        """The key of its answers in the cache."""
 
     def answer(self, question: Question) -> Reply:
         """The model's reply, at temperature 0.

@@ -46,7 +46,8 @@ class OpenAiServer:
             raise InputError("model", model, "the client: run `./env --with vlm siren evaluate risk …`") from error
         if not 0.0 < timeout_s < math.inf:
             raise InputError("timeout-s", timeout_s, "a number of seconds above 0")
-        if not _is_text(model):
+        # Halves of characters are left of bytes that are no UTF-8.
+        if any("\ud800" <= letter <= "\udfff" for letter in model):
             raise InputError("model", model, "a name in UTF-8")
         if not (key.isascii() and key.isprintable()):
             raise InputError("api-key-env", "its key", "ASCII characters in one line, as a header can carry them")
@@ -77,9 +78,8 @@ class OpenAiServer:
         try:
             return reply_in(body, time.monotonic() - begin)
         except ValueError as error:
-            raise ModelUnavailableError(
-                f"{self._model}: the server's answer is not of the protocol: {error}"
-            ) from error
+            problem = f"{self._model}: the server's answer is not of the protocol: {error}"
+            raise ModelUnavailableError(problem) from error
 
     async def _body(self, messages: list[Any]) -> bytes:
         """The bytes of the answer to a request, further attempts included."""
@@ -97,14 +97,10 @@ def reply_in(body: bytes, seconds: float) -> Reply:
     """The reply in the body of a server's answer.
 
     ``content`` may be text, null (no words), or a list of parts, of which those of the type ``text`` count. Tokens that
-    the server does not tell are 0.
-
-    Args:
-        body: What came, at most one byte more than a reply may have.
-        seconds: How long it took.
+    the server does not tell are 0. The body has at most one byte more than a reply may have.
 
     Raises:
-        ValueError: It is not of the protocol; the message says in one line what is wrong.
+        ValueError: It is not of the protocol; the message names the fault in one line.
     """
     if len(body) > MOST_REPLY_BYTES:
         raise ValueError(f"more than {MOST_REPLY_BYTES} bytes")
@@ -137,11 +133,6 @@ def _text_of(content: object) -> object:
     if not all(isinstance(text, str) for text in texts):
         raise ValueError("a part without text")
     return "".join(str(text) for text in texts)
-
-
-def _is_text(text: str) -> bool:
-    """Whether a text has no halves of characters, which are left of bytes that are no UTF-8."""
-    return not any("\ud800" <= letter <= "\udfff" for letter in text)
 
 
 def key_from(variable: str) -> str:

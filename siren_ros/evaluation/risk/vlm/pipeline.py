@@ -11,25 +11,16 @@ import numpy as np
 from siren_ros.errors import whole_file
 from siren_ros.evaluation.risk.answers import UNREADABLE
 from siren_ros.evaluation.risk.labels import RiskClass
-from siren_ros.evaluation.risk.video_frames import batches, key_frames
-from siren_ros.evaluation.risk.video_set import RiskVideo, VideoSet
+from siren_ros.evaluation.risk.video_set import RiskVideo, VideoSet, batches, key_frames
+from siren_ros.evaluation.risk.vlm import question
 from siren_ros.evaluation.risk.vlm.model import Question, Reply, ReplyCache, VisionLanguageModel
-from siren_ros.evaluation.risk.vlm.question import (
-    SYSTEM,
-    as_jpeg,
-    masks_of,
-    numbers_of,
-    outlined,
-    question,
-    video_frames,
-)
 from siren_ros.evaluation.risk.vlm.reading import class_in, final_class
 from siren_ros.processes.side_by_side import side_by_side
 
 
 @dataclass(frozen=True)
 class VideoAnswer:
-    """What a model says of one video."""
+    """A model's answer to one video."""
 
     video_id: str
     predictions: tuple[RiskClass | None, ...]
@@ -45,25 +36,22 @@ class VideoAnswer:
 
 
 def questions_about(folder: Path, video: RiskVideo, *, marked: bool) -> tuple[Question, ...]:
-    """The questions about a video: eight key frames, and the last one.
+    """The questions about a video of the set in a folder: eight key frames, and the last one.
 
-    Args:
-        folder: Of the set.
-        video: The video.
-        marked: Whether vehicles are outlined, from the simulator's own masks.
+    Where ``marked``, vehicles are outlined from the simulator's own masks.
 
     Raises:
         InputError: The video or its masks are missing or of another length.
     """
     frames = key_frames(video.frames)
-    pictures = video_frames(folder / video.file, frames, video.frames)
+    pictures = question.video_frames(folder / video.file, frames, video.frames)
     if marked:
-        masks = masks_of(folder / "masks" / f"{video.video_id}.npz", frames)
-        numbers = numbers_of(masks)
-        pictures = [outlined(one, mask, numbers) for one, mask in zip(pictures, masks, strict=True)]
-    encoded = dict(zip(frames, map(as_jpeg, pictures), strict=True))
+        masks = question.masks_of(folder / "masks" / f"{video.video_id}.npz", frames)
+        numbers = question.numbers_of(masks)
+        pictures = [question.outlined(*pair, numbers) for pair in zip(pictures, masks, strict=True)]
+    encoded = dict(zip(frames, map(question.as_jpeg, pictures), strict=True))
     return tuple(
-        Question(SYSTEM, question(batch, marked=marked), tuple(encoded[frame] for frame in batch))
+        Question(question.SYSTEM, question.question(batch, marked=marked), tuple(encoded[frame] for frame in batch))
         for batch in batches(frames)
     )
 
@@ -79,11 +67,10 @@ def ask_about(
     replies, cached = [], 0
     for asked in questions_about(folder, video, marked=marked):
         reply = cache.get(model.name, asked)
+        cached += reply is not None
         if reply is None:
             reply = model.answer(asked)
             cache.put(model.name, asked, reply)
-        else:
-            cached += 1
         replies.append(reply)
     return VideoAnswer(video.video_id, tuple(class_in(reply.text) for reply in replies), tuple(replies), cached)
 
@@ -114,21 +101,14 @@ def ask_about_all(
 
 def write_answers(path: Path, answers: dict[str, VideoAnswer]) -> None:
     """Writes the final class of each video as a file that ``--predictions`` reads."""
-    titles = {
-        key: UNREADABLE if answer.final is None else answer.final.title for key, answer in sorted(answers.items())
-    }
+    finals = {key: answer.final for key, answer in sorted(answers.items())}
+    titles = {key: UNREADABLE if final is None else final.title for key, final in finals.items()}
     with whole_file(path) as file:
         file.write_text(json.dumps(titles, indent=1) + "\n", encoding="utf-8")
 
 
 def account(name: str, answers: Collection[VideoAnswer], prices: tuple[float, float] | None) -> list[str]:
-    """Lines for a terminal.
-
-    Args:
-        name: The model.
-        answers: To all videos.
-        prices: Per million tokens of questions and of answers; without them no cost is printed.
-    """
+    """Lines for a terminal; prices are per million tokens of questions and of answers, None to print no cost."""
     replies = [reply for answer in answers for reply in answer.replies]
     unreadable = sum(prediction is None for answer in answers for prediction in answer.predictions)
     cached = sum(answer.cached for answer in answers)

@@ -1,4 +1,4 @@
-"""What a model is shown and asked: key frames as JPEG, plain or with outlined vehicles, and the words.
+"""The question to a model: key frames as JPEG, plain or with outlined vehicles, and the words.
 
 The words are our own; SeeUnsafe's procedure is followed where the paper names it.
 """
@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 from scipy.ndimage import binary_erosion
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.risk.video_frames import film_frames
+from siren_ros.evaluation.risk.video_set import film_frames
 
 Picture = npt.NDArray[np.uint8]
 _QUALITY: Final = 90
@@ -28,12 +28,12 @@ def video_frames(path: Path, numbers: Sequence[int], count: int) -> list[Picture
     Raises:
         InputError: No such video, not a video, or one of another length.
     """
-    found = {
+    pictures = {
         number: np.asarray(frame.to_ndarray(format="rgb24"), dtype=np.uint8)
         for number, frame in enumerate(film_frames(path, count))
         if number in numbers
     }
-    return [found[one] for one in numbers]
+    return [pictures[number] for number in numbers]
 
 
 def masks_of(path: Path, numbers: Sequence[int]) -> list[npt.NDArray[np.uint32]]:
@@ -44,7 +44,7 @@ def masks_of(path: Path, numbers: Sequence[int]) -> list[npt.NDArray[np.uint32]]
     """
     try:
         with np.load(path, allow_pickle=False) as content:
-            return [content[f"frame_{one:03d}"] for one in numbers]
+            return [content[f"frame_{number:03d}"] for number in numbers]
     except (OSError, ValueError, KeyError) as error:
         raise InputError("masks", str(path), f"the masks of the set ({error})") from error
 
@@ -102,12 +102,7 @@ _MARKED: Final = (
 
 
 def question(frames: Sequence[int], *, marked: bool) -> str:
-    """The text that goes with the pictures of one question.
-
-    Args:
-        frames: Numbers of the frames in the video; a frame is 0.1 s.
-        marked: Whether vehicles are outlined.
-    """
+    """The text for the pictures of one question, by their frames' numbers in the video; a frame is 0.1 s."""
     times = ", ".join(f"{0.1 * frame:.1f}" for frame in frames)
     several = f"{len(frames)} pictures, taken at {times} s" if len(frames) > 1 else f"One picture, taken at {times} s"
     return f"{several} of the same drive; the video has a picture every 0.1 s.{_MARKED if marked else ''} Which class?"

@@ -1,4 +1,4 @@
-"""Reads a class from a model's text. What cannot be read is counted and never guessed."""
+"""Reads a class from a model's text. An answer that cannot be read is counted and never guessed."""
 
 import json
 import re
@@ -33,7 +33,7 @@ _STATES: Final[Mapping[tuple[str, str], str]] = {
     ("more [", ","): "value",
     ("more [", "]"): "close",
 }
-"""What is expected after a token, by what was expected before it; where a value ended, what it lies in decides."""
+"""The state after a token, by the state before it; where a value ended, the container around it decides."""
 
 
 class _TooDeepError(Exception):
@@ -46,20 +46,15 @@ def class_in(text: str) -> RiskClass | None:
     A model may think aloud or put the object into a code fence; words outside an object are not read. Takes a time
     proportional to the length of the text, and little memory, whatever the text is.
     """
-    found: str | None = None
+    title = ""
     try:
         for part in _objects(text):
             # Numbers become floats: an integer of many digits takes long, and Python refuses it.
             content = json.loads(part, parse_int=float)
             if isinstance(content.get("class"), str):
-                found = content["class"]
-    except _TooDeepError:
-        return None
-    if found is None:
-        return None
-    try:
-        return risk_class(found)
-    except InputError:
+                title = content["class"]
+        return risk_class(title)
+    except (_TooDeepError, InputError):
         return None
 
 
@@ -80,13 +75,10 @@ def _objects(text: str) -> Iterator[str]:
 
 
 def _end_of_object(text: str, begin: int, known: dict[int, int | None]) -> int | None:
-    """Where the JSON object ends that begins at a brace; None where that is none.
+    """End of the JSON object that begins at a brace; None where that is none.
 
-    Args:
-        text: Around it.
-        begin: Of the object.
-        known: The same of objects inside others that were looked at before, so that no place is read again and again;
-            what is found is added.
+    ``known`` holds the ends of objects inside others that were read before, so that no place is read again and again;
+    this call adds to it.
 
     Raises:
         _TooDeepError: It has more than ``DEEPEST`` levels.

@@ -14,8 +14,7 @@ from evaluation.risk.vlm.tiny_model import save_tiny_model
 
 from siren_ros.cli.main import main
 from siren_ros.errors import InputError
-from siren_ros.evaluation.risk.video_frames import key_frames
-from siren_ros.evaluation.risk.video_set import read_set, write_set
+from siren_ros.evaluation.risk.video_set import key_frames, read_set, write_set
 from siren_ros.evaluation.risk.vlm.local_model import LocalModel
 from siren_ros.evaluation.risk.vlm.model import ModelUnavailableError, Question
 from siren_ros.evaluation.risk.vlm.question import as_jpeg

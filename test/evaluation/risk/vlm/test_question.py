@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from siren_ros.errors import InputError
-from siren_ros.evaluation.risk.video_frames import batches, key_frames
+from siren_ros.evaluation.risk.video_set import batches, key_frames
 from siren_ros.evaluation.risk.vlm.question import as_jpeg, masks_of, numbers_of, outlined, question, video_frames
 from siren_ros.pictures.video import write_video
 

@@ -208,6 +208,8 @@ class SumoSimulation:
 
     def _spawn(self) -> tuple[ActorDescription, ...]:
         """Describe the vehicles that are new in SUMO; ids in order of entry, the EMVs' first."""
+        if len(self._reported) == len(self._population.vehicles):
+            return ()
         spawned = []
         in_sumo = frozenset(libsumo.vehicle.getIDList())
         for name, vehicle in self._population.vehicles.items():
@@ -357,12 +359,13 @@ class SumoSimulation:
         back = self._mirror.realigned
         events: list[Event] = find_teleports(step, ids, readings, lengths_m, owner, started, back, self._last, jump_m)
         for row, (actor_id, lane) in enumerate(zip(ids.tolist(), readings.lane.tolist(), strict=True)):
+            if actor_id not in back and (lane == NO_LANE or self._crossings.is_on(actor_id, lane)):
+                continue
+            x_m, y_m = float(readings.x_m[row]), float(readings.y_m[row])
             if actor_id in back:
                 detail: dict[str, float | int | str] = {"residual_m": back[actor_id]}
-                x_m, y_m = float(readings.x_m[row]), float(readings.y_m[row])
                 events.append(Event(step, EventKind.REALIGNED, actor_id, x_m=x_m, y_m=y_m, detail=detail))
-            if lane != NO_LANE and not self._crossings.is_on(actor_id, lane):
-                place = float(readings.x_m[row]), float(readings.y_m[row])
-                mover = Mover(actor_id, lane, *place, float(speed_mps[row]))
+            if lane != NO_LANE:
+                mover = Mover(actor_id, lane, x_m, y_m, float(speed_mps[row]))
                 events += self._crossings.watch(step, mover, signals)
         return tuple(events)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from siren_ros.conflicts.yielding import Approach, Rank, wait_for
 from siren_ros.conflicts.zones import Way, Ways, Zone, meeting_zones
 from siren_ros.numerics.arrays import Floats, Rows
 from siren_ros.numerics.braking import braking_distance_m, needed_brake_mps2, safe_following_mps
+from siren_ros.numerics.compiled import compiled
 
 
 def stricter(first: SpeedLimit | None, second: SpeedLimit | None) -> SpeedLimit | None:
@@ -65,43 +67,33 @@ class CollisionWatch:
         first = min(max(int(self.progress_m / curve.spacing_m) - 2, 0), len(curve.points) - 2)
         last = first + int(self.reach_m / curve.spacing_m) + 12
         s, left, nearest = curve.project(seen.x_m[rows], seen.y_m[rows], first, last)
-        turned = seen.yaw_rad[rows] - curve.heading_rad[nearest]
-        along, across, speed = np.cos(turned), np.sin(turned), seen.speed_mps[rows]
-        along_cos, along_sin = np.abs(along), np.abs(across)
-        half_length, half_width = seen.half_length_m[rows], seen.half_width_m[rows]
-        own_length, own_width = float(seen.half_length_m[self.row]), float(seen.half_width_m[self.row])
-        extent = along_cos * half_length + along_sin * half_width
-        side = along_sin * half_length + along_cos * half_width
-        swept = own_width + 0.5 * np.abs(curve.curvature_1pm[nearest]) * own_length**2
-        corridor = swept + config.side_margin_m
-        gap = s - extent - (self.progress_m + own_length)
-        beside = np.abs(left) - side
-        drifted = np.abs(left + config.drift_time_s * speed * across) - side
-        inside = (beside < corridor) & ((gap > -0.5) | (beside < own_width))
-        moving = speed > config.moving_mps
-        crossing = (along_cos < config.crossing_cosine) & moving
-        # Who comes on at an angle is turning out of the way or into it: the outlook knows, a straight line does not.
-        drifting = (drifted < corridor) & (along_sin > config.drift_sine) & (gap > 0.0) & (along > 0.0)
-        known = (along < 0.0) & (along_sin > config.turning_sine) & moving & (seen.outlook is not None)
-        picked = (s > self.progress_m) & ~crossing & ~known & (inside | drifting)
-        if not picked.any():
+        own = self.progress_m, float(seen.half_length_m[self.row]), float(seen.half_width_m[self.row])
+        bodies = seen.yaw_rad, seen.speed_mps, seen.half_length_m, seen.half_width_m
+        limits = (
+            config.side_margin_m,
+            config.drift_time_s,
+            config.moving_mps,
+            config.crossing_cosine,
+            config.drift_sine,
+            config.turning_sine,
+        )
+        places = s, left, curve.heading_rad[nearest], curve.curvature_1pm[nearest]
+        leaders, gap, approaching, met = _leaders(rows, places, bodies, own, seen.outlook is not None, limits)
+        if len(leaders) == 0:
             return None
-        approaching = speed[picked] * along[picked]
-        gap = np.maximum(gap[picked] + config.drift_time_s * np.minimum(approaching, 0.0), 0.0)
+        gap = np.maximum(gap + config.drift_time_s * np.minimum(approaching, 0.0), 0.0)
         lead = np.maximum(approaching, 0.0)
         brake = config.comfort_brake_mps2
         safe = safe_following_mps(lead, np.maximum(gap - config.standstill_gap_m, 0.0), brake, config.headway_s)
         worst = int(np.argmin(safe))
         if safe[worst] >= self.target_mps:
             return None
-        # The own body would touch these, not only its margin.
-        met = (drifting | (beside < swept))[picked]
         closing = np.where(met, np.maximum(own_speed - lead, 0.0), 0.0)
         needed = float(np.max(needed_brake_mps2(closing * closing, np.maximum(gap - 1.0, 0.3))))
         return SpeedLimit(
             speed_mps=float(safe[worst]),
             brake_mps2=needed if needed > brake and own_speed > 0.3 else 0.0,
-            blocker_id=int(seen.actor_id[rows[picked][worst]]),
+            blocker_id=int(seen.actor_id[leaders[worst]]),
             free_m=float(gap[worst]),
         )
 
@@ -177,3 +169,52 @@ class CollisionWatch:
             return None
         hard = wait.brake_mps2 > config.comfort_brake_mps2 and self.speed_mps > config.rolling_mps
         return SpeedLimit(wait.speed_mps, wait.brake_mps2 if hard else 0.0, int(seen.actor_id[other]), wait.free_m)
+
+
+@compiled
+def _leaders(rows: Any, places: Any, bodies: Any, own: Any, outlook: bool, limits: Any) -> tuple[Any, Any, Any, Any]:
+    """The vehicles that lead on a path.
+
+    Args:
+        rows: Vehicles near the path.
+        places: Arc length, offset, and the path's heading and curvature at the nearest place of each of them.
+        bodies: Yaw, speed, half length and half width of all vehicles.
+        own: Own place on the path, half length and half width.
+        outlook: Whether it is known where everybody will go.
+        limits: Fields of ``NavigatorConfig``.
+
+    Returns:
+        Of those that lead: row, gap between the bumpers along the path, speed along it, and whether the own body would
+        touch them, not only its margin.
+    """
+    s_m, left_m, heading_rad, curvature_1pm = places
+    yaw_rad, speed_mps, half_length_m, half_width_m = bodies
+    progress_m, own_length, own_width = own
+    side_margin_m, drift_time_s, moving_mps, crossing_cosine, drift_sine, turning_sine = limits
+    leaders, met = np.empty(len(rows), np.intp), np.empty(len(rows), np.bool_)
+    gaps, speeds = np.empty(len(rows)), np.empty(len(rows))
+    count = 0
+    for n in range(len(rows)):
+        row = rows[n]
+        if s_m[n] <= progress_m:
+            continue
+        turned = yaw_rad[row] - heading_rad[n]
+        along, across, speed = np.cos(turned), np.sin(turned), speed_mps[row]
+        extent = abs(along) * half_length_m[row] + abs(across) * half_width_m[row]
+        side = abs(across) * half_length_m[row] + abs(along) * half_width_m[row]
+        swept = own_width + 0.5 * abs(curvature_1pm[n]) * own_length**2
+        corridor = swept + side_margin_m
+        gap = s_m[n] - extent - (progress_m + own_length)
+        beside = abs(left_m[n]) - side
+        drifted = abs(left_m[n] + drift_time_s * speed * across) - side
+        inside = beside < corridor and (gap > -0.5 or beside < own_width)
+        moving = speed > moving_mps
+        crossing = abs(along) < crossing_cosine and moving
+        # A vehicle that comes on at an angle turns out of the way or into it: the outlook knows which.
+        drifting = drifted < corridor and abs(across) > drift_sine and gap > 0.0 and along > 0.0
+        known = along < 0.0 and abs(across) > turning_sine and moving and outlook
+        if not crossing and not known and (inside or drifting):
+            leaders[count], gaps[count], speeds[count] = row, gap, speed * along
+            met[count] = drifting or beside < swept
+            count += 1
+    return leaders[:count], gaps[:count], speeds[:count], met[:count]

@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 import libsumo
 import numpy as np
 
-from siren_ros.numerics.braking import SAMPLE_M, Speeds, bend_speeds_mps, with_braking
+from siren_ros.numerics.braking import SAMPLE_M, bend_speeds_mps, with_braking
 from siren_ros.numerics.geometry import Polyline
 from siren_ros.numerics.units import STEP_S
 from siren_ros.roads.road_network import NO_LANE, Lane, LaneKind, RoadNetwork
@@ -36,9 +36,11 @@ _STEP_MPS: Final = 0.05
 class _Profile(NamedTuple):
     """Speeds at each metre of a lane."""
 
-    bend_mps: Speeds
+    scale: float
+    """SUMO's length of the lane over that of its centre line."""
+    bend_mps: Sequence[float]
     """Of the place itself."""
-    allowed_mps: Speeds
+    allowed_mps: Sequence[float]
     """From which a vehicle still slows down in time for what follows."""
 
 
@@ -64,6 +66,8 @@ class BendLimits:
         self._onward = _ways_across_junctions(network)
         self._profiles: dict[tuple[int, tuple[int, ...]], _Profile] = {}
         self._routes: dict[str, tuple[int, ...]] = {}
+        self._present: dict[str, tuple[str, int, _Profile | None]] = {}
+        """Lane and place on the route of each vehicle, and its profile there."""
         self._passed: dict[str, deque[_Passed]] = {}
         self._limits: dict[str, float] = {}
 
@@ -83,23 +87,22 @@ class BendLimits:
         limits = {}
         for name, result in results.items():
             vehicle = vehicles[name]
-            own_mps = vehicle.driver.driving.max_speed_mps
-            lane = self._network.lane_by_id.get(result[libsumo.VAR_LANE_ID])
-            limit = own_mps
-            if lane is not None and name not in mirrored:
-                scale = self._length_scale[lane.lane_id]
-                profile = self._profile(lane, self._route_ahead(name, vehicle, result[libsumo.VAR_ROUTE_INDEX]))
-                at = min(max(int(result[libsumo.VAR_LANEPOSITION] / scale / SAMPLE_M), 0), len(profile.bend_mps) - 1)
-                moved_m = result[libsumo.VAR_SPEED] / scale * STEP_S
-                held = self._held(name, vehicle.length_m, moved_m, float(profile.bend_mps[at]))
-                limit = min(own_mps, scale * min(held, float(profile.allowed_mps[at])))
+            own_mps = limit = vehicle.driver.driving.max_speed_mps
+            profile = None if name in mirrored else self._profile_of(name, vehicle, result)
+            if profile is not None:
+                scale, bend_mps, allowed_mps = profile
+                at = min(max(int(result[libsumo.VAR_LANEPOSITION] / scale / SAMPLE_M), 0), len(bend_mps) - 1)
+                held_mps = self._held(name, vehicle.length_m, result[libsumo.VAR_SPEED] / scale * STEP_S, bend_mps[at])
+                limit = min(own_mps, scale * min(held_mps, allowed_mps[at]))
             before = self._limits.get(name, own_mps)
             changed = abs(limit - before) >= _STEP_MPS or (limit != before and own_mps in {limit, before})
             limits[name] = limit if changed else before
             if changed:
                 libsumo.vehicle.setMaxSpeed(name, limit)
         self._limits = limits
-        self._passed = {name: passed for name, passed in self._passed.items() if name in results}
+        if len(self._present) > len(results):
+            self._passed = {name: passed for name, passed in self._passed.items() if name in results}
+            self._present = {name: present for name, present in self._present.items() if name in results}
 
     def _held(self, name: str, length_m: float, moved_m: float, bend_mps: float) -> float:
         """The slowest bend that some part of a vehicle is in, when its front bumper has come to another place."""
@@ -112,6 +115,16 @@ class BendLimits:
         while passed[0].at_m < at_m - length_m:
             passed.popleft()
         return passed[0].bend_mps
+
+    def _profile_of(self, name: str, vehicle: PlannedVehicle, result: Mapping[int, Any]) -> _Profile | None:
+        """The speeds of the lane that a vehicle is on, None off the road."""
+        lane_id, index = result[libsumo.VAR_LANE_ID], result[libsumo.VAR_ROUTE_INDEX]
+        present = self._present.get(name)
+        if present is None or present[0] != lane_id or present[1] != index:
+            lane = self._network.lane_by_id.get(lane_id)
+            profile = None if lane is None else self._profile(lane, self._route_ahead(name, vehicle, index))
+            present = self._present[name] = (lane_id, index, profile)
+        return present[2]
 
     def _route_ahead(self, name: str, vehicle: PlannedVehicle, index: int) -> tuple[int, ...]:
         """The edge that a vehicle is on, or comes from inside a junction, and the next ones of its route."""
@@ -127,7 +140,10 @@ class BendLimits:
             path = Polyline.joined([self._network.lanes[index].centre for index in self._lanes_ahead(lane, edges)])
             reach = path.cut(0.0, min(path.length_m, lane.length_m + _AHEAD_M))
             bend, own = bend_speeds_mps(reach, LATERAL_ACCEL_MPS2), int(np.ceil(lane.length_m / SAMPLE_M)) + 1
-            self._profiles[key] = _Profile(bend[:own], with_braking(bend, BRAKING_MPS2)[:own])
+            allowed = with_braking(bend, BRAKING_MPS2)
+            self._profiles[key] = _Profile(
+                self._length_scale[lane.lane_id], bend[:own].tolist(), allowed[:own].tolist()
+            )
         return self._profiles[key]
 
     def _lanes_ahead(self, lane: Lane, edges: Sequence[int]) -> list[int]:

@@ -5,6 +5,8 @@ Poses are converted between the ``map`` frame (footprint centre, yaw) and SUMO (
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
+from operator import itemgetter
 from typing import Any, Final
 
 import libsumo
@@ -55,9 +57,24 @@ SUBSCRIBED = (
     libsumo.VAR_ROUTE_INDEX,
 )
 """Variables that every vehicle is subscribed for."""
+_IN_ORDER: Final = itemgetter(*SUBSCRIBED)
+_NONE: Final = ((),) * len(SUBSCRIBED)
 
 _BLINK_RIGHT, _BLINK_LEFT, _HAZARD, _BRAKE = 1, 2, 4, 8
 """SUMO's vehicle signals, bits 0–3 (https://sumo.dlr.de/docs/TraCI/Vehicle_Signalling.html)."""
+
+
+_SIGNALS: Final = 16
+_LIGHTS: Final = np.array(
+    [
+        (Lights.BRAKE if bits & _BRAKE else 0)
+        | (Lights.INDICATOR_LEFT if bits & (_BLINK_LEFT | _HAZARD) else 0)
+        | (Lights.INDICATOR_RIGHT if bits & (_BLINK_RIGHT | _HAZARD) else 0)
+        for bits in range(_SIGNALS)
+    ],
+    dtype=np.uint8,
+)
+"""Our light codes of these bits."""
 
 
 @dataclass(frozen=True)
@@ -95,50 +112,39 @@ def read_vehicles(
         network: The map.
         length_scale: SUMO's length of each lane over that of its centre line.
     """
-    rows = [results[name] for name in names]
-    position = np.array([row[libsumo.VAR_POSITION] for row in rows], dtype=np.float64).reshape(len(rows), 2)
-    x, y, yaw = map_from_sumo(
-        position[:, 0], position[:, 1], _column(rows, libsumo.VAR_ANGLE), lengths_m, network.sumo_offset_m
+    rows = [_IN_ORDER(results[name]) for name in names]
+    position, angle, speed, accel, lane_ids, along, left, signals, route_index = (
+        zip(*rows, strict=True) if rows else _NONE
     )
-    lane_ids = [row[libsumo.VAR_LANE_ID] for row in rows]
-    lane = [network.lane_by_id[lane_id].index if lane_id in network.lane_by_id else NO_LANE for lane_id in lane_ids]
+    points = np.array(position, dtype=np.float64).reshape(len(rows), 2)
+    x, y, yaw = map_from_sumo(points[:, 0], points[:, 1], np.array(angle), lengths_m, network.sumo_offset_m)
+    indices = [network.lane_by_id[lane_id].index if lane_id in network.lane_by_id else NO_LANE for lane_id in lane_ids]
+    lane = np.array(indices, dtype=np.int32)
     scale = np.array([length_scale.get(lane_id, 1.0) for lane_id in lane_ids], dtype=np.float64)
-    on_road = np.array(lane, dtype=np.int32) != NO_LANE
+    on_road = lane != NO_LANE
     return Readings(
         x_m=x,
         y_m=y,
         yaw_rad=yaw,
-        speed_mps=_column(rows, libsumo.VAR_SPEED) / scale,
-        accel_mps2=_column(rows, libsumo.VAR_ACCELERATION) / scale,
-        lane=np.array(lane, dtype=np.int32),
-        lane_position_m=np.where(on_road, _column(rows, libsumo.VAR_LANEPOSITION) / scale, 0.0),
-        lateral_m=np.where(on_road, _column(rows, libsumo.VAR_LANEPOSITION_LAT), 0.0),
-        lights=lights_of(np.array([row[libsumo.VAR_SIGNALS] for row in rows], dtype=np.int64)),
-        route_index=np.array([row[libsumo.VAR_ROUTE_INDEX] for row in rows], dtype=np.int32),
+        speed_mps=np.array(speed, dtype=np.float64) / scale,
+        accel_mps2=np.array(accel, dtype=np.float64) / scale,
+        lane=lane,
+        lane_position_m=np.where(on_road, np.array(along, dtype=np.float64) / scale, 0.0),
+        lateral_m=np.where(on_road, np.array(left, dtype=np.float64), 0.0),
+        lights=lights_of(np.array(signals, dtype=np.int64)),
+        route_index=np.array(route_index, dtype=np.int32),
     )
-
-
-def _column(rows: Sequence[Mapping[int, Any]], variable: int) -> npt.NDArray[np.float64]:
-    return np.array([row[variable] for row in rows], dtype=np.float64)
 
 
 def lights_of(signals: npt.NDArray[np.int64]) -> npt.NDArray[np.uint8]:
     """Our light codes of SUMO's signal bits; hazard lights are both indicators."""
-    lights = np.zeros(len(signals), dtype=np.uint8)
-    for bits, light in (
-        (_BRAKE, Lights.BRAKE),
-        (_BLINK_LEFT | _HAZARD, Lights.INDICATOR_LEFT),
-        (_BLINK_RIGHT | _HAZARD, Lights.INDICATOR_RIGHT),
-    ):
-        lights[(signals & bits) != 0] |= np.uint8(light)
-    return lights
+    return _LIGHTS[signals & (_SIGNALS - 1)]
 
 
 def joined_rows(routes: Sequence[Sequence[int]]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
     """Lists of different lengths as one array of offsets ``(N + 1,)`` and one of all values."""
-    offsets = np.concatenate(([0], np.cumsum([len(route) for route in routes]))).astype(np.int32)
-    values: list[Any] = [edge for route in routes for edge in route]
-    return offsets, np.array(values, dtype=np.int32)
+    offsets = np.array([0, *accumulate(map(len, routes))], dtype=np.int32)
+    return offsets, np.array([edge for route in routes for edge in route], dtype=np.int32)
 
 
 _LEFT, _RIGHT = 1 << 1, 1 << 2
